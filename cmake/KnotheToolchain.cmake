@@ -1,0 +1,35 @@
+# Compiler settings that every target of the project shares.
+set(CMAKE_CXX_STANDARD 20)
+set(CMAKE_CXX_STANDARD_REQUIRED ON)
+set(CMAKE_CXX_EXTENSIONS OFF)
+set(CMAKE_EXPORT_COMPILE_COMMANDS ON)
+set(CMAKE_RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/bin)
+if(NOT CMAKE_BUILD_TYPE)
+  set(CMAKE_BUILD_TYPE Release CACHE STRING "" FORCE)
+endif()
+
+find_program(CCACHE_PROGRAM ccache)
+if(CCACHE_PROGRAM)
+  set(CMAKE_CXX_COMPILER_LAUNCHER ${CCACHE_PROGRAM})
+endif()
+
+# What every target is compiled with. knothe_flags_portable has no machine-specific instructions: translation
+# units that include deal.II use it, because Debian's deal.II is an SSE2 build and its inline functions must
+# not be compiled twice with different vector widths. Eigen types never cross that border: spans do.
+add_library(knothe_flags_portable INTERFACE)
+target_compile_options(knothe_flags_portable INTERFACE
+  -Wall -Wextra -Wpedantic -Wshadow=local -Wno-psabi -fno-math-errno)
+target_include_directories(knothe_flags_portable INTERFACE ${CMAKE_SOURCE_DIR} ${CMAKE_BINARY_DIR}/generated)
+if(KNOTHE_SANITIZE)
+  target_compile_options(knothe_flags_portable INTERFACE
+    -fsanitize=${KNOTHE_SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer -g1)
+  target_link_options(knothe_flags_portable INTERFACE -fsanitize=${KNOTHE_SANITIZE})
+endif()
+
+add_library(knothe_flags INTERFACE)
+target_link_libraries(knothe_flags INTERFACE knothe_flags_portable)
+if(KNOTHE_NATIVE)
+  target_compile_options(knothe_flags INTERFACE -march=native)
+endif()
+# One alignment for Eigen everywhere, and no threads of its own: threads are ours (base/threads.hpp).
+target_compile_definitions(knothe_flags INTERFACE EIGEN_MAX_ALIGN_BYTES=64 EIGEN_DONT_PARALLELIZE)

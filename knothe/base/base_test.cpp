@@ -1,0 +1,69 @@
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <cerrno>
+#include <numeric>
+#include <vector>
+
+#include "knothe/base/cancellation.hpp"
+#include "knothe/base/error.hpp"
+#include "knothe/base/text.hpp"
+#include "knothe/base/threads.hpp"
+
+namespace knothe {
+namespace {
+
+TEST(Error, SystemErrorSaysWhatWhereAndWhatToDo) {
+  errno = ENOSPC;
+  const IoError error = system_error("writing", "/tmp/a.h5");
+  EXPECT_EQ(error.status(), ExitStatus::io);
+  EXPECT_STREQ(error.what(),
+               "writing: /tmp/a.h5: No space left on device (disk full: free some space, or write elsewhere with -o)");
+}
+
+TEST(Threads, EveryIndexOnceForAnyNumberOfThreads) {
+  for (std::size_t threads : {1u, 2u, 7u}) {
+    std::vector<std::atomic<int>> count(1000);
+    parallel_for(count.size(), threads, [&](std::size_t i) { ++count[i]; });
+    for (const auto& c : count) EXPECT_EQ(c.load(), 1);
+  }
+}
+
+TEST(Threads, AnExceptionComesBack) {
+  const auto run = [](std::size_t threads) {
+    parallel_for(100, threads, [](std::size_t i) {
+      if (i == 57) throw DataError("at 57");
+    });
+  };
+  EXPECT_THROW(run(1), DataError);
+  EXPECT_THROW(run(2), DataError);
+}
+
+TEST(Text, EditDistanceCountsSwapsAsOne) {
+  EXPECT_EQ(edit_distance("tolerance", "tolerance"), 0u);
+  EXPECT_EQ(edit_distance("tolernace", "tolerance"), 1u);
+  EXPECT_EQ(edit_distance("", "abc"), 3u);
+  EXPECT_EQ(edit_distance("kitten", "sitting"), 3u);
+}
+
+TEST(Text, NearMissSuggestsOnlyWhatIsNear) {
+  const std::vector<std::string> keys = {"tolerance", "max_order", "seed"};
+  EXPECT_EQ(did_you_mean("tolerence", keys), " (did you mean \"tolerance\"?)");
+  EXPECT_EQ(did_you_mean("colour", keys), "");
+}
+
+TEST(Cancellation, CheckThrowsOnceAsked) {
+  EXPECT_NO_THROW(check_cancellation("nothing to keep"));
+  request_cancellation();
+  try {
+    check_cancellation("3 of 9 runs are kept");
+    FAIL();
+  } catch (const Interrupted& error) {
+    EXPECT_STREQ(error.what(), "interrupted; 3 of 9 runs are kept");
+    EXPECT_EQ(error.status(), ExitStatus::interrupted);
+  }
+  request_cancellation(false);
+}
+
+}  // namespace
+}  // namespace knothe

@@ -1,0 +1,18 @@
+#pragma once
+/// @file Small services on text for messages.
+#include <span>
+#include <string>
+#include <string_view>
+
+namespace knothe {
+
+/// Number of insertions, deletions, substitutions and swaps of neighbours that turn `a` into `b`.
+[[nodiscard]] std::size_t edit_distance(std::string_view a, std::string_view b);
+
+/// The candidate nearest to `word`, if it is near enough to be a likely slip of the fingers; otherwise empty.
+[[nodiscard]] std::string near_miss(std::string_view word, std::span<const std::string> candidates);
+
+/// ` (did you mean "…"?)`, or nothing.
+[[nodiscard]] std::string did_you_mean(std::string_view word, std::span<const std::string> candidates);
+
+}  // namespace knothe
