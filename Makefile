@@ -1,0 +1,36 @@
+# make demo   installs what is needed, builds, and runs the main job
+# make test   the same, and passes the tests; the last line is `N passed, N failed`
+.PHONY: demo test test-all bench build dependencies format tidy install clean
+
+JOBS ?= $(shell nproc)
+
+demo: build
+	scripts/demo.sh
+
+test: dependencies
+	scripts/test.sh
+
+test-all: dependencies
+	scripts/test.sh all
+
+build: dependencies
+	cmake --preset release
+	cmake --build --preset release -j $(JOBS)
+
+bench: build
+	bench/run.sh
+
+dependencies:
+	@scripts/install-dependencies.sh
+
+format:
+	scripts/check-format.sh fix
+
+tidy: build
+	clang-tidy -p build/release $$(git ls-files 'knothe/*.cpp' 'apps/*.cpp')
+
+install: build
+	cmake --install build/release
+
+clean:
+	rm -rf build out

@@ -1,0 +1,40 @@
+#!/usr/bin/env bash
+# Formatting, then all tests in release, then those of the online rooms under address and undefined-behaviour
+# sanitizers. `scripts/test.sh all` adds the tests labelled `nightly` and the thread sanitizer.
+# The last line is `N passed, N failed`.
+set -uo pipefail
+cd "$(dirname "$0")/.."
+passed=0
+failed=0
+exclude=(-LE nightly)
+[ "${1:-}" = all ] && exclude=()
+
+# One thread in BLAS: parallelism is ours.
+export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
+
+if scripts/check-format.sh; then passed=$((passed + 1)); else failed=$((failed + 1)); fi
+
+run() {  # preset
+  echo "== $1: configure and build"
+  if ! cmake --preset "$1" >"build/$1.configure.log" 2>&1; then
+    cat "build/$1.configure.log"; failed=$((failed + 1)); return
+  fi
+  grep -A4 -i warning "build/$1.configure.log"
+  if ! cmake --build --preset "$1"; then failed=$((failed + 1)); return; fi
+  echo "== $1: tests"
+  local log="build/$1.test.log"
+  ctest --preset "$1" -j2 "${exclude[@]}" --no-tests=error 2>&1 | tee "$log"
+  local total bad
+  bad=$(sed -nE 's/.* ([0-9]+) tests? failed out of ([0-9]+).*/\1/p' "$log" | tail -1)
+  total=$(sed -nE 's/.* ([0-9]+) tests? failed out of ([0-9]+).*/\2/p' "$log" | tail -1)
+  if [ -z "$total" ]; then failed=$((failed + 1)); return; fi
+  passed=$((passed + total - bad))
+  failed=$((failed + bad))
+}
+
+mkdir -p build
+run release
+run asan
+[ "${1:-}" = all ] && run tsan
+echo "$passed passed, $failed failed"
+[ "$failed" -eq 0 ]
