@@ -5,10 +5,11 @@
 
 namespace knothe::files {
 
-/// Calls `write(temporary)` with a temporary name in the folder of `path`, syncs what it wrote to disk and renames it to
-/// `path`. If anything fails the temporary is removed, `path` is as before, and the exception passes on.
-/// Folders in `path` are made. Errors: IoError.
-void write_atomically(const std::string& path, const std::function<void(const std::string& temporary)>& write);
+/// Calls `write(temporary)` with a temporary name in the folder of `path`, syncs what it wrote to disk and
+/// renames it to `path`. If anything fails the temporary is removed, `path` is as before, and the exception
+/// passes on. Folders in `path` are made. Errors: IoError.
+void write_atomically(const std::string& path,
+                      const std::function<void(const std::string& temporary)>& write);
 
 /// The same for a text.
 void write_text_atomically(const std::string& path, const std::string& text);
