@@ -9,8 +9,8 @@ using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::R
 
 /// w and its exact derivatives at n points; each row is one point, contiguous over the r functions.
 struct FunctionBatch {
-  RowMatrix value;                ///< n × r
-  std::vector<RowMatrix> first;   ///< d matrices n × r: ∂w/∂p_a
+  RowMatrix value;               ///< n × r
+  std::vector<RowMatrix> first;  ///< d matrices n × r: ∂w/∂p_a
   std::vector<RowMatrix> second;  ///< d(d+1)/2 matrices n × r: ∂²w/∂p_a∂p_b at index a(a+1)/2 + b, a ≥ b
 
   /// Makes room; keeps the memory it has where that suffices.
