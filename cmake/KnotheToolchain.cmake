@@ -29,7 +29,8 @@ endif()
 add_library(knothe_flags INTERFACE)
 target_link_libraries(knothe_flags INTERFACE knothe_flags_portable)
 if(KNOTHE_NATIVE)
-  target_compile_options(knothe_flags INTERFACE -march=native)
+  # GCC 12 takes the deliberately undefined operands of its own AVX-512 intrinsics for uninitialised variables.
+  target_compile_options(knothe_flags INTERFACE -march=native -Wno-uninitialized -Wno-maybe-uninitialized)
 endif()
 # One alignment for Eigen everywhere, and no threads of its own: threads are ours (base/threads.hpp).
 target_compile_definitions(knothe_flags INTERFACE EIGEN_MAX_ALIGN_BYTES=64 EIGEN_DONT_PARALLELIZE)
