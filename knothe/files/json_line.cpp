@@ -1,0 +1,29 @@
+#include "knothe/files/json_line.hpp"
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "knothe/base/error.hpp"
+
+namespace knothe::files {
+namespace {
+
+void check_finite(const nlohmann::ordered_json& value, const std::string& path) {
+  if (value.is_number_float() && !std::isfinite(value.get<double>())) {
+    throw NumericalError("the result \"" + path + "\" is not finite; it is not printed");
+  }
+  if (value.is_object()) {
+    for (const auto& [key, member] : value.items()) check_finite(member, path.empty() ? key : path + "." + key);
+  } else if (value.is_array()) {
+    for (std::size_t i = 0; i < value.size(); ++i) check_finite(value[i], path + "[" + std::to_string(i) + "]");
+  }
+}
+
+}  // namespace
+
+std::string json_line(const nlohmann::ordered_json& value) {
+  check_finite(value, "");
+  return value.dump();
+}
+
+}  // namespace knothe::files
