@@ -1,0 +1,247 @@
+#include "knothe/reduction/spline_functions.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cassert>
+#include <cstring>
+
+#include "knothe/base/error.hpp"
+
+namespace knothe::reduction {
+
+namespace {
+
+using Local = numerics::CubicSplineBasis::Local;
+
+/// Eight doubles; the compiler maps them to one AVX-512 register, or to several narrower ones.
+typedef double Lanes __attribute__((vector_size(k_lane_count * sizeof(double))));
+
+Lanes load(const double* from) {
+  Lanes lanes;
+  std::memcpy(&lanes, from, sizeof lanes);
+  return lanes;
+}
+
+/// Writes the first `n` (at most 8) lanes.
+void store(double* to, const Lanes& lanes, Eigen::Index n) {
+  if (n >= k_lane_count) {
+    std::memcpy(to, &lanes, sizeof lanes);
+  } else {
+    for (Eigen::Index i = 0; i < n; ++i) to[i] = lanes[i];
+  }
+}
+
+constexpr std::size_t packed(std::size_t a, std::size_t b) {
+  return a * (a + 1) / 2 + b;
+}
+
+/// Value, gradient and packed Hessian in D variables, of eight functions.
+template <std::size_t D, int Derivatives>
+struct Jet {
+  Lanes value{};
+  std::array<Lanes, Derivatives >= 1 ? D : 0> first{};
+  std::array<Lanes, Derivatives >= 2 ? D*(D + 1) / 2 : 0> second{};
+};
+
+/// Σ over the local basis of the D last axes of coefficient × product of basis functions, and its
+/// derivatives. `local` points to the outermost of them; derivatives are numbered from it.
+template <std::size_t D, int Derivatives>
+[[gnu::always_inline]] inline Jet<D, Derivatives> contract(const double* coefficients, const Local* local,
+                                                           const std::ptrdiff_t* stride, const int* active) {
+  Jet<D, Derivatives> jet;
+  for (int i = 0; i < *active; ++i) {
+    const double* part = coefficients + i * *stride;
+    const double a = local->value[i];
+    if constexpr (D == 1) {
+      const Lanes c = load(part);
+      jet.value += a * c;
+      if constexpr (Derivatives >= 1) jet.first[0] += local->first_derivative[i] * c;
+      if constexpr (Derivatives >= 2) jet.second[0] += local->second_derivative[i] * c;
+    } else {
+      const auto inner = contract<D - 1, Derivatives>(part, local + 1, stride + 1, active + 1);
+      jet.value += a * inner.value;
+      if constexpr (Derivatives >= 1) {
+        const double slope = local->first_derivative[i];
+        jet.first[0] += slope * inner.value;
+        for (std::size_t k = 1; k < D; ++k) jet.first[k] += a * inner.first[k - 1];
+        if constexpr (Derivatives >= 2) {
+          jet.second[0] += local->second_derivative[i] * inner.value;
+          for (std::size_t k = 1; k < D; ++k) {
+            jet.second[packed(k, 0)] += slope * inner.first[k - 1];
+            for (std::size_t m = 1; m <= k; ++m)
+              jet.second[packed(k, m)] += a * inner.second[packed(k - 1, m - 1)];
+          }
+        }
+      }
+    }
+  }
+  return jet;
+}
+
+/// What the contraction of one point needs.
+struct PointTask {
+  const double* coefficients;
+  const Local* local;
+  const std::ptrdiff_t* strides;
+  const int* active;
+  Eigen::Index row;
+  Eigen::Index count;
+};
+
+template <std::size_t D, int Derivatives>
+void evaluate_point(const PointTask& task, FunctionBatch& out) {
+  for (Eigen::Index k = 0; k < task.count; k += k_lane_count) {
+    const auto jet = contract<D, Derivatives>(task.coefficients + k, task.local, task.strides, task.active);
+    const Eigen::Index n = task.count - k;
+    store(&out.value(task.row, k), jet.value, n);
+    if constexpr (Derivatives >= 1) {
+      for (std::size_t a = 0; a < D; ++a) store(&out.first[a](task.row, k), jet.first[a], n);
+    }
+    if constexpr (Derivatives >= 2) {
+      for (std::size_t ab = 0; ab < jet.second.size(); ++ab)
+        store(&out.second[ab](task.row, k), jet.second[ab], n);
+    }
+  }
+}
+
+using PointEvaluator = void (*)(const PointTask&, FunctionBatch&);
+
+template <int Derivatives>
+constexpr std::array<PointEvaluator, JointFunctions::k_most_parameters> k_evaluators = {
+    evaluate_point<1, Derivatives>, evaluate_point<2, Derivatives>, evaluate_point<3, Derivatives>,
+    evaluate_point<4, Derivatives>, evaluate_point<5, Derivatives>, evaluate_point<6, Derivatives>,
+    evaluate_point<7, Derivatives>, evaluate_point<8, Derivatives>};
+
+Eigen::Index round_up(Eigen::Index n) {
+  return (n + k_lane_count - 1) / k_lane_count * k_lane_count;
+}
+
+}  // namespace
+
+SplineFunctions::SplineFunctions(std::span<const std::vector<double>> nodes, Eigen::Index count)
+    : count_(count), padded_(round_up(count)) {
+  for (const auto& axis : nodes) bases_.emplace_back(axis);
+}
+
+Eigen::VectorXd SplineFunctions::lower() const {
+  Eigen::VectorXd corner(dimension());
+  for (Eigen::Index i = 0; i < dimension(); ++i) corner[i] = bases_[i].nodes().front();
+  return corner;
+}
+
+Eigen::VectorXd SplineFunctions::upper() const {
+  Eigen::VectorXd corner(dimension());
+  for (Eigen::Index i = 0; i < dimension(); ++i) corner[i] = bases_[i].nodes().back();
+  return corner;
+}
+
+void SplineFunctions::localise(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::Index row,
+                               std::vector<Local>& local) const {
+  for (std::size_t i = 0; i < bases_.size(); ++i) {
+    const auto nodes = bases_[i].nodes();
+    const double x = points(row, static_cast<Eigen::Index>(i));
+    local[i] = bases_[i].evaluate(std::clamp(x, nodes.front(), nodes.back()));
+  }
+}
+
+CanonicalFunctions::CanonicalFunctions(std::span<const std::vector<double>> nodes,
+                                       std::span<const std::vector<double>> values, Eigen::Index count)
+    : SplineFunctions(nodes, count) {
+  assert(values.size() == bases_.size());
+  for (std::size_t i = 0; i < bases_.size(); ++i) {
+    const Eigen::Index n = bases_[i].size();
+    const Eigen::Map<const RowMatrix> at_nodes(values[i].data(), count, n);
+    const RowMatrix fitted = bases_[i].coefficients_from_values() * at_nodes.transpose();
+    auto& stored = coefficients_.emplace_back(static_cast<std::size_t>((n + 3) * padded_), 0.0);
+    Eigen::Map<RowMatrix>(stored.data(), n + 3, padded_).topLeftCorner(n, count) = fitted;
+  }
+}
+
+void CanonicalFunctions::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
+                                  FunctionBatch& out) const {
+  const std::size_t d = bases_.size();
+  std::vector<Local> local(d);
+  std::vector<std::array<Lanes, 3>> factor(d);  // α, α', α'' of every axis
+  for (Eigen::Index row = 0; row < points.rows(); ++row) {
+    localise(points, row, local);
+    for (Eigen::Index k = 0; k < count_; k += k_lane_count) {
+      const Eigen::Index n = count_ - k;
+      for (std::size_t i = 0; i < d; ++i) {
+        const double* c = coefficients_[i].data() + local[i].first * padded_ + k;
+        factor[i] = {};
+        for (std::size_t f = 0; f < 4; ++f) {
+          const Lanes lanes = load(c + static_cast<Eigen::Index>(f) * padded_);
+          factor[i][0] += local[i].value[f] * lanes;
+          factor[i][1] += local[i].first_derivative[f] * lanes;
+          factor[i][2] += local[i].second_derivative[f] * lanes;
+        }
+      }
+      // Π_i of the axes' derivatives of orders (1 if i = a) + (1 if i = b).
+      const auto product = [&](std::size_t a, std::size_t b) {
+        Lanes result = factor[0][(a == 0) + (b == 0)];
+        for (std::size_t i = 1; i < d; ++i) result *= factor[i][(a == i) + (b == i)];
+        return result;
+      };
+      store(&out.value(row, k), product(d, d), n);
+      for (std::size_t a = 0; derivatives >= 1 && a < d; ++a) {
+        store(&out.first[a](row, k), product(a, d), n);
+        for (std::size_t b = 0; derivatives >= 2 && b <= a; ++b) {
+          store(&out.second[packed(a, b)](row, k), product(a, b), n);
+        }
+      }
+    }
+  }
+}
+
+JointFunctions::JointFunctions(std::span<const std::vector<double>> nodes, std::span<const double> values,
+                               Eigen::Index count)
+    : SplineFunctions(nodes, count) {
+  const std::size_t d = bases_.size();
+  if (d == 0 || d > k_most_parameters) {
+    throw DataError(
+        fmt::format("a joint tensor grid of {} parameters: 1 to {} are possible; use the canonical form", d,
+                    k_most_parameters));
+  }
+  // B-spline coefficients: along every axis in turn. Seen from axis i the array is [before, nᵢ, after].
+  std::vector<double> fitted(values.begin(), values.end());
+  Eigen::Index after = 1;
+  for (std::size_t i = d; i-- > 0;) {
+    const Eigen::Index n = bases_[i].size();
+    for (Eigen::Index block = 0; block < static_cast<Eigen::Index>(fitted.size()); block += n * after) {
+      Eigen::Map<RowMatrix> part(fitted.data() + block, n, after);
+      part = (bases_[i].coefficients_from_values() * part).eval();
+    }
+    after *= n;
+  }
+  const Eigen::Index grid = after;
+  assert(static_cast<Eigen::Index>(values.size()) == grid * count);
+  coefficients_.assign(static_cast<std::size_t>(grid * padded_), 0.0);
+  Eigen::Map<RowMatrix>(coefficients_.data(), grid, padded_).leftCols(count) =
+      Eigen::Map<const RowMatrix>(fitted.data(), count, grid).transpose();
+  strides_.resize(d);
+  std::ptrdiff_t stride = padded_;
+  for (std::size_t i = d; i-- > 0;) {
+    strides_[i] = stride;
+    stride *= bases_[i].size();
+  }
+}
+
+void JointFunctions::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
+                              FunctionBatch& out) const {
+  const std::size_t d = bases_.size();
+  const PointEvaluator evaluator = derivatives == 0   ? k_evaluators<0>[d - 1]
+                                   : derivatives == 1 ? k_evaluators<1>[d - 1]
+                                                      : k_evaluators<2>[d - 1];
+  std::vector<Local> local(d);
+  std::array<int, k_most_parameters> active{};
+  for (std::size_t i = 0; i < d; ++i) active[i] = bases_[i].active();
+  for (Eigen::Index row = 0; row < points.rows(); ++row) {
+    localise(points, row, local);
+    const double* start = coefficients_.data();
+    for (std::size_t i = 0; i < d; ++i) start += local[i].first * strides_[i];
+    evaluator({start, local.data(), strides_.data(), active.data(), row, count_}, out);
+  }
+}
+
+}  // namespace knothe::reduction
