@@ -1,0 +1,205 @@
+#include "knothe/forecast/crack_bridge.hpp"
+
+#include <fmt/core.h>
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <Eigen/QR>
+#include <algorithm>
+#include <cmath>
+
+#include "knothe/base/error.hpp"
+
+namespace knothe::forecast {
+namespace {
+
+constexpr int k_parts_per_spacing = 4;  // points of the first pass per distance of two snapshots
+
+void check(const CrackMetaModel& meta_model, const LinearPrediction& prediction, double imposed_displacement,
+           const CrackBridgeOptions& options) {
+  if (!(options.discrepancy_std > 0.0) || !std::isfinite(options.discrepancy_std))
+    throw ProjectError(
+        fmt::format("crack length: discrepancy_std = {} must be positive, in m (1e-6 is usual)",
+                    options.discrepancy_std));
+  if (!(options.prior_std > 0.0) || !std::isfinite(options.prior_std) || !std::isfinite(options.prior_mean))
+    throw ProjectError(
+        fmt::format("crack length: prior = {{ mean = {}, std = {} }}: both finite, std positive",
+                    options.prior_mean, options.prior_std));
+  if (!std::isfinite(options.threshold))
+    throw ProjectError("crack length: threshold must be a finite length in m");
+  const Eigen::Index n = meta_model.observations();
+  if (prediction.lift.size() != n || prediction.modes.rows() != n)
+    throw DataError(fmt::format(
+        "crack length: the crack solutions are given at {} observed dofs, the prediction's lift at {} "
+        "and its modes at {}",
+        n, prediction.lift.size(), prediction.modes.rows()));
+  if (!prediction.lift.allFinite() || !prediction.modes.allFinite() || !std::isfinite(imposed_displacement))
+    throw DataError("crack length: the prediction at the horizon is not finite");
+  if (imposed_displacement == 0.0)
+    throw ProjectError(
+        "crack length: the imposed displacement at the horizon is 0, so the crack cannot be seen; choose "
+        "a later horizon");
+}
+
+/// C such that C Cᵀ = covariance + floor² I; by eigenvalues where rounding spoils Cholesky's factorisation.
+Eigen::MatrixXd square_root(const Eigen::MatrixXd& covariance, double floor) {
+  Eigen::MatrixXd shifted = covariance;
+  shifted.diagonal().array() += floor * floor;
+  const Eigen::LLT<Eigen::MatrixXd> factor(shifted);
+  if (factor.info() == Eigen::Success && factor.matrixLLT().diagonal().minCoeff() > 0.1 * floor)
+    return factor.matrixL();
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(covariance);
+  const Eigen::MatrixXd root =
+      eigen.eigenvectors() *
+      (eigen.eigenvalues().cwiseMax(0.0).array() + floor * floor).sqrt().matrix().asDiagonal();
+  // Lower triangular again: root rootᵀ = L Lᵀ with Lᵀ the R of rootᵀ.
+  const Eigen::HouseholderQR<Eigen::MatrixXd> qr(root.transpose());
+  const Eigen::MatrixXd upper = qr.matrixQR().triangularView<Eigen::Upper>();
+  return upper.transpose();
+}
+
+/// Upper triangular (or trapezoidal) factor R of a = Q R, and Qᵀ b.
+struct Reduced {
+  Eigen::MatrixXd factor;
+  Eigen::VectorXd target;
+};
+
+Reduced reduce(const Eigen::MatrixXd& a, const Eigen::VectorXd& b) {
+  const Eigen::HouseholderQR<Eigen::MatrixXd> qr(a);
+  const Eigen::Index rows = std::min(a.rows(), a.cols());
+  Reduced reduced;
+  reduced.factor = qr.matrixQR().topRows(rows).triangularView<Eigen::Upper>();
+  const Eigen::VectorXd rotated = qr.householderQ().adjoint() * b;
+  reduced.target = rotated.head(rows);
+  return reduced;
+}
+
+}  // namespace
+
+CrackBridge::CrackBridge(CrackMetaModel meta_model, const LinearPrediction& prediction,
+                         double imposed_displacement, const CrackBridgeOptions& options)
+    : meta_model_(std::move(meta_model)), options_(options), observations_(meta_model_.observations()) {
+  check(meta_model_, prediction, imposed_displacement, options_);
+  const Eigen::Index crack_modes = meta_model_.modes(), r = prediction.modes.cols();
+  Eigen::MatrixXd all(observations_, crack_modes + 1 + r);
+  all << imposed_displacement * meta_model_.space(), prediction.lift, prediction.modes;
+  // Columns differ by orders of magnitude; without pivoting QR keeps each column's own relative accuracy.
+  const Eigen::HouseholderQR<Eigen::MatrixXd> qr(all);
+  const Eigen::Index k = std::min(all.rows(), all.cols());
+  const Eigen::MatrixXd coordinates = qr.matrixQR().topRows(k).triangularView<Eigen::Upper>();
+  crack_ = coordinates.leftCols(crack_modes);
+  lift_ = coordinates.col(crack_modes);
+  modes_ = coordinates.rightCols(r);
+
+  const auto lengths = meta_model_.lengths();
+  for (std::size_t i = 0; i + 1 < lengths.size(); ++i)
+    for (int part = 0; part < k_parts_per_spacing; ++part)
+      base_.push_back(lengths[i] + (lengths[i + 1] - lengths[i]) * part / k_parts_per_spacing);
+  base_.push_back(lengths.back());
+  base_values_ = meta_model_.coordinates(base_);
+  const Eigen::Map<const Eigen::ArrayXd> base(base_.data(), static_cast<Eigen::Index>(base_.size()));
+  base_prior_ = -0.5 * ((base - options_.prior_mean) / options_.prior_std).square();
+
+  const Eigen::HouseholderQR<Eigen::MatrixXd> crack_qr(crack_);
+  const Eigen::Index rows = std::min(crack_.rows(), crack_.cols());
+  crack_factor_ = crack_qr.matrixQR().topRows(rows).triangularView<Eigen::Upper>();
+  crack_basis_ = crack_qr.householderQ() * Eigen::MatrixXd::Identity(crack_.rows(), rows);
+  base_fields_ = crack_factor_ * base_values_;
+}
+
+CrackForecast CrackBridge::update(const FunctionMoments& moments) const {
+  if (moments.mean.size() != modes_.cols() || moments.covariance.rows() != modes_.cols() ||
+      moments.covariance.cols() != modes_.cols())
+    throw NumericalError("crack length: moments of another number of functions than the model has");
+  if (!moments.mean.allFinite() || !moments.covariance.allFinite())
+    throw NumericalError("crack length: the moments of the posterior are not finite");
+  // S = C Cov[w] Cᵀ + δ² I in the coordinates of the basis, S = L Lᵀ.
+  const Eigen::MatrixXd covariance =
+      modes_ * moments.covariance.selfadjointView<Eigen::Lower>() * modes_.transpose();
+  const Eigen::MatrixXd root =
+      square_root(0.5 * (covariance + covariance.transpose()), options_.discrepancy_std);
+  const auto lower = root.triangularView<Eigen::Lower>();
+  const Eigen::VectorXd expected = lift_ + modes_ * moments.mean;
+  const Eigen::VectorXd target = lower.solve(expected);
+  // |L⁻¹(crack_ v − E[u])|² = |R v − t|² + a number that does not depend on l.
+  const Reduced reduced = reduce(lower.solve(crack_), target);
+
+  // The GEMM form at the points of the first pass.
+  Eigen::MatrixXd fields = reduced.factor * base_values_;
+  fields.colwise() -= reduced.target;
+  const Eigen::VectorXd base_log = base_prior_ - 0.5 * fields.colwise().squaredNorm().transpose();
+
+  Eigen::VectorXd value(meta_model_.modes()), field(reduced.target.size());
+  const auto log_density = [&](std::span<const double> lengths, std::span<double> out) {
+    for (std::size_t i = 0; i < lengths.size(); ++i) {
+      meta_model_.evaluate(lengths[i], value);
+      field.noalias() = reduced.factor * value;
+      const double prior = (lengths[i] - options_.prior_mean) / options_.prior_std;
+      out[i] = -0.5 * (prior * prior + (field - reduced.target).squaredNorm());
+    }
+  };
+  CrackForecast forecast;
+  forecast.length =
+      forecast_of_density(base_, {base_log.data(), base_.size()}, log_density, options_.threshold);
+  meta_model_.evaluate(forecast.length.maximum_a_posteriori, value);
+  forecast.residual_rms = (crack_ * value - expected).norm() / std::sqrt(static_cast<double>(observations_));
+  return forecast;
+}
+
+double CrackBridge::nearest_length(const Eigen::VectorXd& target, Eigen::Index start) const {
+  // Root of the derivative of ½|R v(l) − t|² between the neighbours of the best point of the first pass, by
+  // regula falsi with the Illinois rule: the derivative is continuous but only piecewise smooth.
+  const auto last = static_cast<Eigen::Index>(base_.size()) - 1;
+  double low = base_[static_cast<std::size_t>(std::max<Eigen::Index>(start - 1, 0))];
+  double high = base_[static_cast<std::size_t>(std::min(start + 1, last))];
+  Eigen::VectorXd value(meta_model_.modes()), slope(meta_model_.modes());
+  const auto derivative = [&](double length) {
+    meta_model_.evaluate(length, value, slope);
+    return (crack_factor_ * value - target).dot(crack_factor_ * slope);
+  };
+  double at_low = derivative(low), at_high = derivative(high);
+  if (at_low >= 0.0) return low;
+  if (at_high <= 0.0) return high;
+  int side = 0;
+  for (int k = 0; k < 60 && high - low > 1e-12; ++k) {
+    const double root = (low * at_high - high * at_low) / (at_high - at_low);
+    const double middle = root > low && root < high ? root : 0.5 * (low + high);
+    const double at_middle = derivative(middle);
+    if (at_middle == 0.0) return middle;
+    if (at_middle < 0.0) {
+      if (std::abs(middle - low) < 1e-13) return middle;
+      low = middle, at_low = at_middle;
+      if (side < 0) at_high *= 0.5;
+      side = -1;
+    } else {
+      if (std::abs(high - middle) < 1e-13) return middle;
+      high = middle, at_high = at_middle;
+      if (side > 0) at_low *= 0.5;
+      side = 1;
+    }
+  }
+  return 0.5 * (low + high);
+}
+
+Eigen::VectorXd CrackBridge::best_lengths(const Eigen::Ref<const reduction::RowMatrix>& functions) const {
+  if (functions.cols() != modes_.cols())
+    throw NumericalError("crack length: samples of another number of functions than the model has");
+  const Eigen::MatrixXd to_crack = crack_basis_.transpose() * modes_;
+  const Eigen::VectorXd lift = crack_basis_.transpose() * lift_;
+  const Eigen::VectorXd half_norms = 0.5 * base_fields_.colwise().squaredNorm().transpose();
+  Eigen::VectorXd lengths(functions.rows());
+  for (Eigen::Index i = 0; i < functions.rows(); ++i) {
+    const Eigen::VectorXd target = lift + to_crack * functions.row(i).transpose();
+    Eigen::Index best = 0;
+    (half_norms - base_fields_.transpose() * target).minCoeff(&best);
+    lengths[i] = nearest_length(target, best);
+  }
+  return lengths;
+}
+
+ScalarForecast CrackBridge::direct(const Eigen::Ref<const reduction::RowMatrix>& functions,
+                                   const Eigen::Ref<const Eigen::VectorXd>& weights) const {
+  return forecast_of_samples(best_lengths(functions), weights, options_.threshold);
+}
+
+}  // namespace knothe::forecast

@@ -1,0 +1,65 @@
+// One forecast (Eq. 33) per assimilated picture: at most 2 ms, whatever the number of observed dofs.
+#include <benchmark/benchmark.h>
+
+#include <cmath>
+
+#include "knothe/forecast/crack_bridge.hpp"
+
+namespace {
+
+using namespace knothe::forecast;
+
+struct Case {
+  CrackBridge bridge;
+  FunctionMoments moments;
+  knothe::reduction::RowMatrix functions;
+  Eigen::VectorXd weights;
+};
+
+Case make_case(Eigen::Index dofs, Eigen::Index r) {
+  std::vector<double> lengths;
+  for (int i = 0; i < 80; ++i) lengths.push_back(1e-3 * i);
+  Eigen::MatrixXd solutions(80, dofs);
+  for (Eigen::Index i = 0; i < 80; ++i)
+    for (Eigen::Index j = 0; j < dofs; ++j) {
+      const double l = static_cast<double>(i) / 79,
+                   s = (static_cast<double>(j) + 0.5) / static_cast<double>(dofs);
+      solutions(i, j) = 0.5 * s + 0.3 * l * l * std::cos(3 * s) + 0.2 * std::tanh(4 * (l - s));
+    }
+  Eigen::MatrixXd modes(dofs, r);
+  for (Eigen::Index k = 0; k < r; ++k)
+    for (Eigen::Index j = 0; j < dofs; ++j)
+      modes(j, k) = 1e-6 * std::sin(static_cast<double>((k + 2) * (j + 1)));
+  knothe::reduction::RowMatrix functions(1024, r);
+  for (Eigen::Index i = 0; i < functions.rows(); ++i)
+    for (Eigen::Index k = 0; k < r; ++k)
+      functions(i, k) = std::cos(0.37 * static_cast<double>((i + 1) * (k + 1)));
+  const Eigen::VectorXd weights = Eigen::VectorXd::Constant(1024, 1.0 / 1024);
+  return {
+      CrackBridge(CrackMetaModel(lengths, solutions), {1e-4 * solutions.row(35).transpose(), modes}, 1e-4),
+      moments_of_functions(functions, weights), functions, weights};
+}
+
+void crack_update(benchmark::State& state) {
+  const Case c = make_case(state.range(0), state.range(1));
+  for (auto _ : state) benchmark::DoNotOptimize(c.bridge.update(c.moments));
+  state.counters["svd_modes"] = static_cast<double>(c.bridge.meta_model().modes());
+}
+BENCHMARK(crack_update)->Args({60, 10})->Args({60, 30})->Args({2000, 30})->Unit(benchmark::kMicrosecond);
+
+void crack_update_from_samples(benchmark::State& state) {
+  const Case c = make_case(state.range(0), state.range(1));
+  for (auto _ : state)
+    benchmark::DoNotOptimize(c.bridge.update(moments_of_functions(c.functions, c.weights)));
+}
+BENCHMARK(crack_update_from_samples)->Args({60, 30})->Args({2000, 30})->Unit(benchmark::kMicrosecond);
+
+void crack_direct(benchmark::State& state) {
+  const Case c = make_case(state.range(0), state.range(1));
+  for (auto _ : state) benchmark::DoNotOptimize(c.bridge.direct(c.functions, c.weights));
+}
+BENCHMARK(crack_direct)->Args({60, 30})->Unit(benchmark::kMicrosecond);
+
+}  // namespace
+
+BENCHMARK_MAIN();

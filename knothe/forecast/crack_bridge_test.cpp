@@ -1,0 +1,321 @@
+// Eq. 32 and 33 of Rubio et al. 2019 against closed forms, dense evaluation without any reduction, and Monte
+// Carlo.
+#include "knothe/forecast/crack_bridge.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/LU>
+#include <cmath>
+#include <random>
+#include <string>
+
+#include "knothe/base/error.hpp"
+#include "knothe/numerics/cubic_spline.hpp"
+
+namespace knothe::forecast {
+namespace {
+
+std::vector<double> millimetres(int count = 80) {
+  std::vector<double> lengths;
+  for (int i = 0; i < count; ++i) lengths.push_back(1e-3 * i);
+  return lengths;
+}
+
+/// Smooth made-up displacements of n dofs, order one per unit of imposed displacement.
+Eigen::MatrixXd smooth_solutions(const std::vector<double>& lengths, int n, double wiggle = 0.2) {
+  Eigen::MatrixXd u(static_cast<Eigen::Index>(lengths.size()), n);
+  for (Eigen::Index i = 0; i < u.rows(); ++i)
+    for (int j = 0; j < n; ++j) {
+      const double l = lengths[static_cast<std::size_t>(i)] / 0.079, s = (j + 0.5) / n;
+      u(i, j) = 0.5 * s + 0.3 * l * l * std::cos(3 * s) + wiggle * std::tanh(4 * (l - s));
+    }
+  return u;
+}
+
+Eigen::MatrixXd random_matrix(Eigen::Index rows, Eigen::Index cols, unsigned seed) {
+  std::mt19937_64 engine(seed);
+  std::normal_distribution<double> normal;
+  Eigen::MatrixXd m(rows, cols);
+  for (Eigen::Index j = 0; j < cols; ++j)
+    for (Eigen::Index i = 0; i < rows; ++i) m(i, j) = normal(engine);
+  return m;
+}
+
+struct Moments {
+  double mean, std, probability;
+  std::vector<double> x, density;
+};
+
+/// Eq. 33 dof by dof: spline of each dof, dense covariance, trapezoid rule on a fine mesh.
+Moments brute_force(const std::vector<double>& lengths, const Eigen::MatrixXd& solutions,
+                    const LinearPrediction& prediction, double imposed, const CrackBridgeOptions& options,
+                    const FunctionMoments& moments, int points) {
+  const Eigen::Index n = solutions.cols();
+  const Eigen::VectorXd expected = prediction.lift + prediction.modes * moments.mean;
+  Eigen::MatrixXd covariance = prediction.modes * moments.covariance * prediction.modes.transpose();
+  covariance.diagonal().array() += options.discrepancy_std * options.discrepancy_std;
+  const Eigen::MatrixXd precision = covariance.inverse();
+  std::vector<numerics::CubicSpline> splines;
+  for (Eigen::Index j = 0; j < n; ++j) {
+    const Eigen::VectorXd column = solutions.col(j);
+    splines.emplace_back(lengths, std::span<const double>(column.data(), lengths.size()));
+  }
+  Moments result{0, 0, 0, {}, {}};
+  Eigen::VectorXd logs(points), misfit(n);
+  for (int k = 0; k < points; ++k) {
+    const double l = lengths.front() + (lengths.back() - lengths.front()) * k / (points - 1.0);
+    for (Eigen::Index j = 0; j < n; ++j)
+      misfit[j] = imposed * splines[static_cast<std::size_t>(j)].value(l) - expected[j];
+    logs[k] = -0.5 * misfit.dot(precision * misfit) -
+              0.5 * std::pow((l - options.prior_mean) / options.prior_std, 2);
+    result.x.push_back(l);
+  }
+  const Eigen::ArrayXd density = (logs.array() - logs.maxCoeff()).exp();
+  const Eigen::Map<const Eigen::ArrayXd> x(result.x.data(), points);
+  const double step = x[1] - x[0], total = (density.sum() - 0.5 * (density[0] + density[points - 1])) * step;
+  result.mean = (density * x).sum() * step / total;
+  result.std = std::sqrt((density * (x - result.mean).square()).sum() * step / total);
+  result.probability = (x > options.threshold).select(density, 0.0).sum() * step / total;
+  for (int k = 0; k < points; ++k) result.density.push_back(density[k] / total);
+  return result;
+}
+
+TEST(CrackMetaModel, ReproducesSnapshotsAndCubicsBetweenThem) {
+  // Cubic in l with random coefficients per dof: four modes, and a not-a-knot spline is exact between nodes.
+  const auto lengths = millimetres();
+  const Eigen::MatrixXd a = random_matrix(4, 30, 1);
+  const auto powers = [](double l) {
+    const double s = l / 0.079;
+    return Eigen::RowVector4d(1, s, s * s, s * s * s);
+  };
+  Eigen::MatrixXd solutions(80, 30);
+  for (Eigen::Index i = 0; i < 80; ++i) solutions.row(i) = powers(lengths[static_cast<std::size_t>(i)]) * a;
+  const CrackMetaModel meta(lengths, solutions, 1e-10);
+  EXPECT_EQ(meta.modes(), 4);
+  EXPECT_EQ(meta.singular_values().size(), 30);
+  EXPECT_LT(meta.max_error(), 1e-12);
+  for (double l : {0.0, 0.00031, 0.0404, 0.07875, 0.079}) {
+    const Eigen::VectorXd u = meta.space() * meta.coordinates({&l, 1});
+    EXPECT_LT((u - (powers(l) * a).transpose()).cwiseAbs().maxCoeff(), 1e-11);
+    Eigen::VectorXd value(4), slope(4), ahead(4), behind(4), unused(4);
+    meta.evaluate(l, value, slope);
+    const double h = 1e-7, up = std::min(l + h, 0.079), down = std::max(l - h, 0.0);
+    meta.evaluate(up, ahead, unused);
+    meta.evaluate(down, behind, unused);
+    EXPECT_LT((slope - (ahead - behind) / (up - down)).cwiseAbs().maxCoeff(),
+              1e-4 * (1 + slope.cwiseAbs().maxCoeff()));
+  }
+}
+
+TEST(CrackMetaModel, ToleranceDecidesTheModes) {
+  const auto lengths = millimetres();
+  const Eigen::MatrixXd solutions = smooth_solutions(lengths, 60);
+  const CrackMetaModel fine(lengths, solutions, 1e-6), coarse(lengths, solutions, 1e-2);
+  EXPECT_LT(coarse.modes(), fine.modes());
+  const auto left_out = [](const CrackMetaModel& m) {
+    return m.singular_values().tail(m.singular_values().size() - m.modes()).norm() /
+           m.singular_values().norm();
+  };
+  EXPECT_LE(left_out(fine), 1e-6);
+  EXPECT_LE(left_out(coarse), 1e-2);
+  EXPECT_LT(fine.max_error(), 1e-4);
+}
+
+TEST(CrackMetaModel, SaysWhatIsWrongWithItsInput) {
+  auto lengths = millimetres(5);
+  Eigen::MatrixXd solutions = smooth_solutions(lengths, 3);
+  const auto message = [&] {
+    try {
+      (void)CrackMetaModel(lengths, solutions);
+    } catch (const DataError& e) {
+      return std::string(e.what());
+    }
+    return std::string();
+  };
+  EXPECT_EQ(message(), "");
+  solutions(2, 1) = std::nan("");
+  EXPECT_NE(message().find("crack solutions[2,1] is not finite"), std::string::npos);
+  solutions(2, 1) = 0;
+  lengths[3] = lengths[2];
+  EXPECT_NE(message().find("crack/length[3]"), std::string::npos);
+  lengths.resize(3);
+  EXPECT_NE(message().find("at least 4"), std::string::npos);
+}
+
+/// A crack whose field is linear in l makes Eq. 33 a product of normals.
+TEST(CrackBridge, LinearGaussianClosedForm) {
+  const auto lengths = millimetres();
+  constexpr int n = 20;
+  const Eigen::VectorXd direction = random_matrix(n, 1, 3);
+  Eigen::MatrixXd solutions(80, n);
+  for (Eigen::Index i = 0; i < 80; ++i)
+    solutions.row(i) = lengths[static_cast<std::size_t>(i)] * direction.transpose();
+  constexpr double imposed = 1e-4;
+  const CrackBridgeOptions options{0.04, 0.004, 1e-7, 0.0405};
+  const LinearPrediction prediction{imposed * 0.042 * direction + 2e-8 * random_matrix(n, 1, 4),
+                                    1e-7 * random_matrix(n, 3, 5)};
+  FunctionMoments moments{random_matrix(3, 1, 6), Eigen::MatrixXd::Identity(3, 3)};
+  const auto result =
+      CrackBridge(CrackMetaModel(lengths, solutions), prediction, imposed, options).update(moments);
+
+  Eigen::MatrixXd covariance = prediction.modes * prediction.modes.transpose();
+  covariance.diagonal().array() += 1e-14;
+  const Eigen::VectorXd h = imposed * direction, y = prediction.lift + prediction.modes * moments.mean;
+  const Eigen::VectorXd weighted = covariance.inverse() * h;
+  const double precision = h.dot(weighted) + 1 / (0.004 * 0.004);
+  const double mean = (weighted.dot(y) + 0.04 / (0.004 * 0.004)) / precision, std = 1 / std::sqrt(precision);
+  EXPECT_NEAR(result.length.mean, mean, 1e-5 * std);
+  EXPECT_NEAR(result.length.std, std, 1e-5 * std);
+  EXPECT_NEAR(result.length.maximum_a_posteriori, mean, 1e-3 * std);
+  EXPECT_NEAR(result.length.values[4] - result.length.values[0], 2 * 1.959963985 * std, 1e-3 * std);
+  EXPECT_NEAR(result.residual_rms, (h * result.length.maximum_a_posteriori - y).norm() / std::sqrt(n), 1e-12);
+}
+
+TEST(CrackBridge, NoDataLeaveTheTruncatedPrior) {
+  const auto lengths = millimetres();
+  const Eigen::MatrixXd solutions = Eigen::MatrixXd::Ones(80, 4);  // a field that does not see the crack
+  const LinearPrediction prediction{Eigen::VectorXd::Constant(4, 1e-4), Eigen::MatrixXd::Zero(4, 2)};
+  const auto result = CrackBridge(CrackMetaModel(lengths, solutions), prediction, 1e-4)
+                          .update({Eigen::VectorXd::Zero(2), Eigen::MatrixXd::Zero(2, 2)});
+  // N(0.04, 0.013²) cut at 0 and 79 mm: ±3 standard deviations, nearly symmetric.
+  EXPECT_NEAR(result.length.maximum_a_posteriori, 0.04, 1e-6);
+  EXPECT_NEAR(result.length.mean, 0.03998, 3e-5);
+  EXPECT_NEAR(result.length.std, 0.013 * std::sqrt(1 - 2 * 3 * 0.004431848 / 0.9973), 3e-5);
+  EXPECT_NEAR(result.residual_rms, 0.0, 1e-15);
+}
+
+void expect_as_brute_force(int n, Eigen::Index r, const Eigen::MatrixXd& root, double discrepancy,
+                           int points) {
+  SCOPED_TRACE(testing::Message() << n << " dofs, " << r << " functions");
+  const auto lengths = millimetres();
+  const Eigen::MatrixXd solutions = smooth_solutions(lengths, n);
+  constexpr double imposed = 1.2e-4;
+  const CrackBridgeOptions options{0.04, 0.013, discrepancy, 0.036};
+  const LinearPrediction prediction{imposed * solutions.row(35).transpose() + 3e-7 * random_matrix(n, 1, 7),
+                                    2e-6 * random_matrix(n, r, 8)};
+  const FunctionMoments moments{0.1 * random_matrix(r, 1, 9), root * root.transpose()};
+  const CrackBridge bridge(CrackMetaModel(lengths, solutions, 1e-9), prediction, imposed, options);
+  const auto fast = bridge.update(moments);
+  const auto slow = brute_force(lengths, solutions, prediction, imposed, options, moments, points);
+  EXPECT_NEAR(fast.length.mean, slow.mean, 2e-4 * slow.std);
+  EXPECT_NEAR(fast.length.std, slow.std, 2e-4 * slow.std);
+  // A trapezoid rule cuts at the threshold only to a step.
+  EXPECT_NEAR(fast.length.probability_above_threshold, slow.probability, 2e-3);
+  double top = 0;
+  for (double d : slow.density) top = std::max(top, d);
+  for (std::size_t k = 0; k < fast.length.points.size(); ++k) {
+    const double at = fast.length.points[k] / 0.079 * (points - 1);
+    const auto i = std::min(static_cast<std::size_t>(at), slow.x.size() - 2);
+    const double part = at - static_cast<double>(i);
+    EXPECT_NEAR(fast.length.density[k], (1 - part) * slow.density[i] + part * slow.density[i + 1],
+                5e-3 * top);
+  }
+}
+
+TEST(CrackBridge, AgreesWithDenseEvaluation) {
+  expect_as_brute_force(12, 3, 0.5 * random_matrix(3, 3, 10), 1e-6, 20001);
+  expect_as_brute_force(60, 8, 0.3 * random_matrix(8, 8, 11), 1e-6, 20001);
+  expect_as_brute_force(5, 9, 0.3 * random_matrix(9, 9, 12), 2e-6, 5001);  // fewer dofs than functions
+}
+
+TEST(CrackBridge, DegenerateCovariances) {
+  expect_as_brute_force(20, 4, Eigen::MatrixXd::Zero(4, 1), 1e-6, 20001);  // parameters known exactly
+  expect_as_brute_force(20, 4, random_matrix(4, 1, 13), 1e-6, 20001);      // one direction only
+  const auto lengths = millimetres();
+  const Eigen::MatrixXd solutions = smooth_solutions(lengths, 30);
+  // Uncertainty of metres against a discrepancy of a nanometre: nothing overflows, the prior is all there is.
+  const LinearPrediction prediction{1e-4 * solutions.row(20).transpose(), random_matrix(30, 30, 14)};
+  const auto wide =
+      CrackBridge(CrackMetaModel(lengths, solutions), prediction, 1e-4, {0.04, 0.013, 1e-9, 0.04})
+          .update({Eigen::VectorXd::Zero(30), 1e6 * Eigen::MatrixXd::Identity(30, 30)});
+  EXPECT_NEAR(wide.length.mean, 0.04, 1e-4);
+  // A crack field known to a nanometre: the density is narrower than a micrometre, and every number finite.
+  const LinearPrediction sharp{1e-4 * solutions.row(20).transpose(), Eigen::MatrixXd::Zero(30, 2)};
+  const auto narrow =
+      CrackBridge(CrackMetaModel(lengths, solutions, 1e-12), sharp, 1e-4, {0.04, 0.013, 1e-9, 0.04})
+          .update({Eigen::VectorXd::Zero(2), Eigen::MatrixXd::Zero(2, 2)});
+  EXPECT_NEAR(narrow.length.mean, 0.020, 1e-7);
+  EXPECT_LT(narrow.length.std, 1e-6);
+  EXPECT_GT(narrow.length.std, 0.0);
+  for (double d : narrow.length.density) EXPECT_TRUE(std::isfinite(d));
+}
+
+TEST(CrackBridge, MonteCarloOverTheFields) {
+  // π(l) ∝ π₀(l) E[N(u(l); y, δ² I)] over fields y ~ N(E[u], Cov[u]): sampled instead of integrated.
+  const auto lengths = millimetres();
+  constexpr int n = 6, samples = 40000;
+  const Eigen::MatrixXd solutions = smooth_solutions(lengths, n);
+  const LinearPrediction prediction{1e-4 * solutions.row(45).transpose(), 1e-6 * random_matrix(n, 2, 20)};
+  const CrackBridgeOptions options{0.04, 0.013, 2e-6, 0.045};
+  const FunctionMoments moments{Eigen::VectorXd::Zero(2), Eigen::MatrixXd::Identity(2, 2)};
+  const CrackMetaModel meta(lengths, solutions, 1e-9);
+  const auto fast = CrackBridge(meta, prediction, 1e-4, options).update(moments);
+  std::mt19937_64 engine(21);
+  std::normal_distribution<double> normal;
+  std::vector<double> grid;
+  for (int i = 0; i <= 400; ++i) grid.push_back(0.079 * i / 400);
+  const Eigen::MatrixXd fields = 1e-4 * meta.space() * meta.coordinates(grid);
+  Eigen::ArrayXd sum = Eigen::ArrayXd::Zero(401);
+  for (int s = 0; s < samples; ++s) {
+    const Eigen::VectorXd y =
+        prediction.lift + prediction.modes * Eigen::Vector2d(normal(engine), normal(engine));
+    sum += (-0.5 * (fields.colwise() - y).colwise().squaredNorm().array() / (2e-6 * 2e-6)).exp().transpose();
+  }
+  const Eigen::Map<const Eigen::ArrayXd> x(grid.data(), 401);
+  sum *= (-0.5 * ((x - 0.04) / 0.013).square()).exp();
+  const double mean = (sum * x).sum() / sum.sum();
+  const double std = std::sqrt((sum * (x - mean).square()).sum() / sum.sum());
+  EXPECT_NEAR(fast.length.mean, mean, 0.05 * std);
+  EXPECT_NEAR(fast.length.std, std, 0.05 * std);
+}
+
+/// w(p) = v(l): every sample's field is that of a crack, so Eq. 14 must find its length.
+TEST(CrackBridge, DirectForecastFindsTheLengths) {
+  const auto lengths = millimetres();
+  const Eigen::MatrixXd solutions = smooth_solutions(lengths, 40);
+  const CrackMetaModel meta(lengths, solutions, 1e-8);
+  constexpr double imposed = 1.1e-4;
+  const CrackBridge bridge(meta, {Eigen::VectorXd::Zero(40), imposed * meta.space()}, imposed, {});
+  constexpr int n = 200;
+  reduction::RowMatrix functions(n, meta.modes());
+  Eigen::VectorXd truth(n);
+  for (int i = 0; i < n; ++i) {
+    truth[i] = 0.01 + 0.06 * (i + 0.5) / n;
+    functions.row(i) = meta.coordinates({&truth[i], 1}).transpose();
+  }
+  EXPECT_LT((bridge.best_lengths(functions) - truth).cwiseAbs().maxCoeff(), 1e-8);
+  const auto f = bridge.direct(functions, Eigen::VectorXd::Ones(n));
+  EXPECT_NEAR(f.mean, 0.04, 1e-8);
+  EXPECT_NEAR(f.std, 0.06 / std::sqrt(12.0), 1e-6);
+  EXPECT_NEAR(f.probability_above_threshold, 0.5, 1e-12);
+  // Beyond the longest crack the nearest one is the longest.
+  functions.row(0) *= 0.0;
+  functions.row(0) +=
+      3.0 *
+      (meta.coordinates(std::vector<double>{0.079}) - meta.coordinates(std::vector<double>{0.0})).transpose();
+  EXPECT_GE(bridge.best_lengths(functions)[0], 0.0);
+  EXPECT_LE(bridge.best_lengths(functions)[0], 0.079);
+}
+
+TEST(CrackBridge, SaysWhatIsWrongWithItsOptions) {
+  const auto lengths = millimetres();
+  const Eigen::MatrixXd solutions = smooth_solutions(lengths, 4);
+  const auto message = [&](CrackBridgeOptions options, double imposed, Eigen::Index dofs) {
+    try {
+      (void)CrackBridge(CrackMetaModel(lengths, solutions),
+                        {Eigen::VectorXd::Zero(dofs), Eigen::MatrixXd::Zero(dofs, 1)}, imposed, options);
+    } catch (const Error& e) {
+      return std::string(e.what());
+    }
+    return std::string();
+  };
+  EXPECT_EQ(message({}, 1e-4, 4), "");
+  EXPECT_NE(message({0.04, 0.013, 0.0, 0.04}, 1e-4, 4).find("discrepancy_std = 0 must be positive"),
+            std::string::npos);
+  EXPECT_NE(message({0.04, -1.0, 1e-6, 0.04}, 1e-4, 4).find("std positive"), std::string::npos);
+  EXPECT_NE(message({}, 0.0, 4).find("choose a later horizon"), std::string::npos);
+  EXPECT_NE(message({}, 1e-4, 5).find("at 4 observed dofs"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace knothe::forecast

@@ -1,0 +1,45 @@
+#include "knothe/forecast/quantity_of_interest.hpp"
+
+#include <fmt/core.h>
+
+#include <cmath>
+#include <utility>
+
+#include "knothe/base/error.hpp"
+
+namespace knothe::forecast {
+
+QuantityOfInterest::QuantityOfInterest(std::shared_ptr<const reduction::ParameterFunctions> functions,
+                                       double offset, Eigen::VectorXd coefficients, double threshold)
+    : functions_(std::move(functions)),
+      offset_(offset),
+      coefficients_(std::move(coefficients)),
+      threshold_(threshold) {
+  if (coefficients_.size() != functions_->count())
+    throw DataError(
+        fmt::format("quantity of interest: {} coefficients, but the model has {} parameter functions",
+                    coefficients_.size(), functions_->count()));
+  if (!coefficients_.allFinite() || !std::isfinite(offset_) || !std::isfinite(threshold_))
+    throw DataError("quantity of interest: offset, coefficients and threshold must be finite");
+}
+
+Eigen::VectorXd QuantityOfInterest::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points) const {
+  reduction::FunctionBatch batch;
+  batch.resize(points.rows(), points.cols(), functions_->count(), 0);
+  functions_->evaluate(points, 0, batch);
+  return (batch.value * coefficients_).array() + offset_;
+}
+
+ScalarForecast QuantityOfInterest::update(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                                          const Eigen::Ref<const Eigen::VectorXd>& weights) const {
+  return forecast_of_samples(evaluate(points), weights, threshold_);
+}
+
+ScalarForecast QuantityOfInterest::update_from_functions(
+    const Eigen::Ref<const reduction::RowMatrix>& functions,
+    const Eigen::Ref<const Eigen::VectorXd>& weights) const {
+  const Eigen::VectorXd values = (functions * coefficients_).array() + offset_;
+  return forecast_of_samples(values, weights, threshold_);
+}
+
+}  // namespace knothe::forecast

@@ -1,0 +1,38 @@
+#pragma once
+/// @file Any other predicted number: a displacement, a crack opening, a reaction force.
+#include <Eigen/Core>
+#include <memory>
+
+#include "knothe/forecast/scalar_forecast.hpp"
+#include "knothe/reduction/parameter_functions.hpp"
+
+namespace knothe::forecast {
+
+/// q(p) = offset + coefficients · w(p) (Rubio et al. 2019, Eq. 14). For the displacement of a point: offset
+/// its lift at the horizon, coefficients its row of (O U) C_T; for an output kept as functions of p: those
+/// functions.
+class QuantityOfInterest {
+ public:
+  /// `threshold` is in the unit of q. Errors: DataError if the number of coefficients is not that of
+  /// `functions`, or a number is not finite.
+  QuantityOfInterest(std::shared_ptr<const reduction::ParameterFunctions> functions, double offset,
+                     Eigen::VectorXd coefficients, double threshold);
+
+  /// q at points of p (n × d).
+  [[nodiscard]] Eigen::VectorXd evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points) const;
+  /// The distribution of q under the weighted posterior points (n × d, n).
+  [[nodiscard]] ScalarForecast update(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                                      const Eigen::Ref<const Eigen::VectorXd>& weights) const;
+  /// The same where w at the points is at hand (n × r).
+  [[nodiscard]] ScalarForecast update_from_functions(const Eigen::Ref<const reduction::RowMatrix>& functions,
+                                                     const Eigen::Ref<const Eigen::VectorXd>& weights) const;
+  [[nodiscard]] double threshold() const { return threshold_; }
+
+ private:
+  std::shared_ptr<const reduction::ParameterFunctions> functions_;
+  double offset_;
+  Eigen::VectorXd coefficients_;
+  double threshold_;
+};
+
+}  // namespace knothe::forecast
