@@ -1,0 +1,85 @@
+#pragma once
+/// @file The isotropic damage law of concrete (Rubio et al. 2019, Eq. 29), at one material point.
+///
+/// Strains and stresses are in Voigt order xx, yy, zz, xy, yz, zx; shear strains are engineering strains (2
+/// ε_xy), so that stress · strain is the work.
+#include <array>
+
+namespace knothe::mechanics {
+
+using Voigt = std::array<double, 6>;
+using Matrix3 = std::array<std::array<double, 3>, 3>;
+using VoigtMatrix = std::array<double, 36>;  ///< 6 × 6, row-major
+
+/// Isotropic linear elasticity, C.
+struct ElasticConstants {
+  double young_modulus = 30e9;  ///< E, Pa
+  double poisson_ratio = 0.23;  ///< ν
+
+  [[nodiscard]] double lambda() const {  ///< Lamé's first constant, Pa
+    return young_modulus * poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio));
+  }
+  [[nodiscard]] double mu() const {
+    return young_modulus / (2 * (1 + poisson_ratio));
+  }  ///< shear modulus, Pa
+
+  /// Throws ProjectError unless E > 0 and -1 < ν < 0.5.
+  void validate() const;
+};
+
+/// The two parameters of the law; defaults are the paper's reference values.
+struct DamageParameters {
+  double threshold = 216.0;      ///< Y₀, J/m³: energy release rate at which damage starts
+  double brittleness = 2.25e-3;  ///< A_d, m³/J: drives the post-peak behaviour
+
+  /// Throws ProjectError unless both are finite, Y₀ ≥ 0 and A_d > 0.
+  void validate() const;
+};
+
+/// Eigenvalues, largest first, and orthonormal eigenvectors of the strain tensor.
+struct PrincipalStrains {
+  std::array<double, 3> values{};
+  Matrix3 directions{};  ///< directions[i] belongs to values[i]
+};
+/// In closed form, without iteration, accurate at repeated eigenvalues too (Eberly 2014, "A robust
+/// eigensolver for 3 × 3 symmetric matrices": the best separated eigenvalue first, the others in the plane
+/// across its eigenvector).
+[[nodiscard]] PrincipalStrains principal_strains(const Voigt& strain);
+
+/// Y = ½ ⟨ε⟩₊ : C : ⟨ε⟩₊, J/m³, with ⟨ε⟩₊ the strain tensor's positive part (negative principal strains set
+/// to 0).
+[[nodiscard]] double energy_release_rate(const PrincipalStrains& principal, const ElasticConstants& elastic);
+[[nodiscard]] double energy_release_rate(const Voigt& strain, const ElasticConstants& elastic);
+
+/// ∂Y/∂ε = λ tr(ε⁺) P⁺ + 2 μ ε⁺, the derivative in the Voigt components (engineering shear), Pa. No
+/// derivative of an eigenvector enters. It jumps where a principal strain changes sign while another is
+/// positive.
+[[nodiscard]] Voigt energy_release_rate_derivative(const PrincipalStrains& principal,
+                                                   const ElasticConstants& elastic);
+
+/// d(Y) = 1 - 1 / (1 + A_d (Y - Y₀)) for Y > Y₀, else 0 (Eq. 29); always in [0, 1).
+[[nodiscard]] double damage(double energy_release_rate, const DamageParameters& parameters);
+
+/// C : ε.
+[[nodiscard]] inline Voigt elastic_stress(const Voigt& strain, double lambda, double mu) {
+  const double volumetric = lambda * (strain[0] + strain[1] + strain[2]);
+  return {volumetric + 2 * mu * strain[0],
+          volumetric + 2 * mu * strain[1],
+          volumetric + 2 * mu * strain[2],
+          mu * strain[3],
+          mu * strain[4],
+          mu * strain[5]};
+}
+
+/// The state of a material point after a strain.
+struct MaterialResponse {
+  Voigt stress{};        ///< (1 - d) C ε, Pa
+  double damage = 0;     ///< d = max(previous d, d(Y(ε))): the history's maximum
+  bool growing = false;  ///< whether d is above the previous one
+  VoigtMatrix tangent{};  ///< ∂σ/∂ε, Pa: (1 - d) C - A_d (1 - d)² (C ε) ⊗ ∂Y/∂ε while growing, else (1 - d) C
+};
+/// Eq. 29 with irreversible damage: `previous_damage` is the largest so far.
+[[nodiscard]] MaterialResponse respond(const Voigt& strain, double previous_damage,
+                                       const ElasticConstants& elastic, const DamageParameters& parameters);
+
+}  // namespace knothe::mechanics
