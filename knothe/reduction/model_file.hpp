@@ -17,15 +17,6 @@ enum class Form {
 /// "canonical" or "tree".
 [[nodiscard]] std::string to_text(Form form);
 
-/// A scalar quantity of the model, Σ_k g_k(t) γ_k(p), with γ_k on the same grid.
-struct ModelOutput {
-  std::string name;
-  files::Labels labels;
-  std::size_t modes = 0;      ///< s
-  std::vector<double> time;   ///< [n_t, s]
-  std::vector<double> joint;  ///< [s, n₁, …, n_d]
-};
-
 /// Elastic solutions for a unit displacement with a crack of each length: u = Σ_k coefficients_ik modes_k.
 struct CrackSolutions {
   std::vector<double> length;        ///< [n], metres
@@ -49,7 +40,7 @@ struct ModelContents {
   std::vector<double> lift;                     ///< [n_t, n_dof]
   Dofs dofs;
   std::optional<Mesh> mesh;
-  std::vector<ModelOutput> outputs;
+  std::vector<SnapshotOutput> outputs;  ///< interpolated on the grid by the same splines
   CrackSolutions crack;
   std::string project;          ///< the project file's text, or where the snapshots came from
   std::string created_by;       ///< filled when saved

@@ -37,12 +37,13 @@ class SeparatedModel {
   /// w(p) of y = lift + U C_t w(p).
   [[nodiscard]] const std::shared_ptr<const ParameterFunctions>& functions() const;
 
-  /// The field at parameters `p` (d, inside the box, else DataError), time step `step`, at the dofs `dofs`
+  /// The field at parameters `p` (d, inside the box, else UsageError), time step `step`, at the dofs `dofs`
   /// (all if empty), with derivatives up to order `derivatives` (0, 1, 2).
   [[nodiscard]] FieldDerivatives evaluate(std::span<const double> p, std::size_t step,
                                           std::span<const std::size_t> dofs = {}, int derivatives = 0) const;
 
-  /// Output `name` at parameters `p` and all time steps. Unknown name: UsageError.
+  /// Output `name` at parameters `p` and all time steps. The quantities are the
+  /// values at the n_t times. Unknown name: UsageError.
   [[nodiscard]] FieldDerivatives evaluate_output(const std::string& name, std::span<const double> p,
                                                  int derivatives = 0) const;
   [[nodiscard]] std::vector<std::string> output_names() const;
