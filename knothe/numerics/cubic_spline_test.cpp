@@ -59,7 +59,9 @@ TEST(CubicSpline, ConvergesWithFourthOrder) {
     double error = 0;
     for (double x = 0; x <= 1; x += 0.003)
       error = std::max(error, std::abs(spline.value(x) - std::exp(2 * x)));
-    if (previous > 0) EXPECT_GT(previous / error, 11.0);
+    if (previous > 0) {
+      EXPECT_GT(previous / error, 11.0);
+    }
     previous = error;
   }
 }
