@@ -32,10 +32,11 @@ class LogDensity {
   [[nodiscard]] virtual Eigen::Index dimension() const = 0;
   /// Highest order of derivatives that `evaluate` can give: 0, 1 or 2.
   [[nodiscard]] virtual int available_derivatives() const { return 2; }
-  /// Fills `out` (which the caller has resized) with derivatives up to order `derivatives` at `points` (n × d).
-  /// Constants are included, so that ∫ exp(value) is the evidence. A value may be -inf where the density is
-  /// zero; gradient and Hessian are finite everywhere.
-  virtual void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives, LogDensityBatch& out) = 0;
+  /// Fills `out` (which the caller has resized) with derivatives up to order `derivatives` at `points` (n ×
+  /// d). Constants are included, so that ∫ exp(value) is the evidence. A value may be -inf where the density
+  /// is zero; gradient and Hessian are finite everywhere.
+  virtual void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
+                        LogDensityBatch& out) = 0;
 };
 
 }  // namespace knothe::transport

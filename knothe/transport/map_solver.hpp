@@ -1,0 +1,119 @@
+#pragma once
+/// @file From a log-density to a verified transport map: mode, Laplace pre-map, adaptive order (Rubio et al.
+/// 2019, section 2.2).
+#include <Eigen/Core>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "knothe/transport/composed_map.hpp"
+#include "knothe/transport/log_density.hpp"
+
+namespace knothe::transport {
+
+enum class MinimiserKind { newton, bfgs, nelder_mead };
+
+struct MapSolverOptions {
+  double tolerance = 1e-3;                          ///< on the verified variance diagnostic (Eq. 9)
+  int max_order = 8;                                ///< 1 … k_max_order
+  int min_order = 1;                                ///< first order tried
+  MinimiserKind minimiser = MinimiserKind::newton;  ///< lowered to what the density's derivatives allow
+  int max_iterations = 60;                          ///< of the minimiser, per order
+  double decrease_tolerance =
+      1e-9;  ///< the minimiser stops when it predicts a smaller decrease of the objective
+  Eigen::Index verification_points = 1024;  ///< scrambled Sobol points, never used for training
+  Eigen::Index max_points = 16384;  ///< the importance correction may take so many where weights are uneven
+  double wanted_ess = 0.95;  ///< below this effective sample size (fraction) it takes four times as many
+                             ///< points, once or twice
+  std::uint64_t seed = 1;    ///< of the verification points
+  double tail_radius = 4.0;  ///< of TailedHermite
+  bool search_modes = true;  ///< look for a second mode
+  double mode_mass = 1e-3;   ///< a mode with this share of the Laplace mass counts
+};
+
+/// Points with their importance weights: z = T(x) for points x that follow N(0, I), log π̄(z) + log|det ∇T(x)|
+/// − log ρ(x).
+struct WeightedPoints {
+  Eigen::MatrixXd reference;   ///< x, n × d
+  Eigen::MatrixXd points;      ///< z, n × d
+  Eigen::VectorXd log_weight;  ///< n, −∞ where the target is zero
+};
+
+/// What a solve gives and tells.
+struct MapResult {
+  AffineMap pre_map;     ///< Laplace: from standardised coordinates to z
+  TriangularMap map;     ///< from the reference to standardised coordinates
+  Eigen::VectorXd mode;  ///< z of the highest density found
+  double mode_log_density = 0;
+  int order = 0;
+  double training_diagnostic = 0;  ///< Eq. 9 by the training rule
+  double verified_diagnostic = 0;  ///< Eq. 9 on the verification points
+  double training_objective = 0;  ///< Eq. 8 by the training rule, plus E log ρ: −log evidence as of Eq. 24
+  double verified_objective = 0;  ///< the same on the verification points
+  int iterations = 0;             ///< of the minimiser, all orders
+  std::int64_t density_evaluations = 0;  ///< points at which the target was evaluated
+  bool tolerance_reached = false;
+  std::string reason;  ///< why the tolerance was not reached; empty if it was
+  bool second_mode_found = false;
+  Eigen::VectorXd second_mode;              ///< z, if found
+  std::vector<double> diagnostic_by_order;  ///< training diagnostic of each order tried, from min_order
+  WeightedPoints verification;              ///< the verification points behind the figures above
+
+  [[nodiscard]] ComposedMap composed() const;  ///< pre_map ∘ map
+  [[nodiscard]] Eigen::MatrixXd evaluate(const Eigen::Ref<const Eigen::MatrixXd>& reference) const;
+  [[nodiscard]] Eigen::MatrixXd inverse(const Eigen::Ref<const Eigen::MatrixXd>& z) const;
+  /// log of the normalised approximation at z (n × d).
+  [[nodiscard]] Eigen::VectorXd log_density(const Eigen::Ref<const Eigen::MatrixXd>& z) const;
+  /// Eq. 24 on the verification points: a lower bound of the log-evidence, low by the KL divergence.
+  [[nodiscard]] double map_log_evidence() const { return -verified_objective; }
+};
+
+/// The answer: moments, quantiles and evidence by importance weights on the image of quasi-random points
+/// under the map.
+struct ImportanceCorrection {
+  Eigen::MatrixXd points;      ///< z, n × d
+  Eigen::VectorXd weights;     ///< n, sum 1
+  double ess = 0;              ///< effective sample size (Σw)²/Σw² as a fraction of n
+  Eigen::VectorXd mean;        ///< d
+  Eigen::MatrixXd covariance;  ///< d × d
+  std::vector<double> levels;  ///< of the quantiles; set by the caller before, default below
+  Eigen::MatrixXd quantiles;   ///< d × levels, marginal
+  double log_evidence = 0;     ///< consistent estimate of log ∫ π̄
+  double log_evidence_error =
+      0;  ///< its standard error, as if the points were independent (an upper bound in practice)
+  double map_log_evidence = 0;           ///< Eq. 24
+  bool trusted = false;                  ///< verified diagnostic ≤ 0.05, ess ≥ 0.9, no second mode
+  std::int64_t density_evaluations = 0;  ///< further ones, beyond those of the solve
+
+  ImportanceCorrection() : levels{0.025, 0.25, 0.5, 0.75, 0.975} {}
+};
+
+/// Finds maps. Owns tables and workspace, which are made at the first solve of a dimension and order and used
+/// again; a result depends on the target and the options alone, never on earlier solves. One object serves
+/// one thread.
+class MapSolver {
+ public:
+  /// Errors: UsageError for options that make no sense.
+  explicit MapSolver(MapSolverOptions options = {});
+  ~MapSolver();
+  MapSolver(MapSolver&&) noexcept;
+  MapSolver& operator=(MapSolver&&) noexcept;
+
+  [[nodiscard]] const MapSolverOptions& options() const;
+
+  /// Errors: UsageError for a dimension below 1, NumericalError for a density that gives NaN or +∞, or is
+  /// zero at every point tried. `result` is overwritten; reusing one object saves its memory.
+  void solve(LogDensity& target, MapResult& result);
+  [[nodiscard]] MapResult solve(LogDensity& target);
+
+  /// On the result of the solve of the same target.
+  void correct(LogDensity& target, const MapResult& result, ImportanceCorrection& correction);
+  [[nodiscard]] ImportanceCorrection correct(LogDensity& target, const MapResult& result);
+
+ private:
+  struct Workspace;
+  std::unique_ptr<Workspace> work_;
+};
+
+}  // namespace knothe::transport

@@ -1,0 +1,82 @@
+#pragma once
+/// @file Lower triangular monotone maps R^d → R^d (Rubio et al. 2019, Eq. 7).
+///
+/// Component k = 1 … d is  M^k(x) = Φ_c(x_1 … x_{k−1}) a_c + ∫₀^{x_k} (Φ_e(x_1 … x_{k−1}, θ) a_e)² dθ.
+/// Φ_c is the total-order basis of order p in k − 1 variables, Φ_e that of order p − 1 in k variables, so
+/// that a map of order 1 is affine; both of products of TailedHermite functions. ∂M^k/∂x_k = h², h = Φ_e a_e:
+/// a rectifier other than the square (integrated softplus, exponential) would change `monotone part` in
+/// triangular_map.cpp and in the tables of the objective, nothing else.
+#include <Eigen/Core>
+#include <vector>
+
+#include "knothe/transport/multi_index.hpp"
+#include "knothe/transport/tailed_hermite.hpp"
+
+namespace knothe::transport {
+
+/// A map and its derivatives at n points, one column per component.
+struct MapBatch {
+  Eigen::MatrixXd value;     ///< n × d
+  Eigen::MatrixXd jacobian;  ///< n × d², ∂M_i/∂x_j in column i d + j
+  Eigen::MatrixXd hessian;  ///< n × d·d(d+1)/2, ∂²M_i/∂x_a∂x_b in column i d(d+1)/2 + packed_index(a, b)
+  Eigen::VectorXd log_determinant;  ///< n, log |det ∇M|; −∞ where the map is singular
+
+  /// Makes room for n points of R^d; log_determinant always, derivatives as asked.
+  void resize(Eigen::Index n, Eigen::Index d, int derivatives);
+};
+
+/// The two bases of one component.
+struct MapComponent {
+  std::vector<MultiIndex> constant;  ///< Φ_c, in variables 0 … k−2 (counted from 0)
+  std::vector<MultiIndex> monotone;  ///< Φ_e, in variables 0 … k−1
+  Eigen::Index offset = 0;           ///< of a_c in the map's coefficients; a_e follows
+  [[nodiscard]] Eigen::Index constant_count() const { return static_cast<Eigen::Index>(constant.size()); }
+  [[nodiscard]] Eigen::Index monotone_count() const { return static_cast<Eigen::Index>(monotone.size()); }
+};
+
+class TriangularMap {
+ public:
+  TriangularMap() = default;
+  /// The identity, as a map of total order `order` (1 … k_max_order) in `dimension` ≥ 1 variables. Errors:
+  /// UsageError.
+  TriangularMap(Eigen::Index dimension, int order, double tail_radius = 4.0);
+
+  [[nodiscard]] Eigen::Index dimension() const { return static_cast<Eigen::Index>(components_.size()); }
+  [[nodiscard]] int order() const { return order_; }
+  [[nodiscard]] const TailedHermite& basis() const { return basis_; }
+  [[nodiscard]] const MapComponent& component(Eigen::Index k) const {
+    return components_[static_cast<std::size_t>(k)];
+  }
+
+  /// All a_c, a_e, component after component. Free to change: every choice gives a monotone map.
+  [[nodiscard]] const Eigen::VectorXd& coefficients() const { return coefficients_; }
+  /// Errors: UsageError for another size or values that are not finite.
+  void set_coefficients(const Eigen::VectorXd& coefficients);
+  /// Takes over the coefficients of a map of lower order (same dimension); the others become zero.
+  void embed(const TriangularMap& lower);
+
+  /// M(x), its derivatives in x up to `derivatives` (0, 1, 2) and log det, at n points (n × d).
+  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives, MapBatch& out) const;
+  [[nodiscard]] Eigen::MatrixXd evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points) const;
+  [[nodiscard]] Eigen::VectorXd log_determinant(const Eigen::Ref<const Eigen::MatrixXd>& points) const;
+
+  /// ∂M^k(x)/∂a and ∂ log (∂_k M^k)/∂a for the coefficients of component k, n × (n_c + n_e) each.
+  void coefficient_gradients(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::Index k,
+                             Eigen::MatrixXd& value, Eigen::MatrixXd& log_slope) const;
+
+  /// x with M(x) = z, component by component: bracketing, then Newton inside the bracket; |M(x) − z| ≤ 1e-12
+  /// (1 + |z|) wherever the slope allows. Finite for every finite z unless M^k is bounded, which a map with h
+  /// ≡ 0 beyond some point is; there the last point of the search, finite too.
+  [[nodiscard]] Eigen::MatrixXd inverse(const Eigen::Ref<const Eigen::MatrixXd>& z) const;
+
+ private:
+  double invert_component(const MapComponent& component, int k, double target, const Eigen::VectorXd& x,
+                          Eigen::VectorXd& b) const;
+
+  std::vector<MapComponent> components_;
+  TailedHermite basis_;
+  int order_ = 0;
+  Eigen::VectorXd coefficients_;
+};
+
+}  // namespace knothe::transport
