@@ -13,9 +13,11 @@ void check_finite(const nlohmann::ordered_json& value, const std::string& path) 
     throw NumericalError("the result \"" + path + "\" is not finite; it is not printed");
   }
   if (value.is_object()) {
-    for (const auto& [key, member] : value.items()) check_finite(member, path.empty() ? key : path + "." + key);
+    for (const auto& [key, member] : value.items())
+      check_finite(member, path.empty() ? key : path + "." + key);
   } else if (value.is_array()) {
-    for (std::size_t i = 0; i < value.size(); ++i) check_finite(value[i], path + "[" + std::to_string(i) + "]");
+    for (std::size_t i = 0; i < value.size(); ++i)
+      check_finite(value[i], path + "[" + std::to_string(i) + "]");
   }
 }
 

@@ -5,8 +5,8 @@
 
 namespace knothe::files {
 
-/// One line of JSON, without the line end. Throws NumericalError naming the first member that is not finite ("forecast.crack.mean"):
-/// JSON has no NaN, and a null would be taken for a missing value.
+/// One line of JSON, without the line end. Throws NumericalError naming the first member that is not finite
+/// ("forecast.crack.mean"): JSON has no NaN, and a null would be taken for a missing value.
 [[nodiscard]] std::string json_line(const nlohmann::ordered_json& value);
 
 }  // namespace knothe::files

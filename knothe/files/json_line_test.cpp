@@ -17,7 +17,8 @@ TEST(JsonLine, NumbersReadBackToTheSameDouble) {
 }
 
 TEST(JsonLine, NonFiniteNumbersAreRefusedByName) {
-  const nlohmann::ordered_json line = {{"a", 1}, {"b", {{"c", {1.0, std::numeric_limits<double>::quiet_NaN()}}}}};
+  const nlohmann::ordered_json line = {{"a", 1},
+                                       {"b", {{"c", {1.0, std::numeric_limits<double>::quiet_NaN()}}}}};
   try {
     (void)json_line(line);
     FAIL();

@@ -1,0 +1,151 @@
+#include "knothe/files/vtu.hpp"
+
+#include <fmt/format.h>
+
+#include <array>
+#include <bit>
+#include <cctype>
+#include <cmath>
+#include <cstring>
+#include <utility>
+
+#include "knothe/base/error.hpp"
+#include "knothe/files/atomic_file.hpp"
+#include "knothe/files/numbers.hpp"
+
+namespace knothe::files {
+
+namespace {
+
+static_assert(std::endian::native == std::endian::little, "VTU files are written as the memory has them");
+
+constexpr std::array<std::pair<const char*, int>, 14> k_cell_types = {{{"VERTEX", 1},
+                                                                       {"LINE", 3},
+                                                                       {"TRIANGLE", 5},
+                                                                       {"QUAD", 9},
+                                                                       {"TETRA", 10},
+                                                                       {"HEXAHEDRON", 12},
+                                                                       {"WEDGE", 13},
+                                                                       {"PYRAMID", 14},
+                                                                       {"QUADRATIC_EDGE", 21},
+                                                                       {"QUADRATIC_TRIANGLE", 22},
+                                                                       {"QUADRATIC_QUAD", 23},
+                                                                       {"QUADRATIC_TETRA", 24},
+                                                                       {"QUADRATIC_HEXAHEDRON", 25},
+                                                                       {"TRIQUADRATIC_HEXAHEDRON", 29}}};
+
+std::string escaped(const std::string& text) {
+  std::string result;
+  for (const char c : text) {
+    switch (c) {
+      case '&':
+        result += "&amp;";
+        break;
+      case '<':
+        result += "&lt;";
+        break;
+      case '>':
+        result += "&gt;";
+        break;
+      case '"':
+        result += "&quot;";
+        break;
+      default:
+        result += c;
+    }
+  }
+  return result;
+}
+
+/// Collects the binary blocks behind the XML, each preceded by its length.
+class AppendedData {
+ public:
+  /// The DataArray element that refers to the block it adds.
+  template <class T>
+  std::string add(const char* type, const std::string& name, std::size_t components,
+                  std::span<const T> values) {
+    const std::string element = fmt::format(
+        "        <DataArray type=\"{}\" Name=\"{}\" NumberOfComponents=\"{}\" format=\"appended\" "
+        "offset=\"{}\"/>\n",
+        type, escaped(name), components, bytes_.size());
+    const std::uint64_t length = values.size_bytes();
+    bytes_.append(reinterpret_cast<const char*>(&length), sizeof length);
+    bytes_.append(reinterpret_cast<const char*>(values.data()), length);
+    return element;
+  }
+  [[nodiscard]] const std::string& bytes() const { return bytes_; }
+
+ private:
+  std::string bytes_;
+};
+
+std::string add_fields(const std::vector<VtuField>& fields, std::size_t entries, const std::string& path,
+                       AppendedData& data) {
+  std::string xml;
+  for (const VtuField& field : fields) {
+    if (field.values.size() != entries * field.components) {
+      throw UsageError(fmt::format("{}: field {} has {} values, {} x {} are needed", path, field.name,
+                                   field.values.size(), entries, field.components));
+    }
+    for (std::size_t i = 0; i < field.values.size(); ++i) {
+      if (!std::isfinite(field.values[i])) {
+        throw UsageError(fmt::format("{}: field {}[{},{}] is not finite", path, field.name,
+                                     i / field.components, i % field.components));
+      }
+    }
+    xml += data.add("Float64", field.name, field.components, std::span<const double>(field.values));
+  }
+  return xml;
+}
+
+}  // namespace
+
+int vtk_cell_type(const std::string& name) {
+  std::string upper;
+  for (const char c : name) upper += static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
+  if (upper.rfind("VTK_", 0) == 0) upper.erase(0, 4);
+  for (const auto& [known, number] : k_cell_types) {
+    if (upper == known) return number;
+  }
+  return 0;
+}
+
+void write_vtu(const VtuGrid& grid, const std::string& path) {
+  const std::size_t points = grid.points.size() / 3, cells = grid.cells.size() / grid.nodes_per_cell;
+  const int type = vtk_cell_type(grid.type);
+  if (type == 0) throw UsageError(fmt::format("{}: {} is no cell type of VTK known here", path, grid.type));
+  std::vector<std::int64_t> offsets(cells);
+  for (std::size_t i = 0; i < cells; ++i)
+    offsets[i] = static_cast<std::int64_t>((i + 1) * grid.nodes_per_cell);
+  const std::vector<std::uint8_t> types(cells, static_cast<std::uint8_t>(type));
+
+  AppendedData data;
+  std::string xml = fmt::format(
+      "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" "
+      "byte_order=\"LittleEndian\" "
+      "header_type=\"UInt64\">\n  <UnstructuredGrid>\n    <Piece NumberOfPoints=\"{}\" "
+      "NumberOfCells=\"{}\">\n",
+      points, cells);
+  xml += "      <PointData>\n" + add_fields(grid.point_fields, points, path, data) + "      </PointData>\n";
+  xml += "      <CellData>\n" + add_fields(grid.cell_fields, cells, path, data) + "      </CellData>\n";
+  xml +=
+      "      <Points>\n" + data.add("Float64", "Points", 3, grid.points) + "      </Points>\n      <Cells>\n";
+  xml += data.add("Int64", "connectivity", 1, grid.cells);
+  xml += data.add("Int64", "offsets", 1, std::span<const std::int64_t>(offsets));
+  xml += data.add("UInt8", "types", 1, std::span<const std::uint8_t>(types));
+  xml += "      </Cells>\n    </Piece>\n  </UnstructuredGrid>\n  <AppendedData encoding=\"raw\">\n_";
+  write_text_atomically(path, xml + data.bytes() + "\n  </AppendedData>\n</VTKFile>\n");
+}
+
+void write_pvd(std::span<const PvdEntry> entries, const std::string& path) {
+  std::string xml =
+      "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"0.1\" byte_order=\"LittleEndian\">\n  "
+      "<Collection>\n";
+  for (const PvdEntry& entry : entries) {
+    xml += fmt::format("    <DataSet timestep=\"{}\" part=\"0\" file=\"{}\"/>\n", format_number(entry.time),
+                       escaped(entry.file));
+  }
+  write_text_atomically(path, xml + "  </Collection>\n</VTKFile>\n");
+}
+
+}  // namespace knothe::files
