@@ -1,0 +1,215 @@
+#include "knothe/mechanics/snapshot_runs.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <filesystem>
+
+#include "knothe/base/cancellation.hpp"
+#include "knothe/base/error.hpp"
+#include "knothe/base/progress.hpp"
+#include "knothe/files/atomic_file.hpp"
+#include "knothe/files/hdf5.hpp"
+#include "knothe/mechanics/child_processes.hpp"
+
+namespace knothe::mechanics {
+namespace {
+
+/// Counts up whenever the same options give other results: runs of an older program are then not taken for
+/// new ones.
+constexpr int k_results_version = 1;
+
+std::uint64_t fnv1a(std::string_view text) {
+  std::uint64_t hash = 14695981039346656037ull;
+  for (const unsigned char character : text) hash = (hash ^ character) * 1099511628211ull;
+  return hash;
+}
+
+/// Everything a run's result depends on, as text. `processes`, names of axes and references are not in it:
+/// what counts is the physical value.
+std::string key_text(const BeamProblem& problem, const DamageParameters& p) {
+  const auto& beam = problem.beam;
+  const auto& solver = problem.solver;
+  std::string mesh;
+  if (problem.gmsh_file.empty())
+    mesh =
+        fmt::format("beam {:a} {} {:a} {:a} {:a} {:a} {:a} {:a} {:a} {:a} {:a} {:a} {:a} {:a}", beam.element,
+                    beam.layers, beam.length, beam.height, beam.half_thickness, beam.notch_depth,
+                    beam.notch_width, beam.support, beam.load_half_width, beam.refined_half_width,
+                    beam.protected_half_width, beam.protected_depth, beam.growth, beam.largest_element);
+  else
+    mesh = fmt::format("gmsh {:016x}", fnv1a(files::read_text(problem.gmsh_file)));
+  return fmt::format(
+      "version {} | {} | left {} | E {:a} nu {:a} | Y0 {:a} Ad {:a} | {} steps {:a} m | tolerance {:a} {:a} "
+      "| {} {} "
+      "{} {:a} {}",
+      k_results_version, mesh, static_cast<int>(beam.left_support), problem.elastic.young_modulus,
+      problem.elastic.poisson_ratio, p.threshold, p.brittleness, solver.steps, solver.displacement,
+      solver.tolerance, solver.acceptance, solver.newton_iterations, solver.cuts, solver.secant_iterations,
+      solver.activation, static_cast<int>(solver.condensation));
+}
+
+struct Part {
+  std::string key, path;
+  std::vector<double> parameters;  ///< dimensionless
+  DamageParameters physical;
+};
+
+void check_axes(const SnapshotGrid& grid) {
+  if (grid.axes.empty()) throw ProjectError("the offline phase needs at least one parameter axis (Y0 or Ad)");
+  for (const auto& axis : grid.axes) {
+    if (axis.nodes.empty()) throw ProjectError(fmt::format("parameter {}: its axis has no nodes", axis.name));
+    for (std::size_t i = 1; i < axis.nodes.size(); ++i)
+      if (!(axis.nodes[i] > axis.nodes[i - 1]))
+        throw ProjectError(fmt::format("parameter {}: the axis must increase, but node {} is {} after {}",
+                                       axis.name, i, axis.nodes[i], axis.nodes[i - 1]));
+    for (const auto& other : grid.axes)
+      if (&other != &axis && other.name == axis.name)
+        throw ProjectError(fmt::format("parameter {} has two axes", axis.name));
+  }
+  if (grid.processes < 1)
+    throw ProjectError(fmt::format("processes is {}; it must be at least 1", grid.processes));
+  if (grid.parts_folder.empty()) throw ProjectError("no folder is given for the finished runs");
+}
+
+std::string describe_point(const SnapshotGrid& grid, const Part& part) {
+  std::string text;
+  for (std::size_t i = 0; i < grid.axes.size(); ++i)
+    text += fmt::format("{}{} = {:.6g}", i == 0 ? "" : ", ", grid.axes[i].name, part.parameters[i]);
+  return text;
+}
+
+void write_part(const Part& part, const FullOrderResult& result) {
+  files::write_atomically(part.path, [&](const std::string& temporary) {
+    files::Hdf5Writer file(temporary);
+    const std::size_t steps = result.steps.size();
+    file.write("/displacement", result.displacement, {steps, result.displacement.size() / steps},
+               {"m", "displacement"});
+    std::vector<double> records;
+    for (const auto& step : result.steps)
+      for (const double value : {step.reaction_force, step.crack_mouth_opening, step.imposed_displacement,
+                                 step.residual, step.equilibrium ? 1.0 : 0.0})
+        records.push_back(value);
+    file.write("/records", records, {steps, 5},
+               {"1",
+                "reaction force (N), crack-mouth opening (m), imposed displacement (m), residual (1), in "
+                "equilibrium"});
+    file.text_attribute("/", "key", part.key);
+    file.number_attribute("/", "newton_iterations", result.newton_iterations());
+    file.number_attribute("/", "secant_iterations", result.secant_iterations());
+    file.number_attribute("/", "cpu_seconds", result.cpu_seconds);
+    file.close();
+  });
+}
+
+/// Whether the part is there, readable, and of this very run.
+bool part_is_there(const Part& part) {
+  if (!std::filesystem::exists(part.path)) return false;
+  try {
+    const files::Hdf5Reader file(part.path);
+    return file.has("/displacement") && file.has("/records") && file.text_attribute("/", "key") == part.key;
+  } catch (const DataError&) {
+    return false;  // computed again and replaced
+  }
+}
+
+/// Reads a part into its place of the snapshots.
+void read_part(const Part& part, std::size_t index, std::size_t steps, std::size_t dofs, SnapshotRuns& runs) {
+  const files::Hdf5Reader file(part.path);
+  const auto displacement = file.read("/displacement", {steps, dofs});
+  std::copy(displacement.begin(), displacement.end(),
+            runs.snapshots.values.begin() + static_cast<std::ptrdiff_t>(index * steps * dofs));
+  const auto records = file.read("/records", {steps, 5});
+  RunSummary& run = runs.runs[index];
+  for (std::size_t step = 0; step < steps; ++step) {
+    for (std::size_t k = 0; k < 4; ++k)
+      runs.snapshots.outputs[k].values[index * steps + step] = records[5 * step + k];
+    if (records[5 * step + 4] == 0) run.steps_without_equilibrium.push_back(static_cast<int>(step));
+  }
+  run.newton_iterations = static_cast<int>(file.number_attribute("/", "newton_iterations"));
+  run.secant_iterations = static_cast<int>(file.number_attribute("/", "secant_iterations"));
+  run.cpu_seconds = file.number_attribute("/", "cpu_seconds");
+}
+
+std::vector<Part> list_parts(const BeamProblem& problem, const SnapshotGrid& grid,
+                             const reduction::Snapshots& snapshots) {
+  std::vector<Part> parts(snapshots.grid_size());
+  for (std::size_t i = 0; i < parts.size(); ++i) {
+    parts[i].parameters = snapshots.parameters_at(i);
+    parts[i].physical = damage_parameters(problem, grid.axes, parts[i].parameters);
+    parts[i].key = key_text(problem, parts[i].physical);
+    parts[i].path =
+        (std::filesystem::path(grid.parts_folder) / fmt::format("run-{:016x}.h5", fnv1a(parts[i].key)))
+            .string();
+  }
+  return parts;
+}
+
+void compute(FullOrderModel& model, const SnapshotGrid& grid, const std::vector<Part>& parts,
+             const std::vector<std::size_t>& missing) {
+  const auto total = parts.size(), there = parts.size() - missing.size();
+  Progress progress("full-order runs", total, grid.quiet);
+  progress.advance_to(there);
+  const auto kept = [&](std::size_t done) {
+    return fmt::format("{} of {} runs are kept in {}; the same command goes on from there", done, total,
+                       grid.parts_folder);
+  };
+  const auto count_parts = [&] {
+    return kept(static_cast<std::size_t>(std::count_if(parts.begin(), parts.end(), part_is_there)));
+  };
+  try {
+    run_in_processes(
+        static_cast<int>(missing.size()), grid.processes,
+        [&](int job) {
+          const Part& part = parts[missing[static_cast<std::size_t>(job)]];
+          write_part(part, model.run(part.physical));
+        },
+        [&](int done) { progress.advance_to(there + static_cast<std::size_t>(done)); }, count_parts);
+  } catch (const JobFailure& failure) {
+    const std::size_t run = missing[static_cast<std::size_t>(failure.job)];
+    if (failure.exit_status == static_cast<int>(ExitStatus::interrupted))
+      throw Interrupted("interrupted; " + count_parts());
+    const std::string what = fmt::format("full-order run {} of {} ({}) failed: {}; {}", run + 1, total,
+                                         describe_point(grid, parts[run]), failure.message, count_parts());
+    if (failure.exit_status == static_cast<int>(ExitStatus::io)) throw IoError(what);
+    throw NumericalError(what +
+                         " (killed by signal 9 usually means that memory ran out: use fewer processes)");
+  }
+}
+
+}  // namespace
+
+SnapshotRuns run_snapshots(const BeamProblem& problem, const SnapshotGrid& grid) {
+  check_axes(grid);
+  FullOrderModel model = make_full_order_model(problem);
+  const auto steps = static_cast<std::size_t>(problem.solver.steps);
+  const auto dofs = static_cast<std::size_t>(model.structure().dof_count());
+
+  SnapshotRuns runs;
+  runs.snapshots = as_snapshots(problem, model.structure(), {});
+  runs.snapshots.axes = grid.axes;
+  const std::vector<Part> parts = list_parts(problem, grid, runs.snapshots);
+  std::error_code failed;
+  std::filesystem::create_directories(grid.parts_folder, failed);
+  if (failed)
+    throw IoError(
+        fmt::format("cannot make the folder {} for finished runs: {}", grid.parts_folder, failed.message()));
+
+  runs.runs.resize(parts.size());
+  std::vector<std::size_t> missing;
+  for (std::size_t i = 0; i < parts.size(); ++i) {
+    runs.runs[i].parameters = parts[i].parameters;
+    runs.runs[i].resumed = part_is_there(parts[i]);
+    if (!runs.runs[i].resumed) missing.push_back(i);
+  }
+  if (!missing.empty()) compute(model, grid, parts, missing);
+
+  runs.snapshots.values.resize(parts.size() * steps * dofs);
+  for (auto& output : runs.snapshots.outputs) output.values.resize(parts.size() * steps);
+  for (std::size_t i = 0; i < parts.size(); ++i) read_part(parts[i], i, steps, dofs, runs);
+  reduction::validate(runs.snapshots, "full-order runs");
+  return runs;
+}
+
+}  // namespace knothe::mechanics
