@@ -60,4 +60,9 @@ void write_model(const ModelContents& contents, const std::string& path);
 /// Reads and validates. Missing, truncated, of another schema: DataError that says what to do.
 [[nodiscard]] ModelContents read_model(const std::string& path);
 
+/// Writes one field `values` [n_dof] at model time `time` for ParaView (.vtu): the displacement vector on the
+/// mesh points. DataError if the model has no mesh or no dofs; IoError.
+void write_field(const ModelContents& contents, std::span<const double> values, double time,
+                 const std::string& path);
+
 }  // namespace knothe::reduction

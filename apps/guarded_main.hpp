@@ -1,0 +1,34 @@
+#pragma once
+/// @file What both programs do around a command: errors become a message and an exit status.
+#include <cstdio>
+#include <exception>
+#include <functional>
+#include <new>
+#include <string>
+
+#include "knothe/base/cancellation.hpp"
+#include "knothe/base/error.hpp"
+
+namespace knothe {
+
+/// Runs `command`; returns its exit status, or that of the Error it threw after printing the message to stderr.
+inline int guarded_main(const char* program, const std::function<int()>& command) {
+  install_signal_handlers();
+  try {
+    return command();
+  } catch (const ProjectError& error) {
+    // Project errors carry file:line:column themselves.
+    std::fprintf(stderr, "%s\n", error.what());
+    return static_cast<int>(error.status());
+  } catch (const Error& error) {
+    std::fprintf(stderr, "%s: error: %s\n", program, error.what());
+    return static_cast<int>(error.status());
+  } catch (const std::bad_alloc&) {
+    std::fprintf(stderr, "%s: error: out of memory\n", program);
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "%s: internal error: %s\n", program, error.what());
+  }
+  return static_cast<int>(ExitStatus::internal);
+}
+
+}  // namespace knothe

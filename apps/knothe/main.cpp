@@ -1,0 +1,174 @@
+/// @file `knothe`: the command line of the online program. Parsing only; each command is a file of its own.
+#include <CLI/CLI.hpp>
+#include <functional>
+#include <string>
+
+#include "apps/guarded_main.hpp"
+#include "apps/knothe/commands.hpp"
+#include "knothe/base/version.hpp"
+
+namespace {
+
+using namespace knothe::commands;  // NOLINT: this file is about nothing else
+using Command = std::function<int()>;
+
+/// A subcommand with a description and one worked example.
+CLI::App& add(CLI::App& parent, const std::string& name, const std::string& meaning, const std::string& example) {
+  CLI::App& command = *parent.add_subcommand(name, meaning);
+  command.footer("Example:\n  " + example);
+  return command;
+}
+
+void add_offline(CLI::App& app, Command& chosen) {
+  static std::string project, model, method;
+  static bool json = false;
+  CLI::App& command = add(app, "offline", "Builds the reduced model of a project (runs knothe-offline).",
+                          "knothe offline examples/beam/quick.toml -o beam.h5");
+  command.add_option("FILE", project, "project file")->required();
+  command.add_option("-o,--output", model, "model file to write")->required();
+  command.add_option("--method", method, "how: snapshots");
+  command.add_flag("--json", json, "JSON lines on stdout");
+  command.callback([&] {
+    chosen = [] {
+      std::vector<std::string> words = {"offline", project, "-o", model};
+      if (!method.empty()) words.insert(words.end(), {"--method", method});
+      if (json) words.emplace_back("--json");
+      return run_sibling(words);
+    };
+  });
+}
+
+void add_verify(CLI::App& model, Command& chosen) {
+  static std::string project, file;
+  static int points = 5;
+  static unsigned long seed = 1;
+  static bool json = false;
+  CLI::App& command = add(model, "verify", "Error of a model against full-order runs (runs knothe-offline).",
+                          "knothe model verify beam.toml beam.h5 --points 5 --seed 1");
+  command.add_option("FILE", project, "project file with [offline]")->required();
+  command.add_option("MODEL", file, "model file")->required();
+  command.add_option("--points", points, "number of parameter points not used to build the model")->capture_default_str();
+  command.add_option("--seed", seed, "seed of the points")->capture_default_str();
+  command.add_flag("--json", json, "JSON lines on stdout");
+  command.callback([&] {
+    chosen = [] {
+      std::vector<std::string> words = {"verify",         project,  file,
+                                        "--points",       std::to_string(points),
+                                        "--seed",         std::to_string(seed)};
+      if (json) words.emplace_back("--json");
+      return run_sibling(words);
+    };
+  });
+}
+
+void add_model(CLI::App& app, Command& chosen) {
+  static ModelArguments info;
+  static EvaluateArguments evaluate;
+  static ImportArguments import;
+  CLI::App& model = *app.add_subcommand("model", "Looks at, evaluates, makes and verifies separated models.");
+  model.require_subcommand(1);
+
+  CLI::App& info_command = add(model, "info", "Modes, axes, sizes, units, build record, error estimate.",
+                               "knothe model info beam.h5");
+  info_command.add_option("MODEL", info.model, "model file")->required();
+  info_command.add_flag("--json", info.json, "one line of JSON");
+  info_command.callback([&chosen] { chosen = [] { return model_info(info); }; });
+
+  CLI::App& evaluate_command =
+      add(model, "evaluate", "Values and derivatives at a parameter point and step, or the whole field.",
+          "knothe model evaluate beam.h5 --at Y0=1,Ad=0.9 --step 20 --dofs 0,1 --derivatives --json");
+  evaluate_command.add_option("MODEL", evaluate.model, "model file")->required();
+  evaluate_command.add_option("--at", evaluate.at, "NAME=VALUE,… for every parameter")->required();
+  evaluate_command.add_option("--step", evaluate.step, "index of the time step, from 0")->required();
+  evaluate_command.add_option("--dofs", evaluate.dofs, "indices of dofs; all without it")->delimiter(',');
+  evaluate_command.add_flag("--derivatives", evaluate.derivatives, "gradient and Hessian too");
+  evaluate_command.add_flag("--json", evaluate.json, "one line of JSON");
+  evaluate_command.add_option("-o,--output", evaluate.output, "field file to write (.vtu)");
+  evaluate_command.callback([&chosen] { chosen = [] { return model_evaluate(evaluate); }; });
+
+  CLI::App& import_command = add(model, "import", "Separated model from any solver's snapshots.",
+                                 "knothe model import snapshots.h5 -o model.h5 --form tree --modes 30");
+  import_command.add_option("SNAPSHOTS", import.snapshots, "snapshot file")->required();
+  import_command.add_option("-o,--output", import.output, "model file to write")->required();
+  import_command.add_option("--form", import.form, "canonical or tree")
+      ->check(CLI::IsMember({"canonical", "tree"}))
+      ->capture_default_str();
+  import_command.add_option("--modes", import.modes, "number of modes")->check(CLI::PositiveNumber);
+  import_command.add_option("--tolerance", import.tolerance, "relative L² error")->check(CLI::PositiveNumber);
+  import_command.callback([&chosen] { chosen = [] { return model_import(import); }; });
+  add_verify(model, chosen);
+}
+
+void add_simulate(CLI::App& app, Command& chosen) {
+  static SimulateArguments arguments;
+  CLI::App& command = add(app, "simulate", "Synthetic measurements from the reduced or the full-order model.",
+                          "knothe simulate examples/beam/quick.toml --model beam.h5 -o data.h5 --seed 1");
+  command.add_option("FILE", arguments.project, "project file")->required();
+  command.add_option("--model", arguments.model, "reduced model; without it the full-order model is run");
+  command.add_option("-o,--output", arguments.output, "measurement file to write")->required();
+  command.add_option("--seed", arguments.seed, "seed of nodes and noise");
+  command.callback([&chosen] { chosen = [] { return simulate(arguments); }; });
+}
+
+void add_assimilate(CLI::App& app, Command& chosen) {
+  static AssimilateArguments arguments;
+  CLI::App& command = add(app, "assimilate", "Sequential assimilation of recorded data.",
+                          "knothe assimilate examples/beam/quick.toml -o results/");
+  command.add_option("FILE", arguments.project, "project file")->required();
+  command.add_option("--method", arguments.method, "transport or grid")->check(CLI::IsMember({"transport", "grid"}));
+  command.add_flag("--json", arguments.json, "one line of JSON per step on stdout");
+  command.add_option("-o,--output", arguments.results, "folder for results");
+  command.callback([&chosen] { chosen = [] { return assimilate(arguments); }; });
+}
+
+void add_forecast(CLI::App& app, Command& chosen) {
+  static ForecastArguments arguments;
+  CLI::App& command = add(app, "forecast", "Forecasts of quantities of interest from the results.",
+                          "knothe forecast examples/beam/quick.toml --json");
+  command.add_option("FILE", arguments.project, "project file")->required();
+  command.add_flag("--json", arguments.json, "one line of JSON");
+  command.callback([&chosen] { chosen = [] { return forecast(arguments); }; });
+}
+
+void add_report(CLI::App& app, Command& chosen) {
+  static ReportArguments arguments;
+  CLI::App& command = add(app, "report", "A self-contained page of figures and tables.",
+                          "knothe report results/ -o report.html");
+  command.add_option("RESULTS", arguments.results, "folder of results")->required();
+  command.add_option("-o,--output", arguments.output, "page to write (.html)")->required();
+  command.callback([&chosen] { chosen = [] { return report(arguments); }; });
+}
+
+void add_check(CLI::App& app, Command& chosen) {
+  static CheckArguments arguments;
+  CLI::App& command = add(app, "check", "Validates a project file completely, runs nothing.",
+                          "knothe check examples/beam/beam.toml");
+  command.add_option("FILE", arguments.project, "project file");
+  command.add_flag("--options", arguments.options, "print the reference of all options instead");
+  command.callback([&chosen] { chosen = [] { return check(arguments); }; });
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app(
+      "Real-time Bayesian data assimilation: measurements in, posterior and forecast out.\n"
+      "Start with examples/beam/quick.toml, or `make demo`.",
+      "knothe");
+  app.set_version_flag("--version", std::string("knothe ") + knothe::k_version);
+  app.require_subcommand(1);
+  Command chosen;
+  add_check(app, chosen);
+  add_offline(app, chosen);
+  add_model(app, chosen);
+  add_simulate(app, chosen);
+  add_assimilate(app, chosen);
+  add_forecast(app, chosen);
+  add_report(app, chosen);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : static_cast<int>(knothe::ExitStatus::usage);
+  }
+  return knothe::guarded_main("knothe", chosen);
+}

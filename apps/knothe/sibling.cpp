@@ -1,0 +1,51 @@
+#include <fmt/format.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+
+#include "apps/knothe/commands.hpp"
+#include "knothe/base/error.hpp"
+
+namespace knothe::commands {
+namespace {
+
+/// `knothe-offline` beside this program, or else by name on the PATH.
+std::string sibling_program() {
+  std::error_code ignored;
+  const std::filesystem::path self = std::filesystem::read_symlink("/proc/self/exe", ignored);
+  const std::filesystem::path beside = self.parent_path() / "knothe-offline";
+  return !ignored && std::filesystem::exists(beside, ignored) ? beside.string() : "knothe-offline";
+}
+
+}  // namespace
+
+int run_sibling(const std::vector<std::string>& words) {
+  const std::string program = sibling_program();
+  std::vector<char*> arguments = {const_cast<char*>(program.c_str())};
+  for (const std::string& word : words) arguments.push_back(const_cast<char*>(word.c_str()));
+  arguments.push_back(nullptr);
+  const pid_t child = fork();
+  if (child < 0) throw system_error("starting", program);
+  if (child == 0) {
+    execvp(program.c_str(), arguments.data());
+    _exit(errno == ENOENT ? 127 : 126);
+  }
+  int status = 0;
+  while (waitpid(child, &status, 0) < 0 && errno == EINTR) {
+  }
+  if (WIFEXITED(status) && WEXITSTATUS(status) < 126) return WEXITSTATUS(status);
+  if (WIFEXITED(status) && WEXITSTATUS(status) >= 128) return WEXITSTATUS(status);
+  if (WIFEXITED(status)) {
+    throw Error(ExitStatus::internal,
+                fmt::format("`knothe {}` is done by knothe-offline, which is not installed: build it with "
+                            "-DKNOTHE_OFFLINE=ON (needs libdeal.ii-dev; `make build` does both) and put it beside knothe",
+                            words.front()));
+  }
+  throw Error(ExitStatus::internal,
+              fmt::format("knothe-offline was ended by signal {} ({})", WTERMSIG(status), strsignal(WTERMSIG(status))));
+}
+
+}  // namespace knothe::commands

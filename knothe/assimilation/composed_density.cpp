@@ -1,0 +1,99 @@
+#include "knothe/assimilation/composed_density.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <vector>
+
+#include "knothe/assimilation/sequential_update.hpp"
+
+namespace knothe::assimilation {
+
+void ComposedStepDensity::set(const transport::ComposedMap& previous, const StepForm& datum) {
+  previous_ = &previous;
+  likelihood_.set_form(datum);
+}
+
+void ComposedStepDensity::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& x, int derivatives,
+                                   transport::LogDensityBatch& out) {
+  const Eigen::Index n = x.rows(), d = dimension(), packed = d * (d + 1) / 2;
+  map_.resize(n, d, derivatives);
+  previous_->evaluate(x, derivatives, map_);
+  inner_.resize(n, d, derivatives);
+  likelihood_.evaluate_standardised_likelihood(map_.value, derivatives, inner_);
+  out.value = inner_.value;
+  // Chain rule through z = M^c(x): ∇ = Jᵀ ∇_z and ∇² = Jᵀ ∇²_z J + Σ_i (∂log π/∂z_i) ∇² M^c_i.
+  if (derivatives >= 1) {
+    out.gradient.setZero();
+    for (Eigen::Index i = 0; i < d; ++i) {
+      for (Eigen::Index a = 0; a < d; ++a) {
+        out.gradient.col(a).array() += inner_.gradient.col(i).array() * map_.jacobian.col(i * d + a).array();
+      }
+    }
+  }
+  if (derivatives >= 2) {
+    out.hessian.setZero();
+    for (Eigen::Index a = 0; a < d; ++a) {
+      for (Eigen::Index b = 0; b <= a; ++b) {
+        const Eigen::Index ab = transport::packed_index(a, b);
+        auto entry = out.hessian.col(ab).array();
+        for (Eigen::Index i = 0; i < d; ++i) {
+          entry += inner_.gradient.col(i).array() * map_.hessian.col(i * packed + ab).array();
+          for (Eigen::Index j = 0; j < d; ++j) {
+            entry += inner_.hessian.col(transport::packed_index(i, j)).array() * map_.jacobian.col(i * d + a).array() *
+                     map_.jacobian.col(j * d + b).array();
+          }
+        }
+      }
+    }
+  }
+  add_standard_normal(x, derivatives, out);
+}
+
+PushedPoints push_forward(transport::LogDensity& target, const Eigen::MatrixXd& reference,
+                          const transport::MapBatch& pushed) {
+  const Eigen::Index n = reference.rows();
+  transport::LogDensityBatch batch;
+  batch.resize(n, reference.cols(), 0);
+  target.evaluate(pushed.value, 0, batch);
+  const Eigen::ArrayXd log_weight = batch.value.array() + pushed.log_determinant.array() -
+                                    transport::standard_normal_log_density(reference).array();
+  const double largest = log_weight.maxCoeff(), count = static_cast<double>(n);
+  const Eigen::ArrayXd weight = (log_weight - largest).exp();
+  const double sum = weight.sum();
+  PushedPoints result;
+  result.weights = weight / sum;
+  result.effective_sample_size = 1 / (result.weights.squaredNorm() * count);
+  result.log_evidence = largest + std::log(sum / count);
+  result.log_evidence_lower_bound = log_weight.mean();
+  result.variance_diagnostic = 0.5 * (log_weight - log_weight.mean()).square().mean();
+  return result;
+}
+
+Eigen::MatrixXd weighted_quantiles(const Eigen::MatrixXd& points, const Eigen::VectorXd& weights) {
+  const Eigen::Index n = points.rows(), d = points.cols();
+  Eigen::MatrixXd quantiles(d, static_cast<Eigen::Index>(k_quantile_levels.size()));
+  std::vector<Eigen::Index> order(static_cast<std::size_t>(n));
+  for (Eigen::Index k = 0; k < d; ++k) {
+    std::iota(order.begin(), order.end(), Eigen::Index{0});
+    std::sort(order.begin(), order.end(),
+              [&](Eigen::Index a, Eigen::Index b) { return points(a, k) < points(b, k); });
+    // Point i stands for the level in the middle of its weight; between points the quantile function is linear.
+    double before = 0, last_level = 0, last_point = points(order[0], k);
+    std::size_t next = 0;
+    for (Eigen::Index index : order) {
+      const double level = before + 0.5 * weights[index], point = points(index, k);
+      while (next < k_quantile_levels.size() && level >= k_quantile_levels[next]) {
+        const double t = level > last_level ? (k_quantile_levels[next] - last_level) / (level - last_level) : 1;
+        quantiles(k, static_cast<Eigen::Index>(next++)) = last_point + t * (point - last_point);
+      }
+      before += weights[index];
+      last_level = level;
+      last_point = point;
+    }
+    for (; next < k_quantile_levels.size(); ++next) quantiles(k, static_cast<Eigen::Index>(next)) = last_point;
+  }
+  return quantiles;
+}
+
+}  // namespace knothe::assimilation

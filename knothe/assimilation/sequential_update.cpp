@@ -1,0 +1,270 @@
+#include "knothe/assimilation/sequential_update.hpp"
+
+#include <fmt/format.h>
+
+#include <cassert>
+#include <chrono>
+#include <cmath>
+
+#include "knothe/assimilation/composed_density.hpp"
+#include "knothe/assimilation/grid_posterior.hpp"
+#include "knothe/assimilation/maximum_a_posteriori.hpp"
+#include "knothe/base/error.hpp"
+
+namespace knothe::assimilation {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double microseconds_since(Clock::time_point start) {
+  return std::chrono::duration<double, std::micro>(Clock::now() - start).count();
+}
+
+std::shared_ptr<const PriorTransform> make_transform(const reduction::ObservedModel& model, std::vector<Prior> priors) {
+  const Eigen::VectorXd lower = model.functions->lower(), upper = model.functions->upper();
+  assert(static_cast<Eigen::Index>(priors.size()) == lower.size());
+  for (std::size_t k = 0; k < priors.size(); ++k) {
+    const auto i = static_cast<Eigen::Index>(k);
+    const std::string name = k < model.parameters.size() ? model.parameters[k] : fmt::format("{}", k);
+    priors[k] = priors[k].truncated(lower[i], upper[i], name);
+  }
+  return std::make_shared<const PriorTransform>(std::move(priors));
+}
+
+/// The priors' medians: a point in the middle of what is believed, where w₀ is taken.
+Eigen::VectorXd medians(const PriorTransform& transform) {
+  Eigen::VectorXd p(transform.dimension());
+  for (Eigen::Index k = 0; k < p.size(); ++k) p[k] = transform.prior(k).from_standard_normal(0).value;
+  return p;
+}
+
+std::string explain(const UpdateResult& r, const std::string& reason) {
+  std::string text = reason;
+  const auto add = [&](const std::string& more) { text += (text.empty() ? "" : "; ") + more; };
+  if (r.second_mode_found) add("a second mode was found");
+  if (r.variance_diagnostic > 0.05) add(fmt::format("the variance diagnostic {:.2g} is above 0.05", r.variance_diagnostic));
+  if (r.effective_sample_size < 0.9) {
+    add(fmt::format("the effective sample size {:.0f} % is below 90 %", 100 * r.effective_sample_size));
+  }
+  return text;
+}
+
+}  // namespace
+
+/// The maps so far, composed, and the target of the next one.
+struct SequentialUpdate::Composition {
+  Composition(const reduction::ObservedModel& model, std::shared_ptr<const PriorTransform> transform,
+              const Eigen::VectorXd& central)
+      : map(transform->dimension()), density(CollapsedLogDensity(model.functions, std::move(transform), central)) {}
+
+  transport::ComposedMap map;  ///< M_1 ∘ … ∘ M_i, Eq. 10
+  ComposedStepDensity density;
+  transport::MapBatch batch;
+};
+
+SequentialUpdate::SequentialUpdate(std::shared_ptr<const reduction::ObservedModel> model, NoiseModel noise,
+                                   std::vector<Prior> priors, UpdateOptions options)
+    : options_(std::move(options)),
+      transform_(make_transform(*model, std::move(priors))),
+      projector_(model, std::move(noise), medians(*transform_)),
+      target_(model->functions, transform_, projector_.central_functions()),
+      solver_(options_.map),
+      sum_(StepForm::zero(model->functions->count())) {
+  correction_.levels.assign(k_quantile_levels.begin(), k_quantile_levels.end());
+  if (options_.form == UpdateOptions::Form::composed) {
+    composition_ = std::make_unique<Composition>(*model, transform_, projector_.central_functions());
+  }
+}
+
+SequentialUpdate::~SequentialUpdate() = default;
+
+std::vector<Prior> SequentialUpdate::priors() const {
+  std::vector<Prior> priors;
+  for (Eigen::Index k = 0; k < transform_->dimension(); ++k) priors.push_back(transform_->prior(k));
+  return priors;
+}
+
+std::vector<std::size_t> SequentialUpdate::steps() const {
+  std::vector<std::size_t> steps;
+  for (const auto& [step, datum] : data_) steps.push_back(step);
+  return steps;
+}
+
+const UpdateResult& SequentialUpdate::update(std::size_t step, std::size_t time_index,
+                                             const Eigen::Ref<const Eigen::VectorXd>& values) {
+  if (data_.contains(step)) {
+    throw UsageError(fmt::format("step {} is assimilated already: take it out before putting it back", step));
+  }
+  const auto start = Clock::now();
+  const bool in_order = data_.empty() || data_.rbegin()->first < step;
+  Datum& datum = data_[step];
+  projector_.project(time_index, values, datum.form);
+  datum.time = projector_.model().time[time_index];
+  const double projection = microseconds_since(start);
+  if (in_order) {
+    sum_.add(datum.form);
+    recompute(step);
+  } else {
+    replay();
+  }
+  result_.elapsed_us.projection = projection;
+  return result_;
+}
+
+const UpdateResult& SequentialUpdate::remove(std::size_t step) {
+  if (data_.erase(step) == 0) throw UsageError(fmt::format("step {} is not assimilated: there is nothing to take out", step));
+  replay();
+  return result_;
+}
+
+void SequentialUpdate::replay() {
+  result_ = {};
+  posterior_ = {};
+  if (composition_) composition_->map = transport::ComposedMap(transform_->dimension());
+  // In the order of the steps, so that the sums are those of data that came in that order, to the bit. Composed maps need every
+  // step; the collapsed posterior only the last one, and the one before it for the increment of the evidence.
+  sum_ = StepForm::zero(projector_.central_functions().size());
+  std::size_t left = data_.size();
+  for (const auto& [step, datum] : data_) {
+    sum_.add(datum.form);
+    if (composition_ || left-- <= 2) recompute(step);
+  }
+}
+
+void SequentialUpdate::recompute(std::size_t step) {
+  const auto here = data_.find(step);
+  const Datum& datum = here->second;
+  result_ = {};
+  result_.step = step;
+  result_.time = datum.time;
+  result_.used = datum.form.used;
+  result_.missing = datum.form.missing;
+  target_.set_form(sum_);
+  if (options_.kind == UpdateOptions::Kind::grid) {
+    by_grid();
+  } else if (composition_) {
+    by_composed_maps(step);
+  } else {
+    by_collapsed_map();
+  }
+  const auto start = Clock::now();
+  result_.maximum_a_posteriori = maximum_a_posteriori(target_, *transform_, result_.mean);
+  result_.elapsed_us.correction += microseconds_since(start);
+  result_.log_evidence_increment =
+      result_.log_evidence - (here == data_.begin() ? 0.0 : std::prev(here)->second.log_evidence);
+  here->second.log_evidence = result_.log_evidence;
+}
+
+void SequentialUpdate::by_grid() {
+  const auto start = Clock::now();
+  const auto p_of_z = [&](Eigen::Index k, double z) { return transform_->prior(k).from_standard_normal(z).value; };
+  const GridPosterior grid = grid_posterior(target_, p_of_z);
+  result_.mean = result_.map_mean = grid.mean;
+  result_.covariance = result_.map_covariance = grid.covariance;
+  result_.log_evidence = result_.log_evidence_lower_bound = grid.log_evidence;
+  const Eigen::Index d = transform_->dimension();
+  Eigen::MatrixXd quantiles(d, static_cast<Eigen::Index>(k_quantile_levels.size()));
+  for (Eigen::Index k = 0; k < d; ++k) {
+    for (Eigen::Index j = 0; j < quantiles.cols(); ++j) quantiles(k, j) = grid.quantile(k, k_quantile_levels[j]);
+  }
+  set_quantiles(quantiles);
+  GridPoints points = grid_points(target_, grid);
+  posterior_.points.resize(points.points.rows(), d);
+  transform_->evaluate(points.points, 0, posterior_.points, no_derivatives_, no_derivatives_);
+  posterior_.weights = std::move(points.weights);
+  result_.trusted = result_.tolerance_reached = grid.resolved;
+  if (!grid.resolved) result_.remark = "the posterior is too narrow for the grid: use method.kind = \"transport\"";
+  result_.elapsed_us.map = microseconds_since(start);
+}
+
+void SequentialUpdate::by_collapsed_map() {
+  const auto start = Clock::now();
+  solver_.solve(target_, map_);
+  result_.elapsed_us.map = microseconds_since(start);
+  const auto correction_start = Clock::now();
+  solver_.correct(target_, map_, correction_);
+  take(map_, correction_);
+  result_.elapsed_us.correction = microseconds_since(correction_start);
+}
+
+void SequentialUpdate::by_composed_maps(std::size_t step) {
+  const auto start = Clock::now();
+  Composition& composition = *composition_;
+  composition.density.set(composition.map, data_.at(step).form);
+  solver_.solve(composition.density, map_);
+  composition.map.append(map_.pre_map);
+  composition.map.append(map_.map);
+  const bool last_reached = map_.tolerance_reached;
+  const std::string last_reason = map_.reason;
+  const int last_order = map_.order;
+
+  // The composition as a whole is judged, and corrected, against the whole posterior.
+  const auto correction_start = Clock::now();
+  composition.batch.resize(map_.verification.reference.rows(), transform_->dimension(), 0);
+  composition.map.evaluate(map_.verification.reference, 0, composition.batch);
+  const PushedPoints pushed = push_forward(target_, map_.verification.reference, composition.batch);
+  if (pushed.effective_sample_size < 0.9) {
+    // Errors of a hundred maps add up: begin anew with one map of the whole posterior, which is at hand.
+    by_collapsed_map();
+    composition.map = transport::ComposedMap(transform_->dimension());
+    composition.map.append(map_.pre_map);
+    composition.map.append(map_.map);
+    result_.remark += fmt::format("{}the composition was begun anew: its effective sample size had come to {:.0f} %",
+                                  result_.remark.empty() ? "" : "; ", 100 * pushed.effective_sample_size);
+    return;
+  }
+  result_.map_order = last_order;
+  result_.tolerance_reached = last_reached;
+  result_.second_mode_found = map_.second_mode_found;
+  result_.variance_diagnostic = pushed.variance_diagnostic;
+  result_.effective_sample_size = pushed.effective_sample_size;
+  result_.log_evidence = pushed.log_evidence;
+  result_.log_evidence_lower_bound = pushed.log_evidence_lower_bound;
+  result_.trusted =
+      pushed.variance_diagnostic <= 0.05 && pushed.effective_sample_size >= 0.9 && !map_.second_mode_found;
+  set_moments(composition.batch.value, pushed.weights);
+  set_quantiles(weighted_quantiles(composition.batch.value, pushed.weights));
+  result_.remark = explain(result_, last_reason);
+  result_.elapsed_us.map = std::chrono::duration<double, std::micro>(correction_start - start).count();
+  result_.elapsed_us.correction = microseconds_since(correction_start);
+}
+
+void SequentialUpdate::take(const transport::MapResult& map, const transport::ImportanceCorrection& correction) {
+  result_.map_order = map.order;
+  result_.variance_diagnostic = map.verified_diagnostic;
+  result_.tolerance_reached = map.tolerance_reached;
+  result_.second_mode_found = map.second_mode_found;
+  result_.effective_sample_size = correction.ess;
+  result_.log_evidence = correction.log_evidence;
+  result_.log_evidence_lower_bound = correction.map_log_evidence;
+  result_.trusted = correction.trusted;
+  set_moments(correction.points, correction.weights);
+  set_quantiles(correction.quantiles);
+  result_.remark = explain(result_, map.reason);
+}
+
+void SequentialUpdate::set_moments(const Eigen::MatrixXd& z, const Eigen::VectorXd& weights) {
+  posterior_.points.resize(z.rows(), z.cols());
+  transform_->evaluate(z, 0, posterior_.points, no_derivatives_, no_derivatives_);
+  posterior_.weights = weights;
+  const Eigen::MatrixXd& p = posterior_.points;
+  result_.mean.noalias() = p.transpose() * weights;
+  result_.map_mean = p.colwise().mean();
+  const Eigen::MatrixXd centred = p.rowwise() - result_.mean.transpose();
+  result_.covariance.noalias() = centred.transpose() * weights.asDiagonal() * centred;
+  const Eigen::VectorXd offset = result_.map_mean - result_.mean;
+  result_.map_covariance.noalias() = centred.transpose() * centred / static_cast<double>(p.rows());
+  result_.map_covariance.noalias() -= offset * offset.transpose();
+}
+
+void SequentialUpdate::set_quantiles(const Eigen::MatrixXd& z_quantiles) {
+  // p(z) is monotone, coordinate by coordinate: quantiles go through it.
+  result_.quantiles.resize(z_quantiles.rows(), z_quantiles.cols());
+  for (Eigen::Index k = 0; k < z_quantiles.rows(); ++k) {
+    for (Eigen::Index j = 0; j < z_quantiles.cols(); ++j) {
+      result_.quantiles(k, j) = transform_->prior(k).from_standard_normal(z_quantiles(k, j)).value;
+    }
+  }
+}
+
+}  // namespace knothe::assimilation

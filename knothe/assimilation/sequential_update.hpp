@@ -1,0 +1,134 @@
+#pragma once
+/// @file The sequential Bayesian update (Rubio et al. 2019, §2.1 and §2.2.3): data in, one by one; posterior out, each time.
+#include <Eigen/Core>
+#include <array>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "knothe/assimilation/collapsed_posterior.hpp"
+#include "knothe/assimilation/noise_model.hpp"
+#include "knothe/assimilation/prior.hpp"
+#include "knothe/reduction/observed_model.hpp"
+#include "knothe/transport/map_solver.hpp"
+
+namespace knothe::assimilation {
+
+/// Levels at which posterior quantiles are given.
+inline constexpr std::array<double, 5> k_quantile_levels = {0.025, 0.25, 0.5, 0.75, 0.975};
+
+struct UpdateOptions {
+  /// How the posterior is computed: transport map, or dense quadrature (the plain answer, at most 3 parameters).
+  enum class Kind { transport, grid } kind = Kind::transport;
+  /// All data in one quadratic form and one map (constant cost, no accumulated error), or a composition of one
+  /// low-order map per datum (Rubio et al. 2019, Eq. 10-11).
+  enum class Form { collapsed, composed } form = Form::collapsed;
+  transport::MapSolverOptions map;  ///< tolerance, orders, minimiser, number of points, seed
+};
+
+/// Wall-clock time of each phase of an update, µs.
+struct UpdateTimes {
+  double projection = 0;  ///< datum → quadratic form
+  double map = 0;         ///< maximum, pre-map, adaptive map, verification
+  double correction = 0;  ///< importance weights, moments, quantiles, evidence
+  [[nodiscard]] double total() const { return projection + map + correction; }
+};
+
+/// What an update did, and the posterior it found. Parameters p in the order of the priors.
+struct UpdateResult {
+  std::size_t step = 0;
+  double time = 0;  ///< model time
+
+  Eigen::VectorXd mean;                   ///< d, importance-corrected
+  Eigen::MatrixXd covariance;             ///< d × d, importance-corrected
+  Eigen::MatrixXd quantiles;              ///< d × levels, importance-corrected
+  Eigen::VectorXd maximum_a_posteriori;   ///< d, maximises the density in p
+  Eigen::VectorXd map_mean;               ///< d, of the map alone
+  Eigen::MatrixXd map_covariance;         ///< d × d, of the map alone
+
+  double log_evidence = 0;              ///< log p(d₀ … d_i), all constants included
+  double log_evidence_increment = 0;    ///< log p(d_i | d₀ … d_{i−1})
+  double log_evidence_lower_bound = 0;  ///< of the map, Eq. 24: low by the Kullback-Leibler divergence
+
+  int map_order = 0;                   ///< 0 for the grid
+  double variance_diagnostic = 0;      ///< Eq. 9, verified on points other than the training ones
+  bool tolerance_reached = true;
+  double effective_sample_size = 1;    ///< fraction
+  bool second_mode_found = false;
+  bool trusted = true;                 ///< diagnostic ≤ 0.05, effective sample size ≥ 0.9, no second mode
+  std::string remark;                  ///< why the tolerance was not reached or the result is not trusted; else empty
+
+  Eigen::Index used = 0, rejected = 0, missing = 0;  ///< values of this datum
+  UpdateTimes elapsed_us;
+};
+
+/// Weighted points of the posterior: what a forecast is made of.
+struct WeightedPosterior {
+  Eigen::MatrixXd points;   ///< n × d, p
+  Eigen::VectorXd weights;  ///< n, sum 1
+};
+
+/// Sequential assimilation. The posterior is a function of the set of data alone: each map depends only on the collapsed form (and,
+/// for composed maps, on the data in the order of their steps), so a replay is bit-identical, and a step that is taken out
+/// leaves no trace.
+class SequentialUpdate {
+ public:
+  /// `priors`: one per parameter, in the order of the model's functions; each is truncated to the model's box here.
+  /// Throws ProjectError for a prior with too little mass in the box.
+  SequentialUpdate(std::shared_ptr<const reduction::ObservedModel> model, NoiseModel noise, std::vector<Prior> priors,
+                   UpdateOptions options = {});
+  ~SequentialUpdate();
+
+  /// Assimilates the datum `values` (n_obs; NaN = missing) as step `step`, measured at model time index `time_index`. A step
+  /// that is there already is refused (UsageError): take it out first. A step earlier than the last is put in its place; the result
+  /// is then that of the last step, as if all had come in order.
+  const UpdateResult& update(std::size_t step, std::size_t time_index, const Eigen::Ref<const Eigen::VectorXd>& values);
+
+  /// Takes a step out: result and posterior are then bit-identical to never having assimilated it; with no step left they are
+  /// empty. Throws UsageError for a step that is not there.
+  const UpdateResult& remove(std::size_t step);
+
+  [[nodiscard]] const UpdateResult& result() const { return result_; }
+  [[nodiscard]] const WeightedPosterior& posterior() const { return posterior_; }
+  [[nodiscard]] std::vector<Prior> priors() const;       ///< truncated
+  [[nodiscard]] std::vector<std::size_t> steps() const;    ///< assimilated, increasing
+  /// The collapsed form of all data.
+  [[nodiscard]] const StepForm& collapsed() const { return sum_; }
+  /// The target of the last map, in z; evaluates the whole posterior.
+  [[nodiscard]] CollapsedLogDensity& target() { return target_; }
+  [[nodiscard]] const PriorTransform& transform() const { return *transform_; }
+
+ private:
+  struct Datum {
+    StepForm form;
+    double time = 0;
+    double log_evidence = 0;  ///< of all data up to this one, for the increment of the next
+  };
+  struct Composition;
+
+  void replay();
+  void recompute(std::size_t step);
+  void by_grid();
+  void by_collapsed_map();
+  void by_composed_maps(std::size_t step);
+  void take(const transport::MapResult& map, const transport::ImportanceCorrection& correction);
+  void set_moments(const Eigen::MatrixXd& z, const Eigen::VectorXd& weights);
+  void set_quantiles(const Eigen::MatrixXd& z_quantiles);
+
+  UpdateOptions options_;
+  std::shared_ptr<const PriorTransform> transform_;
+  DatumProjector projector_;
+  CollapsedLogDensity target_;
+  transport::MapSolver solver_;
+  transport::MapResult map_;
+  transport::ImportanceCorrection correction_;
+  std::unique_ptr<Composition> composition_;  ///< for Form::composed
+  std::map<std::size_t, Datum> data_;
+  StepForm sum_;
+  UpdateResult result_;
+  WeightedPosterior posterior_;
+  Eigen::MatrixXd no_derivatives_;
+};
+
+}  // namespace knothe::assimilation

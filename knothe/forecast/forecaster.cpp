@@ -1,0 +1,163 @@
+#include "knothe/forecast/forecaster.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "knothe/base/error.hpp"
+#include "knothe/base/text.hpp"
+#include "knothe/reduction/observation_operator.hpp"
+#include "knothe/reduction/observed_model.hpp"
+#include "knothe/reduction/spline_functions.hpp"
+
+namespace knothe::forecast {
+namespace {
+
+using reduction::ObservedModel;
+using reduction::SeparatedModel;
+using Quantity = ForecastSpecification::Quantity;
+
+LinearPrediction at_step(const ObservedModel& model, std::size_t step) {
+  return {model.lift.col(static_cast<Eigen::Index>(step)), model.space * model.core[step]};
+}
+
+LinearPrediction at_horizon(const ObservedModel& model, const ForecastSpecification& specification) {
+  const TimePosition position = locate_horizon(model.time, specification.horizon, specification.name);
+  return interpolate(position, at_step(model, position.lower), at_step(model, position.upper));
+}
+
+const reduction::SnapshotOutput& find_output(const SeparatedModel& model, const std::string& name,
+                                             const std::string& wanted_by) {
+  for (const reduction::SnapshotOutput& output : model.contents().outputs) {
+    if (output.name == name) return output;
+  }
+  const std::vector<std::string> names = model.output_names();
+  throw DataError(fmt::format("{}: forecast.{} needs the model's output \"{}\"{}; it has: {}", model.where(), wanted_by,
+                              name, did_you_mean(name, names), fmt::join(names, ", ")));
+}
+
+/// An output on the parameter grid [n₁, …, n_d] at the horizon.
+std::vector<double> output_at_horizon(const SeparatedModel& model, const reduction::SnapshotOutput& output,
+                                      const ForecastSpecification& specification) {
+  const std::size_t times = model.contents().time.size();
+  const TimePosition position = locate_horizon(model.contents().time, specification.horizon, specification.name);
+  std::vector<double> at_horizon;
+  for (std::size_t g = 0; g < output.values.size() / times; ++g) {
+    const double* history = output.values.data() + g * times;
+    at_horizon.push_back(position.interpolate(history[position.lower], history[position.upper]));
+  }
+  return at_horizon;
+}
+
+std::vector<std::vector<double>> axis_nodes(const SeparatedModel& model) {
+  std::vector<std::vector<double>> nodes;
+  for (const reduction::Axis& axis : model.contents().axes) nodes.push_back(axis.nodes);
+  return nodes;
+}
+
+/// Displacement of the load at the horizon, which does not depend on the parameters.
+double imposed_displacement(const SeparatedModel& model, const ForecastSpecification& specification) {
+  return output_at_horizon(model, find_output(model, "imposed_displacement", specification.name), specification).front();
+}
+
+}  // namespace
+
+Forecaster::Forecaster(const SeparatedModel& model, std::span<const double> observed_points,
+                       std::span<const std::int64_t> observed_components,
+                       const std::vector<ForecastSpecification>& specifications)
+    : functions_(model.functions()) {
+  for (const ForecastSpecification& specification : specifications) {
+    order_.push_back(specification.name);
+    switch (specification.quantity) {
+      case Quantity::crack_length: add_crack(model, observed_points, observed_components, specification); break;
+      case Quantity::displacement: add_displacement(model, specification); break;
+      case Quantity::output: add_output(model, specification); break;
+    }
+  }
+}
+
+void Forecaster::add_crack(const SeparatedModel& model, std::span<const double> points,
+                           std::span<const std::int64_t> components, const ForecastSpecification& specification) {
+  const reduction::CrackSolutions& crack = model.contents().crack;
+  if (crack.empty()) {
+    throw DataError(fmt::format("{}: forecast.{} needs crack solutions, which this model lacks: build it with "
+                                "`knothe offline` and offline.crack_lengths > 0",
+                                model.where(), specification.name));
+  }
+  const auto n_dof = static_cast<Eigen::Index>(model.dof_count());
+  const auto n_modes = static_cast<Eigen::Index>(crack.modes.size()) / n_dof;
+  const auto n_lengths = static_cast<Eigen::Index>(crack.length.size());
+  const reduction::ObservationOperator observation(model.contents().dofs, model.contents().mesh, model.where(), points,
+                                                   components);
+  const Eigen::MatrixXd observed_modes =
+      observation.apply(Eigen::Map<const Eigen::MatrixXd>(crack.modes.data(), n_dof, n_modes));
+  const Eigen::MatrixXd solutions =
+      Eigen::Map<const reduction::RowMatrix>(crack.coefficients.data(), n_lengths, n_modes) *
+      observed_modes.transpose();
+  CrackBridgeOptions options;
+  options.prior_mean = specification.prior_mean;
+  options.prior_std = specification.prior_std;
+  options.discrepancy_std = specification.discrepancy_std;
+  options.threshold = specification.threshold.value_or(specification.prior_mean);
+  cracks_.push_back({specification.name,
+                     CrackBridge(CrackMetaModel(crack.length, solutions),
+                                 at_horizon(reduction::observe(model, points, components), specification),
+                                 imposed_displacement(model, specification), options)});
+}
+
+void Forecaster::add_displacement(const SeparatedModel& model, const ForecastSpecification& specification) {
+  const std::int64_t component = specification.component;
+  const LinearPrediction prediction =
+      at_horizon(reduction::observe(model, specification.point, {&component, 1}), specification);
+  scalars_.push_back({specification.name, "m",
+                      QuantityOfInterest(functions_, prediction.lift[0], prediction.modes.row(0).transpose(),
+                                         specification.threshold.value_or(0))});
+}
+
+void Forecaster::add_output(const SeparatedModel& model, const ForecastSpecification& specification) {
+  const reduction::SnapshotOutput& output = find_output(model, specification.output, specification.name);
+  const auto functions = std::make_shared<reduction::JointFunctions>(
+      axis_nodes(model), output_at_horizon(model, output, specification), 1);
+  scalars_.push_back({specification.name, output.labels.units,
+                      QuantityOfInterest(functions, 0.0, Eigen::VectorXd::Ones(1),
+                                         specification.threshold.value_or(0))});
+}
+
+void Forecaster::evaluate_functions(const Eigen::Ref<const Eigen::MatrixXd>& points) {
+  batch_.resize(points.rows(), functions_->dimension(), functions_->count(), 0);
+  functions_->evaluate(points, 0, batch_);
+}
+
+std::vector<NamedForecast> Forecaster::update(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                                              const Eigen::Ref<const Eigen::VectorXd>& weights) {
+  std::vector<NamedForecast> forecasts;
+  if (!cracks_.empty()) {
+    evaluate_functions(points);
+    const FunctionMoments moments = moments_of_functions(batch_.value, weights);
+    for (const Crack& crack : cracks_) {
+      CrackForecast forecast = crack.bridge.update(moments);
+      forecasts.push_back({crack.name, "m", std::move(forecast.length), forecast.residual_rms});
+    }
+  }
+  for (const Scalar& scalar : scalars_) {
+    forecasts.push_back({scalar.name, scalar.units, scalar.quantity.update(points, weights), std::nullopt});
+  }
+  const auto place = [&](const NamedForecast& forecast) {
+    return std::find(order_.begin(), order_.end(), forecast.name) - order_.begin();
+  };
+  std::sort(forecasts.begin(), forecasts.end(),
+            [&](const NamedForecast& a, const NamedForecast& b) { return place(a) < place(b); });
+  return forecasts;
+}
+
+std::vector<NamedForecast> Forecaster::direct(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                                              const Eigen::Ref<const Eigen::VectorXd>& weights) {
+  std::vector<NamedForecast> forecasts;
+  evaluate_functions(points);
+  for (const Crack& crack : cracks_) {
+    forecasts.push_back({crack.name, "m", crack.bridge.direct(batch_.value, weights), std::nullopt});
+  }
+  return forecasts;
+}
+
+}  // namespace knothe::forecast

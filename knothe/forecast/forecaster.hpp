@@ -1,0 +1,79 @@
+#pragma once
+/// @file All forecasts of a project, updated from each posterior.
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "knothe/forecast/crack_bridge.hpp"
+#include "knothe/forecast/quantity_of_interest.hpp"
+#include "knothe/forecast/scalar_forecast.hpp"
+#include "knothe/reduction/separated_model.hpp"
+
+namespace knothe::forecast {
+
+/// What is to be forecast: a table [forecast.NAME] of a project file.
+struct ForecastSpecification {
+  enum class Quantity { crack_length, displacement, output };
+  std::string name;
+  Quantity quantity = Quantity::crack_length;
+  double horizon = 0;                           ///< model time
+  std::optional<double> threshold;              ///< in the unit of the quantity; absent: the prior mean, or 0
+  double prior_mean = 0.04, prior_std = 0.013;  ///< crack length, m
+  double discrepancy_std = 1e-6;                ///< m
+  std::array<double, 3> point{};                ///< displacement, m
+  int component = 0;                            ///< displacement
+  std::string output;                           ///< name of a model's output
+};
+
+/// One forecast after one step.
+struct NamedForecast {
+  std::string name;
+  std::string units;
+  ScalarForecast forecast;
+  std::optional<double> bridge_residual_rms;  ///< m, crack length only: how far the best elastic crack is from the field
+};
+
+/// Forecasts by name. Everything that does not depend on the posterior is computed once.
+class Forecaster {
+ public:
+  /// `observed_points` ([n_obs, 3], m) and components: the measured dofs, through which the crack bridge looks. Errors: DataError where
+  /// the model lacks what a forecast needs, ProjectError for a horizon outside the model's time.
+  Forecaster(const reduction::SeparatedModel& model, std::span<const double> observed_points,
+             std::span<const std::int64_t> observed_components, const std::vector<ForecastSpecification>& specifications);
+
+  /// From weighted points of the posterior (n × d, n).
+  [[nodiscard]] std::vector<NamedForecast> update(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                                                  const Eigen::Ref<const Eigen::VectorXd>& weights);
+
+  /// The direct forecasts of the crack lengths (each posterior point's best-fitting length), a cross-check of `update`.
+  [[nodiscard]] std::vector<NamedForecast> direct(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                                                  const Eigen::Ref<const Eigen::VectorXd>& weights);
+
+ private:
+  struct Crack {
+    std::string name;
+    CrackBridge bridge;
+  };
+  struct Scalar {
+    std::string name, units;
+    QuantityOfInterest quantity;
+  };
+  void evaluate_functions(const Eigen::Ref<const Eigen::MatrixXd>& points);
+  void add_crack(const reduction::SeparatedModel& model, std::span<const double> points,
+                 std::span<const std::int64_t> components, const ForecastSpecification& specification);
+  void add_displacement(const reduction::SeparatedModel& model, const ForecastSpecification& specification);
+  void add_output(const reduction::SeparatedModel& model, const ForecastSpecification& specification);
+
+  std::shared_ptr<const reduction::ParameterFunctions> functions_;
+  std::vector<std::string> order_;
+  std::vector<Crack> cracks_;
+  std::vector<Scalar> scalars_;
+  reduction::FunctionBatch batch_;
+};
+
+}  // namespace knothe::forecast

@@ -1,0 +1,32 @@
+#pragma once
+/// @file The one table of all options of a project file: it validates, suggests the near miss, and makes the reference
+/// `docs/project-file.md`.
+#include <span>
+#include <string>
+#include <vector>
+
+namespace knothe::project {
+
+/// What a value may be.
+enum class ValueKind { text, path, integer, number, positive, non_negative, boolean, choice, numbers, texts, table };
+
+/// One option. `path` is dotted, with `*` for a name that the user chooses: "parameters.*.mean".
+struct Option {
+  std::string path;
+  ValueKind kind;
+  std::string default_value;         ///< as written in the file; empty: none
+  std::string meaning;               ///< one sentence, with the unit
+  std::vector<std::string> choices;  ///< for ValueKind::choice
+  bool required = false;             ///< must be there if its table is
+};
+
+/// All options, in the order of the reference.
+[[nodiscard]] std::span<const Option> option_table();
+
+/// The reference of all options as Markdown: the content of docs/project-file.md.
+[[nodiscard]] std::string option_reference();
+
+/// How a kind is called in a message: "a positive number".
+[[nodiscard]] std::string describe(ValueKind kind);
+
+}  // namespace knothe::project

@@ -1,0 +1,246 @@
+#include "knothe/project/project_file.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+
+#include "knothe/base/error.hpp"
+#include "knothe/base/text.hpp"
+#include "knothe/project/project_values.hpp"
+
+namespace knothe::project {
+namespace {
+
+std::vector<std::string> children(const Values& values, const std::string& table) {
+  const auto it = values.children.find(table);
+  return it == values.children.end() ? std::vector<std::string>() : it->second;
+}
+
+/// Complains unless exactly the keys `needed` of the prior are given.
+void check_prior_keys(Values& values, const std::string& path, const std::vector<std::string>& needed) {
+  const std::vector<std::string> given = children(values, path);
+  for (const std::string& key : needed) {
+    if (std::find(given.begin(), given.end(), key) == given.end()) {
+      values.complain(path, fmt::format("[{}]: a {} prior needs \"{}\"", path, values.text(path + ".prior", ""), key));
+    }
+  }
+  for (const std::string& key : given) {
+    if (key != "prior" && std::find(needed.begin(), needed.end(), key) == needed.end()) {
+      values.complain(path + "." + key, fmt::format("\"{}\" does not belong to a {} prior, which takes {}", key,
+                                                    values.text(path + ".prior", ""), fmt::join(needed, " and ")));
+    }
+  }
+}
+
+assimilation::Prior read_prior(Values& values, const std::string& path) {
+  using assimilation::Prior;
+  const std::string kind = values.text(path + ".prior", "");
+  const auto at = [&](const char* key, double otherwise) { return values.number(path + "." + key, otherwise); };
+  if (kind == "normal") {
+    check_prior_keys(values, path, {"mean", "std"});
+    return Prior::normal(at("mean", 0), at("std", 1));
+  }
+  if (kind == "lognormal") {
+    check_prior_keys(values, path, {"mu", "sigma"});
+    return Prior::lognormal(at("mu", 0), at("sigma", 1));
+  }
+  if (kind == "uniform") {
+    check_prior_keys(values, path, {"lower", "upper"});
+    if (at("upper", 1) > at("lower", 0)) return Prior::uniform(at("lower", 0), at("upper", 1));
+    values.complain(path + ".upper", fmt::format("[{}]: \"upper\" must be greater than \"lower\"", path));
+  }
+  return Prior::normal(0, 1);
+}
+
+void at_least(Values& values, const std::string& path, std::int64_t least) {
+  if (values.has(path) && values.integer(path, least) < least) {
+    values.complain(path, fmt::format("\"{}\" must be at least {}", path, least));
+  }
+}
+
+MethodOptions read_method(Values& values) {
+  at_least(values, "method.max_order", 1);
+  MethodOptions method;
+  method.kind = values.text("method.kind", method.kind);
+  method.form = values.text("method.form", method.form);
+  method.tolerance = values.number("method.tolerance", method.tolerance);
+  method.max_order = static_cast<int>(values.integer("method.max_order", method.max_order));
+  method.minimiser = values.text("method.minimiser", method.minimiser);
+  method.seed = static_cast<std::uint64_t>(values.integer("method.seed", 1));
+  return method;
+}
+
+OfflineParameter read_offline_parameter(Values& values, const std::string& name) {
+  const std::string path = "offline.parameters." + name;
+  static const std::vector<std::string> k_known = {"Y0", "Ad"};
+  if (std::find(k_known.begin(), k_known.end(), name) == k_known.end()) {
+    values.complain(path, fmt::format("the damage law has no parameter \"{}\"{}; it has Y0 and Ad", name,
+                                      did_you_mean(name, k_known)));
+  }
+  at_least(values, path + ".nodes", 2);
+  OfflineParameter p;
+  p.name = name;
+  p.reference = values.number(path + ".reference", p.reference);
+  p.lower = values.number(path + ".lower", p.lower);
+  p.upper = values.number(path + ".upper", p.upper);
+  p.nodes = static_cast<int>(values.integer(path + ".nodes", p.nodes));
+  if (!(p.upper > p.lower)) {
+    values.complain(path + ".upper", fmt::format("[{}]: \"upper\" must be greater than \"lower\"", path));
+  }
+  return p;
+}
+
+OfflineOptions read_offline(Values& values, const std::string& folder) {
+  for (const char* key : {"mesh.layers", "steps", "processes", "modes"}) {
+    at_least(values, std::string("offline.") + key, 1);
+  }
+  OfflineOptions o;
+  o.method = values.text("offline.method", o.method);
+  o.element = values.number("offline.mesh.element", o.element);
+  o.layers = static_cast<int>(values.integer("offline.mesh.layers", o.layers));
+  if (values.has("offline.mesh.gmsh")) {
+    o.gmsh = (std::filesystem::path(folder) / values.text("offline.mesh.gmsh", "")).string();
+  }
+  o.steps = static_cast<int>(values.integer("offline.steps", o.steps));
+  o.displacement = values.number("offline.displacement", o.displacement);
+  o.young_modulus = values.number("offline.young_modulus", o.young_modulus);
+  o.poisson_ratio = values.number("offline.poisson_ratio", o.poisson_ratio);
+  if (!(o.poisson_ratio > -1 && o.poisson_ratio < 0.5)) {
+    values.complain("offline.poisson_ratio", "\"offline.poisson_ratio\" must be between -1 and 0.5");
+  }
+  o.left_support = values.text("offline.left_support", o.left_support);
+  o.processes = static_cast<int>(values.integer("offline.processes", o.processes));
+  o.form = values.text("offline.form", o.form);
+  o.modes = static_cast<int>(values.integer("offline.modes", o.modes));
+  o.crack_lengths = static_cast<int>(values.integer("offline.crack_lengths", o.crack_lengths));
+  if (o.crack_lengths > 80) values.complain("offline.crack_lengths", "the ligament is 80 mm high: at most 80 lengths");
+  for (const std::string& name : children(values, "offline.parameters")) {
+    o.parameters.push_back(read_offline_parameter(values, name));
+  }
+  if (o.parameters.size() != 2) {
+    values.complain("offline", "[offline.parameters] must have both parameters of the damage law, Y0 and Ad");
+  }
+  return o;
+}
+
+std::optional<std::array<double, 2>> read_range(Values& values, const std::string& path) {
+  if (!values.has(path)) return std::nullopt;
+  const std::vector<double> v = values.numbers(path);
+  if (v.size() != 2 || v[0] > v[1]) {
+    values.complain(path, fmt::format("\"{}\" must be [from, to]", path));
+    return std::nullopt;
+  }
+  return std::array<double, 2>{v[0], v[1]};
+}
+
+SimulateOptions read_simulate(Values& values) {
+  at_least(values, "simulate.dofs.random", 1);
+  SimulateOptions s;
+  for (const std::string& name : children(values, "simulate.truth")) {
+    s.truth[name] = values.number("simulate.truth." + name, 1);
+  }
+  s.random_nodes = static_cast<int>(values.integer("simulate.dofs.random", 0));
+  s.face = values.text("simulate.dofs.face", s.face);
+  s.x_range = read_range(values, "simulate.dofs.x");
+  s.y_range = read_range(values, "simulate.dofs.y");
+  if (values.has("simulate.dofs.components")) {
+    s.components.clear();
+    for (const std::string& c : values.texts("simulate.dofs.components")) {
+      if (c != "x" && c != "y" && c != "z") {
+        values.complain("simulate.dofs.components", fmt::format("a component is \"x\", \"y\" or \"z\", not \"{}\"", c));
+      } else {
+        s.components.push_back(c[0] - 'x');
+      }
+    }
+  }
+  s.noise_std = values.number("simulate.noise_std", s.noise_std);
+  s.seed = static_cast<std::uint64_t>(values.integer("simulate.seed", 1));
+  return s;
+}
+
+forecast::ForecastSpecification read_forecast(Values& values, const std::string& name) {
+  const std::string path = "forecast." + name;
+  using Quantity = forecast::ForecastSpecification::Quantity;
+  forecast::ForecastSpecification f;
+  f.name = name;
+  const std::string quantity = values.text(path + ".quantity", "");
+  f.quantity = quantity == "output"         ? Quantity::output
+               : quantity == "displacement" ? Quantity::displacement
+                                            : Quantity::crack_length;
+  f.horizon = values.number(path + ".horizon", 0);
+  if (values.has(path + ".threshold")) f.threshold = values.number(path + ".threshold", 0);
+  f.prior_mean = values.number(path + ".prior.mean", f.prior_mean);
+  f.prior_std = values.number(path + ".prior.std", f.prior_std);
+  f.discrepancy_std = values.number(path + ".discrepancy_std", f.discrepancy_std);
+  const std::vector<double> point = values.numbers(path + ".point");
+  if (f.quantity == Quantity::displacement) {
+    if (point.size() != 3) values.complain(path, fmt::format("[{}] needs \"point\" = [x, y, z]", path));
+    if (!values.has(path + ".component")) values.complain(path, fmt::format("[{}] needs \"component\"", path));
+  }
+  if (point.size() == 3) std::copy(point.begin(), point.end(), f.point.begin());
+  f.component = values.text(path + ".component", "x")[0] - 'x';
+  f.output = values.text(path + ".output", "");
+  if (f.quantity == Quantity::output && f.output.empty()) {
+    values.complain(path, fmt::format("[{}] needs \"output\", the name of one of the model's outputs", path));
+  }
+  return f;
+}
+
+std::string resolve(const Values& values, const std::string& key, const std::string& folder) {
+  const std::string path = values.text(key, "");
+  return path.empty() ? path : (std::filesystem::path(folder) / path).lexically_normal().string();
+}
+
+[[noreturn]] void throw_complaints(std::vector<Complaint> complaints, const std::string& path) {
+  std::stable_sort(complaints.begin(), complaints.end(), [](const Complaint& a, const Complaint& b) {
+    return a.line != b.line ? a.line < b.line : a.column < b.column;
+  });
+  std::string text;
+  for (const Complaint& c : complaints) {
+    text += fmt::format("{}{}:{}:{}: error: {}", text.empty() ? "" : "\n", path, c.line, c.column, c.text);
+  }
+  throw ProjectError(text);
+}
+
+}  // namespace
+
+void Project::require(bool present, const std::string& what) const {
+  if (!present) throw ProjectError(fmt::format("{}:1:1: error: this command needs {}", path, what));
+}
+
+Project parse_project(const std::string& text, const std::string& path) {
+  Values values = parse_values(text);
+  Project project;
+  project.path = path;
+  project.folder = std::filesystem::path(path).parent_path().string();
+  project.text = text;
+  project.model = resolve(values, "model.separated", project.folder);
+  project.data = resolve(values, "data.file", project.folder);
+  project.results = (std::filesystem::path(project.folder) / values.text("results", "results/")).string();
+  for (const std::string& name : children(values, "parameters")) {
+    project.parameters.push_back({name, read_prior(values, "parameters." + name)});
+  }
+  project.method = read_method(values);
+  if (values.has_table("offline")) project.offline = read_offline(values, project.folder);
+  if (values.has_table("simulate")) project.simulate = read_simulate(values);
+  for (const std::string& name : children(values, "forecast")) {
+    project.forecasts.push_back(read_forecast(values, name));
+  }
+  if (!values.complaints.empty()) throw_complaints(values.complaints, path);
+  return project;
+}
+
+Project read_project(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  std::ostringstream text;
+  if (!in || !(text << in.rdbuf() || in.peek() == EOF)) {
+    throw ProjectError(fmt::format("{}: cannot read the project file: {}", path, std::strerror(errno)));
+  }
+  return parse_project(text.str(), path);
+}
+
+}  // namespace knothe::project

@@ -1,0 +1,88 @@
+#pragma once
+/// @file A project file: what to compute, from what, and how.
+#include <array>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "knothe/assimilation/prior.hpp"
+#include "knothe/forecast/forecaster.hpp"
+
+namespace knothe::project {
+
+struct NamedPrior {
+  std::string name;
+  assimilation::Prior prior;
+};
+
+struct MethodOptions {
+  std::string kind = "transport";
+  std::string form = "collapsed";
+  double tolerance = 1e-3;
+  int max_order = 8;
+  std::string minimiser = "newton";
+  std::uint64_t seed = 1;
+};
+
+/// Axis of the parameter grid of the offline phase.
+struct OfflineParameter {
+  std::string name;
+  double reference = 1;  ///< physical value of 1.0
+  double lower = 0.5;
+  double upper = 1.5;
+  int nodes = 7;
+};
+
+struct OfflineOptions {
+  std::string method = "snapshots";
+  double element = 0.005;  ///< m
+  int layers = 1;
+  std::string gmsh;  ///< absolute path, empty: structured mesh
+  int steps = 100;
+  double displacement = 4e-4;  ///< m
+  double young_modulus = 30e9;
+  double poisson_ratio = 0.23;
+  std::string left_support = "line";
+  int processes = 2;
+  std::string form = "tree";
+  int modes = 30;
+  int crack_lengths = 80;
+  std::vector<OfflineParameter> parameters;
+};
+
+struct SimulateOptions {
+  std::map<std::string, double> truth;
+  int random_nodes = 0;
+  std::string face = "z";
+  std::optional<std::array<double, 2>> x_range, y_range;  ///< m
+  std::vector<int> components = {0, 1};
+  double noise_std = 1e-6;  ///< m
+  std::uint64_t seed = 1;
+};
+
+struct Project {
+  std::string path;    ///< as given
+  std::string folder;  ///< paths are relative to it
+  std::string text;    ///< the file's text, written into every result
+  std::string model;   ///< separated model file, resolved; empty if none
+  std::string data;    ///< measurements, resolved; empty if none
+  std::string results;  ///< resolved
+  std::vector<NamedPrior> parameters;
+  MethodOptions method;
+  std::optional<OfflineOptions> offline;
+  std::optional<SimulateOptions> simulate;
+  std::vector<forecast::ForecastSpecification> forecasts;
+
+  /// Throws a ProjectError that names the file and the missing table unless `present`.
+  void require(bool present, const std::string& what) const;
+};
+
+/// Reads and validates a file completely. All its errors at once, each as `file:line:column: error: …`, in one
+/// ProjectError. Does not look whether the files it names exist.
+[[nodiscard]] Project read_project(const std::string& path);
+
+/// The same for a text; `path` is for messages and relative paths.
+[[nodiscard]] Project parse_project(const std::string& text, const std::string& path);
+
+}  // namespace knothe::project

@@ -1,0 +1,141 @@
+#include "knothe/project/project_file.hpp"
+
+#include <gtest/gtest.h>
+
+#include "knothe/base/error.hpp"
+#include "knothe/project/option_table.hpp"
+
+namespace knothe::project {
+namespace {
+
+const char* k_minimal = R"(model = "M.h5"
+data = "D.h5"
+[parameters]
+Y0 = { prior = "normal", mean = 0.9, std = 0.4 }
+Ad = { prior = "normal", mean = 1.1, std = 0.4 }
+)";
+
+std::string complaint(const std::string& text) {
+  try {
+    (void)parse_project(text, "dir/p.toml");
+  } catch (const ProjectError& error) {
+    return error.what();
+  }
+  return "valid";
+}
+
+TEST(ProjectFile, DefaultsAndPaths) {
+  const Project p = parse_project(k_minimal, "dir/p.toml");
+  EXPECT_EQ(p.model, "dir/M.h5");
+  EXPECT_EQ(p.data, "dir/D.h5");
+  EXPECT_EQ(p.results, "dir/results/");
+  EXPECT_EQ(p.method.kind, "transport");
+  EXPECT_EQ(p.method.tolerance, 1e-3);
+  EXPECT_EQ(p.method.max_order, 8);
+  EXPECT_EQ(p.text, k_minimal);
+  EXPECT_FALSE(p.offline || p.simulate);
+}
+
+TEST(ProjectFile, ParametersKeepTheOrderOfTheFile) {
+  const Project p = parse_project("[parameters]\nz = { prior = \"uniform\", lower = 0, upper = 1 }\n"
+                                  "a = { prior = \"lognormal\", mu = 0, sigma = 0.25 }\n", "p.toml");
+  ASSERT_EQ(p.parameters.size(), 2u);
+  EXPECT_EQ(p.parameters[0].name, "z");
+  EXPECT_EQ(p.parameters[1].name, "a");
+  EXPECT_EQ(p.parameters[1].prior.describe(), "lognormal(0, 0.25)");
+}
+
+TEST(ProjectFile, LongAndShortFormsOfModelAndData) {
+  const Project p = parse_project("[model]\nseparated = \"M.h5\"\n[data]\nfile = \"/abs/D.csv\"\n", "x/p.toml");
+  EXPECT_EQ(p.model, "x/M.h5");
+  EXPECT_EQ(p.data, "/abs/D.csv");
+}
+
+TEST(ProjectFile, MisspeltKeyGetsASuggestion) {
+  EXPECT_EQ(complaint("[method]\ntolerence = 1e-3\n"),
+            "dir/p.toml:2:1: error: unknown key \"tolerence\" in [method] (did you mean \"tolerance\"?)");
+  EXPECT_EQ(complaint("[metod]\nkind = \"grid\"\n"),
+            "dir/p.toml:1:2: error: unknown table \"metod\" (did you mean \"method\"?)");
+}
+
+TEST(ProjectFile, WrongTypesAndValues) {
+  EXPECT_EQ(complaint("[method]\ntolerance = \"small\"\n"),
+            "dir/p.toml:2:13: error: \"method.tolerance\" must be a positive number, not \"small\"");
+  EXPECT_EQ(complaint("[method]\nmax_order = 0\n"),
+            "dir/p.toml:2:1: error: \"method.max_order\" must be at least 1");
+  EXPECT_EQ(complaint("[method]\nkind = \"transprot\"\n"),
+            "dir/p.toml:2:8: error: \"method.kind\" must be one of \"transport\", \"grid\", not \"transprot\" (did you mean "
+            "\"transport\"?)");
+  EXPECT_EQ(complaint("[parameters]\nY0 = { prior = \"normal\", mean = 1, std = -1 }\n"),
+            "dir/p.toml:2:42: error: \"parameters.Y0.std\" must be a positive number, not -1");
+  EXPECT_EQ(complaint("[parameters]\nY0 = { prior = \"normal\", mean = 1 }\n"),
+            "dir/p.toml:2:6: error: [parameters.Y0]: a normal prior needs \"std\"");
+}
+
+TEST(ProjectFile, AllErrorsAtOnce) {
+  const std::string text = complaint("modle = \"M.h5\"\n[method]\nseed = 1.5\n[forecast.a]\nquantity = \"output\"\n");
+  EXPECT_NE(text.find("dir/p.toml:1:1: error: unknown key \"modle\" (did you mean \"model\"?)"), std::string::npos) << text;
+  EXPECT_NE(text.find("\"method.seed\" must be a non-negative whole number, not 1.5"), std::string::npos) << text;
+  EXPECT_NE(text.find("[forecast.a] lacks \"horizon\""), std::string::npos) << text;
+  EXPECT_NE(text.find("[forecast.a] needs \"output\""), std::string::npos) << text;
+}
+
+TEST(ProjectFile, NotTomlSaysWhere) {
+  EXPECT_NE(complaint("model = \n").find("dir/p.toml:1:"), std::string::npos);
+  EXPECT_NE(complaint("model = \n").find("error: not valid TOML"), std::string::npos);
+}
+
+TEST(ProjectFile, MissingFile) {
+  try {
+    (void)read_project("/nowhere/p.toml");
+    FAIL();
+  } catch (const ProjectError& error) {
+    EXPECT_EQ(error.status(), ExitStatus::project);
+    EXPECT_STREQ(error.what(), "/nowhere/p.toml: cannot read the project file: No such file or directory");
+  }
+}
+
+TEST(ProjectFile, UniformPriorNeedsAnInterval) {
+  EXPECT_NE(complaint("[parameters]\na = { prior = \"uniform\", lower = 1, upper = 1 }\n").find("\"upper\" must be greater"),
+            std::string::npos);
+  EXPECT_NE(complaint("[parameters]\na = { prior = \"uniform\", lower = 1, upper = 2, mean = 3 }\n")
+                .find("\"mean\" does not belong to a uniform prior, which takes lower and upper"),
+            std::string::npos);
+}
+
+TEST(ProjectFile, OfflineTable) {
+  const Project p = parse_project(R"([offline]
+mesh = { element = 0.01, layers = 2 }
+modes = 12
+[offline.parameters.Y0]
+reference = 216.0
+lower = 0.5
+upper = 1.5
+nodes = 5
+[offline.parameters.Ad]
+reference = 2.25e-3
+lower = 0.6
+upper = 1.4
+)", "p.toml");
+  ASSERT_TRUE(p.offline);
+  EXPECT_EQ(p.offline->element, 0.01);
+  EXPECT_EQ(p.offline->layers, 2);
+  EXPECT_EQ(p.offline->parameters[0].name, "Y0");
+  EXPECT_EQ(p.offline->parameters[1].nodes, 7);
+  EXPECT_NE(complaint("[offline.parameters.Y1]\nreference=1\nlower=1\nupper=2\n")
+                .find("the damage law has no parameter \"Y1\" (did you mean \"Y0\"?)"),
+            std::string::npos);
+}
+
+TEST(OptionTable, EveryOptionHasAMeaningAndAUniquePath) {
+  std::vector<std::string> paths;
+  for (const Option& option : option_table()) {
+    EXPECT_FALSE(option.meaning.empty()) << option.path;
+    EXPECT_EQ(std::count(paths.begin(), paths.end(), option.path), 0) << option.path;
+    EXPECT_EQ(option.kind == ValueKind::choice, !option.choices.empty()) << option.path;
+    paths.push_back(option.path);
+  }
+}
+
+}  // namespace
+}  // namespace knothe::project

@@ -1,0 +1,245 @@
+#include "knothe/project/project_values.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "knothe/base/text.hpp"
+#include "knothe/project/option_table.hpp"
+
+#define TOML_HEADER_ONLY 0
+#define TOML_SHARED_LIB 1
+#include <toml++/toml.h>
+
+namespace knothe::project {
+namespace {
+
+std::string join(const std::string& parent, const std::string& key) {
+  return parent.empty() ? key : parent + "." + key;
+}
+
+/// Whether `pattern` ("parameters.*.mean") stands for `path` ("parameters.Y0.mean").
+bool matches(std::string_view pattern, std::string_view path) {
+  while (!pattern.empty() && !path.empty()) {
+    const auto a = pattern.substr(0, pattern.find('.')), b = path.substr(0, path.find('.'));
+    if (a != "*" && a != b) return false;
+    pattern.remove_prefix(std::min(pattern.size(), a.size() + 1));
+    path.remove_prefix(std::min(path.size(), b.size() + 1));
+  }
+  return pattern.empty() && path.empty();
+}
+
+const Option* find_option(const std::string& path) {
+  for (const Option& option : option_table()) {
+    if (matches(option.path, path)) return &option;
+  }
+  return nullptr;
+}
+
+/// The keys that the table `path` may have.
+std::vector<std::string> known_keys(const std::string& path) {
+  std::vector<std::string> keys;
+  for (const Option& option : option_table()) {
+    const auto dot = option.path.rfind('.');
+    const std::string parent = dot == std::string::npos ? "" : option.path.substr(0, dot);
+    if (path.empty() ? parent.empty() : (!parent.empty() && matches(parent, path))) {
+      keys.push_back(dot == std::string::npos ? option.path : option.path.substr(dot + 1));
+    }
+  }
+  return keys;
+}
+
+class Reader {
+ public:
+  explicit Reader(Values& out) : out_(out) {}
+
+  void read_table(const toml::table& table, const std::string& path) {
+    const auto& begin = table.source().begin;
+    out_.tables[path] = {static_cast<int>(begin.line), static_cast<int>(begin.column)};
+    // toml++ sorts keys by name; the order of a project file is a promise, so it is taken from the positions.
+    std::vector<std::pair<const toml::key*, const toml::node*>> items;
+    for (const auto& [key, node] : table) items.emplace_back(&key, &node);
+    std::sort(items.begin(), items.end(), [](const auto& a, const auto& b) {
+      const auto& p = a.first->source().begin;
+      const auto& q = b.first->source().begin;
+      return p.line != q.line ? p.line < q.line : p.column < q.column;
+    });
+    for (const auto& [key, node] : items) {
+      const std::string name(key->str());
+      const std::string here = join(path, name);
+      const Option* option = find_option(here);
+      const auto& position = key->source().begin;
+      if (!option) {
+        const auto keys = known_keys(path);
+        complain(position, fmt::format("unknown {} \"{}\"{}{}", node->is_table() ? "table" : "key", name,
+                                       path.empty() ? "" : " in [" + path + "]", did_you_mean(name, keys)));
+        continue;
+      }
+      out_.children[path].push_back(name);
+      read_value(*option, here, *node, position);
+    }
+    check_required(path, begin);
+  }
+
+ private:
+  void complain(const toml::source_position& where, const std::string& text) {
+    out_.complaints.push_back({static_cast<int>(where.line), static_cast<int>(where.column), text});
+  }
+
+  void check_required(const std::string& path, const toml::source_position& begin) {
+    if (path.empty()) return;
+    for (const Option& option : option_table()) {
+      const auto dot = option.path.rfind('.');
+      if (!option.required || !matches(option.path.substr(0, dot), path)) continue;
+      const std::string key = option.path.substr(dot + 1);
+      if (!out_.has(join(path, key)) && !out_.has_table(join(path, key))) {
+        complain(begin, fmt::format("[{}] lacks \"{}\": {}", path, key, option.meaning));
+      }
+    }
+  }
+
+  void read_value(const Option& option, const std::string& path, const toml::node& node,
+                  const toml::source_position& where) {
+    if (option.kind == ValueKind::table) {
+      if (const auto* table = node.as_table()) {
+        read_table(*table, path);
+      } else if ((path == "model" || path == "data") && node.is_string()) {
+        const std::string leaf = path == "model" ? "model.separated" : "data.file";
+        store(leaf, std::string(node.as_string()->get()), where);
+      } else {
+        wrong(option, path, node, where);
+      }
+      return;
+    }
+    switch (option.kind) {
+      case ValueKind::text:
+      case ValueKind::path:
+      case ValueKind::choice: read_text(option, path, node, where); return;
+      case ValueKind::boolean:
+        if (const auto* b = node.as_boolean()) return store(path, b->get(), where);
+        break;
+      case ValueKind::integer:
+        if (const auto* i = node.as_integer(); i && i->get() >= 0) return store(path, std::int64_t(i->get()), where);
+        break;
+      case ValueKind::numbers: {
+        std::vector<double> numbers;
+        if (const auto* array = node.as_array()) {
+          for (const auto& item : *array) {
+            if (const auto v = item.value<double>(); v && std::isfinite(*v)) numbers.push_back(*v);
+          }
+          if (numbers.size() == array->size()) return store(path, numbers, where);
+        }
+        break;
+      }
+      case ValueKind::texts: {
+        std::vector<std::string> texts;
+        if (const auto* array = node.as_array()) {
+          for (const auto& item : *array) {
+            if (const auto* text = item.as_string()) texts.push_back(text->get());
+          }
+          if (texts.size() == array->size()) return store(path, texts, where);
+        }
+        break;
+      }
+      default: {
+        if (!node.is_number()) break;
+        const double v = *node.value<double>();
+        if (!std::isfinite(v)) break;
+        if (option.kind == ValueKind::positive && !(v > 0)) break;
+        if (option.kind == ValueKind::non_negative && v < 0) break;
+        return store(path, v, where);
+      }
+    }
+    wrong(option, path, node, where);
+  }
+
+  void read_text(const Option& option, const std::string& path, const toml::node& node,
+                 const toml::source_position& where) {
+    const auto* text = node.as_string();
+    if (!text || text->get().empty()) return wrong(option, path, node, where);
+    if (option.kind == ValueKind::choice &&
+        std::find(option.choices.begin(), option.choices.end(), text->get()) == option.choices.end()) {
+      complain(node.source().begin, fmt::format("\"{}\" must be one of {}, not \"{}\"{}", path,
+                                                fmt::format("\"{}\"", fmt::join(option.choices, "\", \"")), text->get(),
+                                                did_you_mean(text->get(), option.choices)));
+      return;
+    }
+    store(path, text->get(), where);
+  }
+
+  void wrong(const Option& option, const std::string& path, const toml::node& node,
+             const toml::source_position& where) {
+    std::string found = node.is_table() ? "a table" : node.is_array() ? "an array" : "a date or time";
+    if (const auto* text = node.as_string()) found = fmt::format("\"{}\"", text->get());
+    if (const auto* integer = node.as_integer()) found = fmt::format("{}", integer->get());
+    if (const auto* number = node.as_floating_point()) found = fmt::format("{}", number->get());
+    if (const auto* flag = node.as_boolean()) found = fmt::format("{}", flag->get());
+    const auto& position = node.source().begin.line > 0 ? node.source().begin : where;
+    complain(position, fmt::format("\"{}\" must be {}, not {}", path, describe(option.kind), found));
+  }
+
+  template <class T>
+  void store(const std::string& path, T content, const toml::source_position& where) {
+    out_.leaves[path] = {std::move(content), static_cast<int>(where.line), static_cast<int>(where.column)};
+  }
+
+  Values& out_;
+};
+
+}  // namespace
+
+std::string Values::text(const std::string& path, const std::string& otherwise) const {
+  const auto it = leaves.find(path);
+  return it == leaves.end() ? otherwise : std::get<std::string>(it->second.content);
+}
+
+double Values::number(const std::string& path, double otherwise) const {
+  const auto it = leaves.find(path);
+  return it == leaves.end() ? otherwise : std::get<double>(it->second.content);
+}
+
+std::int64_t Values::integer(const std::string& path, std::int64_t otherwise) const {
+  const auto it = leaves.find(path);
+  return it == leaves.end() ? otherwise : std::get<std::int64_t>(it->second.content);
+}
+
+std::vector<double> Values::numbers(const std::string& path) const {
+  const auto it = leaves.find(path);
+  return it == leaves.end() ? std::vector<double>() : std::get<std::vector<double>>(it->second.content);
+}
+
+std::vector<std::string> Values::texts(const std::string& path) const {
+  const auto it = leaves.find(path);
+  return it == leaves.end() ? std::vector<std::string>() : std::get<std::vector<std::string>>(it->second.content);
+}
+
+void Values::complain(const std::string& path, const std::string& text) {
+  for (std::string p = path;; p.erase(p.rfind('.'))) {
+    if (const auto it = leaves.find(p); it != leaves.end()) {
+      complaints.push_back({it->second.line, it->second.column, text});
+      return;
+    }
+    if (const auto it = tables.find(p); it != tables.end()) {
+      complaints.push_back({it->second.first, it->second.second, text});
+      return;
+    }
+    if (p.find('.') == std::string::npos) break;
+  }
+  complaints.push_back({1, 1, text});
+}
+
+Values parse_values(const std::string& text) {
+  Values values;
+  try {
+    const toml::table table = toml::parse(text);
+    Reader(values).read_table(table, "");
+  } catch (const toml::parse_error& error) {
+    const auto& where = error.source().begin;
+    values.complaints.push_back({static_cast<int>(where.line), static_cast<int>(where.column),
+                                 fmt::format("not valid TOML: {}", error.description())});
+  }
+  return values;
+}
+
+}  // namespace knothe::project

@@ -1,0 +1,25 @@
+#pragma once
+/// @file `knothe simulate`: what the reduced and the full-order way have in common.
+#include <functional>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "knothe/project/project_file.hpp"
+#include "knothe/reduction/snapshots.hpp"
+
+namespace knothe::project {
+
+/// The true values in the order of `names`. Throws ProjectError where one is missing or unknown.
+[[nodiscard]] std::vector<double> simulated_truth(const Project& project, const std::vector<std::string>& names);
+
+/// Displacements at time step `step` at the dofs asked for, m.
+using DisplacementField = std::function<std::vector<double>(std::size_t step, std::span<const std::size_t> dofs)>;
+
+/// Chooses dofs, evaluates the field there at every time, adds noise, writes the measurement file with the truth beside them.
+void simulate_measurements(const Project& project, const reduction::Dofs& dofs, const std::vector<double>& time,
+                           const DisplacementField& field, std::optional<std::uint64_t> seed,
+                           const std::string& output);
+
+}  // namespace knothe::project

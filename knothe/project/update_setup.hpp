@@ -1,0 +1,30 @@
+#pragma once
+/// @file From a project file to everything a sequential update needs.
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "knothe/assimilation/measurements.hpp"
+#include "knothe/assimilation/sequential_update.hpp"
+#include "knothe/project/project_file.hpp"
+#include "knothe/reduction/observed_model.hpp"
+#include "knothe/reduction/separated_model.hpp"
+
+namespace knothe::project {
+
+struct UpdateSetup {
+  reduction::SeparatedModel model;
+  assimilation::Measurements measurements;
+  std::vector<double> observed_points;            ///< [n_obs, 3], m
+  std::vector<std::int64_t> observed_components;  ///< [n_obs]
+  std::shared_ptr<const reduction::ObservedModel> observed;
+  std::vector<std::size_t> time_indices;  ///< model time of each measured time
+  std::vector<assimilation::Prior> priors;  ///< in the project file's order
+  assimilation::UpdateOptions options;
+};
+
+/// Reads model and data, and brings the model's parameters into the project file's order. Throws ProjectError where the parameters
+/// are not the model's, DataError for what the files lack.
+[[nodiscard]] UpdateSetup set_up(const Project& project);
+
+}  // namespace knothe::project

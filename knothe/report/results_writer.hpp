@@ -1,0 +1,52 @@
+#pragma once
+/// @file The results folder of an assimilation: steps.jsonl, summary.json, posterior.nc, fields/ for ParaView.
+#include <cstdint>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "knothe/assimilation/measurements.hpp"
+#include "knothe/assimilation/sequential_update.hpp"
+#include "knothe/forecast/forecaster.hpp"
+#include "knothe/project/project_file.hpp"
+#include "knothe/reduction/separated_model.hpp"
+
+namespace knothe::report {
+
+/// Collects the steps of an assimilation in memory and writes the folder at the end (or when interrupted), every file
+/// atomically.
+class ResultsWriter {
+ public:
+  /// `priors` are those truncated to the model's box, in the project file's order, as is the model.
+  ResultsWriter(const project::Project& project, const reduction::SeparatedModel& model,
+                const assimilation::Measurements& measurements, std::vector<assimilation::Prior> priors);
+
+  /// Keeps what the files need of a step. `time_index`: model time of the datum.
+  void add_step(const assimilation::UpdateResult& result, const assimilation::WeightedPosterior& posterior,
+                const std::vector<forecast::NamedForecast>& forecasts, double forecast_us, std::size_t time_index);
+
+  /// Writes everything. Errors: IoError.
+  void write(const std::string& folder, const std::vector<std::size_t>& untrusted, double elapsed_s) const;
+
+ private:
+  struct Kept {
+    assimilation::UpdateResult result;
+    assimilation::WeightedPosterior posterior;
+    std::size_t time_index;
+  };
+  void write_steps(const std::string& path) const;
+  void write_summary(const std::string& path, const std::vector<std::size_t>& untrusted, double elapsed_s) const;
+  void write_posterior(const std::string& path) const;
+  void write_fields(const std::string& folder) const;
+  [[nodiscard]] nlohmann::ordered_json parameter_summaries() const;
+  [[nodiscard]] nlohmann::ordered_json load_displacement() const;
+
+  project::Project project_;
+  reduction::SeparatedModel model_;
+  assimilation::Measurements measurements_;
+  std::vector<assimilation::Prior> priors_;
+  std::vector<Kept> steps_;
+  std::vector<std::string> lines_;
+};
+
+}  // namespace knothe::report

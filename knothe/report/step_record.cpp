@@ -1,0 +1,84 @@
+#include "knothe/report/step_record.hpp"
+
+#include <nlohmann/json.hpp>
+
+#include "knothe/assimilation/marginal_density.hpp"
+
+namespace knothe::report {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+Json to_json(const Eigen::Ref<const Eigen::VectorXd>& v) {
+  return std::vector<double>(v.begin(), v.end());
+}
+
+Json rows_of(const Eigen::MatrixXd& m) {
+  Json rows = Json::array();
+  for (Eigen::Index i = 0; i < m.rows(); ++i) rows.push_back(to_json(m.row(i).transpose()));
+  return rows;
+}
+
+}  // namespace
+
+Json forecast_record(std::span<const forecast::NamedForecast> forecasts, bool densities) {
+  Json record = Json::object();
+  for (const forecast::NamedForecast& named : forecasts) {
+    const forecast::ScalarForecast& f = named.forecast;
+    Json& entry = record[named.name];
+    entry = {{"mean", f.mean},
+             {"std", f.std},
+             {"maximum_a_posteriori", f.maximum_a_posteriori},
+             {"probability_above_threshold", f.probability_above_threshold},
+             {"levels", forecast::k_levels},
+             {"values", f.values},
+             {"units", named.units}};
+    if (named.bridge_residual_rms) entry["bridge_residual_rms"] = *named.bridge_residual_rms;
+    if (densities) entry["density"] = {{"points", f.points}, {"values", f.density}};
+  }
+  return record;
+}
+
+Json step_record(const assimilation::UpdateResult& r, std::span<const forecast::NamedForecast> forecasts,
+                 double forecast_us) {
+  Json record = {{"step", r.step},
+                 {"time", r.time},
+                 {"mean", to_json(r.mean)},
+                 {"covariance", rows_of(r.covariance)},
+                 {"maximum_a_posteriori", to_json(r.maximum_a_posteriori)},
+                 {"quantiles", {{"levels", assimilation::k_quantile_levels}, {"values", rows_of(r.quantiles)}}},
+                 {"map_order", r.map_order},
+                 {"variance_diagnostic", r.variance_diagnostic},
+                 {"tolerance_reached", r.tolerance_reached},
+                 {"ess", r.effective_sample_size},
+                 {"trusted", r.trusted},
+                 {"log_evidence", r.log_evidence},
+                 {"log_evidence_increment", r.log_evidence_increment},
+                 {"bias_correction", "off"},
+                 {"used", r.used},
+                 {"rejected", r.rejected},
+                 {"missing", r.missing},
+                 {"elapsed_us",
+                  {{"update", r.elapsed_us.total()},
+                   {"forecast", forecast_us},
+                   {"total", r.elapsed_us.total() + forecast_us},
+                   {"projection", r.elapsed_us.projection},
+                   {"map", r.elapsed_us.map},
+                   {"correction", r.elapsed_us.correction}}},
+                 {"forecast", forecast_record(forecasts, false)}};
+  if (!r.remark.empty()) record["remark"] = r.remark;
+  return record;
+}
+
+void add_densities(Json& record, const std::vector<std::string>& parameters,
+                   const std::vector<assimilation::Prior>& priors, const assimilation::WeightedPosterior& posterior,
+                   std::span<const forecast::NamedForecast> forecasts) {
+  for (std::size_t k = 0; k < parameters.size(); ++k) {
+    const auto marginal = assimilation::marginal_density(posterior.points.col(static_cast<Eigen::Index>(k)),
+                                                         posterior.weights, priors[k]);
+    record["marginals"][parameters[k]] = {{"points", marginal.points}, {"density", marginal.density}};
+  }
+  record["forecast"] = forecast_record(forecasts, true);
+}
+
+}  // namespace knothe::report
