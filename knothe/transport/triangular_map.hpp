@@ -7,6 +7,7 @@
 /// a rectifier other than the square (integrated softplus, exponential) would change `monotone part` in
 /// triangular_map.cpp and in the tables of the objective, nothing else.
 #include <Eigen/Core>
+#include <memory>
 #include <vector>
 
 #include "knothe/transport/multi_index.hpp"
@@ -41,11 +42,13 @@ class TriangularMap {
   /// UsageError.
   TriangularMap(Eigen::Index dimension, int order, double tail_radius = 4.0);
 
-  [[nodiscard]] Eigen::Index dimension() const { return static_cast<Eigen::Index>(components_.size()); }
+  [[nodiscard]] Eigen::Index dimension() const {
+    return components_ ? static_cast<Eigen::Index>(components_->size()) : 0;
+  }
   [[nodiscard]] int order() const { return order_; }
   [[nodiscard]] const TailedHermite& basis() const { return basis_; }
   [[nodiscard]] const MapComponent& component(Eigen::Index k) const {
-    return components_[static_cast<std::size_t>(k)];
+    return (*components_)[static_cast<std::size_t>(k)];
   }
 
   /// All a_c, a_e, component after component. Free to change: every choice gives a monotone map.
@@ -70,10 +73,8 @@ class TriangularMap {
   [[nodiscard]] Eigen::MatrixXd inverse(const Eigen::Ref<const Eigen::MatrixXd>& z) const;
 
  private:
-  double invert_component(const MapComponent& component, int k, double target, const Eigen::VectorXd& x,
-                          Eigen::VectorXd& b) const;
-
-  std::vector<MapComponent> components_;
+  std::shared_ptr<const std::vector<MapComponent>>
+      components_;  ///< never changed: copies of a map share them
   TailedHermite basis_;
   int order_ = 0;
   Eigen::VectorXd coefficients_;

@@ -1,0 +1,34 @@
+#pragma once
+/// @file Quantiles of weighted points.
+#include <Eigen/Core>
+#include <span>
+#include <vector>
+
+namespace knothe::numerics {
+
+/// Quantiles of weighted points in one variable: the points sorted, point i stands at cumulative weight c_i =
+/// Σ_{j<i} w_j + w_i/2 (the sum of the weights being 1), and values are interpolated linearly in c; beyond
+/// the first and last, those. Linear time: only the neighbourhood of each quantile is sorted. Keeps its
+/// workspace.
+class WeightedQuantiles {
+ public:
+  /// `weights` ≥ 0 with a positive sum (any); `levels` in [0, 1]. Errors: UsageError for no points, no
+  /// weight, sizes that disagree.
+  void compute(std::span<const double> values, std::span<const double> weights,
+               std::span<const double> levels, std::span<double> quantiles);
+
+ private:
+  struct Entry {
+    double value, weight;
+    bool operator<(const Entry& other) const { return value < other.value; }
+  };
+  struct Bin {
+    double weight = 0;
+    int count = 0, begin = 0, fill = 0;
+    bool sorted = false;
+  };
+  std::vector<Bin> bins_;
+  std::vector<Entry> entries_;
+};
+
+}  // namespace knothe::numerics
