@@ -61,7 +61,8 @@ class Writer {
     }
     for (std::size_t k = 0; k < d; ++k) {
       const auto& axis = model_.contents().axes[k];
-      out_.add_variable(group, axis.name, Names{"chain", "draw", "step"}, values[k], {axis.units, axis.long_name});
+      out_.add_variable(group, axis.name, Names{"chain", "draw", "step"}, values[k],
+                        {axis.units, axis.long_name});
     }
   }
 
@@ -75,7 +76,8 @@ class Writer {
     for (Eigen::Index i = 0; i < measurements_.points.rows(); ++i) {
       for (Eigen::Index c = 0; c < 3; ++c) points.push_back(measurements_.points(i, c));
     }
-    const std::vector<std::int64_t> components(measurements_.components.begin(), measurements_.components.end());
+    const std::vector<std::int64_t> components(measurements_.components.begin(),
+                                               measurements_.components.end());
     const reduction::ObservedModel observed = reduction::observe(model_, points, components);
     std::vector<double> values(k_predictive_draws * n_steps_ * n_obs);
     for (std::size_t s = 0; s < n_steps_; ++s) {
@@ -83,7 +85,8 @@ class Writer {
       for (std::size_t j = 0; j < k_predictive_draws; ++j) {
         const Eigen::VectorXd p = file_.posteriors[s]->points.row(draws[j]);
         const Eigen::VectorXd y = observed.predict(p, file_.time_indices[s]);
-        std::copy(y.begin(), y.end(), values.begin() + static_cast<std::ptrdiff_t>((j * n_steps_ + s) * n_obs));
+        std::copy(y.begin(), y.end(),
+                  values.begin() + static_cast<std::ptrdiff_t>((j * n_steps_ + s) * n_obs));
       }
     }
     out_.add_variable(group, "displacement", Names{"chain", "draw", "step", "observation"}, values,
@@ -107,7 +110,8 @@ class Writer {
     const std::vector<double> components(measurements_.components.begin(), measurements_.components.end());
     out_.add_variable(group, "component", Names{"observation"}, components, {"1", "0 x, 1 y, 2 z"});
     const Eigen::VectorXd std = measurements_.noise.standard_deviations();
-    out_.add_variable(group, "noise_std", Names{"observation"}, {std.data(), n_obs}, {"m", "standard deviation"});
+    out_.add_variable(group, "noise_std", Names{"observation"}, {std.data(), n_obs},
+                      {"m", "standard deviation"});
   }
 
   void write_statistics() {
@@ -116,7 +120,8 @@ class Writer {
     add_statistic("map_order", "1", "order of the map", [](const auto& r) { return double(r.map_order); });
     add_statistic("variance_diagnostic", "1", "verified variance diagnostic",
                   [](const auto& r) { return r.variance_diagnostic; });
-    add_statistic("ess", "1", "effective sample size, fraction", [](const auto& r) { return r.effective_sample_size; });
+    add_statistic("ess", "1", "effective sample size, fraction",
+                  [](const auto& r) { return r.effective_sample_size; });
     add_statistic("trusted", "1", "1 if trusted", [](const auto& r) { return r.trusted ? 1.0 : 0.0; });
     add_statistic("log_evidence", "1", "log p(d_0 ... d_i)", [](const auto& r) { return r.log_evidence; });
     add_statistic("log_evidence_increment", "1", "log p(d_i | d_0 ... d_i-1)",
@@ -154,10 +159,13 @@ class Writer {
     out_.add_dimension(group, "chain", counted(1), {"1", "chain"});
     out_.add_dimension(group, "draw", counted(draws), {"1", "draw"});
   }
-  void add_steps(const std::string& group) { out_.add_dimension(group, "step", steps_, {"1", "assimilated step"}); }
+  void add_steps(const std::string& group) {
+    out_.add_dimension(group, "step", steps_, {"1", "assimilated step"});
+  }
 
   template <class Get>
-  void add_statistic(const std::string& name, const std::string& units, const std::string& meaning, const Get& get) {
+  void add_statistic(const std::string& name, const std::string& units, const std::string& meaning,
+                     const Get& get) {
     std::vector<double> values;
     for (const auto* result : file_.results) values.push_back(get(*result));
     out_.add_variable("sample_stats", name, Names{"step"}, values, {units, meaning});
@@ -173,7 +181,8 @@ class Writer {
 
 }  // namespace
 
-void write_posterior_file(const std::string& path, const PosteriorFile& file, const reduction::SeparatedModel& model,
+void write_posterior_file(const std::string& path, const PosteriorFile& file,
+                          const reduction::SeparatedModel& model,
                           const assimilation::Measurements& measurements) {
   files::write_atomically(path, [&](const std::string& temporary) {
     files::NetcdfWriter out(temporary);
@@ -194,15 +203,16 @@ StoredPosterior read_last_posterior(const std::string& path, const std::vector<s
   const files::Hdf5Reader file(path);
   const std::string names = file.text_attribute("/weighted_posterior", "parameters");
   if (names != fmt::format("{}", fmt::join(parameters, ","))) {
-    throw DataError(fmt::format("{}: holds the posterior of {}, not of {}: run `knothe assimilate` again", path, names,
-                                fmt::join(parameters, ",")));
+    throw DataError(fmt::format("{}: holds the posterior of {}, not of {}: run `knothe assimilate` again",
+                                path, names, fmt::join(parameters, ",")));
   }
   const files::Shape shape = file.shape("/weighted_posterior/points");
   if (shape.size() != 3 || shape[0] == 0 || shape[2] != parameters.size()) {
     throw DataError(path + ": weighted_posterior/points must have the shape [step, point, parameter]");
   }
   const std::size_t last = shape[0] - 1;
-  const std::vector<double> points = file.read_slab("/weighted_posterior/points", {last, 0, 0}, {1, shape[1], shape[2]});
+  const std::vector<double> points =
+      file.read_slab("/weighted_posterior/points", {last, 0, 0}, {1, shape[1], shape[2]});
   const std::vector<double> weights = file.read_slab("/weighted_posterior/weights", {last, 0}, {1, shape[1]});
   using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
   StoredPosterior stored;

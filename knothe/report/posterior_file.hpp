@@ -1,5 +1,6 @@
 #pragma once
-/// @file posterior.nc: the sequence of posteriors as NetCDF-4 in ArviZ's groups, and its reading back for forecasts.
+/// @file posterior.nc: the sequence of posteriors as NetCDF-4 in ArviZ's groups, and its reading back for
+/// forecasts.
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -20,10 +21,12 @@ struct PosteriorFile {
   std::vector<std::size_t> time_indices;  ///< model time of each step
 };
 
-/// Groups: `posterior` (equally weighted draws, [chain, draw, step]), `posterior_predictive` (displacements at the observed dofs under some
-/// of the draws, [chain, draw, step, observation]), `observed_data`, `constant_data`, `sample_stats` ([step]), and
-/// `weighted_posterior` (points [step, point, parameter] and weights [step, point], from which forecasts are made). Atomic; IoError.
-void write_posterior_file(const std::string& path, const PosteriorFile& file, const reduction::SeparatedModel& model,
+/// Groups: `posterior` (equally weighted draws, [chain, draw, step]), `posterior_predictive` (displacements
+/// at the observed dofs under some of the draws, [chain, draw, step, observation]), `observed_data`,
+/// `constant_data`, `sample_stats` ([step]), and `weighted_posterior` (points [step, point, parameter] and
+/// weights [step, point], from which forecasts are made). Atomic; IoError.
+void write_posterior_file(const std::string& path, const PosteriorFile& file,
+                          const reduction::SeparatedModel& model,
                           const assimilation::Measurements& measurements);
 
 /// The last posterior of a file, with the step it belongs to.
@@ -33,7 +36,9 @@ struct StoredPosterior {
   assimilation::WeightedPosterior posterior;
 };
 
-/// Reads the weighted points of the last step; `parameters` must be those of the file, in this order. Errors: DataError.
-[[nodiscard]] StoredPosterior read_last_posterior(const std::string& path, const std::vector<std::string>& parameters);
+/// Reads the weighted points of the last step; `parameters` must be those of the file, in this order. Errors:
+/// DataError.
+[[nodiscard]] StoredPosterior read_last_posterior(const std::string& path,
+                                                  const std::vector<std::string>& parameters);
 
 }  // namespace knothe::report

@@ -44,7 +44,8 @@ Json machine() {
 }  // namespace
 
 ResultsWriter::ResultsWriter(const project::Project& project, const reduction::SeparatedModel& model,
-                             const assimilation::Measurements& measurements, std::vector<assimilation::Prior> priors)
+                             const assimilation::Measurements& measurements,
+                             std::vector<assimilation::Prior> priors)
     : project_(project), model_(model), measurements_(measurements), priors_(std::move(priors)) {}
 
 void ResultsWriter::add_step(const assimilation::UpdateResult& result,
@@ -77,12 +78,9 @@ Json ResultsWriter::parameter_summaries() const {
   Json parameters = Json::array();
   const auto& axes = model_.contents().axes;
   for (std::size_t k = 0; k < axes.size(); ++k) {
-    Json entry = {{"name", axes[k].name},
-                  {"prior", priors_[k].describe()},
-                  {"lower", axes[k].nodes.front()},
-                  {"upper", axes[k].nodes.back()},
-                  {"reference", axes[k].reference},
-                  {"units", axes[k].units}};
+    Json entry = {{"name", axes[k].name},           {"prior", priors_[k].describe()},
+                  {"lower", axes[k].nodes.front()}, {"upper", axes[k].nodes.back()},
+                  {"reference", axes[k].reference}, {"units", axes[k].units}};
     if (const auto it = measurements_.truth.find(axes[k].name); it != measurements_.truth.end()) {
       entry["truth"] = it->second;
     }
@@ -93,7 +91,9 @@ Json ResultsWriter::parameter_summaries() const {
 
 Json ResultsWriter::load_displacement() const {
   const auto& outputs = model_.output_names();
-  const auto has = [&](const char* name) { return std::find(outputs.begin(), outputs.end(), name) != outputs.end(); };
+  const auto has = [&](const char* name) {
+    return std::find(outputs.begin(), outputs.end(), name) != outputs.end();
+  };
   if (steps_.empty() || !has("reaction_force") || !has("imposed_displacement")) return nullptr;
   const Eigen::VectorXd& mean = steps_.back().result.mean;
   const std::vector<double> p(mean.begin(), mean.end());
@@ -103,21 +103,16 @@ Json ResultsWriter::load_displacement() const {
 
 void ResultsWriter::write_summary(const std::string& path, const std::vector<std::size_t>& untrusted,
                                   double elapsed_s) const {
-  Json summary = {{"created_by", k_created_by},
-                  {"project", project_.text},
-                  {"model", project_.model},
-                  {"data", project_.data},
-                  {"seed", project_.method.seed},
-                  {"method", project_.method.kind},
-                  {"form", project_.method.form},
-                  {"parameters", parameter_summaries()},
-                  {"steps", steps_.size()},
-                  {"untrusted", untrusted},
-                  {"elapsed_s", elapsed_s},
-                  {"machine", machine()}};
+  Json summary = {{"created_by", k_created_by},   {"project", project_.text},
+                  {"model", project_.model},      {"data", project_.data},
+                  {"seed", project_.method.seed}, {"method", project_.method.kind},
+                  {"form", project_.method.form}, {"parameters", parameter_summaries()},
+                  {"steps", steps_.size()},       {"untrusted", untrusted},
+                  {"elapsed_s", elapsed_s},       {"machine", machine()}};
   for (std::size_t k = 0; k < priors_.size(); ++k) {
     const auto prior = assimilation::marginal_density(priors_[k]);
-    summary["prior_marginals"][model_.contents().axes[k].name] = {{"points", prior.points}, {"density", prior.density}};
+    summary["prior_marginals"][model_.contents().axes[k].name] = {{"points", prior.points},
+                                                                  {"density", prior.density}};
   }
   static constexpr const char* k_quantities[] = {"crack_length", "displacement", "output"};
   for (const forecast::ForecastSpecification& f : project_.forecasts) {
@@ -158,7 +153,8 @@ void ResultsWriter::write_fields(const std::string& folder) const {
     const Eigen::MatrixXd& points = kept.posterior.points;
     batch.resize(points.rows(), points.cols(), model_.functions()->count(), 0);
     model_.functions()->evaluate(points, 0, batch);
-    const forecast::FunctionMoments moments = forecast::moments_of_functions(batch.value, kept.posterior.weights);
+    const forecast::FunctionMoments moments =
+        forecast::moments_of_functions(batch.value, kept.posterior.weights);
     const Eigen::MatrixXd core = reduction::core_of(contents, kept.time_index);
     const auto t = static_cast<Eigen::Index>(kept.time_index);
     const Eigen::VectorXd mean = lift.col(t) + space * (core * moments.mean);

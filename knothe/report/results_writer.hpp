@@ -1,5 +1,6 @@
 #pragma once
-/// @file The results folder of an assimilation: steps.jsonl, summary.json, posterior.nc, fields/ for ParaView.
+/// @file The results folder of an assimilation: steps.jsonl, summary.json, posterior.nc, fields/ for
+/// ParaView.
 #include <cstdint>
 #include <nlohmann/json.hpp>
 #include <string>
@@ -13,8 +14,8 @@
 
 namespace knothe::report {
 
-/// Collects the steps of an assimilation in memory and writes the folder at the end (or when interrupted), every file
-/// atomically.
+/// Collects the steps of an assimilation in memory and writes the folder at the end (or when interrupted),
+/// every file atomically.
 class ResultsWriter {
  public:
   /// `priors` are those truncated to the model's box, in the project file's order, as is the model.
@@ -23,7 +24,8 @@ class ResultsWriter {
 
   /// Keeps what the files need of a step. `time_index`: model time of the datum.
   void add_step(const assimilation::UpdateResult& result, const assimilation::WeightedPosterior& posterior,
-                const std::vector<forecast::NamedForecast>& forecasts, double forecast_us, std::size_t time_index);
+                const std::vector<forecast::NamedForecast>& forecasts, double forecast_us,
+                std::size_t time_index);
 
   /// Writes everything. Errors: IoError.
   void write(const std::string& folder, const std::vector<std::size_t>& untrusted, double elapsed_s) const;
@@ -35,7 +37,8 @@ class ResultsWriter {
     std::size_t time_index;
   };
   void write_steps(const std::string& path) const;
-  void write_summary(const std::string& path, const std::vector<std::size_t>& untrusted, double elapsed_s) const;
+  void write_summary(const std::string& path, const std::vector<std::size_t>& untrusted,
+                     double elapsed_s) const;
   void write_posterior(const std::string& path) const;
   void write_fields(const std::string& folder) const;
   [[nodiscard]] nlohmann::ordered_json parameter_summaries() const;

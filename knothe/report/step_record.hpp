@@ -1,5 +1,6 @@
 #pragma once
-/// @file One assimilated step as other programs read it: a line of JSON (keys are fixed by the project's interfaces, section 4).
+/// @file One assimilated step as other programs read it: a line of JSON (keys are fixed by the project's
+/// interfaces, section 4).
 #include <nlohmann/json_fwd.hpp>
 #include <span>
 #include <string>
@@ -10,17 +11,21 @@
 
 namespace knothe::report {
 
-/// The line of a step: posterior, map, evidence, data used, times, forecasts. `forecast_us`: time of the forecasts.
+/// The line of a step: posterior, map, evidence, data used, times, forecasts. `forecast_us`: time of the
+/// forecasts.
 [[nodiscard]] nlohmann::ordered_json step_record(const assimilation::UpdateResult& result,
                                                  std::span<const forecast::NamedForecast> forecasts,
                                                  double forecast_us);
 
 /// The forecasts alone, by name. With `densities` the density of each is there too.
-[[nodiscard]] nlohmann::ordered_json forecast_record(std::span<const forecast::NamedForecast> forecasts, bool densities);
+[[nodiscard]] nlohmann::ordered_json forecast_record(std::span<const forecast::NamedForecast> forecasts,
+                                                     bool densities);
 
-/// Beside the fixed keys, for figures: marginal densities of the parameters (`marginals`) and densities of the forecasts.
+/// Beside the fixed keys, for figures: marginal densities of the parameters (`marginals`) and densities of
+/// the forecasts.
 void add_densities(nlohmann::ordered_json& record, const std::vector<std::string>& parameters,
-                   const std::vector<assimilation::Prior>& priors, const assimilation::WeightedPosterior& posterior,
+                   const std::vector<assimilation::Prior>& priors,
+                   const assimilation::WeightedPosterior& posterior,
                    std::span<const forecast::NamedForecast> forecasts);
 
 }  // namespace knothe::report

@@ -1,0 +1,95 @@
+#include <algorithm>
+#include <cmath>
+
+#include "knothe/report/result_figures.hpp"
+
+namespace knothe::report {
+namespace {
+
+std::vector<double> scaled(const std::vector<double>& values, double factor) {
+  std::vector<double> out(values);
+  for (double& v : out) v *= factor;
+  return out;
+}
+
+/// The part of the axis where any density is worth seeing: above a thousandth of the lowest peak.
+void limit_to_mass(const Results& results, const std::string& name, double factor, Axis& axis) {
+  double low = INFINITY, high = -INFINITY;
+  for (const auto& s : results.steps) {
+    const auto found = s.forecast.find(name);
+    if (found == s.forecast.end() || found->second.density.empty()) continue;
+    const Density& density = found->second.density;
+    const double peak = *std::max_element(density.values.begin(), density.values.end());
+    for (std::size_t i = 0; i < density.points.size(); ++i)
+      if (density.values[i] > 2e-3 * peak)
+        low = std::min(low, density.points[i]), high = std::max(high, density.points[i]);
+  }
+  if (low < high) axis.low = factor * low, axis.high = factor * high;
+}
+
+std::string with_capital(std::string text) {
+  if (!text.empty() && text[0] >= 'a' && text[0] <= 'z') text[0] = static_cast<char>(text[0] - 'a' + 'A');
+  std::replace(text.begin(), text.end(), '_', ' ');
+  return text;
+}
+
+}  // namespace
+
+ForecastScale forecast_scale(const Results& results, const std::string& name) {
+  const auto found = results.forecasts.find(name);
+  const ForecastSummary summary = found == results.forecasts.end() ? ForecastSummary{} : found->second;
+  const bool crack =
+      summary.quantity == "crack_length" || (summary.quantity.empty() && name.find("crack") == 0);
+  if (crack) return {"Crack length", "mm", 1e3};
+  if (summary.quantity == "displacement" || summary.unit == "m") return {with_capital(name), "mm", 1e3};
+  if (summary.unit == "N") return {with_capital(name), "kN", 1e-3};
+  return {with_capital(name), summary.unit, 1.0};
+}
+
+Plot forecast_densities_plot(const Results& results, const std::string& name) {
+  const ForecastScale scale = forecast_scale(results, name);
+  Axis x{scale.label()};
+  limit_to_mass(results, name, scale.factor, x);
+  Plot plot(scale.title + " at the horizon", x,
+            {scale.unit.empty() ? "probability density" : "probability density (1/" + scale.unit + ")"});
+  const double first = static_cast<double>(results.steps.front().step);
+  const double span = std::max(static_cast<double>(results.steps.back().step) - first, 1.0);
+  for (std::size_t i = 0; i < results.steps.size(); ++i) {
+    const auto found = results.steps[i].forecast.find(name);
+    if (found == results.steps[i].forecast.end() || found->second.density.empty()) continue;
+    const Density& density = found->second.density;
+    const bool last = i + 1 == results.steps.size();
+    plot.line(scaled(density.points, scale.factor), scaled(density.values, 1.0 / scale.factor),
+              Paint::time((static_cast<double>(results.steps[i].step) - first) / span),
+              last ? "last step" : "", {last ? 2.8 : 1.2, {}, 1.0});
+  }
+  if (const auto f = results.forecasts.find(name); f != results.forecasts.end() && f->second.threshold)
+    plot.vertical(scale.factor * *f->second.threshold, Paint::faint(), "threshold");
+  plot.colour_bar({"step", first, static_cast<double>(results.steps.back().step), ColourBar::Map::time});
+  return plot;
+}
+
+Plot forecast_convergence_plot(const Results& results, const std::string& name) {
+  const ForecastScale scale = forecast_scale(results, name);
+  std::vector<double> x, mean, low, high, most;
+  for (const auto& s : results.steps) {
+    const auto found = s.forecast.find(name);
+    if (found == s.forecast.end()) continue;
+    const StepForecast& f = found->second;
+    x.push_back(static_cast<double>(s.step));
+    mean.push_back(scale.factor * f.mean);
+    most.push_back(scale.factor * f.maximum_a_posteriori);
+    const bool quantiles = !f.values.empty() && f.levels.front() < 0.03 && f.levels.back() > 0.97;
+    low.push_back(scale.factor * (quantiles ? f.values.front() : f.mean - 1.96 * f.std));
+    high.push_back(scale.factor * (quantiles ? f.values.back() : f.mean + 1.96 * f.std));
+  }
+  Plot plot(scale.title + " as the data come in", {"step"}, {scale.label()});
+  plot.band(x, low, high, Paint::series(1), "95 % of the probability");
+  plot.line(x, mean, Paint::series(1), "mean", {2.2});
+  plot.line(x, most, Paint::ink(), "most probable", {1.3, "3 3", 1.0});
+  if (const auto f = results.forecasts.find(name); f != results.forecasts.end() && f->second.threshold)
+    plot.horizontal(scale.factor * *f->second.threshold, Paint::faint(), "threshold");
+  return plot;
+}
+
+}  // namespace knothe::report

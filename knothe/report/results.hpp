@@ -1,0 +1,97 @@
+#pragma once
+/// @file What an assimilation left in its results folder: steps.jsonl and summary.json (interfaces.md,
+/// section 4).
+#include <cstddef>
+#include <map>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace knothe::report {
+
+/// A density of one number on increasing points.
+struct Density {
+  std::vector<double> points;
+  std::vector<double> values;
+  [[nodiscard]] bool empty() const { return points.empty(); }
+};
+
+/// One forecast at one step, in the unit of the quantity.
+struct StepForecast {
+  double mean = 0.0;
+  double std = 0.0;
+  double maximum_a_posteriori = 0.0;
+  double probability_above_threshold = 0.0;
+  std::vector<double> levels;
+  std::vector<double> values;
+  Density density;  ///< empty if not written
+};
+
+/// One assimilated step; parameters in the order of the project file.
+struct Step {
+  std::size_t step = 0;
+  double time = 0.0;
+  std::vector<double> mean;        ///< d
+  std::vector<double> std;         ///< d
+  std::vector<double> covariance;  ///< d × d
+  std::vector<double> maximum_a_posteriori;
+  std::vector<double> levels;                  ///< of the quantiles
+  std::vector<std::vector<double>> quantiles;  ///< parameter × level
+  int map_order = 0;
+  double variance_diagnostic = 0.0;
+  double effective_sample_size = 1.0;  ///< fraction
+  bool trusted = true;
+  double log_evidence = 0.0;
+  double log_evidence_increment = 0.0;
+  std::size_t used = 0, rejected = 0, missing = 0;
+  double update_us = 0.0, forecast_us = 0.0, total_us = 0.0;
+  std::map<std::string, Density> marginals;      ///< by parameter; may be empty
+  std::map<std::string, StepForecast> forecast;  ///< by the forecast's name
+};
+
+struct ParameterSummary {
+  std::string name;
+  std::string prior;  ///< in words: "normal(0.9, 0.447)"; empty if unknown
+  std::optional<double> lower, upper;
+  std::optional<double> reference;  ///< physical value of 1.0
+  std::optional<double> truth;      ///< of synthetic data
+};
+
+/// What a forecast is about, if summary.json says so under "forecasts".
+struct ForecastSummary {
+  std::string quantity;             ///< "crack_length", "displacement", "output"
+  std::optional<double> horizon;    ///< model time
+  std::optional<double> threshold;  ///< in the unit of the quantity
+  std::string unit;                 ///< of the numbers in the file; empty if unknown
+};
+
+struct Results {
+  std::string folder;
+  bool summary_found = false;
+  std::string created_by, project, model, data;
+  std::string seed;
+  std::vector<ParameterSummary> parameters;
+  std::map<std::string, Density> prior_marginals;
+  std::map<std::string, ForecastSummary> forecasts;  ///< by name; may be empty
+  std::vector<double> displacement;                  ///< m, of the load–displacement curve; may be empty
+  std::vector<double> force;                         ///< N
+  std::optional<double> elapsed_s;
+  std::vector<std::pair<std::string, std::string>> machine;
+  std::vector<Step> steps;  ///< at least one
+
+  [[nodiscard]] std::vector<double> step_numbers() const;
+  [[nodiscard]] std::vector<std::size_t> untrusted() const;
+  /// Names of all forecasts that the last step has.
+  [[nodiscard]] std::vector<std::string> forecast_names() const;
+};
+
+/// Reads FOLDER/steps.jsonl and, if it is there, FOLDER/summary.json. Errors: DataError with file and line
+/// for a missing folder or file, a line that is not JSON, lacks a key or has a value of the wrong kind or
+/// shape.
+[[nodiscard]] Results read_results(const std::string& folder);
+
+/// Value at `fraction` (0 … 1) of the sorted numbers, linear in between. `values` must not be empty.
+[[nodiscard]] double percentile(std::vector<double> values, double fraction);
+
+}  // namespace knothe::report
