@@ -120,12 +120,16 @@ void write_vtu(const VtuGrid& grid, const std::string& path) {
   const std::vector<std::uint8_t> types(cells, static_cast<std::uint8_t>(type));
 
   AppendedData data;
-  std::string xml = fmt::format(
+  std::string xml =
       "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" "
-      "byte_order=\"LittleEndian\" "
-      "header_type=\"UInt64\">\n  <UnstructuredGrid>\n    <Piece NumberOfPoints=\"{}\" "
-      "NumberOfCells=\"{}\">\n",
-      points, cells);
+      "byte_order=\"LittleEndian\" header_type=\"UInt64\">\n  <UnstructuredGrid>\n";
+  if (grid.time) {
+    xml += fmt::format(
+        "    <FieldData>\n      <DataArray type=\"Float64\" Name=\"TimeValue\" NumberOfTuples=\"1\" "
+        "format=\"ascii\">{}</DataArray>\n    </FieldData>\n",
+        format_number(*grid.time));
+  }
+  xml += fmt::format("    <Piece NumberOfPoints=\"{}\" NumberOfCells=\"{}\">\n", points, cells);
   xml += "      <PointData>\n" + add_fields(grid.point_fields, points, path, data) + "      </PointData>\n";
   xml += "      <CellData>\n" + add_fields(grid.cell_fields, cells, path, data) + "      </CellData>\n";
   xml +=

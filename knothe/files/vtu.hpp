@@ -1,6 +1,7 @@
 #pragma once
 /// @file Fields on meshes for ParaView: VTK's XML files (.vtu), and series of them (.pvd).
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -22,6 +23,7 @@ struct VtuGrid {
   std::string type = "VTK_HEXAHEDRON";  ///< VTK's name of the cell type
   std::vector<VtuField> point_fields;
   std::vector<VtuField> cell_fields;
+  std::optional<double> time = std::nullopt;  ///< shown by ParaView as the file's time
 };
 
 /// Writes atomically, binary (appended raw, little-endian). A field of the wrong size, a value that is not

@@ -21,7 +21,7 @@ const std::vector<double> k_points{0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1};
 const std::vector<std::int64_t> k_cells{0, 1, 2, 3};
 
 VtuGrid tetrahedron() {
-  VtuGrid grid{k_points, k_cells, 4, "VTK_TETRA", {}, {}};
+  VtuGrid grid{k_points, k_cells, 4, "VTK_TETRA", {}, {}, 0.5};
   grid.point_fields.push_back({"u & v", 3, {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12}});
   grid.cell_fields.push_back({"damage", 1, {0.25}});
   return grid;
@@ -46,6 +46,7 @@ TEST(Vtu, BlocksAreWhereTheirOffsetsSay) {
   write_vtu(tetrahedron(), folder.file("a.vtu"));
   const std::string text = read_text(folder.file("a.vtu"));
   EXPECT_THAT(text, HasSubstr("NumberOfPoints=\"4\" NumberOfCells=\"1\""));
+  EXPECT_THAT(text, HasSubstr("Name=\"TimeValue\" NumberOfTuples=\"1\" format=\"ascii\">0.5<"));
   EXPECT_THAT(text, HasSubstr("header_type=\"UInt64\""));
   EXPECT_EQ(block<double>(text, "Points"), k_points);
   EXPECT_EQ(block<std::int64_t>(text, "connectivity"), k_cells);

@@ -22,13 +22,14 @@ std::array<long long, 3> key_of(const double* point) {
 FieldOnMesh::FieldOnMesh(const ModelContents& contents, const std::string& where) : contents_(contents) {
   if (!contents.mesh) throw DataError(where + ": the model has no mesh: there is no field to write");
   std::map<std::array<long long, 3>, std::size_t> points;
-  for (std::size_t i = 0; i < contents.mesh->point_count(); ++i) points[key_of(&contents.mesh->points[3 * i])] = i;
+  for (std::size_t i = 0; i < contents.mesh->point_count(); ++i)
+    points[key_of(&contents.mesh->points[3 * i])] = i;
   for (std::size_t i = 0; i < contents.dofs.components.size(); ++i) {
     const double* at = &contents.dofs.points[3 * i];
     const auto it = points.find(key_of(at));
     if (it == points.end()) {
-      throw DataError(fmt::format("{}: dofs/points[{}] = ({:g}, {:g}, {:g}) is no point of the mesh", where, i, at[0],
-                                  at[1], at[2]));
+      throw DataError(fmt::format("{}: dofs/points[{}] = ({:g}, {:g}, {:g}) is no point of the mesh", where,
+                                  i, at[0], at[1], at[2]));
     }
     position_.push_back(3 * it->second + static_cast<std::size_t>(contents.dofs.components[i]));
   }
@@ -41,9 +42,18 @@ files::VtuField FieldOnMesh::vectors(const std::string& name, std::span<const do
   return field;
 }
 
-void FieldOnMesh::write(std::vector<files::VtuField> fields, const std::string& path) const {
+void FieldOnMesh::write(std::vector<files::VtuField> fields, const std::string& path,
+                        std::optional<double> time) const {
   const Mesh& mesh = *contents_.mesh;
-  files::write_vtu({mesh.points, mesh.cells, mesh.nodes_per_cell, mesh.type, std::move(fields), {}}, path);
+  files::write_vtu({mesh.points, mesh.cells, mesh.nodes_per_cell, mesh.type, std::move(fields), {}, time},
+                   path);
+}
+
+void write_field(const ModelContents& contents, std::span<const double> values, double time,
+                 const std::string& path) {
+  const FieldOnMesh mesh(contents, path);
+  const std::string& name = contents.field.long_name;
+  mesh.write({mesh.vectors(name.empty() ? "displacement" : name, values)}, path, time);
 }
 
 }  // namespace knothe::reduction

@@ -1,5 +1,6 @@
 #pragma once
 /// @file Displacement fields of a model on its mesh, for ParaView.
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -9,16 +10,20 @@
 
 namespace knothe::reduction {
 
-/// Scatters dof values to the points of the model's mesh. Made once, used for every field. `contents` must outlive it.
+/// Scatters dof values to the points of the model's mesh. Made once, used for every field. `contents` must
+/// outlive it.
 class FieldOnMesh {
  public:
-  /// Errors: DataError, prefixed by `where`, for a model without a mesh, or with a dof that is at none of its points.
+  /// Errors: DataError, prefixed by `where`, for a model without a mesh, or with a dof that is at none of its
+  /// points.
   FieldOnMesh(const ModelContents& contents, const std::string& where);
 
   /// A vector field from dof values [n_dof]; components without a dof are 0.
   [[nodiscard]] files::VtuField vectors(const std::string& name, std::span<const double> values) const;
   /// Writes the mesh with these fields (.vtu), atomically. IoError.
-  void write(std::vector<files::VtuField> fields, const std::string& path) const;
+  /// `time` is shown by ParaView as the file's time.
+  void write(std::vector<files::VtuField> fields, const std::string& path,
+             std::optional<double> time = {}) const;
 
  private:
   const ModelContents& contents_;

@@ -34,7 +34,7 @@ TEST(ParameterOrder, SwappedModelsAreTheSameFunction) {
 
 TEST(ParameterOrder, ThreeAxesInAnyOrder) {
   ModelContents model = random_contents(Form::tree);
-  model.axes.push_back({"E", {0.8, 1.0, 1.2}});
+  model.axes.push_back({"E", {0.8, 1.0, 1.2}, "1", "stiffness", 3e10});
   model.joint = normal_values(3 * 5 * 6 * 3, 11);
   model.outputs.clear();
   const SeparatedModel original(model);
