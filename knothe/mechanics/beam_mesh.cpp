@@ -110,9 +110,13 @@ void mark_beam(HexahedronMesh& mesh, const BeamOptions& options) {
       nodes_where(mesh, [&](double x, double y, double) { return near(x, -options.support) && near(y, 0); });
   mesh.support_right =
       nodes_where(mesh, [&](double x, double y, double) { return near(x, options.support) && near(y, 0); });
-  mesh.load = nodes_where(mesh, [&](double x, double y, double) {
-    return near(y, options.height) && std::abs(x) < options.load_half_width + k_near;
-  });
+  // At least the upper nodes nearest to mid-span: with very large elements none is inside the strip.
+  double strip = options.length;
+  for (const auto node : nodes_where(mesh, [&](double, double y, double) { return near(y, options.height); }))
+    strip = std::min(strip, std::abs(mesh.points[3 * node]));
+  strip = std::max(strip, options.load_half_width) + k_near;
+  mesh.load = nodes_where(
+      mesh, [&](double x, double y, double) { return near(y, options.height) && std::abs(x) < strip; });
   mesh.symmetry = nodes_where(mesh, [&](double, double, double z) { return near(z, 0); });
   mesh.left_face = nodes_where(mesh, [&](double x, double, double) { return near(x, -options.length / 2); });
   mesh.left_support = options.left_support;
@@ -133,11 +137,6 @@ HexahedronMesh beam_mesh(const BeamOptions& options) {
     const bool under_load = centre[1] > protected_from && std::abs(centre[0]) < options.protected_half_width;
     mesh.elastic[cell] = outside || under_load ? 1 : 0;
   }
-  if (mesh.load.empty())
-    throw ProjectError(
-        fmt::format("beam: no node of the upper face has |x| ≤ load_half_width = {} m; make it larger, or "
-                    "the elements smaller",
-                    options.load_half_width));
   mechanics::validate(mesh, "beam");
   return mesh;
 }

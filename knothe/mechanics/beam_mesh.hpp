@@ -18,8 +18,9 @@ struct BeamOptions {
   /// Width of the notch: one element of 5 mm. Smaller elements: divided into round(width / element) columns.
   /// Larger elements: one column, and the notch is as wide as the element.
   double notch_width = 0.005;
-  double support = 0.4;                  ///< support lines at x = ±support, y = 0
-  double load_half_width = 0.0075;       ///< nodes of the upper face with |x| up to this are pushed down
+  double support = 0.4;  ///< support lines at x = ±support, y = 0
+  /// Nodes of the upper face with |x| up to this are pushed down; at least those nearest to mid-span.
+  double load_half_width = 0.0075;
   double refined_half_width = 0.0525;    ///< fine mesh, and material that can be damaged, up to this |x|
   double protected_half_width = 0.0125;  ///< elements under the load up to this |x| …
   double protected_depth = 0.005;        ///< … and this depth (at least the upper row) cannot be damaged
