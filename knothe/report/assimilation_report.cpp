@@ -65,14 +65,15 @@ void add_forecasts(Page& page, const Results& results) {
 
 void add_method(Page& page, const Results& results) {
   page.section("How it was computed");
-  page.figure(one(cost_plot(results), "Map order and time per step", 300.0),
-              "Bars: polynomial order that the transport map needed at each step. Line: time of the update, "
-              "without the forecast.");
   page.figures(
-      {one(variance_diagnostic_plot(results), "Variance diagnostic", 280.0),
-       one(sample_size_plot(results), "Effective sample size", 280.0),
-       one(evidence_plot(results), "Log-evidence increments", 280.0)},
-      "A step is trusted if the diagnostic is at most 0.05, the effective sample size at least 90 %, and no "
+      {one(cost_plot(results), "Map order and time per step", 300.0),
+       one(variance_diagnostic_plot(results), "Variance diagnostic", 300.0),
+       one(sample_size_plot(results), "Effective sample size", 300.0),
+       one(evidence_plot(results), "Log-evidence increments", 300.0)},
+      "Bars: polynomial order that the transport map needed at each step; line: time of the update, without "
+      "the "
+      "forecast. A step is trusted if the diagnostic is at most 0.05, the effective sample size at least 90 "
+      "%, and no "
       "second mode was found. The evidence of a step is the log-probability that the model gave to its "
       "data beforehand: a sudden fall means that model and data disagree.");
   std::size_t rejected = 0, missing = 0;
@@ -138,9 +139,9 @@ void add_model(Page& page, const Results& results, const reduction::SeparatedMod
                      "through it, of the "
                      "first modes.");
   if (can_be_drawn(model) && !contents.crack.empty()) {
-    const std::vector<double> lengths = {0.0, 0.025, 0.075};
+    const std::vector<double> lengths = {0.0, 0.025, 0.05, 0.075};
     page.figures(crack_figures(model, lengths),
-                 "Elastic solutions of the crack bridge for three crack lengths and a unit "
+                 "Elastic solutions of the crack bridge for four crack lengths and a unit "
                  "imposed displacement (the paper's Fig. 10).");
   }
 }
@@ -164,8 +165,8 @@ void add_provenance(Page& page, const Results& results) {
   for (const auto& p : results.parameters)
     if (!p.prior.empty()) {
       std::string prior = p.prior;
-      if (p.lower && p.upper) prior += fmt::format(", on {} … {}", readable(*p.lower), readable(*p.upper));
-      if (p.reference) prior += fmt::format("; 1 means {} in SI units", readable(*p.reference, 4));
+      if (p.lower && p.upper) prior += fmt::format(", on {} … {}", plain(*p.lower), plain(*p.upper));
+      if (p.reference) prior += fmt::format("; 1 means {} in SI units", plain(*p.reference));
       add("Prior of " + pretty_name(p.name), prior);
     }
   for (const auto& [name, value] : results.machine) add("Machine: " + name, value);
@@ -180,7 +181,7 @@ std::string assimilation_report(const Results& results, const reduction::Separat
   const Step& last = results.steps.back();
   Page page("What the measurements say",
             fmt::format("{} steps assimilated, up to model time {}. {} values used at the last one.",
-                        results.steps.size(), readable(last.time, 4), last.used));
+                        results.steps.size(), plain(last.time), last.used));
   page.cards(headline(results));
   add_parameters(page, results);
   add_forecasts(page, results);

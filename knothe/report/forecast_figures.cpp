@@ -51,7 +51,7 @@ Plot forecast_densities_plot(const Results& results, const std::string& name) {
   Axis x{scale.label()};
   limit_to_mass(results, name, scale.factor, x);
   Plot plot(scale.title + " at the horizon", x,
-            {scale.unit.empty() ? "probability density" : "probability density (1/" + scale.unit + ")"});
+            {scale.unit.empty() ? "probability density" : "probability density (1/" + scale.unit + ")", 0.0});
   const double first = static_cast<double>(results.steps.front().step);
   const double span = std::max(static_cast<double>(results.steps.back().step) - first, 1.0);
   for (std::size_t i = 0; i < results.steps.size(); ++i) {

@@ -44,8 +44,7 @@ Card parameter_card(const Results& results, std::size_t d) {
   Card card{pretty_name(p.name), with_uncertainty(last.mean[d], last.std[d]), {}};
   if (p.truth) {
     const double distance = last.std[d] > 0.0 ? std::abs(last.mean[d] - *p.truth) / last.std[d] : 0.0;
-    card.remark = fmt::format("true value {}, {} standard deviations away", readable(*p.truth, 3),
-                              readable(distance, 2));
+    card.remark = fmt::format("true value {}, {:.1f} standard deviations away", plain(*p.truth), distance);
     card.warning = distance > 3.0;
   } else {
     card.remark = fmt::format("most probable: {}", readable(last.maximum_a_posteriori[d], 4));
@@ -62,11 +61,10 @@ Card forecast_card(const Results& results, const std::string& name) {
                 (scale.unit.empty() ? "" : " " + scale.unit),
             {}};
   if (summary != results.forecasts.end() && summary->second.horizon)
-    card.name += fmt::format(" at time {}", readable(*summary->second.horizon, 3));
+    card.name += fmt::format(" at time {}", plain(*summary->second.horizon));
   std::string above = "the threshold";
   if (summary != results.forecasts.end() && summary->second.threshold)
-    above =
-        readable(scale.factor * *summary->second.threshold, 3) + (scale.unit.empty() ? "" : " " + scale.unit);
+    above = plain(scale.factor * *summary->second.threshold) + (scale.unit.empty() ? "" : " " + scale.unit);
   card.remark = fmt::format("above {} with probability {}", above, percent(f.probability_above_threshold));
   return card;
 }
@@ -119,7 +117,7 @@ std::vector<TableRow> comparison_with_paper(const Results& results) {
     const StepForecast& f = last.forecast.at(name);
     const auto summary = results.forecasts.find(name);
     const std::string when = summary != results.forecasts.end() && summary->second.horizon
-                                 ? fmt::format(" at time {}", readable(*summary->second.horizon, 3))
+                                 ? fmt::format(" at time {}", plain(*summary->second.horizon))
                                  : "";
     rows.push_back(
         {{"Crack length" + when, "37.2 mm (mean), 37.6 mm (most probable), at the final time",

@@ -182,7 +182,7 @@ std::vector<Figure> crack_figures(const reduction::SeparatedModel& model, std::s
       for (std::size_t j = 0; j < n; ++j)
         field[j] += crack.coefficients[best * modes + k] * crack.modes[k * n + j];
     figures.push_back(
-        field_figure(fmt::format("Elastic beam, crack of {} mm", readable(1e3 * crack.length[best], 3)), face,
+        field_figure(fmt::format("Elastic beam, crack of {} mm", plain(1e3 * crack.length[best])), face,
                      field, 1.0, "horizontal, m per m"));
   }
   return figures;

@@ -20,7 +20,7 @@ p{max-width:70ch;margin:.6em 0}
 nav{font-size:.9rem;margin:1em 0 0}
 nav a{display:inline-block;margin:0 14px 4px 0}
 a{color:var(--accent)}
-.cards{display:grid;grid-template-columns:repeat(auto-fit,minmax(200px,1fr));gap:12px;margin:1.2em 0}
+.cards{display:grid;grid-template-columns:repeat(auto-fit,minmax(178px,1fr));gap:12px;margin:1.2em 0}
 .card{background:var(--card);border-radius:8px;padding:12px 14px;border-left:4px solid var(--accent)}
 .card.warning{border-color:var(--warn)}
 .card b{display:block;font-size:.85rem;font-weight:600;color:var(--muted)}

@@ -43,6 +43,9 @@ TEST(Text, NumbersForPeople) {
   EXPECT_EQ(with_uncertainty(1.0432, 0.0412), "1.043 ± 0.041");
   EXPECT_EQ(with_uncertainty(37.2345, 1.26), "37.2 ± 1.3");
   EXPECT_EQ(with_uncertainty(-2.0, 0.0), "−2.000 ± 0");
+  EXPECT_EQ(plain(0.3), "0.3");
+  EXPECT_EQ(plain(25.0), "25");
+  EXPECT_EQ(plain(-1200.0), "−1200");
   EXPECT_EQ(superscript(-12), "⁻¹²");
   EXPECT_THROW((void)readable(k_nan), NumericalError);
   EXPECT_THROW((void)with_uncertainty(1.0, k_nan), NumericalError);

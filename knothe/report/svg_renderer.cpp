@@ -160,7 +160,7 @@ class PlotRenderer {
     if (captioned || plot_.bar_) header += 20.0;
     box_top_ = top_ + header + 6.0;
     box_bottom_ = top_ + height_ - (plot_.map_ ? 4.0 : plot_.x_.label.empty() ? 24.0 : 42.0);
-    double left = 0.0, right = 8.0;
+    double left = 0.0, right = 14.0;  // half of the last label along x
     if (!plot_.map_) {
       y_ticks_ = y_.ticks(vertical_ticks());
       for (const auto& label : y_ticks_.labels) left = std::max(left, text_width(label));

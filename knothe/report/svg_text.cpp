@@ -78,6 +78,14 @@ std::string readable(double value, int significant) {
   return with_minus(fmt::format("{:.{}f}", value, std::max(0, significant - 1 - exponent)));
 }
 
+std::string plain(double value) {
+  std::string text = readable(value, 4);
+  if (text.find('.') == std::string::npos || text.find("·") != std::string::npos) return text;
+  text.erase(text.find_last_not_of('0') + 1);
+  if (text.back() == '.') text.pop_back();
+  return text;
+}
+
 std::string with_uncertainty(double mean, double std) {
   require_finite(mean, "a mean");
   require_finite(std, "a standard deviation");

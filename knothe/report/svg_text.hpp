@@ -18,6 +18,9 @@ namespace knothe::report {
 /// beyond. Errors: NumericalError if not finite.
 [[nodiscard]] std::string readable(double value, int significant = 3);
 
+/// A number that was given, not measured: at most four digits, without trailing zeros ("0.3", "25").
+[[nodiscard]] std::string plain(double value);
+
 /// "1.04 ± 0.041": the standard deviation with two significant digits, the mean to the same decimal.
 [[nodiscard]] std::string with_uncertainty(double mean, double std);
 
