@@ -17,13 +17,19 @@ namespace {
 constexpr double k_near = 1e-7;  // m
 
 /// Planes from the crack line to one end of the beam, through the places that must be planes.
-std::vector<double> planes_to_end(double line, double end, std::vector<double> stops, const BeamOptions& beam,
+std::vector<double> planes_to_end(double line, double end, const BeamOptions& beam,
                                   const CrackOptions& options) {
+  std::vector<double> stops;
+  for (const double place :
+       {line, beam.load_half_width, beam.refined_half_width, beam.support, beam.length / 2})
+    for (const double stop : {-place, place})
+      if ((stop - line) * (end - line) > k_near * std::abs(end - line)) stops.push_back(stop);
+  std::sort(stops.begin(), stops.end(),
+            [&](double a, double b) { return std::abs(a - line) < std::abs(b - line); });
   std::vector<double> result{line};
   double interval = options.spacing / options.growth;
-  stops.push_back(end);
   for (const double stop : stops) {
-    if (std::abs(stop - line) <= std::abs(result.back() - line) + k_near) continue;
+    if (std::abs(stop - result.back()) < k_near) continue;
     const double largest =
         std::abs(stop) <= beam.refined_half_width + k_near ? beam.element : beam.largest_element;
     const auto segment =
@@ -69,11 +75,8 @@ void CrackedBeam::make_mesh(const BeamOptions& beam, const CrackOptions& options
   line_ = grid.notch_half_width;
   corner_ = grid.notch_depth;
   auto& [x, y, z] = planes_;
-  const auto right = planes_to_end(
-      line_, beam.length / 2, {beam.load_half_width, beam.refined_half_width, beam.support}, beam, options);
-  const auto left =
-      planes_to_end(line_, -beam.length / 2,
-                    {-line_, -beam.load_half_width, -beam.refined_half_width, -beam.support}, beam, options);
+  const auto right = planes_to_end(line_, beam.length / 2, beam, options);
+  const auto left = planes_to_end(line_, -beam.length / 2, beam, options);
   x.assign(left.rbegin(), left.rend());
   x.insert(x.end(), right.begin() + 1, right.end());
   if (corner_ > k_near) {

@@ -59,7 +59,9 @@ struct Part {
 void check_axes(const SnapshotGrid& grid) {
   if (grid.axes.empty()) throw ProjectError("the offline phase needs at least one parameter axis (Y0 or Ad)");
   for (const auto& axis : grid.axes) {
-    if (axis.nodes.empty()) throw ProjectError(fmt::format("parameter {}: its axis has no nodes", axis.name));
+    if (axis.nodes.size() < 2)
+      throw ProjectError(fmt::format("parameter {}: its axis has {} node(s); at least 2 are needed",
+                                     axis.name, axis.nodes.size()));
     for (std::size_t i = 1; i < axis.nodes.size(); ++i)
       if (!(axis.nodes[i] > axis.nodes[i - 1]))
         throw ProjectError(fmt::format("parameter {}: the axis must increase, but node {} is {} after {}",
