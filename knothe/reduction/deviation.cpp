@@ -1,0 +1,75 @@
+#include "knothe/reduction/deviation.hpp"
+
+#include <vector>
+
+#include "knothe/base/threads.hpp"
+
+namespace knothe::reduction {
+
+Eigen::VectorXd trapezoid_weights(std::span<const double> nodes) {
+  const auto n = static_cast<Eigen::Index>(nodes.size());
+  Eigen::VectorXd weights = Eigen::VectorXd::Constant(n, n == 1 ? 1.0 : 0.0);
+  for (Eigen::Index i = 0; i + 1 < n; ++i) {
+    const double half = 0.5 * (nodes[static_cast<std::size_t>(i) + 1] - nodes[static_cast<std::size_t>(i)]);
+    weights[i] += half;
+    weights[i + 1] += half;
+  }
+  return weights / weights.sum();
+}
+
+Deviation::Deviation(const Snapshots& snapshots) : snapshots_(snapshots) {
+  grid_weights_ = Eigen::VectorXd::Ones(1);
+  for (const Axis& axis : snapshots.axes) {
+    const Eigen::VectorXd weights = trapezoid_weights(axis.nodes);
+    const Eigen::MatrixXd outer =
+        weights * grid_weights_.transpose();  // column-major: the new axis is contiguous
+    grid_weights_ = outer.reshaped();
+  }
+  time_weights_ = trapezoid_weights(snapshots.time);
+  const auto dofs = static_cast<Eigen::Index>(snapshots.dof_count());
+  if (!snapshots.lift.empty()) {
+    lift_ = Eigen::Map<const Eigen::MatrixXd>(snapshots.lift.data(), dofs, times());
+    return;
+  }
+  lift_ = Eigen::MatrixXd::Zero(dofs, times());
+  for (std::size_t g = 0; g < snapshots.grid_size(); ++g) {
+    lift_ += Eigen::Map<const Eigen::MatrixXd>(snapshots.solution(g).data(), dofs, times());
+  }
+  lift_ /= static_cast<double>(grid());
+}
+
+RowMatrix Deviation::at_time(Eigen::Index t) const {
+  RowMatrix block(grid(), dofs());
+  for (Eigen::Index g = 0; g < grid(); ++g) {
+    const double* solution = snapshots_.solution(static_cast<std::size_t>(g)).data();
+    block.row(g) =
+        Eigen::Map<const Eigen::RowVectorXd>(solution + t * dofs(), dofs()) - lift_.col(t).transpose();
+  }
+  return block;
+}
+
+Eigen::MatrixXd Deviation::grid_gram(std::size_t threads) const {
+  std::vector<Eigen::MatrixXd> parts(static_cast<std::size_t>(times()));
+  parallel_for(parts.size(), threads, [&](std::size_t t) {
+    const RowMatrix block = at_time(static_cast<Eigen::Index>(t));
+    parts[t] = time_weights_[static_cast<Eigen::Index>(t)] * (block * block.transpose());
+  });
+  Eigen::MatrixXd gram = Eigen::MatrixXd::Zero(grid(), grid());
+  for (const Eigen::MatrixXd& part : parts) gram += part;  // in order: the same for any number of threads
+  const Eigen::VectorXd root = grid_weights_.cwiseSqrt();
+  return root.asDiagonal() * gram * root.asDiagonal();
+}
+
+Eigen::MatrixXd Deviation::projected(const Eigen::MatrixXd& v, std::size_t threads) const {
+  Eigen::MatrixXd result(dofs(), times() * v.cols());
+  const Eigen::VectorXd root = grid_weights_.cwiseSqrt();
+  const Eigen::MatrixXd weighted = root.asDiagonal() * v;
+  parallel_for(static_cast<std::size_t>(times()), threads, [&](std::size_t step) {
+    const auto t = static_cast<Eigen::Index>(step);
+    result.middleCols(t * v.cols(), v.cols()).noalias() =
+        std::sqrt(time_weights_[t]) * (at_time(t).transpose() * weighted);
+  });
+  return result;
+}
+
+}  // namespace knothe::reduction
