@@ -58,8 +58,15 @@ void add_forecasts(Page& page, const Results& results) {
     if (!results.steps.back().forecast.at(name).density.empty())
       figures.push_back(one(forecast_densities_plot(results, name), title + ": successive densities"));
     figures.push_back(one(forecast_convergence_plot(results, name), title + ": mean and 95 % band"));
-    page.figures(figures,
-                 fmt::format("“{}”: what the posterior after each step predicts for the horizon.", name));
+    std::string caption =
+        fmt::format("Forecast “{}”: what the posterior after each step predicts for the horizon.", name);
+    if (const auto residual = results.steps.back().forecast.at(name).bridge_residual_rms)
+      caption += fmt::format(
+          " The elastic beam with the most probable crack differs from the displacements predicted at the "
+          "sensors by {} µm "
+          "(root mean square).",
+          readable(1e6 * *residual, 2));
+    page.figures(figures, caption);
   }
 }
 
@@ -76,6 +83,14 @@ void add_method(Page& page, const Results& results) {
       "%, and no "
       "second mode was found. The evidence of a step is the log-probability that the model gave to its "
       "data beforehand: a sudden fall means that model and data disagree.");
+  std::vector<TableRow> untrusted;
+  for (const auto& s : results.steps)
+    if (!s.trusted)
+      untrusted.push_back(
+          {{std::to_string(s.step), std::to_string(s.map_order), readable(s.variance_diagnostic, 2),
+            readable(100.0 * s.effective_sample_size, 3) + " %", s.remark}});
+  if (!untrusted.empty())
+    page.table({"not trusted: step", "order", "diagnostic", "samples", "remark"}, untrusted);
   std::size_t rejected = 0, missing = 0;
   for (const auto& s : results.steps) rejected += s.rejected, missing += s.missing;
   if (rejected + missing > 0)

@@ -2,6 +2,7 @@
 #include <cmath>
 
 #include "knothe/report/result_figures.hpp"
+#include "knothe/report/svg_text.hpp"
 
 namespace knothe::report {
 namespace {
@@ -37,20 +38,29 @@ std::string with_capital(std::string text) {
 
 ForecastScale forecast_scale(const Results& results, const std::string& name) {
   const auto found = results.forecasts.find(name);
-  const ForecastSummary summary = found == results.forecasts.end() ? ForecastSummary{} : found->second;
-  const bool crack =
-      summary.quantity == "crack_length" || (summary.quantity.empty() && name.find("crack") == 0);
-  if (crack) return {"Crack length", "mm", 1e3};
-  if (summary.quantity == "displacement" || summary.unit == "m") return {with_capital(name), "mm", 1e3};
-  if (summary.unit == "N") return {with_capital(name), "kN", 1e-3};
-  return {with_capital(name), summary.unit, 1.0};
+  ForecastSummary summary = found == results.forecasts.end() ? ForecastSummary{} : found->second;
+  if (const auto last = results.steps.back().forecast.find(name);
+      summary.unit.empty() && last != results.steps.back().forecast.end())
+    summary.unit = last->second.units;
+  ForecastScale scale;
+  scale.crack = summary.quantity == "crack_length" || (summary.quantity.empty() && name.find("crack") == 0);
+  scale.quantity = scale.crack ? "Crack length" : with_capital(name);
+  scale.title = scale.quantity;
+  if (summary.horizon)
+    scale.title += " at time " + plain(*summary.horizon);
+  else if (scale.crack && name != "crack")
+    scale.title += " (" + name + ")";
+  scale.unit = summary.unit == "1" ? "" : summary.unit;
+  if (scale.crack || summary.unit == "m") scale.unit = "mm", scale.factor = 1e3;
+  if (summary.unit == "N") scale.unit = "kN", scale.factor = 1e-3;
+  return scale;
 }
 
 Plot forecast_densities_plot(const Results& results, const std::string& name) {
   const ForecastScale scale = forecast_scale(results, name);
   Axis x{scale.label()};
   limit_to_mass(results, name, scale.factor, x);
-  Plot plot(scale.title + " at the horizon", x,
+  Plot plot(scale.title, x,
             {scale.unit.empty() ? "probability density" : "probability density (1/" + scale.unit + ")", 0.0});
   const double first = static_cast<double>(results.steps.front().step);
   const double span = std::max(static_cast<double>(results.steps.back().step) - first, 1.0);
@@ -83,7 +93,7 @@ Plot forecast_convergence_plot(const Results& results, const std::string& name) 
     low.push_back(scale.factor * (quantiles ? f.values.front() : f.mean - 1.96 * f.std));
     high.push_back(scale.factor * (quantiles ? f.values.back() : f.mean + 1.96 * f.std));
   }
-  Plot plot(scale.title + " as the data come in", {"step"}, {scale.label()});
+  Plot plot(scale.quantity + " as the data come in", {"step"}, {scale.label()});
   plot.band(x, low, high, Paint::series(1), "95 % of the probability");
   plot.line(x, mean, Paint::series(1), "mean", {2.2});
   plot.line(x, most, Paint::ink(), "most probable", {1.3, "3 3", 1.0});

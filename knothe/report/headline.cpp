@@ -60,8 +60,6 @@ Card forecast_card(const Results& results, const std::string& name) {
             with_uncertainty(scale.factor * f.mean, scale.factor * f.std) +
                 (scale.unit.empty() ? "" : " " + scale.unit),
             {}};
-  if (summary != results.forecasts.end() && summary->second.horizon)
-    card.name += fmt::format(" at time {}", plain(*summary->second.horizon));
   std::string above = "the threshold";
   if (summary != results.forecasts.end() && summary->second.threshold)
     above = plain(scale.factor * *summary->second.threshold) + (scale.unit.empty() ? "" : " " + scale.unit);
@@ -113,14 +111,10 @@ std::vector<TableRow> comparison_with_paper(const Results& results) {
         "narrowing it."}});
   for (const auto& name : results.forecast_names()) {
     const ForecastScale scale = forecast_scale(results, name);
-    if (scale.title != "Crack length") continue;
+    if (!scale.crack) continue;
     const StepForecast& f = last.forecast.at(name);
-    const auto summary = results.forecasts.find(name);
-    const std::string when = summary != results.forecasts.end() && summary->second.horizon
-                                 ? fmt::format(" at time {}", plain(*summary->second.horizon))
-                                 : "";
     rows.push_back(
-        {{"Crack length" + when, "37.2 mm (mean), 37.6 mm (most probable), at the final time",
+        {{scale.title, "37.2 mm (mean), 37.6 mm (most probable), at the final time",
           fmt::format("{} mm, most probable {} mm", with_uncertainty(1e3 * f.mean, 1e3 * f.std),
                       readable(1e3 * f.maximum_a_posteriori, 3)),
           "At the final 0.4 mm this mesh has lost 98 % of its stiffness, and an elastic crack of equal "

@@ -68,6 +68,7 @@ json crack_forecast(double mean, double std) {
           {"probability_above_threshold", 0.5 * std::erfc((0.04 - mean) / (std * std::sqrt(2.0)))},
           {"levels", {0.025, 0.25, 0.5, 0.75, 0.975}},
           {"values", {mean - 1.96 * std, mean - 0.67 * std, mean, mean + 0.67 * std, mean + 1.96 * std}},
+          {"bridge_residual_rms", 2.5e-6},
           {"density", {{"points", points}, {"values", values}}}};
 }
 
@@ -102,6 +103,7 @@ json step_line(int i, std::mt19937_64& engine) {
           {"tolerance_reached", !running},
           {"ess", running ? 0.91 : 0.999},
           {"trusted", i != 22},
+          {"remark", i == 22 ? "the order no longer helps" : ""},
           {"log_evidence", 800.0 * i},
           {"log_evidence_increment", 800.0 + 5.0 * normal(engine)},
           {"bias_correction", "off"},

@@ -44,6 +44,17 @@ double log_determinant(const Step& s) {
   return sum;
 }
 
+/// Index on the load–displacement curve of step i: by time if the curve says its times, else by number.
+std::size_t place_on_curve(const Results& results, std::size_t i) {
+  const auto& time = results.curve_time;
+  if (time.empty()) return results.displacement.size() == results.steps.size() ? i : results.steps[i].step;
+  const auto after = std::lower_bound(time.begin(), time.end(), results.steps[i].time);
+  if (after == time.begin()) return 0;
+  const auto before = after - 1;
+  const bool nearer = after == time.end() || results.steps[i].time - *before < *after - results.steps[i].time;
+  return static_cast<std::size_t>((nearer ? before : after) - time.begin());
+}
+
 /// Adds the steps that are not trusted, at their ordinate.
 void mark_untrusted(Plot& plot, const Results& results, const std::vector<double>& y) {
   std::vector<double> x, at;
@@ -138,7 +149,7 @@ Plot load_plot(const Results& results) {
   for (std::size_t d = 0; d < results.parameters.size(); ++d) {
     std::vector<double> x, y;
     for (std::size_t i : learning_steps(results, d)) {
-      const std::size_t at = results.displacement.size() == results.steps.size() ? i : results.steps[i].step;
+      const std::size_t at = place_on_curve(results, i);
       if (at < displacement.size()) x.push_back(displacement[at]), y.push_back(force[at]);
     }
     if (!x.empty())

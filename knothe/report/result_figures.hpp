@@ -26,10 +26,12 @@ namespace knothe::report {
 
 /// How a forecast is shown: its name for people, unit, and the factor from the file's numbers to that unit.
 struct ForecastScale {
-  std::string title;
+  std::string title;     ///< "Crack length at time 0.3"
+  std::string quantity;  ///< "Crack length"
+  bool crack = false;    ///< it is a crack length
   std::string unit;
   double factor = 1.0;
-  [[nodiscard]] std::string label() const { return unit.empty() ? title : title + " (" + unit + ")"; }
+  [[nodiscard]] std::string label() const { return unit.empty() ? quantity : quantity + " (" + unit + ")"; }
 };
 [[nodiscard]] ForecastScale forecast_scale(const Results& results, const std::string& name);
 /// Successive densities of forecast `name` (Fig. 13), and its mean and 95 % band over the steps.

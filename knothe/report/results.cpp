@@ -95,6 +95,8 @@ StepForecast forecast_of(const Located& f) {
   out.std = f.number("std");
   out.maximum_a_posteriori = f.number("maximum_a_posteriori");
   out.probability_above_threshold = f.number("probability_above_threshold");
+  out.units = f.text_or("units");
+  out.bridge_residual_rms = f.optional_number("bridge_residual_rms");
   out.levels = f.numbers("levels");
   out.values = f.numbers("values", out.levels.size());
   if (f.has("density")) out.density = f.object("density").density("points", "values");
@@ -136,6 +138,7 @@ Step step_of(const Located& line) {
   s.effective_sample_size = line.number("ess");
   if (!line.at("trusted").is_boolean()) line.fail("\"trusted\" must be true or false");
   s.trusted = line.at("trusted").get<bool>();
+  s.remark = line.text_or("remark");
   s.log_evidence = line.number("log_evidence");
   s.log_evidence_increment = line.number("log_evidence_increment");
   s.used = line.count("used");
@@ -242,6 +245,7 @@ void read_summary(const std::string& path, Results& results) {
   if (summary.has("load_displacement")) {
     const Located curve = summary.object("load_displacement");
     results.displacement = curve.numbers("displacement");
+    if (curve.has("time")) results.curve_time = curve.numbers("time", results.displacement.size());
     results.force = curve.numbers("force", results.displacement.size());
   }
   if (summary.has("machine") && summary.at("machine").is_object())

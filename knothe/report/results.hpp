@@ -23,6 +23,9 @@ struct StepForecast {
   double std = 0.0;
   double maximum_a_posteriori = 0.0;
   double probability_above_threshold = 0.0;
+  std::string units;  ///< empty if not said
+  std::optional<double>
+      bridge_residual_rms;  ///< m; how far the best elastic crack is from the predicted field
   std::vector<double> levels;
   std::vector<double> values;
   Density density;  ///< empty if not written
@@ -42,6 +45,7 @@ struct Step {
   double variance_diagnostic = 0.0;
   double effective_sample_size = 1.0;  ///< fraction
   bool trusted = true;
+  std::string remark;  ///< why not, in the solver's words
   double log_evidence = 0.0;
   double log_evidence_increment = 0.0;
   std::size_t used = 0, rejected = 0, missing = 0;
@@ -74,8 +78,9 @@ struct Results {
   std::vector<ParameterSummary> parameters;
   std::map<std::string, Density> prior_marginals;
   std::map<std::string, ForecastSummary> forecasts;  ///< by name; may be empty
-  std::vector<double> displacement;                  ///< m, of the load–displacement curve; may be empty
-  std::vector<double> force;                         ///< N
+  std::vector<double> curve_time;    ///< model times of the load–displacement curve; may be empty
+  std::vector<double> displacement;  ///< m, of the load–displacement curve; may be empty
+  std::vector<double> force;         ///< N
   std::optional<double> elapsed_s;
   std::vector<std::pair<std::string, std::string>> machine;
   std::vector<Step> steps;  ///< at least one

@@ -97,7 +97,8 @@ Json ResultsWriter::load_displacement() const {
   if (steps_.empty() || !has("reaction_force") || !has("imposed_displacement")) return nullptr;
   const Eigen::VectorXd& mean = steps_.back().result.mean;
   const std::vector<double> p(mean.begin(), mean.end());
-  return {{"displacement", model_.evaluate_output("imposed_displacement", p).value},
+  return {{"time", model_.contents().time},
+          {"displacement", model_.evaluate_output("imposed_displacement", p).value},
           {"force", model_.evaluate_output("reaction_force", p).value}};
 }
 
