@@ -122,7 +122,7 @@ void KullbackLeiblerObjective::fill_gradient(Eigen::VectorXd& gradient) {
     const auto& prefix = tables_->points.prefix(k);
     auto& s = sensitivity_[static_cast<std::size_t>(k)];
     s.resize(n, c.count());
-    s.leftCols(c.constant_count) = prefix.leftCols(c.constant_count);
+    s.leftCols(c.constant_count) = tables_->points.constant_prefix(k).leftCols(c.constant_count);
     for (Eigen::Index j = 0; j < tables_->order(); ++j)
       for (Eigen::Index m = 0; m < c.group_size(j); ++m)
         s.col(c.constant_count + c.group_begin[static_cast<std::size_t>(j)] + m) =

@@ -49,8 +49,6 @@ void require(const MapSolverOptions& o) {
   if (o.verification_points < 16)
     throw UsageError(
         fmt::format("map solver: {} verification points; at least 16 are needed", o.verification_points));
-  if (!(o.tail_radius > 0))
-    throw UsageError(fmt::format("map solver: tail radius {} is not positive", o.tail_radius));
 }
 
 }  // namespace
@@ -65,15 +63,14 @@ void diagnose(const Eigen::VectorXd& log_weight, double& diagnostic, double& obj
 
 const TriangularMap& MapSolver::Workspace::identity(Eigen::Index d, int order) {
   auto [at, made] = identities.try_emplace({d, order});
-  if (made) at->second = TriangularMap(d, order, options.tail_radius);
+  if (made) at->second = TriangularMap(d, order, options.radii);
   return at->second;
 }
 
 const TrainingTables& MapSolver::Workspace::training_tables(Eigen::Index d, int order) {
   auto& tables = training[{d, order}];
   if (!tables)
-    tables =
-        std::make_unique<TrainingTables>(training_rule(d, order), order, TailedHermite(options.tail_radius));
+    tables = std::make_unique<TrainingTables>(training_rule(d, order), order, TailedHermite(options.radii));
   return *tables;
 }
 
@@ -81,10 +78,12 @@ const VerificationTables& MapSolver::Workspace::verification_tables(Eigen::Index
                                                                     int order) {
   auto& tables = verification[{n, d, order}];
   if (!tables) {
+    // With matched moments an affine map of a Gaussian target gives mean and covariance exactly.
     Eigen::MatrixXd points = numerics::sobol_normal_points(n, d, options.seed);
+    numerics::match_standard_moments(points);
     Eigen::VectorXd log_reference = standard_normal_log_density(points);
     tables = std::make_unique<VerificationTables>(VerificationTables{
-        MapLayout(d, order), PointTables(std::move(points), order, TailedHermite(options.tail_radius)),
+        MapLayout(d, order), PointTables(std::move(points), order, TailedHermite(options.radii)),
         std::move(log_reference)});
   }
   return *tables;
@@ -265,7 +264,8 @@ void MapSolver::solve(LogDensity& user_target, MapResult& result) {
       reached = candidate.verified_diagnostic <= options.tolerance;
     }
     const double diagnostic = std::max(candidate.training_diagnostic, candidate.verified_diagnostic);
-    stalled = diagnostic > 0.85 * best ? stalled + 1 : 0;
+    // Low orders may get worse before they get better: a bent ridge is followed only from order 3 or 4 on.
+    stalled = order > 4 && diagnostic > 0.85 * best ? stalled + 1 : 0;
     best = std::min(best, diagnostic);
     if (!reached && stalled >= 2) {
       no_longer_falls = true;

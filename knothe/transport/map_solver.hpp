@@ -24,10 +24,10 @@ struct MapSolverOptions {
       1e-9;  ///< the minimiser stops when it predicts a smaller decrease of the objective
   Eigen::Index verification_points = 1024;  ///< scrambled Sobol points, never used for training
   Eigen::Index max_points = 16384;  ///< the importance correction may take so many where weights are uneven
-  double wanted_ess = 0.95;  ///< below this effective sample size (fraction) it takes four times as many
-                             ///< points, once or twice
+  double wanted_ess = 0.992;  ///< below this effective sample size (fraction) it takes four times as many
+                              ///< points, once or twice points, once or twice
   std::uint64_t seed = 1;    ///< of the verification points
-  double tail_radius = 4.0;  ///< of TailedHermite
+  TailRadii radii;           ///< where the tails of the bases begin
   bool search_modes = true;  ///< look for a second mode
   double mode_mass = 1e-3;   ///< a mode with this share of the Laplace mass counts
 };

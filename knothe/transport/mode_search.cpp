@@ -47,13 +47,9 @@ void solve_factorised(const Eigen::MatrixXd& l, Eigen::VectorXd& x) {
   }
 }
 
-/// Lower triangular L with L Lᵀ = A⁻¹; eigenvalues of A that are not safely positive are moved there.
-Eigen::MatrixXd inverse_factor(const Eigen::MatrixXd& a) {
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(a);
-  const double largest = std::max(eigen.eigenvalues().cwiseAbs().maxCoeff(), 1e-12);
-  const Eigen::VectorXd safe = eigen.eigenvalues().cwiseAbs().cwiseMax(1e-9 * largest).cwiseMax(1e-12);
-  const Eigen::MatrixXd covariance =
-      eigen.eigenvectors() * safe.cwiseInverse().asDiagonal() * eigen.eigenvectors().transpose();
+/// Lower triangular L with L Lᵀ = V diag(spread²) Vᵀ.
+Eigen::MatrixXd lower_factor(const Eigen::MatrixXd& vectors, const Eigen::VectorXd& spread) {
+  const Eigen::MatrixXd covariance = vectors * spread.cwiseAbs2().asDiagonal() * vectors.transpose();
   return covariance.llt().matrixL();
 }
 
@@ -169,14 +165,43 @@ void ModeSearch::ascend(CheckedDensity& target) {
   }
 }
 
-void ModeSearch::collect(std::vector<Mode>& modes) {
+/// Laplace's covariance is the inverse of −∇² log π̄ at the mode (in matrix_). Where that is flat, indefinite
+/// or says little about the spread, a step of one standard deviation along an eigenvector does not lower log
+/// π̄ by about ½; then the spread along it is corrected.
+void ModeSearch::calibrate(CheckedDensity& target, Mode& mode) {
+  const Eigen::Index d = mode.point.size();
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(matrix_);
+  const auto& vectors = eigen.eigenvectors();
+  const double largest = std::max(eigen.eigenvalues().cwiseAbs().maxCoeff(), 1e-12);
+  Eigen::VectorXd spread = eigen.eigenvalues().cwiseMax(1e-6 * largest).cwiseSqrt().cwiseInverse();
+  batch_points_.resize(2 * d, d);
+  for (int round = 0; round < 30; ++round) {
+    for (Eigen::Index a = 0; a < d; ++a) {
+      batch_points_.row(2 * a) = (mode.point + spread[a] * vectors.col(a)).transpose();
+      batch_points_.row(2 * a + 1) = (mode.point - spread[a] * vectors.col(a)).transpose();
+    }
+    target.evaluate(batch_points_, 0, batch_);
+    bool fits = true;
+    for (Eigen::Index a = 0; a < d; ++a) {
+      const double drop = mode.value - 0.5 * (batch_.value[2 * a] + batch_.value[2 * a + 1]);
+      if (drop > 0.1 && drop < 4) continue;
+      fits = false;
+      spread[a] *= drop > 0 ? std::clamp(std::sqrt(0.5 / drop), 0.1, 4.0) : 4.0;
+    }
+    if (fits) break;
+  }
+  mode.lower = lower_factor(vectors, spread);
+}
+
+void ModeSearch::collect(CheckedDensity& target, std::vector<Mode>& modes) {
   const Eigen::Index d = position_.cols();
   modes.clear();
   for (Eigen::Index i = 0; i < position_.rows(); ++i) {
     for (Eigen::Index a = 0; a < d; ++a)
       for (Eigen::Index b = 0; b < d; ++b) matrix_(a, b) = -hessian_(i, packed_index(a, b));
-    Mode mode{position_.row(i).transpose(), climbers_[static_cast<std::size_t>(i)].value,
-              inverse_factor(matrix_), 0};
+    Mode mode{position_.row(i).transpose(), climbers_[static_cast<std::size_t>(i)].value, Eigen::MatrixXd(),
+              0};
+    calibrate(target, mode);
     mode.log_mass = mode.value + 0.5 * static_cast<double>(d) * std::log(2 * std::numbers::pi) +
                     mode.lower.diagonal().array().log().sum();
     // The same mode as one that is already there, if it is near by the measure of that one's own spread.
@@ -195,7 +220,7 @@ void ModeSearch::run(CheckedDensity& target, bool several, std::vector<Mode>& mo
   scan(target);
   choose_starts(several);
   ascend(target);
-  collect(modes);
+  collect(target, modes);
 }
 
 }  // namespace knothe::transport

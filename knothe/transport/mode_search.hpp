@@ -30,7 +30,8 @@ class ModeSearch {
   void choose_starts(bool several);
   void ascend(CheckedDensity& target);
   bool newton_step(Eigen::Index i);
-  void collect(std::vector<Mode>& modes);
+  void collect(CheckedDensity& target, std::vector<Mode>& modes);
+  void calibrate(CheckedDensity& target, Mode& mode);
 
   /// One ascent of the lockstep.
   struct Climber {

@@ -62,25 +62,34 @@ void MapLayout::scatter(const Eigen::VectorXd& table_order, Eigen::VectorXd& map
 PointTables::PointTables(Eigen::MatrixXd points, int order, const TailedHermite& basis)
     : points_(std::move(points)), order_(order) {
   const Eigen::Index n = points_.rows(), d = points_.cols(), packed = order * (order + 1) / 2;
-  TailedHermite::Values values{};
+  TailedHermite::Values values{}, first{}, second{};
   std::vector<double> integrals(static_cast<std::size_t>(packed));
+  std::vector<Eigen::MatrixXd> tangent;
+  const auto products = [n](const std::vector<MultiIndex>& indices,
+                            const std::vector<Eigen::MatrixXd>& factors) {
+    Eigen::MatrixXd product = Eigen::MatrixXd::Ones(n, static_cast<Eigen::Index>(indices.size()));
+    for (std::size_t m = 0; m < indices.size(); ++m)
+      for (const auto& f : indices[m].factors)
+        product.col(static_cast<Eigen::Index>(m)).array() *=
+            factors[static_cast<std::size_t>(f.variable)].col(f.degree).array();
+    return product;
+  };
   for (Eigen::Index k = 0; k < d; ++k) {
-    Eigen::MatrixXd psi(n, order + 1), integral(n, packed);
+    Eigen::MatrixXd psi(n, order + 1), integral(n, packed), psi_tangent(n, order + 1);
     for (Eigen::Index i = 0; i < n; ++i) {
-      basis.evaluate(points_(i, k), order, values);
+      basis.level(points_(i, k), order, values, first, second);
       for (Eigen::Index j = 0; j <= order; ++j) psi(i, j) = values[static_cast<std::size_t>(j)];
+      basis.tangent(points_(i, k), order, values, first, second);
+      for (Eigen::Index j = 0; j <= order; ++j) psi_tangent(i, j) = values[static_cast<std::size_t>(j)];
       basis.product_integrals(points_(i, k), order - 1, integrals);
       for (Eigen::Index j = 0; j < packed; ++j) integral(i, j) = integrals[static_cast<std::size_t>(j)];
     }
     psi_.push_back(std::move(psi));
+    tangent.push_back(std::move(psi_tangent));
     integrals_.push_back(std::move(integral));
     const auto indices = total_order_indices(static_cast<int>(k), order);
-    Eigen::MatrixXd prefix = Eigen::MatrixXd::Ones(n, static_cast<Eigen::Index>(indices.size()));
-    for (std::size_t m = 0; m < indices.size(); ++m)
-      for (const auto& f : indices[m].factors)
-        prefix.col(static_cast<Eigen::Index>(m)).array() *=
-            psi_[static_cast<std::size_t>(f.variable)].col(f.degree).array();
-    prefix_.push_back(std::move(prefix));
+    constant_prefix_.push_back(products(indices, tangent));
+    prefix_.push_back(products(indices, psi_));
   }
 }
 
@@ -108,7 +117,7 @@ void ComponentValues::evaluate(const PointTables& tables, const MapLayout& layou
                                const Eigen::VectorXd& coefficients) {
   evaluate_slope(tables, layout, order, k, coefficients);
   const auto& c = layout.components()[static_cast<std::size_t>(k)];
-  const auto& prefix = tables.prefix(k);
+  const auto& prefix = tables.constant_prefix(k);
   const auto& integrals = tables.integrals(k);
   g.resize(b.rows(), order);
   value.resize(b.rows());

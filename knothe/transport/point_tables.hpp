@@ -56,6 +56,11 @@ class PointTables {
   [[nodiscard]] const Eigen::MatrixXd& integrals(Eigen::Index k) const {
     return integrals_[static_cast<std::size_t>(k)];
   }
+  /// The products of tangent-tailed functions that span Φ_c of component k, n × their number.
+  [[nodiscard]] const Eigen::MatrixXd& constant_prefix(Eigen::Index k) const {
+    return constant_prefix_[static_cast<std::size_t>(k)];
+  }
+  /// The same products of the level-tailed functions of Φ_e.
   [[nodiscard]] const Eigen::MatrixXd& prefix(Eigen::Index k) const {
     return prefix_[static_cast<std::size_t>(k)];
   }
@@ -63,7 +68,7 @@ class PointTables {
  private:
   Eigen::MatrixXd points_;
   int order_ = 0;
-  std::vector<Eigen::MatrixXd> psi_, integrals_, prefix_;
+  std::vector<Eigen::MatrixXd> psi_, integrals_, constant_prefix_, prefix_;
 };
 
 /// b, g, h and M of one component at the points of a table. Keeps its memory.

@@ -3,9 +3,10 @@
 ///
 /// Component k = 1 … d is  M^k(x) = Φ_c(x_1 … x_{k−1}) a_c + ∫₀^{x_k} (Φ_e(x_1 … x_{k−1}, θ) a_e)² dθ.
 /// Φ_c is the total-order basis of order p in k − 1 variables, Φ_e that of order p − 1 in k variables, so
-/// that a map of order 1 is affine; both of products of TailedHermite functions. ∂M^k/∂x_k = h², h = Φ_e a_e:
-/// a rectifier other than the square (integrated softplus, exponential) would change `monotone part` in
-/// triangular_map.cpp and in the tables of the objective, nothing else.
+/// that a map of order 1 is affine; both of products of TailedHermite functions, Φ_c with tangent tails, Φ_e
+/// with level ones. ∂M^k/∂x_k = h², h = Φ_e a_e: a rectifier other than the square (integrated softplus,
+/// exponential) would change `monotone part` in triangular_map.cpp and in the tables of the objective,
+/// nothing else.
 #include <Eigen/Core>
 #include <memory>
 #include <vector>
@@ -40,7 +41,7 @@ class TriangularMap {
   TriangularMap() = default;
   /// The identity, as a map of total order `order` (1 … k_max_order) in `dimension` ≥ 1 variables. Errors:
   /// UsageError.
-  TriangularMap(Eigen::Index dimension, int order, double tail_radius = 4.0);
+  TriangularMap(Eigen::Index dimension, int order, TailRadii radii = {});
 
   [[nodiscard]] Eigen::Index dimension() const {
     return components_ ? static_cast<Eigen::Index>(components_->size()) : 0;
