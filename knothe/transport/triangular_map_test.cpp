@@ -2,7 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/LU>
+
 #include <cmath>
+#include <functional>
 #include <random>
 
 #include "knothe/base/error.hpp"
