@@ -8,6 +8,7 @@
 #include <sstream>
 
 #include "knothe/base/error.hpp"
+#include "knothe/files/test_folder.hpp"
 #include "knothe/report/report_test_support.hpp"
 #include "knothe/report/result_figures.hpp"
 
@@ -33,7 +34,8 @@ void expect_sound(const std::string& html) {
 }
 
 TEST(AssimilationReport, ShowsEverySection) {
-  const std::string folder = test::write_results("page"), model_path = folder + "/beam.h5";
+  const files::TestFolder place;
+  const std::string folder = test::write_results(place), model_path = folder + "/beam.h5";
   reduction::SeparatedModel(test::small_beam(reduction::Form::tree)).save(model_path);
   write_assimilation_report(folder, model_path, folder + "/report.html");
   const std::string html = contents_of(folder + "/report.html");
@@ -56,7 +58,8 @@ TEST(AssimilationReport, ShowsEverySection) {
 }
 
 TEST(AssimilationReport, CanonicalModelsToo) {
-  const std::string folder = test::write_results("canonical", 30);
+  const files::TestFolder place;
+  const std::string folder = test::write_results(place, 30);
   const reduction::SeparatedModel model(test::small_beam(reduction::Form::canonical));
   const std::string html = assimilation_report(read_results(folder), &model);
   expect_sound(html);
@@ -65,7 +68,8 @@ TEST(AssimilationReport, CanonicalModelsToo) {
 }
 
 TEST(AssimilationReport, SaysWhatIsMissing) {
-  const std::string folder = test::write_results("bare", 1);
+  const files::TestFolder place;
+  const std::string folder = test::write_results(place, 1);
   std::filesystem::remove(folder + "/summary.json");
   write_assimilation_report(folder, folder + "/none.h5", folder + "/report.html");
   const std::string html = contents_of(folder + "/report.html");
@@ -83,7 +87,8 @@ TEST(AssimilationReport, BrokenResultsLeaveNoPage) {
 }
 
 TEST(AssimilationReport, LearningIsWhereTheStandardDeviationFalls) {
-  const Results results = read_results(test::write_results("learning"));
+  const files::TestFolder place;
+  const Results results = read_results(test::write_results(place));
   for (std::size_t d : {0u, 1u}) {
     const auto steps = learning_steps(results, d);
     EXPECT_EQ(steps.size(), 5u);
@@ -95,7 +100,8 @@ TEST(AssimilationReport, LearningIsWhereTheStandardDeviationFalls) {
 }
 
 TEST(AssimilationReport, ComparisonOnlyForThePapersBeam) {
-  Results results = read_results(test::write_results("comparison", 60));
+  const files::TestFolder place;
+  Results results = read_results(test::write_results(place, 60));
   const auto rows = comparison_with_paper(results);
   ASSERT_EQ(rows.size(), 5u);
   EXPECT_EQ(rows[0].cells[1], "1.04 ± 0.041");
@@ -105,7 +111,8 @@ TEST(AssimilationReport, ComparisonOnlyForThePapersBeam) {
 }
 
 TEST(AssimilationReport, OverviewIsAPictureOfItsOwn) {
-  const std::string folder = test::write_results("overview");
+  const files::TestFolder place;
+  const std::string folder = test::write_results(place);
   write_overview_svg(folder, folder + "/overview.svg");
   const std::string svg = contents_of(folder + "/overview.svg");
   EXPECT_EQ(test::xml_fault(svg), "");

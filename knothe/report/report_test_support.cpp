@@ -1,7 +1,6 @@
 #include "knothe/report/report_test_support.hpp"
 
-#include <unistd.h>
-
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -183,18 +182,14 @@ std::size_t count_of(const std::string& text, const std::string& part) {
   return count;
 }
 
-std::string write_results(const std::string& name, int steps) {
-  const auto folder =
-      std::filesystem::temp_directory_path() / ("knothe_report_" + std::to_string(::getpid()) + "_" + name);
-  std::filesystem::remove_all(folder);
-  std::filesystem::create_directories(folder);
+std::string write_results(const files::TestFolder& folder, int steps) {
   std::mt19937_64 engine(1);
-  std::ofstream lines(folder / "steps.jsonl");
+  std::ofstream lines(folder.file("steps.jsonl"));
   for (int i = 0; i < steps; ++i) lines << step_line(i + 1, engine).dump() << "\n";
   lines << R"({"done":true,"steps":100,"untrusted":[22],"elapsed_s":0.4})"
         << "\n";
-  std::ofstream(folder / "summary.json") << summary().dump(1);
-  return folder.string();
+  std::ofstream(folder.file("summary.json")) << summary().dump(1);
+  return std::filesystem::path(folder.file("steps.jsonl")).parent_path().string();
 }
 
 reduction::ModelContents small_beam(reduction::Form form) {

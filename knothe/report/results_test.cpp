@@ -8,6 +8,7 @@
 #include <sstream>
 
 #include "knothe/base/error.hpp"
+#include "knothe/files/test_folder.hpp"
 #include "knothe/report/report_test_support.hpp"
 
 namespace knothe::report {
@@ -41,7 +42,8 @@ void replace(std::string& text, const std::string& from, const std::string& to) 
 }
 
 TEST(Results, ReadsWhatAnAssimilationWrites) {
-  const std::string folder = test::write_results("read", 5);
+  const files::TestFolder place;
+  const std::string folder = test::write_results(place, 5);
   const Results results = read_results(folder);
   ASSERT_EQ(results.steps.size(), 5u);  // not the last line, {"done":true,…}
   EXPECT_EQ(results.steps[2].step, 3u);
@@ -59,7 +61,8 @@ TEST(Results, ReadsWhatAnAssimilationWrites) {
 }
 
 TEST(Results, OptionalPartsMayBeMissing) {
-  const std::string folder = test::write_results("optional", 2);
+  const files::TestFolder place;
+  const std::string folder = test::write_results(place, 2);
   std::filesystem::remove(folder + "/summary.json");
   auto lines = lines_of(folder + "/steps.jsonl");
   for (auto& line : lines)
@@ -77,7 +80,8 @@ TEST(Results, BrokenInputsAreNamedByFileAndLine) {
   EXPECT_EQ(message_of("/nonexistent/R"),
             "/nonexistent/R: error: no such results folder; `knothe assimilate PROJECT.toml -o RESULTS/` "
             "makes one");
-  const std::string folder = test::write_results("broken", 4), path = folder + "/steps.jsonl";
+  const files::TestFolder place;
+  const std::string folder = test::write_results(place, 4), path = folder + "/steps.jsonl";
   const auto good = lines_of(path);
   const auto broken = [&](std::size_t line, const std::string& from, const std::string& to) {
     auto lines = good;
