@@ -1,8 +1,24 @@
 #include "knothe/numerics/hermite.hpp"
 
+#include <array>
 #include <cmath>
 
 namespace knothe::numerics {
+
+namespace {
+
+/// √k and 1/√k for the degrees that occur in inner loops.
+struct Roots {
+  static constexpr std::size_t k_count = 130;
+  std::array<double, k_count> root{}, inverse{};
+  Roots() {
+    for (std::size_t k = 1; k < k_count; ++k)
+      root[k] = std::sqrt(static_cast<double>(k)), inverse[k] = 1 / root[k];
+  }
+};
+const Roots k_roots;
+
+}  // namespace
 
 void normalised_hermite(double x, std::span<double> values) {
   if (values.empty()) return;
@@ -10,7 +26,9 @@ void normalised_hermite(double x, std::span<double> values) {
   if (values.size() > 1) values[1] = x;
   for (std::size_t k = 2; k < values.size(); ++k) {
     const double n = static_cast<double>(k);
-    values[k] = (x * values[k - 1] - std::sqrt(n - 1) * values[k - 2]) / std::sqrt(n);
+    values[k] = k < Roots::k_count
+                    ? (x * values[k - 1] - k_roots.root[k - 1] * values[k - 2]) * k_roots.inverse[k]
+                    : (x * values[k - 1] - std::sqrt(n - 1) * values[k - 2]) / std::sqrt(n);
   }
 }
 

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <Eigen/Cholesky>
 #include <array>
 #include <bit>
 
@@ -134,6 +135,17 @@ Eigen::MatrixXd sobol_points(Eigen::Index n, Eigen::Index d, std::uint64_t seed)
 
 Eigen::MatrixXd sobol_normal_points(Eigen::Index n, Eigen::Index d, std::uint64_t seed) {
   return sobol_points(n, d, seed).unaryExpr([](double u) { return normal_quantile(u); });
+}
+
+void match_standard_moments(Eigen::MatrixXd& points) {
+  if (points.rows() <= points.cols()) return;
+  // Twice, because the first pass leaves rounding errors of the size of its own correction.
+  for (int pass = 0; pass < 2; ++pass) {
+    points.rowwise() -= points.colwise().mean().eval();
+    const Eigen::MatrixXd covariance = points.transpose() * points / static_cast<double>(points.rows());
+    const Eigen::MatrixXd factor = covariance.llt().matrixL();
+    points = factor.triangularView<Eigen::Lower>().solve(points.transpose()).transpose().eval();
+  }
 }
 
 }  // namespace knothe::numerics

@@ -18,4 +18,9 @@ inline constexpr Eigen::Index k_sobol_max_dimension = 40;
 /// The same, each coordinate through Φ⁻¹: points distributed like N(0, I).
 [[nodiscard]] Eigen::MatrixXd sobol_normal_points(Eigen::Index n, Eigen::Index d, std::uint64_t seed);
 
+/// Shifts and shears points (n × d, n > d) by a lower triangular matrix such that their mean is 0 and their
+/// covariance the identity, to rounding: sums over them are then exact for polynomials of degree 2, hence the
+/// moments of every Gaussian.
+void match_standard_moments(Eigen::MatrixXd& points);
+
 }  // namespace knothe::numerics

@@ -1,0 +1,29 @@
+#pragma once
+/// @file Gaussian kernel density estimates of weighted points in one variable.
+#include <span>
+#include <vector>
+
+namespace knothe::numerics {
+
+/// How the bandwidth is chosen.
+enum class Bandwidth {
+  silverman,               ///< 0.9 min(std, interquartile range/1.34) n^(−1/5): right for one hump
+  improved_sheather_jones  ///< Botev, Grotowski, Kroese 2010: makes no assumption of normality; for several
+                           ///< humps
+};
+
+/// Effective number of points: (Σw)²/Σw².
+[[nodiscard]] double effective_count(std::span<const double> weights);
+
+/// The bandwidth for weighted points. Positive: points that are all the same get a tiny one. Where the
+/// Sheather–Jones equation has no root (very few points), Silverman's. Errors: UsageError for no points, no
+/// positive weight, sizes that disagree, values not finite.
+[[nodiscard]] double kernel_bandwidth(std::span<const double> values, std::span<const double> weights,
+                                      Bandwidth rule);
+
+/// Σ_i w_i φ((x − x_i)/b)/b / Σ w at each of `at`; kernels are cut at 9 b.
+[[nodiscard]] std::vector<double> kernel_density(std::span<const double> values,
+                                                 std::span<const double> weights, double bandwidth,
+                                                 std::span<const double> at);
+
+}  // namespace knothe::numerics
