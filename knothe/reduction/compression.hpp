@@ -17,8 +17,8 @@ struct CompressionOptions {
   double tolerance = 1e-4;  ///< on ‖u − û‖ / ‖u‖ over the grid, both plain and weighted by quadrature
   std::size_t most_modes = 60;    ///< canonical form: the search by tolerance stops here
   std::uint64_t seed = 1;         ///< of the random starts
-  std::size_t random_starts = 2;  ///< canonical form: tried besides the start grown mode by mode
-  std::size_t sweeps = 400;       ///< canonical form: most ALS sweeps from each start
+  std::size_t random_starts = 3;  ///< canonical form: tried besides the start grown mode by mode
+  std::size_t sweeps = 1500;      ///< canonical form: most ALS sweeps from each start
   std::size_t threads = 0;        ///< 0: all
   bool quiet = true;              ///< no progress on stderr
 };

@@ -113,6 +113,21 @@ constexpr std::array<PointEvaluator, JointFunctions::k_most_parameters> k_evalua
     evaluate_point<4, Derivatives>, evaluate_point<5, Derivatives>, evaluate_point<6, Derivatives>,
     evaluate_point<7, Derivatives>, evaluate_point<8, Derivatives>};
 
+/// Room for one entry per axis; on the stack for up to eight axes.
+template <class T>
+class Workspace {
+ public:
+  std::span<T> take(std::size_t n) {
+    if (n <= few_.size()) return std::span<T>(few_).first(n);
+    many_.resize(n);
+    return many_;
+  }
+
+ private:
+  std::array<T, 8> few_;
+  std::vector<T> many_;
+};
+
 Eigen::Index round_up(Eigen::Index n) {
   return (n + k_lane_count - 1) / k_lane_count * k_lane_count;
 }
@@ -137,7 +152,7 @@ Eigen::VectorXd SplineFunctions::upper() const {
 }
 
 void SplineFunctions::localise(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::Index row,
-                               std::vector<Local>& local) const {
+                               std::span<Local> local) const {
   for (std::size_t i = 0; i < bases_.size(); ++i) {
     const auto nodes = bases_[i].nodes();
     const double x = points(row, static_cast<Eigen::Index>(i));
@@ -161,8 +176,10 @@ CanonicalFunctions::CanonicalFunctions(std::span<const std::vector<double>> node
 void CanonicalFunctions::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
                                   FunctionBatch& out) const {
   const std::size_t d = bases_.size();
-  std::vector<Local> local(d);
-  std::vector<std::array<Lanes, 3>> factor(d);  // α, α', α'' of every axis
+  Workspace<Local> local_space;
+  Workspace<std::array<Lanes, 3>> factor_space;
+  const auto local = local_space.take(d);
+  const auto factor = factor_space.take(d);  // α, α', α'' of every axis
   for (Eigen::Index row = 0; row < points.rows(); ++row) {
     localise(points, row, local);
     for (Eigen::Index k = 0; k < count_; k += k_lane_count) {
@@ -233,7 +250,8 @@ void JointFunctions::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, i
   const PointEvaluator evaluator = derivatives == 0   ? k_evaluators<0>[d - 1]
                                    : derivatives == 1 ? k_evaluators<1>[d - 1]
                                                       : k_evaluators<2>[d - 1];
-  std::vector<Local> local(d);
+  Workspace<Local> local_space;
+  const auto local = local_space.take(d);
   std::array<int, k_most_parameters> active{};
   for (std::size_t i = 0; i < d; ++i) active[i] = bases_[i].active();
   for (Eigen::Index row = 0; row < points.rows(); ++row) {

@@ -25,7 +25,7 @@ class SplineFunctions : public ParameterFunctions {
   SplineFunctions(std::span<const std::vector<double>> nodes, Eigen::Index count);
   /// The local spline basis of every axis at one point (row `row` of `points`), which is moved into the box.
   void localise(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::Index row,
-                std::vector<numerics::CubicSplineBasis::Local>& local) const;
+                std::span<numerics::CubicSplineBasis::Local> local) const;
 
   std::vector<numerics::CubicSplineBasis> bases_;
   Eigen::Index count_;   ///< r
