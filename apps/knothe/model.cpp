@@ -1,14 +1,16 @@
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cstdio>
+#include <cstdlib>
 #include <nlohmann/json.hpp>
 
 #include "apps/knothe/commands.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/files/json_line.hpp"
-#include "knothe/files/vtu.hpp"
 #include "knothe/reduction/compression.hpp"
+#include "knothe/reduction/field_file.hpp"
 #include "knothe/reduction/separated_model.hpp"
 
 namespace knothe::commands {
@@ -47,9 +49,8 @@ std::vector<double> parse_point(const std::string& text, const SeparatedModel& m
 }
 
 void write_field(const SeparatedModel& model, std::span<const double> point, std::size_t step, const std::string& path) {
-  const reduction::ModelContents& contents = model.contents();
-  if (!contents.mesh) throw DataError(model.where() + ": the model has no mesh: there is no field to write");
-  reduction::write_field(contents, model.evaluate(point, step).value, contents.time[step], path);
+  const reduction::FieldOnMesh mesh(model.contents(), model.where());
+  mesh.write({mesh.vectors("displacement", model.evaluate(point, step).value)}, path);
 }
 
 }  // namespace
@@ -132,6 +133,20 @@ int model_evaluate(const EvaluateArguments& arguments) {
     }
   }
   fmt::print("{}\n", files::json_line(line));
+  return 0;
+}
+
+int model_import(const ImportArguments& arguments) {
+  reduction::CompressionOptions options;
+  options.form = arguments.form == "canonical" ? reduction::Form::canonical : reduction::Form::tree;
+  options.modes = static_cast<std::size_t>(arguments.modes);
+  if (arguments.tolerance > 0) options.tolerance = arguments.tolerance;
+  options.quiet = false;
+  const reduction::ModelContents model = reduction::import_model(arguments.snapshots, options);
+  reduction::write_model(model, arguments.output);
+  fmt::print("{}: {} form, {} space modes, {} parameter modes, error on the grid {:.2g} (relative), at most {:.3g} µm\n",
+             arguments.output, arguments.form, model.space_modes, model.parameter_modes, model.relative_error,
+             model.max_error_m * 1e6);
   return 0;
 }
 

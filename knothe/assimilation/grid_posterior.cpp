@@ -122,7 +122,7 @@ GridPosterior grid_posterior(transport::LogDensity& target, const GridPosterior:
     const double m = result.marginal.col(k).dot(result.nodes.col(k)) * window.spacing(k);
     const double v =
         (result.marginal.col(k).array() * (result.nodes.col(k).array() - m).square()).sum() * window.spacing(k);
-    if (std::sqrt(v) < 12 * window.spacing(k)) result.resolved = false;
+    if (std::sqrt(v) < 6 * window.spacing(k)) result.resolved = false;
   }
   return result;
 }

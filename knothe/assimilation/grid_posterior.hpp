@@ -15,7 +15,7 @@ struct GridPosterior {
   Eigen::MatrixXd nodes;     ///< points per axis × d, z
   Eigen::MatrixXd marginal;  ///< points per axis × d, density of z_k at the nodes
   double log_evidence = 0;
-  bool resolved = true;  ///< the narrowest marginal spans at least 12 nodes per standard deviation
+  bool resolved = true;  ///< the narrowest marginal spans at least 6 nodes per standard deviation
 
   /// Mean and covariance of f(z), f applied coordinate by coordinate: `transform(k, z)`.
   using Transform = std::function<double(Eigen::Index k, double z)>;

@@ -3,17 +3,15 @@
 #include <algorithm>
 #include <cassert>
 
-#include "knothe/assimilation/sequential_update.hpp"
-
 namespace knothe::assimilation {
 
 std::vector<PosteriorShift> posterior_shift(std::shared_ptr<const reduction::ObservedModel> model,
                                             std::shared_ptr<const reduction::ObservedModel> judge,
                                             const Eigen::MatrixXd& data, const NoiseModel& noise,
-                                            const std::vector<Prior>& priors) {
+                                            const std::vector<Prior>& priors, UpdateOptions::Kind kind) {
   assert(model->time.size() == judge->time.size() && data.cols() == static_cast<Eigen::Index>(model->time.size()));
   UpdateOptions options;
-  options.kind = UpdateOptions::Kind::grid;
+  options.kind = kind;
   SequentialUpdate by_model(std::move(model), noise, priors, options);
   SequentialUpdate by_judge(std::move(judge), noise, priors, options);
   std::vector<PosteriorShift> shifts;

@@ -29,18 +29,22 @@ std::vector<double> simulated_truth(const Project& project, const std::vector<st
   return truth;
 }
 
-void simulate_measurements(const Project& project, const reduction::Dofs& dofs, const std::vector<double>& time,
-                           const DisplacementField& field, std::optional<std::uint64_t> seed,
-                           const std::string& output) {
-  const SimulateOptions& options = *project.simulate;
-  const std::uint64_t used_seed = seed.value_or(options.seed);
+assimilation::DofSelection dof_selection(const SimulateOptions& options) {
   assimilation::DofSelection selection;
   selection.nodes = options.random_nodes;
   selection.face = options.face[0] - 'x';
   selection.x_range = options.x_range;
   selection.y_range = options.y_range;
   selection.components = options.components;
-  const std::vector<std::size_t> chosen = assimilation::choose_dofs(dofs, selection, used_seed);
+  return selection;
+}
+
+void simulate_measurements(const Project& project, const reduction::Dofs& dofs, const std::vector<double>& time,
+                           const DisplacementField& field, std::optional<std::uint64_t> seed,
+                           const std::string& output) {
+  const SimulateOptions& options = *project.simulate;
+  const std::uint64_t used_seed = seed.value_or(options.seed);
+  const std::vector<std::size_t> chosen = assimilation::choose_dofs(dofs, dof_selection(options), used_seed);
   Eigen::MatrixXd exact(static_cast<Eigen::Index>(chosen.size()), static_cast<Eigen::Index>(time.size()));
   for (std::size_t t = 0; t < time.size(); ++t) {
     const std::vector<double> values = field(t, chosen);

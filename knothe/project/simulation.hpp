@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "knothe/assimilation/synthetic_measurements.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/reduction/snapshots.hpp"
 
@@ -13,6 +14,9 @@ namespace knothe::project {
 
 /// The true values in the order of `names`. Throws ProjectError where one is missing or unknown.
 [[nodiscard]] std::vector<double> simulated_truth(const Project& project, const std::vector<std::string>& names);
+
+/// The dofs that [simulate] asks for, as the drawing of dofs takes it.
+[[nodiscard]] assimilation::DofSelection dof_selection(const SimulateOptions& options);
 
 /// Displacements at time step `step` at the dofs asked for, m.
 using DisplacementField = std::function<std::vector<double>(std::size_t step, std::span<const std::size_t> dofs)>;

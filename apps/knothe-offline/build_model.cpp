@@ -1,0 +1,98 @@
+#include <fmt/format.h>
+
+#include <Eigen/SVD>
+#include <algorithm>
+#include <cstdio>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "apps/knothe-offline/commands.hpp"
+#include "apps/knothe-offline/model_study.hpp"
+#include "apps/knothe-offline/problem.hpp"
+#include "knothe/base/error.hpp"
+#include "knothe/files/json_line.hpp"
+#include "knothe/mechanics/snapshot_runs.hpp"
+#include "knothe/project/project_file.hpp"
+#include "knothe/reduction/compression.hpp"
+
+namespace knothe::offline_commands {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+void report_runs(const mechanics::SnapshotRuns& runs, bool json) {
+  std::size_t resumed = 0;
+  for (const mechanics::RunSummary& run : runs.runs) {
+    resumed += run.resumed ? 1 : 0;
+    if (json) {
+      fmt::print("{}\n", files::json_line({{"run", run.parameters},
+                                           {"resumed", run.resumed},
+                                           {"newton_iterations", run.newton_iterations},
+                                           {"secant_iterations", run.secant_iterations},
+                                           {"cpu_seconds", run.cpu_seconds},
+                                           {"steps_without_equilibrium", run.steps_without_equilibrium}}));
+    }
+    if (!run.steps_without_equilibrium.empty()) {
+      fmt::print(stderr, "knothe: warning: at parameters ({:g}) steps {} are not in equilibrium to 1e-8; see the output "
+                         "equilibrium_residual of the model\n",
+                 fmt::join(run.parameters, ", "), fmt::join(run.steps_without_equilibrium, ", "));
+    }
+  }
+  if (!json) fmt::print("{} full-order runs, {} of them kept from before\n", runs.runs.size(), resumed);
+}
+
+/// Crack solutions as modes (Rubio et al. 2019, Eq. 32): all that differ from rounding are kept.
+reduction::CrackSolutions crack_solutions(const mechanics::CrackTable& table, std::size_t n_dof) {
+  using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  const auto n = static_cast<Eigen::Index>(table.lengths.size());
+  const Eigen::Map<const RowMajor> values(table.values.data(), n, static_cast<Eigen::Index>(n_dof));
+  const Eigen::BDCSVD<Eigen::MatrixXd> svd(values, Eigen::ComputeThinU | Eigen::ComputeThinV);
+  Eigen::Index kept = 0;
+  while (kept < svd.singularValues().size() && svd.singularValues()[kept] > 1e-10 * svd.singularValues()[0]) ++kept;
+  const RowMajor modes = svd.matrixV().leftCols(kept).transpose();
+  const RowMajor coefficients = svd.matrixU().leftCols(kept) * svd.singularValues().head(kept).asDiagonal();
+  return {table.lengths, {modes.data(), modes.data() + modes.size()},
+          {coefficients.data(), coefficients.data() + coefficients.size()}};
+}
+
+}  // namespace
+
+int build_model(const BuildArguments& arguments) {
+  const project::Project project = project::read_project(arguments.project);
+  const mechanics::BeamProblem problem = beam_problem(project);
+  const project::OfflineOptions& options = *project.offline;
+
+  mechanics::SnapshotGrid grid;
+  grid.axes = parameter_axes(project);
+  grid.parts_folder = arguments.output + ".parts";
+  grid.processes = options.processes;
+  const mechanics::SnapshotRuns runs = mechanics::run_snapshots(problem, grid);
+  report_runs(runs, arguments.json);
+
+  reduction::CompressionOptions compression;
+  compression.form = options.form == "canonical" ? reduction::Form::canonical : reduction::Form::tree;
+  compression.modes = static_cast<std::size_t>(options.modes);
+  compression.quiet = false;
+  reduction::ModelContents model = reduction::compress(runs.snapshots, compression);
+  if (options.crack_lengths > 0 && problem.gmsh_file.empty()) {
+    mechanics::CrackOptions crack;
+    crack.count = options.crack_lengths;
+    model.crack = crack_solutions(mechanics::crack_table(problem, crack, runs.snapshots.dofs), model.dof_count());
+  }
+  model.project = project.text;
+  reduction::write_model(model, arguments.output);
+
+  report_study(study_models(project, runs.snapshots), arguments.json);
+  if (arguments.json) {
+    fmt::print("{}\n", files::json_line({{"done", true},
+                                         {"model", arguments.output},
+                                         {"relative_error", model.relative_error},
+                                         {"max_error_m", model.max_error_m}}));
+  } else {
+    fmt::print("{}: {} form, {} modes, error on the grid {:.2g} (relative), at most {:.3g} µm on any dof\n",
+               arguments.output, options.form, model.parameter_modes, model.relative_error, model.max_error_m * 1e6);
+  }
+  return 0;
+}
+
+}  // namespace knothe::offline_commands

@@ -1,0 +1,53 @@
+/// @file `knothe-offline`: the command line of the offline phase.
+#include <CLI/CLI.hpp>
+#include <functional>
+#include <string>
+
+#include "apps/guarded_main.hpp"
+#include "apps/knothe-offline/commands.hpp"
+#include "knothe/base/version.hpp"
+
+int main(int argc, char** argv) {
+  using namespace knothe::offline_commands;
+  CLI::App app(
+      "The offline phase of knothe: full-order mechanics and reduced models.\n"
+      "Usually run by `knothe offline`, `knothe model verify` and `knothe simulate`.",
+      "knothe-offline");
+  app.set_version_flag("--version", std::string("knothe ") + knothe::k_version);
+  app.require_subcommand(1);
+  std::function<int()> chosen;
+
+  BuildArguments build;
+  CLI::App& offline = *app.add_subcommand("offline", "Builds the reduced model of a project.");
+  offline.footer("Example:\n  knothe offline examples/beam/quick.toml -o beam.h5");
+  offline.add_option("FILE", build.project, "project file")->required();
+  offline.add_option("-o,--output", build.output, "model file to write")->required();
+  offline.add_option("--method", build.method, "how: snapshots")->check(CLI::IsMember({"snapshots"}));
+  offline.add_flag("--json", build.json, "JSON lines on stdout");
+  offline.callback([&] { chosen = [&] { return build_model(build); }; });
+
+  VerifyArguments verification;
+  CLI::App& verify_command = *app.add_subcommand("verify", "Error of a model against full-order runs.");
+  verify_command.footer("Example:\n  knothe model verify beam.toml beam.h5 --points 5 --seed 1");
+  verify_command.add_option("FILE", verification.project, "project file with [offline]")->required();
+  verify_command.add_option("MODEL", verification.model, "model file")->required();
+  verify_command.add_option("--points", verification.points, "number of points")->check(CLI::PositiveNumber);
+  verify_command.add_option("--seed", verification.seed, "seed of the points");
+  verify_command.add_flag("--json", verification.json, "JSON lines on stdout");
+  verify_command.callback([&] { chosen = [&] { return verify(verification); }; });
+
+  SimulateArguments simulation;
+  CLI::App& simulate_command = *app.add_subcommand("simulate", "Synthetic measurements from the full-order model.");
+  simulate_command.footer("Example:\n  knothe simulate examples/beam/quick.toml -o data.h5 --seed 1");
+  simulate_command.add_option("FILE", simulation.project, "project file")->required();
+  simulate_command.add_option("-o,--output", simulation.output, "measurement file to write")->required();
+  simulate_command.add_option("--seed", simulation.seed, "seed of nodes and noise");
+  simulate_command.callback([&] { chosen = [&] { return simulate(simulation); }; });
+
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : static_cast<int>(knothe::ExitStatus::usage);
+  }
+  return knothe::guarded_main("knothe", chosen);
+}

@@ -1,0 +1,42 @@
+#include "apps/knothe-offline/problem.hpp"
+
+#include "knothe/base/error.hpp"
+
+namespace knothe::offline_commands {
+
+mechanics::BeamProblem beam_problem(const project::Project& project) {
+  project.require(project.offline.has_value(), "a table [offline]");
+  const project::OfflineOptions& options = *project.offline;
+  mechanics::BeamProblem problem;
+  problem.beam.element = options.element;
+  problem.beam.layers = options.layers;
+  problem.beam.left_support =
+      options.left_support == "face" ? mechanics::LeftSupport::left_face : mechanics::LeftSupport::support_line;
+  problem.gmsh_file = options.gmsh;
+  problem.elastic.young_modulus = options.young_modulus;
+  problem.elastic.poisson_ratio = options.poisson_ratio;
+  problem.solver.steps = options.steps;
+  problem.solver.displacement = options.displacement;
+  for (const project::OfflineParameter& parameter : options.parameters) {
+    (parameter.name == "Y0" ? problem.reference.threshold : problem.reference.brittleness) = parameter.reference;
+  }
+  return problem;
+}
+
+std::vector<reduction::Axis> parameter_axes(const project::Project& project) {
+  std::vector<reduction::Axis> axes;
+  for (const project::OfflineParameter& parameter : project.offline->parameters) {
+    reduction::Axis axis;
+    axis.name = parameter.name;
+    axis.reference = parameter.reference;
+    axis.long_name = parameter.name == "Y0" ? "damage threshold Y0, multiple of its reference [J/m3]"
+                                            : "brittleness Ad, multiple of its reference [m3/J]";
+    for (int i = 0; i < parameter.nodes; ++i) {
+      axis.nodes.push_back(parameter.lower + (parameter.upper - parameter.lower) * i / (parameter.nodes - 1));
+    }
+    axes.push_back(std::move(axis));
+  }
+  return axes;
+}
+
+}  // namespace knothe::offline_commands

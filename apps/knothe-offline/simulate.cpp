@@ -1,0 +1,31 @@
+#include <fmt/format.h>
+
+#include "apps/knothe-offline/commands.hpp"
+#include "apps/knothe-offline/problem.hpp"
+#include "knothe/project/project_file.hpp"
+#include "knothe/project/simulation.hpp"
+
+namespace knothe::offline_commands {
+
+int simulate(const SimulateArguments& arguments) {
+  const project::Project project = project::read_project(arguments.project);
+  const mechanics::BeamProblem problem = beam_problem(project);
+  const std::vector<reduction::Axis> axes = parameter_axes(project);
+  std::vector<std::string> names;
+  for (const reduction::Axis& axis : axes) names.push_back(axis.name);
+  const std::vector<double> truth = project::simulated_truth(project, names);
+  mechanics::FullOrderModel model = mechanics::make_full_order_model(problem);
+  const mechanics::FullOrderResult run = model.run(mechanics::damage_parameters(problem, axes, truth));
+  const std::size_t n_dof = model.structure().dof_count();
+  project::simulate_measurements(
+      project, mechanics::dofs(model.structure().mesh()), mechanics::model_time(problem.solver),
+      [&](std::size_t step, std::span<const std::size_t> dofs) {
+        std::vector<double> values;
+        for (std::size_t dof : dofs) values.push_back(run.displacement[step * n_dof + dof]);
+        return values;
+      },
+      arguments.seed, arguments.output);
+  return 0;
+}
+
+}  // namespace knothe::offline_commands
