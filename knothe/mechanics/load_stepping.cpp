@@ -306,6 +306,9 @@ StepRecord LoadStepping::advance(double target) {
       }
       start_guess(next, false);
       if (!secant(next, record)) {
+        // Not in equilibrium: keep the last iterate, or the last state if the iterate is not finite, and
+        // report it.
+        if (!std::isfinite(norm(unknowns_))) start_guess(next, false);
         evaluate(next, Stiffness::secant);
         system_.expand(next, unknowns_, force_, expanded_);
       }
