@@ -337,5 +337,42 @@ TEST(Compression, FieldsThatDoNotDependOnTheParametersAreFine) {
   }
 }
 
+TEST(Compression, AFieldThatIsZeroHasAModelThatIsZero) {
+  const Snapshots snapshots =
+      snapshots_of([](std::size_t, double, std::span<const double>) { return 0.0; }, two_axes(), steps(3), 5);
+  for (const Form form : {Form::tree, Form::canonical}) {
+    CompressionOptions options;
+    options.form = form;
+    const ModelContents model = compress(snapshots, options);
+    EXPECT_EQ(model.relative_error, 0.0);
+    EXPECT_EQ(model.max_error_m, 0.0);
+    for (const double value : SeparatedModel(model).evaluate(std::vector{1.1, 0.6}, 1).value)
+      EXPECT_EQ(value, 0.0);
+  }
+}
+
+TEST(Compression, OneAndThreeParameters) {
+  const auto field = [](std::size_t dof, double t, std::span<const double> p) {
+    double value = t * static_cast<double>(dof + 1);
+    for (std::size_t i = 0; i < p.size(); ++i) value *= 1 + p[i] * static_cast<double>(i + 1);
+    return value;
+  };
+  for (const std::size_t d : {1U, 3U}) {
+    std::vector<Axis> axes;
+    for (std::size_t i = 0; i < d; ++i)
+      axes.push_back({std::to_string(i), {0.0, 0.5, 1.0}, "1", "", 1.0});
+    const Snapshots snapshots = snapshots_of(field, axes, steps(4), 6);
+    for (const Form form : {Form::tree, Form::canonical}) {
+      CompressionOptions options;
+      options.form = form;
+      options.tolerance = 1e-6;
+      const SeparatedModel model(compress(snapshots, options));
+      const std::vector<double> p(d, 0.7);  // linear in every parameter: splines add nothing
+      const double u = field(5, snapshots.time[3], p);
+      EXPECT_NEAR(model.evaluate(p, 3).value[5], u, 1e-5 * u);
+    }
+  }
+}
+
 }  // namespace
 }  // namespace knothe::reduction

@@ -1,5 +1,6 @@
 #include "knothe/reduction/deviation.hpp"
 
+#include <algorithm>
 #include <vector>
 
 #include "knothe/base/threads.hpp"
@@ -49,13 +50,19 @@ RowMatrix Deviation::at_time(Eigen::Index t) const {
 }
 
 Eigen::MatrixXd Deviation::grid_gram(std::size_t threads) const {
-  std::vector<Eigen::MatrixXd> parts(static_cast<std::size_t>(times()));
-  parallel_for(parts.size(), threads, [&](std::size_t t) {
-    const RowMatrix block = at_time(static_cast<Eigen::Index>(t));
-    parts[t] = time_weights_[static_cast<Eigen::Index>(t)] * (block * block.transpose());
-  });
+  // A few instants at a time, which bounds the memory; summed in order, so that the number of threads does
+  // not matter.
+  constexpr Eigen::Index k_together = 8;
   Eigen::MatrixXd gram = Eigen::MatrixXd::Zero(grid(), grid());
-  for (const Eigen::MatrixXd& part : parts) gram += part;  // in order: the same for any number of threads
+  for (Eigen::Index start = 0; start < times(); start += k_together) {
+    std::vector<Eigen::MatrixXd> parts(static_cast<std::size_t>(std::min(k_together, times() - start)));
+    parallel_for(parts.size(), threads, [&](std::size_t i) {
+      const Eigen::Index t = start + static_cast<Eigen::Index>(i);
+      const RowMatrix block = at_time(t);
+      parts[i] = time_weights_[t] * (block * block.transpose());
+    });
+    for (const Eigen::MatrixXd& part : parts) gram += part;
+  }
   const Eigen::VectorXd root = grid_weights_.cwiseSqrt();
   return root.asDiagonal() * gram * root.asDiagonal();
 }

@@ -57,8 +57,10 @@ Sums compare(const SeparatedModel& model, std::span<const double> p, std::span<c
           error.cwiseAbs().maxCoeff()};
 }
 
+/// √(part / whole); where there is nothing to compare with, any error counts as 100 %.
 double ratio(double part, double whole) {
-  return whole > 0.0 ? std::sqrt(part / whole) : (part > 0.0 ? INFINITY : 0.0);
+  if (whole > 0.0) return std::sqrt(part / whole);
+  return part > 0.0 ? 1.0 : 0.0;
 }
 
 ModelError total(std::span<const Sums> sums, const Eigen::VectorXd& weights) {
