@@ -14,7 +14,11 @@ herr_t keep_innermost(unsigned level, const H5E_error2_t* entry, void* data) {
 
 }  // namespace
 
-void silence_hdf5() {
+void prepare_hdf5() {
+  // A file that could not be closed (disk full) stays in the library's tables, and its clean-up at exit would
+  // close it a second time and crash: seen with 1.10.8. Files that matter are closed by their owners. This
+  // must be the first call.
+  H5dont_atexit();
   H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);
 }
 

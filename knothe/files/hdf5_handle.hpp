@@ -35,8 +35,9 @@ class Hdf5Handle {
   Closer closer_ = nullptr;
 };
 
-/// The library prints its error stack by itself; we put it into our own messages instead.
-void silence_hdf5();
+/// Before any other call of the library: no clean-up at exit, and no printing of its error stack, which goes
+/// into our own messages instead.
+void prepare_hdf5();
 
 /// The innermost cause in the library's error stack, e.g. "No space left on device"; clears nothing. With a
 /// remedy where the cause is a full disk.

@@ -103,7 +103,7 @@ void Hdf5Reader::Implementation::require_finite(const std::vector<double>& value
 }
 
 Hdf5Reader::Hdf5Reader(std::string path) : implementation_(std::make_unique<Implementation>()) {
-  silence_hdf5();
+  prepare_hdf5();
   implementation_->path = std::move(path);
   const std::string& name = implementation_->path;
   struct stat status {};

@@ -181,6 +181,34 @@ TEST(Hdf5, FullDiskIsAnErrorAndLeavesNoFile) {
   }
 }
 
+/// A whole process: what a program does after a full disk, up to its exit status.
+[[noreturn]] void fill_the_disk_and_exit() {
+  const TestFolder folder;
+  const std::vector<double> large(100000, 1.0);
+  int status = 0;
+  {
+    const SmallDisk disk(50000);
+    try {
+      write_atomically(folder.file("a.h5"), [&](const std::string& temporary) {
+        Hdf5Writer file(temporary);
+        file.write("/v", large, {large.size()}, {"m", "v"});
+        file.close();
+      });
+    } catch (const IoError& error) {
+      status = static_cast<int>(error.status());
+    }
+  }
+  write_example(folder.file("b.h5"));  // and the next file, once there is room, is fine
+  if (Hdf5Reader(folder.file("b.h5")).read("/modes/space").size() != 6) status = 99;
+  std::filesystem::remove_all(folder.file(""));
+  std::exit(status);
+}
+
+TEST(Hdf5, AFullDiskEndsTheProgramWithItsExitStatusAndNoCrash) {
+  GTEST_FLAG_SET(death_test_style, "threadsafe");
+  EXPECT_EXIT(fill_the_disk_and_exit(), ::testing::ExitedWithCode(5), "");
+}
+
 TEST(Hdf5, DiskFullNamesTheRemedy) {
   const std::vector<double> large(100000, 1.0);
   const std::string message = message_of<IoError>([&] {

@@ -44,7 +44,7 @@ constexpr unsigned k_tracked_order = H5P_CRT_ORDER_TRACKED | H5P_CRT_ORDER_INDEX
 }  // namespace
 
 Hdf5Writer::Hdf5Writer(std::string path) : implementation_(std::make_unique<Implementation>()) {
-  silence_hdf5();
+  prepare_hdf5();
   implementation_->path = std::move(path);
   const Hdf5Handle creation(H5Pcreate(H5P_FILE_CREATE), H5Pclose);
   H5Pset_link_creation_order(creation.get(), k_tracked_order);
