@@ -60,6 +60,13 @@ void crack_direct(benchmark::State& state) {
 }
 BENCHMARK(crack_direct)->Args({60, 30})->Unit(benchmark::kMicrosecond);
 
+void sample_forecast(benchmark::State& state) {
+  const Case c = make_case(60, 10);
+  const Eigen::VectorXd values = c.functions.rowwise().sum();
+  for (auto _ : state) benchmark::DoNotOptimize(forecast_of_samples(values, c.weights, 0.5));
+}
+BENCHMARK(sample_forecast)->Unit(benchmark::kMicrosecond);
+
 }  // namespace
 
 BENCHMARK_MAIN();

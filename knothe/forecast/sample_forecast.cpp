@@ -1,127 +1,68 @@
-#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 
 #include "knothe/base/error.hpp"
 #include "knothe/forecast/scalar_forecast.hpp"
+#include "knothe/numerics/kernel_density.hpp"
+#include "knothe/numerics/weighted_statistics.hpp"
 
 namespace knothe::forecast {
 namespace {
 
-constexpr Eigen::Index k_density_points = 161;
+constexpr int k_density_points = 161;
 
-/// Sorted samples with their shares of the weight.
-struct Sorted {
-  Eigen::ArrayXd value;
-  Eigen::ArrayXd weight;      ///< sums to 1
-  Eigen::ArrayXd cumulative;  ///< up to the middle of each sample's own share
-};
-
-Sorted sort(const Eigen::Ref<const Eigen::VectorXd>& values,
-            const Eigen::Ref<const Eigen::VectorXd>& weights) {
+void check(const Eigen::Ref<const Eigen::VectorXd>& values,
+           const Eigen::Ref<const Eigen::VectorXd>& weights) {
   const double total = weights.sum();
   if (values.size() == 0 || values.size() != weights.size() || !(total > 0.0) || !std::isfinite(total) ||
       weights.minCoeff() < 0.0 || !values.allFinite())
     throw NumericalError("forecast: samples must be finite, their weights non-negative with a positive sum");
-  std::vector<Eigen::Index> order(static_cast<std::size_t>(values.size()));
-  std::iota(order.begin(), order.end(), Eigen::Index{0});
-  // Ties by index, so that the order of summation is fixed.
-  std::sort(order.begin(), order.end(), [&](Eigen::Index a, Eigen::Index b) {
-    return values[a] < values[b] || (values[a] == values[b] && a < b);
-  });
-  Sorted sorted{values(order), weights(order) / total, {}};
-  sorted.cumulative.resize(values.size());
-  double below = 0.0;
-  for (Eigen::Index i = 0; i < values.size(); ++i) {
-    sorted.cumulative[i] = below + 0.5 * sorted.weight[i];
-    below += sorted.weight[i];
-  }
-  return sorted;
 }
 
-double quantile(const Sorted& sorted, double level) {
-  const double* begin = sorted.cumulative.data();
-  const double* end = begin + sorted.cumulative.size();
-  const auto i = static_cast<Eigen::Index>(std::lower_bound(begin, end, level) - begin);
-  if (i == 0) return sorted.value[0];
-  if (i == sorted.value.size()) return sorted.value[i - 1];
-  const double width = sorted.cumulative[i] - sorted.cumulative[i - 1];
-  const double part = width > 0.0 ? (level - sorted.cumulative[i - 1]) / width : 0.5;
-  return sorted.value[i - 1] + part * (sorted.value[i] - sorted.value[i - 1]);
+std::vector<double> even_points(double low, double high, int count) {
+  std::vector<double> points;
+  for (int k = 0; k < count; ++k) points.push_back(low + (high - low) * k / (count - 1.0));
+  return points;
 }
 
-/// Silverman's rule of thumb with the effective sample size; never zero, so that equal samples make a narrow
-/// bell instead of an infinite one.
-double kernel_width(const Sorted& sorted, double mean, double std) {
-  const double effective = 1.0 / sorted.weight.square().sum();
-  const double middle_half = (quantile(sorted, 0.75) - quantile(sorted, 0.25)) / 1.349;
-  const double spread = middle_half > 0.0 ? std::min(std, middle_half) : std;
-  return std::max(0.9 * spread * std::pow(effective, -0.2), 1e-9 * std::max(std::abs(mean), 1e-9));
-}
-
-class KernelDensity {
- public:
-  KernelDensity(const Sorted& sorted, double width)
-      : sorted_(sorted), width_(width), scale_(1.0 / (width * std::sqrt(2.0 * M_PI))) {}
-
-  /// Only samples within nine widths count: beyond, the kernel is below 1e-17 of its top.
-  [[nodiscard]] double operator()(double x) const {
-    const double* begin = sorted_.value.data();
-    const double* end = begin + sorted_.value.size();
-    const double* first = std::lower_bound(begin, end, x - 9.0 * width_);
-    const double* last = std::upper_bound(first, end, x + 9.0 * width_);
-    const auto start = static_cast<Eigen::Index>(first - begin);
-    const auto count = static_cast<Eigen::Index>(last - first);
-    const auto distance = (sorted_.value.segment(start, count) - x) / width_;
-    return scale_ * (sorted_.weight.segment(start, count) * (-0.5 * distance.square()).exp()).sum();
-  }
-
- private:
-  const Sorted& sorted_;
-  double width_, scale_;
-};
-
-/// Top of the density near its largest point, by golden section.
-double most_probable(const KernelDensity& density, const ScalarForecast& forecast) {
+/// Top of a density known at even points: the top of the parabola through the largest value and its
+/// neighbours.
+double top_of(const std::vector<double>& points, const std::vector<double>& density) {
   const auto best =
-      std::max_element(forecast.density.begin(), forecast.density.end()) - forecast.density.begin();
-  const auto last = static_cast<std::ptrdiff_t>(forecast.points.size()) - 1;
-  double low = forecast.points[static_cast<std::size_t>(std::max<std::ptrdiff_t>(best - 1, 0))];
-  double high = forecast.points[static_cast<std::size_t>(std::min(best + 1, last))];
-  constexpr double golden = 0.6180339887498949;
-  for (int k = 0; k < 30; ++k) {
-    const double x1 = high - golden * (high - low), x2 = low + golden * (high - low);
-    if (density(x1) > density(x2)) {
-      high = x2;
-    } else {
-      low = x1;
-    }
-  }
-  return 0.5 * (low + high);
+      static_cast<std::size_t>(std::max_element(density.begin(), density.end()) - density.begin());
+  if (best == 0 || best + 1 == points.size()) return points[best];
+  const double curvature = density[best - 1] - 2.0 * density[best] + density[best + 1];
+  if (!(curvature < 0.0)) return points[best];
+  const double shift = 0.5 * (density[best - 1] - density[best + 1]) / curvature;
+  return points[best] + std::clamp(shift, -0.5, 0.5) * (points[best + 1] - points[best]);
 }
 
 }  // namespace
 
 ScalarForecast forecast_of_samples(const Eigen::Ref<const Eigen::VectorXd>& values,
                                    const Eigen::Ref<const Eigen::VectorXd>& weights, double threshold) {
-  const Sorted sorted = sort(values, weights);
+  check(values, weights);
+  const std::span<const double> x(values.data(), static_cast<std::size_t>(values.size()));
+  const std::span<const double> w(weights.data(), static_cast<std::size_t>(weights.size()));
+  const double total = weights.sum();
   ScalarForecast result;
-  result.mean = (sorted.weight * sorted.value).sum();
-  result.std = std::sqrt((sorted.weight * (sorted.value - result.mean).square()).sum());
-  for (std::size_t k = 0; k < k_levels.size(); ++k) result.values[k] = quantile(sorted, k_levels[k]);
-  const double above = (sorted.value > threshold).select(sorted.weight, 0.0).sum();
-  result.probability_above_threshold = std::min(1.0, above);
+  result.mean = weights.dot(values) / total;
+  result.std = std::sqrt((weights.array() * (values.array() - result.mean).square()).sum() / total);
+  numerics::WeightedQuantiles().compute(x, w, k_levels, result.values);
+  const double above = (values.array() > threshold).select(weights.array(), 0.0).sum() / total;
+  result.probability_above_threshold = std::clamp(above, 0.0, 1.0);
 
-  const double width = kernel_width(sorted, result.mean, result.std);
-  const KernelDensity density(sorted, width);
-  const double low = sorted.value[0] - 3.5 * width, high = sorted.value[values.size() - 1] + 3.5 * width;
-  for (Eigen::Index k = 0; k < k_density_points; ++k) {
-    const double x = low + (high - low) * static_cast<double>(k) / static_cast<double>(k_density_points - 1);
-    result.points.push_back(x);
-    result.density.push_back(density(x));
-  }
-  result.maximum_a_posteriori = most_probable(density, result);
+  // Never narrower than rounding allows, so that equal samples make a narrow bell instead of an infinite one.
+  const double width = std::max(numerics::kernel_bandwidth(x, w, numerics::Bandwidth::silverman),
+                                1e-9 * std::max(std::abs(result.mean), 1e-9));
+  result.points =
+      even_points(values.minCoeff() - 3.5 * width, values.maxCoeff() + 3.5 * width, k_density_points);
+  result.density = numerics::kernel_density(x, w, width, result.points);
+  const auto best = std::max_element(result.density.begin(), result.density.end()) - result.density.begin();
+  const double spacing = result.points[1] - result.points[0];
+  const double centre = result.points[static_cast<std::size_t>(best)];
+  const std::vector<double> near = even_points(centre - spacing, centre + spacing, 33);
+  result.maximum_a_posteriori = top_of(near, numerics::kernel_density(x, w, width, near));
   return result;
 }
 
