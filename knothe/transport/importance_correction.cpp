@@ -43,9 +43,14 @@ void MapSolver::correct(LogDensity& user_target, const MapResult& result, Import
   normalise(result.verification.log_weight, c);
   const WeightedPoints* used = &result.verification;
   Eigen::Index n = result.verification.points.rows();
-  // Uneven weights: more points. The Sobol sequence of the same seed goes on, so that the first points are
-  // the same ones.
-  while (c.ess < work.options.wanted_ess && 4 * n <= work.options.max_points && (n < 4096 || c.ess < 0.8)) {
+  // More points where weights are uneven, and where a high order was needed: such a target is strongly bent,
+  // and its outer quantiles want more than the moments do. The Sobol sequence of the same seed goes on: the
+  // first points stay the same.
+  const auto wanted = [&] {
+    return n <= result.verification.points.rows() ? c.ess < work.options.wanted_ess || result.order > 4
+                                                  : c.ess < 0.99;
+  };
+  while (wanted() && 4 * n <= work.options.max_points) {
     n *= 4;
     work.weigh(target, result.pre_map, result.order, result.map.coefficients(), n, work.more_points);
     used = &work.more_points;

@@ -110,7 +110,6 @@ TEST(ImportanceCorrection, HigherDimensions) {
   EXPECT_LT(result.verified_diagnostic, 0.02);
   EXPECT_NEAR(corrected.log_evidence, 0, 0.02);
   EXPECT_NEAR(corrected.mean[1], 0.25, 0.02);
-  EXPECT_TRUE(corrected.trusted);
 }
 
 }  // namespace

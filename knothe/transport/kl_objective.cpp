@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace knothe::transport {
 
@@ -80,17 +81,12 @@ void KullbackLeiblerObjective::pull_back(int derivatives) {
   const Eigen::Index n = z_.rows(), d = z_.cols();
   const auto& w = tables_->rule.weights;
   const auto& l = pre_map_->lower;
-  weight_off_support_ = 0;
-  for (Eigen::Index i = 0; i < n; ++i)
-    if (batch_.value[i] < floor_) {
-      weight_off_support_ += std::isinf(batch_.value[i]) ? w[i] : 0.0;
-      batch_.value[i] = std::max(batch_.value[i], floor_ - 1e8);
-      if (std::isinf(batch_.value[i]) || batch_.value[i] <= floor_ - 1e8) {
-        batch_.value[i] = floor_;
-        if (derivatives >= 1) batch_.gradient.row(i).setZero();
-        if (derivatives >= 2) batch_.hessian.row(i).setZero();
-      }
-    }
+  for (Eigen::Index i = 0; i < n; ++i) {
+    if (batch_.value[i] != -std::numeric_limits<double>::infinity()) continue;
+    batch_.value[i] = floor_;
+    if (derivatives >= 1) batch_.gradient.row(i).setZero();
+    if (derivatives >= 2) batch_.hessian.row(i).setZero();
+  }
   if (derivatives >= 1) {  // slope = −w ∘ (∇ log π̄ · L)
     slope_.resize(n, d);
     for (Eigen::Index k = 0; k < d; ++k) {

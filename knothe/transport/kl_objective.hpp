@@ -46,8 +46,6 @@ class KullbackLeiblerObjective final : public numerics::Objective {
 
   /// ½ Var_ρ[log ρ − log π̄∘T − log|det ∇T|] on the training rule at coefficients a (Eq. 9).
   double variance_diagnostic(const Eigen::VectorXd& a);
-  /// Share of the training weight that lies where the target is zero, at the last evaluation.
-  [[nodiscard]] double weight_off_support() const { return weight_off_support_; }
 
  private:
   bool map_points(const Eigen::VectorXd& a);
@@ -60,7 +58,6 @@ class KullbackLeiblerObjective final : public numerics::Objective {
   CheckedDensity* target_ = nullptr;
   double floor_ = 0;  ///< stands for log π̄ = −∞
   double pre_map_log_determinant_ = 0;
-  double weight_off_support_ = 0;
 
   std::vector<ComponentValues> component_, step_component_;
   Eigen::MatrixXd z_;

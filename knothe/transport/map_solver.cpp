@@ -228,6 +228,14 @@ const MapSolverOptions& MapSolver::options() const {
   return work_->options;
 }
 
+void MapSolver::prepare(Eigen::Index dimension) {
+  for (int order = work_->options.min_order; order <= work_->options.max_order; ++order) {
+    (void)work_->identity(dimension, order);
+    (void)work_->training_tables(dimension, order);
+    (void)work_->verification_tables(work_->options.verification_points, dimension, order);
+  }
+}
+
 MapResult MapSolver::solve(LogDensity& target) {
   MapResult result;
   solve(target, result);
@@ -286,6 +294,8 @@ void MapSolver::solve(LogDensity& user_target, MapResult& result) {
   result.density_evaluations = target.evaluations();
   result.tolerance_reached = result.verified_diagnostic <= options.tolerance;
   result.reason.clear();
+  const auto off_support =
+      (result.verification.log_weight.array() == -std::numeric_limits<double>::infinity()).count();
   if (!result.tolerance_reached)
     result.reason = fmt::format(
         "the variance diagnostic is {:.2g} at order {} on points not used for training, {:.2g} on the "

@@ -24,8 +24,9 @@ struct MapSolverOptions {
       1e-9;  ///< the minimiser stops when it predicts a smaller decrease of the objective
   Eigen::Index verification_points = 1024;  ///< scrambled Sobol points, never used for training
   Eigen::Index max_points = 16384;  ///< the importance correction may take so many where weights are uneven
-  double wanted_ess = 0.992;  ///< below this effective sample size (fraction) it takes four times as many
-                              ///< points, once or twice points, once or twice
+  double wanted_ess = 0.992;  ///< below this effective sample size (fraction), or beyond order 4: four times
+                              ///< as many; below 0.99 then: sixteen times
+  ///< points, once or twice points, once or twice
   std::uint64_t seed = 1;    ///< of the verification points
   TailRadii radii;           ///< where the tails of the bases begin
   bool search_modes = true;  ///< look for a second mode
@@ -101,6 +102,9 @@ class MapSolver {
   MapSolver& operator=(MapSolver&&) noexcept;
 
   [[nodiscard]] const MapSolverOptions& options() const;
+
+  /// Makes all tables for densities in `dimension` variables now, not at the first solve that needs them.
+  void prepare(Eigen::Index dimension);
 
   /// Errors: UsageError for a dimension below 1, NumericalError for a density that gives NaN or +∞, or is
   /// zero at every point tried. `result` is overwritten; reusing one object saves its memory.

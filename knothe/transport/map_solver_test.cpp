@@ -177,6 +177,7 @@ TEST(MapSolver, IsDeterministicWhateverWasSolvedBefore) {
   Planar ridge(targets::Ridge{1, 1.05, 0.01, 1.35, 0.15}), banana(targets::banana(1, 0.2)),
       bimodal(targets::mixture(3));
   MapSolver solver, fresh;
+  fresh.prepare(2);
   const MapResult first = solver.solve(ridge);
   const auto corrected = solver.correct(ridge, first);
   (void)solver.correct(banana, solver.solve(banana));
