@@ -44,18 +44,27 @@ void MapSolver::correct(LogDensity& user_target, const MapResult& result, Import
   const WeightedPoints* used = &result.verification;
   Eigen::Index n = result.verification.points.rows();
   // More points where weights are uneven, and where a high order was needed: such a target is strongly bent,
-  // and its outer quantiles want more than the moments do. The Sobol sequence of the same seed goes on: the
-  // first points stay the same.
-  const auto wanted = [&] {
-    return n <= result.verification.points.rows() ? c.ess < work.options.wanted_ess || result.order > 4
-                                                  : c.ess < 0.99;
-  };
-  while (wanted() && 4 * n <= work.options.max_points) {
-    n *= 4;
-    work.weigh(target, result.pre_map, result.order, result.map.coefficients(), n, work.more_points);
+  // its outer quantiles want more points than the moments do, and a map too thin in some tail shows only by
+  // rare, heavy weights. Hence half of the further points are spread wider than the reference (a defensive
+  // mixture, Hesterberg 1995), which bounds the weights there. The effective sample size stays that of the
+  // reference alone: it tells about the map.
+  double ess = c.ess;
+  if ((ess < work.options.wanted_ess || result.order > 4) && 4 * n <= work.options.max_points) {
+    n *= ess < 0.98 && 16 * n <= work.options.max_points ? 16 : 4;
+    work.weigh(target, result.pre_map, result.order, result.map.coefficients(), n, work.more_points, true);
     used = &work.more_points;
     normalise(used->log_weight, c);
+    // Weights against the reference alone, on its own half of the points: mixture weight × mixture density /
+    // ρ.
+    const Eigen::Index half = n / 2;
+    const auto& x = used->reference;
+    const auto& tables = work.verification_tables(n, x.cols(), result.order, true);
+    work.scratch = used->log_weight.head(half) + tables.log_reference.head(half) -
+                   standard_normal_log_density(x.topRows(half));
+    const Eigen::ArrayXd w = (work.scratch.array() - work.scratch.maxCoeff()).exp();
+    ess = w.sum() * w.sum() / (static_cast<double>(half) * w.square().sum());
   }
+  c.ess = ess;
   c.points = used->points;
   moments(c);
   const Eigen::Index d = c.points.cols(), levels = static_cast<Eigen::Index>(c.levels.size());

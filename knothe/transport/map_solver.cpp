@@ -74,14 +74,25 @@ const TrainingTables& MapSolver::Workspace::training_tables(Eigen::Index d, int 
   return *tables;
 }
 
-const VerificationTables& MapSolver::Workspace::verification_tables(Eigen::Index n, Eigen::Index d,
-                                                                    int order) {
-  auto& tables = verification[{n, d, order}];
+const VerificationTables& MapSolver::Workspace::verification_tables(Eigen::Index n, Eigen::Index d, int order,
+                                                                    bool is_broad) {
+  auto& tables = (is_broad ? broad : verification)[{n, d, order}];
   if (!tables) {
-    // With matched moments an affine map of a Gaussian target gives mean and covariance exactly.
-    Eigen::MatrixXd points = numerics::sobol_normal_points(n, d, options.seed);
-    numerics::match_standard_moments(points);
+    Eigen::MatrixXd points(n, d);
+    if (is_broad) {
+      points.topRows(n / 2) = numerics::sobol_normal_points(n / 2, d, options.seed);
+      points.bottomRows(n / 2) = k_broad * numerics::sobol_normal_points(n / 2, d, options.seed + 0x62726f61);
+    } else {
+      points = numerics::sobol_normal_points(n, d, options.seed);
+    }
     Eigen::VectorXd log_reference = standard_normal_log_density(points);
+    if (is_broad) {
+      const Eigen::ArrayXd narrow = log_reference.array();
+      const Eigen::ArrayXd wide =
+          standard_normal_log_density(points / k_broad).array() - static_cast<double>(d) * std::log(k_broad);
+      const Eigen::ArrayXd top = narrow.max(wide);
+      log_reference = top + (0.5 * (narrow - top).exp() + 0.5 * (wide - top).exp()).log();
+    }
     tables = std::make_unique<VerificationTables>(VerificationTables{
         MapLayout(d, order), PointTables(std::move(points), order, TailedHermite(options.radii)),
         std::move(log_reference)});
@@ -91,9 +102,9 @@ const VerificationTables& MapSolver::Workspace::verification_tables(Eigen::Index
 
 void MapSolver::Workspace::weigh(CheckedDensity& target, const AffineMap& pre_map, int order,
                                  const Eigen::VectorXd& map_coefficients_in, Eigen::Index n,
-                                 WeightedPoints& out) {
+                                 WeightedPoints& out, bool is_broad) {
   const Eigen::Index d = pre_map.dimension();
-  const VerificationTables& tables = verification_tables(n, d, order);
+  const VerificationTables& tables = verification_tables(n, d, order, is_broad);
   tables.layout.gather(map_coefficients_in, coefficients);
   component.resize(static_cast<std::size_t>(d));
   scratch.setOnes(n);

@@ -24,14 +24,17 @@ struct VerificationTables {
   Eigen::VectorXd log_reference;
 };
 
+/// Spread of the defensive half of the points of an importance correction.
+inline constexpr double k_broad = 1.5;
+
 struct MapSolver::Workspace {
   MapSolverOptions options;
   ModeSearch mode_search;
   std::vector<Mode> modes;
   std::map<std::pair<Eigen::Index, int>, TriangularMap> identities;                  ///< (d, order)
   std::map<std::pair<Eigen::Index, int>, std::unique_ptr<TrainingTables>> training;  ///< (d, order)
-  std::map<std::tuple<Eigen::Index, Eigen::Index, int>, std::unique_ptr<VerificationTables>>
-      verification;  ///< (n, d, order)
+  std::map<std::tuple<Eigen::Index, Eigen::Index, int>, std::unique_ptr<VerificationTables>> verification,
+      broad;  ///< (n, d, order)
   KullbackLeiblerObjective objective;
   numerics::NewtonTrustRegion newton;
   numerics::Bfgs bfgs;
@@ -56,11 +59,15 @@ struct MapSolver::Workspace {
 
   const TriangularMap& identity(Eigen::Index d, int order);
   const TrainingTables& training_tables(Eigen::Index d, int order);
-  const VerificationTables& verification_tables(Eigen::Index n, Eigen::Index d, int order);
+  /// `is_broad`: half of the points are spread by k_broad, and log_reference is that of the mixture ½ N(0, I)
+  /// + ½ N(0, k_broad² I).
+  const VerificationTables& verification_tables(Eigen::Index n, Eigen::Index d, int order,
+                                                bool is_broad = false);
 
   /// log-weights at n independent points under pre_map ∘ (map of `order` with `coefficients`).
   void weigh(CheckedDensity& target, const AffineMap& pre_map, int order,
-             const Eigen::VectorXd& map_coefficients_in, Eigen::Index n, WeightedPoints& out);
+             const Eigen::VectorXd& map_coefficients_in, Eigen::Index n, WeightedPoints& out,
+             bool is_broad = false);
   numerics::MinimiserSummary minimise(CheckedDensity& target);
   void train(CheckedDensity& target, MapResult& result, int order);
   void verify(CheckedDensity& target, const AffineMap& pre_map, Candidate& candidate);
