@@ -32,15 +32,16 @@ const reduction::SnapshotOutput& find_output(const SeparatedModel& model, const 
     if (output.name == name) return output;
   }
   const std::vector<std::string> names = model.output_names();
-  throw DataError(fmt::format("{}: forecast.{} needs the model's output \"{}\"{}; it has: {}", model.where(), wanted_by,
-                              name, did_you_mean(name, names), fmt::join(names, ", ")));
+  throw DataError(fmt::format("{}: forecast.{} needs the model's output \"{}\"{}; it has: {}", model.where(),
+                              wanted_by, name, did_you_mean(name, names), fmt::join(names, ", ")));
 }
 
 /// An output on the parameter grid [n₁, …, n_d] at the horizon.
 std::vector<double> output_at_horizon(const SeparatedModel& model, const reduction::SnapshotOutput& output,
                                       const ForecastSpecification& specification) {
   const std::size_t times = model.contents().time.size();
-  const TimePosition position = locate_horizon(model.contents().time, specification.horizon, specification.name);
+  const TimePosition position =
+      locate_horizon(model.contents().time, specification.horizon, specification.name);
   std::vector<double> at_horizon;
   for (std::size_t g = 0; g < output.values.size() / times; ++g) {
     const double* history = output.values.data() + g * times;
@@ -57,7 +58,9 @@ std::vector<std::vector<double>> axis_nodes(const SeparatedModel& model) {
 
 /// Displacement of the load at the horizon, which does not depend on the parameters.
 double imposed_displacement(const SeparatedModel& model, const ForecastSpecification& specification) {
-  return output_at_horizon(model, find_output(model, "imposed_displacement", specification.name), specification).front();
+  return output_at_horizon(model, find_output(model, "imposed_displacement", specification.name),
+                           specification)
+      .front();
 }
 
 }  // namespace
@@ -69,26 +72,34 @@ Forecaster::Forecaster(const SeparatedModel& model, std::span<const double> obse
   for (const ForecastSpecification& specification : specifications) {
     order_.push_back(specification.name);
     switch (specification.quantity) {
-      case Quantity::crack_length: add_crack(model, observed_points, observed_components, specification); break;
-      case Quantity::displacement: add_displacement(model, specification); break;
-      case Quantity::output: add_output(model, specification); break;
+      case Quantity::crack_length:
+        add_crack(model, observed_points, observed_components, specification);
+        break;
+      case Quantity::displacement:
+        add_displacement(model, specification);
+        break;
+      case Quantity::output:
+        add_output(model, specification);
+        break;
     }
   }
 }
 
 void Forecaster::add_crack(const SeparatedModel& model, std::span<const double> points,
-                           std::span<const std::int64_t> components, const ForecastSpecification& specification) {
+                           std::span<const std::int64_t> components,
+                           const ForecastSpecification& specification) {
   const reduction::CrackSolutions& crack = model.contents().crack;
   if (crack.empty()) {
-    throw DataError(fmt::format("{}: forecast.{} needs crack solutions, which this model lacks: build it with "
-                                "`knothe offline` and offline.crack_lengths > 0",
-                                model.where(), specification.name));
+    throw DataError(
+        fmt::format("{}: forecast.{} needs crack solutions, which this model lacks: build it with "
+                    "`knothe offline` and offline.crack_lengths > 0",
+                    model.where(), specification.name));
   }
   const auto n_dof = static_cast<Eigen::Index>(model.dof_count());
   const auto n_modes = static_cast<Eigen::Index>(crack.modes.size()) / n_dof;
   const auto n_lengths = static_cast<Eigen::Index>(crack.length.size());
-  const reduction::ObservationOperator observation(model.contents().dofs, model.contents().mesh, model.where(), points,
-                                                   components);
+  const reduction::ObservationOperator observation(model.contents().dofs, model.contents().mesh,
+                                                   model.where(), points, components);
   const Eigen::MatrixXd observed_modes =
       observation.apply(Eigen::Map<const Eigen::MatrixXd>(crack.modes.data(), n_dof, n_modes));
   const Eigen::MatrixXd solutions =
@@ -118,9 +129,9 @@ void Forecaster::add_output(const SeparatedModel& model, const ForecastSpecifica
   const reduction::SnapshotOutput& output = find_output(model, specification.output, specification.name);
   const auto functions = std::make_shared<reduction::JointFunctions>(
       axis_nodes(model), output_at_horizon(model, output, specification), 1);
-  scalars_.push_back({specification.name, output.labels.units,
-                      QuantityOfInterest(functions, 0.0, Eigen::VectorXd::Ones(1),
-                                         specification.threshold.value_or(0))});
+  scalars_.push_back(
+      {specification.name, output.labels.units,
+       QuantityOfInterest(functions, 0.0, Eigen::VectorXd::Ones(1), specification.threshold.value_or(0))});
 }
 
 void Forecaster::evaluate_functions(const Eigen::Ref<const Eigen::MatrixXd>& points) {

@@ -35,22 +35,26 @@ struct NamedForecast {
   std::string name;
   std::string units;
   ScalarForecast forecast;
-  std::optional<double> bridge_residual_rms;  ///< m, crack length only: how far the best elastic crack is from the field
+  std::optional<double>
+      bridge_residual_rms;  ///< m, crack length only: how far the best elastic crack is from the field
 };
 
 /// Forecasts by name. Everything that does not depend on the posterior is computed once.
 class Forecaster {
  public:
-  /// `observed_points` ([n_obs, 3], m) and components: the measured dofs, through which the crack bridge looks. Errors: DataError where
-  /// the model lacks what a forecast needs, ProjectError for a horizon outside the model's time.
+  /// `observed_points` ([n_obs, 3], m) and components: the measured dofs, through which the crack bridge
+  /// looks. Errors: DataError where the model lacks what a forecast needs, ProjectError for a horizon outside
+  /// the model's time.
   Forecaster(const reduction::SeparatedModel& model, std::span<const double> observed_points,
-             std::span<const std::int64_t> observed_components, const std::vector<ForecastSpecification>& specifications);
+             std::span<const std::int64_t> observed_components,
+             const std::vector<ForecastSpecification>& specifications);
 
   /// From weighted points of the posterior (n × d, n).
   [[nodiscard]] std::vector<NamedForecast> update(const Eigen::Ref<const Eigen::MatrixXd>& points,
                                                   const Eigen::Ref<const Eigen::VectorXd>& weights);
 
-  /// The direct forecasts of the crack lengths (each posterior point's best-fitting length), a cross-check of `update`.
+  /// The direct forecasts of the crack lengths (each posterior point's best-fitting length), a cross-check of
+  /// `update`.
   [[nodiscard]] std::vector<NamedForecast> direct(const Eigen::Ref<const Eigen::MatrixXd>& points,
                                                   const Eigen::Ref<const Eigen::VectorXd>& weights);
 
