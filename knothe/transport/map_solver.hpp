@@ -24,7 +24,7 @@ struct MapSolverOptions {
       1e-9;  ///< the minimiser stops when it predicts a smaller decrease of the objective
   Eigen::Index verification_points = 1024;  ///< scrambled Sobol points, never used for training
   Eigen::Index max_points = 16384;  ///< the importance correction may take so many where weights are uneven
-  double wanted_ess = 0.992;        ///< below this effective sample size (fraction), or beyond order 4, the
+  double wanted_ess = 0.996;        ///< below this effective sample size (fraction), or beyond order 4, the
                               ///< correction takes four times as many points; below 0.98 sixteen times
   std::uint64_t seed = 1;    ///< of the verification points
   TailRadii radii;           ///< where the tails of the bases begin
