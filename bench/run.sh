@@ -1,8 +1,30 @@
 #!/usr/bin/env bash
-# Runs every benchmark of the project (or those whose name contains $1): machine, threads, median and p99 are printed by each.
+# Runs every benchmark of the project (or those whose name contains $1); each prints machine, threads, median and p99.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
+knothe=$PWD/build/release/bin/knothe
+
+# Models of the beam with r = 10 and r = 30, and synthetic data, for the benchmark of the update.
+beam() {
+  local folder=out/bench/r$1
+  mkdir -p "$folder"
+  sed -e "s/^modes = .*/modes = $1/" examples/beam/beam.toml >"$folder/beam.toml"
+  [ -f "$folder/data.h5" ] && return
+  "$knothe" offline "$folder/beam.toml" -o "$folder/beam.h5" >/dev/null
+  "$knothe" simulate "$folder/beam.toml" --model "$folder/beam.h5" -o "$folder/data.h5"
+}
+
 for program in build/release/bench/*_bench; do
-  case "$program" in *"${1:-}"*) echo "== $(basename "$program")"; "$program";; esac
+  name=$(basename "$program")
+  case "$name" in *"${1:-}"*) ;; *) continue ;; esac
+  echo "== $name"
+  if [ "$name" = update_bench ]; then
+    for r in 10 30; do
+      beam $r
+      "$program" out/bench/r$r/beam.toml
+    done
+  else
+    "$program"
+  fi
 done
