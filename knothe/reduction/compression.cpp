@@ -43,9 +43,9 @@ ModelContents compress_tree(const Snapshots& snapshots, const Deviation& deviati
   std::size_t modes = std::min(options.modes, grid);
   if (options.modes == 0) {
     const Eigen::VectorXd energy = falling_eigenpairs(deviation.grid_gram(options.threads)).values;
-    // 8 % of the squared error is left for the space basis (k_space_share).
+    // A little of the squared error is left for the space basis (k_space_share).
     modes = TreeSeparation::modes_for(
-        energy, 0.92 * options.tolerance * options.tolerance * squared_norm(snapshots, deviation));
+        energy, 0.999 * options.tolerance * options.tolerance * squared_norm(snapshots, deviation));
   }
   double floor = TreeSeparation::k_rounding;
   while (true) {
