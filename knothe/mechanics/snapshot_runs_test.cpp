@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <csignal>
+#include <cstdio>
 #include <filesystem>
 #include <fstream>
 
@@ -116,6 +117,7 @@ TEST(SnapshotRuns, a_run_that_dies_is_named_and_the_finished_ones_stay) {
   (void)run_snapshots(small_problem(), grid);
   grid.axes[0].nodes = {0.75, 1.0, 1.25};
   // Files beyond this size kill who writes them (SIGXFSZ).
+  std::fflush(nullptr);
   rlimit limit{};
   getrlimit(RLIMIT_FSIZE, &limit);
   const rlimit small{4096, limit.rlim_max};
@@ -204,6 +206,21 @@ TEST(CrackTable, has_a_row_per_length_and_a_column_per_degree_of_freedom) {
   EXPECT_NEAR(table.lengths[7], 0.07, 1e-15);
   // u_x of the right support moves outward ever more as the crack grows.
   for (std::size_t i = 1; i < 8; ++i) EXPECT_LT(table.stiffness[i], table.stiffness[i - 1]);
+}
+
+TEST(OfflineFacade, runs_a_gmsh_mesh_like_any_other) {
+  BeamProblem problem;
+  problem.gmsh_file = std::string(KNOTHE_MECHANICS_FOLDER) + "/testdata/beam41.msh";
+  problem.solver.steps = 20;
+  FullOrderModel model = make_full_order_model(problem);
+  const FullOrderResult result = model.run(problem.reference);
+  EXPECT_TRUE(result.steps_without_equilibrium().empty());
+  const auto& last = result.steps.back();
+  EXPECT_GT(last.damaged_points, 0);
+  EXPECT_NEAR(last.external_work, last.stored_energy + last.dissipated_energy, 1e-8 * last.external_work);
+  EXPECT_NE(describe(problem, model.structure()).find("beam41.msh"), std::string::npos);
+  const reduction::Snapshots snapshots = as_snapshots(problem, model.structure(), result);
+  EXPECT_EQ(snapshots.values.size(), 20 * snapshots.dofs.components.size());
 }
 
 TEST(Describe, says_what_is_computed) {
