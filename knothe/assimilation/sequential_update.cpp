@@ -9,6 +9,7 @@
 #include "knothe/assimilation/composed_density.hpp"
 #include "knothe/assimilation/grid_posterior.hpp"
 #include "knothe/assimilation/maximum_a_posteriori.hpp"
+#include "knothe/assimilation/tensor_quadrature.hpp"
 #include "knothe/base/error.hpp"
 
 namespace knothe::assimilation {
@@ -184,6 +185,7 @@ void SequentialUpdate::by_collapsed_map() {
   const auto correction_start = Clock::now();
   solver_.correct(target_, map_, correction_);
   take(map_, correction_);
+  if (!result_.trusted && transform_->dimension() <= k_most_quadrature_parameters) integrate();
   result_.elapsed_us.correction = microseconds_since(correction_start);
 }
 
@@ -227,6 +229,20 @@ void SequentialUpdate::by_composed_maps(std::size_t step) {
   result_.remark = explain(result_, last_reason);
   result_.elapsed_us.map = std::chrono::duration<double, std::micro>(correction_start - start).count();
   result_.elapsed_us.correction = microseconds_since(correction_start);
+}
+
+void SequentialUpdate::integrate() {
+  // The map is not to be trusted (and the result goes on saying so), but with few parameters the posterior can simply be integrated.
+  const QuadraturePosterior quadrature = tensor_quadrature(target_);
+  const Eigen::VectorXd map_mean = result_.map_mean;
+  const Eigen::MatrixXd map_covariance = result_.map_covariance;
+  set_moments(quadrature.points, quadrature.weights);
+  set_quantiles(quadrature.quantiles);
+  result_.map_mean = map_mean;
+  result_.map_covariance = map_covariance;
+  result_.log_evidence = quadrature.log_evidence;
+  result_.remark += fmt::format("; moments, quantiles and evidence are therefore by quadrature at {} points",
+                                quadrature.weights.size());
 }
 
 void SequentialUpdate::take(const transport::MapResult& map, const transport::ImportanceCorrection& correction) {

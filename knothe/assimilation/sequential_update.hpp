@@ -35,7 +35,9 @@ struct UpdateTimes {
   [[nodiscard]] double total() const { return projection + map + correction; }
 };
 
-/// What an update did, and the posterior it found. Parameters p in the order of the priors.
+/// What an update did, and the posterior it found. Parameters p in the order of the priors. Moments, quantiles and evidence are
+/// importance-corrected; where the map is not to be trusted and there are at most two parameters they are by quadrature instead
+/// (`remark` says so).
 struct UpdateResult {
   std::size_t step = 0;
   double time = 0;  ///< model time
@@ -112,6 +114,7 @@ class SequentialUpdate {
   void by_grid();
   void by_collapsed_map();
   void by_composed_maps(std::size_t step);
+  void integrate();
   void take(const transport::MapResult& map, const transport::ImportanceCorrection& correction);
   void set_moments(const Eigen::MatrixXd& z, const Eigen::VectorXd& weights);
   void set_quantiles(const Eigen::MatrixXd& z_quantiles);
