@@ -39,6 +39,15 @@ Eigen::VectorXd medians(const PriorTransform& transform) {
   return p;
 }
 
+/// Below this effective sample size (fraction) weighted points give way to quadrature, where the parameters are few enough: it
+/// costs less than the points that would be needed, and finds the modes that a map may miss.
+constexpr double k_quadrature_below = 0.98;
+
+double effective_sample_size(const Eigen::VectorXd& log_weight) {
+  const Eigen::ArrayXd weight = (log_weight.array() - log_weight.maxCoeff()).exp();
+  return weight.sum() * weight.sum() / (static_cast<double>(weight.size()) * weight.square().sum());
+}
+
 std::string explain(const UpdateResult& r, const std::string& reason) {
   std::string text = reason;
   const auto add = [&](const std::string& more) { text += (text.empty() ? "" : "; ") + more; };
@@ -71,6 +80,7 @@ SequentialUpdate::SequentialUpdate(std::shared_ptr<const reduction::ObservedMode
       target_(model->functions, transform_, projector_.central_functions()),
       solver_(options_.map),
       sum_(StepForm::zero(model->functions->count())) {
+  solver_.prepare(transform_->dimension());
   correction_.levels.assign(k_quantile_levels.begin(), k_quantile_levels.end());
   if (options_.form == UpdateOptions::Form::composed) {
     composition_ = std::make_unique<Composition>(*model, transform_, projector_.central_functions());
@@ -183,9 +193,24 @@ void SequentialUpdate::by_collapsed_map() {
   solver_.solve(target_, map_);
   result_.elapsed_us.map = microseconds_since(start);
   const auto correction_start = Clock::now();
-  solver_.correct(target_, map_, correction_);
-  take(map_, correction_);
-  if (!result_.trusted && transform_->dimension() <= k_most_quadrature_parameters) integrate();
+  const double ess = effective_sample_size(map_.verification.log_weight);
+  if (ess < k_quadrature_below && transform_->dimension() <= k_most_quadrature_parameters) {
+    take(map_);
+    result_.effective_sample_size = ess;
+    result_.log_evidence_lower_bound = map_.map_log_evidence();
+    result_.trusted = map_.verified_diagnostic <= 0.05 && ess >= 0.9 && !map_.second_mode_found;
+    integrate();
+  } else {
+    solver_.correct(target_, map_, correction_);
+    take(map_);
+    result_.effective_sample_size = correction_.ess;
+    result_.log_evidence = correction_.log_evidence;
+    result_.log_evidence_lower_bound = correction_.map_log_evidence;
+    result_.trusted = correction_.trusted;
+    set_moments(correction_.points, correction_.weights);
+    set_quantiles(correction_.quantiles);
+    result_.remark = explain(result_, map_.reason);
+  }
   result_.elapsed_us.correction = microseconds_since(correction_start);
 }
 
@@ -225,6 +250,7 @@ void SequentialUpdate::by_composed_maps(std::size_t step) {
   result_.trusted =
       pushed.variance_diagnostic <= 0.05 && pushed.effective_sample_size >= 0.9 && !map_.second_mode_found;
   set_moments(composition.batch.value, pushed.weights);
+  set_map_moments(posterior_.points);
   set_quantiles(weighted_quantiles(composition.batch.value, pushed.weights));
   result_.remark = explain(result_, last_reason);
   result_.elapsed_us.map = std::chrono::duration<double, std::micro>(correction_start - start).count();
@@ -232,31 +258,29 @@ void SequentialUpdate::by_composed_maps(std::size_t step) {
 }
 
 void SequentialUpdate::integrate() {
-  // The map is not to be trusted (and the result goes on saying so), but with few parameters the posterior can simply be integrated.
   const QuadraturePosterior quadrature = tensor_quadrature(target_);
-  const Eigen::VectorXd map_mean = result_.map_mean;
-  const Eigen::MatrixXd map_covariance = result_.map_covariance;
   set_moments(quadrature.points, quadrature.weights);
   set_quantiles(quadrature.quantiles);
-  result_.map_mean = map_mean;
-  result_.map_covariance = map_covariance;
   result_.log_evidence = quadrature.log_evidence;
-  result_.remark += fmt::format("; moments, quantiles and evidence are therefore by quadrature at {} points",
+  result_.remark = explain(result_, map_.reason);
+  result_.remark += fmt::format("; moments, quantiles and evidence are by quadrature at {} points",
                                 quadrature.weights.size());
 }
 
-void SequentialUpdate::take(const transport::MapResult& map, const transport::ImportanceCorrection& correction) {
+void SequentialUpdate::take(const transport::MapResult& map) {
+  map_points_.resize(map.verification.points.rows(), transform_->dimension());
+  transform_->evaluate(map.verification.points, 0, map_points_, no_derivatives_, no_derivatives_);
+  set_map_moments(map_points_);
   result_.map_order = map.order;
   result_.variance_diagnostic = map.verified_diagnostic;
   result_.tolerance_reached = map.tolerance_reached;
   result_.second_mode_found = map.second_mode_found;
-  result_.effective_sample_size = correction.ess;
-  result_.log_evidence = correction.log_evidence;
-  result_.log_evidence_lower_bound = correction.map_log_evidence;
-  result_.trusted = correction.trusted;
-  set_moments(correction.points, correction.weights);
-  set_quantiles(correction.quantiles);
-  result_.remark = explain(result_, map.reason);
+}
+
+void SequentialUpdate::set_map_moments(const Eigen::MatrixXd& p) {
+  result_.map_mean = p.colwise().mean();
+  const Eigen::MatrixXd centred = p.rowwise() - result_.map_mean.transpose();
+  result_.map_covariance.noalias() = centred.transpose() * centred / static_cast<double>(p.rows());
 }
 
 void SequentialUpdate::set_moments(const Eigen::MatrixXd& z, const Eigen::VectorXd& weights) {
@@ -265,12 +289,8 @@ void SequentialUpdate::set_moments(const Eigen::MatrixXd& z, const Eigen::Vector
   posterior_.weights = weights;
   const Eigen::MatrixXd& p = posterior_.points;
   result_.mean.noalias() = p.transpose() * weights;
-  result_.map_mean = p.colwise().mean();
   const Eigen::MatrixXd centred = p.rowwise() - result_.mean.transpose();
   result_.covariance.noalias() = centred.transpose() * weights.asDiagonal() * centred;
-  const Eigen::VectorXd offset = result_.map_mean - result_.mean;
-  result_.map_covariance.noalias() = centred.transpose() * centred / static_cast<double>(p.rows());
-  result_.map_covariance.noalias() -= offset * offset.transpose();
 }
 
 void SequentialUpdate::set_quantiles(const Eigen::MatrixXd& z_quantiles) {

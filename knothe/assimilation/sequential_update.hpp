@@ -115,7 +115,8 @@ class SequentialUpdate {
   void by_collapsed_map();
   void by_composed_maps(std::size_t step);
   void integrate();
-  void take(const transport::MapResult& map, const transport::ImportanceCorrection& correction);
+  void take(const transport::MapResult& map);
+  void set_map_moments(const Eigen::MatrixXd& p);
   void set_moments(const Eigen::MatrixXd& z, const Eigen::VectorXd& weights);
   void set_quantiles(const Eigen::MatrixXd& z_quantiles);
 
@@ -131,7 +132,7 @@ class SequentialUpdate {
   StepForm sum_;
   UpdateResult result_;
   WeightedPosterior posterior_;
-  Eigen::MatrixXd no_derivatives_;
+  Eigen::MatrixXd no_derivatives_, map_points_;
 };
 
 }  // namespace knothe::assimilation

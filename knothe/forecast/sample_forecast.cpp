@@ -25,6 +25,24 @@ std::vector<double> even_points(double low, double high, int count) {
   return points;
 }
 
+/// Many samples as few: their weights shared out linearly over even points (what is lost is far below the kernel's width).
+struct Binned {
+  std::vector<double> points, weights;
+};
+Binned bin(std::span<const double> x, std::span<const double> w, double low, double high) {
+  constexpr int k_bins = 1024;
+  Binned binned{even_points(low, high, k_bins), std::vector<double>(k_bins, 0.0)};
+  const double scale = high > low ? (k_bins - 1) / (high - low) : 0.0;
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    const double place = (x[i] - low) * scale;
+    const int left = std::min(static_cast<int>(place), k_bins - 2);
+    const double share = std::clamp(place - left, 0.0, 1.0);  // rounding
+    binned.weights[left] += (1 - share) * w[i];
+    binned.weights[left + 1] += share * w[i];
+  }
+  return binned;
+}
+
 /// Top of a density known at even points: the top of the parabola through the largest value and its
 /// neighbours.
 double top_of(const std::vector<double>& points, const std::vector<double>& density) {
@@ -57,12 +75,13 @@ ScalarForecast forecast_of_samples(const Eigen::Ref<const Eigen::VectorXd>& valu
                                 1e-9 * std::max(std::abs(result.mean), 1e-9));
   result.points =
       even_points(values.minCoeff() - 3.5 * width, values.maxCoeff() + 3.5 * width, k_density_points);
-  result.density = numerics::kernel_density(x, w, width, result.points);
+  const Binned binned = bin(x, w, values.minCoeff(), values.maxCoeff());
+  result.density = numerics::kernel_density(binned.points, binned.weights, width, result.points);
   const auto best = std::max_element(result.density.begin(), result.density.end()) - result.density.begin();
   const double spacing = result.points[1] - result.points[0];
   const double centre = result.points[static_cast<std::size_t>(best)];
   const std::vector<double> near = even_points(centre - spacing, centre + spacing, 33);
-  result.maximum_a_posteriori = top_of(near, numerics::kernel_density(x, w, width, near));
+  result.maximum_a_posteriori = top_of(near, numerics::kernel_density(binned.points, binned.weights, width, near));
   return result;
 }
 

@@ -246,6 +246,7 @@ void MapSolver::prepare(Eigen::Index dimension) {
     (void)work_->identity(dimension, order);
     (void)work_->training_tables(dimension, order);
     (void)work_->verification_tables(work_->options.verification_points, dimension, order);
+    (void)work_->verification_tables(4 * work_->options.verification_points, dimension, order, true);
   }
 }
 
