@@ -135,7 +135,7 @@ void add_report(CLI::App& app, Command& chosen) {
   CLI::App& command = add(app, "report", "A self-contained page of figures and tables.",
                           "knothe report results/ -o report.html");
   command.add_option("RESULTS", arguments.results, "folder of results")->required();
-  command.add_option("-o,--output", arguments.output, "page to write (.html)")->required();
+  command.add_option("-o,--output", arguments.output, "page to write (.html), or its overview as one picture (.svg)")->required();
   command.callback([&chosen] { chosen = [] { return report(arguments); }; });
 }
 
