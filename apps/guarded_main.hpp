@@ -5,17 +5,25 @@
 #include <functional>
 #include <new>
 #include <string>
+#include <system_error>
 
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
 
 namespace knothe {
 
-/// Runs `command`; returns its exit status, or that of the Error it threw after printing the message to stderr.
+/// Runs `command`; returns its exit status, or that of the Error it threw after printing the message to
+/// stderr.
 inline int guarded_main(const char* program, const std::function<int()>& command) {
   install_signal_handlers();
   try {
-    return command();
+    const int status = command();
+    // What was printed is on its way only now: a full disk behind stdout must not pass for success.
+    if (std::fflush(stdout) != 0) throw system_error("could not write", "standard output");
+    return status;
+  } catch (const std::system_error& error) {
+    std::fprintf(stderr, "%s: error: %s\n", program, error.what());
+    return static_cast<int>(ExitStatus::io);
   } catch (const ProjectError& error) {
     // Project errors carry file:line:column themselves.
     std::fprintf(stderr, "%s\n", error.what());

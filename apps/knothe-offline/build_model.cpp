@@ -33,9 +33,11 @@ void report_runs(const mechanics::SnapshotRuns& runs, bool json) {
                                            {"steps_without_equilibrium", run.steps_without_equilibrium}}));
     }
     if (!run.steps_without_equilibrium.empty()) {
-      fmt::print(stderr, "knothe: warning: at parameters ({:g}) steps {} are not in equilibrium to 1e-8; see the output "
-                         "equilibrium_residual of the model\n",
-                 fmt::join(run.parameters, ", "), fmt::join(run.steps_without_equilibrium, ", "));
+      fmt::print(
+          stderr,
+          "knothe: warning: at parameters ({:g}) steps {} are not in equilibrium to 1e-8; see the output "
+          "equilibrium_residual of the model\n",
+          fmt::join(run.parameters, ", "), fmt::join(run.steps_without_equilibrium, ", "));
     }
   }
   if (!json) fmt::print("{} full-order runs, {} of them kept from before\n", runs.runs.size(), resumed);
@@ -48,10 +50,12 @@ reduction::CrackSolutions crack_solutions(const mechanics::CrackTable& table, st
   const Eigen::Map<const RowMajor> values(table.values.data(), n, static_cast<Eigen::Index>(n_dof));
   const Eigen::BDCSVD<Eigen::MatrixXd> svd(values, Eigen::ComputeThinU | Eigen::ComputeThinV);
   Eigen::Index kept = 0;
-  while (kept < svd.singularValues().size() && svd.singularValues()[kept] > 1e-10 * svd.singularValues()[0]) ++kept;
+  while (kept < svd.singularValues().size() && svd.singularValues()[kept] > 1e-10 * svd.singularValues()[0])
+    ++kept;
   const RowMajor modes = svd.matrixV().leftCols(kept).transpose();
   const RowMajor coefficients = svd.matrixU().leftCols(kept) * svd.singularValues().head(kept).asDiagonal();
-  return {table.lengths, {modes.data(), modes.data() + modes.size()},
+  return {table.lengths,
+          {modes.data(), modes.data() + modes.size()},
           {coefficients.data(), coefficients.data() + coefficients.size()}};
 }
 
@@ -77,7 +81,8 @@ int build_model(const BuildArguments& arguments) {
   if (options.crack_lengths > 0 && problem.gmsh_file.empty()) {
     mechanics::CrackOptions crack;
     crack.count = options.crack_lengths;
-    model.crack = crack_solutions(mechanics::crack_table(problem, crack, runs.snapshots.dofs), model.dof_count());
+    model.crack =
+        crack_solutions(mechanics::crack_table(problem, crack, runs.snapshots.dofs), model.dof_count());
   }
   model.project = project.text;
   reduction::write_model(model, arguments.output);
@@ -90,7 +95,8 @@ int build_model(const BuildArguments& arguments) {
                                          {"max_error_m", model.max_error_m}}));
   } else {
     fmt::print("{}: {} form, {} modes, error on the grid {:.2g} (relative), at most {:.3g} µm on any dof\n",
-               arguments.output, options.form, model.parameter_modes, model.relative_error, model.max_error_m * 1e6);
+               arguments.output, options.form, model.parameter_modes, model.relative_error,
+               model.max_error_m * 1e6);
   }
   return 0;
 }

@@ -37,7 +37,8 @@ int main(int argc, char** argv) {
   verify_command.callback([&] { chosen = [&] { return verify(verification); }; });
 
   SimulateArguments simulation;
-  CLI::App& simulate_command = *app.add_subcommand("simulate", "Synthetic measurements from the full-order model.");
+  CLI::App& simulate_command =
+      *app.add_subcommand("simulate", "Synthetic measurements from the full-order model.");
   simulate_command.footer("Example:\n  knothe simulate examples/beam/quick.toml -o data.h5 --seed 1");
   simulate_command.add_option("FILE", simulation.project, "project file")->required();
   simulate_command.add_option("-o,--output", simulation.output, "measurement file to write")->required();

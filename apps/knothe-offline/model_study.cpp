@@ -43,13 +43,17 @@ std::optional<Judge> make_judge(const project::Project& project, const reduction
     points.insert(points.end(), &snapshots.dofs.points[3 * dof], &snapshots.dofs.points[3 * dof] + 3);
     components.push_back(snapshots.dofs.components[dof]);
   }
-  judge.model = std::make_shared<const ObservedModel>(reduction::observe_snapshots(snapshots, points, components));
-  const Eigen::VectorXd p = Eigen::Map<const Eigen::VectorXd>(truth.data(), static_cast<Eigen::Index>(truth.size()));
-  Eigen::MatrixXd exact(static_cast<Eigen::Index>(judge.dofs.size()), static_cast<Eigen::Index>(snapshots.time.size()));
+  judge.model =
+      std::make_shared<const ObservedModel>(reduction::observe_snapshots(snapshots, points, components));
+  const Eigen::VectorXd p =
+      Eigen::Map<const Eigen::VectorXd>(truth.data(), static_cast<Eigen::Index>(truth.size()));
+  Eigen::MatrixXd exact(static_cast<Eigen::Index>(judge.dofs.size()),
+                        static_cast<Eigen::Index>(snapshots.time.size()));
   for (std::size_t t = 0; t < snapshots.time.size(); ++t) {
     exact.col(static_cast<Eigen::Index>(t)) = judge.model->predict(p, t);
   }
-  judge.data = assimilation::add_noise(snapshots.dofs, judge.dofs, snapshots.time, exact, options.noise_std, options.seed);
+  judge.data = assimilation::add_noise(snapshots.dofs, judge.dofs, snapshots.time, exact, options.noise_std,
+                                       options.seed);
   return judge;
 }
 
@@ -69,9 +73,10 @@ std::vector<StudyLine> study_models(const project::Project& project, const reduc
       StudyLine line{form, studied.row, std::nullopt};
       if (judge) {
         const reduction::SeparatedModel model(std::move(studied.model));
-        const auto observed = std::make_shared<const ObservedModel>(reduction::observe_dofs(model, judge->dofs));
-        line.shift = assimilation::summarise(
-            assimilation::posterior_shift(observed, judge->model, judge->data.values, judge->data.noise, judge->priors));
+        const auto observed =
+            std::make_shared<const ObservedModel>(reduction::observe_dofs(model, judge->dofs));
+        line.shift = assimilation::summarise(assimilation::posterior_shift(
+            observed, judge->model, judge->data.values, judge->data.noise, judge->priors));
       }
       lines.push_back(std::move(line));
     }
@@ -81,9 +86,11 @@ std::vector<StudyLine> study_models(const project::Project& project, const reduc
 
 void report_study(const std::vector<StudyLine>& lines, bool json) {
   if (!json) {
-    fmt::print("\nWhat the number of modes costs. Errors on the parameter grid; shift of the posterior of synthetic data from\n"
-               "that of the uncompressed snapshots, in posterior standard deviations (worst step / last step).\n"
-               "  form       modes   error   of u-lift   max µm   shift of mean   std wrong by\n");
+    fmt::print(
+        "\nWhat the number of modes costs. Errors on the parameter grid; shift of the posterior of synthetic "
+        "data from\n"
+        "that of the uncompressed snapshots, in posterior standard deviations (worst step / last step).\n"
+        "  form       modes   error   of u-lift   max µm   shift of mean   std wrong by\n");
   }
   for (const StudyLine& line : lines) {
     const auto& e = line.errors.training;
@@ -107,8 +114,8 @@ void report_study(const std::vector<StudyLine>& lines, bool json) {
     }
     std::string shift = "        –              –";
     if (line.shift) {
-      shift = fmt::format("{:7.2f} / {:4.2f}  {:7.1f} % / {:.1f} %", line.shift->worst_mean.mean, line.shift->last.mean,
-                          100 * line.shift->worst_std.std, 100 * line.shift->last.std);
+      shift = fmt::format("{:7.2f} / {:4.2f}  {:7.1f} % / {:.1f} %", line.shift->worst_mean.mean,
+                          line.shift->last.mean, 100 * line.shift->worst_std.std, 100 * line.shift->last.std);
     }
     fmt::print("  {:<10} {:5}  {:.1e}   {:.1e}   {:7.3f}  {}\n", reduction::to_text(line.form),
                line.errors.parameter_modes, e.relative, e.relative_to_lift, e.max * 1e6, shift);

@@ -9,8 +9,8 @@
 
 namespace knothe::offline_commands {
 
-/// One line: a model, its error on the grid, and how far it moves the posterior of synthetic data from that of the uncompressed
-/// snapshots (absent where the project has no [parameters] or no [simulate]).
+/// One line: a model, its error on the grid, and how far it moves the posterior of synthetic data from that
+/// of the uncompressed snapshots (absent where the project has no [parameters] or no [simulate]).
 struct StudyLine {
   reduction::Form form;
   reduction::CompressionRow errors;

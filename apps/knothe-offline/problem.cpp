@@ -10,15 +10,16 @@ mechanics::BeamProblem beam_problem(const project::Project& project) {
   mechanics::BeamProblem problem;
   problem.beam.element = options.element;
   problem.beam.layers = options.layers;
-  problem.beam.left_support =
-      options.left_support == "face" ? mechanics::LeftSupport::left_face : mechanics::LeftSupport::support_line;
+  problem.beam.left_support = options.left_support == "face" ? mechanics::LeftSupport::left_face
+                                                             : mechanics::LeftSupport::support_line;
   problem.gmsh_file = options.gmsh;
   problem.elastic.young_modulus = options.young_modulus;
   problem.elastic.poisson_ratio = options.poisson_ratio;
   problem.solver.steps = options.steps;
   problem.solver.displacement = options.displacement;
   for (const project::OfflineParameter& parameter : options.parameters) {
-    (parameter.name == "Y0" ? problem.reference.threshold : problem.reference.brittleness) = parameter.reference;
+    (parameter.name == "Y0" ? problem.reference.threshold : problem.reference.brittleness) =
+        parameter.reference;
   }
   return problem;
 }

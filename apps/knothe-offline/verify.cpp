@@ -16,7 +16,9 @@ namespace knothe::offline_commands {
 namespace {
 
 nlohmann::ordered_json errors(const reduction::ModelError& e) {
-  return {{"relative_error", e.relative}, {"relative_error_without_lift", e.relative_to_lift}, {"max_error_m", e.max}};
+  return {{"relative_error", e.relative},
+          {"relative_error_without_lift", e.relative_to_lift},
+          {"max_error_m", e.max}};
 }
 
 }  // namespace
@@ -28,10 +30,11 @@ int verify(const VerifyArguments& arguments) {
   mechanics::FullOrderModel full_order = mechanics::make_full_order_model(problem);
   if (static_cast<std::size_t>(full_order.structure().dof_count()) != model.dof_count() ||
       static_cast<std::size_t>(problem.solver.steps) != model.time.size()) {
-    throw DataError(fmt::format("{}: the model has {} dofs and {} steps, the project's full-order model {} and {}: verify a "
-                                "model with the project file that it was built from",
-                                arguments.model, model.dof_count(), model.time.size(),
-                                full_order.structure().dof_count(), problem.solver.steps));
+    throw DataError(fmt::format(
+        "{}: the model has {} dofs and {} steps, the project's full-order model {} and {}: verify a "
+        "model with the project file that it was built from",
+        arguments.model, model.dof_count(), model.time.size(), full_order.structure().dof_count(),
+        problem.solver.steps));
   }
   const auto d = static_cast<Eigen::Index>(model.axes.size());
   const Eigen::MatrixXd points = numerics::sobol_points(arguments.points, d, arguments.seed);
@@ -52,7 +55,8 @@ int verify(const VerifyArguments& arguments) {
       fmt::print("{}\n", files::json_line(line));
     } else {
       fmt::print("  ({:.4f})  error {:.2e}, of u − lift {:.2e}, at most {:.3f} µm on any dof\n",
-                 fmt::join(solution.parameters, ", "), error.relative, error.relative_to_lift, error.max * 1e6);
+                 fmt::join(solution.parameters, ", "), error.relative, error.relative_to_lift,
+                 error.max * 1e6);
     }
     std::fflush(stdout);
     solutions.push_back(std::move(solution));
@@ -64,8 +68,8 @@ int verify(const VerifyArguments& arguments) {
     line.update(errors(all));
     fmt::print("{}\n", files::json_line(line));
   } else {
-    fmt::print("{} points: error {:.2e}, of u − lift {:.2e}, at most {:.3f} µm on any dof\n", arguments.points,
-               all.relative, all.relative_to_lift, all.max * 1e6);
+    fmt::print("{} points: error {:.2e}, of u − lift {:.2e}, at most {:.3f} µm on any dof\n",
+               arguments.points, all.relative, all.relative_to_lift, all.max * 1e6);
   }
   return 0;
 }

@@ -1,9 +1,11 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <cerrno>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "apps/knothe/commands.hpp"
@@ -35,7 +37,8 @@ class Display {
   Display(bool json, std::vector<std::string> names, std::size_t steps)
       : json_(json), live_(!json && isatty(STDERR_FILENO) == 1), names_(std::move(names)), steps_(steps) {}
 
-  void show(const assimilation::UpdateResult& r, const std::vector<forecast::NamedForecast>& forecasts, double total_us) {
+  void show(const assimilation::UpdateResult& r, const std::vector<forecast::NamedForecast>& forecasts,
+            double total_us) {
     if (json_) return;
     std::string text = fmt::format("step {:3}", r.step);
     for (std::size_t k = 0; k < names_.size(); ++k) {
@@ -72,6 +75,18 @@ class Display {
   std::size_t steps_, shown_ = 0;
 };
 
+/// Tells before the work, not after it, that results cannot be written there.
+void require_writable(const std::string& folder) {
+  std::error_code failure;
+  std::filesystem::create_directories(folder, failure);
+  if (failure) {
+    errno = failure.value();
+    throw system_error("could not make the folder for results", folder);
+  }
+  if (access(folder.c_str(), W_OK | X_OK) != 0)
+    throw system_error("may not write to the folder for results", folder);
+}
+
 std::string joined(const std::vector<std::size_t>& steps) {
   return steps.empty() ? "none" : fmt::format("{}", fmt::join(steps, ", "));
 }
@@ -84,16 +99,19 @@ int assimilate(const AssimilateArguments& arguments) {
   if (!arguments.results.empty()) project.results = arguments.results;
   project::UpdateSetup setup = project::set_up(project);
 
-  assimilation::SequentialUpdate update(setup.observed, setup.measurements.noise, setup.priors, setup.options);
-  forecast::Forecaster forecaster(setup.model, setup.observed_points, setup.observed_components, project.forecasts);
+  assimilation::SequentialUpdate update(setup.observed, setup.measurements.noise, setup.priors,
+                                        setup.options);
+  forecast::Forecaster forecaster(setup.model, setup.observed_points, setup.observed_components,
+                                  project.forecasts);
+  require_writable(project.results);
   report::ResultsWriter results(project, setup.model, setup.measurements, update.priors());
   Display display(arguments.json, setup.model.parameter_names(), setup.measurements.time.size());
   const auto start = Clock::now();
   bool interrupted = false;
   std::vector<std::size_t> untrusted;
   for (std::size_t step = 0; step < setup.measurements.time.size() && !interrupted; ++step) {
-    const assimilation::UpdateResult& result =
-        update.update(step, setup.time_indices[step], setup.measurements.values.col(static_cast<Eigen::Index>(step)));
+    const assimilation::UpdateResult& result = update.update(
+        step, setup.time_indices[step], setup.measurements.values.col(static_cast<Eigen::Index>(step)));
     const auto forecast_start = Clock::now();
     const auto forecasts = forecaster.update(update.posterior().points, update.posterior().weights);
     const double forecast_us = microseconds_since(forecast_start);

@@ -1,5 +1,6 @@
 #pragma once
-/// @file The commands of `knothe`: what each takes, one function each. Command line parsing is in main.cpp alone.
+/// @file The commands of `knothe`: what each takes, one function each. Command line parsing is in main.cpp
+/// alone.
 #include <optional>
 #include <string>
 #include <vector>
@@ -66,8 +67,8 @@ struct ReportArguments {
 };
 int report(const ReportArguments& arguments);
 
-/// Runs `knothe-offline` with the words given (the command first); returns its exit status. Throws an Error of status 1
-/// that says how to get it where it is not installed.
+/// Runs `knothe-offline` with the words given (the command first); returns its exit status. Throws an Error
+/// of status 1 that says how to get it where it is not installed.
 int run_sibling(const std::vector<std::string>& words);
 
 }  // namespace knothe::commands

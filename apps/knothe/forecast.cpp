@@ -20,7 +20,8 @@ int forecast(const ForecastArguments& arguments) {
   const project::UpdateSetup setup = project::set_up(project);
   const std::string path = (std::filesystem::path(project.results) / "posterior.nc").string();
   const report::StoredPosterior stored = report::read_last_posterior(path, setup.model.parameter_names());
-  forecast::Forecaster forecaster(setup.model, setup.observed_points, setup.observed_components, project.forecasts);
+  forecast::Forecaster forecaster(setup.model, setup.observed_points, setup.observed_components,
+                                  project.forecasts);
   const auto forecasts = forecaster.update(stored.posterior.points, stored.posterior.weights);
   const auto direct = forecaster.direct(stored.posterior.points, stored.posterior.weights);
   if (arguments.json) {
@@ -35,17 +36,19 @@ int forecast(const ForecastArguments& arguments) {
     const forecast::ScalarForecast& f = named.forecast;
     const double scale = named.units == "m" ? 1e3 : 1;
     const std::string unit = named.units == "m" ? "mm" : named.units;
-    fmt::print("  {}: {:.4g} ± {:.2g} {}, most probable {:.4g}, 95 % in [{:.4g}, {:.4g}], P(above threshold) {:.3g}\n",
-               named.name, f.mean * scale, f.std * scale, unit, f.maximum_a_posteriori * scale, f.values[0] * scale,
-               f.values[4] * scale, f.probability_above_threshold);
+    fmt::print(
+        "  {}: {:.4g} ± {:.2g} {}, most probable {:.4g}, 95 % in [{:.4g}, {:.4g}], P(above threshold) "
+        "{:.3g}\n",
+        named.name, f.mean * scale, f.std * scale, unit, f.maximum_a_posteriori * scale, f.values[0] * scale,
+        f.values[4] * scale, f.probability_above_threshold);
     if (named.bridge_residual_rms) {
       fmt::print("    the best elastic crack differs from the predicted field by {:.2g} µm rms\n",
                  *named.bridge_residual_rms * 1e6);
     }
   }
   for (const forecast::NamedForecast& named : direct) {
-    fmt::print("  {}, directly from each posterior point: {:.4g} ± {:.2g} mm\n", named.name, named.forecast.mean * 1e3,
-               named.forecast.std * 1e3);
+    fmt::print("  {}, directly from each posterior point: {:.4g} ± {:.2g} mm\n", named.name,
+               named.forecast.mean * 1e3, named.forecast.std * 1e3);
   }
   return 0;
 }

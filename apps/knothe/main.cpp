@@ -1,10 +1,13 @@
 /// @file `knothe`: the command line of the online program. Parsing only; each command is a file of its own.
 #include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cstdio>
 #include <functional>
 #include <string>
 
 #include "apps/guarded_main.hpp"
 #include "apps/knothe/commands.hpp"
+#include "knothe/base/text.hpp"
 #include "knothe/base/version.hpp"
 
 namespace {
@@ -13,7 +16,8 @@ using namespace knothe::commands;  // NOLINT: this file is about nothing else
 using Command = std::function<int()>;
 
 /// A subcommand with a description and one worked example.
-CLI::App& add(CLI::App& parent, const std::string& name, const std::string& meaning, const std::string& example) {
+CLI::App& add(CLI::App& parent, const std::string& name, const std::string& meaning,
+              const std::string& example) {
   CLI::App& command = *parent.add_subcommand(name, meaning);
   command.footer("Example:\n  " + example);
   return command;
@@ -47,14 +51,14 @@ void add_verify(CLI::App& model, Command& chosen) {
                           "knothe model verify beam.toml beam.h5 --points 5 --seed 1");
   command.add_option("FILE", project, "project file with [offline]")->required();
   command.add_option("MODEL", file, "model file")->required();
-  command.add_option("--points", points, "number of parameter points not used to build the model")->capture_default_str();
+  command.add_option("--points", points, "number of parameter points not used to build the model")
+      ->capture_default_str();
   command.add_option("--seed", seed, "seed of the points")->capture_default_str();
   command.add_flag("--json", json, "JSON lines on stdout");
   command.callback([&] {
     chosen = [] {
-      std::vector<std::string> words = {"verify",         project,  file,
-                                        "--points",       std::to_string(points),
-                                        "--seed",         std::to_string(seed)};
+      std::vector<std::string> words = {
+          "verify", project, file, "--points", std::to_string(points), "--seed", std::to_string(seed)};
       if (json) words.emplace_back("--json");
       return run_sibling(words);
     };
@@ -115,7 +119,8 @@ void add_assimilate(CLI::App& app, Command& chosen) {
   CLI::App& command = add(app, "assimilate", "Sequential assimilation of recorded data.",
                           "knothe assimilate examples/beam/quick.toml -o results/");
   command.add_option("FILE", arguments.project, "project file")->required();
-  command.add_option("--method", arguments.method, "transport or grid")->check(CLI::IsMember({"transport", "grid"}));
+  command.add_option("--method", arguments.method, "transport or grid")
+      ->check(CLI::IsMember({"transport", "grid"}));
   command.add_flag("--json", arguments.json, "one line of JSON per step on stdout");
   command.add_option("-o,--output", arguments.results, "folder for results");
   command.callback([&chosen] { chosen = [] { return assimilate(arguments); }; });
@@ -135,7 +140,10 @@ void add_report(CLI::App& app, Command& chosen) {
   CLI::App& command = add(app, "report", "A self-contained page of figures and tables.",
                           "knothe report results/ -o report.html");
   command.add_option("RESULTS", arguments.results, "folder of results")->required();
-  command.add_option("-o,--output", arguments.output, "page to write (.html), or its overview as one picture (.svg)")->required();
+  command
+      .add_option("-o,--output", arguments.output,
+                  "page to write (.html), or its overview as one picture (.svg)")
+      ->required();
   command.callback([&chosen] { chosen = [] { return report(arguments); }; });
 }
 
@@ -146,6 +154,25 @@ void add_check(CLI::App& app, Command& chosen) {
   command.add_option("FILE", arguments.project, "project file");
   command.add_flag("--options", arguments.options, "print the reference of all options instead");
   command.callback([&chosen] { chosen = [] { return check(arguments); }; });
+}
+
+/// "asimilate" where a command is expected, with the nearest one; empty if the mistake is another. CLI11 only
+/// says that a command is required.
+std::string unknown_command(const CLI::App& app, int argc, char** argv) {
+  const CLI::App* current = &app;
+  for (int i = 1; i < argc; ++i) {
+    const std::string word = argv[i];
+    std::vector<std::string> names;
+    for (const CLI::App* command : current->get_subcommands([](const CLI::App*) { return true; })) {
+      names.push_back(command->get_name());
+    }
+    if (names.empty() || word.starts_with("-")) return "";
+    if (std::find(names.begin(), names.end(), word) == names.end()) {
+      return "unknown command \"" + word + "\"" + knothe::did_you_mean(word, names);
+    }
+    current = current->get_subcommand(word);
+  }
+  return "";
 }
 
 }  // namespace
@@ -167,6 +194,11 @@ int main(int argc, char** argv) {
   add_report(app, chosen);
   try {
     app.parse(argc, argv);
+  } catch (const CLI::RequiredError& error) {
+    const std::string unknown = unknown_command(app, argc, argv);
+    if (unknown.empty()) return app.exit(error), static_cast<int>(knothe::ExitStatus::usage);
+    std::fprintf(stderr, "knothe: error: %s\nRun with --help for more information.\n", unknown.c_str());
+    return static_cast<int>(knothe::ExitStatus::usage);
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : static_cast<int>(knothe::ExitStatus::usage);
   }

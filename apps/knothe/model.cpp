@@ -38,7 +38,8 @@ std::vector<double> parse_point(const std::string& text, const SeparatedModel& m
     char* rest = nullptr;
     const std::string number = item.substr(equals + 1);
     values[it - names.begin()] = std::strtod(number.c_str(), &rest);
-    if (number.empty() || *rest != '\0') throw UsageError(fmt::format("--at {}: \"{}\" is not a number", text, number));
+    if (number.empty() || *rest != '\0')
+      throw UsageError(fmt::format("--at {}: \"{}\" is not a number", text, number));
     given[it - names.begin()] = true;
     begin = end + 1;
   }
@@ -48,7 +49,8 @@ std::vector<double> parse_point(const std::string& text, const SeparatedModel& m
   return values;
 }
 
-void write_field(const SeparatedModel& model, std::span<const double> point, std::size_t step, const std::string& path) {
+void write_field(const SeparatedModel& model, std::span<const double> point, std::size_t step,
+                 const std::string& path) {
   const reduction::FieldOnMesh mesh(model.contents(), model.where());
   mesh.write({mesh.vectors("displacement", model.evaluate(point, step).value)}, path);
 }
@@ -87,15 +89,17 @@ int model_info(const ModelArguments& arguments) {
   }
   fmt::print("{}: {} form, {} space modes, {} parameter modes, made by {}\n", arguments.model,
              reduction::to_text(c.form), c.space_modes, c.parameter_modes, c.created_by);
-  fmt::print("  {} dofs [{}], {} steps of model time {:g} … {:g}, {} mesh cells\n", model.dof_count(), c.field.units,
-             model.step_count(), c.time.front(), c.time.back(), c.mesh ? c.mesh->cell_count() : 0);
+  fmt::print("  {} dofs [{}], {} steps of model time {:g} … {:g}, {} mesh cells\n", model.dof_count(),
+             c.field.units, model.step_count(), c.time.front(), c.time.back(),
+             c.mesh ? c.mesh->cell_count() : 0);
   for (const reduction::Axis& axis : c.axes) {
-    fmt::print("  {}: {:g} … {:g}, {} nodes; 1.0 is {:g} {}\n", axis.name, axis.nodes.front(), axis.nodes.back(),
-               axis.nodes.size(), axis.reference, axis.units);
+    fmt::print("  {}: {:g} … {:g}, {} nodes; 1.0 is {:g} {}\n", axis.name, axis.nodes.front(),
+               axis.nodes.back(), axis.nodes.size(), axis.reference, axis.units);
   }
-  fmt::print("  outputs: {}; crack lengths: {}\n", fmt::join(model.output_names(), ", "), c.crack.length.size());
-  fmt::print("  error on the training grid: {:.2g} relative (L²), at most {:.3g} µm on any dof\n", c.relative_error,
-             c.max_error_m * 1e6);
+  fmt::print("  outputs: {}; crack lengths: {}\n", fmt::join(model.output_names(), ", "),
+             c.crack.length.size());
+  fmt::print("  error on the training grid: {:.2g} relative (L²), at most {:.3g} µm on any dof\n",
+             c.relative_error, c.max_error_m * 1e6);
   return 0;
 }
 
@@ -103,7 +107,8 @@ int model_evaluate(const EvaluateArguments& arguments) {
   const auto model = SeparatedModel::load(arguments.model);
   const std::vector<double> point = parse_point(arguments.at, model);
   if (arguments.step < 0 || static_cast<std::size_t>(arguments.step) >= model.step_count()) {
-    throw UsageError(fmt::format("--step {}: the model has steps 0 to {}", arguments.step, model.step_count() - 1));
+    throw UsageError(
+        fmt::format("--step {}: the model has steps 0 to {}", arguments.step, model.step_count() - 1));
   }
   std::vector<std::size_t> dofs;
   for (long dof : arguments.dofs) {
@@ -144,9 +149,11 @@ int model_import(const ImportArguments& arguments) {
   options.quiet = false;
   const reduction::ModelContents model = reduction::import_model(arguments.snapshots, options);
   reduction::write_model(model, arguments.output);
-  fmt::print("{}: {} form, {} space modes, {} parameter modes, error on the grid {:.2g} (relative), at most {:.3g} µm\n",
-             arguments.output, arguments.form, model.space_modes, model.parameter_modes, model.relative_error,
-             model.max_error_m * 1e6);
+  fmt::print(
+      "{}: {} form, {} space modes, {} parameter modes, error on the grid {:.2g} (relative), at most {:.3g} "
+      "µm\n",
+      arguments.output, arguments.form, model.space_modes, model.parameter_modes, model.relative_error,
+      model.max_error_m * 1e6);
   return 0;
 }
 

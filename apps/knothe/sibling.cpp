@@ -1,9 +1,8 @@
 #include <fmt/format.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include <cerrno>
-#include <cstring>
+#include <cstdio>
 #include <filesystem>
 
 #include "apps/knothe/commands.hpp"
@@ -27,25 +26,17 @@ int run_sibling(const std::vector<std::string>& words) {
   std::vector<char*> arguments = {const_cast<char*>(program.c_str())};
   for (const std::string& word : words) arguments.push_back(const_cast<char*>(word.c_str()));
   arguments.push_back(nullptr);
-  const pid_t child = fork();
-  if (child < 0) throw system_error("starting", program);
-  if (child == 0) {
-    execvp(program.c_str(), arguments.data());
-    _exit(errno == ENOENT ? 127 : 126);
-  }
-  int status = 0;
-  while (waitpid(child, &status, 0) < 0 && errno == EINTR) {
-  }
-  if (WIFEXITED(status) && WEXITSTATUS(status) < 126) return WEXITSTATUS(status);
-  if (WIFEXITED(status) && WEXITSTATUS(status) >= 128) return WEXITSTATUS(status);
-  if (WIFEXITED(status)) {
-    throw Error(ExitStatus::internal,
-                fmt::format("`knothe {}` is done by knothe-offline, which is not installed: build it with "
-                            "-DKNOTHE_OFFLINE=ON (needs libdeal.ii-dev; `make build` does both) and put it beside knothe",
-                            words.front()));
-  }
-  throw Error(ExitStatus::internal,
-              fmt::format("knothe-offline was ended by signal {} ({})", WTERMSIG(status), strsignal(WTERMSIG(status))));
+  // The sibling takes this process's place: signals and exit statuses are then its own, with nobody in
+  // between.
+  std::fflush(nullptr);
+  execvp(program.c_str(), arguments.data());
+  if (errno != ENOENT) throw system_error("could not run", program);
+  throw Error(
+      ExitStatus::internal,
+      fmt::format(
+          "`knothe {}` is done by knothe-offline, which is not installed: build it with "
+          "-DKNOTHE_OFFLINE=ON (needs libdeal.ii-dev; `make build` does both) and put it beside knothe",
+          words.front()));
 }
 
 }  // namespace knothe::commands

@@ -21,7 +21,9 @@ int simulate(const SimulateArguments& arguments) {
   const std::vector<double> truth = project::simulated_truth(project, model.parameter_names());
   project::simulate_measurements(
       project, model.contents().dofs, model.contents().time,
-      [&](std::size_t step, std::span<const std::size_t> dofs) { return model.evaluate(truth, step, dofs).value; },
+      [&](std::size_t step, std::span<const std::size_t> dofs) {
+        return model.evaluate(truth, step, dofs).value;
+      },
       arguments.seed, arguments.output);
   return 0;
 }

@@ -110,7 +110,9 @@ void DatumProjector::project_incomplete(std::size_t time_index, const std::vecto
 CollapsedLogDensity::CollapsedLogDensity(std::shared_ptr<const reduction::ParameterFunctions> functions,
                                          std::shared_ptr<const PriorTransform> transform,
                                          Eigen::VectorXd central_functions)
-    : functions_(std::move(functions)), transform_(std::move(transform)), central_(std::move(central_functions)) {
+    : functions_(std::move(functions)),
+      transform_(std::move(transform)),
+      central_(std::move(central_functions)) {
   assert(functions_->dimension() == transform_->dimension() && functions_->count() == central_.size());
   set_form(StepForm::zero(central_.size()));
 }
@@ -150,7 +152,8 @@ void CollapsedLogDensity::evaluate_likelihood(const Eigen::Ref<const Eigen::Matr
   subtract_row_dots(w.functions.value, w.product, 0.5, out.value);
   if (derivatives >= 1) {
     out.gradient.setZero();
-    for (Eigen::Index a = 0; a < d; ++a) subtract_row_dots(w.functions.first[a], w.product, 1, out.gradient.col(a));
+    for (Eigen::Index a = 0; a < d; ++a)
+      subtract_row_dots(w.functions.first[a], w.product, 1, out.gradient.col(a));
   }
   if (derivatives >= 2) {
     out.hessian.setZero();
@@ -189,7 +192,8 @@ void CollapsedLogDensity::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, i
   add_standard_normal(z, derivatives, out);
 }
 
-void add_standard_normal(const Eigen::Ref<const Eigen::MatrixXd>& z, int derivatives, transport::LogDensityBatch& out) {
+void add_standard_normal(const Eigen::Ref<const Eigen::MatrixXd>& z, int derivatives,
+                         transport::LogDensityBatch& out) {
   const Eigen::Index d = z.cols();
   out.value.array() -= 0.5 * static_cast<double>(d) * k_log_2_pi;
   for (Eigen::Index a = 0; a < d; ++a) {

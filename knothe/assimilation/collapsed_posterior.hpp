@@ -1,11 +1,13 @@
 #pragma once
 /// @file All data in one quadratic form: the collapsed posterior.
 ///
-/// With y_t(p) = lift_t + (OU) C_t w(p) and Gaussian noise of known covariance R_t, the misfit of a datum is a quadratic form in w, and w
-/// does not depend on time. With v = w(p) − w₀ (w₀ at a central point, so that few digits cancel)
+/// With y_t(p) = lift_t + (OU) C_t w(p) and Gaussian noise of known covariance R_t, the misfit of a datum is
+/// a quadratic form in w, and w does not depend on time. With v = w(p) − w₀ (w₀ at a central point, so that
+/// few digits cancel)
 ///   −2 log π(d_t | p) = vᵀ G_t v − 2 g_tᵀ v + c_t + n_t log 2π + log det R_t,
 ///   G_t = C_tᵀ (OU)ᵀ R_t⁻¹ (OU) C_t,   g_t = C_tᵀ (OU)ᵀ R_t⁻¹ r_t,   c_t = r_tᵀ R_t⁻¹ r_t,
-/// r_t = d_t − lift_t − (OU) C_t w₀. Sums over t are the whole likelihood of Rubio et al. 2019, Eq. 13, at the cost of one datum.
+/// r_t = d_t − lift_t − (OU) C_t w₀. Sums over t are the whole likelihood of Rubio et al. 2019, Eq. 13, at
+/// the cost of one datum.
 #include <Eigen/Core>
 #include <map>
 #include <memory>
@@ -33,7 +35,8 @@ struct StepForm {
   void add(const StepForm& other);
 };
 
-/// Turns data into step forms. Owns what depends on model and noise only: products of Eq. above that no datum changes.
+/// Turns data into step forms. Owns what depends on model and noise only: products of Eq. above that no datum
+/// changes.
 class DatumProjector {
  public:
   /// `centre`: the point p at which w₀ = w(p) is taken, d values inside the model's box.
@@ -44,8 +47,8 @@ class DatumProjector {
   [[nodiscard]] const Eigen::VectorXd& central_functions() const { return central_; }  ///< w₀, r
   [[nodiscard]] Eigen::Index observation_count() const { return predicted_.rows(); }
 
-  /// The form of the datum `values` (n_obs, NaN = missing) of model time index `time_index`, into `form`. With all values
-  /// present nothing is allocated after the first call.
+  /// The form of the datum `values` (n_obs, NaN = missing) of model time index `time_index`, into `form`.
+  /// With all values present nothing is allocated after the first call.
   void project(std::size_t time_index, const Eigen::Ref<const Eigen::VectorXd>& values, StepForm& form);
 
  private:
@@ -55,14 +58,14 @@ class DatumProjector {
   std::shared_ptr<const reduction::ObservedModel> model_;
   NoiseModel noise_;
   Eigen::VectorXd central_;
-  Eigen::MatrixXd predicted_;                     ///< lift_t + (OU) C_t w₀, n_obs × n_t
-  Eigen::MatrixXd weighted_space_;                ///< R⁻¹ (OU), n_obs × l
-  std::vector<Eigen::MatrixXd> quadratic_;        ///< G_t of complete data, per model time
+  Eigen::MatrixXd predicted_;                       ///< lift_t + (OU) C_t w₀, n_obs × n_t
+  Eigen::MatrixXd weighted_space_;                  ///< R⁻¹ (OU), n_obs × l
+  std::vector<Eigen::MatrixXd> quadratic_;          ///< G_t of complete data, per model time
   Eigen::VectorXd residual_, weighted_, in_space_;  // workspace
 };
 
-/// log π̄(z | d₀ … d_i) on the standardised parameters: the collapsed likelihood plus log N(z; 0, I). A transport target
-/// whose cost depends neither on the number of data nor on that of steps.
+/// log π̄(z | d₀ … d_i) on the standardised parameters: the collapsed likelihood plus log N(z; 0, I). A
+/// transport target whose cost depends neither on the number of data nor on that of steps.
 class CollapsedLogDensity final : public transport::LogDensity {
  public:
   CollapsedLogDensity(std::shared_ptr<const reduction::ParameterFunctions> functions,
@@ -75,7 +78,8 @@ class CollapsedLogDensity final : public transport::LogDensity {
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int derivatives,
                 transport::LogDensityBatch& out) override;
 
-  /// The log-likelihood alone as a function of z: what a composed map is made for (Rubio et al. 2019, Eq. 11).
+  /// The log-likelihood alone as a function of z: what a composed map is made for (Rubio et al. 2019, Eq.
+  /// 11).
   void evaluate_standardised_likelihood(const Eigen::Ref<const Eigen::MatrixXd>& z, int derivatives,
                                         transport::LogDensityBatch& out);
 
@@ -87,8 +91,8 @@ class CollapsedLogDensity final : public transport::LogDensity {
   struct Workspace {
     Eigen::MatrixXd p, first, second;  ///< n × d
     reduction::FunctionBatch functions;
-    reduction::RowMatrix product;                    ///< H v − h, n × r
-    std::vector<reduction::RowMatrix> products;      ///< H ∂_a w
+    reduction::RowMatrix product;                ///< H v − h, n × r
+    std::vector<reduction::RowMatrix> products;  ///< H ∂_a w
   };
   Workspace& workspace(Eigen::Index n);
 
@@ -102,6 +106,7 @@ class CollapsedLogDensity final : public transport::LogDensity {
 };
 
 /// Adds log N(z; 0, I) and its derivatives to `out`.
-void add_standard_normal(const Eigen::Ref<const Eigen::MatrixXd>& z, int derivatives, transport::LogDensityBatch& out);
+void add_standard_normal(const Eigen::Ref<const Eigen::MatrixXd>& z, int derivatives,
+                         transport::LogDensityBatch& out);
 
 }  // namespace knothe::assimilation

@@ -40,8 +40,8 @@ void ComposedStepDensity::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& x, i
         for (Eigen::Index i = 0; i < d; ++i) {
           entry += inner_.gradient.col(i).array() * map_.hessian.col(i * packed + ab).array();
           for (Eigen::Index j = 0; j < d; ++j) {
-            entry += inner_.hessian.col(transport::packed_index(i, j)).array() * map_.jacobian.col(i * d + a).array() *
-                     map_.jacobian.col(j * d + b).array();
+            entry += inner_.hessian.col(transport::packed_index(i, j)).array() *
+                     map_.jacobian.col(i * d + a).array() * map_.jacobian.col(j * d + b).array();
           }
         }
       }
@@ -78,20 +78,23 @@ Eigen::MatrixXd weighted_quantiles(const Eigen::MatrixXd& points, const Eigen::V
     std::iota(order.begin(), order.end(), Eigen::Index{0});
     std::sort(order.begin(), order.end(),
               [&](Eigen::Index a, Eigen::Index b) { return points(a, k) < points(b, k); });
-    // Point i stands for the level in the middle of its weight; between points the quantile function is linear.
+    // Point i stands for the level in the middle of its weight; between points the quantile function is
+    // linear.
     double before = 0, last_level = 0, last_point = points(order[0], k);
     std::size_t next = 0;
     for (Eigen::Index index : order) {
       const double level = before + 0.5 * weights[index], point = points(index, k);
       while (next < k_quantile_levels.size() && level >= k_quantile_levels[next]) {
-        const double t = level > last_level ? (k_quantile_levels[next] - last_level) / (level - last_level) : 1;
+        const double t =
+            level > last_level ? (k_quantile_levels[next] - last_level) / (level - last_level) : 1;
         quantiles(k, static_cast<Eigen::Index>(next++)) = last_point + t * (point - last_point);
       }
       before += weights[index];
       last_level = level;
       last_point = point;
     }
-    for (; next < k_quantile_levels.size(); ++next) quantiles(k, static_cast<Eigen::Index>(next)) = last_point;
+    for (; next < k_quantile_levels.size(); ++next)
+      quantiles(k, static_cast<Eigen::Index>(next)) = last_point;
   }
   return quantiles;
 }

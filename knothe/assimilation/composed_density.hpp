@@ -1,6 +1,6 @@
 #pragma once
-/// @file What composed maps need: the target of the next map (Rubio et al. 2019, Eq. 11), and the importance weights of a
-/// composition against the whole posterior.
+/// @file What composed maps need: the target of the next map (Rubio et al. 2019, Eq. 11), and the importance
+/// weights of a composition against the whole posterior.
 #include <Eigen/Core>
 
 #include "knothe/assimilation/collapsed_posterior.hpp"
@@ -9,7 +9,8 @@
 
 namespace knothe::assimilation {
 
-/// log π*_i(x) = log π_{t_i}(d_i | M^c_{i−1}(x)) + log ρ(x): the likelihood of one datum seen through the maps so far.
+/// log π*_i(x) = log π_{t_i}(d_i | M^c_{i−1}(x)) + log ρ(x): the likelihood of one datum seen through the
+/// maps so far.
 class ComposedStepDensity final : public transport::LogDensity {
  public:
   explicit ComposedStepDensity(CollapsedLogDensity likelihood) : likelihood_(std::move(likelihood)) {}
@@ -18,7 +19,8 @@ class ComposedStepDensity final : public transport::LogDensity {
   void set(const transport::ComposedMap& previous, const StepForm& datum);
 
   [[nodiscard]] Eigen::Index dimension() const override { return likelihood_.dimension(); }
-  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& x, int derivatives, transport::LogDensityBatch& out) override;
+  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& x, int derivatives,
+                transport::LogDensityBatch& out) override;
 
  private:
   CollapsedLogDensity likelihood_;
@@ -29,16 +31,17 @@ class ComposedStepDensity final : public transport::LogDensity {
 
 /// Points z = T(x) with importance weights π̄(z) |det ∇T(x)| / ρ(x).
 struct PushedPoints {
-  Eigen::VectorXd weights;             ///< n, sum 1
-  double effective_sample_size = 0;    ///< fraction
-  double variance_diagnostic = 0;      ///< Eq. 9
-  double log_evidence = 0;             ///< consistent
-  double log_evidence_lower_bound = 0; ///< Eq. 24
+  Eigen::VectorXd weights;              ///< n, sum 1
+  double effective_sample_size = 0;     ///< fraction
+  double variance_diagnostic = 0;       ///< Eq. 9
+  double log_evidence = 0;              ///< consistent
+  double log_evidence_lower_bound = 0;  ///< Eq. 24
 };
 [[nodiscard]] PushedPoints push_forward(transport::LogDensity& target, const Eigen::MatrixXd& reference,
                                         const transport::MapBatch& pushed);
 
 /// Marginal quantiles at `k_quantile_levels` of weighted points (n × d): d × levels.
-[[nodiscard]] Eigen::MatrixXd weighted_quantiles(const Eigen::MatrixXd& points, const Eigen::VectorXd& weights);
+[[nodiscard]] Eigen::MatrixXd weighted_quantiles(const Eigen::MatrixXd& points,
+                                                 const Eigen::VectorXd& weights);
 
 }  // namespace knothe::assimilation

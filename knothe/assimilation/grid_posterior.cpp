@@ -19,7 +19,8 @@ struct Window {
   }
 };
 
-/// Visits the grid in blocks of rows along the last axis: body(multi-index of the block's start, log-density along the axis).
+/// Visits the grid in blocks of rows along the last axis: body(multi-index of the block's start, log-density
+/// along the axis).
 template <class Body>
 void for_each_row(transport::LogDensity& target, const Window& window, const Body& body) {
   const Eigen::Index d = window.first.size(), n = window.points;
@@ -38,11 +39,13 @@ void for_each_row(transport::LogDensity& target, const Window& window, const Bod
   }
 }
 
-/// The part of the window where the log-density is within `depth` of its maximum, one node wider on each side.
+/// The part of the window where the log-density is within `depth` of its maximum, one node wider on each
+/// side.
 Window zoom(transport::LogDensity& target, const Window& window, double depth, double& maximum) {
   const Eigen::Index d = window.first.size();
   maximum = -std::numeric_limits<double>::infinity();
-  for_each_row(target, window, [&](const auto&, const Eigen::VectorXd& row) { maximum = std::max(maximum, row.maxCoeff()); });
+  for_each_row(target, window,
+               [&](const auto&, const Eigen::VectorXd& row) { maximum = std::max(maximum, row.maxCoeff()); });
   std::vector<Eigen::Index> least(d, window.points), most(d, 0);
   for_each_row(target, window, [&](const std::vector<Eigen::Index>& index, const Eigen::VectorXd& row) {
     for (Eigen::Index i = 0; i < row.size(); ++i) {
@@ -72,11 +75,13 @@ GridPosterior grid_posterior(transport::LogDensity& target, const GridPosterior:
   }
   static constexpr int k_points[] = {2001, 301, 101};
   const int points = options.points > 0 ? options.points : k_points[d - 1];
-  Window window{Eigen::VectorXd::Constant(d, -options.range), Eigen::VectorXd::Constant(d, options.range), points};
+  Window window{Eigen::VectorXd::Constant(d, -options.range), Eigen::VectorXd::Constant(d, options.range),
+                points};
   double maximum = 0;
   for (int pass = 0; pass < 8; ++pass) {
     const Window smaller = zoom(target, window, options.depth, maximum);
-    const double shrink = ((smaller.last - smaller.first).array() / (window.last - window.first).array()).minCoeff();
+    const double shrink =
+        ((smaller.last - smaller.first).array() / (window.last - window.first).array()).minCoeff();
     window = smaller;
     if (shrink > 0.8) break;
   }
@@ -120,8 +125,8 @@ GridPosterior grid_posterior(transport::LogDensity& target, const GridPosterior:
   result.covariance = second / sum - (first / sum) * (first / sum).transpose();
   for (Eigen::Index k = 0; k < d; ++k) {
     const double m = result.marginal.col(k).dot(result.nodes.col(k)) * window.spacing(k);
-    const double v =
-        (result.marginal.col(k).array() * (result.nodes.col(k).array() - m).square()).sum() * window.spacing(k);
+    const double v = (result.marginal.col(k).array() * (result.nodes.col(k).array() - m).square()).sum() *
+                     window.spacing(k);
     if (std::sqrt(v) < 6 * window.spacing(k)) result.resolved = false;
   }
   return result;
@@ -130,7 +135,8 @@ GridPosterior grid_posterior(transport::LogDensity& target, const GridPosterior:
 GridPoints grid_points(transport::LogDensity& target, const GridPosterior& posterior) {
   static constexpr int k_points[] = {4001, 64, 16};
   const Eigen::Index d = target.dimension();
-  const Window window{posterior.nodes.row(0), posterior.nodes.row(posterior.nodes.rows() - 1), k_points[d - 1]};
+  const Window window{posterior.nodes.row(0), posterior.nodes.row(posterior.nodes.rows() - 1),
+                      k_points[d - 1]};
   const auto n = static_cast<Eigen::Index>(std::pow(window.points, d) + 0.5);
   GridPoints result;
   result.points.resize(n, d);

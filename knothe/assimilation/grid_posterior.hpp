@@ -8,9 +8,9 @@
 
 namespace knothe::assimilation {
 
-/// Moments, marginals and evidence of exp(log-density of z) by the trapezoidal rule on a tensor grid (d ≤ 3) that zooms in on
-/// where the mass is. The density decays at the ends of the window, so the rule converges faster than any power as long as
-/// the density is resolved; `resolved` tells.
+/// Moments, marginals and evidence of exp(log-density of z) by the trapezoidal rule on a tensor grid (d ≤ 3)
+/// that zooms in on where the mass is. The density decays at the ends of the window, so the rule converges
+/// faster than any power as long as the density is resolved; `resolved` tells.
 struct GridPosterior {
   Eigen::MatrixXd nodes;     ///< points per axis × d, z
   Eigen::MatrixXd marginal;  ///< points per axis × d, density of z_k at the nodes
@@ -32,7 +32,8 @@ struct GridOptions {
   double depth = 45.0;  ///< what lies this far below the maximum of the log-density is left out
 };
 
-/// Nodes of a coarser grid on the same window with normalised weights, for what wants points: about 4,000 of them.
+/// Nodes of a coarser grid on the same window with normalised weights, for what wants points: about 4,000 of
+/// them.
 struct GridPoints {
   Eigen::MatrixXd points;   ///< n × d, z
   Eigen::VectorXd weights;  ///< n, sum 1
@@ -40,7 +41,8 @@ struct GridPoints {
 [[nodiscard]] GridPoints grid_points(transport::LogDensity& target, const GridPosterior& posterior);
 
 /// Moments are those of `transform(k, z_k)` (identity by default). Throws ProjectError for d > 3.
-[[nodiscard]] GridPosterior grid_posterior(transport::LogDensity& target, const GridPosterior::Transform& transform,
+[[nodiscard]] GridPosterior grid_posterior(transport::LogDensity& target,
+                                           const GridPosterior::Transform& transform,
                                            const GridOptions& options = {});
 
 }  // namespace knothe::assimilation

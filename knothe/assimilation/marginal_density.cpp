@@ -8,7 +8,8 @@
 namespace knothe::assimilation {
 
 MarginalDensity marginal_density(const Eigen::Ref<const Eigen::VectorXd>& values,
-                                 const Eigen::Ref<const Eigen::VectorXd>& weights, const Prior& prior, int points) {
+                                 const Eigen::Ref<const Eigen::VectorXd>& weights, const Prior& prior,
+                                 int points) {
   const double total = weights.sum();
   const double mean = weights.dot(values) / total;
   const double variance = weights.dot((values.array() - mean).square().matrix()) / total;
@@ -23,7 +24,8 @@ MarginalDensity marginal_density(const Eigen::Ref<const Eigen::VectorXd>& values
   const double spacing = (to - from) / (points - 1);
   const auto add_kernel = [&](double centre, double weight) {
     const int first = std::max(0, static_cast<int>(std::ceil((centre - 6 * width - from) / spacing)));
-    const int last = std::min(points - 1, static_cast<int>(std::floor((centre + 6 * width - from) / spacing)));
+    const int last =
+        std::min(points - 1, static_cast<int>(std::floor((centre + 6 * width - from) / spacing)));
     for (int k = first; k <= last; ++k) {
       result.density[k] += weight * numerics::normal_pdf((result.points[k] - centre) / width) / width;
     }

@@ -29,7 +29,8 @@ class NegativeLogPosterior {
     gradient = -batch_.gradient.row(0).transpose();
     for (Eigen::Index a = 0; a < p.size(); ++a) {
       gradient[a] -= transform_.prior(a).log_density_slope(p[a]);
-      for (Eigen::Index b = 0; b < p.size(); ++b) hessian(a, b) = -batch_.hessian(0, transport::packed_index(a, b));
+      for (Eigen::Index b = 0; b < p.size(); ++b)
+        hessian(a, b) = -batch_.hessian(0, transport::packed_index(a, b));
       hessian(a, a) -= transform_.prior(a).log_density_curvature(p[a]);
     }
     return value;
@@ -66,7 +67,8 @@ Eigen::VectorXd maximum_a_posteriori(CollapsedLogDensity& target, const PriorTra
     lower[a] = transform.prior(a).lower();
     upper[a] = transform.prior(a).upper();
     if (transform.prior(a).family() == Prior::Family::lognormal) lower[a] = std::max(lower[a], 1e-300);
-    width[a] = transform.prior(a).from_standard_normal(1).value - transform.prior(a).from_standard_normal(-1).value;
+    width[a] =
+        transform.prior(a).from_standard_normal(1).value - transform.prior(a).from_standard_normal(-1).value;
   }
   NegativeLogPosterior f(target, transform);
   Eigen::VectorXd p = start.cwiseMax(lower).cwiseMin(upper);

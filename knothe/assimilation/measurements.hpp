@@ -16,16 +16,18 @@ struct Measurements {
   Eigen::Matrix<double, Eigen::Dynamic, 3> points;  ///< n_obs × 3, m
   std::vector<int> components;                      ///< n_obs: 0 x, 1 y, 2 z
   NoiseModel noise;
-  std::map<std::string, double> truth;  ///< true parameters of synthetic data, `/truth/NAME`; empty for real data
+  std::map<std::string, double>
+      truth;  ///< true parameters of synthetic data, `/truth/NAME`; empty for real data
 
   [[nodiscard]] Eigen::Index observation_count() const { return values.rows(); }
 };
 
-/// Reads `.csv` as CSV (columns time, sensor, x, y, z, component, value, std), anything else as HDF5. Errors: DataError with
-/// file, data set and index, or file:line:column.
+/// Reads `.csv` as CSV (columns time, sensor, x, y, z, component, value, std), anything else as HDF5. Errors:
+/// DataError with file, data set and index, or file:line:column.
 [[nodiscard]] Measurements read_measurements(const std::string& path);
 
-/// Writes HDF5 (atomically), with `project` (the text of the project file) and `seed` as attributes. Independent noise only.
+/// Writes HDF5 (atomically), with `project` (the text of the project file) and `seed` as attributes.
+/// Independent noise only.
 void write_measurements(const std::string& path, const Measurements& measurements, const std::string& project,
                         std::uint64_t seed);
 

@@ -29,7 +29,8 @@ int component_of(const files::CsvTable& table, std::size_t row, const std::strin
 Measurements read_measurements_csv(const std::string& path) {
   const files::CsvTable table = files::CsvTable::read(path);
   const std::vector<double> time = table.numbers("time"), x = table.numbers("x"), y = table.numbers("y"),
-                            z = table.numbers("z"), value = table.numbers("value", true), std = table.numbers("std");
+                            z = table.numbers("z"), value = table.numbers("value", true),
+                            std = table.numbers("std");
   const std::vector<std::string> name = table.texts("sensor"), component = table.texts("component");
   std::vector<double> times = time;
   std::sort(times.begin(), times.end());
@@ -49,7 +50,8 @@ Measurements read_measurements_csv(const std::string& path) {
       table.fail(row, "x", "sensor \"" + name[row] + "\" was elsewhere before: one point per sensor");
     }
     if (sensor.std != std[row]) {
-      table.fail(row, "std", "sensor \"" + name[row] + "\" had another std before: one per sensor and component");
+      table.fail(row, "std",
+                 "sensor \"" + name[row] + "\" had another std before: one per sensor and component");
     }
     of_row.emplace_back(&sensor, c);
   }
@@ -57,12 +59,14 @@ Measurements read_measurements_csv(const std::string& path) {
   Measurements m;
   m.time = times;
   const auto n_obs = static_cast<Eigen::Index>(sensors.size());
-  m.values.setConstant(n_obs, static_cast<Eigen::Index>(times.size()), std::numeric_limits<double>::quiet_NaN());
+  m.values.setConstant(n_obs, static_cast<Eigen::Index>(times.size()),
+                       std::numeric_limits<double>::quiet_NaN());
   Eigen::MatrixXi lines = Eigen::MatrixXi::Zero(n_obs, m.values.cols());
   for (std::size_t row = 0; row < table.row_count(); ++row) {
     const Eigen::Index i = of_row[row].first->index;
     const Eigen::Index t = std::lower_bound(times.begin(), times.end(), time[row]) - times.begin();
-    if (lines(i, t)++ > 0) table.fail(row, "time", "a second value of sensor \"" + name[row] + "\" at this time");
+    if (lines(i, t)++ > 0)
+      table.fail(row, "time", "a second value of sensor \"" + name[row] + "\" at this time");
     m.values(i, t) = value[row];
   }
   m.points.resize(n_obs, 3);

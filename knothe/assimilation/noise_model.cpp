@@ -16,7 +16,8 @@ using Factor = Eigen::SimplicialLDLT<Sparse>;
 void factorise(Factor& factor, const Sparse& matrix) {
   factor.compute(matrix);
   if (factor.info() != Eigen::Success || !(factor.vectorD().minCoeff() > 0)) {
-    throw DataError("noise/precision is not positive definite: it must be the inverse of a covariance matrix");
+    throw DataError(
+        "noise/precision is not positive definite: it must be the inverse of a covariance matrix");
   }
 }
 
@@ -28,7 +29,8 @@ NoiseModel NoiseModel::independent(const Eigen::VectorXd& std) {
   noise.inverse_variance_.resize(std.size());
   for (Eigen::Index i = 0; i < std.size(); ++i) {
     if (!(std[i] > 0) || !std::isfinite(std[i])) {
-      throw DataError(fmt::format("noise/std[{}] is {}: a standard deviation is positive and finite", i, std[i]));
+      throw DataError(
+          fmt::format("noise/std[{}] is {}: a standard deviation is positive and finite", i, std[i]));
     }
     noise.inverse_variance_[i] = 1 / (std[i] * std[i]);
     noise.log_determinant_ += 2 * std::log(std[i]);
@@ -38,7 +40,8 @@ NoiseModel NoiseModel::independent(const Eigen::VectorXd& std) {
 
 NoiseModel NoiseModel::correlated(const Sparse& precision) {
   if (precision.rows() != precision.cols() || precision.rows() == 0) {
-    throw DataError(fmt::format("noise/precision is {} × {}: it must be square", precision.rows(), precision.cols()));
+    throw DataError(
+        fmt::format("noise/precision is {} × {}: it must be square", precision.rows(), precision.cols()));
   }
   const Sparse difference = precision - Sparse(precision.transpose());
   if (difference.norm() > 1e-9 * precision.norm()) {

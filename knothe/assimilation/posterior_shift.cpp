@@ -9,7 +9,8 @@ std::vector<PosteriorShift> posterior_shift(std::shared_ptr<const reduction::Obs
                                             std::shared_ptr<const reduction::ObservedModel> judge,
                                             const Eigen::MatrixXd& data, const NoiseModel& noise,
                                             const std::vector<Prior>& priors, UpdateOptions::Kind kind) {
-  assert(model->time.size() == judge->time.size() && data.cols() == static_cast<Eigen::Index>(model->time.size()));
+  assert(model->time.size() == judge->time.size() &&
+         data.cols() == static_cast<Eigen::Index>(model->time.size()));
   UpdateOptions options;
   options.kind = kind;
   SequentialUpdate by_model(std::move(model), noise, priors, options);

@@ -17,14 +17,14 @@ struct PosteriorShift {
   double std = 0;   ///< largest over the parameters of |std / std_judge − 1|
 };
 
-/// Assimilates `data` (n_obs × n_t, one column per model time) with both models and compares the posteriors after every step. Both models
-/// observe the same dofs at the same times. `kind`: by transport maps (moments good to 0.02 std, a second in all) or by dense
-/// quadrature (exact, slow, at most 3 parameters).
-[[nodiscard]] std::vector<PosteriorShift> posterior_shift(std::shared_ptr<const reduction::ObservedModel> model,
-                                                          std::shared_ptr<const reduction::ObservedModel> judge,
-                                                          const Eigen::MatrixXd& data, const NoiseModel& noise,
-                                                          const std::vector<Prior>& priors,
-                                                          UpdateOptions::Kind kind = UpdateOptions::Kind::transport);
+/// Assimilates `data` (n_obs × n_t, one column per model time) with both models and compares the posteriors
+/// after every step. Both models observe the same dofs at the same times. `kind`: by transport maps (moments
+/// good to 0.02 std, a second in all) or by dense quadrature (exact, slow, at most 3 parameters).
+[[nodiscard]] std::vector<PosteriorShift> posterior_shift(
+    std::shared_ptr<const reduction::ObservedModel> model,
+    std::shared_ptr<const reduction::ObservedModel> judge, const Eigen::MatrixXd& data,
+    const NoiseModel& noise, const std::vector<Prior>& priors,
+    UpdateOptions::Kind kind = UpdateOptions::Kind::transport);
 
 /// Largest shift over all steps, and that of the last one.
 struct ShiftSummary {

@@ -21,10 +21,12 @@ constexpr double k_log_sqrt_2_pi = 0.91893853320467274178;
 
 }  // namespace
 
-Prior::Prior(Family family, double location, double scale) : family_(family), location_(location), scale_(scale) {}
+Prior::Prior(Family family, double location, double scale)
+    : family_(family), location_(location), scale_(scale) {}
 
 Prior Prior::normal(double mean, double std) {
-  if (!(std > 0) || !std::isfinite(mean)) throw ProjectError("a normal prior needs a finite mean and std > 0");
+  if (!(std > 0) || !std::isfinite(mean))
+    throw ProjectError("a normal prior needs a finite mean and std > 0");
   return Prior(Family::normal, mean, std);
 }
 
@@ -37,7 +39,8 @@ Prior Prior::uniform(double lower, double upper) {
 }
 
 Prior Prior::lognormal(double mu, double sigma) {
-  if (!(sigma > 0) || !std::isfinite(mu)) throw ProjectError("a lognormal prior needs a finite mu and sigma > 0");
+  if (!(sigma > 0) || !std::isfinite(mu))
+    throw ProjectError("a lognormal prior needs a finite mu and sigma > 0");
   Prior prior(Family::lognormal, mu, sigma);
   prior.lower_ = 0;
   return prior;
@@ -68,10 +71,10 @@ Prior Prior::truncated(double lower, double upper, const std::string& name) cons
   Prior result = *this;
   result.restrict_to(lower, upper);
   if (!(result.kept_mass_ >= 1e-6)) {
-    throw ProjectError(
-        fmt::format("the prior of \"{}\", {}, has {:.2g} of its mass in the model's box [{:g}, {:g}] (at least 1e-6 is "
-                    "needed): move or widen the prior, or build the model on another box",
-                    name, describe(), std::max(0.0, result.kept_mass_), lower, upper));
+    throw ProjectError(fmt::format(
+        "the prior of \"{}\", {}, has {:.2g} of its mass in the model's box [{:g}, {:g}] (at least 1e-6 is "
+        "needed): move or widen the prior, or build the model on another box",
+        name, describe(), std::max(0.0, result.kept_mass_), lower, upper));
   }
   return result;
 }
@@ -137,9 +140,14 @@ double Prior::to_standard_normal(double p) const {
 std::string Prior::describe() const {
   std::string text;
   switch (family_) {
-    case Family::normal: text = fmt::format("normal({:g}, {:g})", location_, scale_); break;
-    case Family::uniform: return fmt::format("uniform({:g}, {:g})", lower_, upper_);
-    case Family::lognormal: text = fmt::format("lognormal({:g}, {:g})", location_, scale_); break;
+    case Family::normal:
+      text = fmt::format("normal({:g}, {:g})", location_, scale_);
+      break;
+    case Family::uniform:
+      return fmt::format("uniform({:g}, {:g})", lower_, upper_);
+    case Family::lognormal:
+      text = fmt::format("lognormal({:g}, {:g})", location_, scale_);
+      break;
   }
   if (kept_mass_ < 1) text += fmt::format(" truncated to [{:g}, {:g}]", lower_, upper_);
   return text;

@@ -5,8 +5,8 @@
 
 namespace knothe::assimilation {
 
-/// Prior density π₀ of one parameter, possibly restricted to an interval and renormalised there (every prior is
-/// truncated to the model's box: nothing extrapolates silently).
+/// Prior density π₀ of one parameter, possibly restricted to an interval and renormalised there (every prior
+/// is truncated to the model's box: nothing extrapolates silently).
 class Prior {
  public:
   enum class Family { normal, uniform, lognormal };
@@ -17,8 +17,9 @@ class Prior {
   /// log p is normal with mean `mu` and standard deviation `sigma`.
   [[nodiscard]] static Prior lognormal(double mu, double sigma);
 
-  /// The same family restricted to [lower, upper] (infinite: not restricted on that side) and renormalised. Throws
-  /// ProjectError naming parameter `name` if less than 1e-6 of the untruncated prior's mass lies inside.
+  /// The same family restricted to [lower, upper] (infinite: not restricted on that side) and renormalised.
+  /// Throws ProjectError naming parameter `name` if less than 1e-6 of the untruncated prior's mass lies
+  /// inside.
   [[nodiscard]] Prior truncated(double lower, double upper, const std::string& name) const;
 
   [[nodiscard]] Family family() const { return family_; }
@@ -55,8 +56,8 @@ class Prior {
   double location_, scale_;  ///< mean and std; mu and sigma; or lower and width
   double lower_ = -std::numeric_limits<double>::infinity();
   double upper_ = std::numeric_limits<double>::infinity();
-  // In the standardised variable s (normal: (p − mean)/std, lognormal: (log p − mu)/sigma) the support is [a, b];
-  // of the standard normal, `below_` lies below a and `above_` above b.
+  // In the standardised variable s (normal: (p − mean)/std, lognormal: (log p − mu)/sigma) the support is [a,
+  // b]; of the standard normal, `below_` lies below a and `above_` above b.
   double a_ = -std::numeric_limits<double>::infinity(), b_ = std::numeric_limits<double>::infinity();
   double below_ = 0, above_ = 0;
   double kept_mass_ = 1;

@@ -59,7 +59,8 @@ TEST(Prior, TransformDerivativesAgreeWithFiniteDifferences) {
     for (double z : {-3.0, -0.5, 0.1, 1.7, 3.2}) {
       const auto left = prior.from_standard_normal(z - h), here = prior.from_standard_normal(z),
                  right = prior.from_standard_normal(z + h);
-      EXPECT_NEAR(here.first, (right.value - left.value) / (2 * h), 1e-6 * (1 + here.first)) << prior.describe();
+      EXPECT_NEAR(here.first, (right.value - left.value) / (2 * h), 1e-6 * (1 + here.first))
+          << prior.describe();
       EXPECT_NEAR(here.second, (right.first - left.first) / (2 * h), 1e-6 * (1 + std::abs(here.second)));
     }
   }
@@ -69,7 +70,8 @@ TEST(Prior, LogDensityDerivativesAgreeWithFiniteDifferences) {
   const double h = 1e-5;
   for (const Prior& prior : every_kind()) {
     const double p = prior.from_standard_normal(0.3).value;
-    EXPECT_NEAR(prior.log_density_slope(p), (prior.log_density(p + h) - prior.log_density(p - h)) / (2 * h), 1e-6);
+    EXPECT_NEAR(prior.log_density_slope(p), (prior.log_density(p + h) - prior.log_density(p - h)) / (2 * h),
+                1e-6);
     EXPECT_NEAR(prior.log_density_curvature(p),
                 (prior.log_density_slope(p + h) - prior.log_density_slope(p - h)) / (2 * h), 1e-5);
   }

@@ -5,7 +5,8 @@
 
 namespace knothe::assimilation {
 
-PriorTransform::PriorTransform(std::vector<Prior> priors) : priors_(std::move(priors)), table_(priors_.size()) {
+PriorTransform::PriorTransform(std::vector<Prior> priors)
+    : priors_(std::move(priors)), table_(priors_.size()) {
   for (std::size_t k = 0; k < priors_.size(); ++k) {
     if (!priors_[k].is_affine()) tabulate(k);
   }
@@ -21,7 +22,8 @@ void PriorTransform::tabulate(std::size_t k) {
     const double s0 = h * h * left.second, s1 = h * h * right.second;
     const double rise = right.value - left.value;
     table_[k][i] = {{left.value, d0, 0.5 * s0, 10 * rise - 6 * d0 - 4 * d1 - 1.5 * s0 + 0.5 * s1,
-                     -15 * rise + 8 * d0 + 7 * d1 + 1.5 * s0 - s1, 6 * rise - 3 * (d0 + d1) - 0.5 * (s0 - s1)}};
+                     -15 * rise + 8 * d0 + 7 * d1 + 1.5 * s0 - s1,
+                     6 * rise - 3 * (d0 + d1) - 0.5 * (s0 - s1)}};
     left = right;
   }
 }
@@ -59,7 +61,8 @@ void PriorTransform::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int de
         first(i, k) = k_per_unit * (c[1] + t * (2 * c[2] + t * (3 * c[3] + t * (4 * c[4] + t * 5 * c[5]))));
       }
       if (derivatives >= 2) {
-        second(i, k) = k_per_unit * k_per_unit * (2 * c[2] + t * (6 * c[3] + t * (12 * c[4] + t * 20 * c[5])));
+        second(i, k) =
+            k_per_unit * k_per_unit * (2 * c[2] + t * (6 * c[3] + t * (12 * c[4] + t * 20 * c[5])));
       }
     }
   }

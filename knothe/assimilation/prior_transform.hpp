@@ -9,10 +9,10 @@ namespace knothe::assimilation {
 
 /// p(z), dp/dz and d²p/dz² for d independent priors. In z the joint prior is exactly N(0, I).
 ///
-/// Normal priors without truncation are affine and exact. The others are piecewise quintic Hermite interpolants of
-/// F⁻¹∘Φ on |z| ≤ 8.5 with exact values and derivatives every 1/32 (error below 1e-12 of the scale, tested), and the
-/// derivatives returned are those of the interpolant itself, so that value, slope and curvature belong to one function; outside,
-/// the exact formula.
+/// Normal priors without truncation are affine and exact. The others are piecewise quintic Hermite
+/// interpolants of F⁻¹∘Φ on |z| ≤ 8.5 with exact values and derivatives every 1/32 (error below 1e-12 of the
+/// scale, tested), and the derivatives returned are those of the interpolant itself, so that value, slope and
+/// curvature belong to one function; outside, the exact formula.
 class PriorTransform {
  public:
   explicit PriorTransform(std::vector<Prior> priors);

@@ -21,7 +21,8 @@ double microseconds_since(Clock::time_point start) {
   return std::chrono::duration<double, std::micro>(Clock::now() - start).count();
 }
 
-std::shared_ptr<const PriorTransform> make_transform(const reduction::ObservedModel& model, std::vector<Prior> priors) {
+std::shared_ptr<const PriorTransform> make_transform(const reduction::ObservedModel& model,
+                                                     std::vector<Prior> priors) {
   const Eigen::VectorXd lower = model.functions->lower(), upper = model.functions->upper();
   assert(static_cast<Eigen::Index>(priors.size()) == lower.size());
   for (std::size_t k = 0; k < priors.size(); ++k) {
@@ -39,8 +40,9 @@ Eigen::VectorXd medians(const PriorTransform& transform) {
   return p;
 }
 
-/// Below this effective sample size (fraction) weighted points give way to quadrature, where the parameters are few enough: it
-/// costs less than the points that would be needed, and finds the modes that a map may miss.
+/// Below this effective sample size (fraction) weighted points give way to quadrature, where the parameters
+/// are few enough: it costs less than the points that would be needed, and finds the modes that a map may
+/// miss.
 constexpr double k_quadrature_below = 0.98;
 
 double effective_sample_size(const Eigen::VectorXd& log_weight) {
@@ -52,7 +54,8 @@ std::string explain(const UpdateResult& r, const std::string& reason) {
   std::string text = reason;
   const auto add = [&](const std::string& more) { text += (text.empty() ? "" : "; ") + more; };
   if (r.second_mode_found) add("a second mode was found");
-  if (r.variance_diagnostic > 0.05) add(fmt::format("the variance diagnostic {:.2g} is above 0.05", r.variance_diagnostic));
+  if (r.variance_diagnostic > 0.05)
+    add(fmt::format("the variance diagnostic {:.2g} is above 0.05", r.variance_diagnostic));
   if (r.effective_sample_size < 0.9) {
     add(fmt::format("the effective sample size {:.0f} % is below 90 %", 100 * r.effective_sample_size));
   }
@@ -65,7 +68,8 @@ std::string explain(const UpdateResult& r, const std::string& reason) {
 struct SequentialUpdate::Composition {
   Composition(const reduction::ObservedModel& model, std::shared_ptr<const PriorTransform> transform,
               const Eigen::VectorXd& central)
-      : map(transform->dimension()), density(CollapsedLogDensity(model.functions, std::move(transform), central)) {}
+      : map(transform->dimension()),
+        density(CollapsedLogDensity(model.functions, std::move(transform), central)) {}
 
   transport::ComposedMap map;  ///< M_1 ∘ … ∘ M_i, Eq. 10
   ComposedStepDensity density;
@@ -123,7 +127,8 @@ const UpdateResult& SequentialUpdate::update(std::size_t step, std::size_t time_
 }
 
 const UpdateResult& SequentialUpdate::remove(std::size_t step) {
-  if (data_.erase(step) == 0) throw UsageError(fmt::format("step {} is not assimilated: there is nothing to take out", step));
+  if (data_.erase(step) == 0)
+    throw UsageError(fmt::format("step {} is not assimilated: there is nothing to take out", step));
   replay();
   return result_;
 }
@@ -132,8 +137,9 @@ void SequentialUpdate::replay() {
   result_ = {};
   posterior_ = {};
   if (composition_) composition_->map = transport::ComposedMap(transform_->dimension());
-  // In the order of the steps, so that the sums are those of data that came in that order, to the bit. Composed maps need every
-  // step; the collapsed posterior only the last one, and the one before it for the increment of the evidence.
+  // In the order of the steps, so that the sums are those of data that came in that order, to the bit.
+  // Composed maps need every step; the collapsed posterior only the last one, and the one before it for the
+  // increment of the evidence.
   sum_ = StepForm::zero(projector_.central_functions().size());
   std::size_t left = data_.size();
   for (const auto& [step, datum] : data_) {
@@ -168,7 +174,9 @@ void SequentialUpdate::recompute(std::size_t step) {
 
 void SequentialUpdate::by_grid() {
   const auto start = Clock::now();
-  const auto p_of_z = [&](Eigen::Index k, double z) { return transform_->prior(k).from_standard_normal(z).value; };
+  const auto p_of_z = [&](Eigen::Index k, double z) {
+    return transform_->prior(k).from_standard_normal(z).value;
+  };
   const GridPosterior grid = grid_posterior(target_, p_of_z);
   result_.mean = result_.map_mean = grid.mean;
   result_.covariance = result_.map_covariance = grid.covariance;
@@ -176,7 +184,8 @@ void SequentialUpdate::by_grid() {
   const Eigen::Index d = transform_->dimension();
   Eigen::MatrixXd quantiles(d, static_cast<Eigen::Index>(k_quantile_levels.size()));
   for (Eigen::Index k = 0; k < d; ++k) {
-    for (Eigen::Index j = 0; j < quantiles.cols(); ++j) quantiles(k, j) = grid.quantile(k, k_quantile_levels[j]);
+    for (Eigen::Index j = 0; j < quantiles.cols(); ++j)
+      quantiles(k, j) = grid.quantile(k, k_quantile_levels[j]);
   }
   set_quantiles(quantiles);
   GridPoints points = grid_points(target_, grid);
@@ -184,7 +193,8 @@ void SequentialUpdate::by_grid() {
   transform_->evaluate(points.points, 0, posterior_.points, no_derivatives_, no_derivatives_);
   posterior_.weights = std::move(points.weights);
   result_.trusted = result_.tolerance_reached = grid.resolved;
-  if (!grid.resolved) result_.remark = "the posterior is too narrow for the grid: use method.kind = \"transport\"";
+  if (!grid.resolved)
+    result_.remark = "the posterior is too narrow for the grid: use method.kind = \"transport\"";
   result_.elapsed_us.map = microseconds_since(start);
 }
 
@@ -236,8 +246,9 @@ void SequentialUpdate::by_composed_maps(std::size_t step) {
     composition.map = transport::ComposedMap(transform_->dimension());
     composition.map.append(map_.pre_map);
     composition.map.append(map_.map);
-    result_.remark += fmt::format("{}the composition was begun anew: its effective sample size had come to {:.0f} %",
-                                  result_.remark.empty() ? "" : "; ", 100 * pushed.effective_sample_size);
+    result_.remark +=
+        fmt::format("{}the composition was begun anew: its effective sample size had come to {:.0f} %",
+                    result_.remark.empty() ? "" : "; ", 100 * pushed.effective_sample_size);
     return;
   }
   result_.map_order = last_order;

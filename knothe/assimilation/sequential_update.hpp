@@ -1,5 +1,6 @@
 #pragma once
-/// @file The sequential Bayesian update (Rubio et al. 2019, §2.1 and §2.2.3): data in, one by one; posterior out, each time.
+/// @file The sequential Bayesian update (Rubio et al. 2019, §2.1 and §2.2.3): data in, one by one; posterior
+/// out, each time.
 #include <Eigen/Core>
 #include <array>
 #include <map>
@@ -19,10 +20,11 @@ namespace knothe::assimilation {
 inline constexpr std::array<double, 5> k_quantile_levels = {0.025, 0.25, 0.5, 0.75, 0.975};
 
 struct UpdateOptions {
-  /// How the posterior is computed: transport map, or dense quadrature (the plain answer, at most 3 parameters).
+  /// How the posterior is computed: transport map, or dense quadrature (the plain answer, at most 3
+  /// parameters).
   enum class Kind { transport, grid } kind = Kind::transport;
-  /// All data in one quadratic form and one map (constant cost, no accumulated error), or a composition of one
-  /// low-order map per datum (Rubio et al. 2019, Eq. 10-11).
+  /// All data in one quadratic form and one map (constant cost, no accumulated error), or a composition of
+  /// one low-order map per datum (Rubio et al. 2019, Eq. 10-11).
   enum class Form { collapsed, composed } form = Form::collapsed;
   transport::MapSolverOptions map;  ///< tolerance, orders, minimiser, number of points, seed
 };
@@ -35,31 +37,32 @@ struct UpdateTimes {
   [[nodiscard]] double total() const { return projection + map + correction; }
 };
 
-/// What an update did, and the posterior it found. Parameters p in the order of the priors. Moments, quantiles and evidence are
-/// importance-corrected; where the map is not to be trusted and there are at most two parameters they are by quadrature instead
+/// What an update did, and the posterior it found. Parameters p in the order of the priors. Moments,
+/// quantiles and evidence are importance-corrected; where the map is not to be trusted and there are at most
+/// two parameters they are by quadrature instead
 /// (`remark` says so).
 struct UpdateResult {
   std::size_t step = 0;
   double time = 0;  ///< model time
 
-  Eigen::VectorXd mean;                   ///< d, importance-corrected
-  Eigen::MatrixXd covariance;             ///< d × d, importance-corrected
-  Eigen::MatrixXd quantiles;              ///< d × levels, importance-corrected
-  Eigen::VectorXd maximum_a_posteriori;   ///< d, maximises the density in p
-  Eigen::VectorXd map_mean;               ///< d, of the map alone
-  Eigen::MatrixXd map_covariance;         ///< d × d, of the map alone
+  Eigen::VectorXd mean;                  ///< d, importance-corrected
+  Eigen::MatrixXd covariance;            ///< d × d, importance-corrected
+  Eigen::MatrixXd quantiles;             ///< d × levels, importance-corrected
+  Eigen::VectorXd maximum_a_posteriori;  ///< d, maximises the density in p
+  Eigen::VectorXd map_mean;              ///< d, of the map alone
+  Eigen::MatrixXd map_covariance;        ///< d × d, of the map alone
 
   double log_evidence = 0;              ///< log p(d₀ … d_i), all constants included
   double log_evidence_increment = 0;    ///< log p(d_i | d₀ … d_{i−1})
   double log_evidence_lower_bound = 0;  ///< of the map, Eq. 24: low by the Kullback-Leibler divergence
 
-  int map_order = 0;                   ///< 0 for the grid
-  double variance_diagnostic = 0;      ///< Eq. 9, verified on points other than the training ones
+  int map_order = 0;               ///< 0 for the grid
+  double variance_diagnostic = 0;  ///< Eq. 9, verified on points other than the training ones
   bool tolerance_reached = true;
-  double effective_sample_size = 1;    ///< fraction
+  double effective_sample_size = 1;  ///< fraction
   bool second_mode_found = false;
-  bool trusted = true;                 ///< diagnostic ≤ 0.05, effective sample size ≥ 0.9, no second mode
-  std::string remark;                  ///< why the tolerance was not reached or the result is not trusted; else empty
+  bool trusted = true;  ///< diagnostic ≤ 0.05, effective sample size ≥ 0.9, no second mode
+  std::string remark;   ///< why the tolerance was not reached or the result is not trusted; else empty
 
   Eigen::Index used = 0, rejected = 0, missing = 0;  ///< values of this datum
   UpdateTimes elapsed_us;
@@ -71,30 +74,32 @@ struct WeightedPosterior {
   Eigen::VectorXd weights;  ///< n, sum 1
 };
 
-/// Sequential assimilation. The posterior is a function of the set of data alone: each map depends only on the collapsed form (and,
-/// for composed maps, on the data in the order of their steps), so a replay is bit-identical, and a step that is taken out
-/// leaves no trace.
+/// Sequential assimilation. The posterior is a function of the set of data alone: each map depends only on
+/// the collapsed form (and, for composed maps, on the data in the order of their steps), so a replay is
+/// bit-identical, and a step that is taken out leaves no trace.
 class SequentialUpdate {
  public:
-  /// `priors`: one per parameter, in the order of the model's functions; each is truncated to the model's box here.
-  /// Throws ProjectError for a prior with too little mass in the box.
-  SequentialUpdate(std::shared_ptr<const reduction::ObservedModel> model, NoiseModel noise, std::vector<Prior> priors,
-                   UpdateOptions options = {});
+  /// `priors`: one per parameter, in the order of the model's functions; each is truncated to the model's box
+  /// here. Throws ProjectError for a prior with too little mass in the box.
+  SequentialUpdate(std::shared_ptr<const reduction::ObservedModel> model, NoiseModel noise,
+                   std::vector<Prior> priors, UpdateOptions options = {});
   ~SequentialUpdate();
 
-  /// Assimilates the datum `values` (n_obs; NaN = missing) as step `step`, measured at model time index `time_index`. A step
-  /// that is there already is refused (UsageError): take it out first. A step earlier than the last is put in its place; the result
-  /// is then that of the last step, as if all had come in order.
-  const UpdateResult& update(std::size_t step, std::size_t time_index, const Eigen::Ref<const Eigen::VectorXd>& values);
+  /// Assimilates the datum `values` (n_obs; NaN = missing) as step `step`, measured at model time index
+  /// `time_index`. A step that is there already is refused (UsageError): take it out first. A step earlier
+  /// than the last is put in its place; the result is then that of the last step, as if all had come in
+  /// order.
+  const UpdateResult& update(std::size_t step, std::size_t time_index,
+                             const Eigen::Ref<const Eigen::VectorXd>& values);
 
-  /// Takes a step out: result and posterior are then bit-identical to never having assimilated it; with no step left they are
-  /// empty. Throws UsageError for a step that is not there.
+  /// Takes a step out: result and posterior are then bit-identical to never having assimilated it; with no
+  /// step left they are empty. Throws UsageError for a step that is not there.
   const UpdateResult& remove(std::size_t step);
 
   [[nodiscard]] const UpdateResult& result() const { return result_; }
   [[nodiscard]] const WeightedPosterior& posterior() const { return posterior_; }
   [[nodiscard]] std::vector<Prior> priors() const;       ///< truncated
-  [[nodiscard]] std::vector<std::size_t> steps() const;    ///< assimilated, increasing
+  [[nodiscard]] std::vector<std::size_t> steps() const;  ///< assimilated, increasing
   /// The collapsed form of all data.
   [[nodiscard]] const StepForm& collapsed() const { return sum_; }
   /// The target of the last map, in z; evaluates the whole posterior.

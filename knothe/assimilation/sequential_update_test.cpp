@@ -32,9 +32,11 @@ struct Kalman {
     const Eigen::MatrixXd s = h * covariance * h.transpose() + r;
     const Eigen::VectorXd innovation = y - h * mean;
     const Eigen::LLT<Eigen::MatrixXd> factor(s);
-    log_evidence -= 0.5 * (innovation.dot(factor.solve(innovation)) + static_cast<double>(y.size()) * std::log(2 * M_PI)) +
+    log_evidence -= 0.5 * (innovation.dot(factor.solve(innovation)) +
+                           static_cast<double>(y.size()) * std::log(2 * M_PI)) +
                     Eigen::MatrixXd(factor.matrixL()).diagonal().array().log().sum();
-    const Eigen::MatrixXd gain = covariance * h.transpose() * factor.solve(Eigen::MatrixXd::Identity(y.size(), y.size()));
+    const Eigen::MatrixXd gain =
+        covariance * h.transpose() * factor.solve(Eigen::MatrixXd::Identity(y.size(), y.size()));
     mean += gain * innovation;
     covariance = (Eigen::MatrixXd::Identity(mean.size(), mean.size()) - gain * h) * covariance;
   }
@@ -105,12 +107,12 @@ TEST(SequentialUpdate, ADatumWithNothingInItChangesNothing) {
   }
 }
 
-/// The posterior of a curved two-parameter model, hard against the box, compared with dense quadrature of the likelihood written out
-/// term by term (no collapsed form).
+/// The posterior of a curved two-parameter model, hard against the box, compared with dense quadrature of the
+/// likelihood written out term by term (no collapsed form).
 class DirectLogDensity final : public transport::LogDensity {
  public:
-  DirectLogDensity(const reduction::ObservedModel& model, const Eigen::MatrixXd& data, const Eigen::VectorXd& std,
-                   const std::vector<Prior>& priors, Eigen::Index steps)
+  DirectLogDensity(const reduction::ObservedModel& model, const Eigen::MatrixXd& data,
+                   const Eigen::VectorXd& std, const std::vector<Prior>& priors, Eigen::Index steps)
       : model_(model), data_(data), std_(std), priors_(priors), steps_(steps) {}
   [[nodiscard]] Eigen::Index dimension() const override { return 2; }
   [[nodiscard]] int available_derivatives() const override { return 0; }
@@ -246,7 +248,8 @@ TEST(SequentialUpdate, TheComposedTargetHasExactDerivatives) {
   transport::MapSolver solver;
   const transport::MapResult first = solver.solve(update.target());
   const transport::ComposedMap map = first.composed();
-  ComposedStepDensity density(CollapsedLogDensity(model->functions, std::make_shared<PriorTransform>(update.priors()),
+  ComposedStepDensity density(CollapsedLogDensity(model->functions,
+                                                  std::make_shared<PriorTransform>(update.priors()),
                                                   Eigen::VectorXd::Zero(model->functions->count())));
   StepForm form = StepForm::zero(model->functions->count());
   form.quadratic.setIdentity();

@@ -32,7 +32,8 @@ bool inside(const std::optional<std::array<double, 2>>& range, double value) {
 
 }  // namespace
 
-std::vector<std::size_t> choose_dofs(const reduction::Dofs& dofs, const DofSelection& selection, std::uint64_t seed) {
+std::vector<std::size_t> choose_dofs(const reduction::Dofs& dofs, const DofSelection& selection,
+                                     std::uint64_t seed) {
   if (dofs.empty()) throw DataError("the model has no dof positions: its field is not a displacement");
   double outermost = -1e300;
   for (std::size_t i = 0; i < dofs.components.size(); ++i) {
@@ -58,9 +59,10 @@ std::vector<std::size_t> choose_dofs(const reduction::Dofs& dofs, const DofSelec
     if (complete) candidates.push_back(node);
   }
   if (candidates.size() < static_cast<std::size_t>(selection.nodes)) {
-    throw ProjectError(fmt::format("simulate.dofs.random = {}, but the model has only {} nodes with these components on that "
-                                   "part of the face: ask for fewer, or widen x and y",
-                                   selection.nodes, candidates.size()));
+    throw ProjectError(fmt::format(
+        "simulate.dofs.random = {}, but the model has only {} nodes with these components on that "
+        "part of the face: ask for fewer, or widen x and y",
+        selection.nodes, candidates.size()));
   }
   std::mt19937_64 random = stream(seed, 1);
   std::vector<std::size_t> chosen;
@@ -68,13 +70,15 @@ std::vector<std::size_t> choose_dofs(const reduction::Dofs& dofs, const DofSelec
     const std::size_t left = candidates.size() - k;
     const std::size_t pick = k + static_cast<std::size_t>(uniform(random) * static_cast<double>(left));
     std::swap(candidates[k], candidates[pick]);
-    for (int component : selection.components) chosen.push_back(static_cast<std::size_t>(candidates[k][component]));
+    for (int component : selection.components)
+      chosen.push_back(static_cast<std::size_t>(candidates[k][component]));
   }
   return chosen;
 }
 
-Measurements add_noise(const reduction::Dofs& dofs, std::span<const std::size_t> chosen, std::vector<double> time,
-                       const Eigen::MatrixXd& exact, double noise_std, std::uint64_t seed) {
+Measurements add_noise(const reduction::Dofs& dofs, std::span<const std::size_t> chosen,
+                       std::vector<double> time, const Eigen::MatrixXd& exact, double noise_std,
+                       std::uint64_t seed) {
   Measurements m;
   m.time = std::move(time);
   m.values = exact;
@@ -89,7 +93,8 @@ Measurements add_noise(const reduction::Dofs& dofs, std::span<const std::size_t>
     for (int c = 0; c < 3; ++c) m.points(static_cast<Eigen::Index>(j), c) = dofs.points[3 * chosen[j] + c];
     m.components.push_back(static_cast<int>(dofs.components[chosen[j]]));
   }
-  m.noise = NoiseModel::independent(Eigen::VectorXd::Constant(static_cast<Eigen::Index>(chosen.size()), noise_std));
+  m.noise =
+      NoiseModel::independent(Eigen::VectorXd::Constant(static_cast<Eigen::Index>(chosen.size()), noise_std));
   return m;
 }
 

@@ -18,8 +18,9 @@ constexpr double k_window_depth = 40.0;  ///< log-density below the maximum at w
 constexpr double k_mask_depth = 30.0;    ///< … and below which coarse nodes count as empty
 constexpr Index k_block = 512;           ///< nodes evaluated at once
 constexpr int k_most_zooms = 8;
-constexpr double k_refinement_tolerance = 1e-3;  ///< on the log-evidence, between every node and every other node
-constexpr Index k_most_refined = 32;             ///< fine intervals in a coarse one, at most
+constexpr double k_refinement_tolerance =
+    1e-3;                             ///< on the log-evidence, between every node and every other node
+constexpr Index k_most_refined = 32;  ///< fine intervals in a coarse one, at most
 
 /// A uniform grid of `count`^d nodes; node numbers have the last coordinate fastest.
 struct Grid {
@@ -91,8 +92,10 @@ Grid find_window(transport::LogDensity& target, Index count, Eigen::VectorXd& va
   }
 }
 
-/// Nodes of the fine grid (`factor` times as many intervals) within one coarse interval of a coarse node that is not empty.
-std::vector<Index> nodes_near_mass(const Grid& coarse, const Eigen::VectorXd& values, const Grid& fine, Index factor) {
+/// Nodes of the fine grid (`factor` times as many intervals) within one coarse interval of a coarse node that
+/// is not empty.
+std::vector<Index> nodes_near_mass(const Grid& coarse, const Eigen::VectorXd& values, const Grid& fine,
+                                   Index factor) {
   const double floor = values.maxCoeff() - k_mask_depth;
   std::vector<char> wanted(static_cast<std::size_t>(fine.size()), 0);
   for (Index node = 0; node < coarse.size(); ++node) {
@@ -104,7 +107,8 @@ std::vector<Index> nodes_near_mass(const Grid& coarse, const Eigen::VectorXd& va
       continue;
     }
     for (Index i = low(0); i <= high(0); ++i) {
-      std::fill(wanted.begin() + i * fine.count + low(1), wanted.begin() + i * fine.count + high(1) + 1, char{1});
+      std::fill(wanted.begin() + i * fine.count + low(1), wanted.begin() + i * fine.count + high(1) + 1,
+                char{1});
     }
   }
   std::vector<Index> nodes;
@@ -114,13 +118,15 @@ std::vector<Index> nodes_near_mass(const Grid& coarse, const Eigen::VectorXd& va
   return nodes;
 }
 
-/// Quantiles of the marginal along k, whose mass at each grid line is given: linear between the middles of the lines' masses.
+/// Quantiles of the marginal along k, whose mass at each grid line is given: linear between the middles of
+/// the lines' masses.
 Eigen::VectorXd marginal_quantiles(const Grid& grid, Index k, const Eigen::VectorXd& mass) {
   Eigen::VectorXd quantiles(static_cast<Index>(k_quantile_levels.size()));
   double level = 0;
   std::size_t next = 0;
   for (Index i = 0; i < grid.count && next < k_quantile_levels.size(); ++i) {
-    while (next < k_quantile_levels.size() && (level + mass[i] >= k_quantile_levels[next] || i + 1 == grid.count)) {
+    while (next < k_quantile_levels.size() &&
+           (level + mass[i] >= k_quantile_levels[next] || i + 1 == grid.count)) {
       const double t = mass[i] > 0 ? (k_quantile_levels[next] - level) / mass[i] : 0.5;
       quantiles[static_cast<Index>(next++)] =
           grid.first[k] + (static_cast<double>(i) - 0.5 + std::clamp(t, 0.0, 1.0)) * grid.spacing[k];
@@ -131,7 +137,8 @@ Eigen::VectorXd marginal_quantiles(const Grid& grid, Index k, const Eigen::Vecto
 }
 
 /// The rule on the nodes of `fine` that are given.
-QuadraturePosterior integrate(transport::LogDensity& target, const Grid& fine, const std::vector<Index>& nodes) {
+QuadraturePosterior integrate(transport::LogDensity& target, const Grid& fine,
+                              const std::vector<Index>& nodes) {
   const Index d = fine.dimension();
   const Eigen::VectorXd values = evaluate(target, fine, nodes);
 
@@ -174,7 +181,8 @@ QuadraturePosterior tensor_quadrature(transport::LogDensity& target) {
     Grid fine = coarse;
     fine.count = (coarse.count - 1) * factor + 1;
     fine.spacing /= static_cast<double>(factor);
-    QuadraturePosterior result = integrate(target, fine, nodes_near_mass(coarse, coarse_values, fine, factor));
+    QuadraturePosterior result =
+        integrate(target, fine, nodes_near_mass(coarse, coarse_values, fine, factor));
     if (result.refinement_change < k_refinement_tolerance || factor == k_most_refined) return result;
   }
 }

@@ -1,6 +1,7 @@
 #pragma once
-/// @file The posterior by quadrature on a tensor grid of a few parameters, only where its mass is: what an update falls back on when no
-/// map represents the posterior well (several modes, a ridge bent against the box).
+/// @file The posterior by quadrature on a tensor grid of a few parameters, only where its mass is: what an
+/// update falls back on when no map represents the posterior well (several modes, a ridge bent against the
+/// box).
 #include <Eigen/Core>
 
 #include "knothe/transport/log_density.hpp"
@@ -9,19 +10,21 @@ namespace knothe::assimilation {
 
 /// Nodes in z with normalised weights, and what follows from them.
 struct QuadraturePosterior {
-  Eigen::MatrixXd points;    ///< n × d, z
-  Eigen::VectorXd weights;   ///< n, sum 1
-  Eigen::MatrixXd quantiles; ///< d × levels (`k_quantile_levels`), marginal
+  Eigen::MatrixXd points;     ///< n × d, z
+  Eigen::VectorXd weights;    ///< n, sum 1
+  Eigen::MatrixXd quantiles;  ///< d × levels (`k_quantile_levels`), marginal
   double log_evidence = 0;
-  /// Change of the log-evidence when every other node is left out: an error estimate (the rule converges faster than any power).
+  /// Change of the log-evidence when every other node is left out: an error estimate (the rule converges
+  /// faster than any power).
   double refinement_change = 0;
 };
 
 /// Largest number of parameters for which this pays.
 inline constexpr Eigen::Index k_most_quadrature_parameters = 2;
 
-/// Trapezoidal rule on the smallest window that holds the mass, evaluated only near coarse nodes whose density is within exp(−30) of
-/// the maximum, and refined until leaving out every other node changes the log-evidence by less than 1e-3. d ≤ `k_most_quadrature_parameters` (asserted).
+/// Trapezoidal rule on the smallest window that holds the mass, evaluated only near coarse nodes whose
+/// density is within exp(−30) of the maximum, and refined until leaving out every other node changes the
+/// log-evidence by less than 1e-3. d ≤ `k_most_quadrature_parameters` (asserted).
 [[nodiscard]] QuadraturePosterior tensor_quadrature(transport::LogDensity& target);
 
 }  // namespace knothe::assimilation

@@ -66,8 +66,8 @@ class CurvedFunctions final : public reduction::ParameterFunctions {
 
 /// A model with random lift, space and core of n_obs observations, l space modes and n_t times.
 inline std::shared_ptr<const reduction::ObservedModel> random_model(
-    std::shared_ptr<const reduction::ParameterFunctions> functions, Eigen::Index n_obs, Eigen::Index l, Eigen::Index n_t,
-    unsigned seed) {
+    std::shared_ptr<const reduction::ParameterFunctions> functions, Eigen::Index n_obs, Eigen::Index l,
+    Eigen::Index n_t, unsigned seed) {
   std::mt19937 random(seed);
   std::normal_distribution<double> normal;
   const auto fill = [&](Eigen::MatrixXd& m) { m = m.unaryExpr([&](double) { return normal(random); }); };
@@ -98,7 +98,8 @@ inline Eigen::MatrixXd synthetic_data(const reduction::ObservedModel& model, con
 }
 
 /// Gradient and Hessian of a two-parameter density against central differences.
-inline void expect_exact_derivatives(transport::LogDensity& density, const std::vector<std::array<double, 2>>& points) {
+inline void expect_exact_derivatives(transport::LogDensity& density,
+                                     const std::vector<std::array<double, 2>>& points) {
   transport::LogDensityBatch here, plus, minus;
   for (auto* batch : {&here, &plus, &minus}) batch->resize(1, 2, 2);
   const double h = 1e-5;
@@ -113,7 +114,8 @@ inline void expect_exact_derivatives(transport::LogDensity& density, const std::
       EXPECT_NEAR(here.gradient(0, a), (plus.value[0] - minus.value[0]) / (2 * h), 1e-6 * scale);
       for (Eigen::Index b = 0; b < 2; ++b) {
         const double exact = here.hessian(0, transport::packed_index(a, b));
-        EXPECT_NEAR(exact, (plus.gradient(0, b) - minus.gradient(0, b)) / (2 * h), 1e-5 * (1 + std::abs(exact)));
+        EXPECT_NEAR(exact, (plus.gradient(0, b) - minus.gradient(0, b)) / (2 * h),
+                    1e-5 * (1 + std::abs(exact)));
       }
     }
   }

@@ -6,9 +6,9 @@
 
 namespace knothe::assimilation {
 
-/// For each measured time the index of the model time that it is, to 1e-6 of a step. Throws DataError naming `path`, the index and
-/// the nearest model time where there is none.
-[[nodiscard]] std::vector<std::size_t> match_times(std::span<const double> measured, std::span<const double> model,
-                                                   const std::string& path);
+/// For each measured time the index of the model time that it is, to 1e-6 of a step. Throws DataError naming
+/// `path`, the index and the nearest model time where there is none.
+[[nodiscard]] std::vector<std::size_t> match_times(std::span<const double> measured,
+                                                   std::span<const double> model, const std::string& path);
 
 }  // namespace knothe::assimilation

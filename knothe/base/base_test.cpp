@@ -17,8 +17,9 @@ TEST(Error, SystemErrorSaysWhatWhereAndWhatToDo) {
   errno = ENOSPC;
   const IoError error = system_error("writing", "/tmp/a.h5");
   EXPECT_EQ(error.status(), ExitStatus::io);
-  EXPECT_STREQ(error.what(),
-               "writing: /tmp/a.h5: No space left on device (disk full: free some space, or write elsewhere with -o)");
+  EXPECT_STREQ(
+      error.what(),
+      "writing: /tmp/a.h5: No space left on device (disk full: free some space, or write elsewhere with -o)");
 }
 
 TEST(Threads, EveryIndexOnceForAnyNumberOfThreads) {

@@ -1,5 +1,6 @@
 #pragma once
-/// @file Stopping long work politely: Ctrl-C asks, the work stops at its next safe point and keeps what it has.
+/// @file Stopping long work politely: Ctrl-C asks, the work stops at its next safe point and keeps what it
+/// has.
 #include <string>
 
 namespace knothe {
@@ -13,7 +14,8 @@ void request_cancellation(bool stop = true) noexcept;
 /// From now on the first SIGINT or SIGTERM only asks to stop; a second one ends the program at once.
 void install_signal_handlers();
 
-/// Throws Interrupted if the user asked to stop. `saved` tells what is kept, e.g. "12 of 49 runs are kept in …".
+/// Throws Interrupted if the user asked to stop. `saved` tells what is kept, e.g. "12 of 49 runs are kept in
+/// …".
 void check_cancellation(const std::string& saved);
 
 }  // namespace knothe

@@ -8,13 +8,13 @@ namespace knothe {
 /// Exit status of the programs; outside programs rely on these numbers.
 enum class ExitStatus {
   done = 0,
-  internal = 1,     ///< our own fault, or a part that is not installed
-  usage = 2,        ///< wrong command line
-  project = 3,      ///< project file missing or invalid
-  data = 4,         ///< model or data file missing or invalid, or an outside model's server failed
-  io = 5,           ///< input/output error, disk full
-  numerical = 6,    ///< a computation that could not be done
-  deadline = 7,     ///< deadline missed under --strict-deadline
+  internal = 1,   ///< our own fault, or a part that is not installed
+  usage = 2,      ///< wrong command line
+  project = 3,    ///< project file missing or invalid
+  data = 4,       ///< model or data file missing or invalid, or an outside model's server failed
+  io = 5,         ///< input/output error, disk full
+  numerical = 6,  ///< a computation that could not be done
+  deadline = 7,   ///< deadline missed under --strict-deadline
   interrupted = 130
 };
 

@@ -42,7 +42,8 @@ void Progress::show(const std::string& detail, bool last) {
     line = fmt::format("\r\033[K{} [{}{}] {}/{}  {}  {}{}", label_, std::string(filled, '#'),
                        std::string(k_width - filled, ' '), done_, total_, time, detail, last ? "\n" : "");
   } else {
-    line = fmt::format("{}: {}/{}, {}{}{}\n", label_, done_, total_, time, detail.empty() ? "" : ", ", detail);
+    line =
+        fmt::format("{}: {}/{}, {}{}{}\n", label_, done_, total_, time, detail.empty() ? "" : ", ", detail);
   }
   std::fputs(line.c_str(), stderr);
   std::fflush(stderr);

@@ -1,13 +1,14 @@
 #pragma once
-/// @file Progress of long work, on stderr: a bar with the time left on a terminal, a line every 10 s elsewhere.
+/// @file Progress of long work, on stderr: a bar with the time left on a terminal, a line every 10 s
+/// elsewhere.
 #include <chrono>
 #include <cstddef>
 #include <string>
 
 namespace knothe {
 
-/// Shows how far some work is. Construct, `advance_to` as often as you like (it is cheap), and let it go out of
-/// scope. Not thread-safe: report from one thread.
+/// Shows how far some work is. Construct, `advance_to` as often as you like (it is cheap), and let it go out
+/// of scope. Not thread-safe: report from one thread.
 class Progress {
  public:
   /// `label` names the work, `total` is the number of its units; `quiet` shows nothing.

@@ -8,9 +8,10 @@ namespace knothe {
 /// Number of threads to use when the caller says 0: the machine's, or KNOTHE_THREADS.
 [[nodiscard]] std::size_t default_threads();
 
-/// Calls `body(i)` for i in [0, count), spread over `threads` threads (0: `default_threads()`). Each i is done
-/// exactly once; which thread does it is open, so a body writes only to what belongs to its own i, and a sum over
-/// i is taken afterwards, in order. The first exception thrown by a body is rethrown here, after all have ended.
+/// Calls `body(i)` for i in [0, count), spread over `threads` threads (0: `default_threads()`). Each i is
+/// done exactly once; which thread does it is open, so a body writes only to what belongs to its own i, and a
+/// sum over i is taken afterwards, in order. The first exception thrown by a body is rethrown here, after all
+/// have ended.
 void parallel_for(std::size_t count, std::size_t threads, const std::function<void(std::size_t)>& body);
 
 }  // namespace knothe

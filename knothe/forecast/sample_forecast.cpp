@@ -25,7 +25,8 @@ std::vector<double> even_points(double low, double high, int count) {
   return points;
 }
 
-/// Many samples as few: their weights shared out linearly over even points (what is lost is far below the kernel's width).
+/// Many samples as few: their weights shared out linearly over even points (what is lost is far below the
+/// kernel's width).
 struct Binned {
   std::vector<double> points, weights;
 };
@@ -81,7 +82,8 @@ ScalarForecast forecast_of_samples(const Eigen::Ref<const Eigen::VectorXd>& valu
   const double spacing = result.points[1] - result.points[0];
   const double centre = result.points[static_cast<std::size_t>(best)];
   const std::vector<double> near = even_points(centre - spacing, centre + spacing, 33);
-  result.maximum_a_posteriori = top_of(near, numerics::kernel_density(binned.points, binned.weights, width, near));
+  result.maximum_a_posteriori =
+      top_of(near, numerics::kernel_density(binned.points, binned.weights, width, near));
   return result;
 }
 

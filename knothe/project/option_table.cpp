@@ -9,16 +9,36 @@ using K = ValueKind;
 
 const std::vector<Option>& options() {
   static const std::vector<Option> k_options = {
-      {"model", K::table, "", "The reduced model; `model = \"M.h5\"` is short for `[model] separated = \"M.h5\"`.", {}},
-      {"model.separated", K::path, "", "Reduced model file made by `knothe offline` or `knothe model import`.", {}},
-      {"data", K::table, "", "The measurements; `data = \"D.h5\"` is short for `[data] file = \"D.h5\"`.", {}},
+      {"model",
+       K::table,
+       "",
+       "The reduced model; `model = \"M.h5\"` is short for `[model] separated = \"M.h5\"`.",
+       {}},
+      {"model.separated",
+       K::path,
+       "",
+       "Reduced model file made by `knothe offline` or `knothe model import`.",
+       {}},
+      {"data",
+       K::table,
+       "",
+       "The measurements; `data = \"D.h5\"` is short for `[data] file = \"D.h5\"`.",
+       {}},
       {"data.file", K::path, "", "Measurements, HDF5 (`.h5`) or CSV (`.csv`).", {}},
       {"results", K::path, "results/", "Folder for results; `-o` overrides it.", {}},
 
-      {"parameters", K::table, "", "One table per parameter of the model; their order is the order everywhere.", {}},
+      {"parameters",
+       K::table,
+       "",
+       "One table per parameter of the model; their order is the order everywhere.",
+       {}},
       {"parameters.*", K::table, "", "Prior of the parameter of that name.", {}},
       {"parameters.*.prior", K::choice, "", "Family of the prior.", {"normal", "uniform", "lognormal"}, true},
-      {"parameters.*.mean", K::number, "", "Mean of a normal prior, before truncation to the model's box.", {}},
+      {"parameters.*.mean",
+       K::number,
+       "",
+       "Mean of a normal prior, before truncation to the model's box.",
+       {}},
       {"parameters.*.std", K::positive, "", "Standard deviation of a normal prior, before truncation.", {}},
       {"parameters.*.lower", K::number, "", "Lower end of a uniform prior.", {}},
       {"parameters.*.upper", K::number, "", "Upper end of a uniform prior.", {}},
@@ -26,13 +46,22 @@ const std::vector<Option>& options() {
       {"parameters.*.sigma", K::positive, "", "Standard deviation of the logarithm, lognormal prior.", {}},
 
       {"method", K::table, "", "How the posterior is computed.", {}},
-      {"method.kind", K::choice, "transport", "Transport map, or dense quadrature on a grid (at most 3 parameters).",
+      {"method.kind",
+       K::choice,
+       "transport",
+       "Transport map, or dense quadrature on a grid (at most 3 parameters).",
        {"transport", "grid"}},
-      {"method.form", K::choice, "collapsed", "All data in one quadratic form, or a composition of low-order maps.",
+      {"method.form",
+       K::choice,
+       "collapsed",
+       "All data in one quadratic form, or a composition of low-order maps.",
        {"collapsed", "composed"}},
       {"method.tolerance", K::positive, "1e-3", "Tolerance on the verified variance diagnostic.", {}},
       {"method.max_order", K::integer, "8", "Highest order of the map, at least 1.", {}},
-      {"method.minimiser", K::choice, "newton", "Minimiser of the Kullback-Leibler divergence.",
+      {"method.minimiser",
+       K::choice,
+       "newton",
+       "Minimiser of the Kullback-Leibler divergence.",
        {"newton", "bfgs", "nelder-mead"}},
       {"method.bias_correction", K::choice, "off", "Correction of model bias.", {"off"}},
       {"method.seed", K::integer, "1", "Seed of the quasi-random points.", {}},
@@ -47,15 +76,27 @@ const std::vector<Option>& options() {
       {"offline.displacement", K::positive, "4e-4", "Final imposed displacement, m.", {}},
       {"offline.young_modulus", K::positive, "30e9", "Young's modulus, Pa.", {}},
       {"offline.poisson_ratio", K::number, "0.23", "Poisson's ratio.", {}},
-      {"offline.left_support", K::choice, "line", "Where u_x = 0: the line support, or the whole left face.",
+      {"offline.left_support",
+       K::choice,
+       "line",
+       "Where u_x = 0: the line support, or the whole left face.",
        {"line", "face"}},
       {"offline.processes", K::integer, "2", "Processes that compute full-order runs side by side.", {}},
       {"offline.form", K::choice, "tree", "Form of the separated model.", {"tree", "canonical"}},
       {"offline.modes", K::integer, "30", "Number of modes (tree: r, canonical: m).", {}},
-      {"offline.crack_lengths", K::integer, "80", "Elastic crack solutions, 1 mm apart from 0; 0 for none.", {}},
+      {"offline.crack_lengths",
+       K::integer,
+       "80",
+       "Elastic crack solutions, 1 mm apart from 0; 0 for none.",
+       {}},
       {"offline.parameters", K::table, "", "One table per parameter of the damage law: `Y0`, `Ad`.", {}},
       {"offline.parameters.*", K::table, "", "Axis of the parameter grid.", {}},
-      {"offline.parameters.*.reference", K::positive, "", "Physical value of 1.0 (Y0: J/m³, Ad: m³/J).", {}, true},
+      {"offline.parameters.*.reference",
+       K::positive,
+       "",
+       "Physical value of 1.0 (Y0: J/m³, Ad: m³/J).",
+       {},
+       true},
       {"offline.parameters.*.lower", K::positive, "", "Lower end of the axis, dimensionless.", {}, true},
       {"offline.parameters.*.upper", K::positive, "", "Upper end of the axis, dimensionless.", {}, true},
       {"offline.parameters.*.nodes", K::integer, "7", "Nodes of the axis, evenly spaced, at least 2.", {}},
@@ -74,13 +115,22 @@ const std::vector<Option>& options() {
 
       {"forecast", K::table, "", "One table per quantity of interest.", {}},
       {"forecast.*", K::table, "", "A forecast of that name.", {}},
-      {"forecast.*.quantity", K::choice, "", "What is forecast.", {"crack_length", "displacement", "output"}, true},
+      {"forecast.*.quantity",
+       K::choice,
+       "",
+       "What is forecast.",
+       {"crack_length", "displacement", "output"},
+       true},
       {"forecast.*.horizon", K::number, "", "Model time for which it is forecast.", {}, true},
       {"forecast.*.threshold", K::number, "", "P(q > threshold) is reported (unit of q).", {}},
       {"forecast.*.prior", K::table, "", "Prior of a crack length: `{ mean = …, std = … }`, m.", {}},
       {"forecast.*.prior.mean", K::number, "", "Prior mean of the crack length, m.", {}, true},
       {"forecast.*.prior.std", K::positive, "", "Prior standard deviation of the crack length, m.", {}, true},
-      {"forecast.*.discrepancy_std", K::positive, "1e-6", "Discrepancy between damage model and elastic crack, m.", {}},
+      {"forecast.*.discrepancy_std",
+       K::positive,
+       "1e-6",
+       "Discrepancy between damage model and elastic crack, m.",
+       {}},
       {"forecast.*.point", K::numbers, "", "Where a displacement is forecast: x, y, z, m.", {}},
       {"forecast.*.component", K::choice, "", "Component of a displacement.", {"x", "y", "z"}},
       {"forecast.*.output", K::text, "", "Name of a model's output, e.g. `reaction_force`.", {}},
@@ -96,17 +146,28 @@ std::span<const Option> option_table() {
 
 std::string describe(ValueKind kind) {
   switch (kind) {
-    case K::text: return "a text";
-    case K::path: return "a path";
-    case K::integer: return "a non-negative whole number";
-    case K::number: return "a finite number";
-    case K::positive: return "a positive number";
-    case K::non_negative: return "a number that is not negative";
-    case K::boolean: return "true or false";
-    case K::choice: return "one of the words given";
-    case K::numbers: return "an array of finite numbers";
-    case K::texts: return "an array of texts";
-    case K::table: return "a table";
+    case K::text:
+      return "a text";
+    case K::path:
+      return "a path";
+    case K::integer:
+      return "a non-negative whole number";
+    case K::number:
+      return "a finite number";
+    case K::positive:
+      return "a positive number";
+    case K::non_negative:
+      return "a number that is not negative";
+    case K::boolean:
+      return "true or false";
+    case K::choice:
+      return "one of the words given";
+    case K::numbers:
+      return "an array of finite numbers";
+    case K::texts:
+      return "an array of texts";
+    case K::table:
+      return "a table";
   }
   return {};
 }
@@ -121,7 +182,8 @@ std::string option_reference() {
     std::string value = describe(option.kind);
     if (option.kind == K::choice) {
       value.clear();
-      for (const std::string& choice : option.choices) value += (value.empty() ? "`\"" : ", `\"") + choice + "\"`";
+      for (const std::string& choice : option.choices)
+        value += (value.empty() ? "`\"" : ", `\"") + choice + "\"`";
     }
     out += fmt::format("| `{}` | {} | {} | {} |\n", option.path, value,
                        option.default_value.empty() ? (option.required ? "required" : "–")

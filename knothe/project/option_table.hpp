@@ -1,6 +1,6 @@
 #pragma once
-/// @file The one table of all options of a project file: it validates, suggests the near miss, and makes the reference
-/// `docs/project-file.md`.
+/// @file The one table of all options of a project file: it validates, suggests the near miss, and makes the
+/// reference `docs/project-file.md`.
 #include <span>
 #include <string>
 #include <vector>
@@ -8,7 +8,19 @@
 namespace knothe::project {
 
 /// What a value may be.
-enum class ValueKind { text, path, integer, number, positive, non_negative, boolean, choice, numbers, texts, table };
+enum class ValueKind {
+  text,
+  path,
+  integer,
+  number,
+  positive,
+  non_negative,
+  boolean,
+  choice,
+  numbers,
+  texts,
+  table
+};
 
 /// One option. `path` is dotted, with `*` for a name that the user chooses: "parameters.*.mean".
 struct Option {

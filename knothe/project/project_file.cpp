@@ -25,13 +25,15 @@ void check_prior_keys(Values& values, const std::string& path, const std::vector
   const std::vector<std::string> given = children(values, path);
   for (const std::string& key : needed) {
     if (std::find(given.begin(), given.end(), key) == given.end()) {
-      values.complain(path, fmt::format("[{}]: a {} prior needs \"{}\"", path, values.text(path + ".prior", ""), key));
+      values.complain(
+          path, fmt::format("[{}]: a {} prior needs \"{}\"", path, values.text(path + ".prior", ""), key));
     }
   }
   for (const std::string& key : given) {
     if (key != "prior" && std::find(needed.begin(), needed.end(), key) == needed.end()) {
-      values.complain(path + "." + key, fmt::format("\"{}\" does not belong to a {} prior, which takes {}", key,
-                                                    values.text(path + ".prior", ""), fmt::join(needed, " and ")));
+      values.complain(path + "." + key,
+                      fmt::format("\"{}\" does not belong to a {} prior, which takes {}", key,
+                                  values.text(path + ".prior", ""), fmt::join(needed, " and ")));
     }
   }
 }
@@ -39,7 +41,9 @@ void check_prior_keys(Values& values, const std::string& path, const std::vector
 assimilation::Prior read_prior(Values& values, const std::string& path) {
   using assimilation::Prior;
   const std::string kind = values.text(path + ".prior", "");
-  const auto at = [&](const char* key, double otherwise) { return values.number(path + "." + key, otherwise); };
+  const auto at = [&](const char* key, double otherwise) {
+    return values.number(path + "." + key, otherwise);
+  };
   if (kind == "normal") {
     check_prior_keys(values, path, {"mean", "std"});
     return Prior::normal(at("mean", 0), at("std", 1));
@@ -117,7 +121,8 @@ OfflineOptions read_offline(Values& values, const std::string& folder) {
   o.form = values.text("offline.form", o.form);
   o.modes = static_cast<int>(values.integer("offline.modes", o.modes));
   o.crack_lengths = static_cast<int>(values.integer("offline.crack_lengths", o.crack_lengths));
-  if (o.crack_lengths > 80) values.complain("offline.crack_lengths", "the ligament is 80 mm high: at most 80 lengths");
+  if (o.crack_lengths > 80)
+    values.complain("offline.crack_lengths", "the ligament is 80 mm high: at most 80 lengths");
   for (const std::string& name : children(values, "offline.parameters")) {
     o.parameters.push_back(read_offline_parameter(values, name));
   }
@@ -151,7 +156,8 @@ SimulateOptions read_simulate(Values& values) {
     s.components.clear();
     for (const std::string& c : values.texts("simulate.dofs.components")) {
       if (c != "x" && c != "y" && c != "z") {
-        values.complain("simulate.dofs.components", fmt::format("a component is \"x\", \"y\" or \"z\", not \"{}\"", c));
+        values.complain("simulate.dofs.components",
+                        fmt::format("a component is \"x\", \"y\" or \"z\", not \"{}\"", c));
       } else {
         s.components.push_back(c[0] - 'x');
       }
@@ -179,7 +185,8 @@ forecast::ForecastSpecification read_forecast(Values& values, const std::string&
   const std::vector<double> point = values.numbers(path + ".point");
   if (f.quantity == Quantity::displacement) {
     if (point.size() != 3) values.complain(path, fmt::format("[{}] needs \"point\" = [x, y, z]", path));
-    if (!values.has(path + ".component")) values.complain(path, fmt::format("[{}] needs \"component\"", path));
+    if (!values.has(path + ".component"))
+      values.complain(path, fmt::format("[{}] needs \"component\"", path));
   }
   if (point.size() == 3) std::copy(point.begin(), point.end(), f.point.begin());
   f.component = values.text(path + ".component", "x")[0] - 'x';
@@ -235,6 +242,10 @@ Project parse_project(const std::string& text, const std::string& path) {
 }
 
 Project read_project(const std::string& path) {
+  std::error_code ignored;
+  if (std::filesystem::is_directory(path, ignored)) {
+    throw ProjectError(fmt::format("{}: cannot read the project file: it is a folder", path));
+  }
   std::ifstream in(path, std::ios::binary);
   std::ostringstream text;
   if (!in || !(text << in.rdbuf() || in.peek() == EOF)) {

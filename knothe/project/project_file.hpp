@@ -62,11 +62,11 @@ struct SimulateOptions {
 };
 
 struct Project {
-  std::string path;    ///< as given
-  std::string folder;  ///< paths are relative to it
-  std::string text;    ///< the file's text, written into every result
-  std::string model;   ///< separated model file, resolved; empty if none
-  std::string data;    ///< measurements, resolved; empty if none
+  std::string path;     ///< as given
+  std::string folder;   ///< paths are relative to it
+  std::string text;     ///< the file's text, written into every result
+  std::string model;    ///< separated model file, resolved; empty if none
+  std::string data;     ///< measurements, resolved; empty if none
   std::string results;  ///< resolved
   std::vector<NamedPrior> parameters;
   MethodOptions method;
@@ -78,8 +78,8 @@ struct Project {
   void require(bool present, const std::string& what) const;
 };
 
-/// Reads and validates a file completely. All its errors at once, each as `file:line:column: error: …`, in one
-/// ProjectError. Does not look whether the files it names exist.
+/// Reads and validates a file completely. All its errors at once, each as `file:line:column: error: …`, in
+/// one ProjectError. Does not look whether the files it names exist.
 [[nodiscard]] Project read_project(const std::string& path);
 
 /// The same for a text; `path` is for messages and relative paths.

@@ -37,8 +37,10 @@ TEST(ProjectFile, DefaultsAndPaths) {
 }
 
 TEST(ProjectFile, ParametersKeepTheOrderOfTheFile) {
-  const Project p = parse_project("[parameters]\nz = { prior = \"uniform\", lower = 0, upper = 1 }\n"
-                                  "a = { prior = \"lognormal\", mu = 0, sigma = 0.25 }\n", "p.toml");
+  const Project p = parse_project(
+      "[parameters]\nz = { prior = \"uniform\", lower = 0, upper = 1 }\n"
+      "a = { prior = \"lognormal\", mu = 0, sigma = 0.25 }\n",
+      "p.toml");
   ASSERT_EQ(p.parameters.size(), 2u);
   EXPECT_EQ(p.parameters[0].name, "z");
   EXPECT_EQ(p.parameters[1].name, "a");
@@ -46,7 +48,8 @@ TEST(ProjectFile, ParametersKeepTheOrderOfTheFile) {
 }
 
 TEST(ProjectFile, LongAndShortFormsOfModelAndData) {
-  const Project p = parse_project("[model]\nseparated = \"M.h5\"\n[data]\nfile = \"/abs/D.csv\"\n", "x/p.toml");
+  const Project p =
+      parse_project("[model]\nseparated = \"M.h5\"\n[data]\nfile = \"/abs/D.csv\"\n", "x/p.toml");
   EXPECT_EQ(p.model, "x/M.h5");
   EXPECT_EQ(p.data, "/abs/D.csv");
 }
@@ -64,7 +67,8 @@ TEST(ProjectFile, WrongTypesAndValues) {
   EXPECT_EQ(complaint("[method]\nmax_order = 0\n"),
             "dir/p.toml:2:1: error: \"method.max_order\" must be at least 1");
   EXPECT_EQ(complaint("[method]\nkind = \"transprot\"\n"),
-            "dir/p.toml:2:8: error: \"method.kind\" must be one of \"transport\", \"grid\", not \"transprot\" (did you mean "
+            "dir/p.toml:2:8: error: \"method.kind\" must be one of \"transport\", \"grid\", not "
+            "\"transprot\" (did you mean "
             "\"transport\"?)");
   EXPECT_EQ(complaint("[parameters]\nY0 = { prior = \"normal\", mean = 1, std = -1 }\n"),
             "dir/p.toml:2:42: error: \"parameters.Y0.std\" must be a positive number, not -1");
@@ -73,9 +77,13 @@ TEST(ProjectFile, WrongTypesAndValues) {
 }
 
 TEST(ProjectFile, AllErrorsAtOnce) {
-  const std::string text = complaint("modle = \"M.h5\"\n[method]\nseed = 1.5\n[forecast.a]\nquantity = \"output\"\n");
-  EXPECT_NE(text.find("dir/p.toml:1:1: error: unknown key \"modle\" (did you mean \"model\"?)"), std::string::npos) << text;
-  EXPECT_NE(text.find("\"method.seed\" must be a non-negative whole number, not 1.5"), std::string::npos) << text;
+  const std::string text =
+      complaint("modle = \"M.h5\"\n[method]\nseed = 1.5\n[forecast.a]\nquantity = \"output\"\n");
+  EXPECT_NE(text.find("dir/p.toml:1:1: error: unknown key \"modle\" (did you mean \"model\"?)"),
+            std::string::npos)
+      << text;
+  EXPECT_NE(text.find("\"method.seed\" must be a non-negative whole number, not 1.5"), std::string::npos)
+      << text;
   EXPECT_NE(text.find("[forecast.a] lacks \"horizon\""), std::string::npos) << text;
   EXPECT_NE(text.find("[forecast.a] needs \"output\""), std::string::npos) << text;
 }
@@ -96,7 +104,8 @@ TEST(ProjectFile, MissingFile) {
 }
 
 TEST(ProjectFile, UniformPriorNeedsAnInterval) {
-  EXPECT_NE(complaint("[parameters]\na = { prior = \"uniform\", lower = 1, upper = 1 }\n").find("\"upper\" must be greater"),
+  EXPECT_NE(complaint("[parameters]\na = { prior = \"uniform\", lower = 1, upper = 1 }\n")
+                .find("\"upper\" must be greater"),
             std::string::npos);
   EXPECT_NE(complaint("[parameters]\na = { prior = \"uniform\", lower = 1, upper = 2, mean = 3 }\n")
                 .find("\"mean\" does not belong to a uniform prior, which takes lower and upper"),
@@ -116,7 +125,8 @@ nodes = 5
 reference = 2.25e-3
 lower = 0.6
 upper = 1.4
-)", "p.toml");
+)",
+                                  "p.toml");
   ASSERT_TRUE(p.offline);
   EXPECT_EQ(p.offline->element, 0.01);
   EXPECT_EQ(p.offline->layers, 2);

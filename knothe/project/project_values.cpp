@@ -115,12 +115,15 @@ class Reader {
     switch (option.kind) {
       case ValueKind::text:
       case ValueKind::path:
-      case ValueKind::choice: read_text(option, path, node, where); return;
+      case ValueKind::choice:
+        read_text(option, path, node, where);
+        return;
       case ValueKind::boolean:
         if (const auto* b = node.as_boolean()) return store(path, b->get(), where);
         break;
       case ValueKind::integer:
-        if (const auto* i = node.as_integer(); i && i->get() >= 0) return store(path, std::int64_t(i->get()), where);
+        if (const auto* i = node.as_integer(); i && i->get() >= 0)
+          return store(path, std::int64_t(i->get()), where);
         break;
       case ValueKind::numbers: {
         std::vector<double> numbers;
@@ -161,8 +164,8 @@ class Reader {
     if (option.kind == ValueKind::choice &&
         std::find(option.choices.begin(), option.choices.end(), text->get()) == option.choices.end()) {
       complain(node.source().begin, fmt::format("\"{}\" must be one of {}, not \"{}\"{}", path,
-                                                fmt::format("\"{}\"", fmt::join(option.choices, "\", \"")), text->get(),
-                                                did_you_mean(text->get(), option.choices)));
+                                                fmt::format("\"{}\"", fmt::join(option.choices, "\", \"")),
+                                                text->get(), did_you_mean(text->get(), option.choices)));
       return;
     }
     store(path, text->get(), where);
@@ -211,7 +214,8 @@ std::vector<double> Values::numbers(const std::string& path) const {
 
 std::vector<std::string> Values::texts(const std::string& path) const {
   const auto it = leaves.find(path);
-  return it == leaves.end() ? std::vector<std::string>() : std::get<std::vector<std::string>>(it->second.content);
+  return it == leaves.end() ? std::vector<std::string>()
+                            : std::get<std::vector<std::string>>(it->second.content);
 }
 
 void Values::complain(const std::string& path, const std::string& text) {

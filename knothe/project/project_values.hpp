@@ -1,6 +1,6 @@
 #pragma once
-/// @file A validated project file as a flat list of values, in the order of the file. Private to this room: keeps toml++ in one
-/// translation unit.
+/// @file A validated project file as a flat list of values, in the order of the file. Private to this room:
+/// keeps toml++ in one translation unit.
 #include <map>
 #include <string>
 #include <variant>
@@ -9,7 +9,8 @@
 namespace knothe::project {
 
 struct Value {
-  std::variant<std::string, double, std::int64_t, bool, std::vector<double>, std::vector<std::string>> content;
+  std::variant<std::string, double, std::int64_t, bool, std::vector<double>, std::vector<std::string>>
+      content;
   int line = 0, column = 0;
 };
 

@@ -16,14 +16,15 @@ std::vector<double> simulated_truth(const Project& project, const std::vector<st
   for (const std::string& name : names) {
     const auto it = project.simulate->truth.find(name);
     if (it == project.simulate->truth.end()) {
-      throw ProjectError(fmt::format("{}: error: simulate.truth lacks \"{}\", a parameter of the model", project.path, name));
+      throw ProjectError(fmt::format("{}: error: simulate.truth lacks \"{}\", a parameter of the model",
+                                     project.path, name));
     }
     truth.push_back(it->second);
   }
   for (const auto& [name, value] : project.simulate->truth) {
     if (std::find(names.begin(), names.end(), name) == names.end()) {
-      throw ProjectError(fmt::format("{}: error: simulate.truth.{} is not a parameter of the model{}", project.path, name,
-                                     did_you_mean(name, names)));
+      throw ProjectError(fmt::format("{}: error: simulate.truth.{} is not a parameter of the model{}",
+                                     project.path, name, did_you_mean(name, names)));
     }
   }
   return truth;
@@ -39,9 +40,9 @@ assimilation::DofSelection dof_selection(const SimulateOptions& options) {
   return selection;
 }
 
-void simulate_measurements(const Project& project, const reduction::Dofs& dofs, const std::vector<double>& time,
-                           const DisplacementField& field, std::optional<std::uint64_t> seed,
-                           const std::string& output) {
+void simulate_measurements(const Project& project, const reduction::Dofs& dofs,
+                           const std::vector<double>& time, const DisplacementField& field,
+                           std::optional<std::uint64_t> seed, const std::string& output) {
   const SimulateOptions& options = *project.simulate;
   const std::uint64_t used_seed = seed.value_or(options.seed);
   const std::vector<std::size_t> chosen = assimilation::choose_dofs(dofs, dof_selection(options), used_seed);

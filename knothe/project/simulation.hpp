@@ -13,17 +13,20 @@
 namespace knothe::project {
 
 /// The true values in the order of `names`. Throws ProjectError where one is missing or unknown.
-[[nodiscard]] std::vector<double> simulated_truth(const Project& project, const std::vector<std::string>& names);
+[[nodiscard]] std::vector<double> simulated_truth(const Project& project,
+                                                  const std::vector<std::string>& names);
 
 /// The dofs that [simulate] asks for, as the drawing of dofs takes it.
 [[nodiscard]] assimilation::DofSelection dof_selection(const SimulateOptions& options);
 
 /// Displacements at time step `step` at the dofs asked for, m.
-using DisplacementField = std::function<std::vector<double>(std::size_t step, std::span<const std::size_t> dofs)>;
+using DisplacementField =
+    std::function<std::vector<double>(std::size_t step, std::span<const std::size_t> dofs)>;
 
-/// Chooses dofs, evaluates the field there at every time, adds noise, writes the measurement file with the truth beside them.
-void simulate_measurements(const Project& project, const reduction::Dofs& dofs, const std::vector<double>& time,
-                           const DisplacementField& field, std::optional<std::uint64_t> seed,
-                           const std::string& output);
+/// Chooses dofs, evaluates the field there at every time, adds noise, writes the measurement file with the
+/// truth beside them.
+void simulate_measurements(const Project& project, const reduction::Dofs& dofs,
+                           const std::vector<double>& time, const DisplacementField& field,
+                           std::optional<std::uint64_t> seed, const std::string& output);
 
 }  // namespace knothe::project

@@ -1,7 +1,8 @@
 /// @file Time of one update on the beam: the claim of docs/assimilation.md.
 ///
-/// usage: update_bench PROJECT.toml [REPEATS]   (model and data of the project must be there; bench/run.sh makes them)
-/// Prints machine, threads, median and 99th percentile over all steps and repeats, forecasts apart.
+/// usage: update_bench PROJECT.toml [REPEATS]   (model and data of the project must be there; bench/run.sh
+/// makes them) Prints machine, threads, median and 99th percentile over all steps and repeats, forecasts
+/// apart.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -55,12 +56,15 @@ int main(int argc, char** argv) {
              reduction::to_text(setup.model.contents().form), setup.observed->functions->count(),
              setup.observed->observations(), steps, repeats, project.method.tolerance);
   std::vector<double> update_us, forecast_us, early, middle, late, projection, map, correction;
-  forecast::Forecaster forecaster(setup.model, setup.observed_points, setup.observed_components, project.forecasts);
+  forecast::Forecaster forecaster(setup.model, setup.observed_points, setup.observed_components,
+                                  project.forecasts);
   for (int repeat = 0; repeat < repeats + 1; ++repeat) {
-    assimilation::SequentialUpdate update(setup.observed, setup.measurements.noise, setup.priors, setup.options);
+    assimilation::SequentialUpdate update(setup.observed, setup.measurements.noise, setup.priors,
+                                          setup.options);
     for (std::size_t i = 0; i < steps; ++i) {
       const auto start = Clock::now();
-      const auto& r = update.update(i, setup.time_indices[i], setup.measurements.values.col(static_cast<Eigen::Index>(i)));
+      const auto& r = update.update(i, setup.time_indices[i],
+                                    setup.measurements.values.col(static_cast<Eigen::Index>(i)));
       const double us = std::chrono::duration<double, std::micro>(Clock::now() - start).count();
       const auto forecast_start = Clock::now();
       const auto forecasts = forecaster.update(update.posterior().points, update.posterior().weights);

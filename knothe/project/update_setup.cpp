@@ -17,15 +17,16 @@ void check_parameters(const Project& project, const std::vector<std::string>& mo
   for (const NamedPrior& parameter : project.parameters) names.push_back(parameter.name);
   for (const std::string& name : names) {
     if (std::find(model_names.begin(), model_names.end(), name) == model_names.end()) {
-      throw ProjectError(fmt::format("{}: error: parameters.{} is not a parameter of the model {}{}; it has {}",
-                                     project.path, name, project.model, did_you_mean(name, model_names),
-                                     fmt::join(model_names, ", ")));
+      throw ProjectError(fmt::format(
+          "{}: error: parameters.{} is not a parameter of the model {}{}; it has {}", project.path, name,
+          project.model, did_you_mean(name, model_names), fmt::join(model_names, ", ")));
     }
   }
   for (const std::string& name : model_names) {
     if (std::find(names.begin(), names.end(), name) == names.end()) {
-      throw ProjectError(fmt::format("{}: error: [parameters] lacks a prior for \"{}\", a parameter of the model {}",
-                                     project.path, name, project.model));
+      throw ProjectError(
+          fmt::format("{}: error: [parameters] lacks a prior for \"{}\", a parameter of the model {}",
+                      project.path, name, project.model));
     }
   }
 }
@@ -50,7 +51,8 @@ assimilation::UpdateOptions update_options(const MethodOptions& method) {
 UpdateSetup set_up(const Project& project) {
   project.require(!project.model.empty(), "a model: `model = \"MODEL.h5\"`");
   project.require(!project.data.empty(), "data: `data = \"DATA.h5\"`");
-  project.require(!project.parameters.empty(), "a table [parameters] with a prior for each parameter of the model");
+  project.require(!project.parameters.empty(),
+                  "a table [parameters] with a prior for each parameter of the model");
   const auto stored = reduction::SeparatedModel::load(project.model);
   check_parameters(project, stored.parameter_names());
   std::vector<std::string> names;
@@ -59,14 +61,16 @@ UpdateSetup set_up(const Project& project) {
     names.push_back(parameter.name);
     priors.push_back(parameter.prior);
   }
-  const reduction::SeparatedModel model(reduction::with_parameter_order(stored.contents(), names), project.model);
+  const reduction::SeparatedModel model(reduction::with_parameter_order(stored.contents(), names),
+                                        project.model);
   assimilation::Measurements measurements = assimilation::read_measurements(project.data);
   std::vector<double> points;
   for (Eigen::Index j = 0; j < measurements.points.rows(); ++j) {
     for (Eigen::Index c = 0; c < 3; ++c) points.push_back(measurements.points(j, c));
   }
   const std::vector<std::int64_t> components(measurements.components.begin(), measurements.components.end());
-  auto observed = std::make_shared<const reduction::ObservedModel>(reduction::observe(model, points, components));
+  auto observed =
+      std::make_shared<const reduction::ObservedModel>(reduction::observe(model, points, components));
   std::vector<std::size_t> times = assimilation::match_times(measurements.time, observed->time, project.data);
   return {model,
           std::move(measurements),

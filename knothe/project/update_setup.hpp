@@ -18,13 +18,13 @@ struct UpdateSetup {
   std::vector<double> observed_points;            ///< [n_obs, 3], m
   std::vector<std::int64_t> observed_components;  ///< [n_obs]
   std::shared_ptr<const reduction::ObservedModel> observed;
-  std::vector<std::size_t> time_indices;  ///< model time of each measured time
+  std::vector<std::size_t> time_indices;    ///< model time of each measured time
   std::vector<assimilation::Prior> priors;  ///< in the project file's order
   assimilation::UpdateOptions options;
 };
 
-/// Reads model and data, and brings the model's parameters into the project file's order. Throws ProjectError where the parameters
-/// are not the model's, DataError for what the files lack.
+/// Reads model and data, and brings the model's parameters into the project file's order. Throws ProjectError
+/// where the parameters are not the model's, DataError for what the files lack.
 [[nodiscard]] UpdateSetup set_up(const Project& project);
 
 }  // namespace knothe::project
