@@ -121,7 +121,9 @@ int assimilate(const AssimilateArguments& arguments) {
       std::fflush(stdout);
     }
     display.show(result, forecasts, result.elapsed_us.total() + forecast_us);
-    results.add_step(result, update.posterior(), forecasts, forecast_us, setup.time_indices[step]);
+    // Not part of the forecast's time: a cross-check for the report, from fewer points.
+    const auto direct = forecaster.direct(update.posterior().points, update.posterior().weights, 256);
+    results.add_step(result, update.posterior(), forecasts, direct, forecast_us, setup.time_indices[step]);
     interrupted = cancellation_requested();
   }
   const double elapsed_s = microseconds_since(start) * 1e-6;

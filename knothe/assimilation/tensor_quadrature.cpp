@@ -136,6 +136,21 @@ Eigen::VectorXd marginal_quantiles(const Grid& grid, Index k, const Eigen::Vecto
   return quantiles;
 }
 
+/// Leaves out the points that carry nothing (together less than 1e-8 of the mass): forecasts look at every
+/// point that is left.
+void drop_weightless(QuadraturePosterior& posterior) {
+  const double floor = 1e-8 / static_cast<double>(posterior.weights.size());
+  Index kept = 0;
+  for (Index i = 0; i < posterior.weights.size(); ++i) {
+    if (!(posterior.weights[i] > floor)) continue;
+    posterior.weights[kept] = posterior.weights[i];
+    posterior.points.row(kept++) = posterior.points.row(i);
+  }
+  posterior.weights.conservativeResize(kept);
+  posterior.points.conservativeResize(kept, Eigen::NoChange);
+  posterior.weights /= posterior.weights.sum();
+}
+
 /// The rule on the nodes of `fine` that are given.
 QuadraturePosterior integrate(transport::LogDensity& target, const Grid& fine,
                               const std::vector<Index>& nodes) {
@@ -167,6 +182,7 @@ QuadraturePosterior integrate(transport::LogDensity& target, const Grid& fine,
   for (Index k = 0; k < d; ++k) {
     result.quantiles.row(k) = marginal_quantiles(fine, k, mass.col(k) / sum).transpose();
   }
+  drop_weightless(result);
   return result;
 }
 

@@ -162,11 +162,24 @@ std::vector<NamedForecast> Forecaster::update(const Eigen::Ref<const Eigen::Matr
 }
 
 std::vector<NamedForecast> Forecaster::direct(const Eigen::Ref<const Eigen::MatrixXd>& points,
-                                              const Eigen::Ref<const Eigen::VectorXd>& weights) {
+                                              const Eigen::Ref<const Eigen::VectorXd>& weights,
+                                              Eigen::Index most_points) {
   std::vector<NamedForecast> forecasts;
-  evaluate_functions(points);
+  if (cracks_.empty()) return forecasts;
+  const Eigen::Index n = std::min(most_points, points.rows());
+  Eigen::MatrixXd drawn(n, points.cols());
+  // Systematic resampling: the draws sit in the middle of n equal shares of the weight.
+  const double share = weights.sum() / static_cast<double>(n);
+  double cumulative = weights[0];
+  for (Eigen::Index k = 0, i = 0; k < n; ++k) {
+    while (cumulative < (static_cast<double>(k) + 0.5) * share && i + 1 < points.rows())
+      cumulative += weights[++i];
+    drawn.row(k) = points.row(i);
+  }
+  evaluate_functions(drawn);
+  const Eigen::VectorXd equal = Eigen::VectorXd::Constant(n, 1.0 / static_cast<double>(n));
   for (const Crack& crack : cracks_) {
-    forecasts.push_back({crack.name, "m", crack.bridge.direct(batch_.value, weights), std::nullopt});
+    forecasts.push_back({crack.name, "m", crack.bridge.direct(batch_.value, equal), std::nullopt});
   }
   return forecasts;
 }

@@ -28,7 +28,8 @@ struct StepForecast {
       bridge_residual_rms;  ///< m; how far the best elastic crack is from the predicted field
   std::vector<double> levels;
   std::vector<double> values;
-  Density density;  ///< empty if not written
+  std::vector<double> direct;  ///< quantiles of each sample's best length (crack length only); may be empty
+  Density density;             ///< empty if not written
 };
 
 /// One assimilated step; parameters in the order of the project file.

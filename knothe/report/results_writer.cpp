@@ -50,10 +50,11 @@ ResultsWriter::ResultsWriter(const project::Project& project, const reduction::S
 
 void ResultsWriter::add_step(const assimilation::UpdateResult& result,
                              const assimilation::WeightedPosterior& posterior,
-                             const std::vector<forecast::NamedForecast>& forecasts, double forecast_us,
+                             const std::vector<forecast::NamedForecast>& forecasts,
+                             const std::vector<forecast::NamedForecast>& direct, double forecast_us,
                              std::size_t time_index) {
   Json record = step_record(result, forecasts, forecast_us);
-  add_densities(record, model_.parameter_names(), priors_, posterior, forecasts);
+  add_densities(record, model_.parameter_names(), priors_, posterior, forecasts, direct);
   lines_.push_back(files::json_line(record));
   steps_.push_back({result, posterior, time_index});
 }

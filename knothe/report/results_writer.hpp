@@ -24,7 +24,8 @@ class ResultsWriter {
 
   /// Keeps what the files need of a step. `time_index`: model time of the datum.
   void add_step(const assimilation::UpdateResult& result, const assimilation::WeightedPosterior& posterior,
-                const std::vector<forecast::NamedForecast>& forecasts, double forecast_us,
+                const std::vector<forecast::NamedForecast>& forecasts,
+                const std::vector<forecast::NamedForecast>& direct, double forecast_us,
                 std::size_t time_index);
 
   /// Writes everything. Errors: IoError.

@@ -74,13 +74,20 @@ Json step_record(const assimilation::UpdateResult& r, std::span<const forecast::
 void add_densities(Json& record, const std::vector<std::string>& parameters,
                    const std::vector<assimilation::Prior>& priors,
                    const assimilation::WeightedPosterior& posterior,
-                   std::span<const forecast::NamedForecast> forecasts) {
+                   std::span<const forecast::NamedForecast> forecasts,
+                   std::span<const forecast::NamedForecast> direct) {
   for (std::size_t k = 0; k < parameters.size(); ++k) {
     const auto marginal = assimilation::marginal_density(posterior.points.col(static_cast<Eigen::Index>(k)),
                                                          posterior.weights, priors[k]);
     record["marginals"][parameters[k]] = {{"points", marginal.points}, {"density", marginal.density}};
   }
   record["forecast"] = forecast_record(forecasts, true);
+  for (const forecast::NamedForecast& named : direct) {
+    record["forecast"][named.name]["direct"] = {{"mean", named.forecast.mean},
+                                                {"std", named.forecast.std},
+                                                {"levels", forecast::k_levels},
+                                                {"values", named.forecast.values}};
+  }
 }
 
 }  // namespace knothe::report
