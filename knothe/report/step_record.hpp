@@ -21,11 +21,12 @@ namespace knothe::report {
 [[nodiscard]] nlohmann::ordered_json forecast_record(std::span<const forecast::NamedForecast> forecasts,
                                                      bool densities);
 
-/// Beside the fixed keys, for figures: marginal densities of the parameters (`marginals`) and densities of
-/// the forecasts.
+/// Beside the fixed keys, for figures: marginal densities of the parameters (`marginals`), densities of the
+/// forecasts, and the direct forecasts of crack lengths (quantiles at the same levels).
 void add_densities(nlohmann::ordered_json& record, const std::vector<std::string>& parameters,
                    const std::vector<assimilation::Prior>& priors,
                    const assimilation::WeightedPosterior& posterior,
-                   std::span<const forecast::NamedForecast> forecasts);
+                   std::span<const forecast::NamedForecast> forecasts,
+                   std::span<const forecast::NamedForecast> direct);
 
 }  // namespace knothe::report
