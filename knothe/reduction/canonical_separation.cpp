@@ -16,13 +16,14 @@ constexpr std::size_t k_growth_sweeps = 40;
 
 }  // namespace
 
-CanonicalSeparation::CanonicalSeparation(const Deviation& deviation, const Snapshots& snapshots,
-                                         const CompressionOptions& options)
-    : deviation_(deviation), options_(options) {
-  const FallingEigenpairs grid = falling_eigenpairs(deviation.grid_gram(options.threads));
+CanonicalSeparation::CanonicalSeparation(const Deviation& deviation, const ParameterProduct& product,
+                                         const Snapshots& snapshots, const CompressionOptions& options)
+    : deviation_(deviation), product_(product), options_(options) {
+  const FallingEigenpairs grid = falling_eigenpairs(deviation.grid_gram(product.factor(), options.threads));
   const double allowed = std::max(k_hosvd * grid.values.sum(), 1e-300);
   const auto kept = static_cast<Eigen::Index>(TreeSeparation::modes_for(grid.values, allowed));
-  const Eigen::MatrixXd weighted = deviation.projected(grid.vectors.leftCols(kept), options.threads);
+  const Eigen::MatrixXd weighted = deviation.projected(
+      product.factor().triangularView<Eigen::Lower>() * grid.vectors.leftCols(kept), options.threads);
   space_ = dominant_space(weighted, allowed, options.seed, options.threads).basis;
   const Eigen::MatrixXd core = space_.transpose() * weighted;  // l × (n_t · kept)
 
@@ -39,7 +40,7 @@ CanonicalSeparation::CanonicalSeparation(const Deviation& deviation, const Snaps
   const auto s = static_cast<Eigen::Index>(TreeSeparation::modes_for(instants.values, allowed));
   time_ = instants.vectors.leftCols(s);
 
-  // [l, s, P]: time compressed, parameters back on the grid (weighted by √w_p).
+  // [l, s, P]: time compressed, parameters back on the grid (in the coordinates Lᵀ f of ParameterProduct).
   const Eigen::Index points = deviation.grid();
   core_.unfolded.resize(l, s * points);
   for (Eigen::Index j = 0; j < s; ++j) {
@@ -79,8 +80,8 @@ void CanonicalSeparation::fill(ModelContents& model) const {
   Eigen::MatrixXd time = by_time.asDiagonal() * time_ * best_.factors[1];
   std::vector<Eigen::MatrixXd> parameters;
   for (std::size_t i = 0; i < axis_weights_.size(); ++i) {
-    const Eigen::VectorXd by_node = axis_weights_[i].cwiseSqrt().cwiseInverse();
-    parameters.push_back(by_node.asDiagonal() * best_.factors[i + 2]);
+    const Eigen::MatrixXd& factor = product_.factors()[i];
+    parameters.push_back(factor.transpose().triangularView<Eigen::Upper>().solve(best_.factors[i + 2]));
   }
   // Space modes have unit norm, parameter modes unit weighted mean square and a positive mean: the time modes
   // carry amplitude and sign.

@@ -37,19 +37,20 @@ double squared_norm(const Snapshots& snapshots, const Deviation& deviation) {
 /// Tree form: the singular values tell how many modes a tolerance needs; checked, and made longer if the
 /// unweighted norm asks for more.
 ModelContents compress_tree(const Snapshots& snapshots, const Deviation& deviation,
-                            const CompressionOptions& options) {
+                            const ParameterProduct& product, const CompressionOptions& options) {
   ModelContents model = frame_of(snapshots, deviation);
   const auto grid = static_cast<std::size_t>(deviation.grid());
   std::size_t modes = std::min(options.modes, grid);
   if (options.modes == 0) {
-    const Eigen::VectorXd energy = falling_eigenpairs(deviation.grid_gram(options.threads)).values;
+    const Eigen::VectorXd energy =
+        falling_eigenpairs(deviation.grid_gram(product.factor(), options.threads)).values;
     // A little of the squared error is left for the space basis (k_space_share).
     modes = TreeSeparation::modes_for(
         energy, 0.999 * options.tolerance * options.tolerance * squared_norm(snapshots, deviation));
   }
   double floor = TreeSeparation::k_rounding;
   while (true) {
-    TreeSeparation(deviation, modes, options, floor).fill(model, modes);
+    TreeSeparation(deviation, product, modes, options, floor).fill(model, modes);
     const ModelError error = training_error(model, snapshots, options.threads);
     set_errors(model, error);
     const bool all = modes == grid && floor == 0.0;
@@ -60,9 +61,9 @@ ModelContents compress_tree(const Snapshots& snapshots, const Deviation& deviati
 }
 
 ModelContents compress_canonical(const Snapshots& snapshots, const Deviation& deviation,
-                                 const CompressionOptions& options) {
+                                 const ParameterProduct& product, const CompressionOptions& options) {
   ModelContents model = frame_of(snapshots, deviation);
-  CanonicalSeparation separation(deviation, snapshots, options);
+  CanonicalSeparation separation(deviation, product, snapshots, options);
   const std::size_t most = options.modes == 0 ? options.most_modes : options.modes;
   Progress progress("canonical modes", most, options.quiet);
   std::size_t modes = options.modes == 0 ? 1 : options.modes;
@@ -95,8 +96,9 @@ ModelContents compress(const Snapshots& snapshots, const CompressionOptions& opt
   require_sensible(options);
   validate(snapshots, "snapshots");
   const Deviation deviation(snapshots);
-  return options.form == Form::tree ? compress_tree(snapshots, deviation, options)
-                                    : compress_canonical(snapshots, deviation, options);
+  const ParameterProduct product(snapshots.axes, options);
+  return options.form == Form::tree ? compress_tree(snapshots, deviation, product, options)
+                                    : compress_canonical(snapshots, deviation, product, options);
 }
 
 std::vector<StudiedModel> compression_study(const Snapshots& snapshots, const CompressionOptions& options,
@@ -109,12 +111,13 @@ std::vector<StudiedModel> compression_study(const Snapshots& snapshots, const Co
     throw UsageError("the numbers of modes of a study must be positive and increase");
   }
   const Deviation deviation(snapshots);
+  const ParameterProduct product(snapshots.axes, options);
   std::optional<TreeSeparation> tree;
   std::optional<CanonicalSeparation> canonical;
   if (options.form == Form::tree) {
-    tree.emplace(deviation, modes.back(), options);
+    tree.emplace(deviation, product, modes.back(), options);
   } else {
-    canonical.emplace(deviation, snapshots, options);
+    canonical.emplace(deviation, product, snapshots, options);
   }
   for (const std::size_t m : modes) {
     StudiedModel studied;

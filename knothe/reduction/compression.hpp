@@ -11,6 +11,10 @@
 
 namespace knothe::reduction {
 
+/// In which norm over the parameters the truncation is optimal (docs/reduction.md): of the values at the
+/// nodes, or of the splines through them. Errors are reported in the first one either way.
+enum class ParameterNorm { nodes, spline };
+
 struct CompressionOptions {
   Form form = Form::tree;
   std::size_t modes = 0;  ///< m (canonical) or r (tree); 0: as many as `tolerance` needs
@@ -20,7 +24,11 @@ struct CompressionOptions {
   std::size_t random_starts = 3;  ///< canonical form: tried besides the start grown mode by mode
   std::size_t sweeps = 1500;      ///< canonical form: most ALS sweeps from each start
   std::size_t threads = 0;        ///< 0: all
-  bool quiet = true;              ///< no progress on stderr
+  ParameterNorm parameter_norm = ParameterNorm::spline;
+  /// `spline` only: s in ∫ f² + (s h)² f′² over an axis of length h. 0: values alone; derivatives did not
+  /// help.
+  double sobolev_length = 0.0;
+  bool quiet = true;  ///< no progress on stderr
 };
 
 /// A full-order solution at parameters that are no grid point.

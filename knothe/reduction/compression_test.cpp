@@ -189,7 +189,9 @@ TEST(Compression, TreeErrorIsTheTailOfTheSingularValues) {
   }
   const Eigen::VectorXd sigma = Eigen::BDCSVD<Eigen::MatrixXd>(matrix).singularValues();
   const std::vector<std::size_t> modes{1, 3, 6, 10};
-  for (const StudiedModel& studied : compression_study(snapshots, {}, modes)) {
+  CompressionOptions options;
+  options.parameter_norm = ParameterNorm::nodes;
+  for (const StudiedModel& studied : compression_study(snapshots, options, modes)) {
     const auto r = static_cast<Eigen::Index>(studied.row.parameter_modes);
     const double best = sigma.tail(30 - r).norm() / sigma.norm();
     EXPECT_GE(studied.row.training.relative_to_lift, best * (1 - 1e-9));
@@ -225,6 +227,7 @@ TEST(Compression, ModesAreNormalisedAsThePaperSays) {
   const Snapshots snapshots = travelling_front();
   CompressionOptions options;
   options.modes = 4;
+  options.parameter_norm = ParameterNorm::nodes;
   const ModelContents tree = compress(snapshots, options);
   const Deviation deviation(snapshots);
   const Eigen::Map<const RowMatrix> beta(tree.joint.data(), 4, 30);

@@ -49,7 +49,7 @@ RowMatrix Deviation::at_time(Eigen::Index t) const {
   return block;
 }
 
-Eigen::MatrixXd Deviation::grid_gram(std::size_t threads) const {
+Eigen::MatrixXd Deviation::grid_gram(const Eigen::MatrixXd& factor, std::size_t threads) const {
   // A few instants at a time, which bounds the memory; summed in order, so that the number of threads does
   // not matter.
   constexpr Eigen::Index k_together = 8;
@@ -63,18 +63,15 @@ Eigen::MatrixXd Deviation::grid_gram(std::size_t threads) const {
     });
     for (const Eigen::MatrixXd& part : parts) gram += part;
   }
-  const Eigen::VectorXd root = grid_weights_.cwiseSqrt();
-  return root.asDiagonal() * gram * root.asDiagonal();
+  return factor.transpose() * gram * factor;
 }
 
 Eigen::MatrixXd Deviation::projected(const Eigen::MatrixXd& v, std::size_t threads) const {
   Eigen::MatrixXd result(dofs(), times() * v.cols());
-  const Eigen::VectorXd root = grid_weights_.cwiseSqrt();
-  const Eigen::MatrixXd weighted = root.asDiagonal() * v;
   parallel_for(static_cast<std::size_t>(times()), threads, [&](std::size_t step) {
     const auto t = static_cast<Eigen::Index>(step);
     result.middleCols(t * v.cols(), v.cols()).noalias() =
-        std::sqrt(time_weights_[t]) * (at_time(t).transpose() * weighted);
+        std::sqrt(time_weights_[t]) * (at_time(t).transpose() * v);
   });
   return result;
 }

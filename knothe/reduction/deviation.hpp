@@ -24,9 +24,9 @@ class Deviation {
 
   /// u − u_lift at time `t`: P × n_dof.
   [[nodiscard]] RowMatrix at_time(Eigen::Index t) const;
-  /// Σ_t w_t ⟨·,·⟩ between grid points, weighted by √(w_p w_q): P × P.
-  [[nodiscard]] Eigen::MatrixXd grid_gram(std::size_t threads) const;
-  /// Columns √w_t Σ_p √w_p (u − u_lift)(·, t, p) V_pk at t · r + k: n_dof × (n_t r).
+  /// Lᵀ G L with G = Σ_t w_t ⟨·,·⟩ between grid points, for the factor L (P × P) of a ParameterProduct.
+  [[nodiscard]] Eigen::MatrixXd grid_gram(const Eigen::MatrixXd& factor, std::size_t threads) const;
+  /// Columns √w_t Σ_p (u − u_lift)(·, t, p) V_pk at t · r + k: n_dof × (n_t r).
   [[nodiscard]] Eigen::MatrixXd projected(const Eigen::MatrixXd& v, std::size_t threads) const;
 
  private:

@@ -7,6 +7,7 @@
 #include "knothe/reduction/cp_als.hpp"
 #include "knothe/reduction/deviation.hpp"
 #include "knothe/reduction/low_rank.hpp"
+#include "knothe/reduction/parameter_product.hpp"
 
 namespace knothe::reduction {
 
@@ -18,8 +19,8 @@ class TreeSeparation {
  public:
   /// Ready for up to `most_modes` modes. Squared errors below `floor` × that of the lift alone count as
   /// rounding.
-  TreeSeparation(const Deviation& deviation, std::size_t most_modes, const CompressionOptions& options,
-                 double floor = k_rounding);
+  TreeSeparation(const Deviation& deviation, const ParameterProduct& product, std::size_t most_modes,
+                 const CompressionOptions& options, double floor = k_rounding);
   /// What Gram matrices resolve: squares lose half the digits.
   static constexpr double k_rounding = 1e-14;
   /// Smallest r whose truncation error (weighted, squared) is at most `allowed` or rounding.
@@ -29,7 +30,8 @@ class TreeSeparation {
 
  private:
   const Deviation& deviation_;
-  FallingEigenpairs grid_;  ///< of the Gram matrix between grid points
+  const ParameterProduct& product_;
+  FallingEigenpairs grid_;  ///< of LᵀGL, G the Gram matrix between grid points
   DominantSpace space_;
   Eigen::Index most_modes_;
   double floor_;          ///< squared error below which nothing is resolved
@@ -39,7 +41,7 @@ class TreeSeparation {
 /// The core of the deviation after compression of space and time (HOSVD), and CP decompositions of it.
 class CanonicalSeparation {
  public:
-  CanonicalSeparation(const Deviation& deviation, const Snapshots& snapshots,
+  CanonicalSeparation(const Deviation& deviation, const ParameterProduct& product, const Snapshots& snapshots,
                       const CompressionOptions& options);
   /// Best decomposition found with m modes: grown from the last one asked for, and from random starts.
   [[nodiscard]] const CpFactors& decompose(std::size_t m);
@@ -48,6 +50,7 @@ class CanonicalSeparation {
 
  private:
   const Deviation& deviation_;
+  const ParameterProduct& product_;
   const CompressionOptions& options_;
   Eigen::MatrixXd space_;  ///< n_dof × l
   Eigen::MatrixXd time_;   ///< n_t × s, orthonormal in weighted coordinates

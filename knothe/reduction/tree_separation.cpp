@@ -37,12 +37,15 @@ std::size_t TreeSeparation::modes_for(const Eigen::VectorXd& energy, double allo
   return static_cast<std::size_t>(r);
 }
 
-TreeSeparation::TreeSeparation(const Deviation& deviation, std::size_t most_modes,
-                               const CompressionOptions& options, double floor)
-    : deviation_(deviation), grid_(falling_eigenpairs(deviation.grid_gram(options.threads))) {
+TreeSeparation::TreeSeparation(const Deviation& deviation, const ParameterProduct& product,
+                               std::size_t most_modes, const CompressionOptions& options, double floor)
+    : deviation_(deviation),
+      product_(product),
+      grid_(falling_eigenpairs(deviation.grid_gram(product.factor(), options.threads))) {
   floor_ = floor * grid_.values.sum();
   most_modes_ = std::min(static_cast<Eigen::Index>(most_modes), deviation.grid());
-  const Eigen::MatrixXd weighted = deviation.projected(grid_.vectors.leftCols(most_modes_), options.threads);
+  const Eigen::MatrixXd weighted = deviation.projected(
+      product.factor().triangularView<Eigen::Lower>() * grid_.vectors.leftCols(most_modes_), options.threads);
   const double allowed = std::max(k_space_share * tail(grid_.values, most_modes_), floor_);
   space_ = dominant_space(weighted, allowed, options.seed, options.threads);
   core_.noalias() = space_.basis.transpose() * weighted;
@@ -62,13 +65,10 @@ void TreeSeparation::fill(ModelContents& model, std::size_t modes) const {
     Eigen::Map<RowMatrix>(model.temporal.data() + t * l * r, l, r) =
         core_.block(0, t * most_modes_, l, r) / std::sqrt(deviation_.time_weights()[t]);
   }
-  // β_k at the nodes, orthonormal in the weighted mean over the grid. (The root is evaluated into Eigen's
-  // own, aligned memory: its vectorised square root rounds differently from the scalar one used at the ragged
-  // ends of other memory.)
+  // β_k at the nodes, orthonormal in the inner product over the parameters.
   model.joint.resize(static_cast<std::size_t>(r * deviation_.grid()));
-  const Eigen::VectorXd unweighted = deviation_.grid_weights().cwiseSqrt().cwiseInverse();
   Eigen::Map<RowMatrix> joint(model.joint.data(), r, deviation_.grid());
-  joint = grid_.vectors.leftCols(r).transpose() * unweighted.asDiagonal();
+  joint = product_.at_nodes(grid_.vectors.leftCols(r)).transpose();
   // Signs: every β_k has its largest value positive, so that equal data give equal files.
   for (Eigen::Index k = 0; k < r; ++k) {
     Eigen::Index at = 0;
