@@ -1,0 +1,69 @@
+"""The notched beam end to end: transport against quadrature through the crack run, the two forms, the crack forecast."""
+import math
+import os
+import unittest
+
+from support import Case, read_csv, without_times
+
+
+class Test(Case):
+    project_name = "beam.toml"
+    fixture = "beam"
+
+    def test_transport_agrees_with_the_grid_at_every_step(self):
+        self.expect_agreement(self.assimilate(), self.assimilate("--method", "grid"))
+
+    def test_every_step_is_trusted(self):
+        self.assertEqual([line["step"] for line in self.assimilate() if not line["trusted"]], [])
+
+    def test_the_composed_form_agrees_with_the_collapsed_one(self):
+        collapsed = self.assimilate()
+        self.edit('form = "collapsed"', 'form = "composed"')
+        self.expect_agreement(self.assimilate(), collapsed, mean=0.1, std=None, evidence=None, quantile=None)
+
+    def test_the_truth_is_found(self):
+        """Data of the model itself at (1, 1): in the end within four standard deviations, and those much less than the prior's."""
+        last = self.assimilate()[-1]
+        for k, largest in ((0, 0.2), (1, 0.05)):
+            std = math.sqrt(last["covariance"][k][k])
+            self.assertLess(std, largest)
+            self.assertLess(abs(last["mean"][k] - 1), 4 * std)
+
+    def test_one_thread_and_two_give_the_same_numbers(self):
+        one, two = [without_times(self.assimilate(env=dict(os.environ, KNOTHE_THREADS=n))) for n in "12"]
+        self.assertEqual(one, two)
+
+    def test_csv_and_hdf5_give_the_same_posterior(self):
+        from_hdf5 = without_times(self.assimilate())
+        self.edit('data = "data.h5"', 'data = "data.csv"')
+        self.assertEqual(without_times(self.assimilate()), from_hdf5)
+        self.assertEqual(len(read_csv(self.folder / "data.csv")), 50 * 60)
+
+    def test_the_crack_length_has_a_density_that_fits_its_numbers(self):
+        self.assimilate()
+        (line,) = self.expect(0, "forecast", self.project_name, "--json").lines()
+        crack = line["forecast"]["crack"]
+        x, f = crack["density"]["points"], crack["density"]["values"]
+        self.assertTrue(0 <= x[0] and x[-1] <= 0.08)
+
+        def integral(weight):
+            return sum((x[i + 1] - x[i]) * (weight(x[i]) * f[i] + weight(x[i + 1]) * f[i + 1]) / 2 for i in range(len(x) - 1))
+
+        self.assertAlmostEqual(integral(lambda _: 1), 1, delta=0.01)
+        self.assertAlmostEqual(integral(lambda l: l), crack["mean"], delta=0.1 * crack["std"])
+        variance = integral(lambda l: (l - crack["mean"]) ** 2)
+        self.assertAlmostEqual(math.sqrt(variance), crack["std"], delta=0.05 * crack["std"])
+        self.assertEqual(crack["values"], sorted(crack["values"]))
+        self.assertAlmostEqual(crack["probability_above_threshold"], integral(lambda l: 1.0 if l > 0.04 else 0.0), delta=0.02)
+        self.assertIn("crack", line["direct"])
+
+    def test_the_report_shows_beam_and_crack(self):
+        self.assimilate()
+        self.expect(0, "report", "results", "-o", "report.html")
+        page = (self.folder / "report.html").read_text()
+        for word in ("crack", "Ad", "Y0"):
+            self.assertIn(word, page)
+
+
+if __name__ == "__main__":
+    unittest.main()

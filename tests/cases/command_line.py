@@ -1,0 +1,71 @@
+"""What a person types: versions, help, mistakes, a part that is not installed."""
+import os
+import re
+import shutil
+import subprocess
+import unittest
+
+from support import KNOTHE, REPOSITORY, Case
+
+COMMANDS = [["check"], ["offline"], ["model", "info"], ["model", "evaluate"], ["model", "import"], ["model", "verify"],
+            ["simulate"], ["assimilate"], ["forecast"], ["report"]]
+
+
+class Test(Case):
+    def test_version_is_the_name_and_three_numbers(self):
+        outcome = self.expect(0, "--version")
+        self.assertRegex(outcome.out, r"\Aknothe \d+\.\d+\.\d+\n\Z")
+        cmake = (REPOSITORY / "CMakeLists.txt").read_text()
+        self.assertIn(outcome.out.split()[1], re.search(r"project\(knothe VERSION (\S+)", cmake).group(1))
+
+    def test_every_command_has_help_with_an_example(self):
+        for command in COMMANDS:
+            with self.subTest(command=command):
+                out = self.expect(0, *command, "--help").out
+                self.assertIn("Example:\n  knothe " + " ".join(command) + " ", out)
+
+    def test_no_command_is_wrong_usage(self):
+        self.expect(2, stderr="--help")
+
+    def test_an_unknown_command_is_named_with_the_nearest_one(self):
+        self.expect(2, "asimilate", "x.toml", stderr=["asimilate", 'did you mean "assimilate"?'])
+
+    def test_an_unknown_command_of_model_is_named(self):
+        self.expect(2, "model", "inof", "x.h5", stderr=["inof", 'did you mean "info"?'])
+
+    def test_an_unknown_option_is_wrong_usage(self):
+        self.expect(2, "assimilate", "x.toml", "--fast", stderr="--fast")
+
+    def test_a_missing_argument_is_wrong_usage(self):
+        self.expect(2, "assimilate", stderr="FILE")
+        self.expect(2, "offline", "x.toml", stderr="--output")
+        self.expect(2, "check", stderr="project file")
+
+    def test_an_unknown_method_is_wrong_usage(self):
+        self.expect(2, "assimilate", "x.toml", "--method", "magic", stderr="magic")
+
+    def test_offline_without_its_sibling_says_how_to_get_it(self):
+        alone = self.folder / "bin" / "knothe"
+        alone.parent.mkdir()
+        shutil.copy(KNOTHE, alone)
+        environment = dict(os.environ, PATH=str(self.folder / "empty"))
+        (self.folder / "p.toml").write_text("")
+        for command in (["offline", "p.toml", "-o", "m.h5"], ["model", "verify", "p.toml", "m.h5"], ["simulate", "p.toml", "-o", "d.h5"]):
+            with self.subTest(command=command):
+                self.expect(1, *command, program=alone, env=environment,
+                            stderr=["knothe-offline, which is not installed", "-DKNOTHE_OFFLINE=ON"])
+
+    def test_the_reference_of_options_is_that_of_the_documentation(self):
+        reference = (REPOSITORY / "docs" / "project-file.md").read_text()
+        self.assertEqual(self.expect(0, "check", "--options").out, reference,
+                         "make it again: knothe check --options > docs/project-file.md")
+
+    def test_a_full_standard_output_is_an_io_error(self):
+        with open("/dev/full", "w") as full:
+            ended = subprocess.run([KNOTHE, "check", "--options"], stdout=full, stderr=subprocess.PIPE, text=True)
+        self.assertEqual(ended.returncode, 5, ended.stderr)
+        self.assertIn("No space left on device", ended.stderr)
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,118 @@
+"""`knothe offline`, `model verify` and `simulate` without a model: what the sibling program does."""
+import os
+import re
+import signal
+import subprocess
+import time
+import unittest
+
+from support import KNOTHE, Case
+
+
+class Test(Case):
+    project_name = "offline.toml"
+
+    def build(self, name="model.h5", *arguments):
+        return self.expect(0, "offline", self.project_name, "-o", name, *arguments)
+
+    def parts(self):
+        folder = self.folder / "model.h5.parts"
+        return list(folder.glob("run-*.h5")) if folder.exists() else []
+
+    def test_stdout_is_json_lines(self):
+        lines = self.build("model.h5", "--json").lines()
+        runs = [line for line in lines if "run" in line]
+        self.assertEqual(len(runs), 9)
+        self.assertEqual([run["resumed"] for run in runs], 9 * [False])
+        self.assertTrue(all(run["steps_without_equilibrium"] == [] for run in runs))
+        self.assertEqual((lines[-1]["done"], lines[-1]["model"]), (True, "model.h5"))
+        self.assertTrue({"canonical", "tree"} <= {line["form"] for line in lines if "form" in line})
+
+    def test_interrupted_it_says_what_is_kept_and_goes_on_from_there(self):
+        """Ctrl-C reaches the whole process group, as from a terminal."""
+        whole = self.build("whole.h5")
+        self.assertIn("9 full-order runs, 0 of them kept", whole.out)
+        with subprocess.Popen([KNOTHE, "offline", self.project_name, "-o", "model.h5"], cwd=self.folder, stdout=subprocess.PIPE,
+                              stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
+            give_up = time.monotonic() + 60
+            while len(self.parts()) < 2 and process.poll() is None and time.monotonic() < give_up:
+                time.sleep(0.005)
+            os.killpg(process.pid, signal.SIGINT)
+            _, message = process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 130, message)
+        kept = int(re.search(r"interrupted; (\d+) of 9 runs are kept in model.h5.parts", message).group(1))
+        self.assertEqual(kept, len(self.parts()))
+        self.assertTrue(2 <= kept < 9)
+        self.assertFalse((self.folder / "model.h5").exists())
+        self.assertIn(f"9 full-order runs, {kept} of them kept from before", self.build().out)
+        self.assertEqual((self.folder / "model.h5").read_bytes(), (self.folder / "whole.h5").read_bytes())
+
+    def test_a_signal_to_knothe_alone_ends_its_sibling(self):
+        with subprocess.Popen([KNOTHE, "offline", self.project_name, "-o", "model.h5"], cwd=self.folder, stdout=subprocess.PIPE,
+                              stderr=subprocess.PIPE, text=True) as process:
+            give_up = time.monotonic() + 60
+            while not self.parts() and process.poll() is None and time.monotonic() < give_up:
+                time.sleep(0.005)
+            process.send_signal(signal.SIGTERM)
+            _, message = process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 130, message)
+        self.assertLess(len(self.parts()), 9)
+        self.assertFalse((self.folder / "model.h5").exists())
+
+    def test_a_damaged_finished_run_is_computed_again(self):
+        self.build()
+        before = (self.folder / "model.h5").read_bytes()
+        part = self.parts()[0]
+        part.write_bytes(part.read_bytes()[:1000])
+        self.assertIn("8 of them kept", self.build().out)
+        self.assertEqual((self.folder / "model.h5").read_bytes(), before)
+
+    def test_the_number_of_processes_does_not_matter(self):
+        self.build("two.h5")
+        self.edit("processes = 2", "processes = 1")
+        self.build("one.h5")
+        point = ["--at", "Y0=0.93,Ad=1.17", "--step", "14", "--derivatives", "--json"]
+        two, one = [self.expect(0, "model", "evaluate", name, *point).out for name in ("two.h5", "one.h5")]
+        self.assertEqual(two, one)
+
+    def test_the_model_agrees_with_the_full_order_solver_at_a_grid_node(self):
+        """Data of the full-order model without noise, and of the separated one: within the error that the model states."""
+        self.build()
+        (info,) = self.expect(0, "model", "info", "model.h5", "--json").lines()
+        self.expect(0, "simulate", self.project_name, "-o", "full.h5")
+        self.expect(0, "simulate", self.project_name, "--model", "model.h5", "-o", "reduced.h5")
+        values = []
+        for name in ("full", "reduced"):
+            subprocess.run([os.environ["KNOTHE_DATA_TO_CSV"], f"{name}.h5", f"{name}.csv"], cwd=self.folder, check=True)
+            lines = (self.folder / f"{name}.csv").read_text().splitlines()[1:]
+            self.assertEqual(len(lines), 20 * 20)
+            values.append([float(line.split(",")[6]) for line in lines])
+        worst = max(abs(a - b) for a, b in zip(*values))
+        self.assertLessEqual(worst, info["max_error_m"] + 1e-12)
+        self.assertGreater(max(map(abs, values[0])), 1e-4)
+
+    def test_verify_gives_a_line_per_point_and_their_worst(self):
+        self.build()
+        lines = self.expect(0, "model", "verify", self.project_name, "model.h5", "--points", "2", "--json").lines()
+        self.assertEqual(len(lines), 3)
+        self.assertTrue(all(0.8 <= p <= 1.2 for line in lines[:2] for p in line["point"]))
+        self.assertEqual((lines[2]["done"], lines[2]["points"]), (True, 2))
+        self.assertAlmostEqual(lines[2]["max_error_m"], max(line["max_error_m"] for line in lines[:2]), delta=1e-15)
+        self.assertLess(lines[2]["relative_error"], 0.05)
+
+    def test_verify_of_another_projects_model_is_refused(self):
+        self.build()
+        self.edit("steps = 20", "steps = 10")
+        self.expect(4, "model", "verify", self.project_name, "model.h5", "--points", "1", stderr=["model.h5", "20 steps", "10"])
+
+    def test_a_project_without_offline_is_told_so(self):
+        self.project.write_text('model = "m.h5"\n')
+        self.expect(3, "offline", self.project_name, "-o", "m.h5", stderr="[offline]")
+
+    def test_a_model_that_cannot_be_written_is_an_io_error(self):
+        (self.folder / "file").write_text("in the way\n")
+        self.expect(5, "offline", self.project_name, "-o", "file/model.h5", stderr="file/model.h5")
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,181 @@
+"""What the cases share: running the programs as a user does, in a folder of their own, and looking at what they leave.
+
+The environment says where things are (tests/cases/CMakeLists.txt sets it):
+KNOTHE, KNOTHE_OFFLINE (empty where it was not built), KNOTHE_CASES_FIXTURES, KNOTHE_DATA_TO_CSV.
+"""
+import csv
+import json
+import math
+import os
+import pathlib
+import shutil
+import struct
+import subprocess
+import tempfile
+import unittest
+
+KNOTHE = os.environ["KNOTHE"]
+FIXTURES = pathlib.Path(os.environ["KNOTHE_CASES_FIXTURES"])
+SOURCE = pathlib.Path(__file__).resolve().parent
+REPOSITORY = SOURCE.parent.parent
+
+
+class Outcome:
+    """Exit status, stdout and stderr of a program that has ended."""
+
+    def __init__(self, completed):
+        self.status, self.out, self.err = completed.returncode, completed.stdout, completed.stderr
+
+    def __str__(self):
+        return f"exit status {self.status}\n--- stdout\n{self.out[-2000:]}\n--- stderr\n{self.err[-4000:]}"
+
+    def lines(self):
+        """stdout as JSON lines and nothing else; numbers finite."""
+        return [parse_line(line) for line in self.out.splitlines()]
+
+
+def parse_line(line):
+    def refuse(word):
+        raise ValueError(f"{word} in {line[:200]}")
+
+    value = json.loads(line, parse_constant=refuse)
+    assert isinstance(value, dict), line
+    require_finite(value)
+    return value
+
+
+def require_finite(value):
+    if isinstance(value, dict):
+        for entry in value.values():
+            require_finite(entry)
+    elif isinstance(value, list):
+        for entry in value:
+            require_finite(entry)
+    else:
+        assert value is not None, "null"
+        assert not isinstance(value, float) or math.isfinite(value), value
+
+
+class Case(unittest.TestCase):
+    """A test with an empty folder; `project` names the case's project file, `fixture` the folder whose files it needs."""
+
+    project_name = None
+    fixture = None
+    maxDiff = 4000
+
+    def setUp(self):
+        self.folder = pathlib.Path(tempfile.mkdtemp(prefix="knothe-case-"))
+        self.addCleanup(shutil.rmtree, self.folder, ignore_errors=True)
+        if self.project_name:
+            shutil.copy(SOURCE / self.project_name, self.folder / self.project_name)
+        if self.fixture:
+            for file in (FIXTURES / self.fixture).iterdir():
+                if file.suffix in (".h5", ".csv"):
+                    (self.folder / file.name).symlink_to(file)
+
+    @property
+    def project(self):
+        return self.folder / self.project_name
+
+    def edit(self, old, new, count=1):
+        """Replaces `old`, which must be there, in this test's copy of the project file."""
+        text = self.project.read_text()
+        self.assertIn(old, text)
+        self.project.write_text(text.replace(old, new, count))
+
+    def position_of(self, text):
+        """ "line:column" of `text` in the project file, as an error message gives it."""
+        before = self.project.read_text().partition(text)[0]
+        return f"{before.count(chr(10)) + 1}:{len(before) - before.rfind(chr(10))}"
+
+    def own_copy(self, name):
+        """Makes a linked fixture file this test's own, to spoil it."""
+        path = self.folder / name
+        content = path.read_bytes()
+        path.unlink()
+        path.write_bytes(content)
+        return path
+
+    def run_knothe(self, *arguments, program=KNOTHE, **options):
+        options.setdefault("cwd", self.folder)
+        options.setdefault("timeout", 120)
+        completed = subprocess.run([program, *map(str, arguments)], stdin=subprocess.DEVNULL, capture_output=True,
+                                   text=True, encoding="utf-8", **options)
+        return Outcome(completed)
+
+    def expect(self, status, *arguments, stderr=(), **options):
+        """Runs knothe; the exit status must be `status`, and each text of `stderr` be in the message."""
+        outcome = self.run_knothe(*arguments, **options)
+        self.assertEqual(outcome.status, status, str(outcome))
+        for text in [stderr] if isinstance(stderr, str) else stderr:
+            self.assertIn(text, outcome.err, str(outcome))
+        if status not in (0, 130):
+            self.assertTrue(outcome.err.endswith("\n") and outcome.err.strip(), "an error says something")
+            self.assertNotIn("internal error", outcome.err)
+            self.assertEqual(outcome.out, "")
+        return outcome
+
+    def assimilate(self, *arguments, **options):
+        """The step lines of `knothe assimilate --json`, the last line checked and taken off."""
+        lines = self.expect(0, "assimilate", self.project_name, "--json", *arguments, **options).lines()
+        last = lines.pop()
+        self.assertEqual(list(last), ["done", "steps", "untrusted", "elapsed_s"])
+        self.assertIs(last["done"], True)
+        self.assertEqual(last["steps"], len(lines))
+        self.assertEqual(last["untrusted"], [line["step"] for line in lines if not line["trusted"]])
+        return lines
+
+    def expect_agreement(self, lines, judge, mean=0.02, std=0.02, evidence=0.02, quantile=0.1):
+        """Issue 2, accuracy: mean and outer quantiles in the judge's std, std relative, log-evidence absolute."""
+        self.assertEqual([line["step"] for line in lines], [line["step"] for line in judge])
+        faults = []
+        for line, exact in zip(lines, judge):
+            for k, exact_mean in enumerate(exact["mean"]):
+                sigma = math.sqrt(exact["covariance"][k][k])
+                where = f"step {line['step']} parameter {k} (order {line['map_order']}, ess {line['ess']:.4f})"
+                shift = abs(line["mean"][k] - exact_mean) / sigma
+                wrong = abs(math.sqrt(line["covariance"][k][k]) / sigma - 1)
+                if shift > mean:
+                    faults.append(f"{where}: mean off by {shift:.4f} std")
+                if std is not None and wrong > std:
+                    faults.append(f"{where}: std wrong by {100 * wrong:.2f} %")
+                for level in (0, 4) if quantile is not None else ():
+                    off = abs(line["quantiles"]["values"][k][level] - exact["quantiles"]["values"][k][level]) / sigma
+                    if off > quantile:
+                        faults.append(f"{where}: quantile {line['quantiles']['levels'][level]} off by {off:.3f} std")
+            if evidence is not None and abs(line["log_evidence"] - exact["log_evidence"]) > evidence:
+                faults.append(f"step {line['step']}: log_evidence {line['log_evidence']} instead of {exact['log_evidence']}")
+        self.assertFalse(faults, "\n".join(faults))
+
+    def expect_nothing_but(self, folder, names):
+        """No partial file, hidden or not, is left in `folder`."""
+        self.assertEqual(sorted(p.name for p in pathlib.Path(folder).iterdir()), sorted(names))
+
+
+def without_times(value):
+    """The line without how long it took."""
+    if isinstance(value, dict):
+        return {key: without_times(entry) for key, entry in value.items() if not key.startswith("elapsed")}
+    if isinstance(value, list):
+        return [without_times(entry) for entry in value]
+    return value
+
+
+def read_csv(path):
+    with open(path, newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def write_csv(path, rows):
+    with open(path, "w", newline="") as file:
+        writer = csv.DictWriter(file, ["time", "sensor", "x", "y", "z", "component", "value", "std"], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def replace_number(path, old, new):
+    """Replaces the double `old` by `new` in a binary file: data sets are stored as they are in memory."""
+    content = path.read_bytes()
+    pattern = struct.pack("<d", old)
+    assert content.count(pattern) == 1, f"{old} is {content.count(pattern)} times in {path}"
+    path.write_bytes(content.replace(pattern, struct.pack("<d", new)))
