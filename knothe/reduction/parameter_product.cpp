@@ -43,7 +43,9 @@ ParameterProduct::ParameterProduct(std::span<const Axis> axes, const Compression
   factor_ = Eigen::MatrixXd::Ones(1, 1);
   for (const Axis& axis : axes) {
     Eigen::MatrixXd& own = factors_.emplace_back();
-    if (options.parameter_norm == ParameterNorm::nodes) {
+    // Canonical form: alternating least squares found worse minima in the norm of splines
+    // (docs/reduction.md).
+    if (options.parameter_norm == ParameterNorm::nodes || options.form == Form::canonical) {
       own = trapezoid_weights(axis.nodes).cwiseSqrt().asDiagonal();
     } else {
       own = spline_gram(axis.nodes, s).llt().matrixL();
