@@ -10,8 +10,10 @@
 #include "apps/knothe-offline/model_study.hpp"
 #include "apps/knothe-offline/problem.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/base/progress.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/mechanics/snapshot_runs.hpp"
+#include "knothe/numerics/sobol.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/reduction/compression.hpp"
 
@@ -41,6 +43,31 @@ void report_runs(const mechanics::SnapshotRuns& runs, bool json) {
     }
   }
   if (!json) fmt::print("{} full-order runs, {} of them kept from before\n", runs.runs.size(), resumed);
+}
+
+/// Full-order solutions at four points that are in no grid, to judge interpolation as well as compression.
+std::vector<reduction::OffGridSolution> off_grid_runs(const mechanics::BeamProblem& problem,
+                                                      const std::vector<reduction::Axis>& axes) {
+  constexpr int k_points = 4;
+  constexpr std::uint64_t k_seed = 1;
+  mechanics::FullOrderModel model = mechanics::make_full_order_model(problem);
+  const Eigen::MatrixXd unit =
+      numerics::sobol_points(k_points, static_cast<Eigen::Index>(axes.size()), k_seed);
+  std::vector<reduction::OffGridSolution> solutions;
+  Progress progress("off-grid runs", k_points);
+  for (int i = 0; i < k_points; ++i) {
+    reduction::OffGridSolution solution;
+    for (std::size_t k = 0; k < axes.size(); ++k) {
+      const std::vector<double>& nodes = axes[k].nodes;
+      solution.parameters.push_back(nodes.front() +
+                                    unit(i, static_cast<Eigen::Index>(k)) * (nodes.back() - nodes.front()));
+    }
+    solution.values =
+        model.run(mechanics::damage_parameters(problem, axes, solution.parameters)).displacement;
+    solutions.push_back(std::move(solution));
+    progress.advance_to(static_cast<std::size_t>(i) + 1);
+  }
+  return solutions;
 }
 
 /// Crack solutions as modes (Rubio et al. 2019, Eq. 32): all that differ from rounding are kept.
@@ -87,7 +114,7 @@ int build_model(const BuildArguments& arguments) {
   model.project = project.text;
   reduction::write_model(model, arguments.output);
 
-  report_study(study_models(project, runs.snapshots), arguments.json);
+  report_study(study_models(project, runs.snapshots, off_grid_runs(problem, grid.axes)), arguments.json);
   if (arguments.json) {
     fmt::print("{}\n", files::json_line({{"done", true},
                                          {"model", arguments.output},

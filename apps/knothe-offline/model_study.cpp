@@ -59,7 +59,8 @@ std::optional<Judge> make_judge(const project::Project& project, const reduction
 
 }  // namespace
 
-std::vector<StudyLine> study_models(const project::Project& project, const reduction::Snapshots& snapshots) {
+std::vector<StudyLine> study_models(const project::Project& project, const reduction::Snapshots& snapshots,
+                                    const std::vector<reduction::OffGridSolution>& off_grid) {
   const std::optional<Judge> judge = make_judge(project, snapshots);
   std::vector<std::size_t> modes;
   for (std::size_t m : {3u, 6u, 10u, 20u, 30u}) {
@@ -69,7 +70,8 @@ std::vector<StudyLine> study_models(const project::Project& project, const reduc
   for (const reduction::Form form : {reduction::Form::canonical, reduction::Form::tree}) {
     reduction::CompressionOptions options;
     options.form = form;
-    for (reduction::StudiedModel& studied : reduction::compression_study(snapshots, options, modes)) {
+    for (reduction::StudiedModel& studied :
+         reduction::compression_study(snapshots, options, modes, off_grid)) {
       StudyLine line{form, studied.row, std::nullopt};
       if (judge) {
         const reduction::SeparatedModel model(std::move(studied.model));
@@ -87,10 +89,12 @@ std::vector<StudyLine> study_models(const project::Project& project, const reduc
 void report_study(const std::vector<StudyLine>& lines, bool json) {
   if (!json) {
     fmt::print(
-        "\nWhat the number of modes costs. Errors on the parameter grid; shift of the posterior of synthetic "
-        "data from\n"
-        "that of the uncompressed snapshots, in posterior standard deviations (worst step / last step).\n"
-        "  form       modes   error   of u-lift   max µm   shift of mean   std wrong by\n");
+        "\nWhat the number of modes costs. Errors on the parameter grid, and at points off it; shift of the "
+        "posterior of\n"
+        "synthetic data from that of the uncompressed snapshots, in posterior std (worst step / last step).\n"
+        "                        on the grid                  off the grid\n"
+        "  form       modes   error   of u-lift  max µm   of u-lift  max µm   shift of mean   std wrong "
+        "by\n");
   }
   for (const StudyLine& line : lines) {
     const auto& e = line.errors.training;
@@ -101,6 +105,11 @@ void report_study(const std::vector<StudyLine>& lines, bool json) {
                                        {"relative_error", e.relative},
                                        {"relative_error_without_lift", e.relative_to_lift},
                                        {"max_error_m", e.max}};
+      if (line.errors.off_grid) {
+        record["off_grid"] = {{"relative_error", line.errors.off_grid->relative},
+                              {"relative_error_without_lift", line.errors.off_grid->relative_to_lift},
+                              {"max_error_m", line.errors.off_grid->max}};
+      }
       if (line.shift) {
         record["shift_of_mean"] = {{"worst", line.shift->worst_mean.mean},
                                    {"worst_step", line.shift->worst_mean.step},
@@ -117,8 +126,13 @@ void report_study(const std::vector<StudyLine>& lines, bool json) {
       shift = fmt::format("{:7.2f} / {:4.2f}  {:7.1f} % / {:.1f} %", line.shift->worst_mean.mean,
                           line.shift->last.mean, 100 * line.shift->worst_std.std, 100 * line.shift->last.std);
     }
-    fmt::print("  {:<10} {:5}  {:.1e}   {:.1e}   {:7.3f}  {}\n", reduction::to_text(line.form),
-               line.errors.parameter_modes, e.relative, e.relative_to_lift, e.max * 1e6, shift);
+    std::string off_grid = "      –        –";
+    if (line.errors.off_grid) {
+      off_grid = fmt::format("{:.1e}  {:7.3f}", line.errors.off_grid->relative_to_lift,
+                             line.errors.off_grid->max * 1e6);
+    }
+    fmt::print("  {:<10} {:5}  {:.1e}  {:.1e}  {:7.3f}    {}  {}\n", reduction::to_text(line.form),
+               line.errors.parameter_modes, e.relative, e.relative_to_lift, e.max * 1e6, off_grid, shift);
   }
   if (!json) fmt::print("\n");
 }

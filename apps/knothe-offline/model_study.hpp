@@ -17,9 +17,11 @@ struct StudyLine {
   std::optional<assimilation::ShiftSummary> shift;
 };
 
-/// Both forms with 3, 6, 10, 20 and 30 modes, as far as the snapshots have so many.
+/// Both forms with 3, 6, 10, 20 and 30 modes, as far as the snapshots have so many. `off_grid`: full-order
+/// solutions at parameters that are no grid points.
 [[nodiscard]] std::vector<StudyLine> study_models(const project::Project& project,
-                                                  const reduction::Snapshots& snapshots);
+                                                  const reduction::Snapshots& snapshots,
+                                                  const std::vector<reduction::OffGridSolution>& off_grid);
 
 /// A table on stdout, or JSON lines.
 void report_study(const std::vector<StudyLine>& lines, bool json);
