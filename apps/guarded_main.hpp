@@ -20,6 +20,7 @@ inline int guarded_main(const char* program, const std::function<int()>& command
     const int status = command();
     // What was printed is on its way only now: a full disk behind stdout must not pass for success.
     if (std::fflush(stdout) != 0) throw system_error("could not write", "standard output");
+    if (std::ferror(stdout) != 0) throw IoError("could not write all of standard output: is the disk full?");
     return status;
   } catch (const std::system_error& error) {
     std::fprintf(stderr, "%s: error: %s\n", program, error.what());

@@ -101,8 +101,7 @@ int assimilate(const AssimilateArguments& arguments) {
 
   assimilation::SequentialUpdate update(setup.observed, setup.measurements.noise, setup.priors,
                                         setup.options);
-  forecast::Forecaster forecaster(setup.model, setup.observed_points, setup.observed_components,
-                                  project.forecasts);
+  forecast::Forecaster forecaster = project::make_forecaster(project, setup);
   require_writable(project.results);
   report::ResultsWriter results(project, setup.model, setup.measurements, update.priors());
   Display display(arguments.json, setup.model.parameter_names(), setup.measurements.time.size());

@@ -20,8 +20,7 @@ int forecast(const ForecastArguments& arguments) {
   const project::UpdateSetup setup = project::set_up(project);
   const std::string path = (std::filesystem::path(project.results) / "posterior.nc").string();
   const report::StoredPosterior stored = report::read_last_posterior(path, setup.model.parameter_names());
-  forecast::Forecaster forecaster(setup.model, setup.observed_points, setup.observed_components,
-                                  project.forecasts);
+  forecast::Forecaster forecaster = project::make_forecaster(project, setup);
   const auto forecasts = forecaster.update(stored.posterior.points, stored.posterior.weights);
   const auto direct = forecaster.direct(stored.posterior.points, stored.posterior.weights);
   if (arguments.json) {

@@ -40,6 +40,8 @@ std::vector<double> parse_point(const std::string& text, const SeparatedModel& m
     values[it - names.begin()] = std::strtod(number.c_str(), &rest);
     if (number.empty() || *rest != '\0')
       throw UsageError(fmt::format("--at {}: \"{}\" is not a number", text, number));
+    if (given[it - names.begin()])
+      throw UsageError(fmt::format("--at {}: \"{}\" is given twice", text, name));
     given[it - names.begin()] = true;
     begin = end + 1;
   }

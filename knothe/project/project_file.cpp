@@ -68,6 +68,9 @@ void at_least(Values& values, const std::string& path, std::int64_t least) {
 
 MethodOptions read_method(Values& values) {
   at_least(values, "method.max_order", 1);
+  if (values.integer("method.max_order", 1) > 15) {
+    values.complain("method.max_order", "\"method.max_order\" must be at most 15");
+  }
   MethodOptions method;
   method.kind = values.text("method.kind", method.kind);
   method.form = values.text("method.form", method.form);
@@ -215,6 +218,18 @@ std::string resolve(const Values& values, const std::string& key, const std::str
 
 }  // namespace
 
+ProjectError Project::error_at(std::string key, const std::string& text) const {
+  std::array<int, 2> position = {1, 1};
+  for (;; key.erase(key.rfind('.'))) {
+    if (const auto it = positions.find(key); it != positions.end()) {
+      position = it->second;
+      break;
+    }
+    if (key.find('.') == std::string::npos) break;
+  }
+  return ProjectError(fmt::format("{}:{}:{}: error: {}", path, position[0], position[1], text));
+}
+
 void Project::require(bool present, const std::string& what) const {
   if (!present) throw ProjectError(fmt::format("{}:1:1: error: this command needs {}", path, what));
 }
@@ -225,6 +240,8 @@ Project parse_project(const std::string& text, const std::string& path) {
   project.path = path;
   project.folder = std::filesystem::path(path).parent_path().string();
   project.text = text;
+  for (const auto& [key, where] : values.tables) project.positions[key] = {where.first, where.second};
+  for (const auto& [key, value] : values.leaves) project.positions[key] = {value.line, value.column};
   project.model = resolve(values, "model.separated", project.folder);
   project.data = resolve(values, "data.file", project.folder);
   project.results = (std::filesystem::path(project.folder) / values.text("results", "results/")).string();

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "knothe/assimilation/prior.hpp"
+#include "knothe/base/error.hpp"
 #include "knothe/forecast/forecaster.hpp"
 
 namespace knothe::project {
@@ -74,6 +75,11 @@ struct Project {
   std::optional<SimulateOptions> simulate;
   std::vector<forecast::ForecastSpecification> forecasts;
 
+  /// Line and column of every table and key of the file, by its path ("parameters.Y0").
+  std::map<std::string, std::array<int, 2>> positions;
+
+  /// `file:line:column: error: text`, at the table or key of that path or its nearest parent that is there.
+  [[nodiscard]] ProjectError error_at(std::string key, const std::string& text) const;
   /// Throws a ProjectError that names the file and the missing table unless `present`.
   void require(bool present, const std::string& what) const;
 };

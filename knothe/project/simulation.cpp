@@ -16,15 +16,16 @@ std::vector<double> simulated_truth(const Project& project, const std::vector<st
   for (const std::string& name : names) {
     const auto it = project.simulate->truth.find(name);
     if (it == project.simulate->truth.end()) {
-      throw ProjectError(fmt::format("{}: error: simulate.truth lacks \"{}\", a parameter of the model",
-                                     project.path, name));
+      throw project.error_at("simulate.truth",
+                             fmt::format("simulate.truth lacks \"{}\", a parameter of the model", name));
     }
     truth.push_back(it->second);
   }
   for (const auto& [name, value] : project.simulate->truth) {
     if (std::find(names.begin(), names.end(), name) == names.end()) {
-      throw ProjectError(fmt::format("{}: error: simulate.truth.{} is not a parameter of the model{}",
-                                     project.path, name, did_you_mean(name, names)));
+      throw project.error_at("simulate.truth." + name,
+                             fmt::format("simulate.truth.{} is not a parameter of the model{}", name,
+                                         did_you_mean(name, names)));
     }
   }
   return truth;

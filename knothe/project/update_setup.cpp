@@ -17,16 +17,30 @@ void check_parameters(const Project& project, const std::vector<std::string>& mo
   for (const NamedPrior& parameter : project.parameters) names.push_back(parameter.name);
   for (const std::string& name : names) {
     if (std::find(model_names.begin(), model_names.end(), name) == model_names.end()) {
-      throw ProjectError(fmt::format(
-          "{}: error: parameters.{} is not a parameter of the model {}{}; it has {}", project.path, name,
-          project.model, did_you_mean(name, model_names), fmt::join(model_names, ", ")));
+      throw project.error_at(
+          "parameters." + name,
+          fmt::format("\"{}\" is not a parameter of the model {}{}; it has {}", name, project.model,
+                      did_you_mean(name, model_names), fmt::join(model_names, ", ")));
     }
   }
   for (const std::string& name : model_names) {
     if (std::find(names.begin(), names.end(), name) == names.end()) {
-      throw ProjectError(
-          fmt::format("{}: error: [parameters] lacks a prior for \"{}\", a parameter of the model {}",
-                      project.path, name, project.model));
+      throw project.error_at("parameters",
+                             fmt::format("[parameters] lacks a prior for \"{}\", a parameter of the model {}",
+                                         name, project.model));
+    }
+  }
+}
+
+/// The update truncates the priors to the box by itself, but does not know where they are written.
+void check_priors(const Project& project, const reduction::SeparatedModel& model) {
+  for (std::size_t k = 0; k < project.parameters.size(); ++k) {
+    const NamedPrior& parameter = project.parameters[k];
+    const std::vector<double>& nodes = model.contents().axes[k].nodes;
+    try {
+      (void)parameter.prior.truncated(nodes.front(), nodes.back(), parameter.name);
+    } catch (const ProjectError& error) {
+      throw project.error_at("parameters." + parameter.name, error.what());
     }
   }
 }
@@ -63,6 +77,7 @@ UpdateSetup set_up(const Project& project) {
   }
   const reduction::SeparatedModel model(reduction::with_parameter_order(stored.contents(), names),
                                         project.model);
+  check_priors(project, model);
   assimilation::Measurements measurements = assimilation::read_measurements(project.data);
   std::vector<double> points;
   for (Eigen::Index j = 0; j < measurements.points.rows(); ++j) {
@@ -80,6 +95,16 @@ UpdateSetup set_up(const Project& project) {
           std::move(times),
           std::move(priors),
           update_options(project.method)};
+}
+
+forecast::Forecaster make_forecaster(const Project& project, const UpdateSetup& setup) {
+  try {
+    return {setup.model, setup.observed_points, setup.observed_components, project.forecasts};
+  } catch (const ProjectError& error) {
+    // The forecaster's messages begin with their table, "[forecast.NAME]".
+    const std::string text = error.what();
+    throw project.error_at(text.starts_with("[") ? text.substr(1, text.find(']') - 1) : "forecast", text);
+  }
 }
 
 }  // namespace knothe::project

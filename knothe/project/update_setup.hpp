@@ -27,4 +27,8 @@ struct UpdateSetup {
 /// where the parameters are not the model's, DataError for what the files lack.
 [[nodiscard]] UpdateSetup set_up(const Project& project);
 
+/// The forecasts that the project asks for. ProjectError, at the table of the forecast, where the file is to
+/// blame; DataError for what the model lacks.
+[[nodiscard]] forecast::Forecaster make_forecaster(const Project& project, const UpdateSetup& setup);
+
 }  // namespace knothe::project

@@ -79,15 +79,15 @@ class Test(Case):
 
     def test_a_parameter_that_the_model_lacks_is_the_project_files_error(self):
         self.edit("Ad = {", "A_d = {")
-        self.expect(3, "assimilate", self.project_name, stderr=["assimilation.toml", "parameters.A_d", 'did you mean "Ad"?', "Y0, Ad"])
+        self.expect(3, "assimilate", self.project_name, stderr=[f"assimilation.toml:{self.position_of('{ prior', 'A_d')}: error: ", '"A_d"', 'did you mean "Ad"?', "Y0, Ad"])
 
     def test_a_parameter_without_a_prior_is_asked_for(self):
         self.edit("Ad = {", "# Ad = {")
-        self.expect(3, "assimilate", self.project_name, stderr=["assimilation.toml", "lacks a prior", '"Ad"'])
+        self.expect(3, "assimilate", self.project_name, stderr=[f"assimilation.toml:{self.position_of('[parameters]')}: error: ", "lacks a prior", '"Ad"'])
 
     def test_a_prior_outside_the_models_box_is_refused(self):
         self.edit("mean = 0.9, std = 0.4472135954999579", "mean = 2.0, std = 0.1")
-        self.expect(3, "assimilate", self.project_name, stderr=["Y0", "0.5", "1.5"])
+        self.expect(3, "assimilate", self.project_name, stderr=[f"assimilation.toml:{self.position_of('{ prior')}: error: ", '"Y0"', "[0.5, 1.5]", "1e-6"])
 
     def test_a_prior_with_little_but_enough_mass_in_the_box_is_taken(self):
         self.edit("mean = 0.9, std = 0.4472135954999579", "mean = 1.9, std = 0.1")

@@ -61,10 +61,12 @@ class Test(Case):
                          "make it again: knothe check --options > docs/project-file.md")
 
     def test_a_full_standard_output_is_an_io_error(self):
-        with open("/dev/full", "w") as full:
-            ended = subprocess.run([KNOTHE, "check", "--options"], stdout=full, stderr=subprocess.PIPE, text=True)
-        self.assertEqual(ended.returncode, 5, ended.stderr)
-        self.assertIn("No space left on device", ended.stderr)
+        (self.folder / "p.toml").write_text("")
+        for arguments in (["check", "--options"], ["check", "p.toml"]):
+            with open("/dev/full", "w") as full:
+                ended = subprocess.run([KNOTHE, *arguments], cwd=self.folder, stdout=full, stderr=subprocess.PIPE, text=True)
+            self.assertEqual(ended.returncode, 5, ended.stderr)
+            self.assertIn("standard output", ended.stderr)
 
 
 if __name__ == "__main__":

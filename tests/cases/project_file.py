@@ -38,6 +38,9 @@ class Test(Case):
     def test_a_wrong_type_is_told_with_what_is_needed(self):
         self.expect_error("max_order = 8", 'max_order = "eight"', '"eight"', "method.max_order", "whole number", "eight")
 
+    def test_an_order_that_no_map_has_is_refused(self):
+        self.expect_error("max_order = 8", "max_order = 1000", "max_order", "method.max_order", "at most 15")
+
     def test_a_number_for_a_text_is_refused(self):
         self.expect_error('model = "model.h5"', "model = 5", "5", '"model"', "not 5")
 

@@ -101,6 +101,7 @@ class Test(Case):
 
         refused("Y0=1,A=1", '"A"', "Y0, Ad")
         refused("Y0=1", '"Ad" is missing')
+        refused("Y0=1,Y0=1.2,Ad=1", '"Y0" is given twice')
         refused("Y0=1,Ad=big", '"big" is not a number')
         refused("Y0=1,Ad=nan", "Ad")
 

@@ -83,9 +83,10 @@ class Case(unittest.TestCase):
         self.assertIn(old, text)
         self.project.write_text(text.replace(old, new, count))
 
-    def position_of(self, text):
-        """ "line:column" of `text` in the project file, as an error message gives it."""
-        before = self.project.read_text().partition(text)[0]
+    def position_of(self, text, after=""):
+        """ "line:column" of `text` in the project file, as an error message gives it; the first one behind `after`."""
+        content = self.project.read_text()
+        before = content[:content.index(text, content.index(after))]
         return f"{before.count(chr(10)) + 1}:{len(before) - before.rfind(chr(10))}"
 
     def own_copy(self, name):
