@@ -11,12 +11,6 @@ namespace {
 
 const double k_log_2_pi = std::log(2 * std::numbers::pi);
 
-/// out_i −= factor · (row i of a) · (row i of b).
-void subtract_row_dots(const reduction::RowMatrix& a, const reduction::RowMatrix& b, double factor,
-                       Eigen::Ref<Eigen::VectorXd> out) {
-  for (Eigen::Index i = 0; i < a.rows(); ++i) out[i] -= factor * a.row(i).dot(b.row(i));
-}
-
 }  // namespace
 
 StepForm StepForm::zero(Eigen::Index r) {
@@ -112,60 +106,39 @@ CollapsedLogDensity::CollapsedLogDensity(std::shared_ptr<const reduction::Parame
                                          Eigen::VectorXd central_functions)
     : functions_(std::move(functions)),
       transform_(std::move(transform)),
-      central_(std::move(central_functions)) {
+      central_(std::move(central_functions)),
+      magnitude_(functions_->magnitude(central_)),
+      likelihood_(functions_->make_quadratic_form()) {
   assert(functions_->dimension() == transform_->dimension() && functions_->count() == central_.size());
   set_form(StepForm::zero(central_.size()));
 }
 
 void CollapsedLogDensity::set_form(const StepForm& form) {
-  quadratic_ = form.quadratic;
-  linear_ = form.linear;
-  constant_ = form.constant + form.log_normaliser;
+  factor_.compute(form.quadratic, form.linear, magnitude_);
+  // −2 log L = |Lᵀv − y|² − 2 (h − L y)·v + constants, v = w − w₀.
+  combination_ = factor_.lower().transpose();
+  shift_ = -factor_.solution();
+  shift_.noalias() -= combination_ * central_;
+  const double constant = -0.5 * (form.constant + form.log_normaliser) +
+                          0.5 * factor_.solution().squaredNorm() - factor_.remainder().dot(central_);
+  likelihood_->set(combination_, shift_, factor_.remainder(), constant);
 }
 
 CollapsedLogDensity::Workspace& CollapsedLogDensity::workspace(Eigen::Index n) {
   const auto [it, is_new] = workspaces_.try_emplace(n);
   Workspace& w = it->second;
   if (is_new) {
-    const Eigen::Index d = dimension(), r = central_.size();
+    const Eigen::Index d = dimension();
     w.p.resize(n, d);
     w.first.resize(n, d);
     w.second.resize(n, d);
-    w.functions.resize(n, d, r, 2);
-    w.product.resize(n, r);
-    w.products.assign(d, reduction::RowMatrix(n, r));
   }
   return w;
 }
 
 void CollapsedLogDensity::evaluate_likelihood(const Eigen::Ref<const Eigen::MatrixXd>& p, int derivatives,
                                               transport::LogDensityBatch& out) {
-  const Eigen::Index n = p.rows(), d = dimension();
-  Workspace& w = workspace(n);
-  functions_->evaluate(p, derivatives, w.functions);
-  // −2 log L = v·(Hv − h) − h·v + constants, with Q = Hv − h.
-  w.functions.value.rowwise() -= central_.transpose();
-  w.product.noalias() = w.functions.value * quadratic_;
-  w.product.rowwise() -= linear_.transpose();
-  out.value.noalias() = 0.5 * (w.functions.value * linear_);
-  out.value.array() -= 0.5 * constant_;
-  subtract_row_dots(w.functions.value, w.product, 0.5, out.value);
-  if (derivatives >= 1) {
-    out.gradient.setZero();
-    for (Eigen::Index a = 0; a < d; ++a)
-      subtract_row_dots(w.functions.first[a], w.product, 1, out.gradient.col(a));
-  }
-  if (derivatives >= 2) {
-    out.hessian.setZero();
-    for (Eigen::Index a = 0; a < d; ++a) {
-      w.products[a].noalias() = w.functions.first[a] * quadratic_;
-      for (Eigen::Index b = 0; b <= a; ++b) {
-        const Eigen::Index ab = transport::packed_index(a, b);
-        subtract_row_dots(w.functions.first[b], w.products[a], 1, out.hessian.col(ab));
-        subtract_row_dots(w.functions.second[ab], w.product, 1, out.hessian.col(ab));
-      }
-    }
-  }
+  likelihood_->evaluate(p, derivatives, out.value, out.gradient, out.hessian);
 }
 
 void CollapsedLogDensity::evaluate_standardised_likelihood(const Eigen::Ref<const Eigen::MatrixXd>& z,

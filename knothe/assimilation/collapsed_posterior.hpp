@@ -16,6 +16,7 @@
 
 #include "knothe/assimilation/noise_model.hpp"
 #include "knothe/assimilation/prior_transform.hpp"
+#include "knothe/assimilation/quadratic_factor.hpp"
 #include "knothe/reduction/observed_model.hpp"
 #include "knothe/transport/log_density.hpp"
 
@@ -90,18 +91,17 @@ class CollapsedLogDensity final : public transport::LogDensity {
  private:
   struct Workspace {
     Eigen::MatrixXd p, first, second;  ///< n × d
-    reduction::FunctionBatch functions;
-    reduction::RowMatrix product;                ///< H v − h, n × r
-    std::vector<reduction::RowMatrix> products;  ///< H ∂_a w
   };
   Workspace& workspace(Eigen::Index n);
 
   std::shared_ptr<const reduction::ParameterFunctions> functions_;
   std::shared_ptr<const PriorTransform> transform_;
   Eigen::VectorXd central_;
-  Eigen::MatrixXd quadratic_;
-  Eigen::VectorXd linear_;
-  double constant_ = 0;
+  Eigen::VectorXd magnitude_;  ///< bounds of |w − w₀|
+  QuadraticFactor factor_;
+  Eigen::MatrixXd combination_;  ///< A of the quadratic form, k × r
+  Eigen::VectorXd shift_;        ///< b of it, k
+  std::unique_ptr<reduction::QuadraticForm> likelihood_;
   std::map<Eigen::Index, Workspace> workspaces_;  ///< by number of points: few sizes occur, over and over
 };
 

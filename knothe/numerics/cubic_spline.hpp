@@ -34,6 +34,12 @@ class CubicSplineBasis {
 
   [[nodiscard]] Local evaluate(double x) const;
 
+  /// Ends of the polynomial pieces, increasing; piece j is [breaks[j], breaks[j + 1]], where B_j … B_{j+3}
+  /// act.
+  [[nodiscard]] std::span<const double> breaks() const { return breaks_; }
+  /// Per piece: the coefficient of (x − left end)^power in each of its functions, at [power][function].
+  [[nodiscard]] std::span<const std::array<std::array<double, 4>, 4>> pieces() const { return pieces_; }
+
   /// The n × n matrix A⁻¹ with c = A⁻¹ y for the values y at the nodes. For a tensor grid apply it along each
   /// axis.
   [[nodiscard]] const Eigen::MatrixXd& coefficients_from_values() const { return from_values_; }

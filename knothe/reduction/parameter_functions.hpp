@@ -1,6 +1,7 @@
 #pragma once
 /// @file The functions w(p) of a separated model, y_t(p) = O (u_lift(t) + U C_t w(p)).
 #include <Eigen/Core>
+#include <memory>
 #include <vector>
 
 namespace knothe::reduction {
@@ -27,6 +28,23 @@ struct FunctionBatch {
   }
 };
 
+/// ℓ(p) = constant − ½ |A w(p) + b|² + c·w(p): what a Gaussian log-likelihood is as a function of p. Owns
+/// workspace: one object serves one thread. It refers to the functions it was made from, which must outlive
+/// it.
+class QuadraticForm {
+ public:
+  virtual ~QuadraticForm() = default;
+  /// `a`: k × r (k may be 0), `b`: k, `c`: r. Nothing is allocated when k is not larger than before.
+  virtual void set(const Eigen::Ref<const Eigen::MatrixXd>& a, const Eigen::Ref<const Eigen::VectorXd>& b,
+                   const Eigen::Ref<const Eigen::VectorXd>& c, double constant) = 0;
+  /// ℓ at `points` (n × d) into `value` (n) and, for `derivatives` ≥ 1 and 2, `gradient` (n × d) and
+  /// `hessian` (n × d(d+1)/2, entry (a, b), a ≥ b, in column a(a+1)/2 + b), all sized by the caller. The
+  /// result at a point does not depend on the other points.
+  virtual void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
+                        Eigen::Ref<Eigen::VectorXd> value, Eigen::Ref<Eigen::MatrixXd> gradient,
+                        Eigen::Ref<Eigen::MatrixXd> hessian) = 0;
+};
+
 /// w: R^d → R^r, twice continuously differentiable, with exact first, second and mixed derivatives
 /// (Rubio et al. 2019, Eq. 15). Safe to use from several threads.
 class ParameterFunctions {
@@ -41,6 +59,10 @@ class ParameterFunctions {
   /// Fills `out` (resized by the caller) at `points`, n × d.
   virtual void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
                         FunctionBatch& out) const = 0;
+  /// Upper bounds of |w_k(p) − centre_k| over the box, r; infinity where none is known, as here by default.
+  [[nodiscard]] virtual Eigen::VectorXd magnitude(const Eigen::VectorXd& centre) const;
+  /// An evaluator of quadratic forms of these functions. This one calls `evaluate` and serves any functions.
+  [[nodiscard]] virtual std::unique_ptr<QuadraticForm> make_quadratic_form() const;
 };
 
 }  // namespace knothe::reduction

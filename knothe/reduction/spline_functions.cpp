@@ -4,80 +4,16 @@
 
 #include <algorithm>
 #include <cassert>
-#include <cstring>
 
 #include "knothe/base/error.hpp"
+#include "knothe/reduction/joint_quadratic_form.hpp"
+#include "knothe/reduction/spline_contraction.hpp"
 
 namespace knothe::reduction {
 
 namespace {
 
 using Local = numerics::CubicSplineBasis::Local;
-
-/// Eight doubles; the compiler maps them to one AVX-512 register, or to several narrower ones.
-typedef double Lanes __attribute__((vector_size(k_lane_count * sizeof(double))));
-
-Lanes load(const double* from) {
-  Lanes lanes;
-  std::memcpy(&lanes, from, sizeof lanes);
-  return lanes;
-}
-
-/// Writes the first `n` (at most 8) lanes.
-void store(double* to, const Lanes& lanes, Eigen::Index n) {
-  if (n >= k_lane_count) {
-    std::memcpy(to, &lanes, sizeof lanes);
-  } else {
-    for (Eigen::Index i = 0; i < n; ++i) to[i] = lanes[i];
-  }
-}
-
-constexpr std::size_t packed(std::size_t a, std::size_t b) {
-  return a * (a + 1) / 2 + b;
-}
-
-/// Value, gradient and packed Hessian in D variables, of eight functions.
-template <std::size_t D, int Derivatives>
-struct Jet {
-  Lanes value{};
-  std::array<Lanes, Derivatives >= 1 ? D : 0> first{};
-  std::array<Lanes, Derivatives >= 2 ? D*(D + 1) / 2 : 0> second{};
-};
-
-/// Σ over the local basis of the D last axes of coefficient × product of basis functions, and its
-/// derivatives. `local` points to the outermost of them; derivatives are numbered from it.
-template <std::size_t D, int Derivatives>
-[[gnu::always_inline]] inline Jet<D, Derivatives> contract(const double* coefficients, const Local* local,
-                                                           const std::ptrdiff_t* stride, const int* active) {
-  Jet<D, Derivatives> jet;
-  for (int i = 0; i < *active; ++i) {
-    const double* part = coefficients + i * *stride;
-    const double a = local->value[i];
-    if constexpr (D == 1) {
-      const Lanes c = load(part);
-      jet.value += a * c;
-      if constexpr (Derivatives >= 1) jet.first[0] += local->first_derivative[i] * c;
-      if constexpr (Derivatives >= 2) jet.second[0] += local->second_derivative[i] * c;
-    } else {
-      const auto inner = contract<D - 1, Derivatives>(part, local + 1, stride + 1, active + 1);
-      jet.value += a * inner.value;
-      if constexpr (Derivatives >= 1) {
-        const double slope = local->first_derivative[i];
-        jet.first[0] += slope * inner.value;
-        for (std::size_t k = 1; k < D; ++k) jet.first[k] += a * inner.first[k - 1];
-        if constexpr (Derivatives >= 2) {
-          jet.second[0] += local->second_derivative[i] * inner.value;
-          for (std::size_t k = 1; k < D; ++k) {
-            jet.second[packed(k, 0)] += slope * inner.first[k - 1];
-            for (std::size_t m = 1; m <= k; ++m)
-              jet.second[packed(k, m)] += a * inner.second[packed(k - 1, m - 1)];
-          }
-        }
-      }
-    }
-  }
-  return jet;
-}
 
 /// What the contraction of one point needs.
 struct PointTask {
@@ -128,14 +64,10 @@ class Workspace {
   std::vector<T> many_;
 };
 
-Eigen::Index round_up(Eigen::Index n) {
-  return (n + k_lane_count - 1) / k_lane_count * k_lane_count;
-}
-
 }  // namespace
 
 SplineFunctions::SplineFunctions(std::span<const std::vector<double>> nodes, Eigen::Index count)
-    : count_(count), padded_(round_up(count)) {
+    : count_(count), padded_(round_up_to_lanes(count)) {
   for (const auto& axis : nodes) bases_.emplace_back(axis);
 }
 
@@ -260,6 +192,19 @@ void JointFunctions::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, i
     for (std::size_t i = 0; i < d; ++i) start += local[i].first * strides_[i];
     evaluator({start, local.data(), strides_.data(), active.data(), row, count_}, out);
   }
+}
+
+Eigen::VectorXd JointFunctions::magnitude(const Eigen::VectorXd& centre) const {
+  // The B-splines are non-negative and sum to one: w(p) is a mean of coefficients.
+  const Eigen::Map<const RowMatrix> table(
+      coefficients_.data(),
+      static_cast<Eigen::Index>(coefficients_.size()) / std::max<Eigen::Index>(padded_, 1), padded_);
+  return (table.leftCols(count_).rowwise() - centre.transpose()).cwiseAbs().colwise().maxCoeff().transpose();
+}
+
+std::unique_ptr<QuadraticForm> JointFunctions::make_quadratic_form() const {
+  if (bases_.size() > JointQuadraticForm::k_most_parameters) return ParameterFunctions::make_quadratic_form();
+  return std::make_unique<JointQuadraticForm>(bases_, coefficients_, strides_, count_);
 }
 
 }  // namespace knothe::reduction

@@ -54,6 +54,8 @@ class JointFunctions final : public SplineFunctions {
                  Eigen::Index count);
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
                 FunctionBatch& out) const override;
+  [[nodiscard]] Eigen::VectorXd magnitude(const Eigen::VectorXd& centre) const override;
+  [[nodiscard]] std::unique_ptr<QuadraticForm> make_quadratic_form() const override;
 
   static constexpr std::size_t k_most_parameters = 8;
 
