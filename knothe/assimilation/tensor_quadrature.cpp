@@ -30,7 +30,11 @@ struct Grid {
   [[nodiscard]] Index dimension() const { return first.size(); }
   [[nodiscard]] Index size() const { return dimension() == 1 ? count : count * count; }
   [[nodiscard]] Index along(Index node, Index k) const {
-    return dimension() == 1 ? node : k == 0 ? node / count : node % count;
+    if (dimension() == 1) return node;
+    // node / count, without the slow division of integers: exact, as node is far below 2^52.
+    const double inverse = 1 / static_cast<double>(count);
+    const auto row = static_cast<Index>((static_cast<double>(node) + 0.5) * inverse);
+    return k == 0 ? row : node - row * count;
   }
   [[nodiscard]] double coordinate(Index node, Index k) const {
     return first[k] + static_cast<double>(along(node, k)) * spacing[k];

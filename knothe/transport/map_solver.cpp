@@ -233,6 +233,7 @@ void MapSolver::Workspace::look_at_other_modes(MapResult& result) {
 MapSolver::MapSolver(MapSolverOptions options) : work_(std::make_unique<Workspace>()) {
   require(options);
   work_->options = options;
+  if (!(options.decrease_tolerance > 0)) work_->options.decrease_tolerance = 1e-3 * options.tolerance;
 }
 MapSolver::~MapSolver() = default;
 MapSolver::MapSolver(MapSolver&&) noexcept = default;
@@ -308,8 +309,6 @@ void MapSolver::solve(LogDensity& user_target, MapResult& result) {
   result.density_evaluations = target.evaluations();
   result.tolerance_reached = result.verified_diagnostic <= options.tolerance;
   result.reason.clear();
-  const auto off_support =
-      (result.verification.log_weight.array() == -std::numeric_limits<double>::infinity()).count();
   if (!result.tolerance_reached)
     result.reason = fmt::format(
         "the variance diagnostic is {:.2g} at order {} on points not used for training, {:.2g} on the "

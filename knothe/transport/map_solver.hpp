@@ -20,8 +20,9 @@ struct MapSolverOptions {
   int min_order = 1;                                ///< first order tried
   MinimiserKind minimiser = MinimiserKind::newton;  ///< lowered to what the density's derivatives allow
   int max_iterations = 60;                          ///< of the minimiser, per order
-  double decrease_tolerance =
-      1e-9;  ///< the minimiser stops when it predicts a smaller decrease of the objective
+  /// The minimiser stops when it predicts a smaller decrease of the objective; 0: a thousandth of
+  /// `tolerance`, since the objective's excess and the diagnostic are the same to leading order.
+  double decrease_tolerance = 0;
   Eigen::Index verification_points = 1024;  ///< scrambled Sobol points, never used for training
   Eigen::Index max_points = 16384;  ///< the importance correction may take so many where weights are uneven
   double wanted_ess = 0.996;        ///< below this effective sample size (fraction), or beyond order 4, the
