@@ -17,8 +17,8 @@ struct StudyLine {
   std::optional<assimilation::ShiftSummary> shift;
 };
 
-/// Both forms with 3, 6, 10, 20 and 30 modes, as far as the snapshots have so many. `off_grid`: full-order
-/// solutions at parameters that are no grid points.
+/// Both forms with 3, 6, 10, 20 and 30 modes (tree: 50 too), as far as the snapshots have so many.
+/// `off_grid`: full-order solutions at parameters that are no grid points.
 [[nodiscard]] std::vector<StudyLine> study_models(const project::Project& project,
                                                   const reduction::Snapshots& snapshots,
                                                   const std::vector<reduction::OffGridSolution>& off_grid);
