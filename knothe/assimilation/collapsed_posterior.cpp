@@ -1,5 +1,7 @@
 #include "knothe/assimilation/collapsed_posterior.hpp"
 
+#include <fmt/format.h>
+
 #include <cassert>
 #include <cmath>
 #include <numbers>
@@ -10,6 +12,20 @@ namespace knothe::assimilation {
 namespace {
 
 const double k_log_2_pi = std::log(2 * std::numbers::pi);
+
+/// Refuses a datum whose misfit overflows: a value in the wrong unit, or a noise far too small.
+void require_finite(const StepForm& form, const Eigen::Ref<const Eigen::VectorXd>& values) {
+  if (std::isfinite(form.constant) && form.linear.allFinite()) return;
+  Eigen::Index largest = 0;
+  double most = -1;
+  for (Eigen::Index i = 0; i < values.size(); ++i) {
+    if (std::abs(values[i]) > most) most = std::abs(values[largest = i]);
+  }
+  throw DataError(fmt::format(
+      "the misfit of a datum overflows: the largest measured value is {} (observation {}); values and "
+      "noise are in metres",
+      values[largest], largest));
+}
 
 }  // namespace
 
@@ -59,16 +75,18 @@ void DatumProjector::project(std::size_t time_index, const Eigen::Ref<const Eige
                              StepForm& form) {
   assert(time_index < model_->time.size() && values.size() == observation_count());
   residual_ = values - predicted_.col(time_index);
+  std::vector<Eigen::Index> kept;
   if (residual_.allFinite()) {
     project_complete(time_index, form);
+    require_finite(form, values);
     return;
   }
-  std::vector<Eigen::Index> kept;
   for (Eigen::Index i = 0; i < values.size(); ++i) {
     if (std::isinf(values[i])) throw DataError("a measured value is infinite: give NaN for a missing value");
     if (!std::isnan(values[i])) kept.push_back(i);
   }
   project_incomplete(time_index, kept, form);
+  require_finite(form, values);
 }
 
 void DatumProjector::project_complete(std::size_t time_index, StepForm& form) {

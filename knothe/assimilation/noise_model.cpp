@@ -33,6 +33,9 @@ NoiseModel NoiseModel::independent(const Eigen::VectorXd& std) {
           fmt::format("noise/std[{}] is {}: a standard deviation is positive and finite", i, std[i]));
     }
     noise.inverse_variance_[i] = 1 / (std[i] * std[i]);
+    if (!std::isfinite(noise.inverse_variance_[i])) {
+      throw DataError(fmt::format("noise/std[{}] is {}: too small for its square to be a number", i, std[i]));
+    }
     noise.log_determinant_ += 2 * std::log(std[i]);
   }
   return noise;

@@ -64,6 +64,8 @@ std::string message_of(const std::function<void()>& action) {
 TEST(NoiseModel, BadNoiseIsRefused) {
   EXPECT_EQ(message_of([] { (void)NoiseModel::independent(Eigen::Vector2d(1e-6, -1e-6)); }),
             "noise/std[1] is -1e-06: a standard deviation is positive and finite");
+  EXPECT_EQ(message_of([] { (void)NoiseModel::independent(Eigen::Vector2d(1e-200, 1e-6)); }),
+            "noise/std[0] is 1e-200: too small for its square to be a number");
   EXPECT_EQ(message_of([] {
               auto m = chain(4);
               m.coeffRef(0, 1) = 0.5;

@@ -112,8 +112,10 @@ const UpdateResult& SequentialUpdate::update(std::size_t step, std::size_t time_
   }
   const auto start = Clock::now();
   const bool in_order = data_.empty() || data_.rbegin()->first < step;
+  StepForm form;
+  projector_.project(time_index, values, form);  // throws for data that cannot be; nothing has changed then
   Datum& datum = data_[step];
-  projector_.project(time_index, values, datum.form);
+  datum.form = std::move(form);
   datum.time = projector_.model().time[time_index];
   const double projection = microseconds_since(start);
   if (in_order) {
@@ -301,7 +303,8 @@ void SequentialUpdate::set_moments(const Eigen::MatrixXd& z, const Eigen::Vector
   const Eigen::MatrixXd& p = posterior_.points;
   result_.mean.noalias() = p.transpose() * weights;
   const Eigen::MatrixXd centred = p.rowwise() - result_.mean.transpose();
-  result_.covariance.noalias() = centred.transpose() * weights.asDiagonal() * centred;
+  const Eigen::MatrixXd covariance = centred.transpose() * weights.asDiagonal() * centred;
+  result_.covariance = 0.5 * (covariance + covariance.transpose());  // symmetric to the bit
 }
 
 void SequentialUpdate::set_quantiles(const Eigen::MatrixXd& z_quantiles) {

@@ -226,6 +226,20 @@ TEST(SequentialUpdate, AStepTakenOutLeavesNoTrace) {
   }
 }
 
+TEST(SequentialUpdate, AValueInTheWrongUnitIsRefusedByName) {
+  const auto model = random_model(std::make_shared<CurvedFunctions>(), 4, 3, 2, 3);
+  SequentialUpdate update(model, NoiseModel::independent(Eigen::Vector4d::Constant(0.1)), papers_priors());
+  try {
+    update.update(0, 0, Eigen::Vector4d(0.1, 0.2, -1e200, 0.3));
+    FAIL();
+  } catch (const DataError& error) {
+    EXPECT_STREQ(
+        error.what(),
+        "the misfit of a datum overflows: the largest measured value is -1e+200 (observation 2); values and "
+        "noise are in metres");
+  }
+}
+
 TEST(SequentialUpdate, DerivativesOfTheTargetAgreeWithFiniteDifferences) {
   const Eigen::Index n = 8;
   const auto model = random_model(std::make_shared<CurvedFunctions>(), n, 4, 2, 33);

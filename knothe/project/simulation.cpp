@@ -46,7 +46,12 @@ void simulate_measurements(const Project& project, const reduction::Dofs& dofs,
                            std::optional<std::uint64_t> seed, const std::string& output) {
   const SimulateOptions& options = *project.simulate;
   const std::uint64_t used_seed = seed.value_or(options.seed);
-  const std::vector<std::size_t> chosen = assimilation::choose_dofs(dofs, dof_selection(options), used_seed);
+  std::vector<std::size_t> chosen;
+  try {
+    chosen = assimilation::choose_dofs(dofs, dof_selection(options), used_seed);
+  } catch (const ProjectError& error) {
+    throw project.error_at("simulate.dofs.random", error.what());
+  }
   Eigen::MatrixXd exact(static_cast<Eigen::Index>(chosen.size()), static_cast<Eigen::Index>(time.size()));
   for (std::size_t t = 0; t < time.size(); ++t) {
     const std::vector<double> values = field(t, chosen);
