@@ -1,9 +1,10 @@
 """Makes the model that several cases share.
 
-usage: make_fixture.py analytic MAKE_SNAPSHOTS | make_fixture.py beam
+usage: make_fixture.py analytic MAKE_SNAPSHOTS | make_fixture.py beam | make_fixture.py paper
 """
 import os
 import pathlib
+import re
 import shutil
 import subprocess
 import sys
@@ -15,17 +16,24 @@ shutil.rmtree(folder, ignore_errors=True)
 folder.mkdir(parents=True)
 
 
-def run(*command):
+def run(*command, **options):
     print("$", *command, flush=True)
-    subprocess.run(list(map(str, command)), check=True, timeout=280)
+    subprocess.run(list(map(str, command)), check=True, timeout=560, **options)
 
 
 if kind == "analytic":
     run(sys.argv[2], folder)
     run(KNOTHE, "model", "import", folder / "snapshots.h5", "-o", folder / "model.h5", "--tolerance", "1e-9")
     project = SOURCE / "assimilation.toml"
-else:
+elif kind == "beam":
     project = SOURCE / "beam.toml"
     run(KNOTHE, "offline", project, "-o", folder / "model.h5")
+else:
+    # The example itself, with the 30 modes that the accuracy is stated for; what it prints is looked at by the case.
+    example = (SOURCE.parent.parent / "examples/beam/beam.toml").read_text()
+    project = folder / "paper.toml"
+    project.write_text(re.sub(r"(?m)^modes = .*", "modes = 30", example).replace('model = "beam.h5"', 'model = "model.h5"'))
+    with open(folder / "study.jsonl", "w") as study:
+        run(KNOTHE, "offline", project, "-o", folder / "model.h5", "--json", stdout=study)
 run(KNOTHE, "simulate", project, "--model", folder / "model.h5", "-o", folder / "data.h5")
 run(os.environ["KNOTHE_DATA_TO_CSV"], folder / "data.h5", folder / "data.csv")

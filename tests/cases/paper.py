@@ -1,0 +1,42 @@
+"""examples/beam/beam.toml, the paper's case, with 30 modes: all 100 steps to the accuracy that the project promises."""
+import json
+import shutil
+import unittest
+
+from support import FIXTURES, Case
+
+
+class Test(Case):
+    fixture = "paper"
+
+    def setUp(self):
+        super().setUp()
+        self.project_name = "paper.toml"
+        shutil.copy(FIXTURES / self.fixture / self.project_name, self.project)
+
+    def test_every_step_agrees_with_dense_quadrature(self):
+        lines = self.assimilate()
+        self.assertEqual(len(lines), 100)
+        self.expect_agreement(lines, self.assimilate("--method", "grid"))
+
+    def test_composed_maps_agree_with_the_collapsed_posterior(self):
+        collapsed = self.assimilate()
+        self.edit('form = "collapsed"', 'form = "composed"')
+        self.expect_agreement(self.assimilate(), collapsed, mean=0.1, std=None, evidence=None, quantile=None)
+
+    def test_thirty_tree_modes_keep_the_posterior_of_the_snapshots(self):
+        lines = [json.loads(line) for line in (FIXTURES / self.fixture / "study.jsonl").read_text().splitlines()]
+        (tree,) = [line for line in lines if line.get("form") == "tree" and line["modes"] == 30]
+        self.assertLessEqual(tree["shift_of_mean"]["worst"], 0.2)
+        self.assertLessEqual(tree["error_of_std"]["worst"], 0.2)
+        self.assertLess(tree["off_grid"]["max_error_m"], 0.5e-6)
+
+    def test_every_full_order_run_is_in_equilibrium(self):
+        lines = [json.loads(line) for line in (FIXTURES / self.fixture / "study.jsonl").read_text().splitlines()]
+        runs = [line for line in lines if "run" in line]
+        self.assertEqual(len(runs), 81)
+        self.assertEqual([line["run"] for line in runs if line["steps_without_equilibrium"]], [])
+
+
+if __name__ == "__main__":
+    unittest.main()
