@@ -122,7 +122,9 @@ TEST(FullOrderModel, loses_its_strength_after_a_peak_and_damages_only_where_it_m
   const auto& mesh = coarse_beam()->mesh();
   double largest = 0;
   for (std::int64_t cell = 0; cell < mesh.cell_count(); ++cell) {
-    if (mesh.elastic[cell] != 0) EXPECT_EQ(run.cell_damage[cell], 0.0);
+    if (mesh.elastic[cell] != 0) {
+      EXPECT_EQ(run.cell_damage[cell], 0.0);
+    }
     largest = std::max(largest, run.cell_damage[cell]);
   }
   EXPECT_GT(largest, 0.9);

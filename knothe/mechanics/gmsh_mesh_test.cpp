@@ -58,7 +58,7 @@ TEST_P(GmshMesh, has_the_beams_cells_groups_and_volume) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Formats, GmshMesh, ::testing::Values("beam22.msh", "beam41.msh"),
-                         [](const auto& info) { return info.param.substr(0, 6); });
+                         [](const auto& format) { return format.param.substr(0, 6); });
 
 TEST(GmshMesh, both_formats_give_the_same_body) {
   const Structure a(read_gmsh_mesh(k_folder + "beam22.msh"), {}, "2.2");

@@ -71,7 +71,9 @@ TEST(SnapshotRuns, hold_the_full_order_runs_in_the_grids_order) {
   // damaged.
   for (std::size_t dof = 0; dof < dofs; ++dof) {
     EXPECT_NEAR(snapshots.lift[dof], solution[dof], 1e-15);
-    if (model.structure().unit_prescribed()[dof] < 0) EXPECT_NEAR(solution[9 * dofs + dof], -4e-4, 1e-18);
+    if (model.structure().unit_prescribed()[dof] < 0) {
+      EXPECT_NEAR(solution[9 * dofs + dof], -4e-4, 1e-18);
+    }
     EXPECT_EQ(snapshots.dofs.components[dof], static_cast<std::int64_t>(dof % 3));
   }
   ASSERT_TRUE(snapshots.mesh.has_value());
