@@ -144,6 +144,8 @@ class Case(unittest.TestCase):
                     off = abs(line["quantiles"]["values"][k][level] - exact["quantiles"]["values"][k][level]) / sigma
                     if off > quantile:
                         faults.append(f"{where}: quantile {line['quantiles']['levels'][level]} off by {off:.3f} std")
+            if std is not None and abs(correlation(line) - correlation(exact)) > 0.02:
+                faults.append(f"step {line['step']}: correlation {correlation(line)} instead of {correlation(exact)}")
             if evidence is not None and abs(line["log_evidence"] - exact["log_evidence"]) > evidence:
                 faults.append(f"step {line['step']}: log_evidence {line['log_evidence']} instead of {exact['log_evidence']}")
         self.assertFalse(faults, "\n".join(faults))
@@ -151,6 +153,12 @@ class Case(unittest.TestCase):
     def expect_nothing_but(self, folder, names):
         """No partial file, hidden or not, is left in `folder`."""
         self.assertEqual(sorted(p.name for p in pathlib.Path(folder).iterdir()), sorted(names))
+
+
+def correlation(line):
+    """Of the first two parameters."""
+    c = line["covariance"]
+    return c[0][1] / math.sqrt(c[0][0] * c[1][1]) if len(c) > 1 else 0.0
 
 
 def without_times(value):
