@@ -10,7 +10,6 @@
 #include "knothe/base/text.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/reduction/compression.hpp"
-#include "knothe/reduction/field_file.hpp"
 #include "knothe/reduction/separated_model.hpp"
 
 namespace knothe::commands {
@@ -49,12 +48,6 @@ std::vector<double> parse_point(const std::string& text, const SeparatedModel& m
     if (!given[k]) throw UsageError(fmt::format("--at {}: the value of \"{}\" is missing", text, names[k]));
   }
   return values;
-}
-
-void write_field(const SeparatedModel& model, std::span<const double> point, std::size_t step,
-                 const std::string& path) {
-  const reduction::FieldOnMesh mesh(model.contents(), model.where());
-  mesh.write({mesh.vectors("displacement", model.evaluate(point, step).value)}, path);
 }
 
 }  // namespace
@@ -120,7 +113,12 @@ int model_evaluate(const EvaluateArguments& arguments) {
     dofs.push_back(static_cast<std::size_t>(dof));
   }
   const auto step = static_cast<std::size_t>(arguments.step);
-  if (!arguments.output.empty()) write_field(model, point, step, arguments.output);
+  if (!arguments.output.empty()) {
+    if (!model.contents().mesh)
+      throw DataError(model.where() + ": the model has no mesh: there is no field to write");
+    reduction::write_field(model.contents(), model.evaluate(point, step).value, model.contents().time[step],
+                           arguments.output);
+  }
   if (!arguments.json && !arguments.output.empty()) return 0;
   const auto field = model.evaluate(point, step, dofs, arguments.derivatives ? 2 : 0);
   Json line = {{"values", field.value}};

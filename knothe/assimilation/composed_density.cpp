@@ -1,11 +1,10 @@
 #include "knothe/assimilation/composed_density.hpp"
 
-#include <algorithm>
+#include <array>
 #include <cmath>
-#include <numeric>
-#include <vector>
 
 #include "knothe/assimilation/sequential_update.hpp"
+#include "knothe/numerics/weighted_statistics.hpp"
 
 namespace knothe::assimilation {
 
@@ -71,32 +70,15 @@ PushedPoints push_forward(transport::LogDensity& target, const Eigen::MatrixXd& 
 }
 
 Eigen::MatrixXd weighted_quantiles(const Eigen::MatrixXd& points, const Eigen::VectorXd& weights) {
-  const Eigen::Index n = points.rows(), d = points.cols();
-  Eigen::MatrixXd quantiles(d, static_cast<Eigen::Index>(k_quantile_levels.size()));
-  std::vector<Eigen::Index> order(static_cast<std::size_t>(n));
-  for (Eigen::Index k = 0; k < d; ++k) {
-    std::iota(order.begin(), order.end(), Eigen::Index{0});
-    std::sort(order.begin(), order.end(),
-              [&](Eigen::Index a, Eigen::Index b) { return points(a, k) < points(b, k); });
-    // Point i stands for the level in the middle of its weight; between points the quantile function is
-    // linear.
-    double before = 0, last_level = 0, last_point = points(order[0], k);
-    std::size_t next = 0;
-    for (Eigen::Index index : order) {
-      const double level = before + 0.5 * weights[index], point = points(index, k);
-      while (next < k_quantile_levels.size() && level >= k_quantile_levels[next]) {
-        const double t =
-            level > last_level ? (k_quantile_levels[next] - last_level) / (level - last_level) : 1;
-        quantiles(k, static_cast<Eigen::Index>(next++)) = last_point + t * (point - last_point);
-      }
-      before += weights[index];
-      last_level = level;
-      last_point = point;
-    }
-    for (; next < k_quantile_levels.size(); ++next)
-      quantiles(k, static_cast<Eigen::Index>(next)) = last_point;
+  const auto n = static_cast<std::size_t>(points.rows());
+  numerics::WeightedQuantiles quantiles;
+  std::array<double, k_quantile_levels.size()> of_column;
+  Eigen::MatrixXd result(points.cols(), static_cast<Eigen::Index>(of_column.size()));
+  for (Eigen::Index k = 0; k < points.cols(); ++k) {
+    quantiles.compute({points.col(k).data(), n}, {weights.data(), n}, k_quantile_levels, of_column);
+    result.row(k) = Eigen::Map<const Eigen::RowVectorXd>(of_column.data(), result.cols());
   }
-  return quantiles;
+  return result;
 }
 
 }  // namespace knothe::assimilation
