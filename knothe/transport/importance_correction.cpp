@@ -43,14 +43,15 @@ void MapSolver::correct(LogDensity& user_target, const MapResult& result, Import
   normalise(result.verification.log_weight, c);
   const WeightedPoints* used = &result.verification;
   Eigen::Index n = result.verification.points.rows();
-  // More points where weights are uneven, and where a high order was needed: such a target is strongly bent,
-  // its outer quantiles want more points than the moments do, and a map too thin in some tail shows only by
-  // rare, heavy weights. Hence half of the further points are spread wider than the reference (a defensive
-  // mixture, Hesterberg 1995), which bounds the weights there. The effective sample size stays that of the
-  // reference alone: it tells about the map.
+  // More points where weights are uneven, and where a high order was needed and did not suffice: such a
+  // target is strongly bent, its outer quantiles want more points than the moments do, and a map too thin in
+  // some tail shows only by rare, heavy weights. Hence half of the further points are spread wider than the
+  // reference (a defensive mixture, Hesterberg 1995), which bounds the weights there. The effective sample
+  // size stays that of the reference alone: it tells about the map.
   double ess = c.ess;
-  if ((ess < work.options.wanted_ess || result.order > 4) && 4 * n <= work.options.max_points) {
-    n *= ess < 0.98 && 16 * n <= work.options.max_points ? 16 : 4;
+  if ((ess < work.options.wanted_ess || (result.order > 4 && !result.tolerance_reached)) &&
+      4 * n <= work.options.max_points) {
+    n *= ess < 0.98 && 16 * n <= work.options.max_points ? 16 : ess < work.options.wanted_ess ? 4 : 2;
     work.weigh(target, result.pre_map, result.order, result.map.coefficients(), n, work.more_points, true);
     used = &work.more_points;
     normalise(used->log_weight, c);

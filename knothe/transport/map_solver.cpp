@@ -247,7 +247,9 @@ void MapSolver::prepare(Eigen::Index dimension) {
     (void)work_->identity(dimension, order);
     (void)work_->training_tables(dimension, order);
     (void)work_->verification_tables(work_->options.verification_points, dimension, order);
-    (void)work_->verification_tables(4 * work_->options.verification_points, dimension, order, true);
+    for (const int more : {2, 4}) {
+      (void)work_->verification_tables(more * work_->options.verification_points, dimension, order, true);
+    }
   }
 }
 
@@ -290,7 +292,7 @@ void MapSolver::solve(LogDensity& user_target, MapResult& result) {
     // Low orders may get worse before they get better: a bent ridge is followed only from order 3 or 4 on.
     stalled = order > 4 && diagnostic > 0.85 * best ? stalled + 1 : 0;
     best = std::min(best, diagnostic);
-    if (!reached && stalled >= 2) {
+    if (!reached && stalled >= 1) {
       no_longer_falls = true;
       break;
     }
