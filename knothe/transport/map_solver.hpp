@@ -25,12 +25,13 @@ struct MapSolverOptions {
   double decrease_tolerance = 0;
   Eigen::Index verification_points = 1024;  ///< scrambled Sobol points, never used for training
   Eigen::Index max_points = 16384;  ///< the importance correction may take so many where weights are uneven
-  double wanted_ess = 0.996;        ///< below this effective sample size (fraction), or beyond order 4, the
-                                    ///< correction takes four times as many points; below 0.98 sixteen times
-  std::uint64_t seed = 1;           ///< of the verification points
-  TailRadii radii;                  ///< where the tails of the bases begin
-  bool search_modes = true;         ///< look for a second mode
-  double mode_mass = 1e-3;          ///< a mode with this share of the Laplace mass counts
+  double wanted_ess =
+      0.996;  ///< below this effective sample size (fraction), or beyond order 4 without the tolerance, the
+              ///< correction takes four times as many points; below 0.98 sixteen times
+  std::uint64_t seed = 1;    ///< of the verification points
+  TailRadii radii;           ///< where the tails of the bases begin
+  bool search_modes = true;  ///< look for a second mode
+  double mode_mass = 1e-3;   ///< a mode with this share of the Laplace mass counts
 };
 
 /// Points with their importance weights: z = T(x) for points x that follow N(0, I), log π̄(z) + log|det ∇T(x)|
