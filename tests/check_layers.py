@@ -11,11 +11,13 @@ MAY_KNOW = {
     "base": [],
     "files": ["base"],
     "numerics": ["base"],
-    "transport": ["base", "files", "numerics"],
+    "sampling": ["base", "files", "numerics"],
+    "transport": ["base", "files", "numerics", "sampling"],
     "reduction": ["base", "files", "numerics"],
     "imaging": ["base", "files", "numerics"],
-    "assimilation": ["base", "files", "numerics", "transport", "reduction", "imaging"],
-    "forecast": ["base", "files", "numerics", "transport", "reduction", "imaging", "assimilation"],
+    "assimilation": ["base", "files", "numerics", "sampling", "transport", "reduction", "imaging"],
+    "inference": ["base", "files", "numerics", "sampling", "transport", "reduction", "imaging", "assimilation"],
+    "forecast": ["base", "files", "numerics", "sampling", "transport", "reduction", "imaging", "assimilation"],
 }
 ONLINE = list(MAY_KNOW) + ["project", "report", "service"]
 MAY_KNOW["project"] = [room for room in MAY_KNOW]

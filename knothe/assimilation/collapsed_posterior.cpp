@@ -155,12 +155,12 @@ CollapsedLogDensity::Workspace& CollapsedLogDensity::workspace(Eigen::Index n) {
 }
 
 void CollapsedLogDensity::evaluate_likelihood(const Eigen::Ref<const Eigen::MatrixXd>& p, int derivatives,
-                                              transport::LogDensityBatch& out) {
+                                              sampling::LogDensityBatch& out) {
   likelihood_->evaluate(p, derivatives, out.value, out.gradient, out.hessian);
 }
 
 void CollapsedLogDensity::evaluate_standardised_likelihood(const Eigen::Ref<const Eigen::MatrixXd>& z,
-                                                           int derivatives, transport::LogDensityBatch& out) {
+                                                           int derivatives, sampling::LogDensityBatch& out) {
   const Eigen::Index d = dimension();
   Workspace& w = workspace(z.rows());
   transform_->evaluate(z, derivatives, w.p, w.first, w.second);
@@ -168,7 +168,7 @@ void CollapsedLogDensity::evaluate_standardised_likelihood(const Eigen::Ref<cons
   if (derivatives >= 2) {
     for (Eigen::Index a = 0; a < d; ++a) {
       for (Eigen::Index b = 0; b <= a; ++b) {
-        auto entry = out.hessian.col(transport::packed_index(a, b)).array();
+        auto entry = out.hessian.col(sampling::packed_index(a, b)).array();
         entry *= w.first.col(a).array() * w.first.col(b).array();
         if (a == b) entry += out.gradient.col(a).array() * w.second.col(a).array();
       }
@@ -178,18 +178,18 @@ void CollapsedLogDensity::evaluate_standardised_likelihood(const Eigen::Ref<cons
 }
 
 void CollapsedLogDensity::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int derivatives,
-                                   transport::LogDensityBatch& out) {
+                                   sampling::LogDensityBatch& out) {
   evaluate_standardised_likelihood(z, derivatives, out);
   add_standard_normal(z, derivatives, out);
 }
 
 void add_standard_normal(const Eigen::Ref<const Eigen::MatrixXd>& z, int derivatives,
-                         transport::LogDensityBatch& out) {
+                         sampling::LogDensityBatch& out) {
   const Eigen::Index d = z.cols();
   out.value.array() -= 0.5 * static_cast<double>(d) * k_log_2_pi;
   for (Eigen::Index a = 0; a < d; ++a) {
     out.value.array() -= 0.5 * z.col(a).array().square();
-    if (derivatives >= 2) out.hessian.col(transport::packed_index(a, a)).array() -= 1;
+    if (derivatives >= 2) out.hessian.col(sampling::packed_index(a, a)).array() -= 1;
   }
   if (derivatives >= 1) out.gradient -= z;
 }

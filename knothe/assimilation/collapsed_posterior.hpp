@@ -18,7 +18,7 @@
 #include "knothe/assimilation/prior_transform.hpp"
 #include "knothe/assimilation/quadratic_factor.hpp"
 #include "knothe/reduction/observed_model.hpp"
-#include "knothe/transport/log_density.hpp"
+#include "knothe/sampling/log_density.hpp"
 
 namespace knothe::assimilation {
 
@@ -67,7 +67,7 @@ class DatumProjector {
 
 /// log π̄(z | d₀ … d_i) on the standardised parameters: the collapsed likelihood plus log N(z; 0, I). A
 /// transport target whose cost depends neither on the number of data nor on that of steps.
-class CollapsedLogDensity final : public transport::LogDensity {
+class CollapsedLogDensity final : public sampling::LogDensity {
  public:
   CollapsedLogDensity(std::shared_ptr<const reduction::ParameterFunctions> functions,
                       std::shared_ptr<const PriorTransform> transform, Eigen::VectorXd central_functions);
@@ -77,16 +77,16 @@ class CollapsedLogDensity final : public transport::LogDensity {
 
   [[nodiscard]] Eigen::Index dimension() const override { return transform_->dimension(); }
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int derivatives,
-                transport::LogDensityBatch& out) override;
+                sampling::LogDensityBatch& out) override;
 
   /// The log-likelihood alone as a function of z: what a composed map is made for (Rubio et al. 2019, Eq.
   /// 11).
   void evaluate_standardised_likelihood(const Eigen::Ref<const Eigen::MatrixXd>& z, int derivatives,
-                                        transport::LogDensityBatch& out);
+                                        sampling::LogDensityBatch& out);
 
   /// The log-likelihood alone, at points p of the box (n × d), with derivatives in p.
   void evaluate_likelihood(const Eigen::Ref<const Eigen::MatrixXd>& p, int derivatives,
-                           transport::LogDensityBatch& out);
+                           sampling::LogDensityBatch& out);
 
  private:
   struct Workspace {
@@ -107,6 +107,6 @@ class CollapsedLogDensity final : public transport::LogDensity {
 
 /// Adds log N(z; 0, I) and its derivatives to `out`.
 void add_standard_normal(const Eigen::Ref<const Eigen::MatrixXd>& z, int derivatives,
-                         transport::LogDensityBatch& out);
+                         sampling::LogDensityBatch& out);
 
 }  // namespace knothe::assimilation

@@ -14,7 +14,7 @@ void ComposedStepDensity::set(const transport::ComposedMap& previous, const Step
 }
 
 void ComposedStepDensity::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& x, int derivatives,
-                                   transport::LogDensityBatch& out) {
+                                   sampling::LogDensityBatch& out) {
   const Eigen::Index n = x.rows(), d = dimension(), packed = d * (d + 1) / 2;
   map_.resize(n, d, derivatives);
   previous_->evaluate(x, derivatives, map_);
@@ -34,12 +34,12 @@ void ComposedStepDensity::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& x, i
     out.hessian.setZero();
     for (Eigen::Index a = 0; a < d; ++a) {
       for (Eigen::Index b = 0; b <= a; ++b) {
-        const Eigen::Index ab = transport::packed_index(a, b);
+        const Eigen::Index ab = sampling::packed_index(a, b);
         auto entry = out.hessian.col(ab).array();
         for (Eigen::Index i = 0; i < d; ++i) {
           entry += inner_.gradient.col(i).array() * map_.hessian.col(i * packed + ab).array();
           for (Eigen::Index j = 0; j < d; ++j) {
-            entry += inner_.hessian.col(transport::packed_index(i, j)).array() *
+            entry += inner_.hessian.col(sampling::packed_index(i, j)).array() *
                      map_.jacobian.col(i * d + a).array() * map_.jacobian.col(j * d + b).array();
           }
         }
@@ -49,10 +49,10 @@ void ComposedStepDensity::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& x, i
   add_standard_normal(x, derivatives, out);
 }
 
-PushedPoints push_forward(transport::LogDensity& target, const Eigen::MatrixXd& reference,
+PushedPoints push_forward(sampling::LogDensity& target, const Eigen::MatrixXd& reference,
                           const transport::MapBatch& pushed) {
   const Eigen::Index n = reference.rows();
-  transport::LogDensityBatch batch;
+  sampling::LogDensityBatch batch;
   batch.resize(n, reference.cols(), 0);
   target.evaluate(pushed.value, 0, batch);
   const Eigen::ArrayXd log_weight = batch.value.array() + pushed.log_determinant.array() -

@@ -4,14 +4,14 @@
 #include <Eigen/Core>
 
 #include "knothe/assimilation/collapsed_posterior.hpp"
+#include "knothe/sampling/log_density.hpp"
 #include "knothe/transport/composed_map.hpp"
-#include "knothe/transport/log_density.hpp"
 
 namespace knothe::assimilation {
 
 /// log π*_i(x) = log π_{t_i}(d_i | M^c_{i−1}(x)) + log ρ(x): the likelihood of one datum seen through the
 /// maps so far.
-class ComposedStepDensity final : public transport::LogDensity {
+class ComposedStepDensity final : public sampling::LogDensity {
  public:
   explicit ComposedStepDensity(CollapsedLogDensity likelihood) : likelihood_(std::move(likelihood)) {}
 
@@ -20,13 +20,13 @@ class ComposedStepDensity final : public transport::LogDensity {
 
   [[nodiscard]] Eigen::Index dimension() const override { return likelihood_.dimension(); }
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& x, int derivatives,
-                transport::LogDensityBatch& out) override;
+                sampling::LogDensityBatch& out) override;
 
  private:
   CollapsedLogDensity likelihood_;
   const transport::ComposedMap* previous_ = nullptr;
   transport::MapBatch map_;
-  transport::LogDensityBatch inner_;
+  sampling::LogDensityBatch inner_;
 };
 
 /// Points z = T(x) with importance weights π̄(z) |det ∇T(x)| / ρ(x).
@@ -37,7 +37,7 @@ struct PushedPoints {
   double log_evidence = 0;              ///< consistent
   double log_evidence_lower_bound = 0;  ///< Eq. 24
 };
-[[nodiscard]] PushedPoints push_forward(transport::LogDensity& target, const Eigen::MatrixXd& reference,
+[[nodiscard]] PushedPoints push_forward(sampling::LogDensity& target, const Eigen::MatrixXd& reference,
                                         const transport::MapBatch& pushed);
 
 /// Marginal quantiles at `k_quantile_levels` of weighted points (n × d): d × levels.

@@ -22,11 +22,11 @@ struct Window {
 /// Visits the grid in blocks of rows along the last axis: body(multi-index of the block's start, log-density
 /// along the axis).
 template <class Body>
-void for_each_row(transport::LogDensity& target, const Window& window, const Body& body) {
+void for_each_row(sampling::LogDensity& target, const Window& window, const Body& body) {
   const Eigen::Index d = window.first.size(), n = window.points;
   Eigen::MatrixXd z(n, d);
   for (Eigen::Index i = 0; i < n; ++i) z(i, d - 1) = window.node(d - 1, i);
-  transport::LogDensityBatch batch;
+  sampling::LogDensityBatch batch;
   batch.resize(n, d, 0);
   std::vector<Eigen::Index> index(d, 0);
   while (true) {
@@ -41,7 +41,7 @@ void for_each_row(transport::LogDensity& target, const Window& window, const Bod
 
 /// The part of the window where the log-density is within `depth` of its maximum, one node wider on each
 /// side.
-Window zoom(transport::LogDensity& target, const Window& window, double depth, double& maximum) {
+Window zoom(sampling::LogDensity& target, const Window& window, double depth, double& maximum) {
   const Eigen::Index d = window.first.size();
   maximum = -std::numeric_limits<double>::infinity();
   for_each_row(target, window,
@@ -67,7 +67,7 @@ Window zoom(transport::LogDensity& target, const Window& window, double depth, d
 
 }  // namespace
 
-GridPosterior grid_posterior(transport::LogDensity& target, const GridPosterior::Transform& transform,
+GridPosterior grid_posterior(sampling::LogDensity& target, const GridPosterior::Transform& transform,
                              const GridOptions& options) {
   const Eigen::Index d = target.dimension();
   if (d < 1 || d > 3) {
@@ -132,7 +132,7 @@ GridPosterior grid_posterior(transport::LogDensity& target, const GridPosterior:
   return result;
 }
 
-GridPoints grid_points(transport::LogDensity& target, const GridPosterior& posterior) {
+GridPoints grid_points(sampling::LogDensity& target, const GridPosterior& posterior) {
   static constexpr int k_points[] = {4001, 64, 16};
   const Eigen::Index d = target.dimension();
   const Window window{posterior.nodes.row(0), posterior.nodes.row(posterior.nodes.rows() - 1),

@@ -4,7 +4,7 @@
 #include <functional>
 #include <vector>
 
-#include "knothe/transport/log_density.hpp"
+#include "knothe/sampling/log_density.hpp"
 
 namespace knothe::assimilation {
 
@@ -38,10 +38,10 @@ struct GridPoints {
   Eigen::MatrixXd points;   ///< n × d, z
   Eigen::VectorXd weights;  ///< n, sum 1
 };
-[[nodiscard]] GridPoints grid_points(transport::LogDensity& target, const GridPosterior& posterior);
+[[nodiscard]] GridPoints grid_points(sampling::LogDensity& target, const GridPosterior& posterior);
 
 /// Moments are those of `transform(k, z_k)` (identity by default). Throws ProjectError for d > 3.
-[[nodiscard]] GridPosterior grid_posterior(transport::LogDensity& target,
+[[nodiscard]] GridPosterior grid_posterior(sampling::LogDensity& target,
                                            const GridPosterior::Transform& transform,
                                            const GridOptions& options = {});
 

@@ -30,7 +30,7 @@ class NegativeLogPosterior {
     for (Eigen::Index a = 0; a < p.size(); ++a) {
       gradient[a] -= transform_.prior(a).log_density_slope(p[a]);
       for (Eigen::Index b = 0; b < p.size(); ++b)
-        hessian(a, b) = -batch_.hessian(0, transport::packed_index(a, b));
+        hessian(a, b) = -batch_.hessian(0, sampling::packed_index(a, b));
       hessian(a, a) -= transform_.prior(a).log_density_curvature(p[a]);
     }
     return value;
@@ -42,7 +42,7 @@ class NegativeLogPosterior {
  private:
   CollapsedLogDensity& target_;
   const PriorTransform& transform_;
-  transport::LogDensityBatch batch_;
+  sampling::LogDensityBatch batch_;
 };
 
 /// −|H|⁻¹ g on the free variables, zero on the others; eigenvalues made positive, so that it always descends.

@@ -93,7 +93,7 @@ TEST(CollapsedLogDensity, IsTheDirectFormulaForFullAndDeficientRank) {
     CollapsedLogDensity density(functions, std::make_shared<PriorTransform>(priors), w0);
     const Eigen::MatrixXd p =
         (0.8 + 0.3 * random_matrix(60, static_cast<Eigen::Index>(d), 5).array().sin()).matrix();
-    transport::LogDensityBatch batch;
+    sampling::LogDensityBatch batch;
     batch.resize(p.rows(), p.cols(), 2);
     for (Eigen::Index rank : {0, 3, 10}) {
       for (double size : {1.0, 1e3}) {

@@ -109,14 +109,14 @@ TEST(SequentialUpdate, ADatumWithNothingInItChangesNothing) {
 
 /// The posterior of a curved two-parameter model, hard against the box, compared with dense quadrature of the
 /// likelihood written out term by term (no collapsed form).
-class DirectLogDensity final : public transport::LogDensity {
+class DirectLogDensity final : public sampling::LogDensity {
  public:
   DirectLogDensity(const reduction::ObservedModel& model, const Eigen::MatrixXd& data,
                    const Eigen::VectorXd& std, const std::vector<Prior>& priors, Eigen::Index steps)
       : model_(model), data_(data), std_(std), priors_(priors), steps_(steps) {}
   [[nodiscard]] Eigen::Index dimension() const override { return 2; }
   [[nodiscard]] int available_derivatives() const override { return 0; }
-  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int, transport::LogDensityBatch& out) override {
+  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int, sampling::LogDensityBatch& out) override {
     for (Eigen::Index i = 0; i < z.rows(); ++i) {
       Eigen::Vector2d p;
       double value = -std::log(2 * M_PI) - 0.5 * z.row(i).squaredNorm();

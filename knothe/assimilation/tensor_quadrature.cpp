@@ -46,10 +46,10 @@ Grid make_grid(const Eigen::VectorXd& first, const Eigen::VectorXd& last, Index 
 }
 
 /// Log-density at these nodes, block by block, so that the target sees one size of block only.
-Eigen::VectorXd evaluate(transport::LogDensity& target, const Grid& grid, const std::vector<Index>& nodes) {
+Eigen::VectorXd evaluate(sampling::LogDensity& target, const Grid& grid, const std::vector<Index>& nodes) {
   Eigen::VectorXd values(static_cast<Index>(nodes.size()));
   Eigen::MatrixXd block(k_block, grid.dimension());
-  transport::LogDensityBatch batch;
+  sampling::LogDensityBatch batch;
   batch.resize(k_block, grid.dimension(), 0);
   for (Index begin = 0; begin < values.size(); begin += k_block) {
     const Index n = std::min(k_block, values.size() - begin);
@@ -70,7 +70,7 @@ std::vector<Index> all_nodes(const Grid& grid) {
 }
 
 /// Zooms a coarse grid in on the mass; leaves its last values in `values`.
-Grid find_window(transport::LogDensity& target, Index count, Eigen::VectorXd& values) {
+Grid find_window(sampling::LogDensity& target, Index count, Eigen::VectorXd& values) {
   const Index d = target.dimension();
   Grid grid = make_grid(Eigen::VectorXd::Constant(d, -k_range), Eigen::VectorXd::Constant(d, k_range), count);
   for (int zoom = 0;; ++zoom) {
@@ -156,7 +156,7 @@ void drop_weightless(QuadraturePosterior& posterior) {
 }
 
 /// The rule on the nodes of `fine` that are given.
-QuadraturePosterior integrate(transport::LogDensity& target, const Grid& fine,
+QuadraturePosterior integrate(sampling::LogDensity& target, const Grid& fine,
                               const std::vector<Index>& nodes) {
   const Index d = fine.dimension();
   const Eigen::VectorXd values = evaluate(target, fine, nodes);
@@ -192,7 +192,7 @@ QuadraturePosterior integrate(transport::LogDensity& target, const Grid& fine,
 
 }  // namespace
 
-QuadraturePosterior tensor_quadrature(transport::LogDensity& target) {
+QuadraturePosterior tensor_quadrature(sampling::LogDensity& target) {
   const Index d = target.dimension();
   assert(d >= 1 && d <= k_most_quadrature_parameters);
   Eigen::VectorXd coarse_values;

@@ -4,7 +4,7 @@
 /// box).
 #include <Eigen/Core>
 
-#include "knothe/transport/log_density.hpp"
+#include "knothe/sampling/log_density.hpp"
 
 namespace knothe::assimilation {
 
@@ -25,6 +25,6 @@ inline constexpr Eigen::Index k_most_quadrature_parameters = 2;
 /// Trapezoidal rule on the smallest window that holds the mass, evaluated only near coarse nodes whose
 /// density is within exp(−30) of the maximum, and refined until leaving out every other node changes the
 /// log-evidence by less than 1e-3. d ≤ `k_most_quadrature_parameters` (asserted).
-[[nodiscard]] QuadraturePosterior tensor_quadrature(transport::LogDensity& target);
+[[nodiscard]] QuadraturePosterior tensor_quadrature(sampling::LogDensity& target);
 
 }  // namespace knothe::assimilation

@@ -12,7 +12,7 @@ namespace knothe::assimilation {
 namespace {
 
 /// Weighted sum of Gaussians, normalised to `mass`.
-class Mixture final : public transport::LogDensity {
+class Mixture final : public sampling::LogDensity {
  public:
   struct Part {
     double weight;
@@ -22,7 +22,7 @@ class Mixture final : public transport::LogDensity {
   explicit Mixture(std::vector<Part> parts) : parts_(std::move(parts)) {}
   [[nodiscard]] Eigen::Index dimension() const override { return parts_[0].mean.size(); }
   [[nodiscard]] int available_derivatives() const override { return 0; }
-  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int, transport::LogDensityBatch& out) override {
+  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int, sampling::LogDensityBatch& out) override {
     for (Eigen::Index i = 0; i < z.rows(); ++i) {
       double sum = 0;
       for (const Part& part : parts_) {

@@ -12,7 +12,7 @@
 
 #include "knothe/assimilation/composed_density.hpp"
 #include "knothe/reduction/observed_model.hpp"
-#include "knothe/transport/log_density.hpp"
+#include "knothe/sampling/log_density.hpp"
 
 namespace knothe::assimilation::test {
 
@@ -98,9 +98,9 @@ inline Eigen::MatrixXd synthetic_data(const reduction::ObservedModel& model, con
 }
 
 /// Gradient and Hessian of a two-parameter density against central differences.
-inline void expect_exact_derivatives(transport::LogDensity& density,
+inline void expect_exact_derivatives(sampling::LogDensity& density,
                                      const std::vector<std::array<double, 2>>& points) {
-  transport::LogDensityBatch here, plus, minus;
+  sampling::LogDensityBatch here, plus, minus;
   for (auto* batch : {&here, &plus, &minus}) batch->resize(1, 2, 2);
   const double h = 1e-5;
   for (const auto& point : points) {
@@ -113,7 +113,7 @@ inline void expect_exact_derivatives(transport::LogDensity& density,
       const double scale = 1 + std::abs(here.gradient(0, a));
       EXPECT_NEAR(here.gradient(0, a), (plus.value[0] - minus.value[0]) / (2 * h), 1e-6 * scale);
       for (Eigen::Index b = 0; b < 2; ++b) {
-        const double exact = here.hessian(0, transport::packed_index(a, b));
+        const double exact = here.hessian(0, sampling::packed_index(a, b));
         EXPECT_NEAR(exact, (plus.gradient(0, b) - minus.gradient(0, b)) / (2 * h),
                     1e-5 * (1 + std::abs(exact)));
       }

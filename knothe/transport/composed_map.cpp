@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "knothe/base/error.hpp"
-#include "knothe/transport/log_density.hpp"
+#include "knothe/sampling/log_density.hpp"
 
 namespace knothe::transport {
 
@@ -31,10 +31,10 @@ void chain(const MapBatch& outer, const MapBatch& inner, int derivatives, MapBat
       if (derivatives < 2) continue;
       for (Eigen::Index a = 0; a < d; ++a)
         for (Eigen::Index b = 0; b <= a; ++b) {
-          auto entry = out.hessian.col(i * packed + packed_index(a, b)).array();
-          entry += slope * inner.hessian.col(m * packed + packed_index(a, b)).array();
+          auto entry = out.hessian.col(i * packed + sampling::packed_index(a, b)).array();
+          entry += slope * inner.hessian.col(m * packed + sampling::packed_index(a, b)).array();
           for (Eigen::Index l = 0; l < d; ++l)
-            entry += outer.hessian.col(i * packed + packed_index(m, l)).array() *
+            entry += outer.hessian.col(i * packed + sampling::packed_index(m, l)).array() *
                      inner.jacobian.col(m * d + a).array() * inner.jacobian.col(l * d + b).array();
         }
     }

@@ -31,15 +31,15 @@ void moments(ImportanceCorrection& c) {
 
 }  // namespace
 
-ImportanceCorrection MapSolver::correct(LogDensity& target, const MapResult& result) {
+ImportanceCorrection MapSolver::correct(sampling::LogDensity& target, const MapResult& result) {
   ImportanceCorrection correction;
   correct(target, result, correction);
   return correction;
 }
 
-void MapSolver::correct(LogDensity& user_target, const MapResult& result, ImportanceCorrection& c) {
+void MapSolver::correct(sampling::LogDensity& user_target, const MapResult& result, ImportanceCorrection& c) {
   Workspace& work = *work_;
-  CheckedDensity target(user_target);
+  sampling::CheckedDensity target(user_target);
   normalise(result.verification.log_weight, c);
   const WeightedPoints* used = &result.verification;
   Eigen::Index n = result.verification.points.rows();

@@ -4,14 +4,14 @@
 #include <string>
 #include <vector>
 
+#include "knothe/sampling/test_targets.hpp"
 #include "knothe/transport/map_solver.hpp"
-#include "knothe/transport/test_targets.hpp"
 
 namespace knothe::transport {
 namespace {
 
-using targets::Planar;
-using targets::Ridge;
+using sampling::targets::Planar;
+using sampling::targets::Ridge;
 
 struct Case {
   const char* name;
@@ -24,7 +24,7 @@ struct Case {
 /// to 0.997.
 TEST(ImportanceCorrection, AgreesWithDenseQuadratureOnHardTargets) {
   const std::vector<Case> cases = {
-      {"banana", targets::banana(0.7), 40},
+      {"banana", sampling::targets::banana(0.7), 40},
       {"ridge", Ridge{}},
       {"ridge, narrow", Ridge{1, 1, 0.01, 1.0, 0.3}},
       {"ridge against the box", Ridge{1, 1.05, 0.01, 1.35, 0.15}},
@@ -42,7 +42,7 @@ TEST(ImportanceCorrection, AgreesWithDenseQuadratureOnHardTargets) {
     Planar target(c.function);
     const MapResult result = solver.solve(target);
     const auto corrected = solver.correct(target, result);
-    const auto reference = targets::dense_quadrature(c.function, corrected.levels, c.half_width);
+    const auto reference = sampling::targets::dense_quadrature(c.function, corrected.levels, c.half_width);
     EXPECT_NEAR(corrected.log_evidence, reference.log_evidence, 0.02) << c.name;
     for (Eigen::Index a = 0; a < 2; ++a) {
       const double std = reference.standard_deviation[a];
@@ -65,7 +65,7 @@ TEST(ImportanceCorrection, TakesMorePointsWhereWeightsAreUneven) {
   MapSolverOptions options;
   options.max_order = 1;  // an affine map for a banana: poor on purpose
   MapSolver solver(options);
-  Planar target(targets::banana(0.5));
+  Planar target(sampling::targets::banana(0.5));
   const MapResult result = solver.solve(target);
   const auto corrected = solver.correct(target, result);
   EXPECT_GT(corrected.points.rows(), 1024);
@@ -80,9 +80,10 @@ TEST(ImportanceCorrection, TakesMorePointsWhereWeightsAreUneven) {
 
 TEST(ImportanceCorrection, HigherDimensions) {
   // A chain of bananas in five dimensions: x_1 ~ N(0,1), x_k ~ N(x_{k−1}²/4, 1/4); evidence 1, E x_2 = 1/4.
-  struct Chain : LogDensity {
+  struct Chain : sampling::LogDensity {
     Eigen::Index dimension() const override { return 5; }
-    void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int order, LogDensityBatch& out) override {
+    void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int order,
+                  sampling::LogDensityBatch& out) override {
       for (Eigen::Index i = 0; i < z.rows(); ++i) {
         double value = -0.5 * z(i, 0) * z(i, 0) - 2.5 * std::log(2 * std::numbers::pi) - 4 * std::log(0.5);
         if (order >= 1) out.gradient.row(i).setZero(), out.gradient(i, 0) = -z(i, 0);
@@ -92,9 +93,9 @@ TEST(ImportanceCorrection, HigherDimensions) {
           value -= 2 * u * u;
           if (order >= 1) out.gradient(i, k) -= 4 * u, out.gradient(i, k - 1) += 2 * u * x;
           if (order >= 2) {
-            out.hessian(i, packed_index(k, k)) -= 4;
-            out.hessian(i, packed_index(k, k - 1)) += 2 * x;
-            out.hessian(i, packed_index(k - 1, k - 1)) += 2 * u - x * x;
+            out.hessian(i, sampling::packed_index(k, k)) -= 4;
+            out.hessian(i, sampling::packed_index(k, k - 1)) += 2 * x;
+            out.hessian(i, sampling::packed_index(k - 1, k - 1)) += 2 * u - x * x;
           }
         }
         out.value[i] = value;

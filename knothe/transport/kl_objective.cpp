@@ -38,16 +38,16 @@ TrainingTables::TrainingTables(numerics::PointRule training_rule, int order, con
     for (Eigen::Index a = 0; a < c.monotone_count; ++a)
       for (Eigen::Index b = 0; b <= a; ++b) {
         const auto sa = static_cast<std::size_t>(a), sb = static_cast<std::size_t>(b);
-        pair.col(packed_index(a, b)) = 2 * points.prefix(k).col(column[sa]).array() *
-                                       points.prefix(k).col(column[sb]).array() *
-                                       points.integrals(k).col(packed_index(degree[sa], degree[sb])).array();
+        pair.col(sampling::packed_index(a, b)) =
+            2 * points.prefix(k).col(column[sa]).array() * points.prefix(k).col(column[sb]).array() *
+            points.integrals(k).col(sampling::packed_index(degree[sa], degree[sb])).array();
       }
     pair_basis.push_back(std::move(pair));
   }
 }
 
 void KullbackLeiblerObjective::begin(const TrainingTables& tables, const AffineMap& pre_map,
-                                     CheckedDensity& target, double mode_log_density) {
+                                     sampling::CheckedDensity& target, double mode_log_density) {
   tables_ = &tables;
   pre_map_ = &pre_map;
   target_ = &target;
@@ -99,11 +99,11 @@ void KullbackLeiblerObjective::pull_back(int derivatives) {
     curvature_.setZero(n, d * (d + 1) / 2);
     for (Eigen::Index a = 0; a < d; ++a)
       for (Eigen::Index b = 0; b <= a; ++b) {
-        auto entry = curvature_.col(packed_index(a, b));
+        auto entry = curvature_.col(sampling::packed_index(a, b));
         for (Eigen::Index i = a; i < d; ++i)
           for (Eigen::Index j = b; j < d; ++j)
             if (const double f = l(i, a) * l(j, b); f != 0)
-              entry += f * batch_.hessian.col(packed_index(i, j));
+              entry += f * batch_.hessian.col(sampling::packed_index(i, j));
         entry.array() *= -w.array();
       }
   }
@@ -138,7 +138,7 @@ void KullbackLeiblerObjective::fill_hessian(Eigen::MatrixXd& hessian) {
     const auto& c = tables_->layout.components()[sk];
     for (Eigen::Index l = 0; l <= k; ++l) {
       const auto& cl = tables_->layout.components()[static_cast<std::size_t>(l)];
-      scaled_ = sensitivity_[sk].array().colwise() * curvature_.col(packed_index(k, l)).array();
+      scaled_ = sensitivity_[sk].array().colwise() * curvature_.col(sampling::packed_index(k, l)).array();
       block_.noalias() = scaled_.transpose() * sensitivity_[static_cast<std::size_t>(l)];
       hessian.block(c.offset, cl.offset, c.count(), cl.count()) = block_;
       if (l < k) hessian.block(cl.offset, c.offset, cl.count(), c.count()) = block_.transpose();
@@ -151,10 +151,10 @@ void KullbackLeiblerObjective::fill_hessian(Eigen::MatrixXd& hessian) {
     scratch_.noalias() = tables_->pair_basis[sk].transpose() * slope_.col(k);
     for (Eigen::Index a = 0; a < c.monotone_count; ++a) {
       for (Eigen::Index b = 0; b < a; ++b) {
-        corner(a, b) += scratch_[packed_index(a, b)];
+        corner(a, b) += scratch_[sampling::packed_index(a, b)];
         corner(b, a) = corner(a, b);
       }
-      corner(a, a) += scratch_[packed_index(a, a)];
+      corner(a, a) += scratch_[sampling::packed_index(a, a)];
     }
   }
 }

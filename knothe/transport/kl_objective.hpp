@@ -6,7 +6,7 @@
 
 #include "knothe/numerics/minimiser.hpp"
 #include "knothe/numerics/quadrature.hpp"
-#include "knothe/transport/checked_density.hpp"
+#include "knothe/sampling/checked_density.hpp"
 #include "knothe/transport/composed_map.hpp"
 #include "knothe/transport/point_tables.hpp"
 
@@ -36,7 +36,7 @@ struct TrainingTables {
 class KullbackLeiblerObjective final : public numerics::Objective {
  public:
   /// For one solve: all three must outlive the use.
-  void begin(const TrainingTables& tables, const AffineMap& pre_map, CheckedDensity& target,
+  void begin(const TrainingTables& tables, const AffineMap& pre_map, sampling::CheckedDensity& target,
              double mode_log_density);
 
   [[nodiscard]] Eigen::Index dimension() const override { return tables_->layout.size(); }
@@ -55,13 +55,13 @@ class KullbackLeiblerObjective final : public numerics::Objective {
 
   const TrainingTables* tables_ = nullptr;
   const AffineMap* pre_map_ = nullptr;
-  CheckedDensity* target_ = nullptr;
+  sampling::CheckedDensity* target_ = nullptr;
   double floor_ = 0;  ///< stands for log π̄ = −∞
   double pre_map_log_determinant_ = 0;
 
   std::vector<ComponentValues> component_, step_component_;
   Eigen::MatrixXd z_;
-  LogDensityBatch batch_;
+  sampling::LogDensityBatch batch_;
   Eigen::VectorXd log_determinant_, last_, scratch_;
   Eigen::MatrixXd slope_;                     ///< n × d: −w ∂ log π̄ / ∂M_k
   Eigen::MatrixXd curvature_;                 ///< n × d(d+1)/2: −w ∂² log π̄ / ∂M_k ∂M_l

@@ -5,18 +5,19 @@
 #include <cmath>
 #include <random>
 
-#include "knothe/transport/test_targets.hpp"
+#include "knothe/sampling/test_targets.hpp"
 
 namespace knothe::transport {
 namespace {
 
 /// A correlated, skewed density in R^d with exact derivatives: Gaussian minus a quartic in a slanted
 /// direction.
-struct Quartic : LogDensity {
+struct Quartic : sampling::LogDensity {
   Eigen::Index d;
   explicit Quartic(Eigen::Index dimension) : d(dimension) {}
   [[nodiscard]] Eigen::Index dimension() const override { return d; }
-  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int order, LogDensityBatch& out) override {
+  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int order,
+                sampling::LogDensityBatch& out) override {
     const Eigen::VectorXd slant = Eigen::VectorXd::LinSpaced(d, 1, -0.5);
     for (Eigen::Index i = 0; i < z.rows(); ++i) {
       const double s = z.row(i).dot(slant);
@@ -26,7 +27,7 @@ struct Quartic : LogDensity {
       if (order >= 2)
         for (Eigen::Index a = 0; a < d; ++a)
           for (Eigen::Index b = 0; b <= a; ++b)
-            out.hessian(i, packed_index(a, b)) =
+            out.hessian(i, sampling::packed_index(a, b)) =
                 (a == b ? -1.0 : 0.0) + (-0.6 * s * s - 0.3 * std::sin(s)) * slant[a] * slant[b];
     }
   }
@@ -47,7 +48,7 @@ TEST(KullbackLeiblerObjective, GradientAndHessianAgainstFiniteDifferences) {
       const TrainingTables tables(numerics::tensor_rule(numerics::gauss_hermite(8), d, 1e-11), order,
                                   TailedHermite());
       Quartic density(d);
-      CheckedDensity target(density);
+      sampling::CheckedDensity target(density);
       const AffineMap pre_map = some_pre_map(d);
       KullbackLeiblerObjective objective;
       objective.begin(tables, pre_map, target, 0);
@@ -81,7 +82,7 @@ TEST(KullbackLeiblerObjective, IsTheObjectiveOfThePublicMap) {
   const Eigen::Index d = 3;
   const TrainingTables tables(numerics::tensor_rule(numerics::gauss_hermite(7), d), 3, TailedHermite());
   Quartic density(d);
-  CheckedDensity target(density);
+  sampling::CheckedDensity target(density);
   const AffineMap pre_map = some_pre_map(d);
   KullbackLeiblerObjective objective;
   objective.begin(tables, pre_map, target, 0);
@@ -102,7 +103,7 @@ TEST(KullbackLeiblerObjective, IsTheObjectiveOfThePublicMap) {
   composed.append(map);
   MapBatch batch;
   composed.evaluate(tables.rule.points, 0, batch);
-  LogDensityBatch values;
+  sampling::LogDensityBatch values;
   target.evaluate(batch.value, 0, values);
   const Eigen::VectorXd r = tables.log_reference - values.value - batch.log_determinant;
   EXPECT_NEAR(value, tables.rule.weights.dot(r), 1e-11);
@@ -115,8 +116,9 @@ TEST(KullbackLeiblerObjective, VarianceDiagnosticOfAMisfitGaussian) {
   // T(x) = x against N(m, s²): r = log ρ − log π = x²(1/s² − 1)/2 − x m/s² + const, ½ Var r = ((1/s² − 1)²/2
   // + m²/s⁴)/2.
   const double m = 0.7, s = 1.4, k = 1 / (s * s) - 1;
-  targets::Gaussian density(Eigen::VectorXd::Constant(1, m), Eigen::MatrixXd::Constant(1, 1, 1 / (s * s)));
-  CheckedDensity target(density);
+  sampling::targets::Gaussian density(Eigen::VectorXd::Constant(1, m),
+                                      Eigen::MatrixXd::Constant(1, 1, 1 / (s * s)));
+  sampling::CheckedDensity target(density);
   const TrainingTables tables(numerics::tensor_rule(numerics::gauss_hermite(6), 1), 1,
                               TailedHermite({6, 0.5, 6}));
   KullbackLeiblerObjective objective;
@@ -130,7 +132,7 @@ TEST(KullbackLeiblerObjective, VarianceDiagnosticOfAMisfitGaussian) {
 TEST(KullbackLeiblerObjective, TheStepFilterKeepsTheSlopePositive) {
   const TrainingTables tables(numerics::tensor_rule(numerics::gauss_hermite(8), 2), 3, TailedHermite());
   Quartic density(2);
-  CheckedDensity target(density);
+  sampling::CheckedDensity target(density);
   const AffineMap pre_map = AffineMap::identity(2);
   KullbackLeiblerObjective objective;
   objective.begin(tables, pre_map, target, 0);

@@ -102,7 +102,7 @@ const VerificationTables& MapSolver::Workspace::verification_tables(Eigen::Index
   return *tables;
 }
 
-void MapSolver::Workspace::weigh(CheckedDensity& target, const AffineMap& pre_map, int order,
+void MapSolver::Workspace::weigh(sampling::CheckedDensity& target, const AffineMap& pre_map, int order,
                                  const Eigen::VectorXd& map_coefficients_in, Eigen::Index n,
                                  WeightedPoints& out, bool is_broad) {
   const Eigen::Index d = pre_map.dimension();
@@ -130,7 +130,7 @@ void MapSolver::Workspace::weigh(CheckedDensity& target, const AffineMap& pre_ma
                    tables.log_reference.array();
 }
 
-numerics::MinimiserSummary MapSolver::Workspace::minimise(CheckedDensity& target) {
+numerics::MinimiserSummary MapSolver::Workspace::minimise(sampling::CheckedDensity& target) {
   auto kind = options.minimiser;
   if (target.available_derivatives() < 1) kind = MinimiserKind::nelder_mead;
   if (kind == MinimiserKind::newton && target.available_derivatives() < 2) kind = MinimiserKind::bfgs;
@@ -156,7 +156,7 @@ numerics::MinimiserSummary MapSolver::Workspace::minimise(CheckedDensity& target
   return nelder_mead.minimise(objective, simplex_options, coefficients);
 }
 
-void MapSolver::Workspace::train(CheckedDensity& target, MapResult& result, int order) {
+void MapSolver::Workspace::train(sampling::CheckedDensity& target, MapResult& result, int order) {
   const Eigen::Index d = target.dimension();
   const TrainingTables& tables = training_tables(d, order);
   result.map = identity(d, order);
@@ -185,14 +185,15 @@ void MapSolver::Workspace::train(CheckedDensity& target, MapResult& result, int 
   result.diagnostic_by_order.push_back(candidate.training_diagnostic);
 }
 
-void MapSolver::Workspace::verify(CheckedDensity& target, const AffineMap& pre_map, Candidate& candidate) {
+void MapSolver::Workspace::verify(sampling::CheckedDensity& target, const AffineMap& pre_map,
+                                  Candidate& candidate) {
   if (candidate.verified_diagnostic >= 0) return;
   weigh(target, pre_map, candidate.order, candidate.coefficients, options.verification_points,
         candidate.verification);
   diagnose(candidate.verification.log_weight, candidate.verified_diagnostic, candidate.verified_objective);
 }
 
-std::size_t MapSolver::Workspace::choose(CheckedDensity& target, const MapResult& result) {
+std::size_t MapSolver::Workspace::choose(sampling::CheckedDensity& target, const MapResult& result) {
   // The best by training, then any lower order as long as verification says that training was too kind.
   std::size_t best = 0;
   for (std::size_t i = 1; i < tried; ++i)
@@ -253,24 +254,24 @@ void MapSolver::prepare(Eigen::Index dimension) {
   }
 }
 
-MapResult MapSolver::solve(LogDensity& target) {
+MapResult MapSolver::solve(sampling::LogDensity& target) {
   MapResult result;
   solve(target, result);
   return result;
 }
 
-void MapSolver::solve(LogDensity& user_target, MapResult& result) {
+void MapSolver::solve(sampling::LogDensity& user_target, MapResult& result) {
   Workspace& work = *work_;
   const auto& options = work.options;
   if (user_target.dimension() < 1 || user_target.dimension() > numerics::k_sobol_max_dimension)
     throw UsageError(fmt::format("map solver: a density in {} dimensions; 1 to {} are possible",
                                  user_target.dimension(), numerics::k_sobol_max_dimension));
-  CheckedDensity target(user_target);
+  sampling::CheckedDensity target(user_target);
   work.mode_search.run(target, options.search_modes, work.modes);
-  const Mode& main = work.modes.front();
+  const sampling::Mode& main = work.modes.front();
   result.mode = main.point;
   result.mode_log_density = main.value;
-  for (const Mode& mode : work.modes)
+  for (const sampling::Mode& mode : work.modes)
     if (mode.value > result.mode_log_density) result.mode = mode.point, result.mode_log_density = mode.value;
   result.pre_map.shift = main.point;
   result.pre_map.lower = main.lower;

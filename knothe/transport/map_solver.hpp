@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
+#include "knothe/sampling/log_density.hpp"
 #include "knothe/transport/composed_map.hpp"
-#include "knothe/transport/log_density.hpp"
 
 namespace knothe::transport {
 
@@ -109,12 +109,12 @@ class MapSolver {
 
   /// Errors: UsageError for a dimension below 1, NumericalError for a density that gives NaN or +∞, or is
   /// zero at every point tried. `result` is overwritten; reusing one object saves its memory.
-  void solve(LogDensity& target, MapResult& result);
-  [[nodiscard]] MapResult solve(LogDensity& target);
+  void solve(sampling::LogDensity& target, MapResult& result);
+  [[nodiscard]] MapResult solve(sampling::LogDensity& target);
 
   /// On the result of the solve of the same target.
-  void correct(LogDensity& target, const MapResult& result, ImportanceCorrection& correction);
-  [[nodiscard]] ImportanceCorrection correct(LogDensity& target, const MapResult& result);
+  void correct(sampling::LogDensity& target, const MapResult& result, ImportanceCorrection& correction);
+  [[nodiscard]] ImportanceCorrection correct(sampling::LogDensity& target, const MapResult& result);
 
  private:
   struct Workspace;

@@ -11,8 +11,8 @@
 #include <string>
 #include <vector>
 
+#include "knothe/sampling/test_targets.hpp"
 #include "knothe/transport/map_solver.hpp"
-#include "knothe/transport/test_targets.hpp"
 
 namespace {
 
@@ -21,11 +21,12 @@ using Clock = std::chrono::steady_clock;
 
 /// A target without indirection, so that its own cost is small and known.
 template <class Function>
-struct Direct final : LogDensity {
+struct Direct final : sampling::LogDensity {
   Function function;
   explicit Direct(Function f) : function(f) {}
   [[nodiscard]] Eigen::Index dimension() const override { return 2; }
-  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int order, LogDensityBatch& out) override {
+  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int order,
+                sampling::LogDensityBatch& out) override {
     double r[6];
     for (Eigen::Index i = 0; i < z.rows(); ++i) {
       function(z(i, 0), z(i, 1), r);
@@ -67,7 +68,7 @@ void measure(const char* name, Function function, int repetitions) {
   const auto [solve, solve_p99] = median_and_p99(repetitions, [&] { solver.solve(target, result); });
   const auto [correct, correct_p99] =
       median_and_p99(repetitions, [&] { solver.correct(target, result, correction); });
-  LogDensityBatch batch;
+  sampling::LogDensityBatch batch;
   batch.resize(1024, 2, 2);
   const auto value =
       median_and_p99(200, [&] { target.evaluate(result.verification.points, 0, batch); }).first;
@@ -90,8 +91,8 @@ int main(int argc, char** argv) {
     r[4] = 2 * x, r[5] = -1;
   };
   measure("banana", banana, repetitions);
-  measure("ridge, box beside it", targets::Ridge{1, 1.0, 0.02, 1.8, 0.2}, repetitions);
-  measure("ridge, wide", targets::Ridge{1, 1.0, 0.05, 1.0, 0.1}, repetitions);
-  measure("ridge against the box", targets::Ridge{1, 1.05, 0.01, 1.35, 0.15}, repetitions);
-  measure("ridge, more bent", targets::Ridge{3, 1, 0.02, 1.0, 0.4}, repetitions / 4 + 1);
+  measure("ridge, box beside it", sampling::targets::Ridge{1, 1.0, 0.02, 1.8, 0.2}, repetitions);
+  measure("ridge, wide", sampling::targets::Ridge{1, 1.0, 0.05, 1.0, 0.1}, repetitions);
+  measure("ridge against the box", sampling::targets::Ridge{1, 1.05, 0.01, 1.35, 0.15}, repetitions);
+  measure("ridge, more bent", sampling::targets::Ridge{3, 1, 0.02, 1.0, 0.4}, repetitions / 4 + 1);
 }

@@ -7,12 +7,12 @@
 #include <string>
 
 #include "knothe/base/error.hpp"
-#include "knothe/transport/test_targets.hpp"
+#include "knothe/sampling/test_targets.hpp"
 
 namespace knothe::transport {
 namespace {
 
-using targets::Planar;
+using sampling::targets::Planar;
 
 Eigen::MatrixXd correlated_precision(Eigen::Index d) {
   Eigen::MatrixXd a = Eigen::MatrixXd::Identity(d, d);
@@ -23,7 +23,8 @@ Eigen::MatrixXd correlated_precision(Eigen::Index d) {
 
 TEST(MapSolver, LinearGaussianIsExactAtOrderOne) {
   for (Eigen::Index d : {1, 2, 3, 6}) {
-    targets::Gaussian target(Eigen::VectorXd::LinSpaced(d, -0.5, 1.2), correlated_precision(d), -3.25);
+    sampling::targets::Gaussian target(Eigen::VectorXd::LinSpaced(d, -0.5, 1.2), correlated_precision(d),
+                                       -3.25);
     MapSolver solver;
     const MapResult result = solver.solve(target);
     EXPECT_EQ(result.order, 1);
@@ -52,7 +53,7 @@ TEST(MapSolver, TheBananaIsExactAtOrderTwo) {
   options.radii.tangent = 9;  // beyond all points: x² is then in the span everywhere
   options.decrease_tolerance = 1e-14;
   MapSolver solver(options);
-  Planar target(targets::banana());
+  Planar target(sampling::targets::banana());
   const MapResult result = solver.solve(target);
   EXPECT_EQ(result.order, 2);
   EXPECT_LT(result.verified_diagnostic, 1e-12);
@@ -65,9 +66,9 @@ TEST(MapSolver, TheBananaIsExactAtOrderTwo) {
 }
 
 TEST(MapSolver, MinimisersAgree) {
-  Planar with_hessian(targets::Ridge{1, 1.05, 0.1, 1.2, 0.3});
-  Planar with_gradient(targets::Ridge{1, 1.05, 0.1, 1.2, 0.3}, 1),
-      values_only(targets::Ridge{1, 1.05, 0.1, 1.2, 0.3}, 0);
+  Planar with_hessian(sampling::targets::Ridge{1, 1.05, 0.1, 1.2, 0.3});
+  Planar with_gradient(sampling::targets::Ridge{1, 1.05, 0.1, 1.2, 0.3}, 1),
+      values_only(sampling::targets::Ridge{1, 1.05, 0.1, 1.2, 0.3}, 0);
   MapSolverOptions options;
   options.max_order = options.min_order = 2;
   options.decrease_tolerance = 1e-13;
@@ -109,22 +110,22 @@ TEST(MapSolver, ASpuriousMinimumIsNotReported) {
 TEST(MapSolver, ASecondModeIsFlagged) {
   MapSolver solver;
   for (double a : {2.5, 3.0, 6.0, 10.0}) {
-    Planar target(targets::mixture(a));
+    Planar target(sampling::targets::mixture(a));
     const MapResult result = solver.solve(target);
     EXPECT_TRUE(result.second_mode_found) << a;
     EXPECT_FALSE(solver.correct(target, result).trusted);
     EXPECT_NEAR(std::abs(result.second_mode[0]), a, 0.1);
   }
-  Planar uneven(targets::mixture(4, 0.02));
+  Planar uneven(sampling::targets::mixture(4, 0.02));
   EXPECT_TRUE(solver.solve(uneven).second_mode_found);
-  Planar one(targets::mixture(1)), bent(targets::banana(1.5));
+  Planar one(sampling::targets::mixture(1)), bent(sampling::targets::banana(1.5));
   EXPECT_FALSE(solver.solve(one).second_mode_found);
   EXPECT_FALSE(solver.solve(bent).second_mode_found);
 }
 
 TEST(MapSolver, NotANumberIsAClearError) {
   Planar target([](double x, double y, double* r) {
-    targets::banana()(x, y, r);
+    sampling::targets::banana()(x, y, r);
     if (x > 0.3) r[0] = std::nan("");
   });
   try {
@@ -134,7 +135,7 @@ TEST(MapSolver, NotANumberIsAClearError) {
     EXPECT_NE(std::string(error.what()).find("the log-density is nan at z = ("), std::string::npos);
   }
   Planar gradient([](double x, double y, double* r) {
-    targets::banana()(x, y, r);
+    sampling::targets::banana()(x, y, r);
     r[2] = std::numeric_limits<double>::infinity();
   });
   try {
@@ -143,9 +144,9 @@ TEST(MapSolver, NotANumberIsAClearError) {
   } catch (const NumericalError& error) {
     EXPECT_NE(std::string(error.what()).find("gradient of the log-density is not finite"), std::string::npos);
   }
-  struct Forgetful : LogDensity {  // writes nothing: the poisoned buffer shows it
+  struct Forgetful : sampling::LogDensity {  // writes nothing: the poisoned buffer shows it
     Eigen::Index dimension() const override { return 1; }
-    void evaluate(const Eigen::Ref<const Eigen::MatrixXd>&, int, LogDensityBatch&) override {}
+    void evaluate(const Eigen::Ref<const Eigen::MatrixXd>&, int, sampling::LogDensityBatch&) override {}
   } forgetful;
   EXPECT_THROW((void)MapSolver().solve(forgetful), NumericalError);
 }
@@ -174,8 +175,8 @@ TEST(MapSolver, ADensityThatIsZeroSomewhereIsSurvived) {
 }
 
 TEST(MapSolver, IsDeterministicWhateverWasSolvedBefore) {
-  Planar ridge(targets::Ridge{1, 1.05, 0.01, 1.35, 0.15}), banana(targets::banana(1, 0.2)),
-      bimodal(targets::mixture(3));
+  Planar ridge(sampling::targets::Ridge{1, 1.05, 0.01, 1.35, 0.15}),
+      banana(sampling::targets::banana(1, 0.2)), bimodal(sampling::targets::mixture(3));
   MapSolver solver, fresh;
   fresh.prepare(2);
   const MapResult first = solver.solve(ridge);
@@ -198,7 +199,8 @@ TEST(MapSolver, IsDeterministicWhateverWasSolvedBefore) {
 
 TEST(MapSolver, HandlesScalesAndDimensions) {
   for (double scale : {1e-4, 1e-2, 30.0}) {
-    targets::Gaussian target(Eigen::Vector2d(0.4, -0.2), Eigen::Matrix2d::Identity() / (scale * scale));
+    sampling::targets::Gaussian target(Eigen::Vector2d(0.4, -0.2),
+                                       Eigen::Matrix2d::Identity() / (scale * scale));
     const MapResult result = MapSolver().solve(target);
     EXPECT_TRUE(result.tolerance_reached) << scale;
     EXPECT_NEAR(result.map_log_evidence(), 0, 1e-8);

@@ -10,9 +10,9 @@
 #include "knothe/numerics/nelder_mead.hpp"
 #include "knothe/numerics/trust_region.hpp"
 #include "knothe/numerics/weighted_statistics.hpp"
+#include "knothe/sampling/mode_search.hpp"
 #include "knothe/transport/kl_objective.hpp"
 #include "knothe/transport/map_solver.hpp"
-#include "knothe/transport/mode_search.hpp"
 
 namespace knothe::transport {
 
@@ -29,8 +29,8 @@ inline constexpr double k_broad = 1.5;
 
 struct MapSolver::Workspace {
   MapSolverOptions options;
-  ModeSearch mode_search;
-  std::vector<Mode> modes;
+  sampling::ModeSearch mode_search;
+  std::vector<sampling::Mode> modes;
   std::map<std::pair<Eigen::Index, int>, TriangularMap> identities;                  ///< (d, order)
   std::map<std::pair<Eigen::Index, int>, std::unique_ptr<TrainingTables>> training;  ///< (d, order)
   std::map<std::tuple<Eigen::Index, Eigen::Index, int>, std::unique_ptr<VerificationTables>> verification,
@@ -42,7 +42,7 @@ struct MapSolver::Workspace {
   numerics::WeightedQuantiles quantiles;
   Eigen::VectorXd coefficients, map_coefficients, scratch;
   std::vector<ComponentValues> component;
-  LogDensityBatch batch;
+  sampling::LogDensityBatch batch;
   WeightedPoints more_points;
 
   /// A candidate map: one per order tried.
@@ -65,13 +65,13 @@ struct MapSolver::Workspace {
                                                 bool is_broad = false);
 
   /// log-weights at n independent points under pre_map ∘ (map of `order` with `coefficients`).
-  void weigh(CheckedDensity& target, const AffineMap& pre_map, int order,
+  void weigh(sampling::CheckedDensity& target, const AffineMap& pre_map, int order,
              const Eigen::VectorXd& map_coefficients_in, Eigen::Index n, WeightedPoints& out,
              bool is_broad = false);
-  numerics::MinimiserSummary minimise(CheckedDensity& target);
-  void train(CheckedDensity& target, MapResult& result, int order);
-  void verify(CheckedDensity& target, const AffineMap& pre_map, Candidate& candidate);
-  std::size_t choose(CheckedDensity& target, const MapResult& result);
+  numerics::MinimiserSummary minimise(sampling::CheckedDensity& target);
+  void train(sampling::CheckedDensity& target, MapResult& result, int order);
+  void verify(sampling::CheckedDensity& target, const AffineMap& pre_map, Candidate& candidate);
+  std::size_t choose(sampling::CheckedDensity& target, const MapResult& result);
   void look_at_other_modes(MapResult& result);
 };
 

@@ -4,7 +4,7 @@
 #include <map>
 #include <utility>
 
-#include "knothe/transport/log_density.hpp"
+#include "knothe/sampling/log_density.hpp"
 
 namespace knothe::transport {
 
@@ -125,9 +125,9 @@ void ComponentValues::evaluate(const PointTables& tables, const MapLayout& layou
   for (Eigen::Index m = 1; m < c.constant_count; ++m) value += coefficients[c.offset + m] * prefix.col(m);
   for (Eigen::Index j = 0; j < order; ++j) {
     auto column = g.col(j).array();
-    column = integrals.col(packed_index(j, 0)).array() * b.col(0).array();
+    column = integrals.col(sampling::packed_index(j, 0)).array() * b.col(0).array();
     for (Eigen::Index l = 1; l < order; ++l)
-      column += integrals.col(packed_index(j, l)).array() * b.col(l).array();
+      column += integrals.col(sampling::packed_index(j, l)).array() * b.col(l).array();
     value.array() += b.col(j).array() * column;
   }
 }

@@ -52,7 +52,7 @@ class PointTables {
   [[nodiscard]] int order() const { return order_; }
   /// ψ_0 … ψ_{p} of variable k, n × (p + 1).
   [[nodiscard]] const Eigen::MatrixXd& psi(Eigen::Index k) const { return psi_[static_cast<std::size_t>(k)]; }
-  /// I_jl of variable k, n × p(p + 1)/2 by packed_index.
+  /// I_jl of variable k, n × p(p + 1)/2 by sampling::packed_index.
   [[nodiscard]] const Eigen::MatrixXd& integrals(Eigen::Index k) const {
     return integrals_[static_cast<std::size_t>(k)];
   }

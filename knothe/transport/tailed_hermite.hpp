@@ -38,7 +38,7 @@ class TailedHermite {
   void tangent(double x, int n, Values& value, Values& first, Values& second) const;
   /// χ_0(x) … χ_n(x) with first and second derivatives.
   void level(double x, int n, Values& value, Values& first, Values& second) const;
-  /// ∫₀ˣ χ_i χ_j dθ for 0 ≤ j ≤ i ≤ n, at `packed_index(i, j)`; exact, see SquareRule.
+  /// ∫₀ˣ χ_i χ_j dθ for 0 ≤ j ≤ i ≤ n, at `sampling::packed_index(i, j)`; exact, see SquareRule.
   void product_integrals(double x, int n, std::span<double> packed) const;
 
  private:

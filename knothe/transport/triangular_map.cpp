@@ -9,7 +9,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/hermite.hpp"
-#include "knothe/transport/log_density.hpp"
+#include "knothe/sampling/log_density.hpp"
 
 namespace knothe::transport {
 
@@ -120,16 +120,16 @@ void component_derivatives(const MapComponent& c, const Eigen::VectorXd& coeffic
   out.hessian.row(i).segment(k * packed, packed).setZero();
   for (int a = 0; a < kk; ++a) {
     const auto& ba = b[static_cast<std::size_t>(a)];
-    out.hessian(i, k * packed + packed_index(k, a)) = 2 * h * dot(ba, psi, n);
+    out.hessian(i, k * packed + sampling::packed_index(k, a)) = 2 * h * dot(ba, psi, n);
     for (int bb = 0; bb <= a; ++bb) {
       Values bab{};
       collapse(c, a_e, at, kk, a, bb, bab, n);
-      out.hessian(i, k * packed + packed_index(a, bb)) =
+      out.hessian(i, k * packed + sampling::packed_index(a, bb)) =
           constant(a, bb) + 2 * (product_integral(basis, ba, b[static_cast<std::size_t>(bb)], x_k, n) +
                                  product_integral(basis, b0, bab, x_k, n));
     }
   }
-  out.hessian(i, k * packed + packed_index(k, k)) =
+  out.hessian(i, k * packed + sampling::packed_index(k, k)) =
       2 * h * dot(b0, at.level.first[static_cast<std::size_t>(k)], n);
 }
 
@@ -239,7 +239,7 @@ void TriangularMap::coefficient_gradients(const Eigen::Ref<const Eigen::MatrixXd
       g[static_cast<std::size_t>(j)] = 0;
       for (int l = 0; l <= q; ++l)
         g[static_cast<std::size_t>(j)] +=
-            packed[static_cast<std::size_t>(packed_index(j, l))] * b[static_cast<std::size_t>(l)];
+            packed[static_cast<std::size_t>(sampling::packed_index(j, l))] * b[static_cast<std::size_t>(l)];
     }
     for (Eigen::Index m = 0; m < n_c; ++m)
       value(i, m) = product(c.constant[static_cast<std::size_t>(m)], at.tangent, kk);

@@ -1,18 +1,13 @@
 #pragma once
 /// @file Lower triangular monotone maps R^d → R^d (Rubio et al. 2019, Eq. 7).
 ///
-/// Component k = 1 … d is  M^k(x) = Φ_c(x_1 … x_{k−1}) a_c + ∫₀^{x_k} (Φ_e(x_1 … x_{k−1}, θ) a_e)² dθ.
-/// Φ_c is the total-order basis of order p in k − 1 variables, Φ_e that of order p − 1 in k variables, so
-/// that a map of order 1 is affine; both of products of TailedHermite functions, Φ_c with tangent tails, Φ_e
-/// with level ones. ∂M^k/∂x_k = h², h = Φ_e a_e: a rectifier other than the square (integrated softplus,
-/// exponential) would change `monotone part` in triangular_map.cpp and in the tables of the objective,
-/// nothing else.
+/// Component k = 1 … d is  M^k(x) = Φ_c(x_1 … x_{k−1}) a_c + ∫₀^{x_k} r(Φ_e(x_1 … x_{k−1}, θ) a_e) dθ, with
+/// bases, index sets and rectifier r > 0 of a MapSpecification.
 #include <Eigen/Core>
 #include <memory>
 #include <vector>
 
-#include "knothe/transport/multi_index.hpp"
-#include "knothe/transport/tailed_hermite.hpp"
+#include "knothe/transport/parametrisation.hpp"
 
 namespace knothe::transport {
 
@@ -20,11 +15,20 @@ namespace knothe::transport {
 struct MapBatch {
   Eigen::MatrixXd value;     ///< n × d
   Eigen::MatrixXd jacobian;  ///< n × d², ∂M_i/∂x_j in column i d + j
-  Eigen::MatrixXd hessian;  ///< n × d·d(d+1)/2, ∂²M_i/∂x_a∂x_b in column i d(d+1)/2 + packed_index(a, b)
+  Eigen::MatrixXd
+      hessian;  ///< n × d·d(d+1)/2, ∂²M_i/∂x_a∂x_b in column i d(d+1)/2 + sampling::packed_index(a, b)
   Eigen::VectorXd log_determinant;  ///< n, log |det ∇M|; −∞ where the map is singular
 
   /// Makes room for n points of R^d; log_determinant always, derivatives as asked.
   void resize(Eigen::Index n, Eigen::Index d, int derivatives);
+};
+
+/// Map, log-determinant and their gradients in the coefficients at n points: what training needs.
+struct CoefficientBatch {
+  Eigen::MatrixXd value;                            ///< n × d
+  Eigen::VectorXd log_determinant;                  ///< n
+  std::vector<Eigen::MatrixXd> value_gradient;      ///< per component n × (n_c + n_e): ∂M^k/∂a
+  std::vector<Eigen::MatrixXd> log_slope_gradient;  ///< per component n × n_e: ∂ log ∂_k M^k / ∂a_e
 };
 
 /// The two bases of one component.
@@ -42,6 +46,13 @@ class TriangularMap {
   /// The identity, as a map of total order `order` (1 … k_max_order) in `dimension` ≥ 1 variables. Errors:
   /// UsageError.
   TriangularMap(Eigen::Index dimension, int order, TailRadii radii = {});
+  /// The identity, as a map of any parametrisation and index sets. Errors: UsageError for an index with a
+  /// variable that the component may not have, a degree above k_max_order, a set without the empty index, an
+  /// index twice.
+  explicit TriangularMap(MapSpecification specification);
+
+  [[nodiscard]] const Parametrisation& parametrisation() const;
+  [[nodiscard]] MapSpecification specification() const;
 
   [[nodiscard]] Eigen::Index dimension() const {
     return components_ ? static_cast<Eigen::Index>(components_->size()) : 0;
@@ -56,8 +67,11 @@ class TriangularMap {
   [[nodiscard]] const Eigen::VectorXd& coefficients() const { return coefficients_; }
   /// Errors: UsageError for another size or values that are not finite.
   void set_coefficients(const Eigen::VectorXd& coefficients);
-  /// Takes over the coefficients of a map of lower order (same dimension); the others become zero.
+  /// Takes over the coefficients of a map of the same dimension and parametrisation whose index sets are
+  /// subsets of this one's; the others become zero.
   void embed(const TriangularMap& lower);
+  /// One line per component: rectifier, basis, number of terms, highest degree, largest coefficients.
+  [[nodiscard]] std::string describe() const;
 
   /// M(x), its derivatives in x up to `derivatives` (0, 1, 2) and log det, at n points (n × d).
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives, MapBatch& out) const;
@@ -67,6 +81,11 @@ class TriangularMap {
   /// ∂M^k(x)/∂a and ∂ log (∂_k M^k)/∂a for the coefficients of component k, n × (n_c + n_e) each.
   void coefficient_gradients(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::Index k,
                              Eigen::MatrixXd& value, Eigen::MatrixXd& log_slope) const;
+
+  /// Values, log-determinant and all coefficient gradients at once, the training loop of a map at points that
+  /// change: blocks of points, contiguous columns, `threads` threads (results do not depend on their number).
+  void evaluate_with_coefficient_gradients(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                                           CoefficientBatch& out, int threads = 1) const;
 
   /// x with M(x) = z, component by component: bracketing, then Newton inside the bracket; |M(x) − z| ≤ 1e-12
   /// (1 + |z|) wherever the slope allows. Finite for every finite z unless M^k is bounded, which a map with h

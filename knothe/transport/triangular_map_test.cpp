@@ -11,8 +11,8 @@
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/hermite.hpp"
 #include "knothe/numerics/quadrature.hpp"
+#include "knothe/sampling/log_density.hpp"
 #include "knothe/transport/composed_map.hpp"
-#include "knothe/transport/log_density.hpp"
 
 namespace knothe::transport {
 namespace {
@@ -90,7 +90,7 @@ TEST(TailedHermite, ProductIntegralsAgainstNumericalQuadrature) {
         basis.level(rule.nodes[q], n, v, f, s);
         for (Eigen::Index i = 0; i <= n; ++i)
           for (Eigen::Index j = 0; j <= i; ++j)
-            sum[packed_index(i, j)] +=
+            sum[sampling::packed_index(i, j)] +=
                 rule.weights[q] * v[static_cast<std::size_t>(i)] * v[static_cast<std::size_t>(j)];
       }
     }
@@ -161,7 +161,7 @@ void check_input_derivatives(const std::function<void(const Eigen::MatrixXd&, in
                 2e-7 * (1 + first.cwiseAbs().maxCoeff()));
       for (Eigen::Index b = 0; b < d; ++b) {
         const Eigen::VectorXd second = (up.jacobian.col(i * d + b) - down.jacobian.col(i * d + b)) / (2 * e);
-        EXPECT_LT((at.hessian.col(i * packed + packed_index(a, b)) - second).cwiseAbs().maxCoeff(),
+        EXPECT_LT((at.hessian.col(i * packed + sampling::packed_index(a, b)) - second).cwiseAbs().maxCoeff(),
                   2e-6 * (1 + second.cwiseAbs().maxCoeff()));
       }
     }

@@ -2,9 +2,9 @@
 /// @file A user's log-density, called with care: buffers poisoned before, checked after, points counted.
 #include <cstdint>
 
-#include "knothe/transport/log_density.hpp"
+#include "knothe/sampling/log_density.hpp"
 
-namespace knothe::transport {
+namespace knothe::sampling {
 
 /// Wraps a target for the length of one solve.
 class CheckedDensity {
@@ -34,4 +34,4 @@ class CheckedDensity {
   Eigen::MatrixXd shifted_points_;
 };
 
-}  // namespace knothe::transport
+}  // namespace knothe::sampling

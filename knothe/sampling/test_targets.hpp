@@ -6,12 +6,12 @@
 #include <limits>
 #include <numbers>
 
-#include "knothe/transport/log_density.hpp"
+#include "knothe/sampling/log_density.hpp"
 
-namespace knothe::transport::targets {
+namespace knothe::sampling::targets {
 
 /// log N(z; mean, precision⁻¹) + log_evidence.
-struct Gaussian : LogDensity {
+struct Gaussian : sampling::LogDensity {
   Eigen::VectorXd mean;
   Eigen::MatrixXd precision;
   double log_evidence = 0;
@@ -21,7 +21,8 @@ struct Gaussian : LogDensity {
       : mean(std::move(m)), precision(std::move(p)), log_evidence(e) {}
   [[nodiscard]] Eigen::Index dimension() const override { return mean.size(); }
   [[nodiscard]] int available_derivatives() const override { return derivatives; }
-  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int order, LogDensityBatch& out) override {
+  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int order,
+                sampling::LogDensityBatch& out) override {
     const Eigen::Index d = dimension();
     const Eigen::MatrixXd centred = z.rowwise() - mean.transpose(), scaled = centred * precision;
     out.value = (-0.5 * centred.cwiseProduct(scaled).rowwise().sum()).array() + log_evidence +
@@ -31,20 +32,21 @@ struct Gaussian : LogDensity {
     if (order >= 2)
       for (Eigen::Index a = 0; a < d; ++a)
         for (Eigen::Index b = 0; b <= a; ++b)
-          out.hessian.col(packed_index(a, b)).setConstant(-precision(a, b));
+          out.hessian.col(sampling::packed_index(a, b)).setConstant(-precision(a, b));
   }
 };
 
 /// A target in the plane given point by point: f(x, y, out) fills value, two first and three second
 /// derivatives (xx, yx, yy).
-struct Planar : LogDensity {
+struct Planar : sampling::LogDensity {
   using Function = std::function<void(double, double, double*)>;
   Function function;
   int derivatives = 2;
   explicit Planar(Function f, int available = 2) : function(std::move(f)), derivatives(available) {}
   [[nodiscard]] Eigen::Index dimension() const override { return 2; }
   [[nodiscard]] int available_derivatives() const override { return derivatives; }
-  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int order, LogDensityBatch& out) override {
+  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int order,
+                sampling::LogDensityBatch& out) override {
     double r[6];
     for (Eigen::Index i = 0; i < z.rows(); ++i) {
       function(z(i, 0), z(i, 1), r);
@@ -184,4 +186,4 @@ inline Reference dense_quadrature(const Planar::Function& f, const std::vector<d
   return result;
 }
 
-}  // namespace knothe::transport::targets
+}  // namespace knothe::sampling::targets

@@ -2,7 +2,7 @@
 /// @file The target of a transport map: an unnormalised log-density on R^d, evaluated on many points at once.
 #include <Eigen/Core>
 
-namespace knothe::transport {
+namespace knothe::sampling {
 
 /// Index of entry (a, b), a ≥ b, of a symmetric d × d matrix whose lower triangle is stored row by row.
 [[nodiscard]] constexpr Eigen::Index packed_index(Eigen::Index a, Eigen::Index b) {
@@ -39,4 +39,4 @@ class LogDensity {
                         LogDensityBatch& out) = 0;
 };
 
-}  // namespace knothe::transport
+}  // namespace knothe::sampling

@@ -1,4 +1,4 @@
-#include "knothe/transport/checked_density.hpp"
+#include "knothe/sampling/checked_density.hpp"
 
 #include <fmt/format.h>
 
@@ -7,7 +7,7 @@
 
 #include "knothe/base/error.hpp"
 
-namespace knothe::transport {
+namespace knothe::sampling {
 
 namespace {
 
@@ -117,4 +117,4 @@ void CheckedDensity::evaluate_with_differences(const Eigen::Ref<const Eigen::Mat
   }
 }
 
-}  // namespace knothe::transport
+}  // namespace knothe::sampling

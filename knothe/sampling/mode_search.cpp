@@ -1,4 +1,4 @@
-#include "knothe/transport/mode_search.hpp"
+#include "knothe/sampling/mode_search.hpp"
 
 #include <fmt/format.h>
 
@@ -11,7 +11,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/sobol.hpp"
 
-namespace knothe::transport {
+namespace knothe::sampling {
 
 namespace {
 
@@ -223,4 +223,4 @@ void ModeSearch::run(CheckedDensity& target, bool several, std::vector<Mode>& mo
   collect(target, modes);
 }
 
-}  // namespace knothe::transport
+}  // namespace knothe::sampling

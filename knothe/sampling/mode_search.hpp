@@ -3,9 +3,9 @@
 #include <Eigen/Core>
 #include <vector>
 
-#include "knothe/transport/checked_density.hpp"
+#include "knothe/sampling/checked_density.hpp"
 
-namespace knothe::transport {
+namespace knothe::sampling {
 
 /// A local maximum and its Laplace approximation.
 struct Mode {
@@ -52,4 +52,4 @@ class ModeSearch {
   Eigen::VectorXd step_;
 };
 
-}  // namespace knothe::transport
+}  // namespace knothe::sampling

@@ -1,0 +1,16 @@
+#pragma once
+/// @file How good Markov chains are: split R-hat and effective sample size (Vehtari, Gelman, Simpson,
+/// Carpenter, Bürkner 2021).
+#include <Eigen/Core>
+
+namespace knothe::sampling {
+
+/// `draws`: n × chains of one scalar quantity. Errors (both): UsageError for fewer than 4 draws a chain or
+/// values that are not finite. Rank-normalised split R-hat: the larger of that of the values and that of
+/// their distance from the median.
+[[nodiscard]] double split_r_hat(const Eigen::Ref<const Eigen::MatrixXd>& draws);
+/// Number of independent draws that give the mean as well, by the initial monotone sequence of Geyer, over
+/// all chains, split in halves.
+[[nodiscard]] double effective_sample_size(const Eigen::Ref<const Eigen::MatrixXd>& draws);
+
+}  // namespace knothe::sampling
