@@ -1,6 +1,5 @@
 #pragma once
-/// @file Minimisers of smooth functions of some dozens to some hundreds of variables: what they have in
-/// common.
+/// @file Minimisers of smooth functions: what they have in common.
 #include <Eigen/Core>
 
 namespace knothe::numerics {
@@ -14,6 +13,15 @@ class Objective {
   /// the caller. A value that is not finite, or `false`, refuses the point.
   virtual bool evaluate(const Eigen::VectorXd& x, int derivatives, double& value, Eigen::VectorXd& gradient,
                         Eigen::MatrixXd& hessian) = 0;
+  /// Whether `hessian_vector` is there; without it a minimiser that wants products takes differences of
+  /// gradients.
+  [[nodiscard]] virtual bool has_hessian_vector() const { return false; }
+  /// product = ∇²f(x) v, both of the dimension's size. Called many times in a row with the same x, at which
+  /// `evaluate` was called before with derivatives ≥ 1 (perhaps followed by points that were then refused):
+  /// what depends on x alone is worth keeping.
+  virtual void hessian_vector(const Eigen::VectorXd& x, const Eigen::VectorXd& v, Eigen::VectorXd& product) {
+    (void)x, (void)v, (void)product;
+  }
   /// Step filter: the largest fraction in [0, 1] of `step` from the feasible point x that stays in the
   /// feasible set. Called before `evaluate`, hence cheap; it keeps a minimiser from jumping over a barrier
   /// that the values alone do not show.
