@@ -32,24 +32,20 @@ void hermite(double x, int n, TailedHermite::Values& value, TailedHermite::Value
   }
 }
 
-/// τ, τ' and τ''.
-struct Bent {
-  double value, first, second;
-  Bent(double x, const TailRadii& r) {
-    const double sign = x < 0 ? -1 : 1, over = std::abs(x) - r.level;
-    if (over <= 0) {
-      value = x, first = 1, second = 0;
-    } else if (over < 2 * r.bend) {
-      value = sign * (r.level + over - over * over / (4 * r.bend));
-      first = 1 - over / (2 * r.bend);
-      second = -sign / (2 * r.bend);
-    } else {
-      value = sign * (r.level + r.bend), first = 0, second = 0;
-    }
-  }
-};
-
 }  // namespace
+
+BentCoordinate::BentCoordinate(double x, const TailRadii& r) {
+  const double sign = x < 0 ? -1 : 1, over = std::abs(x) - r.level;
+  if (over <= 0) {
+    value = x, first = 1, second = 0;
+  } else if (over < 2 * r.bend) {
+    value = sign * (r.level + over - over * over / (4 * r.bend));
+    first = 1 - over / (2 * r.bend);
+    second = -sign / (2 * r.bend);
+  } else {
+    value = sign * (r.level + r.bend), first = 0, second = 0;
+  }
+}
 
 void TailedHermite::tangent(double x, int n, Values& value, Values& first, Values& second) const {
   const double inside = std::clamp(x, -radii_.tangent, radii_.tangent), beyond = x - inside;
@@ -62,7 +58,7 @@ void TailedHermite::tangent(double x, int n, Values& value, Values& first, Value
 }
 
 void TailedHermite::level(double x, int n, Values& value, Values& first, Values& second) const {
-  const Bent tau(x, radii_);
+  const BentCoordinate tau(x, radii_);
   hermite(tau.value, n, value, first, second);
   for (std::size_t i = 0; i <= static_cast<std::size_t>(n); ++i) {
     second[i] = second[i] * tau.first * tau.first + first[i] * tau.second;
@@ -76,7 +72,7 @@ SquareRule::SquareRule(double x, int n, const TailRadii& radii) {
     const auto& rule = unit_rules()[static_cast<std::size_t>(points) - 1];
     for (int q = 0; q < points; ++q) {
       argument[static_cast<std::size_t>(count)] =
-          Bent(sign * (from + (to - from) * rule.nodes[q]), radii).value;
+          BentCoordinate(sign * (from + (to - from) * rule.nodes[q]), radii).value;
       weight[static_cast<std::size_t>(count++)] = sign * (to - from) * rule.weights[q];
     }
   };

@@ -27,6 +27,12 @@ struct TailRadii {
   friend bool operator==(const TailRadii&, const TailRadii&) = default;
 };
 
+/// τ of Φ_e and its derivatives: x, bent to a constant.
+struct BentCoordinate {
+  double value, first, second;
+  BentCoordinate(double x, const TailRadii& radii);
+};
+
 class TailedHermite {
  public:
   using Values = std::array<double, k_max_order + 1>;

@@ -5,132 +5,74 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
-#include <limits>
+#include <map>
 
 #include "knothe/base/error.hpp"
-#include "knothe/numerics/hermite.hpp"
+#include "knothe/base/threads.hpp"
 #include "knothe/sampling/log_density.hpp"
+#include "knothe/transport/point_evaluation.hpp"
 
 namespace knothe::transport {
 
 namespace {
 
-using Values = TailedHermite::Values;
-
-/// One of the two bases with its derivatives, in every variable, at one point.
-struct Factors {
-  std::vector<Values> value, first, second;
-
-  void resize(std::size_t d) { value.resize(d), first.resize(d), second.resize(d); }
-  [[nodiscard]] double at(const MultiIndex::Factor& f, int derivative) const {
-    const auto v = static_cast<std::size_t>(f.variable), j = static_cast<std::size_t>(f.degree);
-    return derivative == 0 ? value[v][j] : derivative == 1 ? first[v][j] : second[v][j];
-  }
-};
-
-struct PointBasis {
-  Factors tangent, level;  ///< for Φ_c and Φ_e
-
-  explicit PointBasis(Eigen::Index d) {
-    tangent.resize(static_cast<std::size_t>(d));
-    level.resize(static_cast<std::size_t>(d));
-  }
-  void fill(const TailedHermite& basis, int order, Eigen::Index k, double x) {
-    const auto v = static_cast<std::size_t>(k);
-    basis.tangent(x, order, tangent.value[v], tangent.first[v], tangent.second[v]);
-    basis.level(x, order, level.value[v], level.first[v], level.second[v]);
-  }
-};
-
-/// Π of the factors in the variables below `below`; with `a`, `b` ≥ 0 differentiated in those (a == b:
-/// twice). Zero where the index does not contain them.
-double product(const MultiIndex& index, const Factors& factors, int below, int a = -1, int b = -1) {
-  double result = 1;
-  int found = 0;
-  for (const auto& f : index.factors) {
-    if (f.variable >= below) break;
-    const int times = (f.variable == a ? 1 : 0) + (f.variable == b ? 1 : 0);
-    found += times;
-    result *= factors.at(f, times);
-  }
-  return found == (a >= 0 ? 1 : 0) + (b >= 0 ? 1 : 0) ? result : 0.0;
+Eigen::Index position_of(const MultiIndex& index, const std::vector<MultiIndex>& set) {
+  return std::find(set.begin(), set.end(), index) - set.begin();
 }
 
-/// Φ_c a_c of component k, or a derivative of it.
-double constant_part(const MapComponent& c, const double* a_c, const PointBasis& at, int k, int a = -1,
-                     int b = -1) {
-  double sum = 0;
-  for (std::size_t m = 0; m < c.constant.size(); ++m)
-    sum += a_c[m] * product(c.constant[m], at.tangent, k, a, b);
-  return sum;
-}
-
-/// h(·, θ) of one point collapsed to one variable: b_j = Σ_{α: α_k = j} a_α Π_{i<k} χ_{α_i}(x_i), or a
-/// derivative of it.
-void collapse(const MapComponent& c, const double* a_e, const PointBasis& at, int k, int a, int b,
-              Values& out, int n) {
-  std::fill(out.begin(), out.begin() + n + 1, 0.0);
-  for (std::size_t m = 0; m < c.monotone.size(); ++m)
-    out[static_cast<std::size_t>(c.monotone[m].degree_of(k))] +=
-        a_e[m] * product(c.monotone[m], at.level, k, a, b);
-}
-
-double dot(const Values& b, const Values& psi, int n) {
-  double sum = 0;
-  for (std::size_t j = 0; j <= static_cast<std::size_t>(n); ++j) sum += b[j] * psi[j];
-  return sum;
-}
-
-/// The monotone part: ∫₀ˣ (Σ f_j χ_j)(Σ g_j χ_j) dθ.
-double product_integral(const TailedHermite& basis, const Values& f, const Values& g, double x, int n) {
-  const SquareRule rule(x, n, basis.radii());
-  Values psi{};
-  double sum = 0;
-  for (std::size_t q = 0; q < static_cast<std::size_t>(rule.count); ++q) {
-    numerics::normalised_hermite(rule.argument[q],
-                                 std::span<double>(psi.data(), static_cast<std::size_t>(n) + 1));
-    sum += rule.weight[q] * dot(f, psi, n) * dot(g, psi, n);
-  }
-  return sum;
-}
-
-/// All derivatives of component k at one point, into row i of `out`; x_j with j > k do not matter.
-void component_derivatives(const MapComponent& c, const Eigen::VectorXd& coefficients,
-                           const TailedHermite& basis, const PointBasis& at, Eigen::Index k, double x_k,
-                           int order, Eigen::Index i, MapBatch& out) {
-  const auto d = out.value.cols();
-  const double* a_c = coefficients.data() + c.offset;
-  const double* a_e = a_c + c.constant_count();
-  const int n = order - 1, kk = static_cast<int>(k);
-  std::vector<Values> b(static_cast<std::size_t>(k) + 1);  // ∂b/∂x_a for a < k, then b itself
-  collapse(c, a_e, at, kk, -1, -1, b[static_cast<std::size_t>(k)], n);
-  const Values& b0 = b[static_cast<std::size_t>(k)];
-  const auto& psi = at.level.value[static_cast<std::size_t>(k)];
-  const double h = dot(b0, psi, n);
-  const auto constant = [&](int a, int bb) { return constant_part(c, a_c, at, kk, a, bb); };
-  for (int a = 0; a < kk; ++a) {
-    auto& ba = b[static_cast<std::size_t>(a)];
-    collapse(c, a_e, at, kk, a, -1, ba, n);
-    out.jacobian(i, k * d + a) = constant(a, -1) + 2 * product_integral(basis, b0, ba, x_k, n);
-  }
-  out.jacobian(i, k * d + k) = h * h;
-  for (Eigen::Index a = k + 1; a < d; ++a) out.jacobian(i, k * d + a) = 0;
-  if (out.hessian.size() == 0) return;
-  const Eigen::Index packed = d * (d + 1) / 2;
-  out.hessian.row(i).segment(k * packed, packed).setZero();
-  for (int a = 0; a < kk; ++a) {
-    const auto& ba = b[static_cast<std::size_t>(a)];
-    out.hessian(i, k * packed + sampling::packed_index(k, a)) = 2 * h * dot(ba, psi, n);
-    for (int bb = 0; bb <= a; ++bb) {
-      Values bab{};
-      collapse(c, a_e, at, kk, a, bb, bab, n);
-      out.hessian(i, k * packed + sampling::packed_index(a, bb)) =
-          constant(a, bb) + 2 * (product_integral(basis, ba, b[static_cast<std::size_t>(bb)], x_k, n) +
-                                 product_integral(basis, b0, bab, x_k, n));
+/// Copies the coefficients of a set into those of a larger one. Sets that begin alike, as total orders do,
+/// need no search.
+void embed_set(const std::vector<MultiIndex>& from, const double* values, const std::vector<MultiIndex>& to,
+               double* out) {
+  std::map<std::vector<MultiIndex::Factor>, std::size_t> positions;
+  for (std::size_t m = 0; m < from.size(); ++m) {
+    std::size_t at = m;
+    if (m >= to.size() || !(to[m] == from[m])) {
+      if (positions.empty())
+        for (std::size_t i = 0; i < to.size(); ++i) positions[to[i].factors] = i;
+      const auto found = positions.find(from[m].factors);
+      if (found == positions.end())
+        throw UsageError("embedding a map: it has an index that the larger map has not");
+      at = found->second;
     }
+    out[at] = values[m];
   }
-  out.hessian(i, k * packed + sampling::packed_index(k, k)) =
-      2 * h * dot(b0, at.level.first[static_cast<std::size_t>(k)], n);
+}
+
+/// Runs `body(first, count)` over chunks of whole blocks. What a chunk is does not depend on `threads`.
+template <class Body>
+void for_chunks(Eigen::Index n, int threads, const Body& body) {
+  constexpr Eigen::Index k_chunk = 8 * k_block_points;
+  const Eigen::Index chunks = (n + k_chunk - 1) / k_chunk;
+  parallel_for(static_cast<std::size_t>(chunks), static_cast<std::size_t>(std::max(threads, 0)),
+               [&](std::size_t c) {
+                 const Eigen::Index first = static_cast<Eigen::Index>(c) * k_chunk;
+                 body(first, std::min(k_chunk, n - first));
+               });
+}
+
+/// "x1^2 x3", counted from 1 as in the formulas.
+std::string name_of(const MultiIndex& index) {
+  std::string name;
+  for (const auto& f : index.factors) {
+    name += fmt::format("{}x{}", name.empty() ? "" : " ", f.variable + 1);
+    if (f.degree > 1) name += fmt::format("^{}", f.degree);
+  }
+  return name.empty() ? "1" : name;
+}
+
+/// The coefficients of largest magnitude with their terms.
+std::string largest_terms(const std::vector<MultiIndex>& set, const double* values) {
+  constexpr std::size_t k_shown = 3;
+  std::vector<std::size_t> order(set.size());
+  for (std::size_t m = 0; m < order.size(); ++m) order[m] = m;
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t a, std::size_t b) { return std::abs(values[a]) > std::abs(values[b]); });
+  std::string text;
+  for (std::size_t i = 0; i < std::min(k_shown, order.size()); ++i)
+    if (i == 0 || values[order[i]] != 0)
+      text += fmt::format("{}{:.4g} ({})", i == 0 ? "" : ", ", values[order[i]], name_of(set[order[i]]));
+  return text;
 }
 
 }  // namespace
@@ -143,23 +85,22 @@ void MapBatch::resize(Eigen::Index n, Eigen::Index d, int derivatives) {
 }
 
 TriangularMap::TriangularMap(Eigen::Index dimension, int order, TailRadii radii)
-    : basis_(radii), order_(order) {
-  if (dimension < 1)
-    throw UsageError(fmt::format("triangular map in {} dimensions: at least 1 is needed", dimension));
-  if (order < 1 || order > k_max_order)
-    throw UsageError(fmt::format("triangular map of order {}: 1 to {} are possible", order, k_max_order));
-  if (!(radii.level > 0 && radii.bend > 0 && radii.tangent > 0))
-    throw UsageError("triangular map: the radii of the tails must be positive");
-  Eigen::Index count = 0;
-  std::vector<MapComponent> components;
-  for (int k = 0; k < static_cast<int>(dimension); ++k) {
-    MapComponent component{total_order_indices(k, order), total_order_indices(k + 1, order - 1), count};
-    count += component.constant_count() + component.monotone_count();
-    components.push_back(std::move(component));
-  }
-  coefficients_ = Eigen::VectorXd::Zero(count);
-  for (const auto& c : components) coefficients_[c.offset + c.constant_count()] = 1;  // h = 1: the identity
-  components_ = std::make_shared<const std::vector<MapComponent>>(std::move(components));
+    : TriangularMap(
+          total_order_map(dimension, order, {Rectifier::square, BasisFamily::hermite, Tails::bent, radii})) {}
+
+TriangularMap::TriangularMap(MapSpecification specification)
+    : kernel_(std::make_shared<const MapKernel>(std::move(specification))) {
+  coefficients_ = Eigen::VectorXd::Zero(structure().coefficient_count);
+  if (parametrisation().rectifier != Rectifier::square) return;  // r(0) = 1 already
+  for (const MapComponent& c : structure().components)
+    coefficients_[c.offset + c.constant_count() + position_of({}, c.monotone)] = 1;
+}
+
+MapSpecification TriangularMap::specification() const {
+  MapSpecification specification{parametrisation(), {}};
+  for (const MapComponent& c : structure().components)
+    specification.components.push_back({c.constant, c.monotone});
+  return specification;
 }
 
 void TriangularMap::set_coefficients(const Eigen::VectorXd& coefficients) {
@@ -171,39 +112,64 @@ void TriangularMap::set_coefficients(const Eigen::VectorXd& coefficients) {
 }
 
 void TriangularMap::embed(const TriangularMap& lower) {
-  assert(lower.dimension() == dimension() && lower.order() <= order());
-  coefficients_.setZero();
+  if (lower.dimension() != dimension() || !(lower.parametrisation() == parametrisation()))
+    throw UsageError("embedding a map: it must have the dimension and the parametrisation of the larger one");
+  Eigen::VectorXd embedded = Eigen::VectorXd::Zero(coefficients_.size());
   for (Eigen::Index k = 0; k < dimension(); ++k) {
     const auto &mine = component(k), &theirs = lower.component(k);
-    coefficients_.segment(mine.offset, theirs.constant_count()) =
-        lower.coefficients_.segment(theirs.offset, theirs.constant_count());
-    coefficients_.segment(mine.offset + mine.constant_count(), theirs.monotone_count()) =
-        lower.coefficients_.segment(theirs.offset + theirs.constant_count(), theirs.monotone_count());
+    const double* values = lower.coefficients_.data() + theirs.offset;
+    double* out = embedded.data() + mine.offset;
+    embed_set(theirs.constant, values, mine.constant, out);
+    embed_set(theirs.monotone, values + theirs.constant_count(), mine.monotone, out + mine.constant_count());
   }
+  coefficients_ = std::move(embedded);
+}
+
+std::string TriangularMap::describe() const {
+  const Parametrisation& p = parametrisation();
+  std::string text;
+  for (Eigen::Index k = 0; k < dimension(); ++k) {
+    const MapComponent& c = component(k);
+    const double* a_c = coefficients_.data() + c.offset;
+    int degree = 0;
+    for (const auto* set : {&c.constant, &c.monotone})
+      for (const MultiIndex& index : *set) degree = std::max(degree, index.total);
+    text += fmt::format("component {}: {} of {}, {} tails, {} + {} terms of degree up to {}; ", k + 1,
+                        to_string(p.rectifier), to_string(p.basis), to_string(p.tails), c.constant.size(),
+                        c.monotone.size(), degree);
+    text += fmt::format("largest: {}; inside the integral: {}\n", largest_terms(c.constant, a_c),
+                        largest_terms(c.monotone, a_c + c.constant_count()));
+  }
+  return text;
 }
 
 void TriangularMap::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
                              MapBatch& out) const {
-  const Eigen::Index n = points.rows(), d = dimension();
+  using sampling::packed_index;
+  const Eigen::Index n = points.rows(), d = dimension(), packed = d * (d + 1) / 2;
   assert(points.cols() == d);
   out.resize(n, d, derivatives);
-  PointBasis at(d);
-  Values b{};
+  if (derivatives == 0) {
+    kernel_->evaluate(coefficients_.data(), points, 0, n,
+                      {n, out.value.data(), out.log_determinant.data(), {}, {}});
+    return;
+  }
+  out.jacobian.setZero();
+  if (derivatives >= 2) out.hessian.setZero();
+  PointEvaluation at(structure(), coefficients_.data());
+  PointEvaluation::Derivatives result;
   for (Eigen::Index i = 0; i < n; ++i) {
-    for (Eigen::Index v = 0; v < d; ++v) at.fill(basis_, order_, v, points(i, v));
-    double log_determinant = 0;
+    out.log_determinant[i] = 0;
     for (Eigen::Index k = 0; k < d; ++k) {
-      const MapComponent& c = component(k);
-      const double* a_c = coefficients_.data() + c.offset;
-      const double value = constant_part(c, a_c, at, static_cast<int>(k));
-      collapse(c, a_c + c.constant_count(), at, static_cast<int>(k), -1, -1, b, order_ - 1);
-      out.value(i, k) = value + product_integral(basis_, b, b, points(i, k), order_ - 1);
-      log_determinant +=
-          2 * std::log(std::abs(dot(b, at.level.value[static_cast<std::size_t>(k)], order_ - 1)));
-      if (derivatives >= 1)
-        component_derivatives(c, coefficients_, basis_, at, k, points(i, k), order_, i, out);
+      at.set(k, points(i, k));
+      at.derivatives(k, derivatives >= 2, result);
+      out.value(i, k) = result.value;
+      out.log_determinant[i] += result.log_slope;
+      for (Eigen::Index a = 0; derivatives >= 1 && a <= k; ++a)
+        out.jacobian(i, k * d + a) = result.first[static_cast<std::size_t>(a)];
+      for (std::size_t m = 0; m < result.second.size(); ++m)
+        out.hessian(i, k * packed + static_cast<Eigen::Index>(m)) = result.second[m];
     }
-    out.log_determinant[i] = log_determinant;
   }
 }
 
@@ -222,87 +188,45 @@ Eigen::VectorXd TriangularMap::log_determinant(const Eigen::Ref<const Eigen::Mat
 void TriangularMap::coefficient_gradients(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::Index k,
                                           Eigen::MatrixXd& value, Eigen::MatrixXd& log_slope) const {
   const MapComponent& c = component(k);
-  const Eigen::Index n = points.rows(), n_c = c.constant_count(), n_e = c.monotone_count(), d = dimension();
-  const int kk = static_cast<int>(k), q = order_ - 1;
-  value.resize(n, n_c + n_e);
-  log_slope.setZero(n, n_c + n_e);
-  PointBasis at(d);
-  std::vector<double> packed(static_cast<std::size_t>(order_ * (order_ + 1) / 2));
-  Values b{}, g{};
+  const Eigen::Index n = points.rows(), count = c.constant_count() + c.monotone_count();
+  value.resize(n, count);
+  log_slope.resize(n, count);
+  PointEvaluation at(structure(), coefficients_.data());
+  std::vector<double> of_value, of_slope;
   for (Eigen::Index i = 0; i < n; ++i) {
-    for (Eigen::Index v = 0; v < d; ++v) at.fill(basis_, order_, v, points(i, v));
-    collapse(c, coefficients_.data() + c.offset + n_c, at, kk, -1, -1, b, q);
-    basis_.product_integrals(points(i, k), q, packed);
-    const auto& psi = at.level.value[static_cast<std::size_t>(k)];
-    const double h = dot(b, psi, q);
-    for (int j = 0; j <= q; ++j) {
-      g[static_cast<std::size_t>(j)] = 0;
-      for (int l = 0; l <= q; ++l)
-        g[static_cast<std::size_t>(j)] +=
-            packed[static_cast<std::size_t>(sampling::packed_index(j, l))] * b[static_cast<std::size_t>(l)];
-    }
-    for (Eigen::Index m = 0; m < n_c; ++m)
-      value(i, m) = product(c.constant[static_cast<std::size_t>(m)], at.tangent, kk);
-    for (Eigen::Index m = 0; m < n_e; ++m) {
-      const MultiIndex& index = c.monotone[static_cast<std::size_t>(m)];
-      const auto degree = static_cast<std::size_t>(index.degree_of(kk));
-      const double prefix = product(index, at.level, kk);
-      value(i, n_c + m) = 2 * prefix * g[degree];
-      log_slope(i, n_c + m) = 2 * prefix * psi[degree] / h;
-    }
+    for (Eigen::Index v = 0; v <= k; ++v) at.set(v, points(i, v));
+    at.coefficient_gradients(k, of_value, of_slope);
+    value.row(i) = Eigen::Map<const Eigen::RowVectorXd>(of_value.data(), count);
+    log_slope.row(i) = Eigen::Map<const Eigen::RowVectorXd>(of_slope.data(), count);
   }
 }
 
-namespace {
-
-/// t with constant + ∫₀ᵗ (Σ b_j ψ_j)² = target: an increasing function; a bracket is grown from 0, then
-/// Newton's method is kept inside it by bisection.
-double solve_increasing(const TailedHermite& basis, const Values& b, int n, double constant, double target) {
-  const auto residual = [&](double t) { return constant - target + product_integral(basis, b, b, t, n); };
-  const auto slope = [&](double t) {
-    Values psi{}, first{}, second{};
-    basis.level(t, n, psi, first, second);
-    const double h = dot(b, psi, n);
-    return h * h;
-  };
-  const double accuracy = 1e-15 * (1 + std::abs(target) + std::abs(constant));
-  const double start = residual(0), direction = start > 0 ? -1 : 1;
-  if (start == 0) return 0;
-  double near = 0, far = direction;
-  while (residual(far) * direction < 0 && std::abs(far) < 1e100) {
-    near = far;
-    far *= 2;
+void TriangularMap::evaluate_with_coefficient_gradients(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                                                        CoefficientBatch& out, int threads) const {
+  assert(points.cols() == dimension());
+  const Eigen::Index n = points.rows(), d = dimension();
+  out.value.resize(n, d);
+  out.log_determinant.resize(n);
+  out.value_gradient.resize(static_cast<std::size_t>(d));
+  out.log_slope_gradient.resize(static_cast<std::size_t>(d));
+  MapKernel::Output rows{n, out.value.data(), out.log_determinant.data(), {}, {}};
+  for (Eigen::Index k = 0; k < d; ++k) {
+    auto& value = out.value_gradient[static_cast<std::size_t>(k)];
+    auto& log_slope = out.log_slope_gradient[static_cast<std::size_t>(k)];
+    value.resize(n, component(k).constant_count() + component(k).monotone_count());
+    log_slope.resize(n, component(k).monotone_count());
+    rows.value_gradient.push_back(value.data());
+    rows.log_slope_gradient.push_back(log_slope.data());
   }
-  double low = std::min(near, far), high = std::max(near, far), t = 0.5 * (low + high);
-  for (int k = 0; k < 400; ++k) {
-    const double r = residual(t);
-    if (std::abs(r) <= accuracy) break;
-    (r < 0 ? low : high) = t;
-    const double s = slope(t), newton = t - r / s;
-    const double next = s > 0 && newton > low && newton < high ? newton : 0.5 * (low + high);
-    if (next == t || high - low <= 4e-16 * (std::abs(low) + std::abs(high))) break;
-    t = next;
-  }
-  return t;
+  for_chunks(n, threads, [&](Eigen::Index first, Eigen::Index count) {
+    kernel_->evaluate(coefficients_.data(), points, first, count, rows);
+  });
 }
-
-}  // namespace
 
 Eigen::MatrixXd TriangularMap::inverse(const Eigen::Ref<const Eigen::MatrixXd>& z) const {
-  const Eigen::Index n = z.rows(), d = dimension();
-  assert(z.cols() == d);
-  Eigen::MatrixXd x = Eigen::MatrixXd::Zero(n, d);
-  PointBasis at(d);
-  Values b{};
-  for (Eigen::Index i = 0; i < n; ++i)
-    for (Eigen::Index k = 0; k < d; ++k) {
-      const MapComponent& c = component(k);
-      const double* a_c = coefficients_.data() + c.offset;
-      if (k > 0) at.fill(basis_, order_, k - 1, x(i, k - 1));
-      const double constant = constant_part(c, a_c, at, static_cast<int>(k));
-      collapse(c, a_c + c.constant_count(), at, static_cast<int>(k), -1, -1, b, order_ - 1);
-      x(i, k) = solve_increasing(basis_, b, order_ - 1, constant, z(i, k));
-    }
+  assert(z.cols() == dimension());
+  Eigen::MatrixXd x(z.rows(), z.cols());
+  kernel_->invert(coefficients_.data(), z, 0, z.rows(), x);
   return x;
 }
 

@@ -5,9 +5,10 @@
 /// bases, index sets and rectifier r > 0 of a MapSpecification.
 #include <Eigen/Core>
 #include <memory>
+#include <string>
 #include <vector>
 
-#include "knothe/transport/parametrisation.hpp"
+#include "knothe/transport/map_kernel.hpp"
 
 namespace knothe::transport {
 
@@ -31,15 +32,6 @@ struct CoefficientBatch {
   std::vector<Eigen::MatrixXd> log_slope_gradient;  ///< per component n × n_e: ∂ log ∂_k M^k / ∂a_e
 };
 
-/// The two bases of one component.
-struct MapComponent {
-  std::vector<MultiIndex> constant;  ///< Φ_c, in variables 0 … k−2 (counted from 0)
-  std::vector<MultiIndex> monotone;  ///< Φ_e, in variables 0 … k−1
-  Eigen::Index offset = 0;           ///< of a_c in the map's coefficients; a_e follows
-  [[nodiscard]] Eigen::Index constant_count() const { return static_cast<Eigen::Index>(constant.size()); }
-  [[nodiscard]] Eigen::Index monotone_count() const { return static_cast<Eigen::Index>(monotone.size()); }
-};
-
 class TriangularMap {
  public:
   TriangularMap() = default;
@@ -51,16 +43,14 @@ class TriangularMap {
   /// index twice.
   explicit TriangularMap(MapSpecification specification);
 
-  [[nodiscard]] const Parametrisation& parametrisation() const;
+  [[nodiscard]] const Parametrisation& parametrisation() const { return structure().basis.parametrisation(); }
   [[nodiscard]] MapSpecification specification() const;
 
-  [[nodiscard]] Eigen::Index dimension() const {
-    return components_ ? static_cast<Eigen::Index>(components_->size()) : 0;
-  }
-  [[nodiscard]] int order() const { return order_; }
-  [[nodiscard]] const TailedHermite& basis() const { return basis_; }
+  [[nodiscard]] Eigen::Index dimension() const { return kernel_ ? structure().dimension() : 0; }
+  [[nodiscard]] int order() const { return kernel_ ? structure().order : 0; }
+  [[nodiscard]] const OneVariableBasis& basis() const { return structure().basis; }
   [[nodiscard]] const MapComponent& component(Eigen::Index k) const {
-    return (*components_)[static_cast<std::size_t>(k)];
+    return structure().components[static_cast<std::size_t>(k)];
   }
 
   /// All a_c, a_e, component after component. Free to change: every choice gives a monotone map.
@@ -93,10 +83,9 @@ class TriangularMap {
   [[nodiscard]] Eigen::MatrixXd inverse(const Eigen::Ref<const Eigen::MatrixXd>& z) const;
 
  private:
-  std::shared_ptr<const std::vector<MapComponent>>
-      components_;  ///< never changed: copies of a map share them
-  TailedHermite basis_;
-  int order_ = 0;
+  [[nodiscard]] const MapStructure& structure() const { return kernel_->structure(); }
+
+  std::shared_ptr<const MapKernel> kernel_;  ///< never changed: copies of a map share it
   Eigen::VectorXd coefficients_;
 };
 
