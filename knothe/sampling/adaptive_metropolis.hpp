@@ -14,7 +14,7 @@ struct MetropolisOptions {
   Eigen::Index warm_up = 0;      ///< per chain, adapting; 0: as many as are kept per chain, at least 1000
   std::uint64_t seed = 1;
   /// Called now and then with the share done in [0, 1]; false interrupts (Interrupted is thrown).
-  std::function<bool(double)> progress;
+  std::function<bool(double)> progress = {};
 };
 
 struct MetropolisResult {
@@ -28,9 +28,10 @@ struct MetropolisResult {
 
 /// Random-walk Metropolis with the covariance learnt during warm-up (Haario, Saksman, Tamminen 2001), scale
 /// tuned to the acceptance that is best (Roberts, Rosenthal 2001), frozen afterwards; where the density gives
-/// gradients, preconditioned MALA steps. Chains begin over-dispersed around the modes found. All chains
-/// advance in one batch, so that a model behind the density is called for several points at once. Errors:
-/// those of ModeSearch and CheckedDensity.
+/// gradients, three of four steps are preconditioned Langevin steps (MALA) with bounded drift. Chains begin
+/// over-dispersed around the modes found. All chains advance in one batch, so that a model behind the density
+/// is called for several points at once. The same seed gives the same chains, bit by bit. Errors: UsageError
+/// for options that make no sense, Interrupted, and those of ModeSearch and CheckedDensity.
 [[nodiscard]] MetropolisResult adaptive_metropolis(LogDensity& target, const MetropolisOptions& options = {});
 
 }  // namespace knothe::sampling

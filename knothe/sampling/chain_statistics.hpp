@@ -7,10 +7,12 @@ namespace knothe::sampling {
 
 /// `draws`: n × chains of one scalar quantity. Errors (both): UsageError for fewer than 4 draws a chain or
 /// values that are not finite. Rank-normalised split R-hat: the larger of that of the values and that of
-/// their distance from the median.
+/// their distance from the median. 1 if nothing varies at all; 1e6 where each half of a chain stands still at
+/// a place of its own.
 [[nodiscard]] double split_r_hat(const Eigen::Ref<const Eigen::MatrixXd>& draws);
 /// Number of independent draws that give the mean as well, by the initial monotone sequence of Geyer, over
-/// all chains, split in halves.
+/// all chains, split in halves; more than there are draws where successive ones are anticorrelated, by at
+/// most a factor log₁₀ of their number. 1 if nothing varies.
 [[nodiscard]] double effective_sample_size(const Eigen::Ref<const Eigen::MatrixXd>& draws);
 
 }  // namespace knothe::sampling

@@ -18,6 +18,21 @@ std::string describe_point(const Eigen::Ref<const Eigen::MatrixXd>& points, Eige
   return text + ")";
 }
 
+/// A target may write into the buffers but not replace them.
+void require_sizes(Eigen::Index n, Eigen::Index d, int derivatives, const LogDensityBatch& out) {
+  const auto complain = [&](const char* what, Eigen::Index rows, Eigen::Index columns, Eigen::Index wanted) {
+    throw UsageError(fmt::format(
+        "the log-density was given a buffer for its {} of {} × {} and handed back {} × {}; it must fill the "
+        "buffers it is given and leave their sizes alone",
+        what, n, wanted, rows, columns));
+  };
+  if (out.value.size() != n) complain("values", out.value.size(), 1, 1);
+  if (derivatives >= 1 && (out.gradient.rows() != n || out.gradient.cols() != d))
+    complain("gradient", out.gradient.rows(), out.gradient.cols(), d);
+  if (derivatives >= 2 && (out.hessian.rows() != n || out.hessian.cols() != d * (d + 1) / 2))
+    complain("Hessian", out.hessian.rows(), out.hessian.cols(), d * (d + 1) / 2);
+}
+
 /// Sums propagate what is not finite, and are quick.
 template <class Matrix>
 bool is_finite(const Matrix& m) {
@@ -50,6 +65,22 @@ void CheckedDensity::check(const Eigen::Ref<const Eigen::MatrixXd>& points, int 
   if (derivatives >= 2 && !is_finite(out.hessian)) complain("Hessian", out.hessian);
 }
 
+void CheckedDensity::excuse(int derivatives, LogDensityBatch& out) {
+  constexpr double k_infinity = std::numeric_limits<double>::infinity();
+  bool fine = std::isfinite(out.value.sum());
+  if (derivatives >= 1) fine = fine && is_finite(out.gradient);
+  if (derivatives >= 2) fine = fine && is_finite(out.hessian);
+  if (fine) return;
+  for (Eigen::Index i = 0; i < out.value.size(); ++i) {
+    if (std::isfinite(out.value[i]) && (derivatives < 1 || out.gradient.row(i).allFinite()) &&
+        (derivatives < 2 || out.hessian.row(i).allFinite()))
+      continue;
+    out.value[i] = -k_infinity;
+    if (derivatives >= 1) out.gradient.row(i).setZero();
+    if (derivatives >= 2) out.hessian.row(i).setZero();
+  }
+}
+
 void CheckedDensity::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
                               LogDensityBatch& out) {
   out.resize(points.rows(), points.cols(), derivatives);
@@ -59,60 +90,74 @@ void CheckedDensity::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, i
   if (derivatives >= 2) out.hessian.setConstant(k_poison);
   target_->evaluate(points, derivatives, out);
   evaluations_ += points.rows();
+  require_sizes(points.rows(), points.cols(), derivatives, out);
+  if (lenient_) excuse(derivatives, out);
   check(points, derivatives, out);
 }
 
 void CheckedDensity::evaluate_with_differences(const Eigen::Ref<const Eigen::MatrixXd>& points,
-                                               int derivatives, LogDensityBatch& out) {
+                                               int derivatives,
+                                               const Eigen::Ref<const Eigen::MatrixXd>& scales,
+                                               LogDensityBatch& out) {
   const int own = std::min(derivatives, available_derivatives());
   evaluate(points, own, out);
   if (own == derivatives) return;
   const Eigen::Index n = points.rows(), d = points.cols();
   out.resize(n, d, derivatives);
-  const double step = own == 1 ? 1e-5 : 2e-4;  // balances truncation against rounding
+  // These steps balance truncation against rounding. A step is the difference of two numbers that exist.
+  steps_ = (own == 1 ? k_gradient_step : k_value_step) * scales;
+  steps_ = (points + steps_) - points;
+  for (Eigen::Index a = 0; a < d; ++a)
+    for (Eigen::Index i = 0; i < n; ++i)
+      if (steps_(i, a) == 0)
+        steps_(i, a) = 4 * std::numeric_limits<double>::epsilon() * std::max(std::abs(points(i, a)), 1e-290);
   const auto at = [&](Eigen::Index a, double s, Eigen::Index b, double t) {
     shifted_points_ = points;
-    shifted_points_.col(a).array() += s;
-    if (b >= 0) shifted_points_.col(b).array() += t;
+    shifted_points_.col(a) += s * steps_.col(a);
+    if (b >= 0) shifted_points_.col(b) += t * steps_.col(b);
     evaluate(shifted_points_, own, shifted_);
   };
   if (own == 1) {
     Eigen::MatrixXd difference(n, d);
     for (Eigen::Index a = 0; a < d; ++a) {
-      at(a, step, -1, 0);
+      at(a, 1, -1, 0);
       difference = shifted_.gradient;
-      at(a, -step, -1, 0);
+      at(a, -1, -1, 0);
       difference -= shifted_.gradient;
       // Column a of the Hessian; entries met twice are averaged.
       for (Eigen::Index b = 0; b < d; ++b) {
-        const auto half = difference.col(b) / (2 * step);
-        auto entry = out.hessian.col(packed_index(a, b));
-        if (b > a || b == a)
-          entry = half;
+        const Eigen::VectorXd entry =
+            (difference.col(b).array() / (2 * steps_.col(a).array())).unaryExpr(&finite_or_zero);
+        auto mean = out.hessian.col(packed_index(a, b));
+        if (b >= a)
+          mean = entry;
         else
-          entry = 0.5 * (entry + half);
+          mean = 0.5 * (mean + entry);
       }
     }
     return;
   }
   Eigen::MatrixXd up(n, d), down(n, d);
   for (Eigen::Index a = 0; a < d; ++a) {
-    at(a, step, -1, 0);
+    at(a, 1, -1, 0);
     up.col(a) = shifted_.value;
-    at(a, -step, -1, 0);
+    at(a, -1, -1, 0);
     down.col(a) = shifted_.value;
-    out.gradient.col(a) = ((up.col(a) - down.col(a)) / (2 * step)).unaryExpr(&finite_or_zero);
+    out.gradient.col(a) =
+        ((up.col(a) - down.col(a)).array() / (2 * steps_.col(a).array())).unaryExpr(&finite_or_zero);
   }
   if (derivatives < 2) return;
   for (Eigen::Index a = 0; a < d; ++a) {
     out.hessian.col(packed_index(a, a)) =
-        ((up.col(a) - 2 * out.value + down.col(a)) / (step * step)).unaryExpr(&finite_or_zero);
+        ((up.col(a) - 2 * out.value + down.col(a)).array() / steps_.col(a).array().square())
+            .unaryExpr(&finite_or_zero);
     for (Eigen::Index b = 0; b < a; ++b) {
-      at(a, step, b, step);
+      at(a, 1, b, 1);
       Eigen::VectorXd mixed = shifted_.value;
-      at(a, -step, b, -step);
+      at(a, -1, b, -1);
       mixed += shifted_.value - up.col(a) - up.col(b) - down.col(a) - down.col(b) + 2 * out.value;
-      out.hessian.col(packed_index(a, b)) = (mixed / (2 * step * step)).unaryExpr(&finite_or_zero);
+      out.hessian.col(packed_index(a, b)) =
+          (mixed.array() / (2 * steps_.col(a).array() * steps_.col(b).array())).unaryExpr(&finite_or_zero);
     }
   }
 }

@@ -16,10 +16,10 @@ struct SequentialMonteCarloOptions {
   int max_moves =
       50;  ///< Metropolis moves per temperature, at most; they stop once particles have moved enough
   double initial_spread =
-      1.5;                 ///< s: the start is N(centre, s² I); wider than where the mass is thought to be
-  Eigen::VectorXd centre;  ///< empty: 0
+      1.5;  ///< s: the start is N(centre, s² I); wider than where the mass is thought to be
+  Eigen::VectorXd centre = {};  ///< empty: 0
   std::uint64_t seed = 1;
-  std::function<bool(double)> progress;  ///< with β; false interrupts
+  std::function<bool(double)> progress = {};  ///< with β; false interrupts
 };
 
 struct SequentialMonteCarloResult {

@@ -15,7 +15,8 @@ struct WeightedSample {
   std::int64_t density_evaluations = 0;
 };
 
-/// Moments of a weighted sample.
+/// Moments of a weighted sample; the covariance divides by the sum of the weights. Errors: UsageError for no
+/// points, sizes that disagree, weights that are negative or all zero.
 [[nodiscard]] Eigen::VectorXd mean_of(const WeightedSample& sample);
 [[nodiscard]] Eigen::MatrixXd covariance_of(const WeightedSample& sample);
 

@@ -1,0 +1,34 @@
+#include "knothe/sampling/weighted_sample.hpp"
+
+#include <fmt/format.h>
+
+#include "knothe/base/error.hpp"
+
+namespace knothe::sampling {
+
+namespace {
+
+void require_weights(const WeightedSample& sample) {
+  if (sample.points.rows() == 0 || sample.points.rows() != sample.weights.size())
+    throw UsageError(fmt::format("weighted sample: {} points and {} weights; there must be as many, and some",
+                                 sample.points.rows(), sample.weights.size()));
+  if (!(sample.weights.sum() > 0) || !(sample.weights.minCoeff() >= 0))
+    throw UsageError("weighted sample: weights must be non-negative, with a positive sum");
+}
+
+}  // namespace
+
+Eigen::VectorXd mean_of(const WeightedSample& sample) {
+  require_weights(sample);
+  return sample.points.transpose() * sample.weights / sample.weights.sum();
+}
+
+Eigen::MatrixXd covariance_of(const WeightedSample& sample) {
+  const Eigen::VectorXd mean = mean_of(sample);
+  const Eigen::MatrixXd centred = sample.points.rowwise() - mean.transpose();
+  const Eigen::MatrixXd covariance =
+      centred.transpose() * sample.weights.asDiagonal() * centred / sample.weights.sum();
+  return 0.5 * (covariance + covariance.transpose());
+}
+
+}  // namespace knothe::sampling
