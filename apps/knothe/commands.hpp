@@ -55,6 +55,15 @@ struct AssimilateArguments {
 };
 int assimilate(const AssimilateArguments& arguments);
 
+struct InferArguments {
+  std::string project;
+  std::string method;   ///< overrides the project's
+  std::string compare;  ///< two methods, comma between
+  bool json = false;
+  std::string results;  ///< overrides the project's
+};
+int infer(const InferArguments& arguments);
+
 struct ForecastArguments {
   std::string project;
   bool json = false;

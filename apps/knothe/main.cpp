@@ -126,6 +126,20 @@ void add_assimilate(CLI::App& app, Command& chosen) {
   command.callback([&chosen] { chosen = [] { return assimilate(arguments); }; });
 }
 
+void add_infer(CLI::App& app, Command& chosen) {
+  static InferArguments arguments;
+  CLI::App& command =
+      add(app, "infer", "One-shot inference for any forward model (UM-Bridge server, separated model).",
+          "knothe infer examples/umbridge/infer.toml --compare transport,mcmc");
+  command.add_option("FILE", arguments.project, "project file")->required();
+  command.add_option("--method", arguments.method, "transport, mcmc, smc or grid")
+      ->check(CLI::IsMember({"transport", "mcmc", "smc", "grid"}));
+  command.add_option("--compare", arguments.compare, "two methods, e.g. transport,smc: their differences");
+  command.add_flag("--json", arguments.json, "one line of JSON on stdout");
+  command.add_option("-o,--output", arguments.results, "folder for results");
+  command.callback([&chosen] { chosen = [] { return infer(arguments); }; });
+}
+
 void add_forecast(CLI::App& app, Command& chosen) {
   static ForecastArguments arguments;
   CLI::App& command = add(app, "forecast", "Forecasts of quantities of interest from the results.",
@@ -190,6 +204,7 @@ int main(int argc, char** argv) {
   add_model(app, chosen);
   add_simulate(app, chosen);
   add_assimilate(app, chosen);
+  add_infer(app, chosen);
   add_forecast(app, chosen);
   add_report(app, chosen);
   try {

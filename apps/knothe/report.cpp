@@ -1,12 +1,18 @@
 #include <fmt/format.h>
 
 #include "apps/knothe/commands.hpp"
+#include "knothe/base/error.hpp"
 #include "knothe/report/assimilation_report.hpp"
+#include "knothe/report/inference_report.hpp"
 
 namespace knothe::commands {
 
 int report(const ReportArguments& arguments) {
-  if (arguments.output.ends_with(".svg")) {
+  if (report::holds_inference(arguments.results)) {
+    if (arguments.output.ends_with(".svg"))
+      throw UsageError("the report of an inference is a page: give -o a name that ends in .html");
+    report::write_inference_report(arguments.results, arguments.output);
+  } else if (arguments.output.ends_with(".svg")) {
     report::write_overview_svg(arguments.results, arguments.output);
   } else {
     report::write_assimilation_report(arguments.results, "", arguments.output);

@@ -8,13 +8,13 @@ namespace knothe::assimilation {
 namespace {
 
 constexpr int k_max_iterations = 60;
-constexpr double k_step_tolerance = 1e-12;  ///< relative to the width of the prior
+constexpr double k_border = 1e-6;  ///< of the prior's width: so near a bound is at it
 
 /// −log π(p | data) up to its constant, with derivatives.
 class NegativeLogPosterior {
  public:
-  NegativeLogPosterior(CollapsedLogDensity& target, const PriorTransform& transform)
-      : target_(target), transform_(transform) {
+  NegativeLogPosterior(const LogLikelihood& log_likelihood, const PriorTransform& transform)
+      : log_likelihood_(log_likelihood), transform_(transform) {
     const Eigen::Index d = transform.dimension();
     batch_.resize(1, d, 2);
     gradient.resize(d);
@@ -22,7 +22,7 @@ class NegativeLogPosterior {
   }
 
   double evaluate(const Eigen::VectorXd& p, int derivatives) {
-    target_.evaluate_likelihood(p.transpose(), derivatives, batch_);
+    log_likelihood_(p.transpose(), derivatives, batch_);
     double value = -batch_.value[0];
     for (Eigen::Index a = 0; a < p.size(); ++a) value -= transform_.prior(a).log_density(p[a]);
     if (derivatives < 2) return value;
@@ -40,7 +40,7 @@ class NegativeLogPosterior {
   Eigen::MatrixXd hessian;
 
  private:
-  CollapsedLogDensity& target_;
+  const LogLikelihood& log_likelihood_;
   const PriorTransform& transform_;
   sampling::LogDensityBatch batch_;
 };
@@ -61,6 +61,14 @@ Eigen::VectorXd newton_direction(const NegativeLogPosterior& f, const std::vecto
 
 Eigen::VectorXd maximum_a_posteriori(CollapsedLogDensity& target, const PriorTransform& transform,
                                      const Eigen::Ref<const Eigen::VectorXd>& start) {
+  const LogLikelihood log_likelihood = [&target](const auto& p, int derivatives, auto& out) {
+    target.evaluate_likelihood(p, derivatives, out);
+  };
+  return maximum_a_posteriori(log_likelihood, transform, start);
+}
+
+Eigen::VectorXd maximum_a_posteriori(const LogLikelihood& log_likelihood, const PriorTransform& transform,
+                                     const Eigen::Ref<const Eigen::VectorXd>& start, double step_tolerance) {
   const Eigen::Index d = start.size();
   Eigen::VectorXd lower(d), upper(d), width(d);
   for (Eigen::Index a = 0; a < d; ++a) {
@@ -70,17 +78,25 @@ Eigen::VectorXd maximum_a_posteriori(CollapsedLogDensity& target, const PriorTra
     width[a] =
         transform.prior(a).from_standard_normal(1).value - transform.prior(a).from_standard_normal(-1).value;
   }
-  NegativeLogPosterior f(target, transform);
+  NegativeLogPosterior f(log_likelihood, transform);
   Eigen::VectorXd p = start.cwiseMax(lower).cwiseMin(upper);
   double value = f.evaluate(p, 2);
   for (int iteration = 0; iteration < k_max_iterations; ++iteration) {
+    // A variable just inside a bound and pushed outwards is moved onto it: left where it is, it would cut
+    // every step short (Bertsekas' ε-active set).
+    const Eigen::VectorXd before = p;
+    for (Eigen::Index a = 0; a < d; ++a) {
+      if (f.gradient[a] > 0 && p[a] - lower[a] <= k_border * width[a]) p[a] = lower[a];
+      if (f.gradient[a] < 0 && upper[a] - p[a] <= k_border * width[a]) p[a] = upper[a];
+    }
+    if (p != before) value = f.evaluate(p, 2);
     std::vector<Eigen::Index> free;
     for (Eigen::Index a = 0; a < d; ++a) {
       const bool held = (p[a] <= lower[a] && f.gradient[a] > 0) || (p[a] >= upper[a] && f.gradient[a] < 0);
       if (!held) free.push_back(a);
     }
     const Eigen::VectorXd direction = newton_direction(f, free);
-    if ((direction.cwiseAbs().array() <= k_step_tolerance * width.array()).all()) break;
+    if ((direction.cwiseAbs().array() <= step_tolerance * width.array()).all()) break;
     bool improved = false;
     for (double length = 1; length > 1e-10; length *= 0.5) {
       const Eigen::VectorXd trial = (p + length * direction).cwiseMax(lower).cwiseMin(upper);

@@ -19,7 +19,9 @@ enum class ValueKind {
   choice,
   numbers,
   texts,
-  table
+  matrix,
+  table,
+  free_table  ///< any content, handed on as JSON
 };
 
 /// One option. `path` is dotted, with `*` for a name that the user chooses: "parameters.*.mean".

@@ -10,6 +10,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
+#include "knothe/project/inference_options.hpp"
 #include "knothe/project/project_values.hpp"
 
 namespace knothe::project {
@@ -60,14 +61,8 @@ assimilation::Prior read_prior(Values& values, const std::string& path) {
   return Prior::normal(0, 1);
 }
 
-void at_least(Values& values, const std::string& path, std::int64_t least) {
-  if (values.has(path) && values.integer(path, least) < least) {
-    values.complain(path, fmt::format("\"{}\" must be at least {}", path, least));
-  }
-}
-
 MethodOptions read_method(Values& values) {
-  at_least(values, "method.max_order", 1);
+  values.at_least("method.max_order", 1);
   if (values.integer("method.max_order", 1) > 15) {
     values.complain("method.max_order", "\"method.max_order\" must be at most 15");
   }
@@ -77,6 +72,11 @@ MethodOptions read_method(Values& values) {
   method.tolerance = values.number("method.tolerance", method.tolerance);
   method.max_order = static_cast<int>(values.integer("method.max_order", method.max_order));
   method.minimiser = values.text("method.minimiser", method.minimiser);
+  values.at_least("method.samples", 100);
+  values.at_least("method.verification_points", 64);
+  method.samples = static_cast<int>(values.integer("method.samples", method.samples));
+  method.verification_points =
+      static_cast<int>(values.integer("method.verification_points", method.verification_points));
   method.seed = static_cast<std::uint64_t>(values.integer("method.seed", 1));
   return method;
 }
@@ -88,7 +88,7 @@ OfflineParameter read_offline_parameter(Values& values, const std::string& name)
     values.complain(path, fmt::format("the damage law has no parameter \"{}\"{}; it has Y0 and Ad", name,
                                       did_you_mean(name, k_known)));
   }
-  at_least(values, path + ".nodes", 2);
+  values.at_least(path + ".nodes", 2);
   OfflineParameter p;
   p.name = name;
   p.reference = values.number(path + ".reference", p.reference);
@@ -103,7 +103,7 @@ OfflineParameter read_offline_parameter(Values& values, const std::string& name)
 
 OfflineOptions read_offline(Values& values, const std::string& folder) {
   for (const char* key : {"mesh.layers", "steps", "processes", "modes"}) {
-    at_least(values, std::string("offline.") + key, 1);
+    values.at_least(std::string("offline.") + key, 1);
   }
   OfflineOptions o;
   o.method = values.text("offline.method", o.method);
@@ -146,7 +146,7 @@ std::optional<std::array<double, 2>> read_range(Values& values, const std::strin
 }
 
 SimulateOptions read_simulate(Values& values) {
-  at_least(values, "simulate.dofs.random", 1);
+  values.at_least("simulate.dofs.random", 1);
   SimulateOptions s;
   for (const std::string& name : children(values, "simulate.truth")) {
     s.truth[name] = values.number("simulate.truth." + name, 1);
@@ -249,6 +249,8 @@ Project parse_project(const std::string& text, const std::string& path) {
     project.parameters.push_back({name, read_prior(values, "parameters." + name)});
   }
   project.method = read_method(values);
+  project.umbridge = read_umbridge(values);
+  if (values.has_table("observations")) project.observations = read_observations(values);
   if (values.has_table("offline")) project.offline = read_offline(values, project.folder);
   if (values.has_table("simulate")) project.simulate = read_simulate(values);
   for (const std::string& name : children(values, "forecast")) {

@@ -23,7 +23,30 @@ struct MethodOptions {
   double tolerance = 1e-3;
   int max_order = 8;
   std::string minimiser = "newton";
+  int samples = 10000;
+  int verification_points = 1024;
   std::uint64_t seed = 1;
+};
+
+/// A model behind a UM-Bridge server ([model] umbridge).
+struct UmbridgeOptions {
+  std::string url;   ///< empty: the model is a separated one
+  std::string name;  ///< empty: the only one the server has
+  std::string config = "{}";
+  double timeout = 30;  ///< s
+  int connections = 1;
+  bool density = false;  ///< it returns the complete log posterior density
+  std::string derivatives = "all";
+  double difference_step = 1e-4;  ///< in units of the prior's scale
+};
+
+/// What `knothe infer` compares the model's outputs with.
+struct ObservationOptions {
+  std::vector<double> values;
+  std::vector<double> std;                      ///< as many, or empty
+  std::vector<std::vector<double>> covariance;  ///< rows; or empty
+  std::vector<std::size_t> dofs, steps;         ///< of a separated model
+  std::string output;                           ///< of a separated model
 };
 
 /// Axis of the parameter grid of the offline phase.
@@ -71,6 +94,8 @@ struct Project {
   std::string results;  ///< resolved
   std::vector<NamedPrior> parameters;
   MethodOptions method;
+  UmbridgeOptions umbridge;
+  std::optional<ObservationOptions> observations;
   std::optional<OfflineOptions> offline;
   std::optional<SimulateOptions> simulate;
   std::vector<forecast::ForecastSpecification> forecasts;

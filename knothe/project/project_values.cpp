@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <sstream>
 
 #include "knothe/base/text.hpp"
 #include "knothe/project/option_table.hpp"
@@ -112,6 +113,7 @@ class Reader {
       }
       return;
     }
+    if (option.kind == ValueKind::free_table) return read_free_table(option, path, node, where);
     switch (option.kind) {
       case ValueKind::text:
       case ValueKind::path:
@@ -145,6 +147,22 @@ class Reader {
         }
         break;
       }
+      case ValueKind::matrix: {
+        std::vector<std::vector<double>> rows;
+        const auto* array = node.as_array();
+        for (std::size_t i = 0; array != nullptr && i < array->size(); ++i) {
+          const auto* row = (*array)[i].as_array();
+          std::vector<double> numbers;
+          for (std::size_t j = 0; row != nullptr && j < row->size(); ++j) {
+            if (const auto v = (*row)[j].value<double>(); v && std::isfinite(*v)) numbers.push_back(*v);
+          }
+          if (row == nullptr || numbers.size() != row->size()) break;
+          rows.push_back(std::move(numbers));
+        }
+        if (array != nullptr && !array->empty() && rows.size() == array->size())
+          return store(path, rows, where);
+        break;
+      }
       default: {
         if (!node.is_number()) break;
         const double v = *node.value<double>();
@@ -169,6 +187,16 @@ class Reader {
       return;
     }
     store(path, text->get(), where);
+  }
+
+  /// Any table, kept as JSON; it counts as a leaf.
+  void read_free_table(const Option& option, const std::string& path, const toml::node& node,
+                       const toml::source_position& where) {
+    const auto* table = node.as_table();
+    if (table == nullptr) return wrong(option, path, node, where);
+    std::ostringstream text;
+    text << toml::json_formatter(*table);
+    store(path, text.str(), where);
   }
 
   void wrong(const Option& option, const std::string& path, const toml::node& node,
@@ -216,6 +244,17 @@ std::vector<std::string> Values::texts(const std::string& path) const {
   const auto it = leaves.find(path);
   return it == leaves.end() ? std::vector<std::string>()
                             : std::get<std::vector<std::string>>(it->second.content);
+}
+
+std::vector<std::vector<double>> Values::matrix(const std::string& path) const {
+  const auto it = leaves.find(path);
+  return it == leaves.end() ? std::vector<std::vector<double>>()
+                            : std::get<std::vector<std::vector<double>>>(it->second.content);
+}
+
+void Values::at_least(const std::string& path, std::int64_t least) {
+  if (has(path) && integer(path, least) < least)
+    complain(path, fmt::format("\"{}\" must be at least {}", path, least));
 }
 
 void Values::complain(const std::string& path, const std::string& text) {

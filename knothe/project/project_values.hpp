@@ -1,6 +1,7 @@
 #pragma once
 /// @file A validated project file as a flat list of values, in the order of the file. Private to this room:
 /// keeps toml++ in one translation unit.
+#include <cstdint>
 #include <map>
 #include <string>
 #include <variant>
@@ -9,7 +10,8 @@
 namespace knothe::project {
 
 struct Value {
-  std::variant<std::string, double, std::int64_t, bool, std::vector<double>, std::vector<std::string>>
+  std::variant<std::string, double, std::int64_t, bool, std::vector<double>, std::vector<std::string>,
+               std::vector<std::vector<double>>>
       content;
   int line = 0, column = 0;
 };
@@ -33,6 +35,9 @@ struct Values {
   [[nodiscard]] std::int64_t integer(const std::string& path, std::int64_t otherwise) const;
   [[nodiscard]] std::vector<double> numbers(const std::string& path) const;
   [[nodiscard]] std::vector<std::string> texts(const std::string& path) const;
+  [[nodiscard]] std::vector<std::vector<double>> matrix(const std::string& path) const;
+  /// Complains if the whole number is given and smaller than that.
+  void at_least(const std::string& path, std::int64_t least);
   /// Adds a complaint at the value or table of that path (or its nearest existing parent).
   void complain(const std::string& path, const std::string& text);
 };

@@ -47,37 +47,50 @@ void check_priors(const Project& project, const reduction::SeparatedModel& model
 
 assimilation::UpdateOptions update_options(const MethodOptions& method) {
   assimilation::UpdateOptions options;
+  options.map = map_options(method);
   options.kind = method.kind == "grid" ? assimilation::UpdateOptions::Kind::grid
                                        : assimilation::UpdateOptions::Kind::transport;
   options.form = method.form == "composed" ? assimilation::UpdateOptions::Form::composed
                                            : assimilation::UpdateOptions::Form::collapsed;
-  options.map.tolerance = method.tolerance;
-  options.map.max_order = method.max_order;
-  options.map.seed = method.seed;
-  options.map.minimiser = method.minimiser == "bfgs"          ? transport::MinimiserKind::bfgs
-                          : method.minimiser == "nelder-mead" ? transport::MinimiserKind::nelder_mead
-                                                              : transport::MinimiserKind::newton;
   return options;
 }
 
 }  // namespace
 
+transport::MapSolverOptions map_options(const MethodOptions& method) {
+  transport::MapSolverOptions options;
+  options.tolerance = method.tolerance;
+  options.max_order = method.max_order;
+  options.seed = method.seed;
+  options.minimiser = method.minimiser == "bfgs"          ? transport::MinimiserKind::bfgs
+                      : method.minimiser == "nelder-mead" ? transport::MinimiserKind::nelder_mead
+                                                          : transport::MinimiserKind::newton;
+  return options;
+}
+
+reduction::SeparatedModel load_model(const Project& project) {
+  const auto stored = reduction::SeparatedModel::load(project.model);
+  check_parameters(project, stored.parameter_names());
+  std::vector<std::string> names;
+  for (const NamedPrior& parameter : project.parameters) names.push_back(parameter.name);
+  reduction::SeparatedModel model(reduction::with_parameter_order(stored.contents(), names), project.model);
+  check_priors(project, model);
+  return model;
+}
+
 UpdateSetup set_up(const Project& project) {
+  if (project.method.kind == "mcmc" || project.method.kind == "smc")
+    throw project.error_at("method.kind",
+                           fmt::format("method.kind = \"{}\" is for `knothe infer`; sequential "
+                                       "assimilation takes \"transport\" or \"grid\"",
+                                       project.method.kind));
   project.require(!project.model.empty(), "a model: `model = \"MODEL.h5\"`");
   project.require(!project.data.empty(), "data: `data = \"DATA.h5\"`");
   project.require(!project.parameters.empty(),
                   "a table [parameters] with a prior for each parameter of the model");
-  const auto stored = reduction::SeparatedModel::load(project.model);
-  check_parameters(project, stored.parameter_names());
-  std::vector<std::string> names;
+  const reduction::SeparatedModel model = load_model(project);
   std::vector<assimilation::Prior> priors;
-  for (const NamedPrior& parameter : project.parameters) {
-    names.push_back(parameter.name);
-    priors.push_back(parameter.prior);
-  }
-  const reduction::SeparatedModel model(reduction::with_parameter_order(stored.contents(), names),
-                                        project.model);
-  check_priors(project, model);
+  for (const NamedPrior& parameter : project.parameters) priors.push_back(parameter.prior);
   assimilation::Measurements measurements = assimilation::read_measurements(project.data);
   std::vector<double> points;
   for (Eigen::Index j = 0; j < measurements.points.rows(); ++j) {

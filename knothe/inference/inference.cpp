@@ -1,0 +1,161 @@
+#include "knothe/inference/inference.hpp"
+
+#include <fmt/format.h>
+
+#include <chrono>
+#include <cmath>
+
+#include "knothe/assimilation/maximum_a_posteriori.hpp"
+#include "knothe/base/error.hpp"
+#include "knothe/inference/grid_quadrature.hpp"
+#include "knothe/inference/sampled_inference.hpp"
+#include "knothe/inference/verdict.hpp"
+#include "knothe/numerics/sobol.hpp"
+
+namespace knothe::inference {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+/// Times what is done between its construction and its end as one phase.
+class Phase {
+ public:
+  Phase(std::string name, const ModelEvaluator& evaluator, InferenceResult& result)
+      : name_(std::move(name)), evaluator_(evaluator), result_(result), model_before_(evaluator.seconds()) {}
+  ~Phase() {
+    result_.phases.push_back({name_, std::chrono::duration<double>(Clock::now() - start_).count(),
+                              evaluator_.seconds() - model_before_});
+  }
+  Phase(const Phase&) = delete;
+  Phase& operator=(const Phase&) = delete;
+
+ private:
+  std::string name_;
+  const ModelEvaluator& evaluator_;
+  InferenceResult& result_;
+  double model_before_;
+  Clock::time_point start_ = Clock::now();
+};
+
+void by_transport(PosteriorDensity& posterior, ModelEvaluator& evaluator, const InferenceOptions& options,
+                  InferenceResult& r) {
+  transport::MapSolver solver(options.map);
+  MapDetails details;
+  transport::ImportanceCorrection correction;
+  {
+    const Phase phase("mode search and map", evaluator, r);
+    details.map = solver.solve(posterior);
+  }
+  {
+    const Phase phase("importance correction", evaluator, r);
+    correction = solver.correct(posterior, details.map);
+  }
+  r.points = posterior.parameters(correction.points);
+  r.weights = correction.weights;
+  r.ess = correction.ess;
+  r.log_evidence = correction.log_evidence;
+  r.log_evidence_error = correction.log_evidence_error;
+  r.map_order = details.map.order;
+  r.variance_diagnostic = details.map.verified_diagnostic;
+  r.tolerance_reached = details.map.tolerance_reached;
+  r.trusted = correction.trusted;
+  r.verdict = verdict(details.map, correction, posterior.transform());
+  const Phase phase("draws", evaluator, r);
+  r.draws = resample(r.points, r.weights, options.samples, options.seed);
+  details.pulled_back = details.map.verification.reference;
+  const Eigen::VectorXd& log_weight = details.map.verification.log_weight;
+  details.weights = (log_weight.array() - log_weight.maxCoeff()).exp();
+  details.weights /= details.weights.sum();
+  details.draws_of_map = posterior.parameters(details.map.evaluate(
+      numerics::sobol_normal_points(2000, posterior.dimension(), options.seed + 0x6d6170)));
+  r.map.push_back(std::move(details));
+}
+
+void by_grid(PosteriorDensity& posterior, ModelEvaluator& evaluator, const InferenceOptions& options,
+             InferenceResult& r) {
+  const Phase phase("grid", evaluator, r);
+  sampling::CheckedDensity target(posterior);
+  const GridQuadrature grid = grid_quadrature(target);
+  r.points = posterior.parameters(grid.points);
+  r.weights = grid.weights;
+  r.log_evidence = grid.log_evidence;
+  r.log_evidence_error = grid.evidence_change;
+  r.trusted = r.tolerance_reached = grid.resolved();
+  r.verdict = verdict(grid);
+  r.draws = resample(r.points, r.weights, options.samples, options.seed);
+}
+
+/// From the best point, in p: where the maximum is at an end of a prior's support, z knows no such place.
+Eigen::VectorXd most_probable(PosteriorDensity& posterior, const ModelEvaluator& evaluator,
+                              const InferenceResult& r) {
+  Eigen::Index best = 0;
+  if (!r.map.empty()) {
+    const Eigen::MatrixXd start = posterior.parameters(r.map[0].map.mode.transpose());
+    return assimilation::maximum_a_posteriori(
+        [&](const auto& p, int derivatives, auto& out) { posterior.log_likelihood(p, derivatives, out); },
+        posterior.transform(), start.row(0).transpose(), evaluator.model().has_hessian() ? 1e-12 : 1e-7);
+  }
+  sampling::LogDensityBatch batch;
+  posterior.log_likelihood(r.points, 0, batch);
+  for (Eigen::Index i = 0; i < r.points.rows(); ++i) {
+    for (Eigen::Index k = 0; k < r.points.cols(); ++k)
+      batch.value[i] += posterior.transform().prior(k).log_density(r.points(i, k));
+    if (batch.value[i] > batch.value[best]) best = i;
+  }
+  return assimilation::maximum_a_posteriori(
+      [&](const auto& p, int derivatives, auto& out) { posterior.log_likelihood(p, derivatives, out); },
+      posterior.transform(), r.points.row(best).transpose(), evaluator.model().has_hessian() ? 1e-12 : 1e-7);
+}
+
+}  // namespace
+
+std::string to_text(Method method) {
+  static constexpr const char* k_names[] = {"transport", "mcmc", "smc", "grid"};
+  return k_names[static_cast<int>(method)];
+}
+
+Method method_from(const std::string& text) {
+  for (const Method method : {Method::transport, Method::mcmc, Method::smc, Method::grid})
+    if (text == to_text(method)) return method;
+  throw UsageError(
+      fmt::format("\"{}\" is not a method of inference: there are transport, mcmc, smc and grid", text));
+}
+
+double InferenceResult::seconds() const {
+  double sum = 0;
+  for (const PhaseTime& phase : phases) sum += phase.seconds;
+  return sum;
+}
+
+InferenceResult infer(PosteriorDensity& posterior, ModelEvaluator& evaluator,
+                      const InferenceOptions& options) {
+  InferenceResult r;
+  r.method = options.method;
+  switch (options.method) {
+    case Method::transport:
+      by_transport(posterior, evaluator, options, r);
+      break;
+    case Method::grid:
+      by_grid(posterior, evaluator, options, r);
+      break;
+    case Method::mcmc: {
+      const Phase phase("Markov chains", evaluator, r);
+      by_markov_chains(posterior, options, r);
+      break;
+    }
+    case Method::smc: {
+      const Phase phase("particles", evaluator, r);
+      by_particles(posterior, options, r);
+      break;
+    }
+  }
+  r.summary = summarise(r.points, r.weights);
+  {
+    const Phase phase("most probable point", evaluator, r);
+    r.maximum_a_posteriori = most_probable(posterior, evaluator, r);
+  }
+  r.calls = evaluator.model().calls();
+  return r;
+}
+
+}  // namespace knothe::inference

@@ -1,0 +1,77 @@
+#pragma once
+/// @file One-shot inference by four methods with the same output, so that each can check the others.
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "knothe/inference/posterior_density.hpp"
+#include "knothe/inference/weighted_summary.hpp"
+#include "knothe/transport/map_solver.hpp"
+
+namespace knothe::inference {
+
+enum class Method { transport, mcmc, smc, grid };
+
+/// The name in project files and on the command line.
+[[nodiscard]] std::string to_text(Method method);
+/// Errors: UsageError with the names there are.
+[[nodiscard]] Method method_from(const std::string& text);
+
+struct InferenceOptions {
+  Method method = Method::transport;
+  transport::MapSolverOptions map;  ///< tolerance, orders, seed, verification points
+  Eigen::Index samples = 10000;     ///< draws left in the result; particles and kept draws of the samplers
+  std::uint64_t seed = 1;
+  /// Called with the share of the work done where a method knows it (mcmc, smc); false interrupts.
+  std::function<bool(double)> progress;
+};
+
+/// Time of one phase, and how much of it was the model's.
+struct PhaseTime {
+  std::string name;
+  double seconds = 0, model_seconds = 0;
+};
+
+/// What the map says beside its samples.
+struct MapDetails {
+  transport::MapResult map;
+  Eigen::MatrixXd pulled_back;  ///< reference points x, n × d, weighted by `weights`: the posterior seen
+                                ///< through the map, N(0, I) if the map is exact
+  Eigen::VectorXd weights;       ///< n
+  Eigen::MatrixXd draws_of_map;  ///< p = F⁻¹(Φ(T(x))), not corrected, n × d
+};
+
+struct InferenceResult {
+  Method method = Method::transport;
+  WeightedSummary summary;               ///< of p, by weights
+  Eigen::VectorXd maximum_a_posteriori;  ///< d: maximum of the density in p
+  Eigen::MatrixXd points;                ///< p, n × d, with `weights`
+  Eigen::VectorXd weights;               ///< n, sum 1
+  Eigen::MatrixXd draws;                 ///< equally weighted, chain after chain
+  int chains = 1;
+
+  double log_evidence = 0, log_evidence_error = 0;
+  double ess = 1;  ///< effective sample size as a fraction of the points
+  bool trusted = false;
+  std::string verdict;  ///< trusted or not, and why: one sentence
+
+  int map_order = 0;                 ///< 0 without a map
+  double variance_diagnostic = 0;    ///< verified; 0 without a map
+  bool tolerance_reached = false;    ///< without a map: converged
+  std::vector<MapDetails> map;       ///< one for transport
+  Eigen::VectorXd r_hat;             ///< d, of mcmc
+  Eigen::VectorXd effective_sizes;   ///< d, of mcmc
+  std::vector<double> temperatures;  ///< of smc
+  double acceptance = 0;             ///< of mcmc and smc
+
+  ModelCalls calls;
+  std::vector<PhaseTime> phases;
+  [[nodiscard]] double seconds() const;
+};
+
+/// Errors: those of the model (DataError), of the target (NumericalError: nothing but zeros found), of the
+/// options (UsageError: more than three parameters for a grid).
+[[nodiscard]] InferenceResult infer(PosteriorDensity& posterior, ModelEvaluator& evaluator,
+                                    const InferenceOptions& options);
+
+}  // namespace knothe::inference

@@ -1,0 +1,12 @@
+#pragma once
+/// @file Inference by the samplers of room sampling. Private to this room.
+#include "knothe/inference/inference.hpp"
+
+namespace knothe::inference {
+
+/// Fills what adaptive_metropolis gives, and the evidence by bridge sampling.
+void by_markov_chains(PosteriorDensity& posterior, const InferenceOptions& options, InferenceResult& r);
+/// Fills what sequential_monte_carlo gives.
+void by_particles(PosteriorDensity& posterior, const InferenceOptions& options, InferenceResult& r);
+
+}  // namespace knothe::inference

@@ -1,0 +1,78 @@
+#include "knothe/inference/verdict.hpp"
+
+#include <fmt/format.h>
+
+#include <vector>
+
+namespace knothe::inference {
+
+std::string verdict(const transport::MapResult& map, const transport::ImportanceCorrection& answer,
+                    const assimilation::PriorTransform& transform) {
+  if (answer.trusted)
+    return fmt::format(
+        "Trusted: on points not used to make it the map of order {} has a variance diagnostic of {:.2g} (at "
+        "most "
+        "0.05), its weights an effective sample size of {:.1f} % (at least 90 %), and no second mode was "
+        "found{}.",
+        map.order, map.verified_diagnostic, 100 * answer.ess,
+        map.tolerance_reached ? "" : fmt::format("; the tolerance was missed, though: {}", map.reason));
+  std::vector<std::string> reasons;
+  if (map.second_mode_found) {
+    std::vector<double> p;
+    for (Eigen::Index k = 0; k < map.second_mode.size(); ++k)
+      p.push_back(transform.prior(k).from_standard_normal(map.second_mode[k]).value);
+    reasons.push_back(fmt::format("there is a second mode near ({:.4g}), which the map does not cover",
+                                  fmt::join(p, ", ")));
+  }
+  if (map.verified_diagnostic > 0.05) {
+    reasons.push_back(map.reason.empty() ? fmt::format("the variance diagnostic is {:.2g}, above 0.05",
+                                                       map.verified_diagnostic)
+                                         : map.reason);
+  }
+  if (answer.ess < 0.9)
+    reasons.push_back(
+        fmt::format("the effective sample size of its weights is {:.1f} %, below 90 %", 100 * answer.ess));
+  if (reasons.empty())
+    reasons.push_back(map.reason.empty() ? "the solver's checks did not pass" : map.reason);
+  return fmt::format("Not trusted: {}; cross-check with --method smc or mcmc.", fmt::join(reasons, ", and "));
+}
+
+std::string verdict(const GridQuadrature& grid) {
+  if (grid.resolved())
+    return fmt::format(
+        "Trusted: from every other to all of the {} nodes per axis the log-evidence changes by {:.1g} and "
+        "moments by "
+        "{:.1g} std, and {:.1g} of the mass lies at the border of the grid.",
+        grid.nodes, grid.evidence_change, grid.moment_change, grid.mass_at_border);
+  return fmt::format(
+      "Not trusted: the grid of {} nodes per axis does not resolve the posterior: from every other node to "
+      "all of "
+      "them the log-evidence changes by {:.2g} and moments by {:.2g} std, and {:.1g} of the mass lies at its "
+      "border; "
+      "use --method transport or smc.",
+      grid.nodes, grid.evidence_change, grid.moment_change, grid.mass_at_border);
+}
+
+std::string verdict(const sampling::MetropolisResult& chains) {
+  const std::string facts = fmt::format(
+      "split R-hat of {} chains is at most {:.3f} (limit 1.01) and the smallest effective sample size {:.0f} "
+      "of {} "
+      "(at least 400)",
+      chains.chains, chains.r_hat.maxCoeff(), chains.effective_sizes.minCoeff(), chains.sample.points.rows());
+  if (chains.converged) return fmt::format("Trusted: {}.", facts);
+  return fmt::format("Not trusted: the chains have not converged: {}; raise [method] samples.", facts);
+}
+
+std::string verdict(const sampling::SequentialMonteCarloResult& particles, bool trusted) {
+  const std::string facts = fmt::format(
+      "{} particles went to the posterior in {} temperatures, the last moves were accepted in {:.0f} % of "
+      "the cases "
+      "(at least 5 %), the effective sample size is {:.0f} (at least 400) and the standard error of the "
+      "log-evidence "
+      "{:.2g} (at most 0.2)",
+      particles.sample.points.rows(), particles.temperatures.size(), 100 * particles.acceptance,
+      particles.sample.effective_size, particles.sample.log_evidence_error);
+  return fmt::format("{}: {}.", trusted ? "Trusted" : "Not trusted", facts);
+}
+
+}  // namespace knothe::inference

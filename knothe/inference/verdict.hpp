@@ -1,0 +1,20 @@
+#pragma once
+/// @file The sentence at the end: trusted or not, and why.
+#include <string>
+
+#include "knothe/assimilation/prior_transform.hpp"
+#include "knothe/inference/grid_quadrature.hpp"
+#include "knothe/sampling/adaptive_metropolis.hpp"
+#include "knothe/sampling/sequential_monte_carlo.hpp"
+#include "knothe/transport/map_solver.hpp"
+
+namespace knothe::inference {
+
+[[nodiscard]] std::string verdict(const transport::MapResult& map,
+                                  const transport::ImportanceCorrection& answer,
+                                  const assimilation::PriorTransform& transform);
+[[nodiscard]] std::string verdict(const GridQuadrature& grid);
+[[nodiscard]] std::string verdict(const sampling::MetropolisResult& chains);
+[[nodiscard]] std::string verdict(const sampling::SequentialMonteCarloResult& particles, bool trusted);
+
+}  // namespace knothe::inference

@@ -1,0 +1,169 @@
+#include "knothe/project/inference_setup.hpp"
+
+#include <fmt/format.h>
+
+#include <numeric>
+
+#include "knothe/assimilation/measurements.hpp"
+#include "knothe/assimilation/time_matching.hpp"
+#include "knothe/inference/separated_forward_model.hpp"
+#include "knothe/inference/umbridge_model.hpp"
+#include "knothe/project/update_setup.hpp"
+
+namespace knothe::project {
+namespace {
+
+using inference::GaussianNoise;
+using inference::Observations;
+
+Observations observations_of(const ObservationOptions& o) {
+  const auto n = static_cast<Eigen::Index>(o.values.size());
+  const Eigen::VectorXd values = Eigen::Map<const Eigen::VectorXd>(o.values.data(), n);
+  if (o.covariance.empty())
+    return {values, GaussianNoise::independent(Eigen::Map<const Eigen::VectorXd>(o.std.data(), n))};
+  Eigen::MatrixXd covariance(n, n);
+  for (Eigen::Index i = 0; i < n; ++i)
+    covariance.row(i) =
+        Eigen::Map<const Eigen::RowVectorXd>(o.covariance[static_cast<std::size_t>(i)].data(), n);
+  return {values, GaussianNoise::correlated(0.5 * (covariance + covariance.transpose()))};
+}
+
+void set_up_server(const Project& project, InferenceSetup& setup) {
+  const UmbridgeOptions& o = project.umbridge;
+  if (!o.density)
+    project.require(project.observations.has_value(),
+                    "a table [observations] (only a model of kind = \"density\" does without)");
+  if (project.observations && (!project.observations->dofs.empty() || !project.observations->steps.empty() ||
+                               !project.observations->output.empty()))
+    throw project.error_at(
+        "observations",
+        "\"dofs\", \"steps\" and \"output\" choose from a separated model; all outputs of a "
+        "UM-Bridge model are observed, in their order");
+  inference::UmbridgeSettings settings;
+  settings.url = o.url;
+  settings.name = o.name;
+  settings.config = o.config;
+  settings.timeout = o.timeout;
+  settings.connections = o.connections;
+  settings.derivatives = o.derivatives == "none" ? 0 : o.derivatives == "first" ? 1 : 2;
+  settings.density = o.density;
+  settings.parameters = setup.parameters;
+  std::unique_ptr<inference::UmbridgeModel> model;
+  try {
+    model = std::make_unique<inference::UmbridgeModel>(settings);
+  } catch (const UsageError& error) {  // the address
+    throw project.error_at("model.umbridge", error.what());
+  }
+  if (static_cast<std::size_t>(model->dimension()) != setup.parameters.size())
+    throw project.error_at(
+        "parameters", fmt::format("[parameters] has {} parameters, but {} takes {} values (input sizes {})",
+                                  setup.parameters.size(), model->where(), model->dimension(),
+                                  fmt::join(model->input_sizes(), ", ")));
+  if (o.density && model->output_count() != 1)
+    throw project.error_at(
+        "model.kind",
+        fmt::format("model.kind = \"density\" means one number, but {} returns {} "
+                    "(output sizes {})",
+                    model->where(), model->output_count(), fmt::join(model->output_sizes(), ", ")));
+  setup.model_name = model->name();
+  setup.model = std::move(model);
+}
+
+/// The values of [observations], of dofs or of an output at time steps.
+void set_up_chosen(const Project& project, const reduction::SeparatedModel& model, InferenceSetup& setup) {
+  const ObservationOptions& o = *project.observations;
+  if (o.steps.empty())
+    throw project.error_at("observations",
+                           "[observations] of a separated model needs \"steps\", the time steps "
+                           "observed");
+  if (o.dofs.empty() && o.output.empty())
+    throw project.error_at(
+        "observations",
+        "[observations] of a separated model needs \"dofs\" or \"output\": what was observed");
+  try {
+    if (!o.output.empty())
+      setup.model = std::make_unique<inference::SeparatedOutputModel>(model, o.output, o.steps);
+    else
+      setup.model = std::make_unique<inference::SeparatedForwardModel>(reduction::observe_dofs(model, o.dofs),
+                                                                       o.steps, model.where());
+  } catch (const UsageError& error) {
+    const std::string text = error.what();
+    throw project.error_at(text.find("step") != std::string::npos ? "observations.steps"
+                           : o.output.empty()                     ? "observations.dofs"
+                                                                  : "observations.output",
+                           text);
+  }
+}
+
+/// All values of a data file, step after step, missing ones left out.
+void set_up_recorded(const Project& project, const reduction::SeparatedModel& model, InferenceSetup& setup) {
+  const assimilation::Measurements data = assimilation::read_measurements(project.data);
+  if (!data.noise.is_independent())
+    throw DataError(project.data +
+                    ": the noise is correlated; `knothe assimilate` takes such data, infer does not");
+  if (!data.values.allFinite())
+    throw DataError(project.data +
+                    ": values are missing; `knothe assimilate` takes such data, infer does not");
+  std::vector<double> points;
+  for (Eigen::Index j = 0; j < data.points.rows(); ++j)
+    for (Eigen::Index c = 0; c < 3; ++c) points.push_back(data.points(j, c));
+  const std::vector<std::int64_t> components(data.components.begin(), data.components.end());
+  const reduction::ObservedModel observed = reduction::observe(model, points, components);
+  setup.model = std::make_unique<inference::SeparatedForwardModel>(
+      observed, assimilation::match_times(data.time, observed.time, project.data), model.where());
+  setup.observations = Observations{
+      data.values.reshaped(),
+      GaussianNoise::independent(data.noise.standard_deviations().replicate(data.values.cols(), 1))};
+}
+
+void set_up_separated(const Project& project, InferenceSetup& setup) {
+  const reduction::SeparatedModel model = load_model(project);
+  for (std::size_t k = 0; k < setup.priors.size(); ++k) {
+    const std::vector<double>& nodes = model.contents().axes[k].nodes;
+    setup.priors[k] = setup.priors[k].truncated(nodes.front(), nodes.back(), setup.parameters[k]);
+  }
+  if (project.observations)
+    set_up_chosen(project, model, setup);
+  else
+    set_up_recorded(project, model, setup);
+}
+
+}  // namespace
+
+InferenceSetup set_up_inference(const Project& project) {
+  const bool server = !project.umbridge.url.empty();
+  project.require(server || !project.model.empty(),
+                  "a model: [model] with \"umbridge\", a server's address, or \"separated\", a file");
+  project.require(!project.parameters.empty(), "a table [parameters] with a prior for each parameter");
+  project.require(server || project.observations || !project.data.empty(),
+                  "observations: a table [observations], or `data = \"DATA.h5\"`");
+  InferenceSetup setup;
+  for (const NamedPrior& parameter : project.parameters) {
+    setup.parameters.push_back(parameter.name);
+    setup.priors.push_back(parameter.prior);
+  }
+  if (server)
+    set_up_server(project, setup);
+  else
+    set_up_separated(project, setup);
+  if (!project.observations || project.umbridge.density) return setup;
+  if (static_cast<std::size_t>(setup.model->output_count()) != project.observations->values.size())
+    throw project.error_at(
+        "observations.values",
+        fmt::format("{} values were observed, but {} returns {}", project.observations->values.size(),
+                    setup.model->where(), setup.model->output_count()));
+  setup.observations = observations_of(*project.observations);
+  return setup;
+}
+
+inference::InferenceOptions inference_options(const Project& project, inference::Method method) {
+  inference::InferenceOptions options;
+  options.method = method;
+  options.map = map_options(project.method);
+  options.map.verification_points = project.method.verification_points;
+  options.samples = project.method.samples;
+  options.seed = project.method.seed;
+  return options;
+}
+
+}  // namespace knothe::project

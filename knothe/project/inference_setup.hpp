@@ -1,0 +1,27 @@
+#pragma once
+/// @file From a project file to everything one-shot inference needs.
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "knothe/inference/inference.hpp"
+#include "knothe/project/project_file.hpp"
+
+namespace knothe::project {
+
+struct InferenceSetup {
+  std::vector<std::string> parameters;
+  std::vector<assimilation::Prior> priors;  ///< of a separated model: truncated to its box
+  std::unique_ptr<inference::ForwardModel> model;
+  std::optional<inference::Observations> observations;  ///< none: the model is a log posterior density
+  std::string model_name;                               ///< of a UM-Bridge server's model
+};
+
+/// Reads the model, or asks the server what it has, and checks that model, observations and parameters fit
+/// together. Nothing is evaluated. Errors: ProjectError at file:line:column, DataError of the model.
+[[nodiscard]] InferenceSetup set_up_inference(const Project& project);
+
+/// What the project says about the method; `method`, if not empty, overrides its kind.
+[[nodiscard]] inference::InferenceOptions inference_options(const Project& project, inference::Method method);
+
+}  // namespace knothe::project

@@ -1,0 +1,32 @@
+#pragma once
+/// @file What `knothe infer` says and leaves: its line of JSON, and the folder with inference.json and
+/// samples.nc.
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "knothe/inference/comparison.hpp"
+#include "knothe/project/inference_setup.hpp"
+#include "knothe/project/project_file.hpp"
+
+namespace knothe::report {
+
+/// The line of `knothe infer --json`: the keys of a step of an assimilation that make sense for one step, and
+/// skewness, kurtosis, model_evaluations, samples_file, verdict.
+[[nodiscard]] nlohmann::ordered_json inference_record(const inference::InferenceResult& result,
+                                                      const std::vector<std::string>& parameters,
+                                                      const std::string& samples_file);
+
+[[nodiscard]] nlohmann::ordered_json comparison_record(const inference::Comparison& comparison,
+                                                       const std::string& first, const std::string& second);
+
+/// Where the draws are written in a folder of results.
+[[nodiscard]] std::string samples_path(const std::string& folder);
+
+/// Writes FOLDER/inference.json (the record, and what the report shows) and FOLDER/samples.nc: NetCDF-4 with
+/// ArviZ's groups `posterior` (equally weighted draws, [chain, draw]), `weighted_posterior` (points [point,
+/// parameter] and weights [point]) and `sample_stats`; attributes project, seed, created_by, method. Atomic;
+/// IoError.
+void write_inference(const std::string& folder, const project::Project& project,
+                     const project::InferenceSetup& setup, const inference::InferenceResult& result);
+
+}  // namespace knothe::report

@@ -1,0 +1,240 @@
+"""`knothe infer`: exact answers through all methods, and all kinds of models and priors."""
+import math
+import unittest
+
+from infer_support import InferCase, conjugate, diagonal, quadrature
+from umbridge_server import Density, Linear, Linear3
+
+KEYS = ["method", "parameters", "mean", "covariance", "maximum_a_posteriori", "quantiles", "skewness", "kurtosis", "map_order",
+        "variance_diagnostic", "tolerance_reached", "ess", "trusted", "verdict", "log_evidence", "log_evidence_error",
+        "model_evaluations", "model_calls", "elapsed_us", "samples_file"]
+LINEAR = conjugate(Linear.matrix, [1.2, 0.4, 0.1], diagonal([0.3, 0.5, 0.4]), [0.5, -0.5], [1.0, 2.0])
+
+
+class Test(InferCase):
+    def expect_linear(self, line, **tolerances):
+        mean, covariance, evidence = LINEAR
+        self.expect_close(line, mean, covariance, evidence, **tolerances)
+        self.assertTrue(line["trusted"], line["verdict"])
+        for k in range(2):
+            sigma = math.sqrt(covariance[k][k])
+            tolerance = max(0.02, 5 * tolerances.get("mean_tolerance", 0)) * sigma
+            self.assertAlmostEqual(line["maximum_a_posteriori"][k], mean[k], delta=1e-5 * sigma)
+            for level, normal in zip(range(5), (-1.959964, -0.67449, 0, 0.67449, 1.959964)):
+                self.assertAlmostEqual(line["quantiles"]["values"][k][level], mean[k] + normal * sigma, delta=2 * tolerance)
+
+    def test_linear_by_a_map_from_values_alone(self):
+        self.serve("linear")
+        line = self.infer()
+        self.assertEqual(list(line), KEYS)
+        self.expect_linear(line)
+        self.assertEqual(line["map_order"], 1)
+        self.assertTrue(line["verdict"].startswith("Trusted: "))
+        self.assertLess(line["model_evaluations"], 2500)
+        self.assertEqual(line["model_evaluations"], self.server_calls()["/Evaluate"])
+        for k in range(2):
+            self.assertAlmostEqual(line["skewness"][k], 0, delta=0.03)
+            self.assertAlmostEqual(line["kurtosis"][k], 3, delta=0.15)
+
+    def test_linear_by_a_map_with_gradients(self):
+        self.serve("linear+gradient")
+        line = self.infer()
+        self.expect_linear(line)
+        self.assertEqual(line["model_calls"]["gradient"], self.server_calls()["/Gradient"])
+
+    def test_linear_by_a_map_with_jacobians(self):
+        self.serve("linear+jacobian")
+        line = self.infer()
+        self.expect_linear(line)
+        self.assertEqual(line["model_calls"]["apply_jacobian"], self.server_calls()["/ApplyJacobian"])
+        self.assertEqual(line["model_evaluations"], self.server_calls()["/Evaluate"])
+
+    def test_derivatives_may_be_declined(self):
+        self.serve("linear+hessian")
+        self.edit('name = "forward"', 'name = "forward"\nderivatives = "none"')
+        self.expect_linear(self.infer())
+        self.assertEqual([k for k in self.server_calls() if k in ("/Gradient", "/ApplyJacobian", "/ApplyHessian")], [])
+
+    def test_linear_by_a_grid(self):
+        self.serve("linear")
+        self.expect_linear(self.infer("--method", "grid"), mean_tolerance=1e-4, std_tolerance=1e-4, evidence_tolerance=1e-4)
+
+    def test_linear_by_chains(self):
+        self.serve("linear+gradient")
+        line = self.infer("--method", "mcmc")
+        self.assertEqual(list(line), KEYS + ["r_hat", "effective_sizes", "acceptance"])
+        self.expect_linear(line, mean_tolerance=0.12, std_tolerance=0.1, evidence_tolerance=0.1)
+        self.assertEqual(line["model_evaluations"], self.server_calls()["/Evaluate"])
+
+    def test_linear_by_particles(self):
+        self.serve("linear")
+        line = self.infer("--method", "smc")
+        self.expect_linear(line, mean_tolerance=0.12, std_tolerance=0.1, evidence_tolerance=0.25)
+
+    def test_a_full_covariance_of_the_noise(self):
+        self.serve("linear")
+        covariance = [[0.09, 0.06, 0.0], [0.06, 0.25, -0.05], [0.0, -0.05, 0.16]]
+        self.set_observations("values = [1.2, 0.4, 0.1]", f"covariance = {covariance}")
+        mean, exact, evidence = conjugate(Linear.matrix, [1.2, 0.4, 0.1], covariance, [0.5, -0.5], [1.0, 2.0])
+        self.expect_close(self.infer(), mean, exact, evidence)
+
+    def test_three_parameters_in_two_vectors(self):
+        self.serve("linear3+hessian")
+        self.set_priors("a = { prior = \"normal\", mean = 0.5, std = 1.0 }", "b = { prior = \"normal\", mean = 0.0, std = 2.0 }",
+                        "c = { prior = \"normal\", mean = -1.0, std = 0.7 }")
+        values, std = [1.2, 0.4, 0.1, -0.8], [0.3, 0.5, 0.4, 0.6]
+        self.set_observations(f"values = {values}", f"std = {std}")
+        mean, covariance, evidence = conjugate(Linear3.matrix, values, diagonal(std), [0.5, 0.0, -1.0], [1.0, 2.0, 0.7])
+        self.expect_close(self.infer(), mean, covariance, evidence)
+        self.expect_close(self.infer("--method", "grid"), mean, covariance, evidence, 1e-3, 1e-3, 1e-3)
+
+    def test_config_is_passed_through(self):
+        self.serve("linear")
+        self.edit('name = "forward"', 'name = "forward"\nconfig = { scale = 2.0, note = ["kept", { as = "it is" }] }')
+        matrix = [[2 * a for a in row] for row in Linear.matrix]
+        mean, covariance, evidence = conjugate(matrix, [1.2, 0.4, 0.1], diagonal([0.3, 0.5, 0.4]), [0.5, -0.5], [1.0, 2.0])
+        self.expect_close(self.infer(), mean, covariance, evidence)
+
+    def expect_banana(self, model):
+        """(x, y − x²) observed as (0.5, 0) ± (0.4, 0.3), prior N(0, 1) and N(0, 2²)."""
+        self.serve(model)
+        self.set_priors("x = { prior = \"normal\", mean = 0.0, std = 1.0 }", "y = { prior = \"normal\", mean = 0.0, std = 2.0 }")
+        self.set_observations("values = [0.5, 0.0]", "std = [0.4, 0.3]")
+
+        def log_density(x, y):
+            return (-0.5 * ((x - 0.5) / 0.4) ** 2 - 0.5 * ((y - x * x) / 0.3) ** 2 - 0.5 * x * x - 0.125 * y * y
+                    - math.log(0.4 * 0.3 * 2) - 2 * math.log(2 * math.pi))
+
+        evidence, mean, covariance = quadrature(log_density, ((-3, 4), (-3, 9)))
+        line = self.infer()
+        self.assertTrue(line["trusted"], line["verdict"])
+        self.expect_close(line, mean, covariance, evidence, 0.02, 0.02, 0.01)
+        return line
+
+    def test_banana_from_values_alone(self):
+        self.expect_banana("banana")
+
+    def test_banana_with_hessians(self):
+        line = self.expect_banana("banana+hessian")
+        self.assertEqual(line["model_calls"]["apply_hessian"], self.server_calls()["/ApplyHessian"])
+
+    def test_uniform_and_lognormal_priors(self):
+        self.serve("identity")
+        self.set_priors("u = { prior = \"uniform\", lower = 0.0, upper = 2.0 }", "l = { prior = \"lognormal\", mu = 0.0, sigma = 0.25 }")
+        self.set_observations("values = [1.7, 1.3]", "std = [0.4, 0.2]")
+
+        def log_density(u, c):
+            return (-0.5 * ((u - 1.7) / 0.4) ** 2 - 0.5 * ((c - 1.3) / 0.2) ** 2 - math.log(0.4 * 0.2) - math.log(2 * math.pi)
+                    - math.log(2) - 0.5 * (math.log(c) / 0.25) ** 2 - math.log(c * 0.25) - 0.5 * math.log(2 * math.pi))
+
+        evidence, mean, covariance = quadrature(log_density, ((0, 2), (0.2, 3)), 600)
+        for method in ("transport", "grid"):
+            line = self.infer("--method", method)
+            self.assertTrue(line["trusted"], line["verdict"])
+            self.expect_close(line, mean, covariance, evidence, 0.02, 0.02, 0.01)
+            self.assertAlmostEqual(line["maximum_a_posteriori"][0], 1.7, delta=1e-4)
+
+    def test_the_most_probable_point_may_be_at_an_end_of_the_prior(self):
+        self.serve("identity")
+        self.set_priors("u = { prior = \"uniform\", lower = 0.0, upper = 2.0 }", "v = { prior = \"normal\", mean = 0.0, std = 1.0 }")
+        self.set_observations("values = [2.5, 0.0]", "std = [0.4, 1.0]")
+        self.assertEqual(self.infer()["maximum_a_posteriori"][0], 2.0)
+
+    def use_density(self):
+        self.edit('name = "forward"', 'name = "posterior"\nkind = "density"')
+        self.set_observations()
+
+    def expect_density(self, model):
+        self.serve(model)
+        self.use_density()
+        (a, b), (_, c) = Density.precision
+        determinant = a * c - b * b
+        covariance = [[c / determinant, -b / determinant], [-b / determinant, a / determinant]]
+        line = self.infer()
+        self.expect_close(line, Density.mean, covariance, 3 + math.log(2 * math.pi) - 0.5 * math.log(determinant))
+        self.assertTrue(line["trusted"], line["verdict"])
+        for k in range(2):
+            self.assertAlmostEqual(line["maximum_a_posteriori"][k], Density.mean[k], delta=1e-3)
+
+    def test_a_density_from_values_alone(self):
+        self.expect_density("density")
+
+    def test_a_density_with_gradients(self):
+        self.expect_density("density+gradient")
+
+    def test_a_density_with_hessians(self):
+        self.expect_density("density+hessian")
+
+    def test_priors_are_not_added_to_a_density(self):
+        """Gamma(3, rate 2) and beta(2, 3), on supports given by lognormal and uniform priors."""
+        self.serve("exponential")
+        self.use_density()
+        self.set_priors("g = { prior = \"lognormal\", mu = 0.3, sigma = 0.6 }", "h = { prior = \"uniform\", lower = 0.0, upper = 1.0 }")
+        line = self.infer()
+        exact = math.log(2 / 8) + math.log(1 * 2 / 24)  # Γ(3)/2³, B(2, 3)
+        self.expect_close(line, [1.5, 0.4], [[0.75, 0.0], [0.0, 0.04]], exact, 0.02, 0.02, 0.01)
+        self.assertTrue(line["trusted"], line["verdict"])
+        self.assertAlmostEqual(line["maximum_a_posteriori"][0], 1.0, delta=1e-3)
+        self.assertAlmostEqual(line["maximum_a_posteriori"][1], 1 / 3, delta=1e-3)
+
+    def test_two_modes_are_not_trusted(self):
+        self.serve("twomodes")
+        self.set_priors("x = { prior = \"normal\", mean = 0.0, std = 1.0 }", "y = { prior = \"normal\", mean = 0.0, std = 1.0 }")
+        self.set_observations("values = [2.0, 0.0]", "std = [0.1, 0.5]")
+        line = self.infer(status=6)
+        self.assertFalse(line["trusted"])
+        self.assertTrue(line["verdict"].startswith("Not trusted: "))
+        self.assertIn("second mode", line["verdict"])
+
+    def test_comparison_prints_a_table_and_two_sentences(self):
+        self.serve("linear")
+        outcome = self.expect(0, "infer", self.project_name, "--compare", "transport,grid")
+        self.assertIn("grid minus transport, in units of the posterior std", outcome.out)
+        self.assertIn("std ratio", outcome.out)
+        sentences = outcome.out.splitlines()[-2:]
+        self.assertTrue(sentences[0].startswith("transport: Trusted") and sentences[1].startswith("grid: Trusted"), outcome.out)
+
+    def test_comparison_as_json(self):
+        self.serve("linear")
+        lines = self.expect(0, "infer", self.project_name, "--json", "--compare", "grid,transport").lines()
+        self.assertEqual([line.get("method") for line in lines], ["grid", "transport", None])
+        comparison = lines[2]["comparison"]
+        self.assertEqual(comparison["methods"], ["grid", "transport"])
+        for k in range(2):
+            sigma = math.sqrt(lines[0]["covariance"][k][k])
+            self.assertAlmostEqual(comparison["mean_difference"][k], (lines[1]["mean"][k] - lines[0]["mean"][k]) / sigma, delta=0.01)
+            self.assertAlmostEqual(comparison["std_ratio"][k], 1, delta=0.02)
+        self.assertAlmostEqual(comparison["log_evidence_difference"], 0, delta=0.01)
+
+    def test_connections_that_the_server_closes_are_opened_again(self):
+        self.serve("linear", "close")
+        self.expect_linear(self.infer("--method", "grid"))
+
+    def test_several_connections_give_the_same_bits(self):
+        self.serve("linear")
+        one = self.infer()
+        self.edit('name = "forward"', 'name = "forward"\nconnections = 3')
+        several = self.infer()
+        for line in (one, several):
+            del line["elapsed_us"]
+        self.assertEqual(one, several)
+
+    def test_results_and_report(self):
+        self.serve("banana")
+        self.set_observations("values = [0.5, 0.0]", "std = [0.4, 0.3]")
+        line = self.infer("-o", "R")
+        self.expect_nothing_but(self.folder / "R", ["inference.json", "samples.nc"])
+        self.assertEqual(line["samples_file"], "R/samples.nc")
+        self.expect(0, "report", "R", "-o", "R.html")
+        page = (self.folder / "R.html").read_text()
+        for text in ("Trusted: ", "Pull-back", "Pairwise", "Time per phase", "order", "<svg"):
+            self.assertIn(text, page)
+
+    def test_the_sentence_is_the_last_line(self):
+        self.serve("linear")
+        outcome = self.expect(0, "infer", self.project_name)
+        self.assertTrue(outcome.out.splitlines()[-1].startswith("Trusted: "), outcome.out)
+
+
+if __name__ == "__main__":
+    unittest.main()
