@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <cmath>
+#include <type_traits>
 
 #include "knothe/base/error.hpp"
 #include "knothe/sampling/log_density.hpp"
@@ -73,6 +74,13 @@ Eigen::MatrixXd AffineMap::inverse(const Eigen::Ref<const Eigen::MatrixXd>& z) c
   return x.transpose();
 }
 
+std::string AffineMap::describe() const {
+  if (dimension() == 0) return "affine map of 0 variables\n";
+  return fmt::format("affine: shift from {:.4g} to {:.4g}, diagonal from {:.4g} to {:.4g}, log det {:.4g}\n",
+                     shift.minCoeff(), shift.maxCoeff(), lower.diagonal().minCoeff(),
+                     lower.diagonal().maxCoeff(), log_determinant());
+}
+
 void ComposedMap::append(Part part) {
   const Eigen::Index d = std::visit([](const auto& map) { return map.dimension(); }, part);
   if (d != dimension_)
@@ -112,6 +120,26 @@ Eigen::VectorXd ComposedMap::log_density(const Eigen::Ref<const Eigen::MatrixXd>
   return (batch.log_determinant.array() > -1e300)
       .select(standard_normal_log_density(x) - batch.log_determinant,
               -std::numeric_limits<double>::infinity());
+}
+
+std::string ComposedMap::describe() const {
+  if (parts_.empty()) return fmt::format("identity of {} variables\n", dimension_);
+  std::string text = fmt::format("map of {} variables, {} part{}, the first to act first\n", dimension_,
+                                 parts_.size(), parts_.size() == 1 ? "" : "s");
+  for (std::size_t k = parts_.size(); k-- > 0;) {
+    text += fmt::format("part {}: ", parts_.size() - k);
+    text += std::visit(
+        [](const auto& map) {
+          if constexpr (std::is_same_v<std::decay_t<decltype(map)>, TriangularMap>)
+            return fmt::format("triangular of order {}, {} coefficients\n", map.order(),
+                               map.coefficients().size()) +
+                   map.describe();
+          else
+            return map.describe();
+        },
+        parts_[k]);
+  }
+  return text;
 }
 
 }  // namespace knothe::transport

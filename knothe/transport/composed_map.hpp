@@ -1,6 +1,7 @@
 #pragma once
 /// @file Affine maps and compositions of maps (Rubio et al. 2019, Eq. 10).
 #include <Eigen/Core>
+#include <string>
 #include <variant>
 #include <vector>
 
@@ -19,6 +20,8 @@ struct AffineMap {
   [[nodiscard]] static AffineMap identity(Eigen::Index d);
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives, MapBatch& out) const;
   [[nodiscard]] Eigen::MatrixXd inverse(const Eigen::Ref<const Eigen::MatrixXd>& z) const;
+  /// One line: the range of the shift and of the diagonal.
+  [[nodiscard]] std::string describe() const;
 };
 
 /// M_1 ∘ M_2 ∘ … ∘ M_n: the map appended last acts first on the point (Eq. 10: M_1 belongs to the first
@@ -42,6 +45,8 @@ class ComposedMap {
   [[nodiscard]] Eigen::MatrixXd inverse(const Eigen::Ref<const Eigen::MatrixXd>& z) const;
   /// log of the density M_♯ρ at the points z, ρ = N(0, I) (Eq. 5). −∞ where the map is singular.
   [[nodiscard]] Eigen::VectorXd log_density(const Eigen::Ref<const Eigen::MatrixXd>& z) const;
+  /// For a person: the parts in the order in which they act on a point, each with what it is made of.
+  [[nodiscard]] std::string describe() const;
 
  private:
   Eigen::Index dimension_ = 0;

@@ -38,9 +38,8 @@ inline void lane_inner_functions(BasisFamily family, Lanes x, int n, Lanes* out)
     lane_polynomials(x, n, out);
     return;
   }
-  constexpr double k_decayed = 60;  // exp(−900): nothing is left
   if (n >= 2) {
-    const Lanes inside = clamp(x, k_decayed);
+    const Lanes inside = clamp(x, k_hermite_functions_end);
     lane_polynomials(inside, n - 2, out + 2);
     const Lanes decay = exponential(-0.25 * inside * inside);
     for (int j = 2; j <= n; ++j) out[j] *= decay;
@@ -52,7 +51,8 @@ inline void lane_inner_functions(BasisFamily family, Lanes x, int n, Lanes* out)
 inline void lane_tangent_polynomials(double radius, Lanes x, int n, Lanes* out) {
   const Lanes inside = clamp(x, radius), beyond = x - inside;
   lane_polynomials(inside, n, out);
-  for (int j = n; j >= 1; --j) out[j] += beyond * (k_lane_roots.root[static_cast<std::size_t>(j)] * out[j - 1]);
+  for (int j = n; j >= 1; --j)
+    out[j] += beyond * (k_lane_roots.root[static_cast<std::size_t>(j)] * out[j - 1]);
 }
 
 /// Functions 0 … n of Φ_c.

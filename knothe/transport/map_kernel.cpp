@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <map>
 #include <utility>
 
 #include "knothe/transport/lane_functions.hpp"
@@ -46,54 +45,13 @@ void emit(double* out, int count, const Value& value) {
 
 }  // namespace
 
-ProductTree::ProductTree(const std::vector<const std::vector<MultiIndex>*>& sets) {
-  // Sorted by last variable, then by length, so that a product comes after the one it is made from.
-  using Factors = std::vector<MultiIndex::Factor>;
-  const auto before = [](const Factors& a, const Factors& b) {
-    const int last_a = a.empty() ? -1 : a.back().variable, last_b = b.empty() ? -1 : b.back().variable;
-    return last_a != last_b ? last_a < last_b : a < b;
-  };
-  std::map<Factors, int, decltype(before)> number(before);
-  const auto prefix_of = [](const MultiIndex& index, std::size_t k) {
-    Factors factors = index.factors;
-    while (!factors.empty() && factors.back().variable >= static_cast<int>(k)) factors.pop_back();
-    return factors;
-  };
-  for (std::size_t k = 0; k < sets.size(); ++k)
-    for (const MultiIndex& index : *sets[k])
-      for (Factors factors = prefix_of(index, k);; factors.pop_back()) {
-        number[factors] = 0;
-        if (factors.empty()) break;
-      }
-  begin.assign(sets.size() + 1, -1);
-  for (auto& [factors, place] : number) {
-    place = static_cast<int>(products.size());
-    if (factors.empty()) {
-      products.push_back({-1, -1, 0});
-      continue;
-    }
-    const auto [variable, degree] = factors.back();
-    Factors rest(factors.begin(), factors.end() - 1);
-    products.push_back({number.at(rest), variable, degree});
-  }
-  for (std::size_t v = 0; v <= sets.size(); ++v)
-    begin[v] = static_cast<int>(
-        std::partition_point(products.begin(), products.end(),
-                             [&](const Product& p) { return p.variable < static_cast<int>(v); }) -
-        products.begin());
-  for (std::size_t k = 0; k < sets.size(); ++k) {
-    of_index.emplace_back();
-    for (const MultiIndex& index : *sets[k]) of_index[k].push_back(number.at(prefix_of(index, k)));
-  }
-}
-
 /// All that is known of a block. Columns of the functions of one variable, then products.
 struct MapKernel::Workspace {
-  std::vector<Column> x;                             ///< per variable
-  std::vector<Column> constant_functions;            ///< of the variable filled last
+  std::vector<Column> x;                   ///< per variable
+  std::vector<Column> constant_functions;  ///< of the variable filled last
   std::vector<Column> monotone_functions;
   std::vector<Column> constant_products, monotone_products;
-  std::vector<Column> b, g;                          ///< of the component at work, per degree
+  std::vector<Column> b, g;  ///< of the component at work, per degree
   Column constant{}, value{}, log_slope{}, relative_slope{}, log_determinant{};
 
   explicit Workspace(const MapKernel& kernel)
@@ -200,8 +158,7 @@ void MapKernel::integrate(Eigen::Index k, bool gradients, Workspace& work) const
     const Lanes x = work.x[sk].lane[l], inside = clamp(x, inner.end);
     Lanes sum{};
     LaneValues g{}, b, functions;
-    for (int j = 0; j <= n; ++j)
-      b[static_cast<std::size_t>(j)] = work.b[static_cast<std::size_t>(j)].lane[l];
+    for (int j = 0; j <= n; ++j) b[static_cast<std::size_t>(j)] = work.b[static_cast<std::size_t>(j)].lane[l];
     for (std::size_t q = 0; q < rule.node.size(); ++q) {
       lane_inner_functions(p.basis, inside * rule.node[q], n, functions.data());
       Lanes h = b[0];
@@ -333,8 +290,7 @@ void MapKernel::solve_inside(Eigen::Index k, Workspace& work) const {
   const UnitRule& rule = unit_rule(inner.nodes);
   for (int l = 0; l < k_block_lanes; ++l) {
     LaneValues b, functions;
-    for (int j = 0; j <= n; ++j)
-      b[static_cast<std::size_t>(j)] = work.b[static_cast<std::size_t>(j)].lane[l];
+    for (int j = 0; j <= n; ++j) b[static_cast<std::size_t>(j)] = work.b[static_cast<std::size_t>(j)].lane[l];
     const auto rectified = [&](Lanes t) {
       lane_inner_functions(p.basis, t, n, functions.data());
       Lanes h = b[0];

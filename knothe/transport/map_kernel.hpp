@@ -14,23 +14,9 @@
 
 #include "knothe/transport/lanes.hpp"
 #include "knothe/transport/map_structure.hpp"
+#include "knothe/transport/product_tree.hpp"
 
 namespace knothe::transport {
-
-/// Products of functions of several variables, sorted by their last variable, each made from a shorter one.
-struct ProductTree {
-  struct Product {
-    int parent;  ///< −1: this is the constant 1, the first one
-    int variable, degree;
-  };
-  std::vector<Product> products;
-  std::vector<int> begin;                   ///< per variable v: the first product whose last variable is v
-  std::vector<std::vector<int>> of_index;  ///< [k][m]: the product over variables < k of index m of component k
-
-  ProductTree() = default;
-  /// `sets[k]`: the indices of component k, of which the factors below k count.
-  explicit ProductTree(const std::vector<const std::vector<MultiIndex>*>& sets);
-};
 
 class MapKernel {
  public:

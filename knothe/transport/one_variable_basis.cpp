@@ -16,8 +16,6 @@ using Values = OneVariableBasis::Values;
 using Piece = OneVariableBasis::Piece;
 
 constexpr double k_infinity = std::numeric_limits<double>::infinity();
-/// Here the Hermite functions of every degree ≤ k_max_order are below 1e-300.
-constexpr double k_decayed = 60;
 
 void polynomials(double x, int n, Values& value, Values& first, Values& second) {
   const double inside = std::clamp(x, -k_polynomial_limit, k_polynomial_limit);
@@ -33,7 +31,7 @@ void polynomials(double x, int n, Values& value, Values& first, Values& second) 
 /// φ'' = (√(m(m−1)) ĥ_{m−2} − x √m ĥ_{m−1} + (x²/4 − ½) ĥ_m) e^{−x²/4}.
 void hermite_functions(double x, int n, Values& value, Values& first, Values& second) {
   Values h{};
-  const bool decayed = std::abs(x) > k_decayed;
+  const bool decayed = std::abs(x) > k_hermite_functions_end;
   if (!decayed && n >= 2)
     numerics::normalised_hermite(x, std::span<double>(h.data(), static_cast<std::size_t>(n) - 1));
   const double decay = decayed ? 0 : std::exp(-0.25 * x * x), q = decayed ? 0 : 0.25 * x * x - 0.5;
@@ -60,7 +58,8 @@ void append_doubling(std::vector<Piece>& pieces, double from, double length, int
 std::vector<Piece> make_pieces(const Parametrisation& p, int n) {
   const bool square = p.rectifier == Rectifier::square, hermite = p.basis == BasisFamily::hermite;
   const TailRadii& r = p.radii;
-  // h² has degree 2n, on the bend 4n. Otherwise as measured, at unit length of a piece and more for longer ones.
+  // h² has degree 2n, on the bend 4n. Otherwise as measured, at unit length of a piece and more for longer
+  // ones.
   const auto smooth = [&](double length) {
     return std::min(k_max_piece_nodes, 12 + static_cast<int>(std::ceil(length * (4 + 0.5 * n))));
   };
@@ -105,7 +104,8 @@ const UnitRule& unit_rule(int points) {
 
 OneVariableBasis::OneVariableBasis(const Parametrisation& parametrisation)
     : parametrisation_(parametrisation), hermite_(parametrisation.radii) {
-  for (int n = 0; n <= k_max_order; ++n) pieces_[static_cast<std::size_t>(n)] = make_pieces(parametrisation_, n);
+  for (int n = 0; n <= k_max_order; ++n)
+    pieces_[static_cast<std::size_t>(n)] = make_pieces(parametrisation_, n);
 }
 
 void OneVariableBasis::constant(double x, int n, Values& value, Values& first, Values& second) const {

@@ -9,7 +9,8 @@
 ///   hermite_functions, bent      φ_j                        φ_j∘τ
 ///   hermite_functions, others    φ_j                        φ_j
 ///
-/// with φ_0 = 1, φ_1 = x, φ_j = ĥ_{j−2}(x) exp(−x²/4): these decay and need no other tail. τ: tailed_hermite.hpp.
+/// with φ_0 = 1, φ_1 = x, φ_j = ĥ_{j−2}(x) exp(−x²/4): these decay and need no other tail. τ:
+/// tailed_hermite.hpp.
 #include <array>
 #include <span>
 #include <vector>
@@ -20,6 +21,8 @@ namespace knothe::transport {
 
 /// Where plain polynomials stop growing: of degree 15, squared, they are still finite there.
 inline constexpr double k_polynomial_limit = 1e6;
+/// From here on the Hermite functions of every degree ≤ k_max_order are below 1e-300.
+inline constexpr double k_hermite_functions_end = 60;
 
 /// Σ_q weight[q] f(node[q]) for ∫₀ˣ f dθ. Weights have the sign of x.
 struct IntegrationRule {
@@ -59,7 +62,8 @@ class OneVariableBasis {
   std::array<std::vector<Piece>, k_max_order + 1> pieces_;
 };
 
-/// Nodes and weights of the Gauss–Legendre rule with `points` ≤ k_max_piece_nodes points on [0, 1], made once.
+/// Nodes and weights of the Gauss–Legendre rule with `points` ≤ k_max_piece_nodes points on [0, 1], made
+/// once.
 struct UnitRule {
   std::vector<double> node, weight;
 };

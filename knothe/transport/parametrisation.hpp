@@ -38,7 +38,7 @@ struct Parametrisation {
   Rectifier rectifier = Rectifier::square;
   BasisFamily basis = BasisFamily::hermite;
   Tails tails = Tails::bent;
-  TailRadii radii;
+  TailRadii radii{};
   friend bool operator==(const Parametrisation&, const Parametrisation&) = default;
 };
 
