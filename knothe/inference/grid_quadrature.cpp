@@ -14,9 +14,9 @@
 namespace knothe::inference {
 namespace {
 
-constexpr double k_depth = 22;   ///< natural logarithms below the maximum at which the box may end
-constexpr int k_face_nodes = 9;  ///< per axis, for looking at a face
+constexpr double k_depth = 22;  ///< natural logarithms below the maximum at which the box may end
 constexpr double k_most_nodes = 120'000;
+constexpr int k_first_nodes[] = {257, 65, 25};  ///< per axis, by dimension; faces are looked at as finely
 
 /// A box of u, and the target seen there.
 class WhitenedBox {
@@ -79,13 +79,14 @@ class WhitenedBox {
     bool moved = false;
     for (int round = 0; round < 60; ++round) {
       const Eigen::Index d = centre_.size();
-      Eigen::MatrixXd u(static_cast<Eigen::Index>(std::lround(std::pow(k_face_nodes, d - 1))), d);
+      const int per_axis = k_first_nodes[d - 1];
+      Eigen::MatrixXd u(static_cast<Eigen::Index>(std::lround(std::pow(per_axis, d - 1))), d);
       for (Eigen::Index i = 0; i < u.rows(); ++i) {
         Eigen::Index rest = i;
         for (Eigen::Index a = 0; a < d; ++a) {
           if (a == k) continue;
-          u(i, a) = lower_[a] + static_cast<double>(rest % k_face_nodes) * spacing(a, k_face_nodes);
-          rest /= k_face_nodes;
+          u(i, a) = lower_[a] + static_cast<double>(rest % per_axis) * spacing(a, per_axis);
+          rest /= per_axis;
         }
         u(i, k) = face;
       }
@@ -142,9 +143,8 @@ GridQuadrature grid_quadrature(sampling::CheckedDensity& target) {
   std::vector<sampling::Mode> modes;
   sampling::ModeSearch().run(target, true, modes);
   WhitenedBox box(target, modes);
-  static constexpr int k_first[] = {257, 65, 25};
   GridQuadrature result;
-  for (int nodes = k_first[d - 1];; nodes = 2 * nodes - 1) {
+  for (int nodes = k_first_nodes[d - 1];; nodes = 2 * nodes - 1) {
     const Eigen::MatrixXd u = box.nodes(nodes), z = box.to_z(u);
     const Eigen::VectorXd log_density = box.log_density(u);
     const Moments all = moments(z, log_density, nodes, 1, box.log_cell(nodes));

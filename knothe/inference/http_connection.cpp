@@ -131,7 +131,8 @@ struct HttpConnection::Implementation {
     deadline =
         Clock::now() + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(timeout));
     http::request<http::string_body> message(verb, address.base + target, 11);
-    message.set(http::field::host, address.host + ":" + address.port);
+    const bool numeric6 = address.host.find(':') != std::string::npos;
+    message.set(http::field::host, (numeric6 ? "[" + address.host + "]" : address.host) + ":" + address.port);
     message.set(http::field::user_agent, "knothe");
     message.set(http::field::accept, "application/json, */*");
     if (verb == http::verb::post) {

@@ -35,8 +35,8 @@ struct PhaseTime {
 /// What the map says beside its samples.
 struct MapDetails {
   transport::MapResult map;
-  Eigen::MatrixXd pulled_back;  ///< reference points x, n × d, weighted by `weights`: the posterior seen
-                                ///< through the map, N(0, I) if the map is exact
+  Eigen::MatrixXd pulled_back;   ///< reference points x, n × d, weighted by `weights`: the posterior seen
+                                 ///< through the map, N(0, I) if the map is exact
   Eigen::VectorXd weights;       ///< n
   Eigen::MatrixXd draws_of_map;  ///< p = F⁻¹(Φ(T(x))), not corrected, n × d
 };

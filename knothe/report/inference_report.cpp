@@ -124,12 +124,6 @@ void add_parameters(Page& page, const Content& c) {
                "What was known before, and after. Skewness and kurtosis are 0 and 3 for a Gaussian.");
 }
 
-Numbers standard_normal(const Numbers& x) {
-  Numbers y;
-  for (const double v : x) y.push_back(0.3989422804014327 * std::exp(-0.5 * v * v));
-  return y;
-}
-
 void add_pull_back(Page& page, const Content& c) {
   page.section("Pull-back of the posterior beside a standard normal");
   std::vector<Figure> figures;
@@ -137,9 +131,10 @@ void add_pull_back(Page& page, const Content& c) {
   for (std::size_t k = 0; k < d; ++k) {
     const std::string name = fmt::format("x{}", k + 1);
     Plot plot("", {name}, {"density", 0.0});
-    const Numbers x = c.density("pull_back", k, "points");
-    plot.line(x, c.density("pull_back", k, "density"), Paint::series(0), "posterior, pulled back");
-    plot.line(x, standard_normal(x), Paint::ink(), "standard normal", {1.4, "5 4", 1.0});
+    plot.line(c.density("pull_back", k, "points"), c.density("pull_back", k, "density"), Paint::series(0),
+              "posterior, pulled back");
+    plot.line(c.density("reference", k, "points"), c.density("reference", k, "density"), Paint::ink(),
+              "standard normal", {1.4, "5 4", 1.0});
     figures.push_back(one(std::move(plot), "Pulled-back marginal of " + name, 260.0));
   }
   if (c.parameters.size() > 1) {

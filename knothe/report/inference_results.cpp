@@ -66,9 +66,14 @@ Json figures_of(const project::InferenceSetup& setup, const InferenceResult& r) 
   const Eigen::Index n = map.draws_of_map.rows();
   figures["map"] = marginals_of(map.draws_of_map, Eigen::VectorXd::Constant(n, 1.0 / static_cast<double>(n)),
                                 setup.priors);
-  figures["map_draws"] = columns_of(some_of(map.draws_of_map));
+  // The first of them: every other point of a Sobol sequence lies in one half of the plane.
+  figures["map_draws"] = columns_of(map.draws_of_map.topRows(std::min(k_shown_draws, n)));
   const std::vector<assimilation::Prior> reference(setup.priors.size(), assimilation::Prior::normal(0, 1));
   figures["pull_back"] = marginals_of(map.pulled_back, map.weights, reference);
+  // The same points without their weights: a standard normal under the same smoothing.
+  const Eigen::Index m = map.weights.size();
+  figures["reference"] =
+      marginals_of(map.pulled_back, Eigen::VectorXd::Constant(m, 1.0 / static_cast<double>(m)), reference);
   figures["pull_back_draws"] =
       columns_of(inference::resample(map.pulled_back, map.weights, k_shown_draws, 1));
   figures["diagnostic_by_order"] = map.map.diagnostic_by_order;
