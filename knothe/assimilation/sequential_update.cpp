@@ -62,6 +62,13 @@ std::string explain(const UpdateResult& r, const std::string& reason) {
   return text;
 }
 
+/// A datum comes every few milliseconds: where the standard way does not reach the tolerance, the importance
+/// correction answers for it, not a search among other parametrisations.
+transport::MapSolverOptions online(transport::MapSolverOptions options) {
+  options.fallback = false;
+  return options;
+}
+
 }  // namespace
 
 /// The maps so far, composed, and the target of the next one.
@@ -82,7 +89,7 @@ SequentialUpdate::SequentialUpdate(std::shared_ptr<const reduction::ObservedMode
       transform_(make_transform(*model, std::move(priors))),
       projector_(model, std::move(noise), medians(*transform_)),
       target_(model->functions, transform_, projector_.central_functions()),
-      solver_(options_.map),
+      solver_(online(options_.map)),
       sum_(StepForm::zero(model->functions->count())) {
   solver_.prepare(transform_->dimension());
   correction_.levels.assign(k_quantile_levels.begin(), k_quantile_levels.end());

@@ -49,36 +49,39 @@ Eigen::VectorXd standard_normal_log_density(const Eigen::Ref<const Eigen::Matrix
 }
 
 AffineMap AffineMap::identity(Eigen::Index d) {
-  return {Eigen::VectorXd::Zero(d), Eigen::MatrixXd::Identity(d, d)};
+  return {Eigen::VectorXd::Zero(d), Eigen::MatrixXd::Identity(d, d), {}};
 }
 
 void AffineMap::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
                          MapBatch& out) const {
   const Eigen::Index n = points.rows(), d = dimension();
+  const Eigen::MatrixXd a = matrix();
   out.resize(n, d, derivatives);
   for (Eigen::Index i = 0; i < d; ++i) {
     out.value.col(i).setConstant(shift[i]);
-    for (Eigen::Index j = 0; j <= i; ++j) out.value.col(i) += lower(i, j) * points.col(j);
+    for (Eigen::Index j = 0; j < d; ++j)
+      if (a(i, j) != 0) out.value.col(i) += a(i, j) * points.col(j);
   }
   out.log_determinant.setConstant(log_determinant());
   if (derivatives >= 1)
     for (Eigen::Index i = 0; i < d; ++i)
-      for (Eigen::Index j = 0; j < d; ++j)
-        out.jacobian.col(i * d + j).setConstant(j <= i ? lower(i, j) : 0.0);
+      for (Eigen::Index j = 0; j < d; ++j) out.jacobian.col(i * d + j).setConstant(a(i, j));
   if (derivatives >= 2) out.hessian.setZero();
 }
 
 Eigen::MatrixXd AffineMap::inverse(const Eigen::Ref<const Eigen::MatrixXd>& z) const {
   Eigen::MatrixXd x = (z.rowwise() - shift.transpose()).transpose();
+  if (!is_triangular()) x = rotation.transpose() * x;
   lower.triangularView<Eigen::Lower>().solveInPlace(x);
   return x.transpose();
 }
 
 std::string AffineMap::describe() const {
   if (dimension() == 0) return "affine map of 0 variables\n";
-  return fmt::format("affine: shift from {:.4g} to {:.4g}, diagonal from {:.4g} to {:.4g}, log det {:.4g}\n",
-                     shift.minCoeff(), shift.maxCoeff(), lower.diagonal().minCoeff(),
-                     lower.diagonal().maxCoeff(), log_determinant());
+  return fmt::format(
+      "affine{}: shift from {:.4g} to {:.4g}, diagonal from {:.4g} to {:.4g}, log det {:.4g}\n",
+      is_triangular() ? "" : ", rotated", shift.minCoeff(), shift.maxCoeff(), lower.diagonal().minCoeff(),
+      lower.diagonal().maxCoeff(), log_determinant());
 }
 
 void ComposedMap::append(Part part) {

@@ -9,11 +9,17 @@
 
 namespace knothe::transport {
 
-/// x ↦ shift + L x with L lower triangular, positive diagonal: the "linear map L" of section 2.2.3, from the
-/// Laplace approximation.
+/// x ↦ shift + R L x with L lower triangular, positive diagonal: the "linear map L" of section 2.2.3, from
+/// the Laplace approximation; R is a rotation, in most maps none. With a rotation the map is not triangular
+/// in its own coordinates but in Rᵀ z.
 struct AffineMap {
-  Eigen::VectorXd shift;  ///< d
-  Eigen::MatrixXd lower;  ///< L, d × d
+  Eigen::VectorXd shift;          ///< d
+  Eigen::MatrixXd lower;          ///< L, d × d
+  Eigen::MatrixXd rotation = {};  ///< R, d × d, orthogonal; empty: the identity
+  [[nodiscard]] bool is_triangular() const { return rotation.size() == 0; }
+  [[nodiscard]] Eigen::MatrixXd matrix() const {  ///< R L
+    return is_triangular() ? lower : Eigen::MatrixXd(rotation * lower);
+  }
 
   [[nodiscard]] Eigen::Index dimension() const { return shift.size(); }
   [[nodiscard]] double log_determinant() const { return lower.diagonal().array().log().sum(); }

@@ -25,9 +25,12 @@ std::string part_group(std::size_t i) {
 void write_part(files::Hdf5Writer& file, const std::string& group, const AffineMap& map) {
   const auto d = static_cast<std::size_t>(map.dimension());
   file.text_attribute(group, "kind", "affine");
-  file.write(group + "/shift", {map.shift.data(), d}, {d}, {"1", "shift of x -> shift + lower x"});
+  file.write(group + "/shift", {map.shift.data(), d}, {d}, {"1", "shift of x -> shift + rotation lower x"});
   const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> lower = map.lower;
   file.write(group + "/lower", {lower.data(), d * d}, {d, d}, {"1", "lower triangular matrix"});
+  if (map.is_triangular()) return;
+  const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> rotation = map.rotation;
+  file.write(group + "/rotation", {rotation.data(), d * d}, {d, d}, {"1", "orthogonal matrix"});
 }
 
 void write_part(files::Hdf5Writer& file, const std::string& group, const TriangularMap& map) {
@@ -97,6 +100,15 @@ AffineMap read_affine(const files::Hdf5Reader& file, const std::string& group, E
       fail(file, fmt::format("data set {}/lower[{},{}] is {}: the diagonal must be positive", group, i, i,
                              map.lower(i, i)));
   }
+  const std::string name = group + "/rotation";
+  if (!file.has(name)) return map;
+  const std::vector<double> rotation = file.read(name, files::Shape{size, size});
+  map.rotation.resize(d, d);
+  for (Eigen::Index i = 0; i < d; ++i)
+    for (Eigen::Index j = 0; j < d; ++j) map.rotation(i, j) = rotation[static_cast<std::size_t>(i * d + j)];
+  const Eigen::MatrixXd square = map.rotation.transpose() * map.rotation;
+  if (!(square - Eigen::MatrixXd::Identity(d, d)).isZero(1e-10))
+    fail(file, fmt::format("data set {} is not orthogonal", name));
   return map;
 }
 

@@ -4,7 +4,7 @@
 /// Root attributes: schema_version, created_by, kind = "transport map", dimension, parts (their number, in
 /// the order of ComposedMap), and metadata texts as attributes of /metadata. Part i is the group /parts/i
 /// with an attribute kind:
-///   "affine":      shift [d], lower [d, d]
+///   "affine":      shift [d], lower [d, d], rotation [d, d] (absent if there is none)
 ///   "triangular":  attributes rectifier, basis, tails; radii [3] (level, bend, tangent); coefficients [N];
 ///                  terms [N, 2]: component and set (0: Φ_c, 1: Φ_e) of each coefficient;
 ///                  factors [F, 3]: coefficient, variable, degree (absent if there are none)

@@ -32,6 +32,8 @@ AffineMap some_affine_map() {
   AffineMap map = AffineMap::identity(2);
   map.shift << 0.1, -1.0 / 3;
   map.lower << 0.7, 0, -1.1, 2.3;
+  map.rotation.resize(2, 2);
+  map.rotation << 0.6, -0.8, 0.8, 0.6;
   return map;
 }
 
@@ -55,6 +57,7 @@ TEST(MapFile, RoundTripIsBitIdenticalForAllParametrisations) {
         const auto& affine = std::get<AffineMap>(stored.map.parts()[0]);
         EXPECT_EQ(affine.shift, some_affine_map().shift);
         EXPECT_EQ(affine.lower, some_affine_map().lower);
+        EXPECT_EQ(affine.rotation, some_affine_map().rotation);
         for (std::size_t i : {1u, 2u}) {
           const auto& before = std::get<TriangularMap>(map.parts()[i]);
           const auto& after = std::get<TriangularMap>(stored.map.parts()[i]);
@@ -238,7 +241,7 @@ TEST(ComposedMap, DescribesItsPartsInTheOrderInWhichTheyAct) {
       "the integral: 1 (1)\n"
       "component 2: square of hermite, bent tails, 2 + 1 terms of degree up to 1; largest: 0 (1); inside "
       "the integral: 1 (1)\n"
-      "part 2: affine: shift from -0.3333 to 0.1, diagonal from 0.7 to 2.3, log det 0.4762\n");
+      "part 2: affine, rotated: shift from -0.3333 to 0.1, diagonal from 0.7 to 2.3, log det 0.4762\n");
 }
 
 }  // namespace

@@ -4,15 +4,33 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "knothe/numerics/reference_rule.hpp"
 #include "knothe/sampling/log_density.hpp"
 #include "knothe/transport/composed_map.hpp"
 
 namespace knothe::transport {
 
-enum class MinimiserKind { newton, bfgs, nelder_mead };
+/// `newton` becomes `newton_cg` for more than some hundred coefficients, where the Hessian costs more than it
+/// saves.
+enum class MinimiserKind { newton, newton_cg, bfgs, lbfgs, nelder_mead };
+
+/// In which coordinates the map is triangular. A triangular map follows a bent ridge well if its first
+/// variable runs along it and badly if it runs across (docs/transport.md, "Orientation").
+enum class Orientation {
+  given,      ///< the target's own coordinates, in their order
+  principal,  ///< the principal axes of the Laplace covariance, longest first
+  automatic   ///< the one that gains more at order 2; `given` where order 1 is enough
+};
+
+/// How a map that is not good enough grows.
+enum class Growth {
+  order,  ///< to the next order of the family
+  greedy  ///< by the terms of the reduced margin in which the objective is steepest
+};
 
 struct MapSolverOptions {
   double tolerance = 1e-3;                          ///< on the verified variance diagnostic (Eq. 9)
@@ -29,9 +47,23 @@ struct MapSolverOptions {
       0.996;  ///< below this effective sample size (fraction), or beyond order 4 without the tolerance, the
               ///< correction takes four times as many points; below 0.98 sixteen times
   std::uint64_t seed = 1;    ///< of the verification points
-  TailRadii radii;           ///< where the tails of the bases begin
   bool search_modes = true;  ///< look for a second mode
   double mode_mass = 1e-3;   ///< a mode with this share of the Laplace mass counts
+
+  Parametrisation parametrisation;  ///< rectifier, basis, tails
+  MapFamily family;                 ///< the map of each order; empty: total order
+  Orientation orientation = Orientation::automatic;
+  /// The training rule; empty: chosen with the order. Nodes of a tensor rule lighter than 1e-11 are left out:
+  /// they only stall the minimiser. Weights of a Smolyak rule have both signs: for low orders.
+  std::optional<numerics::ReferenceRule> rule;
+  double regularisation = 0;  ///< λ: λ ‖a − a_identity‖² is added to the objective
+  Growth growth = Growth::order;
+  Eigen::Index terms_per_round = 0;  ///< of greedy growth; 0: a quarter of those there, at least four
+  Eigen::Index max_terms = 400;      ///< of greedy growth
+  bool tempered = false;  ///< begin with the tempered sequence, β = 1/16, 1/8 … 1, each warm from the last
+  /// Where the tolerance is not reached: also try wider tails, softplus, exponential, the tempered sequence,
+  /// and keep the best verified map. Switch it off where time is short.
+  bool fallback = true;
 };
 
 /// Points with their importance weights: z = T(x) for points x that follow N(0, I), log π̄(z) + log|det ∇T(x)|
@@ -44,7 +76,7 @@ struct WeightedPoints {
 
 /// What a solve gives and tells.
 struct MapResult {
-  AffineMap pre_map;     ///< Laplace: from standardised coordinates to z
+  AffineMap pre_map;     ///< Laplace: from standardised coordinates to z; rotated if it has a rotation
   TriangularMap map;     ///< from the reference to standardised coordinates
   Eigen::VectorXd mode;  ///< z of the highest density found
   double mode_log_density = 0;
@@ -58,8 +90,10 @@ struct MapResult {
   bool tolerance_reached = false;
   std::string reason;  ///< why the tolerance was not reached; empty if it was
   bool second_mode_found = false;
-  Eigen::VectorXd second_mode;              ///< z, if found
+  Eigen::VectorXd second_mode;  ///< z, if found
+  std::string method;  ///< which parametrisation and orientation the map has, and what else was tried
   std::vector<double> diagnostic_by_order;  ///< training diagnostic of each order tried, from min_order
+  std::vector<double> objective_by_order;   ///< training objective of each
   WeightedPoints verification;              ///< the verification points behind the figures above
 
   [[nodiscard]] ComposedMap composed() const;  ///< pre_map ∘ map
@@ -67,6 +101,9 @@ struct MapResult {
   [[nodiscard]] Eigen::MatrixXd inverse(const Eigen::Ref<const Eigen::MatrixXd>& z) const;
   /// log of the normalised approximation at z (n × d).
   [[nodiscard]] Eigen::VectorXd log_density(const Eigen::Ref<const Eigen::MatrixXd>& z) const;
+  /// By how much training rule and verification points differ: an overfitted map has a large difference.
+  [[nodiscard]] double objective_difference() const { return verified_objective - training_objective; }
+  [[nodiscard]] double diagnostic_difference() const { return verified_diagnostic - training_diagnostic; }
   /// Eq. 24 on the verification points: a lower bound of the log-evidence, low by the KL divergence.
   [[nodiscard]] double map_log_evidence() const { return -verified_objective; }
 };

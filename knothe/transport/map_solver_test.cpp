@@ -50,7 +50,7 @@ TEST(MapSolver, LinearGaussianIsExactAtOrderOne) {
 
 TEST(MapSolver, TheBananaIsExactAtOrderTwo) {
   MapSolverOptions options;
-  options.radii.tangent = 9;  // beyond all points: x² is then in the span everywhere
+  options.parametrisation.radii.tangent = 9;  // beyond all points: x² is then in the span everywhere
   options.decrease_tolerance = 1e-14;
   MapSolver solver(options);
   Planar target(sampling::targets::banana());
@@ -72,10 +72,16 @@ TEST(MapSolver, MinimisersAgree) {
   MapSolverOptions options;
   options.max_order = options.min_order = 2;
   options.decrease_tolerance = 1e-13;
+  options.orientation = Orientation::given;
+  options.fallback = false;
   const double newton = MapSolver(options).solve(with_hessian).training_objective;
   EXPECT_NEAR(MapSolver(options).solve(with_gradient).training_objective, newton, 1e-7);
   options.minimiser = MinimiserKind::bfgs;
   EXPECT_NEAR(MapSolver(options).solve(with_hessian).training_objective, newton, 1e-7);
+  for (const MinimiserKind kind : {MinimiserKind::newton_cg, MinimiserKind::lbfgs}) {
+    options.minimiser = kind;
+    EXPECT_NEAR(MapSolver(options).solve(with_hessian).training_objective, newton, 1e-7);
+  }
   options.minimiser = MinimiserKind::nelder_mead;
   EXPECT_NEAR(MapSolver(options).solve(with_hessian).training_objective, newton, 1e-5);
   EXPECT_NEAR(MapSolver(options).solve(values_only).training_objective, newton, 1e-5);
@@ -208,6 +214,138 @@ TEST(MapSolver, HandlesScalesAndDimensions) {
   MapSolverOptions options;
   options.max_order = 0;
   EXPECT_THROW(MapSolver{options}, UsageError);
+}
+
+TEST(MapSolver, TheFirstVariableRunsAlongARidge) {
+  // Across the ridge a triangular map is poor, along it good; the solver finds that out at order 2.
+  MapSolverOptions options;
+  options.fallback = false;
+  options.max_order = 6;
+  const sampling::targets::Ridge ridge{3, 1, 0.02, 1.0, 0.4};
+  Planar target(ridge);
+  options.orientation = Orientation::given;
+  const double given = MapSolver(options).solve(target).verified_diagnostic;
+  options.orientation = Orientation::principal;
+  const double principal = MapSolver(options).solve(target).verified_diagnostic;
+  options.orientation = Orientation::automatic;
+  const MapResult result = MapSolver(options).solve(target);
+  EXPECT_LT(principal, 0.5 * given);
+  EXPECT_LT(result.verified_diagnostic, 0.5 * given);
+  EXPECT_FALSE(result.pre_map.is_triangular());
+  EXPECT_NE(result.method.find("principal axes"), std::string::npos);
+  // A rotated pre-map is inverted, and its density normalised, as any other.
+  const Eigen::MatrixXd x = (Eigen::MatrixXd(3, 2) << 0, 0, 1, -1.5, -0.7, 2).finished();
+  EXPECT_LT((result.inverse(result.evaluate(x)) - x).cwiseAbs().maxCoeff(), 1e-9);
+  // The banana's own axes are the right ones: they stay.
+  Planar banana(sampling::targets::banana());
+  EXPECT_TRUE(MapSolver().solve(banana).pre_map.is_triangular());
+}
+
+TEST(MapSolver, EveryRectifierSolvesAndIsReported) {
+  Planar target(sampling::targets::Ridge{1, 1.05, 0.05, 1.2, 0.3});
+  for (const Rectifier rectifier : {Rectifier::square, Rectifier::softplus, Rectifier::exponential}) {
+    MapSolverOptions options;
+    options.tolerance = 5e-3;
+    options.parametrisation.rectifier = rectifier;
+    options.fallback = false;
+    MapSolver solver(options);
+    const MapResult result = solver.solve(target);
+    EXPECT_TRUE(result.tolerance_reached) << to_string(rectifier) << " " << result.reason;
+    EXPECT_EQ(result.method.find(to_string(rectifier)), 0u) << result.method;
+    EXPECT_EQ(result.map.parametrisation().rectifier, rectifier);
+    const auto corrected = solver.correct(target, result);
+    EXPECT_GT(corrected.ess, 0.98);
+  }
+}
+
+TEST(MapSolver, GreedyGrowthTakesFewerTerms) {
+  // Only the first variable is bent, with the fourth power, in five variables: total order 4 has 330
+  // coefficients.
+  struct Bent : sampling::LogDensity {
+    [[nodiscard]] Eigen::Index dimension() const override { return 5; }
+    void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int order,
+                  sampling::LogDensityBatch& out) override {
+      for (Eigen::Index i = 0; i < z.rows(); ++i) {
+        const double x = z(i, 0), f = 0.3 * (x * x - 1), f1 = 0.6 * x, u = z(i, 4) - f;
+        out.value[i] = -0.5 * (z.row(i).squaredNorm() - z(i, 4) * z(i, 4) + u * u);
+        if (order >= 1) {
+          out.gradient.row(i) = -z.row(i);
+          out.gradient(i, 4) = -u;
+          out.gradient(i, 0) += u * f1;
+        }
+        if (order < 2) continue;
+        out.hessian.row(i).setZero();
+        for (Eigen::Index a = 0; a < 5; ++a) out.hessian(i, sampling::packed_index(a, a)) = -1;
+        out.hessian(i, 0) += 0.6 * u - f1 * f1;
+        out.hessian(i, sampling::packed_index(4, 0)) = f1;
+      }
+    }
+  } target;
+  MapSolverOptions options;
+  options.growth = Growth::greedy;
+  options.fallback = false;
+  MapSolver solver(options);
+  const MapResult result = solver.solve(target);
+  EXPECT_TRUE(result.tolerance_reached) << result.reason;
+  EXPECT_LT(result.map.coefficients().size(), 40);
+  for (Eigen::Index k = 0; k < 5; ++k) {
+    EXPECT_TRUE(is_downward_closed(result.map.component(k).constant));
+    EXPECT_TRUE(is_downward_closed(result.map.component(k).monotone));
+  }
+  EXPECT_NEAR(solver.correct(target, result).log_evidence, 2.5 * std::log(2 * std::numbers::pi), 0.01);
+}
+
+TEST(MapSolver, EveryTrainingRuleSolves) {
+  Planar target(sampling::targets::Ridge{1, 1.05, 0.1, 1.2, 0.3});
+  for (const auto kind :
+       {numerics::ReferenceRuleKind::tensor_gauss_hermite, numerics::ReferenceRuleKind::sobol,
+        numerics::ReferenceRuleKind::halton, numerics::ReferenceRuleKind::monte_carlo}) {
+    MapSolverOptions options;
+    options.rule.emplace();
+    options.rule->kind = kind;
+    options.rule->match_moments = true;
+    options.rule->seed = 7;
+    options.rule->points = 4096;
+    options.tolerance = 1e-2;
+    options.regularisation = 1e-6;
+    const MapResult result = MapSolver(options).solve(target);
+    EXPECT_TRUE(result.tolerance_reached) << numerics::name_of(kind) << ": " << result.reason;
+    EXPECT_LT(std::abs(result.objective_difference()), 0.05);
+  }
+}
+
+TEST(MapSolver, TheTemperedSequenceEndsAtTheTarget) {
+  Planar target(sampling::targets::Ridge{1, 1.05, 0.05, 1.2, 0.3});
+  MapSolverOptions options;
+  options.fallback = false;
+  options.tolerance = 5e-3;
+  options.tempered = true;
+  const MapResult result = MapSolver(options).solve(target);
+  options.tempered = false;
+  options.orientation = Orientation::given;
+  const MapResult direct = MapSolver(options).solve(target);
+  EXPECT_TRUE(result.tolerance_reached) << result.reason;
+  EXPECT_NEAR(result.map_log_evidence(), direct.map_log_evidence(), 5e-3);
+}
+
+TEST(MapSolver, AFamilyOfTheCallersIsUsed) {
+  Planar target(sampling::targets::banana());
+  MapSolverOptions options;
+  options.family = [](Eigen::Index d, int order) { return diagonal_map(d, order); };
+  options.fallback = false;
+  const MapResult diagonal = MapSolver(options).solve(target);
+  EXPECT_FALSE(diagonal.tolerance_reached);  // the banana is not a product
+  EXPECT_EQ(diagonal.map.component(1).constant.size(), 1u);
+  options.family = [](Eigen::Index d, int order) { return hyperbolic_cross_map(d, order); };
+  EXPECT_TRUE(MapSolver(options).solve(target).tolerance_reached);
+  options.family = [](Eigen::Index, int order) { return total_order_map(3, order); };
+  try {
+    (void)MapSolver(options).solve(target);
+    FAIL();
+  } catch (const UsageError& error) {
+    EXPECT_NE(std::string(error.what()).find("gives a map in 3 dimensions for a density in 2"),
+              std::string::npos);
+  }
 }
 
 }  // namespace

@@ -1,13 +1,17 @@
 #pragma once
 /// @file What a MapSolver keeps between solves. Private to the room.
+#include <algorithm>
 #include <map>
 #include <memory>
+#include <string>
 #include <tuple>
 #include <utility>
 #include <vector>
 
 #include "knothe/numerics/bfgs.hpp"
+#include "knothe/numerics/lbfgs.hpp"
 #include "knothe/numerics/nelder_mead.hpp"
+#include "knothe/numerics/newton_cg.hpp"
 #include "knothe/numerics/trust_region.hpp"
 #include "knothe/numerics/weighted_statistics.hpp"
 #include "knothe/sampling/mode_search.hpp"
@@ -16,64 +20,117 @@
 
 namespace knothe::transport {
 
-/// Independent points with their tables for maps of one order. Tables are never enlarged in place: a result
+/// Independent points with their tables for maps of one shape. Tables are never enlarged in place: a result
 /// must not depend, not even in its last bit, on what was solved before.
 struct VerificationTables {
-  MapLayout layout;
-  PointTables points;
+  Eigen::MatrixXd reference;  ///< the points
+  PointTables points;         ///< square only: a map with another rectifier is evaluated by its own code
   Eigen::VectorXd log_reference;
 };
 
 /// Spread of the defensive half of the points of an importance correction.
 inline constexpr double k_broad = 1.5;
 
+/// A map without coefficients, with all that is tabulated for it.
+struct MapShape {
+  TriangularMap identity;
+  MapLayout layout;
+  std::unique_ptr<TrainingTables> training;
+  std::map<std::pair<Eigen::Index, bool>, std::unique_ptr<VerificationTables>>
+      verification;  ///< (n, is_broad)
+
+  explicit MapShape(MapSpecification specification) : identity(std::move(specification)), layout(identity) {}
+};
+
 struct MapSolver::Workspace {
   MapSolverOptions options;
   sampling::ModeSearch mode_search;
   std::vector<sampling::Mode> modes;
-  std::map<std::pair<Eigen::Index, int>, TriangularMap> identities;                  ///< (d, order)
-  std::map<std::pair<Eigen::Index, int>, std::unique_ptr<TrainingTables>> training;  ///< (d, order)
-  std::map<std::tuple<Eigen::Index, Eigen::Index, int>, std::unique_ptr<VerificationTables>> verification,
-      broad;  ///< (n, d, order)
+  std::map<std::tuple<Eigen::Index, int, Parametrisation>, std::unique_ptr<MapShape>,
+           bool (*)(const std::tuple<Eigen::Index, int, Parametrisation>&,
+                    const std::tuple<Eigen::Index, int, Parametrisation>&)>
+      shapes;                                    ///< (d, order, parametrisation)
+  std::vector<std::unique_ptr<MapShape>> grown;  ///< those of the greedy growth of the last solve
+  std::unique_ptr<MapShape> foreign;             ///< of a map that this solver did not make
   KullbackLeiblerObjective objective;
   numerics::NewtonTrustRegion newton;
+  numerics::NewtonCg newton_cg;
   numerics::Bfgs bfgs;
+  numerics::Lbfgs lbfgs;
   numerics::NelderMead nelder_mead;
   numerics::WeightedQuantiles quantiles;
-  Eigen::VectorXd coefficients, map_coefficients, scratch;
+  Eigen::VectorXd coefficients, scratch;
   std::vector<ComponentValues> component;
+  MapBatch map_batch;
   sampling::LogDensityBatch batch;
   WeightedPoints more_points;
 
-  /// A candidate map: one per order tried.
+  /// A candidate map: one per order and way tried.
   struct Candidate {
+    MapShape* shape = nullptr;
+    AffineMap pre_map;
     int order = 0;
+    bool usable = true;  ///< false: of a tempered target, only there to begin the next one at
     double training_diagnostic = 0;
     double verified_diagnostic = -1;  ///< −1: not verified
     double training_objective = 0, verified_objective = 0;
     Eigen::VectorXd coefficients;  ///< in the map's order
     WeightedPoints verification;
+    [[nodiscard]] double diagnostic() const { return std::max(training_diagnostic, verified_diagnostic); }
   };
   std::vector<Candidate> candidates;  ///< reused; the first `tried` are of this solve
   std::size_t tried = 0;
+  double standard_diagnostic = 0;  ///< verified, before any other way was tried
+  std::int64_t tempered_evaluations = 0;
 
-  const TriangularMap& identity(Eigen::Index d, int order);
-  const TrainingTables& training_tables(Eigen::Index d, int order);
+  Workspace();
+  MapShape& shape(Eigen::Index d, int order, const Parametrisation& parametrisation);
+  MapShape& shape_of(const TriangularMap& map);
+  const TrainingTables& training_tables(MapShape& shape, int order);
   /// `is_broad`: half of the points are spread by k_broad, and log_reference is that of the mixture ½ N(0, I)
   /// + ½ N(0, k_broad² I).
-  const VerificationTables& verification_tables(Eigen::Index n, Eigen::Index d, int order,
-                                                bool is_broad = false);
+  const VerificationTables& verification_tables(MapShape& shape, Eigen::Index n, bool is_broad = false);
 
-  /// log-weights at n independent points under pre_map ∘ (map of `order` with `coefficients`).
-  void weigh(sampling::CheckedDensity& target, const AffineMap& pre_map, int order,
-             const Eigen::VectorXd& map_coefficients_in, Eigen::Index n, WeightedPoints& out,
+  /// log-weights at n independent points under pre_map ∘ (map of `shape` with `map_coefficients`).
+  void weigh(sampling::CheckedDensity& target, const AffineMap& pre_map, MapShape& shape,
+             const Eigen::VectorXd& map_coefficients, Eigen::Index n, WeightedPoints& out,
              bool is_broad = false);
-  numerics::MinimiserSummary minimise(sampling::CheckedDensity& target);
-  void train(sampling::CheckedDensity& target, MapResult& result, int order);
-  void verify(sampling::CheckedDensity& target, const AffineMap& pre_map, Candidate& candidate);
-  std::size_t choose(sampling::CheckedDensity& target, const MapResult& result);
+  numerics::MinimiserSummary minimise(sampling::CheckedDensity& target, const MapShape& shape);
+  /// A new candidate, begun at candidate `warm` (of the same parametrisation; −1: at the identity).
+  Candidate& train(sampling::CheckedDensity& target, MapResult& result, const AffineMap& pre_map,
+                   MapShape& shape, int order, std::ptrdiff_t warm);
+  void verify(sampling::CheckedDensity& target, Candidate& candidate);
+
+  /// Orders from `first` on, the first one from candidate `warm`, until the tolerance is reached and verified
+  /// (true) or higher orders no longer help.
+  struct Climb {
+    bool reached = false, no_longer_falls = false;
+  };
+  Climb climb(sampling::CheckedDensity& target, MapResult& result, AffineMap pre_map,
+              const Parametrisation& parametrisation, Orientation orientation, int first,
+              std::ptrdiff_t warm);
+  Climb grow_greedily(sampling::CheckedDensity& target, MapResult& result, const AffineMap& pre_map);
+  /// The candidate's shape with the terms of its margin along which the objective is steepest; null if none.
+  std::unique_ptr<MapShape> steepest_terms(sampling::CheckedDensity& target, const MapResult& result,
+                                           const AffineMap& pre_map, const Candidate& candidate);
+  Climb climb_tempered(sampling::LogDensity& user_target, sampling::CheckedDensity& target, MapResult& result,
+                       const AffineMap& pre_map);
+  Climb fall_back(sampling::LogDensity& user_target, sampling::CheckedDensity& target, MapResult& result,
+                  const AffineMap& pre_map);
+  /// The best verified candidate.
+  std::size_t choose(sampling::CheckedDensity& target);
+  void report(Candidate& candidate, MapResult& result);
   void look_at_other_modes(MapResult& result);
 };
+
+/// The rule for maps of this order and shape, if the caller has none.
+[[nodiscard]] numerics::PointRule default_training_rule(const MapShape& shape, int order);
+
+/// The pre-map turned to the principal axes of its covariance, longest first.
+[[nodiscard]] AffineMap principal_axes(const AffineMap& pre_map);
+
+/// Which rectifier, tails and orientation a candidate has, in words.
+[[nodiscard]] std::string describe_method(const Parametrisation& parametrisation, const AffineMap& pre_map);
 
 /// ½ variance and mean of log ρ − log π̄∘T − log|det ∇T| from log-weights; a weight of zero counts as e^−1000
 /// of the largest.

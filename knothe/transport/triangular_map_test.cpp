@@ -188,6 +188,10 @@ TEST(ComposedMap, ChainRuleAndInverse) {
   ComposedMap map(2);
   map.append(AffineMap{Eigen::Vector2d(0.3, -1), (Eigen::Matrix2d() << 0.5, 0, -0.7, 1.4).finished()});
   map.append(random_map(2, 3, 11));
+  AffineMap turned{Eigen::Vector2d(0.1, 0.2), Eigen::Matrix2d::Identity()};
+  turned.rotation = Eigen::MatrixXd::Constant(2, 2, 0.6);
+  turned.rotation(1, 0) = 0.8, turned.rotation(0, 1) = -0.8;
+  map.append(turned);
   map.append(random_map(2, 2, 12));
   check_input_derivatives([&](const Eigen::MatrixXd& x, int k, MapBatch& out) { map.evaluate(x, k, out); },
                           2);
