@@ -21,8 +21,10 @@ std::string verdict(const transport::MapResult& map, const transport::Importance
     std::vector<double> p;
     for (Eigen::Index k = 0; k < map.second_mode.size(); ++k)
       p.push_back(transform.prior(k).from_standard_normal(map.second_mode[k]).value);
-    reasons.push_back(fmt::format("there is a second mode near ({:.4g}), which the map does not cover",
-                                  fmt::join(p, ", ")));
+    reasons.push_back(p.empty()
+                          ? "there is mass that the map does not cover"
+                          : fmt::format("there is a second mode near ({:.4g}), which the map does not cover",
+                                        fmt::join(p, ", ")));
   }
   if (map.verified_diagnostic > 0.05) {
     reasons.push_back(map.reason.empty() ? fmt::format("the variance diagnostic is {:.2g}, above 0.05",

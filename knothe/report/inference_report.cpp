@@ -187,6 +187,8 @@ void add_orders(Page& page, const Json& content, const Content& c) {
     objectives.horizontal(-content.at("log_evidence").get<double>(), Paint::truth(), "−log evidence");
     figures.push_back(one(std::move(objectives), "Objective by order"));
   }
+  if (const auto method = c.figures->value("map_method", std::string()); !method.empty())
+    page.paragraph("The map: " + method + ".");
   page.figures(figures,
                "How far the map's density is from the posterior, order by order. The training rule is too "
                "kind to high "

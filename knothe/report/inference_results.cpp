@@ -77,7 +77,9 @@ Json figures_of(const project::InferenceSetup& setup, const InferenceResult& r) 
   figures["pull_back_draws"] =
       columns_of(inference::resample(map.pulled_back, map.weights, k_shown_draws, 1));
   figures["diagnostic_by_order"] = map.map.diagnostic_by_order;
+  figures["objective_by_order"] = map.map.objective_by_order;
   figures["training_diagnostic"] = map.map.training_diagnostic;
+  figures["map_method"] = map.map.method;
   return figures;
 }
 
