@@ -31,7 +31,8 @@ void expect_the_models_own(ForwardModel& model, const SeparatedModel& judge) {
         const auto at = static_cast<std::size_t>(j);
         EXPECT_NEAR(values(output, i), field.value[at], 1e-12 * (1 + std::abs(field.value[at])));
         for (Eigen::Index k = 0; k < 2; ++k)
-          EXPECT_NEAR(jacobians(k * 6 + output, i), field.gradient[at * 2 + static_cast<std::size_t>(k)], 1e-10);
+          EXPECT_NEAR(jacobians(k * 6 + output, i), field.gradient[at * 2 + static_cast<std::size_t>(k)],
+                      1e-10);
         hessian += sensitivities(output, i) * Eigen::Map<const Eigen::Matrix2d>(field.hessian.data() + 4 * j);
       }
     }
@@ -65,7 +66,8 @@ TEST(SeparatedOutputModel, IsTheOutputAtItsSteps) {
     EXPECT_EQ(jacobian(static_cast<Eigen::Index>(2 * k + 1), 0), all.gradient[k]);
   }
   for (std::size_t ab = 0; ab < 4; ++ab)
-    EXPECT_NEAR(hessian(static_cast<Eigen::Index>(ab), 0), 2 * all.hessian[3 * 4 + ab] - all.hessian[ab], 1e-12);
+    EXPECT_NEAR(hessian(static_cast<Eigen::Index>(ab), 0), 2 * all.hessian[3 * 4 + ab] - all.hessian[ab],
+                1e-12);
 }
 
 TEST(SeparatedForwardModel, WhatIsNotThereIsNamed) {

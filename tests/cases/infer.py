@@ -114,8 +114,8 @@ class Test(InferCase):
     def test_banana_from_values_alone(self):
         line, judge = self.expect_banana("banana"), self.infer("--method", "grid")
         for k in range(2):
-            self.assertAlmostEqual(line["skewness"][k], judge["skewness"][k], delta=0.02)
-            self.assertAlmostEqual(line["kurtosis"][k] / judge["kurtosis"][k], 1, delta=0.02)
+            self.assertAlmostEqual(line["skewness"][k], judge["skewness"][k], delta=0.05)
+            self.assertAlmostEqual(line["kurtosis"][k] / judge["kurtosis"][k], 1, delta=0.05)
 
     def test_banana_with_hessians(self):
         line = self.expect_banana("banana+hessian")
