@@ -5,6 +5,7 @@
 #include <variant>
 #include <vector>
 
+#include "knothe/transport/subspace_map.hpp"
 #include "knothe/transport/triangular_map.hpp"
 
 namespace knothe::transport {
@@ -34,7 +35,7 @@ struct AffineMap {
 /// datum).
 class ComposedMap {
  public:
-  using Part = std::variant<AffineMap, TriangularMap>;
+  using Part = std::variant<AffineMap, TriangularMap, SubspaceMap>;
 
   /// The identity of R^d.
   explicit ComposedMap(Eigen::Index dimension = 0) : dimension_(dimension) {}
