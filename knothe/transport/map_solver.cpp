@@ -145,10 +145,11 @@ void MapSolver::solve(sampling::LogDensity& user_target, MapResult& result) {
         climb.no_longer_falls ? "higher orders no longer lower it"
                               : fmt::format("max_order is {}", options.max_order));
   result.method = describe_method(result.map.parametrisation(), result.pre_map);
-  if (falls_back)
-    result.method += fmt::format(
-        "; the standard way reached {:.2g}, and {} of the other ways tried did better",
-        work.standard_diagnostic, result.verified_diagnostic < work.standard_diagnostic ? "this" : "none");
+  if (falls_back && work.standard_diagnostic > options.tolerance)
+    result.method += fmt::format("; the standard way reached {:.2g}, {}", work.standard_diagnostic,
+                                 result.verified_diagnostic < work.standard_diagnostic
+                                     ? "this is the best of the others tried"
+                                     : "none of the others tried did better");
   work.look_at_other_modes(result);
 }
 
