@@ -1,0 +1,165 @@
+#include "knothe/files/picture.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <filesystem>
+
+#include "knothe/base/error.hpp"
+#include "knothe/files/atomic_file.hpp"
+#include "knothe/files/picture_formats.hpp"
+
+namespace knothe::files {
+
+namespace picture_formats {
+
+void fail(const std::string& path, const std::string& reason) {
+  throw DataError(fmt::format("{}: error: {}", path, reason));
+}
+
+Picture sized(const std::string& path, std::int64_t width, std::int64_t height, int bit_depth) {
+  constexpr std::int64_t k_largest = 65535;
+  if (width < 1 || height < 1 || width > k_largest || height > k_largest)
+    fail(path, fmt::format("a picture of {} × {} pixels; 1 × 1 to {} × {} are possible", width, height,
+                           k_largest, k_largest));
+  Picture picture;
+  picture.width = static_cast<int>(width);
+  picture.height = static_cast<int>(height);
+  picture.bit_depth = bit_depth;
+  picture.maximum = static_cast<float>((1 << bit_depth) - 1);
+  picture.pixels.resize(static_cast<std::size_t>(width * height));
+  return picture;
+}
+
+}  // namespace picture_formats
+
+namespace {
+
+using namespace picture_formats;
+
+/// The next number of a PGM header; comments run from '#' to the end of the line.
+long header_number(const std::string& path, const std::string& bytes, std::size_t& at) {
+  while (at < bytes.size()) {
+    if (bytes[at] == '#')
+      while (at < bytes.size() && bytes[at] != '\n') ++at;
+    else if (std::isspace(static_cast<unsigned char>(bytes[at])) != 0)
+      ++at;
+    else
+      break;
+  }
+  long value = 0;
+  const std::size_t begin = at;
+  while (at < bytes.size() && bytes[at] >= '0' && bytes[at] <= '9' && value < 1000000000)
+    value = 10 * value + (bytes[at++] - '0');
+  if (at == begin) fail(path, "the PGM header is damaged: a number is missing");
+  return value;
+}
+
+Picture read_pgm(const std::string& path, const std::string& bytes) {
+  const bool plain = bytes[1] == '2';
+  std::size_t at = 2;
+  const long width = header_number(path, bytes, at), height = header_number(path, bytes, at),
+             maximum = header_number(path, bytes, at);
+  if (maximum < 1 || maximum > 65535) fail(path, fmt::format("PGM maximum {} is not in 1 … 65535", maximum));
+  int bits = 1;
+  while ((1L << bits) - 1 < maximum) ++bits;
+  Picture picture = sized(path, width, height, bits);
+  picture.maximum = static_cast<float>(maximum);
+  const std::size_t count = picture.pixels.size(), bytes_per_pixel = maximum > 255 ? 2 : 1;
+  if (plain) {
+    for (float& p : picture.pixels) {
+      const long value = header_number(path, bytes, at);
+      if (value > maximum) fail(path, fmt::format("a grey level of {} above the maximum {}", value, maximum));
+      p = static_cast<float>(value);
+    }
+    return picture;
+  }
+  ++at;  // one white space
+  if (bytes.size() < at + count * bytes_per_pixel)
+    fail(path, fmt::format("the file is truncated: {} bytes of pixels are missing",
+                           at + count * bytes_per_pixel - bytes.size()));
+  const auto* p = reinterpret_cast<const unsigned char*>(bytes.data()) + at;
+  for (std::size_t i = 0; i < count; ++i)
+    picture.pixels[i] = static_cast<float>(bytes_per_pixel == 1 ? p[i] : 256 * p[2 * i] + p[2 * i + 1]);
+  return picture;
+}
+
+std::uint32_t little_endian(const std::string& bytes, std::size_t at, int count) {
+  std::uint32_t value = 0;
+  for (int i = count; i-- > 0;)
+    value = 256 * value + static_cast<unsigned char>(bytes[at + static_cast<std::size_t>(i)]);
+  return value;
+}
+
+/// Uncompressed Windows bitmaps of 8 bits with a grey palette, or 24 and 32 bits with equal channels.
+Picture read_bmp(const std::string& path, const std::string& bytes) {
+  if (bytes.size() < 54) fail(path, "the file is truncated: it ends within the BMP header");
+  const std::size_t pixels_at = little_endian(bytes, 10, 4), header = little_endian(bytes, 14, 4);
+  const auto width = static_cast<std::int32_t>(little_endian(bytes, 18, 4));
+  const auto stored_height = static_cast<std::int32_t>(little_endian(bytes, 22, 4));
+  const std::uint32_t bits = little_endian(bytes, 28, 2), compression = little_endian(bytes, 30, 4);
+  if (compression != 0 && compression != 3)
+    fail(path, "a compressed BMP; save it uncompressed, or as TIFF or PNG");
+  if (bits != 8 && bits != 24 && bits != 32)
+    fail(path, fmt::format("a BMP of {} bits a pixel; 8, 24 and 32 can be read", bits));
+  Picture picture = sized(path, width, std::abs(static_cast<std::int64_t>(stored_height)), 8);
+  const std::size_t w = static_cast<std::size_t>(picture.width), step = bits / 8,
+                    row_bytes = (w * step + 3) / 4 * 4;
+  if (bytes.size() < pixels_at + row_bytes * static_cast<std::size_t>(picture.height))
+    fail(path, "the file is truncated: pixels are missing");
+  std::array<float, 256> grey{};
+  if (bits == 8) {
+    std::size_t colours = little_endian(bytes, 46, 4);
+    if (colours == 0 || colours > 256) colours = 256;
+    if (bytes.size() < 14 + header + 4 * colours)
+      fail(path, "the file is truncated: it ends within the BMP palette");
+    for (std::size_t c = 0; c < colours; ++c) {
+      const std::string entry = bytes.substr(14 + header + 4 * c, 3);
+      if (entry[0] != entry[1] || entry[1] != entry[2]) fail(path, k_colour);
+      grey[c] = static_cast<float>(static_cast<unsigned char>(entry[0]));
+    }
+  }
+  for (int y = 0; y < picture.height; ++y) {
+    const int from = stored_height > 0 ? picture.height - 1 - y : y;
+    const auto* row = reinterpret_cast<const unsigned char*>(bytes.data()) + pixels_at +
+                      row_bytes * static_cast<std::size_t>(from);
+    for (std::size_t x = 0; x < w; ++x) {
+      const unsigned char* p = row + x * step;
+      if (bits != 8 && (p[0] != p[1] || p[1] != p[2])) fail(path, k_colour);
+      picture.at(static_cast<int>(x), y) = bits == 8 ? grey[p[0]] : static_cast<float>(p[0]);
+    }
+  }
+  return picture;
+}
+
+bool begins_with(const std::string& bytes, const std::string& magic) {
+  return bytes.compare(0, magic.size(), magic) == 0;
+}
+
+}  // namespace
+
+Picture read_picture(const std::string& path) {
+  std::error_code failure;
+  if (!std::filesystem::exists(path, failure)) fail(path, "there is no such picture");
+  if (std::filesystem::is_directory(path, failure)) fail(path, "this is a folder, not a picture");
+  std::string bytes;
+  try {
+    bytes = read_text(path);
+  } catch (const IoError& error) {
+    fail(path, error.what());
+  }
+  if (bytes.size() < 8)
+    fail(path, bytes.empty() ? "the file is empty" : "the file is too short for a picture");
+  if (begins_with(bytes, {"II*\0", 4}) || begins_with(bytes, {"MM\0*", 4}) ||
+      begins_with(bytes, {"II+\0", 4}) || begins_with(bytes, {"MM\0+", 4}))
+    return read_tiff(path);
+  if (begins_with(bytes, "\x89PNG")) return read_png(path, bytes);
+  if (begins_with(bytes, "BM")) return read_bmp(path, bytes);
+  if (begins_with(bytes, "P5") || begins_with(bytes, "P2")) return read_pgm(path, bytes);
+  if (begins_with(bytes, "P6") || begins_with(bytes, "P3")) fail(path, k_colour);
+  fail(path, "not a picture that can be read: TIFF, PNG, BMP and PGM are");
+}
+
+}  // namespace knothe::files

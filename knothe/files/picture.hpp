@@ -1,0 +1,34 @@
+#pragma once
+/// @file Grey pictures at full depth: TIFF, PNG, BMP and PGM.
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace knothe::files {
+
+/// Grey levels, row by row from the top; pixel centres are at integer coordinates, x to the right, y down.
+struct Picture {
+  int width = 0, height = 0;
+  int bit_depth = 8;          ///< of the file: 8, 12 or 16 (1 to 16)
+  float maximum = 255;        ///< the grey level of a saturated pixel
+  std::vector<float> pixels;  ///< width × height, as stored (0 … maximum), black is 0
+
+  [[nodiscard]] float& at(int x, int y) { return pixels[index(x, y)]; }
+  [[nodiscard]] float at(int x, int y) const { return pixels[index(x, y)]; }
+  [[nodiscard]] const float* row(int y) const { return pixels.data() + index(0, y); }
+  [[nodiscard]] std::size_t index(int x, int y) const {
+    return static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x);
+  }
+};
+
+/// Reads a picture; the format is told from the content, not from the name. Errors: DataError naming the file
+/// and the reason: missing, unreadable, truncated, in colour, more than 16 bits, several pages.
+[[nodiscard]] Picture read_picture(const std::string& path);
+
+/// Writes a grey TIFF of 8 or 16 bits (`bit_depth` ≤ 8: 8), rounding and clipping; atomic. Errors: IoError,
+/// UsageError for a value that is not finite.
+void write_tiff(const std::string& path, const Picture& picture);
+/// The same as PNG.
+void write_png(const std::string& path, const Picture& picture);
+
+}  // namespace knothe::files

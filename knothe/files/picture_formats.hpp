@@ -1,0 +1,21 @@
+#pragma once
+/// @file Picture formats that need a library. Private to the room.
+#include <string>
+
+#include "knothe/files/picture.hpp"
+
+namespace knothe::files::picture_formats {
+
+inline constexpr const char* k_colour =
+    "a picture in colour; image correlation needs grey levels: convert it (for a raw Bayer picture use one "
+    "channel)";
+
+/// Throws DataError "path: error: reason".
+[[noreturn]] void fail(const std::string& path, const std::string& reason);
+/// An empty picture of that size; fails on sizes that make no sense.
+[[nodiscard]] Picture sized(const std::string& path, std::int64_t width, std::int64_t height, int bit_depth);
+
+[[nodiscard]] Picture read_tiff(const std::string& path);
+[[nodiscard]] Picture read_png(const std::string& path, const std::string& bytes);
+
+}  // namespace knothe::files::picture_formats

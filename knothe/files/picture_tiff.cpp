@@ -1,0 +1,123 @@
+#include <fmt/format.h>
+#include <tiffio.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdarg>
+#include <cstdio>
+#include <memory>
+
+#include "knothe/base/error.hpp"
+#include "knothe/files/atomic_file.hpp"
+#include "knothe/files/picture_formats.hpp"
+
+namespace knothe::files {
+
+namespace {
+
+using picture_formats::fail;
+
+struct CloseTiff {
+  void operator()(TIFF* tiff) const { TIFFClose(tiff); }
+};
+using Tiff = std::unique_ptr<TIFF, CloseTiff>;
+
+/// libtiff's last words on this thread; it has no other way to tell them.
+thread_local std::string last_words;
+
+void remember(const char*, const char* format, va_list arguments) {
+  char text[512];
+  std::vsnprintf(text, sizeof text, format, arguments);
+  last_words = text;
+}
+void ignore(const char*, const char*, va_list) {}
+
+/// Sample `x` of a row whose samples are packed, most significant bit first, in `bits` bits each.
+unsigned packed_sample(const unsigned char* row, std::size_t x, unsigned bits) {
+  unsigned value = 0;
+  for (std::size_t b = x * bits; b < (x + 1) * bits; ++b)
+    value = 2 * value + ((row[b / 8] >> (7 - b % 8)) & 1U);
+  return value;
+}
+
+/// Values rounded and clipped to what `bits` hold.
+template <class Integer>
+void round_row(const Picture& picture, int y, Integer* out) {
+  const float top = static_cast<float>((1 << (8 * sizeof(Integer))) - 1);
+  for (int x = 0; x < picture.width; ++x) {
+    const float value = picture.at(x, y);
+    if (!std::isfinite(value))
+      throw UsageError(fmt::format("write picture: pixel ({}, {}) is not finite", x, y));
+    out[x] = static_cast<Integer>(std::clamp(std::round(value), 0.0F, top));
+  }
+}
+
+}  // namespace
+
+Picture picture_formats::read_tiff(const std::string& path) {
+  TIFFSetErrorHandler(remember);
+  TIFFSetWarningHandler(ignore);
+  last_words.clear();
+  const Tiff tiff(TIFFOpen(path.c_str(), "r"));
+  if (!tiff) fail(path, fmt::format("not a readable TIFF ({})", last_words));
+  std::uint32_t width = 0, height = 0;
+  std::uint16_t samples = 1, bits = 1, format = SAMPLEFORMAT_UINT, photometric = PHOTOMETRIC_MINISBLACK;
+  TIFFGetField(tiff.get(), TIFFTAG_IMAGEWIDTH, &width);
+  TIFFGetField(tiff.get(), TIFFTAG_IMAGELENGTH, &height);
+  TIFFGetFieldDefaulted(tiff.get(), TIFFTAG_SAMPLESPERPIXEL, &samples);
+  TIFFGetFieldDefaulted(tiff.get(), TIFFTAG_BITSPERSAMPLE, &bits);
+  TIFFGetFieldDefaulted(tiff.get(), TIFFTAG_SAMPLEFORMAT, &format);
+  TIFFGetField(tiff.get(), TIFFTAG_PHOTOMETRIC, &photometric);
+  if (samples != 1 || photometric == PHOTOMETRIC_RGB || photometric == PHOTOMETRIC_PALETTE)
+    fail(path, k_colour);
+  if (format != SAMPLEFORMAT_UINT || bits > 16)
+    fail(path, fmt::format("a TIFF of {} bits a pixel{}; unsigned integers of up to 16 bits can be read",
+                           bits, format == SAMPLEFORMAT_IEEEFP ? ", floating point" : ""));
+  if (TIFFNumberOfDirectories(tiff.get()) > 1)
+    fail(path, "a TIFF of several pages; save one picture per file");
+  if (TIFFIsTiled(tiff.get()) != 0) fail(path, "a tiled TIFF; save it in strips");
+  Picture picture = sized(path, width, height, bits);
+  std::vector<unsigned char> row(static_cast<std::size_t>(TIFFScanlineSize64(tiff.get())) + 2);
+  for (std::uint32_t y = 0; y < height; ++y) {
+    if (TIFFReadScanline(tiff.get(), row.data(), y) != 1)
+      fail(path, fmt::format("row {} cannot be read: the file is truncated or damaged ({})", y, last_words));
+    float* out = picture.pixels.data() + picture.index(0, static_cast<int>(y));
+    if (bits == 8)
+      std::copy_n(row.data(), width, out);
+    else if (bits == 16)
+      std::copy_n(reinterpret_cast<const std::uint16_t*>(row.data()), width, out);
+    else
+      for (std::size_t x = 0; x < width; ++x) out[x] = static_cast<float>(packed_sample(row.data(), x, bits));
+    if (photometric == PHOTOMETRIC_MINISWHITE)
+      for (std::uint32_t x = 0; x < width; ++x) out[x] = picture.maximum - out[x];
+  }
+  return picture;
+}
+
+void write_tiff(const std::string& path, const Picture& picture) {
+  const int bits = picture.bit_depth <= 8 ? 8 : 16;
+  write_atomically(path, [&](const std::string& temporary) {
+    TIFFSetErrorHandler(remember);
+    const Tiff tiff(TIFFOpen(temporary.c_str(), "w"));
+    if (!tiff) throw system_error("could not write the picture", path);
+    TIFFSetField(tiff.get(), TIFFTAG_IMAGEWIDTH, static_cast<std::uint32_t>(picture.width));
+    TIFFSetField(tiff.get(), TIFFTAG_IMAGELENGTH, static_cast<std::uint32_t>(picture.height));
+    TIFFSetField(tiff.get(), TIFFTAG_BITSPERSAMPLE, bits);
+    TIFFSetField(tiff.get(), TIFFTAG_SAMPLESPERPIXEL, 1);
+    TIFFSetField(tiff.get(), TIFFTAG_PHOTOMETRIC, PHOTOMETRIC_MINISBLACK);
+    TIFFSetField(tiff.get(), TIFFTAG_COMPRESSION, COMPRESSION_NONE);
+    TIFFSetField(tiff.get(), TIFFTAG_ROWSPERSTRIP, 64);
+    std::vector<std::uint16_t> row(static_cast<std::size_t>(picture.width));
+    for (int y = 0; y < picture.height; ++y) {
+      if (bits == 8)
+        round_row(picture, y, reinterpret_cast<std::uint8_t*>(row.data()));
+      else
+        round_row(picture, y, row.data());
+      if (TIFFWriteScanline(tiff.get(), row.data(), static_cast<std::uint32_t>(y)) != 1)
+        throw system_error("could not write the picture", path);
+    }
+    if (TIFFFlush(tiff.get()) != 1) throw system_error("could not write the picture", path);
+  });
+}
+
+}  // namespace knothe::files

@@ -1,0 +1,84 @@
+#pragma once
+/// @file One mesh on one reference picture: matrices, and Gauss–Newton on a deformed picture. Private to the
+/// room; ImageCorrelation has one for the measurement and some on coarse pictures for its start.
+#include <Eigen/SparseCholesky>
+#include <array>
+#include <vector>
+
+#include "knothe/imaging/image_correlation.hpp"
+#include "knothe/imaging/residual_kernel.hpp"
+
+namespace knothe::imaging {
+
+/// The reference picture where it is looked at: value, gradient, and which pixels count.
+struct ReferenceField {
+  std::vector<float> value, dx, dy, use;
+  int width = 0, height = 0;
+  [[nodiscard]] ReferenceRows rows() const {
+    return {value.data(), dx.data(), dy.data(), use.data(), static_cast<std::size_t>(width)};
+  }
+};
+/// `mask` may be empty. Pixels at or above `saturation` and their neighbours (which the interpolation mixes
+/// with them) do not count.
+[[nodiscard]] ReferenceField reference_field(const files::Picture& reference, const files::Picture& mask,
+                                             double prefilter_sigma, double saturation, int threads);
+
+class CorrelationStage {
+ public:
+  CorrelationStage(ReferenceField reference, ImageMesh mesh, const CorrelationOptions& options);
+
+  [[nodiscard]] const ImageMesh& mesh() const { return mesh_; }
+  [[nodiscard]] const PixelTable& pixels() const { return pixels_; }
+  [[nodiscard]] const ReferenceField& reference() const { return reference_; }
+  [[nodiscard]] const std::vector<double>& element_gradient() const { return gradient_; }
+  /// Elements with texture.
+  [[nodiscard]] const std::vector<char>& usable() const { return usable_; }
+  /// M of the elements that are valid, plus `mass` times Σ N Nᵀ over their pixels.
+  [[nodiscard]] Eigen::SparseMatrix<double> matrix(const std::vector<char>& valid, double mass = 0) const;
+
+  /// Gauss–Newton from result.displacement, gain and offset on; rejects elements as the options say. Fills
+  /// the result.
+  void correlate(const SplineImage& deformed, CorrelationResult& result);
+  /// α and β where they are per element, as of the last call.
+  [[nodiscard]] ElementMotion motion(std::size_t element, const CorrelationResult& result) const;
+
+ private:
+  /// What does not change with the deformed picture, per element.
+  struct Constants {
+    Eigen::Matrix<double, 8, 8> matrix;      ///< Σ (N ∇f)(N ∇f)ᵀ
+    Eigen::Matrix<double, 8, 2> brightness;  ///< Σ (N ∇f) (f, 1)
+    Eigen::Matrix2d brightness_matrix;       ///< Σ (f, 1)(f, 1)ᵀ
+    Eigen::Matrix<double, 4, 4> laplacian;   ///< ∫ ∇N·∇N
+    Eigen::Matrix<double, 4, 4> mass;        ///< Σ N Nᵀ
+  };
+  using Solver = Eigen::SimplicialLLT<Eigen::SparseMatrix<double>>;
+
+  void make_constants();
+  void factorise(const std::vector<char>& valid);
+  void sum_residuals(const SplineImage& deformed, const CorrelationResult& result);
+  double step(CorrelationResult& result);
+  void iterate(const SplineImage& deformed, CorrelationResult& result);
+  int reject(CorrelationResult& result) const;
+  [[nodiscard]] Eigen::SparseMatrix<double> assemble(const std::vector<char>& valid, bool for_solving,
+                                                     double mass) const;
+  [[nodiscard]] bool per_element() const { return options_.brightness == Brightness::per_element; }
+
+  ReferenceField reference_;
+  ImageMesh mesh_;
+  PixelTable pixels_;
+  CorrelationOptions options_;
+  std::vector<Constants> constants_;
+  std::vector<double> gradient_;
+  std::vector<char> usable_;
+  double penalty_ = 0;  ///< of the Laplacian, from options.regularisation
+
+  std::vector<char> factorised_for_;
+  Solver solver_;
+  Eigen::MatrixXd coupling_, solved_coupling_;  ///< 2n × 2: C and M⁻¹ C of a global brightness
+  Eigen::Matrix2d brightness_schur_;
+  std::vector<ResidualSums> sums_;
+  std::vector<std::array<float, 2>> element_brightness_;  ///< α, β
+  Eigen::VectorXd right_, step_;
+};
+
+}  // namespace knothe::imaging

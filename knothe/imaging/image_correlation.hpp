@@ -1,0 +1,101 @@
+#pragma once
+/// @file Global finite-element digital image correlation (Rubio et al. 2019, Eq. 25–27).
+///
+/// min_u ∫ [f(x) − α g(x + u(x)) − β]² dx over u = Σ_a N_a u_a by Gauss–Newton with the gradient of the
+/// reference picture, so that the matrix M = Σ_px (N ∇f)(N ∇f)ᵀ is constant and factorised once.
+/// Displacements are in px, positive right and down; dof 2a is u, 2a + 1 is v of node a.
+#include <Eigen/Core>
+#include <Eigen/SparseCore>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "knothe/files/picture.hpp"
+#include "knothe/imaging/image_mesh.hpp"
+
+namespace knothe::imaging {
+
+/// Which brightness changes between the pictures are allowed for.
+enum class Brightness {
+  none,
+  global,      ///< one gain α and one offset β for the picture
+  per_element  ///< one of each for every element: uneven light; costs accuracy
+};
+
+struct CorrelationOptions {
+  int max_iterations = 50;
+  double tolerance = 1e-3;  ///< on the largest change of a displacement, px
+  Brightness brightness = Brightness::global;
+  double prefilter_sigma =
+      0;                  ///< Gaussian on both pictures, px; 1 for sharp, aliased speckle (docs/imaging.md)
+  double saturation = 0;  ///< grey level from which a pixel is masked; 0: the pictures' maximum
+  double regularisation =
+      0;  ///< Tikhonov on the gradient of the displacement: a cut-off wavelength in px, 0: none
+  bool reject_elements = true;  ///< take out elements whose residual says that their kinematics do not hold
+  double rejection_factor = 4;  ///< … when it is so many robust standard deviations above that of the others
+  int threads = 1;
+};
+
+struct CorrelationResult {
+  Eigen::VectorXd displacement;  ///< 2 per node, px; 0 at nodes without a valid element
+  bool converged = false;
+  int iterations = 0;
+  double last_step = 0;                  ///< largest change in the last iteration, px
+  double residual_rms = 0;               ///< grey levels, over the valid elements
+  double pixels_used = 0;                ///< in the valid elements
+  double gain = 1, offset = 0;           ///< of the deformed picture: f ≈ α g(x + u) + β
+  std::vector<double> element_residual;  ///< rms, grey levels; 0 where no pixel was seen
+  std::vector<char> element_valid;       ///< 0: rejected, masked, or out of the picture
+  int elements_rejected = 0;
+  std::string message;  ///< why it did not converge; empty if it did
+};
+
+/// One reference picture and mesh, many deformed pictures.
+class ImageCorrelation {
+ public:
+  /// `mask` (may be empty): only pixels that are not 0 there are used. Errors: UsageError for a mesh outside
+  /// the picture, a mask of another size, and for elements without texture (with the element's number and
+  /// place).
+  ImageCorrelation(const files::Picture& reference, ImageMesh mesh, CorrelationOptions options = {},
+                   const files::Picture& mask = {});
+  ~ImageCorrelation();
+  ImageCorrelation(ImageCorrelation&&) noexcept;
+  ImageCorrelation& operator=(ImageCorrelation&&) noexcept;
+
+  [[nodiscard]] const ImageMesh& mesh() const;
+  [[nodiscard]] const CorrelationOptions& options() const;
+  /// M of Eq. 27 (grey levels² per px²), without brightness and regularisation; both triangles.
+  [[nodiscard]] Eigen::SparseMatrix<double> matrix() const;
+  /// The same of the elements that are valid in a result: what its displacements were measured with.
+  [[nodiscard]] Eigen::SparseMatrix<double> matrix(const std::vector<char>& element_valid) const;
+  /// Precision (inverse covariance, 1/px²) of the displacements of a result when the noise of both pictures
+  /// is white with standard deviation `gamma` (grey levels, before any prefilter): (M − 2 γ² s Σ N Nᵀ) / (2
+  /// γ² c). The paper's M/(2γ²) takes the gradient of the reference for exact; but the noise is in it too,
+  /// twice: s is the variance of the gradient of unit white noise, c what a prefilter leaves of it
+  /// (docs/imaging.md; correlation_noise.hpp). Both triangles; empty rows where no valid element is. Errors:
+  /// UsageError for gamma ≤ 0.
+  [[nodiscard]] Eigen::SparseMatrix<double> precision(const std::vector<char>& element_valid,
+                                                      double gamma) const;
+  /// Root of the mean squared gradient per element, grey levels per px.
+  [[nodiscard]] const std::vector<double>& element_gradient() const;
+
+  /// `start`: displacements to begin with (empty: a search from coarse to fine pictures). Errors: UsageError
+  /// for a picture of another size or a start of another length.
+  [[nodiscard]] CorrelationResult correlate(const files::Picture& deformed,
+                                            const Eigen::VectorXd& start = {});
+
+  /// f(x) − α g(x + u) − β at the pixels of the mesh for a result of the last picture; NaN elsewhere.
+  [[nodiscard]] std::vector<float> residual_picture(const CorrelationResult& result) const;
+
+ private:
+  struct Work;
+  std::unique_ptr<Work> work_;
+};
+
+/// Displacement at any points (n × 2, px) from nodal values; false in `inside` where the mesh does not reach,
+/// NaN there.
+[[nodiscard]] Eigen::MatrixXd interpolate(const ImageMesh& mesh, const Eigen::VectorXd& displacement,
+                                          const Eigen::Ref<const Eigen::MatrixXd>& points,
+                                          std::vector<char>& inside);
+
+}  // namespace knothe::imaging

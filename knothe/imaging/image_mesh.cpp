@@ -1,0 +1,256 @@
+#include "knothe/imaging/image_mesh.hpp"
+
+#include <fmt/format.h>
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "knothe/base/error.hpp"
+
+namespace knothe::imaging {
+
+namespace {
+
+constexpr double k_rounding = 1e-9;  // px
+
+/// Coefficients of the shape functions in 1, X, Y, XY; false for an element that these do not span.
+bool shape_coefficients(const ImageMesh& mesh, const std::array<int, 4>& element, double x0, double y0,
+                        std::array<std::array<double, 4>, 4>& out) {
+  const int n = ImageMesh::nodes_of(element);
+  Eigen::Matrix4d values = Eigen::Matrix4d::Identity();
+  const auto node = [&](int a) { return static_cast<std::size_t>(element[static_cast<std::size_t>(a)]); };
+  for (int a = 0; a < n; ++a) {
+    const double x = mesh.x[node(a)] - x0, y = mesh.y[node(a)] - y0;
+    values.row(a) << 1, x, y, n == 4 ? x * y : 0;
+  }
+  if (n == 4)  // upright: each side along an axis
+    for (int a = 0; a < 4; ++a) {
+      const double dx = mesh.x[node(a)] - mesh.x[node((a + 1) % 4)],
+                   dy = mesh.y[node(a)] - mesh.y[node((a + 1) % 4)];
+      if (std::min(std::abs(dx), std::abs(dy)) > 1e-6) return false;
+    }
+  const Eigen::FullPivLU<Eigen::Matrix4d> lu(values);
+  if (!lu.isInvertible()) return false;
+  const Eigen::Matrix4d inverse = lu.inverse();
+  for (std::size_t a = 0; a < 4; ++a)
+    for (std::size_t m = 0; m < 4; ++m)
+      out[a][m] = static_cast<int>(a) < n && !(n == 3 && m == 3)
+                      ? inverse(static_cast<int>(m), static_cast<int>(a))
+                      : 0;
+  return true;
+}
+
+/// The interval of the row y inside an element; false if it does not meet it.
+bool row_interval(const ImageMesh& mesh, const std::array<int, 4>& element, double y, double& left,
+                  double& right) {
+  const int n = ImageMesh::nodes_of(element);
+  left = std::numeric_limits<double>::infinity(), right = -left;
+  for (int a = 0; a < n; ++a) {
+    const auto p = static_cast<std::size_t>(element[static_cast<std::size_t>(a)]),
+               q = static_cast<std::size_t>(element[static_cast<std::size_t>((a + 1) % n)]);
+    const double ya = mesh.y[p], yb = mesh.y[q];
+    if (y < std::min(ya, yb) - k_rounding || y > std::max(ya, yb) + k_rounding) continue;
+    if (std::abs(ya - yb) < k_rounding) {
+      left = std::min({left, mesh.x[p], mesh.x[q]}), right = std::max({right, mesh.x[p], mesh.x[q]});
+    } else {
+      const double x = mesh.x[p] + (y - ya) / (yb - ya) * (mesh.x[q] - mesh.x[p]);
+      left = std::min(left, x), right = std::max(right, x);
+    }
+  }
+  return left <= right;
+}
+
+struct Box {
+  double x0, y0, x1, y1;
+};
+Box box_of(const ImageMesh& mesh, const std::array<int, 4>& element) {
+  const double far = std::numeric_limits<double>::infinity();
+  Box b{far, far, -far, -far};
+  for (int a = 0; a < ImageMesh::nodes_of(element); ++a) {
+    const auto p = static_cast<std::size_t>(element[static_cast<std::size_t>(a)]);
+    b.x0 = std::min(b.x0, mesh.x[p]), b.x1 = std::max(b.x1, mesh.x[p]);
+    b.y0 = std::min(b.y0, mesh.y[p]), b.y1 = std::max(b.y1, mesh.y[p]);
+  }
+  return b;
+}
+
+}  // namespace
+
+Region ImageMesh::bounds() const {
+  const auto [x0, x1] = std::minmax_element(x.begin(), x.end());
+  const auto [y0, y1] = std::minmax_element(y.begin(), y.end());
+  return {*x0, *y0, *x1, *y1};
+}
+
+ImageMesh structured_mesh(const Region& given, double element_size, ElementShape shape) {
+  Region region{std::min(given.x0, given.x1), std::min(given.y0, given.y1), std::max(given.x0, given.x1),
+                std::max(given.y0, given.y1)};
+  if (!(element_size >= 3))
+    throw UsageError(
+        fmt::format("elements of {} px: at least 3 × 3 pixels are needed, 16 to 32 are usual", element_size));
+  const int columns = std::max(1, static_cast<int>(std::lround(region.width() / element_size))),
+            rows = std::max(1, static_cast<int>(std::lround(region.height() / element_size)));
+  if (!(region.width() / columns >= 3 && region.height() / rows >= 3))
+    throw UsageError(
+        fmt::format("the region ({}, {}) to ({}, {}) is too small: elements need at least 3 × 3 pixels",
+                    region.x0, region.y0, region.x1, region.y1));
+  ImageMesh mesh;
+  for (int j = 0; j <= rows; ++j)
+    for (int i = 0; i <= columns; ++i) {
+      mesh.x.push_back(region.x0 + region.width() * i / columns);
+      mesh.y.push_back(region.y0 + region.height() * j / rows);
+    }
+  const auto node = [&](int i, int j) { return j * (columns + 1) + i; };
+  for (int j = 0; j < rows; ++j)
+    for (int i = 0; i < columns; ++i) {
+      const std::array<int, 4> corner{node(i, j), node(i + 1, j), node(i + 1, j + 1), node(i, j + 1)};
+      if (shape == ElementShape::quadrilateral) {
+        mesh.elements.push_back(corner);
+      } else if ((i + j) % 2 == 0) {  // alternating diagonals: no preferred direction
+        mesh.elements.push_back({corner[0], corner[1], corner[2], -1});
+        mesh.elements.push_back({corner[0], corner[2], corner[3], -1});
+      } else {
+        mesh.elements.push_back({corner[0], corner[1], corner[3], -1});
+        mesh.elements.push_back({corner[1], corner[2], corner[3], -1});
+      }
+    }
+  return mesh;
+}
+
+ImageMesh masked(const ImageMesh& mesh, const files::Picture& mask, double share) {
+  const PixelTable table(mesh, mask.width, mask.height);
+  ImageMesh kept;
+  std::vector<int> number(mesh.x.size(), -1);
+  for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
+    const auto& pixels = table.elements()[e];
+    int set = 0;
+    for (const auto& row : table.rows(pixels))
+      for (int k = 0; k < row.count; ++k) set += mask.at(row.x + k, row.y) > 0 ? 1 : 0;
+    if (set < share * pixels.pixel_count || pixels.pixel_count == 0) continue;
+    std::array<int, 4> element = mesh.elements[e];
+    for (int& node : element) {
+      if (node < 0) continue;
+      int& mine = number[static_cast<std::size_t>(node)];
+      if (mine < 0) {
+        mine = kept.node_count();
+        kept.x.push_back(mesh.x[static_cast<std::size_t>(node)]);
+        kept.y.push_back(mesh.y[static_cast<std::size_t>(node)]);
+      }
+      node = mine;
+    }
+    kept.elements.push_back(element);
+  }
+  if (kept.elements.empty())
+    throw UsageError(
+        "the mask leaves no element: it must be bright (not 0) where the surface is to be measured, and "
+        "overlap the region");
+  return kept;
+}
+
+PixelTable::PixelTable(const ImageMesh& mesh, int width, int height) {
+  const Region bounds = mesh.bounds();
+  if (bounds.x0 < -k_rounding || bounds.y0 < -k_rounding || bounds.x1 > width - 1 + k_rounding ||
+      bounds.y1 > height - 1 + k_rounding)
+    throw UsageError(fmt::format(
+        "the mesh reaches from ({:.1f}, {:.1f}) to ({:.1f}, {:.1f}) px, outside the picture of {} × {} px "
+        "(pixel centres 0 … {}, 0 … {}); make the region smaller",
+        bounds.x0, bounds.y0, bounds.x1, bounds.y1, width, height, width - 1, height - 1));
+  std::vector<bool> taken(static_cast<std::size_t>(width) * static_cast<std::size_t>(height), false);
+  const auto index = [&](int x, int y) {
+    return static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x);
+  };
+  std::vector<std::vector<ElementPixels::Row>> rows(mesh.elements.size());
+  // First half-open, so that shared edges go to the right and lower element; then what is left on the outer
+  // border.
+  for (const bool closed : {false, true})
+    for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
+      const Box box = box_of(mesh, mesh.elements[e]);
+      const int first = static_cast<int>(std::ceil(box.y0 - k_rounding)),
+                last = static_cast<int>(std::floor(box.y1 + k_rounding));
+      for (int y = std::max(0, first); y <= std::min(height - 1, last); ++y) {
+        if (!closed && y > box.y1 - k_rounding) continue;
+        double left = 0, right = 0;
+        if (!row_interval(mesh, mesh.elements[e], y, left, right)) continue;
+        int x = std::max(0, static_cast<int>(std::ceil(left - k_rounding)));
+        const int end = closed ? std::min(width - 1, static_cast<int>(std::floor(right + k_rounding))) + 1
+                               : static_cast<int>(std::ceil(right - k_rounding));
+        for (; x < end; ++x) {
+          if (taken[index(x, y)]) continue;
+          taken[index(x, y)] = true;
+          auto& mine = rows[e];
+          if (!mine.empty() && mine.back().y == y && mine.back().x + mine.back().count == x)
+            ++mine.back().count;
+          else
+            mine.push_back({x, y, 1});
+        }
+      }
+    }
+  elements_.resize(mesh.elements.size());
+  for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
+    ElementPixels& pixels = elements_[e];
+    const Box box = box_of(mesh, mesh.elements[e]);
+    pixels.x_origin = std::round(0.5 * (box.x0 + box.x1)),
+    pixels.y_origin = std::round(0.5 * (box.y0 + box.y1));
+    if (!shape_coefficients(mesh, mesh.elements[e], pixels.x_origin, pixels.y_origin, pixels.coefficients))
+      throw UsageError(fmt::format(
+          "element {} of the mesh is neither a triangle nor an upright rectangle of positive area; split "
+          "other quadrilaterals into triangles",
+          e));
+    pixels.first_row = static_cast<std::uint32_t>(rows_.size());
+    pixels.row_count = static_cast<std::uint32_t>(rows[e].size());
+    for (const auto& row : rows[e]) pixels.pixel_count += row.count;
+    rows_.insert(rows_.end(), rows[e].begin(), rows[e].end());
+  }
+}
+
+PointLocator::PointLocator(const ImageMesh& mesh) : mesh_(&mesh), bounds_(mesh.bounds()) {
+  cell_ = std::max(
+      1.0, std::sqrt(std::max(1.0, bounds_.width() * bounds_.height()) / std::max(1, mesh.element_count())));
+  columns_ = static_cast<int>(bounds_.width() / cell_) + 1;
+  rows_ = static_cast<int>(bounds_.height() / cell_) + 1;
+  cells_.resize(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_));
+  for (int e = 0; e < mesh.element_count(); ++e) {
+    const Box box = box_of(mesh, mesh.elements[static_cast<std::size_t>(e)]);
+    const auto column = [&](double x) {
+      return std::clamp(static_cast<int>((x - bounds_.x0) / cell_), 0, columns_ - 1);
+    };
+    const auto row = [&](double y) {
+      return std::clamp(static_cast<int>((y - bounds_.y0) / cell_), 0, rows_ - 1);
+    };
+    for (int j = row(box.y0 - 1e-6); j <= row(box.y1 + 1e-6); ++j)
+      for (int i = column(box.x0 - 1e-6); i <= column(box.x1 + 1e-6); ++i)
+        cells_[static_cast<std::size_t>(j * columns_ + i)].push_back(e);
+  }
+}
+
+PointLocator::Place PointLocator::find(double x, double y) const {
+  Place place;
+  constexpr double k_slack = 1e-7;
+  if (!(x >= bounds_.x0 - k_slack && x <= bounds_.x1 + k_slack && y >= bounds_.y0 - k_slack &&
+        y <= bounds_.y1 + k_slack))
+    return place;
+  const int i = std::clamp(static_cast<int>((x - bounds_.x0) / cell_), 0, columns_ - 1),
+            j = std::clamp(static_cast<int>((y - bounds_.y0) / cell_), 0, rows_ - 1);
+  for (const int e : cells_[static_cast<std::size_t>(j * columns_ + i)]) {
+    const auto& element = mesh_->elements[static_cast<std::size_t>(e)];
+    const Box box = box_of(*mesh_, element);
+    if (x < box.x0 - k_slack || x > box.x1 + k_slack || y < box.y0 - k_slack || y > box.y1 + k_slack)
+      continue;
+    std::array<std::array<double, 4>, 4> c{};
+    if (!shape_coefficients(*mesh_, element, box.x0, box.y0, c)) continue;
+    const double dx = x - box.x0, dy = y - box.y0;
+    bool inside = true;
+    for (std::size_t a = 0; a < 4; ++a) {
+      place.shape[a] = c[a][0] + c[a][1] * dx + c[a][2] * dy + c[a][3] * dx * dy;
+      inside = inside && place.shape[a] > -1e-7;
+    }
+    if (!inside) continue;
+    place.element = e;
+    return place;
+  }
+  return place;
+}
+
+}  // namespace knothe::imaging

@@ -1,0 +1,137 @@
+#include "knothe/imaging/residual_kernel.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <experimental/simd>
+#include <limits>
+
+namespace knothe::imaging {
+
+namespace {
+
+namespace stdx = std::experimental;
+using Lanes = stdx::native_simd<float>;
+using Mask = Lanes::mask_type;
+constexpr int k_lanes = static_cast<int>(Lanes::size());
+static_assert(k_lanes <= 16, "SplineImage pads for 16 lanes");
+
+Lanes load(const float* from) {
+  return Lanes(from, stdx::element_aligned);
+}
+
+/// Weights of the cubic B-spline at fraction t.
+void weights(const Lanes& t, Lanes w[4]) {
+  const Lanes s = 1.0F - t, t2 = t * t, s2 = s * s;
+  w[0] = s2 * s * (1.0F / 6);
+  w[3] = t2 * t * (1.0F / 6);
+  w[1] = 2.0F / 3 - t2 + 3.0F * w[3];
+  w[2] = 2.0F / 3 - s2 + 3.0F * w[0];
+}
+
+/// One row of an element: displacement u_0 + u_1 X along it.
+struct RowMotion {
+  float u0, u1, v0, v1;
+};
+
+/// g at pixels (x … x + lanes − 1, y) displaced by (u, v); `seen` tells where the picture reaches.
+Lanes deformed(const SplineImage& g, int x, int y, const Lanes& u, const Lanes& v, int count,
+               const Lanes& lane, Mask& seen) {
+  const Lanes floor_u = stdx::floor(u), floor_v = stdx::floor(v);
+  const Lanes px = lane + u + static_cast<float>(x), py = v + static_cast<float>(y);
+  seen = lane < static_cast<float>(count) && px >= 0.0F && py >= 0.0F &&
+         px <= static_cast<float>(g.width() - 1) && py <= static_cast<float>(g.height() - 1);
+  Lanes value = 0.0F;
+  if (stdx::none_of(seen)) return value;
+  Lanes wx[4], wy[4];
+  weights(u - floor_u, wx);
+  weights(v - floor_v, wy);
+  Mask left = seen;
+  // Displacements are smooth: nearly always one pass, two where the integer part changes.
+  while (stdx::any_of(left)) {
+    const int first = stdx::find_first_set(left);
+    const float du = floor_u[first], dv = floor_v[first];
+    const Mask now = left && floor_u == du && floor_v == dv;
+    left = left && !now;
+    const float* row = g.coefficient(x + static_cast<int>(du) - 1, y + static_cast<int>(dv) - 1);
+    Lanes sum = 0.0F;
+    for (int b = 0; b < 4; ++b, row += g.stride())
+      sum +=
+          wy[b] * (wx[0] * load(row) + wx[1] * load(row + 1) + wx[2] * load(row + 2) + wx[3] * load(row + 3));
+    stdx::where(now, value) = sum;
+  }
+  return value;
+}
+
+RowMotion row_motion(const ElementMotion& m, double y) {
+  return {static_cast<float>(m.u[0] + m.u[2] * y), static_cast<float>(m.u[1] + m.u[3] * y),
+          static_cast<float>(m.v[0] + m.v[2] * y), static_cast<float>(m.v[1] + m.v[3] * y)};
+}
+
+/// 0, 1, 2 …
+Lanes lane_numbers() {
+  return Lanes([](auto i) { return static_cast<float>(i); });
+}
+
+}  // namespace
+
+ResidualSums residual_sums(const PixelTable& table, const ElementPixels& element, const ReferenceRows& f,
+                           const SplineImage& g, const ElementMotion& motion) {
+  Lanes x0 = 0.0F, x1 = 0.0F, x2 = 0.0F, x3 = 0.0F, y0 = 0.0F, y1 = 0.0F, y2 = 0.0F, y3 = 0.0F;
+  Lanes sum = 0.0F, squares = 0.0F, with_reference = 0.0F, used = 0.0F;
+  const Lanes lane = lane_numbers();
+  for (const auto& row : table.rows(element)) {
+    const double y = row.y - element.y_origin;
+    const RowMotion m = row_motion(motion, y);
+    const auto yy = static_cast<float>(y);
+    const std::size_t at = static_cast<std::size_t>(row.y) * f.stride + static_cast<std::size_t>(row.x);
+    for (int k = 0; k < row.count; k += k_lanes) {
+      const Lanes x = lane + static_cast<float>(row.x + k - element.x_origin);
+      Mask seen;
+      const Lanes value =
+          deformed(g, row.x + k, row.y, m.u0 + m.u1 * x, m.v0 + m.v1 * x, row.count - k, lane, seen);
+      const std::size_t i = at + static_cast<std::size_t>(k);
+      const Lanes reference = load(f.value + i);
+      Lanes use = load(f.use + i);
+      stdx::where(!seen, use) = 0.0F;
+      const Lanes r = use * (reference - motion.gain * value - motion.offset);
+      const Lanes gx = r * load(f.dx + i), gy = r * load(f.dy + i), gxx = gx * x, gyx = gy * x;
+      x0 += gx, x1 += gxx, x2 += gx * yy, x3 += gxx * yy;
+      y0 += gy, y1 += gyx, y2 += gy * yy, y3 += gyx * yy;
+      sum += r, squares += r * r, with_reference += r * reference, used += use;
+    }
+  }
+  const auto total = [](const Lanes& lanes) {
+    double all = 0;
+    for (int i = 0; i < k_lanes; ++i) all += static_cast<double>(lanes[static_cast<std::size_t>(i)]);
+    return all;
+  };
+  return {{total(x0), total(x1), total(x2), total(x3)},
+          {total(y0), total(y1), total(y2), total(y3)},
+          total(sum),
+          total(squares),
+          total(with_reference),
+          total(used)};
+}
+
+void residual_pixels(const PixelTable& table, const ElementPixels& element, const ReferenceRows& f,
+                     const SplineImage& g, const ElementMotion& motion, float* out, std::size_t stride) {
+  const Lanes lane = lane_numbers();
+  for (const auto& row : table.rows(element)) {
+    const RowMotion m = row_motion(motion, row.y - element.y_origin);
+    for (int k = 0; k < row.count; k += k_lanes) {
+      const Lanes x = lane + static_cast<float>(row.x + k - element.x_origin);
+      Mask seen;
+      const Lanes value =
+          deformed(g, row.x + k, row.y, m.u0 + m.u1 * x, m.v0 + m.v1 * x, row.count - k, lane, seen);
+      const std::size_t i = static_cast<std::size_t>(row.y) * f.stride + static_cast<std::size_t>(row.x + k);
+      for (int l = 0; l < std::min(k_lanes, row.count - k); ++l) {
+        const auto s = static_cast<std::size_t>(l);
+        out[static_cast<std::size_t>(row.y) * stride + static_cast<std::size_t>(row.x + k + l)] =
+            seen[s] && f.use[i + s] > 0 ? f.value[i + s] - motion.gain * value[s] - motion.offset
+                                        : std::numeric_limits<float>::quiet_NaN();
+      }
+    }
+  }
+}
+
+}  // namespace knothe::imaging
