@@ -23,6 +23,12 @@ struct ReferenceField {
 [[nodiscard]] ReferenceField reference_field(const files::Picture& reference, const files::Picture& mask,
                                              double prefilter_sigma, double saturation, int threads);
 
+/// Share of an element's pixels that must be seen and not masked.
+inline constexpr double k_least_pixel_share = 0.5;
+
+/// 0 for none.
+[[nodiscard]] double median_of(std::vector<double> values);
+
 class CorrelationStage {
  public:
   CorrelationStage(ReferenceField reference, ImageMesh mesh, const CorrelationOptions& options);
