@@ -96,7 +96,6 @@ struct GaussianMixture {
         throw UsageError(
             "marginals: the map is neither triangular nor a lazy map; the solver turns maps to the principal "
             "axes of the mode unless MapSolverOptions::orientation is Orientation::given");
-        weigh samples ");
       }
     }
     const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(bases);
