@@ -8,7 +8,7 @@ import unittest
 from support import KNOTHE, REPOSITORY, Case
 
 COMMANDS = [["check"], ["offline"], ["model", "info"], ["model", "evaluate"], ["model", "import"], ["model", "verify"],
-            ["simulate"], ["assimilate"], ["forecast"], ["report"]]
+            ["simulate"], ["assimilate"], ["infer"], ["forecast"], ["report"]]
 
 
 class Test(Case):
