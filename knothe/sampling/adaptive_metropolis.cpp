@@ -19,16 +19,17 @@ namespace knothe::sampling {
 
 namespace {
 
-/// Shares of the warm-up at which a new covariance is learnt, from the draws since the one before. The rest of it
-/// tunes the scale alone.
+/// Shares of the warm-up at which a new covariance is learnt, from the draws since the one before. The rest
+/// of it tunes the scale alone.
 constexpr std::array k_learning_ends = {0.05, 0.1, 0.2, 0.35, 0.55, 0.85};
 
 void require(const MetropolisOptions& o) {
   if (o.chains < 2)
-    throw UsageError(fmt::format("mcmc: {} chains; at least 2 are needed to see whether they agree", o.chains));
+    throw UsageError(
+        fmt::format("mcmc: {} chains; at least 2 are needed to see whether they agree", o.chains));
   if (o.samples < 4 * o.chains)
-    throw UsageError(fmt::format("mcmc: {} samples for {} chains; at least 4 a chain are needed", o.samples,
-                                 o.chains));
+    throw UsageError(
+        fmt::format("mcmc: {} samples for {} chains; at least 4 a chain are needed", o.samples, o.chains));
   if (o.warm_up < 0) throw UsageError(fmt::format("mcmc: a warm-up of {} draws", o.warm_up));
 }
 
@@ -39,8 +40,8 @@ struct Kernel {
   double wanted_acceptance = 0.234;
 };
 
-/// Covariance within chains, about each chain's own mean, so that chains in different modes still learn how wide
-/// a mode is.
+/// Covariance within chains, about each chain's own mean, so that chains in different modes still learn how
+/// wide a mode is.
 class WithinCovariance {
  public:
   WithinCovariance(Eigen::Index chains, Eigen::Index d) : mean_(chains, d), sum_(d, d) { clear(); }
@@ -73,7 +74,10 @@ class WithinCovariance {
 class Chains {
  public:
   Chains(LogDensity& target, const MetropolisOptions& options)
-      : target_(target), random_(options.seed), chains_(options.chains), d_(target.dimension()),
+      : target_(target),
+        random_(options.seed),
+        chains_(options.chains),
+        d_(target.dimension()),
         covariance_(chains_, d_) {
     derivatives_ = std::min(1, target.available_derivatives());
     const auto d = static_cast<double>(d_);
@@ -97,8 +101,8 @@ class Chains {
 
  private:
   void begin();
-  /// Drift directions Lᵀ∇ log π̄ in whitened coordinates, shortened where they are long: a light tail would else
-  /// throw the proposal to the other side (Roberts, Tweedie 1996: truncated MALA).
+  /// Drift directions Lᵀ∇ log π̄ in whitened coordinates, shortened where they are long: a light tail would
+  /// else throw the proposal to the other side (Roberts, Tweedie 1996: truncated MALA).
   void restrain(const Eigen::MatrixXd& gradient, Eigen::MatrixXd& restrained) const;
 
   CheckedDensity target_;
@@ -218,7 +222,8 @@ MetropolisResult adaptive_metropolis(LogDensity& target, const MetropolisOptions
   const Eigen::Index chain_count = options.chains, kept = (options.samples + chain_count - 1) / chain_count;
   const Eigen::Index warm_up = options.warm_up > 0 ? options.warm_up : std::max<Eigen::Index>(kept, 1000);
   const auto report = [&](Eigen::Index done) {
-    if (options.progress && !options.progress(static_cast<double>(done) / static_cast<double>(warm_up + kept)))
+    if (options.progress &&
+        !options.progress(static_cast<double>(done) / static_cast<double>(warm_up + kept)))
       throw Interrupted(fmt::format("mcmc: interrupted after {} of {} steps", done, warm_up + kept));
   };
   report(0);

@@ -14,7 +14,8 @@ namespace {
 using targets::Gaussian;
 using targets::Planar;
 
-/// |mean − exact| within `k` standard errors, variances within `k` of theirs, by the chains' own effective size.
+/// |mean − exact| within `k` standard errors, variances within `k` of theirs, by the chains' own effective
+/// size.
 void expect_moments(const MetropolisResult& result, const Eigen::VectorXd& mean, const Eigen::VectorXd& std,
                     double k = 4.5) {
   const Eigen::VectorXd found = mean_of(result.sample), spread = covariance_of(result.sample).diagonal();

@@ -19,8 +19,9 @@ namespace {
 
 void require_draws(const Eigen::Ref<const Eigen::MatrixXd>& draws) {
   if (draws.rows() < 4 || draws.cols() < 1)
-    throw UsageError(fmt::format("chain statistics: {} draws in {} chains; at least 4 draws a chain are needed",
-                                 draws.rows(), draws.cols()));
+    throw UsageError(
+        fmt::format("chain statistics: {} draws in {} chains; at least 4 draws a chain are needed",
+                    draws.rows(), draws.cols()));
   if (!draws.allFinite()) throw UsageError("chain statistics: a draw is not finite");
 }
 
@@ -39,7 +40,8 @@ Eigen::MatrixXd rank_normalise(const Eigen::MatrixXd& draws) {
   std::vector<Eigen::Index> order(n);
   std::iota(order.begin(), order.end(), Eigen::Index{0});
   const double* values = draws.data();
-  std::sort(order.begin(), order.end(), [&](Eigen::Index a, Eigen::Index b) { return values[a] < values[b]; });
+  std::sort(order.begin(), order.end(),
+            [&](Eigen::Index a, Eigen::Index b) { return values[a] < values[b]; });
   Eigen::MatrixXd scores(draws.rows(), draws.cols());
   for (std::size_t begin = 0, end = 0; begin < n; begin = end) {
     while (end < n && values[order[end]] == values[order[begin]]) ++end;
@@ -117,11 +119,9 @@ double effective_sample_size(const Eigen::Ref<const Eigen::MatrixXd>& draws) {
   Eigen::VectorXd covariance = Eigen::VectorXd::Zero(n);
   for (Eigen::Index m = 0; m < halves.cols(); ++m) covariance += autocovariance(halves.col(m));
   covariance /= static_cast<double>(halves.cols());
-  // ρ_t = 1 − (W − mean autocovariance)/whole variance (their Eq. 10); sums of neighbouring pairs are positive
-  // and decrease for a reversible chain (Geyer 1992): the sum ends where that is lost in noise.
-  const auto rho = [&](Eigen::Index t) {
-    return t == 0 ? 1.0 : 1 - (v.within - covariance[t]) / v.whole;
-  };
+  // ρ_t = 1 − (W − mean autocovariance)/whole variance (their Eq. 10); sums of neighbouring pairs are
+  // positive and decrease for a reversible chain (Geyer 1992): the sum ends where that is lost in noise.
+  const auto rho = [&](Eigen::Index t) { return t == 0 ? 1.0 : 1 - (v.within - covariance[t]) / v.whole; };
   double time = -1, previous = std::numeric_limits<double>::infinity();
   for (Eigen::Index t = 0; t + 1 < n; t += 2) {
     const double pair = std::min(rho(t) + rho(t + 1), previous);

@@ -55,7 +55,8 @@ TEST(ChainStatistics, RHatSeesAShiftedChainAndIsFreeOfMoments) {
 }
 
 TEST(ChainStatistics, EffectiveSizeIsThatOfAutoregressiveTheory) {
-  // Integrated autocorrelation time of AR(1): (1 + ρ)/(1 − ρ). The estimate scatters by some 5 % at this length.
+  // Integrated autocorrelation time of AR(1): (1 + ρ)/(1 − ρ). The estimate scatters by some 5 % at this
+  // length.
   for (double rho : {0.0, 0.5, 0.9, 0.97}) {
     const double n = 4 * 40000, expected = n * (1 - rho) / (1 + rho);
     EXPECT_NEAR(effective_sample_size(autoregressive(40000, 4, rho, 7)) / expected, 1, 0.1) << rho;

@@ -30,7 +30,8 @@ std::string message_of(LogDensity& target, int derivatives = 2) {
 /// A banana whose author made a mistake.
 struct Wrong : Planar {
   std::function<void(LogDensityBatch&)> mistake;
-  explicit Wrong(std::function<void(LogDensityBatch&)> m) : Planar(targets::banana()), mistake(std::move(m)) {}
+  explicit Wrong(std::function<void(LogDensityBatch&)> m)
+      : Planar(targets::banana()), mistake(std::move(m)) {}
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int order, LogDensityBatch& out) override {
     Planar::evaluate(z, order, out);
     mistake(out);
@@ -40,11 +41,13 @@ struct Wrong : Planar {
 TEST(CheckedDensity, WhatIsNotANumberIsNamedWithItsPoint) {
   const double nan = std::nan("");
   Wrong value([&](LogDensityBatch& out) { out.value[1] = nan; });
-  EXPECT_EQ(message_of<NumericalError>(value),
-            "the log-density is nan at z = (2, 0.25); it must be a number, or -inf where the density is zero");
+  EXPECT_EQ(
+      message_of<NumericalError>(value),
+      "the log-density is nan at z = (2, 0.25); it must be a number, or -inf where the density is zero");
   Wrong infinite([&](LogDensityBatch& out) { out.value[0] = std::numeric_limits<double>::infinity(); });
-  EXPECT_EQ(message_of<NumericalError>(infinite),
-            "the log-density is inf at z = (0.5, -1); it must be a number, or -inf where the density is zero");
+  EXPECT_EQ(
+      message_of<NumericalError>(infinite),
+      "the log-density is inf at z = (0.5, -1); it must be a number, or -inf where the density is zero");
   Wrong gradient([&](LogDensityBatch& out) { out.gradient(0, 1) = nan; });
   EXPECT_EQ(message_of<NumericalError>(gradient),
             "the gradient of the log-density is not finite at z = (0.5, -1); it must be finite everywhere");
@@ -57,8 +60,8 @@ TEST(CheckedDensity, WhatIsNotANumberIsNamedWithItsPoint) {
 
 TEST(CheckedDensity, ResizedBuffersAreRefused) {
   const auto expected = [](const std::string& what, const std::string& wanted, const std::string& given) {
-    return "the log-density was given a buffer for its " + what + " of " + wanted + " and handed back " + given +
-           "; it must fill the buffers it is given and leave their sizes alone";
+    return "the log-density was given a buffer for its " + what + " of " + wanted + " and handed back " +
+           given + "; it must fill the buffers it is given and leave their sizes alone";
   };
   Wrong value([](LogDensityBatch& out) { out.value = Eigen::VectorXd::Zero(5); });
   EXPECT_EQ(message_of<UsageError>(value), expected("values", "2 × 1", "5 × 1"));

@@ -20,8 +20,10 @@ GaussianMixture::GaussianMixture(std::vector<GaussianComponent> components)
       throw UsageError(fmt::format(
           "Gaussian mixture: a centre with {} coordinates and a factor of {} × {} in dimension {}",
           c.centre.size(), c.lower.rows(), c.lower.cols(), d));
-    if (!(c.weight > 0) || !(c.lower.diagonal().minCoeff() > 0) || !c.centre.allFinite() || !c.lower.allFinite())
-      throw UsageError("Gaussian mixture: weights and the diagonals of the factors must be positive and finite");
+    if (!(c.weight > 0) || !(c.lower.diagonal().minCoeff() > 0) || !c.centre.allFinite() ||
+        !c.lower.allFinite())
+      throw UsageError(
+          "Gaussian mixture: weights and the diagonals of the factors must be positive and finite");
     total += c.weight;
   }
   log_factor_.resize(static_cast<Eigen::Index>(components_.size()));
@@ -49,7 +51,8 @@ Eigen::MatrixXd GaussianMixture::sample(Eigen::Index n, RandomNumbers& random) c
   return points;
 }
 
-void GaussianMixture::log_density(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::VectorXd& out) const {
+void GaussianMixture::log_density(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                                  Eigen::VectorXd& out) const {
   out.setConstant(points.rows(), -std::numeric_limits<double>::infinity());
   Eigen::MatrixXd centred;
   for (std::size_t k = 0; k < components_.size(); ++k) {

@@ -20,7 +20,8 @@ class GaussianMixture {
   explicit GaussianMixture(std::vector<GaussianComponent> components);
 
   [[nodiscard]] Eigen::Index dimension() const { return components_.front().centre.size(); }
-  /// n × d; component k has its share of the points, stratified, so that a small one is not left out by chance.
+  /// n × d; component k has its share of the points, stratified, so that a small one is not left out by
+  /// chance.
   [[nodiscard]] Eigen::MatrixXd sample(Eigen::Index n, RandomNumbers& random) const;
   /// n log-densities.
   void log_density(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::VectorXd& out) const;

@@ -65,7 +65,8 @@ TEST(ModeSearch, GaussiansOfAnyScaleFromACold) {
 struct Power : LogDensity {
   Eigen::VectorXd centre, scale;
   double power;
-  Power(Eigen::VectorXd c, Eigen::VectorXd s, double p) : centre(std::move(c)), scale(std::move(s)), power(p) {}
+  Power(Eigen::VectorXd c, Eigen::VectorXd s, double p)
+      : centre(std::move(c)), scale(std::move(s)), power(p) {}
   [[nodiscard]] Eigen::Index dimension() const override { return centre.size(); }
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int order, LogDensityBatch& out) override {
     out.value.setZero();
@@ -157,8 +158,9 @@ TEST(ModeSearch, ADensityFarFromTheNearScanIsFoundByTheWideOne) {
   constexpr double k_infinity = std::numeric_limits<double>::infinity();
   Planar user(
       [](double x, double y, double* r) {
-        r[0] = x > 100 && x < 1e5 && y > 100 && y < 1e5 ? -1e-9 * (std::pow(x - 3e4, 2) + std::pow(y - 2e4, 2))
-                                                        : -k_infinity;
+        r[0] = x > 100 && x < 1e5 && y > 100 && y < 1e5
+                   ? -1e-9 * (std::pow(x - 3e4, 2) + std::pow(y - 2e4, 2))
+                   : -k_infinity;
       },
       0);
   CheckedDensity target(user);
@@ -172,9 +174,10 @@ TEST(ModeSearch, ADensityFarFromTheNearScanIsFoundByTheWideOne) {
     ModeSearch().run(nothing, true, modes);
     FAIL();
   } catch (const NumericalError& error) {
-    EXPECT_EQ(std::string(error.what()),
-              "the density is zero at z = 0 and at 199 points around it, 1e-6 to 1e6 away; centre and scale the "
-              "parameters so that the mass is near 0");
+    EXPECT_EQ(
+        std::string(error.what()),
+        "the density is zero at z = 0 and at 199 points around it, 1e-6 to 1e6 away; centre and scale the "
+        "parameters so that the mass is near 0");
   }
 }
 

@@ -108,29 +108,31 @@ inline LinearGaussian random_linear_gaussian(Eigen::Index d, double smallest, do
 
 /// P(y_i = 1) = 1/(1 + exp(−x_iᵀ β)), β = prior_std z, prior N(0, I) in z.
 struct LogisticRegression : Pointwise {
-  Eigen::MatrixXd covariates;  ///< m × d
+  Eigen::MatrixXd covariates;  ///< d × m, one column per outcome
   Eigen::VectorXd outcomes;    ///< m, 0 or 1
   double prior_std = 1;
 
   LogisticRegression(Eigen::MatrixXd x, Eigen::VectorXd y, double s)
       : covariates(std::move(x)), outcomes(std::move(y)), prior_std(s) {}
-  [[nodiscard]] Eigen::Index dimension() const override { return covariates.cols(); }
+  [[nodiscard]] Eigen::Index dimension() const override { return covariates.rows(); }
   double at(const Eigen::VectorXd& z, int order, Eigen::VectorXd& gradient,
             Eigen::MatrixXd& hessian) const override {
     double value = standard_normal_prior(z, order, gradient, hessian);
     const Eigen::Index d = dimension();
-    for (Eigen::Index i = 0; i < covariates.rows(); ++i) {
+    for (Eigen::Index i = 0; i < covariates.cols(); ++i) {
+      const double* x = covariates.data() + i * d;
       double eta = 0;
-      for (Eigen::Index k = 0; k < d; ++k) eta += prior_std * covariates(i, k) * z[k];
+      for (Eigen::Index k = 0; k < d; ++k) eta += prior_std * x[k] * z.data()[k];
       const double tail = std::exp(-std::abs(eta));  // no overflow in either direction
-      value += outcomes[i] * eta - std::max(eta, 0.0) - std::log1p(tail);
+      value += outcomes.data()[i] * eta - std::max(eta, 0.0) - std::log1p(tail);
+      if (order < 1) continue;
       const double p = eta >= 0 ? 1 / (1 + tail) : tail / (1 + tail);
-      const double first = (outcomes[i] - p) * prior_std, second = -p * (1 - p) * prior_std * prior_std;
-      for (Eigen::Index a = 0; a < d && order >= 1; ++a) {
-        gradient[a] += first * covariates(i, a);
-        for (Eigen::Index b = 0; b <= a && order >= 2; ++b)
-          hessian(a, b) += second * covariates(i, a) * covariates(i, b);
-      }
+      const double first = (outcomes.data()[i] - p) * prior_std,
+                   second = -p * (1 - p) * prior_std * prior_std;
+      for (Eigen::Index a = 0; a < d; ++a) gradient.data()[a] += first * x[a];
+      if (order < 2) continue;
+      for (Eigen::Index a = 0; a < d; ++a)
+        for (Eigen::Index b = 0; b <= a; ++b) hessian(a, b) += second * x[a] * x[b];
     }
     return value;
   }
@@ -141,13 +143,13 @@ inline LogisticRegression synthetic_logistic_regression(Eigen::Index observation
                                                         double prior_std, std::uint64_t covariate_seed,
                                                         std::uint64_t outcome_seed) {
   const Eigen::Index d = z.size();
-  Eigen::MatrixXd x = numerics::monte_carlo_normal_points(observations, d, covariate_seed);
+  Eigen::MatrixXd x = numerics::monte_carlo_normal_points(observations, d, covariate_seed);  // m × d
   x.col(0).setOnes();
   const Eigen::VectorXd u = numerics::monte_carlo_points(observations, 1, outcome_seed).col(0);
   Eigen::VectorXd y(observations);
   for (Eigen::Index i = 0; i < observations; ++i)
     y[i] = u[i] < 1 / (1 + std::exp(-prior_std * x.row(i).dot(z))) ? 1 : 0;
-  return {std::move(x), std::move(y), prior_std};
+  return {x.transpose(), std::move(y), prior_std};
 }
 
 /// The eight schools (D. Rubin 1981), not centred: θ_j = μ + τ η_j, y_j ~ N(θ_j, σ_j²), μ = 5 z_0, τ = exp(1

@@ -26,7 +26,8 @@ TEST(SequentialMonteCarlo, GaussianMomentsAndEvidence) {
   EXPECT_GT(sample.effective_size, 1000);
   const Eigen::MatrixXd covariance = target.precision.inverse();
   for (Eigen::Index i = 0; i < 3; ++i) {
-    EXPECT_NEAR(mean_of(sample)[i], target.mean[i], 4.5 * std::sqrt(covariance(i, i) / sample.effective_size));
+    EXPECT_NEAR(mean_of(sample)[i], target.mean[i],
+                4.5 * std::sqrt(covariance(i, i) / sample.effective_size));
     EXPECT_NEAR(covariance_of(sample)(i, i) / covariance(i, i), 1, 0.15);
   }
   EXPECT_EQ(result.temperatures.front(), 0);
@@ -43,9 +44,9 @@ TEST(SequentialMonteCarlo, TheErrorBarOfTheEvidenceIsHonest) {
   const int n = 40;
   for (int seed = 1; seed <= n; ++seed) {
     LogDensity& target = seed % 2 == 0 ? static_cast<LogDensity&>(far) : bimodal;
-    const auto result = sequential_monte_carlo(
-        target,
-        {.particles = 400, .initial_spread = seed % 2 == 0 ? 1.5 : 4, .seed = static_cast<std::uint64_t>(seed)});
+    const auto result = sequential_monte_carlo(target, {.particles = 400,
+                                                        .initial_spread = seed % 2 == 0 ? 1.5 : 4,
+                                                        .seed = static_cast<std::uint64_t>(seed)});
     const double exact = seed % 2 == 0 ? 1.0 : 0.0;
     const double z = (result.sample.log_evidence - exact) / result.sample.log_evidence_error;
     squares += z * z / n;
@@ -58,8 +59,7 @@ TEST(SequentialMonteCarlo, TheErrorBarOfTheEvidenceIsHonest) {
 
 TEST(SequentialMonteCarlo, TwoModesWithTheirWeights) {
   Planar target(targets::mixture(6, 0.3));
-  const auto result =
-      sequential_monte_carlo(target, {.particles = 4000, .initial_spread = 5, .seed = 3});
+  const auto result = sequential_monte_carlo(target, {.particles = 4000, .initial_spread = 5, .seed = 3});
   EXPECT_NEAR(result.sample.log_evidence, 0, 4 * result.sample.log_evidence_error);
   const double left = (result.sample.points.col(0).array() < 0).cast<double>().mean();
   EXPECT_NEAR(left, 0.3, 0.06);
@@ -89,14 +89,14 @@ TEST(SequentialMonteCarlo, ZeroDensityOutsideABox) {
       0);
   const auto result = sequential_monte_carlo(target, {.particles = 2000, .seed = 1});
   EXPECT_NEAR(result.sample.log_evidence, std::log(0.5), 4 * result.sample.log_evidence_error);
-  Planar nowhere(
-      [](double, double, double* r) { r[0] = -std::numeric_limits<double>::infinity(); }, 0);
+  Planar nowhere([](double, double, double* r) { r[0] = -std::numeric_limits<double>::infinity(); }, 0);
   try {
     (void)sequential_monte_carlo(nowhere, {.particles = 64});
     FAIL();
   } catch (const NumericalError& error) {
-    EXPECT_EQ(std::string(error.what()),
-              "smc: the density is zero at all 64 first particles; give a centre and a spread where its mass is");
+    EXPECT_EQ(
+        std::string(error.what()),
+        "smc: the density is zero at all 64 first particles; give a centre and a spread where its mass is");
   }
 }
 
@@ -141,7 +141,8 @@ TEST(SequentialMonteCarlo, BadOptionsAreRefused) {
   EXPECT_EQ(message({.ess_share = 1}), "smc: ess_share is 1; it must lie between 0 and 1, both excluded");
   EXPECT_EQ(message({.max_moves = 0}), "smc: max_moves is 0");
   EXPECT_EQ(message({.initial_spread = 0}), "smc: the initial spread 0 is not positive");
-  EXPECT_EQ(message({.centre = Eigen::Vector3d(0, 0, 0)}), "smc: the centre has 3 coordinates, the density 2");
+  EXPECT_EQ(message({.centre = Eigen::Vector3d(0, 0, 0)}),
+            "smc: the centre has 3 coordinates, the density 2");
 }
 
 }  // namespace

@@ -32,10 +32,15 @@ double effective_number(const Eigen::VectorXd& increments, double step) {
 
 TemperedParticles::TemperedParticles(CheckedDensity& target, const GaussianMixture& reference,
                                      TemperingOptions options)
-    : target_(target), reference_(reference), options_(std::move(options)), random_(options_.seed),
-      n_(std::max<Eigen::Index>(16, options_.particles + options_.particles % 2)), d_(target.dimension()) {
+    : target_(target),
+      reference_(reference),
+      options_(std::move(options)),
+      random_(options_.seed),
+      n_(std::max<Eigen::Index>(16, options_.particles + options_.particles % 2)),
+      d_(target.dimension()) {
   if (reference.dimension() != d_)
-    throw UsageError(fmt::format("smc: a start in {} dimensions for a density in {}", reference.dimension(), d_));
+    throw UsageError(
+        fmt::format("smc: a start in {} dimensions for a density in {}", reference.dimension(), d_));
   first_evaluation_ = target_.evaluations();
   if (!(options_.ess_share > 0 && options_.ess_share < 1))
     throw UsageError(
@@ -55,7 +60,8 @@ void TemperedParticles::run() {
   log_target_ = batch_.value;
   if (log_target_.maxCoeff() == -k_infinity)
     throw NumericalError(fmt::format(
-        "smc: the density is zero at all {} first particles; give a centre and a spread where its mass is", n_));
+        "smc: the density is zero at all {} first particles; give a centre and a spread where its mass is",
+        n_));
   ancestor_.resize(static_cast<std::size_t>(n_));
   std::iota(ancestor_.begin(), ancestor_.end(), Eigen::Index{0});
   log_scale_ = std::log(2.38 / std::sqrt(2.0 * static_cast<double>(d_)));
@@ -118,10 +124,11 @@ void TemperedParticles::reweigh_and_resample(double next) {
 void TemperedParticles::estimate_error(const Eigen::VectorXd& weights) {
   Eigen::VectorXd family = Eigen::VectorXd::Zero(n_);
   for (Eigen::Index i = 0; i < n_; ++i) family[ancestor_[static_cast<std::size_t>(i)]] += weights[i];
-  // Relative variance of the evidence: Σ over families of their squared share, less what equal families of one
-  // would have; the factor makes up for the pairs that resampling excludes (Lee, Whiteley 2018, Eq. 4). That is
-  // for independent resampling; systematic resampling scatters less, so that the estimate may even be negative.
-  // Then what the weights of each temperature say, as if the moves made all particles independent, is larger.
+  // Relative variance of the evidence: Σ over families of their squared share, less what equal families of
+  // one would have; the factor makes up for the pairs that resampling excludes (Lee, Whiteley 2018, Eq. 4).
+  // That is for independent resampling; systematic resampling scatters less, so that the estimate may even be
+  // negative. Then what the weights of each temperature say, as if the moves made all particles independent,
+  // is larger.
   const double n = static_cast<double>(n_),
                exponent = static_cast<double>(temperatures_.size()) * std::log(n / (n - 1));
   const double genealogical = 1 - std::exp(exponent) * (1 - family.squaredNorm());
@@ -147,7 +154,8 @@ double TemperedParticles::move_half(Eigen::Index begin, Eigen::Index partners) {
     // A little noise beside: else particles that resampling has made equal would never part.
     const double length = scale * (1 + 0.1 * random_.normal());
     for (Eigen::Index k = 0; k < d_; ++k)
-      proposal_(i, k) = points_(begin + i, k) + length * (points_(partners + a, k) - points_(partners + b, k)) +
+      proposal_(i, k) = points_(begin + i, k) +
+                        length * (points_(partners + a, k) - points_(partners + b, k)) +
                         1e-3 * whitener_(k, k) * random_.normal();
   }
   target_.evaluate(proposal_, 0, batch_);
@@ -166,8 +174,8 @@ double TemperedParticles::move_half(Eigen::Index begin, Eigen::Index partners) {
   return acceptance;
 }
 
-/// Until particles are as far from where they were as two draws are from each other, or get no farther: between
-/// modes far apart they never go.
+/// Until particles are as far from where they were as two draws are from each other, or get no farther:
+/// between modes far apart they never go.
 void TemperedParticles::move() {
   constexpr double k_far_enough = 0.9, k_no_farther = 1.05;
   constexpr int k_look_back = 4;
@@ -183,7 +191,9 @@ void TemperedParticles::move() {
     whitener_ = covariance.diagonal().cwiseSqrt().asDiagonal();
   std::vector<double> jumps;
   for (int m = 0; m < options_.max_moves; ++m) {
-    if (options_.max_evaluations > 0 && target_.evaluations() - first_evaluation_ + n_ > options_.max_evaluations) return;
+    if (options_.max_evaluations > 0 &&
+        target_.evaluations() - first_evaluation_ + n_ > options_.max_evaluations)
+      return;
     acceptance_ = 0.5 * (move_half(0, n_ / 2) + move_half(n_ / 2, 0));
     jumps.push_back(mean_squared_jump());
     if (jumps.back() >= k_far_enough * 2 * static_cast<double>(d_)) return;
@@ -194,7 +204,8 @@ void TemperedParticles::move() {
 double TemperedParticles::effective_size() const {
   const Eigen::RowVectorXd mean = points_.colwise().mean();
   Eigen::MatrixXd family = Eigen::MatrixXd::Zero(n_, d_);
-  for (Eigen::Index i = 0; i < n_; ++i) family.row(ancestor_[static_cast<std::size_t>(i)]) += points_.row(i) - mean;
+  for (Eigen::Index i = 0; i < n_; ++i)
+    family.row(ancestor_[static_cast<std::size_t>(i)]) += points_.row(i) - mean;
   const double n = static_cast<double>(n_);
   double least = n;
   for (Eigen::Index k = 0; k < d_; ++k) {

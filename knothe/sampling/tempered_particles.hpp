@@ -10,18 +10,18 @@
 namespace knothe::sampling {
 
 struct TemperingOptions {
-  Eigen::Index particles = 2000;  ///< raised to an even number, at least 16
-  double ess_share = 0.5;         ///< the next β keeps this effective share of the particles
-  int max_moves = 50;             ///< Metropolis moves per temperature, at most
+  Eigen::Index particles = 2000;     ///< raised to an even number, at least 16
+  double ess_share = 0.5;            ///< the next β keeps this effective share of the particles
+  int max_moves = 50;                ///< Metropolis moves per temperature, at most
   std::int64_t max_evaluations = 0;  ///< moves are left out beyond these; 0: no limit
   std::uint64_t seed = 1;
   std::function<bool(double)> progress = {};  ///< with β; false interrupts
 };
 
-/// Sequential Monte Carlo (Del Moral, Doucet, Jasra 2006): reweight, resample, move. Temperatures adapt to the
-/// effective sample size. Moves are differential evolution (ter Braak 2006): each half of the particles takes
-/// steps that are differences of two particles of the other half, hence they have the scale, the correlations and
-/// the modes of the population without anything to tune but their length.
+/// Sequential Monte Carlo (Del Moral, Doucet, Jasra 2006): reweight, resample, move. Temperatures adapt to
+/// the effective sample size. Moves are differential evolution (ter Braak 2006): each half of the particles
+/// takes steps that are differences of two particles of the other half, hence they have the scale, the
+/// correlations and the modes of the population without anything to tune but their length.
 class TemperedParticles {
  public:
   /// Errors: UsageError for options that make no sense or another dimension.
@@ -33,8 +33,9 @@ class TemperedParticles {
   [[nodiscard]] const Eigen::MatrixXd& points() const { return points_; }          ///< n × d, equal weights
   [[nodiscard]] const Eigen::VectorXd& log_target() const { return log_target_; }  ///< n, log π̄
   [[nodiscard]] double log_evidence() const { return log_evidence_; }
-  /// Standard error of the log-evidence from the genealogy of the particles (Lee, Whiteley 2018): particles that
-  /// descend from one are not independent. Not below what the weights of each temperature say by themselves.
+  /// Standard error of the log-evidence from the genealogy of the particles (Lee, Whiteley 2018): particles
+  /// that descend from one are not independent. Not below what the weights of each temperature say by
+  /// themselves.
   [[nodiscard]] double log_evidence_error() const { return log_evidence_error_; }
   [[nodiscard]] const std::vector<double>& temperatures() const { return temperatures_; }
   [[nodiscard]] double acceptance() const { return acceptance_; }  ///< at the last temperature

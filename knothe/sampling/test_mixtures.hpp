@@ -23,8 +23,8 @@ struct Mixture : LogDensity {
 
   explicit Mixture(std::vector<Component> c) : components(std::move(c)) {
     for (const auto& k : components)
-      log_factor_.push_back(std::log(k.weight) - 0.5 * static_cast<double>(dimension()) *
-                                                     std::log(2 * std::numbers::pi) +
+      log_factor_.push_back(std::log(k.weight) -
+                            0.5 * static_cast<double>(dimension()) * std::log(2 * std::numbers::pi) +
                             Eigen::MatrixXd(k.precision.llt().matrixL()).diagonal().array().log().sum());
   }
   [[nodiscard]] Eigen::Index dimension() const override { return components.front().mean.size(); }
@@ -66,7 +66,8 @@ struct Mixture : LogDensity {
   std::vector<double> log_factor_;
 };
 
-/// A random covariance: standard deviations `scale` times 1/spread … spread, correlations of a random rotation.
+/// A random covariance: standard deviations `scale` times 1/spread … spread, correlations of a random
+/// rotation.
 inline Eigen::MatrixXd random_covariance(Eigen::Index d, double scale, double spread, RandomNumbers& random) {
   const Eigen::MatrixXd q = random.normals(d, d).householderQr().householderQ();
   Eigen::VectorXd std(d);
@@ -77,9 +78,10 @@ inline Eigen::MatrixXd random_covariance(Eigen::Index d, double scale, double sp
 /// How random mixtures are made.
 struct RandomMixture {
   double least_weight = 0.02;
-  double nearest = 6, farthest = 40;  ///< each mode from the mode before it, in std of the wider one on the line
-  double size_spread = 2;             ///< components are 1/2 … 2 times as wide as each other, and …
-  double shape_spread = 1.7;          ///< … their axes 1/1.7 … 1.7 times as long
+  double nearest = 6,
+         farthest = 40;       ///< each mode from the mode before it, in std of the wider one on the line
+  double size_spread = 2;     ///< components are 1/2 … 2 times as wide as each other, and …
+  double shape_spread = 1.7;  ///< … their axes 1/1.7 … 1.7 times as long
 };
 
 /// 2 to 4 modes in 1 to 5 dimensions, weights down to `least_weight`, none nearer to another than `nearest`
@@ -93,8 +95,8 @@ inline Mixture random_mixture(RandomNumbers& random, const RandomMixture& how = 
   double total = 0;
   for (std::size_t k = 0; k < m; ++k) {
     // Weights from ½ … down to least_weight, evenly on a logarithmic scale.
-    const double weight = k == 0 ? 0.5 : std::exp(std::log(how.least_weight) * random.uniform() +
-                                                  std::log(0.5) * 0.5);
+    const double weight =
+        k == 0 ? 0.5 : std::exp(std::log(how.least_weight) * random.uniform() + std::log(0.5) * 0.5);
     const double size = unit * std::pow(how.size_spread, 2 * random.uniform() - 1);
     const Eigen::MatrixXd covariance = random_covariance(d, size, how.shape_spread, random);
     Eigen::VectorXd mean = 3 * unit * random.normals(d, 1).col(0);
@@ -107,13 +109,14 @@ inline Mixture random_mixture(RandomNumbers& random, const RandomMixture& how = 
         };
         const double separation = how.nearest * std::pow(how.farthest / how.nearest, random.uniform());
         mean = components[k - 1].mean +
-               separation * std::max(along(covariance, direction), along(covariances[k - 1], direction)) * direction;
+               separation * std::max(along(covariance, direction), along(covariances[k - 1], direction)) *
+                   direction;
         apart = true;
         for (std::size_t j = 0; j < k; ++j) {
           const Eigen::VectorXd between = mean - components[j].mean;
           const Eigen::VectorXd u = between.normalized();
-          apart = apart && between.norm() >= 0.999 * how.nearest *
-                                                 std::max(along(covariance, u), along(covariances[j], u));
+          apart = apart && between.norm() >=
+                               0.999 * how.nearest * std::max(along(covariance, u), along(covariances[j], u));
         }
       }
     }

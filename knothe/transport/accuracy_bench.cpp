@@ -1,7 +1,7 @@
 /// @file The accuracy table of docs/transport.md: problems with known answers, how far the answers are from
 /// them.
 ///
-/// Usage: accuracy_bench [chain length, default 200000] [calibration data sets, default 1000]
+/// Usage: accuracy_bench [chain length, default 50000] [calibration data sets, default 1000]
 #include <fmt/format.h>
 
 #include <cstdlib>
@@ -57,7 +57,7 @@ void print_calibration(const std::string& name, int data_sets, Eigen::Index d, s
 }  // namespace
 
 int main(int argc, char** argv) {
-  const Eigen::Index samples = argc > 1 ? std::atol(argv[1]) : 200000;
+  const Eigen::Index samples = argc > 1 ? std::atol(argv[1]) : 50000;
   const int data_sets = argc > 2 ? std::atoi(argv[2]) : 1000;
   print_header();
   for (Eigen::Index d : {2, 10, 50}) {
@@ -69,6 +69,9 @@ int main(int argc, char** argv) {
             logistic_regression_options());
   auto schools = eight_schools();
   print_row("eight schools, not centred", schools, reference_of(schools), eight_schools_options());
+  auto volatility = stochastic_volatility();
+  print_row("stochastic volatility, sparse map", volatility, reference_by_chains(volatility, samples, 103),
+            stochastic_volatility_options());
   fmt::print(
       "\n| calibration | d | data sets | trusted | lowest ess | excess over the 95 % band | the same, std × "
       "1.3 "

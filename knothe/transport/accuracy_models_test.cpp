@@ -64,8 +64,8 @@ TEST(Accuracy, LinearGaussianIsTheConjugateFormulaAtOrderOne) {
 
 /// Within 0.05 std in means and 5 % in std of chains whose own errors are far smaller.
 void expect_agreement(const Accuracy& accuracy, const Reference& reference) {
-  ASSERT_LT(reference.mean_error, 0.012) << "the chains are too short to judge by";
-  ASSERT_LT(reference.std_error, 0.012) << "the chains are too short to judge by";
+  ASSERT_LT(reference.mean_error, 0.015) << "the chains are too short to judge by";
+  ASSERT_LT(reference.std_error, 0.015) << "the chains are too short to judge by";
   EXPECT_LT(accuracy.mean, 0.05);
   EXPECT_LT(accuracy.standard_deviation, 0.05);
 }
@@ -84,7 +84,7 @@ TEST(Accuracy, ChainsAndStudentsTAgreeWithTheConjugateFormula) {  // the referen
 
 TEST(Accuracy, LogisticRegressionAgreesWithLongChains) {
   auto target = logistic_regression();
-  Reference reference = reference_by_chains(target, 20000, 3);
+  Reference reference = reference_by_chains(target, 10000, 3);
   add_evidence(target, 8, reference);
   const Accuracy accuracy = measure(target, reference, logistic_regression_options());
   expect_agreement(accuracy, reference);
@@ -99,6 +99,19 @@ TEST(Accuracy, EightSchoolsAgreeWithQuadratureOverTheirSpread) {
   EXPECT_LT(accuracy.mean, 0.05);
   EXPECT_LT(accuracy.standard_deviation, 0.05);
   EXPECT_LT(accuracy.log_evidence, 0.02);
+}
+
+/// The map is not good enough and says so; its weights make the moments right all the same.
+TEST(Accuracy, StochasticVolatilityAgreesWithLongChainsAndIsNotCalledTrusted) {
+  auto target = stochastic_volatility();
+  const Reference reference = reference_by_chains(target, 16000, 5);
+  const Accuracy accuracy = measure(target, reference, stochastic_volatility_options());
+  EXPECT_EQ(accuracy.result.order, 2);
+  EXPECT_LT(accuracy.result.verified_diagnostic, 0.25);  // 0.5 for the best affine map
+  EXPECT_FALSE(accuracy.result.tolerance_reached);
+  EXPECT_FALSE(accuracy.correction.trusted);
+  EXPECT_LT(accuracy.mean, 0.05);
+  EXPECT_LT(accuracy.standard_deviation, 0.05);
 }
 
 }  // namespace

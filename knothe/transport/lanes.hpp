@@ -1,7 +1,7 @@
 #pragma once
-/// @file Eight doubles that are worked on at once, and columns of them: the points of a block. Compiler vectors
-/// (GCC and Clang turn them into whatever the machine has), so that sums stay in registers and an expression is
-/// written as for one number.
+/// @file Eight doubles that are worked on at once, and columns of them: the points of a block. Compiler
+/// vectors (GCC and Clang turn them into whatever the machine has), so that sums stay in registers and an
+/// expression is written as for one number.
 #include <Eigen/Core>
 #include <algorithm>
 #include <cstring>
@@ -20,10 +20,18 @@ struct Column {
   Lanes lane[k_block_lanes];
 };
 
-[[nodiscard]] inline Lanes lanes(double x) { return Lanes{} + x; }
-[[nodiscard]] inline Lanes smaller(Lanes a, Lanes b) { return a < b ? a : b; }
-[[nodiscard]] inline Lanes larger(Lanes a, Lanes b) { return a > b ? a : b; }
-[[nodiscard]] inline Lanes absolute(Lanes a) { return a < 0 ? -a : a; }
+[[nodiscard]] inline Lanes lanes(double x) {
+  return Lanes{} + x;
+}
+[[nodiscard]] inline Lanes smaller(Lanes a, Lanes b) {
+  return a < b ? a : b;
+}
+[[nodiscard]] inline Lanes larger(Lanes a, Lanes b) {
+  return a > b ? a : b;
+}
+[[nodiscard]] inline Lanes absolute(Lanes a) {
+  return a < 0 ? -a : a;
+}
 [[nodiscard]] inline Lanes clamp(Lanes x, double bound) {
   return larger(smaller(x, lanes(bound)), lanes(-bound));
 }

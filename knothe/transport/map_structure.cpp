@@ -20,12 +20,12 @@ void check_set(std::vector<MultiIndex>& set, const char* name, std::size_t compo
     int last = -1;
     for (const auto& [variable, degree] : index.factors) {
       if (variable <= last || degree < 1)
-        throw UsageError(where() + ": factors of an index must have increasing variables and degrees of at "
-                                   "least 1 (multi_index makes them)");
+        throw UsageError(where() +
+                         ": factors of an index must have increasing variables and degrees of at "
+                         "least 1 (multi_index makes them)");
       if (variable >= variables)
-        throw UsageError(
-            fmt::format("{}: an index contains variable {}; only those below {} may be there", where(),
-                        variable, variables));
+        throw UsageError(fmt::format("{}: an index contains variable {}; only those below {} may be there",
+                                     where(), variable, variables));
       if (degree > k_max_order)
         throw UsageError(fmt::format("{}: degree {} of variable {}; at most {} is possible", where(), degree,
                                      variable, k_max_order));

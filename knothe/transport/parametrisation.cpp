@@ -118,7 +118,8 @@ MapSpecification per_variable_map(std::span<const int> orders, Parametrisation p
     lower.push_back(order - 1);
   }
   return make(
-      d, parametrisation, [&](int k) { return anisotropic_indices(orders.first(static_cast<std::size_t>(k))); },
+      d, parametrisation,
+      [&](int k) { return anisotropic_indices(orders.first(static_cast<std::size_t>(k))); },
       [&](int k) {
         return anisotropic_indices(std::span<const int>(lower).first(static_cast<std::size_t>(k) + 1));
       });
@@ -142,9 +143,8 @@ MapSpecification sparse_map(MapSpecification full, const Parents& parents) {
   for (std::size_t k = 0; k < parents.size(); ++k) {
     for (const int parent : parents[k])
       if (parent < 0 || parent >= static_cast<int>(k))
-        throw UsageError(
-            fmt::format("sparse map: {} cannot be a parent of component {} (only variables before it can)",
-                        parent, k));
+        throw UsageError(fmt::format(
+            "sparse map: {} cannot be a parent of component {} (only variables before it can)", parent, k));
     std::vector<int> allowed = parents[k];
     full.components[k].constant = restricted_to(full.components[k].constant, allowed);
     allowed.push_back(static_cast<int>(k));
@@ -177,11 +177,23 @@ Parents parents_by_elimination(Eigen::Index d, const std::vector<std::pair<int, 
   return parents;
 }
 
-std::string to_string(Rectifier rectifier) { return name_in(k_rectifiers, rectifier); }
-Rectifier rectifier_from(const std::string& name) { return value_in(k_rectifiers, "rectifier", name); }
-std::string to_string(BasisFamily family) { return name_in(k_families, family); }
-BasisFamily basis_family_from(const std::string& name) { return value_in(k_families, "basis", name); }
-std::string to_string(Tails tails) { return name_in(k_tails, tails); }
-Tails tails_from(const std::string& name) { return value_in(k_tails, "tails", name); }
+std::string to_string(Rectifier rectifier) {
+  return name_in(k_rectifiers, rectifier);
+}
+Rectifier rectifier_from(const std::string& name) {
+  return value_in(k_rectifiers, "rectifier", name);
+}
+std::string to_string(BasisFamily family) {
+  return name_in(k_families, family);
+}
+BasisFamily basis_family_from(const std::string& name) {
+  return value_in(k_families, "basis", name);
+}
+std::string to_string(Tails tails) {
+  return name_in(k_tails, tails);
+}
+Tails tails_from(const std::string& name) {
+  return value_in(k_tails, "tails", name);
+}
 
 }  // namespace knothe::transport

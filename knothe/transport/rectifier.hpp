@@ -32,8 +32,10 @@ struct Rectified {
 /// log r(h), without underflow; −∞ only for the square of 0.
 [[nodiscard]] inline double log_rectified(Rectifier rectifier, double h) {
   switch (rectifier) {
-    case Rectifier::square: return 2 * std::log(std::abs(h));
-    case Rectifier::softplus: return h < -40 ? h + k_log_softplus_scale : std::log(rectify(rectifier, h).value);
+    case Rectifier::square:
+      return 2 * std::log(std::abs(h));
+    case Rectifier::softplus:
+      return h < -40 ? h + k_log_softplus_scale : std::log(rectify(rectifier, h).value);
     default:
       return h <= k_exponential_limit ? h : k_exponential_limit + std::log1p(h - k_exponential_limit);
   }
@@ -42,13 +44,15 @@ struct Rectified {
 /// r'(h)/r(h), the derivative of log r; 0 where the square is singular.
 [[nodiscard]] inline double log_rectified_slope(Rectifier rectifier, double h) {
   switch (rectifier) {
-    case Rectifier::square: return h == 0 ? 0 : 2 / h;
+    case Rectifier::square:
+      return h == 0 ? 0 : 2 / h;
     case Rectifier::softplus: {
       if (h < -40) return 1;
       const Rectified r = rectify(rectifier, h);
       return r.first / r.value;
     }
-    default: return h <= k_exponential_limit ? 1 : 1 / (1 + h - k_exponential_limit);
+    default:
+      return h <= k_exponential_limit ? 1 : 1 / (1 + h - k_exponential_limit);
   }
 }
 
