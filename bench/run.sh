@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Runs every benchmark of the project (or those whose name contains $1); each prints machine, threads, median and p99.
+# Runs every benchmark of the project, or those of the room $1 (bench/run.sh transport), or those whose name contains $1;
+# each prints machine, threads, median and p99 (accuracy_bench: tables of accuracy).
 set -euo pipefail
 cd "$(dirname "$0")/.."
 export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
@@ -17,7 +18,11 @@ beam() {
 
 for program in build/release/bench/*_bench; do
   name=$(basename "$program")
-  case "$name" in *"${1:-}"*) ;; *) continue ;; esac
+  if [ -n "${1:-}" ] && [ -d "knothe/$1" ]; then
+    [ -f "knothe/$1/$name.cpp" ] || continue
+  else
+    case "$name" in *"${1:-}"*) ;; *) continue ;; esac
+  fi
   echo "== $name"
   if [ "$name" = update_bench ]; then
     for r in 10 30; do
