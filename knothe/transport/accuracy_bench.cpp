@@ -77,5 +77,5 @@ int main(int argc, char** argv) {
       "1.3 "
       "|\n|---|---|---|---|---|---|---|\n");
   print_calibration("oxygen demand", data_sets, 2, 77, simulated_oxygen_demand);
-  print_calibration("logistic regression", data_sets, 3, 79, simulated_logistic_regression);
+  print_calibration("logistic regression", data_sets, 3, 78, simulated_logistic_regression);
 }
