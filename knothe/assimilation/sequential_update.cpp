@@ -11,6 +11,7 @@
 #include "knothe/assimilation/maximum_a_posteriori.hpp"
 #include "knothe/assimilation/tensor_quadrature.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/transport/trust.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -50,23 +51,21 @@ double effective_sample_size(const Eigen::VectorXd& log_weight) {
   return weight.sum() * weight.sum() / (static_cast<double>(weight.size()) * weight.square().sum());
 }
 
-std::string explain(const UpdateResult& r, const std::string& reason) {
-  std::string text = reason;
-  const auto add = [&](const std::string& more) { text += (text.empty() ? "" : "; ") + more; };
-  if (r.second_mode_found) add("a second mode was found");
-  if (r.variance_diagnostic > 0.05)
-    add(fmt::format("the variance diagnostic {:.2g} is above 0.05", r.variance_diagnostic));
-  if (r.effective_sample_size < 0.9) {
-    add(fmt::format("the effective sample size {:.0f} % is below 90 %", 100 * r.effective_sample_size));
-  }
-  return text;
+/// The decision and, in `remark`, why: the tolerance missed, then what speaks against trust.
+void judge(UpdateResult& r, const std::string& reason) {
+  const transport::Trust trust =
+      transport::judge_trust({r.variance_diagnostic, r.effective_sample_size, r.second_mode_found, ""});
+  r.trusted = trust.trusted;
+  r.remark = reason + (reason.empty() || trust.reason.empty() ? "" : "; ") + trust.reason;
 }
 
 /// A datum comes every few milliseconds: where the standard way does not reach the tolerance, the importance
 /// correction answers for it, not a search among other parametrisations.
-transport::MapSolverOptions online(transport::MapSolverOptions options) {
-  options.fallback = false;
-  return options;
+transport::MapSolverOptions online(const UpdateOptions& options) {
+  transport::MapSolverOptions map = options.map;
+  map.fallback = false;
+  map.search_modes = options.search_modes;
+  return map;
 }
 
 }  // namespace
@@ -89,7 +88,7 @@ SequentialUpdate::SequentialUpdate(std::shared_ptr<const reduction::ObservedMode
       transform_(make_transform(*model, std::move(priors))),
       projector_(model, std::move(noise), medians(*transform_)),
       target_(model->functions, transform_, projector_.central_functions()),
-      solver_(online(options_.map)),
+      solver_(online(options_)),
       sum_(StepForm::zero(model->functions->count())) {
   solver_.prepare(transform_->dimension());
   correction_.levels.assign(k_quantile_levels.begin(), k_quantile_levels.end());
@@ -217,7 +216,6 @@ void SequentialUpdate::by_collapsed_map() {
     take(map_);
     result_.effective_sample_size = ess;
     result_.log_evidence_lower_bound = map_.map_log_evidence();
-    result_.trusted = map_.verified_diagnostic <= 0.05 && ess >= 0.9 && !map_.second_mode_found;
     integrate();
   } else {
     solver_.correct(target_, map_, correction_);
@@ -225,10 +223,9 @@ void SequentialUpdate::by_collapsed_map() {
     result_.effective_sample_size = correction_.ess;
     result_.log_evidence = correction_.log_evidence;
     result_.log_evidence_lower_bound = correction_.map_log_evidence;
-    result_.trusted = correction_.trusted;
     set_moments(correction_.points, correction_.weights);
     set_quantiles(correction_.quantiles);
-    result_.remark = explain(result_, map_.reason);
+    judge(result_, map_.reason);
   }
   result_.elapsed_us.correction = microseconds_since(correction_start);
 }
@@ -267,12 +264,10 @@ void SequentialUpdate::by_composed_maps(std::size_t step) {
   result_.effective_sample_size = pushed.effective_sample_size;
   result_.log_evidence = pushed.log_evidence;
   result_.log_evidence_lower_bound = pushed.log_evidence_lower_bound;
-  result_.trusted =
-      pushed.variance_diagnostic <= 0.05 && pushed.effective_sample_size >= 0.9 && !map_.second_mode_found;
   set_moments(composition.batch.value, pushed.weights);
   set_map_moments(posterior_.points);
   set_quantiles(weighted_quantiles(composition.batch.value, pushed.weights));
-  result_.remark = explain(result_, last_reason);
+  judge(result_, last_reason);
   result_.elapsed_us.map = std::chrono::duration<double, std::micro>(correction_start - start).count();
   result_.elapsed_us.correction = microseconds_since(correction_start);
 }
@@ -282,7 +277,7 @@ void SequentialUpdate::integrate() {
   set_moments(quadrature.points, quadrature.weights);
   set_quantiles(quadrature.quantiles);
   result_.log_evidence = quadrature.log_evidence;
-  result_.remark = explain(result_, map_.reason);
+  judge(result_, map_.reason);
   result_.remark += fmt::format("; moments, quantiles and evidence are by quadrature at {} points",
                                 quadrature.weights.size());
 }

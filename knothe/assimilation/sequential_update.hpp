@@ -27,6 +27,8 @@ struct UpdateOptions {
   /// one low-order map per datum (Rubio et al. 2019, Eq. 10-11).
   enum class Form { collapsed, composed } form = Form::collapsed;
   transport::MapSolverOptions map;  ///< tolerance, orders, minimiser, number of points, seed
+  /// In place of that of `map`: a tempered look for second modes costs more than all the rest of an update.
+  transport::ModeSearchLevel search_modes = transport::ModeSearchLevel::multi_start;
 };
 
 /// Wall-clock time of each phase of an update, µs.

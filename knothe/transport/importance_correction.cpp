@@ -1,6 +1,7 @@
 #include <cmath>
 
 #include "knothe/transport/map_solver_workspace.hpp"
+#include "knothe/transport/trust.hpp"
 
 namespace knothe::transport {
 
@@ -80,7 +81,10 @@ void MapSolver::correct(sampling::LogDensity& user_target, const MapResult& resu
   }
   c.map_log_evidence = result.map_log_evidence();
   c.density_evaluations = target.evaluations();
-  c.trusted = result.verified_diagnostic <= 0.05 && c.ess >= 0.9 && !result.second_mode_found;
+  const Trust trust =
+      judge_trust({result.verified_diagnostic, c.ess, result.second_mode_found, result.missed.reason});
+  c.trusted = trust.trusted;
+  c.trust_reason = trust.reason;
 }
 
 }  // namespace knothe::transport

@@ -52,22 +52,15 @@ std::size_t MapSolver::Workspace::choose(sampling::CheckedDensity& target) {
   return best;
 }
 
-void MapSolver::Workspace::look_at_other_modes(MapResult& result) {
-  result.second_mode_found = false;
-  if (modes.size() < 2) return;
-  const auto& log_weight = result.verification.log_weight;
-  const double top = log_weight.maxCoeff();
-  const double log_evidence = top + std::log((log_weight.array() - top).exp().mean());
-  for (std::size_t i = 1; i < modes.size(); ++i) {
-    if (modes[i].log_mass < modes[0].log_mass + std::log(options.mode_mass)) continue;
-    // Not missed if the map puts mass there: its density is compared with the normalised target's.
-    const double approximation = result.log_density(modes[i].point.transpose())[0];
-    if (modes[i].value - log_evidence > approximation + 1) {
-      result.second_mode_found = true;
-      result.second_mode = modes[i].point;
-      return;
-    }
-  }
+void MapSolver::Workspace::look_at_other_modes(sampling::CheckedDensity& target, MapResult& result) {
+  MissedModesOptions look;
+  look.level = options.search_modes;
+  look.mode_mass = options.mode_mass;
+  look.reference_spread = options.tempering_spread;
+  look.seed = options.seed;
+  result.missed = look_for_missed_modes(target, result, mode_search, modes, look);
+  result.second_mode_found = result.missed.found;
+  result.second_mode = result.missed.mode;
 }
 
 MapSolver::MapSolver(MapSolverOptions options) : work_(std::make_unique<Workspace>()) {
@@ -107,7 +100,7 @@ void MapSolver::solve(sampling::LogDensity& user_target, MapResult& result) {
     throw UsageError(fmt::format("map solver: a density in {} dimensions; 1 to {} are possible",
                                  user_target.dimension(), numerics::k_sobol_max_dimension));
   sampling::CheckedDensity target(user_target);
-  work.mode_search.run(target, options.search_modes, work.modes);
+  work.mode_search.run(target, options.search_modes != ModeSearchLevel::none, work.modes, options.scan);
   const sampling::Mode& main = work.modes.front();
   result.mode = main.point;
   result.mode_log_density = main.value;
@@ -150,7 +143,9 @@ void MapSolver::solve(sampling::LogDensity& user_target, MapResult& result) {
                                  result.verified_diagnostic < work.standard_diagnostic
                                      ? "this is the best of the others tried"
                                      : "none of the others tried did better");
-  work.look_at_other_modes(result);
+  const auto before = target.evaluations();
+  work.look_at_other_modes(target, result);
+  result.density_evaluations += target.evaluations() - before;
 }
 
 void MapSolver::Workspace::report(Candidate& candidate, MapResult& result) {

@@ -11,6 +11,7 @@
 #include "knothe/numerics/reference_rule.hpp"
 #include "knothe/sampling/log_density.hpp"
 #include "knothe/transport/composed_map.hpp"
+#include "knothe/transport/missed_modes.hpp"
 
 namespace knothe::transport {
 
@@ -47,8 +48,15 @@ struct MapSolverOptions {
       0.996;  ///< below this effective sample size (fraction), or beyond order 4 without the tolerance, the
               ///< correction takes four times as many points; below 0.98 sixteen times
   std::uint64_t seed = 1;    ///< of the verification points
-  bool search_modes = true;  ///< look for a second mode
-  double mode_mass = 1e-3;   ///< a mode with this share of the Laplace mass counts
+  /// How far to look for mass that the map does not cover. `multi_start` where time is short.
+  ModeSearchLevel search_modes = ModeSearchLevel::tempered;
+  double mode_mass = 1e-3;  ///< a mode with this share of the mass counts
+  /// Where ascents to the mode begin: `near` for parameters that come standardised, `wide` where nothing is
+  /// known of their scale.
+  sampling::ScanReach scan = sampling::ScanReach::near;
+  /// The tempered look begins with N(0, spread² I): around 2 for parameters that come standardised. 0: with a
+  /// Gaussian 120 times as wide as the modes found.
+  double tempering_spread = 0;
 
   Parametrisation parametrisation;  ///< rectifier, basis, tails
   MapFamily family;                 ///< the map of each order; empty: total order
@@ -89,8 +97,9 @@ struct MapResult {
   std::int64_t density_evaluations = 0;  ///< points at which the target was evaluated
   bool tolerance_reached = false;
   std::string reason;  ///< why the tolerance was not reached; empty if it was
-  bool second_mode_found = false;
-  Eigen::VectorXd second_mode;  ///< z, if found
+  bool second_mode_found = false;  ///< or other mass that the map leaves out
+  Eigen::VectorXd second_mode;     ///< z, if found
+  MissedModes missed;              ///< all about it
   std::string method;  ///< which parametrisation and orientation the map has, and what else was tried
   std::vector<double> diagnostic_by_order;  ///< training diagnostic of each order tried, from min_order
   std::vector<double> objective_by_order;   ///< training objective of each
@@ -122,7 +131,8 @@ struct ImportanceCorrection {
   double log_evidence_error =
       0;  ///< its standard error, as if the points were independent (an upper bound in practice)
   double map_log_evidence = 0;           ///< Eq. 24
-  bool trusted = false;                  ///< verified diagnostic ≤ 0.05, ess ≥ 0.9, no second mode
+  bool trusted = false;                  ///< verified diagnostic ≤ 0.05, ess ≥ 0.9, no second mode (trust.hpp)
+  std::string trust_reason;              ///< why it is not trusted; empty if it is
   std::int64_t density_evaluations = 0;  ///< further ones, beyond those of the solve
 
   ImportanceCorrection() : levels{0.025, 0.25, 0.5, 0.75, 0.975} {}

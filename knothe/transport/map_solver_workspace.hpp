@@ -120,7 +120,7 @@ struct MapSolver::Workspace {
   /// The best verified candidate.
   std::size_t choose(sampling::CheckedDensity& target);
   void report(Candidate& candidate, MapResult& result);
-  void look_at_other_modes(MapResult& result);
+  void look_at_other_modes(sampling::CheckedDensity& target, MapResult& result);
 };
 
 /// The rule for maps of this order and shape, if the caller has none.
