@@ -39,7 +39,10 @@ class Phase {
 
 void by_transport(PosteriorDensity& posterior, ModelEvaluator& evaluator, const InferenceOptions& options,
                   InferenceResult& r) {
-  transport::MapSolver solver(options.map);
+  // z is standardised by the priors: that is where other modes can be.
+  transport::MapSolverOptions map_options = options.map;
+  if (!(map_options.tempering_spread > 0)) map_options.tempering_spread = 3;
+  transport::MapSolver solver(map_options);
   MapDetails details;
   transport::ImportanceCorrection correction;
   {

@@ -335,6 +335,8 @@ void ModeSearch::ascend_from(CheckedDensity& target, const Eigen::Ref<const Eige
 }
 
 void ModeSearch::run(CheckedDensity& target, bool several, std::vector<Mode>& modes, ScanReach reach) {
+  if (target.dimension() < 1)
+    throw UsageError(fmt::format("a density in {} dimensions; there must be at least 1", target.dimension()));
   scan(target, reach == ScanReach::wide);
   if (!std::isfinite(scan_values_.maxCoeff()))
     throw NumericalError(fmt::format(

@@ -181,6 +181,18 @@ TEST(ModeSearch, ADensityFarFromTheNearScanIsFoundByTheWideOne) {
   }
 }
 
+TEST(ModeSearch, NoDimensionsAreAClearError) {
+  Gaussian user(Eigen::VectorXd(0), Eigen::MatrixXd(0, 0));
+  CheckedDensity target(user);
+  std::vector<Mode> modes;
+  try {
+    ModeSearch().run(target, true, modes);
+    FAIL();
+  } catch (const UsageError& error) {
+    EXPECT_EQ(std::string(error.what()), "a density in 0 dimensions; there must be at least 1");
+  }
+}
+
 TEST(ModeSearch, TheSearchIsSmallAndRepeatable) {
   Planar user(targets::Ridge{1, 1.05, 0.02, 1.2, 0.2});
   CheckedDensity target(user);

@@ -100,6 +100,26 @@ TEST(SequentialMonteCarlo, ZeroDensityOutsideABox) {
   }
 }
 
+TEST(SequentialMonteCarlo, OneParticleWhereTheDensityIsNotZeroIsEnoughToGoOn) {
+  // A box so small that one or none of 64 particles falls into it at first.
+  Planar target(
+      [](double x, double y, double* r) {
+        r[0] = std::abs(x) < 0.2 && std::abs(y) < 0.2 ? 0 : -std::numeric_limits<double>::infinity();
+      },
+      0);
+  int survived = 0;
+  for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+    try {
+      const auto result = sequential_monte_carlo(target, {.particles = 64, .seed = seed});
+      EXPECT_TRUE(std::isfinite(result.sample.log_evidence));
+      EXPECT_TRUE(result.sample.points.allFinite());
+      ++survived;
+    } catch (const NumericalError&) {
+    }
+  }
+  EXPECT_GT(survived, 5);
+}
+
 TEST(SequentialMonteCarlo, TheSameSeedGivesTheSameParticles) {
   Planar target(targets::banana());
   const auto run = [&](std::uint64_t seed) {

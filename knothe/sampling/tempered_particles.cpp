@@ -78,11 +78,11 @@ void TemperedParticles::run() {
 double TemperedParticles::next_temperature() {
   increments_ = log_target_ - log_reference_;
   const auto alive = static_cast<double>((increments_.array() > -k_infinity).count());
-  const double rest = 1 - beta_, wanted = std::max(2.0, options_.ess_share * alive);
+  const double rest = 1 - beta_, wanted = (1 - 1e-9) * std::max(1.0, options_.ess_share * alive);
   if (effective_number(increments_, rest) >= wanted) return 1;
   // Bisection on the logarithm: a density far narrower than the reference needs very small first steps.
-  double low = std::log(rest) - 80, high = std::log(rest);
-  for (int i = 0; i < 40; ++i) {
+  double low = std::log(rest) - 300, high = std::log(rest);
+  for (int i = 0; i < 50; ++i) {
     const double middle = 0.5 * (low + high);
     (effective_number(increments_, std::exp(middle)) >= wanted ? low : high) = middle;
   }

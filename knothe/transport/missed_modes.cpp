@@ -8,6 +8,7 @@
 #include <limits>
 #include <numeric>
 
+#include "knothe/base/error.hpp"
 #include "knothe/sampling/tempered_particles.hpp"
 #include "knothe/transport/map_solver.hpp"
 
@@ -45,7 +46,8 @@ class Search {
   bool particles_elsewhere(int effort);
 
  private:
-  [[nodiscard]] sampling::GaussianMixture reference() const;
+  bool judge(const sampling::TemperedParticles& particles);
+  [[nodiscard]] sampling::GaussianMixture reference(double wider) const;
   [[nodiscard]] Eigen::MatrixXd starts_among(const sampling::TemperedParticles& particles,
                                              const std::vector<Eigen::Index>& uncovered) const;
   [[nodiscard]] std::vector<Eigen::Index> sample_of(const sampling::TemperedParticles& particles) const;
@@ -70,20 +72,20 @@ bool Search::a_mode_is_missed() {
     out_.found = true;
     out_.mode = mode.point;
     out_.share = 1 / (1 + std::exp(-log_share));
-    out_.reason = fmt::format("a second mode with about {:.2g} % of the mass was found at {}, and the map leaves it out",
-                              100 * out_.share, describe(mode.point));
+    out_.reason = fmt::format(
+        "a second mode with about {:.2g} % of the mass was found at {}, and the map leaves it out",
+        100 * out_.share, describe(mode.point));
     return true;
   }
   return false;
 }
 
 /// Far wider than all that is known of the target, so that what is not known is inside.
-sampling::GaussianMixture Search::reference() const {
+sampling::GaussianMixture Search::reference(double wider) const {
   const Eigen::Index d = target_.dimension();
   if (options_.reference_spread > 0)
     return sampling::GaussianMixture(
         {{1.0, Eigen::VectorXd::Zero(d), options_.reference_spread * Eigen::MatrixXd::Identity(d, d)}});
-  constexpr double k_wider = 120;
   const Mode& main = modes_.front();
   // Half of the spread without correlation: another mode need not lie along the ridge of this one.
   Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(d, d);
@@ -91,17 +93,17 @@ sampling::GaussianMixture Search::reference() const {
     if (mode.log_mass < out_.map_log_evidence + std::log(options_.mode_mass)) continue;
     const Eigen::MatrixXd own = mode.lower * mode.lower.transpose();
     const Eigen::VectorXd apart = mode.point - main.point;
-    covariance += 0.5 * k_wider * k_wider * own + apart * apart.transpose();
-    covariance.diagonal() += 0.5 * k_wider * k_wider * own.diagonal();
+    covariance += 0.5 * wider * wider * own + apart * apart.transpose();
+    covariance.diagonal() += 0.5 * wider * wider * own.diagonal();
   }
   Eigen::LLT<Eigen::MatrixXd> factor(covariance);
-  Eigen::MatrixXd lower = k_wider * main.lower;
+  Eigen::MatrixXd lower = wider * main.lower;
   if (factor.info() == Eigen::Success) lower = factor.matrixL();
   return sampling::GaussianMixture({{1.0, main.point, lower}});
 }
 
-/// The inverse of the map costs more than a cheap density: 256 particles stand for all, and beside them the 64
-/// farthest from the main mode.
+/// The inverse of the map costs more than a cheap density: 256 particles stand for all, and beside them the
+/// 64 farthest from the main mode.
 std::vector<Eigen::Index> Search::sample_of(const sampling::TemperedParticles& particles) const {
   const Eigen::Index n = particles.points().rows(), even = std::min<Eigen::Index>(n, 256);
   std::vector<Eigen::Index> chosen;
@@ -119,8 +121,8 @@ std::vector<Eigen::Index> Search::sample_of(const sampling::TemperedParticles& p
   return chosen;
 }
 
-/// Up to 12, far from each other: first the one of the highest density, then always the one farthest from those
-/// chosen.
+/// Up to 12, far from each other: first the one of the highest density, then always the one farthest from
+/// those chosen.
 Eigen::MatrixXd Search::starts_among(const sampling::TemperedParticles& particles,
                                      const std::vector<Eigen::Index>& uncovered) const {
   constexpr std::size_t k_most = 12;
@@ -143,23 +145,39 @@ Eigen::MatrixXd Search::starts_among(const sampling::TemperedParticles& particle
     nearest.maxCoeff(&best);
   }
   Eigen::MatrixXd starts(static_cast<Eigen::Index>(chosen.size()), points.cols());
-  for (std::size_t i = 0; i < chosen.size(); ++i) starts.row(static_cast<Eigen::Index>(i)) = points.row(chosen[i]);
+  for (std::size_t i = 0; i < chosen.size(); ++i)
+    starts.row(static_cast<Eigen::Index>(i)) = points.row(chosen[i]);
   return starts;
 }
 
 bool Search::particles_elsewhere(int effort) {
   const Eigen::Index d = target_.dimension();
   sampling::TemperingOptions tempering;
-  tempering.particles = options_.particles > 0
-                            ? options_.particles
-                            : std::clamp<Eigen::Index>(Eigen::Index{128} << std::min<Eigen::Index>(d, 5), 256, 2048);
+  tempering.particles =
+      options_.particles > 0
+          ? options_.particles
+          : std::clamp<Eigen::Index>(Eigen::Index{192} << std::min<Eigen::Index>(d, 5), 384, 4096);
   tempering.particles *= effort;
   tempering.max_moves = options_.max_moves * (effort > 1 ? 2 : 1);
   tempering.max_evaluations = options_.max_evaluations;
   tempering.seed = options_.seed + 0x74656d70;
-  const sampling::GaussianMixture start = reference();
-  sampling::TemperedParticles particles(target_, start, tempering);
-  particles.run();
+  // Where the density is zero at all particles, as around a box, they begin nearer.
+  for (const double wider : {120.0, 12.0, 2.0}) {
+    const sampling::GaussianMixture start = reference(wider);
+    sampling::TemperedParticles particles(target_, start, tempering);
+    try {
+      particles.run();
+    } catch (const NumericalError&) {
+      if (options_.reference_spread > 0) break;
+      continue;
+    }
+    return judge(particles);
+  }
+  out_.tempered_conclusive = false;
+  return false;
+}
+
+bool Search::judge(const sampling::TemperedParticles& particles) {
   out_.tempered_done = true;
   out_.tempered_log_evidence = particles.log_evidence();
   out_.tempered_log_evidence_error = particles.log_evidence_error();
@@ -167,7 +185,7 @@ bool Search::particles_elsewhere(int effort) {
   // Particles where the target's normalised density is far above the map's.
   constexpr double k_far_above = 2;  // e²
   const std::vector<Eigen::Index> sample = sample_of(particles);
-  Eigen::MatrixXd points(static_cast<Eigen::Index>(sample.size()), d);
+  Eigen::MatrixXd points(static_cast<Eigen::Index>(sample.size()), target_.dimension());
   for (std::size_t i = 0; i < sample.size(); ++i)
     points.row(static_cast<Eigen::Index>(i)) = particles.points().row(sample[i]);
   const Eigen::VectorXd approximation = result_.log_density(points);
@@ -191,14 +209,16 @@ bool Search::particles_elsewhere(int effort) {
     out_.found = true;
     out_.share = share;
     out_.mode = particles.points().row(uncovered.front()).transpose();
-    out_.reason = fmt::format("about {:.2g} % of the mass lies where the map has next to none, for instance at {}",
-                              100 * share, describe(out_.mode));
+    out_.reason =
+        fmt::format("about {:.2g} % of the mass lies where the map has next to none, for instance at {}",
+                    100 * share, describe(out_.mode));
   } else if (excess > 4 * error + 0.3) {
     out_.found = true;
     out_.share = 1 - std::exp(-excess);
     out_.mode = modes_.front().point;
     out_.reason = fmt::format(
-        "the log-evidence by tempering, {:.4g} ± {:.2g}, is above the map's, {:.4g} ± {:.2g}: mass is left out",
+        "the log-evidence by tempering, {:.4g} ± {:.2g}, is above the map's, {:.4g} ± {:.2g}: mass is left "
+        "out",
         out_.tempered_log_evidence, out_.tempered_log_evidence_error, out_.map_log_evidence,
         out_.map_log_evidence_error);
   }
@@ -211,6 +231,7 @@ MissedModes look_for_missed_modes(sampling::CheckedDensity& target, const MapRes
                                   sampling::ModeSearch& search, std::vector<sampling::Mode>& modes,
                                   const MissedModesOptions& options) {
   MissedModes out;
+  if (options.level != ModeSearchLevel::tempered && modes.size() < 2) return out;  // the online case: no time
   evidence_of(result.verification.log_weight, out.map_log_evidence, out.map_log_evidence_error);
   if (options.level == ModeSearchLevel::none || modes.empty()) return out;
   Search look(target, result, search, modes, options, out);

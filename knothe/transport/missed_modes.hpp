@@ -22,11 +22,11 @@ enum class ModeSearchLevel {
 struct MissedModesOptions {
   ModeSearchLevel level = ModeSearchLevel::tempered;
   double mode_mass = 1e-3;     ///< a mode with this share of the mass counts
-  Eigen::Index particles = 0;  ///< 0: 128 · 2^d, at least 256, at most 2048
+  Eigen::Index particles = 0;  ///< 0: 192 · 2^d, at least 384, at most 4096
   int max_moves = 5;           ///< Metropolis moves per temperature
-  std::int64_t max_evaluations = 400000;
-  /// Particles begin in N(0, spread² I): for parameters that come standardised, around 2. 0: nothing is known;
-  /// they begin 120 times as wide as the modes found.
+  std::int64_t max_evaluations = 1000000;
+  /// Particles begin in N(0, spread² I): for parameters that come standardised, around 2. 0: nothing is
+  /// known; they begin 120 times as wide as the modes found.
   double reference_spread = 0;
   std::uint64_t seed = 1;
 };
@@ -37,18 +37,20 @@ struct MissedModes {
   Eigen::VectorXd mode;  ///< z of the mode left out, or of a place where mass is left out
   double share = 0;      ///< about: of the whole mass, how much the map leaves out
   std::string reason;    ///< a clause: "a second mode at z = (…) …"
-  /// By the particles, if the level is `tempered` and nothing had been found before; and the map's own estimate by
-  /// importance weights.
+  /// By the particles, if the level is `tempered` and nothing had been found before; and the map's own
+  /// estimate by importance weights.
   double tempered_log_evidence = 0, tempered_log_evidence_error = 0;
   double map_log_evidence = 0, map_log_evidence_error = 0;
   bool tempered_done = false;
-  /// The particles found as much mass as the map has; if not, even with four times as many, they prove nothing.
+  /// The particles found as much mass as the map has; if not, even with four times as many, they prove
+  /// nothing.
   bool tempered_conclusive = false;
 };
 
 /// `modes` are those of the solve's own search, main mode first; those found here are added.
 [[nodiscard]] MissedModes look_for_missed_modes(sampling::CheckedDensity& target, const MapResult& result,
-                                                sampling::ModeSearch& search, std::vector<sampling::Mode>& modes,
+                                                sampling::ModeSearch& search,
+                                                std::vector<sampling::Mode>& modes,
                                                 const MissedModesOptions& options = {});
 
 }  // namespace knothe::transport

@@ -1,5 +1,5 @@
-// A map on one mode of several has a perfect diagnostic; these targets see whether it is found out. A short form by
-// default; KNOTHE_MIXTURES=1000 (the nightly entry) is the full count.
+// A map on one mode of several has a perfect diagnostic; these targets see whether it is found out. A short
+// form by default; KNOTHE_MIXTURES=1000 (the nightly entry) is the full count.
 #include "knothe/transport/missed_modes.hpp"
 
 #include <gtest/gtest.h>
@@ -102,11 +102,11 @@ std::unique_ptr<sampling::LogDensity> random_single_mode(int i, RandomNumbers& r
       return std::make_unique<sampling::targets::Gaussian>(3 * random.normals(d, 1).col(0),
                                                            inverse.transpose() * inverse, between(-5, 5));
     case 1:
-      return std::make_unique<Planar>(sampling::targets::banana(between(-1.5, 1.5), between(-0.1, 0.1), between(0.3, 1.5)));
+      return std::make_unique<Planar>(
+          sampling::targets::banana(between(-1.5, 1.5), between(-0.1, 0.1), between(0.3, 1.5)));
     case 2:
-      return std::make_unique<Planar>(sampling::targets::Ridge{between(0.5, 2.5), between(0.7, 1.3),
-                                                               between(0.01, 0.1), between(0.7, 1.3),
-                                                               between(0.1, 0.4)});
+      return std::make_unique<Planar>(sampling::targets::Ridge{
+          between(0.5, 2.5), between(0.7, 1.3), between(0.01, 0.1), between(0.7, 1.3), between(0.1, 0.4)});
     case 3:
       return std::make_unique<OneMode>(OneMode::Kind::student, between(5, 20), inverse);
     case 4:
@@ -133,19 +133,21 @@ TEST(MissedModes, TargetsOfOneModeAreNotSuspected) {
       std::printf("kind %d, d = %d, diagnostic %.2g: %s\n", i % 6, static_cast<int>(target->dimension()),
                   result.verified_diagnostic, result.missed.reason.c_str());
   }
-  std::printf("%d targets of one mode: %d suspected, %d trusted, %d inconclusive\n", count, suspected, trusted,
-              inconclusive);
+  std::printf("%d targets of one mode: %d suspected, %d trusted, %d inconclusive\n", count, suspected,
+              trusted, inconclusive);
   EXPECT_LE(suspected, count / 100);
 }
 
 TEST(MissedModes, ANarrowModeFarOffIsFoundByItsEvidence) {
-  // 5 % of the mass in a mode a fifth as wide, 20 standard deviations away, where no start of the scan gets to.
+  // 5 % of the mass in a mode a fifth as wide, 20 standard deviations away, where no start of the scan gets
+  // to.
   int found = 0;
   for (int seed = 1; seed <= 10; ++seed) {
     RandomNumbers random(static_cast<std::uint64_t>(seed));
     const Eigen::VectorXd direction = random.normals(2, 1).col(0).normalized();
-    sampling::targets::Mixture target({{0.95, Eigen::Vector2d(1, -2), Eigen::Matrix2d::Identity()},
-                                       {0.05, Eigen::Vector2d(1, -2) + 20 * direction, 25 * Eigen::Matrix2d::Identity()}});
+    sampling::targets::Mixture target(
+        {{0.95, Eigen::Vector2d(1, -2), Eigen::Matrix2d::Identity()},
+         {0.05, Eigen::Vector2d(1, -2) + 20 * direction, 25 * Eigen::Matrix2d::Identity()}});
     MapSolver solver;
     const MapResult result = solver.solve(target);
     EXPECT_LT(result.verified_diagnostic, 1e-6);  // nothing wrong to be seen on the image of the map
@@ -178,7 +180,8 @@ TEST(MissedModes, LevelsSearchAsFarAsTheySay) {
 }
 
 TEST(MissedModes, TheTemperedEvidenceAgreesWithTheMapWhereNothingIsMissed) {
-  sampling::targets::Gaussian target(Eigen::Vector3d(4, -1, 0.2), Eigen::Vector3d(100, 1, 0.01).asDiagonal(), 2.5);
+  sampling::targets::Gaussian target(Eigen::Vector3d(4, -1, 0.2), Eigen::Vector3d(100, 1, 0.01).asDiagonal(),
+                                     2.5);
   MapSolver solver;
   const MapResult result = solver.solve(target);
   EXPECT_FALSE(result.missed.found);

@@ -1,5 +1,5 @@
-// Thousands of random targets: nothing crashes, nothing is NaN, and no promise is made that fresh points do not
-// confirm. A short form by default; KNOTHE_RANDOM_TARGETS=10000 (the nightly entry) is the full count.
+// Thousands of random targets: nothing crashes, nothing is NaN, and no promise is made that fresh points do
+// not confirm. A short form by default; KNOTHE_RANDOM_TARGETS=10000 (the nightly entry) is the full count.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -22,7 +22,8 @@ using sampling::RandomNumbers;
 /// A density of u, one point at a time, with gradient and Hessian.
 struct Shape {
   virtual ~Shape() = default;
-  virtual double evaluate(const Eigen::VectorXd& u, Eigen::VectorXd& gradient, Eigen::MatrixXd& hessian) const = 0;
+  virtual double evaluate(const Eigen::VectorXd& u, Eigen::VectorXd& gradient,
+                          Eigen::MatrixXd& hessian) const = 0;
 };
 
 /// u_0 ~ N(0, 1), u_k ~ N(f(u_{k−1}), s²), f(x) = a x² + b sin(c x): Gaussian, banana, winding ridge.
@@ -35,8 +36,9 @@ struct Chain : Shape {
     double value = -0.5 * u[0] * u[0];
     g[0] = -u[0], h(0, 0) = -1;
     for (Eigen::Index k = 1; k < u.size(); ++k) {
-      const double x = u[k - 1], f = a * x * x + b * std::sin(c * x), f1 = 2 * a * x + b * c * std::cos(c * x),
-                   f2 = 2 * a - b * c * c * std::sin(c * x), e = (u[k] - f) / (s * s);
+      const double x = u[k - 1], f = a * x * x + b * std::sin(c * x),
+                   f1 = 2 * a * x + b * c * std::cos(c * x), f2 = 2 * a - b * c * c * std::sin(c * x),
+                   e = (u[k] - f) / (s * s);
       value -= 0.5 * (u[k] - f) * e;
       g[k] -= e, g[k - 1] += e * f1;
       h(k, k) -= 1 / (s * s), h(k - 1, k - 1) += e * f2 - f1 * f1 / (s * s);
@@ -86,7 +88,8 @@ struct Bimodal : Shape {
   double evaluate(const Eigen::VectorXd& u, Eigen::VectorXd& g, Eigen::MatrixXd& h) const override {
     const double l = std::log(weight) - 0.5 * u[0] * u[0],
                  r = std::log(1 - weight) - 0.5 * (u[0] - apart) * (u[0] - apart);
-    const double top = std::max(l, r), sum = std::exp(l - top) + std::exp(r - top), share = std::exp(l - top) / sum;
+    const double top = std::max(l, r), sum = std::exp(l - top) + std::exp(r - top),
+                 share = std::exp(l - top) / sum;
     g = -u;
     g[0] += (1 - share) * apart;
     h = -Eigen::MatrixXd::Identity(u.size(), u.size());
@@ -137,12 +140,13 @@ std::unique_ptr<Affine> random_target(std::uint64_t index) {
       target->name = "winding ridge";
       break;
     case 3:
-      target->shape = std::make_unique<Logistic>(3 * random.normals(1 + random.index(8), d), between(0.01, 1));
+      target->shape =
+          std::make_unique<Logistic>(3 * random.normals(1 + random.index(8), d), between(0.01, 1));
       target->name = "logistic";
       break;
     case 4:
-      target->shape = std::make_unique<Quartic>(
-          Eigen::MatrixXd::Identity(d, d) + 0.5 * random.normals(d, d), random.uniform() < 0.5 ? 0.0 : 0.3);
+      target->shape = std::make_unique<Quartic>(Eigen::MatrixXd::Identity(d, d) + 0.5 * random.normals(d, d),
+                                                random.uniform() < 0.5 ? 0.0 : 0.3);
       target->name = "quartic";
       break;
     default:
@@ -197,15 +201,17 @@ TEST(RandomTargets, NoPromiseThatFreshPointsDoNotConfirm) {
     const std::string name = std::to_string(i) + " " + target->name;
     const MapResult result = solver.solve(*target);
     const ImportanceCorrection answer = solver.correct(*target, result);
-    ASSERT_TRUE(std::isfinite(result.verified_diagnostic) && std::isfinite(result.training_diagnostic)) << name;
-    ASSERT_TRUE(answer.mean.allFinite() && answer.covariance.allFinite() && answer.quantiles.allFinite()) << name;
+    ASSERT_TRUE(std::isfinite(result.verified_diagnostic) && std::isfinite(result.training_diagnostic))
+        << name;
+    ASSERT_TRUE(answer.mean.allFinite() && answer.covariance.allFinite() && answer.quantiles.allFinite())
+        << name;
     ASSERT_TRUE(std::isfinite(answer.log_evidence) && std::isfinite(answer.log_evidence_error)) << name;
     EXPECT_EQ(answer.trusted, answer.trust_reason.empty()) << name;
     EXPECT_EQ(result.tolerance_reached, result.reason.empty()) << name;
     trusted += answer.trusted, reached += result.tolerance_reached;
     if (!answer.trusted && !result.tolerance_reached) continue;
-    // Both diagnostics are averages over finitely many points: a promise counts as broken if it is beyond four
-    // standard errors of their difference.
+    // Both diagnostics are averages over finitely many points: a promise counts as broken if it is beyond
+    // four standard errors of their difference.
     const Diagnostic fresh = independent_diagnostic(*target, result), own(result.verification.log_weight);
     const double margin = 4 * std::hypot(fresh.error, own.error);
     if (answer.trusted && fresh.value > k_trusted_diagnostic + margin) {
@@ -221,8 +227,8 @@ TEST(RandomTargets, NoPromiseThatFreshPointsDoNotConfirm) {
   }
   RecordProperty("trusted", trusted);
   RecordProperty("tolerance_reached", reached);
-  std::printf("%d targets: %d trusted, %d reached the tolerance; promises broken: %d, %d\n", count, trusted, reached,
-              wrongly_trusted, wrongly_reached);
+  std::printf("%d targets: %d trusted, %d reached the tolerance; promises broken: %d, %d\n", count, trusted,
+              reached, wrongly_trusted, wrongly_reached);
   EXPECT_GT(2 * trusted, count);  // and it is of use
 }
 

@@ -17,7 +17,8 @@ TEST(Trust, AllThreeMustHold) {
 
 TEST(Trust, TheReasonIsInWords) {
   EXPECT_EQ(judge_trust({0.2, 0.75, true, "a second mode was found at z = (1, 2)"}).reason,
-            "the variance diagnostic on independent points is 0.2, above 0.05; the effective sample size is 75 % of "
+            "the variance diagnostic on independent points is 0.2, above 0.05; the effective sample size is "
+            "75 % of "
             "the points, below 90 %; a second mode was found at z = (1, 2)");
 }
 
