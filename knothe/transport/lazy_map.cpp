@@ -15,6 +15,7 @@
 #include "knothe/transport/map_evidence.hpp"
 #include "knothe/transport/map_solver_workspace.hpp"
 #include "knothe/transport/pull_back.hpp"
+#include "knothe/transport/trust.hpp"
 
 namespace knothe::transport {
 
@@ -373,7 +374,9 @@ ImportanceCorrection correct(const LazyMapResult& result) {
     c.quantiles.row(a) = Eigen::Map<const Eigen::RowVectorXd>(row.data(), levels);
   }
   c.map_log_evidence = result.map_log_evidence();
-  c.trusted = result.verified_diagnostic <= 0.05 && c.ess >= 0.9 && !result.second_mode_found;
+  const Trust trust = judge_trust({result.verified_diagnostic, c.ess, result.second_mode_found, ""});
+  c.trusted = trust.trusted;
+  c.trust_reason = trust.reason;
   return c;
 }
 
