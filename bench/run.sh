@@ -16,6 +16,8 @@ beam() {
   "$knothe" simulate "$folder/beam.toml" --model "$folder/beam.h5" -o "$folder/data.h5"
 }
 
+[ -f build/release/build.ninja ] || make build
+cmake --build --preset release --target benchmarks
 for program in build/release/bench/*_bench; do
   name=$(basename "$program")
   if [ -n "${1:-}" ] && [ -d "knothe/$1" ]; then
