@@ -156,7 +156,7 @@ bool Search::particles_elsewhere(int effort) {
   tempering.particles =
       options_.particles > 0
           ? options_.particles
-          : std::clamp<Eigen::Index>(Eigen::Index{192} << std::min<Eigen::Index>(d, 5), 384, 4096);
+          : std::clamp<Eigen::Index>(Eigen::Index{256} << std::min<Eigen::Index>(d, 5), 512, 8192);
   tempering.particles *= effort;
   tempering.max_moves = options_.max_moves * (effort > 1 ? 2 : 1);
   tempering.max_evaluations = options_.max_evaluations;

@@ -191,9 +191,10 @@ Diagnostic independent_diagnostic(sampling::LogDensity& target, const MapResult&
 
 TEST(RandomTargets, NoPromiseThatFreshPointsDoNotConfirm) {
   const char* count_text = std::getenv("KNOTHE_RANDOM_TARGETS");
-  const int count = count_text != nullptr ? std::atoi(count_text) : 120;
+  const int count = count_text != nullptr ? std::atoi(count_text) : 60;
   MapSolverOptions options;
   options.max_order = 5;
+  options.fallback = false;  // the promises of every way are the same; this one is the quickest
   MapSolver solver(options);
   int trusted = 0, reached = 0, wrongly_trusted = 0, wrongly_reached = 0;
   for (int i = 0; i < count; ++i) {
