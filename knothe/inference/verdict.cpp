@@ -13,8 +13,11 @@ std::string verdict(const transport::MapResult& map, const transport::Importance
         "Trusted: on points not used to make it the map of order {} has a variance diagnostic of {:.2g} (at "
         "most "
         "0.05), its weights an effective sample size of {:.1f} % (at least 90 %), and no second mode was "
-        "found{}.",
+        "found{}{}.",
         map.order, map.verified_diagnostic, 100 * answer.ess,
+        map.missed.tempered_done
+            ? ""
+            : " by ascents from several starts (mode_search = \"tempered\" looks further)",
         map.tolerance_reached ? "" : fmt::format("; the tolerance was missed, though: {}", map.reason));
   std::vector<std::string> reasons;
   if (map.second_mode_found) {

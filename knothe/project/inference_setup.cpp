@@ -161,6 +161,9 @@ inference::InferenceOptions inference_options(const Project& project, inference:
   options.method = method;
   options.map = map_options(project.method);
   options.map.verification_points = project.method.verification_points;
+  options.map.search_modes = project.method.mode_search == "multi-start"
+                                 ? transport::ModeSearchLevel::multi_start
+                                 : transport::ModeSearchLevel::tempered;
   options.samples = project.method.samples;
   options.seed = project.method.seed;
   return options;

@@ -125,6 +125,14 @@ const std::vector<Option>& options() {
        "`knothe infer`: points on which a map is verified and corrected, at least 64; each is an evaluation "
        "of the model.",
        {}},
+      {"method.mode_search",
+       K::choice,
+       "tempered",
+       "How far `knothe infer` looks for mass that its map misses: particles that come from three times the "
+       "priors' width "
+       "(tens of thousands of evaluations of the model), or ascents from several starts alone (a few "
+       "hundred).",
+       {"tempered", "multi-start"}},
       {"method.seed", K::integer, "1", "Seed of quasi-random points, chains and particles.", {}},
 
       {"offline", K::table, "", "How the reduced model is made.", {}},

@@ -72,6 +72,7 @@ MethodOptions read_method(Values& values) {
   method.tolerance = values.number("method.tolerance", method.tolerance);
   method.max_order = static_cast<int>(values.integer("method.max_order", method.max_order));
   method.minimiser = values.text("method.minimiser", method.minimiser);
+  method.mode_search = values.text("method.mode_search", method.mode_search);
   values.at_least("method.samples", 100);
   values.at_least("method.verification_points", 64);
   method.samples = static_cast<int>(values.integer("method.samples", method.samples));

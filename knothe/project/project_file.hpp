@@ -23,6 +23,7 @@ struct MethodOptions {
   double tolerance = 1e-3;
   int max_order = 8;
   std::string minimiser = "newton";
+  std::string mode_search = "tempered";  ///< of `knothe infer`
   int samples = 10000;
   int verification_points = 1024;
   std::uint64_t seed = 1;

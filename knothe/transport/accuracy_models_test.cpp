@@ -88,7 +88,7 @@ TEST(Accuracy, LogisticRegressionAgreesWithLongChains) {
   add_evidence(target, 8, reference);
   const Accuracy accuracy = measure(target, reference, logistic_regression_options());
   expect_agreement(accuracy, reference);
-  EXPECT_TRUE(accuracy.correction.trusted) << accuracy.result.reason;
+  EXPECT_TRUE(accuracy.correction.trusted) << accuracy.correction.trust_reason;
   EXPECT_LT(accuracy.log_evidence, 0.005 + 4 * reference.log_evidence_error);
 }
 

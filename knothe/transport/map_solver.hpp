@@ -47,7 +47,7 @@ struct MapSolverOptions {
   double wanted_ess =
       0.996;  ///< below this effective sample size (fraction), or beyond order 4 without the tolerance, the
               ///< correction takes four times as many points; below 0.98 sixteen times
-  std::uint64_t seed = 1;    ///< of the verification points
+  std::uint64_t seed = 1;  ///< of the verification points
   /// How far to look for mass that the map does not cover. `multi_start` where time is short.
   ModeSearchLevel search_modes = ModeSearchLevel::tempered;
   double mode_mass = 1e-3;  ///< a mode with this share of the mass counts
@@ -96,7 +96,7 @@ struct MapResult {
   int iterations = 0;             ///< of the minimiser, all orders
   std::int64_t density_evaluations = 0;  ///< points at which the target was evaluated
   bool tolerance_reached = false;
-  std::string reason;  ///< why the tolerance was not reached; empty if it was
+  std::string reason;              ///< why the tolerance was not reached; empty if it was
   bool second_mode_found = false;  ///< or other mass that the map leaves out
   Eigen::VectorXd second_mode;     ///< z, if found
   MissedModes missed;              ///< all about it
@@ -130,9 +130,9 @@ struct ImportanceCorrection {
   double log_evidence = 0;     ///< consistent estimate of log ∫ π̄
   double log_evidence_error =
       0;  ///< its standard error, as if the points were independent (an upper bound in practice)
-  double map_log_evidence = 0;           ///< Eq. 24
-  bool trusted = false;                  ///< verified diagnostic ≤ 0.05, ess ≥ 0.9, no second mode (trust.hpp)
-  std::string trust_reason;              ///< why it is not trusted; empty if it is
+  double map_log_evidence = 0;  ///< Eq. 24
+  bool trusted = false;         ///< verified diagnostic ≤ 0.05, ess ≥ 0.9, no second mode (trust.hpp)
+  std::string trust_reason;     ///< why it is not trusted; empty if it is
   std::int64_t density_evaluations = 0;  ///< further ones, beyond those of the solve
 
   ImportanceCorrection() : levels{0.025, 0.25, 0.5, 0.75, 0.975} {}

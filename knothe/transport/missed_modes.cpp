@@ -43,7 +43,7 @@ class Search {
   /// True if the map has next to no density at a mode that has mass.
   bool a_mode_is_missed();
   /// True if the particles say that the map leaves mass out.
-  bool particles_elsewhere(int effort);
+  bool particles_elsewhere(int effort, double widest);
 
  private:
   bool judge(const sampling::TemperedParticles& particles);
@@ -150,7 +150,7 @@ Eigen::MatrixXd Search::starts_among(const sampling::TemperedParticles& particle
   return starts;
 }
 
-bool Search::particles_elsewhere(int effort) {
+bool Search::particles_elsewhere(int effort, double widest) {
   const Eigen::Index d = target_.dimension();
   sampling::TemperingOptions tempering;
   tempering.particles =
@@ -163,6 +163,7 @@ bool Search::particles_elsewhere(int effort) {
   tempering.seed = options_.seed + 0x74656d70;
   // Where the density is zero at all particles, as around a box, they begin nearer.
   for (const double wider : {120.0, 12.0, 2.0}) {
+    if (wider > widest) continue;
     const sampling::GaussianMixture start = reference(wider);
     sampling::TemperedParticles particles(target_, start, tempering);
     try {
@@ -205,6 +206,8 @@ bool Search::judge(const sampling::TemperedParticles& particles) {
   const double excess = out_.tempered_log_evidence - out_.map_log_evidence;
   const double error = std::hypot(out_.tempered_log_evidence_error, out_.map_log_evidence_error);
   out_.tempered_conclusive = excess > -(3 * error + 0.5);
+  // Shares are of the particles' mass; particles that lost their way have next to none of it.
+  share *= std::exp(std::min(0.0, excess));
   if (share > 0.05 + 3 * std::sqrt(share / static_cast<double>(even))) {
     out_.found = true;
     out_.share = share;
@@ -237,7 +240,9 @@ MissedModes look_for_missed_modes(sampling::CheckedDensity& target, const MapRes
   Search look(target, result, search, modes, options, out);
   if (look.a_mode_is_missed() || options.level == ModeSearchLevel::multi_start) return out;
   const sampling::CheckedDensity::Leniency lenient(target);
-  if (!look.particles_elsewhere(1) && !out.tempered_conclusive) (void)look.particles_elsewhere(4);
+  // Particles that came from too far and lost their way find less mass than the map has: once more, more of
+  // them, from nearer.
+  if (!look.particles_elsewhere(1, 120) && !out.tempered_conclusive) (void)look.particles_elsewhere(4, 12);
   return out;
 }
 
