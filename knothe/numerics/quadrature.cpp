@@ -65,32 +65,38 @@ Quadrature gauss_legendre(int n, double a, double b) {
 
 PointRule tensor_rule(const Quadrature& rule, Eigen::Index d, double drop) {
   if (d < 1) throw UsageError(fmt::format("tensor rule in {} dimensions: at least 1 is needed", d));
-  const Eigen::Index n = rule.nodes.size();
+  return tensor_rule(std::vector<Quadrature>(static_cast<std::size_t>(d), rule), drop);
+}
+
+PointRule tensor_rule(const std::vector<Quadrature>& rules, double drop) {
+  if (rules.empty()) throw UsageError("tensor rule in 0 dimensions: at least 1 is needed");
+  const auto d = static_cast<Eigen::Index>(rules.size());
   std::vector<Eigen::Index> index(static_cast<std::size_t>(d), 0), kept;
   std::vector<double> weights;
   double total = 0;
   for (bool more = true; more;) {
     double w = 1;
-    for (Eigen::Index i : index) w *= rule.weights[i];
+    for (std::size_t k = 0; k < rules.size(); ++k) w *= rules[k].weights[index[k]];
     total += w;
     if (w >= drop) {
       kept.insert(kept.end(), index.begin(), index.end());
       weights.push_back(w);
     }
     more = false;
-    for (auto& i : index) {
-      if (++i < n) {
+    for (std::size_t k = 0; k < rules.size(); ++k) {
+      if (++index[k] < rules[k].nodes.size()) {
         more = true;
         break;
       }
-      i = 0;
+      index[k] = 0;
     }
   }
   PointRule result{Eigen::MatrixXd(static_cast<Eigen::Index>(weights.size()), d),
                    Eigen::Map<Eigen::VectorXd>(weights.data(), static_cast<Eigen::Index>(weights.size()))};
   for (Eigen::Index p = 0; p < result.points.rows(); ++p)
     for (Eigen::Index k = 0; k < d; ++k)
-      result.points(p, k) = rule.nodes[kept[static_cast<std::size_t>(p * d + k)]];
+      result.points(p, k) =
+          rules[static_cast<std::size_t>(k)].nodes[kept[static_cast<std::size_t>(p * d + k)]];
   result.weights *= total / result.weights.sum();
   return result;
 }

@@ -1,6 +1,7 @@
 #pragma once
 /// @file Gauss rules and their tensor products.
 #include <Eigen/Core>
+#include <vector>
 
 namespace knothe::numerics {
 
@@ -27,5 +28,7 @@ struct PointRule {
 /// The d-fold product of a rule; the first coordinate runs fastest. Points of weight below `drop` are left
 /// out and the others scaled to keep the sum of the weights.
 [[nodiscard]] PointRule tensor_rule(const Quadrature& rule, Eigen::Index d, double drop = 0);
+/// The product of one rule per coordinate.
+[[nodiscard]] PointRule tensor_rule(const std::vector<Quadrature>& rules, double drop = 0);
 
 }  // namespace knothe::numerics

@@ -91,6 +91,28 @@ MapSolver::Workspace::Climb MapSolver::Workspace::climb(sampling::CheckedDensity
   return climb;
 }
 
+MapSolver::Workspace::Climb MapSolver::Workspace::climb_long(sampling::CheckedDensity& target,
+                                                             MapResult& result, const AffineMap& pre_map) {
+  Climb climb;
+  std::ptrdiff_t warm = -1;
+  double best = std::numeric_limits<double>::infinity();
+  for (int order = k_first_long; order <= std::min(k_last_long, options.max_order) && !climb.reached;
+       ++order) {
+    MapShape& shape = long_shape(target.dimension(), order);
+    Candidate& candidate = train(target, result, pre_map, shape, shape.identity.order(), warm);
+    candidate.is_long = true;
+    warm = static_cast<std::ptrdiff_t>(tried) - 1;
+    if (candidate.training_diagnostic <= options.tolerance) {
+      verify(target, candidate);
+      climb.reached = candidate.verified_diagnostic <= options.tolerance;
+    }
+    climb.no_longer_falls = !climb.reached && order > k_first_long + 1 && candidate.diagnostic() > 0.9 * best;
+    best = std::min(best, candidate.diagnostic());
+    if (climb.no_longer_falls) break;
+  }
+  return climb;
+}
+
 MapSolver::Workspace::Climb MapSolver::Workspace::grow_greedily(sampling::CheckedDensity& target,
                                                                 MapResult& result, const AffineMap& pre_map) {
   const Eigen::Index d = target.dimension();
@@ -147,7 +169,7 @@ std::unique_ptr<MapShape> MapSolver::Workspace::steepest_terms(sampling::Checked
   TriangularMap start = wide.identity, reached = candidate.shape->identity;
   reached.set_coefficients(candidate.coefficients);
   start.embed(reached);
-  const TrainingTables& tables = training_tables(wide, wide.identity.order());
+  const TrainingTables& tables = training_tables(wide);
   objective.begin(tables, OuterMap::of(pre_map), target, result.mode_log_density);
   Eigen::VectorXd gradient(tables.layout.size()), in_map_order;
   Eigen::MatrixXd none;

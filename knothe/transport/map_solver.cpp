@@ -75,16 +75,27 @@ const MapSolverOptions& MapSolver::options() const {
   return work_->options;
 }
 
+void MapSolver::Workspace::prepare(MapShape& shape) {
+  (void)training_tables(shape);
+  (void)verification_tables(shape, options.verification_points);
+  for (const int more : {2, 4}) (void)verification_tables(shape, more * options.verification_points, true);
+}
+
+bool MapSolver::Workspace::may_be_long(Eigen::Index d) const {
+  return options.long_first_variable && d >= 2 && d <= k_most_long && !options.family && !options.rule &&
+         !options.tempered && options.growth == Growth::order && options.max_order > k_first_long;
+}
+
 void MapSolver::prepare(Eigen::Index dimension) {
   Workspace& work = *work_;
   if (work.options.growth == Growth::greedy) return;
   for (int order = work.options.min_order; order <= work.options.max_order; ++order) {
     MapShape& shape = work.shape(dimension, order, work.options.parametrisation);
-    (void)work.training_tables(shape, order);
-    (void)work.verification_tables(shape, work.options.verification_points);
-    for (const int more : {2, 4})
-      (void)work.verification_tables(shape, more * work.options.verification_points, true);
+    work.prepare(shape);
   }
+  if (work.may_be_long(dimension))
+    for (int order = k_first_long; order <= std::min(k_last_long, work.options.max_order); ++order)
+      work.prepare(work.long_shape(dimension, order));
 }
 
 MapResult MapSolver::solve(sampling::LogDensity& target) {
@@ -122,6 +133,10 @@ void MapSolver::solve(sampling::LogDensity& user_target, MapResult& result) {
   else
     climb = work.climb(target, result, laplace, options.parametrisation, options.orientation,
                        options.min_order, -1);
+  if (!climb.reached && work.may_be_long(user_target.dimension())) {
+    climb = work.climb_long(target, result,
+                            options.orientation == Orientation::given ? laplace : principal_axes(laplace));
+  }
   const bool falls_back = !climb.reached && options.fallback;
   if (falls_back) (void)work.fall_back(user_target, target, result, laplace);
 
@@ -138,6 +153,7 @@ void MapSolver::solve(sampling::LogDensity& user_target, MapResult& result) {
         climb.no_longer_falls ? "higher orders no longer lower it"
                               : fmt::format("max_order is {}", options.max_order));
   result.method = describe_method(result.map.parametrisation(), result.pre_map);
+  if (candidate.is_long) result.method += fmt::format(", order {} in the first variable", result.order);
   if (falls_back && work.standard_diagnostic > options.tolerance)
     result.method += fmt::format("; the standard way reached {:.2g}, {}", work.standard_diagnostic,
                                  result.verified_diagnostic < work.standard_diagnostic
@@ -166,7 +182,8 @@ void MapSolver::Workspace::report(Candidate& candidate, MapResult& result) {
     const bool same = c.shape->identity.parametrisation() == result.map.parametrisation() && c.usable;
     const auto &here = c.pre_map.rotation, &chosen = result.pre_map.rotation;
     const bool same_axes = c.order == 1 || (here.size() == chosen.size() && here == chosen);
-    if (!same || !same_axes || (options.growth == Growth::order && c.order != next)) continue;
+    const bool in_order = c.is_long || options.growth != Growth::order || c.order == next;
+    if (!same || !same_axes || c.is_long != candidate.is_long || !in_order) continue;
     ++next;
     result.diagnostic_by_order.push_back(c.training_diagnostic);
     result.objective_by_order.push_back(c.training_objective);

@@ -49,7 +49,9 @@ struct MapSolver::Workspace {
   std::map<std::tuple<Eigen::Index, int, Parametrisation>, std::unique_ptr<MapShape>,
            bool (*)(const std::tuple<Eigen::Index, int, Parametrisation>&,
                     const std::tuple<Eigen::Index, int, Parametrisation>&)>
-      shapes;                                    ///< (d, order, parametrisation)
+      shapes;  ///< (d, order, parametrisation)
+  std::map<std::pair<Eigen::Index, int>, std::unique_ptr<MapShape>>
+      long_shapes;                               ///< (d, order of the others)
   std::vector<std::unique_ptr<MapShape>> grown;  ///< those of the greedy growth of the last solve
   std::unique_ptr<MapShape> foreign;             ///< of a map that this solver did not make
   KullbackLeiblerObjective objective;
@@ -70,7 +72,8 @@ struct MapSolver::Workspace {
     MapShape* shape = nullptr;
     AffineMap pre_map;
     int order = 0;
-    bool usable = true;  ///< false: of a tempered target, only there to begin the next one at
+    bool is_long = false;  ///< of climb_long
+    bool usable = true;    ///< false: of a tempered target, only there to begin the next one at
     double training_diagnostic = 0;
     double verified_diagnostic = -1;  ///< −1: not verified
     double training_objective = 0, verified_objective = 0;
@@ -85,8 +88,10 @@ struct MapSolver::Workspace {
 
   Workspace();
   MapShape& shape(Eigen::Index d, int order, const Parametrisation& parametrisation);
+  /// A map of that order whose first variable has a far higher one.
+  MapShape& long_shape(Eigen::Index d, int order);
   MapShape& shape_of(const TriangularMap& map);
-  const TrainingTables& training_tables(MapShape& shape, int order);
+  const TrainingTables& training_tables(MapShape& shape);
   /// `is_broad`: half of the points are spread by k_broad, and log_reference is that of the mixture ½ N(0, I)
   /// + ½ N(0, k_broad² I).
   const VerificationTables& verification_tables(MapShape& shape, Eigen::Index n, bool is_broad = false);
@@ -109,6 +114,8 @@ struct MapSolver::Workspace {
   Climb climb(sampling::CheckedDensity& target, MapResult& result, AffineMap pre_map,
               const Parametrisation& parametrisation, Orientation orientation, int first,
               std::ptrdiff_t warm);
+  /// Orders 2 to 5 with three times as much along the first variable, from the identity.
+  Climb climb_long(sampling::CheckedDensity& target, MapResult& result, const AffineMap& pre_map);
   Climb grow_greedily(sampling::CheckedDensity& target, MapResult& result, const AffineMap& pre_map);
   /// The candidate's shape with the terms of its margin along which the objective is steepest; null if none.
   std::unique_ptr<MapShape> steepest_terms(sampling::CheckedDensity& target, const MapResult& result,
@@ -117,14 +124,23 @@ struct MapSolver::Workspace {
                        const AffineMap& pre_map);
   Climb fall_back(sampling::LogDensity& user_target, sampling::CheckedDensity& target, MapResult& result,
                   const AffineMap& pre_map);
+  /// climb_long may be tried.
+  [[nodiscard]] bool may_be_long(Eigen::Index d) const;
+  /// Makes all tables of a shape.
+  void prepare(MapShape& shape);
   /// The best verified candidate.
   std::size_t choose(sampling::CheckedDensity& target);
   void report(Candidate& candidate, MapResult& result);
   void look_at_other_modes(sampling::CheckedDensity& target, MapResult& result);
 };
 
-/// The rule for maps of this order and shape, if the caller has none.
-[[nodiscard]] numerics::PointRule default_training_rule(const MapShape& shape, int order);
+/// Orders of the other variables that climb_long tries.
+inline constexpr int k_first_long = 2, k_last_long = 5;
+/// Dimensions in which it is tried.
+inline constexpr Eigen::Index k_most_long = 3;
+
+/// The rule for maps of this shape, if the caller has none.
+[[nodiscard]] numerics::PointRule default_training_rule(const MapShape& shape);
 
 /// The pre-map turned to the principal axes of its covariance, longest first.
 [[nodiscard]] AffineMap principal_axes(const AffineMap& pre_map);

@@ -15,6 +15,11 @@ namespace knothe::transport {
 namespace {
 
 constexpr std::uint64_t k_training_seed = 0x7261696e;  // never that of the verification points
+/// Maps with a long first variable: so many times the order of the others, and no more than that.
+constexpr int k_longer = 3, k_longest = 14;
+/// Nodes along a long variable: what makes it long are features that fewer nodes step over
+/// (docs/transport.md, "A long first variable").
+constexpr int k_long_nodes = 64;
 /// Lighter nodes of a tensor rule only stall the minimiser.
 constexpr double k_lightest_node = 1e-11;
 /// With more coefficients a Hessian costs more than it saves.
@@ -31,6 +36,22 @@ numerics::PointRule quasi_random_rule(Eigen::Index n, Eigen::Index d) {
   return {white.transpose(), Eigen::VectorXd::Constant(n, 1.0 / static_cast<double>(n))};
 }
 
+/// Order in each variable: the highest degree in a Φ_c, or one more than that in a Φ_e.
+std::vector<int> orders_of(const TriangularMap& map) {
+  std::vector<int> orders(static_cast<std::size_t>(map.dimension()), 1);
+  for (Eigen::Index k = 0; k < map.dimension(); ++k) {
+    for (const MultiIndex& index : map.component(k).constant)
+      for (const auto& f : index.factors)
+        orders[static_cast<std::size_t>(f.variable)] =
+            std::max(orders[static_cast<std::size_t>(f.variable)], f.degree);
+    for (const MultiIndex& index : map.component(k).monotone)
+      for (const auto& f : index.factors)
+        orders[static_cast<std::size_t>(f.variable)] =
+            std::max(orders[static_cast<std::size_t>(f.variable)], f.degree + 1);
+  }
+  return orders;
+}
+
 bool less(const Parametrisation& a, const Parametrisation& b) {
   const auto key = [](const Parametrisation& p) {
     return std::tuple(p.rectifier, p.basis, p.tails, p.radii.level, p.radii.bend, p.radii.tangent);
@@ -40,11 +61,19 @@ bool less(const Parametrisation& a, const Parametrisation& b) {
 
 }  // namespace
 
-/// The training rule is chosen with the order: 2p + 4 Gauss–Hermite nodes per axis in up to three dimensions;
-/// beyond, twelve quasi-random points per coefficient of the largest component.
-numerics::PointRule default_training_rule(const MapShape& shape, int order) {
+/// The training rule is chosen with the order: 2p + 4 Gauss–Hermite nodes per axis, p the order in that
+/// variable, in up to three dimensions; beyond, twelve quasi-random points per coefficient of the largest
+/// component.
+numerics::PointRule default_training_rule(const MapShape& shape) {
   const Eigen::Index d = shape.identity.dimension();
-  if (d <= 3) return numerics::tensor_rule(numerics::gauss_hermite(2 * order + 4), d, k_lightest_node);
+  if (d <= 3) {
+    std::vector<numerics::Quadrature> rules;
+    const std::vector<int> orders = orders_of(shape.identity);
+    const bool is_long = d > 1 && orders.front() > orders.back();
+    for (std::size_t k = 0; k < orders.size(); ++k)
+      rules.push_back(numerics::gauss_hermite(k == 0 && is_long ? k_long_nodes : 2 * orders[k] + 4));
+    return numerics::tensor_rule(rules, k_lightest_node);
+  }
   Eigen::Index most = 0;
   for (const auto& c : shape.layout.components()) most = std::max(most, c.count());
   Eigen::Index n = 1024;
@@ -74,10 +103,22 @@ MapShape& MapSolver::Workspace::shape(Eigen::Index d, int order, const Parametri
   return *shape;
 }
 
+MapShape& MapSolver::Workspace::long_shape(Eigen::Index d, int order) {
+  auto& shape = long_shapes[{d, order}];
+  if (!shape) {
+    std::vector<int> orders(static_cast<std::size_t>(d), order);
+    orders.front() = std::min({k_longer * order, k_longest, 2 * options.max_order});
+    shape = std::make_unique<MapShape>(per_variable_map(orders, options.parametrisation));
+  }
+  return *shape;
+}
+
 MapShape& MapSolver::Workspace::shape_of(const TriangularMap& map) {
   // Copies of a map share their structure, hence the address tells.
   const auto same = [&](const MapShape& shape) { return &shape.identity.component(0) == &map.component(0); };
   for (auto& [key, shape] : shapes)
+    if (same(*shape)) return *shape;
+  for (auto& [key, shape] : long_shapes)
     if (same(*shape)) return *shape;
   for (auto& shape : grown)
     if (same(*shape)) return *shape;
@@ -88,7 +129,7 @@ MapShape& MapSolver::Workspace::shape_of(const TriangularMap& map) {
   return *foreign;
 }
 
-const TrainingTables& MapSolver::Workspace::training_tables(MapShape& shape, int order) {
+const TrainingTables& MapSolver::Workspace::training_tables(MapShape& shape) {
   if (!shape.training) {
     numerics::PointRule rule;
     if (options.rule) {
@@ -96,7 +137,7 @@ const TrainingTables& MapSolver::Workspace::training_tables(MapShape& shape, int
       choice.drop = std::max(choice.drop, k_lightest_node);
       rule = numerics::reference_rule(choice, shape.identity.dimension());
     } else {
-      rule = default_training_rule(shape, order);
+      rule = default_training_rule(shape);
     }
     shape.training = std::make_unique<TrainingTables>(std::move(rule), shape.identity);
   }
@@ -230,7 +271,7 @@ MapSolver::Workspace::Candidate& MapSolver::Workspace::train(sampling::CheckedDe
                                                              MapResult& result, const AffineMap& pre_map,
                                                              MapShape& shape, int order,
                                                              std::ptrdiff_t warm) {
-  const TrainingTables& tables = training_tables(shape, order);
+  const TrainingTables& tables = training_tables(shape);
   TriangularMap start = shape.identity;
   if (warm >= 0) {
     const Candidate& from = candidates[static_cast<std::size_t>(warm)];
@@ -254,6 +295,7 @@ MapSolver::Workspace::Candidate& MapSolver::Workspace::train(sampling::CheckedDe
   candidate.pre_map = pre_map;
   candidate.order = order;
   candidate.usable = true;
+  candidate.is_long = false;
   candidate.training_objective = summary.value;
   candidate.training_diagnostic = objective.variance_diagnostic(coefficients);
   candidate.verified_diagnostic = -1;
