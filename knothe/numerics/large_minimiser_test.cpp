@@ -219,7 +219,10 @@ TEST(LargeMinimisers, TheStepFilterIsObeyed) {
                                      : Eigen::VectorXd(Eigen::VectorXd::LinSpaced(1000, 0.01, 30));
       const auto summary =
           method == 0 ? NewtonCg().minimise(f, {.initial_radius = 1e3}, x) : Lbfgs().minimise(f, {}, x);
-      EXPECT_TRUE(summary.converged()) << method << " " << describe(summary.termination);
+      // The last steps may be lost in rounding, which depends on the instruction set; where it stopped is
+      // what counts.
+      EXPECT_TRUE(summary.converged() || summary.termination == Termination::small_step)
+          << method << " " << describe(summary.termination);
       EXPECT_LT((x.array() - k_barrier_minimum).abs().maxCoeff(), 1e-6) << method;
       EXPECT_GT(f.lowest_seen, 0) << method;
     }
