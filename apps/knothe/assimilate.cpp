@@ -1,11 +1,9 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
-#include <cerrno>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
-#include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "apps/knothe/commands.hpp"
@@ -15,6 +13,7 @@
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
+#include "knothe/files/atomic_file.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/forecast/forecaster.hpp"
 #include "knothe/project/project_file.hpp"
@@ -75,18 +74,6 @@ class Display {
   std::size_t steps_, shown_ = 0;
 };
 
-/// Tells before the work, not after it, that results cannot be written there.
-void require_writable(const std::string& folder) {
-  std::error_code failure;
-  std::filesystem::create_directories(folder, failure);
-  if (failure) {
-    errno = failure.value();
-    throw system_error("could not make the folder for results", folder);
-  }
-  if (access(folder.c_str(), W_OK | X_OK) != 0)
-    throw system_error("may not write to the folder for results", folder);
-}
-
 std::string joined(const std::vector<std::size_t>& steps) {
   return steps.empty() ? "none" : fmt::format("{}", fmt::join(steps, ", "));
 }
@@ -102,7 +89,7 @@ int assimilate(const AssimilateArguments& arguments) {
   assimilation::SequentialUpdate update(setup.observed, setup.measurements.noise, setup.priors,
                                         setup.options);
   forecast::Forecaster forecaster = project::make_forecaster(project, setup);
-  require_writable(project.results);
+  files::require_writable_folder(project.results);
   report::ResultsWriter results(project, setup.model, setup.measurements, update.priors());
   Display display(arguments.json, setup.model.parameter_names(), setup.measurements.time.size());
   const auto start = Clock::now();

@@ -2,7 +2,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <cerrno>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -59,18 +58,6 @@ class EvaluationCounter {
   Clock::time_point start_ = Clock::now(), last_ = start_;
 };
 
-/// Tells before the work, not after it, that results cannot be written there.
-void require_writable(const std::string& folder) {
-  std::error_code failure;
-  std::filesystem::create_directories(folder, failure);
-  if (failure) {
-    errno = failure.value();
-    throw system_error("could not make the folder for results", folder);
-  }
-  if (access(folder.c_str(), W_OK | X_OK) != 0)
-    throw system_error("may not write to the folder for results", folder);
-}
-
 void require_possible(const project::Project& project, Method method, bool overridden) {
   if (method != Method::grid || project.parameters.size() <= 3) return;
   const std::string text =
@@ -105,7 +92,7 @@ Answer run(const project::Project& project, Method method, const std::string& fo
     counter.set_share(share);
     return !cancellation_requested();
   };
-  require_writable(folder);
+  files::require_writable_folder(folder);
   answer.result = inference::infer(posterior, evaluator, options);
   report::write_inference(folder, project, setup, answer.result);
   return answer;

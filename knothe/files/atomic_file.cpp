@@ -96,6 +96,17 @@ void write_text_atomically(const std::string& path, const std::string& text) {
   });
 }
 
+void require_writable_folder(const std::string& folder) {
+  std::error_code failure;
+  std::filesystem::create_directories(folder, failure);
+  if (failure) {
+    errno = failure.value();
+    throw system_error("could not make the folder for results", folder);
+  }
+  if (access(folder.c_str(), W_OK | X_OK) != 0)
+    throw system_error("may not write to the folder for results", folder);
+}
+
 std::string read_text(const std::string& path) {
   Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
   if (file.get() < 0) throw system_error("could not read", path);

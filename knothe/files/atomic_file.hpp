@@ -14,6 +14,10 @@ void write_atomically(const std::string& path,
 /// The same for a text.
 void write_text_atomically(const std::string& path, const std::string& text);
 
+/// Makes the folder for results where it is not there, and tells before the work, not after it, that nothing
+/// can be written there. Errors: IoError.
+void require_writable_folder(const std::string& folder);
+
 /// The whole file. Missing or unreadable: an Error of kind `status_if_missing`'s exit status is the caller's
 /// business, so this throws IoError with the system's words.
 [[nodiscard]] std::string read_text(const std::string& path);

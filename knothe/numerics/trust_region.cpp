@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "knothe/numerics/trust_region_step.hpp"
+
 namespace knothe::numerics {
 
 const char* describe(Termination termination) {
@@ -108,25 +110,19 @@ MinimiserSummary NewtonTrustRegion::minimise(Objective& objective, const TrustRe
     ++summary.evaluations;
     const bool feasible = objective.evaluate(trial_, 2, trial_value, trial_gradient_, trial_hessian_) &&
                           std::isfinite(trial_value);
-    // Below rounding of the value itself the ratio says nothing; then trust the gradient.
-    const double noise = 1e-15 * (1 + std::abs(summary.value)) * 10;
-    const double ratio = !feasible ? -1.0
-                         : std::abs(predicted) < noise && trial_value <= summary.value + noise
-                             ? (trial_gradient_.norm() <= gradient_.norm() ? 1.0 : -1.0)
-                             : (summary.value - trial_value) / predicted;
-    if (ratio > 1e-4) {
+    const double agreement =
+        TrialStep{feasible, predicted, summary.value, trial_value, gradient_.norm(), trial_gradient_.norm(),
+                  length}
+            .agreement();
+    radius = next_radius(radius, options.max_radius, agreement, length);
+    if (agreement > k_least_agreement) {
       x.swap(trial_);
       gradient_.swap(trial_gradient_);
       hessian_.swap(trial_hessian_);
       summary.value = trial_value;
-      if (ratio > 0.75 && length > 0.8 * radius) radius = std::min(2.5 * radius, options.max_radius);
-      if (ratio < 0.25) radius = 0.5 * length;
-    } else {
-      radius = 0.25 * std::min(length, radius);
-      if (radius < 1e-14 * (1 + x.norm())) {
-        summary.termination = Termination::small_step;
-        return summary;
-      }
+    } else if (radius < 1e-14 * (1 + x.norm())) {
+      summary.termination = Termination::small_step;
+      return summary;
     }
   }
   summary.gradient_norm = gradient_.lpNorm<Eigen::Infinity>();

@@ -10,6 +10,7 @@
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/files/netcdf.hpp"
+#include "knothe/report/json_values.hpp"
 
 namespace knothe::report {
 namespace {
@@ -18,16 +19,6 @@ using Json = nlohmann::ordered_json;
 using inference::InferenceResult;
 
 constexpr Eigen::Index k_shown_draws = 700;  ///< in the report's figures
-
-Json to_json(const Eigen::Ref<const Eigen::VectorXd>& v) {
-  return std::vector<double>(v.begin(), v.end());
-}
-
-Json rows_of(const Eigen::MatrixXd& m) {
-  Json rows = Json::array();
-  for (Eigen::Index i = 0; i < m.rows(); ++i) rows.push_back(to_json(m.row(i).transpose()));
-  return rows;
-}
 
 Json columns_of(const Eigen::MatrixXd& m) {
   return rows_of(m.transpose());

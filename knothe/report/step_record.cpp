@@ -3,23 +3,11 @@
 #include <nlohmann/json.hpp>
 
 #include "knothe/assimilation/marginal_density.hpp"
+#include "knothe/report/json_values.hpp"
 
 namespace knothe::report {
-namespace {
 
 using Json = nlohmann::ordered_json;
-
-Json to_json(const Eigen::Ref<const Eigen::VectorXd>& v) {
-  return std::vector<double>(v.begin(), v.end());
-}
-
-Json rows_of(const Eigen::MatrixXd& m) {
-  Json rows = Json::array();
-  for (Eigen::Index i = 0; i < m.rows(); ++i) rows.push_back(to_json(m.row(i).transpose()));
-  return rows;
-}
-
-}  // namespace
 
 Json forecast_record(std::span<const forecast::NamedForecast> forecasts, bool densities) {
   Json record = Json::object();

@@ -58,24 +58,24 @@ void CheckedDensity::check(const Eigen::Ref<const Eigen::MatrixXd>& points, int 
     for (Eigen::Index i = 0; i < points.rows(); ++i)
       if (!values.row(i).allFinite())
         throw NumericalError(
-            fmt::format("the {} of the log-density is not finite at {}; it must be finite everywhere", what,
-                        describe_point(points, i)));
+            fmt::format("the {} of the log-density is not finite at {}; it must be finite wherever the "
+                        "density is not zero",
+                        what, describe_point(points, i)));
   };
   if (derivatives >= 1 && !is_finite(out.gradient)) complain("gradient", out.gradient);
   if (derivatives >= 2 && !is_finite(out.hessian)) complain("Hessian", out.hessian);
 }
 
-void CheckedDensity::excuse(int derivatives, LogDensityBatch& out) {
-  constexpr double k_infinity = std::numeric_limits<double>::infinity();
+void CheckedDensity::excuse(int derivatives, LogDensityBatch& out) const {
   bool fine = std::isfinite(out.value.sum());
   if (derivatives >= 1) fine = fine && is_finite(out.gradient);
   if (derivatives >= 2) fine = fine && is_finite(out.hessian);
   if (fine) return;
   for (Eigen::Index i = 0; i < out.value.size(); ++i) {
-    if (std::isfinite(out.value[i]) && (derivatives < 1 || out.gradient.row(i).allFinite()) &&
-        (derivatives < 2 || out.hessian.row(i).allFinite()))
-      continue;
-    out.value[i] = -k_infinity;
+    const bool finite = std::isfinite(out.value[i]) && (derivatives < 1 || out.gradient.row(i).allFinite()) &&
+                        (derivatives < 2 || out.hessian.row(i).allFinite());
+    if (finite || !(lenient_ || out.value[i] < k_least_log_density)) continue;
+    out.value[i] = -std::numeric_limits<double>::infinity();
     if (derivatives >= 1) out.gradient.row(i).setZero();
     if (derivatives >= 2) out.hessian.row(i).setZero();
   }
@@ -91,7 +91,7 @@ void CheckedDensity::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, i
   target_->evaluate(points, derivatives, out);
   evaluations_ += points.rows();
   require_sizes(points.rows(), points.cols(), derivatives, out);
-  if (lenient_) excuse(derivatives, out);
+  excuse(derivatives, out);
   check(points, derivatives, out);
 }
 

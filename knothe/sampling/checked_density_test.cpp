@@ -50,12 +50,32 @@ TEST(CheckedDensity, WhatIsNotANumberIsNamedWithItsPoint) {
       "the log-density is inf at z = (0.5, -1); it must be a number, or -inf where the density is zero");
   Wrong gradient([&](LogDensityBatch& out) { out.gradient(0, 1) = nan; });
   EXPECT_EQ(message_of<NumericalError>(gradient),
-            "the gradient of the log-density is not finite at z = (0.5, -1); it must be finite everywhere");
+            "the gradient of the log-density is not finite at z = (0.5, -1); it must be finite "
+            "wherever the density is not zero");
   Wrong hessian([&](LogDensityBatch& out) { out.hessian(1, 2) = nan; });
   EXPECT_EQ(message_of<NumericalError>(hessian),
-            "the Hessian of the log-density is not finite at z = (2, 0.25); it must be finite everywhere");
+            "the Hessian of the log-density is not finite at z = (2, 0.25); it must be finite "
+            "wherever the density is not zero");
   Wrong zero([&](LogDensityBatch& out) { out.value[0] = -std::numeric_limits<double>::infinity(); });
   EXPECT_EQ(message_of<NumericalError>(zero), "");
+}
+
+TEST(CheckedDensity, WhereTheDensityIsZeroNoDerivativesAreAskedFor) {
+  // Neal's funnel: e^{-x} overflows in the far tail, and its derivatives before its value.
+  const double infinity = std::numeric_limits<double>::infinity(), nan = std::nan("");
+  for (const double value : {-infinity, -1e101}) {
+    Wrong tail([&](LogDensityBatch& out) {
+      out.value[0] = value;
+      out.gradient(0, 0) = -infinity, out.hessian(0, 2) = nan;
+    });
+    CheckedDensity checked(tail);
+    LogDensityBatch out;
+    checked.evaluate(Eigen::MatrixXd::Constant(2, 2, 0.5), 2, out);
+    EXPECT_EQ(out.value[0], -infinity);
+    EXPECT_EQ(out.gradient.row(0), Eigen::RowVectorXd::Zero(2));
+    EXPECT_EQ(out.hessian.row(0), Eigen::RowVectorXd::Zero(3));
+    EXPECT_NE(out.gradient.row(1), Eigen::RowVectorXd::Zero(2));
+  }
 }
 
 TEST(CheckedDensity, ResizedBuffersAreRefused) {

@@ -34,7 +34,7 @@ class LogDensity {
   [[nodiscard]] virtual int available_derivatives() const { return 2; }
   /// Fills `out` (which the caller has resized) with derivatives up to order `derivatives` at `points` (n ×
   /// d). Constants are included, so that ∫ exp(value) is the evidence. A value may be -inf where the density
-  /// is zero; gradient and Hessian are finite everywhere.
+  /// is zero; gradient and Hessian are finite wherever it is not.
   virtual void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
                         LogDensityBatch& out) = 0;
 };
