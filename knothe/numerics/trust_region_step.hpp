@@ -7,8 +7,8 @@ namespace knothe::numerics {
 
 /// A step that the minimiser has tried.
 struct TrialStep {
-  bool feasible;           ///< the objective took the point, and its value is finite
-  double predicted;        ///< decrease by the quadratic model
+  bool feasible;     ///< the objective took the point, and its value is finite
+  double predicted;  ///< decrease by the quadratic model
   double value, trial_value;
   double gradient_norm, trial_gradient_norm;
   double length;
