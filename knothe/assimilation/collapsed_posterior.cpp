@@ -29,22 +29,6 @@ void require_finite(const StepForm& form, const Eigen::Ref<const Eigen::VectorXd
 
 }  // namespace
 
-StepForm StepForm::zero(Eigen::Index r) {
-  StepForm form;
-  form.quadratic.setZero(r, r);
-  form.linear.setZero(r);
-  return form;
-}
-
-void StepForm::add(const StepForm& other) {
-  quadratic += other.quadratic;
-  linear += other.linear;
-  constant += other.constant;
-  log_normaliser += other.log_normaliser;
-  used += other.used;
-  missing += other.missing;
-}
-
 DatumProjector::DatumProjector(std::shared_ptr<const reduction::ObservedModel> model, NoiseModel noise,
                                const Eigen::VectorXd& centre)
     : model_(std::move(model)), noise_(std::move(noise)) {
@@ -57,66 +41,104 @@ DatumProjector::DatumProjector(std::shared_ptr<const reduction::ObservedModel> m
   functions.evaluate(centre.transpose(), 0, batch);
   central_ = batch.value.row(0);
   predicted_.resize(n, n_t);
-  weighted_space_ = noise_.apply(model_->space);
-  const Eigen::MatrixXd gram = model_->space.transpose() * weighted_space_;
+  complete_.noise = noise_;
+  for (Eigen::Index i = 0; i < n; ++i) complete_.kept.push_back(i);
+  complete_.weighted_space = noise_.apply(model_->space);
+  complete_.gram = model_->space.transpose() * complete_.weighted_space;
   quadratic_.resize(n_t);
   for (Eigen::Index t = 0; t < n_t; ++t) {
     const auto& core = model_->core[t];
     predicted_.col(t) = model_->lift.col(t) + model_->space * (core * central_);
-    quadratic_[t] = core.transpose() * gram * core;
+    quadratic_[t] = core.transpose() * complete_.gram * core;
     quadratic_[t] = 0.5 * (quadratic_[t] + quadratic_[t].transpose().eval());
   }
   residual_.resize(n);
   weighted_.resize(n);
   in_space_.resize(model_->space.cols());
+  if (noise_.shared_reference() > 0) {
+    const double k = noise_.shared_reference();
+    if (noise_.is_independent()) {
+      constant_ = std::make_unique<ConstantSensorError>((k + 1) * noise_.inverse_variance(), central_.size());
+    } else {
+      shared_ = std::make_unique<SharedReferenceError>(noise_, central_.size());
+    }
+  }
 }
 
-void DatumProjector::project(std::size_t time_index, const Eigen::Ref<const Eigen::VectorXd>& values,
-                             StepForm& form) {
+void DatumProjector::restart() {
+  if (shared_) shared_->restart();
+  if (constant_) constant_->restart();
+}
+
+void DatumProjector::project(std::size_t step, std::size_t time_index,
+                             const Eigen::Ref<const Eigen::VectorXd>& values, StepForm& form) {
   assert(time_index < model_->time.size() && values.size() == observation_count());
   residual_ = values - predicted_.col(time_index);
-  std::vector<Eigen::Index> kept;
-  if (residual_.allFinite()) {
-    project_complete(time_index, form);
-    require_finite(form, values);
-    return;
-  }
+  const NoiseModel& noise = noise_.at_step(step);
+  kept_.clear();
   for (Eigen::Index i = 0; i < values.size(); ++i) {
     if (std::isinf(values[i])) throw DataError("a measured value is infinite: give NaN for a missing value");
-    if (!std::isnan(values[i])) kept.push_back(i);
+    if (!std::isnan(values[i]) && noise.is_measured(i)) kept_.push_back(i);
   }
-  project_incomplete(time_index, kept, form);
-  require_finite(form, values);
+  if (kept_.empty()) {
+    form = StepForm::zero(central_.size());
+  } else if (constant_) {
+    project_constant(step, time_index, form);
+    require_finite(form, values);
+  } else if (shared_) {
+    const NoiseGroup& group = group_of(step);
+    const Eigen::VectorXd residual = residual_(kept_);
+    form = shared_->condition(group, model_->core[time_index], residual);
+    require_finite(form, values);
+    shared_->take(group, model_->core[time_index], residual);
+  } else {
+    if (static_cast<Eigen::Index>(kept_.size()) == values.size() && !noise_.has_step(step)) {
+      project_complete(time_index, form);
+    } else {
+      project_incomplete(step, time_index, form);
+    }
+    require_finite(form, values);
+  }
+  form.used = static_cast<Eigen::Index>(kept_.size());
+  form.missing = observation_count() - form.used;
 }
 
 void DatumProjector::project_complete(std::size_t time_index, StepForm& form) {
   noise_.apply(residual_, weighted_);
-  in_space_.noalias() = weighted_space_.transpose() * residual_;
+  in_space_.noalias() = complete_.weighted_space.transpose() * residual_;
   form.quadratic = quadratic_[time_index];
   form.linear.noalias() = model_->core[time_index].transpose() * in_space_;
   form.constant = residual_.dot(weighted_);
   form.log_normaliser = static_cast<double>(residual_.size()) * k_log_2_pi + noise_.log_determinant();
-  form.used = residual_.size();
-  form.missing = 0;
 }
 
-void DatumProjector::project_incomplete(std::size_t time_index, const std::vector<Eigen::Index>& kept,
-                                        StepForm& form) {
-  const Eigen::Index r = central_.size();
-  form = StepForm::zero(r);
-  form.used = static_cast<Eigen::Index>(kept.size());
-  form.missing = observation_count() - form.used;
-  if (kept.empty()) return;
-  const NoiseModel noise = noise_.restricted(kept);
-  const Eigen::MatrixXd space = model_->space(kept, Eigen::all);
-  const Eigen::VectorXd residual = residual_(kept);
-  const Eigen::MatrixXd weighted_space = noise.apply(space);
-  const auto& core = model_->core[time_index];
-  form.quadratic = core.transpose() * (space.transpose() * weighted_space) * core;
-  form.quadratic = 0.5 * (form.quadratic + form.quadratic.transpose().eval());
-  form.linear = core.transpose() * (weighted_space.transpose() * residual);
-  form.constant = residual.dot(noise.apply(residual).col(0));
-  form.log_normaliser = static_cast<double>(form.used) * k_log_2_pi + noise.log_determinant();
+void DatumProjector::project_incomplete(std::size_t step, std::size_t time_index, StepForm& form) {
+  group_of(step).project(model_->core[time_index], residual_(kept_), 1, form);
+}
+
+void DatumProjector::project_constant(std::size_t step, std::size_t time_index, StepForm& form) {
+  const double k = noise_.shared_reference();
+  Eigen::VectorXd own = Eigen::VectorXd::Zero(observation_count());
+  for (const Eigen::Index i : kept_) own[i] = (k + 1) / k * noise_.at_step(step).inverse_variance()[i];
+  const Eigen::MatrixXd design = model_->space * model_->core[time_index];
+  form = constant_->condition(own, design, residual_);
+  if (std::isfinite(form.constant)) constant_->take(own, design, residual_);
+}
+
+const NoiseGroup& DatumProjector::group_of(std::size_t step) {
+  const bool of_one_step = noise_.has_step(step);
+  if (!of_one_step && kept_.size() == complete_.kept.size()) return complete_;
+  if (recent_.of_one_step == of_one_step && recent_.kept == kept_ && (!of_one_step || recent_.step == step))
+    return recent_;
+  recent_ = {};
+  recent_.of_one_step = of_one_step;
+  recent_.step = of_one_step ? step : 0;
+  recent_.kept = kept_;
+  recent_.noise = noise_.at_step(step).restricted(kept_);
+  recent_.space = model_->space(kept_, Eigen::all);
+  recent_.weighted_space = recent_.noise.apply(recent_.space);
+  recent_.gram = recent_.space.transpose() * recent_.weighted_space;
+  return recent_;
 }
 
 CollapsedLogDensity::CollapsedLogDensity(std::shared_ptr<const reduction::ParameterFunctions> functions,

@@ -17,27 +17,16 @@
 #include "knothe/assimilation/noise_model.hpp"
 #include "knothe/assimilation/prior_transform.hpp"
 #include "knothe/assimilation/quadratic_factor.hpp"
+#include "knothe/assimilation/shared_error.hpp"
+#include "knothe/assimilation/step_form.hpp"
 #include "knothe/reduction/observed_model.hpp"
 #include "knothe/sampling/log_density.hpp"
 
 namespace knothe::assimilation {
 
-/// What one datum says about w: its quadratic form, kept per step so that a step can be taken out again.
-struct StepForm {
-  Eigen::MatrixXd quadratic;  ///< G_t, r × r
-  Eigen::VectorXd linear;     ///< g_t, r
-  double constant = 0;        ///< c_t
-  double log_normaliser = 0;  ///< n_t log 2π + log det R_t
-  Eigen::Index used = 0;      ///< values used
-  Eigen::Index missing = 0;   ///< values missing (NaN)
-
-  /// Makes a form of r functions that says nothing.
-  [[nodiscard]] static StepForm zero(Eigen::Index r);
-  void add(const StepForm& other);
-};
-
 /// Turns data into step forms. Owns what depends on model and noise only: products of Eq. above that no datum
-/// changes.
+/// changes. With errors that steps share (`shared_error.hpp`) the form is that of the datum given the data
+/// projected before it.
 class DatumProjector {
  public:
   /// `centre`: the point p at which w₀ = w(p) is taken, d values inside the model's box.
@@ -45,23 +34,36 @@ class DatumProjector {
                  const Eigen::VectorXd& centre);
 
   [[nodiscard]] const reduction::ObservedModel& model() const { return *model_; }
+  [[nodiscard]] const NoiseModel& noise() const { return noise_; }
   [[nodiscard]] const Eigen::VectorXd& central_functions() const { return central_; }  ///< w₀, r
   [[nodiscard]] Eigen::Index observation_count() const { return predicted_.rows(); }
+  /// Whether a form depends on the data before it: then data are projected anew (`restart`) where one of them
+  /// is taken out or comes late.
+  [[nodiscard]] bool depends_on_order() const { return shared_ || constant_; }
+  void restart();
 
-  /// The form of the datum `values` (n_obs, NaN = missing) of model time index `time_index`, into `form`.
-  /// With all values present nothing is allocated after the first call.
-  void project(std::size_t time_index, const Eigen::Ref<const Eigen::VectorXd>& values, StepForm& form);
+  /// The form of the datum `values` (n_obs, NaN = missing) of step `step` and model time index `time_index`,
+  /// into `form`. With all values present and noise that is independent from step to step nothing is
+  /// allocated after the first call. A datum that is refused (DataError) leaves no trace.
+  void project(std::size_t step, std::size_t time_index, const Eigen::Ref<const Eigen::VectorXd>& values,
+               StepForm& form);
 
  private:
   void project_complete(std::size_t time_index, StepForm& form);
-  void project_incomplete(std::size_t time_index, const std::vector<Eigen::Index>& kept, StepForm& form);
+  void project_incomplete(std::size_t step, std::size_t time_index, StepForm& form);
+  void project_constant(std::size_t step, std::size_t time_index, StepForm& form);
+  const NoiseGroup& group_of(std::size_t step);
 
   std::shared_ptr<const reduction::ObservedModel> model_;
   NoiseModel noise_;
   Eigen::VectorXd central_;
-  Eigen::MatrixXd predicted_;                       ///< lift_t + (OU) C_t w₀, n_obs × n_t
-  Eigen::MatrixXd weighted_space_;                  ///< R⁻¹ (OU), n_obs × l
-  std::vector<Eigen::MatrixXd> quadratic_;          ///< G_t of complete data, per model time
+  Eigen::MatrixXd predicted_;               ///< lift_t + (OU) C_t w₀, n_obs × n_t
+  NoiseGroup complete_;                     ///< all values present
+  NoiseGroup recent_;                       ///< the last other set of values present: masks tend to stay
+  std::vector<Eigen::MatrixXd> quadratic_;  ///< G_t of complete data, per model time
+  std::unique_ptr<SharedReferenceError> shared_;
+  std::unique_ptr<ConstantSensorError> constant_;
+  std::vector<Eigen::Index> kept_;                  // of the datum at hand
   Eigen::VectorXd residual_, weighted_, in_space_;  // workspace
 };
 

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
 #include <limits>
 
@@ -18,48 +19,79 @@ namespace {
 using files::Hdf5Reader;
 using files::Shape;
 
-NoiseModel read_precision(const Hdf5Reader& file, std::size_t n_obs) {
-  const std::string group = "/noise/precision";
-  if (file.has_attribute(group, "shared_reference")) {
-    throw DataError(
-        file.path() +
-        ": noise/precision has the attribute shared_reference (errors shared through the reference picture): "
-        "not supported by this version; remove it to treat pictures as independent");
-  }
+Eigen::SparseMatrix<double> read_matrix(const Hdf5Reader& file, const std::string& group, std::size_t n_obs) {
+  const std::string name = group.substr(1);
   const std::vector<double> data = file.read(group + "/data");
   const std::vector<std::int64_t> indices = file.read_integers(group + "/indices");
   const std::vector<std::int64_t> rows = file.read_integers(group + "/indptr");
   if (rows.size() != n_obs + 1 || rows.back() != static_cast<std::int64_t>(data.size()) ||
       indices.size() != data.size()) {
     throw DataError(
-        fmt::format("{}: noise/precision is not a CSR matrix of {} rows: indptr has {} entries, indices {}, "
-                    "data {}",
-                    file.path(), n_obs, rows.size(), indices.size(), data.size()));
+        fmt::format("{}: {} is not a CSR matrix of {} rows: indptr has {} entries, indices {}, data {}",
+                    file.path(), name, n_obs, rows.size(), indices.size(), data.size()));
   }
   std::vector<Eigen::Triplet<double>> entries;
   entries.reserve(data.size());
   for (std::size_t i = 0; i < n_obs; ++i) {
     for (std::int64_t k = rows[i]; k < rows[i + 1]; ++k) {
       if (k < 0 || k >= rows.back() || indices[k] < 0 || indices[k] >= static_cast<std::int64_t>(n_obs)) {
-        throw DataError(fmt::format("{}: noise/precision/indices: entry {} of row {} is out of range",
-                                    file.path(), k, i));
+        throw DataError(
+            fmt::format("{}: {}/indices: entry {} of row {} is out of range", file.path(), name, k, i));
       }
       entries.emplace_back(static_cast<int>(i), static_cast<int>(indices[k]), data[k]);
     }
   }
   Eigen::SparseMatrix<double> precision(static_cast<Eigen::Index>(n_obs), static_cast<Eigen::Index>(n_obs));
   precision.setFromTriplets(entries.begin(), entries.end());
-  return NoiseModel::correlated(precision);
+  return precision;
 }
 
-NoiseModel read_noise(const Hdf5Reader& file, std::size_t n_obs) {
+/// The attribute `shared_reference` of noise/precision or noise/std: a number of reference pictures.
+NoiseModel with_shared_reference(const Hdf5Reader& file, const std::string& name, const NoiseModel& noise) {
+  if (!file.has_attribute(name, "shared_reference")) return noise;
+  const double pictures = file.number_attribute(name, "shared_reference");
+  if (!(pictures >= 1) || pictures != std::floor(pictures) || pictures > 1e6) {
+    throw DataError(fmt::format(
+        "{}: the attribute shared_reference of {} is {}: it is the number of reference pictures, 1 or more",
+        file.path(), name.substr(1), pictures));
+  }
+  return noise.with_shared_reference(static_cast<int>(pictures));
+}
+
+/// noise/precision_steps/I, pictures with a noise of their own.
+NoiseModel with_steps(const Hdf5Reader& file, NoiseModel noise, std::size_t n_obs, std::size_t n_t) {
+  if (!file.has("/noise/precision_steps")) return noise;
+  for (const std::string& name : file.members("/noise/precision_steps")) {
+    const std::string group = "/noise/precision_steps/" + name;
+    std::size_t step = n_t;
+    const auto [end, error] = std::from_chars(name.data(), name.data() + name.size(), step);
+    if (error != std::errc() || end != name.data() + name.size() || step >= n_t) {
+      throw DataError(fmt::format("{}: noise/precision_steps/{}: the name is a step, 0 to {}", file.path(),
+                                  name, n_t - 1));
+    }
+    try {
+      noise = noise.with_step(step, NoiseModel::correlated(read_matrix(file, group, n_obs)));
+    } catch (const DataError& e) {
+      const std::string text = e.what();
+      if (text.starts_with(file.path())) throw;
+      throw DataError(fmt::format("{}: noise/precision_steps/{}: {}", file.path(), name, text));
+    }
+  }
+  return noise;
+}
+
+NoiseModel read_noise(const Hdf5Reader& file, std::size_t n_obs, std::size_t n_t) {
   try {
     if (file.has("/noise/std")) {
       const std::vector<double> std = file.read("/noise/std", Shape{n_obs});
-      return NoiseModel::independent(
-          Eigen::Map<const Eigen::VectorXd>(std.data(), static_cast<Eigen::Index>(n_obs)));
+      return with_shared_reference(file, "/noise/std",
+                                   NoiseModel::independent(Eigen::Map<const Eigen::VectorXd>(
+                                       std.data(), static_cast<Eigen::Index>(n_obs))));
     }
-    if (file.has("/noise/precision")) return read_precision(file, n_obs);
+    if (file.has("/noise/precision")) {
+      const NoiseModel noise = NoiseModel::correlated(read_matrix(file, "/noise/precision", n_obs));
+      return with_shared_reference(file, "/noise/precision", with_steps(file, noise, n_obs, n_t));
+    }
   } catch (const DataError& error) {
     const std::string text = error.what();
     throw DataError(text.starts_with(file.path()) ? text : file.path() + ": " + text);
@@ -115,12 +147,31 @@ Measurements read_hdf5(const std::string& path) {
     }
     m.components.push_back(static_cast<int>(components[j]));
   }
-  m.noise = read_noise(file, n_obs);
+  m.noise = read_noise(file, n_obs, n_t);
   if (file.has("/truth")) {
     for (const std::string& name : file.members("/truth"))
       m.truth[name] = file.read("/truth/" + name, Shape{1})[0];
   }
   return m;
+}
+
+void write_noise(files::Hdf5Writer& file, const NoiseModel& noise, std::size_t n_obs) {
+  std::string name = "/noise/std";
+  if (noise.is_independent()) {
+    const Eigen::VectorXd std = noise.standard_deviations();
+    file.write(name, {std.data(), n_obs}, {n_obs}, {"m", "standard deviation of the noise"});
+  } else {
+    name = "/noise/precision";
+    const Eigen::SparseMatrix<double> m = noise.precision();  // symmetric: its columns are its rows
+    const auto count = static_cast<std::size_t>(m.nonZeros());
+    const std::vector<std::int64_t> indices(m.innerIndexPtr(), m.innerIndexPtr() + count);
+    const std::vector<std::int64_t> rows(m.outerIndexPtr(), m.outerIndexPtr() + n_obs + 1);
+    file.write(name + "/data", {m.valuePtr(), count}, {count}, {"1/m2", "precision of the noise, CSR"});
+    file.write_integers(name + "/indices", indices, {count}, {"1", "columns"});
+    file.write_integers(name + "/indptr", rows, {n_obs + 1}, {"1", "first entry of each row"});
+  }
+  if (noise.shared_reference() > 0)
+    file.integer_attribute(name, "shared_reference", noise.shared_reference());
 }
 
 }  // namespace
@@ -142,7 +193,6 @@ void write_measurements(const std::string& path, const Measurements& m, const st
   for (Eigen::Index j = 0; j < m.points.rows(); ++j) {
     for (Eigen::Index c = 0; c < 3; ++c) points.push_back(m.points(j, c));
   }
-  const Eigen::VectorXd std = m.noise.standard_deviations();
   files::write_atomically(path, [&](const std::string& temporary) {
     files::Hdf5Writer file(temporary);
     file.write("/time", m.time, {n_t}, {"1", "model time"});
@@ -151,7 +201,7 @@ void write_measurements(const std::string& path, const Measurements& m, const st
     file.write("/dofs/points", points, {n_obs, 3}, {"m", "measurement points"});
     file.write_integers("/dofs/component", components, {n_obs},
                         {"1", "displacement component: 0 x, 1 y, 2 z"});
-    file.write("/noise/std", {std.data(), n_obs}, {n_obs}, {"m", "standard deviation of the noise"});
+    write_noise(file, m.noise, n_obs);
     for (const auto& [name, value] : m.truth)
       file.write("/truth/" + name, {&value, 1}, {1}, {"1", "true value"});
     file.text_attribute("/", "created_by", k_created_by);

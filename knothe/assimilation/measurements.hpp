@@ -27,7 +27,7 @@ struct Measurements {
 [[nodiscard]] Measurements read_measurements(const std::string& path);
 
 /// Writes HDF5 (atomically), with `project` (the text of the project file) and `seed` as attributes.
-/// Independent noise only.
+/// Not the noise of single steps.
 void write_measurements(const std::string& path, const Measurements& measurements, const std::string& project,
                         std::uint64_t seed);
 

@@ -3,9 +3,11 @@
 #include <fmt/format.h>
 
 #include <Eigen/SparseCholesky>
+#include <cassert>
 #include <cmath>
 
 #include "knothe/base/error.hpp"
+#include "knothe/numerics/selected_inverse.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -21,7 +23,31 @@ void factorise(Factor& factor, const Sparse& matrix) {
   }
 }
 
+/// The matrix that takes the rows `kept` out of a vector, transposed: n × number of rows.
+Sparse selection(Eigen::Index n, const std::vector<Eigen::Index>& kept) {
+  Sparse s(n, static_cast<Eigen::Index>(kept.size()));
+  s.reserve(Eigen::VectorXi::Ones(s.cols()));
+  for (std::size_t j = 0; j < kept.size(); ++j) s.insert(kept[j], static_cast<Eigen::Index>(j)) = 1;
+  s.makeCompressed();
+  return s;
+}
+
 }  // namespace
+
+/// M_ss, M_us and the factor of M_uu, for s the dofs kept and u those that are measured and left out.
+struct NoiseModel::Marginal {
+  std::vector<Eigen::Index> kept;
+  Sparse block, coupling;
+  Factor factor;
+  double whole_log_determinant = 0;  ///< log det M⁻¹
+
+  template <class X>
+  [[nodiscard]] Eigen::MatrixXd apply(const X& x) const {
+    Eigen::MatrixXd out = block * x;
+    if (coupling.rows() > 0) out -= coupling.transpose() * factor.solve(Eigen::MatrixXd(coupling * x));
+    return out;
+  }
+};
 
 NoiseModel NoiseModel::independent(const Eigen::VectorXd& std) {
   NoiseModel noise;
@@ -50,73 +76,131 @@ NoiseModel NoiseModel::correlated(const Sparse& precision) {
   if (difference.norm() > 1e-9 * precision.norm()) {
     throw DataError("noise/precision is not symmetric: store the full symmetric matrix");
   }
+  auto matrix = std::make_shared<Sparse>(precision);
+  matrix->prune(0.0, 0.0);
+  matrix->makeCompressed();
   NoiseModel noise;
   noise.size_ = precision.rows();
-  noise.precision_ = precision;
-  noise.precision_.makeCompressed();
+  noise.precision_ = matrix;
+  noise.count_measured();
+  Sparse regular = *matrix;  // a unit diagonal where nothing is measured: log 1 = 0
+  if (!noise.is_complete_) {
+    for (Eigen::Index i = 0; i < noise.size_; ++i) {
+      if (!noise.is_measured(i)) regular.coeffRef(i, i) = 1;
+    }
+  }
   Factor factor;
-  factorise(factor, noise.precision_);
+  factorise(factor, regular);
   noise.log_determinant_ = -factor.vectorD().array().log().sum();
   return noise;
 }
 
+void NoiseModel::count_measured() {
+  is_complete_ = true;
+  for (Eigen::Index i = 0; i < size_; ++i) is_complete_ = is_complete_ && is_measured(i);
+}
+
+bool NoiseModel::is_measured(Eigen::Index dof) const {
+  if (is_independent() || marginal_) return true;
+  return precision_->outerIndexPtr()[dof + 1] > precision_->outerIndexPtr()[dof];
+}
+
+NoiseModel NoiseModel::with_step(std::size_t step, NoiseModel noise) const {
+  assert(noise.size() == size_);
+  NoiseModel result = *this;
+  result.steps_[step] = std::make_shared<const NoiseModel>(std::move(noise));
+  return result;
+}
+
+NoiseModel NoiseModel::with_shared_reference(int pictures) const {
+  assert(pictures >= 0);
+  NoiseModel result = *this;
+  result.shared_reference_ = pictures;
+  return result;
+}
+
+const NoiseModel& NoiseModel::at_step(std::size_t step) const {
+  const auto found = steps_.find(step);
+  return found == steps_.end() ? *this : *found->second;
+}
+
 Eigen::MatrixXd NoiseModel::apply(const Eigen::Ref<const Eigen::MatrixXd>& x) const {
   if (is_independent()) return inverse_variance_.asDiagonal() * x;
-  return precision_ * x;
+  if (marginal_) return marginal_->apply(x);
+  return *precision_ * x;
 }
 
 void NoiseModel::apply(const Eigen::Ref<const Eigen::VectorXd>& x, Eigen::Ref<Eigen::VectorXd> out) const {
   if (is_independent()) {
     out = inverse_variance_.cwiseProduct(x);
+  } else if (marginal_) {
+    out = marginal_->apply(x);
   } else {
-    out.noalias() = precision_ * x;
+    out.noalias() = *precision_ * x;
   }
 }
 
 NoiseModel NoiseModel::restricted(const std::vector<Eigen::Index>& kept) const {
   const auto n_kept = static_cast<Eigen::Index>(kept.size());
+  NoiseModel noise;
+  noise.size_ = n_kept;
+  noise.shared_reference_ = shared_reference_;
   if (is_independent()) {
-    Eigen::VectorXd std(n_kept);
-    for (Eigen::Index i = 0; i < n_kept; ++i) std[i] = 1 / std::sqrt(inverse_variance_[kept[i]]);
-    return independent(std);
+    noise.inverse_variance_ = inverse_variance_(kept);
+    noise.log_determinant_ = -noise.inverse_variance_.array().log().sum();
+    return noise;
   }
-  // Selections S (kept) and U (left out) as sparse matrices, then the Schur complement.
-  std::vector<Eigen::Triplet<double>> s_entries, u_entries;
+  auto marginal = std::make_shared<Marginal>();
+  for (const Eigen::Index i : kept) marginal->kept.push_back(marginal_ ? marginal_->kept[i] : i);
+  std::vector<Eigen::Index> left_out;
   std::size_t next = 0;
-  Eigen::Index n_out = 0;
-  for (Eigen::Index i = 0; i < size_; ++i) {
-    if (next < kept.size() && kept[next] == i) {
-      s_entries.emplace_back(static_cast<int>(i), static_cast<int>(next++), 1.0);
-    } else {
-      u_entries.emplace_back(static_cast<int>(i), static_cast<int>(n_out++), 1.0);
+  for (Eigen::Index i = 0; i < precision_->cols(); ++i) {
+    const bool measured = precision_->outerIndexPtr()[i + 1] > precision_->outerIndexPtr()[i];
+    if (next < marginal->kept.size() && marginal->kept[next] == i) {
+      assert(measured);
+      ++next;
+    } else if (measured) {
+      left_out.push_back(i);
     }
   }
-  Sparse s(size_, n_kept), u(size_, n_out);
-  s.setFromTriplets(s_entries.begin(), s_entries.end());
-  u.setFromTriplets(u_entries.begin(), u_entries.end());
-  Sparse kept_block = s.transpose() * precision_ * s;
-  if (n_out > 0) {
-    const Sparse coupling = u.transpose() * precision_ * s;
-    Factor factor;
-    factorise(factor, Sparse(u.transpose() * precision_ * u));
-    const Sparse correction = coupling.transpose() * Sparse(factor.solve(coupling));
-    kept_block = kept_block - correction;
-    kept_block = Sparse(0.5 * (kept_block + Sparse(kept_block.transpose())));
+  const Sparse s = selection(precision_->cols(), marginal->kept);
+  const Sparse u = selection(precision_->cols(), left_out);
+  marginal->block = s.transpose() * *precision_ * s;
+  marginal->coupling = u.transpose() * *precision_ * s;
+  noise.precision_ = precision_;
+  // det of the Schur complement: det M / det M_uu, M on all that is measured.
+  marginal->whole_log_determinant = marginal_ ? marginal_->whole_log_determinant : log_determinant_;
+  noise.log_determinant_ = marginal->whole_log_determinant;
+  if (!left_out.empty()) {
+    factorise(marginal->factor, Sparse(u.transpose() * *precision_ * u));
+    noise.log_determinant_ += marginal->factor.vectorD().array().log().sum();
   }
-  return correlated(kept_block);
+  noise.marginal_ = std::move(marginal);
+  return noise;
 }
 
 Eigen::VectorXd NoiseModel::standard_deviations() const {
   if (is_independent()) return inverse_variance_.cwiseInverse().cwiseSqrt();
-  Factor factor;
-  factorise(factor, precision_);
-  Eigen::VectorXd std(size_), unit = Eigen::VectorXd::Zero(size_);
+  Sparse regular = *precision_;
+  for (Eigen::Index i = 0; i < regular.cols(); ++i) {
+    if (precision_->outerIndexPtr()[i + 1] == precision_->outerIndexPtr()[i]) regular.coeffRef(i, i) = 1;
+  }
+  Eigen::VectorXd std = numerics::SelectedInverse(regular).diagonal().cwiseSqrt();
+  if (marginal_) return std(marginal_->kept);  // the marginal of a part is a part of the marginal
   for (Eigen::Index i = 0; i < size_; ++i) {
-    unit[i] = 1;
-    std[i] = std::sqrt(factor.solve(unit)[i]);
-    unit[i] = 0;
+    if (!is_measured(i)) std[i] = 0;
   }
   return std;
+}
+
+Sparse NoiseModel::precision() const {
+  assert(!marginal_);
+  if (!is_independent()) return *precision_;
+  Sparse diagonal(size_, size_);
+  diagonal.reserve(Eigen::VectorXi::Ones(size_));
+  for (Eigen::Index i = 0; i < size_; ++i) diagonal.insert(i, i) = inverse_variance_[i];
+  diagonal.makeCompressed();
+  return diagonal;
 }
 
 }  // namespace knothe::assimilation

@@ -1,39 +1,70 @@
 #pragma once
-/// @file Measurement noise: independent, or correlated through a precision matrix (global DIC).
+/// @file Measurement noise: independent, or correlated through a precision matrix (global DIC); the same at
+/// every step, or not; independent from step to step, or with a part that all steps share.
 #include <Eigen/Core>
 #include <Eigen/SparseCore>
+#include <cstddef>
+#include <map>
+#include <memory>
 #include <vector>
 
 namespace knothe::assimilation {
 
 /// Gaussian noise N(0, R) on n observed dofs, as what the likelihood wants: R⁻¹ applied to vectors, and log
-/// det R.
+/// det R. Immutable; copies share what is large.
 class NoiseModel {
  public:
   /// Independent noise of the given standard deviations (m for displacements), all positive and finite.
   [[nodiscard]] static NoiseModel independent(const Eigen::VectorXd& std);
-  /// Correlated noise of precision R⁻¹, full symmetric n × n (e.g. M_DIC / 2γ²). Throws DataError unless it
-  /// is symmetric and positive definite.
+  /// Correlated noise of precision R⁻¹, full symmetric n × n (e.g. M_DIC / 2γ²). A dof whose row is zero is
+  /// not measured at all (a node without a valid element). Throws DataError unless it is symmetric and, but
+  /// for such rows, positive definite.
   [[nodiscard]] static NoiseModel correlated(const Eigen::SparseMatrix<double>& precision);
 
+  /// The same noise with another one at step `step` (a picture with elements removed), of as many dofs.
+  [[nodiscard]] NoiseModel with_step(std::size_t step, NoiseModel noise) const;
+  /// The same noise at each step, but with a part common to all steps: the noise of `pictures` ≥ 1 averaged
+  /// reference pictures, e_t = own_t + shared, Cov(shared) = Cov(own_t) / pictures. R stays the covariance
+  /// of one step, own and shared part together.
+  [[nodiscard]] NoiseModel with_shared_reference(int pictures) const;
+
   [[nodiscard]] Eigen::Index size() const { return size_; }
-  [[nodiscard]] bool is_independent() const { return precision_.size() == 0; }
-  [[nodiscard]] double log_determinant() const { return log_determinant_; }  ///< log det R
+  [[nodiscard]] bool is_independent() const { return precision_ == nullptr; }
+  [[nodiscard]] bool is_measured(Eigen::Index dof) const;                   ///< its row of R⁻¹ is not zero
+  [[nodiscard]] bool is_complete() const { return is_complete_; }           ///< all dofs are measured
+  [[nodiscard]] int shared_reference() const { return shared_reference_; }  ///< 0: nothing is shared
+  [[nodiscard]] bool has_step(std::size_t step) const { return steps_.contains(step); }
+  /// Noise of step `step`: this one where no other was given.
+  [[nodiscard]] const NoiseModel& at_step(std::size_t step) const;
+
+  [[nodiscard]] double log_determinant() const { return log_determinant_; }  ///< log det R, measured dofs
   /// R⁻¹ X, n × anything.
   [[nodiscard]] Eigen::MatrixXd apply(const Eigen::Ref<const Eigen::MatrixXd>& x) const;
-  /// The same into `out`, without allocating (independent noise).
+  /// The same into `out`, without allocating (but for noise restricted to a part of correlated dofs).
   void apply(const Eigen::Ref<const Eigen::VectorXd>& x, Eigen::Ref<Eigen::VectorXd> out) const;
-  /// Marginal noise of the dofs `kept` (increasing indices): for correlated noise the precision of a subset
-  /// is M_ss − M_su M_uu⁻¹ M_us, not the rows of M.
+  /// Marginal noise of the dofs `kept` (increasing indices of measured dofs): for correlated noise the
+  /// precision of a subset is the Schur complement M_ss − M_su M_uu⁻¹ M_us, not the rows of M. It is applied,
+  /// never formed: it is dense.
   [[nodiscard]] NoiseModel restricted(const std::vector<Eigen::Index>& kept) const;
-  /// Marginal standard deviation of each dof.
+  /// Marginal standard deviation of each dof; 0 for one that is not measured.
   [[nodiscard]] Eigen::VectorXd standard_deviations() const;
+  /// R⁻¹ of correlated noise that is not restricted; a diagonal matrix of independent noise.
+  [[nodiscard]] Eigen::SparseMatrix<double> precision() const;
+  /// 1/σ² of independent noise.
+  [[nodiscard]] const Eigen::VectorXd& inverse_variance() const { return inverse_variance_; }
 
  private:
+  struct Marginal;
+  void count_measured();
+
   Eigen::Index size_ = 0;
-  Eigen::VectorXd inverse_variance_;       ///< independent noise
-  Eigen::SparseMatrix<double> precision_;  ///< correlated noise
+  bool is_complete_ = true;
+  Eigen::VectorXd inverse_variance_;                              ///< independent noise
+  std::shared_ptr<const Eigen::SparseMatrix<double>> precision_;  ///< correlated noise, before restriction
+  std::shared_ptr<const Marginal> marginal_;                      ///< what a restriction needs, else null
   double log_determinant_ = 0;
+  int shared_reference_ = 0;
+  std::map<std::size_t, std::shared_ptr<const NoiseModel>> steps_;
 };
 
 }  // namespace knothe::assimilation

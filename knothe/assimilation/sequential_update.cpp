@@ -118,16 +118,19 @@ const UpdateResult& SequentialUpdate::update(std::size_t step, std::size_t time_
   }
   const auto start = Clock::now();
   const bool in_order = data_.empty() || data_.rbegin()->first < step;
-  StepForm form;
-  projector_.project(time_index, values, form);  // throws for data that cannot be; nothing has changed then
-  Datum& datum = data_[step];
-  datum.form = std::move(form);
+  Datum datum;
+  datum.time_index = time_index;
   datum.time = projector_.model().time[time_index];
+  if (projector_.depends_on_order()) datum.values = values;
+  // Throws for data that cannot be; nothing has changed then.
+  projector_.project(step, time_index, values, datum.form);
+  data_[step] = std::move(datum);
   const double projection = microseconds_since(start);
   if (in_order) {
-    sum_.add(datum.form);
+    sum_.add(data_[step].form);
     recompute(step);
   } else {
+    project_again();
     replay();
   }
   result_.elapsed_us.projection = projection;
@@ -137,8 +140,16 @@ const UpdateResult& SequentialUpdate::update(std::size_t step, std::size_t time_
 const UpdateResult& SequentialUpdate::remove(std::size_t step) {
   if (data_.erase(step) == 0)
     throw UsageError(fmt::format("step {} is not assimilated: there is nothing to take out", step));
+  project_again();
   replay();
   return result_;
+}
+
+/// Where steps share an error the form of each depends on those before it: all are made again, in order.
+void SequentialUpdate::project_again() {
+  if (!projector_.depends_on_order()) return;
+  projector_.restart();
+  for (auto& [step, datum] : data_) projector_.project(step, datum.time_index, datum.values, datum.form);
 }
 
 void SequentialUpdate::replay() {

@@ -111,11 +111,14 @@ class SequentialUpdate {
  private:
   struct Datum {
     StepForm form;
+    std::size_t time_index = 0;
+    Eigen::VectorXd values;  ///< kept where the form depends on other data
     double time = 0;
     double log_evidence = 0;  ///< of all data up to this one, for the increment of the next
   };
   struct Composition;
 
+  void project_again();
   void replay();
   void recompute(std::size_t step);
   void by_grid();

@@ -1,0 +1,223 @@
+#include "knothe/assimilation/shared_error.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <numbers>
+#include <numeric>
+
+#include "knothe/assimilation/collapsed_posterior.hpp"
+#include "knothe/assimilation/sequential_update.hpp"
+#include "knothe/assimilation/test_models.hpp"
+#include "knothe/base/error.hpp"
+
+namespace knothe::assimilation {
+namespace {
+
+using test::CurvedFunctions;
+using test::random_model;
+using test::synthetic_data;
+
+constexpr Eigen::Index k_dofs = 9, k_steps = 5;
+const double k_nan = std::nan("");
+
+/// A sparse precision: second differences plus a multiple of the identity, times `scale`.
+Eigen::SparseMatrix<double> chain(double scale) {
+  std::vector<Eigen::Triplet<double>> entries;
+  for (int i = 0; i < k_dofs; ++i) {
+    entries.emplace_back(i, i, scale * (2.5 + 0.1 * i));
+    if (i == 0) continue;
+    entries.emplace_back(i, i - 1, -scale);
+    entries.emplace_back(i - 1, i, -scale);
+  }
+  Eigen::SparseMatrix<double> m(k_dofs, k_dofs);
+  m.setFromTriplets(entries.begin(), entries.end());
+  return m;
+}
+
+/// What the noise says, as dense covariances of one step's own error and of the shared one.
+struct DenseNoise {
+  std::vector<Eigen::MatrixXd> own;  ///< per step
+  Eigen::MatrixXd shared;
+};
+
+DenseNoise dense(const NoiseModel& noise) {
+  const double k = noise.shared_reference();
+  DenseNoise result;
+  for (std::size_t t = 0; t < k_steps; ++t) {
+    const Eigen::MatrixXd r = Eigen::MatrixXd(noise.at_step(t).precision()).inverse();
+    result.own.push_back(k > 0 ? Eigen::MatrixXd(k / (k + 1) * r) : r);
+  }
+  const Eigen::MatrixXd r = Eigen::MatrixXd(noise.precision()).inverse();
+  result.shared = k > 0 ? Eigen::MatrixXd(r / (k + 1)) : Eigen::MatrixXd::Zero(k_dofs, k_dofs);
+  return result;
+}
+
+/// log N of all values present, jointly, from the dense covariance of everything.
+double dense_log_likelihood(const reduction::ObservedModel& model, const Eigen::MatrixXd& data,
+                            const DenseNoise& noise, const Eigen::Vector2d& p) {
+  std::vector<std::pair<Eigen::Index, Eigen::Index>> present;
+  std::vector<double> residual;
+  for (Eigen::Index t = 0; t < data.cols(); ++t) {
+    const Eigen::VectorXd predicted = model.predict(p, static_cast<std::size_t>(t));
+    for (Eigen::Index i = 0; i < k_dofs; ++i) {
+      if (std::isnan(data(i, t))) continue;
+      present.emplace_back(i, t);
+      residual.push_back(data(i, t) - predicted[i]);
+    }
+  }
+  const auto n = static_cast<Eigen::Index>(present.size());
+  Eigen::MatrixXd covariance(n, n);
+  for (Eigen::Index a = 0; a < n; ++a) {
+    for (Eigen::Index b = 0; b < n; ++b) {
+      const auto [i, t] = present[a];
+      const auto [j, s] = present[b];
+      covariance(a, b) = noise.shared(i, j) + (t == s ? noise.own[t](i, j) : 0.0);
+    }
+  }
+  const Eigen::Map<const Eigen::VectorXd> r(residual.data(), n);
+  const Eigen::LLT<Eigen::MatrixXd> factor(covariance);
+  return -0.5 * r.dot(factor.solve(r)) -
+         Eigen::MatrixXd(factor.matrixL()).diagonal().array().log().sum() -
+         0.5 * static_cast<double>(n) * std::log(2 * std::numbers::pi);
+}
+
+void expect_is_the_joint_gaussian(const NoiseModel& noise, const Eigen::MatrixXd& data,
+                                  const std::shared_ptr<const reduction::ObservedModel>& model) {
+  const std::vector<Prior> priors = {Prior::uniform(0.5, 1.5), Prior::uniform(0.5, 1.5)};
+  DatumProjector projector(model, noise, Eigen::Vector2d(1, 1));
+  CollapsedLogDensity density(model->functions, std::make_shared<PriorTransform>(priors),
+                              projector.central_functions());
+  StepForm sum = StepForm::zero(3), form;
+  sampling::LogDensityBatch batch;
+  batch.resize(1, 2, 0);
+  const DenseNoise matrices = dense(noise);
+  for (Eigen::Index t = 0; t < data.cols(); ++t) {
+    projector.project(static_cast<std::size_t>(t), static_cast<std::size_t>(t), data.col(t), form);
+    EXPECT_EQ(form.missing, data.col(t).array().isNaN().count());
+    sum.add(form);
+    density.set_form(sum);
+    for (const Eigen::Vector2d& p :
+         {Eigen::Vector2d(1, 1), Eigen::Vector2d(0.6, 1.4), Eigen::Vector2d(1.3, 0.8)}) {
+      density.evaluate_likelihood(p.transpose(), 0, batch);
+      const double exact = dense_log_likelihood(*model, data.leftCols(t + 1), matrices, p);
+      EXPECT_NEAR(batch.value[0], exact, 1e-10 * std::abs(exact) + 1e-9) << "step " << t;
+    }
+  }
+}
+
+class SharedError : public ::testing::TestWithParam<int> {
+ protected:
+  std::shared_ptr<const reduction::ObservedModel> model_ =
+      random_model(std::make_shared<CurvedFunctions>(), k_dofs, 4, k_steps, 3);
+  Eigen::MatrixXd data_ =
+      synthetic_data(*model_, Eigen::Vector2d(1.1, 0.8), Eigen::VectorXd::Constant(k_dofs, 0.3), 8);
+};
+
+TEST_P(SharedError, CompleteDataAreJointlyGaussian) {
+  expect_is_the_joint_gaussian(NoiseModel::correlated(chain(4)).with_shared_reference(GetParam()), data_,
+                               model_);
+}
+
+TEST_P(SharedError, DofsThatNeverReport) {
+  for (const Eigen::Index i : {0, 4, 5}) data_.row(i).setConstant(k_nan);
+  expect_is_the_joint_gaussian(NoiseModel::correlated(chain(4)).with_shared_reference(GetParam()), data_,
+                               model_);
+}
+
+TEST_P(SharedError, OtherDofsMissingAtEachStep) {
+  data_(3, 1) = data_(4, 1) = data_(0, 2) = data_(4, 4) = k_nan;
+  data_.col(3).setConstant(k_nan);
+  expect_is_the_joint_gaussian(NoiseModel::correlated(chain(4)).with_shared_reference(GetParam()), data_,
+                               model_);
+}
+
+TEST_P(SharedError, OnePictureHasAnotherNoise) {
+  data_(6, 2) = data_(2, 3) = k_nan;
+  const NoiseModel noise =
+      NoiseModel::correlated(chain(4)).with_step(2, NoiseModel::correlated(chain(1.5)));
+  expect_is_the_joint_gaussian(noise.with_shared_reference(GetParam()), data_, model_);
+}
+
+TEST_P(SharedError, IndependentSensors) {
+  data_(3, 1) = data_(4, 1) = data_(0, 2) = k_nan;
+  const NoiseModel noise = NoiseModel::independent(Eigen::VectorXd::LinSpaced(k_dofs, 0.2, 0.5));
+  expect_is_the_joint_gaussian(noise.with_shared_reference(GetParam()), data_, model_);
+}
+
+TEST_P(SharedError, DofsWithoutAnElement) {
+  // Rows of zeros: what is measured there does not count, whatever its value.
+  Eigen::SparseMatrix<double> precision = chain(4);
+  for (const int i : {0, 4}) {
+    for (int j = 0; j < k_dofs; ++j) {
+      if (precision.coeff(i, j) != 0) precision.coeffRef(i, j) = precision.coeffRef(j, i) = 0;
+    }
+  }
+  const std::vector<Eigen::Index> kept = {1, 2, 3, 5, 6, 7, 8};
+  auto reduced = std::make_shared<reduction::ObservedModel>(*model_);
+  reduced->space = model_->space(kept, Eigen::all);
+  reduced->lift = model_->lift(kept, Eigen::all);
+  const Eigen::SparseMatrix<double> block = Eigen::MatrixXd(precision)(kept, kept).eval().sparseView();
+  const NoiseModel whole = NoiseModel::correlated(precision).with_shared_reference(GetParam());
+  const NoiseModel part = NoiseModel::correlated(block).with_shared_reference(GetParam());
+  DatumProjector with(model_, whole, Eigen::Vector2d(1, 1)), without(reduced, part, Eigen::Vector2d(1, 1));
+  StepForm a, b;
+  for (std::size_t t = 0; t < k_steps; ++t) {
+    const Eigen::VectorXd values = data_.col(static_cast<Eigen::Index>(t));
+    with.project(t, t, values, a);
+    without.project(t, t, values(kept), b);
+    EXPECT_EQ(a.missing, 2);
+    EXPECT_NEAR(a.constant, b.constant, 1e-12 * b.constant);
+    EXPECT_NEAR(a.log_normaliser, b.log_normaliser, 1e-12);
+    EXPECT_TRUE(a.quadratic.isApprox(b.quadratic, 1e-12));
+    EXPECT_TRUE(a.linear.isApprox(b.linear, 1e-12));
+  }
+  EXPECT_EQ(whole.standard_deviations()[4], 0);
+}
+
+INSTANTIATE_TEST_SUITE_P(ReferencePictures, SharedError, ::testing::Values(0, 1, 4));
+
+TEST(SharedErrorAndTime, AStepTakenOutLeavesNoTrace) {
+  const auto model = random_model(std::make_shared<CurvedFunctions>(), k_dofs, 4, k_steps, 3);
+  Eigen::MatrixXd data =
+      synthetic_data(*model, Eigen::Vector2d(1.1, 0.8), Eigen::VectorXd::Constant(k_dofs, 0.3), 8);
+  data(2, 3) = k_nan;
+  const NoiseModel noise = NoiseModel::correlated(chain(4)).with_shared_reference(1);
+  const std::vector<Prior> priors = {Prior::uniform(0, 2), Prior::uniform(0, 2)};
+  SequentialUpdate all(model, noise, priors), without(model, noise, priors), late(model, noise, priors);
+  for (const std::size_t t : {0, 1, 2, 3, 4}) {
+    all.update(t, t, data.col(static_cast<Eigen::Index>(t)));
+    if (t != 1) without.update(t, t, data.col(static_cast<Eigen::Index>(t)));
+  }
+  const Eigen::VectorXd mean = all.result().mean;
+  const double log_evidence = all.result().log_evidence;
+  for (const std::size_t t : {4, 1, 0, 3, 2}) late.update(t, t, data.col(static_cast<Eigen::Index>(t)));
+  EXPECT_EQ(late.result().mean, mean);
+  EXPECT_EQ(late.result().log_evidence, log_evidence);
+  all.remove(1);
+  EXPECT_EQ(all.result().mean, without.result().mean);
+  EXPECT_EQ(all.result().log_evidence, without.result().log_evidence);
+  EXPECT_EQ(all.posterior().weights, without.posterior().weights);
+}
+
+TEST(SharedErrorAndTime, ARefusedDatumLeavesNoTrace) {
+  const auto model = random_model(std::make_shared<CurvedFunctions>(), k_dofs, 4, k_steps, 3);
+  const NoiseModel noise = NoiseModel::correlated(chain(4)).with_shared_reference(1);
+  DatumProjector projector(model, noise, Eigen::Vector2d(1, 1)), other(model, noise, Eigen::Vector2d(1, 1));
+  StepForm a, b;
+  const Eigen::VectorXd good = Eigen::VectorXd::Constant(k_dofs, 0.2);
+  Eigen::VectorXd bad = good;
+  bad[3] = 1e200;
+  projector.project(0, 0, good, a);
+  EXPECT_THROW(projector.project(1, 1, bad, a), DataError);
+  projector.project(1, 1, good, a);
+  other.project(0, 0, good, b);
+  other.project(1, 1, good, b);
+  EXPECT_EQ(a.quadratic, b.quadratic);
+  EXPECT_EQ(a.linear, b.linear);
+  EXPECT_EQ(a.constant, b.constant);
+}
+
+}  // namespace
+}  // namespace knothe::assimilation
