@@ -1,0 +1,132 @@
+/** The page. */
+import { useCallback, useEffect, useMemo, useState } from "preact/hooks";
+import { BannerView } from "./banner";
+import { theme as themeOf } from "./colour";
+import { stepsTable } from "./csv";
+import { eventsOf } from "./events";
+import { EventsPanel } from "./events_panel";
+import { quantitiesOf } from "./field";
+import { FieldPanel } from "./field_panel";
+import { Help, TokenDialog } from "./help";
+import { PairPanel } from "./pair_panel";
+import { EvidencePanel, ForecastPanel, ParametersPanel, TimingPanel } from "./plot_panels";
+import { saveText } from "./png";
+import { Scrub } from "./scrub";
+import { parameterNames, quantitiesIn } from "./specs";
+import { banner } from "./state";
+import type { Store } from "./store";
+import { Summary } from "./summary";
+import { useTheme } from "./theme";
+
+const panels = ["forecast", "parameters", "field", "pairs", "evidence", "timing"];
+const playInterval = 120;
+
+export function App({ store }: { store: Store }) {
+  const [, redraw] = useState(0);
+  const [now, setNow] = useState(performance.now());
+  const [choice, dark, nextTheme] = useTheme();
+  const theme = themeOf(dark);
+  const [help, setHelp] = useState(false);
+  const [playing, setPlaying] = useState(false);
+  const [quantity, setQuantity] = useState(0);
+  const [field, setField] = useState("displacement");
+
+  useEffect(() => store.subscribe(() => (setNow(performance.now()), redraw((n) => n + 1))), [store]);
+  useEffect(() => {
+    const timer = setInterval(() => setNow(performance.now()), 250);
+    return () => clearInterval(timer);
+  }, []);
+  useEffect(() => {
+    if (!playing) return;
+    if (store.chosen === undefined) store.choose(store.history.lines[0]?.step);
+    const timer = setInterval(() => {
+      store.move(1);
+      if (store.chosen === undefined) setPlaying(false);
+    }, playInterval);
+    return () => clearInterval(timer);
+  }, [playing, store]);
+
+  const { history, model, status } = store;
+  const line = store.line;
+  const lines = history.lines;
+  const version = history.version;
+  const quantities = quantitiesIn(model, line);
+  const names = parameterNames(model, line);
+  const events = useMemo(() => eventsOf(lines, { quantities: model?.quantities ?? [], budget_us: status?.budget_us }), [version, model, status?.budget_us]);
+  const fields = quantitiesOf(names);
+
+  const key = useCallback((event: KeyboardEvent) => {
+    const target = event.target as HTMLElement;
+    if (event.ctrlKey || event.metaKey || event.altKey || /^(INPUT|SELECT|TEXTAREA)$/.test(target.tagName) && target.getAttribute("type") !== "checkbox") return;
+    if (target.closest("dialog")) return;
+    const pace = event.shiftKey ? 10 : 1;
+    const actions: Record<string, () => void> = {
+      ArrowLeft: () => store.move(-pace),
+      ArrowRight: () => store.move(pace),
+      Home: () => store.choose(store.history.lines[0]?.step),
+      End: () => store.choose(undefined),
+      l: () => store.choose(undefined),
+      " ": () => setPlaying((p) => !p),
+      f: () => setField((f) => fields[(fields.findIndex((x) => x.value === f) + 1) % fields.length]!.value),
+      q: () => setQuantity((k) => (k + 1) % Math.max(1, quantities.length)),
+      t: nextTheme,
+      "?": () => setHelp(true),
+    };
+    const digit = panels[Number(event.key) - 1];
+    const action = digit ? () => document.getElementById(digit)?.focus() : actions[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+    if (!action || (event.key === " " && target.tagName === "BUTTON")) return;
+    event.preventDefault();
+    action();
+  }, [fields.length, quantities.length, nextTheme]);
+  useEffect(() => {
+    addEventListener("keydown", key);
+    return () => removeEventListener("keydown", key);
+  }, [key]);
+
+  const plots = {
+    lines, version, model, status, line, theme, selected: store.chosen === undefined ? undefined : line?.time,
+    onSelect: (time: number) => {
+      const nearest = history.nearest(time);
+      store.choose(nearest && nearest.step === history.latest?.step ? undefined : nearest?.step);
+    },
+  };
+  const state = banner({ now, connected: store.connected, lostAt: store.lostAt, lastDatumAt: store.lastDatumAt, status, latest: history.latest, model });
+  useEffect(() => {
+    document.title = `${state.state} · ${model?.site ?? "knothe"}`;
+  }, [state.state, model?.site]);
+  return (
+    <>
+      <header class="top">
+        <h1>knothe{model?.site ? <small> {model.site}</small> : ""}</h1>
+        {store.sites.length > 1 && (
+          <select aria-label="Structure" value={model?.site ?? ""} onChange={(e) => store.useSite(e.currentTarget.value)}>
+            {store.sites.map((s) => <option key={s} value={s}>{s}</option>)}
+          </select>
+        )}
+        <span class="link" id="contact">{store.connected ? "connected" : "no contact"}</span>
+        <span class="buttons">
+          <button type="button" onClick={() => saveText(stepsTable(lines, names), "knothe-steps.csv")}>all steps as CSV</button>
+          <button type="button" onClick={nextTheme} aria-label={`Colours: ${choice}`}>{choice === "system" ? "◐ as system" : choice === "dark" ? "● dark" : "○ light"}</button>
+          <button type="button" onClick={() => setHelp(true)} aria-label="Help and keys">?</button>
+        </span>
+      </header>
+      <main>
+        <BannerView banner={state} latest={history.latest} steps={model?.time?.length} />
+        {store.problem && !store.connected && <p class="problem">The service says: {store.problem}</p>}
+        <Scrub lines={lines} version={version} chosen={store.chosen} line={line} events={events} theme={theme} choose={(step) => store.choose(step)} playing={playing} setPlaying={setPlaying} />
+        <Summary model={model} line={line} theme={theme} />
+        <div class="panels">
+          <ForecastPanel {...plots} quantity={quantity} setQuantity={setQuantity} />
+          <ParametersPanel {...plots} />
+          <FieldPanel model={model} fields={store.detail.fields} sensors={store.detail.sensors} theme={theme} quantity={field} setQuantity={setField} />
+          <PairPanel model={model} line={line} lines={lines} names={names} samples={store.detail.samples} theme={theme} />
+          <EvidencePanel {...plots} />
+          <TimingPanel {...plots} />
+          <EventsPanel events={events} chosen={store.chosen} choose={(step) => store.choose(step)} />
+        </div>
+      </main>
+      <Help open={help} close={() => setHelp(false)} version={status?.version} />
+      <TokenDialog needed={store.needsToken} use={(token) => store.useToken(token)} />
+    </>
+  );
+}

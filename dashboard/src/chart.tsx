@@ -1,0 +1,287 @@
+/** A plot over time with uPlot: bands, gaps, thresholds, the step looked at. */
+import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
+import uPlot from "uplot";
+import { through, type Theme } from "./colour";
+import { given, significant } from "./format";
+import type { Gap } from "./history";
+import { composePng } from "./png";
+
+export interface Series {
+  label: string;
+  values: (number | null)[];
+  colour: string;
+  width?: number;
+  dash?: number[];
+  /** Bars from 0 instead of a line. */
+  bars?: boolean;
+  /** Index of the series that this one is the upper edge of a band with; the band's opacity. */
+  bandTo?: number;
+  opacity?: number;
+  /** Edges of bands have no entry of their own in the legend. */
+  hidden?: boolean;
+  format?: (value: number) => string;
+  points?: boolean;
+  /** What the legend and a table say, where it is not what is drawn (stacked bars). */
+  said?: (number | null)[];
+}
+
+export interface Mark {
+  at: number;
+  label: string;
+  colour: string;
+  dash?: number[];
+  /** The axis is stretched to show it. */
+  include?: boolean;
+}
+
+export interface ChartSpec {
+  name: string;
+  times: number[];
+  series: Series[];
+  xLabel: string;
+  yLabel: string;
+  /** Factor from SI to the axis. */
+  factor?: number;
+  logarithmic?: boolean;
+  range?: [number, number];
+  ticks?: (value: number) => string;
+  horizontal?: Mark[];
+  vertical?: Mark[];
+  gaps?: Gap[];
+  height?: number;
+  /** What else the legend says. */
+  legend?: LegendEntry[];
+}
+
+export interface LegendEntry {
+  label: string;
+  colour: string;
+  look: "line" | "dash" | "band" | "bar";
+  opacity?: number;
+  value?: string;
+}
+
+export function legendOf(spec: ChartSpec, index: number | undefined): LegendEntry[] {
+  const own = spec.series.flatMap((s): LegendEntry[] => {
+    if (s.hidden) return [];
+    const value = index === undefined ? null : (s.said ?? s.values)[index];
+    const text = value === null || value === undefined ? "–" : (s.format ?? significant)(value);
+    const look = s.bandTo !== undefined ? "band" : s.bars ? "bar" : s.dash ? "dash" : "line";
+    return [{ label: s.label, colour: s.colour, look, ...(s.opacity === undefined ? {} : { opacity: s.opacity }), ...(look === "band" ? {} : { value: text }) }];
+  });
+  return [...own, ...(spec.legend ?? [])];
+}
+
+export function Legend({ entries, theme }: { entries: LegendEntry[]; theme: Theme }) {
+  return (
+    <ul class="legend">
+      {entries.map((e) => (
+        <li key={e.label}>
+          <span class={`key ${e.look}`} style={{ color: e.look === "band" ? through(e.colour, Math.min(1, (e.opacity ?? 0.3) * (theme.dark ? 1.3 : 1.1))) : e.colour }} />
+          {e.label}
+          {e.value !== undefined && <b> {e.value}</b>}
+        </li>
+      ))}
+    </ul>
+  );
+}
+
+export interface ChartHandle {
+  png(title: string): Promise<Blob>;
+}
+
+interface Props {
+  spec: ChartSpec;
+  theme: Theme;
+  selected: number | undefined;
+  onSelect: (time: number) => void;
+  handle?: (handle: ChartHandle) => void;
+}
+
+export function Chart({ spec, theme, selected, onSelect, handle }: Props) {
+  const place = useRef<HTMLDivElement>(null);
+  const plot = useRef<uPlot | undefined>(undefined);
+  const live = useRef({ spec, selected, onSelect, theme });
+  live.current = { spec, selected, onSelect, theme };
+  const [hovered, setHovered] = useState<number>();
+  const height = spec.height ?? 210;
+  const structure = JSON.stringify([theme.dark, height, spec.name, spec.xLabel, spec.yLabel, spec.logarithmic, spec.series.map((s) => [s.label, s.colour, s.bandTo, s.dash])]);
+
+  useLayoutEffect(() => {
+    const element = place.current!;
+    const width = (): number => Math.max(200, element.clientWidth);
+    const made = new uPlot(options(live, width(), height, setHovered), data(live.current.spec), element);
+    plot.current = made;
+    const observer = new ResizeObserver(() => made.width !== width() && made.setSize({ width: width(), height }));
+    observer.observe(element);
+    return () => {
+      observer.disconnect();
+      made.destroy();
+      plot.current = undefined;
+    };
+  }, [structure]);
+
+  useEffect(() => {
+    const made = plot.current;
+    if (!made) return;
+    const zoomed = made.data[0].length > 1 && made.scales.x!.min! > made.data[0][0]! + 1e-12;
+    made.setData(data(spec), !zoomed);
+    if (zoomed) made.redraw(true, false);
+  }, [spec, structure]);
+  useEffect(() => plot.current?.redraw(false, false), [selected]);
+
+  const index = hovered ?? nearestIndex(spec.times, selected);
+  const legend = legendOf(spec, index);
+  useEffect(() =>
+    handle?.({ png: (title) => composePng({ title, legend: legendOf(live.current.spec, nearestIndex(live.current.spec.times, live.current.selected)), picture: plot.current!.ctx.canvas, theme, ratio: devicePixelRatio }) }),
+  );
+  return (
+    <div class="chart">
+      <Legend entries={legend} theme={theme} />
+      <div ref={place} role="img" aria-label={`${spec.yLabel} over ${spec.xLabel}. ${legend.filter((e) => e.value).map((e) => `${e.label} ${e.value}`).join(", ")}`} />
+    </div>
+  );
+}
+
+function nearestIndex(times: readonly number[], time: number | undefined): number | undefined {
+  if (time === undefined || times.length === 0) return undefined;
+  let best = 0;
+  times.forEach((t, i) => {
+    if (Math.abs(t - time) < Math.abs(times[best]! - time)) best = i;
+  });
+  return best;
+}
+
+function data(spec: ChartSpec): uPlot.AlignedData {
+  const f = spec.factor ?? 1;
+  const scaled = spec.series.map((s) => (f === 1 ? s.values : s.values.map((v) => (v === null ? null : v * f))));
+  return [spec.times, ...scaled];
+}
+
+type Live = { current: { spec: ChartSpec; selected: number | undefined; onSelect: (time: number) => void; theme: Theme } };
+
+function options(live: Live, width: number, height: number, hover: (index: number | undefined) => void): uPlot.Options {
+  const { spec, theme } = live.current;
+  const font = "12px system-ui, sans-serif";
+  const axis = { stroke: theme.faint, font, labelFont: font, grid: { stroke: theme.grid, width: 1 }, ticks: { stroke: theme.grid, width: 1, size: 4 } };
+  const bands = spec.series.flatMap((s, i): uPlot.Band[] =>
+    s.bandTo === undefined ? [] : [{ series: [i + 1, s.bandTo + 1], fill: through(s.colour, s.opacity ?? 0.25) }]);
+  return {
+    width,
+    height,
+    legend: { show: false },
+    cursor: { sync: { key: "knothe" }, drag: { x: true, y: false, dist: 8 }, points: { size: 6 } },
+    scales: { x: { time: false, range: (_u, low, high) => (high > low ? [low, high] : [low - 0.5, low + 0.5]) }, y: yScale(live) },
+    axes: [
+      { ...axis, label: spec.xLabel, labelSize: 18, size: 30, space: 60 },
+      { ...axis, label: spec.yLabel, labelSize: 20, size: 52, space: 32, values: (_u, ticks) => ticks.map((v) => (v === null ? "" : (live.current.spec.ticks ?? given)(v))) },
+    ],
+    series: [
+      {},
+      ...spec.series.map((s): uPlot.Series => ({
+        label: s.label,
+        stroke: s.bandTo !== undefined || s.hidden ? through(s.colour, s.bars ? 1 : 0.35) : s.colour,
+        width: s.bars ? 0 : (s.width ?? (s.bandTo !== undefined || s.hidden ? 0.5 : 2)),
+        ...(s.dash ? { dash: s.dash } : {}),
+        ...(s.bars ? { fill: s.colour, paths: uPlot.paths.bars!({ size: [1, 100], gap: 0 }) } : {}),
+        points: s.points && !s.bars ? { size: 5, fill: s.colour } : { show: false },
+        spanGaps: false,
+      })),
+    ],
+    bands,
+    hooks: {
+      drawClear: [(u) => drawGaps(u, live.current)],
+      draw: [(u) => drawMarks(u, live.current)],
+      setCursor: [(u) => hover(u.cursor.left !== undefined && u.cursor.left >= 0 ? (u.cursor.idx ?? undefined) : undefined)],
+      ready: [(u) => u.over.addEventListener("click", () => {
+        if (u.select.width < 2 && u.cursor.left !== undefined) live.current.onSelect(u.posToVal(u.cursor.left, "x"));
+      })],
+    },
+  };
+}
+
+function yScale(live: Live): uPlot.Scale {
+  const { spec } = live.current;
+  const range = (_u: uPlot, dataLow: number | null, dataHigh: number | null): [number, number] => {
+    const { spec: now } = live.current;
+    if (now.range) return now.range;
+    const marks = (now.horizontal ?? []).filter((m) => m.include).map((m) => m.at * (now.factor ?? 1));
+    const low = Math.min(...marks, dataLow ?? Infinity);
+    const high = Math.max(...marks, dataHigh ?? -Infinity);
+    if (!Number.isFinite(low) || !Number.isFinite(high)) return now.logarithmic ? [1, 10] : [0, 1];
+    if (now.logarithmic) return [10 ** Math.floor(Math.log10(low)), 10 ** Math.ceil(Math.log10(high))];
+    const margin = 0.06 * (high - low) || Math.abs(high) * 0.1 || 1;
+    return [low - margin, high + margin];
+  };
+  return spec.logarithmic ? { distr: 3, range } : { range };
+}
+
+function drawGaps(u: uPlot, { spec, theme }: Live["current"]): void {
+  const { ctx, bbox } = u;
+  ctx.save();
+  ctx.beginPath();
+  ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+  ctx.clip();
+  for (const gap of spec.gaps ?? []) {
+    const from = u.valToPos(gap.from, "x", true);
+    const to = u.valToPos(gap.to, "x", true);
+    ctx.fillStyle = theme.gap;
+    ctx.fillRect(from, bbox.top, to - from, bbox.height);
+    ctx.fillStyle = theme.faint;
+    ctx.font = `${11 * devicePixelRatio}px system-ui, sans-serif`;
+    if (to - from > ctx.measureText(gap.cause).width + 6) {
+      ctx.textAlign = "center";
+      ctx.fillText(gap.cause, (from + to) / 2, bbox.top + bbox.height - 6 * devicePixelRatio);
+    }
+  }
+  ctx.restore();
+}
+
+function drawMarks(u: uPlot, { spec, theme, selected }: Live["current"]): void {
+  const { ctx, bbox } = u;
+  const px = devicePixelRatio;
+  ctx.save();
+  ctx.beginPath();
+  ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+  ctx.clip();
+  ctx.font = `600 ${11 * px}px system-ui, sans-serif`;
+  for (const mark of spec.horizontal ?? []) {
+    const y = u.valToPos(mark.at * (spec.factor ?? 1), "y", true);
+    line(ctx, bbox.left, y, bbox.left + bbox.width, y, mark, px);
+    ctx.textAlign = "right";
+    write(ctx, mark.label, bbox.left + bbox.width - 8 * px, y > bbox.top + 18 * px ? y - 6 * px : y + 15 * px, theme, px);
+  }
+  for (const mark of spec.vertical ?? []) {
+    const x = u.valToPos(mark.at, "x", true);
+    line(ctx, x, bbox.top, x, bbox.top + bbox.height, mark, px);
+    const right = x + ctx.measureText(mark.label).width + 8 * px > bbox.left + bbox.width;
+    ctx.textAlign = right ? "right" : "left";
+    write(ctx, mark.label, x + (right ? -5 : 5) * px, bbox.top + 13 * px, theme, px);
+  }
+  if (selected !== undefined) {
+    const x = u.valToPos(selected, "x", true);
+    line(ctx, x, bbox.top, x, bbox.top + bbox.height, { colour: theme.text }, px);
+  }
+  ctx.restore();
+}
+
+/** With a rim in the panel's colour: readable on lines and bands. */
+function write(ctx: CanvasRenderingContext2D, text: string, x: number, y: number, theme: Theme, px: number): void {
+  ctx.setLineDash([]);
+  ctx.strokeStyle = theme.panel;
+  ctx.lineWidth = 4 * px;
+  ctx.lineJoin = "round";
+  ctx.strokeText(text, x, y);
+  ctx.fillText(text, x, y);
+}
+
+function line(ctx: CanvasRenderingContext2D, x0: number, y0: number, x1: number, y1: number, mark: { colour: string; dash?: number[] }, px: number): void {
+  ctx.strokeStyle = mark.colour;
+  ctx.fillStyle = mark.colour;
+  ctx.lineWidth = 1.2 * px;
+  ctx.setLineDash((mark.dash ?? []).map((d) => d * px));
+  ctx.beginPath();
+  ctx.moveTo(x0, y0);
+  ctx.lineTo(x1, y1);
+  ctx.stroke();
+}

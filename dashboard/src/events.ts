@@ -1,0 +1,95 @@
+/** What happened, with its cause, from the lines alone: so the list is complete for whoever opens the page late. Pure. */
+import { given, microseconds, probability, scaleFor, significant, words } from "./format";
+import { medianPeriod } from "./history";
+import { whyNotTrusted } from "./state";
+import type { Event, QuantityDescription, Severity, StepLine } from "./types";
+
+/** A forecast is worth a line when its probability passes one of these, upward or downward. */
+export const probabilityLevels = [0.05, 0.5, 0.95];
+
+export interface EventContext {
+  quantities: readonly QuantityDescription[];
+  budget_us?: number | undefined;
+}
+
+/** Newest first. */
+export function eventsOf(lines: readonly StepLine[], context: EventContext): Event[] {
+  const events: Event[] = [];
+  const limit = 1.5 * medianPeriod(lines);
+  lines.forEach((line, i) => {
+    const add = (severity: Severity, kind: string, message: string): void => void events.push({ step: line.step, severity, kind, message });
+    const before = lines[i - 1];
+    trust(line, before, add);
+    data(line, before, limit, add);
+    bias(line, before, add);
+    deadline(line, before, context.budget_us, add);
+  });
+  for (const quantity of context.quantities) thresholds(lines, quantity, events);
+  events.sort((a, b) => a.step - b.step);
+  return events.reverse();
+}
+
+type Add = (severity: Severity, kind: string, message: string) => void;
+
+function trust(line: StepLine, before: StepLine | undefined, add: Add): void {
+  if (!line.trusted && before?.trusted !== false) add("warning", "trust", `Posterior not trusted: ${whyNotTrusted(line)}`);
+  if (line.trusted && before?.trusted === false) add("info", "trust", `Posterior trusted again since step ${line.step}`);
+}
+
+function data(line: StepLine, before: StepLine | undefined, limit: number, add: Add): void {
+  if (before && (line.step > before.step + 1 || line.time - before.time > limit)) {
+    const lost = line.step - before.step - 1;
+    const what = lost === 1 ? `Step ${before.step + 1} has no datum` : `Steps ${before.step + 1} to ${line.step - 1} have no datum`;
+    add("warning", "gap", lost > 0 ? what : `No step between times ${significant(before.time)} and ${significant(line.time)}`);
+  }
+  if (line.used === 0 && (!before || before.used > 0)) add("warning", "gap", "No usable value from any sensor: the posterior stands still");
+  if (line.used > 0 && before?.used === 0) add("info", "gap", "Sensors are back");
+  if (line.rejected > (before?.rejected ?? 0)) add("warning", "sensors", `${line.rejected} of ${total(line)} values rejected: they do not fit the others`);
+  if (line.used > 0 && line.missing > 0.1 * total(line) && (!before || before.missing <= 0.1 * total(before)))
+    add("warning", "sensors", `${line.missing} of ${total(line)} sensors are missing`);
+}
+
+export function total(line: StepLine): number {
+  return line.used + line.rejected + line.missing;
+}
+
+function bias(line: StepLine, before: StepLine | undefined, add: Add): void {
+  const on = line.bias_correction !== "off";
+  const was = before !== undefined && before.bias_correction !== "off";
+  if (on && !was) add("warning", "bias", "Correction of the model's bias switched on: the evidence says that the model does not explain the data");
+  if (!on && was) add("info", "bias", "Correction of the model's bias switched off");
+}
+
+function deadline(line: StepLine, before: StepLine | undefined, budget: number | undefined, add: Add): void {
+  const late = (l: StepLine | undefined): boolean => budget !== undefined && l !== undefined && (l.elapsed_us.total ?? 0) > budget;
+  if (late(line) && !late(before))
+    add("warning", "deadline", `Update took ${microseconds(line.elapsed_us.total ?? NaN)}, the budget is ${microseconds(budget ?? NaN)}`);
+}
+
+/** A level that was passed counts as passed back only this much further, so that a probability that hovers there is no alarm each step. */
+const hysteresis = 0.4;
+
+function thresholds(lines: readonly StepLine[], q: QuantityDescription, events: Event[]): void {
+  if (q.threshold === undefined) return;
+  const above = new Map<number, boolean>();
+  for (const line of lines) {
+    const p = line.forecast[q.name]?.probability_above_threshold;
+    if (p === undefined) continue;
+    const rose: number[] = [];
+    const fell: number[] = [];
+    for (const level of probabilityLevels) {
+      const was = above.get(level);
+      const slack = hysteresis * Math.min(level, 1 - level);
+      const is = was === undefined ? p > level : was ? p > level - slack : p > level + slack;
+      if (was !== undefined && is && !was) rose.push(level);
+      if (was !== undefined && !is && was) fell.push(level);
+      above.set(level, is);
+    }
+    const scale = scaleFor(q.units ?? line.forecast[q.name]?.units, Math.abs(q.threshold));
+    const name = `P(${words(q.name)} > ${[given(q.threshold * scale.factor), scale.units].filter(Boolean).join(" ")})`;
+    const add = (severity: Severity, message: string): void => void events.push({ step: line.step, severity, kind: "threshold", message: `${name} ${message}` });
+    const highest = rose.pop();
+    if (highest !== undefined) add(highest >= 0.5 ? "alarm" : "warning", `rose above ${100 * highest} %: now ${probability(p)}`);
+    if (fell[0] !== undefined) add("info", `fell below ${100 * fell[0]} %: now ${probability(p)}`);
+  }
+}

@@ -1,0 +1,96 @@
+/** Numbers to words. Pure. */
+
+const prefixes: [number, string][] = [
+  [1e9, "G"],
+  [1e6, "M"],
+  [1e3, "k"],
+  [1, ""],
+  [1e-3, "m"],
+  [1e-6, "µ"],
+  [1e-9, "n"],
+];
+const prefixable = new Set(["m", "N", "Pa", "J", "s", "W", "g", "Hz"]);
+
+/** A unit as it is written beside numbers of size `largest`: value × `factor` is in `units`. "1" and "" have no name. */
+export interface Scale {
+  factor: number;
+  units: string;
+}
+
+export function scaleFor(units: string | undefined, largest: number): Scale {
+  const plain = !units || units === "1" ? "" : units;
+  if (!prefixable.has(plain) || !(largest > 0) || !Number.isFinite(largest)) return { factor: 1, units: plain };
+  const [size, prefix] = prefixes.find(([s]) => largest >= s * 0.999) ?? [1e-9, "n"];
+  return { factor: 1 / size, units: prefix + plain };
+}
+
+/** Three significant digits by default; no exponent between 1e-3 and 1e5. */
+export function significant(value: number, digits = 3): string {
+  if (value === 0) return "0";
+  if (!Number.isFinite(value)) return "–";
+  const size = Math.abs(value);
+  if (size >= 1e5 || size < 1e-3) {
+    const [mantissa = "", exponent = ""] = value.toExponential(digits - 1).split("e");
+    return `${minus(mantissa)}·10${superscript(exponent.replace("+", ""))}`;
+  }
+  const decimals = Math.max(0, digits - 1 - Math.floor(Math.log10(size)));
+  return minus(value.toFixed(decimals));
+}
+
+/** A number that was given, not computed: as short as it was written. */
+export function given(value: number): string {
+  const size = Math.abs(value);
+  return size >= 1e5 || (size > 0 && size < 1e-3) ? significant(value, 2) : minus(String(Number(value.toPrecision(6))));
+}
+
+/** A value with as many decimals as its spread makes worth reading: two digits of the spread. */
+export function withSpread(value: number, spread: number): string {
+  if (!(spread > 0) || !Number.isFinite(spread)) return significant(value, 4);
+  const decimals = 1 - Math.floor(Math.log10(spread));
+  if (decimals < 0 || decimals > 8) return significant(value, 4);
+  return minus(value.toFixed(decimals));
+}
+
+function minus(text: string): string {
+  return text.replace("-", "−");
+}
+
+function superscript(text: string): string {
+  return [...text].map((c) => (c === "-" ? "⁻" : ("⁰¹²³⁴⁵⁶⁷⁸⁹"[Number(c)] ?? c))).join("");
+}
+
+/** Probabilities near 0 and 1 are bounds, not "0 %" and "100 %": a probability that is estimated is never certain. */
+export function probability(p: number): string {
+  if (!Number.isFinite(p)) return "–";
+  const percent = 100 * p;
+  if (percent < 0.1) return "< 0.1 %";
+  if (percent > 99.9) return "> 99.9 %";
+  return percent < 10 || percent > 90 ? `${percent.toFixed(1)} %` : `${percent.toFixed(0)} %`;
+}
+
+export function duration(seconds: number): string {
+  if (!Number.isFinite(seconds)) return "–";
+  const s = Math.max(0, seconds);
+  if (s < 10) return `${s.toFixed(1)} s`;
+  if (s < 120) return `${Math.round(s)} s`;
+  if (s < 7200) return `${Math.round(s / 60)} min`;
+  if (s < 172800) return `${Math.round(s / 3600)} h`;
+  return `${Math.round(s / 86400)} days`;
+}
+
+export function microseconds(us: number): string {
+  if (!Number.isFinite(us)) return "–";
+  if (us < 1000) return `${significant(us, 2)} µs`;
+  if (us < 1e6) return `${significant(us / 1000, 3)} ms`;
+  return `${significant(us / 1e6, 3)} s`;
+}
+
+/** "label [units]", as at an axis. */
+export function axisLabel(label: string, units: string): string {
+  return units ? `${label} [${units}]` : label;
+}
+
+/** `crack_length` → "crack length". */
+export function words(name: string): string {
+  return name.replace(/_/g, " ");
+}

@@ -1,0 +1,78 @@
+/** The state in words. Pure: time is given. */
+import { duration } from "./format";
+import type { Model, StateWord, Status, StepLine } from "./types";
+
+export interface Knowledge {
+  /** Now, and when things were seen, in ms of one clock. */
+  now: number;
+  connected: boolean;
+  lostAt?: number | undefined;
+  lastDatumAt?: number | undefined;
+  status?: Status | undefined;
+  latest?: StepLine | undefined;
+  model?: Model | undefined;
+}
+
+export interface Banner {
+  state: StateWord;
+  reason: string;
+  /** Age of the last datum in s; NaN before the first. */
+  age: number;
+}
+
+/** Shorter interruptions are a hiccup of the network: nobody needs to look up. */
+const contactGrace = 2000;
+/** As the service itself: `[serve] stale_after`. */
+const stalePeriods = 5;
+
+export function banner(k: Knowledge): Banner {
+  const age = k.lastDatumAt === undefined ? NaN : Math.max(0, (k.now - k.lastDatumAt) / 1000);
+  if (!k.connected && (k.lostAt === undefined || k.now - k.lostAt > contactGrace)) {
+    const since = k.lostAt === undefined ? "" : ` for ${duration((k.now - k.lostAt) / 1000)}`;
+    const shown = k.latest ? "; shown is what was known then" : "";
+    return { state: "STALE", reason: `No contact with the service${since}${shown}. Trying again.`, age };
+  }
+  const said = k.status ?? derived(k.latest);
+  const period = k.status?.period_s ?? NaN;
+  const late = age > Math.max(stalePeriods * period, 1);
+  if (said.state === "STALE" || (late && (said.state === "OK" || said.state === "BIASED"))) {
+    const expected = period > 0 ? ` (one is expected every ${duration(period)})` : "";
+    const last = k.model?.time?.length;
+    const done = last !== undefined && k.latest && k.latest.step >= last - 1 ? "; it was the last step of the model" : "";
+    const cause = said.state === "STALE" && said.cause ? `${said.cause}. ` : "";
+    return { state: "STALE", reason: Number.isFinite(age) ? `No datum for ${duration(age)}${expected}${done}. ${cause}`.trim() : usual.STALE, age };
+  }
+  return { state: said.state, reason: said.cause ? sentence(said.cause) : usual[said.state], age };
+}
+
+function sentence(text: string): string {
+  const start = text.charAt(0).toUpperCase() + text.slice(1);
+  return /[.!?]$/.test(start) ? start : `${start}.`;
+}
+
+/** What the states mean; the help says it too. */
+export const usual: Record<StateWord, string> = {
+  OK: "Data arrive in time, and the last update passed its checks.",
+  DEGRADED: "Updates are late or could not be verified: shown is the last state that passed its checks.",
+  STALE: "Data have stopped.",
+  BIASED: "The last data do not fit the model, whatever its parameters: believe its numbers with care.",
+  DIVERGED: "The last update failed: shown is the last state that was verified.",
+  WAITING: "The service is ready and waits for its first datum.",
+};
+
+/** Without `/v1/status`, what the line itself tells. */
+export function derived(line: StepLine | undefined): Status {
+  if (!line) return { state: "WAITING" };
+  if (!line.trusted) return { state: "DEGRADED", cause: whyNotTrusted(line) };
+  if (line.bias_correction !== "off") return { state: "BIASED", cause: "the correction of the model's bias is on" };
+  return { state: "OK" };
+}
+
+/** The limits are those of interfaces.md, section 4. */
+export function whyNotTrusted(line: StepLine): string {
+  if (line.remark) return line.remark;
+  const reasons: string[] = [];
+  if (line.variance_diagnostic > 0.05) reasons.push(`variance diagnostic ${line.variance_diagnostic.toPrecision(2)} is above 0.05`);
+  if (line.ess < 0.9) reasons.push(`effective sample size ${(100 * line.ess).toFixed(0)} % is below 90 %`);
+  return `step ${line.step} is not trusted: ${reasons.join(", ") || "a second mode may be there"}`;
+}

@@ -1,0 +1,232 @@
+/** What the page knows, and who wants to hear when it changes. */
+import { Api, HttpError, type Cursor } from "./api";
+import { History } from "./history";
+import type { FieldsAnswer, Model, SamplesAnswer, SensorsAnswer, Status, StepLine } from "./types";
+
+/** What belongs to one step and is fetched when it is looked at; `problem` says why there is none. */
+export interface Detail<T> {
+  value?: T;
+  problem?: string;
+}
+
+const kinds = ["fields", "sensors", "samples"] as const;
+type Kind = (typeof kinds)[number];
+type Answers = { fields: FieldsAnswer; sensors: SensorsAnswer; samples: SamplesAnswer };
+/** The live step's details are fetched at most this often, ms, and not more than a fifth of the time is spent on it. */
+const shortestInterval = 400;
+const kept = 60;
+
+export class Store {
+  readonly api = new Api();
+  readonly history = new History();
+  model: Model | undefined;
+  status: Status | undefined;
+  sites: string[] = [];
+  connected = false;
+  lostAt: number | undefined;
+  lastDatumAt: number | undefined;
+  needsToken: "first" | "wrong" | undefined;
+  problem: string | undefined;
+  /** The step looked at; `undefined` follows the latest. */
+  chosen: number | undefined;
+  readonly detail: { [K in Kind]: Detail<Answers[K]> } = { fields: {}, sensors: {}, samples: {} };
+
+  private listeners = new Set<() => void>();
+  private scheduled = false;
+  private stop = new AbortController();
+  private cache = new Map<string, unknown>();
+  private busy = new Set<Kind>();
+  private notBefore = new Map<Kind, number>();
+  private timer: ReturnType<typeof setTimeout> | undefined;
+  private tokenTried = false;
+
+  subscribe(listener: () => void): () => void {
+    this.listeners.add(listener);
+    return () => this.listeners.delete(listener);
+  }
+
+  /** At most one drawing per frame, however fast data come. */
+  changed(): void {
+    if (this.scheduled) return;
+    this.scheduled = true;
+    const run = (): void => {
+      this.scheduled = false;
+      this.listeners.forEach((listener) => listener());
+    };
+    if (document.hidden) setTimeout(run, 500);
+    else requestAnimationFrame(run);
+  }
+
+  start(): void {
+    this.stop.abort();
+    this.stop = new AbortController();
+    void this.api.follow(
+      (cursor) => this.prepare(cursor),
+      {
+        opened: () => {
+          this.connected = true;
+          this.needsToken = undefined;
+          this.problem = undefined;
+          this.changed();
+        },
+        line: (line) => {
+          this.take(line);
+          this.lastDatumAt = performance.now();
+          this.changed();
+          this.fetchDetails();
+        },
+        status: (status) => {
+          this.takeStatus(status);
+          this.changed();
+        },
+        lost: (error) => this.lost(error),
+      },
+      this.stop.signal,
+    );
+  }
+
+  useToken(token: string): void {
+    this.api.setToken(token);
+    this.tokenTried = true;
+    this.needsToken = undefined;
+    this.start();
+    this.changed();
+  }
+
+  /** Another site: nothing of the last one may stay. */
+  useSite(site: string): void {
+    this.api.site = site;
+    const url = new URL(location.href);
+    url.searchParams.set("site", site);
+    history.replaceState(null, "", url);
+    this.forget();
+    this.model = undefined;
+    this.status = undefined;
+    this.start();
+    this.changed();
+  }
+
+  get line(): StepLine | undefined {
+    return this.chosen === undefined ? this.history.latest : (this.history.find(this.chosen) ?? this.history.latest);
+  }
+
+  /** Looks at a step; `undefined` is live. */
+  choose(step: number | undefined): void {
+    this.chosen = step;
+    this.changed();
+    this.fetchDetails();
+  }
+
+  /** Looks `steps` further, backward if negative; past the end is live again. */
+  move(steps: number): void {
+    const { lines } = this.history;
+    if (lines.length === 0) return;
+    const at = this.chosen === undefined ? lines.length - 1 : this.history.position(this.chosen);
+    const next = Math.max(0, at + steps);
+    this.choose(next >= lines.length - 1 && steps > 0 ? undefined : lines[Math.min(next, lines.length - 1)]!.step);
+  }
+
+  private take(line: StepLine): void {
+    const known = this.history.find(line.step);
+    if (known) for (const kind of kinds) this.cache.delete(`${kind} ${line.step}`);
+    this.history.add(line);
+  }
+
+  private takeStatus(status: Status): void {
+    this.status = status;
+    if (status.age_s !== undefined) this.lastDatumAt = performance.now() - 1000 * status.age_s;
+  }
+
+  private lost(error: HttpError | undefined): void {
+    if (this.connected || this.lostAt === undefined) this.lostAt = performance.now();
+    this.connected = false;
+    if (error?.status === 401) {
+      this.needsToken = this.tokenTried ? "wrong" : "first";
+    } else if (error) this.problem = error.message;
+    this.changed();
+  }
+
+  private forget(): void {
+    this.history.clear();
+    this.cache.clear();
+    this.chosen = undefined;
+    this.lastDatumAt = undefined;
+    for (const kind of kinds) this.detail[kind] = {};
+  }
+
+  /** Before each connection: the model (another one makes the page forget), and the steps that are not known yet. */
+  private async prepare(cursor: Cursor): Promise<void> {
+    const model = await absentIs404(this.api.model());
+    if (identity(model) !== identity(this.model)) {
+      this.forget();
+      delete cursor.id;
+    }
+    this.model = model;
+    this.sites = (await absentIs404(this.api.sites())) ?? [];
+    const from = (this.history.latest?.step ?? -1) + 1;
+    if (cursor.id === undefined) {
+      for (const line of (await absentIs404(this.api.states(from))) ?? []) this.take(line);
+      cursor.from = (this.history.latest?.step ?? -1) + 1;
+    }
+    const status = await absentIs404(this.api.status());
+    if (status) this.takeStatus(status);
+    this.changed();
+    this.fetchDetails();
+  }
+
+  /** Fields, sensors and samples of the step looked at. */
+  private fetchDetails(): void {
+    const line = this.line;
+    if (!line) return;
+    for (const kind of kinds) this.fetchDetail(kind, line.step);
+  }
+
+  private fetchDetail(kind: Kind, step: number): void {
+    const key = `${kind} ${step}`;
+    const found = this.cache.get(key);
+    if (found) {
+      this.detail[kind] = { value: found as never };
+      this.changed();
+      return;
+    }
+    const wait = (this.notBefore.get(kind) ?? 0) - performance.now();
+    if (this.busy.has(kind) || wait > 0) {
+      clearTimeout(this.timer);
+      this.timer = setTimeout(() => this.fetchDetails(), Math.max(30, wait));
+      return;
+    }
+    this.busy.add(kind);
+    const begin = performance.now();
+    this.api[kind](step)
+      .then(
+        (value) => {
+          this.cache.set(key, value);
+          if (this.cache.size > kept * kinds.length) this.cache.delete(this.cache.keys().next().value!);
+          this.detail[kind] = { value: value as never };
+        },
+        (error: unknown) => {
+          if (error instanceof HttpError) this.detail[kind] = { problem: error.message };
+        },
+      )
+      .finally(() => {
+        this.busy.delete(kind);
+        const took = performance.now() - begin;
+        const live = this.chosen === undefined;
+        this.notBefore.set(kind, performance.now() + (live ? Math.max(shortestInterval, 4 * took) : Math.min(took, 100)));
+        this.changed();
+      });
+  }
+}
+
+function identity(model: Model | undefined): string {
+  return model ? JSON.stringify([model.site, model.model_sha256, model.configuration_sha256, model.parameters.map((p) => p.name)]) : "";
+}
+
+async function absentIs404<T>(answer: Promise<T>): Promise<T | undefined> {
+  try {
+    return await answer;
+  } catch (error) {
+    if (error instanceof HttpError && error.status === 404) return undefined;
+    throw error;
+  }
+}

@@ -1,0 +1,74 @@
+/** What is believed, in numbers: parameters and forecasts of the step looked at. */
+import type { Theme } from "./colour";
+import { given, probability, scaleFor, significant, withSpread } from "./format";
+import { bandsOf } from "./history";
+import { parameterNames, quantitiesIn, quantityWords } from "./specs";
+import type { Model, StepLine } from "./types";
+
+interface Props {
+  model: Model | undefined;
+  line: StepLine | undefined;
+  theme: Theme;
+}
+
+export function Summary({ model, line, theme }: Props) {
+  if (!line) return null;
+  const bands = bandsOf(line.quantiles.levels);
+  const outer = bands.pairs[0];
+  return (
+    <section class="summary" aria-label={`What is believed at step ${line.step}`}>
+      {quantitiesIn(model, line).map((q) => {
+        const f = line.forecast[q.name];
+        if (!f) return null;
+        const scale = scaleFor(q.units ?? f.units, Math.max(...f.values.map(Math.abs)));
+        const { pairs, middle } = bandsOf(f.levels);
+        const at = (i: number | undefined): string => (i === undefined ? "–" : withSpread(f.values[i]! * scale.factor, f.std * scale.factor));
+        const p = f.probability_above_threshold;
+        return (
+          <article key={`forecast ${q.name}`} data-forecast={q.name}>
+            <h3>{q.name} <small>{quantityWords(q)}</small></h3>
+            <p class="value">{at(middle)} <small>{scale.units}</small></p>
+            <p class="interval">{pairs[0] ? `${pairs[0].percent} %: ${at(pairs[0].low)} … ${at(pairs[0].high)} ${scale.units}` : ""}</p>
+            {p !== undefined && q.threshold !== undefined && (
+              <p class="failure">
+                <meter class="p" min={0} max={1} value={p} aria-label={`P(${q.name} above threshold)`} />
+                <b>P(&gt; {given(q.threshold * scale.factor)} {scale.units}) = {probability(p)}</b>
+              </p>
+            )}
+          </article>
+        );
+      })}
+      {parameterNames(model, line).map((name, k) => {
+        const parameter = model?.parameters[k];
+        const values = line.quantiles.values[k] ?? [];
+        const std = Math.sqrt(line.covariance[k]?.[k] ?? NaN);
+        const at = (i: number | undefined): string => (i === undefined ? "–" : withSpread(values[i] ?? NaN, std));
+        return (
+          <article key={`parameter ${name}`} data-parameter={name}>
+            <h3>{name} <small>parameter</small></h3>
+            <p class="value">{at(bands.middle)}</p>
+            <p class="interval">{outer ? `${outer.percent} %: ${at(outer.low)} … ${at(outer.high)}` : ""}</p>
+            {parameter?.lower !== undefined && parameter.upper !== undefined && outer && (
+              <Interval low={parameter.lower} high={parameter.upper} from={values[outer.low]!} to={values[outer.high]!} middle={values[bands.middle ?? 0]!} theme={theme} />
+            )}
+          </article>
+        );
+      })}
+    </section>
+  );
+}
+
+/** The posterior's interval inside the prior's box: how much has been learnt, at a glance. */
+function Interval(p: { low: number; high: number; from: number; to: number; middle: number; theme: Theme }) {
+  const at = (v: number): number => 100 * Math.min(1, Math.max(0, (v - p.low) / (p.high - p.low)));
+  return (
+    <>
+      <svg class="box" viewBox="0 0 100 8" preserveAspectRatio="none" role="img" aria-label="Interval inside the prior's box">
+        <rect x="0" y="2.5" width="100" height="3" fill={p.theme.grid} />
+        <rect x={at(p.from)} y="1" width={Math.max(0.8, at(p.to) - at(p.from))} height="6" fill={p.theme.blue} />
+        <rect x={at(p.middle) - 0.4} y="0" width="0.8" height="8" fill={p.theme.text} />
+      </svg>
+      <p class="ends"><span>{significant(p.low, 2)}</span><span>prior's box</span><span>{significant(p.high, 2)}</span></p>
+    </>
+  );
+}
