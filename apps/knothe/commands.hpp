@@ -64,6 +64,17 @@ struct InferArguments {
 };
 int infer(const InferArguments& arguments);
 
+struct DicArguments {
+  std::vector<std::string> files;                 ///< a project file, or reference and deformed pictures
+  std::optional<double> element_size, prefilter;  ///< px; override the project's
+  std::vector<double> region;                     ///< x0, y0, x1, y1, px
+  std::string mask, at;
+  std::string output;  ///< .h5, .vtu, .pvd; with `at` .csv or a folder
+  std::string maps;    ///< folder for PNG maps
+  bool json = false;
+};
+int dic(const DicArguments& arguments);
+
 struct ForecastArguments {
   std::string project;
   bool json = false;

@@ -140,6 +140,28 @@ void add_infer(CLI::App& app, Command& chosen) {
   command.callback([&chosen] { chosen = [] { return infer(arguments); }; });
 }
 
+void add_dic(CLI::App& app, Command& chosen) {
+  static DicArguments arguments;
+  CLI::App& command =
+      add(app, "dic", "Image correlation: displacements from pictures.",
+          "knothe dic reference.tif a.tif b.tif --roi 100,60,1100,900 --element-size 25 -o u.h5");
+  command.add_option("FILES", arguments.files, "project file, or REFERENCE DEFORMED…")->required();
+  command.add_option("--element-size", arguments.element_size, "size of the elements, px")
+      ->check(CLI::PositiveNumber);
+  command.add_option("--roi", arguments.region, "X0,Y0,X1,Y1: two opposite corners of the mesh, px")
+      ->delimiter(',');
+  command.add_option("--mask", arguments.mask, "picture that is 0 where the surface is not to be measured");
+  command.add_option("--prefilter", arguments.prefilter, "Gaussian on all pictures, px")
+      ->check(CLI::NonNegativeNumber);
+  command.add_option("--at", arguments.at,
+                     "CSV x,y: points of the reference picture to give displacements at");
+  command.add_option("-o,--output", arguments.output,
+                     ".h5, .vtu or .pvd; with --at a CSV file, or a folder for several pictures");
+  command.add_option("--maps", arguments.maps, "folder for maps over the picture (.png)");
+  command.add_flag("--json", arguments.json, "one line of JSON per picture on stdout");
+  command.callback([&chosen] { chosen = [] { return dic(arguments); }; });
+}
+
 void add_forecast(CLI::App& app, Command& chosen) {
   static ForecastArguments arguments;
   CLI::App& command = add(app, "forecast", "Forecasts of quantities of interest from the results.",
@@ -205,6 +227,7 @@ int main(int argc, char** argv) {
   add_simulate(app, chosen);
   add_assimilate(app, chosen);
   add_infer(app, chosen);
+  add_dic(app, chosen);
   add_forecast(app, chosen);
   add_report(app, chosen);
   try {

@@ -1,6 +1,7 @@
 #pragma once
 /// @file Grey pictures at full depth: TIFF, PNG, BMP and PGM.
 #include <cstdint>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -30,5 +31,7 @@ struct Picture {
 void write_tiff(const std::string& path, const Picture& picture);
 /// The same as PNG.
 void write_png(const std::string& path, const Picture& picture);
+/// A picture in colour as PNG: `pixels` are red, green, blue, row by row. Errors: IoError.
+void write_colour_png(const std::string& path, int width, int height, std::span<const std::uint8_t> pixels);
 
 }  // namespace knothe::files

@@ -124,4 +124,21 @@ void write_png(const std::string& path, const Picture& picture) {
   write_text_atomically(path, bytes);
 }
 
+void write_colour_png(const std::string& path, int width, int height, std::span<const std::uint8_t> pixels) {
+  std::string bytes;
+  {
+    Writer writer(path);
+    png_set_write_fn(writer.png, &bytes, append_bytes, no_flush);
+    png_set_IHDR(writer.png, writer.info, static_cast<png_uint_32>(width), static_cast<png_uint_32>(height),
+                 8, PNG_COLOR_TYPE_RGB, PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT,
+                 PNG_FILTER_TYPE_DEFAULT);
+    png_write_info(writer.png, writer.info);
+    for (int y = 0; y < height; ++y)
+      png_write_row(writer.png,
+                    pixels.data() + 3 * static_cast<std::size_t>(y) * static_cast<std::size_t>(width));
+    png_write_end(writer.png, writer.info);
+  }
+  write_text_atomically(path, bytes);
+}
+
 }  // namespace knothe::files

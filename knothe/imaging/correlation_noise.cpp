@@ -39,7 +39,8 @@ double interpolated_noise_variance(double t) {
   return sum;
 }
 
-double noise_from_residual(const ImageCorrelation& correlation, const CorrelationResult& result) {
+double noise_from_residual(const ImageCorrelation& correlation, const CorrelationResult& result,
+                           double reference_count) {
   const ImageMesh& mesh = correlation.mesh();
   double kappa = 0, elements = 0;
   for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
@@ -64,7 +65,8 @@ double noise_from_residual(const ImageCorrelation& correlation, const Correlatio
                                    }()
                                  : 1.0;
   return result.residual_rms /
-         std::sqrt((1 + result.gain * result.gain * kappa / elements) * std::max(0.1, left) * prefiltered);
+         std::sqrt((1 / reference_count + result.gain * result.gain * kappa / elements) *
+                   std::max(0.1, left) * prefiltered);
 }
 
 double noise_from_repeat(const files::Picture& first, const files::Picture& second, const Region& region) {

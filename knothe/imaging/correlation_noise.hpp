@@ -19,9 +19,9 @@ namespace knothe::imaging {
 /// γ (grey levels of one picture, before any prefilter) from the residual of a correlation: its mean square
 /// is γ² (1 + α² κ) with κ what the interpolation at the measured displacements leaves of the noise, less the
 /// degrees of freedom fitted. What the model of the motion cannot follow counts as noise, so this errs on the
-/// safe side.
-[[nodiscard]] double noise_from_residual(const ImageCorrelation& correlation,
-                                         const CorrelationResult& result);
+/// safe side. `reference_count`: the reference is the mean of so many pictures.
+[[nodiscard]] double noise_from_residual(const ImageCorrelation& correlation, const CorrelationResult& result,
+                                         double reference_count = 1);
 
 /// γ from two pictures of a surface at rest: half the variance of their difference, brightness taken out.
 /// Errors: UsageError for pictures of different sizes.

@@ -8,6 +8,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/threads.hpp"
+#include "knothe/imaging/strain.hpp"
 
 namespace knothe::imaging {
 
@@ -17,6 +18,9 @@ constexpr int k_rejection_rounds = 8;
 constexpr double k_share_of_worst =
     0.8;  // of the residual of the worst neighbour, to be taken out in the same round
 constexpr int k_iterations_per_round = 12;  // elements on a crack may swing for ever: look at them in between
+constexpr double k_far = 0.6;               // of the contrast, as residual: the start is out of reach
+constexpr int k_readmissions = 3;           // each may bring one more row of elements back
+constexpr double k_most_restless = 0.05;    // of the nodes: more is a picture that does not converge
 
 }  // namespace
 
@@ -191,8 +195,7 @@ void CorrelationStage::iterate(const SplineImage& deformed, CorrelationResult& r
   factorise(result.element_valid);
   result.converged = false;
   const double far = 2.0 * (reference_.width + reference_.height);
-  for (int k = 0;
-       k < k_iterations_per_round && result.iterations < options_.max_iterations && !result.converged; ++k) {
+  for (int k = 0; k < std::min(k_iterations_per_round, options_.max_iterations) && !result.converged; ++k) {
     sum_residuals(deformed, result);
     result.last_step = step(result);
     ++result.iterations;
@@ -212,19 +215,33 @@ void CorrelationStage::iterate(const SplineImage& deformed, CorrelationResult& r
         result.iterations, result.last_step, options_.tolerance);
 }
 
-int CorrelationStage::reject(CorrelationResult& result) const {
-  std::vector<double> rms(sums_.size(), 0), valid, around(mesh_.x.size(), 0);
+std::vector<double> CorrelationStage::element_rms() const {
+  std::vector<double> rms(sums_.size(), 0);
+  for (std::size_t e = 0; e < sums_.size(); ++e)
+    if (sums_[e].count > 0) rms[e] = std::sqrt(sums_[e].r_squared / sums_[e].count);
+  return rms;
+}
+
+double CorrelationStage::residual_limit(const CorrelationResult& result,
+                                        const std::vector<double>& rms) const {
+  std::vector<double> valid;
+  for (std::size_t e = 0; e < rms.size(); ++e)
+    if (result.element_valid[e] != 0 && sums_[e].count > 0) valid.push_back(rms[e]);
+  return options_.rejection_factor * median_of(valid);
+}
+
+int CorrelationStage::reject(CorrelationResult& result, bool restless) const {
+  const std::vector<double> rms = element_rms();
+  const double limit = residual_limit(result, rms);
+  std::vector<double> around(mesh_.x.size(), 0);
   for (std::size_t e = 0; e < sums_.size(); ++e) {
-    if (result.element_valid[e] == 0 || !(sums_[e].count > 0)) continue;
-    rms[e] = std::sqrt(sums_[e].r_squared / sums_[e].count);
-    valid.push_back(rms[e]);
+    if (result.element_valid[e] == 0) continue;
     for (int a = 0; a < ImageMesh::nodes_of(mesh_.elements[e]); ++a) {
       double& largest = around[static_cast<std::size_t>(mesh_.elements[e][static_cast<std::size_t>(a)])];
       largest = std::max(largest, rms[e]);
     }
   }
-  const double limit = options_.rejection_factor * median_of(valid);
-  int rejected = 0;
+  const auto before = std::count(result.element_valid.begin(), result.element_valid.end(), 1);
   for (std::size_t e = 0; e < sums_.size(); ++e) {
     if (result.element_valid[e] == 0) continue;
     // An element on a crack pulls at the nodes of its neighbours: only the worst go at once, the others get
@@ -236,27 +253,124 @@ int CorrelationStage::reject(CorrelationResult& result) const {
     const bool unseen = sums_[e].count < k_least_pixel_share * pixels_.elements()[e].pixel_count;
     const bool bad =
         options_.reject_elements && rms[e] > limit && rms[e] > k_share_of_worst * worst_neighbour;
-    if (unseen || bad) result.element_valid[e] = 0, ++rejected;
+    if (unseen || bad) result.element_valid[e] = 0;
   }
-  return rejected;
+  if (restless && options_.reject_elements) reject_restless(result, rms);
+  return static_cast<int>(before - std::count(result.element_valid.begin(), result.element_valid.end(), 1));
 }
 
-void CorrelationStage::correlate(const SplineImage& deformed, CorrelationResult& result) {
-  result.element_valid = usable_;
+/// Nodes that never come to rest, between the two sides of a crack as a rule: of the elements around each the
+/// one with the largest residual goes.
+void CorrelationStage::reject_restless(CorrelationResult& result, const std::vector<double>& rms) const {
+  std::vector<int> worst(mesh_.x.size(), -1);
+  int count = 0;
+  for (int n = 0; n < mesh_.node_count(); ++n)
+    if (step_.segment<2>(2 * n).cwiseAbs().maxCoeff() > options_.tolerance)
+      worst[static_cast<std::size_t>(n)] = -2, ++count;
+  if (count > k_most_restless * mesh_.node_count()) return;
+  for (std::size_t e = 0; e < sums_.size(); ++e) {
+    if (result.element_valid[e] == 0) continue;
+    for (int a = 0; a < ImageMesh::nodes_of(mesh_.elements[e]); ++a) {
+      int& at = worst[static_cast<std::size_t>(mesh_.elements[e][static_cast<std::size_t>(a)])];
+      if (at == -2 || (at >= 0 && rms[e] > rms[static_cast<std::size_t>(at)])) at = static_cast<int>(e);
+    }
+  }
+  for (const int e : worst)
+    if (e >= 0) result.element_valid[static_cast<std::size_t>(e)] = 0;
+}
+
+/// Nodes without a valid element take what their neighbours' displacements and gradients say.
+void CorrelationStage::extrapolate(CorrelationResult& result) const {
+  const auto measured = measured_nodes(mesh_, result.element_valid);
+  const Eigen::MatrixXd gradient = nodal_gradients(mesh_, result.displacement, result.element_valid);
+  Eigen::VectorXd sum = Eigen::VectorXd::Zero(result.displacement.size()),
+                  count = Eigen::VectorXd::Zero(mesh_.node_count());
+  for (const auto& nodes : mesh_.elements)
+    for (int a = 0; a < ImageMesh::nodes_of(nodes); ++a)
+      for (int b = 0; b < ImageMesh::nodes_of(nodes); ++b) {
+        const int to = nodes[static_cast<std::size_t>(a)], from = nodes[static_cast<std::size_t>(b)];
+        const auto p = static_cast<std::size_t>(to), q = static_cast<std::size_t>(from);
+        if (measured[p] != 0 || measured[q] == 0) continue;
+        const double dx = mesh_.x[p] - mesh_.x[q], dy = mesh_.y[p] - mesh_.y[q];
+        for (int k = 0; k < 2; ++k)
+          sum[2 * to + k] +=
+              result.displacement[2 * from + k] + gradient(from, 2 * k) * dx + gradient(from, 2 * k + 1) * dy;
+        count[to] += 1;
+      }
+  for (int n = 0; n < mesh_.node_count(); ++n)
+    if (count[n] > 0) result.displacement.segment<2>(2 * n) = sum.segment<2>(2 * n) / count[n];
+}
+
+/// Elements that were taken out, perhaps because they began too far off: where the continuation of the motion
+/// around explains them they come back, each once.
+int CorrelationStage::readmit(const SplineImage& deformed, CorrelationResult& result,
+                              std::vector<char>& tried) {
+  if (result.element_valid == usable_) return 0;
+  extrapolate(result);
+  sum_residuals(deformed, result);
+  const std::vector<double> rms = element_rms();
+  const double limit = residual_limit(result, rms);
+  int count = 0;
+  for (std::size_t e = 0; e < sums_.size(); ++e) {
+    if (result.element_valid[e] != 0 || usable_[e] == 0 || tried[e] != 0 || rms[e] > limit ||
+        sums_[e].count < k_least_pixel_share * pixels_.elements()[e].pixel_count)
+      continue;
+    result.element_valid[e] = tried[e] = 1, ++count;
+  }
+  return count;
+}
+
+double CorrelationStage::contrast() const {
+  double squares = 0, count = 0;
+  for (std::size_t e = 0; e < constants_.size(); ++e) {
+    const Eigen::Matrix2d& m = constants_[e].brightness_matrix;  // Σ (f, 1)(f, 1)ᵀ
+    if (usable_[e] == 0 || !(m(1, 1) > 0)) continue;
+    squares += m(0, 0) - m(0, 1) * m(0, 1) / m(1, 1), count += m(1, 1);
+  }
+  return count > 0 ? std::sqrt(std::max(0.0, squares) / count) : 0;
+}
+
+bool CorrelationStage::correlate(const SplineImage& deformed, CorrelationResult& result,
+                                 bool give_up_if_far) {
+  if (result.element_valid.empty()) {
+    result.element_valid = usable_;
+  } else {
+    for (std::size_t e = 0; e < usable_.size(); ++e) result.element_valid[e] &= usable_[e];
+  }
   result.iterations = 0;
   result.message.clear();
   std::fill(element_brightness_.begin(), element_brightness_.end(),
             std::array<float, 2>{static_cast<float>(result.gain), static_cast<float>(result.offset)});
+  if (give_up_if_far) {
+    sum_residuals(deformed, result);
+    double squares = 0, count = 0;
+    for (std::size_t e = 0; e < sums_.size(); ++e)
+      if (result.element_valid[e] != 0) squares += sums_[e].r_squared, count += sums_[e].count;
+    if (!(squares < k_far * k_far * contrast() * contrast() * count)) return false;
+  }
+  std::vector<char> tried(usable_.size(), 0);
+  int allowed = options_.max_iterations, readmissions = 0;  // iterations without an element taken out
   for (int round = 0;; ++round) {
+    const int before = result.iterations;
     iterate(deformed, result);
     if (!std::isfinite(result.last_step) || result.displacement.isZero(0)) break;  // diverged
-    const bool rejected = round < k_rejection_rounds && reject(result) > 0;
+    allowed -= result.iterations - before;
+    const bool rejected = round < k_rejection_rounds && reject(result, round > 0 && !result.converged) > 0;
     if (std::count(result.element_valid.begin(), result.element_valid.end(), 1) == 0) {
       result.message = "no element is left: the deformed picture does not show the surface of the reference";
       result.converged = false;
       break;
     }
-    if (!rejected && (result.converged || result.iterations >= options_.max_iterations)) break;
+    if (rejected) {
+      allowed = std::max(allowed, k_iterations_per_round);
+      continue;
+    }
+    if (!result.converged && allowed > 0) continue;
+    if (!result.converged || !options_.reject_elements || readmissions++ == k_readmissions ||
+        readmit(deformed, result, tried) == 0)
+      break;
+    round = 0;
+    allowed = std::max(allowed, k_iterations_per_round);
   }
   result.elements_rejected =
       static_cast<int>(std::count(result.element_valid.begin(), result.element_valid.end(), 0));
@@ -268,6 +382,7 @@ void CorrelationStage::correlate(const SplineImage& deformed, CorrelationResult&
   }
   result.pixels_used = pixels;
   result.residual_rms = pixels > 0 ? std::sqrt(squares / pixels) : 0;
+  return true;
 }
 
 }  // namespace knothe::imaging

@@ -42,9 +42,13 @@ class CorrelationStage {
   /// M of the elements that are valid, plus `mass` times Σ N Nᵀ over their pixels.
   [[nodiscard]] Eigen::SparseMatrix<double> matrix(const std::vector<char>& valid, double mass = 0) const;
 
-  /// Gauss–Newton from result.displacement, gain and offset on; rejects elements as the options say. Fills
-  /// the result.
-  void correlate(const SplineImage& deformed, CorrelationResult& result);
+  /// Gauss–Newton from result.displacement, gain and offset on, with the elements that result.element_valid
+  /// begins with (empty: all usable); rejects and readmits elements as the options say. Fills the result.
+  /// `give_up_if_far`: false, at once, where the start explains so little of the picture that iterating from
+  /// it would be in vain.
+  bool correlate(const SplineImage& deformed, CorrelationResult& result, bool give_up_if_far = false);
+  /// Root mean square of f about its mean, element by element: what a residual of nothing explained is.
+  [[nodiscard]] double contrast() const;
   /// α and β where they are per element, as of the last call.
   [[nodiscard]] ElementMotion motion(std::size_t element, const CorrelationResult& result) const;
 
@@ -64,7 +68,12 @@ class CorrelationStage {
   void sum_residuals(const SplineImage& deformed, const CorrelationResult& result);
   double step(CorrelationResult& result);
   void iterate(const SplineImage& deformed, CorrelationResult& result);
-  int reject(CorrelationResult& result) const;
+  int reject(CorrelationResult& result, bool restless) const;
+  void reject_restless(CorrelationResult& result, const std::vector<double>& rms) const;
+  int readmit(const SplineImage& deformed, CorrelationResult& result, std::vector<char>& tried);
+  void extrapolate(CorrelationResult& result) const;
+  [[nodiscard]] std::vector<double> element_rms() const;
+  [[nodiscard]] double residual_limit(const CorrelationResult& result, const std::vector<double>& rms) const;
   [[nodiscard]] Eigen::SparseMatrix<double> assemble(const std::vector<char>& valid, bool for_solving,
                                                      double mass) const;
   [[nodiscard]] bool per_element() const { return options_.brightness == Brightness::per_element; }

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 
 #include "knothe/base/error.hpp"
 #include "knothe/imaging/correlation_noise.hpp"
@@ -40,14 +41,17 @@ void require_same_size(const files::Picture& picture, int width, int height, con
 }  // namespace
 
 Eigen::MatrixXd interpolate(const ImageMesh& mesh, const Eigen::VectorXd& displacement,
-                            const Eigen::Ref<const Eigen::MatrixXd>& points, std::vector<char>& inside) {
+                            const Eigen::Ref<const Eigen::MatrixXd>& points, std::vector<char>& inside,
+                            const std::vector<char>& element_valid) {
   const PointLocator locator(mesh);
   Eigen::MatrixXd result(points.rows(), 2);
   inside.assign(static_cast<std::size_t>(points.rows()), 0);
   for (Eigen::Index i = 0; i < points.rows(); ++i) {
     const auto place = locator.find(points(i, 0), points(i, 1));
     result.row(i).setConstant(std::numeric_limits<double>::quiet_NaN());
-    if (place.element < 0) continue;
+    if (place.element < 0 ||
+        (!element_valid.empty() && element_valid[static_cast<std::size_t>(place.element)] == 0))
+      continue;
     inside[static_cast<std::size_t>(i)] = 1;
     result.row(i).setZero();
     const auto& nodes = mesh.elements[static_cast<std::size_t>(place.element)];
@@ -55,6 +59,15 @@ Eigen::MatrixXd interpolate(const ImageMesh& mesh, const Eigen::VectorXd& displa
       for (int k = 0; k < 2; ++k) result(i, k) += place.shape[a] * displacement[2 * nodes[a] + k];
   }
   return result;
+}
+
+std::vector<char> measured_nodes(const ImageMesh& mesh, const std::vector<char>& element_valid) {
+  std::vector<char> measured(mesh.x.size(), 0);
+  for (std::size_t e = 0; e < mesh.elements.size(); ++e)
+    if (element_valid[e] != 0)
+      for (int a = 0; a < ImageMesh::nodes_of(mesh.elements[e]); ++a)
+        measured[static_cast<std::size_t>(mesh.elements[e][static_cast<std::size_t>(a)])] = 1;
+  return measured;
 }
 
 /// A stage on a picture of half, quarter … size that helps to find the start.
@@ -69,7 +82,8 @@ struct ImageCorrelation::Work {
   CorrelationStage fine;
   SplineImage deformed;
   std::vector<PyramidLevel> reference_pyramid;
-  std::vector<CoarseStage> coarse;  ///< from the coarsest on; made when first needed
+  std::vector<CoarseStage> coarse;     ///< from the coarsest on; made when first needed
+  std::optional<double> noise_factor;  ///< of the prefilter; made when first needed
 
   Work(const files::Picture& f, const files::Picture& m, ImageMesh mesh, const CorrelationOptions& o)
       : reference(f),
@@ -177,22 +191,37 @@ Eigen::SparseMatrix<double> ImageCorrelation::matrix(const std::vector<char>& el
 Eigen::SparseMatrix<double> ImageCorrelation::matrix() const {
   return work_->fine.matrix(work_->fine.usable());
 }
-Eigen::SparseMatrix<double> ImageCorrelation::precision(const std::vector<char>& element_valid,
-                                                        double gamma) const {
+Eigen::SparseMatrix<double> ImageCorrelation::precision(const std::vector<char>& element_valid, double gamma,
+                                                        double reference_count, double gain) const {
   if (!(gamma > 0))
     throw UsageError(fmt::format(
         "precision of displacements: the noise of the pictures is {} grey levels; it must be positive",
         gamma));
   const double sigma = work_->options.prefilter_sigma;
-  const double factor = prefilter_noise_factor(work_->reference, mesh().bounds(), sigma);
-  return work_->fine.matrix(element_valid, -2 * gamma * gamma * gradient_noise_variance(sigma)) /
-         (2 * gamma * gamma * factor);
+  if (!work_->noise_factor)
+    work_->noise_factor = prefilter_noise_factor(work_->reference, mesh().bounds(), sigma);
+  const double reference_variance = gamma * gamma / reference_count;
+  return work_->fine.matrix(element_valid, -2 * reference_variance * gradient_noise_variance(sigma)) /
+         ((reference_variance + gain * gain * gamma * gamma) * *work_->noise_factor);
+}
+const std::vector<char>& ImageCorrelation::usable_elements() const {
+  return work_->fine.usable();
+}
+const files::Picture& ImageCorrelation::reference() const {
+  return work_->reference;
+}
+double ImageCorrelation::contrast() const {
+  return work_->fine.contrast();
+}
+const PixelTable& ImageCorrelation::pixels() const {
+  return work_->fine.pixels();
 }
 const std::vector<double>& ImageCorrelation::element_gradient() const {
   return work_->fine.element_gradient();
 }
 
-CorrelationResult ImageCorrelation::correlate(const files::Picture& deformed, const Eigen::VectorXd& start) {
+CorrelationResult ImageCorrelation::correlate(const files::Picture& deformed, const Eigen::VectorXd& start,
+                                              const std::vector<char>& start_valid) {
   require_same_size(deformed, work_->reference.width, work_->reference.height, "the deformed picture");
   const Eigen::Index dofs = 2 * mesh().node_count();
   if (start.size() != 0 && start.size() != dofs)
@@ -211,8 +240,15 @@ CorrelationResult ImageCorrelation::correlate(const files::Picture& deformed, co
     result.elements_rejected = mesh().element_count();
     return result;
   }
-  if (start.size() == 0) work_->search(deformed, result);
   work_->deformed.assign(deformed, work_->options.prefilter_sigma, work_->options.threads);
+  if (start.size() != 0) {
+    if (start_valid.size() == mesh().elements.size()) result.element_valid = start_valid;
+    if (work_->fine.correlate(work_->deformed, result, true)) return result;
+    result = {};
+    result.displacement.setZero(dofs);
+  }
+  work_->search(deformed, result);
+  result.searched = true;
   work_->fine.correlate(work_->deformed, result);
   return result;
 }

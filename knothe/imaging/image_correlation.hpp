@@ -37,8 +37,10 @@ struct CorrelationOptions {
 };
 
 struct CorrelationResult {
-  Eigen::VectorXd displacement;  ///< 2 per node, px; 0 at nodes without a valid element
+  Eigen::VectorXd
+      displacement;  ///< 2 per node, px; without a meaning where no valid element is (measured_nodes)
   bool converged = false;
+  bool searched = false;  ///< the start was looked for from coarse to fine pictures
   int iterations = 0;
   double last_step = 0;                  ///< largest change in the last iteration, px
   double residual_rms = 0;               ///< grey levels, over the valid elements
@@ -72,17 +74,27 @@ class ImageCorrelation {
   /// is white with standard deviation `gamma` (grey levels, before any prefilter): (M − 2 γ² s Σ N Nᵀ) / (2
   /// γ² c). The paper's M/(2γ²) takes the gradient of the reference for exact; but the noise is in it too,
   /// twice: s is the variance of the gradient of unit white noise, c what a prefilter leaves of it
-  /// (docs/imaging.md; correlation_noise.hpp). Both triangles; empty rows where no valid element is. Errors:
-  /// UsageError for gamma ≤ 0.
-  [[nodiscard]] Eigen::SparseMatrix<double> precision(const std::vector<char>& element_valid,
-                                                      double gamma) const;
+  /// (docs/imaging.md; correlation_noise.hpp). Both triangles; empty rows where no valid element is.
+  /// `reference_count`: the reference is the mean of so many pictures, its noise γ²/k; `gain` multiplies the
+  /// noise of the deformed picture: 2γ² is then γ² (1/k + α²). Errors: UsageError for gamma ≤ 0.
+  [[nodiscard]] Eigen::SparseMatrix<double> precision(const std::vector<char>& element_valid, double gamma,
+                                                      double reference_count = 1, double gain = 1) const;
+  /// Elements with enough texture and pixels to be measured at all.
+  [[nodiscard]] const std::vector<char>& usable_elements() const;
+  [[nodiscard]] const files::Picture& reference() const;
+  /// Root mean square of the reference about its mean in each element, grey levels.
+  [[nodiscard]] double contrast() const;
+  /// The pixels of an element, and the shape functions there.
+  [[nodiscard]] const PixelTable& pixels() const;
   /// Root of the mean squared gradient per element, grey levels per px.
   [[nodiscard]] const std::vector<double>& element_gradient() const;
 
-  /// `start`: displacements to begin with (empty: a search from coarse to fine pictures). Errors: UsageError
-  /// for a picture of another size or a start of another length.
-  [[nodiscard]] CorrelationResult correlate(const files::Picture& deformed,
-                                            const Eigen::VectorXd& start = {});
+  /// `start`: displacements to begin with (empty, or too far off: a search from coarse to fine pictures);
+  /// `start_valid`: the elements to begin with (empty: all), so that a crack need not be found again in every
+  /// picture: elements that are 0 come back where they can be measured. Errors: UsageError for a picture of
+  /// another size or a start of another length.
+  [[nodiscard]] CorrelationResult correlate(const files::Picture& deformed, const Eigen::VectorXd& start = {},
+                                            const std::vector<char>& start_valid = {});
 
   /// f(x) − α g(x + u) − β at the pixels of the mesh for a result of the last picture; NaN elsewhere.
   [[nodiscard]] std::vector<float> residual_picture(const CorrelationResult& result) const;
@@ -93,9 +105,13 @@ class ImageCorrelation {
 };
 
 /// Displacement at any points (n × 2, px) from nodal values; false in `inside` where the mesh does not reach,
-/// NaN there.
+/// NaN there. `element_valid` (may be empty): elements that are 0 do not belong to the mesh.
 [[nodiscard]] Eigen::MatrixXd interpolate(const ImageMesh& mesh, const Eigen::VectorXd& displacement,
                                           const Eigen::Ref<const Eigen::MatrixXd>& points,
-                                          std::vector<char>& inside);
+                                          std::vector<char>& inside,
+                                          const std::vector<char>& element_valid = {});
+
+/// Which nodes belong to a valid element: only their displacements are measured.
+[[nodiscard]] std::vector<char> measured_nodes(const ImageMesh& mesh, const std::vector<char>& element_valid);
 
 }  // namespace knothe::imaging

@@ -252,6 +252,7 @@ Project parse_project(const std::string& text, const std::string& path) {
   project.method = read_method(values);
   project.umbridge = read_umbridge(values);
   if (values.has_table("observations")) project.observations = read_observations(values);
+  project.pictures = read_pictures(values, project.folder);
   if (values.has_table("offline")) project.offline = read_offline(values, project.folder);
   if (values.has_table("simulate")) project.simulate = read_simulate(values);
   for (const std::string& name : children(values, "forecast")) {

@@ -9,6 +9,7 @@
 #include "knothe/assimilation/prior.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/forecast/forecaster.hpp"
+#include "knothe/project/picture_options.hpp"
 
 namespace knothe::project {
 
@@ -99,6 +100,7 @@ struct Project {
   std::optional<ObservationOptions> observations;
   std::optional<OfflineOptions> offline;
   std::optional<SimulateOptions> simulate;
+  PictureOptions pictures;  ///< [dic] and [data] pictures
   std::vector<forecast::ForecastSpecification> forecasts;
 
   /// Line and column of every table and key of the file, by its path ("parameters.Y0").

@@ -1,0 +1,209 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "apps/knothe/commands.hpp"
+#include "knothe/base/cancellation.hpp"
+#include "knothe/base/error.hpp"
+#include "knothe/base/progress.hpp"
+#include "knothe/files/atomic_file.hpp"
+#include "knothe/files/csv.hpp"
+#include "knothe/files/json_line.hpp"
+#include "knothe/files/vtu.hpp"
+#include "knothe/imaging/displacement_files.hpp"
+#include "knothe/imaging/picture_series.hpp"
+#include "knothe/project/project_file.hpp"
+#include "knothe/report/displacement_maps.hpp"
+
+namespace knothe::commands {
+namespace {
+
+namespace fs = std::filesystem;
+using imaging::PictureResult;
+
+/// All that the two forms of the command have in common once their arguments are read.
+struct Task {
+  imaging::SeriesOptions series;
+  std::optional<imaging::PictureFrame> frame;
+  std::string project_text;
+};
+
+imaging::Region parse_region(const std::vector<double>& corners) {
+  if (corners.size() != 4 || corners[0] == corners[2] || corners[1] == corners[3])
+    throw UsageError("--roi takes two opposite corners of the mesh, px: --roi X0,Y0,X1,Y1");
+  return {corners[0], corners[1], corners[2], corners[3]};
+}
+
+Task task_of(const DicArguments& a) {
+  Task task;
+  const bool project = a.files.size() == 1 && a.files.front().ends_with(".toml");
+  if (project) {
+    const project::Project read = project::read_project(a.files.front());
+    task.series = project::series_options(read);
+    task.frame = read.pictures.frame;
+    task.project_text = read.text;
+  } else {
+    if (a.files.size() < 2)
+      throw UsageError("dic takes a project file (.toml), or a reference picture and at least one deformed one");
+    task.series.references = {a.files.front()};
+    task.series.pictures.assign(a.files.begin() + 1, a.files.end());
+  }
+  if (a.element_size) task.series.element_size = *a.element_size;
+  if (!a.region.empty()) task.series.region = parse_region(a.region);
+  if (!a.mask.empty()) task.series.mask = a.mask;
+  if (a.prefilter) task.series.correlation.prefilter_sigma = *a.prefilter;
+  return task;
+}
+
+nlohmann::ordered_json json_of(const imaging::PictureSeries& series, const PictureResult& r, double noise_std) {
+  const auto& c = r.correlation;
+  nlohmann::ordered_json line = {{"picture", r.picture},
+                                 {"iterations", c.iterations},
+                                 {"converged", c.converged},
+                                 {"residual_rms", c.residual_rms},
+                                 {"nodes", series.correlation().mesh().node_count()},
+                                 {"elements_rejected", c.elements_rejected},
+                                 {"elapsed_ms", r.elapsed_ms},
+                                 {"noise_std_px", noise_std},
+                                 {"elements", series.correlation().mesh().element_count()},
+                                 {"noise_grey_levels", r.noise},
+                                 {"gain", c.gain},
+                                 {"offset", c.offset},
+                                 {"searched", c.searched},
+                                 {"missing", r.missing}};
+  if (r.missing) line["message"] = r.message;
+  return line;
+}
+
+/// A file name for a picture's results: its own, without folder and ending; made different where two are alike.
+std::vector<std::string> stems_of(const std::vector<std::string>& pictures) {
+  std::vector<std::string> stems;
+  for (const std::string& picture : pictures) {
+    std::string stem = fs::path(picture).stem().string();
+    if (std::find(stems.begin(), stems.end(), stem) != stems.end())
+      stem += fmt::format("_{}", stems.size());
+    stems.push_back(stem);
+  }
+  return stems;
+}
+
+/// Writes what was asked for, picture by picture.
+class Output {
+ public:
+  Output(const DicArguments& arguments, const Task& task)
+      : arguments_(arguments), task_(task), stems_(stems_of(task.series.pictures)) {
+    if (!arguments.at.empty()) {
+      if (arguments.output.empty()) throw UsageError("--at needs -o: a CSV file, or a folder for several pictures");
+      const files::CsvTable table = files::CsvTable::read(arguments.at);
+      const auto x = table.numbers("x"), y = table.numbers("y");
+      points_.resize(static_cast<Eigen::Index>(x.size()), 2);
+      for (std::size_t i = 0; i < x.size(); ++i)
+        points_.row(static_cast<Eigen::Index>(i)) << x[i], y[i];
+      if (several()) files::require_writable_folder(arguments.output);
+    } else if (!arguments.output.empty() && !has_ending(".h5") && !has_ending(".vtu") && !has_ending(".pvd")) {
+      throw UsageError(fmt::format("-o {}: without --at it takes an HDF5 file (.h5), a field file (.vtu), or a "
+                                   "series of them (.pvd)",
+                                   arguments.output));
+    } else if (has_ending(".vtu") && several()) {
+      throw UsageError("-o: several pictures need a series, .pvd");
+    }
+    if (!arguments.maps.empty()) files::require_writable_folder(arguments.maps);
+  }
+
+  void add(const imaging::PictureSeries& series, const PictureResult& r) {
+    if (!arguments_.maps.empty() && r.correlation.iterations > 0)  // also to see why it did not converge
+      report::write_displacement_maps((fs::path(arguments_.maps) / stems_[r.index]).string(), series, r, task_.frame);
+    if (arguments_.output.empty()) return;
+    if (!arguments_.at.empty()) {
+      const std::string path =
+          several() ? (fs::path(arguments_.output) / (stems_[r.index] + ".csv")).string() : arguments_.output;
+      if (!r.missing) imaging::write_at_points(path, series.correlation().mesh(), r, points_);
+    } else if (has_ending(".vtu") && !r.missing) {
+      imaging::write_displacement_vtu(arguments_.output, series, r, task_.frame);
+    } else if (has_ending(".pvd") && !r.missing) {
+      const std::string name =
+          fs::path(arguments_.output).stem().string() + "_" + stems_[r.index] + ".vtu";
+      imaging::write_displacement_vtu((fs::path(arguments_.output).parent_path() / name).string(), series, r,
+                                      task_.frame);
+      const auto& times = series.options().times;
+      entries_.push_back({times.empty() ? static_cast<double>(r.index) : times[r.index], name});
+      files::write_pvd(entries_, arguments_.output);
+    }
+  }
+
+  void finish(const imaging::PictureSeries& series, const std::vector<PictureResult>& results) const {
+    if (!arguments_.output.empty() && arguments_.at.empty() && has_ending(".h5"))
+      imaging::write_displacements(arguments_.output, series, results, task_.frame, task_.project_text);
+  }
+
+ private:
+  [[nodiscard]] bool several() const { return task_.series.pictures.size() > 1; }
+  [[nodiscard]] bool has_ending(const char* ending) const { return arguments_.output.ends_with(ending); }
+
+  const DicArguments& arguments_;
+  const Task& task_;
+  std::vector<std::string> stems_;
+  Eigen::MatrixXd points_;
+  std::vector<files::PvdEntry> entries_;
+};
+
+void print_for_people(const PictureResult& r, double noise_std, const std::optional<imaging::PictureFrame>& frame) {
+  if (r.missing) return;
+  const auto& c = r.correlation;
+  std::string text = fmt::format("{}: {} iterations, residual {:.2f} grey levels, noise {:.4f} px", r.picture,
+                                 c.iterations, c.residual_rms, noise_std);
+  if (frame) text += fmt::format(" ({:.2f} µm)", noise_std * frame->scale() * 1e6);
+  if (c.elements_rejected > 0) text += fmt::format(", {} elements without a measurement", c.elements_rejected);
+  fmt::print("{}, {:.0f} ms\n", text, r.elapsed_ms);
+}
+
+/// 0 if any picture was measured; otherwise why not: unreadable or unsuitable (4), or not converged (6).
+int verdict(const std::vector<PictureResult>& results) {
+  const bool any = std::any_of(results.begin(), results.end(), [](const auto& r) { return !r.missing; });
+  if (any) return 0;
+  const bool read = std::any_of(results.begin(), results.end(),
+                                [](const auto& r) { return r.correlation.iterations > 0; });
+  return static_cast<int>(read ? ExitStatus::numerical : ExitStatus::data);
+}
+
+}  // namespace
+
+int dic(const DicArguments& arguments) {
+  const Task task = task_of(arguments);
+  Output output(arguments, task);
+  imaging::PictureSeries series(task.series);
+  std::vector<PictureResult> results;
+  {
+    Progress progress("pictures", task.series.pictures.size());
+    while (!series.done() && !cancellation_requested()) {
+      results.push_back(series.next());
+      const PictureResult& r = results.back();
+      double noise_std = 0;
+      if (!r.missing)
+        noise_std = series.precision(r.correlation.element_valid, r.noise, r.correlation.gain).mean_std();
+      else
+        fmt::print(stderr, "{}\n", r.message);
+      if (arguments.json) {
+        fmt::print("{}\n", files::json_line(json_of(series, r, noise_std)));
+        std::fflush(stdout);
+      } else {
+        print_for_people(r, noise_std, task.frame);
+      }
+      output.add(series, r);
+      progress.advance_to(results.size());
+    }
+  }
+  const int status = verdict(results);
+  if (status == 0 || cancellation_requested()) output.finish(series, results);
+  if (!series.done())
+    throw Interrupted(fmt::format("interrupted after {} of {} pictures{}", results.size(),
+                                  task.series.pictures.size(),
+                                  arguments.output.empty() ? "" : "; their results are in " + arguments.output));
+  return status;
+}
+
+}  // namespace knothe::commands

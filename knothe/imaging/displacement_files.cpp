@@ -1,0 +1,280 @@
+#include "knothe/imaging/displacement_files.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "knothe/base/version.hpp"
+#include "knothe/files/atomic_file.hpp"
+#include "knothe/files/csv.hpp"
+#include "knothe/files/hdf5.hpp"
+#include "knothe/files/vtu.hpp"
+#include "knothe/imaging/strain.hpp"
+
+namespace knothe::imaging {
+
+namespace {
+
+using Sparse = Eigen::SparseMatrix<double>;
+constexpr double k_no_information = 1e-6;  // of the mean precision, for dofs that were not measured
+constexpr double k_nan = std::numeric_limits<double>::quiet_NaN();
+
+/// Gives dofs that were not measured a number on the diagonal, so that the matrix is positive definite.
+Sparse filled(Sparse precision) {
+  const Eigen::VectorXd diagonal = precision.diagonal();
+  const double small = k_no_information * diagonal.sum() / std::max<double>(1, static_cast<double>((diagonal.array() > 0).count()));
+  Sparse missing(precision.rows(), precision.cols());
+  std::vector<Eigen::Triplet<double>> entries;
+  for (int i = 0; i < precision.rows(); ++i)
+    if (!(diagonal[i] > 0)) entries.emplace_back(i, i, small > 0 ? small : 1.0);
+  missing.setFromTriplets(entries.begin(), entries.end());
+  precision += missing;
+  precision.prune(0.0, 0.0);
+  return precision;
+}
+
+void write_matrix(files::Hdf5Writer& file, const std::string& name, const Sparse& matrix,
+                  const std::string& units) {
+  // Symmetric: columns are rows.
+  Sparse m = matrix;
+  m.makeCompressed();
+  const auto count = static_cast<std::size_t>(m.nonZeros());
+  const std::vector<std::int64_t> indices(m.innerIndexPtr(), m.innerIndexPtr() + count),
+      rows(m.outerIndexPtr(), m.outerIndexPtr() + m.rows() + 1);
+  file.write(name + "/data", {m.valuePtr(), count}, {count}, {units, "inverse of the noise covariance"});
+  file.write_integers(name + "/indices", indices, {count}, {"1", "column of each entry"});
+  file.write_integers(name + "/indptr", rows, {rows.size()}, {"1", "first entry of each row"});
+}
+
+/// Cells with four nodes where all are rectangles, otherwise triangles (rectangles cut in two).
+struct Cells {
+  std::vector<std::int64_t> nodes;
+  std::vector<std::size_t> element;  ///< of each cell
+  std::size_t nodes_per_cell = 4;
+};
+Cells cells_of(const ImageMesh& mesh) {
+  Cells cells;
+  const bool quadrilaterals = std::all_of(mesh.elements.begin(), mesh.elements.end(),
+                                          [](const auto& e) { return ImageMesh::nodes_of(e) == 4; });
+  cells.nodes_per_cell = quadrilaterals ? 4 : 3;
+  for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
+    const auto& n = mesh.elements[e];
+    if (quadrilaterals) {
+      cells.nodes.insert(cells.nodes.end(), n.begin(), n.end()), cells.element.push_back(e);
+      continue;
+    }
+    cells.nodes.insert(cells.nodes.end(), n.begin(), n.begin() + 3), cells.element.push_back(e);
+    if (ImageMesh::nodes_of(n) == 4)
+      cells.nodes.insert(cells.nodes.end(), {n[0], n[2], n[3]}), cells.element.push_back(e);
+  }
+  return cells;
+}
+
+/// A number of each picture.
+template <typename Get>
+void write_per_picture(files::Hdf5Writer& file, const std::string& name,
+                       const std::vector<PictureResult>& results, const files::Labels& labels,
+                       const Get& get) {
+  std::vector<double> values;
+  for (const auto& r : results) values.push_back(static_cast<double>(get(r)));
+  file.write("/pictures/" + name, values, {values.size()}, labels);
+}
+
+void write_records(files::Hdf5Writer& file, const std::vector<PictureResult>& results) {
+  std::vector<std::string> names, messages;
+  for (const auto& r : results) names.push_back(r.picture), messages.push_back(r.message);
+  write_per_picture(file, "converged", results, {"1", "1 where the correlation converged"},
+                    [](const auto& r) { return r.correlation.converged ? 1 : 0; });
+  write_per_picture(file, "iterations", results, {"1", "Gauss-Newton iterations"},
+                    [](const auto& r) { return r.correlation.iterations; });
+  write_per_picture(file, "residual_rms", results, {"grey levels", "root mean square of f - a g(x + u) - b"},
+                    [](const auto& r) { return r.correlation.residual_rms; });
+  write_per_picture(file, "noise", results, {"grey levels", "standard deviation of a picture's noise"},
+                    [](const auto& r) { return r.noise; });
+  write_per_picture(file, "gain", results, {"1", "a in f = a g(x + u) + b"},
+                    [](const auto& r) { return r.correlation.gain; });
+  write_per_picture(file, "offset", results, {"grey levels", "b in f = a g(x + u) + b"},
+                    [](const auto& r) { return r.correlation.offset; });
+  write_per_picture(file, "elements_rejected", results, {"1", "elements without a measurement"},
+                    [](const auto& r) { return r.correlation.elements_rejected; });
+  file.texts_attribute("/pictures", "names", names);
+  file.texts_attribute("/pictures", "messages", messages);
+}
+
+void write_elements(files::Hdf5Writer& file, const std::vector<PictureResult>& results, std::size_t count) {
+  std::vector<std::int64_t> valid;
+  std::vector<double> residual;
+  for (const auto& r : results) {
+    valid.insert(valid.end(), r.correlation.element_valid.begin(), r.correlation.element_valid.end());
+    residual.insert(residual.end(), r.correlation.element_residual.begin(), r.correlation.element_residual.end());
+  }
+  file.write_integers("/elements/valid", valid, {results.size(), count}, {"1", "1 where an element was measured"});
+  file.write("/elements/residual", residual, {results.size(), count}, {"grey levels", "root mean square residual"});
+}
+
+}  // namespace
+
+double series_noise(const PictureSeries& series, const std::vector<PictureResult>& results) {
+  if (series.known_noise() > 0) return series.known_noise();
+  std::vector<double> noise;
+  const double k = 1 / series.reference_count();
+  for (const auto& r : results)
+    if (!r.missing)
+      noise.push_back(r.noise * std::sqrt((k + r.correlation.gain * r.correlation.gain) / (k + 1)));
+  if (noise.empty()) return 0;
+  const auto middle = noise.begin() + static_cast<std::ptrdiff_t>(noise.size() / 2);
+  std::nth_element(noise.begin(), middle, noise.end());
+  return *middle;
+}
+
+DisplacementObservations observations(const PictureSeries& series, const std::vector<PictureResult>& results,
+                                      const std::optional<PictureFrame>& frame) {
+  const ImageMesh& mesh = series.correlation().mesh();
+  const int nodes = mesh.node_count();
+  DisplacementObservations o;
+  const std::array<int, 2> components = frame ? frame->components() : std::array<int, 2>{0, 1};
+  for (int a = 0; a < nodes; ++a) {
+    const double x = mesh.x[static_cast<std::size_t>(a)], y = mesh.y[static_cast<std::size_t>(a)];
+    const auto point = frame ? frame->model_point(x, y) : std::array<double, 3>{x, y, 0};
+    for (const int component : components) {
+      o.points.insert(o.points.end(), point.begin(), point.end());
+      o.component.push_back(component);
+    }
+  }
+  o.noise = std::max(k_quantisation_noise, series_noise(series, results));
+  const auto precision_of = [&](const std::vector<char>& valid) {
+    const Sparse in_pixels = series.precision(valid, o.noise).matrix;
+    return filled(frame ? frame->to_model(in_pixels) : in_pixels);
+  };
+  const std::vector<char>& usable = series.correlation().usable_elements();
+  o.precision = precision_of(usable);
+  o.values.assign(results.size() * static_cast<std::size_t>(2 * nodes), k_nan);
+  const std::vector<char>* last_valid = &usable;
+  for (std::size_t t = 0; t < results.size(); ++t) {
+    const CorrelationResult& c = results[t].correlation;
+    if (results[t].missing) continue;
+    const Eigen::VectorXd u = frame ? frame->to_model(c.displacement) : c.displacement;
+    const auto measured = measured_nodes(mesh, c.element_valid);
+    for (int i = 0; i < 2 * nodes; ++i)
+      if (measured[static_cast<std::size_t>(i / 2)] != 0)
+        o.values[t * static_cast<std::size_t>(2 * nodes) + static_cast<std::size_t>(i)] = u[i];
+    if (c.element_valid == usable) continue;
+    const bool as_last = c.element_valid == *last_valid && !o.precision_steps.empty();
+    o.precision_steps.emplace_back(t, as_last ? o.precision_steps.back().second : precision_of(c.element_valid));
+    last_valid = &c.element_valid;
+  }
+  return o;
+}
+
+void write_displacements(const std::string& path, const PictureSeries& series,
+                         const std::vector<PictureResult>& results, const std::optional<PictureFrame>& frame,
+                         const std::string& project) {
+  const ImageMesh& mesh = series.correlation().mesh();
+  const DisplacementObservations o = observations(series, results, frame);
+  const std::string unit = frame ? "m" : "px", inverse = frame ? "1/m2" : "1/px2";
+  const std::size_t n_obs = o.component.size(), n_t = results.size(), n = mesh.x.size();
+  std::vector<double> time = series.options().times, nodes, in_pixels;
+  time.resize(n_t);
+  if (series.options().times.empty())
+    for (std::size_t t = 0; t < n_t; ++t) time[t] = static_cast<double>(t);
+  for (std::size_t a = 0; a < n; ++a) nodes.insert(nodes.end(), {mesh.x[a], mesh.y[a]});
+  for (std::size_t t = 0; t < n_t; ++t) {
+    const auto measured = measured_nodes(mesh, results[t].correlation.element_valid);
+    for (std::size_t i = 0; i < 2 * n; ++i)
+      in_pixels.push_back(measured[i / 2] != 0 ? results[t].correlation.displacement[static_cast<Eigen::Index>(i)]
+                                               : k_nan);
+  }
+  std::vector<double> points;
+  for (std::size_t a = 0; a < n; ++a) points.insert(points.end(), o.points.begin() + 6 * static_cast<std::ptrdiff_t>(a), o.points.begin() + 6 * static_cast<std::ptrdiff_t>(a) + 3);
+  const Cells cells = cells_of(mesh);
+  files::write_atomically(path, [&](const std::string& temporary) {
+    files::Hdf5Writer file(temporary);
+    file.write("/time", time, {n_t},
+               {"1", series.options().times.empty() ? "index of the picture" : "model time"});
+    file.write("/values", o.values, {n_t, n_obs}, {unit, "measured displacement"});
+    file.write("/dofs/points", o.points, {n_obs, 3}, {unit, "nodes of the correlation mesh"});
+    file.write_integers("/dofs/component", o.component, {n_obs}, {"1", "displacement component: 0 x, 1 y, 2 z"});
+    write_matrix(file, "/noise/precision", o.precision, inverse);
+    file.integer_attribute("/noise/precision", "shared_reference",
+                           static_cast<std::int64_t>(series.reference_count()));
+    file.number_attribute("/noise/precision", "noise_grey_levels", o.noise);
+    for (const auto& [step, matrix] : o.precision_steps)
+      write_matrix(file, fmt::format("/noise/precision_steps/{}", step), matrix, inverse);
+    file.write("/mesh/points", points, {n, 3}, {unit, "nodes"});
+    file.write_integers("/mesh/cells", cells.nodes, {cells.element.size(), cells.nodes_per_cell}, {"1", "nodes of each cell"});
+    file.text_attribute("/mesh/cells", "type", cells.nodes_per_cell == 4 ? "VTK_QUAD" : "VTK_TRIANGLE");
+    file.write("/picture_frame/nodes", nodes, {n, 2}, {"px", "nodes in the reference picture, x right, y down"});
+    file.write("/picture_frame/displacement", in_pixels, {n_t, n, 2}, {"px", "u right, v down"});
+    if (frame) {
+      file.number_attribute("/picture_frame", "scale", frame->scale());
+      file.number_attribute("/picture_frame", "relative_scale_std", frame->relative_scale_std);
+    }
+    write_records(file, results);
+    write_elements(file, results, mesh.elements.size());
+    file.text_attribute("/", "created_by", k_created_by);
+    file.text_attribute("/", "project", project);
+    file.text_attribute("/", "length_unit", unit);
+    file.texts_attribute("/", "references", series.options().references);
+    file.close();
+  });
+}
+
+void write_at_points(const std::string& path, const ImageMesh& mesh, const PictureResult& result,
+                     const Eigen::MatrixXd& points) {
+  std::vector<char> inside;
+  const Eigen::MatrixXd at =
+      interpolate(mesh, result.correlation.displacement, points, inside, result.correlation.element_valid);
+  const std::vector<std::string> header{"x", "y", "u", "v", "inside"};
+  files::CsvWriter csv(header);
+  for (Eigen::Index i = 0; i < points.rows(); ++i)
+    csv.add_row(std::array<double, 5>{points(i, 0), points(i, 1), at(i, 0), at(i, 1),
+                                      static_cast<double>(inside[static_cast<std::size_t>(i)])});
+  csv.write(path);
+}
+
+void write_displacement_vtu(const std::string& path, const PictureSeries& series, const PictureResult& result,
+                            const std::optional<PictureFrame>& frame) {
+  const ImageMesh& mesh = series.correlation().mesh();
+  const CorrelationResult& c = result.correlation;
+  const PictureFrame upright = frame.value_or(PictureFrame{});
+  const std::array<int, 2> components = upright.components();
+  const auto measured = measured_nodes(mesh, c.element_valid);
+  const Eigen::VectorXd u = upright.to_model(c.displacement);
+  const Eigen::MatrixXd strain = nodal_strains(mesh, c.displacement, c.element_valid);
+  const Eigen::VectorXd std =
+      result.noise > 0 ? series.precision(c.element_valid, result.noise, c.gain).std * upright.scale()
+                       : Eigen::VectorXd(Eigen::VectorXd::Zero(c.displacement.size()));
+  std::vector<double> points, displacement, deviation, strains, seen;
+  for (int a = 0; a < mesh.node_count(); ++a) {
+    const auto i = static_cast<std::size_t>(a);
+    const auto point = upright.model_point(mesh.x[i], mesh.y[i]);
+    points.insert(points.end(), point.begin(), point.end());
+    std::array<double, 3> field{}, spread{};
+    for (int k = 0; k < 2 && measured[i] != 0; ++k) {
+      field[static_cast<std::size_t>(components[static_cast<std::size_t>(k)])] = u[2 * a + k];
+      spread[static_cast<std::size_t>(components[static_cast<std::size_t>(k)])] = std[2 * a + k];
+    }
+    displacement.insert(displacement.end(), field.begin(), field.end());
+    deviation.insert(deviation.end(), spread.begin(), spread.end());
+    strains.insert(strains.end(), {strain(a, 0), strain(a, 1), -strain(a, 2)});  // y up
+    seen.push_back(measured[i]);
+  }
+  const Cells cells = cells_of(mesh);
+  std::vector<double> residual, valid;
+  for (const std::size_t e : cells.element)
+    residual.push_back(c.element_residual[e]), valid.push_back(c.element_valid[e]);
+  files::VtuGrid grid{points, cells.nodes, cells.nodes_per_cell,
+                      cells.nodes_per_cell == 4 ? "VTK_QUAD" : "VTK_TRIANGLE", {}, {}};
+  grid.point_fields = {{"displacement", 3, displacement},
+                       {"displacement_std", 3, deviation},
+                       {"strain_xx_yy_xy", 3, strains},
+                       {"measured", 1, seen}};
+  grid.cell_fields = {{"residual_grey_levels", 1, residual}, {"valid", 1, valid}};
+  if (!series.options().times.empty()) grid.time = series.options().times[result.index];
+  files::write_vtu(grid, path);
+}
+
+}  // namespace knothe::imaging

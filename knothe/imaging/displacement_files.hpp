@@ -1,0 +1,47 @@
+#pragma once
+/// @file What `knothe dic` leaves: displacements of a series as HDF5, as CSV at chosen points, and as VTU/PVD.
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "knothe/imaging/picture_series.hpp"
+#include "knothe/imaging/registration.hpp"
+
+namespace knothe::imaging {
+
+/// γ of the whole series: the one that is known, or the median of its pictures', referred to a gain of 1;
+/// 0 if no picture was measured.
+[[nodiscard]] double series_noise(const PictureSeries& series, const std::vector<PictureResult>& results);
+
+/// Displacements in model units and frame, ready to be observations; without a frame in px, v downwards.
+struct DisplacementObservations {
+  std::vector<double> points;           ///< [n_obs, 3]: m, or px
+  std::vector<std::int64_t> component;  ///< [n_obs]: 0 x, 1 y, 2 z
+  std::vector<double> values;           ///< [n_t, n_obs]; NaN where nothing was measured
+  Eigen::SparseMatrix<double> precision;  ///< of a picture with every usable element, both triangles
+  /// Of pictures whose valid elements are others, by the picture's index. Dofs that were not measured stand
+  /// alone on the diagonal with a small number: the marginal of the others is then exact.
+  std::vector<std::pair<std::size_t, Eigen::SparseMatrix<double>>> precision_steps;
+  double noise = 0;  ///< γ behind the precision, grey levels
+};
+[[nodiscard]] DisplacementObservations observations(const PictureSeries& series,
+                                                    const std::vector<PictureResult>& results,
+                                                    const std::optional<PictureFrame>& frame);
+
+/// HDF5 in the form of measurements (interfaces.md, section 4), with the mesh and a record of each picture
+/// beside them. `project` is the project file's text. Errors: IoError.
+void write_displacements(const std::string& path, const PictureSeries& series,
+                         const std::vector<PictureResult>& results, const std::optional<PictureFrame>& frame,
+                         const std::string& project);
+
+/// CSV x,y,u,v,inside at points of the reference picture (n × 2, px); u, v are nan where inside is 0: outside
+/// the mesh, or in an element that was taken out. Errors: IoError.
+void write_at_points(const std::string& path, const ImageMesh& mesh, const PictureResult& result,
+                     const Eigen::MatrixXd& points);
+
+/// Displacement, its standard deviation, strains, residual and validity of one picture for ParaView; y points
+/// up, in px or, with a frame, in m. Errors: IoError.
+void write_displacement_vtu(const std::string& path, const PictureSeries& series, const PictureResult& result,
+                            const std::optional<PictureFrame>& frame);
+
+}  // namespace knothe::imaging

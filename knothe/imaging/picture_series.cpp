@@ -1,0 +1,201 @@
+#include "knothe/imaging/picture_series.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+#include "knothe/base/error.hpp"
+#include "knothe/base/threads.hpp"
+#include "knothe/imaging/correlation_noise.hpp"
+
+namespace knothe::imaging {
+
+namespace {
+
+constexpr double k_margin = 10;  // px left free around the default region, for motions out of the picture
+constexpr double k_residual_growth = 2;      // from one picture to the next, that makes a warm start doubtful
+constexpr double k_rejected_growth = 0.1;    // of the elements, the same
+constexpr double k_foreign_residual = 0.75;  // of the contrast: the picture shows another surface
+
+Region default_region(const files::Picture& reference, const files::Picture& mask) {
+  if (mask.pixels.empty())
+    return {k_margin, k_margin, reference.width - 1 - k_margin, reference.height - 1 - k_margin};
+  Region box{static_cast<double>(mask.width), static_cast<double>(mask.height), -1, -1};
+  for (int y = 0; y < mask.height; ++y)
+    for (int x = 0; x < mask.width; ++x)
+      if (mask.at(x, y) > 0)
+        box = {std::min(box.x0, static_cast<double>(x)), std::min(box.y0, static_cast<double>(y)),
+               std::max(box.x1, static_cast<double>(x)), std::max(box.y1, static_cast<double>(y))};
+  if (box.x1 < 0)
+    throw UsageError("the mask is black everywhere: it must be bright (not 0) where the surface is to be measured");
+  return box;
+}
+
+bool is_better(const CorrelationResult& a, const CorrelationResult& b) {
+  if (a.converged != b.converged) return a.converged;
+  if (a.converged && a.elements_rejected != b.elements_rejected) return a.elements_rejected < b.elements_rejected;
+  return a.residual_rms < b.residual_rms;
+}
+
+}  // namespace
+
+files::Picture averaged(const std::vector<files::Picture>& pictures, const std::vector<std::string>& names) {
+  files::Picture mean = pictures.front();
+  std::vector<double> sum(mean.pixels.size(), 0);
+  for (std::size_t i = 0; i < pictures.size(); ++i) {
+    if (pictures[i].width != mean.width || pictures[i].height != mean.height)
+      throw UsageError(fmt::format("{} has {} × {} pixels, the reference picture {} has {} × {}", names[i],
+                                   pictures[i].width, pictures[i].height, names.front(), mean.width,
+                                   mean.height));
+    for (std::size_t k = 0; k < sum.size(); ++k) sum[k] += static_cast<double>(pictures[i].pixels[k]);
+  }
+  for (std::size_t k = 0; k < sum.size(); ++k)
+    mean.pixels[k] = static_cast<float>(sum[k] / static_cast<double>(pictures.size()));
+  return mean;
+}
+
+double DisplacementPrecision::mean_std() const {
+  const auto count = (std.array() > 0).count();
+  return count > 0 ? std.sum() / static_cast<double>(count) : 0;
+}
+
+PictureSeries::PictureSeries(SeriesOptions options) : options_(std::move(options)) {
+  if (options_.references.empty()) throw UsageError("image correlation needs a reference picture");
+  if (!options_.times.empty() && options_.times.size() != options_.pictures.size())
+    throw UsageError(fmt::format("{} times for {} pictures", options_.times.size(), options_.pictures.size()));
+  if (options_.correlation.threads <= 0) options_.correlation.threads = static_cast<int>(default_threads());
+  std::vector<files::Picture> references;
+  for (const std::string& path : options_.references) references.push_back(files::read_picture(path));
+  const files::Picture reference = averaged(references, options_.references);
+  files::Picture mask;
+  if (!options_.mask.empty()) mask = files::read_picture(options_.mask);
+  if (!mask.pixels.empty() && (mask.width != reference.width || mask.height != reference.height))
+    throw UsageError(fmt::format("the mask {} has {} × {} pixels, the reference picture {} has {} × {}",
+                                 options_.mask, mask.width, mask.height, options_.references.front(),
+                                 reference.width, reference.height));
+  if (!options_.region) options_.region = default_region(reference, mask);
+  ImageMesh mesh = structured_mesh(*options_.region, options_.element_size, options_.shape);
+  if (!mask.pixels.empty()) {
+    (void)PixelTable(mesh, reference.width, reference.height);  // outside the picture: the better message
+    mesh = masked(mesh, mask);
+  }
+  correlation_ =
+      std::make_unique<ImageCorrelation>(reference, std::move(mesh), options_.correlation, mask);
+  contrast_ = correlation_->contrast();
+  known_noise_ = options_.noise;
+  if (!(known_noise_ > 0) && references.size() > 1) {
+    double squares = 0;
+    for (std::size_t i = 1; i < references.size(); ++i)
+      squares += std::pow(noise_from_repeat(references[i - 1], references[i], *options_.region), 2);
+    known_noise_ = std::max(k_quantisation_noise, std::sqrt(squares / static_cast<double>(references.size() - 1)));
+  }
+  prefetch(0);
+}
+
+PictureSeries::~PictureSeries() {
+  if (reading_.valid()) reading_.wait();
+}
+
+void PictureSeries::prefetch(std::size_t index) {
+  if (index < options_.pictures.size())
+    reading_ = std::async(std::launch::async,
+                          [path = options_.pictures[index]] { return files::read_picture(path); });
+}
+
+/// What makes a picture unusable before it is looked at closely; empty if nothing does.
+std::string PictureSeries::fault(const files::Picture& picture, const std::string& name) const {
+  const files::Picture& reference = correlation_->reference();
+  if (picture.width != reference.width || picture.height != reference.height)
+    return fmt::format(
+        "{}: error: the picture has {} × {} pixels, the reference picture {} × {}: all pictures of a series "
+        "must be of one size",
+        name, picture.width, picture.height, reference.width, reference.height);
+  const auto [low, high] = std::minmax_element(picture.pixels.begin(), picture.pixels.end());
+  if (*low == *high)
+    return fmt::format("{}: error: the picture is {} (every pixel is {:.0f}): nothing can be followed in it",
+                       name, *high > 0 ? "uniform" : "black", static_cast<double>(*low));
+  if (picture.pixels == last_pixels_)
+    return fmt::format(
+        "{}: error: the picture is the same as {}, pixel by pixel: a camera never takes that; it is a copy", name,
+        last_name_);
+  return {};
+}
+
+PictureResult PictureSeries::next() {
+  const std::size_t index = next_++;
+  const std::string name = options_.pictures[index];
+  PictureResult result;
+  try {
+    const files::Picture picture = reading_.get();
+    prefetch(next_);
+    result = correlate(picture, name);
+  } catch (const Error& error) {
+    if (!reading_.valid()) prefetch(next_);
+    result.missing = true, result.message = error.what();
+    if (result.message.find(name) == std::string::npos) result.message = name + ": error: " + result.message;
+    result.correlation.displacement.setZero(2 * correlation_->mesh().node_count());
+    result.correlation.element_valid.assign(correlation_->mesh().elements.size(), 0);
+    result.correlation.element_residual.assign(correlation_->mesh().elements.size(), 0);
+  }
+  result.index = index, result.picture = name;
+  return result;
+}
+
+PictureResult PictureSeries::correlate(const files::Picture& picture, const std::string& name) {
+  if (const std::string reason = fault(picture, name); !reason.empty()) throw DataError(reason);
+  last_pixels_ = picture.pixels, last_name_ = name;
+  const auto begin = std::chrono::steady_clock::now();
+  PictureResult result;
+  result.picture = name;
+  CorrelationResult& best = result.correlation;
+  best = correlation_->correlate(picture, start_, start_valid_);
+  const double elements = correlation_->mesh().element_count();
+  const auto foreign = [&](const CorrelationResult& r) {
+    return r.residual_rms > k_foreign_residual * contrast_;
+  };
+  if (!best.searched && (!best.converged || foreign(best) ||
+               (last_residual_ > 0 && best.residual_rms > k_residual_growth * last_residual_) ||
+               best.elements_rejected > last_rejected_ + k_rejected_growth * elements)) {
+    CorrelationResult again = correlation_->correlate(picture);
+    if (is_better(again, best)) best = std::move(again);
+  }
+  if (best.converged && foreign(best)) {
+    best.converged = false;
+    best.message = fmt::format(
+        "the residual of {:.3g} grey levels is nearly the contrast of the reference, {:.3g}: the picture does not "
+        "show its surface, or moved farther than the search reaches",
+        best.residual_rms, contrast_);
+  }
+  result.elapsed_ms =
+      std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
+  if (!best.converged) {
+    result.missing = true;
+    result.message = fmt::format("{}: error: not converged: {}", name, best.message);
+    return result;
+  }
+  start_ = best.displacement, start_valid_ = best.element_valid;
+  last_residual_ = best.residual_rms, last_rejected_ = best.elements_rejected;
+  result.noise = known_noise_ > 0 ? known_noise_
+                                  : std::max(k_quantisation_noise,
+                                             noise_from_residual(*correlation_, best, reference_count()));
+  return result;
+}
+
+DisplacementPrecision PictureSeries::precision(const std::vector<char>& element_valid, double gamma,
+                                               double gain) const {
+  DisplacementPrecision result;
+  result.matrix = correlation_->precision(element_valid, gamma, reference_count(), gain);
+  try {
+    result.std = displacement_std(result.matrix);
+  } catch (const NumericalError&) {
+    const double small = 1e-6 * gamma;  // of which the correction is nothing
+    result.matrix =
+        correlation_->precision(element_valid, small, reference_count(), gain) * (small * small / (gamma * gamma));
+    result.std = displacement_std(result.matrix);
+  }
+  return result;
+}
+
+}  // namespace knothe::imaging

@@ -1,0 +1,97 @@
+#pragma once
+/// @file Many pictures of one test: each is correlated with the reference, started from the one before; a bad
+/// one is named, marked missing, and the series goes on.
+#include <future>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "knothe/imaging/image_correlation.hpp"
+
+namespace knothe::imaging {
+
+struct SeriesOptions {
+  /// The unloaded surface; several pictures of it are averaged, and their differences tell the noise.
+  std::vector<std::string> references;
+  std::vector<std::string> pictures;  ///< deformed, in the order of time
+  std::vector<double> times;          ///< one per picture, or empty: 0, 1, 2 …
+  std::string mask;                   ///< picture file; empty: none
+  std::optional<Region> region;       ///< px; otherwise the mask's, or the picture less a margin
+  double element_size = 25;           ///< px
+  ElementShape shape = ElementShape::quadrilateral;
+  double noise = 0;  ///< standard deviation of a picture's noise, grey levels; 0: from repeats or residuals
+  CorrelationOptions correlation{.threads = 0};
+};
+
+/// What came of one picture.
+struct PictureResult {
+  std::size_t index = 0;  ///< in the series
+  std::string picture;    ///< as named in the options
+  bool missing = false;   ///< unusable: `message` says why, names the picture, and what to do
+  std::string message;
+  CorrelationResult correlation;  ///< all zero, and no element valid, if missing
+  double noise = 0;               ///< γ: given, from repeats, or from this picture's residual; grey levels
+  double elapsed_ms = 0;          ///< reading not counted
+};
+
+/// How exactly displacements are known.
+struct DisplacementPrecision {
+  Eigen::SparseMatrix<double> matrix;  ///< 1/px², both triangles; empty rows at nodes without a valid element
+  Eigen::VectorXd std;                 ///< px, one per displacement; 0 at those nodes
+  [[nodiscard]] double mean_std() const;  ///< over the nodes that are measured; 0 if none is
+};
+
+/// Smallest γ that is believed: rounding to whole grey levels alone makes 1/√12.
+inline constexpr double k_quantisation_noise = 0.288675134594812882;
+
+/// The correlation of a series, picture by picture. While one is correlated the next is read.
+class PictureSeries {
+ public:
+  /// Reads reference and mask, makes the mesh. Errors: DataError for a reference or mask that cannot be read,
+  /// UsageError for what the options lack or what does not fit together.
+  explicit PictureSeries(SeriesOptions options);
+  ~PictureSeries();
+  PictureSeries(const PictureSeries&) = delete;
+  PictureSeries& operator=(const PictureSeries&) = delete;
+
+  [[nodiscard]] const SeriesOptions& options() const { return options_; }
+  [[nodiscard]] const ImageCorrelation& correlation() const { return *correlation_; }
+  [[nodiscard]] double reference_count() const { return static_cast<double>(options_.references.size()); }
+  /// γ from the options or repeat pictures, grey levels; 0: each picture's residual has to tell.
+  [[nodiscard]] double known_noise() const { return known_noise_; }
+  [[nodiscard]] bool done() const { return next_ == options_.pictures.size(); }
+  /// The next picture's result. Never throws for a bad picture.
+  PictureResult next();
+  /// The same for a picture that is in memory; the series of files stays where it is.
+  PictureResult correlate(const files::Picture& picture, const std::string& name);
+  /// Displacements to start the next picture from, e.g. a model's prediction, instead of the last picture's.
+  void set_start(Eigen::VectorXd start) { start_ = std::move(start); }
+
+  /// Precision of a result's displacements for noise γ (grey levels) of one picture. Where the noise is so
+  /// strong against the texture that the correction for the gradient's own noise has no meaning, without it.
+  [[nodiscard]] DisplacementPrecision precision(const std::vector<char>& element_valid, double gamma,
+                                                double gain = 1) const;
+
+ private:
+  void prefetch(std::size_t index);
+  [[nodiscard]] std::string fault(const files::Picture& picture, const std::string& name) const;
+
+  SeriesOptions options_;
+  std::unique_ptr<ImageCorrelation> correlation_;
+  double known_noise_ = 0, contrast_ = 0;
+  std::size_t next_ = 0;
+  std::future<files::Picture> reading_;
+  Eigen::VectorXd start_;
+  std::vector<char> start_valid_;
+  std::vector<float> last_pixels_;
+  std::string last_name_;
+  double last_residual_ = 0;
+  int last_rejected_ = 0;
+};
+
+/// The mean of pictures of one surface at rest. Errors: UsageError for different sizes, naming the file.
+[[nodiscard]] files::Picture averaged(const std::vector<files::Picture>& pictures,
+                                      const std::vector<std::string>& names);
+
+}  // namespace knothe::imaging

@@ -1,0 +1,159 @@
+#include "knothe/project/picture_options.hpp"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <filesystem>
+#include <numbers>
+
+#include "knothe/base/error.hpp"
+#include "knothe/imaging/picture_folder.hpp"
+#include "knothe/project/project_file.hpp"
+#include "knothe/project/project_values.hpp"
+
+namespace knothe::project {
+namespace {
+
+std::string resolved(const std::string& folder, const std::string& path) {
+  return path.empty() ? path : (std::filesystem::path(folder) / path).lexically_normal().string();
+}
+
+/// Two numbers, or a complaint.
+std::optional<std::array<double, 2>> read_pair(Values& values, const std::string& key) {
+  if (!values.has(key)) return std::nullopt;
+  const std::vector<double> v = values.numbers(key);
+  if (v.size() == 2) return std::array<double, 2>{v[0], v[1]};
+  values.complain(key, fmt::format("\"{}\" must be two numbers, [x, y]", key));
+  return std::nullopt;
+}
+
+std::vector<std::array<double, 2>> read_points(Values& values, const std::string& key) {
+  std::vector<std::array<double, 2>> points;
+  for (const auto& row : values.matrix(key)) {
+    if (row.size() != 2) {
+      values.complain(key, fmt::format("\"{}\" must be points of two numbers each, [[x, y], [x, y]]", key));
+      return {};
+    }
+    points.push_back({row[0], row[1]});
+  }
+  return points;
+}
+
+std::optional<imaging::PictureFrame> read_frame(Values& values) {
+  std::optional<imaging::PictureFrame> frame;
+  const bool fitted = values.has("dic.pixels") || values.has("dic.points");
+  if (fitted && (values.has("dic.scale") || values.has("dic.origin")))
+    values.complain("dic.pixels", "\"dic.pixels\" and \"dic.points\" give scale and origin: leave those out");
+  if (fitted) {
+    const auto pixels = read_points(values, "dic.pixels"), points = read_points(values, "dic.points");
+    try {
+      frame = imaging::fit_picture_frame(pixels, points, values.number("dic.point_std", 0.5));
+    } catch (const UsageError& error) {
+      values.complain("dic.pixels", error.what());
+    }
+  } else if (values.has("dic.scale")) {
+    frame = imaging::picture_frame(values.number("dic.scale", 1),
+                                   read_pair(values, "dic.origin").value_or(std::array<double, 2>{0, 0}));
+    const double std = values.number("dic.scale_std", 0);
+    frame->relative_scale_std = std / frame->scale();
+    const double angle = values.number("dic.angle", 0) * std::numbers::pi / 180;
+    const std::complex<double> turn = std::polar(1.0, angle);
+    frame->slope *= turn, frame->offset *= turn;
+  } else {
+    for (const char* key : {"dic.origin", "dic.angle", "dic.scale_std", "dic.plane", "dic.view"})
+      if (values.has(key))
+        values.complain(key, fmt::format("\"{}\" needs \"dic.scale\", or \"dic.pixels\" and \"dic.points\"", key));
+  }
+  if (frame) {
+    frame->view = values.text("dic.view", "side") == "bottom" ? imaging::View::bottom : imaging::View::side;
+    frame->plane = values.number("dic.plane", 0);
+  }
+  return frame;
+}
+
+imaging::SeriesOptions read_series(Values& values, const std::string& folder) {
+  imaging::SeriesOptions s;
+  s.mask = resolved(folder, values.text("dic.mask", ""));
+  if (values.has("dic.roi")) {
+    const std::vector<double> v = values.numbers("dic.roi");
+    if (v.size() == 4 && v[0] != v[2] && v[1] != v[3])
+      s.region = imaging::Region{v[0], v[1], v[2], v[3]};
+    else
+      values.complain("dic.roi", "\"dic.roi\" must be two opposite corners, [x0, y0, x1, y1], px");
+  }
+  s.element_size = values.number("dic.element_size", s.element_size);
+  if (s.element_size < 3)
+    values.complain("dic.element_size", "\"dic.element_size\" must be at least 3 px; 16 to 32 are usual");
+  s.shape = values.text("dic.shape", "quadrilateral") == "triangle" ? imaging::ElementShape::triangle
+                                                                    : imaging::ElementShape::quadrilateral;
+  s.noise = values.number("dic.noise", 0);
+  auto& c = s.correlation;
+  c.prefilter_sigma = values.number("dic.prefilter", 0);
+  c.saturation = values.number("dic.saturation", 0);
+  c.regularisation = values.number("dic.regularisation", 0);
+  c.rejection_factor = values.number("dic.rejection_factor", c.rejection_factor);
+  c.reject_elements = c.rejection_factor > 0;
+  c.tolerance = values.number("dic.tolerance", c.tolerance);
+  values.at_least("dic.max_iterations", 1);
+  c.max_iterations = static_cast<int>(values.integer("dic.max_iterations", c.max_iterations));
+  const std::string brightness = values.text("dic.brightness", "global");
+  c.brightness = brightness == "none"     ? imaging::Brightness::none
+                 : brightness == "global" ? imaging::Brightness::global
+                                          : imaging::Brightness::per_element;
+  return s;
+}
+
+}  // namespace
+
+PictureOptions read_pictures(Values& values, const std::string& folder) {
+  PictureOptions p;
+  p.folder = resolved(folder, values.text("data.pictures", ""));
+  if (values.has("data.file") && values.has("data.pictures"))
+    values.complain("data.pictures", "[data] has both \"file\" and \"pictures\": give one");
+  p.times = values.numbers("data.times");
+  for (std::size_t i = 1; i < p.times.size(); ++i)
+    if (!(p.times[i] > p.times[i - 1])) {
+      values.complain("data.times", "\"data.times\" must increase");
+      break;
+    }
+  const auto names = [&](const char* key) {
+    std::vector<std::string> result;
+    for (const std::string& name : values.texts(key))
+      result.push_back(p.folder.empty() ? resolved(folder, name) : name);
+    return result;
+  };
+  p.references = names("dic.references");
+  p.pictures = names("dic.pictures");
+  if (!p.folder.empty() && !p.pictures.empty())
+    values.complain("dic.pictures", "\"dic.pictures\" and \"data.pictures\" both name pictures: give one");
+  p.series = read_series(values, folder);
+  p.frame = read_frame(values);
+  p.plane_given = values.has("dic.plane");
+  return p;
+}
+
+imaging::SeriesOptions series_options(const Project& project) {
+  const PictureOptions& p = project.pictures;
+  imaging::SeriesOptions series = p.series;
+  if (!p.folder.empty()) {
+    imaging::PictureFolder found = imaging::list_pictures(p.folder, p.references);
+    series.references = std::move(found.references);
+    series.pictures = std::move(found.pictures);
+    series.times = std::move(found.times);
+  } else {
+    if (p.references.empty() || p.pictures.empty())
+      throw project.error_at("dic",
+                             "no pictures: give `[data] pictures = \"FOLDER\"`, or `references` and `pictures` "
+                             "in [dic]");
+    series.references = p.references, series.pictures = p.pictures;
+  }
+  if (!p.times.empty()) {
+    if (p.times.size() != series.pictures.size())
+      throw project.error_at("data.times", fmt::format("\"data.times\" has {} times for {} pictures",
+                                                       p.times.size(), series.pictures.size()));
+    series.times = p.times;
+  }
+  return series;
+}
+
+}  // namespace knothe::project

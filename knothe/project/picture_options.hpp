@@ -1,0 +1,34 @@
+#pragma once
+/// @file The tables of a project file that say where pictures are and how displacements come from them:
+/// [data] pictures, [dic].
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "knothe/imaging/picture_series.hpp"
+#include "knothe/imaging/registration.hpp"
+
+namespace knothe::project {
+
+struct Values;
+struct Project;
+
+/// What a project says of its pictures; nothing is looked up on disk yet.
+struct PictureOptions {
+  std::string folder;                   ///< [data] pictures, resolved; empty: the pictures are listed
+  std::vector<std::string> references;  ///< names in the folder, or resolved paths if there is none
+  std::vector<std::string> pictures;    ///< resolved paths, where there is no folder
+  std::vector<double> times;
+  imaging::SeriesOptions series;        ///< all but the pictures themselves
+  std::optional<imaging::PictureFrame> frame;  ///< where a scale or a registration is given
+  bool plane_given = false;                    ///< otherwise the model's outermost face
+};
+
+/// Reads [dic] and [data] pictures, times. Complaints go to `values`.
+[[nodiscard]] PictureOptions read_pictures(Values& values, const std::string& folder);
+
+/// The series with its pictures looked up. Errors: ProjectError where the project names none, DataError for the
+/// folder.
+[[nodiscard]] imaging::SeriesOptions series_options(const Project& project);
+
+}  // namespace knothe::project

@@ -1,0 +1,254 @@
+"""`knothe dic`: displacements from pictures, against the motion with which the pictures were drawn."""
+import csv
+import functools
+import math
+import pathlib
+import signal
+import subprocess
+import unittest
+
+from dic_pictures import Speckle, write_pgm, write_tiff16
+from support import KNOTHE, Case, parse_line
+
+KEYS = ["picture", "iterations", "converged", "residual_rms", "nodes", "elements_rejected", "elapsed_ms", "noise_std_px"]
+REAL = pathlib.Path("/work/shared/data/concrete_bending")
+ROI = "12,12,147,107"
+
+
+def stretch(x, y):
+    return 0.4 + 0.004 * (x - 80), -0.3 + 0.002 * (x - 80) - 0.003 * (y - 60)
+
+
+def shift(x, y):
+    return 3.3, -2.6
+
+
+@functools.lru_cache(maxsize=None)
+def drawn(name):
+    speckle = Speckle()
+    return {"reference": lambda: speckle.picture(noise=1, seed=1), "a": lambda: speckle.picture(stretch, noise=1, seed=2),
+            "b": lambda: speckle.picture(shift, noise=1, seed=3),
+            "dark": lambda: speckle.picture(stretch, noise=1, seed=4, gain=0.75, offset=12)}[name]()
+
+
+class Test(Case):
+    project_name = "dic.toml"
+
+    def draw(self, *names):
+        for name in names:
+            write_pgm(self.folder / f"{name}.pgm", drawn(name))
+
+    def write_points(self):
+        points = [(x, y) for x in range(16, 145, 16) for y in range(16, 105, 11)] + [(2, 2)]
+        (self.folder / "points.csv").write_text("x,y\n" + "".join(f"{x},{y}\n" for x, y in points))
+        return points
+
+    def table(self, path):
+        with open(self.folder / path, newline="") as file:
+            rows = list(csv.reader(file))
+        self.assertEqual(rows[0], ["x", "y", "u", "v", "inside"])
+        return [[float(v) for v in row] for row in rows[1:]]
+
+    def expect_motion(self, path, motion, rms, bias):
+        rows = self.table(path)
+        errors = []
+        for x, y, u, v, inside in rows:
+            if inside == 0:
+                self.assertTrue(math.isnan(u) and math.isnan(v))
+                continue
+            exact = motion(x, y)
+            errors += [u - exact[0], v - exact[1]]
+        self.assertEqual(rows[-1][:2] + rows[-1][4:], [2, 2, 0])
+        self.assertEqual(len(errors), 2 * (len(rows) - 1))
+        self.assertLess(math.sqrt(sum(e * e for e in errors) / len(errors)), rms)
+        self.assertLess(abs(sum(errors) / len(errors)), bias)
+
+    def test_displacements_at_points_are_those_drawn(self):
+        self.draw("reference", "a")
+        self.write_points()
+        out = self.expect(0, "dic", "reference.pgm", "a.pgm", "--element-size", 15, "--roi", ROI, "--at", "points.csv",
+                          "-o", "u.csv", "--json")
+        line, = out.lines()
+        self.assertEqual([key for key in line if key in KEYS], KEYS)
+        self.assertEqual(line["picture"], "a.pgm")
+        self.assertIs(line["converged"], True)
+        self.assertEqual((line["nodes"], line["elements_rejected"]), (70, 0))
+        # The noise is 1 grey level in both pictures, a little less after interpolation.
+        self.assertTrue(1.1 < line["residual_rms"] < 1.5, line)
+        self.assertTrue(0.002 < line["noise_std_px"] < 0.03, line)
+        self.expect_motion("u.csv", stretch, rms=2 * line["noise_std_px"], bias=0.003)
+
+    def test_brightness_and_contrast_do_not_matter(self):
+        self.draw("reference", "dark")
+        self.write_points()
+        self.expect(0, "dic", "reference.pgm", "dark.pgm", "--element-size", 15, "--roi", ROI, "--at", "points.csv", "-o", "u.csv")
+        self.expect_motion("u.csv", stretch, rms=0.02, bias=0.005)
+
+    def test_corners_of_the_region_may_come_in_any_order(self):
+        self.draw("reference", "a")
+        first, second = [self.expect(0, "dic", "reference.pgm", "a.pgm", "--element-size", 15, "--roi", roi, "--json").lines()[0]
+                         for roi in (ROI, "147,107,12,12")]
+        self.assertEqual(first["residual_rms"], second["residual_rms"])
+
+    def test_sixteen_bits_are_read_at_full_depth(self):
+        """A motion of a dim 16-bit picture whose upper bytes alone hold six grey levels."""
+        speckle = Speckle()
+        write_tiff16(self.folder / "reference.tif", speckle.picture(top=1500))
+        write_tiff16(self.folder / "a.tif", speckle.picture(stretch, top=1500))
+        self.write_points()
+        self.expect(0, "dic", "reference.tif", "a.tif", "--element-size", 15, "--roi", ROI, "--at", "points.csv", "-o", "u.csv")
+        self.expect_motion("u.csv", stretch, rms=0.004, bias=0.002)
+
+    def test_several_pictures_give_a_folder_of_tables(self):
+        self.draw("reference", "a", "b")
+        self.write_points()
+        lines = self.expect(0, "dic", "reference.pgm", "a.pgm", "b.pgm", "--element-size", 15, "--roi", ROI, "--at", "points.csv",
+                            "-o", "u", "--json").lines()
+        self.assertEqual([line["picture"] for line in lines], ["a.pgm", "b.pgm"])
+        self.expect_nothing_but(self.folder / "u", ["a.csv", "b.csv"])
+        self.expect_motion("u/a.csv", stretch, rms=0.03, bias=0.005)
+        self.expect_motion("u/b.csv", shift, rms=0.03, bias=0.005)
+
+    def test_a_project_gives_a_file_in_metres(self):
+        self.draw("reference", "a", "b")
+        lines = self.expect(0, "dic", "dic.toml", "-o", "u.h5", "--json").lines()
+        self.assertEqual([line["converged"] for line in lines], [True, True])
+        content = (self.folder / "u.h5").read_bytes()
+        for name in (b"precision", b"shared_reference", b"length_unit", b"indptr"):
+            self.assertIn(name, content)
+
+    def test_fields_and_maps_are_written(self):
+        self.draw("reference", "a", "b")
+        self.expect(0, "dic", "dic.toml", "-o", "fields.pvd", "--maps", "maps")
+        series = (self.folder / "fields.pvd").read_text()
+        for name in ("fields_a.vtu", "fields_b.vtu"):
+            self.assertIn(name, series)
+            self.assertIn(b"displacement_std", (self.folder / name).read_bytes())
+        for name in ("a.png", "b.png"):
+            self.assertEqual((self.folder / "maps" / name).read_bytes()[:8], b"\x89PNG\r\n\x1a\n")
+
+    def test_a_bad_picture_is_named_and_the_series_goes_on(self):
+        self.draw("reference", "a", "b")
+        write_pgm(self.folder / "black.pgm", [[0] * 160] * 120)
+        write_pgm(self.folder / "grey.pgm", [[90] * 160] * 120)
+        write_pgm(self.folder / "small.pgm", [[1, 2]] * 2)
+        write_pgm(self.folder / "copy.pgm", drawn("a"))
+        write_pgm(self.folder / "other.pgm", Speckle(seed=9).picture())
+        (self.folder / "cut.pgm").write_bytes((self.folder / "a.pgm").read_bytes()[:5000])
+        (self.folder / "colour.ppm").write_bytes(b"P6\n2 2\n255\n" + bytes(12))
+        (self.folder / "text.tif").write_text("this is no picture at all")
+        bad = {"black.pgm": "black", "grey.pgm": "uniform", "small.pgm": "2 × 2 pixels", "cut.pgm": "truncated",
+               "colour.ppm": "colour", "text.tif": "not a picture", "gone.tif": "no such picture", "copy.pgm": "the same as a.pgm",
+               "other.pgm": "not converged"}
+        names = ["black.pgm", "grey.pgm", "small.pgm", "a.pgm", "copy.pgm", "cut.pgm", "colour.ppm", "text.tif", "gone.tif",
+                 "other.pgm", "b.pgm"]
+        outcome = self.expect(0, "dic", "reference.pgm", *names, "--element-size", 15, "--roi", ROI, "-o", "u.h5", "--json")
+        lines = outcome.lines()
+        self.assertEqual([line["picture"] for line in lines], names)
+        for line in lines:
+            name = line["picture"]
+            self.assertEqual(line["missing"], name in bad, name)
+            self.assertEqual(line["converged"], name not in bad, name)
+            if name in bad:
+                self.assertIn(bad[name], line["message"])
+                self.assertIn(f"{name}: error: ", outcome.err)
+        self.assertTrue((self.folder / "u.h5").exists())
+
+    def test_when_nothing_could_be_measured_the_status_says_so(self):
+        self.draw("reference")
+        write_pgm(self.folder / "other.pgm", Speckle(seed=9).picture())
+        arguments = ["--element-size", 15, "--roi", ROI]
+        self.expect(4, "dic", "reference.pgm", "gone.pgm", *arguments, stderr="gone.pgm: error: there is no such picture")
+        self.assertEqual(self.run_knothe("dic", "reference.pgm", "other.pgm", *arguments).status, 6)
+        self.expect(4, "dic", "gone.pgm", "reference.pgm", *arguments, stderr="gone.pgm")
+
+    def test_wrong_usage(self):
+        self.draw("reference", "a")
+        both = ["reference.pgm", "a.pgm"]
+        self.expect(2, "dic", "reference.pgm", stderr="a reference picture and at least one deformed")
+        self.expect(2, "dic", *both, "--roi", "1,2,3", stderr="--roi takes two opposite corners")
+        self.expect(2, "dic", *both, "--roi", "12,12,200,107", stderr="outside the picture of 160 × 120 px")
+        self.expect(2, "dic", *both, "--element-size", 2, stderr="at least 3 × 3 pixels")
+        self.expect(2, "dic", *both, "-o", "u.txt", stderr="HDF5 file (.h5)")
+        self.expect(2, "dic", *both, "--element-size", "0")
+        self.write_points()
+        self.expect(2, "dic", *both, "--at", "points.csv", stderr="--at needs -o")
+        (self.folder / "wrong.csv").write_text("x,z\n1,2\n")
+        self.expect(4, "dic", *both, "--at", "wrong.csv", "-o", "u.csv", stderr="wrong.csv:1")
+        write_pgm(self.folder / "mask.pgm", [[255] * 20] * 20)
+        self.expect(2, "dic", *both, "--mask", "mask.pgm", stderr="the mask mask.pgm has 20 × 20 pixels")
+        write_pgm(self.folder / "flat.pgm", [[90] * 160] * 120)
+        self.expect(2, "dic", "flat.pgm", "a.pgm", stderr="no texture")
+
+    def test_mistakes_in_the_project_are_placed(self):
+        self.draw("reference", "a", "b")
+        self.edit("element_size = 15", "element_sise = 15")
+        self.expect(3, "dic", "dic.toml", stderr=[f"dic.toml:{self.position_of('element_sise')}", 'did you mean "element_size"'])
+        self.edit("element_sise = 15", 'element_size = 15\nshape = "round"')
+        self.expect(3, "dic", "dic.toml", stderr='"quadrilateral", "triangle"')
+        self.edit('shape = "round"', "angle = 2")
+        self.edit("scale = 2e-5\n", "")
+        self.expect(3, "dic", "dic.toml", stderr='"dic.angle" needs "dic.scale"')
+
+    def test_a_mask_takes_its_pixels_out(self):
+        self.draw("reference", "a")
+        mask = [[0 if 60 <= x < 100 and 40 <= y < 80 else 255 for x in range(160)] for y in range(120)]
+        write_pgm(self.folder / "mask.pgm", mask)
+        (self.folder / "points.csv").write_text("x,y\n80,60\n30,30\n")
+        self.expect(0, "dic", "reference.pgm", "a.pgm", "--element-size", 15, "--roi", ROI, "--mask", "mask.pgm",
+                    "--at", "points.csv", "-o", "u.csv")
+        self.assertEqual([row[4] for row in self.table("u.csv")], [0, 1])
+
+    def test_repeated_references_tell_the_noise(self):
+        self.draw("reference", "a", "b")
+        for k in range(4):
+            write_pgm(self.folder / f"repeat{k}.pgm", Speckle().picture(noise=1, seed=10 + k))
+        self.edit('["reference.pgm"]', '["repeat0.pgm", "repeat1.pgm", "repeat2.pgm", "repeat3.pgm"]')
+        line = self.expect(0, "dic", "dic.toml", "--json").lines()[0]
+        # Rounding to whole levels adds 1/12 to the variance.
+        self.assertAlmostEqual(line["noise_grey_levels"], math.sqrt(1 + 1 / 12), delta=0.03)
+
+    def test_interrupted_it_keeps_what_is_done(self):
+        self.draw("reference", "a", "b")
+        names = ["a.pgm", "b.pgm"] * 400
+        with subprocess.Popen([KNOTHE, "dic", "reference.pgm", *names, "--element-size", "15", "--roi", ROI, "-o", "u.h5", "--json"],
+                              cwd=self.folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+            first = process.stdout.readline()
+            process.send_signal(signal.SIGINT)
+            rest, message = process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 130, message)
+        lines = [parse_line(line) for line in (first + rest).splitlines()]
+        self.assertTrue(1 <= len(lines) < 800)
+        self.assertIn(f"interrupted after {len(lines)} of 800 pictures; their results are in u.h5", message)
+        self.assertTrue((self.folder / "u.h5").exists())
+
+    def real(self, *names):
+        if not REAL.exists():
+            self.skipTest(f"{REAL} is not there")
+        return [REAL / f"IMG_{name}.tif" for name in names]
+
+    def test_the_real_pair_goes_forth_and_back(self):
+        """Displacements of 0155 → 0160 and back add up to nothing, away from the crack, within 0.01 px rms."""
+        first, second = self.real("0155", "0160")
+        common = ["--element-size", 25, "--prefilter", 1, "--roi", "100,240,1600,1040"]
+        points = [(x, y) for x in range(620, 1580, 24) for y in range(260, 1000, 24)]
+        (self.folder / "p.csv").write_text("x,y\n" + "".join(f"{x},{y}\n" for x, y in points))
+        self.expect(0, "dic", first, second, *common, "--at", "p.csv", "-o", "forth.csv")
+        forth = self.table("forth.csv")
+        moved = [(x, y, x + u, y + v, u, v) for x, y, u, v, inside in forth if inside == 1]
+        (self.folder / "q.csv").write_text("x,y\n" + "".join(f"{m[2]!r},{m[3]!r}\n" for m in moved))
+        self.expect(0, "dic", second, first, *common, "--at", "q.csv", "-o", "back.csv")
+        squares = [(m[4] + row[2]) ** 2 + (m[5] + row[3]) ** 2 for m, row in zip(moved, self.table("back.csv")) if row[4] == 1]
+        self.assertGreater(len(squares), 0.95 * len(points))
+        self.assertLess(math.sqrt(sum(squares) / (2 * len(squares))), 0.01)
+
+    def test_the_real_cracked_picture_converges(self):
+        line = self.expect(0, "dic", *self.real("0155", "0179"), "--element-size", 25, "--prefilter", 1, "--roi",
+                           "100,240,1600,1040", "--json").lines()[0]
+        self.assertIs(line["converged"], True)
+        self.assertTrue(30 < line["elements_rejected"] < 120, line)
+        self.assertAlmostEqual(line["gain"], 1.27, delta=0.02)  # 22 % darker
+
+
+if __name__ == "__main__":
+    unittest.main()
