@@ -121,7 +121,7 @@ const std::vector<Option>& options() {
        "All data in one quadratic form, or a composition of low-order maps.",
        {"collapsed", "composed"}},
       {"method.tolerance", K::positive, "1e-3", "Tolerance on the verified variance diagnostic.", {}},
-      {"method.max_order", K::integer, "8", "Highest order of the map, 1 to 15.", {}},
+      {"method.max_order", K::integer, "8", "Highest order of the map, 1 to 23.", {}},
       {"method.minimiser",
        K::choice,
        "newton",

@@ -96,8 +96,13 @@ MapSolver::Workspace::Climb MapSolver::Workspace::climb_long(sampling::CheckedDe
   Climb climb;
   std::ptrdiff_t warm = -1;
   double best = std::numeric_limits<double>::infinity();
-  for (int order = k_first_long; order <= std::min(k_last_long, options.max_order) && !climb.reached;
-       ++order) {
+  for (int order = k_first_long;
+       order <= std::min(last_long(target.dimension()), options.max_order) && !climb.reached; ++order) {
+    if (order >= k_first_dear_long) {
+      Candidate& last = candidates[static_cast<std::size_t>(warm)];
+      verify(target, last);
+      if (last.verified_diagnostic <= 10 * options.tolerance) break;
+    }
     MapShape& shape = long_shape(target.dimension(), order);
     Candidate& candidate = train(target, result, pre_map, shape, shape.identity.order(), warm);
     candidate.is_long = true;

@@ -94,7 +94,7 @@ void MapSolver::prepare(Eigen::Index dimension) {
     work.prepare(shape);
   }
   if (work.may_be_long(dimension))
-    for (int order = k_first_long; order <= std::min(k_last_long, work.options.max_order); ++order)
+    for (int order = k_first_long; order <= std::min(last_long(dimension), work.options.max_order); ++order)
       work.prepare(work.long_shape(dimension, order));
 }
 

@@ -69,8 +69,8 @@ struct MapSolverOptions {
   Eigen::Index terms_per_round = 0;  ///< of greedy growth; 0: a quarter of those there, at least four
   Eigen::Index max_terms = 400;      ///< of greedy growth
   bool tempered = false;  ///< begin with the tempered sequence, β = 1/16, 1/8 … 1, each warm from the last
-  /// Where the orders do not reach the tolerance (d = 2, 3): also maps of order up to 5 with three times as
-  /// much, up to 14, in the first variable, for a posterior that is a narrow ridge with structure along it
+  /// Where the orders do not reach the tolerance (d = 2, 3): also maps of order up to 6 with four times as
+  /// much, up to 23, in the first variable, for a posterior that is a narrow ridge with structure along it
   /// (docs/transport.md, "A long first variable").
   bool long_first_variable = true;
   /// Where the tolerance is not reached: also try wider tails, softplus, exponential, the tempered sequence,

@@ -135,7 +135,12 @@ struct MapSolver::Workspace {
 };
 
 /// Orders of the other variables that climb_long tries.
-inline constexpr int k_first_long = 2, k_last_long = 5;
+inline constexpr int k_first_long = 2;
+[[nodiscard]] inline constexpr int last_long(Eigen::Index d) {
+  return d == 2 ? 6 : 4;  // in three variables a Newton step at order 5 takes a second
+}
+/// From here on maps with a long first variable cost ten times more: only for what is far from the tolerance.
+inline constexpr int k_first_dear_long = 5;
 /// Dimensions in which it is tried.
 inline constexpr Eigen::Index k_most_long = 3;
 

@@ -16,10 +16,10 @@ namespace {
 
 constexpr std::uint64_t k_training_seed = 0x7261696e;  // never that of the verification points
 /// Maps with a long first variable: so many times the order of the others, and no more than that.
-constexpr int k_longer = 3, k_longest = 14;
+constexpr int k_longer = 4, k_longer_in_width = 2, k_longest = k_max_order;
 /// Nodes along a long variable: what makes it long are features that fewer nodes step over
 /// (docs/transport.md, "A long first variable").
-constexpr int k_long_nodes = 64;
+constexpr int k_long_nodes = 96;
 /// Lighter nodes of a tensor rule only stall the minimiser.
 constexpr double k_lightest_node = 1e-11;
 /// With more coefficients a Hessian costs more than it saves.
@@ -107,8 +107,15 @@ MapShape& MapSolver::Workspace::long_shape(Eigen::Index d, int order) {
   auto& shape = long_shapes[{d, order}];
   if (!shape) {
     std::vector<int> orders(static_cast<std::size_t>(d), order);
-    orders.front() = std::min({k_longer * order, k_longest, 2 * options.max_order});
-    shape = std::make_unique<MapShape>(per_variable_map(orders, options.parametrisation));
+    orders.front() = std::min(k_longer * order, k_longest);
+    MapSpecification specification = per_variable_map(orders, options.parametrisation);
+    // How the *width* across the ridge changes along it needs less than where the ridge is, and the pairs of
+    // its functions are what costs.
+    orders.front() = std::min(k_longer_in_width * order, k_longest);
+    const MapSpecification shorter = per_variable_map(orders, options.parametrisation);
+    for (std::size_t k = 1; k < orders.size(); ++k)
+      specification.components[k].monotone = shorter.components[k].monotone;
+    shape = std::make_unique<MapShape>(std::move(specification));
   }
   return *shape;
 }

@@ -297,7 +297,7 @@ TEST(TriangularMap, RefusesSetsThatCannotBe) {
     return std::string("no error");
   };
   const MultiIndex one{};
-  const int own[] = {0, 1}, above[] = {0, 0, 1}, steep[] = {16};
+  const int own[] = {0, 1}, above[] = {0, 0, 1}, steep[] = {24};
   EXPECT_EQ(message({one}, {one}), "no error");
   EXPECT_EQ(
       message({one, multi_index(own)}, {one}),
@@ -306,7 +306,7 @@ TEST(TriangularMap, RefusesSetsThatCannotBe) {
       message({one}, {one, multi_index(above)}),
       "triangular map, Φ_e of component 1: an index contains variable 2; only those below 2 may be there");
   EXPECT_EQ(message({one, multi_index(steep)}, {one}),
-            "triangular map, Φ_c of component 1: degree 16 of variable 0; at most 15 is possible");
+            "triangular map, Φ_c of component 1: degree 24 of variable 0; at most 23 is possible");
   EXPECT_EQ(message({one}, {multi_index(own)}),
             "triangular map, Φ_e of component 1: the empty index (the constant 1) is missing");
   EXPECT_EQ(message({one, one}, {one}), "triangular map, Φ_c of component 1: an index occurs twice");

@@ -17,7 +17,7 @@
 namespace knothe::transport {
 
 /// Highest order of a map.
-inline constexpr int k_max_order = 15;
+inline constexpr int k_max_order = 23;
 
 /// Where the tails of both bases begin.
 struct TailRadii {

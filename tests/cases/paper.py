@@ -19,6 +19,13 @@ class Test(Case):
         self.assertEqual(len(lines), 100)
         self.expect_agreement(lines, self.assimilate("--method", "grid"))
 
+    def test_the_maps_follow_the_posterior_while_the_crack_runs(self):
+        # The verified diagnostic is on other points than the map was trained on.
+        lines = self.assimilate()
+        for line in lines[15:33]:
+            self.assertLessEqual(line["variance_diagnostic"], 1e-2, line["step"])
+        self.assertEqual([line["step"] for line in lines if not line["trusted"]], [])
+
     def test_composed_maps_agree_with_the_collapsed_posterior(self):
         collapsed = self.assimilate()
         self.edit('form = "collapsed"', 'form = "composed"')
