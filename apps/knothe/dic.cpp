@@ -48,7 +48,8 @@ Task task_of(const DicArguments& a) {
     task.project_text = read.text;
   } else {
     if (a.files.size() < 2)
-      throw UsageError("dic takes a project file (.toml), or a reference picture and at least one deformed one");
+      throw UsageError(
+          "dic takes a project file (.toml), or a reference picture and at least one deformed one");
     task.series.references = {a.files.front()};
     task.series.pictures.assign(a.files.begin() + 1, a.files.end());
   }
@@ -59,7 +60,8 @@ Task task_of(const DicArguments& a) {
   return task;
 }
 
-nlohmann::ordered_json json_of(const imaging::PictureSeries& series, const PictureResult& r, double noise_std) {
+nlohmann::ordered_json json_of(const imaging::PictureSeries& series, const PictureResult& r,
+                               double noise_std) {
   const auto& c = r.correlation;
   nlohmann::ordered_json line = {{"picture", r.picture},
                                  {"iterations", c.iterations},
@@ -79,13 +81,13 @@ nlohmann::ordered_json json_of(const imaging::PictureSeries& series, const Pictu
   return line;
 }
 
-/// A file name for a picture's results: its own, without folder and ending; made different where two are alike.
+/// A file name for a picture's results: its own, without folder and ending; made different where two are
+/// alike.
 std::vector<std::string> stems_of(const std::vector<std::string>& pictures) {
   std::vector<std::string> stems;
   for (const std::string& picture : pictures) {
     std::string stem = fs::path(picture).stem().string();
-    if (std::find(stems.begin(), stems.end(), stem) != stems.end())
-      stem += fmt::format("_{}", stems.size());
+    if (std::find(stems.begin(), stems.end(), stem) != stems.end()) stem += fmt::format("_{}", stems.size());
     stems.push_back(stem);
   }
   return stems;
@@ -97,17 +99,19 @@ class Output {
   Output(const DicArguments& arguments, const Task& task)
       : arguments_(arguments), task_(task), stems_(stems_of(task.series.pictures)) {
     if (!arguments.at.empty()) {
-      if (arguments.output.empty()) throw UsageError("--at needs -o: a CSV file, or a folder for several pictures");
+      if (arguments.output.empty())
+        throw UsageError("--at needs -o: a CSV file, or a folder for several pictures");
       const files::CsvTable table = files::CsvTable::read(arguments.at);
       const auto x = table.numbers("x"), y = table.numbers("y");
       points_.resize(static_cast<Eigen::Index>(x.size()), 2);
-      for (std::size_t i = 0; i < x.size(); ++i)
-        points_.row(static_cast<Eigen::Index>(i)) << x[i], y[i];
+      for (std::size_t i = 0; i < x.size(); ++i) points_.row(static_cast<Eigen::Index>(i)) << x[i], y[i];
       if (several()) files::require_writable_folder(arguments.output);
-    } else if (!arguments.output.empty() && !has_ending(".h5") && !has_ending(".vtu") && !has_ending(".pvd")) {
-      throw UsageError(fmt::format("-o {}: without --at it takes an HDF5 file (.h5), a field file (.vtu), or a "
-                                   "series of them (.pvd)",
-                                   arguments.output));
+    } else if (!arguments.output.empty() && !has_ending(".h5") && !has_ending(".vtu") &&
+               !has_ending(".pvd")) {
+      throw UsageError(
+          fmt::format("-o {}: without --at it takes an HDF5 file (.h5), a field file (.vtu), or a "
+                      "series of them (.pvd)",
+                      arguments.output));
     } else if (has_ending(".vtu") && several()) {
       throw UsageError("-o: several pictures need a series, .pvd");
     }
@@ -116,7 +120,8 @@ class Output {
 
   void add(const imaging::PictureSeries& series, const PictureResult& r) {
     if (!arguments_.maps.empty() && r.correlation.iterations > 0)  // also to see why it did not converge
-      report::write_displacement_maps((fs::path(arguments_.maps) / stems_[r.index]).string(), series, r, task_.frame);
+      report::write_displacement_maps((fs::path(arguments_.maps) / stems_[r.index]).string(), series, r,
+                                      task_.frame);
     if (arguments_.output.empty()) return;
     if (!arguments_.at.empty()) {
       const std::string path =
@@ -125,8 +130,7 @@ class Output {
     } else if (has_ending(".vtu") && !r.missing) {
       imaging::write_displacement_vtu(arguments_.output, series, r, task_.frame);
     } else if (has_ending(".pvd") && !r.missing) {
-      const std::string name =
-          fs::path(arguments_.output).stem().string() + "_" + stems_[r.index] + ".vtu";
+      const std::string name = fs::path(arguments_.output).stem().string() + "_" + stems_[r.index] + ".vtu";
       imaging::write_displacement_vtu((fs::path(arguments_.output).parent_path() / name).string(), series, r,
                                       task_.frame);
       const auto& times = series.options().times;
@@ -151,13 +155,15 @@ class Output {
   std::vector<files::PvdEntry> entries_;
 };
 
-void print_for_people(const PictureResult& r, double noise_std, const std::optional<imaging::PictureFrame>& frame) {
+void print_for_people(const PictureResult& r, double noise_std,
+                      const std::optional<imaging::PictureFrame>& frame) {
   if (r.missing) return;
   const auto& c = r.correlation;
   std::string text = fmt::format("{}: {} iterations, residual {:.2f} grey levels, noise {:.4f} px", r.picture,
                                  c.iterations, c.residual_rms, noise_std);
   if (frame) text += fmt::format(" ({:.2f} µm)", noise_std * frame->scale() * 1e6);
-  if (c.elements_rejected > 0) text += fmt::format(", {} elements without a measurement", c.elements_rejected);
+  if (c.elements_rejected > 0)
+    text += fmt::format(", {} elements without a measurement", c.elements_rejected);
   fmt::print("{}, {:.0f} ms\n", text, r.elapsed_ms);
 }
 
@@ -165,8 +171,8 @@ void print_for_people(const PictureResult& r, double noise_std, const std::optio
 int verdict(const std::vector<PictureResult>& results) {
   const bool any = std::any_of(results.begin(), results.end(), [](const auto& r) { return !r.missing; });
   if (any) return 0;
-  const bool read = std::any_of(results.begin(), results.end(),
-                                [](const auto& r) { return r.correlation.iterations > 0; });
+  const bool read =
+      std::any_of(results.begin(), results.end(), [](const auto& r) { return r.correlation.iterations > 0; });
   return static_cast<int>(read ? ExitStatus::numerical : ExitStatus::data);
 }
 
@@ -200,9 +206,9 @@ int dic(const DicArguments& arguments) {
   const int status = verdict(results);
   if (status == 0 || cancellation_requested()) output.finish(series, results);
   if (!series.done())
-    throw Interrupted(fmt::format("interrupted after {} of {} pictures{}", results.size(),
-                                  task.series.pictures.size(),
-                                  arguments.output.empty() ? "" : "; their results are in " + arguments.output));
+    throw Interrupted(
+        fmt::format("interrupted after {} of {} pictures{}", results.size(), task.series.pictures.size(),
+                    arguments.output.empty() ? "" : "; their results are in " + arguments.output));
   return status;
 }
 

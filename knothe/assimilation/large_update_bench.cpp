@@ -57,7 +57,8 @@ class SmoothFunctions final : public reduction::ParameterFunctions {
   Eigen::Index r_;
 };
 
-/// M/γ² of a regular mesh of side × side nodes with two components: nine nodes a row, both components coupled.
+/// M/γ² of a regular mesh of side × side nodes with two components: nine nodes a row, both components
+/// coupled.
 Eigen::SparseMatrix<double> correlation_matrix(int side, double scale) {
   std::vector<Eigen::Triplet<double>> entries;
   for (int y = 0; y < side; ++y) {

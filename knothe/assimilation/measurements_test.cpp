@@ -15,14 +15,14 @@ using files::message_of;
 void write(const std::string& path, double shared_reference, const std::string& step = "") {
   files::Hdf5Writer file(path);
   const std::vector<double> values = {0, 1, 2, 3, 4, 5}, points(9, 0.0), time = {0.5, 1};
-  const std::vector<std::int64_t> components = {0, 1, 2}, indices = {0, 1, 0, 1, 2, 1, 2}, rows = {0, 2, 5, 7};
+  const std::vector<std::int64_t> components = {0, 1, 2}, indices = {0, 1, 0, 1, 2, 1, 2},
+                                  rows = {0, 2, 5, 7};
   const std::vector<double> data = {2, -1, -1, 2, -1, -1, 2};
   file.write("/time", time, {2}, {"1", ""});
   file.write("/values", values, {2, 3}, {"m", ""});
   file.write("/dofs/points", points, {3, 3}, {"m", ""});
   file.write_integers("/dofs/component", components, {3}, {"1", ""});
-  for (const std::string& group :
-       {std::string("/noise/precision"), "/noise/precision_steps/" + step}) {
+  for (const std::string& group : {std::string("/noise/precision"), "/noise/precision_steps/" + step}) {
     if (group.ends_with("/")) continue;
     std::vector<double> scaled = data;
     if (group != "/noise/precision") {
@@ -64,8 +64,9 @@ TEST(Measurements, BadNoiseIsNamed) {
   const std::string path = folder.file("d.h5");
   write(path, 1.5);
   EXPECT_EQ(message_of<DataError>([&] { (void)read_measurements(path); }),
-            path + ": the attribute shared_reference of noise/precision is 1.5: it is the number of reference "
-                   "pictures, 1 or more");
+            path +
+                ": the attribute shared_reference of noise/precision is 1.5: it is the number of reference "
+                "pictures, 1 or more");
   const std::string other = folder.file("e.h5");
   write(other, 0, "7");
   EXPECT_EQ(message_of<DataError>([&] { (void)read_measurements(other); }),

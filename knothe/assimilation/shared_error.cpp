@@ -13,7 +13,9 @@ namespace {
 using Sparse = Eigen::SparseMatrix<double>;
 const double k_log_2_pi = std::log(2 * std::numbers::pi);
 
-void make_symmetric(Eigen::MatrixXd& m) { m = 0.5 * (m + m.transpose().eval()); }
+void make_symmetric(Eigen::MatrixXd& m) {
+  m = 0.5 * (m + m.transpose().eval());
+}
 
 /// Adds factor · rows/columns of `matrix` selected by the index maps (−1: not there).
 void add_block(const Sparse& matrix, const std::vector<int>& row, const std::vector<int>& column,
@@ -75,12 +77,13 @@ SharedReferenceError::SharedReferenceError(const NoiseModel& noise, Eigen::Index
   assert(pictures_ >= 1 && !noise.is_independent());
 }
 
-void SharedReferenceError::restart() { groups_.clear(); }
+void SharedReferenceError::restart() {
+  groups_.clear();
+}
 
 bool SharedReferenceError::is_uniform(const NoiseGroup& group) const {
   if (group.of_one_step) return false;
-  return groups_.empty() ||
-         (groups_.size() == 1 && !groups_[0].of_one_step && groups_[0].kept == group.kept);
+  return groups_.empty() || (groups_.size() == 1 && !groups_[0].of_one_step && groups_[0].kept == group.kept);
 }
 
 StepForm SharedReferenceError::condition(const NoiseGroup& group, const Eigen::MatrixXd& core,

@@ -18,16 +18,16 @@ namespace knothe::assimilation {
 /// One noise matrix and one set of dofs, with what no datum changes, and the sums over the data that came
 /// with both.
 struct NoiseGroup {
-  std::size_t step = 0;             ///< where the noise is that of one step only
-  bool of_one_step = false;         ///< noise/precision_steps
-  std::vector<Eigen::Index> kept;   ///< dofs, increasing
-  NoiseModel noise;                 ///< R_s⁻¹ of the dofs kept: own and shared part together
-  Eigen::MatrixXd space;            ///< (OU)_s
-  Eigen::MatrixXd weighted_space;   ///< R_s⁻¹ (OU)_s
-  Eigen::MatrixXd gram;             ///< (OU)_sᵀ R_s⁻¹ (OU)_s
-  Eigen::Index count = 0;           ///< n_g, data so far
-  Eigen::VectorXd sum_residual;     ///< Σ r_t
-  Eigen::MatrixXd sum_core;         ///< Σ C_t
+  std::size_t step = 0;            ///< where the noise is that of one step only
+  bool of_one_step = false;        ///< noise/precision_steps
+  std::vector<Eigen::Index> kept;  ///< dofs, increasing
+  NoiseModel noise;                ///< R_s⁻¹ of the dofs kept: own and shared part together
+  Eigen::MatrixXd space;           ///< (OU)_s
+  Eigen::MatrixXd weighted_space;  ///< R_s⁻¹ (OU)_s
+  Eigen::MatrixXd gram;            ///< (OU)_sᵀ R_s⁻¹ (OU)_s
+  Eigen::Index count = 0;          ///< n_g, data so far
+  Eigen::VectorXd sum_residual;    ///< Σ r_t
+  Eigen::MatrixXd sum_core;        ///< Σ C_t
 
   /// The form of a datum with residual r and core C, its covariance R_s / factor.
   void project(const Eigen::MatrixXd& core, const Eigen::VectorXd& residual, double factor,

@@ -78,8 +78,7 @@ double dense_log_likelihood(const reduction::ObservedModel& model, const Eigen::
   }
   const Eigen::Map<const Eigen::VectorXd> r(residual.data(), n);
   const Eigen::LLT<Eigen::MatrixXd> factor(covariance);
-  return -0.5 * r.dot(factor.solve(r)) -
-         Eigen::MatrixXd(factor.matrixL()).diagonal().array().log().sum() -
+  return -0.5 * r.dot(factor.solve(r)) - Eigen::MatrixXd(factor.matrixL()).diagonal().array().log().sum() -
          0.5 * static_cast<double>(n) * std::log(2 * std::numbers::pi);
 }
 
@@ -135,8 +134,7 @@ TEST_P(SharedError, OtherDofsMissingAtEachStep) {
 
 TEST_P(SharedError, OnePictureHasAnotherNoise) {
   data_(6, 2) = data_(2, 3) = k_nan;
-  const NoiseModel noise =
-      NoiseModel::correlated(chain(4)).with_step(2, NoiseModel::correlated(chain(1.5)));
+  const NoiseModel noise = NoiseModel::correlated(chain(4)).with_step(2, NoiseModel::correlated(chain(1.5)));
   expect_is_the_joint_gaussian(noise.with_shared_reference(GetParam()), data_, model_);
 }
 

@@ -25,7 +25,8 @@ constexpr double k_nan = std::numeric_limits<double>::quiet_NaN();
 /// Gives dofs that were not measured a number on the diagonal, so that the matrix is positive definite.
 Sparse filled(Sparse precision) {
   const Eigen::VectorXd diagonal = precision.diagonal();
-  const double small = k_no_information * diagonal.sum() / std::max<double>(1, static_cast<double>((diagonal.array() > 0).count()));
+  const double small = k_no_information * diagonal.sum() /
+                       std::max<double>(1, static_cast<double>((diagonal.array() > 0).count()));
   Sparse missing(precision.rows(), precision.cols());
   std::vector<Eigen::Triplet<double>> entries;
   for (int i = 0; i < precision.rows(); ++i)
@@ -109,10 +110,13 @@ void write_elements(files::Hdf5Writer& file, const std::vector<PictureResult>& r
   std::vector<double> residual;
   for (const auto& r : results) {
     valid.insert(valid.end(), r.correlation.element_valid.begin(), r.correlation.element_valid.end());
-    residual.insert(residual.end(), r.correlation.element_residual.begin(), r.correlation.element_residual.end());
+    residual.insert(residual.end(), r.correlation.element_residual.begin(),
+                    r.correlation.element_residual.end());
   }
-  file.write_integers("/elements/valid", valid, {results.size(), count}, {"1", "1 where an element was measured"});
-  file.write("/elements/residual", residual, {results.size(), count}, {"grey levels", "root mean square residual"});
+  file.write_integers("/elements/valid", valid, {results.size(), count},
+                      {"1", "1 where an element was measured"});
+  file.write("/elements/residual", residual, {results.size(), count},
+             {"grey levels", "root mean square residual"});
 }
 
 }  // namespace
@@ -163,7 +167,8 @@ DisplacementObservations observations(const PictureSeries& series, const std::ve
         o.values[t * static_cast<std::size_t>(2 * nodes) + static_cast<std::size_t>(i)] = u[i];
     if (c.element_valid == usable) continue;
     const bool as_last = c.element_valid == *last_valid && !o.precision_steps.empty();
-    o.precision_steps.emplace_back(t, as_last ? o.precision_steps.back().second : precision_of(c.element_valid));
+    o.precision_steps.emplace_back(t,
+                                   as_last ? o.precision_steps.back().second : precision_of(c.element_valid));
     last_valid = &c.element_valid;
   }
   return o;
@@ -184,11 +189,13 @@ void write_displacements(const std::string& path, const PictureSeries& series,
   for (std::size_t t = 0; t < n_t; ++t) {
     const auto measured = measured_nodes(mesh, results[t].correlation.element_valid);
     for (std::size_t i = 0; i < 2 * n; ++i)
-      in_pixels.push_back(measured[i / 2] != 0 ? results[t].correlation.displacement[static_cast<Eigen::Index>(i)]
-                                               : k_nan);
+      in_pixels.push_back(
+          measured[i / 2] != 0 ? results[t].correlation.displacement[static_cast<Eigen::Index>(i)] : k_nan);
   }
   std::vector<double> points;
-  for (std::size_t a = 0; a < n; ++a) points.insert(points.end(), o.points.begin() + 6 * static_cast<std::ptrdiff_t>(a), o.points.begin() + 6 * static_cast<std::ptrdiff_t>(a) + 3);
+  for (std::size_t a = 0; a < n; ++a)
+    points.insert(points.end(), o.points.begin() + 6 * static_cast<std::ptrdiff_t>(a),
+                  o.points.begin() + 6 * static_cast<std::ptrdiff_t>(a) + 3);
   const Cells cells = cells_of(mesh);
   files::write_atomically(path, [&](const std::string& temporary) {
     files::Hdf5Writer file(temporary);
@@ -196,7 +203,8 @@ void write_displacements(const std::string& path, const PictureSeries& series,
                {"1", series.options().times.empty() ? "index of the picture" : "model time"});
     file.write("/values", o.values, {n_t, n_obs}, {unit, "measured displacement"});
     file.write("/dofs/points", o.points, {n_obs, 3}, {unit, "nodes of the correlation mesh"});
-    file.write_integers("/dofs/component", o.component, {n_obs}, {"1", "displacement component: 0 x, 1 y, 2 z"});
+    file.write_integers("/dofs/component", o.component, {n_obs},
+                        {"1", "displacement component: 0 x, 1 y, 2 z"});
     write_matrix(file, "/noise/precision", o.precision, inverse);
     file.integer_attribute("/noise/precision", "shared_reference",
                            static_cast<std::int64_t>(series.reference_count()));
@@ -204,9 +212,11 @@ void write_displacements(const std::string& path, const PictureSeries& series,
     for (const auto& [step, matrix] : o.precision_steps)
       write_matrix(file, fmt::format("/noise/precision_steps/{}", step), matrix, inverse);
     file.write("/mesh/points", points, {n, 3}, {unit, "nodes"});
-    file.write_integers("/mesh/cells", cells.nodes, {cells.element.size(), cells.nodes_per_cell}, {"1", "nodes of each cell"});
+    file.write_integers("/mesh/cells", cells.nodes, {cells.element.size(), cells.nodes_per_cell},
+                        {"1", "nodes of each cell"});
     file.text_attribute("/mesh/cells", "type", cells.nodes_per_cell == 4 ? "VTK_QUAD" : "VTK_TRIANGLE");
-    file.write("/picture_frame/nodes", nodes, {n, 2}, {"px", "nodes in the reference picture, x right, y down"});
+    file.write("/picture_frame/nodes", nodes, {n, 2},
+               {"px", "nodes in the reference picture, x right, y down"});
     file.write("/picture_frame/displacement", in_pixels, {n_t, n, 2}, {"px", "u right, v down"});
     if (frame) {
       file.number_attribute("/picture_frame", "scale", frame->scale());
@@ -266,8 +276,9 @@ void write_displacement_vtu(const std::string& path, const PictureSeries& series
   std::vector<double> residual, valid;
   for (const std::size_t e : cells.element)
     residual.push_back(c.element_residual[e]), valid.push_back(c.element_valid[e]);
-  files::VtuGrid grid{points, cells.nodes, cells.nodes_per_cell,
-                      cells.nodes_per_cell == 4 ? "VTK_QUAD" : "VTK_TRIANGLE", {}, {}};
+  files::VtuGrid grid{
+      points, cells.nodes, cells.nodes_per_cell, cells.nodes_per_cell == 4 ? "VTK_QUAD" : "VTK_TRIANGLE",
+      {},     {}};
   grid.point_fields = {{"displacement", 3, displacement},
                        {"displacement_std", 3, deviation},
                        {"strain_xx_yy_xy", 3, strains},

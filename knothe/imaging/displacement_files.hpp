@@ -1,5 +1,6 @@
 #pragma once
-/// @file What `knothe dic` leaves: displacements of a series as HDF5, as CSV at chosen points, and as VTU/PVD.
+/// @file What `knothe dic` leaves: displacements of a series as HDF5, as CSV at chosen points, and as
+/// VTU/PVD.
 #include <optional>
 #include <string>
 #include <vector>
@@ -15,9 +16,9 @@ namespace knothe::imaging {
 
 /// Displacements in model units and frame, ready to be observations; without a frame in px, v downwards.
 struct DisplacementObservations {
-  std::vector<double> points;           ///< [n_obs, 3]: m, or px
-  std::vector<std::int64_t> component;  ///< [n_obs]: 0 x, 1 y, 2 z
-  std::vector<double> values;           ///< [n_t, n_obs]; NaN where nothing was measured
+  std::vector<double> points;             ///< [n_obs, 3]: m, or px
+  std::vector<std::int64_t> component;    ///< [n_obs]: 0 x, 1 y, 2 z
+  std::vector<double> values;             ///< [n_t, n_obs]; NaN where nothing was measured
   Eigen::SparseMatrix<double> precision;  ///< of a picture with every usable element, both triangles
   /// Of pictures whose valid elements are others, by the picture's index. Dofs that were not measured stand
   /// alone on the diagonal with a small number: the marginal of the others is then exact.

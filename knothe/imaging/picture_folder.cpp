@@ -40,7 +40,9 @@ void read_table(const std::string& path, const fs::path& folder, PictureFolder& 
   out.times = table.numbers("time");
   for (std::size_t i = 0; i < out.times.size(); ++i) {
     if (i > 0 && !(out.times[i] > out.times[i - 1]))
-      table.fail(i, "time", fmt::format("{} is not greater than {}: times must increase", out.times[i], out.times[i - 1]));
+      table.fail(
+          i, "time",
+          fmt::format("{} is not greater than {}: times must increase", out.times[i], out.times[i - 1]));
     const std::string name = table.texts("file")[i];
     if (name.empty()) table.fail(i, "file", "the name of a picture is missing");
     out.pictures.push_back((folder / name).string());
@@ -71,7 +73,8 @@ PictureFolder list_pictures(const std::string& folder, const std::vector<std::st
     throw DataError(fmt::format("{}: error: there is no such folder of pictures", folder));
   std::vector<std::string> names;
   for (const auto& entry : fs::directory_iterator(folder, failure))
-    if (entry.is_regular_file(failure) && is_picture(entry.path()) && !entry.path().filename().string().starts_with("."))
+    if (entry.is_regular_file(failure) && is_picture(entry.path()) &&
+        !entry.path().filename().string().starts_with("."))
       names.push_back(entry.path().filename().string());
   std::sort(names.begin(), names.end(), natural_less);
   PictureFolder result;
@@ -98,10 +101,11 @@ PictureFolder list_pictures(const std::string& folder, const std::vector<std::st
            std::find(result.references.begin(), result.references.end(), path) != result.references.end();
   });
   if (result.pictures.empty())
-    throw DataError(fmt::format(
-        "{}: error: the folder holds {} pictures (.tif, .tiff, .png, .bmp, .pgm): a reference and at least one "
-        "deformed picture are needed",
-        folder, names.size()));
+    throw DataError(
+        fmt::format("{}: error: the folder holds {} pictures (.tif, .tiff, .png, .bmp, .pgm): a reference "
+                    "and at least one "
+                    "deformed picture are needed",
+                    folder, names.size()));
   return result;
 }
 

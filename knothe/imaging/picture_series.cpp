@@ -29,13 +29,15 @@ Region default_region(const files::Picture& reference, const files::Picture& mas
         box = {std::min(box.x0, static_cast<double>(x)), std::min(box.y0, static_cast<double>(y)),
                std::max(box.x1, static_cast<double>(x)), std::max(box.y1, static_cast<double>(y))};
   if (box.x1 < 0)
-    throw UsageError("the mask is black everywhere: it must be bright (not 0) where the surface is to be measured");
+    throw UsageError(
+        "the mask is black everywhere: it must be bright (not 0) where the surface is to be measured");
   return box;
 }
 
 bool is_better(const CorrelationResult& a, const CorrelationResult& b) {
   if (a.converged != b.converged) return a.converged;
-  if (a.converged && a.elements_rejected != b.elements_rejected) return a.elements_rejected < b.elements_rejected;
+  if (a.converged && a.elements_rejected != b.elements_rejected)
+    return a.elements_rejected < b.elements_rejected;
   return a.residual_rms < b.residual_rms;
 }
 
@@ -64,7 +66,8 @@ double DisplacementPrecision::mean_std() const {
 PictureSeries::PictureSeries(SeriesOptions options) : options_(std::move(options)) {
   if (options_.references.empty()) throw UsageError("image correlation needs a reference picture");
   if (!options_.times.empty() && options_.times.size() != options_.pictures.size())
-    throw UsageError(fmt::format("{} times for {} pictures", options_.times.size(), options_.pictures.size()));
+    throw UsageError(
+        fmt::format("{} times for {} pictures", options_.times.size(), options_.pictures.size()));
   if (options_.correlation.threads <= 0) options_.correlation.threads = static_cast<int>(default_threads());
   std::vector<files::Picture> references;
   for (const std::string& path : options_.references) references.push_back(files::read_picture(path));
@@ -81,15 +84,15 @@ PictureSeries::PictureSeries(SeriesOptions options) : options_(std::move(options
     (void)PixelTable(mesh, reference.width, reference.height);  // outside the picture: the better message
     mesh = masked(mesh, mask);
   }
-  correlation_ =
-      std::make_unique<ImageCorrelation>(reference, std::move(mesh), options_.correlation, mask);
+  correlation_ = std::make_unique<ImageCorrelation>(reference, std::move(mesh), options_.correlation, mask);
   contrast_ = correlation_->contrast();
   known_noise_ = options_.noise;
   if (!(known_noise_ > 0) && references.size() > 1) {
     double squares = 0;
     for (std::size_t i = 1; i < references.size(); ++i)
       squares += std::pow(noise_from_repeat(references[i - 1], references[i], *options_.region), 2);
-    known_noise_ = std::max(k_quantisation_noise, std::sqrt(squares / static_cast<double>(references.size() - 1)));
+    known_noise_ =
+        std::max(k_quantisation_noise, std::sqrt(squares / static_cast<double>(references.size() - 1)));
   }
   prefetch(0);
 }
@@ -118,8 +121,8 @@ std::string PictureSeries::fault(const files::Picture& picture, const std::strin
                        name, *high > 0 ? "uniform" : "black", static_cast<double>(*low));
   if (picture.pixels == last_pixels_)
     return fmt::format(
-        "{}: error: the picture is the same as {}, pixel by pixel: a camera never takes that; it is a copy", name,
-        last_name_);
+        "{}: error: the picture is the same as {}, pixel by pixel: a camera never takes that; it is a copy",
+        name, last_name_);
   return {};
 }
 
@@ -156,15 +159,16 @@ PictureResult PictureSeries::correlate(const files::Picture& picture, const std:
     return r.residual_rms > k_foreign_residual * contrast_;
   };
   if (!best.searched && (!best.converged || foreign(best) ||
-               (last_residual_ > 0 && best.residual_rms > k_residual_growth * last_residual_) ||
-               best.elements_rejected > last_rejected_ + k_rejected_growth * elements)) {
+                         (last_residual_ > 0 && best.residual_rms > k_residual_growth * last_residual_) ||
+                         best.elements_rejected > last_rejected_ + k_rejected_growth * elements)) {
     CorrelationResult again = correlation_->correlate(picture);
     if (is_better(again, best)) best = std::move(again);
   }
   if (best.converged && foreign(best)) {
     best.converged = false;
     best.message = fmt::format(
-        "the residual of {:.3g} grey levels is nearly the contrast of the reference, {:.3g}: the picture does not "
+        "the residual of {:.3g} grey levels is nearly the contrast of the reference, {:.3g}: the picture "
+        "does not "
         "show its surface, or moved farther than the search reaches",
         best.residual_rms, contrast_);
   }
@@ -191,8 +195,8 @@ DisplacementPrecision PictureSeries::precision(const std::vector<char>& element_
     result.std = displacement_std(result.matrix);
   } catch (const NumericalError&) {
     const double small = 1e-6 * gamma;  // of which the correction is nothing
-    result.matrix =
-        correlation_->precision(element_valid, small, reference_count(), gain) * (small * small / (gamma * gamma));
+    result.matrix = correlation_->precision(element_valid, small, reference_count(), gain) *
+                    (small * small / (gamma * gamma));
     result.std = displacement_std(result.matrix);
   }
   return result;

@@ -91,8 +91,8 @@ PictureFrame fit_picture_frame(const std::vector<std::array<double, 2>>& pixels,
   frame.offset = point_mean - frame.slope * pixel_mean;
   double misfit = 0;  // px²
   for (std::size_t i = 0; i < n; ++i)
-    misfit +=
-        std::norm((Complex(points[i][0], points[i][1]) - frame.offset) / frame.slope - Complex(pixels[i][0], -pixels[i][1]));
+    misfit += std::norm((Complex(points[i][0], points[i][1]) - frame.offset) / frame.slope -
+                        Complex(pixels[i][0], -pixels[i][1]));
   // 2n numbers less the four fitted.
   const double fitted_std = n > 2 ? std::sqrt(misfit / static_cast<double>(2 * n - 4)) : 0;
   frame.relative_scale_std = std::max(point_std, fitted_std) / std::sqrt(squares);

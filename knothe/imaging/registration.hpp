@@ -15,7 +15,7 @@ enum class View { side, bottom };
 /// A camera that looks straight at a plane face: model = slope · (x − i y) + offset in complex numbers, that
 /// is, turning, scaling and moving, with the picture's y turned upwards.
 struct PictureFrame {
-  std::complex<double> slope{1, 0};  ///< m per px, times e^{iθ} for a camera turned by θ
+  std::complex<double> slope{1, 0};   ///< m per px, times e^{iθ} for a camera turned by θ
   std::complex<double> offset{0, 0};  ///< m: model place of pixel (0, 0)
   double relative_scale_std = 0;      ///< standard deviation of the scale over the scale
   View view = View::side;

@@ -13,7 +13,8 @@ namespace knothe::imaging {
                                               const std::vector<char>& element_valid);
 
 /// Small strains (n_nodes × 3: ε_xx, ε_yy, ε_xy; x to the right, y down, which changes the sign of none but
-/// ε_xy) from nodal displacements (px), by `nodal_gradients`. With noise of standard deviation σ_u in the displacements those of strains are about σ_u/h for elements of h px.
+/// ε_xy) from nodal displacements (px), by `nodal_gradients`. With noise of standard deviation σ_u in the
+/// displacements those of strains are about σ_u/h for elements of h px.
 [[nodiscard]] Eigen::MatrixXd nodal_strains(const ImageMesh& mesh, const Eigen::VectorXd& displacement,
                                             const std::vector<char>& element_valid);
 

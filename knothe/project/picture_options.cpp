@@ -62,7 +62,8 @@ std::optional<imaging::PictureFrame> read_frame(Values& values) {
   } else {
     for (const char* key : {"dic.origin", "dic.angle", "dic.scale_std", "dic.plane", "dic.view"})
       if (values.has(key))
-        values.complain(key, fmt::format("\"{}\" needs \"dic.scale\", or \"dic.pixels\" and \"dic.points\"", key));
+        values.complain(key,
+                        fmt::format("\"{}\" needs \"dic.scale\", or \"dic.pixels\" and \"dic.points\"", key));
   }
   if (frame) {
     frame->view = values.text("dic.view", "side") == "bottom" ? imaging::View::bottom : imaging::View::side;
@@ -142,9 +143,10 @@ imaging::SeriesOptions series_options(const Project& project) {
     series.times = std::move(found.times);
   } else {
     if (p.references.empty() || p.pictures.empty())
-      throw project.error_at("dic",
-                             "no pictures: give `[data] pictures = \"FOLDER\"`, or `references` and `pictures` "
-                             "in [dic]");
+      throw project.error_at(
+          "dic",
+          "no pictures: give `[data] pictures = \"FOLDER\"`, or `references` and `pictures` "
+          "in [dic]");
     series.references = p.references, series.pictures = p.pictures;
   }
   if (!p.times.empty()) {

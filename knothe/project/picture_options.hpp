@@ -19,7 +19,7 @@ struct PictureOptions {
   std::vector<std::string> references;  ///< names in the folder, or resolved paths if there is none
   std::vector<std::string> pictures;    ///< resolved paths, where there is no folder
   std::vector<double> times;
-  imaging::SeriesOptions series;        ///< all but the pictures themselves
+  imaging::SeriesOptions series;               ///< all but the pictures themselves
   std::optional<imaging::PictureFrame> frame;  ///< where a scale or a registration is given
   bool plane_given = false;                    ///< otherwise the model's outermost face
 };
@@ -27,8 +27,8 @@ struct PictureOptions {
 /// Reads [dic] and [data] pictures, times. Complaints go to `values`.
 [[nodiscard]] PictureOptions read_pictures(Values& values, const std::string& folder);
 
-/// The series with its pictures looked up. Errors: ProjectError where the project names none, DataError for the
-/// folder.
+/// The series with its pictures looked up. Errors: ProjectError where the project names none, DataError for
+/// the folder.
 [[nodiscard]] imaging::SeriesOptions series_options(const Project& project);
 
 }  // namespace knothe::project

@@ -18,8 +18,9 @@ using Eigen::MatrixXd;
 
 void require_same_shape(const SeparatedTensor& a, const SeparatedTensor& b, const char* what) {
   if (a.shape() != b.shape())
-    throw UsageError(fmt::format("separated tensors: {} of shapes [{}] and [{}]; both must have the same shape",
-                                 what, fmt::join(a.shape(), ", "), fmt::join(b.shape(), ", ")));
+    throw UsageError(
+        fmt::format("separated tensors: {} of shapes [{}] and [{}]; both must have the same shape", what,
+                    fmt::join(a.shape(), ", "), fmt::join(b.shape(), ", ")));
 }
 
 /// Hadamard product of factor Gram matrices ⟨a_i^k, b_i^l⟩ over all indices but `left_out`.
@@ -72,8 +73,9 @@ SeparatedTensor::SeparatedTensor(std::vector<MatrixXd> factors) : factors_(std::
   if (factors_.empty()) throw UsageError("a separated tensor needs at least one factor");
   for (std::size_t i = 0; i < factors_.size(); ++i) {
     if (factors_[i].cols() != factors_.front().cols() || factors_[i].rows() == 0)
-      throw UsageError(fmt::format("separated tensor: factor {} is {} × {}; it must have rows, and {} columns",
-                                   i, factors_[i].rows(), factors_[i].cols(), factors_.front().cols()));
+      throw UsageError(
+          fmt::format("separated tensor: factor {} is {} × {}; it must have rows, and {} columns", i,
+                      factors_[i].rows(), factors_[i].cols(), factors_.front().cols()));
     if (!factors_[i].allFinite())
       throw UsageError(fmt::format("separated tensor: factor {} has entries that are not finite", i));
   }
@@ -93,8 +95,8 @@ std::vector<Index> SeparatedTensor::shape() const {
 
 double SeparatedTensor::at(const std::vector<Index>& index) const {
   if (index.size() != order())
-    throw UsageError(fmt::format("separated tensor: {} indices were given, its order is {}", index.size(),
-                                 order()));
+    throw UsageError(
+        fmt::format("separated tensor: {} indices were given, its order is {}", index.size(), order()));
   Eigen::RowVectorXd product = Eigen::RowVectorXd::Ones(terms());
   for (std::size_t i = 0; i < order(); ++i) {
     if (index[i] < 0 || index[i] >= factors_[i].rows())
@@ -105,7 +107,9 @@ double SeparatedTensor::at(const std::vector<Index>& index) const {
   return product.sum();
 }
 
-Eigen::VectorXd SeparatedTensor::dense() const { return entries(factors_); }
+Eigen::VectorXd SeparatedTensor::dense() const {
+  return entries(factors_);
+}
 
 SeparatedTensor& SeparatedTensor::operator+=(const SeparatedTensor& other) {
   require_same_shape(*this, other, "sum");
@@ -117,7 +121,9 @@ SeparatedTensor& SeparatedTensor::operator+=(const SeparatedTensor& other) {
   return *this;
 }
 
-SeparatedTensor& SeparatedTensor::operator-=(const SeparatedTensor& other) { return *this += -1.0 * other; }
+SeparatedTensor& SeparatedTensor::operator-=(const SeparatedTensor& other) {
+  return *this += -1.0 * other;
+}
 
 SeparatedTensor& SeparatedTensor::operator*=(double factor) {
   if (!std::isfinite(factor)) throw UsageError(fmt::format("separated tensor: the factor is {}", factor));
@@ -125,16 +131,24 @@ SeparatedTensor& SeparatedTensor::operator*=(double factor) {
   return *this;
 }
 
-SeparatedTensor operator+(SeparatedTensor a, const SeparatedTensor& b) { return a += b; }
-SeparatedTensor operator-(SeparatedTensor a, const SeparatedTensor& b) { return a -= b; }
-SeparatedTensor operator*(double factor, SeparatedTensor a) { return a *= factor; }
+SeparatedTensor operator+(SeparatedTensor a, const SeparatedTensor& b) {
+  return a += b;
+}
+SeparatedTensor operator-(SeparatedTensor a, const SeparatedTensor& b) {
+  return a -= b;
+}
+SeparatedTensor operator*(double factor, SeparatedTensor a) {
+  return a *= factor;
+}
 
 double inner_product(const SeparatedTensor& a, const SeparatedTensor& b) {
   require_same_shape(a, b, "inner product");
   return gram_product(a.factors(), b.factors(), k_none).sum();
 }
 
-double norm(const SeparatedTensor& a) { return std::sqrt(std::max(0.0, inner_product(a, a))); }
+double norm(const SeparatedTensor& a) {
+  return std::sqrt(std::max(0.0, inner_product(a, a)));
+}
 
 SeparatedTensor hadamard_product(const SeparatedTensor& a, const SeparatedTensor& b) {
   require_same_shape(a, b, "product");
@@ -156,13 +170,13 @@ SeparatedTensor apply(const SeparatedOperator& op, const SeparatedTensor& a) {
   for (std::size_t i = 0; i < a.order(); ++i) {
     for (std::size_t k = 0; k < op.terms.size(); ++k) {
       if (op.terms[k].size() != a.order())
-        throw UsageError(fmt::format("separated operator: term {} has {} matrices, the tensor's order is {}", k,
-                                     op.terms[k].size(), a.order()));
+        throw UsageError(fmt::format("separated operator: term {} has {} matrices, the tensor's order is {}",
+                                     k, op.terms[k].size(), a.order()));
       const MatrixXd& matrix = op.terms[k][i];
       if (matrix.cols() != a.factors()[i].rows() || matrix.rows() != op.terms[0][i].rows())
-        throw UsageError(fmt::format(
-            "separated operator: matrix {} of term {} is {} × {}; it must be {} × {}", i, k, matrix.rows(),
-            matrix.cols(), op.terms[0][i].rows(), a.factors()[i].rows()));
+        throw UsageError(
+            fmt::format("separated operator: matrix {} of term {} is {} × {}; it must be {} × {}", i, k,
+                        matrix.rows(), matrix.cols(), op.terms[0][i].rows(), a.factors()[i].rows()));
       if (k == 0) factors[i].resize(matrix.rows(), m * static_cast<Index>(op.terms.size()));
       factors[i].middleCols(static_cast<Index>(k) * m, m) = matrix * a.factors()[i];
     }
@@ -172,7 +186,8 @@ SeparatedTensor apply(const SeparatedOperator& op, const SeparatedTensor& a) {
 
 SeparatedTensor SeparatedTensor::rounded(double tolerance, std::uint64_t seed) const {
   if (!(tolerance >= 0 && tolerance < 1))
-    throw UsageError(fmt::format("separated tensor: the tolerance is {}; it must be from 0 to below 1", tolerance));
+    throw UsageError(
+        fmt::format("separated tensor: the tolerance is {}; it must be from 0 to below 1", tolerance));
   const double square = inner_product(*this, *this);
   if (!(square > 0)) return zero(shape());
   if (order() == 1) return SeparatedTensor({factors_[0].rowwise().sum()});
@@ -184,7 +199,8 @@ SeparatedTensor SeparatedTensor::rounded(double tolerance, std::uint64_t seed) c
   std::vector<MatrixXd> bases, cores = factors_;
   double left_out = 0, core_size = 1;
   for (std::size_t i = 0; i < order(); ++i) {
-    Restriction part = restrict(cores[i], gram_product(cores, cores, i), share > 1e-13 * square ? share : 0.0);
+    Restriction part =
+        restrict(cores[i], gram_product(cores, cores, i), share > 1e-13 * square ? share : 0.0);
     bases.push_back(std::move(part.basis));
     cores[i] = std::move(part.reduced);
     left_out += part.left_out;

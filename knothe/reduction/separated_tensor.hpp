@@ -18,8 +18,8 @@ struct SeparatedOperator {
 /// otherwise UsageError, which tells both.
 class SeparatedTensor {
  public:
-  /// `factors[i]`: n_i × m, column k the i-th vector of term k. UsageError unless there is at least one factor
-  /// and all have as many columns and finite entries.
+  /// `factors[i]`: n_i × m, column k the i-th vector of term k. UsageError unless there is at least one
+  /// factor and all have as many columns and finite entries.
   explicit SeparatedTensor(std::vector<Eigen::MatrixXd> factors);
   /// The zero tensor of this shape: no terms.
   [[nodiscard]] static SeparatedTensor zero(const std::vector<Eigen::Index>& shape);

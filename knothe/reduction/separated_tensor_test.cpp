@@ -152,7 +152,9 @@ TEST(SeparatedTensor, MistakesAreNamed) {
   Random random(7);
   const SeparatedTensor a = random.tensor({4, 3}, 2), b = random.tensor({4, 2}, 2);
   EXPECT_THAT(message_of([&] { return a + b; }), HasSubstr("[4, 3] and [4, 2]"));
-  EXPECT_THAT(message_of([&] { return SeparatedTensor({MatrixXd::Ones(3, 2), MatrixXd::Ones(3, 1)}); }),
+  EXPECT_THAT(message_of([&] {
+                return SeparatedTensor({MatrixXd::Ones(3, 2), MatrixXd::Ones(3, 1)});
+              }),
               HasSubstr("factor 1 is 3 × 1"));
   EXPECT_THAT(message_of([&] { return SeparatedTensor({MatrixXd::Constant(2, 2, NAN)}); }),
               HasSubstr("factor 0 has entries that are not finite"));
@@ -160,7 +162,9 @@ TEST(SeparatedTensor, MistakesAreNamed) {
   EXPECT_THAT(message_of([&] { return a.at({0, 3}); }), HasSubstr("index 1 is 3"));
   EXPECT_THAT(message_of([&] { return a.at({0}); }), HasSubstr("its order is 2"));
   EXPECT_THAT(message_of([&] { return a.rounded(1.5); }), HasSubstr("tolerance is 1.5"));
-  EXPECT_THAT(message_of([&] { return apply({{{MatrixXd::Ones(2, 4), MatrixXd::Ones(2, 2)}}}, a); }),
+  EXPECT_THAT(message_of([&] {
+                return apply({{{MatrixXd::Ones(2, 4), MatrixXd::Ones(2, 2)}}}, a);
+              }),
               HasSubstr("matrix 1 of term 0 is 2 × 2; it must be 2 × 3"));
   EXPECT_THAT(message_of([&] { return apply({}, a); }), HasSubstr("at least one term"));
 }

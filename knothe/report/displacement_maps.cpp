@@ -36,7 +36,8 @@ void set_range(Map& map) {
     if (std::isfinite(v)) seen.push_back(v);
   if (seen.empty()) return;
   const auto at = [&](double share) {
-    const auto place = seen.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(seen.size() - 1));
+    const auto place =
+        seen.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(seen.size() - 1));
     std::nth_element(seen.begin(), place, seen.end());
     return static_cast<double>(*place);
   };
@@ -96,27 +97,29 @@ void draw_bar(Canvas& canvas, int x, int y, int height, const Map& map) {
   for (int tick = 0; tick <= 4; ++tick) {
     const int at = y + height - 1 - tick * (height - 1) / 4;
     canvas.fill(x + k_width, at, 4, 1, k_ink);
-    const std::string number =
-        fmt::format("{:.{}f}", map.low + (map.high - map.low) * tick / 4, decimals);
-    canvas.text(x + k_width + 7, std::clamp(at - 7, y, y + height - 15), number, k_ink, number.size() > 6 ? 1 : 2);
+    const std::string number = fmt::format("{:.{}f}", map.low + (map.high - map.low) * tick / 4, decimals);
+    canvas.text(x + k_width + 7, std::clamp(at - 7, y, y + height - 15), number, k_ink,
+                number.size() > 6 ? 1 : 2);
   }
 }
 
-void draw_map(Canvas& canvas, int left, int top, const View& view, const imaging::ImageCorrelation& correlation,
-              const std::vector<char>& valid, const Map& map) {
+void draw_map(Canvas& canvas, int left, int top, const View& view,
+              const imaging::ImageCorrelation& correlation, const std::vector<char>& valid, const Map& map) {
   const auto& picture = correlation.reference();
   canvas.text(left, top + 6, map.title, k_ink);
   top += k_title;
   for (int j = 0; j < view.height; ++j)
     for (int i = 0; i < view.width; ++i) {
-      const int x = static_cast<int>(view.x0 + i / view.scale), y = static_cast<int>(view.y0 + j / view.scale);
-      const auto grey = static_cast<std::uint8_t>(
-          std::clamp(255 * picture.at(x, y) / picture.maximum, 0.0F, 255.0F));
+      const int x = static_cast<int>(view.x0 + i / view.scale),
+                y = static_cast<int>(view.y0 + j / view.scale);
+      const auto grey =
+          static_cast<std::uint8_t>(std::clamp(255 * picture.at(x, y) / picture.maximum, 0.0F, 255.0F));
       canvas.blend(left + i, top + j, {grey, grey, grey});
       const auto value = static_cast<double>(map.values[picture.index(x, y)]);
       if (!std::isfinite(value)) continue;
       const double fraction = (value - map.low) / (map.high - map.low);
-      canvas.blend(left + i, top + j, rgb_of(map.has_sign ? blue_white_red(fraction) : viridis(fraction)), 0.72);
+      canvas.blend(left + i, top + j, rgb_of(map.has_sign ? blue_white_red(fraction) : viridis(fraction)),
+                   0.72);
     }
   const ImageMesh& mesh = correlation.mesh();
   for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
@@ -134,7 +137,8 @@ void draw_map(Canvas& canvas, int left, int top, const View& view, const imaging
 }
 
 double largest_principal(const Eigen::MatrixXd& strain, int node) {
-  const double mean = 0.5 * (strain(node, 0) + strain(node, 1)), half = 0.5 * (strain(node, 0) - strain(node, 1));
+  const double mean = 0.5 * (strain(node, 0) + strain(node, 1)),
+               half = 0.5 * (strain(node, 0) - strain(node, 1));
   return mean + std::hypot(half, strain(node, 2));
 }
 
@@ -145,28 +149,30 @@ void write_displacement_maps(const std::string& path, const imaging::PictureSeri
                              const std::optional<imaging::PictureFrame>& frame) {
   const imaging::ImageCorrelation& correlation = series.correlation();
   const auto& valid = result.correlation.element_valid;
-  const Eigen::VectorXd u =
-      frame ? Eigen::VectorXd(1e6 * frame->to_model(result.correlation.displacement)) : result.correlation.displacement;
+  const Eigen::VectorXd u = frame ? Eigen::VectorXd(1e6 * frame->to_model(result.correlation.displacement))
+                                  : result.correlation.displacement;
   const Eigen::MatrixXd strain =
       imaging::nodal_strains(correlation.mesh(), result.correlation.displacement, valid);
   const char* axes = "xyz";
   const auto title = [&](int k) {
-    if (frame) return fmt::format("displacement {}, um", axes[frame->components()[static_cast<std::size_t>(k)]]);
+    if (frame)
+      return fmt::format("displacement {}, um", axes[frame->components()[static_cast<std::size_t>(k)]]);
     return std::string(k == 0 ? "displacement u (right), px" : "displacement v (down), px");
   };
   std::vector<Map> maps;
   for (int k = 0; k < 2; ++k)
     maps.push_back({title(k), over_pixels(correlation, valid, [&](int a) { return u[2 * a + k]; })});
   maps.push_back({"residual, grey levels", correlation.residual_picture(result.correlation), true});
-  maps.push_back({"largest principal strain, per mille",
-                  over_pixels(correlation, valid, [&](int a) { return 1e3 * largest_principal(strain, a); })});
+  maps.push_back({"largest principal strain, per mille", over_pixels(correlation, valid, [&](int a) {
+                    return 1e3 * largest_principal(strain, a);
+                  })});
   const View view = view_of(correlation);
   const int width = view.width + k_bar, height = view.height + k_title;
   Canvas canvas(2 * width + 3 * k_gap, 2 * height + 3 * k_gap);
   for (int m = 0; m < 4; ++m) {
     set_range(maps[static_cast<std::size_t>(m)]);
-    draw_map(canvas, k_gap + m % 2 * (width + k_gap), k_gap + m / 2 * (height + k_gap), view, correlation, valid,
-             maps[static_cast<std::size_t>(m)]);
+    draw_map(canvas, k_gap + m % 2 * (width + k_gap), k_gap + m / 2 * (height + k_gap), view, correlation,
+             valid, maps[static_cast<std::size_t>(m)]);
   }
   canvas.write(path + ".png");
 }

@@ -8,9 +8,9 @@
 
 namespace knothe::report {
 
-/// Writes PATH.png: four maps over the reference picture: displacement to the right, displacement down (px, or with
-/// a frame the model's components in µm), residual (grey levels), and largest principal strain. Elements taken out show
-/// the bare picture inside a red line. Errors: IoError.
+/// Writes PATH.png: four maps over the reference picture: displacement to the right, displacement down (px,
+/// or with a frame the model's components in µm), residual (grey levels), and largest principal strain.
+/// Elements taken out show the bare picture inside a red line. Errors: IoError.
 void write_displacement_maps(const std::string& path, const imaging::PictureSeries& series,
                              const imaging::PictureResult& result,
                              const std::optional<imaging::PictureFrame>& frame);

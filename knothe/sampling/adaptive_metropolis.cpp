@@ -221,10 +221,15 @@ MetropolisResult adaptive_metropolis(LogDensity& target, const MetropolisOptions
   require(options);
   const Eigen::Index chain_count = options.chains, kept = (options.samples + chain_count - 1) / chain_count;
   const Eigen::Index warm_up = options.warm_up > 0 ? options.warm_up : std::max<Eigen::Index>(kept, 1000);
+  // Nobody knows whether the chains will have to go on: while they may, the share goes half of the way that
+  // is left.
+  Eigen::Index stage_begin = 0, planned = warm_up + kept;
+  double share_before = 0, share_after = options.most_thinning > 1 ? 0.5 : 1;
   const auto report = [&](Eigen::Index done) {
-    if (options.progress &&
-        !options.progress(static_cast<double>(done) / static_cast<double>(warm_up + kept)))
-      throw Interrupted(fmt::format("mcmc: interrupted after {} of {} steps", done, warm_up + kept));
+    const double of_stage =
+        static_cast<double>(done - stage_begin) / static_cast<double>(planned - stage_begin);
+    if (options.progress && !options.progress(share_before + of_stage * (share_after - share_before)))
+      throw Interrupted(fmt::format("mcmc: interrupted after {} of {} steps", done, planned));
   };
   report(0);
   Chains chains(target, options);
@@ -242,17 +247,35 @@ MetropolisResult adaptive_metropolis(LogDensity& target, const MetropolisOptions
   MetropolisResult result;
   result.chains = options.chains;
   result.sample.points.resize(chain_count * kept, target.dimension());
-  for (Eigen::Index t = 0; t < kept; ++t) {
-    chains.advance(false);
-    for (Eigen::Index c = 0; c < chain_count; ++c)
-      result.sample.points.row(c * kept + t) = chains.position().row(c);
-    result.acceptance += chains.last_acceptance() / static_cast<double>(kept);
-    report(warm_up + t + 1);
-  }
   result.sample.weights =
       Eigen::VectorXd::Constant(chain_count * kept, 1.0 / static_cast<double>(chain_count * kept));
+  Eigen::Index steps = 0, draws = 0;
+  for (;;) {
+    for (; draws < kept; ++draws) {
+      for (int step = 0; step < result.thinning; ++step) {
+        chains.advance(false);
+        result.acceptance += chains.last_acceptance();
+        report(warm_up + ++steps);
+      }
+      for (Eigen::Index c = 0; c < chain_count; ++c)
+        result.sample.points.row(c * kept + draws) = chains.position().row(c);
+    }
+    fill_statistics(result);
+    if (result.converged || 2 * result.thinning > options.most_thinning) break;
+    // Twice the length with the same number of draws: every second one stays.
+    draws = kept / 2;
+    for (Eigen::Index c = 0; c < chain_count; ++c)
+      for (Eigen::Index t = 0; t < draws; ++t)
+        result.sample.points.row(c * kept + t) = result.sample.points.row(c * kept + 2 * t + 1).eval();
+    result.thinning *= 2;
+    stage_begin = warm_up + steps;
+    planned = stage_begin + (kept - draws) * result.thinning;
+    share_before = share_after;
+    share_after = 2 * result.thinning > options.most_thinning ? 1 : 0.5 * (1 + share_before);
+  }
+  if (share_after < 1 && options.progress) (void)options.progress(1);
+  result.acceptance /= static_cast<double>(steps);
   result.sample.density_evaluations = chains.evaluations();
-  fill_statistics(result);
   return result;
 }
 

@@ -12,6 +12,8 @@ struct MetropolisOptions {
   int chains = 4;
   Eigen::Index samples = 10000;  ///< kept, all chains together
   Eigen::Index warm_up = 0;      ///< per chain, adapting; 0: as many as are kept per chain, at least 1000
+  /// Chains that have not converged go on, with every 2nd, 4th … draw kept, up to this (a power of 2).
+  int most_thinning = 16;
   std::uint64_t seed = 1;
   /// Called now and then with the share done in [0, 1]; false interrupts (Interrupted is thrown).
   std::function<bool(double)> progress = {};
@@ -21,6 +23,7 @@ struct MetropolisResult {
   WeightedSample sample;            ///< equal weights, chain after chain
   Eigen::VectorXd r_hat;            ///< d, split, rank-normalised
   Eigen::VectorXd effective_sizes;  ///< d
+  int thinning = 1;                 ///< steps from one kept draw to the next
   double acceptance = 0;            ///< after warm-up
   bool converged = false;           ///< all r_hat ≤ 1.01 and effective sizes ≥ 400
   int chains = 0;                   ///< the sample holds n/chains successive draws of each

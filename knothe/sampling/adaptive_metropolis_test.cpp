@@ -72,6 +72,23 @@ TEST(AdaptiveMetropolis, ChainsInTwoModesDisagree) {
   EXPECT_LT(result.sample.effective_size, 50);
 }
 
+TEST(AdaptiveMetropolis, ChainsThatHaveNotConvergedGoOn) {
+  const targets::Ridge ridge{2, 1.05, 0.02, 1.2, 0.2};
+  const targets::Reference reference = targets::dense_quadrature(ridge, {0.5});
+  Planar target(ridge, 0);
+  const MetropolisResult brief =
+      adaptive_metropolis(target, {.samples = 4000, .most_thinning = 1, .seed = 5});
+  EXPECT_FALSE(brief.converged);
+  EXPECT_EQ(brief.thinning, 1);
+  const MetropolisResult result =
+      adaptive_metropolis(target, {.samples = 4000, .most_thinning = 512, .seed = 5});
+  EXPECT_TRUE(result.converged);
+  EXPECT_GT(result.thinning, 1);
+  EXPECT_EQ(result.sample.points.rows(), 4000);
+  EXPECT_GE(result.sample.density_evaluations, 4000 * result.thinning);
+  expect_moments(result, reference.mean, reference.standard_deviation, 6);
+}
+
 TEST(AdaptiveMetropolis, TheSameSeedGivesTheSameChains) {
   Planar target(targets::banana());
   const auto run = [&](std::uint64_t seed) {
@@ -92,7 +109,8 @@ TEST(AdaptiveMetropolis, ChainsAdvanceInOneBatch) {
       Gaussian::evaluate(z, order, out);
     }
   } target(Eigen::Vector2d(0, 0), Eigen::Matrix2d::Identity());
-  const auto result = adaptive_metropolis(target, {.chains = 8, .samples = 800, .warm_up = 100, .seed = 1});
+  const auto result = adaptive_metropolis(
+      target, {.chains = 8, .samples = 800, .warm_up = 100, .most_thinning = 1, .seed = 1});
   EXPECT_LT(target.calls, 200 + 60);
   EXPECT_GE(result.sample.density_evaluations, 8 * 200);
 }
@@ -122,7 +140,7 @@ TEST(AdaptiveMetropolis, ProgressAndInterruption) {
   EXPECT_DOUBLE_EQ(last, 1);
   try {
     (void)adaptive_metropolis(
-        target, {.samples = 400, .warm_up = 100, .progress = [](double share) { return share < 0.5; }});
+        target, {.samples = 400, .warm_up = 100, .progress = [](double share) { return share < 0.25; }});
     FAIL();
   } catch (const Interrupted& error) {
     EXPECT_EQ(std::string(error.what()), "mcmc: interrupted after 100 of 200 steps");
