@@ -1,6 +1,6 @@
 # make demo   installs what is needed, builds, and runs the main job
 # make test   the same, and passes the tests; the last line is `N passed, N failed`
-.PHONY: demo test test-all bench build dependencies format tidy install clean
+.PHONY: demo test test-all bench build dependencies dashboard dashboard-test format tidy install clean
 
 JOBS ?= $(shell nproc)
 
@@ -19,6 +19,13 @@ build: dependencies
 
 bench: build
 	bench/run.sh
+
+# The page of `knothe serve` from its sources; only those who change it need this.
+dashboard: dependencies
+	cd dashboard && npm ci --no-audit --no-fund && npm run build
+
+dashboard-test: dependencies
+	cd dashboard && npm ci --no-audit --no-fund && npm test
 
 dependencies:
 	@scripts/install-dependencies.sh

@@ -3,6 +3,8 @@
 set -euo pipefail
 cd "$(dirname "$0")"
 mapfile -t wanted < <(grep -v '^#' packages.txt)
+# Node only tests and bundles the page; where it comes from NodeSource, Debian's npm would be in conflict with it.
+command -v npm >/dev/null || wanted+=(nodejs npm)
 missing=()
 for package in "${wanted[@]}"; do
   [ "$(dpkg-query -W -f '${db:Status-Status}' "$package" 2>/dev/null)" = installed ] || missing+=("$package")

@@ -1,4 +1,4 @@
-// A stand-in for `knothe serve`, for working on the page and for its tests: the routes of docs/service.md that the page reads, answered from
+// A stand-in for `knothe serve`, for working on the page and for its tests: the routes of docs/dashboard.md, answered from
 // recording.json.gz (made by record.py from real runs). State lives in a Recording, so a test can stop a server and start another that goes on.
 //
 //   node mock/server.mjs [--port 8080] [--rate 10] [--start 0] [--token SECRET] [--page dist/index.html]
@@ -11,6 +11,7 @@ import { gunzipSync } from "node:zlib";
 const here = dirname(fileURLToPath(import.meta.url));
 const sites = ["beam"];
 const budget = 10000;
+const noise = 1e-6;
 
 export class Recording {
   constructor() {
@@ -58,55 +59,57 @@ export class Recording {
     return a.map((row, i) => row.map((v, k) => Number((v + weight * (b[i][k] - v)).toPrecision(6))));
   }
 
-  model() {
-    const noise = 1e-6;
-    return {
-      site: "beam",
-      parameters: this.parameters.map(({ quantiles, ...p }) => ({ ...p, levels: quantiles.levels, values: quantiles.values })),
-      time: Array.from({ length: this.steps }, (_, i) => (i + 1) / 100),
-      quantities: this.forecasts,
-      sensors: { points: this.sensors.map((s) => [s.x, s.y, s.z]), components: this.sensors.map((s) => "xyz"[s.component]), std: this.sensors.map(() => noise) },
-      mesh: { type: "VTK_HEXAHEDRON", points: this.mesh.points, cells: this.mesh.cells[0].connectivity },
-      method: { kind: "transport", form: "collapsed", tolerance: 1e-3, bias_correction: "off" },
-      model_sha256: "m", configuration_sha256: "c",
-    };
+  description() {
+    return { run: "recording", version: this.version, site: "beam", sites, project: "quick.toml", model: "beam.h5", steps: this.steps, time: { label: "model time", units: "" },
+      budget_us: budget, parameters: this.parameters, forecasts: this.forecasts, fields: ["displacement", "sensitivity", "residual"] };
   }
 
-  fieldsAt(step) {
+  meshAnswer() {
+    return { ...this.mesh, sensors: this.sensors.map((s) => ({ ...s, std: noise })) };
+  }
+
+  fieldAt(step, name, parameter) {
     const index = this.lines.findIndex((line) => line.step === step);
     if (index < 0) return undefined;
     const line = this.lines[index];
-    const sensitivity = {};
-    this.parameters.forEach((p, k) => {
-      const std = Math.sqrt(line.covariance[k][k]);
-      sensitivity[p.name] = this.field(index, `sensitivity:${p.name}`).map((row) => row.map((v) => Number((v * std).toPrecision(6))));
-    });
-    return { step, time: line.time, parameters: line.mean, units: "m", displacement: this.field(index, "displacement"), sensitivity };
+    const answer = { name, step, time: line.time, units: "m" };
+    if (name === "displacement") return { ...answer, location: "nodes", values: this.field(index, name) };
+    if (name === "residual") {
+      const all = this.residual[index];
+      return { ...answer, location: "sensors", values: all.map((r) => (r ?? 0) * noise), missing: all.flatMap((r, k) => (r === null ? [k] : [])) };
+    }
+    const k = this.parameters.findIndex((p) => p.name === parameter);
+    if (name !== "sensitivity" || k < 0) return undefined;
+    const std = Math.sqrt(line.covariance[k][k]);
+    return { ...answer, parameter, location: "nodes", values: this.field(index, `sensitivity:${parameter}`).map((row) => row.map((v) => Number((v * std).toPrecision(6)))) };
   }
 
-  sensorsAt(step) {
+  observationsAt(step) {
     const i = this.lines.findIndex((line) => line.step === step);
     if (i < 0) return undefined;
-    const line = this.lines[i];
-    const all = this.residual[i];
-    const u = this.field(i, "displacement");
-    const status = all.map((r) => (r === null ? "missing" : "used"));
-    for (let n = 0, k = 11; n < line.rejected; k += 17) if (status[k % all.length] === "used") [status[k % all.length], n] = ["rejected", n + 1];
-    const index = status.flatMap((s, k) => (s === "used" ? [k] : []));
-    const predicted = index.map((k) => u[this.nodeOf(k)][this.sensors[k].component]);
-    return { step, time: line.time, status, index, predicted, measured: index.map((k, n) => predicted[n] + all[k] * 1e-6), normalised: index.map((k) => all[k]) };
+    const status = this.residual[i].map((r) => (r === null ? "missing" : "used"));
+    const reason = Object.fromEntries(status.flatMap((s, k) => (s === "missing" ? [[k, "not measured"]] : [])));
+    for (let n = 0, k = 11; n < this.lines[i].rejected; k += 17) {
+      if (status[k % status.length] !== "used") continue;
+      [status[k % status.length], reason[k % status.length], n] = ["rejected", "does not fit the others", n + 1];
+    }
+    return { step, time: this.lines[i].time, status, reason };
   }
+}
 
-  nodeOf(sensor) {
-    this.nodes ??= this.sensors.map((s) => this.mesh.points.findIndex((p) => Math.hypot(p[0] - s.x, p[1] - s.y, p[2] - s.z) < 1e-6));
-    return this.nodes[sensor];
-  }
+/** Wilson and Hilferty's approximation, good enough to look at. */
+function chiSquaredTail(statistic, degrees) {
+  const z = ((statistic / degrees) ** (1 / 3) - (1 - 2 / (9 * degrees))) / Math.sqrt(2 / (9 * degrees));
+  const t = 1 / (1 + 0.2316419 * Math.abs(z));
+  const tail = (Math.exp((-z * z) / 2) / Math.sqrt(2 * Math.PI)) * t * (0.31938153 + t * (-0.356563782 + t * (1.781477937 + t * (-1.821255978 + t * 1.330274429))));
+  return z > 0 ? tail : 1 - tail;
 }
 
 export class MockService {
   /** `rate` steps per second; 0: `advance` is called by hand. */
-  constructor(recording, { rate = 10, start = 0, token, page = join(here, "../dist/index.html"), period = 2 } = {}) {
-    Object.assign(this, { recording, rate, token, page, period, count: start, readers: new Set(), requests: [], state: undefined, lastAt: Date.now() });
+  constructor(recording, { rate = 10, start = 0, token, page = join(here, "../dist/index.html"), period = 2, answer } = {}) {
+    if (answer) this.answer = answer;
+    Object.assign(this, { recording, rate, token, page, period, count: start, readers: new Set(), requests: [], state: undefined, alarms: [], lastAt: Date.now() });
   }
 
   async listen(port = 0) {
@@ -141,9 +144,14 @@ export class MockService {
     for (const reader of this.readers) reader.write(this.event(this.count, line) + this.statusEvent());
   }
 
-  say(state, cause) {
-    this.state = { state, cause };
+  say(state, reason) {
+    this.state = { state, reason };
     for (const reader of this.readers) reader.write(this.statusEvent());
+  }
+
+  raise(alarm) {
+    this.alarms.push({ id: this.alarms.length, ...alarm });
+    for (const reader of this.readers) reader.write(`event: alarm\ndata: ${JSON.stringify(this.alarms.at(-1))}\n\n`);
   }
 
   /** Ids need only increase. */
@@ -157,12 +165,12 @@ export class MockService {
 
   status() {
     const line = this.known.at(-1);
-    const shown = { site: "beam", period_s: this.rate > 0 ? 1 / this.rate : this.period, budget_us: budget, pending: 0, behind: 0, accepted: this.count, deadline_misses: 0, read_only: false, version: "0.1.0" };
-    if (!line) return { ...shown, state: "WAITING", cause: "" };
+    const shown = { site: "beam", period_s: this.rate > 0 ? 1 / this.rate : this.period, budget_us: budget, pending: 0, behind: 0, accepted: this.count, deadline_misses: this.known.filter((l) => l.elapsed_us.total > budget).length, read_only: false, version: "0.1.0" };
+    if (!line) return { ...shown, state: "STALE", reason: "no datum yet" };
     const residuals = this.recording.residual[this.count - 1].filter((r) => r !== null);
-    const alarm = { statistic: residuals.reduce((sum, r) => sum + r * r, 0), values: residuals.length, probability: 0.43 };
-    return { ...shown, state: this.state?.state ?? "OK", cause: this.state?.cause ?? "", step: line.step, time: line.time, age_s: (Date.now() - this.lastAt) / 1000,
-      ...(residuals.length ? { alarm } : {}) };
+    const statistic = residuals.reduce((sum, r) => sum + r * r, 0);
+    return { ...shown, state: this.state?.state ?? "OK", reason: this.state?.reason ?? "", step: line.step, time: line.time, data_age_s: (Date.now() - this.lastAt) / 1000,
+      ...(residuals.length ? { misfit: { statistic, values: residuals.length, probability: chiSquaredTail(statistic, residuals.length) } } : {}) };
   }
 
   answer(request, response) {
@@ -178,15 +186,17 @@ export class MockService {
     const known = this.known.some((line) => line.step === step);
     switch (url.pathname) {
       case "/v1/sites": return json({ sites });
-      case "/v1/model": return json(this.recording.model());
+      case "/v1/description": return json({ ...this.recording.description(), period_s: this.status().period_s });
+      case "/v1/mesh": return json(this.recording.meshAnswer());
       case "/v1/status": return json(this.status());
+      case "/v1/alarms": return json({ alarms: this.alarms });
       case "/v1/state": return json(this.known.at(-1), "no datum yet");
       case "/v1/states": return json(this.known.filter((line) => line.step >= from));
-      case "/v1/fields": return json(known ? this.recording.fieldsAt(step) : undefined, `step ${step} is not there`);
-      case "/v1/sensors": return json(known ? this.recording.sensorsAt(step) : undefined, `step ${step} is not there`);
+      case "/v1/field": return json(known ? this.recording.fieldAt(step, url.searchParams.get("name"), url.searchParams.get("parameter")) : undefined, "no such field or step");
+      case "/v1/observations": return json(known ? this.recording.observationsAt(step) : undefined, `step ${step} is not there`);
       case "/v1/samples": {
         const index = this.known.findIndex((line) => line.step === step);
-        return json(index < 0 ? undefined : { step, parameters: this.recording.parameters.map((p) => p.name), points: this.recording.samples[index] }, `step ${step} is not there`);
+        return json(index < 0 ? undefined : { step, parameters: this.recording.parameters.map((p) => p.name), samples: this.recording.samples[index] }, `step ${step} is not there`);
       }
       case "/v1/events": return this.stream(request, response, url);
       default: return fail(404, "NoRoute", `${url.pathname} is not here`);

@@ -1,6 +1,7 @@
 /** Talking to the service: requests with the token, and the stream of events, taken up again where it broke. */
-import { asModel, asStatus, asStepLine, EventParser, parseStates, tryJson } from "./parse";
-import type { FieldsAnswer, Model, SamplesAnswer, SensorsAnswer, Status, StepLine } from "./types";
+import { asStepLine, EventParser, isObject, parseStates, tryJson } from "./parse";
+import type { Event, FieldsAnswer, Model, SamplesAnswer, SensorsAnswer, Status, StepLine } from "./types";
+import { asAlarm, asFields, asMesh, asModel, asSamples, asSensors, asStatus } from "./wire";
 
 export class HttpError extends Error {
   constructor(
@@ -70,32 +71,43 @@ export class Api {
   }
 
   async model(): Promise<Model | undefined> {
-    return asModel(await this.json("v1/model"));
+    return asModel(await this.json("v1/description"));
+  }
+
+  async mesh(): Promise<Pick<Model, "mesh" | "sensors">> {
+    return asMesh(await this.json("v1/mesh"));
   }
 
   async status(): Promise<Status | undefined> {
     return asStatus(await this.json("v1/status"));
   }
 
-  async sites(): Promise<string[]> {
-    const answer = (await this.json("v1/sites")) as { sites?: unknown };
-    return Array.isArray(answer.sites) ? answer.sites.map(String) : [];
+  async alarms(): Promise<Event[]> {
+    const answer = await this.json("v1/alarms");
+    const list = isObject(answer) && Array.isArray(answer.alarms) ? answer.alarms : [];
+    return list.map(asAlarm).filter((alarm): alarm is Event => alarm !== undefined);
   }
 
   async states(from: number): Promise<StepLine[]> {
     return parseStates(await this.text("v1/states", { from }));
   }
 
-  fields(step: number): Promise<FieldsAnswer> {
-    return this.json("v1/fields", { step }) as Promise<FieldsAnswer>;
+  /** The displacement, and the field that is looked at. */
+  async fields(step: number, wanted: string): Promise<FieldsAnswer> {
+    const [name = "", parameter] = wanted.split(":");
+    const other = parameter !== undefined || name === "bias" ? this.json("v1/field", { name, step, ...(parameter === undefined ? {} : { parameter }) }) : undefined;
+    const [displacement, more] = await Promise.all([this.json("v1/field", { name: "displacement", step }), name === "bias" ? absentIs404(other!) : other]);
+    return asFields(displacement, wanted, more);
   }
 
-  sensors(step: number): Promise<SensorsAnswer> {
-    return this.json("v1/sensors", { step }) as Promise<SensorsAnswer>;
+  async sensors(step: number, wanted: string): Promise<SensorsAnswer> {
+    const field = (name: string): Promise<unknown> => absentIs404(this.json("v1/field", { name, step }));
+    const [observations, residual, bias] = await Promise.all([this.json("v1/observations", { step }), field("residual"), wanted === "bias" ? field("bias") : undefined]);
+    return asSensors(observations, residual, bias);
   }
 
-  samples(step: number): Promise<SamplesAnswer> {
-    return this.json("v1/samples", { step }) as Promise<SamplesAnswer>;
+  async samples(step: number): Promise<SamplesAnswer> {
+    return asSamples(await this.json("v1/samples", { step }));
   }
 
   /** One connection, until it ends; the id of the last event is kept in `cursor`. Without one, lines of steps from `cursor.from` are asked for. */
@@ -121,10 +133,12 @@ export class Api {
         for (const event of parser.push(value)) {
           if (event.id !== undefined) cursor.id = event.id;
           const content = tryJson(event.data);
-          const line = event.event === "status" ? undefined : asStepLine(content);
+          const line = event.event === "step" || event.event === "message" ? asStepLine(content) : undefined;
           if (line) listener.line(line);
           const status = event.event === "status" ? asStatus(content) : undefined;
           if (status) listener.status(status);
+          const alarm = event.event === "alarm" ? asAlarm(content) : undefined;
+          if (alarm) listener.alarm(alarm);
         }
       }
     } finally {
@@ -169,5 +183,16 @@ export interface EventListener {
   opened(): void;
   line(line: StepLine): void;
   status(status: Status): void;
+  alarm(alarm: Event): void;
   lost(error: HttpError | undefined): void;
+}
+
+/** What a service does not have is no error. */
+export async function absentIs404<T>(answer: Promise<T>): Promise<T | undefined> {
+  try {
+    return await answer;
+  } catch (error) {
+    if (error instanceof HttpError && error.status === 404) return undefined;
+    throw error;
+  }
 }

@@ -3,7 +3,7 @@ import { useCallback, useEffect, useMemo, useState } from "preact/hooks";
 import { BannerView } from "./banner";
 import { theme as themeOf } from "./colour";
 import { stepsTable } from "./csv";
-import { eventsOf } from "./events";
+import { eventsOf, merged } from "./events";
 import { EventsPanel } from "./events_panel";
 import { quantitiesOf } from "./field";
 import { FieldPanel } from "./field_panel";
@@ -29,7 +29,6 @@ export function App({ store }: { store: Store }) {
   const [help, setHelp] = useState(false);
   const [playing, setPlaying] = useState(false);
   const [quantity, setQuantity] = useState(0);
-  const [field, setField] = useState("displacement");
 
   useEffect(() => store.subscribe(() => (setNow(performance.now()), redraw((n) => n + 1))), [store]);
   useEffect(() => {
@@ -49,16 +48,22 @@ export function App({ store }: { store: Store }) {
   const { history, model, status } = store;
   const line = store.line;
   const lines = history.lines;
+  const budget = status?.budget_us ?? model?.budget_us;
   const version = history.version;
   const quantities = quantitiesIn(model, line);
   const names = parameterNames(model, line);
-  const events = useMemo(() => eventsOf(lines, { quantities: model?.quantities ?? [], budget_us: status?.budget_us }), [version, model, status?.budget_us]);
+  // The pair plot is of one step: that of its draws, which may come a moment after the line.
+  const pairLine = history.find(store.detail.samples.value?.step ?? -1) ?? line;
+  const events = useMemo(() => {
+    const found = eventsOf(lines, { quantities: model?.quantities ?? [], budget_us: budget });
+    return merged([...store.stateEvents, ...store.alarms], found);
+  }, [version, model, budget, store.stateEvents, store.alarms]);
   const fields = quantitiesOf(names);
 
   const key = useCallback((event: KeyboardEvent) => {
     const target = event.target as HTMLElement;
     if (event.ctrlKey || event.metaKey || event.altKey || /^(INPUT|SELECT|TEXTAREA)$/.test(target.tagName) && target.getAttribute("type") !== "checkbox") return;
-    if (target.closest("dialog")) return;
+    if (target.closest("dialog[open]")) return;
     const pace = event.shiftKey ? 10 : 1;
     const actions: Record<string, () => void> = {
       ArrowLeft: () => store.move(-pace),
@@ -67,7 +72,7 @@ export function App({ store }: { store: Store }) {
       End: () => store.choose(undefined),
       l: () => store.choose(undefined),
       " ": () => setPlaying((p) => !p),
-      f: () => setField((f) => fields[(fields.findIndex((x) => x.value === f) + 1) % fields.length]!.value),
+      f: () => store.want(fields[(fields.findIndex((x) => x.value === store.wanted) + 1) % fields.length]!.value),
       q: () => setQuantity((k) => (k + 1) % Math.max(1, quantities.length)),
       t: nextTheme,
       "?": () => setHelp(true),
@@ -98,9 +103,9 @@ export function App({ store }: { store: Store }) {
     <>
       <header class="top">
         <h1>knothe{model?.site ? <small> {model.site}</small> : ""}</h1>
-        {store.sites.length > 1 && (
+        {(model?.sites?.length ?? 0) > 1 && (
           <select aria-label="Structure" value={model?.site ?? ""} onChange={(e) => store.useSite(e.currentTarget.value)}>
-            {store.sites.map((s) => <option key={s} value={s}>{s}</option>)}
+            {model!.sites!.map((s) => <option key={s} value={s}>{s}</option>)}
           </select>
         )}
         <span class="link" id="contact">{store.connected ? "connected" : "no contact"}</span>
@@ -111,21 +116,21 @@ export function App({ store }: { store: Store }) {
         </span>
       </header>
       <main>
-        <BannerView banner={state} latest={history.latest} steps={model?.time?.length} />
+        <BannerView banner={state} latest={history.latest} steps={model?.steps} />
         {store.problem && !store.connected && <p class="problem">The service says: {store.problem}</p>}
         <Scrub lines={lines} version={version} chosen={store.chosen} line={line} events={events} theme={theme} choose={(step) => store.choose(step)} playing={playing} setPlaying={setPlaying} />
         <Summary model={model} line={line} theme={theme} />
         <div class="panels">
           <ForecastPanel {...plots} quantity={quantity} setQuantity={setQuantity} />
           <ParametersPanel {...plots} />
-          <FieldPanel model={model} fields={store.detail.fields} sensors={store.detail.sensors} theme={theme} quantity={field} setQuantity={setField} />
-          <PairPanel model={model} line={line} lines={lines} names={names} samples={store.detail.samples} theme={theme} />
+          <FieldPanel model={model} fields={store.detail.fields} sensors={store.detail.sensors} theme={theme} quantity={store.wanted} setQuantity={(name) => store.want(name)} />
+          <PairPanel model={model} line={pairLine} lines={lines} names={names} samples={store.detail.samples} theme={theme} />
           <EvidencePanel {...plots} />
           <TimingPanel {...plots} />
           <EventsPanel events={events} chosen={store.chosen} choose={(step) => store.choose(step)} />
         </div>
       </main>
-      <Help open={help} close={() => setHelp(false)} version={status?.version} />
+      <Help open={help} close={() => setHelp(false)} version={model?.version ?? status?.version} />
       <TokenDialog needed={store.needsToken} use={(token) => store.useToken(token)} />
     </>
   );

@@ -49,6 +49,8 @@ export interface ChartSpec {
   vertical?: Mark[];
   gaps?: Gap[];
   height?: number;
+  /** The plot above has the same bands: its legend says what they are. */
+  brief?: boolean;
   /** What else the legend says. */
   legend?: LegendEntry[];
 }
@@ -61,15 +63,16 @@ export interface LegendEntry {
   value?: string;
 }
 
-export function legendOf(spec: ChartSpec, index: number | undefined): LegendEntry[] {
+export function legendOf(spec: ChartSpec, index: number | undefined, theme: Theme): LegendEntry[] {
   const own = spec.series.flatMap((s): LegendEntry[] => {
-    if (s.hidden) return [];
+    if (s.hidden || (spec.brief && s.bandTo !== undefined)) return [];
     const value = index === undefined ? null : (s.said ?? s.values)[index];
     const text = value === null || value === undefined ? "–" : (s.format ?? significant)(value);
     const look = s.bandTo !== undefined ? "band" : s.bars ? "bar" : s.dash ? "dash" : "line";
     return [{ label: s.label, colour: s.colour, look, ...(s.opacity === undefined ? {} : { opacity: s.opacity }), ...(look === "band" ? {} : { value: text }) }];
   });
-  return [...own, ...(spec.legend ?? [])];
+  const gaps: LegendEntry[] = spec.gaps?.length ? [{ label: "no data", colour: theme.gap, look: "bar" }] : [];
+  return [...own, ...(spec.legend ?? []), ...gaps];
 }
 
 export function Legend({ entries, theme }: { entries: LegendEntry[]; theme: Theme }) {
@@ -131,9 +134,9 @@ export function Chart({ spec, theme, selected, onSelect, handle }: Props) {
   useEffect(() => plot.current?.redraw(false, false), [selected]);
 
   const index = hovered ?? nearestIndex(spec.times, selected);
-  const legend = legendOf(spec, index);
+  const legend = legendOf(spec, index, theme);
   useEffect(() =>
-    handle?.({ png: (title) => composePng({ title, legend: legendOf(live.current.spec, nearestIndex(live.current.spec.times, live.current.selected)), picture: plot.current!.ctx.canvas, theme, ratio: devicePixelRatio }) }),
+    handle?.({ png: (title) => composePng({ title, legend: legendOf(live.current.spec, nearestIndex(live.current.spec.times, live.current.selected), theme), picture: plot.current!.ctx.canvas, theme, ratio: devicePixelRatio }) }),
   );
   return (
     <div class="chart">

@@ -21,13 +21,13 @@ export interface Theme {
 }
 
 const light: Theme = {
-  dark: false, text: "#1b2430", faint: "#5b6776", grid: "#e3e7ec", panel: "#ffffff", gap: "#eceff3",
+  dark: false, text: "#1b2430", faint: "#5b6776", grid: "#e3e7ec", panel: "#ffffff", gap: "#e3e8ee",
   blue: "#0072b2", orange: "#b35c00", green: "#00805d", red: "#c04a00", purple: "#9b3f77", threshold: "#1b2430", prior: "#7b8794",
   series: ["#0072b2", "#b35c00", "#00805d", "#9b3f77", "#6b7685", "#8a6d00", "#1f8ab5"],
   mesh: [0.82, 0.85, 0.88], edge: [0.25, 0.3, 0.36],
 };
 const dark: Theme = {
-  dark: true, text: "#e6ebf1", faint: "#9aa7b6", grid: "#2b3541", panel: "#18202a", gap: "#232d38",
+  dark: true, text: "#e6ebf1", faint: "#9aa7b6", grid: "#2b3541", panel: "#18202a", gap: "#27323e",
   blue: "#56b4e9", orange: "#e69f00", green: "#2fc79a", red: "#f0814a", purple: "#dd8fb9", threshold: "#ffffff", prior: "#8b98a7",
   series: ["#56b4e9", "#e69f00", "#2fc79a", "#dd8fb9", "#9aa7b6", "#f0e442", "#8fd3ff"],
   mesh: [0.34, 0.39, 0.45], edge: [0.06, 0.08, 0.1],
@@ -44,7 +44,6 @@ export const stateLook: Record<StateWord, { colour: string; ink: string; sign: s
   STALE: { colour: "#5d6a79", ink: "#ffffff", sign: "◷" },
   BIASED: { colour: "#9b3f77", ink: "#ffffff", sign: "◆" },
   DIVERGED: { colour: "#b83a00", ink: "#ffffff", sign: "✕" },
-  WAITING: { colour: "#5d6a79", ink: "#ffffff", sign: "…" },
 };
 
 export const severitySign: Record<Severity, string> = { info: "ℹ", warning: "▲", alarm: "✕" };

@@ -52,11 +52,10 @@ export function fieldTable(name: string, values: readonly number[][], mesh: Mesh
 
 /** One row per sensor; what is missing is empty. */
 export function sensorsTable(answer: SensorsAnswer, sensors: Sensors): string {
-  const place = new Map(answer.index.map((sensor, k) => [sensor, k]));
   const rows = answer.status.map((status, i): Cell[] => {
-    const k = place.get(i);
-    const of = (values: readonly number[]): Cell => (k === undefined ? undefined : values[k]);
-    return [i, ...(sensors.points[i] ?? []), sensors.components[i], sensors.std[i], status, of(answer.measured), of(answer.predicted), of(answer.normalised)];
+    const residual = answer.residual?.[i];
+    const std = sensors.std[i] ?? NaN;
+    return [i, ...(sensors.points[i] ?? []), sensors.components[i], std, status, residual, residual === undefined ? undefined : residual / std, answer.bias?.[i]];
   });
-  return csv(["sensor", "x", "y", "z", "component", "noise_std", "status", "measured", "predicted", "normalised"], rows);
+  return csv(["sensor", "x", "y", "z", "component", "noise_std", "status", "residual", "residual_in_std", "bias"], rows);
 }

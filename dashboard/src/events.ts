@@ -2,7 +2,7 @@
 import { given, microseconds, probability, scaleFor, significant, words } from "./format";
 import { medianPeriod } from "./history";
 import { whyNotTrusted } from "./state";
-import type { Event, QuantityDescription, Severity, StepLine } from "./types";
+import type { Event, QuantityDescription, Severity, StateWord, Status, StepLine } from "./types";
 
 /** A forecast is worth a line when its probability passes one of these, upward or downward. */
 export const probabilityLevels = [0.05, 0.5, 0.95];
@@ -10,6 +10,21 @@ export const probabilityLevels = [0.05, 0.5, 0.95];
 export interface EventContext {
   quantities: readonly QuantityDescription[];
   budget_us?: number | undefined;
+}
+
+/** What the service told and what the lines tell, newest first; what both tell about a step, once. */
+export function merged(told: readonly Event[], found: readonly Event[]): Event[] {
+  const known = new Set(told.map((e) => `${e.step} ${e.kind}`));
+  return [...told, ...found.filter((e) => !known.has(`${e.step} ${e.kind}`))].sort((a, b) => b.step - a.step);
+}
+
+const stateSeverity: Record<StateWord, Severity> = { OK: "info", STALE: "warning", DEGRADED: "warning", BIASED: "alarm", DIVERGED: "alarm" };
+
+/** A change of the service's state, which the lines do not tell: known only to a page that was there. */
+export function stateEvent(before: Status | undefined, now: Status): Event | undefined {
+  if (before ? before.state === now.state : now.state === "OK") return undefined;
+  const why = now.reason ? `: ${now.reason}` : "";
+  return { step: now.step ?? 0, severity: stateSeverity[now.state], kind: "state", message: `The service ${before ? "became" : "is"} ${now.state}${why}` };
 }
 
 /** Newest first. */
@@ -66,7 +81,7 @@ function deadline(line: StepLine, before: StepLine | undefined, budget: number |
     add("warning", "deadline", `Update took ${microseconds(line.elapsed_us.total ?? NaN)}, the budget is ${microseconds(budget ?? NaN)}`);
 }
 
-/** A level that was passed counts as passed back only this much further, so that a probability that hovers there is no alarm each step. */
+/** A level that was passed counts as left only this part of the way to the nearer end below it: a probability that hovers there is no alarm each step. */
 const hysteresis = 0.4;
 
 function thresholds(lines: readonly StepLine[], q: QuantityDescription, events: Event[]): void {
@@ -80,7 +95,7 @@ function thresholds(lines: readonly StepLine[], q: QuantityDescription, events: 
     for (const level of probabilityLevels) {
       const was = above.get(level);
       const slack = hysteresis * Math.min(level, 1 - level);
-      const is = was === undefined ? p > level : was ? p > level - slack : p > level + slack;
+      const is = p > (was ? level - slack : level);
       if (was !== undefined && is && !was) rose.push(level);
       if (was !== undefined && !is && was) fell.push(level);
       above.set(level, is);

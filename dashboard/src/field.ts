@@ -29,16 +29,20 @@ export function quantitiesOf(parameters: readonly string[]): { value: Quantity; 
   ];
 }
 
-export function viewOf(quantity: Quantity, component: Component, fields: FieldsAnswer | undefined, sensors: SensorsAnswer | undefined): View {
-  if (quantity === "residual") return atSensors(sensors, sensors?.normalised, "residual: measured − predicted", "standard deviations of the noise", 3);
+export function viewOf(quantity: Quantity, component: Component, fields: FieldsAnswer | undefined, sensors: SensorsAnswer | undefined, std: readonly number[]): View {
+  if (quantity === "residual") {
+    const known = std.length > 0 && std.every(Number.isFinite);
+    const values = known ? sensors?.residual?.map((r, i) => (r === undefined ? undefined : r / std[i]!)) : sensors?.residual;
+    return atSensors(values, "residual: measured − predicted", known ? "standard deviations of the noise" : "m", known ? 3 : 0);
+  }
   if (quantity === "bias") {
     if (fields?.bias) return atNodes(fields.bias, component, "model bias, corrected for", true);
-    if (sensors?.bias) return atSensors(sensors, sensors.bias, "model bias, corrected for", "m", 0);
+    if (sensors?.bias) return atSensors(sensors.bias, "model bias, corrected for", "m", 0);
     return { ...nothing, problem: "No correction of the model's bias in this step." };
   }
   const name = quantity.split(":")[1];
   const values = name === undefined ? fields?.displacement : fields?.sensitivity[name];
-  if (!values) return { ...nothing, ...(fields ? { problem: `The service sends no ${quantity.replace(":", " to ")}.` } : {}) };
+  if (!values) return { ...nothing, ...(fields && name === undefined ? { problem: "The service sends no displacement." } : {}) };
   const of = name === undefined ? "displacement" : `∂u/∂${name} · std(${name})`;
   return atNodes(values, component, of, component !== "magnitude");
 }
@@ -53,12 +57,10 @@ function atNodes(values: readonly number[][], component: Component, label: strin
   return { nodes, map: signed ? "signed" : "viridis", range, scale: scaleFor("m", range.high), label: of };
 }
 
-function atSensors(answer: SensorsAnswer | undefined, values: readonly number[] | undefined, label: string, units: string, least: number): View {
-  if (!answer || !values) return nothing;
-  const sensors: (number | undefined)[] = answer.status.map(() => undefined);
-  answer.index.forEach((sensor, k) => (sensors[sensor] = values[k]));
-  const largest = roundUp(Math.max(least, ...values.map(Math.abs)));
-  return { sensors, map: "signed", range: { low: -largest, high: largest }, scale: scaleFor(units, largest), label };
+function atSensors(values: readonly (number | undefined)[] | undefined, label: string, units: string, least: number): View {
+  if (!values) return nothing;
+  const largest = roundUp(Math.max(least, ...values.map((v) => Math.abs(v ?? 0))));
+  return { sensors: [...values], map: "signed", range: { low: -largest, high: largest }, scale: scaleFor(units, largest), label };
 }
 
 function rounded({ low, high }: Range): Range {

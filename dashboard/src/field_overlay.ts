@@ -38,10 +38,13 @@ export function drawOverlay(canvas: HTMLCanvasElement, o: Overlay): void {
 }
 
 /** Triangles point along the component that a sensor measures; shapes, not only colours, tell used from rejected and missing. */
-function drawMarker(ctx: CanvasRenderingContext2D, m: Marker, { shown, theme }: Overlay): void {
+function drawMarker(ctx: CanvasRenderingContext2D, m: Marker, { shown, theme, viewport }: Overlay): void {
   const [dx, dy] = m.component === "x" ? [1, 0] : m.component === "y" ? [0, -1] : [0, 0];
   ctx.save();
-  ctx.translate(m.x + 5 * dx, m.y + 5 * dy);
+  // Smaller on a small screen, so that they do not hide the structure.
+  const scale = Math.min(1, Math.max(0.55, viewport.width / 650));
+  ctx.translate(m.x + 5 * scale * dx, m.y + 5 * scale * dy);
+  ctx.scale(scale, scale);
   const size = m.normal ? 4 : 5.5;
   ctx.lineWidth = 1.2;
   if (m.status === "rejected") {

@@ -5,7 +5,7 @@ import type { Theme } from "./colour";
 import { fieldTable, sensorsTable } from "./csv";
 import { quantitiesOf, viewOf } from "./field";
 import { drawOverlay, foot, type Marker } from "./field_overlay";
-import { significant } from "./format";
+import { scaleFor, significant } from "./format";
 import { boxOf, displayFactor, surfaceOf, type Component } from "./mesh";
 import { MeshView } from "./mesh_view";
 import { Panel } from "./panel";
@@ -38,7 +38,7 @@ export function FieldPanel({ model, fields, sensors, theme, quantity, setQuantit
 
   const surface = useMemo(() => mesh && surfaceOf(mesh), [mesh]);
   const box = useMemo(() => mesh && boxOf(mesh.points), [mesh]);
-  const shown = useMemo(() => viewOf(quantity, component, fields.value, sensors.value), [quantity, component, fields.value, sensors.value]);
+  const shown = useMemo(() => viewOf(quantity, component, fields.value, sensors.value, model?.sensors?.std ?? []), [quantity, component, fields.value, sensors.value, model]);
   const factor = deformed && fields.value && box ? displayFactor(fields.value.displacement, box) : 0;
   const nearest = useMemo(() => nearestPoints(model), [model]);
   const viewport: Viewport = { ...size, foot };
@@ -198,11 +198,13 @@ function under(at: readonly [number, number], u: Under): string {
   });
   const place = (p: readonly number[] | undefined): string => (p ?? []).map((x) => significant(x * 1000, 3)).join(", ");
   if (best >= 0 && u.sensors) {
-    const k = u.sensors.index.indexOf(best);
-    const head = `Sensor ${best} (u${u.markers[best]!.component} at ${place(u.model?.sensors?.points[best])} mm): ${u.sensors.status[best]}`;
-    if (k < 0) return head;
-    const micro = (v: number | undefined): string => significant((v ?? NaN) * 1e6, 4);
-    return `${head}; measured ${micro(u.sensors.measured[k])} µm, predicted ${micro(u.sensors.predicted[k])} µm, ${significant(u.sensors.normalised[k] ?? NaN, 2)} standard deviations apart`;
+    const residual = u.sensors.residual?.[best];
+    const std = u.model?.sensors?.std[best] ?? NaN;
+    const reason = u.sensors.reason[best];
+    const head = `Sensor ${best} (u${u.markers[best]!.component} at ${place(u.model?.sensors?.points[best])} mm): ${u.sensors.status[best]}${reason ? ` (${reason})` : ""}`;
+    if (residual === undefined) return head;
+    const scale = scaleFor("m", Math.abs(residual));
+    return `${head}; measured − predicted ${significant(residual * scale.factor)} ${scale.units}${Number.isFinite(std) ? `, ${significant(residual / std, 2)} standard deviations of the noise` : ""}`;
   }
   if (!u.shown.nodes || !u.nodes) return "";
   least = 14;

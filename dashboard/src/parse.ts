@@ -1,16 +1,20 @@
 /** Texts of the service to values. Pure. */
-import { stateWords, type Forecast, type Model, type Status, type StepLine } from "./types";
+import type { Forecast, StepLine } from "./types";
 
-function isObject(value: unknown): value is Record<string, unknown> {
+export function isObject(value: unknown): value is Record<string, unknown> {
   return typeof value === "object" && value !== null && !Array.isArray(value);
 }
 
-function isNumbers(value: unknown): value is number[] {
-  return Array.isArray(value) && value.every((v) => typeof v === "number" && Number.isFinite(v));
+export function isNumber(value: unknown): value is number {
+  return typeof value === "number" && Number.isFinite(value);
+}
+
+export function isNumbers(value: unknown): value is number[] {
+  return Array.isArray(value) && value.every(isNumber);
 }
 
 function number(value: unknown, otherwise: number): number {
-  return typeof value === "number" && Number.isFinite(value) ? value : otherwise;
+  return isNumber(value) ? value : otherwise;
 }
 
 /** A line of section 4, or nothing if it is not one. Densities are left out: the page does not show them, and days of steps must fit. */
@@ -62,20 +66,6 @@ export function tryJson(text: string): unknown {
   } catch {
     return undefined;
   }
-}
-
-export function asStatus(value: unknown): Status | undefined {
-  if (!isObject(value)) return undefined;
-  const state = stateWords.find((word) => word === value.state);
-  return state ? { ...(value as unknown as Status), state } : undefined;
-}
-
-/** Names of parameters are needed; the rest of `/v1/model` may be absent. */
-export function asModel(value: unknown): Model | undefined {
-  if (!isObject(value)) return undefined;
-  const parameters = Array.isArray(value.parameters) ? (value.parameters as Model["parameters"]) : [];
-  const quantities = Array.isArray(value.quantities) ? (value.quantities as Model["quantities"]) : [];
-  return { ...(value as unknown as Model), parameters, quantities };
 }
 
 export interface ServerEvent {

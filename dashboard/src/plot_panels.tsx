@@ -96,7 +96,7 @@ export function ForecastPanel(props: PlotProps & { quantity: number; setQuantity
 export function EvidencePanel(props: PlotProps) {
   const base = useBase(props);
   const specs = useMemo(() => [evidenceSpec(base), dataSpec(base)], [base]);
-  const alarm = props.status?.alarm;
+  const alarm = props.status?.misfit;
   const latest = alarm && `Last datum: χ² ${significant(alarm.statistic)} of ${alarm.values} residuals, by chance as large: ${probability(alarm.probability)}.`;
   return (
     <ChartsPanel id="evidence" title="Evidence and data" specs={specs} props={props}
@@ -106,7 +106,7 @@ export function EvidencePanel(props: PlotProps) {
 
 export function TimingPanel(props: PlotProps) {
   const base = useBase(props);
-  const budget = props.status?.budget_us;
+  const budget = props.status?.budget_us ?? props.model?.budget_us;
   const specs = useMemo(() => [timingSpec(base, budget)], [base, budget]);
   const totals = useMemo(() => props.lines.map((l) => l.elapsed_us.total).filter((t): t is number => t !== undefined), [props.lines, props.version]);
   const at = (level: number): string => microseconds(quantile(totals, level) ?? NaN);

@@ -52,7 +52,7 @@ export function parameterSpec(base: Base, k: number, description: ParameterDescr
     }
   }
   return { name: `parameter ${name}`, times: base.line.rows.map((r) => r.time), series, xLabel: timeLabel, yLabel: axisLabel(name, units), horizontal: marks, gaps: base.line.gaps,
-    legend, height: 190 };
+    legend: k > 0 ? legend.slice(1) : legend, brief: k > 0, height: 190 };
 }
 
 export function forecastSpec(base: Base, q: QuantityDescription): ChartSpec {

@@ -28,25 +28,26 @@ const stalePeriods = 5;
 export function banner(k: Knowledge): Banner {
   const age = k.lastDatumAt === undefined ? NaN : Math.max(0, (k.now - k.lastDatumAt) / 1000);
   if (!k.connected && (k.lostAt === undefined || k.now - k.lostAt > contactGrace)) {
-    const since = k.lostAt === undefined ? "" : ` for ${duration((k.now - k.lostAt) / 1000)}`;
+    if (k.lostAt === undefined) return { state: "STALE", reason: "Connecting to the service.", age };
+    const since = ` for ${duration((k.now - k.lostAt) / 1000)}`;
     const shown = k.latest ? "; shown is what was known then" : "";
     return { state: "STALE", reason: `No contact with the service${since}${shown}. Trying again.`, age };
   }
   const said = k.status ?? derived(k.latest);
-  const period = k.status?.period_s ?? NaN;
-  const late = age > Math.max(stalePeriods * period, 1);
+  const period = k.status?.period_s ?? k.model?.period_s ?? NaN;
+  const late = age > (k.model?.stale_after_s ?? Math.max(stalePeriods * period, 1));
   if (said.state === "STALE" || (late && (said.state === "OK" || said.state === "BIASED"))) {
     const expected = period > 0 ? ` (one is expected every ${duration(period)})` : "";
-    const last = k.model?.time?.length;
+    const last = k.model?.steps;
     const done = last !== undefined && k.latest && k.latest.step >= last - 1 ? "; it was the last step of the model" : "";
-    const cause = said.state === "STALE" && said.cause ? `${said.cause}. ` : "";
-    return { state: "STALE", reason: Number.isFinite(age) ? `No datum for ${duration(age)}${expected}${done}. ${cause}`.trim() : usual.STALE, age };
+    const without = said.reason ? sentence(said.reason) : "No datum yet.";
+    return { state: "STALE", reason: Number.isFinite(age) ? `No datum for ${duration(age)}${expected}${done}.` : without, age };
   }
-  return { state: said.state, reason: said.cause ? sentence(said.cause) : usual[said.state], age };
+  return { state: said.state, reason: said.reason ? sentence(said.reason) : usual[said.state], age };
 }
 
 function sentence(text: string): string {
-  const start = text.charAt(0).toUpperCase() + text.slice(1);
+  const start = text.replace(/^[a-z]/, (c) => c.toUpperCase());
   return /[.!?]$/.test(start) ? start : `${start}.`;
 }
 
@@ -57,14 +58,13 @@ export const usual: Record<StateWord, string> = {
   STALE: "Data have stopped.",
   BIASED: "The last data do not fit the model, whatever its parameters: believe its numbers with care.",
   DIVERGED: "The last update failed: shown is the last state that was verified.",
-  WAITING: "The service is ready and waits for its first datum.",
 };
 
 /** Without `/v1/status`, what the line itself tells. */
 export function derived(line: StepLine | undefined): Status {
-  if (!line) return { state: "WAITING" };
-  if (!line.trusted) return { state: "DEGRADED", cause: whyNotTrusted(line) };
-  if (line.bias_correction !== "off") return { state: "BIASED", cause: "the correction of the model's bias is on" };
+  if (!line) return { state: "STALE", reason: "no datum yet" };
+  if (!line.trusted) return { state: "DEGRADED", reason: whyNotTrusted(line) };
+  if (line.bias_correction !== "off") return { state: "BIASED", reason: "the correction of the model's bias is on" };
   return { state: "OK" };
 }
 

@@ -1,7 +1,8 @@
 /** What the page knows, and who wants to hear when it changes. */
-import { Api, HttpError, type Cursor } from "./api";
+import { absentIs404, Api, HttpError, type Cursor } from "./api";
 import { History } from "./history";
-import type { FieldsAnswer, Model, SamplesAnswer, SensorsAnswer, Status, StepLine } from "./types";
+import { stateEvent } from "./events";
+import type { Event, FieldsAnswer, Model, SamplesAnswer, SensorsAnswer, Status, StepLine } from "./types";
 
 /** What belongs to one step and is fetched when it is looked at; `problem` says why there is none. */
 export interface Detail<T> {
@@ -14,14 +15,23 @@ type Kind = (typeof kinds)[number];
 type Answers = { fields: FieldsAnswer; sensors: SensorsAnswer; samples: SamplesAnswer };
 /** The live step's details are fetched at most this often, ms, and not more than a fifth of the time is spent on it. */
 const shortestInterval = 400;
+/** What is not there need not be asked for ten times a second. */
+const afterFailure = 3000;
 const kept = 60;
+const mostAlarms = 500;
+const statusInterval = 2000;
 
 export class Store {
   readonly api = new Api();
   readonly history = new History();
   model: Model | undefined;
   status: Status | undefined;
-  sites: string[] = [];
+  /** Changes of state since the page was opened, newest first. */
+  stateEvents: Event[] = [];
+  /** What the service told. */
+  alarms: Event[] = [];
+  /** The field looked at: "displacement", "sensitivity:NAME", "residual", "bias". */
+  wanted = "displacement";
   connected = false;
   lostAt: number | undefined;
   lastDatumAt: number | undefined;
@@ -39,6 +49,7 @@ export class Store {
   private notBefore = new Map<Kind, number>();
   private timer: ReturnType<typeof setTimeout> | undefined;
   private tokenTried = false;
+  private poll: ReturnType<typeof setInterval> | undefined;
 
   subscribe(listener: () => void): () => void {
     this.listeners.add(listener);
@@ -65,6 +76,8 @@ export class Store {
       {
         opened: () => {
           this.connected = true;
+          clearInterval(this.poll);
+          this.poll = setInterval(() => void this.refreshStatus(), statusInterval);
           this.needsToken = undefined;
           this.problem = undefined;
           this.changed();
@@ -77,6 +90,10 @@ export class Store {
         },
         status: (status) => {
           this.takeStatus(status);
+          this.changed();
+        },
+        alarm: (alarm) => {
+          this.alarms = [alarm, ...this.alarms].slice(0, mostAlarms);
           this.changed();
         },
         lost: (error) => this.lost(error),
@@ -113,6 +130,16 @@ export class Store {
   /** Looks at a step; `undefined` is live. */
   choose(step: number | undefined): void {
     this.chosen = step;
+    this.notBefore.clear();
+    this.changed();
+    this.fetchDetails();
+  }
+
+  /** Looks at a field. */
+  want(field: string): void {
+    this.wanted = field;
+    // Nobody who has just asked wants to wait for the pace of live data.
+    this.notBefore.clear();
     this.changed();
     this.fetchDetails();
   }
@@ -128,16 +155,31 @@ export class Store {
 
   private take(line: StepLine): void {
     const known = this.history.find(line.step);
-    if (known) for (const kind of kinds) this.cache.delete(`${kind} ${line.step}`);
+    if (known) for (const key of this.cache.keys()) if (key.endsWith(` ${line.step}`)) this.cache.delete(key);
     this.history.add(line);
   }
 
   private takeStatus(status: Status): void {
+    const event = stateEvent(this.status, status);
+    if (event) this.stateEvents = [event, ...this.stateEvents].slice(0, 200);
     this.status = status;
-    if (status.age_s !== undefined) this.lastDatumAt = performance.now() - 1000 * status.age_s;
+    if (status.data_age_s !== undefined) this.lastDatumAt = performance.now() - 1000 * status.data_age_s;
+  }
+
+  /** Events tell changes of the state; its numbers (misfit, missed deadlines) go on changing. */
+  private async refreshStatus(): Promise<void> {
+    if (document.hidden) return;
+    try {
+      const status = await absentIs404(this.api.status());
+      if (status) this.takeStatus(status);
+      else clearInterval(this.poll);
+    } catch {
+      // The stream of events notices when the service is gone.
+    }
   }
 
   private lost(error: HttpError | undefined): void {
+    clearInterval(this.poll);
     if (this.connected || this.lostAt === undefined) this.lostAt = performance.now();
     this.connected = false;
     if (error?.status === 401) {
@@ -149,6 +191,8 @@ export class Store {
   private forget(): void {
     this.history.clear();
     this.cache.clear();
+    this.stateEvents = [];
+    this.alarms = [];
     this.chosen = undefined;
     this.lastDatumAt = undefined;
     for (const kind of kinds) this.detail[kind] = {};
@@ -161,8 +205,10 @@ export class Store {
       this.forget();
       delete cursor.id;
     }
-    this.model = model;
-    this.sites = (await absentIs404(this.api.sites())) ?? [];
+    // A mesh is large, and the same as long as the model is.
+    const { mesh, sensors } = this.model?.mesh && identity(model) === identity(this.model) ? this.model : ((await absentIs404(this.api.mesh())) ?? {});
+    this.model = model && { ...model, ...(mesh ? { mesh } : {}), ...(sensors ? { sensors } : {}) };
+    this.alarms = [...((await absentIs404(this.api.alarms())) ?? [])].reverse().slice(0, mostAlarms);
     const from = (this.history.latest?.step ?? -1) + 1;
     if (cursor.id === undefined) {
       for (const line of (await absentIs404(this.api.states(from))) ?? []) this.take(line);
@@ -182,7 +228,7 @@ export class Store {
   }
 
   private fetchDetail(kind: Kind, step: number): void {
-    const key = `${kind} ${step}`;
+    const key = `${kind} ${kind === "samples" ? "" : this.wanted} ${step}`;
     const found = this.cache.get(key);
     if (found) {
       this.detail[kind] = { value: found as never };
@@ -197,7 +243,8 @@ export class Store {
     }
     this.busy.add(kind);
     const begin = performance.now();
-    this.api[kind](step)
+    let failed = false;
+    (this.api[kind](step, this.wanted) as Promise<Answers[Kind]>)
       .then(
         (value) => {
           this.cache.set(key, value);
@@ -206,27 +253,20 @@ export class Store {
         },
         (error: unknown) => {
           if (error instanceof HttpError) this.detail[kind] = { problem: error.message };
+          failed = true;
         },
       )
       .finally(() => {
         this.busy.delete(kind);
         const took = performance.now() - begin;
         const live = this.chosen === undefined;
-        this.notBefore.set(kind, performance.now() + (live ? Math.max(shortestInterval, 4 * took) : Math.min(took, 100)));
+        this.notBefore.set(kind, performance.now() + (failed ? afterFailure : live ? Math.max(shortestInterval, 4 * took) : Math.min(took, 100)));
         this.changed();
       });
   }
 }
 
+/** Without a description, any service is the same. */
 function identity(model: Model | undefined): string {
-  return model ? JSON.stringify([model.site, model.model_sha256, model.configuration_sha256, model.parameters.map((p) => p.name)]) : "";
-}
-
-async function absentIs404<T>(answer: Promise<T>): Promise<T | undefined> {
-  try {
-    return await answer;
-  } catch (error) {
-    if (error instanceof HttpError && error.status === 404) return undefined;
-    throw error;
-  }
+  return model ? JSON.stringify([model.site, model.run, model.parameters.map((p) => p.name)]) : "";
 }

@@ -1,4 +1,4 @@
-/** What the service sends: interfaces.md, sections 4 and 7, and docs/service.md. All numbers are SI. */
+/** What the service sends: interfaces.md, sections 4 and 7, and docs/dashboard.md. All numbers are SI. */
 
 export interface Forecast {
   mean: number;
@@ -65,65 +65,61 @@ export interface Mesh {
   cells: number[][];
 }
 
-/** `GET /v1/model`: what the page needs to know once. */
+/** What the page needs to know once: `/v1/description` and `/v1/mesh`. */
 export interface Model {
+  /** Another one makes the page forget what it has. */
+  run?: string;
+  version?: string;
   site?: string;
-  parameters: ParameterDescription[];
-  time?: number[];
-  quantities: QuantityDescription[];
-  sensors?: Sensors;
-  mesh?: Mesh;
-  method?: Record<string, unknown>;
-  model_sha256?: string;
-  configuration_sha256?: string;
-}
-
-export const stateWords = ["OK", "DEGRADED", "STALE", "BIASED", "DIVERGED", "WAITING"] as const;
-export type StateWord = (typeof stateWords)[number];
-
-/** `GET /v1/status`. */
-export interface Status {
-  site?: string;
-  state: StateWord;
-  cause?: string;
-  step?: number;
-  time?: number;
-  age_s?: number;
+  sites?: string[];
+  /** Number of model times. */
+  steps?: number;
+  time?: { label?: string; units?: string };
   period_s?: number;
   budget_us?: number;
-  pending?: number;
-  behind?: number;
-  accepted?: number;
-  quarantined?: number;
+  stale_after_s?: number;
+  fields?: string[];
+  parameters: ParameterDescription[];
+  quantities: QuantityDescription[];
+  mesh?: Mesh;
+  sensors?: Sensors;
+}
+
+export const stateWords = ["OK", "DEGRADED", "STALE", "BIASED", "DIVERGED"] as const;
+export type StateWord = (typeof stateWords)[number];
+
+/** `/v1/status`. */
+export interface Status {
+  state: StateWord;
+  reason?: string;
+  step?: number;
+  data_age_s?: number;
+  period_s?: number;
+  budget_us?: number;
   deadline_misses?: number;
-  read_only?: boolean;
-  alarm?: { statistic: number; values: number; probability: number };
+  misfit?: { statistic: number; values: number; probability: number };
   version?: string;
 }
 
-/** `GET /v1/fields`: one row per mesh point, m. */
+/** Fields of a step, one row per mesh point, m. Sensitivities by parameter: those that have been asked for. */
 export interface FieldsAnswer {
   step: number;
-  units?: string;
   displacement: number[][];
   sensitivity: Record<string, number[][]>;
-  /** Correction of the model's bias, where the service has one. */
   bias?: number[][];
 }
 
-/** `GET /v1/sensors`: `status` has one word per sensor, the arrays run over the sensors in `index`. */
+/** One entry per sensor; `undefined` where it has none. */
 export interface SensorsAnswer {
   step: number;
   status: string[];
-  index: number[];
-  measured: number[];
-  predicted: number[];
-  normalised: number[];
-  /** Correction of the model's bias, m, where the service has one. */
-  bias?: number[];
+  reason: Record<string, string>;
+  /** Measured minus predicted, m. */
+  residual?: (number | undefined)[];
+  bias?: (number | undefined)[];
 }
 
-/** `GET /v1/samples`: points are draw × parameter. */
+/** Points are draw × parameter. */
 export interface SamplesAnswer {
   step: number;
   points: number[][];

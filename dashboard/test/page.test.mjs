@@ -1,0 +1,295 @@
+// The built page in headless Chromium, on the mock service or, with KNOTHE_SERVICE=URL, its numbers on a real one.
+// Pictures are left in out/pictures.
+import assert from "node:assert/strict";
+import { mkdirSync, readFileSync } from "node:fs";
+import { dirname, join } from "node:path";
+import { after, before, test } from "node:test";
+import { fileURLToPath } from "node:url";
+import { chromium } from "playwright-core";
+import { MockService, Recording } from "../mock/server.mjs";
+
+const here = dirname(fileURLToPath(import.meta.url));
+const pictures = join(here, "../out/pictures");
+mkdirSync(pictures, { recursive: true });
+const desktop = { viewport: { width: 1440, height: 900 }, colorScheme: "light" };
+const phone = { viewport: { width: 390, height: 844 }, deviceScaleFactor: 1.5, isMobile: true, hasTouch: true, colorScheme: "light" };
+const patience = 20000; // on a busy machine; an idle one needs a tenth
+let browser;
+
+before(async () => {
+  browser = await chromium.launch({ executablePath: process.env.KNOTHE_CHROMIUM ?? "/usr/bin/chromium",
+    args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"] });
+});
+after(() => browser?.close());
+
+/** A page on a mock; whatever it complains about, and wherever else it goes, fails the test. */
+async function open(t, options = {}, look = desktop, path = "") {
+  const service = await new MockService(new Recording().scenario(), { rate: 0, start: 70, period: 600, ...options }).listen(options.port ?? 0);
+  const context = await browser.newContext({ ...look, acceptDownloads: true });
+  const page = await context.newPage();
+  page.setDefaultTimeout(patience);
+  const complaints = [];
+  page.on("pageerror", (error) => complaints.push(String(error.stack)));
+  page.on("console", (message) => {
+    // While the service is away, or asks for a token, the browser itself says so.
+    if (["error", "warning"].includes(message.type()) && !/ERR_CONNECTION_REFUSED|ERR_INCOMPLETE_CHUNKED|ERR_EMPTY_RESPONSE|ERR_CONNECTION_RESET|status of 40[14]/.test(message.text()))
+      if (!/GPU stall|GL Driver Message/.test(message.text())) complaints.push(message.text());
+  });
+  page.on("request", (request) => {
+    if (!/^(data|blob):/.test(request.url()) && new URL(request.url()).hostname !== "127.0.0.1") complaints.push(`went to ${request.url()}`);
+  });
+  t.after(async () => {
+    await context.close();
+    await service.close().catch(() => {});
+    assert.deepEqual(complaints, []);
+  });
+  await page.goto(service.url + path);
+  return { page, service, context };
+}
+
+const text = async (page, selector) => (await page.locator(selector).innerText()).trim();
+const until = async (page, selector, expected) => page.waitForFunction(
+  ([s, source]) => new RegExp(source, "s").test(document.querySelector(s)?.innerText ?? ""), [selector, expected.source]);
+/** The first number in a text, and how exactly it is written. */
+function number(written) {
+  const found = /[−-]?\d+(\.(\d+))?/.exec(written);
+  assert.ok(found, `a number in "${written}"`);
+  return { value: Number(found[0].replace("−", "-")), half: 0.5 * 10 ** -(found[2]?.length ?? 0) * (1 + 1e-9) };
+}
+function agree(written, expected, what) {
+  const { value, half } = number(written);
+  assert.ok(Math.abs(value - expected) <= half, `${what}: the page says "${written}", the service ${expected}`);
+}
+
+async function compareNumbers(page, line) {
+  const factors = { m: { mm: 1e3, "µm": 1e6, m: 1 }, N: { N: 1, kN: 1e-3 } };
+  for (const [name, forecast] of Object.entries(line.forecast)) {
+    const card = page.locator(`[data-forecast="${name}"]`);
+    const shown = await card.locator(".value").innerText();
+    const factor = factors[forecast.units][/[a-zµA-Z]+$/.exec(shown.trim())[0]];
+    agree(shown, forecast.values[2] * factor, `median of ${name}`);
+    const interval = (await card.locator(".interval").innerText()).split(":")[1].split("…");
+    agree(interval[0], forecast.values[0] * factor, `lower end of ${name}`);
+    agree(interval[1], forecast.values.at(-1) * factor, `upper end of ${name}`);
+    const failure = (await card.locator(".failure b").innerText()).split("=")[1];
+    if (failure.includes("<")) assert.ok(forecast.probability_above_threshold < 1e-3);
+    else if (failure.includes("> 99.9")) assert.ok(forecast.probability_above_threshold > 0.999);
+    else agree(failure, 100 * forecast.probability_above_threshold, `P of ${name}`);
+  }
+  const parameters = await page.locator("[data-parameter]").all();
+  assert.equal(parameters.length, line.mean.length);
+  for (const [k, card] of parameters.entries()) {
+    agree(await card.locator(".value").innerText(), line.quantiles.values[k][2], `median of parameter ${k}`);
+    const interval = (await card.locator(".interval").innerText()).split(":")[1].split("…");
+    agree(interval[0], line.quantiles.values[k][0], `lower end of parameter ${k}`);
+    agree(interval[1], line.quantiles.values[k].at(-1), `upper end of parameter ${k}`);
+  }
+}
+
+test("shows the numbers that the service returns, now and back in time", async (t) => {
+  const { page, service } = await open(t);
+  await page.locator("[data-parameter]").first().waitFor();
+  const api = async () => (await (await fetch(`${service.url}v1/state`)).json());
+  const line = await api();
+  await until(page, "#step", new RegExp(`^${line.step}\\b`));
+  await compareNumbers(page, line);
+  assert.match(await text(page, "#state"), /^✓\s+OK$/);
+  service.advance();
+  const next = await api();
+  await until(page, "#step", new RegExp(`^${next.step}\\b`));
+  await compareNumbers(page, next);
+  // Back in time by keys: two steps and ten steps; the banner stays with the present.
+  await page.keyboard.press("ArrowLeft");
+  await page.keyboard.press("ArrowLeft");
+  await page.keyboard.press("Shift+ArrowLeft");
+  const past = service.known.at(-13);
+  await until(page, ".scrub p", new RegExp(`You look at step ${past.step} `));
+  await compareNumbers(page, past);
+  assert.match(await text(page, "#step"), new RegExp(`^${next.step}\\b`));
+  await page.keyboard.press("Home");
+  await until(page, ".scrub p", /You look at step 0 /);
+  await compareNumbers(page, service.known[0]);
+  await page.keyboard.press("l");
+  await until(page, ".scrub p", /the latest/);
+});
+
+test("where there were no data the plots have gaps, and the legend no number", async (t) => {
+  const { page, service } = await open(t);
+  await until(page, "#parameters .legend", /median \d/);
+  const empty = service.known.find((line) => line.used === 0);
+  await page.locator(".scrub input").fill(String(empty.step));
+  await until(page, "#parameters .legend", /median –/);
+  await until(page, "#evidence .chart + .chart .legend", /missing 60.*used 0/);
+  await until(page, ".events", /No usable value from any sensor/);
+});
+
+test("survives a restart of the service: says that it lost it, comes back with Last-Event-ID, and has missed nothing", async (t) => {
+  const { page, service, context } = await open(t, { start: 40 });
+  await until(page, "#state", /OK/);
+  service.advance();
+  await until(page, "#step", new RegExp(`^${service.known.at(-1).step}\\b`));
+  const { port, recording, count } = service;
+  await service.close();
+  await until(page, "#contact", /no contact/);
+  await until(page, "#state", /STALE/);
+  await until(page, "#reason", /No contact with the service for [\d.]+ s; shown is what was known then/);
+  const again = await new MockService(recording, { rate: 0, start: count + 7, period: 600 }).listen(port);
+  t.after(() => again.close());
+  await until(page, "#state", /OK/);
+  await until(page, "#step", new RegExp(`^${again.known.at(-1).step}\\b`));
+  const resumed = again.requests.find((r) => r.path === "/v1/events");
+  assert.equal(resumed.lastEventId, String(4294967296 + count));
+  again.advance();
+  await until(page, "#step", new RegExp(`^${again.known.at(-1).step}\\b`));
+  const [download] = await Promise.all([page.waitForEvent("download"), page.getByText("all steps as CSV").click()]);
+  const rows = readFileSync(await download.path(), "utf8").trim().split("\r\n").slice(1);
+  assert.deepEqual(rows.map((r) => Number(r.split(",")[0])), again.known.map((line) => line.step));
+  await context.close();
+});
+
+test("the state is said in words, with its cause; silence becomes STALE", async (t) => {
+  const { page, service } = await open(t, { period: 0.5 });
+  for (const [state, cause] of [["DEGRADED", "updates are 3 data behind"], ["BIASED", "χ² 212 of 60 residuals"], ["DIVERGED", "no map could be verified"]]) {
+    service.lastAt = Date.now();
+    service.say(state, cause);
+    await until(page, "#state", new RegExp(state));
+    await until(page, "#reason", new RegExp(cause.slice(1)));
+    await page.waitForFunction((word) => document.title.startsWith(word), state);
+  }
+  service.say("OK", "");
+  await until(page, "#state", /STALE/);
+  await until(page, "#reason", /No datum for .* s \(one is expected every 0\.5 s\)/);
+  const age = number(await text(page, "#age")).value;
+  assert.ok(age >= 2.5 && age < 60, `age ${age}`);
+  service.advance();
+  await until(page, "#state", /OK/);
+  service.raise({ step: service.known.at(-1).step, severity: "alarm", kind: "bias", message: "the last datum does not fit" });
+  await until(page, ".events", /the last datum does not fit/);
+  await until(page, ".events", /The service became DIVERGED: no map could be verified/);
+});
+
+test("another configuration behind the same address: what was there is forgotten", async (t) => {
+  const { page, service, context } = await open(t, { start: 50 });
+  await until(page, "#step", /\d/);
+  const { port } = service;
+  await service.close();
+  const other = new Recording();
+  other.description = () => ({ ...Recording.prototype.description.call(other), run: "other" });
+  const again = await new MockService(other, { rate: 0, start: 3, period: 600 }).listen(port);
+  t.after(() => again.close());
+  await until(page, "#step", /^2\b/);
+  await page.waitForFunction(() => document.querySelector(".scrub input").max === "2");
+  await context.close();
+});
+
+test("before the first datum it says so; a model without mesh, and a service that has only lines, are said in words", async (t) => {
+  const { page, service } = await open(t, { start: 0 });
+  await until(page, "#reason", /^No datum yet/);
+  assert.match(await text(page, "#state"), /STALE/);
+  service.advance();
+  await until(page, "#state", /OK/);
+  const bare = await open(t, { start: 5, answer(request, response) {
+    if (/v1\/(description|mesh|status|alarms|field|observations|samples)/.test(request.url)) return response.writeHead(404, { "Content-Type": "application/json" }).end('{"error":{"type":"NoRoute","message":"not here"}}');
+    return MockService.prototype.answer.call(this, request, response);
+  } });
+  t.after(() => bare.context.close());
+  await until(bare.page, "#state", /OK/);
+  await until(bare.page, "#field", /has no mesh/);
+  await until(bare.page, ".summary", /p0.*p1/);
+});
+
+test("a token is asked for once, sent with everything, and taken from the address", async (t) => {
+  const { page, service, context } = await open(t, { token: "s3cret" });
+  await page.getByRole("textbox", { name: "Token" }).fill("wrong");
+  await page.keyboard.press("Enter");
+  await page.getByText("does not know this token").waitFor();
+  await page.getByRole("textbox", { name: "Token" }).fill("s3cret");
+  await page.keyboard.press("Enter");
+  await until(page, "#state", /OK/);
+  const direct = await context.newPage();
+  await direct.goto(`${service.url}#token=s3cret`);
+  await until(direct, "#state", /OK/);
+  assert.ok(!direct.url().includes("s3cret"), "the token does not stay in the address");
+});
+
+test("the field is drawn, its numbers are the service's, each panel gives PNG and CSV", async (t) => {
+  const { page, service } = await open(t);
+  await until(page, "#field .readout", /57 used, 2 rejected, 1 missing/);
+  const colours = async () => page.evaluate(async () => {
+    await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+    const gl = document.querySelector("#field canvas");
+    const copy = document.createElement("canvas");
+    [copy.width, copy.height] = [gl.width, gl.height];
+    const ctx = copy.getContext("2d");
+    ctx.drawImage(gl, 0, 0);
+    const { data } = ctx.getImageData(0, 0, copy.width, copy.height);
+    const seen = new Set();
+    let drawn = 0;
+    for (let i = 0; i < data.length; i += 4) if (data[i + 3]) (drawn += 1), seen.add((data[i] >> 4) * 256 + (data[i + 1] >> 4) * 16 + (data[i + 2] >> 4));
+    return { colours: seen.size, share: drawn / (data.length / 4) };
+  });
+  const drawn = await colours();
+  assert.ok(drawn.colours > 30 && drawn.share > 0.1, JSON.stringify(drawn));
+  for (const [key, label] of [["sensitivity:Y0", "∂u/∂Y0"], ["residual", "residual"], ["bias", "model bias"]]) {
+    await page.keyboard.press("f");
+    if (key === "residual") await page.keyboard.press("f");
+    await page.waitForFunction((value) => document.querySelector('#field select[aria-label="Field"]').value === value, key, label);
+  }
+  await until(page, "#field .none", /No correction of the model's bias/);
+  await page.locator('#field select[aria-label="Field"]').selectOption("residual");
+  await page.waitForFunction(() => !document.querySelector("#field .none"));
+  const save = async (panel, kind) => {
+    const [download] = await Promise.all([page.waitForEvent("download"), page.locator(`#${panel}`).getByRole("button", { name: `save as ${kind}` }).click()]);
+    return readFileSync(await download.path());
+  };
+  const step = service.known.at(-1).step;
+  const residual = await (await fetch(`${service.url}v1/field?name=residual&step=${step}`)).json();
+  const rows = (await save("field", "CSV")).toString().trim().split("\r\n").slice(1).map((r) => r.split(","));
+  assert.deepEqual(rows.map((r) => r[7]), residual.values.map((v, k) => (residual.missing.includes(k) ? "" : String(v))));
+  const parameters = (await save("parameters", "CSV")).toString().trim().split("\r\n");
+  assert.equal(Number(parameters.at(-1).split(",").at(-1)), service.known.at(-1).quantiles.values[1][2]);
+  assert.ok(parameters.some((r) => /^[\d.]+,,,/.test(r)), "gaps are empty");
+  for (const panel of ["forecast", "parameters", "field", "pairs", "evidence", "timing"]) {
+    const png = await save(panel, "PNG");
+    assert.deepEqual([...png.subarray(1, 4)], [...Buffer.from("PNG")], panel);
+    assert.ok(png.length > 5000, `${panel}: ${png.length} bytes`);
+  }
+});
+
+test("keys: help, play, panels, forecasts, colours", async (t) => {
+  const { page } = await open(t, { start: 30 });
+  await until(page, "#state", /OK/);
+  await page.keyboard.press("?");
+  await page.getByText("How to read this page").waitFor();
+  await page.keyboard.press("Escape");
+  await page.getByText("How to read this page").waitFor({ state: "hidden" });
+  await page.waitForFunction(() => document.activeElement === document.body);
+  await page.keyboard.press("3");
+  await page.waitForFunction(() => document.activeElement.id === "field");
+  await page.keyboard.press("q");
+  await until(page, "#forecast h2", /crack length at t = 1/);
+  await page.keyboard.press("t");
+  await page.keyboard.press("t");
+  await page.waitForFunction(() => document.documentElement.dataset.colours === "dark");
+  await page.keyboard.press("?");
+  await page.getByRole("button", { name: "Close" }).click();
+  await page.getByText("How to read this page").waitFor({ state: "hidden" });
+  await page.waitForFunction(() => document.activeElement === document.body || document.activeElement.tagName === "SECTION");
+  await page.keyboard.press(" ");
+  await until(page, ".scrub p", /You look at step [1-9]/);
+  await page.keyboard.press(" ");
+});
+
+for (const [name, look] of [["light", desktop], ["dark", { ...desktop, colorScheme: "dark" }], ["phone", phone]])
+  test(`picture: ${name}; nothing is wider than the screen, buttons have names`, async (t) => {
+    const { page, service } = await open(t, { start: 80 }, look);
+    await until(page, "#field .readout", /Sensors/);
+    await until(page, "#state", /OK/);
+    assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), "no scrolling sideways");
+    const nameless = await page.evaluate(() => [...document.querySelectorAll("button, select, input")].filter((e) => !(e.ariaLabel || e.innerText?.trim() || e.closest("label"))).map((e) => e.outerHTML));
+    assert.deepEqual(nameless, []);
+    service.lastAt = Date.now();
+    service.say("OK", "");
+    await page.waitForTimeout(300);
+    await page.screenshot({ path: join(pictures, `${name}.png`), fullPage: true });
+  });

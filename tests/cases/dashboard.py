@@ -1,0 +1,60 @@
+"""The page of `knothe serve`: what is committed is what its sources make; its parts; the page in headless Chromium.
+
+Node is not needed to build knothe: where it, its locked packages or chromium are missing, these tests are skipped and say so.
+"""
+import os
+import pathlib
+import re
+import shutil
+import subprocess
+import sys
+import unittest
+
+DASHBOARD = pathlib.Path(__file__).resolve().parent.parent.parent / "dashboard"
+PAGE = DASHBOARD / "dist" / "index.html"
+CHROMIUM = os.environ.get("KNOTHE_CHROMIUM", "/usr/bin/chromium")
+
+
+def locked_packages():
+    """Installs the locked npm packages if they are not there; why they cannot be, in words."""
+    if not shutil.which("node") or not shutil.which("npm"):
+        return "node or npm is not installed"
+    lock, installed = DASHBOARD / "package-lock.json", DASHBOARD / "node_modules" / ".package-lock.json"
+    if installed.exists() and installed.stat().st_mtime >= lock.stat().st_mtime:
+        return None
+    done = subprocess.run(["npm", "ci", "--no-audit", "--no-fund"], cwd=DASHBOARD, capture_output=True, text=True, timeout=200)
+    return None if done.returncode == 0 else f"npm ci failed (no network?): {done.stderr[-300:]}"
+
+
+class Test(unittest.TestCase):
+    def run_part(self, part):
+        missing = locked_packages()
+        if missing:
+            self.skipTest(missing)
+        done = subprocess.run(["node", "test/all.mjs", part], cwd=DASHBOARD, capture_output=True, text=True, timeout=280)
+        if done.returncode == 77:
+            self.skipTest(done.stdout.strip())
+        self.assertEqual(done.returncode, 0, done.stdout[-6000:] + done.stderr[-2000:])
+        return done.stdout
+
+    def test_page_is_self_contained(self):
+        page = PAGE.read_text(encoding="utf-8")
+        self.assertIn("Content-Security-Policy", page)
+        for asks_elsewhere in (r"<script[^>]*\bsrc=", r"<link[^>]*\bhref=\"(?!data:)", r"@import", r"url\(\s*['\"]?https?:"):
+            self.assertIsNone(re.search(asks_elsewhere, page), asks_elsewhere)
+
+    def test_sources_and_parts(self):
+        output = self.run_part("unit")
+        self.assertIn("dist/index.html is up to date", output)
+
+    def test_in_chromium(self):
+        if not os.path.exists(CHROMIUM):
+            self.skipTest(f"{CHROMIUM} is not installed")
+        self.run_part("page")
+
+
+if __name__ == "__main__":
+    result = unittest.main(exit=False).result
+    for _, reason in result.skipped:
+        print(f"skipped: {reason}")
+    sys.exit(77 if result.skipped and result.wasSuccessful() else 0 if result.wasSuccessful() else 1)
