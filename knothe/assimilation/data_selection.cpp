@@ -1,0 +1,234 @@
+#include "knothe/assimilation/data_selection.hpp"
+
+#include <fmt/format.h>
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/SparseCholesky>
+#include <cassert>
+#include <cmath>
+
+#include "knothe/base/error.hpp"
+#include "knothe/numerics/halton.hpp"
+
+namespace knothe::assimilation {
+namespace {
+
+/// log det of a symmetric positive definite matrix of a few rows.
+double log_det(Eigen::MatrixXd m) {
+  double sum = 0;
+  for (Eigen::Index j = 0; j < m.rows(); ++j) {
+    const double pivot = m(j, j);
+    sum += std::log(pivot);
+    for (Eigen::Index i = j + 1; i < m.rows(); ++i) {
+      const double factor = m(i, j) / pivot;
+      m.row(i).tail(m.cols() - j) -= factor * m.row(j).tail(m.cols() - j);
+    }
+  }
+  return sum;
+}
+
+}  // namespace
+
+/// R = M⁻¹ column by column, from the factor of M.
+struct SensorDesign::Covariance {
+  explicit Covariance(const Eigen::SparseMatrix<double>& precision) : factor(precision) {}
+  [[nodiscard]] Eigen::VectorXd column(Eigen::Index k) const {
+    return factor.solve(Eigen::VectorXd(Eigen::VectorXd::Unit(factor.rows(), k)));
+  }
+  Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor;
+};
+
+/// The dofs chosen so far: conditional rows and variances of all others.
+class SensorDesign::Progress {
+ public:
+  explicit Progress(const SensorDesign& design)
+      : design_(design), rows_(design.rows_), variance_(design.noise_std_.cwiseAbs2()), d_(design.dimension_) {
+    information_.assign(design.width_.size(), Eigen::MatrixXd::Identity(d_, d_));
+    log_det_.assign(information_.size(), 0.0);
+  }
+
+  /// Mean over the points of ½ log det(I + F + Σ_t a aᵀ) − ½ log det(I + F), for every dof.
+  [[nodiscard]] Eigen::VectorXd gains() const {
+    const Eigen::Index n = rows_.rows();
+    Eigen::VectorXd gain = Eigen::VectorXd::Zero(n);
+    Eigen::Index first = 0;
+    Eigen::ArrayXXd packed(n, d_ * (d_ + 1) / 2);
+    for (std::size_t point = 0; point < information_.size(); ++point) {
+      const Eigen::Index q = design_.width_[point];
+      for (Eigen::Index a = 0; a < d_; ++a) {
+        for (Eigen::Index b = 0; b <= a; ++b) {
+          auto entry = packed.col(a * (a + 1) / 2 + b);
+          entry.setZero();
+          for (Eigen::Index c = 0; c < q; ++c)
+            entry += rows_.col(first + a * q + c).array() * rows_.col(first + b * q + c).array();
+          entry /= variance_.array();
+        }
+      }
+      first += d_ * q;
+      if (d_ == 1) {
+        gain.array() += (1 + packed.col(0) / information_[point](0, 0)).log();
+      } else if (d_ == 2) {
+        const Eigen::MatrixXd& f = information_[point];
+        const auto det = (f(0, 0) + packed.col(0)) * (f(1, 1) + packed.col(2)) - (f(1, 0) + packed.col(1)).square();
+        gain.array() += det.log() - log_det_[point];
+      } else {
+        for (Eigen::Index k = 0; k < n; ++k) {
+          Eigen::MatrixXd f = information_[point];
+          for (Eigen::Index a = 0; a < d_; ++a) {
+            for (Eigen::Index b = 0; b <= a; ++b) {
+              const double value = packed(k, a * (a + 1) / 2 + b);
+              f(a, b) += value;
+              if (a != b) f(b, a) += value;
+            }
+          }
+          gain[k] += log_det(std::move(f)) - log_det_[point];
+        }
+      }
+    }
+    return 0.5 / static_cast<double>(information_.size()) * gain;
+  }
+
+  /// Takes dof k; returns the information at the first point, without the prior's.
+  Eigen::MatrixXd take(Eigen::Index k) {
+    const Eigen::RowVectorXd row = rows_.row(k);
+    const double variance = variance_[k];
+    Eigen::Index first = 0;
+    for (std::size_t point = 0; point < information_.size(); ++point) {
+      const Eigen::Index q = design_.width_[point];
+      const Eigen::Map<const Eigen::MatrixXd> a(row.data() + first, q, d_);
+      information_[point].noalias() += a.transpose() * a / variance;
+      log_det_[point] = log_det(information_[point]);
+      first += d_ * q;
+    }
+    if (design_.covariance_) {
+      // The next column of the pivoted Cholesky factor of R.
+      Eigen::VectorXd l = design_.covariance_->column(k);
+      for (const Eigen::VectorXd& past : factor_) l -= past[k] * past;
+      l /= std::sqrt(variance);
+      rows_.noalias() -= l * (row / std::sqrt(variance));
+      // What rounding leaves of the variance of a dof that is determined by those chosen counts as noise.
+      variance_ = (variance_ - l.cwiseAbs2()).cwiseMax(1e-12 * design_.noise_std_.cwiseAbs2());
+      factor_.push_back(std::move(l));
+    }
+    return information_[0] - Eigen::MatrixXd::Identity(d_, d_);
+  }
+
+ private:
+  const SensorDesign& design_;
+  Eigen::MatrixXd rows_;
+  Eigen::VectorXd variance_;
+  Eigen::Index d_;
+  std::vector<Eigen::MatrixXd> information_;  ///< I + F of each point
+  std::vector<double> log_det_;
+  std::vector<Eigen::VectorXd> factor_;  ///< columns of the Cholesky factor
+};
+
+SensorDesign::SensorDesign(const reduction::ObservedModel& model, const NoiseModel& noise,
+                           const Eigen::VectorXd& prior_std, const Eigen::MatrixXd& points,
+                           Eigen::Matrix<double, Eigen::Dynamic, 3> positions)
+    : dimension_(prior_std.size()), positions_(std::move(positions)) {
+  assert(points.rows() >= 1 && points.cols() == dimension_ && positions_.rows() == model.observations());
+  if (!noise.is_complete())
+    throw UsageError("data selection: dofs that are not measured at all must be left out beforehand");
+  if (!noise.is_independent()) covariance_ = std::make_unique<const Covariance>(noise.precision());
+  noise_std_ = noise.standard_deviations();
+  for (Eigen::Index i = 0; i < points.rows(); ++i) add_point(model, noise, prior_std, points.row(i));
+}
+
+SensorDesign::~SensorDesign() = default;
+
+void SensorDesign::add_point(const reduction::ObservedModel& model, const NoiseModel& noise,
+                             const Eigen::VectorXd& prior_std, const Eigen::VectorXd& p) {
+  const auto& functions = *model.functions;
+  const Eigen::Index d = dimension_, l = model.space.cols(), n_t = static_cast<Eigen::Index>(model.core.size());
+  reduction::FunctionBatch batch;
+  batch.resize(1, d, functions.count(), 1);
+  functions.evaluate(p.transpose(), 1, batch);
+  Eigen::MatrixXd stack(l * d, n_t);  // C_t ∂w/∂p_a · std_a, all a below each other
+  for (Eigen::Index t = 0; t < n_t; ++t) {
+    for (Eigen::Index a = 0; a < d; ++a)
+      stack.col(t).segment(a * l, l) = prior_std[a] * (model.core[t] * batch.first[a].row(0).transpose());
+  }
+  if (noise.shared_reference() > 0) {
+    // T^{-1/2} = √((k + 1)/k) (I − c 1 1ᵀ), (1 − c n)² = k/(n + k).
+    const double k = noise.shared_reference(), n = static_cast<double>(n_t);
+    const double c = (1 - std::sqrt(k / (n + k))) / n;
+    stack = std::sqrt((k + 1) / k) *
+            (stack - (c * stack.rowwise().sum()) * Eigen::RowVectorXd::Ones(n_t)).eval();
+  }
+  if (width_.empty()) {
+    const Eigen::MatrixXd gram = model.space.transpose() * noise.apply(model.space);
+    all_.resize(d, d);
+    for (Eigen::Index a = 0; a < d; ++a) {
+      for (Eigen::Index b = 0; b < d; ++b)
+        all_(a, b) = (stack.middleRows(a * l, l).transpose() * gram)
+                         .cwiseProduct(stack.middleRows(b * l, l).transpose())
+                         .sum();
+    }
+  }
+  // Directions of time in which the rows of dofs can differ, down to 1e-7 of the largest.
+  Eigen::VectorXd scale = model.space.colwise().norm().transpose().replicate(d, 1);
+  const Eigen::MatrixXd scaled = scale.asDiagonal() * stack;
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(scaled.transpose() * scaled);
+  Eigen::Index q = 1;
+  while (q < n_t && eigen.eigenvalues()[n_t - 1 - q] > 1e-14 * eigen.eigenvalues()[n_t - 1]) ++q;
+  const Eigen::MatrixXd reduced = stack * eigen.eigenvectors().rightCols(q);
+  const Eigen::Index first = rows_.cols();
+  rows_.conservativeResize(model.observations(), first + d * q);
+  for (Eigen::Index a = 0; a < d; ++a)
+    rows_.middleCols(first + a * q, q).noalias() = model.space * reduced.middleRows(a * l, l);
+  width_.push_back(q);
+}
+
+Selection SensorDesign::choose(std::size_t count, double min_distance) const {
+  Selection selection;
+  Progress progress(*this);
+  std::vector<bool> free(static_cast<std::size_t>(rows_.rows()), true);
+  while (selection.dofs.size() < count) {
+    const Eigen::VectorXd gain = progress.gains();
+    Eigen::Index best = -1;
+    for (Eigen::Index k = 0; k < gain.size(); ++k) {
+      if (free[static_cast<std::size_t>(k)] && (best < 0 || gain[k] > gain[best])) best = k;
+    }
+    if (best < 0) break;
+    free[static_cast<std::size_t>(best)] = false;
+    if (min_distance > 0) {
+      for (Eigen::Index k = 0; k < gain.size(); ++k) {
+        if ((positions_.row(k) - positions_.row(best)).norm() < min_distance * (1 - 1e-9))
+          free[static_cast<std::size_t>(k)] = false;
+      }
+    }
+    selection.dofs.push_back(best);
+    selection.gain.push_back(gain[best]);
+    selection.information.push_back(progress.take(best));
+  }
+  return selection;
+}
+
+Selection SensorDesign::along(const std::vector<Eigen::Index>& order) const {
+  Selection selection;
+  selection.dofs = order;
+  Progress progress(*this);
+  Eigen::MatrixXd before = Eigen::MatrixXd::Identity(dimension_, dimension_);
+  for (const Eigen::Index k : order) {
+    selection.information.push_back(progress.take(k));
+    const Eigen::MatrixXd after =
+        selection.information.back() + Eigen::MatrixXd::Identity(dimension_, dimension_);
+    selection.gain.push_back(0.5 * (log_det(after) - log_det(before)));
+    before = after;
+  }
+  return selection;
+}
+
+Eigen::MatrixXd prior_points(const std::vector<Prior>& priors, Eigen::Index count) {
+  const auto d = static_cast<Eigen::Index>(priors.size());
+  Eigen::MatrixXd z = Eigen::MatrixXd::Zero(count, d);
+  if (count > 1) z.bottomRows(count - 1) = numerics::halton_normal_points(count - 1, d, 1);
+  for (Eigen::Index i = 0; i < count; ++i) {
+    for (Eigen::Index k = 0; k < d; ++k)
+      z(i, k) = priors[static_cast<std::size_t>(k)].from_standard_normal(z(i, k)).value;
+  }
+  return z;
+}
+
+}  // namespace knothe::assimilation
