@@ -55,6 +55,13 @@ struct AssimilateArguments {
 };
 int assimilate(const AssimilateArguments& arguments);
 
+struct SelectArguments {
+  std::string project;
+  bool json = false;
+  std::string results;  ///< overrides the project's
+};
+int select(const SelectArguments& arguments);
+
 struct InferArguments {
   std::string project;
   std::string method;   ///< overrides the project's

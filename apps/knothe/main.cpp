@@ -126,6 +126,17 @@ void add_assimilate(CLI::App& app, Command& chosen) {
   command.callback([&chosen] { chosen = [] { return assimilate(arguments); }; });
 }
 
+void add_select(CLI::App& app, Command& chosen) {
+  static SelectArguments arguments;
+  CLI::App& command = add(app, "select", "Data selection: which dofs tell most about the parameters.",
+                          "knothe select examples/beam/quick.toml");
+  command.add_option("FILE", arguments.project, "project file")->required();
+  command.add_flag("--json", arguments.json, "JSON lines on stdout");
+  command.add_option("-o,--output", arguments.results, "folder for results");
+  // Not the name alone: there is a select() in the C library.
+  command.callback([&chosen] { chosen = [] { return knothe::commands::select(arguments); }; });
+}
+
 void add_infer(CLI::App& app, Command& chosen) {
   static InferArguments arguments;
   CLI::App& command =
@@ -226,6 +237,7 @@ int main(int argc, char** argv) {
   add_model(app, chosen);
   add_simulate(app, chosen);
   add_assimilate(app, chosen);
+  add_select(app, chosen);
   add_infer(app, chosen);
   add_dic(app, chosen);
   add_forecast(app, chosen);

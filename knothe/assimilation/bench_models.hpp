@@ -1,5 +1,6 @@
 #pragma once
-/// @file What the benchmarks of large data share: a field of smooth functions, the noise of image correlation.
+/// @file What the benchmarks of large data share: a field of smooth functions, the noise of image
+/// correlation.
 #include <Eigen/Core>
 #include <Eigen/SparseCore>
 #include <cmath>
@@ -79,7 +80,7 @@ inline Eigen::MatrixXd normal_matrix(Eigen::Index rows, Eigen::Index columns, st
   return m.unaryExpr([&](double) { return normal(random); });
 }
 
-/// n observations of a random model with l space modes and r functions of two parameters.
+/// n observations of a random model, smooth in time, with l space modes and r functions of two parameters.
 inline std::shared_ptr<reduction::ObservedModel> large_model(Eigen::Index n, Eigen::Index l, Eigen::Index r,
                                                              int steps, std::mt19937_64& random) {
   auto model = std::make_shared<reduction::ObservedModel>();
@@ -87,9 +88,15 @@ inline std::shared_ptr<reduction::ObservedModel> large_model(Eigen::Index n, Eig
   model->parameters = {"a", "b"};
   model->space = normal_matrix(n, l, random);
   model->lift = normal_matrix(n, steps, random);
+  // A load that grows: twelve smooth functions of time.
+  std::vector<Eigen::MatrixXd> shapes;
+  for (int i = 0; i < 12; ++i) shapes.push_back(normal_matrix(l, r, random));
   for (int t = 0; t < steps; ++t) {
     model->time.push_back(t);
-    model->core.push_back(0.01 * normal_matrix(l, r, random));
+    model->core.emplace_back(Eigen::MatrixXd::Zero(l, r));
+    for (int i = 0; i < 12; ++i)
+      model->core.back() +=
+          0.003 * std::sin((i + 1) * 1.5 * (t + 1) / steps) * shapes[static_cast<std::size_t>(i)];
   }
   return model;
 }

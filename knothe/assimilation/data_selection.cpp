@@ -4,6 +4,7 @@
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/SparseCholesky>
+#include <algorithm>
 #include <cassert>
 #include <cmath>
 
@@ -42,55 +43,33 @@ struct SensorDesign::Covariance {
 class SensorDesign::Progress {
  public:
   explicit Progress(const SensorDesign& design)
-      : design_(design), rows_(design.rows_), variance_(design.noise_std_.cwiseAbs2()), d_(design.dimension_) {
+      : design_(design),
+        variance_(design.noise_std_.cwiseAbs2()),
+        d_(design.dimension_),
+        pairs_(d_ * (d_ + 1) / 2),
+        products_(design.rows_.rows(), pairs_ * static_cast<Eigen::Index>(design.width_.size())) {
     information_.assign(design.width_.size(), Eigen::MatrixXd::Identity(d_, d_));
     log_det_.assign(information_.size(), 0.0);
+    if (design.covariance_) rows_ = design.rows_;
+    for_blocks([&](Eigen::Index first, Eigen::Index count) { multiply(first, count); });
   }
 
   /// Mean over the points of ½ log det(I + F + Σ_t a aᵀ) − ½ log det(I + F), for every dof.
   [[nodiscard]] Eigen::VectorXd gains() const {
-    const Eigen::Index n = rows_.rows();
-    Eigen::VectorXd gain = Eigen::VectorXd::Zero(n);
-    Eigen::Index first = 0;
-    Eigen::ArrayXXd packed(n, d_ * (d_ + 1) / 2);
-    for (std::size_t point = 0; point < information_.size(); ++point) {
-      const Eigen::Index q = design_.width_[point];
-      for (Eigen::Index a = 0; a < d_; ++a) {
-        for (Eigen::Index b = 0; b <= a; ++b) {
-          auto entry = packed.col(a * (a + 1) / 2 + b);
-          entry.setZero();
-          for (Eigen::Index c = 0; c < q; ++c)
-            entry += rows_.col(first + a * q + c).array() * rows_.col(first + b * q + c).array();
-          entry /= variance_.array();
-        }
-      }
-      first += d_ * q;
-      if (d_ == 1) {
-        gain.array() += (1 + packed.col(0) / information_[point](0, 0)).log();
-      } else if (d_ == 2) {
-        const Eigen::MatrixXd& f = information_[point];
-        const auto det = (f(0, 0) + packed.col(0)) * (f(1, 1) + packed.col(2)) - (f(1, 0) + packed.col(1)).square();
-        gain.array() += det.log() - log_det_[point];
-      } else {
-        for (Eigen::Index k = 0; k < n; ++k) {
-          Eigen::MatrixXd f = information_[point];
-          for (Eigen::Index a = 0; a < d_; ++a) {
-            for (Eigen::Index b = 0; b <= a; ++b) {
-              const double value = packed(k, a * (a + 1) / 2 + b);
-              f(a, b) += value;
-              if (a != b) f(b, a) += value;
-            }
-          }
-          gain[k] += log_det(std::move(f)) - log_det_[point];
-        }
-      }
-    }
-    return 0.5 / static_cast<double>(information_.size()) * gain;
+    Eigen::VectorXd gain(products_.rows());
+    const double scale = 0.5 / static_cast<double>(information_.size());
+    for_blocks([&](Eigen::Index first, Eigen::Index count) {
+      Eigen::ArrayXd sum = Eigen::ArrayXd::Zero(count);
+      for (std::size_t point = 0; point < information_.size(); ++point) add_log_det(point, first, sum);
+      gain.segment(first, count) = scale * sum;
+    });
+    return gain;
   }
 
   /// Takes dof k; returns the information at the first point, without the prior's.
   Eigen::MatrixXd take(Eigen::Index k) {
-    const Eigen::RowVectorXd row = rows_.row(k);
+    const Eigen::MatrixXd& rows = design_.covariance_ ? rows_ : design_.rows_;
+    const Eigen::RowVectorXd row = rows.row(k);
     const double variance = variance_[k];
     Eigen::Index first = 0;
     for (std::size_t point = 0; point < information_.size(); ++point) {
@@ -100,24 +79,83 @@ class SensorDesign::Progress {
       log_det_[point] = log_det(information_[point]);
       first += d_ * q;
     }
-    if (design_.covariance_) {
-      // The next column of the pivoted Cholesky factor of R.
-      Eigen::VectorXd l = design_.covariance_->column(k);
-      for (const Eigen::VectorXd& past : factor_) l -= past[k] * past;
-      l /= std::sqrt(variance);
-      rows_.noalias() -= l * (row / std::sqrt(variance));
-      // What rounding leaves of the variance of a dof that is determined by those chosen counts as noise.
-      variance_ = (variance_ - l.cwiseAbs2()).cwiseMax(1e-12 * design_.noise_std_.cwiseAbs2());
-      factor_.push_back(std::move(l));
-    }
+    if (design_.covariance_) condition_on(k, row / std::sqrt(variance), variance);
     return information_[0] - Eigen::MatrixXd::Identity(d_, d_);
   }
 
  private:
+  /// Blocks of dofs whose rows stay in the cache.
+  template <class Action>
+  void for_blocks(const Action& action) const {
+    constexpr Eigen::Index k_block = 256;
+    for (Eigen::Index first = 0; first < products_.rows(); first += k_block)
+      action(first, std::min(k_block, products_.rows() - first));
+  }
+
+  /// Σ_t a aᵀ of the dofs of a block, packed, point by point.
+  void multiply(Eigen::Index first, Eigen::Index count) {
+    const Eigen::MatrixXd& rows = design_.covariance_ ? rows_ : design_.rows_;
+    Eigen::Index column = 0;
+    for (std::size_t point = 0; point < information_.size(); ++point) {
+      const Eigen::Index q = design_.width_[point];
+      for (Eigen::Index a = 0; a < d_; ++a) {
+        for (Eigen::Index b = 0; b <= a; ++b) {
+          auto entry = products_.col(static_cast<Eigen::Index>(point) * pairs_ + a * (a + 1) / 2 + b)
+                           .segment(first, count);
+          entry = (rows.block(first, column + a * q, count, q).array() *
+                   rows.block(first, column + b * q, count, q).array())
+                      .rowwise()
+                      .sum() /
+                  variance_.segment(first, count).array();
+        }
+      }
+      column += d_ * q;
+    }
+  }
+
+  void add_log_det(std::size_t point, Eigen::Index first, Eigen::ArrayXd& sum) const {
+    const auto packed =
+        products_.middleCols(static_cast<Eigen::Index>(point) * pairs_, pairs_).middleRows(first, sum.size());
+    const Eigen::MatrixXd& f = information_[point];
+    if (d_ == 1) {
+      sum += (1 + packed.col(0) / f(0, 0)).log();
+    } else if (d_ == 2) {
+      sum +=
+          ((f(0, 0) + packed.col(0)) * (f(1, 1) + packed.col(2)) - (f(1, 0) + packed.col(1)).square()).log() -
+          log_det_[point];
+    } else {
+      for (Eigen::Index k = 0; k < sum.size(); ++k) {
+        Eigen::MatrixXd with = f;
+        for (Eigen::Index a = 0; a < d_; ++a) {
+          for (Eigen::Index b = 0; b <= a; ++b) {
+            with(a, b) += packed(k, a * (a + 1) / 2 + b);
+            with(b, a) = with(a, b);
+          }
+        }
+        sum[k] += log_det(std::move(with)) - log_det_[point];
+      }
+    }
+  }
+
+  /// The next column l of the pivoted Cholesky factor of R; rows and variances given dof k.
+  void condition_on(Eigen::Index k, const Eigen::RowVectorXd& scaled_row, double variance) {
+    Eigen::VectorXd l = design_.covariance_->column(k);
+    for (const Eigen::VectorXd& past : factor_) l -= past[k] * past;
+    l /= std::sqrt(variance);
+    // What rounding leaves of the variance of a dof that is determined by those chosen counts as noise.
+    variance_ = (variance_ - l.cwiseAbs2()).cwiseMax(1e-12 * design_.noise_std_.cwiseAbs2());
+    for_blocks([&](Eigen::Index first, Eigen::Index count) {
+      rows_.middleRows(first, count).noalias() -= l.segment(first, count) * scaled_row;
+      multiply(first, count);
+    });
+    factor_.push_back(std::move(l));
+  }
+
   const SensorDesign& design_;
-  Eigen::MatrixXd rows_;
+  Eigen::MatrixXd rows_;  ///< conditional rows, for correlated noise
   Eigen::VectorXd variance_;
-  Eigen::Index d_;
+  Eigen::Index d_, pairs_;
+  Eigen::ArrayXXd products_;                  ///< Σ_t a aᵀ, n × points · pairs
   std::vector<Eigen::MatrixXd> information_;  ///< I + F of each point
   std::vector<double> log_det_;
   std::vector<Eigen::VectorXd> factor_;  ///< columns of the Cholesky factor
@@ -140,7 +178,8 @@ SensorDesign::~SensorDesign() = default;
 void SensorDesign::add_point(const reduction::ObservedModel& model, const NoiseModel& noise,
                              const Eigen::VectorXd& prior_std, const Eigen::VectorXd& p) {
   const auto& functions = *model.functions;
-  const Eigen::Index d = dimension_, l = model.space.cols(), n_t = static_cast<Eigen::Index>(model.core.size());
+  const Eigen::Index d = dimension_, l = model.space.cols(),
+                     n_t = static_cast<Eigen::Index>(model.core.size());
   reduction::FunctionBatch batch;
   batch.resize(1, d, functions.count(), 1);
   functions.evaluate(p.transpose(), 1, batch);
@@ -153,8 +192,8 @@ void SensorDesign::add_point(const reduction::ObservedModel& model, const NoiseM
     // T^{-1/2} = √((k + 1)/k) (I − c 1 1ᵀ), (1 − c n)² = k/(n + k).
     const double k = noise.shared_reference(), n = static_cast<double>(n_t);
     const double c = (1 - std::sqrt(k / (n + k))) / n;
-    stack = std::sqrt((k + 1) / k) *
-            (stack - (c * stack.rowwise().sum()) * Eigen::RowVectorXd::Ones(n_t)).eval();
+    stack =
+        std::sqrt((k + 1) / k) * (stack - (c * stack.rowwise().sum()) * Eigen::RowVectorXd::Ones(n_t)).eval();
   }
   if (width_.empty()) {
     const Eigen::MatrixXd gram = model.space.transpose() * noise.apply(model.space);

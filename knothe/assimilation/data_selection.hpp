@@ -57,7 +57,7 @@ class SensorDesign {
   Eigen::Matrix<double, Eigen::Dynamic, 3> positions_;
   std::unique_ptr<const Covariance> covariance_;  ///< columns of R for correlated noise, else null
   Eigen::VectorXd noise_std_;
-  Eigen::MatrixXd rows_;             ///< n × Σ_points d q: rows J_k over the directions of time, point by point
+  Eigen::MatrixXd rows_;  ///< n × Σ_points d q: rows J_k over the directions of time, point by point
   std::vector<Eigen::Index> width_;  ///< q of each point
   Eigen::MatrixXd all_;
 };

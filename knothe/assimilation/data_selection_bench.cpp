@@ -46,7 +46,7 @@ int main(int argc, char** argv) {
   fmt::print("{}, 1 thread; 30 of {} dofs, l = r = 30, 100 steps\n", bench::processor(), 2 * side * side);
   run("D-optimal, independent noise", side, repeats, false, 1);
   run("D-optimal, noise of correlation and shared reference", side, repeats, true, 1);
-  run("information gain at 16 points, independent noise", side, repeats, false, 16);
-  run("information gain at 16 points, noise of correlation", side, repeats, true, 16);
+  run("information gain at 8 points, independent noise", side, repeats, false, 8);
+  run("information gain at 8 points, noise of correlation", side, repeats, true, 8);
   return 0;
 }

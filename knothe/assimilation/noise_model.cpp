@@ -164,6 +164,11 @@ NoiseModel NoiseModel::restricted(const std::vector<Eigen::Index>& kept) const {
     }
   }
   const Sparse s = selection(precision_->cols(), marginal->kept);
+  if (left_out.empty()) {
+    noise.precision_ = std::make_shared<const Sparse>(s.transpose() * *precision_ * s);
+    noise.log_determinant_ = marginal_ ? marginal_->whole_log_determinant : log_determinant_;
+    return noise;
+  }
   const Sparse u = selection(precision_->cols(), left_out);
   marginal->block = s.transpose() * *precision_ * s;
   marginal->coupling = u.transpose() * *precision_ * s;

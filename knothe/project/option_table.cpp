@@ -267,6 +267,42 @@ const std::vector<Option>& options() {
        "Constant coordinate of that face, m; default: the model's outermost, or 0 without a model.",
        {}},
 
+      {"select", K::table, "", "Which dofs to measure (`knothe select`).", {}},
+      {"select.criterion",
+       K::choice,
+       "d-optimal",
+       "The paper's criteria on the sensitivity fields (`product`, `minimum`, `maximum`), or greedy choices: "
+       "least "
+       "posterior covariance at one point, or most expected information over the prior.",
+       {"product", "minimum", "maximum", "d-optimal", "information-gain"}},
+      {"select.count", K::integer, "30", "Number of dofs to choose.", {}},
+      {"select.min_distance", K::non_negative, "0", "Least distance between any two of them, m.", {}},
+      {"select.candidates",
+       K::choice,
+       "",
+       "The dofs of the data file with their noise (default where the project names data), or those of the "
+       "model "
+       "(on the face and in the range of `[simulate.dofs]`, if given).",
+       {"data", "model"}},
+      {"select.at",
+       K::table,
+       "",
+       "Parameters at which the model is linearised; the middle of its box otherwise.",
+       {}},
+      {"select.at.*", K::number, "", "Value of the parameter of that name.", {}},
+      {"select.step",
+       K::integer,
+       "",
+       "Model time step of the sensitivity fields of the paper's criteria; the middle one otherwise. Greedy "
+       "choices "
+       "sum over all steps.",
+       {}},
+      {"select.noise_std",
+       K::positive,
+       "",
+       "Standard deviation of the noise of candidates of the model, m; that of `[simulate]`, or 1e-6, "
+       "otherwise.",
+       {}},
       {"forecast", K::table, "", "One table per quantity of interest.", {}},
       {"forecast.*", K::table, "", "A forecast of that name.", {}},
       {"forecast.*.quantity",

@@ -172,6 +172,20 @@ SimulateOptions read_simulate(Values& values) {
   return s;
 }
 
+SelectOptions read_select(Values& values) {
+  values.at_least("select.count", 1);
+  SelectOptions s;
+  s.criterion = values.text("select.criterion", s.criterion);
+  s.count = static_cast<int>(values.integer("select.count", s.count));
+  s.min_distance = values.number("select.min_distance", s.min_distance);
+  s.candidates = values.text("select.candidates", s.candidates);
+  for (const std::string& name : children(values, "select.at"))
+    s.at[name] = values.number("select.at." + name, 1);
+  if (values.has("select.step")) s.step = static_cast<std::size_t>(values.integer("select.step", 0));
+  if (values.has("select.noise_std")) s.noise_std = values.number("select.noise_std", 1e-6);
+  return s;
+}
+
 forecast::ForecastSpecification read_forecast(Values& values, const std::string& name) {
   const std::string path = "forecast." + name;
   using Quantity = forecast::ForecastSpecification::Quantity;
@@ -255,6 +269,7 @@ Project parse_project(const std::string& text, const std::string& path) {
   project.pictures = read_pictures(values, project.folder);
   if (values.has_table("offline")) project.offline = read_offline(values, project.folder);
   if (values.has_table("simulate")) project.simulate = read_simulate(values);
+  project.select = read_select(values);
   for (const std::string& name : children(values, "forecast")) {
     project.forecasts.push_back(read_forecast(values, name));
   }

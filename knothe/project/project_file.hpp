@@ -87,6 +87,17 @@ struct SimulateOptions {
   std::uint64_t seed = 1;
 };
 
+/// What `knothe select` chooses among, and how.
+struct SelectOptions {
+  std::string criterion = "d-optimal";
+  int count = 30;
+  double min_distance = 0;           ///< m
+  std::string candidates;            ///< "data", "model"; empty: data where the project has them
+  std::map<std::string, double> at;  ///< parameters at which the model is linearised; else the box's middle
+  std::optional<std::size_t> step;   ///< of the paper's criteria; else the middle one
+  std::optional<double> noise_std;   ///< of candidates of the model, m
+};
+
 struct Project {
   std::string path;     ///< as given
   std::string folder;   ///< paths are relative to it
@@ -101,6 +112,7 @@ struct Project {
   std::optional<OfflineOptions> offline;
   std::optional<SimulateOptions> simulate;
   PictureOptions pictures;  ///< [dic] and [data] pictures
+  SelectOptions select;
   std::vector<forecast::ForecastSpecification> forecasts;
 
   /// Line and column of every table and key of the file, by its path ("parameters.Y0").

@@ -1,0 +1,153 @@
+#include "knothe/project/selection_setup.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "knothe/assimilation/measurements.hpp"
+#include "knothe/assimilation/time_matching.hpp"
+#include "knothe/base/error.hpp"
+#include "knothe/base/text.hpp"
+#include "knothe/project/simulation.hpp"
+#include "knothe/project/update_setup.hpp"
+
+namespace knothe::project {
+namespace {
+
+using Criterion = assimilation::SelectionProblem::Criterion;
+
+Criterion criterion_of(const std::string& text) {
+  return text == "product"     ? Criterion::product
+         : text == "minimum"   ? Criterion::minimum
+         : text == "maximum"   ? Criterion::maximum
+         : text == "d-optimal" ? Criterion::d_optimal
+                               : Criterion::information_gain;
+}
+
+/// The middle of the model's box, or what [select.at] says.
+Eigen::VectorXd reference_point(const Project& project, const reduction::SeparatedModel& model) {
+  const std::vector<std::string> names = model.parameter_names();
+  Eigen::VectorXd at(static_cast<Eigen::Index>(names.size()));
+  for (const auto& [name, value] : project.select.at) {
+    if (std::find(names.begin(), names.end(), name) == names.end()) {
+      throw project.error_at(
+          "select.at." + name,
+          fmt::format("select.at.{} is not a parameter of the model{}", name, did_you_mean(name, names)));
+    }
+  }
+  for (std::size_t k = 0; k < names.size(); ++k) {
+    const std::vector<double>& nodes = model.contents().axes[k].nodes;
+    const auto given = project.select.at.find(names[k]);
+    const double value =
+        given == project.select.at.end() ? 0.5 * (nodes.front() + nodes.back()) : given->second;
+    if (!(value >= nodes.front() && value <= nodes.back())) {
+      throw project.error_at("select.at." + names[k],
+                             fmt::format("select.at.{} = {} lies outside the model's box, {} to {}", names[k],
+                                         value, nodes.front(), nodes.back()));
+    }
+    at[static_cast<Eigen::Index>(k)] = value;
+  }
+  return at;
+}
+
+/// Dofs of the model: those of the face and range that [simulate.dofs] observes, or all.
+std::vector<std::size_t> model_candidates(const Project& project, const reduction::Dofs& dofs) {
+  if (dofs.empty()) throw DataError("the model has no dof positions: its field is not a displacement");
+  std::vector<std::size_t> candidates;
+  const std::size_t n = dofs.components.size();
+  if (!project.simulate) {
+    for (std::size_t i = 0; i < n; ++i) candidates.push_back(i);
+    return candidates;
+  }
+  const assimilation::DofSelection s = dof_selection(*project.simulate);
+  constexpr double k_slack = 1e-9;  // m
+  const auto inside = [&](const std::optional<std::array<double, 2>>& range, double value) {
+    return !range || (value >= (*range)[0] - k_slack && value <= (*range)[1] + k_slack);
+  };
+  const auto face = static_cast<std::size_t>(s.face);
+  double outermost = -INFINITY;
+  for (std::size_t i = 0; i < n; ++i) outermost = std::max(outermost, dofs.points[3 * i + face]);
+  for (std::size_t i = 0; i < n; ++i) {
+    const double* x = &dofs.points[3 * i];
+    const bool wanted = std::find(s.components.begin(), s.components.end(),
+                                  static_cast<int>(dofs.components[i])) != s.components.end();
+    if (wanted && x[face] > outermost - k_slack && inside(s.x_range, x[0]) && inside(s.y_range, x[1]))
+      candidates.push_back(i);
+  }
+  if (candidates.empty())
+    throw project.error_at("simulate.dofs", "the model has no dofs on that face and in that range");
+  return candidates;
+}
+
+void take_data(const Project& project, SelectionSetup& setup) {
+  const assimilation::Measurements m = assimilation::read_measurements(project.data);
+  std::vector<Eigen::Index> kept;
+  for (Eigen::Index i = 0; i < m.noise.size(); ++i) {
+    if (m.noise.is_measured(i)) kept.push_back(i);
+  }
+  setup.from_data = true;
+  setup.noise = m.noise.is_complete() ? m.noise : m.noise.restricted(kept);
+  setup.problem.positions = m.points(kept, Eigen::all);
+  std::vector<double> points;
+  std::vector<std::int64_t> components;
+  for (const Eigen::Index i : kept) {
+    setup.candidates.push_back(static_cast<std::size_t>(i));
+    setup.components.push_back(m.components[static_cast<std::size_t>(i)]);
+    components.push_back(setup.components.back());
+    for (Eigen::Index c = 0; c < 3; ++c) points.push_back(m.points(i, c));
+  }
+  setup.whole = reduction::observe(setup.model, points, components);
+  setup.observed =
+      reduction::at_steps(setup.whole, assimilation::match_times(m.time, setup.whole.time, project.data));
+}
+
+void take_model(const Project& project, SelectionSetup& setup) {
+  const reduction::Dofs& dofs = setup.model.contents().dofs;
+  setup.candidates = model_candidates(project, dofs);
+  const auto n = static_cast<Eigen::Index>(setup.candidates.size());
+  setup.problem.positions.resize(n, 3);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const std::size_t dof = setup.candidates[static_cast<std::size_t>(i)];
+    setup.components.push_back(static_cast<int>(dofs.components[dof]));
+    for (Eigen::Index c = 0; c < 3; ++c)
+      setup.problem.positions(i, c) = dofs.points[3 * dof + static_cast<std::size_t>(c)];
+  }
+  const double otherwise = project.simulate ? project.simulate->noise_std : 1e-6;
+  setup.noise = assimilation::NoiseModel::independent(
+      Eigen::VectorXd::Constant(n, project.select.noise_std.value_or(otherwise)));
+  setup.whole = setup.observed = reduction::observe_dofs(setup.model, setup.candidates);
+}
+
+}  // namespace
+
+SelectionSetup set_up_selection(const Project& project) {
+  project.require(!project.model.empty(), "a model: `model = \"MODEL.h5\"`");
+  project.require(!project.parameters.empty(),
+                  "a table [parameters] with a prior for each parameter of the model");
+  const bool data =
+      project.select.candidates.empty() ? !project.data.empty() : project.select.candidates == "data";
+  project.require(!data || !project.data.empty(), "data: `data = \"DATA.h5\"`");
+  SelectionSetup setup{load_model(project), {}, false, {}, {}, {}, {}, {}};
+  assimilation::SelectionProblem& problem = setup.problem;
+  problem.criterion = criterion_of(project.select.criterion);
+  problem.count = static_cast<std::size_t>(project.select.count);
+  problem.min_distance = project.select.min_distance;
+  problem.seed = project.method.seed;
+  problem.at = reference_point(project, setup.model);
+  for (std::size_t k = 0; k < project.parameters.size(); ++k) {
+    const std::vector<double>& nodes = setup.model.contents().axes[k].nodes;
+    const NamedPrior& parameter = project.parameters[k];
+    problem.priors.push_back(parameter.prior.truncated(nodes.front(), nodes.back(), parameter.name));
+  }
+  const std::size_t steps = setup.model.step_count();
+  problem.step = project.select.step.value_or(steps / 2);
+  if (problem.step >= steps) {
+    throw project.error_at(
+        "select.step", fmt::format("select.step = {}: the model has steps 0 to {}", problem.step, steps - 1));
+  }
+  data ? take_data(project, setup) : take_model(project, setup);
+  return setup;
+}
+
+}  // namespace knothe::project

@@ -1,0 +1,26 @@
+#pragma once
+/// @file From a project file to the candidates of a data selection.
+#include <memory>
+#include <vector>
+
+#include "knothe/assimilation/selection_study.hpp"
+#include "knothe/project/project_file.hpp"
+#include "knothe/reduction/separated_model.hpp"
+
+namespace knothe::project {
+
+struct SelectionSetup {
+  reduction::SeparatedModel model;
+  std::vector<std::size_t> candidates;  ///< their indices in the data file or in the model
+  bool from_data = false;
+  std::vector<int> components;               ///< of the candidates
+  reduction::ObservedModel observed, whole;  ///< at the measured steps, and at all of the model
+  assimilation::NoiseModel noise;
+  assimilation::SelectionProblem problem;
+};
+
+/// Reads what [select] needs. Errors: ProjectError where the file is to blame, DataError for what model or
+/// data lack.
+[[nodiscard]] SelectionSetup set_up_selection(const Project& project);
+
+}  // namespace knothe::project
