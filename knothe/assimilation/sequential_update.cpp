@@ -99,6 +99,10 @@ SequentialUpdate::SequentialUpdate(std::shared_ptr<const reduction::ObservedMode
 
 SequentialUpdate::~SequentialUpdate() = default;
 
+Eigen::VectorXd SequentialUpdate::centre() const {
+  return medians(*transform_);
+}
+
 std::vector<Prior> SequentialUpdate::priors() const {
   std::vector<Prior> priors;
   for (Eigen::Index k = 0; k < transform_->dimension(); ++k) priors.push_back(transform_->prior(k));
@@ -125,14 +129,10 @@ const UpdateResult& SequentialUpdate::update(std::size_t step, std::size_t time_
   // Throws for data that cannot be; nothing has changed then.
   projector_.project(step, time_index, values, datum.form);
   data_[step] = std::move(datum);
+  forget_from(step);
+  if (!in_order) project_again();
   const double projection = microseconds_since(start);
-  if (in_order) {
-    sum_.add(data_[step].form);
-    recompute(step);
-  } else {
-    project_again();
-    replay();
-  }
+  conclude(data_.rbegin()->first);
   result_.elapsed_us.projection = projection;
   return result_;
 }
@@ -140,9 +140,13 @@ const UpdateResult& SequentialUpdate::update(std::size_t step, std::size_t time_
 const UpdateResult& SequentialUpdate::remove(std::size_t step) {
   if (data_.erase(step) == 0)
     throw UsageError(fmt::format("step {} is not assimilated: there is nothing to take out", step));
+  forget_from(step);
   project_again();
-  replay();
-  return result_;
+  if (data_.empty()) {
+    begin_anew();
+    return result_;
+  }
+  return conclude(data_.rbegin()->first);
 }
 
 /// Where steps share an error the form of each depends on those before it: all are made again, in order.
@@ -152,19 +156,47 @@ void SequentialUpdate::project_again() {
   for (auto& [step, datum] : data_) projector_.project(step, datum.time_index, datum.values, datum.form);
 }
 
-void SequentialUpdate::replay() {
+void SequentialUpdate::put(std::size_t step, std::size_t time_index, StepForm form) {
+  data_[step] = {std::move(form), time_index, {}, projector_.model().time[time_index], std::nullopt};
+  forget_from(step);
+}
+
+/// What was computed from this step on holds no longer.
+void SequentialUpdate::forget_from(std::size_t step) {
+  for (auto it = data_.lower_bound(step); it != data_.end(); ++it) it->second.log_evidence.reset();
+  if (summed_ && *summed_ >= step) begin_anew();
+}
+
+void SequentialUpdate::begin_anew() {
   result_ = {};
   posterior_ = {};
   if (composition_) composition_->map = transport::ComposedMap(transform_->dimension());
+  sum_ = StepForm::zero(projector_.central_functions().size());
+  summed_.reset();
+}
+
+const UpdateResult& SequentialUpdate::conclude(std::size_t step) {
+  const auto last = data_.find(step);
+  if (last == data_.end())
+    throw UsageError(fmt::format("step {} is not assimilated: there is no posterior of it", step));
+  if (summed_ && *summed_ > step) begin_anew();
   // In the order of the steps, so that the sums are those of data that came in that order, to the bit.
   // Composed maps need every step; the collapsed posterior only the last one, and the one before it for the
   // increment of the evidence.
-  sum_ = StepForm::zero(projector_.central_functions().size());
-  std::size_t left = data_.size();
-  for (const auto& [step, datum] : data_) {
-    sum_.add(datum.form);
-    if (composition_ || left-- <= 2) recompute(step);
+  auto it = summed_ ? data_.upper_bound(*summed_) : data_.begin();
+  for (const auto end = std::next(last); it != end; ++it) {
+    sum_.add(it->second.form);
+    summed_ = it->first;
+    const bool before_last = std::next(it) == last && !it->second.log_evidence;
+    if (!composition_ && it != last && !before_last) continue;
+    try {
+      recompute(it->first);
+    } catch (...) {
+      begin_anew();  // a posterior that is half one step's, half another's is nobody's
+      throw;
+    }
   }
+  return result_;
 }
 
 void SequentialUpdate::recompute(std::size_t step) {
@@ -187,7 +219,7 @@ void SequentialUpdate::recompute(std::size_t step) {
   result_.maximum_a_posteriori = maximum_a_posteriori(target_, *transform_, result_.mean);
   result_.elapsed_us.correction += microseconds_since(start);
   result_.log_evidence_increment =
-      result_.log_evidence - (here == data_.begin() ? 0.0 : std::prev(here)->second.log_evidence);
+      result_.log_evidence - (here == data_.begin() ? 0.0 : *std::prev(here)->second.log_evidence);
   here->second.log_evidence = result_.log_evidence;
 }
 

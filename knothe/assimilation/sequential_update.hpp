@@ -5,6 +5,7 @@
 #include <array>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -98,6 +99,17 @@ class SequentialUpdate {
   /// step left they are empty. Throws UsageError for a step that is not there.
   const UpdateResult& remove(std::size_t step);
 
+  /// The point p at which w₀ is taken (`DatumProjector`): the priors' medians. Forms for `put` are made
+  /// there.
+  [[nodiscard]] Eigen::VectorXd centre() const;
+
+  /// The two halves of `update`, for who holds many data at once (a journal that is replayed, several data of
+  /// one time). `put` sets the form of a step, in place of what was there; no posterior is made. `conclude`
+  /// makes that of all steps up to `step`, as if nothing later had come; result() and posterior() are then
+  /// those. UsageError for a step that is not there.
+  void put(std::size_t step, std::size_t time_index, StepForm form);
+  const UpdateResult& conclude(std::size_t step);
+
   [[nodiscard]] const UpdateResult& result() const { return result_; }
   [[nodiscard]] const WeightedPosterior& posterior() const { return posterior_; }
   [[nodiscard]] std::vector<Prior> priors() const;       ///< truncated
@@ -114,12 +126,13 @@ class SequentialUpdate {
     std::size_t time_index = 0;
     Eigen::VectorXd values;  ///< kept where the form depends on other data
     double time = 0;
-    double log_evidence = 0;  ///< of all data up to this one, for the increment of the next
+    std::optional<double> log_evidence;  ///< of all data up to this one, for the increment of the next
   };
   struct Composition;
 
   void project_again();
-  void replay();
+  void forget_from(std::size_t step);
+  void begin_anew();
   void recompute(std::size_t step);
   void by_grid();
   void by_collapsed_map();
@@ -139,7 +152,8 @@ class SequentialUpdate {
   transport::ImportanceCorrection correction_;
   std::unique_ptr<Composition> composition_;  ///< for Form::composed
   std::map<std::size_t, Datum> data_;
-  StepForm sum_;
+  StepForm sum_;                       ///< of the steps up to `summed_`
+  std::optional<std::size_t> summed_;  ///< the step that result_ and posterior_ are of
   UpdateResult result_;
   WeightedPosterior posterior_;
   Eigen::MatrixXd no_derivatives_, map_points_;

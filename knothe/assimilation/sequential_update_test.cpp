@@ -226,6 +226,40 @@ TEST(SequentialUpdate, AStepTakenOutLeavesNoTrace) {
   }
 }
 
+TEST(SequentialUpdate, TheFormsOfStepsPutInAnyOrderGiveThePosteriorOfEveryStep) {
+  const Eigen::Index n = 8;
+  const auto model = random_model(std::make_shared<CurvedFunctions>(), n, 4, 5, 33);
+  const Eigen::VectorXd std = Eigen::VectorXd::Constant(n, 0.6);
+  const Eigen::MatrixXd data = synthetic_data(*model, Eigen::Vector2d(1.0, 1.2), std, 4);
+  for (auto form : {UpdateOptions::Form::collapsed, UpdateOptions::Form::composed}) {
+    UpdateOptions options;
+    options.form = form;
+    SequentialUpdate in_order(model, NoiseModel::independent(std), papers_priors(), options);
+    SequentialUpdate put(model, NoiseModel::independent(std), papers_priors(), options);
+    DatumProjector projector(model, NoiseModel::independent(std), put.centre());
+    std::vector<UpdateResult> lines;
+    std::vector<Eigen::MatrixXd> points;
+    for (std::size_t t = 0; t < 5; ++t) {
+      lines.push_back(in_order.update(t, t, data.col(static_cast<Eigen::Index>(t))));
+      points.push_back(in_order.posterior().points);
+    }
+    const auto form_of = [&](std::size_t t) {
+      StepForm one;
+      projector.project(t, t, data.col(static_cast<Eigen::Index>(t)), one);
+      return one;
+    };
+    for (std::size_t t : {3u, 0u, 4u, 2u}) put.put(t, t, form_of(t));
+    put.conclude(4);
+    put.put(1, 1, form_of(1));
+    for (std::size_t t : {4u, 1u, 0u, 2u, 3u, 4u}) {
+      EXPECT_TRUE(identical(put.conclude(t), lines[t])) << t;
+      EXPECT_EQ(put.result().log_evidence_increment, lines[t].log_evidence_increment) << t;
+      EXPECT_EQ(put.posterior().points, points[t]) << t;
+    }
+    EXPECT_THROW(put.conclude(7), UsageError);
+  }
+}
+
 TEST(SequentialUpdate, AValueInTheWrongUnitIsRefusedByName) {
   const auto model = random_model(std::make_shared<CurvedFunctions>(), 4, 3, 2, 3);
   SequentialUpdate update(model, NoiseModel::independent(Eigen::Vector4d::Constant(0.1)), papers_priors());
