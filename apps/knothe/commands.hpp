@@ -94,6 +94,28 @@ struct ReportArguments {
 };
 int report(const ReportArguments& arguments);
 
+struct ServeArguments {
+  std::string project;
+  std::optional<int> port;
+  bool strict_deadline = false;
+};
+int serve(const ServeArguments& arguments);
+
+struct JournalArguments {
+  std::string journal;
+  std::string project;  ///< empty: NAME.toml beside NAME.journal
+  std::string output;
+  bool json = false;
+};
+int replay(const JournalArguments& arguments);
+int recover(const JournalArguments& arguments);
+int export_journal(const JournalArguments& arguments);
+
+int doctor();
+
+/// Whether `knothe-offline` is where `run_sibling` finds it.
+[[nodiscard]] bool sibling_installed();
+
 /// Runs `knothe-offline` with the words given (the command first); returns its exit status. Throws an Error
 /// of status 1 that says how to get it where it is not installed.
 int run_sibling(const std::vector<std::string>& words);

@@ -3,7 +3,9 @@
 
 #include <cerrno>
 #include <cstdio>
+#include <cstdlib>
 #include <filesystem>
+#include <sstream>
 
 #include "apps/knothe/commands.hpp"
 #include "knothe/base/error.hpp"
@@ -20,6 +22,16 @@ std::string sibling_program() {
 }
 
 }  // namespace
+
+bool sibling_installed() {
+  const std::string program = sibling_program();
+  if (program.find('/') != std::string::npos) return true;
+  const char* path = std::getenv("PATH");
+  std::istringstream folders(path == nullptr ? "" : path);
+  for (std::string folder; std::getline(folders, folder, ':');)
+    if (access((folder + "/" + program).c_str(), X_OK) == 0) return true;
+  return false;
+}
 
 int run_sibling(const std::vector<std::string>& words) {
   const std::string program = sibling_program();

@@ -273,6 +273,7 @@ Project parse_project(const std::string& text, const std::string& path) {
   for (const std::string& name : children(values, "forecast")) {
     project.forecasts.push_back(read_forecast(values, name));
   }
+  project.serve = read_serve(values, path);
   if (!values.complaints.empty()) throw_complaints(values.complaints, path);
   return project;
 }

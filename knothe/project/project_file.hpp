@@ -10,6 +10,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/forecast/forecaster.hpp"
 #include "knothe/project/picture_options.hpp"
+#include "knothe/project/serve_options.hpp"
 
 namespace knothe::project {
 
@@ -114,6 +115,7 @@ struct Project {
   PictureOptions pictures;  ///< [dic] and [data] pictures
   SelectOptions select;
   std::vector<forecast::ForecastSpecification> forecasts;
+  ServeOptions serve;
 
   /// Line and column of every table and key of the file, by its path ("parameters.Y0").
   std::map<std::string, std::array<int, 2>> positions;

@@ -1,0 +1,29 @@
+#pragma once
+/// @file The table [serve] of a project file: the online service.
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace knothe::project {
+
+struct Values;
+
+struct ServeOptions {
+  std::string address = "127.0.0.1";
+  int port = 8080;
+  std::string journal;              ///< resolved
+  std::string site;                 ///< name of this project's structure
+  std::vector<std::string> others;  ///< project files of further sites, resolved
+  int window = 3;
+  std::optional<double> period, budget, stale_after;  ///< s
+  std::string read_token, ingest_token;               ///< files, resolved; empty: none
+  long max_body = 8 << 20;                            ///< bytes
+  int max_connections = 1024;
+  double timeout = 30;  ///< s
+  std::string log = "events";
+};
+
+/// `path` is the project file's: its stem is the site's name unless the file says otherwise.
+[[nodiscard]] ServeOptions read_serve(Values& values, const std::string& path);
+
+}  // namespace knothe::project

@@ -1,0 +1,70 @@
+#pragma once
+/// @file A measurement as it is sent: its key, its payload, and its parsing from JSON and npy.
+#include <compare>
+#include <cstdint>
+#include <limits>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace knothe::service {
+
+/// Who a datum is. Sorted by source, then session, then seq.
+struct DatumKey {
+  std::string source, session;
+  std::int64_t seq = 0;
+  auto operator<=>(const DatumKey&) const = default;
+};
+
+/// One vector of values of all sensors at one model time.
+struct Datum {
+  DatumKey key;
+  double time = 0;
+  std::vector<double> values;        ///< as sent; NaN for null
+  std::vector<std::uint8_t> status;  ///< one per value: 0 is good, anything else is missing
+  std::int64_t step = 0;             ///< index of the model time
+  std::int64_t received_ms = 0;      ///< Unix time of its arrival; nothing depends on it
+
+  /// The values that the update sees: NaN where missing.
+  [[nodiscard]] std::vector<double> effective_values() const;
+  /// Values and status as the journal keeps them: count, doubles, bytes, little endian.
+  [[nodiscard]] std::string payload() const;
+  /// Back again. False if the bytes are not a payload.
+  [[nodiscard]] bool set_payload(std::string_view bytes);
+};
+
+/// What is wrong with a request: an HTTP status, a type for programs and a message for people. Not an Error
+/// of the program: it never leaves the service but as an answer.
+class RequestError : public std::runtime_error {
+ public:
+  RequestError(int status, std::string type, const std::string& message)
+      : std::runtime_error(message), status_(status), type_(std::move(type)) {}
+  [[nodiscard]] int status() const { return status_; }
+  [[nodiscard]] const std::string& type() const { return type_; }
+
+ private:
+  int status_;
+  std::string type_;
+};
+
+/// A datum and the site it is for (may be empty).
+struct SiteDatum {
+  std::string site;
+  Datum datum;
+};
+
+/// From the JSON object of `POST /v1/measurements`. RequestError 400 that says which member is wrong.
+[[nodiscard]] SiteDatum parse_json_datum(std::string_view body);
+
+/// The key and time of a datum whose values come as npy: texts of HTTP headers.
+struct NpyHeaders {
+  std::string site, source, session, seq, time, status;
+};
+[[nodiscard]] SiteDatum parse_npy_datum(std::string_view body, const NpyHeaders& headers);
+
+/// The numbers of a one-dimensional .npy array of little- or big-endian float32 or float64. RequestError 400.
+[[nodiscard]] std::vector<double> parse_npy(std::string_view bytes);
+
+}  // namespace knothe::service

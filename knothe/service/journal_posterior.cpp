@@ -1,0 +1,119 @@
+#include "knothe/service/journal_posterior.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <utility>
+
+namespace knothe::service {
+
+using assimilation::StepForm;
+
+JournalPosterior::JournalPosterior(const project::Project& project, const project::UpdateSetup& setup)
+    : update_(setup.observed, setup.measurements.noise, setup.priors, setup.options),
+      projector_(setup.observed, setup.measurements.noise, update_.centre()),
+      forecaster_(project::make_forecaster(project, setup)) {}
+
+StepForm JournalPosterior::form_of(const Step& step, const Contribution& c) const {
+  return {c.quadratic ? *c.quadratic : step.complete_quadratic,
+          c.linear,
+          c.constant,
+          c.log_normaliser,
+          c.used,
+          c.missing};
+}
+
+void JournalPosterior::add(const Datum& datum) {
+  const auto index = static_cast<std::size_t>(datum.step);
+  if (const auto it = steps_.find(index); it != steps_.end() && it->second.data.contains(datum.key)) return;
+  const std::vector<double> sent = datum.effective_values();
+  const Eigen::VectorXd values =
+      Eigen::Map<const Eigen::VectorXd>(sent.data(), static_cast<Eigen::Index>(sent.size()));
+  StepForm form;
+  projector_.project(index, index, values, form);
+  const bool last_step = steps_.empty() || steps_.rbegin()->first <= index;
+  Step& step = steps_[index];
+  const bool last = step.data.empty() || step.data.rbegin()->first < datum.key;
+  keep(step, datum.key, form, values);
+  if (last) step.last_values = sent;
+  step.received_ms = std::max(step.received_ms, datum.received_ms);
+  if (projector_.depends_on_order() && !(last && last_step)) out_of_order_ = true;
+  unput_.insert(index);
+  for (auto it = steps_.find(index); it != steps_.end(); ++it) stale_.insert(it->first);
+}
+
+void JournalPosterior::keep(Step& step, const DatumKey& key, const StepForm& form, Eigen::VectorXd values) {
+  Contribution contribution{form.linear, form.constant, form.log_normaliser, form.used, form.missing, nullptr,
+                            {}};
+  const bool shares = form.missing == 0 && !projector_.depends_on_order();
+  if (!shares) {
+    contribution.quadratic = std::make_unique<Eigen::MatrixXd>(form.quadratic);
+  } else if (step.complete_quadratic.size() == 0) {
+    step.complete_quadratic = form.quadratic;
+  }
+  if (projector_.depends_on_order()) contribution.values = std::move(values);
+  const bool last = step.data.empty() || step.data.rbegin()->first < key;
+  if (step.data.empty()) step.sum = StepForm::zero(form.linear.size());
+  step.data.insert_or_assign(key, std::move(contribution));
+  if (last) {
+    step.sum.add(form);
+    return;
+  }
+  step.sum = StepForm::zero(form.linear.size());
+  for (const auto& [k, kept] : step.data) step.sum.add(form_of(step, kept));
+}
+
+/// Where data share an error the form of each depends on those before it: all are made again, in order.
+void JournalPosterior::project_again() {
+  if (!out_of_order_) return;
+  out_of_order_ = false;
+  projector_.restart();
+  for (auto& [index, step] : steps_) {
+    const auto data = std::exchange(step.data, {});
+    for (const auto& [key, kept] : data) {
+      StepForm form;
+      projector_.project(index, index, kept.values, form);
+      keep(step, key, form, kept.values);
+    }
+    unput_.insert(index);
+  }
+}
+
+std::optional<std::size_t> JournalPosterior::last_step() const {
+  if (steps_.empty()) return std::nullopt;
+  return steps_.rbegin()->first;
+}
+
+std::size_t JournalPosterior::data_of(std::size_t step) const {
+  const auto it = steps_.find(step);
+  return it == steps_.end() ? 0 : it->second.data.size();
+}
+
+JournalPosterior::Conclusion JournalPosterior::conclude(std::size_t step) {
+  stale_.erase(step);
+  project_again();
+  for (const std::size_t index : unput_) update_.put(index, index, steps_.at(index).sum);
+  unput_.clear();
+  const assimilation::UpdateResult& result = update_.conclude(step);
+  const auto start = std::chrono::steady_clock::now();
+  auto forecasts = forecaster_.update(update_.posterior().points, update_.posterior().weights);
+  const std::chrono::duration<double, std::micro> elapsed = std::chrono::steady_clock::now() - start;
+  return {result, update_.posterior(), std::move(forecasts), elapsed.count()};
+}
+
+StepForm JournalPosterior::form_up_to(std::size_t step) const {
+  StepForm sum = StepForm::zero(projector_.central_functions().size());
+  for (auto it = steps_.begin(); it != steps_.end() && it->first <= step; ++it) sum.add(it->second.sum);
+  return sum;
+}
+
+std::int64_t JournalPosterior::received_ms(std::size_t step) const {
+  const auto it = steps_.find(step);
+  return it == steps_.end() ? 0 : it->second.received_ms;
+}
+
+std::span<const double> JournalPosterior::last_values(std::size_t step) const {
+  const auto it = steps_.find(step);
+  return it == steps_.end() ? std::span<const double>() : std::span<const double>(it->second.last_values);
+}
+
+}  // namespace knothe::service

@@ -1,0 +1,23 @@
+#pragma once
+/// @file A journal without its service: what it holds, and the posterior that it gives.
+#include <string>
+
+#include "knothe/project/project_file.hpp"
+
+namespace knothe::service {
+
+/// `FILE.toml` beside `FILE.journal`, unless `project` says otherwise.
+[[nodiscard]] std::string project_of_journal(const std::string& journal, const std::string& project);
+
+/// Verifies the journal; prints what it holds and, with the project, the posterior of every step (with `json`
+/// as the lines of `knothe assimilate --json`).
+void replay_journal(const std::string& journal, const std::string& project_path, bool json);
+
+/// Writes a journal's measurements as CSV (`output` ends with .csv), or the results folder of `knothe
+/// assimilate` (posterior.nc in ArviZ's layout, steps, fields for ParaView).
+void export_journal(const std::string& journal, const std::string& project_path, const std::string& output);
+
+/// Prints what is installed and how fast the disk is; false if something is wrong.
+[[nodiscard]] bool doctor(const std::string& folder, bool offline_installed);
+
+}  // namespace knothe::service

@@ -1,0 +1,51 @@
+#pragma once
+/// @file SHA-256 (FIPS 180-4): identity of models, seal of the journal's records.
+#include <array>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+#include <type_traits>
+
+namespace knothe::service {
+
+using Digest = std::array<std::uint8_t, 32>;
+
+/// The hash of everything added so far.
+class Sha256 {
+ public:
+  void add(std::span<const std::uint8_t> bytes);
+  void add(std::string_view text);
+  /// The bytes of a number as it is in memory (little endian on every machine that we build for).
+  template <class Number>
+  requires std::is_arithmetic_v<Number>
+  void add_number(Number number) {
+    std::array<std::uint8_t, sizeof(Number)> bytes;
+    __builtin_memcpy(bytes.data(), &number, sizeof(Number));
+    add(bytes);
+  }
+  /// A text with its length before it: no two lists of texts look alike.
+  void add_text(std::string_view text) {
+    add_number(static_cast<std::uint64_t>(text.size()));
+    add(text);
+  }
+  /// Ends the sum; add nothing afterwards.
+  [[nodiscard]] Digest finish();
+
+ private:
+  void compress(const std::uint8_t* block);
+
+  std::array<std::uint32_t, 8> state_ = {0x6a09e667, 0xbb67ae85, 0x3c6ef372, 0xa54ff53a,
+                                         0x510e527f, 0x9b05688c, 0x1f83d9ab, 0x5be0cd19};
+  std::array<std::uint8_t, 64> block_{};
+  std::uint64_t length_ = 0;  ///< bytes so far
+};
+
+[[nodiscard]] std::string to_hex(const Digest& digest);
+/// Base64 with padding, as Content-Security-Policy writes hashes.
+[[nodiscard]] std::string to_base64(const Digest& digest);
+[[nodiscard]] Digest sha256_of(std::string_view text);
+/// Of a file's bytes. DataError where it cannot be read.
+[[nodiscard]] Digest sha256_of_file(const std::string& path);
+
+}  // namespace knothe::service
