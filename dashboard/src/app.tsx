@@ -21,6 +21,13 @@ import { useTheme } from "./theme";
 const panels = ["forecast", "parameters", "field", "pairs", "evidence", "timing"];
 const playInterval = 120;
 
+/** Lists and text take all keys themselves, the slider those that move it. */
+function keepsKey(target: HTMLElement, key: string): boolean {
+  if (!(target instanceof HTMLInputElement)) return /^(SELECT|TEXTAREA)$/.test(target.tagName);
+  if (target.type === "range") return /^(Arrow|Page|Home|End)/.test(key);
+  return target.type !== "checkbox";
+}
+
 export function App({ store }: { store: Store }) {
   const [, redraw] = useState(0);
   const [now, setNow] = useState(performance.now());
@@ -56,14 +63,13 @@ export function App({ store }: { store: Store }) {
   const pairLine = history.find(store.detail.samples.value?.step ?? -1) ?? line;
   const events = useMemo(() => {
     const found = eventsOf(lines, { quantities: model?.quantities ?? [], budget_us: budget });
-    return merged([...store.stateEvents, ...store.alarms], found);
+    return merged(store.alarms, [...store.stateEvents, ...found]);
   }, [version, model, budget, store.stateEvents, store.alarms]);
   const fields = quantitiesOf(names);
 
   const key = useCallback((event: KeyboardEvent) => {
     const target = event.target as HTMLElement;
-    if (event.ctrlKey || event.metaKey || event.altKey || /^(INPUT|SELECT|TEXTAREA)$/.test(target.tagName) && target.getAttribute("type") !== "checkbox") return;
-    if (target.closest("dialog[open]")) return;
+    if (event.ctrlKey || event.metaKey || event.altKey || target.closest("dialog[open]") || keepsKey(target, event.key)) return;
     const pace = event.shiftKey ? 10 : 1;
     const actions: Record<string, () => void> = {
       ArrowLeft: () => store.move(-pace),

@@ -18,13 +18,15 @@ export function merged(told: readonly Event[], found: readonly Event[]): Event[]
   return [...told, ...found.filter((e) => !known.has(`${e.step} ${e.kind}`))].sort((a, b) => b.step - a.step);
 }
 
+/** The service raises alarms of these kinds itself: what both say is listed once. */
+const stateKind: Record<StateWord, string> = { OK: "state", STALE: "gap", DEGRADED: "deadline", BIASED: "bias", DIVERGED: "trust" };
 const stateSeverity: Record<StateWord, Severity> = { OK: "info", STALE: "warning", DEGRADED: "warning", BIASED: "alarm", DIVERGED: "alarm" };
 
 /** A change of the service's state, which the lines do not tell: known only to a page that was there. */
 export function stateEvent(before: Status | undefined, now: Status): Event | undefined {
   if (before ? before.state === now.state : now.state === "OK") return undefined;
   const why = now.reason ? `: ${now.reason}` : "";
-  return { step: now.step ?? 0, severity: stateSeverity[now.state], kind: "state", message: `The service ${before ? "became" : "is"} ${now.state}${why}` };
+  return { step: now.step ?? 0, severity: stateSeverity[now.state], kind: stateKind[now.state], message: `The service ${before ? "became" : "is"} ${now.state}${why}` };
 }
 
 /** Newest first. */

@@ -116,7 +116,7 @@ export function dataSpec(base: Base): ChartSpec {
 
 export function timingSpec(base: Base, budget: number | undefined): ChartSpec {
   const { lines, theme } = base;
-  const phases = phasesOf(lines[lines.length - 1]?.elapsed_us ?? {});
+  const phases = phasesOf(lines[lines.length - 1]?.elapsed_us ?? {}).filter((name) => lines.some((l) => (l.elapsed_us[name] ?? 0) > 0));
   const dashes = [[], [8, 3], [2, 3], [8, 3, 2, 3], [12, 4]];
   const names = [...phases, "total"];
   const rows = lines.map((line) => ({ time: line.time, line }));

@@ -49,6 +49,8 @@ export class Store {
   private notBefore = new Map<Kind, number>();
   private timer: ReturnType<typeof setTimeout> | undefined;
   private tokenTried = false;
+  /** Answers to what was asked before everything was forgotten are not taken. */
+  private epoch = 0;
   private poll: ReturnType<typeof setInterval> | undefined;
 
   subscribe(listener: () => void): () => void {
@@ -81,6 +83,7 @@ export class Store {
           this.needsToken = undefined;
           this.problem = undefined;
           this.changed();
+          void this.verify();
         },
         line: (line) => {
           this.take(line);
@@ -166,6 +169,19 @@ export class Store {
     if (status.data_age_s !== undefined) this.lastDatumAt = performance.now() - 1000 * status.data_age_s;
   }
 
+  /**
+   * A service that was restarted with something else between the questions of `prepare` and the stream of events (the browser repeats a
+   * request whose connection broke) would feed its steps to what the page knows of the other.
+   */
+  private async verify(): Promise<void> {
+    try {
+      const model = await absentIs404(this.api.model());
+      if (identity(model) !== identity(this.model)) this.start();
+    } catch {
+      // The stream of events notices when the service is gone.
+    }
+  }
+
   /** Events tell changes of the state; its numbers (misfit, missed deadlines) go on changing. */
   private async refreshStatus(): Promise<void> {
     if (document.hidden) return;
@@ -189,6 +205,7 @@ export class Store {
   }
 
   private forget(): void {
+    this.epoch += 1;
     this.history.clear();
     this.cache.clear();
     this.stateEvents = [];
@@ -244,9 +261,11 @@ export class Store {
     this.busy.add(kind);
     const begin = performance.now();
     let failed = false;
+    const { epoch } = this;
     (this.api[kind](step, this.wanted) as Promise<Answers[Kind]>)
       .then(
         (value) => {
+          if (epoch !== this.epoch) return;
           this.cache.set(key, value);
           if (this.cache.size > kept * kinds.length) this.cache.delete(this.cache.keys().next().value!);
           this.detail[kind] = { value: value as never };

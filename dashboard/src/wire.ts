@@ -38,7 +38,7 @@ export function asStatus(value: unknown): Status | undefined {
 export function asAlarm(value: unknown): Event | undefined {
   if (!isObject(value) || typeof value.message !== "string") return undefined;
   const severity: Severity = value.severity === "info" || value.severity === "alarm" ? value.severity : "warning";
-  return { step: isNumber(value.step) ? value.step : 0, severity, kind: String(value.kind ?? ""), message: value.message };
+  return { step: isNumber(value.step) ? value.step : 0, severity, kind: String(value.kind ?? ""), message: value.message.replace(/^[a-z]/, (c) => c.toUpperCase()) };
 }
 
 interface FieldAnswer {

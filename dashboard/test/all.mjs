@@ -1,4 +1,5 @@
-// Types, the committed page, unit tests in node, then the page in headless Chromium. `node test/all.mjs unit|page` runs a part.
+// Types, the committed page, unit tests in node, then the page in headless Chromium. `node test/all.mjs unit|page|service` runs a part;
+// `service`, the page on the real program, only when asked for by name: it needs KNOTHE and KNOTHE_PROJECT.
 import { spawnSync } from "node:child_process";
 import { existsSync, readdirSync, rmSync } from "node:fs";
 import { dirname, join } from "node:path";
@@ -15,7 +16,7 @@ function run(...command) {
   if (status !== 0) process.exit(status ?? 1);
 }
 
-if (part !== "page") {
+if (part === "unit" || part === "all") {
   run(join(root, "node_modules/typescript/bin/tsc"), "--noEmit", "-p", ".");
   run("build.mjs", "--check");
   rmSync(join(out, "unit"), { recursive: true, force: true });
@@ -29,7 +30,7 @@ if (part !== "page") {
 if (part !== "unit") {
   if (!existsSync(process.env.KNOTHE_CHROMIUM ?? "/usr/bin/chromium")) {
     console.log("dashboard: no chromium: the page is not tested in a browser (apt-get install chromium)");
-    process.exit(part === "page" ? 77 : 0);
+    process.exit(part === "all" ? 0 : 77);
   }
-  run("--test", join(here, "page.test.mjs"));
+  run("--test", join(here, part === "service" ? "service.test.mjs" : "page.test.mjs"));
 }

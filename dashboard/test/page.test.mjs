@@ -1,11 +1,11 @@
-// The built page in headless Chromium, on the mock service or, with KNOTHE_SERVICE=URL, its numbers on a real one.
+// The built page in headless Chromium, on the mock service.
 // Pictures are left in out/pictures.
 import assert from "node:assert/strict";
 import { mkdirSync, readFileSync } from "node:fs";
 import { dirname, join } from "node:path";
 import { after, before, test } from "node:test";
 import { fileURLToPath } from "node:url";
-import { chromium } from "playwright-core";
+import { compareNumbers, launch, number, text, until, watchedPage } from "./browser.mjs";
 import { MockService, Recording } from "../mock/server.mjs";
 
 const here = dirname(fileURLToPath(import.meta.url));
@@ -13,31 +13,17 @@ const pictures = join(here, "../out/pictures");
 mkdirSync(pictures, { recursive: true });
 const desktop = { viewport: { width: 1440, height: 900 }, colorScheme: "light" };
 const phone = { viewport: { width: 390, height: 844 }, deviceScaleFactor: 1.5, isMobile: true, hasTouch: true, colorScheme: "light" };
-const patience = 20000; // on a busy machine; an idle one needs a tenth
 let browser;
 
 before(async () => {
-  browser = await chromium.launch({ executablePath: process.env.KNOTHE_CHROMIUM ?? "/usr/bin/chromium",
-    args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"] });
+  browser = await launch();
 });
 after(() => browser?.close());
 
 /** A page on a mock; whatever it complains about, and wherever else it goes, fails the test. */
 async function open(t, options = {}, look = desktop, path = "") {
   const service = await new MockService(new Recording().scenario(), { rate: 0, start: 70, period: 600, ...options }).listen(options.port ?? 0);
-  const context = await browser.newContext({ ...look, acceptDownloads: true });
-  const page = await context.newPage();
-  page.setDefaultTimeout(patience);
-  const complaints = [];
-  page.on("pageerror", (error) => complaints.push(String(error.stack)));
-  page.on("console", (message) => {
-    // While the service is away, or asks for a token, the browser itself says so.
-    if (["error", "warning"].includes(message.type()) && !/ERR_CONNECTION_REFUSED|ERR_INCOMPLETE_CHUNKED|ERR_EMPTY_RESPONSE|ERR_CONNECTION_RESET|status of 40[14]/.test(message.text()))
-      if (!/GPU stall|GL Driver Message/.test(message.text())) complaints.push(message.text());
-  });
-  page.on("request", (request) => {
-    if (!/^(data|blob):/.test(request.url()) && new URL(request.url()).hostname !== "127.0.0.1") complaints.push(`went to ${request.url()}`);
-  });
+  const { page, context, complaints } = await watchedPage(browser, look);
   t.after(async () => {
     await context.close();
     await service.close().catch(() => {});
@@ -45,45 +31,6 @@ async function open(t, options = {}, look = desktop, path = "") {
   });
   await page.goto(service.url + path);
   return { page, service, context };
-}
-
-const text = async (page, selector) => (await page.locator(selector).innerText()).trim();
-const until = async (page, selector, expected) => page.waitForFunction(
-  ([s, source]) => new RegExp(source, "s").test(document.querySelector(s)?.innerText ?? ""), [selector, expected.source]);
-/** The first number in a text, and how exactly it is written. */
-function number(written) {
-  const found = /[−-]?\d+(\.(\d+))?/.exec(written);
-  assert.ok(found, `a number in "${written}"`);
-  return { value: Number(found[0].replace("−", "-")), half: 0.5 * 10 ** -(found[2]?.length ?? 0) * (1 + 1e-9) };
-}
-function agree(written, expected, what) {
-  const { value, half } = number(written);
-  assert.ok(Math.abs(value - expected) <= half, `${what}: the page says "${written}", the service ${expected}`);
-}
-
-async function compareNumbers(page, line) {
-  const factors = { m: { mm: 1e3, "µm": 1e6, m: 1 }, N: { N: 1, kN: 1e-3 } };
-  for (const [name, forecast] of Object.entries(line.forecast)) {
-    const card = page.locator(`[data-forecast="${name}"]`);
-    const shown = await card.locator(".value").innerText();
-    const factor = factors[forecast.units][/[a-zµA-Z]+$/.exec(shown.trim())[0]];
-    agree(shown, forecast.values[2] * factor, `median of ${name}`);
-    const interval = (await card.locator(".interval").innerText()).split(":")[1].split("…");
-    agree(interval[0], forecast.values[0] * factor, `lower end of ${name}`);
-    agree(interval[1], forecast.values.at(-1) * factor, `upper end of ${name}`);
-    const failure = (await card.locator(".failure b").innerText()).split("=")[1];
-    if (failure.includes("<")) assert.ok(forecast.probability_above_threshold < 1e-3);
-    else if (failure.includes("> 99.9")) assert.ok(forecast.probability_above_threshold > 0.999);
-    else agree(failure, 100 * forecast.probability_above_threshold, `P of ${name}`);
-  }
-  const parameters = await page.locator("[data-parameter]").all();
-  assert.equal(parameters.length, line.mean.length);
-  for (const [k, card] of parameters.entries()) {
-    agree(await card.locator(".value").innerText(), line.quantiles.values[k][2], `median of parameter ${k}`);
-    const interval = (await card.locator(".interval").innerText()).split(":")[1].split("…");
-    agree(interval[0], line.quantiles.values[k][0], `lower end of parameter ${k}`);
-    agree(interval[1], line.quantiles.values[k].at(-1), `upper end of parameter ${k}`);
-  }
 }
 
 test("shows the numbers that the service returns, now and back in time", async (t) => {
@@ -164,7 +111,7 @@ test("the state is said in words, with its cause; silence becomes STALE", async 
   service.advance();
   await until(page, "#state", /OK/);
   service.raise({ step: service.known.at(-1).step, severity: "alarm", kind: "bias", message: "the last datum does not fit" });
-  await until(page, ".events", /the last datum does not fit/);
+  await until(page, ".events", /The last datum does not fit/);
   await until(page, ".events", /The service became DIVERGED: no map could be verified/);
 });
 
@@ -180,6 +127,23 @@ test("another configuration behind the same address: what was there is forgotten
   await until(page, "#step", /^2\b/);
   await page.waitForFunction(() => document.querySelector(".scrub input").max === "2");
   await context.close();
+});
+
+test("another configuration that appears after the first questions is noticed", async (t) => {
+  const recording = new Recording();
+  let asked = 0;
+  recording.description = () => {
+    asked += 1;
+    const description = Recording.prototype.description.call(recording);
+    return asked === 1 ? description : { ...description, run: "other", site: "bridge" };
+  };
+  const service = await new MockService(recording, { rate: 0, start: 5, period: 600 }).listen();
+  const { page, context, complaints } = await watchedPage(browser, desktop);
+  t.after(() => Promise.all([context.close(), service.close()]));
+  await page.goto(service.url);
+  await until(page, "h1", /bridge/);
+  await until(page, "#step", /^4\b/);
+  assert.deepEqual(complaints, []);
 });
 
 test("before the first datum it says so; a model without mesh, and a service that has only lines, are said in words", async (t) => {

@@ -46,7 +46,7 @@ test("description and mesh become the model; what is absent stays absent", () =>
 test("status and alarms: unknown words are no state, unknown severities are warnings", () => {
   assert.equal(asStatus({ state: "FINE" }), undefined);
   assert.equal(asStatus({ state: "BIASED", reason: "x" })?.reason, "x");
-  assert.deepEqual(asAlarm({ id: 3, step: 7, severity: "loud", kind: "gap", message: "m" }), { step: 7, severity: "warning", kind: "gap", message: "m" });
+  assert.deepEqual(asAlarm({ id: 3, step: 7, severity: "loud", kind: "gap", message: "late" }), { step: 7, severity: "warning", kind: "gap", message: "Late" });
   assert.equal(asAlarm({ id: 3 }), undefined);
 });
 

@@ -92,7 +92,7 @@ test("what the service and the lines both tell is listed once", () => {
 test("a change of the service's state is told once, with its cause", () => {
   assert.equal(stateEvent(undefined, { state: "OK" }), undefined);
   assert.equal(stateEvent({ state: "OK" }, { state: "OK", reason: "x" }), undefined);
-  assert.deepEqual(stateEvent({ state: "OK" }, { state: "BIASED", reason: "χ² 200", step: 4 }), { step: 4, severity: "alarm", kind: "state", message: "The service became BIASED: χ² 200" });
+  assert.deepEqual(stateEvent({ state: "OK" }, { state: "BIASED", reason: "χ² 200", step: 4 }), { step: 4, severity: "alarm", kind: "bias", message: "The service became BIASED: χ² 200" });
   assert.equal(stateEvent(undefined, { state: "STALE" })?.message, "The service is STALE");
 });
 

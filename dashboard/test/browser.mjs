@@ -1,0 +1,67 @@
+// What the tests in the browser share.
+import assert from "node:assert/strict";
+import { chromium } from "playwright-core";
+
+const patience = 20000; // on a busy machine; an idle one needs a tenth
+
+export function launch() {
+  return chromium.launch({ executablePath: process.env.KNOTHE_CHROMIUM ?? "/usr/bin/chromium", args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"] });
+}
+
+/** A page whose complaints, and requests to other hosts, are in `complaints`. */
+export async function watchedPage(browser, look) {
+  const context = await browser.newContext({ ...look, acceptDownloads: true });
+  const page = await context.newPage();
+  page.setDefaultTimeout(patience);
+  const complaints = [];
+  page.on("pageerror", (error) => complaints.push(String(error.stack)));
+  page.on("console", (message) => {
+    // While the service is away, asks for a token, or has no such route, the browser itself says so.
+    const expected = /ERR_CONNECTION_REFUSED|ERR_INCOMPLETE_CHUNKED|ERR_EMPTY_RESPONSE|ERR_CONNECTION_RESET|status of 40[14]|GPU stall|GL Driver Message/;
+    if (["error", "warning"].includes(message.type()) && !expected.test(message.text())) complaints.push(message.text());
+  });
+  page.on("request", (request) => {
+    if (!/^(data|blob):/.test(request.url()) && new URL(request.url()).hostname !== "127.0.0.1") complaints.push(`went to ${request.url()}`);
+  });
+  return { page, context, complaints };
+}
+
+export const text = async (page, selector) => (await page.locator(selector).innerText()).trim();
+export const until = async (page, selector, expected) => page.waitForFunction(
+  ([s, source]) => new RegExp(source, "s").test(document.querySelector(s)?.innerText ?? ""), [selector, expected.source]);
+/** The first number in a text, and how exactly it is written. */
+export function number(written) {
+  const found = /[−-]?\d+(\.(\d+))?/.exec(written);
+  assert.ok(found, `a number in "${written}"`);
+  return { value: Number(found[0].replace("−", "-")), half: 0.5 * 10 ** -(found[2]?.length ?? 0) * (1 + 1e-9) };
+}
+function agree(written, expected, what) {
+  const { value, half } = number(written);
+  assert.ok(Math.abs(value - expected) <= half, `${what}: the page says "${written}", the service ${expected}`);
+}
+
+/** Every number of the cards at the top, as exactly as it is written there. */
+export async function compareNumbers(page, line) {
+  const factors = { m: { mm: 1e3, "µm": 1e6, m: 1 }, N: { N: 1, kN: 1e-3 } };
+  for (const [name, forecast] of Object.entries(line.forecast)) {
+    const card = page.locator(`[data-forecast="${name}"]`);
+    const shown = await card.locator(".value").innerText();
+    const factor = factors[forecast.units][/[a-zµA-Z]+$/.exec(shown.trim())[0]];
+    agree(shown, forecast.values[2] * factor, `median of ${name}`);
+    const interval = (await card.locator(".interval").innerText()).split(":")[1].split("…");
+    agree(interval[0], forecast.values[0] * factor, `lower end of ${name}`);
+    agree(interval[1], forecast.values.at(-1) * factor, `upper end of ${name}`);
+    const failure = (await card.locator(".failure b").innerText()).split("=")[1];
+    if (failure.includes("<")) assert.ok(forecast.probability_above_threshold < 1e-3);
+    else if (failure.includes("> 99.9")) assert.ok(forecast.probability_above_threshold > 0.999);
+    else agree(failure, 100 * forecast.probability_above_threshold, `P of ${name}`);
+  }
+  const parameters = await page.locator("[data-parameter]").all();
+  assert.equal(parameters.length, line.mean.length);
+  for (const [k, card] of parameters.entries()) {
+    agree(await card.locator(".value").innerText(), line.quantiles.values[k][2], `median of parameter ${k}`);
+    const interval = (await card.locator(".interval").innerText()).split(":")[1].split("…");
+    agree(interval[0], line.quantiles.values[k][0], `lower end of parameter ${k}`);
+    agree(interval[1], line.quantiles.values[k].at(-1), `upper end of parameter ${k}`);
+  }
+}
