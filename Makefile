@@ -1,11 +1,15 @@
 # make demo   installs what is needed, builds, and runs the main job
+# make demo-live   the online service with a simulated camera, and its page
 # make test   the same, and passes the tests; the last line is `N passed, N failed`
-.PHONY: demo test test-all bench build dependencies dashboard dashboard-test format tidy install clean
+.PHONY: demo-live demo test test-all bench build dependencies dashboard dashboard-test format tidy install clean
 
 JOBS ?= $(shell nproc)
 
 demo: build
 	scripts/demo.sh
+
+demo-live: build
+	scripts/demo-live.sh
 
 test: dependencies
 	scripts/test.sh

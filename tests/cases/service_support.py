@@ -1,0 +1,164 @@
+"""A running `knothe serve` for tests, and the few requests that they make. Python's own modules only."""
+import http.client
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import threading
+import time
+import urllib.parse
+
+from support import KNOTHE, Case, parse_line, read_csv
+
+
+class Service:
+    """`knothe serve PROJECT` at a free port; restarted with the same journal by `start` again."""
+
+    def __init__(self, folder, project, *arguments, **options):
+        self.folder, self.project, self.arguments, self.options = folder, project, arguments, options
+        self.process = None
+
+    def start(self, wait=True):
+        self.log = open(self.folder / "serve.log", "ab")
+        self.process = subprocess.Popen([KNOTHE, "serve", self.project, "--port", "0", *self.arguments], cwd=self.folder,
+                                        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=self.log, **self.options)
+        line = self.process.stdout.readline().decode()
+        if not line:
+            return self
+        self.port = int(re.search(r":(\d+)/$", line.strip())[1])
+        while wait and self.get("/readyz")[0] != 200:
+            time.sleep(0.02)
+        return self
+
+    def kill(self):
+        self.process.send_signal(signal.SIGKILL)
+        self.end()
+
+    def stop(self):
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+        return self.end()
+
+    def end(self):
+        status = self.process.wait(timeout=60)
+        self.process.stdout.close()
+        self.log.close()
+        return status
+
+    def connection(self):
+        return http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)
+
+    def request(self, method, path, body=None, headers=None, connection=None):
+        """Status, headers, body (JSON where it is)."""
+        one = connection or self.connection()
+        one.request(method, path, body, headers or {})
+        answer = one.getresponse()
+        content = answer.read()
+        if connection is None:
+            one.close()
+        if answer.headers.get("Content-Type") == "application/json" and content:
+            content = json.loads(content)
+        return answer.status, answer.headers, content
+
+    def get(self, path, **headers):
+        status, _, content = self.request("GET", path, headers={k.replace("_", "-"): v for k, v in headers.items()})
+        return status, content
+
+    def post(self, path, value, connection=None, **headers):
+        body = value if isinstance(value, (bytes, str)) else json.dumps(value)
+        status, _, content = self.request("POST", path, body, {"Content-Type": "application/json", **headers}, connection)
+        return status, content
+
+    def send(self, datum, connection=None):
+        return self.post("/v1/measurements", datum, connection)
+
+    def settled(self, records=None):
+        """Waits until all that was accepted is in the lines."""
+        while True:
+            status = self.get("/v1/status")[1]
+            if status["pending"] == 0 and status["behind"] == 0 and (records is None or status["records"] == records):
+                return status
+            time.sleep(0.02)
+
+    def states(self):
+        return self.get("/v1/states")[1]
+
+
+class Events:
+    """A reader of /v1/events in a thread of its own."""
+
+    def __init__(self, service, query="", **headers):
+        self.connection = service.connection()
+        self.connection.request("GET", "/v1/events" + query, headers={k.replace("_", "-"): v for k, v in headers.items()})
+        self.answer = self.connection.getresponse()
+        self.events = []
+        self.thread = threading.Thread(target=self.read, daemon=True)
+        self.thread.start()
+
+    def read(self):
+        event = {}
+        try:
+            for line in self.answer:
+                line = line.decode().rstrip("\n")
+                if line:
+                    key, _, value = line.partition(": ")
+                    event[key] = value
+                elif event:
+                    self.events.append(event)
+                    event = {}
+        except (OSError, ValueError, AttributeError, http.client.HTTPException):
+            pass
+
+    def steps(self):
+        return [(int(e["id"]), parse_line(e["data"])) for e in list(self.events) if e.get("event") == "step"]
+
+    def wait_for(self, condition, seconds=60):
+        end = time.monotonic() + seconds
+        while not condition(self):
+            assert time.monotonic() < end, f"did not come: {self.events[-3:]}"
+            time.sleep(0.01)
+
+    def close(self):
+        self.connection.sock and self.connection.sock.shutdown(socket.SHUT_RDWR)
+        self.thread.join(10)
+
+
+class ServiceCase(Case):
+    project_name = "assimilation.toml"
+    fixture = "analytic"
+
+    def setUp(self):
+        super().setUp()
+        rows = read_csv(self.folder / "data.csv")
+        self.data = []
+        for row in rows:
+            if not self.data or self.data[-1]["time"] != float(row["time"]):
+                self.data.append({"source": "camera", "session": "s", "seq": len(self.data), "time": float(row["time"]), "values": []})
+            self.data[-1]["values"].append(float(row["value"]))
+
+    def serve(self, *arguments, extra="", **options):
+        if extra:
+            self.project.write_text(self.project.read_text() + "\n[serve]\n" + extra)
+        service = Service(self.folder, self.project_name, *arguments, **options)
+        self.addCleanup(lambda: service.process and service.process.poll() is None and service.kill())
+        return service.start()
+
+    def expect_stored(self, answer, step=None, duplicate=False):
+        status, body = answer
+        self.assertEqual(status, 200, body)
+        self.assertIs(body["accepted"], True)
+        self.assertIs(body["duplicate"], duplicate)
+        if step is not None:
+            self.assertEqual(body["step"], step)
+
+    def expect_error(self, answer, status, kind):
+        self.assertEqual(answer[0], status, answer[1])
+        self.assertEqual(answer[1]["error"]["type"], kind, answer[1])
+        self.assertTrue(answer[1]["error"]["message"])
+
+
+def comparable(line):
+    """A line without what depends on when and how it was computed."""
+    return {k: v for k, v in line.items() if k not in ("elapsed_us", "event", "received_at", "site", "data")}
