@@ -175,7 +175,7 @@ export class MockService {
 
   answer(request, response) {
     const url = new URL(request.url, "http://localhost");
-    this.requests.push({ path: url.pathname, lastEventId: request.headers["last-event-id"] });
+    this.requests.push({ path: url.pathname, site: url.searchParams.get("site"), lastEventId: request.headers["last-event-id"] });
     const send = (status, body, type = "application/json") => response.writeHead(status, { "Content-Type": type, "Cache-Control": "no-store" }).end(body);
     const fail = (status, type, message) => send(status, JSON.stringify({ error: { type, message } }));
     if (url.pathname === "/") return send(200, readFileSync(this.page), "text/html; charset=utf-8");

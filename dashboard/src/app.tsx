@@ -13,7 +13,6 @@ import { EvidencePanel, ForecastPanel, ParametersPanel, TimingPanel } from "./pl
 import { saveText } from "./png";
 import { Scrub } from "./scrub";
 import { parameterNames, quantitiesIn } from "./specs";
-import { banner } from "./state";
 import type { Store } from "./store";
 import { Summary } from "./summary";
 import { useTheme } from "./theme";
@@ -30,18 +29,13 @@ function keepsKey(target: HTMLElement, key: string): boolean {
 
 export function App({ store }: { store: Store }) {
   const [, redraw] = useState(0);
-  const [now, setNow] = useState(performance.now());
   const [choice, dark, nextTheme] = useTheme();
   const theme = themeOf(dark);
   const [help, setHelp] = useState(false);
   const [playing, setPlaying] = useState(false);
   const [quantity, setQuantity] = useState(0);
 
-  useEffect(() => store.subscribe(() => (setNow(performance.now()), redraw((n) => n + 1))), [store]);
-  useEffect(() => {
-    const timer = setInterval(() => setNow(performance.now()), 250);
-    return () => clearInterval(timer);
-  }, []);
+  useEffect(() => store.subscribe(() => redraw((n) => n + 1)), [store]);
   useEffect(() => {
     if (!playing) return;
     if (store.chosen === undefined) store.choose(store.history.lines[0]?.step);
@@ -101,10 +95,6 @@ export function App({ store }: { store: Store }) {
       store.choose(nearest && nearest.step === history.latest?.step ? undefined : nearest?.step);
     },
   };
-  const state = banner({ now, connected: store.connected, lostAt: store.lostAt, lastDatumAt: store.lastDatumAt, status, latest: history.latest, model });
-  useEffect(() => {
-    document.title = `${state.state} · ${model?.site ?? "knothe"}`;
-  }, [state.state, model?.site]);
   return (
     <>
       <header class="top">
@@ -122,7 +112,7 @@ export function App({ store }: { store: Store }) {
         </span>
       </header>
       <main>
-        <BannerView banner={state} latest={history.latest} steps={model?.steps} />
+        <BannerView store={store} />
         {store.problem && !store.connected && <p class="problem">The service says: {store.problem}</p>}
         <Scrub lines={lines} version={version} chosen={store.chosen} line={line} events={events} theme={theme} choose={(step) => store.choose(step)} playing={playing} setPlaying={setPlaying} />
         <Summary model={model} line={line} theme={theme} />

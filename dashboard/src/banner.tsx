@@ -1,16 +1,26 @@
 /** At the top of the page, readable from across the room: the state, why, and how old the last datum is. */
+import { useEffect, useState } from "preact/hooks";
 import { stateLook } from "./colour";
 import { duration, given } from "./format";
-import type { Banner } from "./state";
-import type { StepLine } from "./types";
+import { banner as bannerOf } from "./state";
+import type { Store } from "./store";
 
-interface Props {
-  banner: Banner;
-  latest: StepLine | undefined;
-  steps: number | undefined;
-}
+/** The age counts on between data: only this part of the page is drawn for it. */
+const tick = 250;
 
-export function BannerView({ banner, latest, steps }: Props) {
+export function BannerView({ store }: { store: Store }) {
+  const [, redraw] = useState(0);
+  useEffect(() => {
+    const timer = setInterval(() => redraw((n) => n + 1), tick);
+    return () => clearInterval(timer);
+  }, []);
+  const { connected, lostAt, lastDatumAt, status, model } = store;
+  const { latest } = store.history;
+  const steps = model?.steps;
+  const banner = bannerOf({ now: performance.now(), connected, lostAt, lastDatumAt, status, latest, model });
+  useEffect(() => {
+    document.title = `${banner.state} · ${model?.site ?? "knothe"}`;
+  }, [banner.state, model?.site]);
   const look = stateLook[banner.state];
   return (
     <section class="banner" style={{ "--state": look.colour, "--ink": look.ink }} aria-label="State">

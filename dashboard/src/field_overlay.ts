@@ -129,7 +129,7 @@ function drawAxes(ctx: CanvasRenderingContext2D, { theme, viewport, camera, pixe
   ctx.stroke();
   ctx.textAlign = "center";
   ctx.fillText(length < 1 ? `${significant(length * 1000, 1)} mm` : `${significant(length, 1)} m`, right - pixels / 2, y - 6);
-  const origin = [18, 46] as const;
+  const origin = [36, 46] as const;
   const [r, u] = rotation(camera);
   "xyz".split("").forEach((name, k) => {
     const [dx, dy] = [26 * r[k]!, -26 * u[k]!];

@@ -31,6 +31,8 @@ export function FieldPanel({ model, fields, sensors, theme, quantity, setQuantit
   const [size, setSize] = useState({ width: 600, height: 300 });
   const [problem, setProblem] = useState<string>();
   const [readout, setReadout] = useState("");
+  /** Grows when a new WebGL context has nothing drawn yet. */
+  const [drawings, setDrawings] = useState(0);
   const frame = useRef<HTMLDivElement>(null);
   const picture = useRef<HTMLCanvasElement>(null);
   const overlay = useRef<HTMLCanvasElement>(null);
@@ -57,7 +59,8 @@ export function FieldPanel({ model, fields, sensors, theme, quantity, setQuantit
       }
     };
     make();
-    const restored = (): void => (make(), setReadout(" "));
+    setDrawings((n) => n + 1);
+    const restored = (): void => (make(), setDrawings((n) => n + 1));
     const lost = (event: Event): void => event.preventDefault();
     canvas.addEventListener("webglcontextlost", lost);
     canvas.addEventListener("webglcontextrestored", restored);
@@ -92,7 +95,7 @@ export function FieldPanel({ model, fields, sensors, theme, quantity, setQuantit
     if (shown.nodes) gl.setValues(shown.nodes);
     gl.draw({ camera, view: viewport, pixelsPerMetre, box, factor, edges, theme, ...(shown.nodes ? { colouring: { range: shown.range, map: shown.map } } : {}) });
     drawOverlay(overlay.current!, { markers, shown, theme, viewport, ratio, camera, pixelsPerMetre: pixelsPerMetre * camera.zoom });
-  });
+  }, [surface, shown, fields.value, sensors.value, camera, size, theme, factor, edges, drawings]);
 
   const point = (event: PointerEvent): void => {
     const bounds = frame.current!.getBoundingClientRect();

@@ -44,7 +44,7 @@ export function PairPanel({ model, line, lines, names, samples, theme }: Props) 
     const ctx = target.getContext("2d")!;
     ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
     if (line) draw(ctx, { width, height, count, line, lines, names, points, model, theme, whole: isWhole });
-  });
+  }, [width, height, count, line, samples.value, model, theme, isWhole]);
   const legend: LegendEntry[] = [
     { label: "draws of the posterior", colour: theme.blue, look: "bar", ...(points.length ? {} : { value: samples.problem ?? "none" }) },
     { label: "50 % and 95 % of a Gaussian with its moments", colour: theme.text, look: "dash" },
@@ -215,7 +215,7 @@ function ticks({ low, high }: Interval, count: number): number[] {
 function horizontalAxis(ctx: CanvasRenderingContext2D, { theme }: Picture, cell: Cell, name: string): void {
   ctx.fillStyle = theme.faint;
   ctx.textAlign = "center";
-  for (const v of ticks(cell.horizontal, Math.max(2, cell.w / 60))) {
+  for (const v of ticks(cell.horizontal, Math.max(2, cell.w / 42))) {
     const x = cell.x + ((v - cell.horizontal.low) / (cell.horizontal.high - cell.horizontal.low)) * cell.w;
     ctx.fillRect(x, cell.y + cell.h, 1, 4);
     ctx.fillText(given(v), x, cell.y + cell.h + 16);

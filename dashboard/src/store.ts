@@ -187,8 +187,10 @@ export class Store {
     if (document.hidden) return;
     try {
       const status = await absentIs404(this.api.status());
-      if (status) this.takeStatus(status);
-      else clearInterval(this.poll);
+      if (status) {
+        this.takeStatus(status);
+        this.changed();
+      } else clearInterval(this.poll);
     } catch {
       // The stream of events notices when the service is gone.
     }

@@ -32,7 +32,7 @@ export function Summary({ model, line, theme }: Props) {
             {p !== undefined && q.threshold !== undefined && (
               <p class="failure">
                 <meter class="p" min={0} max={1} value={p} aria-label={`P(${q.name} above threshold)`} />
-                <b>P(&gt; {given(q.threshold * scale.factor)} {scale.units}) = {probability(p)}</b>
+                <b>P(&gt; {given(q.threshold * scale.factor)} {scale.units}) {probability(p).replace(/^(?=\d)/, "= ")}</b>
               </p>
             )}
           </article>

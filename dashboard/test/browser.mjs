@@ -51,7 +51,7 @@ export async function compareNumbers(page, line) {
     const interval = (await card.locator(".interval").innerText()).split(":")[1].split("…");
     agree(interval[0], forecast.values[0] * factor, `lower end of ${name}`);
     agree(interval[1], forecast.values.at(-1) * factor, `upper end of ${name}`);
-    const failure = (await card.locator(".failure b").innerText()).split("=")[1];
+    const failure = (await card.locator(".failure b").innerText()).split(")")[1];
     if (failure.includes("<")) assert.ok(forecast.probability_above_threshold < 1e-3);
     else if (failure.includes("> 99.9")) assert.ok(forecast.probability_above_threshold > 0.999);
     else agree(failure, 100 * forecast.probability_above_threshold, `P of ${name}`);

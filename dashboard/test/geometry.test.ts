@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { fit, front, oblique, project, rotation, roundLength, roundUp, type Vec3 } from "../src/camera";
-import { colourAt } from "../src/colour";
+import { colourAt, stateLook, theme } from "../src/colour";
 import { viewOf } from "../src/field";
 import { boxOf, displayFactor, rangeOf, scalars, shapeOf, surfaceOf } from "../src/mesh";
 import { axisOf, correlation, ellipse, histogram, isNarrow } from "../src/pair";
@@ -120,6 +120,26 @@ test("axes of the pair plot, and its histogram", () => {
   assert.equal(isNarrow(line, [{ name: "a", lower: 0.5, upper: 1.5 }]), false);
   const heights = histogram([0.1, 0.1, 0.6, 5], { low: 0, high: 1 }, 2);
   assert.deepEqual(heights, [1, 0.5], "a density; what is outside is cut, not moved");
+});
+
+/** Relative luminance, WCAG 2. */
+function luminance(hex: string): number {
+  const [r, g, b] = [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16) / 255).map((c) => (c <= 0.03928 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4)) as [number, number, number];
+  return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+}
+
+function contrast(a: string, b: string): number {
+  const [low, high] = [luminance(a), luminance(b)].sort((x, y) => x - y) as [number, number];
+  return (high + 0.05) / (low + 0.05);
+}
+
+test("text can be read (WCAG AA, 4.5), lines can be seen (3) in light and dark", () => {
+  for (const look of [theme(false), theme(true)]) {
+    for (const ink of [look.text, look.faint]) assert.ok(contrast(ink, look.panel) >= 4.5, `${ink} on ${look.panel}: ${contrast(ink, look.panel)}`);
+    for (const line of [look.blue, look.orange, look.green, look.red, look.purple, look.prior, look.threshold, ...look.series])
+      assert.ok(contrast(line, look.panel) >= 3, `${line} on ${look.panel}: ${contrast(line, look.panel)}`);
+  }
+  for (const [word, { colour, ink }] of Object.entries(stateLook)) assert.ok(contrast(colour, ink) >= 4.5, `${word}: ${contrast(colour, ink)}`);
 });
 
 test("colour maps: ends, middle, and what is outside", () => {

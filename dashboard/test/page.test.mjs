@@ -146,6 +146,21 @@ test("another configuration that appears after the first questions is noticed", 
   assert.deepEqual(complaints, []);
 });
 
+test("several structures: the chosen one is asked for, and nothing of the other stays", async (t) => {
+  const { page, service } = await open(t, { start: 20, answer(request, response) {
+    const bridge = new URL(request.url, "http://localhost").searchParams.get("site") === "bridge";
+    this.recording.description = () => ({ ...Recording.prototype.description.call(this.recording), sites: ["beam", "bridge"], ...(bridge ? { site: "bridge", run: "b" } : {}) });
+    this.count = bridge ? 4 : 20;
+    return MockService.prototype.answer.call(this, request, response);
+  } });
+  await until(page, "#step", /^19\b/);
+  await page.getByLabel("Structure", { exact: true }).selectOption("bridge");
+  await until(page, "h1", /bridge/);
+  await until(page, "#step", /^3\b/);
+  assert.match(page.url(), /site=bridge/);
+  assert.ok(service.requests.some((r) => r.path === "/v1/events" && r.site === "bridge"));
+});
+
 test("before the first datum it says so; a model without mesh, and a service that has only lines, are said in words", async (t) => {
   const { page, service } = await open(t, { start: 0 });
   await until(page, "#reason", /^No datum yet/);
