@@ -20,6 +20,9 @@ const afterFailure = 3000;
 const kept = 60;
 const mostAlarms = 500;
 const statusInterval = 2000;
+const hiddenInterval = 500;
+/** ms per step drawn: 20,000 steps are drawn once a second. */
+const drawingInterval = 0.05;
 
 export class Store {
   readonly api = new Api();
@@ -43,6 +46,8 @@ export class Store {
 
   private listeners = new Set<() => void>();
   private scheduled = false;
+  private waiting: ReturnType<typeof setTimeout> | undefined;
+  private drawnAt = 0;
   private stop = new AbortController();
   private cache = new Map<string, unknown>();
   private busy = new Set<Kind>();
@@ -58,16 +63,19 @@ export class Store {
     return () => this.listeners.delete(listener);
   }
 
-  /** At most one drawing per frame, however fast data come. */
-  changed(): void {
-    if (this.scheduled) return;
-    this.scheduled = true;
+  /** At most one drawing per frame, however fast data come; fewer when thousands of steps are drawn. What a person does is shown at once. */
+  changed(now = true): void {
+    if (this.scheduled && !now) return;
     const run = (): void => {
+      clearTimeout(this.waiting);
       this.scheduled = false;
+      this.drawnAt = performance.now();
       this.listeners.forEach((listener) => listener());
     };
-    if (document.hidden) setTimeout(run, 500);
-    else requestAnimationFrame(run);
+    const wait = document.hidden ? hiddenInterval : now ? 0 : this.drawnAt + this.history.lines.length * drawingInterval - performance.now();
+    clearTimeout(this.waiting);
+    this.scheduled = true;
+    this.waiting = setTimeout(() => (document.hidden ? run() : requestAnimationFrame(run)), Math.max(0, wait));
   }
 
   start(): void {
@@ -88,7 +96,7 @@ export class Store {
         line: (line) => {
           this.take(line);
           this.lastDatumAt = performance.now();
-          this.changed();
+          this.changed(false);
           this.fetchDetails();
         },
         status: (status) => {
@@ -189,7 +197,7 @@ export class Store {
       const status = await absentIs404(this.api.status());
       if (status) {
         this.takeStatus(status);
-        this.changed();
+        this.changed(false);
       } else clearInterval(this.poll);
     } catch {
       // The stream of events notices when the service is gone.
@@ -251,7 +259,7 @@ export class Store {
     const found = this.cache.get(key);
     if (found) {
       this.detail[kind] = { value: found as never };
-      this.changed();
+      this.changed(this.chosen !== undefined);
       return;
     }
     const wait = (this.notBefore.get(kind) ?? 0) - performance.now();
@@ -282,7 +290,7 @@ export class Store {
         const took = performance.now() - begin;
         const live = this.chosen === undefined;
         this.notBefore.set(kind, performance.now() + (failed ? afterFailure : live ? Math.max(shortestInterval, 4 * took) : Math.min(took, 100)));
-        this.changed();
+        this.changed(this.chosen !== undefined);
       });
   }
 }
