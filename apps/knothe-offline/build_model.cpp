@@ -12,6 +12,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/base/progress.hpp"
 #include "knothe/files/json_line.hpp"
+#include "knothe/mechanics/latin_model.hpp"
 #include "knothe/mechanics/snapshot_runs.hpp"
 #include "knothe/numerics/sobol.hpp"
 #include "knothe/project/project_file.hpp"
@@ -43,6 +44,60 @@ void report_runs(const mechanics::SnapshotRuns& runs, bool json) {
     }
   }
   if (!json) fmt::print("{} full-order runs, {} of them kept from before\n", runs.runs.size(), resumed);
+}
+
+void report_latin(const mechanics::LatinModel& latin, bool json) {
+  const mechanics::LatinSolution& solution = latin.solution;
+  for (const mechanics::LatinIteration& it : solution.history) {
+    if (json) {
+      fmt::print("{}\n", files::json_line({{"first_step", it.first_step},
+                                           {"last_step", it.last_step},
+                                           {"round", it.round},
+                                           {"working_modes", it.working_modes},
+                                           {"space_modes", it.archived_modes},
+                                           {"points", it.lanes},
+                                           {"residual", it.residual},
+                                           {"correction_m", it.correction},
+                                           {"indicator", it.indicator},
+                                           {"cpu_seconds", it.cpu_seconds}}));
+    }
+  }
+  for (const auto& [point, windows] : mechanics::inaccurate_points(solution)) {
+    fmt::print(stderr,
+               "knothe: warning: at parameters ({:g}) {} window(s) of steps were left before they were "
+               "accurate; see "
+               "the output equilibrium_residual of the model\n",
+               fmt::join(latin.snapshots.parameters_at(point), ", "), windows);
+  }
+  if (!json) {
+    fmt::print("LATIN-PGD: {} grid points, {} space modes, {} global stages, {:.1f} s of CPU time\n",
+               latin.snapshots.grid_size(), solution.space.cols(), solution.history.size(),
+               solution.cpu_seconds);
+  }
+}
+
+/// The solution at all points of the grid, by the method that is asked for.
+reduction::Snapshots solve_grid(const BuildArguments& arguments, const project::OfflineOptions& options,
+                                const mechanics::BeamProblem& problem,
+                                const std::vector<reduction::Axis>& axes) {
+  const std::string& method = arguments.method.empty() ? options.method : arguments.method;
+  if (method == "latin") {
+    mechanics::LatinOptions latin;
+    latin.accuracy = options.latin_accuracy;
+    latin.window = options.latin_window;
+    latin.threads = static_cast<std::size_t>(options.processes);
+    latin.quiet = false;
+    mechanics::LatinModel model = mechanics::solve_latin_grid(problem, axes, latin);
+    report_latin(model, arguments.json);
+    return std::move(model.snapshots);
+  }
+  mechanics::SnapshotGrid grid;
+  grid.axes = axes;
+  grid.parts_folder = arguments.output + ".parts";
+  grid.processes = options.processes;
+  mechanics::SnapshotRuns runs = mechanics::run_snapshots(problem, grid);
+  report_runs(runs, arguments.json);
+  return std::move(runs.snapshots);
 }
 
 /// Full-order solutions at four points that are in no grid, to judge interpolation as well as compression.
@@ -93,28 +148,23 @@ int build_model(const BuildArguments& arguments) {
   const mechanics::BeamProblem problem = beam_problem(project);
   const project::OfflineOptions& options = *project.offline;
 
-  mechanics::SnapshotGrid grid;
-  grid.axes = parameter_axes(project);
-  grid.parts_folder = arguments.output + ".parts";
-  grid.processes = options.processes;
-  const mechanics::SnapshotRuns runs = mechanics::run_snapshots(problem, grid);
-  report_runs(runs, arguments.json);
+  const std::vector<reduction::Axis> axes = parameter_axes(project);
+  const reduction::Snapshots snapshots = solve_grid(arguments, options, problem, axes);
 
   reduction::CompressionOptions compression;
   compression.form = options.form == "canonical" ? reduction::Form::canonical : reduction::Form::tree;
   compression.modes = static_cast<std::size_t>(options.modes);
   compression.quiet = false;
-  reduction::ModelContents model = reduction::compress(runs.snapshots, compression);
+  reduction::ModelContents model = reduction::compress(snapshots, compression);
   if (options.crack_lengths > 0 && problem.gmsh_file.empty()) {
     mechanics::CrackOptions crack;
     crack.count = options.crack_lengths;
-    model.crack =
-        crack_solutions(mechanics::crack_table(problem, crack, runs.snapshots.dofs), model.dof_count());
+    model.crack = crack_solutions(mechanics::crack_table(problem, crack, snapshots.dofs), model.dof_count());
   }
   model.project = project.text;
   reduction::write_model(model, arguments.output);
 
-  report_study(study_models(project, runs.snapshots, off_grid_runs(problem, grid.axes)), arguments.json);
+  report_study(study_models(project, snapshots, off_grid_runs(problem, axes)), arguments.json);
   if (arguments.json) {
     fmt::print("{}\n", files::json_line({{"done", true},
                                          {"model", arguments.output},

@@ -22,7 +22,8 @@ int main(int argc, char** argv) {
   offline.footer("Example:\n  knothe offline examples/beam/quick.toml -o beam.h5");
   offline.add_option("FILE", build.project, "project file")->required();
   offline.add_option("-o,--output", build.output, "model file to write")->required();
-  offline.add_option("--method", build.method, "how: snapshots")->check(CLI::IsMember({"snapshots"}));
+  offline.add_option("--method", build.method, "how: snapshots or latin (default: the project's)")
+      ->check(CLI::IsMember({"snapshots", "latin"}));
   offline.add_flag("--json", build.json, "JSON lines on stdout");
   offline.callback([&] { chosen = [&] { return build_model(build); }; });
 

@@ -30,7 +30,7 @@ void add_offline(CLI::App& app, Command& chosen) {
                           "knothe offline examples/beam/quick.toml -o beam.h5");
   command.add_option("FILE", project, "project file")->required();
   command.add_option("-o,--output", model, "model file to write")->required();
-  command.add_option("--method", method, "how: snapshots");
+  command.add_option("--method", method, "how: snapshots or latin (default: the project's)");
   command.add_flag("--json", json, "JSON lines on stdout");
   command.callback([&] {
     chosen = [] {

@@ -103,11 +103,13 @@ OfflineParameter read_offline_parameter(Values& values, const std::string& name)
 }
 
 OfflineOptions read_offline(Values& values, const std::string& folder) {
-  for (const char* key : {"mesh.layers", "steps", "processes", "modes"}) {
+  for (const char* key : {"mesh.layers", "steps", "processes", "modes", "latin.window"}) {
     values.at_least(std::string("offline.") + key, 1);
   }
   OfflineOptions o;
   o.method = values.text("offline.method", o.method);
+  o.latin_accuracy = values.number("offline.latin.accuracy", o.latin_accuracy);
+  o.latin_window = static_cast<int>(values.integer("offline.latin.window", o.latin_window));
   o.element = values.number("offline.mesh.element", o.element);
   o.layers = static_cast<int>(values.integer("offline.mesh.layers", o.layers));
   if (values.has("offline.mesh.gmsh")) {

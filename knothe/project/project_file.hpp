@@ -63,7 +63,9 @@ struct OfflineParameter {
 
 struct OfflineOptions {
   std::string method = "snapshots";
-  double element = 0.005;  ///< m
+  double latin_accuracy = 1e-7;  ///< m
+  int latin_window = 2;          ///< steps
+  double element = 0.005;        ///< m
   int layers = 1;
   std::string gmsh;  ///< absolute path, empty: structured mesh
   int steps = 100;

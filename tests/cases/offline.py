@@ -28,6 +28,36 @@ class Test(Case):
         self.assertEqual((lines[-1]["done"], lines[-1]["model"]), (True, "model.h5"))
         self.assertTrue({"canonical", "tree"} <= {line["form"] for line in lines if "form" in line})
 
+    def test_latin_gives_the_model_that_snapshots_give(self):
+        """Two ways to the same solutions: the same forces and openings at the same parameters, but for micrometres and newtons."""
+        self.build("snapshots.h5")
+        out = self.build("latin.h5", "--method", "latin", "--json").lines()
+        stages = [line for line in out if "round" in line]
+        self.assertGreater(len(stages), 5)
+        self.assertTrue(all(stage["points"] <= 9 and stage["space_modes"] >= stage["working_modes"] for stage in stages))
+        self.assertLess(max(stage["correction_m"] for stage in stages if stage["points"] == 9 and stage["last_step"] == 20), 1e-3)
+        self.assertEqual((out[-1]["done"], out[-1]["model"]), (True, "latin.h5"))
+        self.assertFalse((self.folder / "latin.h5.parts").exists())
+        text = self.expect(0, "model", "verify", self.project_name, "latin.h5", "--points", "2", "--json").lines()[-1]
+        other = self.expect(0, "model", "verify", self.project_name, "snapshots.h5", "--points", "2", "--json").lines()[-1]
+        self.assertAlmostEqual(text["max_error_m"] * 1e6, other["max_error_m"] * 1e6, delta=0.3)
+        self.assertAlmostEqual(text["relative_error"], other["relative_error"], delta=1e-3)
+
+    def test_latin_interrupted_leaves_nothing(self):
+        with subprocess.Popen([KNOTHE, "offline", self.project_name, "-o", "model.h5", "--method", "latin"], cwd=self.folder,
+                              stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
+            time.sleep(0.15)
+            os.killpg(process.pid, signal.SIGINT)
+            _, message = process.communicate(timeout=60)
+        if process.returncode == 0:
+            self.skipTest("it was faster than the signal")
+        self.assertIn(process.returncode, (130, -signal.SIGINT), message)
+        self.assertFalse((self.folder / "model.h5").exists())
+        self.assertEqual(list(self.folder.glob("*.tmp*")), [])
+
+    def test_a_method_that_is_not_there_is_refused(self):
+        self.expect(2, "offline", self.project_name, "-o", "m.h5", "--method", "latim", stderr="latin")
+
     def test_interrupted_it_says_what_is_kept_and_goes_on_from_there(self):
         """Ctrl-C reaches the whole process group, as from a terminal."""
         whole = self.build("whole.h5")

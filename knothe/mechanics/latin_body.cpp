@@ -1,0 +1,186 @@
+#include "knothe/mechanics/latin_body.hpp"
+
+#include <algorithm>
+
+#include "knothe/mechanics/dense_solvers.hpp"
+
+namespace knothe::mechanics {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+LatinBody::LatinBody(std::shared_ptr<const Structure> structure)
+    : structure_(std::move(structure)), flexibility_(*structure_), place_(structure_->dof_count(), -1) {
+  const auto& mesh = structure_->mesh();
+  for (std::int64_t cell = 0; cell < mesh.cell_count(); ++cell)
+    if (mesh.elastic[cell] == 0) waiting_.push_back(cell);
+}
+
+void LatinBody::join(std::span<const std::int64_t> cells) {
+  for (const std::int64_t cell : cells) {
+    cells_.push_back(cell);
+    std::erase(waiting_, cell);
+    for (const int dof : structure_->cell_dofs(cell)) {
+      if (structure_->free_index(dof) >= 0 && place_[dof] < 0) {
+        place_[dof] = static_cast<int>(dofs_.size());
+        dofs_.push_back(dof);
+      }
+      places_.push_back(place_[dof]);
+    }
+  }
+  const Index n = dof_count();
+  flexibility_matrix_.resize(n, n);
+  for (Index j = 0; j < n; ++j) {
+    const auto column = flexibility_.column(flexibility_.place(dofs_[j]));
+    for (Index i = 0; i < n; ++i) flexibility_matrix_(i, j) = column[flexibility_.place(dofs_[i])];
+  }
+  weights_.resize(point_count());
+  for (std::size_t c = 0; c < cells_.size(); ++c)
+    for (int point = 0; point < k_points_per_cell; ++point)
+      weights_[static_cast<Index>(c) * k_points_per_cell + point] =
+          structure_->elements().weight(cells_[c], point);
+}
+
+MatrixXd LatinBody::strains_of_cells(std::span<const std::int64_t> cells, std::span<const int> places,
+                                     const MatrixXd& fields) const {
+  const Index r = fields.cols();
+  MatrixXd result(r, 6 * k_points_per_cell * static_cast<Index>(cells.size()));
+  for (std::size_t c = 0; c < cells.size(); ++c)
+    for (Index k = 0; k < r; ++k) {
+      CellVector u;
+      for (int i = 0; i < k_cell_dofs; ++i) {
+        const int place = places[k_cell_dofs * c + i];
+        u[i] = place >= 0 ? fields(place, k) : 0.0;
+      }
+      for (int point = 0; point < k_points_per_cell; ++point) {
+        const Voigt strain = strain_at(structure_->elements().gradient(cells[c], point), u);
+        for (int i = 0; i < 6; ++i)
+          result(k, 6 * (static_cast<Index>(c) * k_points_per_cell + point) + i) = strain[i];
+      }
+    }
+  return result;
+}
+
+MatrixXd LatinBody::strains(const MatrixXd& fields) const {
+  return strains_of_cells(cells_, places_, fields);
+}
+
+Eigen::RowVectorXd LatinBody::lift_strains() const {
+  std::vector<int> places;
+  for (const auto cell : cells_)
+    for (const int dof : structure_->cell_dofs(cell)) places.push_back(dof);
+  const auto lift = structure_->unit_lift();
+  return strains_of_cells(cells_, places, Eigen::Map<const VectorXd>(lift.data(), structure_->dof_count()))
+      .row(0);
+}
+
+MatrixXd LatinBody::damage_forces(const MatrixXd& lost, VectorXd& reaction) const {
+  const Index lanes = lost.rows();
+  MatrixXd forces = MatrixXd::Zero(lanes, dof_count());
+  reaction.setZero(lanes);
+  MatrixXd cell_force(lanes, k_cell_dofs);
+  // Component i of the force of node a: Σ_j σ_ij ∂N_a/∂x_j.
+  constexpr int k_voigt[3][3] = {{0, 3, 5}, {3, 1, 4}, {5, 4, 2}};
+  for (std::size_t c = 0; c < cells_.size(); ++c) {
+    const Index first = 6 * k_points_per_cell * static_cast<Index>(c);
+    if (lost.middleCols(first, 6 * k_points_per_cell).isZero(0.0)) continue;
+    cell_force.setZero();
+    for (int point = 0; point < k_points_per_cell; ++point) {
+      const double* gradient = structure_->elements().gradient(cells_[c], point);
+      const double weight = structure_->elements().weight(cells_[c], point);
+      const auto stress = lost.middleCols(first + 6 * point, 6);
+      for (int i = 0; i < 3; ++i)
+        for (int a = 0; a < 8; ++a)
+          cell_force.col(8 * i + a) += (weight * gradient[a]) * stress.col(k_voigt[i][0]) +
+                                       (weight * gradient[8 + a]) * stress.col(k_voigt[i][1]) +
+                                       (weight * gradient[16 + a]) * stress.col(k_voigt[i][2]);
+    }
+    const auto dofs = structure_->cell_dofs(cells_[c]);
+    for (int i = 0; i < k_cell_dofs; ++i) {
+      const int place = places_[k_cell_dofs * c + static_cast<std::size_t>(i)];
+      if (place >= 0) forces.col(place) += cell_force.col(i);
+      reaction -= structure_->unit_lift()[dofs[i]] * cell_force.col(i);
+    }
+  }
+  return forces;
+}
+
+bool LatinBody::correct(std::span<const VoigtMatrix> lost, const VectorXd& residual, VectorXd& displacement,
+                        VectorXd& force) const {
+  // Cell matrices of ∂q/∂v, and the dofs they touch.
+  std::vector<CellMatrix> matrices;
+  std::vector<std::size_t> damaged;
+  std::vector<int> unknown(dofs_.size(), -1), touched;
+  for (std::size_t c = 0; c < cells_.size(); ++c) {
+    CellMatrix matrix{};
+    bool any = false;
+    for (int point = 0; point < k_points_per_cell; ++point) {
+      const VoigtMatrix& material = lost[k_points_per_cell * c + static_cast<std::size_t>(point)];
+      if (std::all_of(material.begin(), material.end(), [](double value) { return value == 0; })) continue;
+      any = true;
+      add_stiffness(structure_->elements().gradient(cells_[c], point), material,
+                    structure_->elements().weight(cells_[c], point), matrix);
+    }
+    if (!any) continue;
+    matrices.push_back(matrix);
+    damaged.push_back(c);
+    for (int i = 0; i < k_cell_dofs; ++i) {
+      const int place = places_[k_cell_dofs * c + static_cast<std::size_t>(i)];
+      if (place < 0 || unknown[static_cast<std::size_t>(place)] >= 0) continue;
+      unknown[static_cast<std::size_t>(place)] = static_cast<int>(touched.size());
+      touched.push_back(place);
+    }
+  }
+  const auto n = static_cast<Index>(touched.size());
+  MatrixXd change = MatrixXd::Zero(n, n), flexibility(n, n);
+  for (std::size_t k = 0; k < damaged.size(); ++k) {
+    const int* places = &places_[k_cell_dofs * damaged[k]];
+    for (int i = 0; i < k_cell_dofs; ++i)
+      for (int j = 0; j < k_cell_dofs; ++j)
+        if (places[i] >= 0 && places[j] >= 0)
+          change(unknown[static_cast<std::size_t>(places[i])],
+                 unknown[static_cast<std::size_t>(places[j])]) +=
+              matrices[k][static_cast<std::size_t>(k_cell_dofs * i + j)];
+  }
+  const VectorXd elastic = flexibility_matrix_ * residual;
+  VectorXd x(n);
+  for (Index j = 0; j < n; ++j) {
+    x[j] = elastic[touched[static_cast<std::size_t>(j)]];
+    for (Index i = 0; i < n; ++i)
+      flexibility(i, j) =
+          flexibility_matrix_(touched[static_cast<std::size_t>(i)], touched[static_cast<std::size_t>(j)]);
+  }
+  MatrixXd matrix = MatrixXd::Identity(n, n);
+  matrix.noalias() -= flexibility * change;
+  if (!solve_dense({matrix.data(), static_cast<std::size_t>(n * n)}, {x.data(), static_cast<std::size_t>(n)}))
+    return false;
+  const VectorXd more = change * x;
+  force = residual;
+  for (Index i = 0; i < n; ++i) force[touched[static_cast<std::size_t>(i)]] += more[i];
+  displacement = flexibility_matrix_ * force;
+  return displacement.allFinite();
+}
+
+MatrixXd LatinBody::expand(const MatrixXd& forces) const {
+  const Index free = structure_->free_count(), r = forces.cols();
+  MatrixXd right = MatrixXd::Zero(free, r);
+  for (Index i = 0; i < dof_count(); ++i) right.row(structure_->free_index(dofs_[i])) = forces.row(i);
+  if (r > 0)
+    structure_->factor().solve({right.data(), static_cast<std::size_t>(free * r)}, static_cast<int>(r));
+  MatrixXd result = MatrixXd::Zero(structure_->dof_count(), r);
+  for (Index i = 0; i < free; ++i) result.row(structure_->free_dofs()[i]) = right.row(i);
+  return result;
+}
+
+MatrixXd LatinBody::waiting_strains(const MatrixXd& expanded) const {
+  MatrixXd fields(structure_->dof_count(), expanded.cols() + 1);
+  fields.col(0) = Eigen::Map<const VectorXd>(structure_->unit_lift().data(), structure_->dof_count());
+  fields.rightCols(expanded.cols()) = expanded;
+  std::vector<int> places;
+  for (const auto cell : waiting_)
+    for (const int dof : structure_->cell_dofs(cell)) places.push_back(dof);
+  return strains_of_cells(waiting_, places, fields);
+}
+
+}  // namespace knothe::mechanics

@@ -1,0 +1,64 @@
+#include "knothe/mechanics/latin_model.hpp"
+
+#include <fmt/format.h>
+
+#include "knothe/base/error.hpp"
+
+namespace knothe::mechanics {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+
+LatinModel solve_latin_grid(const BeamProblem& problem, const std::vector<reduction::Axis>& axes,
+                            const LatinOptions& options) {
+  problem.solver.validate();
+  const std::string source = problem.gmsh_file.empty() ? "beam" : problem.gmsh_file;
+  const auto structure = std::make_shared<const Structure>(make_mesh(problem), problem.elastic, source);
+  LatinModel model;
+  model.snapshots = as_snapshots(problem, *structure, {});
+  model.snapshots.axes = axes;
+  std::vector<DamageParameters> parameters;
+  for (std::size_t i = 0; i < model.snapshots.grid_size(); ++i)
+    parameters.push_back(damage_parameters(problem, axes, model.snapshots.parameters_at(i)));
+  model.solution = solve_latin_pgd(structure, problem.solver, parameters, options);
+
+  const LatinSolution& solution = model.solution;
+  const Index dofs = structure->dof_count(), steps = problem.solver.steps;
+  const auto points = static_cast<Index>(parameters.size());
+  MatrixXd modes(dofs, solution.space.cols() + 1);
+  modes.col(0) = Eigen::Map<const Eigen::VectorXd>(structure->unit_lift().data(), dofs);
+  modes.rightCols(solution.space.cols()) = solution.space;
+  auto& values = model.snapshots.values;
+  values.resize(static_cast<std::size_t>(dofs * steps * points));
+  MatrixXd coordinates(modes.cols(), steps);
+  for (Index point = 0; point < points; ++point) {
+    for (Index step = 0; step < steps; ++step)
+      coordinates.col(step) = solution.coordinates[static_cast<std::size_t>(step)].col(point);
+    Eigen::Map<MatrixXd>(&values[static_cast<std::size_t>(point * steps * dofs)], dofs, steps).noalias() =
+        modes * coordinates;
+  }
+  const auto& mesh = structure->mesh();
+  auto& outputs = model.snapshots.outputs;  // as in as_snapshots
+  for (Index point = 0; point < points; ++point)
+    for (Index step = 0; step < steps; ++step) {
+      const double* u = &values[static_cast<std::size_t>((point * steps + step) * dofs)];
+      const bool mouth = mesh.mouth_left >= 0 && mesh.mouth_right >= 0;
+      outputs[0].values.push_back(solution.reaction(point, step));
+      outputs[1].values.push_back(mouth ? u[3 * mesh.mouth_right] - u[3 * mesh.mouth_left] : 0.0);
+      outputs[2].values.push_back(solution.coordinates[static_cast<std::size_t>(step)](0, point));
+      outputs[3].values.push_back(solution.residual(point, step));
+    }
+  reduction::validate(model.snapshots, "LATIN-PGD");
+  return model;
+}
+
+std::vector<std::pair<std::size_t, int>> inaccurate_points(const LatinSolution& solution) {
+  std::vector<std::pair<std::size_t, int>> result;
+  for (Index point = 0; point < solution.accepted.rows(); ++point) {
+    const auto windows = static_cast<int>((solution.accepted.row(point).array() == 0).count());
+    if (windows > 0) result.emplace_back(static_cast<std::size_t>(point), windows);
+  }
+  return result;
+}
+
+}  // namespace knothe::mechanics

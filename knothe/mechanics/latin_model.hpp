@@ -1,0 +1,23 @@
+#pragma once
+/// @file From LATIN-PGD on a grid of parameters to what reduction::compress takes.
+#include "knothe/mechanics/latin_pgd.hpp"
+#include "knothe/mechanics/offline.hpp"
+#include "knothe/reduction/snapshots.hpp"
+
+namespace knothe::mechanics {
+
+/// The solution in the form of snapshots: same outputs, same order, so that everything that follows is the same.
+struct LatinModel {
+  reduction::Snapshots snapshots;
+  LatinSolution solution;
+};
+
+/// Solves at all grid points of the axes ("Y0", "Ad") together. Errors: ProjectError (options, axes), DataError
+/// (mesh), NumericalError (solver), Interrupted.
+[[nodiscard]] LatinModel solve_latin_grid(const BeamProblem& problem, const std::vector<reduction::Axis>& axes,
+                                          const LatinOptions& options);
+
+/// Grid points at which some window was left before it was accurate, with the number of such windows each.
+[[nodiscard]] std::vector<std::pair<std::size_t, int>> inaccurate_points(const LatinSolution& solution);
+
+}  // namespace knothe::mechanics

@@ -1,0 +1,329 @@
+#include "knothe/mechanics/latin_pgd.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <ctime>
+#include <numeric>
+
+#include "knothe/base/cancellation.hpp"
+#include "knothe/base/error.hpp"
+#include "knothe/base/progress.hpp"
+#include "knothe/base/threads.hpp"
+#include "knothe/mechanics/latin_activation.hpp"
+#include "knothe/mechanics/latin_stage.hpp"
+
+namespace knothe::mechanics {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+constexpr std::size_t k_batch = 32;  // lanes of a batch; fixed, so that results do not depend on the threads
+
+/// What takes a candidate's out-of-balance forces away.
+struct Correction {
+  VectorXd displacement, force;
+  double size = 0;  ///< largest on any active dof, m
+};
+
+class LatinPgd {
+ public:
+  LatinPgd(std::shared_ptr<const Structure> structure, const SolverOptions& loading,
+           std::span<const DamageParameters> parameters, const LatinOptions& options);
+  LatinSolution run();
+
+ private:
+  [[nodiscard]] LaneBatch make_batch(std::span<const int> points) const;
+  [[nodiscard]] std::vector<LatinStageResult> global_stage(const std::vector<int>& points, bool fresh,
+                                                           bool rescue);
+  void keep(const std::vector<LatinStageResult>& results, LatinIteration& record);
+  [[nodiscard]] Correction correct(const LatinCandidate& candidate) const;
+  /// Points that are not accurate enough yet; adds modes for the worst of them.
+  [[nodiscard]] std::vector<int> enrich(const std::vector<LatinStageResult>& results, LatinIteration& record);
+  /// Cells join; the points for which the window must be computed again.
+  [[nodiscard]] std::vector<int> activate();
+  void solve_window();
+  void recompress();
+  [[nodiscard]] MatrixXd archived_states(int first, int last) const;
+
+  const SolverOptions loading_;
+  const std::vector<DamageParameters> parameters_;
+  const LatinOptions options_;
+  LatinBody body_;
+  LatinBasis basis_;
+  const Index points_;
+  std::vector<double> thresholds_;
+  int first_ = 0, last_ = 0;  ///< the window
+  MatrixXd history_, end_;    ///< P × n_g: damage before the window, and at its end
+  MatrixXd expanded_;         ///< archived modes on all dofs
+  LatinSolution solution_;
+  std::clock_t start_ = std::clock();
+};
+
+LatinPgd::LatinPgd(std::shared_ptr<const Structure> structure, const SolverOptions& loading,
+                   std::span<const DamageParameters> parameters, const LatinOptions& options)
+    : loading_(loading),
+      parameters_(parameters.begin(), parameters.end()),
+      options_(options),
+      body_(std::move(structure)),
+      basis_(body_),
+      points_(static_cast<Index>(parameters.size())),
+      history_(points_, 0) {
+  for (const DamageParameters& point : parameters_) thresholds_.push_back(point.threshold);
+  solution_.residual = solution_.reaction = MatrixXd::Zero(points_, loading.steps);
+  for (int step = 0; step < loading.steps; ++step)
+    solution_.coordinates.push_back(
+        MatrixXd::Constant(1, points_, loading.displacement * (step + 1) / loading.steps));
+  expanded_.resize(body_.structure().dof_count(), 0);
+  basis_.join(body_, {});
+}
+
+LaneBatch LatinPgd::make_batch(std::span<const int> points) const {
+  LaneBatch batch;
+  batch.points.assign(points.begin(), points.end());
+  batch.threshold = VectorXd::Constant(batch.padded(), k_never);
+  batch.brittleness = VectorXd::Zero(batch.padded());
+  batch.history = MatrixXd::Zero(batch.padded(), body_.point_count());
+  for (Index i = 0; i < batch.size(); ++i) {
+    const auto point = static_cast<std::size_t>(batch.points[static_cast<std::size_t>(i)]);
+    batch.threshold[i] = parameters_[point].threshold;
+    batch.brittleness[i] = parameters_[point].brittleness;
+    batch.history.row(i) = history_.row(static_cast<Index>(point));
+  }
+  return batch;
+}
+
+std::vector<LatinStageResult> LatinPgd::global_stage(const std::vector<int>& points, bool fresh,
+                                                     bool rescue) {
+  const LatinStage stage{
+      body_, basis_, options_.step, loading_.displacement, loading_.steps, solution_.coordinates, first_,
+      last_, fresh,  rescue};
+  std::vector<LatinStageResult> results((points.size() + k_batch - 1) / k_batch);
+  parallel_for(results.size(), options_.threads, [&](std::size_t b) {
+    const std::size_t begin = b * k_batch;
+    results[b] =
+        stage.run(make_batch(std::span(points).subspan(begin, std::min(k_batch, points.size() - begin))));
+  });
+  return results;
+}
+
+void LatinPgd::keep(const std::vector<LatinStageResult>& results, LatinIteration& record) {
+  double change = 0, size = 0;
+  for (int step = first_; step < last_; ++step) {
+    MatrixXd& stored = solution_.coordinates[static_cast<std::size_t>(step)];
+    const Index before = stored.rows(), rows = basis_.archived() + 1;
+    stored.conservativeResize(rows, Eigen::NoChange);
+    stored.bottomRows(rows - before).setZero();
+    const auto column = static_cast<std::size_t>(step - first_);
+    for (const LatinStageResult& result : results) {
+      const MatrixXd now = basis_.to_archive(result.coordinates[column]);
+      for (Index i = 0; i < now.cols(); ++i) {
+        const Index point = result.points[static_cast<std::size_t>(i)];
+        change += (now.col(i) - stored.col(point)).tail(rows - 1).squaredNorm();
+        size += now.col(i).tail(rows - 1).squaredNorm();
+        stored.col(point) = now.col(i);
+        solution_.residual(point, step) = result.residual(i, step - first_);
+        solution_.reaction(point, step) = result.reaction(i, step - first_);
+        record.residual = std::max(record.residual, result.residual(i, step - first_));
+      }
+    }
+  }
+  for (const LatinStageResult& result : results) {
+    solution_.local_points += result.local_points;
+    for (std::size_t i = 0; i < result.points.size(); ++i)
+      end_.row(result.points[i]) = result.history.row(static_cast<Index>(i));
+  }
+  record.indicator = size > 0 ? std::sqrt(change / size) : 0;
+}
+
+Correction LatinPgd::correct(const LatinCandidate& candidate) const {
+  LatinLocalResult local(body_, basis_);
+  local.evaluate(candidate.lane, candidate.coordinates, true);
+  Correction result;
+  for (const SearchDirection direction : {SearchDirection::tangent, SearchDirection::secant})
+    if (body_.correct(local.lost_material(0, direction), candidate.residual, result.displacement,
+                      result.force)) {
+      result.size = result.displacement.cwiseAbs().maxCoeff();
+      return result;
+    }
+  result.force = candidate.residual;
+  result.displacement = body_.flexibility() * candidate.residual;
+  result.size = candidate.elastic_error;
+  return result;
+}
+
+std::vector<int> LatinPgd::enrich(const std::vector<LatinStageResult>& results, LatinIteration& record) {
+  struct Lane {
+    const LatinCandidate* candidate;
+    int point;
+    bool open;  ///< may need modes
+  };
+  std::vector<Lane> lanes;
+  for (const LatinStageResult& result : results)
+    for (std::size_t i = 0; i < result.points.size(); ++i) {
+      const double residual = result.residual.row(static_cast<Index>(i)).maxCoeff();
+      lanes.push_back({&result.candidates[i], result.points[i],
+                       result.solved[i] == 0 || !(residual <= options_.tolerance)});
+    }
+  std::erase_if(lanes, [](const Lane& lane) { return !lane.open; });
+  std::stable_sort(lanes.begin(), lanes.end(), [](const Lane& a, const Lane& b) {
+    return a.candidate->elastic_error > b.candidate->elastic_error;
+  });
+  const std::size_t count = std::min(lanes.size(), static_cast<std::size_t>(options_.modes_per_round));
+  std::vector<Correction> corrections(count);
+  if (count > 0) corrections[0] = correct(*lanes[0].candidate);
+  // Where the worst is clearly good enough the others need not be looked at.
+  if (count > 0 && corrections[0].size <= 0.5 * options_.accuracy) corrections.resize(1);
+  parallel_for(corrections.size(), options_.threads, [&](std::size_t k) {
+    if (k > 0) corrections[k] = correct(*lanes[k].candidate);
+  });
+  // How much softer than elastic the body is for the forces at hand; the lanes that were not looked at are
+  // judged by the softest.
+  double softness = 1;
+  std::vector<int> failing;
+  for (std::size_t k = 0; k < lanes.size(); ++k) {
+    const double elastic = lanes[k].candidate->elastic_error;
+    if (k < corrections.size() && elastic > 0) softness = std::max(softness, corrections[k].size / elastic);
+    const double error = k < corrections.size() ? corrections[k].size : softness * elastic;
+    record.correction = std::max(record.correction, error);
+    if (!(error <= options_.accuracy)) failing.push_back(lanes[k].point);
+  }
+  for (std::size_t k = 0; k < corrections.size(); ++k) {
+    if (corrections[k].size <= options_.accuracy) continue;
+    if (basis_.archived() >= options_.most_modes)
+      throw NumericalError(
+          fmt::format("LATIN-PGD: {} space modes do not reach an accuracy of {} m (step {}, still {:.2g} m); "
+                      "ask for less "
+                      "accuracy, or allow more modes",
+                      options_.most_modes, options_.accuracy, last_, record.correction));
+    (void)basis_.add(corrections[k].displacement, corrections[k].force, 1e-5);
+  }
+  std::sort(failing.begin(), failing.end());
+  return failing;
+}
+
+MatrixXd LatinPgd::archived_states(int first, int last) const {
+  MatrixXd states = MatrixXd::Zero(basis_.archived() + 1, points_ * (last - first));
+  for (int step = first; step < last; ++step) {
+    const MatrixXd& stored = solution_.coordinates[static_cast<std::size_t>(step)];
+    states.block(0, points_ * (step - first), stored.rows(), points_) = stored;
+  }
+  return states;
+}
+
+std::vector<int> LatinPgd::activate() {
+  const Index known = expanded_.cols();
+  if (known < basis_.archived()) {
+    expanded_.conservativeResize(Eigen::NoChange, basis_.archived());
+    expanded_.rightCols(basis_.archived() - known) =
+        body_.expand(basis_.archive().rightCols(basis_.archived() - known));
+  }
+  if (body_.waiting().empty()) return {};
+  const Activation activation =
+      find_activation(body_, expanded_ * basis_.directions(),
+                      basis_.to_working(archived_states(last_ - 1, last_)), thresholds_, options_.activation);
+  if (activation.joining.empty()) return {};
+  const Index before = body_.point_count();
+  basis_.join(body_, activation.joining);
+  for (MatrixXd* damage : {&history_, &end_}) {
+    damage->conservativeResize(Eigen::NoChange, body_.point_count());
+    damage->rightCols(body_.point_count() - before).setZero();
+  }
+  return activation.missed;
+}
+
+void LatinPgd::solve_window() {
+  std::vector<int> all(static_cast<std::size_t>(points_));
+  std::iota(all.begin(), all.end(), 0);
+  std::vector<int> pending = all;
+  end_ = history_;
+  for (int round = 0;; ++round) {
+    check_cancellation(fmt::format("LATIN-PGD at step {} of {}; nothing is kept", first_, loading_.steps));
+    LatinIteration record{first_,
+                          last_,
+                          round,
+                          static_cast<int>(basis_.size()),
+                          static_cast<int>(basis_.archived()),
+                          static_cast<int>(pending.size())};
+    const auto results = global_stage(pending, round == 0, round >= options_.rescue_round);
+    keep(results, record);
+    pending = enrich(results, record);
+    record.cpu_seconds = static_cast<double>(std::clock() - start_) / CLOCKS_PER_SEC;
+    solution_.history.push_back(record);
+    if (!pending.empty() && round + 1 < options_.rounds) continue;
+    const std::vector<int> open = pending;
+    pending = activate();  // there a cell that had been taken as elastic is not
+    if (!pending.empty() && open.empty()) continue;
+    pending = open;
+    break;
+  }
+  for (const int point : pending) solution_.accepted(point, solution_.accepted.cols() - 1) = 0;
+  history_ = end_;
+}
+
+void LatinPgd::recompress() {
+  if (options_.recompression == 0 || basis_.archived() == 0) return;
+  basis_.recompress(archived_states(first_, last_), options_.recompression * options_.accuracy);
+}
+
+LatinSolution LatinPgd::run() {
+  Progress progress("LATIN-PGD", static_cast<std::size_t>(loading_.steps), options_.quiet);
+  for (first_ = 0; first_ < loading_.steps; first_ = last_) {
+    last_ = std::min(loading_.steps, first_ + options_.window);
+    solution_.accepted.conservativeResize(points_, solution_.accepted.cols() + 1);
+    solution_.accepted.rightCols(1).setOnes();
+    solve_window();
+    recompress();
+    const LatinIteration& now = solution_.history.back();
+    progress.advance_to(static_cast<std::size_t>(last_),
+                        fmt::format("{} space modes, residual {:.1e}, correction {:.2g} µm, change {:.1e}",
+                                    basis_.archived(), now.residual, 1e6 * now.correction, now.indicator));
+  }
+  for (MatrixXd& stored : solution_.coordinates) {
+    const Index before = stored.rows();
+    stored.conservativeResize(basis_.archived() + 1, Eigen::NoChange);
+    stored.bottomRows(basis_.archived() + 1 - before).setZero();
+  }
+  solution_.space = body_.expand(basis_.archive());
+  solution_.active_cells = static_cast<int>(body_.cells().size());
+  solution_.cpu_seconds = static_cast<double>(std::clock() - start_) / CLOCKS_PER_SEC;
+  return std::move(solution_);
+}
+
+}  // namespace
+
+void LatinOptions::validate() const {
+  const auto refuse = [](const std::string& why) { throw ProjectError("LATIN-PGD: " + why); };
+  if (!(accuracy > 0) || !std::isfinite(accuracy))
+    refuse(fmt::format("accuracy is {} m; it must be positive", accuracy));
+  if (!(tolerance >= 0 && tolerance < 1))
+    refuse(fmt::format("tolerance is {}; it must be at least 0 and below 1", tolerance));
+  if (window < 1) refuse(fmt::format("window is {} steps; it must be at least 1", window));
+  if (most_modes < 1 || modes_per_round < 1 || rounds < 1)
+    refuse(fmt::format("most_modes, modes_per_round and rounds are {}, {} and {}; they must be at least 1",
+                       most_modes, modes_per_round, rounds));
+  if (!(recompression >= 0 && recompression <= 1))
+    refuse(fmt::format("recompression is {}; it must be from 0 to 1", recompression));
+  if (!(activation > 0 && activation < 1))
+    refuse(fmt::format("activation is {}; it must be between 0 and 1", activation));
+}
+
+VectorXd LatinSolution::displacement(const Structure& structure, std::size_t step, Index point) const {
+  const auto c = coordinates[step].col(point);
+  return c[0] * Eigen::Map<const VectorXd>(structure.unit_lift().data(), structure.dof_count()) +
+         space * c.tail(space.cols());
+}
+
+LatinSolution solve_latin_pgd(std::shared_ptr<const Structure> structure, const SolverOptions& loading,
+                              std::span<const DamageParameters> parameters, const LatinOptions& options) {
+  loading.validate();
+  options.validate();
+  for (const DamageParameters& point : parameters) point.validate();
+  if (parameters.empty()) throw UsageError("LATIN-PGD: no parameter point is given");
+  return LatinPgd(std::move(structure), loading, parameters, options).run();
+}
+
+}  // namespace knothe::mechanics

@@ -1,0 +1,197 @@
+#include "knothe/mechanics/latin_pgd.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "knothe/base/cancellation.hpp"
+#include "knothe/base/error.hpp"
+#include "knothe/mechanics/latin_model.hpp"
+
+namespace knothe::mechanics {
+namespace {
+
+using testing::HasSubstr;
+
+/// The beam with elements of 10 mm: 2,904 dofs.
+BeamProblem coarse_beam(int steps) {
+  BeamProblem problem;
+  problem.beam.element = 0.01;
+  problem.solver.steps = steps;
+  return problem;
+}
+
+std::vector<DamageParameters> corners_and_centre() {
+  std::vector<DamageParameters> result;
+  for (const double y0 : {0.5, 1.0, 1.5})
+    for (const double ad : {0.5, 1.0, 1.5}) result.push_back({216.0 * y0, 2.25e-3 * ad});
+  return result;
+}
+
+struct Difference {
+  double relative = 0, largest = 0;
+};
+
+/// Against Newton's method step by step on all unknowns, which shares only the finite elements with LATIN.
+Difference to_full_order(const LatinSolution& latin, const FullOrderModel& model, const FullOrderResult& run,
+                         Eigen::Index point) {
+  const int dofs = model.structure().dof_count();
+  double error = 0, size = 0;
+  Difference result;
+  for (std::size_t step = 0; step < run.steps.size(); ++step) {
+    const Eigen::Map<const Eigen::VectorXd> u(&run.displacement[step * static_cast<std::size_t>(dofs)], dofs);
+    const Eigen::VectorXd e = latin.displacement(model.structure(), step, point) - u;
+    error += e.squaredNorm();
+    size += u.squaredNorm();
+    result.largest = std::max(result.largest, e.cwiseAbs().maxCoeff());
+  }
+  result.relative = std::sqrt(error / size);
+  return result;
+}
+
+TEST(LatinPgd, GivesTheFullOrderSolutionAtEveryParameterPoint) {
+  const BeamProblem problem = coarse_beam(40);
+  FullOrderModel model = make_full_order_model(problem);
+  const auto structure = std::make_shared<const Structure>(make_mesh(problem), problem.elastic, "beam");
+  const auto parameters = corners_and_centre();
+  const LatinSolution latin = solve_latin_pgd(structure, problem.solver, parameters, {});
+  EXPECT_TRUE((latin.accepted.array() == 1).all());
+  EXPECT_GT(latin.space.cols(), 10);
+  for (std::size_t p = 0; p < parameters.size(); ++p) {
+    const FullOrderResult run = model.run(parameters[p]);
+    const Difference difference = to_full_order(latin, model, run, static_cast<Eigen::Index>(p));
+    EXPECT_LT(difference.relative, 2e-3) << p;
+    EXPECT_LT(difference.largest, 3e-7) << p;
+    for (std::size_t step = 0; step < run.steps.size(); ++step) {
+      const double peak = 2000;  // N
+      EXPECT_NEAR(latin.reaction(static_cast<Eigen::Index>(p), static_cast<Eigen::Index>(step)),
+                  run.steps[step].reaction_force, 0.01 * peak)
+          << p << ", step " << step;
+    }
+  }
+}
+
+TEST(LatinPgd, MoreAccuracyIsMoreAccurate) {
+  const BeamProblem problem = coarse_beam(25);
+  FullOrderModel model = make_full_order_model(problem);
+  const auto structure = std::make_shared<const Structure>(make_mesh(problem), problem.elastic, "beam");
+  const FullOrderResult run = model.run({});
+  double before = 1;
+  for (const double accuracy : {1e-6, 1e-7, 1e-8, 1e-9}) {
+    LatinOptions options;
+    options.accuracy = accuracy;
+    const LatinSolution latin = solve_latin_pgd(structure, problem.solver, std::vector<DamageParameters>(1), options);
+    const Difference difference = to_full_order(latin, model, run, 0);
+    EXPECT_LT(difference.largest, 3 * accuracy);
+    EXPECT_LT(difference.largest, before);
+    before = difference.largest;
+  }
+}
+
+TEST(LatinPgd, LongerWindowsGiveTheSame) {
+  const BeamProblem problem = coarse_beam(24);
+  const auto structure = std::make_shared<const Structure>(make_mesh(problem), problem.elastic, "beam");
+  const std::vector<DamageParameters> parameters = {{216.0, 2.25e-3}, {150.0, 1.5e-3}};
+  LatinOptions options;
+  options.window = 1;
+  const LatinSolution a = solve_latin_pgd(structure, problem.solver, parameters, options);
+  options.window = 4;
+  const LatinSolution b = solve_latin_pgd(structure, problem.solver, parameters, options);
+  EXPECT_LT(b.history.size(), a.history.size());
+  for (std::size_t step = 0; step < 24; ++step)
+    for (Eigen::Index p = 0; p < 2; ++p)
+      EXPECT_LT((a.displacement(*structure, step, p) - b.displacement(*structure, step, p)).cwiseAbs().maxCoeff(), 4e-7);
+}
+
+TEST(LatinPgd, DoesNotDependOnTheThreads) {
+  const BeamProblem problem = coarse_beam(12);
+  const auto structure = std::make_shared<const Structure>(make_mesh(problem), problem.elastic, "beam");
+  std::vector<DamageParameters> parameters;
+  for (int i = 0; i < 40; ++i) parameters.push_back({150.0 + 3 * i, 1.5e-3 + 2e-5 * i});
+  LatinOptions options;
+  options.threads = 1;
+  const LatinSolution one = solve_latin_pgd(structure, problem.solver, parameters, options);
+  options.threads = 3;
+  const LatinSolution three = solve_latin_pgd(structure, problem.solver, parameters, options);
+  EXPECT_TRUE(one.space == three.space);
+  EXPECT_TRUE(one.coordinates == three.coordinates);
+  EXPECT_EQ(one.local_points, three.local_points);
+}
+
+TEST(LatinPgd, WhileNothingIsDamagedThereIsNoModeAndNoResidual) {
+  BeamProblem problem = coarse_beam(4);
+  problem.solver.displacement = 1e-5;
+  const auto structure = std::make_shared<const Structure>(make_mesh(problem), problem.elastic, "beam");
+  const LatinSolution latin = solve_latin_pgd(structure, problem.solver, std::vector<DamageParameters>(3), {});
+  EXPECT_EQ(latin.space.cols(), 0);
+  EXPECT_EQ(latin.residual.cwiseAbs().maxCoeff(), 0.0);
+  EXPECT_NEAR(latin.reaction(0, 3), 2 * structure->unit_reaction() * 1e-5, 1e-9 * structure->unit_reaction() * 1e-5);
+}
+
+TEST(LatinPgd, SnapshotsHaveTheOutputsOfFullOrderRuns) {
+  const BeamProblem problem = coarse_beam(10);
+  const std::vector<reduction::Axis> axes = {{"Y0", {0.8, 1.2}, "1", "", 216.0}, {"Ad", {0.9, 1.1}, "1", "", 2.25e-3}};
+  const LatinModel latin = solve_latin_grid(problem, axes, {});
+  FullOrderModel model = make_full_order_model(problem);
+  const FullOrderResult run = model.run({216.0 * 1.2, 2.25e-3 * 0.9});
+  const auto expected = as_snapshots(problem, model.structure(), run);
+  const std::size_t point = 2;  // the last axis is the fastest
+  const auto values = latin.snapshots.solution(point);
+  ASSERT_EQ(values.size(), expected.values.size());
+  for (std::size_t i = 0; i < values.size(); ++i) ASSERT_NEAR(values[i], expected.values[i], 2e-7);
+  ASSERT_EQ(latin.snapshots.outputs.size(), expected.outputs.size());
+  const std::vector<double> tolerances = {20.0, 2e-7, 1e-18, 2.0};
+  for (std::size_t k = 0; k < expected.outputs.size(); ++k) {
+    EXPECT_EQ(latin.snapshots.outputs[k].name, expected.outputs[k].name);
+    for (std::size_t step = 0; step < 10; ++step)
+      EXPECT_NEAR(latin.snapshots.outputs[k].values[10 * point + step], expected.outputs[k].values[step], tolerances[k]);
+  }
+}
+
+TEST(LatinPgd, InterruptedItSaysThatNothingIsKept) {
+  const BeamProblem problem = coarse_beam(10);
+  const auto structure = std::make_shared<const Structure>(make_mesh(problem), problem.elastic, "beam");
+  request_cancellation();
+  try {
+    (void)solve_latin_pgd(structure, problem.solver, std::vector<DamageParameters>(1), {});
+    ADD_FAILURE() << "it went on";
+  } catch (const Interrupted& error) {
+    EXPECT_THAT(error.what(), HasSubstr("nothing is kept"));
+  }
+  request_cancellation(false);
+}
+
+template <typename Change>
+std::string refusal(Change change) {
+  LatinOptions options;
+  change(options);
+  try {
+    options.validate();
+  } catch (const ProjectError& error) {
+    return error.what();
+  }
+  return "nothing was refused";
+}
+
+TEST(LatinPgd, OptionsThatMakeNoSenseAreNamed) {
+  EXPECT_THAT(refusal([](LatinOptions& o) { o.accuracy = 0; }), HasSubstr("accuracy is 0 m; it must be positive"));
+  EXPECT_THAT(refusal([](LatinOptions& o) { o.tolerance = 1; }), HasSubstr("tolerance is 1"));
+  EXPECT_THAT(refusal([](LatinOptions& o) { o.window = 0; }), HasSubstr("window is 0 steps"));
+  EXPECT_THAT(refusal([](LatinOptions& o) { o.modes_per_round = 0; }), HasSubstr("modes_per_round"));
+  EXPECT_THAT(refusal([](LatinOptions& o) { o.recompression = 2; }), HasSubstr("recompression is 2"));
+  EXPECT_THAT(refusal([](LatinOptions& o) { o.activation = 1; }), HasSubstr("activation is 1"));
+  LatinOptions few;
+  few.most_modes = 2;
+  const BeamProblem problem = coarse_beam(20);
+  const auto structure = std::make_shared<const Structure>(make_mesh(problem), problem.elastic, "beam");
+  try {
+    (void)solve_latin_pgd(structure, problem.solver, std::vector<DamageParameters>(1), few);
+    ADD_FAILURE() << "two modes were enough";
+  } catch (const NumericalError& error) {
+    EXPECT_THAT(error.what(), HasSubstr("2 space modes do not reach an accuracy of 1e-07 m"));
+  }
+}
+
+}  // namespace
+}  // namespace knothe::mechanics
