@@ -12,8 +12,18 @@ const notice = "/* knothe (Apache 2.0); within: Preact (MIT, Jason Miller), uPlo
 
 async function bundle(entry) {
   const result = await build({
-    entryPoints: [join(here, entry)], bundle: true, minify: true, write: false, format: "iife", target: "es2020", charset: "utf8",
-    jsx: "automatic", jsxImportSource: "preact", legalComments: "none", absWorkingDir: here, logLevel: "warning",
+    entryPoints: [join(here, entry)],
+    bundle: true,
+    minify: true,
+    write: false,
+    format: "iife",
+    target: "es2020",
+    charset: "utf8",
+    jsx: "automatic",
+    jsxImportSource: "preact",
+    legalComments: "none",
+    absWorkingDir: here,
+    logLevel: "warning",
   });
   return result.outputFiles[0].text.trim();
 }
@@ -37,7 +47,9 @@ if (process.argv.includes("--check")) {
     // Absent is different.
   }
   if (committed !== page) {
-    console.error("dashboard: dist/index.html is not what the sources make: run `npm run build` in dashboard/ and commit it");
+    console.error(
+      "dashboard: dist/index.html is not what the sources make: run `npm run build` in dashboard/ and commit it",
+    );
     process.exit(1);
   }
   console.log(`dist/index.html is up to date, ${size} bytes gzipped`);

@@ -18,17 +18,24 @@ export class Recording {
     Object.assign(this, JSON.parse(gunzipSync(readFileSync(join(here, "recording.json.gz")))));
     // In the service a step is the index of its model time: times that never came leave a hole.
     this.lines.forEach((line) => (line.step = Math.round(line.time * 100) - 1));
-    this.kept = Object.keys(this.fields).map(Number).sort((a, b) => a - b);
+    this.kept = Object.keys(this.fields)
+      .map(Number)
+      .sort((a, b) => a - b);
     this.unpacked = new Map();
   }
 
   /** Lines spoilt on purpose, to see what the real program does not do with these data. */
   scenario() {
     for (const line of this.lines) {
-      if (line.step >= 44 && line.step <= 46) Object.assign(line, { trusted: false, ess: 0.71, remark: "effective sample size 71 % is below 90 %" });
+      if (line.step >= 44 && line.step <= 46)
+        Object.assign(line, { trusted: false, ess: 0.71, remark: "effective sample size 71 % is below 90 %" });
       if (line.step >= 60 && line.used > 0) {
         const part = (line.used - 2) / line.used;
-        Object.assign(line, { used: line.used - 2, rejected: 2, log_evidence_increment: line.log_evidence_increment * part });
+        Object.assign(line, {
+          used: line.used - 2,
+          rejected: 2,
+          log_evidence_increment: line.log_evidence_increment * part,
+        });
       }
       if (line.step === 72) line.elapsed_us = { ...line.elapsed_us, map: 11400, update: 11600, total: 12900 };
     }
@@ -45,7 +52,10 @@ export class Recording {
       const { scale, shape, int16 } = this.fields[index][name];
       const bytes = Buffer.from(int16, "base64");
       const flat = Array.from({ length: bytes.length / 2 }, (_, i) => bytes.readInt16LE(2 * i) * scale);
-      this.unpacked.set(key, Array.from({ length: shape[0] }, (_, i) => flat.slice(3 * i, 3 * i + 3)));
+      this.unpacked.set(
+        key,
+        Array.from({ length: shape[0] }, (_, i) => flat.slice(3 * i, 3 * i + 3)),
+      );
     }
     return this.unpacked.get(key);
   }
@@ -60,8 +70,20 @@ export class Recording {
   }
 
   description() {
-    return { run: "recording", version: this.version, site: "beam", sites, project: "quick.toml", model: "beam.h5", steps: this.steps, time: { label: "model time", units: "" },
-      budget_us: budget, parameters: this.parameters, forecasts: this.forecasts, fields: ["displacement", "sensitivity", "residual"] };
+    return {
+      run: "recording",
+      version: this.version,
+      site: "beam",
+      sites,
+      project: "quick.toml",
+      model: "beam.h5",
+      steps: this.steps,
+      time: { label: "model time", units: "" },
+      budget_us: budget,
+      parameters: this.parameters,
+      forecasts: this.forecasts,
+      fields: ["displacement", "sensitivity", "residual"],
+    };
   }
 
   meshAnswer() {
@@ -76,12 +98,24 @@ export class Recording {
     if (name === "displacement") return { ...answer, location: "nodes", values: this.field(index, name) };
     if (name === "residual") {
       const all = this.residual[index];
-      return { ...answer, location: "sensors", values: all.map((r) => (r ?? 0) * noise), missing: all.flatMap((r, k) => (r === null ? [k] : [])) };
+      return {
+        ...answer,
+        location: "sensors",
+        values: all.map((r) => (r ?? 0) * noise),
+        missing: all.flatMap((r, k) => (r === null ? [k] : [])),
+      };
     }
     const k = this.parameters.findIndex((p) => p.name === parameter);
     if (name !== "sensitivity" || k < 0) return undefined;
     const std = Math.sqrt(line.covariance[k][k]);
-    return { ...answer, parameter, location: "nodes", values: this.field(index, `sensitivity:${parameter}`).map((row) => row.map((v) => Number((v * std).toPrecision(6)))) };
+    return {
+      ...answer,
+      parameter,
+      location: "nodes",
+      values: this.field(index, `sensitivity:${parameter}`).map((row) =>
+        row.map((v) => Number((v * std).toPrecision(6))),
+      ),
+    };
   }
 
   observationsAt(step) {
@@ -101,15 +135,33 @@ export class Recording {
 function chiSquaredTail(statistic, degrees) {
   const z = ((statistic / degrees) ** (1 / 3) - (1 - 2 / (9 * degrees))) / Math.sqrt(2 / (9 * degrees));
   const t = 1 / (1 + 0.2316419 * Math.abs(z));
-  const tail = (Math.exp((-z * z) / 2) / Math.sqrt(2 * Math.PI)) * t * (0.31938153 + t * (-0.356563782 + t * (1.781477937 + t * (-1.821255978 + t * 1.330274429))));
+  const tail =
+    (Math.exp((-z * z) / 2) / Math.sqrt(2 * Math.PI)) *
+    t *
+    (0.31938153 + t * (-0.356563782 + t * (1.781477937 + t * (-1.821255978 + t * 1.330274429))));
   return z > 0 ? tail : 1 - tail;
 }
 
 export class MockService {
   /** `rate` steps per second; 0: `advance` is called by hand. */
-  constructor(recording, { rate = 10, start = 0, token, page = join(here, "../dist/index.html"), period = 2, answer } = {}) {
+  constructor(
+    recording,
+    { rate = 10, start = 0, token, page = join(here, "../dist/index.html"), period = 2, answer } = {},
+  ) {
     if (answer) this.answer = answer;
-    Object.assign(this, { recording, rate, token, page, period, count: start, readers: new Set(), requests: [], state: undefined, alarms: [], lastAt: Date.now() });
+    Object.assign(this, {
+      recording,
+      rate,
+      token,
+      page,
+      period,
+      count: start,
+      readers: new Set(),
+      requests: [],
+      state: undefined,
+      alarms: [],
+      lastAt: Date.now(),
+    });
   }
 
   async listen(port = 0) {
@@ -165,41 +217,91 @@ export class MockService {
 
   status() {
     const line = this.known.at(-1);
-    const shown = { site: "beam", period_s: this.rate > 0 ? 1 / this.rate : this.period, budget_us: budget, pending: 0, behind: 0, accepted: this.count, deadline_misses: this.known.filter((l) => l.elapsed_us.total > budget).length, read_only: false, version: "0.1.0" };
+    const shown = {
+      site: "beam",
+      period_s: this.rate > 0 ? 1 / this.rate : this.period,
+      budget_us: budget,
+      pending: 0,
+      behind: 0,
+      accepted: this.count,
+      deadline_misses: this.known.filter((l) => l.elapsed_us.total > budget).length,
+      read_only: false,
+      version: "0.1.0",
+    };
     if (!line) return { ...shown, state: "STALE", reason: "no datum yet" };
     const residuals = this.recording.residual[this.count - 1].filter((r) => r !== null);
     const statistic = residuals.reduce((sum, r) => sum + r * r, 0);
-    return { ...shown, state: this.state?.state ?? "OK", reason: this.state?.reason ?? "", step: line.step, time: line.time, data_age_s: (Date.now() - this.lastAt) / 1000,
-      ...(residuals.length ? { misfit: { statistic, values: residuals.length, probability: chiSquaredTail(statistic, residuals.length) } } : {}) };
+    return {
+      ...shown,
+      state: this.state?.state ?? "OK",
+      reason: this.state?.reason ?? "",
+      step: line.step,
+      time: line.time,
+      data_age_s: (Date.now() - this.lastAt) / 1000,
+      ...(residuals.length
+        ? { misfit: { statistic, values: residuals.length, probability: chiSquaredTail(statistic, residuals.length) } }
+        : {}),
+    };
   }
 
   answer(request, response) {
     const url = new URL(request.url, "http://localhost");
-    this.requests.push({ path: url.pathname, site: url.searchParams.get("site"), lastEventId: request.headers["last-event-id"] });
-    const send = (status, body, type = "application/json") => response.writeHead(status, { "Content-Type": type, "Cache-Control": "no-store" }).end(body);
+    this.requests.push({
+      path: url.pathname,
+      site: url.searchParams.get("site"),
+      lastEventId: request.headers["last-event-id"],
+    });
+    const send = (status, body, type = "application/json") =>
+      response.writeHead(status, { "Content-Type": type, "Cache-Control": "no-store" }).end(body);
     const fail = (status, type, message) => send(status, JSON.stringify({ error: { type, message } }));
     if (url.pathname === "/") return send(200, readFileSync(this.page), "text/html; charset=utf-8");
-    if (this.token && request.headers.authorization !== `Bearer ${this.token}`) return fail(401, "Unauthorized", "a token is needed");
+    if (this.token && request.headers.authorization !== `Bearer ${this.token}`)
+      return fail(401, "Unauthorized", "a token is needed");
     const json = (value, what) => (value === undefined ? fail(404, "NoState", what) : send(200, JSON.stringify(value)));
     const from = Number(url.searchParams.get("from") ?? 0);
     const step = Number(url.searchParams.get("step") ?? this.known.at(-1)?.step);
     const known = this.known.some((line) => line.step === step);
     switch (url.pathname) {
-      case "/v1/sites": return json({ sites });
-      case "/v1/description": return json({ ...this.recording.description(), period_s: this.status().period_s });
-      case "/v1/mesh": return json(this.recording.meshAnswer());
-      case "/v1/status": return json(this.status());
-      case "/v1/alarms": return json({ alarms: this.alarms });
-      case "/v1/state": return json(this.known.at(-1), "no datum yet");
-      case "/v1/states": return json(this.known.filter((line) => line.step >= from));
-      case "/v1/field": return json(known ? this.recording.fieldAt(step, url.searchParams.get("name"), url.searchParams.get("parameter")) : undefined, "no such field or step");
-      case "/v1/observations": return json(known ? this.recording.observationsAt(step) : undefined, `step ${step} is not there`);
+      case "/v1/sites":
+        return json({ sites });
+      case "/v1/description":
+        return json({ ...this.recording.description(), period_s: this.status().period_s });
+      case "/v1/mesh":
+        return json(this.recording.meshAnswer());
+      case "/v1/status":
+        return json(this.status());
+      case "/v1/alarms":
+        return json({ alarms: this.alarms });
+      case "/v1/state":
+        return json(this.known.at(-1), "no datum yet");
+      case "/v1/states":
+        return json(this.known.filter((line) => line.step >= from));
+      case "/v1/field":
+        return json(
+          known
+            ? this.recording.fieldAt(step, url.searchParams.get("name"), url.searchParams.get("parameter"))
+            : undefined,
+          "no such field or step",
+        );
+      case "/v1/observations":
+        return json(known ? this.recording.observationsAt(step) : undefined, `step ${step} is not there`);
       case "/v1/samples": {
         const index = this.known.findIndex((line) => line.step === step);
-        return json(index < 0 ? undefined : { step, parameters: this.recording.parameters.map((p) => p.name), samples: this.recording.samples[index] }, `step ${step} is not there`);
+        return json(
+          index < 0
+            ? undefined
+            : {
+                step,
+                parameters: this.recording.parameters.map((p) => p.name),
+                samples: this.recording.samples[index],
+              },
+          `step ${step} is not there`,
+        );
       }
-      case "/v1/events": return this.stream(request, response, url);
-      default: return fail(404, "NoRoute", `${url.pathname} is not here`);
+      case "/v1/events":
+        return this.stream(request, response, url);
+      default:
+        return fail(404, "NoRoute", `${url.pathname} is not here`);
     }
   }
 
@@ -207,8 +309,14 @@ export class MockService {
     response.writeHead(200, { "Content-Type": "text/event-stream", "Cache-Control": "no-store" });
     const last = request.headers["last-event-id"];
     const from = url.searchParams.get("from");
-    const after = last !== undefined ? Number(last) - 4294967296 : from !== null ? this.known.findIndex((line) => line.step >= Number(from)) : this.count - 1;
-    for (let k = Math.max(0, after < 0 ? this.count : after); k < this.count; k += 1) response.write(this.event(k + 1, this.recording.lines[k]));
+    const after =
+      last !== undefined
+        ? Number(last) - 4294967296
+        : from !== null
+          ? this.known.findIndex((line) => line.step >= Number(from))
+          : this.count - 1;
+    for (let k = Math.max(0, after < 0 ? this.count : after); k < this.count; k += 1)
+      response.write(this.event(k + 1, this.recording.lines[k]));
     response.write(this.statusEvent());
     this.readers.add(response);
     request.on("close", () => this.readers.delete(response));
@@ -220,8 +328,12 @@ if (process.argv[1] === fileURLToPath(import.meta.url)) {
     const at = process.argv.indexOf(`--${name}`);
     return at < 0 ? otherwise : process.argv[at + 1];
   };
-  const service = new MockService(new Recording().scenario(), { rate: Number(option("rate", 10)), start: Number(option("start", 0)), token: option("token"),
-    page: option("page", join(here, "../dist/index.html")) });
+  const service = new MockService(new Recording().scenario(), {
+    rate: Number(option("rate", 10)),
+    start: Number(option("start", 0)),
+    token: option("token"),
+    page: option("page", join(here, "../dist/index.html")),
+  });
   await service.listen(Number(option("port", 8080)));
   console.log(service.url);
 }

@@ -95,14 +95,24 @@ export class Api {
   /** The displacement, and the field that is looked at. */
   async fields(step: number, wanted: string): Promise<FieldsAnswer> {
     const [name = "", parameter] = wanted.split(":");
-    const other = parameter !== undefined || name === "bias" ? this.json("v1/field", { name, step, ...(parameter === undefined ? {} : { parameter }) }) : undefined;
-    const [displacement, more] = await Promise.all([this.json("v1/field", { name: "displacement", step }), name === "bias" ? absentIs404(other!) : other]);
+    const other =
+      parameter !== undefined || name === "bias"
+        ? this.json("v1/field", { name, step, ...(parameter === undefined ? {} : { parameter }) })
+        : undefined;
+    const [displacement, more] = await Promise.all([
+      this.json("v1/field", { name: "displacement", step }),
+      name === "bias" ? absentIs404(other!) : other,
+    ]);
     return asFields(displacement, wanted, more);
   }
 
   async sensors(step: number, wanted: string): Promise<SensorsAnswer> {
     const field = (name: string): Promise<unknown> => absentIs404(this.json("v1/field", { name, step }));
-    const [observations, residual, bias] = await Promise.all([this.json("v1/observations", { step }), field("residual"), wanted === "bias" ? field("bias") : undefined]);
+    const [observations, residual, bias] = await Promise.all([
+      this.json("v1/observations", { step }),
+      field("residual"),
+      wanted === "bias" ? field("bias") : undefined,
+    ]);
     return asSensors(observations, residual, bias);
   }
 
@@ -148,7 +158,11 @@ export class Api {
   }
 
   /** Connects, and connects again, until `signal`. Before each connection `prepare` fetches what events do not bring. */
-  async follow(prepare: (cursor: Cursor) => Promise<void>, listener: EventListener, signal: AbortSignal): Promise<void> {
+  async follow(
+    prepare: (cursor: Cursor) => Promise<void>,
+    listener: EventListener,
+    signal: AbortSignal,
+  ): Promise<void> {
     const cursor: Cursor = { from: 0 };
     let pause = firstPause;
     while (!signal.aborted) {

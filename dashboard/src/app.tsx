@@ -61,35 +61,53 @@ export function App({ store }: { store: Store }) {
   }, [version, model, budget, store.stateEvents, store.alarms]);
   const fields = quantitiesOf(names);
 
-  const key = useCallback((event: KeyboardEvent) => {
-    const target = event.target as HTMLElement;
-    if (event.ctrlKey || event.metaKey || event.altKey || target.closest("dialog[open]") || keepsKey(target, event.key)) return;
-    const pace = event.shiftKey ? 10 : 1;
-    const actions: Record<string, () => void> = {
-      ArrowLeft: () => store.move(-pace),
-      ArrowRight: () => store.move(pace),
-      Home: () => store.choose(store.history.lines[0]?.step),
-      End: () => store.choose(undefined),
-      l: () => store.choose(undefined),
-      " ": () => setPlaying((p) => !p),
-      f: () => store.want(fields[(fields.findIndex((x) => x.value === store.wanted) + 1) % fields.length]!.value),
-      q: () => setQuantity((k) => (k + 1) % Math.max(1, quantities.length)),
-      t: nextTheme,
-      "?": () => setHelp(true),
-    };
-    const digit = panels[Number(event.key) - 1];
-    const action = digit ? () => document.getElementById(digit)?.focus() : actions[event.key.length === 1 ? event.key.toLowerCase() : event.key];
-    if (!action || (event.key === " " && target.tagName === "BUTTON")) return;
-    event.preventDefault();
-    action();
-  }, [fields.length, quantities.length, nextTheme]);
+  const key = useCallback(
+    (event: KeyboardEvent) => {
+      const target = event.target as HTMLElement;
+      if (
+        event.ctrlKey ||
+        event.metaKey ||
+        event.altKey ||
+        target.closest("dialog[open]") ||
+        keepsKey(target, event.key)
+      )
+        return;
+      const pace = event.shiftKey ? 10 : 1;
+      const actions: Record<string, () => void> = {
+        ArrowLeft: () => store.move(-pace),
+        ArrowRight: () => store.move(pace),
+        Home: () => store.choose(store.history.lines[0]?.step),
+        End: () => store.choose(undefined),
+        l: () => store.choose(undefined),
+        " ": () => setPlaying((p) => !p),
+        f: () => store.want(fields[(fields.findIndex((x) => x.value === store.wanted) + 1) % fields.length]!.value),
+        q: () => setQuantity((k) => (k + 1) % Math.max(1, quantities.length)),
+        t: nextTheme,
+        "?": () => setHelp(true),
+      };
+      const digit = panels[Number(event.key) - 1];
+      const action = digit
+        ? () => document.getElementById(digit)?.focus()
+        : actions[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+      if (!action || (event.key === " " && target.tagName === "BUTTON")) return;
+      event.preventDefault();
+      action();
+    },
+    [fields.length, quantities.length, nextTheme],
+  );
   useEffect(() => {
     addEventListener("keydown", key);
     return () => removeEventListener("keydown", key);
   }, [key]);
 
   const plots = {
-    lines, version, model, status, line, theme, selected: store.chosen === undefined ? undefined : line?.time,
+    lines,
+    version,
+    model,
+    status,
+    line,
+    theme,
+    selected: store.chosen === undefined ? undefined : line?.time,
     onSelect: (time: number) => {
       const nearest = history.nearest(time);
       store.choose(nearest && nearest.step === history.latest?.step ? undefined : nearest?.step);
@@ -100,27 +118,67 @@ export function App({ store }: { store: Store }) {
       <header class="top">
         <h1>knothe{model?.site ? <small> {model.site}</small> : ""}</h1>
         {(model?.sites?.length ?? 0) > 1 && (
-          <select aria-label="Structure" value={model?.site ?? ""} onChange={(e) => store.useSite(e.currentTarget.value)}>
-            {model!.sites!.map((s) => <option key={s} value={s}>{s}</option>)}
+          <select
+            aria-label="Structure"
+            value={model?.site ?? ""}
+            onChange={(e) => store.useSite(e.currentTarget.value)}
+          >
+            {model!.sites!.map((s) => (
+              <option key={s} value={s}>
+                {s}
+              </option>
+            ))}
           </select>
         )}
-        <span class="link" id="contact">{store.connected ? "connected" : "no contact"}</span>
+        <span class="link" id="contact">
+          {store.connected ? "connected" : "no contact"}
+        </span>
         <span class="buttons">
-          <button type="button" onClick={() => saveText(stepsTable(lines, names), "knothe-steps.csv")}>all steps as CSV</button>
-          <button type="button" onClick={nextTheme} aria-label={`Colours: ${choice}`}>{choice === "system" ? "◐ as system" : choice === "dark" ? "● dark" : "○ light"}</button>
-          <button type="button" onClick={() => setHelp(true)} aria-label="Help and keys">?</button>
+          <button type="button" onClick={() => saveText(stepsTable(lines, names), "knothe-steps.csv")}>
+            all steps as CSV
+          </button>
+          <button type="button" onClick={nextTheme} aria-label={`Colours: ${choice}`}>
+            {choice === "system" ? "◐ as system" : choice === "dark" ? "● dark" : "○ light"}
+          </button>
+          <button type="button" onClick={() => setHelp(true)} aria-label="Help and keys">
+            ?
+          </button>
         </span>
       </header>
       <main>
         <BannerView store={store} />
         {store.problem && !store.connected && <p class="problem">The service says: {store.problem}</p>}
-        <Scrub lines={lines} version={version} chosen={store.chosen} line={line} events={events} theme={theme} choose={(step) => store.choose(step)} playing={playing} setPlaying={setPlaying} />
+        <Scrub
+          lines={lines}
+          version={version}
+          chosen={store.chosen}
+          line={line}
+          events={events}
+          theme={theme}
+          choose={(step) => store.choose(step)}
+          playing={playing}
+          setPlaying={setPlaying}
+        />
         <Summary model={model} line={line} theme={theme} />
         <div class="panels">
           <ForecastPanel {...plots} quantity={quantity} setQuantity={setQuantity} />
           <ParametersPanel {...plots} />
-          <FieldPanel model={model} fields={store.detail.fields} sensors={store.detail.sensors} theme={theme} quantity={store.wanted} setQuantity={(name) => store.want(name)} />
-          <PairPanel model={model} line={pairLine} lines={lines} names={names} samples={store.detail.samples} theme={theme} />
+          <FieldPanel
+            model={model}
+            fields={store.detail.fields}
+            sensors={store.detail.sensors}
+            theme={theme}
+            quantity={store.wanted}
+            setQuantity={(name) => store.want(name)}
+          />
+          <PairPanel
+            model={model}
+            line={pairLine}
+            lines={lines}
+            names={names}
+            samples={store.detail.samples}
+            theme={theme}
+          />
           <EvidencePanel {...plots} />
           <TimingPanel {...plots} />
           <EventsPanel events={events} chosen={store.chosen} choose={(step) => store.choose(step)} />

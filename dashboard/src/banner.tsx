@@ -27,7 +27,9 @@ export function BannerView({ store }: { store: Store }) {
       <div class="word" role="status" aria-live="polite" id="state">
         <span aria-hidden="true">{look.sign}</span> {banner.state}
       </div>
-      <p class="reason" id="reason">{banner.reason}</p>
+      <p class="reason" id="reason">
+        {banner.reason}
+      </p>
       <dl>
         <div>
           <dt>last datum</dt>
@@ -35,7 +37,10 @@ export function BannerView({ store }: { store: Store }) {
         </div>
         <div>
           <dt>step</dt>
-          <dd id="step">{latest ? latest.step : "–"}{latest && steps ? <small> of 0 … {steps - 1}</small> : ""}</dd>
+          <dd id="step">
+            {latest ? latest.step : "–"}
+            {latest && steps ? <small> of 0 … {steps - 1}</small> : ""}
+          </dd>
         </div>
         <div>
           <dt>model time</dt>

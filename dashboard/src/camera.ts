@@ -19,7 +19,11 @@ export const oblique: Camera = { yaw: -0.5, pitch: 0.4, zoom: 1, shift: [0, 0] }
 export function rotation({ yaw, pitch }: Camera): [Vec3, Vec3, Vec3] {
   const [c, s] = [Math.cos(yaw), Math.sin(yaw)];
   const [d, t] = [Math.cos(pitch), Math.sin(pitch)];
-  return [[c, 0, s], [t * s, d, -t * c], [-d * s, t, d * c]];
+  return [
+    [c, 0, s],
+    [t * s, d, -t * c],
+    [-d * s, t, d * c],
+  ];
 }
 
 export interface Viewport {
@@ -44,7 +48,11 @@ export function project(point: Vec3, box: Box, camera: Camera, view: Viewport, p
   const p = point.map((v, k) => v - box.centre[k]!) as Vec3;
   const dot = (a: Vec3): number => a[0] * p[0] + a[1] * p[1] + a[2] * p[2];
   const scale = pixelsPerMetre * camera.zoom;
-  return [view.width / 2 + scale * dot(right) + camera.shift[0], (view.height - view.foot) / 2 - scale * dot(up) + camera.shift[1], dot(out)];
+  return [
+    view.width / 2 + scale * dot(right) + camera.shift[0],
+    (view.height - view.foot) / 2 - scale * dot(up) + camera.shift[1],
+    dot(out),
+  ];
 }
 
 /** A round length that is some `pixels` long. */

@@ -69,7 +69,15 @@ export function legendOf(spec: ChartSpec, index: number | undefined, theme: Them
     const value = index === undefined ? null : (s.said ?? s.values)[index];
     const text = value === null || value === undefined ? "–" : (s.format ?? significant)(value);
     const look = s.bandTo !== undefined ? "band" : s.bars ? "bar" : s.dash ? "dash" : "line";
-    return [{ label: s.label, colour: s.colour, look, ...(s.opacity === undefined ? {} : { opacity: s.opacity }), ...(look === "band" ? {} : { value: text }) }];
+    return [
+      {
+        label: s.label,
+        colour: s.colour,
+        look,
+        ...(s.opacity === undefined ? {} : { opacity: s.opacity }),
+        ...(look === "band" ? {} : { value: text }),
+      },
+    ];
   });
   const gaps: LegendEntry[] = spec.gaps?.length ? [{ label: "no data", colour: theme.gap, look: "bar" }] : [];
   return [...own, ...(spec.legend ?? []), ...gaps];
@@ -80,7 +88,15 @@ export function Legend({ entries, theme }: { entries: LegendEntry[]; theme: Them
     <ul class="legend">
       {entries.map((e) => (
         <li key={e.label}>
-          <span class={`key ${e.look}`} style={{ color: e.look === "band" ? through(e.colour, Math.min(1, (e.opacity ?? 0.3) * (theme.dark ? 1.3 : 1.1))) : e.colour }} />
+          <span
+            class={`key ${e.look}`}
+            style={{
+              color:
+                e.look === "band"
+                  ? through(e.colour, Math.min(1, (e.opacity ?? 0.3) * (theme.dark ? 1.3 : 1.1)))
+                  : e.colour,
+            }}
+          />
           {e.label}
           {e.value !== undefined && <b> {e.value}</b>}
         </li>
@@ -108,7 +124,15 @@ export function Chart({ spec, theme, selected, onSelect, handle }: Props) {
   live.current = { spec, selected, onSelect, theme };
   const [hovered, setHovered] = useState<number>();
   const height = spec.height ?? 210;
-  const structure = JSON.stringify([theme.dark, height, spec.name, spec.xLabel, spec.yLabel, spec.logarithmic, spec.series.map((s) => [s.label, s.colour, s.bandTo, s.dash])]);
+  const structure = JSON.stringify([
+    theme.dark,
+    height,
+    spec.name,
+    spec.xLabel,
+    spec.yLabel,
+    spec.logarithmic,
+    spec.series.map((s) => [s.label, s.colour, s.bandTo, s.dash]),
+  ]);
 
   useLayoutEffect(() => {
     const element = place.current!;
@@ -136,12 +160,28 @@ export function Chart({ spec, theme, selected, onSelect, handle }: Props) {
   const index = hovered ?? nearestIndex(spec.times, selected);
   const legend = legendOf(spec, index, theme);
   useEffect(() =>
-    handle?.({ png: (title) => composePng({ title, legend: legendOf(live.current.spec, nearestIndex(live.current.spec.times, live.current.selected), theme), picture: plot.current!.ctx.canvas, theme, ratio: devicePixelRatio }) }),
+    handle?.({
+      png: (title) =>
+        composePng({
+          title,
+          legend: legendOf(live.current.spec, nearestIndex(live.current.spec.times, live.current.selected), theme),
+          picture: plot.current!.ctx.canvas,
+          theme,
+          ratio: devicePixelRatio,
+        }),
+    }),
   );
   return (
     <div class="chart">
       <Legend entries={legend} theme={theme} />
-      <div ref={place} role="img" aria-label={`${spec.yLabel} over ${spec.xLabel}. ${legend.filter((e) => e.value).map((e) => `${e.label} ${e.value}`).join(", ")}`} />
+      <div
+        ref={place}
+        role="img"
+        aria-label={`${spec.yLabel} over ${spec.xLabel}. ${legend
+          .filter((e) => e.value)
+          .map((e) => `${e.label} ${e.value}`)
+          .join(", ")}`}
+      />
     </div>
   );
 }
@@ -161,23 +201,42 @@ function data(spec: ChartSpec): uPlot.AlignedData {
   return [spec.times, ...scaled];
 }
 
-type Live = { current: { spec: ChartSpec; selected: number | undefined; onSelect: (time: number) => void; theme: Theme } };
+type Live = {
+  current: { spec: ChartSpec; selected: number | undefined; onSelect: (time: number) => void; theme: Theme };
+};
 
 function options(live: Live, width: number, height: number, hover: (index: number | undefined) => void): uPlot.Options {
   const { spec, theme } = live.current;
   const font = "12px system-ui, sans-serif";
-  const axis = { stroke: theme.faint, font, labelFont: font, grid: { stroke: theme.grid, width: 1 }, ticks: { stroke: theme.grid, width: 1, size: 4 } };
+  const axis = {
+    stroke: theme.faint,
+    font,
+    labelFont: font,
+    grid: { stroke: theme.grid, width: 1 },
+    ticks: { stroke: theme.grid, width: 1, size: 4 },
+  };
   const bands = spec.series.flatMap((s, i): uPlot.Band[] =>
-    s.bandTo === undefined ? [] : [{ series: [i + 1, s.bandTo + 1], fill: through(s.colour, s.opacity ?? 0.25) }]);
+    s.bandTo === undefined ? [] : [{ series: [i + 1, s.bandTo + 1], fill: through(s.colour, s.opacity ?? 0.25) }],
+  );
   return {
     width,
     height,
     legend: { show: false },
     cursor: { sync: { key: "knothe" }, drag: { x: true, y: false, dist: 8 }, points: { size: 6 } },
-    scales: { x: { time: false, range: (_u, low, high) => (high > low ? [low, high] : [low - 0.5, low + 0.5]) }, y: yScale(live) },
+    scales: {
+      x: { time: false, range: (_u, low, high) => (high > low ? [low, high] : [low - 0.5, low + 0.5]) },
+      y: yScale(live),
+    },
     axes: [
       { ...axis, label: spec.xLabel, labelSize: 18, size: 30, space: 60 },
-      { ...axis, label: spec.yLabel, labelSize: 20, size: 52, space: 32, values: (_u, ticks) => ticks.map((v) => (v === null ? "" : (live.current.spec.ticks ?? given)(v))) },
+      {
+        ...axis,
+        label: spec.yLabel,
+        labelSize: 20,
+        size: 52,
+        space: 32,
+        values: (_u, ticks) => ticks.map((v) => (v === null ? "" : (live.current.spec.ticks ?? given)(v))),
+      },
     ],
     series: [
       {},
@@ -195,10 +254,16 @@ function options(live: Live, width: number, height: number, hover: (index: numbe
     hooks: {
       drawClear: [(u) => drawGaps(u, live.current)],
       draw: [(u) => drawMarks(u, live.current)],
-      setCursor: [(u) => hover(u.cursor.left !== undefined && u.cursor.left >= 0 ? (u.cursor.idx ?? undefined) : undefined)],
-      ready: [(u) => u.over.addEventListener("click", () => {
-        if (u.select.width < 2 && u.cursor.left !== undefined) live.current.onSelect(u.posToVal(u.cursor.left, "x"));
-      })],
+      setCursor: [
+        (u) => hover(u.cursor.left !== undefined && u.cursor.left >= 0 ? (u.cursor.idx ?? undefined) : undefined),
+      ],
+      ready: [
+        (u) =>
+          u.over.addEventListener("click", () => {
+            if (u.select.width < 2 && u.cursor.left !== undefined)
+              live.current.onSelect(u.posToVal(u.cursor.left, "x"));
+          }),
+      ],
     },
   };
 }
@@ -252,7 +317,14 @@ function drawMarks(u: uPlot, { spec, theme, selected }: Live["current"]): void {
     const y = u.valToPos(mark.at * (spec.factor ?? 1), "y", true);
     line(ctx, bbox.left, y, bbox.left + bbox.width, y, mark, px);
     ctx.textAlign = "right";
-    write(ctx, mark.label, bbox.left + bbox.width - 8 * px, y > bbox.top + 18 * px ? y - 6 * px : y + 15 * px, theme, px);
+    write(
+      ctx,
+      mark.label,
+      bbox.left + bbox.width - 8 * px,
+      y > bbox.top + 18 * px ? y - 6 * px : y + 15 * px,
+      theme,
+      px,
+    );
   }
   for (const mark of spec.vertical ?? []) {
     const x = u.valToPos(mark.at, "x", true);
@@ -278,7 +350,15 @@ function write(ctx: CanvasRenderingContext2D, text: string, x: number, y: number
   ctx.fillText(text, x, y);
 }
 
-function line(ctx: CanvasRenderingContext2D, x0: number, y0: number, x1: number, y1: number, mark: { colour: string; dash?: number[] }, px: number): void {
+function line(
+  ctx: CanvasRenderingContext2D,
+  x0: number,
+  y0: number,
+  x1: number,
+  y1: number,
+  mark: { colour: string; dash?: number[] },
+  px: number,
+): void {
   ctx.strokeStyle = mark.colour;
   ctx.fillStyle = mark.colour;
   ctx.lineWidth = 1.2 * px;

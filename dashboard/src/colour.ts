@@ -21,16 +21,40 @@ export interface Theme {
 }
 
 const light: Theme = {
-  dark: false, text: "#1b2430", faint: "#5b6776", grid: "#e3e7ec", panel: "#ffffff", gap: "#e3e8ee",
-  blue: "#0072b2", orange: "#b35c00", green: "#00805d", red: "#c04a00", purple: "#9b3f77", threshold: "#1b2430", prior: "#7b8794",
+  dark: false,
+  text: "#1b2430",
+  faint: "#5b6776",
+  grid: "#e3e7ec",
+  panel: "#ffffff",
+  gap: "#e3e8ee",
+  blue: "#0072b2",
+  orange: "#b35c00",
+  green: "#00805d",
+  red: "#c04a00",
+  purple: "#9b3f77",
+  threshold: "#1b2430",
+  prior: "#7b8794",
   series: ["#0072b2", "#b35c00", "#00805d", "#9b3f77", "#6b7685", "#8a6d00", "#1f8ab5"],
-  mesh: [0.82, 0.85, 0.88], edge: [0.25, 0.3, 0.36],
+  mesh: [0.82, 0.85, 0.88],
+  edge: [0.25, 0.3, 0.36],
 };
 const dark: Theme = {
-  dark: true, text: "#e6ebf1", faint: "#9aa7b6", grid: "#2b3541", panel: "#18202a", gap: "#27323e",
-  blue: "#56b4e9", orange: "#e69f00", green: "#2fc79a", red: "#f0814a", purple: "#dd8fb9", threshold: "#ffffff", prior: "#8b98a7",
+  dark: true,
+  text: "#e6ebf1",
+  faint: "#9aa7b6",
+  grid: "#2b3541",
+  panel: "#18202a",
+  gap: "#27323e",
+  blue: "#56b4e9",
+  orange: "#e69f00",
+  green: "#2fc79a",
+  red: "#f0814a",
+  purple: "#dd8fb9",
+  threshold: "#ffffff",
+  prior: "#8b98a7",
   series: ["#56b4e9", "#e69f00", "#2fc79a", "#dd8fb9", "#9aa7b6", "#f0e442", "#8fd3ff"],
-  mesh: [0.34, 0.39, 0.45], edge: [0.06, 0.08, 0.1],
+  mesh: [0.34, 0.39, 0.45],
+  edge: [0.06, 0.08, 0.1],
 };
 
 export function theme(isDark: boolean): Theme {
@@ -51,12 +75,32 @@ export const severitySign: Record<Severity, string> = { info: "ℹ", warning: "�
 export type Rgb = [number, number, number];
 
 const viridis: Rgb[] = [
-  [68, 1, 84], [72, 36, 117], [65, 68, 135], [53, 95, 141], [42, 120, 142], [33, 145, 140], [34, 168, 132], [68, 191, 112], [122, 209, 81],
-  [189, 223, 38], [253, 231, 37],
+  [68, 1, 84],
+  [72, 36, 117],
+  [65, 68, 135],
+  [53, 95, 141],
+  [42, 120, 142],
+  [33, 145, 140],
+  [34, 168, 132],
+  [68, 191, 112],
+  [122, 209, 81],
+  [189, 223, 38],
+  [253, 231, 37],
 ];
 /** Blue over near white to orange-brown: safe for all common kinds of colour blindness. */
-const signed: Rgb[] = [[5, 48, 97], [33, 102, 172], [67, 147, 195], [146, 197, 222], [209, 229, 240], [247, 247, 247], [253, 224, 193], [245, 182, 116],
-  [224, 130, 30], [179, 88, 6], [110, 54, 4]];
+const signed: Rgb[] = [
+  [5, 48, 97],
+  [33, 102, 172],
+  [67, 147, 195],
+  [146, 197, 222],
+  [209, 229, 240],
+  [247, 247, 247],
+  [253, 224, 193],
+  [245, 182, 116],
+  [224, 130, 30],
+  [179, 88, 6],
+  [110, 54, 4],
+];
 
 /** `at` in 0 … 1, outside of it the ends. */
 export function colourAt(map: "viridis" | "signed", at: number): Rgb {

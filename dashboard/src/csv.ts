@@ -19,25 +19,63 @@ export function stepsTable(lines: readonly StepLine[], parameters: readonly stri
   if (!first) return csv(["step"], []);
   const forecasts = Object.keys(first.forecast);
   const phases = Object.keys(first.elapsed_us);
-  const header = ["step", "time", "used", "rejected", "missing", "trusted", "bias_correction", "log_evidence", "log_evidence_increment",
-    "map_order", "variance_diagnostic", "ess"];
+  const header = [
+    "step",
+    "time",
+    "used",
+    "rejected",
+    "missing",
+    "trusted",
+    "bias_correction",
+    "log_evidence",
+    "log_evidence_increment",
+    "map_order",
+    "variance_diagnostic",
+    "ess",
+  ];
   parameters.forEach((name) => {
     header.push(`${name}_mean`, `${name}_std`, ...first.quantiles.levels.map((level) => `${name}_q${level}`));
   });
   forecasts.forEach((name) => {
     const f = first.forecast[name]!;
-    header.push(`${name}_mean`, `${name}_std`, `${name}_probability_above_threshold`, ...f.levels.map((level) => `${name}_q${level}`));
+    header.push(
+      `${name}_mean`,
+      `${name}_std`,
+      `${name}_probability_above_threshold`,
+      ...f.levels.map((level) => `${name}_q${level}`),
+    );
   });
   header.push(...phases.map((name) => `elapsed_us_${name}`));
   const rows = lines.map((line) => {
-    const row: Cell[] = [line.step, line.time, line.used, line.rejected, line.missing, line.trusted, line.bias_correction, line.log_evidence,
-      line.log_evidence_increment, line.map_order, line.variance_diagnostic, line.ess];
+    const row: Cell[] = [
+      line.step,
+      line.time,
+      line.used,
+      line.rejected,
+      line.missing,
+      line.trusted,
+      line.bias_correction,
+      line.log_evidence,
+      line.log_evidence_increment,
+      line.map_order,
+      line.variance_diagnostic,
+      line.ess,
+    ];
     parameters.forEach((_, k) => {
-      row.push(line.mean[k], Math.sqrt(line.covariance[k]?.[k] ?? NaN), ...first.quantiles.levels.map((__, l) => line.quantiles.values[k]?.[l]));
+      row.push(
+        line.mean[k],
+        Math.sqrt(line.covariance[k]?.[k] ?? NaN),
+        ...first.quantiles.levels.map((__, l) => line.quantiles.values[k]?.[l]),
+      );
     });
     forecasts.forEach((name) => {
       const f = line.forecast[name];
-      row.push(f?.mean, f?.std, f?.probability_above_threshold, ...first.forecast[name]!.levels.map((_, l) => f?.values[l]));
+      row.push(
+        f?.mean,
+        f?.std,
+        f?.probability_above_threshold,
+        ...first.forecast[name]!.levels.map((_, l) => f?.values[l]),
+      );
     });
     row.push(...phases.map((name) => line.elapsed_us[name]));
     return row;
@@ -47,7 +85,10 @@ export function stepsTable(lines: readonly StepLine[], parameters: readonly stri
 
 /** A field of vectors, one row per mesh point. */
 export function fieldTable(name: string, values: readonly number[][], mesh: Mesh): string {
-  return csv(["point", "x", "y", "z", `${name}_x`, `${name}_y`, `${name}_z`], values.map((v, i) => [i, ...(mesh.points[i] ?? []), ...v]));
+  return csv(
+    ["point", "x", "y", "z", `${name}_x`, `${name}_y`, `${name}_z`],
+    values.map((v, i) => [i, ...(mesh.points[i] ?? []), ...v]),
+  );
 }
 
 /** One row per sensor; what is missing is empty. */
@@ -55,7 +96,19 @@ export function sensorsTable(answer: SensorsAnswer, sensors: Sensors): string {
   const rows = answer.status.map((status, i): Cell[] => {
     const residual = answer.residual?.[i];
     const std = sensors.std[i] ?? NaN;
-    return [i, ...(sensors.points[i] ?? []), sensors.components[i], std, status, residual, residual === undefined ? undefined : residual / std, answer.bias?.[i]];
+    return [
+      i,
+      ...(sensors.points[i] ?? []),
+      sensors.components[i],
+      std,
+      status,
+      residual,
+      residual === undefined ? undefined : residual / std,
+      answer.bias?.[i],
+    ];
   });
-  return csv(["sensor", "x", "y", "z", "component", "noise_std", "status", "residual", "residual_in_std", "bias"], rows);
+  return csv(
+    ["sensor", "x", "y", "z", "component", "noise_std", "status", "residual", "residual_in_std", "bias"],
+    rows,
+  );
 }

@@ -19,14 +19,31 @@ export function merged(told: readonly Event[], found: readonly Event[]): Event[]
 }
 
 /** The service raises alarms of these kinds itself: what both say is listed once. */
-const stateKind: Record<StateWord, string> = { OK: "state", STALE: "gap", DEGRADED: "deadline", BIASED: "bias", DIVERGED: "trust" };
-const stateSeverity: Record<StateWord, Severity> = { OK: "info", STALE: "warning", DEGRADED: "warning", BIASED: "alarm", DIVERGED: "alarm" };
+const stateKind: Record<StateWord, string> = {
+  OK: "state",
+  STALE: "gap",
+  DEGRADED: "deadline",
+  BIASED: "bias",
+  DIVERGED: "trust",
+};
+const stateSeverity: Record<StateWord, Severity> = {
+  OK: "info",
+  STALE: "warning",
+  DEGRADED: "warning",
+  BIASED: "alarm",
+  DIVERGED: "alarm",
+};
 
 /** A change of the service's state, which the lines do not tell: known only to a page that was there. */
 export function stateEvent(before: Status | undefined, now: Status): Event | undefined {
   if (before ? before.state === now.state : now.state === "OK") return undefined;
   const why = now.reason ? `: ${now.reason}` : "";
-  return { step: now.step ?? 0, severity: stateSeverity[now.state], kind: stateKind[now.state], message: `The service ${before ? "became" : "is"} ${now.state}${why}` };
+  return {
+    step: now.step ?? 0,
+    severity: stateSeverity[now.state],
+    kind: stateKind[now.state],
+    message: `The service ${before ? "became" : "is"} ${now.state}${why}`,
+  };
 }
 
 /** Newest first. */
@@ -34,7 +51,8 @@ export function eventsOf(lines: readonly StepLine[], context: EventContext): Eve
   const events: Event[] = [];
   const limit = 1.5 * medianPeriod(lines);
   lines.forEach((line, i) => {
-    const add = (severity: Severity, kind: string, message: string): void => void events.push({ step: line.step, severity, kind, message });
+    const add = (severity: Severity, kind: string, message: string): void =>
+      void events.push({ step: line.step, severity, kind, message });
     const before = lines[i - 1];
     trust(line, before, add);
     data(line, before, limit, add);
@@ -49,19 +67,30 @@ export function eventsOf(lines: readonly StepLine[], context: EventContext): Eve
 type Add = (severity: Severity, kind: string, message: string) => void;
 
 function trust(line: StepLine, before: StepLine | undefined, add: Add): void {
-  if (!line.trusted && before?.trusted !== false) add("warning", "trust", `Posterior not trusted: ${whyNotTrusted(line)}`);
-  if (line.trusted && before?.trusted === false) add("info", "trust", `Posterior trusted again since step ${line.step}`);
+  if (!line.trusted && before?.trusted !== false)
+    add("warning", "trust", `Posterior not trusted: ${whyNotTrusted(line)}`);
+  if (line.trusted && before?.trusted === false)
+    add("info", "trust", `Posterior trusted again since step ${line.step}`);
 }
 
 function data(line: StepLine, before: StepLine | undefined, limit: number, add: Add): void {
   if (before && (line.step > before.step + 1 || line.time - before.time > limit)) {
     const lost = line.step - before.step - 1;
-    const what = lost === 1 ? `Step ${before.step + 1} has no datum` : `Steps ${before.step + 1} to ${line.step - 1} have no datum`;
-    add("warning", "gap", lost > 0 ? what : `No step between times ${significant(before.time)} and ${significant(line.time)}`);
+    const what =
+      lost === 1
+        ? `Step ${before.step + 1} has no datum`
+        : `Steps ${before.step + 1} to ${line.step - 1} have no datum`;
+    add(
+      "warning",
+      "gap",
+      lost > 0 ? what : `No step between times ${significant(before.time)} and ${significant(line.time)}`,
+    );
   }
-  if (line.used === 0 && (!before || before.used > 0)) add("warning", "gap", "No usable value from any sensor: the posterior stands still");
+  if (line.used === 0 && (!before || before.used > 0))
+    add("warning", "gap", "No usable value from any sensor: the posterior stands still");
   if (line.used > 0 && before?.used === 0) add("info", "gap", "Sensors are back");
-  if (line.rejected > (before?.rejected ?? 0)) add("warning", "sensors", `${line.rejected} of ${total(line)} values rejected: they do not fit the others`);
+  if (line.rejected > (before?.rejected ?? 0))
+    add("warning", "sensors", `${line.rejected} of ${total(line)} values rejected: they do not fit the others`);
   if (line.used > 0 && line.missing > 0.1 * total(line) && (!before || before.missing <= 0.1 * total(before)))
     add("warning", "sensors", `${line.missing} of ${total(line)} sensors are missing`);
 }
@@ -73,14 +102,24 @@ export function total(line: StepLine): number {
 function bias(line: StepLine, before: StepLine | undefined, add: Add): void {
   const on = line.bias_correction !== "off";
   const was = before !== undefined && before.bias_correction !== "off";
-  if (on && !was) add("warning", "bias", "Correction of the model's bias switched on: the evidence says that the model does not explain the data");
+  if (on && !was)
+    add(
+      "warning",
+      "bias",
+      "Correction of the model's bias switched on: the evidence says that the model does not explain the data",
+    );
   if (!on && was) add("info", "bias", "Correction of the model's bias switched off");
 }
 
 function deadline(line: StepLine, before: StepLine | undefined, budget: number | undefined, add: Add): void {
-  const late = (l: StepLine | undefined): boolean => budget !== undefined && l !== undefined && (l.elapsed_us.total ?? 0) > budget;
+  const late = (l: StepLine | undefined): boolean =>
+    budget !== undefined && l !== undefined && (l.elapsed_us.total ?? 0) > budget;
   if (late(line) && !late(before))
-    add("warning", "deadline", `Update took ${microseconds(line.elapsed_us.total ?? NaN)}, the budget is ${microseconds(budget ?? NaN)}`);
+    add(
+      "warning",
+      "deadline",
+      `Update took ${microseconds(line.elapsed_us.total ?? NaN)}, the budget is ${microseconds(budget ?? NaN)}`,
+    );
 }
 
 /** A level that was passed counts as left only this part of the way to the nearer end below it: a probability that hovers there is no alarm each step. */
@@ -104,9 +143,11 @@ function thresholds(lines: readonly StepLine[], q: QuantityDescription, events: 
     }
     const scale = scaleFor(q.units ?? line.forecast[q.name]?.units, Math.abs(q.threshold));
     const name = `P(${words(q.name)} > ${[given(q.threshold * scale.factor), scale.units].filter(Boolean).join(" ")})`;
-    const add = (severity: Severity, message: string): void => void events.push({ step: line.step, severity, kind: "threshold", message: `${name} ${message}` });
+    const add = (severity: Severity, message: string): void =>
+      void events.push({ step: line.step, severity, kind: "threshold", message: `${name} ${message}` });
     const highest = rose.pop();
-    if (highest !== undefined) add(highest >= 0.5 ? "alarm" : "warning", `rose above ${100 * highest} %: now ${probability(p)}`);
+    if (highest !== undefined)
+      add(highest >= 0.5 ? "alarm" : "warning", `rose above ${100 * highest} %: now ${probability(p)}`);
     if (fell[0] !== undefined) add("info", `fell below ${100 * fell[0]} %: now ${probability(p)}`);
   }
 }

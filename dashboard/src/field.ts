@@ -29,11 +29,24 @@ export function quantitiesOf(parameters: readonly string[]): { value: Quantity; 
   ];
 }
 
-export function viewOf(quantity: Quantity, component: Component, fields: FieldsAnswer | undefined, sensors: SensorsAnswer | undefined, std: readonly number[]): View {
+export function viewOf(
+  quantity: Quantity,
+  component: Component,
+  fields: FieldsAnswer | undefined,
+  sensors: SensorsAnswer | undefined,
+  std: readonly number[],
+): View {
   if (quantity === "residual") {
     const known = std.length > 0 && std.every(Number.isFinite);
-    const values = known ? sensors?.residual?.map((r, i) => (r === undefined ? undefined : r / std[i]!)) : sensors?.residual;
-    return atSensors(values, "residual: measured − predicted", known ? "standard deviations of the noise" : "m", known ? 3 : 0);
+    const values = known
+      ? sensors?.residual?.map((r, i) => (r === undefined ? undefined : r / std[i]!))
+      : sensors?.residual;
+    return atSensors(
+      values,
+      "residual: measured − predicted",
+      known ? "standard deviations of the noise" : "m",
+      known ? 3 : 0,
+    );
   }
   if (quantity === "bias") {
     if (fields?.bias) return atNodes(fields.bias, component, "model bias, corrected for", true);
@@ -42,7 +55,8 @@ export function viewOf(quantity: Quantity, component: Component, fields: FieldsA
   }
   const name = quantity.split(":")[1];
   const values = name === undefined ? fields?.displacement : fields?.sensitivity[name];
-  if (!values) return { ...nothing, ...(fields && name === undefined ? { problem: "The service sends no displacement." } : {}) };
+  if (!values)
+    return { ...nothing, ...(fields && name === undefined ? { problem: "The service sends no displacement." } : {}) };
   const of = name === undefined ? "displacement" : `∂u/∂${name} · std(${name})`;
   return atNodes(values, component, of, component !== "magnitude");
 }
@@ -57,10 +71,21 @@ function atNodes(values: readonly number[][], component: Component, label: strin
   return { nodes, map: signed ? "signed" : "viridis", range, scale: scaleFor("m", range.high), label: of };
 }
 
-function atSensors(values: readonly (number | undefined)[] | undefined, label: string, units: string, least: number): View {
+function atSensors(
+  values: readonly (number | undefined)[] | undefined,
+  label: string,
+  units: string,
+  least: number,
+): View {
   if (!values) return nothing;
   const largest = roundUp(Math.max(least, ...values.map((v) => Math.abs(v ?? 0))));
-  return { sensors: [...values], map: "signed", range: { low: -largest, high: largest }, scale: scaleFor(units, largest), label };
+  return {
+    sensors: [...values],
+    map: "signed",
+    range: { low: -largest, high: largest },
+    scale: scaleFor(units, largest),
+    label,
+  };
 }
 
 function rounded({ low, high }: Range): Range {

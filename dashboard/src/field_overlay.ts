@@ -66,7 +66,8 @@ function drawMarker(ctx: CanvasRenderingContext2D, m: Marker, { shown, theme, vi
       ctx.stroke();
     } else {
       const { low, high } = shown.range;
-      ctx.fillStyle = m.normal || m.value === undefined ? "#ffffff" : rgb(colourAt(shown.map, (m.value - low) / (high - low)));
+      ctx.fillStyle =
+        m.normal || m.value === undefined ? "#ffffff" : rgb(colourAt(shown.map, (m.value - low) / (high - low)));
       ctx.fill();
       ctx.strokeStyle = "#10161d";
       ctx.stroke();
@@ -76,7 +77,10 @@ function drawMarker(ctx: CanvasRenderingContext2D, m: Marker, { shown, theme, vi
 }
 
 function cross(ctx: CanvasRenderingContext2D, size: number, theme: Theme): void {
-  for (const [width, colour] of [[4.5, theme.panel], [2.4, theme.red]] as const) {
+  for (const [width, colour] of [
+    [4.5, theme.panel],
+    [2.4, theme.red],
+  ] as const) {
     ctx.lineWidth = width;
     ctx.strokeStyle = colour;
     ctx.beginPath();
@@ -103,7 +107,10 @@ function drawBar(ctx: CanvasRenderingContext2D, { shown, theme, viewport }: Over
   ctx.textAlign = "left";
   ctx.fillText(shown.scale.units ? `${shown.label} [${shown.scale.units}]` : shown.label, x, y - 6);
   const { low, high } = shown.range;
-  const number = (v: number): string => significant(v * shown.scale.factor, 3).replace(/(\.\d*?)0+$/, "$1").replace(/\.$/, "");
+  const number = (v: number): string =>
+    significant(v * shown.scale.factor, 3)
+      .replace(/(\.\d*?)0+$/, "$1")
+      .replace(/\.$/, "");
   ctx.fillText(number(low), x, y + 24);
   ctx.textAlign = "center";
   ctx.fillText(number((low + high) / 2), x + width / 2, y + 24);
@@ -128,7 +135,11 @@ function drawAxes(ctx: CanvasRenderingContext2D, { theme, viewport, camera, pixe
   ctx.lineTo(right, y - 4);
   ctx.stroke();
   ctx.textAlign = "center";
-  ctx.fillText(length < 1 ? `${significant(length * 1000, 1)} mm` : `${significant(length, 1)} m`, right - pixels / 2, y - 6);
+  ctx.fillText(
+    length < 1 ? `${significant(length * 1000, 1)} mm` : `${significant(length, 1)} m`,
+    right - pixels / 2,
+    y - 6,
+  );
   const origin = [36, 46] as const;
   const [r, u] = rotation(camera);
   "xyz".split("").forEach((name, k) => {
@@ -144,7 +155,11 @@ function drawAxes(ctx: CanvasRenderingContext2D, { theme, viewport, camera, pixe
 
 function drawKey(ctx: CanvasRenderingContext2D, o: Overlay): void {
   if (o.markers.length === 0) return;
-  const entries: [string, string][] = [["used", "sensor used"], ["rejected", "rejected"], ["missing", "missing"]];
+  const entries: [string, string][] = [
+    ["used", "sensor used"],
+    ["rejected", "rejected"],
+    ["missing", "missing"],
+  ];
   ctx.font = "12px system-ui, sans-serif";
   let x = o.viewport.width - 12;
   for (const [status, words] of entries.reverse()) {

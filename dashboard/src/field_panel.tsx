@@ -40,7 +40,10 @@ export function FieldPanel({ model, fields, sensors, theme, quantity, setQuantit
 
   const surface = useMemo(() => mesh && surfaceOf(mesh), [mesh]);
   const box = useMemo(() => mesh && boxOf(mesh.points), [mesh]);
-  const shown = useMemo(() => viewOf(quantity, component, fields.value, sensors.value, model?.sensors?.std ?? []), [quantity, component, fields.value, sensors.value, model]);
+  const shown = useMemo(
+    () => viewOf(quantity, component, fields.value, sensors.value, model?.sensors?.std ?? []),
+    [quantity, component, fields.value, sensors.value, model],
+  );
   const factor = deformed && fields.value && box ? displayFactor(fields.value.displacement, box) : 0;
   const nearest = useMemo(() => nearestPoints(model), [model]);
   const viewport: Viewport = { ...size, foot };
@@ -64,7 +67,9 @@ export function FieldPanel({ model, fields, sensors, theme, quantity, setQuantit
     const lost = (event: Event): void => event.preventDefault();
     canvas.addEventListener("webglcontextlost", lost);
     canvas.addEventListener("webglcontextrestored", restored);
-    const observer = new ResizeObserver(() => setSize({ width: frame.current!.clientWidth, height: frame.current!.clientHeight }));
+    const observer = new ResizeObserver(() =>
+      setSize({ width: frame.current!.clientWidth, height: frame.current!.clientHeight }),
+    );
     observer.observe(frame.current!);
     return () => {
       observer.disconnect();
@@ -78,10 +83,19 @@ export function FieldPanel({ model, fields, sensors, theme, quantity, setQuantit
     return u ? (point.map((x, k) => x + factor * (u[k] ?? 0)) as Vec3) : point;
   };
   const toPixel = (point: Vec3): Vec3 => project(point, box!, camera, viewport, pixelsPerMetre);
-  const markers: Marker[] = !box ? [] : (model?.sensors?.points ?? []).map((point, i) => {
-    const [x, y] = toPixel(displaced(point as Vec3, nearest[i]));
-    return { x, y, component: model!.sensors!.components[i] ?? "x", status: sensors.value?.status[i] ?? "used", value: shown.sensors?.[i], normal: shown.sensors === undefined };
-  });
+  const markers: Marker[] = !box
+    ? []
+    : (model?.sensors?.points ?? []).map((point, i) => {
+        const [x, y] = toPixel(displaced(point as Vec3, nearest[i]));
+        return {
+          x,
+          y,
+          component: model!.sensors!.components[i] ?? "x",
+          status: sensors.value?.status[i] ?? "used",
+          value: shown.sensors?.[i],
+          normal: shown.sensors === undefined,
+        };
+      });
 
   useEffect(() => {
     const gl = view.current;
@@ -93,20 +107,51 @@ export function FieldPanel({ model, fields, sensors, theme, quantity, setQuantit
     }
     if (fields.value) gl.setDisplacement(fields.value.displacement);
     if (shown.nodes) gl.setValues(shown.nodes);
-    gl.draw({ camera, view: viewport, pixelsPerMetre, box, factor, edges, theme, ...(shown.nodes ? { colouring: { range: shown.range, map: shown.map } } : {}) });
-    drawOverlay(overlay.current!, { markers, shown, theme, viewport, ratio, camera, pixelsPerMetre: pixelsPerMetre * camera.zoom });
+    gl.draw({
+      camera,
+      view: viewport,
+      pixelsPerMetre,
+      box,
+      factor,
+      edges,
+      theme,
+      ...(shown.nodes ? { colouring: { range: shown.range, map: shown.map } } : {}),
+    });
+    drawOverlay(overlay.current!, {
+      markers,
+      shown,
+      theme,
+      viewport,
+      ratio,
+      camera,
+      pixelsPerMetre: pixelsPerMetre * camera.zoom,
+    });
   }, [surface, shown, fields.value, sensors.value, camera, size, theme, factor, edges, drawings]);
 
   const point = (event: PointerEvent): void => {
     const bounds = frame.current!.getBoundingClientRect();
     const at = [event.clientX - bounds.left, event.clientY - bounds.top] as const;
-    setReadout(under(at, { model, fields: fields.value, sensors: sensors.value, markers, shown, pixel: (node) => toPixel(displaced(mesh!.points[node] as Vec3, node)), nodes: surface?.nodes }));
+    setReadout(
+      under(at, {
+        model,
+        fields: fields.value,
+        sensors: sensors.value,
+        markers,
+        shown,
+        pixel: (node) => toPixel(displaced(mesh!.points[node] as Vec3, node)),
+        nodes: surface?.nodes,
+      }),
+    );
   };
   const drag = (event: PointerEvent): void => {
     if (!event.buttons) return point(event);
     const { movementX: dx, movementY: dy } = event;
     const pan = event.shiftKey || event.buttons === 2;
-    setCamera((c) => (pan ? { ...c, shift: [c.shift[0] + dx, c.shift[1] + dy] } : { ...c, yaw: c.yaw + dx * 0.008, pitch: Math.max(-1.57, Math.min(1.57, c.pitch + dy * 0.008)) }));
+    setCamera((c) =>
+      pan
+        ? { ...c, shift: [c.shift[0] + dx, c.shift[1] + dy] }
+        : { ...c, yaw: c.yaw + dx * 0.008, pitch: Math.max(-1.57, Math.min(1.57, c.pitch + dy * 0.008)) },
+    );
   };
   const zoom = (by: number): void => setCamera((c) => ({ ...c, zoom: Math.max(0.3, Math.min(30, c.zoom * by)) }));
   const wheel = (event: WheelEvent): void => {
@@ -118,42 +163,83 @@ export function FieldPanel({ model, fields, sensors, theme, quantity, setQuantit
   const step = quantity === "residual" ? sensors.value?.step : fields.value?.step;
   const title = `Field on the structure${step === undefined ? "" : `, step ${step}`}`;
   const none = !mesh ? "The model of this site has no mesh." : (problem ?? fields.problem ?? shown.problem);
-  const values = quantity === "displacement" ? fields.value?.displacement : fields.value?.sensitivity[quantity.split(":")[1] ?? ""];
+  const values =
+    quantity === "displacement" ? fields.value?.displacement : fields.value?.sensitivity[quantity.split(":")[1] ?? ""];
   return (
     <Panel
       id="field"
       title={title}
       span="wide"
       png={() => compose(picture.current!, overlay.current!, theme, title)}
-      csv={() => (shown.sensors && sensors.value && model?.sensors ? sensorsTable(sensors.value, model.sensors) : values && mesh ? fieldTable(quantity.replace(":", "_"), values, mesh) : undefined)}
+      csv={() =>
+        shown.sensors && sensors.value && model?.sensors
+          ? sensorsTable(sensors.value, model.sensors)
+          : values && mesh
+            ? fieldTable(quantity.replace(":", "_"), values, mesh)
+            : undefined
+      }
       controls={
         <>
           <select aria-label="Field" value={quantity} onChange={(e) => setQuantity(e.currentTarget.value)}>
-            {quantitiesOf(model?.parameters.map((p) => p.name) ?? []).map((q) => <option key={q.value} value={q.value}>{q.label}</option>)}
+            {quantitiesOf(model?.parameters.map((p) => p.name) ?? []).map((q) => (
+              <option key={q.value} value={q.value}>
+                {q.label}
+              </option>
+            ))}
           </select>
           {!shown.sensors && (
-            <select aria-label="Component" value={component} onChange={(e) => setComponent(e.currentTarget.value as Component)}>
-              {["magnitude", "x", "y", "z"].map((c) => <option key={c} value={c}>{c}</option>)}
+            <select
+              aria-label="Component"
+              value={component}
+              onChange={(e) => setComponent(e.currentTarget.value as Component)}
+            >
+              {["magnitude", "x", "y", "z"].map((c) => (
+                <option key={c} value={c}>
+                  {c}
+                </option>
+              ))}
             </select>
           )}
         </>
       }
     >
-      <div class="field" ref={frame} tabIndex={0} role="img" aria-label={`${shown.label} on the structure. ${counts}`}
-        onPointerDown={(e) => e.currentTarget.setPointerCapture(e.pointerId)} onPointerMove={drag} onPointerLeave={() => setReadout("")}
-        onWheel={wheel} onContextMenu={(e) => e.preventDefault()}>
+      <div
+        class="field"
+        ref={frame}
+        tabIndex={0}
+        role="img"
+        aria-label={`${shown.label} on the structure. ${counts}`}
+        onPointerDown={(e) => e.currentTarget.setPointerCapture(e.pointerId)}
+        onPointerMove={drag}
+        onPointerLeave={() => setReadout("")}
+        onWheel={wheel}
+        onContextMenu={(e) => e.preventDefault()}
+      >
         <canvas ref={picture} />
         <canvas ref={overlay} />
         {none && <p class="none">{none}</p>}
       </div>
       <div class="under">
-        <label><input type="checkbox" checked={deformed} onChange={(e) => setDeformed(e.currentTarget.checked)} /> deformed{factor ? `, ${factor} × larger` : ""}</label>
-        <label><input type="checkbox" checked={edges} onChange={(e) => setEdges(e.currentTarget.checked)} /> elements</label>
+        <label>
+          <input type="checkbox" checked={deformed} onChange={(e) => setDeformed(e.currentTarget.checked)} /> deformed
+          {factor ? `, ${factor} × larger` : ""}
+        </label>
+        <label>
+          <input type="checkbox" checked={edges} onChange={(e) => setEdges(e.currentTarget.checked)} /> elements
+        </label>
         <span class="buttons">
-          <button type="button" aria-label="Larger" title="Larger" onClick={() => zoom(1.25)}>+</button>
-          <button type="button" aria-label="Smaller" title="Smaller" onClick={() => zoom(0.8)}>−</button>
-          <button type="button" onClick={() => setCamera(front)}>front</button>
-          <button type="button" onClick={() => setCamera(oblique)}>oblique</button>
+          <button type="button" aria-label="Larger" title="Larger" onClick={() => zoom(1.25)}>
+            +
+          </button>
+          <button type="button" aria-label="Smaller" title="Smaller" onClick={() => zoom(0.8)}>
+            −
+          </button>
+          <button type="button" onClick={() => setCamera(front)}>
+            front
+          </button>
+          <button type="button" onClick={() => setCamera(oblique)}>
+            oblique
+          </button>
         </span>
         <span class="readout">{readout.trim() || counts}</span>
       </div>

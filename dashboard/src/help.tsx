@@ -28,22 +28,46 @@ export function Help({ open, close, version }: { open: boolean; close: () => voi
       <dl class="states">
         {stateWords.map((word) => (
           <div key={word}>
-            <dt><span class="chip" style={{ background: stateLook[word].colour, color: stateLook[word].ink }}>{stateLook[word].sign} {word}</span></dt>
+            <dt>
+              <span class="chip" style={{ background: stateLook[word].colour, color: stateLook[word].ink }}>
+                {stateLook[word].sign} {word}
+              </span>
+            </dt>
             <dd>{usual[word]}</dd>
           </div>
         ))}
       </dl>
       <ul>
-        <li>Dark and light bands: half, and nearly all, of the probability. The thin upright line is the step looked at; grey columns are times without data.</li>
-        <li>P(failure) is the probability that the forecast quantity exceeds the threshold of the project file, given the model and all data so far.</li>
+        <li>
+          Dark and light bands: half, and nearly all, of the probability. The thin upright line is the step looked at;
+          grey columns are times without data.
+        </li>
+        <li>
+          P(failure) is the probability that the forecast quantity exceeds the threshold of the project file, given the
+          model and all data so far.
+        </li>
         <li>Click into a plot to look at that time; drag in it to enlarge, double-click to see all.</li>
-        <li>Drag on the structure turns it, with Shift shifts it; after a click on it, or with Ctrl, the wheel enlarges.</li>
+        <li>
+          Drag on the structure turns it, with Shift shifts it; after a click on it, or with Ctrl, the wheel enlarges.
+        </li>
         <li>CSV files hold SI units and full precision.</li>
       </ul>
       <table>
-        <tbody>{keys.map(([key, what]) => <tr key={key}><th scope="row"><kbd>{key}</kbd></th><td>{what}</td></tr>)}</tbody>
+        <tbody>
+          {keys.map(([key, what]) => (
+            <tr key={key}>
+              <th scope="row">
+                <kbd>{key}</kbd>
+              </th>
+              <td>{what}</td>
+            </tr>
+          ))}
+        </tbody>
       </table>
-      <form method="dialog"><span>{version ? `knothe ${version}` : "knothe"}</span><button>Close</button></form>
+      <form method="dialog">
+        <span>{version ? `knothe ${version}` : "knothe"}</span>
+        <button>Close</button>
+      </form>
     </dialog>
   );
 }
@@ -58,9 +82,20 @@ export function TokenDialog({ needed, use }: { needed: "first" | "wrong" | undef
   return (
     <dialog ref={dialog} aria-labelledby="token-title">
       <h2 id="token-title">Token</h2>
-      <p>{needed === "wrong" ? "The service does not know this token." : "This service asks who reads: paste the token for reading."} It is kept for this browser tab only.</p>
+      <p>
+        {needed === "wrong"
+          ? "The service does not know this token."
+          : "This service asks who reads: paste the token for reading."}{" "}
+        It is kept for this browser tab only.
+      </p>
       <form onSubmit={(e) => (e.preventDefault(), use(token.trim()))}>
-        <input type="password" autoComplete="off" aria-label="Token" value={token} onInput={(e) => setToken(e.currentTarget.value)} />
+        <input
+          type="password"
+          autoComplete="off"
+          aria-label="Token"
+          value={token}
+          onInput={(e) => setToken(e.currentTarget.value)}
+        />
         <button>Connect</button>
       </form>
     </dialog>

@@ -143,7 +143,6 @@ export function bandsOf(levels: readonly number[]): Bands {
   return { pairs, middle };
 }
 
-
 /** The parts of a step's time, without the sums of others: `update` is projection, map and correction where these are told apart. */
 export function phasesOf(elapsed: Record<string, number>): string[] {
   const parts = Object.keys(elapsed).filter((name) => name !== "total");

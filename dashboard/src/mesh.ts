@@ -5,15 +5,43 @@ import type { Mesh } from "./types";
 const faces: Record<string, number[][]> = {
   triangle: [[0, 1, 2]],
   quad: [[0, 1, 2, 3]],
-  tetra: [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]],
-  hexahedron: [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]],
-  wedge: [[0, 1, 2], [3, 5, 4], [0, 3, 4, 1], [1, 4, 5, 2], [2, 5, 3, 0]],
-  pyramid: [[0, 3, 2, 1], [0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]],
+  tetra: [
+    [0, 2, 1],
+    [0, 1, 3],
+    [1, 2, 3],
+    [0, 3, 2],
+  ],
+  hexahedron: [
+    [0, 3, 2, 1],
+    [4, 5, 6, 7],
+    [0, 1, 5, 4],
+    [1, 2, 6, 5],
+    [2, 3, 7, 6],
+    [3, 0, 4, 7],
+  ],
+  wedge: [
+    [0, 1, 2],
+    [3, 5, 4],
+    [0, 3, 4, 1],
+    [1, 4, 5, 2],
+    [2, 5, 3, 0],
+  ],
+  pyramid: [
+    [0, 3, 2, 1],
+    [0, 1, 4],
+    [1, 2, 4],
+    [2, 3, 4],
+    [3, 0, 4],
+  ],
 };
 
 /** VTK's names, as in a file's `VTK_HEXAHEDRON` or meshio's `hexahedron20`: of higher orders the corners are drawn. */
 export function shapeOf(type: string): string {
-  const plain = type.toLowerCase().replace(/^vtk_/, "").replace(/^(bi|tri)?quadratic_/, "").replace(/[0-9]+$/, "");
+  const plain = type
+    .toLowerCase()
+    .replace(/^vtk_/, "")
+    .replace(/^(bi|tri)?quadratic_/, "")
+    .replace(/[0-9]+$/, "");
   return plain === "tetrahedron" ? "tetra" : plain === "hexa" ? "hexahedron" : plain;
 }
 
@@ -48,7 +76,11 @@ export function surfaceOf(mesh: Mesh): Surface {
     });
     for (let k = 2; k < face.length; k += 1) triangles.push(face[0]!, face[k - 1]!, face[k]!);
   }
-  return { triangles: Uint32Array.from(triangles), edges: Uint32Array.from([...edges.values()].flat()), nodes: Uint32Array.from(nodes) };
+  return {
+    triangles: Uint32Array.from(triangles),
+    edges: Uint32Array.from([...edges.values()].flat()),
+    nodes: Uint32Array.from(nodes),
+  };
 }
 
 export interface Box {

@@ -65,13 +65,24 @@ export class MeshView {
     for (const name of ["turn", "centre", "factor", "scale", "shift", "depth", "closer", "colours", "range", "plain"])
       this.uniforms[name] = gl.getUniformLocation(this.program, name);
     const buffer = (): WebGLBuffer => gl.createBuffer()!;
-    this.buffers = { position: buffer(), displacement: buffer(), value: buffer(), triangles: buffer(), edges: buffer() };
+    this.buffers = {
+      position: buffer(),
+      displacement: buffer(),
+      value: buffer(),
+      triangles: buffer(),
+      edges: buffer(),
+    };
     this.textures = { viridis: texture(gl, "viridis"), signed: texture(gl, "signed") };
   }
 
   setMesh(points: readonly number[][], surface: Surface): void {
     const { gl, buffers } = this;
-    fill(gl, gl.ARRAY_BUFFER, buffers.position, Float32Array.from(points.flatMap((p) => [p[0] ?? 0, p[1] ?? 0, p[2] ?? 0])));
+    fill(
+      gl,
+      gl.ARRAY_BUFFER,
+      buffers.position,
+      Float32Array.from(points.flatMap((p) => [p[0] ?? 0, p[1] ?? 0, p[2] ?? 0])),
+    );
     fill(gl, gl.ARRAY_BUFFER, buffers.displacement, new Float32Array(3 * points.length));
     fill(gl, gl.ARRAY_BUFFER, buffers.value, new Float32Array(points.length));
     fill(gl, gl.ELEMENT_ARRAY_BUFFER, buffers.triangles, surface.triangles);
@@ -80,7 +91,12 @@ export class MeshView {
   }
 
   setDisplacement(values: readonly number[][]): void {
-    fill(this.gl, this.gl.ARRAY_BUFFER, this.buffers.displacement, Float32Array.from(values.flatMap((v) => [v[0] ?? 0, v[1] ?? 0, v[2] ?? 0])));
+    fill(
+      this.gl,
+      this.gl.ARRAY_BUFFER,
+      this.buffers.displacement,
+      Float32Array.from(values.flatMap((v) => [v[0] ?? 0, v[1] ?? 0, v[2] ?? 0])),
+    );
   }
 
   setValues(values: Float32Array): void {
@@ -97,7 +113,11 @@ export class MeshView {
     gl.useProgram(this.program);
     const [right, up, out] = rotation(camera);
     // Columns of the matrix whose rows these are.
-    gl.uniformMatrix3fv(uniforms.turn!, false, [0, 1, 2].flatMap((k) => [right[k]!, up[k]!, out[k]!]));
+    gl.uniformMatrix3fv(
+      uniforms.turn!,
+      false,
+      [0, 1, 2].flatMap((k) => [right[k]!, up[k]!, out[k]!]),
+    );
     gl.uniform3fv(uniforms.centre!, box.centre);
     gl.uniform1f(uniforms.factor!, scene.factor);
     const scale = scene.pixelsPerMetre * camera.zoom;
@@ -138,14 +158,18 @@ function fill(gl: WebGL2RenderingContext, target: number, buffer: WebGLBuffer, v
 
 function link(gl: WebGL2RenderingContext): WebGLProgram {
   const program = gl.createProgram()!;
-  for (const [type, source] of [[gl.VERTEX_SHADER, vertexSource], [gl.FRAGMENT_SHADER, fragmentSource]] as const) {
+  for (const [type, source] of [
+    [gl.VERTEX_SHADER, vertexSource],
+    [gl.FRAGMENT_SHADER, fragmentSource],
+  ] as const) {
     const shader = gl.createShader(type)!;
     gl.shaderSource(shader, source);
     gl.compileShader(shader);
     gl.attachShader(program, shader);
   }
   gl.linkProgram(program);
-  if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program) ?? "shaders do not link");
+  if (!gl.getProgramParameter(program, gl.LINK_STATUS))
+    throw new Error(gl.getProgramInfoLog(program) ?? "shaders do not link");
   return program;
 }
 

@@ -8,7 +8,12 @@ export interface Interval {
 }
 
 /** Around the posterior, 4.5 standard deviations each way, inside the prior's box; or the whole box. */
-export function axisOf(k: number, line: StepLine, parameter: ParameterDescription | undefined, whole: boolean): Interval {
+export function axisOf(
+  k: number,
+  line: StepLine,
+  parameter: ParameterDescription | undefined,
+  whole: boolean,
+): Interval {
   const std = Math.sqrt(line.covariance[k]?.[k] ?? 0) || Math.abs(line.mean[k] ?? 1) * 0.1 || 1;
   const prior = parameter?.values ?? [];
   const lower = parameter?.lower ?? Math.min(...prior, line.mean[k]! - 4.5 * std);
@@ -21,7 +26,11 @@ export function axisOf(k: number, line: StepLine, parameter: ParameterDescriptio
 export function isNarrow(line: StepLine, parameters: readonly ParameterDescription[]): boolean {
   return line.mean.some((_, k) => {
     const p = parameters[k];
-    return p?.lower !== undefined && p.upper !== undefined && 9 * Math.sqrt(line.covariance[k]?.[k] ?? 0) < 0.45 * (p.upper - p.lower);
+    return (
+      p?.lower !== undefined &&
+      p.upper !== undefined &&
+      9 * Math.sqrt(line.covariance[k]?.[k] ?? 0) < 0.45 * (p.upper - p.lower)
+    );
   });
 }
 

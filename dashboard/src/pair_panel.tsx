@@ -46,26 +46,40 @@ export function PairPanel({ model, line, lines, names, samples, theme }: Props) 
     if (line) draw(ctx, { width, height, count, line, lines, names, points, model, theme, whole: isWhole });
   }, [width, height, count, line, samples.value, model, theme, isWhole]);
   const legend: LegendEntry[] = [
-    { label: "draws of the posterior", colour: theme.blue, look: "bar", ...(points.length ? {} : { value: samples.problem ?? "none" }) },
+    {
+      label: "draws of the posterior",
+      colour: theme.blue,
+      look: "bar",
+      ...(points.length ? {} : { value: samples.problem ?? "none" }),
+    },
     { label: "50 % and 95 % of a Gaussian with its moments", colour: theme.text, look: "dash" },
     { label: `path of the mean, last ${trail} steps`, colour: theme.orange, look: "line" },
     { label: "most probable", colour: theme.red, look: "bar" },
   ];
   const title = `Parameter pairs${line ? `, step ${line.step}` : ""}`;
-  const words = line && count > 1 ? `Correlation of ${names[0]} and ${names[1]}: ${significant(correlation(line, 0, 1), 2)}` : "";
+  const words =
+    line && count > 1 ? `Correlation of ${names[0]} and ${names[1]}: ${significant(correlation(line, 0, 1), 2)}` : "";
   return (
-    <Panel id="pairs" title={title}
+    <Panel
+      id="pairs"
+      title={title}
       png={() => composePng({ title, legend, picture: canvas.current!, theme, ratio: devicePixelRatio })}
       csv={() => csv([...names], points)}
       controls={
-        <select aria-label="Range of the pair plot" value={isWhole ? "box" : "close"} onChange={(e) => setWhole(e.currentTarget.value === "box")}>
+        <select
+          aria-label="Range of the pair plot"
+          value={isWhole ? "box" : "close"}
+          onChange={(e) => setWhole(e.currentTarget.value === "box")}
+        >
           <option value="box">whole prior</option>
           <option value="close">close up</option>
         </select>
       }
     >
       <Legend entries={legend} theme={theme} />
-      <div class="pair"><canvas ref={canvas} style={{ width: "100%", height: `${height}px` }} role="img" aria-label={words} /></div>
+      <div class="pair">
+        <canvas ref={canvas} style={{ width: "100%", height: `${height}px` }} role="img" aria-label={words} />
+      </div>
     </Panel>
   );
 }
@@ -107,7 +121,8 @@ function draw(ctx: CanvasRenderingContext2D, p: Picture): void {
         if (column === row) marginal(ctx, p, cell, row);
         else scatter(ctx, p, cell, axes[row]!, column, row);
         if (row === p.count - 1) horizontalAxis(ctx, p, cell, p.names[column]!);
-        if (column === 0) verticalAxis(ctx, p, cell, row === 0 ? undefined : axes[row]!, row === 0 ? "density" : p.names[row]!);
+        if (column === 0)
+          verticalAxis(ctx, p, cell, row === 0 ? undefined : axes[row]!, row === 0 ? "density" : p.names[row]!);
       }
     }
 }
@@ -131,7 +146,8 @@ function inside(ctx: CanvasRenderingContext2D, cell: Cell, work: () => void): vo
 function marginal(ctx: CanvasRenderingContext2D, p: Picture, cell: Cell, k: number): void {
   const { theme } = p;
   const values = p.points.map((point) => point[k]!);
-  const toX = (v: number): number => cell.x + ((v - cell.horizontal.low) / (cell.horizontal.high - cell.horizontal.low)) * cell.w;
+  const toX = (v: number): number =>
+    cell.x + ((v - cell.horizontal.low) / (cell.horizontal.high - cell.horizontal.low)) * cell.w;
   inside(ctx, cell, () => {
     const heights = histogram(values, cell.horizontal, binsFor(values, cell.horizontal));
     const tallest = Math.max(...heights) * 1.12 || 1;
@@ -155,9 +171,17 @@ function marginal(ctx: CanvasRenderingContext2D, p: Picture, cell: Cell, k: numb
   });
 }
 
-function scatter(ctx: CanvasRenderingContext2D, p: Picture, cell: Cell, vertical: Interval, i: number, j: number): void {
+function scatter(
+  ctx: CanvasRenderingContext2D,
+  p: Picture,
+  cell: Cell,
+  vertical: Interval,
+  i: number,
+  j: number,
+): void {
   const { theme, line } = p;
-  const toX = (v: number): number => cell.x + ((v - cell.horizontal.low) / (cell.horizontal.high - cell.horizontal.low)) * cell.w;
+  const toX = (v: number): number =>
+    cell.x + ((v - cell.horizontal.low) / (cell.horizontal.high - cell.horizontal.low)) * cell.w;
   const toY = (v: number): number => cell.y + cell.h - ((v - vertical.low) / (vertical.high - vertical.low)) * cell.h;
   const path = (points: readonly (readonly [number, number])[]): void => {
     ctx.beginPath();
@@ -187,14 +211,26 @@ function scatter(ctx: CanvasRenderingContext2D, p: Picture, cell: Cell, vertical
     ctx.fillStyle = theme.red;
     ctx.strokeStyle = theme.panel;
     ctx.beginPath();
-    for (const [a, b] of [[0, -6], [6, 0], [0, 6], [-6, 0]] as const) ctx.lineTo(x + a, y + b);
+    for (const [a, b] of [
+      [0, -6],
+      [6, 0],
+      [0, 6],
+      [-6, 0],
+    ] as const)
+      ctx.lineTo(x + a, y + b);
     ctx.closePath();
     ctx.fill();
     ctx.stroke();
   });
 }
 
-function writeCorrelation(ctx: CanvasRenderingContext2D, { theme, line, names }: Picture, { x, y, w, h }: Cell, i: number, j: number): void {
+function writeCorrelation(
+  ctx: CanvasRenderingContext2D,
+  { theme, line, names }: Picture,
+  { x, y, w, h }: Cell,
+  i: number,
+  j: number,
+): void {
   ctx.fillStyle = theme.faint;
   ctx.textAlign = "center";
   ctx.fillText(`correlation of ${names[j]} and ${names[i]}`, x + w / 2, y + h / 2 - 8);
@@ -223,7 +259,13 @@ function horizontalAxis(ctx: CanvasRenderingContext2D, { theme }: Picture, cell:
   ctx.fillText(`${name} [–]`, cell.x + cell.w / 2, cell.y + cell.h + 34);
 }
 
-function verticalAxis(ctx: CanvasRenderingContext2D, { theme }: Picture, cell: Cell, axis: Interval | undefined, name: string): void {
+function verticalAxis(
+  ctx: CanvasRenderingContext2D,
+  { theme }: Picture,
+  cell: Cell,
+  axis: Interval | undefined,
+  name: string,
+): void {
   ctx.fillStyle = theme.faint;
   ctx.textAlign = "right";
   for (const v of axis ? ticks(axis, Math.max(2, cell.h / 36)) : []) {

@@ -24,8 +24,20 @@ export function Panel({ id, title, note, span, controls, png, csv, children }: P
         <h2 id={`${id}-title`}>{title}</h2>
         <span class="controls">
           {controls}
-          {png && <button type="button" aria-label={`${title}: save as PNG`} onClick={() => void png().then((blob) => save(blob, `knothe-${id}.png`))}>PNG</button>}
-          {csv && <button type="button" aria-label={`${title}: save as CSV`} onClick={table}>CSV</button>}
+          {png && (
+            <button
+              type="button"
+              aria-label={`${title}: save as PNG`}
+              onClick={() => void png().then((blob) => save(blob, `knothe-${id}.png`))}
+            >
+              PNG
+            </button>
+          )}
+          {csv && (
+            <button type="button" aria-label={`${title}: save as CSV`} onClick={table}>
+              CSV
+            </button>
+          )}
         </span>
       </header>
       {note && <p class="note">{note}</p>}

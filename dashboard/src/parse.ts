@@ -19,7 +19,8 @@ function number(value: unknown, otherwise: number): number {
 
 /** A line of section 4, or nothing if it is not one. Densities are left out: the page does not show them, and days of steps must fit. */
 export function asStepLine(value: unknown): StepLine | undefined {
-  if (!isObject(value) || !Number.isInteger(value.step) || typeof value.time !== "number" || !isNumbers(value.mean)) return undefined;
+  if (!isObject(value) || !Number.isInteger(value.step) || typeof value.time !== "number" || !isNumbers(value.mean))
+    return undefined;
   const quantiles = value.quantiles;
   if (!isObject(quantiles) || !isNumbers(quantiles.levels) || !Array.isArray(quantiles.values)) return undefined;
   const forecast: Record<string, Forecast> = {};

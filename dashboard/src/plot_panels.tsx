@@ -7,7 +7,17 @@ import { csv } from "./csv";
 import { given, microseconds, probability, significant } from "./format";
 import { quantile, timeline } from "./history";
 import { Panel } from "./panel";
-import { dataSpec, evidenceSpec, forecastSpec, parameterNames, parameterSpec, probabilitySpec, quantitiesIn, quantityWords, timingSpec } from "./specs";
+import {
+  dataSpec,
+  evidenceSpec,
+  forecastSpec,
+  parameterNames,
+  parameterSpec,
+  probabilitySpec,
+  quantitiesIn,
+  quantityWords,
+  timingSpec,
+} from "./specs";
 import { stackPng } from "./png";
 import type { Model, Status, StepLine } from "./types";
 
@@ -31,7 +41,10 @@ function useBase({ lines, version, theme }: PlotProps) {
 export function specsTable(specs: readonly ChartSpec[]): string {
   const times = specs[0]?.times ?? [];
   const header = ["time", ...specs.flatMap((s) => s.series.map((x) => `${s.name}: ${x.label}`))];
-  return csv(header, times.map((t, i) => [t, ...specs.flatMap((s) => s.series.map((x) => (x.said ?? x.values)[i]))]));
+  return csv(
+    header,
+    times.map((t, i) => [t, ...specs.flatMap((s) => s.series.map((x) => (x.said ?? x.values)[i]))]),
+  );
 }
 
 function Charts({ specs, props, handles }: { specs: ChartSpec[]; props: PlotProps; handles: ChartHandle[] }) {
@@ -39,7 +52,14 @@ function Charts({ specs, props, handles }: { specs: ChartSpec[]; props: PlotProp
   return (
     <>
       {specs.map((spec, k) => (
-        <Chart key={spec.name} spec={spec} theme={props.theme} selected={props.selected ?? props.line?.time} onSelect={props.onSelect} handle={(h) => (handles[k] = h)} />
+        <Chart
+          key={spec.name}
+          spec={spec}
+          theme={props.theme}
+          selected={props.selected ?? props.line?.time}
+          onSelect={props.onSelect}
+          handle={(h) => (handles[k] = h)}
+        />
       ))}
     </>
   );
@@ -56,9 +76,20 @@ interface ChartsPanelProps {
 
 function ChartsPanel({ id, title, note, specs, props, controls }: ChartsPanelProps) {
   const handles = useRef<ChartHandle[]>([]).current;
-  const picture = async (): Promise<Blob> => stackPng(await Promise.all(handles.map((h, k) => h.png(k === 0 ? `${title}${stepWords(props)}` : ""))), props.theme);
+  const picture = async (): Promise<Blob> =>
+    stackPng(
+      await Promise.all(handles.map((h, k) => h.png(k === 0 ? `${title}${stepWords(props)}` : ""))),
+      props.theme,
+    );
   return (
-    <Panel id={id} title={title} {...(note ? { note } : {})} controls={controls} png={picture} csv={() => specsTable(specs)}>
+    <Panel
+      id={id}
+      title={title}
+      {...(note ? { note } : {})}
+      controls={controls}
+      png={picture}
+      csv={() => specsTable(specs)}
+    >
       <Charts specs={specs} props={props} handles={handles} />
     </Panel>
   );
@@ -70,25 +101,53 @@ function stepWords({ line, model }: PlotProps): string {
 
 export function ParametersPanel(props: PlotProps) {
   const base = useBase(props);
-  const specs = useMemo(() => parameterNames(props.model, props.line).map((name, k) => parameterSpec(base, k, props.model?.parameters[k], name)), [base, props.model]);
-  return <ChartsPanel id="parameters" title="Parameters: what is believed, step after step" specs={specs} props={props} />;
+  const specs = useMemo(
+    () =>
+      parameterNames(props.model, props.line).map((name, k) =>
+        parameterSpec(base, k, props.model?.parameters[k], name),
+      ),
+    [base, props.model],
+  );
+  return (
+    <ChartsPanel id="parameters" title="Parameters: what is believed, step after step" specs={specs} props={props} />
+  );
 }
 
 export function ForecastPanel(props: PlotProps & { quantity: number; setQuantity: (k: number) => void }) {
   const base = useBase(props);
   const all = quantitiesIn(props.model, props.line);
   const q = all[Math.min(props.quantity, all.length - 1)];
-  const specs = useMemo(() => (q ? [forecastSpec(base, q), ...(q.threshold === undefined ? [] : [probabilitySpec(base, q)])] : []), [base, q?.name, props.model]);
+  const specs = useMemo(
+    () => (q ? [forecastSpec(base, q), ...(q.threshold === undefined ? [] : [probabilitySpec(base, q)])] : []),
+    [base, q?.name, props.model],
+  );
   const title = q ? `Forecast: ${quantityWords(q)}` : "Forecast";
   const passed = q?.horizon !== undefined && props.line !== undefined && props.line.time > q.horizon;
-  const note = passed ? "The horizon has passed: from there on, what was is estimated, not forecast." : "Each time shows the forecast made then.";
+  const note = passed
+    ? "The horizon has passed: from there on, what was is estimated, not forecast."
+    : "Each time shows the forecast made then.";
   return (
-    <ChartsPanel id="forecast" title={title} note={q ? note : "The project file asks for no forecast."} specs={specs} props={props}
-      controls={all.length > 1 && (
-        <select aria-label="Forecast shown" value={String(props.quantity)} onChange={(e) => props.setQuantity(Number(e.currentTarget.value))}>
-          {all.map((x, k) => <option key={x.name} value={String(k)}>{x.name}</option>)}
-        </select>
-      )}
+    <ChartsPanel
+      id="forecast"
+      title={title}
+      note={q ? note : "The project file asks for no forecast."}
+      specs={specs}
+      props={props}
+      controls={
+        all.length > 1 && (
+          <select
+            aria-label="Forecast shown"
+            value={String(props.quantity)}
+            onChange={(e) => props.setQuantity(Number(e.currentTarget.value))}
+          >
+            {all.map((x, k) => (
+              <option key={x.name} value={String(k)}>
+                {x.name}
+              </option>
+            ))}
+          </select>
+        )
+      }
     />
   );
 }
@@ -97,10 +156,17 @@ export function EvidencePanel(props: PlotProps) {
   const base = useBase(props);
   const specs = useMemo(() => [evidenceSpec(base), dataSpec(base)], [base]);
   const alarm = props.status?.misfit;
-  const latest = alarm && `Last datum: χ² ${significant(alarm.statistic)} of ${alarm.values} residuals, by chance as large: ${probability(alarm.probability)}.`;
+  const latest =
+    alarm &&
+    `Last datum: χ² ${significant(alarm.statistic)} of ${alarm.values} residuals, by chance as large: ${probability(alarm.probability)}.`;
   return (
-    <ChartsPanel id="evidence" title="Evidence and data" specs={specs} props={props}
-      note={`How well each datum was foretold: a drop means that the model does not explain it. ${latest ?? ""}`} />
+    <ChartsPanel
+      id="evidence"
+      title="Evidence and data"
+      specs={specs}
+      props={props}
+      note={`How well each datum was foretold: a drop means that the model does not explain it. ${latest ?? ""}`}
+    />
   );
 }
 
@@ -108,9 +174,15 @@ export function TimingPanel(props: PlotProps) {
   const base = useBase(props);
   const budget = props.status?.budget_us ?? props.model?.budget_us;
   const specs = useMemo(() => [timingSpec(base, budget)], [base, budget]);
-  const totals = useMemo(() => props.lines.map((l) => l.elapsed_us.total).filter((t): t is number => t !== undefined), [props.lines, props.version]);
+  const totals = useMemo(
+    () => props.lines.map((l) => l.elapsed_us.total).filter((t): t is number => t !== undefined),
+    [props.lines, props.version],
+  );
   const at = (level: number): string => microseconds(quantile(totals, level) ?? NaN);
   const late = props.status?.deadline_misses;
-  const note = totals.length === 0 ? "" : `Median ${at(0.5)}, 99 % of the updates within ${at(0.99)}${budget ? `; the budget is ${microseconds(budget)}` : ""}${late === undefined ? "" : `, missed ${late === 1 ? "once" : `${late} times`}`}.`;
+  const note =
+    totals.length === 0
+      ? ""
+      : `Median ${at(0.5)}, 99 % of the updates within ${at(0.99)}${budget ? `; the budget is ${microseconds(budget)}` : ""}${late === undefined ? "" : `, missed ${late === 1 ? "once" : `${late} times`}`}.`;
   return <ChartsPanel id="timing" title="Time of an update, by phase" note={note} specs={specs} props={props} />;
 }

@@ -45,7 +45,10 @@ export async function stackPng(blobs: readonly Blob[], theme: Theme): Promise<Bl
   const pictures = await Promise.all(blobs.map((blob) => createImageBitmap(blob)));
   const canvas = document.createElement("canvas");
   canvas.width = Math.max(1, ...pictures.map((p) => p.width));
-  canvas.height = Math.max(1, pictures.reduce((sum, p) => sum + p.height, 0));
+  canvas.height = Math.max(
+    1,
+    pictures.reduce((sum, p) => sum + p.height, 0),
+  );
   const ctx = canvas.getContext("2d")!;
   ctx.fillStyle = theme.panel;
   ctx.fillRect(0, 0, canvas.width, canvas.height);
@@ -77,7 +80,9 @@ function layLegend(ctx: CanvasRenderingContext2D, legend: LegendEntry[], width: 
 }
 
 export function blobOf(canvas: HTMLCanvasElement): Promise<Blob> {
-  return new Promise((resolve, reject) => canvas.toBlob((blob) => (blob ? resolve(blob) : reject(new Error("no picture"))), "image/png"));
+  return new Promise((resolve, reject) =>
+    canvas.toBlob((blob) => (blob ? resolve(blob) : reject(new Error("no picture"))), "image/png"),
+  );
 }
 
 export function save(blob: Blob, name: string): void {

@@ -26,29 +26,67 @@ export function Scrub({ lines, version, chosen, line, events, theme, choose, pla
     observer.observe(track.current!);
     return () => observer.disconnect();
   }, []);
-  useEffect(() => paint(track.current!, width, lines, events, theme, first, last), [version, width, theme, events, first, last]);
+  useEffect(
+    () => paint(track.current!, width, lines, events, theme, first, last),
+    [version, width, theme, events, first, last],
+  );
   const past = chosen !== undefined;
   return (
     <section class={`scrub ${past ? "past" : ""}`} aria-label="Time">
-      <button type="button" onClick={() => setPlaying(!playing)} aria-label={playing ? "Stop" : "Play the steps"} title="Space" disabled={lines.length < 2}>{playing ? "❚❚" : "▶"}</button>
+      <button
+        type="button"
+        onClick={() => setPlaying(!playing)}
+        aria-label={playing ? "Stop" : "Play the steps"}
+        title="Space"
+        disabled={lines.length < 2}
+      >
+        {playing ? "❚❚" : "▶"}
+      </button>
       <div class="track">
         <canvas ref={track} aria-hidden="true" />
-        <input type="range" min={first} max={Math.max(last, first + 1)} step={1} value={line?.step ?? last} disabled={lines.length < 2}
-          aria-label="Step shown" aria-valuetext={line ? `step ${line.step} of ${last}, ${past ? "in the past" : "the latest"}` : "no step yet"}
+        <input
+          type="range"
+          min={first}
+          max={Math.max(last, first + 1)}
+          step={1}
+          value={line?.step ?? last}
+          disabled={lines.length < 2}
+          aria-label="Step shown"
+          aria-valuetext={line ? `step ${line.step} of ${last}, ${past ? "in the past" : "the latest"}` : "no step yet"}
           onInput={(e) => {
             const wanted = Number(e.currentTarget.value);
-            const nearest = lines.reduce((best, l) => (Math.abs(l.step - wanted) < Math.abs(best.step - wanted) ? l : best), lines[0]!);
+            const nearest = lines.reduce(
+              (best, l) => (Math.abs(l.step - wanted) < Math.abs(best.step - wanted) ? l : best),
+              lines[0]!,
+            );
             choose(nearest.step === last ? undefined : nearest.step);
-          }} />
+          }}
+        />
       </div>
-      <button type="button" class={past ? "" : "on"} onClick={() => choose(undefined)} aria-pressed={!past} title="L">{past ? "back to live" : "● live"}</button>
-      <p>{past && line ? `You look at step ${line.step} (t = ${given(line.time)}), ${last - line.step} steps before the latest.` : line ? `Step ${line.step}, t = ${given(line.time)}: the latest.` : "No step yet."}</p>
+      <button type="button" class={past ? "" : "on"} onClick={() => choose(undefined)} aria-pressed={!past} title="L">
+        {past ? "back to live" : "● live"}
+      </button>
+      <p>
+        {past && line
+          ? `You look at step ${line.step} (t = ${given(line.time)}), ${last - line.step} steps before the latest.`
+          : line
+            ? `Step ${line.step}, t = ${given(line.time)}: the latest.`
+            : "No step yet."}
+      </p>
     </section>
   );
 }
 
 /** Used steps dark, steps without data empty; below it, marks of warnings and alarms. */
-function paint(canvas: HTMLCanvasElement, width: number, lines: readonly StepLine[], events: readonly Event[], theme: Theme, first: number, last: number): void {
+function paint(
+  canvas: HTMLCanvasElement,
+  width: number,
+  lines: readonly StepLine[],
+  events: readonly Event[],
+  theme: Theme,
+  first: number,
+  last: number,
+): void {
   const ratio = devicePixelRatio;
   canvas.width = Math.round(width * ratio);
   canvas.height = Math.round(22 * ratio);

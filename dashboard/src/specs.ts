@@ -15,26 +15,61 @@ interface Base {
 }
 
 /** Bands between symmetric quantiles, and the median: shared by parameters and forecasts. */
-function quantileSeries(base: Base, levels: readonly number[], value: (line: StepLine, level: number) => number | undefined, colour: string,
-                        format: (v: number) => string): Series[] {
+function quantileSeries(
+  base: Base,
+  levels: readonly number[],
+  value: (line: StepLine, level: number) => number | undefined,
+  colour: string,
+  format: (v: number) => string,
+): Series[] {
   const { pairs, middle } = bandsOf(levels);
   const series: Series[] = [];
   pairs.forEach((pair, k) => {
-    series.push({ label: `${pair.percent} % low`, values: column(base.line.rows, (l) => value(l, pair.low)), colour, hidden: true });
-    series.push({ label: `${pair.percent} % of the probability`, values: column(base.line.rows, (l) => value(l, pair.high)), colour, bandTo: series.length - 1,
-      opacity: k === pairs.length - 1 && k > 0 ? 0.34 : 0.2 });
+    series.push({
+      label: `${pair.percent} % low`,
+      values: column(base.line.rows, (l) => value(l, pair.low)),
+      colour,
+      hidden: true,
+    });
+    series.push({
+      label: `${pair.percent} % of the probability`,
+      values: column(base.line.rows, (l) => value(l, pair.high)),
+      colour,
+      bandTo: series.length - 1,
+      opacity: k === pairs.length - 1 && k > 0 ? 0.34 : 0.2,
+    });
   });
-  if (middle !== undefined) series.push({ label: "median", values: column(base.line.rows, (l) => value(l, middle)), colour, width: 2, points: true, format });
+  if (middle !== undefined)
+    series.push({
+      label: "median",
+      values: column(base.line.rows, (l) => value(l, middle)),
+      colour,
+      width: 2,
+      points: true,
+      format,
+    });
   return series;
 }
 
-export function parameterSpec(base: Base, k: number, description: ParameterDescription | undefined, name: string): ChartSpec {
+export function parameterSpec(
+  base: Base,
+  k: number,
+  description: ParameterDescription | undefined,
+  name: string,
+): ChartSpec {
   const { theme } = base;
   const latest = base.lines[base.lines.length - 1];
   const spread = Math.sqrt(latest?.covariance[k]?.[k] ?? NaN);
   const units = scaleFor(description?.units, 1).units || "–";
-  const series = quantileSeries(base, latest?.quantiles.levels ?? [], (l, level) => l.quantiles.values[k]?.[level], theme.blue, (v) => withSpread(v, spread));
-  const prior = description?.levels && description.values ? { levels: description.levels, values: description.values } : undefined;
+  const series = quantileSeries(
+    base,
+    latest?.quantiles.levels ?? [],
+    (l, level) => l.quantiles.values[k]?.[level],
+    theme.blue,
+    (v) => withSpread(v, spread),
+  );
+  const prior =
+    description?.levels && description.values ? { levels: description.levels, values: description.values } : undefined;
   const marks: Mark[] = [];
   const legend: LegendEntry[] = [];
   if (prior) {
@@ -42,7 +77,13 @@ export function parameterSpec(base: Base, k: number, description: ParameterDescr
     const outer = pairs[0];
     const at = (i: number): number => prior.values[i]!;
     if (outer) {
-      marks.push({ at: at(outer.high), label: `prior ${outer.percent} %`, colour: theme.prior, dash: [6, 4], include: true });
+      marks.push({
+        at: at(outer.high),
+        label: `prior ${outer.percent} %`,
+        colour: theme.prior,
+        dash: [6, 4],
+        include: true,
+      });
       marks.push({ at: at(outer.low), label: "", colour: theme.prior, dash: [6, 4], include: true });
       legend.push({ label: `prior ${outer.percent} %`, colour: theme.prior, look: "dash" });
     }
@@ -51,35 +92,88 @@ export function parameterSpec(base: Base, k: number, description: ParameterDescr
       legend.push({ label: "prior median", colour: theme.prior, look: "dash", value: significant(at(middle)) });
     }
   }
-  return { name: `parameter ${name}`, times: base.line.rows.map((r) => r.time), series, xLabel: timeLabel, yLabel: axisLabel(name, units), horizontal: marks, gaps: base.line.gaps,
-    legend: k > 0 ? legend.slice(1) : legend, brief: k > 0, height: 190 };
+  return {
+    name: `parameter ${name}`,
+    times: base.line.rows.map((r) => r.time),
+    series,
+    xLabel: timeLabel,
+    yLabel: axisLabel(name, units),
+    horizontal: marks,
+    gaps: base.line.gaps,
+    legend: k > 0 ? legend.slice(1) : legend,
+    brief: k > 0,
+    height: 190,
+  };
 }
 
 export function forecastSpec(base: Base, q: QuantityDescription): ChartSpec {
   const { theme } = base;
   const latest = base.lines[base.lines.length - 1]?.forecast[q.name];
   const scale = scaleFor(q.units ?? latest?.units, Math.max(...(latest?.values ?? [1]).map(Math.abs), 0));
-  const format = (v: number): string => `${withSpread(v * scale.factor, (latest?.std ?? NaN) * scale.factor)} ${scale.units}`;
-  const series = quantileSeries(base, latest?.levels ?? [], (l, level) => l.forecast[q.name]?.values[level], theme.orange, format);
-  const horizontal: Mark[] = q.threshold === undefined ? [] : [
-    { at: q.threshold, label: `threshold ${given(q.threshold * scale.factor)} ${scale.units}`, colour: theme.threshold, dash: [8, 4], include: true }];
-  return { name: `forecast ${q.name}`, times: base.line.rows.map((r) => r.time), series, xLabel: timeLabel, yLabel: axisLabel(quantityName(q), scale.units), factor: scale.factor,
-    horizontal, vertical: horizonMarks(base, q), gaps: base.line.gaps, height: 250 };
+  const format = (v: number): string =>
+    `${withSpread(v * scale.factor, (latest?.std ?? NaN) * scale.factor)} ${scale.units}`;
+  const series = quantileSeries(
+    base,
+    latest?.levels ?? [],
+    (l, level) => l.forecast[q.name]?.values[level],
+    theme.orange,
+    format,
+  );
+  const horizontal: Mark[] =
+    q.threshold === undefined
+      ? []
+      : [
+          {
+            at: q.threshold,
+            label: `threshold ${given(q.threshold * scale.factor)} ${scale.units}`,
+            colour: theme.threshold,
+            dash: [8, 4],
+            include: true,
+          },
+        ];
+  return {
+    name: `forecast ${q.name}`,
+    times: base.line.rows.map((r) => r.time),
+    series,
+    xLabel: timeLabel,
+    yLabel: axisLabel(quantityName(q), scale.units),
+    factor: scale.factor,
+    horizontal,
+    vertical: horizonMarks(base, q),
+    gaps: base.line.gaps,
+    height: 250,
+  };
 }
 
 export function probabilitySpec(base: Base, q: QuantityDescription): ChartSpec {
   const { theme } = base;
   return {
-    name: `probability ${q.name}`, times: base.line.rows.map((r) => r.time), xLabel: timeLabel, yLabel: "P(failure) [%]", factor: 100, range: [-3, 103],
-    series: [{ label: "P(failure) = P(q > threshold)", values: column(base.line.rows, (l) => l.forecast[q.name]?.probability_above_threshold), colour: theme.red, points: true,
-      format: probability }],
-    vertical: horizonMarks(base, q).map((m) => ({ ...m, label: "" })), gaps: base.line.gaps, height: 150,
+    name: `probability ${q.name}`,
+    times: base.line.rows.map((r) => r.time),
+    xLabel: timeLabel,
+    yLabel: "P(failure) [%]",
+    factor: 100,
+    range: [-3, 103],
+    series: [
+      {
+        label: "P(failure) = P(q > threshold)",
+        values: column(base.line.rows, (l) => l.forecast[q.name]?.probability_above_threshold),
+        colour: theme.red,
+        points: true,
+        format: probability,
+      },
+    ],
+    vertical: horizonMarks(base, q).map((m) => ({ ...m, label: "" })),
+    gaps: base.line.gaps,
+    height: 150,
   };
 }
 
 function horizonMarks(base: Base, q: QuantityDescription): Mark[] {
   const last = base.lines[base.lines.length - 1]?.time ?? -Infinity;
-  return q.horizon !== undefined && q.horizon < last ? [{ at: q.horizon, label: `horizon t = ${given(q.horizon)}`, colour: base.theme.green, dash: [2, 3] }] : [];
+  return q.horizon !== undefined && q.horizon < last
+    ? [{ at: q.horizon, label: `horizon t = ${given(q.horizon)}`, colour: base.theme.green, dash: [2, 3] }]
+    : [];
 }
 
 export function quantityWords(q: QuantityDescription): string {
@@ -93,9 +187,22 @@ function quantityName(q: QuantityDescription): string {
 export function evidenceSpec(base: Base): ChartSpec {
   const { theme } = base;
   return {
-    name: "evidence", times: base.line.rows.map((r) => r.time), xLabel: timeLabel, yLabel: "ln evidence / value [–]", gaps: base.line.gaps, height: 190,
-    series: [{ label: "log-evidence increment per value used", values: column(base.line.rows, (l) => l.log_evidence_increment / l.used), colour: theme.purple, width: 1.5, points: true,
-      format: (v) => significant(v, 4) }],
+    name: "evidence",
+    times: base.line.rows.map((r) => r.time),
+    xLabel: timeLabel,
+    yLabel: "ln evidence / value [–]",
+    gaps: base.line.gaps,
+    height: 190,
+    series: [
+      {
+        label: "log-evidence increment per value used",
+        values: column(base.line.rows, (l) => l.log_evidence_increment / l.used),
+        colour: theme.purple,
+        width: 1.5,
+        points: true,
+        format: (v) => significant(v, 4),
+      },
+    ],
   };
 }
 
@@ -104,10 +211,29 @@ export function dataSpec(base: Base): ChartSpec {
   const { lines, theme } = base;
   const count = (value: (l: StepLine) => number): number[] => lines.map(value);
   return {
-    name: "data", times: count((l) => l.time), xLabel: timeLabel, yLabel: "sensors [–]", height: 150, range: [0, Math.max(1, ...count(total)) * 1.05],
+    name: "data",
+    times: count((l) => l.time),
+    xLabel: timeLabel,
+    yLabel: "sensors [–]",
+    height: 150,
+    range: [0, Math.max(1, ...count(total)) * 1.05],
     series: [
-      { label: "missing", values: count(total), said: count((l) => l.missing), format: String, colour: theme.dark ? "#55626f" : "#b9c2cc", bars: true },
-      { label: "rejected", values: count((l) => l.used + l.rejected), said: count((l) => l.rejected), format: String, colour: theme.red, bars: true },
+      {
+        label: "missing",
+        values: count(total),
+        said: count((l) => l.missing),
+        format: String,
+        colour: theme.dark ? "#55626f" : "#b9c2cc",
+        bars: true,
+      },
+      {
+        label: "rejected",
+        values: count((l) => l.used + l.rejected),
+        said: count((l) => l.rejected),
+        format: String,
+        colour: theme.red,
+        bars: true,
+      },
       { label: "used", values: count((l) => l.used), format: String, colour: theme.blue, bars: true },
     ],
     gaps: timeline(lines).gaps.filter((g) => g.cause === "no step"),
@@ -116,17 +242,32 @@ export function dataSpec(base: Base): ChartSpec {
 
 export function timingSpec(base: Base, budget: number | undefined): ChartSpec {
   const { lines, theme } = base;
-  const phases = phasesOf(lines[lines.length - 1]?.elapsed_us ?? {}).filter((name) => lines.some((l) => (l.elapsed_us[name] ?? 0) > 0));
+  const phases = phasesOf(lines[lines.length - 1]?.elapsed_us ?? {}).filter((name) =>
+    lines.some((l) => (l.elapsed_us[name] ?? 0) > 0),
+  );
   const dashes = [[], [8, 3], [2, 3], [8, 3, 2, 3], [12, 4]];
   const names = [...phases, "total"];
   const rows = lines.map((line) => ({ time: line.time, line }));
   return {
-    name: "timing", times: lines.map((l) => l.time), xLabel: timeLabel, yLabel: "time per update [ms]", factor: 1e-3, logarithmic: true, height: 380,
+    name: "timing",
+    times: lines.map((l) => l.time),
+    xLabel: timeLabel,
+    yLabel: "time per update [ms]",
+    factor: 1e-3,
+    logarithmic: true,
+    height: 380,
     series: names.map((name, k) => ({
-      label: words(name), values: column(rows, (l) => l.elapsed_us[name] || undefined), colour: name === "total" ? theme.text : theme.series[k % theme.series.length]!,
-      width: name === "total" ? 2 : 1.2, ...(name === "total" ? {} : { dash: dashes[k % dashes.length]! }), format: microseconds,
+      label: words(name),
+      values: column(rows, (l) => l.elapsed_us[name] || undefined),
+      colour: name === "total" ? theme.text : theme.series[k % theme.series.length]!,
+      width: name === "total" ? 2 : 1.2,
+      ...(name === "total" ? {} : { dash: dashes[k % dashes.length]! }),
+      format: microseconds,
     })),
-    horizontal: budget === undefined ? [] : [{ at: budget, label: `budget ${microseconds(budget)}`, colour: theme.red, dash: [8, 4], include: true }],
+    horizontal:
+      budget === undefined
+        ? []
+        : [{ at: budget, label: `budget ${microseconds(budget)}`, colour: theme.red, dash: [8, 4], include: true }],
     gaps: timeline(lines).gaps.filter((g) => g.cause === "no step"),
   };
 }

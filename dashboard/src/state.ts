@@ -39,9 +39,14 @@ export function banner(k: Knowledge): Banner {
   if (said.state === "STALE" || (late && (said.state === "OK" || said.state === "BIASED"))) {
     const expected = period > 0 ? ` (one is expected every ${duration(period)})` : "";
     const last = k.model?.steps;
-    const done = last !== undefined && k.latest && k.latest.step >= last - 1 ? "; it was the last step of the model" : "";
+    const done =
+      last !== undefined && k.latest && k.latest.step >= last - 1 ? "; it was the last step of the model" : "";
     const without = said.reason ? sentence(said.reason) : "No datum yet.";
-    return { state: "STALE", reason: Number.isFinite(age) ? `No datum for ${duration(age)}${expected}${done}.` : without, age };
+    return {
+      state: "STALE",
+      reason: Number.isFinite(age) ? `No datum for ${duration(age)}${expected}${done}.` : without,
+      age,
+    };
   }
   return { state: said.state, reason: said.reason ? sentence(said.reason) : usual[said.state], age };
 }
@@ -72,7 +77,8 @@ export function derived(line: StepLine | undefined): Status {
 export function whyNotTrusted(line: StepLine): string {
   if (line.remark) return line.remark;
   const reasons: string[] = [];
-  if (line.variance_diagnostic > 0.05) reasons.push(`variance diagnostic ${line.variance_diagnostic.toPrecision(2)} is above 0.05`);
+  if (line.variance_diagnostic > 0.05)
+    reasons.push(`variance diagnostic ${line.variance_diagnostic.toPrecision(2)} is above 0.05`);
   if (line.ess < 0.9) reasons.push(`effective sample size ${(100 * line.ess).toFixed(0)} % is below 90 %`);
   return `step ${line.step} is not trusted: ${reasons.join(", ") || "a second mode may be there"}`;
 }

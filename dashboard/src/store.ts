@@ -72,7 +72,11 @@ export class Store {
       this.drawnAt = performance.now();
       this.listeners.forEach((listener) => listener());
     };
-    const wait = document.hidden ? hiddenInterval : now ? 0 : this.drawnAt + this.history.lines.length * drawingInterval - performance.now();
+    const wait = document.hidden
+      ? hiddenInterval
+      : now
+        ? 0
+        : this.drawnAt + this.history.lines.length * drawingInterval - performance.now();
     clearTimeout(this.waiting);
     this.scheduled = true;
     this.waiting = setTimeout(() => (document.hidden ? run() : requestAnimationFrame(run)), Math.max(0, wait));
@@ -233,7 +237,10 @@ export class Store {
       delete cursor.id;
     }
     // A mesh is large, and the same as long as the model is.
-    const { mesh, sensors } = this.model?.mesh && identity(model) === identity(this.model) ? this.model : ((await absentIs404(this.api.mesh())) ?? {});
+    const { mesh, sensors } =
+      this.model?.mesh && identity(model) === identity(this.model)
+        ? this.model
+        : ((await absentIs404(this.api.mesh())) ?? {});
     this.model = model && { ...model, ...(mesh ? { mesh } : {}), ...(sensors ? { sensors } : {}) };
     this.alarms = [...((await absentIs404(this.api.alarms())) ?? [])].reverse().slice(0, mostAlarms);
     const from = (this.history.latest?.step ?? -1) + 1;
@@ -289,7 +296,11 @@ export class Store {
         this.busy.delete(kind);
         const took = performance.now() - begin;
         const live = this.chosen === undefined;
-        this.notBefore.set(kind, performance.now() + (failed ? afterFailure : live ? Math.max(shortestInterval, 4 * took) : Math.min(took, 100)));
+        this.notBefore.set(
+          kind,
+          performance.now() +
+            (failed ? afterFailure : live ? Math.max(shortestInterval, 4 * took) : Math.min(took, 100)),
+        );
         this.changed(this.chosen !== undefined);
       });
   }

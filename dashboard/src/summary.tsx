@@ -22,17 +22,26 @@ export function Summary({ model, line, theme }: Props) {
         if (!f) return null;
         const scale = scaleFor(q.units ?? f.units, Math.max(...f.values.map(Math.abs)));
         const { pairs, middle } = bandsOf(f.levels);
-        const at = (i: number | undefined): string => (i === undefined ? "–" : withSpread(f.values[i]! * scale.factor, f.std * scale.factor));
+        const at = (i: number | undefined): string =>
+          i === undefined ? "–" : withSpread(f.values[i]! * scale.factor, f.std * scale.factor);
         const p = f.probability_above_threshold;
         return (
           <article key={`forecast ${q.name}`} data-forecast={q.name}>
-            <h3>{q.name} <small>{quantityWords(q)}</small></h3>
-            <p class="value">{at(middle)} <small>{scale.units}</small></p>
-            <p class="interval">{pairs[0] ? `${pairs[0].percent} %: ${at(pairs[0].low)} … ${at(pairs[0].high)} ${scale.units}` : ""}</p>
+            <h3>
+              {q.name} <small>{quantityWords(q)}</small>
+            </h3>
+            <p class="value">
+              {at(middle)} <small>{scale.units}</small>
+            </p>
+            <p class="interval">
+              {pairs[0] ? `${pairs[0].percent} %: ${at(pairs[0].low)} … ${at(pairs[0].high)} ${scale.units}` : ""}
+            </p>
             {p !== undefined && q.threshold !== undefined && (
               <p class="failure">
                 <meter class="p" min={0} max={1} value={p} aria-label={`P(${q.name} above threshold)`} />
-                <b>P(&gt; {given(q.threshold * scale.factor)} {scale.units}) {probability(p).replace(/^(?=\d)/, "= ")}</b>
+                <b>
+                  P(&gt; {given(q.threshold * scale.factor)} {scale.units}) {probability(p).replace(/^(?=\d)/, "= ")}
+                </b>
               </p>
             )}
           </article>
@@ -45,11 +54,20 @@ export function Summary({ model, line, theme }: Props) {
         const at = (i: number | undefined): string => (i === undefined ? "–" : withSpread(values[i] ?? NaN, std));
         return (
           <article key={`parameter ${name}`} data-parameter={name}>
-            <h3>{name} <small>parameter</small></h3>
+            <h3>
+              {name} <small>parameter</small>
+            </h3>
             <p class="value">{at(bands.middle)}</p>
             <p class="interval">{outer ? `${outer.percent} %: ${at(outer.low)} … ${at(outer.high)}` : ""}</p>
             {parameter?.lower !== undefined && parameter.upper !== undefined && outer && (
-              <Interval low={parameter.lower} high={parameter.upper} from={values[outer.low]!} to={values[outer.high]!} middle={values[bands.middle ?? 0]!} theme={theme} />
+              <Interval
+                low={parameter.lower}
+                high={parameter.upper}
+                from={values[outer.low]!}
+                to={values[outer.high]!}
+                middle={values[bands.middle ?? 0]!}
+                theme={theme}
+              />
             )}
           </article>
         );
@@ -63,12 +81,22 @@ function Interval(p: { low: number; high: number; from: number; to: number; midd
   const at = (v: number): number => 100 * Math.min(1, Math.max(0, (v - p.low) / (p.high - p.low)));
   return (
     <>
-      <svg class="box" viewBox="0 0 100 8" preserveAspectRatio="none" role="img" aria-label="Interval inside the prior's box">
+      <svg
+        class="box"
+        viewBox="0 0 100 8"
+        preserveAspectRatio="none"
+        role="img"
+        aria-label="Interval inside the prior's box"
+      >
         <rect x="0" y="2.5" width="100" height="3" fill={p.theme.grid} />
         <rect x={at(p.from)} y="1" width={Math.max(0.8, at(p.to) - at(p.from))} height="6" fill={p.theme.blue} />
         <rect x={at(p.middle) - 0.4} y="0" width="0.8" height="8" fill={p.theme.text} />
       </svg>
-      <p class="ends"><span>{significant(p.low, 2)}</span><span>prior's box</span><span>{significant(p.high, 2)}</span></p>
+      <p class="ends">
+        <span>{significant(p.low, 2)}</span>
+        <span>prior's box</span>
+        <span>{significant(p.high, 2)}</span>
+      </p>
     </>
   );
 }

@@ -1,6 +1,17 @@
 /** The page's routes (docs/dashboard.md) to what the page works with. Pure. */
 import { isNumber, isNumbers, isObject } from "./parse";
-import { stateWords, type FieldsAnswer, type Event, type Mesh, type Model, type SamplesAnswer, type Sensors, type SensorsAnswer, type Severity, type Status } from "./types";
+import {
+  stateWords,
+  type FieldsAnswer,
+  type Event,
+  type Mesh,
+  type Model,
+  type SamplesAnswer,
+  type Sensors,
+  type SensorsAnswer,
+  type Severity,
+  type Status,
+} from "./types";
 
 /** `/v1/description`. Names of parameters are needed; the rest may be absent. */
 export function asModel(value: unknown): Model | undefined {
@@ -8,7 +19,8 @@ export function asModel(value: unknown): Model | undefined {
   const list = (entry: unknown): Record<string, unknown>[] => (Array.isArray(entry) ? entry.filter(isObject) : []);
   const parameters = list(value.parameters).map((p) => {
     const prior = isObject(p.quantiles) ? p.quantiles : {};
-    const known = isNumbers(prior.levels) && isNumbers(prior.values) ? { levels: prior.levels, values: prior.values } : {};
+    const known =
+      isNumbers(prior.levels) && isNumbers(prior.values) ? { levels: prior.levels, values: prior.values } : {};
     return { ...(p as { name: string }), name: String(p.name), ...known };
   });
   const quantities = list(value.forecasts).map((f) => ({ ...f, name: String(f.name) }));
@@ -20,12 +32,20 @@ export function asMesh(value: unknown): { mesh?: Mesh; sensors?: Sensors } {
   if (!isObject(value) || !Array.isArray(value.points) || !Array.isArray(value.cells)) return {};
   const blocks = value.cells as { type: string; connectivity: number[][] }[];
   const type = blocks[0]?.type ?? "";
-  const mesh: Mesh = { type, points: value.points as number[][], cells: blocks.filter((b) => b.type === type).flatMap((b) => b.connectivity) };
+  const mesh: Mesh = {
+    type,
+    points: value.points as number[][],
+    cells: blocks.filter((b) => b.type === type).flatMap((b) => b.connectivity),
+  };
   if (!Array.isArray(value.sensors)) return { mesh };
   const sensors = value.sensors as { x: number; y: number; z: number; component: number; std?: number }[];
   return {
     mesh,
-    sensors: { points: sensors.map((s) => [s.x, s.y, s.z]), components: sensors.map((s) => "xyz"[s.component] ?? "x"), std: sensors.map((s) => s.std ?? NaN) },
+    sensors: {
+      points: sensors.map((s) => [s.x, s.y, s.z]),
+      components: sensors.map((s) => "xyz"[s.component] ?? "x"),
+      std: sensors.map((s) => s.std ?? NaN),
+    },
   };
 }
 
@@ -38,7 +58,12 @@ export function asStatus(value: unknown): Status | undefined {
 export function asAlarm(value: unknown): Event | undefined {
   if (!isObject(value) || typeof value.message !== "string") return undefined;
   const severity: Severity = value.severity === "info" || value.severity === "alarm" ? value.severity : "warning";
-  return { step: isNumber(value.step) ? value.step : 0, severity, kind: String(value.kind ?? ""), message: value.message.replace(/^[a-z]/, (c) => c.toUpperCase()) };
+  return {
+    step: isNumber(value.step) ? value.step : 0,
+    severity,
+    kind: String(value.kind ?? ""),
+    message: value.message.replace(/^[a-z]/, (c) => c.toUpperCase()),
+  };
 }
 
 interface FieldAnswer {

@@ -19,11 +19,22 @@ function run(...command) {
 if (part === "unit" || part === "all") {
   run(join(root, "node_modules/typescript/bin/tsc"), "--noEmit", "-p", ".");
   run("build.mjs", "--check");
+  run(join(root, "node_modules/prettier/bin/prettier.cjs"), "--check", ".");
   rmSync(join(out, "unit"), { recursive: true, force: true });
   await build({
-    entryPoints: readdirSync(here).filter((name) => name.endsWith(".test.ts")).map((name) => join(here, name)),
-    outdir: join(out, "unit"), outExtension: { ".js": ".mjs" }, bundle: true, platform: "node", format: "esm", target: "node18", sourcemap: "inline",
-    jsx: "automatic", jsxImportSource: "preact", logLevel: "warning",
+    entryPoints: readdirSync(here)
+      .filter((name) => name.endsWith(".test.ts"))
+      .map((name) => join(here, name)),
+    outdir: join(out, "unit"),
+    outExtension: { ".js": ".mjs" },
+    bundle: true,
+    platform: "node",
+    format: "esm",
+    target: "node18",
+    sourcemap: "inline",
+    jsx: "automatic",
+    jsxImportSource: "preact",
+    logLevel: "warning",
   });
   run("--enable-source-maps", "--test", ...readdirSync(join(out, "unit")).map((name) => join(out, "unit", name)));
 }

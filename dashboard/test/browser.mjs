@@ -5,7 +5,10 @@ import { chromium } from "playwright-core";
 const patience = 20000; // on a busy machine; an idle one needs a tenth
 
 export function launch() {
-  return chromium.launch({ executablePath: process.env.KNOTHE_CHROMIUM ?? "/usr/bin/chromium", args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"] });
+  return chromium.launch({
+    executablePath: process.env.KNOTHE_CHROMIUM ?? "/usr/bin/chromium",
+    args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
+  });
 }
 
 /** A page whose complaints, and requests to other hosts, are in `complaints`. */
@@ -17,18 +20,24 @@ export async function watchedPage(browser, look) {
   page.on("pageerror", (error) => complaints.push(String(error.stack)));
   page.on("console", (message) => {
     // While the service is away, asks for a token, or has no such route, the browser itself says so.
-    const expected = /ERR_CONNECTION_REFUSED|ERR_INCOMPLETE_CHUNKED|ERR_EMPTY_RESPONSE|ERR_CONNECTION_RESET|status of 40[14]|GPU stall|GL Driver Message/;
-    if (["error", "warning"].includes(message.type()) && !expected.test(message.text())) complaints.push(message.text());
+    const expected =
+      /ERR_CONNECTION_REFUSED|ERR_INCOMPLETE_CHUNKED|ERR_EMPTY_RESPONSE|ERR_CONNECTION_RESET|status of 40[14]|GPU stall|GL Driver Message/;
+    if (["error", "warning"].includes(message.type()) && !expected.test(message.text()))
+      complaints.push(message.text());
   });
   page.on("request", (request) => {
-    if (!/^(data|blob):/.test(request.url()) && new URL(request.url()).hostname !== "127.0.0.1") complaints.push(`went to ${request.url()}`);
+    if (!/^(data|blob):/.test(request.url()) && new URL(request.url()).hostname !== "127.0.0.1")
+      complaints.push(`went to ${request.url()}`);
   });
   return { page, context, complaints };
 }
 
 export const text = async (page, selector) => (await page.locator(selector).innerText()).trim();
-export const until = async (page, selector, expected) => page.waitForFunction(
-  ([s, source]) => new RegExp(source, "s").test(document.querySelector(s)?.innerText ?? ""), [selector, expected.source]);
+export const until = async (page, selector, expected) =>
+  page.waitForFunction(
+    ([s, source]) => new RegExp(source, "s").test(document.querySelector(s)?.innerText ?? ""),
+    [selector, expected.source],
+  );
 /** The first number in a text, and how exactly it is written. */
 export function number(written) {
   const found = /[−-]?\d+(\.(\d+))?/.exec(written);
@@ -42,7 +51,7 @@ function agree(written, expected, what) {
 
 /** Every number of the cards at the top, as exactly as it is written there. */
 export async function compareNumbers(page, line) {
-  const factors = { m: { mm: 1e3, "µm": 1e6, m: 1 }, N: { N: 1, kN: 1e-3 } };
+  const factors = { m: { mm: 1e3, µm: 1e6, m: 1 }, N: { N: 1, kN: 1e-3 } };
   for (const [name, forecast] of Object.entries(line.forecast)) {
     const card = page.locator(`[data-forecast="${name}"]`);
     const shown = await card.locator(".value").innerText();

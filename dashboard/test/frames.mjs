@@ -12,17 +12,25 @@ const frames = [
   { name: "dashboard-1", start: 12, look: wide },
   { name: "dashboard-2", start: 26, look: wide },
   { name: "dashboard-3", start: 92, look: wide },
-  { name: "dashboard-field", start: 92, look: { viewport: { width: 1280, height: 1000 }, colorScheme: "dark" },
+  {
+    name: "dashboard-field",
+    start: 92,
+    look: { viewport: { width: 1280, height: 1000 }, colorScheme: "dark" },
     async go(page) {
       await page.locator('#field select[aria-label="Field"]').selectOption("sensitivity:Y0");
       await page.getByRole("button", { name: "oblique" }).click();
       await page.mouse.move(5, 5);
       await page.evaluate(() => scrollBy(0, document.getElementById("field").getBoundingClientRect().top - 62));
-    } },
-  { name: "dashboard-phone", start: 60, look: { viewport: { width: 390, height: 806 }, isMobile: true, hasTouch: true },
+    },
+  },
+  {
+    name: "dashboard-phone",
+    start: 60,
+    look: { viewport: { width: 390, height: 806 }, isMobile: true, hasTouch: true },
     async go(_page, service) {
       service.say("BIASED", "the last datum does not fit the model: χ² 212 with 58 values");
-    } },
+    },
+  },
 ];
 
 const browser = await launch();

@@ -11,10 +11,22 @@ import { stepLine } from "./support";
 function bricks(nx: number, ny: number, nz: number) {
   const points: number[][] = [];
   const at = (i: number, j: number, k: number): number => i + (nx + 1) * (j + (ny + 1) * k);
-  for (let k = 0; k <= nz; k += 1) for (let j = 0; j <= ny; j += 1) for (let i = 0; i <= nx; i += 1) points.push([i, j, k]);
+  for (let k = 0; k <= nz; k += 1)
+    for (let j = 0; j <= ny; j += 1) for (let i = 0; i <= nx; i += 1) points.push([i, j, k]);
   const cells: number[][] = [];
-  for (let k = 0; k < nz; k += 1) for (let j = 0; j < ny; j += 1) for (let i = 0; i < nx; i += 1)
-    cells.push([at(i, j, k), at(i + 1, j, k), at(i + 1, j + 1, k), at(i, j + 1, k), at(i, j, k + 1), at(i + 1, j, k + 1), at(i + 1, j + 1, k + 1), at(i, j + 1, k + 1)]);
+  for (let k = 0; k < nz; k += 1)
+    for (let j = 0; j < ny; j += 1)
+      for (let i = 0; i < nx; i += 1)
+        cells.push([
+          at(i, j, k),
+          at(i + 1, j, k),
+          at(i + 1, j + 1, k),
+          at(i, j + 1, k),
+          at(i, j, k + 1),
+          at(i + 1, j, k + 1),
+          at(i + 1, j + 1, k + 1),
+          at(i, j + 1, k + 1),
+        ]);
   return { type: "VTK_HEXAHEDRON", points, cells };
 }
 
@@ -39,31 +51,72 @@ test("the surface of bricks: inner faces are gone, Euler's formula holds, area a
 });
 
 test("other shapes: a tetrahedron, two triangles, a wedge with a pyramid's names", () => {
-  const tetra = surfaceOf({ type: "tetra10", points: [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], cells: [[0, 1, 2, 3]] });
+  const tetra = surfaceOf({
+    type: "tetra10",
+    points: [
+      [0, 0, 0],
+      [1, 0, 0],
+      [0, 1, 0],
+      [0, 0, 1],
+    ],
+    cells: [[0, 1, 2, 3]],
+  });
   assert.equal(tetra.triangles.length / 3, 4);
-  const flat = surfaceOf({ type: "VTK_TRIANGLE", points: [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], cells: [[0, 1, 2], [1, 3, 2]] });
+  const flat = surfaceOf({
+    type: "VTK_TRIANGLE",
+    points: [
+      [0, 0, 0],
+      [1, 0, 0],
+      [0, 1, 0],
+      [1, 1, 0],
+    ],
+    cells: [
+      [0, 1, 2],
+      [1, 3, 2],
+    ],
+  });
   assert.equal(flat.triangles.length / 3, 2);
   assert.equal(flat.edges.length / 2, 5);
-  for (const [name, shape] of [["VTK_QUADRATIC_HEXAHEDRON", "hexahedron"], ["hexahedron27", "hexahedron"], ["VTK_TETRA", "tetra"], ["VTK_TRIQUADRATIC_HEXAHEDRON", "hexahedron"],
-    ["wedge", "wedge"], ["quad8", "quad"]]) assert.equal(shapeOf(name!), shape);
+  for (const [name, shape] of [
+    ["VTK_QUADRATIC_HEXAHEDRON", "hexahedron"],
+    ["hexahedron27", "hexahedron"],
+    ["VTK_TETRA", "tetra"],
+    ["VTK_TRIQUADRATIC_HEXAHEDRON", "hexahedron"],
+    ["wedge", "wedge"],
+    ["quad8", "quad"],
+  ])
+    assert.equal(shapeOf(name!), shape);
   assert.equal(surfaceOf({ type: "VTK_POLYHEDRON", points: [], cells: [[0, 1]] }).triangles.length, 0);
 });
 
 test("turning is a rotation; the front view has x to the right and y up", () => {
   const [r, u, o] = rotation(oblique);
   const dot = (a: Vec3, b: Vec3): number => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-  for (const [a, b, expected] of [[r, r, 1], [u, u, 1], [o, o, 1], [r, u, 0], [u, o, 0], [r, o, 0]] as const) assert.ok(Math.abs(dot(a, b) - expected) < 1e-15);
-  const box = boxOf([[0, 0, 0], [2, 1, 0.1]]);
+  for (const [a, b, expected] of [
+    [r, r, 1],
+    [u, u, 1],
+    [o, o, 1],
+    [r, u, 0],
+    [u, o, 0],
+    [r, o, 0],
+  ] as const)
+    assert.ok(Math.abs(dot(a, b) - expected) < 1e-15);
+  const box = boxOf([
+    [0, 0, 0],
+    [2, 1, 0.1],
+  ]);
   const view = { width: 400, height: 300, foot: 50 };
   const scale = fit(box, front, view);
   const corner = project([2, 1, 0.05], box, front, view, scale);
   const centre = project([1, 0.5, 0.05], box, front, view, scale);
   assert.deepEqual(centre.slice(0, 2), [200, 125]);
   assert.ok(corner[0] > 370 && corner[0] < 400 && corner[1] < 125);
-  for (const x of [0, 2]) for (const y of [0, 1]) for (const z of [0, 0.1]) {
-    const [px, py] = project([x, y, z], box, oblique, view, fit(box, oblique, view));
-    assert.ok(px >= 0 && px <= 400 && py >= 0 && py <= 250, "everything fits, however it is turned");
-  }
+  for (const x of [0, 2])
+    for (const y of [0, 1])
+      for (const z of [0, 0.1]) {
+        const [px, py] = project([x, y, z], box, oblique, view, fit(box, oblique, view));
+        assert.ok(px >= 0 && px <= 400 && py >= 0 && py <= 250, "everything fits, however it is turned");
+      }
 });
 
 test("round numbers", () => {
@@ -72,12 +125,37 @@ test("round numbers", () => {
 });
 
 test("fields: magnitude, components, ranges with 0 in the middle", () => {
-  assert.deepEqual([...scalars([[3, 4, 0], [0, -2, 0]], "magnitude")], [5, 2]);
-  assert.deepEqual([...scalars([[3, 4, 0], [0, -2, 0]], "y")], [4, -2]);
+  assert.deepEqual(
+    [
+      ...scalars(
+        [
+          [3, 4, 0],
+          [0, -2, 0],
+        ],
+        "magnitude",
+      ),
+    ],
+    [5, 2],
+  );
+  assert.deepEqual(
+    [
+      ...scalars(
+        [
+          [3, 4, 0],
+          [0, -2, 0],
+        ],
+        "y",
+      ),
+    ],
+    [4, -2],
+  );
   assert.deepEqual(rangeOf([1, -3], true), { low: -3, high: 3 });
   assert.deepEqual(rangeOf([1, 3], false), { low: 0, high: 3 });
   assert.deepEqual(rangeOf([], true), { low: 0, high: 1 });
-  const box = boxOf([[0, 0, 0], [0.3, 0.1, 0.01]]);
+  const box = boxOf([
+    [0, 0, 0],
+    [0.3, 0.1, 0.01],
+  ]);
   assert.equal(displayFactor([[1e-4, 0, 0]], box), 100);
   assert.equal(displayFactor([[0, 0, 0]], box), 1);
 });
@@ -92,7 +170,10 @@ test("what the field view shows of a step, and why it shows nothing", () => {
   assert.equal(viewOf("sensitivity:Y0", "magnitude", fields, sensors, [1e-6, 1e-6, 1e-6]).map, "viridis");
   const residual = viewOf("residual", "magnitude", fields, sensors, [1e-6, 1e-6, 1e-6]);
   assert.equal(residual.sensors![1], undefined);
-  assert.ok(Math.abs(residual.sensors![0]! + 1.2) < 1e-12 && Math.abs(residual.sensors![2]! - 4.1) < 1e-12, "in standard deviations");
+  assert.ok(
+    Math.abs(residual.sensors![0]! + 1.2) < 1e-12 && Math.abs(residual.sensors![2]! - 4.1) < 1e-12,
+    "in standard deviations",
+  );
   assert.equal(viewOf("residual", "magnitude", fields, sensors, []).scale.units, "µm");
   assert.deepEqual(residual.range, { low: -5, high: 5 });
   assert.match(viewOf("bias", "x", fields, sensors, [1e-6, 1e-6, 1e-6]).problem!, /No correction of the model's bias/);
@@ -124,7 +205,9 @@ test("axes of the pair plot, and its histogram", () => {
 
 /** Relative luminance, WCAG 2. */
 function luminance(hex: string): number {
-  const [r, g, b] = [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16) / 255).map((c) => (c <= 0.03928 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4)) as [number, number, number];
+  const [r, g, b] = [1, 3, 5]
+    .map((k) => parseInt(hex.slice(k, k + 2), 16) / 255)
+    .map((c) => (c <= 0.03928 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4)) as [number, number, number];
   return 0.2126 * r + 0.7152 * g + 0.0722 * b;
 }
 
@@ -135,11 +218,22 @@ function contrast(a: string, b: string): number {
 
 test("text can be read (WCAG AA, 4.5), lines can be seen (3) in light and dark", () => {
   for (const look of [theme(false), theme(true)]) {
-    for (const ink of [look.text, look.faint]) assert.ok(contrast(ink, look.panel) >= 4.5, `${ink} on ${look.panel}: ${contrast(ink, look.panel)}`);
-    for (const line of [look.blue, look.orange, look.green, look.red, look.purple, look.prior, look.threshold, ...look.series])
+    for (const ink of [look.text, look.faint])
+      assert.ok(contrast(ink, look.panel) >= 4.5, `${ink} on ${look.panel}: ${contrast(ink, look.panel)}`);
+    for (const line of [
+      look.blue,
+      look.orange,
+      look.green,
+      look.red,
+      look.purple,
+      look.prior,
+      look.threshold,
+      ...look.series,
+    ])
       assert.ok(contrast(line, look.panel) >= 3, `${line} on ${look.panel}: ${contrast(line, look.panel)}`);
   }
-  for (const [word, { colour, ink }] of Object.entries(stateLook)) assert.ok(contrast(colour, ink) >= 4.5, `${word}: ${contrast(colour, ink)}`);
+  for (const [word, { colour, ink }] of Object.entries(stateLook))
+    assert.ok(contrast(colour, ink) >= 4.5, `${word}: ${contrast(colour, ink)}`);
 });
 
 test("colour maps: ends, middle, and what is outside", () => {

@@ -12,7 +12,13 @@ const here = dirname(fileURLToPath(import.meta.url));
 const pictures = join(here, "../out/pictures");
 mkdirSync(pictures, { recursive: true });
 const desktop = { viewport: { width: 1440, height: 900 }, colorScheme: "light" };
-const phone = { viewport: { width: 390, height: 844 }, deviceScaleFactor: 1.5, isMobile: true, hasTouch: true, colorScheme: "light" };
+const phone = {
+  viewport: { width: 390, height: 844 },
+  deviceScaleFactor: 1.5,
+  isMobile: true,
+  hasTouch: true,
+  colorScheme: "light",
+};
 let browser;
 
 before(async () => {
@@ -22,7 +28,12 @@ after(() => browser?.close());
 
 /** A page on a mock; whatever it complains about, and wherever else it goes, fails the test. */
 async function open(t, options = {}, look = desktop, path = "") {
-  const service = await new MockService(new Recording().scenario(), { rate: 0, start: 70, period: 600, ...options }).listen(options.port ?? 0);
+  const service = await new MockService(new Recording().scenario(), {
+    rate: 0,
+    start: 70,
+    period: 600,
+    ...options,
+  }).listen(options.port ?? 0);
   const { page, context, complaints } = await watchedPage(browser, look);
   t.after(async () => {
     await context.close();
@@ -36,7 +47,7 @@ async function open(t, options = {}, look = desktop, path = "") {
 test("shows the numbers that the service returns, now and back in time", async (t) => {
   const { page, service } = await open(t);
   await page.locator("[data-parameter]").first().waitFor();
-  const api = async () => (await (await fetch(`${service.url}v1/state`)).json());
+  const api = async () => await (await fetch(`${service.url}v1/state`)).json();
   const line = await api();
   await until(page, "#step", new RegExp(`^${line.step}\\b`));
   await compareNumbers(page, line);
@@ -89,14 +100,24 @@ test("survives a restart of the service: says that it lost it, comes back with L
   again.advance();
   await until(page, "#step", new RegExp(`^${again.known.at(-1).step}\\b`));
   const [download] = await Promise.all([page.waitForEvent("download"), page.getByText("all steps as CSV").click()]);
-  const rows = readFileSync(await download.path(), "utf8").trim().split("\r\n").slice(1);
-  assert.deepEqual(rows.map((r) => Number(r.split(",")[0])), again.known.map((line) => line.step));
+  const rows = readFileSync(await download.path(), "utf8")
+    .trim()
+    .split("\r\n")
+    .slice(1);
+  assert.deepEqual(
+    rows.map((r) => Number(r.split(",")[0])),
+    again.known.map((line) => line.step),
+  );
   await context.close();
 });
 
 test("the state is said in words, with its cause; silence becomes STALE", async (t) => {
   const { page, service } = await open(t, { period: 0.5 });
-  for (const [state, cause] of [["DEGRADED", "updates are 3 data behind"], ["BIASED", "χ² 212 of 60 residuals"], ["DIVERGED", "no map could be verified"]]) {
+  for (const [state, cause] of [
+    ["DEGRADED", "updates are 3 data behind"],
+    ["BIASED", "χ² 212 of 60 residuals"],
+    ["DIVERGED", "no map could be verified"],
+  ]) {
     service.lastAt = Date.now();
     service.say(state, cause);
     await until(page, "#state", new RegExp(state));
@@ -110,7 +131,12 @@ test("the state is said in words, with its cause; silence becomes STALE", async 
   assert.ok(age >= 2.5 && age < 60, `age ${age}`);
   service.advance();
   await until(page, "#state", /OK/);
-  service.raise({ step: service.known.at(-1).step, severity: "alarm", kind: "bias", message: "the last datum does not fit" });
+  service.raise({
+    step: service.known.at(-1).step,
+    severity: "alarm",
+    kind: "bias",
+    message: "the last datum does not fit",
+  });
   await until(page, ".events", /The last datum does not fit/);
   await until(page, ".events", /The service became DIVERGED: no map could be verified/);
 });
@@ -147,12 +173,19 @@ test("another configuration that appears after the first questions is noticed", 
 });
 
 test("several structures: the chosen one is asked for, and nothing of the other stays", async (t) => {
-  const { page, service } = await open(t, { start: 20, answer(request, response) {
-    const bridge = new URL(request.url, "http://localhost").searchParams.get("site") === "bridge";
-    this.recording.description = () => ({ ...Recording.prototype.description.call(this.recording), sites: ["beam", "bridge"], ...(bridge ? { site: "bridge", run: "b" } : {}) });
-    this.count = bridge ? 4 : 20;
-    return MockService.prototype.answer.call(this, request, response);
-  } });
+  const { page, service } = await open(t, {
+    start: 20,
+    answer(request, response) {
+      const bridge = new URL(request.url, "http://localhost").searchParams.get("site") === "bridge";
+      this.recording.description = () => ({
+        ...Recording.prototype.description.call(this.recording),
+        sites: ["beam", "bridge"],
+        ...(bridge ? { site: "bridge", run: "b" } : {}),
+      });
+      this.count = bridge ? 4 : 20;
+      return MockService.prototype.answer.call(this, request, response);
+    },
+  });
   await until(page, "#step", /^19\b/);
   await page.getByLabel("Structure", { exact: true }).selectOption("bridge");
   await until(page, "h1", /bridge/);
@@ -167,10 +200,16 @@ test("before the first datum it says so; a model without mesh, and a service tha
   assert.match(await text(page, "#state"), /STALE/);
   service.advance();
   await until(page, "#state", /OK/);
-  const bare = await open(t, { start: 5, answer(request, response) {
-    if (/v1\/(description|mesh|status|alarms|field|observations|samples)/.test(request.url)) return response.writeHead(404, { "Content-Type": "application/json" }).end('{"error":{"type":"NoRoute","message":"not here"}}');
-    return MockService.prototype.answer.call(this, request, response);
-  } });
+  const bare = await open(t, {
+    start: 5,
+    answer(request, response) {
+      if (/v1\/(description|mesh|status|alarms|field|observations|samples)/.test(request.url))
+        return response
+          .writeHead(404, { "Content-Type": "application/json" })
+          .end('{"error":{"type":"NoRoute","message":"not here"}}');
+      return MockService.prototype.answer.call(this, request, response);
+    },
+  });
   t.after(() => bare.context.close());
   await until(bare.page, "#state", /OK/);
   await until(bare.page, "#field", /has no mesh/);
@@ -194,40 +233,67 @@ test("a token is asked for once, sent with everything, and taken from the addres
 test("the field is drawn, its numbers are the service's, each panel gives PNG and CSV", async (t) => {
   const { page, service } = await open(t);
   await until(page, "#field .readout", /57 used, 2 rejected, 1 missing/);
-  const colours = async () => page.evaluate(async () => {
-    await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
-    const gl = document.querySelector("#field canvas");
-    const copy = document.createElement("canvas");
-    [copy.width, copy.height] = [gl.width, gl.height];
-    const ctx = copy.getContext("2d");
-    ctx.drawImage(gl, 0, 0);
-    const { data } = ctx.getImageData(0, 0, copy.width, copy.height);
-    const seen = new Set();
-    let drawn = 0;
-    for (let i = 0; i < data.length; i += 4) if (data[i + 3]) (drawn += 1), seen.add((data[i] >> 4) * 256 + (data[i + 1] >> 4) * 16 + (data[i + 2] >> 4));
-    return { colours: seen.size, share: drawn / (data.length / 4) };
-  });
+  const colours = async () =>
+    page.evaluate(async () => {
+      await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+      const gl = document.querySelector("#field canvas");
+      const copy = document.createElement("canvas");
+      [copy.width, copy.height] = [gl.width, gl.height];
+      const ctx = copy.getContext("2d");
+      ctx.drawImage(gl, 0, 0);
+      const { data } = ctx.getImageData(0, 0, copy.width, copy.height);
+      const seen = new Set();
+      let drawn = 0;
+      for (let i = 0; i < data.length; i += 4)
+        if (data[i + 3]) ((drawn += 1), seen.add((data[i] >> 4) * 256 + (data[i + 1] >> 4) * 16 + (data[i + 2] >> 4)));
+      return { colours: seen.size, share: drawn / (data.length / 4) };
+    });
   const drawn = await colours();
   assert.ok(drawn.colours > 30 && drawn.share > 0.1, JSON.stringify(drawn));
-  for (const [key, label] of [["sensitivity:Y0", "∂u/∂Y0"], ["residual", "residual"], ["bias", "model bias"]]) {
+  for (const [key, label] of [
+    ["sensitivity:Y0", "∂u/∂Y0"],
+    ["residual", "residual"],
+    ["bias", "model bias"],
+  ]) {
     await page.keyboard.press("f");
     if (key === "residual") await page.keyboard.press("f");
-    await page.waitForFunction((value) => document.querySelector('#field select[aria-label="Field"]').value === value, key, label);
+    await page.waitForFunction(
+      (value) => document.querySelector('#field select[aria-label="Field"]').value === value,
+      key,
+      label,
+    );
   }
   await until(page, "#field .none", /No correction of the model's bias/);
   await page.locator('#field select[aria-label="Field"]').selectOption("residual");
   await page.waitForFunction(() => !document.querySelector("#field .none"));
   const save = async (panel, kind) => {
-    const [download] = await Promise.all([page.waitForEvent("download"), page.locator(`#${panel}`).getByRole("button", { name: `save as ${kind}` }).click()]);
+    const [download] = await Promise.all([
+      page.waitForEvent("download"),
+      page
+        .locator(`#${panel}`)
+        .getByRole("button", { name: `save as ${kind}` })
+        .click(),
+    ]);
     return readFileSync(await download.path());
   };
   const step = service.known.at(-1).step;
   const residual = await (await fetch(`${service.url}v1/field?name=residual&step=${step}`)).json();
-  const rows = (await save("field", "CSV")).toString().trim().split("\r\n").slice(1).map((r) => r.split(","));
-  assert.deepEqual(rows.map((r) => r[7]), residual.values.map((v, k) => (residual.missing.includes(k) ? "" : String(v))));
+  const rows = (await save("field", "CSV"))
+    .toString()
+    .trim()
+    .split("\r\n")
+    .slice(1)
+    .map((r) => r.split(","));
+  assert.deepEqual(
+    rows.map((r) => r[7]),
+    residual.values.map((v, k) => (residual.missing.includes(k) ? "" : String(v))),
+  );
   const parameters = (await save("parameters", "CSV")).toString().trim().split("\r\n");
   assert.equal(Number(parameters.at(-1).split(",").at(-1)), service.known.at(-1).quantiles.values[1][2]);
-  assert.ok(parameters.some((r) => /^[\d.]+,,,/.test(r)), "gaps are empty");
+  assert.ok(
+    parameters.some((r) => /^[\d.]+,,,/.test(r)),
+    "gaps are empty",
+  );
   for (const panel of ["forecast", "parameters", "field", "pairs", "evidence", "timing"]) {
     const png = await save(panel, "PNG");
     assert.deepEqual([...png.subarray(1, 4)], [...Buffer.from("PNG")], panel);
@@ -253,19 +319,29 @@ test("keys: help, play, panels, forecasts, colours", async (t) => {
   await page.keyboard.press("?");
   await page.getByRole("button", { name: "Close" }).click();
   await page.getByText("How to read this page").waitFor({ state: "hidden" });
-  await page.waitForFunction(() => document.activeElement === document.body || document.activeElement.tagName === "SECTION");
+  await page.waitForFunction(
+    () => document.activeElement === document.body || document.activeElement.tagName === "SECTION",
+  );
   await page.keyboard.press(" ");
   await until(page, ".scrub p", /You look at step [1-9]/);
   await page.keyboard.press(" ");
 });
 
-for (const [name, look] of [["light", desktop], ["dark", { ...desktop, colorScheme: "dark" }], ["phone", phone]])
+for (const [name, look] of [
+  ["light", desktop],
+  ["dark", { ...desktop, colorScheme: "dark" }],
+  ["phone", phone],
+])
   test(`picture: ${name}; nothing is wider than the screen, buttons have names`, async (t) => {
     const { page, service } = await open(t, { start: 80 }, look);
     await until(page, "#field .readout", /Sensors/);
     await until(page, "#state", /OK/);
     assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), "no scrolling sideways");
-    const nameless = await page.evaluate(() => [...document.querySelectorAll("button, select, input")].filter((e) => !(e.ariaLabel || e.innerText?.trim() || e.closest("label"))).map((e) => e.outerHTML));
+    const nameless = await page.evaluate(() =>
+      [...document.querySelectorAll("button, select, input")]
+        .filter((e) => !(e.ariaLabel || e.innerText?.trim() || e.closest("label")))
+        .map((e) => e.outerHTML),
+    );
     assert.deepEqual(nameless, []);
     service.lastAt = Date.now();
     service.say("OK", "");

@@ -11,7 +11,15 @@ test("a line of section 4 is taken with all its numbers, its densities left out"
 });
 
 test("what is no line is refused, what is only incomplete is completed", () => {
-  for (const wrong of [null, 3, "x", [], {}, { step: 1.5, time: 0, mean: [1] }, { step: 1, time: 0, mean: ["a"], quantiles: { levels: [], values: [] } }])
+  for (const wrong of [
+    null,
+    3,
+    "x",
+    [],
+    {},
+    { step: 1.5, time: 0, mean: [1] },
+    { step: 1, time: 0, mean: ["a"], quantiles: { levels: [], values: [] } },
+  ])
     assert.equal(asStepLine(wrong), undefined);
   const least = asStepLine({ step: 0, time: 0.1, mean: [1], quantiles: { levels: [0.5], values: [[1]] } })!;
   assert.equal(least.used, 0);
@@ -22,23 +30,52 @@ test("what is no line is refused, what is only incomplete is completed", () => {
 test("states come as lines, as an array, or in an object", () => {
   const lines = [stepLine(0), stepLine(1)];
   const expected = [0, 1];
-  const texts = [lines.map((l) => JSON.stringify(l)).join("\n") + "\n", JSON.stringify(lines), JSON.stringify({ states: lines })];
-  for (const text of texts) assert.deepEqual(parseStates(text).map((l) => l.step), expected);
-  assert.deepEqual(parseStates(JSON.stringify(stepLine(7))).map((l) => l.step), [7]);
+  const texts = [
+    lines.map((l) => JSON.stringify(l)).join("\n") + "\n",
+    JSON.stringify(lines),
+    JSON.stringify({ states: lines }),
+  ];
+  for (const text of texts)
+    assert.deepEqual(
+      parseStates(text).map((l) => l.step),
+      expected,
+    );
+  assert.deepEqual(
+    parseStates(JSON.stringify(stepLine(7))).map((l) => l.step),
+    [7],
+  );
   assert.deepEqual(parseStates(""), []);
-  assert.deepEqual(parseStates('{"done":true,"steps":3}\n' + JSON.stringify(stepLine(2))).map((l) => l.step), [2]);
+  assert.deepEqual(
+    parseStates('{"done":true,"steps":3}\n' + JSON.stringify(stepLine(2))).map((l) => l.step),
+    [2],
+  );
 });
 
 test("description and mesh become the model; what is absent stays absent", () => {
-  const model = asModel({ run: "r", site: "beam", parameters: [{ name: "Y0", lower: 0.5, quantiles: { levels: [0.5], values: [1] } }, { name: "Ad" }], forecasts: [{ name: "crack", threshold: 0.04 }] })!;
+  const model = asModel({
+    run: "r",
+    site: "beam",
+    parameters: [{ name: "Y0", lower: 0.5, quantiles: { levels: [0.5], values: [1] } }, { name: "Ad" }],
+    forecasts: [{ name: "crack", threshold: 0.04 }],
+  })!;
   assert.deepEqual(model.parameters[0]!.levels, [0.5]);
   assert.equal(model.parameters[1]!.levels, undefined);
   assert.deepEqual(model.quantities, [{ name: "crack", threshold: 0.04 }]);
   assert.deepEqual(asModel({ site: "beam" })?.parameters, []);
   assert.equal(asModel([]), undefined);
-  const { mesh, sensors } = asMesh({ points: [[0, 0, 0]], cells: [{ type: "tetra", connectivity: [[0, 1, 2, 3]] }, { type: "tetra", connectivity: [[4, 5, 6, 7]] }, { type: "line", connectivity: [[0, 1]] }],
-    sensors: [{ x: 1, y: 2, z: 3, component: 1, std: 1e-6 }] });
-  assert.deepEqual(mesh!.cells, [[0, 1, 2, 3], [4, 5, 6, 7]]);
+  const { mesh, sensors } = asMesh({
+    points: [[0, 0, 0]],
+    cells: [
+      { type: "tetra", connectivity: [[0, 1, 2, 3]] },
+      { type: "tetra", connectivity: [[4, 5, 6, 7]] },
+      { type: "line", connectivity: [[0, 1]] },
+    ],
+    sensors: [{ x: 1, y: 2, z: 3, component: 1, std: 1e-6 }],
+  });
+  assert.deepEqual(mesh!.cells, [
+    [0, 1, 2, 3],
+    [4, 5, 6, 7],
+  ]);
   assert.deepEqual(sensors, { points: [[1, 2, 3]], components: ["y"], std: [1e-6] });
   assert.deepEqual(asMesh({ error: {} }), {});
 });
@@ -46,23 +83,38 @@ test("description and mesh become the model; what is absent stays absent", () =>
 test("status and alarms: unknown words are no state, unknown severities are warnings", () => {
   assert.equal(asStatus({ state: "FINE" }), undefined);
   assert.equal(asStatus({ state: "BIASED", reason: "x" })?.reason, "x");
-  assert.deepEqual(asAlarm({ id: 3, step: 7, severity: "loud", kind: "gap", message: "late" }), { step: 7, severity: "warning", kind: "gap", message: "Late" });
+  assert.deepEqual(asAlarm({ id: 3, step: 7, severity: "loud", kind: "gap", message: "late" }), {
+    step: 7,
+    severity: "warning",
+    kind: "gap",
+    message: "Late",
+  });
   assert.equal(asAlarm({ id: 3 }), undefined);
 });
 
 test("answers of a step: fields asked for, residuals where there was a datum, samples", () => {
   const u = { step: 4, location: "nodes", values: [[1, 2, 3]] };
-  assert.deepEqual(asFields(u, "sensitivity:Y0", { ...u, values: [[4, 5, 6]] }), { step: 4, displacement: [[1, 2, 3]], sensitivity: { Y0: [[4, 5, 6]] } });
+  assert.deepEqual(asFields(u, "sensitivity:Y0", { ...u, values: [[4, 5, 6]] }), {
+    step: 4,
+    displacement: [[1, 2, 3]],
+    sensitivity: { Y0: [[4, 5, 6]] },
+  });
   assert.deepEqual(asFields(u, "displacement", undefined), { step: 4, displacement: [[1, 2, 3]], sensitivity: {} });
   assert.deepEqual(asFields(u, "bias", u).bias, [[1, 2, 3]]);
   const observations = { step: 4, status: ["used", "missing"], reason: { 1: "not measured" } };
-  assert.deepEqual(asSensors(observations, { location: "sensors", values: [1e-6, 0], missing: [1] }, undefined),
-    { step: 4, status: ["used", "missing"], reason: { 1: "not measured" }, residual: [1e-6, undefined] });
+  assert.deepEqual(asSensors(observations, { location: "sensors", values: [1e-6, 0], missing: [1] }, undefined), {
+    step: 4,
+    status: ["used", "missing"],
+    reason: { 1: "not measured" },
+    residual: [1e-6, undefined],
+  });
   assert.deepEqual(asSamples({ step: 4, samples: [[1, 2]] }), { step: 4, points: [[1, 2]] });
 });
 
 test("server-sent events are the same however the text is cut", () => {
-  const text = "\uFEFF".slice(1) + ": comment\n\nid: 7\nevent: step\ndata: {\"a\":\ndata: 1}\r\n\r\nid: 8\rdata:x\r\rdata\n\nid: 9\n\nevent: status\ndata: é\n\nretry: 5\n\n";
+  const text =
+    "\uFEFF".slice(1) +
+    ': comment\n\nid: 7\nevent: step\ndata: {"a":\ndata: 1}\r\n\r\nid: 8\rdata:x\r\rdata\n\nid: 9\n\nevent: status\ndata: é\n\nretry: 5\n\n';
   const expected = [
     { event: "step", data: '{"a":\n1}', id: "7" },
     { event: "message", data: "x", id: "8" },

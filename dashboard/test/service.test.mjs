@@ -13,7 +13,10 @@ const { KNOTHE: program, KNOTHE_PROJECT: project } = process.env;
 const here = dirname(fileURLToPath(import.meta.url));
 
 async function serve(port) {
-  const child = spawn(program, ["serve", project, "--port", String(port)], { cwd: dirname(project), stdio: ["ignore", "pipe", "pipe"] });
+  const child = spawn(program, ["serve", project, "--port", String(port)], {
+    cwd: dirname(project),
+    stdio: ["ignore", "pipe", "pipe"],
+  });
   let said = "";
   const url = await new Promise((resolve, reject) => {
     const hear = (chunk) => {
@@ -26,16 +29,29 @@ async function serve(port) {
     child.once("exit", (status) => reject(new Error(`knothe serve ended with ${status}: ${said}`)));
   });
   for (let k = 0; k < 200; k += 1) {
-    const ready = await fetch(`${url}readyz`).then((r) => r.ok, () => false);
+    const ready = await fetch(`${url}readyz`).then(
+      (r) => r.ok,
+      () => false,
+    );
     if (ready) break;
     await new Promise((resolve) => setTimeout(resolve, 50));
   }
-  return { child, url, stop: async (signal) => (child.kill(signal), child.exitCode === null && child.signalCode === null ? once(child, "exit") : undefined) };
+  return {
+    child,
+    url,
+    stop: async (signal) => (
+      child.kill(signal),
+      child.exitCode === null && child.signalCode === null ? once(child, "exit") : undefined
+    ),
+  };
 }
 
 /** Rows of `knothe`'s CSV: one measurement per time. */
 function measurements() {
-  const [header, ...rows] = readFileSync(join(dirname(project), "data.csv"), "utf8").trim().split(/\r?\n/).map((r) => r.split(","));
+  const [header, ...rows] = readFileSync(join(dirname(project), "data.csv"), "utf8")
+    .trim()
+    .split(/\r?\n/)
+    .map((r) => r.split(","));
   const [time, value] = [header.indexOf("time"), header.indexOf("value")];
   const byTime = new Map();
   for (const row of rows) byTime.set(row[time], [...(byTime.get(row[time]) ?? []), Number(row[value])]);
@@ -53,17 +69,25 @@ test("the page on the real service", async (t) => {
   const { page, complaints } = await watchedPage(browser, { viewport: { width: 1440, height: 900 } });
   const get = async (path) => (await fetch(service.url + path)).json();
   const post = async (datum) => {
-    const answer = await fetch(`${service.url}v1/measurements`, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(datum) });
+    const answer = await fetch(`${service.url}v1/measurements`, {
+      method: "POST",
+      headers: { "Content-Type": "application/json" },
+      body: JSON.stringify(datum),
+    });
     assert.equal(answer.status, 200, await answer.text());
   };
   // The latest line is that of the last datum, and shown.
   const shown = async (step) => {
-    for (let k = 0; k < 200 && (await get("v1/state")).step !== step; k += 1) await new Promise((resolve) => setTimeout(resolve, 50));
+    for (let k = 0; k < 200 && (await get("v1/state")).step !== step; k += 1)
+      await new Promise((resolve) => setTimeout(resolve, 50));
     await until(page, "#step", new RegExp(`^${step}\\b`));
     await compareNumbers(page, await get("v1/state"));
   };
   const embedded = await (await fetch(service.url)).text();
-  assert.ok(embedded === readFileSync(join(here, "../dist/index.html"), "utf8"), "the program embeds the committed page");
+  assert.ok(
+    embedded === readFileSync(join(here, "../dist/index.html"), "utf8"),
+    "the program embeds the committed page",
+  );
   await page.goto(service.url);
   await until(page, "#state", /STALE/);
   await until(page, "#contact", /^connected/);
@@ -81,9 +105,19 @@ test("the page on the real service", async (t) => {
   await page.locator('#field select[aria-label="Field"]').selectOption("residual");
   await until(page, "#field h2", /step 19/);
   await until(page, "#field .readout", /60 used, 0 rejected, 0 missing/);
-  const [download] = await Promise.all([page.waitForEvent("download"), page.locator("#field").getByRole("button", { name: "save as CSV" }).click()]);
-  const rows = readFileSync(await download.path(), "utf8").trim().split("\r\n").slice(1).map((r) => r.split(","));
-  assert.deepEqual(rows.map((r) => Number(r[7])), (await get("v1/field?name=residual&step=19")).values);
+  const [download] = await Promise.all([
+    page.waitForEvent("download"),
+    page.locator("#field").getByRole("button", { name: "save as CSV" }).click(),
+  ]);
+  const rows = readFileSync(await download.path(), "utf8")
+    .trim()
+    .split("\r\n")
+    .slice(1)
+    .map((r) => r.split(","));
+  assert.deepEqual(
+    rows.map((r) => Number(r[7])),
+    (await get("v1/field?name=residual&step=19")).values,
+  );
   const { parameters } = await get("v1/description");
   await page.locator('#field select[aria-label="Field"]').selectOption(`sensitivity:${parameters[1].name}`);
   await page.waitForFunction(() => !document.querySelector("#field .none"));
@@ -97,9 +131,18 @@ test("the page on the real service", async (t) => {
   for (const datum of data.slice(20, 30)) await post(datum);
   await shown(29);
   const [all] = await Promise.all([page.waitForEvent("download"), page.getByText("all steps as CSV").click()]);
-  const [header, ...steps] = readFileSync(await all.path(), "utf8").trim().split("\r\n").map((r) => r.split(","));
+  const [header, ...steps] = readFileSync(await all.path(), "utf8")
+    .trim()
+    .split("\r\n")
+    .map((r) => r.split(","));
   const lines = await get("v1/states");
-  assert.deepEqual(steps.map((r) => Number(r[0])), lines.map((line) => line.step));
-  assert.deepEqual(steps.map((r) => Number(r[header.indexOf("log_evidence")])), lines.map((line) => line.log_evidence));
+  assert.deepEqual(
+    steps.map((r) => Number(r[0])),
+    lines.map((line) => line.step),
+  );
+  assert.deepEqual(
+    steps.map((r) => Number(r[header.indexOf("log_evidence")])),
+    lines.map((line) => line.log_evidence),
+  );
   assert.deepEqual(complaints, []);
 });

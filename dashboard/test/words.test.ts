@@ -7,7 +7,10 @@ import { eventsOf, merged, stateEvent } from "../src/events";
 import { stepLine, withProbability } from "./support";
 
 test("numbers", () => {
-  assert.deepEqual([0, 1.2345, -0.0123456, 12345.6, 1e5, 2.5e-7].map((v) => significant(v)), ["0", "1.23", "−0.0123", "12346", "1.00·10⁵", "2.50·10⁻⁷"]);
+  assert.deepEqual(
+    [0, 1.2345, -0.0123456, 12345.6, 1e5, 2.5e-7].map((v) => significant(v)),
+    ["0", "1.23", "−0.0123", "12346", "1.00·10⁵", "2.50·10⁻⁷"],
+  );
   assert.equal(withSpread(1.0174321, 0.0131), "1.017");
   assert.equal(withSpread(-28.2934, 0.82), "−28.29");
   assert.equal(withSpread(1384.7, 12.2), "1385");
@@ -16,7 +19,15 @@ test("numbers", () => {
 });
 
 test("a probability is never said to be 0 or 1", () => {
-  assert.deepEqual([0, 0.0005, 0.042, 0.5, 0.957, 0.9999, 1].map(probability), ["< 0.1 %", "< 0.1 %", "4.2 %", "50 %", "95.7 %", "> 99.9 %", "> 99.9 %"]);
+  assert.deepEqual([0, 0.0005, 0.042, 0.5, 0.957, 0.9999, 1].map(probability), [
+    "< 0.1 %",
+    "< 0.1 %",
+    "4.2 %",
+    "50 %",
+    "95.7 %",
+    "> 99.9 %",
+    "> 99.9 %",
+  ]);
 });
 
 test("units take a prefix by size; what has none stays", () => {
@@ -36,7 +47,11 @@ test("times", () => {
 const known = { now: 100000, connected: true, latest: stepLine(5), lastDatumAt: 99900 };
 
 test("the banner says what the service says, and why", () => {
-  assert.deepEqual(banner({ ...known, status: { state: "BIASED", reason: "χ² is 200", period_s: 0.1 } }), { state: "BIASED", reason: "χ² is 200.", age: 0.1 });
+  assert.deepEqual(banner({ ...known, status: { state: "BIASED", reason: "χ² is 200", period_s: 0.1 } }), {
+    state: "BIASED",
+    reason: "χ² is 200.",
+    age: 0.1,
+  });
   assert.equal(banner({ ...known, status: { state: "OK", period_s: 0.1 } }).state, "OK");
 });
 
@@ -48,8 +63,16 @@ test("silence is never OK: no datum for five periods, or no contact", () => {
   assert.equal(lost.state, "STALE");
   assert.match(lost.reason, /No contact with the service for 10 s; shown is what was known then/);
   assert.equal(banner({ now: 0, connected: false }).reason, "Connecting to the service.");
-  assert.equal(banner({ ...known, connected: false, lostAt: 99500, status: { state: "OK" } }).state, "OK", "a hiccup is none");
-  assert.equal(banner({ ...known, lastDatumAt: 0, status: { state: "DIVERGED", period_s: 0.1 } }).state, "DIVERGED", "the worse word stays");
+  assert.equal(
+    banner({ ...known, connected: false, lostAt: 99500, status: { state: "OK" } }).state,
+    "OK",
+    "a hiccup is none",
+  );
+  assert.equal(
+    banner({ ...known, lastDatumAt: 0, status: { state: "DIVERGED", period_s: 0.1 } }).state,
+    "DIVERGED",
+    "the worse word stays",
+  );
 });
 
 test("without a status the line itself tells", () => {
@@ -57,7 +80,10 @@ test("without a status the line itself tells", () => {
   assert.equal(derived(stepLine(1)).state, "OK");
   assert.equal(derived(stepLine(1, { bias_correction: "on" })).state, "BIASED");
   const untrusted = derived(stepLine(4, { trusted: false, ess: 0.7, variance_diagnostic: 0.2 }));
-  assert.equal(untrusted.reason, "step 4 is not trusted: variance diagnostic 0.20 is above 0.05, effective sample size 70 % is below 90 %");
+  assert.equal(
+    untrusted.reason,
+    "step 4 is not trusted: variance diagnostic 0.20 is above 0.05, effective sample size 70 % is below 90 %",
+  );
   assert.equal(derived(stepLine(4, { trusted: false, remark: "second mode" })).reason, "second mode");
 });
 
@@ -65,19 +91,33 @@ const quantities = [{ name: "crack", threshold: 0.028, units: "m" }];
 
 test("a probability that rises is an alarm once, not at each step that it hovers", () => {
   const course = [0.1, 0.6, 0.52, 0.55, 0.49, 0.51, 0.9, 0.2, 0.75];
-  const found = eventsOf(course.map((p, k) => withProbability(k, p)), { quantities }).reverse();
-  assert.deepEqual(found.map((e) => [e.step, e.severity, e.message]), [
-    [1, "alarm", "P(crack > 28 mm) rose above 50 %: now 60 %"],
-    [7, "info", "P(crack > 28 mm) fell below 50 %: now 20 %"],
-    [8, "alarm", "P(crack > 28 mm) rose above 50 %: now 75 %"],
-  ]);
+  const found = eventsOf(
+    course.map((p, k) => withProbability(k, p)),
+    { quantities },
+  ).reverse();
+  assert.deepEqual(
+    found.map((e) => [e.step, e.severity, e.message]),
+    [
+      [1, "alarm", "P(crack > 28 mm) rose above 50 %: now 60 %"],
+      [7, "info", "P(crack > 28 mm) fell below 50 %: now 20 %"],
+      [8, "alarm", "P(crack > 28 mm) rose above 50 %: now 75 %"],
+    ],
+  );
 });
 
 test("what happened is told with its cause, newest first", () => {
-  const lines = [stepLine(0), stepLine(1, { trusted: false, ess: 0.5 }), stepLine(2, { used: 0, missing: 10 }), stepLine(3, { used: 8, rejected: 2 }),
-    stepLine(6, { bias_correction: "on", elapsed_us: { total: 9000 } })];
+  const lines = [
+    stepLine(0),
+    stepLine(1, { trusted: false, ess: 0.5 }),
+    stepLine(2, { used: 0, missing: 10 }),
+    stepLine(3, { used: 8, rejected: 2 }),
+    stepLine(6, { bias_correction: "on", elapsed_us: { total: 9000 } }),
+  ];
   const found = eventsOf(lines, { quantities: [], budget_us: 5000 });
-  assert.deepEqual(found.map((e) => `${e.step} ${e.kind}`), ["6 deadline", "6 bias", "6 gap", "3 sensors", "3 gap", "2 gap", "2 trust", "1 trust"]);
+  assert.deepEqual(
+    found.map((e) => `${e.step} ${e.kind}`),
+    ["6 deadline", "6 bias", "6 gap", "3 sensors", "3 gap", "2 gap", "2 trust", "1 trust"],
+  );
   assert.match(found[0]!.message, /Update took 9\.00 ms, the budget is 5\.00 ms/);
   assert.match(found[2]!.message, /Steps 4 to 5 have no datum/);
   assert.match(found[3]!.message, /2 of 10 values rejected/);
@@ -85,27 +125,61 @@ test("what happened is told with its cause, newest first", () => {
 
 test("what the service and the lines both tell is listed once", () => {
   const told = [{ step: 4, severity: "alarm" as const, kind: "threshold", message: "told" }];
-  const found = [{ step: 5, severity: "info" as const, kind: "gap", message: "found" }, { ...told[0]!, message: "found too" }];
-  assert.deepEqual(merged(told, found).map((e) => e.message), ["found", "told"]);
+  const found = [
+    { step: 5, severity: "info" as const, kind: "gap", message: "found" },
+    { ...told[0]!, message: "found too" },
+  ];
+  assert.deepEqual(
+    merged(told, found).map((e) => e.message),
+    ["found", "told"],
+  );
 });
 
 test("a change of the service's state is told once, with its cause", () => {
   assert.equal(stateEvent(undefined, { state: "OK" }), undefined);
   assert.equal(stateEvent({ state: "OK" }, { state: "OK", reason: "x" }), undefined);
-  assert.deepEqual(stateEvent({ state: "OK" }, { state: "BIASED", reason: "χ² 200", step: 4 }), { step: 4, severity: "alarm", kind: "bias", message: "The service became BIASED: χ² 200" });
+  assert.deepEqual(stateEvent({ state: "OK" }, { state: "BIASED", reason: "χ² 200", step: 4 }), {
+    step: 4,
+    severity: "alarm",
+    kind: "bias",
+    message: "The service became BIASED: χ² 200",
+  });
   assert.equal(stateEvent(undefined, { state: "STALE" })?.message, "The service is STALE");
 });
 
 test("tables: full precision, empty where there is nothing, quoted where needed", () => {
-  assert.equal(csv(["a", "b"], [[0.1 + 0.2, null], ["x,y", NaN]]), 'a,b\r\n0.30000000000000004,\r\n"x,y",\r\n');
-  const [header, row] = stepsTable([stepLine(0)], ["Y0", "Ad"]).trim().split("\r\n").map((r) => r.split(","));
+  assert.equal(
+    csv(
+      ["a", "b"],
+      [
+        [0.1 + 0.2, null],
+        ["x,y", NaN],
+      ],
+    ),
+    'a,b\r\n0.30000000000000004,\r\n"x,y",\r\n',
+  );
+  const [header, row] = stepsTable([stepLine(0)], ["Y0", "Ad"])
+    .trim()
+    .split("\r\n")
+    .map((r) => r.split(","));
   const at = (name: string): string => row![header!.indexOf(name)]!;
   assert.equal(at("Y0_mean"), "1");
   assert.equal(at("Y0_std"), String(Math.sqrt(0.04)));
   assert.equal(at("Ad_q0.975"), "2.2");
   assert.equal(at("crack_probability_above_threshold"), "0.3");
   assert.equal(at("elapsed_us_total"), "1260");
-  const sensors = sensorsTable({ step: 0, status: ["missing", "used"], reason: {}, residual: [undefined, -1] },
-    { points: [[0, 0, 0], [1, 0, 0]], components: ["x", "y"], std: [0.5, 0.5] }).trim().split("\r\n");
+  const sensors = sensorsTable(
+    { step: 0, status: ["missing", "used"], reason: {}, residual: [undefined, -1] },
+    {
+      points: [
+        [0, 0, 0],
+        [1, 0, 0],
+      ],
+      components: ["x", "y"],
+      std: [0.5, 0.5],
+    },
+  )
+    .trim()
+    .split("\r\n");
   assert.deepEqual(sensors.slice(1), ["0,0,0,0,x,0.5,missing,,,", "1,1,0,0,y,0.5,used,-1,-2,"]);
 });
