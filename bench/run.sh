@@ -35,3 +35,9 @@ for program in build/release/bench/*_bench; do
     "$program"
   fi
 done
+
+case service in *"${1:-}"*)
+  echo "== service"
+  beam 30
+  python3 bench/service_bench.py "$knothe" out/bench/r30/beam.toml
+esac

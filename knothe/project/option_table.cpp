@@ -376,6 +376,15 @@ const std::vector<Option>& options() {
        "events",
        "What is logged on stderr: starts, stops, errors and states, or every step too.",
        {"events", "steps"}},
+      {"serve.mqtt", K::table, "", "Measurements by MQTT too, at topic knothe/v1/SITE/SOURCE/data.", {}},
+      {"serve.mqtt.broker", K::text, "", "The broker, `\"HOST\"` or `\"HOST:PORT\"`.", {}, true},
+      {"serve.mqtt.user", K::text, "", "User name at the broker.", {}},
+      {"serve.mqtt.password", K::path, "", "File with the password.", {}},
+      {"serve.mqtt.ca",
+       K::path,
+       "",
+       "File with the certificates that the broker is checked by; with it, TLS is spoken.",
+       {}},
   };
   return k_options;
 }

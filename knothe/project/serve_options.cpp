@@ -41,6 +41,8 @@ ServeOptions read_serve(Values& values, const std::string& path) {
   serve.max_connections = static_cast<int>(values.integer("serve.max_connections", serve.max_connections));
   serve.timeout = values.number("serve.timeout", serve.timeout);
   serve.log = values.text("serve.log", serve.log);
+  serve.mqtt = {values.text("serve.mqtt.broker", ""), values.text("serve.mqtt.user", ""),
+                resolved(values.text("serve.mqtt.password", "")), resolved(values.text("serve.mqtt.ca", ""))};
   return serve;
 }
 

@@ -8,6 +8,13 @@ namespace knothe::project {
 
 struct Values;
 
+/// [serve.mqtt]
+struct MqttOptions {
+  std::string broker;  ///< HOST or HOST:PORT; empty: no MQTT
+  std::string user;
+  std::string password, ca;  ///< files, resolved
+};
+
 struct ServeOptions {
   std::string address = "127.0.0.1";
   int port = 8080;
@@ -21,6 +28,7 @@ struct ServeOptions {
   int max_connections = 1024;
   double timeout = 30;  ///< s
   std::string log = "events";
+  MqttOptions mqtt;
 };
 
 /// `path` is the project file's: its stem is the site's name unless the file says otherwise.

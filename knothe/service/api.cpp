@@ -221,7 +221,7 @@ void Api::route(const HttpRequest& request, const Answer& answer) {
 }
 
 void Api::later(HttpRequest request, Answer answer, std::function<HttpResponse(const HttpRequest&)> what) {
-  const bool taken = worker_.post([request = std::move(request), answer, what = std::move(what)] {
+  const bool taken = worker_->post([request = std::move(request), answer, what = std::move(what)] {
     try {
       answer(what(request));
     } catch (const RequestError& error) {

@@ -26,6 +26,8 @@ class Api final : public HttpHandler {
   void handle(HttpRequest request, Answer answer) override;
   std::unique_ptr<EventSource> events(const HttpRequest& request) override;
   bool tick() override;
+  /// Answers what is waiting; nothing is asked afterwards.
+  void finish() { worker_.reset(); }
 
  private:
   void route(const HttpRequest& request, const Answer& answer);
@@ -40,8 +42,8 @@ class Api final : public HttpHandler {
   std::vector<std::shared_ptr<Site>> sites_;
   ApiOptions options_;
   Metrics& metrics_;
-  UmBridge umbridge_;  ///< of the worker
-  Worker worker_;      ///< last: what it does uses the others
+  UmBridge umbridge_;                                            ///< of the worker
+  std::unique_ptr<Worker> worker_ = std::make_unique<Worker>();  ///< last: what it does uses the others
 };
 
 /// Whether two texts are equal, in a time that depends on their lengths alone.

@@ -14,6 +14,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/service/api.hpp"
 #include "knothe/service/log.hpp"
+#include "knothe/service/mqtt.hpp"
 
 namespace knothe::service {
 namespace {
@@ -131,9 +132,13 @@ void serve(const project::Project& project, const ServeArguments& arguments) {
       fmt::format("http://{}{}{}:{}/", six ? "[" : "", options.address, six ? "]" : "", http.port());
   log_event("info", "listening", {{"url", url}});
   if (arguments.listening) arguments.listening(url);
+  std::unique_ptr<MqttReceiver> mqtt;
+  if (!options.mqtt.broker.empty()) mqtt = std::make_unique<MqttReceiver>(project, sites, metrics);
   for (const auto& site : sites) site->start();
   http.run();
+  mqtt.reset();
   for (const auto& site : sites) site->stop();
+  api.finish();
   http.finish();
   log_event("info", "stopped", {{"url", url}});
   for (const auto& site : sites)

@@ -1,5 +1,6 @@
 """`knothe serve`: what it answers, and that nothing is lost. Judged by `knothe assimilate` on the same data."""
 import http.client
+import json
 import math
 import random
 import resource
@@ -11,7 +12,7 @@ import time
 import unittest
 
 import analytic_model
-from service_support import Events, ServiceCase, comparable
+from service_support import Broker, Events, ServiceCase, comparable
 from support import parse_line
 
 
@@ -511,6 +512,29 @@ class Test(ServiceCase):
         self.assertEqual(answers, [200] * 480)
         service.settled(480)
         self.assertEqual([line["data"] for line in service.states()], [40] * 12)
+
+    def test_mqtt_is_another_way_in_and_waits_for_the_service(self):
+        broker = Broker(self.folder)
+        self.addCleanup(broker.stop)
+        service = self.serve(extra=f'[serve.mqtt]\nbroker = "127.0.0.1:{broker.port}"\n')
+        topic = "knothe/v1/assimilation/camera/data"
+        for _ in range(200):
+            if b"connected to the MQTT broker" in (self.folder / "serve.log").read_bytes():
+                break
+            time.sleep(0.05)
+        time.sleep(0.2)
+        for datum in self.data[:3]:
+            broker.publish(topic, json.dumps(datum).encode())
+        broker.publish(topic, b"nonsense")
+        broker.publish("knothe/v1/assimilation/another/data", json.dumps(self.data[3]).encode())
+        service.settled(3)
+        self.assertEqual([line["step"] for line in service.states()], [0, 1, 2])
+        self.assertEqual(service.stop(), 130)
+        broker.publish(topic, json.dumps(self.data[3]).encode())  # nobody is there but the broker
+        service.start()
+        service.settled(4)
+        self.assertEqual([line["step"] for line in service.states()], [0, 1, 2, 3])
+        self.expect_stored(service.send(self.data[3]), 3, duplicate=True)
 
     def test_doctor_says_what_is_there(self):
         outcome = self.run_knothe("doctor")

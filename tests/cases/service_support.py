@@ -3,6 +3,7 @@ import http.client
 import json
 import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -157,6 +158,44 @@ class ServiceCase(Case):
         self.assertEqual(answer[0], status, answer[1])
         self.assertEqual(answer[1]["error"]["type"], kind, answer[1])
         self.assertTrue(answer[1]["error"]["message"])
+
+
+class Broker:
+    """Debian's Mosquitto at a free port."""
+
+    def __init__(self, folder):
+        with socket.socket() as one:
+            one.bind(("127.0.0.1", 0))
+            self.port = one.getsockname()[1]
+        (folder / "mosquitto.conf").write_text(f"listener {self.port} 127.0.0.1\nallow_anonymous true\n")
+        program = shutil.which("mosquitto") or "/usr/sbin/mosquitto"
+        self.process = subprocess.Popen([program, "-c", str(folder / "mosquitto.conf")], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        while True:
+            try:
+                return socket.create_connection(("127.0.0.1", self.port)).close()
+            except OSError:
+                time.sleep(0.02)
+
+    def publish(self, topic, payload):
+        """One message of QoS 1; returns when the broker has it."""
+        def packet(kind, body):
+            length, left = b"", len(body)
+            while True:
+                left, digit = divmod(left, 128)[0], left % 128
+                length += bytes([digit | (0x80 if left else 0)])
+                if not left:
+                    return bytes([kind]) + length + body
+
+        text = lambda value: len(value).to_bytes(2, "big") + value
+        with socket.create_connection(("127.0.0.1", self.port)) as one:
+            one.sendall(packet(0x10, text(b"MQTT") + b"\x04\x02\x00\x3c" + text(b"sender")))
+            assert one.recv(4)[:1] == b"\x20"
+            one.sendall(packet(0x32, text(topic.encode()) + b"\x00\x01" + payload))
+            assert one.recv(4)[:1] == b"\x40"
+
+    def stop(self):
+        self.process.terminate()
+        self.process.wait(10)
 
 
 def comparable(line):

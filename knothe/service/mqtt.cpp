@@ -1,0 +1,200 @@
+#include "knothe/service/mqtt.hpp"
+
+#include <fmt/format.h>
+#include <mosquitto.h>
+
+#include <atomic>
+#include <charconv>
+#include <chrono>
+#include <fstream>
+#include <future>
+#include <thread>
+
+#include "knothe/base/error.hpp"
+#include "knothe/service/log.hpp"
+#include "knothe/service/sha256.hpp"
+
+namespace knothe::service {
+namespace {
+
+/// The parts of knothe/v1/SITE/SOURCE/data.
+struct Topic {
+  std::string site, source;
+};
+std::optional<Topic> parse_topic(std::string_view topic) {
+  const std::string_view head = "knothe/v1/", tail = "/data";
+  if (!topic.starts_with(head) || !topic.ends_with(tail) || topic.size() < head.size() + tail.size())
+    return std::nullopt;
+  const std::string_view middle = topic.substr(head.size(), topic.size() - head.size() - tail.size());
+  const auto slash = middle.find('/');
+  if (slash == std::string_view::npos) return std::nullopt;
+  return Topic{std::string(middle.substr(0, slash)), std::string(middle.substr(slash + 1))};
+}
+
+std::string first_line(const std::string& path) {
+  std::ifstream file(path);
+  std::string line;
+  if (!file || !std::getline(file, line))
+    throw DataError(fmt::format("{}: the file with the MQTT password cannot be read, or is empty", path));
+  return line;
+}
+
+}  // namespace
+
+struct MqttReceiver::Implementation {
+  std::vector<std::shared_ptr<Site>> sites;
+  Metrics& metrics;
+  std::string host;
+  int port = 1883;
+  std::size_t max_body;
+  std::atomic<bool> stopping{false};
+  std::shared_ptr<mosquitto> client;
+
+  Implementation(std::vector<std::shared_ptr<Site>> s, Metrics& m, std::size_t body)
+      : sites(std::move(s)), metrics(m), max_body(body) {}
+
+  /// What became of a message, as the body of an answer of HTTP; nothing if it is to come again.
+  std::optional<Json> take(const mosquitto_message& message) {
+    const auto topic = parse_topic(message.topic);
+    try {
+      if (!topic) throw RequestError(400, "Malformed", "the topic must be knothe/v1/SITE/SOURCE/data");
+      if (message.payloadlen < 0 || static_cast<std::size_t>(message.payloadlen) > max_body)
+        throw RequestError(
+            413, "TooLarge",
+            fmt::format("the message has {} bytes; at most {} are taken", message.payloadlen, max_body));
+      SiteDatum datum = parse_json_datum(
+          {static_cast<const char*>(message.payload), static_cast<std::size_t>(message.payloadlen)});
+      if ((!datum.site.empty() && datum.site != topic->site) || datum.datum.key.source != topic->source)
+        throw RequestError(400, "Malformed", "\"site\" or \"source\" is not that of the topic");
+      const std::int64_t seq = datum.datum.key.seq;
+      for (const auto& site : sites) {
+        if (site->name() != topic->site) continue;
+        const auto stored = store(*site, datum.datum);
+        if (!stored) return std::nullopt;
+        if (const auto* error = std::get_if<RequestError>(&*stored)) throw RequestError(*error);
+        const Appended& appended = std::get<Appended>(*stored);
+        return Json{{"seq", seq},
+                    {"accepted", true},
+                    {"duplicate", appended.outcome == Outcome::duplicate},
+                    {"step", appended.step}};
+      }
+      throw RequestError(400, "UnknownSite", fmt::format("there is no site \"{}\"", topic->site));
+    } catch (const RequestError& error) {
+      log_event("warning", "a message was refused",
+                {{"topic", message.topic}, {"type", error.type()}, {"reason", error.what()}});
+      if (error.type() != "Conflict") sites.front()->count("malformed");
+      return Json{{"error", {{"type", error.type()}, {"message", error.what()}}}};
+    }
+  }
+
+  /// Waits until the datum is on disk; tries again while the disk is full or the journal is replayed.
+  std::optional<Site::Answer> store(Site& site, const Datum& datum) {
+    while (!stopping) {
+      const auto promise = std::make_shared<std::promise<Site::Answer>>();
+      auto answer = promise->get_future();
+      try {
+        site.ingest(datum, [promise](const Site::Answer& stored) { promise->set_value(stored); });
+        Site::Answer stored = answer.get();
+        const auto* error = std::get_if<RequestError>(&stored);
+        if (error == nullptr || error->status() != 507) return stored;
+      } catch (const RequestError& error) {
+        if (error.status() != 503) throw;
+      }
+      std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    }
+    return std::nullopt;
+  }
+
+  static void on_connect(mosquitto* client, void* self, int code) {
+    const auto* receiver = static_cast<Implementation*>(self);
+    if (code != 0) {
+      log_event("error", "the MQTT broker refused",
+                {{"broker", receiver->host}, {"reason", mosquitto_connack_string(code)}});
+      return;
+    }
+    log_event("info", "connected to the MQTT broker", {{"broker", receiver->host}, {"port", receiver->port}});
+    for (const auto& site : receiver->sites)
+      mosquitto_subscribe(client, nullptr, fmt::format("knothe/v1/{}/+/data", site->name()).c_str(), 1);
+  }
+
+  static void on_disconnect(mosquitto*, void* self, int code) {
+    const auto* receiver = static_cast<Implementation*>(self);
+    if (code != 0)
+      log_event("warning", "the MQTT broker is away",
+                {{"broker", receiver->host}, {"reason", mosquitto_strerror(code)}});
+  }
+
+  static void on_message(mosquitto* client, void* self, const mosquitto_message* message) {
+    auto* receiver = static_cast<Implementation*>(self);
+    try {
+      const auto answer = receiver->take(*message);
+      if (!answer) {
+        // Stopping: not acknowledged. The library would acknowledge when we return, so the connection ends
+        // first.
+        mosquitto_disconnect(client);
+        return;
+      }
+      std::string topic = message->topic;
+      if (topic.ends_with("/data")) topic.replace(topic.size() - 4, 4, "answer");
+      const std::string text = answer->dump();
+      mosquitto_publish(client, nullptr, topic.c_str(), static_cast<int>(text.size()), text.data(), 0, false);
+    } catch (const std::exception& error) {
+      log_event("error", "a message could not be taken",
+                {{"topic", message->topic}, {"reason", error.what()}});
+    }
+  }
+};
+
+MqttReceiver::MqttReceiver(const project::Project& project, std::vector<std::shared_ptr<Site>> sites,
+                           Metrics& metrics)
+    : implementation_(std::make_unique<Implementation>(std::move(sites), metrics,
+                                                       static_cast<std::size_t>(project.serve.max_body))) {
+  Implementation& i = *implementation_;
+  const project::MqttOptions& options = project.serve.mqtt;
+  const auto colon = options.broker.rfind(':');
+  i.host = options.broker.substr(0, colon);
+  if (colon != std::string::npos) {
+    const char* end = options.broker.data() + options.broker.size();
+    const auto parsed = std::from_chars(options.broker.data() + colon + 1, end, i.port);
+    if (parsed.ec != std::errc() || parsed.ptr != end || i.port < 1 || i.port > 65535) i.host.clear();
+  } else if (!options.ca.empty()) {
+    i.port = 8883;
+  }
+  if (i.host.empty())
+    throw project.error_at("serve.mqtt.broker",
+                           fmt::format("\"{}\" is not HOST or HOST:PORT", options.broker));
+  mosquitto_lib_init();
+  // The same name at each start: the broker keeps for it what comes meanwhile.
+  const std::string id = "knothe-" + to_hex(sha256_of(project.serve.journal)).substr(0, 12);
+  i.client.reset(mosquitto_new(id.c_str(), false, &i), mosquitto_destroy);
+  if (!i.client) throw IoError("the MQTT client could not be made");
+  mosquitto_connect_callback_set(i.client.get(), Implementation::on_connect);
+  mosquitto_disconnect_callback_set(i.client.get(), Implementation::on_disconnect);
+  mosquitto_message_callback_set(i.client.get(), Implementation::on_message);
+  if (!options.user.empty()) {
+    const std::string password = options.password.empty() ? "" : first_line(options.password);
+    mosquitto_username_pw_set(i.client.get(), options.user.c_str(),
+                              password.empty() ? nullptr : password.c_str());
+  }
+  if (!options.ca.empty()) {
+    const int code =
+        mosquitto_tls_set(i.client.get(), options.ca.c_str(), nullptr, nullptr, nullptr, nullptr);
+    if (code != MOSQ_ERR_SUCCESS)
+      throw DataError(
+          fmt::format("{}: certificates cannot be used: {}", options.ca, mosquitto_strerror(code)));
+  }
+  mosquitto_reconnect_delay_set(i.client.get(), 1, 30, true);
+  mosquitto_connect_async(i.client.get(), i.host.c_str(), i.port, 30);
+  if (mosquitto_loop_start(i.client.get()) != MOSQ_ERR_SUCCESS)
+    throw IoError("the thread of MQTT could not be started");
+}
+
+MqttReceiver::~MqttReceiver() {
+  implementation_->stopping = true;
+  mosquitto_disconnect(implementation_->client.get());
+  mosquitto_loop_stop(implementation_->client.get(), false);
+  implementation_->client.reset();
+  mosquitto_lib_cleanup();
+}
+
+}  // namespace knothe::service
