@@ -250,6 +250,19 @@ test("the field is drawn, its numbers are the service's, each panel gives PNG an
     });
   const drawn = await colours();
   assert.ok(drawn.colours > 30 && drawn.share > 0.1, JSON.stringify(drawn));
+  // Under the pointer: a value where the structure is, a sensor where one is; dragging turns it.
+  await page.locator("#field .under").scrollIntoViewIfNeeded();
+  const frame = await page.locator("#field .field").boundingBox();
+  await page.mouse.move(frame.x + 0.25 * frame.width, frame.y + 0.42 * frame.height);
+  await until(page, "#field .readout", /\|displacement\|: [\d.]+ µm at \(/);
+  const picture = () => page.evaluate(() => document.querySelector("#field canvas").toDataURL());
+  const before = await picture();
+  await page.mouse.down();
+  await page.mouse.move(frame.x + 0.35 * frame.width, frame.y + 0.5 * frame.height, { steps: 3 });
+  await page.mouse.up();
+  await page.waitForFunction((old) => document.querySelector("#field canvas").toDataURL() !== old, before);
+  await page.locator("#field").getByRole("button", { name: "front" }).click();
+  await page.waitForFunction((old) => document.querySelector("#field canvas").toDataURL() === old, before);
   for (const [key, label] of [
     ["sensitivity:Y0", "∂u/∂Y0"],
     ["residual", "residual"],
