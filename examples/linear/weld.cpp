@@ -1,12 +1,14 @@
 // A weld: heat in a plate under a source that travels along its lower edge, over (x, t, conductivity, flux).
 //
 // Run:  build/release/examples/example_weld weld.h5
-//       knothe simulate examples/linear/weld.toml -o weld_data.h5; knothe assimilate examples/linear/weld.toml
+//       knothe simulate examples/linear/weld.toml -o weld_data.h5; knothe assimilate
+//       examples/linear/weld.toml
 //
 // ρc ∂T/∂t − κ ΔT = 0 in 1 m × 0.5 m, flux q exp(−(x − v t)²/2s²) through the lower edge, T = 0 on the upper
 // one; backward Euler. The operator is affine in κ, the load in q: progressive Galerkin needs no snapshots.
-//   1. matrices of the plate,   2. the separated problem,   3. the solution, and its error against marching in
-//   time at a point of the parameter box,   4. the model file, which the online phase takes like any other.
+//   1. matrices of the plate,   2. the separated problem,   3. the solution, and its error against marching
+//   in time at a point of the parameter box,   4. the model file, which the online phase takes like any
+//   other.
 #include <Eigen/SparseCholesky>
 #include <array>
 #include <cmath>

@@ -6,15 +6,17 @@
 
 namespace knothe::mechanics {
 
-/// The solution in the form of snapshots: same outputs, same order, so that everything that follows is the same.
+/// The solution in the form of snapshots: same outputs, same order, so that everything that follows is the
+/// same.
 struct LatinModel {
   reduction::Snapshots snapshots;
   LatinSolution solution;
 };
 
-/// Solves at all grid points of the axes ("Y0", "Ad") together. Errors: ProjectError (options, axes), DataError
-/// (mesh), NumericalError (solver), Interrupted.
-[[nodiscard]] LatinModel solve_latin_grid(const BeamProblem& problem, const std::vector<reduction::Axis>& axes,
+/// Solves at all grid points of the axes ("Y0", "Ad") together. Errors: ProjectError (options, axes),
+/// DataError (mesh), NumericalError (solver), Interrupted.
+[[nodiscard]] LatinModel solve_latin_grid(const BeamProblem& problem,
+                                          const std::vector<reduction::Axis>& axes,
                                           const LatinOptions& options);
 
 /// Grid points at which some window was left before it was accurate, with the number of such windows each.

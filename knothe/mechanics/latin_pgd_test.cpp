@@ -81,7 +81,8 @@ TEST(LatinPgd, MoreAccuracyIsMoreAccurate) {
   for (const double accuracy : {1e-6, 1e-7, 1e-8, 1e-9}) {
     LatinOptions options;
     options.accuracy = accuracy;
-    const LatinSolution latin = solve_latin_pgd(structure, problem.solver, std::vector<DamageParameters>(1), options);
+    const LatinSolution latin =
+        solve_latin_pgd(structure, problem.solver, std::vector<DamageParameters>(1), options);
     const Difference difference = to_full_order(latin, model, run, 0);
     EXPECT_LT(difference.largest, 3 * accuracy);
     EXPECT_LT(difference.largest, before);
@@ -101,7 +102,9 @@ TEST(LatinPgd, LongerWindowsGiveTheSame) {
   EXPECT_LT(b.history.size(), a.history.size());
   for (std::size_t step = 0; step < 24; ++step)
     for (Eigen::Index p = 0; p < 2; ++p)
-      EXPECT_LT((a.displacement(*structure, step, p) - b.displacement(*structure, step, p)).cwiseAbs().maxCoeff(), 4e-7);
+      EXPECT_LT(
+          (a.displacement(*structure, step, p) - b.displacement(*structure, step, p)).cwiseAbs().maxCoeff(),
+          4e-7);
 }
 
 TEST(LatinPgd, DoesNotDependOnTheThreads) {
@@ -123,15 +126,18 @@ TEST(LatinPgd, WhileNothingIsDamagedThereIsNoModeAndNoResidual) {
   BeamProblem problem = coarse_beam(4);
   problem.solver.displacement = 1e-5;
   const auto structure = std::make_shared<const Structure>(make_mesh(problem), problem.elastic, "beam");
-  const LatinSolution latin = solve_latin_pgd(structure, problem.solver, std::vector<DamageParameters>(3), {});
+  const LatinSolution latin =
+      solve_latin_pgd(structure, problem.solver, std::vector<DamageParameters>(3), {});
   EXPECT_EQ(latin.space.cols(), 0);
   EXPECT_EQ(latin.residual.cwiseAbs().maxCoeff(), 0.0);
-  EXPECT_NEAR(latin.reaction(0, 3), 2 * structure->unit_reaction() * 1e-5, 1e-9 * structure->unit_reaction() * 1e-5);
+  EXPECT_NEAR(latin.reaction(0, 3), 2 * structure->unit_reaction() * 1e-5,
+              1e-9 * structure->unit_reaction() * 1e-5);
 }
 
 TEST(LatinPgd, SnapshotsHaveTheOutputsOfFullOrderRuns) {
   const BeamProblem problem = coarse_beam(10);
-  const std::vector<reduction::Axis> axes = {{"Y0", {0.8, 1.2}, "1", "", 216.0}, {"Ad", {0.9, 1.1}, "1", "", 2.25e-3}};
+  const std::vector<reduction::Axis> axes = {{"Y0", {0.8, 1.2}, "1", "", 216.0},
+                                             {"Ad", {0.9, 1.1}, "1", "", 2.25e-3}};
   const LatinModel latin = solve_latin_grid(problem, axes, {});
   FullOrderModel model = make_full_order_model(problem);
   const FullOrderResult run = model.run({216.0 * 1.2, 2.25e-3 * 0.9});
@@ -145,7 +151,8 @@ TEST(LatinPgd, SnapshotsHaveTheOutputsOfFullOrderRuns) {
   for (std::size_t k = 0; k < expected.outputs.size(); ++k) {
     EXPECT_EQ(latin.snapshots.outputs[k].name, expected.outputs[k].name);
     for (std::size_t step = 0; step < 10; ++step)
-      EXPECT_NEAR(latin.snapshots.outputs[k].values[10 * point + step], expected.outputs[k].values[step], tolerances[k]);
+      EXPECT_NEAR(latin.snapshots.outputs[k].values[10 * point + step], expected.outputs[k].values[step],
+                  tolerances[k]);
   }
 }
 
@@ -175,7 +182,8 @@ std::string refusal(Change change) {
 }
 
 TEST(LatinPgd, OptionsThatMakeNoSenseAreNamed) {
-  EXPECT_THAT(refusal([](LatinOptions& o) { o.accuracy = 0; }), HasSubstr("accuracy is 0 m; it must be positive"));
+  EXPECT_THAT(refusal([](LatinOptions& o) { o.accuracy = 0; }),
+              HasSubstr("accuracy is 0 m; it must be positive"));
   EXPECT_THAT(refusal([](LatinOptions& o) { o.tolerance = 1; }), HasSubstr("tolerance is 1"));
   EXPECT_THAT(refusal([](LatinOptions& o) { o.window = 0; }), HasSubstr("window is 0 steps"));
   EXPECT_THAT(refusal([](LatinOptions& o) { o.modes_per_round = 0; }), HasSubstr("modes_per_round"));

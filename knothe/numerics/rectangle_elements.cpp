@@ -14,9 +14,9 @@ using Triplets = std::vector<Eigen::Triplet<double>>;
 
 /// Values and gradients of the four bilinear functions at the four Gauss points of an element of size a × b.
 struct ElementTables {
-  Eigen::Matrix4d value;                        ///< point × function
+  Eigen::Matrix4d value;                                ///< point × function
   std::array<Eigen::Matrix<double, 4, 2>, 4> gradient;  ///< one per point: function × direction
-  double weight;                                ///< of each point
+  double weight;                                        ///< of each point
 
   ElementTables(double a, double b) : weight(0.25 * a * b) {
     const double g = 0.5 / std::sqrt(3.0), at[2] = {0.5 - g, 0.5 + g};
@@ -32,7 +32,8 @@ struct ElementTables {
 };
 
 void require(const RectangleGrid& g) {
-  if (g.columns < 1 || g.rows < 1 || !(g.length > 0) || !(g.height > 0) || !std::isfinite(g.length * g.height))
+  if (g.columns < 1 || g.rows < 1 || !(g.length > 0) || !(g.height > 0) ||
+      !std::isfinite(g.length * g.height))
     throw UsageError("rectangle grid: at least one element in each direction and a positive size are needed");
 }
 
@@ -124,11 +125,13 @@ Eigen::VectorXd load_vector(const RectangleGrid& grid, const std::function<doubl
 Eigen::SparseMatrix<double> restricted(const Eigen::SparseMatrix<double>& matrix,
                                        const std::vector<Eigen::Index>& kept) {
   std::vector<int> position(static_cast<std::size_t>(matrix.rows()), -1);
-  for (std::size_t i = 0; i < kept.size(); ++i) position[static_cast<std::size_t>(kept[i])] = static_cast<int>(i);
+  for (std::size_t i = 0; i < kept.size(); ++i)
+    position[static_cast<std::size_t>(kept[i])] = static_cast<int>(i);
   Triplets entries;
   for (int k = 0; k < matrix.outerSize(); ++k)
     for (Eigen::SparseMatrix<double>::InnerIterator it(matrix, k); it; ++it) {
-      const int row = position[static_cast<std::size_t>(it.row())], column = position[static_cast<std::size_t>(it.col())];
+      const int row = position[static_cast<std::size_t>(it.row())],
+                column = position[static_cast<std::size_t>(it.col())];
       if (row >= 0 && column >= 0) entries.emplace_back(row, column, it.value());
     }
   const auto n = static_cast<Eigen::Index>(kept.size());

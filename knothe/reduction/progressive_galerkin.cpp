@@ -28,18 +28,20 @@ void validate(const SeparatedProblem& p) {
       if (p.loads[q].size() != order || p.loads[q][i].size() != p.loads.front()[i].size() ||
           p.loads[q][i].size() == 0 || !p.loads[q][i].allFinite())
         throw UsageError(fmt::format(
-            "separated problem: load term {}, coordinate {}: not of the first term's shape, or not finite", q, i));
+            "separated problem: load term {}, coordinate {}: not of the first term's shape, or not finite", q,
+            i));
   for (std::size_t q = 0; q < p.operators.size(); ++q) {
     if (p.operators[q].size() != order)
-      throw UsageError(fmt::format("separated problem: operator term {} has {} coordinates, the loads have {}", q,
-                                   p.operators[q].size(), order));
+      throw UsageError(
+          fmt::format("separated problem: operator term {} has {} coordinates, the loads have {}", q,
+                      p.operators[q].size(), order));
     for (std::size_t i = 0; i < order; ++i) {
       const SparseMatrix& a = p.operators[q][i];
       const Eigen::Index n = p.loads.front()[i].size();
       if (a.rows() != n || a.cols() != n || !std::isfinite(a.sum()))
         throw UsageError(fmt::format(
-            "separated problem: operator term {}, coordinate {}: {} × {}, and finite entries, are needed", q, i, n,
-            n));
+            "separated problem: operator term {}, coordinate {}: {} × {}, and finite entries, are needed", q,
+            i, n, n));
     }
   }
 }
@@ -53,7 +55,8 @@ bool is_symmetric(const SeparatedProblem& p) {
 }
 
 /// The solution, or nothing where the matrix is singular.
-std::optional<Eigen::VectorXd> solve(const SparseMatrix& matrix, const Eigen::VectorXd& right, bool is_symmetric) {
+std::optional<Eigen::VectorXd> solve(const SparseMatrix& matrix, const Eigen::VectorXd& right,
+                                     bool is_symmetric) {
   Eigen::VectorXd x;
   if (is_symmetric) {
     const Eigen::SimplicialLDLT<SparseMatrix> factor(matrix);
@@ -131,8 +134,7 @@ Eigen::MatrixXd ProgressiveGalerkin::operator_products(std::size_t q, std::size_
                                                        const std::vector<Eigen::MatrixXd>& right) const {
   Eigen::MatrixXd product = Eigen::MatrixXd::Ones(left.front().cols(), right.front().cols());
   for (std::size_t j = 0; j < order(); ++j)
-    if (j != left_out)
-      product.array() *= (left[j].transpose() * (p_.operators[q][j] * right[j])).array();
+    if (j != left_out) product.array() *= (left[j].transpose() * (p_.operators[q][j] * right[j])).array();
   return product;
 }
 
@@ -151,15 +153,16 @@ void ProgressiveGalerkin::solve_coordinate(std::size_t i, std::vector<Eigen::Mat
   for (std::size_t q = 0; q < p_.operators.size(); ++q) {
     matrix += operator_products(q, i, term, term)(0, 0) * p_.operators[q][i];
     if (modes() > 0)
-      right -= p_.operators[q][i] * (factors_[i] * operator_products(q, i, term, factors_).transpose()).col(0);
+      right -=
+          p_.operators[q][i] * (factors_[i] * operator_products(q, i, term, factors_).transpose()).col(0);
   }
   for (std::size_t q = 0; q < p_.loads.size(); ++q) right += load_products(q, i, term)[0] * p_.loads[q][i];
   matrix.makeCompressed();
   const auto solved = solve(matrix, right, is_symmetric_);
   if (!solved)
-    throw NumericalError(
-        fmt::format("progressive Galerkin: the operator of coordinate {} is singular; are there boundary conditions?",
-                    i));
+    throw NumericalError(fmt::format(
+        "progressive Galerkin: the operator of coordinate {} is singular; are there boundary conditions?",
+        i));
   term[i].col(0) = *solved;
 }
 
@@ -169,8 +172,9 @@ int ProgressiveGalerkin::enrich() {
     // Positive, hence orthogonal to nothing in particular, and different for every term.
     term.push_back(Eigen::MatrixXd::Ones(factors_[i].rows(), 1));
     if (modes() > 0)
-      term.back() += 0.5 * numerics::monte_carlo_normal_points(
-                               factors_[i].rows(), 1, options_.seed + static_cast<std::uint64_t>(modes() * 64) + i);
+      term.back() +=
+          0.5 * numerics::monte_carlo_normal_points(
+                    factors_[i].rows(), 1, options_.seed + static_cast<std::uint64_t>(modes() * 64) + i);
     term.back().normalize();
   }
   int sweep = 0;
@@ -188,7 +192,8 @@ int ProgressiveGalerkin::enrich() {
     const double size = term.back().norm();
     double overlap = 1;
     for (std::size_t i = 0; i < order(); ++i) overlap *= term[i].col(0).dot(before[i].col(0));
-    const double change = std::sqrt(std::max(0.0, size * size + size_before * size_before - 2 * overlap)) / size;
+    const double change =
+        std::sqrt(std::max(0.0, size * size + size_before * size_before - 2 * overlap)) / size;
     size_before = size;
     if (sweep > 0 && change < options_.sweep_tolerance) break;
   }
@@ -278,7 +283,8 @@ ProgressiveGalerkinResult solve_progressive_galerkin(const SeparatedProblem& pro
     result.history.push_back(record);
     result.converged = record.residual <= options.tolerance;
     if (options.progress && !options.progress(static_cast<int>(result.history.size()), record.residual))
-      throw Interrupted(fmt::format("progressive Galerkin: interrupted after {} modes", result.history.size()));
+      throw Interrupted(
+          fmt::format("progressive Galerkin: interrupted after {} modes", result.history.size()));
   }
   if (!result.converged && result.reason.empty())
     result.reason = fmt::format("the residual is {:.1e} after {} modes, above the tolerance of {:.1e}",
@@ -288,16 +294,17 @@ ProgressiveGalerkinResult solve_progressive_galerkin(const SeparatedProblem& pro
   return result;
 }
 
-ModelContents canonical_model(const SeparatedTensor& solution, std::vector<double> time, std::vector<Axis> axes,
-                              Dofs dofs) {
+ModelContents canonical_model(const SeparatedTensor& solution, std::vector<double> time,
+                              std::vector<Axis> axes, Dofs dofs) {
   const std::vector<Eigen::Index> shape = solution.shape();
   bool fits = shape.size() == axes.size() + 2 && shape[1] == static_cast<Eigen::Index>(time.size());
   for (std::size_t i = 0; fits && i < axes.size(); ++i)
     fits = shape[i + 2] == static_cast<Eigen::Index>(axes[i].nodes.size());
   if (!fits)
-    throw UsageError(fmt::format("canonical model: a tensor of order {} for {} axes; its shape must be that of "
-                                 "space, time and the axes",
-                                 shape.size(), axes.size()));
+    throw UsageError(
+        fmt::format("canonical model: a tensor of order {} for {} axes; its shape must be that of "
+                    "space, time and the axes",
+                    shape.size(), axes.size()));
   const auto rows = [&](std::size_t i) {  // mode by mode
     const Eigen::MatrixXd& f = solution.factors()[i];
     return std::vector<double>(f.data(), f.data() + f.size());

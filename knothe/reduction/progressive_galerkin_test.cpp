@@ -97,8 +97,8 @@ TEST(ProgressiveGalerkin, EachTermLowersTheEnergyAndWorkBalances) {
   double exact = 0;
   for (const double a : cantilever.left)
     for (const double b : cantilever.right)
-      exact -= 0.5 * cantilever.load.dot(
-                         solve(a * cantilever.stiffness_left + b * cantilever.stiffness_right, cantilever.load));
+      exact -= 0.5 * cantilever.load.dot(solve(a * cantilever.stiffness_left + b * cantilever.stiffness_right,
+                                               cantilever.load));
   double before = 0;
   for (const EnrichmentRecord& record : result.history) {
     EXPECT_LT(record.energy, before + 1e-12 * std::abs(exact));
@@ -133,9 +133,8 @@ struct Weld {
       difference.insert(k, k) = 1 / dt;
       if (k > 0) difference.insert(k, k - 1) = -1 / dt;
       const double at = 0.2 + 0.6 * (k + 1) * dt;
-      const Eigen::VectorXd all = numerics::load_vector(grid, [=](double x, double y) {
-        return std::exp(-((x - at) * (x - at) + y * y) / 0.02);
-      });
+      const Eigen::VectorXd all = numerics::load_vector(
+          grid, [=](double x, double y) { return std::exp(-((x - at) * (x - at) + y * y) / 0.02); });
       for (std::size_t i = 0; i < free.size(); ++i) load(static_cast<Eigen::Index>(i), k) = all[free[i]];
     }
     const auto ones = [](Eigen::Index n) { return Eigen::VectorXd(Eigen::VectorXd::Ones(n)); };
@@ -201,7 +200,8 @@ TEST(ProgressiveGalerkin, TimeAndConductivityTogetherSeparateWell) {
     }
   const Eigen::Index n_q = weld.flux.size();
   SeparatedProblem joint;
-  joint.operators = {{weld.mass, difference, identity(n_q)}, {weld.diffusion, diagonal(kappa), identity(n_q)}};
+  joint.operators = {{weld.mass, difference, identity(n_q)},
+                     {weld.diffusion, diagonal(kappa), identity(n_q)}};
   for (Eigen::Index k = 0; k < weld.steps; ++k) {
     Eigen::VectorXd at = Eigen::VectorXd::Zero(n);
     at.segment(k * n_k, n_k).setOnes();
@@ -218,8 +218,7 @@ TEST(ProgressiveGalerkin, TimeAndConductivityTogetherSeparateWell) {
 
 TEST(ProgressiveGalerkin, TheModelGivesTheSolutionAtTheNodes) {
   const Weld weld;
-  const auto result = solve_progressive_galerkin(
-      weld.problem, {.tolerance = 1e-3, .max_modes = 12});
+  const auto result = solve_progressive_galerkin(weld.problem, {.tolerance = 1e-3, .max_modes = 12});
   Dofs dofs;
   for (const Eigen::Index node : weld.free) {
     const Eigen::Vector2d x = weld.grid.point(node);
@@ -253,7 +252,8 @@ TEST(ProgressiveGalerkin, MistakesAreExplained) {
   EXPECT_EQ(message(none), "separated problem: at least one operator term and one load term are needed");
   SeparatedProblem small = cantilever.problem;
   small.operators[1][1] = identity(3);
-  EXPECT_EQ(message(small), "separated problem: operator term 1, coordinate 1: 7 × 7, and finite entries, are needed");
+  EXPECT_EQ(message(small),
+            "separated problem: operator term 1, coordinate 1: 7 × 7, and finite entries, are needed");
   SeparatedProblem loose;  // no boundary condition: rigid motions are free
   loose.operators = {{SparseMatrix(2, 2), identity(2)}};
   loose.loads = {{Eigen::VectorXd::Ones(2), Eigen::VectorXd::Ones(2)}};
