@@ -4,7 +4,9 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <memory>
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "apps/knothe/commands.hpp"
 #include "knothe/assimilation/measurements.hpp"
@@ -78,43 +80,133 @@ std::string joined(const std::vector<std::size_t>& steps) {
   return steps.empty() ? "none" : fmt::format("{}", fmt::join(steps, ", "));
 }
 
+/// One way of assimilating, whichever the project asks for.
+class Assimilation {
+ public:
+  explicit Assimilation(const project::UpdateSetup& setup) {
+    const auto& noise = setup.measurements.noise;
+    if (setup.baseline) {
+      baseline_ = std::make_unique<assimilation::BaselineUpdate>(setup.observed, noise, setup.priors,
+                                                                 *setup.baseline);
+    } else if (setup.robust.is_active()) {
+      robust_ = std::make_unique<assimilation::RobustUpdate>(setup.observed, noise, setup.priors,
+                                                             setup.options, setup.robust);
+    } else {
+      maps_ = std::make_unique<assimilation::SequentialUpdate>(setup.observed, noise, setup.priors,
+                                                               setup.options);
+    }
+  }
+
+  const assimilation::UpdateResult& update(std::size_t step, std::size_t time_index,
+                                           const Eigen::VectorXd& values) {
+    if (baseline_) return baseline_->update(step, time_index, values);
+    return robust_ ? robust_->update(step, time_index, values) : maps_->update(step, time_index, values);
+  }
+  [[nodiscard]] const assimilation::WeightedPosterior& posterior() const {
+    if (baseline_) return baseline_->posterior();
+    return robust_ ? robust_->posterior() : maps_->posterior();
+  }
+  /// Of gating or a Student-t likelihood, else null.
+  [[nodiscard]] const assimilation::SensorReport* sensors() const {
+    return robust_ ? &robust_->sensors() : nullptr;
+  }
+
+ private:
+  std::unique_ptr<assimilation::BaselineUpdate> baseline_;
+  std::unique_ptr<assimilation::RobustUpdate> robust_;
+  std::unique_ptr<assimilation::SequentialUpdate> maps_;
+};
+
+std::vector<assimilation::Prior> truncated_priors(const project::UpdateSetup& setup) {
+  std::vector<assimilation::Prior> priors;
+  for (std::size_t k = 0; k < setup.priors.size(); ++k) {
+    const auto& axis = setup.model.contents().axes[k];
+    priors.push_back(setup.priors[k].truncated(axis.nodes.front(), axis.nodes.back(), axis.name));
+  }
+  return priors;
+}
+
+/// Innovation and test ratio of the sensors that reported, and those that are not to be believed.
+nlohmann::ordered_json sensor_record(const assimilation::SensorReport& sensors) {
+  nlohmann::ordered_json record = {{"indices", nlohmann::ordered_json::array()},
+                                   {"innovation", nlohmann::ordered_json::array()},
+                                   {"test_ratio", nlohmann::ordered_json::array()},
+                                   {"weight", nlohmann::ordered_json::array()}};
+  for (Eigen::Index i = 0; i < sensors.innovation.size(); ++i) {
+    if (std::isnan(sensors.innovation[i])) continue;
+    record["indices"].push_back(i);
+    record["innovation"].push_back(sensors.innovation[i]);
+    record["test_ratio"].push_back(sensors.test_ratio[i]);
+    record["weight"].push_back(sensors.weight[i]);
+  }
+  record["rejected"] = sensors.rejected;
+  record["stuck"] = sensors.stuck;
+  record["absent"] = sensors.absent;
+  return record;
+}
+
+/// What a person should know of the sensors, once for each that goes.
+void report_sensors(const assimilation::SensorWatch& watch, std::size_t step, std::set<Eigen::Index>& known) {
+  for (const auto& [sensors, what] :
+       {std::pair(&watch.stuck(), "is stuck: the same value at five steps while the model moves"),
+        std::pair(&watch.absent(), "is silent: no value at five steps")}) {
+    for (const Eigen::Index i : *sensors) {
+      if (known.insert(i).second)
+        std::fprintf(stderr, "%s", fmt::format("step {}: sensor {} {}\n", step, i, what).c_str());
+    }
+  }
+}
+
 }  // namespace
 
 int assimilate(const AssimilateArguments& arguments) {
   project::Project project = project::read_project(arguments.project);
   if (!arguments.method.empty()) project.method.kind = arguments.method;
   if (!arguments.results.empty()) project.results = arguments.results;
-  project::UpdateSetup setup = project::set_up(project);
+  project::UpdateSetup setup = project::set_up(project, true);
 
-  assimilation::SequentialUpdate update(setup.observed, setup.measurements.noise, setup.priors,
-                                        setup.options);
+  Assimilation update(setup);
+  assimilation::SensorWatch watch(setup.measurements.noise);
+  const std::vector<assimilation::Prior> priors = truncated_priors(setup);
+  Eigen::VectorXd middle(static_cast<Eigen::Index>(priors.size()));
+  for (std::size_t k = 0; k < priors.size(); ++k)
+    middle[static_cast<Eigen::Index>(k)] = priors[k].from_standard_normal(0).value;
+  std::set<Eigen::Index> reported;
   forecast::Forecaster forecaster = project::make_forecaster(project, setup);
   files::require_writable_folder(project.results);
-  report::ResultsWriter results(project, setup.model, setup.measurements, update.priors());
+  report::ResultsWriter results(project, setup.model, setup.measurements, priors);
   Display display(arguments.json, setup.model.parameter_names(), setup.measurements.time.size());
   const auto start = Clock::now();
   bool interrupted = false;
   std::vector<std::size_t> untrusted;
+  std::size_t steps = 0;
   for (std::size_t step = 0; step < setup.measurements.time.size() && !interrupted; ++step) {
     const assimilation::UpdateResult& result = update.update(
         step, setup.time_indices[step], setup.measurements.values.col(static_cast<Eigen::Index>(step)));
+    watch.look(setup.measurements.values.col(static_cast<Eigen::Index>(step)),
+               setup.observed->predict(middle, setup.time_indices[step]));
+    report_sensors(watch, step, reported);
     const auto forecast_start = Clock::now();
     const auto forecasts = forecaster.update(update.posterior().points, update.posterior().weights);
     const double forecast_us = microseconds_since(forecast_start);
     if (!result.trusted) untrusted.push_back(step);
     if (arguments.json) {
-      fmt::print("{}\n", files::json_line(report::step_record(result, forecasts, forecast_us)));
+      auto record = report::step_record(result, forecasts, forecast_us);
+      if (update.sensors() != nullptr) record["sensors"] = sensor_record(*update.sensors());
+      if (!watch.stuck().empty()) record["stuck"] = watch.stuck();
+      if (!watch.absent().empty()) record["absent"] = watch.absent();
+      fmt::print("{}\n", files::json_line(record));
       std::fflush(stdout);
     }
     display.show(result, forecasts, result.elapsed_us.total() + forecast_us);
     // Not part of the forecast's time: a cross-check for the report, from fewer points.
     const auto direct = forecaster.direct(update.posterior().points, update.posterior().weights, 256);
     results.add_step(result, update.posterior(), forecasts, direct, forecast_us, setup.time_indices[step]);
+    ++steps;
     interrupted = cancellation_requested();
   }
   const double elapsed_s = microseconds_since(start) * 1e-6;
   results.write(project.results, untrusted, elapsed_s);
-  const std::size_t steps = update.steps().size();
   if (interrupted) {
     throw Interrupted(fmt::format("interrupted after {} of {} steps; their results are in {}", steps,
                                   setup.measurements.time.size(), project.results));

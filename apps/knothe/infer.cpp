@@ -181,6 +181,12 @@ int infer(const InferArguments& arguments) {
   if (!arguments.results.empty()) project.results = arguments.results;
   if (!arguments.compare.empty()) return compare(arguments, project);
   const bool overridden = !arguments.method.empty();
+  if (!overridden && project.method.kind.ends_with("kf")) {
+    throw project.error_at("method.kind",
+                           fmt::format("method.kind = \"{}\" is for `knothe assimilate`; one-shot inference "
+                                       "takes \"transport\", \"mcmc\", \"smc\" or \"grid\"",
+                                       project.method.kind));
+  }
   const Method method = inference::method_from(overridden ? arguments.method : project.method.kind);
   require_possible(project, method, overridden);
   const Answer answer = run(project, method, project.results);

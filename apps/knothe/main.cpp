@@ -119,8 +119,8 @@ void add_assimilate(CLI::App& app, Command& chosen) {
   CLI::App& command = add(app, "assimilate", "Sequential assimilation of recorded data.",
                           "knothe assimilate examples/beam/quick.toml -o results/");
   command.add_option("FILE", arguments.project, "project file")->required();
-  command.add_option("--method", arguments.method, "transport or grid")
-      ->check(CLI::IsMember({"transport", "grid"}));
+  command.add_option("--method", arguments.method, "transport, grid, mcmc, smc, ekf, ukf or enkf")
+      ->check(CLI::IsMember({"transport", "grid", "mcmc", "smc", "ekf", "ukf", "enkf"}));
   command.add_flag("--json", arguments.json, "one line of JSON per step on stdout");
   command.add_option("-o,--output", arguments.results, "folder for results");
   command.callback([&chosen] { chosen = [] { return assimilate(arguments); }; });

@@ -55,14 +55,22 @@ DatumProjector::DatumProjector(std::shared_ptr<const reduction::ObservedModel> m
   residual_.resize(n);
   weighted_.resize(n);
   in_space_.resize(model_->space.cols());
-  if (noise_.shared_reference() > 0) {
-    const double k = noise_.shared_reference();
-    if (noise_.is_independent()) {
-      constant_ = std::make_unique<ConstantSensorError>((k + 1) * noise_.inverse_variance(), central_.size());
-    } else {
+  if (noise_.is_independent() && (noise_.shared_reference() > 0 || noise_.offset_std() > 0)) {
+    // Both are errors of a sensor that stay: their variances add up.
+    const double k = noise_.shared_reference(), offset = noise_.offset_std();
+    Eigen::ArrayXd variance = Eigen::ArrayXd::Constant(n, offset * offset);
+    if (k > 0) variance += ((k + 1) * noise_.inverse_variance()).array().inverse();
+    constant_ = std::make_unique<ConstantSensorError>(variance.inverse().matrix(), central_.size());
+  } else {
+    if (noise_.shared_reference() > 0) {
       shared_ = std::make_unique<SharedReferenceError>(noise_, central_.size());
     }
   }
+}
+
+void DatumProjector::set_noise_of(std::size_t step, NoiseModel noise) {
+  noise_ = noise_.with_step(step, std::move(noise));
+  recent_ = {};
 }
 
 void DatumProjector::restart() {
@@ -117,9 +125,9 @@ void DatumProjector::project_incomplete(std::size_t step, std::size_t time_index
 }
 
 void DatumProjector::project_constant(std::size_t step, std::size_t time_index, StepForm& form) {
-  const double k = noise_.shared_reference();
+  const double k = noise_.shared_reference(), own_share = k > 0 ? (k + 1) / k : 1;
   Eigen::VectorXd own = Eigen::VectorXd::Zero(observation_count());
-  for (const Eigen::Index i : kept_) own[i] = (k + 1) / k * noise_.at_step(step).inverse_variance()[i];
+  for (const Eigen::Index i : kept_) own[i] = own_share * noise_.at_step(step).inverse_variance()[i];
   const Eigen::MatrixXd design = model_->space * model_->core[time_index];
   form = constant_->condition(own, design, residual_);
   if (std::isfinite(form.constant)) constant_->take(own, design, residual_);
@@ -162,6 +170,7 @@ void CollapsedLogDensity::set_form(const StepForm& form) {
   const double constant = -0.5 * (form.constant + form.log_normaliser) +
                           0.5 * factor_.solution().squaredNorm() - factor_.remainder().dot(central_);
   likelihood_->set(combination_, shift_, factor_.remainder(), constant);
+  if (noise_level_) noise_level_->set(form);
 }
 
 CollapsedLogDensity::Workspace& CollapsedLogDensity::workspace(Eigen::Index n) {
@@ -179,6 +188,7 @@ CollapsedLogDensity::Workspace& CollapsedLogDensity::workspace(Eigen::Index n) {
 void CollapsedLogDensity::evaluate_likelihood(const Eigen::Ref<const Eigen::MatrixXd>& p, int derivatives,
                                               sampling::LogDensityBatch& out) {
   likelihood_->evaluate(p, derivatives, out.value, out.gradient, out.hessian);
+  if (noise_level_) noise_level_->marginalise(derivatives, out);
 }
 
 void CollapsedLogDensity::evaluate_standardised_likelihood(const Eigen::Ref<const Eigen::MatrixXd>& z,

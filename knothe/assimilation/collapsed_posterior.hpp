@@ -14,6 +14,7 @@
 #include <optional>
 #include <vector>
 
+#include "knothe/assimilation/noise_level.hpp"
 #include "knothe/assimilation/noise_model.hpp"
 #include "knothe/assimilation/prior_transform.hpp"
 #include "knothe/assimilation/quadratic_factor.hpp"
@@ -41,6 +42,8 @@ class DatumProjector {
   /// is taken out or comes late.
   [[nodiscard]] bool depends_on_order() const { return shared_ || constant_; }
   void restart();
+  /// The noise of step `step` from now on (of as many dofs).
+  void set_noise_of(std::size_t step, NoiseModel noise);
 
   /// The form of the datum `values` (n_obs, NaN = missing) of step `step` and model time index `time_index`,
   /// into `form`. With all values present and noise that is independent from step to step nothing is
@@ -76,6 +79,9 @@ class CollapsedLogDensity final : public sampling::LogDensity {
 
   /// The data from now on.
   void set_form(const StepForm& form);
+  /// From the next `set_form` on the level of the noise is not known: it is integrated out.
+  void infer_noise_level(NoiseLevel level) { noise_level_ = level; }
+  [[nodiscard]] const std::optional<NoiseLevel>& noise_level() const { return noise_level_; }
 
   [[nodiscard]] Eigen::Index dimension() const override { return transform_->dimension(); }
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int derivatives,
@@ -104,6 +110,7 @@ class CollapsedLogDensity final : public sampling::LogDensity {
   Eigen::MatrixXd combination_;  ///< A of the quadratic form, k × r
   Eigen::VectorXd shift_;        ///< b of it, k
   std::unique_ptr<reduction::QuadraticForm> likelihood_;
+  std::optional<NoiseLevel> noise_level_;
   std::map<Eigen::Index, Workspace> workspaces_;  ///< by number of points: few sizes occur, over and over
 };
 

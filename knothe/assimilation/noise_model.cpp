@@ -119,6 +119,19 @@ NoiseModel NoiseModel::with_shared_reference(int pictures) const {
   return result;
 }
 
+NoiseModel NoiseModel::with_offsets(double std) const {
+  assert(std > 0);
+  if (!is_independent()) {
+    throw DataError(
+        "constant offsets (method.offset_std) are for sensors with noise/std: the errors of image "
+        "correlation "
+        "that stay are those of its reference picture (shared_reference)");
+  }
+  NoiseModel result = *this;
+  result.offset_std_ = std;
+  return result;
+}
+
 const NoiseModel& NoiseModel::at_step(std::size_t step) const {
   const auto found = steps_.find(step);
   return found == steps_.end() ? *this : *found->second;

@@ -28,11 +28,16 @@ class NoiseModel {
   /// of one step, own and shared part together.
   [[nodiscard]] NoiseModel with_shared_reference(int pictures) const;
 
+  /// The same noise with a constant error of each sensor besides, N(0, std²), std > 0 (m): an offset that is
+  /// not known. It is not part of R. Throws DataError for correlated noise.
+  [[nodiscard]] NoiseModel with_offsets(double std) const;
+
   [[nodiscard]] Eigen::Index size() const { return size_; }
   [[nodiscard]] bool is_independent() const { return precision_ == nullptr; }
   [[nodiscard]] bool is_measured(Eigen::Index dof) const;                   ///< its row of R⁻¹ is not zero
   [[nodiscard]] bool is_complete() const { return is_complete_; }           ///< all dofs are measured
   [[nodiscard]] int shared_reference() const { return shared_reference_; }  ///< 0: nothing is shared
+  [[nodiscard]] double offset_std() const { return offset_std_; }           ///< 0: no offsets
   [[nodiscard]] bool has_step(std::size_t step) const { return steps_.contains(step); }
   /// Noise of step `step`: this one where no other was given.
   [[nodiscard]] const NoiseModel& at_step(std::size_t step) const;
@@ -64,6 +69,7 @@ class NoiseModel {
   std::shared_ptr<const Marginal> marginal_;                      ///< what a restriction needs, else null
   double log_determinant_ = 0;
   int shared_reference_ = 0;
+  double offset_std_ = 0;
   std::map<std::size_t, std::shared_ptr<const NoiseModel>> steps_;
 };
 

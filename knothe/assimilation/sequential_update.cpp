@@ -90,6 +90,13 @@ SequentialUpdate::SequentialUpdate(std::shared_ptr<const reduction::ObservedMode
       target_(model->functions, transform_, projector_.central_functions()),
       solver_(online(options_)),
       sum_(StepForm::zero(model->functions->count())) {
+  if (options_.noise_level) {
+    if (options_.form == UpdateOptions::Form::composed)
+      throw UsageError(
+          "composed maps take the data one by one, but an unknown noise level links them: use the collapsed "
+          "form");
+    target_.infer_noise_level(*options_.noise_level);
+  }
   solver_.prepare(transform_->dimension());
   correction_.levels.assign(k_quantile_levels.begin(), k_quantile_levels.end());
   if (options_.form == UpdateOptions::Form::composed) {
@@ -218,9 +225,20 @@ void SequentialUpdate::recompute(std::size_t step) {
   const auto start = Clock::now();
   result_.maximum_a_posteriori = maximum_a_posteriori(target_, *transform_, result_.mean);
   result_.elapsed_us.correction += microseconds_since(start);
+  if (options_.noise_level) average_noise_level();
   result_.log_evidence_increment =
       result_.log_evidence - (here == data_.begin() ? 0.0 : *std::prev(here)->second.log_evidence);
   here->second.log_evidence = result_.log_evidence;
+}
+
+void SequentialUpdate::average_noise_level() {
+  sampling::LogDensityBatch batch;
+  batch.resize(posterior_.points.rows(), posterior_.points.cols(), 0);
+  target_.evaluate_likelihood(posterior_.points, 0, batch);
+  double mean = 0;
+  for (Eigen::Index i = 0; i < batch.value.size(); ++i)
+    mean += posterior_.weights[i] * target_.noise_level()->expected(batch.value[i]);
+  result_.noise_level = mean;
 }
 
 void SequentialUpdate::by_grid() {

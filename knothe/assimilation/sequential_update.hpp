@@ -27,6 +27,8 @@ struct UpdateOptions {
   /// All data in one quadratic form and one map (constant cost, no accumulated error), or a composition of
   /// one low-order map per datum (Rubio et al. 2019, Eq. 10-11).
   enum class Form { collapsed, composed } form = Form::collapsed;
+  /// The level of the noise is not known: integrated out with this prior (collapsed form only).
+  std::optional<NoiseLevel> noise_level;
   transport::MapSolverOptions map;  ///< tolerance, orders, minimiser, number of points, seed
   /// In place of that of `map`: a tempered look for second modes costs more than all the rest of an update.
   transport::ModeSearchLevel search_modes = transport::ModeSearchLevel::multi_start;
@@ -67,6 +69,7 @@ struct UpdateResult {
   bool trusted = true;  ///< diagnostic ≤ 0.05, effective sample size ≥ 0.9, no second mode
   std::string remark;   ///< why the tolerance was not reached or the result is not trusted; else empty
 
+  std::optional<double> noise_level;  ///< posterior mean of the factor of all variances, where it is inferred
   Eigen::Index used = 0, rejected = 0, missing = 0;  ///< values of this datum
   UpdateTimes elapsed_us;
 };
@@ -135,6 +138,7 @@ class SequentialUpdate {
   void begin_anew();
   void recompute(std::size_t step);
   void by_grid();
+  void average_noise_level();
   void by_collapsed_map();
   void by_composed_maps(std::size_t step);
   void integrate();

@@ -79,6 +79,13 @@ MethodOptions read_method(Values& values) {
   method.verification_points =
       static_cast<int>(values.integer("method.verification_points", method.verification_points));
   method.seed = static_cast<std::uint64_t>(values.integer("method.seed", 1));
+  method.likelihood = values.text("method.likelihood", method.likelihood);
+  method.degrees_of_freedom = values.number("method.degrees_of_freedom", method.degrees_of_freedom);
+  method.gate = values.number("method.gate", method.gate);
+  method.unknown_noise_level = values.text("method.noise_level", "known") == "unknown";
+  method.noise_level_shape = values.number("method.noise_level_shape", method.noise_level_shape);
+  method.noise_level_scale = values.number("method.noise_level_scale", method.noise_level_scale);
+  method.offset_std = values.number("method.offset_std", method.offset_std);
   return method;
 }
 

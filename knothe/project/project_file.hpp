@@ -26,6 +26,12 @@ struct MethodOptions {
   int max_order = 8;
   std::string minimiser = "newton";
   std::string mode_search = "tempered";  ///< of `knothe infer`
+  std::string likelihood = "gaussian";
+  double degrees_of_freedom = 4;
+  double gate = 0;
+  bool unknown_noise_level = false;
+  double noise_level_shape = 2, noise_level_scale = 1;
+  double offset_std = 0;  ///< m
   int samples = 10000;
   int verification_points = 1024;
   std::uint64_t seed = 1;

@@ -52,7 +52,50 @@ assimilation::UpdateOptions update_options(const MethodOptions& method) {
                                        : assimilation::UpdateOptions::Kind::transport;
   options.form = method.form == "composed" ? assimilation::UpdateOptions::Form::composed
                                            : assimilation::UpdateOptions::Form::collapsed;
+  if (method.unknown_noise_level)
+    options.noise_level = assimilation::NoiseLevel(method.noise_level_shape, method.noise_level_scale);
   return options;
+}
+
+std::optional<assimilation::BaselineOptions> baseline_options(const MethodOptions& method) {
+  using Kind = assimilation::BaselineOptions::Kind;
+  if (method.kind == "transport" || method.kind == "grid") return std::nullopt;
+  const Kind kind = method.kind == "ekf"    ? Kind::extended_kalman
+                    : method.kind == "ukf"  ? Kind::unscented_kalman
+                    : method.kind == "enkf" ? Kind::ensemble_kalman
+                    : method.kind == "smc"  ? Kind::sequential_monte_carlo
+                                            : Kind::markov_chain;
+  return assimilation::BaselineOptions{kind, method.samples, method.seed};
+}
+
+assimilation::RobustOptions robust_options(const MethodOptions& method) {
+  return {method.gate, method.likelihood == "student-t" ? method.degrees_of_freedom : 0};
+}
+
+/// Methods and options that do not go together, or not with this command.
+void check_method(const Project& project, bool any_method) {
+  const MethodOptions& method = project.method;
+  const bool baseline = baseline_options(method).has_value(), robust = robust_options(method).is_active();
+  if (baseline && !any_method) {
+    throw project.error_at("method.kind", fmt::format("method.kind = \"{}\" is for `knothe assimilate` and "
+                                                      "`knothe infer`; here it is \"transport\" or \"grid\"",
+                                                      method.kind));
+  }
+  if (robust && !any_method) {
+    throw project.error_at(method.gate > 0 ? "method.gate" : "method.likelihood",
+                           "gating and the Student-t likelihood are for `knothe assimilate`");
+  }
+  if (baseline && (robust || method.unknown_noise_level)) {
+    throw project.error_at(
+        "method.kind", fmt::format("method.kind = \"{}\" does without likelihood = \"student-t\", gate and "
+                                   "noise_level = \"unknown\": these go with \"transport\" and \"grid\"",
+                                   method.kind));
+  }
+  if (method.unknown_noise_level && (method.form == "composed" || method.likelihood == "student-t")) {
+    throw project.error_at("method.noise_level",
+                           "noise_level = \"unknown\" links all data: it takes form = \"collapsed\" and "
+                           "likelihood = \"gaussian\"");
+  }
 }
 
 }  // namespace
@@ -78,12 +121,8 @@ reduction::SeparatedModel load_model(const Project& project) {
   return model;
 }
 
-UpdateSetup set_up(const Project& project) {
-  if (project.method.kind == "mcmc" || project.method.kind == "smc")
-    throw project.error_at("method.kind",
-                           fmt::format("method.kind = \"{}\" is for `knothe infer`; sequential "
-                                       "assimilation takes \"transport\" or \"grid\"",
-                                       project.method.kind));
+UpdateSetup set_up(const Project& project, bool any_method) {
+  check_method(project, any_method);
   project.require(!project.model.empty(), "a model: `model = \"MODEL.h5\"`");
   project.require(!project.data.empty(), "data: `data = \"DATA.h5\"`");
   project.require(!project.parameters.empty(),
@@ -92,6 +131,8 @@ UpdateSetup set_up(const Project& project) {
   std::vector<assimilation::Prior> priors;
   for (const NamedPrior& parameter : project.parameters) priors.push_back(parameter.prior);
   assimilation::Measurements measurements = assimilation::read_measurements(project.data);
+  if (project.method.offset_std > 0)
+    measurements.noise = measurements.noise.with_offsets(project.method.offset_std);
   std::vector<double> points;
   for (Eigen::Index j = 0; j < measurements.points.rows(); ++j) {
     for (Eigen::Index c = 0; c < 3; ++c) points.push_back(measurements.points(j, c));
@@ -107,7 +148,9 @@ UpdateSetup set_up(const Project& project) {
           std::move(observed),
           std::move(times),
           std::move(priors),
-          update_options(project.method)};
+          update_options(project.method),
+          robust_options(project.method),
+          baseline_options(project.method)};
 }
 
 forecast::Forecaster make_forecaster(const Project& project, const UpdateSetup& setup) {

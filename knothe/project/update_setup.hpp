@@ -2,9 +2,12 @@
 /// @file From a project file to everything a sequential update needs.
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <vector>
 
+#include "knothe/assimilation/baseline_update.hpp"
 #include "knothe/assimilation/measurements.hpp"
+#include "knothe/assimilation/robust_update.hpp"
 #include "knothe/assimilation/sequential_update.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/reduction/observed_model.hpp"
@@ -21,11 +24,14 @@ struct UpdateSetup {
   std::vector<std::size_t> time_indices;    ///< model time of each measured time
   std::vector<assimilation::Prior> priors;  ///< in the project file's order
   assimilation::UpdateOptions options;
+  assimilation::RobustOptions robust;                     ///< gating, Student-t
+  std::optional<assimilation::BaselineOptions> baseline;  ///< a method that makes no map
 };
 
 /// Reads model and data, and brings the model's parameters into the project file's order. Throws ProjectError
-/// where the parameters are not the model's, DataError for what the files lack.
-[[nodiscard]] UpdateSetup set_up(const Project& project);
+/// where the parameters are not the model's, DataError for what the files lack. Methods that make no map, and
+/// robust ones, are for `knothe assimilate` alone (`any_method`): ProjectError elsewhere.
+[[nodiscard]] UpdateSetup set_up(const Project& project, bool any_method = false);
 
 /// The separated model with its parameters in the project file's order. ProjectError where they are not the
 /// model's, or a prior has no mass in the model's box.

@@ -55,6 +55,7 @@ Json step_record(const assimilation::UpdateResult& r, std::span<const forecast::
         {"map", r.elapsed_us.map},
         {"correction", r.elapsed_us.correction}}},
       {"forecast", forecast_record(forecasts, false)}};
+  if (r.noise_level) record["noise_level"] = *r.noise_level;
   if (!r.remark.empty()) record["remark"] = r.remark;
   return record;
 }

@@ -86,9 +86,10 @@ class Test(Case):
         self.edit('data = "data.h5"\n', "")
         self.expect_refused(3, "this command needs observations")
 
-    def test_chains_are_not_for_assimilation(self):
-        self.edit('kind = "transport"', 'kind = "mcmc"')
-        self.expect(3, "assimilate", self.project_name, stderr=("is for `knothe infer`",))
+    def test_kalman_filters_are_for_assimilation(self):
+        self.use_observations("values = [0.0]", "std = [1e-6]", "dofs = [1]", "steps = [1]")
+        self.edit('kind = "transport"', 'kind = "ekf"')
+        self.expect_refused(3, "is for `knothe assimilate`")
 
 
 if __name__ == "__main__":

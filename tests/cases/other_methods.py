@@ -1,0 +1,63 @@
+"""`knothe assimilate` by other methods and with robust likelihoods: the same lines, judged by quadrature."""
+import math
+import unittest
+
+from support import Case
+
+
+class Test(Case):
+    project_name = "assimilation.toml"
+    fixture = "analytic"
+
+    def distance(self, lines, exact):
+        """Worst shift of a mean in std, over the steps."""
+        worst = 0
+        for line, judge in zip(lines, exact):
+            for k, mean in enumerate(judge["mean"]):
+                worst = max(worst, abs(line["mean"][k] - mean) / math.sqrt(judge["covariance"][k][k]))
+        return worst
+
+    def test_every_method_prints_the_same_lines(self):
+        exact = self.assimilate("--method", "grid")
+        for method, bound in (("mcmc", 0.15), ("smc", 0.15), ("ekf", 1.5), ("ukf", 1.5), ("enkf", 1.5)):
+            lines = self.assimilate("--method", method)
+            self.assertEqual([list(line) for line in exact if not line.get("remark")][0],
+                             [key for key in lines[0] if key != "remark"])
+            self.assertLess(self.distance(lines, exact), bound, method)
+            if method in ("mcmc", "smc"):
+                for line, judge in zip(lines, exact):
+                    self.assertAlmostEqual(line["log_evidence"], judge["log_evidence"], delta=0.3)
+            else:  # filters say where they are wrong
+                for line, judge in zip(lines, exact):
+                    self.assertTrue(not line["trusted"] or self.distance([line], [judge]) < 0.25, (method, line))
+
+    def test_gating_and_student_t_report_the_sensors(self):
+        plain = self.assimilate()
+        for options in ("gate = 6.0", 'likelihood = "student-t"\ndegrees_of_freedom = 30.0'):
+            with self.subTest(options):
+                self.edit("[method]\n", "[method]\n" + options + "\n")
+                lines = self.assimilate()
+                for line in lines:
+                    sensors = line["sensors"]
+                    self.assertEqual(sensors["indices"], list(range(24)))
+                    self.assertEqual(len(sensors["test_ratio"]), 24)
+                    self.assertLess(max(sensors["test_ratio"]), 6)
+                self.assertLess(self.distance(lines, plain), 1e-9 if "gate" in options else 0.5)
+                self.edit("[method]\n" + options + "\n", "[method]\n")
+
+    def test_noise_level_and_offsets(self):
+        self.edit("[method]\n", '[method]\nnoise_level = "unknown"\n')
+        level = self.assimilate()[-1]["noise_level"]
+        self.assertTrue(0.6 < level < 1.6, level)  # 288 values of the level that the file states
+        self.edit('noise_level = "unknown"\n', "offset_std = 1e-6\n")
+        self.assertEqual(len(self.assimilate()), 12)
+
+    def test_what_does_not_go_together_is_named(self):
+        self.edit('kind = "transport"', 'kind = "ekf"\ngate = 4.0')
+        self.expect(3, "assimilate", self.project_name, stderr="does without likelihood")
+        self.edit('kind = "ekf"\ngate = 4.0', 'kind = "transport"\nnoise_level = "unknown"\nlikelihood = "student-t"')
+        self.expect(3, "assimilate", self.project_name, stderr="links all data")
+
+
+if __name__ == "__main__":
+    unittest.main()
