@@ -70,7 +70,6 @@ class JournalPosterior {
     std::vector<double> last_values;
     std::int64_t received_ms = 0;
   };
-  [[nodiscard]] assimilation::StepForm form_of(const Step& step, const Contribution& contribution) const;
   void keep(Step& step, const DatumKey& key, const assimilation::StepForm& form, Eigen::VectorXd values);
   void project_again();
 

@@ -368,6 +368,8 @@ void Site::conclude(std::size_t step) {
   std::shared_ptr<Line> line;
   std::string trouble;
   try {
+    // Sums of steps are brought up to date here: who reads them (`form_up_to`) waits for one update.
+    const std::lock_guard lock(posterior_mutex_);
     line = make_line(posterior_.conclude(step));
   } catch (const std::exception& error) {
     trouble = error.what();
