@@ -26,6 +26,7 @@ struct SimulateArguments {
   std::string project;
   std::string output;
   std::optional<unsigned long> seed;
+  bool images = false;
 };
 int simulate(const SimulateArguments& arguments);
 

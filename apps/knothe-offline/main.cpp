@@ -43,6 +43,7 @@ int main(int argc, char** argv) {
   simulate_command.footer("Example:\n  knothe simulate examples/beam/quick.toml -o data.h5 --seed 1");
   simulate_command.add_option("FILE", simulation.project, "project file")->required();
   simulate_command.add_option("-o,--output", simulation.output, "measurement file to write")->required();
+  simulate_command.add_flag("--images", simulation.images, "pictures of the test, into a folder");
   simulate_command.add_option("--seed", simulation.seed, "seed of nodes and noise");
   simulate_command.callback([&] { chosen = [&] { return simulate(simulation); }; });
 

@@ -2,6 +2,7 @@
 
 #include "apps/knothe-offline/commands.hpp"
 #include "apps/knothe-offline/problem.hpp"
+#include "knothe/project/picture_simulation.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/project/simulation.hpp"
 
@@ -17,14 +18,19 @@ int simulate(const SimulateArguments& arguments) {
   mechanics::FullOrderModel model = mechanics::make_full_order_model(problem);
   const mechanics::FullOrderResult run = model.run(mechanics::damage_parameters(problem, axes, truth));
   const std::size_t n_dof = model.structure().dof_count();
-  project::simulate_measurements(
-      project, mechanics::dofs(model.structure().mesh()), mechanics::model_time(problem.solver),
-      [&](std::size_t step, std::span<const std::size_t> dofs) {
-        std::vector<double> values;
-        for (std::size_t dof : dofs) values.push_back(run.displacement[step * n_dof + dof]);
-        return values;
-      },
-      arguments.seed, arguments.output);
+  const auto field = [&](std::size_t step, std::span<const std::size_t> dofs) {
+    std::vector<double> values;
+    for (std::size_t dof : dofs) values.push_back(run.displacement[step * n_dof + dof]);
+    return values;
+  };
+  const auto& mesh = model.structure().mesh();
+  const std::vector<double> time = mechanics::model_time(problem.solver);
+  if (arguments.images)
+    project::simulate_pictures(project, mechanics::mesh_of(mesh), mechanics::dofs(mesh), time, field,
+                               arguments.seed, arguments.output);
+  else
+    project::simulate_measurements(project, mechanics::dofs(mesh), time, field, arguments.seed,
+                                   arguments.output);
   return 0;
 }
 

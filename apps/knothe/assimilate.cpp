@@ -4,8 +4,10 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <set>
 
 #include "apps/knothe/commands.hpp"
@@ -18,6 +20,8 @@
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/forecast/forecaster.hpp"
+#include "knothe/imaging/displacement_files.hpp"
+#include "knothe/project/picture_measurements.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/project/update_setup.hpp"
 #include "knothe/report/results_writer.hpp"
@@ -106,6 +110,11 @@ class Assimilation {
     if (baseline_) return baseline_->posterior();
     return robust_ ? robust_->posterior() : maps_->posterior();
   }
+  /// A picture from which elements were taken out. The methods without a map know only the noise of complete
+  /// data, of which they take the part that the values present have.
+  void set_step_noise(std::size_t step, assimilation::NoiseModel noise) {
+    if (maps_) maps_->set_step_noise(step, std::move(noise));
+  }
   /// Of gating or a Student-t likelihood, else null.
   [[nodiscard]] const assimilation::SensorReport* sensors() const {
     return robust_ ? &robust_->sensors() : nullptr;
@@ -157,6 +166,33 @@ void report_sensors(const assimilation::SensorWatch& watch, std::size_t step, st
   }
 }
 
+/// The next picture's displacements as the datum of `step`; a picture that is missing is named.
+project::PictureDatum next_picture(project::PictureMeasurements& pictures, std::size_t step,
+                                   project::UpdateSetup& setup, Assimilation& update,
+                                   report::ResultsWriter& results) {
+  project::PictureDatum datum = pictures.next();
+  if (datum.picture.missing) fmt::print(stderr, "{}\n", datum.picture.message);
+  if (datum.noise) update.set_step_noise(step, *datum.noise);
+  setup.measurements.values.col(static_cast<Eigen::Index>(step)) = datum.values;
+  results.set_values(step, datum.values);
+  return datum;
+}
+
+/// What a step's line says of its picture; the time line begins where the picture is in memory.
+void add_picture(nlohmann::ordered_json& line, const project::PictureDatum& datum) {
+  const imaging::PictureResult& r = datum.picture;
+  line["picture"] = {{"name", r.picture},
+                     {"missing", r.missing},
+                     {"iterations", r.correlation.iterations},
+                     {"residual_rms", r.correlation.residual_rms},
+                     {"elements_rejected", r.correlation.elements_rejected}};
+  if (r.missing) line["picture"]["message"] = r.message;
+  auto& elapsed = line["elapsed_us"];
+  elapsed["correlation"] = datum.correlation_us;
+  elapsed["precision"] = datum.precision_us;
+  elapsed["total"] = elapsed["total"].get<double>() + datum.correlation_us + datum.precision_us;
+}
+
 }  // namespace
 
 int assimilate(const AssimilateArguments& arguments) {
@@ -181,10 +217,13 @@ int assimilate(const AssimilateArguments& arguments) {
   std::vector<std::size_t> untrusted;
   std::size_t steps = 0;
   for (std::size_t step = 0; step < setup.measurements.time.size() && !interrupted; ++step) {
+    std::optional<project::PictureDatum> picture;
+    if (setup.pictures) picture = next_picture(*setup.pictures, step, setup, update, results);
     const assimilation::UpdateResult& result = update.update(
         step, setup.time_indices[step], setup.measurements.values.col(static_cast<Eigen::Index>(step)));
-    watch.look(setup.measurements.values.col(static_cast<Eigen::Index>(step)),
-               setup.observed->predict(middle, setup.time_indices[step]));
+    if (!picture)  // a node on a crack is no sensor that fell silent
+      watch.look(setup.measurements.values.col(static_cast<Eigen::Index>(step)),
+                 setup.observed->predict(middle, setup.time_indices[step]));
     report_sensors(watch, step, reported);
     const auto forecast_start = Clock::now();
     const auto forecasts = forecaster.update(update.posterior().points, update.posterior().weights);
@@ -195,10 +234,12 @@ int assimilate(const AssimilateArguments& arguments) {
       if (update.sensors() != nullptr) record["sensors"] = sensor_record(*update.sensors());
       if (!watch.stuck().empty()) record["stuck"] = watch.stuck();
       if (!watch.absent().empty()) record["absent"] = watch.absent();
+      if (picture) add_picture(record, *picture);
       fmt::print("{}\n", files::json_line(record));
       std::fflush(stdout);
     }
-    display.show(result, forecasts, result.elapsed_us.total() + forecast_us);
+    const double picture_us = picture ? picture->correlation_us + picture->precision_us : 0;
+    display.show(result, forecasts, picture_us + result.elapsed_us.total() + forecast_us);
     // Not part of the forecast's time: a cross-check for the report, from fewer points.
     const auto direct = forecaster.direct(update.posterior().points, update.posterior().weights, 256);
     results.add_step(result, update.posterior(), forecasts, direct, forecast_us, setup.time_indices[step]);
@@ -207,6 +248,10 @@ int assimilate(const AssimilateArguments& arguments) {
   }
   const double elapsed_s = microseconds_since(start) * 1e-6;
   results.write(project.results, untrusted, elapsed_s);
+  if (setup.pictures)
+    imaging::write_displacements((std::filesystem::path(project.results) / "displacements.h5").string(),
+                                 setup.pictures->series(), setup.pictures->results(), setup.pictures->frame(),
+                                 project.text);
   if (interrupted) {
     throw Interrupted(fmt::format("interrupted after {} of {} steps; their results are in {}", steps,
                                   setup.measurements.time.size(), project.results));

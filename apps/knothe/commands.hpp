@@ -44,6 +44,7 @@ struct SimulateArguments {
   std::string model;  ///< separated model; without it the sibling computes the full-order model
   std::string output;
   std::optional<unsigned long> seed;
+  bool images = false;  ///< pictures, into the folder `output`
 };
 int simulate(const SimulateArguments& arguments);
 

@@ -16,7 +16,9 @@
 #include "knothe/files/vtu.hpp"
 #include "knothe/imaging/displacement_files.hpp"
 #include "knothe/imaging/picture_series.hpp"
+#include "knothe/project/picture_measurements.hpp"
 #include "knothe/project/project_file.hpp"
+#include "knothe/reduction/separated_model.hpp"
 #include "knothe/report/displacement_maps.hpp"
 
 namespace knothe::commands {
@@ -43,8 +45,11 @@ Task task_of(const DicArguments& a) {
   const bool project = a.files.size() == 1 && a.files.front().ends_with(".toml");
   if (project) {
     const project::Project read = project::read_project(a.files.front());
-    task.series = project::series_options(read);
-    task.frame = read.pictures.frame;
+    std::optional<reduction::Mesh> mesh;
+    if (!read.model.empty() && read.pictures.model_mesh)
+      mesh = reduction::SeparatedModel::load(read.model).contents().mesh;
+    task.series = project::series_options(read, mesh);
+    if (read.pictures.frame) task.frame = project::picture_frame_of(read, mesh);
     task.project_text = read.text;
   } else {
     if (a.files.size() < 2)

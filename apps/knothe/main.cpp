@@ -109,7 +109,10 @@ void add_simulate(CLI::App& app, Command& chosen) {
                           "knothe simulate examples/beam/quick.toml --model beam.h5 -o data.h5 --seed 1");
   command.add_option("FILE", arguments.project, "project file")->required();
   command.add_option("--model", arguments.model, "reduced model; without it the full-order model is run");
-  command.add_option("-o,--output", arguments.output, "measurement file to write")->required();
+  command.add_option("-o,--output", arguments.output, "measurement file to write; with --images a folder")
+      ->required();
+  command.add_flag("--images", arguments.images,
+                   "pictures of the test instead, by [simulate.camera] and [dic]");
   command.add_option("--seed", arguments.seed, "seed of nodes and noise");
   command.callback([&chosen] { chosen = [] { return simulate(arguments); }; });
 }

@@ -70,6 +70,7 @@ DatumProjector::DatumProjector(std::shared_ptr<const reduction::ObservedModel> m
 
 void DatumProjector::set_noise_of(std::size_t step, NoiseModel noise) {
   noise_ = noise_.with_step(step, std::move(noise));
+  if (shared_) shared_->set_noise(noise_);
   recent_ = {};
 }
 

@@ -98,6 +98,10 @@ class SequentialUpdate {
   const UpdateResult& update(std::size_t step, std::size_t time_index,
                              const Eigen::Ref<const Eigen::VectorXd>& values);
 
+  /// From now on step `step`, which is not assimilated yet, has this noise: a picture from which elements
+  /// were taken out, known only when it is there.
+  void set_step_noise(std::size_t step, NoiseModel noise) { projector_.set_noise_of(step, std::move(noise)); }
+
   /// Takes a step out: result and posterior are then bit-identical to never having assimilated it; with no
   /// step left they are empty. Throws UsageError for a step that is not there.
   const UpdateResult& remove(std::size_t step);

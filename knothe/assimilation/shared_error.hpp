@@ -45,6 +45,7 @@ class SharedReferenceError {
  public:
   SharedReferenceError(const NoiseModel& noise, Eigen::Index functions);
   void restart();
+  void set_noise(const NoiseModel& noise) { noise_ = noise; }  ///< the same, with further steps
   /// The form of the next datum given those before it. `group` becomes one of the groups if the datum is
   /// taken (`take`).
   [[nodiscard]] StepForm condition(const NoiseGroup& group, const Eigen::MatrixXd& core,

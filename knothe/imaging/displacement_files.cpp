@@ -19,29 +19,13 @@ namespace knothe::imaging {
 namespace {
 
 using Sparse = Eigen::SparseMatrix<double>;
-constexpr double k_no_information = 1e-6;  // of the mean precision, for dofs that were not measured
 constexpr double k_nan = std::numeric_limits<double>::quiet_NaN();
-
-/// Gives dofs that were not measured a number on the diagonal, so that the matrix is positive definite.
-Sparse filled(Sparse precision) {
-  const Eigen::VectorXd diagonal = precision.diagonal();
-  const double small = k_no_information * diagonal.sum() /
-                       std::max<double>(1, static_cast<double>((diagonal.array() > 0).count()));
-  Sparse missing(precision.rows(), precision.cols());
-  std::vector<Eigen::Triplet<double>> entries;
-  for (int i = 0; i < precision.rows(); ++i)
-    if (!(diagonal[i] > 0)) entries.emplace_back(i, i, small > 0 ? small : 1.0);
-  missing.setFromTriplets(entries.begin(), entries.end());
-  precision += missing;
-  precision.prune(0.0, 0.0);
-  return precision;
-}
 
 void write_matrix(files::Hdf5Writer& file, const std::string& name, const Sparse& matrix,
                   const std::string& units) {
   // Symmetric: columns are rows.
   Sparse m = matrix;
-  m.makeCompressed();
+  m.prune(0.0, 0.0);  // rows of dofs that were not measured stay empty
   const auto count = static_cast<std::size_t>(m.nonZeros());
   const std::vector<std::int64_t> indices(m.innerIndexPtr(), m.innerIndexPtr() + count),
       rows(m.outerIndexPtr(), m.outerIndexPtr() + m.rows() + 1);
@@ -134,42 +118,51 @@ double series_noise(const PictureSeries& series, const std::vector<PictureResult
   return *middle;
 }
 
+void observation_places(const ImageMesh& mesh, const std::optional<PictureFrame>& frame,
+                        std::vector<double>& points, std::vector<std::int64_t>& component) {
+  const std::array<int, 2> components = frame ? frame->components() : std::array<int, 2>{0, 1};
+  for (std::size_t a = 0; a < mesh.x.size(); ++a) {
+    const auto point =
+        frame ? frame->model_point(mesh.x[a], mesh.y[a]) : std::array<double, 3>{mesh.x[a], mesh.y[a], 0};
+    for (const int c : components) {
+      points.insert(points.end(), point.begin(), point.end());
+      component.push_back(c);
+    }
+  }
+}
+
+Eigen::VectorXd observed_values(const ImageMesh& mesh, const PictureResult& result,
+                                const std::optional<PictureFrame>& frame) {
+  const CorrelationResult& c = result.correlation;
+  if (result.missing) return Eigen::VectorXd::Constant(2 * mesh.node_count(), k_nan);
+  Eigen::VectorXd values = frame ? frame->to_model(c.displacement) : c.displacement;
+  const auto measured = measured_nodes(mesh, c.element_valid);
+  for (int a = 0; a < mesh.node_count(); ++a)
+    if (measured[static_cast<std::size_t>(a)] == 0) values.segment<2>(2 * a).setConstant(k_nan);
+  return values;
+}
+
 DisplacementObservations observations(const PictureSeries& series, const std::vector<PictureResult>& results,
                                       const std::optional<PictureFrame>& frame) {
   const ImageMesh& mesh = series.correlation().mesh();
-  const int nodes = mesh.node_count();
   DisplacementObservations o;
-  const std::array<int, 2> components = frame ? frame->components() : std::array<int, 2>{0, 1};
-  for (int a = 0; a < nodes; ++a) {
-    const double x = mesh.x[static_cast<std::size_t>(a)], y = mesh.y[static_cast<std::size_t>(a)];
-    const auto point = frame ? frame->model_point(x, y) : std::array<double, 3>{x, y, 0};
-    for (const int component : components) {
-      o.points.insert(o.points.end(), point.begin(), point.end());
-      o.component.push_back(component);
-    }
-  }
+  observation_places(mesh, frame, o.points, o.component);
   o.noise = std::max(k_quantisation_noise, series_noise(series, results));
   const auto precision_of = [&](const std::vector<char>& valid) {
     const Sparse in_pixels = series.precision(valid, o.noise).matrix;
-    return filled(frame ? frame->to_model(in_pixels) : in_pixels);
+    return frame ? frame->to_model(in_pixels) : in_pixels;
   };
   const std::vector<char>& usable = series.correlation().usable_elements();
   o.precision = precision_of(usable);
-  o.values.assign(results.size() * static_cast<std::size_t>(2 * nodes), k_nan);
   const std::vector<char>* last_valid = &usable;
   for (std::size_t t = 0; t < results.size(); ++t) {
-    const CorrelationResult& c = results[t].correlation;
-    if (results[t].missing) continue;
-    const Eigen::VectorXd u = frame ? frame->to_model(c.displacement) : c.displacement;
-    const auto measured = measured_nodes(mesh, c.element_valid);
-    for (int i = 0; i < 2 * nodes; ++i)
-      if (measured[static_cast<std::size_t>(i / 2)] != 0)
-        o.values[t * static_cast<std::size_t>(2 * nodes) + static_cast<std::size_t>(i)] = u[i];
-    if (c.element_valid == usable) continue;
-    const bool as_last = c.element_valid == *last_valid && !o.precision_steps.empty();
-    o.precision_steps.emplace_back(t,
-                                   as_last ? o.precision_steps.back().second : precision_of(c.element_valid));
-    last_valid = &c.element_valid;
+    const Eigen::VectorXd values = observed_values(mesh, results[t], frame);
+    o.values.insert(o.values.end(), values.begin(), values.end());
+    const std::vector<char>& valid = results[t].correlation.element_valid;
+    if (results[t].missing || valid == usable) continue;
+    const bool as_last = !o.precision_steps.empty() && valid == *last_valid;
+    o.precision_steps.emplace_back(t, as_last ? o.precision_steps.back().second : precision_of(valid));
+    last_valid = &valid;
   }
   return o;
 }

@@ -119,16 +119,14 @@ ImageMesh structured_mesh(const Region& given, double element_size, ElementShape
   return mesh;
 }
 
-ImageMesh masked(const ImageMesh& mesh, const files::Picture& mask, double share) {
-  const PixelTable table(mesh, mask.width, mask.height);
+namespace {
+
+/// The elements that are wanted, and the nodes that they need.
+ImageMesh part_of(const ImageMesh& mesh, const std::vector<char>& wanted) {
   ImageMesh kept;
   std::vector<int> number(mesh.x.size(), -1);
   for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
-    const auto& pixels = table.elements()[e];
-    int set = 0;
-    for (const auto& row : table.rows(pixels))
-      for (int k = 0; k < row.count; ++k) set += mask.at(row.x + k, row.y) > 0 ? 1 : 0;
-    if (set < share * pixels.pixel_count || pixels.pixel_count == 0) continue;
+    if (wanted[e] == 0) continue;
     std::array<int, 4> element = mesh.elements[e];
     for (int& node : element) {
       if (node < 0) continue;
@@ -142,11 +140,59 @@ ImageMesh masked(const ImageMesh& mesh, const files::Picture& mask, double share
     }
     kept.elements.push_back(element);
   }
+  return kept;
+}
+
+}  // namespace
+
+ImageMesh masked(const ImageMesh& mesh, const files::Picture& mask, double share) {
+  const PixelTable table(mesh, mask.width, mask.height);
+  std::vector<char> wanted(mesh.elements.size(), 0);
+  for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
+    const auto& pixels = table.elements()[e];
+    int set = 0;
+    for (const auto& row : table.rows(pixels))
+      for (int k = 0; k < row.count; ++k) set += mask.at(row.x + k, row.y) > 0 ? 1 : 0;
+    wanted[e] = set >= share * pixels.pixel_count && pixels.pixel_count > 0 ? 1 : 0;
+  }
+  ImageMesh kept = part_of(mesh, wanted);
   if (kept.elements.empty())
     throw UsageError(
         "the mask leaves no element: it must be bright (not 0) where the surface is to be measured, and "
         "overlap the region");
   return kept;
+}
+
+ImageMesh elements_inside(const ImageMesh& mesh, const Region& region, const Region& picture) {
+  const auto inside = [](const Region& r, const Box& b) {
+    return b.x0 >= std::min(r.x0, r.x1) - k_rounding && b.x1 <= std::max(r.x0, r.x1) + k_rounding &&
+           b.y0 >= std::min(r.y0, r.y1) - k_rounding && b.y1 <= std::max(r.y0, r.y1) + k_rounding;
+  };
+  std::vector<char> wanted(mesh.elements.size(), 0);
+  for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
+    const Box box = box_of(mesh, mesh.elements[e]);
+    wanted[e] = inside(region, box) && inside(picture, box) ? 1 : 0;
+    if (wanted[e] != 0 && std::min(box.x1 - box.x0, box.y1 - box.y0) < 3)
+      throw UsageError(
+          fmt::format("element {} of the mesh is {:.1f} × {:.1f} px: at least 3 × 3 pixels are needed; take "
+                      "a closer picture, or a "
+                      "coarser mesh",
+                      e, box.x1 - box.x0, box.y1 - box.y0));
+  }
+  ImageMesh kept = part_of(mesh, wanted);
+  if (kept.elements.empty())
+    throw UsageError("no element of the mesh lies in the picture: are scale and origin right?");
+  return kept;
+}
+
+ImageMesh triangulated(const ImageMesh& mesh) {
+  ImageMesh result = mesh;
+  result.elements.clear();
+  for (const auto& n : mesh.elements) {
+    result.elements.push_back({n[0], n[1], n[2], -1});
+    if (ImageMesh::nodes_of(n) == 4) result.elements.push_back({n[0], n[2], n[3], -1});
+  }
+  return result;
 }
 
 PixelTable::PixelTable(const ImageMesh& mesh, int width, int height) {
@@ -213,6 +259,13 @@ PointLocator::PointLocator(const ImageMesh& mesh) : mesh_(&mesh), bounds_(mesh.b
   cells_.resize(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_));
   for (int e = 0; e < mesh.element_count(); ++e) {
     const Box box = box_of(mesh, mesh.elements[static_cast<std::size_t>(e)]);
+    Shape shape{box.x0, box.y0, {}};
+    // An element that is no such thing has no inside: all its shape functions are −1.
+    if (!shape_coefficients(mesh, mesh.elements[static_cast<std::size_t>(e)], box.x0, box.y0,
+                            shape.coefficients))
+      for (auto& c : shape.coefficients) c = {-1, 0, 0, 0};
+    shapes_.push_back(shape);
+    extents_.push_back({box.x0, box.y0, box.x1, box.y1});
     const auto column = [&](double x) {
       return std::clamp(static_cast<int>((x - bounds_.x0) / cell_), 0, columns_ - 1);
     };
@@ -234,12 +287,10 @@ PointLocator::Place PointLocator::find(double x, double y) const {
   const int i = std::clamp(static_cast<int>((x - bounds_.x0) / cell_), 0, columns_ - 1),
             j = std::clamp(static_cast<int>((y - bounds_.y0) / cell_), 0, rows_ - 1);
   for (const int e : cells_[static_cast<std::size_t>(j * columns_ + i)]) {
-    const auto& element = mesh_->elements[static_cast<std::size_t>(e)];
-    const Box box = box_of(*mesh_, element);
+    const Extent& box = extents_[static_cast<std::size_t>(e)];
     if (x < box.x0 - k_slack || x > box.x1 + k_slack || y < box.y0 - k_slack || y > box.y1 + k_slack)
       continue;
-    std::array<std::array<double, 4>, 4> c{};
-    if (!shape_coefficients(*mesh_, element, box.x0, box.y0, c)) continue;
+    const auto& c = shapes_[static_cast<std::size_t>(e)].coefficients;
     const double dx = x - box.x0, dy = y - box.y0;
     bool inside = true;
     for (std::size_t a = 0; a < 4; ++a) {

@@ -38,6 +38,13 @@ struct ImageMesh {
 /// need. Errors: UsageError if mask and mesh do not overlap.
 [[nodiscard]] ImageMesh masked(const ImageMesh& mesh, const files::Picture& mask, double share = 0.5);
 
+/// The elements that lie wholly in both regions, with the nodes they need. Errors: UsageError if none does,
+/// or one of them is smaller than 3 px.
+[[nodiscard]] ImageMesh elements_inside(const ImageMesh& mesh, const Region& region, const Region& picture);
+
+/// The same mesh with each rectangle cut into two triangles.
+[[nodiscard]] ImageMesh triangulated(const ImageMesh& mesh);
+
 /// Shape functions of one element, N_a(x, y) = Σ_m c_am (1, X, Y, X Y)_m with X = x − x_0, Y = y − y_0 (exact
 /// for triangles and upright rectangles), and its pixels.
 struct ElementPixels {
@@ -77,9 +84,20 @@ class PointLocator {
     std::array<double, 4> shape{};
   };
   [[nodiscard]] Place find(double x, double y) const;
+  /// N_a = Σ_m c_am (1, X, Y, XY)_m of an element with X, Y from its origin.
+  struct Shape {
+    double x_origin = 0, y_origin = 0;
+    std::array<std::array<double, 4>, 4> coefficients{};
+  };
+  [[nodiscard]] const Shape& shape(int element) const { return shapes_[static_cast<std::size_t>(element)]; }
 
  private:
+  struct Extent {
+    double x0, y0, x1, y1;
+  };
   const ImageMesh* mesh_;
+  std::vector<Shape> shapes_;
+  std::vector<Extent> extents_;
   Region bounds_;
   double cell_ = 1;
   int columns_ = 0, rows_ = 0;

@@ -9,6 +9,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/base/threads.hpp"
 #include "knothe/imaging/correlation_noise.hpp"
+#include "knothe/imaging/mesh_field.hpp"
 
 namespace knothe::imaging {
 
@@ -78,12 +79,22 @@ PictureSeries::PictureSeries(SeriesOptions options) : options_(std::move(options
     throw UsageError(fmt::format("the mask {} has {} × {} pixels, the reference picture {} has {} × {}",
                                  options_.mask, mask.width, mask.height, options_.references.front(),
                                  reference.width, reference.height));
-  if (!options_.region) options_.region = default_region(reference, mask);
-  ImageMesh mesh = structured_mesh(*options_.region, options_.element_size, options_.shape);
+  ImageMesh mesh;
+  if (options_.mesh) {
+    const Region picture{0, 0, reference.width - 1.0, reference.height - 1.0};
+    mesh = elements_inside(*options_.mesh, options_.region.value_or(picture), picture);
+    options_.region = mesh.bounds();
+  } else {
+    if (!options_.region) options_.region = default_region(reference, mask);
+    mesh = structured_mesh(*options_.region, options_.element_size, options_.shape);
+  }
   if (!mask.pixels.empty()) {
     (void)PixelTable(mesh, reference.width, reference.height);  // outside the picture: the better message
     mesh = masked(mesh, mask);
   }
+  if (options_.mesh && options_.outline_margin > 0)
+    mask = without_outline(MeshField(*options_.mesh), reference.width, reference.height,
+                           options_.outline_margin, mask);
   correlation_ = std::make_unique<ImageCorrelation>(reference, std::move(mesh), options_.correlation, mask);
   contrast_ = correlation_->contrast();
   known_noise_ = options_.noise;

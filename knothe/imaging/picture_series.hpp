@@ -19,6 +19,11 @@ struct SeriesOptions {
   std::string mask;                   ///< picture file; empty: none
   std::optional<Region> region;       ///< px; otherwise the mask's, or the picture less a margin
   double element_size = 25;           ///< px
+  /// A mesh of its own, px, instead of one over the region; of its elements those are used that lie in the
+  /// region, if one is given, and in the picture.
+  std::optional<ImageMesh> mesh;
+  double outline_margin =
+      4;  ///< px along the outline of such a mesh that are not looked at (without_outline)
   ElementShape shape = ElementShape::quadrilateral;
   double noise = 0;  ///< standard deviation of a picture's noise, grey levels; 0: from repeats or residuals
   CorrelationOptions correlation{.threads = 0};

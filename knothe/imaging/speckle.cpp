@@ -14,7 +14,8 @@ namespace knothe::imaging {
 
 namespace {
 
-constexpr double k_reach = 4.5;  // of a dot, in its standard deviations
+constexpr double k_background = 0.06;  // grey of what is not body
+constexpr double k_reach = 4.5;        // of a dot, in its standard deviations
 
 /// A number in [0, 1) from a counter: splitmix64, so that rows can be drawn in any order.
 double uniform(std::uint64_t seed, std::uint64_t counter) {
@@ -92,7 +93,7 @@ double SpecklePattern::at(double x, double y) const {
 }
 
 files::Picture SpecklePattern::render(const DisplacementField& displacement, const CameraOptions& camera,
-                                      int threads) const {
+                                      int threads, const BodyShape& body) const {
   files::Picture picture;
   picture.width = options_.width, picture.height = options_.height, picture.bit_depth = camera.bit_depth;
   picture.maximum = static_cast<float>((1 << camera.bit_depth) - 1);
@@ -113,7 +114,9 @@ files::Picture SpecklePattern::render(const DisplacementField& displacement, con
                 if (!material_point(displacement, sx, sy, at_x, at_y)) continue;
                 last_x = sx - at_x, last_y = sy - at_y;
               }
-              sum += at(at_x, at_y);
+              const double share = body ? body(at_x, at_y) : 1;
+              if (share > 0) sum += share * at(at_x, at_y);
+              sum += (1 - share) * k_background;
             }
           const std::uint64_t counter = picture.index(x, y);
           double level = camera.gain * 255 * sum / (n * n) + camera.offset;

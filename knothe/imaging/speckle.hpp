@@ -21,6 +21,8 @@ struct Displacement {
   std::array<double, 4> gradient{};
 };
 using DisplacementField = std::function<Displacement(double x, double y)>;
+/// How much of a material point is body (1) and how much background (0); smooth at the outline.
+using BodyShape = std::function<double(double x, double y)>;
 
 struct SpeckleOptions {
   int width = 512, height = 512;  ///< px
@@ -49,9 +51,11 @@ class SpecklePattern {
   /// Grey level 0 … 1 of a material point.
   [[nodiscard]] double at(double x, double y) const;
   /// The picture under a displacement field (empty: none). Where x = X + u(X) has no solution nearby (a
-  /// crack's opening) the pixel is black. Errors: UsageError for a field that is not finite.
+  /// crack's opening) the pixel is black. `body` (empty: everywhere): beside it there is a dark background.
+  /// Errors: UsageError for a field that is not finite.
   [[nodiscard]] files::Picture render(const DisplacementField& displacement = {},
-                                      const CameraOptions& camera = {}, int threads = 1) const;
+                                      const CameraOptions& camera = {}, int threads = 1,
+                                      const BodyShape& body = {}) const;
 
  private:
   struct Dot {

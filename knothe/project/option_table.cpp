@@ -221,7 +221,7 @@ const std::vector<Option>& options() {
       {"simulate", K::table, "", "Synthetic measurements for `knothe simulate`.", {}},
       {"simulate.truth", K::table, "", "True value of each parameter.", {}, true},
       {"simulate.truth.*", K::number, "", "True value of the parameter of that name.", {}},
-      {"simulate.dofs", K::table, "", "Which degrees of freedom are observed.", {}, true},
+      {"simulate.dofs", K::table, "", "Which degrees of freedom are observed.", {}},
       {"simulate.dofs.random", K::integer, "", "Number of nodes, drawn at random.", {}, true},
       {"simulate.dofs.face", K::choice, "z", "Outer face on which the nodes lie.", {"x", "y", "z"}},
       {"simulate.dofs.x", K::numbers, "", "Range of x of the nodes, m.", {}},
@@ -229,81 +229,6 @@ const std::vector<Option>& options() {
       {"simulate.dofs.components", K::texts, "[\"x\", \"y\"]", "Components observed at each node.", {}},
       {"simulate.noise_std", K::positive, "1e-6", "Standard deviation of the noise, m.", {}},
       {"simulate.seed", K::integer, "1", "Seed of nodes and noise; `--seed` overrides it.", {}},
-
-      {"dic", K::table, "", "Displacements from pictures: global finite-element image correlation.", {}},
-      {"dic.references",
-       K::texts,
-       "",
-       "Pictures of the unloaded surface; several are averaged, and their differences tell the noise.",
-       {}},
-      {"dic.pictures", K::texts, "", "Deformed pictures, where there is no `[data] pictures`.", {}},
-      {"dic.mask", K::path, "", "Picture that is 0 where the surface is not to be measured.", {}},
-      {"dic.roi",
-       K::numbers,
-       "",
-       "Two opposite corners of the mesh, [x0, y0, x1, y1], px, inclusive; default: the mask's, or the "
-       "picture "
-       "less 10 px.",
-       {}},
-      {"dic.element_size", K::positive, "25", "Size of the elements, px; adjusted to divide the region.", {}},
-      {"dic.shape", K::choice, "quadrilateral", "Shape of the elements.", {"quadrilateral", "triangle"}},
-      {"dic.prefilter",
-       K::non_negative,
-       "0",
-       "Standard deviation of a Gaussian on all pictures, px; 1 for sharp, aliased speckle.",
-       {}},
-      {"dic.brightness",
-       K::choice,
-       "global",
-       "Brightness and contrast that may change from picture to picture.",
-       {"none", "global", "per_element"}},
-      {"dic.saturation",
-       K::non_negative,
-       "0",
-       "Grey level from which a pixel is masked; 0: the largest that the picture can hold.",
-       {}},
-      {"dic.noise",
-       K::non_negative,
-       "0",
-       "Standard deviation of a picture's noise, grey levels; 0: from repeated references, or the residual.",
-       {}},
-      {"dic.regularisation",
-       K::non_negative,
-       "0",
-       "Tikhonov regularisation of the displacement gradient: its cut-off wavelength, px; 0 for none.",
-       {}},
-      {"dic.rejection_factor",
-       K::non_negative,
-       "4",
-       "Elements whose residual is so many times the median are taken out (cracks); 0: never.",
-       {}},
-      {"dic.tolerance", K::positive, "1e-3", "Largest change of a displacement at convergence, px.", {}},
-      {"dic.max_iterations", K::integer, "50", "Most iterations per picture.", {}},
-      {"dic.scale",
-       K::positive,
-       "",
-       "Metres per pixel: displacements are then in metres, in the model's frame.",
-       {}},
-      {"dic.scale_std", K::non_negative, "0", "Standard deviation of the scale, metres per pixel.", {}},
-      {"dic.origin", K::numbers, "[0, 0]", "Pixel in which the model's origin is seen, [x, y].", {}},
-      {"dic.angle", K::number, "0", "Angle by which the picture is turned against the model, degrees.", {}},
-      {"dic.pixels",
-       K::matrix,
-       "",
-       "Instead of scale, origin and angle: points found in the reference picture, [[x, y], …], px …",
-       {}},
-      {"dic.points", K::matrix, "", "… and where they are on the model's face, [[right, up], …], m.", {}},
-      {"dic.point_std", K::positive, "0.5", "How exactly such a point was found, px.", {}},
-      {"dic.view",
-       K::choice,
-       "side",
-       "Face that the camera sees: side (right is x, up is y), bottom (right is x, up is z).",
-       {"side", "bottom"}},
-      {"dic.plane",
-       K::number,
-       "",
-       "Constant coordinate of that face, m; default: the model's outermost, or 0 without a model.",
-       {}},
 
       {"select", K::table, "", "Which dofs to measure (`knothe select`).", {}},
       {"select.criterion",
@@ -341,6 +266,7 @@ const std::vector<Option>& options() {
        "Standard deviation of the noise of candidates of the model, m; that of `[simulate]`, or 1e-6, "
        "otherwise.",
        {}},
+
       {"forecast", K::table, "", "One table per quantity of interest.", {}},
       {"forecast.*", K::table, "", "A forecast of that name.", {}},
       {"forecast.*.quantity",
@@ -413,7 +339,13 @@ const std::vector<Option>& options() {
        "File with the certificates that the broker is checked by; with it, TLS is spoken.",
        {}},
   };
-  return k_options;
+  static const std::vector<Option> k_all = [] {
+    std::vector<Option> all = k_options;
+    const std::vector<Option> pictures = picture_option_table();
+    all.insert(all.end(), pictures.begin(), pictures.end());
+    return all;
+  }();
+  return k_all;
 }
 
 }  // namespace

@@ -34,6 +34,9 @@ struct Option {
   bool required = false;             ///< must be there if its table is
 };
 
+/// The options about pictures, the last of the reference: [dic], [simulate.camera].
+[[nodiscard]] std::vector<Option> picture_option_table();
+
 /// All options, in the order of the reference.
 [[nodiscard]] std::span<const Option> option_table();
 

@@ -88,6 +88,7 @@ imaging::SeriesOptions read_series(Values& values, const std::string& folder) {
   s.shape = values.text("dic.shape", "quadrilateral") == "triangle" ? imaging::ElementShape::triangle
                                                                     : imaging::ElementShape::quadrilateral;
   s.noise = values.number("dic.noise", 0);
+  s.outline_margin = values.number("dic.outline_margin", s.outline_margin);
   auto& c = s.correlation;
   c.prefilter_sigma = values.number("dic.prefilter", 0);
   c.saturation = values.number("dic.saturation", 0);
@@ -129,6 +130,10 @@ PictureOptions read_pictures(Values& values, const std::string& folder) {
     values.complain("dic.pictures", "\"dic.pictures\" and \"data.pictures\" both name pictures: give one");
   p.series = read_series(values, folder);
   p.frame = read_frame(values);
+  p.model_mesh = values.text("dic.mesh", "region") == "model";
+  if (p.model_mesh && !p.frame)
+    values.complain("dic.mesh",
+                    "\"dic.mesh\" = \"model\" needs \"dic.scale\", or \"dic.pixels\" and \"dic.points\"");
   p.plane_given = values.has("dic.plane");
   return p;
 }

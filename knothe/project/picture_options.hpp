@@ -21,6 +21,7 @@ struct PictureOptions {
   std::vector<double> times;
   imaging::SeriesOptions series;               ///< all but the pictures themselves
   std::optional<imaging::PictureFrame> frame;  ///< where a scale or a registration is given
+  bool model_mesh = false;                     ///< correlate on the model's surface mesh
   bool plane_given = false;                    ///< otherwise the model's outermost face
 };
 

@@ -155,6 +155,31 @@ std::optional<std::array<double, 2>> read_range(Values& values, const std::strin
   return std::array<double, 2>{v[0], v[1]};
 }
 
+CameraSimulation read_camera(Values& values) {
+  const auto integer = [&](const char* key, int otherwise) {
+    const std::string path = std::string("simulate.camera.") + key;
+    values.at_least(path, 1);
+    return static_cast<int>(values.integer(path, otherwise));
+  };
+  CameraSimulation c;
+  c.width = integer("width", 64), c.height = integer("height", 64);
+  for (const char* key : {"width", "height"})
+    if (const auto size = values.integer(std::string("simulate.camera.") + key, 64);
+        size < 64 || size > 20000)
+      values.complain(std::string("simulate.camera.") + key,
+                      fmt::format("a picture's {} must be from 64 to 20000 px", key));
+  c.bit_depth = integer("bit_depth", c.bit_depth);
+  if (c.bit_depth < 8 || c.bit_depth > 16)
+    values.complain("simulate.camera.bit_depth", "\"simulate.camera.bit_depth\" must be from 8 to 16");
+  c.noise = values.number("simulate.camera.noise", c.noise);
+  c.dot_radius = values.number("simulate.camera.dot_radius", c.dot_radius);
+  c.gain = values.number("simulate.camera.gain", c.gain);
+  c.references = integer("references", c.references);
+  c.every = integer("every", c.every);
+  c.supersampling = integer("supersampling", c.supersampling);
+  return c;
+}
+
 SimulateOptions read_simulate(Values& values) {
   values.at_least("simulate.dofs.random", 1);
   SimulateOptions s;
@@ -178,6 +203,11 @@ SimulateOptions read_simulate(Values& values) {
   }
   s.noise_std = values.number("simulate.noise_std", s.noise_std);
   s.seed = static_cast<std::uint64_t>(values.integer("simulate.seed", 1));
+  if (values.has_table("simulate.camera")) s.camera = read_camera(values);
+  if (!s.camera && !values.has_table("simulate.dofs"))
+    values.complain(
+        "simulate",
+        "[simulate] lacks \"dofs\": which degrees of freedom are observed; or, for pictures, \"camera\"");
   return s;
 }
 

@@ -86,6 +86,18 @@ struct OfflineOptions {
   std::vector<OfflineParameter> parameters;
 };
 
+/// The camera of `knothe simulate --images`.
+struct CameraSimulation {
+  int width = 0, height = 0;  ///< px
+  int bit_depth = 8;
+  double noise = 2;       ///< standard deviation, grey levels of an 8-bit picture
+  double dot_radius = 2;  ///< of the speckle, px
+  double gain = 1;        ///< of the deformed pictures: the light changes
+  int references = 1;     ///< pictures of the unloaded surface
+  int every = 1;          ///< model times per picture
+  int supersampling = 1;  ///< n × n points a pixel
+};
+
 struct SimulateOptions {
   std::map<std::string, double> truth;
   int random_nodes = 0;
@@ -94,6 +106,7 @@ struct SimulateOptions {
   std::vector<int> components = {0, 1};
   double noise_std = 1e-6;  ///< m
   std::uint64_t seed = 1;
+  std::optional<CameraSimulation> camera;
 };
 
 /// What `knothe select` chooses among, and how.

@@ -45,6 +45,7 @@ void simulate_measurements(const Project& project, const reduction::Dofs& dofs,
                            const std::vector<double>& time, const DisplacementField& field,
                            std::optional<std::uint64_t> seed, const std::string& output) {
   const SimulateOptions& options = *project.simulate;
+  project.require(options.random_nodes > 0, "[simulate] dofs; for pictures instead give --images");
   const std::uint64_t used_seed = seed.value_or(options.seed);
   std::vector<std::size_t> chosen;
   try {

@@ -124,13 +124,18 @@ reduction::SeparatedModel load_model(const Project& project) {
 UpdateSetup set_up(const Project& project, bool any_method) {
   check_method(project, any_method);
   project.require(!project.model.empty(), "a model: `model = \"MODEL.h5\"`");
-  project.require(!project.data.empty(), "data: `data = \"DATA.h5\"`");
+  const bool from_pictures = !project.pictures.folder.empty() || !project.pictures.pictures.empty();
+  project.require(!project.data.empty() || from_pictures,
+                  "data: `data = \"DATA.h5\"`, or `[data] pictures = \"FOLDER\"`");
   project.require(!project.parameters.empty(),
                   "a table [parameters] with a prior for each parameter of the model");
   const reduction::SeparatedModel model = load_model(project);
   std::vector<assimilation::Prior> priors;
   for (const NamedPrior& parameter : project.parameters) priors.push_back(parameter.prior);
-  assimilation::Measurements measurements = assimilation::read_measurements(project.data);
+  std::shared_ptr<PictureMeasurements> pictures;
+  if (project.data.empty()) pictures = std::make_shared<PictureMeasurements>(project, model);
+  assimilation::Measurements measurements =
+      pictures ? pictures->measurements() : assimilation::read_measurements(project.data);
   if (project.method.offset_std > 0)
     measurements.noise = measurements.noise.with_offsets(project.method.offset_std);
   std::vector<double> points;
@@ -140,7 +145,8 @@ UpdateSetup set_up(const Project& project, bool any_method) {
   const std::vector<std::int64_t> components(measurements.components.begin(), measurements.components.end());
   auto observed =
       std::make_shared<const reduction::ObservedModel>(reduction::observe(model, points, components));
-  std::vector<std::size_t> times = assimilation::match_times(measurements.time, observed->time, project.data);
+  std::vector<std::size_t> times = assimilation::match_times(
+      measurements.time, observed->time, pictures ? project.pictures.folder : project.data);
   return {model,
           std::move(measurements),
           std::move(points),
@@ -150,7 +156,8 @@ UpdateSetup set_up(const Project& project, bool any_method) {
           std::move(priors),
           update_options(project.method),
           robust_options(project.method),
-          baseline_options(project.method)};
+          baseline_options(project.method),
+          std::move(pictures)};
 }
 
 forecast::Forecaster make_forecaster(const Project& project, const UpdateSetup& setup) {

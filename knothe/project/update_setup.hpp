@@ -9,6 +9,7 @@
 #include "knothe/assimilation/measurements.hpp"
 #include "knothe/assimilation/robust_update.hpp"
 #include "knothe/assimilation/sequential_update.hpp"
+#include "knothe/project/picture_measurements.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/reduction/observed_model.hpp"
 #include "knothe/reduction/separated_model.hpp"
@@ -26,6 +27,7 @@ struct UpdateSetup {
   assimilation::UpdateOptions options;
   assimilation::RobustOptions robust;                     ///< gating, Student-t
   std::optional<assimilation::BaselineOptions> baseline;  ///< a method that makes no map
+  std::shared_ptr<PictureMeasurements> pictures;  ///< where data come from pictures, one by one; else null
 };
 
 /// Reads model and data, and brings the model's parameters into the project file's order. Throws ProjectError

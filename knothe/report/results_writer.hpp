@@ -28,6 +28,11 @@ class ResultsWriter {
                 const std::vector<forecast::NamedForecast>& direct, double forecast_us,
                 std::size_t time_index);
 
+  /// Values of a datum that came after the writer was made (pictures).
+  void set_values(std::size_t step, const Eigen::VectorXd& values) {
+    measurements_.values.col(static_cast<Eigen::Index>(step)) = values;
+  }
+
   /// Writes everything. Errors: IoError.
   void write(const std::string& folder, const std::vector<std::size_t>& untrusted, double elapsed_s) const;
 

@@ -1,0 +1,166 @@
+#include "knothe/project/picture_measurements.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <limits>
+#include <map>
+
+#include "knothe/base/error.hpp"
+#include "knothe/imaging/displacement_files.hpp"
+#include "knothe/project/picture_options.hpp"
+
+namespace knothe::project {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+constexpr double k_in_plane = 1e-9;  // m
+
+double microseconds_since(Clock::time_point start) {
+  return std::chrono::duration<double, std::micro>(Clock::now() - start).count();
+}
+
+/// Coordinate across the face that a camera sees.
+std::size_t across(imaging::View view) {
+  return view == imaging::View::side ? 2 : 1;
+}
+
+/// The six faces of a hexahedron, VTK's order of vertices.
+constexpr std::array<std::array<std::size_t, 4>, 6> k_faces{
+    {{0, 1, 2, 3}, {4, 5, 6, 7}, {0, 1, 5, 4}, {1, 2, 6, 5}, {2, 3, 7, 6}, {3, 0, 4, 7}}};
+
+double signed_area(const imaging::ImageMesh& mesh, const std::array<int, 4>& nodes) {
+  double area = 0;
+  for (std::size_t a = 0; a < 4; ++a) {
+    const auto p = static_cast<std::size_t>(nodes[a]), q = static_cast<std::size_t>(nodes[(a + 1) % 4]);
+    area += 0.5 * (mesh.x[p] * mesh.y[q] - mesh.x[q] * mesh.y[p]);
+  }
+  return area;
+}
+
+}  // namespace
+
+imaging::PictureFrame picture_frame_of(const Project& project, const std::optional<reduction::Mesh>& mesh) {
+  const PictureOptions& p = project.pictures;
+  if (!p.frame)
+    throw project.error_at("dic",
+                           "pictures need a scale to be measurements: \"dic.scale\" and \"dic.origin\", or "
+                           "\"dic.pixels\" and \"dic.points\"");
+  imaging::PictureFrame frame = *p.frame;
+  if (p.plane_given || !mesh) return frame;
+  const std::size_t axis = across(frame.view);
+  const bool largest = frame.view == imaging::View::side;
+  frame.plane = mesh->points[axis];
+  for (std::size_t i = axis; i < mesh->points.size(); i += 3)
+    frame.plane = largest ? std::max(frame.plane, mesh->points[i]) : std::min(frame.plane, mesh->points[i]);
+  return frame;
+}
+
+imaging::ImageMesh surface_mesh(const reduction::Mesh& mesh, const imaging::PictureFrame& frame,
+                                const Project& project) {
+  const std::size_t axis = across(frame.view);
+  imaging::ImageMesh face;
+  std::map<std::int64_t, int> number;
+  if (mesh.nodes_per_cell != 8)
+    throw project.error_at("dic.mesh",
+                           fmt::format("the model's mesh is of {} cells; a surface mesh is made of hexahedra "
+                                       "only: use \"dic.mesh\" = \"region\"",
+                                       mesh.type));
+  for (std::size_t c = 0; c < mesh.cell_count(); ++c)
+    for (const auto& vertices : k_faces) {
+      std::array<int, 4> nodes{};
+      const bool in_plane = std::all_of(vertices.begin(), vertices.end(), [&](std::size_t v) {
+        const auto point = static_cast<std::size_t>(mesh.cells[8 * c + v]);
+        return std::abs(mesh.points[3 * point + axis] - frame.plane) < k_in_plane;
+      });
+      if (!in_plane) continue;
+      for (std::size_t a = 0; a < 4; ++a) {
+        const std::int64_t point = mesh.cells[8 * c + vertices[a]];
+        const auto [at, is_new] = number.try_emplace(point, face.node_count());
+        if (is_new) {
+          const double* x = mesh.points.data() + 3 * point;
+          const auto pixel = frame.picture_point({x[0], x[1], x[2]});
+          face.x.push_back(pixel[0]), face.y.push_back(pixel[1]);
+        }
+        nodes[a] = at->second;
+      }
+      if (signed_area(face, nodes) < 0) std::swap(nodes[1], nodes[3]);
+      face.elements.push_back(nodes);
+    }
+  if (face.elements.empty())
+    throw project.error_at("dic.plane", fmt::format("no face of the model's mesh lies in the plane {} = {} m",
+                                                    axis == 2 ? "z" : "y", frame.plane));
+  return std::abs(frame.slope.imag()) > 1e-12 * frame.scale() ? imaging::triangulated(face) : face;
+}
+
+imaging::SeriesOptions series_options(const Project& project, const std::optional<reduction::Mesh>& mesh) {
+  imaging::SeriesOptions options = series_options(project);
+  if (!project.pictures.model_mesh) return options;
+  if (!mesh) throw project.error_at("dic.mesh", "\"dic.mesh\" = \"model\": the model has no mesh");
+  options.mesh = surface_mesh(*mesh, picture_frame_of(project, mesh), project);
+  return options;
+}
+
+PictureMeasurements::PictureMeasurements(const Project& project, const reduction::SeparatedModel& model) {
+  const auto& contents = model.contents();
+  frame_ = picture_frame_of(project, contents.mesh);
+  imaging::SeriesOptions options = series_options(project, contents.mesh);
+  if (options.times.empty()) {
+    if (options.pictures.size() > contents.time.size())
+      throw project.error_at("data",
+                             fmt::format("{} pictures, but the model has {} times: give \"data.times\"",
+                                         options.pictures.size(), contents.time.size()));
+    options.times.assign(contents.time.begin(),
+                         contents.time.begin() + static_cast<std::ptrdiff_t>(options.pictures.size()));
+  }
+  series_ = std::make_unique<imaging::PictureSeries>(std::move(options));
+  gamma_ = series_->known_noise();
+  while (!(gamma_ > 0) && !series_->done()) {
+    results_.push_back(series_->next());
+    gamma_ = results_.back().noise;
+  }
+  if (!(gamma_ > 0))
+    throw DataError(fmt::format("none of the {} pictures could be measured; the first: {}", results_.size(),
+                                results_.empty() ? "" : results_.front().message));
+  measurements_.time = series_->options().times;
+  std::vector<double> points;
+  std::vector<std::int64_t> component;
+  imaging::observation_places(series_->correlation().mesh(), frame_, points, component);
+  const auto n = static_cast<Eigen::Index>(component.size());
+  measurements_.points =
+      Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>>(points.data(), n, 3);
+  measurements_.components.assign(component.begin(), component.end());
+  measurements_.values.setConstant(n, static_cast<Eigen::Index>(measurements_.time.size()),
+                                   std::numeric_limits<double>::quiet_NaN());
+  measurements_.noise = noise_of(series_->correlation().usable_elements())
+                            .with_shared_reference(static_cast<int>(series_->reference_count()));
+}
+
+assimilation::NoiseModel PictureMeasurements::noise_of(const std::vector<char>& element_valid) const {
+  Eigen::SparseMatrix<double> precision = frame_.to_model(series_->precision(element_valid, gamma_).matrix);
+  precision.prune(0.0, 0.0);
+  return assimilation::NoiseModel::correlated(precision);
+}
+
+PictureDatum PictureMeasurements::next() {
+  PictureDatum datum;
+  if (next_ == results_.size()) results_.push_back(series_->next());
+  datum.picture = results_[next_];
+  datum.correlation_us = 1e3 * datum.picture.elapsed_ms;
+  const auto precision_start = Clock::now();
+  datum.values = imaging::observed_values(series_->correlation().mesh(), datum.picture, frame_);
+  const auto& valid = datum.picture.correlation.element_valid;
+  if (!datum.picture.missing && valid != series_->correlation().usable_elements()) {
+    if (!last_noise_ || last_valid_ != valid) last_noise_ = noise_of(valid), last_valid_ = valid;
+    datum.noise = last_noise_;
+  }
+  datum.precision_us = microseconds_since(precision_start);
+  measurements_.values.col(static_cast<Eigen::Index>(next_)) = datum.values;
+  ++next_;
+  return datum;
+}
+
+}  // namespace knothe::project

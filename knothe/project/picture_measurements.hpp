@@ -1,0 +1,67 @@
+#pragma once
+/// @file From pictures to measurements, one by one: what `knothe assimilate` takes instead of a data file.
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "knothe/assimilation/measurements.hpp"
+#include "knothe/imaging/picture_series.hpp"
+#include "knothe/imaging/registration.hpp"
+#include "knothe/project/project_file.hpp"
+#include "knothe/reduction/separated_model.hpp"
+
+namespace knothe::project {
+
+/// The faces of a mesh of hexahedra that lie in the plane a camera sees, in picture coordinates. Errors:
+/// ProjectError for a mesh without such faces.
+[[nodiscard]] imaging::ImageMesh surface_mesh(const reduction::Mesh& mesh, const imaging::PictureFrame& frame,
+                                              const Project& project);
+
+/// The frame of the project with its plane: given, or the model's outermost face. Errors: ProjectError where
+/// the project has neither scale nor registration.
+[[nodiscard]] imaging::PictureFrame picture_frame_of(const Project& project,
+                                                     const std::optional<reduction::Mesh>& mesh);
+
+/// The series of a project, with the model's surface mesh if that is asked for.
+[[nodiscard]] imaging::SeriesOptions series_options(const Project& project,
+                                                    const std::optional<reduction::Mesh>& mesh);
+
+/// One picture as a datum.
+struct PictureDatum {
+  imaging::PictureResult picture;
+  Eigen::VectorXd values;                         ///< n_obs, m; NaN where nothing was measured
+  std::optional<assimilation::NoiseModel> noise;  ///< where elements are missing
+  double correlation_us = 0, precision_us = 0;
+};
+
+/// The pictures of a project as a stream of data. γ is known from the options or from repeated references;
+/// else it is estimated from the first picture that converges, and kept.
+class PictureMeasurements {
+ public:
+  /// Errors: ProjectError for what the project lacks, DataError for pictures, UsageError for the mesh.
+  PictureMeasurements(const Project& project, const reduction::SeparatedModel& model);
+
+  /// Times, places and noise; values are NaN until pictures have come. Times that the pictures do not have
+  /// are the model's, one by one.
+  [[nodiscard]] const assimilation::Measurements& measurements() const { return measurements_; }
+  [[nodiscard]] const imaging::PictureSeries& series() const { return *series_; }
+  [[nodiscard]] const imaging::PictureFrame& frame() const { return frame_; }
+  [[nodiscard]] const std::vector<imaging::PictureResult>& results() const { return results_; }
+  [[nodiscard]] double noise() const { return gamma_; }  ///< γ, grey levels
+  PictureDatum next();
+
+ private:
+  [[nodiscard]] assimilation::NoiseModel noise_of(const std::vector<char>& element_valid) const;
+
+  imaging::PictureFrame frame_;
+  std::unique_ptr<imaging::PictureSeries> series_;
+  assimilation::Measurements measurements_;
+  std::vector<imaging::PictureResult> results_;
+  std::size_t next_ = 0;
+  double gamma_ = 0;
+  std::vector<char> last_valid_;
+  std::optional<assimilation::NoiseModel> last_noise_;
+};
+
+}  // namespace knothe::project

@@ -1,0 +1,22 @@
+#pragma once
+/// @file `knothe simulate --images`: pictures of a test, as a camera would have taken them.
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "knothe/project/project_file.hpp"
+#include "knothe/project/simulation.hpp"
+#include "knothe/reduction/snapshots.hpp"
+
+namespace knothe::project {
+
+/// Draws the face that [dic] sees ([dic] scale, origin, view) with a speckle pattern, under the displacements
+/// of the model at every `[simulate.camera] every`-th time: exact, since a pixel is the pattern at the
+/// material point that it shows. Writes into `folder` reference_1.tif …, picture_0001.tif …, and pictures.csv
+/// (time,file). Errors: ProjectError for what the project lacks, IoError; Interrupted, with what is drawn
+/// kept.
+void simulate_pictures(const Project& project, const reduction::Mesh& mesh, const reduction::Dofs& dofs,
+                       const std::vector<double>& time, const DisplacementField& field,
+                       std::optional<std::uint64_t> seed, const std::string& folder);
+
+}  // namespace knothe::project

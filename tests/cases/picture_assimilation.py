@@ -1,0 +1,68 @@
+"""Pictures in `knothe simulate --images` and `knothe assimilate`: from drawn pictures to the posterior of the parameters that
+drew them."""
+import math
+import unittest
+
+from support import Case
+
+
+class Test(Case):
+    project_name = "picture_assimilation.toml"
+    fixture = "analytic"
+
+    def draw(self):
+        self.expect(0, "simulate", self.project_name, "--model", "model.h5", "--images", "-o", "pictures")
+
+    def test_pictures_are_drawn_with_their_times(self):
+        self.draw()
+        names = sorted(path.name for path in (self.folder / "pictures").iterdir())
+        self.assertEqual(names[-2:], ["reference_1.tif", "reference_2.tif"])
+        lines = (self.folder / "pictures" / "pictures.csv").read_text().splitlines()
+        self.assertEqual(lines[0], "time,file")
+        self.assertEqual([line.split(",")[1] for line in lines[1:]], [n for n in names if n.startswith("picture_")])
+
+    def test_the_posterior_covers_the_parameters_that_drew_them(self):
+        self.draw()
+        lines = self.assimilate()
+        last = lines[-1]
+        truth = [1.06, 0.96]
+        for k in range(2):
+            self.assertLess(abs(last["mean"][k] - truth[k]), 3.3 * math.sqrt(last["covariance"][k][k]), last)
+            self.assertLess(last["covariance"][k][k], 0.5 * lines[0]["covariance"][k][k])
+        for line in lines:
+            self.assertEqual(line["missing"], 0)
+            self.assertIs(line["picture"]["missing"], False)
+            self.assertTrue({"correlation", "precision", "update", "forecast", "total"} <= set(line["elapsed_us"]))
+        self.assertTrue((self.folder / "results" / "displacements.h5").exists())
+
+    def test_displacements_first_and_then_the_posterior_give_the_same(self):
+        """`knothe dic -o u.h5` and assimilating that file, against pictures straight away: one noise, known from two references."""
+        self.draw()
+        at_once = self.assimilate()
+        self.expect(0, "dic", self.project_name, "-o", "u.h5")
+        self.edit('pictures = "pictures/"', 'file = "u.h5"')
+        for one, other in zip(at_once, self.assimilate()):
+            for k in range(2):
+                self.assertAlmostEqual(one["mean"][k], other["mean"][k], delta=1e-6)
+
+    def test_a_picture_that_is_gone_is_missing_data(self):
+        self.draw()
+        gone = sorted((self.folder / "pictures").glob("picture_*.tif"))[2]
+        gone.unlink()
+        outcome = self.expect(0, "assimilate", self.project_name, "--json", stderr=f"{gone.name}: error: there is no such picture")
+        lines = outcome.lines()
+        self.assertEqual([line["picture"]["missing"] for line in lines[:-1]], [i == 2 for i in range(len(lines) - 1)])
+        self.assertEqual(lines[2]["used"], 0)
+        self.assertEqual(lines[2]["mean"], lines[1]["mean"])
+
+    def test_what_is_lacking_is_said(self):
+        self.draw()
+        self.edit("scale = ", "#scale = ")
+        self.expect(3, "assimilate", self.project_name, stderr='needs "dic.scale"')
+        self.edit("#scale = ", "scale = ")
+        self.edit('pictures = "pictures/"', 'pictures = "nothing/"')
+        self.expect(4, "assimilate", self.project_name, stderr="no such folder of pictures")
+
+
+if __name__ == "__main__":
+    unittest.main()
