@@ -1,6 +1,8 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <array>
+#include <charconv>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -21,6 +23,7 @@
 #include "knothe/files/json_line.hpp"
 #include "knothe/forecast/forecaster.hpp"
 #include "knothe/imaging/displacement_files.hpp"
+#include "knothe/project/model_comparison.hpp"
 #include "knothe/project/picture_measurements.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/project/update_setup.hpp"
@@ -89,6 +92,12 @@ class Assimilation {
  public:
   explicit Assimilation(const project::UpdateSetup& setup) {
     const auto& noise = setup.measurements.noise;
+    const bool corrects = setup.options.learn_bias ||
+                          setup.options.bias_correction != assimilation::BiasCorrectionMode::off;
+    if (corrects && (setup.baseline || setup.robust.is_active())) {
+      throw UsageError(
+          "bias_correction and --redo go with method transport or grid and the Gaussian likelihood only");
+    }
     if (setup.baseline) {
       baseline_ = std::make_unique<assimilation::BaselineUpdate>(setup.observed, noise, setup.priors,
                                                                  *setup.baseline);
@@ -115,6 +124,7 @@ class Assimilation {
   void set_step_noise(std::size_t step, assimilation::NoiseModel noise) {
     if (maps_) maps_->set_step_noise(step, std::move(noise));
   }
+  void redo(std::size_t from, std::size_t to) { maps_->redo(from, to); }
   /// Of gating or a Student-t likelihood, else null.
   [[nodiscard]] const assimilation::SensorReport* sensors() const {
     return robust_ ? &robust_->sensors() : nullptr;
@@ -193,6 +203,22 @@ void add_picture(nlohmann::ordered_json& line, const project::PictureDatum& datu
   elapsed["total"] = elapsed["total"].get<double>() + datum.correlation_us + datum.precision_us;
 }
 
+/// FROM:TO of `--redo`.
+std::array<std::size_t, 2> redo_range(const std::string& text, std::size_t steps) {
+  std::array<std::size_t, 2> range{};
+  const char *at = text.data(), *end = at + text.size();
+  const auto from = std::from_chars(at, end, range[0]);
+  const bool colon = from.ec == std::errc() && from.ptr != end && *from.ptr == ':';
+  const auto to = std::from_chars(colon ? from.ptr + 1 : end, end, range[1]);
+  if (!colon || to.ec != std::errc() || to.ptr != end)
+    throw UsageError(fmt::format("--redo {}: give two steps, FROM:TO, e.g. 20:40", text));
+  if (range[0] > range[1] || range[1] >= steps) {
+    throw UsageError(
+        fmt::format("--redo {}: the data have steps 0 to {}, and FROM is not after TO", text, steps - 1));
+  }
+  return range;
+}
+
 }  // namespace
 
 int assimilate(const AssimilateArguments& arguments) {
@@ -201,6 +227,7 @@ int assimilate(const AssimilateArguments& arguments) {
   if (!arguments.results.empty()) project.results = arguments.results;
   project::UpdateSetup setup = project::set_up(project, true);
 
+  setup.options.learn_bias = !arguments.redo.empty();
   Assimilation update(setup);
   assimilation::SensorWatch watch(setup.measurements.noise);
   const std::vector<assimilation::Prior> priors = truncated_priors(setup);
@@ -208,6 +235,12 @@ int assimilate(const AssimilateArguments& arguments) {
   for (std::size_t k = 0; k < priors.size(); ++k)
     middle[static_cast<Eigen::Index>(k)] = priors[k].from_standard_normal(0).value;
   std::set<Eigen::Index> reported;
+  if (!arguments.redo.empty()) {
+    // What is taken out and put back equals what came corrected in the first place, to the bit.
+    const auto [from, to] = redo_range(arguments.redo, setup.measurements.time.size());
+    update.redo(from, to);
+  }
+  project::ModelComparison comparison(project);
   forecast::Forecaster forecaster = project::make_forecaster(project, setup);
   files::require_writable_folder(project.results);
   report::ResultsWriter results(project, setup.model, setup.measurements, priors);
@@ -229,16 +262,20 @@ int assimilate(const AssimilateArguments& arguments) {
     const auto forecasts = forecaster.update(update.posterior().points, update.posterior().weights);
     const double forecast_us = microseconds_since(forecast_start);
     if (!result.trusted) untrusted.push_back(step);
+    comparison.update(step, result.log_evidence,
+                      setup.measurements.values.col(static_cast<Eigen::Index>(step)));
     if (arguments.json) {
       auto record = report::step_record(result, forecasts, forecast_us);
       if (update.sensors() != nullptr) record["sensors"] = sensor_record(*update.sensors());
       if (!watch.stuck().empty()) record["stuck"] = watch.stuck();
       if (!watch.absent().empty()) record["absent"] = watch.absent();
       if (picture) add_picture(record, *picture);
+      if (!comparison.empty()) record["models"] = report::model_records(comparison);
       fmt::print("{}\n", files::json_line(record));
       std::fflush(stdout);
     }
     const double picture_us = picture ? picture->correlation_us + picture->precision_us : 0;
+    if (!result.notice.empty()) fmt::print(stderr, "step {}: {}\n", step, result.notice);
     display.show(result, forecasts, picture_us + result.elapsed_us.total() + forecast_us);
     // Not part of the forecast's time: a cross-check for the report, from fewer points.
     const auto direct = forecaster.direct(update.posterior().points, update.posterior().weights, 256);
@@ -263,6 +300,7 @@ int assimilate(const AssimilateArguments& arguments) {
   } else {
     fmt::print("{} steps in {:.2f} s, untrusted: {}; results in {}\n", steps, elapsed_s, joined(untrusted),
                project.results);
+    if (!comparison.empty()) fmt::print("{}\n", comparison.verdict());
   }
   return 0;
 }

@@ -51,6 +51,7 @@ int simulate(const SimulateArguments& arguments);
 struct AssimilateArguments {
   std::string project;
   std::string method;  ///< overrides the project's
+  std::string redo;    ///< FROM:TO, steps to correct; empty: none
   bool json = false;
   std::string results;  ///< overrides the project's
 };

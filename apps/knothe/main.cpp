@@ -124,6 +124,8 @@ void add_assimilate(CLI::App& app, Command& chosen) {
   command.add_option("FILE", arguments.project, "project file")->required();
   command.add_option("--method", arguments.method, "transport, grid, mcmc, smc, ekf, ukf or enkf")
       ->check(CLI::IsMember({"transport", "grid", "mcmc", "smc", "ekf", "ukf", "enkf"}));
+  command.add_option("--redo", arguments.redo,
+                     "FROM:TO: these steps with the model corrected for its bias, later ones as they follow");
   command.add_flag("--json", arguments.json, "one line of JSON per step on stdout");
   command.add_option("-o,--output", arguments.results, "folder for results");
   command.callback([&chosen] { chosen = [] { return assimilate(arguments); }; });

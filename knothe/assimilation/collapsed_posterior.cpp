@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <Eigen/Cholesky>
+#include <array>
 #include <cassert>
 #include <cmath>
 #include <numbers>
@@ -79,16 +81,20 @@ void DatumProjector::restart() {
   if (constant_) constant_->restart();
 }
 
-void DatumProjector::project(std::size_t step, std::size_t time_index,
-                             const Eigen::Ref<const Eigen::VectorXd>& values, StepForm& form) {
-  assert(time_index < model_->time.size() && values.size() == observation_count());
-  residual_ = values - predicted_.col(time_index);
+void DatumProjector::take_measured(std::size_t step, const Eigen::Ref<const Eigen::VectorXd>& values) {
   const NoiseModel& noise = noise_.at_step(step);
   kept_.clear();
   for (Eigen::Index i = 0; i < values.size(); ++i) {
     if (std::isinf(values[i])) throw DataError("a measured value is infinite: give NaN for a missing value");
     if (!std::isnan(values[i]) && noise.is_measured(i)) kept_.push_back(i);
   }
+}
+
+void DatumProjector::project(std::size_t step, std::size_t time_index,
+                             const Eigen::Ref<const Eigen::VectorXd>& values, StepForm& form) {
+  assert(time_index < model_->time.size() && values.size() == observation_count());
+  residual_ = values - predicted_.col(time_index);
+  take_measured(step, values);
   if (kept_.empty()) {
     form = StepForm::zero(central_.size());
   } else if (constant_) {
@@ -110,6 +116,51 @@ void DatumProjector::project(std::size_t step, std::size_t time_index,
   }
   form.used = static_cast<Eigen::Index>(kept_.size());
   form.missing = observation_count() - form.used;
+}
+
+void DatumProjector::project(std::size_t step, std::size_t time_index,
+                             const Eigen::Ref<const Eigen::VectorXd>& values,
+                             const BiasCorrection& correction, StepForm& form) {
+  assert(time_index < model_->time.size() && values.size() == observation_count() && !depends_on_order());
+  residual_ = values - predicted_.col(time_index) - correction.mean;
+  take_measured(step, values);
+  form = StepForm::zero(central_.size());
+  form.used = static_cast<Eigen::Index>(kept_.size());
+  form.missing = observation_count() - form.used;
+  if (kept_.empty()) return;
+  // Divided by the scale S, the noise is R again.
+  const NoiseModel& noise = group_of(step).noise;
+  const Eigen::VectorXd scale = correction.scale(kept_), down = scale.cwiseInverse();
+  const Eigen::VectorXd residual = down.cwiseProduct(residual_(kept_));
+  const Eigen::MatrixXd space = down.asDiagonal() * model_->space(kept_, Eigen::all);
+  const Eigen::MatrixXd weighted_space = noise.apply(space);
+  const Eigen::VectorXd weighted = noise.apply(residual);
+  Eigen::MatrixXd gram = space.transpose() * weighted_space;
+  Eigen::VectorXd in_space = space.transpose() * weighted;
+  form.constant = residual.dot(weighted);
+  form.log_normaliser =
+      static_cast<double>(form.used) * k_log_2_pi + noise.log_determinant() + 2 * scale.array().log().sum();
+  if (correction.factor.cols() > 0) {
+    // (R + F Fᵀ)⁻¹ = R⁻¹ − R⁻¹F (I + FᵀR⁻¹F)⁻¹ FᵀR⁻¹, Woodbury.
+    const Eigen::MatrixXd factor = down.asDiagonal() * correction.factor(kept_, Eigen::all);
+    const Eigen::MatrixXd weighted_factor = noise.apply(factor);
+    Eigen::MatrixXd inner = factor.transpose() * weighted_factor;
+    inner.diagonal().array() += 1;
+    const Eigen::MatrixXd lower = Eigen::LLT<Eigen::MatrixXd>(inner).matrixL();
+    Eigen::MatrixXd in_factor = weighted_factor.transpose() * space;
+    Eigen::VectorXd of_residual = weighted_factor.transpose() * residual;
+    lower.triangularView<Eigen::Lower>().solveInPlace(in_factor);
+    lower.triangularView<Eigen::Lower>().solveInPlace(of_residual);
+    gram.noalias() -= in_factor.transpose() * in_factor;
+    in_space.noalias() -= in_factor.transpose() * of_residual;
+    form.constant -= of_residual.squaredNorm();
+    form.log_normaliser += 2 * lower.diagonal().array().log().sum();
+  }
+  const auto& core = model_->core[time_index];
+  form.quadratic = core.transpose() * gram * core;
+  form.quadratic = 0.5 * (form.quadratic + form.quadratic.transpose().eval());
+  form.linear = core.transpose() * in_space;
+  require_finite(form, values);
 }
 
 void DatumProjector::project_complete(std::size_t time_index, StepForm& form) {
@@ -156,22 +207,41 @@ CollapsedLogDensity::CollapsedLogDensity(std::shared_ptr<const reduction::Parame
     : functions_(std::move(functions)),
       transform_(std::move(transform)),
       central_(std::move(central_functions)),
-      magnitude_(functions_->magnitude(central_)),
-      likelihood_(functions_->make_quadratic_form()) {
+      magnitude_(functions_->magnitude(central_)) {
   assert(functions_->dimension() == transform_->dimension() && functions_->count() == central_.size());
   set_form(StepForm::zero(central_.size()));
 }
 
 void CollapsedLogDensity::set_form(const StepForm& form) {
-  factor_.compute(form.quadratic, form.linear, magnitude_);
-  // −2 log L = |Lᵀv − y|² − 2 (h − L y)·v + constants, v = w − w₀.
-  combination_ = factor_.lower().transpose();
-  shift_ = -factor_.solution();
-  shift_.noalias() -= combination_ * central_;
-  const double constant = -0.5 * (form.constant + form.log_normaliser) +
-                          0.5 * factor_.solution().squaredNorm() - factor_.remainder().dot(central_);
-  likelihood_->set(combination_, shift_, factor_.remainder(), constant);
+  const StepForm* const one[] = {&form};
+  set_mixture(one, std::array{0.0});
   if (noise_level_) noise_level_->set(form);
+}
+
+void CollapsedLogDensity::set_mixture(std::span<const StepForm* const> forms,
+                                      std::span<const double> log_weights, std::span<const double> shares) {
+  assert(!forms.empty() && forms.size() == log_weights.size());
+  assert(shares.empty() || shares.size() == forms.size());
+  while (components_.size() < forms.size()) {
+    components_.emplace_back();
+    components_.back().likelihood = functions_->make_quadratic_form();
+  }
+  count_ = forms.size();
+  for (std::size_t k = 0; k < count_; ++k) {
+    set_component(components_[k], *forms[k], log_weights[k]);
+    components_[k].is_felt = shares.empty() || shares[k] > 1e-3;
+  }
+}
+
+void CollapsedLogDensity::set_component(Component& c, const StepForm& form, double log_weight) {
+  c.factor.compute(form.quadratic, form.linear, magnitude_);
+  // −2 log L = |Lᵀv − y|² − 2 (h − L y)·v + constants, v = w − w₀.
+  c.combination = c.factor.lower().transpose();
+  c.shift = -c.factor.solution();
+  c.shift.noalias() -= c.combination * central_;
+  const double constant = -0.5 * (form.constant + form.log_normaliser) +
+                          0.5 * c.factor.solution().squaredNorm() - c.factor.remainder().dot(central_);
+  c.likelihood->set(c.combination, c.shift, c.factor.remainder(), constant + log_weight);
 }
 
 CollapsedLogDensity::Workspace& CollapsedLogDensity::workspace(Eigen::Index n) {
@@ -188,8 +258,59 @@ CollapsedLogDensity::Workspace& CollapsedLogDensity::workspace(Eigen::Index n) {
 
 void CollapsedLogDensity::evaluate_likelihood(const Eigen::Ref<const Eigen::MatrixXd>& p, int derivatives,
                                               sampling::LogDensityBatch& out) {
-  likelihood_->evaluate(p, derivatives, out.value, out.gradient, out.hessian);
+  if (count_ > 1) return evaluate_mixture(p, derivatives, out);
+  components_[0].likelihood->evaluate(p, derivatives, out.value, out.gradient, out.hessian);
   if (noise_level_) noise_level_->marginalise(derivatives, out);
+}
+
+/// ℓ = log Σ exp ℓ_k; with shares s_k = exp(ℓ_k − ℓ): ∇ℓ = Σ s_k ∇ℓ_k, ∇²ℓ = Σ s_k (∇²ℓ_k + ∇ℓ_k∇ℓ_kᵀ) −
+/// ∇ℓ∇ℓᵀ. Component by component, with the sum so far as one of two.
+void CollapsedLogDensity::evaluate_mixture(const Eigen::Ref<const Eigen::MatrixXd>& p, int derivatives,
+                                           sampling::LogDensityBatch& out) {
+  const Eigen::Index d = dimension();
+  sampling::LogDensityBatch& next = workspace(p.rows()).component;
+  next.resize(p.rows(), d, derivatives);
+  std::size_t k = 0;
+  while (k + 1 < count_ && !components_[k].is_felt) ++k;
+  components_[k].likelihood->evaluate(p, derivatives, out.value, out.gradient, out.hessian);
+  for (++k; k < count_; ++k) {
+    if (!components_[k].is_felt) continue;
+    components_[k].likelihood->evaluate(p, derivatives, next.value, next.gradient, next.hessian);
+    const Eigen::ArrayXd difference = next.value.array() - out.value.array();
+    const Eigen::ArrayXd share = 1 / (1 + (-difference).exp());  // of the next, in what both make
+    out.value.array() += difference.max(0.0) + (-difference.abs()).exp().log1p();
+    if (derivatives >= 2) {
+      for (Eigen::Index a = 0; a < d; ++a) {
+        for (Eigen::Index b = 0; b <= a; ++b) {
+          const Eigen::Index at = sampling::packed_index(a, b);
+          // With two parts the outer products come to s (1 − s) (∇ℓ₂ − ∇ℓ₁)(∇ℓ₂ − ∇ℓ₁)ᵀ.
+          out.hessian.col(at).array() += share * (next.hessian.col(at) - out.hessian.col(at)).array() +
+                                         share * (1 - share) *
+                                             (next.gradient.col(a) - out.gradient.col(a)).array() *
+                                             (next.gradient.col(b) - out.gradient.col(b)).array();
+        }
+      }
+    }
+    if (derivatives >= 1)
+      out.gradient.array() += share.replicate(1, d) * (next.gradient - out.gradient).array();
+  }
+}
+
+Eigen::VectorXd CollapsedLogDensity::component_shares(const Eigen::Ref<const Eigen::MatrixXd>& p,
+                                                      const Eigen::Ref<const Eigen::VectorXd>& weights) {
+  sampling::LogDensityBatch& next = workspace(p.rows()).component;
+  next.resize(p.rows(), dimension(), 0);
+  const auto count = static_cast<Eigen::Index>(count_);
+  Eigen::ArrayXXd value(p.rows(), count);
+  for (Eigen::Index k = 0; k < count; ++k) {
+    components_[static_cast<std::size_t>(k)].likelihood->evaluate(p, 0, next.value, next.gradient,
+                                                                  next.hessian);
+    value.col(k) = next.value;
+  }
+  value.colwise() -= Eigen::ArrayXd(value.rowwise().maxCoeff());
+  value = value.exp();
+  value.colwise() /= Eigen::ArrayXd(value.rowwise().sum());
+  return value.matrix().transpose() * weights;
 }
 
 void CollapsedLogDensity::evaluate_standardised_likelihood(const Eigen::Ref<const Eigen::MatrixXd>& z,

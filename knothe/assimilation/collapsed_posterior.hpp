@@ -12,8 +12,10 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <span>
 #include <vector>
 
+#include "knothe/assimilation/model_bias.hpp"
 #include "knothe/assimilation/noise_level.hpp"
 #include "knothe/assimilation/noise_model.hpp"
 #include "knothe/assimilation/prior_transform.hpp"
@@ -50,8 +52,14 @@ class DatumProjector {
   /// allocated after the first call. A datum that is refused (DataError) leaves no trace.
   void project(std::size_t step, std::size_t time_index, const Eigen::Ref<const Eigen::VectorXd>& values,
                StepForm& form);
+  /// The same with the corrected likelihood of Rubio et al. 2019, Eq. 18: the residual less the mean of the
+  /// bias, and in place of R the covariance of the bias, S R S + F Fᵀ, which changes G_t too. Not where
+  /// forms depend on the order (asserted).
+  void project(std::size_t step, std::size_t time_index, const Eigen::Ref<const Eigen::VectorXd>& values,
+               const BiasCorrection& correction, StepForm& form);
 
  private:
+  void take_measured(std::size_t step, const Eigen::Ref<const Eigen::VectorXd>& values);
   void project_complete(std::size_t time_index, StepForm& form);
   void project_incomplete(std::size_t step, std::size_t time_index, StepForm& form);
   void project_constant(std::size_t step, std::size_t time_index, StepForm& form);
@@ -82,6 +90,16 @@ class CollapsedLogDensity final : public sampling::LogDensity {
   /// From the next `set_form` on the level of the noise is not known: it is integrated out.
   void infer_noise_level(NoiseLevel level) { noise_level_ = level; }
   [[nodiscard]] const std::optional<NoiseLevel>& noise_level() const { return noise_level_; }
+  /// A mixture: the likelihood is Σ_k exp(log_weights[k]) L_k, L_k that of forms[k] (one per size of the
+  /// model's discrepancy, `joint_discrepancy.hpp`). At least one; as many weights. `shares`: what is known of
+  /// how probable each is (empty: nothing); a part below 1e-3 is not evaluated but for `component_shares`.
+  void set_mixture(std::span<const StepForm* const> forms, std::span<const double> log_weights,
+                   std::span<const double> shares = {});
+
+  /// Of a mixture: how probable each of its parts is, at weighted points p of the posterior (n × d and n, sum
+  /// 1).
+  [[nodiscard]] Eigen::VectorXd component_shares(const Eigen::Ref<const Eigen::MatrixXd>& p,
+                                                 const Eigen::Ref<const Eigen::VectorXd>& weights);
 
   [[nodiscard]] Eigen::Index dimension() const override { return transform_->dimension(); }
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int derivatives,
@@ -98,18 +116,27 @@ class CollapsedLogDensity final : public sampling::LogDensity {
 
  private:
   struct Workspace {
-    Eigen::MatrixXd p, first, second;  ///< n × d
+    Eigen::MatrixXd p, first, second;     ///< n × d
+    sampling::LogDensityBatch component;  ///< of a mixture
+  };
+  struct Component {
+    bool is_felt = true;
+    QuadraticFactor factor;
+    Eigen::MatrixXd combination;  ///< A of the quadratic form, k × r
+    Eigen::VectorXd shift;        ///< b of it, k
+    std::unique_ptr<reduction::QuadraticForm> likelihood;
   };
   Workspace& workspace(Eigen::Index n);
+  void set_component(Component& component, const StepForm& form, double log_weight);
+  void evaluate_mixture(const Eigen::Ref<const Eigen::MatrixXd>& p, int derivatives,
+                        sampling::LogDensityBatch& out);
 
   std::shared_ptr<const reduction::ParameterFunctions> functions_;
   std::shared_ptr<const PriorTransform> transform_;
   Eigen::VectorXd central_;
   Eigen::VectorXd magnitude_;  ///< bounds of |w − w₀|
-  QuadraticFactor factor_;
-  Eigen::MatrixXd combination_;  ///< A of the quadratic form, k × r
-  Eigen::VectorXd shift_;        ///< b of it, k
-  std::unique_ptr<reduction::QuadraticForm> likelihood_;
+  std::vector<Component> components_;
+  std::size_t count_ = 1;                         ///< components in use, the first ones
   std::optional<NoiseLevel> noise_level_;
   std::map<Eigen::Index, Workspace> workspaces_;  ///< by number of points: few sizes occur, over and over
 };

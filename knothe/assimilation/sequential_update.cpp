@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cassert>
 #include <chrono>
 #include <cmath>
@@ -65,6 +66,11 @@ transport::MapSolverOptions online(const UpdateOptions& options) {
   transport::MapSolverOptions map = options.map;
   map.fallback = false;
   map.search_modes = options.search_modes;
+  // A mixture over the sizes of a discrepancy has tails that no order of a map follows: a low one, and the
+  // correction.
+  const bool mixture = (options.learn_bias || options.bias_correction != BiasCorrectionMode::off) &&
+                       options.bias.way == BiasOptions::Way::joint;
+  if (mixture) map.max_order = std::min(map.max_order, 4);
   return map;
 }
 
@@ -89,6 +95,9 @@ SequentialUpdate::SequentialUpdate(std::shared_ptr<const reduction::ObservedMode
       projector_(model, std::move(noise), medians(*transform_)),
       target_(model->functions, transform_, projector_.central_functions()),
       solver_(online(options_)),
+      supervision_(model, projector_.noise(), transform_, options_.bias_correction,
+                   options_.learn_bias || options_.bias_correction != BiasCorrectionMode::off, options_.bias,
+                   options_.monitor),
       sum_(StepForm::zero(model->functions->count())) {
   if (options_.noise_level) {
     if (options_.form == UpdateOptions::Form::composed)
@@ -102,6 +111,7 @@ SequentialUpdate::SequentialUpdate(std::shared_ptr<const reduction::ObservedMode
   if (options_.form == UpdateOptions::Form::composed) {
     composition_ = std::make_unique<Composition>(*model, transform_, projector_.central_functions());
   }
+  refuse_what_does_not_go_together();
 }
 
 SequentialUpdate::~SequentialUpdate() = default;
@@ -132,7 +142,7 @@ const UpdateResult& SequentialUpdate::update(std::size_t step, std::size_t time_
   Datum datum;
   datum.time_index = time_index;
   datum.time = projector_.model().time[time_index];
-  if (projector_.depends_on_order()) datum.values = values;
+  if (projector_.depends_on_order() || supervision_.learns()) datum.values = values;
   // Throws for data that cannot be; nothing has changed then.
   projector_.project(step, time_index, values, datum.form);
   data_[step] = std::move(datum);
@@ -140,7 +150,7 @@ const UpdateResult& SequentialUpdate::update(std::size_t step, std::size_t time_
   if (!in_order) project_again();
   const double projection = microseconds_since(start);
   conclude(data_.rbegin()->first);
-  result_.elapsed_us.projection = projection;
+  result_.elapsed_us.projection += projection;
   return result_;
 }
 
@@ -164,7 +174,11 @@ void SequentialUpdate::project_again() {
 }
 
 void SequentialUpdate::put(std::size_t step, std::size_t time_index, StepForm form) {
-  data_[step] = {std::move(form), time_index, {}, projector_.model().time[time_index], std::nullopt};
+  Datum datum;
+  datum.form = std::move(form);
+  datum.time_index = time_index;
+  datum.time = projector_.model().time[time_index];
+  data_[step] = std::move(datum);
   forget_from(step);
 }
 
@@ -177,9 +191,14 @@ void SequentialUpdate::forget_from(std::size_t step) {
 void SequentialUpdate::begin_anew() {
   result_ = {};
   posterior_ = {};
-  if (composition_) composition_->map = transport::ComposedMap(transform_->dimension());
-  sum_ = StepForm::zero(projector_.central_functions().size());
+  if (composition_) restart_composition();
+  clear_sums();
+  supervision_.restart();
   summed_.reset();
+}
+
+void SequentialUpdate::restart_composition() {
+  composition_->map = transport::ComposedMap(transform_->dimension());
 }
 
 const UpdateResult& SequentialUpdate::conclude(std::size_t step) {
@@ -188,16 +207,20 @@ const UpdateResult& SequentialUpdate::conclude(std::size_t step) {
     throw UsageError(fmt::format("step {} is not assimilated: there is no posterior of it", step));
   if (summed_ && *summed_ > step) begin_anew();
   // In the order of the steps, so that the sums are those of data that came in that order, to the bit.
-  // Composed maps need every step; the collapsed posterior only the last one, and the one before it for the
-  // increment of the evidence.
+  // Composed maps need every step, and so does a correction, which follows from all steps before it; the
+  // collapsed posterior only the last one, and the one before it for the increment of the evidence.
+  const bool every = composition_ || supervision_.learns();
   auto it = summed_ ? data_.upper_bound(*summed_) : data_.begin();
   for (const auto end = std::next(last); it != end; ++it) {
-    sum_.add(it->second.form);
-    summed_ = it->first;
     const bool before_last = std::next(it) == last && !it->second.log_evidence;
-    if (!composition_ && it != last && !before_last) continue;
+    if (!every && it != last && !before_last) {
+      add_to_sums(it->second);
+      summed_ = it->first;
+      supervision_.lose_posterior();
+      continue;
+    }
     try {
-      recompute(it->first);
+      assimilate(it->first);
     } catch (...) {
       begin_anew();  // a posterior that is half one step's, half another's is nobody's
       throw;
@@ -214,7 +237,7 @@ void SequentialUpdate::recompute(std::size_t step) {
   result_.time = datum.time;
   result_.used = datum.form.used;
   result_.missing = datum.form.missing;
-  target_.set_form(sum_);
+  set_target();
   if (options_.kind == UpdateOptions::Kind::grid) {
     by_grid();
   } else if (composition_) {
@@ -294,7 +317,8 @@ void SequentialUpdate::by_collapsed_map() {
 void SequentialUpdate::by_composed_maps(std::size_t step) {
   const auto start = Clock::now();
   Composition& composition = *composition_;
-  composition.density.set(composition.map, data_.at(step).form);
+  const Datum& datum = data_.at(step);
+  composition.density.set(composition.map, datum.corrected_form ? *datum.corrected_form : datum.form);
   solver_.solve(composition.density, map_);
   composition.map.append(map_.pre_map);
   composition.map.append(map_.map);

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "knothe/assimilation/collapsed_posterior.hpp"
+#include "knothe/assimilation/model_supervision.hpp"
 #include "knothe/assimilation/noise_model.hpp"
 #include "knothe/assimilation/prior.hpp"
 #include "knothe/reduction/observed_model.hpp"
@@ -32,6 +33,12 @@ struct UpdateOptions {
   transport::MapSolverOptions map;  ///< tolerance, orders, minimiser, number of points, seed
   /// In place of that of `map`: a tempered look for second modes costs more than all the rest of an update.
   transport::ModeSearchLevel search_modes = transport::ModeSearchLevel::multi_start;
+  /// Correction of the model's bias (Rubio et al. 2019, §4): never, always, or when the monitor says so.
+  BiasCorrectionMode bias_correction = BiasCorrectionMode::off;
+  BiasOptions bias;
+  MonitorOptions monitor;
+  /// Keeps what a correction needs also where nothing is corrected, so that `redo` can be asked for.
+  bool learn_bias = false;
 };
 
 /// Wall-clock time of each phase of an update, µs.
@@ -39,7 +46,8 @@ struct UpdateTimes {
   double projection = 0;  ///< datum → quadratic form
   double map = 0;         ///< maximum, pre-map, adaptive map, verification
   double correction = 0;  ///< importance weights, moments, quantiles, evidence
-  [[nodiscard]] double total() const { return projection + map + correction; }
+  double watch = 0;       ///< monitor of the evidence, bias
+  [[nodiscard]] double total() const { return projection + map + correction + watch; }
 };
 
 /// What an update did, and the posterior it found. Parameters p in the order of the priors. Moments,
@@ -71,6 +79,12 @@ struct UpdateResult {
 
   std::optional<double> noise_level;  ///< posterior mean of the factor of all variances, where it is inferred
   Eigen::Index used = 0, rejected = 0, missing = 0;  ///< values of this datum
+
+  bool bias_corrected = false;  ///< this datum was assimilated with the corrected model
+  MonitorReport monitor;        ///< how well the data before predicted this one
+  /// What the monitor found or did at this step, in words: the alarm, correction switched on or off, steps
+  /// that were taken out and put back. Mostly empty.
+  std::string notice;
   UpdateTimes elapsed_us;
 };
 
@@ -117,15 +131,25 @@ class SequentialUpdate {
   void put(std::size_t step, std::size_t time_index, StepForm form);
   const UpdateResult& conclude(std::size_t step);
 
+  /// Takes the steps `from` to `to` (both included) out and puts them back with the corrected model, and all
+  /// later ones as they follow from that. Result and posterior are bit-identical to a run in which these
+  /// steps were corrected when they came; steps that come later fall under it too. Throws UsageError where
+  /// data are not kept (`UpdateOptions::learn_bias`), and for an empty range.
+  const UpdateResult& redo(std::size_t from, std::size_t to);
+
   [[nodiscard]] const UpdateResult& result() const { return result_; }
   [[nodiscard]] const WeightedPosterior& posterior() const { return posterior_; }
   [[nodiscard]] std::vector<Prior> priors() const;       ///< truncated
   [[nodiscard]] std::vector<std::size_t> steps() const;  ///< assimilated, increasing
-  /// The collapsed form of all data.
+  /// The collapsed form of all data (without discrepancy).
   [[nodiscard]] const StepForm& collapsed() const { return sum_; }
   /// The target of the last map, in z; evaluates the whole posterior.
   [[nodiscard]] CollapsedLogDensity& target() { return target_; }
   [[nodiscard]] const PriorTransform& transform() const { return *transform_; }
+  /// The residuals learnt so far; null where none are.
+  [[nodiscard]] const ModelBias* bias() const { return supervision_.bias(); }
+  /// Which of the assimilated steps were corrected.
+  [[nodiscard]] std::vector<std::size_t> corrected_steps() const;
 
  private:
   struct Datum {
@@ -133,13 +157,28 @@ class SequentialUpdate {
     std::size_t time_index = 0;
     Eigen::VectorXd values;  ///< kept where the form depends on other data
     double time = 0;
-    std::optional<double> log_evidence;  ///< of all data up to this one, for the increment of the next
+    bool corrected = false;                  ///< assimilated with the corrected model
+    std::optional<StepForm> corrected_form;  ///< in place of `form`, which is without correction
+    std::vector<StepForm> levels;            ///< or one for each size of a discrepancy
+    std::optional<double> log_evidence;      ///< of all data up to this one, for the increment of the next
   };
   struct Composition;
+
+  // supervised_update.cpp
+  [[nodiscard]] std::optional<bool> by_hand(std::size_t step) const;
+  void correct(std::size_t step, Datum& datum);
+  void assimilate(std::size_t step);
+  void assimilate_again(std::size_t from, std::size_t step);
+  void go_back_before(std::size_t step);
+  void clear_sums();
+  void add_to_sums(const Datum& datum);
+  void set_target();
+  void refuse_what_does_not_go_together() const;
 
   void project_again();
   void forget_from(std::size_t step);
   void begin_anew();
+  void restart_composition();
   void recompute(std::size_t step);
   void by_grid();
   void average_noise_level();
@@ -160,6 +199,9 @@ class SequentialUpdate {
   transport::ImportanceCorrection correction_;
   std::unique_ptr<Composition> composition_;  ///< for Form::composed
   std::map<std::size_t, Datum> data_;
+  ModelSupervision supervision_;
+  std::vector<std::pair<std::size_t, std::size_t>> by_hand_;  ///< ranges of steps to correct
+  std::vector<StepForm> level_sums_;   ///< per size of a discrepancy; empty while there is none
   StepForm sum_;                       ///< of the steps up to `summed_`
   std::optional<std::size_t> summed_;  ///< the step that result_ and posterior_ are of
   UpdateResult result_;

@@ -61,6 +61,23 @@ assimilation::Prior read_prior(Values& values, const std::string& path) {
   return Prior::normal(0, 1);
 }
 
+/// A whole number between two others, both included.
+int read_between(Values& values, const std::string& key, int otherwise, int least, int most) {
+  const auto value = values.integer(key, otherwise);
+  if (value < least || value > most)
+    values.complain(key, fmt::format("\"{}\" must be from {} to {}", key, least, most));
+  return static_cast<int>(value);
+}
+
+void read_bias(Values& values, MethodOptions& method) {
+  method.bias_correction = values.text("method.bias_correction", method.bias_correction);
+  method.bias_extrapolation = values.text("method.bias_extrapolation", method.bias_extrapolation);
+  method.bias_memory = values.number("method.bias_memory", method.bias_memory);
+  method.bias_rank = read_between(values, "method.bias_rank", method.bias_rank, 1, 20);
+  method.bias_order = read_between(values, "method.bias_order", method.bias_order, 0, 3);
+  method.bias_window = read_between(values, "method.bias_window", method.bias_window, 1, 32);
+}
+
 MethodOptions read_method(Values& values) {
   values.at_least("method.max_order", 1);
   if (values.integer("method.max_order", 1) > 15) {
@@ -86,6 +103,7 @@ MethodOptions read_method(Values& values) {
   method.noise_level_shape = values.number("method.noise_level_shape", method.noise_level_shape);
   method.noise_level_scale = values.number("method.noise_level_scale", method.noise_level_scale);
   method.offset_std = values.number("method.offset_std", method.offset_std);
+  read_bias(values, method);
   return method;
 }
 
@@ -297,6 +315,8 @@ Project parse_project(const std::string& text, const std::string& path) {
   for (const auto& [key, where] : values.tables) project.positions[key] = {where.first, where.second};
   for (const auto& [key, value] : values.leaves) project.positions[key] = {value.line, value.column};
   project.model = resolve(values, "model.separated", project.folder);
+  for (const std::string& file : values.texts("model.candidates"))
+    project.candidates.push_back((std::filesystem::path(project.folder) / file).lexically_normal().string());
   project.data = resolve(values, "data.file", project.folder);
   project.results = (std::filesystem::path(project.folder) / values.text("results", "results/")).string();
   for (const std::string& name : children(values, "parameters")) {

@@ -35,6 +35,12 @@ struct MethodOptions {
   int samples = 10000;
   int verification_points = 1024;
   std::uint64_t seed = 1;
+  std::string bias_correction = "off";
+  int bias_rank = 2;
+  std::string bias_extrapolation = "joint";
+  double bias_memory = 20;
+  int bias_order = 1;
+  int bias_window = 2;
 };
 
 /// A model behind a UM-Bridge server ([model] umbridge).
@@ -121,12 +127,13 @@ struct SelectOptions {
 };
 
 struct Project {
-  std::string path;     ///< as given
-  std::string folder;   ///< paths are relative to it
-  std::string text;     ///< the file's text, written into every result
-  std::string model;    ///< separated model file, resolved; empty if none
-  std::string data;     ///< measurements, resolved; empty if none
-  std::string results;  ///< resolved
+  std::string path;                     ///< as given
+  std::string folder;                   ///< paths are relative to it
+  std::string text;                     ///< the file's text, written into every result
+  std::string model;                    ///< separated model file, resolved; empty if none
+  std::vector<std::string> candidates;  ///< further models to compare it with, resolved
+  std::string data;                     ///< measurements, resolved; empty if none
+  std::string results;                  ///< resolved
   std::vector<NamedPrior> parameters;
   MethodOptions method;
   UmbridgeOptions umbridge;

@@ -45,6 +45,23 @@ void check_priors(const Project& project, const reduction::SeparatedModel& model
   }
 }
 
+assimilation::BiasOptions bias_options(const MethodOptions& method) {
+  using assimilation::BiasOptions, assimilation::Extrapolation;
+  BiasOptions bias;
+  bias.rank = method.bias_rank;
+  bias.order = method.bias_order;
+  bias.window = method.bias_window;
+  const std::string& kind = method.bias_extrapolation;
+  bias.memory = method.bias_memory;
+  bias.way = kind == "joint"       ? BiasOptions::Way::joint
+             : kind == "pointwise" ? BiasOptions::Way::pointwise
+                                   : BiasOptions::Way::modes;
+  bias.extrapolation = kind == "damped-trend"       ? Extrapolation::damped_trend
+                       : kind == "gaussian-process" ? Extrapolation::gaussian_process
+                                                    : Extrapolation::polynomial;
+  return bias;
+}
+
 assimilation::UpdateOptions update_options(const MethodOptions& method) {
   assimilation::UpdateOptions options;
   options.map = map_options(method);
@@ -54,6 +71,10 @@ assimilation::UpdateOptions update_options(const MethodOptions& method) {
                                            : assimilation::UpdateOptions::Form::collapsed;
   if (method.unknown_noise_level)
     options.noise_level = assimilation::NoiseLevel(method.noise_level_shape, method.noise_level_scale);
+  options.bias_correction = method.bias_correction == "on"     ? assimilation::BiasCorrectionMode::on
+                            : method.bias_correction == "auto" ? assimilation::BiasCorrectionMode::automatic
+                                                               : assimilation::BiasCorrectionMode::off;
+  options.bias = bias_options(method);
   return options;
 }
 

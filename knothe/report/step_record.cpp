@@ -43,7 +43,7 @@ Json step_record(const assimilation::UpdateResult& r, std::span<const forecast::
       {"trusted", r.trusted},
       {"log_evidence", r.log_evidence},
       {"log_evidence_increment", r.log_evidence_increment},
-      {"bias_correction", "off"},
+      {"bias_correction", r.bias_corrected ? "on" : "off"},
       {"used", r.used},
       {"rejected", r.rejected},
       {"missing", r.missing},
@@ -53,11 +53,30 @@ Json step_record(const assimilation::UpdateResult& r, std::span<const forecast::
         {"total", r.elapsed_us.total() + forecast_us},
         {"projection", r.elapsed_us.projection},
         {"map", r.elapsed_us.map},
-        {"correction", r.elapsed_us.correction}}},
+        {"correction", r.elapsed_us.correction},
+        {"watch", r.elapsed_us.watch}}},
       {"forecast", forecast_record(forecasts, false)}};
   if (r.noise_level) record["noise_level"] = *r.noise_level;
+  record["monitor"] = {{"probability", r.monitor.upper_probability},
+                       {"cumulative_sum", r.monitor.cumulative_sum},
+                       {"threshold", r.monitor.threshold},
+                       {"alarm", r.monitor.alarm},
+                       {"smoothed_increment", r.monitor.smoothed_increment},
+                       {"discrepancy", r.monitor.discrepancy}};
+  if (!r.notice.empty()) record["notice"] = r.notice;
   if (!r.remark.empty()) record["remark"] = r.remark;
   return record;
+}
+
+Json model_records(const project::ModelComparison& comparison) {
+  Json records = Json::object();
+  for (const project::ComparedModel& model : comparison.models()) {
+    records[model.file] = {{"probability", model.probability},
+                           {"log_evidence", model.log_evidence},
+                           {"log_bayes_factor", model.log_bayes_factor},
+                           {"evidence_against", model.scale}};
+  }
+  return records;
 }
 
 void add_densities(Json& record, const std::vector<std::string>& parameters,

@@ -8,6 +8,7 @@
 
 #include "knothe/assimilation/sequential_update.hpp"
 #include "knothe/forecast/forecaster.hpp"
+#include "knothe/project/model_comparison.hpp"
 
 namespace knothe::report {
 
@@ -20,6 +21,10 @@ namespace knothe::report {
 /// The forecasts alone, by name. With `densities` the density of each is there too.
 [[nodiscard]] nlohmann::ordered_json forecast_record(std::span<const forecast::NamedForecast> forecasts,
                                                      bool densities);
+
+/// Models that are compared, by file: `log_evidence`, `probability`, `log_bayes_factor` of the most probable
+/// one over it, and that in words.
+[[nodiscard]] nlohmann::ordered_json model_records(const project::ModelComparison& comparison);
 
 /// Beside the fixed keys, for figures: marginal densities of the parameters (`marginals`), densities of the
 /// forecasts, and the direct forecasts of crack lengths (quantiles at the same levels).

@@ -179,6 +179,31 @@ class Test(Case):
             (a, c), (_, b) = line["covariance"]
             self.assertLess(abs(c), math.sqrt(a * b))
 
+    def test_redone_steps_are_corrected_and_say_so(self):
+        lines = self.assimilate("--redo", "3:5")
+        self.assertEqual([line["step"] for line in lines if line["bias_correction"] == "on"], [3, 4, 5])
+        self.assertEqual(len(lines), 12)
+
+    def test_a_range_to_redo_is_checked(self):
+        for text, message in (("5:12", "the data have steps 0 to 11"), ("7:5", "FROM is not after TO"), ("3", "give two steps")):
+            self.assertIn(message, self.expect(2, "assimilate", self.project_name, "--redo", text).err)
+
+    def test_a_model_that_is_right_stays_as_it_is(self):
+        plain = self.assimilate()
+        self.edit("max_order = 8\nseed = 1", 'max_order = 8\nseed = 1\nbias_correction = "auto"')
+        for line, before in zip(self.assimilate(), plain):
+            self.assertEqual(line["bias_correction"], "off")
+            self.assertFalse(line["monitor"]["alarm"])
+            self.assertAlmostEqual(line["log_evidence"], before["log_evidence"], delta=0.05)
+
+    def test_models_side_by_side_have_probabilities(self):
+        self.edit('model = "model.h5"', 'model = { separated = "model.h5", candidates = ["./model.h5"] }')
+        self.edit("max_order = 8\nseed = 1", 'max_order = 8\nseed = 1\nbias_order = 0')
+        for line in self.assimilate():
+            self.assertAlmostEqual(sum(m["probability"] for m in line["models"].values()) / len(line["models"]), 0.5, delta=1e-9)
+            for model in line["models"].values():
+                self.assertEqual(model["evidence_against"], "barely worth mentioning")
+
 
 if __name__ == "__main__":
     unittest.main()

@@ -1,0 +1,38 @@
+#pragma once
+/// @file Discrepancy of the model, unknown together with the parameters and integrated out.
+#include <Eigen/Core>
+
+#include "knothe/assimilation/step_form.hpp"
+
+namespace knothe::assimilation {
+
+/// A bias that looks like what the model can do, only not at one fixed w: the datum at t_i is predicted by
+/// w(p) + κ F ξ_i in place of w(p), with F Fᵀ the prior covariance of w and ξ_i an autoregression,
+///   ξ_i = ρ ξ_{i−1} + √(1 − ρ²) η_i,   ξ_0 and η_i independent, N(0, I),   ρ = e^(−1/memory).
+/// Given v = w − w₀ everything is Gaussian, so ξ_i is integrated out exactly, step by step (a Kalman filter
+/// whose mean is affine in v), and the form of a datum given those before it is again a quadratic form in v,
+/// made from that of the datum alone: the cost depends neither on the number of observations nor on that of
+/// the steps.
+///
+/// Where Rubio et al. 2019, §4, extrapolate the residual of the last posterior (Eq. 16-18), this keeps its
+/// dependence on the parameters: B(x, t, p) is extrapolated as a function of p. A residual at fixed p
+/// confirms the estimate it was made with; see docs/assimilation.md for measured coverage.
+class JointDiscrepancy {
+ public:
+  /// `factor`: F, r × q; `size`: κ > 0; `memory` > 0, steps.
+  JointDiscrepancy(const Eigen::MatrixXd& factor, double size, double memory);
+
+  /// No data.
+  void restart();
+  /// The form of the next datum given those before it; takes the datum in.
+  [[nodiscard]] StepForm condition(const StepForm& form);
+
+ private:
+  Eigen::MatrixXd factor_;  ///< κ F
+  double rho_;
+  Eigen::VectorXd mean_;        ///< of ξ at v = 0
+  Eigen::MatrixXd slope_;       ///< E[ξ | v] = mean − slope v, q × r
+  Eigen::MatrixXd covariance_;  ///< of ξ, q × q
+};
+
+}  // namespace knothe::assimilation
