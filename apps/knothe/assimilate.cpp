@@ -92,8 +92,8 @@ class Assimilation {
  public:
   explicit Assimilation(const project::UpdateSetup& setup) {
     const auto& noise = setup.measurements.noise;
-    const bool corrects = setup.options.learn_bias ||
-                          setup.options.bias_correction != assimilation::BiasCorrectionMode::off;
+    const bool corrects =
+        setup.options.learn_bias || setup.options.bias_correction != assimilation::BiasCorrectionMode::off;
     if (corrects && (setup.baseline || setup.robust.is_active())) {
       throw UsageError(
           "bias_correction and --redo go with method transport or grid and the Gaussian likelihood only");

@@ -136,7 +136,7 @@ class CollapsedLogDensity final : public sampling::LogDensity {
   Eigen::VectorXd central_;
   Eigen::VectorXd magnitude_;  ///< bounds of |w − w₀|
   std::vector<Component> components_;
-  std::size_t count_ = 1;                         ///< components in use, the first ones
+  std::size_t count_ = 1;  ///< components in use, the first ones
   std::optional<NoiseLevel> noise_level_;
   std::map<Eigen::Index, Workspace> workspaces_;  ///< by number of points: few sizes occur, over and over
 };

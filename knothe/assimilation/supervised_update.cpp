@@ -158,7 +158,8 @@ void SequentialUpdate::refuse_what_does_not_go_together() const {
   if (!supervision_.learns()) return;
   if (options_.noise_level) {
     throw UsageError(
-        "bias_correction does not go together with noise_level = \"unknown\": data cannot tell a bias from noise");
+        "bias_correction does not go together with noise_level = \"unknown\": data cannot tell a bias from "
+        "noise");
   }
   if (projector_.depends_on_order()) {
     throw UsageError(

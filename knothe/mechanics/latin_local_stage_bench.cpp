@@ -33,8 +33,12 @@ void local_stage(benchmark::State& state, bool tangent) {
                          benchmark::Counter::kIsIterationInvariantRate | benchmark::Counter::kInvert);
 }
 
-void damage_alone(benchmark::State& state) { local_stage(state, false); }
-void damage_and_tangent(benchmark::State& state) { local_stage(state, true); }
+void damage_alone(benchmark::State& state) {
+  local_stage(state, false);
+}
+void damage_and_tangent(benchmark::State& state) {
+  local_stage(state, true);
+}
 BENCHMARK(damage_alone);
 BENCHMARK(damage_and_tangent);
 
