@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
+#include <mutex>
 
 extern "C" {
 void dgetrf_(const int* m, const int* n, double* a, const int* lda, int* pivots, int* info);
@@ -18,12 +19,24 @@ void dgemv_(const char* trans, const int* m, const int* n, const double* alpha, 
 
 namespace knothe::mechanics {
 
+namespace {
+
+/// Debian's serial OpenBLAS hands out its work buffers without a lock: two threads in it at a time get wrong
+/// numbers, now and then.
+[[nodiscard]] std::unique_lock<std::mutex> one_at_a_time() {
+  static std::mutex mutex;
+  return std::unique_lock(mutex);
+}
+
+}  // namespace
+
 bool solve_dense(std::span<double> matrix, std::span<double> right_hand_side) {
   const int n = static_cast<int>(right_hand_side.size()), one = 1;
   assert(matrix.size() == right_hand_side.size() * right_hand_side.size());
   if (n == 0) return true;
   std::vector<int> pivots(n);
   int info = 0;
+  const auto lock = one_at_a_time();
   dgetrf_(&n, &n, matrix.data(), &n, pivots.data(), &info);
   if (info != 0) return false;
   dgetrs_("N", &n, &one, matrix.data(), &n, pivots.data(), right_hand_side.data(), &n, &info);
@@ -34,6 +47,7 @@ bool solve_dense(std::span<double> matrix, std::span<double> right_hand_side) {
 bool invert_positive_definite(std::span<double> matrix, int n) {
   if (n == 0) return true;
   int info = 0;
+  const auto lock = one_at_a_time();
   dpotrf_("L", &n, matrix.data(), &n, &info);
   if (info != 0) return false;
   dpotri_("L", &n, matrix.data(), &n, &info);
@@ -47,6 +61,7 @@ void multiply_symmetric(std::span<const double> matrix, std::span<const double> 
   const int n = static_cast<int>(x.size()), one = 1;
   if (n == 0) return;
   const double alpha = 1, beta = 0;
+  const auto lock = one_at_a_time();
   dgemv_("T", &n, &n, &alpha, matrix.data(), &n, x.data(), &one, &beta, out.data(), &one);
 }
 
@@ -54,6 +69,7 @@ bool solve_positive_definite(std::span<double> matrix, int n, std::span<double> 
                              int columns) {
   if (n == 0) return true;
   int info = 0;
+  const auto lock = one_at_a_time();
   dpotrf_("L", &n, matrix.data(), &n, &info);
   if (info != 0) return false;
   dpotrs_("L", &n, &columns, matrix.data(), &n, right_hand_sides.data(), &n, &info);

@@ -131,8 +131,9 @@ void replay_journal(const std::string& path, const std::string& project_path, bo
     const auto conclusion = posterior.conclude(step);
     if (!conclusion.result.trusted) untrusted.push_back(step);
     if (json) {
-      fmt::print("{}\n", files::json_line(report::step_record(conclusion.result, conclusion.forecasts,
-                                                              conclusion.forecast_us)));
+      auto record = report::step_record(conclusion.result, conclusion.forecasts, conclusion.forecast_us);
+      record.erase("monitor"), record.erase("notice");  // as the service shows them
+      fmt::print("{}\n", files::json_line(record));
     } else {
       fmt::print("after step {}: ", step);
       for (Eigen::Index k = 0; k < conclusion.result.mean.size(); ++k)

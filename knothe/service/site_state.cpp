@@ -79,6 +79,10 @@ std::shared_ptr<Line> Site::make_line(const JournalPosterior::Conclusion& conclu
   }
   line->misfit_probability = chi_squared_tail(line->misfit, static_cast<double>(line->misfit_values));
   Json record = report::step_record(result, conclusion.forecasts, conclusion.forecast_us);
+  // The monitor judges each datum by those that came before it: not a function of the journal where data come
+  // out of order, and so not shown.
+  record.erase("monitor");
+  record.erase("notice");
   for (const forecast::NamedForecast& named : conclusion.forecasts)
     line->above_threshold[named.name] = named.forecast.probability_above_threshold;
   for (const auto& [phase, us] : {std::pair{"projection", result.elapsed_us.projection},

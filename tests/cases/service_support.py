@@ -93,6 +93,7 @@ class Events:
     def __init__(self, service, query="", **headers):
         self.connection = service.connection()
         self.connection.request("GET", "/v1/events" + query, headers={k.replace("_", "-"): v for k, v in headers.items()})
+        self.socket = self.connection.sock  # http.client forgets it where the answer says that it will be the last
         self.answer = self.connection.getresponse()
         self.events = []
         self.thread = threading.Thread(target=self.read, daemon=True)
@@ -122,7 +123,10 @@ class Events:
             time.sleep(0.01)
 
     def close(self):
-        self.connection.sock and self.connection.sock.shutdown(socket.SHUT_RDWR)
+        try:
+            self.socket.shutdown(socket.SHUT_RDWR)
+        except OSError:
+            pass
         self.thread.join(10)
 
 
@@ -199,5 +203,5 @@ class Broker:
 
 
 def comparable(line):
-    """A line without what depends on when and how it was computed."""
-    return {k: v for k, v in line.items() if k not in ("elapsed_us", "event", "received_at", "site", "data")}
+    """A line without what depends on when and how it was computed, and without the monitor, which the service has not."""
+    return {k: v for k, v in line.items() if k not in ("elapsed_us", "event", "received_at", "site", "data", "monitor", "notice")}
