@@ -210,6 +210,7 @@ class Test(ServiceCase):
 
         service = self.serve(preexec_fn=limit, restore_signals=False)
         self.expect_stored(service.send(self.data[0]), 0)
+        service.settled(1)
         largest = (self.folder / "assimilation.journal-wal").stat().st_size
         resource.prlimit(service.process.pid, resource.RLIMIT_FSIZE, (largest, resource.RLIM_INFINITY))
         self.expect_error(service.send(self.data[1]), 507, "DiskFull")
