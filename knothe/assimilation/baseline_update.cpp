@@ -9,6 +9,7 @@
 
 #include "knothe/assimilation/composed_density.hpp"
 #include "knothe/assimilation/maximum_a_posteriori.hpp"
+#include "knothe/assimilation/prior_of_model.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/sampling/adaptive_metropolis.hpp"
 #include "knothe/sampling/sequential_monte_carlo.hpp"
@@ -19,23 +20,6 @@ namespace {
 
 using Kind = BaselineOptions::Kind;
 constexpr Eigen::Index k_reference_points = 1024;
-
-std::shared_ptr<const PriorTransform> restricted(const reduction::ObservedModel& model,
-                                                 std::vector<Prior> priors) {
-  const Eigen::VectorXd lower = model.functions->lower(), upper = model.functions->upper();
-  for (std::size_t k = 0; k < priors.size(); ++k) {
-    const auto i = static_cast<Eigen::Index>(k);
-    const std::string name = k < model.parameters.size() ? model.parameters[k] : fmt::format("{}", k);
-    priors[k] = priors[k].truncated(lower[i], upper[i], name);
-  }
-  return std::make_shared<const PriorTransform>(std::move(priors));
-}
-
-Eigen::VectorXd medians(const PriorTransform& transform) {
-  Eigen::VectorXd p(transform.dimension());
-  for (Eigen::Index k = 0; k < p.size(); ++k) p[k] = transform.prior(k).from_standard_normal(0).value;
-  return p;
-}
 
 double log_sum_exp(const Eigen::VectorXd& x) {
   const double most = x.maxCoeff();
@@ -52,7 +36,7 @@ double effective_share(const Eigen::VectorXd& log_weight) {
 BaselineUpdate::BaselineUpdate(std::shared_ptr<const reduction::ObservedModel> model, NoiseModel noise,
                                std::vector<Prior> priors, BaselineOptions options)
     : options_(options),
-      transform_(restricted(*model, std::move(priors))),
+      transform_(truncated_to_box(*model, std::move(priors))),
       projector_(model, std::move(noise), medians(*transform_)),
       target_(model->functions, transform_, projector_.central_functions()),
       reference_(standardised_points(k_reference_points, transform_->dimension(), options.seed)),

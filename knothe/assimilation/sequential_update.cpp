@@ -10,6 +10,7 @@
 #include "knothe/assimilation/composed_density.hpp"
 #include "knothe/assimilation/grid_posterior.hpp"
 #include "knothe/assimilation/maximum_a_posteriori.hpp"
+#include "knothe/assimilation/prior_of_model.hpp"
 #include "knothe/assimilation/tensor_quadrature.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/transport/trust.hpp"
@@ -21,25 +22,6 @@ using Clock = std::chrono::steady_clock;
 
 double microseconds_since(Clock::time_point start) {
   return std::chrono::duration<double, std::micro>(Clock::now() - start).count();
-}
-
-std::shared_ptr<const PriorTransform> make_transform(const reduction::ObservedModel& model,
-                                                     std::vector<Prior> priors) {
-  const Eigen::VectorXd lower = model.functions->lower(), upper = model.functions->upper();
-  assert(static_cast<Eigen::Index>(priors.size()) == lower.size());
-  for (std::size_t k = 0; k < priors.size(); ++k) {
-    const auto i = static_cast<Eigen::Index>(k);
-    const std::string name = k < model.parameters.size() ? model.parameters[k] : fmt::format("{}", k);
-    priors[k] = priors[k].truncated(lower[i], upper[i], name);
-  }
-  return std::make_shared<const PriorTransform>(std::move(priors));
-}
-
-/// The priors' medians: a point in the middle of what is believed, where w₀ is taken.
-Eigen::VectorXd medians(const PriorTransform& transform) {
-  Eigen::VectorXd p(transform.dimension());
-  for (Eigen::Index k = 0; k < p.size(); ++k) p[k] = transform.prior(k).from_standard_normal(0).value;
-  return p;
 }
 
 /// Below this effective sample size (fraction) weighted points give way to quadrature, where the parameters
@@ -91,7 +73,7 @@ struct SequentialUpdate::Composition {
 SequentialUpdate::SequentialUpdate(std::shared_ptr<const reduction::ObservedModel> model, NoiseModel noise,
                                    std::vector<Prior> priors, UpdateOptions options)
     : options_(std::move(options)),
-      transform_(make_transform(*model, std::move(priors))),
+      transform_(truncated_to_box(*model, std::move(priors))),
       projector_(model, std::move(noise), medians(*transform_)),
       target_(model->functions, transform_, projector_.central_functions()),
       solver_(online(options_)),

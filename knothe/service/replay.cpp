@@ -13,9 +13,9 @@
 #include "knothe/files/json_line.hpp"
 #include "knothe/files/numbers.hpp"
 #include "knothe/report/results_writer.hpp"
-#include "knothe/report/step_record.hpp"
 #include "knothe/service/journal.hpp"
 #include "knothe/service/journal_posterior.hpp"
+#include "knothe/service/served_record.hpp"
 
 namespace knothe::service {
 namespace {
@@ -131,9 +131,7 @@ void replay_journal(const std::string& path, const std::string& project_path, bo
     const auto conclusion = posterior.conclude(step);
     if (!conclusion.result.trusted) untrusted.push_back(step);
     if (json) {
-      auto record = report::step_record(conclusion.result, conclusion.forecasts, conclusion.forecast_us);
-      record.erase("monitor"), record.erase("notice");  // as the service shows them
-      fmt::print("{}\n", files::json_line(record));
+      fmt::print("{}\n", files::json_line(served_record(conclusion)));
     } else {
       fmt::print("after step {}: ", step);
       for (Eigen::Index k = 0; k < conclusion.result.mean.size(); ++k)

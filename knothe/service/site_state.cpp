@@ -6,8 +6,8 @@
 
 #include "knothe/base/version.hpp"
 #include "knothe/files/json_line.hpp"
-#include "knothe/report/step_record.hpp"
 #include "knothe/service/log.hpp"
+#include "knothe/service/served_record.hpp"
 #include "knothe/service/site.hpp"
 
 namespace knothe::service {
@@ -78,11 +78,7 @@ std::shared_ptr<Line> Site::make_line(const JournalPosterior::Conclusion& conclu
     line->misfit = line->misfit_values == 0 ? 0 : line->residual.dot(noise.apply(line->residual).col(0));
   }
   line->misfit_probability = chi_squared_tail(line->misfit, static_cast<double>(line->misfit_values));
-  Json record = report::step_record(result, conclusion.forecasts, conclusion.forecast_us);
-  // The monitor judges each datum by those that came before it: not a function of the journal where data come
-  // out of order, and so not shown.
-  record.erase("monitor");
-  record.erase("notice");
+  Json record = served_record(conclusion);
   for (const forecast::NamedForecast& named : conclusion.forecasts)
     line->above_threshold[named.name] = named.forecast.probability_above_threshold;
   for (const auto& [phase, us] : {std::pair{"projection", result.elapsed_us.projection},
