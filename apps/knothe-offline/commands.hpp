@@ -2,6 +2,7 @@
 /// @file The commands of `knothe-offline`; `knothe` passes its own command line on to them.
 #include <optional>
 #include <string>
+#include <vector>
 
 namespace knothe::offline_commands {
 
@@ -21,6 +22,17 @@ struct VerifyArguments {
   bool json = false;
 };
 int verify(const VerifyArguments& arguments);
+
+struct MeshStudyArguments {
+  std::string project;
+  std::vector<double> elements = {0.005, 0.0025, 0.00125};             ///< m
+  std::vector<std::string> laws = {"none", "crack-band", "gradient"};  ///< regularisations
+  int steps = 0;                                                       ///< 0: the project's
+  std::string output;                                                  ///< figure (.svg), none if empty
+  bool json = false;
+};
+/// Load–displacement curves, dissipated energy and crack length of the project's beam on several meshes.
+int mesh_study(const MeshStudyArguments& arguments);
 
 struct SimulateArguments {
   std::string project;

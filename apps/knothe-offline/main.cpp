@@ -37,6 +37,23 @@ int main(int argc, char** argv) {
   verify_command.add_flag("--json", verification.json, "JSON lines on stdout");
   verify_command.callback([&] { chosen = [&] { return verify(verification); }; });
 
+  MeshStudyArguments study;
+  CLI::App& study_command = *app.add_subcommand(
+      "mesh-study", "Load, dissipated energy and crack length of the beam on several meshes, by damage law.");
+  study_command.footer("Example:\n  knothe model mesh-study examples/beam/beam.toml -o mesh-study.svg");
+  study_command.add_option("FILE", study.project, "project file with [offline]")->required();
+  study_command.add_option("--elements", study.elements, "element sizes, m, largest first")
+      ->delimiter(',')
+      ->check(CLI::PositiveNumber);
+  study_command.add_option("--laws", study.laws, "regularisations")
+      ->delimiter(',')
+      ->check(CLI::IsMember({"none", "crack-band", "gradient"}));
+  study_command.add_option("--steps", study.steps, "load steps (default: the project's)")
+      ->check(CLI::PositiveNumber);
+  study_command.add_option("-o,--output", study.output, "figure to write (.svg)");
+  study_command.add_flag("--json", study.json, "JSON lines on stdout");
+  study_command.callback([&] { chosen = [&] { return mesh_study(study); }; });
+
   SimulateArguments simulation;
   CLI::App& simulate_command =
       *app.add_subcommand("simulate", "Synthetic measurements from the full-order model.");

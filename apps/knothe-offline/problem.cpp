@@ -17,6 +17,12 @@ mechanics::BeamProblem beam_problem(const project::Project& project) {
   problem.elastic.poisson_ratio = options.poisson_ratio;
   problem.solver.steps = options.steps;
   problem.solver.displacement = options.displacement;
+  auto& regularisation = problem.solver.regularisation;
+  regularisation.kind = options.regularisation == "crack-band" ? mechanics::Regularisation::crack_band
+                        : options.regularisation == "gradient" ? mechanics::Regularisation::gradient
+                                                               : mechanics::Regularisation::none;
+  regularisation.reference_size = options.reference_size;
+  regularisation.internal_length = options.internal_length;
   for (const project::OfflineParameter& parameter : options.parameters) {
     (parameter.name == "Y0" ? problem.reference.threshold : problem.reference.brittleness) =
         parameter.reference;

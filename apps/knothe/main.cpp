@@ -65,6 +65,31 @@ void add_verify(CLI::App& model, Command& chosen) {
   });
 }
 
+void add_mesh_study(CLI::App& model, Command& chosen) {
+  static std::string project, elements, laws, steps, output;
+  static bool json = false;
+  CLI::App& command =
+      add(model, "mesh-study",
+          "Load, energy and crack length of the full-order model on several meshes (runs knothe-offline).",
+          "knothe model mesh-study examples/beam/beam.toml -o mesh-study.svg");
+  command.add_option("FILE", project, "project file with [offline]")->required();
+  command.add_option("--elements", elements, "element sizes, m (default: 5e-3,2.5e-3,1.25e-3)");
+  command.add_option("--laws", laws, "regularisations (default: none,crack-band,gradient)");
+  command.add_option("--steps", steps, "load steps (default: the project's)");
+  command.add_option("-o,--output", output, "figure to write (.svg)");
+  command.add_flag("--json", json, "JSON lines on stdout");
+  command.callback([&] {
+    chosen = [] {
+      std::vector<std::string> words = {"mesh-study", project};
+      for (const auto& [name, value] :
+           {std::pair{"--elements", &elements}, {"--laws", &laws}, {"--steps", &steps}, {"-o", &output}})
+        if (!value->empty()) words.insert(words.end(), {name, *value});
+      if (json) words.emplace_back("--json");
+      return run_sibling(words);
+    };
+  });
+}
+
 void add_model(CLI::App& app, Command& chosen) {
   static ModelArguments info;
   static EvaluateArguments evaluate;
@@ -101,6 +126,7 @@ void add_model(CLI::App& app, Command& chosen) {
   import_command.add_option("--tolerance", import.tolerance, "relative L² error")->check(CLI::PositiveNumber);
   import_command.callback([&chosen] { chosen = [] { return model_import(import); }; });
   add_verify(model, chosen);
+  add_mesh_study(model, chosen);
 }
 
 void add_simulate(CLI::App& app, Command& chosen) {

@@ -179,14 +179,51 @@ double damage(double energy_release_rate, const DamageParameters& parameters) {
   return excess > 0 ? excess / (1 + excess) : 0.0;
 }
 
+BandDamage band_damage(double rate, const DamageParameters& parameters, double r) {
+  const double first = parameters.brittleness * (rate - parameters.threshold);
+  if (!(first > 0)) return {};
+  if (r == 1) {
+    const double d = first / (1 + first);
+    return {d, parameters.brittleness * (1 - d) * (1 - d)};
+  }
+  // With a = A_d (s² Y - Y₀), d = a / (1 + a): s = (1 + a) / (1 + r a), D = r a / (1 + r a), and a is the
+  // root of f(a) = a + A_d Y₀ - A_d Y s². s lies between 1 and 1 / r, which brackets a; f grows
+  // (smallest_band_ratio).
+  const double b = parameters.brittleness * parameters.threshold, y = parameters.brittleness * rate;
+  const double last = std::max(y / (r * r) - b, 0.0);
+  double low = std::min(first, last), high = std::max(first, last);
+  double a = r > 1 ? low : high;
+  for (int i = 0; i < 100; ++i) {
+    const double s = (1 + a) / (1 + r * a);
+    const double f = a + b - y * s * s;
+    (f < 0 ? low : high) = a;
+    const double slope = 1 + 2 * y * s * (r - 1) / ((1 + r * a) * (1 + r * a));
+    double next = a - f / slope;
+    if (!(next >= low && next <= high)) next = 0.5 * (low + high);
+    const double change = std::abs(next - a);
+    a = next;
+    if (change <= 4e-16 * (1 + a)) break;
+  }
+  const double scale = 1 / (1 + r * a), s = (1 + a) * scale;
+  return {r * a * scale,
+          r * scale * scale * parameters.brittleness * s * s / (1 + 2 * y * s * (r - 1) * scale * scale)};
+}
+
+double smallest_band_ratio(const DamageParameters& parameters) {
+  // g(a) = d(d ε_r)/dε_r = (a² + 3 a + 2 b) / (1 + a)², a = A_d (Y - Y₀), b = A_d Y₀; largest at a = 3 - 4 b.
+  const double b = parameters.brittleness * parameters.threshold;
+  const double a = std::max(3 - 4 * b, 0.0);
+  return 1 - (1 + a) * (1 + a) / (a * a + 3 * a + 2 * b);
+}
+
 MaterialResponse respond(const Voigt& strain, double previous_damage, const ElasticConstants& elastic,
-                         const DamageParameters& parameters) {
+                         const DamageParameters& parameters, double band_ratio) {
   const double lambda = elastic.lambda(), mu = elastic.mu();
   const PrincipalStrains principal = principal_strains(strain);
-  const double current = damage(energy_release_rate(principal, elastic), parameters);
+  const BandDamage current = band_damage(energy_release_rate(principal, elastic), parameters, band_ratio);
   MaterialResponse response;
-  response.growing = current > previous_damage;
-  response.damage = response.growing ? current : previous_damage;
+  response.growing = current.damage > previous_damage;
+  response.damage = response.growing ? current.damage : previous_damage;
   const double intact = 1 - response.damage;
   const Voigt effective = elastic_stress(strain, lambda, mu);
   for (int i = 0; i < 6; ++i) response.stress[i] = intact * effective[i];
@@ -196,9 +233,8 @@ MaterialResponse respond(const Voigt& strain, double previous_damage, const Elas
   }
   if (response.growing) {
     const Voigt derivative = energy_release_rate_derivative(principal, elastic);
-    const double slope = parameters.brittleness * intact * intact;
     for (int i = 0; i < 6; ++i)
-      for (int j = 0; j < 6; ++j) response.tangent[6 * i + j] -= slope * effective[i] * derivative[j];
+      for (int j = 0; j < 6; ++j) response.tangent[6 * i + j] -= current.slope * effective[i] * derivative[j];
   }
   return response;
 }

@@ -60,6 +60,28 @@ struct PrincipalStrains {
 /// d(Y) = 1 - 1 / (1 + A_d (Y - Y₀)) for Y > Y₀, else 0 (Eq. 29); always in [0, 1).
 [[nodiscard]] double damage(double energy_release_rate, const DamageParameters& parameters);
 
+/// D and its derivative where Y grows, in a crack band that is not of the reference width.
+struct BandDamage {
+  double damage = 0;  ///< D, the stiffness that is lost
+  double slope = 0;   ///< dD/dY, m³/J; 0 where D = 0
+};
+/// Crack-band scaling that keeps stress against opening (docs/mechanics.md, "Crack band"). `ratio` r is the
+/// reference width / the width of this band. The law's fracture energy diverges, so it is the inelastic
+/// strain that is scaled: the strain ε_r = s ε of the reference law gives the stress, and ε = (1 - d) ε_r + r
+/// d ε_r, so s (1 + (r - 1) d(s² Y)) = 1 and D = r d / (1 + (r - 1) d). With r = 1, D = d.
+///
+/// `ratio` must be at least `smallest_band_ratio(parameters)`, or there is no unique solution.
+[[nodiscard]] BandDamage band_damage(double energy_release_rate, const DamageParameters& parameters,
+                                     double ratio);
+/// d of the reference law that belongs to D.
+[[nodiscard]] inline double reference_damage(double damage, double ratio) {
+  return damage / (damage + ratio * (1 - damage));
+}
+/// Below this r the strain of the scaled law would have to fall back while the crack opens: 1 - 1/g, with g
+/// the largest slope of the inelastic strain d ε_r of the reference law (its stress falls at most with g - 1
+/// times the elastic slope).
+[[nodiscard]] double smallest_band_ratio(const DamageParameters& parameters);
+
 /// C : ε.
 [[nodiscard]] inline Voigt elastic_stress(const Voigt& strain, double lambda, double mu) {
   const double volumetric = lambda * (strain[0] + strain[1] + strain[2]);
@@ -78,8 +100,9 @@ struct MaterialResponse {
   bool growing = false;  ///< whether d is above the previous one
   VoigtMatrix tangent{};  ///< ∂σ/∂ε, Pa: (1 - d) C - A_d (1 - d)² (C ε) ⊗ ∂Y/∂ε while growing, else (1 - d) C
 };
-/// Eq. 29 with irreversible damage: `previous_damage` is the largest so far.
+/// Eq. 29 with irreversible damage: `previous_damage` is the largest so far. `band_ratio` as in band_damage.
 [[nodiscard]] MaterialResponse respond(const Voigt& strain, double previous_damage,
-                                       const ElasticConstants& elastic, const DamageParameters& parameters);
+                                       const ElasticConstants& elastic, const DamageParameters& parameters,
+                                       double band_ratio = 1);
 
 }  // namespace knothe::mechanics

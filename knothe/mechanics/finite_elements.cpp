@@ -48,10 +48,12 @@ FiniteElements evaluate_finite_elements(std::span<const double> points, std::spa
   dealii::DoFHandler<3> dof_handler(triangulation);
   dof_handler.distribute_dofs(element);
   const dealii::QGauss<3> quadrature(2);
-  dealii::FEValues<3> values(element, quadrature, dealii::update_gradients | dealii::update_JxW_values);
+  dealii::FEValues<3> values(element, quadrature,
+                             dealii::update_values | dealii::update_gradients | dealii::update_JxW_values);
 
   FiniteElements result;
   result.gradients.resize(cells.size() / 8 * k_points_per_cell * 24);
+  result.values.resize(cells.size() / 8 * k_points_per_cell * k_nodes_per_cell);
   result.weights.resize(cells.size() / 8 * k_points_per_cell);
   for (const auto& cell : dof_handler.active_cell_iterators()) {
     values.reinit(cell);
@@ -67,9 +69,12 @@ FiniteElements evaluate_finite_elements(std::span<const double> points, std::spa
     }
     for (unsigned point = 0; point < k_points_per_cell; ++point) {
       double* gradient = &result.gradients[(number * k_points_per_cell + point) * 24];
-      for (unsigned vertex = 0; vertex < 8; ++vertex)
+      double* value = &result.values[(number * k_points_per_cell + point) * k_nodes_per_cell];
+      for (unsigned vertex = 0; vertex < 8; ++vertex) {
+        value[place[vertex]] = values.shape_value(vertex, point);
         for (unsigned c = 0; c < 3; ++c)
           gradient[8 * c + place[vertex]] = values.shape_grad(vertex, point)[c];
+      }
       result.weights[number * k_points_per_cell + point] = values.JxW(point);
     }
   }

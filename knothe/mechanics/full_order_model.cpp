@@ -7,6 +7,7 @@
 
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/mechanics/gradient_stepping.hpp"
 #include "knothe/mechanics/load_stepping.hpp"
 
 namespace knothe::mechanics {
@@ -26,6 +27,7 @@ void SolverOptions::validate() const {
         newton_iterations, cuts, secant_iterations));
   if (!(activation > 0 && activation <= 1))
     refuse(fmt::format("activation is {}; it must be above 0 and at most 1", activation));
+  regularisation.validate();
 }
 
 int FullOrderResult::newton_iterations() const {
@@ -51,6 +53,7 @@ struct FullOrderModel::Implementation {
   std::shared_ptr<const Structure> structure;
   SolverOptions options;
   std::unique_ptr<Flexibility> flexibility;
+  std::vector<double> ratios;  ///< r of each cell (crack band)
 };
 
 FullOrderModel::FullOrderModel(std::shared_ptr<const Structure> structure, SolverOptions options)
@@ -58,7 +61,8 @@ FullOrderModel::FullOrderModel(std::shared_ptr<const Structure> structure, Solve
   options.validate();
   implementation_->structure = std::move(structure);
   implementation_->options = options;
-  if (options.condensation == Condensation::exact)
+  implementation_->ratios = band_ratios(*implementation_->structure, options.regularisation);
+  if (options.condensation == Condensation::exact && options.regularisation.kind != Regularisation::gradient)
     implementation_->flexibility = std::make_unique<Flexibility>(*implementation_->structure);
 }
 
@@ -74,16 +78,15 @@ const SolverOptions& FullOrderModel::options() const {
   return implementation_->options;
 }
 
-FullOrderResult FullOrderModel::run(const DamageParameters& parameters,
-                                    const std::function<void(int)>& on_step) {
-  parameters.validate();
-  const auto& [structure, options, flexibility] = *implementation_;
+namespace {
+
+/// All steps of a loading (LoadStepping, GradientStepping).
+template <class Loading>
+FullOrderResult follow(Loading loading, const Structure& structure, const SolverOptions& options,
+                       const std::function<void(int)>& on_step) {
   const std::clock_t start = std::clock();
-  const auto system =
-      flexibility ? make_condensed_system(*structure, *flexibility) : make_uncondensed_system(*structure);
-  LoadStepping loading(*structure, *system, options, parameters);
   FullOrderResult result;
-  result.displacement.reserve(static_cast<std::size_t>(options.steps) * structure->dof_count());
+  result.displacement.reserve(static_cast<std::size_t>(options.steps) * structure.dof_count());
   for (int step = 0; step < options.steps; ++step) {
     check_cancellation(
         fmt::format("step {} of {} of a full-order run; nothing of this run is kept", step, options.steps));
@@ -93,8 +96,23 @@ FullOrderResult FullOrderModel::run(const DamageParameters& parameters,
     if (on_step) on_step(step);
   }
   result.cell_damage = loading.cell_damage();
+  result.crack_length = crack_length(structure, result.cell_damage);
   result.cpu_seconds = static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC;
   return result;
+}
+
+}  // namespace
+
+FullOrderResult FullOrderModel::run(const DamageParameters& parameters,
+                                    const std::function<void(int)>& on_step) {
+  parameters.validate();
+  const auto& [structure, options, flexibility, ratios] = *implementation_;
+  if (options.regularisation.kind == Regularisation::gradient)
+    return follow(GradientStepping(*structure, options, parameters), *structure, options, on_step);
+  check_band(*structure, options.regularisation, ratios, parameters);
+  const auto system =
+      flexibility ? make_condensed_system(*structure, *flexibility) : make_uncondensed_system(*structure);
+  return follow(LoadStepping(*structure, *system, options, parameters, ratios), *structure, options, on_step);
 }
 
 }  // namespace knothe::mechanics

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "knothe/mechanics/damage_law.hpp"
+#include "knothe/mechanics/regularisation.hpp"
 #include "knothe/mechanics/structure.hpp"
 
 namespace knothe::mechanics {
@@ -28,7 +29,9 @@ struct SolverOptions {
   int cuts = 3;                 ///< how often a step is halved before the secant fallback
   int secant_iterations = 400;  ///< at most, in the irreversible secant fallback
   double activation = 0.7;      ///< a cell joins the unknowns when its Y exceeds this fraction of Y₀
+  /// Not used with gradient damage, where the averaged strain couples all cells that can be damaged.
   Condensation condensation = Condensation::exact;
+  RegularisationOptions regularisation;
 
   /// Throws ProjectError naming the option that makes no sense.
   void validate() const;
@@ -57,7 +60,9 @@ struct StepRecord {
 struct FullOrderResult {
   std::vector<double> displacement;  ///< [steps][n_dof], m
   std::vector<StepRecord> steps;
-  std::vector<double> cell_damage;  ///< mean d of each cell after the last step
+  std::vector<double> cell_damage;  ///< mean d of each cell after the last step; with a crack band that of
+                                    ///< the reference law (regularisation.hpp)
+  double crack_length = 0;          ///< m, after the last step (regularisation.hpp)
   double cpu_seconds = 0;           ///< of this process
 
   [[nodiscard]] int newton_iterations() const;

@@ -10,8 +10,11 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-LatinBody::LatinBody(std::shared_ptr<const Structure> structure)
-    : structure_(std::move(structure)), flexibility_(*structure_), place_(structure_->dof_count(), -1) {
+LatinBody::LatinBody(std::shared_ptr<const Structure> structure, const RegularisationOptions& regularisation)
+    : structure_(std::move(structure)),
+      flexibility_(*structure_),
+      ratios_(mechanics::band_ratios(*structure_, regularisation)),
+      place_(structure_->dof_count(), -1) {
   const auto& mesh = structure_->mesh();
   for (std::int64_t cell = 0; cell < mesh.cell_count(); ++cell)
     if (mesh.elastic[cell] == 0) waiting_.push_back(cell);

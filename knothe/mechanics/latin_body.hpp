@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "knothe/mechanics/equilibrium_system.hpp"
+#include "knothe/mechanics/regularisation.hpp"
 #include "knothe/mechanics/structure.hpp"
 
 namespace knothe::mechanics {
@@ -18,7 +19,9 @@ namespace knothe::mechanics {
 /// The active part. n_a dofs, n_g Gauss points (eight for each cell, in the order in which cells joined).
 class LatinBody {
  public:
-  explicit LatinBody(std::shared_ptr<const Structure> structure);
+  /// `regularisation`: none or crack band.
+  explicit LatinBody(std::shared_ptr<const Structure> structure,
+                     const RegularisationOptions& regularisation = {});
 
   [[nodiscard]] const Structure& structure() const { return *structure_; }
   [[nodiscard]] Eigen::Index dof_count() const { return static_cast<Eigen::Index>(dofs_.size()); }
@@ -42,6 +45,11 @@ class LatinBody {
   [[nodiscard]] Eigen::RowVectorXd lift_strains() const;
   /// w_g: quadrature weights, m³.
   [[nodiscard]] const Eigen::VectorXd& weights() const { return weights_; }
+  /// r of the cell that active point g is in (crack band, else 1).
+  [[nodiscard]] double band_ratio(Eigen::Index g) const {
+    return ratios_[static_cast<std::size_t>(cells_[static_cast<std::size_t>(g / k_points_per_cell)])];
+  }
+  [[nodiscard]] std::span<const double> band_ratios() const { return ratios_; }  ///< of all cells
 
   /// q of many states: `lost` is d C ε, lanes × 6 n_g; lanes × n_a. `reaction` (lanes) gets - u_lift · q over
   /// *all* dofs, the prescribed ones too.
@@ -64,6 +72,7 @@ class LatinBody {
 
   std::shared_ptr<const Structure> structure_;
   Flexibility flexibility_;
+  std::vector<double> ratios_;
   std::vector<std::int64_t> cells_, waiting_;
   std::vector<int> dofs_;    ///< active dofs, in the order in which they joined
   std::vector<int> place_;   ///< of each dof of the body among the active ones, or -1

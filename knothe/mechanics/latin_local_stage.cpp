@@ -76,6 +76,27 @@ void release_rate_derivative(const Lanes* e, const Eigenvalues& v, const Lanes& 
   store(5, linear * g + gamma * (g * (e[0] + e[2]) + d * f));
 }
 
+/// a of `band_damage`, for all lanes: its bracketed Newton iteration until every lane stands still.
+/// `threshold` and `rate` times A_d.
+Lanes band_excess(const Lanes& threshold, const Lanes& rate, double r) {
+  const Lanes first = (rate - threshold).max(0.0), last = (rate / (r * r) - threshold).max(0.0);
+  Lanes low = first.min(last), high = (first > 0.0).select(first.max(last), Lanes::Zero());
+  Lanes a = r > 1 ? low : high;
+  for (int i = 0; i < 100; ++i) {
+    const Lanes scale = 1.0 / (1.0 + r * a), s = (1.0 + a) * scale;
+    const Lanes f = a + threshold - rate * s * s;
+    low = (f < 0.0).select(a, low);
+    high = (f < 0.0).select(high, a);
+    Lanes next = a - f / (1.0 + (2.0 * (r - 1.0)) * rate * s * scale * scale);
+    next = (next >= low && next <= high).select(next, 0.5 * (low + high));
+    next = (first > 0.0).select(next, Lanes::Zero());
+    const bool still = ((next - a).abs() <= 4e-16 * (1.0 + a)).all();
+    a = next;
+    if (still) break;
+  }
+  return a;
+}
+
 }  // namespace
 
 void evaluate_local_stage(const LocalStage& stage, const ElasticConstants& elastic) {
@@ -89,11 +110,23 @@ void evaluate_local_stage(const LocalStage& stage, const ElasticConstants& elast
     const Lanes rate = 0.5 * lambda * trace * trace + mu * (first * first + second * second + third * third);
     const Input brittleness(stage.brittleness + lane), history(stage.history + lane);
     const Lanes excess = (brittleness * (rate - Input(stage.threshold + lane))).max(0.0);
-    const Lanes intact = 1.0 / (1.0 + excess);
-    const Lanes damage = excess * intact;
+    Lanes intact, damage, slope;
+    if (stage.band_ratio == 1) {
+      intact = 1.0 / (1.0 + excess);
+      damage = excess * intact;
+      slope = brittleness * intact * intact;
+    } else {
+      const double r = stage.band_ratio;
+      const Lanes threshold = brittleness * Input(stage.threshold + lane), scaled = brittleness * rate;
+      const Lanes a = band_excess(threshold, scaled, r);
+      intact = 1.0 / (1.0 + r * a);
+      damage = r * a * intact;
+      const Lanes s = (1.0 + a) * intact, square = intact * intact;
+      slope = r * square * brittleness * s * s / (1.0 + (2.0 * (r - 1.0)) * scaled * s * square);
+    }
     Output(stage.damage + lane) = damage.max(history);
     if (stage.slope == nullptr) continue;
-    Output(stage.slope + lane) = (damage > history).select(brittleness * intact * intact, Lanes::Zero());
+    Output(stage.slope + lane) = (damage > history).select(slope, Lanes::Zero());
     release_rate_derivative(e, v, trace, lambda, mu, stage.derivative + lane, stage.lanes);
   }
 }

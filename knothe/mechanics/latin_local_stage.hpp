@@ -24,8 +24,9 @@ struct LocalStage {
   const double* strain = nullptr;       ///< [6][lanes], Voigt, engineering shear
   const double* history = nullptr;      ///< [lanes]: largest damage before
   double* damage = nullptr;             ///< [lanes], out: max(history, d(Y(strain)))
-  double* slope = nullptr;  ///< [lanes], out, may be null: ∂d/∂Y = A_d (1 - d)² where d grows, else 0
+  double* slope = nullptr;              ///< [lanes], out, may be null: ∂d/∂Y where d grows, else 0
   double* derivative = nullptr;  ///< [6][lanes], out, null together with slope: ∂Y/∂ε (tensor shear)
+  double band_ratio = 1;         ///< r of the point's cell (band_damage); d is then D
 };
 
 /// Evaluates the law (Eq. 29). Eigenvalues in closed form without any trigonometric function,

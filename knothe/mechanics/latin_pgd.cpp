@@ -68,11 +68,14 @@ LatinPgd::LatinPgd(std::shared_ptr<const Structure> structure, const SolverOptio
     : loading_(loading),
       parameters_(parameters.begin(), parameters.end()),
       options_(options),
-      body_(std::move(structure)),
+      body_(std::move(structure), loading.regularisation),
       basis_(body_),
       points_(static_cast<Index>(parameters.size())),
       history_(points_, 0) {
-  for (const DamageParameters& point : parameters_) thresholds_.push_back(point.threshold);
+  for (const DamageParameters& point : parameters_) {
+    thresholds_.push_back(point.threshold);
+    check_band(body_.structure(), loading.regularisation, body_.band_ratios(), point);
+  }
   solution_.residual = solution_.reaction = MatrixXd::Zero(points_, loading.steps);
   for (int step = 0; step < loading.steps; ++step)
     solution_.coordinates.push_back(
@@ -323,6 +326,11 @@ LatinSolution solve_latin_pgd(std::shared_ptr<const Structure> structure, const 
   options.validate();
   for (const DamageParameters& point : parameters) point.validate();
   if (parameters.empty()) throw UsageError("LATIN-PGD: no parameter point is given");
+  if (loading.regularisation.kind == Regularisation::gradient)
+    throw ProjectError(
+        "LATIN-PGD cannot do gradient damage: its local stage is one Gauss point's, and the averaged strain "
+        "is "
+        "that of all; take method = \"snapshots\", or regularisation = \"crack-band\"");
   return LatinPgd(std::move(structure), loading, parameters, options).run();
 }
 

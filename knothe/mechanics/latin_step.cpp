@@ -52,10 +52,11 @@ void LatinLocalResult::evaluate(const LaneBatch& batch, const MatrixXd& coordina
     derivative_.resize(lanes, 6 * points);
   }
   for (Index g = 0; g < points; ++g)
-    evaluate_local_stage({static_cast<std::size_t>(lanes), batch.threshold.data(), batch.brittleness.data(),
-                          &strain_(0, 6 * g), &batch.history(0, g), &damage_(0, g),
-                          tangent ? &slope_(0, g) : nullptr, tangent ? &derivative_(0, 6 * g) : nullptr},
-                         body_.structure().elastic());
+    evaluate_local_stage(
+        {static_cast<std::size_t>(lanes), batch.threshold.data(), batch.brittleness.data(),
+         &strain_(0, 6 * g), &batch.history(0, g), &damage_(0, g), tangent ? &slope_(0, g) : nullptr,
+         tangent ? &derivative_(0, 6 * g) : nullptr, body_.band_ratio(g)},
+        body_.structure().elastic());
 }
 
 void LatinLocalResult::project() {

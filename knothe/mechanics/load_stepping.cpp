@@ -25,8 +25,9 @@ double work(const Voigt& stress, const Voigt& strain) {
 }  // namespace
 
 LoadStepping::LoadStepping(const Structure& structure, EquilibriumSystem& system,
-                           const SolverOptions& options, const DamageParameters& parameters)
-    : structure_(structure), system_(system), options_(options), parameters_(parameters) {
+                           const SolverOptions& options, const DamageParameters& parameters,
+                           std::span<const double> ratios)
+    : structure_(structure), system_(system), options_(options), parameters_(parameters), ratios_(ratios) {
   const auto cells = static_cast<std::size_t>(structure.mesh().cell_count());
   is_active_.assign(cells, 0);
   history_.assign(cells * k_points_per_cell, 0.0);
@@ -93,14 +94,14 @@ bool LoadStepping::evaluate_cell(std::size_t index, const CellVector& u, Stiffne
     const Voigt effective = elastic_stress(strain, lambda, mu);
     if (energy_release_rate_bound(strain, lambda, mu) > parameters_.threshold) {
       const PrincipalStrains principal = principal_strains(strain);
-      const double current = damage(energy_release_rate(principal, structure_.elastic()), parameters_);
-      if (current > d) {
-        d = current;
+      const BandDamage current = band_damage(energy_release_rate(principal, structure_.elastic()),
+                                             parameters_, ratios_[static_cast<std::size_t>(cell)]);
+      if (current.damage > d) {
+        d = current.damage;
         if (stiffness == Stiffness::tangent) {
           const Voigt derivative = energy_release_rate_derivative(principal, structure_.elastic());
-          const double slope = parameters_.brittleness * (1 - d) * (1 - d);
           for (int i = 0; i < 6; ++i)
-            for (int j = 0; j < 6; ++j) lost[6 * i + j] = slope * effective[i] * derivative[j];
+            for (int j = 0; j < 6; ++j) lost[6 * i + j] = current.slope * effective[i] * derivative[j];
         }
       }
     }
@@ -332,7 +333,8 @@ std::vector<double> LoadStepping::cell_damage() const {
   std::vector<double> mean(is_active_.size(), 0.0);
   for (std::size_t cell = 0; cell < mean.size(); ++cell)
     for (int point = 0; point < k_points_per_cell; ++point)
-      mean[cell] += committed_[k_points_per_cell * cell + point] / k_points_per_cell;
+      mean[cell] +=
+          reference_damage(committed_[k_points_per_cell * cell + point], ratios_[cell]) / k_points_per_cell;
   return mean;
 }
 

@@ -12,13 +12,14 @@ namespace knothe::mechanics {
 /// each ends with `commit`, after which the damage cannot go back.
 class LoadStepping {
  public:
+  /// `ratios`: r of each cell (regularisation.hpp), 1 without a crack band; must outlive the object.
   LoadStepping(const Structure& structure, EquilibriumSystem& system, const SolverOptions& options,
-               const DamageParameters& parameters);
+               const DamageParameters& parameters, std::span<const double> ratios);
 
   /// Goes on to the imposed displacement `target` (m) and tells how it went.
   [[nodiscard]] StepRecord advance(double target);
   [[nodiscard]] std::span<const double> displacement() const { return state_.displacement; }
-  /// Mean damage of each cell.
+  /// Mean damage of each cell, that of the reference law where the crack band scales it.
   [[nodiscard]] std::vector<double> cell_damage() const;
 
  private:
@@ -61,6 +62,7 @@ class LoadStepping {
   EquilibriumSystem& system_;
   const SolverOptions& options_;
   const DamageParameters parameters_;
+  const std::span<const double> ratios_;
   std::vector<std::int64_t> active_;
   std::vector<char> is_active_;
   std::vector<double> history_;    ///< [cell][point]: largest damage so far, secant iterates included

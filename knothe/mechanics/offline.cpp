@@ -32,6 +32,11 @@ std::string describe(const BeamProblem& problem, const Structure& structure) {
       fmt::format("{} steps to {} m, Newton tolerance {}, {}\n", problem.solver.steps,
                   problem.solver.displacement, problem.solver.tolerance,
                   problem.solver.condensation == Condensation::exact ? "condensed (exact)" : "not condensed");
+  const RegularisationOptions& law = problem.solver.regularisation;
+  if (law.kind == Regularisation::crack_band)
+    text += fmt::format("crack band, reference size {} m\n", law.reference_size);
+  if (law.kind == Regularisation::gradient)
+    text += fmt::format("gradient damage, internal length {} m\n", law.internal_length);
   return text;
 }
 

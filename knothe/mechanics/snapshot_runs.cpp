@@ -40,14 +40,20 @@ std::string key_text(const BeamProblem& problem, const DamageParameters& p) {
                     beam.protected_half_width, beam.protected_depth, beam.growth, beam.largest_element);
   else
     mesh = fmt::format("gmsh {:016x}", fnv1a(files::read_text(problem.gmsh_file)));
+  const auto& regularisation = solver.regularisation;
+  std::string law;
+  if (regularisation.kind == Regularisation::crack_band)
+    law = fmt::format(" | crack band {:a}", regularisation.reference_size);
+  else if (regularisation.kind == Regularisation::gradient)
+    law = fmt::format(" | gradient {:a}", regularisation.internal_length);
   return fmt::format(
       "version {} | {} | left {} | E {:a} nu {:a} | Y0 {:a} Ad {:a} | {} steps {:a} m | tolerance {:a} {:a} "
       "| {} {} "
-      "{} {:a} {}",
+      "{} {:a} {}{}",
       k_results_version, mesh, static_cast<int>(beam.left_support), problem.elastic.young_modulus,
       problem.elastic.poisson_ratio, p.threshold, p.brittleness, solver.steps, solver.displacement,
       solver.tolerance, solver.acceptance, solver.newton_iterations, solver.cuts, solver.secant_iterations,
-      solver.activation, static_cast<int>(solver.condensation));
+      solver.activation, static_cast<int>(solver.condensation), law);
 }
 
 struct Part {

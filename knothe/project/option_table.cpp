@@ -221,6 +221,26 @@ const std::vector<Option>& options() {
       {"offline.mesh.element", K::positive, "0.005", "Element size near the notch, m.", {}},
       {"offline.mesh.layers", K::integer, "1", "Layers of elements over the half thickness.", {}},
       {"offline.mesh.gmsh", K::path, "", "Mesh file of Gmsh (hexahedra, named groups) instead.", {}},
+      {"offline.damage", K::table, "", "What makes the damage law independent of the mesh.", {}},
+      {"offline.damage.regularisation",
+       K::choice,
+       "none",
+       "The law as it is (the element size is then a material parameter); inelastic strain scaled by "
+       "reference "
+       "size / element size, which keeps stress against opening; or a strain averaged over an internal "
+       "length "
+       "(slower; not with LATIN-PGD).",
+       {"none", "crack-band", "gradient"}},
+      {"offline.damage.reference_size",
+       K::positive,
+       "0.005",
+       "Crack band: element size that Y0 and Ad belong to, m.",
+       {}},
+      {"offline.damage.internal_length",
+       K::positive,
+       "0.01",
+       "Gradient: length over which strain is averaged, m; at least two elements.",
+       {}},
       {"offline.steps", K::integer, "100", "Number of load steps.", {}},
       {"offline.displacement", K::positive, "4e-4", "Final imposed displacement, m.", {}},
       {"offline.young_modulus", K::positive, "30e9", "Young's modulus, Pa.", {}},

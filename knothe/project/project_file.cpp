@@ -140,6 +140,20 @@ OfflineOptions read_offline(Values& values, const std::string& folder) {
   if (values.has("offline.mesh.gmsh")) {
     o.gmsh = (std::filesystem::path(folder) / values.text("offline.mesh.gmsh", "")).string();
   }
+  o.regularisation = values.text("offline.damage.regularisation", o.regularisation);
+  o.reference_size = values.number("offline.damage.reference_size", o.reference_size);
+  o.internal_length = values.number("offline.damage.internal_length", o.internal_length);
+  if (o.regularisation == "gradient" && o.gmsh.empty() && o.internal_length < 1.999 * o.element)
+    values.complain(
+        "offline.damage",
+        fmt::format("gradient damage: \"internal_length\" is {:g} m, less than two elements of {:g} m: "
+                    "the averaged strain cannot be resolved",
+                    o.internal_length, o.element));
+  if (o.regularisation == "gradient" && o.method == "latin")
+    values.complain(
+        "offline.damage",
+        "LATIN-PGD cannot do gradient damage, which couples all points: take method = \"snapshots\", "
+        "or regularisation = \"crack-band\"");
   o.steps = static_cast<int>(values.integer("offline.steps", o.steps));
   o.displacement = values.number("offline.displacement", o.displacement);
   o.young_modulus = values.number("offline.young_modulus", o.young_modulus);

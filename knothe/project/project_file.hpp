@@ -80,6 +80,9 @@ struct OfflineOptions {
   double element = 0.005;        ///< m
   int layers = 1;
   std::string gmsh;  ///< absolute path, empty: structured mesh
+  std::string regularisation = "none";
+  double reference_size = 0.005;  ///< m
+  double internal_length = 0.01;  ///< m
   int steps = 100;
   double displacement = 4e-4;  ///< m
   double young_modulus = 30e9;

@@ -1,0 +1,193 @@
+#include <fmt/format.h>
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+
+#include "apps/knothe-offline/commands.hpp"
+#include "apps/knothe-offline/problem.hpp"
+#include "knothe/base/error.hpp"
+#include "knothe/base/progress.hpp"
+#include "knothe/files/atomic_file.hpp"
+#include "knothe/files/json_line.hpp"
+#include "knothe/project/project_file.hpp"
+#include "knothe/report/svg_figure.hpp"
+
+namespace knothe::offline_commands {
+namespace {
+
+/// One law on one mesh. Forces and energies of the whole beam.
+struct Run {
+  double element = 0;  ///< m
+  int dofs = 0;
+  std::vector<double> displacement, force;  ///< of every step, mm and N, from the origin
+  double dissipated = 0, crack = 0;         ///< J, m: after the last step
+  std::size_t not_in_equilibrium = 0;
+  int newton = 0, secant = 0;
+  double cpu = 0;     ///< s
+  double memory = 0;  ///< MiB, the largest of the process so far
+};
+
+struct Study {
+  std::string law;
+  std::vector<Run> runs;  ///< finer and finer
+};
+
+/// How far a run is from the next finer one.
+struct Difference {
+  double curve = 0;       ///< ‖F − F′‖ / ‖F′‖ over the steps
+  double largest = 0;     ///< max |F − F′| / peak of F′
+  double dissipated = 0;  ///< relative
+  double crack = 0;       ///< relative
+};
+
+Difference difference(const Run& run, const Run& finer) {
+  double square = 0, scale = 0;
+  Difference result;
+  for (std::size_t i = 0; i < run.force.size(); ++i) {
+    const double gap = run.force[i] - finer.force[i];
+    square += gap * gap;
+    scale += finer.force[i] * finer.force[i];
+    result.largest = std::max(result.largest, std::abs(gap));
+  }
+  const auto relative = [](double a, double b) { return b == 0 ? std::abs(a - b) : std::abs(a - b) / b; };
+  result.curve = std::sqrt(square / scale);
+  result.largest /= *std::max_element(finer.force.begin(), finer.force.end());
+  result.dissipated = relative(run.dissipated, finer.dissipated);
+  result.crack = relative(run.crack, finer.crack);
+  return result;
+}
+
+Run compute(mechanics::BeamProblem problem, const std::string& law, double element) {
+  problem.beam.element = element;
+  // One column of elements above the notch on every mesh: an even number of columns has more than one solution.
+  problem.beam.notch_width = element;
+  problem.solver.regularisation.kind = law == "crack-band" ? mechanics::Regularisation::crack_band
+                                       : law == "gradient" ? mechanics::Regularisation::gradient
+                                                           : mechanics::Regularisation::none;
+  mechanics::FullOrderModel model = mechanics::make_full_order_model(problem);
+  Progress progress(fmt::format("{}, elements of {:g} mm", law, 1e3 * element),
+                    static_cast<std::size_t>(problem.solver.steps));
+  const mechanics::FullOrderResult result = model.run(
+      problem.reference, [&](int step) { progress.advance_to(static_cast<std::size_t>(step) + 1); });
+  Run run;
+  run.element = element;
+  run.dofs = model.structure().dof_count();
+  run.displacement = run.force = {0.0};
+  for (const auto& step : result.steps) {
+    run.displacement.push_back(1e3 * step.imposed_displacement);
+    run.force.push_back(step.reaction_force);
+  }
+  run.dissipated = result.steps.back().dissipated_energy;
+  run.crack = result.crack_length;
+  run.not_in_equilibrium = result.steps_without_equilibrium().size();
+  run.newton = result.newton_iterations();
+  run.secant = result.secant_iterations();
+  run.cpu = result.cpu_seconds;
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  run.memory = static_cast<double>(usage.ru_maxrss) / 1024;
+  return run;
+}
+
+void report(const std::string& law, const Run& run, bool json) {
+  const auto peak = std::max_element(run.force.begin(), run.force.end()) - run.force.begin();
+  if (json) {
+    fmt::print("{}\n", files::json_line({{"law", law},
+                                         {"element_m", run.element},
+                                         {"dofs", run.dofs},
+                                         {"peak_N", run.force[static_cast<std::size_t>(peak)]},
+                                         {"peak_at_mm", run.displacement[static_cast<std::size_t>(peak)]},
+                                         {"last_force_N", run.force.back()},
+                                         {"dissipated_J", run.dissipated},
+                                         {"crack_length_m", run.crack},
+                                         {"newton_iterations", run.newton},
+                                         {"secant_iterations", run.secant},
+                                         {"steps_without_equilibrium", run.not_in_equilibrium},
+                                         {"cpu_seconds", run.cpu},
+                                         {"memory_MiB", run.memory}}));
+  } else {
+    fmt::print("| {} | {:g} | {} | {:.1f} | {:.3f} | {:.1f} | {:.4f} | {:.1f} | {} + {} | {} | {:.1f} | {:.0f} |\n", law,
+               1e3 * run.element, run.dofs, run.force[static_cast<std::size_t>(peak)],
+               run.displacement[static_cast<std::size_t>(peak)], run.force.back(), run.dissipated,
+               1e3 * run.crack, run.newton, run.secant, run.not_in_equilibrium, run.cpu, run.memory);
+  }
+  std::fflush(stdout);
+}
+
+void report_differences(const std::vector<Study>& studies, bool json) {
+  if (!json)
+    fmt::print(
+        "\n| law | from | to mm | curve, L2 | curve, largest / peak | dissipated | crack length |\n"
+        "| --- | --- | --- | --- | --- | --- | --- |\n");
+  for (const Study& study : studies)
+    for (std::size_t i = 1; i < study.runs.size(); ++i) {
+      const Run &run = study.runs[i - 1], &finer = study.runs[i];
+      const Difference d = difference(run, finer);
+      if (json)
+        fmt::print("{}\n", files::json_line({{"law", study.law},
+                                             {"from_m", run.element},
+                                             {"to_m", finer.element},
+                                             {"curve", d.curve},
+                                             {"curve_largest", d.largest},
+                                             {"dissipated", d.dissipated},
+                                             {"crack_length", d.crack}}));
+      else
+        fmt::print("| {} | {:g} | {:g} | {:.2f} % | {:.2f} % | {:.2f} % | {:.2f} % |\n", study.law,
+                   1e3 * run.element, 1e3 * finer.element, 100 * d.curve, 100 * d.largest, 100 * d.dissipated,
+                   100 * d.crack);
+    }
+}
+
+void draw(const std::vector<Study>& studies, const std::string& path) {
+  report::Figure figure;
+  figure.title = "Load against displacement on several meshes, by regularisation";
+  figure.columns = static_cast<int>(studies.size());
+  figure.plot_width = 400;
+  for (const Study& study : studies) {
+    const std::string title = study.law == "none"         ? "the law as it is"
+                              : study.law == "crack-band" ? "crack band"
+                                                          : "implicit gradient";
+    report::Plot plot(title, {.label = "imposed displacement (mm)"}, {.label = "force (N)"});
+    int colour = 0;
+    for (const Run& run : study.runs)
+      plot.line(run.displacement, run.force, report::Paint::series(colour++),
+                fmt::format("{:g} mm, crack {:.1f} mm", 1e3 * run.element, 1e3 * run.crack));
+    figure.plots.push_back(std::move(plot));
+  }
+  files::write_text_atomically(path, report::standalone_svg(figure));
+}
+
+}  // namespace
+
+int mesh_study(const MeshStudyArguments& arguments) {
+  const project::Project project = project::read_project(arguments.project);
+  mechanics::BeamProblem problem = beam_problem(project);
+  if (!problem.gmsh_file.empty())
+    throw ProjectError(arguments.project +
+                       ": a mesh study makes its own meshes of the beam: leave out [offline] mesh.gmsh");
+  if (arguments.steps > 0) problem.solver.steps = arguments.steps;
+  std::vector<double> elements = arguments.elements;
+  std::sort(elements.rbegin(), elements.rend());
+  if (!arguments.json)
+    fmt::print(
+        "| law | element mm | dofs | peak N | at mm | at the end N | dissipated J | crack mm | Newton + secant | "
+        "steps not in equilibrium | CPU s | memory MiB |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- | "
+        "--- | --- | --- |\n");
+  std::vector<Study> studies;
+  for (const std::string& law : arguments.laws) {
+    Study study{law, {}};
+    for (const double element : elements) {
+      study.runs.push_back(compute(problem, law, element));
+      report(law, study.runs.back(), arguments.json);
+    }
+    studies.push_back(std::move(study));
+  }
+  report_differences(studies, arguments.json);
+  if (!arguments.output.empty()) draw(studies, arguments.output);
+  return 0;
+}
+
+}  // namespace knothe::offline_commands
