@@ -243,7 +243,9 @@ int assimilate(const AssimilateArguments& arguments) {
   project::ModelComparison comparison(project);
   forecast::Forecaster forecaster = project::make_forecaster(project, setup);
   files::require_writable_folder(project.results);
-  report::ResultsWriter results(project, setup.model, setup.measurements, priors);
+  report::ResultsWriter results(project, setup.model, setup.measurements, priors, setup.observed);
+  for (const std::string& name : setup.unused)
+    fmt::print(stderr, "{}: the series \"{}\" is not used: it has no std\n", project.data, name);
   Display display(arguments.json, setup.model.parameter_names(), setup.measurements.time.size());
   const auto start = Clock::now();
   bool interrupted = false;

@@ -57,11 +57,17 @@ DatumProjector::DatumProjector(std::shared_ptr<const reduction::ObservedModel> m
   residual_.resize(n);
   weighted_.resize(n);
   in_space_.resize(model_->space.cols());
+  if (noise_.has_step_errors() && (noise_.shared_reference() > 0 || noise_.offset_std() > 0)) {
+    throw UsageError(
+        "a clock with an error of its own (its std) does not go together with noise that steps share "
+        "(shared_reference, method.offset_std): give the clock no std, or the noise nothing shared");
+  }
   if (noise_.is_independent() && (noise_.shared_reference() > 0 || noise_.offset_std() > 0)) {
     // Both are errors of a sensor that stay: their variances add up.
     const double k = noise_.shared_reference(), offset = noise_.offset_std();
     Eigen::ArrayXd variance = Eigen::ArrayXd::Constant(n, offset * offset);
     if (k > 0) variance += ((k + 1) * noise_.inverse_variance()).array().inverse();
+    variance.tail(noise_.scalar_count()) = 0;  // these have no such error: infinitely well known
     constant_ = std::make_unique<ConstantSensorError>(variance.inverse().matrix(), central_.size());
   } else {
     if (noise_.shared_reference() > 0) {
@@ -112,10 +118,30 @@ void DatumProjector::project(std::size_t step, std::size_t time_index,
     } else {
       project_incomplete(step, time_index, form);
     }
+    if (const Eigen::MatrixXd* factor = noise_.step_error(step))
+      take_step_error(group_of(step), (*factor)(kept_, Eigen::all), model_->core[time_index], form);
     require_finite(form, values);
   }
   form.used = static_cast<Eigen::Index>(kept_.size());
   form.missing = observation_count() - form.used;
+}
+
+/// (R + F Fᵀ)⁻¹ = R⁻¹ − R⁻¹F (I + FᵀR⁻¹F)⁻¹ FᵀR⁻¹, Woodbury, on the form made with R; det(R + F Fᵀ) = det R
+/// det(I + FᵀR⁻¹F).
+void DatumProjector::take_step_error(const NoiseGroup& group, const Eigen::MatrixXd& factor,
+                                     const Eigen::MatrixXd& core, StepForm& form) {
+  const Eigen::MatrixXd weighted = group.noise.apply(factor);
+  Eigen::MatrixXd inner = factor.transpose() * weighted;
+  inner.diagonal().array() += 1;
+  const Eigen::LLT<Eigen::MatrixXd> cholesky(inner);
+  const Eigen::MatrixXd in_factor =
+      cholesky.matrixL().solve((group.weighted_space.transpose() * factor).transpose() * core);
+  const Eigen::VectorXd of_residual = cholesky.matrixL().solve(weighted.transpose() * residual_(kept_));
+  form.quadratic.noalias() -= in_factor.transpose() * in_factor;
+  form.quadratic = 0.5 * (form.quadratic + form.quadratic.transpose().eval());
+  form.linear.noalias() -= in_factor.transpose() * of_residual;
+  form.constant -= of_residual.squaredNorm();
+  form.log_normaliser += 2 * cholesky.matrixLLT().diagonal().array().log().sum();
 }
 
 void DatumProjector::project(std::size_t step, std::size_t time_index,
@@ -140,9 +166,15 @@ void DatumProjector::project(std::size_t step, std::size_t time_index,
   form.constant = residual.dot(weighted);
   form.log_normaliser =
       static_cast<double>(form.used) * k_log_2_pi + noise.log_determinant() + 2 * scale.array().log().sum();
-  if (correction.factor.cols() > 0) {
-    // (R + F Fᵀ)⁻¹ = R⁻¹ − R⁻¹F (I + FᵀR⁻¹F)⁻¹ FᵀR⁻¹, Woodbury.
-    const Eigen::MatrixXd factor = down.asDiagonal() * correction.factor(kept_, Eigen::all);
+  const Eigen::MatrixXd* step_error = noise_.step_error(step);
+  const Eigen::Index bias_columns = correction.factor.cols();
+  const Eigen::Index columns = bias_columns + (step_error != nullptr ? step_error->cols() : 0);
+  if (columns > 0) {
+    // Woodbury, as in take_step_error.
+    Eigen::MatrixXd factor(form.used, columns);
+    factor.leftCols(bias_columns) = down.asDiagonal() * correction.factor(kept_, Eigen::all);
+    if (step_error != nullptr)
+      factor.rightCols(step_error->cols()) = down.asDiagonal() * (*step_error)(kept_, Eigen::all);
     const Eigen::MatrixXd weighted_factor = noise.apply(factor);
     Eigen::MatrixXd inner = factor.transpose() * weighted_factor;
     inner.diagonal().array() += 1;

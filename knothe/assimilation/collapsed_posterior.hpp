@@ -64,6 +64,8 @@ class DatumProjector {
   void project_incomplete(std::size_t step, std::size_t time_index, StepForm& form);
   void project_constant(std::size_t step, std::size_t time_index, StepForm& form);
   const NoiseGroup& group_of(std::size_t step);
+  void take_step_error(const NoiseGroup& group, const Eigen::MatrixXd& factor, const Eigen::MatrixXd& core,
+                       StepForm& form);
 
   std::shared_ptr<const reduction::ObservedModel> model_;
   NoiseModel noise_;

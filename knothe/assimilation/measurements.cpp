@@ -100,6 +100,30 @@ NoiseModel read_noise(const Hdf5Reader& file, std::size_t n_obs, std::size_t n_t
                   ": neither noise/std nor noise/precision: the noise of the measurements must be given");
 }
 
+/// `/outputs/NAME`.
+MeasuredSeries read_series(const Hdf5Reader& file, const std::string& name, std::size_t n_t) {
+  MeasuredSeries series;
+  series.values = file.read(name, true);
+  if (series.values.size() != n_t) {
+    throw DataError(fmt::format("{}: {} must have one value per time: it has {}, time has {}", file.path(),
+                                name.substr(1), series.values.size(), n_t));
+  }
+  for (std::size_t t = 0; t < n_t; ++t) {
+    if (std::isinf(series.values[t])) {
+      throw DataError(fmt::format("{}: {}[{}] is infinite: give NaN for a missing value", file.path(),
+                                  name.substr(1), t));
+    }
+  }
+  if (!file.has_attribute(name, "std")) return series;
+  const double std = file.number_attribute(name, "std");
+  if (!(std > 0 && std::isfinite(std))) {
+    throw DataError(fmt::format("{}: the attribute std of {} is {}: a standard deviation is positive",
+                                file.path(), name.substr(1), std));
+  }
+  series.std = std;
+  return series;
+}
+
 void check_times(const std::vector<double>& time, const std::string& path) {
   if (time.empty()) throw DataError(path + ": time is empty: there is nothing to assimilate");
   for (std::size_t i = 1; i < time.size(); ++i) {
@@ -148,6 +172,10 @@ Measurements read_hdf5(const std::string& path) {
     m.components.push_back(static_cast<int>(components[j]));
   }
   m.noise = read_noise(file, n_obs, n_t);
+  if (file.has("/outputs")) {
+    for (const std::string& name : file.members("/outputs"))
+      m.series[name] = read_series(file, "/outputs/" + name, n_t);
+  }
   if (file.has("/truth")) {
     for (const std::string& name : file.members("/truth"))
       m.truth[name] = file.read("/truth/" + name, Shape{1})[0];
@@ -202,6 +230,10 @@ void write_measurements(const std::string& path, const Measurements& m, const st
     file.write_integers("/dofs/component", components, {n_obs},
                         {"1", "displacement component: 0 x, 1 y, 2 z"});
     write_noise(file, m.noise, n_obs);
+    for (const auto& [name, series] : m.series) {
+      file.write("/outputs/" + name, series.values, {n_t}, {"1", "measured beside the displacements"});
+      if (series.std) file.number_attribute("/outputs/" + name, "std", *series.std);
+    }
     for (const auto& [name, value] : m.truth)
       file.write("/truth/" + name, {&value, 1}, {1}, {"1", "true value"});
     file.text_attribute("/", "created_by", k_created_by);

@@ -132,6 +132,47 @@ NoiseModel NoiseModel::with_offsets(double std) const {
   return result;
 }
 
+NoiseModel NoiseModel::with_scalars(const Eigen::VectorXd& std) const {
+  assert(!marginal_);
+  if (std.size() == 0) return *this;
+  const NoiseModel scalars = independent(std);
+  NoiseModel result = *this;
+  result.size_ += std.size();
+  result.scalar_count_ += std.size();
+  result.log_determinant_ += scalars.log_determinant_;
+  if (is_independent()) {
+    result.inverse_variance_.resize(result.size_);
+    result.inverse_variance_ << inverse_variance_, scalars.inverse_variance_;
+  } else {
+    if (shared_reference_ > 0) {
+      throw DataError(
+          "forces and gauges do not go together with pictures whose errors share those of the reference "
+          "picture (noise/precision with the attribute shared_reference): leave out one of them");
+    }
+    Sparse whole = *precision_;
+    whole.conservativeResize(result.size_, result.size_);
+    for (Eigen::Index i = size_; i < result.size_; ++i)
+      whole.insert(i, i) = scalars.inverse_variance_[i - size_];
+    whole.makeCompressed();
+    result.precision_ = std::make_shared<const Sparse>(std::move(whole));
+  }
+  for (auto& [step, noise] : result.steps_)
+    noise = std::make_shared<const NoiseModel>(noise->with_scalars(std));
+  return result;
+}
+
+NoiseModel NoiseModel::with_step_error(std::size_t step, Eigen::MatrixXd factor) const {
+  assert(factor.rows() == size_);
+  NoiseModel result = *this;
+  result.step_errors_[step] = std::make_shared<const Eigen::MatrixXd>(std::move(factor));
+  return result;
+}
+
+const Eigen::MatrixXd* NoiseModel::step_error(std::size_t step) const {
+  const auto found = step_errors_.find(step);
+  return found == step_errors_.end() ? nullptr : found->second.get();
+}
+
 const NoiseModel& NoiseModel::at_step(std::size_t step) const {
   const auto found = steps_.find(step);
   return found == steps_.end() ? *this : *found->second;

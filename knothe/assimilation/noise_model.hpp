@@ -32,12 +32,24 @@ class NoiseModel {
   /// not known. It is not part of R. Throws DataError for correlated noise.
   [[nodiscard]] NoiseModel with_offsets(double std) const;
 
+  /// The same noise with further observations behind the others, independent of them and of each other:
+  /// load cells and gauges, `std` in their units. They have no part in offsets or the reference picture.
+  /// Throws DataError for correlated noise with a shared reference.
+  [[nodiscard]] NoiseModel with_scalars(const Eigen::VectorXd& std) const;
+  /// The same noise with an error of step `step` besides that all its dofs have together, N(0, F Fᵀ),
+  /// `factor` n × q: what the clock is off by. It is not part of R.
+  [[nodiscard]] NoiseModel with_step_error(std::size_t step, Eigen::MatrixXd factor) const;
+
   [[nodiscard]] Eigen::Index size() const { return size_; }
   [[nodiscard]] bool is_independent() const { return precision_ == nullptr; }
   [[nodiscard]] bool is_measured(Eigen::Index dof) const;                   ///< its row of R⁻¹ is not zero
   [[nodiscard]] bool is_complete() const { return is_complete_; }           ///< all dofs are measured
   [[nodiscard]] int shared_reference() const { return shared_reference_; }  ///< 0: nothing is shared
   [[nodiscard]] double offset_std() const { return offset_std_; }           ///< 0: no offsets
+  [[nodiscard]] Eigen::Index scalar_count() const { return scalar_count_; }  ///< of `with_scalars`, the last
+  [[nodiscard]] bool has_step_errors() const { return !step_errors_.empty(); }
+  /// F of step `step`; null where there is none.
+  [[nodiscard]] const Eigen::MatrixXd* step_error(std::size_t step) const;
   [[nodiscard]] bool has_step(std::size_t step) const { return steps_.contains(step); }
   /// Noise of step `step`: this one where no other was given.
   [[nodiscard]] const NoiseModel& at_step(std::size_t step) const;
@@ -70,6 +82,8 @@ class NoiseModel {
   double log_determinant_ = 0;
   int shared_reference_ = 0;
   double offset_std_ = 0;
+  Eigen::Index scalar_count_ = 0;
+  std::map<std::size_t, std::shared_ptr<const Eigen::MatrixXd>> step_errors_;
   std::map<std::size_t, std::shared_ptr<const NoiseModel>> steps_;
 };
 

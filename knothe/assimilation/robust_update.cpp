@@ -32,6 +32,12 @@ RobustUpdate::RobustUpdate(std::shared_ptr<const reduction::ObservedModel> model
         "a Student-t likelihood is for sensors whose noise is independent in space and time: use gating "
         "(method.gate) with noise/precision, shared_reference or offsets");
   }
+  if (noise_.has_step_errors()) {
+    throw UsageError(
+        "gating and the Student-t likelihood judge sensors one by one, but an error of the clock (its std) "
+        "is "
+        "common to all: give the clock no std, or take likelihood = \"gaussian\" without a gate");
+  }
   prior_.points = prior_points(update_.priors(), 512);
   prior_.weights = Eigen::VectorXd::Constant(512, 1.0 / 512);
 }

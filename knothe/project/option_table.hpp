@@ -34,7 +34,16 @@ struct Option {
   bool required = false;             ///< must be there if its table is
 };
 
-/// The options about pictures, the last of the reference: [dic], [simulate.camera].
+// The parts of the table, in the order of the reference.
+/// [model], [data], [observations], [parameters].
+[[nodiscard]] std::vector<Option> data_option_table();
+/// [method].
+[[nodiscard]] std::vector<Option> method_option_table();
+/// [offline], [simulate], [select], [forecast].
+[[nodiscard]] std::vector<Option> offline_option_table();
+/// [serve].
+[[nodiscard]] std::vector<Option> serve_option_table();
+/// [dic], [simulate.camera].
 [[nodiscard]] std::vector<Option> picture_option_table();
 
 /// All options, in the order of the reference.

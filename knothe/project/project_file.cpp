@@ -10,6 +10,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
+#include "knothe/project/data_options.hpp"
 #include "knothe/project/inference_options.hpp"
 #include "knothe/project/project_values.hpp"
 
@@ -332,6 +333,9 @@ Project parse_project(const std::string& text, const std::string& path) {
   for (const std::string& file : values.texts("model.candidates"))
     project.candidates.push_back((std::filesystem::path(project.folder) / file).lexically_normal().string());
   project.data = resolve(values, "data.file", project.folder);
+  project.clock = values.text("data.clock", "");
+  for (const std::string& name : children(values, "data.sensors"))
+    project.sensors.push_back(read_sensor(values, name));
   project.results = (std::filesystem::path(project.folder) / values.text("results", "results/")).string();
   for (const std::string& name : children(values, "parameters")) {
     project.parameters.push_back({name, read_prior(values, "parameters." + name)});

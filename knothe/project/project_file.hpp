@@ -11,6 +11,7 @@
 #include "knothe/forecast/forecaster.hpp"
 #include "knothe/project/picture_options.hpp"
 #include "knothe/project/serve_options.hpp"
+#include "knothe/reduction/scalar_observations.hpp"
 
 namespace knothe::project {
 
@@ -136,7 +137,9 @@ struct Project {
   std::string model;                    ///< separated model file, resolved; empty if none
   std::vector<std::string> candidates;  ///< further models to compare it with, resolved
   std::string data;                     ///< measurements, resolved; empty if none
-  std::string results;                  ///< resolved
+  std::string clock;                    ///< output that tells the time of the data; empty: their own times
+  std::vector<reduction::ScalarObservation> sensors;  ///< made of displacements
+  std::string results;                                ///< resolved
   std::vector<NamedPrior> parameters;
   MethodOptions method;
   UmbridgeOptions umbridge;

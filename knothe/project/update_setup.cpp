@@ -4,9 +4,9 @@
 
 #include <algorithm>
 
-#include "knothe/assimilation/time_matching.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
+#include "knothe/project/observed_data.hpp"
 #include "knothe/reduction/parameter_order.hpp"
 
 namespace knothe::project {
@@ -159,26 +159,36 @@ UpdateSetup set_up(const Project& project, bool any_method) {
       pictures ? pictures->measurements() : assimilation::read_measurements(project.data);
   if (project.method.offset_std > 0)
     measurements.noise = measurements.noise.with_offsets(project.method.offset_std);
-  std::vector<double> points;
-  for (Eigen::Index j = 0; j < measurements.points.rows(); ++j) {
-    for (Eigen::Index c = 0; c < 3; ++c) points.push_back(measurements.points(j, c));
-  }
-  const std::vector<std::int64_t> components(measurements.components.begin(), measurements.components.end());
-  auto observed =
-      std::make_shared<const reduction::ObservedModel>(reduction::observe(model, points, components));
-  std::vector<std::size_t> times = assimilation::match_times(
-      measurements.time, observed->time, pictures ? project.pictures.folder : project.data);
+  ObservedData data = observe_data(project, model, priors, std::move(measurements),
+                                   pictures ? project.pictures.folder : project.data);
   return {model,
-          std::move(measurements),
-          std::move(points),
-          components,
-          std::move(observed),
-          std::move(times),
+          std::move(data.measurements),
+          std::move(data.points),
+          std::move(data.components),
+          std::move(data.observed),
+          std::move(data.time_indices),
           std::move(priors),
           update_options(project.method),
           robust_options(project.method),
           baseline_options(project.method),
-          std::move(pictures)};
+          std::move(pictures),
+          std::move(data.scalars),
+          std::move(data.unused)};
+}
+
+UpdateSetup set_up_online(const Project& project) {
+  if (!project.clock.empty()) {
+    throw project.error_at(
+        "data.clock", "data.clock is for `knothe assimilate`: data that come one by one bring model times");
+  }
+  UpdateSetup setup = set_up(project);
+  if (!setup.scalars.empty()) {
+    throw project.error_at(
+        "data", fmt::format("{} is measured beside displacements: forces and gauges are for `knothe "
+                            "assimilate`, a service takes displacements",
+                            fmt::join(setup.scalars, ", ")));
+  }
+  return setup;
 }
 
 forecast::Forecaster make_forecaster(const Project& project, const UpdateSetup& setup) {

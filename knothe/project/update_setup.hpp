@@ -22,18 +22,23 @@ struct UpdateSetup {
   std::vector<double> observed_points;            ///< [n_obs, 3], m
   std::vector<std::int64_t> observed_components;  ///< [n_obs]
   std::shared_ptr<const reduction::ObservedModel> observed;
-  std::vector<std::size_t> time_indices;    ///< model time of each measured time
+  std::vector<std::size_t> time_indices;    ///< of `observed`, per measured time
   std::vector<assimilation::Prior> priors;  ///< in the project file's order
   assimilation::UpdateOptions options;
   assimilation::RobustOptions robust;                     ///< gating, Student-t
   std::optional<assimilation::BaselineOptions> baseline;  ///< a method that makes no map
   std::shared_ptr<PictureMeasurements> pictures;  ///< where data come from pictures, one by one; else null
+  std::vector<std::string> scalars;  ///< forces, gauges: the rows of the values behind the displacements
+  std::vector<std::string> unused;   ///< series of the data that are not used: they have no std
 };
 
 /// Reads model and data, and brings the model's parameters into the project file's order. Throws ProjectError
 /// where the parameters are not the model's, DataError for what the files lack. Methods that make no map, and
 /// robust ones, are for `knothe assimilate` alone (`any_method`): ProjectError elsewhere.
 [[nodiscard]] UpdateSetup set_up(const Project& project, bool any_method = false);
+
+/// The same for the service: ProjectError for what it cannot do (a measured clock, forces, gauges).
+[[nodiscard]] UpdateSetup set_up_online(const Project& project);
 
 /// The separated model with its parameters in the project file's order. ProjectError where they are not the
 /// model's, or a prior has no mass in the model's box.

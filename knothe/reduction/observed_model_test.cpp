@@ -5,8 +5,10 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/files/test_folder.hpp"
+#include "knothe/reduction/scalar_observations.hpp"
 #include "knothe/reduction/shape_functions.hpp"
 #include "knothe/reduction/test_models.hpp"
+#include "knothe/reduction/time_interpolation.hpp"
 
 namespace knothe::reduction {
 namespace {
@@ -140,6 +142,61 @@ TEST(Observe, SnapshotsAreInterpolatedBySplinesWithoutCompression) {
     EXPECT_NEAR(y[0], field(10, snapshots.time[t], p), 1e-11);
     EXPECT_NEAR(y[1], field(11, snapshots.time[t], p), 1e-11);
   }
+}
+
+TEST(TimeInterpolation, IsExactForCubicsAndAtNodesToTheBit) {
+  const std::vector<double> time = {0.1, 0.2, 0.45, 0.5, 0.9, 1.0};
+  const auto cubic = [](double t) { return 2 - t + 3 * t * t - 4 * t * t * t; };
+  for (const double at : {0.1, 0.13, 0.3, 0.45, 0.7, 0.99, 1.0}) {
+    const TimeWeights w = interpolate_in_time(time, at);
+    double value = 0, slope = 0;
+    for (std::size_t k = 0; k < w.index.size(); ++k) {
+      value += w.value[k] * cubic(time[w.index[k]]);
+      slope += w.slope[k] * cubic(time[w.index[k]]);
+    }
+    EXPECT_NEAR(value, cubic(at), 1e-13);
+    EXPECT_NEAR(slope, -1 + 6 * at - 12 * at * at, 1e-12);
+  }
+  for (std::size_t i = 0; i < time.size(); ++i) {
+    const TimeWeights w = interpolate_in_time(time, time[i]);
+    for (std::size_t k = 0; k < w.index.size(); ++k) EXPECT_EQ(w.value[k], w.index[k] == i ? 1.0 : 0.0);
+  }
+  const std::vector<double> two = {1, 3};
+  EXPECT_THAT(interpolate_in_time(two, 2).value, ::testing::ElementsAre(0.5, 0.5));
+}
+
+TEST(ScalarObservations, AreTheModelsOutputsAndDifferencesInBothForms) {
+  for (const Form form : {Form::canonical, Form::tree}) {
+    ModelContents contents = random_contents(form);
+    const std::size_t grid = contents.axes[0].nodes.size() * contents.axes[1].nodes.size();
+    contents.outputs = {{"force", {"N", ""}, {}}};
+    for (const double value : normal_values(grid * contents.time.size(), 5))
+      contents.outputs[0].values.push_back(1e6 * value);
+    const SeparatedModel model(contents);
+    const std::vector<double> points(contents.dofs.points.begin(), contents.dofs.points.begin() + 3);
+    const std::vector<std::int64_t> components = {0};
+    const std::array<double, 3> from = {0, 0, 0}, to = {0.1, 0, 0.005};  // corners of the small mesh
+    const std::vector<ScalarObservation> sensors = {{"force", "force", {}, {}, {}},
+                                                    ScalarObservation::elongation("gauge", from, to, true)};
+    const ObservedModel both = with_scalars(observe(model, points, components), model, sensors);
+    const std::vector<double> p = {0.83, 1.17};
+    const std::vector<std::size_t> dofs = {0, 2, 3, 5};
+    const auto force = model.evaluate_output("force", p).value;
+    for (std::size_t t = 0; t < contents.time.size(); ++t) {
+      const Eigen::VectorXd y = both.predict(Eigen::Vector2d(p[0], p[1]), t);
+      const auto u = model.evaluate(p, t, dofs).value;
+      EXPECT_NEAR(y[0], u[0], 1e-12 * std::abs(u[0]) + 1e-15);
+      EXPECT_NEAR(y[1], force[t], 1e-5 * 1e6);
+      const double square = 0.1 * 0.1 + 0.005 * 0.005;
+      EXPECT_NEAR(y[2], ((u[2] - u[0]) * 0.1 + (u[3] - u[1]) * 0.005) / square,
+                  1e-10 * std::abs(y[2]) + 1e-12);
+    }
+  }
+  const SeparatedModel model(random_contents(Form::tree));
+  const std::vector<ScalarObservation> unknown = {{"forze", "forze", {}, {}, {}}};
+  const std::vector<std::size_t> none = {0};
+  EXPECT_THAT(message_of<UsageError>([&] { (void)with_scalars(observe_dofs(model, none), model, unknown); }),
+              HasSubstr("has no output \"forze\""));
 }
 
 }  // namespace

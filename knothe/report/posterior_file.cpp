@@ -70,7 +70,7 @@ class Writer {
     const std::string group = "posterior_predictive";
     add_chain(group, k_predictive_draws);
     add_steps(group);
-    const auto n_obs = static_cast<std::size_t>(measurements_.observation_count());
+    const auto n_obs = static_cast<std::size_t>(measurements_.points.rows());
     out_.add_dimension(group, "observation", n_obs);
     std::vector<double> points;
     for (Eigen::Index i = 0; i < measurements_.points.rows(); ++i) {
@@ -78,14 +78,17 @@ class Writer {
     }
     const std::vector<std::int64_t> components(measurements_.components.begin(),
                                                measurements_.components.end());
-    const reduction::ObservedModel observed = reduction::observe(model_, points, components);
+    const std::shared_ptr<const reduction::ObservedModel> observed =
+        file_.observed ? file_.observed
+                       : std::make_shared<const reduction::ObservedModel>(
+                             reduction::observe(model_, points, components));
     std::vector<double> values(k_predictive_draws * n_steps_ * n_obs);
     for (std::size_t s = 0; s < n_steps_; ++s) {
       const auto draws = equal_draws(file_.posteriors[s]->weights, k_predictive_draws);
       for (std::size_t j = 0; j < k_predictive_draws; ++j) {
         const Eigen::VectorXd p = file_.posteriors[s]->points.row(draws[j]);
-        const Eigen::VectorXd y = observed.predict(p, file_.time_indices[s]);
-        std::copy(y.begin(), y.end(),
+        const Eigen::VectorXd y = observed->predict(p, file_.time_indices[s]);
+        std::copy(y.begin(), y.begin() + static_cast<std::ptrdiff_t>(n_obs),
                   values.begin() + static_cast<std::ptrdiff_t>((j * n_steps_ + s) * n_obs));
       }
     }
@@ -94,11 +97,15 @@ class Writer {
   }
 
   void write_data() {
-    const auto n_obs = static_cast<std::size_t>(measurements_.observation_count());
+    const auto n_obs = static_cast<std::size_t>(measurements_.points.rows());
     add_steps("observed_data");
     out_.add_dimension("observed_data", "observation", n_obs);
     out_.add_variable("observed_data", "displacement", Names{"step", "observation"},
                       {measurements_.values.data(), n_steps_ * n_obs}, {"m", "measured displacement"});
+    for (const auto& [name, series] : measurements_.series) {
+      out_.add_variable("observed_data", name, Names{"step"}, {series.values.data(), n_steps_},
+                        {"1", "measured beside the displacements"});
+    }
     const std::string group = "constant_data";
     out_.add_dimension(group, "observation", n_obs);
     out_.add_dimension(group, "axis", 3);

@@ -2,11 +2,13 @@
 /// @file posterior.nc: the sequence of posteriors as NetCDF-4 in ArviZ's groups, and its reading back for
 /// forecasts.
 #include <cstdint>
+#include <memory>
 #include <string>
 #include <vector>
 
 #include "knothe/assimilation/measurements.hpp"
 #include "knothe/assimilation/sequential_update.hpp"
+#include "knothe/reduction/observed_model.hpp"
 #include "knothe/reduction/separated_model.hpp"
 
 namespace knothe::report {
@@ -18,7 +20,9 @@ struct PosteriorFile {
   std::uint64_t seed = 1;
   std::vector<const assimilation::UpdateResult*> results;
   std::vector<const assimilation::WeightedPosterior*> posteriors;
-  std::vector<std::size_t> time_indices;  ///< model time of each step
+  std::vector<std::size_t> time_indices;  ///< model time of each step, of `observed`
+  /// The model at the observed dofs (its first rows) and times; null: the model's own times.
+  std::shared_ptr<const reduction::ObservedModel> observed;
 };
 
 /// Groups: `posterior` (equally weighted draws, [chain, draw, step]), `posterior_predictive` (displacements

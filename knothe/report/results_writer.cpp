@@ -16,6 +16,7 @@
 #include "knothe/forecast/horizon.hpp"
 #include "knothe/reduction/field_file.hpp"
 #include "knothe/reduction/model_matrices.hpp"
+#include "knothe/reduction/time_interpolation.hpp"
 #include "knothe/report/posterior_file.hpp"
 #include "knothe/report/step_record.hpp"
 
@@ -45,8 +46,16 @@ Json machine() {
 
 ResultsWriter::ResultsWriter(const project::Project& project, const reduction::SeparatedModel& model,
                              const assimilation::Measurements& measurements,
-                             std::vector<assimilation::Prior> priors)
-    : project_(project), model_(model), measurements_(measurements), priors_(std::move(priors)) {}
+                             std::vector<assimilation::Prior> priors,
+                             std::shared_ptr<const reduction::ObservedModel> observed)
+    : project_(project),
+      model_(model),
+      measurements_(measurements),
+      priors_(std::move(priors)),
+      observed_(std::move(observed)) {
+  // Rows behind the displacements are in `series` too.
+  measurements_.values = measurements.values.topRows(measurements.points.rows());
+}
 
 void ResultsWriter::add_step(const assimilation::UpdateResult& result,
                              const assimilation::WeightedPosterior& posterior,
@@ -136,6 +145,7 @@ void ResultsWriter::write_posterior(const std::string& path) const {
   file.parameters = model_.parameter_names();
   file.project = project_.text;
   file.seed = project_.method.seed;
+  file.observed = observed_;
   for (const Kept& kept : steps_) {
     file.results.push_back(&kept.result);
     file.posteriors.push_back(&kept.posterior);
@@ -157,9 +167,15 @@ void ResultsWriter::write_fields(const std::string& folder) const {
     model_.functions()->evaluate(points, 0, batch);
     const forecast::FunctionMoments moments =
         forecast::moments_of_functions(batch.value, kept.posterior.weights);
-    const Eigen::MatrixXd core = reduction::core_of(contents, kept.time_index);
-    const auto t = static_cast<Eigen::Index>(kept.time_index);
-    const Eigen::VectorXd mean = lift.col(t) + space * (core * moments.mean);
+    const reduction::TimeWeights weights = reduction::interpolate_in_time(contents.time, kept.result.time);
+    Eigen::VectorXd mean = Eigen::VectorXd::Zero(lift.rows());
+    Eigen::MatrixXd core = Eigen::MatrixXd::Zero(space.cols(), moments.mean.size());
+    for (std::size_t k = 0; k < weights.index.size(); ++k) {
+      if (weights.value[k] == 0) continue;
+      core += weights.value[k] * reduction::core_of(contents, weights.index[k]);
+      mean += weights.value[k] * lift.col(static_cast<Eigen::Index>(weights.index[k]));
+    }
+    mean += space * (core * moments.mean);
     // Cov[u] = U (C Cov[w] Cᵀ) Uᵀ: only its diagonal is wanted.
     const Eigen::MatrixXd small = core * moments.covariance * core.transpose();
     const Eigen::VectorXd std = (space * small).cwiseProduct(space).rowwise().sum().cwiseMax(0).cwiseSqrt();

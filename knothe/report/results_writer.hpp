@@ -2,6 +2,7 @@
 /// @file The results folder of an assimilation: steps.jsonl, summary.json, posterior.nc, fields/ for
 /// ParaView.
 #include <cstdint>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
@@ -19,8 +20,11 @@ namespace knothe::report {
 class ResultsWriter {
  public:
   /// `priors` are those truncated to the model's box, in the project file's order, as is the model.
+  /// `observed`: the model at the times of the data where these are not its own; its first rows are the
+  /// displacements.
   ResultsWriter(const project::Project& project, const reduction::SeparatedModel& model,
-                const assimilation::Measurements& measurements, std::vector<assimilation::Prior> priors);
+                const assimilation::Measurements& measurements, std::vector<assimilation::Prior> priors,
+                std::shared_ptr<const reduction::ObservedModel> observed = nullptr);
 
   /// Keeps what the files need of a step. `time_index`: model time of the datum.
   void add_step(const assimilation::UpdateResult& result, const assimilation::WeightedPosterior& posterior,
@@ -30,7 +34,7 @@ class ResultsWriter {
 
   /// Values of a datum that came after the writer was made (pictures).
   void set_values(std::size_t step, const Eigen::VectorXd& values) {
-    measurements_.values.col(static_cast<Eigen::Index>(step)) = values;
+    measurements_.values.col(static_cast<Eigen::Index>(step)) = values.head(measurements_.values.rows());
   }
 
   /// Writes everything. Errors: IoError.
@@ -54,6 +58,7 @@ class ResultsWriter {
   reduction::SeparatedModel model_;
   assimilation::Measurements measurements_;
   std::vector<assimilation::Prior> priors_;
+  std::shared_ptr<const reduction::ObservedModel> observed_;
   std::vector<Kept> steps_;
   std::vector<std::string> lines_;
 };

@@ -30,7 +30,7 @@ struct Opened {
 Opened open_both(const std::string& path, const std::string& project_path) {
   const Journal journal(path, Journal::Access::read);
   project::Project project = project::read_project(project_path);
-  project::UpdateSetup setup = project::set_up(project);
+  project::UpdateSetup setup = project::set_up_online(project);
   Opened opened{std::move(project), std::move(setup), {}};
   const auto sensors = static_cast<std::size_t>(opened.setup.measurements.observation_count());
   journal.for_each([&](const JournalEntry& entry) {

@@ -48,7 +48,7 @@ Site::Site(project::Project project, bool strict_deadline, Metrics& metrics, std
       strict_(strict_deadline),
       metrics_(metrics),
       changed_(std::move(changed)),
-      setup_(project::set_up(project_)),
+      setup_(project::set_up_online(project_)),
       sensor_std_(setup_.measurements.noise.standard_deviations()),
       identity_(identity_of(project_, setup_)),
       journal_(project_.serve.journal, Journal::Access::write),

@@ -102,6 +102,12 @@ class Posterior:
             quadratic = sum(f[i] * f[j] * gram[i][j] for i in range(3) for j in range(3))
             self.log_weights[index] += constant + sum(f[i] * right[i] for i in range(3)) - 0.5 * quadratic
 
+    def add_number(self, value, std, formula):
+        """One number measured with the standard deviation `std`, of which the model says `formula`(Y0, Ad)."""
+        for index, (y0, ad) in enumerate(self.points):
+            miss = (value - formula(y0, ad)) / std
+            self.log_weights[index] -= 0.5 * miss * miss + math.log(std * math.sqrt(2 * math.pi))
+
     def summary(self, step, swap=False):
         """A line as knothe prints it, as far as quadrature gives it."""
         top = max(self.log_weights)

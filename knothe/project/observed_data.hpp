@@ -1,0 +1,35 @@
+#pragma once
+/// @file Measurements of every kind, as rows of one observed model at the times of the data.
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "knothe/assimilation/measurements.hpp"
+#include "knothe/project/project_file.hpp"
+#include "knothe/reduction/observed_model.hpp"
+#include "knothe/reduction/separated_model.hpp"
+
+namespace knothe::project {
+
+struct ObservedData {
+  /// Values and noise have a row per displacement and then one per scalar; points and components are those of
+  /// the displacements.
+  assimilation::Measurements measurements;
+  std::vector<double> points;            ///< [n, 3], m, of the displacements
+  std::vector<std::int64_t> components;  ///< [n]
+  std::shared_ptr<const reduction::ObservedModel> observed;
+  std::vector<std::size_t> time_indices;  ///< of the observed model, per measured time
+  std::vector<std::string> scalars;       ///< names of the series observed, in the order of their rows
+  std::vector<std::string> unused;        ///< series of the file that nothing was made of: they have no std
+};
+
+/// What of `measurements` the model says something about: displacements; series with a std that are named as
+/// a sensor of the project or an output of the model. With `project.clock` the times are those that its
+/// series tells, and its error is in the noise. `priors` in the order of the model's parameters, `source`
+/// what messages call the data. Errors: DataError, ProjectError.
+[[nodiscard]] ObservedData observe_data(const Project& project, const reduction::SeparatedModel& model,
+                                        const std::vector<assimilation::Prior>& priors,
+                                        assimilation::Measurements measurements, const std::string& source);
+
+}  // namespace knothe::project

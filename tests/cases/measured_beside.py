@@ -1,0 +1,161 @@
+"""Data beside displacements at model times: a measured clock, load cells, strain gauges, openings; judged by quadrature."""
+import random
+import unittest
+
+import analytic_model
+from support import Case, read_csv, write_csv
+
+PRIORS = [(0.9, 0.4472135954999579), (1.1, 0.4472135954999579)]
+TRUTH = (1.05, 0.9)
+COMPONENT = {"x": 0, "y": 1, "z": 2}
+FROM, TO = (-0.03, 0.0, 0.0), (0.03, 0.05, 0.0)
+
+
+class Test(Case):
+    project_name = "assimilation.toml"
+    fixture = "analytic"
+
+    def setUp(self):
+        super().setUp()
+        self.sensors = read_csv(self.folder / "data.csv")[:24]
+        (self.folder / "data.csv").unlink()
+        self.edit('data = "data.h5"', '[data]\nfile = "data.csv"')
+        # `results` must stay a top-level key.
+        self.edit('results = "results/"\n', "")
+        self.project.write_text('results = "results/"\n' + self.project.read_text())
+        self.random = random.Random(3)
+
+    def measure(self, times, extra=None, error=lambda i: 0.0):
+        """Writes data.csv: displacements at the model times `times` (true time: plus `error`), and the rows of `extra`(i, t)."""
+        self.data, rows = [], []
+        for i, t in enumerate(times):
+            observations = []
+            for sensor in self.sensors:
+                c, point, std = COMPONENT[sensor["component"]], tuple(float(sensor[k]) for k in "xyz"), float(sensor["std"])
+                value = analytic_model.displacement(c, point, t + error(i), *TRUTH) + self.random.gauss(0, std)
+                observations.append((c, point, value, std))
+                rows.append({**sensor, "time": 10.0 * i, "value": repr(value)})
+            self.data.append((t, observations))
+            for name, value, std in extra(i, t) if extra else ():
+                rows.append({"time": 10.0 * i, "sensor": name, "x": "", "y": "", "z": "", "component": name,
+                             "value": repr(value), "std": std})
+        write_csv(self.folder / "data.csv", rows)
+
+    def judge(self, numbers=()):
+        """The posterior by quadrature of the formula; `numbers`[i]: (value, std, formula) of step i."""
+        posterior, lines = analytic_model.Posterior(PRIORS, 64), []
+        for i, (t, observations) in enumerate(self.data):
+            posterior.add(t, observations)
+            for number in numbers[i] if numbers else ():
+                posterior.add_number(*number)
+            lines.append(posterior.summary(i))
+        return lines
+
+    def test_a_clock_tells_the_model_time_between_the_models_times(self):
+        self.edit("[data]\n", '[data]\nclock = "imposed_displacement"\n')
+        times = [0.11, 0.3, 0.52, 0.52, 0.77, 1.0]
+        self.measure(times, lambda i, t: [("imposed_displacement", 4e-4 * t, "")])
+        lines = self.assimilate()
+        for line, t in zip(lines, times):
+            self.assertAlmostEqual(line["time"], t, places=12)
+        self.expect_agreement(lines, self.judge())
+
+    def test_an_error_of_the_clock_is_not_taken_for_a_parameter(self):
+        """Readings off by 5 % of the range: taken as exact they move the estimate by many of its standard deviations."""
+        std = 2e-5
+        errors = [self.random.gauss(0, std / 4e-4) for _ in range(8)]
+        self.edit("[data]\n", '[data]\nclock = "imposed_displacement"\n')
+        distance = {}
+        for given in (std, ""):
+            self.measure([0.25 + 0.06 * i for i in range(8)], lambda i, t: [("imposed_displacement", 4e-4 * t, given)],
+                         lambda i: errors[i])
+            last = self.assimilate()[-1]
+            distance[given] = max(abs(last["mean"][k] - TRUTH[k]) / last["covariance"][k][k] ** 0.5 for k in (0, 1))
+        self.assertLess(distance[std], 3)
+        self.assertGreater(distance[""], 6)
+
+    def test_what_no_clock_can_be_is_refused_with_words(self):
+        self.edit("[data]\n", '[data]\nclock = "imposed_displacement"\n')
+        reading = [0.2, 0.5, 0.4, 0.8]
+        for values, std, texts in (
+                (reading, "", ["outputs/imposed_displacement[2]", "unloaded", "index 1"]),
+                (reading, 1e-6, ["unloaded"]),
+                ([0.2, 0.5, 1.2, 1.3], "", ["outside what the model covers", "imposed_displacement[2]"]),
+                ([0.2, float("nan"), 0.6, 0.7], "", ["imposed_displacement[1] is missing"])):
+            self.measure([0.2, 0.3, 0.4, 0.5], lambda i, t: [("imposed_displacement", 4e-4 * values[i], std)])
+            self.expect(4, "assimilate", self.project_name, stderr=texts)
+        self.measure([0.2, 0.3], lambda i, t: [])
+        self.expect(4, "assimilate", self.project_name, stderr=["no series of that name", "/outputs/imposed_displacement"])
+        self.edit('"imposed_displacement"', '"reaction_force"')
+        self.measure([0.2, 0.3], lambda i, t: [("reaction_force", 400.0, 1.0)])
+        self.expect(4, "assimilate", self.project_name, stderr="depends on the parameters")
+        self.edit('"reaction_force"', '"reaction_forc"', 1)
+        self.measure([0.2, 0.3], lambda i, t: [("reaction_forc", 400.0, 1.0)])
+        self.expect(4, "assimilate", self.project_name, stderr="reaction_force")
+        self.expect(3, "serve", self.project_name, "--port", "0", stderr="data.clock is for `knothe assimilate`")
+
+    def test_forces_strains_and_openings_join_the_displacements(self):
+        """A load cell, a strain gauge, an opening and a rotation, each as good as quadrature with its own formula."""
+        self.edit("[parameters]", f'''[data.sensors.gauge]
+kind = "strain"
+from = {list(FROM)}
+to = {list(TO)}
+[data.sensors.mouth]
+kind = "opening"
+from = {list(FROM)}
+to = {list(TO)}
+[data.sensors.twist]
+kind = "combination"
+points = [[-0.06, 0.0, 0.0], [0.06, 0.1, 0.05]]
+components = ["y", "x"]
+coefficients = [2.0, -0.5]
+
+[parameters]''')
+        length = sum((b - a) ** 2 for a, b in zip(FROM, TO)) ** 0.5
+
+        def opening(t, p):
+            u = [[analytic_model.displacement(c, x, t, *p) for c in range(3)] for x in (FROM, TO)]
+            return sum((u[1][c] - u[0][c]) * (TO[c] - FROM[c]) / length for c in range(3))
+
+        formulas = {
+            "gauge": (lambda t, p: opening(t, p) / length, 2e-5),
+            "mouth": (lambda t, p: opening(t, p), 2e-6),
+            "reaction_force": (lambda t, p: analytic_model.reaction_force(t, *p), 60.0),
+            "twist": (lambda t, p: 2 * analytic_model.displacement(1, (-0.06, 0, 0), t, *p)
+                      - 0.5 * analytic_model.displacement(0, (0.06, 0.1, 0.05), t, *p), 4e-6)}
+        numbers = []
+
+        def measured(i, t):
+            numbers.append([(f(t, TRUTH) + self.random.gauss(0, std), std, lambda y0, ad, f=f: f(t, (y0, ad)))
+                            for f, std in formulas.values()])
+            return [(name, value, std) for name, (value, std, _) in zip(formulas, numbers[i])]
+
+        self.measure([analytic_model.time(step) for step in (1, 5, 11)], measured)
+        self.use_model_times()
+        lines = self.assimilate()
+        self.assertEqual([line["used"] for line in lines], [28, 28, 28])
+        self.expect_agreement(lines, self.judge(numbers))
+
+    def test_series_that_nobody_knows_and_sensors_without_values_are_named(self):
+        times = [analytic_model.time(3)]
+        self.measure(times, lambda i, t: [("reaction_forze", 400.0, 1.0)])
+        self.use_model_times()
+        self.expect(4, "assimilate", self.project_name, stderr=["reaction_forze", "neither an output", 'did you mean "reaction_force"?'])
+        self.measure(times, lambda i, t: [("reaction_force", 400.0, "")])
+        self.use_model_times()
+        self.expect(0, "assimilate", self.project_name, stderr='the series "reaction_force" is not used: it has no std')
+        self.edit("[parameters]", '[data.sensors.gauge]\nkind = "strain"\nfrom = [0.0, 0.0, 0.0]\nto = [0.03, 0.0, 0.0]\n\n[parameters]')
+        self.expect(3, "assimilate", self.project_name, stderr=['no series "gauge"', self.position_of("[data.sensors.gauge]")])
+        self.edit("to = [0.03, 0.0, 0.0]", "to = [0.0, 0.0, 0.0]")
+        self.expect(3, "check", self.project_name, stderr="between a point and itself")
+
+    def use_model_times(self):
+        """The data file's times are the model's where there is no clock."""
+        rows = read_csv(self.folder / "data.csv")
+        for row in rows:
+            row["time"] = repr(self.data[round(float(row["time"]) / 10)][0])
+        write_csv(self.folder / "data.csv", rows)
+
+
+if __name__ == "__main__":
+    unittest.main()
