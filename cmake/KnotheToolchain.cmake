@@ -24,7 +24,8 @@ target_compile_options(knothe_flags_portable INTERFACE
 target_include_directories(knothe_flags_portable INTERFACE ${CMAKE_SOURCE_DIR} ${CMAKE_BINARY_DIR}/generated)
 if(KNOTHE_SANITIZE)
   target_compile_options(knothe_flags_portable INTERFACE
-    -fsanitize=${KNOTHE_SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer -g1)
+    -fsanitize=${KNOTHE_SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer -g1
+    ${KNOTHE_SANITIZE_LESS})
   target_link_options(knothe_flags_portable INTERFACE -fsanitize=${KNOTHE_SANITIZE})
 endif()
 
