@@ -20,7 +20,7 @@ endif()
 # not be compiled twice with different vector widths. Eigen types never cross that border: spans do.
 add_library(knothe_flags_portable INTERFACE)
 target_compile_options(knothe_flags_portable INTERFACE
-  -Wall -Wextra -Wpedantic -Wshadow=local -Wno-psabi -fno-math-errno)
+  -Wall -Wextra -Wpedantic $<$<CXX_COMPILER_ID:GNU>:-Wshadow=local> -Wno-psabi -fno-math-errno)
 target_include_directories(knothe_flags_portable INTERFACE ${CMAKE_SOURCE_DIR} ${CMAKE_BINARY_DIR}/generated)
 if(KNOTHE_SANITIZE)
   target_compile_options(knothe_flags_portable INTERFACE

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Formatting, then all tests in release, then those of the online rooms under address and undefined-behaviour
-# sanitizers. `scripts/test.sh all` adds the tests labelled `nightly` and the thread sanitizer.
+# sanitizers, then libFuzzer on the parsers. `scripts/test.sh all` adds the tests labelled `nightly` and the thread sanitizer.
 # The last line is `N passed, N failed`.
 set -uo pipefail
 cd "$(dirname "$0")/.."
@@ -40,5 +40,6 @@ if [ "${1:-}" = all ]; then
 else
   run asan  # fewer checks, and without the tests of statistics: see CMakePresets.json
 fi
+run fuzz
 echo "$passed passed, $failed failed"
 [ "$failed" -eq 0 ]

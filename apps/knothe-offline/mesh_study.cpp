@@ -62,7 +62,8 @@ Difference difference(const Run& run, const Run& finer) {
 
 Run compute(mechanics::BeamProblem problem, const std::string& law, double element) {
   problem.beam.element = element;
-  // One column of elements above the notch on every mesh: an even number of columns has more than one solution.
+  // One column of elements above the notch on every mesh: an even number of columns has more than one
+  // solution.
   problem.beam.notch_width = element;
   problem.solver.regularisation.kind = law == "crack-band" ? mechanics::Regularisation::crack_band
                                        : law == "gradient" ? mechanics::Regularisation::gradient
@@ -109,10 +110,11 @@ void report(const std::string& law, const Run& run, bool json) {
                                          {"cpu_seconds", run.cpu},
                                          {"memory_MiB", run.memory}}));
   } else {
-    fmt::print("| {} | {:g} | {} | {:.1f} | {:.3f} | {:.1f} | {:.4f} | {:.1f} | {} + {} | {} | {:.1f} | {:.0f} |\n", law,
-               1e3 * run.element, run.dofs, run.force[static_cast<std::size_t>(peak)],
-               run.displacement[static_cast<std::size_t>(peak)], run.force.back(), run.dissipated,
-               1e3 * run.crack, run.newton, run.secant, run.not_in_equilibrium, run.cpu, run.memory);
+    fmt::print(
+        "| {} | {:g} | {} | {:.1f} | {:.3f} | {:.1f} | {:.4f} | {:.1f} | {} + {} | {} | {:.1f} | {:.0f} |\n",
+        law, 1e3 * run.element, run.dofs, run.force[static_cast<std::size_t>(peak)],
+        run.displacement[static_cast<std::size_t>(peak)], run.force.back(), run.dissipated, 1e3 * run.crack,
+        run.newton, run.secant, run.not_in_equilibrium, run.cpu, run.memory);
   }
   std::fflush(stdout);
 }
@@ -173,8 +175,10 @@ int mesh_study(const MeshStudyArguments& arguments) {
   std::sort(elements.rbegin(), elements.rend());
   if (!arguments.json)
     fmt::print(
-        "| law | element mm | dofs | peak N | at mm | at the end N | dissipated J | crack mm | Newton + secant | "
-        "steps not in equilibrium | CPU s | memory MiB |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- | "
+        "| law | element mm | dofs | peak N | at mm | at the end N | dissipated J | crack mm | Newton + "
+        "secant | "
+        "steps not in equilibrium | CPU s | memory MiB |\n| --- | --- | --- | --- | --- | --- | --- | --- | "
+        "--- | "
         "--- | --- | --- |\n");
   std::vector<Study> studies;
   for (const std::string& law : arguments.laws) {

@@ -1,5 +1,5 @@
 /** The state in words. Pure: time is given. */
-import { duration } from "./format";
+import { duration, microseconds } from "./format";
 import type { Model, StateWord, Status, StepLine } from "./types";
 
 export interface Knowledge {
@@ -37,7 +37,8 @@ export function banner(k: Knowledge): Banner {
   const period = k.status?.period_s ?? k.model?.period_s ?? NaN;
   const late = age > (k.model?.stale_after_s ?? Math.max(stalePeriods * period, 1));
   if (said.state === "STALE" || (late && (said.state === "OK" || said.state === "BIASED"))) {
-    const expected = period > 0 ? ` (one is expected every ${duration(period)})` : "";
+    const expected =
+      period > 0 ? ` (one is expected every ${period < 0.1 ? microseconds(1e6 * period) : duration(period)})` : "";
     const last = k.model?.steps;
     const done =
       last !== undefined && k.latest && k.latest.step >= last - 1 ? "; it was the last step of the model" : "";

@@ -59,6 +59,8 @@ test("silence is never OK: no datum for five periods, or no contact", () => {
   const late = banner({ ...known, lastDatumAt: 97000, status: { state: "OK", period_s: 0.1 } });
   assert.equal(late.state, "STALE");
   assert.match(late.reason, /No datum for 3\.0 s \(one is expected every 0\.1 s\)/);
+  const fast = banner({ ...known, lastDatumAt: 97000, status: { state: "STALE", period_s: 0.004 } });
+  assert.match(fast.reason, /\(one is expected every 4\.00 ms\)/);
   const lost = banner({ ...known, connected: false, lostAt: 90000, status: { state: "OK" } });
   assert.equal(lost.state, "STALE");
   assert.match(lost.reason, /No contact with the service for 10 s; shown is what was known then/);

@@ -53,18 +53,28 @@ ModelSupervision::ModelSupervision(std::shared_ptr<const reduction::ObservedMode
 void ModelSupervision::restart() {
   state_ = initial_;
   saved_.clear();
+  forgotten_.reset();
   forget_posterior();
 }
 
 void ModelSupervision::save(std::size_t step) {
-  saved_.insert_or_assign(step, state_);
-  if (saved_.size() > k_remembered) saved_.erase(saved_.begin());
+  saved_.insert_or_assign(step, Saved{state_, points_, is_known_});
+  if (saved_.size() <= k_remembered) return;
+  forgotten_ = saved_.begin()->first;
+  saved_.erase(saved_.begin());
+}
+
+bool ModelSupervision::remembers(std::size_t step) const {
+  return !(forgotten_ && *forgotten_ >= step) && saved_.lower_bound(step) != saved_.end();
 }
 
 std::size_t ModelSupervision::restore(std::size_t step) {
   const auto it = saved_.lower_bound(step);
   assert(it != saved_.end());
-  state_ = it->second;
+  state_ = it->second.state;
+  points_ = it->second.points;
+  current_ = points_.size() == 0 ? prior_ : functions_at(*model_->functions, points_);
+  is_known_ = it->second.is_known;
   const std::size_t found = it->first;
   saved_.erase(it, saved_.end());
   return found;
@@ -173,11 +183,13 @@ void ModelSupervision::learn(double time, std::size_t time_index, const Eigen::V
 }
 
 void ModelSupervision::set_posterior(const Eigen::MatrixXd& points, const Eigen::VectorXd& weights) {
-  current_ = posterior_functions(*model_->functions, points, weights);
+  points_ = equally_likely(points, weights);
+  current_ = functions_at(*model_->functions, points_);
   is_known_ = true;
 }
 
 void ModelSupervision::forget_posterior() {
+  points_.resize(0, 0);
   current_ = prior_;
   is_known_ = true;
 }

@@ -34,7 +34,10 @@ class ModelSupervision {
   /// Remembers the state before `step`; the last `k_remembered` of them are kept.
   void save(std::size_t step);
   [[nodiscard]] std::size_t oldest_saved() const { return saved_.begin()->first; }
-  /// The state before `step`, or before the first step after it that is remembered; that step.
+  /// Whether `restore` finds the state before `step`, or before the first step after it that was saved.
+  [[nodiscard]] bool remembers(std::size_t step) const;
+  /// The state before `step`, or before the first step after it that is remembered; that step. The posterior
+  /// before it is that state's too.
   std::size_t restore(std::size_t step);
   /// From now on the model is corrected, at least until `step` is through.
   void correct_until(std::size_t step);
@@ -98,10 +101,17 @@ class ModelSupervision {
   MonitorOptions options_;
   bool learns_, is_joint_;
   std::vector<double> sizes_;
+  struct Saved {
+    State state;
+    Eigen::MatrixXd points;  ///< that current_ was made at; empty: the prior
+    bool is_known = true;
+  };
   PosteriorFunctions prior_, current_;
-  bool is_known_ = true;  ///< current_ is the posterior before the next datum
+  Eigen::MatrixXd points_;  ///< as of `Saved`
+  bool is_known_ = true;    ///< current_ is the posterior before the next datum
   State initial_, state_;
-  std::map<std::size_t, State> saved_;
+  std::map<std::size_t, Saved> saved_;
+  std::optional<std::size_t> forgotten_;  ///< the last step that was saved and is so no longer
 };
 
 }  // namespace knothe::assimilation

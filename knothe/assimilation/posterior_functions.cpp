@@ -10,21 +10,6 @@
 namespace knothe::assimilation {
 namespace {
 
-/// Rows at the cumulative weights (j + ½)/n: as good as the order of the rows is even, and no dice.
-Eigen::MatrixXd resampled(const Eigen::Ref<const Eigen::MatrixXd>& points,
-                          const Eigen::Ref<const Eigen::VectorXd>& weights) {
-  const double total = weights.sum();
-  Eigen::MatrixXd chosen(k_prediction_points, points.cols());
-  Eigen::Index i = 0;
-  double passed = weights[0];
-  for (Eigen::Index j = 0; j < chosen.rows(); ++j) {
-    const double level = total * (static_cast<double>(j) + 0.5) / static_cast<double>(chosen.rows());
-    while (passed < level && i + 1 < points.rows()) passed += weights[++i];
-    chosen.row(j) = points.row(i);
-  }
-  return chosen;
-}
-
 /// F with F Fᵀ = D Dᵀ/n up to 1e-8 of the trace, by Cholesky with the largest pivot first, on columns made
 /// when they are wanted.
 Eigen::MatrixXd covariance_factor(const Eigen::MatrixXd& deviation) {
@@ -66,7 +51,25 @@ Eigen::MatrixXd regression(const Eigen::MatrixXd& deviation, Eigen::MatrixXd p) 
   return tangent;
 }
 
-PosteriorFunctions at_equal_points(const reduction::ParameterFunctions& functions, Eigen::MatrixXd points) {
+}  // namespace
+
+/// Rows at the cumulative weights (j + ½)/n: as good as the order of the rows is even, and no dice.
+Eigen::MatrixXd equally_likely(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                               const Eigen::Ref<const Eigen::VectorXd>& weights) {
+  assert(points.rows() == weights.size() && points.rows() > 0);
+  const double total = weights.sum();
+  Eigen::MatrixXd chosen(k_prediction_points, points.cols());
+  Eigen::Index i = 0;
+  double passed = weights[0];
+  for (Eigen::Index j = 0; j < chosen.rows(); ++j) {
+    const double level = total * (static_cast<double>(j) + 0.5) / static_cast<double>(chosen.rows());
+    while (passed < level && i + 1 < points.rows()) passed += weights[++i];
+    chosen.row(j) = points.row(i);
+  }
+  return chosen;
+}
+
+PosteriorFunctions functions_at(const reduction::ParameterFunctions& functions, Eigen::MatrixXd points) {
   reduction::FunctionBatch batch;
   batch.resize(points.rows(), functions.dimension(), functions.count(), 0);
   functions.evaluate(points, 0, batch);
@@ -79,13 +82,10 @@ PosteriorFunctions at_equal_points(const reduction::ParameterFunctions& function
   return w;
 }
 
-}  // namespace
-
 PosteriorFunctions posterior_functions(const reduction::ParameterFunctions& functions,
                                        const Eigen::Ref<const Eigen::MatrixXd>& points,
                                        const Eigen::Ref<const Eigen::VectorXd>& weights) {
-  assert(points.rows() == weights.size() && points.rows() > 0);
-  return at_equal_points(functions, resampled(points, weights));
+  return functions_at(functions, equally_likely(points, weights));
 }
 
 PosteriorFunctions prior_functions(const reduction::ParameterFunctions& functions,
@@ -93,7 +93,7 @@ PosteriorFunctions prior_functions(const reduction::ParameterFunctions& function
   Eigen::MatrixXd z = numerics::sobol_normal_points(k_prediction_points, transform.dimension(), 1);
   Eigen::MatrixXd p(z.rows(), z.cols()), none;
   transform.evaluate(z, 0, p, none, none);
-  return at_equal_points(functions, std::move(p));
+  return functions_at(functions, std::move(p));
 }
 
 }  // namespace knothe::assimilation

@@ -23,7 +23,16 @@ struct PosteriorFunctions {
 /// of the spread.
 inline constexpr Eigen::Index k_prediction_points = 256;
 
-/// From weighted points (n × d and n, sum 1), thinned to `k_prediction_points` by systematic resampling.
+/// `k_prediction_points` × d equally likely points in place of weighted ones (n × d and n, sum 1): systematic
+/// resampling.
+[[nodiscard]] Eigen::MatrixXd equally_likely(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                                             const Eigen::Ref<const Eigen::VectorXd>& weights);
+
+/// At equally likely points, n × d.
+[[nodiscard]] PosteriorFunctions functions_at(const reduction::ParameterFunctions& functions,
+                                              Eigen::MatrixXd points);
+
+/// From weighted points (n × d and n, sum 1), thinned by `equally_likely`.
 [[nodiscard]] PosteriorFunctions posterior_functions(const reduction::ParameterFunctions& functions,
                                                      const Eigen::Ref<const Eigen::MatrixXd>& points,
                                                      const Eigen::Ref<const Eigen::VectorXd>& weights);

@@ -155,8 +155,9 @@ void SequentialUpdate::project_again() {
   for (auto& [step, datum] : data_) projector_.project(step, datum.time_index, datum.values, datum.form);
 }
 
-void SequentialUpdate::put(std::size_t step, std::size_t time_index, StepForm form) {
+void SequentialUpdate::put(std::size_t step, std::size_t time_index, StepForm form, Eigen::VectorXd values) {
   Datum datum;
+  datum.values = std::move(values);
   datum.form = std::move(form);
   datum.time_index = time_index;
   datum.time = projector_.model().time[time_index];
@@ -167,7 +168,7 @@ void SequentialUpdate::put(std::size_t step, std::size_t time_index, StepForm fo
 /// What was computed from this step on holds no longer.
 void SequentialUpdate::forget_from(std::size_t step) {
   for (auto it = data_.lower_bound(step); it != data_.end(); ++it) it->second.log_evidence.reset();
-  if (summed_ && *summed_ >= step) begin_anew();
+  if (summed_ && *summed_ >= step) rewind(step);
 }
 
 void SequentialUpdate::begin_anew() {
@@ -177,6 +178,9 @@ void SequentialUpdate::begin_anew() {
   clear_sums();
   supervision_.restart();
   summed_.reset();
+  followed_ = true;
+  previewed_ = false;
+  redone_at_.reset();
 }
 
 void SequentialUpdate::restart_composition() {
@@ -184,14 +188,22 @@ void SequentialUpdate::restart_composition() {
 }
 
 const UpdateResult& SequentialUpdate::conclude(std::size_t step) {
+  // Composed maps need every step, and so does a correction, which follows from all steps before it; the
+  // collapsed posterior only the last one, and the one before it for the increment of the evidence.
+  return conclude(step, composition_ || supervision_.learns());
+}
+
+const UpdateResult& SequentialUpdate::follow(std::size_t step) {
+  if (!followed_) begin_anew();
+  return conclude(step, true);
+}
+
+const UpdateResult& SequentialUpdate::conclude(std::size_t step, bool every) {
   const auto last = data_.find(step);
   if (last == data_.end())
     throw UsageError(fmt::format("step {} is not assimilated: there is no posterior of it", step));
-  if (summed_ && *summed_ > step) begin_anew();
+  if (summed_ && (*summed_ > step || previewed_)) rewind(step);
   // In the order of the steps, so that the sums are those of data that came in that order, to the bit.
-  // Composed maps need every step, and so does a correction, which follows from all steps before it; the
-  // collapsed posterior only the last one, and the one before it for the increment of the evidence.
-  const bool every = composition_ || supervision_.learns();
   auto it = summed_ ? data_.upper_bound(*summed_) : data_.begin();
   for (const auto end = std::next(last); it != end; ++it) {
     const bool before_last = std::next(it) == last && !it->second.log_evidence;
@@ -199,6 +211,7 @@ const UpdateResult& SequentialUpdate::conclude(std::size_t step) {
       add_to_sums(it->second);
       summed_ = it->first;
       supervision_.lose_posterior();
+      followed_ = false;
       continue;
     }
     try {

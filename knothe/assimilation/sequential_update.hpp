@@ -128,8 +128,16 @@ class SequentialUpdate {
   /// one time). `put` sets the form of a step, in place of what was there; no posterior is made. `conclude`
   /// makes that of all steps up to `step`, as if nothing later had come; result() and posterior() are then
   /// those. UsageError for a step that is not there.
-  void put(std::size_t step, std::size_t time_index, StepForm form);
+  /// `values` (may be empty) are what a correction learns from that does not go by the form alone.
+  void put(std::size_t step, std::size_t time_index, StepForm form, Eigen::VectorXd values = {});
   const UpdateResult& conclude(std::size_t step);
+  /// `conclude` may leave out the maps of earlier steps, and then the monitor does not judge this one.
+  /// `follow` does not: what it says of `step` is to the bit what `update` says when all data up to it come
+  /// in order. After a change it goes on from the first step changed, whose state before is remembered (the
+  /// last 256 steps'; otherwise from the first step). `preview` is `conclude` in the middle of that: it
+  /// leaves alone what is to be followed.
+  const UpdateResult& follow(std::size_t step);
+  const UpdateResult& preview(std::size_t step);
 
   /// Takes the steps `from` to `to` (both included) out and puts them back with the corrected model, and all
   /// later ones as they follow from that. Result and posterior are bit-identical to a run in which these
@@ -177,6 +185,8 @@ class SequentialUpdate {
 
   void project_again();
   void forget_from(std::size_t step);
+  void rewind(std::size_t step);
+  const UpdateResult& conclude(std::size_t step, bool every);
   void begin_anew();
   void restart_composition();
   void recompute(std::size_t step);
@@ -201,9 +211,12 @@ class SequentialUpdate {
   std::map<std::size_t, Datum> data_;
   ModelSupervision supervision_;
   std::vector<std::pair<std::size_t, std::size_t>> by_hand_;  ///< ranges of steps to correct
-  std::vector<StepForm> level_sums_;   ///< per size of a discrepancy; empty while there is none
-  StepForm sum_;                       ///< of the steps up to `summed_`
-  std::optional<std::size_t> summed_;  ///< the step that result_ and posterior_ are of
+  std::vector<StepForm> level_sums_;      ///< per size of a discrepancy; empty while there is none
+  StepForm sum_;                          ///< of the steps up to `summed_`
+  std::optional<std::size_t> summed_;     ///< the step that result_ and posterior_ are of
+  bool followed_ = true;                  ///< the monitor has judged every step up to `summed_`
+  bool previewed_ = false;                ///< result_ and posterior_ are of another step than `summed_`
+  std::optional<std::size_t> redone_at_;  ///< the step that had those before it assimilated again
   UpdateResult result_;
   WeightedPosterior posterior_;
   Eigen::MatrixXd no_derivatives_, map_points_;

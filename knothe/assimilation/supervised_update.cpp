@@ -4,6 +4,7 @@
 
 #include <chrono>
 #include <cmath>
+#include <utility>
 
 #include "knothe/assimilation/sequential_update.hpp"
 #include "knothe/base/error.hpp"
@@ -39,6 +40,7 @@ void SequentialUpdate::correct(std::size_t step, Datum& datum) {
   datum.levels.clear();
   datum.corrected_form.reset();
   datum.corrected = supervision_.corrects(by_hand(step));
+  if (!supervision_.is_joint() && datum.values.size() == 0) datum.corrected = false;  // only a form was put
   if (!datum.corrected) return;
   if (supervision_.is_joint()) {
     datum.levels = supervision_.condition(datum.form);
@@ -61,7 +63,9 @@ void SequentialUpdate::assimilate(std::size_t step) {
                                               : datum.levels[static_cast<std::size_t>(level - 1)];
   const bool rings =
       supervision_.judge(step, used, datum.corrected ? &datum.form : nullptr, projector_.central_functions());
-  if (rings && !datum.corrected && supervision_.mode() == BiasCorrectionMode::automatic) {
+  // Where the correction is on already and had nothing to go by, doing it again would change nothing.
+  if (rings && !supervision_.corrects(by_hand(step)) &&
+      supervision_.mode() == BiasCorrectionMode::automatic) {
     // The drift began some steps ago: they were assimilated with a model that is wrong.
     auto onset = data_.find(step);
     for (int back = supervision_.steps_of_drift() - 1; back > 0 && onset != data_.begin(); --back) --onset;
@@ -110,6 +114,7 @@ void SequentialUpdate::set_target() {
 
 void SequentialUpdate::assimilate_again(std::size_t from, std::size_t step) {
   const std::string reason = supervision_.notice();
+  redone_at_ = step;
   from = supervision_.restore(from);
   supervision_.correct_until(step);
   go_back_before(from);
@@ -127,18 +132,49 @@ void SequentialUpdate::assimilate_again(std::size_t from, std::size_t step) {
 void SequentialUpdate::go_back_before(std::size_t step) {
   clear_sums();
   if (composition_) restart_composition();
-  const auto end = data_.find(step);
+  const auto end = data_.lower_bound(step);
+  summed_.reset();
   for (auto it = data_.begin(); it != end; ++it) {
     add_to_sums(it->second);
     summed_ = it->first;
-    if (composition_ || std::next(it) == end) recompute(it->first);
+    if (composition_) recompute(it->first);
   }
-  if (end == data_.begin()) {
-    summed_.reset();
-    supervision_.forget_posterior();
-  } else {
-    supervision_.set_posterior(posterior_.points, posterior_.weights);
+}
+
+/// Nothing from `step` on is assimilated. Where the state before it is not remembered, or what came later has
+/// changed the steps before it, nothing is at all.
+void SequentialUpdate::rewind(std::size_t step) {
+  const bool remembered = followed_ && supervision_.remembers(step) && !(redone_at_ && *redone_at_ >= step);
+  if (!remembered || composition_) {
+    begin_anew();
+    return;
   }
+  supervision_.restore(step);
+  go_back_before(step);
+  result_ = {};
+  posterior_ = {};
+  previewed_ = false;
+}
+
+const UpdateResult& SequentialUpdate::preview(std::size_t step) {
+  if (composition_ || supervision_.learns()) return follow(step);
+  const auto last = data_.find(step);
+  if (last == data_.end())
+    throw UsageError(fmt::format("step {} is not assimilated: there is no posterior of it", step));
+  const StepForm sum = std::exchange(sum_, StepForm::zero(projector_.central_functions().size()));
+  try {
+    for (auto it = data_.begin(); it != std::next(last); ++it) {
+      add_to_sums(it->second);
+      const bool before_last = std::next(it) == last && !it->second.log_evidence;
+      if (before_last || it == last) recompute(it->first);
+    }
+  } catch (...) {
+    begin_anew();
+    throw;
+  }
+  sum_ = sum;
+  previewed_ = true;
+  return result_;
 }
 
 const UpdateResult& SequentialUpdate::redo(std::size_t from, std::size_t to) {

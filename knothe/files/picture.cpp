@@ -19,11 +19,16 @@ void fail(const std::string& path, const std::string& reason) {
   throw DataError(fmt::format("{}: error: {}", path, reason));
 }
 
-Picture sized(const std::string& path, std::int64_t width, std::int64_t height, int bit_depth) {
+Picture sized(const std::string& path, std::int64_t width, std::int64_t height, int bit_depth,
+              std::size_t file_bytes) {
   constexpr std::int64_t k_largest = 65535;
+  constexpr std::int64_t k_always = 1 << 20, k_per_byte = 4096;  // pixels
   if (width < 1 || height < 1 || width > k_largest || height > k_largest)
     fail(path, fmt::format("a picture of {} × {} pixels; 1 × 1 to {} × {} are possible", width, height,
                            k_largest, k_largest));
+  if (width * height > k_always + k_per_byte * static_cast<std::int64_t>(file_bytes))
+    fail(path, fmt::format("the file is truncated or damaged: it says {} × {} pixels and has {} bytes", width,
+                           height, file_bytes));
   Picture picture;
   picture.width = static_cast<int>(width);
   picture.height = static_cast<int>(height);
@@ -65,7 +70,7 @@ Picture read_pgm(const std::string& path, const std::string& bytes) {
   if (maximum < 1 || maximum > 65535) fail(path, fmt::format("PGM maximum {} is not in 1 … 65535", maximum));
   int bits = 1;
   while ((1L << bits) - 1 < maximum) ++bits;
-  Picture picture = sized(path, width, height, bits);
+  Picture picture = sized(path, width, height, bits, bytes.size());
   picture.maximum = static_cast<float>(maximum);
   const std::size_t count = picture.pixels.size(), bytes_per_pixel = maximum > 255 ? 2 : 1;
   if (plain) {
@@ -81,8 +86,11 @@ Picture read_pgm(const std::string& path, const std::string& bytes) {
     fail(path, fmt::format("the file is truncated: {} bytes of pixels are missing",
                            at + count * bytes_per_pixel - bytes.size()));
   const auto* p = reinterpret_cast<const unsigned char*>(bytes.data()) + at;
-  for (std::size_t i = 0; i < count; ++i)
-    picture.pixels[i] = static_cast<float>(bytes_per_pixel == 1 ? p[i] : 256 * p[2 * i] + p[2 * i + 1]);
+  for (std::size_t i = 0; i < count; ++i) {
+    const long value = bytes_per_pixel == 1 ? p[i] : 256 * p[2 * i] + p[2 * i + 1];
+    if (value > maximum) fail(path, fmt::format("a grey level of {} above the maximum {}", value, maximum));
+    picture.pixels[i] = static_cast<float>(value);
+  }
   return picture;
 }
 
@@ -104,7 +112,7 @@ Picture read_bmp(const std::string& path, const std::string& bytes) {
     fail(path, "a compressed BMP; save it uncompressed, or as TIFF or PNG");
   if (bits != 8 && bits != 24 && bits != 32)
     fail(path, fmt::format("a BMP of {} bits a pixel; 8, 24 and 32 can be read", bits));
-  Picture picture = sized(path, width, std::abs(static_cast<std::int64_t>(stored_height)), 8);
+  Picture picture = sized(path, width, std::abs(static_cast<std::int64_t>(stored_height)), 8, bytes.size());
   const std::size_t w = static_cast<std::size_t>(picture.width), step = bits / 8,
                     row_bytes = (w * step + 3) / 4 * 4;
   if (bytes.size() < pixels_at + row_bytes * static_cast<std::size_t>(picture.height))
@@ -154,7 +162,7 @@ Picture read_picture(const std::string& path) {
     fail(path, bytes.empty() ? "the file is empty" : "the file is too short for a picture");
   if (begins_with(bytes, {"II*\0", 4}) || begins_with(bytes, {"MM\0*", 4}) ||
       begins_with(bytes, {"II+\0", 4}) || begins_with(bytes, {"MM\0+", 4}))
-    return read_tiff(path);
+    return read_tiff(path, bytes.size());
   if (begins_with(bytes, "\x89PNG")) return read_png(path, bytes);
   if (begins_with(bytes, "BM")) return read_bmp(path, bytes);
   if (begins_with(bytes, "P5") || begins_with(bytes, "P2")) return read_pgm(path, bytes);

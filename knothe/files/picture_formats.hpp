@@ -12,10 +12,12 @@ inline constexpr const char* k_colour =
 
 /// Throws DataError "path: error: reason".
 [[noreturn]] void fail(const std::string& path, const std::string& reason);
-/// An empty picture of that size; fails on sizes that make no sense.
-[[nodiscard]] Picture sized(const std::string& path, std::int64_t width, std::int64_t height, int bit_depth);
+/// An empty picture of that size; fails on sizes that make no sense, also for a file of `file_bytes`: no
+/// compression of a grey picture saves so much, and memory is not taken on the word of a damaged header.
+[[nodiscard]] Picture sized(const std::string& path, std::int64_t width, std::int64_t height, int bit_depth,
+                            std::size_t file_bytes);
 
-[[nodiscard]] Picture read_tiff(const std::string& path);
+[[nodiscard]] Picture read_tiff(const std::string& path, std::size_t file_bytes);
 [[nodiscard]] Picture read_png(const std::string& path, const std::string& bytes);
 
 }  // namespace knothe::files::picture_formats

@@ -78,7 +78,7 @@ Picture picture_formats::read_png(const std::string& path, const std::string& by
   const int passes = png_set_interlace_handling(reader.png);
   png_read_update_info(reader.png, reader.info);
   Picture picture = sized(path, png_get_image_width(reader.png, reader.info),
-                          png_get_image_height(reader.png, reader.info), bits);
+                          png_get_image_height(reader.png, reader.info), bits, bytes.size());
   const std::size_t row_bytes = png_get_rowbytes(reader.png, reader.info);
   std::vector<unsigned char> all(row_bytes * static_cast<std::size_t>(picture.height));
   for (int pass = 0; pass < passes; ++pass)

@@ -124,6 +124,10 @@ TEST(Picture, SaysWhyAFileCannotBeRead) {
   write_text_atomically(folder.file("cut.pgm"), "P5 4 4 255 abc");
   EXPECT_THAT(reason(folder.file("cut.pgm")),
               HasSubstr("the file is truncated: 13 bytes of pixels are missing"));
+  write_text_atomically(folder.file("huge.pgm"), "P5 60000 60000 255 abc");
+  EXPECT_THAT(reason(folder.file("huge.pgm")), HasSubstr("it says 60000 × 60000 pixels and has 22 bytes"));
+  write_text_atomically(folder.file("above.pgm"), "P5 2 2 100 abe\x7f");
+  EXPECT_THAT(reason(folder.file("above.pgm")), HasSubstr("a grey level of 101 above the maximum 100"));
   Picture bad = ramp(4, 4, 8);
   bad.at(2, 1) = std::numeric_limits<float>::quiet_NaN();
   EXPECT_THROW(write_tiff(folder.file("nan.tif"), bad), UsageError);

@@ -54,7 +54,7 @@ void round_row(const Picture& picture, int y, Integer* out) {
 
 }  // namespace
 
-Picture picture_formats::read_tiff(const std::string& path) {
+Picture picture_formats::read_tiff(const std::string& path, std::size_t file_bytes) {
   TIFFSetErrorHandler(remember);
   TIFFSetWarningHandler(ignore);
   last_words.clear();
@@ -76,7 +76,7 @@ Picture picture_formats::read_tiff(const std::string& path) {
   if (TIFFNumberOfDirectories(tiff.get()) > 1)
     fail(path, "a TIFF of several pages; save one picture per file");
   if (TIFFIsTiled(tiff.get()) != 0) fail(path, "a tiled TIFF; save it in strips");
-  Picture picture = sized(path, width, height, bits);
+  Picture picture = sized(path, width, height, bits, file_bytes);
   std::vector<unsigned char> row(static_cast<std::size_t>(TIFFScanlineSize64(tiff.get())) + 2);
   for (std::uint32_t y = 0; y < height; ++y) {
     if (TIFFReadScanline(tiff.get(), row.data(), y) != 1)

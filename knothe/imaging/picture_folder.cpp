@@ -51,6 +51,21 @@ void read_table(const std::string& path, const fs::path& folder, PictureFolder& 
 
 }  // namespace
 
+bool is_picture_name(const std::string& name) {
+  return is_picture(name) && !name.starts_with(".");
+}
+
+std::vector<std::string> list_references(const std::string& folder) {
+  std::error_code failure;
+  std::vector<std::string> names;
+  for (const auto& entry : fs::directory_iterator(folder, failure)) {
+    const std::string name = entry.path().filename().string();
+    if (is_picture_name(name) && name.starts_with("reference")) names.push_back(entry.path().string());
+  }
+  std::sort(names.begin(), names.end(), natural_less);
+  return names;
+}
+
 bool natural_less(const std::string& a, const std::string& b) {
   std::size_t i = 0, j = 0;
   while (i < a.size() && j < b.size()) {

@@ -20,6 +20,12 @@ struct PictureFolder {
 [[nodiscard]] PictureFolder list_pictures(const std::string& folder,
                                           const std::vector<std::string>& wanted = {});
 
+/// Pictures in a folder whose names begin with "reference": paths. Empty also where there is no such folder.
+[[nodiscard]] std::vector<std::string> list_references(const std::string& folder);
+
+/// Whether a name ends like a picture's.
+[[nodiscard]] bool is_picture_name(const std::string& name);
+
 /// "img2" < "img10".
 [[nodiscard]] bool natural_less(const std::string& a, const std::string& b);
 

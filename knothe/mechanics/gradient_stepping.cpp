@@ -7,7 +7,7 @@
 namespace knothe::mechanics {
 namespace {
 
-constexpr int k_cuts = 7;              // halvings of a step before the secant fallback
+constexpr int k_cuts = 7;  // halvings of a step before the secant fallback
 constexpr int k_newton_iterations = 15;
 
 double norm(std::span<const double> v) {

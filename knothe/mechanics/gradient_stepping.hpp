@@ -3,8 +3,8 @@
 ///
 /// The equivalent strain e = √(2 Y/E) is averaged by the Helmholtz equation of Peerlings et al. 1996,
 /// ē - ℓ² ∇²ē = e, over the material that can be damaged (∂ē/∂n = 0 at its border), and damage is
-/// d(E κ²/2) with κ the largest ē so far. It is e that is averaged, not Y: where strain localises in one row of
-/// elements of width h, ∫ e dx is the crack's opening whatever h is, while ∫ Y dx goes with 1/h.
+/// d(E κ²/2) with κ the largest ē so far. It is e that is averaged, not Y: where strain localises in one row
+/// of elements of width h, ∫ e dx is the crack's opening whatever h is, while ∫ Y dx goes with 1/h.
 #include <span>
 #include <vector>
 
@@ -12,11 +12,12 @@
 
 namespace knothe::mechanics {
 
-/// Follows one loading from the virgin state, like LoadStepping. Unknowns: the free dofs, then ē of the nodes of
-/// cells that can be damaged.
+/// Follows one loading from the virgin state, like LoadStepping. Unknowns: the free dofs, then ē of the nodes
+/// of cells that can be damaged.
 class GradientStepping {
  public:
-  GradientStepping(const Structure& structure, const SolverOptions& options, const DamageParameters& parameters);
+  GradientStepping(const Structure& structure, const SolverOptions& options,
+                   const DamageParameters& parameters);
 
   /// Goes on to the imposed displacement `target` (m) and tells how it went.
   [[nodiscard]] StepRecord advance(double target);
@@ -54,16 +55,17 @@ class GradientStepping {
   const Structure& structure_;
   const SolverOptions& options_;
   const DamageParameters parameters_;
-  std::vector<std::int64_t> cells_;     ///< that can be damaged
-  std::vector<int> places_;             ///< [cell][32]: unknowns of its dofs (-1: prescribed), then of its ē
-  std::vector<int> positions_;          ///< [cell][32 · 32]: their places in the tangent's values, -1
+  std::vector<std::int64_t> cells_;  ///< that can be damaged
+  std::vector<int> places_;          ///< [cell][32]: unknowns of its dofs (-1: prescribed), then of its ē
+  std::vector<int> positions_;       ///< [cell][32 · 32]: their places in the tangent's values, -1
   int average_count_ = 0;
-  SparseMatrix base_, tangent_;         ///< base: elastic stiffness and Helmholtz operator
-  std::vector<double> history_, committed_, trial_;  ///< [cell][point]: κ; with secant iterates, at the last state, now
+  SparseMatrix base_, tangent_;  ///< base: elastic stiffness and Helmholtz operator
+  std::vector<double> history_, committed_,
+      trial_;  ///< [cell][point]: κ; with secant iterates, at the last state, now
   State state_, previous_;
   std::vector<double> unknowns_, displacement_, force_, residual_, correction_;
   double reaction_ = 0, average_scale_ = 0;
-  double work_ = 0, dissipated_ = 0;    ///< half body, J
+  double work_ = 0, dissipated_ = 0;  ///< half body, J
   UnsymmetricSolver solver_;
 };
 

@@ -41,18 +41,20 @@ std::vector<double> band_ratios(const Structure& structure, const Regularisation
   return ratios;
 }
 
-void check_band(const Structure& structure, const RegularisationOptions& options, std::span<const double> ratios,
-                const DamageParameters& parameters) {
+void check_band(const Structure& structure, const RegularisationOptions& options,
+                std::span<const double> ratios, const DamageParameters& parameters) {
   if (options.kind != Regularisation::crack_band) return;
   const double smallest = smallest_band_ratio(parameters);
   for (std::size_t cell = 0; cell < ratios.size(); ++cell)
     if (structure.mesh().elastic[cell] == 0 && ratios[cell] < smallest)
       throw ProjectError(fmt::format(
-          "regularised damage: cell {} is {:.4g} m wide; at Y0 = {:.4g} J/m3, Ad = {:.4g} m3/J the crack band "
+          "regularised damage: cell {} is {:.4g} m wide; at Y0 = {:.4g} J/m3, Ad = {:.4g} m3/J the crack "
+          "band "
           "needs cells of at most {:.4g} m (else the stress would have to fall with the strain going back): "
           "take smaller elements",
-          structure.mesh().names.empty() ? static_cast<std::int64_t>(cell) : structure.mesh().names[cell], options.reference_size / ratios[cell], parameters.threshold,
-          parameters.brittleness, options.reference_size / smallest));
+          structure.mesh().names.empty() ? static_cast<std::int64_t>(cell) : structure.mesh().names[cell],
+          options.reference_size / ratios[cell], parameters.threshold, parameters.brittleness,
+          options.reference_size / smallest));
 }
 
 double crack_length(const Structure& structure, std::span<const double> damage) {

@@ -30,16 +30,17 @@ struct RegularisationOptions {
 [[nodiscard]] double band_width(const Structure& structure, std::int64_t cell);
 
 /// r of each cell (`band_damage`): reference size / band width with a crack band, else 1.
-[[nodiscard]] std::vector<double> band_ratios(const Structure& structure, const RegularisationOptions& options);
+[[nodiscard]] std::vector<double> band_ratios(const Structure& structure,
+                                              const RegularisationOptions& options);
 
 /// Throws ProjectError if a cell that can be damaged is too large for the crack band at these parameters
 /// (`smallest_band_ratio`): says the largest size that would do.
-void check_band(const Structure& structure, const RegularisationOptions& options, std::span<const double> ratios,
-                const DamageParameters& parameters);
+void check_band(const Structure& structure, const RegularisationOptions& options,
+                std::span<const double> ratios, const DamageParameters& parameters);
 
-/// Height of the crack above the notch, m: how far the mean reference damage of the rows of cells (the largest
-/// of each row) exceeds ½, linear between the rows' centres. `damage` is that of the reference law, per cell.
-/// 0 if no row does. For structured meshes of the beam.
+/// Height of the crack above the notch, m: how far the mean reference damage of the rows of cells (the
+/// largest of each row) exceeds ½, linear between the rows' centres. `damage` is that of the reference law,
+/// per cell. 0 if no row does. For structured meshes of the beam.
 [[nodiscard]] double crack_length(const Structure& structure, std::span<const double> damage);
 
 }  // namespace knothe::mechanics

@@ -58,8 +58,9 @@ TEST(CrackBand, slope_agrees_with_finite_differences_and_the_lanes_with_the_poin
     for (const double ratio : {0.8, 1.0, 1.7, 4.0}) {
       const DamageParameters parameters{216.0 * threshold, 2.25e-3};
       ASSERT_GT(ratio, smallest_band_ratio(parameters));
-      alignas(64) double y0[k_lanes], ad[k_lanes], strain[6 * k_lanes] = {}, none[k_lanes] = {}, damage[k_lanes],
-          slope[k_lanes], derivative[6 * k_lanes];
+      alignas(64) double y0[k_lanes], ad[k_lanes], strain[6 * k_lanes] = {}, none[k_lanes] = {},
+                                                              damage[k_lanes], slope[k_lanes],
+                                                              derivative[6 * k_lanes];
       for (std::size_t i = 0; i < k_lanes; ++i) {
         y0[i] = parameters.threshold;
         ad[i] = parameters.brittleness;
@@ -90,7 +91,8 @@ TEST(CrackBand, tangent_agrees_with_finite_differences) {
       Voigt plus = strain, minus = strain;
       plus[j] += 1e-9;
       minus[j] -= 1e-9;
-      const Voigt above = respond(plus, 0, elastic, {}, ratio).stress, below = respond(minus, 0, elastic, {}, ratio).stress;
+      const Voigt above = respond(plus, 0, elastic, {}, ratio).stress,
+                  below = respond(minus, 0, elastic, {}, ratio).stress;
       for (std::size_t i = 0; i < 6; ++i)
         EXPECT_NEAR(response.tangent[6 * i + j], (above[i] - below[i]) / 2e-9, 1e-6 * elastic.young_modulus);
     }
@@ -191,8 +193,9 @@ TEST(CrackBand, makes_the_beam_independent_of_the_mesh) {
 }
 
 TEST(Regularisation, refuses_lengths_that_make_no_sense) {
-  const std::string text =
-      message_of<knothe::ProjectError>([] { RegularisationOptions{Regularisation::gradient, 0.005, 0}.validate(); });
+  const std::string text = message_of<knothe::ProjectError>([] {
+    RegularisationOptions{Regularisation::gradient, 0.005, 0}.validate();
+  });
   EXPECT_NE(text.find("internal_length is 0 m; it must be positive"), std::string::npos) << text;
 }
 

@@ -96,17 +96,22 @@ imaging::ImageMesh surface_mesh(const reduction::Mesh& mesh, const imaging::Pict
   return std::abs(frame.slope.imag()) > 1e-12 * frame.scale() ? imaging::triangulated(face) : face;
 }
 
+namespace {
+imaging::ImageMesh model_mesh_of(const Project& project, const std::optional<reduction::Mesh>& mesh) {
+  if (!mesh) throw project.error_at("dic.mesh", "\"dic.mesh\" = \"model\": the model has no mesh");
+  return surface_mesh(*mesh, picture_frame_of(project, mesh), project);
+}
+}  // namespace
+
 imaging::SeriesOptions series_options(const Project& project, const std::optional<reduction::Mesh>& mesh) {
   imaging::SeriesOptions options = series_options(project);
   if (!project.pictures.model_mesh) return options;
-  if (!mesh) throw project.error_at("dic.mesh", "\"dic.mesh\" = \"model\": the model has no mesh");
-  options.mesh = surface_mesh(*mesh, picture_frame_of(project, mesh), project);
+  options.mesh = model_mesh_of(project, mesh);
   return options;
 }
 
-PictureMeasurements::PictureMeasurements(const Project& project, const reduction::SeparatedModel& model) {
-  const auto& contents = model.contents();
-  frame_ = picture_frame_of(project, contents.mesh);
+/// The series of pictures that are there, and γ from the first that can be measured if need be.
+void PictureMeasurements::read_series(const Project& project, const reduction::ModelContents& contents) {
   imaging::SeriesOptions options = series_options(project, contents.mesh);
   if (options.times.empty()) {
     if (options.pictures.size() > contents.time.size())
@@ -125,6 +130,25 @@ PictureMeasurements::PictureMeasurements(const Project& project, const reduction
   if (!(gamma_ > 0))
     throw DataError(fmt::format("none of the {} pictures could be measured; the first: {}", results_.size(),
                                 results_.empty() ? "" : results_.front().message));
+}
+
+PictureMeasurements::PictureMeasurements(const Project& project, const reduction::SeparatedModel& model,
+                                         bool live) {
+  const auto& contents = model.contents();
+  frame_ = picture_frame_of(project, contents.mesh);
+  if (live) {
+    imaging::SeriesOptions options = live_series_options(project);
+    if (project.pictures.model_mesh) options.mesh = model_mesh_of(project, contents.mesh);
+    series_ = std::make_unique<imaging::PictureSeries>(std::move(options));
+    gamma_ = series_->known_noise();
+    if (!(gamma_ > 0))
+      throw project.error_at(
+          "dic",
+          "the noise of pictures that are still to come must be known: give \"dic.noise\", or "
+          "two reference pictures or more");
+  } else {
+    read_series(project, contents);
+  }
   measurements_.time = series_->options().times;
   std::vector<double> points;
   std::vector<std::int64_t> component;
@@ -146,9 +170,20 @@ assimilation::NoiseModel PictureMeasurements::noise_of(const std::vector<char>& 
 }
 
 PictureDatum PictureMeasurements::next() {
-  PictureDatum datum;
   if (next_ == results_.size()) results_.push_back(series_->next());
-  datum.picture = results_[next_];
+  PictureDatum datum = as_datum(results_[next_]);
+  measurements_.values.col(static_cast<Eigen::Index>(next_)) = datum.values;
+  ++next_;
+  return datum;
+}
+
+PictureDatum PictureMeasurements::measure(const files::Picture& picture, const std::string& name) {
+  return as_datum(series_->correlate(picture, name));
+}
+
+PictureDatum PictureMeasurements::as_datum(const imaging::PictureResult& picture) {
+  PictureDatum datum;
+  datum.picture = picture;
   datum.correlation_us = 1e3 * datum.picture.elapsed_ms;
   const auto precision_start = Clock::now();
   datum.values = imaging::observed_values(series_->correlation().mesh(), datum.picture, frame_);
@@ -158,8 +193,6 @@ PictureDatum PictureMeasurements::next() {
     datum.noise = last_noise_;
   }
   datum.precision_us = microseconds_since(precision_start);
-  measurements_.values.col(static_cast<Eigen::Index>(next_)) = datum.values;
-  ++next_;
   return datum;
 }
 

@@ -39,8 +39,10 @@ struct PictureDatum {
 /// else it is estimated from the first picture that converges, and kept.
 class PictureMeasurements {
  public:
-  /// Errors: ProjectError for what the project lacks, DataError for pictures, UsageError for the mesh.
-  PictureMeasurements(const Project& project, const reduction::SeparatedModel& model);
+  /// `live`: there are no pictures yet but the references; `measure` is given each, `next` has none. Then γ
+  /// must be known. Errors: ProjectError for what the project lacks, DataError for pictures, UsageError for
+  /// the mesh.
+  PictureMeasurements(const Project& project, const reduction::SeparatedModel& model, bool live = false);
 
   /// Times, places and noise; values are NaN until pictures have come. Times that the pictures do not have
   /// are the model's, one by one.
@@ -50,8 +52,12 @@ class PictureMeasurements {
   [[nodiscard]] const std::vector<imaging::PictureResult>& results() const { return results_; }
   [[nodiscard]] double noise() const { return gamma_; }  ///< γ, grey levels
   PictureDatum next();
+  /// A picture that is not one of the project's. DataError where it cannot be of this series.
+  [[nodiscard]] PictureDatum measure(const files::Picture& picture, const std::string& name);
 
  private:
+  void read_series(const Project& project, const reduction::ModelContents& contents);
+  [[nodiscard]] PictureDatum as_datum(const imaging::PictureResult& picture);
   [[nodiscard]] assimilation::NoiseModel noise_of(const std::vector<char>& element_valid) const;
 
   imaging::PictureFrame frame_;

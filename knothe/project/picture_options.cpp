@@ -163,4 +163,20 @@ imaging::SeriesOptions series_options(const Project& project) {
   return series;
 }
 
+imaging::SeriesOptions live_series_options(const Project& project) {
+  const PictureOptions& p = project.pictures;
+  imaging::SeriesOptions series = p.series;
+  for (const std::string& name : p.references)
+    series.references.push_back(
+        p.folder.empty() ? name : (std::filesystem::path(p.folder) / name).lexically_normal().string());
+  if (series.references.empty()) series.references = imaging::list_references(project.serve.watch_pictures);
+  if (series.references.empty())
+    throw project.error_at(
+        "serve.watch_pictures",
+        fmt::format("{} has no picture whose name begins with `reference`: take one or more of the unloaded "
+                    "surface, or name them in [dic] references",
+                    project.serve.watch_pictures));
+  return series;
+}
+
 }  // namespace knothe::project

@@ -31,5 +31,7 @@ struct PictureOptions {
 /// The series with its pictures looked up. Errors: ProjectError where the project names none, DataError for
 /// the folder.
 [[nodiscard]] imaging::SeriesOptions series_options(const Project& project);
+/// Without pictures: they will come in the folder that the service watches. The same errors.
+[[nodiscard]] imaging::SeriesOptions live_series_options(const Project& project);
 
 }  // namespace knothe::project

@@ -33,6 +33,10 @@ ServeOptions read_serve(Values& values, const std::string& path) {
   serve.period = seconds("serve.period");
   serve.budget = seconds("serve.budget");
   serve.stale_after = seconds("serve.stale_after");
+  serve.watch_pictures = resolved(values.text("serve.watch_pictures", ""));
+  serve.watch_csv = resolved(values.text("serve.watch_csv", ""));
+  serve.first_picture = static_cast<long>(values.integer("serve.first_picture", serve.first_picture));
+  serve.settle = values.number("serve.settle", serve.settle);
   serve.read_token = resolved(values.text("serve.read_token", ""));
   serve.ingest_token = resolved(values.text("serve.ingest_token", ""));
   values.at_least("serve.max_body", 1024);

@@ -23,8 +23,11 @@ struct ServeOptions {
   std::vector<std::string> others;  ///< project files of further sites, resolved
   int window = 3;
   std::optional<double> period, budget, stale_after;  ///< s
-  std::string read_token, ingest_token;               ///< files, resolved; empty: none
-  long max_body = 8 << 20;                            ///< bytes
+  std::string watch_pictures, watch_csv;              ///< folders, resolved; empty: none
+  long first_picture = 0;
+  double settle = 0.5;                   ///< s
+  std::string read_token, ingest_token;  ///< files, resolved; empty: none
+  long max_body = 8 << 20;               ///< bytes
   int max_connections = 1024;
   double timeout = 30;  ///< s
   std::string log = "events";

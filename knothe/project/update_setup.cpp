@@ -142,10 +142,12 @@ reduction::SeparatedModel load_model(const Project& project) {
   return model;
 }
 
-UpdateSetup set_up(const Project& project, bool any_method) {
+namespace {
+
+UpdateSetup set_up(const Project& project, bool any_method, bool live) {
   check_method(project, any_method);
   project.require(!project.model.empty(), "a model: `model = \"MODEL.h5\"`");
-  const bool from_pictures = !project.pictures.folder.empty() || !project.pictures.pictures.empty();
+  const bool from_pictures = live || !project.pictures.folder.empty() || !project.pictures.pictures.empty();
   project.require(!project.data.empty() || from_pictures,
                   "data: `data = \"DATA.h5\"`, or `[data] pictures = \"FOLDER\"`");
   project.require(!project.parameters.empty(),
@@ -154,7 +156,11 @@ UpdateSetup set_up(const Project& project, bool any_method) {
   std::vector<assimilation::Prior> priors;
   for (const NamedPrior& parameter : project.parameters) priors.push_back(parameter.prior);
   std::shared_ptr<PictureMeasurements> pictures;
-  if (project.data.empty()) pictures = std::make_shared<PictureMeasurements>(project, model);
+  if (live && !project.data.empty())
+    throw project.error_at(
+        "serve.watch_pictures",
+        "\"serve.watch_pictures\" and \"data.file\" both say where the sensors are: give one");
+  if (project.data.empty()) pictures = std::make_shared<PictureMeasurements>(project, model, live);
   assimilation::Measurements measurements =
       pictures ? pictures->measurements() : assimilation::read_measurements(project.data);
   if (project.method.offset_std > 0)
@@ -176,12 +182,18 @@ UpdateSetup set_up(const Project& project, bool any_method) {
           std::move(data.unused)};
 }
 
+}  // namespace
+
+UpdateSetup set_up(const Project& project, bool any_method) {
+  return set_up(project, any_method, false);
+}
+
 UpdateSetup set_up_online(const Project& project) {
   if (!project.clock.empty()) {
     throw project.error_at(
         "data.clock", "data.clock is for `knothe assimilate`: data that come one by one bring model times");
   }
-  UpdateSetup setup = set_up(project);
+  UpdateSetup setup = set_up(project, false, !project.serve.watch_pictures.empty());
   if (!setup.scalars.empty()) {
     throw project.error_at(
         "data", fmt::format("{} is measured beside displacements: forces and gauges are for `knothe "

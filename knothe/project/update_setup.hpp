@@ -37,7 +37,8 @@ struct UpdateSetup {
 /// robust ones, are for `knothe assimilate` alone (`any_method`): ProjectError elsewhere.
 [[nodiscard]] UpdateSetup set_up(const Project& project, bool any_method = false);
 
-/// The same for the service: ProjectError for what it cannot do (a measured clock, forces, gauges).
+/// The same for the service: ProjectError for what it cannot do (a measured clock, forces, gauges). With
+/// [serve] watch_pictures the sensors are those of pictures that are still to come.
 [[nodiscard]] UpdateSetup set_up_online(const Project& project);
 
 /// The separated model with its parameters in the project file's order. ProjectError where they are not the

@@ -145,6 +145,22 @@ SiteDatum parse_json_datum(std::string_view body) {
   return result;
 }
 
+SiteDatum parse_mqtt_datum(std::string_view topic, std::string_view payload) {
+  const std::string_view head = "knothe/v1/", tail = "/data";
+  const bool framed =
+      topic.size() >= head.size() + tail.size() && topic.starts_with(head) && topic.ends_with(tail);
+  const std::string_view middle =
+      framed ? topic.substr(head.size(), topic.size() - head.size() - tail.size()) : std::string_view();
+  const auto slash = middle.find('/');
+  if (slash == std::string_view::npos) malformed("the topic must be knothe/v1/SITE/SOURCE/data");
+  const std::string_view site = middle.substr(0, slash), source = middle.substr(slash + 1);
+  SiteDatum datum = parse_json_datum(payload);
+  if ((!datum.site.empty() && datum.site != site) || datum.datum.key.source != source)
+    malformed("\"site\" or \"source\" is not that of the topic");
+  datum.site = site;
+  return datum;
+}
+
 std::vector<double> parse_npy(std::string_view bytes) {
   const std::string_view magic("\x93NUMPY", 6);
   if (bytes.size() < 10 || bytes.substr(0, 6) != magic) malformed("the body is not an .npy file");

@@ -58,6 +58,10 @@ struct SiteDatum {
 /// From the JSON object of `POST /v1/measurements`. RequestError 400 that says which member is wrong.
 [[nodiscard]] SiteDatum parse_json_datum(std::string_view body);
 
+/// From an MQTT message: topic knothe/v1/SITE/SOURCE/data, payload the same JSON, whose `site` (may be left
+/// out) and `source` must be those of the topic. RequestError 400.
+[[nodiscard]] SiteDatum parse_mqtt_datum(std::string_view topic, std::string_view payload);
+
 /// The key and time of a datum whose values come as npy: texts of HTTP headers.
 struct NpyHeaders {
   std::string site, source, session, seq, time, status;

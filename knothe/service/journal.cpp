@@ -9,6 +9,7 @@
 #include <filesystem>
 
 #include "knothe/base/error.hpp"
+#include "knothe/service/journal_records.hpp"
 #include "knothe/service/sha256.hpp"
 #include "knothe/service/sqlite.hpp"
 
@@ -56,69 +57,10 @@ class WriterLock {
   int number_ = -1;
 };
 
-constexpr const char* k_record_columns =
-    "SELECT m.id, m.source, m.session, m.seq, m.time, m.step, m.payload, m.quarantined, m.received, m.seal, "
-    "r.id "
-    "FROM measurement m LEFT JOIN release r ON r.measurement = m.id ";
-
-struct Record {
-  JournalEntry entry;
-  std::string payload;
-  std::string seal;
-  bool well_formed = false;
-};
-
-Record read_record(const Statement& row) {
-  Record record;
-  JournalEntry& e = record.entry;
-  e.id = row.integer(0);
-  e.datum.key = {std::string(row.text(1)), std::string(row.text(2)), row.integer(3)};
-  e.datum.time = row.number(4);
-  e.datum.step = row.integer(5);
-  record.payload = row.text(6);
-  e.quarantined = row.integer(7) != 0;
-  e.datum.received_ms = row.integer(8);
-  record.seal = row.text(9);
-  e.released = !row.is_null(10);
-  record.well_formed = e.datum.set_payload(record.payload) && record.seal.size() == sizeof(Digest);
-  return record;
-}
-
-std::string seal_of(std::string_view previous, const Record& record) {
-  Sha256 sum;
-  sum.add_text(previous);
-  const Datum& d = record.entry.datum;
-  sum.add_number(record.entry.id);
-  sum.add_text(d.key.source);
-  sum.add_text(d.key.session);
-  sum.add_number(d.key.seq);
-  sum.add_number(d.time);
-  sum.add_number(d.step);
-  sum.add_text(record.payload);
-  sum.add_number(static_cast<std::int64_t>(record.entry.quarantined));
-  sum.add_number(d.received_ms);
-  const Digest digest = sum.finish();
-  return {reinterpret_cast<const char*>(digest.data()), digest.size()};
-}
-
-std::string release_seal(std::string_view previous, std::int64_t id, std::int64_t measurement) {
-  Sha256 sum;
-  sum.add_text(previous);
-  sum.add_number(id);
-  sum.add_number(measurement);
-  const Digest digest = sum.finish();
-  return {reinterpret_cast<const char*>(digest.data()), digest.size()};
-}
-
 std::int64_t now_ms() {
   return std::chrono::duration_cast<std::chrono::milliseconds>(
              std::chrono::system_clock::now().time_since_epoch())
       .count();
-}
-
-std::int64_t one_integer(Database& database, const char* sql) {
-  Statement statement(database, sql);
-  return statement.step() ? statement.integer(0) : 0;
 }
 
 }  // namespace
@@ -367,62 +309,6 @@ std::string Journal::seal() const {
   if (implementation_->seal.size() == digest.size())
     std::copy(implementation_->seal.begin(), implementation_->seal.end(), digest.begin());
   return to_hex(digest);
-}
-
-Recovery recover_journal(const std::string& from, const std::string& to) {
-  if (!std::filesystem::exists(from)) throw DataError(fmt::format("{}: there is no such journal", from));
-  if (std::filesystem::exists(to))
-    throw UsageError(fmt::format("{}: is there already; recover into a new file", to));
-  Recovery recovery;
-  Database damaged(from, Database::Mode::read_only);
-  Journal whole(to, Journal::Access::write);
-  whole.begin();
-  std::string previous;
-  std::int64_t expected = 1;
-  std::vector<DatumKey> released;
-  // One record at a time, by its number: damage of one page does not end the walk.
-  std::int64_t last = 0;
-  try {
-    last = one_integer(damaged, "SELECT max(id) FROM measurement");
-    Statement identity(
-        damaged, "SELECT sensors, model, configuration, project FROM identity ORDER BY id DESC LIMIT 1");
-    if (identity.step())
-      whole.identify({std::string(identity.text(0)), std::string(identity.text(1)),
-                      std::string(identity.text(2)), std::string(identity.text(3))});
-  } catch (const DataError& error) {
-    whole.rollback();
-    throw DataError(fmt::format("{}: nothing can be read: {}", from, error.what()));
-  }
-  for (; expected <= last; ++expected) {
-    try {
-      Statement row(damaged, (std::string(k_record_columns) + "WHERE m.id = ?").c_str());
-      row.bind(1, expected);
-      if (!row.step()) {
-        recovery.lost.push_back(fmt::format("record {}: is not there", expected));
-        previous.clear();
-        continue;
-      }
-      const Record record = read_record(row);
-      // After a lost record the seal before is unknown: what is well-formed is then taken at its word.
-      const bool sealed = previous.empty() && expected > 1
-                              ? record.well_formed
-                              : record.well_formed && record.seal == seal_of(previous, record);
-      previous = record.seal;
-      if (!sealed) {
-        recovery.lost.push_back(fmt::format("record {}: its bytes do not match its seal", expected));
-        continue;
-      }
-      if (whole.append(record.entry.datum, record.entry.quarantined).outcome == Outcome::accepted)
-        ++recovery.saved;
-      if (record.entry.released) released.push_back(record.entry.datum.key);
-    } catch (const DataError& error) {
-      recovery.lost.push_back(fmt::format("record {}: {}", expected, error.what()));
-      previous.clear();
-    }
-  }
-  for (const DatumKey& key : released) whole.release(key);
-  whole.commit();
-  return recovery;
 }
 
 }  // namespace knothe::service

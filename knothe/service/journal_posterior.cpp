@@ -28,7 +28,8 @@ StepForm sum_of(const Step& step, Eigen::Index r) {
 JournalPosterior::JournalPosterior(const project::Project& project, const project::UpdateSetup& setup)
     : update_(setup.observed, setup.measurements.noise, setup.priors, setup.options),
       projector_(setup.observed, setup.measurements.noise, update_.centre()),
-      forecaster_(project::make_forecaster(project, setup)) {}
+      forecaster_(project::make_forecaster(project, setup)),
+      keeps_values_(setup.options.bias_correction != assimilation::BiasCorrectionMode::off) {}
 
 void JournalPosterior::add(const Datum& datum) {
   const auto index = static_cast<std::size_t>(datum.step);
@@ -95,20 +96,37 @@ std::size_t JournalPosterior::data_of(std::size_t step) const {
   return it == steps_.end() ? 0 : it->second.data.size();
 }
 
-JournalPosterior::Conclusion JournalPosterior::conclude(std::size_t step) {
-  stale_.erase(step);
+void JournalPosterior::put_changes() {
   project_again();
   for (const std::size_t index : unput_) {
     Step& changed = steps_.at(index);
     changed.sum = sum_of(changed, projector_.central_functions().size());
-    update_.put(index, index, changed.sum);
+    // A correction that goes by the values themselves: those of the step's one datum.
+    const Eigen::Map<const Eigen::VectorXd> values(changed.last_values.data(),
+                                                   static_cast<Eigen::Index>(changed.last_values.size()));
+    update_.put(index, index, changed.sum,
+                keeps_values_ && changed.data.size() == 1 ? values : Eigen::VectorXd());
   }
   unput_.clear();
-  const assimilation::UpdateResult& result = update_.conclude(step);
+}
+
+JournalPosterior::Conclusion JournalPosterior::conclude(std::size_t step) {
+  stale_.erase(step);
+  put_changes();
+  return with_forecasts(update_.follow(step), true);
+}
+
+JournalPosterior::Conclusion JournalPosterior::preview(std::size_t step) {
+  put_changes();
+  return with_forecasts(update_.preview(step), false);
+}
+
+JournalPosterior::Conclusion JournalPosterior::with_forecasts(const assimilation::UpdateResult& result,
+                                                              bool followed) {
   const auto start = std::chrono::steady_clock::now();
   auto forecasts = forecaster_.update(update_.posterior().points, update_.posterior().weights);
   const std::chrono::duration<double, std::micro> elapsed = std::chrono::steady_clock::now() - start;
-  return {result, update_.posterior(), std::move(forecasts), elapsed.count()};
+  return {result, update_.posterior(), std::move(forecasts), elapsed.count(), followed};
 }
 
 StepForm JournalPosterior::form_up_to(std::size_t step) const {

@@ -39,10 +39,15 @@ class JournalPosterior {
     const assimilation::WeightedPosterior& posterior;
     std::vector<forecast::NamedForecast> forecasts;
     double forecast_us = 0;
+    bool followed = true;  ///< the monitor of the evidence has judged every step before; else it says nothing
   };
-  /// The posterior of all data of steps ≤ `step`, one of `last_step` or before with data. It is not stale
-  /// afterwards, even if this throws (NumericalError): the same would come again.
+  /// The posterior of all data of steps ≤ `step`, one of `last_step` or before with data, and what the
+  /// monitor says of it: all as `knothe assimilate` has it. Goes on from the first step that has changed
+  /// (`SequentialUpdate::follow`). `step` is not stale afterwards, even if this throws (NumericalError): the
+  /// same would come again.
   [[nodiscard]] Conclusion conclude(std::size_t step);
+  /// The posterior alone, at once, whatever is stale before it. `step` stays stale.
+  [[nodiscard]] Conclusion preview(std::size_t step);
 
   /// The sum of the forms of all steps ≤ `step`.
   [[nodiscard]] assimilation::StepForm form_up_to(std::size_t step) const;
@@ -72,10 +77,13 @@ class JournalPosterior {
   };
   void keep(Step& step, const DatumKey& key, const assimilation::StepForm& form, Eigen::VectorXd values);
   void project_again();
+  void put_changes();
+  [[nodiscard]] Conclusion with_forecasts(const assimilation::UpdateResult& result, bool followed);
 
   assimilation::SequentialUpdate update_;
   assimilation::DatumProjector projector_;
   forecast::Forecaster forecaster_;
+  bool keeps_values_;
   std::map<std::size_t, Step> steps_;
   std::set<std::size_t> unput_, stale_;
   bool out_of_order_ = false;  ///< data have come that others' forms depend on

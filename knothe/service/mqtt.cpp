@@ -17,20 +17,6 @@
 namespace knothe::service {
 namespace {
 
-/// The parts of knothe/v1/SITE/SOURCE/data.
-struct Topic {
-  std::string site, source;
-};
-std::optional<Topic> parse_topic(std::string_view topic) {
-  const std::string_view head = "knothe/v1/", tail = "/data";
-  if (!topic.starts_with(head) || !topic.ends_with(tail) || topic.size() < head.size() + tail.size())
-    return std::nullopt;
-  const std::string_view middle = topic.substr(head.size(), topic.size() - head.size() - tail.size());
-  const auto slash = middle.find('/');
-  if (slash == std::string_view::npos) return std::nullopt;
-  return Topic{std::string(middle.substr(0, slash)), std::string(middle.substr(slash + 1))};
-}
-
 std::string first_line(const std::string& path) {
   std::ifstream file(path);
   std::string line;
@@ -55,20 +41,16 @@ struct MqttReceiver::Implementation {
 
   /// What became of a message, as the body of an answer of HTTP; nothing if it is to come again.
   std::optional<Json> take(const mosquitto_message& message) {
-    const auto topic = parse_topic(message.topic);
     try {
-      if (!topic) throw RequestError(400, "Malformed", "the topic must be knothe/v1/SITE/SOURCE/data");
       if (message.payloadlen < 0 || static_cast<std::size_t>(message.payloadlen) > max_body)
         throw RequestError(
             413, "TooLarge",
             fmt::format("the message has {} bytes; at most {} are taken", message.payloadlen, max_body));
-      SiteDatum datum = parse_json_datum(
-          {static_cast<const char*>(message.payload), static_cast<std::size_t>(message.payloadlen)});
-      if ((!datum.site.empty() && datum.site != topic->site) || datum.datum.key.source != topic->source)
-        throw RequestError(400, "Malformed", "\"site\" or \"source\" is not that of the topic");
+      SiteDatum datum = parse_mqtt_datum(message.topic, {static_cast<const char*>(message.payload),
+                                                         static_cast<std::size_t>(message.payloadlen)});
       const std::int64_t seq = datum.datum.key.seq;
       for (const auto& site : sites) {
-        if (site->name() != topic->site) continue;
+        if (site->name() != datum.site) continue;
         const auto stored = store(*site, datum.datum);
         if (!stored) return std::nullopt;
         if (const auto* error = std::get_if<RequestError>(&*stored)) throw RequestError(*error);
@@ -78,7 +60,7 @@ struct MqttReceiver::Implementation {
                     {"duplicate", appended.outcome == Outcome::duplicate},
                     {"step", appended.step}};
       }
-      throw RequestError(400, "UnknownSite", fmt::format("there is no site \"{}\"", topic->site));
+      throw RequestError(400, "UnknownSite", fmt::format("there is no site \"{}\"", datum.site));
     } catch (const RequestError& error) {
       log_event("warning", "a message was refused",
                 {{"topic", message.topic}, {"type", error.type()}, {"reason", error.what()}});

@@ -128,7 +128,7 @@ void replay_journal(const std::string& path, const std::string& project_path, bo
   if (!json && !steps.empty()) steps = {steps.back()};
   for (const std::size_t step : steps) {
     check_cancellation("a replay changes nothing");
-    const auto conclusion = posterior.conclude(step);
+    const auto conclusion = json ? posterior.conclude(step) : posterior.preview(step);
     if (!conclusion.result.trusted) untrusted.push_back(step);
     if (json) {
       fmt::print("{}\n", files::json_line(served_record(conclusion)));

@@ -7,13 +7,11 @@
 
 namespace knothe::service {
 
-/// The line of `knothe assimilate` (interfaces.md, section 4) without what the monitor of the evidence says:
-/// it judges each datum by those that came before it, and where data come out of order it is no function of
-/// the journal.
+/// The line of `knothe assimilate` (interfaces.md, section 4). Where the monitor of the evidence has not
+/// followed yet, without what it says.
 [[nodiscard]] inline auto served_record(const JournalPosterior::Conclusion& conclusion) {
   auto record = report::step_record(conclusion.result, conclusion.forecasts, conclusion.forecast_us);
-  record.erase("monitor");
-  record.erase("notice");
+  if (!conclusion.followed) record.erase("monitor");
   return record;
 }
 

@@ -13,6 +13,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/service/api.hpp"
+#include "knothe/service/folder_watch.hpp"
 #include "knothe/service/log.hpp"
 #include "knothe/service/mqtt.hpp"
 
@@ -135,7 +136,11 @@ void serve(const project::Project& project, const ServeArguments& arguments) {
   std::unique_ptr<MqttReceiver> mqtt;
   if (!options.mqtt.broker.empty()) mqtt = std::make_unique<MqttReceiver>(project, sites, metrics);
   for (const auto& site : sites) site->start();
+  std::vector<std::unique_ptr<FolderWatch>> folders;
+  for (const auto& site : sites)
+    if (FolderWatch::is_wanted(site->project())) folders.push_back(std::make_unique<FolderWatch>(site));
   http.run();
+  folders.clear();
   mqtt.reset();
   for (const auto& site : sites) site->stop();
   api.finish();

@@ -11,6 +11,7 @@
 #include <mutex>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <set>
 #include <string>
 #include <thread>
 #include <variant>
@@ -27,6 +28,10 @@ namespace knothe::service {
 using Json = nlohmann::ordered_json;
 using MonotonicClock = std::chrono::steady_clock;
 
+/// Sources of data that come from watched folders.
+inline constexpr const char* k_pictures_source = "pictures";
+inline constexpr const char* k_csv_source = "csv";
+
 /// A step's posterior as it is published. Immutable.
 struct Line {
   std::int64_t event = 0;  ///< id, increasing for ever
@@ -42,6 +47,8 @@ struct Line {
   std::map<std::string, double> above_threshold;  ///< P(q > threshold) by forecast
   bool trusted = true;
   std::string remark;
+  bool monitor_alarm = false, bias_corrected = false;
+  std::string notice;  ///< what the monitor found or did at this step
 };
 
 struct Alarm {
@@ -69,6 +76,10 @@ class Site {
   void ingest(Datum datum, std::function<void(Answer)> done);
   /// Lets a quarantined datum in. The same.
   void release(DatumKey key, std::function<void(Answer)> done);
+  /// Whether a datum that came from a watched folder is in the journal.
+  [[nodiscard]] bool holds(const DatumKey& key) const;
+  /// What a person should know of a datum, as an alarm of the latest step.
+  void warn(const std::string& kind, const std::string& message);
   void count(const std::string& outcome);  ///< of a request that did not get so far: "malformed"
 
   [[nodiscard]] const std::string& name() const { return name_; }
@@ -123,7 +134,8 @@ class Site {
   void probe_disk();
   void update_loop();
   void take(const std::vector<Arrival>& arrivals);
-  void conclude(std::size_t step);
+  void conclude(std::size_t step, bool preview);
+  void conclude_next();
   void publish(std::shared_ptr<Line> line);
   [[nodiscard]] std::shared_ptr<Line> make_line(const JournalPosterior::Conclusion& conclusion);
   void judge_latency();
@@ -158,8 +170,11 @@ class Site {
   std::int64_t next_event_ = 1;
   std::deque<Alarm> alarms_;
   std::map<std::string, std::string> alarm_conditions_;  ///< updating thread
+  bool previewed_ = false;                               ///< the same; the last update was a preview
+  bool newest_is_shown_ = false;                         ///< the same; nothing has come since a preview
   std::vector<JournalEntry> quarantine_;
   std::map<std::string, std::int64_t> outcomes_;
+  std::set<DatumKey> from_folders_;
   std::deque<MonotonicClock::time_point> accepted_at_;  ///< the last 32
   std::vector<MonotonicClock::time_point> waiting_;     ///< of data taken, whose line is not published yet
   std::int64_t records_ = 0, deadline_misses_ = 0;

@@ -61,6 +61,9 @@ std::shared_ptr<Line> Site::make_line(const JournalPosterior::Conclusion& conclu
   line->samples = systematic_draws(conclusion.posterior);
   line->trusted = result.trusted;
   line->remark = result.remark;
+  line->monitor_alarm = result.monitor.alarm;
+  line->bias_corrected = result.bias_corrected;
+  line->notice = result.notice;
   const auto values = posterior_.last_values(result.step);
   const Eigen::Map<const Eigen::VectorXd> measured(values.data(), static_cast<Eigen::Index>(values.size()));
   line->residual = measured - setup_.observed->predict(result.mean, result.step);
@@ -161,7 +164,12 @@ Site::State Site::state_of_now() const {
     return {"DEGRADED", fmt::format("the last update was later than its budget of {:.1f} ms", 1e3 * budget)};
   if (lines_.empty()) return {"OK", ""};
   const Line& line = *lines_.rbegin()->second;
-  if (line.misfit_probability < k_bias_probability)
+  if (line.monitor_alarm)
+    return {"BIASED",
+            line.bias_corrected
+                ? "the model, corrected for its bias, has not explained the last data"
+                : "the model has not explained the last data: they drift away from what it predicts"};
+  if (!line.bias_corrected && line.misfit_probability < k_bias_probability)
     return {
         "BIASED",
         fmt::format(
@@ -247,6 +255,16 @@ void Site::raise(std::size_t step, const std::string& severity, const std::strin
   if (alarms_.size() > k_alarms_kept) alarms_.pop_front();
 }
 
+void Site::warn(const std::string& kind, const std::string& message) {
+  const auto line = latest();
+  raise(line ? line->step : 0, "warning", kind, message);
+}
+
+bool Site::holds(const DatumKey& key) const {
+  const std::lock_guard lock(mutex_);
+  return from_folders_.contains(key);
+}
+
 /// An alarm is raised when its condition begins to hold, not again while it holds.
 void Site::raise_alarms(const Line& line) {
   const auto judge = [&](const std::string& condition, const std::string& severity, const std::string& kind,
@@ -266,9 +284,12 @@ void Site::raise_alarms(const Line& line) {
           "threshold",
           fmt::format("P({} > {:g}) is {:.3g}", specification.name, *specification.threshold, p));
   }
-  judge("bias", line.misfit_probability < k_bias_probability ? "alarm" : "", "bias",
+  judge("bias", !line.bias_corrected && line.misfit_probability < k_bias_probability ? "alarm" : "", "bias",
         fmt::format("the datum does not fit the model: χ² {:.4g} with {} values", line.misfit,
                     line.misfit_values));
+  judge("monitor", line.monitor_alarm ? "alarm" : "", "bias",
+        line.notice.empty() ? "the model does not explain the data" : line.notice);
+  judge("correction", line.bias_corrected ? "info" : "", "bias", "the model's bias is corrected from now on");
   judge("trust", line.trusted ? "" : "info", "trust", line.remark);
   const auto missing = std::count(line.missing.begin(), line.missing.end(), true);
   judge("sensors", 10 * missing > static_cast<std::ptrdiff_t>(line.missing.size()) ? "warning" : "",

@@ -1,4 +1,5 @@
 """A running `knothe serve` for tests, and the few requests that they make. Python's own modules only."""
+import contextlib
 import http.client
 import json
 import os
@@ -6,6 +7,7 @@ import re
 import shutil
 import signal
 import socket
+import ssl
 import subprocess
 import threading
 import time
@@ -164,14 +166,31 @@ class ServiceCase(Case):
         self.assertTrue(answer[1]["error"]["message"])
 
 
-class Broker:
-    """Debian's Mosquitto at a free port."""
+def make_certificates(folder):
+    """An authority `ca.pem` and, signed by it, the certificate of a broker at 127.0.0.1."""
+    run = lambda *arguments: subprocess.run(["openssl", *arguments], cwd=folder, check=True, capture_output=True)
+    run("req", "-x509", "-newkey", "rsa:2048", "-nodes", "-keyout", "ca.key", "-out", "ca.pem", "-days", "2", "-subj", "/CN=authority of a test")
+    run("req", "-newkey", "rsa:2048", "-nodes", "-keyout", "broker.key", "-out", "broker.csr", "-subj", "/CN=127.0.0.1")
+    (folder / "names").write_text("subjectAltName=IP:127.0.0.1\n")
+    run("x509", "-req", "-in", "broker.csr", "-CA", "ca.pem", "-CAkey", "ca.key", "-CAcreateserial", "-out", "broker.pem", "-days", "2", "-extfile", "names")
 
-    def __init__(self, folder):
+
+class Broker:
+    """Debian's Mosquitto at a free port; with `password`, of the user `gauge`, it speaks TLS with the certificates of `make_certificates`."""
+
+    def __init__(self, folder, password=None):
+        self.folder, self.password = folder, password
         with socket.socket() as one:
             one.bind(("127.0.0.1", 0))
             self.port = one.getsockname()[1]
-        (folder / "mosquitto.conf").write_text(f"listener {self.port} 127.0.0.1\nallow_anonymous true\n")
+        access = "allow_anonymous true\n"
+        if password:
+            subprocess.run(["mosquitto_passwd", "-b", "-c", str(folder / "passwords"), "gauge", password], check=True, capture_output=True)
+            os.chmod(folder, 0o755)  # Mosquitto may give up being root before it reads
+            for name in ("passwords", "ca.pem", "broker.pem", "broker.key"):
+                os.chmod(folder / name, 0o644)
+            access = f"password_file {folder}/passwords\ncafile {folder}/ca.pem\ncertfile {folder}/broker.pem\nkeyfile {folder}/broker.key\n"
+        (folder / "mosquitto.conf").write_text(f"listener {self.port} 127.0.0.1\n{access}user root\n")
         program = shutil.which("mosquitto") or "/usr/sbin/mosquitto"
         self.process = subprocess.Popen([program, "-c", str(folder / "mosquitto.conf")], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         while True:
@@ -191,8 +210,13 @@ class Broker:
                     return bytes([kind]) + length + body
 
         text = lambda value: len(value).to_bytes(2, "big") + value
-        with socket.create_connection(("127.0.0.1", self.port)) as one:
-            one.sendall(packet(0x10, text(b"MQTT") + b"\x04\x02\x00\x3c" + text(b"sender")))
+        with contextlib.ExitStack() as stack:
+            one = stack.enter_context(socket.create_connection(("127.0.0.1", self.port)))
+            flags, more = b"\x02", b""
+            if self.password:
+                one = stack.enter_context(ssl.create_default_context(cafile=self.folder / "ca.pem").wrap_socket(one, server_hostname="127.0.0.1"))
+                flags, more = b"\xc2", text(b"gauge") + text(self.password.encode())
+            one.sendall(packet(0x10, text(b"MQTT") + b"\x04" + flags + b"\x00\x3c" + text(b"sender") + more))
             assert one.recv(4)[:1] == b"\x20"
             one.sendall(packet(0x32, text(topic.encode()) + b"\x00\x01" + payload))
             assert one.recv(4)[:1] == b"\x40"
@@ -203,5 +227,5 @@ class Broker:
 
 
 def comparable(line):
-    """A line without what depends on when and how it was computed, and without the monitor, which the service has not."""
-    return {k: v for k, v in line.items() if k not in ("elapsed_us", "event", "received_at", "site", "data", "monitor", "notice")}
+    """A line without what depends on when and how it was computed."""
+    return {k: v for k, v in line.items() if k not in ("elapsed_us", "event", "received_at", "site", "data")}

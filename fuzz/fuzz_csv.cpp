@@ -1,0 +1,12 @@
+/// @file Measurements as CSV.
+#include "fuzz/support.hpp"
+#include "knothe/assimilation/measurements_csv.hpp"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  const std::string& path = knothe::fuzz::write_scratch(data, size);
+  knothe::fuzz::refuse_or_accept([&] {
+    const auto measurements = knothe::assimilation::read_measurements_csv(path);
+    if (measurements.values.rows() != measurements.points.rows()) std::abort();
+  });
+  return 0;
+}

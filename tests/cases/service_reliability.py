@@ -1,0 +1,195 @@
+"""`knothe serve`: that nothing is lost, whatever happens to it."""
+import http.client
+import os
+import random
+import resource
+import signal
+import socket
+import struct
+import threading
+import time
+import unittest
+
+from service_support import Events, ServiceCase, comparable
+from support import parse_line
+
+
+class Test(ServiceCase):
+    def test_nothing_acknowledged_is_lost_however_often_it_is_killed(self):
+        """kill -9 at random instants while data come, with repetitions: 20 times, a thousand at night."""
+        expected = [comparable(line) for line in self.assimilate()]
+        chance = random.Random(11)
+        service = self.serve()
+        acknowledged = set()
+        for kill in range(int(os.environ.get("KNOTHE_KILLS", "20"))):
+            order = sorted(range(12), key=lambda k: k + 2 * chance.random())
+            stop = threading.Timer(0.002 + 0.05 * chance.random(), service.kill)
+            stop.start()
+            try:
+                connection = service.connection()
+                for k in order[: 1 + kill % 20]:
+                    if service.send(self.data[k], connection)[0] == 200:
+                        acknowledged.add(k)
+            except (OSError, http.client.HTTPException):
+                pass  # it was killed in the middle
+            stop.join()
+            service.start()
+            records = self.expect(0, "replay", "assimilation.journal", "--project", self.project_name).out
+            self.assertGreaterEqual(int(records.split(": ")[1].split(" ")[0]), len(acknowledged), records)
+        for datum in self.data:
+            self.assertEqual(service.send(datum)[0], 200)
+        held = service.get("/v1/quarantine")[1]["quarantined"]
+        for key in held:
+            service.post("/v1/quarantine", {k: key[k] for k in ("source", "session", "seq")})
+        service.settled(12)
+        self.assertEqual([comparable(line) for line in service.states()], expected)
+        self.assertEqual([line["data"] for line in service.states()], [1] * 12)
+
+    def test_a_full_disk_is_507_and_passes(self):
+        def limit():
+            signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+
+        service = self.serve(preexec_fn=limit, restore_signals=False)
+        self.expect_stored(service.send(self.data[0]), 0)
+        service.settled(1)
+        largest = (self.folder / "assimilation.journal-wal").stat().st_size
+        resource.prlimit(service.process.pid, resource.RLIMIT_FSIZE, (largest, resource.RLIM_INFINITY))
+        self.expect_error(service.send(self.data[1]), 507, "DiskFull")
+        status = service.get("/v1/status")[1]
+        self.assertEqual((status["state"], status["read_only"], status["records"]), ("DEGRADED", True, 1))
+        self.assertEqual(service.get("/v1/state")[1]["step"], 0)
+        resource.prlimit(service.process.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+        end = time.monotonic() + 30
+        while service.get("/v1/status")[1]["read_only"]:
+            self.assertLess(time.monotonic(), end)
+            time.sleep(0.1)
+        self.expect_stored(service.send(self.data[1]), 1)
+        self.assertEqual(service.settled(2)["records"], 2)
+
+    def test_a_damaged_journal_is_refused_by_name_and_recovered(self):
+        service = self.serve()
+        for datum in self.data:
+            service.send(datum)
+        service.stop()
+        path = self.folder / "assimilation.journal"
+        content = bytearray(path.read_bytes())
+        at = content.index(struct.pack("<d", self.data[7]["values"][3]))
+        content[at + 3] ^= 16
+        path.write_bytes(content)
+        self.expect(4, "serve", self.project_name, "--port", "0", stderr=["record 8", "knothe recover"])
+        self.expect(4, "replay", path, stderr="record 8")
+        out = self.expect(0, "recover", path, "-o", "saved.journal").out
+        self.assertIn("11 records saved", out)
+        self.assertIn("record 8", out)
+        again = self.serve(extra='journal = "saved.journal"\n')
+        again.settled(11)
+        self.assertEqual([line["step"] for line in again.states()], [0, 1, 2, 3, 4, 5, 6, 8, 9, 10, 11])
+
+    def test_replay_and_export_are_what_was_served(self):
+        service = self.serve()
+        for datum in self.data:
+            service.send(datum)
+        service.settled(12)
+        served = [comparable(line) for line in service.states()]
+        lines = self.expect(0, "replay", "assimilation.journal", "--project", self.project_name, "--json").lines()  # beside the writer
+        self.assertEqual(lines.pop()["done"], True)
+        self.assertEqual([comparable(line) for line in lines], served)
+        service.stop()
+        self.expect(0, "export", "assimilation.journal", "-o", "exported.csv")
+        self.expect(0, "export", "assimilation.journal", "-o", "exported/")
+        self.assertTrue((self.folder / "exported" / "posterior.nc").exists())
+        kept = [parse_line(line) for line in (self.folder / "exported" / "steps.jsonl").read_text().splitlines()]
+        self.assertEqual([line["mean"] for line in kept], [line["mean"] for line in served])
+        self.edit('data = "data.h5"', 'data = "exported.csv"')
+        self.assertEqual([line["mean"] for line in self.assimilate()], [line["mean"] for line in served])
+
+    def test_another_writer_is_refused(self):
+        self.serve()
+        self.expect(4, "serve", self.project_name, "--port", "0", stderr="another process writes this journal")
+
+    def test_other_sensors_are_refused(self):
+        self.serve().stop()
+        self.edit("random = 12", "random = 11")
+        self.expect(0, "simulate", self.project_name, "--model", "model.h5", "-o", "other.h5")
+        self.edit('data = "data.h5"', 'data = "other.h5"')
+        self.expect(4, "serve", self.project_name, "--port", "0", stderr="other sensors")
+
+    def test_slow_and_silent_and_greedy_clients_hold_up_nobody(self):
+        service = self.serve(extra="timeout = 2.0\n")
+        idle = [socket.create_connection(("127.0.0.1", service.port)) for _ in range(200)]
+        slow = socket.create_connection(("127.0.0.1", service.port))
+        slow.sendall(b"GET /livez HT")
+        greedy = socket.create_connection(("127.0.0.1", service.port))
+        greedy.sendall(b"POST /v1/measurements HTTP/1.1\r\nHost: localhost\r\nContent-Length: 1000000000\r\n\r\n" + b"x" * 100000)
+        self.assertIn(b" 413 ", greedy.recv(100))
+        chunked = socket.create_connection(("127.0.0.1", service.port))
+        chunked.sendall(b"POST /v1/measurements HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\nffffffffff\r\nxxx")
+        self.assertIn(b" 413 ", chunked.recv(100))
+        header = socket.create_connection(("127.0.0.1", service.port))
+        header.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\nX: " + b"y" * 20000)
+        self.assertIn(b" 431 ", header.recv(100))
+        nonsense = socket.create_connection(("127.0.0.1", service.port))
+        nonsense.sendall(b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03\r\n\r\n")
+        self.assertIn(b" 400 ", nonsense.recv(100))
+        viewers = [Events(service) for _ in range(32)]
+        for step, datum in enumerate(self.data):
+            self.expect_stored(service.send(datum), step)
+            self.assertEqual(service.get("/livez")[0], 200)
+        for viewer in viewers:
+            viewer.wait_for(lambda e: e.steps() and e.steps()[-1][1]["step"] == 11)
+        slow.settimeout(20)
+        self.assertEqual(slow.recv(100), b"")  # its time was over
+        for one in idle + [slow, greedy, chunked, header, nonsense]:
+            one.close()
+        for viewer in viewers:
+            viewer.close()
+
+    def test_days_of_data_cost_no_descriptors_and_little_memory(self):
+        """The soak: many data, duplicates and conflicts among them, with readers that come and go; 10⁵ at night."""
+        count = int(os.environ.get("KNOTHE_SOAK", "600"))
+        service = self.serve()
+        of_process = lambda name: int(next(x for x in open(f"/proc/{service.process.pid}/status") if x.startswith(name)).split()[1])
+        descriptors = lambda: len(os.listdir(f"/proc/{service.process.pid}/fd"))
+        connection, seq, memory = service.connection(), 0, None
+        for part in range(10):
+            for _ in range(count // 10):
+                datum = {**self.data[seq % 12], "session": f"day {seq // 1200}", "seq": seq}
+                self.assertEqual(service.send(datum, connection)[0], 200)
+                if seq % 50 == 0:
+                    self.assertTrue(service.send(datum, connection)[1]["duplicate"])
+                    self.assertEqual(service.send({**datum, "values": [0.0] * 24}, connection)[0], 409)
+                seq += 1
+            events = Events(service)
+            events.wait_for(lambda e: e.steps())
+            events.close()
+            service.settled(seq)
+            time.sleep(0.2)
+            if part == 1:
+                memory, taken, open_files, threads = of_process("VmRSS"), seq, descriptors(), of_process("Threads")
+        self.assertLessEqual(descriptors(), open_files + 1)
+        self.assertEqual(of_process("Threads"), threads)
+        grown = 1024 * (of_process("VmRSS") - memory)
+        # What is kept of a datum, so that a late one can still be put in its place: its g, c and key.
+        self.assertLess(grown, 4e6 + 1000 * (seq - taken), f"{grown} bytes for {seq - taken} data")
+
+    def test_a_flood_is_committed_in_groups_and_nothing_is_lost(self):
+        service = self.serve()
+        answers = []
+
+        def sender(name):
+            connection = service.connection()
+            for seq in range(60):
+                answers.append(service.send({**self.data[seq % 12], "source": name, "seq": seq}, connection)[0])
+
+        threads = [threading.Thread(target=sender, args=(f"sender{k}",)) for k in range(8)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        self.assertEqual(answers, [200] * 480)
+        service.settled(480)
+        self.assertEqual([line["data"] for line in service.states()], [40] * 12)
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,113 @@
+"""`knothe serve` with a folder in which a camera leaves its pictures. Judged by `knothe assimilate` on the same pictures."""
+import math
+import os
+import shutil
+import threading
+import time
+import unittest
+
+from service_support import ServiceCase
+
+
+class Test(ServiceCase):
+    project_name = "picture_assimilation.toml"
+
+    def setUp(self):
+        super().setUp()
+        self.expect(0, "simulate", self.project_name, "--model", "model.h5", "--images", "-o", "pictures")
+        self.camera, self.live = self.folder / "pictures", self.folder / "live"
+        self.pictures = sorted(path.name for path in self.camera.glob("picture_*.tif"))
+        self.live.mkdir()
+        for name in ("reference_1.tif", "reference_2.tif", "pictures.csv"):
+            shutil.copy(self.camera / name, self.live / name)
+
+    def watch(self):
+        return self.serve(extra='watch_pictures = "live/"\nsettle = 0.1\nperiod = 60.0\n')
+
+    def rename_into_place(self, name):
+        shutil.copy(self.camera / name, self.live / ".arriving")
+        os.rename(self.live / ".arriving", self.live / name)
+
+    def wait_for_records(self, service, count):
+        end = time.monotonic() + 60
+        while service.get("/v1/status")[1]["records"] < count:
+            self.assertLess(time.monotonic(), end, (self.folder / "serve.log").read_text()[-2000:])
+            time.sleep(0.02)
+        return service.settled(count)
+
+    def test_pictures_become_the_lines_of_assimilate(self):
+        expected = self.assimilate()
+        service = self.watch()
+        for k, name in enumerate(self.pictures):
+            if k == 1:  # written slowly, in pieces shorter than the time to settle
+                content = (self.camera / name).read_bytes()
+                with open(self.live / name, "wb") as file:
+                    for piece in range(5):
+                        file.write(content[piece * len(content) // 5:(piece + 1) * len(content) // 5])
+                        file.flush()
+                        time.sleep(0.04)
+            else:
+                self.rename_into_place(name)
+            self.wait_for_records(service, k + 1)
+        lines = service.states()
+        self.assertEqual(len(lines), len(expected))
+        for line, other in zip(lines, expected):
+            for key in ("time", "mean", "covariance", "log_evidence", "used", "missing", "monitor"):
+                self.assertEqual(line[key], other[key])
+
+    def test_a_restart_takes_what_came_meanwhile_and_nothing_twice(self):
+        service = self.watch()
+        for k, name in enumerate(self.pictures[:2]):
+            self.rename_into_place(name)
+            self.wait_for_records(service, k + 1)
+        before = [line["mean"] for line in service.states()]
+        service.kill()
+        for name in self.pictures[2:]:
+            self.rename_into_place(name)
+        service.start()
+        self.wait_for_records(service, len(self.pictures))
+        lines = service.states()
+        self.assertEqual([line["mean"] for line in lines[:2]], before)
+        for line, other in zip(lines, self.assimilate()):
+            for k in range(2):
+                self.assertAlmostEqual(line["mean"][k], other["mean"][k], delta=0.02 * math.sqrt(other["covariance"][k][k]))
+        # The same name with another content: what is in the journal stays.
+        shutil.copy(self.camera / self.pictures[0], self.live / self.pictures[1])
+        time.sleep(0.6)
+        self.assertEqual(service.settled()["records"], len(self.pictures))
+        self.assertEqual([line["mean"] for line in service.states()], [line["mean"] for line in lines])
+
+    def test_a_bad_picture_is_missing_and_said(self):
+        service = self.watch()
+        content = (self.camera / self.pictures[0]).read_bytes()
+        (self.live / self.pictures[0]).write_bytes(content[: len(content) // 3])
+        (self.live / "picture_9999.tif").write_bytes(content)  # not in the table of times
+        self.rename_into_place(self.pictures[1])
+        self.wait_for_records(service, 2)
+        first, second = service.states()
+        self.assertEqual(first["used"], 0)
+        self.assertEqual(second["missing"], 0)
+        end = time.monotonic() + 20
+        while True:
+            said = " ".join(alarm["message"] for alarm in service.get("/v1/alarms")[1]["alarms"])
+            if "picture_9999.tif" in said and self.pictures[0] in said:
+                break
+            self.assertLess(time.monotonic(), end, said)
+            time.sleep(0.05)
+        self.assertIn("missing: ", said)
+        self.assertIn("does not say its time", said)
+
+    def test_a_picture_that_was_not_finished_is_taken_when_it_is(self):
+        service = self.watch()
+        name = self.pictures[0]
+        content = (self.camera / name).read_bytes()
+        file = open(self.live / name, "wb")
+        file.write(content[:1000])
+        file.flush()
+        threading.Timer(0.5, lambda: (file.write(content[1000:]), file.close())).start()  # rests longer than the time to settle
+        self.wait_for_records(service, 1)
+        self.assertEqual(service.get("/v1/state")[1]["missing"], 0)
+
+
+if __name__ == "__main__":
+    unittest.main()
