@@ -1,6 +1,5 @@
 #include <fmt/format.h>
 
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
@@ -17,6 +16,7 @@
 #include "knothe/numerics/sobol.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/reduction/compression.hpp"
+#include "knothe/reduction/crack_modes.hpp"
 
 namespace knothe::offline_commands {
 namespace {
@@ -125,22 +125,6 @@ std::vector<reduction::OffGridSolution> off_grid_runs(const mechanics::BeamProbl
   return solutions;
 }
 
-/// Crack solutions as modes (Rubio et al. 2019, Eq. 32): all that differ from rounding are kept.
-reduction::CrackSolutions crack_solutions(const mechanics::CrackTable& table, std::size_t n_dof) {
-  using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-  const auto n = static_cast<Eigen::Index>(table.lengths.size());
-  const Eigen::Map<const RowMajor> values(table.values.data(), n, static_cast<Eigen::Index>(n_dof));
-  const Eigen::BDCSVD<Eigen::MatrixXd> svd(values, Eigen::ComputeThinU | Eigen::ComputeThinV);
-  Eigen::Index kept = 0;
-  while (kept < svd.singularValues().size() && svd.singularValues()[kept] > 1e-10 * svd.singularValues()[0])
-    ++kept;
-  const RowMajor modes = svd.matrixV().leftCols(kept).transpose();
-  const RowMajor coefficients = svd.matrixU().leftCols(kept) * svd.singularValues().head(kept).asDiagonal();
-  return {table.lengths,
-          {modes.data(), modes.data() + modes.size()},
-          {coefficients.data(), coefficients.data() + coefficients.size()}};
-}
-
 }  // namespace
 
 int build_model(const BuildArguments& arguments) {
@@ -159,7 +143,8 @@ int build_model(const BuildArguments& arguments) {
   if (options.crack_lengths > 0 && problem.gmsh_file.empty()) {
     mechanics::CrackOptions crack;
     crack.count = options.crack_lengths;
-    model.crack = crack_solutions(mechanics::crack_table(problem, crack, snapshots.dofs), model.dof_count());
+    const mechanics::CrackTable table = mechanics::crack_table(problem, crack, snapshots.dofs);
+    model.crack = reduction::crack_modes(table.lengths, table.values);
   }
   model.project = project.text;
   reduction::write_model(model, arguments.output);

@@ -42,4 +42,12 @@ struct SimulateArguments {
 };
 int simulate(const SimulateArguments& arguments);
 
+struct ReproduceArguments {
+  bool quick = false;
+  bool json = false;
+  unsigned long seed = 1;
+  std::string output = "reproduction/";
+};
+int reproduce(const ReproduceArguments& arguments);
+
 }  // namespace knothe::offline_commands

@@ -64,6 +64,18 @@ int main(int argc, char** argv) {
   simulate_command.add_option("--seed", simulation.seed, "seed of nodes and noise");
   simulate_command.callback([&] { chosen = [&] { return simulate(simulation); }; });
 
+  ReproduceArguments reproduction;
+  CLI::App& reproduce_command =
+      *app.add_subcommand("reproduce", "The published study, figure by figure, beside its published values.");
+  reproduce_command.footer("Example:\n  knothe reproduce --quick -o reproduction/");
+  reproduce_command.add_flag("--quick", reproduction.quick,
+                             "fewer other choices and repetitions, same figures");
+  reproduce_command.add_flag("--json", reproduction.json, "JSON lines on stdout, one per row");
+  reproduce_command.add_option("-o,--output", reproduction.output, "folder for page, JSON file and models")
+      ->capture_default_str();
+  reproduce_command.add_option("--seed", reproduction.seed, "seed of nodes and noise")->capture_default_str();
+  reproduce_command.callback([&] { chosen = [&] { return reproduce(reproduction); }; });
+
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

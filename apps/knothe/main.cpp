@@ -42,6 +42,31 @@ void add_offline(CLI::App& app, Command& chosen) {
   });
 }
 
+void add_reproduce(CLI::App& app, Command& chosen) {
+  static std::string folder = "reproduction/";
+  static unsigned long seed = 1;
+  static bool quick = false, json = false;
+  CLI::App& command =
+      add(app, "reproduce",
+          "The published study, figure by figure, beside its published values (runs knothe-offline).",
+          "knothe reproduce --quick -o reproduction/\n"
+          "writes reproduction/reproduce.html (open it in a browser) and reproduction/reproduce.json;\n"
+          "models are kept in reproduction/models/ and used again.");
+  command.add_flag("--quick", quick,
+                   "fewer other choices and repetitions, same figures: minutes, not an hour");
+  command.add_flag("--json", json, "JSON lines on stdout, one per row");
+  command.add_option("-o,--output", folder, "folder for page, JSON file and models")->capture_default_str();
+  command.add_option("--seed", seed, "seed of nodes and noise")->capture_default_str();
+  command.callback([&] {
+    chosen = [] {
+      std::vector<std::string> words = {"reproduce", "-o", folder, "--seed", std::to_string(seed)};
+      if (quick) words.emplace_back("--quick");
+      if (json) words.emplace_back("--json");
+      return run_sibling(words);
+    };
+  });
+}
+
 void add_verify(CLI::App& model, Command& chosen) {
   static std::string project, file;
   static int points = 5;
@@ -322,6 +347,7 @@ int main(int argc, char** argv) {
   add_report(app, chosen);
   add_serve(app, chosen);
   add_journal(app, chosen);
+  add_reproduce(app, chosen);
   add_doctor(app, chosen);
   try {
     app.parse(argc, argv);

@@ -81,6 +81,15 @@ std::vector<std::ptrdiff_t> dofs_of_face(const OuterFace& face, const reduction:
   return found;
 }
 
+double plot_height_of(const OuterFace& face, double plot_width) {
+  double low = INFINITY, high = -INFINITY, bottom = INFINITY, top = -INFINITY;
+  for (const auto& point : face.points) {
+    low = std::min(low, point[0]), high = std::max(high, point[0]);
+    bottom = std::min(bottom, point[1]), top = std::max(top, point[1]);
+  }
+  return std::clamp(52.0 + (plot_width - 60.0) * ((top - bottom) / (high - low) + 0.08), 130.0, 420.0);
+}
+
 Plot mesh_plot(const std::string& title, const OuterFace& face, std::span<const double> value,
                std::span<const std::array<double, 2>> shift, const std::string& bar_label) {
   if (value.size() != face.points.size() || (!shift.empty() && shift.size() != value.size()))

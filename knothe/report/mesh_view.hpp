@@ -25,6 +25,10 @@ struct OuterFace {
 [[nodiscard]] std::vector<std::ptrdiff_t> dofs_of_face(const OuterFace& face, const reduction::Dofs& dofs,
                                                        std::int64_t component);
 
+/// Height (px) of a plot of that width that shows the face without distortion, with room for title and colour
+/// bar.
+[[nodiscard]] double plot_height_of(const OuterFace& face, double plot_width);
+
 /// Draws `value` (one per node of the face). `shift` (empty, or one per node, in m) is added to the
 /// positions. The colours run over [-m, m] in blue, white and red where `value` changes sign, else over its
 /// range in viridis.

@@ -36,22 +36,19 @@ Figure field_figure(const std::string& title, const FaceDofs& f, std::span<const
                     const std::string& label) {
   const auto at = [&](std::ptrdiff_t dof) { return dof < 0 ? 0.0 : field[static_cast<std::size_t>(dof)]; };
   std::vector<double> value;
-  double largest = 0.0, length = 0.0, low = INFINITY, high = -INFINITY, bottom = INFINITY, top = -INFINITY;
+  double largest = 0.0, low = INFINITY, high = -INFINITY;
   for (std::size_t i = 0; i < f.face.points.size(); ++i) {
     value.push_back(scale * at(f.x[i]));
     largest = std::max({largest, std::abs(at(f.x[i])), std::abs(at(f.y[i]))});
     low = std::min(low, f.face.points[i][0]), high = std::max(high, f.face.points[i][0]);
-    bottom = std::min(bottom, f.face.points[i][1]), top = std::max(top, f.face.points[i][1]);
   }
-  length = high - low;
+  const double length = high - low;
   std::vector<std::array<double, 2>> shift;
   const double exaggeration = largest > 0.0 ? 0.03 * length / largest : 0.0;
   for (std::size_t i = 0; i < value.size(); ++i)
     shift.push_back({exaggeration * at(f.x[i]), exaggeration * at(f.y[i])});
   Figure figure{title, {mesh_plot(title, f.face, value, shift, label)}};
-  // As tall as the shape needs at this width, with room for title and colour bar.
-  figure.plot_height =
-      std::clamp(52.0 + (figure.plot_width - 60.0) * ((top - bottom) / length + 0.08), 130.0, 420.0);
+  figure.plot_height = plot_height_of(f.face, figure.plot_width);
   return figure;
 }
 
@@ -186,6 +183,39 @@ std::vector<Figure> crack_figures(const reduction::SeparatedModel& model, std::s
                      field, 1.0, "horizontal, m per m"));
   }
   return figures;
+}
+
+std::vector<Figure> crack_mode_figures(const reduction::SeparatedModel& model, std::size_t count) {
+  const auto& crack = model.contents().crack;
+  std::vector<Figure> figures;
+  if (crack.empty()) return figures;
+  const FaceDofs face = face_of(model);
+  const std::size_t n = model.dof_count();
+  for (std::size_t k = 0; k < std::min(count, crack.modes.size() / n); ++k) {
+    const auto mode = std::span<const double>(crack.modes).subspan(k * n, n);
+    double largest = 0.0;
+    for (std::ptrdiff_t dof : face.x)
+      if (dof >= 0) largest = std::max(largest, std::abs(mode[static_cast<std::size_t>(dof)]));
+    figures.push_back(field_figure(fmt::format("Crack mode {}", k + 1), face, mode,
+                                   largest > 0.0 ? 1.0 / largest : 1.0, "x component"));
+  }
+  return figures;
+}
+
+Plot crack_coefficients_plot(const reduction::SeparatedModel& model, std::size_t count) {
+  const auto& crack = model.contents().crack;
+  Plot plot("Crack modes against the length", {"crack length (mm)"},
+            {"\u03c3 v(l) (m per m of imposed displacement)"});
+  if (crack.empty()) return plot;
+  const std::size_t modes = crack.modes.size() / model.dof_count();
+  std::vector<double> length;
+  for (const double l : crack.length) length.push_back(1e3 * l);
+  for (std::size_t k = 0; k < std::min(count, modes); ++k) {
+    std::vector<double> y;
+    for (std::size_t i = 0; i < length.size(); ++i) y.push_back(crack.coefficients[i * modes + k]);
+    plot.line(length, y, Paint::series(static_cast<int>(k)), fmt::format("mode {}", k + 1));
+  }
+  return plot;
 }
 
 }  // namespace knothe::report

@@ -21,11 +21,10 @@
 #include "knothe/report/step_record.hpp"
 
 namespace knothe::report {
-namespace {
 
 using Json = nlohmann::ordered_json;
 
-Json machine() {
+Json machine_record() {
   utsname name{};
   uname(&name);
   std::string processor = name.machine;
@@ -41,8 +40,6 @@ Json machine() {
           {"system", fmt::format("{} {}", name.sysname, name.release)},
           {"compiler", __VERSION__}};
 }
-
-}  // namespace
 
 ResultsWriter::ResultsWriter(const project::Project& project, const reduction::SeparatedModel& model,
                              const assimilation::Measurements& measurements,
@@ -119,7 +116,7 @@ void ResultsWriter::write_summary(const std::string& path, const std::vector<std
                   {"seed", project_.method.seed}, {"method", project_.method.kind},
                   {"form", project_.method.form}, {"parameters", parameter_summaries()},
                   {"steps", steps_.size()},       {"untrusted", untrusted},
-                  {"elapsed_s", elapsed_s},       {"machine", machine()}};
+                  {"elapsed_s", elapsed_s},       {"machine", machine_record()}};
   for (std::size_t k = 0; k < priors_.size(); ++k) {
     const auto prior = assimilation::marginal_density(priors_[k]);
     summary["prior_marginals"][model_.contents().axes[k].name] = {{"points", prior.points},

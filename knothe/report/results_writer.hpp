@@ -15,6 +15,9 @@
 
 namespace knothe::report {
 
+/// Processor, cores, system and compiler, for files that hold times.
+[[nodiscard]] nlohmann::ordered_json machine_record();
+
 /// Collects the steps of an assimilation in memory and writes the folder at the end (or when interrupted),
 /// every file atomically.
 class ResultsWriter {

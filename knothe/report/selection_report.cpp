@@ -44,11 +44,6 @@ Figure field_figure(const project::SelectionSetup& setup, const assimilation::Se
   const OuterFace face = outer_face(*setup.model.contents().mesh);
   Figure figure{"Sensitivity fields", {}};
   figure.columns = 2;
-  double low = INFINITY, high = -INFINITY, bottom = INFINITY, top = -INFINITY;
-  for (const auto& point : face.points) {
-    low = std::min(low, point[0]), high = std::max(high, point[0]);
-    bottom = std::min(bottom, point[1]), top = std::max(top, point[1]);
-  }
   for (std::size_t k = 0; k < setup.model.dimension(); ++k) {
     for (int component = 0; component < 2; ++component) {
       const std::string name = setup.model.parameter_names()[k];
@@ -66,8 +61,7 @@ Figure field_figure(const project::SelectionSetup& setup, const assimilation::Se
       figure.plots.push_back(std::move(plot));
     }
   }
-  figure.plot_height =
-      std::clamp(52.0 + (figure.plot_width - 60.0) * ((top - bottom) / (high - low) + 0.08), 130.0, 420.0);
+  figure.plot_height = plot_height_of(face, figure.plot_width);
   return figure;
 }
 

@@ -1,0 +1,49 @@
+#include "knothe/reproduction/bias.hpp"
+
+#include <algorithm>
+
+namespace knothe::reproduction {
+
+BiasRuns bias_runs(const reduction::SeparatedModel& paper, const reduction::SeparatedModel& few,
+                   const Sensors& sensors, const assimilation::Measurements& data, std::uint64_t seed,
+                   bool marginals, bool with_joint) {
+  using assimilation::BiasCorrectionMode;
+  using assimilation::BiasOptions;
+  const auto model = observed(few, sensors);
+  RunOptions options;
+  options.update = default_options(seed);
+  options.marginals = marginals;
+  BiasRuns runs;
+  options.label = marginals ? "m = 6" : "";
+  runs.reference = assimilate(observed(paper, sensors), data, options);
+  options.label = marginals ? "m = 3" : "";
+  runs.biased = assimilate(model, data, options);
+  options.update.bias_correction = BiasCorrectionMode::on;
+  options.update.bias.way = BiasOptions::Way::modes;
+  options.label = marginals ? "m = 3, corrected" : "";
+  runs.corrected = assimilate(model, data, options);
+  if (!with_joint) return runs;
+  options.update.bias.way = BiasOptions::Way::joint;
+  options.label = marginals ? "m = 3, joint correction" : "";
+  runs.joint = assimilate(model, data, options);
+  return runs;
+}
+
+std::vector<double> evidence_increments(const Run& run) {
+  std::vector<double> values;
+  for (const assimilation::UpdateResult& r : run.steps) values.push_back(r.log_evidence_increment);
+  return values;
+}
+
+std::vector<double> smoothed(const std::vector<double>& values, std::size_t width) {
+  std::vector<double> result;
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    const std::size_t from = i >= width / 2 ? i - width / 2 : 0, to = std::min(values.size(), i + (width + 1) / 2);
+    double sum = 0;
+    for (std::size_t j = from; j < to; ++j) sum += values[j];
+    result.push_back(sum / static_cast<double>(to - from));
+  }
+  return result;
+}
+
+}  // namespace knothe::reproduction

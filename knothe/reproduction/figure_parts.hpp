@@ -1,0 +1,34 @@
+#pragma once
+/// @file What several figures of the study have in common.
+#include <string>
+#include <vector>
+
+#include "knothe/report/svg_figure.hpp"
+#include "knothe/reproduction/experiment.hpp"
+#include "knothe/reproduction/figure_record.hpp"
+#include "knothe/reproduction/picture_selection.hpp"
+
+namespace knothe::reproduction {
+
+/// Numbers of the steps of a run.
+[[nodiscard]] std::vector<double> step_numbers(const Run& run);
+/// Standard deviation of parameter k after each step.
+[[nodiscard]] std::vector<double> stds(const Run& run, Eigen::Index k);
+[[nodiscard]] std::vector<double> means(const Run& run, Eigen::Index k);
+/// "30 to 40", "none" or, for one, "32".
+[[nodiscard]] std::string range_of(const std::vector<std::size_t>& steps);
+/// Successive marginals of both parameters, side by side; `subtitle` is added to their titles.
+[[nodiscard]] report::Figure marginals_figure(const Run& run, const Eigen::VectorXd& truth,
+                                              const std::string& subtitle, std::size_t stride = 2);
+/// The outer face as grey elements, with these points on it.
+[[nodiscard]] report::Figure sensors_figure(const reduction::SeparatedModel& model, const Sensors& sensors,
+                                            const std::string& title);
+/// A field on the nodes of a surface seen by a camera, chosen dofs marked (numbers of dofs; may be empty).
+[[nodiscard]] report::Figure surface_figure(const Surface& surface, const std::string& title,
+                                            const std::vector<double>& value, const std::string& unit,
+                                            const std::vector<Eigen::Index>& chosen);
+/// One plot as a figure.
+[[nodiscard]] report::Figure one(report::Plot plot, const std::string& title, double height = 320.0);
+[[nodiscard]] double median(std::vector<double> values);
+
+}  // namespace knothe::reproduction

@@ -1,0 +1,133 @@
+#include "knothe/reproduction/picture_selection.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <random>
+
+#include "knothe/assimilation/data_selection.hpp"
+#include "knothe/assimilation/selection_study.hpp"
+#include "knothe/assimilation/sensitivity.hpp"
+#include "knothe/imaging/image_correlation.hpp"
+#include "knothe/imaging/registration.hpp"
+#include "knothe/imaging/speckle.hpp"
+#include "knothe/reproduction/published.hpp"
+
+namespace knothe::reproduction {
+namespace {
+
+using Eigen::Index;
+
+constexpr double k_scale = 0.25e-3;       // m per px
+constexpr double k_half_width = 0.12;     // m, of the part that is looked at
+constexpr double k_border = 2e-3;         // m, left out along the beam's outline
+constexpr double k_element = 24;          // px
+constexpr double k_margin = 20;           // px around the beam
+constexpr std::size_t k_chosen = 30;
+
+}  // namespace
+
+Surface surface_of(const BeamCase& chosen, std::uint64_t seed) {
+  const mechanics::BeamOptions& beam = chosen.problem.beam;
+  const mechanics::BeamGrid grid = mechanics::beam_grid(beam);
+  const auto px = [](double metres) { return metres / k_scale; };
+  imaging::SpeckleOptions speckle;
+  speckle.width = static_cast<int>(std::lround(px(2 * k_half_width) + 2 * k_margin));
+  speckle.height = static_cast<int>(std::lround(px(beam.height) + 2 * k_margin));
+  speckle.seed = seed;
+  const files::Picture reference = imaging::SpecklePattern(speckle).render();
+  imaging::PictureFrame frame =
+      imaging::picture_frame(k_scale, {k_margin + px(k_half_width), k_margin + px(beam.height)});
+  frame.plane = beam.half_thickness;
+
+  files::Picture mask = reference;
+  for (int j = 0; j < mask.height; ++j)
+    for (int i = 0; i < mask.width; ++i) {
+      const auto point = frame.model_point(i, j);
+      // One pixel more on each side: nodes must lie in the beam's own mesh.
+      const bool notch = std::abs(point[0]) < grid.notch_half_width + k_scale &&
+                         point[1] < grid.notch_depth + k_scale;
+      mask.at(i, j) = notch ? 0.0F : 1.0F;
+    }
+  const auto upper_left = frame.picture_point({-k_half_width, beam.height - k_border, 0});
+  const auto lower_right = frame.picture_point({k_half_width, k_border, 0});
+  const imaging::Region region{upper_left[0], upper_left[1], lower_right[0], lower_right[1]};
+  Surface surface;
+  surface.quadrilaterals = imaging::masked(imaging::structured_mesh(region, k_element), mask, 0.999);
+  const imaging::ImageCorrelation correlation(reference, imaging::triangulated(surface.quadrilaterals));
+  surface.matrix = frame.to_model(correlation.matrix());
+  for (std::size_t a = 0; a < surface.quadrilaterals.x.size(); ++a) {
+    const auto point = frame.model_point(surface.quadrilaterals.x[a], surface.quadrilaterals.y[a]);
+    surface.x.push_back(point[0]);
+    surface.y.push_back(point[1]);
+    for (const int component : frame.components()) {
+      surface.sensors.points.insert(surface.sensors.points.end(), point.begin(), point.end());
+      surface.sensors.components.push_back(component);
+    }
+  }
+  return surface;
+}
+
+PublishedSelection select_as_published(const reduction::SeparatedModel& model, const Surface& surface,
+                                       const Eigen::VectorXd& p, std::size_t step) {
+  PublishedSelection selection;
+  selection.sensitivity = assimilation::sensitivity_fields(*observed(model, surface.sensors), p, step).cwiseAbs();
+  selection.product = selection.sensitivity.col(0).cwiseProduct(selection.sensitivity.col(1));
+  selection.weighted = surface.matrix * selection.product;
+  const Eigen::Map<const Eigen::Matrix<double, 3, Eigen::Dynamic>> points(
+      surface.sensors.points.data(), 3, static_cast<Index>(surface.sensors.size()));
+  selection.dofs = assimilation::highest(selection.weighted.cwiseAbs(), k_chosen, points.transpose(), 0);
+  return selection;
+}
+
+std::vector<Index> select_d_optimal(const reduction::SeparatedModel& model, const Surface& surface,
+                                    const Eigen::VectorXd& p) {
+  const auto seen = observed(model, surface.sensors);
+  const auto n = static_cast<Index>(surface.sensors.size());
+  Eigen::VectorXd prior_std(p.size());
+  const std::vector<assimilation::Prior> priors = paper_priors();
+  const Eigen::VectorXd lower = seen->functions->lower(), upper = seen->functions->upper();
+  for (Index k = 0; k < p.size(); ++k) {
+    const auto i = static_cast<std::size_t>(k);
+    prior_std[k] =
+        assimilation::standard_deviation(priors[i].truncated(lower[k], upper[k], seen->parameters[i]));
+  }
+  const Eigen::Map<const Eigen::Matrix<double, 3, Eigen::Dynamic>> points(surface.sensors.points.data(), 3, n);
+  const assimilation::SensorDesign design(
+      *seen, assimilation::NoiseModel::independent(Eigen::VectorXd::Constant(n, published::k_noise_std)),
+      prior_std, p.transpose(), points.transpose());
+  return design.choose(k_chosen).dofs;
+}
+
+std::vector<Index> select_at_random(const Surface& surface, std::uint64_t seed) {
+  std::vector<Index> all(surface.sensors.size());
+  std::iota(all.begin(), all.end(), Index{0});
+  std::mt19937_64 random(seed);
+  // Fisher-Yates with remainders: the same on every standard library.
+  for (std::size_t i = 0; i < k_chosen; ++i) std::swap(all[i], all[i + random() % (all.size() - i)]);
+  all.resize(k_chosen);
+  return all;
+}
+
+WhereChosen where_chosen(const Surface& surface, const std::vector<Index>& dofs) {
+  WhereChosen where;
+  for (const Index dof : dofs) {
+    const auto i = static_cast<std::size_t>(dof);
+    where.right += surface.sensors.points[3 * i] > 0 ? 1 : 0;
+    where.horizontal += surface.sensors.components[i] == 0 ? 1 : 0;
+  }
+  where.right /= static_cast<double>(dofs.size());
+  where.horizontal /= static_cast<double>(dofs.size());
+  return where;
+}
+
+Run assimilate_chosen(const reduction::SeparatedModel& model, const Sensors& chosen, const Eigen::VectorXd& truth,
+                      std::uint64_t seed, bool marginals) {
+  const auto seen = observed(model, chosen);
+  RunOptions options;
+  options.update = default_options(seed);
+  options.marginals = marginals;
+  return assimilate(seen, measure(predicted(*seen, truth), chosen, seen->time, seed), options);
+}
+
+}  // namespace knothe::reproduction
