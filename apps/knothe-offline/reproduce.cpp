@@ -20,8 +20,8 @@ void show(const reproduction::FigureRecord& figure, bool json) {
   } else {
     fmt::print("{}{}: {}\n", figure.number == "choices" ? "" : "Fig. ", figure.number, figure.title);
     for (const reproduction::Row& row : figure.rows)
-      fmt::print("  {}{}\n    paper: {}\n    here:  {}\n", row.quantity, row.unit == "1" ? "" : ", " + row.unit,
-                 row.paper, row.here);
+      fmt::print("  {}{}\n    paper: {}\n    here:  {}\n", row.quantity,
+                 row.unit == "1" ? "" : ", " + row.unit, row.paper, row.here);
   }
   std::fflush(stdout);
 }
@@ -39,7 +39,8 @@ int reproduce(const ReproduceArguments& arguments) {
   options.processes = static_cast<int>(default_threads());
   const reproduction::Study study = reproduction::run_study(
       options, [&](const reproduction::FigureRecord& figure) { show(figure, arguments.json); });
-  const std::string page = (folder / "reproduce.html").string(), record = (folder / "reproduce.json").string();
+  const std::string page = (folder / "reproduce.html").string(),
+                    record = (folder / "reproduce.json").string();
   files::write_text_atomically(page, reproduction::study_page(study, options));
   files::write_text_atomically(record, files::json_line(reproduction::study_record(study, options)) + "\n");
   reproduction::remove_runs(options.models_folder);

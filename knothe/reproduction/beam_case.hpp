@@ -29,8 +29,9 @@ struct BeamCase {
 struct BeamModels {
   BeamCase chosen;
   reduction::SeparatedModel paper;  ///< m = 6: lift and the five best canonical modes, with crack solutions
-  reduction::SeparatedModel three;  ///< m = 3: lift and the two best canonical modes
-  bool kept = false;                ///< read from the folder, not built now
+  reduction::SeparatedModel three;  ///< m = 3: lift and two modes found one after the other
+  reduction::SeparatedModel three_best;  ///< m = 3: lift and the two best canonical modes
+  bool kept = false;                     ///< read from the folder, not built now
 };
 
 /// Reads the models from `folder`, where they are there and of the same case, else builds and writes them:
@@ -45,11 +46,14 @@ struct BeamModels {
 /// The parameter axes of the case.
 [[nodiscard]] std::vector<reduction::Axis> axes_of(const BeamCase& chosen);
 
-/// The first `m` − 1 modes beside the lift: the paper's u_m, a truncated u_6. 1 ≤ m.
-[[nodiscard]] reduction::SeparatedModel truncated(const reduction::SeparatedModel& canonical, int m);
+/// `modes` canonical modes beside the lift, each the best for what the ones before it leave: how a separated
+/// model that is built mode by mode begins. The snapshots are used up. Errors of the model are those on the
+/// grid.
+[[nodiscard]] reduction::ModelContents mode_by_mode(reduction::Snapshots snapshots, std::size_t modes,
+                                                    std::uint64_t seed);
 
-/// The same function with the lift as first mode, normalised like the others: Eq. 30 to the letter. For a lift
-/// that grows with time without changing its shape.
+/// The same function with the lift as first mode, normalised like the others: Eq. 30 to the letter. For a
+/// lift that grows with time without changing its shape.
 [[nodiscard]] reduction::SeparatedModel with_lift_as_mode(const reduction::SeparatedModel& canonical);
 
 }  // namespace knothe::reproduction

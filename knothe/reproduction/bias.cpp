@@ -38,7 +38,8 @@ std::vector<double> evidence_increments(const Run& run) {
 std::vector<double> smoothed(const std::vector<double>& values, std::size_t width) {
   std::vector<double> result;
   for (std::size_t i = 0; i < values.size(); ++i) {
-    const std::size_t from = i >= width / 2 ? i - width / 2 : 0, to = std::min(values.size(), i + (width + 1) / 2);
+    const std::size_t from = i >= width / 2 ? i - width / 2 : 0,
+                      to = std::min(values.size(), i + (width + 1) / 2);
     double sum = 0;
     for (std::size_t j = from; j < to; ++j) sum += values[j];
     result.push_back(sum / static_cast<double>(to - from));

@@ -48,8 +48,8 @@ assimilation::Measurements measure(const Eigen::MatrixXd& exact, const Sensors& 
                                    const std::vector<double>& time, std::uint64_t seed) {
   std::vector<std::size_t> all(sensors.size());
   std::iota(all.begin(), all.end(), std::size_t{0});
-  return assimilation::add_noise({sensors.points, sensors.components}, all, time, exact, published::k_noise_std,
-                                 seed);
+  return assimilation::add_noise({sensors.points, sensors.components}, all, time, exact,
+                                 published::k_noise_std, seed);
 }
 
 Eigen::MatrixXd predicted(const reduction::ObservedModel& model, const Eigen::VectorXd& p) {
@@ -85,6 +85,17 @@ double Run::std_at(std::size_t i, Index k) const {
 
 double Run::off_by(Index k, double truth) const {
   return std::abs(mean(k) - truth) / std(k);
+}
+
+Run::Distance Run::worst_off(const Eigen::VectorXd& truth) const {
+  Distance worst;
+  for (std::size_t i = 0; i < steps.size(); ++i) {
+    for (Index k = 0; k < truth.size(); ++k) {
+      const double off = std::abs(steps[i].mean[k] - truth[k]) / std_at(i, k);
+      if (off > worst.std) worst = {off, steps[i].step};
+    }
+  }
+  return worst;
 }
 
 double Run::mode_of_marginal(std::size_t k) const {

@@ -24,8 +24,8 @@ struct Sensors {
   [[nodiscard]] std::size_t size() const { return components.size(); }
 };
 
-/// 30 nodes drawn at random from the outer face with |x| ≤ 120 mm, x and y components (§6.3.1: "in the central
-/// part of the beam"): 60 dofs.
+/// 30 nodes drawn at random from the outer face with |x| ≤ 120 mm, x and y components (§6.3.1: "in the
+/// central part of the beam"): 60 dofs.
 [[nodiscard]] Sensors random_nodes(const reduction::SeparatedModel& model, std::uint64_t seed);
 /// The sensors with these numbers.
 [[nodiscard]] Sensors part_of(const Sensors& sensors, std::span<const Eigen::Index> numbers);
@@ -50,9 +50,9 @@ struct Run {
   std::vector<std::string> parameters;
   std::vector<assimilation::Prior> priors;  ///< truncated
   std::vector<assimilation::UpdateResult> steps;
-  std::vector<std::vector<assimilation::MarginalDensity>> marginals;    ///< step × parameter, if asked for
-  std::vector<std::vector<forecast::NamedForecast>> forecasts;          ///< step × forecast, if asked for
-  std::vector<double> forecast_us;                                      ///< time of each step's forecasts
+  std::vector<std::vector<assimilation::MarginalDensity>> marginals;  ///< step × parameter, if asked for
+  std::vector<std::vector<forecast::NamedForecast>> forecasts;        ///< step × forecast, if asked for
+  std::vector<double> forecast_us;                                    ///< time of each step's forecasts
 
   [[nodiscard]] const assimilation::UpdateResult& last() const { return steps.back(); }
   [[nodiscard]] double mean(Eigen::Index k) const { return last().mean[k]; }
@@ -60,10 +60,16 @@ struct Run {
   [[nodiscard]] double std_at(std::size_t i, Eigen::Index k) const;
   /// Distance of the last mean from the truth, in standard deviations.
   [[nodiscard]] double off_by(Eigen::Index k, double truth) const;
+  /// The same at the worst step and for the worse parameter, and that step.
+  struct Distance {
+    double std = 0;
+    std::size_t step = 0;
+  };
+  [[nodiscard]] Distance worst_off(const Eigen::VectorXd& truth) const;
   /// Where the last marginal of a parameter is largest. Needs marginals.
   [[nodiscard]] double mode_of_marginal(std::size_t k) const;
-  /// The first step at which the standard deviation is below `fraction` of the prior's; the number of steps if
-  /// none is.
+  /// The first step at which the standard deviation is below `fraction` of the prior's; the number of steps
+  /// if none is.
   [[nodiscard]] std::size_t first_below(Eigen::Index k, double fraction) const;
   /// Steps with a map of an order above 1.
   [[nodiscard]] std::vector<std::size_t> high_order_steps() const;
@@ -71,10 +77,10 @@ struct Run {
 
 struct RunOptions {
   assimilation::UpdateOptions update;
-  std::vector<std::size_t> steps;             ///< model times of the data used; empty: all
+  std::vector<std::size_t> steps;  ///< model times of the data used; empty: all
   bool marginals = false;
   forecast::Forecaster* forecaster = nullptr;
-  std::string label;                          ///< of the progress; empty: none shown
+  std::string label;  ///< of the progress; empty: none shown
 };
 
 /// Assimilates the data (one column per model time). Throws Interrupted when the user asks to stop.
@@ -82,6 +88,7 @@ struct RunOptions {
                              const assimilation::Measurements& data, const RunOptions& options);
 
 /// The run as what `knothe report` draws; every `stride`-th step and the last.
-[[nodiscard]] report::Results as_results(const Run& run, const Eigen::VectorXd& truth, std::size_t stride = 1);
+[[nodiscard]] report::Results as_results(const Run& run, const Eigen::VectorXd& truth,
+                                         std::size_t stride = 1);
 
 }  // namespace knothe::reproduction

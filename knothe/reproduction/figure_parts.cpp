@@ -42,11 +42,13 @@ Figure marginals_figure(const Run& run, const Eigen::VectorXd& truth, const std:
   const report::Results results = as_results(run, truth, stride);
   Figure figure{"Successive marginals, " + subtitle, {}};
   figure.columns = 2;
-  for (std::size_t k = 0; k < run.parameters.size(); ++k) figure.plots.push_back(report::marginals_plot(results, k));
+  for (std::size_t k = 0; k < run.parameters.size(); ++k)
+    figure.plots.push_back(report::marginals_plot(results, k));
   return figure;
 }
 
-Figure sensors_figure(const reduction::SeparatedModel& model, const Sensors& sensors, const std::string& title) {
+Figure sensors_figure(const reduction::SeparatedModel& model, const Sensors& sensors,
+                      const std::string& title) {
   const report::OuterFace face = report::outer_face(*model.contents().mesh);
   std::vector<report::Cell> cells;
   for (const auto& quadrilateral : face.cells) {

@@ -18,11 +18,11 @@ namespace {
 
 using Eigen::Index;
 
-constexpr double k_scale = 0.25e-3;       // m per px
-constexpr double k_half_width = 0.12;     // m, of the part that is looked at
-constexpr double k_border = 2e-3;         // m, left out along the beam's outline
-constexpr double k_element = 24;          // px
-constexpr double k_margin = 20;           // px around the beam
+constexpr double k_scale = 0.25e-3;    // m per px
+constexpr double k_half_width = 0.12;  // m, of the part that is looked at
+constexpr double k_border = 2e-3;      // m, left out along the beam's outline
+constexpr double k_element = 24;       // px
+constexpr double k_margin = 20;        // px around the beam
 constexpr std::size_t k_chosen = 30;
 
 }  // namespace
@@ -45,8 +45,8 @@ Surface surface_of(const BeamCase& chosen, std::uint64_t seed) {
     for (int i = 0; i < mask.width; ++i) {
       const auto point = frame.model_point(i, j);
       // One pixel more on each side: nodes must lie in the beam's own mesh.
-      const bool notch = std::abs(point[0]) < grid.notch_half_width + k_scale &&
-                         point[1] < grid.notch_depth + k_scale;
+      const bool notch =
+          std::abs(point[0]) < grid.notch_half_width + k_scale && point[1] < grid.notch_depth + k_scale;
       mask.at(i, j) = notch ? 0.0F : 1.0F;
     }
   const auto upper_left = frame.picture_point({-k_half_width, beam.height - k_border, 0});
@@ -71,7 +71,8 @@ Surface surface_of(const BeamCase& chosen, std::uint64_t seed) {
 PublishedSelection select_as_published(const reduction::SeparatedModel& model, const Surface& surface,
                                        const Eigen::VectorXd& p, std::size_t step) {
   PublishedSelection selection;
-  selection.sensitivity = assimilation::sensitivity_fields(*observed(model, surface.sensors), p, step).cwiseAbs();
+  selection.sensitivity =
+      assimilation::sensitivity_fields(*observed(model, surface.sensors), p, step).cwiseAbs();
   selection.product = selection.sensitivity.col(0).cwiseProduct(selection.sensitivity.col(1));
   selection.weighted = surface.matrix * selection.product;
   const Eigen::Map<const Eigen::Matrix<double, 3, Eigen::Dynamic>> points(
@@ -92,7 +93,8 @@ std::vector<Index> select_d_optimal(const reduction::SeparatedModel& model, cons
     prior_std[k] =
         assimilation::standard_deviation(priors[i].truncated(lower[k], upper[k], seen->parameters[i]));
   }
-  const Eigen::Map<const Eigen::Matrix<double, 3, Eigen::Dynamic>> points(surface.sensors.points.data(), 3, n);
+  const Eigen::Map<const Eigen::Matrix<double, 3, Eigen::Dynamic>> points(surface.sensors.points.data(), 3,
+                                                                          n);
   const assimilation::SensorDesign design(
       *seen, assimilation::NoiseModel::independent(Eigen::VectorXd::Constant(n, published::k_noise_std)),
       prior_std, p.transpose(), points.transpose());
@@ -121,8 +123,8 @@ WhereChosen where_chosen(const Surface& surface, const std::vector<Index>& dofs)
   return where;
 }
 
-Run assimilate_chosen(const reduction::SeparatedModel& model, const Sensors& chosen, const Eigen::VectorXd& truth,
-                      std::uint64_t seed, bool marginals) {
+Run assimilate_chosen(const reduction::SeparatedModel& model, const Sensors& chosen,
+                      const Eigen::VectorXd& truth, std::uint64_t seed, bool marginals) {
   const auto seen = observed(model, chosen);
   RunOptions options;
   options.update = default_options(seed);

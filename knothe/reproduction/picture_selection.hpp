@@ -23,10 +23,10 @@ struct Surface {
 
 /// The sensitivities of Eq. 34 at the dofs of the surface, and what is chosen by them.
 struct PublishedSelection {
-  Eigen::MatrixXd sensitivity;    ///< n × 2: |S_1|, |S_2|, m
-  Eigen::VectorXd product;        ///< S_12 = S_1 S_2, m²
-  Eigen::VectorXd weighted;       ///< M_DIC S_12
-  std::vector<Eigen::Index> dofs; ///< the 30 of the largest |M_DIC S_12|
+  Eigen::MatrixXd sensitivity;     ///< n × 2: |S_1|, |S_2|, m
+  Eigen::VectorXd product;         ///< S_12 = S_1 S_2, m²
+  Eigen::VectorXd weighted;        ///< M_DIC S_12
+  std::vector<Eigen::Index> dofs;  ///< the 30 of the largest |M_DIC S_12|
 };
 [[nodiscard]] PublishedSelection select_as_published(const reduction::SeparatedModel& model,
                                                      const Surface& surface, const Eigen::VectorXd& p,

@@ -21,7 +21,9 @@ using report::Plot;
 using report::readable;
 
 /// Mean time of the model, as the paper's t⋄.
-std::size_t mean_step(const reduction::SeparatedModel& model) { return model.step_count() / 2 - 1; }
+std::size_t mean_step(const reduction::SeparatedModel& model) {
+  return model.step_count() / 2 - 1;
+}
 
 /// |S_1|, |S_2| and their product on the outer face, one component.
 void add_fields(const Subject& subject, int component, Figure& figure) {
@@ -30,8 +32,8 @@ void add_fields(const Subject& subject, int component, Figure& figure) {
   std::vector<std::size_t> dofs;
   for (const std::ptrdiff_t dof : report::dofs_of_face(face, model.contents().dofs, component))
     dofs.push_back(static_cast<std::size_t>(dof));
-  const Eigen::MatrixXd s = assimilation::sensitivity_fields(reduction::observe_dofs(model, dofs), subject.truth,
-                                                             mean_step(model));
+  const Eigen::MatrixXd s =
+      assimilation::sensitivity_fields(reduction::observe_dofs(model, dofs), subject.truth, mean_step(model));
   const char letter = component == 0 ? 'x' : 'y';
   std::vector<double> first, second, product;
   for (Index i = 0; i < s.rows(); ++i) {
@@ -39,16 +41,18 @@ void add_fields(const Subject& subject, int component, Figure& figure) {
     second.push_back(1e6 * std::abs(s(i, 1)));
     product.push_back(first.back() * second.back());
   }
-  figure.plots.push_back(report::mesh_plot(fmt::format("S₁ (Y₀), {}", letter), face, first, {}, "µm per unit"));
-  figure.plots.push_back(report::mesh_plot(fmt::format("S₂ (A_d), {}", letter), face, second, {}, "µm per unit"));
+  figure.plots.push_back(
+      report::mesh_plot(fmt::format("S₁ (Y₀), {}", letter), face, first, {}, "µm per unit"));
+  figure.plots.push_back(
+      report::mesh_plot(fmt::format("S₂ (A_d), {}", letter), face, second, {}, "µm per unit"));
   figure.plots.push_back(report::mesh_plot(fmt::format("S₁₂ = S₁ S₂, {}", letter), face, product, {}, "µm²"));
   figure.plot_height = report::plot_height_of(face, figure.plot_width);
 }
 
 struct Choices {
   Run selected, random_dofs, random_nodes, d_optimal;
-  std::vector<double> random_std[2];  ///< last std over several random choices of 30 dofs
-  std::vector<double> random_half[2]; ///< and the step where it is half the prior's
+  std::vector<double> random_std[2];   ///< last std over several random choices of 30 dofs
+  std::vector<double> random_half[2];  ///< and the step where it is half the prior's
 };
 
 std::string step_or_never(std::size_t step, const Run& run) {
@@ -98,25 +102,30 @@ Choices compute(const Subject& subject, const StudyOptions& options, FigureRecor
   }
   record.data.emplace_back("selected_dofs_of_the_camera",
                            std::vector<double>(published_choice.dofs.begin(), published_choice.dofs.end()));
-  record.data.emplace_back("d_optimal_dofs_of_the_camera", std::vector<double>(optimal.begin(), optimal.end()));
+  record.data.emplace_back("d_optimal_dofs_of_the_camera",
+                           std::vector<double>(optimal.begin(), optimal.end()));
   return c;
 }
 
 void compare(const Choices& c, FigureRecord& record) {
   for (Index k = 0; k < 2; ++k) {
     const char* name = k == 0 ? "Y₀" : "A_d";
-    record.rows.push_back(
-        {fmt::format("{}: last std, selected over random 30 dofs", name), "1", "selected is better",
-         readable(c.selected.std(k) / median(c.random_std[k]), 2),
-         fmt::format("{} against {} (median of {} random choices); 60 random dofs: {}; 30 D-optimal dofs, which look at "
-                     "all steps: {}.",
-                     readable(c.selected.std(k), 2), readable(median(c.random_std[k]), 2),
-                     c.random_std[k].size(), readable(c.random_nodes.std(k), 2),
-                     readable(c.d_optimal.std(k), 2)),
-         {}, c.selected.std(k) / median(c.random_std[k])});
+    record.rows.push_back({fmt::format("{}: last std, selected over random 30 dofs", name),
+                           "1",
+                           "selected is better",
+                           readable(c.selected.std(k) / median(c.random_std[k]), 2),
+                           fmt::format("{} against {} (median of {} random choices); 60 random dofs: {}; 30 "
+                                       "D-optimal dofs, which look at "
+                                       "all steps: {}.",
+                                       readable(c.selected.std(k), 2), readable(median(c.random_std[k]), 2),
+                                       c.random_std[k].size(), readable(c.random_nodes.std(k), 2),
+                                       readable(c.d_optimal.std(k), 2)),
+                           {},
+                           c.selected.std(k) / median(c.random_std[k])});
     const auto half = c.selected.first_below(k, 0.5);
     record.rows.push_back(
-        {fmt::format("{}: step where the std is half the prior's, selected and random", name), "step",
+        {fmt::format("{}: step where the std is half the prior's, selected and random", name),
+         "step",
          "selected is faster",
          fmt::format("{} and {}", step_or_never(half, c.selected),
                      median(c.random_half[k]) >= static_cast<double>(c.selected.steps.size())
@@ -125,7 +134,8 @@ void compare(const Choices& c, FigureRecord& record) {
          fmt::format("60 random dofs: {}; D-optimal: {}.",
                      step_or_never(c.random_nodes.first_below(k, 0.5), c.random_nodes),
                      step_or_never(c.d_optimal.first_below(k, 0.5), c.d_optimal)),
-         {}, static_cast<double>(half)});
+         {},
+         static_cast<double>(half)});
   }
   record.data.emplace_back("random_std_Y0", c.random_std[0]);
   record.data.emplace_back("random_std_Ad", c.random_std[1]);
@@ -139,7 +149,8 @@ FigureRecord figures_16_17(const Subject& subject, const StudyOptions& options) 
   const Surface surface = surface_of(subject.models.chosen, options.seed);
   const PublishedSelection s = select_as_published(model, surface, subject.truth, mean_step(model));
   record.setting = fmt::format(
-      "Eq. 34 at the mean time (step {}) and the reference parameters. The camera: a speckle picture of the central "
+      "Eq. 34 at the mean time (step {}) and the reference parameters. The camera: a speckle picture of the "
+      "central "
       "240 mm, 0.25 mm a pixel, linear triangles of 6 mm ({} dofs), M_DIC by Eq. 27; S₁₂ weighted by it.",
       mean_step(model), surface.sensors.size());
   Figure fields{"Sensitivity fields", {}};
@@ -147,26 +158,35 @@ FigureRecord figures_16_17(const Subject& subject, const StudyOptions& options) 
   fields.plot_width = 330;
   add_fields(subject, 0, fields);
   add_fields(subject, 1, fields);
-  record.panels.push_back({{fields}, "Fig. 16: |∂u/∂Y₀|, |∂u/∂A_d| and their product, horizontal (above) and vertical."});
+  record.panels.push_back(
+      {{fields}, "Fig. 16: |∂u/∂Y₀|, |∂u/∂A_d| and their product, horizontal (above) and vertical."});
   std::vector<double> along[2];
   for (Index i = 0; i < s.weighted.size(); ++i) along[i % 2].push_back(1e9 * s.weighted[i]);
-  record.panels.push_back({{surface_figure(surface, "M_DIC S₁₂, x direction", along[0], "arbitrary unit", {}),
-                            surface_figure(surface, "M_DIC S₁₂, y direction", along[1], "arbitrary unit", {}),
-                            surface_figure(surface, "The 30 dofs chosen", along[0], "x direction", s.dofs)},
-                           "Fig. 17: the product weighted by the matrix of the image correlation, and the 30 dofs where it "
-                           "is largest."});
+  record.panels.push_back(
+      {{surface_figure(surface, "M_DIC S₁₂, x direction", along[0], "arbitrary unit", {}),
+        surface_figure(surface, "M_DIC S₁₂, y direction", along[1], "arbitrary unit", {}),
+        surface_figure(surface, "The 30 dofs chosen", along[0], "x direction", s.dofs)},
+       "Fig. 17: the product weighted by the matrix of the image correlation, and the 30 dofs where it "
+       "is largest."});
   const WhereChosen where = where_chosen(surface, s.dofs);
-  record.rows.push_back({"chosen dofs right of mid-span", "%", "all", fmt::format("{:.0f}", 100 * where.right),
-                         "u_x = 0 on the left: as the crack opens the right half moves to the right, and all of it "
-                         "by the same amount.",
-                         100, 100 * where.right});
-  record.rows.push_back({"chosen dofs that are horizontal", "%", "area of the larger horizontal displacement",
-                         fmt::format("{:.0f}", 100 * where.horizontal), "As above.", {}, 100 * where.horizontal});
+  record.rows.push_back(
+      {"chosen dofs right of mid-span", "%", "all", fmt::format("{:.0f}", 100 * where.right),
+       "u_x = 0 on the left: as the crack opens the right half moves to the right, and all of it "
+       "by the same amount.",
+       100, 100 * where.right});
+  record.rows.push_back({"chosen dofs that are horizontal",
+                         "%",
+                         "area of the larger horizontal displacement",
+                         fmt::format("{:.0f}", 100 * where.horizontal),
+                         "As above.",
+                         {},
+                         100 * where.horizontal});
   const auto seen = observed(model, surface.sensors);
   std::vector<double> size[2];
   for (std::size_t t = 0; t < model.step_count(); ++t) {
     const Eigen::MatrixXd at = assimilation::sensitivity_fields(*seen, subject.truth, t);
-    for (Index k = 0; k < 2; ++k) size[k].push_back(1e6 * at.col(k).norm() / std::sqrt(static_cast<double>(at.rows())));
+    for (Index k = 0; k < 2; ++k)
+      size[k].push_back(1e6 * at.col(k).norm() / std::sqrt(static_cast<double>(at.rows())));
   }
   std::size_t peak[2];
   for (std::size_t k = 0; k < 2; ++k)
@@ -178,13 +198,15 @@ FigureRecord figures_16_17(const Subject& subject, const StudyOptions& options) 
   over_time.vertical(static_cast<double>(mean_step(model)), Paint::faint(), "mean time");
   record.panels.push_back({{one(std::move(over_time), "Sensitivity over time")},
                            "When each parameter moves the surface: the mean time is one instant of this."});
-  record.rows.push_back(
-      {"step where the sensitivity is largest: Y₀, A_d", "step", "mean time chosen",
-       fmt::format("{} and {}", peak[0], peak[1]),
-       fmt::format("At the mean time it is {} and {} of that.",
-                   readable(size[0][mean_step(model)] / size[0][peak[0]], 2),
-                   readable(size[1][mean_step(model)] / size[1][peak[1]], 2)),
-       {}, static_cast<double>(peak[0])});
+  record.rows.push_back({"step where the sensitivity is largest: Y₀, A_d",
+                         "step",
+                         "mean time chosen",
+                         fmt::format("{} and {}", peak[0], peak[1]),
+                         fmt::format("At the mean time it is {} and {} of that.",
+                                     readable(size[0][mean_step(model)] / size[0][peak[0]], 2),
+                                     readable(size[1][mean_step(model)] / size[1][peak[1]], 2)),
+                         {},
+                         static_cast<double>(peak[0])});
   record.data.emplace_back("sensitivity_um_rms_Y0", size[0]);
   record.data.emplace_back("sensitivity_um_rms_Ad", size[1]);
   record.data.emplace_back("chosen_dofs_of_the_camera", std::vector<double>(s.dofs.begin(), s.dofs.end()));
@@ -194,17 +216,19 @@ FigureRecord figures_16_17(const Subject& subject, const StudyOptions& options) 
 FigureRecord figure_18(const Subject& subject, const StudyOptions& options) {
   FigureRecord record{"18", "Selected measurements against random ones", "", {}, {}, {}, {}};
   record.setting =
-      "Data of m = 6 at (1, 1), white noise of 1 µm, at the 30 dofs of Fig. 17, at 30 dofs of the camera drawn at random, "
+      "Data of m = 6 at (1, 1), white noise of 1 µm, at the 30 dofs of Fig. 17, at 30 dofs of the camera "
+      "drawn at random, "
       "and at the 30 random nodes of Fig. 8: §6.4 says that those are 60 dofs, §6.5 that they are 30.";
   const Choices c = compute(subject, options, record);
-  record.panels.push_back({{marginals_figure(c.selected, subject.truth, "selected")},
-                           "Fig. 18, left: 30 selected dofs."});
-  record.panels.push_back({{marginals_figure(c.random_dofs, subject.truth, "30 random dofs")},
+  record.panels.push_back(
+      {{marginals_figure(c.selected, subject.truth, "selected", 4)}, "Fig. 18, left: 30 selected dofs."});
+  record.panels.push_back({{marginals_figure(c.random_dofs, subject.truth, "30 random dofs", 4)},
                            "Fig. 18, right, read as 30 random dofs."});
-  record.panels.push_back({{marginals_figure(c.random_nodes, subject.truth, "30 random nodes")},
+  record.panels.push_back({{marginals_figure(c.random_nodes, subject.truth, "30 random nodes", 4)},
                            "Fig. 18, right, read as 30 random nodes (60 dofs)."});
-  record.panels.push_back({{std_figure(c)}, "The same as standard deviations; besides, 30 dofs chosen by the "
-                                            "information of all steps."});
+  record.panels.push_back({{std_figure(c)},
+                           "The same as standard deviations; besides, 30 dofs chosen by the "
+                           "information of all steps."});
   compare(c, record);
   const std::pair<const char*, const Run*> kept[] = {{"selected", &c.selected},
                                                      {"random_30_dofs", &c.random_dofs},

@@ -33,7 +33,8 @@ Study run_study(const StudyOptions& options, const std::function<void(const Figu
   add(figure_5(options.reference));
   const Subject subject =
       subject_of(prepare(options.reference, options.models_folder, options.processes), options.seed);
-  const Subject soft = subject_of(prepare(options.soft, options.models_folder, options.processes), options.seed);
+  const Subject soft =
+      subject_of(prepare(options.soft, options.models_folder, options.processes), options.seed);
   add(figures_6_7(subject));
   add(figures_8_9(subject, soft, options));
   add(figures_10_12(subject));

@@ -30,8 +30,8 @@ struct Study {
   double elapsed_s = 0;
 };
 
-/// Computes all figures, in the order of the paper, then what the paper leaves open. `on_figure` is called with
-/// each as it is done. Errors: as run_snapshots; Interrupted, the models that were built being kept.
+/// Computes all figures, in the order of the paper, then what the paper leaves open. `on_figure` is called
+/// with each as it is done. Errors: as run_snapshots; Interrupted, the models that were built being kept.
 [[nodiscard]] Study run_study(const StudyOptions& options,
                               const std::function<void(const FigureRecord&)>& on_figure = {});
 
@@ -47,13 +47,16 @@ struct Subject {
 // The figures. `soft` is the case that comes near the paper's numbers.
 [[nodiscard]] FigureRecord figure_5(const BeamCase& chosen);
 [[nodiscard]] FigureRecord figures_6_7(const Subject& subject);
-[[nodiscard]] FigureRecord figures_8_9(const Subject& subject, const Subject& soft, const StudyOptions& options);
+[[nodiscard]] FigureRecord figures_8_9(const Subject& subject, const Subject& soft,
+                                       const StudyOptions& options);
 [[nodiscard]] FigureRecord figures_10_12(const Subject& subject);
-[[nodiscard]] FigureRecord figure_13(const Subject& subject, const Subject& soft, const StudyOptions& options);
+[[nodiscard]] FigureRecord figure_13(const Subject& subject, const Subject& soft,
+                                     const StudyOptions& options);
 [[nodiscard]] FigureRecord figures_14_15(const Subject& subject, const StudyOptions& options);
 [[nodiscard]] FigureRecord figures_16_17(const Subject& subject, const StudyOptions& options);
 [[nodiscard]] FigureRecord figure_18(const Subject& subject, const StudyOptions& options);
 /// Every conclusion again under other choices of what the paper leaves open.
-[[nodiscard]] FigureRecord other_choices(const Subject& subject, const Subject& soft, const StudyOptions& options);
+[[nodiscard]] FigureRecord other_choices(const Subject& subject, const Subject& soft,
+                                         const StudyOptions& options);
 
 }  // namespace knothe::reproduction

@@ -66,7 +66,9 @@ Json study_record(const Study& study, const StudyOptions& options) {
                  {"elapsed_s", study.elapsed_s},
                  {"figures", Json::array()}};
   for (const FigureRecord& figure : study.figures) {
-    Json entry = {{"figure", figure.number}, {"title", figure.title}, {"setting", figure.setting},
+    Json entry = {{"figure", figure.number},
+                  {"title", figure.title},
+                  {"setting", figure.setting},
                   {"rows", row_records(figure)}};
     for (const Table& table : figure.tables)
       entry["tables"].push_back({{"caption", table.caption}, {"header", table.header}, {"rows", table.rows}});
@@ -79,14 +81,18 @@ Json study_record(const Study& study, const StudyOptions& options) {
 std::string study_page(const Study& study, const StudyOptions& options) {
   report::Page page(
       "The published study, reproduced",
-      fmt::format("Rubio, Chamoin, Louf: Real-time Bayesian data assimilation with data selection, correction of "
-                  "model bias, and on-the-fly uncertainty propagation (2019), section 6, figure by figure. {}, seed {}, "
-                  "{} study in {:.0f} s.",
-                  k_created_by, options.seed, options.quick ? "quick" : "full", study.elapsed_s));
+      fmt::format(
+          "Rubio, Chamoin, Louf: Real-time Bayesian data assimilation with data selection, correction of "
+          "model bias, and on-the-fly uncertainty propagation (2019), section 6, figure by figure. {}, seed "
+          "{}, "
+          "{} study in {:.0f} s.",
+          k_created_by, options.seed, options.quick ? "quick" : "full", study.elapsed_s));
   page.cards(cards(study));
   page.paragraph(
-      "Each section computes a figure of the paper again, draws it as the paper does, and says in a table what the "
-      "paper found, what came out here, and why the two differ. What the paper does not say (supports, notch width, "
+      "Each section computes a figure of the paper again, draws it as the paper does, and says in a table "
+      "what the "
+      "paper found, what came out here, and why the two differ. What the paper does not say (supports, notch "
+      "width, "
       "mesh) was chosen; the last section repeats every conclusion under other choices.");
   for (const FigureRecord& figure : study.figures) {
     page.section(heading(figure));
@@ -106,9 +112,10 @@ std::string study_page(const Study& study, const StudyOptions& options) {
     }
   }
   page.section("Where this comes from");
-  std::vector<report::TableRow> rows = {{{"Program", k_created_by}},
-                                        {{"Seed", fmt::format("{}", options.seed)}},
-                                        {{"Time of the whole study", report::readable(study.elapsed_s) + " s"}}};
+  std::vector<report::TableRow> rows = {
+      {{"Program", k_created_by}},
+      {{"Seed", fmt::format("{}", options.seed)}},
+      {{"Time of the whole study", report::readable(study.elapsed_s) + " s"}}};
   const Json machine = report::machine_record();
   for (const auto& [name, value] : machine.items())
     rows.push_back({{"Machine: " + name, value.is_string() ? value.get<std::string>() : value.dump()}});

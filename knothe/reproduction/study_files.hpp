@@ -8,8 +8,8 @@
 
 namespace knothe::reproduction {
 
-/// The rows of a figure, one record each: figure, quantity, unit, paper, here, why, and paper_value and here_value
-/// where they are numbers.
+/// The rows of a figure, one record each: figure, quantity, unit, paper, here, why, and paper_value and
+/// here_value where they are numbers.
 [[nodiscard]] std::vector<nlohmann::ordered_json> row_records(const FigureRecord& figure);
 
 /// Everything in one object: program, machine, seeds, what was chosen, figures with rows, tables and series.

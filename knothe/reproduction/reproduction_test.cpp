@@ -1,0 +1,219 @@
+/// @file The parts of the study on a coarse beam; the whole of it is a nightly test (tests/cases/reproduce.py).
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <set>
+
+#include "knothe/files/json_line.hpp"
+#include "knothe/reproduction/bias.hpp"
+#include "knothe/reproduction/picture_selection.hpp"
+#include "knothe/reproduction/study.hpp"
+#include "knothe/reproduction/study_files.hpp"
+
+namespace knothe::reproduction {
+namespace {
+
+namespace fs = std::filesystem;
+
+BeamCase coarse_case() {
+  BeamCase c{"coarse", "elements of 20 mm, 12 steps", {}, 3};
+  c.problem.beam.element = 0.02;
+  c.problem.solver.steps = 12;
+  return c;
+}
+
+/// The models of the coarse beam, built once in a folder that goes when the tests end.
+class CoarseBeam : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    std::string name = (fs::temp_directory_path() / "knothe-reproduction-XXXXXX").string();
+    folder_ = mkdtemp(name.data());
+    subject_ = std::make_unique<Subject>(subject_of(prepare(coarse_case(), folder_, 2), 1));
+  }
+  static void TearDownTestSuite() {
+    subject_.reset();
+    fs::remove_all(folder_);
+  }
+  static std::string folder_;
+  static std::unique_ptr<Subject> subject_;
+};
+std::string CoarseBeam::folder_;
+std::unique_ptr<Subject> CoarseBeam::subject_;
+
+/// Every row says something in each column, and every number is finite.
+void expect_complete(const FigureRecord& record) {
+  EXPECT_FALSE(record.setting.empty());
+  EXPECT_FALSE(record.panels.empty());
+  for (const Row& row : record.rows)
+    for (const std::string* text : {&row.quantity, &row.unit, &row.paper, &row.here, &row.why})
+      EXPECT_FALSE(text->empty()) << record.number << ": " << row.quantity;
+  for (const auto& line : row_records(record)) EXPECT_NO_THROW((void)files::json_line(line));
+}
+
+const std::vector<double>& series(const FigureRecord& record, const std::string& name) {
+  const auto found = std::find_if(record.data.begin(), record.data.end(),
+                                  [&](const auto& entry) { return entry.first == name; });
+  EXPECT_NE(found, record.data.end()) << name;
+  return found->second;
+}
+
+TEST(Figure5, StressIsTheLawsClosedForm) {
+  const BeamCase chosen = reference_case();
+  const FigureRecord record = figure_5(chosen);
+  expect_complete(record);
+  const auto& elastic = chosen.problem.elastic;
+  const auto& strain = series(record, "strain_1e-4");
+  const auto& stress = series(record, "stress_MPa_Ad_1.5");
+  ASSERT_EQ(strain.size(), stress.size());
+  for (std::size_t i = 0; i < strain.size(); ++i) {
+    // Only the longitudinal strain is positive: Y = ½ (λ + 2μ) ε², and σ = E ε / (1 + A_d (Y − Y₀)).
+    const double e = 1e-4 * strain[i], y = 0.5 * (elastic.lambda() + 2 * elastic.mu()) * e * e;
+    const double divisor = 1 + std::max(0.0, 1.5 * 2.25e-3 * (y - 216.0));
+    EXPECT_NEAR(stress[i], 1e-6 * elastic.young_modulus * e / divisor, 1e-9) << i;
+  }
+}
+
+TEST(Smoothed, IsTheMeanOfNeighboursAndOfFewerAtTheEnds) {
+  EXPECT_EQ(smoothed({1, 2, 6, 4}, 3), (std::vector<double>{1.5, 3, 4, 5}));
+  EXPECT_EQ(smoothed({1, 2}, 1), (std::vector<double>{1, 2}));
+}
+
+/// u = τ L(x) + 2 a(x) b(τ) p q + c(x) d(τ) (2 − p)(3 − q): the terms are orthogonal over space and over time, so
+/// that the best single one is the larger of them.
+reduction::Snapshots two_terms() {
+  reduction::Snapshots s;
+  for (const char* name : {"Y0", "Ad"}) {
+    s.axes.emplace_back();
+    s.axes.back().name = name;
+    s.axes.back().nodes = {0.5, 1.0, 1.5};
+  }
+  s.time = {0.25, 0.5, 0.75, 1.0};
+  const double lift[] = {1, 2, 3, 4, 5, 6}, a[] = {1, 1, 1, 1, 1, 1}, c[] = {1, -1, 1, -1, 1, -1};
+  for (int i = 0; i < 6; ++i) {
+    s.dofs.points.insert(s.dofs.points.end(), {0.1 * i, 0.0, 0.0});
+    s.dofs.components.push_back(0);
+  }
+  for (const double t : s.time)
+    for (const double l : lift) s.lift.push_back(t * l);
+  const double b[] = {1, 2, 0, 0}, d[] = {0, 0, 1, 0.5};
+  for (const double p : s.axes[0].nodes)
+    for (const double q : s.axes[1].nodes)
+      for (int t = 0; t < 4; ++t)
+        for (int i = 0; i < 6; ++i)
+          s.values.push_back(s.time[t] * lift[i] + 2 * a[i] * b[t] * p * q + c[i] * d[t] * (2 - p) * (3 - q));
+  return s;
+}
+
+TEST(ModeByMode, FindsOrthogonalTermsOneByOne) {
+  const reduction::Snapshots snapshots = two_terms();
+  const reduction::SeparatedModel two(mode_by_mode(snapshots, 2, 1), "two");
+  const reduction::SeparatedModel one(mode_by_mode(snapshots, 1, 1), "one");
+  // Alternating least squares stop when nothing is gained any more, and squares lose half the digits.
+  EXPECT_LT(two.contents().max_error_m, 1e-6);
+  EXPECT_LT(two.contents().relative_error, 1e-7);
+  EXPECT_EQ(two.contents().parameter_modes, 2U);
+  // What one mode leaves is the second term: at most (2 − 0.5)(3 − 0.5).
+  EXPECT_NEAR(one.contents().max_error_m, 1.5 * 2.5, 1e-6);
+  for (std::size_t g = 0; g < snapshots.grid_size(); ++g) {
+    const auto field = two.evaluate(snapshots.parameters_at(g), 2).value;
+    for (std::size_t i = 0; i < 6; ++i) EXPECT_NEAR(field[i], snapshots.solution(g)[2 * 6 + i], 1e-6);
+  }
+}
+
+TEST(LiftAsMode, IsTheSameFunction) {
+  const reduction::SeparatedModel model(mode_by_mode(two_terms(), 2, 1), "two");
+  const reduction::SeparatedModel all = with_lift_as_mode(model);
+  EXPECT_EQ(all.contents().parameter_modes, 3U);
+  const std::vector<double> p = {0.7, 1.3};
+  for (std::size_t t = 0; t < 4; ++t) {
+    const auto before = model.evaluate(p, t).value, after = all.evaluate(p, t).value;
+    for (std::size_t i = 0; i < before.size(); ++i) EXPECT_NEAR(after[i], before[i], 1e-10);
+  }
+}
+
+TEST_F(CoarseBeam, ModelsAreKeptAndThoseOfAnotherCaseAreNot) {
+  const BeamModels again = prepare(coarse_case(), folder_, 2);
+  EXPECT_TRUE(again.kept);
+  EXPECT_EQ(again.paper.contents().temporal, subject_->models.paper.contents().temporal);
+  EXPECT_EQ(again.paper.contents().parameter_modes, 5U);
+  EXPECT_EQ(again.three.contents().parameter_modes, 2U);
+  EXPECT_LE(again.three_best.contents().relative_error, again.three.contents().relative_error * (1 + 1e-9));
+  BeamCase other = coarse_case();
+  other.what = "described otherwise";
+  EXPECT_FALSE(prepare(other, folder_, 2).kept);
+}
+
+TEST_F(CoarseBeam, TheSurfaceLiesBesideTheNotchAndItsMatrixIsSymmetric) {
+  const Surface surface = surface_of(coarse_case(), 1);
+  const Surface again = surface_of(coarse_case(), 1);
+  ASSERT_GT(surface.x.size(), 300U);
+  EXPECT_EQ(surface.sensors.size(), 2 * surface.x.size());
+  EXPECT_EQ(surface.matrix.rows(), static_cast<Eigen::Index>(surface.sensors.size()));
+  for (std::size_t a = 0; a < surface.x.size(); ++a)
+    EXPECT_FALSE(std::abs(surface.x[a]) < 0.01 && surface.y[a] < 0.02) << surface.x[a] << ", " << surface.y[a];
+  const Eigen::SparseMatrix<double> transposed = surface.matrix.transpose();
+  EXPECT_LT((surface.matrix - transposed).norm(), 1e-12 * surface.matrix.norm());
+  EXPECT_EQ((surface.matrix - again.matrix).norm(), 0.0);
+}
+
+TEST_F(CoarseBeam, PublishedChoiceIsTheThirtyLargestOfTheWeightedProduct) {
+  const Surface surface = surface_of(coarse_case(), 1);
+  const PublishedSelection s = select_as_published(subject_->models.paper, surface, subject_->truth, 5);
+  ASSERT_EQ(s.dofs.size(), 30U);
+  const std::set<Eigen::Index> chosen(s.dofs.begin(), s.dofs.end());
+  EXPECT_EQ(chosen.size(), 30U);
+  const Eigen::VectorXd dense = Eigen::MatrixXd(surface.matrix) *
+                                (s.sensitivity.col(0).array() * s.sensitivity.col(1).array()).matrix();
+  double least = INFINITY, most = 0;
+  for (Eigen::Index i = 0; i < dense.size(); ++i) {
+    if (chosen.contains(i))
+      least = std::min(least, std::abs(dense[i]));
+    else
+      most = std::max(most, std::abs(dense[i]));
+  }
+  EXPECT_GE(least, most * (1 - 1e-12));
+  const auto random = select_at_random(surface, 7);
+  EXPECT_EQ(std::set<Eigen::Index>(random.begin(), random.end()).size(), 30U);
+  EXPECT_EQ(random, select_at_random(surface, 7));
+  EXPECT_NE(random, select_at_random(surface, 8));
+}
+
+TEST_F(CoarseBeam, TheSameSeedGivesTheSameRunAndTheTruthIsFound) {
+  RunOptions options;
+  options.update = default_options(1);
+  options.marginals = true;
+  const auto model = observed(subject_->models.paper, subject_->sensors);
+  EXPECT_EQ(model->observations(), 60);
+  const auto run = assimilate(model, subject_->data, options), again = assimilate(model, subject_->data, options);
+  for (Eigen::Index k = 0; k < 2; ++k) {
+    EXPECT_EQ(run.mean(k), again.mean(k));
+    EXPECT_LT(run.off_by(k, 1.0), 4);
+    EXPECT_LT(run.std(k), run.std_at(0, k));
+    EXPECT_NEAR(run.mode_of_marginal(static_cast<std::size_t>(k)), run.mean(k), 2 * run.std(k));
+  }
+  EXPECT_GE(run.worst_off(subject_->truth).std, run.off_by(1, 1.0));
+}
+
+TEST_F(CoarseBeam, FiguresAreCompleteAndTheFilesHoldThem) {
+  StudyOptions options = StudyOptions::quickly();
+  options.reference = coarse_case();
+  options.repetitions = 1;
+  Study study;
+  study.figures = {figure_5(coarse_case()), figures_6_7(*subject_), figures_10_12(*subject_),
+                   figures_16_17(*subject_, options)};
+  for (const FigureRecord& figure : study.figures) expect_complete(figure);
+  const auto record = study_record(study, options);
+  EXPECT_EQ(record["figures"].size(), 4U);
+  EXPECT_EQ(record["seed"], 1);
+  EXPECT_NO_THROW((void)files::json_line(record));
+  const std::string page = study_page(study, options);
+  for (const char* text : {"Fig. 5.", "Fig. 6-7.", "Fig. 10-12.", "Fig. 16-17.", "why they differ", "</html>"})
+    EXPECT_NE(page.find(text), std::string::npos) << text;
+  for (const char* outside : {"<script", "<link", "src=", "url("}) EXPECT_EQ(page.find(outside), std::string::npos) << outside;
+}
+
+}  // namespace
+}  // namespace knothe::reproduction
