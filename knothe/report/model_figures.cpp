@@ -202,7 +202,7 @@ std::vector<Figure> crack_mode_figures(const reduction::SeparatedModel& model, s
   return figures;
 }
 
-Plot crack_coefficients_plot(const reduction::SeparatedModel& model, std::size_t count) {
+Plot crack_coefficients_plot(const reduction::SeparatedModel& model, std::size_t count, std::size_t first) {
   const auto& crack = model.contents().crack;
   Plot plot("Crack modes against the length", {"crack length (mm)"},
             {"\u03c3 v(l) (m per m of imposed displacement)"});
@@ -210,7 +210,7 @@ Plot crack_coefficients_plot(const reduction::SeparatedModel& model, std::size_t
   const std::size_t modes = crack.modes.size() / model.dof_count();
   std::vector<double> length;
   for (const double l : crack.length) length.push_back(1e3 * l);
-  for (std::size_t k = 0; k < std::min(count, modes); ++k) {
+  for (std::size_t k = first; k < std::min(count, modes); ++k) {
     std::vector<double> y;
     for (std::size_t i = 0; i < length.size(); ++i) y.push_back(crack.coefficients[i * modes + k]);
     plot.line(length, y, Paint::series(static_cast<int>(k)), fmt::format("mode {}", k + 1));

@@ -42,7 +42,9 @@ namespace knothe::report {
 [[nodiscard]] std::vector<Figure> crack_mode_figures(const reduction::SeparatedModel& model,
                                                      std::size_t count = 6);
 
-/// Their coefficients σ_k v_k(l) against the crack length (Fig. 12).
-[[nodiscard]] Plot crack_coefficients_plot(const reduction::SeparatedModel& model, std::size_t count = 6);
+/// Their coefficients σ_k v_k(l) against the crack length (Fig. 12), of the modes numbered `first` to `count`
+/// − 1.
+[[nodiscard]] Plot crack_coefficients_plot(const reduction::SeparatedModel& model, std::size_t count = 6,
+                                           std::size_t first = 0);
 
 }  // namespace knothe::report

@@ -111,8 +111,10 @@ FigureRecord figures_14_15(const Subject& subject, const StudyOptions& options) 
                            "std",
                            paper,
                            distance(run, p) + ", " + last_distances(run, p),
-                           fmt::format("Last: {}. With the two best modes: {}, {}.{}", estimates(run),
-                                       distance(other, p), last_distances(other, p), why),
+                           &run == &other
+                               ? fmt::format("Last: {}.", estimates(run))
+                               : fmt::format("Last: {}. With the two best modes: {}, {}.{}", estimates(run),
+                                             distance(other, p), last_distances(other, p), why),
                            {},
                            run.worst_off(p).std});
   };

@@ -27,8 +27,12 @@ FigureRecord figures_10_12(const Subject& subject) {
       {report::crack_figures(model, lengths), "Fig. 10: horizontal displacement for three lengths."});
   record.panels.push_back(
       {report::crack_mode_figures(model, 6), "Fig. 11: the first six space modes, scaled to 1."});
-  record.panels.push_back({{one(report::crack_coefficients_plot(model, 6), "Crack modes against the length")},
-                           "Fig. 12: the functions of the length, times their singular values."});
+  report::Figure functions{"Crack modes against the length", {}};
+  functions.columns = 2;
+  functions.plots = {report::crack_coefficients_plot(model, 2), report::crack_coefficients_plot(model, 6, 2)};
+  record.panels.push_back(
+      {{functions},
+       "Fig. 12: the functions of the length, times their singular values; the small ones apart."});
   // σ_k: the coefficients are σ_k v_k with orthonormal v_k.
   std::vector<double> sigma(modes, 0.0);
   for (std::size_t i = 0; i < crack.length.size(); ++i)

@@ -1,4 +1,5 @@
-/// @file The parts of the study on a coarse beam; the whole of it is a nightly test (tests/cases/reproduce.py).
+/// @file The parts of the study on a coarse beam; the whole of it is a nightly test
+/// (tests/cases/reproduce.py).
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -81,8 +82,8 @@ TEST(Smoothed, IsTheMeanOfNeighboursAndOfFewerAtTheEnds) {
   EXPECT_EQ(smoothed({1, 2}, 1), (std::vector<double>{1, 2}));
 }
 
-/// u = τ L(x) + 2 a(x) b(τ) p q + c(x) d(τ) (2 − p)(3 − q): the terms are orthogonal over space and over time, so
-/// that the best single one is the larger of them.
+/// u = τ L(x) + 2 a(x) b(τ) p q + c(x) d(τ) (2 − p)(3 − q): the terms are orthogonal over space and over
+/// time, so that the best single one is the larger of them.
 reduction::Snapshots two_terms() {
   reduction::Snapshots s;
   for (const char* name : {"Y0", "Ad"}) {
@@ -153,7 +154,8 @@ TEST_F(CoarseBeam, TheSurfaceLiesBesideTheNotchAndItsMatrixIsSymmetric) {
   EXPECT_EQ(surface.sensors.size(), 2 * surface.x.size());
   EXPECT_EQ(surface.matrix.rows(), static_cast<Eigen::Index>(surface.sensors.size()));
   for (std::size_t a = 0; a < surface.x.size(); ++a)
-    EXPECT_FALSE(std::abs(surface.x[a]) < 0.01 && surface.y[a] < 0.02) << surface.x[a] << ", " << surface.y[a];
+    EXPECT_FALSE(std::abs(surface.x[a]) < 0.01 && surface.y[a] < 0.02)
+        << surface.x[a] << ", " << surface.y[a];
   const Eigen::SparseMatrix<double> transposed = surface.matrix.transpose();
   EXPECT_LT((surface.matrix - transposed).norm(), 1e-12 * surface.matrix.norm());
   EXPECT_EQ((surface.matrix - again.matrix).norm(), 0.0);
@@ -187,7 +189,8 @@ TEST_F(CoarseBeam, TheSameSeedGivesTheSameRunAndTheTruthIsFound) {
   options.marginals = true;
   const auto model = observed(subject_->models.paper, subject_->sensors);
   EXPECT_EQ(model->observations(), 60);
-  const auto run = assimilate(model, subject_->data, options), again = assimilate(model, subject_->data, options);
+  const auto run = assimilate(model, subject_->data, options),
+             again = assimilate(model, subject_->data, options);
   for (Eigen::Index k = 0; k < 2; ++k) {
     EXPECT_EQ(run.mean(k), again.mean(k));
     EXPECT_LT(run.off_by(k, 1.0), 4);
@@ -210,9 +213,11 @@ TEST_F(CoarseBeam, FiguresAreCompleteAndTheFilesHoldThem) {
   EXPECT_EQ(record["seed"], 1);
   EXPECT_NO_THROW((void)files::json_line(record));
   const std::string page = study_page(study, options);
-  for (const char* text : {"Fig. 5.", "Fig. 6-7.", "Fig. 10-12.", "Fig. 16-17.", "why they differ", "</html>"})
+  for (const char* text :
+       {"Fig. 5.", "Fig. 6-7.", "Fig. 10-12.", "Fig. 16-17.", "why they differ", "</html>"})
     EXPECT_NE(page.find(text), std::string::npos) << text;
-  for (const char* outside : {"<script", "<link", "src=", "url("}) EXPECT_EQ(page.find(outside), std::string::npos) << outside;
+  for (const char* outside : {"<script", "<link", "src=", "url("})
+    EXPECT_EQ(page.find(outside), std::string::npos) << outside;
 }
 
 }  // namespace

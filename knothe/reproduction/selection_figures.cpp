@@ -161,10 +161,11 @@ FigureRecord figures_16_17(const Subject& subject, const StudyOptions& options) 
   record.panels.push_back(
       {{fields}, "Fig. 16: |∂u/∂Y₀|, |∂u/∂A_d| and their product, horizontal (above) and vertical."});
   std::vector<double> along[2];
-  for (Index i = 0; i < s.weighted.size(); ++i) along[i % 2].push_back(1e9 * s.weighted[i]);
+  const double largest = s.weighted.cwiseAbs().maxCoeff();
+  for (Index i = 0; i < s.weighted.size(); ++i) along[i % 2].push_back(s.weighted[i] / largest);
   record.panels.push_back(
-      {{surface_figure(surface, "M_DIC S₁₂, x direction", along[0], "arbitrary unit", {}),
-        surface_figure(surface, "M_DIC S₁₂, y direction", along[1], "arbitrary unit", {}),
+      {{surface_figure(surface, "M_DIC S₁₂, x direction", along[0], "largest = 1", {}),
+        surface_figure(surface, "M_DIC S₁₂, y direction", along[1], "largest = 1", {}),
         surface_figure(surface, "The 30 dofs chosen", along[0], "x direction", s.dofs)},
        "Fig. 17: the product weighted by the matrix of the image correlation, and the 30 dofs where it "
        "is largest."});

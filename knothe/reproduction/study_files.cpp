@@ -31,7 +31,8 @@ std::vector<report::Card> cards(const Study& study) {
   std::vector<report::Card> cards;
   const auto add = [&](const char* name, const char* number, const char* begins, const char* unit) {
     if (const Row* row = row_of(study, number, begins))
-      cards.push_back({name, row->here + unit, "paper: " + row->paper + unit, false});
+      cards.push_back(
+          {name, report::readable(row->here_value.value_or(0)) + unit, "paper: " + row->paper + unit, false});
   };
   add("Y₀, truth 1", "8-9", "Y₀: maximum", "");
   add("A_d, truth 1", "8-9", "A_d: maximum", "");

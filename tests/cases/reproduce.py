@@ -1,4 +1,5 @@
 """knothe reproduce: what it says before it works, and what an interruption leaves. Its parts are tested in knothe/reproduction."""
+import json
 import os
 import signal
 import subprocess
@@ -37,6 +38,31 @@ class Test(Case):
         # The figure that needs no model is out already, as JSON lines and nothing else.
         self.assertIn('"figure":"5"', out)
         self.assertFalse((self.folder / "study" / "reproduce.html").exists())
+
+    def test_the_quick_study_is_complete(self):
+        """Nightly: minutes. Every figure has rows; numbers are near the paper's where they should be."""
+        lines = self.expect(0, "reproduce", "--quick", "--json", "-o", "study", timeout=1700).lines()
+        last = lines.pop()
+        self.assertIs(last["done"], True)
+        figures = ["5", "6-7", "8-9", "10-12", "13", "14-15", "16-17", "18", "choices"]
+        self.assertEqual(list(dict.fromkeys(line["figure"] for line in lines)), figures)
+        for line in lines:
+            for key in ("quantity", "unit", "paper", "here", "why"):
+                self.assertTrue(line[key], line)
+
+        def value(figure, begins):
+            (line,) = [l for l in lines if l["figure"] == figure and l["quantity"].startswith(begins)]
+            return line["here_value"]
+
+        self.assertAlmostEqual(value("8-9", "A_d: maximum"), 1, delta=0.05)
+        self.assertAlmostEqual(value("8-9", "Y₀: maximum"), 1, delta=0.5)
+        self.assertGreater(value("8-9", "CPU time"), 3)
+        self.assertAlmostEqual(value("13", "the same, coarse"), 37.6, delta=3)
+        self.assertGreater(value("14-15", "m = 3: the same"), 3)
+        self.assertEqual(value("16-17", "chosen dofs right"), 100)
+        record = json.loads((self.folder / "study" / "reproduce.json").read_text())
+        self.assertEqual([figure["figure"] for figure in record["figures"]], figures)
+        self.assertIn("</html>", (self.folder / "study" / "reproduce.html").read_text())
 
 
 if __name__ == "__main__":
