@@ -1,0 +1,51 @@
+"""deploy/: the unit is one that systemd accepts, the container has what the program links, and the Grafana page asks for metrics that there are.
+
+usage: check_deploy.py SOURCE PROGRAM
+"""
+import json
+import pathlib
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+
+source, program = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2])
+wrong = []
+
+if shutil.which("systemd-analyze"):
+    with tempfile.TemporaryDirectory() as folder:
+        # The program need not be installed to look at the unit.
+        unit = (source / "deploy/knothe@.service").read_text().replace("/usr/local/bin/knothe", str(program.resolve()))
+        path = pathlib.Path(folder) / "knothe@beam.service"
+        path.write_text(unit)
+        done = subprocess.run(["systemd-analyze", "verify", "--man=no", path], capture_output=True, text=True)
+        said = [line for line in done.stderr.splitlines() if path.name in line]
+        wrong += said if done.returncode or said else []
+else:
+    print("no systemd-analyze here: the unit is not looked at")
+
+final = (source / "deploy/Containerfile").read_text().split("FROM ")[-1]
+linked = [line.split()[2] for line in subprocess.run(["ldd", program], capture_output=True, text=True).stdout.splitlines() if "=> /" in line]
+needed = set()
+for line in subprocess.run(["readelf", "-d", program], capture_output=True, text=True).stdout.splitlines():
+    if name := re.search(r"NEEDED.*\[(.*)\]", line):
+        needed |= {path for path in linked if pathlib.Path(path).name == name[1]}
+for path in sorted(needed):
+    owner = subprocess.run(["dpkg", "-S", pathlib.Path(path).resolve()], capture_output=True, text=True).stdout.split(":")[0]
+    if owner and owner not in ("libc6", "libstdc++6", "libgcc-s1") and "san" not in owner and not re.search(rf"\b{re.escape(owner)}(?![\w-])", final):
+        wrong.append(f"deploy/Containerfile: {path} is of the package {owner}, which the image lacks")
+
+served = set()
+for path in (source / "knothe/service").glob("*.cpp"):
+    served |= set(re.findall(r'"(knothe_[a-z_]+)"', path.read_text()))
+board = json.loads((source / "deploy/grafana.json").read_text())
+asked = set(re.findall(r"\bknothe_[a-z_]+", json.dumps(board)))
+for name in sorted(asked):
+    if name not in served and re.sub("_(bucket|count|sum)$", "", name) not in served:
+        wrong.append(f"deploy/grafana.json: {name} is no metric of the service")
+if not asked or not board.get("panels"):
+    wrong.append("deploy/grafana.json: shows nothing")
+
+print("\n".join(wrong) or f"deploy/ fits: {len(needed)} libraries, {len(asked)} metrics")
+sys.exit(1 if wrong else 0)
