@@ -5,6 +5,7 @@
 #include <functional>
 #include <new>
 #include <string>
+#include <string_view>
 #include <system_error>
 
 #include "knothe/base/cancellation.hpp"
@@ -25,12 +26,12 @@ inline int guarded_main(const char* program, const std::function<int()>& command
   } catch (const std::system_error& error) {
     std::fprintf(stderr, "%s: error: %s\n", program, error.what());
     return static_cast<int>(ExitStatus::io);
-  } catch (const ProjectError& error) {
-    // Project errors carry file:line:column themselves.
-    std::fprintf(stderr, "%s\n", error.what());
-    return static_cast<int>(error.status());
   } catch (const Error& error) {
-    std::fprintf(stderr, "%s: error: %s\n", program, error.what());
+    // Where a text file is to blame the message begins with file:line:column, for editors that jump there.
+    const std::string_view words = error.what();
+    const bool names_its_place = words.find(": error: ") != std::string_view::npos;
+    std::fprintf(stderr, "%s%s%s\n", names_its_place ? "" : program,
+                 names_its_place ? "" : ": error: ", error.what());
     return static_cast<int>(error.status());
   } catch (const std::bad_alloc&) {
     std::fprintf(stderr, "%s: error: out of memory\n", program);

@@ -106,6 +106,7 @@ class Output {
     if (!arguments.at.empty()) {
       if (arguments.output.empty())
         throw UsageError("--at needs -o: a CSV file, or a folder for several pictures");
+      files::refuse_overwriting(arguments.output, {arguments.at});
       const files::CsvTable table = files::CsvTable::read(arguments.at);
       const auto x = table.numbers("x"), y = table.numbers("y");
       points_.resize(static_cast<Eigen::Index>(x.size()), 2);

@@ -9,6 +9,7 @@
 #include "apps/knothe/commands.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/base/version.hpp"
+#include "knothe/files/atomic_file.hpp"
 
 namespace {
 
@@ -34,6 +35,7 @@ void add_offline(CLI::App& app, Command& chosen) {
   command.add_flag("--json", json, "JSON lines on stdout");
   command.callback([&] {
     chosen = [] {
+      knothe::files::refuse_overwriting(model, {project});
       std::vector<std::string> words = {"offline", project, "-o", model};
       if (!method.empty()) words.insert(words.end(), {"--method", method});
       if (json) words.emplace_back("--json");
@@ -351,12 +353,13 @@ int main(int argc, char** argv) {
   add_doctor(app, chosen);
   try {
     app.parse(argc, argv);
-  } catch (const CLI::RequiredError& error) {
-    const std::string unknown = unknown_command(app, argc, argv);
-    if (unknown.empty()) return app.exit(error), static_cast<int>(knothe::ExitStatus::usage);
-    std::fprintf(stderr, "knothe: error: %s\nRun with --help for more information.\n", unknown.c_str());
-    return static_cast<int>(knothe::ExitStatus::usage);
   } catch (const CLI::ParseError& error) {
+    // A request for help is one of these, with a misspelt command before it too.
+    const std::string unknown = unknown_command(app, argc, argv);
+    if (!unknown.empty()) {
+      std::fprintf(stderr, "knothe: error: %s\nRun with --help for more information.\n", unknown.c_str());
+      return static_cast<int>(knothe::ExitStatus::usage);
+    }
     return app.exit(error) == 0 ? 0 : static_cast<int>(knothe::ExitStatus::usage);
   }
   return knothe::guarded_main("knothe", chosen);

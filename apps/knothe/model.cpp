@@ -8,6 +8,7 @@
 #include "apps/knothe/commands.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
+#include "knothe/files/atomic_file.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/reduction/compression.hpp"
 #include "knothe/reduction/separated_model.hpp"
@@ -114,6 +115,7 @@ int model_evaluate(const EvaluateArguments& arguments) {
   }
   const auto step = static_cast<std::size_t>(arguments.step);
   if (!arguments.output.empty()) {
+    files::refuse_overwriting(arguments.output, {arguments.model});
     if (!model.contents().mesh)
       throw DataError(model.where() + ": the model has no mesh: there is no field to write");
     reduction::write_field(model.contents(), model.evaluate(point, step).value, model.contents().time[step],
@@ -147,6 +149,7 @@ int model_import(const ImportArguments& arguments) {
   options.modes = static_cast<std::size_t>(arguments.modes);
   if (arguments.tolerance > 0) options.tolerance = arguments.tolerance;
   options.quiet = false;
+  files::refuse_overwriting(arguments.output, {arguments.snapshots});
   const reduction::ModelContents model = reduction::import_model(arguments.snapshots, options);
   reduction::write_model(model, arguments.output);
   fmt::print(
@@ -154,6 +157,9 @@ int model_import(const ImportArguments& arguments) {
       "µm\n",
       arguments.output, arguments.form, model.space_modes, model.parameter_modes, model.relative_error,
       model.max_error_m * 1e6);
+  if (arguments.tolerance > 0 && model.relative_error > arguments.tolerance)
+    fmt::print(stderr, "note: --modes {} is too few for --tolerance {:g}\n", arguments.modes,
+               arguments.tolerance);
   return 0;
 }
 

@@ -4,6 +4,7 @@
 
 #include "apps/knothe/commands.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/files/atomic_file.hpp"
 #include "knothe/project/picture_simulation.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/project/simulation.hpp"
@@ -12,6 +13,7 @@
 namespace knothe::commands {
 
 int simulate(const SimulateArguments& arguments) {
+  files::refuse_overwriting(arguments.output, {arguments.project, arguments.model});
   if (arguments.model.empty()) {
     std::vector<std::string> words = {"simulate", arguments.project, "-o", arguments.output};
     if (arguments.seed) words.insert(words.end(), {"--seed", std::to_string(*arguments.seed)});

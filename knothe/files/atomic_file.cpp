@@ -96,6 +96,13 @@ void write_text_atomically(const std::string& path, const std::string& text) {
   });
 }
 
+void refuse_overwriting(const std::string& output, std::initializer_list<std::string> inputs) {
+  std::error_code none;
+  for (const std::string& input : inputs)
+    if (!input.empty() && fs::equivalent(output, input, none))
+      throw UsageError(fmt::format("-o {}: is what the command reads; give another name", output));
+}
+
 void require_writable_folder(const std::string& folder) {
   std::error_code failure;
   std::filesystem::create_directories(folder, failure);

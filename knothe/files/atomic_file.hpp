@@ -1,6 +1,7 @@
 #pragma once
 /// @file Files appear whole or not at all.
 #include <functional>
+#include <initializer_list>
 #include <string>
 
 namespace knothe::files {
@@ -13,6 +14,10 @@ void write_atomically(const std::string& path,
 
 /// The same for a text.
 void write_text_atomically(const std::string& path, const std::string& text);
+
+/// Refuses an output that is one of the inputs, by whatever name: UsageError. Inputs that are "" or not there
+/// do not count.
+void refuse_overwriting(const std::string& output, std::initializer_list<std::string> inputs);
 
 /// Makes the folder for results where it is not there, and tells before the work, not after it, that nothing
 /// can be written there. Errors: IoError.

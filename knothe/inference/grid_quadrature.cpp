@@ -18,11 +18,25 @@ constexpr double k_depth = 22;  ///< natural logarithms below the maximum at whi
 constexpr double k_most_nodes = 120'000;
 constexpr int k_first_nodes[] = {257, 65, 25};  ///< per axis, by dimension; faces are looked at as finely
 
-/// A box of u, and the target seen there.
+/// An orthogonal matrix (a reflection) whose rows have incommensurable entries. Nodes of a lattice along the
+/// axes of the parameters share coordinates, and a marginal quantile of such a lattice is one of its few
+/// values; seen along this one's axes every node has coordinates of its own. Moments do not mind the turn.
+Eigen::MatrixXd turned_axes(Eigen::Index d) {
+  // Of some twenty tried the best: quantiles of 25³ nodes are within 0.014 standard deviations of a
+  // Gaussian's.
+  const Eigen::VectorXd v = Eigen::Vector3d(1, std::sqrt(0.106), std::sqrt(0.708)).head(d);
+  return Eigen::MatrixXd::Identity(d, d) - 2 / v.squaredNorm() * v * v.transpose();
+}
+
+/// A box of u, and the target seen there: z = centre + L Q u, L of Laplace's covariance, Q the turned axes.
 class WhitenedBox {
  public:
   WhitenedBox(sampling::CheckedDensity& target, const std::vector<sampling::Mode>& modes)
-      : target_(target), centre_(modes[0].point), lower_factor_(modes[0].lower), top_(modes[0].value) {
+      : target_(target),
+        centre_(modes[0].point),
+        turned_(turned_axes(centre_.size())),
+        lower_factor_(modes[0].lower),
+        top_(modes[0].value) {
     const Eigen::Index d = centre_.size();
     lower_ = Eigen::VectorXd::Constant(d, -5);
     upper_ = Eigen::VectorXd::Constant(d, 5);
@@ -60,7 +74,7 @@ class WhitenedBox {
     return sum;
   }
   [[nodiscard]] Eigen::MatrixXd to_z(const Eigen::MatrixXd& u) const {
-    return (u * lower_factor_.transpose()).rowwise() + centre_.transpose();
+    return (u * (lower_factor_ * turned_).transpose()).rowwise() + centre_.transpose();
   }
   [[nodiscard]] Eigen::VectorXd log_density(const Eigen::MatrixXd& u) {
     target_.evaluate(to_z(u), 0, batch_);
@@ -70,7 +84,7 @@ class WhitenedBox {
 
  private:
   [[nodiscard]] Eigen::MatrixXd to_u_direction(const Eigen::MatrixXd& v) const {
-    return lower_factor_.triangularView<Eigen::Lower>().solve(v);
+    return turned_.transpose() * lower_factor_.triangularView<Eigen::Lower>().solve(v);
   }
   [[nodiscard]] Eigen::VectorXd to_u(const Eigen::VectorXd& z) const { return to_u_direction(z - centre_); }
 
@@ -99,7 +113,7 @@ class WhitenedBox {
 
   sampling::CheckedDensity& target_;
   Eigen::VectorXd centre_;
-  Eigen::MatrixXd lower_factor_;
+  Eigen::MatrixXd turned_, lower_factor_;
   double top_;
   Eigen::VectorXd lower_, upper_;
   sampling::LogDensityBatch batch_;

@@ -37,6 +37,20 @@ TEST(GridQuadrature, NarrowRotatedGaussianInThreeDimensions) {
   }
 }
 
+TEST(GridQuadrature, QuantilesOfIndependentParametersAreNotNodesOfTheLattice) {
+  targets::Gaussian gaussian(Eigen::Vector3d(1, -2, 0), Eigen::Vector3d(4, 1, 100).asDiagonal());
+  sampling::CheckedDensity target(gaussian);
+  const GridQuadrature grid = grid_quadrature(target);
+  const WeightedSummary summary = summarise(grid.points, grid.weights);
+  const std::array<double, 5> exact = {-1.959963985, -0.6744897502, 0, 0.6744897502, 1.959963985};
+  for (Eigen::Index k = 0; k < 3; ++k)
+    for (std::size_t l = 0; l < exact.size(); ++l)
+      EXPECT_NEAR((summary.quantiles(k, static_cast<Eigen::Index>(l)) - gaussian.mean[k]) *
+                      std::sqrt(gaussian.precision(k, k)),
+                  exact[l], 0.02)
+          << "parameter " << k << ", level " << l;
+}
+
 TEST(GridQuadrature, BananaAndTwoModes) {
   targets::Planar banana(targets::banana(1, 0, 0.5));
   sampling::CheckedDensity target(banana);

@@ -49,6 +49,11 @@ struct UmbridgeModel::Protocol {
   Point point;
 
   [[nodiscard]] Json ask(const std::string& route, Json request) const {
+    if (!point.allFinite())  // JSON has no word for it
+      throw NumericalError(
+          fmt::format("the search for the posterior left the numbers there are, at {}: are the priors' "
+                      "scales under [parameters] right?",
+                      model.describe(point)));
     request["name"] = model.settings_.name;
     request["config"] = Json::parse(model.settings_.config);
     request["input"] = umbridge::cut(point, model.input_sizes_);

@@ -137,6 +137,9 @@ InferenceSetup set_up_inference(const Project& project) {
   project.require(!project.parameters.empty(), "a table [parameters] with a prior for each parameter");
   project.require(server || project.observations || !project.data.empty(),
                   "observations: a table [observations], or `data = \"DATA.h5\"`");
+  if (project.observations && !project.data.empty())
+    throw project.error_at("observations",
+                           "[observations] and `data` both say what was observed: leave one of them out");
   InferenceSetup setup;
   for (const NamedPrior& parameter : project.parameters) {
     setup.parameters.push_back(parameter.name);

@@ -8,7 +8,7 @@ import unittest
 from support import KNOTHE, REPOSITORY, Case
 
 COMMANDS = [["check"], ["offline"], ["model", "info"], ["model", "evaluate"], ["model", "import"], ["model", "verify"],
-            ["simulate"], ["assimilate"], ["infer"], ["forecast"], ["report"]]
+            ["simulate"], ["assimilate"], ["infer"], ["select"], ["dic"], ["serve"], ["reproduce"], ["forecast"], ["report"]]
 
 
 class Test(Case):
@@ -32,6 +32,22 @@ class Test(Case):
 
     def test_an_unknown_command_of_model_is_named(self):
         self.expect(2, "model", "inof", "x.h5", stderr=["inof", 'did you mean "info"?'])
+
+    def test_help_of_an_unknown_command_is_no_success(self):
+        self.expect(2, "asimilate", "--help", stderr='did you mean "assimilate"?')
+
+    def test_what_is_read_is_not_written_over(self):
+        for command in (["model", "import", "f", "-o", "./f"], ["simulate", "f", "-o", "f"], ["simulate", "p", "--model", "f", "-o", "f"],
+                        ["offline", "f", "-o", "f"]):
+            with self.subTest(command=command):
+                (self.folder / "f").write_text("precious")
+                self.expect(2, *command, stderr="is what the command reads; give another name")
+                self.assertEqual((self.folder / "f").read_text(), "precious")
+
+    def test_a_folder_of_a_comparison_names_its_parts(self):
+        (self.folder / "results").mkdir()
+        (self.folder / "results" / "comparison.json").write_text("{}")
+        self.expect(2, "report", "results", "-o", "r.html", stderr=["holds a comparison", "results/transport"])
 
     def test_an_unknown_option_is_wrong_usage(self):
         self.expect(2, "assimilate", "x.toml", "--fast", stderr="--fast")

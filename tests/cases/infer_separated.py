@@ -82,6 +82,11 @@ class Test(Case):
         self.use_observations("values = [0.0]", "std = [1e-6]")
         self.expect_refused(3, '"steps"')
 
+    def test_data_and_observations_are_one_too_many(self):
+        with open(self.project, "a") as file:
+            file.write("\n[observations]\nsteps = [3]\ndofs = [0]\nvalues = [1.0]\nstd = [0.1]\n")
+        self.expect(3, "infer", self.project_name, stderr="both say what was observed: leave one of them out")
+
     def test_no_data(self):
         self.edit('data = "data.h5"\n', "")
         self.expect_refused(3, "this command needs observations")
