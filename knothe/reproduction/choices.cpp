@@ -206,7 +206,7 @@ FigureRecord other_choices(const Subject& subject, const Subject& soft, const St
         "Y₀ acts only while the crack starts.",
         [](const Conclusions& c) { return c.learnt[1] < c.learnt[0]; });
   count(record, all, "with m = 3 the truth is off by more than 3 std at some step", "wrong estimation",
-        "With m = 6 it never is.", [](const Conclusions& c) { return c.biased > 3 && c.reference < 3; });
+        "And with m = 6 it is not.", [](const Conclusions& c) { return c.biased > 3 && c.reference < 3; });
   count(record, all, "evidence is lost with m = 3", "evidence drops", "Whether or not the estimate is wrong.",
         [](const Conclusions& c) { return c.evidence_lost > 0; });
   count(record, all, "the paper's correction brings the worst mean nearer to the truth, in std",
