@@ -13,6 +13,7 @@
 #include <set>
 
 #include "apps/knothe/commands.hpp"
+#include "apps/knothe/crack_line.hpp"
 #include "knothe/assimilation/measurements.hpp"
 #include "knothe/assimilation/sequential_update.hpp"
 #include "knothe/assimilation/time_matching.hpp"
@@ -22,6 +23,7 @@
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/forecast/forecaster.hpp"
+#include "knothe/imaging/camera_drift.hpp"
 #include "knothe/imaging/displacement_files.hpp"
 #include "knothe/project/model_comparison.hpp"
 #include "knothe/project/picture_measurements.hpp"
@@ -189,18 +191,25 @@ project::PictureDatum next_picture(project::PictureMeasurements& pictures, std::
 }
 
 /// What a step's line says of its picture; the time line begins where the picture is in memory.
-void add_picture(nlohmann::ordered_json& line, const project::PictureDatum& datum) {
+void add_picture(nlohmann::ordered_json& line, const project::PictureDatum& datum,
+                 const project::PictureMeasurements& pictures) {
   const imaging::PictureResult& r = datum.picture;
+  // The camera's motions are no data that are missing.
+  line["missing"] = line["missing"].get<int>() - imaging::drift_modes(pictures.series().options().drift);
   line["picture"] = {{"name", r.picture},
                      {"missing", r.missing},
                      {"iterations", r.correlation.iterations},
                      {"residual_rms", r.correlation.residual_rms},
                      {"elements_rejected", r.correlation.elements_rejected}};
   if (r.missing) line["picture"]["message"] = r.message;
+  if (r.crack) line["picture"]["crack"] = crack_line(*r.crack, pictures.frame());
   auto& elapsed = line["elapsed_us"];
   elapsed["correlation"] = datum.correlation_us;
   elapsed["precision"] = datum.precision_us;
-  elapsed["total"] = elapsed["total"].get<double>() + datum.correlation_us + datum.precision_us;
+  double total = elapsed["total"].get<double>() + datum.correlation_us + datum.precision_us;
+  elapsed["wait"] = datum.wait_us;
+  if (r.crack) elapsed["crack"] = 1e3 * r.crack_ms, total += 1e3 * r.crack_ms;
+  elapsed["total"] = total;
 }
 
 /// FROM:TO of `--redo`.
@@ -256,7 +265,8 @@ int assimilate(const AssimilateArguments& arguments) {
     if (setup.pictures) picture = next_picture(*setup.pictures, step, setup, update, results);
     const assimilation::UpdateResult& result = update.update(
         step, setup.time_indices[step], setup.measurements.values.col(static_cast<Eigen::Index>(step)));
-    if (!picture)  // a node on a crack is no sensor that fell silent
+    // A node on a crack is no sensor that fell silent, nor is a camera's drift.
+    if (!picture && setup.measurements.noise.is_independent())
       watch.look(setup.measurements.values.col(static_cast<Eigen::Index>(step)),
                  setup.observed->predict(middle, setup.time_indices[step]));
     report_sensors(watch, step, reported);
@@ -271,7 +281,7 @@ int assimilate(const AssimilateArguments& arguments) {
       if (update.sensors() != nullptr) record["sensors"] = sensor_record(*update.sensors());
       if (!watch.stuck().empty()) record["stuck"] = watch.stuck();
       if (!watch.absent().empty()) record["absent"] = watch.absent();
-      if (picture) add_picture(record, *picture);
+      if (picture) add_picture(record, *picture, *setup.pictures);
       if (!comparison.empty()) record["models"] = report::model_records(comparison);
       fmt::print("{}\n", files::json_line(record));
       std::fflush(stdout);

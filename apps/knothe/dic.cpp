@@ -1,12 +1,14 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cstdio>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <optional>
 
 #include "apps/knothe/commands.hpp"
+#include "apps/knothe/crack_line.hpp"
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/progress.hpp"
@@ -15,6 +17,7 @@
 #include "knothe/files/json_line.hpp"
 #include "knothe/files/vtu.hpp"
 #include "knothe/imaging/displacement_files.hpp"
+#include "knothe/imaging/pattern_report.hpp"
 #include "knothe/imaging/picture_series.hpp"
 #include "knothe/project/picture_measurements.hpp"
 #include "knothe/project/project_file.hpp"
@@ -26,6 +29,8 @@ namespace {
 
 namespace fs = std::filesystem;
 using imaging::PictureResult;
+
+constexpr std::chrono::seconds k_save_every{30};
 
 /// All that the two forms of the command have in common once their arguments are read.
 struct Task {
@@ -52,21 +57,26 @@ Task task_of(const DicArguments& a) {
     if (read.pictures.frame) task.frame = project::picture_frame_of(read, mesh);
     task.project_text = read.text;
   } else {
-    if (a.files.size() < 2)
+    if (a.files.size() < 2 && !(a.pattern && !a.files.empty()))
       throw UsageError(
-          "dic takes a project file (.toml), or a reference picture and at least one deformed one");
-    task.series.references = {a.files.front()};
-    task.series.pictures.assign(a.files.begin() + 1, a.files.end());
+          "dic takes a project file (.toml), or a reference picture and at least one deformed one; --pattern "
+          "takes "
+          "the reference alone");
+    // Several pictures to be judged are several of the unloaded surface: their differences tell the noise.
+    task.series.references.assign(a.files.begin(), a.pattern ? a.files.end() : a.files.begin() + 1);
+    if (!a.pattern) task.series.pictures.assign(a.files.begin() + 1, a.files.end());
   }
   if (a.element_size) task.series.element_size = *a.element_size;
   if (!a.region.empty()) task.series.region = parse_region(a.region);
   if (!a.mask.empty()) task.series.mask = a.mask;
+  if (a.crack && !task.series.crack) task.series.crack = imaging::CrackOptions{};
+  if (a.pattern) task.series.pictures.clear(), task.series.times.clear();
   if (a.prefilter) task.series.correlation.prefilter_sigma = *a.prefilter;
   return task;
 }
 
-nlohmann::ordered_json json_of(const imaging::PictureSeries& series, const PictureResult& r,
-                               double noise_std) {
+nlohmann::ordered_json json_of(const imaging::PictureSeries& series, const PictureResult& r, double noise_std,
+                               const std::optional<imaging::PictureFrame>& frame) {
   const auto& c = r.correlation;
   nlohmann::ordered_json line = {{"picture", r.picture},
                                  {"iterations", c.iterations},
@@ -83,6 +93,7 @@ nlohmann::ordered_json json_of(const imaging::PictureSeries& series, const Pictu
                                  {"searched", c.searched},
                                  {"missing", r.missing}};
   if (r.missing) line["message"] = r.message;
+  if (r.crack) line["crack"] = crack_line(*r.crack, frame);
   return line;
 }
 
@@ -121,6 +132,8 @@ class Output {
     } else if (has_ending(".vtu") && several()) {
       throw UsageError("-o: several pictures need a series, .pvd");
     }
+    if (arguments.resume && !has_ending(".h5"))
+      throw UsageError("--resume needs -o FILE.h5, what it goes on with");
     if (!arguments.maps.empty()) files::require_writable_folder(arguments.maps);
   }
 
@@ -171,6 +184,15 @@ void print_for_people(const PictureResult& r, double noise_std,
   if (c.elements_rejected > 0)
     text += fmt::format(", {} elements without a measurement", c.elements_rejected);
   fmt::print("{}, {:.0f} ms\n", text, r.elapsed_ms);
+  if (r.crack) fmt::print("    {}\n", crack_text(*r.crack, frame));
+}
+
+void write_table(const std::string& path, const imaging::PictureSeries& series,
+                 const std::vector<PictureResult>& results,
+                 const std::optional<imaging::PictureFrame>& frame) {
+  const double noise = std::max(imaging::k_quantisation_noise, imaging::series_noise(series, results));
+  const auto precision = series.precision(series.correlation().usable_elements(), noise);
+  imaging::write_reporting_table(path, imaging::reporting_table(series, frame, noise, precision.std));
 }
 
 /// 0 if any picture was measured; otherwise why not: unreadable or unsuitable (4), or not converged (6).
@@ -182,13 +204,79 @@ int verdict(const std::vector<PictureResult>& results) {
   return static_cast<int>(read ? ExitStatus::numerical : ExitStatus::data);
 }
 
+/// --pattern: what is to be expected of a test with this surface and camera.
+int judge_pattern(const DicArguments& arguments, const Task& task) {
+  if (!arguments.at.empty() || !arguments.output.empty() || arguments.resume)
+    throw UsageError(
+        "--pattern measures nothing: it takes --maps, --table and --json, not --at, -o or --resume");
+  const imaging::PictureSeries series(task.series);
+  const imaging::PatternReport r = imaging::pattern_report(series);
+  if (!arguments.table.empty())
+    imaging::write_reporting_table(arguments.table,
+                                   imaging::reporting_table(series, task.frame, r.noise, r.std));
+  if (!arguments.maps.empty()) {
+    files::require_writable_folder(arguments.maps);
+    report::write_deviation_maps((fs::path(arguments.maps) / "pattern").string(), series, r.std);
+  }
+  const double scale = task.frame ? task.frame->scale() : 0;
+  if (arguments.json) {
+    nlohmann::ordered_json line = {{"pattern", series.options().references.front()},
+                                   {"mean_level", r.mean_level},
+                                   {"contrast", r.contrast},
+                                   {"rms_gradient", r.rms_gradient},
+                                   {"saturated", r.saturated},
+                                   {"black", r.black},
+                                   {"speckle_size_px", r.speckle},
+                                   {"elements", r.elements},
+                                   {"elements_without_texture", r.elements_without_texture},
+                                   {"nodes", r.nodes},
+                                   {"noise_grey_levels", r.noise},
+                                   {"noise_is_assumed", r.noise_is_assumed},
+                                   {"noise_std_px", r.mean_std},
+                                   {"largest_std_px", r.largest_std}};
+    if (task.frame) line["noise_std_m"] = r.mean_std * scale;
+    line["advice"] = r.advice;
+    fmt::print("{}\n", files::json_line(line));
+    return 0;
+  }
+  fmt::print("rms gradient        {:.1f} grey levels of 256 per px\n", r.rms_gradient);
+  fmt::print("mean, contrast      {:.0f} %, {:.0f} % of the full range\n", 100 * r.mean_level,
+             100 * r.contrast);
+  fmt::print("saturated, black    {:.2f} %, {:.2f} % of the pixels\n", 100 * r.saturated, 100 * r.black);
+  fmt::print("speckle size        {:.1f} × {:.1f} px\n", r.speckle[0], r.speckle[1]);
+  fmt::print("noise               {:.2f} grey levels{}\n", r.noise, r.noise_is_assumed ? " (assumed)" : "");
+  fmt::print("displacement std    {:.4f} px on average, {:.4f} px at the worst node", r.mean_std,
+             r.largest_std);
+  if (task.frame)
+    fmt::print(" ({:.2f} and {:.2f} µm)", 1e6 * scale * r.mean_std, 1e6 * scale * r.largest_std);
+  fmt::print("\n");
+  for (const std::string& advice : r.advice) fmt::print("- {}\n", advice);
+  return 0;
+}
+
+/// What an earlier run left in the output file; the series goes on behind it.
+std::vector<PictureResult> resumed(const DicArguments& arguments, imaging::PictureSeries& series) {
+  if (!arguments.resume || !fs::exists(arguments.output)) return {};
+  auto results = imaging::read_results(arguments.output, series);
+  imaging::CorrelationResult last;
+  for (const auto& r : results)
+    if (!r.missing) last = r.correlation;
+  series.resume(results.size(), last);
+  fmt::print(stderr, "{} of {} pictures are in {} already\n", results.size(),
+             series.options().pictures.size(), arguments.output);
+  return results;
+}
+
 }  // namespace
 
 int dic(const DicArguments& arguments) {
+  if (!arguments.table.empty()) imaging::require_table_name(arguments.table);
   const Task task = task_of(arguments);
+  if (arguments.pattern) return judge_pattern(arguments, task);
   Output output(arguments, task);
   imaging::PictureSeries series(task.series);
-  std::vector<PictureResult> results;
+  std::vector<PictureResult> results = resumed(arguments, series);
+  auto saved = std::chrono::steady_clock::now();
   {
     Progress progress("pictures", task.series.pictures.size());
     while (!series.done() && !cancellation_requested()) {
@@ -200,17 +288,23 @@ int dic(const DicArguments& arguments) {
       else
         fmt::print(stderr, "{}\n", r.message);
       if (arguments.json) {
-        fmt::print("{}\n", files::json_line(json_of(series, r, noise_std)));
+        fmt::print("{}\n", files::json_line(json_of(series, r, noise_std, task.frame)));
         std::fflush(stdout);
       } else {
         print_for_people(r, noise_std, task.frame);
       }
       output.add(series, r);
       progress.advance_to(results.size());
+      // A long series must not be lost with the machine's power.
+      if (std::chrono::steady_clock::now() - saved > k_save_every) {
+        output.finish(series, results);
+        saved = std::chrono::steady_clock::now();
+      }
     }
   }
   const int status = verdict(results);
   if (status == 0 || cancellation_requested()) output.finish(series, results);
+  if (status == 0 && !arguments.table.empty()) write_table(arguments.table, series, results, task.frame);
   if (!series.done())
     throw Interrupted(
         fmt::format("interrupted after {} of {} pictures{}", results.size(), task.series.pictures.size(),

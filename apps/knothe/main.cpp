@@ -227,6 +227,14 @@ void add_dic(CLI::App& app, Command& chosen) {
   command.add_option("-o,--output", arguments.output,
                      ".h5, .vtu or .pvd; with --at a CSV file, or a folder for several pictures");
   command.add_option("--maps", arguments.maps, "folder for maps over the picture (.png)");
+  command.add_flag(
+      "--pattern", arguments.pattern,
+      "before a test: is the speckle of the reference picture good enough, and how exactly will it measure?");
+  command.add_option("--table", arguments.table,
+                     "file (.txt, .json, .html) for the settings and noise floor that a report should hold");
+  command.add_flag("--resume", arguments.resume,
+                   "go on with the pictures that the output file (.h5) does not hold yet");
+  command.add_flag("--crack", arguments.crack, "path, opening and tip of a crack in every picture");
   command.add_flag("--json", arguments.json, "one line of JSON per picture on stdout");
   command.callback([&chosen] { chosen = [] { return dic(arguments); }; });
 }

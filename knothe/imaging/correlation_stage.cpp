@@ -20,7 +20,8 @@ constexpr double k_share_of_worst =
 constexpr int k_iterations_per_round = 12;  // elements on a crack may swing for ever: look at them in between
 constexpr double k_far = 0.6;               // of the contrast, as residual: the start is out of reach
 constexpr int k_readmissions = 3;           // each may bring one more row of elements back
-constexpr double k_most_restless = 0.05;    // of the nodes: more is a picture that does not converge
+constexpr double k_most_restless = 0.05;    // of the nodes: more is a picture that does not converge …
+constexpr double k_restless_rows = 2;  // … if they are also more than so many rows from side to side: a crack
 
 }  // namespace
 
@@ -267,7 +268,8 @@ void CorrelationStage::reject_restless(CorrelationResult& result, const std::vec
   for (int n = 0; n < mesh_.node_count(); ++n)
     if (step_.segment<2>(2 * n).cwiseAbs().maxCoeff() > options_.tolerance)
       worst[static_cast<std::size_t>(n)] = -2, ++count;
-  if (count > k_most_restless * mesh_.node_count()) return;
+  const double nodes = mesh_.node_count();
+  if (count > std::max(k_most_restless * nodes, k_restless_rows * std::sqrt(nodes))) return;
   for (std::size_t e = 0; e < sums_.size(); ++e) {
     if (result.element_valid[e] == 0) continue;
     for (int a = 0; a < ImageMesh::nodes_of(mesh_.elements[e]); ++a) {

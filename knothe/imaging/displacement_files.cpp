@@ -12,6 +12,7 @@
 #include "knothe/files/csv.hpp"
 #include "knothe/files/hdf5.hpp"
 #include "knothe/files/vtu.hpp"
+#include "knothe/imaging/camera_drift.hpp"
 #include "knothe/imaging/strain.hpp"
 
 namespace knothe::imaging {
@@ -103,6 +104,41 @@ void write_elements(files::Hdf5Writer& file, const std::vector<PictureResult>& r
              {"grey levels", "root mean square residual"});
 }
 
+/// A crack of each picture: what belongs to the tip in one row per picture, the paths each by itself.
+void write_cracks(files::Hdf5Writer& file, const std::vector<PictureResult>& results) {
+  const auto n_t = results.size();
+  std::vector<std::int64_t> found, in_view;
+  std::vector<double> length, std, interval, tip, evidence;
+  for (const auto& r : results) {
+    const bool is_found = r.crack && r.crack->found;
+    const CrackMeasurement c = is_found ? *r.crack : CrackMeasurement{};
+    const auto or_nan = [&](double value) { return is_found ? value : k_nan; };
+    found.push_back(is_found ? 1 : 0), in_view.push_back(c.tip_in_view ? 1 : 0);
+    length.push_back(or_nan(c.length)), std.push_back(or_nan(c.length_std));
+    interval.insert(interval.end(), {or_nan(c.interval[0]), or_nan(c.interval[1])});
+    tip.insert(tip.end(), {or_nan(c.tip[0]), or_nan(c.tip[1])});
+    evidence.push_back(r.crack ? r.crack->log_evidence : k_nan);
+  }
+  file.write_integers("/crack/found", found, {n_t}, {"1", "1 where the picture shows a crack"});
+  file.write_integers("/crack/tip_in_view", in_view, {n_t}, {"1", "0 where the crack leaves the mesh"});
+  file.write("/crack/length", length, {n_t}, {"px", "arc length from mouth or origin to tip"});
+  file.write("/crack/length_std", std, {n_t}, {"px", "its posterior standard deviation"});
+  file.write("/crack/length_interval", interval, {n_t, 2}, {"px", "its 95 % interval"});
+  file.write("/crack/tip", tip, {n_t, 2}, {"px", "tip in the reference picture"});
+  file.write("/crack/log_evidence", evidence, {n_t}, {"1", "log evidence of a crack against none"});
+  for (std::size_t t = 0; t < n_t; ++t) {
+    if (!results[t].crack || !results[t].crack->found) continue;
+    std::vector<double> path;
+    for (const CrackPoint& p : results[t].crack->path) {
+      const double opening = p.measured ? p.opening : k_nan, sliding = p.measured ? p.sliding : k_nan;
+      path.insert(path.end(),
+                  {p.x, p.y, p.position_std, p.along, opening, p.measured ? p.opening_std : k_nan, sliding});
+    }
+    file.write(fmt::format("/crack/paths/{}", t), path, {path.size() / 7, 7},
+               {"px", "x, y, std across, along, opening, its std, sliding"});
+  }
+}
+
 }  // namespace
 
 double series_noise(const PictureSeries& series, const std::vector<PictureResult>& results) {
@@ -147,10 +183,13 @@ DisplacementObservations observations(const PictureSeries& series, const std::ve
   const ImageMesh& mesh = series.correlation().mesh();
   DisplacementObservations o;
   observation_places(mesh, frame, o.points, o.component);
+  const Drift drift = series.options().drift;
+  const double drift_std = series.options().drift_std * (frame ? frame->scale() : 1);
   o.noise = std::max(k_quantisation_noise, series_noise(series, results));
   const auto precision_of = [&](const std::vector<char>& valid) {
     const Sparse in_pixels = series.precision(valid, o.noise).matrix;
-    return frame ? frame->to_model(in_pixels) : in_pixels;
+    return with_drift(frame ? frame->to_model(in_pixels) : in_pixels, drift, o.points, o.component,
+                      drift_std);
   };
   const std::vector<char>& usable = series.correlation().usable_elements();
   o.precision = precision_of(usable);
@@ -158,12 +197,14 @@ DisplacementObservations observations(const PictureSeries& series, const std::ve
   for (std::size_t t = 0; t < results.size(); ++t) {
     const Eigen::VectorXd values = observed_values(mesh, results[t], frame);
     o.values.insert(o.values.end(), values.begin(), values.end());
+    o.values.insert(o.values.end(), static_cast<std::size_t>(drift_modes(drift)), k_nan);
     const std::vector<char>& valid = results[t].correlation.element_valid;
     if (results[t].missing || valid == usable) continue;
     const bool as_last = !o.precision_steps.empty() && valid == *last_valid;
     o.precision_steps.emplace_back(t, as_last ? o.precision_steps.back().second : precision_of(valid));
     last_valid = &valid;
   }
+  add_drift_places(drift, o.points, o.component);
   return o;
 }
 
@@ -202,6 +243,9 @@ void write_displacements(const std::string& path, const PictureSeries& series,
     file.integer_attribute("/noise/precision", "shared_reference",
                            static_cast<std::int64_t>(series.reference_count()));
     file.number_attribute("/noise/precision", "noise_grey_levels", o.noise);
+    // The last rows are the camera's motions, never measured: see camera_drift.hpp.
+    if (series.options().drift != Drift::none)
+      file.integer_attribute("/noise/precision", "drift_modes", drift_modes(series.options().drift));
     for (const auto& [step, matrix] : o.precision_steps)
       write_matrix(file, fmt::format("/noise/precision_steps/{}", step), matrix, inverse);
     file.write("/mesh/points", points, {n, 3}, {unit, "nodes"});
@@ -217,6 +261,7 @@ void write_displacements(const std::string& path, const PictureSeries& series,
     }
     write_records(file, results);
     write_elements(file, results, mesh.elements.size());
+    if (series.options().crack) write_cracks(file, results);
     file.text_attribute("/", "created_by", k_created_by);
     file.text_attribute("/", "project", project);
     file.text_attribute("/", "length_unit", unit);

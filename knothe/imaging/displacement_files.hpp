@@ -41,6 +41,10 @@ void write_displacements(const std::string& path, const PictureSeries& series,
                          const std::vector<PictureResult>& results, const std::optional<PictureFrame>& frame,
                          const std::string& project);
 
+/// The results in such a file, of the first pictures of this series, so that it can go on
+/// (PictureSeries::resume). Errors: DataError for a file of other references, pictures or mesh.
+[[nodiscard]] std::vector<PictureResult> read_results(const std::string& path, const PictureSeries& series);
+
 /// CSV x,y,u,v,inside at points of the reference picture (n × 2, px); u, v are nan where inside is 0: outside
 /// the mesh, or in an element that was taken out. Errors: IoError.
 void write_at_points(const std::string& path, const ImageMesh& mesh, const PictureResult& result,

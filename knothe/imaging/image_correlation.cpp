@@ -197,12 +197,22 @@ Eigen::SparseMatrix<double> ImageCorrelation::precision(const std::vector<char>&
     throw UsageError(fmt::format(
         "precision of displacements: the noise of the pictures is {} grey levels; it must be positive",
         gamma));
-  const double sigma = work_->options.prefilter_sigma;
-  if (!work_->noise_factor)
-    work_->noise_factor = prefilter_noise_factor(work_->reference, mesh().bounds(), sigma);
   const double reference_variance = gamma * gamma / reference_count;
-  return work_->fine.matrix(element_valid, -2 * reference_variance * gradient_noise_variance(sigma)) /
-         ((reference_variance + gain * gain * gamma * gamma) * *work_->noise_factor);
+  return work_->fine.matrix(element_valid, -2 * reference_variance *
+                                               gradient_noise_variance(work_->options.prefilter_sigma)) /
+         difference_variance(gamma, reference_count, gain);
+}
+double ImageCorrelation::difference_variance(double gamma, double reference_count, double gain) const {
+  if (!work_->noise_factor)
+    work_->noise_factor =
+        prefilter_noise_factor(work_->reference, mesh().bounds(), work_->options.prefilter_sigma);
+  return gamma * gamma * (1 / reference_count + gain * gain) * *work_->noise_factor;
+}
+ReferenceRows ImageCorrelation::reference_rows() const {
+  return work_->fine.reference().rows();
+}
+const SplineImage& ImageCorrelation::deformed_image() const {
+  return work_->deformed;
 }
 const std::vector<char>& ImageCorrelation::usable_elements() const {
   return work_->fine.usable();

@@ -12,6 +12,7 @@
 
 #include "knothe/files/picture.hpp"
 #include "knothe/imaging/image_mesh.hpp"
+#include "knothe/imaging/residual_kernel.hpp"
 
 namespace knothe::imaging {
 
@@ -79,6 +80,13 @@ class ImageCorrelation {
   /// noise of the deformed picture: 2γ² is then γ² (1/k + α²). Errors: UsageError for gamma ≤ 0.
   [[nodiscard]] Eigen::SparseMatrix<double> precision(const std::vector<char>& element_valid, double gamma,
                                                       double reference_count = 1, double gain = 1) const;
+  /// Variance of f − α g as it counts in the normal equations, γ² (1/k + α²) times what a prefilter leaves of
+  /// the noise there; grey levels². Covariances are this times M⁻¹, but for the gradient's own noise.
+  [[nodiscard]] double difference_variance(double gamma, double reference_count = 1, double gain = 1) const;
+  /// Reference (after any prefilter) and last deformed picture as they were compared; valid until the next
+  /// one.
+  [[nodiscard]] ReferenceRows reference_rows() const;
+  [[nodiscard]] const SplineImage& deformed_image() const;
   /// Elements with enough texture and pixels to be measured at all.
   [[nodiscard]] const std::vector<char>& usable_elements() const;
   [[nodiscard]] const files::Picture& reference() const;

@@ -78,7 +78,7 @@ TEST(ImageCorrelation, FindsLargeMotionsWithoutAStart) {
 
 TEST(ImageCorrelation, ABendingFieldIsFollowed) {
   const DisplacementField bending = [](double x, double y) {
-    const double a = 1.5 / 125.0 / 125.0, dx = x - 155, dy = y - 117;
+    const double a = 3.0 / 125.0 / 125.0, dx = x - 155, dy = y - 117;
     return Displacement{-2 * a * dx * dy / 2, 0.5 * a * dx * dx, {-a * dy, -a * dx, a * dx, 0}};
   };
   const auto reference = pattern().render();

@@ -97,6 +97,11 @@ PictureSeries::PictureSeries(SeriesOptions options) : options_(std::move(options
                            options_.outline_margin, mask);
   correlation_ = std::make_unique<ImageCorrelation>(reference, std::move(mesh), options_.correlation, mask);
   contrast_ = correlation_->contrast();
+  if (options_.crack && options_.mesh && options_.crack->gap == 0) {
+    const Region bounds = correlation_->mesh().bounds();
+    options_.crack->gap =
+        2 + 0.5 * std::sqrt(bounds.width() * bounds.height() / correlation_->mesh().element_count());
+  }
   known_noise_ = options_.noise;
   if (!(known_noise_ > 0) && references.size() > 1) {
     double squares = 0;
@@ -135,6 +140,19 @@ std::string PictureSeries::fault(const files::Picture& picture, const std::strin
         "{}: error: the picture is the same as {}, pixel by pixel: a camera never takes that; it is a copy",
         name, last_name_);
   return {};
+}
+
+void PictureSeries::resume(std::size_t index, const CorrelationResult& last) {
+  if (index > options_.pictures.size() ||
+      (last.displacement.size() != 0 && last.displacement.size() != 2 * correlation_->mesh().node_count()))
+    throw UsageError(fmt::format(
+        "the series of {} pictures with {} nodes cannot go on at picture {} from {} displacements",
+        options_.pictures.size(), correlation_->mesh().node_count(), index, last.displacement.size()));
+  if (reading_.valid()) reading_.wait();
+  next_ = index;
+  start_ = last.displacement, start_valid_ = last.element_valid;
+  last_residual_ = last.residual_rms, last_rejected_ = last.elements_rejected;
+  prefetch(next_);
 }
 
 PictureResult PictureSeries::next() {
@@ -195,6 +213,12 @@ PictureResult PictureSeries::correlate(const files::Picture& picture, const std:
   result.noise = known_noise_ > 0 ? known_noise_
                                   : std::max(k_quantisation_noise,
                                              noise_from_residual(*correlation_, best, reference_count()));
+  if (options_.crack) {
+    const auto start = std::chrono::steady_clock::now();
+    result.crack = measure_crack(*correlation_, best, result.noise, reference_count(), *options_.crack);
+    result.crack_ms =
+        std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+  }
   return result;
 }
 

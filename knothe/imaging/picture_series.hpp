@@ -7,9 +7,14 @@
 #include <string>
 #include <vector>
 
+#include "knothe/imaging/crack_measurement.hpp"
 #include "knothe/imaging/image_correlation.hpp"
 
 namespace knothe::imaging {
+
+/// Motions of the camera against the body, of each picture by itself, that the likelihood is not to take for
+/// deformation.
+enum class Drift { none, shift, rigid };  ///< rigid: shift and turn
 
 struct SeriesOptions {
   /// The unloaded surface; several pictures of it are averaged, and their differences tell the noise.
@@ -27,6 +32,11 @@ struct SeriesOptions {
   ElementShape shape = ElementShape::quadrilateral;
   double noise = 0;  ///< standard deviation of a picture's noise, grey levels; 0: from repeats or residuals
   CorrelationOptions correlation{.threads = 0};
+  Drift drift = Drift::none;
+  double drift_std = 10;  ///< px, of such a motion before anything is measured (camera_drift.hpp)
+  /// Look for a crack in every picture. On a mesh of its own (the model's) the default gap is half an element
+  /// and 2 px: a model's crack is a band of damage, one element wide.
+  std::optional<CrackOptions> crack;
 };
 
 /// What came of one picture.
@@ -37,7 +47,9 @@ struct PictureResult {
   std::string message;
   CorrelationResult correlation;  ///< all zero, and no element valid, if missing
   double noise = 0;               ///< γ: given, from repeats, or from this picture's residual; grey levels
-  double elapsed_ms = 0;          ///< reading not counted
+  double elapsed_ms = 0;          ///< reading not counted, nor the crack
+  std::optional<CrackMeasurement> crack;  ///< where it was asked for and the picture is not missing
+  double crack_ms = 0;
 };
 
 /// How exactly displacements are known.
@@ -70,6 +82,8 @@ class PictureSeries {
   PictureResult next();
   /// The same for a picture that is in memory; the series of files stays where it is.
   PictureResult correlate(const files::Picture& picture, const std::string& name);
+  /// The series goes on at picture `index`, started from what an earlier run measured in the one before it.
+  void resume(std::size_t index, const CorrelationResult& last);
   /// Displacements to start the next picture from, e.g. a model's prediction, instead of the last picture's.
   void set_start(Eigen::VectorXd start) { start_ = std::move(start); }
 

@@ -10,6 +10,7 @@
 #include <map>
 
 #include "knothe/base/error.hpp"
+#include "knothe/imaging/camera_drift.hpp"
 #include "knothe/imaging/displacement_files.hpp"
 #include "knothe/project/picture_options.hpp"
 
@@ -150,30 +151,43 @@ PictureMeasurements::PictureMeasurements(const Project& project, const reduction
     read_series(project, contents);
   }
   measurements_.time = series_->options().times;
-  std::vector<double> points;
-  std::vector<std::int64_t> component;
-  imaging::observation_places(series_->correlation().mesh(), frame_, points, component);
-  const auto n = static_cast<Eigen::Index>(component.size());
+  imaging::observation_places(series_->correlation().mesh(), frame_, points_, component_);
+  imaging::add_drift_places(series_->options().drift, points_, component_);
+  const auto n = static_cast<Eigen::Index>(component_.size());
   measurements_.points =
-      Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>>(points.data(), n, 3);
-  measurements_.components.assign(component.begin(), component.end());
+      Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>>(points_.data(), n, 3);
+  measurements_.components.assign(component_.begin(), component_.end());
   measurements_.values.setConstant(n, static_cast<Eigen::Index>(measurements_.time.size()),
                                    std::numeric_limits<double>::quiet_NaN());
   measurements_.noise = noise_of(series_->correlation().usable_elements())
                             .with_shared_reference(static_cast<int>(series_->reference_count()));
+  correlate_ahead();
+}
+
+void PictureMeasurements::correlate_ahead() {
+  if (next_ == results_.size() && !series_->done())
+    ahead_ = std::async(std::launch::async, [this] { return series_->next(); });
 }
 
 assimilation::NoiseModel PictureMeasurements::noise_of(const std::vector<char>& element_valid) const {
   Eigen::SparseMatrix<double> precision = frame_.to_model(series_->precision(element_valid, gamma_).matrix);
+  const auto& options = series_->options();
+  precision =
+      imaging::with_drift(precision, options.drift, points_, component_, options.drift_std * frame_.scale());
   precision.prune(0.0, 0.0);
   return assimilation::NoiseModel::correlated(precision);
 }
 
 PictureDatum PictureMeasurements::next() {
-  if (next_ == results_.size()) results_.push_back(series_->next());
+  const auto wait_start = Clock::now();
+  if (ahead_.valid()) results_.push_back(ahead_.get());
+  if (next_ == results_.size()) throw UsageError("the pictures of the project are all used");
+  const double wait_us = microseconds_since(wait_start);
   PictureDatum datum = as_datum(results_[next_]);
+  datum.wait_us = wait_us;
   measurements_.values.col(static_cast<Eigen::Index>(next_)) = datum.values;
   ++next_;
+  correlate_ahead();
   return datum;
 }
 
@@ -186,7 +200,10 @@ PictureDatum PictureMeasurements::as_datum(const imaging::PictureResult& picture
   datum.picture = picture;
   datum.correlation_us = 1e3 * datum.picture.elapsed_ms;
   const auto precision_start = Clock::now();
-  datum.values = imaging::observed_values(series_->correlation().mesh(), datum.picture, frame_);
+  datum.values.setConstant(static_cast<Eigen::Index>(component_.size()),
+                           std::numeric_limits<double>::quiet_NaN());
+  datum.values.head(2 * series_->correlation().mesh().node_count()) =
+      imaging::observed_values(series_->correlation().mesh(), datum.picture, frame_);
   const auto& valid = datum.picture.correlation.element_valid;
   if (!datum.picture.missing && valid != series_->correlation().usable_elements()) {
     if (!last_noise_ || last_valid_ != valid) last_noise_ = noise_of(valid), last_valid_ = valid;

@@ -1,5 +1,6 @@
 #pragma once
 /// @file From pictures to measurements, one by one: what `knothe assimilate` takes instead of a data file.
+#include <future>
 #include <memory>
 #include <optional>
 #include <string>
@@ -33,10 +34,13 @@ struct PictureDatum {
   Eigen::VectorXd values;                         ///< n_obs, m; NaN where nothing was measured
   std::optional<assimilation::NoiseModel> noise;  ///< where elements are missing
   double correlation_us = 0, precision_us = 0;
+  double wait_us =
+      0;  ///< until the picture was there: correlation runs ahead, while the one before is assimilated
 };
 
-/// The pictures of a project as a stream of data. γ is known from the options or from repeated references;
-/// else it is estimated from the first picture that converges, and kept.
+/// The pictures of a project as a stream of data. While one is assimilated the next is correlated, on a
+/// thread of its own. γ is known from the options or from repeated references; else it is estimated from the
+/// first picture that converges, and kept.
 class PictureMeasurements {
  public:
   /// `live`: there are no pictures yet but the references; `measure` is given each, `next` has none. Then γ
@@ -59,6 +63,7 @@ class PictureMeasurements {
   void read_series(const Project& project, const reduction::ModelContents& contents);
   [[nodiscard]] PictureDatum as_datum(const imaging::PictureResult& picture);
   [[nodiscard]] assimilation::NoiseModel noise_of(const std::vector<char>& element_valid) const;
+  void correlate_ahead();
 
   imaging::PictureFrame frame_;
   std::unique_ptr<imaging::PictureSeries> series_;
@@ -68,6 +73,10 @@ class PictureMeasurements {
   double gamma_ = 0;
   std::vector<char> last_valid_;
   std::optional<assimilation::NoiseModel> last_noise_;
+  std::vector<double> points_;  ///< of the observations, m, 3 each; those of a camera's drift at the end
+  std::vector<std::int64_t> component_;
+  std::future<imaging::PictureResult>
+      ahead_;  ///< the picture after the last; declared last, so that it ends first
 };
 
 }  // namespace knothe::project

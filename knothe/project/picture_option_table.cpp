@@ -64,6 +64,33 @@ std::vector<Option> picture_option_table() {
        "4",
        "Elements whose residual is so many times the median are taken out (cracks); 0: never.",
        {}},
+      {"dic.crack", K::choice, "off", "Path, opening and tip of a crack in every picture.", {"off", "on"}},
+      {"dic.crack_gap",
+       K::non_negative,
+       "0",
+       "Pixels on either side of the crack that are not looked at; 0: 3 px, on the model's mesh half an "
+       "element and 2 "
+       "px.",
+       {}},
+      {"dic.crack_origin",
+       K::numbers,
+       "",
+       "Pixel from which the crack's length counts, [x, y], e.g. the notch's end; default: where it enters "
+       "the mesh.",
+       {}},
+      {"dic.drift",
+       K::choice,
+       "none",
+       "Motion of the camera against the body, of each picture by itself, that the likelihood leaves out: a "
+       "shift, or a "
+       "shift and a turn (rigid).",
+       {"none", "shift", "rigid"}},
+      {"dic.drift_std",
+       K::positive,
+       "10",
+       "Standard deviation of such a motion before anything is measured, px; large: nothing is learnt from "
+       "it.",
+       {}},
       {"dic.tolerance", K::positive, "1e-3", "Largest change of a displacement at convergence, px.", {}},
       {"dic.max_iterations", K::integer, "50", "Most iterations per picture.", {}},
       {"dic.scale",

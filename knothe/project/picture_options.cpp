@@ -98,6 +98,19 @@ imaging::SeriesOptions read_series(Values& values, const std::string& folder) {
   c.tolerance = values.number("dic.tolerance", c.tolerance);
   values.at_least("dic.max_iterations", 1);
   c.max_iterations = static_cast<int>(values.integer("dic.max_iterations", c.max_iterations));
+  if (values.text("dic.crack", "off") == "on") {
+    imaging::CrackOptions crack;
+    crack.gap = values.number("dic.crack_gap", 0), crack.origin = read_pair(values, "dic.crack_origin");
+    s.crack = crack;
+  } else {
+    for (const char* key : {"dic.crack_gap", "dic.crack_origin"})
+      if (values.has(key)) values.complain(key, fmt::format("\"{}\" needs \"dic.crack\" = \"on\"", key));
+  }
+  const std::string drift = values.text("dic.drift", "none");
+  s.drift = drift == "shift"   ? imaging::Drift::shift
+            : drift == "rigid" ? imaging::Drift::rigid
+                               : imaging::Drift::none;
+  s.drift_std = values.number("dic.drift_std", s.drift_std);
   const std::string brightness = values.text("dic.brightness", "global");
   c.brightness = brightness == "none"     ? imaging::Brightness::none
                  : brightness == "global" ? imaging::Brightness::global

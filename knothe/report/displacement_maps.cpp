@@ -6,6 +6,7 @@
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <numbers>
 
 #include "knothe/imaging/strain.hpp"
 #include "knothe/report/canvas.hpp"
@@ -19,7 +20,7 @@ using imaging::ImageMesh;
 constexpr int k_panel_width = 640;  // px of the drawing, at most
 constexpr int k_title = 30, k_bar = 110, k_gap = 16;
 constexpr double k_margin = 0.03;  // of the mesh's width, shown around it
-constexpr Rgb k_ink{20, 20, 20}, k_rejected{220, 30, 30};
+constexpr Rgb k_ink{20, 20, 20}, k_rejected{220, 30, 30}, k_crack{255, 235, 0}, k_halo{0, 0, 0};
 
 /// A number at every pixel of the mesh, and how to paint it.
 struct Map {
@@ -136,6 +137,43 @@ void draw_map(Canvas& canvas, int left, int top, const View& view,
   draw_bar(canvas, left + view.width + 8, top, view.height, map);
 }
 
+/// The crack's path from its mouth to its tip, a ring about the tip, and bars across the path where the 95 %
+/// interval of the tip begins and ends; yellow on black, so that it shows on any colour.
+void draw_crack(Canvas& canvas, int left, int top, const View& view, const imaging::CrackMeasurement& crack) {
+  const auto place = [&](const std::array<double, 2>& p) {
+    return std::array<double, 2>{left + (p[0] - view.x0) * view.scale,
+                                 top + k_title + (p[1] - view.y0) * view.scale};
+  };
+  const auto stroke = [&](const std::array<double, 2>& p, const std::array<double, 2>& q) {
+    const auto a = place(p), b = place(q);
+    canvas.line(a[0], a[1], b[0], b[1], k_halo, 4);
+    canvas.line(a[0], a[1], b[0], b[1], k_crack, 2);
+  };
+  std::array<double, 2> last = crack.mouth;
+  for (const auto& p : crack.path) {
+    if (crack.tip_in_view && p.along >= crack.length) break;
+    stroke(last, {p.x, p.y});
+    last = {p.x, p.y};
+  }
+  if (!crack.tip_in_view) return;
+  stroke(last, crack.tip);
+  const double ring = 7 / view.scale;
+  for (int k = 0; k < 24; ++k) {
+    const double a = k * std::numbers::pi / 12, b = (k + 1) * std::numbers::pi / 12;
+    stroke({crack.tip[0] + ring * std::cos(a), crack.tip[1] + ring * std::sin(a)},
+           {crack.tip[0] + ring * std::cos(b), crack.tip[1] + ring * std::sin(b)});
+  }
+  for (const double end : crack.interval)
+    for (std::size_t i = 1; i < crack.path.size(); ++i) {
+      const auto &p = crack.path[i - 1], &q = crack.path[i];
+      if (p.along > end || q.along <= end) continue;
+      const double share = (end - p.along) / (q.along - p.along), size = std::hypot(q.x - p.x, q.y - p.y);
+      const double x = p.x + share * (q.x - p.x), y = p.y + share * (q.y - p.y);
+      const double nx = -(q.y - p.y) / size * ring, ny = (q.x - p.x) / size * ring;
+      stroke({x - nx, y - ny}, {x + nx, y + ny});
+    }
+}
+
 double largest_principal(const Eigen::MatrixXd& strain, int node) {
   const double mean = 0.5 * (strain(node, 0) + strain(node, 1)),
                half = 0.5 * (strain(node, 0) - strain(node, 1));
@@ -173,6 +211,25 @@ void write_displacement_maps(const std::string& path, const imaging::PictureSeri
     set_range(maps[static_cast<std::size_t>(m)]);
     draw_map(canvas, k_gap + m % 2 * (width + k_gap), k_gap + m / 2 * (height + k_gap), view, correlation,
              valid, maps[static_cast<std::size_t>(m)]);
+    if (result.crack && result.crack->found)
+      draw_crack(canvas, k_gap + m % 2 * (width + k_gap), k_gap + m / 2 * (height + k_gap), view,
+                 *result.crack);
+  }
+  canvas.write(path + ".png");
+}
+
+void write_deviation_maps(const std::string& path, const imaging::PictureSeries& series,
+                          const Eigen::VectorXd& std) {
+  const imaging::ImageCorrelation& correlation = series.correlation();
+  const auto& usable = correlation.usable_elements();
+  const View view = view_of(correlation);
+  const int width = view.width + k_bar, height = view.height + k_title;
+  Canvas canvas(2 * width + 3 * k_gap, height + 2 * k_gap);
+  for (int k = 0; k < 2; ++k) {
+    Map map{k == 0 ? "std of u (right), px" : "std of v (down), px",
+            over_pixels(correlation, usable, [&](int a) { return std[2 * a + k]; })};
+    set_range(map);
+    draw_map(canvas, k_gap + k * (width + k_gap), k_gap, view, correlation, usable, map);
   }
   canvas.write(path + ".png");
 }

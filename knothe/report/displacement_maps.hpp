@@ -10,9 +10,16 @@ namespace knothe::report {
 
 /// Writes PATH.png: four maps over the reference picture: displacement to the right, displacement down (px,
 /// or with a frame the model's components in µm), residual (grey levels), and largest principal strain.
-/// Elements taken out show the bare picture inside a red line. Errors: IoError.
+/// Elements taken out show the bare picture inside a red line; a crack is
+/// a yellow line with a ring at its tip and bars at the ends of the tip's 95 % interval. Errors: IoError.
 void write_displacement_maps(const std::string& path, const imaging::PictureSeries& series,
                              const imaging::PictureResult& result,
                              const std::optional<imaging::PictureFrame>& frame);
+
+/// Writes PATH.png: the standard deviations (px) of displacements to the right and down over the reference
+/// picture, as predicted for its pattern. `std`: one per displacement, 0 where nothing can be measured.
+/// Errors: IoError.
+void write_deviation_maps(const std::string& path, const imaging::PictureSeries& series,
+                          const Eigen::VectorXd& std);
 
 }  // namespace knothe::report

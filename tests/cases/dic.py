@@ -177,6 +177,12 @@ class Test(Case):
         self.expect(4, "dic", *both, "--at", "wrong.csv", "-o", "u.csv", stderr="wrong.csv:1")
         write_pgm(self.folder / "mask.pgm", [[255] * 20] * 20)
         self.expect(2, "dic", *both, "--mask", "mask.pgm", stderr="the mask mask.pgm has 20 × 20 pixels")
+        write_pgm(self.folder / "none.pgm", [[0] * 160] * 120)
+        self.expect(2, "dic", *both, "--mask", "none.pgm", stderr="the mask is black everywhere")
+        self.expect(2, "dic", *both, "--mask", "none.pgm", "--roi", ROI, stderr="mask")
+        self.expect(2, "dic", "reference.pgm", "--pattern", "-o", "u.h5", stderr="--pattern measures nothing")
+        self.expect(2, "dic", *both, "-o", "u.csv", "--at", "points.csv", "--resume", stderr="--resume needs -o FILE.h5")
+        self.expect(2, "dic", *both, "--table", "t.pdf", stderr="must end in .txt, .json or .html")
         write_pgm(self.folder / "flat.pgm", [[90] * 160] * 120)
         self.expect(2, "dic", "flat.pgm", "a.pgm", stderr="no texture")
 
@@ -222,6 +228,36 @@ class Test(Case):
         self.assertIn(f"interrupted after {len(lines)} of 800 pictures; their results are in u.h5", message)
         self.assertTrue((self.folder / "u.h5").exists())
 
+    def test_interrupted_it_goes_on(self):
+        """The end of a series from the file that its beginning left is that of the whole series."""
+        self.draw("reference", "a", "b")
+        common = ["--element-size", 15, "--roi", ROI, "--json"]
+        names = ["a.pgm", "b.pgm", "a.pgm"]
+        whole = self.expect(0, "dic", "reference.pgm", *names, *common, "-o", "whole.h5").lines()
+        self.expect(0, "dic", "reference.pgm", *names[:2], *common, "-o", "u.h5")
+        outcome = self.expect(0, "dic", "reference.pgm", *names, *common, "-o", "u.h5", "--resume")
+        line, = outcome.lines()
+        self.assertIn("2 of 3 pictures are in u.h5 already", outcome.err)
+        for key in ("picture", "iterations", "residual_rms", "elements_rejected"):
+            self.assertEqual(line[key], whole[2][key])
+        self.expect(4, "dic", "reference.pgm", *names, "--roi", ROI, "--element-size", 20, "-o", "u.h5", "--resume",
+                    stderr="u.h5: error: its mesh is another")
+        self.expect(4, "dic", "reference.pgm", "b.pgm", *common, "-o", "u.h5", "--resume", stderr="its pictures are others")
+
+    def test_a_pattern_is_judged_before_the_test(self):
+        self.draw("reference")
+        write_pgm(self.folder / "repeat.pgm", Speckle().picture(noise=1, seed=10))
+        line, = self.expect(0, "dic", "reference.pgm", "repeat.pgm", "--pattern", "--element-size", 15, "--roi", ROI, "--json",
+                            "--maps", "maps", "--table", "table.html").lines()
+        self.assertAlmostEqual(line["noise_grey_levels"], math.sqrt(1 + 1 / 12), delta=0.06)
+        self.assertIs(line["noise_is_assumed"], False)
+        self.assertTrue(3 < line["speckle_size_px"][0] < 9, line)
+        self.assertTrue(0.002 < line["noise_std_px"] < line["largest_std_px"] < 0.05, line)
+        self.assertEqual((self.folder / "maps" / "pattern.png").read_bytes()[:4], b"\x89PNG")
+        self.assertIn("cubic B-spline", (self.folder / "table.html").read_text())
+        text = self.expect(0, "dic", "reference.pgm", "--pattern", "--roi", ROI).out
+        self.assertIn("the noise is assumed", text)
+
     def real(self, *names):
         if not REAL.exists():
             self.skipTest(f"{REAL} is not there")
@@ -248,6 +284,21 @@ class Test(Case):
         self.assertIs(line["converged"], True)
         self.assertTrue(30 < line["elements_rejected"] < 120, line)
         self.assertAlmostEqual(line["gain"], 1.27, delta=0.02)  # 22 % darker
+
+    def test_the_real_crack_runs_where_the_eye_sees_it(self):
+        """In 0160 from (667, 1040) up to where its last trace in the residual is, (558, 462), read off the map by eye."""
+        first, second = self.real("0155", "0160")
+        line, = self.expect(0, "dic", first, second, "--element-size", 25, "--prefilter", 1, "--roi", "100,240,1600,1040",
+                            "--crack", "--maps", "maps", "--json").lines()
+        crack = line["crack"]
+        self.assertIs(crack["found"], True)
+        self.assertIs(crack["tip_in_view"], True)
+        self.assertAlmostEqual(crack["mouth"][0], 667, delta=15)
+        self.assertAlmostEqual(crack["mouth"][1], 1040, delta=2)
+        self.assertAlmostEqual(crack["tip"][0], 552, delta=25)
+        self.assertTrue(380 < crack["tip"][1] < 490, crack)
+        self.assertTrue(0.9 < crack["mouth_opening"] < 1.5, crack)
+        self.assertTrue((self.folder / "maps" / "IMG_0160.png").exists())
 
 
 if __name__ == "__main__":
