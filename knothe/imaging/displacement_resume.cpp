@@ -14,7 +14,8 @@ namespace {
 
 [[noreturn]] void refuse(const std::string& path, const std::string& what) {
   throw DataError(fmt::format(
-      "{}: error: its {}: it was written by another series; give another file, or leave --resume away", path, what));
+      "{}: error: its {}: it was written by another series; give another file, or leave --resume away", path,
+      what));
 }
 
 void read_crack(const files::Hdf5Reader& file, std::size_t t, PictureResult& r) {
@@ -47,9 +48,11 @@ std::vector<PictureResult> read_results(const std::string& path, const PictureSe
     throw DataError(fmt::format("{}: error: not a file of `knothe dic`: it cannot be resumed", path));
   const ImageMesh& mesh = series.correlation().mesh();
   const std::size_t nodes = mesh.x.size(), elements = mesh.elements.size();
-  const auto names = file.texts_attribute("/pictures", "names"), messages = file.texts_attribute("/pictures", "messages");
+  const auto names = file.texts_attribute("/pictures", "names"),
+             messages = file.texts_attribute("/pictures", "messages");
   const std::size_t n_t = names.size();
-  if (file.texts_attribute("/", "references") != series.options().references) refuse(path, "reference is another");
+  if (file.texts_attribute("/", "references") != series.options().references)
+    refuse(path, "reference is another");
   const auto& pictures = series.options().pictures;
   if (n_t > pictures.size() || !std::equal(names.begin(), names.end(), pictures.begin()))
     refuse(path, "pictures are others");
@@ -61,7 +64,9 @@ std::vector<PictureResult> read_results(const std::string& path, const PictureSe
   const auto displacement = file.read("/picture_frame/displacement", files::Shape{n_t, nodes, 2}, true);
   const auto residual = file.read("/elements/residual", files::Shape{n_t, elements});
   const auto valid = file.read_integers("/elements/valid");
-  const auto number = [&](const char* name) { return file.read(std::string("/pictures/") + name, files::Shape{n_t}); };
+  const auto number = [&](const char* name) {
+    return file.read(std::string("/pictures/") + name, files::Shape{n_t});
+  };
   const auto converged = number("converged"), iterations = number("iterations"), rms = number("residual_rms"),
              noise = number("noise"), gain = number("gain"), offset = number("offset"),
              rejected = number("elements_rejected");

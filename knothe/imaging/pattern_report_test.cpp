@@ -26,14 +26,18 @@ struct Scene {
     const SpecklePattern pattern({.width = 200, .height = 160, .dot_radius = radius});
     for (int k = 0; k < references; ++k) {
       const std::string path = folder.file("reference" + std::to_string(k) + ".png");
-      files::write_png(path, pattern.render({}, {.noise = 2, .gain = gain, .seed = 1U + static_cast<unsigned>(k)}));
+      files::write_png(path,
+                       pattern.render({}, {.noise = 2, .gain = gain, .seed = 1U + static_cast<unsigned>(k)}));
       options.references.push_back(path);
     }
     for (int k = 0; k < 3; ++k) {
       const std::string path = folder.file("picture" + std::to_string(k) + ".png");
       const double u = 0.3 + 0.4 * k;
-      files::write_png(path, pattern.render([=](double, double) { return Displacement{u, -u, {}}; },
-                                            {.noise = 2, .seed = 10U + static_cast<unsigned>(k)}));
+      files::write_png(path, pattern.render(
+                                 [=](double, double) {
+                                   return Displacement{u, -u, {}};
+                                 },
+                                 {.noise = 2, .seed = 10U + static_cast<unsigned>(k)}));
       options.pictures.push_back(path);
     }
     options.region = k_region, options.element_size = 20;
@@ -64,7 +68,8 @@ TEST(PatternReport, SaysHowExactlyItWillMeasure) {
 }
 
 TEST(PatternReport, SpeckleSizeIsThatOfTheDots) {
-  // Gaussian dots of standard deviation s: their autocorrelation has 2 s, full width at half height 2 · 1.1774 · √2 s.
+  // Gaussian dots of standard deviation s: their autocorrelation has 2 s, full width at half height 2
+  // · 1.1774 · √2 s.
   for (const double radius : {2.0, 4.0}) {
     const SpecklePattern pattern({.width = 400, .height = 400, .dot_radius = radius});
     const auto size = speckle_size(pattern.render(), {10, 10, 389, 389});
@@ -99,7 +104,8 @@ TEST(PatternReport, TheTableIsWrittenInThreeForms) {
   };
   for (const char* name : {"t.txt", "t.json", "t.html"}) {
     const std::string text = text_of(name);
-    for (const char* word : {"Field of view", "20 × 16", "cubic B-spline", "bilinear quadrilaterals", "noise floor"})
+    for (const char* word :
+         {"Field of view", "20 × 16", "cubic B-spline", "bilinear quadrilaterals", "noise floor"})
       EXPECT_THAT(text, HasSubstr(word)) << name;
   }
   EXPECT_THROW(write_reporting_table("t.pdf", rows), UsageError);
