@@ -3,13 +3,13 @@
 #include <fmt/format.h>
 
 #include <Eigen/Eigenvalues>
-#include <Eigen/SparseCholesky>
 #include <algorithm>
 #include <cassert>
 #include <cmath>
 
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/halton.hpp"
+#include "knothe/numerics/selected_inverse.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -30,13 +30,9 @@ double log_det(Eigen::MatrixXd m) {
 
 }  // namespace
 
-/// R = M⁻¹ column by column, from the factor of M.
-struct SensorDesign::Covariance {
-  explicit Covariance(const Eigen::SparseMatrix<double>& precision) : factor(precision) {}
-  [[nodiscard]] Eigen::VectorXd column(Eigen::Index k) const {
-    return factor.solve(Eigen::VectorXd(Eigen::VectorXd::Unit(factor.rows(), k)));
-  }
-  Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor;
+/// R = M⁻¹ column by column and its diagonal, from one factor of M.
+struct SensorDesign::Covariance : numerics::SelectedInverse {
+  using SelectedInverse::SelectedInverse;
 };
 
 /// The dofs chosen so far: conditional rows and variances of all others.
@@ -169,7 +165,8 @@ SensorDesign::SensorDesign(const reduction::ObservedModel& model, const NoiseMod
   if (!noise.is_complete())
     throw UsageError("data selection: dofs that are not measured at all must be left out beforehand");
   if (!noise.is_independent()) covariance_ = std::make_unique<const Covariance>(noise.precision());
-  noise_std_ = noise.standard_deviations();
+  noise_std_ =
+      covariance_ ? Eigen::VectorXd(covariance_->diagonal().cwiseSqrt()) : noise.standard_deviations();
   for (Eigen::Index i = 0; i < points.rows(); ++i) add_point(model, noise, prior_std, points.row(i));
 }
 

@@ -5,24 +5,23 @@
 #include <Eigen/Cholesky>
 #include <cmath>
 
+#include "knothe/assimilation/front_model.hpp"
 #include "knothe/assimilation/model_selection.hpp"
 #include "knothe/assimilation/sequential_update.hpp"
 #include "knothe/assimilation/test_models.hpp"
+#include "knothe/assimilation/test_priors.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/random.hpp"
-#include "knothe/reduction/spline_functions.hpp"
 
 namespace knothe::assimilation {
 namespace {
 
 using test::CurvedFunctions;
+using test::Front;
 using test::LinearFunctions;
+using test::papers_priors;
 using test::random_model;
 using test::synthetic_data;
-
-std::vector<Prior> papers_priors() {
-  return {Prior::normal(0.9, std::sqrt(0.2)), Prior::normal(1.1, std::sqrt(0.2))};
-}
 
 double normal_log_density(const Eigen::VectorXd& x, const Eigen::MatrixXd& covariance) {
   const Eigen::LLT<Eigen::MatrixXd> factor(covariance);
@@ -260,49 +259,6 @@ TEST(ModelSelection, ProbabilitiesAndWords) {
   EXPECT_EQ(jeffreys_scale(-std::log(20.0)), "strong");
   EXPECT_EQ(jeffreys_scale(std::log(101.0)), "decisive");
 }
-
-/// A front y = tanh((x − a t)/(0.2 b)) that runs along x with speed a and width b: what canonical separation
-/// is worst at. The model is its best with three modes, from 9 × 9 parameter points.
-struct Front {
-  static constexpr Eigen::Index n = 20, n_t = 24;
-  std::shared_ptr<reduction::ObservedModel> model = std::make_shared<reduction::ObservedModel>();
-  double error = 0;  ///< root mean square of what three modes leave
-
-  static Eigen::MatrixXd field(double a, double b) {
-    Eigen::MatrixXd y(n, n_t);
-    for (Eigen::Index i = 0; i < n; ++i)
-      for (Eigen::Index t = 0; t < n_t; ++t)
-        y(i, t) =
-            std::tanh((0.05 * static_cast<double>(i + 1) - a * static_cast<double>(t) / 32) / (0.2 * b));
-    return y;
-  }
-
-  Front() {
-    std::vector<double> nodes;
-    for (int k = 0; k < 9; ++k) nodes.push_back(0.5 + 0.125 * k);
-    Eigen::MatrixXd all(n * n_t, 81);
-    for (int i = 0; i < 9; ++i)
-      for (int j = 0; j < 9; ++j) all.col(9 * i + j) = field(nodes[i], nodes[j]).reshaped();
-    const Eigen::VectorXd mean = all.rowwise().mean();
-    all.colwise() -= mean;
-    numerics::IncrementalSvd svd(n * n_t, 40, 81);
-    for (Eigen::Index k = 0; k < 81; ++k) svd.append(all.col(k));
-    const Eigen::Index r = 3;
-    const Eigen::MatrixXd basis = svd.space().leftCols(r);
-    const reduction::RowMatrix coordinates = basis.transpose() * all;  // r × grid
-    error = (all - basis * coordinates).norm() / std::sqrt(static_cast<double>(all.size()));
-    model->functions = std::make_shared<reduction::JointFunctions>(
-        std::vector<std::vector<double>>{nodes, nodes},
-        std::span(coordinates.data(), static_cast<std::size_t>(coordinates.size())), r);
-    model->parameters = {"a", "b"};
-    model->space = Eigen::MatrixXd::Identity(n, n);
-    model->lift = mean.reshaped(n, n_t);
-    for (Eigen::Index t = 0; t < n_t; ++t) {
-      model->time.push_back(static_cast<double>(t));
-      model->core.emplace_back(basis.middleRows(n * t, n));
-    }
-  }
-};
 
 TEST(ModelBias, RedoneOrSwitchedOnByItselfIsAReplayFromScratchBitByBit) {
   const Front front;

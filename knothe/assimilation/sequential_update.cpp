@@ -49,10 +49,13 @@ transport::MapSolverOptions online(const UpdateOptions& options) {
   map.fallback = false;
   map.search_modes = options.search_modes;
   // A mixture over the sizes of a discrepancy has tails that no order of a map follows: a low one, and the
-  // correction.
+  // correction or quadrature.
   const bool mixture = (options.learn_bias || options.bias_correction != BiasCorrectionMode::off) &&
                        options.bias.way == BiasOptions::Way::joint;
-  if (mixture) map.max_order = std::min(map.max_order, 4);
+  if (mixture) {
+    map.max_order = std::min(map.max_order, 2);
+    map.long_first_variable = false;
+  }
   return map;
 }
 

@@ -8,6 +8,7 @@
 
 #include "knothe/assimilation/grid_posterior.hpp"
 #include "knothe/assimilation/test_models.hpp"
+#include "knothe/assimilation/test_priors.hpp"
 #include "knothe/base/error.hpp"
 
 namespace knothe::assimilation {
@@ -15,12 +16,9 @@ namespace {
 
 using test::CurvedFunctions;
 using test::LinearFunctions;
+using test::papers_priors;
 using test::random_model;
 using test::synthetic_data;
-
-std::vector<Prior> papers_priors() {
-  return {Prior::normal(0.9, std::sqrt(0.2)), Prior::normal(1.1, std::sqrt(0.2))};
-}
 
 /// Mean, covariance and log-evidence of the Kalman filter for y_t = lift_t + (OU) C_t p + e.
 struct Kalman {

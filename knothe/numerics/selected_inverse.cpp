@@ -54,6 +54,29 @@ SelectedInverse::SelectedInverse(const Eigen::SparseMatrix<double>& matrix) {
                                                : Eigen::VectorXi(Eigen::VectorXi::LinSpaced(n, 0, n - 1));
   diagonal_.resize(n);
   for (int i = 0; i < n; ++i) diagonal_[i] = z[begin[position_[i]]];
+  lower_ = std::move(lower);
+}
+
+Eigen::VectorXd SelectedInverse::column(Eigen::Index j) const {
+  const Eigen::Index n = lower_.cols();
+  Eigen::VectorXd x = Eigen::VectorXd::Zero(n);
+  const int *begin = lower_.outerIndexPtr(), *row = lower_.innerIndexPtr();
+  const double* l = lower_.valuePtr();
+  // L y = e, nothing before its place; then Lᵀ x = y.
+  x[position_[j]] = 1;
+  for (Eigen::Index c = position_[j]; c < n; ++c) {
+    if (x[c] == 0) continue;
+    const double y = x[c] /= l[begin[c]];
+    for (int p = begin[c] + 1; p < begin[c + 1]; ++p) x[row[p]] -= l[p] * y;
+  }
+  for (Eigen::Index c = n; c-- > 0;) {
+    double sum = x[c];
+    for (int p = begin[c] + 1; p < begin[c + 1]; ++p) sum -= l[p] * x[row[p]];
+    x[c] = sum / l[begin[c]];
+  }
+  Eigen::VectorXd result(n);
+  for (Eigen::Index i = 0; i < n; ++i) result[i] = x[position_[i]];
+  return result;
 }
 
 double SelectedInverse::entry(Eigen::Index i, Eigen::Index j) const {

@@ -18,9 +18,12 @@ class SelectedInverse {
   [[nodiscard]] const Eigen::VectorXd& diagonal() const { return diagonal_; }
   /// (A⁻¹)_ij; entries of the pattern of A are always there. Errors: UsageError for one that is not.
   [[nodiscard]] double entry(Eigen::Index i, Eigen::Index j) const;
+  /// A⁻¹ e_j, by the factor.
+  [[nodiscard]] Eigen::VectorXd column(Eigen::Index j) const;
 
  private:
   Eigen::VectorXd diagonal_;
+  Eigen::SparseMatrix<double> lower_;    ///< L, in the factor's order
   Eigen::SparseMatrix<double> inverse_;  ///< lower triangle in the factor's order
   Eigen::VectorXi position_;             ///< of an index in the factor's order
 };

@@ -58,6 +58,35 @@ class Test(Case):
         self.edit('kind = "ekf"\ngate = 4.0', 'kind = "transport"\nnoise_level = "unknown"\nlikelihood = "student-t"')
         self.expect(3, "assimilate", self.project_name, stderr="links all data")
 
+    def test_every_combination_with_bias_correction_works_or_is_refused_in_words(self):
+        """noise_level, likelihood, gate, offsets, form and method beside bias_correction; the gate beside noise_level."""
+        joint, linear = 'bias_correction = "on"\n', 'bias_correction = "on"\nbias_extrapolation = "linear"\n'
+        one_by_one = "go with method transport or grid and the Gaussian likelihood only"
+        for options, words in (
+                (joint + "gate = 6.0\n", one_by_one),
+                (joint + 'likelihood = "student-t"\n', one_by_one),
+                (linear + "gate = 6.0\n", one_by_one),
+                (joint + 'noise_level = "unknown"\n', "data cannot tell a bias from noise"),
+                (linear + 'noise_level = "unknown"\n', "data cannot tell a bias from noise"),
+                ('bias_correction = "auto"\nnoise_level = "unknown"\n', "data cannot tell a bias from noise"),
+                (joint + "offset_std = 1e-6\n", "noise that steps share"),
+                ('gate = 6.0\nnoise_level = "unknown"\n', None)):
+            with self.subTest(options):
+                self.edit("[method]\n", "[method]\n" + options)
+                if words:
+                    self.expect(2, "assimilate", self.project_name, stderr=words)
+                else:
+                    self.assertTrue(all("noise_level" in line for line in self.assimilate()))
+                self.edit("[method]\n" + options, "[method]\n")
+        self.edit("[method]\n", "[method]\n" + joint)
+        for method in ("ekf", "smc"):
+            self.expect(2, "assimilate", self.project_name, "--method", method, stderr=one_by_one)
+        self.assertEqual({line["bias_correction"] for line in self.assimilate("--method", "grid")}, {"on"})
+        self.edit('form = "collapsed"', 'form = "composed"')
+        self.expect(2, "assimilate", self.project_name, stderr='bias_extrapolation = "linear"')
+        self.edit(joint, linear)
+        self.assertIn("on", {line["bias_correction"] for line in self.assimilate()})
+
 
 if __name__ == "__main__":
     unittest.main()
