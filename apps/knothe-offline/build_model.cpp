@@ -12,11 +12,14 @@
 #include "knothe/base/progress.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/mechanics/latin_model.hpp"
+#include "knothe/mechanics/ranks.hpp"
 #include "knothe/mechanics/snapshot_runs.hpp"
-#include "knothe/numerics/sobol.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/reduction/compression.hpp"
 #include "knothe/reduction/crack_modes.hpp"
+#include "knothe/reduction/grid_refinement.hpp"
+#include "knothe/reduction/observed_model.hpp"
+#include "knothe/reduction/truncation_error.hpp"
 
 namespace knothe::offline_commands {
 namespace {
@@ -95,8 +98,10 @@ reduction::Snapshots solve_grid(const BuildArguments& arguments, const project::
   grid.axes = axes;
   grid.parts_folder = arguments.output + ".parts";
   grid.processes = options.processes;
+  const bool first = mechanics::Ranks::of_this_job().rank == 0;
+  grid.quiet = !first;
   mechanics::SnapshotRuns runs = mechanics::run_snapshots(problem, grid);
-  report_runs(runs, arguments.json);
+  if (first) report_runs(runs, arguments.json);
   return std::move(runs.snapshots);
 }
 
@@ -104,25 +109,71 @@ reduction::Snapshots solve_grid(const BuildArguments& arguments, const project::
 std::vector<reduction::OffGridSolution> off_grid_runs(const mechanics::BeamProblem& problem,
                                                       const std::vector<reduction::Axis>& axes) {
   constexpr int k_points = 4;
-  constexpr std::uint64_t k_seed = 1;
+  constexpr std::uint64_t k_seed = 271;  // not that of `model verify`, whose points must be new
   mechanics::FullOrderModel model = mechanics::make_full_order_model(problem);
-  const Eigen::MatrixXd unit =
-      numerics::sobol_points(k_points, static_cast<Eigen::Index>(axes.size()), k_seed);
   std::vector<reduction::OffGridSolution> solutions;
   Progress progress("off-grid runs", k_points);
-  for (int i = 0; i < k_points; ++i) {
-    reduction::OffGridSolution solution;
-    for (std::size_t k = 0; k < axes.size(); ++k) {
-      const std::vector<double>& nodes = axes[k].nodes;
-      solution.parameters.push_back(nodes.front() +
-                                    unit(i, static_cast<Eigen::Index>(k)) * (nodes.back() - nodes.front()));
-    }
-    solution.values =
-        model.run(mechanics::damage_parameters(problem, axes, solution.parameters)).displacement;
-    solutions.push_back(std::move(solution));
-    progress.advance_to(static_cast<std::size_t>(i) + 1);
+  for (const std::vector<double>& point : points_in_box(axes, k_points, k_seed)) {
+    solutions.push_back({point, mechanics::run_at(model, problem, axes, point).displacement});
+    progress.advance_to(solutions.size());
   }
   return solutions;
+}
+
+/// Largest error on the observed dofs of splines through the uncompressed snapshots, m.
+double interpolation_error(const reduction::Snapshots& snapshots, const std::vector<std::size_t>& dofs,
+                           const std::vector<reduction::OffGridSolution>& off_grid) {
+  std::vector<double> points;
+  std::vector<std::int64_t> components;
+  for (const std::size_t dof : dofs) {
+    points.insert(points.end(), &snapshots.dofs.points[3 * dof], &snapshots.dofs.points[3 * dof] + 3);
+    components.push_back(snapshots.dofs.components[dof]);
+  }
+  const reduction::ObservedModel model = reduction::observe_snapshots(snapshots, points, components);
+  double largest = 0;
+  for (const reduction::OffGridSolution& solution : off_grid) {
+    const auto d = static_cast<Eigen::Index>(solution.parameters.size());
+    const Eigen::VectorXd p = Eigen::Map<const Eigen::VectorXd>(solution.parameters.data(), d);
+    for (std::size_t step = 0; step < snapshots.time.size(); ++step) {
+      const Eigen::VectorXd y = model.predict(p, step);
+      for (std::size_t i = 0; i < dofs.size(); ++i)
+        largest = std::max(largest, std::abs(y[static_cast<Eigen::Index>(i)] -
+                                             solution.values[step * snapshots.dof_count() + dofs[i]]));
+    }
+  }
+  return largest;
+}
+
+/// Solves the grid, and finer ones until `grid_error` is met ([offline.adaptive]); old runs are kept.
+reduction::Snapshots solve_adaptive_grid(const BuildArguments& arguments, const project::Project& project,
+                                         const mechanics::BeamProblem& problem,
+                                         std::vector<reduction::Axis> axes,
+                                         const std::vector<reduction::OffGridSolution>& off_grid) {
+  const project::OfflineOptions& options = *project.offline;
+  while (true) {
+    reduction::Snapshots snapshots = solve_grid(arguments, options, problem, axes);
+    if (options.adaptive_grid_error <= 0) return snapshots;
+    const std::vector<std::size_t> dofs = judged_dofs(project, snapshots.dofs);
+    const double error = interpolation_error(snapshots, dofs, off_grid);
+    fmt::print(stderr, "parameter grid of {} points: off the grid at most {:.3f} µm on the observed dofs\n",
+               snapshots.grid_size(), 1e6 * error);
+    if (error <= options.adaptive_grid_error) return snapshots;
+    const auto weak = reduction::weakest_node(snapshots, dofs);
+    if (!weak)
+      throw ProjectError(
+          "[offline.adaptive]: grid_error needs an axis of at least three nodes to begin with");
+    axes = reduction::refined(axes, *weak);
+    std::size_t points = 1;
+    for (const reduction::Axis& axis : axes) points *= axis.nodes.size();
+    if (points > static_cast<std::size_t>(options.adaptive_runs)) {
+      fmt::print(
+          stderr,
+          "knothe: warning: grid_error {:g} m is not met ({:g} m), and a finer grid would have {} points, "
+          "more than [offline.adaptive] runs = {}\n",
+          options.adaptive_grid_error, error, points, options.adaptive_runs);
+      return snapshots;
+    }
+  }
 }
 
 }  // namespace
@@ -133,11 +184,22 @@ int build_model(const BuildArguments& arguments) {
   const project::OfflineOptions& options = *project.offline;
 
   const std::vector<reduction::Axis> axes = parameter_axes(project);
-  const reduction::Snapshots snapshots = solve_grid(arguments, options, problem, axes);
+  // The off-grid runs judge an adaptive grid; without one they come last, when the grid's runs are safe.
+  std::vector<reduction::OffGridSolution> off_grid;
+  if (options.adaptive_grid_error > 0) off_grid = off_grid_runs(problem, axes);
+  const reduction::Snapshots snapshots = solve_adaptive_grid(arguments, project, problem, axes, off_grid);
+
+  // In an MPI job all ranks have computed runs and now hold the same snapshots; the first one goes on.
+  if (mechanics::Ranks::of_this_job().rank != 0) {
+    mechanics::Ranks::finish();
+    return 0;
+  }
 
   reduction::CompressionOptions compression;
   compression.form = options.form == "canonical" ? reduction::Form::canonical : reduction::Form::tree;
-  compression.modes = static_cast<std::size_t>(options.modes);
+  compression.modes = options.adaptive_error > 0 || options.adaptive_shift > 0
+                          ? choose_modes(project, snapshots, compression.form)
+                          : static_cast<std::size_t>(options.modes);
   compression.quiet = false;
   reduction::ModelContents model = reduction::compress(snapshots, compression);
   if (options.crack_lengths > 0 && problem.gmsh_file.empty()) {
@@ -147,9 +209,10 @@ int build_model(const BuildArguments& arguments) {
     model.crack = reduction::crack_modes(table.lengths, table.values);
   }
   model.project = project.text;
-  reduction::write_model(model, arguments.output);
+  if (off_grid.empty()) off_grid = off_grid_runs(problem, axes);
+  reduction::write_model(model, reduction::truncation_error(model, snapshots, off_grid), arguments.output);
 
-  report_study(study_models(project, snapshots, off_grid_runs(problem, axes)), arguments.json);
+  report_study(study_models(project, snapshots, off_grid), arguments.json);
   if (arguments.json) {
     fmt::print("{}\n", files::json_line({{"done", true},
                                          {"model", arguments.output},
@@ -160,6 +223,7 @@ int build_model(const BuildArguments& arguments) {
                arguments.output, options.form, model.parameter_modes, model.relative_error,
                model.max_error_m * 1e6);
   }
+  mechanics::Ranks::finish();
   return 0;
 }
 

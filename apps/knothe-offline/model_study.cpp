@@ -2,11 +2,16 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <nlohmann/json.hpp>
+#include <numeric>
 
 #include "knothe/assimilation/synthetic_measurements.hpp"
+#include "knothe/base/error.hpp"
 #include "knothe/files/json_line.hpp"
+#include "knothe/numerics/sobol.hpp"
 #include "knothe/project/simulation.hpp"
 #include "knothe/reduction/observed_model.hpp"
 
@@ -15,55 +20,154 @@ namespace {
 
 using reduction::ObservedModel;
 
-/// Synthetic data of the uncompressed model at the project's truth, and the posterior they give: the judge.
+/// Synthetic data of the uncompressed model at a truth, and the posterior they give: the judge.
 struct Judge {
   std::shared_ptr<const ObservedModel> model;
-  std::vector<std::size_t> dofs;
+  SyntheticProblem problem;
   assimilation::Measurements data;
-  std::vector<assimilation::Prior> priors;
 };
 
-std::optional<Judge> make_judge(const project::Project& project, const reduction::Snapshots& snapshots) {
-  if (!project.simulate || project.parameters.size() != snapshots.axes.size()) return std::nullopt;
-  std::vector<std::string> names;
-  Judge judge;
-  for (const reduction::Axis& axis : snapshots.axes) {
-    for (const project::NamedPrior& parameter : project.parameters) {
-      if (parameter.name == axis.name) judge.priors.push_back(parameter.prior);
-    }
-    names.push_back(axis.name);
-  }
-  if (judge.priors.size() != names.size()) return std::nullopt;
-  const std::vector<double> truth = project::simulated_truth(project, names);
-  const project::SimulateOptions& options = *project.simulate;
-  judge.dofs = assimilation::choose_dofs(snapshots.dofs, project::dof_selection(options), options.seed);
-  std::vector<double> points;
-  std::vector<std::int64_t> components;
-  for (std::size_t dof : judge.dofs) {
-    points.insert(points.end(), &snapshots.dofs.points[3 * dof], &snapshots.dofs.points[3 * dof] + 3);
-    components.push_back(snapshots.dofs.components[dof]);
-  }
-  judge.model =
-      std::make_shared<const ObservedModel>(reduction::observe_snapshots(snapshots, points, components));
+Judge make_judge(std::shared_ptr<const ObservedModel> model, const SyntheticProblem& problem,
+                 const reduction::Snapshots& snapshots, const std::vector<double>& truth) {
   const Eigen::VectorXd p =
       Eigen::Map<const Eigen::VectorXd>(truth.data(), static_cast<Eigen::Index>(truth.size()));
-  Eigen::MatrixXd exact(static_cast<Eigen::Index>(judge.dofs.size()),
+  Eigen::MatrixXd exact(static_cast<Eigen::Index>(problem.dofs.size()),
                         static_cast<Eigen::Index>(snapshots.time.size()));
-  for (std::size_t t = 0; t < snapshots.time.size(); ++t) {
-    exact.col(static_cast<Eigen::Index>(t)) = judge.model->predict(p, t);
+  for (std::size_t t = 0; t < snapshots.time.size(); ++t)
+    exact.col(static_cast<Eigen::Index>(t)) = model->predict(p, t);
+  return {std::move(model), problem,
+          assimilation::add_noise(snapshots.dofs, problem.dofs, snapshots.time, exact, problem.noise_std,
+                                  problem.seed)};
+}
+
+assimilation::ShiftSummary shift_from(const Judge& judge, const reduction::SeparatedModel& model) {
+  const auto observed =
+      std::make_shared<const ObservedModel>(reduction::observe_dofs(model, judge.problem.dofs));
+  return assimilation::summarise(assimilation::posterior_shift(observed, judge.model, judge.data.values,
+                                                               judge.data.noise, judge.problem.priors));
+}
+
+/// Largest |u − û| at `dofs` over the grid and all steps, m.
+double largest_error(const reduction::SeparatedModel& model, const reduction::Snapshots& snapshots,
+                     std::span<const std::size_t> dofs) {
+  const ObservedModel observed = reduction::observe_dofs(model, dofs);
+  const std::size_t n_dof = snapshots.dof_count();
+  double largest = 0;
+  for (std::size_t point = 0; point < snapshots.grid_size(); ++point) {
+    const std::vector<double> at = snapshots.parameters_at(point);
+    const Eigen::VectorXd p =
+        Eigen::Map<const Eigen::VectorXd>(at.data(), static_cast<Eigen::Index>(at.size()));
+    for (std::size_t step = 0; step < snapshots.time.size(); ++step) {
+      const Eigen::VectorXd y = observed.predict(p, step);
+      for (std::size_t i = 0; i < dofs.size(); ++i)
+        largest = std::max(largest, std::abs(y[static_cast<Eigen::Index>(i)] -
+                                             snapshots.solution(point)[step * n_dof + dofs[i]]));
+    }
   }
-  judge.data = assimilation::add_noise(snapshots.dofs, judge.dofs, snapshots.time, exact, options.noise_std,
-                                       options.seed);
-  return judge;
+  return largest;
 }
 
 }  // namespace
 
+std::optional<SyntheticProblem> synthetic_problem(const project::Project& project,
+                                                  const std::vector<reduction::Axis>& axes,
+                                                  const reduction::Dofs& dofs) {
+  if (!project.simulate || project.parameters.size() != axes.size()) return std::nullopt;
+  SyntheticProblem problem;
+  for (const reduction::Axis& axis : axes) {
+    for (const project::NamedPrior& parameter : project.parameters)
+      if (parameter.name == axis.name) problem.priors.push_back(parameter.prior);
+    problem.names.push_back(axis.name);
+  }
+  if (problem.priors.size() != axes.size()) return std::nullopt;
+  problem.dofs = judged_dofs(project, dofs);
+  for (const std::size_t dof : problem.dofs) {
+    problem.points.insert(problem.points.end(), &dofs.points[3 * dof], &dofs.points[3 * dof] + 3);
+    problem.components.push_back(dofs.components[dof]);
+  }
+  problem.noise_std = project.simulate->noise_std;
+  problem.seed = project.simulate->seed;
+  return problem;
+}
+
+std::vector<std::size_t> judged_dofs(const project::Project& project, const reduction::Dofs& dofs) {
+  if (project.simulate)
+    return assimilation::choose_dofs(dofs, project::dof_selection(*project.simulate), project.simulate->seed);
+  std::vector<std::size_t> all(dofs.components.size());
+  std::iota(all.begin(), all.end(), std::size_t{0});
+  return all;
+}
+
+std::vector<std::vector<double>> points_in_box(const std::vector<reduction::Axis>& axes, int count,
+                                               std::uint64_t seed) {
+  const Eigen::MatrixXd unit = numerics::sobol_points(count, static_cast<Eigen::Index>(axes.size()), seed);
+  std::vector<std::vector<double>> points(static_cast<std::size_t>(count));
+  for (std::size_t i = 0; i < points.size(); ++i)
+    for (std::size_t k = 0; k < axes.size(); ++k) {
+      const std::vector<double>& nodes = axes[k].nodes;
+      points[i].push_back(nodes.front() + unit(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) *
+                                              (nodes.back() - nodes.front()));
+    }
+  return points;
+}
+
+std::size_t choose_modes(const project::Project& project, const reduction::Snapshots& snapshots,
+                         reduction::Form form) {
+  const project::OfflineOptions& options = *project.offline;
+  const bool by_shift = options.adaptive_shift > 0;
+  std::vector<std::size_t> candidates;
+  for (const std::size_t m : {3u, 6u, 10u, 15u, 20u, 30u, 40u, 50u, 65u, 80u, 100u})
+    if (m < snapshots.grid_size() && (m <= 30 || form == reduction::Form::tree)) candidates.push_back(m);
+  std::vector<Judge> judges;
+  if (by_shift) {
+    const auto problem = synthetic_problem(project, snapshots.axes, snapshots.dofs);
+    project.require(
+        problem.has_value(),
+        "[simulate], and [parameters] with a prior for each axis: offline.adaptive.posterior_shift "
+        "asks for them");
+    const auto exact = std::make_shared<const ObservedModel>(
+        reduction::observe_snapshots(snapshots, problem->points, problem->components));
+    // The project's truth and two points of the box.
+    judges.push_back(
+        make_judge(exact, *problem, snapshots, project::simulated_truth(project, problem->names)));
+    for (const auto& truth : points_in_box(snapshots.axes, 2, 3))
+      judges.push_back(make_judge(exact, *problem, snapshots, truth));
+  }
+  const std::vector<std::size_t> dofs = judged_dofs(project, snapshots.dofs);
+  reduction::CompressionOptions compression;
+  compression.form = form;
+  double reached = 0;
+  const double wanted = by_shift ? options.adaptive_shift : options.adaptive_error;
+  for (reduction::StudiedModel& studied : reduction::compression_study(snapshots, compression, candidates)) {
+    const reduction::SeparatedModel model(std::move(studied.model));
+    reached = by_shift ? 0 : largest_error(model, snapshots, dofs);
+    for (const Judge& judge : judges) reached = std::max(reached, shift_from(judge, model).worst_mean.mean);
+    fmt::print(stderr, "{} modes: {}\n", studied.row.parameter_modes,
+               by_shift ? fmt::format("posterior shift {:.3f} std", reached)
+                        : fmt::format("at most {:.3f} µm on the observed dofs", 1e6 * reached));
+    if (reached <= wanted) return studied.row.parameter_modes;
+  }
+  throw NumericalError(
+      fmt::format("[offline.adaptive]: {} modes, the most that are tried on {} grid points, reach {:.3g} "
+                  "where {:.3g} {} is "
+                  "wanted: ask for less, or give \"modes\"",
+                  candidates.empty() ? 0 : candidates.back(), snapshots.grid_size(), reached, wanted,
+                  by_shift ? "std" : "m"));
+}
+
 std::vector<StudyLine> study_models(const project::Project& project, const reduction::Snapshots& snapshots,
                                     const std::vector<reduction::OffGridSolution>& off_grid) {
-  const std::optional<Judge> judge = make_judge(project, snapshots);
+  std::optional<Judge> judge;
+  // With many parameters the uncompressed judge (a function per grid point) and alternating least squares
+  // would take longer than the model.
+  const bool many = snapshots.axes.size() > 3;
+  if (const auto problem = synthetic_problem(project, snapshots.axes, snapshots.dofs); problem && !many)
+    judge = make_judge(std::make_shared<const ObservedModel>(
+                           reduction::observe_snapshots(snapshots, problem->points, problem->components)),
+                       *problem, snapshots, project::simulated_truth(project, problem->names));
   std::vector<StudyLine> lines;
   for (const reduction::Form form : {reduction::Form::canonical, reduction::Form::tree}) {
+    if (many && form == reduction::Form::canonical) continue;
     std::vector<std::size_t> modes;
     for (std::size_t m : {3u, 6u, 10u, 20u, 30u, 50u}) {
       // Alternating least squares with 50 canonical modes would take minutes and change nothing in the
@@ -77,10 +181,7 @@ std::vector<StudyLine> study_models(const project::Project& project, const reduc
       StudyLine line{form, studied.row, std::nullopt};
       if (judge) {
         const reduction::SeparatedModel model(std::move(studied.model));
-        const auto observed =
-            std::make_shared<const ObservedModel>(reduction::observe_dofs(model, judge->dofs));
-        line.shift = assimilation::summarise(assimilation::posterior_shift(
-            observed, judge->model, judge->data.values, judge->data.noise, judge->priors));
+        line.shift = shift_from(*judge, model);
       }
       lines.push_back(std::move(line));
     }

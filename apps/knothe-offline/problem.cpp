@@ -1,5 +1,7 @@
 #include "apps/knothe-offline/problem.hpp"
 
+#include <map>
+
 #include "knothe/base/error.hpp"
 
 namespace knothe::offline_commands {
@@ -24,8 +26,10 @@ mechanics::BeamProblem beam_problem(const project::Project& project) {
   regularisation.reference_size = options.reference_size;
   regularisation.internal_length = options.internal_length;
   for (const project::OfflineParameter& parameter : options.parameters) {
-    (parameter.name == "Y0" ? problem.reference.threshold : problem.reference.brittleness) =
-        parameter.reference;
+    if (parameter.name == "Y0") problem.reference.threshold = parameter.reference;
+    if (parameter.name == "Ad") problem.reference.brittleness = parameter.reference;
+    if (parameter.name == "E") problem.elastic.young_modulus = parameter.reference;
+    if (parameter.name == "support_stiffness") problem.beam.support_stiffness = parameter.reference;
   }
   return problem;
 }
@@ -36,8 +40,13 @@ std::vector<reduction::Axis> parameter_axes(const project::Project& project) {
     reduction::Axis axis;
     axis.name = parameter.name;
     axis.reference = parameter.reference;
-    axis.long_name = parameter.name == "Y0" ? "damage threshold Y0, multiple of its reference [J/m3]"
-                                            : "brittleness Ad, multiple of its reference [m3/J]";
+    static const std::map<std::string, std::string> k_names = {
+        {"Y0", "damage threshold Y0, multiple of its reference [J/m3]"},
+        {"Ad", "brittleness Ad, multiple of its reference [m3/J]"},
+        {"E", "Young's modulus, multiple of its reference [Pa]"},
+        {"support_stiffness", "stiffness of each support, multiple of its reference [N/m]"},
+        {"load_offset", "offset of the load line from mid-span, multiple of its reference [m]"}};
+    axis.long_name = k_names.at(parameter.name);
     for (int i = 0; i < parameter.nodes; ++i) {
       axis.nodes.push_back(parameter.lower + (parameter.upper - parameter.lower) * i / (parameter.nodes - 1));
     }

@@ -16,7 +16,7 @@ int simulate(const SimulateArguments& arguments) {
   for (const reduction::Axis& axis : axes) names.push_back(axis.name);
   const std::vector<double> truth = project::simulated_truth(project, names);
   mechanics::FullOrderModel model = mechanics::make_full_order_model(problem);
-  const mechanics::FullOrderResult run = model.run(mechanics::damage_parameters(problem, axes, truth));
+  const mechanics::FullOrderResult run = mechanics::run_at(model, problem, axes, truth);
   const std::size_t n_dof = model.structure().dof_count();
   const auto field = [&](std::size_t step, std::span<const std::size_t> dofs) {
     std::vector<double> values;

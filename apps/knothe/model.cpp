@@ -12,6 +12,7 @@
 #include "knothe/files/json_line.hpp"
 #include "knothe/reduction/compression.hpp"
 #include "knothe/reduction/separated_model.hpp"
+#include "knothe/reduction/truncation_error.hpp"
 
 namespace knothe::commands {
 namespace {
@@ -150,8 +151,8 @@ int model_import(const ImportArguments& arguments) {
   if (arguments.tolerance > 0) options.tolerance = arguments.tolerance;
   options.quiet = false;
   files::refuse_overwriting(arguments.output, {arguments.snapshots});
-  const reduction::ModelContents model = reduction::import_model(arguments.snapshots, options);
-  reduction::write_model(model, arguments.output);
+  const auto [model, truncation] = reduction::import_model_and_error(arguments.snapshots, options);
+  reduction::write_model(model, truncation, arguments.output);
   fmt::print(
       "{}: {} form, {} space modes, {} parameter modes, error on the grid {:.2g} (relative), at most {:.3g} "
       "µm\n",

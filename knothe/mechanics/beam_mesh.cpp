@@ -80,6 +80,11 @@ void BeamOptions::validate() const {
         "protected_half_width and protected_depth are {} and {} m; they must be 0 or positive, the depth "
         "less than the height",
         protected_half_width, protected_depth));
+  if (!(support_stiffness >= 0) || !std::isfinite(support_stiffness))
+    refuse(fmt::format("support_stiffness is {} N/m; it must be positive, or 0 for rigid supports",
+                       support_stiffness));
+  if (!(std::abs(load_offset) <= 0.01))
+    refuse(fmt::format("load_offset is {} m; it must be within 0.01 m of mid-span", load_offset));
 }
 
 BeamGrid beam_grid(const BeamOptions& options) {
@@ -123,6 +128,23 @@ void mark_beam(HexahedronMesh& mesh, const BeamOptions& options) {
   find_crack_mouth(mesh);
 }
 
+namespace {
+
+/// Shears the mesh: the whole offset at the load strip, none below 0.6 of the height and at the border of the
+/// refined part.
+void shift_load(HexahedronMesh& mesh, const BeamOptions& options) {
+  const double whole_width = std::min(0.02, 0.5 * options.refined_half_width), none = 0.6 * options.height;
+  for (std::int64_t node = 0; node < mesh.node_count(); ++node) {
+    double& x = mesh.points[static_cast<std::size_t>(3 * node)];
+    const double y = mesh.points[static_cast<std::size_t>(3 * node + 1)];
+    const double along = std::clamp(
+        (options.refined_half_width - std::abs(x)) / (options.refined_half_width - whole_width), 0.0, 1.0);
+    x += options.load_offset * along * std::clamp((y - none) / (options.height - none), 0.0, 1.0);
+  }
+}
+
+}  // namespace
+
 HexahedronMesh beam_mesh(const BeamOptions& options) {
   const BeamGrid grid = beam_grid(options);
   HexahedronMesh mesh = structured_grid(grid.x, grid.y, grid.z, [&](const std::array<double, 3>& centre) {
@@ -137,6 +159,8 @@ HexahedronMesh beam_mesh(const BeamOptions& options) {
     const bool under_load = centre[1] > protected_from && std::abs(centre[0]) < options.protected_half_width;
     mesh.elastic[cell] = outside || under_load ? 1 : 0;
   }
+  mesh.support_stiffness = options.support_stiffness / 2;
+  if (options.load_offset != 0) shift_load(mesh, options);
   mechanics::validate(mesh, "beam");
   return mesh;
 }

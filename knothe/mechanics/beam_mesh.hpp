@@ -27,6 +27,12 @@ struct BeamOptions {
   double growth = 1.2;                   ///< ratio of neighbouring columns outside the fine mesh
   double largest_element = 0.025;        ///< widest column outside the fine mesh
   LeftSupport left_support = LeftSupport::support_line;
+  /// Stiffness of each support of the whole beam in y, N/m; 0: rigid.
+  double support_stiffness = 0;
+  /// The load strip stands so far to the right of mid-span, m, at most 0.01: the mesh above mid-height and
+  /// beside the strip is sheared, so that the displacement is a smooth function of it. Nodes keep their
+  /// numbers.
+  double load_offset = 0;
 
   /// Throws ProjectError naming the option that makes no sense.
   void validate() const;

@@ -22,12 +22,14 @@ struct HexahedronMesh {
   std::vector<std::int64_t> cells;  ///< c × 8 node numbers
   std::vector<char> elastic;        ///< c; 1 where the material cannot be damaged
   std::vector<std::int64_t> names;  ///< c; the number that the mesh file gives to a cell (for messages)
-  NodeSet support_left;             ///< u_y = 0, and u_x = 0 with LeftSupport::support_line
-  NodeSet support_right;            ///< u_y = 0
+  NodeSet support_left;             ///< u_y = 0 (or a spring), and u_x = 0 with LeftSupport::support_line
+  NodeSet support_right;            ///< u_y = 0 (or a spring)
   NodeSet load;                     ///< u_y = -(imposed displacement)
   NodeSet symmetry;                 ///< u_z = 0
   NodeSet left_face;                ///< u_x = 0 with LeftSupport::left_face
   LeftSupport left_support = LeftSupport::support_line;
+  /// Stiffness of each support line of the half body in y, N/m, shared by its nodes; 0: rigid.
+  double support_stiffness = 0;
   /// Nodes left and right of the crack mouth (the notch's lower corners, outer face): crack-mouth opening is
   /// the difference of their u_x. -1 if the mesh has none.
   std::int64_t mouth_left = -1, mouth_right = -1;

@@ -52,27 +52,60 @@ FullOrderModel make_full_order_model(const BeamProblem& problem) {
                         problem.solver);
 }
 
-DamageParameters damage_parameters(const BeamProblem& problem, std::span<const reduction::Axis> axes,
-                                   std::span<const double> values) {
+BeamProblem problem_at(const BeamProblem& problem, std::span<const reduction::Axis> axes,
+                       std::span<const double> values) {
   if (axes.size() != values.size())
     throw UsageError(
         fmt::format("{} parameter values were given for {} parameters", values.size(), axes.size()));
-  DamageParameters parameters = problem.reference;
+  BeamProblem result = problem;
   for (std::size_t i = 0; i < axes.size(); ++i) {
-    if (axes[i].name == "Y0")
-      parameters.threshold = values[i] * axes[i].reference;
-    else if (axes[i].name == "Ad")
-      parameters.brittleness = values[i] * axes[i].reference;
-    else {
-      const std::vector<std::string> known = {"Y0", "Ad"};
-      throw ProjectError(
-          fmt::format("the full-order model has no parameter \"{}\"{}; it has Y0 (threshold, J/m3) and Ad "
-                      "(brittleness, m3/J)",
-                      axes[i].name, did_you_mean(axes[i].name, known)));
+    const std::string& name = axes[i].name;
+    const double value = values[i] * axes[i].reference;
+    if (name == "Y0") {
+      result.reference.threshold = value;
+    } else if (name == "Ad") {
+      result.reference.brittleness = value;
+    } else if (name == "E") {
+      result.elastic.young_modulus = value;
+    } else if (name == "support_stiffness" || name == "load_offset") {
+      if (!problem.gmsh_file.empty())
+        throw ProjectError(fmt::format("parameter {}: it is one of the structured beam, not of {}", name,
+                                       problem.gmsh_file));
+      (name == "load_offset" ? result.beam.load_offset : result.beam.support_stiffness) = value;
+    } else {
+      const std::vector<std::string> known = {"Y0", "Ad", "E", "support_stiffness", "load_offset"};
+      throw ProjectError(fmt::format(
+          "the full-order model has no parameter \"{}\"{}; it has Y0 (threshold, J/m3), Ad "
+          "(brittleness, m3/J), E (Young's modulus, Pa), support_stiffness (N/m) and load_offset (m)",
+          name, did_you_mean(name, known)));
     }
   }
-  parameters.validate();
-  return parameters;
+  result.reference.validate();
+  result.elastic.validate();
+  if (result.gmsh_file.empty()) result.beam.validate();
+  return result;
+}
+
+bool same_body(const BeamProblem& one, const BeamProblem& other) {
+  return one.elastic.young_modulus == other.elastic.young_modulus &&
+         one.beam.support_stiffness == other.beam.support_stiffness &&
+         one.beam.load_offset == other.beam.load_offset;
+}
+
+FullOrderResult run_at(FullOrderModel& model, const BeamProblem& problem,
+                       std::span<const reduction::Axis> axes, std::span<const double> values) {
+  const BeamProblem point = problem_at(problem, axes, values);
+  return same_body(problem, point) ? model.run(point.reference)
+                                   : make_full_order_model(point).run(point.reference);
+}
+
+DamageParameters damage_parameters(const BeamProblem& problem, std::span<const reduction::Axis> axes,
+                                   std::span<const double> values) {
+  const BeamProblem point = problem_at(problem, axes, values);
+  if (!same_body(problem, point))
+    throw ProjectError(
+        "LATIN-PGD solves for Y0 and Ad, on one elastic body: other parameters take method = \"snapshots\"");
+  return point.reference;
 }
 
 std::vector<double> model_time(const SolverOptions& solver) {

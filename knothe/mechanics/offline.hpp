@@ -31,8 +31,20 @@ struct BeamProblem {
 /// The model, ready to run for any parameters.
 [[nodiscard]] FullOrderModel make_full_order_model(const BeamProblem& problem);
 
-/// Physical parameters for dimensionless `values` of the axes: value × reference. The names known are "Y0"
-/// (threshold, J/m³) and "Ad" (brittleness, m³/J); another one is a ProjectError that lists them.
+/// The problem at dimensionless `values` of the axes (value × reference), its `reference` the damage
+/// parameters there. The names known are "Y0" (threshold, J/m³), "Ad" (brittleness, m³/J), "E" (Young's
+/// modulus, Pa), "support_stiffness" (N/m) and "load_offset" (m); another one is a ProjectError that lists
+/// them. The last two are of the beam that `beam` describes, not of a Gmsh mesh: ProjectError.
+[[nodiscard]] BeamProblem problem_at(const BeamProblem& problem, std::span<const reduction::Axis> axes,
+                                     std::span<const double> values);
+/// Runs the full-order model at a point: `model`, which is that of `problem`, where it has the same elastic
+/// body, else one of its own.
+[[nodiscard]] FullOrderResult run_at(FullOrderModel& model, const BeamProblem& problem,
+                                     std::span<const reduction::Axis> axes, std::span<const double> values);
+/// Whether two problems differ in nothing but the damage parameters (as far as `problem_at` changes them).
+[[nodiscard]] bool same_body(const BeamProblem& one, const BeamProblem& other);
+
+/// The damage parameters alone. ProjectError if an axis is not one of them: LATIN-PGD keeps the elastic body.
 [[nodiscard]] DamageParameters damage_parameters(const BeamProblem& problem,
                                                  std::span<const reduction::Axis> axes,
                                                  std::span<const double> values);

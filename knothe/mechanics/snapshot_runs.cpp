@@ -12,6 +12,7 @@
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/hdf5.hpp"
 #include "knothe/mechanics/child_processes.hpp"
+#include "knothe/mechanics/ranks.hpp"
 
 namespace knothe::mechanics {
 namespace {
@@ -28,7 +29,8 @@ std::uint64_t fnv1a(std::string_view text) {
 
 /// Everything a run's result depends on, as text. `processes`, names of axes and references are not in it:
 /// what counts is the physical value.
-std::string key_text(const BeamProblem& problem, const DamageParameters& p) {
+std::string key_text(const BeamProblem& problem) {
+  const DamageParameters& p = problem.reference;
   const auto& beam = problem.beam;
   const auto& solver = problem.solver;
   std::string mesh;
@@ -40,6 +42,8 @@ std::string key_text(const BeamProblem& problem, const DamageParameters& p) {
                     beam.protected_half_width, beam.protected_depth, beam.growth, beam.largest_element);
   else
     mesh = fmt::format("gmsh {:016x}", fnv1a(files::read_text(problem.gmsh_file)));
+  if (beam.support_stiffness != 0 || beam.load_offset != 0)
+    mesh += fmt::format(" | springs {:a} offset {:a}", beam.support_stiffness, beam.load_offset);
   const auto& regularisation = solver.regularisation;
   std::string law;
   if (regularisation.kind == Regularisation::crack_band)
@@ -59,7 +63,7 @@ std::string key_text(const BeamProblem& problem, const DamageParameters& p) {
 struct Part {
   std::string key, path;
   std::vector<double> parameters;  ///< dimensionless
-  DamageParameters physical;
+  BeamProblem problem;             ///< at these parameters
 };
 
 void check_axes(const SnapshotGrid& grid) {
@@ -145,8 +149,8 @@ std::vector<Part> list_parts(const BeamProblem& problem, const SnapshotGrid& gri
   std::vector<Part> parts(snapshots.grid_size());
   for (std::size_t i = 0; i < parts.size(); ++i) {
     parts[i].parameters = snapshots.parameters_at(i);
-    parts[i].physical = damage_parameters(problem, grid.axes, parts[i].parameters);
-    parts[i].key = key_text(problem, parts[i].physical);
+    parts[i].problem = problem_at(problem, grid.axes, parts[i].parameters);
+    parts[i].key = key_text(parts[i].problem);
     parts[i].path =
         (std::filesystem::path(grid.parts_folder) / fmt::format("run-{:016x}.h5", fnv1a(parts[i].key)))
             .string();
@@ -154,8 +158,8 @@ std::vector<Part> list_parts(const BeamProblem& problem, const SnapshotGrid& gri
   return parts;
 }
 
-void compute(FullOrderModel& model, const SnapshotGrid& grid, const std::vector<Part>& parts,
-             const std::vector<std::size_t>& missing) {
+void compute(const BeamProblem& problem, FullOrderModel& model, const SnapshotGrid& grid,
+             const std::vector<Part>& parts, const std::vector<std::size_t>& missing) {
   const auto total = parts.size(), there = parts.size() - missing.size();
   Progress progress("full-order runs", total, grid.quiet);
   progress.advance_to(there);
@@ -171,7 +175,7 @@ void compute(FullOrderModel& model, const SnapshotGrid& grid, const std::vector<
         static_cast<int>(missing.size()), grid.processes,
         [&](int job) {
           const Part& part = parts[missing[static_cast<std::size_t>(job)]];
-          write_part(part, model.run(part.physical));
+          write_part(part, run_at(model, problem, grid.axes, part.parameters));
         },
         [&](int done) { progress.advance_to(there + static_cast<std::size_t>(done)); }, count_parts);
   } catch (const JobFailure& failure) {
@@ -211,7 +215,17 @@ SnapshotRuns run_snapshots(const BeamProblem& problem, const SnapshotGrid& grid)
     runs.runs[i].resumed = part_is_there(parts[i]);
     if (!runs.runs[i].resumed) missing.push_back(i);
   }
-  if (!missing.empty()) compute(model, grid, parts, missing);
+  const Ranks ranks = Ranks::of_this_job();
+  ranks.wait();  // all have seen the same parts
+  if (ranks.size > 1) {
+    std::vector<std::size_t> share;
+    for (std::size_t k = 0; k < missing.size(); ++k)
+      if (static_cast<int>(k % static_cast<std::size_t>(ranks.size)) == ranks.rank)
+        share.push_back(missing[k]);
+    missing = std::move(share);
+  }
+  if (!missing.empty()) compute(problem, model, grid, parts, missing);
+  ranks.wait();
 
   runs.snapshots.values.resize(parts.size() * steps * dofs);
   for (auto& output : runs.snapshots.outputs) output.values.resize(parts.size() * steps);

@@ -36,8 +36,10 @@ struct SnapshotRuns {
 };
 
 /// Runs all points of the grid that are not in the parts folder yet, each in a process of its own, and
-/// gathers them. Bit-identical for any number of processes, resumed or not. Outputs: reaction_force [N],
-/// crack_mouth_opening [m], imposed_displacement [m], equilibrium_residual [1].
+/// gathers them. In an MPI job (ranks.hpp) each rank computes its share, `processes` at a time, and all
+/// gather all: the parts folder must be one that every rank sees. Bit-identical for any number of processes
+/// and ranks, resumed or not. Outputs: reaction_force [N], crack_mouth_opening [m], imposed_displacement [m],
+/// equilibrium_residual [1].
 ///
 /// Errors: ProjectError (options, axes), IoError (disk full; finished runs stay), NumericalError (a process
 /// died: names run and parameters), Interrupted (Ctrl-C: tells how many runs are kept).

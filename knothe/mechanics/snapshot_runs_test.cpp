@@ -45,6 +45,35 @@ void expect_same(const reduction::Snapshots& a, const reduction::Snapshots& b) {
   for (std::size_t i = 0; i < a.outputs.size(); ++i) EXPECT_EQ(a.outputs[i].values, b.outputs[i].values);
 }
 
+TEST(SnapshotRuns, take_parameters_of_the_elastic_body) {
+  const files::TestFolder folder;
+  BeamProblem problem = small_problem();
+  problem.solver.steps = 2;
+  problem.beam.support_stiffness = 2e8;
+  SnapshotGrid grid = small_grid(folder.file("parts"));
+  grid.axes = {{"E", {0.9, 1.0}, "1", "modulus", 30e9},
+               {"support_stiffness", {0.5, 1.0}, "1", "springs", 2e8},
+               {"load_offset", {-1.0, 0.0, 1.0}, "1", "offset", 0.004}};
+  const SnapshotRuns runs = run_snapshots(problem, grid);
+  const auto force = [&](std::size_t point) { return runs.snapshots.outputs[0].values[2 * point]; };
+  // In the first, elastic step: E and the springs are in series, the beam's own stiffness from rigid
+  // supports.
+  BeamProblem rigid = problem;
+  rigid.beam.support_stiffness = 0;
+  const double beam = make_full_order_model(rigid).run({}).steps[0].reaction_force / 2e-4;
+  const auto series = [&](double modulus, double support) {
+    return 2e-4 / (1 / (modulus * beam) + 1 / (2 * support));
+  };
+  EXPECT_NEAR(force(1), series(0.9, 1e8), 1e-3 * force(1));
+  EXPECT_NEAR(force(10), series(1.0, 2e8), 1e-3 * force(10));
+  // A beam loaded off its middle is stiffer, alike on both sides but for the support that holds u_x.
+  EXPECT_GT(force(9), 1.00002 * force(10));
+  EXPECT_NEAR(force(9), force(11), 1e-3 * force(9));
+  grid.axes[2].name = "load_ofset";
+  const std::string text = message_of<ProjectError>([&] { static_cast<void>(run_snapshots(problem, grid)); });
+  EXPECT_NE(text.find("(did you mean \"load_offset\"?)"), std::string::npos) << text;
+}
+
 TEST(SnapshotRuns, hold_the_full_order_runs_in_the_grids_order) {
   const files::TestFolder folder;
   const BeamProblem problem = small_problem();

@@ -36,8 +36,10 @@ void Structure::number_dofs() {
   const auto hold = [&](const NodeSet& nodes, int component) {
     for (const auto node : nodes) free_index_[3 * node + component] = -1;
   };
-  hold(mesh_.support_left, 1);
-  hold(mesh_.support_right, 1);
+  if (mesh_.support_stiffness == 0) {
+    hold(mesh_.support_left, 1);
+    hold(mesh_.support_right, 1);
+  }
   hold(mesh_.left_support == LeftSupport::left_face ? mesh_.left_face : mesh_.support_left, 0);
   hold(mesh_.symmetry, 2);
   hold(mesh_.load, 1);
@@ -72,6 +74,15 @@ void Structure::assemble() {
           free_stiffness_.value[free_stiffness_.position(places[i], places[j])] += value;
       }
   }
+  // Springs to the ground belong to the elastic body: their forces and energy are in K u and ½ uᵀ K u.
+  if (mesh_.support_stiffness == 0) return;
+  for (const NodeSet* support : {&mesh_.support_left, &mesh_.support_right})
+    for (const auto node : *support) {
+      const int dof = static_cast<int>(3 * node + 1), place = free_index_[dof];
+      const double share = mesh_.support_stiffness / static_cast<double>(support->size());
+      stiffness_.value[stiffness_.position(dof, dof)] += share;
+      if (place >= 0) free_stiffness_.value[free_stiffness_.position(place, place)] += share;
+    }
 }
 
 void Structure::solve_lift() {

@@ -85,6 +85,13 @@ std::vector<Option> method_option_table() {
        "`knothe infer`: points on which a map is verified and corrected, at least 64; each is an evaluation "
        "of the model.",
        {}},
+      {"method.truncation_error",
+       K::choice,
+       "off",
+       "Whether the reduced model's own error, whose covariance is in the model's file, is added to the "
+       "noise "
+       "of the measurements.",
+       {"off", "on"}},
       {"method.mode_search",
        K::choice,
        "tempered",

@@ -104,16 +104,19 @@ MethodOptions read_method(Values& values) {
   method.noise_level_shape = values.number("method.noise_level_shape", method.noise_level_shape);
   method.noise_level_scale = values.number("method.noise_level_scale", method.noise_level_scale);
   method.offset_std = values.number("method.offset_std", method.offset_std);
+  method.truncation_error = values.text("method.truncation_error", "off") == "on";
   read_bias(values, method);
   return method;
 }
 
 OfflineParameter read_offline_parameter(Values& values, const std::string& name) {
   const std::string path = "offline.parameters." + name;
-  static const std::vector<std::string> k_known = {"Y0", "Ad"};
+  static const std::vector<std::string> k_known = {"Y0", "Ad", "E", "support_stiffness", "load_offset"};
   if (std::find(k_known.begin(), k_known.end(), name) == k_known.end()) {
-    values.complain(path, fmt::format("the damage law has no parameter \"{}\"{}; it has Y0 and Ad", name,
-                                      did_you_mean(name, k_known)));
+    values.complain(
+        path,
+        fmt::format("the beam has no parameter \"{}\"{}; it has Y0, Ad, E, support_stiffness and load_offset",
+                    name, did_you_mean(name, k_known)));
   }
   values.at_least(path + ".nodes", 2);
   OfflineParameter p;
@@ -122,6 +125,9 @@ OfflineParameter read_offline_parameter(Values& values, const std::string& name)
   p.lower = values.number(path + ".lower", p.lower);
   p.upper = values.number(path + ".upper", p.upper);
   p.nodes = static_cast<int>(values.integer(path + ".nodes", p.nodes));
+  if (!(p.lower > 0) && name != "load_offset") {
+    values.complain(path + ".lower", fmt::format("[{}]: \"lower\" must be positive", path));
+  }
   if (!(p.upper > p.lower)) {
     values.complain(path + ".upper", fmt::format("[{}]: \"upper\" must be greater than \"lower\"", path));
   }
@@ -166,14 +172,33 @@ OfflineOptions read_offline(Values& values, const std::string& folder) {
   o.processes = static_cast<int>(values.integer("offline.processes", o.processes));
   o.form = values.text("offline.form", o.form);
   o.modes = static_cast<int>(values.integer("offline.modes", o.modes));
+  o.adaptive_error = values.number("offline.adaptive.error", 0);
+  o.adaptive_shift = values.number("offline.adaptive.posterior_shift", 0);
+  o.adaptive_grid_error = values.number("offline.adaptive.grid_error", 0);
+  o.adaptive_runs = static_cast<int>(values.integer("offline.adaptive.runs", o.adaptive_runs));
+  if (o.adaptive_error > 0 && o.adaptive_shift > 0)
+    values.complain("offline.adaptive",
+                    "[offline.adaptive]: give \"error\" or \"posterior_shift\", not both");
+  if (o.adaptive_grid_error > 0 && o.method == "latin")
+    values.complain("offline.adaptive.grid_error",
+                    "\"grid_error\" adds full-order runs: it goes with method = \"snapshots\"");
   o.crack_lengths = static_cast<int>(values.integer("offline.crack_lengths", o.crack_lengths));
   if (o.crack_lengths > 80)
     values.complain("offline.crack_lengths", "the ligament is 80 mm high: at most 80 lengths");
   for (const std::string& name : children(values, "offline.parameters")) {
     o.parameters.push_back(read_offline_parameter(values, name));
   }
-  if (o.parameters.size() != 2) {
+  const auto has = [&](const char* name) {
+    return std::any_of(o.parameters.begin(), o.parameters.end(),
+                       [&](const auto& p) { return p.name == name; });
+  };
+  if (!has("Y0") || !has("Ad")) {
     values.complain("offline", "[offline.parameters] must have both parameters of the damage law, Y0 and Ad");
+  }
+  if (o.parameters.size() > 2 && o.method == "latin") {
+    values.complain(
+        "offline.method",
+        "LATIN-PGD solves for Y0 and Ad, on one elastic body: other parameters take method = \"snapshots\"");
   }
   return o;
 }

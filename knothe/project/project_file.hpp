@@ -32,7 +32,8 @@ struct MethodOptions {
   double gate = 0;
   bool unknown_noise_level = false;
   double noise_level_shape = 2, noise_level_scale = 1;
-  double offset_std = 0;  ///< m
+  double offset_std = 0;          ///< m
+  bool truncation_error = false;  ///< the model's own error is added to the noise
   int samples = 10000;
   int verification_points = 1024;
   std::uint64_t seed = 1;
@@ -92,6 +93,10 @@ struct OfflineOptions {
   int processes = 2;
   std::string form = "tree";
   int modes = 30;
+  double adaptive_error = 0;       ///< m; 0: `modes` as given
+  double adaptive_shift = 0;       ///< posterior std; 0: `modes` as given
+  double adaptive_grid_error = 0;  ///< m; 0: `nodes` as given
+  int adaptive_runs = 400;
   int crack_lengths = 80;
   std::vector<OfflineParameter> parameters;
 };

@@ -134,7 +134,7 @@ upper = 1.4
   EXPECT_EQ(p.offline->parameters[0].name, "Y0");
   EXPECT_EQ(p.offline->parameters[1].nodes, 7);
   EXPECT_NE(complaint("[offline.parameters.Y1]\nreference=1\nlower=1\nupper=2\n")
-                .find("the damage law has no parameter \"Y1\" (did you mean \"Y0\"?)"),
+                .find("the beam has no parameter \"Y1\" (did you mean \"Y0\"?)"),
             std::string::npos);
   const std::string tables = "mesh = { element = 0.01 }\ndamage = { regularisation = \"gradient\" }\n";
   EXPECT_NE(complaint("[offline]\n" + tables).find("less than two elements of 0.01 m"), std::string::npos);

@@ -7,7 +7,9 @@
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/project/observed_data.hpp"
+#include "knothe/project/truncation_noise.hpp"
 #include "knothe/reduction/parameter_order.hpp"
+#include "knothe/reduction/truncation_error.hpp"
 
 namespace knothe::project {
 namespace {
@@ -117,6 +119,42 @@ void check_method(const Project& project, bool any_method) {
                            "noise_level = \"unknown\" links all data: it takes form = \"collapsed\" and "
                            "likelihood = \"gaussian\"");
   }
+  if (method.truncation_error &&
+      (method.unknown_noise_level || method.likelihood == "student-t" || method.offset_std > 0 ||
+       method.bias_correction != "off" || project.data.empty() || !project.clock.empty())) {
+    throw project.error_at(
+        "method.truncation_error",
+        "truncation_error = \"on\" makes the noise another one at each step: it takes measurements from a "
+        "file, at "
+        "model times, and does without likelihood = \"student-t\", noise_level = \"unknown\", offset_std and "
+        "bias_correction (which estimates the model's error from the data)");
+  }
+}
+
+/// The measurements' noise with the model's own error added: at each step another, correlated, one.
+assimilation::NoiseModel noise_with_truncation(const Project& project, const reduction::SeparatedModel& model,
+                                               const ObservedData& data) {
+  constexpr Eigen::Index k_most = 1000;  // a dense matrix for each step
+  const assimilation::NoiseModel& noise = data.measurements.noise;
+  const auto refuse = [&](const std::string& why) {
+    throw project.error_at("method.truncation_error", "truncation_error = \"on\": " + why);
+  };
+  if (!data.scalars.empty())
+    refuse(fmt::format("the model's file knows its error of displacements, not of {}",
+                       fmt::join(data.scalars, ", ")));
+  if (noise.shared_reference() > 0)
+    refuse(fmt::format("the errors of {} share those of a reference picture", project.data));
+  if (noise.size() > k_most)
+    refuse(fmt::format("{} observed dofs are more than {}: choose some (`knothe select`)", noise.size(),
+                       k_most));
+  const auto added =
+      reduction::observe_truncation(reduction::read_truncation_error(project.model), model.contents(),
+                                    project.model, data.points, data.components, data.time_indices);
+  for (std::size_t i = 0; i < added.size(); ++i)
+    for (Eigen::Index dof = 0; dof < noise.size(); ++dof)
+      if (!noise.at_step(i).is_measured(dof))
+        refuse("some dofs of " + project.data + " are not measured at all: leave them out");
+  return with_truncation(noise, added);
 }
 
 }  // namespace
@@ -167,6 +205,7 @@ UpdateSetup set_up(const Project& project, bool any_method, bool live) {
     measurements.noise = measurements.noise.with_offsets(project.method.offset_std);
   ObservedData data = observe_data(project, model, priors, std::move(measurements),
                                    pictures ? project.pictures.folder : project.data);
+  if (project.method.truncation_error) data.measurements.noise = noise_with_truncation(project, model, data);
   return {model,
           std::move(data.measurements),
           std::move(data.points),

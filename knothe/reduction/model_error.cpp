@@ -9,16 +9,6 @@
 
 namespace knothe::reduction {
 
-namespace {
-
-/// Squared norms of one solution, its deviation from the lift and its error; with and without time weights.
-struct Sums {
-  double solution = 0.0, deviation = 0.0, error = 0.0;
-  double plain_solution = 0.0, plain_error = 0.0;
-  double max = 0.0;
-};
-
-/// The model's field at one point: n_dof × n_t.
 Eigen::MatrixXd field_at(const SeparatedModel& model, std::span<const double> p) {
   const ModelContents& contents = model.contents();
   FunctionBatch w;
@@ -36,6 +26,15 @@ Eigen::MatrixXd field_at(const SeparatedModel& model, std::span<const double> p)
   field.noalias() += space_of(contents) * coefficients;
   return field;
 }
+
+namespace {
+
+/// Squared norms of one solution, its deviation from the lift and its error; with and without time weights.
+struct Sums {
+  double solution = 0.0, deviation = 0.0, error = 0.0;
+  double plain_solution = 0.0, plain_error = 0.0;
+  double max = 0.0;
+};
 
 Sums compare(const SeparatedModel& model, std::span<const double> p, std::span<const double> solution,
              const Eigen::VectorXd& time_weights) {

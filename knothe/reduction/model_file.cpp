@@ -5,6 +5,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/base/version.hpp"
 #include "knothe/files/atomic_file.hpp"
+#include "knothe/reduction/truncation_error.hpp"
 #include "knothe/reduction/validation.hpp"
 
 namespace knothe::reduction {
@@ -132,7 +133,42 @@ void write_rest(files::Hdf5Writer& file, const ModelContents& model) {
   }
 }
 
+void validate_truncation(const TruncationError& error, std::size_t times, std::size_t dofs,
+                         const Validation& check) {
+  if (error.count == 0) return;
+  check.array("/truncation/space", error.space, {error.count, dofs});
+  check.array("/truncation/covariance", error.covariance, {times, error.count, error.count});
+  check.array("/truncation/variance", error.variance, {times});
+}
+
+void write_truncation(files::Hdf5Writer& file, const TruncationError& error, std::size_t times,
+                      std::size_t dofs) {
+  if (error.count == 0) return;
+  file.write("/truncation/space", error.space, {error.count, dofs},
+             {"1", "space modes of the model's own error"});
+  file.write("/truncation/covariance", error.covariance, {times, error.count, error.count},
+             {"m2", "second moments of the error's coefficients over the parameters"});
+  file.write("/truncation/variance", error.variance, {times},
+             {"m2", "variance per dof that the error's space modes leave out"});
+  file.number_attribute("/truncation/covariance", "persistence", error.persistence);
+}
+
 }  // namespace
+
+TruncationError read_truncation_error(const std::string& path) {
+  const files::Hdf5Reader file(path);
+  check_schema(file);
+  TruncationError error;
+  if (!file.has("/truncation/space")) return error;
+  const files::Shape space = shape_of_rank(file, "/truncation/space", 2);
+  error.count = space[0];
+  error.space = file.read("/truncation/space");
+  error.variance = file.read("/truncation/variance");
+  error.covariance = file.read("/truncation/covariance", {error.variance.size(), error.count, error.count});
+  error.persistence = file.number_attribute("/truncation/covariance", "persistence");
+  validate_truncation(error, error.variance.size(), space[1], Validation(path));
+  return error;
+}
 
 std::string to_text(Form form) {
   return form == Form::canonical ? "canonical" : "tree";
@@ -169,7 +205,12 @@ void validate(const ModelContents& model, const std::string& where) {
 }
 
 void write_model(const ModelContents& model, const std::string& path) {
+  write_model(model, TruncationError{}, path);
+}
+
+void write_model(const ModelContents& model, const TruncationError& truncation, const std::string& path) {
   validate(model, path);
+  validate_truncation(truncation, model.time.size(), model.dof_count(), Validation(path));
   files::write_atomically(path, [&](const std::string& temporary) {
     files::Hdf5Writer file(temporary);
     file.integer_attribute("/", "schema_version", k_schema_version);
@@ -182,6 +223,7 @@ void write_model(const ModelContents& model, const std::string& path) {
     for (const Axis& axis : model.axes) file.text_attribute("/parameters/" + axis.name, "basis", k_basis);
     write_modes(file, model);
     write_rest(file, model);
+    write_truncation(file, truncation, model.time.size(), model.dof_count());
     file.close();
   });
 }

@@ -1,6 +1,8 @@
 """`knothe offline`, `model verify` and `simulate` without a model: what the sibling program does."""
 import os
+import pathlib
 import re
+import shutil
 import signal
 import subprocess
 import time
@@ -65,6 +67,29 @@ class Test(Case):
         self.assertLess(gap["crack-band"], 0.7 * gap["none"])
         self.assertIn("crack band", (self.folder / "study.svg").read_text())
         self.expect(2, "model", "mesh-study", self.project_name, "--laws", "crackband", stderr="crack-band")
+
+    def test_modes_and_grid_are_found_by_their_error(self):
+        text = (self.folder / self.project_name).read_text()
+        self.project.write_text(text.replace("[offline]", "[offline]\nadaptive = { error = 2e-6, grid_error = 4e-6, runs = 40 }", 1))
+        built = self.build("model.h5", "--json")
+        grid = [float(x) for x in re.findall(r"off the grid at most ([0-9.]+) µm", built.err)]
+        modes = re.findall(r"(\d+) modes: at most ([0-9.]+) µm", built.err)
+        self.assertTrue(grid and (grid[-1] <= 4 or "is not met" in built.err), built.err)
+        self.assertLessEqual(float(modes[-1][1]), 2)
+        self.assertTrue(all(float(error) > 2 for _, error in modes[:-1]))
+
+    def test_ranks_of_an_mpi_job_give_the_same_model(self):
+        if shutil.which("mpirun") is None:
+            self.skipTest("no mpirun")
+        self.build("serial.h5")
+        offline = pathlib.Path(KNOTHE).parent / "knothe-offline"
+        environment = {**os.environ, "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
+        mpirun = ["mpirun", "--oversubscribe", "--mca", "mpi_yield_when_idle", "1", "-np", "2", str(offline), "offline"]
+        done = subprocess.run([*mpirun, self.project_name, "-o", "model.h5"], cwd=self.folder, env=environment, capture_output=True,
+                              text=True, timeout=300)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertEqual(done.stdout.count("9 full-order runs"), 1)
+        self.assertEqual((self.folder / "model.h5").read_bytes(), (self.folder / "serial.h5").read_bytes())
 
     def test_a_method_that_is_not_there_is_refused(self):
         self.expect(2, "offline", self.project_name, "-o", "m.h5", "--method", "latim", stderr="latin")
