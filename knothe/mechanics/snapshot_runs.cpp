@@ -158,11 +158,10 @@ std::vector<Part> list_parts(const BeamProblem& problem, const SnapshotGrid& gri
   return parts;
 }
 
-void compute(const BeamProblem& problem, FullOrderModel& model, const SnapshotGrid& grid,
-             const std::vector<Part>& parts, const std::vector<std::size_t>& missing) {
-  const auto total = parts.size(), there = parts.size() - missing.size();
-  Progress progress("full-order runs", total, grid.quiet);
-  progress.advance_to(there);
+/// The runs `missing` of one elastic body; `there` are done before.
+void compute(FullOrderModel& model, const SnapshotGrid& grid, const std::vector<Part>& parts,
+             const std::vector<std::size_t>& missing, std::size_t there, Progress& progress) {
+  const auto total = parts.size();
   const auto kept = [&](std::size_t done) {
     return fmt::format("{} of {} runs are kept in {}; the same command goes on from there", done, total,
                        grid.parts_folder);
@@ -175,7 +174,7 @@ void compute(const BeamProblem& problem, FullOrderModel& model, const SnapshotGr
         static_cast<int>(missing.size()), grid.processes,
         [&](int job) {
           const Part& part = parts[missing[static_cast<std::size_t>(job)]];
-          write_part(part, run_at(model, problem, grid.axes, part.parameters));
+          write_part(part, model.run(part.problem.reference));
         },
         [&](int done) { progress.advance_to(there + static_cast<std::size_t>(done)); }, count_parts);
   } catch (const JobFailure& failure) {
@@ -187,6 +186,29 @@ void compute(const BeamProblem& problem, FullOrderModel& model, const SnapshotGr
     if (failure.exit_status == static_cast<int>(ExitStatus::io)) throw IoError(what);
     throw NumericalError(what +
                          " (killed by signal 9 usually means that memory ran out: use fewer processes)");
+  }
+}
+
+/// Body by body: a model is made here and not in the forked processes, where deal.II's threads (TBB) do not
+/// survive.
+void compute_by_body(const BeamProblem& problem, FullOrderModel& base, const SnapshotGrid& grid,
+                     const std::vector<Part>& parts, std::vector<std::size_t> missing) {
+  std::size_t there = parts.size() - missing.size();
+  Progress progress("full-order runs", parts.size(), grid.quiet);
+  progress.advance_to(there);
+  while (!missing.empty()) {
+    const BeamProblem& body = parts[missing.front()].problem;
+    const auto others = std::stable_partition(
+        missing.begin(), missing.end(), [&](std::size_t i) { return same_body(parts[i].problem, body); });
+    const std::vector<std::size_t> now(missing.begin(), others);
+    missing.erase(missing.begin(), others);
+    if (same_body(body, problem)) {
+      compute(base, grid, parts, now, there, progress);
+    } else {
+      FullOrderModel model = make_full_order_model(body);
+      compute(model, grid, parts, now, there, progress);
+    }
+    there += now.size();
   }
 }
 
@@ -224,7 +246,7 @@ SnapshotRuns run_snapshots(const BeamProblem& problem, const SnapshotGrid& grid)
         share.push_back(missing[k]);
     missing = std::move(share);
   }
-  if (!missing.empty()) compute(problem, model, grid, parts, missing);
+  if (!missing.empty()) compute_by_body(problem, model, grid, parts, missing);
   ranks.wait();
 
   runs.snapshots.values.resize(parts.size() * steps * dofs);
