@@ -11,22 +11,6 @@
 namespace knothe::assimilation {
 namespace {
 
-/// 0 … n − 1 in the order of their bits read backwards. Every fourth point of a Sobol sequence lies in one
-/// quarter of the first coordinate's range; every fourth in this order are points that follow each other in
-/// the sequence, and those are spread evenly.
-std::vector<Eigen::Index> reversed_bits(Eigen::Index n) {
-  int bits = 0;
-  while ((Eigen::Index{1} << bits) < n) ++bits;
-  std::vector<Eigen::Index> order;
-  order.reserve(static_cast<std::size_t>(n));
-  for (Eigen::Index i = 0; i < (Eigen::Index{1} << bits); ++i) {
-    Eigen::Index reversed = 0;
-    for (int b = 0; b < bits; ++b) reversed |= ((i >> b) & 1) << (bits - 1 - b);
-    if (reversed < n) order.push_back(reversed);
-  }
-  return order;
-}
-
 /// F with F Fᵀ = D Dᵀ/n up to 1e-8 of the trace, by Cholesky with the largest pivot first, on columns made
 /// when they are wanted.
 Eigen::MatrixXd covariance_factor(const Eigen::MatrixXd& deviation) {
@@ -76,7 +60,7 @@ Eigen::MatrixXd equally_likely(const Eigen::Ref<const Eigen::MatrixXd>& points,
   assert(points.rows() == weights.size() && points.rows() > 0);
   const double total = weights.sum();
   Eigen::MatrixXd chosen(k_prediction_points, points.cols());
-  const std::vector<Eigen::Index> order = reversed_bits(points.rows());
+  const std::vector<Eigen::Index> order = numerics::reversed_bits(points.rows());
   std::size_t i = 0;
   double passed = weights[order[0]];
   for (Eigen::Index j = 0; j < chosen.rows(); ++j) {

@@ -3,9 +3,11 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <vector>
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
+#include "knothe/numerics/sobol.hpp"
 #include "knothe/reduction/observation_operator.hpp"
 #include "knothe/reduction/observed_model.hpp"
 #include "knothe/reduction/spline_functions.hpp"
@@ -170,11 +172,12 @@ std::vector<NamedForecast> Forecaster::direct(const Eigen::Ref<const Eigen::Matr
   Eigen::MatrixXd drawn(n, points.cols());
   // Systematic resampling: the draws sit in the middle of n equal shares of the weight.
   const double share = weights.sum() / static_cast<double>(n);
-  double cumulative = weights[0];
+  const std::vector<Eigen::Index> order = numerics::reversed_bits(points.rows());
+  double cumulative = weights[order[0]];
   for (Eigen::Index k = 0, i = 0; k < n; ++k) {
     while (cumulative < (static_cast<double>(k) + 0.5) * share && i + 1 < points.rows())
-      cumulative += weights[++i];
-    drawn.row(k) = points.row(i);
+      cumulative += weights[order[static_cast<std::size_t>(++i)]];
+    drawn.row(k) = points.row(order[static_cast<std::size_t>(i)]);
   }
   evaluate_functions(drawn);
   const Eigen::VectorXd equal = Eigen::VectorXd::Constant(n, 1.0 / static_cast<double>(n));

@@ -1,5 +1,6 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <algorithm>
 
 #include <bitset>
 #include <cmath>
@@ -80,6 +81,22 @@ TEST(SobolDirections, HavePropertyAInEveryDimensionTo200) {
         if (rows[i][c]) rows[i] ^= rows[c];
     }
   }
+}
+
+TEST(Sobol, EveryFourthPointInTheOrderOfReversedBitsIsSpreadEvenly) {
+  const Eigen::MatrixXd points = sobol_points(1024, 3, 1);
+  const std::vector<Eigen::Index> order = reversed_bits(1024);
+  Eigen::RowVector3d plain = Eigen::RowVector3d::Zero(), reversed = plain;
+  for (Eigen::Index i = 2; i < 1024; i += 4) {
+    plain += points.row(i) / 256;
+    reversed += points.row(order[static_cast<std::size_t>(i)]) / 256;
+  }
+  EXPECT_GT((plain.array() - 0.5).abs().maxCoeff(), 0.1);
+  EXPECT_LT((reversed.array() - 0.5).abs().maxCoeff(), 1e-2);
+  std::vector<Eigen::Index> all = reversed_bits(1000);  // not a power of two
+  std::sort(all.begin(), all.end());
+  ASSERT_EQ(all.size(), 1000U);
+  for (Eigen::Index i = 0; i < 1000; ++i) EXPECT_EQ(all[static_cast<std::size_t>(i)], i);
 }
 
 TEST(Sobol, EveryCoordinateIsANetTo200Dimensions) {

@@ -95,4 +95,17 @@ void match_standard_moments(Eigen::MatrixXd& points) {
   }
 }
 
+std::vector<Eigen::Index> reversed_bits(Eigen::Index n) {
+  int bits = 0;
+  while ((Eigen::Index{1} << bits) < n) ++bits;
+  std::vector<Eigen::Index> order;
+  order.reserve(static_cast<std::size_t>(n));
+  for (Eigen::Index i = 0; i < (Eigen::Index{1} << bits); ++i) {
+    Eigen::Index reversed = 0;
+    for (int b = 0; b < bits; ++b) reversed |= ((i >> b) & 1) << (bits - 1 - b);
+    if (reversed < n) order.push_back(reversed);
+  }
+  return order;
+}
+
 }  // namespace knothe::numerics

@@ -2,6 +2,7 @@
 /// @file Scrambled Sobol points: a low-discrepancy sequence, the same for the same seed on every machine.
 #include <Eigen/Core>
 #include <cstdint>
+#include <vector>
 
 namespace knothe::numerics {
 
@@ -16,6 +17,11 @@ inline constexpr Eigen::Index k_sobol_max_dimension = 200;
 
 /// The same, each coordinate through Φ⁻¹: points distributed like N(0, I).
 [[nodiscard]] Eigen::MatrixXd sobol_normal_points(Eigen::Index n, Eigen::Index d, std::uint64_t seed);
+
+/// 0 … n − 1 in the order of their bits read backwards, for whoever takes a part of the points. Every fourth
+/// point of a Sobol sequence lies in one quarter of the first coordinate's range; every fourth in this order
+/// are points that follow each other in the sequence, and those are spread evenly.
+[[nodiscard]] std::vector<Eigen::Index> reversed_bits(Eigen::Index n);
 
 /// Shifts and shears points (n × d, n > d) by a lower triangular matrix such that their mean is 0 and their
 /// covariance the identity, to rounding: sums over them are then exact for polynomials of degree 2, hence the

@@ -9,6 +9,7 @@
 #include "knothe/base/version.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/netcdf.hpp"
+#include "knothe/numerics/sobol.hpp"
 #include "knothe/reduction/observed_model.hpp"
 
 namespace knothe::report {
@@ -21,12 +22,14 @@ constexpr std::size_t k_predictive_draws = 50;
 /// Systematic resampling: indices of `count` equally weighted draws from weighted points.
 std::vector<Eigen::Index> equal_draws(const Eigen::VectorXd& weights, std::size_t count) {
   std::vector<Eigen::Index> chosen;
-  double cumulative = weights[0];
+  const std::vector<Eigen::Index> order = numerics::reversed_bits(weights.size());
+  double cumulative = weights[order[0]];
   Eigen::Index i = 0;
   for (std::size_t k = 0; k < count; ++k) {
     const double level = (static_cast<double>(k) + 0.5) / static_cast<double>(count);
-    while (cumulative < level && i + 1 < weights.size()) cumulative += weights[++i];
-    chosen.push_back(i);
+    while (cumulative < level && i + 1 < weights.size())
+      cumulative += weights[order[static_cast<std::size_t>(++i)]];
+    chosen.push_back(order[static_cast<std::size_t>(i)]);
   }
   return chosen;
 }

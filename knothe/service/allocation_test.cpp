@@ -97,7 +97,9 @@ TEST(Allocation, TheJournalKeepsWhatWasCommittedAndNothingElse) {
       },
       [&] {
         EXPECT_EQ(journal.count(), committed);
-        if (committed == 0) EXPECT_EQ(journal.seal(), seal);
+        if (committed == 0) {
+          EXPECT_EQ(journal.seal(), seal);
+        }
       });
   EXPECT_GT(allocations, 5);
   EXPECT_EQ(committed, 2);

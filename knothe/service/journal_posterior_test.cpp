@@ -33,6 +33,11 @@ project::UpdateSetup random_setup(const NoiseModel& noise) {
           observed,
           {},
           {Prior::normal(0.9, 0.4), Prior::normal(1.1, 0.4)},
+          {},
+          {},
+          {},
+          {},
+          {},
           {}};
 }
 
