@@ -28,7 +28,7 @@ void add_offline(CLI::App& app, Command& chosen) {
   static std::string project, model, method;
   static bool json = false;
   CLI::App& command = add(app, "offline", "Builds the reduced model of a project (runs knothe-offline).",
-                          "knothe offline examples/beam/quick.toml -o beam.h5");
+                          "knothe offline examples/beam/quick.toml -o examples/beam/beam.h5");
   command.add_option("FILE", project, "project file")->required();
   command.add_option("-o,--output", model, "model file to write")->required();
   command.add_option("--method", method, "how: snapshots or latin (default: the project's)");
@@ -159,7 +159,8 @@ void add_model(CLI::App& app, Command& chosen) {
 void add_simulate(CLI::App& app, Command& chosen) {
   static SimulateArguments arguments;
   CLI::App& command = add(app, "simulate", "Synthetic measurements from the reduced or the full-order model.",
-                          "knothe simulate examples/beam/quick.toml --model beam.h5 -o data.h5 --seed 1");
+                          "knothe simulate examples/beam/quick.toml --model examples/beam/beam.h5 \\\n    -o "
+                          "examples/beam/data.h5 --seed 1");
   command.add_option("FILE", arguments.project, "project file")->required();
   command.add_option("--model", arguments.model, "reduced model; without it the full-order model is run");
   command.add_option("-o,--output", arguments.output, "measurement file to write; with --images a folder")
@@ -173,7 +174,7 @@ void add_simulate(CLI::App& app, Command& chosen) {
 void add_assimilate(CLI::App& app, Command& chosen) {
   static AssimilateArguments arguments;
   CLI::App& command = add(app, "assimilate", "Sequential assimilation of recorded data.",
-                          "knothe assimilate examples/beam/quick.toml -o results/");
+                          "knothe assimilate examples/beam/quick.toml");
   command.add_option("FILE", arguments.project, "project file")->required();
   command.add_option("--method", arguments.method, "transport, grid, mcmc, smc, ekf, ukf or enkf")
       ->check(CLI::IsMember({"transport", "grid", "mcmc", "smc", "ekf", "ukf", "enkf"}));
@@ -251,7 +252,7 @@ void add_forecast(CLI::App& app, Command& chosen) {
 void add_report(CLI::App& app, Command& chosen) {
   static ReportArguments arguments;
   CLI::App& command = add(app, "report", "A self-contained page of figures and tables.",
-                          "knothe report results/ -o report.html");
+                          "knothe report examples/beam/results -o report.html");
   command.add_option("RESULTS", arguments.results, "folder of results")->required();
   command
       .add_option("-o,--output", arguments.output,

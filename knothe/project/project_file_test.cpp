@@ -89,6 +89,16 @@ TEST(ProjectFile, AllErrorsAtOnce) {
   EXPECT_NE(text.find("[forecast.a] needs \"output\""), std::string::npos) << text;
 }
 
+TEST(ProjectFile, WhatIsThereButWrongIsNotCalledMissing) {
+  EXPECT_EQ(complaint("[parameters]\nY0 = { prior = \"normla\", mean = 1, std = 1 }\n").find("lacks"),
+            std::string::npos);
+  EXPECT_EQ(complaint("[observations]\nvalues = [1.0, 0.8, \"x\"]\nstd = [0.1, inf, 0.1]\n"),
+            "dir/p.toml:2:21: error: \"observations.values\"[2] must be a finite number, not \"x\"\n"
+            "dir/p.toml:3:13: error: \"observations.std\"[1] must be a finite number, not inf");
+  EXPECT_EQ(complaint("[model]\numbridge = \"http://h:1\"\nconfig = { x = [1, nan] }\n"),
+            "dir/p.toml:3:20: error: \"model.config\": JSON, which servers read, has no word for nan");
+}
+
 TEST(ProjectFile, NotTomlSaysWhere) {
   EXPECT_NE(complaint("model = \n").find("dir/p.toml:1:"), std::string::npos);
   EXPECT_NE(complaint("model = \n").find("error: not valid TOML"), std::string::npos);

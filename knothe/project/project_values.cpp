@@ -94,7 +94,9 @@ class Reader {
       const auto dot = option.path.rfind('.');
       if (!option.required || !matches(option.path.substr(0, dot), path)) continue;
       const std::string key = option.path.substr(dot + 1);
-      if (!out_.has(join(path, key)) && !out_.has_table(join(path, key))) {
+      const auto there = out_.children.find(path);  // what is there but wrong has its own complaint
+      if (there == out_.children.end() ||
+          std::find(there->second.begin(), there->second.end(), key) == there->second.end()) {
         complain(begin, fmt::format("[{}] lacks \"{}\": {}", path, key, option.meaning));
       }
     }
@@ -131,9 +133,13 @@ class Reader {
         std::vector<double> numbers;
         if (const auto* array = node.as_array()) {
           for (const auto& item : *array) {
-            if (const auto v = item.value<double>(); v && std::isfinite(*v)) numbers.push_back(*v);
+            const auto v = item.value<double>();
+            if (!v || !std::isfinite(*v))
+              return complain(item.source().begin, fmt::format("\"{}\"[{}] must be a finite number, not {}",
+                                                               path, numbers.size(), words_for(item)));
+            numbers.push_back(*v);
           }
-          if (numbers.size() == array->size()) return store(path, numbers, where);
+          return store(path, numbers, where);
         }
         break;
       }
@@ -189,25 +195,47 @@ class Reader {
     store(path, text->get(), where);
   }
 
+  /// The first number that is not finite; null if there is none.
+  static const toml::node* first_without_json(const toml::node& node) {
+    const toml::node* found = nullptr;
+    if (const auto* number = node.as_floating_point(); number && !std::isfinite(number->get())) return &node;
+    if (const auto* table = node.as_table())
+      for (const auto& [key, item] : *table)
+        if (found == nullptr) found = first_without_json(item);
+    if (const auto* array = node.as_array())
+      for (const auto& item : *array)
+        if (found == nullptr) found = first_without_json(item);
+    return found;
+  }
+
   /// Any table, kept as JSON; it counts as a leaf.
   void read_free_table(const Option& option, const std::string& path, const toml::node& node,
                        const toml::source_position& where) {
     const auto* table = node.as_table();
     if (table == nullptr) return wrong(option, path, node, where);
+    if (const toml::node* number = first_without_json(node))
+      return complain(
+          number->source().begin,
+          fmt::format("\"{}\": JSON, which servers read, has no word for {}", path, words_for(*number)));
     std::ostringstream text;
     text << toml::json_formatter(*table);
     store(path, text.str(), where);
   }
 
+  /// What was found in place of a value.
+  static std::string words_for(const toml::node& node) {
+    if (const auto* text = node.as_string()) return fmt::format("\"{}\"", text->get());
+    if (const auto* integer = node.as_integer()) return fmt::format("{}", integer->get());
+    if (const auto* number = node.as_floating_point()) return fmt::format("{}", number->get());
+    if (const auto* flag = node.as_boolean()) return fmt::format("{}", flag->get());
+    return node.is_table() ? "a table" : node.is_array() ? "an array" : "a date or time";
+  }
+
   void wrong(const Option& option, const std::string& path, const toml::node& node,
              const toml::source_position& where) {
-    std::string found = node.is_table() ? "a table" : node.is_array() ? "an array" : "a date or time";
-    if (const auto* text = node.as_string()) found = fmt::format("\"{}\"", text->get());
-    if (const auto* integer = node.as_integer()) found = fmt::format("{}", integer->get());
-    if (const auto* number = node.as_floating_point()) found = fmt::format("{}", number->get());
-    if (const auto* flag = node.as_boolean()) found = fmt::format("{}", flag->get());
     const auto& position = node.source().begin.line > 0 ? node.source().begin : where;
-    complain(position, fmt::format("\"{}\" must be {}, not {}", path, describe(option.kind), found));
+    complain(position,
+             fmt::format("\"{}\" must be {}, not {}", path, describe(option.kind), words_for(node)));
   }
 
   template <class T>

@@ -164,6 +164,7 @@ class Site {
   std::condition_variable requests_there_, arrivals_there_;
   std::deque<Request> requests_;
   std::deque<Arrival> arrivals_;
+  std::size_t at_hand_ = 0;  ///< arrivals that the updating thread has taken and not added yet
   bool stopping_ = false, replayed_ = false, ready_ = false, read_only_ = false, no_more_arrivals_ = false;
   std::map<std::size_t, std::shared_ptr<const Line>> lines_;
   std::map<std::int64_t, std::size_t> events_;

@@ -189,7 +189,7 @@ bool Site::tick() {
     changed = state.word != state_.word || (state.word != "DEGRADED" && state.reason != state_.reason);
     state_ = state;
     if (!accepted_at_.empty()) age = seconds_between(accepted_at_.back(), MonotonicClock::now());
-    pending = static_cast<std::int64_t>(waiting_.size() + arrivals_.size());
+    pending = static_cast<std::int64_t>(waiting_.size() + arrivals_.size() + at_hand_);
     records = records_, held = static_cast<std::int64_t>(quarantine_.size());
     if (!lines_.empty()) step = static_cast<std::int64_t>(lines_.rbegin()->first);
   }
@@ -226,7 +226,7 @@ Json Site::status() const {
     status["data_age_s"] = seconds_between(accepted_at_.back(), MonotonicClock::now());
   if (const auto period = period_locked()) status["period_s"] = *period;
   status["budget_us"] = 1e6 * budget_locked();
-  status["pending"] = waiting_.size() + arrivals_.size();
+  status["pending"] = waiting_.size() + arrivals_.size() + at_hand_;
   status["behind"] = stale_lines_;
   status["records"] = records_;
   for (const char* outcome : {"accepted", "duplicates", "conflicts", "malformed"}) {

@@ -31,6 +31,7 @@ void Site::update_loop() {
       if (no_more_arrivals_) return;
       arrivals.assign(std::make_move_iterator(arrivals_.begin()), std::make_move_iterator(arrivals_.end()));
       arrivals_.clear();
+      at_hand_ = arrivals.size();
       finish = replayed_;
     }
     take(arrivals);
@@ -72,6 +73,7 @@ void Site::take(const std::vector<Arrival>& arrivals) {
                  {"reason", trouble}});
     }
     const std::lock_guard lock(mutex_);
+    --at_hand_;
     if (!trouble.empty()) failure_ = trouble;
     if (arrival.live && trouble.empty()) waiting_.push_back(arrival.at);
   }
