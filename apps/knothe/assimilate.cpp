@@ -25,6 +25,7 @@
 #include "knothe/forecast/forecaster.hpp"
 #include "knothe/imaging/camera_drift.hpp"
 #include "knothe/imaging/displacement_files.hpp"
+#include "knothe/project/forecast_scoring.hpp"
 #include "knothe/project/model_comparison.hpp"
 #include "knothe/project/picture_measurements.hpp"
 #include "knothe/project/project_file.hpp"
@@ -255,6 +256,7 @@ int assimilate(const AssimilateArguments& arguments) {
   report::ResultsWriter results(project, setup.model, setup.measurements, priors, setup.observed);
   for (const std::string& name : setup.unused)
     fmt::print(stderr, "{}: the series \"{}\" is not used: it has no std\n", project.data, name);
+  forecast::ForecastScores awaited = project::forecasts_to_score(project, setup);
   Display display(arguments.json, setup.model.parameter_names(), setup.measurements.time.size());
   const auto start = Clock::now();
   bool interrupted = false;
@@ -263,6 +265,8 @@ int assimilate(const AssimilateArguments& arguments) {
   for (std::size_t step = 0; step < setup.measurements.time.size() && !interrupted; ++step) {
     std::optional<project::PictureDatum> picture;
     if (setup.pictures) picture = next_picture(*setup.pictures, step, setup, update, results);
+    const auto scores = awaited.look(setup.time_indices[step],
+                                     setup.measurements.values.col(static_cast<Eigen::Index>(step)));
     const assimilation::UpdateResult& result = update.update(
         step, setup.time_indices[step], setup.measurements.values.col(static_cast<Eigen::Index>(step)));
     // A node on a crack is no sensor that fell silent, nor is a camera's drift.
@@ -282,6 +286,7 @@ int assimilate(const AssimilateArguments& arguments) {
       if (!watch.stuck().empty()) record["stuck"] = watch.stuck();
       if (!watch.absent().empty()) record["absent"] = watch.absent();
       if (picture) add_picture(record, *picture, *setup.pictures);
+      if (!scores.empty()) record["scores"] = report::score_records(scores);
       if (!comparison.empty()) record["models"] = report::model_records(comparison);
       fmt::print("{}\n", files::json_line(record));
       std::fflush(stdout);
@@ -291,7 +296,9 @@ int assimilate(const AssimilateArguments& arguments) {
     display.show(result, forecasts, picture_us + result.elapsed_us.total() + forecast_us);
     // Not part of the forecast's time: a cross-check for the report, from fewer points.
     const auto direct = forecaster.direct(update.posterior().points, update.posterior().weights, 256);
-    results.add_step(result, update.posterior(), forecasts, direct, forecast_us, setup.time_indices[step]);
+    results.add_step(result, update.posterior(), forecasts, direct, forecast_us, setup.time_indices[step],
+                     scores);
+    awaited.keep(step, result.time, update.posterior().points, update.posterior().weights);
     ++steps;
     interrupted = cancellation_requested();
   }

@@ -3,11 +3,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <vector>
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
-#include "knothe/numerics/sobol.hpp"
+#include "knothe/numerics/weighted_statistics.hpp"
 #include "knothe/reduction/observation_operator.hpp"
 #include "knothe/reduction/observed_model.hpp"
 #include "knothe/reduction/spline_functions.hpp"
@@ -169,16 +168,7 @@ std::vector<NamedForecast> Forecaster::direct(const Eigen::Ref<const Eigen::Matr
   std::vector<NamedForecast> forecasts;
   if (cracks_.empty()) return forecasts;
   const Eigen::Index n = std::min(most_points, points.rows());
-  Eigen::MatrixXd drawn(n, points.cols());
-  // Systematic resampling: the draws sit in the middle of n equal shares of the weight.
-  const double share = weights.sum() / static_cast<double>(n);
-  const std::vector<Eigen::Index> order = numerics::reversed_bits(points.rows());
-  double cumulative = weights[order[0]];
-  for (Eigen::Index k = 0, i = 0; k < n; ++k) {
-    while (cumulative < (static_cast<double>(k) + 0.5) * share && i + 1 < points.rows())
-      cumulative += weights[order[static_cast<std::size_t>(++i)]];
-    drawn.row(k) = points.row(order[static_cast<std::size_t>(i)]);
-  }
+  const Eigen::MatrixXd drawn = points(numerics::equal_draws(weights, n), Eigen::all);
   evaluate_functions(drawn);
   const Eigen::VectorXd equal = Eigen::VectorXd::Constant(n, 1.0 / static_cast<double>(n));
   for (const Crack& crack : cracks_) {

@@ -3,11 +3,14 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/LU>
+#include <array>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <string>
 
 #include "knothe/base/error.hpp"
+#include "knothe/forecast/forecast_scores.hpp"
 #include "knothe/forecast/horizon.hpp"
 #include "knothe/numerics/normal_distribution.hpp"
 
@@ -121,6 +124,41 @@ TEST(Horizon, OutsideNamesTheNearestTime) {
   EXPECT_NE(message(0.3).find("the nearest is 0.2"), std::string::npos);
   EXPECT_NE(message(-1).find("the nearest is 0"), std::string::npos);
   EXPECT_NE(message(std::nan("")), "");
+}
+
+/// ∫ (F(x) − 1{x ≥ y})² dx by the trapezoidal rule on either side of y.
+double crps_by_quadrature(const std::function<double(double)>& cdf, double observed, double reach) {
+  const int n = 20000;
+  double sum = 0;
+  for (const bool above : {false, true}) {
+    const double from = above ? observed : observed - reach, h = reach / n;
+    for (int i = 0; i <= n; ++i) {
+      const double f = cdf(from + i * h) - (above ? 1 : 0);
+      sum += (i == 0 || i == n ? 0.5 : 1.0) * h * f * f;
+    }
+  }
+  return sum;
+}
+
+TEST(ForecastScores, ClosedFormsAreTheIntegral) {
+  for (const double y : {-0.3, 0.4, 2.0}) {
+    const Score normal = score_normal(0.5, 0.7, y);
+    const auto cdf = [](double x) { return numerics::normal_cdf((x - 0.5) / 0.7); };
+    EXPECT_NEAR(normal.crps, crps_by_quadrature(cdf, y, 12), 1e-6);
+    EXPECT_NEAR(normal.probability, cdf(y), 1e-15);
+    const std::vector<double> samples = {0.1, 0.9, -0.4}, weights = {1, 2, 0.5};
+    const auto mixture = [&](double x) {
+      double sum = 0;
+      for (std::size_t i = 0; i < 3; ++i)
+        sum += weights[i] / 3.5 * numerics::normal_cdf((x - samples[i]) / 0.2);
+      return sum;
+    };
+    const Score score = score_samples(samples, weights, 0.2, y);
+    EXPECT_NEAR(score.crps, crps_by_quadrature(mixture, y, 8), 1e-6);
+    EXPECT_NEAR(score.probability, mixture(y), 1e-15);
+  }
+  // One sample and next to no noise: the absolute error.
+  EXPECT_NEAR(score_samples(std::array{1.0}, std::array{1.0}, 1e-9, 3.5).crps, 2.5, 1e-8);
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "knothe/base/error.hpp"
+#include "knothe/numerics/sobol.hpp"
 
 namespace knothe::numerics {
 
@@ -85,6 +86,21 @@ void WeightedQuantiles::compute(std::span<const double> values, std::span<const 
     }
     quantiles[q] = result;
   }
+}
+
+std::vector<Eigen::Index> equal_draws(const Eigen::Ref<const Eigen::VectorXd>& weights, Eigen::Index count) {
+  const std::vector<Eigen::Index> order = reversed_bits(weights.size());
+  const double share = weights.sum() / static_cast<double>(count);
+  std::vector<Eigen::Index> chosen;
+  chosen.reserve(static_cast<std::size_t>(count));
+  std::size_t i = 0;
+  double passed = weights[order[0]];
+  for (Eigen::Index k = 0; k < count; ++k) {
+    while (passed < (static_cast<double>(k) + 0.5) * share && i + 1 < order.size())
+      passed += weights[order[++i]];
+    chosen.push_back(order[i]);
+  }
+  return chosen;
 }
 
 }  // namespace knothe::numerics

@@ -1,5 +1,5 @@
 #pragma once
-/// @file Quantiles of weighted points.
+/// @file Quantiles of weighted points, and draws from them.
 #include <Eigen/Core>
 #include <span>
 #include <vector>
@@ -30,5 +30,11 @@ class WeightedQuantiles {
   std::vector<Bin> bins_;
   std::vector<Entry> entries_;
 };
+
+/// `count` draws that weigh the same, by index, from weighted points (weights ≥ 0, any positive sum): those
+/// at the cumulative weights (k + ½)/count, the points taken in the order of `reversed_bits`, because every
+/// k-th point of a low-discrepancy sequence would lie in one part of the first coordinate.
+[[nodiscard]] std::vector<Eigen::Index> equal_draws(const Eigen::Ref<const Eigen::VectorXd>& weights,
+                                                    Eigen::Index count);
 
 }  // namespace knothe::numerics

@@ -9,7 +9,7 @@
 #include "knothe/base/version.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/netcdf.hpp"
-#include "knothe/numerics/sobol.hpp"
+#include "knothe/numerics/weighted_statistics.hpp"
 #include "knothe/reduction/observed_model.hpp"
 
 namespace knothe::report {
@@ -18,21 +18,6 @@ namespace {
 using Names = std::vector<std::string>;
 constexpr std::size_t k_draws = 500;
 constexpr std::size_t k_predictive_draws = 50;
-
-/// Systematic resampling: indices of `count` equally weighted draws from weighted points.
-std::vector<Eigen::Index> equal_draws(const Eigen::VectorXd& weights, std::size_t count) {
-  std::vector<Eigen::Index> chosen;
-  const std::vector<Eigen::Index> order = numerics::reversed_bits(weights.size());
-  double cumulative = weights[order[0]];
-  Eigen::Index i = 0;
-  for (std::size_t k = 0; k < count; ++k) {
-    const double level = (static_cast<double>(k) + 0.5) / static_cast<double>(count);
-    while (cumulative < level && i + 1 < weights.size())
-      cumulative += weights[order[static_cast<std::size_t>(++i)]];
-    chosen.push_back(order[static_cast<std::size_t>(i)]);
-  }
-  return chosen;
-}
 
 std::vector<double> counted(std::size_t n) {
   std::vector<double> numbers(n);
@@ -55,7 +40,7 @@ class Writer {
     const std::size_t d = file_.parameters.size();
     std::vector<std::vector<double>> values(d, std::vector<double>(k_draws * n_steps_));
     for (std::size_t s = 0; s < n_steps_; ++s) {
-      const auto draws = equal_draws(file_.posteriors[s]->weights, k_draws);
+      const auto draws = numerics::equal_draws(file_.posteriors[s]->weights, k_draws);
       for (std::size_t j = 0; j < k_draws; ++j) {
         for (std::size_t k = 0; k < d; ++k) {
           values[k][j * n_steps_ + s] = file_.posteriors[s]->points(draws[j], static_cast<Eigen::Index>(k));
@@ -87,7 +72,7 @@ class Writer {
                              reduction::observe(model_, points, components));
     std::vector<double> values(k_predictive_draws * n_steps_ * n_obs);
     for (std::size_t s = 0; s < n_steps_; ++s) {
-      const auto draws = equal_draws(file_.posteriors[s]->weights, k_predictive_draws);
+      const auto draws = numerics::equal_draws(file_.posteriors[s]->weights, k_predictive_draws);
       for (std::size_t j = 0; j < k_predictive_draws; ++j) {
         const Eigen::VectorXd p = file_.posteriors[s]->points.row(draws[j]);
         const Eigen::VectorXd y = observed->predict(p, file_.time_indices[s]);

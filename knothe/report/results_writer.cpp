@@ -58,8 +58,10 @@ void ResultsWriter::add_step(const assimilation::UpdateResult& result,
                              const assimilation::WeightedPosterior& posterior,
                              const std::vector<forecast::NamedForecast>& forecasts,
                              const std::vector<forecast::NamedForecast>& direct, double forecast_us,
-                             std::size_t time_index) {
+                             std::size_t time_index, const std::vector<forecast::ScoredForecast>& scores) {
   Json record = step_record(result, forecasts, forecast_us);
+  if (!scores.empty()) record["scores"] = score_records(scores);
+  scores_.insert(scores_.end(), scores.begin(), scores.end());
   add_densities(record, model_.parameter_names(), priors_, posterior, forecasts, direct);
   lines_.push_back(files::json_line(record));
   steps_.push_back({result, posterior, time_index});
@@ -133,6 +135,7 @@ void ResultsWriter::write_summary(const std::string& path, const std::vector<std
       if (output.name == f.output) entry["unit"] = output.labels.units;
     }
   }
+  if (!scores_.empty()) summary["scores"] = score_records(scores_);
   if (Json curve = load_displacement(); !curve.is_null()) summary["load_displacement"] = std::move(curve);
   files::write_text_atomically(path, files::json_line(summary) + "\n");
 }

@@ -9,6 +9,7 @@
 
 #include "knothe/assimilation/measurements.hpp"
 #include "knothe/assimilation/sequential_update.hpp"
+#include "knothe/forecast/forecast_scores.hpp"
 #include "knothe/forecast/forecaster.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/reduction/separated_model.hpp"
@@ -29,11 +30,12 @@ class ResultsWriter {
                 const assimilation::Measurements& measurements, std::vector<assimilation::Prior> priors,
                 std::shared_ptr<const reduction::ObservedModel> observed = nullptr);
 
-  /// Keeps what the files need of a step. `time_index`: model time of the datum.
+  /// Keeps what the files need of a step. `time_index`: model time of the datum; `scores`: forecasts that
+  /// came true with it.
   void add_step(const assimilation::UpdateResult& result, const assimilation::WeightedPosterior& posterior,
                 const std::vector<forecast::NamedForecast>& forecasts,
                 const std::vector<forecast::NamedForecast>& direct, double forecast_us,
-                std::size_t time_index);
+                std::size_t time_index, const std::vector<forecast::ScoredForecast>& scores = {});
 
   /// Values of a datum that came after the writer was made (pictures).
   void set_values(std::size_t step, const Eigen::VectorXd& values) {
@@ -64,6 +66,7 @@ class ResultsWriter {
   std::shared_ptr<const reduction::ObservedModel> observed_;
   std::vector<Kept> steps_;
   std::vector<std::string> lines_;
+  std::vector<forecast::ScoredForecast> scores_;
 };
 
 }  // namespace knothe::report

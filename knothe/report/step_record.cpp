@@ -79,6 +79,16 @@ Json model_records(const project::ModelComparison& comparison) {
   return records;
 }
 
+Json score_records(std::span<const forecast::ScoredForecast> scores) {
+  Json records = Json::object();
+  for (const forecast::ScoredForecast& s : scores) {
+    records[s.name] = {
+        {"time", s.time}, {"observed", s.observed},   {"std", s.std},   {"units", s.units},
+        {"step", s.step}, {"lead_time", s.lead_time}, {"crps", s.crps}, {"probability", s.probability}};
+  }
+  return records;
+}
+
 void add_densities(Json& record, const std::vector<std::string>& parameters,
                    const std::vector<assimilation::Prior>& priors,
                    const assimilation::WeightedPosterior& posterior,

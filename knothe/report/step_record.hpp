@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "knothe/assimilation/sequential_update.hpp"
+#include "knothe/forecast/forecast_scores.hpp"
 #include "knothe/forecast/forecaster.hpp"
 #include "knothe/project/model_comparison.hpp"
 
@@ -25,6 +26,11 @@ namespace knothe::report {
 /// Models that are compared, by file: `log_evidence`, `probability`, `log_bayes_factor` of the most probable
 /// one over it, and that in words.
 [[nodiscard]] nlohmann::ordered_json model_records(const project::ModelComparison& comparison);
+
+/// Forecasts that have come true, by name: `observed`, its noise `std`, `units`, `time`, and for the steps
+/// after which they were made `step`, `lead_time` (model time), `crps` and `probability`, P(measurement ≤
+/// observed).
+[[nodiscard]] nlohmann::ordered_json score_records(std::span<const forecast::ScoredForecast> scores);
 
 /// Beside the fixed keys, for figures: marginal densities of the parameters (`marginals`), densities of the
 /// forecasts, and the direct forecasts of crack lengths (quantiles at the same levels).

@@ -1,4 +1,6 @@
 """Data beside displacements at model times: a measured clock, load cells, strain gauges, openings; judged by quadrature."""
+import json
+import math
 import random
 import unittest
 
@@ -148,6 +150,34 @@ coefficients = [2.0, -0.5]
         self.expect(3, "assimilate", self.project_name, stderr=['no series "gauge"', self.position_of("[data.sensors.gauge]")])
         self.edit("to = [0.03, 0.0, 0.0]", "to = [0.0, 0.0, 0.0]")
         self.expect(3, "check", self.project_name, stderr="between a point and itself")
+
+    def test_forecasts_are_scored_when_they_come_true(self):
+        """The displacement of a sensor and a force, forecast and then measured."""
+        sensor = self.sensors[0]
+        self.edit('point = [0.03, 0.05, 0.05]\ncomponent = "y"',
+                  f'point = [{sensor["x"]}, {sensor["y"]}, {sensor["z"]}]\ncomponent = "{sensor["component"]}"')
+        times = [analytic_model.time(step) for step in range(12)]
+        self.measure(times, lambda i, t: [("reaction_force", analytic_model.reaction_force(t, *TRUTH) + 20, 30.0)])
+        self.use_model_times()
+        lines = self.assimilate()
+        scores = {}
+        for line in lines:
+            scores.update(line.get("scores", {}))
+        self.assertIn("force", lines[8]["scores"])  # 0.75 is the time of step 8
+        self.assertEqual(sorted(scores), ["deflection", "force"])
+        self.assertEqual(json.loads((self.folder / "results" / "summary.json").read_text())["scores"], scores)
+        for name, noise in (("force", 30.0), ("deflection", float(sensor["std"]))):
+            score = scores[name]
+            self.assertEqual(score["step"], list(range(8 if name == "force" else 11)))
+            for step, lead, crps, probability in zip(score["step"], score["lead_time"], score["crps"], score["probability"]):
+                self.assertAlmostEqual(lead, score["time"] - times[step], places=12)
+                forecast = lines[step]["forecast"][name]
+                # The forecast is nearly normal; the noise of the measurement joins it.
+                spread = math.hypot(forecast["std"], noise)
+                z = (score["observed"] - forecast["mean"]) / spread
+                phi, cdf = math.exp(-z * z / 2) / math.sqrt(2 * math.pi), 0.5 * math.erfc(-z / math.sqrt(2))
+                self.assertAlmostEqual(crps, spread * (z * (2 * cdf - 1) + 2 * phi - 1 / math.sqrt(math.pi)), delta=0.05 * spread)
+                self.assertAlmostEqual(probability, cdf, delta=0.05)
 
     def use_model_times(self):
         """The data file's times are the model's where there is no clock."""

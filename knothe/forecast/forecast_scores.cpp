@@ -1,0 +1,104 @@
+#include "knothe/forecast/forecast_scores.hpp"
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+#include <numbers>
+
+#include "knothe/numerics/normal_distribution.hpp"
+#include "knothe/numerics/weighted_statistics.hpp"
+
+namespace knothe::forecast {
+namespace {
+
+constexpr Eigen::Index k_samples = 256;  ///< a forecast is thinned to so many
+
+/// E|X| of X ~ N(mean, std²).
+double mean_distance(double mean, double std) {
+  const double z = mean / std;
+  return 2 * std * numerics::normal_pdf(z) + mean * (2 * numerics::normal_cdf(z) - 1);
+}
+
+}  // namespace
+
+Score score_normal(double mean, double std, double observed) {
+  assert(std > 0);
+  return {mean_distance(observed - mean, std) - std / std::sqrt(std::numbers::pi),
+          numerics::normal_cdf((observed - mean) / std)};
+}
+
+Score score_samples(std::span<const double> samples, std::span<const double> weights, double noise_std,
+                    double observed) {
+  assert(samples.size() == weights.size() && !samples.empty() && noise_std > 0);
+  // E|X − y| − ½ E|X − X'|.
+  double total = 0, to_observed = 0, spread = 0;
+  Score score;
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    total += weights[i];
+    to_observed += weights[i] * mean_distance(observed - samples[i], noise_std);
+    score.probability += weights[i] * numerics::normal_cdf((observed - samples[i]) / noise_std);
+    const double both = std::sqrt(2.0) * noise_std;
+    spread += 0.5 * weights[i] * weights[i] * mean_distance(0, both);
+    for (std::size_t j = 0; j < i; ++j)
+      spread += weights[i] * weights[j] * mean_distance(samples[i] - samples[j], both);
+  }
+  score.crps = to_observed / total - spread / (total * total);
+  score.probability /= total;
+  return score;
+}
+
+void ForecastScores::wait_for(const std::string& name, const std::string& units,
+                              const reduction::ObservedModel& model, Eigen::Index row, std::size_t time_index,
+                              double std) {
+  const Eigen::VectorXd coefficients = (model.space.row(row) * model.core[time_index]).transpose();
+  waiting_.push_back(
+      {name,
+       units,
+       QuantityOfInterest(model.functions, model.lift(row, static_cast<Eigen::Index>(time_index)),
+                          coefficients, 0),
+       row,
+       time_index,
+       model.time[time_index],
+       std,
+       {}});
+}
+
+std::vector<ScoredForecast> ForecastScores::look(std::size_t time_index,
+                                                 const Eigen::Ref<const Eigen::VectorXd>& values) {
+  std::vector<ScoredForecast> scored;
+  for (Waiting& forecast : waiting_) {
+    if (forecast.time_index != time_index || std::isnan(values[forecast.row])) continue;
+    ScoredForecast result;
+    result.name = forecast.name;
+    result.units = forecast.units;
+    result.time = forecast.time;
+    result.observed = values[forecast.row];
+    result.std = forecast.std;
+    for (const Kept& kept : forecast.kept) {
+      const std::vector<double> equal(kept.samples.size(), 1.0);
+      const Score score = score_samples(kept.samples, equal, forecast.std, result.observed);
+      result.step.push_back(kept.step);
+      result.lead_time.push_back(forecast.time - kept.time);
+      result.crps.push_back(score.crps);
+      result.probability.push_back(std::clamp(score.probability, 0.0, 1.0));
+    }
+    scored.push_back(std::move(result));
+  }
+  std::erase_if(waiting_, [&](const Waiting& forecast) {
+    return forecast.time_index == time_index && !std::isnan(values[forecast.row]);
+  });
+  return scored;
+}
+
+void ForecastScores::keep(std::size_t step, double time, const Eigen::Ref<const Eigen::MatrixXd>& points,
+                          const Eigen::Ref<const Eigen::VectorXd>& weights) {
+  if (waiting_.empty()) return;
+  const Eigen::MatrixXd chosen =
+      points(numerics::equal_draws(weights, std::min(k_samples, points.rows())), Eigen::all);
+  for (Waiting& forecast : waiting_) {
+    const Eigen::VectorXd samples = forecast.quantity.evaluate(chosen);
+    forecast.kept.push_back({step, time, {samples.begin(), samples.end()}});
+  }
+}
+
+}  // namespace knothe::forecast

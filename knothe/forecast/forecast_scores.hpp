@@ -1,0 +1,76 @@
+#pragma once
+/// @file How good forecasts were, once what they spoke of has been measured.
+#include <Eigen/Core>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "knothe/forecast/quantity_of_interest.hpp"
+#include "knothe/reduction/observed_model.hpp"
+
+namespace knothe::forecast {
+
+/// A forecast against what came.
+struct Score {
+  /// Continuous ranked probability score ∫ (F(x) − 1{x ≥ y})² dx, in the unit of the quantity: 0 for a sure
+  /// and true forecast, the absolute error for a sure one.
+  double crps = 0;
+  double probability = 0;  ///< F(y): uniform on (0, 1) over many forecasts, if their widths are right
+};
+
+/// Of N(mean, std²), std > 0, in closed form (Gneiting and Raftery 2007, Eq. 21).
+[[nodiscard]] Score score_normal(double mean, double std, double observed);
+
+/// Of the measurement of a quantity: weighted samples of it plus noise N(0, noise_std²), noise_std > 0, in
+/// closed form (Grimit et al. 2006: a mixture of normal distributions). n² operations.
+[[nodiscard]] Score score_samples(std::span<const double> samples, std::span<const double> weights,
+                                  double noise_std, double observed);
+
+/// A forecast that has come true: its scores when it was made after each step, from the first on.
+struct ScoredForecast {
+  std::string name;
+  std::string units;
+  double time = 0;                  ///< model time of the measurement
+  double observed = 0, std = 0;     ///< and its noise
+  std::vector<std::size_t> step;    ///< after which it was made
+  std::vector<double> lead_time;    ///< model time from then to the measurement
+  std::vector<double> crps;         ///< in `units`
+  std::vector<double> probability;  ///< P(measurement ≤ the one that came)
+};
+
+/// Forecasts kept until their instant is measured.
+class ForecastScores {
+ public:
+  /// `model`: at the times and with the rows of the data. `row` and `time_index`: where the quantity of the
+  /// forecast `name` is measured, with noise `std`.
+  void wait_for(const std::string& name, const std::string& units, const reduction::ObservedModel& model,
+                Eigen::Index row, std::size_t time_index, double std);
+  [[nodiscard]] bool empty() const { return waiting_.empty(); }
+
+  /// The datum at `time_index`, before it is assimilated: what has come true with it. A missing value never
+  /// does.
+  [[nodiscard]] std::vector<ScoredForecast> look(std::size_t time_index,
+                                                 const Eigen::Ref<const Eigen::VectorXd>& values);
+  /// The posterior after `step` at model time `time`: n × d points and their weights.
+  void keep(std::size_t step, double time, const Eigen::Ref<const Eigen::MatrixXd>& points,
+            const Eigen::Ref<const Eigen::VectorXd>& weights);
+
+ private:
+  struct Kept {
+    std::size_t step;
+    double time;
+    std::vector<double> samples;  ///< equally likely
+  };
+  struct Waiting {
+    std::string name, units;
+    QuantityOfInterest quantity;
+    Eigen::Index row;
+    std::size_t time_index;
+    double time, std;
+    std::vector<Kept> kept;
+  };
+  std::vector<Waiting> waiting_;
+};
+
+}  // namespace knothe::forecast

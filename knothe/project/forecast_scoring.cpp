@@ -1,0 +1,58 @@
+#include "knothe/project/forecast_scoring.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+namespace knothe::project {
+namespace {
+
+using Quantity = forecast::ForecastSpecification::Quantity;
+
+/// The row of the data that measures the quantity.
+std::optional<Eigen::Index> row_of(const forecast::ForecastSpecification& f, const UpdateSetup& setup) {
+  const auto displacements = static_cast<Eigen::Index>(setup.observed_components.size());
+  if (f.quantity == Quantity::output) {
+    const auto found = std::find(setup.scalars.begin(), setup.scalars.end(), f.output);
+    if (found == setup.scalars.end()) return std::nullopt;
+    return displacements + (found - setup.scalars.begin());
+  }
+  if (f.quantity != Quantity::displacement) return std::nullopt;
+  for (Eigen::Index j = 0; j < displacements; ++j) {
+    const double* x = &setup.observed_points[3 * static_cast<std::size_t>(j)];
+    const double distance = std::hypot(x[0] - f.point[0], x[1] - f.point[1], x[2] - f.point[2]);
+    if (distance <= 1e-6 && setup.observed_components[static_cast<std::size_t>(j)] == f.component) return j;
+  }
+  return std::nullopt;
+}
+
+std::optional<std::size_t> time_of(double horizon, const UpdateSetup& setup) {
+  const std::vector<double>& time = setup.model.contents().time;
+  const double step =
+      time.size() > 1 ? (time.back() - time.front()) / static_cast<double>(time.size() - 1) : 1;
+  for (const std::size_t index : setup.time_indices) {
+    if (std::abs(setup.observed->time[index] - horizon) <= 1e-6 * step) return index;
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
+forecast::ForecastScores forecasts_to_score(const Project& project, const UpdateSetup& setup) {
+  forecast::ForecastScores scores;
+  if (setup.pictures) return scores;
+  const Eigen::VectorXd std = setup.measurements.noise.standard_deviations();
+  for (const forecast::ForecastSpecification& f : project.forecasts) {
+    const auto row = row_of(f, setup);
+    const auto time_index = time_of(f.horizon, setup);
+    if (!row || !time_index || !(std[*row] > 0)) continue;
+    std::string units = "m";
+    for (const auto& output : setup.model.contents().outputs) {
+      if (f.quantity == Quantity::output && output.name == f.output) units = output.labels.units;
+    }
+    scores.wait_for(f.name, units, *setup.observed, *row, *time_index, std[*row]);
+  }
+  return scores;
+}
+
+}  // namespace knothe::project
