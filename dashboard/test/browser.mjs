@@ -49,8 +49,17 @@ function agree(written, expected, what) {
   assert.ok(Math.abs(value - expected) <= half, `${what}: the page says "${written}", the service ${expected}`);
 }
 
-/** Every number of the cards at the top, as exactly as it is written there. */
+/** Every number of the cards at the top, as exactly as it is written there; a page that is still drawing has five seconds. */
 export async function compareNumbers(page, line) {
+  for (const end = Date.now() + 5000; ; await page.waitForTimeout(50)) {
+    try {
+      return await compareNow(page, line);
+    } catch (difference) {
+      if (Date.now() > end) throw difference;
+    }
+  }
+}
+async function compareNow(page, line) {
   const factors = { m: { mm: 1e3, µm: 1e6, m: 1 }, N: { N: 1, kN: 1e-3 } };
   for (const [name, forecast] of Object.entries(line.forecast)) {
     const card = page.locator(`[data-forecast="${name}"]`);
