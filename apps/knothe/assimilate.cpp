@@ -3,7 +3,6 @@
 
 #include <array>
 #include <charconv>
-#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
@@ -19,6 +18,7 @@
 #include "knothe/assimilation/time_matching.hpp"
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/base/monotonic_time.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/json_line.hpp"
@@ -35,12 +35,6 @@
 
 namespace knothe::commands {
 namespace {
-
-using Clock = std::chrono::steady_clock;
-
-double microseconds_since(Clock::time_point start) {
-  return std::chrono::duration<double, std::micro>(Clock::now() - start).count();
-}
 
 /// The line a person sees while it happens, and a row of the table that stays.
 class Display {
@@ -258,7 +252,7 @@ int assimilate(const AssimilateArguments& arguments) {
     fmt::print(stderr, "{}: the series \"{}\" is not used: it has no std\n", project.data, name);
   forecast::ForecastScores awaited = project::forecasts_to_score(project, setup);
   Display display(arguments.json, setup.model.parameter_names(), setup.measurements.time.size());
-  const auto start = Clock::now();
+  const auto start = monotonic_now();
   bool interrupted = false;
   std::vector<std::size_t> untrusted;
   std::size_t steps = 0;
@@ -274,7 +268,7 @@ int assimilate(const AssimilateArguments& arguments) {
       watch.look(setup.measurements.values.col(static_cast<Eigen::Index>(step)),
                  setup.observed->predict(middle, setup.time_indices[step]));
     report_sensors(watch, step, reported);
-    const auto forecast_start = Clock::now();
+    const auto forecast_start = monotonic_now();
     const auto forecasts = forecaster.update(update.posterior().points, update.posterior().weights);
     const double forecast_us = microseconds_since(forecast_start);
     if (!result.trusted) untrusted.push_back(step);

@@ -29,6 +29,18 @@ class ComposedStepDensity final : public sampling::LogDensity {
   sampling::LogDensityBatch inner_;
 };
 
+/// The maps so far, composed, and the target of the next one.
+struct MapComposition {
+  MapComposition(const reduction::ObservedModel& model, std::shared_ptr<const PriorTransform> transform,
+                 const Eigen::VectorXd& central)
+      : map(transform->dimension()),
+        density(CollapsedLogDensity(model.functions, std::move(transform), central)) {}
+
+  transport::ComposedMap map;  ///< M_1 ∘ … ∘ M_i, Eq. 10
+  ComposedStepDensity density;
+  transport::MapBatch batch;
+};
+
 /// Points z = T(x) with importance weights π̄(z) |det ∇T(x)| / ρ(x).
 struct PushedPoints {
   Eigen::VectorXd weights;              ///< n, sum 1

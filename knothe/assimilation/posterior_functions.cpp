@@ -7,6 +7,7 @@
 
 #include "knothe/numerics/normal_distribution.hpp"
 #include "knothe/numerics/sobol.hpp"
+#include "knothe/numerics/weighted_statistics.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -58,17 +59,7 @@ Eigen::MatrixXd regression(const Eigen::MatrixXd& deviation, Eigen::MatrixXd p) 
 Eigen::MatrixXd equally_likely(const Eigen::Ref<const Eigen::MatrixXd>& points,
                                const Eigen::Ref<const Eigen::VectorXd>& weights) {
   assert(points.rows() == weights.size() && points.rows() > 0);
-  const double total = weights.sum();
-  Eigen::MatrixXd chosen(k_prediction_points, points.cols());
-  const std::vector<Eigen::Index> order = numerics::reversed_bits(points.rows());
-  std::size_t i = 0;
-  double passed = weights[order[0]];
-  for (Eigen::Index j = 0; j < chosen.rows(); ++j) {
-    const double level = total * (static_cast<double>(j) + 0.5) / static_cast<double>(chosen.rows());
-    while (passed < level && i + 1 < order.size()) passed += weights[order[++i]];
-    chosen.row(j) = points.row(order[i]);
-  }
-  return chosen;
+  return points(numerics::equal_draws(weights, k_prediction_points), Eigen::all);
 }
 
 PosteriorFunctions functions_at(const reduction::ParameterFunctions& functions, Eigen::MatrixXd points) {

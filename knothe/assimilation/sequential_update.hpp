@@ -94,6 +94,8 @@ struct WeightedPosterior {
   Eigen::VectorXd weights;  ///< n, sum 1
 };
 
+struct MapComposition;  // composed_density.hpp
+
 /// Sequential assimilation. The posterior is a function of the set of data alone: each map depends only on
 /// the collapsed form (and, for composed maps, on the data in the order of their steps), so a replay is
 /// bit-identical, and a step that is taken out leaves no trace.
@@ -170,7 +172,6 @@ class SequentialUpdate {
     std::vector<StepForm> levels;            ///< or one for each size of a discrepancy
     std::optional<double> log_evidence;      ///< of all data up to this one, for the increment of the next
   };
-  struct Composition;
 
   // supervised_update.cpp
   [[nodiscard]] std::optional<bool> by_hand(std::size_t step) const;
@@ -207,7 +208,7 @@ class SequentialUpdate {
   transport::MapSolver solver_;
   transport::MapResult map_;
   transport::ImportanceCorrection correction_;
-  std::unique_ptr<Composition> composition_;  ///< for Form::composed
+  std::unique_ptr<MapComposition> composition_;  ///< for Form::composed
   std::map<std::size_t, Datum> data_;
   ModelSupervision supervision_;
   std::vector<std::pair<std::size_t, std::size_t>> by_hand_;  ///< ranges of steps to correct

@@ -2,24 +2,14 @@
 /// assimilated, and corrected where the model is known to be wrong.
 #include <fmt/format.h>
 
-#include <chrono>
 #include <cmath>
 #include <utility>
 
 #include "knothe/assimilation/sequential_update.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/base/monotonic_time.hpp"
 
 namespace knothe::assimilation {
-namespace {
-
-using Clock = std::chrono::steady_clock;
-
-double microseconds_since(Clock::time_point start) {
-  return std::chrono::duration<double, std::micro>(Clock::now() - start).count();
-}
-
-}  // namespace
-
 std::optional<bool> SequentialUpdate::by_hand(std::size_t step) const {
   for (const auto& [from, to] : by_hand_) {
     if (from <= step && step <= to) return true;
@@ -53,7 +43,7 @@ void SequentialUpdate::correct(std::size_t step, Datum& datum) {
 
 /// All earlier steps are in the sums, and `supervision_` knows them.
 void SequentialUpdate::assimilate(std::size_t step) {
-  const auto start = Clock::now();
+  const auto start = monotonic_now();
   Datum& datum = data_.at(step);
   supervision_.save(step);
   correct(step, datum);
@@ -78,7 +68,7 @@ void SequentialUpdate::assimilate(std::size_t step) {
   add_to_sums(datum);
   summed_ = step;
   recompute(step);
-  const auto after = Clock::now();
+  const auto after = monotonic_now();
   if (!level_sums_.empty())
     supervision_.set_shares(target_.component_shares(posterior_.points, posterior_.weights));
   supervision_.learn(datum.time, datum.time_index, datum.values, result_.log_evidence_increment,

@@ -41,16 +41,8 @@ WeightedSummary summarise(const Eigen::Ref<const Eigen::MatrixXd>& points,
 Eigen::MatrixXd resample(const Eigen::Ref<const Eigen::MatrixXd>& points,
                          const Eigen::Ref<const Eigen::VectorXd>& weights, Eigen::Index count,
                          std::uint64_t seed) {
+  std::vector<Eigen::Index> chosen = numerics::equal_draws(weights, count);
   std::mt19937_64 random(seed);
-  std::vector<Eigen::Index> chosen;
-  double cumulative = weights[0];
-  Eigen::Index i = 0;
-  const double offset = static_cast<double>(random() >> 11) * 0x1p-53;
-  for (Eigen::Index k = 0; k < count; ++k) {
-    const double level = (static_cast<double>(k) + offset) / static_cast<double>(count);
-    while (cumulative < level && i + 1 < weights.size()) cumulative += weights[++i];
-    chosen.push_back(i);
-  }
   // Not std::shuffle, whose order is the library's affair.
   for (std::size_t k = chosen.size(); k > 1; --k) std::swap(chosen[k - 1], chosen[random() % k]);
   return points(chosen, Eigen::all);

@@ -25,8 +25,8 @@ struct WeightedSummary {
 [[nodiscard]] WeightedSummary summarise(const Eigen::Ref<const Eigen::MatrixXd>& points,
                                         const Eigen::Ref<const Eigen::VectorXd>& weights);
 
-/// `count` equally weighted draws from weighted points: systematic resampling, then a seeded shuffle, so that
-/// any part of them is a sample too. count × d.
+/// `count` equally weighted draws from weighted points: `numerics::equal_draws`, then a seeded shuffle, so
+/// that any part of them is a sample too. count × d.
 [[nodiscard]] Eigen::MatrixXd resample(const Eigen::Ref<const Eigen::MatrixXd>& points,
                                        const Eigen::Ref<const Eigen::VectorXd>& weights, Eigen::Index count,
                                        std::uint64_t seed);

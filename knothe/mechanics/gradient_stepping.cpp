@@ -4,10 +4,12 @@
 #include <cmath>
 #include <numeric>
 
+#include "knothe/mechanics/increments.hpp"
+
 namespace knothe::mechanics {
 namespace {
 
-constexpr int k_cuts = 7;  // halvings of a step before the secant fallback
+constexpr int k_least_cuts = 7;  // its secant iterations cost more than more halvings
 constexpr int k_newton_iterations = 15;
 
 double norm(std::span<const double> v) {
@@ -280,52 +282,35 @@ void GradientStepping::commit(double imposed, StepRecord& record) {
   previous_ = state_;
   state_ = {imposed, unknowns_, displacement_, reaction_};
 
-  const double relative = relative_residual(imposed);
-  record.residual = std::max(record.residual, relative);
-  record.equilibrium = record.equilibrium && relative <= options_.acceptance;
-  record.imposed_displacement = imposed;
-  record.reaction_force = 2 * reaction_;
-  record.external_work = 2 * work_;
-  record.stored_energy = 2 * stored;
-  record.dissipated_energy = 2 * dissipated_;
-  ++record.increments;
+  add_increment({imposed, reaction_, work_, stored, dissipated_}, relative_residual(imposed),
+                options_.acceptance, record);
+}
+
+void GradientStepping::extrapolate(double imposed) {
+  const double last = state_.imposed - previous_.imposed;
+  const double ratio = last > 0 ? (imposed - state_.imposed) / last : 0.0;
+  for (std::size_t i = 0; i < unknowns_.size(); ++i)
+    unknowns_[i] = state_.unknowns[i] + ratio * (state_.unknowns[i] - previous_.unknowns[i]);
 }
 
 StepRecord GradientStepping::advance(double target) {
   StepRecord record;
   record.active_cells = static_cast<int>(cells_.size());
-  double increment = target - state_.imposed;
-  int cuts = 0;
-  while (state_.imposed < target) {
-    const double next = target - state_.imposed < increment * 1.000001 ? target : state_.imposed + increment;
-    const double last = state_.imposed - previous_.imposed;
-    const double ratio = last > 0 ? (next - state_.imposed) / last : 0.0;
-    for (std::size_t i = 0; i < unknowns_.size(); ++i)
-      unknowns_[i] = state_.unknowns[i] + ratio * (state_.unknowns[i] - previous_.unknowns[i]);
-    const bool by_newton = newton(next, record);
-    if (!by_newton) {
-      if (cuts < k_cuts) {
-        ++cuts;
-        increment /= 2;
-        continue;
-      }
-      unknowns_ = state_.unknowns;
-      if (!secant(next, record)) {
+  go_by_increments(
+      state_.imposed, target, std::max(options_.cuts, k_least_cuts),
+      [&](double next) {
+        extrapolate(next);
+        return newton(next, record);
+      },
+      [&](double next) {
+        unknowns_ = state_.unknowns;
+        if (secant(next, record)) return;
         // Not in equilibrium: keep the last iterate, or the last state if it is not finite, and report it.
         if (!std::isfinite(norm(unknowns_))) unknowns_ = state_.unknowns;
         evaluate(next, Stiffness::secant);
-      }
-    }
-    commit(next, record);
-    if (by_newton && cuts > 0) {
-      --cuts;
-      increment *= 2;
-    }
-  }
-  const auto& mesh = structure_.mesh();
-  if (mesh.mouth_left >= 0 && mesh.mouth_right >= 0)
-    record.crack_mouth_opening =
-        state_.displacement[3 * mesh.mouth_right] - state_.displacement[3 * mesh.mouth_left];
+      },
+      [&](double next) { commit(next, record); });
+  record.crack_mouth_opening = crack_mouth_opening(structure_, state_.displacement);
   return record;
 }
 

@@ -48,6 +48,8 @@ class GradientStepping {
   /// The larger of the forces' and the averaged strain's residual, each relative to its scale.
   [[nodiscard]] double relative_residual(double imposed) const;
   [[nodiscard]] double force_scale(double imposed) const;
+  /// First guess, from the last two states.
+  void extrapolate(double imposed);
   [[nodiscard]] bool newton(double imposed, StepRecord& record);
   [[nodiscard]] bool secant(double imposed, StepRecord& record);
   void commit(double imposed, StepRecord& record);

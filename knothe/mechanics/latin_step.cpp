@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "knothe/mechanics/dense_solvers.hpp"
+#include "knothe/mechanics/increments.hpp"
 
 namespace knothe::mechanics {
 
@@ -283,34 +284,29 @@ bool LatinStep::secant(LaneBatch& lane, MatrixXd& coordinates, MatrixXd& damage)
 bool LatinStep::advance(LaneBatch& lane, const VectorXd& before, MatrixXd& coordinates) {
   const double target = coordinates(0, 0);
   VectorXd state = before, previous = before;
-  double increment = target - state[0];
-  int cuts = 0;
   bool good = true;
-  MatrixXd damage;
-  while (state[0] < target) {
-    const double next = target - state[0] < increment * 1.000001 ? target : state[0] + increment;
-    const double last = state[0] - previous[0];
-    MatrixXd guess = state + (last > 0 ? (next - state[0]) / last : 0.0) * (state - previous);
-    guess(0, 0) = next;
-    bool converged = solve(lane, guess, damage).front() != 0;
-    if (!converged && cuts < options_.cuts) {
-      ++cuts;
-      increment /= 2;
-      continue;
-    }
-    if (!converged) {
-      guess = state;
-      guess(0, 0) = next;
-      converged = secant(lane, guess, damage);
-    } else if (cuts > 0) {
-      --cuts;
-      increment *= 2;
-    }
-    good = good && converged;
-    if (converged) lane.history = damage;  // else the secant iterations have left theirs there
-    previous = state;
-    state = guess.col(0);
-  }
+  MatrixXd damage, guess;
+  go_by_increments(
+      state[0], target, options_.cuts,
+      [&](double next) {
+        const double last = state[0] - previous[0];
+        guess = state + (last > 0 ? (next - state[0]) / last : 0.0) * (state - previous);
+        guess(0, 0) = next;
+        if (solve(lane, guess, damage).front() == 0) return false;
+        lane.history = damage;  // secant iterations leave theirs there
+        return true;
+      },
+      [&](double next) {
+        guess = state;
+        guess(0, 0) = next;
+        const bool converged = secant(lane, guess, damage);
+        if (converged) lane.history = damage;
+        good = good && converged;
+      },
+      [&](double) {
+        previous = state;
+        state = guess.col(0);
+      });
   coordinates.col(0) = state;
   return good;
 }

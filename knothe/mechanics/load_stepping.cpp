@@ -4,6 +4,8 @@
 #include <cmath>
 #include <numeric>
 
+#include "knothe/mechanics/increments.hpp"
+
 namespace knothe::mechanics {
 namespace {
 
@@ -280,52 +282,33 @@ void LoadStepping::commit(double imposed, StepRecord& record) {
   state_.displacement = expanded_;
   state_.reaction = reaction;
 
-  const double relative = std::sqrt(square) / force_scale(reaction, imposed);
-  record.residual = std::max(record.residual, relative);
-  record.equilibrium = record.equilibrium && relative <= options_.acceptance;
-  record.imposed_displacement = imposed;
-  record.reaction_force = 2 * reaction;
-  record.external_work = 2 * work_;
-  record.stored_energy = 2 * stored;
-  record.dissipated_energy = 2 * dissipated_;
-  ++record.increments;
+  add_increment({imposed, reaction, work_, stored, dissipated_},
+                std::sqrt(square) / force_scale(reaction, imposed), options_.acceptance, record);
 }
 
 StepRecord LoadStepping::advance(double target) {
   StepRecord record;
-  double increment = target - state_.imposed;
-  int cuts = 0;
-  while (state_.imposed < target) {
-    const double next = target - state_.imposed < increment * 1.000001 ? target : state_.imposed + increment;
-    start_guess(next, true);
-    const bool by_newton = newton(next, record);
-    if (!by_newton) {
-      if (cuts < options_.cuts) {
-        ++cuts;
-        increment /= 2;
-        continue;
-      }
-      start_guess(next, false);
-      if (!secant(next, record)) {
+  go_by_increments(
+      state_.imposed, target, options_.cuts,
+      [&](double next) {
+        start_guess(next, true);
+        return newton(next, record);
+      },
+      [&](double next) {
+        start_guess(next, false);
+        if (secant(next, record)) return;
         // Not in equilibrium: keep the last iterate, or the last state if the iterate is not finite, and
         // report it.
         if (!std::isfinite(norm(unknowns_))) start_guess(next, false);
         evaluate(next, Stiffness::secant);
         system_.expand(next, unknowns_, force_, expanded_);
-      }
-    }
-    commit(next, record);
-    if (activate(options_.activation)) record.active_cells = static_cast<int>(active_.size());
-    if (by_newton && cuts > 0) {
-      --cuts;
-      increment *= 2;
-    }
-  }
+      },
+      [&](double next) {
+        commit(next, record);
+        (void)activate(options_.activation);
+      });
   record.active_cells = static_cast<int>(active_.size());
-  const auto& mesh = structure_.mesh();
-  if (mesh.mouth_left >= 0 && mesh.mouth_right >= 0)
-    record.crack_mouth_opening =
-        state_.displacement[3 * mesh.mouth_right] - state_.displacement[3 * mesh.mouth_left];
+  record.crack_mouth_opening = crack_mouth_opening(structure_, state_.displacement);
   return record;
 }
 

@@ -4,12 +4,12 @@
 
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cmath>
 #include <limits>
 #include <map>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/monotonic_time.hpp"
 #include "knothe/imaging/camera_drift.hpp"
 #include "knothe/imaging/displacement_files.hpp"
 #include "knothe/project/picture_options.hpp"
@@ -17,12 +17,7 @@
 namespace knothe::project {
 namespace {
 
-using Clock = std::chrono::steady_clock;
 constexpr double k_in_plane = 1e-9;  // m
-
-double microseconds_since(Clock::time_point start) {
-  return std::chrono::duration<double, std::micro>(Clock::now() - start).count();
-}
 
 /// Coordinate across the face that a camera sees.
 std::size_t across(imaging::View view) {
@@ -179,7 +174,7 @@ assimilation::NoiseModel PictureMeasurements::noise_of(const std::vector<char>& 
 }
 
 PictureDatum PictureMeasurements::next() {
-  const auto wait_start = Clock::now();
+  const auto wait_start = monotonic_now();
   if (ahead_.valid()) results_.push_back(ahead_.get());
   if (next_ == results_.size()) throw UsageError("the pictures of the project are all used");
   const double wait_us = microseconds_since(wait_start);
@@ -199,7 +194,7 @@ PictureDatum PictureMeasurements::as_datum(const imaging::PictureResult& picture
   PictureDatum datum;
   datum.picture = picture;
   datum.correlation_us = 1e3 * datum.picture.elapsed_ms;
-  const auto precision_start = Clock::now();
+  const auto precision_start = monotonic_now();
   datum.values.setConstant(static_cast<Eigen::Index>(component_.size()),
                            std::numeric_limits<double>::quiet_NaN());
   datum.values.head(2 * series_->correlation().mesh().node_count()) =

@@ -85,6 +85,14 @@ double amplitude(const reduction::ModelContents& contents, std::size_t k, std::s
   return sum;
 }
 
+/// A mode of a model, scaled such that its largest horizontal component is 1.
+Figure mode_figure(const std::string& title, const FaceDofs& face, std::span<const double> mode) {
+  double largest = 0.0;
+  for (std::ptrdiff_t dof : face.x)
+    if (dof >= 0) largest = std::max(largest, std::abs(mode[static_cast<std::size_t>(dof)]));
+  return field_figure(title, face, mode, largest > 0.0 ? 1.0 / largest : 1.0, "x component");
+}
+
 }  // namespace
 
 bool can_be_drawn(const reduction::SeparatedModel& model) {
@@ -98,11 +106,7 @@ std::vector<Figure> space_mode_figures(const reduction::SeparatedModel& model, s
   std::vector<Figure> figures;
   for (std::size_t k = 0; k < std::min(count, contents.space_modes); ++k) {
     const auto mode = space_mode(contents, k);
-    double largest = 0.0;
-    for (std::ptrdiff_t dof : face.x)
-      if (dof >= 0) largest = std::max(largest, std::abs(mode[static_cast<std::size_t>(dof)]));
-    figures.push_back(field_figure(fmt::format("Space mode {}", k + 1), face, mode,
-                                   largest > 0.0 ? 1.0 / largest : 1.0, "x component"));
+    figures.push_back(mode_figure(fmt::format("Space mode {}", k + 1), face, mode));
   }
   return figures;
 }
@@ -193,11 +197,7 @@ std::vector<Figure> crack_mode_figures(const reduction::SeparatedModel& model, s
   const std::size_t n = model.dof_count();
   for (std::size_t k = 0; k < std::min(count, crack.modes.size() / n); ++k) {
     const auto mode = std::span<const double>(crack.modes).subspan(k * n, n);
-    double largest = 0.0;
-    for (std::ptrdiff_t dof : face.x)
-      if (dof >= 0) largest = std::max(largest, std::abs(mode[static_cast<std::size_t>(dof)]));
-    figures.push_back(field_figure(fmt::format("Crack mode {}", k + 1), face, mode,
-                                   largest > 0.0 ? 1.0 / largest : 1.0, "x component"));
+    figures.push_back(mode_figure(fmt::format("Crack mode {}", k + 1), face, mode));
   }
   return figures;
 }

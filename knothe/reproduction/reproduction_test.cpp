@@ -4,11 +4,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <set>
 
 #include "knothe/files/json_line.hpp"
+#include "knothe/files/test_folder.hpp"
 #include "knothe/reproduction/bias.hpp"
 #include "knothe/reproduction/picture_selection.hpp"
 #include "knothe/reproduction/study.hpp"
@@ -16,8 +16,6 @@
 
 namespace knothe::reproduction {
 namespace {
-
-namespace fs = std::filesystem;
 
 BeamCase coarse_case() {
   BeamCase c{"coarse", "elements of 20 mm, 12 steps", {}, 3};
@@ -30,18 +28,17 @@ BeamCase coarse_case() {
 class CoarseBeam : public testing::Test {
  protected:
   static void SetUpTestSuite() {
-    std::string name = (fs::temp_directory_path() / "knothe-reproduction-XXXXXX").string();
-    folder_ = mkdtemp(name.data());
-    subject_ = std::make_unique<Subject>(subject_of(prepare(coarse_case(), folder_, 2), 1));
+    folder_ = std::make_unique<files::TestFolder>();
+    subject_ = std::make_unique<Subject>(subject_of(prepare(coarse_case(), folder_->file(""), 2), 1));
   }
   static void TearDownTestSuite() {
     subject_.reset();
-    fs::remove_all(folder_);
+    folder_.reset();
   }
-  static std::string folder_;
+  static std::unique_ptr<files::TestFolder> folder_;
   static std::unique_ptr<Subject> subject_;
 };
-std::string CoarseBeam::folder_;
+std::unique_ptr<files::TestFolder> CoarseBeam::folder_;
 std::unique_ptr<Subject> CoarseBeam::subject_;
 
 /// Every row says something in each column, and every number is finite.
@@ -136,7 +133,7 @@ TEST(LiftAsMode, IsTheSameFunction) {
 }
 
 TEST_F(CoarseBeam, ModelsAreKeptAndThoseOfAnotherCaseAreNot) {
-  const BeamModels again = prepare(coarse_case(), folder_, 2);
+  const BeamModels again = prepare(coarse_case(), folder_->file(""), 2);
   EXPECT_TRUE(again.kept);
   EXPECT_EQ(again.paper.contents().temporal, subject_->models.paper.contents().temporal);
   EXPECT_EQ(again.paper.contents().parameter_modes, 5U);
@@ -144,7 +141,7 @@ TEST_F(CoarseBeam, ModelsAreKeptAndThoseOfAnotherCaseAreNot) {
   EXPECT_LE(again.three_best.contents().relative_error, again.three.contents().relative_error * (1 + 1e-9));
   BeamCase other = coarse_case();
   other.what = "described otherwise";
-  EXPECT_FALSE(prepare(other, folder_, 2).kept);
+  EXPECT_FALSE(prepare(other, folder_->file(""), 2).kept);
 }
 
 TEST_F(CoarseBeam, TheSurfaceLiesBesideTheNotchAndItsMatrixIsSymmetric) {
