@@ -10,6 +10,7 @@ find_package(nlohmann_json 3.11 REQUIRED)
 find_package(fmt REQUIRED)
 find_package(TIFF REQUIRED)
 find_package(PNG REQUIRED)
+find_package(ZLIB REQUIRED) # libpng's own; compressed .vtu files
 find_package(tomlplusplus REQUIRED)
 find_package(CLI11 REQUIRED)
 if(BUILD_TESTING)

@@ -81,9 +81,9 @@ struct DicArguments {
   bool resume = false;                            ///< go on with what the output file holds
   std::string table;                              ///< file for the settings that a report should hold
   bool crack = false;                             ///< look for a crack in every picture
-  std::string mask, at;
-  std::string output;  ///< .h5, .vtu, .pvd; with `at` .csv or a folder
-  std::string maps;    ///< folder for PNG maps
+  std::string mask, mesh, at;                     ///< files
+  std::string output;                             ///< .h5, .vtu, .pvd; with `at` .csv or a folder
+  std::string maps;                               ///< folder for PNG maps
   bool json = false;
 };
 int dic(const DicArguments& arguments);

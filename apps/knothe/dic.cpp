@@ -17,6 +17,7 @@
 #include "knothe/files/json_line.hpp"
 #include "knothe/files/vtu.hpp"
 #include "knothe/imaging/displacement_files.hpp"
+#include "knothe/imaging/mesh_file.hpp"
 #include "knothe/imaging/pattern_report.hpp"
 #include "knothe/imaging/picture_series.hpp"
 #include "knothe/project/picture_measurements.hpp"
@@ -67,6 +68,7 @@ Task task_of(const DicArguments& a) {
     if (!a.pattern) task.series.pictures.assign(a.files.begin() + 1, a.files.end());
   }
   if (a.element_size) task.series.element_size = *a.element_size;
+  if (!a.mesh.empty()) task.series.mesh = imaging::read_image_mesh(a.mesh, std::nullopt);
   if (!a.region.empty()) task.series.region = parse_region(a.region);
   if (!a.mask.empty()) task.series.mask = a.mask;
   if (a.crack && !task.series.crack) task.series.crack = imaging::CrackOptions{};

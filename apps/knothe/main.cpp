@@ -221,6 +221,8 @@ void add_dic(CLI::App& app, Command& chosen) {
   command.add_option("--roi", arguments.region, "X0,Y0,X1,Y1: two opposite corners of the mesh, px")
       ->delimiter(',');
   command.add_option("--mask", arguments.mask, "picture that is 0 where the surface is not to be measured");
+  command.add_option("--mesh", arguments.mesh,
+                     "mesh to correlate on instead of equal elements: Gmsh (.msh) or VTK (.vtu), in px");
   command.add_option("--prefilter", arguments.prefilter, "Gaussian on all pictures, px")
       ->check(CLI::NonNegativeNumber);
   command.add_option("--at", arguments.at,

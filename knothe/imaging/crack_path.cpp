@@ -33,22 +33,21 @@ std::vector<double> stretches(const ImageCorrelation& correlation, const Correla
   std::vector<double> stretch(mesh.elements.size(), 0), seen;
   for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
     if (result.element_valid[e] == 0) continue;
-    const ElementPixels& pixels = correlation.pixels().elements()[e];
+    const auto& nodes = mesh.elements[e];
     double x = 0, y = 0;
-    const int n = ImageMesh::nodes_of(mesh.elements[e]);
+    const int n = ImageMesh::nodes_of(nodes);
     for (std::size_t a = 0; a < static_cast<std::size_t>(n); ++a) {
-      const auto node = static_cast<std::size_t>(mesh.elements[e][a]);
-      x += (mesh.x[node] - pixels.x_origin) / n, y += (mesh.y[node] - pixels.y_origin) / n;
+      const auto node = static_cast<std::size_t>(nodes[a]);
+      x += mesh.x[node] / n, y += mesh.y[node] / n;
     }
+    const auto gradients = mesh.shape_functions(nodes, x, y).gradients(x, y);
     std::array<double, 4> g{};  // du/dx, du/dy, dv/dx, dv/dy at the centre
-    for (std::size_t a = 0; a < static_cast<std::size_t>(n); ++a) {
-      const auto& c = pixels.coefficients[a];
-      const double nx = c[1] + c[3] * y, ny = c[2] + c[3] * x;
+    for (std::size_t a = 0; a < static_cast<std::size_t>(n); ++a)
       for (int k = 0; k < 2; ++k) {
-        const double u = result.displacement[2 * mesh.elements[e][a] + k];
-        g[static_cast<std::size_t>(2 * k)] += nx * u, g[static_cast<std::size_t>(2 * k + 1)] += ny * u;
+        const double u = result.displacement[2 * nodes[a] + k];
+        g[static_cast<std::size_t>(2 * k)] += gradients[a][0] * u;
+        g[static_cast<std::size_t>(2 * k + 1)] += gradients[a][1] * u;
       }
-    }
     stretch[e] = size * (0.5 * (g[0] + g[3]) + std::hypot(0.5 * (g[0] - g[3]), 0.5 * (g[1] + g[2])));
     seen.push_back(stretch[e]);
   }

@@ -34,58 +34,45 @@ struct Moments {
 
 Moments moments(const PixelTable& table, const ElementPixels& element, const ReferenceField& field) {
   Moments m;
+  using Along = std::array<std::array<double, 8>, 3>;  // Σ X^p q over pixels of one Y
+  const auto add = [&m](Along& along, double y) {
+    double power = 1;
+    for (std::size_t j = 0; j < 3; ++j, power *= y)
+      for (std::size_t i = 0; i < 3; ++i)
+        for (std::size_t c = 0; c < 8; ++c) m.sum[i][j][c] += power * along[i][c];
+    along = {};
+  };
   for (const auto& row : table.rows(element)) {
-    const double y = row.y - element.y_origin;
-    std::array<std::array<double, 8>, 3> along{};
+    Along along{};
     for (int k = 0; k < row.count; ++k) {
       const std::size_t i = static_cast<std::size_t>(row.y) * static_cast<std::size_t>(field.width) +
                             static_cast<std::size_t>(row.x + k);
       if (!(field.use[i] > 0)) continue;
-      const double x = row.x + k - element.x_origin, f = static_cast<double>(field.value[i]),
-                   fx = static_cast<double>(field.dx[i]), fy = static_cast<double>(field.dy[i]);
+      const auto [x, y] = table.coordinates(element, row, k);
+      const double f = static_cast<double>(field.value[i]), fx = static_cast<double>(field.dx[i]),
+                   fy = static_cast<double>(field.dy[i]);
       const std::array<double, 8> q{fx * fx, fx * fy, fy * fy, fx * f, fy * f, fx, fy, 1};
       double power = 1;
       for (std::size_t p = 0; p < 3; ++p, power *= x)
         for (std::size_t c = 0; c < 8; ++c) along[p][c] += power * q[c];
       m.count += 1, m.f += f, m.f_squared += f * f;
+      if (element.natural) add(along, y);  // Y is another at every pixel
     }
-    double power = 1;
-    for (std::size_t j = 0; j < 3; ++j, power *= y)
-      for (std::size_t i = 0; i < 3; ++i)
-        for (std::size_t c = 0; c < 8; ++c) m.sum[i][j][c] += power * along[i][c];
+    if (!element.natural) add(along, row.y - element.y_origin);
   }
   return m;
 }
 
-/// ∫ ∇N_a·∇N_b over an element by the 2 × 2 Gauss rule (rectangles) or its constant value (triangles).
-Eigen::Matrix4d laplacian_of(const ImageMesh& mesh, const std::array<int, 4>& nodes,
-                             const ElementPixels& element) {
+/// ∫ ∇N_a·∇N_b over an element.
+Eigen::Matrix4d laplacian_of(const ShapeFunctions& shape, int nodes) {
   Eigen::Matrix4d result = Eigen::Matrix4d::Zero();
-  const int n = ImageMesh::nodes_of(nodes);
-  const auto x = [&](int a) {
-    return mesh.x[static_cast<std::size_t>(nodes[static_cast<std::size_t>(a)])] - element.x_origin;
-  };
-  const auto y = [&](int a) {
-    return mesh.y[static_cast<std::size_t>(nodes[static_cast<std::size_t>(a)])] - element.y_origin;
-  };
-  double area = 0, x0 = x(0), x1 = x(0), y0 = y(0), y1 = y(0);
-  for (int a = 0; a < n; ++a) {
-    area += 0.5 * (x(a) * y((a + 1) % n) - x((a + 1) % n) * y(a));
-    x0 = std::min(x0, x(a)), x1 = std::max(x1, x(a)), y0 = std::min(y0, y(a)), y1 = std::max(y1, y(a));
-  }
-  for (const double s : {-1.0, 1.0})
-    for (const double t : {-1.0, 1.0}) {
-      const double px = 0.5 * (x0 + x1) + s * 0.5 * (x1 - x0) / std::numbers::sqrt3,
-                   py = 0.5 * (y0 + y1) + t * 0.5 * (y1 - y0) / std::numbers::sqrt3;
-      for (int a = 0; a < n; ++a)
-        for (int b = 0; b < n; ++b) {
-          const auto &ca = element.coefficients[static_cast<std::size_t>(a)],
-                     &cb = element.coefficients[static_cast<std::size_t>(b)];
-          result(a, b) +=
-              std::abs(area) / 4 *
-              ((ca[1] + ca[3] * py) * (cb[1] + cb[3] * py) + (ca[2] + ca[3] * px) * (cb[2] + cb[3] * px));
-        }
-    }
+  for (const auto& point : shape.integration_points())
+    for (int a = 0; a < nodes; ++a)
+      for (int b = 0; b < nodes; ++b) {
+        const auto &ga = point.gradients[static_cast<std::size_t>(a)],
+                   &gb = point.gradients[static_cast<std::size_t>(b)];
+        result(a, b) += point.weight * (ga[0] * gb[0] + ga[1] * gb[1]);
+      }
   return result;
 }
 
@@ -143,7 +130,8 @@ void CorrelationStage::make_constants() {
           }
       }
     c.brightness_matrix << m.f_squared, m.f, m.f, m.count;
-    c.laplacian = laplacian_of(mesh_, mesh_.elements[e], element);
+    c.laplacian = laplacian_of(mesh_.shape_functions(mesh_.elements[e], element.x_origin, element.y_origin),
+                               ImageMesh::nodes_of(mesh_.elements[e]));
     const auto& g = m.sum[0][0];
     squares += g[0] + g[2], pixels += m.count;
     if (m.count < std::max<double>(k_fewest_pixels, k_least_pixel_share * element.pixel_count)) {

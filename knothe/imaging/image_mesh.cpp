@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -13,34 +12,8 @@ namespace knothe::imaging {
 
 namespace {
 
-constexpr double k_rounding = 1e-9;  // px
-
-/// Coefficients of the shape functions in 1, X, Y, XY; false for an element that these do not span.
-bool shape_coefficients(const ImageMesh& mesh, const std::array<int, 4>& element, double x0, double y0,
-                        std::array<std::array<double, 4>, 4>& out) {
-  const int n = ImageMesh::nodes_of(element);
-  Eigen::Matrix4d values = Eigen::Matrix4d::Identity();
-  const auto node = [&](int a) { return static_cast<std::size_t>(element[static_cast<std::size_t>(a)]); };
-  for (int a = 0; a < n; ++a) {
-    const double x = mesh.x[node(a)] - x0, y = mesh.y[node(a)] - y0;
-    values.row(a) << 1, x, y, n == 4 ? x * y : 0;
-  }
-  if (n == 4)  // upright: each side along an axis
-    for (int a = 0; a < 4; ++a) {
-      const double dx = mesh.x[node(a)] - mesh.x[node((a + 1) % 4)],
-                   dy = mesh.y[node(a)] - mesh.y[node((a + 1) % 4)];
-      if (std::min(std::abs(dx), std::abs(dy)) > 1e-6) return false;
-    }
-  const Eigen::FullPivLU<Eigen::Matrix4d> lu(values);
-  if (!lu.isInvertible()) return false;
-  const Eigen::Matrix4d inverse = lu.inverse();
-  for (std::size_t a = 0; a < 4; ++a)
-    for (std::size_t m = 0; m < 4; ++m)
-      out[a][m] = static_cast<int>(a) < n && !(n == 3 && m == 3)
-                      ? inverse(static_cast<int>(m), static_cast<int>(a))
-                      : 0;
-  return true;
-}
+constexpr double k_rounding = 1e-9;    // px
+constexpr std::size_t k_padding = 16;  // numbers that a vector may read beyond the last pixel
 
 /// The interval of the row y inside an element; false if it does not meet it.
 bool row_interval(const ImageMesh& mesh, const std::array<int, 4>& element, double y, double& left,
@@ -82,6 +55,16 @@ Region ImageMesh::bounds() const {
   const auto [x0, x1] = std::minmax_element(x.begin(), x.end());
   const auto [y0, y1] = std::minmax_element(y.begin(), y.end());
   return {*x0, *y0, *x1, *y1};
+}
+
+ShapeFunctions ImageMesh::shape_functions(const std::array<int, 4>& element, double x0, double y0) const {
+  std::array<double, 4> at_x{}, at_y{};
+  const auto n = static_cast<std::size_t>(nodes_of(element));
+  for (std::size_t a = 0; a < n; ++a) {
+    at_x[a] = x[static_cast<std::size_t>(element[a])];
+    at_y[a] = y[static_cast<std::size_t>(element[a])];
+  }
+  return {std::span(at_x).first(n), std::span(at_y).first(n), x0, y0};
 }
 
 ImageMesh structured_mesh(const Region& given, double element_size, ElementShape shape) {
@@ -172,7 +155,9 @@ ImageMesh elements_inside(const ImageMesh& mesh, const Region& region, const Reg
   for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
     const Box box = box_of(mesh, mesh.elements[e]);
     wanted[e] = inside(region, box) && inside(picture, box) ? 1 : 0;
-    if (wanted[e] != 0 && std::min(box.x1 - box.x0, box.y1 - box.y0) < 3)
+    const double half = ImageMesh::nodes_of(mesh.elements[e]) == 3 ? 0.5 : 1;
+    if (wanted[e] != 0 && (std::min(box.x1 - box.x0, box.y1 - box.y0) < 3 ||
+                           mesh.shape_functions(mesh.elements[e], box.x0, box.y0).area() < 9 * half))
       throw UsageError(
           fmt::format("element {} of the mesh is {:.1f} × {:.1f} px: at least 3 × 3 pixels are needed; take "
                       "a closer picture, or a "
@@ -239,16 +224,28 @@ PixelTable::PixelTable(const ImageMesh& mesh, int width, int height) {
     const Box box = box_of(mesh, mesh.elements[e]);
     pixels.x_origin = std::round(0.5 * (box.x0 + box.x1)),
     pixels.y_origin = std::round(0.5 * (box.y0 + box.y1));
-    if (!shape_coefficients(mesh, mesh.elements[e], pixels.x_origin, pixels.y_origin, pixels.coefficients))
-      throw UsageError(fmt::format(
-          "element {} of the mesh is neither a triangle nor an upright rectangle of positive area; split "
-          "other quadrilaterals into triangles",
-          e));
+    const ShapeFunctions shape = mesh.shape_functions(mesh.elements[e], pixels.x_origin, pixels.y_origin);
+    if (!shape.is_valid())
+      throw UsageError(
+          fmt::format("element {} of the mesh, around pixel ({:.0f}, {:.0f}), is neither a triangle with an "
+                      "area nor a convex quadrilateral: correct the mesh, or split it into triangles",
+                      e, pixels.x_origin, pixels.y_origin));
+    pixels.coefficients = shape.coefficients();
+    pixels.natural = shape.is_natural();
+    if (pixels.natural)
+      for (auto& row : rows[e]) {
+        row.first = static_cast<std::uint32_t>(xi_.size());
+        for (int k = 0; k < row.count; ++k) {
+          const auto [xi, eta] = shape.coordinates(row.x + k, row.y);
+          xi_.push_back(static_cast<float>(xi)), eta_.push_back(static_cast<float>(eta));
+        }
+      }
     pixels.first_row = static_cast<std::uint32_t>(rows_.size());
     pixels.row_count = static_cast<std::uint32_t>(rows[e].size());
     for (const auto& row : rows[e]) pixels.pixel_count += row.count;
     rows_.insert(rows_.end(), rows[e].begin(), rows[e].end());
   }
+  for (auto* values : {&xi_, &eta_}) values->resize(values->empty() ? 0 : values->size() + k_padding, 0.0F);
 }
 
 PointLocator::PointLocator(const ImageMesh& mesh) : mesh_(&mesh), bounds_(mesh.bounds()) {
@@ -259,12 +256,7 @@ PointLocator::PointLocator(const ImageMesh& mesh) : mesh_(&mesh), bounds_(mesh.b
   cells_.resize(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_));
   for (int e = 0; e < mesh.element_count(); ++e) {
     const Box box = box_of(mesh, mesh.elements[static_cast<std::size_t>(e)]);
-    Shape shape{box.x0, box.y0, {}};
-    // An element that is no such thing has no inside: all its shape functions are −1.
-    if (!shape_coefficients(mesh, mesh.elements[static_cast<std::size_t>(e)], box.x0, box.y0,
-                            shape.coefficients))
-      for (auto& c : shape.coefficients) c = {-1, 0, 0, 0};
-    shapes_.push_back(shape);
+    shapes_.push_back(mesh.shape_functions(mesh.elements[static_cast<std::size_t>(e)], box.x0, box.y0));
     extents_.push_back({box.x0, box.y0, box.x1, box.y1});
     const auto column = [&](double x) {
       return std::clamp(static_cast<int>((x - bounds_.x0) / cell_), 0, columns_ - 1);
@@ -290,13 +282,11 @@ PointLocator::Place PointLocator::find(double x, double y) const {
     const Extent& box = extents_[static_cast<std::size_t>(e)];
     if (x < box.x0 - k_slack || x > box.x1 + k_slack || y < box.y0 - k_slack || y > box.y1 + k_slack)
       continue;
-    const auto& c = shapes_[static_cast<std::size_t>(e)].coefficients;
-    const double dx = x - box.x0, dy = y - box.y0;
-    bool inside = true;
-    for (std::size_t a = 0; a < 4; ++a) {
-      place.shape[a] = c[a][0] + c[a][1] * dx + c[a][2] * dy + c[a][3] * dx * dy;
-      inside = inside && place.shape[a] > -1e-7;
-    }
+    place.shape = shapes_[static_cast<std::size_t>(e)].values(x, y);
+    const auto count =
+        static_cast<std::ptrdiff_t>(ImageMesh::nodes_of(mesh_->elements[static_cast<std::size_t>(e)]));
+    const bool inside =
+        std::all_of(place.shape.begin(), place.shape.begin() + count, [](double n) { return n > -1e-7; });
     if (!inside) continue;
     place.element = e;
     return place;

@@ -60,6 +60,66 @@ TEST(PixelTable, EveryPixelBelongsToExactlyOneElement) {
     }
 }
 
+/// A structured mesh whose inner nodes are moved, so that its elements are general quadrilaterals.
+ImageMesh distorted_mesh(const Region& region, double size) {
+  ImageMesh mesh = structured_mesh(region, size);
+  for (std::size_t a = 0; a < mesh.x.size(); ++a) {
+    const double edge = std::min(
+        {mesh.x[a] - region.x0, region.x1 - mesh.x[a], mesh.y[a] - region.y0, region.y1 - mesh.y[a]});
+    if (edge < 1e-9) continue;
+    mesh.x[a] += 0.2 * size * std::sin(1.7 * static_cast<double>(a));
+    mesh.y[a] += 0.2 * size * std::cos(2.3 * static_cast<double>(a));
+  }
+  return mesh;
+}
+
+TEST(PixelTable, GeneralQuadrilateralsShareThePixelsAndMapThemBack) {
+  const Region region{3, 5, 83, 61};
+  const ImageMesh mesh = distorted_mesh(region, 16);
+  const PixelTable table(mesh, 100, 80);
+  std::vector<int> owners(100 * 80, 0);
+  for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
+    const auto& element = table.elements()[e];
+    for (const auto& row : table.rows(element))
+      for (int k = 0; k < row.count; ++k) {
+        ++owners[static_cast<std::size_t>(row.y * 100 + row.x + k)];
+        const auto [xi, eta] = table.coordinates(element, row, k);
+        double x = 0, y = 0;
+        for (std::size_t a = 0; a < 4; ++a) {
+          const auto& c = element.coefficients[a];
+          const double n = c[0] + c[1] * xi + c[2] * eta + c[3] * xi * eta;
+          EXPECT_GT(n, -1e-6);
+          x += n * mesh.x[static_cast<std::size_t>(mesh.elements[e][a])];
+          y += n * mesh.y[static_cast<std::size_t>(mesh.elements[e][a])];
+        }
+        EXPECT_NEAR(x, row.x + k, 1e-4);  // the coordinates are kept as float
+        EXPECT_NEAR(y, row.y, 1e-4);
+      }
+  }
+  for (int y = 5; y <= 61; ++y)
+    for (int x = 3; x <= 83; ++x)
+      EXPECT_EQ(owners[static_cast<std::size_t>(y * 100 + x)], 1) << x << ' ' << y;
+}
+
+TEST(ShapeFunctions, OfAGeneralQuadrilateralReproduceALinearFieldAndItsArea) {
+  const std::vector<double> x{10, 31, 36, 8}, y{12, 9, 33, 27};
+  const ShapeFunctions shape(x, y, 20, 20);
+  ASSERT_TRUE(shape.is_valid() && shape.is_natural());
+  const auto n = shape.values(22.3, 17.9);
+  const auto g = shape.gradients(22.3, 17.9);
+  double value = 0, dx = 0, dy = 0, area = 0;
+  for (std::size_t a = 0; a < 4; ++a) {
+    const double u = 0.3 + 0.02 * x[a] - 0.05 * y[a];
+    value += n[a] * u, dx += g[a][0] * u, dy += g[a][1] * u;
+  }
+  EXPECT_NEAR(value, 0.3 + 0.02 * 22.3 - 0.05 * 17.9, 1e-12);
+  EXPECT_NEAR(dx, 0.02, 1e-12);
+  EXPECT_NEAR(dy, -0.05, 1e-12);
+  for (const auto& point : shape.integration_points()) area += point.weight;
+  EXPECT_NEAR(area, shape.area(), 1e-9);
+  EXPECT_NEAR(area, 0.5 * std::abs((36 - 10) * (27.0 - 9) - (8.0 - 31) * (33 - 12)), 1e-9);  // diagonals
+}
+
 TEST(ImageMesh, AMaskKeepsElementsThatItCovers) {
   files::Picture mask;
   mask.width = mask.height = 101;
@@ -111,9 +171,10 @@ TEST(ImageMesh, SaysWhatIsWrong) {
         const PixelTable table(structured_mesh({0, 0, 100, 50}, 20), 100, 60);
       }),
       HasSubstr("the mesh reaches from (0.0, 0.0) to (100.0, 50.0) px, outside the picture of 100 × 60 px"));
-  ImageMesh slanted{{0, 10, 12, 1}, {0, 1, 12, 10}, {{0, 1, 2, 3}}};
-  EXPECT_THAT(message_of([&] { const PixelTable table(slanted, 50, 50); }),
-              HasSubstr("element 0 of the mesh is neither a triangle nor an upright rectangle"));
+  ImageMesh slanted{{0, 10, 12, 1}, {0, 1, 12, 10}, {{0, 2, 1, 3}}};  // its sides cross
+  EXPECT_THAT(
+      message_of([&] { const PixelTable table(slanted, 50, 50); }),
+      HasSubstr("around pixel (6, 6), is neither a triangle with an area nor a convex quadrilateral"));
 }
 
 }  // namespace

@@ -78,12 +78,10 @@ Displacement MeshField::at(double x, double y) const {
     return d;
   }
   const auto& nodes = mesh_.elements[static_cast<std::size_t>(place.element)];
-  const auto& shape = locator_.shape(place.element);
-  const double dx = x - shape.x_origin, dy = y - shape.y_origin;
+  const auto gradients = locator_.shape(place.element).gradients(x, y);
   for (std::size_t a = 0; a < static_cast<std::size_t>(ImageMesh::nodes_of(nodes)); ++a) {
     const double u = displacement_[2 * nodes[a]], v = displacement_[2 * nodes[a] + 1];
-    const auto& c = shape.coefficients[a];
-    const double slope_x = c[1] + c[3] * dy, slope_y = c[2] + c[3] * dx;
+    const auto [slope_x, slope_y] = gradients[a];
     d.u += place.shape[a] * u, d.v += place.shape[a] * v;
     d.gradient[0] += slope_x * u, d.gradient[1] += slope_y * u;
     d.gradient[2] += slope_x * v, d.gradient[3] += slope_y * v;

@@ -62,9 +62,22 @@ Lanes deformed(const SplineImage& g, int x, int y, const Lanes& u, const Lanes& 
   return value;
 }
 
+/// u = u₀ + u₁X + u₂Y + u₃XY along a row, where Y is one number.
 RowMotion row_motion(const ElementMotion& m, double y) {
   return {static_cast<float>(m.u[0] + m.u[2] * y), static_cast<float>(m.u[1] + m.u[3] * y),
           static_cast<float>(m.v[0] + m.v[2] * y), static_cast<float>(m.v[1] + m.v[3] * y)};
+}
+
+/// Where the next pixels are in their element (X, Y), and how they are displaced.
+struct Pixels {
+  Lanes x, y, u, v;
+};
+Pixels natural_pixels(const float* xi, const float* eta, const ElementMotion& m) {
+  Pixels p{load(xi), load(eta), 0.0F, 0.0F};
+  const auto at = [](double value) { return static_cast<float>(value); };
+  p.u = at(m.u[0]) + at(m.u[1]) * p.x + (at(m.u[2]) + at(m.u[3]) * p.x) * p.y;
+  p.v = at(m.v[0]) + at(m.v[1]) * p.x + (at(m.v[2]) + at(m.v[3]) * p.x) * p.y;
+  return p;
 }
 
 /// 0, 1, 2 …
@@ -72,10 +85,10 @@ Lanes lane_numbers() {
   return Lanes([](auto i) { return static_cast<float>(i); });
 }
 
-}  // namespace
-
-ResidualSums residual_sums(const PixelTable& table, const ElementPixels& element, const ReferenceRows& f,
-                           const SplineImage& g, const ElementMotion& motion) {
+/// `natural`: X and Y of each pixel from the table, instead of steps along its row.
+template <bool natural>
+ResidualSums sums_of(const PixelTable& table, const ElementPixels& element, const ReferenceRows& f,
+                     const SplineImage& g, const ElementMotion& motion) {
   Lanes x0 = 0.0F, x1 = 0.0F, x2 = 0.0F, x3 = 0.0F, y0 = 0.0F, y1 = 0.0F, y2 = 0.0F, y3 = 0.0F;
   Lanes sum = 0.0F, squares = 0.0F, with_reference = 0.0F, used = 0.0F;
   const Lanes lane = lane_numbers();
@@ -85,18 +98,27 @@ ResidualSums residual_sums(const PixelTable& table, const ElementPixels& element
     const auto yy = static_cast<float>(y);
     const std::size_t at = static_cast<std::size_t>(row.y) * f.stride + static_cast<std::size_t>(row.x);
     for (int k = 0; k < row.count; k += k_lanes) {
-      const Lanes x = lane + static_cast<float>(row.x + k - element.x_origin);
+      Pixels p;
+      if constexpr (natural) {
+        p = natural_pixels(table.xi(row) + k, table.eta(row) + k, motion);
+      } else {
+        p.x = lane + static_cast<float>(row.x + k - element.x_origin);
+        p.u = m.u0 + m.u1 * p.x, p.v = m.v0 + m.v1 * p.x;
+      }
+      const Lanes& x = p.x;
       Mask seen;
-      const Lanes value =
-          deformed(g, row.x + k, row.y, m.u0 + m.u1 * x, m.v0 + m.v1 * x, row.count - k, lane, seen);
+      const Lanes value = deformed(g, row.x + k, row.y, p.u, p.v, row.count - k, lane, seen);
       const std::size_t i = at + static_cast<std::size_t>(k);
       const Lanes reference = load(f.value + i);
       Lanes use = load(f.use + i);
       stdx::where(!seen, use) = 0.0F;
       const Lanes r = use * (reference - motion.gain * value - motion.offset);
       const Lanes gx = r * load(f.dx + i), gy = r * load(f.dy + i), gxx = gx * x, gyx = gy * x;
-      x0 += gx, x1 += gxx, x2 += gx * yy, x3 += gxx * yy;
-      y0 += gy, y1 += gyx, y2 += gy * yy, y3 += gyx * yy;
+      x0 += gx, x1 += gxx, y0 += gy, y1 += gyx;
+      if constexpr (natural)
+        x2 += gx * p.y, x3 += gxx * p.y, y2 += gy * p.y, y3 += gyx * p.y;
+      else
+        x2 += gx * yy, x3 += gxx * yy, y2 += gy * yy, y3 += gyx * yy;
       sum += r, squares += r * r, with_reference += r * reference, used += use;
     }
   }
@@ -113,16 +135,30 @@ ResidualSums residual_sums(const PixelTable& table, const ElementPixels& element
           total(used)};
 }
 
+}  // namespace
+
+ResidualSums residual_sums(const PixelTable& table, const ElementPixels& element, const ReferenceRows& f,
+                           const SplineImage& g, const ElementMotion& motion) {
+  return element.natural ? sums_of<true>(table, element, f, g, motion)
+                         : sums_of<false>(table, element, f, g, motion);
+}
+
 void residual_pixels(const PixelTable& table, const ElementPixels& element, const ReferenceRows& f,
                      const SplineImage& g, const ElementMotion& motion, float* out, std::size_t stride) {
   const Lanes lane = lane_numbers();
   for (const auto& row : table.rows(element)) {
     const RowMotion m = row_motion(motion, row.y - element.y_origin);
     for (int k = 0; k < row.count; k += k_lanes) {
-      const Lanes x = lane + static_cast<float>(row.x + k - element.x_origin);
+      Lanes u, v;
+      if (element.natural) {
+        const Pixels p = natural_pixels(table.xi(row) + k, table.eta(row) + k, motion);
+        u = p.u, v = p.v;
+      } else {
+        const Lanes x = lane + static_cast<float>(row.x + k - element.x_origin);
+        u = m.u0 + m.u1 * x, v = m.v0 + m.v1 * x;
+      }
       Mask seen;
-      const Lanes value =
-          deformed(g, row.x + k, row.y, m.u0 + m.u1 * x, m.v0 + m.v1 * x, row.count - k, lane, seen);
+      const Lanes value = deformed(g, row.x + k, row.y, u, v, row.count - k, lane, seen);
       const std::size_t i = static_cast<std::size_t>(row.y) * f.stride + static_cast<std::size_t>(row.x + k);
       for (int l = 0; l < std::min(k_lanes, row.count - k); ++l) {
         const auto s = static_cast<std::size_t>(l);

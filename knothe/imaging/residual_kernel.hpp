@@ -31,7 +31,8 @@ struct ElementMotion {
 
 /// Whole vectors of pixels with the same integer part of the displacement read the spline coefficients
 /// contiguously; where the integer part changes within a vector the vector is done once for each (Knothe
-/// notes: 7 ms against 15 ms a megapixel with gathers).
+/// notes: 7 ms against 15 ms a megapixel with gathers). Quadrilaterals that are not upright read the natural
+/// coordinates of their pixels besides, 8 B a pixel.
 [[nodiscard]] ResidualSums residual_sums(const PixelTable& table, const ElementPixels& element,
                                          const ReferenceRows& f, const SplineImage& g,
                                          const ElementMotion& motion);

@@ -12,7 +12,7 @@ struct ElementGradient {
   double area = 0;
 };
 
-/// By the two edges that meet in the node: exact there for triangles and upright rectangles.
+/// By the two edges that meet in the node: exact there, for any quadrilateral too (∂x/∂ξ is along the edge).
 ElementGradient gradient_at(const ImageMesh& mesh, const Eigen::VectorXd& displacement,
                             const std::array<int, 4>& nodes, int at) {
   const int n = ImageMesh::nodes_of(nodes);

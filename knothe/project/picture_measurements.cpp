@@ -12,6 +12,7 @@
 #include "knothe/base/monotonic_time.hpp"
 #include "knothe/imaging/camera_drift.hpp"
 #include "knothe/imaging/displacement_files.hpp"
+#include "knothe/imaging/mesh_file.hpp"
 #include "knothe/project/picture_options.hpp"
 
 namespace knothe::project {
@@ -89,11 +90,20 @@ imaging::ImageMesh surface_mesh(const reduction::Mesh& mesh, const imaging::Pict
   if (face.elements.empty())
     throw project.error_at("dic.plane", fmt::format("no face of the model's mesh lies in the plane {} = {} m",
                                                     axis == 2 ? "z" : "y", frame.plane));
-  return std::abs(frame.slope.imag()) > 1e-12 * frame.scale() ? imaging::triangulated(face) : face;
+  return face;
 }
 
 namespace {
-imaging::ImageMesh model_mesh_of(const Project& project, const std::optional<reduction::Mesh>& mesh) {
+/// The mesh that the project names, if it names one.
+std::optional<imaging::ImageMesh> mesh_of(const Project& project,
+                                          const std::optional<reduction::Mesh>& mesh) {
+  const PictureOptions& p = project.pictures;
+  if (!p.mesh_file.empty()) {
+    std::optional<imaging::PictureFrame> frame;
+    if (p.mesh_in_metres) frame = picture_frame_of(project, mesh);
+    return imaging::read_image_mesh(p.mesh_file, frame);
+  }
+  if (!p.model_mesh) return std::nullopt;
   if (!mesh) throw project.error_at("dic.mesh", "\"dic.mesh\" = \"model\": the model has no mesh");
   return surface_mesh(*mesh, picture_frame_of(project, mesh), project);
 }
@@ -101,8 +111,7 @@ imaging::ImageMesh model_mesh_of(const Project& project, const std::optional<red
 
 imaging::SeriesOptions series_options(const Project& project, const std::optional<reduction::Mesh>& mesh) {
   imaging::SeriesOptions options = series_options(project);
-  if (!project.pictures.model_mesh) return options;
-  options.mesh = model_mesh_of(project, mesh);
+  options.mesh = mesh_of(project, mesh);
   return options;
 }
 
@@ -134,7 +143,7 @@ PictureMeasurements::PictureMeasurements(const Project& project, const reduction
   frame_ = picture_frame_of(project, contents.mesh);
   if (live) {
     imaging::SeriesOptions options = live_series_options(project);
-    if (project.pictures.model_mesh) options.mesh = model_mesh_of(project, contents.mesh);
+    options.mesh = mesh_of(project, contents.mesh);
     series_ = std::make_unique<imaging::PictureSeries>(std::move(options));
     gamma_ = series_->known_noise();
     if (!(gamma_ > 0))

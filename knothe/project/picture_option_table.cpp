@@ -27,10 +27,23 @@ std::vector<Option> picture_option_table() {
        "Elements over the region, or the model's own surface mesh (needs the model and a scale): the model's "
        "displacements are then exactly those that can be measured.",
        {"region", "model"}},
+      {"dic.mesh_file",
+       K::path,
+       "",
+       "Mesh of linear triangles and quadrilaterals to correlate on: Gmsh (.msh, ASCII, 4.1 or 2.2) or VTK "
+       "(.vtu).",
+       {}},
+      {"dic.mesh_unit",
+       K::choice,
+       "px",
+       "Unit of that file: pixels of the reference picture (y down), or metres in the model's frame (needs a "
+       "scale).",
+       {"px", "m"}},
       {"dic.outline_margin",
        K::non_negative,
        "4",
-       "Pixels along the outline of the model's mesh that are not looked at: the edge of the body.",
+       "Pixels along the outline of the model's mesh, or a file's, that are not looked at: the edge of the "
+       "body.",
        {}},
       {"dic.element_size", K::positive, "25", "Size of the elements, px; adjusted to divide the region.", {}},
       {"dic.shape", K::choice, "quadrilateral", "Shape of the elements.", {"quadrilateral", "triangle"}},

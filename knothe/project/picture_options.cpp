@@ -147,6 +147,16 @@ PictureOptions read_pictures(Values& values, const std::string& folder) {
   if (p.model_mesh && !p.frame)
     values.complain("dic.mesh",
                     "\"dic.mesh\" = \"model\" needs \"dic.scale\", or \"dic.pixels\" and \"dic.points\"");
+  p.mesh_file = resolved(folder, values.text("dic.mesh_file", ""));
+  p.mesh_in_metres = values.text("dic.mesh_unit", "px") == "m";
+  if (p.mesh_in_metres && !p.frame)
+    values.complain("dic.mesh_unit",
+                    "\"dic.mesh_unit\" = \"m\" needs \"dic.scale\", or \"dic.pixels\" and \"dic.points\"");
+  if (values.has("dic.mesh_unit") && p.mesh_file.empty())
+    values.complain("dic.mesh_unit", "\"dic.mesh_unit\" needs \"dic.mesh_file\"");
+  if (p.model_mesh && !p.mesh_file.empty())
+    values.complain("dic.mesh_file",
+                    "\"dic.mesh\" = \"model\" and \"dic.mesh_file\" are two meshes: give one");
   p.plane_given = values.has("dic.plane");
   return p;
 }

@@ -22,6 +22,8 @@ struct PictureOptions {
   imaging::SeriesOptions series;               ///< all but the pictures themselves
   std::optional<imaging::PictureFrame> frame;  ///< where a scale or a registration is given
   bool model_mesh = false;                     ///< correlate on the model's surface mesh
+  std::string mesh_file;                       ///< resolved; empty: none
+  bool mesh_in_metres = false;                 ///< unit of that file
   bool plane_given = false;                    ///< otherwise the model's outermost face
 };
 

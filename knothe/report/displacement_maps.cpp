@@ -62,7 +62,7 @@ std::vector<float> over_pixels(const imaging::ImageCorrelation& correlation, con
       for (std::size_t m = 0; m < 4; ++m) c[m] += pixels.coefficients[a][m] * at_node(mesh.elements[e][a]);
     for (const auto& row : table.rows(pixels))
       for (int k = 0; k < row.count; ++k) {
-        const double x = row.x + k - pixels.x_origin, y = row.y - pixels.y_origin;
+        const auto [x, y] = table.coordinates(pixels, row, k);
         out[picture.index(row.x + k, row.y)] = static_cast<float>(c[0] + c[1] * x + c[2] * y + c[3] * x * y);
       }
   }
