@@ -291,7 +291,7 @@ int assimilate(const AssimilateArguments& arguments) {
     // Not part of the forecast's time: a cross-check for the report, from fewer points.
     const auto direct = forecaster.direct(update.posterior().points, update.posterior().weights, 256);
     results.add_step(result, update.posterior(), forecasts, direct, forecast_us, setup.time_indices[step],
-                     scores);
+                     scores, &comparison);
     awaited.keep(step, result.time, update.posterior().points, update.posterior().weights);
     ++steps;
     interrupted = cancellation_requested();

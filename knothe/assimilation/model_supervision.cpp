@@ -182,6 +182,12 @@ void ModelSupervision::learn(double time, std::size_t time_index, const Eigen::V
   state_.bias->add(time, values - predicted, spread.rowwise().norm());
 }
 
+void ModelSupervision::restart_sums() {
+  for (Cusum& sum : state_.sums) sum.restart();
+  state_.drift = 0;
+  state_.report.alarm = false;
+}
+
 void ModelSupervision::set_posterior(const Eigen::MatrixXd& points, const Eigen::VectorXd& weights) {
   points_ = equally_likely(points, weights);
   current_ = functions_at(*model_->functions, points_);

@@ -71,6 +71,8 @@ class ModelSupervision {
   void forget_posterior();
   /// The posterior before the next datum is not known: that datum is not judged.
   void lose_posterior() { is_known_ = false; }
+  /// The structure changed: what the monitor has added up speaks of another one.
+  void restart_sums();
 
   [[nodiscard]] const MonitorReport& report() const { return state_.report; }
   /// What happened at the last step, in words; else empty.

@@ -164,6 +164,11 @@ NoiseModel NoiseModel::with_scalars(const Eigen::VectorXd& std) const {
 NoiseModel NoiseModel::with_step_error(std::size_t step, Eigen::MatrixXd factor) const {
   assert(factor.rows() == size_);
   NoiseModel result = *this;
+  if (const Eigen::MatrixXd* before = step_error(step)) {
+    Eigen::MatrixXd both(size_, before->cols() + factor.cols());
+    both << *before, factor;
+    factor = std::move(both);
+  }
   result.step_errors_[step] = std::make_shared<const Eigen::MatrixXd>(std::move(factor));
   return result;
 }

@@ -1,5 +1,5 @@
-/// @file The part of the sequential update that finds the posterior of a target that is set: by a grid, by one map of all
-/// data, or by composed maps; corrected by importance weights or by quadrature, and judged.
+/// @file The part of the sequential update that finds the posterior of a target that is set: by a grid, by
+/// one map of all data, or by composed maps; corrected by importance weights or by quadrature, and judged.
 #include <fmt/format.h>
 
 #include <cmath>

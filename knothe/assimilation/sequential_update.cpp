@@ -58,6 +58,7 @@ SequentialUpdate::SequentialUpdate(std::shared_ptr<const reduction::ObservedMode
     composition_ = std::make_unique<MapComposition>(*model, transform_, projector_.central_functions());
   }
   refuse_what_does_not_go_together();
+  refuse_change_with_what_it_does_not_go();
 }
 
 SequentialUpdate::~SequentialUpdate() = default;
@@ -138,6 +139,8 @@ void SequentialUpdate::forget_from(std::size_t step) {
 void SequentialUpdate::begin_anew() {
   result_ = {};
   posterior_ = {};
+  changes_.clear();
+  aged_.clear();
   if (composition_) restart_composition();
   clear_sums();
   supervision_.restart();
@@ -152,9 +155,10 @@ void SequentialUpdate::restart_composition() {
 }
 
 const UpdateResult& SequentialUpdate::conclude(std::size_t step) {
-  // Composed maps need every step, and so does a correction, which follows from all steps before it; the
-  // collapsed posterior only the last one, and the one before it for the increment of the evidence.
-  return conclude(step, composition_ || supervision_.learns());
+  // Composed maps need every step, and so do a correction and a structure that changes, which follow from all
+  // steps before; the collapsed posterior only the last one, and the one before it for the increment of the
+  // evidence.
+  return conclude(step, composition_ || supervision_.learns() || may_change());
 }
 
 const UpdateResult& SequentialUpdate::follow(std::size_t step) {
@@ -166,7 +170,8 @@ const UpdateResult& SequentialUpdate::conclude(std::size_t step, bool every) {
   const auto last = data_.find(step);
   if (last == data_.end())
     throw UsageError(fmt::format("step {} is not assimilated: there is no posterior of it", step));
-  if (summed_ && (*summed_ > step || previewed_)) rewind(step);
+  // Also where `step` is summed up, but only on the way back from a later one.
+  if (summed_ && (*summed_ > step || previewed_ || posterior_.weights.size() == 0)) rewind(step);
   // In the order of the steps, so that the sums are those of data that came in that order, to the bit.
   auto it = summed_ ? data_.upper_bound(*summed_) : data_.begin();
   for (const auto end = std::next(last); it != end; ++it) {
@@ -208,6 +213,8 @@ void SequentialUpdate::recompute(std::size_t step) {
   result_.maximum_a_posteriori = maximum_a_posteriori(target_, *transform_, result_.mean);
   result_.elapsed_us.correction += microseconds_since(start);
   if (options_.noise_level) average_noise_level();
+  result_.log_evidence += forgotten_;
+  result_.log_evidence_lower_bound += forgotten_;
   result_.log_evidence_increment =
       result_.log_evidence - (here == data_.begin() ? 0.0 : *std::prev(here)->second.log_evidence);
   here->second.log_evidence = result_.log_evidence;

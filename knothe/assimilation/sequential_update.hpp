@@ -37,6 +37,14 @@ struct UpdateOptions {
   BiasCorrectionMode bias_correction = BiasCorrectionMode::off;
   BiasOptions bias;
   MonitorOptions monitor;
+  /// A structure that changes (docs/assimilation.md). Before each datum the likelihood of those before it is
+  /// raised to the power `forgetting`, in (0, 1]; before the steps `change_points` to the power
+  /// `change_retention`, in [0, 1]: with 0 the posterior begins anew from the prior.
+  double forgetting = 1;
+  std::vector<std::size_t> change_points;
+  double change_retention = 0;
+  /// Takes an alarm of the monitor for such a change, from when the drift began.
+  bool restart_on_alarm = false;
   /// Keeps what a correction needs also where nothing is corrected, so that `redo` can be asked for.
   bool learn_bias = false;
 };
@@ -158,6 +166,11 @@ class SequentialUpdate {
   [[nodiscard]] const PriorTransform& transform() const { return *transform_; }
   /// The residuals learnt so far; null where none are.
   [[nodiscard]] const ModelBias* bias() const { return supervision_.bias(); }
+  /// Steps at which the structure was found, by alarms, to have changed.
+  [[nodiscard]] const std::vector<std::size_t>& changes() const { return changes_; }
+  /// Power to which the likelihood of all data before `step` is raised when `step` comes: the option's, or
+  /// that of a change, known or found so far.
+  [[nodiscard]] double power_before(std::size_t step) const;
   /// Which of the assimilated steps were corrected.
   [[nodiscard]] std::vector<std::size_t> corrected_steps() const;
 
@@ -172,6 +185,20 @@ class SequentialUpdate {
     std::vector<StepForm> levels;            ///< or one for each size of a discrepancy
     std::optional<double> log_evidence;      ///< of all data up to this one, for the increment of the next
   };
+
+  // changing_structure.cpp
+  struct Aged {
+    StepForm sum;
+    double forgotten = 0;
+    std::vector<std::size_t> changes;
+  };
+  [[nodiscard]] bool may_change() const;
+  [[nodiscard]] bool changes_before(std::size_t step) const;
+  void save_before(std::size_t step);
+  void restore_sums(std::size_t step);
+  void forget(std::size_t step);
+  bool restart_at_change(std::size_t step);
+  void refuse_change_with_what_it_does_not_go() const;
 
   // supervised_update.cpp
   [[nodiscard]] std::optional<bool> by_hand(std::size_t step) const;
@@ -218,6 +245,9 @@ class SequentialUpdate {
   bool followed_ = true;                  ///< the monitor has judged every step up to `summed_`
   bool previewed_ = false;                ///< result_ and posterior_ are of another step than `summed_`
   std::optional<std::size_t> redone_at_;  ///< the step that had those before it assimilated again
+  double forgotten_ = 0;                  ///< log-evidence of what is no longer in the sums
+  std::vector<std::size_t> changes_;      ///< steps at which an alarm was taken for a change, increasing
+  std::map<std::size_t, Aged> aged_;      ///< the sums before the steps that the supervision remembers
   UpdateResult result_;
   WeightedPosterior posterior_;
   Eigen::MatrixXd no_derivatives_, map_points_;

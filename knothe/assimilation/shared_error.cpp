@@ -59,6 +59,13 @@ void StepForm::subtract(const StepForm& other) {
   missing -= other.missing;
 }
 
+void StepForm::raise(double power) {
+  quadratic *= power;
+  linear *= power;
+  constant *= power;
+  log_normaliser *= power;
+}
+
 void NoiseGroup::project(const Eigen::MatrixXd& core, const Eigen::VectorXd& residual, double factor,
                          StepForm& form) const {
   form.quadratic.noalias() = factor * (core.transpose() * (gram * core));

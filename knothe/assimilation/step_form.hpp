@@ -17,6 +17,8 @@ struct StepForm {
   [[nodiscard]] static StepForm zero(Eigen::Index r);
   void add(const StepForm& other);
   void subtract(const StepForm& other);
+  /// The likelihood to the power `power`; the counts stay.
+  void raise(double power);
 };
 
 }  // namespace knothe::assimilation

@@ -46,6 +46,10 @@ void SequentialUpdate::assimilate(std::size_t step) {
   const auto start = monotonic_now();
   Datum& datum = data_.at(step);
   supervision_.save(step);
+  if (may_change()) {
+    save_before(step);
+    forget(step);
+  }
   correct(step, datum);
   const Eigen::Index level = datum.levels.empty() ? 0 : supervision_.likeliest();
   const StepForm& used = datum.corrected_form ? *datum.corrected_form
@@ -53,6 +57,7 @@ void SequentialUpdate::assimilate(std::size_t step) {
                                               : datum.levels[static_cast<std::size_t>(level - 1)];
   const bool rings =
       supervision_.judge(step, used, datum.corrected ? &datum.form : nullptr, projector_.central_functions());
+  if (rings && options_.restart_on_alarm && restart_at_change(step)) return;
   // Where the correction is on already and had nothing to go by, doing it again would change nothing.
   if (rings && !supervision_.corrects(by_hand(step)) &&
       supervision_.mode() == BiasCorrectionMode::automatic) {
@@ -81,6 +86,7 @@ void SequentialUpdate::assimilate(std::size_t step) {
 
 void SequentialUpdate::clear_sums() {
   sum_ = StepForm::zero(projector_.central_functions().size());
+  forgotten_ = 0;
   level_sums_.clear();
 }
 
@@ -139,15 +145,19 @@ void SequentialUpdate::rewind(std::size_t step) {
     begin_anew();
     return;
   }
-  supervision_.restore(step);
-  go_back_before(step);
+  const std::size_t found = supervision_.restore(step);
+  if (may_change()) {
+    restore_sums(found);
+  } else {
+    go_back_before(step);
+  }
   result_ = {};
   posterior_ = {};
   previewed_ = false;
 }
 
 const UpdateResult& SequentialUpdate::preview(std::size_t step) {
-  if (composition_ || supervision_.learns()) return follow(step);
+  if (composition_ || supervision_.learns() || may_change()) return follow(step);
   const auto last = data_.find(step);
   if (last == data_.end())
     throw UsageError(fmt::format("step {} is not assimilated: there is no posterior of it", step));

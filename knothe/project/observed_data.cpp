@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <numeric>
 
 #include "knothe/assimilation/clock.hpp"
@@ -10,6 +11,7 @@
 #include "knothe/assimilation/time_matching.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
+#include "knothe/reduction/known_parameter.hpp"
 #include "knothe/reduction/scalar_observations.hpp"
 #include "knothe/reduction/time_interpolation.hpp"
 
@@ -46,7 +48,9 @@ void add_series(const Project& project, const reduction::SeparatedModel& model, 
   std::vector<reduction::ScalarObservation> sensors;
   std::vector<double> std;
   for (const auto& [name, series] : m.series) {
-    if (name == project.clock) continue;
+    const bool is_known = std::any_of(project.known.begin(), project.known.end(),
+                                      [&](const KnownParameter& known) { return known.name == name; });
+    if (name == project.clock || is_known) continue;
     const reduction::ScalarObservation sensor = sensor_of(project, model, name, source);
     if (!series.std) {
       data.unused.push_back(name);
@@ -68,27 +72,86 @@ void add_series(const Project& project, const reduction::SeparatedModel& model, 
       reduction::with_scalars(*data.observed, model, sensors));
 }
 
-void place_by_clock(const Project& project, const reduction::SeparatedModel& model,
-                    const std::vector<assimilation::Prior>& priors, const std::string& source,
-                    ObservedData& data) {
+/// A model at the times of the data, and what its errors per step come from: rates of change by something
+/// that was measured, with the standard deviation of that measurement.
+struct Placed {
+  reduction::ObservedModel model;
+  struct Error {
+    reduction::ObservedModel rate;
+    std::vector<double> std;  ///< per datum
+  };
+  std::vector<Error> errors;
+};
+
+const MeasuredSeries& series_of(const assimilation::Measurements& m, const std::string& name,
+                                const std::string& wanted_by, const std::string& source) {
+  const auto series = m.series.find(name);
+  if (series != m.series.end()) return series->second;
+  throw DataError(
+      fmt::format("{}: {}, but there is no series of that name: HDF5 has it as /outputs/{}, CSV in rows "
+                  "whose component is {}",
+                  source, wanted_by, name, name));
+}
+
+Placed place_by_clock(const Project& project, const reduction::SeparatedModel& model,
+                      const std::string& source, const assimilation::Measurements& m,
+                      const reduction::ObservedModel& whole) {
+  const MeasuredSeries& series =
+      series_of(m, project.clock, fmt::format("data.clock = \"{}\"", project.clock), source);
+  const assimilation::ClockReading clock = assimilation::read_clock(model, project.clock, series, source);
+  Placed placed{reduction::at_times(whole, clock.time), {}};
+  if (series.std) placed.errors.push_back({reduction::rates_at_times(whole, clock.time), clock.std});
+  return placed;
+}
+
+/// Takes the last of the parameters as known. `axes`: those that the model still has.
+void give_last(const std::string& name, std::span<const reduction::Axis> axes,
+               const assimilation::Measurements& m, const std::string& source, Placed& placed) {
+  const MeasuredSeries& series = series_of(m, name, fmt::format("the parameter {} is known", name), source);
+  const std::vector<double>& nodes = axes.back().nodes;
+  for (std::size_t i = 0; i < series.values.size(); ++i) {
+    const double value = series.values[i];
+    if (std::isnan(value)) {
+      throw DataError(
+          fmt::format("{}: outputs/{}[{}] is missing: the parameter is known, so its value is needed at "
+                      "each time",
+                      source, name, i));
+    }
+    if (!(value >= nodes.front() && value <= nodes.back())) {
+      throw DataError(fmt::format("{}: outputs/{}[{}] = {} is outside the model's axis, {} to {}", source,
+                                  name, i, value, nodes.front(), nodes.back()));
+    }
+  }
+  if (series.std) {
+    placed.errors.push_back({reduction::with_last_given(placed.model, axes, series.values, 1),
+                             std::vector<double>(series.values.size(), *series.std)});
+  }
+  const std::size_t others = placed.errors.size() - (series.std ? 1 : 0);
+  for (std::size_t k = 0; k < others; ++k)
+    placed.errors[k].rate = reduction::with_last_given(placed.errors[k].rate, axes, series.values);
+  placed.model = reduction::with_last_given(placed.model, axes, series.values);
+}
+
+/// The model at the times of the data, with what is known given.
+void place(const Project& project, const reduction::SeparatedModel& model,
+           const std::vector<assimilation::Prior>& priors, const std::string& source, ObservedData& data) {
   assimilation::Measurements& m = data.measurements;
-  const auto series = m.series.find(project.clock);
-  if (series == m.series.end()) {
-    throw DataError(
-        fmt::format("{}: data.clock = \"{}\", but there is no series of that name: HDF5 has it as "
-                    "/outputs/{}, CSV in rows whose component is {}",
-                    source, project.clock, project.clock, project.clock));
+  Placed placed = project.clock.empty()
+                      ? Placed{reduction::at_steps(*data.observed, assimilation::match_times(
+                                                                       m.time, data.observed->time, source)),
+                               {}}
+                      : place_by_clock(project, model, source, m, *data.observed);
+  std::span<const reduction::Axis> axes = model.contents().axes;
+  for (std::size_t k = project.known.size(); k-- > 0; axes = axes.first(axes.size() - 1)) {
+    give_last(project.known[k].name, axes, m, source, placed);
+    data.known.insert(data.known.begin(), m.series.at(project.known[k].name).values.back());
   }
-  const assimilation::ClockReading clock =
-      assimilation::read_clock(model, project.clock, series->second, source);
-  const reduction::ObservedModel& whole = *data.observed;
-  if (series->second.std) {
-    m.noise = assimilation::with_clock_error(m.noise, reduction::rates_at_times(whole, clock.time),
-                                             *assimilation::truncated_to_box(whole, priors), clock.std);
-  }
-  data.observed = std::make_shared<const reduction::ObservedModel>(reduction::at_times(whole, clock.time));
-  data.time_indices.resize(clock.time.size());
+  const auto transform = assimilation::truncated_to_box(placed.model, priors);
+  for (const Placed::Error& error : placed.errors)
+    m.noise = assimilation::with_clock_error(m.noise, error.rate, *transform, error.std);
+  data.time_indices.resize(placed.model.time.size());
   std::iota(data.time_indices.begin(), data.time_indices.end(), std::size_t{0});
+  data.observed = std::make_shared<const reduction::ObservedModel>(std::move(placed.model));
 }
 
 }  // namespace
@@ -106,10 +169,10 @@ ObservedData observe_data(const Project& project, const reduction::SeparatedMode
   data.observed = std::make_shared<const reduction::ObservedModel>(
       reduction::observe(model, data.points, data.components));
   add_series(project, model, source, data);
-  if (project.clock.empty()) {
+  if (project.clock.empty() && project.known.empty()) {
     data.time_indices = assimilation::match_times(m.time, data.observed->time, source);
   } else {
-    place_by_clock(project, model, priors, source, data);
+    place(project, model, priors, source, data);
   }
   return data;
 }

@@ -21,13 +21,16 @@ struct ObservedData {
   std::shared_ptr<const reduction::ObservedModel> observed;
   std::vector<std::size_t> time_indices;  ///< of the observed model, per measured time
   std::vector<std::string> scalars;       ///< names of the series observed, in the order of their rows
+  std::vector<double> known;              ///< last value of each known parameter, in the project's order
   std::vector<std::string> unused;        ///< series of the file that nothing was made of: they have no std
 };
 
 /// What of `measurements` the model says something about: displacements; series with a std that are named as
 /// a sensor of the project or an output of the model. With `project.clock` the times are those that its
-/// series tells, and its error is in the noise. `priors` in the order of the model's parameters, `source`
-/// what messages call the data. Errors: DataError, ProjectError.
+/// series tells, and its error is in the noise. Parameters that are known take the values of their series,
+/// and the observed model is one of the others; errors of theirs are in the noise too. The model's
+/// parameters: those of `priors` in order, then the known ones. `source`: what messages call the data.
+/// Errors: DataError, ProjectError.
 [[nodiscard]] ObservedData observe_data(const Project& project, const reduction::SeparatedModel& model,
                                         const std::vector<assimilation::Prior>& priors,
                                         assimilation::Measurements measurements, const std::string& source);

@@ -12,6 +12,7 @@
 #include "knothe/base/text.hpp"
 #include "knothe/project/data_options.hpp"
 #include "knothe/project/inference_options.hpp"
+#include "knothe/project/method_options.hpp"
 #include "knothe/project/project_values.hpp"
 
 namespace knothe::project {
@@ -62,51 +63,17 @@ assimilation::Prior read_prior(Values& values, const std::string& path) {
   return Prior::normal(0, 1);
 }
 
-/// A whole number between two others, both included.
-int read_between(Values& values, const std::string& key, int otherwise, int least, int most) {
-  const auto value = values.integer(key, otherwise);
-  if (value < least || value > most)
-    values.complain(key, fmt::format("\"{}\" must be from {} to {}", key, least, most));
-  return static_cast<int>(value);
-}
-
-void read_bias(Values& values, MethodOptions& method) {
-  method.bias_correction = values.text("method.bias_correction", method.bias_correction);
-  method.bias_extrapolation = values.text("method.bias_extrapolation", method.bias_extrapolation);
-  method.bias_memory = values.number("method.bias_memory", method.bias_memory);
-  method.bias_rank = read_between(values, "method.bias_rank", method.bias_rank, 1, 20);
-  method.bias_order = read_between(values, "method.bias_order", method.bias_order, 0, 3);
-  method.bias_window = read_between(values, "method.bias_window", method.bias_window, 1, 32);
-}
-
-MethodOptions read_method(Values& values) {
-  values.at_least("method.max_order", 1);
-  if (values.integer("method.max_order", 1) > 15) {
-    values.complain("method.max_order", "\"method.max_order\" must be at most 15");
+KnownParameter read_known(Values& values, const std::string& name) {
+  const std::string path = "parameters." + name;
+  for (const std::string& key : children(values, path)) {
+    if (key != "prior" && key != "value") {
+      values.complain(path + "." + key,
+                      fmt::format("\"{}\" does not belong to a known parameter, which takes value", key));
+    }
   }
-  MethodOptions method;
-  method.kind = values.text("method.kind", method.kind);
-  method.form = values.text("method.form", method.form);
-  method.tolerance = values.number("method.tolerance", method.tolerance);
-  method.max_order = static_cast<int>(values.integer("method.max_order", method.max_order));
-  method.minimiser = values.text("method.minimiser", method.minimiser);
-  method.mode_search = values.text("method.mode_search", method.mode_search);
-  values.at_least("method.samples", 100);
-  values.at_least("method.verification_points", 64);
-  method.samples = static_cast<int>(values.integer("method.samples", method.samples));
-  method.verification_points =
-      static_cast<int>(values.integer("method.verification_points", method.verification_points));
-  method.seed = static_cast<std::uint64_t>(values.integer("method.seed", 1));
-  method.likelihood = values.text("method.likelihood", method.likelihood);
-  method.degrees_of_freedom = values.number("method.degrees_of_freedom", method.degrees_of_freedom);
-  method.gate = values.number("method.gate", method.gate);
-  method.unknown_noise_level = values.text("method.noise_level", "known") == "unknown";
-  method.noise_level_shape = values.number("method.noise_level_shape", method.noise_level_shape);
-  method.noise_level_scale = values.number("method.noise_level_scale", method.noise_level_scale);
-  method.offset_std = values.number("method.offset_std", method.offset_std);
-  method.truncation_error = values.text("method.truncation_error", "off") == "on";
-  read_bias(values, method);
-  return method;
+  KnownParameter known{name, std::nullopt};
+  if (values.has(path + ".value")) known.value = values.number(path + ".value", 0);
+  return known;
 }
 
 OfflineParameter read_offline_parameter(Values& values, const std::string& name) {
@@ -363,7 +330,11 @@ Project parse_project(const std::string& text, const std::string& path) {
     project.sensors.push_back(read_sensor(values, name));
   project.results = (std::filesystem::path(project.folder) / values.text("results", "results/")).string();
   for (const std::string& name : children(values, "parameters")) {
-    project.parameters.push_back({name, read_prior(values, "parameters." + name)});
+    if (values.text("parameters." + name + ".prior", "") == "known") {
+      project.known.push_back(read_known(values, name));
+    } else {
+      project.parameters.push_back({name, read_prior(values, "parameters." + name)});
+    }
   }
   project.method = read_method(values);
   project.umbridge = read_umbridge(values);

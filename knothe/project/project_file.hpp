@@ -20,6 +20,12 @@ struct NamedPrior {
   assimilation::Prior prior;
 };
 
+/// A parameter of the model that is not inferred: a series of the data has its value at each time.
+struct KnownParameter {
+  std::string name;
+  std::optional<double> value;  ///< for forecasts and fields; else the last one measured
+};
+
 struct MethodOptions {
   std::string kind = "transport";
   std::string form = "collapsed";
@@ -37,6 +43,10 @@ struct MethodOptions {
   int samples = 10000;
   int verification_points = 1024;
   std::uint64_t seed = 1;
+  double forgetting = 1;
+  std::vector<std::size_t> change_points;
+  double change_retention = 0;
+  bool restart_on_alarm = false;
   std::string bias_correction = "off";
   int bias_rank = 2;
   std::string bias_extrapolation = "joint";
@@ -145,7 +155,8 @@ struct Project {
   std::string clock;                    ///< output that tells the time of the data; empty: their own times
   std::vector<reduction::ScalarObservation> sensors;  ///< made of displacements
   std::string results;                                ///< resolved
-  std::vector<NamedPrior> parameters;
+  std::vector<NamedPrior> parameters;                 ///< those that are inferred
+  std::vector<KnownParameter> known;                  ///< and those that are not
   MethodOptions method;
   UmbridgeOptions umbridge;
   std::optional<ObservationOptions> observations;

@@ -8,6 +8,7 @@
 #include "knothe/base/text.hpp"
 #include "knothe/project/observed_data.hpp"
 #include "knothe/project/truncation_noise.hpp"
+#include "knothe/reduction/known_parameter.hpp"
 #include "knothe/reduction/parameter_order.hpp"
 #include "knothe/reduction/truncation_error.hpp"
 
@@ -17,6 +18,7 @@ namespace {
 void check_parameters(const Project& project, const std::vector<std::string>& model_names) {
   std::vector<std::string> names;
   for (const NamedPrior& parameter : project.parameters) names.push_back(parameter.name);
+  for (const KnownParameter& parameter : project.known) names.push_back(parameter.name);
   for (const std::string& name : names) {
     if (std::find(model_names.begin(), model_names.end(), name) == model_names.end()) {
       throw project.error_at(
@@ -77,6 +79,10 @@ assimilation::UpdateOptions update_options(const MethodOptions& method) {
                             : method.bias_correction == "auto" ? assimilation::BiasCorrectionMode::automatic
                                                                : assimilation::BiasCorrectionMode::off;
   options.bias = bias_options(method);
+  options.forgetting = method.forgetting;
+  options.change_points = method.change_points;
+  options.change_retention = method.change_retention;
+  options.restart_on_alarm = method.restart_on_alarm;
   return options;
 }
 
@@ -114,19 +120,27 @@ void check_method(const Project& project, bool any_method) {
                                    "noise_level = \"unknown\": these go with \"transport\" and \"grid\"",
                                    method.kind));
   }
+  const bool changes = method.forgetting < 1 || !method.change_points.empty() || method.restart_on_alarm;
+  if (changes && (baseline || robust)) {
+    throw project.error_at("method",
+                           "forgetting, change_points and on_alarm = \"restart\" go with method transport or "
+                           "grid and the Gaussian "
+                           "likelihood without a gate only");
+  }
   if (method.unknown_noise_level && (method.form == "composed" || method.likelihood == "student-t")) {
     throw project.error_at("method.noise_level",
                            "noise_level = \"unknown\" links all data: it takes form = \"collapsed\" and "
                            "likelihood = \"gaussian\"");
   }
-  if (method.truncation_error &&
-      (method.unknown_noise_level || method.likelihood == "student-t" || method.offset_std > 0 ||
-       method.bias_correction != "off" || project.data.empty() || !project.clock.empty())) {
+  if (method.truncation_error && (method.unknown_noise_level || method.likelihood == "student-t" ||
+                                  method.offset_std > 0 || method.bias_correction != "off" ||
+                                  project.data.empty() || !project.clock.empty() || !project.known.empty())) {
     throw project.error_at(
         "method.truncation_error",
         "truncation_error = \"on\" makes the noise another one at each step: it takes measurements from a "
         "file, at "
-        "model times, and does without likelihood = \"student-t\", noise_level = \"unknown\", offset_std and "
+        "model times, and does without likelihood = \"student-t\", noise_level = \"unknown\", offset_std, "
+        "known parameters and "
         "bias_correction (which estimates the model's error from the data)");
   }
 }
@@ -170,14 +184,48 @@ transport::MapSolverOptions map_options(const MethodOptions& method) {
   return options;
 }
 
-reduction::SeparatedModel load_model(const Project& project) {
+namespace {
+
+/// With the project's parameters in its order, then the known ones.
+reduction::SeparatedModel load_whole_model(const Project& project) {
   const auto stored = reduction::SeparatedModel::load(project.model);
   check_parameters(project, stored.parameter_names());
   std::vector<std::string> names;
   for (const NamedPrior& parameter : project.parameters) names.push_back(parameter.name);
+  for (const KnownParameter& parameter : project.known) names.push_back(parameter.name);
   reduction::SeparatedModel model(reduction::with_parameter_order(stored.contents(), names), project.model);
   check_priors(project, model);
   return model;
+}
+
+/// The model with its known parameters at the project's values, or else at `last`.
+reduction::SeparatedModel with_known_fixed(const Project& project, const reduction::SeparatedModel& whole,
+                                           const std::vector<double>& last) {
+  if (project.known.empty()) return whole;
+  reduction::ModelContents contents = whole.contents();
+  for (std::size_t k = project.known.size(); k-- > 0;) {
+    const KnownParameter& known = project.known[k];
+    const std::vector<double>& nodes = contents.axes.back().nodes;
+    if (!known.value && last.empty()) {
+      throw project.error_at(
+          "parameters." + known.name,
+          fmt::format("[parameters.{}] needs \"value\" here: the data are not looked at", known.name));
+    }
+    const double value = known.value.value_or(last.empty() ? 0 : last[k]);
+    if (!(value >= nodes.front() && value <= nodes.back())) {
+      throw project.error_at("parameters." + known.name + ".value",
+                             fmt::format("parameters.{}.value = {} lies outside the model's axis, {} to {}",
+                                         known.name, value, nodes.front(), nodes.back()));
+    }
+    contents = reduction::with_last_fixed(contents, value);
+  }
+  return reduction::SeparatedModel(std::move(contents), whole.where());
+}
+
+}  // namespace
+
+reduction::SeparatedModel load_model(const Project& project) {
+  return with_known_fixed(project, load_whole_model(project), {});
 }
 
 namespace {
@@ -189,8 +237,8 @@ UpdateSetup set_up(const Project& project, bool any_method, bool live) {
   project.require(!project.data.empty() || from_pictures,
                   "data: `data = \"DATA.h5\"`, or `[data] pictures = \"FOLDER\"`");
   project.require(!project.parameters.empty(),
-                  "a table [parameters] with a prior for each parameter of the model");
-  const reduction::SeparatedModel model = load_model(project);
+                  "a table [parameters] with a prior for each parameter of the model that is inferred");
+  const reduction::SeparatedModel whole = load_whole_model(project);
   std::vector<assimilation::Prior> priors;
   for (const NamedPrior& parameter : project.parameters) priors.push_back(parameter.prior);
   std::shared_ptr<PictureMeasurements> pictures;
@@ -198,15 +246,15 @@ UpdateSetup set_up(const Project& project, bool any_method, bool live) {
     throw project.error_at(
         "serve.watch_pictures",
         "\"serve.watch_pictures\" and \"data.file\" both say where the sensors are: give one");
-  if (project.data.empty()) pictures = std::make_shared<PictureMeasurements>(project, model, live);
+  if (project.data.empty()) pictures = std::make_shared<PictureMeasurements>(project, whole, live);
   assimilation::Measurements measurements =
       pictures ? pictures->measurements() : assimilation::read_measurements(project.data);
   if (project.method.offset_std > 0)
     measurements.noise = measurements.noise.with_offsets(project.method.offset_std);
-  ObservedData data = observe_data(project, model, priors, std::move(measurements),
+  ObservedData data = observe_data(project, whole, priors, std::move(measurements),
                                    pictures ? project.pictures.folder : project.data);
-  if (project.method.truncation_error) data.measurements.noise = noise_with_truncation(project, model, data);
-  return {model,
+  if (project.method.truncation_error) data.measurements.noise = noise_with_truncation(project, whole, data);
+  return {with_known_fixed(project, whole, data.known),
           std::move(data.measurements),
           std::move(data.points),
           std::move(data.components),
@@ -231,6 +279,11 @@ UpdateSetup set_up_online(const Project& project) {
   if (!project.clock.empty()) {
     throw project.error_at(
         "data.clock", "data.clock is for `knothe assimilate`: data that come one by one bring model times");
+  }
+  if (!project.known.empty()) {
+    throw project.error_at(
+        "parameters." + project.known[0].name,
+        "a known parameter is for `knothe assimilate`: data that come one by one do not bring it");
   }
   UpdateSetup setup = set_up(project, false, !project.serve.watch_pictures.empty());
   if (!setup.scalars.empty()) {

@@ -11,6 +11,7 @@
 #include "knothe/report/model_figures.hpp"
 #include "knothe/report/result_figures.hpp"
 #include "knothe/report/svg_text.hpp"
+#include "knothe/report/watch_figures.hpp"
 
 namespace knothe::report {
 namespace {
@@ -75,14 +76,12 @@ void add_method(Page& page, const Results& results) {
   page.figures(
       {one(cost_plot(results), "Map order and time per step", 300.0),
        one(variance_diagnostic_plot(results), "Variance diagnostic", 300.0),
-       one(sample_size_plot(results), "Effective sample size", 300.0),
-       one(evidence_plot(results), "Log-evidence increments", 300.0)},
+       one(sample_size_plot(results), "Effective sample size", 300.0)},
       "Bars: polynomial order that the transport map needed at each step; line: time of the update, without "
       "the "
       "forecast. A step is trusted if the diagnostic is at most 0.05, the effective sample size at least 90 "
       "%, and no "
-      "second mode was found. The evidence of a step is the log-probability that the model gave to its "
-      "data beforehand: a sudden fall means that model and data disagree.");
+      "second mode was found.");
   std::vector<TableRow> untrusted;
   for (const auto& s : results.steps)
     if (!s.trusted)
@@ -201,6 +200,7 @@ std::string assimilation_report(const Results& results, const reduction::Separat
   add_parameters(page, results);
   add_forecasts(page, results);
   add_learning(page, results);
+  add_watch(page, results);
   add_method(page, results);
   if (model != nullptr) {
     add_model(page, results, *model);

@@ -192,12 +192,4 @@ Plot sample_size_plot(const Results& results) {
   return plot;
 }
 
-Plot evidence_plot(const Results& results) {
-  Plot plot("Evidence of each step", {"step"}, {"log-evidence increment"});
-  plot.line(results.step_numbers(),
-            over_steps(results, [](const Step& s) { return s.log_evidence_increment; }), Paint::series(6), {},
-            {1.6});
-  return plot;
-}
-
 }  // namespace knothe::report

@@ -22,7 +22,6 @@ namespace knothe::report {
 [[nodiscard]] Plot information_plot(const Results& results);
 [[nodiscard]] Plot variance_diagnostic_plot(const Results& results);
 [[nodiscard]] Plot sample_size_plot(const Results& results);
-[[nodiscard]] Plot evidence_plot(const Results& results);
 
 /// How a forecast is shown: its name for people, unit, and the factor from the file's numbers to that unit.
 struct ForecastScale {

@@ -129,6 +129,24 @@ void read_moments(const Located& line, Step& s) {
   }
 }
 
+void read_watch(const Located& line, Step& s) {
+  s.notice = line.text_or("notice");
+  if (line.has("monitor")) {
+    const Located monitor = line.object("monitor");
+    s.smoothed_increment = monitor.number("smoothed_increment");
+    s.cumulative_sum = monitor.number("cumulative_sum");
+    s.threshold = monitor.number("threshold");
+    s.alarm = monitor.at("alarm").is_boolean() && monitor.at("alarm").get<bool>();
+    s.discrepancy = monitor.number_or("discrepancy", 0.0);
+  }
+  if (!line.has("models")) return;
+  const Located models = line.object("models");
+  for (const auto& [name, value] : models.value().items()) {
+    const Located m = models.member(name, value);
+    s.models[name] = {m.number("probability"), m.number("log_evidence"), m.number("log_bayes_factor")};
+  }
+}
+
 Step step_of(const Located& line) {
   Step s;
   s.step = line.count("step");
@@ -145,6 +163,7 @@ Step step_of(const Located& line) {
   s.used = line.count("used");
   s.rejected = line.count("rejected");
   s.missing = line.count("missing");
+  read_watch(line, s);
   const Located elapsed = line.object("elapsed_us");
   s.update_us = elapsed.number("update");
   s.forecast_us = elapsed.number_or("forecast", 0.0);
@@ -215,6 +234,20 @@ void read_parameters(const Located& summary, Results& results) {
   }
 }
 
+void read_residuals(const Located& summary, Residuals& r) {
+  if (!summary.has("residuals")) return;
+  const Located entry = summary.object("residuals");
+  for (const double step : entry.numbers("step")) r.step.push_back(static_cast<std::size_t>(step));
+  r.step_rms = entry.numbers("step_rms", r.step.size());
+  r.averaged = entry.count("averaged");
+  r.x = entry.numbers("x");
+  r.y = entry.numbers("y", r.x.size());
+  r.mean = entry.numbers("mean", r.x.size());
+  const std::string components = entry.text_or("component");
+  if (components.size() != r.x.size()) entry.fail("\"component\" needs one letter per sensor");
+  r.component.assign(components.begin(), components.end());
+}
+
 void read_summary(const std::string& path, Results& results) {
   std::ifstream file(path);
   if (!file) return;
@@ -243,6 +276,7 @@ void read_summary(const std::string& path, Results& results) {
                                  f.optional_number("threshold"), f.text_or("unit")};
     }
   }
+  read_residuals(summary, results.residuals);
   if (summary.has("load_displacement")) {
     const Located curve = summary.object("load_displacement");
     results.displacement = curve.numbers("displacement");
@@ -283,6 +317,8 @@ Results read_results(const std::string& folder) {
   Results results;
   results.folder = folder;
   results.steps = read_steps((base / "steps.jsonl").string());
+  results.monitored =
+      std::all_of(results.steps.begin(), results.steps.end(), [](const Step& s) { return s.threshold > 0; });
   read_summary((base / "summary.json").string(), results);
   const std::size_t d = results.steps.front().mean.size();
   if (!results.parameters.empty() && results.parameters.size() != d)

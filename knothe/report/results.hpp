@@ -32,6 +32,20 @@ struct StepForecast {
   Density density;             ///< empty if not written
 };
 
+/// One of several models run side by side, after a step.
+struct StepModel {
+  double probability = 0.0, log_evidence = 0.0, log_bayes_factor = 0.0;
+};
+
+/// Data less the mean prediction of the posterior that has them, m.
+struct Residuals {
+  std::vector<std::size_t> step;
+  std::vector<double> step_rms;    ///< over all sensors, per step
+  std::vector<char> component;     ///< 'x', 'y', 'z', per sensor
+  std::vector<double> x, y, mean;  ///< per sensor: place, and mean over the last `averaged` steps
+  std::size_t averaged = 0;
+};
+
 /// One assimilated step; parameters in the order of the project file.
 struct Step {
   std::size_t step = 0;
@@ -50,6 +64,11 @@ struct Step {
   double log_evidence = 0.0;
   double log_evidence_increment = 0.0;
   std::size_t used = 0, rejected = 0, missing = 0;
+  double smoothed_increment = 0.0, cumulative_sum = 0.0, threshold = 0.0;  ///< of the evidence monitor
+  bool alarm = false;
+  double discrepancy = 0.0;                 ///< posterior mean of its size, joint correction
+  std::string notice;                       ///< what the monitor found or did, in words
+  std::map<std::string, StepModel> models;  ///< by file; empty without candidates
   double update_us = 0.0, forecast_us = 0.0, total_us = 0.0;
   std::map<std::string, Density> marginals;      ///< by parameter; may be empty
   std::map<std::string, StepForecast> forecast;  ///< by the forecast's name
@@ -84,6 +103,8 @@ struct Results {
   std::vector<double> force;         ///< N
   std::optional<double> elapsed_s;
   std::vector<std::pair<std::string, std::string>> machine;
+  Residuals residuals;      ///< may be empty
+  bool monitored = false;   ///< every step has the monitor's record
   std::vector<Step> steps;  ///< at least one
 
   [[nodiscard]] std::vector<double> step_numbers() const;

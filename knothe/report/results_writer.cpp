@@ -17,6 +17,7 @@
 #include "knothe/reduction/field_file.hpp"
 #include "knothe/reduction/model_matrices.hpp"
 #include "knothe/reduction/time_interpolation.hpp"
+#include "knothe/report/json_values.hpp"
 #include "knothe/report/posterior_file.hpp"
 #include "knothe/report/step_record.hpp"
 
@@ -58,9 +59,11 @@ void ResultsWriter::add_step(const assimilation::UpdateResult& result,
                              const assimilation::WeightedPosterior& posterior,
                              const std::vector<forecast::NamedForecast>& forecasts,
                              const std::vector<forecast::NamedForecast>& direct, double forecast_us,
-                             std::size_t time_index, const std::vector<forecast::ScoredForecast>& scores) {
+                             std::size_t time_index, const std::vector<forecast::ScoredForecast>& scores,
+                             const project::ModelComparison* comparison) {
   Json record = step_record(result, forecasts, forecast_us);
   if (!scores.empty()) record["scores"] = score_records(scores);
+  if (comparison != nullptr && !comparison->empty()) record["models"] = model_records(*comparison);
   scores_.insert(scores_.end(), scores.begin(), scores.end());
   add_densities(record, model_.parameter_names(), priors_, posterior, forecasts, direct);
   lines_.push_back(files::json_line(record));
@@ -111,6 +114,51 @@ Json ResultsWriter::load_displacement() const {
           {"force", model_.evaluate_output("reaction_force", p).value}};
 }
 
+/// What the model leaves unexplained (Rubio et al. 2019, Eq. 16): datum − E[M(p)] under the posterior that
+/// has it; per step over all sensors, and per sensor over the last steps.
+Json ResultsWriter::residuals() const {
+  constexpr std::size_t k_averaged = 10;
+  if (!observed_ || steps_.empty()) return nullptr;
+  const Eigen::Index n = measurements_.values.rows();
+  const auto& functions = *observed_->functions;
+  reduction::FunctionBatch batch;
+  Json step = Json::array(), rms = Json::array();
+  Eigen::ArrayXd sum = Eigen::ArrayXd::Zero(n), count = Eigen::ArrayXd::Zero(n);
+  for (std::size_t i = 0; i < steps_.size(); ++i) {
+    const auto& [result, posterior, time_index] = steps_[i];
+    batch.resize(posterior.points.rows(), functions.dimension(), functions.count(), 0);
+    functions.evaluate(posterior.points, 0, batch);
+    const Eigen::VectorXd of_functions =
+        observed_->core[time_index] * (batch.value.transpose() * posterior.weights).eval();
+    const Eigen::ArrayXd residual = measurements_.values.col(static_cast<Eigen::Index>(i)) -
+                                    observed_->lift.col(static_cast<Eigen::Index>(time_index)).head(n) -
+                                    observed_->space.topRows(n) * of_functions;
+    const auto present = !residual.isNaN();
+    const Eigen::ArrayXd there = present.select(residual, 0.0);
+    step.push_back(result.step);
+    rms.push_back(
+        std::sqrt(there.square().sum() / std::max<double>(1, static_cast<double>(present.count()))));
+    if (i + k_averaged < steps_.size()) continue;
+    sum += there;
+    count += present.cast<double>();
+  }
+  const Eigen::VectorXd mean = sum / count.max(1);
+  std::string components;
+  std::vector<double> x, y;
+  for (Eigen::Index j = 0; j < n; ++j) {
+    components.push_back("xyz"[measurements_.components[static_cast<std::size_t>(j)]]);
+    x.push_back(measurements_.points(j, 0));
+    y.push_back(measurements_.points(j, 1));
+  }
+  return {{"step", step},
+          {"step_rms", rms},
+          {"averaged", std::min(k_averaged, steps_.size())},
+          {"component", components},
+          {"x", x},
+          {"y", y},
+          {"mean", to_json(mean)}};
+}
+
 void ResultsWriter::write_summary(const std::string& path, const std::vector<std::size_t>& untrusted,
                                   double elapsed_s) const {
   Json summary = {{"created_by", k_created_by},   {"project", project_.text},
@@ -136,6 +184,7 @@ void ResultsWriter::write_summary(const std::string& path, const std::vector<std
     }
   }
   if (!scores_.empty()) summary["scores"] = score_records(scores_);
+  if (Json left = residuals(); !left.is_null()) summary["residuals"] = std::move(left);
   if (Json curve = load_displacement(); !curve.is_null()) summary["load_displacement"] = std::move(curve);
   files::write_text_atomically(path, files::json_line(summary) + "\n");
 }

@@ -11,6 +11,7 @@
 #include "knothe/assimilation/sequential_update.hpp"
 #include "knothe/forecast/forecast_scores.hpp"
 #include "knothe/forecast/forecaster.hpp"
+#include "knothe/project/model_comparison.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/reduction/separated_model.hpp"
 
@@ -31,11 +32,12 @@ class ResultsWriter {
                 std::shared_ptr<const reduction::ObservedModel> observed = nullptr);
 
   /// Keeps what the files need of a step. `time_index`: model time of the datum; `scores`: forecasts that
-  /// came true with it.
+  /// came true with it; `comparison`: of the models run side by side, after it.
   void add_step(const assimilation::UpdateResult& result, const assimilation::WeightedPosterior& posterior,
                 const std::vector<forecast::NamedForecast>& forecasts,
                 const std::vector<forecast::NamedForecast>& direct, double forecast_us,
-                std::size_t time_index, const std::vector<forecast::ScoredForecast>& scores = {});
+                std::size_t time_index, const std::vector<forecast::ScoredForecast>& scores = {},
+                const project::ModelComparison* comparison = nullptr);
 
   /// Values of a datum that came after the writer was made (pictures).
   void set_values(std::size_t step, const Eigen::VectorXd& values) {
@@ -58,6 +60,7 @@ class ResultsWriter {
   void write_fields(const std::string& folder) const;
   [[nodiscard]] nlohmann::ordered_json parameter_summaries() const;
   [[nodiscard]] nlohmann::ordered_json load_displacement() const;
+  [[nodiscard]] nlohmann::ordered_json residuals() const;
 
   project::Project project_;
   reduction::SeparatedModel model_;

@@ -151,6 +151,71 @@ coefficients = [2.0, -0.5]
         self.edit("to = [0.03, 0.0, 0.0]", "to = [0.0, 0.0, 0.0]")
         self.expect(3, "check", self.project_name, stderr="between a point and itself")
 
+    def test_a_parameter_that_is_known_is_given_not_inferred(self):
+        """Ad goes with the temperature, say: Y0 alone is inferred, as quadrature over it does with the Ad of each time."""
+        self.edit('Ad = { prior = "normal", mean = 1.1, std = 0.4472135954999579 }', 'Ad = { prior = "known" }')
+        known = [0.7 + 0.06 * i for i in range(6)]
+        times = [analytic_model.time(2 * i + 1) for i in range(6)]
+
+        def measure(values, std="", scale=1.0):
+            """Displacements of the true Ad of each time, always with the same noise."""
+            self.random = random.Random(3)
+            self.measure(times, lambda i, t: [("Ad", values[i], std)])
+            rows = read_csv(self.folder / "data.csv")
+            for row in rows:
+                i = round(float(row["time"]) / 10)
+                row["time"] = repr(times[i])
+                if row["component"] in COMPONENT:
+                    c, point = COMPONENT[row["component"]], tuple(float(row[k]) for k in "xyz")
+                    row["std"] = repr(scale * float(row["std"]))
+                    row["value"] = repr(analytic_model.displacement(c, point, times[i], 1.05, known[i])
+                                        + self.random.gauss(0, float(row["std"])))
+            write_csv(self.folder / "data.csv", rows)
+            return rows
+
+        def judge(rows, errors):
+            """Mean and std of Y0 by quadrature, also over the error of each known value, weighted `errors`."""
+            nodes = [0.5 + (k + 0.5) / 200 for k in range(200)]
+            density = [-0.5 * ((y0 - 0.9) / PRIORS[0][1]) ** 2 for y0 in nodes]
+            for i, t in enumerate(times):
+                data = [(COMPONENT[r["component"]], tuple(float(r[k]) for k in "xyz"), float(r["value"]), float(r["std"]))
+                        for r in rows if r["component"] in COMPONENT and float(r["time"]) == t]
+                for k, y0 in enumerate(nodes):
+                    terms = [log_weight - 0.5 * sum(((value - analytic_model.displacement(c, x, t, y0, known[i] + e)) / std) ** 2
+                                                    for c, x, value, std in data) for e, log_weight in errors]
+                    density[k] += max(terms) + math.log(sum(math.exp(v - max(terms)) for v in terms))
+            weight = [math.exp(v - max(density)) for v in density]
+            mean = sum(w * y for w, y in zip(weight, nodes)) / sum(weight)
+            return mean, math.sqrt(sum(w * (y - mean) ** 2 for w, y in zip(weight, nodes)) / sum(weight))
+
+        rows = measure(known)
+        last = self.assimilate()[-1]
+        mean, std = judge(rows, [(0.0, 0.0)])
+        self.assertEqual(len(last["mean"]), 1)
+        self.assertAlmostEqual(last["mean"][0], mean, delta=0.02 * std)
+        self.assertAlmostEqual(math.sqrt(last["covariance"][0][0]), std, delta=0.02 * std)
+        # Forecasts are those at the last value, or at one that is given.
+        force = last["forecast"]["force"]["mean"]
+        self.assertAlmostEqual(force, analytic_model.reaction_force(0.75, mean, known[-1]), delta=3)
+        self.edit('prior = "known" }', 'prior = "known", value = 0.6 }')
+        self.assertAlmostEqual(self.assimilate()[-1]["forecast"]["force"]["mean"],
+                               analytic_model.reaction_force(0.75, mean, 0.6), delta=3)
+        # An error of what is known makes the answer wider, as quadrature over it says.
+        rows = measure(known, 0.15, 0.1)
+        last = self.assimilate()[-1]
+        surer = judge(rows, [(0.0, 0.0)])[1]
+        mean, std = judge(rows, [(0.15 * k / 2, -0.5 * (k / 2) ** 2) for k in range(-6, 7)])
+        self.assertGreater(std, 1.05 * surer)
+        self.assertAlmostEqual(last["mean"][0], mean, delta=0.3 * std)  # it goes in linearised
+        self.assertAlmostEqual(math.sqrt(last["covariance"][0][0]), std, delta=0.025 * std)
+        measure([2.0] * 6)
+        self.expect(4, "assimilate", self.project_name, stderr=["outputs/Ad[0] = 2", "outside the model's axis, 0.5 to 1.5"])
+        self.measure(times)
+        self.use_model_times()
+        self.expect(4, "assimilate", self.project_name, stderr=["the parameter Ad is known", "no series of that name"])
+        self.edit("value = 0.6", "mean = 0.6")
+        self.expect(3, "check", self.project_name, stderr='"mean" does not belong to a known parameter')
+
     def test_forecasts_are_scored_when_they_come_true(self):
         """The displacement of a sensor and a force, forecast and then measured."""
         sensor = self.sensors[0]
@@ -178,6 +243,29 @@ coefficients = [2.0, -0.5]
                 phi, cdf = math.exp(-z * z / 2) / math.sqrt(2 * math.pi), 0.5 * math.erfc(-z / math.sqrt(2))
                 self.assertAlmostEqual(crps, spread * (z * (2 * cdf - 1) + 2 * phi - 1 / math.sqrt(math.pi)), delta=0.05 * spread)
                 self.assertAlmostEqual(probability, cdf, delta=0.05)
+
+    def test_a_structure_that_changes_is_forgotten_by_the_project_file(self):
+        """The truth is another one from step 6 on; with the change known the answer is that of the later data alone."""
+        self.edit("[method]\n", "[method]\nchange_points = [6]\n")
+        times = [analytic_model.time(step) for step in range(12)]
+        self.measure(times)
+        self.use_model_times()
+        rows = read_csv(self.folder / "data.csv")
+        for row in rows:
+            if float(row["time"]) < times[6]:
+                row["value"] = repr(float(row["value"]) + 2e-5)
+        write_csv(self.folder / "data.csv", rows)
+        changed = self.assimilate()[-1]
+        self.edit("change_points = [6]\n", "")
+        write_csv(self.folder / "data.csv", [row for row in rows if float(row["time"]) >= times[6]])
+        alone = self.assimilate()[-1]
+        for k in (0, 1):
+            self.assertAlmostEqual(changed["mean"][k], alone["mean"][k], places=12)
+        for text, message in (('forgetting = 1.5', "at most 1"), ('change_points = [1.5]', "must be steps"),
+                              ('forgetting = 0.9\nbias_correction = "on"', "do not go together with bias_correction")):
+            self.edit("[method]\n", f"[method]\n{text}\n")
+            self.expect(2 if "bias" in text else 3, "assimilate", self.project_name, stderr=message)
+            self.edit(f"[method]\n{text}\n", "[method]\n")
 
     def use_model_times(self):
         """The data file's times are the model's where there is no clock."""
