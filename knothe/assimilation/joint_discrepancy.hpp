@@ -26,6 +26,10 @@ class JointDiscrepancy {
   void restart();
   /// The form of the next datum given those before it; takes the datum in.
   [[nodiscard]] StepForm condition(const StepForm& form);
+  /// κ F E[ξ_i | v, data up to the last], r: what is to be added to w, where w = w₀ + v.
+  [[nodiscard]] Eigen::VectorXd expected(const Eigen::VectorXd& v) const {
+    return factor_ * (mean_ - slope_ * v);
+  }
 
  private:
   Eigen::MatrixXd factor_;  ///< κ F

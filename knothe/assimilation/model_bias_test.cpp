@@ -129,10 +129,13 @@ TEST(JointDiscrepancy, SumsToTheJointDensityOfAllData) {
   JointDiscrepancy joint(factor, kappa, memory);
   const Eigen::MatrixXd data = numerics::monte_carlo_normal_points(n, n_t, 5);
   StepForm sum = StepForm::zero(d), form;
-  Eigen::MatrixXd covariance(n * n_t, n * n_t);
+  Eigen::MatrixXd covariance(n * n_t, n * n_t), with_last(d, n * n_t);
   for (Eigen::Index t = 0; t < n_t; ++t) {
     projector.project(static_cast<std::size_t>(t), static_cast<std::size_t>(t), data.col(t), form);
     sum.add(joint.condition(form));
+    const Eigen::MatrixXd seen = kappa * model->space * model->core[static_cast<std::size_t>(t)] * factor;
+    with_last.middleCols(n * t, n) =
+        std::pow(rho, static_cast<double>(n_t - 1 - t)) * kappa * factor * seen.transpose();
     for (Eigen::Index s = 0; s < n_t; ++s) {
       const Eigen::MatrixXd left = kappa * model->space * model->core[static_cast<std::size_t>(t)] * factor;
       const Eigen::MatrixXd right = kappa * model->space * model->core[static_cast<std::size_t>(s)] * factor;
@@ -148,6 +151,8 @@ TEST(JointDiscrepancy, SumsToTheJointDensityOfAllData) {
       rest.segment(n * t, n) = data.col(t) - model->predict(p, static_cast<std::size_t>(t));
     const double exact = normal_log_density(rest, covariance);
     EXPECT_NEAR(log_likelihood(sum, p - centre), exact, 1e-9 * std::abs(exact));
+    const Eigen::VectorXd expected = with_last * covariance.llt().solve(rest);
+    EXPECT_LT((joint.expected(p - centre) - expected).norm(), 1e-9 * (1 + expected.norm()));
   }
 }
 

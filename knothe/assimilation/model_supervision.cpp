@@ -104,6 +104,15 @@ void ModelSupervision::set_shares(Eigen::VectorXd shares) {
     state_.report.discrepancy += sizes_[k] * state_.shares[static_cast<Eigen::Index>(k) + 1];
 }
 
+Eigen::VectorXd ModelSupervision::expected_discrepancy(const Eigen::VectorXd& central) const {
+  // E[ξ | v] is affine in v, so its mean over the posterior is its value at the posterior mean of w.
+  const Eigen::VectorXd v = current_.mean - central;
+  Eigen::VectorXd expected = Eigen::VectorXd::Zero(v.size());
+  for (std::size_t k = 0; k < state_.joint.size(); ++k)
+    expected += state_.shares[static_cast<Eigen::Index>(k) + 1] * state_.joint[k].expected(v);
+  return expected;
+}
+
 Eigen::Index ModelSupervision::likeliest() const {
   Eigen::Index index = 0;
   state_.shares.maxCoeff(&index);

@@ -53,6 +53,9 @@ class ModelSupervision {
   [[nodiscard]] const Eigen::VectorXd& shares() const { return state_.shares; }
   /// The most probable of them.
   [[nodiscard]] Eigen::Index likeliest() const;
+  /// Joint: what is to be added to w at the last datum, under the posterior of parameters and sizes, r.
+  /// `central`: w₀.
+  [[nodiscard]] Eigen::VectorXd expected_discrepancy(const Eigen::VectorXd& central) const;
   /// Otherwise: the correction of the datum at `time`; none while nothing was learnt.
   [[nodiscard]] std::optional<BiasCorrection> extrapolate(double time) const;
 

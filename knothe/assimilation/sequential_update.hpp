@@ -164,6 +164,13 @@ class SequentialUpdate {
   /// The target of the last map, in z; evaluates the whole posterior.
   [[nodiscard]] CollapsedLogDensity& target() { return target_; }
   [[nodiscard]] const PriorTransform& transform() const { return *transform_; }
+  /// Where the bias is unknown together with the parameters, after the last step: what is to be added to w(p)
+  /// there, so that U C_t of it is the bias as a field. Empty where it is not.
+  [[nodiscard]] Eigen::VectorXd discrepancy() const {
+    return supervision_.is_joint() && supervision_.learns()
+               ? supervision_.expected_discrepancy(projector_.central_functions())
+               : Eigen::VectorXd();
+  }
   /// The residuals learnt so far; null where none are.
   [[nodiscard]] const ModelBias* bias() const { return supervision_.bias(); }
   /// Steps at which the structure was found, by alarms, to have changed.

@@ -8,6 +8,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/files/atomic_file.hpp"
+#include "knothe/files/picture_bytes.hpp"
 #include "knothe/files/picture_formats.hpp"
 
 namespace knothe::files {
@@ -92,7 +93,10 @@ Picture picture_formats::read_png(const std::string& path, const std::string& by
   return picture;
 }
 
-void write_png(const std::string& path, const Picture& picture) {
+namespace {
+
+/// `path`: what messages call it.
+std::string encoded(const std::string& path, const Picture& picture) {
   const int bits = picture.bit_depth <= 8 ? 8 : 16;
   std::string bytes;
   {
@@ -121,7 +125,17 @@ void write_png(const std::string& path, const Picture& picture) {
     }
     png_write_end(writer.png, writer.info);
   }
-  write_text_atomically(path, bytes);
+  return bytes;
+}
+
+}  // namespace
+
+void write_png(const std::string& path, const Picture& picture) {
+  write_text_atomically(path, encoded(path, picture));
+}
+
+std::string png_bytes(const Picture& picture) {
+  return encoded("picture", picture);
 }
 
 void write_colour_png(const std::string& path, int width, int height, std::span<const std::uint8_t> pixels) {

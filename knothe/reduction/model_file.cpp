@@ -5,6 +5,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/base/version.hpp"
 #include "knothe/files/atomic_file.hpp"
+#include "knothe/files/seal.hpp"
 #include "knothe/reduction/truncation_error.hpp"
 #include "knothe/reduction/validation.hpp"
 
@@ -155,7 +156,9 @@ void write_truncation(files::Hdf5Writer& file, const TruncationError& error, std
 
 }  // namespace
 
-TruncationError read_truncation_error(const std::string& path) {
+namespace {
+
+TruncationError read_sound_truncation_error(const std::string& path) {
   const files::Hdf5Reader file(path);
   check_schema(file);
   TruncationError error;
@@ -168,6 +171,13 @@ TruncationError read_truncation_error(const std::string& path) {
   error.persistence = file.number_attribute("/truncation/covariance", "persistence");
   validate_truncation(error, error.variance.size(), space[1], Validation(path));
   return error;
+}
+
+}  // namespace
+
+TruncationError read_truncation_error(const std::string& path) {
+  files::require_sound(path, [&] { (void)read_sound_truncation_error(path); });
+  return read_sound_truncation_error(path);
 }
 
 std::string to_text(Form form) {
@@ -225,10 +235,13 @@ void write_model(const ModelContents& model, const TruncationError& truncation, 
     write_rest(file, model);
     write_truncation(file, truncation, model.time.size(), model.dof_count());
     file.close();
+    files::seal(temporary);
   });
 }
 
-ModelContents read_model(const std::string& path) {
+namespace {
+
+ModelContents read_sound_model(const std::string& path) {
   const files::Hdf5Reader file(path);
   check_schema(file);
   ModelContents model;
@@ -246,6 +259,13 @@ ModelContents read_model(const std::string& path) {
   read_crack(file, model);
   validate(model, path);
   return model;
+}
+
+}  // namespace
+
+ModelContents read_model(const std::string& path) {
+  files::require_sound(path, [&] { (void)read_sound_model(path); });
+  return read_sound_model(path);
 }
 
 }  // namespace knothe::reduction

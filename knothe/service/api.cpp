@@ -34,6 +34,7 @@ const std::vector<Route>& routes() {
                                               {"GET", "/v1/description"},
                                               {"GET", "/v1/mesh"},
                                               {"GET", "/v1/field"},
+                                              {"GET", "/v1/picture"},
                                               {"GET", "/v1/observations"},
                                               {"GET", "/v1/samples"},
                                               {"GET", "/v1/alarms"},
@@ -214,8 +215,8 @@ void Api::route(const HttpRequest& request, const Answer& answer) {
   // What takes longer than a look: not on the thread of HTTP.
   if (UmBridge::speaks(path))
     return later(request, answer, [this](const HttpRequest& r) { return umbridge_.answer(r); });
-  if (path == "/v1/mesh" || path == "/v1/field" || path == "/v1/samples" || path == "/v1/states" ||
-      path == "/v1/description")
+  if (path == "/v1/mesh" || path == "/v1/field" || path == "/v1/picture" || path == "/v1/samples" ||
+      path == "/v1/states" || path == "/v1/description")
     return later(request, answer, [this](const HttpRequest& r) { return read(r); });
   answer(read(request));
 }
@@ -254,6 +255,7 @@ HttpResponse Api::read(const HttpRequest& request) {
   if (path == "/v1/mesh") return json_response(mesh(*site));
   if (path == "/v1/field")
     return json_response(field(*site, request.parameter("name"), step, request.parameter("parameter")));
+  if (path == "/v1/picture") return {200, "image/png", picture(*site, step)};
   if (path == "/v1/observations") return json_response(observations(*site, step));
   if (path == "/v1/samples") return json_response(samples(*site, step));
   if (path == "/v1/quarantine") return json_response(site->quarantine());

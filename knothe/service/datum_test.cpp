@@ -5,8 +5,8 @@
 #include <cmath>
 #include <random>
 
+#include "knothe/base/sha256.hpp"
 #include "knothe/service/api.hpp"
-#include "knothe/service/sha256.hpp"
 
 namespace knothe::service {
 namespace {

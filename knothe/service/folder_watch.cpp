@@ -153,6 +153,7 @@ FolderWatch::Outcome FolderWatch::take_picture(const std::string& name) {
                  place.seq};
     if (datum.key.session.empty()) datum.key.session = "pictures";
     datum.time = place.time;
+    site_->show_picture(place.time, pictures_->path(name));
   } catch (const DataError& error) {
     if (patient(*pictures_, name)) return Outcome::again;  // its line in the table may still come
     refuse(name, error.what());

@@ -9,8 +9,8 @@
 #include <filesystem>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/sha256.hpp"
 #include "knothe/service/journal_records.hpp"
-#include "knothe/service/sha256.hpp"
 #include "knothe/service/sqlite.hpp"
 
 namespace knothe::service {

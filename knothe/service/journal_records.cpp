@@ -1,6 +1,6 @@
 #include "knothe/service/journal_records.hpp"
 
-#include "knothe/service/sha256.hpp"
+#include "knothe/base/sha256.hpp"
 
 namespace knothe::service {
 

@@ -3,11 +3,27 @@
 #include <filesystem>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/sha256.hpp"
 #include "knothe/service/journal.hpp"
 #include "knothe/service/journal_records.hpp"
 #include "knothe/service/sqlite.hpp"
 
 namespace knothe::service {
+namespace {
+
+/// Records are numbered from 1 without gaps and each has a seal, so a file (and its log) of so many bytes
+/// cannot hold more: a damaged number must not have us look for billions.
+std::int64_t most_records(const std::string& journal) {
+  std::uintmax_t bytes = 0;
+  for (const char* part : {"", "-wal"}) {
+    std::error_code failure;
+    const std::uintmax_t size = std::filesystem::file_size(journal + part, failure);
+    if (!failure) bytes += size;
+  }
+  return static_cast<std::int64_t>(bytes / sizeof(Digest));
+}
+
+}  // namespace
 
 Recovery recover_journal(const std::string& from, const std::string& to) {
   if (!std::filesystem::exists(from)) throw DataError(fmt::format("{}: there is no such journal", from));
@@ -32,6 +48,11 @@ Recovery recover_journal(const std::string& from, const std::string& to) {
   } catch (const DataError& error) {
     whole.rollback();
     throw DataError(fmt::format("{}: nothing can be read: {}", from, error.what()));
+  }
+  if (const std::int64_t most = most_records(from); last > most) {
+    recovery.lost.push_back(
+        fmt::format("record {}: its number is damaged: the file cannot hold so many", last));
+    last = most;
   }
   for (; expected <= last; ++expected) {
     try {

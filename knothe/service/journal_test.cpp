@@ -218,6 +218,18 @@ TEST(Journal, AChangedRecordIsNamedAndTheOthersAreRecovered) {
   EXPECT_THROW((void)recover_journal(path, folder.file("new")), UsageError);
 }
 
+TEST(Journal, ADamagedRecordNumberDoesNotHaveRecoverySearchForEver) {
+  // Found by the fuzzer: a number of 2^62 was taken for a count.
+  const files::TestFolder folder;
+  const std::string path = folder.file("j.journal");
+  write_journal(path, 5);
+  Database(path, Database::Mode::read_write)
+      .execute("UPDATE measurement SET id = 4611686018427387904 WHERE id = 5;");
+  const Recovery recovery = recover_journal(path, folder.file("new"));
+  EXPECT_EQ(recovery.saved, 4);
+  EXPECT_NE(recovery.lost.at(0).find("its number is damaged"), std::string::npos);
+}
+
 TEST(Journal, ATornLogOpensAtTheLastCompleteRecord) {
   const files::TestFolder folder;
   const std::string path = folder.file("j.journal");

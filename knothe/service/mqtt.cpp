@@ -11,8 +11,8 @@
 #include <thread>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/sha256.hpp"
 #include "knothe/service/log.hpp"
-#include "knothe/service/sha256.hpp"
 
 namespace knothe::service {
 namespace {

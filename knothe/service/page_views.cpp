@@ -6,8 +6,11 @@
 #include <charconv>
 #include <filesystem>
 
+#include "knothe/base/error.hpp"
 #include "knothe/base/version.hpp"
+#include "knothe/files/picture_bytes.hpp"
 #include "knothe/reduction/field_file.hpp"
+#include "knothe/reduction/model_matrices.hpp"
 
 namespace knothe::service {
 namespace {
@@ -37,6 +40,37 @@ std::string cell_name(std::string type) {
   if (type.starts_with("VTK_")) type.erase(0, 4);
   for (char& c : type) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
   return type;
+}
+
+/// Where the pictures lie in the model: model places of the outer corners of the first pixel, the last of the
+/// first row, and the first of the last row.
+Json picture_corners(const project::PictureMeasurements& pictures) {
+  const files::Picture& reference = pictures.series().correlation().reference();
+  const double right = reference.width - 0.5, bottom = reference.height - 0.5;
+  Json corners = Json::array();
+  for (const auto& [x, y] : {std::pair{-0.5, -0.5}, std::pair{right, -0.5}, std::pair{-0.5, bottom}})
+    corners.push_back(pictures.frame().model_point(x, y));
+  return corners;
+}
+
+/// Means of squares of pixels, at most `width` wide, black to white in 8 bits.
+files::Picture reduced(const files::Picture& picture, int width) {
+  const int by = (picture.width + width - 1) / width;
+  files::Picture small;
+  small.width = picture.width / by, small.height = picture.height / by;
+  small.pixels.assign(small.index(0, small.height), 0.0F);
+  const float scale = 255 / (picture.maximum * static_cast<float>(by * by));
+  for (int y = 0; y < small.height * by; ++y)
+    for (int x = 0; x < small.width * by; ++x) small.at(x / by, y / by) += scale * picture.at(x, y);
+  return small;
+}
+
+/// Values at the nodes from a shift of the model's functions w: U C_t δw.
+std::vector<double> field_of_functions(const reduction::ModelContents& contents, std::size_t step,
+                                       const Eigen::VectorXd& functions) {
+  const Eigen::VectorXd at_dofs =
+      reduction::space_of(contents) * (reduction::core_of(contents, step) * functions);
+  return {at_dofs.begin(), at_dofs.end()};
 }
 
 }  // namespace
@@ -88,6 +122,7 @@ Json description(const Site& site, const std::vector<std::string>& sites) {
   }
   const bool on_nodes = contents.mesh && !contents.dofs.empty();
   Json fields = on_nodes ? Json{"displacement", "sensitivity", "residual"} : Json{"residual"};
+  if (project.method.bias_correction != "off") fields.push_back("bias");
   const std::string run = site.identity().model.substr(0, 16) + site.identity().configuration.substr(0, 16) +
                           site.identity().sensors.substr(0, 16);
   Json answer = {{"run", run},
@@ -105,6 +140,8 @@ Json description(const Site& site, const std::vector<std::string>& sites) {
   answer["parameters"] = parameters;
   answer["forecasts"] = forecasts;
   answer["fields"] = fields;
+  if (site.setup().pictures && !project.serve.watch_pictures.empty())
+    answer["picture"] = {{"corners", picture_corners(*site.setup().pictures)}};
   answer["method"] = {
       {"kind", project.method.kind}, {"form", project.method.form}, {"tolerance", project.method.tolerance}};
   answer["model_sha256"] = site.identity().model;
@@ -147,12 +184,28 @@ Json field(const Site& site, const std::string& name, const std::string& step, c
     answer["missing"] = missing;
     return answer;
   }
-  if (name != "displacement" && name != "sensitivity")
+  if (name == "bias" && line->bias_sensors.size() > 0) {
+    answer["location"] = "sensors";
+    answer["values"] = std::vector<double>(line->bias_sensors.begin(), line->bias_sensors.end());
+    answer["missing"] = Json::array();
+    return answer;
+  }
+  if (name == "bias" && line->bias_functions.size() == 0)
+    throw RequestError(404, "NoField",
+                       fmt::format("the model's bias is not corrected in step {}", line->step));
+  if (name != "displacement" && name != "sensitivity" && name != "bias")
     throw RequestError(
         404, "NoField",
-        fmt::format("there is no field \"{}\"; there are displacement, sensitivity, residual", name));
+        fmt::format("there is no field \"{}\"; there are displacement, sensitivity, residual, bias", name));
   const auto& contents = site.setup().model.contents();
   if (!contents.mesh || contents.dofs.empty()) throw RequestError(404, "NoMesh", "the model has no mesh");
+  answer["location"] = "nodes";
+  const reduction::FieldOnMesh on_mesh(contents, "model");
+  if (name == "bias") {
+    const auto values = field_of_functions(contents, line->step, line->bias_functions);
+    answer["values"] = triples(on_mesh.vectors(name, values).values);
+    return answer;
+  }
   std::vector<double> p(line->mean.begin(), line->mean.end());
   for (std::size_t k = 0; k < p.size(); ++k)
     p[k] = std::clamp(p[k], contents.axes[k].nodes.front(), contents.axes[k].nodes.back());
@@ -168,9 +221,21 @@ Json field(const Site& site, const std::string& name, const std::string& step, c
       found.value[i] = found.gradient[i * found.dimension + k] * line->std[static_cast<Eigen::Index>(k)];
     answer["parameter"] = *it;
   }
-  answer["location"] = "nodes";
-  answer["values"] = triples(reduction::FieldOnMesh(contents, "model").vectors(name, found.value).values);
+  answer["values"] = triples(on_mesh.vectors(name, found.value).values);
   return answer;
+}
+
+std::string picture(const Site& site, const std::string& step) {
+  const auto line = line_of(site, step);
+  const std::string file = site.picture_of(line->step);
+  if (file.empty())
+    throw RequestError(404, "NoPicture",
+                       fmt::format("step {} was not measured in a watched picture", line->step));
+  try {
+    return files::png_bytes(reduced(files::read_picture(file), k_picture_width));
+  } catch (const Error&) {  // its words would tell where it lies
+    throw RequestError(404, "NoPicture", fmt::format("the picture of step {} cannot be read", line->step));
+  }
 }
 
 Json observations(const Site& site, const std::string& step) {

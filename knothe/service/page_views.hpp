@@ -13,6 +13,10 @@ namespace knothe::service {
 /// `step`: text of the query, empty for the latest.
 [[nodiscard]] Json field(const Site& site, const std::string& name, const std::string& step,
                          const std::string& parameter);
+/// The picture that the step was measured in, as PNG of 8 bits at most `k_picture_width` wide. Files are
+/// those that the watched folder's thread has found, never one that a request names.
+inline constexpr int k_picture_width = 1000;
+[[nodiscard]] std::string picture(const Site& site, const std::string& step);
 [[nodiscard]] Json observations(const Site& site, const std::string& step);
 [[nodiscard]] Json samples(const Site& site, const std::string& step);
 

@@ -7,8 +7,8 @@
 
 #include "knothe/assimilation/time_matching.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/base/sha256.hpp"
 #include "knothe/service/log.hpp"
-#include "knothe/service/sha256.hpp"
 #include "knothe/service/sqlite.hpp"
 
 namespace knothe::service {

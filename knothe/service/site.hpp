@@ -49,6 +49,9 @@ struct Line {
   std::string remark;
   bool monitor_alarm = false, bias_corrected = false;
   std::string notice;  ///< what the monitor found or did at this step
+  /// The correction of the model's bias, where it is on: as what is to be added to the model's functions w (a
+  /// field), or at the sensors, m. Else empty.
+  Eigen::VectorXd bias_functions, bias_sensors;
 };
 
 struct Alarm {
@@ -80,6 +83,10 @@ class Site {
   [[nodiscard]] bool holds(const DatumKey& key) const;
   /// What a person should know of a datum, as an alarm of the latest step.
   void warn(const std::string& kind, const std::string& message);
+  /// The file in a watched folder that the datum of this model time was measured in.
+  void show_picture(double time, std::string file);
+  /// Of that step; empty if there is none.
+  [[nodiscard]] std::string picture_of(std::size_t step) const;
   void count(const std::string& outcome);  ///< of a request that did not get so far: "malformed"
 
   [[nodiscard]] const std::string& name() const { return name_; }
@@ -138,6 +145,7 @@ class Site {
   void conclude_next();
   void publish(std::shared_ptr<Line> line);
   [[nodiscard]] std::shared_ptr<Line> make_line(const JournalPosterior::Conclusion& conclusion);
+  void add_bias(Line& line) const;
   void judge_latency();
   void raise_alarms(const Line& line);
   void raise(std::size_t step, const std::string& severity, const std::string& kind,
@@ -176,6 +184,7 @@ class Site {
   std::vector<JournalEntry> quarantine_;
   std::map<std::string, std::int64_t> outcomes_;
   std::set<DatumKey> from_folders_;
+  std::map<std::size_t, std::string> pictures_;         ///< file by step
   std::deque<MonotonicClock::time_point> accepted_at_;  ///< the last 32
   std::vector<MonotonicClock::time_point> waiting_;     ///< of data taken, whose line is not published yet
   std::int64_t records_ = 0, deadline_misses_ = 0;

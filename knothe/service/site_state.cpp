@@ -64,6 +64,7 @@ std::shared_ptr<Line> Site::make_line(const JournalPosterior::Conclusion& conclu
   line->monitor_alarm = result.monitor.alarm;
   line->bias_corrected = result.bias_corrected;
   line->notice = result.notice;
+  if (result.bias_corrected && conclusion.followed) add_bias(*line);
   const auto values = posterior_.last_values(result.step);
   const Eigen::Map<const Eigen::VectorXd> measured(values.data(), static_cast<Eigen::Index>(values.size()));
   line->residual = measured - setup_.observed->predict(result.mean, result.step);
@@ -101,6 +102,13 @@ std::shared_ptr<Line> Site::make_line(const JournalPosterior::Conclusion& conclu
   record["event"] = line->event;
   line->json = files::json_line(record);
   return line;
+}
+
+void Site::add_bias(Line& line) const {
+  const assimilation::SequentialUpdate& update = posterior_.update();
+  line.bias_functions = update.discrepancy();
+  if (const assimilation::ModelBias* learnt = update.bias())
+    if (const auto correction = learnt->extrapolate(line.time)) line.bias_sensors = correction->mean;
 }
 
 // --- State ------------------------------------------------------------------------------------------------
@@ -258,6 +266,22 @@ void Site::raise(std::size_t step, const std::string& severity, const std::strin
 void Site::warn(const std::string& kind, const std::string& message) {
   const auto line = latest();
   raise(line ? line->step : 0, "warning", kind, message);
+}
+
+void Site::show_picture(double time, std::string file) {
+  const auto& times = setup_.observed->time;
+  const auto nearest = std::min_element(times.begin(), times.end(), [&](double a, double b) {
+    return std::abs(a - time) < std::abs(b - time);
+  });
+  if (nearest == times.end()) return;
+  const std::lock_guard lock(mutex_);
+  pictures_[static_cast<std::size_t>(nearest - times.begin())] = std::move(file);
+}
+
+std::string Site::picture_of(std::size_t step) const {
+  const std::lock_guard lock(mutex_);
+  const auto it = pictures_.find(step);
+  return it == pictures_.end() ? "" : it->second;
 }
 
 bool Site::holds(const DatumKey& key) const {

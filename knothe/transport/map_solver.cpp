@@ -75,9 +75,10 @@ const MapSolverOptions& MapSolver::options() const {
   return work_->options;
 }
 
-void MapSolver::Workspace::prepare(MapShape& shape) {
+void MapSolver::Workspace::prepare(MapShape& shape, bool with_broad) {
   (void)training_tables(shape);
   (void)verification_tables(shape, options.verification_points);
+  if (!with_broad) return;
   for (const int more : {2, 4}) (void)verification_tables(shape, more * options.verification_points, true);
 }
 
@@ -91,11 +92,8 @@ void MapSolver::prepare(Eigen::Index dimension) {
   if (work.options.growth == Growth::greedy) return;
   for (int order = work.options.min_order; order <= work.options.max_order; ++order) {
     MapShape& shape = work.shape(dimension, order, work.options.parametrisation);
-    work.prepare(shape);
+    work.prepare(shape, order <= k_last_prepared_broad);
   }
-  if (work.may_be_long(dimension))
-    for (int order = k_first_long; order <= std::min(last_long(dimension), work.options.max_order); ++order)
-      work.prepare(work.long_shape(dimension, order));
 }
 
 MapResult MapSolver::solve(sampling::LogDensity& target) {

@@ -155,7 +155,8 @@ class MapSolver {
 
   [[nodiscard]] const MapSolverOptions& options() const;
 
-  /// Makes all tables for densities in `dimension` variables now, not at the first solve that needs them.
+  /// Makes the tables for densities in `dimension` variables that most solves need now, not at the first that
+  /// does. The large ones, of corrections of high orders and of a long first variable, wait for that solve.
   void prepare(Eigen::Index dimension);
 
   /// Errors: UsageError for a dimension below 1, NumericalError for a density that gives NaN or +∞, or is

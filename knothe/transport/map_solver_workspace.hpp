@@ -126,8 +126,8 @@ struct MapSolver::Workspace {
                   const AffineMap& pre_map);
   /// climb_long may be tried.
   [[nodiscard]] bool may_be_long(Eigen::Index d) const;
-  /// Makes all tables of a shape.
-  void prepare(MapShape& shape);
+  /// Makes the tables of a shape; `with_broad`: those of the importance correction's further points too.
+  void prepare(MapShape& shape, bool with_broad);
   /// The best verified candidate.
   std::size_t choose(sampling::CheckedDensity& target);
   void report(Candidate& candidate, MapResult& result);
@@ -139,6 +139,9 @@ inline constexpr int k_first_long = 2;
 [[nodiscard]] inline constexpr int last_long(Eigen::Index d) {
   return d == 2 ? 6 : 4;  // in three variables a Newton step at order 5 takes a second
 }
+/// Up to this order the tables of a correction's further points are made in advance. Those of higher orders
+/// and of long first variables are nine tenths of all tables and most posteriors never need them.
+inline constexpr int k_last_prepared_broad = 4;
 /// From here on maps with a long first variable cost ten times more: only for what is far from the tolerance.
 inline constexpr int k_first_dear_long = 5;
 /// Dimensions in which it is tried.

@@ -68,6 +68,15 @@ class Test(Case):
         replace_number(model, time, float("nan"))
         self.expect_refused("time[4]")
 
+    def test_a_number_that_was_changed_is_seen_by_the_seal(self):
+        model = self.own_copy("model.h5")
+        replace_number(model, analytic_model.time(4), analytic_model.time(4) + 1e-3)
+        self.expect_refused("its bytes are not those that were written", "tail -c +513")
+        content = model.read_bytes()
+        model.write_bytes(content[512:])  # so be it
+        self.expect(0, "model", "info", "model.h5")
+        self.assertIn(b"HDF", content[512:520])
+
     def test_truncated_snapshots_are_told(self):
         snapshots = self.own_copy("snapshots.h5")
         snapshots.write_bytes(snapshots.read_bytes()[:-1000])

@@ -38,6 +38,29 @@ class Test(ServiceCase):
         samples = service.get("/v1/samples")[1]["samples"]
         self.assertAlmostEqual(sum(s[0] for s in samples) / len(samples), mean[0], delta=0.2 * std)
 
+    def test_the_corrected_bias_is_a_field_that_explains_the_data_better(self):
+        original = self.project.read_text()
+        for extrapolation, location in (("joint", "nodes"), ("linear", "sensors")):
+            self.edit('kind = "transport"', f'kind = "transport"\nbias_correction = "on"\nbias_extrapolation = "{extrapolation}"')
+            service = self.serve(extra=f'journal = "{extrapolation}.journal"\n')
+            self.assertIn("bias", service.get("/v1/description")[1]["fields"])
+            for datum in self.data:  # at each sensor a tenth more than the structure does
+                service.send({**datum, "values": [1.1 * v + 2e-5 * math.sin(9 * datum["time"]) for v in datum["values"]]})
+            service.settled(12)
+            mesh, bias = service.get("/v1/mesh")[1], service.get("/v1/field?name=bias&step=11")[1]
+            self.assertEqual((bias["location"], bias["units"], bias["step"]), (location, "m", 11))
+            residual = service.get("/v1/field?name=residual&step=11")[1]["values"]
+            if location == "nodes":
+                self.assertEqual(len(bias["values"]), len(mesh["points"]))
+                node = {tuple(round(x, 9) for x in point): k for k, point in enumerate(mesh["points"])}
+                at_sensors = [bias["values"][node[tuple(round(s[c], 9) for c in "xyz")]][s["component"]] for s in mesh["sensors"]]
+            else:
+                at_sensors = bias["values"]
+            self.assertGreater(max(map(abs, at_sensors)), 1e-6)
+            self.assertLess(sum((r - b) ** 2 for r, b in zip(residual, at_sensors)), 0.9 * sum(r * r for r in residual))
+            service.stop()
+            self.project.write_text(original)
+
     def test_every_route_of_the_document_is_there(self):
         service = self.serve()
         service.send(self.data[0])

@@ -2,6 +2,7 @@
 import math
 import os
 import shutil
+import struct
 import threading
 import time
 import unittest
@@ -54,6 +55,27 @@ class Test(ServiceCase):
         for line, other in zip(lines, expected):
             for key in ("time", "mean", "covariance", "log_evidence", "used", "missing", "monitor"):
                 self.assertEqual(line[key], other[key])
+        self.expect_pictures(service)
+
+    def expect_pictures(self, service):
+        """The picture of a step, by what the service found: never by a name that a request gives."""
+        corners = service.get("/v1/description")[1]["picture"]["corners"]
+        self.assertEqual([len(corner) for corner in corners], [3, 3, 3])
+        sensors = service.get("/v1/mesh")[1]["sensors"]
+        self.assertLess(corners[0][0], min(s["x"] for s in sensors))  # the structure is in the picture
+        self.assertGreater(corners[1][0], max(s["x"] for s in sensors))
+        self.assertLess(corners[2][1], min(s["y"] for s in sensors))
+        step = service.states()[0]["step"]
+        status, headers, first = service.request("GET", f"/v1/picture?step={step}")
+        self.assertEqual((status, headers["Content-Type"], first[:8]), (200, "image/png", b"\x89PNG\r\n\x1a\n"))
+        width, height = struct.unpack(">II", first[16:24])
+        self.assertAlmostEqual(width / height, math.dist(*corners[:2]) / math.dist(corners[0], corners[2]), delta=0.02)
+        for name in ("../model.h5", "/etc/passwd", "reference_1.tif"):
+            self.assertEqual(service.request("GET", f"/v1/picture?step={step}&file={name}&name={name}&path={name}")[2], first)
+        self.expect_error(service.get("/v1/picture?step=../../model.h5"), 400, "Malformed")
+        for path in self.live.glob("picture_*"):
+            path.unlink()
+        self.expect_error(service.get(f"/v1/picture?step={step}"), 404, "NoPicture")
 
     def test_a_restart_takes_what_came_meanwhile_and_nothing_twice(self):
         service = self.watch()

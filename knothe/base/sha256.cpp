@@ -1,4 +1,4 @@
-#include "knothe/service/sha256.hpp"
+#include "knothe/base/sha256.hpp"
 
 #include <bit>
 #include <cstdio>
@@ -7,7 +7,7 @@
 
 #include "knothe/base/error.hpp"
 
-namespace knothe::service {
+namespace knothe {
 namespace {
 
 constexpr std::array<std::uint32_t, 64> k_constants = {
@@ -112,4 +112,4 @@ Digest sha256_of_file(const std::string& path) {
   return sum.finish();
 }
 
-}  // namespace knothe::service
+}  // namespace knothe

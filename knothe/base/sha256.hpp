@@ -1,5 +1,5 @@
 #pragma once
-/// @file SHA-256 (FIPS 180-4): identity of models, seal of the journal's records.
+/// @file SHA-256 (FIPS 180-4): identity of models, seals of model files and of the journal's records.
 #include <array>
 #include <cstdint>
 #include <span>
@@ -7,7 +7,7 @@
 #include <string_view>
 #include <type_traits>
 
-namespace knothe::service {
+namespace knothe {
 
 using Digest = std::array<std::uint8_t, 32>;
 
@@ -48,4 +48,4 @@ class Sha256 {
 /// Of a file's bytes. DataError where it cannot be read.
 [[nodiscard]] Digest sha256_of_file(const std::string& path);
 
-}  // namespace knothe::service
+}  // namespace knothe
