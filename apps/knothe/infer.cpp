@@ -14,6 +14,8 @@
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/inference/comparison.hpp"
+#include "knothe/inference/derivative_check.hpp"
+#include "knothe/inference/evaluation_file.hpp"
 #include "knothe/project/inference_setup.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/report/inference_results.hpp"
@@ -73,14 +75,34 @@ struct Answer {
   std::string folder;
 };
 
+/// Evaluations that an interrupted run has kept are not paid for twice.
+void take_up(const std::string& path, inference::ModelEvaluator& evaluator, const std::string& identity) {
+  const inference::KeptEvaluations kept = inference::take_evaluations(path, evaluator, identity);
+  if (kept.taken > 0)
+    fmt::print(stderr, "knothe: {}: going on from {} evaluations of an interrupted run\n", path, kept.taken);
+  if (!kept.refused.empty())
+    fmt::print(stderr, "knothe: {}: evaluations of an interrupted run are not used: {}\n", path,
+               kept.refused);
+}
+
 /// One method, with a model of its own, so that its count of evaluations is its own.
 Answer run(const project::Project& project, Method method, const std::string& folder) {
   Answer answer{project::set_up_inference(project), {}, folder};
   project::InferenceSetup& setup = answer.setup;
   inference::ModelEvaluator evaluator(*setup.model, setup.priors, project.umbridge.difference_step);
+  const std::string kept = (std::filesystem::path(folder) / "evaluations.h5").string();
+  const std::string identity = setup.model->where() + "\n" + project.umbridge.config;
+  const bool is_server = !project.umbridge.url.empty();
+  files::require_writable_folder(folder);
+  if (is_server) {
+    take_up(kept, evaluator, identity);
+    answer.result.warnings = inference::check_derivatives(evaluator, setup.priors, setup.parameters);
+    for (const std::string& warning : answer.result.warnings)
+      fmt::print(stderr, "knothe: warning: {}\n", warning);
+  }
   // Samplers pay for every derivative with model evaluations unless the model has gradients of its own.
   const bool map = method == Method::transport || method == Method::grid;
-  const bool own_gradient = setup.model->has_gradient() || project.umbridge.url.empty();
+  const bool own_gradient = evaluator.has_gradient() || !is_server;
   inference::PosteriorDensity posterior(evaluator, setup.priors, setup.observations,
                                         map            ? 2
                                         : own_gradient ? 1
@@ -92,9 +114,20 @@ Answer run(const project::Project& project, Method method, const std::string& fo
     counter.set_share(share);
     return !cancellation_requested();
   };
-  files::require_writable_folder(folder);
-  answer.result = inference::infer(posterior, evaluator, options);
+  std::vector<std::string> warnings = std::move(answer.result.warnings);
+  try {
+    answer.result = inference::infer(posterior, evaluator, options);
+  } catch (const Interrupted& interrupted) {
+    if (!is_server) throw;
+    const Eigen::Index n = inference::keep_evaluations(kept, evaluator, identity);
+    throw Interrupted(
+        fmt::format("{}; {} evaluations of the model are kept in {}: the same command goes on from there",
+                    interrupted.what(), n, kept));
+  }
+  answer.result.warnings = std::move(warnings);
   report::write_inference(folder, project, setup, answer.result);
+  std::error_code none;
+  std::filesystem::remove(kept, none);  // of an interrupted run: they have done their service
   return answer;
 }
 

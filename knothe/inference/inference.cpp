@@ -7,6 +7,7 @@
 
 #include "knothe/assimilation/maximum_a_posteriori.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/inference/finite_integral.hpp"
 #include "knothe/inference/grid_quadrature.hpp"
 #include "knothe/inference/sampled_inference.hpp"
 #include "knothe/inference/verdict.hpp"
@@ -123,7 +124,7 @@ Eigen::VectorXd most_probable(PosteriorDensity& posterior, const ModelEvaluator&
     const Eigen::MatrixXd start = posterior.parameters(r.map[0].map.mode.transpose());
     return assimilation::maximum_a_posteriori(
         [&](const auto& p, int derivatives, auto& out) { posterior.log_likelihood(p, derivatives, out); },
-        posterior.transform(), start.row(0).transpose(), evaluator.model().has_hessian() ? 1e-12 : 1e-7);
+        posterior.transform(), start.row(0).transpose(), evaluator.has_hessian() ? 1e-12 : 1e-7);
   }
   sampling::LogDensityBatch batch;
   posterior.log_likelihood(r.points, 0, batch);
@@ -134,7 +135,7 @@ Eigen::VectorXd most_probable(PosteriorDensity& posterior, const ModelEvaluator&
   }
   return assimilation::maximum_a_posteriori(
       [&](const auto& p, int derivatives, auto& out) { posterior.log_likelihood(p, derivatives, out); },
-      posterior.transform(), r.points.row(best).transpose(), evaluator.model().has_hessian() ? 1e-12 : 1e-7);
+      posterior.transform(), r.points.row(best).transpose(), evaluator.has_hessian() ? 1e-12 : 1e-7);
 }
 
 }  // namespace
@@ -161,6 +162,7 @@ InferenceResult infer(PosteriorDensity& posterior, ModelEvaluator& evaluator,
                       const InferenceOptions& options) {
   InferenceResult r;
   r.method = options.method;
+  if (posterior.is_density()) require_finite_integral(posterior, options.names);
   switch (options.method) {
     case Method::transport:
       by_transport(posterior, evaluator, options, r);

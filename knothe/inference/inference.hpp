@@ -22,6 +22,7 @@ struct InferenceOptions {
   transport::MapSolverOptions map;  ///< tolerance, orders, seed, verification points
   Eigen::Index samples = 10000;     ///< draws left in the result; particles and kept draws of the samplers
   std::uint64_t seed = 1;
+  std::vector<std::string> names;  ///< of the parameters, for messages
   /// Called with the share of the work done where a method knows it (mcmc, smc); false interrupts.
   std::function<bool(double)> progress;
 };
@@ -53,7 +54,8 @@ struct InferenceResult {
   double log_evidence = 0, log_evidence_error = 0;
   double ess = 1;  ///< effective sample size as a fraction of the points
   bool trusted = false;
-  std::string verdict;  ///< trusted or not, and why: one sentence
+  std::vector<std::string> warnings;  ///< sentences: what was wrong with the model and how it was got round
+  std::string verdict;                ///< trusted or not, and why: one sentence
 
   int map_order = 0;                 ///< 0 without a map
   double variance_diagnostic = 0;    ///< verified; 0 without a map
@@ -69,8 +71,8 @@ struct InferenceResult {
   [[nodiscard]] double seconds() const;
 };
 
-/// Errors: those of the model (DataError), of the target (NumericalError: nothing but zeros found), of the
-/// options (UsageError: more than three parameters for a grid).
+/// Errors: those of the model (DataError), of the target (NumericalError: nothing but zeros found, or a
+/// density without a finite integral), of the options (UsageError: more than three parameters for a grid).
 [[nodiscard]] InferenceResult infer(PosteriorDensity& posterior, ModelEvaluator& evaluator,
                                     const InferenceOptions& options);
 

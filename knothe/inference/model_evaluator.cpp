@@ -4,6 +4,7 @@
 
 #include <chrono>
 #include <cmath>
+#include <cstring>
 #include <limits>
 
 #include "knothe/base/error.hpp"
@@ -80,19 +81,37 @@ void ModelEvaluator::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, E
     timed([&] { model_->evaluate(wanted, found); });
     require_finite(wanted, found, "output");
     values(Eigen::all, missing) = found;
-    for (Eigen::Index i = 0; i < wanted.cols(); ++i) {
-      if (stored_.size() + static_cast<std::size_t>(m) > k_most_stored) break;
-      known_.emplace(key_of(wanted.col(i)), stored_.size() / static_cast<std::size_t>(m));
-      stored_.insert(stored_.end(), found.col(i).begin(), found.col(i).end());
-    }
+    remember(wanted, found);
   }
   for (const auto& [twin, original] : twins) values.col(twin) = values.col(original);
+}
+
+void ModelEvaluator::stored(Eigen::MatrixXd& points, Eigen::MatrixXd& values) const {
+  const Eigen::Index m = model_->output_count(), d = model_->dimension(),
+                     n = static_cast<Eigen::Index>(known_.size());
+  points.resize(d, n);
+  values = Eigen::Map<const Eigen::MatrixXd>(stored_.data(), m, n);
+  for (const auto& [key, column] : known_)
+    std::memcpy(points.col(static_cast<Eigen::Index>(column)).data(), key.data(), key.size());
+}
+
+void ModelEvaluator::remember(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                              const Eigen::Ref<const Eigen::MatrixXd>& values) {
+  const Eigen::Index m = model_->output_count();
+  if (points.rows() != model_->dimension() || values.rows() != m || values.cols() != points.cols())
+    throw UsageError(fmt::format("{}: {} × {} points and {} × {} values to remember", model_->where(),
+                                 points.rows(), points.cols(), values.rows(), values.cols()));
+  for (Eigen::Index i = 0; i < points.cols(); ++i) {
+    if (stored_.size() + static_cast<std::size_t>(m) > k_most_stored) return;
+    if (!known_.emplace(key_of(points.col(i)), stored_.size() / static_cast<std::size_t>(m)).second) continue;
+    stored_.insert(stored_.end(), values.col(i).begin(), values.col(i).end());
+  }
 }
 
 void ModelEvaluator::jacobian(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::MatrixXd& jacobians) {
   const Eigen::Index m = model_->output_count(), d = points.rows(), n = points.cols();
   jacobians.setConstant(m * d, n, k_poison);
-  if (model_->has_jacobian()) {
+  if (has_jacobian()) {
     timed([&] { model_->jacobian(points, jacobians); });
     require_finite(points, jacobians, "Jacobian");
     return;
@@ -140,7 +159,7 @@ void ModelEvaluator::hessian(const Eigen::Ref<const Eigen::MatrixXd>& points,
                              Eigen::MatrixXd& hessians) {
   const Eigen::Index d = points.rows(), n = points.cols();
   hessians.setConstant(d * d, n, k_poison);
-  if (model_->has_hessian()) {
+  if (has_hessian()) {
     timed([&] { model_->hessian(points, sensitivities, hessians); });
     require_finite(points, hessians, "Hessian");
     return;
@@ -160,7 +179,7 @@ void ModelEvaluator::hessian(const Eigen::Ref<const Eigen::MatrixXd>& points,
       up(k, i * d + k) += steps(k, i);
       down(k, i * d + k) -= steps(k, i);
     }
-  if (model_->has_gradient())
+  if (has_gradient())
     hessian_of_gradients(up, down, sensitivities, hessians);
   else
     hessian_of_values(centres, steps, up, down, hessians);

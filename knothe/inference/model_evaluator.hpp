@@ -11,6 +11,11 @@
 
 namespace knothe::inference {
 
+/// Which of the derivatives that a model says it has are used.
+struct OwnDerivatives {
+  bool gradient = true, jacobian = true, hessian = true;
+};
+
 /// Evaluations of a forward model at points of the priors' support. Points are d × n, one column each, as in
 /// ForwardModel.
 class ModelEvaluator {
@@ -20,6 +25,19 @@ class ModelEvaluator {
 
   [[nodiscard]] ForwardModel& model() { return *model_; }
   [[nodiscard]] const ForwardModel& model() const { return *model_; }
+
+  /// What the model has and what may be used of it: all, until `use` says less.
+  void use(OwnDerivatives own) { own_ = own; }
+  [[nodiscard]] bool has_gradient() const { return own_.gradient && model_->has_gradient(); }
+  [[nodiscard]] bool has_jacobian() const { return own_.jacobian && model_->has_jacobian(); }
+  [[nodiscard]] bool has_hessian() const { return own_.hessian && model_->has_hessian(); }
+
+  /// The points evaluated so far (d × n) with their values (m × n), as many as are stored.
+  void stored(Eigen::MatrixXd& points, Eigen::MatrixXd& values) const;
+  /// Points evaluated earlier, by another run: they will not be evaluated again. Errors: UsageError for sizes
+  /// that do not fit.
+  void remember(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                const Eigen::Ref<const Eigen::MatrixXd>& values);
 
   /// f into `values` (m × n). Points evaluated before are not evaluated again.
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::MatrixXd& values);
@@ -54,6 +72,7 @@ class ModelEvaluator {
   ForwardModel* model_;
   std::vector<assimilation::Prior> priors_;
   double step_;
+  OwnDerivatives own_;
   double seconds_ = 0;
   std::unordered_map<std::string, std::size_t> known_;  ///< point, byte by byte → column of `stored_`
   std::vector<double> stored_;                          ///< outputs, m per point

@@ -57,14 +57,14 @@ void PosteriorDensity::model_part(int derivatives, Eigen::Index begin, sampling:
       0.5 * noise.log_determinant() + 0.5 * static_cast<double>(m) * k_log_2_pi;
   if (derivatives < 1) return;
   noise.whiten_transposed(sensitivities_);
-  const bool own_gradient = evaluator_->model().has_gradient();
+  const bool own_gradient = evaluator_->has_gradient();
   if (own_gradient) {
     evaluator_->gradient(points_, sensitivities_, gradients_);
     out.gradient.middleRows(begin, c) = gradients_.transpose();
   }
   if (own_gradient && derivatives < 2) return;
   evaluator_->jacobian(points_, jacobians_);
-  if (derivatives >= 2 && evaluator_->model().has_hessian())
+  if (derivatives >= 2 && evaluator_->has_hessian())
     evaluator_->hessian(points_, sensitivities_, hessians_);
   else
     hessians_.setZero(d * d, c);
@@ -94,7 +94,7 @@ void PosteriorDensity::density_part(int derivatives, Eigen::Index begin, samplin
   if (inside.empty()) return;
   const Eigen::MatrixXd points = points_(Eigen::all, inside);
   sensitivities_ = Eigen::MatrixXd::Ones(1, points.cols());
-  if (evaluator_->model().has_gradient())
+  if (evaluator_->has_gradient())
     evaluator_->gradient(points, sensitivities_, gradients_);
   else
     evaluator_->jacobian(points, gradients_);

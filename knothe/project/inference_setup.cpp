@@ -169,6 +169,7 @@ inference::InferenceOptions inference_options(const Project& project, inference:
                                  : transport::ModeSearchLevel::tempered;
   options.samples = project.method.samples;
   options.seed = project.method.seed;
+  for (const NamedPrior& parameter : project.parameters) options.names.push_back(parameter.name);
   return options;
 }
 

@@ -119,8 +119,7 @@ std::vector<Option> method_option_table() {
        "tempered",
        "How far `knothe infer` looks for mass that its map misses: particles that come from three times the "
        "priors' width "
-       "(tens of thousands of evaluations of the model), or ascents from several starts alone (a few "
-       "thousand).",
+       "(some thousands of evaluations of the model), or ascents from several starts alone (hundreds).",
        {"tempered", "multi-start"}},
       {"method.seed", K::integer, "1", "Seed of quasi-random points, chains and particles.", {}},
   };

@@ -11,6 +11,7 @@
 #include "knothe/files/json_line.hpp"
 #include "knothe/files/netcdf.hpp"
 #include "knothe/report/json_values.hpp"
+#include "knothe/transport/map_file.hpp"
 
 namespace knothe::report {
 namespace {
@@ -18,6 +19,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 using inference::InferenceResult;
 
+constexpr const char* k_map_file = "map.h5";
 constexpr Eigen::Index k_shown_draws = 700;  ///< in the report's figures
 
 Json columns_of(const Eigen::MatrixXd& m) {
@@ -128,6 +130,26 @@ void write_samples(const std::string& path, const project::Project& project,
   });
 }
 
+/// The map as it was found, from the reference to standardised parameters, with what is needed to go on to
+/// the parameters themselves: p_k = F_k⁻¹(Φ(z_k)), F_k the distribution function of prior k. A map of an
+/// earlier run is taken away where this one has none.
+void write_map(const std::string& path, const project::Project& project, const project::InferenceSetup& setup,
+               const InferenceResult& r) {
+  if (r.map.empty()) {
+    std::error_code none;
+    std::filesystem::remove(path, none);
+    return;
+  }
+  transport::MapMetadata metadata = {{"parameters", fmt::format("{}", fmt::join(setup.parameters, ","))},
+                                     {"model", setup.model->where()},
+                                     {"project", project.text},
+                                     {"verdict", r.verdict},
+                                     {"log_evidence", fmt::format("{:.17g}", r.log_evidence)}};
+  for (std::size_t k = 0; k < setup.priors.size(); ++k)
+    metadata["prior of " + setup.parameters[k]] = setup.priors[k].describe();
+  transport::save_map(path, r.map.front().map.composed(), metadata);
+}
+
 }  // namespace
 
 Json inference_record(const InferenceResult& r, const std::vector<std::string>& parameters,
@@ -169,6 +191,9 @@ Json inference_record(const InferenceResult& r, const std::vector<std::string>& 
     record["temperatures"] = r.temperatures;
     record["acceptance"] = r.acceptance;
   }
+  if (!r.map.empty())
+    record["map_file"] = (std::filesystem::path(samples_file).parent_path() / k_map_file).string();
+  if (!r.warnings.empty()) record["warnings"] = r.warnings;
   return record;
 }
 
@@ -191,6 +216,7 @@ void write_inference(const std::string& folder, const project::Project& project,
                      const project::InferenceSetup& setup, const InferenceResult& r) {
   const std::string samples = samples_path(folder);
   write_samples(samples, project, setup, r);
+  write_map((std::filesystem::path(folder) / k_map_file).string(), project, setup, r);
   Json content = inference_record(r, setup.parameters, samples);
   content["created_by"] = k_created_by;
   content["project"] = project.text;

@@ -24,8 +24,8 @@ namespace knothe::report {
 
 /// Writes FOLDER/inference.json (the record, and what the report shows) and FOLDER/samples.nc: NetCDF-4 with
 /// ArviZ's groups `posterior` (equally weighted draws, [chain, draw]), `weighted_posterior` (points [point,
-/// parameter] and weights [point]) and `sample_stats`; attributes project, seed, created_by, method. Atomic;
-/// IoError.
+/// parameter] and weights [point]) and `sample_stats`; attributes project, seed, created_by, method; with a
+/// map also FOLDER/map.h5 (transport/map_file.hpp; its metadata name parameters and priors). Atomic; IoError.
 void write_inference(const std::string& folder, const project::Project& project,
                      const project::InferenceSetup& setup, const inference::InferenceResult& result);
 

@@ -58,6 +58,7 @@ void MapSolver::Workspace::look_at_other_modes(sampling::CheckedDensity& target,
   look.mode_mass = options.mode_mass;
   look.reference_spread = options.tempering_spread;
   look.seed = options.seed;
+  look.max_moves = 3;  // the known mass is discounted: fewer particles, less far, find the rest
   result.missed = look_for_missed_modes(target, result, mode_search, modes, look);
   result.second_mode_found = result.missed.found;
   result.second_mode = result.missed.mode;

@@ -33,6 +33,63 @@ std::string describe(const Eigen::VectorXd& z) {
   return text + ")";
 }
 
+/// The target with the mass that the map covers counted only e^−k_discount-fold. A particle on the known mode
+/// proves nothing, and at every temperature most of them would be there: so fewer are needed to find what is
+/// not known. With a = log (π̄ / (Z q)), Z the evidence, q the map's density: the whole discount for a ≤ 1,
+/// none for a ≥ 3.
+class DiscountedDensity final : public sampling::LogDensity {
+ public:
+  DiscountedDensity(sampling::CheckedDensity& target, const MapResult& result, double log_evidence)
+      : target_(target), result_(result), log_evidence_(log_evidence) {}
+  [[nodiscard]] Eigen::Index dimension() const override { return target_.dimension(); }
+  [[nodiscard]] int available_derivatives() const override { return 0; }
+  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int,
+                sampling::LogDensityBatch& out) override {
+    target_.evaluate(points, 0, batch_);
+    const Eigen::VectorXd known = known_density(points);
+    for (Eigen::Index i = 0; i < points.rows(); ++i)
+      out.value[i] = batch_.value[i] - discount(batch_.value[i] - log_evidence_ - known[i]);
+  }
+  /// What was taken off at points whose discounted values are `discounted`.
+  [[nodiscard]] Eigen::VectorXd discount_of(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                                            const Eigen::VectorXd& discounted) const {
+    const Eigen::VectorXd known = known_density(points);
+    Eigen::VectorXd out(points.rows());
+    for (Eigen::Index i = 0; i < out.size(); ++i) {
+      const double left = discounted[i] - log_evidence_ - known[i];  // a − discount(a), increasing in a
+      const double above = left <= 1 - k_discount ? left + k_discount
+                           : left >= 3            ? left
+                                                  : (left + 1.5 * k_discount) / (1 + 0.5 * k_discount);
+      out[i] = discount(above);
+    }
+    return out;
+  }
+  /// a = log of how far the normalised target is above the map's density.
+  [[nodiscard]] double discount(double above) const {
+    return above < 3 ? k_discount * std::min((3 - above) / 2, 1.0) : 0;
+  }
+
+ private:
+  /// log q; −∞ beyond 12 Laplace deviations, where no map has mass worth its inverse: most particles begin
+  /// there.
+  [[nodiscard]] Eigen::VectorXd known_density(const Eigen::Ref<const Eigen::MatrixXd>& points) const {
+    constexpr double k_reach = 12;
+    const Eigen::VectorXd distance = result_.pre_map.inverse(points).rowwise().norm();
+    std::vector<Eigen::Index> near;
+    for (Eigen::Index i = 0; i < points.rows(); ++i)
+      if (distance[i] < k_reach) near.push_back(i);
+    Eigen::VectorXd out = Eigen::VectorXd::Constant(points.rows(), -std::numeric_limits<double>::infinity());
+    if (!near.empty()) out(near) = result_.log_density(points(near, Eigen::all));
+    return out;
+  }
+
+  static constexpr double k_discount = 7;
+  sampling::CheckedDensity& target_;
+  const MapResult& result_;
+  double log_evidence_;
+  sampling::LogDensityBatch batch_;
+};
+
 /// Keeps what a look needs at hand.
 class Search {
  public:
@@ -46,8 +103,9 @@ class Search {
   bool particles_elsewhere(int effort, double widest);
 
  private:
-  bool judge(const sampling::TemperedParticles& particles);
+  bool judge(const sampling::TemperedParticles& particles, const DiscountedDensity& discounted);
   [[nodiscard]] sampling::GaussianMixture reference(double wider) const;
+  [[nodiscard]] sampling::GaussianMixture near_the_origin(double spread) const;
   [[nodiscard]] Eigen::MatrixXd starts_among(const sampling::TemperedParticles& particles,
                                              const std::vector<Eigen::Index>& uncovered) const;
   [[nodiscard]] std::vector<Eigen::Index> sample_of(const sampling::TemperedParticles& particles) const;
@@ -80,12 +138,21 @@ bool Search::a_mode_is_missed() {
   return false;
 }
 
+/// For parameters that come standardised: N(0, s² I); and the same around a mode that lies outside, else
+/// particles would have to come all the way to it.
+sampling::GaussianMixture Search::near_the_origin(double spread) const {
+  const Eigen::Index d = target_.dimension();
+  const Eigen::MatrixXd lower = spread * Eigen::MatrixXd::Identity(d, d);
+  std::vector<sampling::GaussianComponent> parts = {{1.0, Eigen::VectorXd::Zero(d), lower}};
+  const Eigen::VectorXd& mode = modes_.front().point;
+  if (mode.cwiseAbs().maxCoeff() > 2 * spread) parts.push_back({1.0, mode, lower});
+  return sampling::GaussianMixture(std::move(parts));
+}
+
 /// Far wider than all that is known of the target, so that what is not known is inside.
 sampling::GaussianMixture Search::reference(double wider) const {
   const Eigen::Index d = target_.dimension();
-  if (options_.reference_spread > 0)
-    return sampling::GaussianMixture(
-        {{1.0, Eigen::VectorXd::Zero(d), options_.reference_spread * Eigen::MatrixXd::Identity(d, d)}});
+  if (options_.reference_spread > 0) return near_the_origin(options_.reference_spread);
   const Mode& main = modes_.front();
   // Half of the spread without correlation: another mode need not lie along the ridge of this one.
   Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(d, d);
@@ -156,7 +223,8 @@ bool Search::particles_elsewhere(int effort, double widest) {
   tempering.particles =
       options_.particles > 0
           ? options_.particles
-          : std::clamp<Eigen::Index>(Eigen::Index{256} << std::min<Eigen::Index>(d, 5), 512, 8192);
+          : std::clamp<Eigen::Index>(
+                (d <= 3 ? Eigen::Index{64} : Eigen::Index{128}) << std::min<Eigen::Index>(d, 5), 256, 4096);
   tempering.particles *= effort;
   tempering.max_moves = options_.max_moves * (effort > 1 ? 2 : 1);
   tempering.max_evaluations = options_.max_evaluations;
@@ -165,23 +233,34 @@ bool Search::particles_elsewhere(int effort, double widest) {
   for (const double wider : {120.0, 12.0, 2.0}) {
     if (wider > widest) continue;
     const sampling::GaussianMixture start = reference(wider);
-    sampling::TemperedParticles particles(target_, start, tempering);
+    DiscountedDensity discounted(target_, result_, out_.map_log_evidence);
+    sampling::CheckedDensity checked(discounted);
+    const sampling::CheckedDensity::Leniency lenient(checked);
+    sampling::TemperedParticles particles(checked, start, tempering);
     try {
       particles.run();
     } catch (const NumericalError&) {
       if (options_.reference_spread > 0) break;
       continue;
     }
-    return judge(particles);
+    return judge(particles, discounted);
   }
   out_.tempered_conclusive = false;
   return false;
 }
 
-bool Search::judge(const sampling::TemperedParticles& particles) {
+bool Search::judge(const sampling::TemperedParticles& particles, const DiscountedDensity& discounted) {
   out_.tempered_done = true;
-  out_.tempered_log_evidence = particles.log_evidence();
-  out_.tempered_log_evidence_error = particles.log_evidence_error();
+  // log π̄ of the particles, and what each of them stands for: e^discount.
+  const Eigen::Index n = particles.points().rows();
+  const Eigen::VectorXd discount = discounted.discount_of(particles.points(), particles.log_target());
+  const Eigen::VectorXd log_target = particles.log_target() + discount;
+  const Eigen::ArrayXd stands_for = discount.array().exp();
+  const double mean = stands_for.mean();
+  out_.tempered_log_evidence = particles.log_evidence() + std::log(mean);
+  out_.tempered_log_evidence_error =
+      std::hypot(particles.log_evidence_error(),
+                 std::sqrt((stands_for - mean).square().mean() / static_cast<double>(n)) / mean);
 
   // Particles where the target's normalised density is far above the map's.
   constexpr double k_far_above = 2;  // e²
@@ -194,10 +273,10 @@ bool Search::judge(const sampling::TemperedParticles& particles) {
   std::vector<Eigen::Index> uncovered;
   double share = 0;
   for (std::size_t i = 0; i < sample.size(); ++i) {
-    const double density = particles.log_target()[sample[i]] - out_.map_log_evidence;
+    const double density = log_target[sample[i]] - out_.map_log_evidence;
     if (!(density > approximation[static_cast<Eigen::Index>(i)] + k_far_above)) continue;
     uncovered.push_back(sample[i]);
-    if (i < even) share += 1 / static_cast<double>(even);
+    if (i < even) share += stands_for[sample[i]] / static_cast<double>(even);
   }
   if (!uncovered.empty()) {
     ascents_.ascend_from(target_, starts_among(particles, uncovered), modes_);
@@ -206,8 +285,9 @@ bool Search::judge(const sampling::TemperedParticles& particles) {
   const double excess = out_.tempered_log_evidence - out_.map_log_evidence;
   const double error = std::hypot(out_.tempered_log_evidence_error, out_.map_log_evidence_error);
   out_.tempered_conclusive = excess > -(3 * error + 0.5);
-  // Shares are of the particles' mass; particles that lost their way have next to none of it.
-  share *= std::exp(std::min(0.0, excess));
+  // Of the mass that is known.
+  share *= std::exp(particles.log_evidence() - out_.map_log_evidence);
+  share /= 1 + share;
   if (share > 0.05 + 3 * std::sqrt(share / static_cast<double>(even))) {
     out_.found = true;
     out_.share = share;

@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -28,6 +29,23 @@ int count_from(const char* variable, int otherwise) {
   return text != nullptr ? std::atoi(text) : otherwise;
 }
 
+/// Evaluations of a solve, by dimension.
+class Effort {
+ public:
+  void add(Eigen::Index d, std::int64_t evaluations) {
+    sum_[d] += static_cast<double>(evaluations);
+    count_[d] += 1;
+  }
+  void print() const {
+    std::printf("evaluations of a solve in 1 … 5 dimensions, on average:");
+    for (int d = 1; d <= 5; ++d) std::printf(" %.0f", sum_[d] / std::max(1.0, count_[d]));
+    std::printf("\n");
+  }
+
+ private:
+  double sum_[8] = {}, count_[8] = {};
+};
+
 TEST(MissedModes, RandomMixturesAreFoundOut) {
   const int count = count_from("KNOTHE_MIXTURES", 36);
   RandomNumbers random(1);
@@ -36,17 +54,23 @@ TEST(MissedModes, RandomMixturesAreFoundOut) {
   options.max_order = 3;  // a mode that is left out is left out at any order
   MapSolver solver(options);
   int not_found = 0, trusted = 0;
+  Effort effort;
   for (int i = 0; i < count; ++i) {
     auto target = sampling::targets::random_mixture(random);
     const MapResult result = solver.solve(target);
     const ImportanceCorrection answer = solver.correct(target, result);
     not_found += !result.second_mode_found;
-    if (answer.trusted) ++trusted;
+    effort.add(target.dimension(), result.density_evaluations);
+    if (answer.trusted) {
+      ++trusted;
+      std::printf("mixture %d, d = %d: trusted\n", i, static_cast<int>(target.dimension()));
+    }
     if (!result.second_mode_found) continue;
     EXPECT_FALSE(result.missed.reason.empty());
     EXPECT_FALSE(answer.trusted);
     EXPECT_TRUE(result.second_mode.allFinite());
   }
+  effort.print();
   std::printf("%d mixtures: second mode not found in %d, trusted %d\n", count, not_found, trusted);
   EXPECT_LE(trusted, count / 100);
 }
@@ -124,17 +148,20 @@ TEST(MissedModes, TargetsOfOneModeAreNotSuspected) {
   options.fallback = false;
   options.max_order = 6;
   MapSolver solver(options);
+  Effort effort;
   int suspected = 0, trusted = 0, inconclusive = 0;
   for (int i = 0; i < count; ++i) {
     const auto target = random_single_mode(i, random);
     const MapResult result = solver.solve(*target);
     trusted += solver.correct(*target, result).trusted;
+    effort.add(target->dimension(), result.density_evaluations);
     suspected += result.second_mode_found;
     inconclusive += !result.missed.tempered_conclusive;
     if (result.second_mode_found)
       std::printf("kind %d, d = %d, diagnostic %.2g: %s\n", i % 6, static_cast<int>(target->dimension()),
                   result.verified_diagnostic, result.missed.reason.c_str());
   }
+  effort.print();
   std::printf("%d targets of one mode: %d suspected, %d trusted, %d inconclusive\n", count, suspected,
               trusted, inconclusive);
   EXPECT_LE(suspected, count / 100);

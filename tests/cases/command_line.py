@@ -44,10 +44,10 @@ class Test(Case):
                 self.expect(2, *command, stderr="is what the command reads; give another name")
                 self.assertEqual((self.folder / "f").read_text(), "precious")
 
-    def test_a_folder_of_a_comparison_names_its_parts(self):
+    def test_a_damaged_comparison_is_refused(self):
         (self.folder / "results").mkdir()
         (self.folder / "results" / "comparison.json").write_text("{}")
-        self.expect(2, "report", "results", "-o", "r.html", stderr=["holds a comparison", "results/transport"])
+        self.expect(4, "report", "results", "-o", "r.html", stderr=["comparison.json", "not what `knothe infer --compare` writes"])
 
     def test_an_unknown_option_is_wrong_usage(self):
         self.expect(2, "assimilate", "x.toml", "--fast", stderr="--fast")

@@ -8,6 +8,7 @@ from umbridge_server import Density, Linear, Linear3
 KEYS = ["method", "parameters", "mean", "covariance", "maximum_a_posteriori", "quantiles", "skewness", "kurtosis", "map_order",
         "variance_diagnostic", "tolerance_reached", "ess", "trusted", "verdict", "log_evidence", "log_evidence_error",
         "model_evaluations", "model_calls", "elapsed_us", "samples_file"]
+MAP_KEYS = KEYS + ["map_file"]
 LINEAR = conjugate(Linear.matrix, [1.2, 0.4, 0.1], diagonal([0.3, 0.5, 0.4]), [0.5, -0.5], [1.0, 2.0])
 
 
@@ -26,15 +27,42 @@ class Test(InferCase):
     def test_linear_by_a_map_from_values_alone(self):
         self.serve("linear")
         line = self.infer()
-        self.assertEqual(list(line), KEYS)
+        self.assertEqual(list(line), MAP_KEYS)
         self.expect_linear(line)
         self.assertEqual(line["map_order"], 1)
         self.assertTrue(line["verdict"].startswith("Trusted: "))
-        self.assertLess(line["model_evaluations"], 40000)  # the particles that look for other modes
+        self.assertLess(line["model_evaluations"], 8000)  # with the particles that look for other modes
         self.assertEqual(line["model_evaluations"], self.server_calls()["/Evaluate"])
         for k in range(2):
             self.assertAlmostEqual(line["skewness"][k], 0, delta=0.02)
             self.assertAlmostEqual(line["kurtosis"][k], 3, delta=0.03)
+
+    def test_linear_far_from_the_prior(self):
+        """A hundred prior deviations off: particles that look for other modes must not have to come all the way."""
+        self.serve("linear")
+        values = [120.0, 4.0, 1.0]
+        self.set_observations(f"values = {values}", "std = [0.3, 0.5, 0.4]")
+        mean, covariance, evidence = conjugate(Linear.matrix, values, diagonal([0.3, 0.5, 0.4]), [0.5, -0.5], [1.0, 2.0])
+        line = self.infer()
+        self.expect_close(line, mean, covariance, evidence)
+        self.assertEqual(line["map_order"], 1)
+        self.assertTrue(line["trusted"], line["verdict"])
+        self.assertLess(line["model_evaluations"], 20000)
+
+    def expect_wrong_derivatives(self, kind, feature):
+        """The banana of `expect_banana`, whose server has forgotten a sign: said, and the answer as right as ever."""
+        line = self.expect_banana("wrongslope+" + kind)
+        self.assertEqual(len(line["warnings"]), 1, line["warnings"])
+        self.assertRegex(line["warnings"][0], rf"{feature} is wrong: at x = .* it says .* along x where differences say .*; "
+                                              "it is not used, differences take its place")
+        outcome = self.expect(0, "infer", self.project_name, "--method", "grid")
+        self.assertIn(f"knothe: warning: ", outcome.err)
+
+    def test_a_wrong_gradient_is_found_and_not_used(self):
+        self.expect_wrong_derivatives("gradient", "Gradient")
+
+    def test_a_wrong_jacobian_is_found_and_not_used(self):
+        self.expect_wrong_derivatives("jacobian", "ApplyJacobian")
 
     def test_linear_by_a_map_with_gradients(self):
         self.serve("linear+gradient")
@@ -194,6 +222,10 @@ class Test(InferCase):
         outcome = self.expect(0, "infer", self.project_name, "--compare", "transport,grid")
         self.assertIn("grid minus transport, in units of the posterior std", outcome.out)
         self.assertIn("std ratio", outcome.out)
+        self.expect(0, "report", "results", "-o", "both.html")
+        page = (self.folder / "both.html").read_text()
+        for text in ("Two methods compared", "grid minus transport", "transport: Trusted", "Marginal of a", "<svg"):
+            self.assertIn(text, page)
         sentences = outcome.out.splitlines()[-2:]
         self.assertTrue(sentences[0].startswith("transport: Trusted") and sentences[1].startswith("grid: Trusted"), outcome.out)
 
@@ -226,7 +258,8 @@ class Test(InferCase):
         self.serve("banana")
         self.set_observations("values = [0.5, 0.0]", "std = [0.4, 0.3]")
         line = self.infer("-o", "R")
-        self.expect_nothing_but(self.folder / "R", ["inference.json", "samples.nc"])
+        self.expect_nothing_but(self.folder / "R", ["inference.json", "map.h5", "samples.nc"])
+        self.assertEqual(line["map_file"], "R/map.h5")
         self.assertEqual(line["samples_file"], "R/samples.nc")
         self.expect(0, "report", "R", "-o", "R.html")
         page = (self.folder / "R.html").read_text()

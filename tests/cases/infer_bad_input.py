@@ -163,14 +163,41 @@ class Test(InferCase):
         self.expect_refused(2, "two different methods", arguments=("--compare", "grid,grid"))
         self.expect_refused(2, "not a method", arguments=("--compare", "grid,magic"))
 
-    def test_interruption(self):
-        self.serve("linear", "slow")
+    def test_a_density_without_a_finite_integral(self):
+        self.serve("improper")
+        self.edit('name = "forward"', 'name = "posterior"\nkind = "density"\nconfig = { shape = "SHAPE" }')
+        self.set_observations()
+        before = "SHAPE"
+        for shape, way in (("flat", " b "), ("rising", "growing a "), ("heavy", "1/distance^2"), ("growing", "")):
+            self.edit(f'"{before}"', f'"{shape}"')
+            before = shape
+            with self.subTest(shape=shape):
+                self.expect_refused(6, "the density has no finite integral", way, "proper prior", within=20)
+
+    def interrupted(self, after):
+        """What a run says that is interrupted after some seconds."""
         process = subprocess.Popen([KNOTHE, "infer", self.project_name], cwd=self.folder, stderr=subprocess.PIPE, text=True)
-        time.sleep(2)
+        time.sleep(after)
         process.send_signal(signal.SIGINT)
         _, err = process.communicate(timeout=10)
         self.assertEqual(process.returncode, 130, err)
         self.assertIn("interrupted", err)
+        return err
+
+    def test_an_interrupted_run_goes_on_where_it_was(self):
+        self.serve("linear", "slow", 600)
+        self.edit('name = "forward"', 'name = "forward"\nconnections = 8\nconfig = { note = "one" }')
+        self.edit('kind = "transport"', 'kind = "transport"\nmode_search = "multi-start"')
+        self.assertIn("evaluations of the model are kept in results/evaluations.h5: the same command goes on", self.interrupted(2))
+        self.edit('"one"', '"two"')
+        self.assertIn("not used: they are of another model or another configuration", self.interrupted(1.5))
+        self.edit('"two"', '"one"')
+        self.interrupted(2)
+        self.assertIn("going on from ", self.interrupted(1.5))
+        line = self.infer()
+        self.assertTrue(line["trusted"], line["verdict"])
+        self.assertLess(line["model_evaluations"], 1250)  # 1,290 without interruption
+        self.expect_nothing_but(self.folder / "results", ["inference.json", "map.h5", "samples.nc"])
 
 
 if __name__ == "__main__":

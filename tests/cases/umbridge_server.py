@@ -119,7 +119,23 @@ class Exponential(Model):
         return [2 * math.log(p[0]) - 2 * p[0] + math.log(p[1]) + 2 * math.log(1 - p[1])]
 
 
-MODELS = {cls.__name__.lower(): cls for cls in (Linear, Linear3, Banana, Identity, TwoModes, Density, Exponential)}
+class Improper(Density):
+    """Log-densities of no finite integral: flat along y; rising along x; tails of 1/r in two dimensions; growing like a square."""
+
+    def value(self, p, config):
+        x, y = p
+        return [{"flat": -0.5 * x * x, "rising": x - 0.5 * y * y, "heavy": -0.5 * math.log(1 + x * x + y * y),
+                 "growing": 0.5 * x * x - 0.5 * y * y}[config["shape"]]]
+
+
+class WrongSlope(Banana):
+    """A sign forgotten in the derivative."""
+
+    def jacobian(self, p, config):
+        return [[1.0, 0.0], [2 * p[0], 1.0]]
+
+
+MODELS = {cls.__name__.lower(): cls for cls in (Linear, Linear3, Banana, Identity, TwoModes, Density, Exponential, Improper, WrongSlope)}
 DERIVATIVES = {"gradient": ["Gradient"], "jacobian": ["ApplyJacobian"], "hessian": ["Gradient", "ApplyJacobian", "ApplyHessian"]}
 
 
