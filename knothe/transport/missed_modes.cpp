@@ -220,11 +220,11 @@ Eigen::MatrixXd Search::starts_among(const sampling::TemperedParticles& particle
 bool Search::particles_elsewhere(int effort, double widest) {
   const Eigen::Index d = target_.dimension();
   sampling::TemperingOptions tempering;
-  tempering.particles =
-      options_.particles > 0
-          ? options_.particles
-          : std::clamp<Eigen::Index>(
-                (d <= 3 ? Eigen::Index{64} : Eigen::Index{128}) << std::min<Eigen::Index>(d, 5), 256, 4096);
+  tempering.particles = options_.particles > 0
+                            ? options_.particles
+                            : std::clamp<Eigen::Index>(Eigen::Index{options_.reference_spread > 0 ? 64 : 128}
+                                                           << std::min<Eigen::Index>(d, 5),
+                                                       256, 4096);
   tempering.particles *= effort;
   tempering.max_moves = options_.max_moves * (effort > 1 ? 2 : 1);
   tempering.max_evaluations = options_.max_evaluations;

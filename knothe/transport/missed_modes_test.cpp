@@ -141,6 +141,54 @@ std::unique_ptr<sampling::LogDensity> random_single_mode(int i, RandomNumbers& r
   }
 }
 
+/// 2 or 3 modes in 1 to 3 dimensions as data may leave them of a prior N(0, I): anywhere in it, a fiftieth to
+/// a quarter as wide, up to twice as wide as each other, at least six widths apart, weights from ½ to 0.02.
+sampling::targets::Mixture mixture_inside_the_prior(RandomNumbers& random) {
+  const Eigen::Index d = 1 + random.index(3);
+  const double unit = 0.004 * std::pow(40, random.uniform());
+  std::vector<sampling::targets::Mixture::Component> components;
+  const std::size_t count = 2 + static_cast<std::size_t>(random.index(2));
+  while (components.size() < count) {
+    const Eigen::VectorXd mean = 1.2 * random.normals(d, 1).col(0);
+    const double size = unit * std::pow(1.4, 2 * random.uniform() - 1);
+    const bool apart = std::all_of(components.begin(), components.end(), [&](const auto& other) {
+      return (mean - other.mean).norm() > 6 * 1.4 * 1.3 * unit;
+    });
+    if (!apart) continue;
+    const double weight = components.empty() ? 0.5 : 0.5 * std::pow(0.04, random.uniform());
+    const Eigen::MatrixXd covariance = sampling::targets::random_covariance(d, size, 1.3, random);
+    components.push_back({weight, mean, covariance.inverse()});
+  }
+  double total = 0;
+  for (const auto& c : components) total += c.weight;
+  for (auto& c : components) c.weight /= total;
+  return sampling::targets::Mixture(std::move(components));
+}
+
+/// What `knothe infer` does: the look begins at three times the prior's width.
+TEST(MissedModes, MixturesInsideThePriorAreFoundOut) {
+  const int count = count_from("KNOTHE_MIXTURES", 36);
+  RandomNumbers random(3);
+  MapSolverOptions options;
+  options.fallback = false;
+  options.max_order = 3;
+  options.tempering_spread = 3;
+  MapSolver solver(options);
+  int trusted = 0;
+  Effort effort;
+  for (int i = 0; i < count; ++i) {
+    auto target = mixture_inside_the_prior(random);
+    const MapResult result = solver.solve(target);
+    effort.add(target.dimension(), result.density_evaluations);
+    if (!solver.correct(target, result).trusted) continue;
+    ++trusted;
+    std::printf("mixture %d, d = %d: trusted\n", i, static_cast<int>(target.dimension()));
+  }
+  effort.print();
+  std::printf("%d mixtures inside the prior: trusted %d\n", count, trusted);
+  EXPECT_LE(trusted, count / 100);
+}
+
 TEST(MissedModes, TargetsOfOneModeAreNotSuspected) {
   const int count = count_from("KNOTHE_MIXTURES", 36);
   RandomNumbers random(2);
