@@ -14,6 +14,8 @@ nlohmann::ordered_json crack_line(const imaging::CrackMeasurement& crack,
   line["tip_in_view"] = crack.tip_in_view;
   line["length"] = crack.length, line["length_std"] = crack.length_std,
   line["length_interval"] = crack.interval;
+  line["others"] = crack.others;
+  if (!crack.message.empty()) line["message"] = crack.message;
   line["tip"] = crack.tip, line["mouth"] = crack.mouth, line["mouth_opening"] = crack.mouth_opening;
   if (frame) {
     const double scale = frame->scale();
@@ -28,13 +30,16 @@ std::string crack_text(const imaging::CrackMeasurement& crack,
                        const std::optional<imaging::PictureFrame>& frame) {
   if (!crack.found) return "no crack: " + crack.message;
   const double scale = frame ? 1e3 * frame->scale() : 1;
+  const std::string others = crack.message.empty() ? "" : "; " + crack.message;
   const char* unit = frame ? "mm" : "px";
   if (!crack.tip_in_view)
     return fmt::format("crack right through, at least {:.4g} {} long, from ({:.0f}, {:.0f}) px",
-                       scale * crack.length, unit, crack.mouth[0], crack.mouth[1]);
+                       scale * crack.length, unit, crack.mouth[0], crack.mouth[1]) +
+           others;
   return fmt::format("crack {:.4g} ± {:.2g} {} long, tip at ({:.0f}, {:.0f}) px, mouth open by {:.3g} {}",
                      scale * crack.length, scale * crack.length_std, unit, crack.tip[0], crack.tip[1],
-                     scale * crack.mouth_opening, unit);
+                     scale * crack.mouth_opening, unit) +
+         others;
 }
 
 }  // namespace knothe::commands

@@ -95,6 +95,7 @@ nlohmann::ordered_json json_of(const imaging::PictureSeries& series, const Pictu
                                  {"searched", c.searched},
                                  {"missing", r.missing}};
   if (r.missing) line["message"] = r.message;
+  if (!r.reference.empty()) line["reference"] = r.reference;
   if (r.crack) line["crack"] = crack_line(*r.crack, frame);
   return line;
 }
@@ -185,6 +186,7 @@ void print_for_people(const PictureResult& r, double noise_std,
   if (frame) text += fmt::format(" ({:.2f} µm)", noise_std * frame->scale() * 1e6);
   if (c.elements_rejected > 0)
     text += fmt::format(", {} elements without a measurement", c.elements_rejected);
+  if (!r.reference.empty()) text += fmt::format(", measured against {} (reference replaced)", r.reference);
   fmt::print("{}, {:.0f} ms\n", text, r.elapsed_ms);
   if (r.crack) fmt::print("    {}\n", crack_text(*r.crack, frame));
 }
@@ -286,7 +288,7 @@ int dic(const DicArguments& arguments) {
       const PictureResult& r = results.back();
       double noise_std = 0;
       if (!r.missing)
-        noise_std = series.precision(r.correlation.element_valid, r.noise, r.correlation.gain).mean_std();
+        noise_std = series.precision(r, r.noise, r.correlation.gain).mean_std();
       else
         fmt::print(stderr, "{}\n", r.message);
       if (arguments.json) {

@@ -233,8 +233,8 @@ SurfaceMesh parse_gmsh(const std::string& text, const std::string& path) {
   while (!words.at_end()) {
     const std::string section(words.word("a section"));
     if (section.size() < 2 || section[0] != '$')
-      words.fail(fmt::format("\"{}\", where a section ($Nodes, $Elements, …) is expected",
-                             section.substr(0, 40)));
+      words.fail(
+          fmt::format("\"{}\", where a section ($Nodes, $Elements, …) is expected", section.substr(0, 40)));
     if (section == "$Nodes" || section == "$Elements")
       (version == 2.2 ? read_gmsh_2 : read_gmsh_4)(words, gmsh, section);
     else

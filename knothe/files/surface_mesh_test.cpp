@@ -77,16 +77,19 @@ $EndElements
 
 std::string vtu(const std::string& head, const std::string& format, const std::array<std::string, 4>& data) {
   const auto array = [&](const char* type, const char* name, const std::string& content) {
-    return std::string("<DataArray type=\"") + type + "\" Name=\"" + name + "\" NumberOfComponents='3' format=\"" +
-           format + "\">\n" + content + "\n</DataArray>\n";
+    return std::string("<DataArray type=\"") + type + "\" Name=\"" + name +
+           "\" NumberOfComponents='3' format=\"" + format + "\">\n" + content + "\n</DataArray>\n";
   };
-  return "<?xml version=\"1.0\"?>\n<!-- <Piece> -->\n<VTKFile type=\"UnstructuredGrid\" version=\"0.1\" " + head +
-         ">\n<UnstructuredGrid><Piece NumberOfPoints=\"5\" NumberOfCells=\"2\">\n<PointData></PointData><Points>" +
+  return "<?xml version=\"1.0\"?>\n<!-- <Piece> -->\n<VTKFile type=\"UnstructuredGrid\" version=\"0.1\" " +
+         head +
+         ">\n<UnstructuredGrid><Piece NumberOfPoints=\"5\" "
+         "NumberOfCells=\"2\">\n<PointData></PointData><Points>" +
          array("Float32", "Points", data[0]) + "</Points><Cells>" + array("Int32", "connectivity", data[1]) +
          array("Int32", "offsets", data[2]) + array("UInt8", "types", data[3]) +
          "</Cells></Piece></UnstructuredGrid></VTKFile>\n";
 }
-const std::array<std::string, 4> k_plain{"0 0 0  30 0 0  34 28 0\n2 30 0 60 1e1 0", "0 1 2 3 1 4 2", "4 7", "9 5"};
+const std::array<std::string, 4> k_plain{"0 0 0  30 0 0  34 28 0\n2 30 0 60 1e1 0", "0 1 2 3 1 4 2", "4 7",
+                                         "9 5"};
 // The same, as VTK codes them (little-endian; made with Python's struct, zlib and base64).
 const std::array<std::string, 4> k_base64{
     "PAAAAAAAAAAAAAAAAAAAAAAA8EEAAAAAAAAAAAAACEIAAOBBAAAAAAAAAEAAAPBBAAAAAAAAcEIAACBBAAAAAA==",
@@ -136,15 +139,23 @@ TEST(SurfaceMesh, MistakesAreNamedWithTheirPlace) {
   const auto gmsh = [](const std::string& base, const std::string& what, const std::string& with) {
     return message_of<DataError>([&] { (void)parse_gmsh(replaced(base, what, with), "a.msh"); });
   };
-  const auto cut = [](const std::string& text, const std::string& from) { return text.substr(0, text.find(from)); };
-  EXPECT_THAT(gmsh(k_gmsh_2, "2.2 0", "4 0"), HasSubstr("a.msh:2:1: error: Gmsh format 4; 4.1 and 2.2 are read"));
-  EXPECT_THAT(gmsh(k_gmsh_4, "4.1 0", "4.1 1"), HasSubstr("a.msh:2:5: error: a binary Gmsh file; save as ASCII"));
-  EXPECT_THAT(gmsh(k_gmsh_2, "30 0 0", "x 0 0"), HasSubstr("a.msh:11:3: error: \"x\" is not a finite number; a node's x"));
+  const auto cut = [](const std::string& text, const std::string& from) {
+    return text.substr(0, text.find(from));
+  };
+  EXPECT_THAT(gmsh(k_gmsh_2, "2.2 0", "4 0"),
+              HasSubstr("a.msh:2:1: error: Gmsh format 4; 4.1 and 2.2 are read"));
+  EXPECT_THAT(gmsh(k_gmsh_4, "4.1 0", "4.1 1"),
+              HasSubstr("a.msh:2:5: error: a binary Gmsh file; save as ASCII"));
+  EXPECT_THAT(gmsh(k_gmsh_2, "30 0 0", "x 0 0"),
+              HasSubstr("a.msh:11:3: error: \"x\" is not a finite number; a node's x"));
   EXPECT_THAT(gmsh(k_gmsh_2, "30 0 0", "nan 0 0"), HasSubstr("is not a finite number"));
   EXPECT_THAT(gmsh(k_gmsh_2, "7 -9", "1 -9"), HasSubstr("node 1 is there twice"));
-  EXPECT_THAT(gmsh(k_gmsh_2, "1 2 5 3", "1 2 8 3"), HasSubstr("a.msh:21:13: error: node 8 of an element is not among"));
-  EXPECT_THAT(gmsh(k_gmsh_2, "3 2 2 1", "3 9 2 1"), HasSubstr("elements of Gmsh's type 9; image correlation takes linear"));
-  EXPECT_THAT(gmsh(k_gmsh_4, "2 1 3 1\n2 1 2 3 4", "3 1 4 1\n2 1 2 3 4"), testing::IsEmpty());  // a volume: left out
+  EXPECT_THAT(gmsh(k_gmsh_2, "1 2 5 3", "1 2 8 3"),
+              HasSubstr("a.msh:21:13: error: node 8 of an element is not among"));
+  EXPECT_THAT(gmsh(k_gmsh_2, "3 2 2 1", "3 9 2 1"),
+              HasSubstr("elements of Gmsh's type 9; image correlation takes linear"));
+  EXPECT_THAT(gmsh(k_gmsh_4, "2 1 3 1\n2 1 2 3 4", "3 1 4 1\n2 1 2 3 4"),
+              testing::IsEmpty());  // a volume: left out
   EXPECT_THAT(message_of<DataError>([&] { (void)parse_gmsh(cut(k_gmsh_4, "34 28"), "a.msh"); }),
               HasSubstr("the file ends where a node's x should be: it is cut off"));
   EXPECT_THAT(message_of<DataError>([&] { (void)parse_gmsh(cut(k_gmsh_2, "$Elements"), "a.msh"); }),
@@ -152,26 +163,33 @@ TEST(SurfaceMesh, MistakesAreNamedWithTheirPlace) {
   EXPECT_THAT(message_of<DataError>([&] { (void)parse_gmsh("solid x", "a.msh"); }),
               HasSubstr("a.msh:1:1: error: \"solid\", where $MeshFormat is expected"));
   const auto vtk = [](const std::string& what, const std::string& with) {
-    return message_of<DataError>(
-        [&] { (void)parse_vtu(replaced(vtu("header_type=\"UInt32\"", "ascii", k_plain), what, with), "a.vtu"); });
+    return message_of<DataError>([&] {
+      (void)parse_vtu(replaced(vtu("header_type=\"UInt32\"", "ascii", k_plain), what, with), "a.vtu");
+    });
   };
-  EXPECT_THAT(vtk("\"UnstructuredGrid\"", "\"PolyData\""), HasSubstr("a.vtu:3:1: error: a VTK file of type \"PolyData\""));
+  EXPECT_THAT(vtk("\"UnstructuredGrid\"", "\"PolyData\""),
+              HasSubstr("a.vtu:3:1: error: a VTK file of type \"PolyData\""));
   EXPECT_THAT(vtk("NumberOfPoints=\"5\"", "NumberOfPoints=\"6\""), HasSubstr("15 coordinates for 6 points"));
   EXPECT_THAT(vtk("1 4 2", "1 5 2"), HasSubstr("cell 1 has the point 5, there are 5"));
   EXPECT_THAT(vtk("4 7", "4 8"), HasSubstr("the offset of cell 1 is 8, there are 7 nodes in all"));
   EXPECT_THAT(vtk("9 5", "23 5"), HasSubstr("cell 0 is of second order"));
-  EXPECT_THAT(vtk("1e1", "ten"), HasSubstr("a.vtu:7:11: error: \"ten\" among the points: a number is expected"));
+  EXPECT_THAT(vtk("1e1", "ten"),
+              HasSubstr("a.vtu:7:11: error: \"ten\" among the points: a number is expected"));
   EXPECT_THAT(vtk("Name=\"types\"", "Name=\"kind\""), HasSubstr("the file's Cells have no types"));
-  EXPECT_THAT(vtk("header_type=\"UInt32\"", "compressor=\"vtkLZMADataCompressor\""), HasSubstr("save it with zlib"));
+  EXPECT_THAT(vtk("header_type=\"UInt32\"", "compressor=\"vtkLZMADataCompressor\""),
+              HasSubstr("save it with zlib"));
   EXPECT_THAT(message_of<DataError>([&] {
-                (void)parse_vtu(replaced(vtu("compressor=\"vtkZLibDataCompressor\"", "binary", k_zlib), "GHxwRb", "GHxwRc"),
+                (void)parse_vtu(replaced(vtu("compressor=\"vtkZLibDataCompressor\"", "binary", k_zlib),
+                                         "GHxwRb", "GHxwRc"),
                                 "a.vtu");
               }),
               HasSubstr("a compressed block cannot be read: the file is damaged"));
   EXPECT_THAT(message_of<DataError>([&] { (void)parse_vtu("<VTKFile type=\"Unstr", "a.vtu"); }),
               HasSubstr("has no quotes"));
-  EXPECT_THAT(message_of<DataError>([&] { (void)read_surface_mesh("a.stl"); }), HasSubstr("Gmsh (.msh) and VTK (.vtu)"));
-  EXPECT_THAT(message_of<DataError>([&] { (void)read_surface_mesh("/nowhere/a.msh"); }), HasSubstr("/nowhere/a.msh"));
+  EXPECT_THAT(message_of<DataError>([&] { (void)read_surface_mesh("a.stl"); }),
+              HasSubstr("Gmsh (.msh) and VTK (.vtu)"));
+  EXPECT_THAT(message_of<DataError>([&] { (void)read_surface_mesh("/nowhere/a.msh"); }),
+              HasSubstr("/nowhere/a.msh"));
 }
 
 }  // namespace

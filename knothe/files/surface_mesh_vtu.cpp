@@ -136,7 +136,8 @@ std::string from_base64(std::string_view text, std::size_t limit) {
     group = (group << 6U) | static_cast<std::uint32_t>(value);
     if (++count < 4) continue;
     for (int k = 0; k < 3 - padding; ++k)
-      bytes += static_cast<char>(static_cast<unsigned char>((group >> (16U - 8U * static_cast<unsigned>(k))) & 255U));
+      bytes += static_cast<char>(
+          static_cast<unsigned char>((group >> (16U - 8U * static_cast<unsigned>(k))) & 255U));
     group = 0, count = 0, padding = 0;
     if (bytes.size() >= limit) break;
   }
@@ -218,8 +219,8 @@ class VtuReader {
 
   void read_header(const Tag& tag) {
     if (tag.get("type") != "UnstructuredGrid")
-      tags_.fail(tag.begin, fmt::format("a VTK file of type \"{}\"; UnstructuredGrid (.vtu) is read",
-                                        tag.get("type")));
+      tags_.fail(tag.begin,
+                 fmt::format("a VTK file of type \"{}\"; UnstructuredGrid (.vtu) is read", tag.get("type")));
     if (tag.get("byte_order", "LittleEndian") != "LittleEndian")
       tags_.fail(tag.begin, "the file is big-endian; save it again as little-endian or ASCII");
     long_header_ = tag.get("header_type", "UInt32") == "UInt64";
@@ -347,8 +348,8 @@ class VtuReader {
     for (std::size_t c = 0; c < offsets.size(); ++c) {
       const std::int64_t begin = c == 0 ? 0 : offsets[c - 1], end = offsets[c];
       if (begin < 0 || end < begin || end > nodes)
-        fail(cells_["offsets"], fmt::format("the offset of cell {} is {}, there are {} nodes in all", c, end,
-                                            nodes));
+        fail(cells_["offsets"],
+             fmt::format("the offset of cell {} is {}, there are {} nodes in all", c, end, nodes));
       if (types[c] == 22 || types[c] == 23 || types[c] == 28 || types[c] == 34)
         fail(cells_["types"], fmt::format("cell {} is of second order (VTK's type {}): image correlation "
                                           "takes linear triangles and quadrilaterals",
@@ -362,14 +363,15 @@ class VtuReader {
       for (std::size_t a = 0; a < corners; ++a) {
         cell[a] = connectivity[static_cast<std::size_t>(begin) + a];
         if (cell[a] < 0 || cell[a] >= static_cast<std::int64_t>(point_count_))
-          fail(cells_["connectivity"], fmt::format("cell {} has the point {}, there are {}", c, cell[a],
-                                                   point_count_));
+          fail(cells_["connectivity"],
+               fmt::format("cell {} has the point {}, there are {}", c, cell[a], point_count_));
         number[static_cast<std::size_t>(cell[a])] = 0;
       }
       mesh.cells.push_back(cell);
     }
     if (mesh.cells.empty())
-      tags_.fail(0, "the file has no triangles or quadrilaterals: save the surface (ParaView: Extract Surface)");
+      tags_.fail(0,
+                 "the file has no triangles or quadrilaterals: save the surface (ParaView: Extract Surface)");
     std::int64_t next = 0;
     for (std::size_t i = 0; i < number.size(); ++i) {
       if (number[i] < 0) continue;

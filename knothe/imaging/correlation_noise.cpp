@@ -135,6 +135,27 @@ double gradient_noise_variance(double sigma) {
   return along * across;
 }
 
+double DisplacementPrecision::mean_std() const {
+  const auto count = (std.array() > 0).count();
+  return count > 0 ? std.sum() / static_cast<double>(count) : 0;
+}
+
+DisplacementPrecision displacement_precision(const ImageCorrelation& correlation,
+                                             const std::vector<char>& element_valid, double gamma,
+                                             double reference_count, double gain) {
+  const auto of = [&](double noise) {
+    const double ratio = gamma / noise;
+    return DisplacementPrecision{
+        correlation.precision(element_valid, noise, reference_count, gain) / (ratio * ratio),
+        correlation.displacement_std(element_valid, noise, reference_count, gain) * ratio};
+  };
+  try {
+    return of(gamma);
+  } catch (const NumericalError&) {
+    return of(1e-6 * gamma);  // of which the correction is nothing
+  }
+}
+
 Eigen::VectorXd displacement_std(const Eigen::SparseMatrix<double>& matrix) {
   // Nodes that no valid element touches have empty rows: they are left out of the inverse.
   std::vector<int> number(static_cast<std::size_t>(matrix.rows()), -1);

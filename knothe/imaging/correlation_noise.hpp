@@ -41,4 +41,18 @@ namespace knothe::imaging {
 /// element.
 [[nodiscard]] Eigen::VectorXd displacement_std(const Eigen::SparseMatrix<double>& precision);
 
+/// How exactly displacements are known.
+struct DisplacementPrecision {
+  Eigen::SparseMatrix<double> matrix;  ///< 1/px², both triangles; empty rows at nodes without a valid element
+  Eigen::VectorXd std;                 ///< px, one per displacement; 0 at those nodes
+  [[nodiscard]] double mean_std() const;  ///< over the nodes that are measured; 0 if none is
+};
+
+/// Of the displacements of a result, for noise γ. Where the noise is so strong against the texture that the
+/// correction for the gradient's own noise has no meaning, without it.
+[[nodiscard]] DisplacementPrecision displacement_precision(const ImageCorrelation& correlation,
+                                                           const std::vector<char>& element_valid,
+                                                           double gamma, double reference_count = 1,
+                                                           double gain = 1);
+
 }  // namespace knothe::imaging

@@ -15,6 +15,7 @@ namespace knothe::imaging {
 namespace {
 
 constexpr int k_rejection_rounds = 8;
+constexpr int k_plain_steps = 4;  // without regularisation, from what was found with it
 constexpr double k_share_of_worst =
     0.8;  // of the residual of the worst neighbour, to be taken out in the same round
 constexpr int k_iterations_per_round = 12;  // elements on a crack may swing for ever: look at them in between
@@ -40,23 +41,17 @@ Eigen::SparseMatrix<double> CorrelationStage::assemble(const std::vector<char>& 
                                                        double mass) const {
   std::vector<Eigen::Triplet<double>> entries;
   entries.reserve(64 * mesh_.elements.size() + mesh_.x.size());
-  std::vector<char> touched(mesh_.x.size(), 0);
   for (std::size_t e = 0; e < mesh_.elements.size(); ++e) {
-    const bool is_valid = valid[e] != 0;
-    if (!is_valid && !(for_solving && penalty_ > 0)) continue;
+    if (valid[e] == 0) continue;
     const auto& nodes = mesh_.elements[e];
     const Constants& c = constants_[e];
-    Eigen::Matrix<double, 8, 8> matrix = Eigen::Matrix<double, 8, 8>::Zero();
-    if (is_valid) matrix = c.matrix;
-    if (is_valid && for_solving && per_element())
+    Eigen::Matrix<double, 8, 8> matrix = c.matrix;
+    if (for_solving && per_element())
       matrix -= c.brightness * c.brightness_matrix.inverse() * c.brightness.transpose();
     for (int a = 0; a < 4; ++a)
       for (int b = 0; b < 4; ++b)
-        for (int i = 0; i < 2; ++i)
-          matrix(2 * a + i, 2 * b + i) +=
-              (for_solving ? penalty_ * c.laplacian(a, b) : 0) + mass * c.mass(a, b);
+        for (int i = 0; i < 2; ++i) matrix(2 * a + i, 2 * b + i) += mass * c.mass(a, b);
     for (int a = 0; a < ImageMesh::nodes_of(nodes); ++a) {
-      touched[static_cast<std::size_t>(nodes[static_cast<std::size_t>(a)])] = 1;
       for (int b = 0; b < ImageMesh::nodes_of(nodes); ++b)
         for (int i = 0; i < 2; ++i)
           for (int j = 0; j < 2; ++j)
@@ -64,10 +59,6 @@ Eigen::SparseMatrix<double> CorrelationStage::assemble(const std::vector<char>& 
                                  2 * nodes[static_cast<std::size_t>(b)] + j, matrix(2 * a + i, 2 * b + j));
     }
   }
-  if (for_solving)
-    for (int n = 0; n < mesh_.node_count(); ++n)
-      if (touched[static_cast<std::size_t>(n)] == 0)
-        entries.emplace_back(2 * n, 2 * n, 1.0), entries.emplace_back(2 * n + 1, 2 * n + 1, 1.0);
   Eigen::SparseMatrix<double> result(2 * mesh_.node_count(), 2 * mesh_.node_count());
   result.setFromTriplets(entries.begin(), entries.end());
   return result;
@@ -77,18 +68,45 @@ Eigen::SparseMatrix<double> CorrelationStage::matrix(const std::vector<char>& va
   return assemble(valid, false, mass);
 }
 
+/// Nodes that nothing holds get a row of their own.
+void CorrelationStage::factorise_or_shift(Eigen::SparseMatrix<double>& matrix, Solver& solver) const {
+  for (int i = 0; i < matrix.rows(); ++i)
+    if (matrix.coeff(i, i) == 0) matrix.coeffRef(i, i) = 1;
+  solver.compute(matrix);
+  if (solver.info() == Eigen::Success) return;
+  const double shift = 1e-9 * matrix.diagonal().maxCoeff();  // a node held by too little texture
+  for (int i = 0; i < matrix.rows(); ++i) matrix.coeffRef(i, i) += shift;
+  solver.compute(matrix);
+  if (solver.info() != Eigen::Success)
+    throw NumericalError(
+        "image correlation: the matrix of the mesh is singular; choose larger elements, or regularisation");
+}
+
+/// Gauss–Newton without R from where it stopped with R: from M u₀ ≈ (M + R) u on, in the true residual.
+void CorrelationStage::take_regularisation_out(const SplineImage& deformed, CorrelationResult& result) {
+  if (!(penalty_ > 0) || !result.converged) return;
+  if (plain_for_ != result.element_valid) {
+    Eigen::SparseMatrix<double> matrix = assemble(result.element_valid, true, 0);
+    factorise_or_shift(matrix, plain_);
+    plain_for_ = result.element_valid;
+  }
+  CorrelationResult free = result;
+  for (int k = 0; k < k_plain_steps; ++k) {
+    sum_residuals(deformed, free);
+    (void)assemble_right(free);
+    step_ = plain_.solve(right_);
+    free.displacement += step_;
+    if (step_.cwiseAbs().maxCoeff() < options_.tolerance) break;
+  }
+  result.unregularised = free.displacement.allFinite() ? std::move(free.displacement) : result.displacement;
+}
+
 void CorrelationStage::factorise(const std::vector<char>& valid) {
   if (factorised_for_ == valid) return;
   Eigen::SparseMatrix<double> matrix = assemble(valid, true, 0);
-  solver_.compute(matrix);
-  if (solver_.info() != Eigen::Success) {  // a node held by too little texture
-    const double shift = 1e-9 * matrix.diagonal().maxCoeff();
-    for (int i = 0; i < matrix.rows(); ++i) matrix.coeffRef(i, i) += shift;
-    solver_.compute(matrix);
-    if (solver_.info() != Eigen::Success)
-      throw NumericalError(
-          "image correlation: the matrix of the mesh is singular; choose larger elements, or regularisation");
-  }
+  penalty_matrix_ = penalty(valid);
+  if (penalty_ > 0) matrix += penalty_matrix_;
+  factorise_or_shift(matrix, solver_);
   factorised_for_ = valid;
   if (options_.brightness != Brightness::global) return;
   coupling_.setZero(2 * mesh_.node_count(), 2);
@@ -130,7 +148,7 @@ void CorrelationStage::sum_residuals(const SplineImage& deformed, const Correlat
                });
 }
 
-double CorrelationStage::step(CorrelationResult& result) {
+Eigen::Vector2d CorrelationStage::assemble_right(const CorrelationResult& result) {
   right_.setZero(2 * mesh_.node_count());
   Eigen::Vector2d brightness = Eigen::Vector2d::Zero();
   const auto element_right = [&](std::size_t e) {
@@ -146,25 +164,21 @@ double CorrelationStage::step(CorrelationResult& result) {
     return b;
   };
   for (std::size_t e = 0; e < mesh_.elements.size(); ++e) {
-    const bool is_valid = result.element_valid[e] != 0;
+    if (result.element_valid[e] == 0) continue;
     const auto& nodes = mesh_.elements[e];
-    Eigen::Matrix<double, 8, 1> b = Eigen::Matrix<double, 8, 1>::Zero();
-    if (is_valid) {
-      b = element_right(e);
-      const Eigen::Vector2d s(sums_[e].r_reference, sums_[e].r);
-      brightness += s;
-      if (per_element()) b -= constants_[e].brightness * (constants_[e].brightness_matrix.inverse() * s);
-    }
-    for (int a = 0; a < ImageMesh::nodes_of(nodes); ++a) {
-      const int node = nodes[static_cast<std::size_t>(a)];
-      right_.segment<2>(2 * node) += b.segment<2>(2 * a);
-      if (penalty_ > 0)
-        for (int c = 0; c < ImageMesh::nodes_of(nodes); ++c)
-          right_.segment<2>(2 * node) -=
-              penalty_ * constants_[e].laplacian(a, c) *
-              result.displacement.segment<2>(2 * nodes[static_cast<std::size_t>(c)]);
-    }
+    Eigen::Matrix<double, 8, 1> b = element_right(e);
+    const Eigen::Vector2d s(sums_[e].r_reference, sums_[e].r);
+    brightness += s;
+    if (per_element()) b -= constants_[e].brightness * (constants_[e].brightness_matrix.inverse() * s);
+    for (int a = 0; a < ImageMesh::nodes_of(nodes); ++a)
+      right_.segment<2>(2 * nodes[static_cast<std::size_t>(a)]) += b.segment<2>(2 * a);
   }
+  return brightness;
+}
+
+double CorrelationStage::step(CorrelationResult& result) {
+  const Eigen::Vector2d brightness = assemble_right(result);
+  if (penalty_ > 0) right_ -= penalty_matrix_ * result.displacement;
   step_ = solver_.solve(right_);
   const auto add = [](double change_f, double change_1, double& gain, double& offset) {
     gain += gain * change_f, offset += change_1 + offset * change_f;
@@ -320,16 +334,6 @@ int CorrelationStage::readmit(const SplineImage& deformed, CorrelationResult& re
     result.element_valid[e] = tried[e] = 1, ++count;
   }
   return count;
-}
-
-double CorrelationStage::contrast() const {
-  double squares = 0, count = 0;
-  for (std::size_t e = 0; e < constants_.size(); ++e) {
-    const Eigen::Matrix2d& m = constants_[e].brightness_matrix;  // Σ (f, 1)(f, 1)ᵀ
-    if (usable_[e] == 0 || !(m(1, 1) > 0)) continue;
-    squares += m(0, 0) - m(0, 1) * m(0, 1) / m(1, 1), count += m(1, 1);
-  }
-  return count > 0 ? std::sqrt(std::max(0.0, squares) / count) : 0;
 }
 
 bool CorrelationStage::correlate(const SplineImage& deformed, CorrelationResult& result,

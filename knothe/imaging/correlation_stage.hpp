@@ -47,6 +47,10 @@ class CorrelationStage {
   /// `give_up_if_far`: false, at once, where the start explains so little of the picture that iterating from
   /// it would be in vain.
   bool correlate(const SplineImage& deformed, CorrelationResult& result, bool give_up_if_far = false);
+  /// R of the regularisation with its weight, both triangles; empty without one.
+  [[nodiscard]] Eigen::SparseMatrix<double> penalty(const std::vector<char>& valid) const;
+  /// Fills result.unregularised if there is a regularisation.
+  void take_regularisation_out(const SplineImage& deformed, CorrelationResult& result);
   /// Root mean square of f about its mean, element by element: what a residual of nothing explained is.
   [[nodiscard]] double contrast() const;
   /// α and β where they are per element, as of the last call.
@@ -58,7 +62,6 @@ class CorrelationStage {
     Eigen::Matrix<double, 8, 8> matrix;      ///< Σ (N ∇f)(N ∇f)ᵀ
     Eigen::Matrix<double, 8, 2> brightness;  ///< Σ (N ∇f) (f, 1)
     Eigen::Matrix2d brightness_matrix;       ///< Σ (f, 1)(f, 1)ᵀ
-    Eigen::Matrix<double, 4, 4> laplacian;   ///< ∫ ∇N·∇N
     Eigen::Matrix<double, 4, 4> mass;        ///< Σ N Nᵀ
   };
   using Solver = Eigen::SimplicialLLT<Eigen::SparseMatrix<double>>;
@@ -66,7 +69,10 @@ class CorrelationStage {
   void make_constants();
   void factorise(const std::vector<char>& valid);
   void sum_residuals(const SplineImage& deformed, const CorrelationResult& result);
+  /// Σ N ∇f r into right_, the brightness's right-hand side into the result.
+  [[nodiscard]] Eigen::Vector2d assemble_right(const CorrelationResult& result);
   double step(CorrelationResult& result);
+  void factorise_or_shift(Eigen::SparseMatrix<double>& matrix, Solver& solver) const;
   void iterate(const SplineImage& deformed, CorrelationResult& result);
   int reject(CorrelationResult& result, bool restless) const;
   void reject_restless(CorrelationResult& result, const std::vector<double>& rms) const;
@@ -85,10 +91,13 @@ class CorrelationStage {
   std::vector<Constants> constants_;
   std::vector<double> gradient_;
   std::vector<char> usable_;
-  double penalty_ = 0;  ///< of the Laplacian, from options.regularisation
+  double penalty_ = 0;  ///< weight of the regularisation, from its wavelength; 0: none
 
   std::vector<char> factorised_for_;
   Solver solver_;
+  Eigen::SparseMatrix<double> penalty_matrix_;  ///< R, of the elements factorised for
+  std::vector<char> plain_for_;
+  Solver plain_;                                ///< M without R
   Eigen::MatrixXd coupling_, solved_coupling_;  ///< 2n × 2: C and M⁻¹ C of a global brightness
   Eigen::Matrix2d brightness_schur_;
   std::vector<ResidualSums> sums_;

@@ -154,6 +154,15 @@ CrackMeasurement measure_crack(const ImageCorrelation& correlation, const Correl
   const double variance = correlation.difference_variance(gamma, reference_count, result.gain);
   CrackMeasurement measured = measured_along(scenes[way], paths[way], options, variance);
   measured.found = measured.log_evidence > k_least_evidence && measured.mouth_opening > 0;
+  if (measured.found) {
+    const OtherOpenings others = other_openings(correlation, scenes[way], paths[way]);
+    measured.others = others.count, measured.other = others.middle;
+    if (others.count > 0)
+      measured.message = fmt::format(
+          "{} more place{} open like a crack, the largest around ({:.0f}, {:.0f}) px: a branch or a second "
+          "crack, which is not measured; path and tip are those of the widest alone",
+          others.count, others.count == 1 ? " is" : "s are", others.middle[0], others.middle[1]);
+  }
   if (!measured.found)
     measured.message = fmt::format("no opening that grows from a side of the mesh (log evidence {:.1f})",
                                    measured.log_evidence);

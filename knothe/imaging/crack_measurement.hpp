@@ -49,7 +49,11 @@ struct CrackMeasurement {
          length_std = 0;  ///< arc length from mouth or origin to tip, px: posterior mean, deviation
   std::array<double, 2> interval{};  ///< of the length, 95 %, px
   double mouth_opening = 0;          ///< px, of the first piece that was measured
-  std::string message;               ///< why none was found; empty otherwise
+  /// Places that are open like a crack but do not belong to the path, three elements long or more: branches,
+  /// or a second crack. They are not measured.
+  int others = 0;
+  std::array<double, 2> other{};  ///< px, the middle of the largest
+  std::string message;            ///< why none was found, or what is to be known of it; empty otherwise
 };
 
 /// The crack in the picture that `correlation` measured last, with that result. `gamma`: noise of one

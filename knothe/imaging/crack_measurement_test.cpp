@@ -82,6 +82,7 @@ Outcome outcome_of(DrawnCrack crack, int count) {
     const CrackMeasurement m = measured(crack, 10 + static_cast<unsigned>(k), 2);
     if (!m.found) continue;
     ++o.found;
+    EXPECT_EQ(m.others, 0) << m.message;
     const double error = crack.tip - m.tip[1];  // positive: measured too long
     o.bias += error, o.rms += error * error, o.std += m.length_std;
     const double truth = m.length - error;  // the path runs nearly straight up
@@ -157,6 +158,33 @@ TEST(CrackMeasurement, ACrackAcrossIsTheSameTurned) {
   ASSERT_TRUE(m.found) << m.message;
   EXPECT_NEAR(m.tip[0], crack.tip, 2.5 * m.length_std);
   EXPECT_NEAR(m.mouth[0], k_region.y1, 1);
+}
+
+TEST(CrackMeasurement, ASecondCrackIsNotMeasuredButSaid) {
+  const SpecklePattern pattern({.width = 320, .height = 256, .seed = 5});
+  ImageCorrelation correlation(pattern.render({}, {.noise = 2, .seed = 1}), structured_mesh(k_region, 20));
+  const auto openings = [](double x, double y, double& u, double& slope) {
+    u = slope = 0;
+    for (const auto& [at, tip, rate] : {std::array{100.0, 100.0, 0.02}, std::array{220.0, 130.0, 0.016}}) {
+      const double sign = x > at ? 0.5 : -0.5;
+      u += sign * rate * std::max(0.0, y - tip), slope += y > tip ? sign * rate : 0;
+    }
+  };
+  const DisplacementField field = [&](double x, double y) {
+    Displacement d{0.3, -0.2, {}};
+    double u = 0, slope = 0;
+    openings(x, y, u, slope);
+    d.u += u, d.gradient[1] += slope;
+    return d;
+  };
+  const auto result = correlation.correlate(pattern.render(field, {.noise = 2, .seed = 3}));
+  ASSERT_TRUE(result.converged) << result.message;
+  const CrackMeasurement m = measure_crack(correlation, result, 2);
+  ASSERT_TRUE(m.found) << m.message;
+  EXPECT_EQ(m.others, 1);
+  EXPECT_NEAR(m.mouth[0], 100, 10);
+  EXPECT_NEAR(m.other[0], 220, 20);
+  EXPECT_THAT(m.message, HasSubstr("a branch or a second crack, which is not measured"));
 }
 
 TEST(CrackMeasurement, LengthsCountFromTheOrigin) {

@@ -9,14 +9,17 @@ namespace knothe::imaging {
 
 namespace {
 
-constexpr double k_stretched = 4;      // robust deviations above the median stretch: what counts
-constexpr double k_least_open = 0.2;   // px: an element taken out counts at least as much
-constexpr double k_sideways = 0.3;     // of a wide-open element, for each half element sideways
-constexpr int k_most_sideways = 2;     // half elements from row to row
-constexpr double k_slope_scale = 0.3;  // px sideways per px along, of the prior on the refined path
-constexpr double k_clip = 2.5;         // residuals count up to so many times the picture's: torn grains
-constexpr double k_steepest = 1.5;     // px sideways per px along: more is impossible
-constexpr double k_reach_of_side = 3;  // elements
+constexpr double k_stretched = 4;       // robust deviations above the median stretch: what counts
+constexpr double k_least_open = 0.2;    // px: an element taken out counts at least as much
+constexpr double k_sideways = 0.3;      // of a wide-open element, for each half element sideways
+constexpr int k_most_sideways = 2;      // half elements from row to row
+constexpr double k_slope_scale = 0.3;   // px sideways per px along, of the prior on the refined path
+constexpr double k_clip = 2.5;          // residuals count up to so many times the picture's: torn grains
+constexpr double k_steepest = 1.5;      // px sideways per px along: more is impossible
+constexpr double k_reach_of_side = 3;   // elements
+constexpr double k_open_beside = 0.4;   // root of the share of the widest opening: another crack
+constexpr double k_beside = 1.6;        // elements from the path: not part of it
+constexpr double k_least_length = 2.9;  // elements
 
 double median(std::vector<double> values) {
   if (values.empty()) return 0;
@@ -127,6 +130,55 @@ double RoughPath::at(double s) const {
              j = std::min(i + 1, t.size() - 1);
   const double share = position - static_cast<double>(i);
   return (1 - share) * t[i] + share * t[j];
+}
+
+OtherOpenings other_openings(const ImageCorrelation& correlation, const CrackScene& scene,
+                             const RoughPath& path) {
+  const ImageMesh& mesh = correlation.mesh();
+  const auto stretch = stretches(correlation, *scene.result, scene.element);
+  const std::size_t count = mesh.elements.size();
+  std::vector<std::array<double, 2>> middle(count);  // t, s
+  std::vector<char> open(count, 0);
+  std::vector<std::vector<std::size_t>> around(mesh.x.size());
+  for (std::size_t e = 0; e < count; ++e) {
+    const int n = ImageMesh::nodes_of(mesh.elements[e]);
+    double x = 0, y = 0;
+    for (std::size_t a = 0; a < static_cast<std::size_t>(n); ++a) {
+      const auto node = static_cast<std::size_t>(mesh.elements[e][a]);
+      x += mesh.x[node] / n, y += mesh.y[node] / n;
+      around[node].push_back(e);
+    }
+    middle[e] = scene.view.swap(x, y);
+    double nearest = 1e300;
+    for (std::size_t i = 0; i < path.t.size(); ++i)
+      nearest = std::min(nearest, std::hypot(middle[e][0] - path.t[i],
+                                             middle[e][1] - path.first - path.step * static_cast<double>(i)));
+    open[e] = stretch[e] > k_open_beside && nearest > k_beside * scene.element ? 1 : 0;
+  }
+  OtherOpenings result;
+  double largest = 0;
+  for (std::size_t first = 0; first < count; ++first) {
+    if (open[first] == 0) continue;
+    std::vector<std::size_t> members{first};
+    open[first] = 0;
+    for (std::size_t k = 0; k < members.size(); ++k)
+      for (int a = 0; a < ImageMesh::nodes_of(mesh.elements[members[k]]); ++a)
+        for (const std::size_t e :
+             around[static_cast<std::size_t>(mesh.elements[members[k]][static_cast<std::size_t>(a)])])
+          if (open[e] != 0) open[e] = 0, members.push_back(e);
+    double low_t = 1e300, high_t = -1e300, low_s = 1e300, high_s = -1e300;
+    for (const std::size_t e : members) {
+      low_t = std::min(low_t, middle[e][0]), high_t = std::max(high_t, middle[e][0]);
+      low_s = std::min(low_s, middle[e][1]), high_s = std::max(high_s, middle[e][1]);
+    }
+    const double length = std::hypot(high_t - low_t, high_s - low_s) + scene.element;
+    if (length < k_least_length * scene.element) continue;
+    ++result.count;
+    if (length <= largest) continue;
+    largest = length;
+    result.middle = scene.view.swap(0.5 * (low_t + high_t), 0.5 * (low_s + high_s));
+  }
+  return result;
 }
 
 RoughPath stretched_path(const ImageCorrelation& correlation, const CrackScene& scene) {

@@ -70,6 +70,17 @@ struct RoughPath {
 /// count as wide open.
 [[nodiscard]] RoughPath stretched_path(const ImageCorrelation& correlation, const CrackScene& scene);
 
+/// What is open like the path, but not part of it.
+struct OtherOpenings {
+  int count = 0;
+  std::array<double, 2> middle{};  ///< px (x, y), of the largest
+};
+/// Elements that touch each other, more than one and a half elements from the path, stretched by a good part
+/// of what the most stretched is, three elements long or more; those that lie in the path's way beyond its
+/// ends do not count.
+[[nodiscard]] OtherOpenings other_openings(const ImageCorrelation& correlation, const CrackScene& scene,
+                                           const RoughPath& path);
+
 /// The same path in bands of `band` px: in each the place where the motions of the two sides (extrapolated,
 /// from `margin` on) change over so that the residual is least, within `search` px; Laplace prior on the
 /// change from band to band. Most probable path, and the marginal standard deviation in each band.

@@ -70,8 +70,9 @@ void write_per_picture(files::Hdf5Writer& file, const std::string& name,
 }
 
 void write_records(files::Hdf5Writer& file, const std::vector<PictureResult>& results) {
-  std::vector<std::string> names, messages;
-  for (const auto& r : results) names.push_back(r.picture), messages.push_back(r.message);
+  std::vector<std::string> names, messages, replaced;
+  for (const auto& r : results)
+    names.push_back(r.picture), messages.push_back(r.message), replaced.push_back(r.reference);
   write_per_picture(file, "converged", results, {"1", "1 where the correlation converged"},
                     [](const auto& r) { return r.correlation.converged ? 1 : 0; });
   write_per_picture(file, "iterations", results, {"1", "Gauss-Newton iterations"},
@@ -87,6 +88,7 @@ void write_records(files::Hdf5Writer& file, const std::vector<PictureResult>& re
   write_per_picture(file, "elements_rejected", results, {"1", "elements without a measurement"},
                     [](const auto& r) { return r.correlation.elements_rejected; });
   file.texts_attribute("/pictures", "names", names);
+  file.texts_attribute("/pictures", "replaced_reference", replaced);
   file.texts_attribute("/pictures", "messages", messages);
 }
 
@@ -171,7 +173,9 @@ Eigen::VectorXd observed_values(const ImageMesh& mesh, const PictureResult& resu
                                 const std::optional<PictureFrame>& frame) {
   const CorrelationResult& c = result.correlation;
   if (result.missing) return Eigen::VectorXd::Constant(2 * mesh.node_count(), k_nan);
-  Eigen::VectorXd values = frame ? frame->to_model(c.displacement) : c.displacement;
+  // The likelihood wants what the pictures say, not what a regularisation adds.
+  const Eigen::VectorXd& u = c.unregularised.size() > 0 ? c.unregularised : c.displacement;
+  Eigen::VectorXd values = frame ? frame->to_model(u) : u;
   const auto measured = measured_nodes(mesh, c.element_valid);
   for (int a = 0; a < mesh.node_count(); ++a)
     if (measured[static_cast<std::size_t>(a)] == 0) values.segment<2>(2 * a).setConstant(k_nan);
@@ -186,8 +190,8 @@ DisplacementObservations observations(const PictureSeries& series, const std::ve
   const Drift drift = series.options().drift;
   const double drift_std = series.options().drift_std * (frame ? frame->scale() : 1);
   o.noise = std::max(k_quantisation_noise, series_noise(series, results));
-  const auto precision_of = [&](const std::vector<char>& valid) {
-    const Sparse in_pixels = series.precision(valid, o.noise).matrix;
+  const auto precision_of = [&](const auto& picture) {
+    const Sparse in_pixels = series.precision(picture, o.noise).matrix;
     return with_drift(frame ? frame->to_model(in_pixels) : in_pixels, drift, o.points, o.component,
                       drift_std);
   };
@@ -199,9 +203,10 @@ DisplacementObservations observations(const PictureSeries& series, const std::ve
     o.values.insert(o.values.end(), values.begin(), values.end());
     o.values.insert(o.values.end(), static_cast<std::size_t>(drift_modes(drift)), k_nan);
     const std::vector<char>& valid = results[t].correlation.element_valid;
-    if (results[t].missing || valid == usable) continue;
-    const bool as_last = !o.precision_steps.empty() && valid == *last_valid;
-    o.precision_steps.emplace_back(t, as_last ? o.precision_steps.back().second : precision_of(valid));
+    const bool accumulated = results[t].accumulated.has_value();
+    if (results[t].missing || (valid == usable && !accumulated)) continue;
+    const bool as_last = !o.precision_steps.empty() && valid == *last_valid && !accumulated;
+    o.precision_steps.emplace_back(t, as_last ? o.precision_steps.back().second : precision_of(results[t]));
     last_valid = &valid;
   }
   add_drift_places(drift, o.points, o.component);
@@ -215,7 +220,7 @@ void write_displacements(const std::string& path, const PictureSeries& series,
   const DisplacementObservations o = observations(series, results, frame);
   const std::string unit = frame ? "m" : "px", inverse = frame ? "1/m2" : "1/px2";
   const std::size_t n_obs = o.component.size(), n_t = results.size(), n = mesh.x.size();
-  std::vector<double> time = series.options().times, nodes, in_pixels;
+  std::vector<double> time = series.options().times, nodes, in_pixels, unregularised;
   time.resize(n_t);
   if (series.options().times.empty())
     for (std::size_t t = 0; t < n_t; ++t) time[t] = static_cast<double>(t);
@@ -225,6 +230,10 @@ void write_displacements(const std::string& path, const PictureSeries& series,
     for (std::size_t i = 0; i < 2 * n; ++i)
       in_pixels.push_back(
           measured[i / 2] != 0 ? results[t].correlation.displacement[static_cast<Eigen::Index>(i)] : k_nan);
+    const Eigen::VectorXd& free = results[t].correlation.unregularised;
+    for (std::size_t i = 0; i < 2 * n; ++i)
+      unregularised.push_back(measured[i / 2] != 0 && free.size() > 0 ? free[static_cast<Eigen::Index>(i)]
+                                                                      : k_nan);
   }
   std::vector<double> points;
   for (std::size_t a = 0; a < n; ++a)
@@ -243,6 +252,8 @@ void write_displacements(const std::string& path, const PictureSeries& series,
     file.integer_attribute("/noise/precision", "shared_reference",
                            static_cast<std::int64_t>(series.reference_count()));
     file.number_attribute("/noise/precision", "noise_grey_levels", o.noise);
+    if (frame && frame->relative_scale_std > 0)
+      file.number_attribute("/noise/precision", "relative_scale_std", frame->relative_scale_std);
     // The last rows are the camera's motions, never measured: see camera_drift.hpp.
     if (series.options().drift != Drift::none)
       file.integer_attribute("/noise/precision", "drift_modes", drift_modes(series.options().drift));
@@ -255,6 +266,9 @@ void write_displacements(const std::string& path, const PictureSeries& series,
     file.write("/picture_frame/nodes", nodes, {n, 2},
                {"px", "nodes in the reference picture, x right, y down"});
     file.write("/picture_frame/displacement", in_pixels, {n_t, n, 2}, {"px", "u right, v down"});
+    if (series.options().correlation.regularisation > 0)
+      file.write("/picture_frame/unregularised", unregularised, {n_t, n, 2},
+                 {"px", "the same without the regularisation, which /values are made of"});
     if (frame) {
       file.number_attribute("/picture_frame", "scale", frame->scale());
       file.number_attribute("/picture_frame", "relative_scale_std", frame->relative_scale_std);
@@ -292,9 +306,9 @@ void write_displacement_vtu(const std::string& path, const PictureSeries& series
   const auto measured = measured_nodes(mesh, c.element_valid);
   const Eigen::VectorXd u = upright.to_model(c.displacement);
   const Eigen::MatrixXd strain = nodal_strains(mesh, c.displacement, c.element_valid);
-  const Eigen::VectorXd std =
-      result.noise > 0 ? series.precision(c.element_valid, result.noise, c.gain).std * upright.scale()
-                       : Eigen::VectorXd(Eigen::VectorXd::Zero(c.displacement.size()));
+  const Eigen::VectorXd std = result.noise > 0
+                                  ? series.precision(result, result.noise, c.gain).std * upright.scale()
+                                  : Eigen::VectorXd(Eigen::VectorXd::Zero(c.displacement.size()));
   std::vector<double> points, displacement, deviation, strains, seen;
   for (int a = 0; a < mesh.node_count(); ++a) {
     const auto i = static_cast<std::size_t>(a);

@@ -62,6 +62,9 @@ std::vector<PictureResult> read_results(const std::string& path, const PictureSe
     same = std::abs(places[2 * a] - mesh.x[a]) < 1e-6 && std::abs(places[2 * a + 1] - mesh.y[a]) < 1e-6;
   if (!same) refuse(path, "mesh is another");
   const auto displacement = file.read("/picture_frame/displacement", files::Shape{n_t, nodes, 2}, true);
+  const bool regularised = file.has("/picture_frame/unregularised");
+  const auto free = regularised ? file.read("/picture_frame/unregularised", files::Shape{n_t, nodes, 2}, true)
+                                : std::vector<double>();
   const auto residual = file.read("/elements/residual", files::Shape{n_t, elements});
   const auto valid = file.read_integers("/elements/valid");
   const auto number = [&](const char* name) {
@@ -80,6 +83,10 @@ std::vector<PictureResult> read_results(const std::string& path, const PictureSe
     for (std::size_t i = 0; i < 2 * nodes; ++i)
       if (const double u = displacement[2 * nodes * t + i]; !std::isnan(u))
         c.displacement[static_cast<Eigen::Index>(i)] = u;
+    if (regularised) c.unregularised = c.displacement;
+    for (std::size_t i = 0; regularised && i < 2 * nodes; ++i)
+      if (const double u = free[2 * nodes * t + i]; !std::isnan(u))
+        c.unregularised[static_cast<Eigen::Index>(i)] = u;
     c.converged = converged[t] != 0, c.iterations = static_cast<int>(iterations[t]), c.residual_rms = rms[t];
     c.gain = gain[t], c.offset = offset[t], c.elements_rejected = static_cast<int>(rejected[t]);
     for (std::size_t e = 0; e < elements; ++e) {

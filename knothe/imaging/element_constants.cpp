@@ -7,6 +7,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/imaging/correlation_stage.hpp"
+#include "knothe/imaging/regularisation.hpp"
 
 namespace knothe::imaging {
 
@@ -63,19 +64,6 @@ Moments moments(const PixelTable& table, const ElementPixels& element, const Ref
   return m;
 }
 
-/// ∫ ∇N_a·∇N_b over an element.
-Eigen::Matrix4d laplacian_of(const ShapeFunctions& shape, int nodes) {
-  Eigen::Matrix4d result = Eigen::Matrix4d::Zero();
-  for (const auto& point : shape.integration_points())
-    for (int a = 0; a < nodes; ++a)
-      for (int b = 0; b < nodes; ++b) {
-        const auto &ga = point.gradients[static_cast<std::size_t>(a)],
-                   &gb = point.gradients[static_cast<std::size_t>(b)];
-        result(a, b) += point.weight * (ga[0] * gb[0] + ga[1] * gb[1]);
-      }
-  return result;
-}
-
 }  // namespace
 
 ReferenceField reference_field(const files::Picture& reference, const files::Picture& mask,
@@ -130,8 +118,6 @@ void CorrelationStage::make_constants() {
           }
       }
     c.brightness_matrix << m.f_squared, m.f, m.f, m.count;
-    c.laplacian = laplacian_of(mesh_.shape_functions(mesh_.elements[e], element.x_origin, element.y_origin),
-                               ImageMesh::nodes_of(mesh_.elements[e]));
     const auto& g = m.sum[0][0];
     squares += g[0] + g[2], pixels += m.count;
     if (m.count < std::max<double>(k_fewest_pixels, k_least_pixel_share * element.pixel_count)) {
@@ -159,8 +145,30 @@ void CorrelationStage::make_constants() {
   }
   if (options_.regularisation > 0) {
     const double cut_off = options_.regularisation / (2 * std::numbers::pi);
-    penalty_ = squares / std::max(1.0, pixels) * 0.5 * cut_off * cut_off;
+    const double power = options_.regularisation_kind == Regularisation::tikhonov ? 2 : 4;
+    penalty_ = squares / std::max(1.0, pixels) * 0.5 * std::pow(cut_off, power);
   }
+}
+
+Eigen::SparseMatrix<double> CorrelationStage::penalty(const std::vector<char>& valid) const {
+  const Eigen::Index dofs = 2 * mesh_.node_count();
+  if (!(penalty_ > 0)) return {dofs, dofs};
+  if (options_.regularisation_kind == Regularisation::tikhonov) return penalty_ * gradient_penalty(mesh_);
+  // Where there is no texture the penalty stands in for it; what was taken out is a crack, as a rule.
+  std::vector<char> carries = valid;
+  for (std::size_t e = 0; e < carries.size(); ++e)
+    if (usable_[e] == 0) carries[e] = 1;
+  return penalty_ * equilibrium_gap_penalty(mesh_, carries, options_.poisson_ratio);
+}
+
+double CorrelationStage::contrast() const {
+  double squares = 0, count = 0;
+  for (std::size_t e = 0; e < constants_.size(); ++e) {
+    const Eigen::Matrix2d& m = constants_[e].brightness_matrix;  // Σ (f, 1)(f, 1)ᵀ
+    if (usable_[e] == 0 || !(m(1, 1) > 0)) continue;
+    squares += m(0, 0) - m(0, 1) * m(0, 1) / m(1, 1), count += m(1, 1);
+  }
+  return count > 0 ? std::sqrt(std::max(0.0, squares) / count) : 0;
 }
 
 }  // namespace knothe::imaging

@@ -104,6 +104,7 @@ void ImageCorrelation::Work::make_coarse_stages() {
   const double fine_element = std::sqrt(bounds.width() * bounds.height() / fine.mesh().element_count());
   CorrelationOptions coarse_options = options;
   coarse_options.reject_elements = false;
+  coarse_options.regularisation_kind = Regularisation::tikhonov;
   coarse_options.brightness = options.brightness == Brightness::none ? Brightness::none : Brightness::global;
   coarse_options.tolerance = 0.02;
   coarse_options.max_iterations = 30;
@@ -202,6 +203,25 @@ Eigen::SparseMatrix<double> ImageCorrelation::precision(const std::vector<char>&
                                                gradient_noise_variance(work_->options.prefilter_sigma)) /
          difference_variance(gamma, reference_count, gain);
 }
+Eigen::VectorXd ImageCorrelation::displacement_std(const std::vector<char>& element_valid, double gamma,
+                                                   double reference_count, double gain) const {
+  const Eigen::SparseMatrix<double> p = precision(element_valid, gamma, reference_count, gain);
+  if (!(work_->options.regularisation > 0)) return imaging::displacement_std(p);
+  // M and A in units of the precision; P = (M − 2D)/v, so that A_t = M − D + R = (M + v P)/2 + R.
+  const double v = difference_variance(gamma, reference_count, gain);
+  const Eigen::SparseMatrix<double> m = matrix(element_valid) / v,
+                                    a = 0.5 * (m + p) + work_->fine.penalty(element_valid) / v;
+  // diag(A⁻¹ M A⁻¹) = −d/dt diag((A + t M)⁻¹): two selected inversions instead of a dense inverse.
+  constexpr double k_step = 1e-3;
+  const Eigen::VectorXd less = imaging::displacement_std(a - k_step * m),
+                        more = imaging::displacement_std(a + k_step * m);
+  Eigen::VectorXd std =
+      ((less.array().square() - more.array().square()) / (2 * k_step)).max(0.0).sqrt().matrix();
+  const auto measured = measured_nodes(mesh(), element_valid);
+  for (int n = 0; n < mesh().node_count(); ++n)
+    if (measured[static_cast<std::size_t>(n)] == 0) std.segment<2>(2 * n).setZero();
+  return std;
+}
 double ImageCorrelation::difference_variance(double gamma, double reference_count, double gain) const {
   if (!work_->noise_factor)
     work_->noise_factor =
@@ -253,14 +273,22 @@ CorrelationResult ImageCorrelation::correlate(const files::Picture& deformed, co
   work_->deformed.assign(deformed, work_->options.prefilter_sigma, work_->options.threads);
   if (start.size() != 0) {
     if (start_valid.size() == mesh().elements.size()) result.element_valid = start_valid;
-    if (work_->fine.correlate(work_->deformed, result, true)) return result;
+    if (work_->fine.correlate(work_->deformed, result, true)) {
+      work_->fine.take_regularisation_out(work_->deformed, result);
+      return result;
+    }
     result = {};
     result.displacement.setZero(dofs);
   }
   work_->search(deformed, result);
   result.searched = true;
   work_->fine.correlate(work_->deformed, result);
+  work_->fine.take_regularisation_out(work_->deformed, result);
   return result;
+}
+
+void ImageCorrelation::set_deformed(const files::Picture& deformed) {
+  work_->deformed.assign(deformed, work_->options.prefilter_sigma, work_->options.threads);
 }
 
 std::vector<float> ImageCorrelation::residual_picture(const CorrelationResult& result) const {

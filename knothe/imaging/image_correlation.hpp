@@ -23,6 +23,12 @@ enum class Brightness {
   per_element  ///< one of each for every element: uneven light; costs accuracy
 };
 
+/// What is asked of the displacement beside fitting the pictures.
+enum class Regularisation {
+  tikhonov,   ///< a small gradient
+  mechanical  ///< forces in equilibrium, as in an elastic sheet: elastic fields are left alone
+};
+
 struct CorrelationOptions {
   int max_iterations = 50;
   double tolerance = 1e-3;  ///< on the largest change of a displacement, px
@@ -30,8 +36,9 @@ struct CorrelationOptions {
   double prefilter_sigma =
       0;                  ///< Gaussian on both pictures, px; 1 for sharp, aliased speckle (docs/imaging.md)
   double saturation = 0;  ///< grey level from which a pixel is masked; 0: the pictures' maximum
-  double regularisation =
-      0;  ///< Tikhonov on the gradient of the displacement: a cut-off wavelength in px, 0: none
+  double regularisation = 0;  ///< its cut-off wavelength in px (of shear waves), 0: none (docs/imaging.md)
+  Regularisation regularisation_kind = Regularisation::tikhonov;
+  double poisson_ratio = 0.2;   ///< of mechanical regularisation
   bool reject_elements = true;  ///< take out elements whose residual says that their kinematics do not hold
   double rejection_factor = 4;  ///< … when it is so many robust standard deviations above that of the others
   int threads = 1;
@@ -40,6 +47,9 @@ struct CorrelationOptions {
 struct CorrelationResult {
   Eigen::VectorXd
       displacement;  ///< 2 per node, px; without a meaning where no valid element is (measured_nodes)
+  /// What the pictures say without the regularisation: the same, or less what that did. These are the data
+  /// of a likelihood with `ImageCorrelation::precision`; empty without regularisation.
+  Eigen::VectorXd unregularised;
   bool converged = false;
   bool searched = false;  ///< the start was looked for from coarse to fine pictures
   int iterations = 0;
@@ -80,6 +90,11 @@ class ImageCorrelation {
   /// noise of the deformed picture: 2γ² is then γ² (1/k + α²). Errors: UsageError for gamma ≤ 0.
   [[nodiscard]] Eigen::SparseMatrix<double> precision(const std::vector<char>& element_valid, double gamma,
                                                       double reference_count = 1, double gain = 1) const;
+  /// Standard deviation (px) of the displacements themselves, which a regularisation makes smaller: √diag of
+  /// v A⁻¹ M A⁻¹, A = M + R, corrected for the gradient's noise; without regularisation that of `precision`.
+  /// 0 where nothing was measured. Throws NumericalError where the texture is too weak for the correction.
+  [[nodiscard]] Eigen::VectorXd displacement_std(const std::vector<char>& element_valid, double gamma,
+                                                 double reference_count = 1, double gain = 1) const;
   /// Variance of f − α g as it counts in the normal equations, γ² (1/k + α²) times what a prefilter leaves of
   /// the noise there; grey levels². Covariances are this times M⁻¹, but for the gradient's own noise.
   [[nodiscard]] double difference_variance(double gamma, double reference_count = 1, double gain = 1) const;
@@ -104,6 +119,8 @@ class ImageCorrelation {
   [[nodiscard]] CorrelationResult correlate(const files::Picture& deformed, const Eigen::VectorXd& start = {},
                                             const std::vector<char>& start_valid = {});
 
+  /// The deformed picture that residual_picture looks at, where the result was found by other means.
+  void set_deformed(const files::Picture& deformed);
   /// f(x) − α g(x + u) − β at the pixels of the mesh for a result of the last picture; NaN elsewhere.
   [[nodiscard]] std::vector<float> residual_picture(const CorrelationResult& result) const;
 

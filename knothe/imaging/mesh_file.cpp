@@ -21,10 +21,10 @@ ImageMesh read_image_mesh(const std::string& path, const std::optional<PictureFr
   const double flat = 1e-6 * reach;
   if (high - low > flat) {
     if (!frame)
-      throw DataError(
-          fmt::format("{}: error: z of the mesh goes from {} to {}: a mesh in pixels is plane; save the surface "
-                      "that the camera sees alone, or give a scale and \"dic.mesh_unit\" = \"m\"",
-                      path, low, high));
+      throw DataError(fmt::format(
+          "{}: error: z of the mesh goes from {} to {}: a mesh in pixels is plane; save the surface "
+          "that the camera sees alone, or give a scale and \"dic.mesh_unit\" = \"m\"",
+          path, low, high));
     std::erase_if(file.cells, [&](const auto& cell) {
       return std::any_of(cell.begin(), cell.end(), [&](std::int64_t node) {
         return node >= 0 &&
@@ -32,10 +32,10 @@ ImageMesh read_image_mesh(const std::string& path, const std::optional<PictureFr
       });
     });
     if (file.cells.empty())
-      throw DataError(
-          fmt::format("{}: error: none of the mesh's elements lies in the plane {} = {} m that the camera sees: "
-                      "set \"dic.plane\"",
-                      path, axis == 2 ? "z" : "y", frame->plane));
+      throw DataError(fmt::format(
+          "{}: error: none of the mesh's elements lies in the plane {} = {} m that the camera sees: "
+          "set \"dic.plane\"",
+          path, axis == 2 ? "z" : "y", frame->plane));
   }
   ImageMesh mesh;
   std::vector<int> number(file.points.size() / 3, -1);

@@ -59,16 +59,16 @@ files::Picture averaged(const std::vector<files::Picture>& pictures, const std::
   return mean;
 }
 
-double DisplacementPrecision::mean_std() const {
-  const auto count = (std.array() > 0).count();
-  return count > 0 ? std.sum() / static_cast<double>(count) : 0;
-}
-
 PictureSeries::PictureSeries(SeriesOptions options) : options_(std::move(options)) {
   if (options_.references.empty()) throw UsageError("image correlation needs a reference picture");
   if (!options_.times.empty() && options_.times.size() != options_.pictures.size())
     throw UsageError(
         fmt::format("{} times for {} pictures", options_.times.size(), options_.pictures.size()));
+  if (options_.reference_update > 0 && options_.crack)
+    throw UsageError(
+        "a crack is measured against the reference picture: it does not go together with another reference "
+        "in "
+        "between (reference_update)");
   if (options_.correlation.threads <= 0) options_.correlation.threads = static_cast<int>(default_threads());
   std::vector<files::Picture> references;
   for (const std::string& path : options_.references) references.push_back(files::read_picture(path));
@@ -148,6 +148,9 @@ void PictureSeries::resume(std::size_t index, const CorrelationResult& last) {
     throw UsageError(fmt::format(
         "the series of {} pictures with {} nodes cannot go on at picture {} from {} displacements",
         options_.pictures.size(), correlation_->mesh().node_count(), index, last.displacement.size()));
+  if (options_.reference_update > 0 && index > 0)
+    throw UsageError(
+        "a series with a reference that may be replaced (reference_update) cannot be resumed: start it anew");
   if (reading_.valid()) reading_.wait();
   next_ = index;
   start_ = last.displacement, start_valid_ = last.element_valid;
@@ -175,6 +178,76 @@ PictureResult PictureSeries::next() {
   return result;
 }
 
+bool PictureSeries::is_foreign(const CorrelationResult& result) const {
+  return result.residual_rms > k_foreign_residual * contrast_;
+}
+
+/// From where the last picture was, against the reference of the time.
+CorrelationResult PictureSeries::track(const files::Picture& picture) {
+  if (moved_) {
+    correlation_->set_deformed(picture);  // for maps of the residual
+    return moved_->correlate(picture, start_);
+  }
+  CorrelationResult best = correlation_->correlate(picture, start_, start_valid_);
+  const double elements = correlation_->mesh().element_count();
+  if (!best.searched && (!best.converged || is_foreign(best) ||
+                         (last_residual_ > 0 && best.residual_rms > k_residual_growth * last_residual_) ||
+                         best.elements_rejected > last_rejected_ + k_rejected_growth * elements)) {
+    CorrelationResult again = correlation_->correlate(picture);
+    if (is_better(again, best)) best = std::move(again);
+  }
+  return best;
+}
+
+/// Where the reference no longer explains the picture, the last good one may.
+void PictureSeries::try_other_reference(const files::Picture& picture, CorrelationResult& best) {
+  const double elements = correlation_->mesh().element_count();
+  const bool poor = !best.converged || is_foreign(best) ||
+                    best.residual_rms > options_.reference_update * first_residual_ ||
+                    best.elements_rejected > first_rejected_ + k_rejected_growth * elements;
+  const CorrelationResult& base = last_good_.correlation;
+  if (!poor || base.displacement.size() == 0 || last_good_.picture == moved_name_) return;
+  try {
+    auto other = std::make_unique<MovedReference>(last_picture_, correlation_->mesh(), base,
+                                                  precision(last_good_, last_good_.noise, base.gain).std,
+                                                  options_.correlation);
+    CorrelationResult result = other->correlate(picture, base.displacement);
+    const bool same = best.converged && !is_foreign(best) && best.residual_rms <= result.residual_rms &&
+                      best.elements_rejected <= result.elements_rejected;
+    if (!result.converged || is_foreign(result) || same) return;
+    moved_ = std::move(other), moved_name_ = last_good_.picture;
+    best = std::move(result);
+    first_residual_ = 0;
+    const auto total = options_.pictures.size(), index = std::max<std::size_t>(next_, 1) - 1;
+    sharing_ = total > index ? static_cast<double>(total - index) : 1;
+  } catch (const UsageError&) {
+    // Nothing that could be followed is left in the last good picture: the reference stays.
+  }
+}
+
+/// γ of a converged picture, and how errors have added up.
+void PictureSeries::note_noise(PictureResult& result) {
+  const CorrelationResult& c = result.correlation;
+  if (known_noise_ > 0) {
+    result.noise = known_noise_;
+  } else {
+    const double seen = moved_ ? moved_->noise() : noise_from_residual(*correlation_, c, reference_count());
+    result.noise = std::max(k_quantisation_noise, seen);
+  }
+  if (moved_) {
+    result.reference = moved_name_;
+    auto noise = moved_->noise_of_last(result.noise);
+    // The likelihood takes half of a step's covariance for its own (the other half for the reference's): m
+    // pictures with own errors I/2 + m B tell as much as one error B allows.
+    double own = 0, base = 0;
+    for (Eigen::Index i = 0; i < noise.std.size(); ++i)
+      if (noise.std[i] > 0)
+        own += std::pow(noise.increment_std[i], 2), base += std::pow(moved_->base_std()[i], 2);
+    const double share = own > 0 ? own / (own + 2 * sharing_ * base) : 1;
+    result.accumulated = AccumulatedNoise{result.noise, share * noise.increment, std::move(noise.std)};
+  }
+}
+
 PictureResult PictureSeries::correlate(const files::Picture& picture, const std::string& name) {
   if (const std::string reason = fault(picture, name); !reason.empty()) throw DataError(reason);
   last_pixels_ = picture.pixels, last_name_ = name;
@@ -182,18 +255,9 @@ PictureResult PictureSeries::correlate(const files::Picture& picture, const std:
   PictureResult result;
   result.picture = name;
   CorrelationResult& best = result.correlation;
-  best = correlation_->correlate(picture, start_, start_valid_);
-  const double elements = correlation_->mesh().element_count();
-  const auto foreign = [&](const CorrelationResult& r) {
-    return r.residual_rms > k_foreign_residual * contrast_;
-  };
-  if (!best.searched && (!best.converged || foreign(best) ||
-                         (last_residual_ > 0 && best.residual_rms > k_residual_growth * last_residual_) ||
-                         best.elements_rejected > last_rejected_ + k_rejected_growth * elements)) {
-    CorrelationResult again = correlation_->correlate(picture);
-    if (is_better(again, best)) best = std::move(again);
-  }
-  if (best.converged && foreign(best)) {
+  best = track(picture);
+  if (options_.reference_update > 0) try_other_reference(picture, best);
+  if (best.converged && is_foreign(best)) {
     best.converged = false;
     best.message = fmt::format(
         "the residual of {:.3g} grey levels is nearly the contrast of the reference, {:.3g}: the picture "
@@ -210,9 +274,11 @@ PictureResult PictureSeries::correlate(const files::Picture& picture, const std:
   }
   start_ = best.displacement, start_valid_ = best.element_valid;
   last_residual_ = best.residual_rms, last_rejected_ = best.elements_rejected;
-  result.noise = known_noise_ > 0 ? known_noise_
-                                  : std::max(k_quantisation_noise,
-                                             noise_from_residual(*correlation_, best, reference_count()));
+  note_noise(result);
+  if (options_.reference_update > 0) {
+    if (!(first_residual_ > 0)) first_residual_ = best.residual_rms, first_rejected_ = best.elements_rejected;
+    last_picture_ = picture, last_good_ = result;
+  }
   if (options_.crack) {
     const auto start = std::chrono::steady_clock::now();
     result.crack = measure_crack(*correlation_, best, result.noise, reference_count(), *options_.crack);
@@ -224,17 +290,13 @@ PictureResult PictureSeries::correlate(const files::Picture& picture, const std:
 
 DisplacementPrecision PictureSeries::precision(const std::vector<char>& element_valid, double gamma,
                                                double gain) const {
-  DisplacementPrecision result;
-  result.matrix = correlation_->precision(element_valid, gamma, reference_count(), gain);
-  try {
-    result.std = displacement_std(result.matrix);
-  } catch (const NumericalError&) {
-    const double small = 1e-6 * gamma;  // of which the correction is nothing
-    result.matrix = correlation_->precision(element_valid, small, reference_count(), gain) *
-                    (small * small / (gamma * gamma));
-    result.std = displacement_std(result.matrix);
-  }
-  return result;
+  return displacement_precision(*correlation_, element_valid, gamma, reference_count(), gain);
+}
+
+DisplacementPrecision PictureSeries::precision(const PictureResult& result, double gamma, double gain) const {
+  if (!result.accumulated) return precision(result.correlation.element_valid, gamma, gain);
+  const double ratio = gamma / result.accumulated->gamma;
+  return {result.accumulated->precision / (ratio * ratio), result.accumulated->std * ratio};
 }
 
 }  // namespace knothe::imaging

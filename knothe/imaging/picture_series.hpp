@@ -7,8 +7,10 @@
 #include <string>
 #include <vector>
 
+#include "knothe/imaging/correlation_noise.hpp"
 #include "knothe/imaging/crack_measurement.hpp"
 #include "knothe/imaging/image_correlation.hpp"
+#include "knothe/imaging/moved_reference.hpp"
 
 namespace knothe::imaging {
 
@@ -34,9 +36,22 @@ struct SeriesOptions {
   CorrelationOptions correlation{.threads = 0};
   Drift drift = Drift::none;
   double drift_std = 10;  ///< px, of such a motion before anything is measured (camera_drift.hpp)
+  /// A picture that does not converge, whose residual is so many times that of the first picture of the
+  /// reference, or in which a tenth more of the elements are out, is measured against the last good picture
+  /// instead, and so are those after it, if that is better; 0: never.
+  double reference_update = 0;
   /// Look for a crack in every picture. On a mesh of its own (the model's) the default gap is half an element
   /// and 2 px: a model's crack is a band of damage, one element wide.
   std::optional<CrackOptions> crack;
+};
+
+/// Noise of displacements that were measured from reference to reference.
+struct AccumulatedNoise {
+  double gamma = 0;  ///< the noise of one picture that it is for, grey levels
+  /// For a likelihood of the series, 1/px²: what was measured since the last reference was taken, made less
+  /// by so much that all pictures which share that reference's error together say no more than that allows.
+  Eigen::SparseMatrix<double> precision;
+  Eigen::VectorXd std;  ///< px, of this picture's displacements; 0 where nothing was measured
 };
 
 /// What came of one picture.
@@ -46,17 +61,12 @@ struct PictureResult {
   bool missing = false;   ///< unusable: `message` says why, names the picture, and what to do
   std::string message;
   CorrelationResult correlation;  ///< all zero, and no element valid, if missing
-  double noise = 0;               ///< γ: given, from repeats, or from this picture's residual; grey levels
-  double elapsed_ms = 0;          ///< reading not counted, nor the crack
+  std::string reference;          ///< picture that took the reference's place; empty: the reference itself
+  std::optional<AccumulatedNoise> accumulated;  ///< then
+  double noise = 0;       ///< γ: given, from repeats, or from this picture's residual; grey levels
+  double elapsed_ms = 0;  ///< reading not counted, nor the crack
   std::optional<CrackMeasurement> crack;  ///< where it was asked for and the picture is not missing
   double crack_ms = 0;
-};
-
-/// How exactly displacements are known.
-struct DisplacementPrecision {
-  Eigen::SparseMatrix<double> matrix;  ///< 1/px², both triangles; empty rows at nodes without a valid element
-  Eigen::VectorXd std;                 ///< px, one per displacement; 0 at those nodes
-  [[nodiscard]] double mean_std() const;  ///< over the nodes that are measured; 0 if none is
 };
 
 /// Smallest γ that is believed: rounding to whole grey levels alone makes 1/√12.
@@ -91,8 +101,15 @@ class PictureSeries {
   /// strong against the texture that the correction for the gradient's own noise has no meaning, without it.
   [[nodiscard]] DisplacementPrecision precision(const std::vector<char>& element_valid, double gamma,
                                                 double gain = 1) const;
+  /// The same of a picture, whatever its reference.
+  [[nodiscard]] DisplacementPrecision precision(const PictureResult& result, double gamma,
+                                                double gain = 1) const;
 
  private:
+  [[nodiscard]] CorrelationResult track(const files::Picture& picture);
+  [[nodiscard]] bool is_foreign(const CorrelationResult& result) const;
+  void try_other_reference(const files::Picture& picture, CorrelationResult& best);
+  void note_noise(PictureResult& result);
   void prefetch(std::size_t index);
   [[nodiscard]] std::string fault(const files::Picture& picture, const std::string& name) const;
 
@@ -107,6 +124,13 @@ class PictureSeries {
   std::string last_name_;
   double last_residual_ = 0;
   int last_rejected_ = 0;
+  std::unique_ptr<MovedReference> moved_;  ///< where the reference has been replaced
+  std::string moved_name_;
+  double sharing_ = 0;  ///< pictures that share its error
+  files::Picture last_picture_;
+  PictureResult last_good_;  ///< in it; its displacement is empty before the first
+  double first_residual_ = 0;
+  int first_rejected_ = 0;
 };
 
 /// The mean of pictures of one surface at rest. Errors: UsageError for different sizes, naming the file.

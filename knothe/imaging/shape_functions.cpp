@@ -8,10 +8,10 @@ namespace knothe::imaging {
 
 namespace {
 
-constexpr double k_upright = 1e-6;   // px: a side is along an axis
-constexpr double k_flat = 1e-9;      // of the longest side squared: no area at a corner
-constexpr int k_newton_steps = 30;   // a handful is enough inside
-constexpr double k_newton_far = 4;   // natural coordinates beyond are of no interest
+constexpr double k_upright = 1e-6;  // px: a side is along an axis
+constexpr double k_flat = 1e-9;     // of the longest side squared: no area at a corner
+constexpr int k_newton_steps = 30;  // a handful is enough inside
+constexpr double k_newton_far = 4;  // natural coordinates beyond are of no interest
 constexpr double k_converged = 1e-11;
 constexpr std::array<double, 4> k_xi{-1, 1, 1, -1}, k_eta{-1, -1, 1, 1};
 

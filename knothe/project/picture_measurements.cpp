@@ -141,6 +141,11 @@ PictureMeasurements::PictureMeasurements(const Project& project, const reduction
                                          bool live) {
   const auto& contents = model.contents();
   frame_ = picture_frame_of(project, contents.mesh);
+  if (live && project.pictures.series.reference_update > 0)
+    throw project.error_at(
+        "dic.reference_update",
+        "\"dic.reference_update\" needs to know how many pictures will share the errors of "
+        "another reference: it is for recorded pictures, not for `serve`");
   if (live) {
     imaging::SeriesOptions options = live_series_options(project);
     options.mesh = mesh_of(project, contents.mesh);
@@ -163,7 +168,7 @@ PictureMeasurements::PictureMeasurements(const Project& project, const reduction
   measurements_.components.assign(component_.begin(), component_.end());
   measurements_.values.setConstant(n, static_cast<Eigen::Index>(measurements_.time.size()),
                                    std::numeric_limits<double>::quiet_NaN());
-  measurements_.noise = noise_of(series_->correlation().usable_elements())
+  measurements_.noise = noise_of(series_->precision(series_->correlation().usable_elements(), gamma_).matrix)
                             .with_shared_reference(static_cast<int>(series_->reference_count()));
   correlate_ahead();
 }
@@ -173,8 +178,8 @@ void PictureMeasurements::correlate_ahead() {
     ahead_ = std::async(std::launch::async, [this] { return series_->next(); });
 }
 
-assimilation::NoiseModel PictureMeasurements::noise_of(const std::vector<char>& element_valid) const {
-  Eigen::SparseMatrix<double> precision = frame_.to_model(series_->precision(element_valid, gamma_).matrix);
+assimilation::NoiseModel PictureMeasurements::noise_of(Eigen::SparseMatrix<double> in_pixels) const {
+  Eigen::SparseMatrix<double> precision = frame_.to_model(in_pixels);
   const auto& options = series_->options();
   precision =
       imaging::with_drift(precision, options.drift, points_, component_, options.drift_std * frame_.scale());
@@ -209,8 +214,10 @@ PictureDatum PictureMeasurements::as_datum(const imaging::PictureResult& picture
   datum.values.head(2 * series_->correlation().mesh().node_count()) =
       imaging::observed_values(series_->correlation().mesh(), datum.picture, frame_);
   const auto& valid = datum.picture.correlation.element_valid;
-  if (!datum.picture.missing && valid != series_->correlation().usable_elements()) {
-    if (!last_noise_ || last_valid_ != valid) last_noise_ = noise_of(valid), last_valid_ = valid;
+  const bool accumulated = datum.picture.accumulated.has_value();
+  if (!datum.picture.missing && (accumulated || valid != series_->correlation().usable_elements())) {
+    if (!last_noise_ || last_valid_ != valid || accumulated)
+      last_noise_ = noise_of(series_->precision(datum.picture, gamma_).matrix), last_valid_ = valid;
     datum.noise = last_noise_;
   }
   datum.precision_us = microseconds_since(precision_start);

@@ -62,7 +62,7 @@ class PictureMeasurements {
  private:
   void read_series(const Project& project, const reduction::ModelContents& contents);
   [[nodiscard]] PictureDatum as_datum(const imaging::PictureResult& picture);
-  [[nodiscard]] assimilation::NoiseModel noise_of(const std::vector<char>& element_valid) const;
+  [[nodiscard]] assimilation::NoiseModel noise_of(Eigen::SparseMatrix<double> in_pixels) const;
   void correlate_ahead();
 
   imaging::PictureFrame frame_;

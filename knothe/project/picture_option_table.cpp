@@ -70,7 +70,21 @@ std::vector<Option> picture_option_table() {
       {"dic.regularisation",
        K::non_negative,
        "0",
-       "Tikhonov regularisation of the displacement gradient: its cut-off wavelength, px; 0 for none.",
+       "Regularisation of the displacement: its cut-off wavelength, px; 0 for none.",
+       {}},
+      {"dic.regularisation_kind",
+       K::choice,
+       "tikhonov",
+       "What is regularised: the gradient, or the forces that are missing for equilibrium in an elastic "
+       "sheet "
+       "(elastic fields pass unchanged).",
+       {"tikhonov", "mechanical"}},
+      {"dic.poisson_ratio", K::number, "0.2", "Poisson's ratio of that sheet, −1 to 0.5.", {}},
+      {"dic.reference_update",
+       K::non_negative,
+       "0",
+       "A picture that does not converge, or whose residual is so many times the first's (2 is usual), is "
+       "measured against the last good picture, which becomes the reference; 0: never.",
        {}},
       {"dic.rejection_factor",
        K::non_negative,

@@ -93,6 +93,23 @@ imaging::SeriesOptions read_series(Values& values, const std::string& folder) {
   c.prefilter_sigma = values.number("dic.prefilter", 0);
   c.saturation = values.number("dic.saturation", 0);
   c.regularisation = values.number("dic.regularisation", 0);
+  c.regularisation_kind = values.text("dic.regularisation_kind", "tikhonov") == "mechanical"
+                              ? imaging::Regularisation::mechanical
+                              : imaging::Regularisation::tikhonov;
+  c.poisson_ratio = values.number("dic.poisson_ratio", c.poisson_ratio);
+  if (!(c.poisson_ratio > -1 && c.poisson_ratio <= 0.5))
+    values.complain("dic.poisson_ratio", "\"dic.poisson_ratio\" is above -1 and at most 0.5");
+  for (const char* key : {"dic.regularisation_kind", "dic.poisson_ratio"})
+    if (values.has(key) && !(c.regularisation > 0))
+      values.complain(key, fmt::format("\"{}\" needs \"dic.regularisation\", a wavelength in px", key));
+  s.reference_update = values.number("dic.reference_update", 0);
+  if (s.reference_update > 0 && s.reference_update < 1)
+    values.complain("dic.reference_update",
+                    "\"dic.reference_update\" is a factor of the residual, above 1 (2 is usual), or 0");
+  if (s.reference_update > 0 && values.text("dic.crack", "off") == "on")
+    values.complain("dic.reference_update",
+                    "\"dic.reference_update\" does not go together with \"dic.crack\": a crack is measured "
+                    "against the reference");
   c.rejection_factor = values.number("dic.rejection_factor", c.rejection_factor);
   c.reject_elements = c.rejection_factor > 0;
   c.tolerance = values.number("dic.tolerance", c.tolerance);

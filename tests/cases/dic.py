@@ -195,6 +195,36 @@ class Test(Case):
         self.edit('shape = "round"', "angle = 2")
         self.edit("scale = 2e-5\n", "")
         self.expect(3, "dic", "dic.toml", stderr='"dic.angle" needs "dic.scale"')
+        self.edit("angle = 2", 'mesh_file = "plate.msh"\nmesh_unit = "m"\nregularisation_kind = "mechanical"\nreference_update = 0.5')
+        self.expect(3, "dic", "dic.toml", stderr=['"dic.mesh_unit" = "m" needs "dic.scale"', '"dic.regularisation_kind" needs "dic.regularisation"',
+                                                  '"dic.reference_update" is a factor of the residual, above 1'])
+
+    def test_a_mesh_comes_from_a_file(self):
+        self.draw("reference", "a")
+        self.write_points()
+        nodes = ["12 12", "80 20", "147 12", "14 60", "76 66", "147 60", "12 107", "84 100", "147 107"]
+        cells = ["3 2 1 1 1 2 5 4", "3 2 1 1 2 3 6 5", "3 2 1 1 4 5 8 7", "2 2 1 1 5 6 9", "2 2 1 1 5 9 8"]
+        text = ("$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n9\n" + "".join(f"{i + 1} {n} 0\n" for i, n in enumerate(nodes))
+                + "$EndNodes\n$Elements\n5\n" + "".join(f"{i + 1} {c}\n" for i, c in enumerate(cells)) + "$EndElements\n")
+        (self.folder / "plate.msh").write_text(text)
+        both = ["reference.pgm", "a.pgm", "--mesh", "plate.msh"]
+        line, = self.expect(0, "dic", *both, "--at", "points.csv", "-o", "u.csv", "--json").lines()
+        self.assertEqual((line["nodes"], line["elements"]), (9, 5))
+        rows = [row for row in self.table("u.csv") if row[4] == 1]
+        self.assertGreater(len(rows), 60)
+        for x, y, u, v, _ in rows:
+            exact = stretch(x, y)
+            self.assertLess(math.hypot(u - exact[0], v - exact[1]), 0.03)
+        (self.folder / "plate.msh").write_text(text.replace("147 60", "147 sixty"))
+        self.expect(4, "dic", *both, stderr='plate.msh:11:7: error: "sixty" is not a finite number')
+        (self.folder / "plate.msh").write_text(text.replace("76 66", "13 13"))
+        self.expect(2, "dic", *both, stderr="neither a triangle with an area nor a convex quadrilateral")
+        small = text
+        for node in nodes:  # as if they were in another unit
+            small = small.replace(f" {node} 0\n", " {:.3f} {:.3f} 0\n".format(*(0.02 * float(x) for x in node.split())))
+        (self.folder / "plate.msh").write_text(small)
+        self.expect(2, "dic", *both, stderr="at least 3 × 3 pixels")
+        self.expect(4, "dic", *both[:3], "plate.stl", stderr="Gmsh (.msh) and VTK (.vtu)")
 
     def test_a_mask_takes_its_pixels_out(self):
         self.draw("reference", "a")
