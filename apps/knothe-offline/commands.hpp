@@ -34,6 +34,19 @@ struct MeshStudyArguments {
 /// Load–displacement curves, dissipated energy and crack length of the project's beam on several meshes.
 int mesh_study(const MeshStudyArguments& arguments);
 
+struct FullOrderArguments {
+  std::string project;
+  int refinements = 0;        ///< each cell into 8, so often
+  int steps = 0;              ///< 0: the project's
+  bool elastic = false;       ///< the elastic solution alone
+  double tolerance = 1e-9;    ///< of the linear elastic solution
+  int most_iterations = 500;  ///< of conjugate gradients
+  std::string output;         ///< field of the last step (.vtu), none if empty
+  bool json = false;
+};
+/// One run of the project's full-order model at its reference parameters, on all ranks of an MPI job.
+int full_order(const FullOrderArguments& arguments);
+
 struct SimulateArguments {
   std::string project;
   std::string output;

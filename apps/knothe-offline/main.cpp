@@ -54,6 +54,28 @@ int main(int argc, char** argv) {
   study_command.add_flag("--json", study.json, "JSON lines on stdout");
   study_command.callback([&] { chosen = [&] { return mesh_study(study); }; });
 
+  FullOrderArguments full;
+  CLI::App& full_command = *app.add_subcommand(
+      "full-order", "One run of the full-order model, its mesh distributed over the ranks of an MPI job.");
+  full_command.footer(
+      "Example:\n  mpirun -np 2 knothe-offline full-order examples/beam/beam.toml --refinements 1 --elastic");
+  full_command.add_option("FILE", full.project, "project file with [offline]")->required();
+  full_command.add_option("--refinements", full.refinements, "divide each cell into 8, so often (0 to 6)")
+      ->capture_default_str();
+  full_command.add_option("--steps", full.steps, "load steps (default: the project's)")
+      ->check(CLI::PositiveNumber);
+  full_command.add_flag("--elastic", full.elastic, "the elastic solution alone");
+  full_command
+      .add_option("--tolerance", full.tolerance, "of the elastic solution: residual / right-hand side")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  full_command.add_option("--iterations", full.most_iterations, "of conjugate gradients, at most")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  full_command.add_option("-o,--output", full.output, "displacement and damage of the last step (.vtu)");
+  full_command.add_flag("--json", full.json, "JSON lines on stdout");
+  full_command.callback([&] { chosen = [&] { return full_order(full); }; });
+
   SimulateArguments simulation;
   CLI::App& simulate_command =
       *app.add_subcommand("simulate", "Synthetic measurements from the full-order model.");

@@ -117,6 +117,32 @@ void add_mesh_study(CLI::App& model, Command& chosen) {
   });
 }
 
+void add_full_order(CLI::App& model, Command& chosen) {
+  static std::string project, refinements, steps, output;
+  static bool elastic = false, json = false;
+  CLI::App& command =
+      add(model, "full-order",
+          "One run of the full-order model (runs knothe-offline, which mpirun can distribute).",
+          "knothe model full-order examples/beam/beam.toml -o beam.vtu");
+  command.add_option("FILE", project, "project file with [offline]")->required();
+  command.add_option("--refinements", refinements, "divide each cell into 8, so often (default: 0)");
+  command.add_option("--steps", steps, "load steps (default: the project's)");
+  command.add_option("-o,--output", output, "displacement and damage of the last step (.vtu)");
+  command.add_flag("--elastic", elastic, "the elastic solution alone");
+  command.add_flag("--json", json, "JSON lines on stdout");
+  command.callback([&] {
+    chosen = [] {
+      std::vector<std::string> words = {"full-order", project};
+      for (const auto& [name, value] :
+           {std::pair{"--refinements", &refinements}, {"--steps", &steps}, {"-o", &output}})
+        if (!value->empty()) words.insert(words.end(), {name, *value});
+      if (elastic) words.emplace_back("--elastic");
+      if (json) words.emplace_back("--json");
+      return run_sibling(words);
+    };
+  });
+}
+
 void add_model(CLI::App& app, Command& chosen) {
   static ModelArguments info;
   static EvaluateArguments evaluate;
@@ -154,6 +180,7 @@ void add_model(CLI::App& app, Command& chosen) {
   import_command.callback([&chosen] { chosen = [] { return model_import(import); }; });
   add_verify(model, chosen);
   add_mesh_study(model, chosen);
+  add_full_order(model, chosen);
 }
 
 void add_simulate(CLI::App& app, Command& chosen) {

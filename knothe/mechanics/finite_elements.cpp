@@ -6,20 +6,15 @@
 #include <deal.II/fe/fe_q.h>
 #include <deal.II/fe/fe_values.h>
 #include <deal.II/grid/grid_tools.h>
-#include <deal.II/grid/tria.h>
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <cassert>
 
 #include "knothe/base/error.hpp"
+#include "knothe/mechanics/triangulation.hpp"
 
 namespace knothe::mechanics {
-namespace {
-
-/// deal.II counts a cell's vertices lexicographically, VTK and Gmsh go round.
-constexpr std::array<int, 8> k_vtk_of_lexicographic = {0, 1, 3, 2, 4, 5, 7, 6};
-
 void make_triangulation(std::span<const double> points, std::span<const std::int64_t> cells,
                         dealii::Triangulation<3>& triangulation) {
   std::vector<dealii::Point<3>> vertices(points.size() / 3);
@@ -36,8 +31,6 @@ void make_triangulation(std::span<const double> points, std::span<const std::int
     throw DataError(fmt::format("deal.II refuses the mesh of {} hexahedra: {}", data.size(), error.what()));
   }
 }
-
-}  // namespace
 
 FiniteElements evaluate_finite_elements(std::span<const double> points, std::span<const std::int64_t> cells) {
   // No threads of deal.II's own: the processes of snapshot_runs are forked later.

@@ -61,7 +61,8 @@ FullOrderModel::FullOrderModel(std::shared_ptr<const Structure> structure, Solve
   options.validate();
   implementation_->structure = std::move(structure);
   implementation_->options = options;
-  implementation_->ratios = band_ratios(*implementation_->structure, options.regularisation);
+  implementation_->ratios = band_ratios(implementation_->structure->mesh(),
+                                        implementation_->structure->elements(), options.regularisation);
   if (options.condensation == Condensation::exact && options.regularisation.kind != Regularisation::gradient)
     implementation_->flexibility = std::make_unique<Flexibility>(*implementation_->structure);
 }
@@ -96,7 +97,7 @@ FullOrderResult follow(Loading loading, const Structure& structure, const Solver
     if (on_step) on_step(step);
   }
   result.cell_damage = loading.cell_damage();
-  result.crack_length = crack_length(structure, result.cell_damage);
+  result.crack_length = crack_length(structure.mesh(), structure.elements(), result.cell_damage);
   result.cpu_seconds = static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC;
   return result;
 }
@@ -109,7 +110,7 @@ FullOrderResult FullOrderModel::run(const DamageParameters& parameters,
   const auto& [structure, options, flexibility, ratios] = *implementation_;
   if (options.regularisation.kind == Regularisation::gradient)
     return follow(GradientStepping(*structure, options, parameters), *structure, options, on_step);
-  check_band(*structure, options.regularisation, ratios, parameters);
+  check_band(structure->mesh(), options.regularisation, ratios, parameters);
   const auto system =
       flexibility ? make_condensed_system(*structure, *flexibility) : make_uncondensed_system(*structure);
   return follow(LoadStepping(*structure, *system, options, parameters, ratios), *structure, options, on_step);

@@ -4,12 +4,12 @@
 
 namespace knothe::mechanics {
 
-/// From the imposed displacement `from` to `target`: the increment is halved where `newton(next)` fails, at most
-/// `most_cuts` times, and doubled again after it succeeds; where no halving is left `fallback(next)` decides.
-/// `commit(next)` takes what either has reached.
+/// From the imposed displacement `from` to `target`: the increment is halved where `newton(next)` fails, at
+/// most `most_cuts` times, and doubled again after it succeeds; where no halving is left `fallback(next)`
+/// decides. `commit(next)` takes what either has reached.
 template <class Newton, class Fallback, class Commit>
-void go_by_increments(double from, double target, int most_cuts, const Newton& newton, const Fallback& fallback,
-                      const Commit& commit) {
+void go_by_increments(double from, double target, int most_cuts, const Newton& newton,
+                      const Fallback& fallback, const Commit& commit) {
   double increment = target - from;
   int cuts = 0;
   while (from < target) {

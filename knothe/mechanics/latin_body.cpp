@@ -13,7 +13,7 @@ using Eigen::VectorXd;
 LatinBody::LatinBody(std::shared_ptr<const Structure> structure, const RegularisationOptions& regularisation)
     : structure_(std::move(structure)),
       flexibility_(*structure_),
-      ratios_(mechanics::band_ratios(*structure_, regularisation)),
+      ratios_(mechanics::band_ratios(structure_->mesh(), structure_->elements(), regularisation)),
       place_(structure_->dof_count(), -1) {
   const auto& mesh = structure_->mesh();
   for (std::int64_t cell = 0; cell < mesh.cell_count(); ++cell)

@@ -74,7 +74,7 @@ LatinPgd::LatinPgd(std::shared_ptr<const Structure> structure, const SolverOptio
       history_(points_, 0) {
   for (const DamageParameters& point : parameters_) {
     thresholds_.push_back(point.threshold);
-    check_band(body_.structure(), loading.regularisation, body_.band_ratios(), point);
+    check_band(body_.structure().mesh(), loading.regularisation, body_.band_ratios(), point);
   }
   solution_.residual = solution_.reaction = MatrixXd::Zero(points_, loading.steps);
   for (int step = 0; step < loading.steps; ++step)

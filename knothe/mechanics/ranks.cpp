@@ -22,8 +22,11 @@ bool initialised() {
 }  // namespace
 
 Ranks Ranks::of_this_job() {
+  return launched() || initialised() ? start() : Ranks{};
+}
+
+Ranks Ranks::start() {
   Ranks result;
-  if (!launched()) return result;
   // MPI's default error handler ends the whole job and says why: nothing to check.
   if (!initialised()) MPI_Init(nullptr, nullptr);
   MPI_Comm_rank(MPI_COMM_WORLD, &result.rank);
@@ -33,6 +36,20 @@ Ranks Ranks::of_this_job() {
 
 void Ranks::wait() const {
   if (size > 1) MPI_Barrier(MPI_COMM_WORLD);
+}
+
+double Ranks::sum(double value) const {
+  sum(&value, 1);
+  return value;
+}
+
+void Ranks::sum(double* values, int count) const {
+  if (size > 1) MPI_Allreduce(MPI_IN_PLACE, values, count, MPI_DOUBLE, MPI_SUM, MPI_COMM_WORLD);
+}
+
+double Ranks::max(double value) const {
+  if (size > 1) MPI_Allreduce(MPI_IN_PLACE, &value, 1, MPI_DOUBLE, MPI_MAX, MPI_COMM_WORLD);
+  return value;
 }
 
 void Ranks::finish() {

@@ -5,7 +5,8 @@
 #include <vector>
 
 #include "knothe/mechanics/damage_law.hpp"
-#include "knothe/mechanics/structure.hpp"
+#include "knothe/mechanics/finite_elements.hpp"
+#include "knothe/mechanics/hexahedron_mesh.hpp"
 
 namespace knothe::mechanics {
 
@@ -27,20 +28,21 @@ struct RegularisationOptions {
 
 /// Width of the band of a crack across the beam's axis that runs through a cell: 2 / Σ_a |∂N_a/∂x| with mean
 /// gradients (Oliver 1989), for a brick its edge along x. m.
-[[nodiscard]] double band_width(const Structure& structure, std::int64_t cell);
+[[nodiscard]] double band_width(const FiniteElements& elements, std::int64_t cell);
 
 /// r of each cell (`band_damage`): reference size / band width with a crack band, else 1.
-[[nodiscard]] std::vector<double> band_ratios(const Structure& structure,
+[[nodiscard]] std::vector<double> band_ratios(const HexahedronMesh& mesh, const FiniteElements& elements,
                                               const RegularisationOptions& options);
 
 /// Throws ProjectError if a cell that can be damaged is too large for the crack band at these parameters
 /// (`smallest_band_ratio`): says the largest size that would do.
-void check_band(const Structure& structure, const RegularisationOptions& options,
+void check_band(const HexahedronMesh& mesh, const RegularisationOptions& options,
                 std::span<const double> ratios, const DamageParameters& parameters);
 
 /// Height of the crack above the notch, m: how far the mean reference damage of the rows of cells (the
 /// largest of each row) exceeds ½, linear between the rows' centres. `damage` is that of the reference law,
 /// per cell. 0 if no row does. For structured meshes of the beam.
-[[nodiscard]] double crack_length(const Structure& structure, std::span<const double> damage);
+[[nodiscard]] double crack_length(const HexahedronMesh& mesh, const FiniteElements& elements,
+                                  std::span<const double> damage);
 
 }  // namespace knothe::mechanics

@@ -1,4 +1,5 @@
 """`knothe offline`, `model verify` and `simulate` without a model: what the sibling program does."""
+import json
 import os
 import pathlib
 import re
@@ -78,18 +79,61 @@ class Test(Case):
         self.assertLessEqual(float(modes[-1][1]), 0.3)
         self.assertTrue(all(float(error) > 0.3 for _, error in modes[:-1]))
 
-    def test_ranks_of_an_mpi_job_give_the_same_model(self):
+    def mpirun(self, *words, **options):
+        """A job of two ranks, not yet waited for."""
         if shutil.which("mpirun") is None:
             self.skipTest("no mpirun")
-        self.build("serial.h5")
-        offline = pathlib.Path(KNOTHE).parent / "knothe-offline"
         environment = {**os.environ, "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
-        mpirun = ["mpirun", "--oversubscribe", "--mca", "mpi_yield_when_idle", "1", "-np", "2", str(offline), "offline"]
-        done = subprocess.run([*mpirun, self.project_name, "-o", "model.h5"], cwd=self.folder, env=environment, capture_output=True,
-                              text=True, timeout=300)
-        self.assertEqual(done.returncode, 0, done.stderr)
-        self.assertEqual(done.stdout.count("9 full-order runs"), 1)
+        command = ["mpirun", "--oversubscribe", "--mca", "mpi_yield_when_idle", "1", "-np", "2", str(pathlib.Path(KNOTHE).parent / "knothe-offline")]
+        return subprocess.Popen([*command, *words], cwd=self.folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                                text=True, **options)
+
+    def finish(self, process):
+        out, message = process.communicate(timeout=300)
+        self.assertEqual(process.returncode, 0, message)
+        return out
+
+    def test_ranks_of_an_mpi_job_give_the_same_model(self):
+        job = self.mpirun("offline", self.project_name, "-o", "model.h5")
+        self.build("serial.h5")
+        self.assertEqual(self.finish(job).count("9 full-order runs"), 1)
         self.assertEqual((self.folder / "model.h5").read_bytes(), (self.folder / "serial.h5").read_bytes())
+
+    def test_a_rank_that_dies_ends_the_job_and_its_runs_are_kept(self):
+        job = self.mpirun("offline", self.project_name, "-o", "model.h5")
+        children = pathlib.Path(f"/proc/{job.pid}/task/{job.pid}/children")
+        give_up = time.monotonic() + 60
+        while not self.parts() and job.poll() is None and time.monotonic() < give_up:
+            time.sleep(0.005)
+        ranks = children.read_text().split() if job.poll() is None else []
+        if not ranks:
+            job.communicate()
+            self.skipTest("the job was faster than the look at it")
+        os.kill(int(ranks[-1]), signal.SIGKILL)
+        _, message = job.communicate(timeout=60)
+        self.assertNotEqual(job.returncode, 0)
+        self.assertIn("killed", message.lower())
+        self.assertFalse((self.folder / "model.h5").exists())
+        kept = len(self.parts())
+        self.assertGreater(kept, 0)
+        self.assertIn(f"9 full-order runs, {kept} of them kept", self.build("model.h5").out)
+
+    def test_one_model_on_two_ranks_is_that_on_one(self):
+        text = self.project.read_text()
+        self.project.write_text(text.replace("element = 0.01", "element = 0.02").replace("displacement = 4e-4", "displacement = 1.6e-4"))
+        words = ("full-order", self.project_name, "--steps", "4", "--json")
+        job = self.mpirun(*words)
+        serial = self.expect(0, "model", *words, "-o", "field.vtu").lines()
+        both = [json.loads(line) for line in self.finish(job).splitlines()]
+        self.assertEqual((serial[0]["ranks"], both[0]["ranks"]), (1, 2))
+        self.assertEqual([line["step"] for line in both[1:-1]], list(range(4)))
+        for one, two in zip(serial[1:-1], both[1:-1]):
+            self.assertAlmostEqual(one["force_N"], two["force_N"], delta=1e-4)
+            self.assertAlmostEqual(one["crack_mouth_opening_m"], two["crack_mouth_opening_m"], delta=1e-11)
+        self.assertGreater(serial[-1]["crack_length_m"], 0.03)
+        self.assertAlmostEqual(serial[-1]["crack_length_m"], both[-1]["crack_length_m"], delta=1e-7)
+        self.assertIn(b'Name="damage"', (self.folder / "field.vtu").read_bytes())
+        self.expect(3, "model", "full-order", self.project_name, "--refinements", "9", stderr="take 0 to 6")
 
     def test_a_method_that_is_not_there_is_refused(self):
         self.expect(2, "offline", self.project_name, "-o", "m.h5", "--method", "latim", stderr="latin")
