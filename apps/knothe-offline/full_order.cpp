@@ -33,7 +33,8 @@ void report(const DistributedElastic& elastic, bool json) {
                                          {"largest_memory_MiB", elastic.largest_memory}}));
   } else {
     fmt::print(
-        "{} dofs, {} cells, {} rank{}\nelastic solution: {} iterations, residual {:.1e}; {:.1f} s to set up, {:.1f} s "
+        "{} dofs, {} cells, {} rank{}\nelastic solution: {} iterations, residual {:.1e}; {:.1f} s to set up, "
+        "{:.1f} s "
         "to solve; {:.0f} MiB ({:.0f} on one rank)\nstiffness {:.4f} kN/mm\n",
         elastic.dofs, elastic.cells, elastic.ranks, elastic.ranks == 1 ? "" : "s", elastic.iterations,
         elastic.residual, elastic.set_up_seconds, elastic.solve_seconds, elastic.memory_of_all,
@@ -54,9 +55,10 @@ void report(int number, const StepRecord& step, bool json) {
                                          {"equilibrium", step.equilibrium},
                                          {"residual", step.residual}}));
   } else {
-    fmt::print("step {:3}: {:.4f} mm, {:8.1f} N, opening {:8.4f} mm, {:2} Newton + {} secant iterations{}\n", number,
-               1e3 * step.imposed_displacement, step.reaction_force, 1e3 * step.crack_mouth_opening,
-               step.newton_iterations, step.secant_iterations, step.equilibrium ? "" : ", not in equilibrium");
+    fmt::print("step {:3}: {:.4f} mm, {:8.1f} N, opening {:8.4f} mm, {:2} Newton + {} secant iterations{}\n",
+               number, 1e3 * step.imposed_displacement, step.reaction_force, 1e3 * step.crack_mouth_opening,
+               step.newton_iterations, step.secant_iterations,
+               step.equilibrium ? "" : ", not in equilibrium");
   }
   std::fflush(stdout);
 }
@@ -95,7 +97,8 @@ int run(const FullOrderArguments& arguments, bool first) {
     else if (first)
       fmt::print("crack {:.1f} mm above the notch; {:.1f} s of CPU on all ranks\n", 1e3 * result.crack_length,
                  result.cpu_seconds);
-    field.assign(result.displacement.end() - static_cast<std::ptrdiff_t>(field.size()), result.displacement.end());
+    field.assign(result.displacement.end() - static_cast<std::ptrdiff_t>(field.size()),
+                 result.displacement.end());
     damage = std::move(result.cell_damage);
   }
   if (first && !arguments.output.empty()) write_field(mesh, field, damage, arguments.output);
