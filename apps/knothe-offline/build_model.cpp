@@ -19,6 +19,7 @@
 #include "knothe/reduction/crack_modes.hpp"
 #include "knothe/reduction/grid_refinement.hpp"
 #include "knothe/reduction/observed_model.hpp"
+#include "knothe/reduction/sparse_grid.hpp"
 #include "knothe/reduction/truncation_error.hpp"
 
 namespace knothe::offline_commands {
@@ -82,7 +83,7 @@ void report_latin(const mechanics::LatinModel& latin, bool json) {
 /// The solution at all points of the grid, by the method that is asked for.
 reduction::Snapshots solve_grid(const BuildArguments& arguments, const project::OfflineOptions& options,
                                 const mechanics::BeamProblem& problem,
-                                const std::vector<reduction::Axis>& axes) {
+                                const std::vector<reduction::Axis>& axes, int sparse_level) {
   const std::string& method = arguments.method.empty() ? options.method : arguments.method;
   if (method == "latin") {
     mechanics::LatinOptions latin;
@@ -96,6 +97,7 @@ reduction::Snapshots solve_grid(const BuildArguments& arguments, const project::
   }
   mechanics::SnapshotGrid grid;
   grid.axes = axes;
+  grid.sparse_level = sparse_level;
   grid.parts_folder = arguments.output + ".parts";
   grid.processes = options.processes;
   const bool first = mechanics::Ranks::of_this_job().rank == 0;
@@ -144,35 +146,52 @@ double interpolation_error(const reduction::Snapshots& snapshots, const std::vec
   return largest;
 }
 
+/// Full-order runs of a grid.
+std::size_t runs_of(const std::vector<reduction::Axis>& axes, int sparse_level) {
+  return reduction::sparse_grid(axes, sparse_level < 0 ? reduction::finest_level(axes) : sparse_level)
+      .points.size();
+}
+
+reduction::Snapshots too_few_runs(const project::OfflineOptions& options, double error, std::size_t points,
+                                  reduction::Snapshots snapshots) {
+  fmt::print(stderr,
+             "knothe: warning: grid_error {:g} m is not met ({:g} m), and a finer grid would have {} points, "
+             "more than [offline.adaptive] runs = {}\n",
+             options.adaptive_grid_error, error, points, options.adaptive_runs);
+  return snapshots;
+}
+
 /// Solves the grid, and finer ones until `grid_error` is met ([offline.adaptive]); old runs are kept.
 reduction::Snapshots solve_adaptive_grid(const BuildArguments& arguments, const project::Project& project,
                                          const mechanics::BeamProblem& problem,
                                          std::vector<reduction::Axis> axes,
                                          const std::vector<reduction::OffGridSolution>& off_grid) {
   const project::OfflineOptions& options = *project.offline;
+  int level = options.sparse_level;
   while (true) {
-    reduction::Snapshots snapshots = solve_grid(arguments, options, problem, axes);
+    reduction::Snapshots snapshots = solve_grid(arguments, options, problem, axes, level);
     if (options.adaptive_grid_error <= 0) return snapshots;
     const std::vector<std::size_t> dofs = judged_dofs(project, snapshots.dofs);
     const double error = interpolation_error(snapshots, dofs, off_grid);
     fmt::print(stderr, "parameter grid of {} points: off the grid at most {:.3f} µm on the observed dofs\n",
                snapshots.grid_size(), 1e6 * error);
     if (error <= options.adaptive_grid_error) return snapshots;
+    if (level >= 0 && level < reduction::finest_level(axes)) {
+      // The runs of the lower level stay.
+      if (runs_of(axes, level + 1) > static_cast<std::size_t>(options.adaptive_runs))
+        return too_few_runs(options, error, runs_of(axes, level + 1), std::move(snapshots));
+      ++level;
+      continue;
+    }
     const auto weak = reduction::weakest_node(snapshots, dofs);
     if (!weak)
       throw ProjectError(
           "[offline.adaptive]: grid_error needs an axis of at least three nodes to begin with");
     axes = reduction::refined(axes, *weak);
-    std::size_t points = 1;
-    for (const reduction::Axis& axis : axes) points *= axis.nodes.size();
-    if (points > static_cast<std::size_t>(options.adaptive_runs)) {
-      fmt::print(
-          stderr,
-          "knothe: warning: grid_error {:g} m is not met ({:g} m), and a finer grid would have {} points, "
-          "more than [offline.adaptive] runs = {}\n",
-          options.adaptive_grid_error, error, points, options.adaptive_runs);
-      return snapshots;
-    }
+    if (level >= 0) level = reduction::finest_level(axes);
+    const std::size_t points = runs_of(axes, -1);
+    if (points > static_cast<std::size_t>(options.adaptive_runs))
+      return too_few_runs(options, error, points, std::move(snapshots));
   }
 }
 

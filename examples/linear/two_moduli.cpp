@@ -1,14 +1,16 @@
-// Elasticity with two moduli: a cantilever in plane strain, its left half stiffer or softer than its right one.
+// Elasticity with two moduli: a cantilever in plane strain, its left half stiffer or softer than its right
+// one.
 //
 // Run:  build/release/examples/example_two_moduli two_moduli.h5
 //       knothe simulate examples/linear/two_moduli.toml -o two_moduli_data.h5; knothe assimilate
 //       examples/linear/two_moduli.toml
 //
-// (E₁ K₁ + E₂ K₂) u = t f with the weight f put on in ten steps: affine in both moduli, so progressive Galerkin needs
-// no snapshots.
-//   1. stiffness of either half, and the load,   2. the separated problem over (x, t, E₁, E₂),   3. the solution,
-//   4. its error against direct solutions on and off the grid, and the model file, which the online phase takes
-//   like any other.
+// (E₁ K₁ + E₂ K₂) u = t f with the weight f put on in ten steps: affine in both moduli, so progressive
+// Galerkin needs no snapshots.
+//   1. stiffness of either half, and the load,   2. the separated problem over (x, t, E₁, E₂),   3. the
+//   solution,
+//   4. its error against direct solutions on and off the grid, and the model file, which the online phase
+//   takes like any other.
 #include <Eigen/SparseCholesky>
 #include <array>
 #include <cmath>
@@ -61,8 +63,8 @@ int main(int argc, char** argv) {
   // 3. Term by term.
   const auto result = solve_progressive_galerkin(problem, {.tolerance = 1e-7, .max_modes = 40});
   for (std::size_t m = 0; m < result.history.size(); m += 4)
-    std::printf("%2zu modes: residual %.1e, work and energy balance to %.0e\n", m + 1, result.history[m].residual,
-                result.history[m].imbalance);
+    std::printf("%2zu modes: residual %.1e, work and energy balance to %.0e\n", m + 1,
+                result.history[m].residual, result.history[m].imbalance);
 
   // 4. Direct solutions: everywhere on the grid, and at one point off it.
   reduction::Dofs dofs;
@@ -92,7 +94,8 @@ int main(int argc, char** argv) {
   contents.relative_error = std::sqrt(square / size);
   const double off_grid = error(23, 37);
   reduction::SeparatedModel(contents).save(file);
-  std::printf("%s: differs from direct solutions by %.1e of the largest displacement on the grid, %.1e off it\n",
-              file.c_str(), contents.max_error_m / largest, off_grid / largest);
+  std::printf(
+      "%s: differs from direct solutions by %.1e of the largest displacement on the grid, %.1e off it\n",
+      file.c_str(), contents.max_error_m / largest, off_grid / largest);
   return contents.max_error_m < 1e-6 * largest && off_grid < 1e-3 * largest ? 0 : 1;
 }

@@ -13,6 +13,7 @@
 #include "knothe/files/hdf5.hpp"
 #include "knothe/mechanics/child_processes.hpp"
 #include "knothe/mechanics/ranks.hpp"
+#include "knothe/reduction/sparse_grid.hpp"
 
 namespace knothe::mechanics {
 namespace {
@@ -61,6 +62,7 @@ std::string key_text(const BeamProblem& problem) {
 }
 
 struct Part {
+  std::size_t point = 0;  ///< of the tensor grid
   std::string key, path;
   std::vector<double> parameters;  ///< dimensionless
   BeamProblem problem;             ///< at these parameters
@@ -127,16 +129,15 @@ bool part_is_there(const Part& part) {
 }
 
 /// Reads a part into its place of the snapshots.
-void read_part(const Part& part, std::size_t index, std::size_t steps, std::size_t dofs, SnapshotRuns& runs) {
+void read_part(const Part& part, std::size_t steps, std::size_t dofs, SnapshotRuns& runs, RunSummary& run) {
   const files::Hdf5Reader file(part.path);
   const auto displacement = file.read("/displacement", {steps, dofs});
   std::copy(displacement.begin(), displacement.end(),
-            runs.snapshots.values.begin() + static_cast<std::ptrdiff_t>(index * steps * dofs));
+            runs.snapshots.values.begin() + static_cast<std::ptrdiff_t>(part.point * steps * dofs));
   const auto records = file.read("/records", {steps, 5});
-  RunSummary& run = runs.runs[index];
   for (std::size_t step = 0; step < steps; ++step) {
     for (std::size_t k = 0; k < 4; ++k)
-      runs.snapshots.outputs[k].values[index * steps + step] = records[5 * step + k];
+      runs.snapshots.outputs[k].values[part.point * steps + step] = records[5 * step + k];
     if (records[5 * step + 4] == 0) run.steps_without_equilibrium.push_back(static_cast<int>(step));
   }
   run.newton_iterations = static_cast<int>(file.number_attribute("/", "newton_iterations"));
@@ -145,10 +146,11 @@ void read_part(const Part& part, std::size_t index, std::size_t steps, std::size
 }
 
 std::vector<Part> list_parts(const BeamProblem& problem, const SnapshotGrid& grid,
-                             const reduction::Snapshots& snapshots) {
-  std::vector<Part> parts(snapshots.grid_size());
+                             const reduction::Snapshots& snapshots, const std::vector<std::size_t>& points) {
+  std::vector<Part> parts(points.size());
   for (std::size_t i = 0; i < parts.size(); ++i) {
-    parts[i].parameters = snapshots.parameters_at(i);
+    parts[i].point = points[i];
+    parts[i].parameters = snapshots.parameters_at(points[i]);
     parts[i].problem = problem_at(problem, grid.axes, parts[i].parameters);
     parts[i].key = key_text(parts[i].problem);
     parts[i].path =
@@ -223,7 +225,9 @@ SnapshotRuns run_snapshots(const BeamProblem& problem, const SnapshotGrid& grid)
   SnapshotRuns runs;
   runs.snapshots = as_snapshots(problem, model.structure(), {});
   runs.snapshots.axes = grid.axes;
-  const std::vector<Part> parts = list_parts(problem, grid, runs.snapshots);
+  const reduction::SparseGrid plan = reduction::sparse_grid(
+      grid.axes, grid.sparse_level < 0 ? reduction::finest_level(grid.axes) : grid.sparse_level);
+  const std::vector<Part> parts = list_parts(problem, grid, runs.snapshots, plan.points);
   std::error_code failed;
   std::filesystem::create_directories(grid.parts_folder, failed);
   if (failed)
@@ -249,9 +253,11 @@ SnapshotRuns run_snapshots(const BeamProblem& problem, const SnapshotGrid& grid)
   if (!missing.empty()) compute_by_body(problem, model, grid, parts, missing);
   ranks.wait();
 
-  runs.snapshots.values.resize(parts.size() * steps * dofs);
-  for (auto& output : runs.snapshots.outputs) output.values.resize(parts.size() * steps);
-  for (std::size_t i = 0; i < parts.size(); ++i) read_part(parts[i], i, steps, dofs, runs);
+  const std::size_t grid_size = runs.snapshots.grid_size();
+  runs.snapshots.values.resize(grid_size * steps * dofs);
+  for (auto& output : runs.snapshots.outputs) output.values.resize(grid_size * steps);
+  for (std::size_t i = 0; i < parts.size(); ++i) read_part(parts[i], steps, dofs, runs, runs.runs[i]);
+  reduction::interpolate_others(plan, runs.snapshots);
   reduction::validate(runs.snapshots, "full-order runs");
   return runs;
 }

@@ -15,6 +15,9 @@ struct SnapshotGrid {
   /// Folder of finished runs, usually `<output>.parts`; made if absent. One HDF5 file per run, its name a
   /// hash of everything the run depends on: another mesh, loading or parameter is another file.
   std::string parts_folder;
+  /// −1: all points. Else those of the sparse grid of this level (reduction/sparse_grid.hpp); the others are
+  /// interpolated from them.
+  int sparse_level = -1;
   int processes = 2;   ///< runs at the same time
   bool quiet = false;  ///< no progress on stderr
 };
@@ -32,7 +35,7 @@ struct RunSummary {
 
 struct SnapshotRuns {
   reduction::Snapshots snapshots;
-  std::vector<RunSummary> runs;  ///< in the grid's order (last axis fastest)
+  std::vector<RunSummary> runs;  ///< of the computed points, in the grid's order (last axis fastest)
 };
 
 /// Runs all points of the grid that are not in the parts folder yet, each in a process of its own, and

@@ -55,6 +55,13 @@ std::vector<Option> offline_option_table() {
       {"offline.processes", K::integer, "2", "Processes that compute full-order runs side by side.", {}},
       {"offline.form", K::choice, "tree", "Form of the separated model.", {"tree", "canonical"}},
       {"offline.modes", K::integer, "30", "Number of modes (tree: r, canonical: m).", {}},
+      {"offline.sparse_level",
+       K::integer,
+       "",
+       "Full-order runs at the points of a sparse grid of this level only (for four parameters and more); "
+       "the "
+       "others of the tensor grid are interpolated. Default: all points.",
+       {}},
       {"offline.adaptive", K::table, "", "Sizes of the reduced model found by its error, not given.", {}},
       {"offline.adaptive.error",
        K::positive,
@@ -72,7 +79,8 @@ std::vector<Option> offline_option_table() {
       {"offline.adaptive.grid_error",
        K::positive,
        "",
-       "Nodes are added to the parameter grid until it meets four full-order runs off the grid to this on "
+       "The level of a sparse grid rises, then nodes are added to the parameter grid, until it meets four "
+       "full-order runs off the grid to this on "
        "the "
        "observed dofs, m.",
        {}},

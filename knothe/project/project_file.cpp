@@ -139,6 +139,10 @@ OfflineOptions read_offline(Values& values, const std::string& folder) {
   o.processes = static_cast<int>(values.integer("offline.processes", o.processes));
   o.form = values.text("offline.form", o.form);
   o.modes = static_cast<int>(values.integer("offline.modes", o.modes));
+  o.sparse_level = static_cast<int>(values.integer("offline.sparse_level", o.sparse_level));
+  if (o.sparse_level >= 0 && o.method == "latin")
+    values.complain("offline.sparse_level",
+                    "\"sparse_level\" leaves out full-order runs: it goes with method = \"snapshots\"");
   o.adaptive_error = values.number("offline.adaptive.error", 0);
   o.adaptive_shift = values.number("offline.adaptive.posterior_shift", 0);
   o.adaptive_grid_error = values.number("offline.adaptive.grid_error", 0);

@@ -103,6 +103,7 @@ struct OfflineOptions {
   int processes = 2;
   std::string form = "tree";
   int modes = 30;
+  int sparse_level = -1;           ///< −1: the whole tensor grid
   double adaptive_error = 0;       ///< m; 0: `modes` as given
   double adaptive_shift = 0;       ///< posterior std; 0: `modes` as given
   double adaptive_grid_error = 0;  ///< m; 0: `nodes` as given

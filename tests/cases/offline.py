@@ -9,7 +9,7 @@ import subprocess
 import time
 import unittest
 
-from support import KNOTHE, Case
+from support import KNOTHE, REPOSITORY, Case
 
 
 class Test(Case):
@@ -69,6 +69,16 @@ class Test(Case):
         self.assertIn("crack band", (self.folder / "study.svg").read_text())
         self.expect(2, "model", "mesh-study", self.project_name, "--laws", "crackband", stderr="crack-band")
 
+    def test_regularised_laws_do_not_depend_on_the_mesh(self):
+        """The study of docs/mechanics.md between the two finest meshes, label nightly: less than 3 % for load curve and crack."""
+        shutil.copy(REPOSITORY / "examples/beam/beam.toml", self.folder)
+        lines = self.expect(0, "model", "mesh-study", "beam.toml", "--elements", "0.0025,0.00125", "--laws", "crack-band,gradient",
+                            "--steps", "50", "--json").lines()
+        gaps = {line["law"]: line for line in lines if "from_m" in line}
+        self.assertEqual(sorted(gaps), ["crack-band", "gradient"])
+        for law, gap in gaps.items():
+            self.assertLess(max(gap["curve"], gap["crack_length"]), 0.03, (law, gap))
+
     def test_modes_and_grid_are_found_by_their_error(self):
         text = (self.folder / self.project_name).read_text()
         self.project.write_text(text.replace("[offline]", "[offline]\nadaptive = { error = 3e-7, grid_error = 5e-7, runs = 40 }", 1))
@@ -78,6 +88,33 @@ class Test(Case):
         self.assertTrue(len(grid) > 1 and grid[-1] <= 0.5 < grid[0], built.err)
         self.assertLessEqual(float(modes[-1][1]), 0.3)
         self.assertTrue(all(float(error) > 0.3 for _, error in modes[:-1]))
+
+    def test_a_sparse_grid_computes_few_points_and_keeps_them(self):
+        text = self.project.read_text()
+        self.project.write_text(text.replace("[offline]", "[offline]\nsparse_level = 1", 1))
+        lines = self.build("model.h5", "--json").lines()
+        runs = [line["run"] for line in lines if "run" in line]
+        self.assertEqual(runs, [[0.8, 1.0], [1.0, 0.8], [1.0, 1.0], [1.0, 1.2], [1.2, 1.0]])
+        self.assertLess(self.expect(0, "model", "verify", self.project_name, "model.h5", "--points", "2", "--json").lines()[-1]["relative_error"], 0.1)
+        self.project.write_text(text.replace("[offline]", "[offline]\nsparse_level = 1\nadaptive = { grid_error = 1e-9, runs = 9 }", 1))
+        risen = self.build("model.h5")
+        self.assertIn("9 full-order runs, 5 of them kept", risen.out)
+        self.assertIn("more than [offline.adaptive] runs = 9", risen.err)
+        self.project.write_text(text.replace('method = "snapshots"', 'method = "latin"\nsparse_level = 1', 1))
+        self.expect(3, "offline", self.project_name, "-o", "model.h5", stderr="goes with method")
+
+    def test_five_parameters_are_assimilated(self):
+        """examples/beam_five on elements of 20 mm: the model says what the truth was, and its correlations are told."""
+        text = (REPOSITORY / "examples/beam_five/beam_five.toml").read_text()
+        text = text.replace("element = 0.01", "element = 0.02").replace("steps = 30", "steps = 12").replace("sparse_level = 4", "sparse_level = 2")
+        (self.folder / "beam_five.toml").write_text(text)
+        self.expect(0, "offline", "beam_five.toml", "-o", "beam_five.h5")
+        self.expect(0, "simulate", "beam_five.toml", "--model", "beam_five.h5", "-o", "data.h5")
+        last = self.expect(0, "assimilate", "beam_five.toml", "--json").lines()[-2]
+        truth = (1.0, 1.0, 1.03, 0.8, 0.5)
+        for i, true in enumerate(truth):
+            self.assertLess(abs(last["mean"][i] - true), 4 * last["covariance"][i][i] ** 0.5, (i, last))
+        self.assertLess(last["covariance"][4][4] ** 0.5, 0.25)  # the load's offset is found: its prior has 0.5
 
     def mpirun(self, *words, **options):
         """A job of two ranks, not yet waited for."""
