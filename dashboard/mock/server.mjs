@@ -90,6 +90,44 @@ export class Recording {
     return { ...this.mesh, sensors: this.sensors.map((s) => ({ ...s, std: noise })) };
   }
 
+  /** A picture a tenth larger than the structure on every side: grey from left to right, white above. */
+  get corners() {
+    const [low, high] = [Math.min, Math.max].map((f) => [0, 1].map((k) => f(...this.mesh.points.map((p) => p[k]))));
+    const margin = [0, 1].map((k) => 0.1 * (high[k] - low[k]));
+    const z = Math.max(...this.mesh.points.map((p) => p[2]));
+    const [left, right] = [low[0] - margin[0], high[0] + margin[0]];
+    const [bottom, top] = [low[1] - margin[1], high[1] + margin[1]];
+    return [
+      [left, top, z],
+      [right, top, z],
+      [left, bottom, z],
+    ];
+  }
+
+  /** As BMP, which needs no compression; its rows go upwards. */
+  picture() {
+    const [width, height] = [240, 80];
+    const bytes = Buffer.alloc(54 + 3 * width * height);
+    bytes.write("BM");
+    for (const [at, value] of [
+      [2, bytes.length],
+      [10, 54],
+      [14, 40],
+      [18, width],
+      [22, height],
+      [26, 1 + (24 << 16)],
+    ])
+      bytes.writeUInt32LE(value, at);
+    for (let y = 0; y < height; y += 1)
+      for (let x = 0; x < width; x += 1)
+        bytes.fill(
+          y > 0.9 * height ? 255 : Math.round((200 * x) / width),
+          54 + 3 * (y * width + x),
+          57 + 3 * (y * width + x),
+        );
+    return bytes;
+  }
+
   fieldAt(step, name, parameter) {
     const index = this.lines.findIndex((line) => line.step === step);
     if (index < 0) return undefined;
@@ -146,7 +184,7 @@ export class MockService {
   /** `rate` steps per second; 0: `advance` is called by hand. */
   constructor(
     recording,
-    { rate = 10, start = 0, token, page = join(here, "../dist/index.html"), period = 2, answer } = {},
+    { rate = 10, start = 0, token, page = join(here, "../dist/index.html"), period = 2, answer, picture = false } = {},
   ) {
     if (answer) this.answer = answer;
     Object.assign(this, {
@@ -155,6 +193,7 @@ export class MockService {
       token,
       page,
       period,
+      picture,
       count: start,
       readers: new Set(),
       requests: [],
@@ -265,7 +304,15 @@ export class MockService {
       case "/v1/sites":
         return json({ sites });
       case "/v1/description":
-        return json({ ...this.recording.description(), period_s: this.status().period_s });
+        return json({
+          ...this.recording.description(),
+          period_s: this.status().period_s,
+          ...(this.picture ? { picture: { corners: this.recording.corners } } : {}),
+        });
+      case "/v1/picture":
+        return this.picture && known
+          ? send(200, this.recording.picture(), "image/bmp")
+          : fail(404, "NoPicture", `step ${step} was not measured in a watched picture`);
       case "/v1/mesh":
         return json(this.recording.meshAnswer());
       case "/v1/status":

@@ -120,6 +120,13 @@ export class Api {
     return asSamples(await this.json("v1/samples", { step }));
   }
 
+  /** The picture that a step was measured in. */
+  async picture(step: number): Promise<ImageBitmap> {
+    const answer = await fetch(this.url("v1/picture", { step }), { headers: this.headers(), cache: "no-store" });
+    if (!answer.ok) throw new HttpError(answer.status, `v1/picture: HTTP ${answer.status}`);
+    return createImageBitmap(await answer.blob());
+  }
+
   /** One connection, until it ends; the id of the last event is kept in `cursor`. Without one, lines of steps from `cursor.from` are asked for. */
   async events(cursor: Cursor, listener: EventListener, signal: AbortSignal): Promise<void> {
     const headers = this.headers({ Accept: "text/event-stream" });

@@ -170,6 +170,7 @@ export function App({ store }: { store: Store }) {
             theme={theme}
             quantity={store.wanted}
             setQuantity={(name) => store.want(name)}
+            fetchPicture={(step) => store.api.picture(step)}
           />
           <PairPanel
             model={model}

@@ -8,6 +8,7 @@ import { drawOverlay, foot, type Marker } from "./field_overlay";
 import { nearestPoints, under } from "./field_words";
 import type { Box, Surface } from "./mesh";
 import { MeshView } from "./mesh_view";
+import { drawPicture, throughPicture } from "./picture";
 import type { FieldsAnswer, Mesh, Model, SensorsAnswer } from "./types";
 
 export interface Geometry {
@@ -34,6 +35,9 @@ interface Props {
   setReadout: (text: string) => void;
   picture: RefObject<HTMLCanvasElement | null>;
   overlay: RefObject<HTMLCanvasElement | null>;
+  /** What lies behind the structure. */
+  image: ImageBitmap | undefined;
+  ground: RefObject<HTMLCanvasElement | null>;
 }
 
 export function FieldCanvas(p: Props) {
@@ -54,8 +58,10 @@ export function FieldCanvas(p: Props) {
   useEffect(() => {
     if (!view || !geometry) return;
     const ratio = devicePixelRatio;
-    for (const canvas of [p.picture.current!, p.overlay.current!])
+    for (const canvas of [p.ground.current!, p.picture.current!, p.overlay.current!])
       resize(canvas, size.width * ratio, size.height * ratio);
+    const corners = (p.model?.picture?.corners ?? []).map((c) => pixel(c as Vec3, undefined));
+    drawPicture(p.ground.current!, p.image, corners, ratio);
     if (fields) view.setDisplacement(fields.displacement);
     if (shown.nodes) view.setValues(shown.nodes);
     const colouring = shown.nodes ? { colouring: { range: shown.range, map: shown.map } } : {};
@@ -63,7 +69,7 @@ export function FieldCanvas(p: Props) {
     view.draw({ camera, view: viewport, pixelsPerMetre, box, factor, edges: p.edges, theme, ...colouring });
     const scale = pixelsPerMetre * camera.zoom;
     drawOverlay(p.overlay.current!, { markers, shown, theme, viewport, ratio, camera, pixelsPerMetre: scale });
-  }, [view, geometry, shown, fields, sensors, camera, size, theme, factor, p.edges, drawings]);
+  }, [view, geometry, shown, fields, sensors, camera, size, theme, factor, p.edges, drawings, p.image]);
 
   const move = (event: PointerEvent): void => {
     if (event.buttons) return p.setCamera((c) => dragged(c, event));
@@ -92,8 +98,9 @@ export function FieldCanvas(p: Props) {
       onWheel={wheel}
       onContextMenu={(e) => e.preventDefault()}
     >
-      <canvas ref={p.picture} />
+      <canvas ref={p.picture} style={{ opacity: p.image ? throughPicture : 1 }} />
       <canvas ref={p.overlay} />
+      <canvas class="ground" ref={p.ground} />
       {none && <p class="none">{none}</p>}
     </div>
   );

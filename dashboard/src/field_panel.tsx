@@ -8,6 +8,7 @@ import { FieldCanvas, zoomed } from "./field_canvas";
 import { countWords } from "./field_words";
 import { boxOf, displayFactor, surfaceOf, type Component } from "./mesh";
 import { Panel } from "./panel";
+import { throughPicture, usePicture } from "./picture";
 import { blobOf } from "./png";
 import type { Detail } from "./store";
 import type { FieldsAnswer, Model, SensorsAnswer } from "./types";
@@ -19,9 +20,10 @@ interface Props {
   theme: Theme;
   quantity: string;
   setQuantity: (quantity: string) => void;
+  fetchPicture: (step: number) => Promise<ImageBitmap>;
 }
 
-export function FieldPanel({ model, fields, sensors, theme, quantity, setQuantity }: Props) {
+export function FieldPanel({ model, fields, sensors, theme, quantity, setQuantity, fetchPicture }: Props) {
   const mesh = model?.mesh;
   const [component, setComponent] = useState<Component>("magnitude");
   const [deformed, setDeformed] = useState(true);
@@ -30,13 +32,18 @@ export function FieldPanel({ model, fields, sensors, theme, quantity, setQuantit
   const [readout, setReadout] = useState("");
   const picture = useRef<HTMLCanvasElement>(null);
   const overlay = useRef<HTMLCanvasElement>(null);
+  const ground = useRef<HTMLCanvasElement>(null);
+  const [behind, setBehind] = useState(true);
+  const image = usePicture(behind && model?.picture ? fields.value?.step : undefined, fetchPicture);
 
   const geometry = useMemo(() => mesh && { mesh, surface: surfaceOf(mesh), box: boxOf(mesh.points) }, [mesh]);
   const shown = useMemo(
     () => viewOf(quantity, component, fields.value, sensors.value, model?.sensors?.std ?? []),
     [quantity, component, fields.value, sensors.value, model],
   );
-  const factor = deformed && fields.value && geometry ? displayFactor(fields.value.displacement, geometry.box) : 0;
+  // A picture shows the structure as it is: then so does the mesh.
+  const larger = fields.value && geometry ? displayFactor(fields.value.displacement, geometry.box) : 0;
+  const factor = !deformed ? 0 : image ? Math.min(1, larger) : larger;
   const counts = countWords(sensors.value);
   const step = quantity === "residual" ? sensors.value?.step : fields.value?.step;
   const title = `Field on the structure${step === undefined ? "" : `, step ${step}`}`;
@@ -64,19 +71,35 @@ export function FieldPanel({ model, fields, sensors, theme, quantity, setQuantit
       id="field"
       title={title}
       span="wide"
-      png={() => compose(picture.current!, overlay.current!, theme, title)}
+      png={() => compose([ground.current!, picture.current!, overlay.current!], image !== undefined, theme, title)}
       csv={table}
       controls={choices}
     >
       <FieldCanvas
-        {...{ model, geometry, shown, factor, edges, camera, setCamera, theme, problem, setReadout, picture, overlay }}
+        {...{
+          model,
+          geometry,
+          shown,
+          factor,
+          edges,
+          camera,
+          setCamera,
+          theme,
+          problem,
+          setReadout,
+          picture,
+          overlay,
+          image,
+          ground,
+        }}
         fields={fields.value}
         sensors={sensors.value}
         label={`${shown.label} on the structure. ${counts}`}
       />
       <div class="under">
-        <Check label={`deformed${factor ? `, ${factor} × larger` : ""}`} checked={deformed} set={setDeformed} />
+        <Check label={`deformed${factor > 1 ? `, ${factor} × larger` : ""}`} checked={deformed} set={setDeformed} />
         <Check label="elements" checked={edges} set={setEdges} />
+        {model?.picture && <Check label="picture" checked={behind} set={setBehind} />}
         <CameraButtons setCamera={setCamera} />
         <span class="readout">{readout || counts}</span>
       </div>
@@ -137,7 +160,8 @@ function vectorsOf(quantity: string, fields: FieldsAnswer | undefined): number[]
   return quantity === "bias" ? fields?.bias : fields?.sensitivity[quantity.split(":")[1] ?? ""];
 }
 
-function compose(picture: HTMLCanvasElement, overlay: HTMLCanvasElement, theme: Theme, title: string): Promise<Blob> {
+function compose(layers: HTMLCanvasElement[], through: boolean, theme: Theme, title: string): Promise<Blob> {
+  const [ground, picture, overlay] = layers as [HTMLCanvasElement, HTMLCanvasElement, HTMLCanvasElement];
   const canvas = document.createElement("canvas");
   const top = 34 * devicePixelRatio;
   canvas.width = picture.width;
@@ -148,7 +172,10 @@ function compose(picture: HTMLCanvasElement, overlay: HTMLCanvasElement, theme: 
   ctx.fillStyle = theme.text;
   ctx.font = `600 ${14 * devicePixelRatio}px system-ui, sans-serif`;
   ctx.fillText(title, 10 * devicePixelRatio, 22 * devicePixelRatio);
+  ctx.drawImage(ground, 0, top);
+  ctx.globalAlpha = through ? throughPicture : 1;
   ctx.drawImage(picture, 0, top);
+  ctx.globalAlpha = 1;
   ctx.drawImage(overlay, 0, top);
   return blobOf(canvas);
 }

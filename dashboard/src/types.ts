@@ -81,6 +81,8 @@ export interface Model {
   fields?: string[];
   parameters: ParameterDescription[];
   quantities: QuantityDescription[];
+  /** Where the pictures lie that data are measured in: model places of the corners top left, top right, bottom left. */
+  picture?: { corners: number[][] };
   mesh?: Mesh;
   sensors?: Sensors;
 }

@@ -230,6 +230,33 @@ test("a token is asked for once, sent with everything, and taken from the addres
   assert.ok(!direct.url().includes("s3cret"), "the token does not stay in the address");
 });
 
+test("the picture that was measured lies behind the structure, in its place, and can be taken away", async (t) => {
+  const { page, service } = await open(t, { picture: true });
+  await until(page, "#field .readout", /57 used/);
+  /** Grey level of the picture under a point of the frame; nothing where there is none. */
+  const grey = (x, y) =>
+    page.evaluate(
+      ([x, y]) => {
+        const ground = document.querySelector("#field .ground");
+        const copy = Object.assign(document.createElement("canvas"), { width: 1, height: 1 });
+        const ctx = copy.getContext("2d", { willReadFrequently: true });
+        ctx.drawImage(ground, -Math.round(x * ground.width), -Math.round(y * ground.height));
+        const [level, , , opacity] = ctx.getImageData(0, 0, 1, 1).data;
+        return opacity ? level : undefined;
+      },
+      [x, y],
+    );
+  await page.waitForFunction(() => getComputedStyle(document.querySelector("#field canvas")).opacity === "0.55");
+  const [left, middle, right] = [await grey(0.3, 0.42), await grey(0.5, 0.42), await grey(0.7, 0.42)];
+  assert.ok(left < middle && middle < right, `${left} ${middle} ${right}`); // not mirrored
+  assert.ok(Math.abs(middle - 100) < 6, String(middle)); // the middle of the structure is the middle of the picture
+  await page.locator("#field").screenshot({ path: join(pictures, "field-picture.png") });
+  await page.locator("#field").getByLabel("picture").uncheck();
+  await page.waitForFunction(() => getComputedStyle(document.querySelector("#field canvas")).opacity === "1");
+  assert.equal(await grey(0.5, 0.42), undefined);
+  assert.ok(service.requests.some((r) => r.path === "/v1/picture"));
+});
+
 test("the field is drawn, its numbers are the service's, each panel gives PNG and CSV", async (t) => {
   const { page, service } = await open(t);
   await until(page, "#field .readout", /57 used, 2 rejected, 1 missing/);
