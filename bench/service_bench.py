@@ -13,6 +13,7 @@ import pathlib
 import platform
 import re
 import signal
+import socket
 import statistics
 import subprocess
 import threading
@@ -92,7 +93,50 @@ for k in range(arguments.count):
 first = visible[: len(data)]
 print(f"durable ingest, acknowledged: {quantiles(acknowledged)}")
 print(f"durable ingest to line on /v1/events with {arguments.viewers} viewers, data in order: {quantiles(first)}")
+print(f"from the acknowledgement to the line: {quantiles([max(0, v - a) for v, a in zip(first, acknowledged)])}")
+synced = []
+with open(project.parent / "bench_service.sync", "wb") as file:
+    for _ in range(100):
+        begin = time.perf_counter()
+        file.write(b"x" * 4096)
+        file.flush()
+        os.fdatasync(file.fileno())
+        synced.append(time.perf_counter() - begin)
+        time.sleep(0.01)
+print(f"for comparison, 4 kB written and synced beside the journal: {quantiles(synced)}")
 print(f"the same, all {arguments.count} (from the second round on each datum makes all later lines anew): {quantiles(visible)}")
+
+# Viewers, silent, slow and greedy clients: rounds with and without them, turn about, since the machine has other work too.
+def crowd():
+    ones = [socket.create_connection(("127.0.0.1", port)) for _ in range(200)]
+    slow = socket.create_connection(("127.0.0.1", port))
+    slow.sendall(b"GET /livez HT")
+    greedy = socket.create_connection(("127.0.0.1", port))
+    greedy.sendall(b"POST /v1/measurements HTTP/1.1\r\nHost: localhost\r\nContent-Length: 1000000000\r\n\r\n" + b"x" * 100000)
+    for _ in range(24):
+        one = socket.create_connection(("127.0.0.1", port))
+        one.sendall(b"GET /v1/events HTTP/1.1\r\nHost: localhost\r\n\r\n")  # never read: the slowest of viewers
+        ones.append(one)
+    return [*ones, slow, greedy]
+
+
+times = {"alone": ([], []), "in the crowd": ([], [])}
+for turn in range(6):
+    name = "in the crowd" if turn % 2 else "alone"
+    clients = crowd() if turn % 2 else []
+    for k in range(60):
+        datum = json.dumps({**data[0], "session": f"crowd{turn}", "seq": k})
+        begin = time.perf_counter()
+        assert ask(port, "POST", "/v1/measurements", datum, connection)[0] == 200
+        times[name][0].append(time.perf_counter() - begin)
+        begin = time.perf_counter()
+        assert ask(port, "GET", "/livez")[0] == 200
+        times[name][1].append(time.perf_counter() - begin)
+        time.sleep(0.01)
+    for client in clients:
+        client.close()
+for name, (ingest, alive) in times.items():
+    print(f"{name}: ingest {quantiles(ingest)}; /livez {quantiles(alive)}, {1e3 * max(alive):.1f} ms at most")
 
 done = []
 

@@ -1,6 +1,6 @@
 /** Over the mesh: sensors, colour bar, axes, length scale. */
 import { rotation, roundLength, type Camera, type Viewport } from "./camera";
-import { colourAt, rgb, type Theme } from "./colour";
+import { colourAt, rgb, through, type Theme } from "./colour";
 import type { View } from "./field";
 import { significant } from "./format";
 
@@ -124,6 +124,8 @@ function drawAxes(ctx: CanvasRenderingContext2D, { theme, viewport, camera, pixe
   const pixels = length * pixelsPerMetre;
   const right = viewport.width - 12;
   const y = viewport.height - 14;
+  ctx.fillStyle = through(theme.panel, 0.8);
+  ctx.fillRect(0, 0, 82, 60);
   ctx.strokeStyle = theme.text;
   ctx.fillStyle = theme.text;
   ctx.lineWidth = 1.5;
@@ -162,6 +164,10 @@ function drawKey(ctx: CanvasRenderingContext2D, o: Overlay): void {
   ];
   ctx.font = "12px system-ui, sans-serif";
   let x = o.viewport.width - 12;
+  // Readable over a picture too.
+  const width = entries.reduce((sum, [, words]) => sum + ctx.measureText(words).width + 28, 0);
+  ctx.fillStyle = through(o.theme.panel, 0.8);
+  ctx.fillRect(x - width, 0, width + 6, 24);
   for (const [status, words] of entries.reverse()) {
     ctx.textAlign = "right";
     ctx.fillStyle = o.theme.text;

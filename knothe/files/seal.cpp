@@ -25,11 +25,12 @@ namespace {
 
 constexpr std::size_t k_block = 512;
 constexpr std::string_view k_mark = "knothe: sealed\n\x1a";  // no HDF5 file begins so, and `type` stops there
-constexpr int k_patience_ms = 60'000;                         // for a child that does not end
+constexpr int k_patience_ms = 60'000;                        // for a child that does not end
 
 using File = std::unique_ptr<std::FILE, int (*)(std::FILE*)>;
 
-/// mark | bytes that follow the block (8, little endian) | their SHA-256 (32) | SHA-256 of all that (32) | zeros
+/// mark | bytes that follow the block (8, little endian) | their SHA-256 (32) | SHA-256 of all that (32) |
+/// zeros
 std::string block_of(std::uint64_t size, const Digest& digest) {
   std::string block(k_mark);
   block.append(reinterpret_cast<const char*>(&size), sizeof size);
@@ -119,11 +120,13 @@ SealState state_of_seal(const std::string& path) {
   std::uint64_t expected = 0;
   if (size >= k_block) std::memcpy(&expected, block.data() + k_mark.size(), sizeof expected);
   if (size < k_block || size - k_block < expected)
-    throw DataError(fmt::format("{}: the file is truncated: copy or make it again ({} of {} bytes are there)", path, size,
+    throw DataError(fmt::format("{}: the file is truncated: copy or make it again ({} of {} bytes are there)",
+                                path, size,
                                 size < k_block ? "more than 512" : std::to_string(expected + k_block)));
   Sha256 sum;
   std::vector<std::uint8_t> buffer(1 << 16);
-  while (const std::size_t n = std::fread(buffer.data(), 1, buffer.size(), file.get())) sum.add({buffer.data(), n});
+  while (const std::size_t n = std::fread(buffer.data(), 1, buffer.size(), file.get()))
+    sum.add({buffer.data(), n});
   if (std::ferror(file.get()) != 0) throw DataError(path + ": cannot be read to its end");
   return block == block_of(size - k_block, sum.finish()) ? SealState::whole : SealState::broken;
 }
@@ -134,10 +137,12 @@ void require_sound(const std::string& path, const std::function<void()>& reading
   const Outcome outcome = try_in_child(path, reading);
   if (outcome.survived && state == SealState::none) return;
   if (!outcome.complaint.empty()) throw DataError(outcome.complaint);
-  throw DataError(fmt::format(
-      "{}: the file is damaged: {}; copy or make it again{}", path,
-      outcome.survived ? "its bytes are not those that were written (SHA-256)" : "the HDF5 library does not survive it",
-      state == SealState::broken && outcome.survived ? " (if it was changed on purpose: tail -c +513 gives it without its seal)" : ""));
+  throw DataError(fmt::format("{}: the file is damaged: {}; copy or make it again{}", path,
+                              outcome.survived ? "its bytes are not those that were written (SHA-256)"
+                                               : "the HDF5 library does not survive it",
+                              state == SealState::broken && outcome.survived
+                                  ? " (if it was changed on purpose: tail -c +513 gives it without its seal)"
+                                  : ""));
 }
 
 }  // namespace knothe::files

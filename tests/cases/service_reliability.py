@@ -26,13 +26,14 @@ class Test(ServiceCase):
             order = sorted(range(12), key=lambda k: k + 2 * chance.random())
             stop = threading.Timer(0.002 + 0.05 * chance.random(), service.kill)
             stop.start()
+            connection = service.connection()
             try:
-                connection = service.connection()
                 for k in order[: 1 + kill % 20]:
                     if service.send(self.data[k], connection)[0] == 200:
                         acknowledged.add(k)
             except (OSError, http.client.HTTPException):
                 pass  # it was killed in the middle
+            connection.close()
             stop.join()
             service.start()
             records = self.expect(0, "replay", "assimilation.journal", "--project", self.project_name).out
