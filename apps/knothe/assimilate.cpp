@@ -176,10 +176,13 @@ void report_sensors(const assimilation::SensorWatch& watch, std::size_t step, st
 /// The next picture's displacements as the datum of `step`; a picture that is missing is named.
 project::PictureDatum next_picture(project::PictureMeasurements& pictures, std::size_t step,
                                    project::UpdateSetup& setup, Assimilation& update,
-                                   report::ResultsWriter& results) {
+                                   project::ModelComparison& comparison, report::ResultsWriter& results) {
   project::PictureDatum datum = pictures.next();
   if (datum.picture.missing) fmt::print(stderr, "{}\n", datum.picture.message);
-  if (datum.noise) update.set_step_noise(step, *datum.noise);
+  if (datum.noise) {
+    update.set_step_noise(step, *datum.noise);
+    comparison.set_step_noise(step, *datum.noise);
+  }
   setup.measurements.values.col(static_cast<Eigen::Index>(step)) = datum.values;
   results.set_values(step, datum.values);
   return datum;
@@ -258,7 +261,7 @@ int assimilate(const AssimilateArguments& arguments) {
   std::size_t steps = 0;
   for (std::size_t step = 0; step < setup.measurements.time.size() && !interrupted; ++step) {
     std::optional<project::PictureDatum> picture;
-    if (setup.pictures) picture = next_picture(*setup.pictures, step, setup, update, results);
+    if (setup.pictures) picture = next_picture(*setup.pictures, step, setup, update, comparison, results);
     const auto scores = awaited.look(setup.time_indices[step],
                                      setup.measurements.values.col(static_cast<Eigen::Index>(step)));
     const assimilation::UpdateResult& result = update.update(

@@ -97,20 +97,23 @@ void DatumProjector::take_measured(std::size_t step, const Eigen::Ref<const Eige
 }
 
 void DatumProjector::project(std::size_t step, std::size_t time_index,
-                             const Eigen::Ref<const Eigen::VectorXd>& values, StepForm& form) {
+                             const Eigen::Ref<const Eigen::VectorXd>& values, StepForm& form,
+                             MovedForm* moved) {
   assert(time_index < model_->time.size() && values.size() == observation_count());
   residual_ = values - predicted_.col(time_index);
   take_measured(step, values);
   if (kept_.empty()) {
     form = StepForm::zero(central_.size());
+    if (moved != nullptr) *moved = {};
   } else if (constant_) {
-    project_constant(step, time_index, form);
+    project_constant(step, time_index, form, moved);
     require_finite(form, values);
   } else if (shared_) {
     const NoiseGroup& group = group_of(step);
     const Eigen::VectorXd residual = residual_(kept_);
     form = shared_->condition(group, model_->core[time_index], residual);
     require_finite(form, values);
+    if (moved != nullptr) *moved = shared_->condition_moved(group, model_->core[time_index], residual);
     shared_->take(group, model_->core[time_index], residual);
   } else {
     if (static_cast<Eigen::Index>(kept_.size()) == values.size() && !noise_.has_step(step)) {
@@ -124,6 +127,10 @@ void DatumProjector::project(std::size_t step, std::size_t time_index,
   }
   form.used = static_cast<Eigen::Index>(kept_.size());
   form.missing = observation_count() - form.used;
+  if (moved != nullptr) {
+    moved->form.used = form.used;
+    moved->form.missing = form.missing;
+  }
 }
 
 /// (R + F Fᵀ)⁻¹ = R⁻¹ − R⁻¹F (I + FᵀR⁻¹F)⁻¹ FᵀR⁻¹, Woodbury, on the form made with R; det(R + F Fᵀ) = det R
@@ -208,12 +215,15 @@ void DatumProjector::project_incomplete(std::size_t step, std::size_t time_index
   group_of(step).project(model_->core[time_index], residual_(kept_), 1, form);
 }
 
-void DatumProjector::project_constant(std::size_t step, std::size_t time_index, StepForm& form) {
+void DatumProjector::project_constant(std::size_t step, std::size_t time_index, StepForm& form,
+                                      MovedForm* moved) {
   const double k = noise_.shared_reference(), own_share = k > 0 ? (k + 1) / k : 1;
   Eigen::VectorXd own = Eigen::VectorXd::Zero(observation_count());
   for (const Eigen::Index i : kept_) own[i] = own_share * noise_.at_step(step).inverse_variance()[i];
   const Eigen::MatrixXd design = model_->space * model_->core[time_index];
   form = constant_->condition(own, design, residual_);
+  if (moved != nullptr)
+    *moved = constant_->condition_moved(own, model_->space, model_->core[time_index], residual_);
   if (std::isfinite(form.constant)) constant_->take(own, design, residual_);
 }
 

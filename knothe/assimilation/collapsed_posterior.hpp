@@ -49,9 +49,11 @@ class DatumProjector {
 
   /// The form of the datum `values` (n_obs, NaN = missing) of step `step` and model time index `time_index`,
   /// into `form`. With all values present and noise that is independent from step to step nothing is
-  /// allocated after the first call. A datum that is refused (DataError) leaves no trace.
+  /// allocated after the first call. A datum that is refused (DataError) leaves no trace. `moved`, where
+  /// forms depend on the order: also the form in (v, u, z), for a datum that is off by u in the space modes
+  /// and data before it that are by z in all (`JointDiscrepancy`).
   void project(std::size_t step, std::size_t time_index, const Eigen::Ref<const Eigen::VectorXd>& values,
-               StepForm& form);
+               StepForm& form, MovedForm* moved = nullptr);
   /// The same with the corrected likelihood of Rubio et al. 2019, Eq. 18: the residual less the mean of the
   /// bias, and in place of R the covariance of the bias, S R S + F Fᵀ, which changes G_t too. Not where
   /// forms depend on the order (asserted).
@@ -62,7 +64,7 @@ class DatumProjector {
   void take_measured(std::size_t step, const Eigen::Ref<const Eigen::VectorXd>& values);
   void project_complete(std::size_t time_index, StepForm& form);
   void project_incomplete(std::size_t step, std::size_t time_index, StepForm& form);
-  void project_constant(std::size_t step, std::size_t time_index, StepForm& form);
+  void project_constant(std::size_t step, std::size_t time_index, StepForm& form, MovedForm* moved);
   const NoiseGroup& group_of(std::size_t step);
   void take_step_error(const NoiseGroup& group, const Eigen::MatrixXd& factor, const Eigen::MatrixXd& core,
                        StepForm& form);

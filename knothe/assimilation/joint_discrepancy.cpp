@@ -19,19 +19,66 @@ void JointDiscrepancy::restart() {
   covariance_.setIdentity(q, q);
 }
 
+void JointDiscrepancy::predict() {
+  const Eigen::Index q = factor_.cols();
+  mean_.head(q) *= rho_;
+  slope_.topRows(q) *= rho_;
+  covariance_.topRows(q) *= rho_;
+  covariance_.leftCols(q) *= rho_;
+  covariance_.diagonal().head(q).array() += 1 - rho_ * rho_;
+}
+
 StepForm JointDiscrepancy::condition(const StepForm& form) {
   const Eigen::Index q = factor_.cols(), r = factor_.rows();
   if (q == 0) return form;
-  // Prediction.
-  mean_ *= rho_;
-  slope_ *= rho_;
-  covariance_ *= rho_ * rho_;
-  covariance_.diagonal().array() += 1 - rho_ * rho_;
-  // ξ = mean − slope v + L η, so that w − w₀ + κFξ = T v + u + D η.
-  const Eigen::MatrixXd lower = Eigen::LLT<Eigen::MatrixXd>(covariance_).matrixL();
-  const Eigen::MatrixXd moving = factor_ * lower;
-  const Eigen::MatrixXd fixed = Eigen::MatrixXd::Identity(r, r) - factor_ * slope_;
-  const Eigen::VectorXd offset = factor_ * mean_;
+  assert(mean_.size() == q);
+  predict();
+  return take(form, Eigen::MatrixXd::Identity(r, r), factor_,
+              Eigen::LLT<Eigen::MatrixXd>(covariance_).matrixL());
+}
+
+StepForm JointDiscrepancy::condition(const MovedForm& moved, const Eigen::MatrixXd& core) {
+  const Eigen::Index q = factor_.cols(), r = factor_.rows(), s = core.rows(), known = s * moved.groups;
+  predict();
+  if (moved.form.used == 0) {  // nothing was measured: the datum is in none of the sums
+    StepForm nothing = StepForm::zero(r);
+    nothing.missing = moved.form.missing;
+    return nothing;
+  }
+  assert(moved.form.linear.size() == r + s + known && mean_.size() == q + known);
+  Eigen::MatrixXd base = Eigen::MatrixXd::Zero(r + s + known, r);
+  Eigen::MatrixXd map = Eigen::MatrixXd::Zero(r + s + known, q + known);
+  base.topRows(r).setIdentity();
+  const Eigen::MatrixXd moves = core * factor_;
+  map.block(r, 0, s, q) = moves;
+  map.bottomRightCorner(known, known).setIdentity();
+  // z is known where ξ was: a covariance without full rank.
+  const Eigen::LDLT<Eigen::MatrixXd> factor(covariance_);
+  const Eigen::MatrixXd unit = factor.matrixL();
+  const Eigen::VectorXd root = factor.vectorD().cwiseMax(0).cwiseSqrt();
+  const Eigen::MatrixXd lower = factor.transpositionsP().transpose() * (unit * root.asDiagonal());
+  StepForm given = take(moved.form, base, map, lower);
+  if (moved.group == moved.groups) {  // the first of its group, whose sum was 0 exactly
+    mean_.conservativeResizeLike(Eigen::VectorXd::Zero(q + known + s));
+    slope_.conservativeResizeLike(Eigen::MatrixXd::Zero(q + known + s, r));
+    covariance_.conservativeResizeLike(Eigen::MatrixXd::Zero(q + known + s, q + known + s));
+  }
+  // The datum is one of those before the next: z + u.
+  const Eigen::Index at = q + s * moved.group;
+  mean_.segment(at, s) += moves * mean_.head(q);
+  slope_.middleRows(at, s) += moves * slope_.topRows(q);
+  covariance_.middleRows(at, s) += (moves * covariance_.topRows(q)).eval();
+  covariance_.middleCols(at, s) += (covariance_.leftCols(q) * moves.transpose()).eval();
+  return given;
+}
+
+/// The form is one of base v + map x, with x = mean − slope v + lower η, η ~ N(0, I): in v once η is
+/// integrated out. State and its covariance given the datum.
+StepForm JointDiscrepancy::take(const StepForm& form, const Eigen::MatrixXd& base, const Eigen::MatrixXd& map,
+                                const Eigen::MatrixXd& lower) {
+  const Eigen::MatrixXd moving = map * lower;
+  const Eigen::MatrixXd fixed = base - map * slope_;
+  const Eigen::VectorXd offset = map * mean_;
   // The misfit at η is m(v) + 2 (a + A v)ᵀη + ηᵀ S η − ηᵀη; with the prior of η, S = I + DᵀGD.
   const Eigen::MatrixXd weighted = form.quadratic * moving;
   Eigen::MatrixXd inner = moving.transpose() * weighted;

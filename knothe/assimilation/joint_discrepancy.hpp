@@ -26,17 +26,24 @@ class JointDiscrepancy {
   void restart();
   /// The form of the next datum given those before it; takes the datum in.
   [[nodiscard]] StepForm condition(const StepForm& form);
+  /// The same where the steps share an error: what that error is, is learnt from the data before, which had
+  /// discrepancies u_i = κ C_i F ξ_i too; their sums per group are further states. `core`: C_i, s × r.
+  [[nodiscard]] StepForm condition(const MovedForm& moved, const Eigen::MatrixXd& core);
   /// κ F E[ξ_i | v, data up to the last], r: what is to be added to w, where w = w₀ + v.
   [[nodiscard]] Eigen::VectorXd expected(const Eigen::VectorXd& v) const {
-    return factor_ * (mean_ - slope_ * v);
+    return factor_ * (mean_.head(factor_.cols()) - slope_.topRows(factor_.cols()) * v);
   }
 
  private:
+  void predict();
+  [[nodiscard]] StepForm take(const StepForm& form, const Eigen::MatrixXd& base, const Eigen::MatrixXd& map,
+                              const Eigen::MatrixXd& lower);
   Eigen::MatrixXd factor_;  ///< κ F
   double rho_;
-  Eigen::VectorXd mean_;        ///< of ξ at v = 0
-  Eigen::MatrixXd slope_;       ///< E[ξ | v] = mean − slope v, q × r
-  Eigen::MatrixXd covariance_;  ///< of ξ, q × q
+  // Of the state x = ξ, or (ξ, z_1 …) where steps share an error:
+  Eigen::VectorXd mean_;        ///< at v = 0
+  Eigen::MatrixXd slope_;       ///< E[x | v] = mean − slope v
+  Eigen::MatrixXd covariance_;  ///< given v
 };
 
 }  // namespace knothe::assimilation

@@ -91,9 +91,12 @@ bool ModelSupervision::corrects(std::optional<bool> by_hand) const {
   return learns() && by_hand.value_or(state_.corrected);
 }
 
-std::vector<StepForm> ModelSupervision::condition(const StepForm& form) {
+std::vector<StepForm> ModelSupervision::condition(const StepForm& form, const MovedForm* moved,
+                                                  std::size_t time_index) {
   std::vector<StepForm> forms;
-  for (JointDiscrepancy& joint : state_.joint) forms.push_back(joint.condition(form));
+  for (JointDiscrepancy& joint : state_.joint)
+    forms.push_back(moved != nullptr ? joint.condition(*moved, model_->core[time_index])
+                                     : joint.condition(form));
   return forms;
 }
 

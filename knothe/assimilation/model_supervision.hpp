@@ -47,7 +47,9 @@ class ModelSupervision {
   /// The bias is unknown together with the parameters (`JointDiscrepancy`).
   [[nodiscard]] bool is_joint() const { return is_joint_; }
   /// Joint: the forms of a datum, corrected with each size of the discrepancy; takes it in.
-  [[nodiscard]] std::vector<StepForm> condition(const StepForm& form);
+  /// `moved`: where steps share an error; else null.
+  [[nodiscard]] std::vector<StepForm> condition(const StepForm& form, const MovedForm* moved,
+                                                std::size_t time_index);
   /// Joint: how probable each size is given the data so far, none first.
   void set_shares(Eigen::VectorXd shares);
   [[nodiscard]] const Eigen::VectorXd& shares() const { return state_.shares; }

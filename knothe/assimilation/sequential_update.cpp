@@ -91,7 +91,7 @@ const UpdateResult& SequentialUpdate::update(std::size_t step, std::size_t time_
   datum.time = projector_.model().time[time_index];
   if (projector_.depends_on_order() || supervision_.learns()) datum.values = values;
   // Throws for data that cannot be; nothing has changed then.
-  projector_.project(step, time_index, values, datum.form);
+  project(step, values, datum);
   data_[step] = std::move(datum);
   forget_from(step);
   if (!in_order) project_again();
@@ -117,7 +117,13 @@ const UpdateResult& SequentialUpdate::remove(std::size_t step) {
 void SequentialUpdate::project_again() {
   if (!projector_.depends_on_order()) return;
   projector_.restart();
-  for (auto& [step, datum] : data_) projector_.project(step, datum.time_index, datum.values, datum.form);
+  for (auto& [step, datum] : data_) project(step, datum.values, datum);
+}
+
+void SequentialUpdate::project(std::size_t step, const Eigen::Ref<const Eigen::VectorXd>& values,
+                               Datum& datum) {
+  const bool moves = projector_.depends_on_order() && supervision_.learns() && supervision_.is_joint();
+  projector_.project(step, datum.time_index, values, datum.form, moves ? &datum.moved.emplace() : nullptr);
 }
 
 void SequentialUpdate::put(std::size_t step, std::size_t time_index, StepForm form, Eigen::VectorXd values) {

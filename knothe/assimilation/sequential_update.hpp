@@ -184,6 +184,7 @@ class SequentialUpdate {
  private:
   struct Datum {
     StepForm form;
+    std::optional<MovedForm> moved;  ///< where a discrepancy meets errors that steps share
     std::size_t time_index = 0;
     Eigen::VectorXd values;  ///< kept where the form depends on other data
     double time = 0;
@@ -218,6 +219,7 @@ class SequentialUpdate {
   void set_target();
   void refuse_what_does_not_go_together() const;
 
+  void project(std::size_t step, const Eigen::Ref<const Eigen::VectorXd>& values, Datum& datum);
   void project_again();
   void forget_from(std::size_t step);
   void rewind(std::size_t step);

@@ -1,6 +1,7 @@
 #include "knothe/assimilation/shared_error.hpp"
 
 #include <Eigen/SparseCholesky>
+#include <algorithm>
 #include <cassert>
 #include <cmath>
 #include <numbers>
@@ -118,6 +119,36 @@ StepForm SharedReferenceError::condition(const NoiseGroup& group, const Eigen::M
   return form;
 }
 
+MovedForm SharedReferenceError::condition_moved(const NoiseGroup& group, const Eigen::MatrixXd& core,
+                                                const Eigen::VectorXd& residual) const {
+  const Eigen::Index r = core.cols(), s = core.rows(), groups = static_cast<Eigen::Index>(groups_.size());
+  MovedForm result;
+  result.groups = std::min(groups, k_most_moved_groups);
+  SharedReferenceError moved = *this;
+  moved.functions_ = r + s + s * result.groups;
+  // Of the groups that share the last z, the one with most data stands for all.
+  Eigen::Index largest = k_most_moved_groups - 1, mine = groups;
+  for (Eigen::Index i = 0; i < groups; ++i) {
+    const NoiseGroup& g = groups_[static_cast<std::size_t>(i)];
+    if (i > largest && g.count > groups_[static_cast<std::size_t>(largest)].count) largest = i;
+    if (g.of_one_step == group.of_one_step && g.step == group.step && g.kept == group.kept) mine = i;
+  }
+  result.group = std::min(mine, k_most_moved_groups - 1);
+  for (Eigen::Index i = 0; i < groups; ++i) {
+    Eigen::MatrixXd& core_sum = moved.groups_[static_cast<std::size_t>(i)].sum_core;
+    Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(s, moved.functions_);
+    sum.leftCols(r) = core_sum;
+    const Eigen::Index place = i < k_most_moved_groups - 1 ? i : k_most_moved_groups - 1;
+    if (i < k_most_moved_groups - 1 || i == largest) sum.middleCols(r + s + s * place, s).setIdentity();
+    core_sum = std::move(sum);
+  }
+  Eigen::MatrixXd wide = Eigen::MatrixXd::Zero(s, moved.functions_);
+  wide.leftCols(r) = core;
+  wide.middleCols(r, s).setIdentity();
+  result.form = moved.condition(group, wide, residual);
+  return result;
+}
+
 void SharedReferenceError::take(const NoiseGroup& group, const Eigen::MatrixXd& core,
                                 const Eigen::VectorXd& residual) {
   NoiseGroup* mine = nullptr;
@@ -215,6 +246,7 @@ void ConstantSensorError::restart() {
   precision_ = initial_;
   weighted_residual_.setZero(initial_.size());
   weighted_design_.setZero();
+  kinds_.clear();
 }
 
 StepForm ConstantSensorError::condition(const Eigen::VectorXd& own, const Eigen::MatrixXd& design,
@@ -237,8 +269,33 @@ StepForm ConstantSensorError::condition(const Eigen::VectorXd& own, const Eigen:
   return form;
 }
 
+MovedForm ConstantSensorError::condition_moved(const Eigen::VectorXd& own, const Eigen::MatrixXd& space,
+                                               const Eigen::MatrixXd& core,
+                                               const Eigen::VectorXd& residual) const {
+  const Eigen::Index n = own.size(), r = core.cols(), s = space.cols();
+  const auto kinds = static_cast<Eigen::Index>(kinds_.size());
+  const auto mine = static_cast<Eigen::Index>(std::find(kinds_.begin(), kinds_.end(), own) - kinds_.begin());
+  MovedForm result;
+  result.groups = std::min(kinds, k_most_moved_groups);
+  result.group = std::min(mine, k_most_moved_groups - 1);
+  const Eigen::Index columns = r + s + s * result.groups;
+  Eigen::MatrixXd design = Eigen::MatrixXd::Zero(n, columns);
+  design.leftCols(r) = space * core;
+  design.middleCols(r, s) = space;
+  ConstantSensorError moved = *this;
+  moved.weighted_design_ = Eigen::MatrixXd::Zero(n, columns);
+  moved.weighted_design_.leftCols(r) = weighted_design_;
+  for (Eigen::Index i = 0; i < result.groups; ++i) {
+    moved.weighted_design_.middleCols(r + s + s * i, s) =
+        kinds_[static_cast<std::size_t>(i)].asDiagonal() * space;
+  }
+  result.form = moved.condition(own, design, residual);
+  return result;
+}
+
 void ConstantSensorError::take(const Eigen::VectorXd& own, const Eigen::MatrixXd& design,
                                const Eigen::VectorXd& residual) {
+  if (std::find(kinds_.begin(), kinds_.end(), own) == kinds_.end()) kinds_.push_back(own);
   for (Eigen::Index j = 0; j < own.size(); ++j) {
     if (!(own[j] > 0)) continue;
     precision_[j] += own[j];

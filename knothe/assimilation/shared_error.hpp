@@ -50,6 +50,9 @@ class SharedReferenceError {
   /// taken (`take`).
   [[nodiscard]] StepForm condition(const NoiseGroup& group, const Eigen::MatrixXd& core,
                                    const Eigen::VectorXd& residual) const;
+  /// The same for a model with a discrepancy.
+  [[nodiscard]] MovedForm condition_moved(const NoiseGroup& group, const Eigen::MatrixXd& core,
+                                          const Eigen::VectorXd& residual) const;
   /// Adds the datum.
   void take(const NoiseGroup& group, const Eigen::MatrixXd& core, const Eigen::VectorXd& residual);
 
@@ -76,12 +79,16 @@ class ConstantSensorError {
   /// missing), residual r_j and the row of `design` (n × r) as its sensitivity to w.
   [[nodiscard]] StepForm condition(const Eigen::VectorXd& own_precision, const Eigen::MatrixXd& design,
                                    const Eigen::VectorXd& residual) const;
+  /// The same for a model with a discrepancy; `space` · `core` is the design.
+  [[nodiscard]] MovedForm condition_moved(const Eigen::VectorXd& own_precision, const Eigen::MatrixXd& space,
+                                          const Eigen::MatrixXd& core, const Eigen::VectorXd& residual) const;
   void take(const Eigen::VectorXd& own_precision, const Eigen::MatrixXd& design,
             const Eigen::VectorXd& residual);
 
  private:
   Eigen::VectorXd initial_, precision_, weighted_residual_;  ///< K; K + Σ q; Σ q r
   Eigen::MatrixXd weighted_design_;                          ///< Σ q · design
+  std::vector<Eigen::VectorXd> kinds_;                       ///< own precisions with which data came so far
 };
 
 }  // namespace knothe::assimilation

@@ -4,10 +4,12 @@
 
 #include <Eigen/Dense>
 #include <cmath>
+#include <functional>
 #include <numbers>
 #include <numeric>
 
 #include "knothe/assimilation/collapsed_posterior.hpp"
+#include "knothe/assimilation/joint_discrepancy.hpp"
 #include "knothe/assimilation/sequential_update.hpp"
 #include "knothe/assimilation/test_models.hpp"
 #include "knothe/base/error.hpp"
@@ -55,8 +57,10 @@ DenseNoise dense(const NoiseModel& noise) {
 }
 
 /// log N of all values present, jointly, from the dense covariance of everything.
-double dense_log_likelihood(const reduction::ObservedModel& model, const Eigen::MatrixXd& data,
-                            const DenseNoise& noise, const Eigen::Vector2d& p) {
+double dense_log_likelihood(
+    const reduction::ObservedModel& model, const Eigen::MatrixXd& data, const DenseNoise& noise,
+    const Eigen::VectorXd& p,
+    const std::function<double(Eigen::Index, Eigen::Index, Eigen::Index, Eigen::Index)>& more = {}) {
   std::vector<std::pair<Eigen::Index, Eigen::Index>> present;
   std::vector<double> residual;
   for (Eigen::Index t = 0; t < data.cols(); ++t) {
@@ -74,6 +78,7 @@ double dense_log_likelihood(const reduction::ObservedModel& model, const Eigen::
       const auto [i, t] = present[a];
       const auto [j, s] = present[b];
       covariance(a, b) = noise.shared(i, j) + (t == s ? noise.own[t](i, j) : 0.0);
+      if (more) covariance(a, b) += more(i, t, j, s);
     }
   }
   const Eigen::Map<const Eigen::VectorXd> r(residual.data(), n);
@@ -172,6 +177,58 @@ TEST_P(SharedError, DofsWithoutAnElement) {
     EXPECT_TRUE(a.linear.isApprox(b.linear, 1e-12));
   }
   EXPECT_EQ(whole.standard_deviations()[4], 0);
+}
+
+/// A discrepancy beside the shared error: the sum of the forms against the dense covariance of all values.
+void expect_discrepancy_is_joint(const NoiseModel& noise, const Eigen::MatrixXd& data, double tolerance) {
+  const auto model = random_model(std::make_shared<test::LinearFunctions>(3), k_dofs, 4, k_steps, 3);
+  Eigen::VectorXd centre(3);
+  centre << 0.1, 0.2, 0.3;
+  DatumProjector projector(model, noise, centre);
+  Eigen::MatrixXd factor(3, 2);
+  factor << 0.9, 0.2, -0.4, 0.8, 0.3, 0.5;
+  const double kappa = 0.4, memory = 3, rho = std::exp(-1 / memory);
+  JointDiscrepancy joint(factor, kappa, memory);
+  StepForm sum = StepForm::zero(3), form;
+  MovedForm moved;
+  DenseNoise matrices = dense(noise);
+  std::vector<Eigen::MatrixXd> moves;
+  for (std::size_t t = 0; t < k_steps; ++t) {
+    projector.project(t, t, data.col(static_cast<Eigen::Index>(t)), form, &moved);
+    sum.add(joint.condition(moved, model->core[t]));
+    moves.push_back(kappa * model->space * model->core[t] * factor);
+  }
+  const auto covariance = [&](Eigen::Index i, Eigen::Index t, Eigen::Index j, Eigen::Index s) {
+    return std::pow(rho, static_cast<double>(std::abs(t - s))) * moves[t].row(i).dot(moves[s].row(j));
+  };
+  for (const double a : {-1.0, 0.5, 2.0}) {
+    Eigen::VectorXd p(3);
+    p << a, 1 - a, 0.3 * a;
+    const Eigen::VectorXd v = p - centre;
+    const double exact = dense_log_likelihood(*model, data, matrices, p, covariance);
+    const double here =
+        -0.5 * (v.dot(sum.quadratic * v) - 2 * sum.linear.dot(v) + sum.constant + sum.log_normaliser);
+    EXPECT_NEAR(here, exact, tolerance * std::abs(exact));
+  }
+}
+
+TEST_P(SharedError, WithADiscrepancyCompleteDataAreJointlyGaussian) {
+  for (const Eigen::Index i : {0, 5}) data_.row(i).setConstant(k_nan);
+  data_.col(2).setConstant(k_nan);
+  if (GetParam() == 0) return;  // nothing is shared
+  expect_discrepancy_is_joint(NoiseModel::correlated(chain(4)).with_shared_reference(GetParam()), data_,
+                              1e-9);
+  const NoiseModel sensors = NoiseModel::independent(Eigen::VectorXd::LinSpaced(k_dofs, 0.2, 0.5));
+  expect_discrepancy_is_joint(sensors.with_shared_reference(GetParam()), data_, 1e-9);
+}
+
+TEST_P(SharedError, WithADiscrepancyAndValuesMissingNowAndThenTheyAreToo) {
+  data_(3, 1) = data_(4, 4) = k_nan;
+  if (GetParam() == 0) return;
+  const NoiseModel noise = NoiseModel::correlated(chain(4)).with_step(2, NoiseModel::correlated(chain(1.5)));
+  expect_discrepancy_is_joint(noise.with_shared_reference(GetParam()), data_, 1e-9);
+  const NoiseModel sensors = NoiseModel::independent(Eigen::VectorXd::LinSpaced(k_dofs, 0.2, 0.5));
+  expect_discrepancy_is_joint(sensors.with_shared_reference(GetParam()), data_, 1e-9);
 }
 
 INSTANTIATE_TEST_SUITE_P(ReferencePictures, SharedError, ::testing::Values(0, 1, 4));

@@ -21,4 +21,16 @@ struct StepForm {
   void raise(double power);
 };
 
+/// The form of a datum given those before it where steps share an error and the model has a discrepancy, as a
+/// function of (v, u, z_1 … z_G), each but v of s numbers: the datum is predicted by C v + u in place of C v
+/// in the space modes, and of the data before it those of group g by terms whose sum is z_g. A group has the
+/// same noise and the same dofs; the datum joins `group`, which may be a new one (= groups).
+struct MovedForm {
+  StepForm form;
+  Eigen::Index groups = 0, group = 0;
+};
+
+/// More groups share the last z: the data of those are taken to have come as most of them did.
+inline constexpr Eigen::Index k_most_moved_groups = 6;
+
 }  // namespace knothe::assimilation

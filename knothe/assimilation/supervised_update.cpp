@@ -30,10 +30,13 @@ void SequentialUpdate::correct(std::size_t step, Datum& datum) {
   datum.levels.clear();
   datum.corrected_form.reset();
   datum.corrected = supervision_.corrects(by_hand(step));
-  if (!supervision_.is_joint() && datum.values.size() == 0) datum.corrected = false;  // only a form was put
+  // Only a form was put:
+  if (!supervision_.is_joint() && datum.values.size() == 0) datum.corrected = false;
+  if (projector_.depends_on_order() && !datum.moved) datum.corrected = false;
   if (!datum.corrected) return;
   if (supervision_.is_joint()) {
-    datum.levels = supervision_.condition(datum.form);
+    datum.levels =
+        supervision_.condition(datum.form, datum.moved ? &*datum.moved : nullptr, datum.time_index);
   } else if (const auto correction = supervision_.extrapolate(datum.time)) {
     projector_.project(step, datum.time_index, datum.values, *correction, datum.corrected_form.emplace());
   } else {
@@ -197,10 +200,10 @@ void SequentialUpdate::refuse_what_does_not_go_together() const {
         "bias_correction does not go together with noise_level = \"unknown\": data cannot tell a bias from "
         "noise");
   }
-  if (projector_.depends_on_order()) {
+  if (projector_.depends_on_order() && !supervision_.is_joint()) {
     throw UsageError(
-        "bias_correction does not go together with noise that steps share (shared_reference): the corrected "
-        "likelihood replaces the noise of each step");
+        "an extrapolated bias does not go together with noise that steps share (shared_reference, "
+        "offset_std): its likelihood replaces the noise of each step; take bias_extrapolation = \"joint\"");
   }
   if (composition_ && supervision_.is_joint()) {
     throw UsageError(

@@ -47,8 +47,8 @@ void read_change(Values& values, MethodOptions& method) {
 
 MethodOptions read_method(Values& values) {
   values.at_least("method.max_order", 1);
-  if (values.integer("method.max_order", 1) > 15) {
-    values.complain("method.max_order", "\"method.max_order\" must be at most 15");
+  if (values.integer("method.max_order", 1) > 23) {
+    values.complain("method.max_order", "\"method.max_order\" must be at most 23");
   }
   MethodOptions method;
   method.kind = values.text("method.kind", method.kind);

@@ -20,9 +20,9 @@ struct ModelComparison::Candidate {
 
 ModelComparison::ModelComparison(const Project& project) {
   const auto relative = [&](const std::string& file) {
-    return std::filesystem::path(file)
-        .lexically_relative(project.folder.empty() ? "." : project.folder)
-        .string();
+    const auto path =
+        std::filesystem::path(file).lexically_relative(project.folder.empty() ? "." : project.folder);
+    return path.empty() ? file : path.string();  // an absolute path has none from a relative folder
   };
   if (project.candidates.empty()) return;
   models_.push_back({relative(project.model), 0, 0, 0, ""});
@@ -35,6 +35,10 @@ ModelComparison::ModelComparison(const Project& project) {
 }
 
 ModelComparison::~ModelComparison() = default;
+
+void ModelComparison::set_step_noise(std::size_t step, const assimilation::NoiseModel& noise) {
+  for (const auto& candidate : candidates_) candidate->update.set_step_noise(step, noise);
+}
 
 void ModelComparison::update(std::size_t step, double log_evidence,
                              const Eigen::Ref<const Eigen::VectorXd>& values) {

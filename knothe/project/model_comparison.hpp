@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "knothe/assimilation/noise_model.hpp"
 #include "knothe/project/project_file.hpp"
 
 namespace knothe::project {
@@ -31,6 +32,8 @@ class ModelComparison {
   [[nodiscard]] bool empty() const { return candidates_.empty(); }
   /// Assimilates step `step` with every candidate. `log_evidence`: of the project's own model; `values`: the
   /// datum, n_obs.
+  /// `SequentialUpdate::set_step_noise` for each of the candidates.
+  void set_step_noise(std::size_t step, const assimilation::NoiseModel& noise);
   void update(std::size_t step, double log_evidence, const Eigen::Ref<const Eigen::VectorXd>& values);
   /// The project's model first, then the candidates in order.
   [[nodiscard]] const std::vector<ComparedModel>& models() const { return models_; }

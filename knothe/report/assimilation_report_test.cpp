@@ -54,6 +54,11 @@ TEST(AssimilationReport, ShowsEverySection) {
   EXPECT_NE(html.find("Space mode 4"), std::string::npos);
   EXPECT_NE(html.find("crack of 25 mm"), std::string::npos);
   EXPECT_NE(html.find("# &lt;a comment&gt; &amp; &quot;quotes&quot;"), std::string::npos);
+  for (const char* watch :
+       {">Whether the model is to be believed</h2>", "The alarm rang at step 60: from some steps before on",
+        "the model does not explain the data", "How wrong the model is inferred to be", ">m10.h5<",
+        "u_y: mean residual of the last 2 steps"})
+    EXPECT_NE(html.find(watch), std::string::npos) << watch;
   EXPECT_LT(html.size(), 4u << 20);
 }
 

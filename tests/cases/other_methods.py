@@ -69,14 +69,15 @@ class Test(Case):
                 (joint + 'noise_level = "unknown"\n', "data cannot tell a bias from noise"),
                 (linear + 'noise_level = "unknown"\n', "data cannot tell a bias from noise"),
                 ('bias_correction = "auto"\nnoise_level = "unknown"\n', "data cannot tell a bias from noise"),
-                (joint + "offset_std = 1e-6\n", "noise that steps share"),
+                (linear + "offset_std = 1e-6\n", "noise that steps share"),
+                (joint + "offset_std = 1e-6\n", None),
                 ('gate = 6.0\nnoise_level = "unknown"\n', None)):
             with self.subTest(options):
                 self.edit("[method]\n", "[method]\n" + options)
                 if words:
                     self.expect(2, "assimilate", self.project_name, stderr=words)
                 else:
-                    self.assertTrue(all("noise_level" in line for line in self.assimilate()))
+                    self.assertEqual(all("noise_level" in line for line in self.assimilate()), "noise_level" in options)
                 self.edit("[method]\n" + options, "[method]\n")
         self.edit("[method]\n", "[method]\n" + joint)
         for method in ("ekf", "smc"):
