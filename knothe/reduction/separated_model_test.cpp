@@ -195,7 +195,8 @@ TEST(ModelFile, WithoutASealItIsReadAndNoDamageEndsTheProcess) {
   EXPECT_EQ(read_model(path).joint, model.joint);
   std::mt19937_64 random(6);
   int refused = 0;
-  for (int i = 0; i < variants() / 2; ++i) {
+  const int count = std::min(variants() / 2, 1000);  // HDF5 goes round for ever in some: ten seconds each
+  for (int i = 0; i < count; ++i) {
     write_bytes(path, damaged(whole, random));
     try {
       (void)read_model(path);
@@ -203,7 +204,7 @@ TEST(ModelFile, WithoutASealItIsReadAndNoDamageEndsTheProcess) {
       ++refused;
     }
   }
-  EXPECT_GT(refused, variants() / 8);  // numbers that are wrong are not seen without a seal
+  EXPECT_GT(refused, count / 4);  // numbers that are wrong are not seen without a seal
   EXPECT_THAT(message_of<DataError>([&] { files::require_sound(path, [] { std::abort(); }); }),
               HasSubstr("does not survive"));
 }
