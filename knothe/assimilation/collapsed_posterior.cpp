@@ -54,6 +54,15 @@ DatumProjector::DatumProjector(std::shared_ptr<const reduction::ObservedModel> m
     quadratic_[t] = core.transpose() * complete_.gram * core;
     quadratic_[t] = 0.5 * (quadratic_[t] + quadratic_[t].transpose().eval());
   }
+  const Eigen::Index unknowns = central_.size() + (noise_.scale_std() > 0 ? 1 : 0);
+  joint_ = StepForm::zero(unknowns);
+  if (noise_.scale_std() > 0 &&
+      (noise_.has_step_errors() || noise_.offset_std() > 0 || noise_.scalar_count() > 0 ||
+       (noise_.is_independent() && noise_.shared_reference() > 0))) {
+    throw UsageError(
+        "a scale that is not known exactly (relative_scale_std, dic.scale_std) is for displacements from "
+        "pictures: it does not go together with offsets of sensors, forces and gauges, or a clock's std");
+  }
   residual_.resize(n);
   weighted_.resize(n);
   in_space_.resize(model_->space.cols());
@@ -71,7 +80,7 @@ DatumProjector::DatumProjector(std::shared_ptr<const reduction::ObservedModel> m
     constant_ = std::make_unique<ConstantSensorError>(variance.inverse().matrix(), central_.size());
   } else {
     if (noise_.shared_reference() > 0) {
-      shared_ = std::make_unique<SharedReferenceError>(noise_, central_.size());
+      shared_ = std::make_unique<SharedReferenceError>(noise_, unknowns);
     }
   }
 }
@@ -85,6 +94,7 @@ void DatumProjector::set_noise_of(std::size_t step, NoiseModel noise) {
 void DatumProjector::restart() {
   if (shared_) shared_->restart();
   if (constant_) constant_->restart();
+  joint_ = StepForm::zero(joint_.linear.size());
 }
 
 void DatumProjector::take_measured(std::size_t step, const Eigen::Ref<const Eigen::VectorXd>& values) {
@@ -105,6 +115,12 @@ void DatumProjector::project(std::size_t step, std::size_t time_index,
   if (kept_.empty()) {
     form = StepForm::zero(central_.size());
     if (moved != nullptr) *moved = {};
+  } else if (noise_.scale_std() > 0) {
+    if (moved != nullptr)
+      throw UsageError(
+          "bias_correction does not go together with a scale that is not known exactly (relative_scale_std, "
+          "dic.scale_std): leave out one of them");
+    project_scaled(step, time_index, values, form);
   } else if (constant_) {
     project_constant(step, time_index, form, moved);
     require_finite(form, values);
@@ -225,6 +241,42 @@ void DatumProjector::project_constant(std::size_t step, std::size_t time_index, 
   if (moved != nullptr)
     *moved = constant_->condition_moved(own, model_->space, model_->core[time_index], residual_);
   if (std::isfinite(form.constant)) constant_->take(own, design, residual_);
+}
+
+/// A measured displacement is too large by 1 + ε, all of them by the same: the joint form of v and ε, which
+/// is linearised about the model's prediction y₀ at the centre (about the measured values, their noise would
+/// bias it): d − y₀ = (OU) C v − ε y₀ + noise with the sign of ε turned.
+void DatumProjector::project_scaled(std::size_t step, std::size_t time_index,
+                                    const Eigen::Ref<const Eigen::VectorXd>& values, StepForm& form) {
+  const NoiseGroup& group = group_of(step);
+  const auto& core = model_->core[time_index];
+  const Eigen::VectorXd residual = residual_(kept_), extra = predicted_.col(time_index)(kept_);
+  StepForm joint;
+  if (shared_) {
+    joint = shared_->condition(group, core, residual, &extra);
+  } else {
+    group.project(core, residual, 1, joint, &extra);
+  }
+  require_finite(joint, values);
+  if (shared_) shared_->take(group, core, residual, &extra);
+  form = without_scale(joint_);
+  joint_.add(joint);
+  StepForm after = without_scale(joint_);
+  after.subtract(form);
+  form = std::move(after);
+}
+
+/// ε integrated out: −2 log L is quadratic in it too, with 1/s² of its prior.
+StepForm DatumProjector::without_scale(const StepForm& joint) const {
+  const Eigen::Index r = central_.size();
+  const double prior = 1 / (noise_.scale_std() * noise_.scale_std()), a = joint.quadratic(r, r) + prior;
+  const Eigen::VectorXd coupling = joint.quadratic.col(r).head(r);
+  StepForm form;
+  form.quadratic = joint.quadratic.topLeftCorner(r, r) - coupling * coupling.transpose() / a;
+  form.linear = joint.linear.head(r) - coupling * (joint.linear[r] / a);
+  form.constant = joint.constant - joint.linear[r] * joint.linear[r] / a;
+  form.log_normaliser = joint.log_normaliser + std::log(a / prior);
+  return form;
 }
 
 const NoiseGroup& DatumProjector::group_of(std::size_t step) {

@@ -42,7 +42,7 @@ class DatumProjector {
   [[nodiscard]] Eigen::Index observation_count() const { return predicted_.rows(); }
   /// Whether a form depends on the data before it: then data are projected anew (`restart`) where one of them
   /// is taken out or comes late.
-  [[nodiscard]] bool depends_on_order() const { return shared_ || constant_; }
+  [[nodiscard]] bool depends_on_order() const { return shared_ || constant_ || noise_.scale_std() > 0; }
   void restart();
   /// The noise of step `step` from now on (of as many dofs).
   void set_noise_of(std::size_t step, NoiseModel noise);
@@ -65,6 +65,9 @@ class DatumProjector {
   void project_complete(std::size_t time_index, StepForm& form);
   void project_incomplete(std::size_t step, std::size_t time_index, StepForm& form);
   void project_constant(std::size_t step, std::size_t time_index, StepForm& form, MovedForm* moved);
+  void project_scaled(std::size_t step, std::size_t time_index,
+                      const Eigen::Ref<const Eigen::VectorXd>& values, StepForm& form);
+  [[nodiscard]] StepForm without_scale(const StepForm& joint) const;
   const NoiseGroup& group_of(std::size_t step);
   void take_step_error(const NoiseGroup& group, const Eigen::MatrixXd& factor, const Eigen::MatrixXd& core,
                        StepForm& form);
@@ -78,7 +81,8 @@ class DatumProjector {
   std::vector<Eigen::MatrixXd> quadratic_;  ///< G_t of complete data, per model time
   std::unique_ptr<SharedReferenceError> shared_;
   std::unique_ptr<ConstantSensorError> constant_;
-  std::vector<Eigen::Index> kept_;                  // of the datum at hand
+  StepForm joint_;                  ///< of all data so far, in v and ε: where the scale is not known exactly
+  std::vector<Eigen::Index> kept_;  // of the datum at hand
   Eigen::VectorXd residual_, weighted_, in_space_;  // workspace
 };
 

@@ -58,6 +58,18 @@ NoiseModel with_shared_reference(const Hdf5Reader& file, const std::string& name
   return noise.with_shared_reference(static_cast<int>(pictures));
 }
 
+/// Its attribute `relative_scale_std`: how exactly the metres per pixel are known.
+NoiseModel with_scale_error(const Hdf5Reader& file, const std::string& name, const NoiseModel& noise) {
+  if (!file.has_attribute(name, "relative_scale_std")) return noise;
+  const double std = file.number_attribute(name, "relative_scale_std");
+  if (!(std >= 0 && std < 1))
+    throw DataError(
+        fmt::format("{}: the attribute relative_scale_std of {} is {}: it is a share of the scale, "
+                    "below 1",
+                    file.path(), name.substr(1), std));
+  return noise.with_scale_error(std);
+}
+
 /// noise/precision_steps/I, pictures with a noise of their own.
 NoiseModel with_steps(const Hdf5Reader& file, NoiseModel noise, std::size_t n_obs, std::size_t n_t) {
   if (!file.has("/noise/precision_steps")) return noise;
@@ -90,7 +102,9 @@ NoiseModel read_noise(const Hdf5Reader& file, std::size_t n_obs, std::size_t n_t
     }
     if (file.has("/noise/precision")) {
       const NoiseModel noise = NoiseModel::correlated(read_matrix(file, "/noise/precision", n_obs));
-      return with_shared_reference(file, "/noise/precision", with_steps(file, noise, n_obs, n_t));
+      return with_scale_error(
+          file, "/noise/precision",
+          with_shared_reference(file, "/noise/precision", with_steps(file, noise, n_obs, n_t)));
     }
   } catch (const DataError& error) {
     const std::string text = error.what();

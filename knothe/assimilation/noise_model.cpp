@@ -132,6 +132,13 @@ NoiseModel NoiseModel::with_offsets(double std) const {
   return result;
 }
 
+NoiseModel NoiseModel::with_scale_error(double relative_std) const {
+  assert(relative_std >= 0);
+  NoiseModel result = *this;
+  result.scale_std_ = relative_std;
+  return result;
+}
+
 NoiseModel NoiseModel::with_scalars(const Eigen::VectorXd& std) const {
   assert(!marginal_);
   if (std.size() == 0) return *this;
@@ -204,6 +211,7 @@ NoiseModel NoiseModel::restricted(const std::vector<Eigen::Index>& kept) const {
   NoiseModel noise;
   noise.size_ = n_kept;
   noise.shared_reference_ = shared_reference_;
+  noise.scale_std_ = scale_std_;
   if (is_independent()) {
     noise.inverse_variance_ = inverse_variance_(kept);
     noise.log_determinant_ = -noise.inverse_variance_.array().log().sum();

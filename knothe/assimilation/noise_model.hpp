@@ -40,12 +40,19 @@ class NoiseModel {
   /// `factor` n × q: what the clock is off by. It is not part of R.
   [[nodiscard]] NoiseModel with_step_error(std::size_t step, Eigen::MatrixXd factor) const;
 
+  /// The same noise with a factor 1 + ε on the values of all steps besides, ε ~ N(0, relative_std²): metres
+  /// per pixel that are not known exactly. It is not part of R. Does not go with offsets, further
+  /// observations
+  /// (`with_scalars`), step errors, or sensors with a shared reference.
+  [[nodiscard]] NoiseModel with_scale_error(double relative_std) const;
+
   [[nodiscard]] Eigen::Index size() const { return size_; }
   [[nodiscard]] bool is_independent() const { return precision_ == nullptr; }
   [[nodiscard]] bool is_measured(Eigen::Index dof) const;                   ///< its row of R⁻¹ is not zero
   [[nodiscard]] bool is_complete() const { return is_complete_; }           ///< all dofs are measured
   [[nodiscard]] int shared_reference() const { return shared_reference_; }  ///< 0: nothing is shared
   [[nodiscard]] double offset_std() const { return offset_std_; }           ///< 0: no offsets
+  [[nodiscard]] double scale_std() const { return scale_std_; }             ///< 0: the scale is exact
   [[nodiscard]] Eigen::Index scalar_count() const { return scalar_count_; }  ///< of `with_scalars`, the last
   [[nodiscard]] bool has_step_errors() const { return !step_errors_.empty(); }
   /// F of step `step`; null where there is none.
@@ -81,7 +88,7 @@ class NoiseModel {
   std::shared_ptr<const Marginal> marginal_;                      ///< what a restriction needs, else null
   double log_determinant_ = 0;
   int shared_reference_ = 0;
-  double offset_std_ = 0;
+  double offset_std_ = 0, scale_std_ = 0;
   Eigen::Index scalar_count_ = 0;
   std::map<std::size_t, std::shared_ptr<const Eigen::MatrixXd>> step_errors_;
   std::map<std::size_t, std::shared_ptr<const NoiseModel>> steps_;

@@ -68,7 +68,7 @@ void StepForm::raise(double power) {
 }
 
 void NoiseGroup::project(const Eigen::MatrixXd& core, const Eigen::VectorXd& residual, double factor,
-                         StepForm& form) const {
+                         StepForm& form, const Eigen::VectorXd* extra) const {
   form.quadratic.noalias() = factor * (core.transpose() * (gram * core));
   make_symmetric(form.quadratic);
   form.linear.noalias() = factor * (core.transpose() * (weighted_space.transpose() * residual));
@@ -78,6 +78,15 @@ void NoiseGroup::project(const Eigen::MatrixXd& core, const Eigen::VectorXd& res
   form.used = residual.size();
   form.log_normaliser =
       static_cast<double>(form.used) * (k_log_2_pi - std::log(factor)) + noise.log_determinant();
+  if (extra == nullptr) return;
+  const Eigen::Index r = core.cols();
+  noise.apply(*extra, weighted);
+  form.quadratic.conservativeResize(r + 1, r + 1);
+  form.quadratic.col(r).head(r) = factor * (core.transpose() * (weighted_space.transpose() * *extra));
+  form.quadratic.row(r).head(r) = form.quadratic.col(r).head(r).transpose();
+  form.quadratic(r, r) = factor * extra->dot(weighted);
+  form.linear.conservativeResize(r + 1);
+  form.linear[r] = factor * residual.dot(weighted);
 }
 
 SharedReferenceError::SharedReferenceError(const NoiseModel& noise, Eigen::Index functions)
@@ -95,26 +104,29 @@ bool SharedReferenceError::is_uniform(const NoiseGroup& group) const {
 }
 
 StepForm SharedReferenceError::condition(const NoiseGroup& group, const Eigen::MatrixXd& core,
-                                         const Eigen::VectorXd& residual) const {
+                                         const Eigen::VectorXd& residual,
+                                         const Eigen::VectorXd* extra) const {
   const double k = pictures_;
   StepForm form;
   if (is_uniform(group)) {
     const double before = groups_.empty() ? 0 : static_cast<double>(groups_[0].count);
     const double factor = (k + 1) * (k + before) / (k * (k + before + 1));
     if (before == 0) {
-      group.project(core, residual, factor, form);
+      group.project(core, residual, factor, form, extra);
     } else {
       const NoiseGroup& past = groups_[0];
+      Eigen::VectorXd column;
+      if (extra != nullptr) column = *extra - past.sum_extra / (k + before);
       group.project(core - past.sum_core / (k + before), residual - past.sum_residual / (k + before), factor,
-                    form);
+                    form, extra == nullptr ? nullptr : &column);
     }
     return form;
   }
-  group.project(core, residual, (k + 1) / k, form);  // own errors alone
+  group.project(core, residual, (k + 1) / k, form, extra);  // own errors alone
   std::vector<NoiseGroup> groups = groups_;
   if (!groups.empty()) form.subtract(integrated(groups));
   SharedReferenceError with = *this;
-  with.take(group, core, residual);
+  with.take(group, core, residual, extra);
   form.add(integrated(with.groups_));
   return form;
 }
@@ -150,7 +162,7 @@ MovedForm SharedReferenceError::condition_moved(const NoiseGroup& group, const E
 }
 
 void SharedReferenceError::take(const NoiseGroup& group, const Eigen::MatrixXd& core,
-                                const Eigen::VectorXd& residual) {
+                                const Eigen::VectorXd& residual, const Eigen::VectorXd* extra) {
   NoiseGroup* mine = nullptr;
   for (NoiseGroup& g : groups_) {
     if (g.of_one_step == group.of_one_step && g.step == group.step && g.kept == group.kept) mine = &g;
@@ -160,10 +172,12 @@ void SharedReferenceError::take(const NoiseGroup& group, const Eigen::MatrixXd& 
     mine->count = 0;
     mine->sum_residual.setZero(residual.size());
     mine->sum_core.setZero(core.rows(), core.cols());
+    mine->sum_extra.setZero(extra == nullptr ? 0 : residual.size());
   }
   ++mine->count;
   mine->sum_residual += residual;
   mine->sum_core += core;
+  if (extra != nullptr) mine->sum_extra += *extra;
 }
 
 // A = K + Σ_g n_g S_gᵀ Q_g S_g, Q_g the Schur complement of the dofs u missing in group g. It is the Schur
@@ -205,7 +219,11 @@ StepForm SharedReferenceError::integrated(const std::vector<NoiseGroup>& groups)
     const double missing = static_cast<double>(n) - n_border;
     log_border += missing * std::log(scale) - whole.log_determinant() + g.noise.log_determinant();
     const Eigen::VectorXd weighted = g.noise.apply(g.sum_residual);
-    const Eigen::MatrixXd weighted_design = g.weighted_space * g.sum_core;
+    Eigen::MatrixXd weighted_design = g.weighted_space * g.sum_core;
+    if (g.sum_extra.size() > 0) {
+      weighted_design.conservativeResize(Eigen::NoChange, functions_);
+      weighted_design.col(functions_ - 1) = g.noise.apply(g.sum_extra);
+    }
     for (std::size_t j = 0; j < g.kept.size(); ++j) {
       const int row = place[g.kept[j]];
       if (row < 0) {

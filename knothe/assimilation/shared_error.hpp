@@ -28,10 +28,12 @@ struct NoiseGroup {
   Eigen::Index count = 0;          ///< n_g, data so far
   Eigen::VectorXd sum_residual;    ///< Σ r_t
   Eigen::MatrixXd sum_core;        ///< Σ C_t
+  Eigen::VectorXd sum_extra;       ///< Σ of the further columns; empty where there are none
 
-  /// The form of a datum with residual r and core C, its covariance R_s / factor.
-  void project(const Eigen::MatrixXd& core, const Eigen::VectorXd& residual, double factor,
-               StepForm& form) const;
+  /// The form of a datum with residual r and core C, its covariance R_s / factor. `extra` (may be null): how
+  /// the datum depends on one more unknown, which becomes the last of the form.
+  void project(const Eigen::MatrixXd& core, const Eigen::VectorXd& residual, double factor, StepForm& form,
+               const Eigen::VectorXd* extra = nullptr) const;
 };
 
 /// The noise of k reference pictures shared by correlated data: K = k Q, Q = R⁻¹ (k + 1)/k.
@@ -43,18 +45,21 @@ struct NoiseGroup {
 /// factorisation and r + 1 solves per datum.
 class SharedReferenceError {
  public:
+  /// `functions`: unknowns of the forms, r, and one more where data come with an `extra` column.
   SharedReferenceError(const NoiseModel& noise, Eigen::Index functions);
   void restart();
   void set_noise(const NoiseModel& noise) { noise_ = noise; }  ///< the same, with further steps
   /// The form of the next datum given those before it. `group` becomes one of the groups if the datum is
   /// taken (`take`).
   [[nodiscard]] StepForm condition(const NoiseGroup& group, const Eigen::MatrixXd& core,
-                                   const Eigen::VectorXd& residual) const;
+                                   const Eigen::VectorXd& residual,
+                                   const Eigen::VectorXd* extra = nullptr) const;
   /// The same for a model with a discrepancy.
   [[nodiscard]] MovedForm condition_moved(const NoiseGroup& group, const Eigen::MatrixXd& core,
                                           const Eigen::VectorXd& residual) const;
   /// Adds the datum.
-  void take(const NoiseGroup& group, const Eigen::MatrixXd& core, const Eigen::VectorXd& residual);
+  void take(const NoiseGroup& group, const Eigen::MatrixXd& core, const Eigen::VectorXd& residual,
+            const Eigen::VectorXd* extra = nullptr);
 
  private:
   struct Shared {

@@ -7,6 +7,7 @@
 #include <functional>
 #include <numbers>
 #include <numeric>
+#include <random>
 
 #include "knothe/assimilation/collapsed_posterior.hpp"
 #include "knothe/assimilation/joint_discrepancy.hpp"
@@ -42,6 +43,7 @@ Eigen::SparseMatrix<double> chain(double scale) {
 struct DenseNoise {
   std::vector<Eigen::MatrixXd> own;  ///< per step
   Eigen::MatrixXd shared;
+  double scale_std;
 };
 
 DenseNoise dense(const NoiseModel& noise) {
@@ -52,6 +54,7 @@ DenseNoise dense(const NoiseModel& noise) {
     result.own.push_back(k > 0 ? Eigen::MatrixXd(k / (k + 1) * r) : r);
   }
   const Eigen::MatrixXd r = Eigen::MatrixXd(noise.precision()).inverse();
+  result.scale_std = noise.scale_std();
   result.shared = k > 0 ? Eigen::MatrixXd(r / (k + 1)) : Eigen::MatrixXd::Zero(k_dofs, k_dofs);
   return result;
 }
@@ -72,12 +75,16 @@ double dense_log_likelihood(
     }
   }
   const auto n = static_cast<Eigen::Index>(present.size());
+  Eigen::MatrixXd central(k_dofs, data.cols());  // about which a scale is linearised
+  for (Eigen::Index t = 0; t < data.cols(); ++t)
+    central.col(t) = model.predict(Eigen::Vector2d(1, 1), static_cast<std::size_t>(t));
   Eigen::MatrixXd covariance(n, n);
   for (Eigen::Index a = 0; a < n; ++a) {
     for (Eigen::Index b = 0; b < n; ++b) {
       const auto [i, t] = present[a];
       const auto [j, s] = present[b];
-      covariance(a, b) = noise.shared(i, j) + (t == s ? noise.own[t](i, j) : 0.0);
+      covariance(a, b) = noise.shared(i, j) + (t == s ? noise.own[t](i, j) : 0.0) +
+                         std::pow(noise.scale_std, 2) * central(i, t) * central(j, s);
       if (more) covariance(a, b) += more(i, t, j, s);
     }
   }
@@ -141,6 +148,14 @@ TEST_P(SharedError, OnePictureHasAnotherNoise) {
   data_(6, 2) = data_(2, 3) = k_nan;
   const NoiseModel noise = NoiseModel::correlated(chain(4)).with_step(2, NoiseModel::correlated(chain(1.5)));
   expect_is_the_joint_gaussian(noise.with_shared_reference(GetParam()), data_, model_);
+}
+
+TEST_P(SharedError, AScaleThatIsNotKnownExactly) {
+  const NoiseModel noise =
+      NoiseModel::correlated(chain(4)).with_shared_reference(GetParam()).with_scale_error(0.3);
+  expect_is_the_joint_gaussian(noise, data_, model_);
+  data_(6, 2) = data_(2, 3) = k_nan;
+  expect_is_the_joint_gaussian(noise.with_step(2, NoiseModel::correlated(chain(1.5))), data_, model_);
 }
 
 TEST_P(SharedError, IndependentSensors) {
@@ -232,6 +247,59 @@ TEST_P(SharedError, WithADiscrepancyAndValuesMissingNowAndThenTheyAreToo) {
 }
 
 INSTANTIATE_TEST_SUITE_P(ReferencePictures, SharedError, ::testing::Values(0, 1, 4));
+
+/// Ellipsoids of 95 % of v from pictures with a scale that is off by a factor drawn anew for each test.
+TEST(ScaleError, RegionsCoverOnlyIfItIsRemembered) {
+  const auto model = random_model(std::make_shared<CurvedFunctions>(), k_dofs, 4, k_steps, 3);
+  const Eigen::Vector2d centre(1, 1), truth(1.004, 0.998);
+  const double scale_std = 0.05;
+  const NoiseModel plain = NoiseModel::correlated(chain(3e3));
+  const Eigen::MatrixXd root =  // of R: L⁻ᵀ with L Lᵀ = R⁻¹
+      Eigen::LLT<Eigen::MatrixXd>(Eigen::MatrixXd(plain.precision()))
+          .matrixU()
+          .solve(Eigen::MatrixXd::Identity(k_dofs, k_dofs));
+  reduction::FunctionBatch batch;
+  batch.resize(1, 2, 3, 0);
+  model->functions->evaluate(truth.transpose(), 0, batch);
+  const Eigen::VectorXd functions = batch.value.row(0);
+  std::mt19937_64 random(5);
+  std::normal_distribution<double> normal;
+  constexpr int k_tests = 400;
+  constexpr double k_quantile = 7.814727903251178;  // of χ² with 3 degrees of freedom, 95 %
+  int covered = 0, forgotten = 0;
+  for (int test = 0; test < k_tests; ++test) {
+    const double factor = 1 + scale_std * normal(random);
+    Eigen::MatrixXd data(k_dofs, k_steps);
+    for (Eigen::Index t = 0; t < k_steps; ++t) {
+      Eigen::VectorXd z(k_dofs);
+      for (double& value : z) value = normal(random);
+      data.col(t) = factor * model->predict(truth, static_cast<std::size_t>(t)) + root * z;
+    }
+    for (const double std : {scale_std, 0.0}) {
+      DatumProjector projector(model, plain.with_scale_error(std), centre);
+      StepForm sum = StepForm::zero(3), form;
+      for (std::size_t t = 0; t < k_steps; ++t) {
+        projector.project(t, t, data.col(static_cast<Eigen::Index>(t)), form);
+        sum.add(form);
+      }
+      const Eigen::VectorXd error = Eigen::LLT<Eigen::MatrixXd>(sum.quadratic).solve(sum.linear) -
+                                    (functions - projector.central_functions());
+      (std > 0 ? covered : forgotten) += error.dot(sum.quadratic * error) < k_quantile ? 1 : 0;
+    }
+  }
+  RecordProperty("covered", covered);
+  RecordProperty("forgotten", forgotten);
+  EXPECT_NEAR(covered, 0.95 * k_tests, 3 * std::sqrt(0.95 * 0.05 * k_tests));
+  EXPECT_LT(forgotten, 0.7 * k_tests);
+}
+
+TEST(ScaleError, DoesNotGoWithWhatHasNoScale) {
+  const auto model = random_model(std::make_shared<CurvedFunctions>(), k_dofs, 4, k_steps, 3);
+  const NoiseModel sensors = NoiseModel::independent(Eigen::VectorXd::Constant(k_dofs, 0.1));
+  EXPECT_THROW(DatumProjector(model, sensors.with_offsets(0.1).with_scale_error(0.1), Eigen::Vector2d(1, 1)),
+               UsageError);
+  EXPECT_NO_THROW(DatumProjector(model, sensors.with_scale_error(0.1), Eigen::Vector2d(1, 1)));
+}
 
 TEST(SharedErrorAndTime, AStepTakenOutLeavesNoTrace) {
   const auto model = random_model(std::make_shared<CurvedFunctions>(), k_dofs, 4, k_steps, 3);

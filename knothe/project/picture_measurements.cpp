@@ -169,7 +169,8 @@ PictureMeasurements::PictureMeasurements(const Project& project, const reduction
   measurements_.values.setConstant(n, static_cast<Eigen::Index>(measurements_.time.size()),
                                    std::numeric_limits<double>::quiet_NaN());
   measurements_.noise = noise_of(series_->precision(series_->correlation().usable_elements(), gamma_).matrix)
-                            .with_shared_reference(static_cast<int>(series_->reference_count()));
+                            .with_shared_reference(static_cast<int>(series_->reference_count()))
+                            .with_scale_error(frame_.relative_scale_std);
   correlate_ahead();
 }
 
