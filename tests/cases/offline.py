@@ -73,7 +73,7 @@ class Test(Case):
         """The study of docs/mechanics.md between the two finest meshes, label nightly: less than 3 % for load curve and crack."""
         shutil.copy(REPOSITORY / "examples/beam/beam.toml", self.folder)
         lines = self.expect(0, "model", "mesh-study", "beam.toml", "--elements", "0.0025,0.00125", "--laws", "crack-band,gradient",
-                            "--steps", "50", "--json").lines()
+                            "--steps", "50", "--json", timeout=1700).lines()
         gaps = {line["law"]: line for line in lines if "from_m" in line}
         self.assertEqual(sorted(gaps), ["crack-band", "gradient"])
         for law, gap in gaps.items():
