@@ -91,7 +91,8 @@ reduction::Snapshots solve_grid(const BuildArguments& arguments, const project::
     latin.window = options.latin_window;
     latin.threads = static_cast<std::size_t>(options.processes);
     latin.quiet = false;
-    mechanics::LatinModel model = mechanics::solve_latin_grid(problem, axes, latin);
+    mechanics::LatinModel model =
+        mechanics::solve_latin_grid(problem, axes, latin, arguments.output + ".parts");
     report_latin(model, arguments.json);
     return std::move(model.snapshots);
   }

@@ -30,11 +30,12 @@ MovedReference::MovedReference(const files::Picture& picture, const ImageMesh& m
   for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
     const auto& nodes = mesh.elements[e];
     const auto n = static_cast<std::size_t>(ImageMesh::nodes_of(nodes));
-    const bool inside = std::all_of(nodes.begin(), nodes.begin() + static_cast<std::ptrdiff_t>(n), [&](int node) {
-      const auto i = static_cast<std::size_t>(node);
-      return whole.x[i] >= 0 && whole.y[i] >= 0 && whole.x[i] <= picture.width - 1 &&
-             whole.y[i] <= picture.height - 1;
-    });
+    const bool inside =
+        std::all_of(nodes.begin(), nodes.begin() + static_cast<std::ptrdiff_t>(n), [&](int node) {
+          const auto i = static_cast<std::size_t>(node);
+          return whole.x[i] >= 0 && whole.y[i] >= 0 && whole.x[i] <= picture.width - 1 &&
+                 whole.y[i] <= picture.height - 1;
+        });
     if (base.element_valid[e] == 0 || !inside) continue;
     const auto shape = whole.shape_functions(nodes, 0, 0);
     if (!shape.is_valid() || shape.area() < k_least_area) continue;
@@ -61,7 +62,8 @@ CorrelationResult MovedReference::correlate(const files::Picture& deformed, cons
       own.segment<2>(2 * static_cast<Eigen::Index>(a)) =
           start.segment<2>(2 * node_[a]) - base_.segment<2>(2 * node_[a]);
   }
-  last_ = correlation_->correlate(deformed, own, start.size() != 0 ? last_.element_valid : std::vector<char>{});
+  last_ =
+      correlation_->correlate(deformed, own, start.size() != 0 ? last_.element_valid : std::vector<char>{});
   CorrelationResult result = last_;
   result.displacement = base_;
   if (last_.unregularised.size() > 0) result.unregularised = base_unregularised_;
@@ -88,8 +90,11 @@ double MovedReference::noise() const {
 
 MovedReference::Noise MovedReference::noise_of_last(double gamma) const {
   Noise noise;
-  const auto [own, own_std] = displacement_precision(*correlation_, last_.element_valid, gamma, 1, last_.gain);
-  const auto dof = [this](Eigen::Index i) { return 2 * node_[static_cast<std::size_t>(i / 2)] + static_cast<int>(i % 2); };
+  const auto [own, own_std] =
+      displacement_precision(*correlation_, last_.element_valid, gamma, 1, last_.gain);
+  const auto dof = [this](Eigen::Index i) {
+    return 2 * node_[static_cast<std::size_t>(i / 2)] + static_cast<int>(i % 2);
+  };
   std::vector<Eigen::Triplet<double>> entries;
   for (int column = 0; column < own.outerSize(); ++column)
     for (Eigen::SparseMatrix<double>::InnerIterator it(own, column); it; ++it)

@@ -14,8 +14,8 @@ namespace knothe::imaging {
 class MovedReference {
  public:
   /// `base`: what was measured in `picture`, which becomes the reference; `base_std` (px, one per dof) how
-  /// exactly. Elements that were not valid there, or have left the picture, stay out. Errors: UsageError where
-  /// nothing is left.
+  /// exactly. Elements that were not valid there, or have left the picture, stay out. Errors: UsageError
+  /// where nothing is left.
   MovedReference(const files::Picture& picture, const ImageMesh& mesh, const CorrelationResult& base,
                  Eigen::VectorXd base_std, const CorrelationOptions& options);
 
@@ -36,10 +36,10 @@ class MovedReference {
 
  private:
   Eigen::VectorXd base_, base_unregularised_, base_std_;
-  std::size_t elements_;               ///< of the first mesh
-  std::vector<int> node_, element_;    ///< numbers in the first mesh
+  std::size_t elements_;             ///< of the first mesh
+  std::vector<int> node_, element_;  ///< numbers in the first mesh
   std::unique_ptr<ImageCorrelation> correlation_;
-  CorrelationResult last_;             ///< of the moved mesh, since this reference
+  CorrelationResult last_;  ///< of the moved mesh, since this reference
 };
 
 }  // namespace knothe::imaging

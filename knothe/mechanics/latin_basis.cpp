@@ -26,17 +26,20 @@ MatrixXd LatinBasis::to_working(const MatrixXd& coordinates) const {
   return result;
 }
 
-bool LatinBasis::add(const VectorXd& displacement, const VectorXd& force, double threshold) {
-  const double before = displacement.dot(force);
+bool LatinBasis::add(const VectorXd& force, double threshold) {
+  // Forces lead and displacements follow from them: what is left of a direction that the archive nearly holds
+  // is small, and the two must still belong together after it has been scaled up.
+  VectorXd f = force, u = body_.flexibility() * f;
+  const double before = u.dot(f);
   if (!(before > 0) || !std::isfinite(before)) return false;
-  VectorXd u = displacement / std::sqrt(before), f = force / std::sqrt(before);
+  f /= std::sqrt(before);
   VectorXd direction = VectorXd::Zero(archived());
   for (int pass = 0; pass < 2 && archived() > 0; ++pass) {  // twice is enough
-    const VectorXd part = archive_forces_.transpose() * u;
-    u -= archive_displacements_ * part;
+    const VectorXd part = archive_displacements_.transpose() * f;
     f -= archive_forces_ * part;
     direction += part;
   }
+  u.noalias() = body_.flexibility() * f;
   VectorXd outside = direction;
   for (int pass = 0; pass < 2 && size() > 0; ++pass)
     outside -= directions_ * (directions_.transpose() * outside).eval();
@@ -87,6 +90,13 @@ void LatinBasis::rebuild() {
   if (r > 0) strains_.bottomRows(r) = body_.strains(archive_displacements_ * directions_);
   projected_.resize(packed(r + 9, 0), body_.point_count());
   for (Index mode = 1; mode <= r; ++mode) project(mode);
+}
+
+void LatinBasis::restore(const Modes& modes) {
+  archive_displacements_ = modes.displacements;
+  archive_forces_ = modes.forces;
+  directions_ = modes.directions;
+  rebuild();
 }
 
 void LatinBasis::project(Index mode) {

@@ -33,14 +33,23 @@ class LatinBasis {
   [[nodiscard]] Eigen::MatrixXd to_archive(const Eigen::MatrixXd& coordinates) const;
   [[nodiscard]] Eigen::MatrixXd to_working(const Eigen::MatrixXd& coordinates) const;
 
-  /// A working mode along a displacement of the active dofs with the elastic force `force`; false if less
+  /// A working mode along the displacement of the active dofs under the elastic force `force`; false if less
   /// than `threshold` of its energy norm is new.
-  bool add(const Eigen::VectorXd& displacement, const Eigen::VectorXd& force, double threshold);
+  bool add(const Eigen::VectorXd& force, double threshold);
   /// Cells join the body; everything is extended.
   void join(LatinBody& body, std::span<const std::int64_t> cells);
   /// Recompression: as few working modes as represent the `states` (archive coordinates, (R + 1) × n) with a
   /// root mean square error of at most `allowed` (Euclidean norm over the active dofs, m).
   void recompress(const Eigen::MatrixXd& states, double allowed);
+
+  /// What it consists of: the rest follows from it and the body.
+  struct Modes {
+    Eigen::MatrixXd displacements, forces;  ///< of the archive, n_a × R
+    Eigen::MatrixXd directions;             ///< T, R × r
+  };
+  [[nodiscard]] Modes modes() const { return {archive_displacements_, archive_forces_, directions_}; }
+  /// As it was when `modes` were taken; the body's active cells must be those of then.
+  void restore(const Modes& modes);
 
  private:
   void append(const Eigen::VectorXd& direction);

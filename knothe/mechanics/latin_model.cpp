@@ -2,15 +2,41 @@
 
 #include <fmt/format.h>
 
+#include <filesystem>
+
 #include "knothe/base/error.hpp"
+#include "knothe/mechanics/run_key.hpp"
 
 namespace knothe::mechanics {
 
 using Eigen::Index;
 using Eigen::MatrixXd;
 
+namespace {
+
+void set_state_file(const BeamProblem& problem, const std::vector<reduction::Axis>& axes,
+                    const std::string& parts_folder, LatinOptions& options) {
+  options.key = run_key(problem);
+  for (const reduction::Axis& axis : axes) {
+    options.key += fmt::format(" | {} {:a}", axis.name, axis.reference);
+    for (const double node : axis.nodes) options.key += fmt::format(" {:a}", node);
+  }
+  options.key += fmt::format(" | LATIN {:a} {:a} {} {} {} {} {} {:a} {:a}", options.accuracy,
+                             options.tolerance, options.window, options.most_modes, options.modes_per_round,
+                             options.rounds, options.rescue_round, options.recompression, options.activation);
+  std::error_code failed;
+  std::filesystem::create_directories(parts_folder, failed);
+  if (failed)
+    throw IoError(
+        fmt::format("cannot make the folder {} for an interrupted run: {}", parts_folder, failed.message()));
+  options.state_file =
+      (std::filesystem::path(parts_folder) / fmt::format("latin-{:016x}.h5", fnv1a(options.key))).string();
+}
+
+}  // namespace
+
 LatinModel solve_latin_grid(const BeamProblem& problem, const std::vector<reduction::Axis>& axes,
-                            const LatinOptions& options) {
+                            LatinOptions options, const std::string& parts_folder) {
   problem.solver.validate();
   const std::string source = problem.gmsh_file.empty() ? "beam" : problem.gmsh_file;
   const auto structure = std::make_shared<const Structure>(make_mesh(problem), problem.elastic, source);
@@ -20,7 +46,9 @@ LatinModel solve_latin_grid(const BeamProblem& problem, const std::vector<reduct
   std::vector<DamageParameters> parameters;
   for (std::size_t i = 0; i < model.snapshots.grid_size(); ++i)
     parameters.push_back(damage_parameters(problem, axes, model.snapshots.parameters_at(i)));
+  if (!parts_folder.empty()) set_state_file(problem, axes, parts_folder, options);
   model.solution = solve_latin_pgd(structure, problem.solver, parameters, options);
+  if (std::error_code ignored; !parts_folder.empty()) std::filesystem::remove(parts_folder, ignored);
 
   const LatinSolution& solution = model.solution;
   const Index dofs = structure->dof_count(), steps = problem.solver.steps;

@@ -5,14 +5,17 @@
 #include <algorithm>
 #include <cmath>
 #include <ctime>
+#include <filesystem>
 #include <numeric>
 
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/base/monotonic_time.hpp"
 #include "knothe/base/progress.hpp"
 #include "knothe/base/threads.hpp"
 #include "knothe/mechanics/latin_activation.hpp"
 #include "knothe/mechanics/latin_stage.hpp"
+#include "knothe/mechanics/latin_state.hpp"
 
 namespace knothe::mechanics {
 namespace {
@@ -21,6 +24,7 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
+constexpr double k_microseconds_between_saves = 30e6;
 constexpr std::size_t k_batch = 32;  // lanes of a batch; fixed, so that results do not depend on the threads
 
 /// What takes a candidate's out-of-balance forces away.
@@ -46,6 +50,10 @@ class LatinPgd {
   /// Cells join; the points for which the window must be computed again.
   [[nodiscard]] std::vector<int> activate();
   void solve_window();
+  /// Goes on from the state file, if there is one of this run.
+  void resume();
+  void remember(int next_step);
+  void save_state();
   void recompress();
   [[nodiscard]] MatrixXd archived_states(int first, int last) const;
 
@@ -61,6 +69,8 @@ class LatinPgd {
   MatrixXd expanded_;         ///< archived modes on all dofs
   LatinSolution solution_;
   std::clock_t start_ = std::clock();
+  LatinState state_;  ///< at the start of the window; empty without a state file
+  MonotonicTime saved_ = monotonic_now();
 };
 
 LatinPgd::LatinPgd(std::shared_ptr<const Structure> structure, const SolverOptions& loading,
@@ -202,7 +212,7 @@ std::vector<int> LatinPgd::enrich(const std::vector<LatinStageResult>& results, 
                       "ask for less "
                       "accuracy, or allow more modes",
                       options_.most_modes, options_.accuracy, last_, record.correction));
-    (void)basis_.add(corrections[k].displacement, corrections[k].force, 1e-5);
+    (void)basis_.add(corrections[k].force, 1e-5);
   }
   std::sort(failing.begin(), failing.end());
   return failing;
@@ -244,7 +254,15 @@ void LatinPgd::solve_window() {
   std::vector<int> pending = all;
   end_ = history_;
   for (int round = 0;; ++round) {
-    check_cancellation(fmt::format("LATIN-PGD at step {} of {}; nothing is kept", first_, loading_.steps));
+    if (cancellation_requested()) {
+      save_state();
+      check_cancellation(
+          fmt::format("LATIN-PGD at step {} of {}; {}", first_, loading_.steps,
+                      options_.state_file.empty()
+                          ? "nothing is kept"
+                          : fmt::format("steps before it are kept in {}; the same command goes on from there",
+                                        options_.state_file)));
+    }
     LatinIteration record{first_,
                           last_,
                           round,
@@ -272,9 +290,41 @@ void LatinPgd::recompress() {
   basis_.recompress(archived_states(first_, last_), options_.recompression * options_.accuracy);
 }
 
+void LatinPgd::resume() {
+  if (options_.state_file.empty()) return;
+  std::optional<LatinState> state = read_latin_state(options_.key, options_.state_file);
+  if (!state) return;
+  basis_.join(body_, state->cells);
+  basis_.restore(state->modes);
+  history_ = std::move(state->history);
+  expanded_ = std::move(state->expanded);
+  solution_ = std::move(state->solution);
+  first_ = state->next_step;
+  start_ -= static_cast<std::clock_t>(solution_.cpu_seconds * CLOCKS_PER_SEC);
+  if (!options_.quiet)
+    fmt::print(stderr, "LATIN-PGD goes on from step {} of {}, kept in {}\n", first_, loading_.steps,
+               options_.state_file);
+}
+
+void LatinPgd::remember(int next_step) {
+  if (options_.state_file.empty()) return;
+  solution_.cpu_seconds = static_cast<double>(std::clock() - start_) / CLOCKS_PER_SEC;
+  const auto cells = body_.cells();
+  state_ = {next_step, {cells.begin(), cells.end()}, basis_.modes(), history_, expanded_, solution_};
+  if (microseconds_since(saved_) > k_microseconds_between_saves) save_state();
+}
+
+void LatinPgd::save_state() {
+  if (options_.state_file.empty()) return;
+  write_latin_state(state_, options_.key, options_.state_file);
+  saved_ = monotonic_now();
+}
+
 LatinSolution LatinPgd::run() {
   Progress progress("LATIN-PGD", static_cast<std::size_t>(loading_.steps), options_.quiet);
-  for (first_ = 0; first_ < loading_.steps; first_ = last_) {
+  resume();
+  for (; first_ < loading_.steps; first_ = last_) {
+    remember(first_);
     last_ = std::min(loading_.steps, first_ + options_.window);
     solution_.accepted.conservativeResize(points_, solution_.accepted.cols() + 1);
     solution_.accepted.rightCols(1).setOnes();
@@ -293,6 +343,8 @@ LatinSolution LatinPgd::run() {
   solution_.space = body_.expand(basis_.archive());
   solution_.active_cells = static_cast<int>(body_.cells().size());
   solution_.cpu_seconds = static_cast<double>(std::clock() - start_) / CLOCKS_PER_SEC;
+  if (std::error_code ignored; !options_.state_file.empty())
+    std::filesystem::remove(options_.state_file, ignored);
   return std::move(solution_);
 }
 

@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <memory>
 #include <span>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -32,6 +33,10 @@ struct LatinOptions {
   LatinStepOptions step;    ///< of the small problems
   std::size_t threads = 0;  ///< 0: all
   bool quiet = true;        ///< no progress on stderr
+  /// Where a run that is interrupted leaves its state, and goes on from (latin_state.hpp); empty: nowhere.
+  std::string state_file;
+  /// What tells this run from others that might have left a state there.
+  std::string key;
 
   /// Throws ProjectError naming the option that makes no sense.
   void validate() const;
@@ -67,7 +72,9 @@ struct LatinSolution {
 };
 
 /// Solves for all `parameters` together. Deterministic for any number of threads. NumericalError if
-/// `most_modes` do not suffice; Interrupted when the user asks to stop (nothing is kept).
+/// `most_modes` do not suffice; Interrupted when the user asks to stop: finished windows are kept in
+/// `state_file`, which is written every half minute, too, and removed at the end. A run that goes on from
+/// there ends as if it had never stopped, to the bit. IoError if it cannot be written.
 [[nodiscard]] LatinSolution solve_latin_pgd(std::shared_ptr<const Structure> structure,
                                             const SolverOptions& loading,
                                             std::span<const DamageParameters> parameters,

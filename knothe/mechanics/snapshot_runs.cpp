@@ -13,53 +13,11 @@
 #include "knothe/files/hdf5.hpp"
 #include "knothe/mechanics/child_processes.hpp"
 #include "knothe/mechanics/ranks.hpp"
+#include "knothe/mechanics/run_key.hpp"
 #include "knothe/reduction/sparse_grid.hpp"
 
 namespace knothe::mechanics {
 namespace {
-
-/// Counts up whenever the same options give other results: runs of an older program are then not taken for
-/// new ones.
-constexpr int k_results_version = 1;
-
-std::uint64_t fnv1a(std::string_view text) {
-  std::uint64_t hash = 14695981039346656037ull;
-  for (const unsigned char character : text) hash = (hash ^ character) * 1099511628211ull;
-  return hash;
-}
-
-/// Everything a run's result depends on, as text. `processes`, names of axes and references are not in it:
-/// what counts is the physical value.
-std::string key_text(const BeamProblem& problem) {
-  const DamageParameters& p = problem.reference;
-  const auto& beam = problem.beam;
-  const auto& solver = problem.solver;
-  std::string mesh;
-  if (problem.gmsh_file.empty())
-    mesh =
-        fmt::format("beam {:a} {} {:a} {:a} {:a} {:a} {:a} {:a} {:a} {:a} {:a} {:a} {:a} {:a}", beam.element,
-                    beam.layers, beam.length, beam.height, beam.half_thickness, beam.notch_depth,
-                    beam.notch_width, beam.support, beam.load_half_width, beam.refined_half_width,
-                    beam.protected_half_width, beam.protected_depth, beam.growth, beam.largest_element);
-  else
-    mesh = fmt::format("gmsh {:016x}", fnv1a(files::read_text(problem.gmsh_file)));
-  if (beam.support_stiffness != 0 || beam.load_offset != 0)
-    mesh += fmt::format(" | springs {:a} offset {:a}", beam.support_stiffness, beam.load_offset);
-  const auto& regularisation = solver.regularisation;
-  std::string law;
-  if (regularisation.kind == Regularisation::crack_band)
-    law = fmt::format(" | crack band {:a}", regularisation.reference_size);
-  else if (regularisation.kind == Regularisation::gradient)
-    law = fmt::format(" | gradient {:a}", regularisation.internal_length);
-  return fmt::format(
-      "version {} | {} | left {} | E {:a} nu {:a} | Y0 {:a} Ad {:a} | {} steps {:a} m | tolerance {:a} {:a} "
-      "| {} {} "
-      "{} {:a} {}{}",
-      k_results_version, mesh, static_cast<int>(beam.left_support), problem.elastic.young_modulus,
-      problem.elastic.poisson_ratio, p.threshold, p.brittleness, solver.steps, solver.displacement,
-      solver.tolerance, solver.acceptance, solver.newton_iterations, solver.cuts, solver.secant_iterations,
-      solver.activation, static_cast<int>(solver.condensation), law);
-}
 
 struct Part {
   std::size_t point = 0;  ///< of the tensor grid
@@ -152,7 +110,7 @@ std::vector<Part> list_parts(const BeamProblem& problem, const SnapshotGrid& gri
     parts[i].point = points[i];
     parts[i].parameters = snapshots.parameters_at(points[i]);
     parts[i].problem = problem_at(problem, grid.axes, parts[i].parameters);
-    parts[i].key = key_text(parts[i].problem);
+    parts[i].key = run_key(parts[i].problem);
     parts[i].path =
         (std::filesystem::path(grid.parts_folder) / fmt::format("run-{:016x}.h5", fnv1a(parts[i].key)))
             .string();

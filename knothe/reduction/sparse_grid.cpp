@@ -13,8 +13,8 @@ namespace {
 
 /// One axis: levels, and for each level the nodes up to it with the weights of all nodes in them.
 struct AxisLevels {
-  std::vector<int> level;                        ///< of each node
-  std::vector<std::vector<std::size_t>> nodes;   ///< [level]
+  std::vector<int> level;                                 ///< of each node
+  std::vector<std::vector<std::size_t>> nodes;            ///< [level]
   std::vector<std::vector<std::vector<double>>> weights;  ///< [level][any node][node of the level]
 
   explicit AxisLevels(const Axis& axis) : level(node_levels(axis.nodes.size())) {
@@ -58,7 +58,8 @@ int sum(const std::vector<std::size_t>& index) {
   return static_cast<int>(std::accumulate(index.begin(), index.end(), std::size_t{0}));
 }
 
-/// Σ (−1)^|z| over z ∈ {0, 1}^d for which l + z still is in the set: the sign and count of a small tensor grid.
+/// Σ (−1)^|z| over z ∈ {0, 1}^d for which l + z still is in the set: the sign and count of a small tensor
+/// grid.
 int combination_coefficient(const std::vector<std::size_t>& levels, const std::vector<AxisLevels>& axes,
                             int level) {
   int result = 0;
@@ -143,7 +144,8 @@ SparseGrid sparse_grid(std::span<const Axis> axes, int level) {
       const std::size_t column = place[flat(point, sizes)];
       for (std::size_t row = 0; row < others.size(); ++row) {
         double weight = coefficient;
-        for (std::size_t i = 0; i < at.size(); ++i) weight *= one[i].weights[levels[i]][others[row][i]][at[i]];
+        for (std::size_t i = 0; i < at.size(); ++i)
+          weight *= one[i].weights[levels[i]][others[row][i]][at[i]];
         grid.weights[row * grid.points.size() + column] += weight;
       }
     });

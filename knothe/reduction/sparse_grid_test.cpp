@@ -58,13 +58,16 @@ TEST(SparseGrid, CountsOfFiveParameters) {
 }
 
 TEST(SparseGrid, SumsOfFunctionsOfFewParametersAreExact) {
-  // Three nodes hold parabolas, five cubics; level 3 has all products of two axes of three nodes, or one cubic.
+  // Three nodes hold parabolas, five cubics; level 3 has all products of two axes of three nodes, or one
+  // cubic.
   const Function pairs = [](const std::vector<double>& p) {
     return 3 - p[0] * p[0] * p[1] * p[1] + p[2] * p[3] * p[3] - 2 * p[0] * p[3];
   };
   EXPECT_LT(error({3, 3, 3, 3}, 2, pairs).first, 1e-12);
   EXPECT_GT(error({3, 3, 3, 3}, 1, pairs).first, 1e-2);
-  const Function cubic = [](const std::vector<double>& p) { return p[0] * p[0] * p[0] - 4 * p[1] * p[1] + p[2]; };
+  const Function cubic = [](const std::vector<double>& p) {
+    return p[0] * p[0] * p[0] - 4 * p[1] * p[1] + p[2];
+  };
   EXPECT_LT(error({5, 5, 3}, 2, cubic).first, 1e-12);
 }
 

@@ -46,17 +46,28 @@ class Test(Case):
         self.assertAlmostEqual(text["max_error_m"] * 1e6, other["max_error_m"] * 1e6, delta=0.3)
         self.assertAlmostEqual(text["relative_error"], other["relative_error"], delta=1e-3)
 
-    def test_latin_interrupted_leaves_nothing(self):
+    def test_latin_interrupted_goes_on_from_there(self):
+        text = self.project.read_text()
+        self.project.write_text(text.replace("steps = 20", "steps = 100").replace("nodes = 3", "nodes = 15"))
         with subprocess.Popen([KNOTHE, "offline", self.project_name, "-o", "model.h5", "--method", "latin"], cwd=self.folder,
                               stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
-            time.sleep(0.15)
+            time.sleep(0.5)
             os.killpg(process.pid, signal.SIGINT)
             _, message = process.communicate(timeout=60)
         if process.returncode == 0:
             self.skipTest("it was faster than the signal")
         self.assertIn(process.returncode, (130, -signal.SIGINT), message)
         self.assertFalse((self.folder / "model.h5").exists())
-        self.assertEqual(list(self.folder.glob("*.tmp*")), [])
+        self.assertEqual(list(self.folder.glob("**/*.tmp*")), [])
+        if process.returncode < 0:
+            return  # the signal came before the program was ready for it
+        kept = re.search(r"at step (\d+) of 100; steps before it are kept in model.h5.parts/latin-", message)
+        self.assertIsNotNone(kept, message)
+        self.assertEqual(len(list((self.folder / "model.h5.parts").iterdir())), 1)
+        self.assertIn(f"LATIN-PGD goes on from step {kept.group(1)} of 100", self.build("model.h5", "--method", "latin").err)
+        self.assertFalse((self.folder / "model.h5.parts").exists())
+        self.build("whole.h5", "--method", "latin")
+        self.assertEqual((self.folder / "model.h5").read_bytes(), (self.folder / "whole.h5").read_bytes())
 
     def test_mesh_study_tells_how_much_the_meshes_differ(self):
         """On coarse meshes and in few steps; the study itself is in docs/mechanics.md."""
