@@ -1,5 +1,6 @@
 #include "knothe/reduction/sparse_grid.hpp"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -15,7 +16,8 @@ using Function = std::function<double(const std::vector<double>&)>;
 Snapshots axes_only(const std::vector<std::size_t>& nodes) {
   Snapshots snapshots;
   for (std::size_t i = 0; i < nodes.size(); ++i) {
-    Axis axis{.name = "p" + std::to_string(i)};
+    Axis axis;
+    axis.name = fmt::format("p{}", i);
     for (std::size_t n = 0; n < nodes[i]; ++n)
       axis.nodes.push_back(1.0 + static_cast<double>(n) / static_cast<double>(nodes[i] - 1));
     snapshots.axes.push_back(axis);
