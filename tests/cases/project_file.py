@@ -39,7 +39,7 @@ class Test(Case):
         self.expect_error("max_order = 8", 'max_order = "eight"', '"eight"', "method.max_order", "whole number", "eight")
 
     def test_an_order_that_no_map_has_is_refused(self):
-        self.expect_error("max_order = 8", "max_order = 1000", "max_order", "method.max_order", "at most 15")
+        self.expect_error("max_order = 8", "max_order = 1000", "max_order", "method.max_order", "at most 23")
 
     def test_a_number_for_a_text_is_refused(self):
         self.expect_error('model = "model.h5"', "model = 5", "5", '"model"', "not 5")
