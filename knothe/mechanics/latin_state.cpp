@@ -20,7 +20,8 @@ void write_matrix(files::Hdf5Writer& file, const std::string& name, const Matrix
   file.write_integers(name + "/size", sizes, {2}, {"1", "rows, columns"});
   if (matrix.size() == 0) return;
   file.write(name + "/values", std::span(matrix.data(), static_cast<std::size_t>(matrix.size())),
-             {static_cast<std::size_t>(matrix.cols()), static_cast<std::size_t>(matrix.rows())}, {"1", "by columns"});
+             {static_cast<std::size_t>(matrix.cols()), static_cast<std::size_t>(matrix.rows())},
+             {"1", "by columns"});
 }
 
 MatrixXd read_matrix(const files::Hdf5Reader& file, const std::string& name) {
@@ -28,8 +29,8 @@ MatrixXd read_matrix(const files::Hdf5Reader& file, const std::string& name) {
   if (sizes.size() != 2 || sizes[0] < 0 || sizes[1] < 0) throw DataError(name + ": not a matrix");
   MatrixXd matrix(sizes[0], sizes[1]);
   if (matrix.size() == 0) return matrix;
-  const std::vector<double> values = file.read(
-      name + "/values", {static_cast<std::size_t>(sizes[1]), static_cast<std::size_t>(sizes[0])});
+  const std::vector<double> values =
+      file.read(name + "/values", {static_cast<std::size_t>(sizes[1]), static_cast<std::size_t>(sizes[0])});
   std::copy(values.begin(), values.end(), matrix.data());
   return matrix;
 }
@@ -50,8 +51,7 @@ std::vector<LatinIteration> history_from(const MatrixXd& matrix) {
   for (Index k = 0; k < matrix.cols(); ++k) {
     const auto c = matrix.col(k);
     const auto whole = [&](Index i) { return static_cast<int>(c[i]); };
-    history.push_back(
-        {whole(0), whole(1), whole(2), whole(3), whole(4), whole(5), c[6], c[7], c[8], c[9]});
+    history.push_back({whole(0), whole(1), whole(2), whole(3), whole(4), whole(5), c[6], c[7], c[8], c[9]});
   }
   return history;
 }

@@ -8,8 +8,8 @@
 
 namespace knothe::mechanics {
 
-/// Everything the result of a run depends on. Numbers of processes, names of axes and references are not in it:
-/// what counts is the physical value.
+/// Everything the result of a run depends on. Numbers of processes, names of axes and references are not in
+/// it: what counts is the physical value.
 [[nodiscard]] std::string run_key(const BeamProblem& problem);
 
 /// The 64-bit hash of Fowler, Noll and Vo (FNV-1a), for names of files.
