@@ -94,6 +94,15 @@ void ModelBias::add(double time, Eigen::VectorXd mean, const Eigen::VectorXd& pr
   }
 }
 
+std::optional<Eigen::VectorXd> ModelBias::latest() const {
+  if (steps() == 0) return std::nullopt;
+  if (options_.way == BiasOptions::Way::pointwise) return two_.back().first.cwiseProduct(noise_std_);
+  const Eigen::Index k = used(mean_);
+  const Eigen::VectorXd coefficients =
+      mean_.time().bottomRows(1).leftCols(k).transpose().cwiseProduct(mean_.singular_values().head(k));
+  return (mean_.space().leftCols(k) * coefficients).cwiseProduct(noise_std_);
+}
+
 std::optional<BiasCorrection> ModelBias::extrapolate(double time) const {
   if (steps() == 0) return std::nullopt;
   const Ahead next = ahead(time);

@@ -50,6 +50,8 @@ class ModelBias {
   [[nodiscard]] Eigen::Index steps() const { return mean_.columns(); }
   /// Eq. 17-18 for a datum at `time`, after the last. Without a datum so far: nothing to correct.
   [[nodiscard]] std::optional<BiasCorrection> extrapolate(double time) const;
+  /// The mean of B at the last datum, as its modes have it, m. Nothing before the first.
+  [[nodiscard]] std::optional<Eigen::VectorXd> latest() const;
   /// The leading space modes of the mean (n × rank, in units of the noise) and what they hold, for figures.
   [[nodiscard]] const numerics::IncrementalSvd& mean_modes() const { return mean_; }
 

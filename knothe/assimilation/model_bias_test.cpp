@@ -68,10 +68,12 @@ TEST(ModelBias, LinearModesGoOnLinearly) {
     options.way = way;
     ModelBias bias(noise, options);
     EXPECT_FALSE(bias.extrapolate(0.0).has_value());
+    EXPECT_FALSE(bias.latest().has_value());
     const auto residual = [&](double t) -> Eigen::VectorXd {
       return shapes.col(0) * (3 * t) + shapes.col(1) * (1 - 2 * t);
     };
     for (int i = 0; i < 10; ++i) bias.add(i, residual(i), Eigen::VectorXd::Constant(n, 0.3));
+    EXPECT_LT((*bias.latest() - residual(9)).norm(), 1e-9 * residual(9).norm());
     const BiasCorrection next = *bias.extrapolate(10);
     EXPECT_LT((next.mean - residual(10)).norm(), 1e-9 * residual(10).norm());
     for (Eigen::Index i = 0; i < n; ++i)

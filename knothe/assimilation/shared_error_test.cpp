@@ -75,8 +75,9 @@ double dense_log_likelihood(
     }
   }
   const auto n = static_cast<Eigen::Index>(present.size());
-  Eigen::MatrixXd central(k_dofs, data.cols());  // about which a scale is linearised
-  for (Eigen::Index t = 0; t < data.cols(); ++t)
+  // About which a scale is linearised.
+  Eigen::MatrixXd central = Eigen::MatrixXd::Zero(k_dofs, data.cols());
+  for (Eigen::Index t = 0; noise.scale_std > 0 && t < data.cols(); ++t)
     central.col(t) = model.predict(Eigen::Vector2d(1, 1), static_cast<std::size_t>(t));
   Eigen::MatrixXd covariance(n, n);
   for (Eigen::Index a = 0; a < n; ++a) {

@@ -108,7 +108,7 @@ void Site::add_bias(Line& line) const {
   const assimilation::SequentialUpdate& update = posterior_.update();
   line.bias_functions = update.discrepancy();
   if (const assimilation::ModelBias* learnt = update.bias())
-    if (const auto correction = learnt->extrapolate(line.time)) line.bias_sensors = correction->mean;
+    if (auto bias = learnt->latest()) line.bias_sensors = std::move(*bias);
 }
 
 // --- State ------------------------------------------------------------------------------------------------
