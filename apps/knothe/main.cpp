@@ -7,6 +7,7 @@
 
 #include "apps/guarded_main.hpp"
 #include "apps/knothe/commands.hpp"
+#include "apps/knothe/sibling_commands.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/base/version.hpp"
 #include "knothe/files/atomic_file.hpp"
@@ -14,134 +15,6 @@
 namespace {
 
 using namespace knothe::commands;  // NOLINT: this file is about nothing else
-using Command = std::function<int()>;
-
-/// A subcommand with a description and one worked example.
-CLI::App& add(CLI::App& parent, const std::string& name, const std::string& meaning,
-              const std::string& example) {
-  CLI::App& command = *parent.add_subcommand(name, meaning);
-  command.footer("Example:\n  " + example);
-  return command;
-}
-
-void add_offline(CLI::App& app, Command& chosen) {
-  static std::string project, model, method;
-  static bool json = false;
-  CLI::App& command = add(app, "offline", "Builds the reduced model of a project (runs knothe-offline).",
-                          "knothe offline examples/beam/quick.toml -o examples/beam/beam.h5");
-  command.add_option("FILE", project, "project file")->required();
-  command.add_option("-o,--output", model, "model file to write")->required();
-  command.add_option("--method", method, "how: snapshots or latin (default: the project's)");
-  command.add_flag("--json", json, "JSON lines on stdout");
-  command.callback([&] {
-    chosen = [] {
-      knothe::files::refuse_overwriting(model, {project});
-      std::vector<std::string> words = {"offline", project, "-o", model};
-      if (!method.empty()) words.insert(words.end(), {"--method", method});
-      if (json) words.emplace_back("--json");
-      return run_sibling(words);
-    };
-  });
-}
-
-void add_reproduce(CLI::App& app, Command& chosen) {
-  static std::string folder = "reproduction/";
-  static unsigned long seed = 1;
-  static bool quick = false, json = false;
-  CLI::App& command =
-      add(app, "reproduce",
-          "The published study, figure by figure, beside its published values (runs knothe-offline).",
-          "knothe reproduce --quick -o reproduction/\n"
-          "writes reproduction/reproduce.html (open it in a browser) and reproduction/reproduce.json;\n"
-          "models are kept in reproduction/models/ and used again.");
-  command.add_flag("--quick", quick,
-                   "fewer other choices and repetitions, same figures: minutes, not an hour");
-  command.add_flag("--json", json, "JSON lines on stdout, one per row");
-  command.add_option("-o,--output", folder, "folder for page, JSON file and models")->capture_default_str();
-  command.add_option("--seed", seed, "seed of nodes and noise")->capture_default_str();
-  command.callback([&] {
-    chosen = [] {
-      std::vector<std::string> words = {"reproduce", "-o", folder, "--seed", std::to_string(seed)};
-      if (quick) words.emplace_back("--quick");
-      if (json) words.emplace_back("--json");
-      return run_sibling(words);
-    };
-  });
-}
-
-void add_verify(CLI::App& model, Command& chosen) {
-  static std::string project, file;
-  static int points = 5;
-  static unsigned long seed = 1;
-  static bool json = false;
-  CLI::App& command = add(model, "verify", "Error of a model against full-order runs (runs knothe-offline).",
-                          "knothe model verify beam.toml beam.h5 --points 5 --seed 1");
-  command.add_option("FILE", project, "project file with [offline]")->required();
-  command.add_option("MODEL", file, "model file")->required();
-  command.add_option("--points", points, "number of parameter points not used to build the model")
-      ->capture_default_str();
-  command.add_option("--seed", seed, "seed of the points")->capture_default_str();
-  command.add_flag("--json", json, "JSON lines on stdout");
-  command.callback([&] {
-    chosen = [] {
-      std::vector<std::string> words = {
-          "verify", project, file, "--points", std::to_string(points), "--seed", std::to_string(seed)};
-      if (json) words.emplace_back("--json");
-      return run_sibling(words);
-    };
-  });
-}
-
-void add_mesh_study(CLI::App& model, Command& chosen) {
-  static std::string project, elements, laws, steps, output;
-  static bool json = false;
-  CLI::App& command =
-      add(model, "mesh-study",
-          "Load, energy and crack length of the full-order model on several meshes (runs knothe-offline).",
-          "knothe model mesh-study examples/beam/beam.toml -o mesh-study.svg");
-  command.add_option("FILE", project, "project file with [offline]")->required();
-  command.add_option("--elements", elements, "element sizes, m (default: 5e-3,2.5e-3,1.25e-3)");
-  command.add_option("--laws", laws, "regularisations (default: none,crack-band,gradient)");
-  command.add_option("--steps", steps, "load steps (default: the project's)");
-  command.add_option("-o,--output", output, "figure to write (.svg)");
-  command.add_flag("--json", json, "JSON lines on stdout");
-  command.callback([&] {
-    chosen = [] {
-      std::vector<std::string> words = {"mesh-study", project};
-      for (const auto& [name, value] :
-           {std::pair{"--elements", &elements}, {"--laws", &laws}, {"--steps", &steps}, {"-o", &output}})
-        if (!value->empty()) words.insert(words.end(), {name, *value});
-      if (json) words.emplace_back("--json");
-      return run_sibling(words);
-    };
-  });
-}
-
-void add_full_order(CLI::App& model, Command& chosen) {
-  static std::string project, refinements, steps, output;
-  static bool elastic = false, json = false;
-  CLI::App& command =
-      add(model, "full-order",
-          "One run of the full-order model (runs knothe-offline, which mpirun can distribute).",
-          "knothe model full-order examples/beam/beam.toml -o beam.vtu");
-  command.add_option("FILE", project, "project file with [offline]")->required();
-  command.add_option("--refinements", refinements, "divide each cell into 8, so often (default: 0)");
-  command.add_option("--steps", steps, "load steps (default: the project's)");
-  command.add_option("-o,--output", output, "displacement and damage of the last step (.vtu)");
-  command.add_flag("--elastic", elastic, "the elastic solution alone");
-  command.add_flag("--json", json, "JSON lines on stdout");
-  command.callback([&] {
-    chosen = [] {
-      std::vector<std::string> words = {"full-order", project};
-      for (const auto& [name, value] :
-           {std::pair{"--refinements", &refinements}, {"--steps", &steps}, {"-o", &output}})
-        if (!value->empty()) words.insert(words.end(), {name, *value});
-      if (elastic) words.emplace_back("--elastic");
-      if (json) words.emplace_back("--json");
-      return run_sibling(words);
-    };
-  });
-}
 
 void add_model(CLI::App& app, Command& chosen) {
   static ModelArguments info;

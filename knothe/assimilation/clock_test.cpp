@@ -5,7 +5,7 @@
 #include <Eigen/Cholesky>
 #include <numbers>
 
-#include "knothe/assimilation/collapsed_posterior.hpp"
+#include "knothe/assimilation/datum_projector.hpp"
 #include "knothe/assimilation/prior_of_model.hpp"
 #include "knothe/assimilation/test_models.hpp"
 

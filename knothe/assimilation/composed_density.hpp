@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 
 #include "knothe/assimilation/collapsed_posterior.hpp"
+#include "knothe/reduction/observed_model.hpp"
 #include "knothe/sampling/log_density.hpp"
 #include "knothe/transport/composed_map.hpp"
 

@@ -11,6 +11,7 @@
 #include "knothe/assimilation/evidence_monitor.hpp"
 #include "knothe/assimilation/joint_discrepancy.hpp"
 #include "knothe/assimilation/model_bias.hpp"
+#include "knothe/assimilation/noise_model.hpp"
 
 namespace knothe::assimilation {
 

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "knothe/assimilation/collapsed_posterior.hpp"
+#include "knothe/assimilation/noise_model.hpp"
 
 namespace knothe::assimilation {
 

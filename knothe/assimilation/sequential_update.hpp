@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "knothe/assimilation/collapsed_posterior.hpp"
+#include "knothe/assimilation/datum_projector.hpp"
 #include "knothe/assimilation/model_supervision.hpp"
 #include "knothe/assimilation/noise_model.hpp"
 #include "knothe/assimilation/prior.hpp"

@@ -10,6 +10,7 @@
 #include <random>
 
 #include "knothe/assimilation/collapsed_posterior.hpp"
+#include "knothe/assimilation/datum_projector.hpp"
 #include "knothe/assimilation/joint_discrepancy.hpp"
 #include "knothe/assimilation/sequential_update.hpp"
 #include "knothe/assimilation/test_models.hpp"

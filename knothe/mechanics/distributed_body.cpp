@@ -121,18 +121,10 @@ bool DistributedStepping::correct() {
 
 bool DistributedStepping::newton(double imposed, StepRecord& record) {
   record.newton_residuals.clear();
-  double best = 0, last = 0;
-  for (int iteration = 0; iteration <= options_.newton_iterations; ++iteration) {
-    const double relative = evaluate(imposed);
-    record.newton_residuals.push_back(relative);
-    if (!std::isfinite(relative)) return false;
-    if (relative <= options_.tolerance) return true;
-    // At the rounding floor it does not fall any more.
-    if (iteration > 0 && relative <= 0.1 * options_.acceptance && relative > 0.25 * last) return true;
-    if (iteration > 3 && relative > 1e3 * best) return false;
-    best = iteration == 0 ? relative : std::min(best, relative);
-    last = relative;
-    if (iteration == options_.newton_iterations) break;
+  while (true) {
+    record.newton_residuals.push_back(evaluate(imposed));
+    const NewtonVerdict verdict = judge(record.newton_residuals, options_);
+    if (verdict != NewtonVerdict::go_on) return verdict == NewtonVerdict::converged;
     ++record.newton_iterations;
     if (preconditioner_is_old_) prepare_secant();
     body_.system->set_general([&](std::int64_t cell, CellMatrix& matrix) {
@@ -144,7 +136,6 @@ bool DistributedStepping::newton(double imposed, StepRecord& record) {
     });
     if (!correct()) return false;
   }
-  return false;
 }
 
 bool DistributedStepping::secant(double imposed, StepRecord& record) {

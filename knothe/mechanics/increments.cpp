@@ -1,8 +1,22 @@
 #include "knothe/mechanics/increments.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 namespace knothe::mechanics {
+
+NewtonVerdict judge(std::span<const double> residuals, const SolverOptions& options) {
+  const double now = residuals.back();
+  const auto iteration = static_cast<int>(residuals.size()) - 1;
+  if (!std::isfinite(now)) return NewtonVerdict::failed;
+  if (now <= options.tolerance) return NewtonVerdict::converged;
+  const std::span before = residuals.first(residuals.size() - 1);
+  if (iteration > 0 && now <= 0.1 * options.acceptance && now > 0.25 * before.back())
+    return NewtonVerdict::converged;
+  if (iteration > 3 && now > 1e3 * *std::min_element(before.begin(), before.end()))
+    return NewtonVerdict::failed;
+  return iteration == options.newton_iterations ? NewtonVerdict::failed : NewtonVerdict::go_on;
+}
 
 void add_increment(const HalfBody& half, double residual, double acceptance, StepRecord& record) {
   record.residual = std::max(record.residual, residual);

@@ -1,5 +1,7 @@
 #pragma once
 /// @file A load step in increments, and what is said of it: the same for every way of solving one.
+#include <span>
+
 #include "knothe/mechanics/full_order_model.hpp"
 
 namespace knothe::mechanics {
@@ -29,6 +31,11 @@ void go_by_increments(double from, double target, int most_cuts, const Newton& n
     }
   }
 }
+
+enum class NewtonVerdict { go_on, converged, failed };
+/// Of the relative residuals of Newton's iterations so far, at least one. At the rounding floor, well below
+/// the acceptance, a residual that does not fall any more has converged.
+[[nodiscard]] NewtonVerdict judge(std::span<const double> residuals, const SolverOptions& options);
 
 /// Of the half body that is solved for, at the end of an increment.
 struct HalfBody {

@@ -151,24 +151,15 @@ double LoadStepping::force_scale(double reaction, double imposed) const {
 
 bool LoadStepping::newton_iterations(double imposed, StepRecord& record) {
   record.newton_residuals.clear();
-  double best = 0, last = 0;
-  for (int iteration = 0; iteration <= options_.newton_iterations; ++iteration) {
+  while (true) {
     evaluate(imposed, Stiffness::tangent);
-    const double relative = relative_residual(imposed);
-    record.newton_residuals.push_back(relative);
-    if (!std::isfinite(relative)) return false;
-    if (relative <= options_.tolerance) return true;
-    // At the rounding floor it does not fall any more.
-    if (iteration > 0 && relative <= 0.1 * options_.acceptance && relative > 0.25 * last) return true;
-    if (iteration > 3 && relative > 1e3 * best) return false;
-    best = iteration == 0 ? relative : std::min(best, relative);
-    last = relative;
-    if (iteration == options_.newton_iterations) break;
+    record.newton_residuals.push_back(relative_residual(imposed));
+    const NewtonVerdict verdict = judge(record.newton_residuals, options_);
+    if (verdict != NewtonVerdict::go_on) return verdict == NewtonVerdict::converged;
     ++record.newton_iterations;
     if (!system_.solve(matrices_, residual_, correction_)) return false;
     for (std::size_t i = 0; i < unknowns_.size(); ++i) unknowns_[i] -= correction_[i];
   }
-  return false;
 }
 
 bool LoadStepping::newton(double imposed, StepRecord& record) {
