@@ -9,6 +9,23 @@ namespace {
 
 const double k_log_2_pi = std::log(2 * std::numbers::pi);
 
+/// log(exp a + exp b) into a.
+void add_in_logarithms(Eigen::Ref<Eigen::ArrayXd> a, const Eigen::Ref<const Eigen::ArrayXd>& b) {
+  a = a.max(b) + (1 + (-(a - b).abs()).exp()).log();
+}
+
+/// The share of each column in Σ exp(row), averaged over the rows.
+Eigen::VectorXd shares_of(Eigen::ArrayXXd value, const Eigen::Ref<const Eigen::VectorXd>& weights) {
+  Eigen::ArrayXd largest = value.col(0);
+  for (Eigen::Index k = 1; k < value.cols(); ++k) largest = largest.max(value.col(k));
+  Eigen::ArrayXd sum = Eigen::ArrayXd::Zero(value.rows());
+  for (Eigen::Index k = 0; k < value.cols(); ++k) {
+    value.col(k) = (value.col(k) - largest).exp();
+    sum += value.col(k);
+  }
+  return value.matrix().transpose() * (weights.array() / sum).matrix();
+}
+
 }  // namespace
 
 CollapsedLogDensity::CollapsedLogDensity(std::shared_ptr<const reduction::ParameterFunctions> functions,
@@ -87,8 +104,11 @@ void CollapsedLogDensity::evaluate_mixture(const Eigen::Ref<const Eigen::MatrixX
     if (!components_[k].is_felt) continue;
     components_[k].likelihood->evaluate(p, derivatives, next.value, next.gradient, next.hessian);
     const Eigen::ArrayXd difference = next.value.array() - out.value.array();
-    const Eigen::ArrayXd share = 1 / (1 + (-difference).exp());  // of the next, in what both make
-    out.value.array() += difference.max(0.0) + (-difference.abs()).exp().log1p();
+    const Eigen::ArrayXd less = (-difference.abs()).exp();  // the smaller over the larger
+    out.value.array() += difference.max(0.0) + (1 + less).log();
+    if (derivatives == 0) continue;
+    // Of the next, in what both make.
+    const Eigen::ArrayXd share = (difference > 0).select(1.0, less) / (1 + less);
     if (derivatives >= 2) {
       for (Eigen::Index a = 0; a < d; ++a) {
         for (Eigen::Index b = 0; b <= a; ++b) {
@@ -101,8 +121,7 @@ void CollapsedLogDensity::evaluate_mixture(const Eigen::Ref<const Eigen::MatrixX
         }
       }
     }
-    if (derivatives >= 1)
-      out.gradient.array() += share.replicate(1, d) * (next.gradient - out.gradient).array();
+    out.gradient.array() += share.replicate(1, d) * (next.gradient - out.gradient).array();
   }
 }
 
@@ -117,10 +136,66 @@ Eigen::VectorXd CollapsedLogDensity::component_shares(const Eigen::Ref<const Eig
                                                                   next.hessian);
     value.col(k) = next.value;
   }
-  value.colwise() -= Eigen::ArrayXd(value.rowwise().maxCoeff());
-  value = value.exp();
-  value.colwise() /= Eigen::ArrayXd(value.rowwise().sum());
-  return value.matrix().transpose() * weights;
+  return shares_of(std::move(value), weights);
+}
+
+Eigen::VectorXd CollapsedLogDensity::component_shares(const Eigen::Ref<const Eigen::MatrixXd>& axes,
+                                                      std::span<const reduction::GridRun> runs,
+                                                      const Eigen::Ref<const Eigen::VectorXd>& weights) {
+  const auto count = static_cast<Eigen::Index>(count_);
+  const Eigen::MatrixXd p = axes_in_p(axes);
+  Eigen::ArrayXXd value(weights.size(), count);
+  for (Eigen::Index k = 0; k < count; ++k)
+    evaluate_component(components_[static_cast<std::size_t>(k)], p, runs, value.col(k).matrix());
+  return shares_of(std::move(value), weights);
+}
+
+Eigen::MatrixXd CollapsedLogDensity::axes_in_p(const Eigen::Ref<const Eigen::MatrixXd>& axes) const {
+  Eigen::MatrixXd p(axes.rows(), axes.cols()), none;
+  transform_->evaluate(axes, 0, p, none, none);
+  return p;
+}
+
+void CollapsedLogDensity::evaluate_component(Component& component, const Eigen::MatrixXd& axes,
+                                             std::span<const reduction::GridRun> runs,
+                                             Eigen::Ref<Eigen::VectorXd> value) {
+  if (auto* on_grid = dynamic_cast<reduction::GridEvaluator*>(component.likelihood.get())) {
+    on_grid->evaluate_on_grid(axes, runs, value);
+  } else {
+    Eigen::MatrixXd none;
+    component.likelihood->evaluate(reduction::nodes_of(axes, runs), 0, value, none, none);
+  }
+}
+
+void CollapsedLogDensity::evaluate_on_grid(const Eigen::Ref<const Eigen::MatrixXd>& axes,
+                                           std::span<const reduction::GridRun> runs,
+                                           Eigen::Ref<Eigen::VectorXd> value) {
+  assert(dimension() == 2 && axes.cols() == 2);
+  const Eigen::MatrixXd p = axes_in_p(axes);
+  Eigen::VectorXd next;
+  bool is_first = true;
+  for (std::size_t k = 0; k < count_; ++k) {
+    if (!components_[k].is_felt && !(is_first && k + 1 == count_)) continue;
+    if (is_first) {
+      evaluate_component(components_[k], p, runs, value);
+      is_first = false;
+      continue;
+    }
+    next.resize(value.size());
+    evaluate_component(components_[k], p, runs, next);
+    add_in_logarithms(value.array(), next.array());
+  }
+  if (noise_level_) {
+    sampling::LogDensityBatch batch;
+    batch.value = value;
+    noise_level_->marginalise(0, batch);
+    value = batch.value;
+  }
+  const Eigen::ArrayXXd prior = 0.5 * (axes.array().square() + k_log_2_pi);
+  for (const reduction::GridRun& run : runs) {
+    const Eigen::Index n = run.end - run.begin;
+    value.segment(run.at, n).array() -= prior(run.row, 0) + prior.col(1).segment(run.begin, n);
+  }
 }
 
 void CollapsedLogDensity::evaluate_standardised_likelihood(const Eigen::Ref<const Eigen::MatrixXd>& z,

@@ -19,6 +19,7 @@
 #include "knothe/assimilation/prior_transform.hpp"
 #include "knothe/assimilation/quadratic_factor.hpp"
 #include "knothe/assimilation/step_form.hpp"
+#include "knothe/reduction/grid_evaluator.hpp"
 #include "knothe/reduction/parameter_functions.hpp"
 #include "knothe/sampling/log_density.hpp"
 
@@ -26,7 +27,7 @@ namespace knothe::assimilation {
 
 /// log π̄(z | d₀ … d_i) on the standardised parameters: the collapsed likelihood plus log N(z; 0, I). A
 /// transport target whose cost depends neither on the number of data nor on that of steps.
-class CollapsedLogDensity final : public sampling::LogDensity {
+class CollapsedLogDensity final : public sampling::LogDensity, public reduction::GridEvaluator {
  public:
   CollapsedLogDensity(std::shared_ptr<const reduction::ParameterFunctions> functions,
                       std::shared_ptr<const PriorTransform> transform, Eigen::VectorXd central_functions);
@@ -46,10 +47,19 @@ class CollapsedLogDensity final : public sampling::LogDensity {
   /// 1).
   [[nodiscard]] Eigen::VectorXd component_shares(const Eigen::Ref<const Eigen::MatrixXd>& p,
                                                  const Eigen::Ref<const Eigen::VectorXd>& weights);
+  /// The same at nodes of a grid of z.
+  [[nodiscard]] Eigen::VectorXd component_shares(const Eigen::Ref<const Eigen::MatrixXd>& axes,
+                                                 std::span<const reduction::GridRun> runs,
+                                                 const Eigen::Ref<const Eigen::VectorXd>& weights);
+  /// How many parts the likelihood has.
+  [[nodiscard]] std::size_t component_count() const { return count_; }
 
   [[nodiscard]] Eigen::Index dimension() const override { return transform_->dimension(); }
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int derivatives,
                 sampling::LogDensityBatch& out) override;
+  /// log π̄ on a grid of z, two parameters.
+  void evaluate_on_grid(const Eigen::Ref<const Eigen::MatrixXd>& axes,
+                        std::span<const reduction::GridRun> runs, Eigen::Ref<Eigen::VectorXd> value) override;
 
   /// The log-likelihood alone as a function of z: what a composed map is made for (Rubio et al. 2019, Eq.
   /// 11).
@@ -74,6 +84,9 @@ class CollapsedLogDensity final : public sampling::LogDensity {
   };
   Workspace& workspace(Eigen::Index n);
   void set_component(Component& component, const StepForm& form, double log_weight);
+  [[nodiscard]] Eigen::MatrixXd axes_in_p(const Eigen::Ref<const Eigen::MatrixXd>& axes) const;
+  void evaluate_component(Component& component, const Eigen::MatrixXd& axes,
+                          std::span<const reduction::GridRun> runs, Eigen::Ref<Eigen::VectorXd> value);
   void evaluate_mixture(const Eigen::Ref<const Eigen::MatrixXd>& p, int derivatives,
                         sampling::LogDensityBatch& out);
 

@@ -185,6 +185,37 @@ TEST(CollapsedLogDensity, AMixtureHasExactDerivatives) {
   EXPECT_NEAR(all.value[0], std::log(sum), 1e-12);
 }
 
+TEST(CollapsedLogDensity, AMixtureOnAGridIsWhatItIsAtItsPoints) {
+  const auto transform = std::make_shared<const PriorTransform>(std::vector<Prior>{
+      papers_priors()[0].truncated(0.5, 1.5, "a"), papers_priors()[1].truncated(0.5, 1.5, "b")});
+  const std::shared_ptr<const reduction::ParameterFunctions> kinds[] = {std::make_shared<CurvedFunctions>(),
+                                                                        Front().model->functions};
+  for (const auto& functions : kinds) {
+    CollapsedLogDensity density(functions, transform, Eigen::Vector3d(1, 0.8, 0.5));
+    std::vector<StepForm> forms(3, StepForm::zero(3));
+    for (int k = 0; k < 3; ++k) forms[k].quadratic.diagonal().setConstant(2.0 * (k + 1));
+    const StepForm* const parts[] = {&forms[0], &forms[1], &forms[2]};
+    density.set_mixture(parts, std::array{-1.0, -0.5, -2.0}, std::array{0.4, 0.6, 1e-6});
+    Eigen::MatrixXd axes(9, 2);
+    axes.col(0).setLinSpaced(9, -6, 8);
+    axes.col(1).setLinSpaced(9, -1, 3);
+    const std::vector<reduction::GridRun> runs = {{1, 2, 7, 0}, {4, 0, 9, 5}, {4, 3, 4, 14}, {8, 8, 9, 15}};
+    const Eigen::MatrixXd z = reduction::nodes_of(axes, runs);
+    Eigen::MatrixXd p(16, 2), none;
+    transform->evaluate(z, 0, p, none, none);
+    sampling::LogDensityBatch at_points;
+    at_points.resize(16, 2, 0);
+    density.evaluate(z, 0, at_points);
+    Eigen::VectorXd on_grid(16);
+    density.evaluate_on_grid(axes, runs, on_grid);
+    EXPECT_LT((on_grid - at_points.value).cwiseAbs().maxCoeff(), 1e-11);
+    const Eigen::VectorXd weights = Eigen::VectorXd::LinSpaced(16, 1, 2) / 24;
+    const Eigen::VectorXd shares = density.component_shares(axes, runs, weights);
+    EXPECT_LT((shares - density.component_shares(p, weights)).norm(), 1e-12);
+    EXPECT_NEAR(shares.sum(), 1, 1e-14);  // all three parts, felt or not
+  }
+}
+
 TEST(Cusum, ThresholdsAreThePublishedOnes) {
   // One-sided average run lengths at reference ½: 335.4 for h = 4, 930.9 for h = 5 (D. C. Montgomery,
   // Statistical Quality Control: two-sided 168 and 465).

@@ -139,8 +139,19 @@ void SequentialUpdate::by_composed_maps(std::size_t step) {
 
 void SequentialUpdate::integrate() {
   const QuadraturePosterior quadrature = tensor_quadrature(target_);
-  set_moments(quadrature.points, quadrature.weights);
+  const QuadraturePosterior::Nodes& nodes = quadrature.nodes;
+  if (nodes.runs.empty()) {
+    posterior_.points.resize(quadrature.points.rows(), quadrature.points.cols());
+    transform_->evaluate(quadrature.points, 0, posterior_.points, no_derivatives_, no_derivatives_);
+  } else {  // p(z) goes axis by axis
+    Eigen::MatrixXd axes(nodes.axes.rows(), nodes.axes.cols());
+    transform_->evaluate(nodes.axes, 0, axes, no_derivatives_, no_derivatives_);
+    posterior_.points = reduction::nodes_of(axes, nodes.runs)(nodes.kept, Eigen::all);
+  }
+  set_moments(quadrature.weights);
   set_quantiles(quadrature.quantiles);
+  if (target_.component_count() > 1 && !nodes.runs.empty())
+    shares_ = target_.component_shares(nodes.axes, nodes.runs, nodes.weights);
   result_.log_evidence = quadrature.log_evidence;
   judge(result_, map_.reason);
   result_.remark += fmt::format("; moments, quantiles and evidence are by quadrature at {} points",
@@ -166,11 +177,17 @@ void SequentialUpdate::set_map_moments(const Eigen::MatrixXd& p) {
 void SequentialUpdate::set_moments(const Eigen::MatrixXd& z, const Eigen::VectorXd& weights) {
   posterior_.points.resize(z.rows(), z.cols());
   transform_->evaluate(z, 0, posterior_.points, no_derivatives_, no_derivatives_);
+  set_moments(weights);
+}
+
+/// Of the points of `posterior_`.
+void SequentialUpdate::set_moments(const Eigen::VectorXd& weights) {
   posterior_.weights = weights;
   const Eigen::MatrixXd& p = posterior_.points;
   result_.mean.noalias() = p.transpose() * weights;
   const Eigen::MatrixXd centred = p.rowwise() - result_.mean.transpose();
-  const Eigen::MatrixXd covariance = centred.transpose() * weights.asDiagonal() * centred;
+  const Eigen::MatrixXd weighted = weights.asDiagonal() * centred;
+  const Eigen::MatrixXd covariance = centred.transpose() * weighted;
   result_.covariance = 0.5 * (covariance + covariance.transpose());  // symmetric to the bit
 }
 

@@ -207,6 +207,7 @@ void SequentialUpdate::recompute(std::size_t step) {
   result_.time = datum.time;
   result_.used = datum.form.used;
   result_.missing = datum.form.missing;
+  shares_.reset();
   set_target();
   if (options_.kind == UpdateOptions::Kind::grid) {
     by_grid();

@@ -236,6 +236,7 @@ class SequentialUpdate {
   void take(const transport::MapResult& map);
   void set_map_moments(const Eigen::MatrixXd& p);
   void set_moments(const Eigen::MatrixXd& z, const Eigen::VectorXd& weights);
+  void set_moments(const Eigen::VectorXd& weights);
   void set_quantiles(const Eigen::MatrixXd& z_quantiles);
 
   UpdateOptions options_;
@@ -260,6 +261,7 @@ class SequentialUpdate {
   std::map<std::size_t, Aged> aged_;      ///< the sums before the steps that the supervision remembers
   UpdateResult result_;
   WeightedPosterior posterior_;
+  std::optional<Eigen::VectorXd> shares_;  ///< of a mixture's parts, where quadrature has given them
   Eigen::MatrixXd no_derivatives_, map_points_;
 };
 

@@ -78,7 +78,8 @@ void SequentialUpdate::assimilate(std::size_t step) {
   recompute(step);
   const auto after = monotonic_now();
   if (!level_sums_.empty())
-    supervision_.set_shares(target_.component_shares(posterior_.points, posterior_.weights));
+    supervision_.set_shares(shares_ ? *shares_
+                                    : target_.component_shares(posterior_.points, posterior_.weights));
   supervision_.learn(datum.time, datum.time_index, datum.values, result_.log_evidence_increment,
                      posterior_.points, posterior_.weights);
   result_.bias_corrected = datum.corrected;

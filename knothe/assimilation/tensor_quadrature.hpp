@@ -3,7 +3,9 @@
 /// update falls back on when no map represents the posterior well (several modes, a ridge bent against the
 /// box).
 #include <Eigen/Core>
+#include <vector>
 
+#include "knothe/reduction/grid_evaluator.hpp"
 #include "knothe/sampling/log_density.hpp"
 
 namespace knothe::assimilation {
@@ -17,6 +19,13 @@ struct QuadraturePosterior {
   /// Change of the log-evidence when every other node is left out: an error estimate (the rule converges
   /// faster than any power).
   double refinement_change = 0;
+  /// All nodes that were looked at: two parameters, else empty.
+  struct Nodes {
+    Eigen::MatrixXd axes;                  ///< n × 2
+    std::vector<reduction::GridRun> runs;  ///< of them
+    Eigen::VectorXd weights;               ///< sum 1
+    std::vector<Eigen::Index> kept;        ///< which of them are `points`
+  } nodes;
 };
 
 /// Largest number of parameters for which this pays.
@@ -24,7 +33,8 @@ inline constexpr Eigen::Index k_most_quadrature_parameters = 2;
 
 /// Trapezoidal rule on the smallest window that holds the mass, evaluated only near coarse nodes whose
 /// density is within exp(−30) of the maximum, and refined until leaving out every other node changes the
-/// log-evidence by less than 1e-3. d ≤ `k_most_quadrature_parameters` (asserted).
+/// log-evidence by less than 1e-3. A target that is a `reduction::GridEvaluator` is asked row by row. d ≤
+/// `k_most_quadrature_parameters` (asserted).
 [[nodiscard]] QuadraturePosterior tensor_quadrature(sampling::LogDensity& target);
 
 }  // namespace knothe::assimilation

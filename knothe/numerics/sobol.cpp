@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <Eigen/Cholesky>
+#include <algorithm>
 #include <array>
 #include <bit>
 
@@ -96,15 +97,14 @@ void match_standard_moments(Eigen::MatrixXd& points) {
 }
 
 std::vector<Eigen::Index> reversed_bits(Eigen::Index n) {
-  int bits = 0;
-  while ((Eigen::Index{1} << bits) < n) ++bits;
-  std::vector<Eigen::Index> order;
-  order.reserve(static_cast<std::size_t>(n));
-  for (Eigen::Index i = 0; i < (Eigen::Index{1} << bits); ++i) {
-    Eigen::Index reversed = 0;
-    for (int b = 0; b < bits; ++b) reversed |= ((i >> b) & 1) << (bits - 1 - b);
-    if (reversed < n) order.push_back(reversed);
+  // With one more bit the list is itself, twice as large, and then that plus one: 0; 0 1; 0 2 1 3 …
+  std::vector<Eigen::Index> order = {0};
+  while (static_cast<Eigen::Index>(order.size()) < n) {
+    const std::size_t half = order.size();
+    order.resize(2 * half);
+    for (std::size_t i = 0; i < half; ++i) order[half + i] = (order[i] *= 2) + 1;
   }
+  std::erase_if(order, [n](Eigen::Index i) { return i >= n; });
   return order;
 }
 

@@ -243,4 +243,75 @@ void JointQuadraticForm::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& point
   evaluate_in<4>(points, derivatives, out);
 }
 
+/// Where the terms of a cell's polynomial are too large: s as cubics in t along the row, squared and summed.
+void JointQuadraticForm::sum_squares_in_line(const std::array<SplineAxis::Place, 2>& place, const double* t,
+                                             Eigen::Index n, double* value) {
+  Local outer;
+  axes_[0].evaluate<0>(place[0], outer);
+  const auto& inner = axes_[1].piece(place[1].piece);
+  const double* start =
+      table_.data() + outer.first * strides_[0] + static_cast<std::ptrdiff_t>(place[1].piece) * strides_[1];
+  line_.resize(static_cast<std::size_t>(4 * padded_));
+  for (Eigen::Index k = 0; k < padded_; k += k_lane_count) {
+    std::array<Lanes, 4> power{};
+    for (int g = 0; g < axes_[1].active(); ++g) {
+      Lanes c{};
+      for (int f = 0; f < axes_[0].active(); ++f)
+        c += outer.value[f] * load(start + k + f * strides_[0] + g * strides_[1]);
+      for (std::size_t q = 0; q < 4; ++q) power[q] += inner[q][g] * c;
+    }
+    for (std::size_t q = 0; q < 4; ++q)
+      store(line_.data() + static_cast<Eigen::Index>(q) * padded_ + k, power[q], k_lane_count);
+  }
+  std::fill_n(value, n, constant_);
+  for (Eigen::Index k = 0; k < padded_; ++k) {
+    const double c0 = line_[k], c1 = line_[padded_ + k], c2 = line_[2 * padded_ + k],
+                 c3 = line_[3 * padded_ + k];
+    const double square = square_[k], one = linear_[k];
+    if (square == 0 && one == 0) continue;
+    for (Eigen::Index i = 0; i < n; ++i) {
+      const double s = c0 + t[i] * (c1 + t[i] * (c2 + t[i] * c3));
+      value[i] += s * (square * s + one);
+    }
+  }
+}
+
+void JointQuadraticForm::evaluate_on_grid(const Eigen::Ref<const Eigen::MatrixXd>& axes,
+                                          std::span<const GridRun> runs, Eigen::Ref<Eigen::VectorXd> value) {
+  assert(axes_.size() == 2 && axes.cols() == 2);
+  piece_.resize(static_cast<std::size_t>(axes.rows()));
+  along_.assign(piece_.size() + k_lanes, 0.0);  // the last lanes may be loaded beyond the axis
+  for (std::size_t j = 0; j < piece_.size(); ++j) {
+    const SplineAxis::Place place = axes_[1].locate(axes(static_cast<Eigen::Index>(j), 1));
+    along_[j] = place.t;
+    piece_[j] = place.piece;
+  }
+  for (const GridRun& run : runs) {
+    std::array<SplineAxis::Place, 2> place{axes_[0].locate(axes(run.row, 0)), {}};
+    const auto last = static_cast<std::size_t>(run.end);
+    for (auto begin = static_cast<std::size_t>(run.begin), end = begin; begin < last; begin = end) {
+      while (end < last && piece_[end] == piece_[begin]) ++end;
+      place[1].piece = piece_[begin];
+      const auto n = static_cast<Eigen::Index>(end - begin);
+      const double* t = along_.data() + begin;
+      double* out = value.data() + run.at + (static_cast<Eigen::Index>(begin) - run.begin);
+      const std::size_t cell = place[0].piece * axes_[1].size() + place[1].piece;
+      if (cell_[cell] == Cell::unknown) multiply_out<2>(cell, place);
+      if (cell_[cell] == Cell::squares) {
+        sum_squares_in_line(place, t, n, out);
+        continue;
+      }
+      const double* c = polynomial_.data() + cell * k_powers * k_lanes;
+      Lanes row = load(c + (k_powers - 1) * k_lanes);
+      for (std::size_t p = k_powers - 1; p-- > 0;) row = row * place[0].t + load(c + p * k_lanes);
+      const double c0 = row[0] + constant_, c1 = row[1], c2 = row[2], c3 = row[3], c4 = row[4], c5 = row[5],
+                   c6 = row[6];
+      for (Eigen::Index i = 0; i < n; i += k_lane_count) {
+        const Lanes x = load(t + i);
+        store(out + i, c0 + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * (c5 + x * c6))))), n - i);
+      }
+    }
+  }
+}
+
 }  // namespace knothe::reduction

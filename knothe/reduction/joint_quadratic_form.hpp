@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include "knothe/reduction/grid_evaluator.hpp"
 #include "knothe/reduction/parameter_functions.hpp"
 #include "knothe/reduction/spline_axis.hpp"
 
@@ -16,8 +17,9 @@ namespace knothe::reduction {
 /// For one and two parameters ℓ is, on each cell of the grid, a polynomial of degree 6 in each of them: it is
 /// multiplied out when a point first falls into the cell. Its rounding error is that of the largest term in
 /// the cell; where this could be felt (see `k_largest_polynomial`), and for three and four parameters, s is
-/// evaluated and squared.
-class JointQuadraticForm final : public QuadraticForm {
+/// evaluated and squared. On a grid of two parameters the polynomials, or the splines s, are contracted to
+/// those of one variable per row and cell.
+class JointQuadraticForm final : public QuadraticForm, public GridEvaluator {
  public:
   static constexpr std::size_t k_most_parameters = 4;
 
@@ -30,6 +32,9 @@ class JointQuadraticForm final : public QuadraticForm {
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
                 Eigen::Ref<Eigen::VectorXd> value, Eigen::Ref<Eigen::MatrixXd> gradient,
                 Eigen::Ref<Eigen::MatrixXd> hessian) override;
+  /// With two parameters (asserted).
+  void evaluate_on_grid(const Eigen::Ref<const Eigen::MatrixXd>& axes, std::span<const GridRun> runs,
+                        Eigen::Ref<Eigen::VectorXd> value) override;
 
  private:
   enum class Cell : std::uint8_t { unknown, polynomial, squares };
@@ -54,6 +59,8 @@ class JointQuadraticForm final : public QuadraticForm {
   void evaluate_all(const Eigen::Ref<const Eigen::MatrixXd>& points, const Output& out);
   template <std::size_t D, int Derivatives>
   void sum_squares(const std::array<SplineAxis::Place, D>& place, Result<D>& result) const;
+  void sum_squares_in_line(const std::array<SplineAxis::Place, 2>& place, const double* t, Eigen::Index n,
+                           double* value);
   template <std::size_t D>
   void multiply_out(std::size_t cell, const std::array<SplineAxis::Place, D>& place);
 
@@ -69,6 +76,9 @@ class JointQuadraticForm final : public QuadraticForm {
   std::vector<double> square_, linear_;  ///< per function: −½ and 0 for s, 0 and 1 for q, 0 and 0 for padding
   std::vector<double> polynomial_;       ///< per cell: coefficients [7, 8] or [8] in t, the last of 8 zero
   std::vector<Cell> cell_;
+  std::vector<double> line_;   ///< of one row in one cell: s in the powers of t, [4, padded]
+  std::vector<double> along_;  ///< t of each node of the second axis
+  std::vector<std::size_t> piece_;
 };
 
 }  // namespace knothe::reduction

@@ -2,6 +2,7 @@
 
 #include <random>
 
+#include "knothe/reduction/grid_evaluator.hpp"
 #include "knothe/reduction/spline_functions.hpp"
 
 namespace knothe::reduction {
@@ -98,6 +99,37 @@ TEST(QuadraticForm, OfATensorGridIsThatOfItsFunctions) {
     expect_like_generic(nodes, 1, 1, true, 30.0);
     // Large enough for cells where squares are summed.
     expect_like_generic(nodes, 5, 3, true, 1e4);
+  }
+}
+
+TEST(QuadraticForm, OnAGridOfNodesIsThatAtItsPoints) {
+  const Nodes& nodes = k_grids[2];
+  const JointFunctions functions(nodes, random_values(nodes, 11), 11);
+  const auto form = functions.make_quadratic_form();
+  auto* const on_grid = dynamic_cast<GridEvaluator*>(form.get());
+  ASSERT_NE(on_grid, nullptr);
+  Eigen::MatrixXd axes(23, 2);  // a little beyond the box too, where a prior's quantile may be by rounding
+  axes.col(0).setLinSpaced(23, 0.5 - 1e-9, 1.5);
+  axes.col(1).setLinSpaced(23, -1, 6 + 1e-9);
+  std::vector<GridRun> runs;
+  Eigen::Index at = 0;
+  for (Eigen::Index row = 0; row < 23; ++row) {
+    for (const auto& [begin, end] :
+         {std::pair{row % 5, 9 + row % 7}, std::pair{Eigen::Index{17}, 17 + row % 7}}) {
+      if (begin == end) continue;
+      runs.push_back({row, begin, end, at});
+      at += end - begin;
+    }
+  }
+  const Eigen::MatrixXd points = nodes_of(axes, runs);
+  ASSERT_EQ(points.rows(), at);
+  for (const double size : {1.0, 1e4}) {  // the large one has cells where squares are summed
+    form->set(size * random_matrix(7, 11, 1), size * random_matrix(7, 1, 2), size * random_matrix(11, 1, 3),
+              -3.25);
+    const Eigen::VectorXd expected = evaluate(*form, points, 0).value;
+    Eigen::VectorXd got(at);
+    on_grid->evaluate_on_grid(axes, runs, got);
+    EXPECT_LE((got - expected).cwiseAbs().maxCoeff(), 1e-12 * expected.cwiseAbs().maxCoeff());
   }
 }
 
