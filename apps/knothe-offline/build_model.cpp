@@ -92,7 +92,7 @@ reduction::Snapshots solve_grid(const BuildArguments& arguments, const project::
     latin.threads = static_cast<std::size_t>(options.processes);
     latin.quiet = false;
     mechanics::LatinModel model =
-        mechanics::solve_latin_grid(problem, axes, latin, arguments.output + ".parts");
+        mechanics::solve_latin_grid(problem, axes, latin, arguments.output + ".parts", options.latin_start);
     report_latin(model, arguments.json);
     return std::move(model.snapshots);
   }

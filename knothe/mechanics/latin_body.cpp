@@ -1,6 +1,7 @@
 #include "knothe/mechanics/latin_body.hpp"
 
 #include <algorithm>
+#include <array>
 
 #include "knothe/mechanics/dense_solvers.hpp"
 
@@ -135,32 +136,55 @@ bool LatinBody::correct(std::span<const VoigtMatrix> lost, const VectorXd& resid
       touched.push_back(place);
     }
   }
+  // I − G ∂q/∂v cell by cell: ∂q/∂v is sparse, and a dense product would cost three times the factorisation.
   const auto n = static_cast<Index>(touched.size());
-  MatrixXd change = MatrixXd::Zero(n, n), flexibility(n, n);
-  for (std::size_t k = 0; k < damaged.size(); ++k) {
-    const int* places = &places_[k_cell_dofs * damaged[k]];
-    for (int i = 0; i < k_cell_dofs; ++i)
-      for (int j = 0; j < k_cell_dofs; ++j)
-        if (places[i] >= 0 && places[j] >= 0)
-          change(unknown[static_cast<std::size_t>(places[i])],
-                 unknown[static_cast<std::size_t>(places[j])]) +=
-              matrices[k][static_cast<std::size_t>(k_cell_dofs * i + j)];
-  }
   const VectorXd elastic = flexibility_matrix_ * residual;
+  MatrixXd flexibility(n, n), matrix = MatrixXd::Identity(n, n), columns(n, k_cell_dofs);
   VectorXd x(n);
   for (Index j = 0; j < n; ++j) {
     x[j] = elastic[touched[static_cast<std::size_t>(j)]];
-    for (Index i = 0; i < n; ++i)
-      flexibility(i, j) =
-          flexibility_matrix_(touched[static_cast<std::size_t>(i)], touched[static_cast<std::size_t>(j)]);
+    const auto column = flexibility_matrix_.col(touched[static_cast<std::size_t>(j)]);
+    for (Index i = 0; i < n; ++i) flexibility(i, j) = column[touched[static_cast<std::size_t>(i)]];
   }
-  MatrixXd matrix = MatrixXd::Identity(n, n);
-  matrix.noalias() -= flexibility * change;
+  const auto unknowns_of = [&](std::size_t k) {
+    std::array<int, k_cell_dofs> result{};
+    for (std::size_t i = 0; i < result.size(); ++i) {
+      const int place = places_[k_cell_dofs * damaged[k] + i];
+      result[i] = place >= 0 ? unknown[static_cast<std::size_t>(place)] : -1;
+    }
+    return result;
+  };
+  for (std::size_t k = 0; k < damaged.size(); ++k) {
+    const auto unknowns = unknowns_of(k);
+    for (int i = 0; i < k_cell_dofs; ++i) {
+      if (unknowns[static_cast<std::size_t>(i)] >= 0)
+        columns.col(i) = flexibility.col(unknowns[static_cast<std::size_t>(i)]);
+      else
+        columns.col(i).setZero();
+    }
+    const Eigen::Map<const Eigen::Matrix<double, k_cell_dofs, k_cell_dofs, Eigen::RowMajor>> cell(
+        matrices[k].data());
+    const MatrixXd product = columns * cell;
+    for (int j = 0; j < k_cell_dofs; ++j)
+      if (unknowns[static_cast<std::size_t>(j)] >= 0)
+        matrix.col(unknowns[static_cast<std::size_t>(j)]) -= product.col(j);
+  }
   if (!solve_dense({matrix.data(), static_cast<std::size_t>(n * n)}, {x.data(), static_cast<std::size_t>(n)}))
     return false;
-  const VectorXd more = change * x;
   force = residual;
-  for (Index i = 0; i < n; ++i) force[touched[static_cast<std::size_t>(i)]] += more[i];
+  for (std::size_t k = 0; k < damaged.size(); ++k) {
+    const auto unknowns = unknowns_of(k);
+    for (int i = 0; i < k_cell_dofs; ++i) {
+      const int row = unknowns[static_cast<std::size_t>(i)];
+      if (row < 0) continue;
+      double sum = 0;
+      for (int j = 0; j < k_cell_dofs; ++j)
+        if (unknowns[static_cast<std::size_t>(j)] >= 0)
+          sum += matrices[k][static_cast<std::size_t>(k_cell_dofs * i + j)] *
+                 x[unknowns[static_cast<std::size_t>(j)]];
+      force[touched[static_cast<std::size_t>(row)]] += sum;
+    }
+  }
   displacement = flexibility_matrix_ * force;
   return displacement.allFinite();
 }

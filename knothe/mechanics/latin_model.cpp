@@ -24,6 +24,7 @@ void set_state_file(const BeamProblem& problem, const std::vector<reduction::Axi
   options.key += fmt::format(" | LATIN {:a} {:a} {} {} {} {} {} {:a} {:a}", options.accuracy,
                              options.tolerance, options.window, options.most_modes, options.modes_per_round,
                              options.rounds, options.rescue_round, options.recompression, options.activation);
+  if (!options.start.empty()) options.key += fmt::format(" | from {:x}", fingerprint(options.start));
   std::error_code failed;
   std::filesystem::create_directories(parts_folder, failed);
   if (failed)
@@ -36,7 +37,8 @@ void set_state_file(const BeamProblem& problem, const std::vector<reduction::Axi
 }  // namespace
 
 LatinModel solve_latin_grid(const BeamProblem& problem, const std::vector<reduction::Axis>& axes,
-                            LatinOptions options, const std::string& parts_folder) {
+                            LatinOptions options, const std::string& parts_folder,
+                            const std::string& start_file) {
   problem.solver.validate();
   const std::string source = problem.gmsh_file.empty() ? "beam" : problem.gmsh_file;
   const auto structure = std::make_shared<const Structure>(make_mesh(problem), problem.elastic, source);
@@ -46,6 +48,8 @@ LatinModel solve_latin_grid(const BeamProblem& problem, const std::vector<reduct
   std::vector<DamageParameters> parameters;
   for (std::size_t i = 0; i < model.snapshots.grid_size(); ++i)
     parameters.push_back(damage_parameters(problem, axes, model.snapshots.parameters_at(i)));
+  if (!start_file.empty())
+    options.start = start_from(reduction::SeparatedModel::load(start_file), problem, *structure, axes);
   if (!parts_folder.empty()) set_state_file(problem, axes, parts_folder, options);
   model.solution = solve_latin_pgd(structure, problem.solver, parameters, options);
   if (std::error_code ignored; !parts_folder.empty()) std::filesystem::remove(parts_folder, ignored);

@@ -15,11 +15,12 @@ struct LatinModel {
 
 /// Solves at all grid points of the axes ("Y0", "Ad") together. If `parts_folder` is not empty, a run that is
 /// interrupted leaves its state there and goes on from it; the folder is made, and removed if it is empty in
-/// the end. Errors: ProjectError (options, axes), DataError (mesh), NumericalError (solver), IoError
-/// (folder), Interrupted.
+/// the end. `start_file`: a model to start from (latin_start.hpp), or empty. Errors: ProjectError (options,
+/// axes), DataError (mesh), NumericalError (solver), IoError (folder), Interrupted.
 [[nodiscard]] LatinModel solve_latin_grid(const BeamProblem& problem,
                                           const std::vector<reduction::Axis>& axes, LatinOptions options,
-                                          const std::string& parts_folder = {});
+                                          const std::string& parts_folder = {},
+                                          const std::string& start_file = {});
 
 /// Grid points at which some window was left before it was accurate, with the number of such windows each.
 [[nodiscard]] std::vector<std::pair<std::size_t, int>> inaccurate_points(const LatinSolution& solution);

@@ -7,6 +7,7 @@
 #include <ctime>
 #include <filesystem>
 #include <numeric>
+#include <optional>
 
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
@@ -14,6 +15,7 @@
 #include "knothe/base/progress.hpp"
 #include "knothe/base/threads.hpp"
 #include "knothe/mechanics/latin_activation.hpp"
+#include "knothe/mechanics/latin_foresight.hpp"
 #include "knothe/mechanics/latin_stage.hpp"
 #include "knothe/mechanics/latin_state.hpp"
 
@@ -47,8 +49,11 @@ class LatinPgd {
   [[nodiscard]] Correction correct(const LatinCandidate& candidate) const;
   /// Points that are not accurate enough yet; adds modes for the worst of them.
   [[nodiscard]] std::vector<int> enrich(const std::vector<LatinStageResult>& results, LatinIteration& record);
+  void join(std::span<const std::int64_t> cells);
   /// Cells join; the points for which the window must be computed again.
   [[nodiscard]] std::vector<int> activate();
+  /// Cells, modes and first iterates of the window that a hybrid start expects.
+  void foresee();
   void solve_window();
   /// Goes on from the state file, if there is one of this run.
   void resume();
@@ -67,6 +72,8 @@ class LatinPgd {
   int first_ = 0, last_ = 0;  ///< the window
   MatrixXd history_, end_;    ///< P × n_g: damage before the window, and at its end
   MatrixXd expanded_;         ///< archived modes on all dofs
+  std::optional<LatinForesight> foresight_;
+  std::vector<MatrixXd> expected_;  ///< first iterates of the window (LatinStage::expected)
   LatinSolution solution_;
   std::clock_t start_ = std::clock();
   LatinState state_;  ///< at the start of the window; empty without a state file
@@ -92,6 +99,7 @@ LatinPgd::LatinPgd(std::shared_ptr<const Structure> structure, const SolverOptio
         MatrixXd::Constant(1, points_, loading.displacement * (step + 1) / loading.steps));
   expanded_.resize(body_.structure().dof_count(), 0);
   basis_.join(body_, {});
+  if (!options_.start.empty()) foresight_.emplace(options_.start, body_.structure());
 }
 
 LaneBatch LatinPgd::make_batch(std::span<const int> points) const {
@@ -111,9 +119,12 @@ LaneBatch LatinPgd::make_batch(std::span<const int> points) const {
 
 std::vector<LatinStageResult> LatinPgd::global_stage(const std::vector<int>& points, bool fresh,
                                                      bool rescue) {
-  const LatinStage stage{
-      body_, basis_, options_.step, loading_.displacement, loading_.steps, solution_.coordinates, first_,
-      last_, fresh,  rescue};
+  const LatinStage stage{body_,          basis_,
+                         options_.step,  loading_.displacement,
+                         loading_.steps, solution_.coordinates,
+                         first_,         last_,
+                         fresh,          rescue,
+                         expected_};
   std::vector<LatinStageResult> results((points.size() + k_batch - 1) / k_batch);
   parallel_for(results.size(), options_.threads, [&](std::size_t b) {
     const std::size_t begin = b * k_batch;
@@ -239,19 +250,37 @@ std::vector<int> LatinPgd::activate() {
       find_activation(body_, expanded_ * basis_.directions(),
                       basis_.to_working(archived_states(last_ - 1, last_)), thresholds_, options_.activation);
   if (activation.joining.empty()) return {};
+  join(activation.joining);
+  return activation.missed;
+}
+
+void LatinPgd::join(std::span<const std::int64_t> cells) {
   const Index before = body_.point_count();
-  basis_.join(body_, activation.joining);
+  basis_.join(body_, cells);
   for (MatrixXd* damage : {&history_, &end_}) {
-    damage->conservativeResize(Eigen::NoChange, body_.point_count());
+    damage->conservativeResize(points_, body_.point_count());
     damage->rightCols(body_.point_count() - before).setZero();
   }
-  return activation.missed;
+}
+
+void LatinPgd::foresee() {
+  if (!foresight_) return;
+  const double imposed = solution_.coordinates[static_cast<std::size_t>(last_ - 1)](0, 0);
+  const auto cells = foresight_->joining(body_, last_ - 1, imposed, thresholds_, options_.activation);
+  if (!cells.empty()) join(cells);
+  const MatrixXd forces = foresight_->forces(body_, first_, last_, options_.accuracy);
+  for (Index k = 0; k < forces.cols() && basis_.archived() < options_.most_modes; ++k)
+    (void)basis_.add(forces.col(k), 1e-5);
+  expected_.clear();
+  for (int step = first_ - 1; step < last_; ++step)
+    expected_.push_back(foresight_->expected(body_, basis_, step));
 }
 
 void LatinPgd::solve_window() {
   std::vector<int> all(static_cast<std::size_t>(points_));
   std::iota(all.begin(), all.end(), 0);
   std::vector<int> pending = all;
+  foresee();
   end_ = history_;
   for (int round = 0;; ++round) {
     if (cancellation_requested()) {
@@ -349,28 +378,6 @@ LatinSolution LatinPgd::run() {
 }
 
 }  // namespace
-
-void LatinOptions::validate() const {
-  const auto refuse = [](const std::string& why) { throw ProjectError("LATIN-PGD: " + why); };
-  if (!(accuracy > 0) || !std::isfinite(accuracy))
-    refuse(fmt::format("accuracy is {} m; it must be positive", accuracy));
-  if (!(tolerance >= 0 && tolerance < 1))
-    refuse(fmt::format("tolerance is {}; it must be at least 0 and below 1", tolerance));
-  if (window < 1) refuse(fmt::format("window is {} steps; it must be at least 1", window));
-  if (most_modes < 1 || modes_per_round < 1 || rounds < 1)
-    refuse(fmt::format("most_modes, modes_per_round and rounds are {}, {} and {}; they must be at least 1",
-                       most_modes, modes_per_round, rounds));
-  if (!(recompression >= 0 && recompression <= 1))
-    refuse(fmt::format("recompression is {}; it must be from 0 to 1", recompression));
-  if (!(activation > 0 && activation < 1))
-    refuse(fmt::format("activation is {}; it must be between 0 and 1", activation));
-}
-
-VectorXd LatinSolution::displacement(const Structure& structure, std::size_t step, Index point) const {
-  const auto c = coordinates[step].col(point);
-  return c[0] * Eigen::Map<const VectorXd>(structure.unit_lift().data(), structure.dof_count()) +
-         space * c.tail(space.cols());
-}
 
 LatinSolution solve_latin_pgd(std::shared_ptr<const Structure> structure, const SolverOptions& loading,
                               std::span<const DamageParameters> parameters, const LatinOptions& options) {

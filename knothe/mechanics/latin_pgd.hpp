@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "knothe/mechanics/full_order_model.hpp"
+#include "knothe/mechanics/latin_start.hpp"
 #include "knothe/mechanics/latin_step.hpp"
 
 namespace knothe::mechanics {
@@ -31,6 +32,7 @@ struct LatinOptions {
   double recompression = 0.1;
   double activation = 0.7;  ///< a cell joins when its Y exceeds this fraction of Y₀ at any parameter point
   LatinStepOptions step;    ///< of the small problems
+  LatinStart start;         ///< hybrid start; empty: the elastic solution
   std::size_t threads = 0;  ///< 0: all
   bool quiet = true;        ///< no progress on stderr
   /// Where a run that is interrupted leaves its state, and goes on from (latin_state.hpp); empty: nowhere.

@@ -8,6 +8,7 @@
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/mechanics/latin_model.hpp"
+#include "knothe/reduction/compression.hpp"
 
 namespace knothe::mechanics {
 namespace {
@@ -88,6 +89,77 @@ TEST(LatinPgd, MoreAccuracyIsMoreAccurate) {
     EXPECT_LT(difference.largest, before);
     before = difference.largest;
   }
+}
+
+/// The tree-form model of snapshots at the corners of the box, as `knothe offline` makes it.
+reduction::SeparatedModel corner_model(const BeamProblem& problem) {
+  FullOrderModel model = make_full_order_model(problem);
+  reduction::Snapshots snapshots;
+  std::vector<double> values;
+  for (const double y0 : {0.5, 1.5})
+    for (const double ad : {0.5, 1.5}) {
+      snapshots = as_snapshots(problem, model.structure(), model.run({216.0 * y0, 2.25e-3 * ad}));
+      values.insert(values.end(), snapshots.values.begin(), snapshots.values.end());
+    }
+  snapshots.values = std::move(values);
+  snapshots.axes = {{"Y0", {0.5, 1.5}, "1", "", 216.0}, {"Ad", {0.5, 1.5}, "1", "", 2.25e-3}};
+  snapshots.outputs.clear();
+  reduction::CompressionOptions options;
+  options.modes = 4;
+  return reduction::SeparatedModel(reduction::compress(snapshots, options), "corners.h5");
+}
+
+TEST(LatinPgd, StartedFromAModelOfFewSnapshotsItIsAsAccurateInFewerStages) {
+  // Off the corners that model is wrong by tens of micrometres.
+  const BeamProblem problem = coarse_beam(40);
+  FullOrderModel model = make_full_order_model(problem);
+  const auto structure = std::make_shared<const Structure>(make_mesh(problem), problem.elastic, "beam");
+  const std::vector<reduction::Axis> axes = {{"Y0", {0.5, 1.0, 1.5}, "1", "", 216.0},
+                                             {"Ad", {0.5, 1.0, 1.5}, "1", "", 2.25e-3}};
+  const auto parameters = corners_and_centre();
+  const LatinSolution elastic = solve_latin_pgd(structure, problem.solver, parameters, {});
+  LatinOptions options;
+  options.start = start_from(corner_model(problem), problem, *structure, axes);
+  const LatinSolution hybrid = solve_latin_pgd(structure, problem.solver, parameters, options);
+  EXPECT_TRUE((hybrid.accepted.array() == 1).all());
+  EXPECT_LT(hybrid.history.size(), elastic.history.size());
+  for (std::size_t p = 0; p < parameters.size(); ++p) {
+    const Difference difference =
+        to_full_order(hybrid, model, model.run(parameters[p]), static_cast<Eigen::Index>(p));
+    EXPECT_LT(difference.relative, 2e-3) << p;
+    EXPECT_LT(difference.largest, 3e-7) << p;
+  }
+}
+
+TEST(LatinPgd, AStartFromAModelOfSomethingElseIsRefused) {
+  const std::vector<reduction::Axis> axes = {{"Y0", {0.5, 1.5}, "1", "", 216.0},
+                                             {"Ad", {0.5, 1.5}, "1", "", 2.25e-3}};
+  BeamProblem small = coarse_beam(4);
+  small.beam.element = 0.02;
+  const reduction::SeparatedModel model = corner_model(small);
+  const auto refused = [&](const BeamProblem& problem) -> std::string {
+    try {
+      (void)start_from(model, problem, Structure(make_mesh(problem), problem.elastic, "beam"), axes);
+    } catch (const DataError& error) {
+      return error.what();
+    }
+    return "nothing was refused";
+  };
+  EXPECT_EQ(refused(small), "nothing was refused");
+  EXPECT_THAT(refused(coarse_beam(4)),
+              HasSubstr("corners.h5: LATIN-PGD cannot start from this model: it is of another mesh ("));
+  BeamProblem other = small;
+  other.solver.steps = 5;
+  EXPECT_THAT(refused(other), HasSubstr("it has 4 steps where there are 5"));
+  other = small;
+  other.solver.displacement = 3e-4;
+  EXPECT_THAT(refused(other), HasSubstr("its elastic solution differs by 0.3 (relative)"));
+  other = small;
+  other.elastic.poisson_ratio = 0.2;
+  EXPECT_THAT(refused(other), HasSubstr("another material or displacement"));
+  other = small;
+  other.beam.height = 0.12;
+  EXPECT_THAT(refused(other), HasSubstr("it is of another mesh ("));
 }
 
 TEST(LatinPgd, LongerWindowsGiveTheSame) {

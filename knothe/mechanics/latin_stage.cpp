@@ -21,8 +21,15 @@ MatrixXd LatinStage::states(int step, const LatinStageResult& result) const {
 }
 
 MatrixXd LatinStage::guess(int step, const LatinStageResult& result) const {
-  MatrixXd coordinates =
-      fresh ? MatrixXd(2 * states(step - 1, result) - states(step - 2, result)) : states(step, result);
+  MatrixXd coordinates = states(fresh ? step - 1 : step, result);
+  if (fresh && expected.empty()) coordinates += coordinates - states(step - 2, result);
+  if (fresh && !expected.empty()) {
+    const auto now = static_cast<std::size_t>(step - first) + 1;
+    for (Index i = 0; i < coordinates.cols(); ++i) {
+      const Index point = result.points[static_cast<std::size_t>(i)];
+      coordinates.col(i).tail(basis.size()) += expected[now].col(point) - expected[now - 1].col(point);
+    }
+  }
   coordinates.row(0).setConstant(imposed(step));
   return coordinates;
 }

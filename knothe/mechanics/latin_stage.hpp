@@ -1,6 +1,7 @@
 #pragma once
 /// @file The global stage of LATIN-PGD over a window of steps, for one batch of parameter points.
 #include <Eigen/Core>
+#include <span>
 #include <vector>
 
 #include "knothe/mechanics/latin_step.hpp"
@@ -41,6 +42,9 @@ struct LatinStage {
   int first = 0, last = 0;  ///< the window
   bool fresh = true;        ///< first visit: start from the line through the last two steps
   bool rescue = false;  ///< cut the step, and go on with irreversible secant iterations, where Newton fails
+  /// Working coordinates that a hybrid start expects at steps first − 1, …, last − 1 (r × P each), or empty:
+  /// the first iterates are then the states before plus the increments expected.
+  std::span<const Eigen::MatrixXd> expected;
 
   [[nodiscard]] double imposed(int step) const { return displacement * (step + 1) / steps; }
   [[nodiscard]] LatinStageResult run(LaneBatch batch) const;

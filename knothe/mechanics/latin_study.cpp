@@ -1,77 +1,124 @@
-/// LATIN-PGD beside full-order runs on the same grid (docs/latin.md): errors, modes, CPU time.
+/// LATIN-PGD beside full-order runs on the same grid (docs/latin.md): errors, modes, CPU time, memory.
 ///
-///   build/release/bench/latin_study ELEMENT NODES STEPS ACCURACY [WINDOW]     one case, and with VERBOSE=1
-///   its stages build/release/bench/latin_study table                                    3, 5, 7, 9 nodes for
-///   each parameter build/release/bench/latin_study directions                               search
-///   directions, all steps in one window
+///   build/release/bench/latin_study table [KEY=VALUE …]   3, 5, 7 and 9 nodes for each parameter
+///   build/release/bench/latin_study case [KEY=VALUE …]    one case
+///   build/release/bench/latin_study directions            search directions, all steps in one window
+///
+/// Keys: element (m), layers, band (1: crack band of 5 mm, the notch one element wide), nodes, steps,
+/// accuracy (m), window, judges (grid points at which the full-order model is run; 0: all), start (nodes for
+/// each parameter of a snapshot model to start from; 0: the elastic solution), modes (of that model),
+/// verbose.
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
 #include <ctime>
+#include <fstream>
+#include <map>
 #include <string>
 
 #include "knothe/mechanics/latin_pgd.hpp"
 #include "knothe/mechanics/offline.hpp"
+#include "knothe/reduction/compression.hpp"
 
 namespace {
 
 using namespace knothe::mechanics;
+namespace reduction = knothe::reduction;
 
 struct Case {
-  double element = 0.01;
-  int nodes = 3, steps = 40;
+  double element = 0.005;
+  int layers = 1, nodes = 7, steps = 100, judges = 0, start = 0, modes = 9;
+  bool band = false, verbose = false;
   LatinOptions options;
 };
 
-struct Reference {
-  std::shared_ptr<const Structure> structure;
+BeamProblem problem_of(const Case& study) {
   BeamProblem problem;
-  std::vector<DamageParameters> parameters;
-  std::vector<FullOrderResult> runs;
-  double cpu_seconds = 0;
-};
-
-Reference make_reference(const Case& study) {
-  Reference result;
-  result.problem.beam.element = study.element;
-  result.problem.solver.steps = study.steps;
-  for (int i = 0; i < study.nodes; ++i)
-    for (int j = 0; j < study.nodes; ++j)
-      result.parameters.push_back({216.0 * (0.5 + static_cast<double>(i) / (study.nodes - 1)),
-                                   2.25e-3 * (0.5 + static_cast<double>(j) / (study.nodes - 1))});
-  result.structure =
-      std::make_shared<const Structure>(make_mesh(result.problem), result.problem.elastic, "beam");
-  FullOrderModel full(result.structure, result.problem.solver);
-  for (const DamageParameters& p : result.parameters) {
-    result.runs.push_back(full.run(p));
-    result.cpu_seconds += result.runs.back().cpu_seconds;
+  problem.beam.element = study.element;
+  problem.beam.layers = study.layers;
+  problem.solver.steps = study.steps;
+  if (study.band) {
+    problem.beam.notch_width = study.element;
+    problem.solver.regularisation.kind = Regularisation::crack_band;
   }
+  return problem;
+}
+
+std::vector<reduction::Axis> axes_of(int nodes) {
+  std::vector<double> values;
+  for (int i = 0; i < nodes; ++i) values.push_back(0.5 + static_cast<double>(i) / (nodes - 1));
+  return {{"Y0", values, "1", "", 216.0}, {"Ad", values, "1", "", 2.25e-3}};
+}
+
+std::vector<DamageParameters> grid_of(int nodes) {
+  reduction::Snapshots grid;
+  grid.axes = axes_of(nodes);
+  std::vector<DamageParameters> result;
+  for (std::size_t i = 0; i < grid.grid_size(); ++i)
+    result.push_back(damage_parameters({}, grid.axes, grid.parameters_at(i)));
   return result;
 }
 
+double cpu_seconds() {
+  return static_cast<double>(std::clock()) / CLOCKS_PER_SEC;
+}
+
+/// Largest resident size since the last call, MiB (Linux).
+double peak_memory() {
+  double result = 0;
+  std::ifstream status("/proc/self/status");
+  for (std::string word; status >> word;)
+    if (word == "VmHWM:") status >> result;
+  std::ofstream("/proc/self/clear_refs") << 5;
+  return result / 1024;
+}
+
+/// A model of few snapshots, as `knothe offline` makes it.
+LatinStart snapshot_start(const Case& study, const BeamProblem& problem,
+                          const std::shared_ptr<const Structure>& structure) {
+  FullOrderModel full(structure, problem.solver);
+  reduction::Snapshots snapshots;
+  std::vector<double> values;
+  for (const DamageParameters& p : grid_of(study.start)) {
+    snapshots = as_snapshots(problem, *structure, full.run(p));
+    values.insert(values.end(), snapshots.values.begin(), snapshots.values.end());
+  }
+  snapshots.values = std::move(values);
+  snapshots.axes = axes_of(study.start);
+  snapshots.outputs.clear();
+  reduction::CompressionOptions compression;
+  compression.modes = static_cast<std::size_t>(study.modes);
+  return start_from(reduction::SeparatedModel(reduction::compress(snapshots, compression)), problem,
+                    *structure, axes_of(study.nodes));
+}
+
 struct Errors {
-  double relative = 0, largest = 0, peak = 0;  ///< L², m, m at 15 to 30 % of the loading
-  std::vector<double> by_point;                ///< largest of each parameter point, m
+  double relative = 0, largest = 0;  ///< L², m
+  std::vector<double> by_point;      ///< largest of each judged point, m
+  double cpu_seconds = 0;            ///< of the full-order runs
 };
 
-Errors errors(const Reference& reference, const LatinSolution& latin) {
+/// The judge: full-order runs at `judges` points spread over the grid, or at all.
+Errors errors(const Case& study, const BeamProblem& problem,
+              const std::shared_ptr<const Structure>& structure, const LatinSolution& latin) {
+  const std::vector<DamageParameters> parameters = grid_of(study.nodes);
+  const std::size_t count = study.judges > 0 ? static_cast<std::size_t>(study.judges) : parameters.size();
+  FullOrderModel full(structure, problem.solver);
   Errors result;
   double square = 0, error = 0;
-  const int dofs = reference.structure->dof_count(), steps = reference.problem.solver.steps;
-  for (std::size_t p = 0; p < reference.runs.size(); ++p) {
+  const auto dofs = static_cast<std::size_t>(structure->dof_count());
+  for (std::size_t k = 0; k < count; ++k) {
+    const std::size_t p = (2 * k + 1) * parameters.size() / (2 * count);
+    const FullOrderResult run = full.run(parameters[p]);
+    result.cpu_seconds += run.cpu_seconds;
     result.by_point.push_back(0);
-    for (int step = 0; step < steps; ++step) {
-      const Eigen::Map<const Eigen::VectorXd> u(
-          &reference.runs[p].displacement[static_cast<std::size_t>(step) * static_cast<std::size_t>(dofs)],
-          dofs);
-      const Eigen::VectorXd e = latin.displacement(*reference.structure, static_cast<std::size_t>(step),
-                                                   static_cast<Eigen::Index>(p)) -
-                                u;
+    for (std::size_t step = 0; step < run.steps.size(); ++step) {
+      const Eigen::Map<const Eigen::VectorXd> u(&run.displacement[step * dofs],
+                                                static_cast<Eigen::Index>(dofs));
+      const Eigen::VectorXd e = latin.displacement(*structure, step, static_cast<Eigen::Index>(p)) - u;
       square += u.squaredNorm();
       error += e.squaredNorm();
-      const double largest = e.cwiseAbs().maxCoeff(), fraction = static_cast<double>(step + 1) / steps;
-      result.by_point.back() = std::max(result.by_point.back(), largest);
-      if (fraction >= 0.15 && fraction <= 0.301) result.peak = std::max(result.peak, largest);
+      result.by_point.back() = std::max(result.by_point.back(), e.cwiseAbs().maxCoeff());
     }
     result.largest = std::max(result.largest, result.by_point.back());
   }
@@ -79,46 +126,56 @@ Errors errors(const Reference& reference, const LatinSolution& latin) {
   return result;
 }
 
-LatinSolution solve(const Reference& reference, const LatinOptions& options) {
-  return solve_latin_pgd(reference.structure, reference.problem.solver, reference.parameters, options);
-}
-
 void print_row(const Case& study) {
-  const Reference reference = make_reference(study);
-  const LatinSolution latin = solve(reference, study.options);
-  if (std::getenv("VERBOSE") != nullptr)
+  const BeamProblem problem = problem_of(study);
+  (void)peak_memory();
+  const double before = cpu_seconds();
+  const auto structure = std::make_shared<const Structure>(make_mesh(problem), problem.elastic, "beam");
+  LatinOptions options = study.options;
+  if (study.start > 0) options.start = snapshot_start(study, problem, structure);
+  const double started = cpu_seconds();
+  const LatinSolution latin = solve_latin_pgd(structure, problem.solver, grid_of(study.nodes), options);
+  const double cpu = cpu_seconds() - started, memory = peak_memory();
+  if (study.verbose)
     for (const LatinIteration& it : latin.history)
       std::printf(
           "%3d-%3d round %2d modes %3d of %3d points %3d residual %.2e correction %.3f um change %.2e  %.2f "
           "s\n",
           it.first_step, it.last_step, it.round, it.working_modes, it.archived_modes, it.lanes, it.residual,
           it.correction * 1e6, it.indicator, it.cpu_seconds);
-  const Errors e = errors(reference, latin);
+  std::printf("| %g mm | %d | %d × %d | %d | %zu | %td | %.1f | %.2f | %.2f | %.0f |", study.element * 1e3,
+              structure->dof_count(), study.nodes, study.nodes, latin.active_cells, latin.history.size(),
+              latin.space.cols(), 1e-6 * static_cast<double>(latin.local_points), started - before, cpu,
+              memory);
+  std::fflush(stdout);
+  const Errors e = errors(study, problem, structure, latin);
   std::vector<double> sorted = e.by_point;
   std::sort(sorted.begin(), sorted.end());
-  std::printf(
-      "| %g mm | %d | %d × %d | %d | %zu | %td | %.1f | %.2f | %.2f | %.1f | %.1e | %.3f | %.3f | %.3f |\n",
-      study.element * 1e3, reference.structure->dof_count(), study.nodes, study.nodes, latin.active_cells,
-      latin.history.size(), latin.space.cols(), 1e-6 * static_cast<double>(latin.local_points),
-      latin.cpu_seconds, reference.cpu_seconds, reference.cpu_seconds / latin.cpu_seconds, e.relative,
-      1e6 * sorted[sorted.size() / 2], 1e6 * sorted[sorted.size() * 9 / 10], 1e6 * e.largest);
+  const double all = e.cpu_seconds * study.nodes * study.nodes / static_cast<double>(sorted.size());
+  std::printf(" %zu | %.2f | %.1f | %.1e | %.3f | %.3f | %.3f |\n", sorted.size(), all, all / cpu, e.relative,
+              1e6 * sorted[sorted.size() / 2], 1e6 * sorted[sorted.size() * 9 / 10], 1e6 * e.largest);
   std::fflush(stdout);
 }
 
 void print_head() {
   std::printf(
-      "| elements | dofs | grid | active cells | stages | space modes | local stage, 10⁶ | LATIN, CPU s | "
-      "full order, CPU s "
-      "| factor | relative error | max error µm: median point | 90 %% | worst |\n"
-      "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n");
+      "| elements | dofs | grid | active cells | stages | space modes | local stage, 10⁶ | body and start, "
+      "CPU s | "
+      "LATIN, CPU s | peak MiB | judged at | full order at all, CPU s | factor | relative error | max error "
+      "µm: median point | 90 %% | worst |\n"
+      "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- "
+      "|\n");
+  std::fflush(stdout);
 }
 
 /// One linear solve a stage for every step and point, all steps at once, as LATIN has it.
 void study_directions() {
   Case study;
+  study.element = 0.01;
   study.nodes = 2;
   study.steps = 20;
-  const Reference reference = make_reference(study);
+  const BeamProblem problem = problem_of(study);
+  const auto structure = std::make_shared<const Structure>(make_mesh(problem), problem.elastic, "beam");
   std::printf(
       "| stages | constant (C) | secant, refreshed | tangent, refreshed |\n| --- | --- | --- | --- |\n");
   for (const int rounds : {5, 10, 20, 40, 80, 160}) {
@@ -136,7 +193,8 @@ void study_directions() {
       options.accuracy = 1e-9;
       options.modes_per_round = 2;
       options.most_modes = 1000;
-      const Errors e = errors(reference, solve(reference, options));
+      const Errors e = errors(study, problem, structure,
+                              solve_latin_pgd(structure, problem.solver, grid_of(study.nodes), options));
       std::printf(" %.1e, %.2f µm |", e.relative, 1e6 * e.largest);
       std::fflush(stdout);
     }
@@ -144,24 +202,51 @@ void study_directions() {
   }
 }
 
+/// Takes one KEY=VALUE; false if there is no such key.
+bool take(Case& study, const std::string& word) {
+  const std::size_t at = word.find('=');
+  if (at == std::string::npos) return false;
+  const double value = std::atof(word.c_str() + at + 1);
+  const std::map<std::string, int*> whole = {{"layers", &study.layers},        {"nodes", &study.nodes},
+                                             {"steps", &study.steps},          {"judges", &study.judges},
+                                             {"start", &study.start},          {"modes", &study.modes},
+                                             {"window", &study.options.window}};
+  const std::map<std::string, double*> real = {{"element", &study.element},
+                                               {"accuracy", &study.options.accuracy}};
+  const std::map<std::string, bool*> flags = {{"band", &study.band}, {"verbose", &study.verbose}};
+  const std::string key = word.substr(0, at);
+  if (whole.contains(key))
+    *whole.at(key) = static_cast<int>(value);
+  else if (real.contains(key))
+    *real.at(key) = value;
+  else if (flags.contains(key))
+    *flags.at(key) = value != 0;
+  else
+    return false;
+  return true;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
-  const std::string first = argc > 1 ? argv[1] : "";
-  if (first == "directions") {
+  const std::string what = argc > 1 ? argv[1] : "";
+  Case study;
+  bool understood = what == "table" || what == "case" || what == "directions";
+  for (int i = 2; i < argc; ++i) understood = understood && take(study, argv[i]);
+  if (!understood) {
+    std::fprintf(stderr,
+                 "latin_study table|case|directions [KEY=VALUE …]: see the head of latin_study.cpp\n");
+    return 2;
+  }
+  if (what == "directions") {
     study_directions();
     return 0;
   }
   print_head();
-  if (first == "table") {
-    for (const int nodes : {3, 5, 7, 9}) print_row({0.005, nodes, 100, {}});
-    return 0;
-  }
-  Case study;
-  if (argc > 1) study.element = std::atof(argv[1]);
-  if (argc > 2) study.nodes = std::atoi(argv[2]);
-  if (argc > 3) study.steps = std::atoi(argv[3]);
-  if (argc > 4) study.options.accuracy = std::atof(argv[4]);
-  if (argc > 5) study.options.window = std::atoi(argv[5]);
-  print_row(study);
+  if (what == "case") print_row(study);
+  if (what == "table")
+    for (const int nodes : {3, 5, 7, 9}) {
+      study.nodes = nodes;
+      print_row(study);
+    }
 }

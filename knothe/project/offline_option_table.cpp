@@ -19,6 +19,13 @@ std::vector<Option> offline_option_table() {
        "Largest displacement that the out-of-balance forces left may be worth, m.",
        {}},
       {"offline.latin.window", K::integer, "2", "Load steps that are iterated together.", {}},
+      {"offline.latin.start",
+       K::path,
+       "",
+       "Reduced model to start from, of the same mesh, steps and material, e.g. one of snapshots on a "
+       "coarser "
+       "grid of parameters (hybrid); otherwise the elastic solution.",
+       {}},
       {"offline.mesh", K::table, "", "Mesh of the beam.", {}},
       {"offline.mesh.element", K::positive, "0.005", "Element size near the notch, m.", {}},
       {"offline.mesh.layers", K::integer, "1", "Layers of elements over the half thickness.", {}},

@@ -109,6 +109,9 @@ OfflineOptions read_offline(Values& values, const std::string& folder) {
   o.method = values.text("offline.method", o.method);
   o.latin_accuracy = values.number("offline.latin.accuracy", o.latin_accuracy);
   o.latin_window = static_cast<int>(values.integer("offline.latin.window", o.latin_window));
+  if (values.has("offline.latin.start")) {
+    o.latin_start = (std::filesystem::path(folder) / values.text("offline.latin.start", "")).string();
+  }
   o.element = values.number("offline.mesh.element", o.element);
   o.layers = static_cast<int>(values.integer("offline.mesh.layers", o.layers));
   if (values.has("offline.mesh.gmsh")) {

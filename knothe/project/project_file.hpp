@@ -89,6 +89,7 @@ struct OfflineOptions {
   std::string method = "snapshots";
   double latin_accuracy = 1e-7;  ///< m
   int latin_window = 2;          ///< steps
+  std::string latin_start;       ///< model file; empty: the elastic solution
   double element = 0.005;        ///< m
   int layers = 1;
   std::string gmsh;  ///< absolute path, empty: structured mesh

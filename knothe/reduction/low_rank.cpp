@@ -43,13 +43,6 @@ Eigen::MatrixXd transposed_product(const Eigen::Ref<const Eigen::MatrixXd>& a, c
   return result;
 }
 
-/// An orthonormal basis of the columns of `a`.
-Eigen::MatrixXd orthonormal(const Eigen::MatrixXd& a) {
-  const Eigen::Index n = std::min(a.rows(), a.cols());
-  const Eigen::HouseholderQR<Eigen::MatrixXd> qr(a);
-  return qr.householderQ() * Eigen::MatrixXd::Identity(a.rows(), n);
-}
-
 /// Turns an orthonormal basis into singular vectors: the SVD of QᵀA by its small Gram matrix.
 DominantSpace rotated(const Eigen::Ref<const Eigen::MatrixXd>& a, const Eigen::MatrixXd& q,
                       std::size_t threads) {
@@ -59,6 +52,12 @@ DominantSpace rotated(const Eigen::Ref<const Eigen::MatrixXd>& a, const Eigen::M
 }
 
 }  // namespace
+
+Eigen::MatrixXd orthonormal_basis(const Eigen::Ref<const Eigen::MatrixXd>& a) {
+  const Eigen::Index n = std::min(a.rows(), a.cols());
+  const Eigen::HouseholderQR<Eigen::MatrixXd> qr(a);
+  return qr.householderQ() * Eigen::MatrixXd::Identity(a.rows(), n);
+}
 
 Eigen::MatrixXd normal_matrix(Eigen::Index rows, Eigen::Index columns, std::uint64_t seed) {
   std::mt19937_64 random(seed);
@@ -89,10 +88,10 @@ DominantSpace dominant_space(const Eigen::Ref<const Eigen::MatrixXd>& a, double 
   for (Eigen::Index columns = k_direct;; columns *= 2) {
     Eigen::MatrixXd q;
     if (columns >= most) {
-      q = a.cols() <= a.rows() ? orthonormal(a) : Eigen::MatrixXd::Identity(a.rows(), a.rows());
+      q = a.cols() <= a.rows() ? orthonormal_basis(a) : Eigen::MatrixXd::Identity(a.rows(), a.rows());
     } else {
-      q = orthonormal(product(a, normal_matrix(a.cols(), columns, seed), threads));
-      q = orthonormal(product(a, transposed_product(a, q, threads), threads));
+      q = orthonormal_basis(product(a, normal_matrix(a.cols(), columns, seed), threads));
+      q = orthonormal_basis(product(a, transposed_product(a, q, threads), threads));
     }
     DominantSpace space = rotated(a, q, threads);
     if (columns >= most || space.total - space.energy.sum() <= 0.25 * allowed) {

@@ -21,6 +21,9 @@ struct DominantSpace {
 [[nodiscard]] DominantSpace dominant_space(const Eigen::Ref<const Eigen::MatrixXd>& a, double allowed,
                                            std::uint64_t seed, std::size_t threads);
 
+/// An orthonormal basis of the space that the columns of `a` span (Householder), rows × min(rows, columns).
+[[nodiscard]] Eigen::MatrixXd orthonormal_basis(const Eigen::Ref<const Eigen::MatrixXd>& a);
+
 /// Eigenvalues (falling, none below zero) and eigenvectors of a symmetric positive semi-definite matrix.
 struct FallingEigenpairs {
   Eigen::VectorXd values;

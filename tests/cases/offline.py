@@ -46,6 +46,27 @@ class Test(Case):
         self.assertAlmostEqual(text["max_error_m"] * 1e6, other["max_error_m"] * 1e6, delta=0.3)
         self.assertAlmostEqual(text["relative_error"], other["relative_error"], delta=1e-3)
 
+    def test_latin_starts_from_a_model_of_few_snapshots(self):
+        """The hybrid: the model of four snapshots on the corners, then the whole grid; the elastic start gives the same."""
+        text = self.project.read_text()
+        self.project.write_text(text.replace("nodes = 3", "nodes = 2").replace("modes = 6", "modes = 4"))
+        self.build("corners.h5")
+        self.project.write_text(text.replace('method = "snapshots"', 'method = "latin"'))
+        elastic = self.build("elastic.h5", "--json").lines()
+        hybrid_text = text.replace('method = "snapshots"', 'method = "latin"\nlatin = { start = "corners.h5" }')
+        self.project.write_text(hybrid_text)
+        hybrid = self.build("hybrid.h5", "--json").lines()
+        self.assertLess(sum("round" in line for line in hybrid), sum("round" in line for line in elastic))
+        self.assertAlmostEqual(hybrid[-1]["max_error_m"] * 1e6, elastic[-1]["max_error_m"] * 1e6, delta=0.2)
+        point = ["--at", "Y0=0.93,Ad=1.17", "--step", "14", "--json"]
+        values = [self.expect(0, "model", "evaluate", name, *point).lines()[-1]["values"] for name in ("elastic.h5", "hybrid.h5")]
+        self.assertLess(max(abs(a - b) for a, b in zip(*values)), 3e-7)
+        self.project.write_text(hybrid_text.replace("element = 0.01", "element = 0.02"))
+        self.expect(4, "offline", self.project_name, "-o", "model.h5",
+                    stderr=["corners.h5: LATIN-PGD cannot start from this model", "another mesh"])
+        self.project.write_text(hybrid_text.replace("corners.h5", "corner.h5"))
+        self.expect(4, "offline", self.project_name, "-o", "model.h5", stderr="corner.h5")
+
     def test_latin_interrupted_goes_on_from_there(self):
         text = self.project.read_text()
         self.project.write_text(text.replace("steps = 20", "steps = 100").replace("nodes = 3", "nodes = 15"))
