@@ -28,6 +28,7 @@
 #include "knothe/project/forecast_scoring.hpp"
 #include "knothe/project/model_comparison.hpp"
 #include "knothe/project/picture_measurements.hpp"
+#include "knothe/project/picture_registration.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/project/update_setup.hpp"
 #include "knothe/report/results_writer.hpp"
@@ -247,6 +248,8 @@ int assimilate(const AssimilateArguments& arguments) {
     const auto [from, to] = redo_range(arguments.redo, setup.measurements.time.size());
     update.redo(from, to);
   }
+  if (setup.pictures && setup.pictures->registration())
+    fmt::print(stderr, "{}\n", project::registration_text(*setup.pictures->registration()));
   project::ModelComparison comparison(project);
   forecast::Forecaster forecaster = project::make_forecaster(project, setup);
   files::require_writable_folder(project.results);

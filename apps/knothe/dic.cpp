@@ -21,9 +21,11 @@
 #include "knothe/imaging/pattern_report.hpp"
 #include "knothe/imaging/picture_series.hpp"
 #include "knothe/project/picture_measurements.hpp"
+#include "knothe/project/picture_registration.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/reduction/separated_model.hpp"
 #include "knothe/report/displacement_maps.hpp"
+#include "knothe/report/registration_map.hpp"
 
 namespace knothe::commands {
 namespace {
@@ -37,6 +39,7 @@ constexpr std::chrono::seconds k_save_every{30};
 struct Task {
   imaging::SeriesOptions series;
   std::optional<imaging::PictureFrame> frame;
+  std::optional<imaging::OutlineFit> registration;  ///< where the outline of the body tells the frame
   std::string project_text;
 };
 
@@ -50,10 +53,11 @@ Task task_of(const DicArguments& a) {
   Task task;
   const bool project = a.files.size() == 1 && a.files.front().ends_with(".toml");
   if (project) {
-    const project::Project read = project::read_project(a.files.front());
+    project::Project read = project::read_project(a.files.front());
     std::optional<reduction::Mesh> mesh;
-    if (!read.model.empty() && read.pictures.model_mesh)
+    if (!read.model.empty() && (read.pictures.model_mesh || project::needs_model_outline(read)))
       mesh = reduction::SeparatedModel::load(read.model).contents().mesh;
+    task.registration = project::register_pictures(read, mesh);
     task.series = project::series_options(read, mesh);
     if (read.pictures.frame) task.frame = project::picture_frame_of(read, mesh);
     task.project_text = read.text;
@@ -191,12 +195,28 @@ void print_for_people(const PictureResult& r, double noise_std,
   if (r.crack) fmt::print("    {}\n", crack_text(*r.crack, frame));
 }
 
+/// The outline that was fitted: a line to stderr, and a map where maps are asked for.
+void tell_registration(const DicArguments& arguments, const Task& task) {
+  if (!task.registration) return;
+  fmt::print(stderr, "{}\n", project::registration_text(*task.registration));
+  if (arguments.maps.empty()) return;
+  files::require_writable_folder(arguments.maps);
+  report::write_registration_map((fs::path(arguments.maps) / "registration.png").string(),
+                                 files::read_picture(task.registration->picture), *task.registration);
+}
+
+void write_table(const std::string& path, const imaging::PictureSeries& series, const Task& task,
+                 double noise, const Eigen::VectorXd& std) {
+  auto rows = imaging::reporting_table(series, task.frame, noise, std);
+  if (task.registration) rows.push_back({"Registration", project::registration_text(*task.registration), ""});
+  imaging::write_reporting_table(path, rows);
+}
+
 void write_table(const std::string& path, const imaging::PictureSeries& series,
-                 const std::vector<PictureResult>& results,
-                 const std::optional<imaging::PictureFrame>& frame) {
+                 const std::vector<PictureResult>& results, const Task& task) {
   const double noise = std::max(imaging::k_quantisation_noise, imaging::series_noise(series, results));
   const auto precision = series.precision(series.correlation().usable_elements(), noise);
-  imaging::write_reporting_table(path, imaging::reporting_table(series, frame, noise, precision.std));
+  write_table(path, series, task, noise, precision.std);
 }
 
 /// 0 if any picture was measured; otherwise why not: unreadable or unsuitable (4), or not converged (6).
@@ -215,9 +235,7 @@ int judge_pattern(const DicArguments& arguments, const Task& task) {
         "--pattern measures nothing: it takes --maps, --table and --json, not --at, -o or --resume");
   const imaging::PictureSeries series(task.series);
   const imaging::PatternReport r = imaging::pattern_report(series);
-  if (!arguments.table.empty())
-    imaging::write_reporting_table(arguments.table,
-                                   imaging::reporting_table(series, task.frame, r.noise, r.std));
+  if (!arguments.table.empty()) write_table(arguments.table, series, task, r.noise, r.std);
   if (!arguments.maps.empty()) {
     files::require_writable_folder(arguments.maps);
     report::write_deviation_maps((fs::path(arguments.maps) / "pattern").string(), series, r.std);
@@ -276,6 +294,7 @@ std::vector<PictureResult> resumed(const DicArguments& arguments, imaging::Pictu
 int dic(const DicArguments& arguments) {
   if (!arguments.table.empty()) imaging::require_table_name(arguments.table);
   const Task task = task_of(arguments);
+  tell_registration(arguments, task);
   if (arguments.pattern) return judge_pattern(arguments, task);
   Output output(arguments, task);
   imaging::PictureSeries series(task.series);
@@ -308,7 +327,7 @@ int dic(const DicArguments& arguments) {
   }
   const int status = verdict(results);
   if (status == 0 || cancellation_requested()) output.finish(series, results);
-  if (status == 0 && !arguments.table.empty()) write_table(arguments.table, series, results, task.frame);
+  if (status == 0 && !arguments.table.empty()) write_table(arguments.table, series, results, task);
   if (!series.done())
     throw Interrupted(
         fmt::format("interrupted after {} of {} pictures{}", results.size(), task.series.pictures.size(),

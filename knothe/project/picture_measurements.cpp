@@ -14,6 +14,7 @@
 #include "knothe/imaging/displacement_files.hpp"
 #include "knothe/imaging/mesh_file.hpp"
 #include "knothe/project/picture_options.hpp"
+#include "knothe/project/picture_registration.hpp"
 
 namespace knothe::project {
 namespace {
@@ -46,8 +47,12 @@ imaging::PictureFrame picture_frame_of(const Project& project, const std::option
     throw project.error_at("dic",
                            "pictures need a scale to be measurements: \"dic.scale\" and \"dic.origin\", or "
                            "\"dic.pixels\" and \"dic.points\"");
-  imaging::PictureFrame frame = *p.frame;
-  if (p.plane_given || !mesh) return frame;
+  return with_plane(*p.frame, project, mesh);
+}
+
+imaging::PictureFrame with_plane(imaging::PictureFrame frame, const Project& project,
+                                 const std::optional<reduction::Mesh>& mesh) {
+  if (project.pictures.plane_given || !mesh) return frame;
   const std::size_t axis = across(frame.view);
   const bool largest = frame.view == imaging::View::side;
   frame.plane = mesh->points[axis];
@@ -137,9 +142,11 @@ void PictureMeasurements::read_series(const Project& project, const reduction::M
                                 results_.empty() ? "" : results_.front().message));
 }
 
-PictureMeasurements::PictureMeasurements(const Project& project, const reduction::SeparatedModel& model,
+PictureMeasurements::PictureMeasurements(const Project& given, const reduction::SeparatedModel& model,
                                          bool live) {
   const auto& contents = model.contents();
+  Project project = given;
+  registration_ = register_pictures(project, contents.mesh, live);
   frame_ = picture_frame_of(project, contents.mesh);
   if (live && project.pictures.series.reference_update > 0)
     throw project.error_at(

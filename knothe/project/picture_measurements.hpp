@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "knothe/assimilation/measurements.hpp"
+#include "knothe/imaging/outline_registration.hpp"
 #include "knothe/imaging/picture_series.hpp"
 #include "knothe/imaging/registration.hpp"
 #include "knothe/project/project_file.hpp"
@@ -23,6 +24,10 @@ namespace knothe::project {
 /// the project has neither scale nor registration.
 [[nodiscard]] imaging::PictureFrame picture_frame_of(const Project& project,
                                                      const std::optional<reduction::Mesh>& mesh);
+
+/// A frame with the plane that the project gives, or the model's outermost face.
+[[nodiscard]] imaging::PictureFrame with_plane(imaging::PictureFrame frame, const Project& project,
+                                               const std::optional<reduction::Mesh>& mesh);
 
 /// The series of a project, with the model's surface mesh if that is asked for.
 [[nodiscard]] imaging::SeriesOptions series_options(const Project& project,
@@ -55,6 +60,8 @@ class PictureMeasurements {
   [[nodiscard]] const imaging::PictureFrame& frame() const { return frame_; }
   [[nodiscard]] const std::vector<imaging::PictureResult>& results() const { return results_; }
   [[nodiscard]] double noise() const { return gamma_; }  ///< γ, grey levels
+  /// Where the pictures were registered by the outline of the body.
+  [[nodiscard]] const std::optional<imaging::OutlineFit>& registration() const { return registration_; }
   PictureDatum next();
   /// A picture that is not one of the project's. DataError where it cannot be of this series.
   [[nodiscard]] PictureDatum measure(const files::Picture& picture, const std::string& name);
@@ -66,6 +73,7 @@ class PictureMeasurements {
   void correlate_ahead();
 
   imaging::PictureFrame frame_;
+  std::optional<imaging::OutlineFit> registration_;
   std::unique_ptr<imaging::PictureSeries> series_;
   assimilation::Measurements measurements_;
   std::vector<imaging::PictureResult> results_;

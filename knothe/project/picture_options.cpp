@@ -5,8 +5,10 @@
 #include <cmath>
 #include <filesystem>
 #include <numbers>
+#include <string_view>
 
 #include "knothe/base/error.hpp"
+#include "knothe/imaging/outline_registration.hpp"
 #include "knothe/imaging/picture_folder.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/project/project_values.hpp"
@@ -39,7 +41,30 @@ std::vector<std::array<double, 2>> read_points(Values& values, const std::string
   return points;
 }
 
-std::optional<imaging::PictureFrame> read_frame(Values& values) {
+/// The body's outline, where that is to tell where the picture is.
+std::optional<OutlineRegistration> read_outline(Values& values, const std::string& folder) {
+  if (values.text("dic.registration", "given") != "outline") {
+    for (const char* key : {"dic.outline", "dic.outline_picture"})
+      if (values.has(key))
+        values.complain(key, fmt::format("\"{}\" needs \"dic.registration\" = \"outline\"", key));
+    return std::nullopt;
+  }
+  OutlineRegistration outline;
+  outline.corners = read_points(values, "dic.outline");
+  outline.picture = resolved(folder, values.text("dic.outline_picture", ""));
+  if (values.has("dic.outline")) {
+    try {
+      (void)imaging::polygon_outline(outline.corners);
+    } catch (const UsageError& error) {
+      values.complain("dic.outline", error.what());
+    }
+  }
+  if (values.has("dic.scale_std") && values.number("dic.scale", 0) > 0)
+    outline.scale_std = values.number("dic.scale_std", 0) / values.number("dic.scale", 1);
+  return outline;
+}
+
+std::optional<imaging::PictureFrame> read_frame(Values& values, bool by_outline) {
   std::optional<imaging::PictureFrame> frame;
   const bool fitted = values.has("dic.pixels") || values.has("dic.points");
   if (fitted && (values.has("dic.scale") || values.has("dic.origin")))
@@ -61,13 +86,10 @@ std::optional<imaging::PictureFrame> read_frame(Values& values) {
     frame->slope *= turn, frame->offset *= turn;
   } else {
     for (const char* key : {"dic.origin", "dic.angle", "dic.scale_std", "dic.plane", "dic.view"})
-      if (values.has(key))
+      if (values.has(key) &&
+          !(by_outline && (key == std::string_view("dic.plane") || key == std::string_view("dic.view"))))
         values.complain(key,
                         fmt::format("\"{}\" needs \"dic.scale\", or \"dic.pixels\" and \"dic.points\"", key));
-  }
-  if (frame) {
-    frame->view = values.text("dic.view", "side") == "bottom" ? imaging::View::bottom : imaging::View::side;
-    frame->plane = values.number("dic.plane", 0);
   }
   return frame;
 }
@@ -159,14 +181,20 @@ PictureOptions read_pictures(Values& values, const std::string& folder) {
   if (!p.folder.empty() && !p.pictures.empty())
     values.complain("dic.pictures", "\"dic.pictures\" and \"data.pictures\" both name pictures: give one");
   p.series = read_series(values, folder);
-  p.frame = read_frame(values);
+  p.outline = read_outline(values, folder);
+  p.frame = read_frame(values, p.outline.has_value());
+  p.view = values.text("dic.view", "side") == "bottom" ? imaging::View::bottom : imaging::View::side;
+  p.plane = values.number("dic.plane", 0);
+  if (p.frame) p.frame->view = p.view, p.frame->plane = p.plane;
   p.model_mesh = values.text("dic.mesh", "region") == "model";
-  if (p.model_mesh && !p.frame)
+  const bool registered = p.frame || p.outline;
+  if (p.model_mesh && !registered)
     values.complain("dic.mesh",
-                    "\"dic.mesh\" = \"model\" needs \"dic.scale\", or \"dic.pixels\" and \"dic.points\"");
+                    "\"dic.mesh\" = \"model\" needs \"dic.scale\", or \"dic.pixels\" and \"dic.points\", or "
+                    "\"dic.registration\" = \"outline\"");
   p.mesh_file = resolved(folder, values.text("dic.mesh_file", ""));
   p.mesh_in_metres = values.text("dic.mesh_unit", "px") == "m";
-  if (p.mesh_in_metres && !p.frame)
+  if (p.mesh_in_metres && !registered)
     values.complain("dic.mesh_unit",
                     "\"dic.mesh_unit\" = \"m\" needs \"dic.scale\", or \"dic.pixels\" and \"dic.points\"");
   if (values.has("dic.mesh_unit") && p.mesh_file.empty())

@@ -1,6 +1,7 @@
 #pragma once
 /// @file The tables of a project file that say where pictures are and how displacements come from them:
 /// [data] pictures, [dic].
+#include <array>
 #include <optional>
 #include <string>
 #include <vector>
@@ -13,18 +14,30 @@ namespace knothe::project {
 struct Values;
 struct Project;
 
+/// [dic] registration = "outline".
+struct OutlineRegistration {
+  std::vector<std::array<double, 2>> corners;  ///< of the body's face, m (right, up); empty: the model's
+  std::string picture;                         ///< resolved; empty: the first reference
+  double scale_std = 0;                        ///< relative; 0: the scale given is only where to begin
+};
+
 /// What a project says of its pictures; nothing is looked up on disk yet.
 struct PictureOptions {
   std::string folder;                   ///< [data] pictures, resolved; empty: the pictures are listed
   std::vector<std::string> references;  ///< names in the folder, or resolved paths if there is none
   std::vector<std::string> pictures;    ///< resolved paths, where there is no folder
   std::vector<double> times;
-  imaging::SeriesOptions series;               ///< all but the pictures themselves
-  std::optional<imaging::PictureFrame> frame;  ///< where a scale or a registration is given
-  bool model_mesh = false;                     ///< correlate on the model's surface mesh
-  std::string mesh_file;                       ///< resolved; empty: none
-  bool mesh_in_metres = false;                 ///< unit of that file
-  bool plane_given = false;                    ///< otherwise the model's outermost face
+  imaging::SeriesOptions series;  ///< all but the pictures themselves
+  /// Where a scale or a registration is given; with `outline` where its fit begins
+  /// (picture_registration.hpp).
+  std::optional<imaging::PictureFrame> frame;
+  std::optional<OutlineRegistration> outline;
+  imaging::View view = imaging::View::side;
+  double plane = 0;             ///< m
+  bool model_mesh = false;      ///< correlate on the model's surface mesh
+  std::string mesh_file;        ///< resolved; empty: none
+  bool mesh_in_metres = false;  ///< unit of that file
+  bool plane_given = false;     ///< otherwise the model's outermost face
 };
 
 /// Reads [dic] and [data] pictures, times. Complaints go to `values`.

@@ -93,6 +93,38 @@ class Test(Case):
         for k, mean in enumerate(self.assimilate()[-1]["mean"]):
             self.assertAlmostEqual(mean, at_once[k], delta=1e-6)
 
+    def test_the_outline_of_the_model_tells_where_the_picture_is(self):
+        """Begun 1 % and some pixels off, or with nothing given: the same posterior as with the scale it was drawn with."""
+        self.draw()
+        exact = self.assimilate()[-1]
+        for start in ("scale = 4.04e-4\norigin = [325, 274]", ""):
+            self.edit('scale = 4e-4\norigin = [320, 270]', f'registration = "outline"\n{start}')
+            outcome = self.expect(0, "dic", self.project_name, "--maps", "maps", "--table", "table.txt",
+                                  stderr="registered by the outline: 0.")
+            self.assertEqual((self.folder / "maps" / "registration.png").read_bytes()[:4], b"\x89PNG")
+            self.assertIn("Registration", (self.folder / "table.txt").read_text())
+            self.assertLess(abs(float(outcome.err.split("outline: ")[1].split()[0]) - 0.4), 0.0005)
+            last = self.assimilate(stderr="registered by the outline")[-1]
+            for k in range(2):
+                std = math.sqrt(exact["covariance"][k][k])
+                self.assertLess(abs(last["mean"][k] - exact["mean"][k]), 1.5 * std)
+                self.assertLess(std, 1.05 * math.sqrt(last["covariance"][k][k]))  # the scale is not known exactly
+            self.edit(f'registration = "outline"\n{start}', 'scale = 4e-4\norigin = [320, 270]')
+
+    def test_an_outline_that_does_not_fit_is_told(self):
+        self.draw()
+        self.edit("scale = 4e-4", 'registration = "outline"\nscale = 4e-4')
+        self.edit("origin = [320, 270]", "origin = [420, 100]")
+        self.expect(4, "dic", self.project_name, stderr="reference_1.tif: error: ")
+        self.edit("origin = [420, 100]", "origin = [320, 270]\noutline = [[-0.3, 0], [0.3, 0], [0.3, 0.1], [-0.3, 0.1]]")
+        self.expect(4, "dic", self.project_name, stderr=["reference_1.tif: error: the outline does not tell the place to the right",
+                                                         "on the upper and lower sides only"])
+        self.edit("[0.3, 0.1], ", "[0.6, 0], [0.9, 0], ")
+        self.edit(", [-0.3, 0.1]]", "]")
+        self.expect(3, "dic", self.project_name, stderr="the outline has no area")
+        self.edit('registration = "outline"\n', "")
+        self.expect(3, "dic", self.project_name, stderr='"dic.outline" needs "dic.registration" = "outline"')
+
     def test_a_picture_that_is_gone_is_missing_data(self):
         self.draw()
         gone = sorted((self.folder / "pictures").glob("picture_*.tif"))[2]
