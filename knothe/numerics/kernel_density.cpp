@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <Eigen/Core>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -121,21 +122,27 @@ std::vector<double> kernel_density(std::span<const double> values, std::span<con
     throw UsageError(fmt::format("kernel density: bandwidth {} is not positive", bandwidth));
   const double total = std::accumulate(weights.begin(), weights.end(), 0.0);
   const double scale = 1 / (total * bandwidth * std::sqrt(2 * std::numbers::pi));
+  // In increasing order, so that the kernels that reach a point are neighbours: exponentials in SIMD lanes.
   std::vector<std::size_t> order(values.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
-  std::stable_sort(order.begin(), order.end(),
-                   [&](std::size_t a, std::size_t b) { return values[a] < values[b]; });
+  if (!std::is_sorted(values.begin(), values.end()))
+    std::stable_sort(order.begin(), order.end(),
+                     [&](std::size_t a, std::size_t b) { return values[a] < values[b]; });
+  Eigen::ArrayXd sorted(static_cast<Eigen::Index>(values.size())), share(sorted.size());
+  for (Eigen::Index i = 0; i < sorted.size(); ++i) {
+    sorted[i] = values[order[static_cast<std::size_t>(i)]];
+    share[i] = weights[order[static_cast<std::size_t>(i)]];
+  }
+  const double* begin_of_all = sorted.data();
+  const double* end_of_all = begin_of_all + sorted.size();
   std::vector<double> density;
   density.reserve(at.size());
   for (double x : at) {
-    auto i = std::lower_bound(order.begin(), order.end(), x - 9 * bandwidth,
-                              [&](std::size_t a, double bound) { return values[a] < bound; });
-    double sum = 0;
-    for (; i != order.end() && values[*i] <= x + 9 * bandwidth; ++i) {
-      const double u = (x - values[*i]) / bandwidth;
-      sum += weights[*i] * std::exp(-0.5 * u * u);
-    }
-    density.push_back(scale * sum);
+    const double* first = std::lower_bound(begin_of_all, end_of_all, x - 9 * bandwidth);
+    const double* last = std::upper_bound(first, end_of_all, x + 9 * bandwidth);
+    const Eigen::Index begin = first - begin_of_all, count = last - first;
+    const auto u = (x - sorted.segment(begin, count)) / bandwidth;
+    density.push_back(scale * (share.segment(begin, count) * (-0.5 * u.square()).exp()).sum());
   }
   return density;
 }

@@ -91,6 +91,63 @@ TEST(NewtonTrustRegion, LeavesASaddle) {
   EXPECT_NEAR(summary.value, -1, 1e-12);
 }
 
+/// ½ Σ λ_i x_i² − Σ x_i
+struct Quadratic : Objective {
+  Eigen::VectorXd lambda;
+  Eigen::Index dimension() const override { return lambda.size(); }
+  bool evaluate(const Eigen::VectorXd& x, int derivatives, double& value, Eigen::VectorXd& gradient,
+                Eigen::MatrixXd& hessian) override {
+    value = 0.5 * lambda.dot(x.cwiseAbs2()) - x.sum();
+    if (derivatives >= 1) gradient = lambda.cwiseProduct(x).array() - 1;
+    if (derivatives >= 2) hessian = lambda.asDiagonal();
+    return true;
+  }
+};
+
+TEST(NewtonTrustRegion, ItsStepIsTheMinimumOnTheBallOfTheRadius) {
+  // From curvatures far apart to one that is negative by rounding alone, and one that truly is.
+  for (const double lowest : {2.0, 1e-9, 1e-15, -1e-16, -3.0}) {
+    Quadratic quadratic;
+    quadratic.lambda = Eigen::VectorXd::LinSpaced(30, 1, 1e3);
+    quadratic.lambda[0] = lowest;
+    TrustRegionOptions options;
+    options.initial_radius = 0.125;
+    options.max_iterations = 1;
+    Eigen::VectorXd x = Eigen::VectorXd::Zero(30);
+    (void)NewtonTrustRegion().minimise(quadratic, options, x);
+    EXPECT_NEAR(x.norm(), 0.125, 2e-4) << lowest;
+    // Stationary there: λ_i x_i − 1 = −μ x_i with the same μ ≥ −λ_0 for all i.
+    const Eigen::ArrayXd multiplier = 1 / x.array() - quadratic.lambda.array();
+    EXPECT_GE(multiplier[0], -lowest);
+    for (Eigen::Index i = 1; i < 30; ++i)
+      EXPECT_NEAR(multiplier[i], multiplier[0], 0.02 * multiplier[0]) << lowest;
+  }
+}
+
+TEST(NewtonTrustRegion, DoesNotGoOnWithoutEndForNearlyNothing) {
+  /// A slope of 1e-8 for ten million units: each step of the largest radius gains 1e-5.
+  struct LongSlope : Objective {
+    Eigen::Index dimension() const override { return 1; }
+    bool evaluate(const Eigen::VectorXd& x, int derivatives, double& value, Eigen::VectorXd& gradient,
+                  Eigen::MatrixXd& hessian) override {
+      const double y = x[0] - 1e7, root = std::sqrt(1 + y * y);
+      value = 1e-8 * root;
+      if (derivatives >= 1) gradient[0] = 1e-8 * y / root;
+      if (derivatives >= 2) hessian(0, 0) = 1e-8 / (root * root * root);
+      return true;
+    }
+  } slope;
+  TrustRegionOptions options;
+  options.gradient_tolerance = 1e-12;
+  Eigen::VectorXd x = Eigen::VectorXd::Zero(1);
+  EXPECT_EQ(NewtonTrustRegion().minimise(slope, options, x).termination, Termination::iteration_limit);
+  x.setZero();
+  options.decrease_at_border = 1e-4;
+  const MinimiserSummary summary = NewtonTrustRegion().minimise(slope, options, x);
+  EXPECT_EQ(summary.termination, Termination::converged);
+  EXPECT_LT(x[0], 2000);
+}
+
 TEST(Bfgs, Rosenbrock) {
   Rosenbrock f(6);
   Eigen::VectorXd x = Eigen::VectorXd::Constant(6, 0.3);

@@ -7,6 +7,13 @@
 
 namespace knothe::numerics {
 
+namespace {
+
+/// Shifts tried with a Cholesky factorisation each before the eigenbasis, which costs some twenty of them.
+constexpr int k_most_shifts = 12;
+
+}  // namespace
+
 const char* describe(Termination termination) {
   switch (termination) {
     case Termination::converged:
@@ -57,16 +64,37 @@ void NewtonTrustRegion::solve_in_eigenbasis(double radius) {
   if (const double norm = step_.norm(); norm > radius) step_ *= radius / norm;
 }
 
-double NewtonTrustRegion::solve_subproblem(double radius) {
+bool NewtonTrustRegion::solve_by_cholesky(double radius) {
   cholesky_.compute(hessian_);
-  bool inside = cholesky_.info() == Eigen::Success;
-  if (inside) {
-    step_ = -gradient_;
-    cholesky_.solveInPlace(step_);
-    const double norm = step_.norm();
-    inside = std::isfinite(norm) && norm <= radius;
+  double shift = 0;
+  for (int k = 0; k < k_most_shifts; ++k) {
+    if (cholesky_.info() == Eigen::Success) {
+      step_ = -gradient_;
+      cholesky_.solveInPlace(step_);
+      const double norm = step_.norm();
+      if (!std::isfinite(norm)) return false;
+      if (norm <= 1.001 * radius) {
+        if (norm > radius) step_ *= radius / norm;
+        return true;
+      }
+      // Newton on 1/|step| − 1/radius, from the left: |step| falls towards the radius and never below it.
+      product_ = step_;
+      cholesky_.matrixL().solveInPlace(product_);
+      shift += norm * norm / product_.squaredNorm() * (norm - radius) / radius;
+    } else if (shift == 0) {
+      shift = 1e-13 * hessian_.diagonal().cwiseAbs().maxCoeff();  // indefinite by rounding alone?
+    } else {
+      return false;
+    }
+    shifted_ = hessian_;
+    shifted_.diagonal().array() += shift;
+    cholesky_.compute(shifted_);
   }
-  if (!inside) solve_in_eigenbasis(radius);
+  return false;
+}
+
+double NewtonTrustRegion::solve_subproblem(double radius) {
+  if (!solve_by_cholesky(radius)) solve_in_eigenbasis(radius);
   product_.noalias() = hessian_ * step_;
   return -(gradient_.dot(step_) + 0.5 * step_.dot(product_));
 }
@@ -92,7 +120,9 @@ MinimiserSummary NewtonTrustRegion::minimise(Objective& objective, const TrustRe
     }
     double predicted = solve_subproblem(radius);
     summary.predicted_decrease = predicted;
-    if (!(predicted > options.decrease_tolerance)) {
+    const bool for_nothing =
+        predicted < options.decrease_at_border && step_.norm() > 0.99 * options.max_radius;
+    if (!(predicted > options.decrease_tolerance) || for_nothing) {
       summary.termination = Termination::converged;
       return summary;
     }

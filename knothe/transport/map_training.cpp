@@ -240,6 +240,7 @@ numerics::MinimiserSummary MapSolver::Workspace::minimise(sampling::CheckedDensi
       o.decrease_tolerance = options.decrease_tolerance;
       o.gradient_tolerance = 1e-12;
       o.initial_radius = 2;
+      o.decrease_at_border = 0.1 * options.tolerance;
       return newton.minimise(*function, o, coefficients);
     }
     case MinimiserKind::newton_cg: {
