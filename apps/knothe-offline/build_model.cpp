@@ -15,9 +15,9 @@
 #include "knothe/mechanics/ranks.hpp"
 #include "knothe/mechanics/snapshot_runs.hpp"
 #include "knothe/project/project_file.hpp"
-#include "knothe/reduction/compression.hpp"
 #include "knothe/reduction/crack_modes.hpp"
 #include "knothe/reduction/grid_refinement.hpp"
+#include "knothe/reduction/grid_solutions.hpp"
 #include "knothe/reduction/observed_model.hpp"
 #include "knothe/reduction/sparse_grid.hpp"
 #include "knothe/reduction/truncation_error.hpp"
@@ -71,19 +71,19 @@ void report_latin(const mechanics::LatinModel& latin, bool json) {
                "knothe: warning: at parameters ({:g}) {} window(s) of steps were left before they were "
                "accurate; see "
                "the output equilibrium_residual of the model\n",
-               fmt::join(latin.snapshots.parameters_at(point), ", "), windows);
+               fmt::join(latin.grid.snapshots.parameters_at(point), ", "), windows);
   }
   if (!json) {
     fmt::print("LATIN-PGD: {} grid points, {} space modes, {} global stages, {:.1f} s of CPU time\n",
-               latin.snapshots.grid_size(), solution.space.cols(), solution.history.size(),
+               latin.grid.snapshots.grid_size(), solution.space.cols(), solution.history.size(),
                solution.cpu_seconds);
   }
 }
 
 /// The solution at all points of the grid, by the method that is asked for.
-reduction::Snapshots solve_grid(const BuildArguments& arguments, const project::OfflineOptions& options,
-                                const mechanics::BeamProblem& problem,
-                                const std::vector<reduction::Axis>& axes, int sparse_level) {
+reduction::GridSolutions solve_grid(const BuildArguments& arguments, const project::OfflineOptions& options,
+                                    const mechanics::BeamProblem& problem,
+                                    const std::vector<reduction::Axis>& axes, int sparse_level) {
   const std::string& method = arguments.method.empty() ? options.method : arguments.method;
   if (method == "latin") {
     mechanics::LatinOptions latin;
@@ -94,7 +94,7 @@ reduction::Snapshots solve_grid(const BuildArguments& arguments, const project::
     mechanics::LatinModel model =
         mechanics::solve_latin_grid(problem, axes, latin, arguments.output + ".parts", options.latin_start);
     report_latin(model, arguments.json);
-    return std::move(model.snapshots);
+    return std::move(model.grid);
   }
   mechanics::SnapshotGrid grid;
   grid.axes = axes;
@@ -105,7 +105,7 @@ reduction::Snapshots solve_grid(const BuildArguments& arguments, const project::
   grid.quiet = !first;
   mechanics::SnapshotRuns runs = mechanics::run_snapshots(problem, grid);
   if (first) report_runs(runs, arguments.json);
-  return std::move(runs.snapshots);
+  return {.snapshots = std::move(runs.snapshots), .basis = {}, .basis_dofs = {}, .basis_mesh = {}};
 }
 
 /// Full-order solutions at four points that are in no grid, to judge interpolation as well as compression.
@@ -153,34 +153,35 @@ std::size_t runs_of(const std::vector<reduction::Axis>& axes, int sparse_level) 
       .points.size();
 }
 
-reduction::Snapshots too_few_runs(const project::OfflineOptions& options, double error, std::size_t points,
-                                  reduction::Snapshots snapshots) {
+reduction::GridSolutions too_few_runs(const project::OfflineOptions& options, double error,
+                                      std::size_t points, reduction::GridSolutions solutions) {
   fmt::print(stderr,
              "knothe: warning: grid_error {:g} m is not met ({:g} m), and a finer grid would have {} points, "
              "more than [offline.adaptive] runs = {}\n",
              options.adaptive_grid_error, error, points, options.adaptive_runs);
-  return snapshots;
+  return solutions;
 }
 
 /// Solves the grid, and finer ones until `grid_error` is met ([offline.adaptive]); old runs are kept.
-reduction::Snapshots solve_adaptive_grid(const BuildArguments& arguments, const project::Project& project,
-                                         const mechanics::BeamProblem& problem,
-                                         std::vector<reduction::Axis> axes,
-                                         const std::vector<reduction::OffGridSolution>& off_grid) {
+reduction::GridSolutions solve_adaptive_grid(const BuildArguments& arguments, const project::Project& project,
+                                             const mechanics::BeamProblem& problem,
+                                             std::vector<reduction::Axis> axes,
+                                             const std::vector<reduction::OffGridSolution>& off_grid) {
   const project::OfflineOptions& options = *project.offline;
   int level = options.sparse_level;
   while (true) {
-    reduction::Snapshots snapshots = solve_grid(arguments, options, problem, axes, level);
-    if (options.adaptive_grid_error <= 0) return snapshots;
+    reduction::GridSolutions solutions = solve_grid(arguments, options, problem, axes, level);
+    if (options.adaptive_grid_error <= 0) return solutions;
+    const reduction::Snapshots& snapshots = solutions.snapshots;
     const std::vector<std::size_t> dofs = judged_dofs(project, snapshots.dofs);
     const double error = interpolation_error(snapshots, dofs, off_grid);
     fmt::print(stderr, "parameter grid of {} points: off the grid at most {:.3f} µm on the observed dofs\n",
                snapshots.grid_size(), 1e6 * error);
-    if (error <= options.adaptive_grid_error) return snapshots;
+    if (error <= options.adaptive_grid_error) return solutions;
     if (level >= 0 && level < reduction::finest_level(axes)) {
       // The runs of the lower level stay.
       if (runs_of(axes, level + 1) > static_cast<std::size_t>(options.adaptive_runs))
-        return too_few_runs(options, error, runs_of(axes, level + 1), std::move(snapshots));
+        return too_few_runs(options, error, runs_of(axes, level + 1), std::move(solutions));
       ++level;
       continue;
     }
@@ -192,7 +193,7 @@ reduction::Snapshots solve_adaptive_grid(const BuildArguments& arguments, const 
     if (level >= 0) level = reduction::finest_level(axes);
     const std::size_t points = runs_of(axes, -1);
     if (points > static_cast<std::size_t>(options.adaptive_runs))
-      return too_few_runs(options, error, points, std::move(snapshots));
+      return too_few_runs(options, error, points, std::move(solutions));
   }
 }
 
@@ -204,10 +205,14 @@ int build_model(const BuildArguments& arguments) {
   const project::OfflineOptions& options = *project.offline;
 
   const std::vector<reduction::Axis> axes = parameter_axes(project);
+  if (options.adaptive_grid_error > 0 &&
+      (arguments.method.empty() ? options.method : arguments.method) == "latin")
+    throw ProjectError("\"grid_error\" adds full-order runs: it goes with method = \"snapshots\"");
+  check_adaptive(project, axes);
   // The off-grid runs judge an adaptive grid; without one they come last, when the grid's runs are safe.
   std::vector<reduction::OffGridSolution> off_grid;
   if (options.adaptive_grid_error > 0) off_grid = off_grid_runs(problem, axes);
-  const reduction::Snapshots snapshots = solve_adaptive_grid(arguments, project, problem, axes, off_grid);
+  const reduction::GridSolutions solutions = solve_adaptive_grid(arguments, project, problem, axes, off_grid);
 
   // In an MPI job all ranks have computed runs and now hold the same snapshots; the first one goes on.
   if (mechanics::Ranks::of_this_job().rank != 0) {
@@ -218,21 +223,21 @@ int build_model(const BuildArguments& arguments) {
   reduction::CompressionOptions compression;
   compression.form = options.form == "canonical" ? reduction::Form::canonical : reduction::Form::tree;
   compression.modes = options.adaptive_error > 0 || options.adaptive_shift > 0
-                          ? choose_modes(project, snapshots, compression.form)
+                          ? choose_modes(project, solutions, compression.form)
                           : static_cast<std::size_t>(options.modes);
   compression.quiet = false;
-  reduction::ModelContents model = reduction::compress(snapshots, compression);
+  reduction::ModelContents model = reduction::compress(solutions, compression);
   if (options.crack_lengths > 0 && problem.gmsh_file.empty()) {
     mechanics::CrackOptions crack;
     crack.count = options.crack_lengths;
-    const mechanics::CrackTable table = mechanics::crack_table(problem, crack, snapshots.dofs);
+    const mechanics::CrackTable table = mechanics::crack_table(problem, crack, solutions.dofs());
     model.crack = reduction::crack_modes(table.lengths, table.values);
   }
   model.project = project.text;
   if (off_grid.empty()) off_grid = off_grid_runs(problem, axes);
-  reduction::write_model(model, reduction::truncation_error(model, snapshots, off_grid), arguments.output);
+  reduction::write_model(model, reduction::truncation_error(model, solutions, off_grid), arguments.output);
 
-  report_study(study_models(project, snapshots, off_grid), arguments.json);
+  report_study(study_models(project, solutions, off_grid), arguments.json);
   if (arguments.json) {
     fmt::print("{}\n", files::json_line({{"done", true},
                                          {"model", arguments.output},

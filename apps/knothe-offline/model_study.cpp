@@ -20,6 +20,13 @@ namespace {
 
 using reduction::ObservedModel;
 
+/// The uncompressed model at the observed dofs.
+std::shared_ptr<const ObservedModel> uncompressed(const reduction::GridSolutions& solutions,
+                                                  const SyntheticProblem& problem) {
+  return std::make_shared<const ObservedModel>(
+      reduction::observe_snapshots(solutions.at_dofs(problem.dofs), problem.points, problem.components));
+}
+
 /// Synthetic data of the uncompressed model at a truth, and the posterior they give: the judge.
 struct Judge {
   std::shared_ptr<const ObservedModel> model;
@@ -28,16 +35,17 @@ struct Judge {
 };
 
 Judge make_judge(std::shared_ptr<const ObservedModel> model, const SyntheticProblem& problem,
-                 const reduction::Snapshots& snapshots, const std::vector<double>& truth) {
+                 const reduction::GridSolutions& solutions, const std::vector<double>& truth) {
   const Eigen::VectorXd p =
       Eigen::Map<const Eigen::VectorXd>(truth.data(), static_cast<Eigen::Index>(truth.size()));
+  const std::vector<double>& time = solutions.snapshots.time;
   Eigen::MatrixXd exact(static_cast<Eigen::Index>(problem.dofs.size()),
-                        static_cast<Eigen::Index>(snapshots.time.size()));
-  for (std::size_t t = 0; t < snapshots.time.size(); ++t)
+                        static_cast<Eigen::Index>(time.size()));
+  for (std::size_t t = 0; t < time.size(); ++t)
     exact.col(static_cast<Eigen::Index>(t)) = model->predict(p, t);
-  return {std::move(model), problem,
-          assimilation::add_noise(snapshots.dofs, problem.dofs, snapshots.time, exact, problem.noise_std,
-                                  problem.seed)};
+  return {
+      std::move(model), problem,
+      assimilation::add_noise(solutions.dofs(), problem.dofs, time, exact, problem.noise_std, problem.seed)};
 }
 
 assimilation::ShiftSummary shift_from(const Judge& judge, const reduction::SeparatedModel& model) {
@@ -47,21 +55,20 @@ assimilation::ShiftSummary shift_from(const Judge& judge, const reduction::Separ
                                                                judge.data.noise, judge.problem.priors));
 }
 
-/// Largest |u − û| at `dofs` over the grid and all steps, m.
-double largest_error(const reduction::SeparatedModel& model, const reduction::Snapshots& snapshots,
+/// Largest |u − û| at `dofs`, whose solutions are `seen`, over the grid and all steps, m.
+double largest_error(const reduction::SeparatedModel& model, const reduction::Snapshots& seen,
                      std::span<const std::size_t> dofs) {
   const ObservedModel observed = reduction::observe_dofs(model, dofs);
-  const std::size_t n_dof = snapshots.dof_count();
   double largest = 0;
-  for (std::size_t point = 0; point < snapshots.grid_size(); ++point) {
-    const std::vector<double> at = snapshots.parameters_at(point);
+  for (std::size_t point = 0; point < seen.grid_size(); ++point) {
+    const std::vector<double> at = seen.parameters_at(point);
     const Eigen::VectorXd p =
         Eigen::Map<const Eigen::VectorXd>(at.data(), static_cast<Eigen::Index>(at.size()));
-    for (std::size_t step = 0; step < snapshots.time.size(); ++step) {
+    for (std::size_t step = 0; step < seen.time.size(); ++step) {
       const Eigen::VectorXd y = observed.predict(p, step);
       for (std::size_t i = 0; i < dofs.size(); ++i)
         largest = std::max(largest, std::abs(y[static_cast<Eigen::Index>(i)] -
-                                             snapshots.solution(point)[step * n_dof + dofs[i]]));
+                                             seen.solution(point)[step * dofs.size() + i]));
     }
   }
   return largest;
@@ -111,36 +118,45 @@ std::vector<std::vector<double>> points_in_box(const std::vector<reduction::Axis
   return points;
 }
 
-std::size_t choose_modes(const project::Project& project, const reduction::Snapshots& snapshots,
+void check_adaptive(const project::Project& project, const std::vector<reduction::Axis>& axes) {
+  if (!(project.offline->adaptive_shift > 0)) return;
+  const auto has_prior = [&](const reduction::Axis& axis) {
+    return std::any_of(project.parameters.begin(), project.parameters.end(),
+                       [&](const project::NamedPrior& parameter) { return parameter.name == axis.name; });
+  };
+  project.require(project.simulate.has_value() && project.parameters.size() == axes.size() &&
+                      std::all_of(axes.begin(), axes.end(), has_prior),
+                  "[simulate], and [parameters] with a prior for each axis: offline.adaptive.posterior_shift "
+                  "asks for them");
+}
+
+std::size_t choose_modes(const project::Project& project, const reduction::GridSolutions& solutions,
                          reduction::Form form) {
   const project::OfflineOptions& options = *project.offline;
   const bool by_shift = options.adaptive_shift > 0;
   std::vector<std::size_t> candidates;
   for (const std::size_t m : {3u, 6u, 10u, 15u, 20u, 30u, 40u, 50u, 65u, 80u, 100u})
-    if (m < snapshots.grid_size() && (m <= 30 || form == reduction::Form::tree)) candidates.push_back(m);
+    if (m < solutions.snapshots.grid_size() && (m <= 30 || form == reduction::Form::tree))
+      candidates.push_back(m);
   std::vector<Judge> judges;
   if (by_shift) {
-    const auto problem = synthetic_problem(project, snapshots.axes, snapshots.dofs);
-    project.require(
-        problem.has_value(),
-        "[simulate], and [parameters] with a prior for each axis: offline.adaptive.posterior_shift "
-        "asks for them");
-    const auto exact = std::make_shared<const ObservedModel>(
-        reduction::observe_snapshots(snapshots, problem->points, problem->components));
+    const auto problem = synthetic_problem(project, solutions.snapshots.axes, solutions.dofs());
+    const auto exact = uncompressed(solutions, *problem);
     // The project's truth and two points of the box.
     judges.push_back(
-        make_judge(exact, *problem, snapshots, project::simulated_truth(project, problem->names)));
-    for (const auto& truth : points_in_box(snapshots.axes, 2, 3))
-      judges.push_back(make_judge(exact, *problem, snapshots, truth));
+        make_judge(exact, *problem, solutions, project::simulated_truth(project, problem->names)));
+    for (const auto& truth : points_in_box(solutions.snapshots.axes, 2, 3))
+      judges.push_back(make_judge(exact, *problem, solutions, truth));
   }
-  const std::vector<std::size_t> dofs = judged_dofs(project, snapshots.dofs);
+  const std::vector<std::size_t> dofs = judged_dofs(project, solutions.dofs());
+  const reduction::Snapshots seen = by_shift ? reduction::Snapshots() : solutions.at_dofs(dofs);
   reduction::CompressionOptions compression;
   compression.form = form;
   double reached = 0;
   const double wanted = by_shift ? options.adaptive_shift : options.adaptive_error;
-  for (reduction::StudiedModel& studied : reduction::compression_study(snapshots, compression, candidates)) {
+  for (reduction::StudiedModel& studied : reduction::compression_study(solutions, compression, candidates)) {
     const reduction::SeparatedModel model(std::move(studied.model));
-    reached = by_shift ? 0 : largest_error(model, snapshots, dofs);
+    reached = by_shift ? 0 : largest_error(model, seen, dofs);
     for (const Judge& judge : judges) reached = std::max(reached, shift_from(judge, model).worst_mean.mean);
     fmt::print(stderr, "{} modes: {}\n", studied.row.parameter_modes,
                by_shift ? fmt::format("posterior shift {:.3f} std", reached)
@@ -151,20 +167,21 @@ std::size_t choose_modes(const project::Project& project, const reduction::Snaps
       fmt::format("[offline.adaptive]: {} modes, the most that are tried on {} grid points, reach {:.3g} "
                   "where {:.3g} {} is "
                   "wanted: ask for less, or give \"modes\"",
-                  candidates.empty() ? 0 : candidates.back(), snapshots.grid_size(), reached, wanted,
-                  by_shift ? "std" : "m"));
+                  candidates.empty() ? 0 : candidates.back(), solutions.snapshots.grid_size(), reached,
+                  wanted, by_shift ? "std" : "m"));
 }
 
-std::vector<StudyLine> study_models(const project::Project& project, const reduction::Snapshots& snapshots,
+std::vector<StudyLine> study_models(const project::Project& project,
+                                    const reduction::GridSolutions& solutions,
                                     const std::vector<reduction::OffGridSolution>& off_grid) {
   std::optional<Judge> judge;
   // With many parameters the uncompressed judge (a function per grid point) and alternating least squares
   // would take longer than the model.
-  const bool many = snapshots.axes.size() > 3;
-  if (const auto problem = synthetic_problem(project, snapshots.axes, snapshots.dofs); problem && !many)
-    judge = make_judge(std::make_shared<const ObservedModel>(
-                           reduction::observe_snapshots(snapshots, problem->points, problem->components)),
-                       *problem, snapshots, project::simulated_truth(project, problem->names));
+  const bool many = solutions.snapshots.axes.size() > 3;
+  if (const auto problem = synthetic_problem(project, solutions.snapshots.axes, solutions.dofs());
+      problem && !many)
+    judge = make_judge(uncompressed(solutions, *problem), *problem, solutions,
+                       project::simulated_truth(project, problem->names));
   std::vector<StudyLine> lines;
   for (const reduction::Form form : {reduction::Form::canonical, reduction::Form::tree}) {
     if (many && form == reduction::Form::canonical) continue;
@@ -172,12 +189,13 @@ std::vector<StudyLine> study_models(const project::Project& project, const reduc
     for (std::size_t m : {3u, 6u, 10u, 20u, 30u, 50u}) {
       // Alternating least squares with 50 canonical modes would take minutes and change nothing in the
       // picture.
-      if (m < snapshots.grid_size() && (m <= 30 || form == reduction::Form::tree)) modes.push_back(m);
+      if (m < solutions.snapshots.grid_size() && (m <= 30 || form == reduction::Form::tree))
+        modes.push_back(m);
     }
     reduction::CompressionOptions options;
     options.form = form;
     for (reduction::StudiedModel& studied :
-         reduction::compression_study(snapshots, options, modes, off_grid)) {
+         reduction::compression_study(solutions, options, modes, off_grid)) {
       StudyLine line{form, studied.row, std::nullopt};
       if (judge) {
         const reduction::SeparatedModel model(std::move(studied.model));

@@ -5,7 +5,7 @@
 
 #include "knothe/assimilation/posterior_shift.hpp"
 #include "knothe/project/project_file.hpp"
-#include "knothe/reduction/compression.hpp"
+#include "knothe/reduction/grid_solutions.hpp"
 
 namespace knothe::offline_commands {
 
@@ -27,14 +27,18 @@ struct SyntheticProblem {
 [[nodiscard]] std::vector<std::size_t> judged_dofs(const project::Project& project,
                                                    const reduction::Dofs& dofs);
 
+/// Before anything is computed: [offline.adaptive] posterior_shift has the [simulate] and [parameters] it
+/// needs. ProjectError.
+void check_adaptive(const project::Project& project, const std::vector<reduction::Axis>& axes);
+
 /// Points of the box of `axes`, a scrambled Sobol sequence.
 [[nodiscard]] std::vector<std::vector<double>> points_in_box(const std::vector<reduction::Axis>& axes,
                                                              int count, std::uint64_t seed);
 
 /// The smallest number of modes among 3, 6, 10, 15, 20, 30, 40, 50, 65, 80, 100 that meets [offline.adaptive]
 /// (canonical: to 30). Tells on stderr. NumericalError, with what was reached, if none does.
-[[nodiscard]] std::size_t choose_modes(const project::Project& project, const reduction::Snapshots& snapshots,
-                                       reduction::Form form);
+[[nodiscard]] std::size_t choose_modes(const project::Project& project,
+                                       const reduction::GridSolutions& solutions, reduction::Form form);
 
 /// One line: a model, its error on the grid, and how far it moves the posterior of synthetic data from that
 /// of the uncompressed snapshots (absent where the project has no [parameters] or no [simulate]).
@@ -48,7 +52,7 @@ struct StudyLine {
 /// 30 modes (tree: 50 too), as far as the snapshots have so many. `off_grid`: full-order solutions at
 /// parameters that are no grid points.
 [[nodiscard]] std::vector<StudyLine> study_models(const project::Project& project,
-                                                  const reduction::Snapshots& snapshots,
+                                                  const reduction::GridSolutions& solutions,
                                                   const std::vector<reduction::OffGridSolution>& off_grid);
 
 /// A table on stdout, or JSON lines.

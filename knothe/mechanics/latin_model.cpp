@@ -34,6 +34,21 @@ void set_state_file(const BeamProblem& problem, const std::vector<reduction::Axi
       (std::filesystem::path(parts_folder) / fmt::format("latin-{:016x}.h5", fnv1a(options.key))).string();
 }
 
+/// Outputs as in as_snapshots; `mouth` (1 × R) observes the crack mouth's opening in the modes.
+void add_outputs(const LatinSolution& solution, std::span<const MatrixXd> coordinates, const MatrixXd& mouth,
+                 std::vector<reduction::SnapshotOutput>& outputs) {
+  for (std::size_t point = 0; point < coordinates.size(); ++point) {
+    const auto p = static_cast<Index>(point);
+    const MatrixXd openings = mouth * coordinates[point];
+    for (Index step = 0; step < openings.cols(); ++step) {
+      outputs[0].values.push_back(solution.reaction(p, step));
+      outputs[1].values.push_back(openings(0, step));
+      outputs[2].values.push_back(coordinates[point](0, step));
+      outputs[3].values.push_back(solution.residual(p, step));
+    }
+  }
+}
+
 }  // namespace
 
 LatinModel solve_latin_grid(const BeamProblem& problem, const std::vector<reduction::Axis>& axes,
@@ -42,45 +57,39 @@ LatinModel solve_latin_grid(const BeamProblem& problem, const std::vector<reduct
   problem.solver.validate();
   const std::string source = problem.gmsh_file.empty() ? "beam" : problem.gmsh_file;
   const auto structure = std::make_shared<const Structure>(make_mesh(problem), problem.elastic, source);
-  LatinModel model;
-  model.snapshots = as_snapshots(problem, *structure, {});
-  model.snapshots.axes = axes;
+  reduction::Snapshots frame = as_snapshots(problem, *structure, {});
+  frame.axes = axes;
   std::vector<DamageParameters> parameters;
-  for (std::size_t i = 0; i < model.snapshots.grid_size(); ++i)
-    parameters.push_back(damage_parameters(problem, axes, model.snapshots.parameters_at(i)));
+  for (std::size_t i = 0; i < frame.grid_size(); ++i)
+    parameters.push_back(damage_parameters(problem, axes, frame.parameters_at(i)));
   if (!start_file.empty())
     options.start = start_from(reduction::SeparatedModel::load(start_file), problem, *structure, axes);
   if (!parts_folder.empty()) set_state_file(problem, axes, parts_folder, options);
+  LatinModel model;
   model.solution = solve_latin_pgd(structure, problem.solver, parameters, options);
   if (std::error_code ignored; !parts_folder.empty()) std::filesystem::remove(parts_folder, ignored);
 
+  // Modes: the unit lift, then those of LATIN; coordinates (R + 1) × n_t of each grid point.
   const LatinSolution& solution = model.solution;
   const Index dofs = structure->dof_count(), steps = problem.solver.steps;
-  const auto points = static_cast<Index>(parameters.size());
   MatrixXd modes(dofs, solution.space.cols() + 1);
   modes.col(0) = Eigen::Map<const Eigen::VectorXd>(structure->unit_lift().data(), dofs);
   modes.rightCols(solution.space.cols()) = solution.space;
-  auto& values = model.snapshots.values;
-  values.resize(static_cast<std::size_t>(dofs * steps * points));
-  MatrixXd coordinates(modes.cols(), steps);
-  for (Index point = 0; point < points; ++point) {
+  std::vector<MatrixXd> coordinates(parameters.size(), MatrixXd(modes.cols(), steps));
+  for (std::size_t point = 0; point < coordinates.size(); ++point)
     for (Index step = 0; step < steps; ++step)
-      coordinates.col(step) = solution.coordinates[static_cast<std::size_t>(step)].col(point);
-    Eigen::Map<MatrixXd>(&values[static_cast<std::size_t>(point * steps * dofs)], dofs, steps).noalias() =
-        modes * coordinates;
-  }
+      coordinates[point].col(step) =
+          solution.coordinates[static_cast<std::size_t>(step)].col(static_cast<Index>(point));
+  MatrixXd lift = MatrixXd::Zero(modes.cols(), steps);
+  lift.row(0) = coordinates.front().row(0);
+
   const auto& mesh = structure->mesh();
-  auto& outputs = model.snapshots.outputs;  // as in as_snapshots
-  for (Index point = 0; point < points; ++point)
-    for (Index step = 0; step < steps; ++step) {
-      const double* u = &values[static_cast<std::size_t>((point * steps + step) * dofs)];
-      const bool mouth = mesh.mouth_left >= 0 && mesh.mouth_right >= 0;
-      outputs[0].values.push_back(solution.reaction(point, step));
-      outputs[1].values.push_back(mouth ? u[3 * mesh.mouth_right] - u[3 * mesh.mouth_left] : 0.0);
-      outputs[2].values.push_back(solution.coordinates[static_cast<std::size_t>(step)](0, point));
-      outputs[3].values.push_back(solution.residual(point, step));
-    }
-  reduction::validate(model.snapshots, "LATIN-PGD");
+  MatrixXd mouth = MatrixXd::Zero(1, modes.cols());
+  if (mesh.mouth_left >= 0 && mesh.mouth_right >= 0)
+    mouth = modes.row(3 * mesh.mouth_right) - modes.row(3 * mesh.mouth_left);
+  add_outputs(solution, coordinates, mouth, frame.outputs);
+  model.grid = reduction::solutions_in_modes(std::move(frame), modes, coordinates, lift);
+  reduction::validate(model.grid.snapshots, "LATIN-PGD");
   return model;
 }
 

@@ -2,14 +2,14 @@
 /// @file From LATIN-PGD on a grid of parameters to what reduction::compress takes.
 #include "knothe/mechanics/latin_pgd.hpp"
 #include "knothe/mechanics/offline.hpp"
-#include "knothe/reduction/snapshots.hpp"
+#include "knothe/reduction/grid_solutions.hpp"
 
 namespace knothe::mechanics {
 
-/// The solution in the form of snapshots: same outputs, same order, so that everything that follows is the
-/// same.
+/// The solution as what compression takes: sums of space modes, which are not expanded. Same outputs as
+/// snapshots, in the same order.
 struct LatinModel {
-  reduction::Snapshots snapshots;
+  reduction::GridSolutions grid;
   LatinSolution solution;
 };
 

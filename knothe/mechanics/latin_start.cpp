@@ -43,9 +43,10 @@ void check_start(const reduction::ModelContents& model, const std::string& where
   const VectorXd last = problem.solver.displacement * unit;
   const double difference = (lift.col(lift.cols() - 1) - last).norm() / last.norm();
   if (!(difference < 1e-6))
-    refuse(fmt::format("its elastic solution differs by {:.1g} (relative): other supports, another material "
-                       "or displacement",
-                       difference));
+    refuse(
+        fmt::format("its elastic solution differs by {:.1g} (relative): other supports, another material "
+                    "or displacement",
+                    difference));
   for (const reduction::Axis& axis : model.axes)
     if (axis.name != "Y0" && axis.name != "Ad")
       refuse(fmt::format("it has a parameter {}, and LATIN-PGD has Y0 and Ad", axis.name));
@@ -74,8 +75,8 @@ LatinStart start_from(const reduction::SeparatedModel& model, const BeamProblem&
   const auto points = static_cast<Index>(grid.grid_size());
   MatrixXd places(points, static_cast<Index>(contents.axes.size()));
   for (Index p = 0; p < points; ++p)
-    places.row(p) = nearest_point(contents.axes,
-                                  damage_parameters(problem, axes, grid.parameters_at(static_cast<std::size_t>(p))));
+    places.row(p) = nearest_point(
+        contents.axes, damage_parameters(problem, axes, grid.parameters_at(static_cast<std::size_t>(p))));
   reduction::FunctionBatch functions;
   functions.resize(points, model.functions()->dimension(), model.functions()->count(), 0);
   model.functions()->evaluate(places, 0, functions);
@@ -85,8 +86,7 @@ LatinStart start_from(const reduction::SeparatedModel& model, const BeamProblem&
   start.space = reduction::orthonormal_basis(reduction::space_of(contents));
   const MatrixXd change = start.space.transpose() * reduction::space_of(contents);
   for (std::size_t step = 0; step < contents.time.size(); ++step)
-    start.coordinates.emplace_back(change * reduction::core_of(contents, step) *
-                                   functions.value.transpose());
+    start.coordinates.emplace_back(change * reduction::core_of(contents, step) * functions.value.transpose());
   return start;
 }
 

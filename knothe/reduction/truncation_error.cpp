@@ -6,6 +6,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/threads.hpp"
+#include "knothe/reduction/grid_solutions.hpp"
 #include "knothe/reduction/low_rank.hpp"
 #include "knothe/reduction/model_matrices.hpp"
 #include "knothe/reduction/observation_operator.hpp"
@@ -21,9 +22,10 @@ namespace {
 /// All known errors, one after the other; each n_dof × n_t, with its weight.
 class KnownErrors {
  public:
-  KnownErrors(const ModelContents& contents, const Snapshots& snapshots,
+  /// `basis`: Q of GridSolutions, whose coordinates the snapshots are then; empty for fields.
+  KnownErrors(const ModelContents& contents, const Snapshots& snapshots, const MatrixXd& basis,
               std::span<const OffGridSolution> off_grid)
-      : model_(contents), snapshots_(snapshots), off_grid_(off_grid) {}
+      : model_(contents), snapshots_(snapshots), basis_(basis), off_grid_(off_grid) {}
 
   [[nodiscard]] std::size_t count() const { return snapshots_.grid_size() + off_grid_.size(); }
   [[nodiscard]] double weight(std::size_t i) const {
@@ -36,14 +38,24 @@ class KnownErrors {
         i < grid ? snapshots_.solution(i) : std::span<const double>(off_grid_[i - grid].values);
     const std::vector<double> p = i < grid ? snapshots_.parameters_at(i) : off_grid_[i - grid].parameters;
     const auto lift = lift_of(model_.contents());
-    if (static_cast<Index>(solution.size()) != lift.size())
+    const bool in_basis = i < grid && basis_.size() > 0;
+    const Index rows = in_basis ? basis_.cols() : lift.rows();
+    if (static_cast<Index>(solution.size()) != rows * lift.cols() ||
+        (in_basis && basis_.rows() != lift.rows()))
       throw UsageError("the solutions and the model differ in number of dofs or time steps");
-    return Eigen::Map<const MatrixXd>(solution.data(), lift.rows(), lift.cols()) - field_at(model_, p);
+    const Eigen::Map<const MatrixXd> stored(solution.data(), rows, lift.cols());
+    MatrixXd error = -field_at(model_, p);
+    if (in_basis)
+      error.noalias() += basis_ * stored;
+    else
+      error += stored;
+    return error;
   }
 
  private:
   SeparatedModel model_;
   const Snapshots& snapshots_;
+  const MatrixXd& basis_;
   std::span<const OffGridSolution> off_grid_;
 };
 
@@ -70,18 +82,14 @@ double persistence_of(const KnownErrors& errors, const std::vector<MatrixXd>& co
   return tau;
 }
 
-}  // namespace
-
-TruncationError truncation_error(const ModelContents& contents, const Snapshots& snapshots,
-                                 std::span<const OffGridSolution> off_grid, std::size_t modes,
-                                 std::size_t threads) {
-  const KnownErrors errors(contents, snapshots, off_grid);
+TruncationError covariance_of(const KnownErrors& errors, const ModelContents& contents, std::size_t modes,
+                              std::size_t threads) {
   const auto dofs = static_cast<Index>(contents.dof_count()),
              times = static_cast<Index>(contents.time.size());
   // Randomised range finder, without ever keeping all errors: a sketch of twice the modes wanted.
-  const Index k =
+  const Index most =
       std::min<Index>({static_cast<Index>(modes), dofs, times * static_cast<Index>(errors.count())});
-  const Index width = std::min(2 * k, dofs);
+  const Index width = std::min(2 * most, dofs);
   std::vector<MatrixXd> sketches(errors.count());
   parallel_for(errors.count(), threads, [&](std::size_t i) {
     sketches[i] = errors.error(i) * (std::sqrt(errors.weight(i)) *
@@ -91,8 +99,11 @@ TruncationError truncation_error(const ModelContents& contents, const Snapshots&
   for (const MatrixXd& part : sketches) sketch += part;  // in order: the same for any number of threads
   sketches.clear();
   TruncationError result;
+  // Errors that are sums of fewer modes have a space of fewer.
+  const MatrixXd space = dominant_space(sketch, 0.0, 1, threads).basis;
+  const Index k = std::min(most, space.cols());
+  const MatrixXd basis = space.leftCols(k);
   result.count = static_cast<std::size_t>(k);
-  const MatrixXd basis = dominant_space(sketch, 0.0, 1, threads).basis.leftCols(k);
   result.space.assign(basis.data(), basis.data() + basis.size());
 
   std::vector<MatrixXd> coefficients(errors.count());  // k × n_t
@@ -115,6 +126,21 @@ TruncationError truncation_error(const ModelContents& contents, const Snapshots&
   }
   result.persistence = persistence_of(errors, coefficients);
   return result;
+}
+
+}  // namespace
+
+TruncationError truncation_error(const ModelContents& contents, const Snapshots& snapshots,
+                                 std::span<const OffGridSolution> off_grid, std::size_t modes,
+                                 std::size_t threads) {
+  const MatrixXd none;
+  return covariance_of({contents, snapshots, none, off_grid}, contents, modes, threads);
+}
+
+TruncationError truncation_error(const ModelContents& contents, const GridSolutions& solutions,
+                                 std::span<const OffGridSolution> off_grid, std::size_t modes,
+                                 std::size_t threads) {
+  return covariance_of({contents, solutions.snapshots, solutions.basis, off_grid}, contents, modes, threads);
 }
 
 std::vector<MatrixXd> observe_truncation(const TruncationError& error, const ModelContents& model,

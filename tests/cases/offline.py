@@ -121,6 +121,29 @@ class Test(Case):
         self.assertLessEqual(float(modes[-1][1]), 0.3)
         self.assertTrue(all(float(error) > 0.3 for _, error in modes[:-1]))
 
+    def test_modes_are_found_by_the_shift_of_the_posterior(self):
+        text = self.project.read_text().replace("[offline]", "[offline]\nadaptive = { posterior_shift = 0.2 }", 1)
+        text = text.replace("nodes = 3", "nodes = 4").replace("noise_std = 1e-15", "noise_std = 1e-6").replace("Y0 = 0.8, Ad = 1.2", "Y0 = 0.95, Ad = 1.1")
+        self.project.write_text(text)
+        self.expect(3, "offline", self.project_name, "-o", "model.h5", stderr=["posterior_shift", "[parameters]"])
+        self.assertEqual(self.parts(), [])  # told before anything is computed
+        text += '\n[parameters]\nY0 = { prior = "normal", mean = 1.0, std = 0.1 }\nAd = { prior = "normal", mean = 1.0, std = 0.1 }\n'
+        self.project.write_text(text)
+        built = self.build("model.h5", "--json")
+        tried = [(int(m), float(shift)) for m, shift in re.findall(r"(\d+) modes: posterior shift ([0-9.]+) std", built.err)]
+        self.assertTrue(tried[-1][1] <= 0.2 and all(shift > 0.2 for _, shift in tried[:-1]), built.err)
+        (info,) = self.expect(0, "model", "info", "model.h5", "--json").lines()
+        self.assertEqual(info["parameter_modes"], tried[-1][0])
+        # The project's truth is one of the three that judged.
+        (line,) = [line for line in built.lines() if line.get("form") == "tree" and line["modes"] == tried[-1][0]]
+        self.assertLessEqual(line["shift_of_mean"]["worst"], tried[-1][1] + 5e-4)
+        (self.folder / "model.h5").unlink()
+        self.project.write_text(text.replace("posterior_shift = 0.2", "posterior_shift = 1e-9"))
+        missed = self.run_knothe("offline", self.project_name, "-o", "model.h5")
+        self.assertEqual(missed.status, 6)
+        self.assertIn("where 1e-09 std is wanted: ask for less, or give \"modes\"", missed.err)
+        self.assertFalse((self.folder / "model.h5").exists())
+
     def test_a_sparse_grid_computes_few_points_and_keeps_them(self):
         text = self.project.read_text()
         self.project.write_text(text.replace("[offline]", "[offline]\nsparse_level = 1", 1))
