@@ -176,33 +176,42 @@ void DatumProjector::project(std::size_t step, std::size_t time_index,
   form.used = static_cast<Eigen::Index>(kept_.size());
   form.missing = observation_count() - form.used;
   if (kept_.empty()) return;
-  // Divided by the scale S, the noise is R again.
+  // Divided by the scale S, the noise is R again. All columns that R⁻¹ is applied to, in one pass:
+  // S⁻¹ [(OU), F, r].
   const NoiseModel& noise = group_of(step).noise;
-  const Eigen::VectorXd scale = correction.scale(kept_), down = scale.cwiseInverse();
-  const Eigen::VectorXd residual = down.cwiseProduct(residual_(kept_));
-  const Eigen::MatrixXd space = down.asDiagonal() * model_->space(kept_, Eigen::all);
-  const Eigen::MatrixXd weighted_space = noise.apply(space);
-  const Eigen::VectorXd weighted = noise.apply(residual);
-  Eigen::MatrixXd gram = space.transpose() * weighted_space;
-  Eigen::VectorXd in_space = space.transpose() * weighted;
-  form.constant = residual.dot(weighted);
+  const reduction::RowMatrix& rows = space_rows();
+  const Eigen::MatrixXd* step_error = noise_.step_error(step);
+  const Eigen::Index modes = rows.cols(), bias_columns = correction.factor.cols();
+  const Eigen::Index factors = bias_columns + (step_error != nullptr ? step_error->cols() : 0);
+  const Eigen::Index width = (modes + factors + 1 + 7) / 8 * 8;  // full lanes
+  columns_.resize(form.used, width);
+  const Eigen::VectorXd scale = correction.scale(kept_);
+  for (Eigen::Index row = 0; row < form.used; ++row) {
+    const Eigen::Index dof = kept_[static_cast<std::size_t>(row)];
+    const double down = 1 / scale[row];
+    auto out = columns_.row(row);
+    out.head(modes) = down * rows.row(row);
+    out.segment(modes, bias_columns) = down * correction.factor.row(dof);
+    if (step_error != nullptr)
+      out.segment(modes + bias_columns, step_error->cols()) = down * step_error->row(dof);
+    out[modes + factors] = down * residual_[dof];
+    out.tail(width - modes - factors - 1).setZero();
+  }
+  noise.apply(columns_, weighted_columns_);
+  Eigen::MatrixXd products = columns_.transpose() * weighted_columns_;
+  products = 0.5 * (products + products.transpose().eval());
+  Eigen::MatrixXd gram = products.topLeftCorner(modes, modes);
+  Eigen::VectorXd in_space = products.col(modes + factors).head(modes);
+  form.constant = products(modes + factors, modes + factors);
   form.log_normaliser =
       static_cast<double>(form.used) * k_log_2_pi + noise.log_determinant() + 2 * scale.array().log().sum();
-  const Eigen::MatrixXd* step_error = noise_.step_error(step);
-  const Eigen::Index bias_columns = correction.factor.cols();
-  const Eigen::Index columns = bias_columns + (step_error != nullptr ? step_error->cols() : 0);
-  if (columns > 0) {
+  if (factors > 0) {
     // Woodbury, as in take_step_error.
-    Eigen::MatrixXd factor(form.used, columns);
-    factor.leftCols(bias_columns) = down.asDiagonal() * correction.factor(kept_, Eigen::all);
-    if (step_error != nullptr)
-      factor.rightCols(step_error->cols()) = down.asDiagonal() * (*step_error)(kept_, Eigen::all);
-    const Eigen::MatrixXd weighted_factor = noise.apply(factor);
-    Eigen::MatrixXd inner = factor.transpose() * weighted_factor;
+    Eigen::MatrixXd inner = products.block(modes, modes, factors, factors);
     inner.diagonal().array() += 1;
     const Eigen::MatrixXd lower = Eigen::LLT<Eigen::MatrixXd>(inner).matrixL();
-    Eigen::MatrixXd in_factor = weighted_factor.transpose() * space;
-    Eigen::VectorXd of_residual = weighted_factor.transpose() * residual;
+    Eigen::MatrixXd in_factor = products.block(modes, 0, factors, modes);
+    Eigen::VectorXd of_residual = products.col(modes + factors).segment(modes, factors);
     lower.triangularView<Eigen::Lower>().solveInPlace(in_factor);
     lower.triangularView<Eigen::Lower>().solveInPlace(of_residual);
     gram.noalias() -= in_factor.transpose() * in_factor;
@@ -215,6 +224,15 @@ void DatumProjector::project(std::size_t step, std::size_t time_index,
   form.quadratic = 0.5 * (form.quadratic + form.quadratic.transpose().eval());
   form.linear = core.transpose() * in_space;
   require_finite(form, values);
+}
+
+/// (OU) of the dofs kept, a row for each.
+const reduction::RowMatrix& DatumProjector::space_rows() {
+  if (space_kept_ != kept_) {
+    space_rows_ = model_->space(kept_, Eigen::all);
+    space_kept_ = kept_;
+  }
+  return space_rows_;
 }
 
 void DatumProjector::project_complete(std::size_t time_index, StepForm& form) {

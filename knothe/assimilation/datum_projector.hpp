@@ -46,6 +46,7 @@ class DatumProjector {
                const BiasCorrection& correction, StepForm& form);
 
  private:
+  const reduction::RowMatrix& space_rows();
   void take_measured(std::size_t step, const Eigen::Ref<const Eigen::VectorXd>& values);
   void project_complete(std::size_t time_index, StepForm& form);
   void project_incomplete(std::size_t step, std::size_t time_index, StepForm& form);
@@ -69,6 +70,10 @@ class DatumProjector {
   StepForm joint_;                  ///< of all data so far, in v and ε: where the scale is not known exactly
   std::vector<Eigen::Index> kept_;  // of the datum at hand
   Eigen::VectorXd residual_, weighted_, in_space_;  // workspace
+  // Of the corrected likelihood; one row per dof, so that rows of R⁻¹ meet contiguous memory.
+  reduction::RowMatrix space_rows_;       ///< (OU) of `space_kept_`
+  std::vector<Eigen::Index> space_kept_;  ///< empty: of none yet
+  reduction::RowMatrix columns_, weighted_columns_;
 };
 
 }  // namespace knothe::assimilation

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <cmath>
 #include <memory>
+#include <numbers>
 #include <span>
 #include <vector>
 
@@ -19,12 +20,16 @@ struct Front {
   std::shared_ptr<reduction::ObservedModel> model = std::make_shared<reduction::ObservedModel>();
   double error = 0;  ///< root mean square of what the modes leave
 
-  static Eigen::MatrixXd field(double a, double b) {
+  /// `uneven`: the speed is a (1 + uneven cos 2πt/n_t), which no model here knows: the front is where it
+  /// should be at the beginning, in the middle and at the end.
+  static Eigen::MatrixXd field(double a, double b, double uneven = 0) {
     Eigen::MatrixXd y(n, n_t);
-    for (Eigen::Index i = 0; i < n; ++i)
-      for (Eigen::Index t = 0; t < n_t; ++t)
-        y(i, t) =
-            std::tanh((0.05 * static_cast<double>(i + 1) - a * static_cast<double>(t) / 32) / (0.2 * b));
+    for (Eigen::Index t = 0; t < n_t; ++t) {
+      const double turn = 2 * std::numbers::pi / static_cast<double>(n_t);
+      const double passed = static_cast<double>(t) + uneven / turn * std::sin(turn * static_cast<double>(t));
+      for (Eigen::Index i = 0; i < n; ++i)
+        y(i, t) = std::tanh((0.05 * static_cast<double>(i + 1) - a * passed / 32) / (0.2 * b));
+    }
     return y;
   }
 

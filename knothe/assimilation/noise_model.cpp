@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <Eigen/SparseCholesky>
+#include <algorithm>
 #include <cassert>
 #include <cmath>
 
@@ -203,6 +204,31 @@ void NoiseModel::apply(const Eigen::Ref<const Eigen::VectorXd>& x, Eigen::Ref<Ei
     out = marginal_->apply(x);
   } else {
     out.noalias() = *precision_ * x;
+  }
+}
+
+void NoiseModel::apply(const reduction::RowMatrix& x, reduction::RowMatrix& out) const {
+  out.resize(x.rows(), x.cols());
+  if (is_independent()) {
+    out = inverse_variance_.asDiagonal() * x;
+    return;
+  }
+  if (marginal_) {
+    out = marginal_->apply(Eigen::MatrixXd(x));
+    return;
+  }
+  // R⁻¹ is symmetric: its columns, which are stored, are its rows.
+  const auto* const starts = precision_->outerIndexPtr();
+  const auto* const inner = precision_->innerIndexPtr();
+  const double* const values = precision_->valuePtr();
+  for (Eigen::Index i = 0; i < size_; ++i) {
+    double* const row = out.row(i).data();
+    std::fill_n(row, x.cols(), 0.0);
+    for (auto k = starts[i]; k < starts[i + 1]; ++k) {
+      const double value = values[k];
+      const double* const from = x.row(inner[k]).data();
+      for (Eigen::Index j = 0; j < x.cols(); ++j) row[j] += value * from[j];
+    }
   }
 }
 

@@ -8,6 +8,8 @@
 #include <memory>
 #include <vector>
 
+#include "knothe/reduction/parameter_functions.hpp"
+
 namespace knothe::assimilation {
 
 /// Gaussian noise N(0, R) on n observed dofs, as what the likelihood wants: R⁻¹ applied to vectors, and log
@@ -66,6 +68,8 @@ class NoiseModel {
   [[nodiscard]] Eigen::MatrixXd apply(const Eigen::Ref<const Eigen::MatrixXd>& x) const;
   /// The same into `out`, without allocating (but for noise restricted to a part of correlated dofs).
   void apply(const Eigen::Ref<const Eigen::VectorXd>& x, Eigen::Ref<Eigen::VectorXd> out) const;
+  /// The same for several columns at once, a row of them for each dof: one pass over R⁻¹.
+  void apply(const reduction::RowMatrix& x, reduction::RowMatrix& out) const;
   /// Marginal noise of the dofs `kept` (increasing indices of measured dofs): for correlated noise the
   /// precision of a subset is the Schur complement M_ss − M_su M_uu⁻¹ M_us, not the rows of M. It is applied,
   /// never formed: it is dense.
