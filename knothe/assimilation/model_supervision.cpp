@@ -190,8 +190,14 @@ void ModelSupervision::learn(double time, std::size_t time_index, const Eigen::V
   const Eigen::MatrixXd& core = model_->core[time_index];
   const Eigen::VectorXd predicted =
       model_->lift.col(static_cast<Eigen::Index>(time_index)) + model_->space * (core * current_.mean);
-  const Eigen::MatrixXd spread = model_->space * (core * current_.factor);
-  state_.bias->add(time, values - predicted, spread.rowwise().norm());
+  const Eigen::MatrixXd factor = core * current_.factor;
+  Eigen::VectorXd spread(values.size());
+  constexpr Eigen::Index k_block = 512;  // rows that stay in the cache
+  for (Eigen::Index first = 0; first < spread.size(); first += k_block) {
+    const Eigen::Index count = std::min(k_block, spread.size() - first);
+    spread.segment(first, count) = (model_->space.middleRows(first, count) * factor).rowwise().norm();
+  }
+  state_.bias->add(time, values - predicted, spread);
 }
 
 void ModelSupervision::restart_sums() {

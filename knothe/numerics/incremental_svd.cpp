@@ -13,6 +13,17 @@ constexpr double k_rounding = 1e-14;
 
 constexpr Eigen::Index k_orthonormal_every = 32;
 
+/// The first columns of x times `by` into x, rows by rows that stay in the cache.
+void turn(Eigen::MatrixXd& x, const Eigen::MatrixXd& by) {
+  constexpr Eigen::Index k_block = 512;
+  Eigen::MatrixXd block;
+  for (Eigen::Index first = 0; first < x.rows(); first += k_block) {
+    const Eigen::Index count = std::min(k_block, x.rows() - first);
+    block.noalias() = x.block(first, 0, count, by.rows()) * by;
+    x.block(first, 0, count, by.cols()) = block;
+  }
+}
+
 }  // namespace
 
 IncrementalSvd::IncrementalSvd(Eigen::Index rows, Eigen::Index rank, Eigen::Index window)
@@ -67,13 +78,12 @@ void IncrementalSvd::append(const Eigen::Ref<const Eigen::VectorXd>& column) {
   const Eigen::VectorXd& s = svd.singularValues();
   rank_ = std::min(m, most_);
   for (Eigen::Index j = rank_; j < s.size(); ++j) discarded_ += s[j] * s[j];
-  const Eigen::MatrixXd turned = space_.leftCols(m) * svd.matrixU().leftCols(rank_);
-  space_.leftCols(rank_) = turned;
+  turn(space_, svd.matrixU().leftCols(rank_));
   if (columns_ % k_orthonormal_every == 0) {
     // One step of Newton and Schulz towards the nearest orthonormal matrix: products of thousands of turns
     // would drift.
-    const Eigen::MatrixXd gram = turned.transpose() * turned;
-    space_.leftCols(rank_) = 1.5 * turned - 0.5 * turned * gram;
+    const Eigen::MatrixXd gram = space().transpose() * space();
+    turn(space_, 1.5 * Eigen::MatrixXd::Identity(rank_, rank_) - 0.5 * gram);
   }
   const Eigen::MatrixXd times = time_.topLeftCorner(kept_, k + 1) * svd.matrixV().leftCols(rank_);
   time_.topLeftCorner(kept_, rank_) = times;

@@ -8,47 +8,85 @@
 #include "knothe/base/error.hpp"
 
 namespace knothe::numerics {
+namespace {
+
+using Sparse = Eigen::SparseMatrix<double>;
+
+constexpr int k_widest = 48;  ///< columns taken at once
+
+struct Workspace {
+  explicit Workspace(int n) : place(static_cast<std::size_t>(n), -1) {}
+  std::vector<int> place;  ///< of a row among those below the columns at hand
+  Eigen::MatrixXd corner, below, inverse, of_rows, found;
+};
+
+/// Whether column c has the pattern of column c + 1, and its own diagonal.
+bool continues(const Sparse& lower, int c) {
+  const int *begin = lower.outerIndexPtr(), *row = lower.innerIndexPtr();
+  return begin[c + 2] - begin[c + 1] + 1 == begin[c + 1] - begin[c] && row[begin[c] + 1] == c + 1;
+}
+
+/// Z = (L Lᵀ)⁻¹ in the columns `start` … `end` − 1, which have one pattern, on the pattern of L; all later
+/// columns are known. With L₁₁ of these columns, L₂₁ of the rows below, Y = L₂₁ L₁₁⁻¹ (Takahashi's
+/// recurrence, by blocks): Z₂₁ = −Z₂₂ Y, Z₁₁ = L₁₁⁻ᵀ L₁₁⁻¹ − Yᵀ Z₂₁.
+void invert_block(const Sparse& lower, int start, int end, double* z, Workspace& work) {
+  const int *begin = lower.outerIndexPtr(), *row = lower.innerIndexPtr();
+  const double* l = lower.valuePtr();
+  const int w = end - start;
+  const int* const rows = row + begin[end - 1] + 1;  // the last column's, below its diagonal
+  const int m = begin[end] - begin[end - 1] - 1;
+  work.corner.setZero(w, w);
+  work.below.resize(m, w);
+  for (int c = 0; c < w; ++c) {
+    const double* column = l + begin[start + c];
+    for (int i = c; i < w; ++i) work.corner(i, c) = *column++;
+    std::copy_n(column, m, work.below.col(c).data());
+  }
+  work.inverse.setIdentity(w, w);
+  work.corner.triangularView<Eigen::Lower>().solveInPlace(work.inverse);
+  work.found.noalias() = work.inverse.transpose() * work.inverse;
+  if (m > 0) {
+    // Z₂₂: every entry (i, k), i ≥ k, is in column k, as the factor's pattern is closed.
+    for (int a = 0; a < m; ++a) work.place[static_cast<std::size_t>(rows[a])] = a;
+    work.of_rows.resize(m, m);
+    for (int a = 0; a < m; ++a) {
+      const int k = rows[a];
+      double* const column = work.of_rows.col(a).data();
+      for (int q = begin[k]; q < begin[k + 1]; ++q) {
+        const int b = work.place[static_cast<std::size_t>(row[q])];
+        if (b >= 0) column[b] = z[q];
+      }
+    }
+    for (int a = 0; a < m; ++a) work.place[static_cast<std::size_t>(rows[a])] = -1;
+    const Eigen::MatrixXd moved = work.below * work.inverse;
+    work.below.noalias() = -(work.of_rows.selfadjointView<Eigen::Lower>() * moved);
+    work.found.noalias() -= moved.transpose() * work.below;
+  }
+  for (int c = 0; c < w; ++c) {
+    double* column = z + begin[start + c];
+    for (int i = c; i < w; ++i) *column++ = work.found(i, c);
+    std::copy_n(work.below.col(c).data(), m, column);
+  }
+}
+
+}  // namespace
 
 SelectedInverse::SelectedInverse(const Eigen::SparseMatrix<double>& matrix) {
-  const Eigen::SimplicialLLT<Eigen::SparseMatrix<double>> factor(matrix);
+  const Eigen::SimplicialLLT<Sparse> factor(matrix);
   if (factor.info() != Eigen::Success)
     throw NumericalError("selected inverse: the matrix is not positive definite");
-  Eigen::SparseMatrix<double> lower = factor.matrixL();
+  Sparse lower = factor.matrixL();
   lower.makeCompressed();
   const auto n = static_cast<int>(lower.cols());
   inverse_ = lower;  // the same pattern
   double* z = inverse_.valuePtr();
-  const int *begin = lower.outerIndexPtr(), *row = lower.innerIndexPtr();
-  const double* l = lower.valuePtr();
-  std::vector<double> sum;
-  std::vector<int> place(static_cast<std::size_t>(n), -1);  // of a row in the column at hand
-  for (int j = n; j-- > 0;) {
-    const int first = begin[j], end = begin[j + 1];  // the diagonal comes first
-    const double pivot = l[first];
-    const auto count = static_cast<std::size_t>(end - first - 1);
-    sum.assign(count, 0.0);
-    for (int p = first + 1; p < end; ++p) place[static_cast<std::size_t>(row[p])] = p - first - 1;
-    // Σ_k Z_ik L_kj for i, k both in column j: every such Z_ik with i ≥ k is in column k, as the factor's
-    // pattern is closed.
-    for (int p = first + 1; p < end; ++p) {
-      const int k = row[p];
-      const auto at = static_cast<std::size_t>(p - first - 1);
-      sum[at] += z[begin[k]] * l[p];
-      for (int q = begin[k] + 1; q < begin[k + 1]; ++q) {
-        const int i = place[static_cast<std::size_t>(row[q])];
-        if (i < 0) continue;
-        sum[static_cast<std::size_t>(i)] += z[q] * l[p];
-        sum[at] += z[q] * l[first + 1 + i];
-      }
-    }
-    double diagonal = 1 / (pivot * pivot);
-    for (int p = first + 1; p < end; ++p) {
-      const double value = -sum[static_cast<std::size_t>(p - first - 1)] / pivot;
-      z[p] = value;
-      diagonal -= l[p] * value / pivot;
-      place[static_cast<std::size_t>(row[p])] = -1;
-    }
-    z[first] = diagonal;
+  const int* begin = lower.outerIndexPtr();
+  Workspace work(n);
+  for (int end = n; end > 0;) {
+    int start = end - 1;
+    while (start > 0 && end - start < k_widest && continues(lower, start - 1)) --start;
+    invert_block(lower, start, end, z, work);
+    end = start;
   }
   position_ = factor.permutationP().size() > 0 ? Eigen::VectorXi(factor.permutationP().indices())
                                                : Eigen::VectorXi(Eigen::VectorXi::LinSpaced(n, 0, n - 1));

@@ -43,6 +43,16 @@ TEST(SelectedInverse, EqualsTheDenseInverseOnThePattern) {
       EXPECT_NEAR(selected.entry(it.row(), it.col()), dense(it.row(), it.col()), 1e-14);
 }
 
+TEST(SelectedInverse, OfAFullMatrixIsItsInverse) {  // columns of one pattern, more than are taken at once
+  const Eigen::MatrixXd half = Eigen::MatrixXd(grid_matrix(8)).cwiseAbs();
+  const Eigen::MatrixXd full = half * half.transpose() + Eigen::MatrixXd::Ones(64, 64);
+  const Eigen::MatrixXd dense = full.inverse();
+  const SelectedInverse selected(full.sparseView());
+  for (Eigen::Index i = 0; i < 64; ++i)
+    for (Eigen::Index j = 0; j < 64; ++j)
+      EXPECT_NEAR(selected.entry(i, j), dense(i, j), 1e-12 * dense.cwiseAbs().maxCoeff());
+}
+
 TEST(SelectedInverse, SaysWhatIsWrong) {
   Eigen::SparseMatrix<double> indefinite(2, 2);
   indefinite.insert(0, 0) = 1, indefinite.insert(1, 1) = -1;
