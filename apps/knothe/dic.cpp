@@ -25,6 +25,7 @@
 #include "knothe/project/project_file.hpp"
 #include "knothe/reduction/separated_model.hpp"
 #include "knothe/report/displacement_maps.hpp"
+#include "knothe/report/maps_page.hpp"
 #include "knothe/report/registration_map.hpp"
 
 namespace knothe::commands {
@@ -144,10 +145,11 @@ class Output {
     if (!arguments.maps.empty()) files::require_writable_folder(arguments.maps);
   }
 
-  void add(const imaging::PictureSeries& series, const PictureResult& r) {
+  void add(const imaging::PictureSeries& series, const PictureResult& r, double noise_std) {
+    noise_std_.push_back(noise_std);
     if (!arguments_.maps.empty() && r.correlation.iterations > 0)  // also to see why it did not converge
       report::write_displacement_maps((fs::path(arguments_.maps) / stems_[r.index]).string(), series, r,
-                                      task_.frame);
+                                      noise_std, task_.frame);
     if (arguments_.output.empty()) return;
     if (!arguments_.at.empty()) {
       const std::string path =
@@ -166,17 +168,30 @@ class Output {
   }
 
   void finish(const imaging::PictureSeries& series, const std::vector<PictureResult>& results) const {
+    write_page(series, results);
     if (!arguments_.output.empty() && arguments_.at.empty() && has_ending(".h5"))
       imaging::write_displacements(arguments_.output, series, results, task_.frame, task_.project_text);
   }
 
  private:
+  /// All maps on one page; of a series that goes on (--resume) those of this run.
+  void write_page(const imaging::PictureSeries& series, const std::vector<PictureResult>& results) const {
+    if (arguments_.maps.empty()) return;
+    std::vector<report::MappedPicture> pictures;
+    const std::size_t before = results.size() - noise_std_.size();
+    for (std::size_t i = before; i < results.size(); ++i)
+      pictures.push_back({&results[i], noise_std_[i - before],
+                          results[i].correlation.iterations > 0 ? stems_[results[i].index] : std::string()});
+    report::write_maps_page(arguments_.maps, series, pictures, task_.frame,
+                            task_.registration ? project::registration_text(*task_.registration) : "");
+  }
   [[nodiscard]] bool several() const { return task_.series.pictures.size() > 1; }
   [[nodiscard]] bool has_ending(const char* ending) const { return arguments_.output.ends_with(ending); }
 
   const DicArguments& arguments_;
   const Task& task_;
   std::vector<std::string> stems_;
+  std::vector<double> noise_std_;  ///< px, of the pictures of this run
   Eigen::MatrixXd points_;
   std::vector<files::PvdEntry> entries_;
 };
@@ -238,7 +253,7 @@ int judge_pattern(const DicArguments& arguments, const Task& task) {
   if (!arguments.table.empty()) write_table(arguments.table, series, task, r.noise, r.std);
   if (!arguments.maps.empty()) {
     files::require_writable_folder(arguments.maps);
-    report::write_deviation_maps((fs::path(arguments.maps) / "pattern").string(), series, r.std);
+    report::write_deviation_maps((fs::path(arguments.maps) / "pattern").string(), series, r.std, task.frame);
   }
   const double scale = task.frame ? task.frame->scale() : 0;
   if (arguments.json) {
@@ -316,7 +331,7 @@ int dic(const DicArguments& arguments) {
       } else {
         print_for_people(r, noise_std, task.frame);
       }
-      output.add(series, r);
+      output.add(series, r, noise_std);
       progress.advance_to(results.size());
       // A long series must not be lost with the machine's power.
       if (std::chrono::steady_clock::now() - saved > k_save_every) {

@@ -136,8 +136,8 @@ std::optional<double> half_way(const Grid& g, int line, int from, int way, doubl
   return std::nullopt;
 }
 
-/// Line by line: where the grey level is half-way between that of the quieter side and that beside the edge on
-/// the other. The quieter side is the background as a rule.
+/// Line by line: where the grey level is half-way between that of the quieter side and that beside the edge
+/// on the other. The quieter side is the background as a rule.
 std::vector<double> crossings(const Grid& g, int change) {
   const int blur = static_cast<int>(k_blur / g.step), search = static_cast<int>(k_search / g.step);
   const Level in = level_of(g, 0, change - 1 - blur), out = level_of(g, change + blur, g.samples - 1);
@@ -155,7 +155,8 @@ std::vector<double> crossings(const Grid& g, int change) {
       if (std::abs(g.at(l, k) - quiet.median) > std::max(k_clear * quiet.noise, 1.0)) coarse = k;
     }
     if (coarse < 0) continue;
-    // The grey level beyond the edge is read where its blur has ended: from the crossing on, once that is known.
+    // The grey level beyond the edge is read where its blur has ended: from the crossing on, once that is
+    // known.
     double crossing = coarse;
     bool crosses = false;
     for (int round = 0; round < 3; ++round) {

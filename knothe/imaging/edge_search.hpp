@@ -1,6 +1,6 @@
 #pragma once
-/// @file The edge of a body along a short straight strip of a picture, to a fraction of a pixel. Private to the
-/// room.
+/// @file The edge of a body along a short straight strip of a picture, to a fraction of a pixel. Private to
+/// the room.
 #include <optional>
 
 #include "knothe/files/picture.hpp"
@@ -13,7 +13,7 @@ namespace knothe::imaging {
 /// A strip across an expected edge, px; (nx, ny) points out of the body and has length 1.
 struct EdgeStrip {
   double x = 0, y = 0, nx = 0, ny = 0;
-  double length = 0;                ///< along the edge
+  double length = 0;               ///< along the edge
   double inside = 0, outside = 0;  ///< how far to look
 };
 

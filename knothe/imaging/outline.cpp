@@ -16,9 +16,9 @@ namespace {
 
 using Complex = std::complex<double>;
 
-constexpr double k_in_line = 1e-3;  // sine of the turn between edges that are one side
-constexpr int k_cell = 4;           // px: of the small picture in which the body is looked for
-constexpr double k_separation = 0.5;  // share of the variance that two classes must explain
+constexpr double k_in_line = 1e-3;        // sine of the turn between edges that are one side
+constexpr int k_cell = 4;                 // px: of the small picture in which the body is looked for
+constexpr double k_separation = 0.5;      // share of the variance that two classes must explain
 constexpr double k_smallest_body = 0.01;  // of the picture
 
 bool in_line(Complex a, Complex b) {
@@ -47,7 +47,7 @@ void add_joined(const std::vector<std::array<double, 2>>& corners, Outline& outl
 struct Moments {
   double area = 0;
   Complex centre;
-  double axis = 0;       ///< rad
+  double axis = 0;        ///< rad
   double elongation = 1;  ///< ratio of the principal second moments
 };
 Moments moments_of(double area, Complex first, double xx, double xy, double yy) {
@@ -116,7 +116,9 @@ std::array<double, 2> threshold_of(std::vector<double> values) {
 /// The largest connected part of the cells that differ from the border; empty if there is none.
 std::vector<std::array<int, 2>> largest_part(const Property& p, double threshold) {
   int above = 0, border = 0;
-  const auto is_high = [&](int i, int j) { return p.value[static_cast<std::size_t>(j * p.width + i)] > threshold; };
+  const auto is_high = [&](int i, int j) {
+    return p.value[static_cast<std::size_t>(j * p.width + i)] > threshold;
+  };
   for (int i = 0; i < p.width; ++i) above += is_high(i, 0) + is_high(i, p.height - 1), border += 2;
   for (int j = 0; j < p.height; ++j) above += is_high(0, j) + is_high(p.width - 1, j), border += 2;
   const bool body_is_high = 2 * above < border;
@@ -128,7 +130,8 @@ std::vector<std::array<int, 2>> largest_part(const Property& p, double threshold
       std::vector<std::array<int, 2>> part{{i, j}};
       seen[static_cast<std::size_t>(j * p.width + i)] = 1;
       for (std::size_t k = 0; k < part.size(); ++k)
-        for (const auto& [di, dj] : {std::array{1, 0}, std::array{-1, 0}, std::array{0, 1}, std::array{0, -1}}) {
+        for (const auto& [di, dj] :
+             {std::array{1, 0}, std::array{-1, 0}, std::array{0, 1}, std::array{0, -1}}) {
           const int a = part[k][0] + di, b = part[k][1] + dj;
           if (a < 0 || b < 0 || a >= p.width || b >= p.height) continue;
           char& there = seen[static_cast<std::size_t>(b * p.width + a)];
@@ -209,7 +212,8 @@ PictureFrame outline_start(const files::Picture& picture, const Outline& outline
   const auto part = largest_part(p, threshold[kind][0]);
   const auto cells = static_cast<double>(p.value.size());
   const std::string remedy =
-      "give \"dic.scale\" and \"dic.origin\", or \"dic.pixels\" and \"dic.points\", right to some 20 px, to begin with";
+      "give \"dic.scale\" and \"dic.origin\", or \"dic.pixels\" and \"dic.points\", right to some 20 px, to "
+      "begin with";
   if (threshold[kind][1] < k_separation || static_cast<double>(part.size()) < k_smallest_body * cells)
     throw DataError(fmt::format("{}: error: no body stands out from what is behind it: {}", name, remedy));
   double xx = 0, xy = 0, yy = 0;
@@ -220,7 +224,8 @@ PictureFrame outline_start(const files::Picture& picture, const Outline& outline
     const double x = (i + 0.5) * k_cell - 0.5, y = -((j + 0.5) * k_cell - 0.5);
     first += Complex(x, y), xx += x * x, xy += x * y, yy += y * y;
   }
-  const Moments seen = moments_of(static_cast<double>(part.size()), first, xx, xy, yy), model = moments_of(outline);
+  const Moments seen = moments_of(static_cast<double>(part.size()), first, xx, xy, yy),
+                model = moments_of(outline);
   double turn = 0;  // from the model to the picture; a body without a longer axis is taken for upright
   if (std::min(seen.elongation, model.elongation) > 1.2)
     turn = std::remainder(seen.axis - model.axis, std::numbers::pi);

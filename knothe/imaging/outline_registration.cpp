@@ -21,13 +21,14 @@ using Complex = std::complex<double>;
 using Vector4 = Eigen::Vector4d;
 using Matrix4 = Eigen::Matrix4d;
 
-constexpr double k_strip = 24;            // px along a side
-constexpr double k_shortest_strip = 6;    // px
-constexpr double k_least_look = 3;        // px to look on either side
-constexpr double k_reach_start = 32;      // px: how far edges are looked for at first
-constexpr double k_far_share = 0.06;      // of the body's size, where that is more
-constexpr double k_side_std = 0.03;       // px: what a side's edges have in common (sharpness, interpolation)
-constexpr double k_side_share = 0.5;      // … of the misfit, where that is more: a pattern that ends darker or brighter
+constexpr double k_strip = 24;          // px along a side
+constexpr double k_shortest_strip = 6;  // px
+constexpr double k_least_look = 3;      // px to look on either side
+constexpr double k_reach_start = 32;    // px: how far edges are looked for at first
+constexpr double k_far_share = 0.06;    // of the body's size, where that is more
+constexpr double k_side_std = 0.03;     // px: what a side's edges have in common (sharpness, interpolation)
+constexpr double k_side_share =
+    0.5;  // … of the misfit, where that is more: a pattern that ends darker or brighter
 constexpr double k_mask_side_std = 0.29;  // px: 1/√12, in a mask of whole pixels
 constexpr double k_tukey = 4.685;         // standard deviations; 95 % efficient for normal errors
 constexpr double k_undetermined = 1;      // px at the body's edge: a standard deviation above that is no fit
@@ -50,8 +51,8 @@ struct Place {
   std::size_t side = 0;
   Complex z;  // m, from the centre
   double d = 0, std = 1, weight = 0;
-  Complex n;      // outwards, in the picture
-  Vector4 row;    // d(d)/d(scale, turn, right, up), px each, the first two at the radius
+  Complex n;    // outwards, in the picture
+  Vector4 row;  // d(d)/d(scale, turn, right, up), px each, the first two at the radius
   double x = 0, y = 0;
 };
 
@@ -69,7 +70,8 @@ Geometry geometry_of(const files::Picture& picture, const Outline& outline, cons
     constexpr int k_parts = 64;
     for (int i = 0; i < k_parts; ++i) {
       const Complex z = p + (i + 0.5) / k_parts * (q - p), w = (z - start.offset) / start.slope;
-      if (w.real() < 0 || -w.imag() < 0 || w.real() > picture.width - 1 || -w.imag() > picture.height - 1) continue;
+      if (w.real() < 0 || -w.imag() < 0 || w.real() > picture.width - 1 || -w.imag() > picture.height - 1)
+        continue;
       seen.emplace_back(z, std::abs(q - p) / k_parts), total += seen.back().second;
     }
   }
@@ -85,7 +87,8 @@ Geometry geometry_of(const files::Picture& picture, const Outline& outline, cons
   return g;
 }
 
-/// Distance from a point along a direction to the next other side of the outline, m; infinity if there is none.
+/// Distance from a point along a direction to the next other side of the outline, m; infinity if there is
+/// none.
 double free_way(const Outline& outline, std::size_t own, Complex from, Complex direction) {
   double nearest = std::numeric_limits<double>::infinity();
   for (std::size_t s = 0; s < outline.size(); ++s) {
@@ -116,8 +119,8 @@ double way_in_picture(const files::Picture& picture, const EdgeStrip& s, double 
 }
 
 /// Looks for edges along every side from a pose; `in_view` counts the places.
-std::vector<Place> look(const files::Picture& picture, const Outline& outline, const Geometry& g, const Pose& pose,
-                        double reach, bool fine, int& in_view) {
+std::vector<Place> look(const files::Picture& picture, const Outline& outline, const Geometry& g,
+                        const Pose& pose, double reach, bool fine, int& in_view) {
   std::vector<Place> found;
   in_view = 0;
   const double scale = std::abs(pose.a);
@@ -134,7 +137,8 @@ std::vector<Place> look(const files::Picture& picture, const Outline& outline, c
       place.z = 0.5 * (p + q) + along * (((i + 0.5) / count - 0.5) * free / scale);
       place.n = pose.a * out / scale;
       const Complex w = pose.at(place.z);
-      EdgeStrip strip{w.real(), -w.imag(), place.n.real(), -place.n.imag(), std::min(k_strip, free / count), 0, 0};
+      EdgeStrip strip{w.real(), -w.imag(), place.n.real(), -place.n.imag(), std::min(k_strip, free / count),
+                      0,        0};
       const double near = 1e-6 * g.radius;  // the side itself does not stand in the way
       const auto limit = [&](double sign) {
         const double other = scale * free_way(outline, s, place.z + g.centre + sign * near * out, sign * out);
@@ -163,14 +167,15 @@ double robust_scale(std::vector<double> deviations) {
   return 1.4826 * *middle;
 }
 
-/// Weighted least squares: first as good as least absolute deviations, then Tukey's weights. Returns the step;
-/// `normal` is Σ w h hᵀ with the prior of the scale.
+/// Weighted least squares: first as good as least absolute deviations, then Tukey's weights. Returns the
+/// step; `normal` is Σ w h hᵀ with the prior of the scale.
 Vector4 robust_step(std::vector<Place>& places, double scale_precision, double scale_gap, Matrix4& normal) {
   Vector4 step = Vector4::Zero();
   constexpr int k_absolute = 12, k_rounds = 24;
   for (int round = 0; round < k_rounds; ++round) {
     std::vector<double> deviations;
-    for (const Place& p : places) deviations.push_back(std::abs(p.d - p.row.dot(step)) / std::hypot(p.std, 0.05));
+    for (const Place& p : places)
+      deviations.push_back(std::abs(p.d - p.row.dot(step)) / std::hypot(p.std, 0.05));
     const double cut = k_tukey * std::max(1.0, robust_scale(deviations));
     normal.setZero();
     Vector4 right = Vector4::Zero();
@@ -224,14 +229,17 @@ std::string listed(const std::vector<std::string>& words, const char* last) {
 
 /// DataError where the edges leave scale, turn or place open.
 void require_determined(const std::vector<Place>& places, const Matrix4& normal, const std::string& name) {
+  // A motion that no side sees has a deviation of 30 px then, so that one that it hardly has a part in is not
+  // named.
   Matrix4 damped = normal;
-  damped.diagonal().array() += 1e-9;
+  damped.diagonal().array() += 1e-3;
   const Matrix4 inverse = damped.ldlt().solve(Matrix4::Identity());
+  const double limit = std::max(k_undetermined, 0.2 * std::sqrt(inverse.diagonal().maxCoeff()));
   std::vector<std::string> open;
   constexpr std::array<const char*, 4> k_names{"the scale", "the turn", "the place to the right",
                                                "the place upwards"};
   for (int k = 0; k < 4; ++k)
-    if (!(std::sqrt(inverse(k, k)) < k_undetermined)) open.emplace_back(k_names[static_cast<std::size_t>(k)]);
+    if (!(std::sqrt(inverse(k, k)) < limit)) open.emplace_back(k_names[static_cast<std::size_t>(k)]);
   if (open.empty()) return;
   std::array<bool, 4> seen{};
   for (const Place& p : places)
@@ -240,11 +248,12 @@ void require_determined(const std::vector<Place>& places, const Matrix4& normal,
   for (std::size_t k = 0; k < 4; ++k)
     if (seen[k]) sides.emplace_back(k_directions[k]);
   throw DataError(fmt::format(
-      "{}: error: the outline does not tell {}: edges were found on the {} side{} only; three sides must be in "
+      "{}: error: the outline does not tell {}: edges were found on the {} side{} only; three sides must be "
+      "in "
       "view (two that are parallel tell the scale across them, not the place along them), or register with "
       "\"dic.pixels\" and \"dic.points\"{}",
       name, listed(open, " and "), listed(sides, " and "), sides.size() > 1 ? "s" : "",
-      inverse(0, 0) > k_undetermined ? ", or give \"dic.scale\" with \"dic.scale_std\"" : ""));
+      inverse(0, 0) > limit * limit ? ", or give \"dic.scale\" with \"dic.scale_std\"" : ""));
 }
 
 bool is_mask(const files::Picture& picture) {
@@ -275,12 +284,15 @@ OutlineFit fit_outline(const files::Picture& picture, const Outline& outline, co
   double scale_precision = 0;
   for (const bool fine : {false, false, false, true, true, true}) {
     places = look(picture, outline, g, pose, reach, fine, in_view);
-    if (static_cast<int>(places.size()) < k_fewest || static_cast<double>(places.size()) < k_least_share * in_view)
-      throw DataError(fmt::format(
-          "{}: error: no edge of the body near its outline: {} of {} places along it show one; the outline must "
-          "begin right to {:.0f} px (\"dic.scale\", \"dic.origin\"), and the body be brighter, darker or more "
-          "textured than what is behind it",
-          name, places.size(), in_view, reach));
+    if (static_cast<int>(places.size()) < k_fewest ||
+        static_cast<double>(places.size()) < k_least_share * in_view)
+      throw DataError(
+          fmt::format("{}: error: no edge of the body near its outline: {} of {} places along it show one; "
+                      "the outline must "
+                      "begin right to {:.0f} px (\"dic.scale\", \"dic.origin\"), and the body be brighter, "
+                      "darker or more "
+                      "textured than what is behind it",
+                      name, places.size(), in_view, reach));
     const double radius = std::abs(pose.a) * g.radius;  // px
     if (options.scale_std > 0) scale_precision = 1 / std::pow(options.scale_std * radius, 2);
     const Vector4 step =
@@ -304,13 +316,21 @@ OutlineFit fit_outline(const files::Picture& picture, const Outline& outline, co
   }
   fit.misfit = robust_scale(misfits);
   if (fit.misfit > k_worst_misfit || fit.used < k_least_share * in_view)
-    throw DataError(fmt::format(
-        "{}: error: the edges that were found do not lie on the outline: {} of {} agree, within {:.1f} px; it must "
-        "begin right to some 20 px (\"dic.scale\", \"dic.origin\"), and be that of this body",
-        name, fit.used, in_view, fit.misfit));
+    throw DataError(
+        fmt::format("{}: error: the edges that were found do not lie on the outline: {} of {} agree, within "
+                    "{:.1f} px; it must "
+                    "begin right to some 20 px (\"dic.scale\", \"dic.origin\"), and be that of this body",
+                    name, fit.used, in_view, fit.misfit));
   const Matrix4 covariance =
       covariance_of(places, normal, scale_precision, std::max(1.0, robust_scale(normalised)),
                     is_mask(picture) ? k_mask_side_std : std::max(k_side_std, k_side_share * fit.misfit));
+  if (!(std::sqrt(covariance.diagonal().maxCoeff()) < k_undetermined))
+    throw DataError(
+        fmt::format("{}: error: the edges lie {:.1f} px about the outline, which tells scale and place to "
+                    "{:.1f} px only; some of "
+                    "its sides are not where it says, or not to be seen: look at it, or give \"dic.pixels\" "
+                    "and \"dic.points\"",
+                    name, fit.misfit, std::sqrt(covariance.diagonal().maxCoeff())));
   const double radius = std::abs(pose.a) * g.radius;
   fit.frame = start;
   fit.frame.slope = 1.0 / pose.a, fit.frame.offset = g.centre - pose.b / pose.a;

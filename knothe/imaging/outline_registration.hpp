@@ -33,21 +33,22 @@ struct EdgePlace {
 };
 
 struct OutlineFit {
-  std::string picture;      ///< in which the edges were looked for
-  PictureFrame frame;  ///< with relative_scale_std
-  double angle_std = 0;                 ///< rad
-  std::array<double, 2> place_std{};    ///< px, right and down, of the middle of the outline in view
-  double misfit = 0;                    ///< px: robust standard deviation of the edges about the outline
-  int places = 0;                       ///< at which an edge was looked for: in view, away from corners
-  int used = 0;                         ///< of them in the fit
-  std::vector<EdgePlace> edges;         ///< found
+  std::string picture;                       ///< in which the edges were looked for
+  PictureFrame frame;                        ///< with relative_scale_std
+  double angle_std = 0;                      ///< rad
+  std::array<double, 2> place_std{};         ///< px, right and down, of the middle of the outline in view
+  double misfit = 0;                         ///< px: robust standard deviation of the edges about the outline
+  int places = 0;                            ///< at which an edge was looked for: in view, away from corners
+  int used = 0;                              ///< of them in the fit
+  std::vector<EdgePlace> edges;              ///< found
   std::vector<std::array<double, 4>> sides;  ///< fitted outline in the picture: x, y, x, y (px)
 };
 
 struct OutlineOptions {
   /// Where to begin, right to some 20 px; without it the body must be wholly in view.
   std::optional<PictureFrame> start;
-  /// Relative standard deviation of the start's scale, as one more measurement of it; 0: the edges alone tell.
+  /// Relative standard deviation of the start's scale, as one more measurement of it; 0: the edges alone
+  /// tell.
   double scale_std = 0;
 };
 
@@ -55,10 +56,10 @@ struct OutlineOptions {
 /// than what is behind it. Along each side, in strips of up to 24 px, the edge is the change point of the
 /// most likely pair of grey-level distributions, then, line by line, where the grey level is half-way between
 /// both sides (subpixel). Least squares with Tukey's weights: cracks, clamps and shadows do not count. The
-/// stated deviations have the scatter of the edges and, for each side as a whole, half of it and at least 0.03 px
-/// (0.29 px in a mask of two grey levels). `name` is that of the picture, for messages. Errors: DataError where no edge is found,
-/// where those found do not determine scale, turn and place (it says which, and what sides are seen), or do
-/// not lie on the outline.
+/// stated deviations have the scatter of the edges and, for each side as a whole, half of it and at least
+/// 0.03 px (0.29 px in a mask of two grey levels). `name` is that of the picture, for messages. Errors:
+/// DataError where no edge is found, where those found do not determine scale, turn and place (it says which,
+/// and what sides are seen), or do not lie on the outline.
 [[nodiscard]] OutlineFit fit_outline(const files::Picture& picture, const Outline& outline,
                                      const OutlineOptions& options, const std::string& name);
 

@@ -19,8 +19,8 @@ using knothe::files::Picture;
 constexpr int k_width = 480, k_height = 300;
 
 /// A notched beam of 96 × 40 mm, y up, seen by a camera.
-const std::vector<std::array<double, 2>> k_beam{{-0.048, 0},    {-0.004, 0},    {-0.004, 0.008}, {0.004, 0.008},
-                                                {0.004, 0},     {0.048, 0},     {0.048, 0.04},   {-0.048, 0.04}};
+const std::vector<std::array<double, 2>> k_beam{{-0.048, 0}, {-0.004, 0}, {-0.004, 0.008}, {0.004, 0.008},
+                                                {0.004, 0},  {0.048, 0},  {0.048, 0.04},   {-0.048, 0.04}};
 
 PictureFrame camera(double scale, double degrees, double x, double y) {
   PictureFrame frame = picture_frame(scale, {x, y});
@@ -30,7 +30,8 @@ PictureFrame camera(double scale, double degrees, double x, double y) {
 }
 
 /// Share of body at a pixel: a smooth step of 0.7 px (standard deviation) across the polygon.
-double body_at(const std::vector<std::array<double, 2>>& corners, const PictureFrame& frame, double x, double y) {
+double body_at(const std::vector<std::array<double, 2>>& corners, const PictureFrame& frame, double x,
+               double y) {
   const auto p = frame.model_point(x, y);
   bool inside = false;
   double nearest = 1e9;
@@ -108,8 +109,9 @@ TEST(OutlineRegistration, ASpecklyBodyWhoseEndsAreOutOfViewIsFoundByItsNotch) {
 
 TEST(OutlineRegistration, WithoutAStartABodyInViewIsFoundWhateverItsBrightness) {
   const PictureFrame truth = camera(2.4e-4, 7, 238.4, 226.1);
-  for (const auto& [picture, limit] : {std::pair{plain(truth, 200, 30), 0.05}, std::pair{plain(truth, 20, 90), 0.05},
-                                       std::pair{speckled(truth, 9), 0.25}}) {
+  for (const auto& [picture, limit] :
+       {std::pair{plain(truth, 200, 30), 0.05}, std::pair{plain(truth, 20, 90), 0.05},
+        std::pair{speckled(truth, 9), 0.25}}) {
     const OutlineFit fit = fit_outline(picture, polygon_outline(k_beam), {}, "reference.tif");
     EXPECT_LT(distance(fit.frame, truth), limit);
   }
@@ -133,8 +135,8 @@ TEST(OutlineRegistration, CracksClampsAndShadowsDoNotCount) {
       if (x > 300 && x < 380 && y > 30 && y < 50) picture.at(x, y) = 128;  // a load cell's shadow
       if (std::abs(x - 250 - 6 * std::sin(0.1 * y)) < 2 && y > 50) picture.at(x, y) = 5;  // a crack
     }
-  const OutlineFit fit = fit_outline(picture, polygon_outline(k_beam),
-                                     {.start = camera(2.42e-4, 0, 233, 230)}, "reference.tif");
+  const OutlineFit fit =
+      fit_outline(picture, polygon_outline(k_beam), {.start = camera(2.42e-4, 0, 233, 230)}, "reference.tif");
   EXPECT_LT(distance(fit.frame, truth), 0.3);
   EXPECT_LT(fit.used, fit.places);
 }
@@ -155,20 +157,22 @@ TEST(OutlineRegistration, WhatTheSidesInViewDoNotTellIsSaid) {
     }
     return std::string();
   };
-  EXPECT_THAT(message(picture, {.start = close}),
-              testing::HasSubstr("the outline does not tell the place to the right: edges were found on the upper "
-                                 "and lower sides only"));
+  EXPECT_THAT(
+      message(picture, {.start = close}),
+      testing::HasSubstr("the outline does not tell the place to the right: edges were found on the upper "
+                         "and lower sides only"));
   // A corner: lower and right.
   const PictureFrame corner = camera(1.6e-4, 0, 240 - 0.2 / 1.6e-4, 150);
   for (int y = 0; y < k_height; ++y)
     for (int x = 0; x < k_width; ++x)
       picture.at(x, y) = 30 + 150 * static_cast<float>(body_at(plate, corner, x, y));
-  EXPECT_THAT(message(picture, {.start = corner}), testing::AllOf(testing::HasSubstr("does not tell the scale"),
-                                                                  testing::HasSubstr("\"dic.scale_std\"")));
+  EXPECT_THAT(
+      message(picture, {.start = corner}),
+      testing::AllOf(testing::HasSubstr("does not tell the scale"), testing::HasSubstr("\"dic.scale_std\"")));
   // With a scale that is known the corner is enough.
   const OutlineFit fit =
-      fit_outline(picture, polygon_outline(plate), {.start = camera(1.6e-4, 0, 243 - 0.2 / 1.6e-4, 146), .scale_std = 1e-3},
-                  "reference.tif");
+      fit_outline(picture, polygon_outline(plate),
+                  {.start = camera(1.6e-4, 0, 243 - 0.2 / 1.6e-4, 146), .scale_std = 1e-3}, "reference.tif");
   const auto p = fit.frame.picture_point({0.2, 0, 0});
   EXPECT_NEAR(p[0], 240, 0.1);
   EXPECT_NEAR(p[1], 150, 0.1);
@@ -178,17 +182,20 @@ TEST(OutlineRegistration, WhatTheSidesInViewDoNotTellIsSaid) {
 TEST(OutlineRegistration, WhereThereIsNoEdgeItSaysSo) {
   Picture grey = blank();
   grey.pixels.assign(static_cast<std::size_t>(k_width * k_height), 90.0F);
-  EXPECT_THAT(refused(grey, {.start = camera(2.4e-4, 0, 240, 226)}), testing::HasSubstr("no edge of the body"));
+  EXPECT_THAT(refused(grey, {.start = camera(2.4e-4, 0, 240, 226)}),
+              testing::HasSubstr("no edge of the body"));
   EXPECT_THAT(refused(grey, {}), testing::HasSubstr("no body stands out"));
   const Picture everywhere = SpecklePattern({.width = k_width, .height = k_height}).render({}, {.noise = 2});
-  EXPECT_THAT(refused(everywhere, {.start = camera(2.4e-4, 0, 240, 226)}), testing::HasSubstr("reference.tif: error: "));
-  EXPECT_THAT(refused(speckled(camera(1.6e-4, 0, 240, 275), 1), {}), testing::HasSubstr("reaches out of the picture"));
+  EXPECT_THAT(refused(everywhere, {.start = camera(2.4e-4, 0, 240, 226)}),
+              testing::HasSubstr("reference.tif: error: "));
+  EXPECT_THAT(refused(speckled(camera(1.6e-4, 0, 240, 275), 1), {}),
+              testing::HasSubstr("reaches out of the picture"));
   // The start is 60 px off.
   EXPECT_NE(refused(speckled(camera(2.4e-4, 0, 240, 226), 1), {.start = camera(2.4e-4, 0, 180, 160)}), "");
 }
 
 TEST(OutlineRegistration, TheOutlineOfAMeshIsThatOfThePolygon) {
-  ImageMesh mesh = structured_mesh({0, 0, 120, 80}, 20);  // "metres"
+  ImageMesh mesh = structured_mesh({0, 0, 120, 80}, 20);   // "metres"
   mesh.elements.erase(mesh.elements.begin() + 3 * 6 + 2);  // a notch in the lowest row
   const Outline outline = outline_of(mesh);
   ASSERT_EQ(outline.size(), 8U);

@@ -1,6 +1,6 @@
 #pragma once
-/// @file Where the pictures of a project are in the model, fitted to the outline of the body where the project
-/// asks for that.
+/// @file Where the pictures of a project are in the model, fitted to the outline of the body where the
+/// project asks for that.
 #include <optional>
 #include <string>
 
@@ -13,11 +13,12 @@ namespace knothe::project {
 /// Whether the model's mesh is needed for it: the outline is the model's own.
 [[nodiscard]] bool needs_model_outline(const Project& project);
 
-/// [dic] registration = "outline": fits the project's frame to the outline seen in the first reference (or the
-/// picture named for it) and puts it in the project. Nothing where the frame is given. `live`: the references
-/// are in the folder that the service watches. Errors: ProjectError where there is no outline, DataError as of
-/// fit_outline and for the picture.
-std::optional<imaging::OutlineFit> register_pictures(Project& project, const std::optional<reduction::Mesh>& mesh,
+/// [dic] registration = "outline": fits the project's frame to the outline seen in the first reference (or
+/// the picture named for it) and puts it in the project. Nothing where the frame is given. `live`: the
+/// references are in the folder that the service watches. Errors: ProjectError where there is no outline,
+/// DataError as of fit_outline and for the picture.
+std::optional<imaging::OutlineFit> register_pictures(Project& project,
+                                                     const std::optional<reduction::Mesh>& mesh,
                                                      bool live = false);
 
 /// One line for people: scale, turn, and how well the edges lie on the outline.

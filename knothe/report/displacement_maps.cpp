@@ -18,8 +18,9 @@ namespace {
 using imaging::ImageMesh;
 
 constexpr int k_panel_width = 640;  // px of the drawing, at most
-constexpr int k_title = 30, k_bar = 110, k_gap = 16;
-constexpr double k_margin = 0.03;  // of the mesh's width, shown around it
+constexpr int k_head = 28, k_title = 30, k_foot = 46, k_axis = 76, k_bar = 110, k_gap = 16;
+constexpr double k_margin = 0.03;   // of the mesh's width, shown around it
+constexpr double k_upright = 5e-3;  // rad: a camera turned by less is drawn as if it were not
 constexpr Rgb k_ink{20, 20, 20}, k_rejected{220, 30, 30}, k_crack{255, 235, 0}, k_halo{0, 0, 0};
 
 /// A number at every pixel of the mesh, and how to paint it.
@@ -88,26 +89,86 @@ View view_of(const imaging::ImageCorrelation& correlation) {
   return v;
 }
 
+/// Round numbers between two, three to seven of them.
+std::vector<double> round_numbers(double low, double high) {
+  const double raw = (high - low) / 5, power = std::pow(10.0, std::floor(std::log10(raw)));
+  const double step = power * (raw > 5 * power ? 10 : raw > 2 * power ? 5 : raw > power ? 2 : 1);
+  std::vector<double> numbers;
+  for (double k = std::ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; ++k)
+    numbers.push_back(k == 0 ? 0.0 : k * step);
+  return numbers;
+}
+/// As many decimals as their differences need.
+std::string number_text(double number, const std::vector<double>& among) {
+  const double step = among.size() > 1 ? among[1] - among[0] : 1;
+  return fmt::format("{:.{}f}", number,
+                     std::clamp(static_cast<int>(std::ceil(-std::log10(step) - 1e-9)), 0, 6));
+}
+
 void draw_bar(Canvas& canvas, int x, int y, int height, const Map& map) {
   constexpr int k_width = 16;
   for (int j = 0; j < height; ++j) {
     const double fraction = 1 - static_cast<double>(j) / std::max(1, height - 1);
     canvas.fill(x, y + j, k_width, 1, rgb_of(map.has_sign ? blue_white_red(fraction) : viridis(fraction)));
   }
-  const int decimals = std::clamp(2 - static_cast<int>(std::floor(std::log10(map.high - map.low))), 0, 6);
-  for (int tick = 0; tick <= 4; ++tick) {
-    const int at = y + height - 1 - tick * (height - 1) / 4;
-    canvas.fill(x + k_width, at, 4, 1, k_ink);
-    const std::string number = fmt::format("{:.{}f}", map.low + (map.high - map.low) * tick / 4, decimals);
-    canvas.text(x + k_width + 7, std::clamp(at - 7, y, y + height - 15), number, k_ink,
-                number.size() > 6 ? 1 : 2);
+  const std::vector<double> numbers = round_numbers(map.low, map.high);
+  for (const double number : numbers) {
+    const int at = y + height - 1 -
+                   static_cast<int>(std::lround((number - map.low) / (map.high - map.low) * (height - 1)));
+    canvas.fill(x + k_width / 2, at, k_width / 2, 2,
+                k_ink);  // inside the bar: beside it, it would be a minus
+    const std::string text = number_text(number, numbers);
+    canvas.text(x + k_width + 5, std::clamp(at - 7, y, y + height - 15), text, k_ink,
+                text.size() > 6 ? 1 : 2);
   }
 }
 
+/// Ticks below and to the left of a map: places in the picture, px, or in the model, mm, where the camera is
+/// not turned against it by more than can be seen.
+void draw_axes(Canvas& canvas, int left, int top, const View& view,
+               const std::optional<imaging::PictureFrame>& frame) {
+  const bool in_mm = frame && std::abs(std::arg(frame->slope)) < k_upright;
+  const double x1 = view.x0 + view.width / view.scale, y1 = view.y0 + view.height / view.scale;
+  const auto place = [&](double x, double y) {
+    if (!in_mm) return std::array<double, 2>{x, y};
+    const auto p = frame->model_point(x, y);
+    const auto c = frame->components();
+    return std::array<double, 2>{1e3 * p[static_cast<std::size_t>(c[0])],
+                                 1e3 * p[static_cast<std::size_t>(c[1])]};
+  };
+  const auto from = place(view.x0, view.y0), to = place(x1, y1);
+  const char* axes = "xyz";
+  const auto name = [&](std::size_t k) {
+    return in_mm ? fmt::format("{} mm", axes[frame->components()[k]]) : std::string(k == 0 ? "x px" : "y px");
+  };
+  const auto along = round_numbers(std::min(from[0], to[0]), std::max(from[0], to[0]));
+  for (const double number : along) {
+    const int at =
+        left + static_cast<int>(std::lround((number - from[0]) / (to[0] - from[0]) * (view.width - 1)));
+    canvas.fill(at, top + view.height, 1, 5, k_ink);
+    const std::string text = number_text(number, along);
+    const int half = Canvas::text_width(text) / 2;
+    if (at + half < left + view.width - Canvas::text_width(name(0)) - 4)
+      canvas.text(at - half, top + view.height + 8, text, k_ink);
+  }
+  canvas.text(left + view.width - Canvas::text_width(name(0)), top + view.height + 8, name(0), k_ink);
+  const auto up = round_numbers(std::min(from[1], to[1]), std::max(from[1], to[1]));
+  for (const double number : up) {
+    const int at =
+        top + static_cast<int>(std::lround((number - from[1]) / (to[1] - from[1]) * (view.height - 1)));
+    canvas.fill(left - 5, at, 5, 1, k_ink);
+    const std::string text = number_text(number, up);
+    if (at - 8 > top + 14) canvas.text(left - 8 - Canvas::text_width(text), at - 8, text, k_ink);
+  }
+  canvas.text(left - 8 - Canvas::text_width(name(1)), top, name(1), k_ink);
+}
+
 void draw_map(Canvas& canvas, int left, int top, const View& view,
-              const imaging::ImageCorrelation& correlation, const std::vector<char>& valid, const Map& map) {
+              const imaging::ImageCorrelation& correlation, const std::vector<char>& valid, const Map& map,
+              const std::optional<imaging::PictureFrame>& frame) {
   const auto& picture = correlation.reference();
   canvas.text(left, top + 6, map.title, k_ink);
+  draw_axes(canvas, left, top + k_title, view, frame);
   top += k_title;
   for (int j = 0; j < view.height; ++j)
     for (int i = 0; i < view.width; ++i) {
@@ -151,6 +212,10 @@ void draw_crack(Canvas& canvas, int left, int top, const View& view, const imagi
   };
   std::array<double, 2> last = crack.mouth;
   for (const auto& p : crack.path) {
+    if (p.along < 0) {  // before the crack's origin: a notch
+      last = {p.x, p.y};
+      continue;
+    }
     if (crack.tip_in_view && p.along >= crack.length) break;
     stroke(last, {p.x, p.y});
     last = {p.x, p.y};
@@ -180,10 +245,62 @@ double largest_principal(const Eigen::MatrixXd& strain, int node) {
   return mean + std::hypot(half, strain(node, 2));
 }
 
+/// What was measured and how well, in one line that fits.
+std::string head_of(const imaging::PictureSeries& series, const imaging::PictureResult& r, double std,
+                    const std::optional<imaging::PictureFrame>& frame) {
+  const std::string name = r.picture.substr(r.picture.find_last_of('/') + 1);
+  const auto& c = r.correlation;
+  std::string text = name + ": ";
+  if (r.missing) {
+    text += "NOT MEASURED";
+  } else {
+    text += fmt::format("noise of a displacement {:.4f} px", std);
+    if (frame) text += fmt::format(" = {:.2f} um", 1e6 * frame->scale() * std);
+  }
+  text += fmt::format(", residual {:.2f} levels, {} iterations", c.residual_rms, c.iterations);
+  if (c.elements_rejected > 0)
+    text += fmt::format(", {} of {} elements out", c.elements_rejected,
+                        series.correlation().mesh().element_count());
+  if (!r.reference.empty()) text += ", reference replaced";
+  return text;
+}
+
+/// The key to lines and colours, with what the tip of a crack is.
+std::vector<std::string> foot_of(const imaging::PictureResult& r,
+                                 const std::optional<imaging::PictureFrame>& frame) {
+  std::vector<std::string> lines{
+      "red frames: elements without a measurement. colours span 1 to 99 % of the values. drawn on the "
+      "reference"};
+  if (!r.crack || !r.crack->found) return lines;
+  const auto& crack = *r.crack;
+  const double unit = frame ? 1e3 * frame->scale() : 1;
+  const char* name = frame ? "mm" : "px";
+  lines.push_back(
+      crack.tip_in_view
+          ? fmt::format("yellow: crack, {:.4g} +- {:.2g} {} long. ring: tip, bars: 95 % interval. open at "
+                        "the mouth by {:.3g} {}",
+                        unit * crack.length, unit * crack.length_std, name,
+                        frame ? 1e3 * unit * crack.mouth_opening : crack.mouth_opening, frame ? "um" : name)
+          : fmt::format("yellow: crack, right through the field, at least {:.4g} {} long",
+                        unit * crack.length, name));
+  return lines;
+}
+
+Canvas canvas_for(const View& view, int columns, int rows) {
+  const int width = k_axis + view.width + k_bar, height = view.height + k_title + 2 * k_gap;
+  return {columns * (width + k_gap) + k_gap, k_head + rows * (height + k_gap) + k_gap + k_foot};
+}
+
+/// Upper left corner of a panel's title.
+std::array<int, 2> corner_of(const View& view, int column, int row) {
+  return {k_gap + k_axis + column * (k_axis + view.width + k_bar + k_gap),
+          k_gap + k_head + row * (view.height + k_title + 3 * k_gap)};
+}
+
 }  // namespace
 
 void write_displacement_maps(const std::string& path, const imaging::PictureSeries& series,
-                             const imaging::PictureResult& result,
+                             const imaging::PictureResult& result, double noise_std,
                              const std::optional<imaging::PictureFrame>& frame) {
   const imaging::ImageCorrelation& correlation = series.correlation();
   const auto& valid = result.correlation.element_valid;
@@ -201,36 +318,44 @@ void write_displacement_maps(const std::string& path, const imaging::PictureSeri
   for (int k = 0; k < 2; ++k)
     maps.push_back({title(k), over_pixels(correlation, valid, [&](int a) { return u[2 * a + k]; })});
   maps.push_back({"residual, grey levels", correlation.residual_picture(result.correlation), true});
-  maps.push_back({"largest principal strain, per mille", over_pixels(correlation, valid, [&](int a) {
+  maps.push_back({"largest principal strain, mm/m", over_pixels(correlation, valid, [&](int a) {
                     return 1e3 * largest_principal(strain, a);
                   })});
   const View view = view_of(correlation);
-  const int width = view.width + k_bar, height = view.height + k_title;
-  Canvas canvas(2 * width + 3 * k_gap, 2 * height + 3 * k_gap);
+  Canvas canvas = canvas_for(view, 2, 2);
+  canvas.text(k_gap, k_gap, head_of(series, result, noise_std, frame), k_ink);
   for (int m = 0; m < 4; ++m) {
     set_range(maps[static_cast<std::size_t>(m)]);
-    draw_map(canvas, k_gap + m % 2 * (width + k_gap), k_gap + m / 2 * (height + k_gap), view, correlation,
-             valid, maps[static_cast<std::size_t>(m)]);
-    if (result.crack && result.crack->found)
-      draw_crack(canvas, k_gap + m % 2 * (width + k_gap), k_gap + m / 2 * (height + k_gap), view,
-                 *result.crack);
+    const auto [left, top] = corner_of(view, m % 2, m / 2);
+    draw_map(canvas, left, top, view, correlation, valid, maps[static_cast<std::size_t>(m)], frame);
+    if (result.crack && result.crack->found) draw_crack(canvas, left, top, view, *result.crack);
   }
+  int line = canvas.height() - k_foot;
+  for (const std::string& text : foot_of(result, frame)) canvas.text(k_gap, line, text, k_ink), line += 20;
   canvas.write(path + ".png");
 }
 
 void write_deviation_maps(const std::string& path, const imaging::PictureSeries& series,
-                          const Eigen::VectorXd& std) {
+                          const Eigen::VectorXd& std, const std::optional<imaging::PictureFrame>& frame) {
   const imaging::ImageCorrelation& correlation = series.correlation();
   const auto& usable = correlation.usable_elements();
   const View view = view_of(correlation);
-  const int width = view.width + k_bar, height = view.height + k_title;
-  Canvas canvas(2 * width + 3 * k_gap, height + 2 * k_gap);
+  Canvas canvas = canvas_for(view, 2, 1);
+  canvas.text(k_gap, k_gap, "predicted standard deviation of displacements, from pattern and noise", k_ink);
   for (int k = 0; k < 2; ++k) {
     Map map{k == 0 ? "std of u (right), px" : "std of v (down), px",
             over_pixels(correlation, usable, [&](int a) { return std[2 * a + k]; })};
+    if (frame) {
+      map.title =
+          fmt::format("std of displacement {}, um", "xyz"[frame->components()[static_cast<std::size_t>(k)]]);
+      for (float& v : map.values) v *= static_cast<float>(1e6 * frame->scale());
+    }
     set_range(map);
-    draw_map(canvas, k_gap + k * (width + k_gap), k_gap, view, correlation, usable, map);
+    const auto [left, top] = corner_of(view, k, 0);
+    draw_map(canvas, left, top, view, correlation, usable, map, frame);
   }
+  canvas.text(k_gap, canvas.height() - k_foot,
+              "red frames: elements without texture. colours span 1 to 99 % of the values", k_ink);
   canvas.write(path + ".png");
 }
 

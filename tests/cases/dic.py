@@ -124,6 +124,9 @@ class Test(Case):
         for name in ("fields_a.vtu", "fields_b.vtu"):
             self.assertIn(name, series)
             self.assertIn(b"displacement_std", (self.folder / name).read_bytes())
+        page = (self.folder / "maps" / "index.html").read_text()
+        for text in ("a.pgm", "b.pgm", 'src="a.png"', "noise of a displacement, px"):
+            self.assertIn(text, page)
         for name in ("a.png", "b.png"):
             self.assertEqual((self.folder / "maps" / name).read_bytes()[:8], b"\x89PNG\r\n\x1a\n")
 
@@ -314,6 +317,14 @@ class Test(Case):
         self.assertIs(line["converged"], True)
         self.assertTrue(30 < line["elements_rejected"] < 120, line)
         self.assertAlmostEqual(line["gain"], 1.27, delta=0.02)  # 22 % darker
+
+    def test_the_real_beam_shows_two_sides_which_do_not_tell_the_place_along_them(self):
+        """Its ends are out of view; a loading roller covers part of the upper side."""
+        first, second = self.real("0155", "0160")
+        self.project.write_text(f'[dic]\nreferences = ["{first}"]\npictures = ["{second}"]\nregistration = "outline"\n'
+                                "outline = [[-1, 0], [1, 0], [1, 0.1], [-1, 0.1]]\nscale = 1.08e-4\norigin = [868, 1082]\n")
+        self.expect(4, "dic", self.project_name, stderr="IMG_0155.tif: error: the outline does not tell the place to the right: edges were "
+                    "found on the upper and lower sides only")
 
     def test_the_real_crack_runs_where_the_eye_sees_it(self):
         """In 0160 from (667, 1040) up to where its last trace in the residual is, (558, 462), read off the map by eye."""
