@@ -36,8 +36,19 @@ for program in build/release/bench/*_bench; do
   fi
 done
 
-case service in *"${1:-}"*)
-  echo "== service"
+# From picture file to forecast: model, pictures (drawn once), all 100 assimilated three times.
+case picture_chain_bench in *"${1:-}"*)
+  echo "== picture_chain_bench"
+  folder=out/bench/pictures
+  mkdir -p "$folder"
+  cp examples/beam_pictures/beam_pictures.toml "$folder"
+  [ -f "$folder/beam.h5" ] || "$knothe" offline "$folder/beam_pictures.toml" -o "$folder/beam.h5" >/dev/null
+  [ -f "$folder/pictures/pictures.csv" ] || "$knothe" simulate "$folder/beam_pictures.toml" --images -o "$folder/pictures"
+  python3 bench/picture_chain_bench.py "$knothe" "$folder/beam_pictures.toml"
+esac
+
+case service_bench in *"${1:-}"*)
+  echo "== service_bench"
   beam 30
   python3 bench/service_bench.py "$knothe" out/bench/r30/beam.toml
 esac

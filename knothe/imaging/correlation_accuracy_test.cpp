@@ -220,10 +220,11 @@ std::array<double, 2> window_shift(const files::Picture& f, const files::Picture
 
 /// Smoothed as a prefilter of 1 px does it, and brought to 0 … 255.
 files::Picture smoothed(files::Picture picture) {
-  std::vector<float> out(picture.pixels.size()), work;
+  std::vector<float> out(picture.pixels.size());
   const auto taps = gaussian_taps(1);
   for (float& p : picture.pixels) p *= 255 / picture.maximum;
-  filter_picture(picture.pixels.data(), picture.width, picture.height, taps, out.data(), work, 1);
+  filter_picture(picture.pixels.data(), picture.width, picture.height, taps, out.data(),
+                 static_cast<std::size_t>(picture.width), 1);
   picture.pixels = out;
   return picture;
 }

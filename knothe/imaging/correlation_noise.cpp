@@ -95,12 +95,13 @@ double noise_from_repeat(const files::Picture& first, const files::Picture& seco
 
 double prefilter_noise_factor(const files::Picture& reference, const Region& region, double sigma) {
   if (!(sigma > 0)) return 1;
-  std::vector<float> value, dx, dy, work, smooth_x(reference.pixels.size()),
-      smooth_y(reference.pixels.size());
+  std::vector<float> value, dx, dy, smooth_x(reference.pixels.size()), smooth_y(reference.pixels.size());
   SplineImage(reference, sigma).at_pixels(value, dx, dy);
   const auto taps = gaussian_taps(sigma);
-  filter_picture(dx.data(), reference.width, reference.height, taps, smooth_x.data(), work, 1);
-  filter_picture(dy.data(), reference.width, reference.height, taps, smooth_y.data(), work, 1);
+  filter_picture(dx.data(), reference.width, reference.height, taps, smooth_x.data(),
+                 static_cast<std::size_t>(reference.width), 1);
+  filter_picture(dy.data(), reference.width, reference.height, taps, smooth_y.data(),
+                 static_cast<std::size_t>(reference.width), 1);
   double before = 0, after = 0;
   for (int y = std::max(0, static_cast<int>(region.y0));
        y <= std::min(reference.height - 1, static_cast<int>(region.y1)); ++y)

@@ -17,11 +17,10 @@ namespace {
 constexpr int k_rejection_rounds = 8;
 constexpr int k_plain_steps = 4;  // without regularisation, from what was found with it
 constexpr double k_share_of_worst =
-    0.8;  // of the residual of the worst neighbour, to be taken out in the same round
-constexpr int k_iterations_per_round = 12;  // elements on a crack may swing for ever: look at them in between
-constexpr double k_far = 0.6;               // of the contrast, as residual: the start is out of reach
-constexpr int k_readmissions = 3;           // each may bring one more row of elements back
-constexpr double k_most_restless = 0.05;    // of the nodes: more is a picture that does not converge …
+    0.8;                       // of the residual of the worst neighbour, to be taken out in the same round
+constexpr double k_far = 0.6;  // of the contrast, as residual: the start is out of reach
+constexpr int k_readmissions = 3;         // each may bring one more row of elements back
+constexpr double k_most_restless = 0.05;  // of the nodes: more is a picture that does not converge …
 constexpr double k_restless_rows = 2;  // … if they are also more than so many rows from side to side: a crack
 
 }  // namespace
@@ -35,6 +34,7 @@ CorrelationStage::CorrelationStage(ReferenceField reference, ImageMesh mesh,
   make_constants();
   sums_.resize(mesh_.elements.size());
   element_brightness_.assign(mesh_.elements.size(), {1.0F, 0.0F});
+  element_step_.assign(mesh_.elements.size(), {0.0, 0.0});
 }
 
 Eigen::SparseMatrix<double> CorrelationStage::assemble(const std::vector<char>& valid, bool for_solving,
@@ -134,100 +134,6 @@ ElementMotion CorrelationStage::motion(std::size_t e, const CorrelationResult& r
   m.gain = per_element() ? element_brightness_[e][0] : static_cast<float>(result.gain);
   m.offset = per_element() ? element_brightness_[e][1] : static_cast<float>(result.offset);
   return m;
-}
-
-void CorrelationStage::sum_residuals(const SplineImage& deformed, const CorrelationResult& result) {
-  constexpr std::size_t k_chunk = 32;  // elements per task
-  const std::size_t count = mesh_.elements.size();
-  parallel_for((count + k_chunk - 1) / k_chunk, static_cast<std::size_t>(options_.threads),
-               [&](std::size_t chunk) {
-                 for (std::size_t e = chunk * k_chunk; e < std::min(count, (chunk + 1) * k_chunk); ++e)
-                   sums_[e] = usable_[e] != 0 ? residual_sums(pixels_, pixels_.elements()[e],
-                                                              reference_.rows(), deformed, motion(e, result))
-                                              : ResidualSums{};
-               });
-}
-
-Eigen::Vector2d CorrelationStage::assemble_right(const CorrelationResult& result) {
-  right_.setZero(2 * mesh_.node_count());
-  Eigen::Vector2d brightness = Eigen::Vector2d::Zero();
-  const auto element_right = [&](std::size_t e) {
-    Eigen::Matrix<double, 8, 1> b;
-    const auto& c = pixels_.elements()[e].coefficients;
-    for (int a = 0; a < 4; ++a) {
-      b[2 * a] = b[2 * a + 1] = 0;
-      for (std::size_t m = 0; m < 4; ++m) {
-        b[2 * a] += c[static_cast<std::size_t>(a)][m] * sums_[e].x[m];
-        b[2 * a + 1] += c[static_cast<std::size_t>(a)][m] * sums_[e].y[m];
-      }
-    }
-    return b;
-  };
-  for (std::size_t e = 0; e < mesh_.elements.size(); ++e) {
-    if (result.element_valid[e] == 0) continue;
-    const auto& nodes = mesh_.elements[e];
-    Eigen::Matrix<double, 8, 1> b = element_right(e);
-    const Eigen::Vector2d s(sums_[e].r_reference, sums_[e].r);
-    brightness += s;
-    if (per_element()) b -= constants_[e].brightness * (constants_[e].brightness_matrix.inverse() * s);
-    for (int a = 0; a < ImageMesh::nodes_of(nodes); ++a)
-      right_.segment<2>(2 * nodes[static_cast<std::size_t>(a)]) += b.segment<2>(2 * a);
-  }
-  return brightness;
-}
-
-double CorrelationStage::step(CorrelationResult& result) {
-  const Eigen::Vector2d brightness = assemble_right(result);
-  if (penalty_ > 0) right_ -= penalty_matrix_ * result.displacement;
-  step_ = solver_.solve(right_);
-  const auto add = [](double change_f, double change_1, double& gain, double& offset) {
-    gain += gain * change_f, offset += change_1 + offset * change_f;
-  };
-  if (options_.brightness == Brightness::global) {
-    const Eigen::Vector2d change = brightness_schur_.inverse() * (brightness - coupling_.transpose() * step_);
-    step_ -= solved_coupling_ * change;
-    add(change[0], change[1], result.gain, result.offset);
-  } else if (per_element()) {
-    for (std::size_t e = 0; e < mesh_.elements.size(); ++e) {
-      if (result.element_valid[e] == 0) continue;
-      Eigen::Matrix<double, 8, 1> du = Eigen::Matrix<double, 8, 1>::Zero();
-      for (int a = 0; a < ImageMesh::nodes_of(mesh_.elements[e]); ++a)
-        du.segment<2>(2 * a) = step_.segment<2>(2 * mesh_.elements[e][static_cast<std::size_t>(a)]);
-      const Eigen::Vector2d change =
-          constants_[e].brightness_matrix.inverse() *
-          (Eigen::Vector2d(sums_[e].r_reference, sums_[e].r) - constants_[e].brightness.transpose() * du);
-      double gain = static_cast<double>(element_brightness_[e][0]),
-             offset = static_cast<double>(element_brightness_[e][1]);
-      add(change[0], change[1], gain, offset);
-      element_brightness_[e] = {static_cast<float>(gain), static_cast<float>(offset)};
-    }
-  }
-  result.displacement += step_;
-  return step_.cwiseAbs().maxCoeff();
-}
-
-void CorrelationStage::iterate(const SplineImage& deformed, CorrelationResult& result) {
-  factorise(result.element_valid);
-  result.converged = false;
-  const double far = 2.0 * (reference_.width + reference_.height);
-  for (int k = 0; k < std::min(k_iterations_per_round, options_.max_iterations) && !result.converged; ++k) {
-    sum_residuals(deformed, result);
-    result.last_step = step(result);
-    ++result.iterations;
-    if (!std::isfinite(result.last_step) || result.displacement.cwiseAbs().maxCoeff() > far) {
-      result.displacement.setZero();
-      result.message =
-          "the iteration diverged: the pictures do not show the same surface, or moved too far between them";
-      return;
-    }
-    result.converged = result.last_step < options_.tolerance;
-  }
-  sum_residuals(deformed, result);
-  result.message.clear();
-  if (!result.converged)
-    result.message = fmt::format(
-        "after {} iterations displacements still change by {:.2g} px, more than the tolerance of {:.2g} px",
-        result.iterations, result.last_step, options_.tolerance);
 }
 
 std::vector<double> CorrelationStage::element_rms() const {
@@ -347,6 +253,8 @@ bool CorrelationStage::correlate(const SplineImage& deformed, CorrelationResult&
   result.message.clear();
   std::fill(element_brightness_.begin(), element_brightness_.end(),
             std::array<float, 2>{static_cast<float>(result.gain), static_cast<float>(result.offset)});
+  sums_current_ = false;
+  brightness_step_.setZero();
   if (give_up_if_far) {
     sum_residuals(deformed, result);
     double squares = 0, count = 0;

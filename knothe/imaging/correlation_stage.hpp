@@ -26,6 +26,9 @@ struct ReferenceField {
 /// Share of an element's pixels that must be seen and not masked.
 inline constexpr double k_least_pixel_share = 0.5;
 
+/// Elements on a crack may swing for ever: they are looked at after so many iterations.
+inline constexpr int k_iterations_per_round = 12;
+
 /// 0 for none.
 [[nodiscard]] double median_of(std::vector<double> values);
 
@@ -69,9 +72,14 @@ class CorrelationStage {
   void make_constants();
   void factorise(const std::vector<char>& valid);
   void sum_residuals(const SplineImage& deformed, const CorrelationResult& result);
+  /// What the sums of r, r² and r f become by the last step, to first order of it: no pass over the pixels.
+  void continue_sums(const CorrelationResult& result);
+  [[nodiscard]] Eigen::Matrix<double, 8, 1> element_right(std::size_t element) const;
   /// Σ N ∇f r into right_, the brightness's right-hand side into the result.
   [[nodiscard]] Eigen::Vector2d assemble_right(const CorrelationResult& result);
-  double step(CorrelationResult& result);
+  /// One step of Gauss and Newton; `last` is the one before (empty: none), `lengthening` what steps are
+  /// multiplied by.
+  double step(CorrelationResult& result, Eigen::VectorXd& last, double& lengthening);
   void factorise_or_shift(Eigen::SparseMatrix<double>& matrix, Solver& solver) const;
   void iterate(const SplineImage& deformed, CorrelationResult& result);
   int reject(CorrelationResult& result, bool restless) const;
@@ -101,7 +109,10 @@ class CorrelationStage {
   Eigen::MatrixXd coupling_, solved_coupling_;  ///< 2n × 2: C and M⁻¹ C of a global brightness
   Eigen::Matrix2d brightness_schur_;
   std::vector<ResidualSums> sums_;
-  std::vector<std::array<float, 2>> element_brightness_;  ///< α, β
+  bool sums_current_ = false;                                  ///< they are those of the result as it is
+  Eigen::Vector2d brightness_step_ = Eigen::Vector2d::Zero();  ///< of the last step, where global
+  std::vector<std::array<float, 2>> element_brightness_;       ///< α, β
+  std::vector<std::array<double, 2>> element_step_;            ///< and what the last step changed of them
   Eigen::VectorXd right_, step_;
 };
 

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <optional>
 
@@ -259,11 +260,13 @@ CorrelationResult ImageCorrelation::correlate(const files::Picture& deformed, co
                                  start.size(), dofs));
   CorrelationResult result;
   result.displacement = start.size() != 0 ? start : Eigen::VectorXd(Eigen::VectorXd::Zero(dofs));
-  const auto [low, high] = std::minmax_element(deformed.pixels.begin(), deformed.pixels.end());
-  if (*low == *high) {
+  // The first two that differ are soon found in a picture of something.
+  const auto other =
+      std::adjacent_find(deformed.pixels.begin(), deformed.pixels.end(), std::not_equal_to<>());
+  if (other == deformed.pixels.end()) {
     result.message =
         fmt::format("the picture is uniform (every pixel is {:.0f}): nothing can be followed in it",
-                    static_cast<double>(*low));
+                    static_cast<double>(deformed.pixels.front()));
     result.displacement.setZero();
     result.element_valid.assign(mesh().elements.size(), 0);
     result.element_residual.assign(mesh().elements.size(), 0);

@@ -131,10 +131,10 @@ std::string PictureSeries::fault(const files::Picture& picture, const std::strin
         "{}: error: the picture has {} × {} pixels, the reference picture {} × {}: all pictures of a series "
         "must be of one size",
         name, picture.width, picture.height, reference.width, reference.height);
-  const auto [low, high] = std::minmax_element(picture.pixels.begin(), picture.pixels.end());
-  if (*low == *high)
+  const float level = picture.pixels.front();
+  if (std::all_of(picture.pixels.begin(), picture.pixels.end(), [&](float v) { return v == level; }))
     return fmt::format("{}: error: the picture is {} (every pixel is {:.0f}): nothing can be followed in it",
-                       name, *high > 0 ? "uniform" : "black", static_cast<double>(*low));
+                       name, level > 0 ? "uniform" : "black", static_cast<double>(level));
   if (picture.pixels == last_pixels_)
     return fmt::format(
         "{}: error: the picture is the same as {}, pixel by pixel: a camera never takes that; it is a copy",

@@ -20,7 +20,7 @@ Lanes load(const float* from) {
 }
 
 /// Weights of the cubic B-spline at fraction t.
-void weights(const Lanes& t, Lanes w[4]) {
+[[gnu::always_inline]] inline void weights(const Lanes& t, Lanes w[4]) {
   const Lanes s = 1.0F - t, t2 = t * t, s2 = s * s;
   w[0] = s2 * s * (1.0F / 6);
   w[3] = t2 * t * (1.0F / 6);
@@ -62,6 +62,38 @@ Lanes deformed(const SplineImage& g, int x, int y, const Lanes& u, const Lanes& 
   return value;
 }
 
+/// The same where the integer part of the displacement is one for all of a row and everything is seen: no
+/// search for it from vector to vector, so that one need not wait for the other.
+[[gnu::always_inline]] inline Lanes deformed_at(const float* first, std::size_t stride, const Lanes& t_u,
+                                                const Lanes& t_v) {
+  Lanes wx[4], wy[4];
+  weights(t_u, wx);
+  weights(t_v, wy);
+  Lanes sum = 0.0F;
+  for (int b = 0; b < 4; ++b, first += stride)
+    sum += wy[b] * (wx[0] * load(first) + wx[1] * load(first + 1) + wx[2] * load(first + 2) +
+                    wx[3] * load(first + 3));
+  return sum;
+}
+
+/// Integer part of the displacement of a row of pixels; `common` if it is one for all of them, and the
+/// picture reaches there.
+struct RowShift {
+  bool common = false;
+  float u = 0, v = 0;
+};
+/// From the displacements between which those of the row lie.
+[[gnu::always_inline]] inline RowShift row_shift(const SplineImage& g, const ElementPixels::Row& row,
+                                                 float u_least, float u_most, float v_least, float v_most) {
+  const RowShift s{true, std::floor(u_least), std::floor(v_least)};
+  const auto last = static_cast<float>(row.x + row.count - 1), x = static_cast<float>(row.x),
+             y = static_cast<float>(row.y);
+  const bool seen = x + u_least >= 0 && y + v_least >= 0 &&
+                    last + u_most <= static_cast<float>(g.width() - 1) &&
+                    y + v_most <= static_cast<float>(g.height() - 1);
+  return seen && s.u == std::floor(u_most) && s.v == std::floor(v_most) ? s : RowShift{};
+}
+
 /// u = u₀ + u₁X + u₂Y + u₃XY along a row, where Y is one number.
 RowMotion row_motion(const ElementMotion& m, double y) {
   return {static_cast<float>(m.u[0] + m.u[2] * y), static_cast<float>(m.u[1] + m.u[3] * y),
@@ -80,6 +112,21 @@ Pixels natural_pixels(const float* xi, const float* eta, const ElementMotion& m)
   return p;
 }
 
+/// Between which a bilinear motion lies for natural coordinates from −1 to 1: its values at the corners (a
+/// triangle's natural coordinates lie in there too).
+struct MotionRange {
+  float u_least = 0, u_most = 0, v_least = 0, v_most = 0;
+};
+MotionRange motion_range(const ElementMotion& m) {
+  const auto ends = [](const std::array<double, 4>& c) {
+    const double across = std::abs(c[1] + c[3]), other = std::abs(c[1] - c[3]);
+    return std::array<float, 2>{static_cast<float>(std::min(c[0] + c[2] - across, c[0] - c[2] - other)),
+                                static_cast<float>(std::max(c[0] + c[2] + across, c[0] - c[2] + other))};
+  };
+  const auto u = ends(m.u), v = ends(m.v);
+  return {u[0], u[1], v[0], v[1]};
+}
+
 /// 0, 1, 2 …
 Lanes lane_numbers() {
   return Lanes([](auto i) { return static_cast<float>(i); });
@@ -92,11 +139,24 @@ ResidualSums sums_of(const PixelTable& table, const ElementPixels& element, cons
   Lanes x0 = 0.0F, x1 = 0.0F, x2 = 0.0F, x3 = 0.0F, y0 = 0.0F, y1 = 0.0F, y2 = 0.0F, y3 = 0.0F;
   Lanes sum = 0.0F, squares = 0.0F, with_reference = 0.0F, used = 0.0F;
   const Lanes lane = lane_numbers();
+  [[maybe_unused]] const MotionRange range = natural ? motion_range(motion) : MotionRange{};
   for (const auto& row : table.rows(element)) {
     const double y = row.y - element.y_origin;
     const RowMotion m = row_motion(motion, y);
     const auto yy = static_cast<float>(y);
     const std::size_t at = static_cast<std::size_t>(row.y) * f.stride + static_cast<std::size_t>(row.x);
+    const RowShift shift = [&] {
+      if constexpr (natural)
+        return row_shift(g, row, range.u_least, range.u_most, range.v_least, range.v_most);
+      const auto first = static_cast<float>(row.x - element.x_origin),
+                 last = static_cast<float>(row.x + row.count - 1 - element.x_origin);
+      const float ua = m.u0 + m.u1 * first, ub = m.u0 + m.u1 * last, va = m.v0 + m.v1 * first,
+                  vb = m.v0 + m.v1 * last;
+      return row_shift(g, row, std::min(ua, ub), std::max(ua, ub), std::min(va, vb), std::max(va, vb));
+    }();
+    const float* coefficients = shift.common ? g.coefficient(row.x + static_cast<int>(shift.u) - 1,
+                                                             row.y + static_cast<int>(shift.v) - 1)
+                                             : nullptr;
     for (int k = 0; k < row.count; k += k_lanes) {
       Pixels p;
       if constexpr (natural) {
@@ -106,8 +166,10 @@ ResidualSums sums_of(const PixelTable& table, const ElementPixels& element, cons
         p.u = m.u0 + m.u1 * p.x, p.v = m.v0 + m.v1 * p.x;
       }
       const Lanes& x = p.x;
-      Mask seen;
-      const Lanes value = deformed(g, row.x + k, row.y, p.u, p.v, row.count - k, lane, seen);
+      Mask seen = lane < static_cast<float>(row.count - k);
+      const Lanes value = shift.common
+                              ? deformed_at(coefficients + k, g.stride(), p.u - shift.u, p.v - shift.v)
+                              : deformed(g, row.x + k, row.y, p.u, p.v, row.count - k, lane, seen);
       const std::size_t i = at + static_cast<std::size_t>(k);
       const Lanes reference = load(f.value + i);
       Lanes use = load(f.use + i);

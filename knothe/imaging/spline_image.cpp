@@ -3,7 +3,9 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <experimental/simd>
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/threads.hpp"
@@ -61,49 +63,68 @@ std::vector<float> gaussian_taps(double sigma) {
   return taps;
 }
 
+namespace {
+
+namespace stdx = std::experimental;
+using Lanes = stdx::native_simd<float>;
+constexpr std::size_t k_lanes = Lanes::size();
+
+/// out[x] = h_0 centre[x] + Σ_k h_k (before(k)[x] + after(k)[x]), `columns` vectors at a time: the sums stay
+/// in registers, so that each number is read once a tap and written once.
+template <std::size_t columns, class Before, class After>
+std::size_t filter_columns(std::size_t x, std::size_t width, std::span<const float> taps, const float* centre,
+                           const Before& before, const After& after, float* out) {
+  const auto load = [](const float* from) { return Lanes(from, stdx::element_aligned); };
+  for (; x + columns * k_lanes <= width; x += columns * k_lanes) {
+    std::array<Lanes, columns> sum;
+    for (std::size_t c = 0; c < columns; ++c) sum[c] = taps[0] * load(centre + x + c * k_lanes);
+    for (std::size_t k = 1; k < taps.size(); ++k) {
+      const float *one = before(k) + x, *other = after(k) + x;
+      const Lanes h = taps[k];
+      for (std::size_t c = 0; c < columns; ++c)
+        sum[c] += h * (load(one + c * k_lanes) + load(other + c * k_lanes));
+    }
+    for (std::size_t c = 0; c < columns; ++c) sum[c].copy_to(out + x + c * k_lanes, stdx::element_aligned);
+  }
+  return x;
+}
+
+template <class Before, class After>
+void filter_line(std::size_t width, std::span<const float> taps, const float* centre, const Before& before,
+                 const After& after, float* out) {
+  std::size_t x = filter_columns<4>(0, width, taps, centre, before, after, out);
+  x = filter_columns<1>(x, width, taps, centre, before, after, out);
+  for (; x < width; ++x) {
+    float sum = taps[0] * centre[x];
+    for (std::size_t k = 1; k < taps.size(); ++k) sum += taps[k] * (before(k)[x] + after(k)[x]);
+    out[x] = sum;
+  }
+}
+
+}  // namespace
+
 void filter_picture(const float* in, int width, int height, std::span<const float> taps, float* out,
-                    std::vector<float>& work, int threads) {
-  const auto w = static_cast<std::size_t>(width),
+                    std::size_t out_stride, int threads) {
+  const auto w = static_cast<std::size_t>(width), radius = taps.size() - 1,
              blocks = static_cast<std::size_t>((height + k_block_rows - 1) / k_block_rows);
-  const int radius = static_cast<int>(taps.size()) - 1;
-  work.resize(w * static_cast<std::size_t>(height));
-  const auto rows_of = [&](std::size_t block, const auto& body) {
+  const auto row_of = [&](int y) { return in + w * static_cast<std::size_t>(reflected(y, height)); };
+  parallel_for(blocks, static_cast<std::size_t>(threads), [&](std::size_t block) {
+    std::vector<float> row(w + 2 * radius);  // down the columns, with its reflections at both ends
+    float* centre = row.data() + radius;
     const int first = static_cast<int>(block) * k_block_rows;
-    for (int y = first; y < std::min(height, first + k_block_rows); ++y) body(y);
-  };
-  // Down the columns: whole rows are added, so that every loop runs along memory.
-  parallel_for(blocks, static_cast<std::size_t>(threads), [&](std::size_t block) {
-    rows_of(block, [&](int y) {
-      float* __restrict to = work.data() + w * static_cast<std::size_t>(y);
-      const float* centre = in + w * static_cast<std::size_t>(y);
-      for (std::size_t x = 0; x < w; ++x) to[x] = taps[0] * centre[x];
-      for (int k = 1; k <= radius; ++k) {
-        const float* up = in + w * static_cast<std::size_t>(reflected(y - k, height));
-        const float* down = in + w * static_cast<std::size_t>(reflected(y + k, height));
-        const float h = taps[static_cast<std::size_t>(k)];
-        for (std::size_t x = 0; x < w; ++x) to[x] += h * (up[x] + down[x]);
+    for (int y = first; y < std::min(height, first + k_block_rows); ++y) {
+      filter_line(
+          w, taps, row_of(y), [&](std::size_t k) { return row_of(y - static_cast<int>(k)); },
+          [&](std::size_t k) { return row_of(y + static_cast<int>(k)); }, centre);
+      for (std::size_t k = 1; k <= radius; ++k) {
+        const int i = static_cast<int>(k);
+        *(centre - k) = centre[reflected(-i, width)],
+                   centre[w - 1 + k] = centre[reflected(width - 1 + i, width)];
       }
-    });
-  });
-  // Along the rows, from a copy of the row with its reflections at both ends.
-  parallel_for(blocks, static_cast<std::size_t>(threads), [&](std::size_t block) {
-    std::vector<float> row(w + 2 * static_cast<std::size_t>(radius));
-    rows_of(block, [&](int y) {
-      const float* from = work.data() + w * static_cast<std::size_t>(y);
-      for (int k = 0; k < radius; ++k) {
-        row[static_cast<std::size_t>(k)] = from[reflected(k - radius, width)];
-        row[w + static_cast<std::size_t>(radius + k)] = from[reflected(width + k, width)];
-      }
-      std::copy_n(from, w, row.data() + radius);
-      const float* centre = row.data() + radius;
-      float* __restrict to = out + w * static_cast<std::size_t>(y);
-      for (std::size_t x = 0; x < w; ++x) to[x] = taps[0] * centre[x];
-      for (int k = 1; k <= radius; ++k) {
-        const float h = taps[static_cast<std::size_t>(k)];
-        const float *left = centre - k, *right = centre + k;
-        for (std::size_t x = 0; x < w; ++x) to[x] += h * (left[x] + right[x]);
-      }
-    });
+      filter_line(
+          w, taps, centre, [&](std::size_t k) { return centre - k; },
+          [&](std::size_t k) { return centre + k; }, out + out_stride * static_cast<std::size_t>(y));
+    }
   });
 }
 
@@ -123,21 +144,24 @@ void SplineImage::assign(const files::Picture& picture, double prefilter_sigma, 
   stride_ = (w + 2 * k_border + 31) / 16 * 16;
   const std::size_t size = stride_ * (h + 2 * k_border) + 2 * k_pad;
   if (coefficients_.size() != size) coefficients_.assign(size, 0.0F);
-  filtered_.resize(w * h);
   const float* pixels = picture.pixels.data();
-  std::vector<float>& work = smoothed_;
   if (prefilter_sigma > 0) {
-    filter_picture(pixels, width_, height_, gaussian_taps(prefilter_sigma), filtered_.data(), work, threads);
-    pixels = filtered_.data();
+    smoothed_.resize(w * h);
+    filter_picture(pixels, width_, height_, gaussian_taps(prefilter_sigma), smoothed_.data(), w, threads);
+    pixels = smoothed_.data();
   }
-  filter_picture(pixels, width_, height_, spline_taps(), filtered_.data(), work, threads);
-  for (int j = -k_border; j < height_ + k_border; ++j) {
-    float* row = coefficients_.data() + k_pad + static_cast<std::size_t>(j + k_border) * stride_ + k_border;
-    const float* from = filtered_.data() + w * static_cast<std::size_t>(reflected(j, height_));
-    std::copy_n(from, w, row);
+  const auto row_of = [&](int j) {
+    return coefficients_.data() + k_pad + static_cast<std::size_t>(j + k_border) * stride_ + k_border;
+  };
+  filter_picture(pixels, width_, height_, spline_taps(), row_of(0), stride_, threads);
+  for (int j = 0; j < height_; ++j) {
+    float* row = row_of(j);
     for (int k = 1; k <= k_border; ++k)
-      row[-k] = from[reflected(-k, width_)], row[width_ - 1 + k] = from[reflected(width_ - 1 + k, width_)];
+      row[-k] = row[reflected(-k, width_)], row[width_ - 1 + k] = row[reflected(width_ - 1 + k, width_)];
   }
+  for (int k = 1; k <= k_border; ++k)
+    for (const int j : {-k, height_ - 1 + k})
+      std::copy_n(row_of(reflected(j, height_)) - k_border, w + 2 * k_border, row_of(j) - k_border);
 }
 
 SplineImage::Value SplineImage::at(double x, double y) const {

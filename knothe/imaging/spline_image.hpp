@@ -49,12 +49,13 @@ class SplineImage {
   int width_ = 0, height_ = 0;
   std::size_t stride_ = 0;
   std::vector<float> coefficients_;
-  std::vector<float> smoothed_, filtered_;
+  std::vector<float> smoothed_;
 };
 
-/// The filter of taps h_0, h_1 … h_n (symmetric) along rows and columns; reflection at the borders.
+/// The filter of taps h_0, h_1 … h_n (symmetric) along rows and columns; reflection at the borders. Rows of
+/// `out` are `out_stride` apart; `out` is not `in`.
 void filter_picture(const float* in, int width, int height, std::span<const float> taps, float* out,
-                    std::vector<float>& work, int threads);
+                    std::size_t out_stride, int threads);
 
 /// Taps of a Gaussian of standard deviation sigma (px), cut at 4 sigma, sum 1.
 [[nodiscard]] std::vector<float> gaussian_taps(double sigma);

@@ -22,7 +22,8 @@ th { position: sticky; top: 0; background: #fff; } td:first-child, th:first-chil
 
 std::string escaped(const std::string& text) {
   std::string safe;
-  for (const char c : text) safe += c == '&' ? "&amp;" : c == '<' ? "&lt;" : c == '"' ? "&quot;" : std::string(1, c);
+  for (const char c : text)
+    safe += c == '&' ? "&amp;" : c == '<' ? "&lt;" : c == '"' ? "&quot;" : std::string(1, c);
   return safe;
 }
 
@@ -35,17 +36,19 @@ std::string crack_cell(const imaging::PictureResult& r, double unit) {
 }  // namespace
 
 void write_maps_page(const std::string& folder, const imaging::PictureSeries& series,
-                     const std::vector<MappedPicture>& pictures, const std::optional<imaging::PictureFrame>& frame,
-                     const std::string& registration) {
+                     const std::vector<MappedPicture>& pictures,
+                     const std::optional<imaging::PictureFrame>& frame, const std::string& registration) {
   const double unit = frame ? 1e3 * frame->scale() : 1;
   const char* length = frame ? "mm" : "px";
   std::string page = k_head;
-  page += fmt::format("<p>{} pictures against {}; {} elements, {} nodes. {}</p>\n<div class=\"list\"><table><tr><th>picture",
-                      series.options().pictures.size(), escaped(series.options().references.front()),
-                      series.correlation().mesh().element_count(), series.correlation().mesh().node_count(),
-                      escaped(registration));
   page += fmt::format(
-      "</th><th>iterations</th><th>residual, grey levels</th><th>noise of a displacement, px</th><th>gain</th>"
+      "<p>{} pictures against {}; {} elements, {} nodes. {}</p>\n<div class=\"list\"><table><tr><th>picture",
+      series.options().pictures.size(), escaped(series.options().references.front()),
+      series.correlation().mesh().element_count(), series.correlation().mesh().node_count(),
+      escaped(registration));
+  page += fmt::format(
+      "</th><th>iterations</th><th>residual, grey levels</th><th>noise of a displacement, "
+      "px</th><th>gain</th>"
       "<th>elements out</th>{}<th>remark</th></tr>\n",
       series.options().crack ? fmt::format("<th>crack, {}</th>", length) : "");
   for (const auto& p : pictures) {
@@ -56,23 +59,26 @@ void write_maps_page(const std::string& folder, const imaging::PictureSeries& se
     const std::string crack =
         series.options().crack ? fmt::format("<td>{}</td>", r.missing ? "" : crack_cell(r, unit)) : "";
     if (r.missing) {
-      page += fmt::format("<tr class=\"bad\"><td>{}</td><td colspan=\"5\">not measured</td>{}<td class=\"words\">{}</td></tr>\n",
-                          link, crack, escaped(r.message));
+      page += fmt::format(
+          "<tr class=\"bad\"><td>{}</td><td colspan=\"5\">not measured</td>{}<td "
+          "class=\"words\">{}</td></tr>\n",
+          link, crack, escaped(r.message));
       continue;
     }
-    page += fmt::format("<tr><td>{}</td><td>{}</td><td>{:.3g}</td><td>{:.4f}</td><td>{:.3f}</td><td>{}</td>{}<td "
-                        "class=\"words\">{}</td></tr>\n",
-                        link, c.iterations, c.residual_rms, p.noise_std, c.gain,
-                        c.elements_rejected, crack,
-                        r.reference.empty() ? "" : "against " + escaped(r.reference));
+    page += fmt::format(
+        "<tr><td>{}</td><td>{}</td><td>{:.3g}</td><td>{:.4f}</td><td>{:.3f}</td><td>{}</td>{}<td "
+        "class=\"words\">{}</td></tr>\n",
+        link, c.iterations, c.residual_rms, p.noise_std, c.gain, c.elements_rejected, crack,
+        r.reference.empty() ? "" : "against " + escaped(r.reference));
   }
   page += "</table></div>\n";
   if (!registration.empty())
     page += "<figure><img src=\"registration.png\" alt=\"outline on the picture\"></figure>\n";
   for (const auto& p : pictures)
     if (!p.stem.empty())
-      page += fmt::format("<figure id=\"p{}\"><img loading=\"lazy\" src=\"{}.png\" alt=\"maps of {}\"></figure>\n",
-                          p.result->index, escaped(p.stem), escaped(p.result->picture));
+      page += fmt::format(
+          "<figure id=\"p{}\"><img loading=\"lazy\" src=\"{}.png\" alt=\"maps of {}\"></figure>\n",
+          p.result->index, escaped(p.stem), escaped(p.result->picture));
   page += "</body></html>\n";
   files::write_text_atomically((std::filesystem::path(folder) / "index.html").string(), page);
 }

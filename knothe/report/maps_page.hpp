@@ -16,11 +16,11 @@ struct MappedPicture {
   std::string stem;      ///< its maps are STEM.png; empty: there are none
 };
 
-/// Writes FOLDER/index.html: a line for each picture (how well it was measured, its crack), and below the maps, which
-/// are files beside it. `registration`: what is to be said of the outline, whose map is registration.png; empty:
-/// nothing. Errors: IoError.
+/// Writes FOLDER/index.html: a line for each picture (how well it was measured, its crack), and below the
+/// maps, which are files beside it. `registration`: what is to be said of the outline, whose map is
+/// registration.png; empty: nothing. Errors: IoError.
 void write_maps_page(const std::string& folder, const imaging::PictureSeries& series,
-                     const std::vector<MappedPicture>& pictures, const std::optional<imaging::PictureFrame>& frame,
-                     const std::string& registration);
+                     const std::vector<MappedPicture>& pictures,
+                     const std::optional<imaging::PictureFrame>& frame, const std::string& registration);
 
 }  // namespace knothe::report
