@@ -3,7 +3,9 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <map>
 #include <numeric>
+#include <set>
 
 #include "knothe/base/error.hpp"
 #include "knothe/files/test_folder.hpp"
@@ -119,6 +121,29 @@ TEST(HexahedronMesh, faulty_cells_are_named) {
   flat.cells[8 * 9 + 1] = flat.cells[8 * 9 + 0];
   EXPECT_NE(message_of<knothe::DataError>([&] { validate(flat, "beam"); }).find("element 9"),
             std::string::npos);
+  // The elements to the right of the ligament get nodes of their own where they meet the others: two halves.
+  HexahedronMesh halves = mesh;
+  std::set<std::int64_t> left;
+  for (std::int64_t cell = 0; cell < mesh.cell_count(); ++cell)
+    if (mesh.cell_centre(cell)[0] < 0.005)
+      left.insert(&mesh.cells[static_cast<std::size_t>(8 * cell)],
+                  &mesh.cells[static_cast<std::size_t>(8 * cell)] + 8);
+  std::map<std::int64_t, std::int64_t> copies;
+  for (std::int64_t cell = 0; cell < mesh.cell_count(); ++cell) {
+    if (mesh.cell_centre(cell)[0] < 0.005) continue;
+    for (int a = 0; a < 8; ++a) {
+      std::int64_t& node = halves.cells[static_cast<std::size_t>(8 * cell + a)];
+      if (!left.contains(node)) continue;
+      const auto [copy, fresh] = copies.emplace(node, halves.node_count());
+      if (fresh)
+        for (int c = 0; c < 3; ++c)
+          halves.points.push_back(mesh.points[static_cast<std::size_t>(3 * node + c)]);
+      node = copy->second;
+    }
+  }
+  const std::string parts = message_of<knothe::DataError>([&] { validate(halves, "beam"); });
+  EXPECT_NE(parts.find("beam: the mesh is in 2 parts that share no face: element "), std::string::npos)
+      << parts;
   HexahedronMesh loose = mesh;
   loose.points.insert(loose.points.end(), {1.0, 1.0, 1.0});
   EXPECT_NE(message_of<knothe::DataError>([&] { validate(loose, "beam"); }).find("node 2520"),

@@ -193,14 +193,14 @@ struct DistributedSystem::Implementation {
     return prescribed[static_cast<std::size_t>(3 * node + component)] != 0;
   }
 
-  /// Symmetric Gauss–Seidel smoothing, thrice, and weak couplings left out of the aggregates: half the
+  /// Symmetric Gauss–Seidel smoothing, four times, and weak couplings left out of the aggregates: half the
   /// iterations of the defaults on elements of 6 : 1. The shift is for unknowns of the coarser levels that
   /// nothing determines (an aggregate of two nodes has no rotation about its axis): their diagonal is zero.
   void make_solver(double scale) {
-    set_default("-knothe_pc_gamg_threshold", "0.04");
+    set_default("-knothe_pc_gamg_threshold", "0.05");
     set_default("-knothe_mg_levels_pc_type", "sor");
     set_default("-knothe_mg_levels_pc_sor_diagonal_shift", fmt::format("{:.3e}", 1e-8 * scale));
-    set_default("-knothe_mg_levels_ksp_max_it", "3");
+    set_default("-knothe_mg_levels_ksp_max_it", "4");
     check(KSPCreate(PETSC_COMM_WORLD, solver.out()), "make a solver");
     check(KSPSetOptionsPrefix(solver.get(), "knothe_"), "name the solver");
     PC preconditioner = nullptr;

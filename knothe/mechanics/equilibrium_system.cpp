@@ -177,25 +177,25 @@ Flexibility::Flexibility(const Structure& structure)
   };
   std::sort(dofs_.begin(), dofs_.end(), [&](int a, int b) { return key(a) < key(b); });
   for (std::size_t i = 0; i < dofs_.size(); ++i) place_[dofs_[i]] = static_cast<int>(i);
-  blocks_.resize((dofs_.size() + k_block - 1) / k_block);
+  columns_.resize(dofs_.size());
 }
 
 std::span<const double> Flexibility::column(int place) {
-  auto& block = blocks_[place / k_block];
-  const std::size_t rows = dofs_.size();
-  if (block.empty()) {
+  if (columns_[place].empty()) {
+    const std::size_t rows = dofs_.size();
     const int first = place / k_block * k_block;
     const int columns = std::min(k_block, static_cast<int>(rows) - first);
     const auto size = static_cast<std::size_t>(structure_.free_count());
     std::vector<double> right(size * columns, 0.0);
     for (int c = 0; c < columns; ++c) right[size * c + structure_.free_index(dofs_[first + c])] = 1.0;
     structure_.factor().solve(right, columns);
-    block.resize(rows * columns);
-    for (int c = 0; c < columns; ++c)
-      for (std::size_t i = 0; i < rows; ++i)
-        block[rows * c + i] = right[size * c + structure_.free_index(dofs_[i])];
+    for (int c = 0; c < columns; ++c) {
+      std::vector<double>& column = columns_[first + c];
+      column.resize(rows);
+      for (std::size_t i = 0; i < rows; ++i) column[i] = right[size * c + structure_.free_index(dofs_[i])];
+    }
   }
-  return std::span(block).subspan(rows * (place % k_block), rows);
+  return columns_[place];
 }
 
 }  // namespace knothe::mechanics

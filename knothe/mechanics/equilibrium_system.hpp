@@ -47,11 +47,13 @@ class Flexibility {
   [[nodiscard]] int dof(int place) const { return dofs_[place]; }
   /// Entries of column `place`, for all places.
   [[nodiscard]] std::span<const double> column(int place);
+  /// Column `place` will not be wanted again: its memory is given back.
+  void release(int place) { columns_[static_cast<std::size_t>(place)] = {}; }
 
  private:
   const Structure& structure_;
   std::vector<int> place_, dofs_;
-  std::vector<std::vector<double>> blocks_;
+  std::vector<std::vector<double>> columns_;
 };
 
 /// Unknowns are the free dofs of active cells; the rest follows elastically and is condensed: with G the

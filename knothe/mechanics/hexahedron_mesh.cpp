@@ -5,6 +5,9 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
+#include <utility>
+#include <vector>
 
 #include "knothe/base/error.hpp"
 
@@ -54,6 +57,47 @@ void check_cell(const HexahedronMesh& mesh, std::int64_t cell, const std::string
   }
 }
 
+/// Every cell must be reached from the first one through faces: what hangs on an edge or a node can turn, and
+/// what hangs on nothing can fly away.
+void check_connected(const HexahedronMesh& mesh, const std::string& source) {
+  using Face = std::array<std::int64_t, 4>;
+  constexpr int k_faces[6][4] = {{0, 1, 2, 3}, {4, 5, 6, 7}, {0, 1, 5, 4},
+                                 {1, 2, 6, 5}, {2, 3, 7, 6}, {3, 0, 4, 7}};
+  std::vector<std::pair<Face, std::int64_t>> faces;
+  for (std::int64_t cell = 0; cell < mesh.cell_count(); ++cell)
+    for (const auto& corners : k_faces) {
+      Face face;
+      for (std::size_t k = 0; k < 4; ++k) face[k] = mesh.cells[8 * cell + corners[k]];
+      std::sort(face.begin(), face.end());
+      faces.emplace_back(face, cell);
+    }
+  std::sort(faces.begin(), faces.end());
+  std::vector<std::int64_t> leader(mesh.cell_count());  // union-find: the smallest cell of each part
+  std::iota(leader.begin(), leader.end(), 0);
+  const auto find = [&](std::int64_t cell) {
+    while (leader[cell] != cell) cell = leader[cell] = leader[leader[cell]];
+    return cell;
+  };
+  for (std::size_t i = 1; i < faces.size(); ++i) {
+    if (faces[i].first != faces[i - 1].first) continue;
+    const auto [low, high] = std::minmax({find(faces[i].second), find(faces[i - 1].second)});
+    leader[high] = low;
+  }
+  std::int64_t parts = 0, other = 0;
+  for (std::int64_t cell = 0; cell < mesh.cell_count(); ++cell) {
+    if (leader[cell] != cell) continue;
+    if (++parts == 2) other = cell;
+  }
+  if (parts == 1) return;
+  const auto centre = mesh.cell_centre(other);
+  throw DataError(fmt::format(
+      "{}: the mesh is in {} parts that share no face: element {} (centre x = {:.6g}, y = {:.6g}, z = {:.6g} "
+      "m) is "
+      "not connected with element {}; nodes at the same place must be one node (in Gmsh: Coherence)",
+      source, parts, mesh.names.empty() ? other : mesh.names[other], centre[0], centre[1], centre[2],
+      mesh.names.empty() ? 0 : mesh.names[0]));
+}
+
 }  // namespace
 
 std::array<double, 3> HexahedronMesh::cell_centre(std::int64_t cell) const {
@@ -96,6 +140,7 @@ void validate(const HexahedronMesh& mesh, const std::string& source) {
   if (unused != used.end())
     throw DataError(
         fmt::format("{}: node {} (counted from 0) belongs to no hexahedron", source, unused - used.begin()));
+  check_connected(mesh, source);
   const auto require = [&](const NodeSet& set, const char* name) {
     if (set.empty()) throw DataError(fmt::format("{}: no node belongs to \"{}\"", source, name));
   };

@@ -33,11 +33,17 @@ void LatinBody::join(std::span<const std::int64_t> cells) {
       places_.push_back(place_[dof]);
     }
   }
-  const Index n = dof_count();
-  flexibility_matrix_.resize(n, n);
-  for (Index j = 0; j < n; ++j) {
-    const auto column = flexibility_.column(flexibility_.place(dofs_[j]));
-    for (Index i = 0; i < n; ++i) flexibility_matrix_(i, j) = column[flexibility_.place(dofs_[i])];
+  // G is symmetric: the new columns hold the new rows of the old ones, so each is wanted once. At 100,000
+  // dofs all of them, for all dofs that may ever be active, would be gigabytes.
+  const Index known = flexibility_matrix_.rows(), n = dof_count();
+  flexibility_matrix_.conservativeResize(n, n);
+  for (Index j = known; j < n; ++j) {
+    const int place = flexibility_.place(dofs_[static_cast<std::size_t>(j)]);
+    const auto column = flexibility_.column(place);
+    for (Index i = 0; i <= j; ++i)
+      flexibility_matrix_(i, j) = flexibility_matrix_(j, i) =
+          column[static_cast<std::size_t>(flexibility_.place(dofs_[static_cast<std::size_t>(i)]))];
+    flexibility_.release(place);
   }
   weights_.resize(point_count());
   for (std::size_t c = 0; c < cells_.size(); ++c)

@@ -56,7 +56,8 @@ double largest_error(const GridSolutions& solutions, const ModelContents& coordi
 
 /// A model in coordinates becomes one of fields.
 void expand(const GridSolutions& solutions, ModelContents& model) {
-  model.lift = as_vector(solutions.basis * lift_of(model));  // first: its shape is told by that of the space modes
+  model.lift =
+      as_vector(solutions.basis * lift_of(model));  // first: its shape is told by that of the space modes
   model.space = as_vector(solutions.basis * space_of(model));
   model.dofs = solutions.basis_dofs;
   model.mesh = solutions.basis_mesh;

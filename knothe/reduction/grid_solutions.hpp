@@ -13,13 +13,13 @@
 
 namespace knothe::reduction {
 
-/// u(x, t, p) at the grid points. With a basis Q, u = Q c: `snapshots` then hold the coordinates c, R for each step
-/// and point, as if they were dofs (and the lift's). Q is orthonormal, so norms, and with them the whole
-/// decomposition, are the same for c as for u, at n_dof / R less work and memory.
+/// u(x, t, p) at the grid points. With a basis Q, u = Q c: `snapshots` then hold the coordinates c, R for
+/// each step and point, as if they were dofs (and the lift's). Q is orthonormal, so norms, and with them the
+/// whole decomposition, are the same for c as for u, at n_dof / R less work and memory.
 struct GridSolutions {
-  Snapshots snapshots;     ///< fields, or coordinates [n₁, …, n_d, n_t, R] without dofs and mesh
-  Eigen::MatrixXd basis;   ///< Q, n_dof × R, orthonormal; empty: the snapshots are fields
-  Dofs basis_dofs;         ///< those of Q's rows
+  Snapshots snapshots;    ///< fields, or coordinates [n₁, …, n_d, n_t, R] without dofs and mesh
+  Eigen::MatrixXd basis;  ///< Q, n_dof × R, orthonormal; empty: the snapshots are fields
+  Dofs basis_dofs;        ///< those of Q's rows
   std::optional<Mesh> basis_mesh;
 
   [[nodiscard]] const Dofs& dofs() const { return basis.size() == 0 ? snapshots.dofs : basis_dofs; }
@@ -32,9 +32,9 @@ struct GridSolutions {
   [[nodiscard]] Snapshots at_dofs(std::span<const std::size_t> dofs) const;
 };
 
-/// The solutions (R + 1) modes `modes` (n_dof × R, of any norm) and coordinates in them, R × n_t for each grid point,
-/// in an orthonormal basis. `frame` has axes, time, dofs, mesh and outputs; its lift is the sum of the modes with
-/// coordinates `lift`, R × n_t. UsageError if sizes differ.
+/// The solutions (R + 1) modes `modes` (n_dof × R, of any norm) and coordinates in them, R × n_t for each
+/// grid point, in an orthonormal basis. `frame` has axes, time, dofs, mesh and outputs; its lift is the sum
+/// of the modes with coordinates `lift`, R × n_t. UsageError if sizes differ.
 [[nodiscard]] GridSolutions solutions_in_modes(Snapshots frame, const Eigen::MatrixXd& modes,
                                                std::span<const Eigen::MatrixXd> coordinates,
                                                const Eigen::MatrixXd& lift);
