@@ -198,6 +198,9 @@ void add_picture(nlohmann::ordered_json& line, const project::PictureDatum& datu
   line["picture"] = {{"name", r.picture},
                      {"missing", r.missing},
                      {"iterations", r.correlation.iterations},
+                     {"start", r.correlation.searched    ? "search"
+                               : r.correlation.predicted ? "model"
+                                                         : "last"},
                      {"residual_rms", r.correlation.residual_rms},
                      {"elements_rejected", r.correlation.elements_rejected}};
   if (r.missing) line["picture"]["message"] = r.message;
@@ -261,14 +264,19 @@ int assimilate(const AssimilateArguments& arguments) {
   const auto start = monotonic_now();
   bool interrupted = false;
   std::vector<std::size_t> untrusted;
+  Eigen::VectorXd mean;  // of the parameters, after the last step
   std::size_t steps = 0;
   for (std::size_t step = 0; step < setup.measurements.time.size() && !interrupted; ++step) {
     std::optional<project::PictureDatum> picture;
+    if (setup.pictures && mean.size() != 0 && step + 1 < setup.time_indices.size())
+      setup.pictures->set_increment(setup.observed->predict(mean, setup.time_indices[step + 1]) -
+                                    setup.observed->predict(mean, setup.time_indices[step]));
     if (setup.pictures) picture = next_picture(*setup.pictures, step, setup, update, comparison, results);
     const auto scores = awaited.look(setup.time_indices[step],
                                      setup.measurements.values.col(static_cast<Eigen::Index>(step)));
     const assimilation::UpdateResult& result = update.update(
         step, setup.time_indices[step], setup.measurements.values.col(static_cast<Eigen::Index>(step)));
+    mean = result.mean;
     // A node on a crack is no sensor that fell silent, nor is a camera's drift.
     if (!picture && setup.measurements.noise.is_independent())
       watch.look(setup.measurements.values.col(static_cast<Eigen::Index>(step)),

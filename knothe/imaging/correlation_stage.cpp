@@ -5,6 +5,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/threads.hpp"
@@ -242,6 +243,23 @@ int CorrelationStage::readmit(const SplineImage& deformed, CorrelationResult& re
   return count;
 }
 
+void CorrelationStage::start_brightness(const CorrelationResult& result) {
+  std::fill(element_brightness_.begin(), element_brightness_.end(),
+            std::array<float, 2>{static_cast<float>(result.gain), static_cast<float>(result.offset)});
+  sums_current_ = false;
+  brightness_step_.setZero();
+}
+
+double CorrelationStage::misfit(const SplineImage& deformed, const CorrelationResult& result) {
+  start_brightness(result);
+  sum_residuals(deformed, result);
+  double squares = 0, count = 0;
+  for (std::size_t e = 0; e < sums_.size(); ++e)
+    if (result.element_valid.empty() || result.element_valid[e] != 0)
+      squares += sums_[e].r_squared, count += sums_[e].count;
+  return count > 0 ? squares / count : std::numeric_limits<double>::infinity();
+}
+
 bool CorrelationStage::correlate(const SplineImage& deformed, CorrelationResult& result,
                                  bool give_up_if_far) {
   if (result.element_valid.empty()) {
@@ -251,17 +269,8 @@ bool CorrelationStage::correlate(const SplineImage& deformed, CorrelationResult&
   }
   result.iterations = 0;
   result.message.clear();
-  std::fill(element_brightness_.begin(), element_brightness_.end(),
-            std::array<float, 2>{static_cast<float>(result.gain), static_cast<float>(result.offset)});
-  sums_current_ = false;
-  brightness_step_.setZero();
-  if (give_up_if_far) {
-    sum_residuals(deformed, result);
-    double squares = 0, count = 0;
-    for (std::size_t e = 0; e < sums_.size(); ++e)
-      if (result.element_valid[e] != 0) squares += sums_[e].r_squared, count += sums_[e].count;
-    if (!(squares < k_far * k_far * contrast() * contrast() * count)) return false;
-  }
+  start_brightness(result);
+  if (give_up_if_far && !(misfit(deformed, result) < k_far * k_far * contrast() * contrast())) return false;
   std::vector<char> tried(usable_.size(), 0);
   int allowed = options_.max_iterations, readmissions = 0;  // iterations without an element taken out
   for (int round = 0;; ++round) {

@@ -50,6 +50,9 @@ class CorrelationStage {
   /// `give_up_if_far`: false, at once, where the start explains so little of the picture that iterating from
   /// it would be in vain.
   bool correlate(const SplineImage& deformed, CorrelationResult& result, bool give_up_if_far = false);
+  /// Mean square of the residual over the elements that are valid in a result (all usable where it does not
+  /// say) at its displacement; infinity where nothing is seen.
+  [[nodiscard]] double misfit(const SplineImage& deformed, const CorrelationResult& result);
   /// R of the regularisation with its weight, both triangles; empty without one.
   [[nodiscard]] Eigen::SparseMatrix<double> penalty(const std::vector<char>& valid) const;
   /// Fills result.unregularised if there is a regularisation.
@@ -72,6 +75,7 @@ class CorrelationStage {
   void make_constants();
   void factorise(const std::vector<char>& valid);
   void sum_residuals(const SplineImage& deformed, const CorrelationResult& result);
+  void start_brightness(const CorrelationResult& result);
   /// What the sums of r, r² and r f become by the last step, to first order of it: no pass over the pixels.
   void continue_sums(const CorrelationResult& result);
   [[nodiscard]] Eigen::Matrix<double, 8, 1> element_right(std::size_t element) const;

@@ -44,8 +44,8 @@ Eigen::Matrix<double, 8, 1> CorrelationStage::element_right(std::size_t e) const
   return b;
 }
 
-/// r − (N ∇f)ᵀ δ − (f, 1) c instead of r. The last step is below the tolerance, a thousandth of a pixel: what this
-/// leaves out is of its second order, a millionth of the residual.
+/// r − (N ∇f)ᵀ δ − (f, 1) c instead of r. The last step is below the tolerance, a thousandth of a pixel: what
+/// this leaves out is of its second order, a millionth of the residual.
 void CorrelationStage::continue_sums(const CorrelationResult& result) {
   for (std::size_t e = 0; e < mesh_.elements.size(); ++e) {
     if (usable_[e] == 0) continue;
@@ -111,8 +111,8 @@ double CorrelationStage::step(CorrelationResult& result, Eigen::VectorXd& last, 
       element_step_[e] = {change[0], change[1]};
     }
   }
-  // The noise of the reference is in M twice, so every step is too short by one share of it: by what is left for
-  // the next one to do, (1 − ρ)⁻¹ is learnt (Aitken), and a picture takes three steps instead of four.
+  // The noise of the reference is in M twice, so every step is too short by one share of it: by what is left
+  // for the next one to do, (1 − ρ)⁻¹ is learnt (Aitken), and a picture takes three steps instead of four.
   if (last.size() != 0) {
     const double left = last.dot(step_) / last.squaredNorm();
     const double longer = lengthening / (1 - std::clamp(left, -0.5, 0.5));

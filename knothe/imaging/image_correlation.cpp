@@ -19,6 +19,7 @@ namespace {
 
 constexpr double k_coarsest = 64;        // px: size of the region in the smallest picture, at most twice that
 constexpr double k_coarse_element = 16;  // px of the coarse picture, at least
+constexpr double k_same_start = 0.1;     // px: starts nearer than that are as good as each other
 constexpr double k_coarse_smoothing = 3;  // cut-off wavelength of coarse stages, in elements
 
 /// Pixels of the mesh, as a mask.
@@ -252,12 +253,14 @@ const std::vector<double>& ImageCorrelation::element_gradient() const {
 }
 
 CorrelationResult ImageCorrelation::correlate(const files::Picture& deformed, const Eigen::VectorXd& start,
-                                              const std::vector<char>& start_valid) {
+                                              const std::vector<char>& start_valid,
+                                              const Eigen::VectorXd& prediction) {
   require_same_size(deformed, work_->reference.width, work_->reference.height, "the deformed picture");
   const Eigen::Index dofs = 2 * mesh().node_count();
-  if (start.size() != 0 && start.size() != dofs)
-    throw UsageError(fmt::format("image correlation: {} displacements to start with, the mesh has {}",
-                                 start.size(), dofs));
+  for (const Eigen::VectorXd* given : {&start, &prediction})
+    if (given->size() != 0 && given->size() != dofs)
+      throw UsageError(fmt::format("image correlation: {} displacements to start with, the mesh has {}",
+                                   given->size(), dofs));
   CorrelationResult result;
   result.displacement = start.size() != 0 ? start : Eigen::VectorXd(Eigen::VectorXd::Zero(dofs));
   // The first two that differ are soon found in a picture of something.
@@ -276,6 +279,12 @@ CorrelationResult ImageCorrelation::correlate(const files::Picture& deformed, co
   work_->deformed.assign(deformed, work_->options.prefilter_sigma, work_->options.threads);
   if (start.size() != 0) {
     if (start_valid.size() == mesh().elements.size()) result.element_valid = start_valid;
+    if (prediction.size() != 0 && (prediction - start).cwiseAbs().maxCoeff() > k_same_start) {
+      const double misfit = work_->fine.misfit(work_->deformed, result);
+      result.displacement = prediction;
+      result.predicted = work_->fine.misfit(work_->deformed, result) < misfit;
+      if (!result.predicted) result.displacement = start;
+    }
     if (work_->fine.correlate(work_->deformed, result, true)) {
       work_->fine.take_regularisation_out(work_->deformed, result);
       return result;

@@ -51,7 +51,8 @@ struct CorrelationResult {
   /// of a likelihood with `ImageCorrelation::precision`; empty without regularisation.
   Eigen::VectorXd unregularised;
   bool converged = false;
-  bool searched = false;  ///< the start was looked for from coarse to fine pictures
+  bool searched = false;   ///< the start was looked for from coarse to fine pictures
+  bool predicted = false;  ///< it was the prediction that was given beside the start, which fitted better
   int iterations = 0;
   double last_step = 0;                  ///< largest change in the last iteration, px
   double residual_rms = 0;               ///< grey levels, over the valid elements
@@ -114,10 +115,12 @@ class ImageCorrelation {
 
   /// `start`: displacements to begin with (empty, or too far off: a search from coarse to fine pictures);
   /// `start_valid`: the elements to begin with (empty: all), so that a crack need not be found again in every
-  /// picture: elements that are 0 come back where they can be measured. Errors: UsageError for a picture of
-  /// another size or a start of another length.
+  /// picture: elements that are 0 come back where they can be measured. `prediction` (may be empty): another
+  /// start; where it is more than 0.1 px from the first, the one with the smaller residual is taken. Errors:
+  /// UsageError for a picture of another size or a start of another length.
   [[nodiscard]] CorrelationResult correlate(const files::Picture& deformed, const Eigen::VectorXd& start = {},
-                                            const std::vector<char>& start_valid = {});
+                                            const std::vector<char>& start_valid = {},
+                                            const Eigen::VectorXd& prediction = {});
 
   /// The deformed picture that residual_picture looks at, where the result was found by other means.
   void set_deformed(const files::Picture& deformed);

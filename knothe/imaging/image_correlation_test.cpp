@@ -76,6 +76,27 @@ TEST(ImageCorrelation, FindsLargeMotionsWithoutAStart) {
   }
 }
 
+TEST(ImageCorrelation, APredictionIsTakenWhereItFitsBetterThanTheStart) {
+  ImageCorrelation correlation(pattern().render(), structured_mesh(k_region, 25));
+  const auto exact = rigid(9, -6);
+  const auto moved = pattern().render(exact);
+  const auto all = [&](double u, double v) {
+    Eigen::VectorXd d(2 * correlation.mesh().node_count());
+    for (Eigen::Index a = 0; a < d.size(); a += 2) d.segment<2>(a) << u, v;
+    return d;
+  };
+  const auto alone = correlation.correlate(moved, all(0, 0));
+  EXPECT_TRUE(alone.searched);  // too far from where the last picture was
+  const auto predicted = correlation.correlate(moved, all(0, 0), {}, all(8.6, -5.7));
+  EXPECT_TRUE(predicted.predicted && predicted.converged && !predicted.searched);
+  EXPECT_LE(predicted.iterations, 4);
+  EXPECT_LT(nodal_error(correlation.mesh(), predicted.displacement, exact).rms, 0.01);
+  const auto misled = correlation.correlate(moved, all(8.6, -5.7), {}, all(-9, 6));
+  EXPECT_TRUE(!misled.predicted && misled.converged && !misled.searched);
+  EXPECT_THROW((void)correlation.correlate(moved, all(0, 0), {}, Eigen::VectorXd::Zero(4)),
+               knothe::UsageError);
+}
+
 TEST(ImageCorrelation, ABendingFieldIsFollowed) {
   const DisplacementField bending = [](double x, double y) {
     const double a = 3.0 / 125.0 / 125.0, dx = x - 155, dy = y - 117;

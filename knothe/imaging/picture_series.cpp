@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <utility>
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/threads.hpp"
@@ -188,7 +189,8 @@ CorrelationResult PictureSeries::track(const files::Picture& picture) {
     correlation_->set_deformed(picture);  // for maps of the residual
     return moved_->correlate(picture, start_);
   }
-  CorrelationResult best = correlation_->correlate(picture, start_, start_valid_);
+  CorrelationResult best =
+      correlation_->correlate(picture, start_, start_valid_, std::exchange(prediction_, {}));
   const double elements = correlation_->mesh().element_count();
   if (!best.searched && (!best.converged || is_foreign(best) ||
                          (last_residual_ > 0 && best.residual_rms > k_residual_growth * last_residual_) ||

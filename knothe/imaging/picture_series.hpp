@@ -97,6 +97,10 @@ class PictureSeries {
   /// Displacements to start the next picture from, e.g. a model's prediction, instead of the last picture's.
   void set_start(Eigen::VectorXd start) { start_ = std::move(start); }
 
+  /// Displacements that a model predicts for the next picture, px: it starts from them if they fit better
+  /// than those of the last picture.
+  void set_prediction(Eigen::VectorXd prediction) { prediction_ = std::move(prediction); }
+
   /// Precision of a result's displacements for noise γ (grey levels) of one picture. Where the noise is so
   /// strong against the texture that the correction for the gradient's own noise has no meaning, without it.
   [[nodiscard]] DisplacementPrecision precision(const std::vector<char>& element_valid, double gamma,
@@ -118,7 +122,7 @@ class PictureSeries {
   double known_noise_ = 0, contrast_ = 0;
   std::size_t next_ = 0;
   std::future<files::Picture> reading_;
-  Eigen::VectorXd start_;
+  Eigen::VectorXd start_, prediction_;
   std::vector<char> start_valid_;
   std::vector<float> last_pixels_;
   std::string last_name_;

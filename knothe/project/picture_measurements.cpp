@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 #include <map>
+#include <utility>
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/monotonic_time.hpp"
@@ -203,9 +204,20 @@ PictureDatum PictureMeasurements::next() {
   PictureDatum datum = as_datum(results_[next_]);
   datum.wait_us = wait_us;
   measurements_.values.col(static_cast<Eigen::Index>(next_)) = datum.values;
+  predict_next(datum.picture);
   ++next_;
   correlate_ahead();
   return datum;
+}
+
+/// Where the picture after this one begins, by the model: what is measured now and the model's increment, in
+/// which most of its error has gone.
+void PictureMeasurements::predict_next(const imaging::PictureResult& last) {
+  const Eigen::VectorXd increment = std::exchange(increment_, {});
+  const Eigen::Index count = last.correlation.displacement.size();
+  if (last.missing || increment.size() < count || !increment.allFinite()) return;
+  series_->set_prediction(last.correlation.displacement +
+                          frame_.to_model(Eigen::VectorXd(increment.head(count))) / std::norm(frame_.slope));
 }
 
 PictureDatum PictureMeasurements::measure(const files::Picture& picture, const std::string& name) {

@@ -63,6 +63,10 @@ class PictureMeasurements {
   /// Where the pictures were registered by the outline of the body.
   [[nodiscard]] const std::optional<imaging::OutlineFit>& registration() const { return registration_; }
   PictureDatum next();
+  /// What a model says that displacements change by from the picture that `next` will give to the one after
+  /// it (the observations, m): that one then starts from what it predicts, if it fits better than the picture
+  /// before it.
+  void set_increment(Eigen::VectorXd increment) { increment_ = std::move(increment); }
   /// A picture that is not one of the project's. DataError where it cannot be of this series.
   [[nodiscard]] PictureDatum measure(const files::Picture& picture, const std::string& name);
 
@@ -71,6 +75,7 @@ class PictureMeasurements {
   [[nodiscard]] PictureDatum as_datum(const imaging::PictureResult& picture);
   [[nodiscard]] assimilation::NoiseModel noise_of(Eigen::SparseMatrix<double> in_pixels) const;
   void correlate_ahead();
+  void predict_next(const imaging::PictureResult& last);
 
   imaging::PictureFrame frame_;
   std::optional<imaging::OutlineFit> registration_;
@@ -78,6 +83,7 @@ class PictureMeasurements {
   assimilation::Measurements measurements_;
   std::vector<imaging::PictureResult> results_;
   std::size_t next_ = 0;
+  Eigen::VectorXd increment_;
   double gamma_ = 0;
   std::vector<char> last_valid_;
   std::optional<assimilation::NoiseModel> last_noise_;

@@ -125,6 +125,24 @@ class Test(Case):
         self.edit('registration = "outline"\n', "")
         self.expect(3, "dic", self.project_name, stderr='"dic.outline" needs "dic.registration" = "outline"')
 
+    def test_the_lower_face_is_seen_from_below(self):
+        self.edit('mesh = "model"', 'mesh = "model"\nview = "bottom"')
+        self.edit("origin = [320, 270]", "origin = [320, 145]")
+        self.draw()
+        last = self.assimilate()[-1]
+        for k, truth in enumerate((1.06, 0.96)):
+            self.assertLess(abs(last["mean"][k] - truth), 3.3 * math.sqrt(last["covariance"][k][k]), last)
+            self.assertLess(math.sqrt(last["covariance"][k][k]), 0.2)
+
+    def test_pictures_start_from_what_the_model_predicts(self):
+        """Three pictures, far apart: more than a tenth of a pixel between them."""
+        self.edit("every = 3", "every = 4")
+        self.edit("scale = 4e-4\norigin = [320, 270]", "scale = 4e-4\norigin = [320, 270]")
+        self.draw()
+        starts = [line["picture"]["start"] for line in self.assimilate()]
+        self.assertIn("model", starts[2:])
+        self.assertEqual(set(starts[1:]) - {"model", "last"}, set())
+
     def test_a_picture_that_is_gone_is_missing_data(self):
         self.draw()
         gone = sorted((self.folder / "pictures").glob("picture_*.tif"))[2]
