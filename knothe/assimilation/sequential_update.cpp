@@ -122,12 +122,18 @@ void SequentialUpdate::project_again() {
 
 void SequentialUpdate::project(std::size_t step, const Eigen::Ref<const Eigen::VectorXd>& values,
                                Datum& datum) {
-  const bool moves = projector_.depends_on_order() && supervision_.learns() && supervision_.is_joint();
-  projector_.project(step, datum.time_index, values, datum.form, moves ? &datum.moved.emplace() : nullptr);
+  projector_.project(step, datum.time_index, values, datum.form,
+                     wants_moved_forms() ? &datum.moved.emplace() : nullptr);
 }
 
-void SequentialUpdate::put(std::size_t step, std::size_t time_index, StepForm form, Eigen::VectorXd values) {
+bool SequentialUpdate::wants_moved_forms() const {
+  return projector_.depends_on_order() && supervision_.learns() && supervision_.is_joint();
+}
+
+void SequentialUpdate::put(std::size_t step, std::size_t time_index, StepForm form, Eigen::VectorXd values,
+                           std::optional<MovedForm> moved) {
   Datum datum;
+  datum.moved = std::move(moved);
   datum.values = std::move(values);
   datum.form = std::move(form);
   datum.time_index = time_index;

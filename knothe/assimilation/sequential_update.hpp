@@ -140,7 +140,12 @@ class SequentialUpdate {
   /// makes that of all steps up to `step`, as if nothing later had come; result() and posterior() are then
   /// those. UsageError for a step that is not there.
   /// `values` (may be empty) are what a correction learns from that does not go by the form alone.
-  void put(std::size_t step, std::size_t time_index, StepForm form, Eigen::VectorXd values = {});
+  /// `moved` (`DatumProjector::project`): what a joint correction needs where steps share an error; a step
+  /// without it is not corrected there.
+  void put(std::size_t step, std::size_t time_index, StepForm form, Eigen::VectorXd values = {},
+           std::optional<MovedForm> moved = {});
+  /// Whether a correction wants the moved forms.
+  [[nodiscard]] bool wants_moved_forms() const;
   const UpdateResult& conclude(std::size_t step);
   /// `conclude` may leave out the maps of earlier steps, and then the monitor does not judge this one.
   /// `follow` does not: what it says of `step` is to the bit what `update` says when all data up to it come

@@ -10,7 +10,9 @@
 #include <string>
 
 #include "knothe/base/error.hpp"
+#include "knothe/forecast/forecaster.hpp"
 #include "knothe/numerics/cubic_spline.hpp"
+#include "knothe/reduction/test_models.hpp"
 
 namespace knothe::forecast {
 namespace {
@@ -295,6 +297,38 @@ TEST(CrackBridge, DirectForecastFindsTheLengths) {
       (meta.coordinates(std::vector<double>{0.079}) - meta.coordinates(std::vector<double>{0.0})).transpose();
   EXPECT_GE(bridge.best_lengths(functions)[0], 0.0);
   EXPECT_LE(bridge.best_lengths(functions)[0], 0.079);
+}
+
+TEST(Forecaster, ALengthOffsetMovesTheCrackAndNothingElse) {
+  reduction::ModelContents contents = reduction::random_contents(reduction::Form::tree);
+  contents.outputs.push_back({"imposed_displacement", {"m", ""}, std::vector<double>(5 * 6 * 4, 1.0)});
+  contents.crack = {{0.0, 0.001, 0.002, 0.003, 0.004},
+                    reduction::normal_values(2 * contents.dofs.components.size(), 9),
+                    reduction::normal_values(2 * 5, 10)};
+  const reduction::SeparatedModel model(std::move(contents));
+  const auto& dofs = model.contents().dofs;
+  ForecastSpecification elastic, meant;
+  elastic.name = "elastic", meant.name = "meant";
+  elastic.horizon = meant.horizon = 2.0;
+  elastic.prior_mean = meant.prior_mean = 0.001;
+  elastic.discrepancy_std = meant.discrepancy_std = 3;
+  meant.length_offset = 0.005;
+  elastic.threshold = 0.0012, meant.threshold = 0.0062;
+  Forecaster forecaster(model, dofs.points, dofs.components, {elastic, meant});
+  Eigen::MatrixXd points(2, 2);
+  points.row(0) = model.functions()->lower().transpose();
+  points.row(1) = 0.5 * (model.functions()->lower() + model.functions()->upper()).transpose();
+  const Eigen::Vector2d weights(0.4, 0.6);
+  for (const auto& both : {forecaster.update(points, weights), forecaster.direct(points, weights)}) {
+    const ScalarForecast &a = both[0].forecast, &b = both[1].forecast;
+    EXPECT_NEAR(b.mean - a.mean, 0.005, 1e-15);
+    EXPECT_NEAR(b.maximum_a_posteriori - a.maximum_a_posteriori, 0.005, 1e-15);
+    EXPECT_NEAR(b.values[4] - a.values[4], 0.005, 1e-15);
+    EXPECT_NEAR(b.points.back() - a.points.back(), 0.005, 1e-15);
+    EXPECT_EQ(b.std, a.std);
+    EXPECT_EQ(b.density, a.density);
+    EXPECT_NEAR(b.probability_above_threshold, a.probability_above_threshold, 1e-9);
+  }
 }
 
 TEST(CrackBridge, SaysWhatIsWrongWithItsOptions) {

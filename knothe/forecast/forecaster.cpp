@@ -64,6 +64,15 @@ double imposed_displacement(const SeparatedModel& model, const ForecastSpecifica
       .front();
 }
 
+/// The forecast of q + by.
+ScalarForecast moved(ScalarForecast forecast, double by) {
+  forecast.mean += by;
+  forecast.maximum_a_posteriori += by;
+  for (double& value : forecast.values) value += by;
+  for (double& point : forecast.points) point += by;
+  return forecast;
+}
+
 }  // namespace
 
 Forecaster::Forecaster(const SeparatedModel& model, std::span<const double> observed_points,
@@ -110,11 +119,13 @@ void Forecaster::add_crack(const SeparatedModel& model, std::span<const double> 
   options.prior_mean = specification.prior_mean;
   options.prior_std = specification.prior_std;
   options.discrepancy_std = specification.discrepancy_std;
-  options.threshold = specification.threshold.value_or(specification.prior_mean);
+  options.threshold =
+      specification.threshold.value_or(specification.prior_mean) - specification.length_offset;
   cracks_.push_back({specification.name,
                      CrackBridge(CrackMetaModel(crack.length, solutions),
                                  at_horizon(reduction::observe(model, points, components), specification),
-                                 imposed_displacement(model, specification), options)});
+                                 imposed_displacement(model, specification), options),
+                     specification.length_offset});
 }
 
 void Forecaster::add_displacement(const SeparatedModel& model, const ForecastSpecification& specification) {
@@ -148,7 +159,8 @@ std::vector<NamedForecast> Forecaster::update(const Eigen::Ref<const Eigen::Matr
     const FunctionMoments moments = moments_of_functions(batch_.value, weights);
     for (const Crack& crack : cracks_) {
       CrackForecast forecast = crack.bridge.update(moments);
-      forecasts.push_back({crack.name, "m", std::move(forecast.length), forecast.residual_rms});
+      forecasts.push_back(
+          {crack.name, "m", moved(std::move(forecast.length), crack.offset), forecast.residual_rms});
     }
   }
   for (const Scalar& scalar : scalars_) {
@@ -172,7 +184,8 @@ std::vector<NamedForecast> Forecaster::direct(const Eigen::Ref<const Eigen::Matr
   evaluate_functions(drawn);
   const Eigen::VectorXd equal = Eigen::VectorXd::Constant(n, 1.0 / static_cast<double>(n));
   for (const Crack& crack : cracks_) {
-    forecasts.push_back({crack.name, "m", crack.bridge.direct(batch_.value, equal), std::nullopt});
+    forecasts.push_back(
+        {crack.name, "m", moved(crack.bridge.direct(batch_.value, equal), crack.offset), std::nullopt});
   }
   return forecasts;
 }

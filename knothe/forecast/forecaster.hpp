@@ -25,9 +25,12 @@ struct ForecastSpecification {
   std::optional<double> threshold;              ///< in the unit of the quantity; absent: the prior mean, or 0
   double prior_mean = 0.04, prior_std = 0.013;  ///< crack length, m
   double discrepancy_std = 1e-6;                ///< m
-  std::array<double, 3> point{};                ///< displacement, m
-  int component = 0;                            ///< displacement
-  std::string output;                           ///< name of a model's output
+  /// m; what the crack that is meant is longer by than the elastic one that moves the sensors as the beam
+  /// does (docs/forecast.md). The prior is that of the elastic one.
+  double length_offset = 0;
+  std::array<double, 3> point{};  ///< displacement, m
+  int component = 0;              ///< displacement
+  std::string output;             ///< name of a model's output
 };
 
 /// One forecast after one step.
@@ -63,6 +66,7 @@ class Forecaster {
   struct Crack {
     std::string name;
     CrackBridge bridge;
+    double offset;
   };
   struct Scalar {
     std::string name, units;

@@ -271,6 +271,7 @@ forecast::ForecastSpecification read_forecast(Values& values, const std::string&
   f.prior_mean = values.number(path + ".prior.mean", f.prior_mean);
   f.prior_std = values.number(path + ".prior.std", f.prior_std);
   f.discrepancy_std = values.number(path + ".discrepancy_std", f.discrepancy_std);
+  f.length_offset = values.number(path + ".length_offset", f.length_offset);
   const std::vector<double> point = values.numbers(path + ".point");
   if (f.quantity == Quantity::displacement) {
     if (point.size() != 3) values.complain(path, fmt::format("[{}] needs \"point\" = [x, y, z]", path));

@@ -37,12 +37,13 @@ void JournalPosterior::add(const Datum& datum) {
   const std::vector<double> sent = datum.effective_values();
   const Eigen::VectorXd values =
       Eigen::Map<const Eigen::VectorXd>(sent.data(), static_cast<Eigen::Index>(sent.size()));
-  StepForm form;
-  projector_.project(index, index, values, form);
+  std::optional<assimilation::MovedForm> moved;
+  const StepForm form = project(index, values, moved);
   const bool last_step = steps_.empty() || steps_.rbegin()->first <= index;
   Step& step = steps_[index];
   const bool last = step.data.empty() || step.data.rbegin()->first < datum.key;
   keep(step, datum.key, form, values);
+  step.moved = std::move(moved);
   if (last) step.last_values = sent;
   step.received_ms = std::max(step.received_ms, datum.received_ms);
   if (projector_.depends_on_order() && !(last && last_step)) out_of_order_ = true;
@@ -70,6 +71,13 @@ void JournalPosterior::keep(Step& step, const DatumKey& key, const StepForm& for
   }
 }
 
+StepForm JournalPosterior::project(std::size_t index, const Eigen::VectorXd& values,
+                                   std::optional<assimilation::MovedForm>& moved) {
+  StepForm form;
+  projector_.project(index, index, values, form, update_.wants_moved_forms() ? &moved.emplace() : nullptr);
+  return form;
+}
+
 /// Where data share an error the form of each depends on those before it: all are made again, in order.
 void JournalPosterior::project_again() {
   if (!out_of_order_) return;
@@ -78,8 +86,7 @@ void JournalPosterior::project_again() {
   for (auto& [index, step] : steps_) {
     const auto data = std::exchange(step.data, {});
     for (const auto& [key, kept] : data) {
-      StepForm form;
-      projector_.project(index, index, kept.values, form);
+      const StepForm form = project(index, kept.values, step.moved);
       keep(step, key, form, kept.values);
     }
     unput_.insert(index);
@@ -105,7 +112,8 @@ void JournalPosterior::put_changes() {
     const Eigen::Map<const Eigen::VectorXd> values(changed.last_values.data(),
                                                    static_cast<Eigen::Index>(changed.last_values.size()));
     update_.put(index, index, changed.sum,
-                keeps_values_ && changed.data.size() == 1 ? values : Eigen::VectorXd());
+                keeps_values_ && changed.data.size() == 1 ? values : Eigen::VectorXd(),
+                changed.data.size() == 1 ? std::exchange(changed.moved, std::nullopt) : std::nullopt);
   }
   unput_.clear();
 }

@@ -72,10 +72,14 @@ class JournalPosterior {
     std::map<DatumKey, Contribution> data;
     Eigen::MatrixXd complete_quadratic;  ///< G of a datum without missing values; empty if there was none
     assimilation::StepForm sum;
+    /// Of the step's one datum, until it is put, where a correction wants it (steps that share an error).
+    std::optional<assimilation::MovedForm> moved;
     std::vector<double> last_values;
     std::int64_t received_ms = 0;
   };
   void keep(Step& step, const DatumKey& key, const assimilation::StepForm& form, Eigen::VectorXd values);
+  [[nodiscard]] assimilation::StepForm project(std::size_t index, const Eigen::VectorXd& values,
+                                               std::optional<assimilation::MovedForm>& moved);
   void project_again();
   void put_changes();
   [[nodiscard]] Conclusion with_forecasts(const assimilation::UpdateResult& result, bool followed);

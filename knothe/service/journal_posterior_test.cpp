@@ -169,6 +169,39 @@ TEST(JournalPosterior, ACorrectionThatRedoesStepsIsAFunctionOfTheData) {
   }
 }
 
+/// The joint correction beside an error that all steps share: the same as when all come in order.
+TEST(JournalPosterior, ACorrectionBesideConstantOffsetsIsThatOfTheDataInOrder) {
+  auto setup =
+      random_setup(NoiseModel::independent(Eigen::VectorXd::Constant(k_sensors, 0.3)).with_offsets(0.2));
+  setup.options.bias_correction = assimilation::BiasCorrectionMode::on;
+  std::vector<Datum> data = random_data(setup, 4, 9);
+  assimilation::SequentialUpdate update(setup.observed, setup.measurements.noise, setup.priors,
+                                        setup.options);
+  std::vector<assimilation::UpdateResult> expected;
+  for (std::size_t step = 0; step < data.size(); ++step) {
+    data[step].step = static_cast<std::int64_t>(step);
+    std::vector<double> values = data[step].effective_values();
+    expected.push_back(update.update(step, step, Eigen::Map<Eigen::VectorXd>(values.data(), k_sensors)));
+  }
+  for (const auto& order : {std::vector<std::size_t>{0, 1, 2, 3}, {0, 3, 1, 2}}) {
+    JournalPosterior posterior({}, setup);
+    std::map<std::size_t, assimilation::UpdateResult> lines;
+    for (const std::size_t k : order) {
+      posterior.add(data[k]);
+      while (!posterior.stale().empty()) {
+        const std::size_t step = *posterior.stale().begin();
+        lines[step] = posterior.conclude(step).result;
+      }
+    }
+    for (std::size_t step = 0; step < data.size(); ++step) {
+      EXPECT_TRUE(lines[step].bias_corrected) << step;
+      EXPECT_EQ(lines[step].mean, expected[step].mean) << step;
+      EXPECT_EQ(lines[step].covariance, expected[step].covariance) << step;
+      EXPECT_EQ(lines[step].log_evidence, expected[step].log_evidence) << step;
+    }
+  }
+}
+
 TEST(JournalPosterior, ALateDatumMakesItsStepAndAllLaterOnesStale) {
   const auto setup = random_setup(NoiseModel::independent(Eigen::VectorXd::Constant(k_sensors, 0.3)));
   std::vector<Datum> data = random_data(setup, 4, 8);
