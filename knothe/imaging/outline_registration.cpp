@@ -23,6 +23,7 @@ using Matrix4 = Eigen::Matrix4d;
 
 constexpr double k_strip = 24;          // px along a side
 constexpr double k_shortest_strip = 6;  // px
+constexpr double k_longest_side = 1e6;  // px: a scale in another unit
 constexpr double k_least_look = 3;      // px to look on either side
 constexpr double k_reach_start = 32;    // px: how far edges are looked for at first
 constexpr double k_far_share = 0.06;    // of the body's size, where that is more
@@ -129,7 +130,7 @@ std::vector<Place> look(const files::Picture& picture, const Outline& outline, c
     const double length = scale * std::abs(q - p);  // px
     const Complex along = (q - p) / std::abs(q - p), out = along * Complex(0, -1);
     const double free = length - 2 * std::min(reach, 0.25 * length);  // away from the corners
-    if (free < k_shortest_strip) continue;
+    if (free < k_shortest_strip || length > k_longest_side) continue;
     const int count = std::max(1, static_cast<int>(free / k_strip));
     for (int i = 0; i < count; ++i) {
       Place place;

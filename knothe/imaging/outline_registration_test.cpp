@@ -190,6 +190,9 @@ TEST(OutlineRegistration, WhereThereIsNoEdgeItSaysSo) {
               testing::HasSubstr("reference.tif: error: "));
   EXPECT_THAT(refused(speckled(camera(1.6e-4, 0, 240, 275), 1), {}),
               testing::HasSubstr("reaches out of the picture"));
+  // A scale in another unit.
+  EXPECT_THAT(refused(everywhere, {.start = camera(2.4e-13, 0, 240, 226)}),
+              testing::HasSubstr("reference.tif: error: "));
   // The start is 60 px off.
   EXPECT_NE(refused(speckled(camera(2.4e-4, 0, 240, 226), 1), {.start = camera(2.4e-4, 0, 180, 160)}), "");
 }
