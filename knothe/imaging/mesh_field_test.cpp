@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "knothe/imaging/image_correlation.hpp"
+#include "knothe/imaging/strain.hpp"
 
 namespace knothe::imaging {
 namespace {
@@ -26,6 +27,30 @@ Eigen::VectorXd cracked(const ImageMesh& mesh) {
     u[2 * a + 1] = 1.1 - 5e-5 * x * x;
   }
   return u;
+}
+
+TEST(NodalStrain, OfALinearFieldIsExactAndZeroWhereNothingIsMeasured) {
+  for (const ElementShape shape : {ElementShape::quadrilateral, ElementShape::triangle}) {
+    const ImageMesh mesh = structured_mesh({10, 20, 130, 100}, 20, shape);
+    Eigen::VectorXd u(2 * mesh.node_count());
+    for (int a = 0; a < mesh.node_count(); ++a) {
+      const double x = mesh.x[static_cast<std::size_t>(a)], y = mesh.y[static_cast<std::size_t>(a)];
+      u.segment<2>(2 * a) << 3 + 0.004 * x - 0.002 * y, -1 + 0.006 * x - 0.001 * y;
+    }
+    std::vector<char> valid(mesh.elements.size(), 1);
+    // The first corner's elements are out: it has no strain, the others keep theirs.
+    for (std::size_t e = 0; e < mesh.elements.size(); ++e)
+      for (const int node : mesh.elements[e])
+        if (node == 0) valid[e] = 0;
+    const Eigen::MatrixXd strain = nodal_strains(mesh, u, valid);
+    ASSERT_EQ(strain.rows(), mesh.node_count());
+    EXPECT_EQ(strain.row(0).cwiseAbs().maxCoeff(), 0);
+    for (int a = mesh.node_count() / 2; a < mesh.node_count(); ++a) {
+      EXPECT_NEAR(strain(a, 0), 0.004, 1e-12);
+      EXPECT_NEAR(strain(a, 1), -0.001, 1e-12);
+      EXPECT_NEAR(strain(a, 2), 0.5 * (-0.002 + 0.006), 1e-12);
+    }
+  }
 }
 
 TEST(MeshField, IsTheFieldOfItsNodesAndItsGradient) {
