@@ -197,7 +197,7 @@ struct DistributedSystem::Implementation {
   /// iterations of the defaults on elements of 6 : 1. The shift is for unknowns of the coarser levels that
   /// nothing determines (an aggregate of two nodes has no rotation about its axis): their diagonal is zero.
   void make_solver(double scale) {
-    set_default("-knothe_pc_gamg_threshold", "0.05");
+    set_default("-knothe_pc_gamg_threshold", "0.04");
     set_default("-knothe_mg_levels_pc_type", "sor");
     set_default("-knothe_mg_levels_pc_sor_diagonal_shift", fmt::format("{:.3e}", 1e-8 * scale));
     set_default("-knothe_mg_levels_ksp_max_it", "4");
