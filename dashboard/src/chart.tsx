@@ -331,7 +331,8 @@ function drawMarks(u: uPlot, { spec, theme, selected }: Live["current"]): void {
     line(ctx, x, bbox.top, x, bbox.top + bbox.height, mark, px);
     const right = x + ctx.measureText(mark.label).width + 8 * px > bbox.left + bbox.width;
     ctx.textAlign = right ? "right" : "left";
-    write(ctx, mark.label, x + (right ? -5 : 5) * px, bbox.top + 13 * px, theme, px);
+    // At the foot: at the top is where thresholds have their names.
+    write(ctx, mark.label, x + (right ? -5 : 5) * px, bbox.top + bbox.height - 7 * px, theme, px);
   }
   if (selected !== undefined) {
     const x = u.valToPos(selected, "x", true);

@@ -1,4 +1,4 @@
-// Pictures of the page for the README and docs/dashboard.md: `npm run frames` writes ../docs/images/dashboard-*.png.
+// Pictures of the page for docs/dashboard.md that a live test does not show: `npm run frames` writes ../docs/images/dashboard-*.png.
 import { mkdirSync } from "node:fs";
 import { dirname, join } from "node:path";
 import { fileURLToPath } from "node:url";
@@ -7,11 +7,7 @@ import { launch, until } from "./browser.mjs";
 
 const images = join(dirname(fileURLToPath(import.meta.url)), "../../docs/images");
 mkdirSync(images, { recursive: true });
-const wide = { viewport: { width: 1280, height: 806 } };
 const frames = [
-  { name: "dashboard-1", start: 12, look: wide },
-  { name: "dashboard-2", start: 26, look: wide },
-  { name: "dashboard-3", start: 92, look: wide },
   {
     name: "dashboard-field",
     start: 92,
