@@ -213,7 +213,7 @@ QuadraturePosterior integrate(sampling::LogDensity& target, const Grid& fine,
   for (Index k = 0; k < d; ++k) {
     result.quantiles.row(k) = marginal_quantiles(fine, k, mass.col(k) / sum).transpose();
   }
-  if (d == 2) result.nodes = {axes, runs, result.weights};
+  if (d == 2) result.nodes = {axes, runs, result.weights, {}};
   drop_weightless(result);
   return result;
 }
