@@ -27,6 +27,12 @@ std::shared_ptr<const ObservedModel> uncompressed(const reduction::GridSolutions
       reduction::observe_snapshots(solutions.at_dofs(problem.dofs), problem.points, problem.components));
 }
 
+/// The dofs at which [simulate] measures; none where there is no such table, or where it draws pictures.
+std::vector<std::size_t> simulated_dofs(const project::Project& project, const reduction::Dofs& dofs) {
+  if (!project.simulate) return {};
+  return assimilation::choose_dofs(dofs, project::dof_selection(*project.simulate), project.simulate->seed);
+}
+
 /// Synthetic data of the uncompressed model at a truth, and the posterior they give: the judge.
 struct Judge {
   std::shared_ptr<const ObservedModel> model;
@@ -87,7 +93,8 @@ std::optional<SyntheticProblem> synthetic_problem(const project::Project& projec
     problem.names.push_back(axis.name);
   }
   if (problem.priors.size() != axes.size()) return std::nullopt;
-  problem.dofs = judged_dofs(project, dofs);
+  problem.dofs = simulated_dofs(project, dofs);
+  if (problem.dofs.empty()) return std::nullopt;
   for (const std::size_t dof : problem.dofs) {
     problem.points.insert(problem.points.end(), &dofs.points[3 * dof], &dofs.points[3 * dof] + 3);
     problem.components.push_back(dofs.components[dof]);
@@ -98,8 +105,7 @@ std::optional<SyntheticProblem> synthetic_problem(const project::Project& projec
 }
 
 std::vector<std::size_t> judged_dofs(const project::Project& project, const reduction::Dofs& dofs) {
-  if (project.simulate)
-    return assimilation::choose_dofs(dofs, project::dof_selection(*project.simulate), project.simulate->seed);
+  if (std::vector<std::size_t> chosen = simulated_dofs(project, dofs); !chosen.empty()) return chosen;
   std::vector<std::size_t> all(dofs.components.size());
   std::iota(all.begin(), all.end(), std::size_t{0});
   return all;
@@ -141,6 +147,9 @@ std::size_t choose_modes(const project::Project& project, const reduction::GridS
   std::vector<Judge> judges;
   if (by_shift) {
     const auto problem = synthetic_problem(project, solutions.snapshots.axes, solutions.dofs());
+    project.require(problem.has_value(),
+                    "[simulate] dofs that choose at least one: offline.adaptive.posterior_shift judges by "
+                    "their data");
     const auto exact = uncompressed(solutions, *problem);
     // The project's truth and two points of the box.
     judges.push_back(

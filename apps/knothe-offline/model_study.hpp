@@ -19,11 +19,12 @@ struct SyntheticProblem {
   double noise_std = 1e-6;  ///< m
   std::uint64_t seed = 1;
 };
-/// Nothing where the project has no [simulate], or no prior for one of the axes.
+/// Nothing where the project has no [simulate] that chooses dofs (it may draw pictures), or no prior for one
+/// of the axes.
 [[nodiscard]] std::optional<SyntheticProblem> synthetic_problem(const project::Project& project,
                                                                 const std::vector<reduction::Axis>& axes,
                                                                 const reduction::Dofs& dofs);
-/// The observed dofs of [simulate]; all without it.
+/// The observed dofs of [simulate]; all where it chooses none.
 [[nodiscard]] std::vector<std::size_t> judged_dofs(const project::Project& project,
                                                    const reduction::Dofs& dofs);
 

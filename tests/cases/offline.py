@@ -144,6 +144,16 @@ class Test(Case):
         self.assertIn("where 1e-09 std is wanted: ask for less, or give \"modes\"", missed.err)
         self.assertFalse((self.folder / "model.h5").exists())
 
+    def test_a_project_whose_data_are_pictures_has_its_model_too(self):
+        """No dofs are chosen there, so there are no data to judge a shift of the posterior by."""
+        text = re.sub(r"dofs = .*\nnoise_std = .*\n", "", self.project.read_text())
+        prior = '{ prior = "normal", mean = 1.0, std = 0.1 }'
+        text = text.replace("[offline]", f"[parameters]\nY0 = {prior}\nAd = {prior}\n\n[offline]", 1)
+        self.project.write_text(text + "\n[simulate.camera]\nwidth = 400\nheight = 200\n\n[dic]\nscale = 5e-4\n")
+        lines = self.build("model.h5", "--json").lines()
+        self.assertTrue(lines[-1]["done"])
+        self.assertFalse([line for line in lines if "error_of_std" in line])
+
     def test_a_sparse_grid_computes_few_points_and_keeps_them(self):
         text = self.project.read_text()
         self.project.write_text(text.replace("[offline]", "[offline]\nsparse_level = 1", 1))
