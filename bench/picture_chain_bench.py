@@ -15,7 +15,7 @@ import subprocess
 import sys
 import time
 
-knothe, project = sys.argv[1], pathlib.Path(sys.argv[2])
+knothe, project = sys.argv[1], pathlib.Path(sys.argv[2]).resolve()
 repeats = int(sys.argv[3]) if len(sys.argv) > 3 else 3
 
 
