@@ -69,7 +69,7 @@ class Test(Case):
 
     def test_latin_interrupted_goes_on_from_there(self):
         text = self.project.read_text()
-        self.project.write_text(text.replace("steps = 20", "steps = 100").replace("nodes = 3", "nodes = 15"))
+        self.project.write_text(text.replace("steps = 20", "steps = 100").replace("nodes = 3", "nodes = 9"))
         with subprocess.Popen([KNOTHE, "offline", self.project_name, "-o", "model.h5", "--method", "latin"], cwd=self.folder,
                               stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
             time.sleep(0.5)
