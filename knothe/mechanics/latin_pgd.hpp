@@ -22,7 +22,7 @@ struct LatinOptions {
   /// … or those forces are below this fraction of the reaction force (StepRecord::residual).
   double tolerance = 1e-6;
   int window = 2;           ///< steps iterated together; all steps: LATIN as first proposed
-  int most_modes = 400;     ///< archived space modes at most
+  int most_modes = 2000;    ///< archived space modes at most; 70,000 dofs take some 430
   int modes_per_round = 6;  ///< new modes between two global stages at most
   int rounds = 60;          ///< global stages for a window at most
   int rescue_round =

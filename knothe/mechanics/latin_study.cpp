@@ -7,7 +7,7 @@
 /// Keys: element (m), layers, band (1: crack band of 5 mm, the notch one element wide), nodes, steps,
 /// accuracy (m), window, judges (grid points at which the full-order model is run; 0: all), start (nodes for
 /// each parameter of a snapshot model to start from; 0: the elastic solution), modes (of that model),
-/// verbose.
+/// archive (space modes at most), verbose.
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
@@ -207,10 +207,11 @@ bool take(Case& study, const std::string& word) {
   const std::size_t at = word.find('=');
   if (at == std::string::npos) return false;
   const double value = std::atof(word.c_str() + at + 1);
-  const std::map<std::string, int*> whole = {{"layers", &study.layers},        {"nodes", &study.nodes},
-                                             {"steps", &study.steps},          {"judges", &study.judges},
-                                             {"start", &study.start},          {"modes", &study.modes},
-                                             {"window", &study.options.window}};
+  const std::map<std::string, int*> whole = {
+      {"layers", &study.layers},         {"nodes", &study.nodes},
+      {"steps", &study.steps},           {"judges", &study.judges},
+      {"start", &study.start},           {"modes", &study.modes},
+      {"window", &study.options.window}, {"archive", &study.options.most_modes}};
   const std::map<std::string, double*> real = {{"element", &study.element},
                                                {"accuracy", &study.options.accuracy}};
   const std::map<std::string, bool*> flags = {{"band", &study.band}, {"verbose", &study.verbose}};
