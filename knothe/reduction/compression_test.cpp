@@ -9,7 +9,6 @@
 #include "knothe/files/test_folder.hpp"
 #include "knothe/reduction/cp_als.hpp"
 #include "knothe/reduction/deviation.hpp"
-#include "knothe/reduction/grid_solutions.hpp"
 #include "knothe/reduction/low_rank.hpp"
 #include "knothe/reduction/test_models.hpp"
 
@@ -21,13 +20,6 @@ using ::testing::HasSubstr;
 
 constexpr std::size_t k_dofs = 40;
 
-std::vector<double> steps(std::size_t n) {
-  std::vector<double> time;
-  for (std::size_t i = 0; i < n; ++i)
-    time.push_back(0.1 * static_cast<double>(i + 1) * (1.0 + 0.01 * static_cast<double>(i)));
-  return time;
-}
-
 /// Three separable terms of quite different size; with zero lift their canonical rank is 3.
 Snapshots three_terms() {
   static const std::vector<double> a = normal_values(3 * k_dofs, 21);
@@ -36,19 +28,13 @@ Snapshots three_terms() {
            0.3 * a[k_dofs + dof] * std::exp(-t) * std::cos(2 * p[0]) * (2 - p[1] * p[1]) +
            0.05 * a[2 * k_dofs + dof] * t * t * (p[0] - 1) * std::sin(4 * p[1]);
   };
-  Snapshots snapshots = snapshots_of(field, two_axes(), steps(12), k_dofs);
+  Snapshots snapshots = snapshots_of(field, two_axes(), uneven_steps(12), k_dofs);
   snapshots.lift.assign(12 * k_dofs, 0.0);
   return snapshots;
 }
 
-/// A front that travels in x with a speed that depends on the parameters: of no small rank.
-double front(std::size_t dof, double t, std::span<const double> p) {
-  const double x = static_cast<double>(dof) / static_cast<double>(k_dofs);
-  return 1e-4 * (t * x + 0.2 / (1 + std::exp(-20 * (t * p[0] - x - 0.3 * p[1]))));
-}
-
-Snapshots travelling_front() {
-  return snapshots_of(front, two_axes(), steps(12), k_dofs);
+Snapshots front_snapshots() {
+  return snapshots_of(travelling_front(k_dofs), two_axes(), uneven_steps(12), k_dofs);
 }
 
 TEST(Deviation, WeightsAreTheTrapezoidRule) {
@@ -58,7 +44,7 @@ TEST(Deviation, WeightsAreTheTrapezoidRule) {
   EXPECT_NEAR(weights[1], 1.5 / 3, 1e-15);
   EXPECT_NEAR(weights[2], 1.0 / 3, 1e-15);
   EXPECT_EQ(trapezoid_weights(std::vector<double>{2.0})[0], 1.0);
-  const Snapshots snapshots = travelling_front();
+  const Snapshots snapshots = front_snapshots();
   const Deviation deviation(snapshots);
   // The grid's weights are products, C order; without a lift in the file the mean over the grid is taken.
   const Eigen::VectorXd first = trapezoid_weights(snapshots.axes[0].nodes),
@@ -162,7 +148,7 @@ Brute brute_force(const ModelContents& contents, const Snapshots& snapshots) {
 }
 
 TEST(Compression, ReportedErrorsAreTheTrueOnes) {
-  const Snapshots snapshots = travelling_front();
+  const Snapshots snapshots = front_snapshots();
   for (const Form form : {Form::tree, Form::canonical}) {
     CompressionOptions options;
     options.form = form;
@@ -180,7 +166,7 @@ TEST(Compression, ReportedErrorsAreTheTrueOnes) {
 
 TEST(Compression, TreeErrorIsTheTailOfTheSingularValues) {
   // The bound of Eckart and Young, here by Eigen's SVD of the whole weighted matrix.
-  const Snapshots snapshots = travelling_front();
+  const Snapshots snapshots = front_snapshots();
   const Deviation deviation(snapshots);
   Eigen::MatrixXd matrix(30, 12 * static_cast<Eigen::Index>(k_dofs));
   for (Eigen::Index t = 0; t < 12; ++t) {
@@ -201,7 +187,7 @@ TEST(Compression, TreeErrorIsTheTailOfTheSingularValues) {
 }
 
 TEST(Compression, ToleranceIsKeptInBothNormsAndBothForms) {
-  const Snapshots snapshots = travelling_front();
+  const Snapshots snapshots = front_snapshots();
   for (const Form form : {Form::tree, Form::canonical}) {
     CompressionOptions options;
     options.form = form;
@@ -225,7 +211,7 @@ TEST(Compression, ToleranceIsKeptInBothNormsAndBothForms) {
 }
 
 TEST(Compression, ModesAreNormalisedAsThePaperSays) {
-  const Snapshots snapshots = travelling_front();
+  const Snapshots snapshots = front_snapshots();
   CompressionOptions options;
   options.modes = 4;
   options.parameter_norm = ParameterNorm::nodes;
@@ -256,7 +242,8 @@ TEST(Compression, ModesAreNormalisedAsThePaperSays) {
 }
 
 TEST(Compression, OffGridErrorsAndNoWorseWithMoreModes) {
-  const Snapshots snapshots = travelling_front();
+  const Snapshots snapshots = front_snapshots();
+  const Field front = travelling_front(k_dofs);
   std::vector<OffGridSolution> off_grid;
   for (const std::vector<double>& p : {std::vector{0.63, 1.13}, std::vector{1.31, 0.71}}) {
     OffGridSolution solution{p, {}};
@@ -287,7 +274,7 @@ TEST(Compression, OffGridErrorsAndNoWorseWithMoreModes) {
 }
 
 TEST(Compression, SameBitsForOneAndTwoThreads) {
-  const Snapshots snapshots = travelling_front();
+  const Snapshots snapshots = front_snapshots();
   for (const Form form : {Form::tree, Form::canonical}) {
     CompressionOptions options;
     options.form = form;
@@ -301,71 +288,6 @@ TEST(Compression, SameBitsForOneAndTwoThreads) {
     EXPECT_EQ(one.joint, two.joint);
     EXPECT_EQ(one.relative_error, two.relative_error);
   }
-}
-
-/// Solutions that are sums of five modes of quite different norms, and the same expanded.
-std::pair<GridSolutions, Snapshots> sums_of_modes() {
-  Snapshots frame = travelling_front();
-  frame.outputs.clear();
-  const auto times = static_cast<Eigen::Index>(frame.time.size());
-  const Eigen::VectorXd size = (Eigen::VectorXd(5) << 1, 30, 1e-3, 0.2, 4).finished();
-  const Eigen::MatrixXd modes = normal_matrix(k_dofs, 5, 3) * size.asDiagonal();
-  std::vector<Eigen::MatrixXd> coordinates;
-  for (std::size_t g = 0; g < frame.grid_size(); ++g)
-    coordinates.push_back(size.cwiseInverse().asDiagonal() * normal_matrix(5, times, 100 + g));
-  Eigen::MatrixXd lift = Eigen::MatrixXd::Zero(5, times);
-  lift.row(0).setLinSpaced(0.1, 1.0);
-  Snapshots expanded = frame;
-  expanded.values.clear();
-  for (const Eigen::MatrixXd& c : coordinates) {
-    const Eigen::MatrixXd u = modes * c;
-    expanded.values.insert(expanded.values.end(), u.data(), u.data() + u.size());
-  }
-  const Eigen::MatrixXd u = modes * lift;
-  expanded.lift.assign(u.data(), u.data() + u.size());
-  return {solutions_in_modes(frame, modes, coordinates, lift), expanded};
-}
-
-TEST(Compression, SumsOfModesGiveTheModelOfTheExpandedFields) {
-  const auto [solutions, expanded] = sums_of_modes();
-  EXPECT_EQ(solutions.snapshots.dof_count(), 5u);
-  for (const Form form : {Form::tree, Form::canonical}) {
-    CompressionOptions options;
-    options.form = form;
-    options.modes = 4;
-    options.sweeps = 200;
-    const ModelContents small = compress(solutions, options), large = compress(expanded, options);
-    EXPECT_EQ(small.dof_count(), k_dofs);
-    if (form == Form::tree) {  // alternating least squares may end elsewhere for another rounding
-      EXPECT_NEAR(small.relative_error, large.relative_error, 1e-10);
-      EXPECT_NEAR(small.max_error_m, large.max_error_m, 1e-9 * large.max_error_m);
-      const SeparatedModel a(small), b(large);
-      for (std::size_t i = 0; i < k_dofs; ++i)
-        EXPECT_NEAR(a.evaluate(std::vector{0.63, 1.27}, 7).value[i],
-                    b.evaluate(std::vector{0.63, 1.27}, 7).value[i], 1e-9);
-    }
-    // The errors told are those of the model's own fields.
-    const ModelError error = training_error(small, expanded);
-    EXPECT_NEAR(std::max(error.relative, error.plain_relative), small.relative_error, 1e-10);
-    EXPECT_NEAR(error.max, small.max_error_m, 1e-10 * error.max);
-    const TruncationError t = truncation_error(small, solutions), s = truncation_error(small, expanded);
-    EXPECT_NEAR(t.persistence, s.persistence, 1e-9);
-    ASSERT_EQ(t.variance.size(), s.variance.size());
-    for (std::size_t i = 0; i < t.covariance.size(); ++i)
-      EXPECT_NEAR(std::abs(t.covariance[i]), std::abs(s.covariance[i]), 1e-8);
-  }
-  const std::vector<std::size_t> chosen = {3, 17};
-  const Snapshots part = solutions.at_dofs(chosen);
-  for (std::size_t step = 0; step < part.time.size(); ++step)
-    EXPECT_NEAR(part.solution(11)[2 * step + 1], expanded.solution(11)[step * k_dofs + 17], 1e-12);
-}
-
-TEST(Compression, CoordinatesThatDoNotFitTheirModesAreRefused) {
-  const Snapshots frame = travelling_front();
-  const Eigen::MatrixXd modes = normal_matrix(k_dofs, 2, 3), right = Eigen::MatrixXd::Zero(2, 12);
-  const std::vector<Eigen::MatrixXd> few(3, right);
-  EXPECT_THAT(message_of<UsageError>([&] { (void)solutions_in_modes(frame, modes, few, right); }),
-              HasSubstr("the coordinates do not fit the modes"));
 }
 
 TEST(Compression, ImportKeepsOutputsMeshAndNames) {
@@ -395,7 +317,7 @@ TEST(Compression, FieldsThatDoNotDependOnTheParametersAreFine) {
   const auto constant = [](std::size_t dof, double t, std::span<const double>) {
     return t * static_cast<double>(dof);
   };
-  const Snapshots snapshots = snapshots_of(constant, two_axes(), steps(3), 5);
+  const Snapshots snapshots = snapshots_of(constant, two_axes(), uneven_steps(3), 5);
   for (const Form form : {Form::tree, Form::canonical}) {
     CompressionOptions options;
     options.form = form;
@@ -407,8 +329,8 @@ TEST(Compression, FieldsThatDoNotDependOnTheParametersAreFine) {
 }
 
 TEST(Compression, AFieldThatIsZeroHasAModelThatIsZero) {
-  const Snapshots snapshots =
-      snapshots_of([](std::size_t, double, std::span<const double>) { return 0.0; }, two_axes(), steps(3), 5);
+  const Snapshots snapshots = snapshots_of([](std::size_t, double, std::span<const double>) { return 0.0; },
+                                           two_axes(), uneven_steps(3), 5);
   for (const Form form : {Form::tree, Form::canonical}) {
     CompressionOptions options;
     options.form = form;
@@ -429,7 +351,7 @@ TEST(Compression, OneAndThreeParameters) {
   for (const std::size_t d : {1U, 3U}) {
     std::vector<Axis> axes;
     for (std::size_t i = 0; i < d; ++i) axes.push_back({std::to_string(i), {0.0, 0.5, 1.0}, "1", "", 1.0});
-    const Snapshots snapshots = snapshots_of(field, axes, steps(4), 6);
+    const Snapshots snapshots = snapshots_of(field, axes, uneven_steps(4), 6);
     for (const Form form : {Form::tree, Form::canonical}) {
       CompressionOptions options;
       options.form = form;

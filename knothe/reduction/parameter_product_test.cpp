@@ -21,14 +21,9 @@ using ::testing::HasSubstr;
 
 constexpr std::size_t k_dofs = 15;
 
-/// A front that travels in x with a speed that depends on the parameters: of no small rank.
-Snapshots travelling_front() {
-  const auto front = [](std::size_t dof, double t, std::span<const double> p) {
-    const double x = static_cast<double>(dof) / static_cast<double>(k_dofs);
-    return 1e-4 * (t * x + 0.2 / (1 + std::exp(-20 * (t * p[0] - x - 0.3 * p[1]))));
-  };
-  return snapshots_of(front, two_axes(), {0.1, 0.2, 0.4, 0.5, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.4, 1.5},
-                      k_dofs);
+Snapshots front() {
+  return snapshots_of(travelling_front(k_dofs), two_axes(),
+                      {0.1, 0.2, 0.4, 0.5, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.4, 1.5}, k_dofs);
 }
 
 /// ∫ f^(a) f^(b) over an axis by a fine midpoint rule, f the cardinal splines: independent of
@@ -49,7 +44,7 @@ Eigen::MatrixXd sampled_gram(std::span<const double> nodes, int derivative) {
 TEST(ParameterProduct, TreeIsOptimalInTheNormOfSplinesAndTheirDerivatives) {
   // ‖e‖² = tr(E W Eᵀ), W = ⊗ (M + s² K), against the tail of the singular values of the whole matrix times
   // W^½.
-  const Snapshots snapshots = travelling_front();
+  const Snapshots snapshots = front();
   const Deviation deviation(snapshots);
   const auto dofs = static_cast<Eigen::Index>(k_dofs);
   for (const double s : {0.0, 0.3}) {

@@ -67,6 +67,23 @@ inline Snapshots snapshots_of(const Field& field, std::vector<Axis> axes, std::v
   return snapshots;
 }
 
+/// n uneven steps.
+inline std::vector<double> uneven_steps(std::size_t n) {
+  std::vector<double> time;
+  for (std::size_t i = 0; i < n; ++i)
+    time.push_back(0.1 * static_cast<double>(i + 1) * (1.0 + 0.01 * static_cast<double>(i)));
+  return time;
+}
+
+/// A front that travels over `dofs` points in x with a speed that depends on the parameters: of no small
+/// rank.
+inline Field travelling_front(std::size_t dofs) {
+  return [dofs](std::size_t dof, double t, std::span<const double> p) {
+    const double x = static_cast<double>(dof) / static_cast<double>(dofs);
+    return 1e-4 * (t * x + 0.2 / (1 + std::exp(-20 * (t * p[0] - x - 0.3 * p[1]))));
+  };
+}
+
 /// A random model of either form on `small_mesh`, with an output and crack solutions.
 inline ModelContents random_contents(Form form) {
   ModelContents model;

@@ -137,7 +137,6 @@ class Test(Case):
     def test_pictures_start_from_what_the_model_predicts(self):
         """Three pictures, far apart: more than a tenth of a pixel between them."""
         self.edit("every = 3", "every = 4")
-        self.edit("scale = 4e-4\norigin = [320, 270]", "scale = 4e-4\norigin = [320, 270]")
         self.draw()
         starts = [line["picture"]["start"] for line in self.assimilate()]
         self.assertIn("model", starts[2:])
