@@ -97,8 +97,7 @@ void CollapsedLogDensity::evaluate_mixture(const Eigen::Ref<const Eigen::MatrixX
   const Eigen::Index d = dimension();
   sampling::LogDensityBatch& next = workspace(p.rows()).component;
   next.resize(p.rows(), d, derivatives);
-  std::size_t k = 0;
-  while (k + 1 < count_ && !components_[k].is_felt) ++k;
+  std::size_t k = first_felt();
   components_[k].likelihood->evaluate(p, derivatives, out.value, out.gradient, out.hessian);
   for (++k; k < count_; ++k) {
     if (!components_[k].is_felt) continue;
@@ -125,9 +124,15 @@ void CollapsedLogDensity::evaluate_mixture(const Eigen::Ref<const Eigen::MatrixX
   }
 }
 
+std::size_t CollapsedLogDensity::first_felt() const {
+  std::size_t k = 0;
+  while (k + 1 < count_ && !components_[k].is_felt) ++k;
+  return k;
+}
+
 Eigen::VectorXd CollapsedLogDensity::component_shares(const Eigen::Ref<const Eigen::MatrixXd>& p,
                                                       const Eigen::Ref<const Eigen::VectorXd>& weights) {
-  sampling::LogDensityBatch& next = workspace(p.rows()).component;
+  sampling::LogDensityBatch next;
   next.resize(p.rows(), dimension(), 0);
   const auto count = static_cast<Eigen::Index>(count_);
   Eigen::ArrayXXd value(p.rows(), count);
@@ -173,14 +178,10 @@ void CollapsedLogDensity::evaluate_on_grid(const Eigen::Ref<const Eigen::MatrixX
   assert(dimension() == 2 && axes.cols() == 2);
   const Eigen::MatrixXd p = axes_in_p(axes);
   Eigen::VectorXd next;
-  bool is_first = true;
-  for (std::size_t k = 0; k < count_; ++k) {
-    if (!components_[k].is_felt && !(is_first && k + 1 == count_)) continue;
-    if (is_first) {
-      evaluate_component(components_[k], p, runs, value);
-      is_first = false;
-      continue;
-    }
+  std::size_t k = first_felt();
+  evaluate_component(components_[k], p, runs, value);
+  for (++k; k < count_; ++k) {
+    if (!components_[k].is_felt) continue;
     next.resize(value.size());
     evaluate_component(components_[k], p, runs, next);
     add_in_logarithms(value.array(), next.array());

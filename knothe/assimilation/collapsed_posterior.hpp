@@ -87,6 +87,7 @@ class CollapsedLogDensity final : public sampling::LogDensity, public reduction:
   [[nodiscard]] Eigen::MatrixXd axes_in_p(const Eigen::Ref<const Eigen::MatrixXd>& axes) const;
   void evaluate_component(Component& component, const Eigen::MatrixXd& axes,
                           std::span<const reduction::GridRun> runs, Eigen::Ref<Eigen::VectorXd> value);
+  [[nodiscard]] std::size_t first_felt() const;
   void evaluate_mixture(const Eigen::Ref<const Eigen::MatrixXd>& p, int derivatives,
                         sampling::LogDensityBatch& out);
 

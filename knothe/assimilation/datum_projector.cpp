@@ -115,10 +115,7 @@ void DatumProjector::project(std::size_t step, std::size_t time_index,
     form = StepForm::zero(central_.size());
     if (moved != nullptr) *moved = {};
   } else if (noise_.scale_std() > 0) {
-    if (moved != nullptr)
-      throw UsageError(
-          "bias_correction does not go together with a scale that is not known exactly (relative_scale_std, "
-          "dic.scale_std): leave out one of them");
+    assert(moved == nullptr);
     project_scaled(step, time_index, values, form);
   } else if (constant_) {
     project_constant(step, time_index, form, moved);

@@ -28,6 +28,13 @@ void JointDiscrepancy::predict() {
   covariance_.diagonal().head(q).array() += 1 - rho_ * rho_;
 }
 
+void JointDiscrepancy::grow(Eigen::Index size) {
+  if (mean_.size() >= size) return;
+  mean_.conservativeResizeLike(Eigen::VectorXd::Zero(size));
+  slope_.conservativeResizeLike(Eigen::MatrixXd::Zero(size, slope_.cols()));
+  covariance_.conservativeResizeLike(Eigen::MatrixXd::Zero(size, size));
+}
+
 StepForm JointDiscrepancy::condition(const StepForm& form) {
   const Eigen::Index q = factor_.cols(), r = factor_.rows();
   if (q == 0) return form;
@@ -45,6 +52,7 @@ StepForm JointDiscrepancy::condition(const MovedForm& moved, const Eigen::Matrix
     nothing.missing = moved.form.missing;
     return nothing;
   }
+  grow(q + known);  // groups of data that had no discrepancy
   assert(moved.form.linear.size() == r + s + known && mean_.size() == q + known);
   Eigen::MatrixXd base = Eigen::MatrixXd::Zero(r + s + known, r);
   Eigen::MatrixXd map = Eigen::MatrixXd::Zero(r + s + known, q + known);
@@ -58,11 +66,7 @@ StepForm JointDiscrepancy::condition(const MovedForm& moved, const Eigen::Matrix
   const Eigen::VectorXd root = factor.vectorD().cwiseMax(0).cwiseSqrt();
   const Eigen::MatrixXd lower = factor.transpositionsP().transpose() * (unit * root.asDiagonal());
   StepForm given = take(moved.form, base, map, lower);
-  if (moved.group == moved.groups) {  // the first of its group, whose sum was 0 exactly
-    mean_.conservativeResizeLike(Eigen::VectorXd::Zero(q + known + s));
-    slope_.conservativeResizeLike(Eigen::MatrixXd::Zero(q + known + s, r));
-    covariance_.conservativeResizeLike(Eigen::MatrixXd::Zero(q + known + s, q + known + s));
-  }
+  grow(q + s * (moved.group + 1));  // it may be the first of its group
   // The datum is one of those before the next: z + u.
   const Eigen::Index at = q + s * moved.group;
   mean_.segment(at, s) += moves * mean_.head(q);

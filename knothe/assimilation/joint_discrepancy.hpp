@@ -36,6 +36,7 @@ class JointDiscrepancy {
 
  private:
   void predict();
+  void grow(Eigen::Index size);  ///< sums of no datum that had a discrepancy: 0 exactly
   [[nodiscard]] StepForm take(const StepForm& form, const Eigen::MatrixXd& base, const Eigen::MatrixXd& map,
                               const Eigen::MatrixXd& lower);
   Eigen::MatrixXd factor_;  ///< κ F

@@ -197,7 +197,9 @@ TEST_P(SharedError, DofsWithoutAnElement) {
 }
 
 /// A discrepancy beside the shared error: the sum of the forms against the dense covariance of all values.
-void expect_discrepancy_is_joint(const NoiseModel& noise, const Eigen::MatrixXd& data, double tolerance) {
+/// The data before `first` have none.
+void expect_discrepancy_is_joint(const NoiseModel& noise, const Eigen::MatrixXd& data, double tolerance,
+                                 std::size_t first = 0) {
   const auto model = random_model(std::make_shared<test::LinearFunctions>(3), k_dofs, 4, k_steps, 3);
   Eigen::VectorXd centre(3);
   centre << 0.1, 0.2, 0.3;
@@ -212,8 +214,8 @@ void expect_discrepancy_is_joint(const NoiseModel& noise, const Eigen::MatrixXd&
   std::vector<Eigen::MatrixXd> moves;
   for (std::size_t t = 0; t < k_steps; ++t) {
     projector.project(t, t, data.col(static_cast<Eigen::Index>(t)), form, &moved);
-    sum.add(joint.condition(moved, model->core[t]));
-    moves.push_back(kappa * model->space * model->core[t] * factor);
+    sum.add(t < first ? form : joint.condition(moved, model->core[t]));
+    moves.push_back((t < first ? 0 : kappa) * model->space * model->core[t] * factor);
   }
   const auto covariance = [&](Eigen::Index i, Eigen::Index t, Eigen::Index j, Eigen::Index s) {
     return std::pow(rho, static_cast<double>(std::abs(t - s))) * moves[t].row(i).dot(moves[s].row(j));
@@ -246,6 +248,15 @@ TEST_P(SharedError, WithADiscrepancyAndValuesMissingNowAndThenTheyAreToo) {
   expect_discrepancy_is_joint(noise.with_shared_reference(GetParam()), data_, 1e-9);
   const NoiseModel sensors = NoiseModel::independent(Eigen::VectorXd::LinSpaced(k_dofs, 0.2, 0.5));
   expect_discrepancy_is_joint(sensors.with_shared_reference(GetParam()), data_, 1e-9);
+}
+
+/// As when the correction is switched on in the midst of a test.
+TEST_P(SharedError, ADiscrepancyThatBeginsLaterIsJointToo) {
+  data_(4, 1) = k_nan;
+  if (GetParam() == 0) return;
+  const NoiseModel sensors = NoiseModel::independent(Eigen::VectorXd::LinSpaced(k_dofs, 0.2, 0.5));
+  for (const std::size_t first : {1u, 2u, 3u})
+    expect_discrepancy_is_joint(sensors.with_shared_reference(GetParam()), data_, 1e-9, first);
 }
 
 INSTANTIATE_TEST_SUITE_P(ReferencePictures, SharedError, ::testing::Values(0, 1, 4));
@@ -301,6 +312,17 @@ TEST(ScaleError, DoesNotGoWithWhatHasNoScale) {
   EXPECT_THROW(DatumProjector(model, sensors.with_offsets(0.1).with_scale_error(0.1), Eigen::Vector2d(1, 1)),
                UsageError);
   EXPECT_NO_THROW(DatumProjector(model, sensors.with_scale_error(0.1), Eigen::Vector2d(1, 1)));
+  UpdateOptions corrected;
+  corrected.bias_correction = BiasCorrectionMode::on;
+  try {
+    SequentialUpdate(model, sensors.with_scale_error(0.1), {Prior::uniform(0, 2), Prior::uniform(0, 2)},
+                     corrected);
+    FAIL() << "a correction of data whose scale is unknown was taken";
+  } catch (const UsageError& error) {
+    EXPECT_STREQ(error.what(),
+                 "bias_correction does not go together with a scale that is not known exactly "
+                 "(relative_scale_std, dic.scale_std): leave out one of them");
+  }
 }
 
 TEST(SharedErrorAndTime, AStepTakenOutLeavesNoTrace) {

@@ -201,6 +201,11 @@ void SequentialUpdate::refuse_what_does_not_go_together() const {
         "bias_correction does not go together with noise_level = \"unknown\": data cannot tell a bias from "
         "noise");
   }
+  if (projector_.noise().scale_std() > 0) {
+    throw UsageError(
+        "bias_correction does not go together with a scale that is not known exactly (relative_scale_std, "
+        "dic.scale_std): leave out one of them");
+  }
   if (projector_.depends_on_order() && !supervision_.is_joint()) {
     throw UsageError(
         "an extrapolated bias does not go together with noise that steps share (shared_reference, "

@@ -50,15 +50,6 @@ Index size_of(const std::vector<GridRun>& runs) {
   return runs.empty() ? 0 : runs.back().at + runs.back().end - runs.back().begin;
 }
 
-/// The nodes of the runs, n × d.
-Eigen::MatrixXd points_of(const Eigen::MatrixXd& axes, const std::vector<GridRun>& runs) {
-  if (axes.cols() == 2) return reduction::nodes_of(axes, runs);
-  Eigen::MatrixXd points(size_of(runs), 1);
-  for (const GridRun& run : runs)
-    points.middleRows(run.at, run.end - run.begin) = axes.middleRows(run.begin, run.end - run.begin);
-  return points;
-}
-
 /// Log-density at these nodes; where the target knows no rows, block by block, so that it sees one size of
 /// block only.
 Eigen::VectorXd evaluate(sampling::LogDensity& target, const Grid& grid, const std::vector<GridRun>& runs) {
@@ -69,7 +60,7 @@ Eigen::VectorXd evaluate(sampling::LogDensity& target, const Grid& grid, const s
     on_grid->evaluate_on_grid(axes, runs, values);
     return values;
   }
-  const Eigen::MatrixXd points = points_of(axes, runs);
+  const Eigen::MatrixXd points = reduction::nodes_of(axes, runs);
   Eigen::MatrixXd block(k_block, grid.dimension());
   sampling::LogDensityBatch batch;
   batch.resize(k_block, grid.dimension(), 0);
@@ -171,21 +162,23 @@ Eigen::VectorXd marginal_quantiles(const Grid& grid, Index k, const Eigen::Vecto
   return quantiles;
 }
 
-/// Leaves out the points that carry nothing (together less than 1e-8 of the mass): forecasts look at every
-/// point that is left.
-void drop_weightless(QuadraturePosterior& posterior) {
+/// The points, but those that carry nothing (together less than 1e-8 of the mass): forecasts look at every
+/// point there is.
+void take_points(QuadraturePosterior& posterior, const Grid& fine, const std::vector<GridRun>& runs) {
+  const Eigen::MatrixXd axes = fine.axes();
+  if (fine.dimension() == 2) posterior.nodes = {axes, runs, posterior.weights, {}};
   const double floor = 1e-8 / static_cast<double>(posterior.weights.size());
   std::vector<Index> kept;
   kept.reserve(static_cast<std::size_t>(posterior.weights.size()));
   for (Index i = 0; i < posterior.weights.size(); ++i)
     if (posterior.weights[i] > floor) kept.push_back(i);
   posterior.weights = posterior.weights(kept).eval();
-  posterior.points = posterior.points(kept, Eigen::all).eval();
+  posterior.points = reduction::nodes_of(axes, runs)(kept, Eigen::all);
   posterior.weights /= posterior.weights.sum();
   if (!posterior.nodes.runs.empty()) posterior.nodes.kept = std::move(kept);
 }
 
-/// The rule on the nodes of `fine` that are given.
+/// The rule on the nodes of `fine` that are given; weights of all of them, without their points.
 QuadraturePosterior integrate(sampling::LogDensity& target, const Grid& fine,
                               const std::vector<GridRun>& runs) {
   const Index d = fine.dimension();
@@ -194,8 +187,6 @@ QuadraturePosterior integrate(sampling::LogDensity& target, const Grid& fine,
   QuadraturePosterior result;
   const double top = values.maxCoeff();
   result.weights = (values.array() - top).exp();
-  const Eigen::MatrixXd axes = fine.axes();
-  result.points = points_of(axes, runs);
   Eigen::MatrixXd mass = Eigen::MatrixXd::Zero(fine.count, d);
   double every_other = 0;
   for (const GridRun& run : runs) {
@@ -213,8 +204,6 @@ QuadraturePosterior integrate(sampling::LogDensity& target, const Grid& fine,
   for (Index k = 0; k < d; ++k) {
     result.quantiles.row(k) = marginal_quantiles(fine, k, mass.col(k) / sum).transpose();
   }
-  if (d == 2) result.nodes = {axes, runs, result.weights, {}};
-  drop_weightless(result);
   return result;
 }
 
@@ -244,9 +233,12 @@ QuadraturePosterior tensor_quadrature(sampling::LogDensity& target) {
     Grid fine = coarse;
     fine.count = (coarse.count - 1) * factor + 1;
     fine.spacing /= static_cast<double>(factor);
-    QuadraturePosterior result =
-        integrate(target, fine, nodes_near_mass(coarse, coarse_values, fine, factor));
-    if (result.refinement_change < k_refinement_tolerance || factor == k_most_refined) return result;
+    const std::vector<GridRun> runs = nodes_near_mass(coarse, coarse_values, fine, factor);
+    QuadraturePosterior result = integrate(target, fine, runs);
+    if (result.refinement_change < k_refinement_tolerance || factor == k_most_refined) {
+      take_points(result, fine, runs);
+      return result;
+    }
   }
 }
 

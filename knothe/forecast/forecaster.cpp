@@ -134,8 +134,7 @@ void Forecaster::add_displacement(const SeparatedModel& model, const ForecastSpe
       at_horizon(reduction::observe(model, specification.point, {&component, 1}), specification);
   scalars_.push_back({specification.name, "m",
                       QuantityOfInterest(functions_, prediction.lift[0], prediction.modes.row(0).transpose(),
-                                         specification.threshold.value_or(0)),
-                      true});
+                                         specification.threshold.value_or(0))});
 }
 
 void Forecaster::add_output(const SeparatedModel& model, const ForecastSpecification& specification) {
@@ -144,8 +143,7 @@ void Forecaster::add_output(const SeparatedModel& model, const ForecastSpecifica
       axis_nodes(model), output_at_horizon(model, output, specification), 1);
   scalars_.push_back(
       {specification.name, output.labels.units,
-       QuantityOfInterest(functions, 0.0, Eigen::VectorXd::Ones(1), specification.threshold.value_or(0)),
-       false});
+       QuantityOfInterest(functions, 0.0, Eigen::VectorXd::Ones(1), specification.threshold.value_or(0))});
 }
 
 void Forecaster::evaluate_functions(const Eigen::Ref<const Eigen::MatrixXd>& points) {
@@ -156,9 +154,9 @@ void Forecaster::evaluate_functions(const Eigen::Ref<const Eigen::MatrixXd>& poi
 std::vector<NamedForecast> Forecaster::update(const Eigen::Ref<const Eigen::MatrixXd>& points,
                                               const Eigen::Ref<const Eigen::VectorXd>& weights) {
   std::vector<NamedForecast> forecasts;
-  if (!cracks_.empty() || std::any_of(scalars_.begin(), scalars_.end(),
-                                      [](const Scalar& scalar) { return scalar.of_model_functions; }))
-    evaluate_functions(points);
+  const auto is_of_model = [&](const Scalar& scalar) { return scalar.quantity.is_of(*functions_); };
+  if (!cracks_.empty() || std::any_of(scalars_.begin(), scalars_.end(), is_of_model))
+    evaluate_functions(points);  // once for all of them
   if (!cracks_.empty()) {
     const FunctionMoments moments = moments_of_functions(batch_.value, weights);
     for (const Crack& crack : cracks_) {
@@ -169,9 +167,8 @@ std::vector<NamedForecast> Forecaster::update(const Eigen::Ref<const Eigen::Matr
   }
   for (const Scalar& scalar : scalars_) {
     forecasts.push_back({scalar.name, scalar.units,
-                         scalar.of_model_functions
-                             ? scalar.quantity.update_from_functions(batch_.value, weights)
-                             : scalar.quantity.update(points, weights),
+                         is_of_model(scalar) ? scalar.quantity.update_from_functions(batch_.value, weights)
+                                             : scalar.quantity.update(points, weights),
                          std::nullopt});
   }
   const auto place = [&](const NamedForecast& forecast) {

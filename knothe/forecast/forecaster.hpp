@@ -71,7 +71,6 @@ class Forecaster {
   struct Scalar {
     std::string name, units;
     QuantityOfInterest quantity;
-    bool of_model_functions;  ///< of `functions_`: evaluated once for all of them
   };
   void evaluate_functions(const Eigen::Ref<const Eigen::MatrixXd>& points);
   void add_crack(const reduction::SeparatedModel& model, std::span<const double> points,

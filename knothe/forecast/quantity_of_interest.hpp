@@ -26,6 +26,10 @@ class QuantityOfInterest {
   /// The same where w at the points is at hand (n × r).
   [[nodiscard]] ScalarForecast update_from_functions(const Eigen::Ref<const reduction::RowMatrix>& functions,
                                                      const Eigen::Ref<const Eigen::VectorXd>& weights) const;
+  /// Whether it is one of these functions' values.
+  [[nodiscard]] bool is_of(const reduction::ParameterFunctions& functions) const {
+    return functions_.get() == &functions;
+  }
   [[nodiscard]] double threshold() const { return threshold_; }
 
  private:

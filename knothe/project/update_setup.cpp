@@ -286,12 +286,6 @@ UpdateSetup set_up_online(const Project& project) {
         "a known parameter is for `knothe assimilate`: data that come one by one do not bring it");
   }
   UpdateSetup setup = set_up(project, false, !project.serve.watch_pictures.empty());
-  const assimilation::NoiseModel& noise = setup.measurements.noise;
-  if (project.method.bias_correction != "off" && (noise.shared_reference() > 0 || noise.offset_std() > 0)) {
-    throw project.error_at("method.bias_correction",
-                           "bias_correction beside noise that steps share (shared_reference, offset_std) is "
-                           "for `knothe assimilate`");
-  }
   if (!setup.scalars.empty()) {
     throw project.error_at(
         "data", fmt::format("{} is measured beside displacements: forces and gauges are for `knothe "

@@ -25,14 +25,16 @@ class GridEvaluator {
   GridEvaluator& operator=(const GridEvaluator&) = default;
 };
 
-/// The nodes of the runs, one by one, n × 2.
+/// The nodes of the runs, one by one, n × d. With one variable there is one row, its nodes those of the only
+/// axis.
 [[nodiscard]] inline Eigen::MatrixXd nodes_of(const Eigen::Ref<const Eigen::MatrixXd>& axes,
                                               std::span<const GridRun> runs) {
-  Eigen::MatrixXd points(runs.empty() ? 0 : runs.back().at + runs.back().end - runs.back().begin, 2);
+  Eigen::MatrixXd points(runs.empty() ? 0 : runs.back().at + runs.back().end - runs.back().begin,
+                         axes.cols());
   for (const GridRun& run : runs) {
     const Eigen::Index n = run.end - run.begin;
-    points.col(0).segment(run.at, n).setConstant(axes(run.row, 0));
-    points.col(1).segment(run.at, n) = axes.col(1).segment(run.begin, n);
+    if (axes.cols() == 2) points.col(0).segment(run.at, n).setConstant(axes(run.row, 0));
+    points.col(axes.cols() - 1).segment(run.at, n) = axes.col(axes.cols() - 1).segment(run.begin, n);
   }
   return points;
 }

@@ -111,6 +111,16 @@ class Test(ServiceCase):
         service.settled(12)
         self.assertEqual([comparable(line) for line in service.states()], expected)
 
+    def test_a_correction_beside_offsets_is_served_as_it_is_assimilated(self):
+        self.edit("[method]\n", '[method]\nbias_correction = "on"\noffset_std = 1e-6\n')
+        expected = [comparable(line) for line in self.assimilate()]
+        self.assertEqual({line["bias_correction"] for line in expected}, {"on"})
+        service = self.serve()
+        for k in (0, 3, 1, 2, 4, 7, 5, 6, 8, 11, 9, 10):
+            service.send(self.data[k])
+        service.settled(12)
+        self.assertEqual([comparable(line) for line in service.states()], expected)
+
     def test_what_comes_too_late_is_quarantined_and_can_be_let_in(self):
         expected = [comparable(line) for line in self.assimilate()]
         service = self.serve()
