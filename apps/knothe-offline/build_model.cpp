@@ -80,12 +80,15 @@ void report_latin(const mechanics::LatinModel& latin, bool json) {
   }
 }
 
+const std::string& method_of(const BuildArguments& arguments, const project::OfflineOptions& options) {
+  return arguments.method.empty() ? options.method : arguments.method;
+}
+
 /// The solution at all points of the grid, by the method that is asked for.
 reduction::GridSolutions solve_grid(const BuildArguments& arguments, const project::OfflineOptions& options,
                                     const mechanics::BeamProblem& problem,
                                     const std::vector<reduction::Axis>& axes, int sparse_level) {
-  const std::string& method = arguments.method.empty() ? options.method : arguments.method;
-  if (method == "latin") {
+  if (method_of(arguments, options) == "latin") {
     mechanics::LatinOptions latin;
     latin.accuracy = options.latin_accuracy;
     latin.window = options.latin_window;
@@ -205,17 +208,22 @@ int build_model(const BuildArguments& arguments) {
   const project::OfflineOptions& options = *project.offline;
 
   const std::vector<reduction::Axis> axes = parameter_axes(project);
-  if (options.adaptive_grid_error > 0 &&
-      (arguments.method.empty() ? options.method : arguments.method) == "latin")
+  const bool is_latin = method_of(arguments, options) == "latin";
+  if (options.adaptive_grid_error > 0 && is_latin)
     throw ProjectError("\"grid_error\" adds full-order runs: it goes with method = \"snapshots\"");
   check_adaptive(project, axes);
+  const bool is_first = mechanics::Ranks::of_this_job().rank == 0;
+  if (is_latin && !is_first) {  // LATIN has all points at once: the first rank's threads do it
+    mechanics::Ranks::finish();
+    return 0;
+  }
   // The off-grid runs judge an adaptive grid; without one they come last, when the grid's runs are safe.
   std::vector<reduction::OffGridSolution> off_grid;
   if (options.adaptive_grid_error > 0) off_grid = off_grid_runs(problem, axes);
   const reduction::GridSolutions solutions = solve_adaptive_grid(arguments, project, problem, axes, off_grid);
 
   // In an MPI job all ranks have computed runs and now hold the same snapshots; the first one goes on.
-  if (mechanics::Ranks::of_this_job().rank != 0) {
+  if (!is_first) {
     mechanics::Ranks::finish();
     return 0;
   }

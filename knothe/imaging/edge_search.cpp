@@ -97,13 +97,12 @@ int change_point(const Grid& g) {
 struct Level {
   double median = 0, noise = 0;
 };
-/// Of the samples from a to b (both included).
+/// Of the samples from a to b (both included, a ≤ b).
 Level level_of(const Grid& g, int a, int b) {
   std::vector<double> values;
   for (int k = a; k <= b; ++k)
     for (int l = 0; l < g.lines; ++l) values.push_back(g.at(l, k));
   Level level;
-  if (values.empty()) return level;
   level.median = median(values);
   for (double& v : values) v = std::abs(v - level.median);
   level.noise = 1.4826 * median(values);
@@ -140,6 +139,7 @@ std::optional<double> half_way(const Grid& g, int line, int from, int way, doubl
 /// on the other. The quieter side is the background as a rule.
 std::vector<double> crossings(const Grid& g, int change) {
   const int blur = static_cast<int>(k_blur / g.step), search = static_cast<int>(k_search / g.step);
+  if (change <= blur || change + blur >= g.samples) return {};  // no level beside the edge to compare with
   const Level in = level_of(g, 0, change - 1 - blur), out = level_of(g, change + blur, g.samples - 1);
   const bool from_outside = out.noise <= in.noise;
   const Level quiet = from_outside ? out : in;

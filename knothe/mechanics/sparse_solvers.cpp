@@ -88,11 +88,13 @@ SymmetricFactor::SymmetricFactor(const SparseMatrix& matrix)
   if (common.status == CHOLMOD_OUT_OF_MEMORY)
     throw NumericalError(
         "not enough memory to factorise the stiffness matrix; use larger elements or fewer layers");
-  if (factor == nullptr || common.status != CHOLMOD_OK)
+  // A rigid motion that nothing holds leaves a pivot of rounding errors, of either sign; the least relative
+  // pivot of a body that is held is some 0.05.
+  constexpr double k_least_pivot = 1e-12;
+  if (factor == nullptr || common.status != CHOLMOD_OK || cholmod_rcond(factor, &common) < k_least_pivot)
     throw NumericalError(
         "the elastic stiffness matrix is not positive definite: some part of the body can move freely; check "
-        "that the "
-        "supports hold it and that the mesh is in one piece");
+        "that the supports hold it and that the mesh is in one piece");
 }
 
 SymmetricFactor::~SymmetricFactor() = default;

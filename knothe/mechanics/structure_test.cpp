@@ -147,6 +147,14 @@ TEST(Structure, a_body_that_is_not_held_is_refused) {
               Structure(mesh, {}, "cube");
             }).find("\"support_left\""),
             std::string::npos);
+  // It may turn about the vertical axis through the corner that is held.
+  mesh = distorted_cube();
+  mesh.support_left = mesh.symmetry =
+      nodes_where(mesh, [](double x, double y, double z) { return x == 0 && y == 0 && z == 0; });
+  EXPECT_NE(knothe::files::message_of<knothe::NumericalError>([&] {
+              Structure(mesh, {}, "cube");
+            }).find("some part of the body can move freely"),
+            std::string::npos);
   // A second cube that touches nothing.
   mesh = distorted_cube();
   const auto nodes = mesh.node_count(), cells = mesh.cell_count();

@@ -215,6 +215,7 @@ PictureDatum PictureMeasurements::next() {
 void PictureMeasurements::predict_next(const imaging::PictureResult& last) {
   const Eigen::VectorXd increment = std::exchange(increment_, {});
   const Eigen::Index count = last.correlation.displacement.size();
+  series_->set_prediction({});  // not that of an earlier picture
   if (last.missing || increment.size() < count || !increment.allFinite()) return;
   series_->set_prediction(last.correlation.displacement +
                           frame_.to_model(Eigen::VectorXd(increment.head(count))) / std::norm(frame_.slope));

@@ -196,7 +196,8 @@ PictureOptions read_pictures(Values& values, const std::string& folder) {
   p.mesh_in_metres = values.text("dic.mesh_unit", "px") == "m";
   if (p.mesh_in_metres && !registered)
     values.complain("dic.mesh_unit",
-                    "\"dic.mesh_unit\" = \"m\" needs \"dic.scale\", or \"dic.pixels\" and \"dic.points\"");
+                    "\"dic.mesh_unit\" = \"m\" needs \"dic.scale\", or \"dic.pixels\" and \"dic.points\", or "
+                    "\"dic.registration\" = \"outline\"");
   if (values.has("dic.mesh_unit") && p.mesh_file.empty())
     values.complain("dic.mesh_unit", "\"dic.mesh_unit\" needs \"dic.mesh_file\"");
   if (p.model_mesh && !p.mesh_file.empty())

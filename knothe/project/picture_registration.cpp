@@ -36,7 +36,6 @@ std::optional<imaging::OutlineFit> register_pictures(Project& project,
   imaging::OutlineFit fit = imaging::fit_outline(files::read_picture(path), outline,
                                                  {.start = p.frame, .scale_std = p.outline->scale_std}, path);
   fit.frame.view = p.view, fit.frame.plane = p.plane;
-  fit.frame = with_plane(fit.frame, project, mesh);
   p.frame = fit.frame;
   p.outline.reset();
   return fit;

@@ -24,8 +24,9 @@ std::vector<double> update_times(const Results& results) {
 }
 
 std::string percent(double probability) {
-  if (probability > 0.0 && probability < 0.001) return "less than 0.1 %";
-  if (probability < 1.0 && probability > 0.999) return "more than 99.9 %";
+  // Of samples: all of them above does not mean certainty.
+  if (probability < 0.001) return "less than 0.1 %";
+  if (probability > 0.999) return "more than 99.9 %";
   return readable(100.0 * probability, probability > 0.1 ? 3 : 2) + " %";
 }
 

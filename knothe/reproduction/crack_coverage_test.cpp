@@ -62,6 +62,7 @@ TEST(CrackCoverage, LengthsOfHeldOutDamageFieldsAreAsForecast) {
   const char* count = std::getenv("KNOTHE_CRACKS");
   if (count == nullptr) GTEST_SKIP() << "full-order runs for minutes: set KNOTHE_CRACKS=150";
   const int held_out = std::atoi(count);
+  ASSERT_GT(held_out, 0) << count;
   const files::TestFolder own;
   const char* kept = std::getenv("KNOTHE_CRACK_MODELS");
   const std::string folder = kept != nullptr ? kept : own.file("");

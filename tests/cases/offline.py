@@ -201,6 +201,13 @@ class Test(Case):
         self.assertEqual(self.finish(job).count("9 full-order runs"), 1)
         self.assertEqual((self.folder / "model.h5").read_bytes(), (self.folder / "serial.h5").read_bytes())
 
+    def test_latin_in_an_mpi_job_is_done_once(self):
+        job = self.mpirun("offline", self.project_name, "--method", "latin", "-o", "model.h5")
+        self.assertEqual(self.finish(job).count("LATIN-PGD: 9 grid points"), 1)
+        self.build("serial.h5", "--method", "latin")
+        self.assertEqual((self.folder / "model.h5").read_bytes(), (self.folder / "serial.h5").read_bytes())
+        self.assertEqual(self.parts(), [])
+
     def test_a_rank_that_dies_ends_the_job_and_its_runs_are_kept(self):
         job = self.mpirun("offline", self.project_name, "-o", "model.h5")
         children = pathlib.Path(f"/proc/{job.pid}/task/{job.pid}/children")
