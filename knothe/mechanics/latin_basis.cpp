@@ -29,17 +29,20 @@ MatrixXd LatinBasis::to_working(const MatrixXd& coordinates) const {
 bool LatinBasis::add(const VectorXd& force, double threshold) {
   // Forces lead and displacements follow from them: what is left of a direction that the archive nearly holds
   // is small, and the two must still belong together after it has been scaled up.
-  VectorXd f = force, u = body_.flexibility() * f;
-  const double before = u.dot(f);
-  if (!(before > 0) || !std::isfinite(before)) return false;
-  f /= std::sqrt(before);
-  VectorXd direction = VectorXd::Zero(archived());
+  VectorXd f = force, direction = VectorXd::Zero(archived());
   for (int pass = 0; pass < 2 && archived() > 0; ++pass) {  // twice is enough
     const VectorXd part = archive_displacements_.transpose() * f;
     f -= archive_forces_ * part;
     direction += part;
   }
-  u.noalias() = body_.flexibility() * f;
+  VectorXd u = body_.flexibility() * f;
+  // The archive is orthonormal in G: fᵀ G f of the whole force needs no product of its own.
+  const double whole = direction.squaredNorm() + u.dot(f);
+  if (!(whole > 0) || !std::isfinite(whole)) return false;
+  const double scale = 1 / std::sqrt(whole);
+  f *= scale;
+  u *= scale;
+  direction *= scale;
   VectorXd outside = direction;
   for (int pass = 0; pass < 2 && size() > 0; ++pass)
     outside -= directions_ * (directions_.transpose() * outside).eval();

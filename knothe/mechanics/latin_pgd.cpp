@@ -76,7 +76,8 @@ class LatinPgd {
   std::vector<MatrixXd> expected_;  ///< first iterates of the window (LatinStage::expected)
   LatinSolution solution_;
   std::clock_t start_ = std::clock();
-  LatinState state_;  ///< at the start of the window; empty without a state file
+  LatinState state_;  ///< at the start of the window, but for `expanded`; empty without a state file
+  Index expanded_columns_ = 0;  ///< of `expanded_` then; columns are only added, so that is all to keep
   MonotonicTime saved_ = monotonic_now();
 };
 
@@ -339,13 +340,16 @@ void LatinPgd::remember(int next_step) {
   if (options_.state_file.empty()) return;
   solution_.cpu_seconds = static_cast<double>(std::clock() - start_) / CLOCKS_PER_SEC;
   const auto cells = body_.cells();
-  state_ = {next_step, {cells.begin(), cells.end()}, basis_.modes(), history_, expanded_, solution_};
+  state_ = {next_step, {cells.begin(), cells.end()}, basis_.modes(), history_, {}, solution_};
+  expanded_columns_ = expanded_.cols();
   if (microseconds_since(saved_) > k_microseconds_between_saves) save_state();
 }
 
 void LatinPgd::save_state() {
   if (options_.state_file.empty()) return;
+  state_.expanded = expanded_.leftCols(expanded_columns_);
   write_latin_state(state_, options_.key, options_.state_file);
+  state_.expanded.resize(0, 0);
   saved_ = monotonic_now();
 }
 
@@ -363,6 +367,7 @@ LatinSolution LatinPgd::run() {
     progress.advance_to(static_cast<std::size_t>(last_),
                         fmt::format("{} space modes, residual {:.1e}, correction {:.2g} µm, change {:.1e}",
                                     basis_.archived(), now.residual, 1e6 * now.correction, now.indicator));
+    if (options_.on_window) options_.on_window(last_);
   }
   for (MatrixXd& stored : solution_.coordinates) {
     const Index before = stored.rows();

@@ -2,6 +2,7 @@
 /// @file LATIN-PGD of the damageable body over space, time and parameters (docs/latin.md; Rubio et al. 2019,
 /// §3.1 and §6.2; Ladevèze 1999).
 #include <Eigen/Core>
+#include <functional>
 #include <memory>
 #include <span>
 #include <string>
@@ -39,6 +40,7 @@ struct LatinOptions {
   std::string state_file;
   /// What tells this run from others that might have left a state there.
   std::string key;
+  std::function<void(int)> on_window;  ///< called after each window with the number of steps that are done
 
   /// Throws ProjectError naming the option that makes no sense.
   void validate() const;

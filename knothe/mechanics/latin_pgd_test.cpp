@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <filesystem>
 
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
@@ -258,6 +259,42 @@ TEST(LatinPgd, InterruptedItSaysThatNothingIsKept) {
     EXPECT_THAT(error.what(), HasSubstr("nothing is kept"));
   }
   request_cancellation(false);
+}
+
+TEST(LatinPgd, ThatWasInterruptedGoesOnAsIfItHadNeverStopped) {
+  const BeamProblem problem = coarse_beam(24);
+  const auto structure = std::make_shared<const Structure>(make_mesh(problem), problem.elastic, "beam");
+  const std::vector<DamageParameters> parameters = {{216.0, 2.25e-3}, {150.0, 1.5e-3}, {300.0, 3e-3}};
+  const LatinSolution whole = solve_latin_pgd(structure, problem.solver, parameters, {});
+  LatinOptions options;
+  options.key = "this run";
+  options.state_file = testing::TempDir() + "/latin-interrupted.h5";
+  std::filesystem::remove(options.state_file);
+  for (const int stop : {2, 14, 20}) {  // before, while and after the crack starts to run
+    options.on_window = [&](int done) { request_cancellation(done == stop); };
+    std::string message = "it went on";
+    try {
+      (void)solve_latin_pgd(structure, problem.solver, parameters, options);
+    } catch (const Interrupted& error) {
+      message = error.what();
+    }
+    request_cancellation(false);
+    EXPECT_THAT(message, HasSubstr("LATIN-PGD at step " + std::to_string(stop) +
+                                   " of 24; steps before it are kept in " + options.state_file));
+    EXPECT_TRUE(std::filesystem::exists(options.state_file));
+  }
+  std::vector<int> windows;
+  options.on_window = [&](int done) { windows.push_back(done); };
+  const LatinSolution resumed = solve_latin_pgd(structure, problem.solver, parameters, options);
+  EXPECT_THAT(windows, testing::ElementsAre(22, 24));
+  EXPECT_FALSE(std::filesystem::exists(options.state_file));
+  EXPECT_TRUE(whole.space == resumed.space);
+  EXPECT_TRUE(whole.coordinates == resumed.coordinates);
+  EXPECT_TRUE(whole.residual == resumed.residual);
+  EXPECT_TRUE(whole.reaction == resumed.reaction);
+  EXPECT_TRUE(whole.accepted == resumed.accepted);
+  EXPECT_EQ(whole.local_points, resumed.local_points);
+  EXPECT_EQ(whole.history.size(), resumed.history.size());
 }
 
 template <typename Change>
