@@ -120,8 +120,8 @@ std::vector<Error> latin_alone(const Study& study, const Judge& judge, const Str
       const auto s = static_cast<std::size_t>(step);
       const Eigen::VectorXd u = latin.displacement(structure, s, static_cast<Eigen::Index>(k));
       for (std::size_t i = 0; i < judge.dofs.size(); ++i)
-        result[k].add(judge.exact[k][s * judge.dofs.size() + i],
-                      u[static_cast<Eigen::Index>(judge.dofs[i])], s);
+        result[k].add(judge.exact[k][s * judge.dofs.size() + i], u[static_cast<Eigen::Index>(judge.dofs[i])],
+                      s);
     }
   return result;
 }
