@@ -80,6 +80,45 @@ void report_latin(const mechanics::LatinModel& latin, bool json) {
   }
 }
 
+/// LATIN-PGD in the fully separated form.
+reduction::GridSolutions solve_separated(const BuildArguments& arguments,
+                                         const project::OfflineOptions& options,
+                                         const mechanics::BeamProblem& problem,
+                                         const std::vector<reduction::Axis>& axes) {
+  mechanics::SeparatedOptions separated;
+  if (options.latin_accuracy > 0) separated.accuracy = options.latin_accuracy;
+  separated.window = options.latin_window;
+  separated.most_terms = options.latin_terms;
+  separated.threads = static_cast<std::size_t>(options.processes);
+  separated.quiet = false;
+  mechanics::LatinModel model =
+      mechanics::solve_separated_grid(problem, axes, separated, options.latin_start);
+  for (const mechanics::SeparatedIteration& it : model.separated) {
+    if (arguments.json)
+      fmt::print("{}\n", files::json_line({{"steps", it.steps},
+                                           {"round", it.round},
+                                           {"terms", it.terms},
+                                           {"space_modes", it.space_modes},
+                                           {"energy_error", it.energy_error},
+                                           {"residual", it.residual},
+                                           {"correction_m", it.correction},
+                                           {"indicator", it.indicator},
+                                           {"relaxation", it.relaxation},
+                                           {"cpu_seconds", it.cpu_seconds}}));
+  }
+  const auto terms = model.grid.terms ? model.grid.terms->time.cols() : 0;
+  if (!mechanics::inaccurate_points(model.solution).empty())
+    fmt::print(stderr,
+               "knothe: warning: with {} terms out-of-balance forces are left that are worth {:.3g} µm "
+               "([offline.latin] accuracy asks for {:.3g} µm): allow more terms, or take the joint form\n",
+               terms, 1e6 * model.separated.back().correction, 1e6 * separated.accuracy);
+  if (!arguments.json)
+    fmt::print(
+        "LATIN-PGD, fully separated: {} grid points, {} terms, {} global stages, {:.1f} s of CPU time\n",
+        model.grid.snapshots.grid_size(), terms, model.separated.size(), model.solution.cpu_seconds);
+  return std::move(model.grid);
+}
+
 const std::string& method_of(const BuildArguments& arguments, const project::OfflineOptions& options) {
   return arguments.method.empty() ? options.method : arguments.method;
 }
@@ -89,8 +128,9 @@ reduction::GridSolutions solve_grid(const BuildArguments& arguments, const proje
                                     const mechanics::BeamProblem& problem,
                                     const std::vector<reduction::Axis>& axes, int sparse_level) {
   if (method_of(arguments, options) == "latin") {
+    if (options.latin_full) return solve_separated(arguments, options, problem, axes);
     mechanics::LatinOptions latin;
-    latin.accuracy = options.latin_accuracy;
+    if (options.latin_accuracy > 0) latin.accuracy = options.latin_accuracy;
     latin.window = options.latin_window;
     latin.threads = static_cast<std::size_t>(options.processes);
     latin.quiet = false;

@@ -49,33 +49,36 @@ void add_outputs(const LatinSolution& solution, std::span<const MatrixXd> coordi
   }
 }
 
-}  // namespace
+/// The body, the grid, and the damage parameters of its points.
+struct GridProblem {
+  std::shared_ptr<const Structure> structure;
+  reduction::Snapshots frame;
+  std::vector<DamageParameters> parameters;
+};
 
-LatinModel solve_latin_grid(const BeamProblem& problem, const std::vector<reduction::Axis>& axes,
-                            LatinOptions options, const std::string& parts_folder,
-                            const std::string& start_file) {
+GridProblem grid_problem(const BeamProblem& problem, const std::vector<reduction::Axis>& axes) {
   problem.solver.validate();
   const std::string source = problem.gmsh_file.empty() ? "beam" : problem.gmsh_file;
-  const auto structure = std::make_shared<const Structure>(make_mesh(problem), problem.elastic, source);
-  reduction::Snapshots frame = as_snapshots(problem, *structure, {});
-  frame.axes = axes;
-  std::vector<DamageParameters> parameters;
-  for (std::size_t i = 0; i < frame.grid_size(); ++i)
-    parameters.push_back(damage_parameters(problem, axes, frame.parameters_at(i)));
-  if (!start_file.empty())
-    options.start = start_from(reduction::SeparatedModel::load(start_file), problem, *structure, axes);
-  if (!parts_folder.empty()) set_state_file(problem, axes, parts_folder, options);
-  LatinModel model;
-  model.solution = solve_latin_pgd(structure, problem.solver, parameters, options);
-  if (std::error_code ignored; !parts_folder.empty()) std::filesystem::remove(parts_folder, ignored);
+  GridProblem grid;
+  grid.structure = std::make_shared<const Structure>(make_mesh(problem), problem.elastic, source);
+  grid.frame = as_snapshots(problem, *grid.structure, {});
+  grid.frame.axes = axes;
+  for (std::size_t i = 0; i < grid.frame.grid_size(); ++i)
+    grid.parameters.push_back(damage_parameters(problem, axes, grid.frame.parameters_at(i)));
+  return grid;
+}
 
+LatinModel model_of(LatinSolution found, GridProblem grid) {
+  LatinModel model;
+  model.solution = std::move(found);
   // Modes: the unit lift, then those of LATIN; coordinates (R + 1) × n_t of each grid point.
   const LatinSolution& solution = model.solution;
-  const Index dofs = structure->dof_count(), steps = problem.solver.steps;
+  const Structure& structure = *grid.structure;
+  const Index dofs = structure.dof_count(), steps = static_cast<Index>(solution.coordinates.size());
   MatrixXd modes(dofs, solution.space.cols() + 1);
-  modes.col(0) = Eigen::Map<const Eigen::VectorXd>(structure->unit_lift().data(), dofs);
+  modes.col(0) = Eigen::Map<const Eigen::VectorXd>(structure.unit_lift().data(), dofs);
   modes.rightCols(solution.space.cols()) = solution.space;
-  std::vector<MatrixXd> coordinates(parameters.size(), MatrixXd(modes.cols(), steps));
+  std::vector<MatrixXd> coordinates(grid.parameters.size(), MatrixXd(modes.cols(), steps));
   for (std::size_t point = 0; point < coordinates.size(); ++point)
     for (Index step = 0; step < steps; ++step)
       coordinates[point].col(step) =
@@ -83,13 +86,42 @@ LatinModel solve_latin_grid(const BeamProblem& problem, const std::vector<reduct
   MatrixXd lift = MatrixXd::Zero(modes.cols(), steps);
   lift.row(0) = coordinates.front().row(0);
 
-  const auto& mesh = structure->mesh();
+  const auto& mesh = structure.mesh();
   MatrixXd mouth = MatrixXd::Zero(1, modes.cols());
   if (mesh.mouth_left >= 0 && mesh.mouth_right >= 0)
     mouth = modes.row(3 * mesh.mouth_right) - modes.row(3 * mesh.mouth_left);
-  add_outputs(solution, coordinates, mouth, frame.outputs);
-  model.grid = reduction::solutions_in_modes(std::move(frame), modes, coordinates, lift);
+  add_outputs(solution, coordinates, mouth, grid.frame.outputs);
+  model.grid = reduction::solutions_in_modes(std::move(grid.frame), modes, coordinates, lift);
   reduction::validate(model.grid.snapshots, "LATIN-PGD");
+  return model;
+}
+
+}  // namespace
+
+LatinModel solve_latin_grid(const BeamProblem& problem, const std::vector<reduction::Axis>& axes,
+                            LatinOptions options, const std::string& parts_folder,
+                            const std::string& start_file) {
+  GridProblem grid = grid_problem(problem, axes);
+  if (!start_file.empty())
+    options.start = start_from(reduction::SeparatedModel::load(start_file), problem, *grid.structure, axes);
+  if (!parts_folder.empty()) set_state_file(problem, axes, parts_folder, options);
+  LatinSolution solution = solve_latin_pgd(grid.structure, problem.solver, grid.parameters, options);
+  if (std::error_code ignored; !parts_folder.empty()) std::filesystem::remove(parts_folder, ignored);
+  return model_of(std::move(solution), std::move(grid));
+}
+
+LatinModel solve_separated_grid(const BeamProblem& problem, const std::vector<reduction::Axis>& axes,
+                                SeparatedOptions options, const std::string& start_file) {
+  GridProblem grid = grid_problem(problem, axes);
+  if (!start_file.empty())
+    options.start = start_from(reduction::SeparatedModel::load(start_file), problem, *grid.structure, axes);
+  SeparatedSolution found =
+      solve_latin_separated(grid.structure, problem.solver, axes, grid.parameters, options);
+  LatinModel model = model_of(std::move(found.solution), std::move(grid));
+  if (found.terms.count() > 0)
+    model.grid.terms = {model.grid.basis.transpose() * (model.solution.space * found.terms.space),
+                        found.terms.time, found.terms.parameters};
+  model.separated = std::move(found.history);
   return model;
 }
 

@@ -1,6 +1,7 @@
 #pragma once
 /// @file From LATIN-PGD on a grid of parameters to what reduction::compress takes.
 #include "knothe/mechanics/latin_pgd.hpp"
+#include "knothe/mechanics/latin_separated.hpp"
 #include "knothe/mechanics/offline.hpp"
 #include "knothe/reduction/grid_solutions.hpp"
 
@@ -11,6 +12,7 @@ namespace knothe::mechanics {
 struct LatinModel {
   reduction::GridSolutions grid;
   LatinSolution solution;
+  std::vector<SeparatedIteration> separated;  ///< global stages, if it was found in the fully separated form
 };
 
 /// Solves at all grid points of the axes ("Y0", "Ad") together. If `parts_folder` is not empty, a run that is
@@ -21,6 +23,11 @@ struct LatinModel {
                                           const std::vector<reduction::Axis>& axes, LatinOptions options,
                                           const std::string& parts_folder = {},
                                           const std::string& start_file = {});
+
+/// The same in the fully separated form; `grid.terms` holds it. Nothing is kept of a run that is interrupted.
+[[nodiscard]] LatinModel solve_separated_grid(const BeamProblem& problem,
+                                              const std::vector<reduction::Axis>& axes,
+                                              SeparatedOptions options, const std::string& start_file = {});
 
 /// Grid points at which some window was left before it was accurate, with the number of such windows each.
 [[nodiscard]] std::vector<std::pair<std::size_t, int>> inaccurate_points(const LatinSolution& solution);

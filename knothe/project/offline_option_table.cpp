@@ -15,8 +15,9 @@ std::vector<Option> offline_option_table() {
       {"offline.latin", K::table, "", "Options of LATIN-PGD.", {}},
       {"offline.latin.accuracy",
        K::positive,
-       "1e-7",
-       "Largest displacement that the out-of-balance forces left may be worth, m.",
+       "",
+       "Largest displacement that the out-of-balance forces left may be worth, m; 1e-7, fully separated "
+       "1e-6.",
        {}},
       {"offline.latin.window", K::integer, "2", "Load steps that are iterated together.", {}},
       {"offline.latin.start",
@@ -26,6 +27,13 @@ std::vector<Option> offline_option_table() {
        "coarser "
        "grid of parameters (hybrid); otherwise the elastic solution.",
        {}},
+      {"offline.latin.separation",
+       K::choice,
+       "joint",
+       "Space modes with joint functions of time and parameters; or every variable separated from every "
+       "other while it iterates (form = \"canonical\").",
+       {"joint", "full"}},
+      {"offline.latin.terms", K::integer, "100", "Fully separated: terms at most while it iterates.", {}},
       {"offline.mesh", K::table, "", "Mesh of the beam.", {}},
       {"offline.mesh.element", K::positive, "0.005", "Element size near the notch, m.", {}},
       {"offline.mesh.layers", K::integer, "1", "Layers of elements over the half thickness.", {}},

@@ -102,7 +102,7 @@ OfflineParameter read_offline_parameter(Values& values, const std::string& name)
 }
 
 OfflineOptions read_offline(Values& values, const std::string& folder) {
-  for (const char* key : {"mesh.layers", "steps", "processes", "modes", "latin.window"}) {
+  for (const char* key : {"mesh.layers", "steps", "processes", "modes", "latin.window", "latin.terms"}) {
     values.at_least(std::string("offline.") + key, 1);
   }
   OfflineOptions o;
@@ -112,6 +112,8 @@ OfflineOptions read_offline(Values& values, const std::string& folder) {
   if (values.has("offline.latin.start")) {
     o.latin_start = (std::filesystem::path(folder) / values.text("offline.latin.start", "")).string();
   }
+  o.latin_full = values.text("offline.latin.separation", "joint") == "full";
+  o.latin_terms = static_cast<int>(values.integer("offline.latin.terms", o.latin_terms));
   o.element = values.number("offline.mesh.element", o.element);
   o.layers = static_cast<int>(values.integer("offline.mesh.layers", o.layers));
   if (values.has("offline.mesh.gmsh")) {
@@ -142,6 +144,10 @@ OfflineOptions read_offline(Values& values, const std::string& folder) {
   o.processes = static_cast<int>(values.integer("offline.processes", o.processes));
   o.form = values.text("offline.form", o.form);
   o.modes = static_cast<int>(values.integer("offline.modes", o.modes));
+  if (o.latin_full && o.form != "canonical")
+    values.complain("offline.latin.separation",
+                    "separation = \"full\" finds the solution in the canonical form: it goes with form = "
+                    "\"canonical\" in [offline]; for the tree form leave it away");
   o.sparse_level = static_cast<int>(values.integer("offline.sparse_level", o.sparse_level));
   if (o.sparse_level >= 0 && o.method == "latin")
     values.complain("offline.sparse_level",

@@ -150,6 +150,9 @@ upper = 1.4
   EXPECT_NE(complaint("[offline]\n" + tables).find("less than two elements of 0.01 m"), std::string::npos);
   EXPECT_NE(complaint("[offline]\nmethod = \"latin\"\n" + tables).find("LATIN-PGD cannot do gradient damage"),
             std::string::npos);
+  EXPECT_NE(complaint("[offline]\nmethod = \"latin\"\nlatin = { separation = \"full\" }\n")
+                .find("it goes with form = \"canonical\" in [offline]"),
+            std::string::npos);
 }
 
 TEST(OptionTable, EveryOptionHasAMeaningAndAUniquePath) {

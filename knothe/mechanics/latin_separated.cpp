@@ -1,0 +1,290 @@
+#include "knothe/mechanics/latin_separated.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <ctime>
+
+#include "knothe/base/cancellation.hpp"
+#include "knothe/base/error.hpp"
+#include "knothe/base/progress.hpp"
+#include "knothe/mechanics/latin_activation.hpp"
+#include "knothe/mechanics/latin_foresight.hpp"
+#include "knothe/mechanics/latin_separated_stage.hpp"
+#include "knothe/mechanics/latin_separation.hpp"
+#include "knothe/reduction/deviation.hpp"
+
+namespace knothe::mechanics {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+constexpr double k_least_relaxation = 0.125;
+constexpr double k_start_tolerance = 1e-3;  // of the separation of a hybrid start
+
+class LatinSeparated {
+ public:
+  LatinSeparated(std::shared_ptr<const Structure> structure, const SolverOptions& loading,
+                 const std::vector<reduction::Axis>& axes, std::span<const DamageParameters> parameters,
+                 const SeparatedOptions& options);
+  SeparatedSolution run();
+
+ private:
+  [[nodiscard]] LatinSeparatedStage stage() const {
+    return {body_,          basis_,          grid_, parameters_, terms_, loading_.displacement,
+            loading_.steps, options_.threads};
+  }
+  [[nodiscard]] int steps() const { return static_cast<int>(terms_.time.rows()); }
+  void begin();
+  /// The range becomes [0, steps): functions of time go on along the line through their last two values.
+  void extend(int steps);
+  /// Cells join that are damaged, or nearly, at the steps from `first` on.
+  bool activate(int first);
+  /// Iterates over the range. Whether it became accurate.
+  bool solve_range();
+  /// A term more. False if there is nothing to gain.
+  bool enrich(const SeparatedStageResult& result, const SeparatedCorrection& correction);
+  void recompress();
+  void keep(const SeparatedStageResult& result, double correction, int round);
+
+  const SolverOptions loading_;
+  const std::vector<DamageParameters> parameters_;
+  const SeparatedOptions options_;
+  LatinBody body_;
+  LatinBasis basis_;
+  LatinGrid grid_;
+  LatinTerms terms_;
+  std::vector<double> thresholds_;
+  double relaxation_ = 1, energy_error_ = 1, indicator_ = 1;
+  SeparatedSolution result_;
+  std::clock_t start_ = std::clock();
+};
+
+LatinSeparated::LatinSeparated(std::shared_ptr<const Structure> structure, const SolverOptions& loading,
+                               const std::vector<reduction::Axis>& axes,
+                               std::span<const DamageParameters> parameters, const SeparatedOptions& options)
+    : loading_(loading),
+      parameters_(parameters.begin(), parameters.end()),
+      options_(options),
+      body_(std::move(structure), loading.regularisation),
+      basis_(body_),
+      relaxation_(options.relaxation) {
+  for (const reduction::Axis& axis : axes) {
+    grid_.sizes.push_back(static_cast<Index>(axis.nodes.size()));
+    grid_.weights.push_back(reduction::trapezoid_weights(axis.nodes));
+    terms_.parameters.emplace_back(grid_.sizes.back(), 0);
+  }
+  if (grid_.points() != static_cast<Index>(parameters_.size()))
+    throw UsageError(fmt::format("LATIN-PGD: the axes have {} grid points, and {} parameter points are given",
+                                 grid_.points(), parameters_.size()));
+  for (const DamageParameters& point : parameters_) {
+    thresholds_.push_back(point.threshold);
+    check_band(body_.structure().mesh(), loading.regularisation, body_.band_ratios(), point);
+  }
+  basis_.join(body_, {});
+}
+
+void LatinSeparated::begin() {
+  if (options_.start.empty()) return;
+  const LatinForesight foresight(options_.start, body_.structure());
+  for (int step = 0; step < loading_.steps; ++step) {
+    const double imposed = loading_.displacement * (step + 1) / loading_.steps;
+    const auto cells = foresight.joining(body_, step, imposed, thresholds_, options_.activation);
+    if (!cells.empty()) basis_.join(body_, cells);
+  }
+  const MatrixXd forces =
+      foresight.forces(body_, 0, loading_.steps, options_.recompression * options_.accuracy);
+  for (Index k = 0; k < forces.cols(); ++k) (void)basis_.add(forces.col(k), 1e-8);
+  if (basis_.size() == 0) return;
+  std::vector<MatrixXd> expected;
+  for (int step = 0; step < loading_.steps; ++step)
+    expected.push_back(foresight.expected(body_, basis_, step));
+  terms_ = separate(expected, grid_, options_.most_terms, k_start_tolerance);
+}
+
+void LatinSeparated::extend(int steps) {
+  const Index before = terms_.time.rows();
+  terms_.time.conservativeResize(steps, terms_.space.cols());
+  for (Index t = before; t < steps; ++t) {
+    if (t == 0)
+      terms_.time.row(t).setZero();
+    else if (t == 1)
+      terms_.time.row(t) = 2 * terms_.time.row(0);
+    else
+      terms_.time.row(t) = 2 * terms_.time.row(t - 1) - terms_.time.row(t - 2);
+  }
+}
+
+bool LatinSeparated::activate(int first) {
+  if (body_.waiting().empty()) return false;
+  const std::vector<MatrixXd> states = stage().states();
+  const MatrixXd expanded = body_.expand(basis_.forces());
+  bool joined = false;
+  for (int step = first; step < steps(); ++step) {
+    const Activation found = find_activation(body_, expanded, states[static_cast<std::size_t>(step)],
+                                             thresholds_, options_.activation);
+    if (found.joining.empty()) continue;
+    basis_.join(body_, found.joining);
+    joined = true;
+  }
+  return joined;
+}
+
+bool LatinSeparated::enrich(const SeparatedStageResult& result, const SeparatedCorrection& correction) {
+  std::optional<NewTerm> term = stage().rank_one(correction, options_.fixed_point);
+  if (!term)
+    term = stage().rank_one({body_.flexibility() * result.worst.residual, result.worst.residual, 0},
+                            options_.fixed_point);
+  if (!term) return false;
+  (void)basis_.add(term->force, 1e-8);
+  terms_.append(basis_.forces().transpose() * term->displacement, term->functions.time,
+                term->functions.parameters);
+  terms_.normalise();
+  return true;
+}
+
+void LatinSeparated::keep(const SeparatedStageResult& result, double correction, int round) {
+  LatinSolution& solution = result_.solution;
+  solution.residual.leftCols(steps()) = result.residual;
+  solution.reaction.leftCols(steps()) = result.reaction;
+  solution.local_points += static_cast<long>(grid_.points()) * steps() * body_.point_count();
+  energy_error_ = result.energy_error;
+  result_.history.push_back({steps(), round, static_cast<int>(terms_.count()),
+                             static_cast<int>(basis_.size()), result.energy_error, result.residual.maxCoeff(),
+                             correction, indicator_, relaxation_,
+                             static_cast<double>(std::clock() - start_) / CLOCKS_PER_SEC});
+}
+
+/// Relative change from `before` (of fewer modes, perhaps) to `now`.
+double change(const std::vector<MatrixXd>& before, const std::vector<MatrixXd>& now) {
+  double difference = 0, size = 0;
+  for (std::size_t t = 0; t < now.size(); ++t) {
+    const Index known = before[t].rows();
+    difference += (now[t].topRows(known) - before[t]).squaredNorm() +
+                  now[t].bottomRows(now[t].rows() - known).squaredNorm();
+    size += now[t].bottomRows(now[t].rows() - 1).squaredNorm();
+  }
+  return size > 0 ? std::sqrt(difference / size) : 0;
+}
+
+bool LatinSeparated::solve_range() {
+  double before = -1;
+  for (int round = 0;; ++round) {
+    check_cancellation(fmt::format("LATIN-PGD in the separated form at step {} of {}; nothing is kept",
+                                   steps(), loading_.steps));
+    SeparatedStageResult result = stage().run();
+    const SeparatedCorrection correction =
+        result.worst.elastic_error > 0 ? stage().correct(result.worst) : SeparatedCorrection{};
+    keep(result, correction.size, round);
+    if (correction.size <= options_.accuracy) return true;
+    if (round + 1 >= options_.rounds) return false;
+    // An update that made it worse was too long.
+    if (before >= 0 && energy_error_ > before)
+      relaxation_ = std::max(k_least_relaxation, relaxation_ / 2);
+    else
+      relaxation_ = std::min(options_.relaxation, 1.4 * relaxation_);
+    const bool stagnates = before >= 0 && energy_error_ > options_.stagnation * before;
+    const std::vector<MatrixXd> states = stage().states();
+    before = energy_error_;
+    if (terms_.count() == 0 || stagnates) {
+      if (terms_.count() >= options_.most_terms || !enrich(result, correction)) return false;
+      result = stage().run();  // the equations of the longer basis
+      before = -1;
+    }
+    update_functions(result.projection, terms_, options_.sweeps, relaxation_, options_.threads);
+    update_space(result.projection, terms_, relaxation_, options_.threads);
+    indicator_ = change(states, stage().states());
+  }
+}
+
+void LatinSeparated::recompress() {
+  if (terms_.count() == 0 || options_.recompression == 0) return;
+  // Where there is no room left, a tenth of the terms goes for those that later steps need.
+  const bool full = terms_.count() >= options_.most_terms && steps() < loading_.steps;
+  const Index most = full ? options_.most_terms * 9 / 10 : options_.most_terms;
+  terms_ = with_fewer_terms(terms_, grid_, std::max<Index>(1, most), options_.recompression * energy_error_);
+  const std::vector<MatrixXd> states = stage().states();
+  MatrixXd all(basis_.size() + 1, grid_.points() * steps());
+  for (int step = 0; step < steps(); ++step)
+    all.middleCols(grid_.points() * step, grid_.points()) = states[static_cast<std::size_t>(step)];
+  const MatrixXd archived = basis_.directions() * terms_.space;
+  basis_.recompress(basis_.to_archive(all), options_.recompression * options_.accuracy);
+  terms_.space = basis_.directions().transpose() * archived;
+  terms_.normalise();
+}
+
+SeparatedSolution LatinSeparated::run() {
+  LatinSolution& solution = result_.solution;
+  solution.residual = solution.reaction = MatrixXd::Zero(grid_.points(), loading_.steps);
+  for (int step = 0; step < loading_.steps; ++step)  // before anything is damaged
+    solution.reaction.col(step).setConstant(2 * body_.structure().unit_reaction() * loading_.displacement *
+                                            (step + 1) / loading_.steps);
+  Progress progress("LATIN-PGD, fully separated", static_cast<std::size_t>(loading_.steps), options_.quiet);
+  begin();
+  bool accurate = true;
+  do {
+    const int first = steps();
+    if (first < loading_.steps) extend(std::min(loading_.steps, first + options_.window));
+    do {
+      if (body_.dof_count() > 0) accurate = solve_range();
+    } while (activate(first < steps() ? first : 0));
+    recompress();
+    if (result_.history.empty()) continue;
+    const SeparatedIteration& now = result_.history.back();
+    progress.advance_to(
+        static_cast<std::size_t>(steps()),
+        fmt::format("stage {}, {} terms, residual {:.1e}, correction {:.2g} µm, change {:.1e}",
+                    result_.history.size(), now.terms, now.residual, 1e6 * now.correction, now.indicator));
+  } while (steps() < loading_.steps);
+  solution.accepted = Eigen::MatrixXi::Constant(grid_.points(), 1, accurate ? 1 : 0);
+  solution.space = body_.expand(basis_.forces());
+  solution.coordinates = stage().states();
+  solution.active_cells = static_cast<int>(body_.cells().size());
+  solution.cpu_seconds = static_cast<double>(std::clock() - start_) / CLOCKS_PER_SEC;
+  result_.terms = std::move(terms_);
+  return std::move(result_);
+}
+
+}  // namespace
+
+void SeparatedOptions::validate() const {
+  const auto refuse = [](const std::string& why) {
+    throw ProjectError("LATIN-PGD, fully separated: " + why);
+  };
+  if (!(accuracy > 0) || !std::isfinite(accuracy))
+    refuse(fmt::format("accuracy is {} m; it must be positive", accuracy));
+  if (window < 1) refuse(fmt::format("window is {} steps; it must be at least 1", window));
+  if (most_terms < 1 || rounds < 1 || sweeps < 1 || fixed_point < 0)
+    refuse(
+        fmt::format("most_terms, rounds and sweeps are {}, {} and {}; they must be at least 1 (fixed_point, "
+                    "{}, at least 0)",
+                    most_terms, rounds, sweeps, fixed_point));
+  if (!(relaxation > 0 && relaxation <= 1))
+    refuse(fmt::format("relaxation is {}; it must be above 0 and at most 1", relaxation));
+  if (!(stagnation > 0 && stagnation < 1))
+    refuse(fmt::format("stagnation is {}; it must be between 0 and 1", stagnation));
+  if (!(recompression >= 0 && recompression <= 1))
+    refuse(fmt::format("recompression is {}; it must be from 0 to 1", recompression));
+  if (!(activation > 0 && activation < 1))
+    refuse(fmt::format("activation is {}; it must be between 0 and 1", activation));
+}
+
+SeparatedSolution solve_latin_separated(std::shared_ptr<const Structure> structure,
+                                        const SolverOptions& loading,
+                                        const std::vector<reduction::Axis>& axes,
+                                        std::span<const DamageParameters> parameters,
+                                        const SeparatedOptions& options) {
+  loading.validate();
+  options.validate();
+  for (const DamageParameters& point : parameters) point.validate();
+  if (loading.regularisation.kind == Regularisation::gradient)
+    throw ProjectError(
+        "LATIN-PGD cannot do gradient damage: its local stage is one Gauss point's, and the averaged strain "
+        "is that of all; take method = \"snapshots\", or regularisation = \"crack-band\"");
+  return LatinSeparated(std::move(structure), loading, axes, parameters, options).run();
+}
+
+}  // namespace knothe::mechanics

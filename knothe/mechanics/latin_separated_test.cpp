@@ -1,0 +1,354 @@
+#include "knothe/mechanics/latin_separated.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "knothe/base/cancellation.hpp"
+#include "knothe/base/error.hpp"
+#include "knothe/mechanics/latin_model.hpp"
+#include "knothe/mechanics/latin_separation.hpp"
+#include "knothe/reduction/low_rank.hpp"
+
+namespace knothe::mechanics {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+using testing::HasSubstr;
+
+constexpr Index k_modes = 4, k_times = 5;
+
+LatinGrid small_grid() {
+  LatinGrid grid{{3, 2}, {VectorXd(3), VectorXd(2)}};
+  grid.weights[0] << 0.25, 0.5, 0.25;
+  grid.weights[1] << 0.5, 0.5;
+  return grid;
+}
+
+/// Projected equations of a body that is softer in another way at each (t, p): K is I less a random part.
+LatinProjection softened_body(const LatinGrid& grid) {
+  LatinProjection projection;
+  projection.weights = grid.point_weights();
+  for (Index t = 0; t < k_times; ++t) {
+    projection.stiffness.emplace_back(k_modes * k_modes, grid.points());
+    projection.load.push_back(reduction::normal_matrix(k_modes, grid.points(), 100 + static_cast<std::uint64_t>(t)));
+    for (Index p = 0; p < grid.points(); ++p) {
+      const MatrixXd a = reduction::normal_matrix(k_modes, k_modes, static_cast<std::uint64_t>(10 * t + p) + 1);
+      const MatrixXd stiffness = 0.2 * MatrixXd::Identity(k_modes, k_modes) + 0.1 * a * a.transpose();
+      projection.stiffness.back().col(p) = stiffness.reshaped();
+    }
+  }
+  return projection;
+}
+
+/// −½ Σ w fᵀ K⁻¹ f: the least energy of all, found for each (t, p) alone.
+double least_energy(const LatinProjection& projection) {
+  double energy = 0;
+  for (std::size_t t = 0; t < projection.stiffness.size(); ++t)
+    for (Index p = 0; p < projection.weights.size(); ++p) {
+      const MatrixXd stiffness = projection.stiffness[t].col(p).reshaped(k_modes, k_modes);
+      const VectorXd f = projection.load[t].col(p);
+      VectorXd x = VectorXd::Zero(k_modes);
+      for (int i = 0; i < 4000; ++i) x += 0.3 * (f - stiffness * x);  // Richardson: shares nothing with the updates
+      energy -= 0.5 * projection.weights[p] * f.dot(x);
+    }
+  return energy;
+}
+
+/// Rank-one functions of a projected direction at the terms' state, as the fixed point has them.
+RankOne functions_of(const LatinProjection& projection, const LatinTerms& terms, const VectorXd& mode,
+                     const LatinGrid& grid) {
+  MatrixXd a(k_times, grid.points()), b(k_times, grid.points());
+  for (Index t = 0; t < k_times; ++t) {
+    const MatrixXd c = terms.count() > 0 ? terms.coordinates(t) : MatrixXd(MatrixXd::Zero(k_modes, grid.points()));
+    for (Index p = 0; p < grid.points(); ++p) {
+      const MatrixXd stiffness = projection.stiffness[static_cast<std::size_t>(t)].col(p).reshaped(k_modes, k_modes);
+      a(t, p) = mode.dot(stiffness * mode);
+      b(t, p) = mode.dot(projection.load[static_cast<std::size_t>(t)].col(p) - stiffness * c.col(p));
+    }
+  }
+  return rank_one_functions(a, b, grid);
+}
+
+TEST(LatinTerms, EveryTermAndEveryUpdateLowersTheEnergyDownToTheSolutionAtEachPoint) {
+  // Linear equations: damage stays as it is. 30 terms have room for any c(t, p).
+  const LatinGrid grid = small_grid();
+  const LatinProjection projection = softened_body(grid);
+  const double least = least_energy(projection);
+  LatinTerms terms;
+  terms.parameters = {MatrixXd(3, 0), MatrixXd(2, 0)};
+  double before = 0;
+  for (int m = 1; m <= 30; ++m) {
+    const VectorXd mode = VectorXd::Unit(k_modes, m % k_modes);
+    const RankOne functions = functions_of(projection, terms, mode, grid);
+    terms.append(mode, functions.time, functions.parameters);
+    terms.normalise();
+    const double with_term = projected_energy(projection, terms);
+    EXPECT_LT(with_term, before - 1e-12 * std::abs(least)) << m;
+    update_functions(projection, terms, 2, 1, 1);
+    const double updated = projected_energy(projection, terms);
+    EXPECT_LE(updated, with_term + 1e-9 * std::abs(least)) << m;
+    update_space(projection, terms, 1, 1);
+    before = projected_energy(projection, terms);
+    EXPECT_LE(before, updated + 1e-9 * std::abs(least)) << m;
+    EXPECT_GE(before, least * (1 + 1e-12)) << m;
+    if (before - least < 1e-6 * std::abs(least)) break;
+  }
+  EXPECT_LT(before - least, 1e-4 * std::abs(least));
+}
+
+TEST(LatinTerms, AProductIsFoundAsOneTerm) {
+  const LatinGrid grid = small_grid();
+  LatinTerms exact;
+  exact.time = VectorXd::LinSpaced(k_times, 1, -2);
+  exact.parameters = {VectorXd::LinSpaced(3, 0.5, 1.5), VectorXd::LinSpaced(2, -1, 3)};
+  const MatrixXd c = exact.time * exact.on_grid().transpose();
+  const MatrixXd a = reduction::normal_matrix(k_times, grid.points(), 5).cwiseAbs().array() + 0.1;
+  const RankOne found = rank_one_functions(a, a.cwiseProduct(c), grid);
+  EXPECT_LT((found.values() - c).norm(), 1e-3 * c.norm());
+}
+
+TEST(LatinTerms, TermsThatAreNotNeededGo) {
+  const LatinGrid grid = small_grid();
+  LatinTerms terms{reduction::normal_matrix(k_modes, 3, 1),
+                   reduction::normal_matrix(k_times, 3, 2),
+                   {reduction::normal_matrix(3, 3, 3), reduction::normal_matrix(2, 3, 4)}};
+  terms.space.col(2) = terms.space.col(1);  // terms 1 and 2 are one
+  terms.parameters[0].col(2) = terms.parameters[0].col(1);
+  terms.parameters[1].col(2) = terms.parameters[1].col(1);
+  const LatinTerms fewer = with_fewer_terms(terms, grid, 10, 1e-6);
+  ASSERT_EQ(fewer.count(), 2);
+  for (Index t = 0; t < k_times; ++t)
+    EXPECT_LT((fewer.coordinates(t) - terms.coordinates(t)).norm(), 1e-5 * terms.coordinates(t).norm());
+  std::vector<MatrixXd> coordinates;
+  for (Index t = 0; t < k_times; ++t) coordinates.push_back(terms.coordinates(t));
+  EXPECT_EQ(separate(coordinates, grid, 10, 1e-4).count(), 2);
+  EXPECT_EQ(with_fewer_terms(terms, grid, 1, 0).count(), 1);
+}
+
+/// The beam with elements of 10 mm.
+BeamProblem coarse_beam(int steps, double displacement = 4e-4) {
+  BeamProblem problem;
+  problem.beam.element = 0.01;
+  problem.solver.steps = steps;
+  problem.solver.displacement = displacement;
+  return problem;
+}
+
+struct Grid {
+  std::vector<reduction::Axis> axes;
+  std::vector<DamageParameters> parameters;
+};
+
+Grid grid_of(double half_width) {
+  const std::vector<double> nodes = {1 - half_width, 1, 1 + half_width};
+  Grid grid{{{"Y0", nodes, "1", "", 216.0}, {"Ad", nodes, "1", "", 2.25e-3}}, {}};
+  for (const double y0 : nodes)
+    for (const double ad : nodes) grid.parameters.push_back({216.0 * y0, 2.25e-3 * ad});
+  return grid;
+}
+
+std::shared_ptr<const Structure> body_of(const BeamProblem& problem) {
+  return std::make_shared<const Structure>(make_mesh(problem), problem.elastic, "beam");
+}
+
+/// Largest difference on any dof at the points, and ‖·‖ relative to u − u_lift.
+struct Difference {
+  double relative = 0, largest = 0;
+};
+Difference difference(const Structure& structure, const LatinSolution& a, const LatinSolution& b) {
+  Difference result;
+  double error = 0, size = 0;
+  for (std::size_t t = 0; t < b.coordinates.size(); ++t)
+    for (Index p = 0; p < b.coordinates[t].cols(); ++p) {
+      const VectorXd e = a.displacement(structure, t, p) - b.displacement(structure, t, p);
+      error += e.squaredNorm();
+      size += (b.space * b.coordinates[t].col(p).tail(b.space.cols())).squaredNorm();
+      result.largest = std::max(result.largest, e.cwiseAbs().maxCoeff());
+    }
+  result.relative = std::sqrt(error / size);
+  return result;
+}
+
+TEST(LatinSeparated, WhereTheCrackBeginsItMeetsTheFullOrderSolution) {
+  // 0.09 mm: the first elements soften, at all nine points.
+  const BeamProblem problem = coarse_beam(12, 9e-5);
+  const Grid grid = grid_of(0.2);
+  SeparatedOptions options;
+  options.accuracy = 3e-8;
+  const auto structure = body_of(problem);
+  const SeparatedSolution found =
+      solve_latin_separated(structure, problem.solver, grid.axes, grid.parameters, options);
+  EXPECT_TRUE((found.solution.accepted.array() == 1).all());
+  EXPECT_GT(found.terms.count(), 3);
+  EXPECT_LE(found.history.back().correction, options.accuracy);
+  FullOrderModel model(structure, problem.solver);
+  for (const std::size_t p : {0U, 4U, 8U}) {
+    const FullOrderResult run = model.run(grid.parameters[p]);
+    const auto dofs = static_cast<std::size_t>(structure->dof_count());
+    for (std::size_t step = 0; step < run.steps.size(); ++step) {
+      const Eigen::Map<const VectorXd> u(&run.displacement[step * dofs], structure->dof_count());
+      const VectorXd e = found.solution.displacement(*structure, step, static_cast<Index>(p)) - u;
+      EXPECT_LT(e.cwiseAbs().maxCoeff(), 2e-7) << p << ", step " << step;
+      EXPECT_NEAR(found.solution.reaction(static_cast<Index>(p), static_cast<Index>(step)),
+                  run.steps[step].reaction_force, 20)
+          << p << ", step " << step;
+    }
+  }
+}
+
+TEST(LatinSeparated, MoreTermsAreMoreAccurateAndNeverBetterThanTheBestOfTheirNumber) {
+  const BeamProblem problem = coarse_beam(20);
+  const Grid grid = grid_of(0.5);
+  const auto structure = body_of(problem);
+  const LatinSolution joint = solve_latin_pgd(structure, problem.solver, grid.parameters, {});
+  double before = 1;
+  for (const double accuracy : {4e-6, 5e-7}) {
+    SeparatedOptions options;
+    options.accuracy = accuracy;
+    const SeparatedSolution found =
+        solve_latin_separated(structure, problem.solver, grid.axes, grid.parameters, options);
+    EXPECT_TRUE((found.solution.accepted.array() == 1).all());
+    const Difference iterated = difference(*structure, found.solution, joint);
+    EXPECT_LT(iterated.relative, before);
+    before = iterated.relative;
+    // The joint solution in as many terms, by alternating least squares: what separation costs at least.
+    std::vector<MatrixXd> coordinates;
+    for (const MatrixXd& c : joint.coordinates) coordinates.push_back(c.bottomRows(joint.space.cols()));
+    LatinGrid numbers;
+    for (const reduction::Axis& axis : grid.axes) {
+      numbers.sizes.push_back(static_cast<Index>(axis.nodes.size()));
+      numbers.weights.push_back(VectorXd::Constant(3, 1.0 / 3));
+    }
+    const LatinTerms best = separate(coordinates, numbers, found.terms.count(), 0);
+    LatinSolution recompressed = joint;
+    for (std::size_t t = 0; t < coordinates.size(); ++t)
+      recompressed.coordinates[t].bottomRows(joint.space.cols()) = best.coordinates(static_cast<Index>(t));
+    EXPECT_LT(difference(*structure, recompressed, joint).relative, iterated.relative);
+  }
+  EXPECT_LT(before, 1e-2);
+}
+
+TEST(LatinSeparated, WithFewTermsItSaysThatItIsNotAccurate) {
+  const BeamProblem problem = coarse_beam(12);
+  const Grid grid = grid_of(0.5);
+  SeparatedOptions options;
+  options.most_terms = 4;
+  const SeparatedSolution found =
+      solve_latin_separated(body_of(problem), problem.solver, grid.axes, grid.parameters, options);
+  EXPECT_EQ(found.terms.count(), 4);
+  EXPECT_TRUE((found.solution.accepted.array() == 0).all());
+  EXPECT_GT(found.history.back().correction, options.accuracy);
+}
+
+TEST(LatinSeparated, StartedFromTheJointFormItNeedsFewStages) {
+  const BeamProblem problem = coarse_beam(20);
+  const Grid grid = grid_of(0.5);
+  const auto structure = body_of(problem);
+  const LatinSolution joint = solve_latin_pgd(structure, problem.solver, grid.parameters, {});
+  SeparatedOptions options;
+  const SeparatedSolution elastic =
+      solve_latin_separated(structure, problem.solver, grid.axes, grid.parameters, options);
+  options.start.space = joint.space;
+  for (const MatrixXd& c : joint.coordinates) options.start.coordinates.emplace_back(c.bottomRows(joint.space.cols()));
+  const SeparatedSolution hybrid =
+      solve_latin_separated(structure, problem.solver, grid.axes, grid.parameters, options);
+  EXPECT_TRUE((hybrid.solution.accepted.array() == 1).all());
+  EXPECT_LT(hybrid.history.size(), elastic.history.size() / 4);
+  EXPECT_LT(difference(*structure, hybrid.solution, joint).relative,
+            difference(*structure, elastic.solution, joint).relative);
+}
+
+TEST(LatinSeparated, DoesNotDependOnTheThreads) {
+  const BeamProblem problem = coarse_beam(10);
+  const Grid grid = grid_of(0.5);
+  const auto structure = body_of(problem);
+  SeparatedOptions options;
+  options.threads = 1;
+  const SeparatedSolution one =
+      solve_latin_separated(structure, problem.solver, grid.axes, grid.parameters, options);
+  options.threads = 3;
+  const SeparatedSolution three =
+      solve_latin_separated(structure, problem.solver, grid.axes, grid.parameters, options);
+  EXPECT_GT(one.terms.count(), 3);
+  EXPECT_TRUE(one.terms.time == three.terms.time);
+  EXPECT_TRUE(one.solution.coordinates == three.solution.coordinates);
+}
+
+TEST(LatinSeparated, WhileNothingIsDamagedThereIsNoTerm) {
+  const BeamProblem problem = coarse_beam(4, 1e-5);
+  const Grid grid = grid_of(0.2);
+  const auto structure = body_of(problem);
+  const SeparatedSolution found = solve_latin_separated(structure, problem.solver, grid.axes, grid.parameters, {});
+  EXPECT_EQ(found.terms.count(), 0);
+  EXPECT_TRUE((found.solution.accepted.array() == 1).all());
+  EXPECT_NEAR(found.solution.reaction(0, 3), 2 * structure->unit_reaction() * 1e-5,
+              1e-9 * structure->unit_reaction() * 1e-5);
+}
+
+TEST(LatinSeparated, TheCanonicalModelIsTheTerms) {
+  const BeamProblem problem = coarse_beam(10);
+  const Grid grid = grid_of(0.2);
+  const LatinModel model = solve_separated_grid(problem, grid.axes, {});
+  ASSERT_TRUE(model.grid.terms.has_value());
+  reduction::CompressionOptions options;
+  options.form = reduction::Form::canonical;
+  options.modes = 60;
+  const reduction::ModelContents contents = reduction::compress(model.grid, options);
+  EXPECT_EQ(contents.space_modes, static_cast<std::size_t>(model.grid.terms->time.cols()));
+  EXPECT_LT(contents.relative_error, 1e-12);
+  options.modes = 2;
+  const reduction::ModelContents short_one = reduction::compress(model.grid, options);
+  EXPECT_EQ(short_one.space_modes, 2U);
+  EXPECT_GT(short_one.relative_error, 1e-6);
+}
+
+TEST(LatinSeparated, InterruptedItSaysThatNothingIsKept) {
+  const BeamProblem problem = coarse_beam(10);
+  const Grid grid = grid_of(0.2);
+  request_cancellation();
+  try {
+    (void)solve_latin_separated(body_of(problem), problem.solver, grid.axes, grid.parameters, {});
+    ADD_FAILURE() << "it went on";
+  } catch (const Interrupted& error) {
+    EXPECT_THAT(error.what(), HasSubstr("nothing is kept"));
+  }
+  request_cancellation(false);
+}
+
+template <typename Change>
+std::string refusal(Change change) {
+  SeparatedOptions options;
+  change(options);
+  try {
+    options.validate();
+  } catch (const ProjectError& error) {
+    return error.what();
+  }
+  return "nothing was refused";
+}
+
+TEST(LatinSeparated, OptionsThatMakeNoSenseAreNamed) {
+  EXPECT_THAT(refusal([](SeparatedOptions& o) { o.accuracy = -1; }), HasSubstr("accuracy is -1 m; it must be positive"));
+  EXPECT_THAT(refusal([](SeparatedOptions& o) { o.window = 0; }), HasSubstr("window is 0 steps"));
+  EXPECT_THAT(refusal([](SeparatedOptions& o) { o.most_terms = 0; }), HasSubstr("most_terms, rounds and sweeps are 0"));
+  EXPECT_THAT(refusal([](SeparatedOptions& o) { o.relaxation = 1.5; }), HasSubstr("relaxation is 1.5"));
+  EXPECT_THAT(refusal([](SeparatedOptions& o) { o.stagnation = 1; }), HasSubstr("stagnation is 1"));
+  EXPECT_THAT(refusal([](SeparatedOptions& o) { o.recompression = 2; }), HasSubstr("recompression is 2"));
+  EXPECT_THAT(refusal([](SeparatedOptions& o) { o.activation = 0; }), HasSubstr("activation is 0"));
+  const BeamProblem problem = coarse_beam(2);
+  Grid grid = grid_of(0.2);
+  grid.parameters.pop_back();
+  try {
+    (void)solve_latin_separated(body_of(problem), problem.solver, grid.axes, grid.parameters, {});
+    ADD_FAILURE() << "eight points for nine nodes";
+  } catch (const UsageError& error) {
+    EXPECT_THAT(error.what(), HasSubstr("the axes have 9 grid points, and 8 parameter points are given"));
+  }
+}
+
+}  // namespace
+}  // namespace knothe::mechanics

@@ -1,0 +1,154 @@
+/// LATIN-PGD iterated in the fully separated form, beside its joint form recompressed to as many terms (docs/latin.md,
+/// "Full separation"): error of the field and shift of the posterior, both judged by the joint form itself.
+///
+///   build/release/bench/latin_separated_study [KEY=VALUE …]
+///
+/// Keys: element (m), nodes, steps, judge (accuracy of the joint form, m), from_joint, from_elastic (largest number of
+/// terms in those columns; 0: none), accuracies (1: a row for each of 4, 2, 1, 0.5, 0.25 µm), verbose.
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <map>
+#include <string>
+
+#include "knothe/assimilation/posterior_shift.hpp"
+#include "knothe/assimilation/synthetic_measurements.hpp"
+#include "knothe/mechanics/latin_model.hpp"
+#include "knothe/reduction/observed_model.hpp"
+
+namespace {
+
+using namespace knothe;
+using namespace knothe::mechanics;
+
+struct Study {
+  BeamProblem problem;
+  std::vector<reduction::Axis> axes;
+  LatinModel joint;
+  std::vector<reduction::OffGridSolution> fields;  ///< of the joint form at the grid points
+  std::vector<std::size_t> dofs;                   ///< observed
+  std::shared_ptr<const reduction::ObservedModel> judge;
+  assimilation::Measurements data;
+  std::vector<assimilation::Prior> priors;
+};
+
+/// As examples/beam/quick.toml: 60 dofs, noise of 1 µm, truth (1, 1).
+Study make_study(const BeamProblem& problem, int nodes, double accuracy) {
+  Study study;
+  study.problem = problem;
+  std::vector<double> values;
+  for (int i = 0; i < nodes; ++i) values.push_back(0.5 + static_cast<double>(i) / (nodes - 1));
+  study.axes = {{"Y0", values, "1", "", 216.0}, {"Ad", values, "1", "", 2.25e-3}};
+  LatinOptions options;
+  options.accuracy = accuracy;
+  study.joint = solve_latin_grid(problem, study.axes, options);
+  const reduction::GridSolutions& grid = study.joint.grid;
+  for (std::size_t p = 0; p < grid.snapshots.grid_size(); ++p) {
+    const Eigen::MatrixXd field = grid.field(p);
+    study.fields.push_back({grid.snapshots.parameters_at(p), {field.data(), field.data() + field.size()}});
+  }
+  assimilation::DofSelection selection;
+  selection.x_range = {-0.12, 0.12};
+  study.dofs = assimilation::choose_dofs(grid.dofs(), selection, 1);
+  std::vector<double> points;
+  std::vector<std::int64_t> components;
+  for (const std::size_t dof : study.dofs) {
+    points.insert(points.end(), &grid.dofs().points[3 * dof], &grid.dofs().points[3 * dof] + 3);
+    components.push_back(grid.dofs().components[dof]);
+  }
+  study.judge = std::make_shared<const reduction::ObservedModel>(
+      reduction::observe_snapshots(grid.at_dofs(study.dofs), points, components));
+  const std::vector<double>& time = grid.snapshots.time;
+  Eigen::MatrixXd exact(static_cast<Eigen::Index>(study.dofs.size()), static_cast<Eigen::Index>(time.size()));
+  for (std::size_t t = 0; t < time.size(); ++t)
+    exact.col(static_cast<Eigen::Index>(t)) = study.judge->predict(Eigen::Vector2d(1, 1), t);
+  study.data = assimilation::add_noise(grid.dofs(), study.dofs, time, exact, 1e-6, 1);
+  study.priors = {assimilation::Prior::normal(0.9, std::sqrt(0.2)), assimilation::Prior::normal(1.1, std::sqrt(0.2))};
+  return study;
+}
+
+/// Error of u, of u − lift, largest (µm); shift of the mean at the worst and the last step, and of the std.
+void print_errors(const Study& study, const reduction::GridSolutions& solutions, std::size_t terms) {
+  reduction::CompressionOptions options;
+  options.form = reduction::Form::canonical;
+  options.modes = terms;
+  const reduction::ModelContents contents = reduction::compress(solutions, options);
+  const reduction::ModelError error = reduction::off_grid_error(contents, study.fields);
+  const reduction::SeparatedModel model(contents);
+  const auto observed =
+      std::make_shared<const reduction::ObservedModel>(reduction::observe_dofs(model, study.dofs));
+  const assimilation::ShiftSummary shift = assimilation::summarise(assimilation::posterior_shift(
+      observed, study.judge, study.data.values, study.data.noise, study.priors));
+  std::printf(" %.1e | %.1e | %.2f | %.2f / %.2f | %.0f %% / %.0f %% |", error.relative, error.relative_to_lift,
+              1e6 * error.max, shift.worst_mean.mean, shift.last.mean, 100 * shift.worst_std.std,
+              100 * shift.last.std);
+  std::fflush(stdout);
+}
+
+void print_iterated(const Study& study, SeparatedOptions options, bool from_joint, bool verbose) {
+  if (from_joint) {
+    const LatinSolution& joint = study.joint.solution;
+    options.start.space = joint.space;
+    for (const Eigen::MatrixXd& states : joint.coordinates)
+      options.start.coordinates.emplace_back(states.bottomRows(joint.space.cols()));
+  }
+  const LatinModel found = solve_separated_grid(study.problem, study.axes, options);
+  if (verbose)
+    for (const SeparatedIteration& it : found.separated)
+      std::fprintf(stderr,
+                   "%3d steps, round %2d: %3d terms, %3d modes, energy %.2e, correction %.3f um, change %.1e, "
+                   "omega %.2f, %.1f s\n",
+                   it.steps, it.round, it.terms, it.space_modes, it.energy_error, 1e6 * it.correction,
+                   it.indicator, it.relaxation, it.cpu_seconds);
+  const auto terms = static_cast<std::size_t>(found.grid.terms->time.cols());
+  std::printf("%zu | %.2f | %.1f |", terms, 1e6 * found.separated.back().correction, found.solution.cpu_seconds);
+  print_errors(study, found.grid, terms);
+  std::printf("\n");
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  std::map<std::string, double> keys = {{"element", 0.01},    {"nodes", 7},         {"steps", 100},     {"judge", 1e-7},
+                                        {"from_joint", 30}, {"from_elastic", 30}, {"accuracies", 1}, {"verbose", 0}};
+  for (int i = 1; i < argc; ++i) {
+    const std::string word = argv[i];
+    const std::size_t at = word.find('=');
+    if (at == std::string::npos || !keys.contains(word.substr(0, at))) {
+      std::fprintf(stderr, "latin_separated_study [KEY=VALUE …]: see the head of latin_separated_study.cpp\n");
+      return 2;
+    }
+    keys[word.substr(0, at)] = std::atof(word.c_str() + at + 1);
+  }
+  BeamProblem problem;
+  problem.beam.element = keys["element"];
+  problem.solver.steps = static_cast<int>(keys["steps"]);
+  const Study study = make_study(problem, static_cast<int>(keys["nodes"]), keys["judge"]);
+  const bool verbose = keys["verbose"] != 0;
+  std::printf(
+      "joint form: %.1f s of CPU, %td space modes\n\n| what | m | correction µm | CPU s | error | of u − lift | max µm | shift of "
+      "mean | std wrong by |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
+      study.joint.solution.cpu_seconds, study.joint.solution.space.cols());
+  for (const int m : {3, 6, 10, 20, 30}) {
+    if (m > std::max(keys["from_joint"], keys["from_elastic"])) break;
+    std::printf("| joint, recompressed | %d | | |", m);
+    print_errors(study, study.joint.grid, static_cast<std::size_t>(m));
+    std::printf("\n");
+    SeparatedOptions options;
+    options.most_terms = m;
+    options.accuracy = 1e-8;
+    for (const bool from_joint : {true, false}) {
+      if (m > keys[from_joint ? "from_joint" : "from_elastic"]) continue;
+      std::printf("| iterated, from the %s |", from_joint ? "joint form" : "elastic solution");
+      print_iterated(study, options, from_joint, verbose);
+    }
+  }
+  if (keys["accuracies"] != 0)
+    for (const double accuracy : {4e-6, 2e-6, 1e-6, 5e-7, 2.5e-7}) {
+      SeparatedOptions options;
+      options.accuracy = accuracy;
+      std::printf("| iterated to %g µm |", 1e6 * accuracy);
+      print_iterated(study, options, false, verbose);
+    }
+}
