@@ -2,11 +2,11 @@
 
 #include <fmt/core.h>
 
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 
 #include "knothe/base/error.hpp"
+#include "knothe/numerics/dense_svd.hpp"
 
 namespace knothe::forecast {
 namespace {
@@ -50,12 +50,12 @@ CrackMetaModel::CrackMetaModel(std::span<const double> lengths,
                                const Eigen::Ref<const Eigen::MatrixXd>& solutions, double relative_tolerance)
     : lengths_(lengths.begin(), lengths.end()), basis_((check(lengths, solutions), lengths)) {
   // Transposed against the paper (one row per length): solutions = V D Uᵀ.
-  const Eigen::BDCSVD<Eigen::MatrixXd> svd(solutions, Eigen::ComputeThinU | Eigen::ComputeThinV);
-  singular_values_ = svd.singularValues();
+  const numerics::DenseSvd svd = numerics::dense_svd(solutions);
+  singular_values_ = svd.values;
   const Eigen::Index modes = modes_for(singular_values_, relative_tolerance);
-  space_ = svd.matrixV().leftCols(modes) * singular_values_.head(modes).asDiagonal();
-  max_error_ = (svd.matrixU().leftCols(modes) * space_.transpose() - solutions).cwiseAbs().maxCoeff();
-  coefficients_ = (basis_.coefficients_from_values() * svd.matrixU().leftCols(modes)).transpose();
+  space_ = svd.right.leftCols(modes) * singular_values_.head(modes).asDiagonal();
+  max_error_ = (svd.left.leftCols(modes) * space_.transpose() - solutions).cwiseAbs().maxCoeff();
+  coefficients_ = (basis_.coefficients_from_values() * svd.left.leftCols(modes)).transpose();
 }
 
 Eigen::MatrixXd CrackMetaModel::coordinates(std::span<const double> lengths) const {

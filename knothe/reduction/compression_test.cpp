@@ -3,10 +3,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <Eigen/SVD>
-
 #include "knothe/base/error.hpp"
 #include "knothe/files/test_folder.hpp"
+#include "knothe/numerics/dense_svd.hpp"
 #include "knothe/reduction/cp_als.hpp"
 #include "knothe/reduction/deviation.hpp"
 #include "knothe/reduction/low_rank.hpp"
@@ -174,7 +173,7 @@ TEST(Compression, TreeErrorIsTheTailOfTheSingularValues) {
         std::sqrt(deviation.time_weights()[t]) *
         (deviation.grid_weights().cwiseSqrt().asDiagonal() * deviation.at_time(t));
   }
-  const Eigen::VectorXd sigma = Eigen::BDCSVD<Eigen::MatrixXd>(matrix).singularValues();
+  const Eigen::VectorXd sigma = numerics::singular_values(matrix);
   const std::vector<std::size_t> modes{1, 3, 6, 10};
   CompressionOptions options;
   options.parameter_norm = ParameterNorm::nodes;

@@ -2,9 +2,8 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/SVD>
-
 #include "knothe/base/error.hpp"
+#include "knothe/numerics/dense_svd.hpp"
 
 namespace knothe::reduction {
 
@@ -15,12 +14,11 @@ CrackSolutions crack_modes(std::span<const double> lengths, std::span<const doub
         fmt::format("crack solutions: {} values for {} crack lengths", values.size(), lengths.size()));
   const auto n = static_cast<Eigen::Index>(lengths.size());
   const Eigen::Map<const RowMajor> solutions(values.data(), n, static_cast<Eigen::Index>(values.size()) / n);
-  const Eigen::BDCSVD<Eigen::MatrixXd> svd(solutions, Eigen::ComputeThinU | Eigen::ComputeThinV);
+  const numerics::DenseSvd svd = numerics::dense_svd(solutions);
   Eigen::Index kept = 0;
-  while (kept < svd.singularValues().size() && svd.singularValues()[kept] > 1e-10 * svd.singularValues()[0])
-    ++kept;
-  const RowMajor modes = svd.matrixV().leftCols(kept).transpose();
-  const RowMajor coefficients = svd.matrixU().leftCols(kept) * svd.singularValues().head(kept).asDiagonal();
+  while (kept < svd.values.size() && svd.values[kept] > 1e-10 * svd.values[0]) ++kept;
+  const RowMajor modes = svd.right.leftCols(kept).transpose();
+  const RowMajor coefficients = svd.left.leftCols(kept) * svd.values.head(kept).asDiagonal();
   return {{lengths.begin(), lengths.end()},
           {modes.data(), modes.data() + modes.size()},
           {coefficients.data(), coefficients.data() + coefficients.size()}};

@@ -4,12 +4,12 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Eigenvalues>
-#include <Eigen/SVD>
 #include <cmath>
 
 #include "knothe/base/error.hpp"
 #include "knothe/files/test_folder.hpp"
 #include "knothe/numerics/cubic_spline.hpp"
+#include "knothe/numerics/dense_svd.hpp"
 #include "knothe/reduction/deviation.hpp"
 #include "knothe/reduction/test_models.hpp"
 
@@ -64,7 +64,7 @@ TEST(ParameterProduct, TreeIsOptimalInTheNormOfSplinesAndTheirDerivatives) {
       field.middleRows(t * dofs, dofs) =
           std::sqrt(deviation.time_weights()[t]) * deviation.at_time(t).transpose();
     }
-    const Eigen::VectorXd sigma = Eigen::BDCSVD<Eigen::MatrixXd>(field * root).singularValues();
+    const Eigen::VectorXd sigma = numerics::singular_values(field * root);
     const std::vector<std::size_t> modes{2, 5, 9};
     for (const StudiedModel& studied : compression_study(snapshots, options, modes)) {
       const SeparatedModel model(studied.model);
