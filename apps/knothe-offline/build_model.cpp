@@ -91,8 +91,8 @@ reduction::GridSolutions solve_separated(const BuildArguments& arguments,
   separated.most_terms = options.latin_terms;
   separated.threads = static_cast<std::size_t>(options.processes);
   separated.quiet = false;
-  mechanics::LatinModel model =
-      mechanics::solve_separated_grid(problem, axes, separated, options.latin_start);
+  mechanics::LatinModel model = mechanics::solve_separated_grid(
+      problem, axes, separated, arguments.output + ".parts", options.latin_start);
   for (const mechanics::SeparatedIteration& it : model.separated) {
     if (arguments.json)
       fmt::print("{}\n", files::json_line({{"steps", it.steps},
@@ -148,7 +148,8 @@ reduction::GridSolutions solve_grid(const BuildArguments& arguments, const proje
   grid.quiet = !first;
   mechanics::SnapshotRuns runs = mechanics::run_snapshots(problem, grid);
   if (first) report_runs(runs, arguments.json);
-  return {.snapshots = std::move(runs.snapshots), .basis = {}, .basis_dofs = {}, .basis_mesh = {}};
+  return {
+      .snapshots = std::move(runs.snapshots), .basis = {}, .basis_dofs = {}, .basis_mesh = {}, .terms = {}};
 }
 
 /// Full-order solutions at four points that are in no grid, to judge interpolation as well as compression.

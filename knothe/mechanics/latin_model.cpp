@@ -14,16 +14,16 @@ using Eigen::MatrixXd;
 
 namespace {
 
+/// `numbers`: those of the options that the result depends on.
+template <typename Options>
 void set_state_file(const BeamProblem& problem, const std::vector<reduction::Axis>& axes,
-                    const std::string& parts_folder, LatinOptions& options) {
+                    const std::string& parts_folder, const std::string& numbers, Options& options) {
   options.key = run_key(problem);
   for (const reduction::Axis& axis : axes) {
     options.key += fmt::format(" | {} {:a}", axis.name, axis.reference);
     for (const double node : axis.nodes) options.key += fmt::format(" {:a}", node);
   }
-  options.key += fmt::format(" | LATIN {:a} {:a} {} {} {} {} {} {:a} {:a}", options.accuracy,
-                             options.tolerance, options.window, options.most_modes, options.modes_per_round,
-                             options.rounds, options.rescue_round, options.recompression, options.activation);
+  options.key += numbers;
   if (!options.start.empty()) options.key += fmt::format(" | from {:x}", fingerprint(options.start));
   std::error_code failed;
   std::filesystem::create_directories(parts_folder, failed);
@@ -32,6 +32,18 @@ void set_state_file(const BeamProblem& problem, const std::vector<reduction::Axi
         fmt::format("cannot make the folder {} for an interrupted run: {}", parts_folder, failed.message()));
   options.state_file =
       (std::filesystem::path(parts_folder) / fmt::format("latin-{:016x}.h5", fnv1a(options.key))).string();
+}
+
+std::string numbers_of(const LatinOptions& o) {
+  return fmt::format(" | LATIN {:a} {:a} {} {} {} {} {} {:a} {:a}", o.accuracy, o.tolerance, o.window,
+                     o.most_modes, o.modes_per_round, o.rounds, o.rescue_round, o.recompression,
+                     o.activation);
+}
+
+std::string numbers_of(const SeparatedOptions& o) {
+  return fmt::format(" | LATIN, full {:a} {} {} {} {} {} {:a} {:a} {:a} {:a}", o.accuracy, o.window,
+                     o.most_terms, o.rounds, o.sweeps, o.fixed_point, o.relaxation, o.stagnation,
+                     o.recompression, o.activation);
 }
 
 /// Outputs as in as_snapshots; `mouth` (1 × R) observes the crack mouth's opening in the modes.
@@ -104,19 +116,22 @@ LatinModel solve_latin_grid(const BeamProblem& problem, const std::vector<reduct
   GridProblem grid = grid_problem(problem, axes);
   if (!start_file.empty())
     options.start = start_from(reduction::SeparatedModel::load(start_file), problem, *grid.structure, axes);
-  if (!parts_folder.empty()) set_state_file(problem, axes, parts_folder, options);
+  if (!parts_folder.empty()) set_state_file(problem, axes, parts_folder, numbers_of(options), options);
   LatinSolution solution = solve_latin_pgd(grid.structure, problem.solver, grid.parameters, options);
   if (std::error_code ignored; !parts_folder.empty()) std::filesystem::remove(parts_folder, ignored);
   return model_of(std::move(solution), std::move(grid));
 }
 
 LatinModel solve_separated_grid(const BeamProblem& problem, const std::vector<reduction::Axis>& axes,
-                                SeparatedOptions options, const std::string& start_file) {
+                                SeparatedOptions options, const std::string& parts_folder,
+                                const std::string& start_file) {
   GridProblem grid = grid_problem(problem, axes);
   if (!start_file.empty())
     options.start = start_from(reduction::SeparatedModel::load(start_file), problem, *grid.structure, axes);
+  if (!parts_folder.empty()) set_state_file(problem, axes, parts_folder, numbers_of(options), options);
   SeparatedSolution found =
       solve_latin_separated(grid.structure, problem.solver, axes, grid.parameters, options);
+  if (std::error_code ignored; !parts_folder.empty()) std::filesystem::remove(parts_folder, ignored);
   LatinModel model = model_of(std::move(found.solution), std::move(grid));
   if (found.terms.count() > 0)
     model.grid.terms = {model.grid.basis.transpose() * (model.solution.space * found.terms.space),

@@ -24,10 +24,11 @@ struct LatinModel {
                                           const std::string& parts_folder = {},
                                           const std::string& start_file = {});
 
-/// The same in the fully separated form; `grid.terms` holds it. Nothing is kept of a run that is interrupted.
+/// The same in the fully separated form; `grid.terms` holds it. Interruption as above.
 [[nodiscard]] LatinModel solve_separated_grid(const BeamProblem& problem,
                                               const std::vector<reduction::Axis>& axes,
-                                              SeparatedOptions options, const std::string& start_file = {});
+                                              SeparatedOptions options, const std::string& parts_folder = {},
+                                              const std::string& start_file = {});
 
 /// Grid points at which some window was left before it was accurate, with the number of such windows each.
 [[nodiscard]] std::vector<std::pair<std::size_t, int>> inaccurate_points(const LatinSolution& solution);

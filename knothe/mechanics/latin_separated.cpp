@@ -5,14 +5,17 @@
 #include <algorithm>
 #include <cmath>
 #include <ctime>
+#include <filesystem>
 
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/base/monotonic_time.hpp"
 #include "knothe/base/progress.hpp"
 #include "knothe/mechanics/latin_activation.hpp"
 #include "knothe/mechanics/latin_foresight.hpp"
 #include "knothe/mechanics/latin_separated_stage.hpp"
 #include "knothe/mechanics/latin_separation.hpp"
+#include "knothe/mechanics/latin_state.hpp"
 #include "knothe/reduction/deviation.hpp"
 
 namespace knothe::mechanics {
@@ -22,6 +25,7 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
+constexpr double k_microseconds_between_saves = 30e6;
 constexpr double k_least_relaxation = 0.125;
 constexpr double k_start_tolerance = 1e-3;  // of the separation of a hybrid start
 
@@ -37,8 +41,15 @@ class LatinSeparated {
     return {body_,          basis_,          grid_, parameters_, terms_, loading_.displacement,
             loading_.steps, options_.threads};
   }
+  [[nodiscard]] double cpu_seconds() const {
+    return static_cast<double>(std::clock() - start_) / CLOCKS_PER_SEC;
+  }
   [[nodiscard]] int steps() const { return static_cast<int>(terms_.time.rows()); }
   void begin();
+  /// Goes on from the state file, if there is one of this run.
+  bool resume();
+  void remember();
+  void save_state();
   /// The range becomes [0, steps): functions of time go on along the line through their last two values.
   void extend(int steps);
   /// Cells join that are damaged, or nearly, at the steps from `first` on.
@@ -61,6 +72,8 @@ class LatinSeparated {
   double relaxation_ = 1, energy_error_ = 1, indicator_ = 1;
   SeparatedSolution result_;
   std::clock_t start_ = std::clock();
+  SeparatedState state_;  ///< at the start of the range; empty without a state file
+  MonotonicTime saved_ = monotonic_now();
 };
 
 LatinSeparated::LatinSeparated(std::shared_ptr<const Structure> structure, const SolverOptions& loading,
@@ -118,6 +131,38 @@ void LatinSeparated::extend(int steps) {
   }
 }
 
+bool LatinSeparated::resume() {
+  if (options_.state_file.empty()) return false;
+  std::optional<SeparatedState> state = read_separated_state(options_.key, options_.state_file);
+  if (!state) return false;
+  basis_.join(body_, state->cells);
+  basis_.restore(state->modes);
+  terms_ = std::move(state->terms);
+  relaxation_ = state->relaxation;
+  indicator_ = state->indicator;
+  result_.history = std::move(state->history);
+  result_.solution.local_points = state->local_points;
+  start_ -= static_cast<std::clock_t>(state->cpu_seconds * CLOCKS_PER_SEC);
+  if (!options_.quiet)
+    fmt::print(stderr, "LATIN-PGD, fully separated, goes on from step {} of {}, kept in {}\n", steps(),
+               loading_.steps, options_.state_file);
+  return true;
+}
+
+void LatinSeparated::remember() {
+  if (options_.state_file.empty()) return;
+  const auto cells = body_.cells();
+  state_ = {{cells.begin(), cells.end()},  basis_.modes(), terms_, relaxation_, indicator_, result_.history,
+            result_.solution.local_points, cpu_seconds()};
+  if (microseconds_since(saved_) > k_microseconds_between_saves) save_state();
+}
+
+void LatinSeparated::save_state() {
+  if (options_.state_file.empty()) return;
+  write_separated_state(state_, options_.key, options_.state_file);
+  saved_ = monotonic_now();
+}
+
 bool LatinSeparated::activate(int first) {
   if (body_.waiting().empty()) return false;
   const std::vector<MatrixXd> states = stage().states();
@@ -154,8 +199,7 @@ void LatinSeparated::keep(const SeparatedStageResult& result, double correction,
   energy_error_ = result.energy_error;
   result_.history.push_back({steps(), round, static_cast<int>(terms_.count()),
                              static_cast<int>(basis_.size()), result.energy_error, result.residual.maxCoeff(),
-                             correction, indicator_, relaxation_,
-                             static_cast<double>(std::clock() - start_) / CLOCKS_PER_SEC});
+                             correction, indicator_, relaxation_, cpu_seconds()});
 }
 
 /// Relative change from `before` (of fewer modes, perhaps) to `now`.
@@ -173,8 +217,16 @@ double change(const std::vector<MatrixXd>& before, const std::vector<MatrixXd>& 
 bool LatinSeparated::solve_range() {
   double before = -1;
   for (int round = 0;; ++round) {
-    check_cancellation(fmt::format("LATIN-PGD in the separated form at step {} of {}; nothing is kept",
-                                   steps(), loading_.steps));
+    if (cancellation_requested()) {
+      save_state();
+      const Index kept = state_.terms.time.rows();
+      check_cancellation(
+          fmt::format("LATIN-PGD, fully separated, at step {} of {}; {}", steps(), loading_.steps,
+                      options_.state_file.empty()
+                          ? "nothing is kept"
+                          : fmt::format("{} steps are kept in {}; the same command goes on from there", kept,
+                                        options_.state_file)));
+    }
     SeparatedStageResult result = stage().run();
     const SeparatedCorrection correction =
         result.worst.elastic_error > 0 ? stage().correct(result.worst) : SeparatedCorrection{};
@@ -223,9 +275,11 @@ SeparatedSolution LatinSeparated::run() {
     solution.reaction.col(step).setConstant(2 * body_.structure().unit_reaction() * loading_.displacement *
                                             (step + 1) / loading_.steps);
   Progress progress("LATIN-PGD, fully separated", static_cast<std::size_t>(loading_.steps), options_.quiet);
-  begin();
+  if (!resume()) begin();
   bool accurate = true;
   do {
+    if (options_.on_range) options_.on_range(steps());
+    remember();
     const int first = steps();
     if (first < loading_.steps) extend(std::min(loading_.steps, first + options_.window));
     do {
@@ -243,7 +297,9 @@ SeparatedSolution LatinSeparated::run() {
   solution.space = body_.expand(basis_.forces());
   solution.coordinates = stage().states();
   solution.active_cells = static_cast<int>(body_.cells().size());
-  solution.cpu_seconds = static_cast<double>(std::clock() - start_) / CLOCKS_PER_SEC;
+  solution.cpu_seconds = cpu_seconds();
+  if (std::error_code ignored; !options_.state_file.empty())
+    std::filesystem::remove(options_.state_file, ignored);
   result_.terms = std::move(terms_);
   return std::move(result_);
 }

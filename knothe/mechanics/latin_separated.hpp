@@ -1,6 +1,7 @@
 #pragma once
 /// @file LATIN-PGD in the fully separated form, Σ U_k(x) λ_k(t) Π γ_ki(p_i), iterated in that form
 /// (docs/latin.md, "Full separation"; Rubio et al. 2019, Eq. 12 and §6.2; Ladevèze 1999).
+#include <functional>
 #include <memory>
 #include <span>
 #include <string>
@@ -27,6 +28,10 @@ struct SeparatedOptions {
   LatinStart start;            ///< hybrid start, separated first; empty: the elastic solution
   std::size_t threads = 0;     ///< 0: all
   bool quiet = true;           ///< no progress on stderr
+  /// Where a run that is interrupted leaves its state, and goes on from, and what tells it from other runs,
+  /// as in LatinOptions.
+  std::string state_file, key;
+  std::function<void(int steps)> on_range;  ///< told before each range how many steps are done
 
   /// Throws ProjectError naming the option that makes no sense.
   void validate() const;
@@ -55,8 +60,8 @@ struct SeparatedSolution {
 /// Solves for the grid of `axes` (`parameters`: of its points, the last axis the fastest), in terms alone.
 /// The range of time grows from the first steps to all; in each range local stages and updates follow each
 /// other, and terms are added, until it is accurate or `most_terms` are there. What is left then is in
-/// `solution.accepted` and `history`. Deterministic for any number of threads. Errors as of solve_latin_pgd,
-/// without resuming.
+/// `solution.accepted` and `history`. Deterministic for any number of threads. Errors and resuming as of
+/// solve_latin_pgd; a run that started from a model is one range, and starts again.
 [[nodiscard]] SeparatedSolution solve_latin_separated(std::shared_ptr<const Structure> structure,
                                                       const SolverOptions& loading,
                                                       const std::vector<reduction::Axis>& axes,

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <filesystem>
 
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
@@ -34,9 +35,11 @@ LatinProjection softened_body(const LatinGrid& grid) {
   projection.weights = grid.point_weights();
   for (Index t = 0; t < k_times; ++t) {
     projection.stiffness.emplace_back(k_modes * k_modes, grid.points());
-    projection.load.push_back(reduction::normal_matrix(k_modes, grid.points(), 100 + static_cast<std::uint64_t>(t)));
+    projection.load.push_back(
+        reduction::normal_matrix(k_modes, grid.points(), 100 + static_cast<std::uint64_t>(t)));
     for (Index p = 0; p < grid.points(); ++p) {
-      const MatrixXd a = reduction::normal_matrix(k_modes, k_modes, static_cast<std::uint64_t>(10 * t + p) + 1);
+      const MatrixXd a =
+          reduction::normal_matrix(k_modes, k_modes, static_cast<std::uint64_t>(10 * t + p) + 1);
       const MatrixXd stiffness = 0.2 * MatrixXd::Identity(k_modes, k_modes) + 0.1 * a * a.transpose();
       projection.stiffness.back().col(p) = stiffness.reshaped();
     }
@@ -52,7 +55,8 @@ double least_energy(const LatinProjection& projection) {
       const MatrixXd stiffness = projection.stiffness[t].col(p).reshaped(k_modes, k_modes);
       const VectorXd f = projection.load[t].col(p);
       VectorXd x = VectorXd::Zero(k_modes);
-      for (int i = 0; i < 4000; ++i) x += 0.3 * (f - stiffness * x);  // Richardson: shares nothing with the updates
+      for (int i = 0; i < 4000; ++i)
+        x += 0.3 * (f - stiffness * x);  // Richardson: shares nothing with the updates
       energy -= 0.5 * projection.weights[p] * f.dot(x);
     }
   return energy;
@@ -63,9 +67,11 @@ RankOne functions_of(const LatinProjection& projection, const LatinTerms& terms,
                      const LatinGrid& grid) {
   MatrixXd a(k_times, grid.points()), b(k_times, grid.points());
   for (Index t = 0; t < k_times; ++t) {
-    const MatrixXd c = terms.count() > 0 ? terms.coordinates(t) : MatrixXd(MatrixXd::Zero(k_modes, grid.points()));
+    const MatrixXd c =
+        terms.count() > 0 ? terms.coordinates(t) : MatrixXd(MatrixXd::Zero(k_modes, grid.points()));
     for (Index p = 0; p < grid.points(); ++p) {
-      const MatrixXd stiffness = projection.stiffness[static_cast<std::size_t>(t)].col(p).reshaped(k_modes, k_modes);
+      const MatrixXd stiffness =
+          projection.stiffness[static_cast<std::size_t>(t)].col(p).reshaped(k_modes, k_modes);
       a(t, p) = mode.dot(stiffness * mode);
       b(t, p) = mode.dot(projection.load[static_cast<std::size_t>(t)].col(p) - stiffness * c.col(p));
     }
@@ -253,7 +259,8 @@ TEST(LatinSeparated, StartedFromTheJointFormItNeedsFewStages) {
   const SeparatedSolution elastic =
       solve_latin_separated(structure, problem.solver, grid.axes, grid.parameters, options);
   options.start.space = joint.space;
-  for (const MatrixXd& c : joint.coordinates) options.start.coordinates.emplace_back(c.bottomRows(joint.space.cols()));
+  for (const MatrixXd& c : joint.coordinates)
+    options.start.coordinates.emplace_back(c.bottomRows(joint.space.cols()));
   const SeparatedSolution hybrid =
       solve_latin_separated(structure, problem.solver, grid.axes, grid.parameters, options);
   EXPECT_TRUE((hybrid.solution.accepted.array() == 1).all());
@@ -282,7 +289,8 @@ TEST(LatinSeparated, WhileNothingIsDamagedThereIsNoTerm) {
   const BeamProblem problem = coarse_beam(4, 1e-5);
   const Grid grid = grid_of(0.2);
   const auto structure = body_of(problem);
-  const SeparatedSolution found = solve_latin_separated(structure, problem.solver, grid.axes, grid.parameters, {});
+  const SeparatedSolution found =
+      solve_latin_separated(structure, problem.solver, grid.axes, grid.parameters, {});
   EXPECT_EQ(found.terms.count(), 0);
   EXPECT_TRUE((found.solution.accepted.array() == 1).all());
   EXPECT_NEAR(found.solution.reaction(0, 3), 2 * structure->unit_reaction() * 1e-5,
@@ -319,6 +327,43 @@ TEST(LatinSeparated, InterruptedItSaysThatNothingIsKept) {
   request_cancellation(false);
 }
 
+TEST(LatinSeparated, ThatWasInterruptedGoesOnAsIfItHadNeverStopped) {
+  const BeamProblem problem = coarse_beam(12, 2e-4);
+  const Grid grid = grid_of(0.5);
+  const auto structure = body_of(problem);
+  SeparatedOptions options;
+  options.accuracy = 3e-6;
+  const SeparatedSolution whole =
+      solve_latin_separated(structure, problem.solver, grid.axes, grid.parameters, options);
+  options.key = "this run";
+  options.state_file = testing::TempDir() + "/latin-separated-interrupted.h5";
+  std::filesystem::remove(options.state_file);
+  for (const int stop : {4, 8}) {
+    options.on_range = [&](int done) { request_cancellation(done == stop); };
+    std::string message = "it went on";
+    try {
+      (void)solve_latin_separated(structure, problem.solver, grid.axes, grid.parameters, options);
+    } catch (const Interrupted& error) {
+      message = error.what();
+    }
+    request_cancellation(false);
+    EXPECT_THAT(message,
+                HasSubstr("of 12; " + std::to_string(stop) + " steps are kept in " + options.state_file));
+  }
+  std::vector<int> ranges;
+  options.on_range = [&](int done) { ranges.push_back(done); };
+  const SeparatedSolution resumed =
+      solve_latin_separated(structure, problem.solver, grid.axes, grid.parameters, options);
+  EXPECT_THAT(ranges, testing::ElementsAre(8, 10));
+  EXPECT_FALSE(std::filesystem::exists(options.state_file));
+  EXPECT_GT(whole.terms.count(), 3);
+  EXPECT_TRUE(whole.terms.time == resumed.terms.time);
+  EXPECT_TRUE(whole.solution.coordinates == resumed.solution.coordinates);
+  EXPECT_TRUE(whole.solution.residual == resumed.solution.residual);
+  EXPECT_EQ(whole.solution.local_points, resumed.solution.local_points);
+  EXPECT_EQ(whole.history.size(), resumed.history.size());
+}
+
 template <typename Change>
 std::string refusal(Change change) {
   SeparatedOptions options;
@@ -332,9 +377,11 @@ std::string refusal(Change change) {
 }
 
 TEST(LatinSeparated, OptionsThatMakeNoSenseAreNamed) {
-  EXPECT_THAT(refusal([](SeparatedOptions& o) { o.accuracy = -1; }), HasSubstr("accuracy is -1 m; it must be positive"));
+  EXPECT_THAT(refusal([](SeparatedOptions& o) { o.accuracy = -1; }),
+              HasSubstr("accuracy is -1 m; it must be positive"));
   EXPECT_THAT(refusal([](SeparatedOptions& o) { o.window = 0; }), HasSubstr("window is 0 steps"));
-  EXPECT_THAT(refusal([](SeparatedOptions& o) { o.most_terms = 0; }), HasSubstr("most_terms, rounds and sweeps are 0"));
+  EXPECT_THAT(refusal([](SeparatedOptions& o) { o.most_terms = 0; }),
+              HasSubstr("most_terms, rounds and sweeps are 0"));
   EXPECT_THAT(refusal([](SeparatedOptions& o) { o.relaxation = 1.5; }), HasSubstr("relaxation is 1.5"));
   EXPECT_THAT(refusal([](SeparatedOptions& o) { o.stagnation = 1; }), HasSubstr("stagnation is 1"));
   EXPECT_THAT(refusal([](SeparatedOptions& o) { o.recompression = 2; }), HasSubstr("recompression is 2"));

@@ -7,6 +7,7 @@
 
 #include "knothe/mechanics/latin_basis.hpp"
 #include "knothe/mechanics/latin_pgd.hpp"
+#include "knothe/mechanics/latin_separated.hpp"
 
 namespace knothe::mechanics {
 
@@ -24,5 +25,19 @@ struct LatinState {
 void write_latin_state(const LatinState& state, const std::string& key, const std::string& path);
 /// Nothing if there is no file, or it is damaged, or of another run.
 [[nodiscard]] std::optional<LatinState> read_latin_state(const std::string& key, const std::string& path);
+
+/// The same of the fully separated form, between two ranges of time: the terms say how far it is.
+struct SeparatedState {
+  std::vector<std::int64_t> cells;
+  LatinBasis::Modes modes;
+  LatinTerms terms;
+  double relaxation = 1, indicator = 1;
+  std::vector<SeparatedIteration> history;
+  long local_points = 0;
+  double cpu_seconds = 0;
+};
+void write_separated_state(const SeparatedState& state, const std::string& key, const std::string& path);
+[[nodiscard]] std::optional<SeparatedState> read_separated_state(const std::string& key,
+                                                                 const std::string& path);
 
 }  // namespace knothe::mechanics

@@ -1,10 +1,12 @@
-/// LATIN-PGD iterated in the fully separated form, beside its joint form recompressed to as many terms (docs/latin.md,
-/// "Full separation"): error of the field and shift of the posterior, both judged by the joint form itself.
+/// LATIN-PGD iterated in the fully separated form, beside its joint form recompressed to as many terms
+/// (docs/latin.md, "Full separation"): error of the field and shift of the posterior, both judged by the
+/// joint form itself.
 ///
 ///   build/release/bench/latin_separated_study [KEY=VALUE …]
 ///
-/// Keys: element (m), nodes, steps, judge (accuracy of the joint form, m), from_joint, from_elastic (largest number of
-/// terms in those columns; 0: none), accuracies (1: a row for each of 4, 2, 1, 0.5, 0.25 µm), verbose.
+/// Keys: element (m), nodes, steps, judge (accuracy of the joint form, m), from_joint, from_elastic (largest
+/// number of terms in those columns; 0: none), accuracies (1: a row for each of 4, 2, 1, 0.5, 0.25 µm),
+/// verbose.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -64,7 +66,8 @@ Study make_study(const BeamProblem& problem, int nodes, double accuracy) {
   for (std::size_t t = 0; t < time.size(); ++t)
     exact.col(static_cast<Eigen::Index>(t)) = study.judge->predict(Eigen::Vector2d(1, 1), t);
   study.data = assimilation::add_noise(grid.dofs(), study.dofs, time, exact, 1e-6, 1);
-  study.priors = {assimilation::Prior::normal(0.9, std::sqrt(0.2)), assimilation::Prior::normal(1.1, std::sqrt(0.2))};
+  study.priors = {assimilation::Prior::normal(0.9, std::sqrt(0.2)),
+                  assimilation::Prior::normal(1.1, std::sqrt(0.2))};
   return study;
 }
 
@@ -80,9 +83,9 @@ void print_errors(const Study& study, const reduction::GridSolutions& solutions,
       std::make_shared<const reduction::ObservedModel>(reduction::observe_dofs(model, study.dofs));
   const assimilation::ShiftSummary shift = assimilation::summarise(assimilation::posterior_shift(
       observed, study.judge, study.data.values, study.data.noise, study.priors));
-  std::printf(" %.1e | %.1e | %.2f | %.2f / %.2f | %.0f %% / %.0f %% |", error.relative, error.relative_to_lift,
-              1e6 * error.max, shift.worst_mean.mean, shift.last.mean, 100 * shift.worst_std.std,
-              100 * shift.last.std);
+  std::printf(" %.1e | %.1e | %.2f | %.2f / %.2f | %.0f %% / %.0f %% |", error.relative,
+              error.relative_to_lift, 1e6 * error.max, shift.worst_mean.mean, shift.last.mean,
+              100 * shift.worst_std.std, 100 * shift.last.std);
   std::fflush(stdout);
 }
 
@@ -96,13 +99,15 @@ void print_iterated(const Study& study, SeparatedOptions options, bool from_join
   const LatinModel found = solve_separated_grid(study.problem, study.axes, options);
   if (verbose)
     for (const SeparatedIteration& it : found.separated)
-      std::fprintf(stderr,
-                   "%3d steps, round %2d: %3d terms, %3d modes, energy %.2e, correction %.3f um, change %.1e, "
-                   "omega %.2f, %.1f s\n",
-                   it.steps, it.round, it.terms, it.space_modes, it.energy_error, 1e6 * it.correction,
-                   it.indicator, it.relaxation, it.cpu_seconds);
+      std::fprintf(
+          stderr,
+          "%3d steps, round %2d: %3d terms, %3d modes, energy %.2e, correction %.3f um, change %.1e, "
+          "omega %.2f, %.1f s\n",
+          it.steps, it.round, it.terms, it.space_modes, it.energy_error, 1e6 * it.correction, it.indicator,
+          it.relaxation, it.cpu_seconds);
   const auto terms = static_cast<std::size_t>(found.grid.terms->time.cols());
-  std::printf("%zu | %.2f | %.1f |", terms, 1e6 * found.separated.back().correction, found.solution.cpu_seconds);
+  std::printf("%zu | %.2f | %.1f |", terms, 1e6 * found.separated.back().correction,
+              found.solution.cpu_seconds);
   print_errors(study, found.grid, terms);
   std::printf("\n");
 }
@@ -110,13 +115,15 @@ void print_iterated(const Study& study, SeparatedOptions options, bool from_join
 }  // namespace
 
 int main(int argc, char** argv) {
-  std::map<std::string, double> keys = {{"element", 0.01},    {"nodes", 7},         {"steps", 100},     {"judge", 1e-7},
-                                        {"from_joint", 30}, {"from_elastic", 30}, {"accuracies", 1}, {"verbose", 0}};
+  std::map<std::string, double> keys = {{"element", 0.01}, {"nodes", 7},       {"steps", 100},
+                                        {"judge", 1e-7},   {"from_joint", 30}, {"from_elastic", 30},
+                                        {"accuracies", 1}, {"verbose", 0}};
   for (int i = 1; i < argc; ++i) {
     const std::string word = argv[i];
     const std::size_t at = word.find('=');
     if (at == std::string::npos || !keys.contains(word.substr(0, at))) {
-      std::fprintf(stderr, "latin_separated_study [KEY=VALUE …]: see the head of latin_separated_study.cpp\n");
+      std::fprintf(stderr,
+                   "latin_separated_study [KEY=VALUE …]: see the head of latin_separated_study.cpp\n");
       return 2;
     }
     keys[word.substr(0, at)] = std::atof(word.c_str() + at + 1);
@@ -127,7 +134,8 @@ int main(int argc, char** argv) {
   const Study study = make_study(problem, static_cast<int>(keys["nodes"]), keys["judge"]);
   const bool verbose = keys["verbose"] != 0;
   std::printf(
-      "joint form: %.1f s of CPU, %td space modes\n\n| what | m | correction µm | CPU s | error | of u − lift | max µm | shift of "
+      "joint form: %.1f s of CPU, %td space modes\n\n| what | m | correction µm | CPU s | error | of u − "
+      "lift | max µm | shift of "
       "mean | std wrong by |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
       study.joint.solution.cpu_seconds, study.joint.solution.space.cols());
   for (const int m : {3, 6, 10, 20, 30}) {

@@ -84,6 +84,7 @@ class Test(Case):
         point = ["--at", "Y0=0.93,Ad=1.17", "--step", "14", "--json"]
         values = [self.expect(0, "model", "evaluate", name, *point).lines()[-1]["values"] for name in ("joint.h5", "full.h5")]
         self.assertLess(max(abs(a - b) for a, b in zip(*values)), 2e-6)
+        self.assertFalse((self.folder / "full.h5.parts").exists())
         self.project.write_text(full.replace("accuracy = 5e-7", "accuracy = 5e-7, terms = 4"))
         self.assertIn("with 4 terms out-of-balance forces are left that are worth", self.build("few.h5").err)
 
