@@ -1,5 +1,7 @@
 # knothe_room(NAME SOURCES … TESTS … BENCHES … PUBLIC … PRIVATE … [PORTABLE])
 # One room of the house: a static library knothe_NAME, one test program of all its tests, one program per benchmark.
+# scripts/test.sh runs two slots per core: a test that computes takes two (PROCESSORS 2), one that mostly waits, as those of
+# tests/cases do for servers, files and other programs, takes one.
 # PORTABLE: no machine-specific instructions (rooms that include deal.II).
 function(knothe_room name)
   cmake_parse_arguments(ROOM "PORTABLE" "" "SOURCES;TESTS;BENCHES;PUBLIC;PRIVATE" ${ARGN})
@@ -13,7 +15,7 @@ function(knothe_room name)
   if(BUILD_TESTING AND ROOM_TESTS)
     add_executable(knothe_${name}_tests ${ROOM_TESTS})
     target_link_libraries(knothe_${name}_tests PRIVATE knothe_${name} ${ROOM_PRIVATE} GTest::gtest_main)
-    gtest_discover_tests(knothe_${name}_tests PROPERTIES LABELS ${name} TIMEOUT 600 DISCOVERY_TIMEOUT 60)
+    gtest_discover_tests(knothe_${name}_tests PROPERTIES LABELS ${name} PROCESSORS 2 TIMEOUT 600 DISCOVERY_TIMEOUT 60)
   endif()
   if(KNOTHE_BENCHMARKS)
     foreach(source ${ROOM_BENCHES})

@@ -9,6 +9,9 @@ failed=0
 exclude=(-LE nightly)
 [ "${1:-}" = all ] && exclude=()
 
+# Two slots per core: tests that compute take two (PROCESSORS, cmake/KnotheRoom.cmake), those that mostly wait take one.
+slots=$((2 * $(nproc)))
+
 # One thread in BLAS: parallelism is ours.
 export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
@@ -23,7 +26,7 @@ run() {  # preset
   if ! cmake --build --preset "$1"; then failed=$((failed + 1)); return; fi
   echo "== $1: tests"
   local log="build/$1.test.log"
-  ctest --preset "$1" -j2 "${exclude[@]}" --no-tests=error 2>&1 | tee "$log"
+  ctest --preset "$1" -j "$slots" "${exclude[@]}" --no-tests=error 2>&1 | tee "$log"
   local total bad
   bad=$(sed -nE 's/.* ([0-9]+) tests? failed out of ([0-9]+).*/\1/p' "$log" | tail -1)
   total=$(sed -nE 's/.* ([0-9]+) tests? failed out of ([0-9]+).*/\2/p' "$log" | tail -1)
