@@ -27,6 +27,7 @@ using Eigen::VectorXd;
 
 constexpr double k_microseconds_between_saves = 30e6;
 constexpr double k_least_relaxation = 0.125;
+constexpr double k_much_worse = 2;          // energy error after an update / before
 constexpr double k_start_tolerance = 1e-3;  // of the separation of a hybrid start
 
 class LatinSeparated {
@@ -54,6 +55,7 @@ class LatinSeparated {
   void extend(int steps);
   /// Cells join that are damaged, or nearly, at the steps from `first` on.
   bool activate(int first);
+  void stop_if_asked();
   /// Iterates over the range. Whether it became accurate.
   bool solve_range();
   /// A term more. False if there is nothing to gain.
@@ -180,11 +182,12 @@ bool LatinSeparated::activate(int first) {
 
 bool LatinSeparated::enrich(const SeparatedStageResult& result, const SeparatedCorrection& correction) {
   std::optional<NewTerm> term = stage().rank_one(correction, options_.fixed_point);
+  const LatinCandidate& worst = result.worst.front();
   if (!term)
-    term = stage().rank_one({body_.flexibility() * result.worst.residual, result.worst.residual, 0},
-                            options_.fixed_point);
+    term =
+        stage().rank_one({body_.flexibility() * worst.residual, worst.residual, 0, 0}, options_.fixed_point);
   if (!term) return false;
-  (void)basis_.add(term->force, 1e-8);
+  (void)basis_.add(term->force, 1e-5);
   terms_.append(basis_.forces().transpose() * term->displacement, term->functions.time,
                 term->functions.parameters);
   terms_.normalise();
@@ -214,37 +217,46 @@ double change(const std::vector<MatrixXd>& before, const std::vector<MatrixXd>& 
   return size > 0 ? std::sqrt(difference / size) : 0;
 }
 
+void LatinSeparated::stop_if_asked() {
+  if (!cancellation_requested()) return;
+  save_state();
+  const Index kept = state_.terms.time.rows();
+  check_cancellation(
+      fmt::format("LATIN-PGD, fully separated, at step {} of {}; {}", steps(), loading_.steps,
+                  options_.state_file.empty()
+                      ? "nothing is kept"
+                      : fmt::format("{} steps are kept in {}; the same command goes on from there", kept,
+                                    options_.state_file)));
+}
+
 bool LatinSeparated::solve_range() {
   double before = -1;
+  bool enriched = true;  // the stage before added a term: that it gained little says nothing
+  LatinTerms kept;       // before the last update
   for (int round = 0;; ++round) {
-    if (cancellation_requested()) {
-      save_state();
-      const Index kept = state_.terms.time.rows();
-      check_cancellation(
-          fmt::format("LATIN-PGD, fully separated, at step {} of {}; {}", steps(), loading_.steps,
-                      options_.state_file.empty()
-                          ? "nothing is kept"
-                          : fmt::format("{} steps are kept in {}; the same command goes on from there", kept,
-                                        options_.state_file)));
-    }
+    stop_if_asked();
     SeparatedStageResult result = stage().run();
-    const SeparatedCorrection correction =
-        result.worst.elastic_error > 0 ? stage().correct(result.worst) : SeparatedCorrection{};
-    keep(result, correction.size, round);
-    if (correction.size <= options_.accuracy) return true;
+    const SeparatedCorrection correction = stage().correct_worst(result.worst);
+    keep(result, correction.bound, round);
+    if (correction.bound <= options_.accuracy) return true;
     if (round + 1 >= options_.rounds) return false;
-    // An update that made it worse was too long.
-    if (before >= 0 && energy_error_ > before)
-      relaxation_ = std::max(k_least_relaxation, relaxation_ / 2);
-    else
-      relaxation_ = std::min(options_.relaxation, 1.4 * relaxation_);
-    const bool stagnates = before >= 0 && energy_error_ > options_.stagnation * before;
     const std::vector<MatrixXd> states = stage().states();
-    before = energy_error_;
-    if (terms_.count() == 0 || stagnates) {
-      if (terms_.count() >= options_.most_terms || !enrich(result, correction)) return false;
-      result = stage().run();  // the equations of the longer basis
-      before = -1;
+    if (before >= 0 && energy_error_ > k_much_worse * before && relaxation_ > k_least_relaxation) {
+      relaxation_ /= 2;  // the update was far too long: half of it
+      terms_ = kept;
+      result = stage().run();
+    } else {
+      const bool worse = before >= 0 && energy_error_ > before;
+      relaxation_ = worse ? std::max(k_least_relaxation, relaxation_ / 2)
+                          : std::min(options_.relaxation, 1.4 * relaxation_);
+      const bool stagnates = !enriched && energy_error_ > options_.stagnation * before;
+      before = energy_error_;
+      enriched = terms_.count() == 0 || stagnates;
+      if (enriched) {
+        if (terms_.count() >= options_.most_terms || !enrich(result, correction)) return false;
+        result = stage().run();  // the equations of the longer basis
+      }
+      kept = terms_;
     }
     update_functions(result.projection, terms_, options_.sweeps, relaxation_, options_.threads);
     update_space(result.projection, terms_, relaxation_, options_.threads);

@@ -16,10 +16,11 @@ namespace {
 constexpr std::size_t k_batch = 32;  // lanes of a batch; fixed, so that results do not depend on the threads
 constexpr double k_stagnation = 0.05;  // relative change of the product λ Π γ in a pass of the fixed point
 
-/// Largest |G ρ| of a batch and the sums of the energy error.
+constexpr std::size_t k_corrected_points = 6;
+
+/// Sums of the energy error over a batch.
 struct BatchSums {
   double energy = 0, size = 0;
-  LatinCandidate worst;
 };
 
 }  // namespace
@@ -81,6 +82,7 @@ SeparatedStageResult LatinSeparatedStage::run() const {
   result.residual = result.reaction = MatrixXd::Zero(points, steps());
   const double unit_reaction = body.structure().unit_reaction();
   std::vector<BatchSums> sums(batches());
+  result.worst.resize(parameters.size());
   march([&](std::size_t b, int step, const LaneBatch& lanes, const MatrixXd& c, LatinLocalResult& local) {
     local.project();
     VectorXd reaction;
@@ -101,16 +103,19 @@ SeparatedStageResult LatinSeparatedStage::run() const {
       sums[b].energy += weight * std::max(0.0, forces.row(i).dot(elastic.row(i)));
       sums[b].size += weight * c.col(i).tail(r).squaredNorm();
       const double error = body.dof_count() > 0 ? elastic.row(i).cwiseAbs().maxCoeff() : 0.0;
-      if (error > sums[b].worst.elastic_error)
-        sums[b].worst = {error, step, forces.row(i).transpose(), lanes.only({i}), c.col(i)};
+      LatinCandidate& candidate = result.worst[static_cast<std::size_t>(p)];
+      if (error > candidate.elastic_error)
+        candidate = {error, step, forces.row(i).transpose(), lanes.only({i}), c.col(i)};
     }
   });
   double energy = 0, size = 0;
-  for (BatchSums& batch : sums) {
+  for (const BatchSums& batch : sums) {
     energy += batch.energy;
     size += batch.size;
-    if (batch.worst.elastic_error > result.worst.elastic_error) result.worst = std::move(batch.worst);
   }
+  std::stable_sort(
+      result.worst.begin(), result.worst.end(),
+      [](const LatinCandidate& a, const LatinCandidate& b) { return a.elastic_error > b.elastic_error; });
   result.energy_error = energy > 0 ? std::sqrt(energy / std::max(size, energy)) : 0;
   return result;
 }
@@ -125,7 +130,26 @@ SeparatedCorrection LatinSeparatedStage::correct(const LatinCandidate& candidate
       result.size = result.displacement.cwiseAbs().maxCoeff();
       return result;
     }
-  return {body.flexibility() * candidate.residual, candidate.residual, candidate.elastic_error};
+  return {body.flexibility() * candidate.residual, candidate.residual, candidate.elastic_error, 0};
+}
+
+SeparatedCorrection LatinSeparatedStage::correct_worst(const std::vector<LatinCandidate>& worst) const {
+  std::vector<SeparatedCorrection> corrections(std::min(k_corrected_points, worst.size()));
+  parallel_for(corrections.size(), threads, [&](std::size_t k) {
+    if (worst[k].elastic_error > 0) corrections[k] = correct(worst[k]);
+  });
+  std::size_t largest = 0;
+  double softness = 1;
+  for (std::size_t k = 0; k < corrections.size(); ++k) {
+    if (worst[k].elastic_error > 0)
+      softness = std::max(softness, corrections[k].size / worst[k].elastic_error);
+    if (corrections[k].size > corrections[largest].size) largest = k;
+  }
+  SeparatedCorrection result = corrections[largest];
+  result.bound = result.size;
+  if (corrections.size() < worst.size())
+    result.bound = std::max(result.bound, softness * worst[corrections.size()].elastic_error);
+  return result;
 }
 
 RankOne LatinSeparatedStage::functions_for(const VectorXd& mode) const {

@@ -16,7 +16,7 @@ namespace knothe::mechanics {
 struct SeparatedStageResult {
   LatinProjection projection;          ///< the global stage's equations
   double energy_error = 0;             ///< √(Σ w ρᵀ G ρ / Σ w cᵀ c), ρ the out-of-balance forces
-  LatinCandidate worst;                ///< where G ρ is largest
+  std::vector<LatinCandidate> worst;   ///< of each grid point, where G ρ is largest; the worst point first
   Eigen::MatrixXd residual, reaction;  ///< as in LatinSolution, P × steps
 };
 
@@ -24,6 +24,7 @@ struct SeparatedStageResult {
 struct SeparatedCorrection {
   Eigen::VectorXd displacement, force;  ///< on the active dofs
   double size = 0;                      ///< largest on any of them, m
+  double bound = 0;  ///< of the first of several: largest of all, of those not looked at by the softest body
 };
 
 /// A space function and its functions of time and parameters.
@@ -51,6 +52,8 @@ struct LatinSeparatedStage {
   [[nodiscard]] SeparatedStageResult run() const;
   /// With the tangent of the law at that state; else with the secant; else elastic.
   [[nodiscard]] SeparatedCorrection correct(const LatinCandidate& candidate) const;
+  /// The largest correction of the worst points, and a bound for all, as LatinPgd judges them.
+  [[nodiscard]] SeparatedCorrection correct_worst(const std::vector<LatinCandidate>& worst) const;
   /// The fixed point: the space function `start` gives functions of time and parameters, those give the space
   /// function (4) of docs/latin.md, and so on until their product stagnates, `passes` times at most. Nothing
   /// if there is nothing to correct in that direction.

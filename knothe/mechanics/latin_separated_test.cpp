@@ -207,12 +207,12 @@ TEST(LatinSeparated, WhereTheCrackBeginsItMeetsTheFullOrderSolution) {
 }
 
 TEST(LatinSeparated, MoreTermsAreMoreAccurateAndNeverBetterThanTheBestOfTheirNumber) {
-  const BeamProblem problem = coarse_beam(20);
+  const BeamProblem problem = coarse_beam(14, 2.8e-4);
   const Grid grid = grid_of(0.5);
   const auto structure = body_of(problem);
   const LatinSolution joint = solve_latin_pgd(structure, problem.solver, grid.parameters, {});
   double before = 1;
-  for (const double accuracy : {4e-6, 5e-7}) {
+  for (const double accuracy : {4e-6, 1e-6}) {
     SeparatedOptions options;
     options.accuracy = accuracy;
     const SeparatedSolution found =
@@ -251,7 +251,7 @@ TEST(LatinSeparated, WithFewTermsItSaysThatItIsNotAccurate) {
 }
 
 TEST(LatinSeparated, StartedFromTheJointFormItNeedsFewStages) {
-  const BeamProblem problem = coarse_beam(20);
+  const BeamProblem problem = coarse_beam(14, 2.8e-4);
   const Grid grid = grid_of(0.5);
   const auto structure = body_of(problem);
   const LatinSolution joint = solve_latin_pgd(structure, problem.solver, grid.parameters, {});
@@ -274,6 +274,7 @@ TEST(LatinSeparated, DoesNotDependOnTheThreads) {
   const Grid grid = grid_of(0.5);
   const auto structure = body_of(problem);
   SeparatedOptions options;
+  options.accuracy = 3e-6;
   options.threads = 1;
   const SeparatedSolution one =
       solve_latin_separated(structure, problem.solver, grid.axes, grid.parameters, options);
@@ -298,9 +299,11 @@ TEST(LatinSeparated, WhileNothingIsDamagedThereIsNoTerm) {
 }
 
 TEST(LatinSeparated, TheCanonicalModelIsTheTerms) {
-  const BeamProblem problem = coarse_beam(10);
+  const BeamProblem problem = coarse_beam(10, 2e-4);
   const Grid grid = grid_of(0.2);
-  const LatinModel model = solve_separated_grid(problem, grid.axes, {});
+  SeparatedOptions accuracy;
+  accuracy.accuracy = 3e-6;
+  const LatinModel model = solve_separated_grid(problem, grid.axes, accuracy);
   ASSERT_TRUE(model.grid.terms.has_value());
   reduction::CompressionOptions options;
   options.form = reduction::Form::canonical;
@@ -329,7 +332,7 @@ TEST(LatinSeparated, InterruptedItSaysThatNothingIsKept) {
 
 TEST(LatinSeparated, ThatWasInterruptedGoesOnAsIfItHadNeverStopped) {
   const BeamProblem problem = coarse_beam(12, 2e-4);
-  const Grid grid = grid_of(0.5);
+  const Grid grid = grid_of(0.2);
   const auto structure = body_of(problem);
   SeparatedOptions options;
   options.accuracy = 3e-6;

@@ -17,7 +17,7 @@ namespace {
 /// x with matrix x = right_side. Terms that are nearly dependent are held by a ridge: the equations are those
 /// of increments, so it slows them and does not change where they end.
 VectorXd solve(MatrixXd matrix, const VectorXd& right_side) {
-  const double ridge = 1e-11 * matrix.diagonal().cwiseAbs().maxCoeff() + 1e-300;
+  const double ridge = 1e-9 * matrix.diagonal().cwiseAbs().maxCoeff() + 1e-300;
   matrix.diagonal().array() += ridge;
   VectorXd x = right_side;
   if (!solve_dense({matrix.data(), static_cast<std::size_t>(matrix.size())},

@@ -117,7 +117,7 @@ void print_iterated(const Study& study, SeparatedOptions options, bool from_join
 int main(int argc, char** argv) {
   std::map<std::string, double> keys = {{"element", 0.01}, {"nodes", 7},       {"steps", 100},
                                         {"judge", 1e-7},   {"from_joint", 30}, {"from_elastic", 30},
-                                        {"accuracies", 1}, {"verbose", 0}};
+                                        {"accuracy", 0},   {"terms", 0},       {"verbose", 0}};
   for (int i = 1; i < argc; ++i) {
     const std::string word = argv[i];
     const std::size_t at = word.find('=');
@@ -140,6 +140,7 @@ int main(int argc, char** argv) {
       study.joint.solution.cpu_seconds, study.joint.solution.space.cols());
   for (const int m : {3, 6, 10, 20, 30}) {
     if (m > std::max(keys["from_joint"], keys["from_elastic"])) break;
+    if (keys["terms"] != 0 && m != static_cast<int>(keys["terms"])) continue;
     std::printf("| joint, recompressed | %d | | |", m);
     print_errors(study, study.joint.grid, static_cast<std::size_t>(m));
     std::printf("\n");
@@ -152,11 +153,11 @@ int main(int argc, char** argv) {
       print_iterated(study, options, from_joint, verbose);
     }
   }
-  if (keys["accuracies"] != 0)
-    for (const double accuracy : {4e-6, 2e-6, 1e-6, 5e-7, 2.5e-7}) {
-      SeparatedOptions options;
-      options.accuracy = accuracy;
-      std::printf("| iterated to %g µm |", 1e6 * accuracy);
-      print_iterated(study, options, false, verbose);
-    }
+  for (const double accuracy : {4e-6, 2e-6, 1e-6, 5e-7, 2.5e-7}) {
+    if (keys["accuracy"] != 0 && std::abs(accuracy - keys["accuracy"]) > 1e-9) continue;
+    SeparatedOptions options;
+    options.accuracy = accuracy;
+    std::printf("| iterated to %g µm |", 1e6 * accuracy);
+    print_iterated(study, options, false, verbose);
+  }
 }
