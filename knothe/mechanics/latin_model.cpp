@@ -5,6 +5,7 @@
 #include <filesystem>
 
 #include "knothe/base/error.hpp"
+#include "knothe/mechanics/regularisation.hpp"
 #include "knothe/mechanics/run_key.hpp"
 
 namespace knothe::mechanics {
@@ -77,6 +78,12 @@ GridProblem grid_problem(const BeamProblem& problem, const std::vector<reduction
   grid.frame.axes = axes;
   for (std::size_t i = 0; i < grid.frame.grid_size(); ++i)
     grid.parameters.push_back(damage_parameters(problem, axes, grid.frame.parameters_at(i)));
+  // Before there is a folder: a box in which the law has no solution.
+  const HexahedronMesh& mesh = grid.structure->mesh();
+  const std::vector<double> ratios =
+      band_ratios(mesh, grid.structure->elements(), problem.solver.regularisation);
+  for (const DamageParameters& point : grid.parameters)
+    check_band(mesh, problem.solver.regularisation, ratios, point);
   return grid;
 }
 

@@ -13,6 +13,7 @@
 #include "knothe/files/hdf5.hpp"
 #include "knothe/mechanics/child_processes.hpp"
 #include "knothe/mechanics/ranks.hpp"
+#include "knothe/mechanics/regularisation.hpp"
 #include "knothe/mechanics/run_key.hpp"
 #include "knothe/reduction/sparse_grid.hpp"
 
@@ -186,6 +187,11 @@ SnapshotRuns run_snapshots(const BeamProblem& problem, const SnapshotGrid& grid)
   const reduction::SparseGrid plan = reduction::sparse_grid(
       grid.axes, grid.sparse_level < 0 ? reduction::finest_level(grid.axes) : grid.sparse_level);
   const std::vector<Part> parts = list_parts(problem, grid, runs.snapshots, plan.points);
+  // All points before the first run: a box in which the law has no solution is told at once.
+  const std::vector<double> ratios =
+      band_ratios(model.structure().mesh(), model.structure().elements(), problem.solver.regularisation);
+  for (const Part& part : parts)
+    check_band(model.structure().mesh(), problem.solver.regularisation, ratios, part.problem.reference);
   std::error_code failed;
   std::filesystem::create_directories(grid.parts_folder, failed);
   if (failed)

@@ -113,6 +113,25 @@ class Test(Case):
         self.build("whole.h5", "--method", "latin")
         self.assertEqual((self.folder / "model.h5").read_bytes(), (self.folder / "whole.h5").read_bytes())
 
+    def test_a_box_without_equilibrium_is_told(self):
+        """Where the law has no stress for a strain nothing is begun; where no equilibrium is found the
+        point is named, and the model is whole."""
+        text = self.project.read_text()
+        text = text[:text.index("[simulate]")].replace("nodes = 3", "nodes = 2").replace("modes = 6", "modes = 3")
+        for method in ("snapshots", "latin"):
+            self.project.write_text(text.replace("upper = 1.2", "upper = 1.5").replace(
+                "layers = 1 }", 'layers = 1 }\ndamage = { regularisation = "crack-band" }'))
+            self.expect(3, "offline", self.project_name, "-o", "model.h5", "--method", method,
+                        stderr=["at Y0 = 324 J/m3, Ad = 0.003375 m3/J the crack band needs cells of at most", "a smaller box of parameters"])
+            self.assertEqual([path.name for path in self.folder.glob("model.h5*")], [])
+            self.project.write_text(text.replace("lower = 0.8", "lower = 1e-6", 1).replace("upper = 1.2", "upper = 1e6")
+                                    .replace("steps = 20", "steps = 2").replace("element = 0.01", "element = 0.02"))
+            self.assertRegex(self.build("model.h5", "--method", method).err,
+                             r"warning: at parameters \(1e-06, 1e\+06\) .*; see the output equilibrium_residual of the model")
+            self.expect(0, "model", "evaluate", "model.h5", "--at", "Y0=1e-6,Ad=1e6", "--step", "1")
+            shutil.rmtree(self.folder / "model.h5.parts", ignore_errors=True)
+            (self.folder / "model.h5").unlink()
+
     def test_mesh_study_tells_how_much_the_meshes_differ(self):
         """On coarse meshes and in few steps; the study itself is in docs/mechanics.md."""
         lines = self.expect(0, "model", "mesh-study", self.project_name, "--elements", "0.02,0.01", "--laws", "none,crack-band",
