@@ -364,9 +364,11 @@ LatinSolution LatinPgd::run() {
     solve_window();
     recompress();
     const LatinIteration& now = solution_.history.back();
-    progress.advance_to(static_cast<std::size_t>(last_),
-                        fmt::format("{} space modes, residual {:.1e}, correction {:.2g} µm, change {:.1e}",
-                                    basis_.archived(), now.residual, 1e6 * now.correction, now.indicator));
+    progress.advance_to(
+        static_cast<std::size_t>(last_),
+        fmt::format("stage {}, {} space modes, residual {:.1e}, correction {:.2g} µm, change {:.1e}",
+                    solution_.history.size(), basis_.archived(), now.residual, 1e6 * now.correction,
+                    now.indicator));
     if (options_.on_window) options_.on_window(last_);
   }
   for (MatrixXd& stored : solution_.coordinates) {
