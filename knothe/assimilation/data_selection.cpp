@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cassert>
 #include <cmath>
@@ -10,6 +9,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/halton.hpp"
 #include "knothe/numerics/selected_inverse.hpp"
+#include "knothe/numerics/symmetric_eigen.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -205,7 +205,7 @@ void SensorDesign::add_point(const reduction::ObservedModel& model, const NoiseM
   // Directions of time in which the rows of dofs can differ, down to 1e-7 of the largest.
   Eigen::VectorXd scale = model.space.colwise().norm().transpose().replicate(d, 1);
   const Eigen::MatrixXd scaled = scale.asDiagonal() * stack;
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(scaled.transpose() * scaled);
+  const numerics::SymmetricEigen eigen(scaled.transpose() * scaled);
   Eigen::Index q = 1;
   while (q < n_t && eigen.eigenvalues()[n_t - 1 - q] > 1e-14 * eigen.eigenvalues()[n_t - 1]) ++q;
   const Eigen::MatrixXd reduced = stack * eigen.eigenvectors().rightCols(q);

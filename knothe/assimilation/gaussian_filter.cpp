@@ -1,12 +1,12 @@
 #include "knothe/assimilation/gaussian_filter.hpp"
 
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cassert>
 #include <cmath>
 
 #include "knothe/numerics/halton.hpp"
+#include "knothe/numerics/symmetric_eigen.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -97,7 +97,7 @@ double GaussianFilter::update_by_points(const StepForm& form, const Eigen::Matri
   const Eigen::VectorXd solved = factor.solve(b);
   mean_ = z_mean + deviations * solved;
   if (kind_ == Kind::ensemble) {
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(a);
+    const numerics::SymmetricEigen eigen(a);
     const Eigen::VectorXd shrink = (1 + eigen.eigenvalues().cwiseMax(0).array()).rsqrt();
     const Eigen::MatrixXd contracted =
         deviations * eigen.eigenvectors() * shrink.asDiagonal() * eigen.eigenvectors().transpose();

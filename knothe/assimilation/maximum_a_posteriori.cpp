@@ -1,8 +1,9 @@
 #include "knothe/assimilation/maximum_a_posteriori.hpp"
 
-#include <Eigen/Eigenvalues>
 #include <cmath>
 #include <vector>
+
+#include "knothe/numerics/symmetric_eigen.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -49,7 +50,7 @@ class NegativeLogPosterior {
 Eigen::VectorXd newton_direction(const NegativeLogPosterior& f, const std::vector<Eigen::Index>& free) {
   Eigen::VectorXd direction = Eigen::VectorXd::Zero(f.gradient.size());
   if (free.empty()) return direction;
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(f.hessian(free, free));
+  const numerics::SymmetricEigen eigen(f.hessian(free, free));
   const double floor = 1e-12 * std::max(eigen.eigenvalues().cwiseAbs().maxCoeff(), 1e-300);
   const Eigen::VectorXd curvature = eigen.eigenvalues().cwiseAbs().cwiseMax(floor);
   const Eigen::VectorXd in_basis = eigen.eigenvectors().transpose() * Eigen::VectorXd(f.gradient(free));

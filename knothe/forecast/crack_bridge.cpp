@@ -3,12 +3,12 @@
 #include <fmt/core.h>
 
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 
 #include "knothe/base/error.hpp"
+#include "knothe/numerics/symmetric_eigen.hpp"
 
 namespace knothe::forecast {
 namespace {
@@ -48,7 +48,7 @@ Eigen::MatrixXd square_root(const Eigen::MatrixXd& covariance, double floor) {
   const Eigen::LLT<Eigen::MatrixXd> factor(shifted);
   if (factor.info() == Eigen::Success && factor.matrixLLT().diagonal().minCoeff() > 0.1 * floor)
     return factor.matrixL();
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(covariance);
+  const numerics::SymmetricEigen eigen(covariance);
   const Eigen::MatrixXd root =
       eigen.eigenvectors() *
       (eigen.eigenvalues().cwiseMax(0.0).array() + floor * floor).sqrt().matrix().asDiagonal();

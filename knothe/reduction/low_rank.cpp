@@ -1,12 +1,11 @@
 #include "knothe/reduction/low_rank.hpp"
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/QR>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <random>
 
 #include "knothe/base/threads.hpp"
+#include "knothe/numerics/symmetric_eigen.hpp"
 
 namespace knothe::reduction {
 
@@ -68,7 +67,7 @@ Eigen::MatrixXd normal_matrix(Eigen::Index rows, Eigen::Index columns, std::uint
 }
 
 FallingEigenpairs falling_eigenpairs(const Eigen::Ref<const Eigen::MatrixXd>& gram) {
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(gram);
+  const numerics::SymmetricEigen solver(gram);
   return {solver.eigenvalues().reverse().cwiseMax(0.0), solver.eigenvectors().rowwise().reverse()};
 }
 
