@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
@@ -12,6 +11,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/sobol.hpp"
+#include "knothe/numerics/symmetric_eigen.hpp"
 #include "knothe/sampling/random_numbers.hpp"
 
 namespace knothe::sampling {
@@ -155,7 +155,7 @@ bool ModeSearch::newton_step(Eigen::Index i) {
   } else {
     fill(0);
     if (!matrix_.allFinite() || !slope.allFinite()) return false;
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(matrix_);
+    const numerics::SymmetricEigen eigen(matrix_);
     const Eigen::VectorXd size =
         (eigen.eigenvalues().cwiseAbs().array().max(1e-8) + climber.damping).matrix();
     step_ = eigen.eigenvectors() * (eigen.eigenvectors().transpose() * slope).cwiseQuotient(size);
@@ -277,7 +277,7 @@ void ModeSearch::calibrate(CheckedDensity& target, Eigen::Index climber, Mode& m
   for (Eigen::Index a = 0; a < d; ++a)
     for (Eigen::Index b = 0; b < d; ++b)
       matrix_(a, b) = -hessian_(climber, packed_index(a, b)) * unit_[a] * unit_[b];
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(matrix_);
+  const numerics::SymmetricEigen eigen(matrix_);
   const auto& vectors = eigen.eigenvectors();
   const double largest = std::max(eigen.eigenvalues().cwiseAbs().maxCoeff(), 1e-12);
   Eigen::VectorXd spread = eigen.eigenvalues().cwiseMax(1e-9 * largest).cwiseSqrt().cwiseInverse();

@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
@@ -12,6 +11,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/random.hpp"
 #include "knothe/numerics/sobol.hpp"
+#include "knothe/numerics/symmetric_eigen.hpp"
 #include "knothe/transport/map_evidence.hpp"
 #include "knothe/transport/map_solver_workspace.hpp"
 #include "knothe/transport/pull_back.hpp"
@@ -154,7 +154,7 @@ struct Diagnostic {
     const Eigen::VectorXd w = normalised_weights(weight_exponent * log_weight);
     const Eigen::MatrixXd g = batch.gradient + x;
     const Eigen::MatrixXd h = g.transpose() * w.asDiagonal() * g;
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(h);
+    const numerics::SymmetricEigen eigen(h);
     eigenvalues = eigen.eigenvalues().reverse().cwiseMax(0.0);
     vectors = eigen.eigenvectors().rowwise().reverse();
   }

@@ -2,11 +2,11 @@
 /// the tempered sequence, and the ways tried when all that is not enough.
 #include <fmt/format.h>
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
+#include "knothe/numerics/symmetric_eigen.hpp"
 #include "knothe/transport/map_solver_workspace.hpp"
 
 namespace knothe::transport {
@@ -25,7 +25,7 @@ constexpr double k_clearly_more = 1.2;
 
 AffineMap principal_axes(const AffineMap& pre_map) {
   const Eigen::MatrixXd matrix = pre_map.matrix();
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(matrix * matrix.transpose());
+  const numerics::SymmetricEigen eigen(matrix * matrix.transpose());
   const Eigen::Index d = pre_map.dimension();
   AffineMap turned;
   turned.shift = pre_map.shift;

@@ -11,6 +11,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/normal_distribution.hpp"
 #include "knothe/numerics/sobol.hpp"
+#include "knothe/numerics/symmetric_eigen.hpp"
 #include "knothe/transport/map_distribution.hpp"
 #include "knothe/transport/pull_back.hpp"
 
@@ -113,8 +114,8 @@ struct GaussianMixture {
     // kernel.
     const Eigen::VectorXd std =
         (spread.colwise().squaredNorm().transpose() / static_cast<double>(x.rows())).cwiseSqrt();
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(std.cwiseInverse().asDiagonal() * covariance *
-                                                               std.cwiseInverse().asDiagonal());
+    const numerics::SymmetricEigen eigen(std.cwiseInverse().asDiagonal() * covariance *
+                                         std.cwiseInverse().asDiagonal());
     const double least = 0.25 * std::pow(static_cast<double>(x.rows()), -0.4);
     const Eigen::MatrixXd vectors = std.asDiagonal() * eigen.eigenvectors();
     covariance = vectors * eigen.eigenvalues().cwiseMax(least).asDiagonal() * vectors.transpose();
