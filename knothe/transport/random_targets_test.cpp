@@ -191,7 +191,7 @@ Diagnostic independent_diagnostic(sampling::LogDensity& target, const MapResult&
 
 TEST(RandomTargets, NoPromiseThatFreshPointsDoNotConfirm) {
   const char* count_text = std::getenv("KNOTHE_RANDOM_TARGETS");
-  const int count = count_text != nullptr ? std::atoi(count_text) : 250;
+  const int count = count_text != nullptr ? std::atoi(count_text) : 1000;
   MapSolverOptions options;
   options.max_order = 5;
   options.fallback = false;  // the promises of every way are the same; this one is the quickest
