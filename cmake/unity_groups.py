@@ -2,8 +2,8 @@
 
 Usage: unity_groups.py SIZE SOURCE…; prints the number of a group for each source, in order. A group has at most SIZE
 sources, and no two of a group define the same name in their anonymous namespaces, so nobody has to choose names with
-other files in mind; what replaces the program's allocation stays alone. What this reading of C++ overlooks is an error
-of the compiler, never another meaning.
+other files in mind; what replaces the program's allocation stays alone. What this reading of C++ overlooks is as a rule an
+error of the compiler.
 """
 
 import re

@@ -110,12 +110,19 @@ reduction::GridSolutions solve_separated(const BuildArguments& arguments,
   if (!mechanics::inaccurate_points(model.solution).empty())
     fmt::print(stderr,
                "knothe: warning: with {} terms out-of-balance forces are left that are worth {:.3g} µm "
-               "([offline.latin] accuracy asks for {:.3g} µm): allow more terms, or take the joint form\n",
-               terms, 1e6 * model.separated.back().correction, 1e6 * separated.accuracy);
+               "([offline.latin] accuracy asks for {:.3g} µm): {}\n",
+               terms, 1e6 * model.separated.back().correction, 1e6 * separated.accuracy,
+               terms < separated.most_terms
+                   ? "more terms gain nothing; take the joint form (leave separation away)"
+                   : fmt::format("raise [offline.latin] terms ({}), or take the joint form (leave separation "
+                                 "away)",
+                                 separated.most_terms));
   if (!arguments.json)
     fmt::print(
-        "LATIN-PGD, fully separated: {} grid points, {} terms, {} global stages, {:.1f} s of CPU time\n",
-        model.grid.snapshots.grid_size(), terms, model.separated.size(), model.solution.cpu_seconds);
+        "LATIN-PGD, fully separated: {} grid points, {} terms, {} global stages, out-of-balance forces worth "
+        "{:.2g} µm at most, {:.1f} s of CPU time\n",
+        model.grid.snapshots.grid_size(), terms, model.separated.size(),
+        model.separated.empty() ? 0.0 : 1e6 * model.separated.back().correction, model.solution.cpu_seconds);
   return std::move(model.grid);
 }
 

@@ -35,16 +35,20 @@ void set_state_file(const BeamProblem& problem, const std::vector<reduction::Axi
       (std::filesystem::path(parts_folder) / fmt::format("latin-{:016x}.h5", fnv1a(options.key))).string();
 }
 
+/// Of LATIN alone: counts up whenever the same options give other results, so that states kept by an older
+/// program are not gone on from.
+constexpr int k_latin_version = 2;
+
 std::string numbers_of(const LatinOptions& o) {
-  return fmt::format(" | LATIN {:a} {:a} {} {} {} {} {} {:a} {:a}", o.accuracy, o.tolerance, o.window,
-                     o.most_modes, o.modes_per_round, o.rounds, o.rescue_round, o.recompression,
-                     o.activation);
+  return fmt::format(" | LATIN v{} {:a} {:a} {} {} {} {} {} {:a} {:a}", k_latin_version, o.accuracy,
+                     o.tolerance, o.window, o.most_modes, o.modes_per_round, o.rounds, o.rescue_round,
+                     o.recompression, o.activation);
 }
 
 std::string numbers_of(const SeparatedOptions& o) {
-  return fmt::format(" | LATIN, full {:a} {} {} {} {} {} {:a} {:a} {:a} {:a}", o.accuracy, o.window,
-                     o.most_terms, o.rounds, o.sweeps, o.fixed_point, o.relaxation, o.stagnation,
-                     o.recompression, o.activation);
+  return fmt::format(" | LATIN, full v{} {:a} {} {} {} {} {} {:a} {:a} {:a} {:a}", k_latin_version,
+                     o.accuracy, o.window, o.most_terms, o.rounds, o.sweeps, o.fixed_point, o.relaxation,
+                     o.stagnation, o.recompression, o.activation);
 }
 
 /// Outputs as in as_snapshots; `mouth` (1 × R) observes the crack mouth's opening in the modes.

@@ -29,12 +29,6 @@ using Eigen::VectorXd;
 constexpr double k_microseconds_between_saves = 30e6;
 constexpr std::size_t k_batch = 32;  // lanes of a batch; fixed, so that results do not depend on the threads
 
-/// What takes a candidate's out-of-balance forces away.
-struct Correction {
-  VectorXd displacement, force;
-  double size = 0;  ///< largest on any active dof, m
-};
-
 class LatinPgd {
  public:
   LatinPgd(std::shared_ptr<const Structure> structure, const SolverOptions& loading,
@@ -46,7 +40,6 @@ class LatinPgd {
   [[nodiscard]] std::vector<LatinStageResult> global_stage(const std::vector<int>& points, bool fresh,
                                                            bool rescue);
   void keep(const std::vector<LatinStageResult>& results, LatinIteration& record);
-  [[nodiscard]] Correction correct(const LatinCandidate& candidate) const;
   /// Points that are not accurate enough yet; adds modes for the worst of them.
   [[nodiscard]] std::vector<int> enrich(const std::vector<LatinStageResult>& results, LatinIteration& record);
   void join(std::span<const std::int64_t> cells);
@@ -164,22 +157,6 @@ void LatinPgd::keep(const std::vector<LatinStageResult>& results, LatinIteration
   record.indicator = size > 0 ? std::sqrt(change / size) : 0;
 }
 
-Correction LatinPgd::correct(const LatinCandidate& candidate) const {
-  LatinLocalResult local(body_, basis_);
-  local.evaluate(candidate.lane, candidate.coordinates, true);
-  Correction result;
-  for (const SearchDirection direction : {SearchDirection::tangent, SearchDirection::secant})
-    if (body_.correct(local.lost_material(0, direction), candidate.residual, result.displacement,
-                      result.force)) {
-      result.size = result.displacement.cwiseAbs().maxCoeff();
-      return result;
-    }
-  result.force = candidate.residual;
-  result.displacement = body_.flexibility() * candidate.residual;
-  result.size = candidate.elastic_error;
-  return result;
-}
-
 std::vector<int> LatinPgd::enrich(const std::vector<LatinStageResult>& results, LatinIteration& record) {
   struct Lane {
     const LatinCandidate* candidate;
@@ -198,12 +175,12 @@ std::vector<int> LatinPgd::enrich(const std::vector<LatinStageResult>& results, 
     return a.candidate->elastic_error > b.candidate->elastic_error;
   });
   const std::size_t count = std::min(lanes.size(), static_cast<std::size_t>(options_.modes_per_round));
-  std::vector<Correction> corrections(count);
-  if (count > 0) corrections[0] = correct(*lanes[0].candidate);
+  std::vector<LatinCorrection> corrections(count);
+  if (count > 0) corrections[0] = correct(body_, basis_, *lanes[0].candidate);
   // Where the worst is clearly good enough the others need not be looked at.
   if (count > 0 && corrections[0].size <= 0.5 * options_.accuracy) corrections.resize(1);
   parallel_for(corrections.size(), options_.threads, [&](std::size_t k) {
-    if (k > 0) corrections[k] = correct(*lanes[k].candidate);
+    if (k > 0) corrections[k] = correct(body_, basis_, *lanes[k].candidate);
   });
   // How much softer than elastic the body is for the forces at hand; the lanes that were not looked at are
   // judged by the softest.
@@ -221,8 +198,7 @@ std::vector<int> LatinPgd::enrich(const std::vector<LatinStageResult>& results, 
     if (basis_.archived() >= options_.most_modes)
       throw NumericalError(
           fmt::format("LATIN-PGD: {} space modes do not reach an accuracy of {} m (step {}, still {:.2g} m); "
-                      "ask for less "
-                      "accuracy, or allow more modes",
+                      "ask for less accuracy, or allow more modes",
                       options_.most_modes, options_.accuracy, last_, record.correction));
     (void)basis_.add(corrections[k].force, 1e-5);
   }
@@ -395,8 +371,7 @@ LatinSolution solve_latin_pgd(std::shared_ptr<const Structure> structure, const 
   if (loading.regularisation.kind == Regularisation::gradient)
     throw ProjectError(
         "LATIN-PGD cannot do gradient damage: its local stage is one Gauss point's, and the averaged strain "
-        "is "
-        "that of all; take method = \"snapshots\", or regularisation = \"crack-band\"");
+        "is that of all; take method = \"snapshots\", or regularisation = \"crack-band\"");
   return LatinPgd(std::move(structure), loading, parameters, options).run();
 }
 

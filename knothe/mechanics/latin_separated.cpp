@@ -59,8 +59,13 @@ class LatinSeparated {
   /// Iterates over the range. Whether it became accurate.
   bool solve_range();
   /// A term more. False if there is nothing to gain.
-  bool enrich(const SeparatedStageResult& result, const SeparatedCorrection& correction);
+  bool enrich(const SeparatedStageResult& result, const LatinCorrection& correction);
   void recompress();
+  /// Recompression of the last range. Whether what is left is accurate; if that alone takes the accuracy
+  /// away, nothing is left out.
+  bool conclude(bool accurate);
+  /// A local stage on the iterate as it is, recorded. Whether it is accurate.
+  bool judge();
   void keep(const SeparatedStageResult& result, double correction, int round);
 
   const SolverOptions loading_;
@@ -92,6 +97,7 @@ LatinSeparated::LatinSeparated(std::shared_ptr<const Structure> structure, const
     grid_.weights.push_back(reduction::trapezoid_weights(axis.nodes));
     terms_.parameters.emplace_back(grid_.sizes.back(), 0);
   }
+  if (parameters_.empty()) throw UsageError("LATIN-PGD: no parameter point is given");
   if (grid_.points() != static_cast<Index>(parameters_.size()))
     throw UsageError(fmt::format("LATIN-PGD: the axes have {} grid points, and {} parameter points are given",
                                  grid_.points(), parameters_.size()));
@@ -118,6 +124,7 @@ void LatinSeparated::begin() {
   for (int step = 0; step < loading_.steps; ++step)
     expected.push_back(foresight.expected(body_, basis_, step));
   terms_ = separate(expected, grid_, options_.most_terms, k_start_tolerance);
+  basis_.restore(basis_.modes());  // as a run that goes on from here has it
 }
 
 void LatinSeparated::extend(int steps) {
@@ -180,12 +187,11 @@ bool LatinSeparated::activate(int first) {
   return joined;
 }
 
-bool LatinSeparated::enrich(const SeparatedStageResult& result, const SeparatedCorrection& correction) {
+bool LatinSeparated::enrich(const SeparatedStageResult& result, const LatinCorrection& correction) {
   std::optional<NewTerm> term = stage().rank_one(correction, options_.fixed_point);
   const LatinCandidate& worst = result.worst.front();
   if (!term)
-    term =
-        stage().rank_one({body_.flexibility() * worst.residual, worst.residual, 0, 0}, options_.fixed_point);
+    term = stage().rank_one({body_.flexibility() * worst.residual, worst.residual, 0}, options_.fixed_point);
   if (!term) return false;
   (void)basis_.add(term->force, 1e-5);
   terms_.append(basis_.forces().transpose() * term->displacement, term->functions.time,
@@ -203,6 +209,18 @@ void LatinSeparated::keep(const SeparatedStageResult& result, double correction,
   result_.history.push_back({steps(), round, static_cast<int>(terms_.count()),
                              static_cast<int>(basis_.size()), result.energy_error, result.residual.maxCoeff(),
                              correction, indicator_, relaxation_, cpu_seconds()});
+  if (!result.residual.allFinite())
+    throw NumericalError(fmt::format(
+        "LATIN-PGD, fully separated: the iterate is not finite any more (steps 0 to {}, stage {}, "
+        "{} terms); take the joint form: leave [offline.latin] separation away",
+        steps() - 1, result_.history.size(), terms_.count()));
+}
+
+bool LatinSeparated::judge() {
+  const SeparatedStageResult result = stage().run();
+  const double correction = stage().correct_worst(result.worst).bound;
+  keep(result, correction, result_.history.empty() ? 0 : result_.history.back().round + 1);
+  return correction <= options_.accuracy;
 }
 
 /// Relative change from `before` (of fewer modes, perhaps) to `now`.
@@ -223,7 +241,7 @@ void LatinSeparated::stop_if_asked() {
   const Index kept = state_.terms.time.rows();
   check_cancellation(
       fmt::format("LATIN-PGD, fully separated, at step {} of {}; {}", steps(), loading_.steps,
-                  options_.state_file.empty()
+                  options_.state_file.empty() || kept == loading_.steps
                       ? "nothing is kept"
                       : fmt::format("{} steps are kept in {}; the same command goes on from there", kept,
                                     options_.state_file)));
@@ -236,24 +254,29 @@ bool LatinSeparated::solve_range() {
   for (int round = 0;; ++round) {
     stop_if_asked();
     SeparatedStageResult result = stage().run();
-    const SeparatedCorrection correction = stage().correct_worst(result.worst);
-    keep(result, correction.bound, round);
-    if (correction.bound <= options_.accuracy) return true;
-    if (round + 1 >= options_.rounds) return false;
-    const std::vector<MatrixXd> states = stage().states();
+    const auto [correction, bound] = stage().correct_worst(result.worst);
+    keep(result, bound, round);
+    if (bound <= options_.accuracy) return true;
+    const bool worse = before >= 0 && energy_error_ > before;
+    const auto give_up = [&] {  // with the better of the last two iterates
+      if (worse) terms_ = kept;
+      return worse && judge();
+    };
+    if (round + 1 >= options_.rounds) return give_up();
+    std::vector<MatrixXd> states = stage().states();
     if (before >= 0 && energy_error_ > k_much_worse * before && relaxation_ > k_least_relaxation) {
       relaxation_ /= 2;  // the update was far too long: half of it
       terms_ = kept;
+      states = stage().states();
       result = stage().run();
     } else {
-      const bool worse = before >= 0 && energy_error_ > before;
-      relaxation_ = worse ? std::max(k_least_relaxation, relaxation_ / 2)
+      relaxation_ = worse ? std::max(std::min(k_least_relaxation, options_.relaxation), relaxation_ / 2)
                           : std::min(options_.relaxation, 1.4 * relaxation_);
       const bool stagnates = !enriched && energy_error_ > options_.stagnation * before;
       before = energy_error_;
       enriched = terms_.count() == 0 || stagnates;
       if (enriched) {
-        if (terms_.count() >= options_.most_terms || !enrich(result, correction)) return false;
+        if (terms_.count() >= options_.most_terms || !enrich(result, correction)) return give_up();
         result = stage().run();  // the equations of the longer basis
       }
       kept = terms_;
@@ -280,6 +303,17 @@ void LatinSeparated::recompress() {
   terms_.normalise();
 }
 
+bool LatinSeparated::conclude(bool accurate) {
+  if (terms_.count() == 0) return accurate;
+  const LatinTerms terms = terms_;
+  const auto modes = basis_.modes();
+  recompress();
+  if (judge() || !accurate) return result_.history.back().correction <= options_.accuracy;
+  basis_.restore(modes);
+  terms_ = terms;
+  return judge();
+}
+
 SeparatedSolution LatinSeparated::run() {
   LatinSolution& solution = result_.solution;
   solution.residual = solution.reaction = MatrixXd::Zero(grid_.points(), loading_.steps);
@@ -297,7 +331,10 @@ SeparatedSolution LatinSeparated::run() {
     do {
       if (body_.dof_count() > 0) accurate = solve_range();
     } while (activate(first < steps() ? first : 0));
-    recompress();
+    if (steps() < loading_.steps)
+      recompress();
+    else
+      accurate = conclude(accurate);
     if (result_.history.empty()) continue;
     const SeparatedIteration& now = result_.history.back();
     progress.advance_to(

@@ -43,7 +43,7 @@ struct SeparatedIteration {
   int round = 0;
   int terms = 0;            ///< m
   int space_modes = 0;      ///< R
-  double energy_error = 0;  ///< √(Σ w ρᵀ G ρ / Σ w cᵀ c), ρ the out-of-balance forces
+  double energy_error = 0;  ///< √(Σ w ρᵀ G ρ / Σ w cᵀ c), ρ the out-of-balance forces; at most 1
   double residual = 0;      ///< largest out-of-balance forces / reaction force
   double correction = 0;    ///< displacement that would take the worst of them away, m
   double indicator = 0;     ///< relative change of the solution in the stage before (energy norm); 1 at first
@@ -52,8 +52,10 @@ struct SeparatedIteration {
 };
 
 struct SeparatedSolution {
-  LatinSolution solution;  ///< the same, as modes and joint coordinates; accepted: one window, all or none
-  LatinTerms terms;        ///< coordinates in `solution.space`
+  /// The same, as modes and joint coordinates; accepted: one window, all or none; local_points: of the stages
+  /// in `history`.
+  LatinSolution solution;
+  LatinTerms terms;  ///< coordinates in `solution.space`
   std::vector<SeparatedIteration> history;
 };
 

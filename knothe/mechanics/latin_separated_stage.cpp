@@ -120,23 +120,10 @@ SeparatedStageResult LatinSeparatedStage::run() const {
   return result;
 }
 
-SeparatedCorrection LatinSeparatedStage::correct(const LatinCandidate& candidate) const {
-  LatinLocalResult local(body, basis);
-  local.evaluate(candidate.lane, candidate.coordinates, true);
-  SeparatedCorrection result;
-  for (const SearchDirection direction : {SearchDirection::tangent, SearchDirection::secant})
-    if (body.correct(local.lost_material(0, direction), candidate.residual, result.displacement,
-                     result.force)) {
-      result.size = result.displacement.cwiseAbs().maxCoeff();
-      return result;
-    }
-  return {body.flexibility() * candidate.residual, candidate.residual, candidate.elastic_error, 0};
-}
-
-SeparatedCorrection LatinSeparatedStage::correct_worst(const std::vector<LatinCandidate>& worst) const {
-  std::vector<SeparatedCorrection> corrections(std::min(k_corrected_points, worst.size()));
+WorstCorrection LatinSeparatedStage::correct_worst(const std::vector<LatinCandidate>& worst) const {
+  std::vector<LatinCorrection> corrections(std::min(k_corrected_points, worst.size()));
   parallel_for(corrections.size(), threads, [&](std::size_t k) {
-    if (worst[k].elastic_error > 0) corrections[k] = correct(worst[k]);
+    if (worst[k].elastic_error > 0) corrections[k] = correct(body, basis, worst[k]);
   });
   std::size_t largest = 0;
   double softness = 1;
@@ -145,11 +132,10 @@ SeparatedCorrection LatinSeparatedStage::correct_worst(const std::vector<LatinCa
       softness = std::max(softness, corrections[k].size / worst[k].elastic_error);
     if (corrections[k].size > corrections[largest].size) largest = k;
   }
-  SeparatedCorrection result = corrections[largest];
-  result.bound = result.size;
+  double bound = corrections[largest].size;
   if (corrections.size() < worst.size())
-    result.bound = std::max(result.bound, softness * worst[corrections.size()].elastic_error);
-  return result;
+    bound = std::max(bound, softness * worst[corrections.size()].elastic_error);
+  return {std::move(corrections[largest]), bound};
 }
 
 RankOne LatinSeparatedStage::functions_for(const VectorXd& mode) const {
@@ -223,7 +209,7 @@ bool LatinSeparatedStage::solve_space(const MatrixXd& values, NewTerm& term) con
   return body.correct(material, rest / all, term.displacement, term.force);
 }
 
-std::optional<NewTerm> LatinSeparatedStage::rank_one(const SeparatedCorrection& start, int passes) const {
+std::optional<NewTerm> LatinSeparatedStage::rank_one(const LatinCorrection& start, int passes) const {
   NewTerm term{start.displacement, start.force, {}, 0};
   MatrixXd before;
   while (true) {

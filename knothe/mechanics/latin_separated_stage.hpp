@@ -14,17 +14,17 @@ namespace knothe::mechanics {
 
 /// What a local stage leaves. Nothing in it is a field over space, time and parameters.
 struct SeparatedStageResult {
-  LatinProjection projection;          ///< the global stage's equations
-  double energy_error = 0;             ///< √(Σ w ρᵀ G ρ / Σ w cᵀ c), ρ the out-of-balance forces
+  LatinProjection projection;  ///< the global stage's equations
+  double energy_error = 0;  ///< √(Σ w ρᵀ G ρ / Σ w cᵀ c), ρ the out-of-balance forces; at most 1
   std::vector<LatinCandidate> worst;   ///< of each grid point, where G ρ is largest; the worst point first
   Eigen::MatrixXd residual, reaction;  ///< as in LatinSolution, P × steps
 };
 
-/// What takes out-of-balance forces away.
-struct SeparatedCorrection {
-  Eigen::VectorXd displacement, force;  ///< on the active dofs
-  double size = 0;                      ///< largest on any of them, m
-  double bound = 0;  ///< of the first of several: largest of all, of those not looked at by the softest body
+/// The largest correction of several points, and a bound for those that were not looked at, too: by the
+/// softest body of these, m.
+struct WorstCorrection {
+  LatinCorrection correction;
+  double bound = 0;
 };
 
 /// A space function and its functions of time and parameters.
@@ -50,14 +50,12 @@ struct LatinSeparatedStage {
   /// (τ, c) at all points, (R + 1) × P, for each step.
   [[nodiscard]] std::vector<Eigen::MatrixXd> states() const;
   [[nodiscard]] SeparatedStageResult run() const;
-  /// With the tangent of the law at that state; else with the secant; else elastic.
-  [[nodiscard]] SeparatedCorrection correct(const LatinCandidate& candidate) const;
-  /// The largest correction of the worst points, and a bound for all, as LatinPgd judges them.
-  [[nodiscard]] SeparatedCorrection correct_worst(const std::vector<LatinCandidate>& worst) const;
+  /// Of the points that are farthest from equilibrium, as LatinPgd judges them.
+  [[nodiscard]] WorstCorrection correct_worst(const std::vector<LatinCandidate>& worst) const;
   /// The fixed point: the space function `start` gives functions of time and parameters, those give the space
   /// function (4) of docs/latin.md, and so on until their product stagnates, `passes` times at most. Nothing
   /// if there is nothing to correct in that direction.
-  [[nodiscard]] std::optional<NewTerm> rank_one(const SeparatedCorrection& start, int passes) const;
+  [[nodiscard]] std::optional<NewTerm> rank_one(const LatinCorrection& start, int passes) const;
 
  private:
   using Visit = std::function<void(std::size_t batch, int step, const LaneBatch& lanes,

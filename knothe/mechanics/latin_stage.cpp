@@ -9,6 +9,19 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
+LatinCorrection correct(const LatinBody& body, const LatinBasis& basis, const LatinCandidate& candidate) {
+  LatinLocalResult local(body, basis);
+  local.evaluate(candidate.lane, candidate.coordinates, true);
+  LatinCorrection result;
+  for (const SearchDirection direction : {SearchDirection::tangent, SearchDirection::secant})
+    if (body.correct(local.lost_material(0, direction), candidate.residual, result.displacement,
+                     result.force)) {
+      result.size = result.displacement.cwiseAbs().maxCoeff();
+      return result;
+    }
+  return {body.flexibility() * candidate.residual, candidate.residual, candidate.elastic_error};
+}
+
 /// Working coordinates of the batch's points at a step before, in this window or not.
 MatrixXd LatinStage::states(int step, const LatinStageResult& result) const {
   if (step < 0) return MatrixXd::Zero(basis.size() + 1, static_cast<Index>(result.points.size()));

@@ -18,6 +18,16 @@ struct LatinCandidate {
   Eigen::VectorXd coordinates;  ///< r + 1
 };
 
+/// What takes a candidate's out-of-balance forces away.
+struct LatinCorrection {
+  Eigen::VectorXd displacement, force;  ///< on the active dofs
+  double size = 0;                      ///< largest displacement on any of them, m
+};
+
+/// With the tangent of the law at that state; else with the secant; else elastic.
+[[nodiscard]] LatinCorrection correct(const LatinBody& body, const LatinBasis& basis,
+                                      const LatinCandidate& candidate);
+
 /// What one batch of L lanes brings back.
 struct LatinStageResult {
   std::vector<int> points;

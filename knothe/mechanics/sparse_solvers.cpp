@@ -94,7 +94,8 @@ SymmetricFactor::SymmetricFactor(const SparseMatrix& matrix)
   if (factor == nullptr || common.status != CHOLMOD_OK || cholmod_rcond(factor, &common) < k_least_pivot)
     throw NumericalError(
         "the elastic stiffness matrix is not positive definite: some part of the body can move freely; check "
-        "that the supports hold it and that the mesh is in one piece");
+        "that the supports hold it, that the mesh is in one piece, and that no support_stiffness is beyond "
+        "1e15 N/m (0 holds rigidly)");
 }
 
 SymmetricFactor::~SymmetricFactor() = default;

@@ -5,8 +5,8 @@
 ///   build/release/bench/latin_separated_study [KEY=VALUE …]
 ///
 /// Keys: element (m), nodes, steps, judge (accuracy of the joint form, m), from_joint, from_elastic (largest
-/// number of terms in those columns; 0: none), accuracies (1: a row for each of 4, 2, 1, 0.5, 0.25 µm),
-/// verbose.
+/// number of terms in those columns; 0: none), terms (that number alone; 0: all), accuracy (that one of
+/// 4e-6, 2e-6, 1e-6, 5e-7, 2.5e-7 m alone; 0: all), verbose.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
