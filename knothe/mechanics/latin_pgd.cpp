@@ -26,9 +26,6 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr double k_microseconds_between_saves = 30e6;
-constexpr std::size_t k_batch = 32;  // lanes of a batch; fixed, so that results do not depend on the threads
-
 class LatinPgd {
  public:
   LatinPgd(std::shared_ptr<const Structure> structure, const SolverOptions& loading,
@@ -97,17 +94,9 @@ LatinPgd::LatinPgd(std::shared_ptr<const Structure> structure, const SolverOptio
 }
 
 LaneBatch LatinPgd::make_batch(std::span<const int> points) const {
-  LaneBatch batch;
-  batch.points.assign(points.begin(), points.end());
-  batch.threshold = VectorXd::Constant(batch.padded(), k_never);
-  batch.brittleness = VectorXd::Zero(batch.padded());
-  batch.history = MatrixXd::Zero(batch.padded(), body_.point_count());
-  for (Index i = 0; i < batch.size(); ++i) {
-    const auto point = static_cast<std::size_t>(batch.points[static_cast<std::size_t>(i)]);
-    batch.threshold[i] = parameters_[point].threshold;
-    batch.brittleness[i] = parameters_[point].brittleness;
-    batch.history.row(i) = history_.row(static_cast<Index>(point));
-  }
+  LaneBatch batch = make_lanes(points, parameters_, body_.point_count());
+  for (Index i = 0; i < batch.size(); ++i)
+    batch.history.row(i) = history_.row(batch.points[static_cast<std::size_t>(i)]);
   return batch;
 }
 
@@ -119,11 +108,11 @@ std::vector<LatinStageResult> LatinPgd::global_stage(const std::vector<int>& poi
                          first_,         last_,
                          fresh,          rescue,
                          expected_};
-  std::vector<LatinStageResult> results((points.size() + k_batch - 1) / k_batch);
+  std::vector<LatinStageResult> results((points.size() + k_lanes_of_a_batch - 1) / k_lanes_of_a_batch);
   parallel_for(results.size(), options_.threads, [&](std::size_t b) {
-    const std::size_t begin = b * k_batch;
-    results[b] =
-        stage.run(make_batch(std::span(points).subspan(begin, std::min(k_batch, points.size() - begin))));
+    const std::size_t begin = b * k_lanes_of_a_batch;
+    results[b] = stage.run(
+        make_batch(std::span(points).subspan(begin, std::min(k_lanes_of_a_batch, points.size() - begin))));
   });
   return results;
 }
@@ -364,14 +353,8 @@ LatinSolution LatinPgd::run() {
 
 LatinSolution solve_latin_pgd(std::shared_ptr<const Structure> structure, const SolverOptions& loading,
                               std::span<const DamageParameters> parameters, const LatinOptions& options) {
-  loading.validate();
   options.validate();
-  for (const DamageParameters& point : parameters) point.validate();
-  if (parameters.empty()) throw UsageError("LATIN-PGD: no parameter point is given");
-  if (loading.regularisation.kind == Regularisation::gradient)
-    throw ProjectError(
-        "LATIN-PGD cannot do gradient damage: its local stage is one Gauss point's, and the averaged strain "
-        "is that of all; take method = \"snapshots\", or regularisation = \"crack-band\"");
+  require_latin_problem(loading, parameters);
   return LatinPgd(std::move(structure), loading, parameters, options).run();
 }
 

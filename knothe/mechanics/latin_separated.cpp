@@ -25,7 +25,6 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr double k_microseconds_between_saves = 30e6;
 constexpr double k_least_relaxation = 0.125;
 constexpr double k_much_worse = 2;          // energy error after an update / before
 constexpr double k_start_tolerance = 1e-3;  // of the separation of a hybrid start
@@ -97,7 +96,6 @@ LatinSeparated::LatinSeparated(std::shared_ptr<const Structure> structure, const
     grid_.weights.push_back(reduction::trapezoid_weights(axis.nodes));
     terms_.parameters.emplace_back(grid_.sizes.back(), 0);
   }
-  if (parameters_.empty()) throw UsageError("LATIN-PGD: no parameter point is given");
   if (grid_.points() != static_cast<Index>(parameters_.size()))
     throw UsageError(fmt::format("LATIN-PGD: the axes have {} grid points, and {} parameter points are given",
                                  grid_.points(), parameters_.size()));
@@ -382,13 +380,8 @@ SeparatedSolution solve_latin_separated(std::shared_ptr<const Structure> structu
                                         const std::vector<reduction::Axis>& axes,
                                         std::span<const DamageParameters> parameters,
                                         const SeparatedOptions& options) {
-  loading.validate();
   options.validate();
-  for (const DamageParameters& point : parameters) point.validate();
-  if (loading.regularisation.kind == Regularisation::gradient)
-    throw ProjectError(
-        "LATIN-PGD cannot do gradient damage: its local stage is one Gauss point's, and the averaged strain "
-        "is that of all; take method = \"snapshots\", or regularisation = \"crack-band\"");
+  require_latin_problem(loading, parameters);
   return LatinSeparated(std::move(structure), loading, axes, parameters, options).run();
 }
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "knothe/base/threads.hpp"
 
@@ -13,7 +14,6 @@ using Eigen::VectorXd;
 
 namespace {
 
-constexpr std::size_t k_batch = 32;  // lanes of a batch; fixed, so that results do not depend on the threads
 constexpr double k_stagnation = 0.05;  // relative change of the product λ Π γ in a pass of the fixed point
 
 constexpr std::size_t k_corrected_points = 6;
@@ -26,22 +26,14 @@ struct BatchSums {
 }  // namespace
 
 std::size_t LatinSeparatedStage::batches() const {
-  return (parameters.size() + k_batch - 1) / k_batch;
+  return (parameters.size() + k_lanes_of_a_batch - 1) / k_lanes_of_a_batch;
 }
 
 LaneBatch LatinSeparatedStage::make_batch(std::size_t batch) const {
-  LaneBatch lanes;
-  const std::size_t end = std::min(parameters.size(), (batch + 1) * k_batch);
-  for (std::size_t p = batch * k_batch; p < end; ++p) lanes.points.push_back(static_cast<int>(p));
-  lanes.threshold = VectorXd::Constant(lanes.padded(), k_never);
-  lanes.brittleness = VectorXd::Zero(lanes.padded());
-  lanes.history = MatrixXd::Zero(lanes.padded(), body.point_count());
-  for (Index i = 0; i < lanes.size(); ++i) {
-    const DamageParameters& point = parameters[batch * k_batch + static_cast<std::size_t>(i)];
-    lanes.threshold[i] = point.threshold;
-    lanes.brittleness[i] = point.brittleness;
-  }
-  return lanes;
+  const std::size_t end = std::min(parameters.size(), (batch + 1) * k_lanes_of_a_batch);
+  std::vector<int> points(end - batch * k_lanes_of_a_batch);
+  std::iota(points.begin(), points.end(), static_cast<int>(batch * k_lanes_of_a_batch));
+  return make_lanes(points, parameters, body.point_count());
 }
 
 std::vector<MatrixXd> LatinSeparatedStage::states() const {
@@ -64,8 +56,8 @@ void LatinSeparatedStage::march(const Visit& visit) const {
     LaneBatch lanes = make_batch(b);
     LatinLocalResult local(body, basis);
     for (int step = 0; step < steps(); ++step) {
-      const MatrixXd coordinates =
-          all[static_cast<std::size_t>(step)].middleCols(static_cast<Index>(b * k_batch), lanes.size());
+      const MatrixXd coordinates = all[static_cast<std::size_t>(step)].middleCols(
+          static_cast<Index>(b * k_lanes_of_a_batch), lanes.size());
       local.evaluate(lanes, coordinates, false);
       visit(b, step, lanes, coordinates, local);
       lanes.history = local.damage();

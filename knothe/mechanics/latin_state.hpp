@@ -11,6 +11,8 @@
 
 namespace knothe::mechanics {
 
+inline constexpr double k_microseconds_between_saves = 30e6;
+
 /// Everything the next window depends on.
 struct LatinState {
   int next_step = 0;                ///< first step of the next window
