@@ -6,6 +6,7 @@ set -uo pipefail
 cd "$(dirname "$0")/.."
 passed=0
 failed=0
+failures=()
 exclude=(-LE nightly)
 [ "${1:-}" = all ] && exclude=()
 
@@ -35,6 +36,19 @@ run() {  # preset
   if [ -z "$total" ]; then failed=$((failed + 1)); return; fi
   passed=$((passed + total - bad))
   failed=$((failed + bad))
+  [ "$bad" -eq 0 ] || failures+=("$1")
+}
+
+# What failed and what it printed, again at the end: whoever reads only the end of a long log has to see it.
+tell_failures() {
+  local preset name
+  for preset in "${failures[@]}"; do
+    while IFS= read -r name; do
+      echo "== failed in $preset: $name"
+      awk -v name="$name" 'index($0, "/") && substr($0, index($0, "Testing: ")) == "Testing: " name { on = 1 }
+                           on { print } on && /^<end of output>/ { exit }' "build/$preset/Testing/Temporary/LastTest.log" | tail -40
+    done < <(sed 's/^[0-9]*://' "build/$preset/Testing/Temporary/LastTestsFailed.log")
+  done
 }
 
 mkdir -p build
@@ -46,5 +60,6 @@ else
   run asan  # fewer checks, and without the tests of statistics: see CMakePresets.json
 fi
 run fuzz
+tell_failures
 echo "$passed passed, $failed failed"
 [ "$failed" -eq 0 ]
