@@ -1,14 +1,11 @@
 """`knothe assimilate`: the lines that outside programs read, and what they say, judged by quadrature of the formula."""
-import fcntl
 import json
 import math
 import os
-import signal
-import subprocess
 import unittest
 
 import analytic_model
-from support import KNOTHE, Case, parse_line, read_csv, without_times
+from support import Case, parse_line, read_csv, without_times
 
 STEP_KEYS = ["step", "time", "mean", "covariance", "maximum_a_posteriori", "quantiles", "map_order", "variance_diagnostic",
              "tolerance_reached", "ess", "trusted", "log_evidence", "log_evidence_increment", "bias_correction", "used",
@@ -158,14 +155,7 @@ class Test(Case):
 
     def test_interrupted_it_keeps_what_is_done(self):
         """A pipe that holds three lines stops the program in mid-run, however fast it is; then comes Ctrl-C."""
-        with subprocess.Popen([KNOTHE, "assimilate", self.project_name, "--json"], cwd=self.folder, stdout=subprocess.PIPE,
-                              stderr=subprocess.PIPE, text=True) as process:
-            fcntl.fcntl(process.stdout, fcntl.F_SETPIPE_SZ, 4096)
-            first = process.stdout.readline()
-            process.send_signal(signal.SIGINT)
-            rest, message = process.communicate(timeout=60)
-        self.assertEqual(process.returncode, 130, message)
-        lines = [parse_line(line) for line in (first + rest).splitlines()]
+        lines, message = self.interrupt_after_first_line("assimilate", self.project_name, "--json")
         self.assertTrue(1 <= len(lines) < 12, len(lines))
         self.assertNotIn("done", lines[-1])
         self.assertIn(f"interrupted after {len(lines)} of 12 steps", message)

@@ -3,12 +3,15 @@
 The environment says where things are (tests/cases/CMakeLists.txt sets it):
 KNOTHE, KNOTHE_OFFLINE (empty where it was not built), KNOTHE_CASES_FIXTURES, KNOTHE_DATA_TO_CSV.
 """
+import contextlib
 import csv
+import fcntl
 import json
 import math
 import os
 import pathlib
 import shutil
+import signal
 import struct
 import subprocess
 import tempfile
@@ -115,6 +118,32 @@ class Case(unittest.TestCase):
             self.assertNotIn("internal error", outcome.err)
             self.assertEqual(outcome.out, "")
         return outcome
+
+    @contextlib.contextmanager
+    def running(self, *arguments, program=KNOTHE):
+        """A running knothe and its stdout: a pipe of one page, so that it cannot get further ahead of who reads than that,
+        however fast it is. Who has read a line reads the rest from there too: `communicate` would miss what was read ahead."""
+        reader, writer = os.pipe()
+        fcntl.fcntl(writer, fcntl.F_SETPIPE_SZ, 4096)  # before anything is in it
+        with open(reader, encoding="utf-8") as out:
+            process = subprocess.Popen([program, *map(str, arguments)], cwd=self.folder, stdin=subprocess.DEVNULL, stdout=writer,
+                                       stderr=subprocess.PIPE, text=True)
+            os.close(writer)
+            with process:
+                try:
+                    yield process, out
+                finally:
+                    process.kill()
+
+    def interrupt_after_first_line(self, *arguments):
+        """Ctrl-C when the first line is there; all lines, and what was said."""
+        with self.running(*arguments) as (process, out):
+            text = out.readline()
+            process.send_signal(signal.SIGINT)
+            text += out.read()
+            _, message = process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 130, message)
+        return [parse_line(line) for line in text.splitlines()], message
 
     def assimilate(self, *arguments, **options):
         """The step lines of `knothe assimilate --json`, the last line checked and taken off."""
