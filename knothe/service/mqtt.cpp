@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <mosquitto.h>
 
+#include <algorithm>
 #include <atomic>
 #include <charconv>
 #include <chrono>
@@ -95,8 +96,37 @@ struct MqttReceiver::Implementation {
       return;
     }
     log_event("info", "connected to the MQTT broker", {{"broker", receiver->host}, {"port", receiver->port}});
-    for (const auto& site : receiver->sites)
-      mosquitto_subscribe(client, nullptr, fmt::format("knothe/v1/{}/+/data", site->name()).c_str(), 1);
+    const int failed = receiver->subscribe(client);
+    if (failed != MOSQ_ERR_SUCCESS)
+      log_event("error", "nothing could be asked of the MQTT broker",
+                {{"broker", receiver->host}, {"reason", mosquitto_strerror(failed)}});
+  }
+
+  static std::string topic_of(const Site& site) { return fmt::format("knothe/v1/{}/+/data", site.name()); }
+
+  /// Asks for the data of all sites in one packet: the answer's numbers are in the order of the sites.
+  int subscribe(mosquitto* broker) const {
+    std::vector<std::string> topics;
+    for (const auto& site : sites) topics.push_back(topic_of(*site));
+    std::vector<char*> names;
+    for (std::string& topic : topics) names.push_back(topic.data());
+    return mosquitto_subscribe_multiple(broker, nullptr, static_cast<int>(names.size()), names.data(), 1, 0,
+                                        nullptr);
+  }
+
+  /// From now on data come, but for sites that the broker refuses (128: its rules say so); no error of MQTT
+  /// 3.1.1 would tell.
+  static void on_subscribe(mosquitto*, void* self, int, int count, const int* granted) {
+    const auto* receiver = static_cast<Implementation*>(self);
+    for (std::size_t i = 0; i < std::min(static_cast<std::size_t>(count), receiver->sites.size()); ++i) {
+      const std::string topic = topic_of(*receiver->sites[i]);
+      if (granted[i] > 2)
+        log_event("error", "the MQTT broker refused a subscription",
+                  {{"broker", receiver->host}, {"topic", topic}, {"code", granted[i]}});
+      else
+        log_event("info", "subscribed at the MQTT broker",
+                  {{"broker", receiver->host}, {"topic", topic}, {"qos", granted[i]}});
+    }
   }
 
   static void on_disconnect(mosquitto*, void* self, int code) {
@@ -151,6 +181,7 @@ MqttReceiver::MqttReceiver(const project::Project& project, std::vector<std::sha
   i.client.reset(mosquitto_new(id.c_str(), false, &i), mosquitto_destroy);
   if (!i.client) throw IoError("the MQTT client could not be made");
   mosquitto_connect_callback_set(i.client.get(), Implementation::on_connect);
+  mosquitto_subscribe_callback_set(i.client.get(), Implementation::on_subscribe);
   mosquitto_disconnect_callback_set(i.client.get(), Implementation::on_disconnect);
   mosquitto_message_callback_set(i.client.get(), Implementation::on_message);
   if (!options.user.empty()) {

@@ -1,4 +1,5 @@
 """`knothe infer` with servers that go wrong and projects that make no sense: the right exit status, within the timeout, in words."""
+import re
 import signal
 import subprocess
 import time
@@ -174,29 +175,39 @@ class Test(InferCase):
             with self.subTest(shape=shape):
                 self.expect_refused(6, "the density has no finite integral", way, "proper prior", within=20)
 
-    def interrupted(self, after):
-        """What a run says that is interrupted after some seconds."""
+    def interrupted(self, more):
+        """What a run says that is interrupted while it waits for what comes after `more` answers; and how many of those are kept."""
+        self.ask_server("/Good", {"more": more})
         process = subprocess.Popen([KNOTHE, "infer", self.project_name], cwd=self.folder, stderr=subprocess.PIPE, text=True)
-        time.sleep(after)
+        while self.server_calls()["held"] == 0 and process.poll() is None:
+            time.sleep(0.01)
         process.send_signal(signal.SIGINT)
-        _, err = process.communicate(timeout=10)
+        _, err = process.communicate(timeout=60)
         self.assertEqual(process.returncode, 130, err)
-        self.assertIn("interrupted", err)
-        return err
+        found = re.search(r"interrupted; .*; (\d+) evaluations of the model are kept in results/evaluations.h5: the same command goes on", err)
+        self.assertIsNotNone(found, err)
+        return err, int(found.group(1))
 
     def test_an_interrupted_run_goes_on_where_it_was(self):
-        self.serve("linear", "slow", 600)
+        self.serve("linear", "hold")
         self.edit('name = "forward"', 'name = "forward"\nconnections = 8\nconfig = { note = "one" }')
         self.edit('kind = "transport"', 'kind = "transport"\nmode_search = "multi-start"')
-        self.assertIn("evaluations of the model are kept in results/evaluations.h5: the same command goes on", self.interrupted(2))
+        _, kept = self.interrupted(600)
+        self.assertTrue(0 < kept <= 600, kept)
         self.edit('"one"', '"two"')
-        self.assertIn("not used: they are of another model or another configuration", self.interrupted(1.5))
+        self.assertIn("not used: they are of another model or another configuration", self.interrupted(300)[0])
         self.edit('"two"', '"one"')
-        self.interrupted(2)
-        self.assertIn("going on from ", self.interrupted(1.5))
+        _, kept = self.interrupted(600)
+        err, more = self.interrupted(300)
+        self.assertIn(f"going on from {kept} evaluations of an interrupted run", err)
+        self.assertTrue(kept < more <= kept + 300, (kept, more))
+        self.ask_server("/Good", {"more": 10**9})
         line = self.infer()
         self.assertTrue(line["trusted"], line["verdict"])
-        self.assertLess(line["model_evaluations"], 1250)  # 1,290 without interruption
+        again, self.project_name = self.project_name, "whole.toml"
+        self.project.write_text((self.folder / again).read_text())
+        whole = self.infer("-o", "whole")
+        self.assertEqual(line["model_evaluations"], whole["model_evaluations"] - more + 3, (kept, more))  # three to see that it is the same model
         self.expect_nothing_but(self.folder / "results", ["inference.json", "map.h5", "samples.nc"])
 
 

@@ -24,10 +24,13 @@ class InferCase(Case):
         self.port = int(server.stdout.readline())
         self.edit("PORT", str(self.port))
 
-    def server_calls(self):
-        request = urllib.request.Request(f"http://127.0.0.1:{self.port}/Statistics", data=b"{}")
+    def ask_server(self, path, value={}):
+        request = urllib.request.Request(f"http://127.0.0.1:{self.port}{path}", data=json.dumps(value).encode())
         with urllib.request.urlopen(request) as answer:
             return json.load(answer)
+
+    def server_calls(self):
+        return self.ask_server("/Statistics")
 
     def infer(self, *arguments, status=0):
         """The line of `knothe infer --json`."""

@@ -1,7 +1,9 @@
 """`knothe serve`: what it answers. Judged by `knothe assimilate` on the same data."""
 import json
 import math
+import socket
 import struct
+import threading
 import time
 import unittest
 
@@ -278,8 +280,7 @@ class Test(ServiceCase):
         self.addCleanup(broker.stop)
         service = self.serve(extra=f'[serve.mqtt]\nbroker = "127.0.0.1:{broker.port}"\n')
         topic = "knothe/v1/assimilation/camera/data"
-        self.wait_for_log("connected to the MQTT broker")
-        time.sleep(0.2)
+        service.wait_until(lambda: "subscribed at the MQTT broker" in service.logged())
         for datum in self.data[:3]:
             broker.publish(topic, json.dumps(datum).encode())
         broker.publish(topic, b"nonsense")
@@ -299,20 +300,36 @@ class Test(ServiceCase):
         self.addCleanup(broker.stop)
         (self.folder / "password").write_text("wrong\n")
         service = self.serve(extra=f'[serve.mqtt]\nbroker = "127.0.0.1:{broker.port}"\nuser = "gauge"\npassword = "password"\nca = "ca.pem"\n')
-        self.wait_for_log("the MQTT broker refused")
+        service.wait_until(lambda: "the MQTT broker refused" in service.logged())
         service.stop()
         (self.folder / "password").write_text("known to gauge and service\n")
         service.start()
-        self.wait_for_log("connected to the MQTT broker")
-        time.sleep(0.2)
+        service.wait_until(lambda: "subscribed at the MQTT broker" in service.logged())
         broker.publish("knothe/v1/assimilation/camera/data", json.dumps(self.data[0]).encode())
         self.assertEqual(service.settled(1)["step"], 0)
 
-    def wait_for_log(self, words):
-        end = time.monotonic() + 30
-        while words not in (self.folder / "serve.log").read_text():
-            self.assertLess(time.monotonic(), end, (self.folder / "serve.log").read_text())
-            time.sleep(0.05)
+    def test_a_subscription_that_the_broker_refuses_is_said(self):
+        """A broker that lets anybody in (CONNACK) and gives nobody anything (SUBACK with 128)."""
+        with socket.create_server(("127.0.0.1", 0)) as broker:
+            def refuse():
+                connection = broker.accept()[0]
+                with connection:
+                    self.assertEqual(connection.recv(4096)[0], 0x10)
+                    connection.sendall(b"\x20\x02\x00\x00")
+                    asked = connection.recv(4096)
+                    self.assertEqual(asked[0], 0x82)
+                    connection.sendall(b"\x90\x03" + asked[2:4] + b"\x80")
+                    while connection.recv(4096):
+                        pass
+
+            thread = threading.Thread(target=refuse, daemon=True)
+            thread.start()
+            service = self.serve(extra=f'[serve.mqtt]\nbroker = "127.0.0.1:{broker.getsockname()[1]}"\n')
+            service.wait_until(lambda: "the MQTT broker refused a subscription" in service.logged())
+            self.assertIn("knothe/v1/assimilation/+/data", service.logged())
+            self.assertNotIn("subscribed at the MQTT broker", service.logged())
+            self.assertEqual(service.stop(), 130)
+            thread.join(10)
 
     def test_csv_files_left_in_a_folder_are_taken(self):
         expected = [comparable(line) for line in self.assimilate()]
@@ -329,10 +346,7 @@ class Test(ServiceCase):
         service.settled(12)
         self.assertEqual([comparable(line) for line in service.states()], expected)
         (watched / "other.csv").write_text(header + "\n" + of_time(0)[0].replace(rows[0].split(",")[2], "0.77", 1) + "\n")
-        end = time.monotonic() + 30
-        while "this site has no sensor at" not in str(service.get("/v1/alarms")[1]):
-            self.assertLess(time.monotonic(), end)
-            time.sleep(0.05)
+        service.wait_until(lambda: "this site has no sensor at" in str(service.get("/v1/alarms")[1]))
         service.kill()
         service.start()
         time.sleep(0.5)

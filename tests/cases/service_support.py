@@ -31,9 +31,18 @@ class Service:
         if not line:
             return self
         self.port = int(re.search(r":(\d+)/$", line.strip())[1])
-        while wait and self.get("/readyz")[0] != 200:
-            time.sleep(0.02)
+        self.wait_until(lambda: not wait or self.get("/readyz")[0] == 200)
         return self
+
+    def wait_until(self, condition, seconds=100):
+        """Waits for an event; where it does not come, says what the service has logged."""
+        end = time.monotonic() + seconds
+        while not condition():
+            assert time.monotonic() < end, self.logged()[-4000:]
+            time.sleep(0.02)
+
+    def logged(self):
+        return (self.folder / "serve.log").read_text()
 
     def kill(self):
         self.process.send_signal(signal.SIGKILL)
@@ -79,11 +88,14 @@ class Service:
 
     def settled(self, records=None):
         """Waits until all that was accepted is in the lines."""
-        while True:
-            status = self.get("/v1/status")[1]
-            if status["pending"] == 0 and status["behind"] == 0 and (records is None or status["records"] == records):
-                return status
-            time.sleep(0.02)
+        status = {}
+
+        def done():
+            status.update(self.get("/v1/status")[1])
+            return status["pending"] == 0 and status["behind"] == 0 and (records is None or status["records"] == records)
+
+        self.wait_until(done)
+        return status
 
     def states(self):
         return self.get("/v1/states")[1]
@@ -180,9 +192,6 @@ class Broker:
 
     def __init__(self, folder, password=None):
         self.folder, self.password = folder, password
-        with socket.socket() as one:
-            one.bind(("127.0.0.1", 0))
-            self.port = one.getsockname()[1]
         access = "allow_anonymous true\n"
         if password:
             subprocess.run(["mosquitto_passwd", "-b", "-c", str(folder / "passwords"), "gauge", password], check=True, capture_output=True)
@@ -190,14 +199,26 @@ class Broker:
             for name in ("passwords", "ca.pem", "broker.pem", "broker.key"):
                 os.chmod(folder / name, 0o644)
             access = f"password_file {folder}/passwords\ncafile {folder}/ca.pem\ncertfile {folder}/broker.pem\nkeyfile {folder}/broker.key\n"
-        (folder / "mosquitto.conf").write_text(f"listener {self.port} 127.0.0.1\n{access}user root\n")
+        for _ in range(10):
+            if self.started(f"{access}user root\nlog_dest stderr\n"):
+                return
+        raise AssertionError((folder / "mosquitto.log").read_text())
+
+    def started(self, options):
+        """Starts Mosquitto at a port that was free just now; False if another program took it meanwhile: then it ends."""
+        with socket.socket() as one:
+            one.bind(("127.0.0.1", 0))
+            self.port = one.getsockname()[1]
+        (self.folder / "mosquitto.conf").write_text(f"listener {self.port} 127.0.0.1\n{options}")
         program = shutil.which("mosquitto") or "/usr/sbin/mosquitto"
-        self.process = subprocess.Popen([program, "-c", str(folder / "mosquitto.conf")], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        while True:
-            try:
-                return socket.create_connection(("127.0.0.1", self.port)).close()
-            except OSError:
-                time.sleep(0.02)
+        with open(self.folder / "mosquitto.log", "w") as log:
+            self.process = subprocess.Popen([program, "-c", str(self.folder / "mosquitto.conf")], stdin=subprocess.DEVNULL,
+                                            stdout=log, stderr=log)
+        while self.process.poll() is None:
+            if " running" in (self.folder / "mosquitto.log").read_text():
+                return True
+            time.sleep(0.02)
+        return False
 
     def publish(self, topic, payload):
         """One message of QoS 1; returns when the broker has it."""
@@ -210,6 +231,7 @@ class Broker:
                     return bytes([kind]) + length + body
 
         text = lambda value: len(value).to_bytes(2, "big") + value
+        answer = lambda: b"".join(one.recv(1) for _ in range(4))
         with contextlib.ExitStack() as stack:
             one = stack.enter_context(socket.create_connection(("127.0.0.1", self.port)))
             flags, more = b"\x02", b""
@@ -217,9 +239,9 @@ class Broker:
                 one = stack.enter_context(ssl.create_default_context(cafile=self.folder / "ca.pem").wrap_socket(one, server_hostname="127.0.0.1"))
                 flags, more = b"\xc2", text(b"gauge") + text(self.password.encode())
             one.sendall(packet(0x10, text(b"MQTT") + b"\x04" + flags + b"\x00\x3c" + text(b"sender") + more))
-            assert one.recv(4)[:1] == b"\x20"
+            assert answer()[:1] == b"\x20"
             one.sendall(packet(0x32, text(topic.encode()) + b"\x00\x01" + payload))
-            assert one.recv(4)[:1] == b"\x40"
+            assert answer()[:1] == b"\x40"
 
     def stop(self):
         self.process.terminate()

@@ -3,7 +3,6 @@ import math
 import os
 import shutil
 import struct
-import threading
 import time
 import unittest
 
@@ -22,18 +21,15 @@ class Test(ServiceCase):
         for name in ("reference_1.tif", "reference_2.tif", "pictures.csv"):
             shutil.copy(self.camera / name, self.live / name)
 
-    def watch(self):
-        return self.serve(extra='watch_pictures = "live/"\nsettle = 0.1\nperiod = 60.0\n')
+    def watch(self, settle=0.1):
+        return self.serve(extra=f'watch_pictures = "live/"\nsettle = {settle}\nperiod = 60.0\n')
 
     def rename_into_place(self, name):
         shutil.copy(self.camera / name, self.live / ".arriving")
         os.rename(self.live / ".arriving", self.live / name)
 
     def wait_for_records(self, service, count):
-        end = time.monotonic() + 60
-        while service.get("/v1/status")[1]["records"] < count:
-            self.assertLess(time.monotonic(), end, (self.folder / "serve.log").read_text()[-2000:])
-            time.sleep(0.02)
+        service.wait_until(lambda: service.get("/v1/status")[1]["records"] >= count)
         return service.settled(count)
 
     def test_pictures_become_the_lines_of_assimilate(self):
@@ -120,24 +116,21 @@ class Test(ServiceCase):
         first, second = service.states()
         self.assertEqual(first["used"], 0)
         self.assertEqual(second["missing"], 0)
-        end = time.monotonic() + 20
-        while True:
-            said = " ".join(alarm["message"] for alarm in service.get("/v1/alarms")[1]["alarms"])
-            if "picture_9999.tif" in said and self.pictures[0] in said:
-                break
-            self.assertLess(time.monotonic(), end, said)
-            time.sleep(0.05)
+        alarms = lambda: " ".join(alarm["message"] for alarm in service.get("/v1/alarms")[1]["alarms"])
+        service.wait_until(lambda: "picture_9999.tif" in alarms() and self.pictures[0] in alarms())
+        said = alarms()
         self.assertIn("missing: ", said)
         self.assertIn("does not say its time", said)
 
     def test_a_picture_that_was_not_finished_is_taken_when_it_is(self):
-        service = self.watch()
+        service = self.watch(settle=0.3)  # what cannot be read may rest ten times as long
         name = self.pictures[0]
         content = (self.camera / name).read_bytes()
-        file = open(self.live / name, "wb")
-        file.write(content[:1000])
-        file.flush()
-        threading.Timer(0.5, lambda: (file.write(content[1000:]), file.close())).start()  # rests longer than the time to settle
+        with open(self.live / name, "wb") as file:
+            file.write(content[:1000])
+            file.flush()
+            time.sleep(0.6)  # longer than the time to settle
+            file.write(content[1000:])
         self.wait_for_records(service, 1)
         self.assertEqual(service.get("/v1/state")[1]["missing"], 0)
 

@@ -1,7 +1,8 @@
 """A small UM-Bridge 1.0 server for the cases, standard library only, with modes in which a server goes wrong.
 
 usage: umbridge_server.py MODEL [MODE [N]]; prints its port. MODE, after N good requests to the model:
-good, slow, hang, die, wrong-size, nan, null, error, not-json, old-protocol, close (connections, as HTTP/1.0 does).
+good, hold, hang, die, wrong-size, nan, null, error, not-json, old-protocol, close (connections, as HTTP/1.0 does).
+What `hold` holds is never answered; POST /Good with {"more": N} lets the next N requests pass, /Statistics counts as "held" those since.
 """
 import http.server
 import json
@@ -172,7 +173,10 @@ class Handler(http.server.BaseHTTPRequestHandler):
         if self.path == "/Info":
             return self.do_GET()
         if self.path == "/Statistics":
-            return self.answer(dict(server.calls))
+            return self.answer({**server.calls, "held": server.held})
+        if self.path == "/Good":
+            server.let_pass(request["more"])
+            return self.answer({})
         if request.get("name") != model.name:
             return self.fail("ModelNotFound", f"Model {request.get('name')} not found!", 400)
         if self.path == "/ModelInfo":
@@ -222,7 +226,11 @@ class Server(http.server.ThreadingHTTPServer):
     def __init__(self, model, mode, after):
         super().__init__(("127.0.0.1", 0), Handler)
         self.model, self.mode, self.after = model, mode, after
-        self.calls, self.lock = {}, threading.Lock()
+        self.calls, self.held, self.lock = {}, 0, threading.Lock()
+
+    def let_pass(self, more):
+        with self.lock:
+            self.after, self.held = more, 0
 
     def count(self, path):
         with self.lock:
@@ -234,9 +242,10 @@ class Server(http.server.ThreadingHTTPServer):
             self.after -= 1
             if self.after >= 0:
                 return False
+            self.held += 1
         mode = self.mode
-        if mode == "slow":
-            time.sleep(0.05)
+        if mode == "hold":
+            threading.Event().wait()
         elif mode == "hang":
             time.sleep(60)
         elif mode == "die":
