@@ -2,7 +2,9 @@
 
 #include <atomic>
 #include <cerrno>
+#include <chrono>
 #include <numeric>
+#include <thread>
 #include <vector>
 
 #include "knothe/base/cancellation.hpp"
@@ -38,6 +40,25 @@ TEST(Threads, AnExceptionComesBack) {
   };
   EXPECT_THROW(run(1), DataError);
   EXPECT_THROW(run(2), DataError);
+}
+
+TEST(Threads, OfSeveralErrorsThatOfTheSmallestIndexComesBack) {
+  std::atomic<bool> other_failed = false;
+  try {
+    parallel_for(2, 2, [&](std::size_t i) {
+      if (i == 1) {
+        other_failed = true;
+        other_failed.notify_all();
+        throw DataError("at 1");
+      }
+      other_failed.wait(false);
+      std::this_thread::sleep_for(std::chrono::milliseconds(20));  // so that the other one is known before
+      throw DataError("at 0");
+    });
+    ADD_FAILURE();
+  } catch (const DataError& error) {
+    EXPECT_STREQ(error.what(), "at 0");
+  }
 }
 
 TEST(Text, EditDistanceCountsSwapsAsOne) {

@@ -26,7 +26,10 @@ void parallel_for(std::size_t count, std::size_t threads, const std::function<vo
     return;
   }
   std::atomic<std::size_t> next{0};
-  std::exception_ptr first_error;
+  // Of several errors the one of the smallest i, whichever came first: indices are handed out in order, so
+  // all before a failing one are done too, and what is told does not depend on the threads.
+  std::exception_ptr error;
+  std::size_t error_at = count;
   std::mutex error_mutex;
   const auto work = [&] {
     for (std::size_t i = next++; i < count; i = next++) {
@@ -34,7 +37,10 @@ void parallel_for(std::size_t count, std::size_t threads, const std::function<vo
         body(i);
       } catch (...) {
         const std::lock_guard lock(error_mutex);
-        if (!first_error) first_error = std::current_exception();
+        if (i < error_at) {
+          error_at = i;
+          error = std::current_exception();
+        }
         next = count;
       }
     }
@@ -45,7 +51,7 @@ void parallel_for(std::size_t count, std::size_t threads, const std::function<vo
     for (std::size_t k = 1; k < threads; ++k) team.emplace_back(work);
     work();
   }
-  if (first_error) std::rethrow_exception(first_error);
+  if (error) std::rethrow_exception(error);
 }
 
 }  // namespace knothe

@@ -10,8 +10,8 @@ namespace knothe {
 
 /// Calls `body(i)` for i in [0, count), spread over `threads` threads (0: `default_threads()`). Each i is
 /// done exactly once; which thread does it is open, so a body writes only to what belongs to its own i, and a
-/// sum over i is taken afterwards, in order. The first exception thrown by a body is rethrown here, after all
-/// have ended.
+/// sum over i is taken afterwards, in order. If bodies throw, the exception of the smallest such i is
+/// rethrown here, after all have ended; bodies after it may not have been called.
 void parallel_for(std::size_t count, std::size_t threads, const std::function<void(std::size_t)>& body);
 
 }  // namespace knothe
