@@ -9,6 +9,7 @@
 
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/files/test_folder.hpp"
 #include "knothe/mechanics/latin_model.hpp"
 #include "knothe/reduction/compression.hpp"
 
@@ -327,8 +328,8 @@ TEST(LatinPgd, ThatWasInterruptedGoesOnAsIfItHadNeverStopped) {
   const LatinSolution whole = solve_latin_pgd(structure, problem.solver, parameters, {});
   LatinOptions options;
   options.key = "this run";
-  options.state_file = testing::TempDir() + "/latin-interrupted.h5";
-  std::filesystem::remove(options.state_file);
+  const files::TestFolder folder;  // two clones may be tested at once
+  options.state_file = folder.file("interrupted.h5");
   for (const int stop : {2, 14, 20}) {  // before, while and after the crack starts to run
     options.on_window = [&](int done) { request_cancellation(done == stop); };
     std::string message = "it went on";

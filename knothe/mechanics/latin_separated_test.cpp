@@ -8,6 +8,7 @@
 
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/files/test_folder.hpp"
 #include "knothe/mechanics/latin_model.hpp"
 #include "knothe/mechanics/latin_separation.hpp"
 #include "knothe/reduction/low_rank.hpp"
@@ -246,8 +247,8 @@ TEST(LatinSeparated, ThatWasInterruptedGoesOnAsIfItHadNeverStopped) {
   const SeparatedSolution whole =
       solve_latin_separated(structure, problem.solver, grid.axes, grid.parameters, options);
   options.key = "this run";
-  options.state_file = testing::TempDir() + "/latin-separated-interrupted.h5";
-  std::filesystem::remove(options.state_file);
+  const files::TestFolder folder;  // two clones may be tested at once
+  options.state_file = folder.file("interrupted.h5");
   for (const int stop : {4, 8}) {
     options.on_range = [&](int done) { request_cancellation(done == stop); };
     std::string message = "it went on";

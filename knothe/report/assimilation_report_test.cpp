@@ -87,8 +87,9 @@ TEST(AssimilationReport, SaysWhatIsMissing) {
 }
 
 TEST(AssimilationReport, BrokenResultsLeaveNoPage) {
-  EXPECT_THROW(write_assimilation_report("/nonexistent", "", "/tmp/knothe_none.html"), DataError);
-  EXPECT_FALSE(std::filesystem::exists("/tmp/knothe_none.html"));
+  const files::TestFolder place;
+  EXPECT_THROW(write_assimilation_report("/nonexistent", "", place.file("none.html")), DataError);
+  EXPECT_FALSE(std::filesystem::exists(place.file("none.html")));
 }
 
 TEST(AssimilationReport, LearningIsWhereTheStandardDeviationFalls) {
