@@ -2,13 +2,17 @@
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
+#include <fstream>
+#include <iterator>
 
 #include "knothe/base/error.hpp"
 #include "knothe/mechanics/beam_mesh.hpp"
 #include "knothe/mechanics/mesh_part.hpp"
+#include "knothe/mechanics/ranks.hpp"
 #include "knothe/mechanics/structure.hpp"
 
 namespace knothe::mechanics {
@@ -36,6 +40,14 @@ std::string message_of(const std::function<void()>& call) {
     return error.what();
   }
   return "no error";
+}
+
+TEST(Ranks, AProcessThatNoLauncherStartedHasNoDaemonBesideIt) {
+  EXPECT_EQ(Ranks::start().size, 1);
+  const std::string own = std::to_string(::getpid());
+  std::ifstream children("/proc/" + own + "/task/" + own + "/children");
+  ASSERT_TRUE(children.is_open());
+  EXPECT_EQ(std::string(std::istreambuf_iterator<char>(children), {}), "");
 }
 
 TEST(DistributedModel, ElasticSolutionIsThatOfTheDirectSolver) {

@@ -3,6 +3,7 @@
 #include <mpi.h>
 
 #include <cstdlib>
+#include <utility>
 
 namespace knothe::mechanics {
 namespace {
@@ -11,6 +12,16 @@ bool launched() {
   for (const char* variable : {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "PMIX_RANK"})
     if (std::getenv(variable) != nullptr) return true;
   return false;
+}
+
+/// For a process that no launcher started. Open MPI would start a daemon beside it, with ports and a folder
+/// of its own under /tmp that processes of the same user make and remove under each other; a job of one rank
+/// that starts no others needs none of them. What is set already stays.
+void be_the_only_rank() {
+  for (const auto& [name, value] :
+       {std::pair{"OMPI_MCA_ess_singleton_isolated", "1"},
+        std::pair{"OMPI_MCA_orte_create_session_dirs", "0"}, std::pair{"OMPI_MCA_btl", "self"}})
+    ::setenv(name, value, 0);
 }
 
 bool initialised() {
@@ -28,7 +39,10 @@ Ranks Ranks::of_this_job() {
 Ranks Ranks::start() {
   Ranks result;
   // MPI's default error handler ends the whole job and says why: nothing to check.
-  if (!initialised()) MPI_Init(nullptr, nullptr);
+  if (!initialised()) {
+    if (!launched()) be_the_only_rank();
+    MPI_Init(nullptr, nullptr);
+  }
   MPI_Comm_rank(MPI_COMM_WORLD, &result.rank);
   MPI_Comm_size(MPI_COMM_WORLD, &result.size);
   return result;
