@@ -1,4 +1,5 @@
 """`knothe offline`, `model verify` and `simulate` without a model: what the sibling program does."""
+import contextlib
 import json
 import os
 import pathlib
@@ -21,6 +22,32 @@ class Test(Case):
     def parts(self):
         folder = self.folder / "model.h5.parts"
         return list(folder.glob("run-*.h5")) if folder.exists() else []
+
+    def interrupt(self, ready, kept, *arguments, send=os.killpg, number=signal.SIGINT):
+        """The words `kept` of what `knothe offline` says that gets a signal once `ready`(): by default Ctrl-C, which reaches the
+        whole process group, as from a terminal. Where the look at it came too late, the work being over, it begins again."""
+        for _ in range(5):
+            with subprocess.Popen([KNOTHE, "offline", self.project_name, "-o", "model.h5", *arguments], cwd=self.folder, stdout=subprocess.PIPE,
+                                  stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
+                while not ready() and process.poll() is None:
+                    time.sleep(0.005)
+                if process.poll() is None:
+                    send(process.pid, number)
+                _, message = process.communicate(timeout=60)
+            found = re.search(kept, message)
+            if found:
+                self.assertEqual(process.returncode, 130, message)
+                self.assertFalse((self.folder / "model.h5").exists())
+                return found
+            late = process.returncode == 0 or "9 of 9 runs are kept" in message or "full-order run; nothing of this run is kept" in message
+            self.assertTrue(late, f"{process.returncode} {message}")  # the last: of the runs that judge the model
+            self.forget()
+        self.fail("the signal never found it at work")
+
+    def forget(self):
+        """Neither a model nor parts of one."""
+        shutil.rmtree(self.folder / "model.h5.parts", ignore_errors=True)
+        (self.folder / "model.h5").unlink(missing_ok=True)
 
     def test_stdout_is_json_lines(self):
         lines = self.build("model.h5", "--json").lines()
@@ -92,21 +119,15 @@ class Test(Case):
         """That the solution is the same to the bit wherever it stops is in latin_pgd_test.cpp; here a signal and the message."""
         text = self.project.read_text().replace("steps = 20", "steps = 400")  # long enough for the signal to find it at work
         self.project.write_text(text[:text.index("[simulate]")])
-        with subprocess.Popen([KNOTHE, "offline", self.project_name, "-o", "model.h5", "--method", "latin"], cwd=self.folder,
-                              stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
-            while process.poll() is None and not (self.folder / "model.h5.parts").exists():  # made when LATIN begins
-                time.sleep(0.01)
-            time.sleep(0.05)
-            if process.poll() is None:
-                os.killpg(process.pid, signal.SIGINT)
-            _, message = process.communicate(timeout=60)
-        if process.returncode == 0:
-            self.skipTest("it was faster than the signal")
-        self.assertEqual(process.returncode, 130, message)
-        self.assertFalse((self.folder / "model.h5").exists())
+
+        def begun():
+            if not (self.folder / "model.h5.parts").exists():  # made when LATIN begins
+                return False
+            time.sleep(0.05)  # some steps
+            return True
+
+        kept = self.interrupt(begun, r"at step (\d+) of 400; steps before it are kept in model.h5.parts/latin-", "--method", "latin")
         self.assertEqual(list(self.folder.glob("**/*.tmp*")), [])
-        kept = re.search(r"at step (\d+) of 400; steps before it are kept in model.h5.parts/latin-", message)
-        self.assertIsNotNone(kept, message)
         self.assertEqual(len(list((self.folder / "model.h5.parts").iterdir())), 1)
         self.assertIn(f"LATIN-PGD goes on from step {kept.group(1)} of 400", self.build("model.h5", "--method", "latin").err)
         self.assertFalse((self.folder / "model.h5.parts").exists())
@@ -251,23 +272,26 @@ class Test(Case):
         self.assertEqual(self.parts(), [])
 
     def test_a_rank_that_dies_ends_the_job_and_its_runs_are_kept(self):
-        job = self.mpirun("offline", self.project_name, "-o", "model.h5")
-        children = pathlib.Path(f"/proc/{job.pid}/task/{job.pid}/children")
-        give_up = time.monotonic() + 60
-        while not self.parts() and job.poll() is None and time.monotonic() < give_up:
-            time.sleep(0.005)
-        ranks = children.read_text().split() if job.poll() is None else []
-        if not ranks:
-            job.communicate()
-            self.skipTest("the job was faster than the look at it")
-        os.kill(int(ranks[-1]), signal.SIGKILL)
-        _, message = job.communicate(timeout=60)
-        self.assertNotEqual(job.returncode, 0)
+        for _ in range(5):
+            job = self.mpirun("offline", self.project_name, "-o", "model.h5")
+            children = pathlib.Path(f"/proc/{job.pid}/task/{job.pid}/children")
+            while not self.parts() and job.poll() is None:
+                time.sleep(0.005)
+            ranks = children.read_text().split() if job.poll() is None else []
+            with contextlib.suppress(ProcessLookupError):
+                if ranks:
+                    os.kill(int(ranks[-1]), signal.SIGKILL)
+            _, message = job.communicate(timeout=60)
+            if job.returncode != 0 and not (self.folder / "model.h5").exists():
+                break
+            self.forget()  # the job was faster than the look at it
+        else:
+            self.fail("the job was always faster than the look at it")
         self.assertIn("killed", message.lower())
-        self.assertFalse((self.folder / "model.h5").exists())
-        kept = len(self.parts())
-        self.assertGreater(kept, 0)
-        self.assertIn(f"9 full-order runs, {kept} of them kept", self.build("model.h5").out)
+        there = len(self.parts())
+        self.assertGreater(there, 0)
+        kept = int(re.search(r"9 full-order runs, (\d+) of them kept", self.build("model.h5").out).group(1))
+        self.assertGreaterEqual(kept, there)  # a process of the other rank may have ended its run a moment later
 
     def test_one_model_on_two_ranks_is_that_on_one(self):
         text = self.project.read_text()
@@ -290,35 +314,16 @@ class Test(Case):
         self.expect(2, "offline", self.project_name, "-o", "m.h5", "--method", "latim", stderr="latin")
 
     def test_interrupted_it_says_what_is_kept_and_goes_on_from_there(self):
-        """Ctrl-C reaches the whole process group, as from a terminal."""
         whole = self.build("whole.h5")
         self.assertIn("9 full-order runs, 0 of them kept", whole.out)
-        with subprocess.Popen([KNOTHE, "offline", self.project_name, "-o", "model.h5"], cwd=self.folder, stdout=subprocess.PIPE,
-                              stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
-            give_up = time.monotonic() + 60
-            while len(self.parts()) < 2 and process.poll() is None and time.monotonic() < give_up:
-                time.sleep(0.005)
-            os.killpg(process.pid, signal.SIGINT)
-            _, message = process.communicate(timeout=60)
-        self.assertEqual(process.returncode, 130, message)
-        kept = int(re.search(r"interrupted; (\d+) of 9 runs are kept in model.h5.parts", message).group(1))
+        kept = int(self.interrupt(lambda: len(self.parts()) >= 2, r"interrupted; ([2-8]) of 9 runs are kept in model.h5.parts").group(1))
         self.assertEqual(kept, len(self.parts()))
-        self.assertTrue(2 <= kept < 9)
-        self.assertFalse((self.folder / "model.h5").exists())
         self.assertIn(f"9 full-order runs, {kept} of them kept from before", self.build().out)
         self.assertEqual((self.folder / "model.h5").read_bytes(), (self.folder / "whole.h5").read_bytes())
 
     def test_a_signal_to_knothe_alone_ends_its_sibling(self):
-        with subprocess.Popen([KNOTHE, "offline", self.project_name, "-o", "model.h5"], cwd=self.folder, stdout=subprocess.PIPE,
-                              stderr=subprocess.PIPE, text=True) as process:
-            give_up = time.monotonic() + 60
-            while not self.parts() and process.poll() is None and time.monotonic() < give_up:
-                time.sleep(0.005)
-            process.send_signal(signal.SIGTERM)
-            _, message = process.communicate(timeout=60)
-        self.assertEqual(process.returncode, 130, message)
-        self.assertLess(len(self.parts()), 9)
-        self.assertFalse((self.folder / "model.h5").exists())
+        kept = self.interrupt(self.parts, r"interrupted; ([1-8]) of 9 runs are kept", send=os.kill, number=signal.SIGTERM)
+        self.assertEqual(int(kept.group(1)), len(self.parts()))
 
     def test_a_damaged_finished_run_is_computed_again(self):
         self.build()
