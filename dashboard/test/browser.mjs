@@ -3,6 +3,7 @@ import assert from "node:assert/strict";
 import { chromium } from "playwright-core";
 
 const patience = 20000; // on a busy machine; an idle one needs a tenth
+const pause = () => new Promise((done) => setTimeout(done, 50));
 
 export function launch() {
   return chromium.launch({
@@ -21,7 +22,7 @@ export async function watchedPage(browser, look) {
   page.on("console", (message) => {
     // While the service is away, asks for a token, or has no such route, the browser itself says so.
     const expected =
-      /ERR_CONNECTION_REFUSED|ERR_INCOMPLETE_CHUNKED|ERR_EMPTY_RESPONSE|ERR_CONNECTION_RESET|status of 40[14]|GPU stall|GL Driver Message/;
+      /ERR_CONNECTION_\w+|ERR_INCOMPLETE_CHUNKED|ERR_CONTENT_LENGTH_MISMATCH|ERR_EMPTY_RESPONSE|ERR_SOCKET_NOT_CONNECTED|status of 40[14]|GPU stall|GL Driver Message/;
     if (["error", "warning"].includes(message.type()) && !expected.test(message.text()))
       complaints.push(message.text());
   });
@@ -38,6 +39,14 @@ export const until = async (page, selector, expected) =>
     ([s, source]) => new RegExp(source, "s").test(document.querySelector(s)?.innerText ?? ""),
     [selector, expected.source],
   );
+/** `look` until what it gives is `good`, and that: what is drawn comes a frame or more after what is written. */
+export async function eventually(look, good, wait = patience) {
+  for (const end = Date.now() + wait; ; await pause()) {
+    const seen = await look();
+    if (good(seen)) return seen;
+    assert.ok(Date.now() < end, `still ${JSON.stringify(seen)}`);
+  }
+}
 /** The first number in a text, and how exactly it is written. */
 export function number(written) {
   const found = /[−-]?\d+(\.(\d+))?/.exec(written);
@@ -49,9 +58,9 @@ function agree(written, expected, what) {
   assert.ok(Math.abs(value - expected) <= half, `${what}: the page says "${written}", the service ${expected}`);
 }
 
-/** Every number of the cards at the top, as exactly as it is written there; a page that is still drawing has five seconds. */
+/** Every number of the cards at the top, as exactly as it is written there, once the page has drawn them. */
 export async function compareNumbers(page, line) {
-  for (const end = Date.now() + 5000; ; await page.waitForTimeout(50)) {
+  for (const end = Date.now() + patience; ; await pause()) {
     try {
       return await compareNow(page, line);
     } catch (difference) {

@@ -7,7 +7,7 @@ import { readFileSync } from "node:fs";
 import { dirname, join } from "node:path";
 import { test } from "node:test";
 import { fileURLToPath } from "node:url";
-import { compareNumbers, launch, text, until, watchedPage } from "./browser.mjs";
+import { compareNumbers, eventually, launch, text, until, watchedPage } from "./browser.mjs";
 
 const { KNOTHE: program, KNOTHE_PROJECT: project } = process.env;
 const here = dirname(fileURLToPath(import.meta.url));
@@ -28,14 +28,12 @@ async function serve(port) {
     child.stderr.on("data", hear);
     child.once("exit", (status) => reject(new Error(`knothe serve ended with ${status}: ${said}`)));
   });
-  for (let k = 0; k < 200; k += 1) {
-    const ready = await fetch(`${url}readyz`).then(
+  const ready = () =>
+    fetch(`${url}readyz`).then(
       (r) => r.ok,
       () => false,
     );
-    if (ready) break;
-    await new Promise((resolve) => setTimeout(resolve, 50));
-  }
+  await eventually(ready, (is) => is, 60000);
   return {
     child,
     url,
@@ -78,8 +76,11 @@ test("the page on the real service", async (t) => {
   };
   // The latest line is that of the last datum, and shown.
   const shown = async (step) => {
-    for (let k = 0; k < 200 && (await get("v1/state")).step !== step; k += 1)
-      await new Promise((resolve) => setTimeout(resolve, 50));
+    await eventually(
+      async () => (await get("v1/state")).step,
+      (now) => now === step,
+      60000,
+    );
     await until(page, "#step", new RegExp(`^${step}\\b`));
     await compareNumbers(page, await get("v1/state"));
   };
