@@ -11,7 +11,7 @@ from support import KNOTHE, REPOSITORY, parse_line
 
 class Test(unittest.TestCase):
     def run_in(self, folder, *command):
-        done = subprocess.run([str(word) for word in command], cwd=folder, capture_output=True, text=True, timeout=100)
+        done = subprocess.run([str(word) for word in command], cwd=folder, capture_output=True, text=True, timeout=280)
         self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
         return done.stdout
 

@@ -18,7 +18,7 @@ folder.mkdir(parents=True)
 
 def run(*command, **options):
     print("$", *command, flush=True)
-    subprocess.run(list(map(str, command)), check=True, timeout=560, **options)
+    subprocess.run(list(map(str, command)), check=True, timeout=1150, **options)
 
 
 if kind == "analytic":

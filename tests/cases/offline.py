@@ -248,7 +248,8 @@ class Test(Case):
         """A job of two ranks, not yet waited for."""
         if shutil.which("mpirun") is None:
             self.skipTest("no mpirun")
-        environment = {**os.environ, "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
+        environment = {**os.environ, "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+                       "TMPDIR": str(self.folder)}  # jobs that begin and end at the same time share no folder
         command = ["mpirun", "--oversubscribe", "--mca", "mpi_yield_when_idle", "1", "-np", "2", str(pathlib.Path(KNOTHE).parent / "knothe-offline")]
         return subprocess.Popen([*command, *words], cwd=self.folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
                                 text=True, **options)

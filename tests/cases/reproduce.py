@@ -26,7 +26,7 @@ class Test(Case):
                                    stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
                                    env=dict(os.environ, KNOTHE_THREADS="1"))
         parts = self.folder / "study" / "models" / "reference.parts"
-        deadline = time.monotonic() + 100
+        deadline = time.monotonic() + 200
         while not (parts.is_dir() and list(parts.glob("*.h5"))) and time.monotonic() < deadline:
             self.assertIsNone(process.poll())
             time.sleep(0.05)

@@ -102,7 +102,7 @@ class Case(unittest.TestCase):
 
     def run_knothe(self, *arguments, program=KNOTHE, **options):
         options.setdefault("cwd", self.folder)
-        options.setdefault("timeout", 120)
+        options.setdefault("timeout", 280)
         completed = subprocess.run([program, *map(str, arguments)], stdin=subprocess.DEVNULL, capture_output=True,
                                    text=True, encoding="utf-8", **options)
         return Outcome(completed)

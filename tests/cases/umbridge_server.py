@@ -222,6 +222,7 @@ def cut(values, sizes):
 
 class Server(http.server.ThreadingHTTPServer):
     daemon_threads = True
+    request_queue_size = 64  # many connections may come at once
 
     def __init__(self, model, mode, after):
         super().__init__(("127.0.0.1", 0), Handler)
