@@ -1,5 +1,8 @@
 // What the tests in the browser share.
 import assert from "node:assert/strict";
+import { once } from "node:events";
+import { readFileSync } from "node:fs";
+import { createServer } from "node:net";
 import { chromium } from "playwright-core";
 
 const patience = 20000; // on a busy machine; an idle one needs a tenth
@@ -10,6 +13,23 @@ export function launch() {
     executablePath: process.env.KNOTHE_CHROMIUM ?? "/usr/bin/chromium",
     args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
   });
+}
+
+/** A port that stays ours while nobody listens there: below those that the system gives to whoever asks for any. */
+export async function portToComeBackTo() {
+  const first = Number(readFileSync("/proc/sys/net/ipv4/ip_local_port_range", "utf8").split(/\s+/)[0]);
+  for (;;) {
+    const below = first > 10000 ? first - 1 - Math.floor(8000 * Math.random()) : 0;
+    const server = createServer().listen(below, "127.0.0.1");
+    const free = await once(server, "listening").then(
+      () => true,
+      () => false,
+    );
+    if (!free) continue;
+    const { port } = server.address();
+    await new Promise((resolve) => server.close(resolve));
+    return port;
+  }
 }
 
 /** A page whose complaints, and requests to other hosts, are in `complaints`. */

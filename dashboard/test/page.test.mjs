@@ -5,7 +5,7 @@ import { mkdirSync, readFileSync } from "node:fs";
 import { dirname, join } from "node:path";
 import { after, before, test } from "node:test";
 import { fileURLToPath } from "node:url";
-import { compareNumbers, eventually, launch, number, text, until, watchedPage } from "./browser.mjs";
+import { compareNumbers, eventually, launch, number, portToComeBackTo, text, until, watchedPage } from "./browser.mjs";
 import { MockService, Recording } from "../mock/server.mjs";
 
 const here = dirname(fileURLToPath(import.meta.url));
@@ -82,7 +82,7 @@ test("where there were no data the plots have gaps, and the legend no number", a
 });
 
 test("survives a restart of the service: says that it lost it, comes back with Last-Event-ID, and has missed nothing", async (t) => {
-  const { page, service, context } = await open(t, { start: 40 });
+  const { page, service, context } = await open(t, { start: 40, port: await portToComeBackTo() });
   await until(page, "#state", /OK/);
   service.advance();
   await until(page, "#step", new RegExp(`^${service.known.at(-1).step}\\b`));
@@ -144,7 +144,7 @@ test("the state is said in words, with its cause; silence becomes STALE", async 
 });
 
 test("another configuration behind the same address: what was there is forgotten", async (t) => {
-  const { page, service, context } = await open(t, { start: 50 });
+  const { page, service, context } = await open(t, { start: 50, port: await portToComeBackTo() });
   await until(page, "#step", /\d/);
   const { port } = service;
   await service.close();

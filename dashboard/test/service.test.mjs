@@ -7,7 +7,7 @@ import { readFileSync } from "node:fs";
 import { dirname, join } from "node:path";
 import { test } from "node:test";
 import { fileURLToPath } from "node:url";
-import { compareNumbers, eventually, launch, text, until, watchedPage } from "./browser.mjs";
+import { compareNumbers, eventually, launch, portToComeBackTo, text, until, watchedPage } from "./browser.mjs";
 
 const { KNOTHE: program, KNOTHE_PROJECT: project } = process.env;
 const here = dirname(fileURLToPath(import.meta.url));
@@ -58,7 +58,7 @@ function measurements() {
 
 test("the page on the real service", async (t) => {
   const data = measurements();
-  let service = await serve(0);
+  let service = await serve(await portToComeBackTo());
   const browser = await launch();
   t.after(async () => {
     await browser.close();

@@ -22,7 +22,10 @@ def locked_packages():
     lock, installed = DASHBOARD / "package-lock.json", DASHBOARD / "node_modules" / ".package-lock.json"
     if installed.exists() and installed.stat().st_mtime >= lock.stat().st_mtime:
         return None
-    done = subprocess.run(["npm", "ci", "--no-audit", "--no-fund"], cwd=DASHBOARD, capture_output=True, text=True, timeout=200)
+    try:
+        done = subprocess.run(["npm", "ci", "--no-audit", "--no-fund"], cwd=DASHBOARD, capture_output=True, text=True, timeout=200)
+    except subprocess.TimeoutExpired:
+        return "npm ci took longer than 200 s (no network?)"
     return None if done.returncode == 0 else f"npm ci failed (no network?): {done.stderr[-300:]}"
 
 
