@@ -1,5 +1,6 @@
 #pragma once
 /// @file For fuzz targets: bytes as a file, and what a parser may throw.
+#include <fcntl.h>
 #include <unistd.h>
 
 #include <cstdint>
@@ -13,17 +14,28 @@
 
 namespace knothe::fuzz {
 
-/// A name in memory that is this process's own, for parsers that want a file.
+/// A name in memory that is this process's own, for parsers that want a file. It stands in messages, of which
+/// libFuzzer learns, so it is spelt alike in every process: by the number of an open folder.
 inline const std::string& scratch_file() {
-  static const std::string k_name = [] {
-    std::error_code none;
-    const bool shared = std::filesystem::is_directory("/dev/shm", none);
-    return std::string(shared ? "/dev/shm" : "/tmp") + "/knothe-fuzz-" + std::to_string(::getpid());
-  }();
-  static const struct Remover {
-    ~Remover() { std::remove(k_name.c_str()); }
-  } k_remover;
-  return k_name;
+  static const struct Folder {
+    std::string path, file;
+    Folder() {
+      constexpr int k_number = 100;
+      std::error_code none;
+      path = std::filesystem::is_directory("/dev/shm", none) ? "/dev/shm" : "/tmp";
+      path += "/knothe-fuzz-XXXXXX";
+      if (::mkdtemp(path.data()) == nullptr) std::abort();
+      const int folder = ::open(path.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+      if (folder < 0 || ::dup2(folder, k_number) < 0) std::abort();
+      ::close(folder);
+      file = "/proc/self/fd/" + std::to_string(k_number) + "/input";
+    }
+    ~Folder() {
+      std::error_code none;
+      std::filesystem::remove_all(path, none);
+    }
+  } k_folder;
+  return k_folder.file;
 }
 
 inline const std::string& write_scratch(const std::uint8_t* data, std::size_t size) {
