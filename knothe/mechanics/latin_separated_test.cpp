@@ -177,6 +177,24 @@ TEST(LatinSeparated, MoreTermsThanThereIsToGainDoNoHarm) {
   EXPECT_LT(best, 1e-2);
 }
 
+TEST(LatinSeparated, AnIterateThatIsNotFiniteIsNotHandedOver) {
+  const BeamProblem problem = coarse_beam(6, 1.2e-4);
+  const Grid grid = grid_of(0.2);
+  const auto structure = body_of(problem);
+  const LatinSolution joint = solve_latin_pgd(structure, problem.solver, grid.parameters, {});
+  SeparatedOptions options;
+  options.start.space = joint.space;
+  for (const MatrixXd& c : joint.coordinates)  // its squares are numbers, times Young's modulus they are not
+    options.start.coordinates.emplace_back(1e150 * c.bottomRows(joint.space.cols()));
+  try {
+    (void)solve_latin_separated(structure, problem.solver, grid.axes, grid.parameters, options);
+    ADD_FAILURE() << "it was handed over";
+  } catch (const NumericalError& error) {
+    EXPECT_THAT(error.what(), HasSubstr("the iterate is not finite any more (steps 0 to 5, stage 1, "));
+    EXPECT_THAT(error.what(), HasSubstr("take the joint form: leave [offline.latin] separation away"));
+  }
+}
+
 TEST(LatinSeparated, DoesNotDependOnTheThreads) {
   const BeamProblem problem = coarse_beam(10);
   const Grid grid = grid_of(0.5);
