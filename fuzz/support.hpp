@@ -21,10 +21,11 @@ inline const std::string& scratch_file() {
     std::string path, file;
     Folder() {
       constexpr int k_number = 100;
-      std::error_code none;
-      path = std::filesystem::is_directory("/dev/shm", none) ? "/dev/shm" : "/tmp";
-      path += "/knothe-fuzz-XXXXXX";
-      if (::mkdtemp(path.data()) == nullptr) std::abort();
+      path = "/dev/shm/knothe-fuzz-XXXXXX";
+      if (::mkdtemp(path.data()) == nullptr) {
+        path = "/tmp/knothe-fuzz-XXXXXX";
+        if (::mkdtemp(path.data()) == nullptr) std::abort();
+      }
       const int folder = ::open(path.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
       if (folder < 0 || ::dup2(folder, k_number) < 0) std::abort();
       ::close(folder);

@@ -6,7 +6,8 @@ set -uo pipefail
 cd "$(dirname "$0")/.."
 passed=0
 failed=0
-failures=()
+failures=() # presets of which tests failed
+broken=()   # what failed and is no test
 exclude=(-LE nightly)
 [ "${1:-}" = all ] && exclude=()
 
@@ -16,24 +17,34 @@ slots=$((2 * $(nproc)))
 # One thread in BLAS: parallelism is ours.
 export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
-if scripts/check-format.sh; then passed=$((passed + 1)); else failed=$((failed + 1)); fi
+# What is no test and failed: a word, and the log whose end says why.
+break_off() {
+  failed=$((failed + 1))
+  broken+=("$1 $2")
+}
+
+mkdir -p build
+if scripts/check-format.sh 2>&1 | tee build/format.log; then passed=$((passed + 1)); else break_off format build/format.log; fi
 
 run() {  # preset
   echo "== $1: configure and build"
   local grouped=() # in a new folder test programs are compiled in groups: nobody waits for one file (cmake/KnotheUnity.cmake)
   [ "$1" != release ] || [ -e build/release/CMakeCache.txt ] || grouped=(-DKNOTHE_UNITY_PROGRAMS=8)
   if ! cmake --preset "$1" "${grouped[@]}" >"build/$1.configure.log" 2>&1; then
-    cat "build/$1.configure.log"; failed=$((failed + 1)); return
+    cat "build/$1.configure.log"; break_off "$1:configure" "build/$1.configure.log"; return
   fi
   grep -A4 -i warning "build/$1.configure.log"
-  if ! cmake --build --preset "$1"; then failed=$((failed + 1)); return; fi
+  if ! cmake --build --preset "$1"; then
+    cmake --build --preset "$1" >"build/$1.build.log" 2>&1 # what is wrong, without the hundreds of lines of what is not
+    break_off "$1:build" "build/$1.build.log"; return
+  fi
   echo "== $1: tests"
   local log="build/$1.test.log"
   ctest --preset "$1" -j "$slots" "${exclude[@]}" --no-tests=error 2>&1 | tee "$log"
   local total bad
   bad=$(sed -nE 's/.* ([0-9]+) tests? failed out of ([0-9]+).*/\1/p' "$log" | tail -1)
   total=$(sed -nE 's/.* ([0-9]+) tests? failed out of ([0-9]+).*/\2/p' "$log" | tail -1)
-  if [ -z "$total" ]; then failed=$((failed + 1)); return; fi
+  if [ -z "$total" ]; then break_off "$1:ctest" "$log"; return; fi
   passed=$((passed + total - bad))
   failed=$((failed + bad))
   [ "$bad" -eq 0 ] || failures+=("$1")
@@ -41,17 +52,21 @@ run() {  # preset
 
 # What failed and what it printed, again at the end: whoever reads only the end of a long log has to see it.
 tell_failures() {
-  local preset name
+  local preset name what
+  for what in "${broken[@]}"; do
+    echo "== failed: ${what% *}"
+    tail -40 "${what##* }"
+  done
   for preset in "${failures[@]}"; do
+    sed -n '/^The following tests FAILED:/,/^Errors while/p' "build/$preset.test.log"
     while IFS= read -r name; do
       echo "== failed in $preset: $name"
       awk -v name="$name" 'index($0, "/") && substr($0, index($0, "Testing: ")) == "Testing: " name { on = 1 }
-                           on { print } on && /^<end of output>/ { exit }' "build/$preset/Testing/Temporary/LastTest.log" | tail -40
-    done < <(sed 's/^[0-9]*://' "build/$preset/Testing/Temporary/LastTestsFailed.log")
+                           on { print } on && /^<end of output>/ { exit }' "build/$preset/Testing/Temporary/LastTest.log" | tail -120
+    done < <(sed 's/^[0-9]*://' "build/$preset/Testing/Temporary/LastTestsFailed.log" | head -20)
   done
 }
 
-mkdir -p build
 run release
 if [ "${1:-}" = all ]; then
   run asan-all

@@ -3,12 +3,12 @@
 #include <fmt/format.h>
 #include <mosquitto.h>
 
-#include <algorithm>
 #include <atomic>
 #include <charconv>
 #include <chrono>
 #include <fstream>
 #include <future>
+#include <map>
 #include <thread>
 
 #include "knothe/base/error.hpp"
@@ -35,6 +35,7 @@ struct MqttReceiver::Implementation {
   int port = 1883;
   std::size_t max_body;
   std::atomic<bool> stopping{false};
+  std::map<int, std::string> asked;  ///< topics by number of the packet; of the client's thread alone
   std::shared_ptr<mosquitto> client;
 
   Implementation(std::vector<std::shared_ptr<Site>> s, Metrics& m, std::size_t body)
@@ -89,44 +90,43 @@ struct MqttReceiver::Implementation {
   }
 
   static void on_connect(mosquitto* client, void* self, int code) {
-    const auto* receiver = static_cast<Implementation*>(self);
+    auto* receiver = static_cast<Implementation*>(self);
     if (code != 0) {
       log_event("error", "the MQTT broker refused",
                 {{"broker", receiver->host}, {"reason", mosquitto_connack_string(code)}});
       return;
     }
     log_event("info", "connected to the MQTT broker", {{"broker", receiver->host}, {"port", receiver->port}});
-    const int failed = receiver->subscribe(client);
-    if (failed != MOSQ_ERR_SUCCESS)
-      log_event("error", "nothing could be asked of the MQTT broker",
-                {{"broker", receiver->host}, {"reason", mosquitto_strerror(failed)}});
+    receiver->subscribe(client);
   }
 
-  static std::string topic_of(const Site& site) { return fmt::format("knothe/v1/{}/+/data", site.name()); }
-
-  /// Asks for the data of all sites in one packet: the answer's numbers are in the order of the sites.
-  int subscribe(mosquitto* broker) const {
-    std::vector<std::string> topics;
-    for (const auto& site : sites) topics.push_back(topic_of(*site));
-    std::vector<char*> names;
-    for (std::string& topic : topics) names.push_back(topic.data());
-    return mosquitto_subscribe_multiple(broker, nullptr, static_cast<int>(names.size()), names.data(), 1, 0,
-                                        nullptr);
+  /// Asks for the data of each site in a packet of its own: some brokers take few topics in one.
+  void subscribe(mosquitto* broker) {
+    asked.clear();
+    for (const auto& site : sites) {
+      const std::string topic = fmt::format("knothe/v1/{}/+/data", site->name());
+      int number = 0;
+      const int failed = mosquitto_subscribe(broker, &number, topic.c_str(), 1);
+      if (failed != MOSQ_ERR_SUCCESS)
+        log_event("error", "nothing could be asked of the MQTT broker",
+                  {{"broker", host}, {"topic", topic}, {"reason", mosquitto_strerror(failed)}});
+      else
+        asked[number] = topic;
+    }
   }
 
   /// From now on data come, but for sites that the broker refuses (128: its rules say so); no error of MQTT
   /// 3.1.1 would tell.
-  static void on_subscribe(mosquitto*, void* self, int, int count, const int* granted) {
+  static void on_subscribe(mosquitto*, void* self, int number, int count, const int* granted) {
     const auto* receiver = static_cast<Implementation*>(self);
-    for (std::size_t i = 0; i < std::min(static_cast<std::size_t>(count), receiver->sites.size()); ++i) {
-      const std::string topic = topic_of(*receiver->sites[i]);
-      if (granted[i] > 2)
-        log_event("error", "the MQTT broker refused a subscription",
-                  {{"broker", receiver->host}, {"topic", topic}, {"code", granted[i]}});
-      else
-        log_event("info", "subscribed at the MQTT broker",
-                  {{"broker", receiver->host}, {"topic", topic}, {"qos", granted[i]}});
-    }
+    const auto topic = receiver->asked.find(number);
+    if (topic == receiver->asked.end() || count < 1) return;
+    if (granted[0] > 2)
+      log_event("error", "the MQTT broker refused a subscription",
+                {{"broker", receiver->host}, {"topic", topic->second}, {"code", granted[0]}});
+    else
+      log_event("info", "subscribed at the MQTT broker",
+                {{"broker", receiver->host}, {"topic", topic->second}, {"qos", granted[0]}});
   }
 
   static void on_disconnect(mosquitto*, void* self, int code) {

@@ -10,10 +10,8 @@ from support import KNOTHE
 
 
 class Test(InferCase):
-    def expect_refused(self, status, *texts, arguments=(), within=30):
-        start = time.monotonic()
+    def expect_refused(self, status, *texts, arguments=()):
         self.expect(status, "infer", self.project_name, *arguments, stderr=texts)
-        self.assertLess(time.monotonic() - start, within)
 
     def expect_project_refused(self, *texts, key=None, after=""):
         """Refused before the server is asked anything: there is none."""
@@ -26,12 +24,13 @@ class Test(InferCase):
 
     def test_an_unknown_host(self):
         self.edit("127.0.0.1:PORT", "no-such-host.invalid:4242")
+        self.edit("timeout = 20", "timeout = 5")  # where names are asked of somebody who does not answer
         self.expect_refused(4, "no-such-host.invalid")
 
     def test_a_server_that_hangs(self):
         self.serve("linear", "hang", 10)
         self.edit("timeout = 20", "timeout = 1.5")
-        self.expect_refused(4, "/Evaluate", "no answer within 1.5 s", "at a = ", within=15)
+        self.expect_refused(4, "/Evaluate", "no answer within 1.5 s", "at a = ")
 
     def test_a_server_that_dies_in_the_middle(self):
         self.serve("linear", "die", 100)
@@ -168,12 +167,14 @@ class Test(InferCase):
         self.serve("improper")
         self.edit('name = "forward"', 'name = "posterior"\nkind = "density"\nconfig = { shape = "SHAPE" }')
         self.set_observations()
-        before = "SHAPE"
+        last = "SHAPE"
         for shape, way in (("flat", " b "), ("rising", "growing a "), ("heavy", "1/distance^2"), ("growing", "")):
-            self.edit(f'"{before}"', f'"{shape}"')
-            before = shape
+            self.edit(f'"{last}"', f'"{shape}"')
+            last = shape
             with self.subTest(shape=shape):
-                self.expect_refused(6, "the density has no finite integral", way, "proper prior", within=20)
+                before = self.server_calls().get("/Evaluate", 0)
+                self.expect_refused(6, "the density has no finite integral", way, "proper prior")
+                self.assertLess(self.server_calls()["/Evaluate"] - before, 4000)
 
     def interrupted(self, more):
         """What a run says that is interrupted while it waits for what comes after `more` answers; and how many of those are kept."""
@@ -182,7 +183,7 @@ class Test(InferCase):
         while self.server_calls()["held"] == 0 and process.poll() is None:
             time.sleep(0.01)
         process.send_signal(signal.SIGINT)
-        _, err = process.communicate(timeout=60)
+        _, err = process.communicate(timeout=60)  # a tenth of the time that the held request may take
         self.assertEqual(process.returncode, 130, err)
         found = re.search(r"interrupted; .*; (\d+) evaluations of the model are kept in results/evaluations.h5: the same command goes on", err)
         self.assertIsNotNone(found, err)
@@ -190,6 +191,7 @@ class Test(InferCase):
 
     def test_an_interrupted_run_goes_on_where_it_was(self):
         self.serve("linear", "hold")
+        self.edit("timeout = 20", "timeout = 600")
         self.edit('name = "forward"', 'name = "forward"\nconnections = 8\nconfig = { note = "one" }')
         self.edit('kind = "transport"', 'kind = "transport"\nmode_search = "multi-start"')
         _, kept = self.interrupted(600)

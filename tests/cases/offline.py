@@ -29,11 +29,14 @@ class Test(Case):
         for _ in range(5):
             with subprocess.Popen([KNOTHE, "offline", self.project_name, "-o", "model.h5", *arguments], cwd=self.folder, stdout=subprocess.PIPE,
                                   stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
-                while not ready() and process.poll() is None:
-                    time.sleep(0.005)
-                if process.poll() is None:
-                    send(process.pid, number)
-                _, message = process.communicate(timeout=60)
+                try:
+                    while not ready() and process.poll() is None:
+                        time.sleep(0.005)
+                    if process.poll() is None:
+                        send(process.pid, number)
+                    _, message = process.communicate(timeout=60)
+                finally:
+                    process.kill()
             found = re.search(kept, message)
             if found:
                 self.assertEqual(process.returncode, 130, message)
@@ -292,7 +295,7 @@ class Test(Case):
         there = len(self.parts())
         self.assertGreater(there, 0)
         kept = int(re.search(r"9 full-order runs, (\d+) of them kept", self.build("model.h5").out).group(1))
-        self.assertGreaterEqual(kept, there)  # a process of the other rank may have ended its run a moment later
+        self.assertTrue(there <= kept <= 9, (there, kept))  # a process of the other rank may have ended its run a moment later
 
     def test_one_model_on_two_ranks_is_that_on_one(self):
         text = self.project.read_text()

@@ -161,7 +161,7 @@ class Test(ServiceCase):
             events = Events(service)
             events.wait_for(lambda e: e.steps())
             events.close()
-            service.settled(seq)
+            service.settled(seq, seconds=100 + count / 100)
             # The service sees a little later than we do that a reader has gone.
             service.wait_until(lambda: gauge("knothe_event_streams") == 0 and gauge("knothe_connections") <= 2)
             if part == 1:

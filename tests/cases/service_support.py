@@ -86,7 +86,7 @@ class Service:
     def send(self, datum, connection=None):
         return self.post("/v1/measurements", datum, connection)
 
-    def settled(self, records=None):
+    def settled(self, records=None, seconds=100):
         """Waits until all that was accepted is in the lines."""
         status = {}
 
@@ -94,7 +94,7 @@ class Service:
             status.update(self.get("/v1/status")[1])
             return status["pending"] == 0 and status["behind"] == 0 and (records is None or status["records"] == records)
 
-        self.wait_until(done)
+        self.wait_until(done, seconds)
         return status
 
     def states(self):

@@ -34,7 +34,7 @@ class Test(ServiceCase):
 
     def test_pictures_become_the_lines_of_assimilate(self):
         expected = self.assimilate()
-        service = self.watch()
+        service = self.watch(settle=0.3)
         for k, name in enumerate(self.pictures):
             if k == 1:  # written slowly, in pieces shorter than the time to settle
                 content = (self.camera / name).read_bytes()
