@@ -136,6 +136,13 @@ TEST(LatinSeparated, WithFewTermsItSaysThatItIsNotAccurate) {
   EXPECT_GT(found.history.back().correction, options.accuracy);
 }
 
+LatinStart start_from(const LatinSolution& joint, double factor = 1) {
+  LatinStart start{joint.space, {}};
+  for (const MatrixXd& c : joint.coordinates)
+    start.coordinates.emplace_back(factor * c.bottomRows(joint.space.cols()));
+  return start;
+}
+
 TEST(LatinSeparated, StartedFromTheJointFormItNeedsFewStages) {
   const BeamProblem problem = coarse_beam(14, 2.8e-4);
   const Grid grid = grid_of(0.5);
@@ -144,9 +151,7 @@ TEST(LatinSeparated, StartedFromTheJointFormItNeedsFewStages) {
   SeparatedOptions options;
   const SeparatedSolution elastic =
       solve_latin_separated(structure, problem.solver, grid.axes, grid.parameters, options);
-  options.start.space = joint.space;
-  for (const MatrixXd& c : joint.coordinates)
-    options.start.coordinates.emplace_back(c.bottomRows(joint.space.cols()));
+  options.start = start_from(joint);
   const SeparatedSolution hybrid =
       solve_latin_separated(structure, problem.solver, grid.axes, grid.parameters, options);
   EXPECT_TRUE((hybrid.solution.accepted.array() == 1).all());
@@ -183,9 +188,7 @@ TEST(LatinSeparated, AnIterateThatIsNotFiniteIsNotHandedOver) {
   const auto structure = body_of(problem);
   const LatinSolution joint = solve_latin_pgd(structure, problem.solver, grid.parameters, {});
   SeparatedOptions options;
-  options.start.space = joint.space;
-  for (const MatrixXd& c : joint.coordinates)  // its squares are numbers, times Young's modulus they are not
-    options.start.coordinates.emplace_back(1e150 * c.bottomRows(joint.space.cols()));
+  options.start = start_from(joint, 1e150);  // its squares are numbers, times Young's modulus they are not
   try {
     (void)solve_latin_separated(structure, problem.solver, grid.axes, grid.parameters, options);
     ADD_FAILURE() << "it was handed over";
