@@ -21,7 +21,7 @@ cmake --build --preset release --target benchmarks
 for program in build/release/bench/*_bench; do
   name=$(basename "$program")
   if [ -n "${1:-}" ] && [ -d "knothe/$1" ]; then
-    [ -f "knothe/$1/$name.cpp" ] || continue
+    [ -n "$(find "knothe/$1" -name "$name.cpp")" ] || continue
   else
     case "$name" in *"${1:-}"*) ;; *) continue ;; esac
   fi

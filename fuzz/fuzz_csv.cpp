@@ -1,6 +1,6 @@
 /// @file Measurements as CSV.
 #include "fuzz/support.hpp"
-#include "knothe/assimilation/measurements_csv.hpp"
+#include "knothe/assimilation/data/measurements_csv.hpp"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string& path = knothe::fuzz::write_scratch(data, size);

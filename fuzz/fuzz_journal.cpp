@@ -1,7 +1,7 @@
 /// @file A journal: opened, read to its end, recovered. A journal that opens is whole, and so is what is
 /// recovered.
 #include "fuzz/support.hpp"
-#include "knothe/service/journal.hpp"
+#include "knothe/service/journal/journal.hpp"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace knothe::service;

@@ -1,6 +1,6 @@
 /// @file The body of POST /v1/measurements. What is accepted must come through the journal's form unchanged.
 #include "fuzz/support.hpp"
-#include "knothe/service/datum.hpp"
+#include "knothe/service/journal/datum.hpp"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace knothe::service;

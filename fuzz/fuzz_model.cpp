@@ -11,7 +11,7 @@
 
 #include "fuzz/support.hpp"
 #include "knothe/files/seal.hpp"
-#include "knothe/reduction/model_file.hpp"
+#include "knothe/reduction/model/model_file.hpp"
 
 namespace {
 

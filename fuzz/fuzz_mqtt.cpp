@@ -1,6 +1,6 @@
 /// @file An MQTT message: its topic in the first line, then its payload.
 #include "fuzz/support.hpp"
-#include "knothe/service/datum.hpp"
+#include "knothe/service/journal/datum.hpp"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace knothe::service;

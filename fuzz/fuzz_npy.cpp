@@ -2,7 +2,7 @@
 #include <array>
 
 #include "fuzz/support.hpp"
-#include "knothe/service/datum.hpp"
+#include "knothe/service/journal/datum.hpp"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace knothe::service;

@@ -37,7 +37,7 @@ for path in sorted(needed):
         wrong.append(f"deploy/Containerfile: {path} is of the package {owner}, which the image lacks")
 
 served = set()
-for path in (source / "knothe/service").glob("*.cpp"):
+for path in (source / "knothe/service").rglob("*.cpp"):
     served |= set(re.findall(r'"(knothe_[a-z_]+)"', path.read_text()))
 board = json.loads((source / "deploy/grafana.json").read_text())
 asked = set(re.findall(r"\bknothe_[a-z_]+", json.dumps(board)))

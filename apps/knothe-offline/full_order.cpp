@@ -9,8 +9,8 @@
 #include "knothe/base/progress.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/files/vtu.hpp"
-#include "knothe/mechanics/distributed_model.hpp"
-#include "knothe/mechanics/ranks.hpp"
+#include "knothe/mechanics/distributed/distributed_model.hpp"
+#include "knothe/mechanics/distributed/ranks.hpp"
 #include "knothe/project/project_file.hpp"
 
 namespace knothe::offline_commands {

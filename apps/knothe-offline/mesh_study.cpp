@@ -13,7 +13,7 @@
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/project/project_file.hpp"
-#include "knothe/report/svg_figure.hpp"
+#include "knothe/report/figures/svg_figure.hpp"
 
 namespace knothe::offline_commands {
 namespace {

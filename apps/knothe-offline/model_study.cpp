@@ -8,12 +8,12 @@
 #include <nlohmann/json.hpp>
 #include <numeric>
 
-#include "knothe/assimilation/synthetic_measurements.hpp"
+#include "knothe/assimilation/data/synthetic_measurements.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/files/json_line.hpp"
-#include "knothe/numerics/sobol.hpp"
+#include "knothe/numerics/integrate/sobol.hpp"
 #include "knothe/project/simulation.hpp"
-#include "knothe/reduction/observed_model.hpp"
+#include "knothe/reduction/observe/observed_model.hpp"
 
 namespace knothe::offline_commands {
 namespace {

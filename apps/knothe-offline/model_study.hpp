@@ -3,9 +3,9 @@
 #include <optional>
 #include <vector>
 
-#include "knothe/assimilation/posterior_shift.hpp"
+#include "knothe/assimilation/update/posterior_shift.hpp"
 #include "knothe/project/project_file.hpp"
-#include "knothe/reduction/grid_solutions.hpp"
+#include "knothe/reduction/grid/grid_solutions.hpp"
 
 namespace knothe::offline_commands {
 

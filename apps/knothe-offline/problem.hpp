@@ -2,7 +2,7 @@
 /// @file From a project file to the full-order problem.
 #include <vector>
 
-#include "knothe/mechanics/offline.hpp"
+#include "knothe/mechanics/full_order/offline.hpp"
 #include "knothe/project/project_file.hpp"
 
 namespace knothe::offline_commands {

@@ -9,15 +9,15 @@
 #include "apps/knothe-offline/commands.hpp"
 #include "apps/knothe-offline/model_study.hpp"
 #include "apps/knothe-offline/problem.hpp"
-#include "knothe/assimilation/synthetic_measurements.hpp"
+#include "knothe/assimilation/data/synthetic_measurements.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/progress.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/project/truncation_noise.hpp"
-#include "knothe/reduction/compression.hpp"
-#include "knothe/reduction/observed_model.hpp"
-#include "knothe/reduction/truncation_error.hpp"
+#include "knothe/reduction/compress/compression.hpp"
+#include "knothe/reduction/model/truncation_error.hpp"
+#include "knothe/reduction/observe/observed_model.hpp"
 
 namespace knothe::offline_commands {
 namespace {

@@ -13,9 +13,9 @@
 
 #include "apps/knothe/commands.hpp"
 #include "apps/knothe/crack_line.hpp"
-#include "knothe/assimilation/measurements.hpp"
-#include "knothe/assimilation/sequential_update.hpp"
-#include "knothe/assimilation/time_matching.hpp"
+#include "knothe/assimilation/data/measurements.hpp"
+#include "knothe/assimilation/data/time_matching.hpp"
+#include "knothe/assimilation/update/sequential_update.hpp"
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/monotonic_time.hpp"
@@ -23,16 +23,16 @@
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/forecast/forecaster.hpp"
-#include "knothe/imaging/camera_drift.hpp"
-#include "knothe/imaging/displacement_files.hpp"
+#include "knothe/imaging/series/camera_drift.hpp"
+#include "knothe/imaging/series/displacement_files.hpp"
 #include "knothe/project/forecast_scoring.hpp"
 #include "knothe/project/model_comparison.hpp"
 #include "knothe/project/picture_measurements.hpp"
 #include "knothe/project/picture_registration.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/project/update_setup.hpp"
-#include "knothe/report/results_writer.hpp"
-#include "knothe/report/step_record.hpp"
+#include "knothe/report/results/results_writer.hpp"
+#include "knothe/report/results/step_record.hpp"
 
 namespace knothe::commands {
 namespace {

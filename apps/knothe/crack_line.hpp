@@ -4,8 +4,8 @@
 #include <optional>
 #include <string>
 
-#include "knothe/imaging/crack_measurement.hpp"
-#include "knothe/imaging/registration.hpp"
+#include "knothe/imaging/crack/crack_measurement.hpp"
+#include "knothe/imaging/mesh/registration.hpp"
 
 namespace knothe::commands {
 

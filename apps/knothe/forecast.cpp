@@ -9,8 +9,8 @@
 #include "knothe/forecast/forecaster.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/project/update_setup.hpp"
-#include "knothe/report/posterior_file.hpp"
-#include "knothe/report/step_record.hpp"
+#include "knothe/report/results/posterior_file.hpp"
+#include "knothe/report/results/step_record.hpp"
 
 namespace knothe::commands {
 

@@ -18,7 +18,7 @@
 #include "knothe/inference/evaluation_file.hpp"
 #include "knothe/project/inference_setup.hpp"
 #include "knothe/project/project_file.hpp"
-#include "knothe/report/inference_results.hpp"
+#include "knothe/report/results/inference_results.hpp"
 
 namespace knothe::commands {
 namespace {

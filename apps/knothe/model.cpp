@@ -10,9 +10,9 @@
 #include "knothe/base/text.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/json_line.hpp"
-#include "knothe/reduction/compression.hpp"
-#include "knothe/reduction/separated_model.hpp"
-#include "knothe/reduction/truncation_error.hpp"
+#include "knothe/reduction/compress/compression.hpp"
+#include "knothe/reduction/model/separated_model.hpp"
+#include "knothe/reduction/model/truncation_error.hpp"
 
 namespace knothe::commands {
 namespace {

@@ -2,9 +2,9 @@
 
 #include "apps/knothe/commands.hpp"
 #include "knothe/base/error.hpp"
-#include "knothe/report/assimilation_report.hpp"
-#include "knothe/report/comparison_report.hpp"
-#include "knothe/report/inference_report.hpp"
+#include "knothe/report/pages/assimilation_report.hpp"
+#include "knothe/report/pages/comparison_report.hpp"
+#include "knothe/report/pages/inference_report.hpp"
 
 namespace knothe::commands {
 

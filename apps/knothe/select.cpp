@@ -9,7 +9,7 @@
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/project/selection_setup.hpp"
-#include "knothe/report/selection_report.hpp"
+#include "knothe/report/pages/selection_report.hpp"
 
 namespace knothe::commands {
 

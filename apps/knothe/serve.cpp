@@ -6,9 +6,9 @@
 #include "apps/knothe/commands.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/project/project_file.hpp"
-#include "knothe/service/journal.hpp"
-#include "knothe/service/replay.hpp"
-#include "knothe/service/service.hpp"
+#include "knothe/service/journal/journal.hpp"
+#include "knothe/service/journal/replay.hpp"
+#include "knothe/service/site/service.hpp"
 
 namespace knothe::commands {
 

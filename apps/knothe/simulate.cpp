@@ -1,4 +1,4 @@
-#include "knothe/assimilation/synthetic_measurements.hpp"
+#include "knothe/assimilation/data/synthetic_measurements.hpp"
 
 #include <fmt/format.h>
 
@@ -8,7 +8,7 @@
 #include "knothe/project/picture_simulation.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/project/simulation.hpp"
-#include "knothe/reduction/separated_model.hpp"
+#include "knothe/reduction/model/separated_model.hpp"
 
 namespace knothe::commands {
 

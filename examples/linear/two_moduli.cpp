@@ -16,9 +16,9 @@
 #include <cmath>
 #include <cstdio>
 
-#include "knothe/numerics/rectangle_elements.hpp"
-#include "knothe/reduction/progressive_galerkin.hpp"
-#include "knothe/reduction/separated_model.hpp"
+#include "knothe/numerics/testing/rectangle_elements.hpp"
+#include "knothe/reduction/compress/progressive_galerkin.hpp"
+#include "knothe/reduction/model/separated_model.hpp"
 
 using Eigen::Index, Eigen::VectorXd;
 using SparseMatrix = Eigen::SparseMatrix<double>;

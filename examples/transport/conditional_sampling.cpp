@@ -11,10 +11,10 @@
 #include <cstdio>
 #include <numbers>
 
-#include "knothe/numerics/random.hpp"
-#include "knothe/transport/map_distribution.hpp"
-#include "knothe/transport/map_solver.hpp"
-#include "knothe/transport/sample_map.hpp"
+#include "knothe/numerics/statistics/random.hpp"
+#include "knothe/transport/extras/map_distribution.hpp"
+#include "knothe/transport/extras/sample_map.hpp"
+#include "knothe/transport/solve/map_solver.hpp"
 
 namespace {
 

@@ -13,10 +13,10 @@
 #include <cstdio>
 #include <numbers>
 
-#include "knothe/transport/map_distribution.hpp"
-#include "knothe/transport/map_evidence.hpp"
-#include "knothe/transport/map_solver.hpp"
-#include "knothe/transport/metropolis_correction.hpp"
+#include "knothe/transport/diagnose/map_evidence.hpp"
+#include "knothe/transport/extras/map_distribution.hpp"
+#include "knothe/transport/extras/metropolis_correction.hpp"
+#include "knothe/transport/solve/map_solver.hpp"
 
 namespace {
 

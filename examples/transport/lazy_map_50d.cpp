@@ -10,9 +10,9 @@
 #include <cmath>
 #include <cstdio>
 
-#include "knothe/transport/lazy_map.hpp"
-#include "knothe/transport/lazy_map_targets.hpp"
-#include "knothe/transport/map_distribution.hpp"
+#include "knothe/transport/extras/lazy_map.hpp"
+#include "knothe/transport/extras/map_distribution.hpp"
+#include "knothe/transport/testing/lazy_map_targets.hpp"
 
 int main() {
   using namespace knothe::transport;

@@ -10,9 +10,9 @@
 #include <cstdio>
 #include <numbers>
 
-#include "knothe/numerics/random.hpp"
-#include "knothe/transport/moments.hpp"
-#include "knothe/transport/sample_map.hpp"
+#include "knothe/numerics/statistics/random.hpp"
+#include "knothe/transport/diagnose/moments.hpp"
+#include "knothe/transport/extras/sample_map.hpp"
 
 namespace {
 

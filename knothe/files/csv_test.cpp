@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "knothe/base/error.hpp"
-#include "knothe/files/test_folder.hpp"
+#include "knothe/files/testing/test_folder.hpp"
 
 namespace knothe::files {
 namespace {

@@ -12,7 +12,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/files/atomic_file.hpp"
-#include "knothe/files/test_folder.hpp"
+#include "knothe/files/testing/test_folder.hpp"
 
 /// Read by the leak sanitizer: the library loses a kilobyte when a file cannot be made or closed (1.10.8).
 extern "C" const char* __lsan_default_suppressions() {

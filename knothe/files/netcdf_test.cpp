@@ -8,7 +8,7 @@
 #include <limits>
 
 #include "knothe/base/error.hpp"
-#include "knothe/files/test_folder.hpp"
+#include "knothe/files/testing/test_folder.hpp"
 
 namespace knothe::files {
 namespace {

@@ -10,7 +10,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/files/atomic_file.hpp"
-#include "knothe/files/test_folder.hpp"
+#include "knothe/files/testing/test_folder.hpp"
 
 namespace knothe::files {
 namespace {

@@ -8,7 +8,7 @@
 #include <cmath>
 
 #include "knothe/base/error.hpp"
-#include "knothe/numerics/symmetric_eigen.hpp"
+#include "knothe/numerics/linear/symmetric_eigen.hpp"
 
 namespace knothe::forecast {
 namespace {

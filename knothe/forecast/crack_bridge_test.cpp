@@ -11,8 +11,8 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/forecast/forecaster.hpp"
-#include "knothe/numerics/cubic_spline.hpp"
-#include "knothe/reduction/test_models.hpp"
+#include "knothe/numerics/functions/cubic_spline.hpp"
+#include "knothe/reduction/testing/test_models.hpp"
 
 namespace knothe::forecast {
 namespace {

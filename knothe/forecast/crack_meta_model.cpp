@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "knothe/base/error.hpp"
-#include "knothe/numerics/dense_svd.hpp"
+#include "knothe/numerics/linear/dense_svd.hpp"
 
 namespace knothe::forecast {
 namespace {

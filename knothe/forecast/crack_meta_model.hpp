@@ -4,7 +4,7 @@
 #include <span>
 #include <vector>
 
-#include "knothe/numerics/cubic_spline.hpp"
+#include "knothe/numerics/functions/cubic_spline.hpp"
 
 namespace knothe::forecast {
 

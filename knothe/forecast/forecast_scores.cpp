@@ -5,8 +5,8 @@
 #include <cmath>
 #include <numbers>
 
-#include "knothe/numerics/normal_distribution.hpp"
-#include "knothe/numerics/weighted_statistics.hpp"
+#include "knothe/numerics/statistics/normal_distribution.hpp"
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
 
 namespace knothe::forecast {
 namespace {

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "knothe/forecast/quantity_of_interest.hpp"
-#include "knothe/reduction/observed_model.hpp"
+#include "knothe/reduction/observe/observed_model.hpp"
 
 namespace knothe::forecast {
 

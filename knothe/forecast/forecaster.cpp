@@ -6,10 +6,10 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
-#include "knothe/numerics/weighted_statistics.hpp"
-#include "knothe/reduction/observation_operator.hpp"
-#include "knothe/reduction/observed_model.hpp"
-#include "knothe/reduction/spline_functions.hpp"
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
+#include "knothe/reduction/model/spline_functions.hpp"
+#include "knothe/reduction/observe/observation_operator.hpp"
+#include "knothe/reduction/observe/observed_model.hpp"
 
 namespace knothe::forecast {
 namespace {

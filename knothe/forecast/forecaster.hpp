@@ -12,7 +12,7 @@
 #include "knothe/forecast/crack_bridge.hpp"
 #include "knothe/forecast/quantity_of_interest.hpp"
 #include "knothe/forecast/scalar_forecast.hpp"
-#include "knothe/reduction/separated_model.hpp"
+#include "knothe/reduction/model/separated_model.hpp"
 
 namespace knothe::forecast {
 

@@ -4,7 +4,7 @@
 #include <span>
 #include <string>
 
-#include "knothe/reduction/parameter_functions.hpp"
+#include "knothe/reduction/model/parameter_functions.hpp"
 
 namespace knothe::forecast {
 

@@ -4,7 +4,7 @@
 #include <memory>
 
 #include "knothe/forecast/scalar_forecast.hpp"
-#include "knothe/reduction/parameter_functions.hpp"
+#include "knothe/reduction/model/parameter_functions.hpp"
 
 namespace knothe::forecast {
 

@@ -12,7 +12,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/forecast/forecast_scores.hpp"
 #include "knothe/forecast/horizon.hpp"
-#include "knothe/numerics/normal_distribution.hpp"
+#include "knothe/numerics/statistics/normal_distribution.hpp"
 
 namespace knothe::forecast {
 namespace {

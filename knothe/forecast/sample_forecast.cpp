@@ -3,8 +3,8 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/forecast/scalar_forecast.hpp"
-#include "knothe/numerics/kernel_density.hpp"
-#include "knothe/numerics/weighted_statistics.hpp"
+#include "knothe/numerics/statistics/kernel_density.hpp"
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
 
 namespace knothe::forecast {
 namespace {

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "knothe/base/error.hpp"
-#include "knothe/numerics/normal_distribution.hpp"
+#include "knothe/numerics/statistics/normal_distribution.hpp"
 
 namespace knothe::forecast {
 namespace {

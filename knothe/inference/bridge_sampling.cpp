@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "knothe/base/error.hpp"
-#include "knothe/numerics/sobol.hpp"
+#include "knothe/numerics/integrate/sobol.hpp"
 #include "knothe/sampling/checked_density.hpp"
 
 namespace knothe::inference {

@@ -5,13 +5,13 @@
 #include <chrono>
 #include <cmath>
 
-#include "knothe/assimilation/maximum_a_posteriori.hpp"
+#include "knothe/assimilation/update/maximum_a_posteriori.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/inference/finite_integral.hpp"
 #include "knothe/inference/grid_quadrature.hpp"
 #include "knothe/inference/sampled_inference.hpp"
 #include "knothe/inference/verdict.hpp"
-#include "knothe/numerics/sobol.hpp"
+#include "knothe/numerics/integrate/sobol.hpp"
 
 namespace knothe::inference {
 namespace {

@@ -6,7 +6,7 @@
 
 #include "knothe/inference/posterior_density.hpp"
 #include "knothe/inference/weighted_summary.hpp"
-#include "knothe/transport/map_solver.hpp"
+#include "knothe/transport/solve/map_solver.hpp"
 
 namespace knothe::inference {
 

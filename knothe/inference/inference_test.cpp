@@ -9,10 +9,10 @@
 #include "knothe/inference/bridge_sampling.hpp"
 #include "knothe/inference/comparison.hpp"
 #include "knothe/inference/grid_quadrature.hpp"
-#include "knothe/inference/test_models.hpp"
+#include "knothe/inference/testing/test_models.hpp"
 #include "knothe/inference/umbridge_protocol.hpp"
-#include "knothe/numerics/sobol.hpp"
-#include "knothe/sampling/test_targets.hpp"
+#include "knothe/numerics/integrate/sobol.hpp"
+#include "knothe/sampling/testing/test_targets.hpp"
 
 namespace knothe::inference {
 namespace {

@@ -6,7 +6,7 @@
 #include <unordered_map>
 #include <vector>
 
-#include "knothe/assimilation/prior.hpp"
+#include "knothe/assimilation/update/prior.hpp"
 #include "knothe/inference/forward_model.hpp"
 
 namespace knothe::inference {

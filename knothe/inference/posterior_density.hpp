@@ -3,7 +3,7 @@
 #include <optional>
 #include <vector>
 
-#include "knothe/assimilation/prior_transform.hpp"
+#include "knothe/assimilation/update/prior_transform.hpp"
 #include "knothe/inference/gaussian_noise.hpp"
 #include "knothe/inference/model_evaluator.hpp"
 #include "knothe/sampling/log_density.hpp"

@@ -7,7 +7,7 @@
 #include <numbers>
 
 #include "knothe/base/error.hpp"
-#include "knothe/inference/test_models.hpp"
+#include "knothe/inference/testing/test_models.hpp"
 
 namespace knothe::inference {
 namespace {

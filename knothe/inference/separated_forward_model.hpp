@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "knothe/inference/forward_model.hpp"
-#include "knothe/reduction/observed_model.hpp"
+#include "knothe/reduction/observe/observed_model.hpp"
 
 namespace knothe::inference {
 

@@ -3,7 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "knothe/base/error.hpp"
-#include "knothe/reduction/test_models.hpp"
+#include "knothe/reduction/testing/test_models.hpp"
 
 namespace knothe::inference {
 namespace {

@@ -2,11 +2,11 @@
 /// @file The sentence at the end: trusted or not, and why.
 #include <string>
 
-#include "knothe/assimilation/prior_transform.hpp"
+#include "knothe/assimilation/update/prior_transform.hpp"
 #include "knothe/inference/grid_quadrature.hpp"
 #include "knothe/sampling/adaptive_metropolis.hpp"
 #include "knothe/sampling/sequential_monte_carlo.hpp"
-#include "knothe/transport/map_solver.hpp"
+#include "knothe/transport/solve/map_solver.hpp"
 
 namespace knothe::inference {
 

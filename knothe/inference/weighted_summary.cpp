@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "knothe/base/error.hpp"
-#include "knothe/numerics/weighted_statistics.hpp"
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
 
 namespace knothe::inference {
 

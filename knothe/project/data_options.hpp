@@ -2,7 +2,7 @@
 /// @file Reading of [data.sensors]. Private to this room.
 #include <string>
 
-#include "knothe/reduction/scalar_observations.hpp"
+#include "knothe/reduction/observe/scalar_observations.hpp"
 
 namespace knothe::project {
 

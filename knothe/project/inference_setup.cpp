@@ -4,8 +4,8 @@
 
 #include <numeric>
 
-#include "knothe/assimilation/measurements.hpp"
-#include "knothe/assimilation/time_matching.hpp"
+#include "knothe/assimilation/data/measurements.hpp"
+#include "knothe/assimilation/data/time_matching.hpp"
 #include "knothe/inference/separated_forward_model.hpp"
 #include "knothe/inference/umbridge_model.hpp"
 #include "knothe/project/update_setup.hpp"

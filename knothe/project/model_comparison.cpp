@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <filesystem>
 
-#include "knothe/assimilation/model_selection.hpp"
+#include "knothe/assimilation/bias/model_selection.hpp"
 #include "knothe/project/update_setup.hpp"
 
 namespace knothe::project {

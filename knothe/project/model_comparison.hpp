@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "knothe/assimilation/noise_model.hpp"
+#include "knothe/assimilation/noise/noise_model.hpp"
 #include "knothe/project/project_file.hpp"
 
 namespace knothe::project {

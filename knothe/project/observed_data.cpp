@@ -6,14 +6,14 @@
 #include <cmath>
 #include <numeric>
 
-#include "knothe/assimilation/clock.hpp"
-#include "knothe/assimilation/prior_of_model.hpp"
-#include "knothe/assimilation/time_matching.hpp"
+#include "knothe/assimilation/data/clock.hpp"
+#include "knothe/assimilation/data/time_matching.hpp"
+#include "knothe/assimilation/update/prior_of_model.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
-#include "knothe/reduction/known_parameter.hpp"
-#include "knothe/reduction/scalar_observations.hpp"
-#include "knothe/reduction/time_interpolation.hpp"
+#include "knothe/reduction/model/known_parameter.hpp"
+#include "knothe/reduction/model/time_interpolation.hpp"
+#include "knothe/reduction/observe/scalar_observations.hpp"
 
 namespace knothe::project {
 namespace {

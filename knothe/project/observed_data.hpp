@@ -5,10 +5,10 @@
 #include <string>
 #include <vector>
 
-#include "knothe/assimilation/measurements.hpp"
+#include "knothe/assimilation/data/measurements.hpp"
 #include "knothe/project/project_file.hpp"
-#include "knothe/reduction/observed_model.hpp"
-#include "knothe/reduction/separated_model.hpp"
+#include "knothe/reduction/model/separated_model.hpp"
+#include "knothe/reduction/observe/observed_model.hpp"
 
 namespace knothe::project {
 

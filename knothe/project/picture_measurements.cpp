@@ -11,9 +11,9 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/monotonic_time.hpp"
-#include "knothe/imaging/camera_drift.hpp"
-#include "knothe/imaging/displacement_files.hpp"
-#include "knothe/imaging/mesh_file.hpp"
+#include "knothe/imaging/mesh/mesh_file.hpp"
+#include "knothe/imaging/series/camera_drift.hpp"
+#include "knothe/imaging/series/displacement_files.hpp"
 #include "knothe/project/picture_options.hpp"
 #include "knothe/project/picture_registration.hpp"
 

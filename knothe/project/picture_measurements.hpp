@@ -6,12 +6,12 @@
 #include <string>
 #include <vector>
 
-#include "knothe/assimilation/measurements.hpp"
-#include "knothe/imaging/outline_registration.hpp"
-#include "knothe/imaging/picture_series.hpp"
-#include "knothe/imaging/registration.hpp"
+#include "knothe/assimilation/data/measurements.hpp"
+#include "knothe/imaging/mesh/outline_registration.hpp"
+#include "knothe/imaging/mesh/registration.hpp"
+#include "knothe/imaging/series/picture_series.hpp"
 #include "knothe/project/project_file.hpp"
-#include "knothe/reduction/separated_model.hpp"
+#include "knothe/reduction/model/separated_model.hpp"
 
 namespace knothe::project {
 

@@ -8,8 +8,8 @@
 #include <string_view>
 
 #include "knothe/base/error.hpp"
-#include "knothe/imaging/outline_registration.hpp"
-#include "knothe/imaging/picture_folder.hpp"
+#include "knothe/imaging/mesh/outline_registration.hpp"
+#include "knothe/imaging/series/picture_folder.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/project/project_values.hpp"
 

@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "knothe/imaging/picture_series.hpp"
-#include "knothe/imaging/registration.hpp"
+#include "knothe/imaging/mesh/registration.hpp"
+#include "knothe/imaging/series/picture_series.hpp"
 
 namespace knothe::project {
 

@@ -4,9 +4,9 @@
 #include <optional>
 #include <string>
 
-#include "knothe/imaging/outline_registration.hpp"
+#include "knothe/imaging/mesh/outline_registration.hpp"
 #include "knothe/project/project_file.hpp"
-#include "knothe/reduction/separated_model.hpp"
+#include "knothe/reduction/model/separated_model.hpp"
 
 namespace knothe::project {
 

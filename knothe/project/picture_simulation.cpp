@@ -12,10 +12,10 @@
 #include "knothe/files/csv.hpp"
 #include "knothe/files/numbers.hpp"
 #include "knothe/files/picture.hpp"
-#include "knothe/imaging/mesh_field.hpp"
-#include "knothe/imaging/speckle.hpp"
+#include "knothe/imaging/mesh/mesh_field.hpp"
+#include "knothe/imaging/series/speckle.hpp"
 #include "knothe/project/picture_measurements.hpp"
-#include "knothe/reduction/observation_operator.hpp"
+#include "knothe/reduction/observe/observation_operator.hpp"
 
 namespace knothe::project {
 namespace {

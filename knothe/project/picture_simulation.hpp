@@ -6,7 +6,7 @@
 
 #include "knothe/project/project_file.hpp"
 #include "knothe/project/simulation.hpp"
-#include "knothe/reduction/snapshots.hpp"
+#include "knothe/reduction/compress/snapshots.hpp"
 
 namespace knothe::project {
 

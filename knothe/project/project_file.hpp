@@ -6,12 +6,12 @@
 #include <string>
 #include <vector>
 
-#include "knothe/assimilation/prior.hpp"
+#include "knothe/assimilation/update/prior.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/forecast/forecaster.hpp"
 #include "knothe/project/picture_options.hpp"
 #include "knothe/project/serve_options.hpp"
-#include "knothe/reduction/scalar_observations.hpp"
+#include "knothe/reduction/observe/scalar_observations.hpp"
 
 namespace knothe::project {
 

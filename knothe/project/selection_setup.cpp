@@ -5,8 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "knothe/assimilation/measurements.hpp"
-#include "knothe/assimilation/time_matching.hpp"
+#include "knothe/assimilation/data/measurements.hpp"
+#include "knothe/assimilation/data/time_matching.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/project/simulation.hpp"

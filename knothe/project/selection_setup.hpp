@@ -3,9 +3,9 @@
 #include <memory>
 #include <vector>
 
-#include "knothe/assimilation/selection_study.hpp"
+#include "knothe/assimilation/select/selection_study.hpp"
 #include "knothe/project/project_file.hpp"
-#include "knothe/reduction/separated_model.hpp"
+#include "knothe/reduction/model/separated_model.hpp"
 
 namespace knothe::project {
 

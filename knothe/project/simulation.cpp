@@ -4,7 +4,7 @@
 
 #include <algorithm>
 
-#include "knothe/assimilation/synthetic_measurements.hpp"
+#include "knothe/assimilation/data/synthetic_measurements.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
 

@@ -6,9 +6,9 @@
 #include <string>
 #include <vector>
 
-#include "knothe/assimilation/synthetic_measurements.hpp"
+#include "knothe/assimilation/data/synthetic_measurements.hpp"
 #include "knothe/project/project_file.hpp"
-#include "knothe/reduction/snapshots.hpp"
+#include "knothe/reduction/compress/snapshots.hpp"
 
 namespace knothe::project {
 

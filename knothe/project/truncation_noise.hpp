@@ -3,7 +3,7 @@
 #include <Eigen/Core>
 #include <span>
 
-#include "knothe/assimilation/noise_model.hpp"
+#include "knothe/assimilation/noise/noise_model.hpp"
 
 namespace knothe::project {
 

@@ -13,7 +13,7 @@
 #include <string>
 #include <vector>
 
-#include "knothe/assimilation/sequential_update.hpp"
+#include "knothe/assimilation/update/sequential_update.hpp"
 #include "knothe/forecast/forecaster.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/project/update_setup.hpp"

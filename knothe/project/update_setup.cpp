@@ -8,9 +8,9 @@
 #include "knothe/base/text.hpp"
 #include "knothe/project/observed_data.hpp"
 #include "knothe/project/truncation_noise.hpp"
-#include "knothe/reduction/known_parameter.hpp"
-#include "knothe/reduction/parameter_order.hpp"
-#include "knothe/reduction/truncation_error.hpp"
+#include "knothe/reduction/model/known_parameter.hpp"
+#include "knothe/reduction/model/parameter_order.hpp"
+#include "knothe/reduction/model/truncation_error.hpp"
 
 namespace knothe::project {
 namespace {

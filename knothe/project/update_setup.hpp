@@ -5,14 +5,14 @@
 #include <optional>
 #include <vector>
 
-#include "knothe/assimilation/baseline_update.hpp"
-#include "knothe/assimilation/measurements.hpp"
-#include "knothe/assimilation/robust_update.hpp"
-#include "knothe/assimilation/sequential_update.hpp"
+#include "knothe/assimilation/data/measurements.hpp"
+#include "knothe/assimilation/update/baseline_update.hpp"
+#include "knothe/assimilation/update/robust_update.hpp"
+#include "knothe/assimilation/update/sequential_update.hpp"
 #include "knothe/project/picture_measurements.hpp"
 #include "knothe/project/project_file.hpp"
-#include "knothe/reduction/observed_model.hpp"
-#include "knothe/reduction/separated_model.hpp"
+#include "knothe/reduction/model/separated_model.hpp"
+#include "knothe/reduction/observe/observed_model.hpp"
 
 namespace knothe::project {
 

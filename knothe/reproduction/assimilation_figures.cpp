@@ -5,9 +5,9 @@
 #include <cmath>
 #include <numeric>
 
-#include "knothe/mechanics/offline.hpp"
-#include "knothe/report/result_figures.hpp"
-#include "knothe/report/svg_text.hpp"
+#include "knothe/mechanics/full_order/offline.hpp"
+#include "knothe/report/figures/result_figures.hpp"
+#include "knothe/report/figures/svg_text.hpp"
 #include "knothe/reproduction/figure_parts.hpp"
 #include "knothe/reproduction/published.hpp"
 #include "knothe/reproduction/study.hpp"

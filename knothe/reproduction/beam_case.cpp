@@ -9,9 +9,9 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/version.hpp"
-#include "knothe/mechanics/snapshot_runs.hpp"
-#include "knothe/reduction/compression.hpp"
-#include "knothe/reduction/crack_modes.hpp"
+#include "knothe/mechanics/full_order/snapshot_runs.hpp"
+#include "knothe/reduction/compress/compression.hpp"
+#include "knothe/reduction/observe/crack_modes.hpp"
 #include "knothe/reproduction/published.hpp"
 
 namespace knothe::reproduction {

@@ -3,8 +3,8 @@
 #include <string>
 #include <vector>
 
-#include "knothe/mechanics/offline.hpp"
-#include "knothe/reduction/separated_model.hpp"
+#include "knothe/mechanics/full_order/offline.hpp"
+#include "knothe/reduction/model/separated_model.hpp"
 
 namespace knothe::reproduction {
 

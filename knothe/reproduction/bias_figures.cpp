@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "knothe/report/svg_text.hpp"
+#include "knothe/report/figures/svg_text.hpp"
 #include "knothe/reproduction/bias.hpp"
 #include "knothe/reproduction/figure_parts.hpp"
 #include "knothe/reproduction/published.hpp"

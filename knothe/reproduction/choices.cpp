@@ -6,9 +6,9 @@
 
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/progress.hpp"
-#include "knothe/mechanics/offline.hpp"
-#include "knothe/reduction/observation_operator.hpp"
-#include "knothe/report/svg_text.hpp"
+#include "knothe/mechanics/full_order/offline.hpp"
+#include "knothe/reduction/observe/observation_operator.hpp"
+#include "knothe/report/figures/svg_text.hpp"
 #include "knothe/reproduction/bias.hpp"
 #include "knothe/reproduction/figure_parts.hpp"
 #include "knothe/reproduction/published.hpp"

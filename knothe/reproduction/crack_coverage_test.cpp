@@ -10,11 +10,11 @@
 #include <cstdlib>
 #include <vector>
 
-#include "knothe/assimilation/prior_transform.hpp"
-#include "knothe/files/test_folder.hpp"
-#include "knothe/mechanics/offline.hpp"
-#include "knothe/numerics/random.hpp"
-#include "knothe/reduction/observation_operator.hpp"
+#include "knothe/assimilation/update/prior_transform.hpp"
+#include "knothe/files/testing/test_folder.hpp"
+#include "knothe/mechanics/full_order/offline.hpp"
+#include "knothe/numerics/statistics/random.hpp"
+#include "knothe/reduction/observe/observation_operator.hpp"
 #include "knothe/reproduction/beam_case.hpp"
 #include "knothe/reproduction/experiment.hpp"
 

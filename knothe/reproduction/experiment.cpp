@@ -5,8 +5,8 @@
 #include <ctime>
 #include <numeric>
 
-#include "knothe/assimilation/selection_study.hpp"
-#include "knothe/assimilation/synthetic_measurements.hpp"
+#include "knothe/assimilation/data/synthetic_measurements.hpp"
+#include "knothe/assimilation/select/selection_study.hpp"
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/progress.hpp"
 #include "knothe/reproduction/published.hpp"

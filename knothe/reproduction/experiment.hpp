@@ -7,13 +7,13 @@
 #include <string>
 #include <vector>
 
-#include "knothe/assimilation/marginal_density.hpp"
-#include "knothe/assimilation/measurements.hpp"
-#include "knothe/assimilation/sequential_update.hpp"
+#include "knothe/assimilation/data/measurements.hpp"
+#include "knothe/assimilation/update/marginal_density.hpp"
+#include "knothe/assimilation/update/sequential_update.hpp"
 #include "knothe/forecast/forecaster.hpp"
-#include "knothe/reduction/observed_model.hpp"
-#include "knothe/reduction/separated_model.hpp"
-#include "knothe/report/results.hpp"
+#include "knothe/reduction/model/separated_model.hpp"
+#include "knothe/reduction/observe/observed_model.hpp"
+#include "knothe/report/results/results.hpp"
 
 namespace knothe::reproduction {
 

@@ -4,8 +4,8 @@
 
 #include <algorithm>
 
-#include "knothe/report/mesh_view.hpp"
-#include "knothe/report/result_figures.hpp"
+#include "knothe/report/figures/mesh_view.hpp"
+#include "knothe/report/figures/result_figures.hpp"
 
 namespace knothe::reproduction {
 

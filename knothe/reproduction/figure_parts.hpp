@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "knothe/report/svg_figure.hpp"
+#include "knothe/report/figures/svg_figure.hpp"
 #include "knothe/reproduction/experiment.hpp"
 #include "knothe/reproduction/figure_record.hpp"
 #include "knothe/reproduction/picture_selection.hpp"

@@ -5,7 +5,7 @@
 #include <utility>
 #include <vector>
 
-#include "knothe/report/svg_figure.hpp"
+#include "knothe/report/figures/svg_figure.hpp"
 
 namespace knothe::reproduction {
 

@@ -14,10 +14,10 @@
 #include <map>
 #include <string>
 
-#include "knothe/assimilation/posterior_shift.hpp"
-#include "knothe/assimilation/synthetic_measurements.hpp"
-#include "knothe/mechanics/latin_model.hpp"
-#include "knothe/reduction/observed_model.hpp"
+#include "knothe/assimilation/data/synthetic_measurements.hpp"
+#include "knothe/assimilation/update/posterior_shift.hpp"
+#include "knothe/mechanics/latin/latin_model.hpp"
+#include "knothe/reduction/observe/observed_model.hpp"
 
 namespace {
 

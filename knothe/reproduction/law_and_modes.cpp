@@ -3,9 +3,9 @@
 
 #include <cmath>
 
-#include "knothe/mechanics/damage_law.hpp"
-#include "knothe/report/model_figures.hpp"
-#include "knothe/report/svg_text.hpp"
+#include "knothe/mechanics/law/damage_law.hpp"
+#include "knothe/report/figures/model_figures.hpp"
+#include "knothe/report/figures/svg_text.hpp"
 #include "knothe/reproduction/figure_parts.hpp"
 #include "knothe/reproduction/published.hpp"
 #include "knothe/reproduction/study.hpp"

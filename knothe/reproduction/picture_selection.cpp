@@ -5,12 +5,12 @@
 #include <numeric>
 #include <random>
 
-#include "knothe/assimilation/data_selection.hpp"
-#include "knothe/assimilation/selection_study.hpp"
-#include "knothe/assimilation/sensitivity.hpp"
-#include "knothe/imaging/image_correlation.hpp"
-#include "knothe/imaging/registration.hpp"
-#include "knothe/imaging/speckle.hpp"
+#include "knothe/assimilation/select/data_selection.hpp"
+#include "knothe/assimilation/select/selection_study.hpp"
+#include "knothe/assimilation/select/sensitivity.hpp"
+#include "knothe/imaging/correlation/image_correlation.hpp"
+#include "knothe/imaging/mesh/registration.hpp"
+#include "knothe/imaging/series/speckle.hpp"
 #include "knothe/reproduction/published.hpp"
 
 namespace knothe::reproduction {

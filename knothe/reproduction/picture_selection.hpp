@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "knothe/imaging/image_mesh.hpp"
+#include "knothe/imaging/mesh/image_mesh.hpp"
 #include "knothe/reproduction/beam_case.hpp"
 #include "knothe/reproduction/experiment.hpp"
 

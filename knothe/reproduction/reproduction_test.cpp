@@ -8,7 +8,7 @@
 #include <set>
 
 #include "knothe/files/json_line.hpp"
-#include "knothe/files/test_folder.hpp"
+#include "knothe/files/testing/test_folder.hpp"
 #include "knothe/reproduction/bias.hpp"
 #include "knothe/reproduction/picture_selection.hpp"
 #include "knothe/reproduction/study.hpp"

@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <cmath>
 
-#include "knothe/assimilation/sensitivity.hpp"
-#include "knothe/report/mesh_view.hpp"
-#include "knothe/report/svg_text.hpp"
+#include "knothe/assimilation/select/sensitivity.hpp"
+#include "knothe/report/figures/mesh_view.hpp"
+#include "knothe/report/figures/svg_text.hpp"
 #include "knothe/reproduction/figure_parts.hpp"
 #include "knothe/reproduction/published.hpp"
 #include "knothe/reproduction/study.hpp"

@@ -6,9 +6,9 @@
 #include <nlohmann/json.hpp>
 
 #include "knothe/base/version.hpp"
-#include "knothe/report/page.hpp"
-#include "knothe/report/results_writer.hpp"
-#include "knothe/report/svg_text.hpp"
+#include "knothe/report/figures/svg_text.hpp"
+#include "knothe/report/pages/page.hpp"
+#include "knothe/report/results/results_writer.hpp"
 
 namespace knothe::reproduction {
 

@@ -6,7 +6,7 @@
 #include <string>
 
 #include "knothe/base/error.hpp"
-#include "knothe/numerics/normal_distribution.hpp"
+#include "knothe/numerics/statistics/normal_distribution.hpp"
 #include "knothe/sampling/random_numbers.hpp"
 
 namespace knothe::sampling {

@@ -8,7 +8,7 @@
 #include <string>
 
 #include "knothe/base/error.hpp"
-#include "knothe/sampling/test_targets.hpp"
+#include "knothe/sampling/testing/test_targets.hpp"
 
 namespace knothe::sampling {
 namespace {

@@ -10,8 +10,8 @@
 #include <numbers>
 
 #include "knothe/base/error.hpp"
-#include "knothe/numerics/sobol.hpp"
-#include "knothe/numerics/symmetric_eigen.hpp"
+#include "knothe/numerics/integrate/sobol.hpp"
+#include "knothe/numerics/linear/symmetric_eigen.hpp"
 #include "knothe/sampling/random_numbers.hpp"
 
 namespace knothe::sampling {

@@ -9,7 +9,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/sampling/random_numbers.hpp"
-#include "knothe/sampling/test_targets.hpp"
+#include "knothe/sampling/testing/test_targets.hpp"
 
 namespace knothe::sampling {
 namespace {

@@ -4,7 +4,7 @@
 #include <cstdio>
 #include <exception>
 
-#include "knothe/assimilation/measurements.hpp"
+#include "knothe/assimilation/data/measurements.hpp"
 
 int main(int argc, char** argv) {
   if (argc != 3) return std::fputs("usage: data_to_csv DATA.h5 DATA.csv\n", stderr), 2;

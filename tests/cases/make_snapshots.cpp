@@ -13,7 +13,7 @@
 #include <tuple>
 
 #include "knothe/files/hdf5.hpp"
-#include "knothe/reduction/snapshots.hpp"
+#include "knothe/reduction/compress/snapshots.hpp"
 
 namespace {
 

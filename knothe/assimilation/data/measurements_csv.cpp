@@ -1,0 +1,123 @@
+#include "knothe/assimilation/data/measurements_csv.hpp"
+
+#include <algorithm>
+#include <cctype>
+#include <cmath>
+#include <limits>
+#include <map>
+
+#include "knothe/files/csv.hpp"
+
+namespace knothe::assimilation {
+namespace {
+
+/// One observed dof: where it is and how well it is measured.
+struct Sensor {
+  Eigen::Index index;
+  double x, y, z, std;
+};
+
+constexpr double k_nan = std::numeric_limits<double>::quiet_NaN();
+
+/// The name of a series rather than a direction: two letters at least.
+bool is_series(const std::string& component) {
+  return component.size() > 1 &&
+         std::any_of(component.begin(), component.end(), [](char c) { return std::isalpha(c) != 0; });
+}
+
+int component_of(const files::CsvTable& table, std::size_t row, const std::string& text) {
+  static constexpr const char* k_letters[] = {"x", "y", "z"};
+  for (int c = 0; c < 3; ++c) {
+    if (text == k_letters[c] || text == std::to_string(c)) return c;
+  }
+  table.fail(row, "component",
+             "a component is x, y, z or 0, 1, 2, or the name of a series, not \"" + text + "\"");
+}
+
+/// A row of a series: its value joins those before it.
+void add_to_series(const files::CsvTable& table, std::size_t row, Eigen::Index t, double value, double std,
+                   std::vector<bool>& filled, MeasuredSeries& series, bool is_new) {
+  if (filled[static_cast<std::size_t>(t)])
+    table.fail(row, "time", "a second value of this series at this time");
+  filled[static_cast<std::size_t>(t)] = true;
+  series.values[static_cast<std::size_t>(t)] = value;
+  if (!std::isnan(std) && !(std > 0)) table.fail(row, "std", "a standard deviation is positive");
+  const std::optional<double> given = std::isnan(std) ? std::nullopt : std::optional(std);
+  if (is_new) series.std = given;
+  if (series.std != given) table.fail(row, "std", "this series had another std before: one per series");
+}
+
+}  // namespace
+
+Measurements read_measurements_csv(const std::string& path) {
+  const files::CsvTable table = files::CsvTable::read(path);
+  const std::vector<double> time = table.numbers("time"), x = table.numbers("x", true),
+                            y = table.numbers("y", true), z = table.numbers("z", true),
+                            value = table.numbers("value", true), std = table.numbers("std", true);
+  const std::vector<std::string> name = table.texts("sensor"), component = table.texts("component");
+  std::vector<double> times = time;
+  std::sort(times.begin(), times.end());
+  times.erase(std::unique(times.begin(), times.end()), times.end());
+
+  std::map<std::pair<std::string, int>, Sensor> sensors;
+  std::vector<std::pair<const Sensor*, int>> of_row;
+  std::vector<std::pair<const Sensor*, int>> in_order;
+  std::map<std::string, MeasuredSeries> series;
+  std::map<std::string, std::vector<bool>> filled;
+  for (std::size_t row = 0; row < table.row_count(); ++row) {
+    if (is_series(component[row])) {
+      const auto [it, is_new] = series.try_emplace(component[row]);
+      if (is_new) {
+        it->second.values.assign(times.size(), k_nan);
+        filled[component[row]].assign(times.size(), false);
+      }
+      const auto t = std::lower_bound(times.begin(), times.end(), time[row]) - times.begin();
+      add_to_series(table, row, t, value[row], std[row], filled[component[row]], it->second, is_new);
+      of_row.emplace_back(nullptr, 0);
+      continue;
+    }
+    const int c = component_of(table, row, component[row]);
+    for (const auto& [column, coordinate] : {std::pair("x", x[row]), {"y", y[row]}, {"z", z[row]}}) {
+      if (std::isnan(coordinate)) table.fail(row, column, "a number is needed here");
+    }
+    if (!(std[row] > 0)) table.fail(row, "std", "a standard deviation is positive");
+    const auto [it, is_new] = sensors.try_emplace(
+        {name[row], c}, Sensor{static_cast<Eigen::Index>(sensors.size()), x[row], y[row], z[row], std[row]});
+    const Sensor& sensor = it->second;
+    if (is_new) in_order.emplace_back(&sensor, c);
+    if (sensor.x != x[row] || sensor.y != y[row] || sensor.z != z[row]) {
+      table.fail(row, "x", "sensor \"" + name[row] + "\" was elsewhere before: one point per sensor");
+    }
+    if (sensor.std != std[row]) {
+      table.fail(row, "std",
+                 "sensor \"" + name[row] + "\" had another std before: one per sensor and component");
+    }
+    of_row.emplace_back(&sensor, c);
+  }
+
+  Measurements m;
+  m.time = times;
+  m.series = std::move(series);
+  const auto n_obs = static_cast<Eigen::Index>(sensors.size());
+  m.values.setConstant(n_obs, static_cast<Eigen::Index>(times.size()), k_nan);
+  Eigen::MatrixXi lines = Eigen::MatrixXi::Zero(n_obs, m.values.cols());
+  for (std::size_t row = 0; row < table.row_count(); ++row) {
+    if (of_row[row].first == nullptr) continue;
+    const Eigen::Index i = of_row[row].first->index;
+    const Eigen::Index t = std::lower_bound(times.begin(), times.end(), time[row]) - times.begin();
+    if (lines(i, t)++ > 0)
+      table.fail(row, "time", "a second value of sensor \"" + name[row] + "\" at this time");
+    m.values(i, t) = value[row];
+  }
+  m.points.resize(n_obs, 3);
+  Eigen::VectorXd deviations(n_obs);
+  for (const auto& [sensor, c] : in_order) {
+    m.points.row(sensor->index) << sensor->x, sensor->y, sensor->z;
+    m.components.push_back(c);
+    deviations[sensor->index] = sensor->std;
+  }
+  m.noise = NoiseModel::independent(deviations);
+  return m;
+}
+
+}  // namespace knothe::assimilation

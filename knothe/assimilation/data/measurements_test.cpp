@@ -1,0 +1,77 @@
+#include "knothe/assimilation/data/measurements.hpp"
+
+#include <gtest/gtest.h>
+
+#include "knothe/base/error.hpp"
+#include "knothe/files/hdf5.hpp"
+#include "knothe/files/testing/test_folder.hpp"
+
+namespace knothe::assimilation {
+namespace {
+
+using files::message_of;
+
+/// Two steps of three dofs with the precision [[2 −1 0][−1 2 −1][0 −1 2]].
+void write(const std::string& path, double shared_reference, const std::string& step = "") {
+  files::Hdf5Writer file(path);
+  const std::vector<double> values = {0, 1, 2, 3, 4, 5}, points(9, 0.0), time = {0.5, 1};
+  const std::vector<std::int64_t> components = {0, 1, 2}, indices = {0, 1, 0, 1, 2, 1, 2},
+                                  rows = {0, 2, 5, 7};
+  const std::vector<double> data = {2, -1, -1, 2, -1, -1, 2};
+  file.write("/time", time, {2}, {"1", ""});
+  file.write("/values", values, {2, 3}, {"m", ""});
+  file.write("/dofs/points", points, {3, 3}, {"m", ""});
+  file.write_integers("/dofs/component", components, {3}, {"1", ""});
+  for (const std::string& group : {std::string("/noise/precision"), "/noise/precision_steps/" + step}) {
+    if (group.ends_with("/")) continue;
+    std::vector<double> scaled = data;
+    if (group != "/noise/precision") {
+      for (double& value : scaled) value *= 3;
+    }
+    file.write(group + "/data", scaled, {7}, {"1/m2", ""});
+    file.write_integers(group + "/indices", indices, {7}, {"1", ""});
+    file.write_integers(group + "/indptr", rows, {4}, {"1", ""});
+  }
+  if (shared_reference != 0) file.number_attribute("/noise/precision", "shared_reference", shared_reference);
+  file.close();
+}
+
+TEST(Measurements, PrecisionOfStepsAndSharedReferenceAreRead) {
+  const files::TestFolder folder;
+  const std::string path = folder.file("d.h5");
+  write(path, 2, "1");
+  const Measurements m = read_measurements(path);
+  EXPECT_EQ(m.noise.shared_reference(), 2);
+  EXPECT_FALSE(m.noise.has_step(0));
+  ASSERT_TRUE(m.noise.has_step(1));
+  EXPECT_EQ(m.noise.precision().coeff(1, 2), -1);
+  EXPECT_EQ(m.noise.at_step(1).precision().coeff(1, 1), 6);
+}
+
+TEST(Measurements, WhatIsWrittenIsRead) {
+  const files::TestFolder folder;
+  write(folder.file("d.h5"), 3);
+  const Measurements m = read_measurements(folder.file("d.h5"));
+  write_measurements(folder.file("e.h5"), m, "", 1);
+  const Measurements again = read_measurements(folder.file("e.h5"));
+  EXPECT_EQ(again.values, m.values);
+  EXPECT_EQ(again.noise.shared_reference(), 3);
+  EXPECT_EQ(Eigen::MatrixXd(again.noise.precision()), Eigen::MatrixXd(m.noise.precision()));
+}
+
+TEST(Measurements, BadNoiseIsNamed) {
+  const files::TestFolder folder;
+  const std::string path = folder.file("d.h5");
+  write(path, 1.5);
+  EXPECT_EQ(message_of<DataError>([&] { (void)read_measurements(path); }),
+            path +
+                ": the attribute shared_reference of noise/precision is 1.5: it is the number of reference "
+                "pictures, 1 or more");
+  const std::string other = folder.file("e.h5");
+  write(other, 0, "7");
+  EXPECT_EQ(message_of<DataError>([&] { (void)read_measurements(other); }),
+            other + ": noise/precision_steps/7: the name is a step, 0 to 1");
+}
+
+}  // namespace
+}  // namespace knothe::assimilation

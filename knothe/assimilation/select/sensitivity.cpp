@@ -1,0 +1,76 @@
+#include "knothe/assimilation/select/sensitivity.hpp"
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+#include <numeric>
+
+namespace knothe::assimilation {
+namespace {
+
+reduction::FunctionBatch derivatives_at(const reduction::ObservedModel& model, const Eigen::VectorXd& p,
+                                        int derivatives) {
+  const auto& functions = *model.functions;
+  reduction::FunctionBatch batch;
+  batch.resize(1, functions.dimension(), functions.count(), derivatives);
+  functions.evaluate(p.transpose(), derivatives, batch);
+  return batch;
+}
+
+}  // namespace
+
+Eigen::MatrixXd sensitivity_fields(const reduction::ObservedModel& model, const Eigen::VectorXd& p,
+                                   std::size_t step) {
+  const reduction::FunctionBatch batch = derivatives_at(model, p, 1);
+  Eigen::MatrixXd coefficients(model.space.cols(), p.size());
+  for (Eigen::Index j = 0; j < p.size(); ++j)
+    coefficients.col(j) = model.core[step] * batch.first[j].row(0).transpose();
+  return model.space * coefficients;
+}
+
+Eigen::MatrixXd cross_sensitivity_fields(const reduction::ObservedModel& model, const Eigen::VectorXd& p,
+                                         std::size_t step) {
+  const reduction::FunctionBatch batch = derivatives_at(model, p, 2);
+  const auto pairs = static_cast<Eigen::Index>(batch.second.size());
+  Eigen::MatrixXd coefficients(model.space.cols(), pairs);
+  for (Eigen::Index j = 0; j < pairs; ++j)
+    coefficients.col(j) = model.core[step] * batch.second[j].row(0).transpose();
+  return model.space * coefficients;
+}
+
+Eigen::MatrixXd sensitivity_over_time(const reduction::ObservedModel& model, const Eigen::VectorXd& p) {
+  Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(model.observations(), p.size());
+  for (std::size_t t = 0; t < model.time.size(); ++t) sum += sensitivity_fields(model, p, t).cwiseAbs2();
+  return sum.cwiseSqrt();
+}
+
+Eigen::VectorXd sensitivity_score(const Eigen::MatrixXd& weighted, SensitivityCriterion criterion) {
+  switch (criterion) {
+    case SensitivityCriterion::product:
+      return weighted.cwiseAbs().rowwise().prod();
+    case SensitivityCriterion::minimum:
+      return weighted.cwiseAbs().rowwise().minCoeff();
+    case SensitivityCriterion::maximum:
+      break;
+  }
+  return weighted.cwiseAbs().rowwise().maxCoeff();
+}
+
+std::vector<Eigen::Index> highest(const Eigen::VectorXd& score, std::size_t count,
+                                  const Eigen::Ref<const Eigen::Matrix<double, Eigen::Dynamic, 3>>& points,
+                                  double min_distance) {
+  std::vector<Eigen::Index> order(static_cast<std::size_t>(score.size())), chosen;
+  std::iota(order.begin(), order.end(), Eigen::Index{0});
+  std::stable_sort(order.begin(), order.end(),
+                   [&](Eigen::Index a, Eigen::Index b) { return score[a] > score[b]; });
+  for (const Eigen::Index k : order) {
+    if (chosen.size() == count) break;
+    const bool free = std::all_of(chosen.begin(), chosen.end(), [&](Eigen::Index c) {
+      return min_distance <= 0 || (points.row(k) - points.row(c)).norm() >= min_distance * (1 - 1e-9);
+    });
+    if (free) chosen.push_back(k);
+  }
+  return chosen;
+}
+
+}  // namespace knothe::assimilation

@@ -1,0 +1,97 @@
+#include "knothe/assimilation/update/baseline_update.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+
+#include "knothe/assimilation/testing/test_models.hpp"
+#include "knothe/base/error.hpp"
+
+namespace knothe::assimilation {
+namespace {
+
+using Kind = BaselineOptions::Kind;
+using test::CurvedFunctions;
+using test::LinearFunctions;
+using test::random_model;
+using test::synthetic_data;
+
+TEST(BaselineUpdate, KalmanFiltersAreExactForALinearModel) {
+  // The textbook filter, in the space of the observations.
+  const Eigen::Index d = 3, n = 7;
+  const auto model = random_model(std::make_shared<LinearFunctions>(d), n, 4, 5, 11);
+  const Eigen::VectorXd std = Eigen::VectorXd::LinSpaced(n, 0.2, 0.5);
+  const Eigen::MatrixXd data = synthetic_data(*model, Eigen::Vector3d(0.3, -1.0, 2.0), std, 5);
+  const std::vector<Prior> priors = {Prior::normal(0, 1), Prior::normal(-0.5, 2), Prior::normal(1, 0.7)};
+  for (const Kind kind : {Kind::extended_kalman, Kind::unscented_kalman, Kind::ensemble_kalman}) {
+    BaselineUpdate filter(model, NoiseModel::independent(std), priors, {kind, 10000, 1});
+    Eigen::VectorXd mean = Eigen::Vector3d(0, -0.5, 1);
+    Eigen::MatrixXd covariance = Eigen::Vector3d(1, 4, 0.49).asDiagonal();
+    double log_evidence = 0;
+    for (std::size_t t = 0; t < model->time.size(); ++t) {
+      const auto i = static_cast<Eigen::Index>(t);
+      const UpdateResult& r = filter.update(t, t, data.col(i));
+      const Eigen::MatrixXd h = model->space * model->core[t];
+      Eigen::MatrixXd s = h * covariance * h.transpose();
+      s.diagonal() += std.cwiseAbs2();
+      const Eigen::VectorXd innovation = data.col(i) - model->lift.col(i) - h * mean;
+      const Eigen::MatrixXd gain = covariance * h.transpose() * s.inverse();
+      log_evidence -= 0.5 * (innovation.dot(s.inverse() * innovation) + std::log(s.determinant()) +
+                             static_cast<double>(n) * std::log(2 * M_PI));
+      mean += gain * innovation;
+      covariance = (Eigen::MatrixXd::Identity(d, d) - gain * h).eval() * covariance;
+      EXPECT_LT((r.mean - mean).cwiseAbs().maxCoeff(), 1e-9) << static_cast<int>(kind);
+      EXPECT_LT((r.covariance - covariance).cwiseAbs().maxCoeff(), 1e-9) << static_cast<int>(kind);
+      EXPECT_NEAR(r.log_evidence, log_evidence, 1e-8) << static_cast<int>(kind);
+      EXPECT_LT((r.maximum_a_posteriori - mean).cwiseAbs().maxCoeff(), 1e-9);
+      EXPECT_TRUE(r.trusted) << r.remark;
+      EXPECT_NEAR(r.effective_sample_size, 1, 1e-6);
+    }
+  }
+}
+
+TEST(BaselineUpdate, MonteCarloAgreesWithQuadrature) {
+  const Eigen::Index n = 8;
+  const auto model = random_model(std::make_shared<CurvedFunctions>(), n, 4, 3, 33);
+  const Eigen::VectorXd std = Eigen::VectorXd::Constant(n, 0.6);
+  const Eigen::MatrixXd data = synthetic_data(*model, Eigen::Vector2d(1.0, 1.2), std, 4);
+  const std::vector<Prior> priors = {Prior::normal(0.9, 0.45), Prior::normal(1.1, 0.45)};
+  UpdateOptions by_grid;
+  by_grid.kind = UpdateOptions::Kind::grid;
+  SequentialUpdate grid(model, NoiseModel::independent(std), priors, by_grid);
+  BaselineUpdate particles(model, NoiseModel::independent(std), priors,
+                           {Kind::sequential_monte_carlo, 20000, 1});
+  BaselineUpdate chain(model, NoiseModel::independent(std), priors, {Kind::markov_chain, 8000, 1});
+  for (std::size_t t = 0; t < 3; ++t) {
+    const auto column = data.col(static_cast<Eigen::Index>(t));
+    const UpdateResult& exact = grid.update(t, t, column);
+    const UpdateResult& by_particles = particles.update(t, t, column);
+    const UpdateResult& by_chain = chain.update(t, t, column);
+    for (const UpdateResult* r : {&by_particles, &by_chain}) {
+      for (Eigen::Index k = 0; k < 2; ++k) {
+        const double s = std::sqrt(exact.covariance(k, k));
+        EXPECT_NEAR(r->mean[k], exact.mean[k], 0.15 * s) << "step " << t;
+        EXPECT_NEAR(std::sqrt(r->covariance(k, k)) / s, 1, 0.1) << "step " << t;
+      }
+      EXPECT_NEAR(r->log_evidence, exact.log_evidence, 0.15) << "step " << t;
+    }
+    EXPECT_TRUE(by_chain.trusted) << by_chain.remark;
+  }
+}
+
+TEST(BaselineUpdate, AFilterSaysWhereThePosteriorIsNotItsGaussian) {
+  const Eigen::Index n = 8;
+  const auto model = random_model(std::make_shared<CurvedFunctions>(), n, 4, 1, 21);
+  const Eigen::VectorXd std = Eigen::VectorXd::Constant(n, 0.4);
+  const Eigen::MatrixXd data = synthetic_data(*model, Eigen::Vector2d(1.45, 0.7), std, 17);
+  const std::vector<Prior> priors = {Prior::normal(0.9, 0.45), Prior::normal(1.1, 0.45)};
+  BaselineUpdate filter(model, NoiseModel::independent(std), priors, {Kind::extended_kalman, 1000, 1});
+  const UpdateResult& r = filter.update(0, 0, data.col(0));
+  EXPECT_FALSE(r.trusted);
+  EXPECT_TRUE(r.remark.starts_with("the posterior is not the Gaussian of the filter: ")) << r.remark;
+  EXPECT_THROW(filter.update(0, 0, data.col(0)), UsageError);
+}
+
+}  // namespace
+}  // namespace knothe::assimilation

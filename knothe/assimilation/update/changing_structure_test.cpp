@@ -1,0 +1,159 @@
+/// @file Data that grow old: forgetting, changes of the structure, known and found.
+#include <gtest/gtest.h>
+
+#include <Eigen/Cholesky>
+#include <cmath>
+#include <numbers>
+
+#include "knothe/assimilation/testing/test_models.hpp"
+#include "knothe/assimilation/testing/test_priors.hpp"
+#include "knothe/assimilation/update/sequential_update.hpp"
+#include "knothe/base/error.hpp"
+
+namespace knothe::assimilation {
+namespace {
+
+using test::LinearFunctions;
+
+std::vector<Prior> priors() {
+  return {Prior::normal(0, 1), Prior::normal(0.5, 1)};
+}
+
+const Eigen::VectorXd k_std = Eigen::VectorXd::Constant(5, 0.4);
+
+/// The posterior ∝ prior · Π L_t^weight in closed form, and the log density of the next datum under it.
+struct Discounted {
+  Eigen::MatrixXd precision = Eigen::Matrix2d::Identity();
+  Eigen::VectorXd information = Eigen::Vector2d(0, 0.5), prior = Eigen::Vector2d(0, 0.5);
+
+  [[nodiscard]] Eigen::VectorXd mean() const {
+    return Eigen::LLT<Eigen::MatrixXd>(precision).solve(information);
+  }
+  void raise(double power) {
+    precision = (1 - power) * Eigen::MatrixXd::Identity(2, 2) + power * precision;
+    information = (1 - power) * prior + power * information;
+  }
+  double take(const Eigen::MatrixXd& h, const Eigen::VectorXd& y) {
+    const Eigen::LLT<Eigen::MatrixXd> factor(precision);
+    const Eigen::VectorXd miss = y - h * mean();
+    Eigen::MatrixXd s = h * factor.solve(h.transpose());
+    s.diagonal() += k_std.cwiseAbs2();
+    const Eigen::LLT<Eigen::MatrixXd> of_s(s);
+    const Eigen::VectorXd white = of_s.matrixL().solve(miss);
+    precision += h.transpose() * k_std.cwiseAbs2().cwiseInverse().asDiagonal() * h;
+    information += h.transpose() * k_std.cwiseAbs2().cwiseInverse().asDiagonal() * y;
+    return -0.5 * (white.squaredNorm() + static_cast<double>(y.size()) * std::log(2 * std::numbers::pi)) -
+           of_s.matrixLLT().diagonal().array().log().sum();
+  }
+};
+
+TEST(ChangingStructure, ForgettingIsTheDiscountedGaussianInClosedForm) {
+  const auto model = test::random_model(std::make_shared<LinearFunctions>(2), 5, 3, 12, 4);
+  const Eigen::MatrixXd data = test::synthetic_data(*model, Eigen::Vector2d(0.7, -0.3), k_std, 6);
+  for (const double power : {0.95, 0.6}) {
+    UpdateOptions options;
+    options.forgetting = power;
+    SequentialUpdate update(model, NoiseModel::independent(k_std), priors(), options);
+    Discounted exact;
+    double log_evidence = 0;
+    for (std::size_t t = 0; t < 12; ++t) {
+      const auto i = static_cast<Eigen::Index>(t);
+      const UpdateResult& r = update.update(t, t, data.col(i));
+      if (t > 0) exact.raise(power);
+      const double increment = exact.take(model->space * model->core[t], data.col(i) - model->lift.col(i));
+      log_evidence += increment;
+      EXPECT_LT((r.mean - exact.mean()).norm(), 1e-8);
+      EXPECT_NEAR(r.log_evidence_increment, increment, 1e-7) << t;
+      EXPECT_NEAR(r.log_evidence, log_evidence, 1e-6);
+    }
+  }
+}
+
+TEST(ChangingStructure, AfterAKnownChangeThePosteriorIsThatOfTheLaterDataAlone) {
+  const auto model = test::random_model(std::make_shared<test::CurvedFunctions>(), 5, 3, 10, 4);
+  const Eigen::MatrixXd data = test::synthetic_data(*model, Eigen::Vector2d(0.7, 1.3), k_std, 6);
+  UpdateOptions options;
+  options.change_points = {6};
+  SequentialUpdate both(model, NoiseModel::independent(k_std), test::papers_priors(), options);
+  SequentialUpdate early(model, NoiseModel::independent(k_std), test::papers_priors());
+  SequentialUpdate late(model, NoiseModel::independent(k_std), test::papers_priors());
+  for (std::size_t t = 0; t < 10; ++t) {
+    const auto values = data.col(static_cast<Eigen::Index>(t));
+    both.update(t, t, values);
+    (t < 6 ? early : late).update(t, t, values);
+  }
+  EXPECT_EQ(both.result().mean, late.result().mean);
+  EXPECT_EQ(both.result().covariance, late.result().covariance);
+  EXPECT_NEAR(both.result().log_evidence, early.result().log_evidence + late.result().log_evidence, 1e-9);
+  // A step taken out and put back leaves no trace, before the change or after it.
+  const Eigen::VectorXd mean = both.result().mean;
+  const double log_evidence = both.result().log_evidence;
+  for (const std::size_t t : {3, 8, 9}) {
+    both.remove(t);
+    EXPECT_NE(both.result().log_evidence, log_evidence);
+    both.update(t, t, data.col(static_cast<Eigen::Index>(t)));
+    EXPECT_EQ(both.result().mean, mean);
+    EXPECT_EQ(both.result().log_evidence, log_evidence);
+  }
+}
+
+TEST(ChangingStructure, AnAlarmIsTakenForAChangeWhereTheDriftBegan) {
+  const auto model = test::random_model(std::make_shared<LinearFunctions>(2), 5, 3, 30, 4);
+  const Eigen::Vector2d before(0.7, -0.3), after(-0.2, 0.6);
+  Eigen::MatrixXd data = test::synthetic_data(*model, before, k_std, 6);
+  data.rightCols(15) = test::synthetic_data(*model, after, k_std, 7).rightCols(15);
+  UpdateOptions options;
+  options.restart_on_alarm = true;
+  SequentialUpdate update(model, NoiseModel::independent(k_std), priors(), options);
+  SequentialUpdate stubborn(model, NoiseModel::independent(k_std), priors());
+  std::string words;
+  for (std::size_t t = 0; t < 30; ++t) {
+    const auto values = data.col(static_cast<Eigen::Index>(t));
+    if (t != 10) words += update.update(t, t, values).notice;
+    stubborn.update(t, t, values);
+  }
+  // A sum may have begun to rise by chance before; what is left of the old data then rings once more.
+  ASSERT_FALSE(update.changes().empty());
+  EXPECT_LE(update.changes().size(), 2u) << words;
+  EXPECT_NEAR(static_cast<double>(update.changes().back()), 15, 1);
+  EXPECT_NE(words.find("taken for a change of the structure at step"), std::string::npos) << words;
+  const auto distance = [&](const UpdateResult& r) {
+    const Eigen::VectorXd miss = r.mean - after;
+    return std::sqrt(miss.dot(Eigen::LLT<Eigen::MatrixXd>(r.covariance).solve(miss)));
+  };
+  EXPECT_LT(distance(update.result()), 4);
+  EXPECT_GT(distance(stubborn.result()), 10);
+  // A step that comes late: as if all had come in order.
+  update.update(10, 10, data.col(10));
+  SequentialUpdate in_order(model, NoiseModel::independent(k_std), priors(), options);
+  for (std::size_t t = 0; t < 30; ++t) in_order.update(t, t, data.col(static_cast<Eigen::Index>(t)));
+  EXPECT_EQ(update.result().mean, in_order.result().mean);
+  EXPECT_EQ(update.result().log_evidence, in_order.result().log_evidence);
+  EXPECT_EQ(update.changes(), in_order.changes());
+}
+
+TEST(ChangingStructure, WhatDoesNotGoTogetherIsNamed) {
+  const auto model = test::random_model(std::make_shared<LinearFunctions>(2), 5, 3, 2, 4);
+  const auto refused = [&](UpdateOptions options, const NoiseModel& noise) -> std::string {
+    options.forgetting = 0.95;
+    try {
+      SequentialUpdate(model, noise, priors(), options);
+    } catch (const UsageError& error) {
+      return error.what();
+    }
+    return "";
+  };
+  const NoiseModel noise = NoiseModel::independent(k_std);
+  EXPECT_EQ(refused({}, noise), "");
+  UpdateOptions biased, level, composed;
+  biased.bias_correction = BiasCorrectionMode::on;
+  level.noise_level = NoiseLevel(2, 1);
+  composed.form = UpdateOptions::Form::composed;
+  EXPECT_NE(refused(biased, noise).find("do not go together with bias_correction"), std::string::npos);
+  EXPECT_NE(refused(level, noise).find("noise_level"), std::string::npos);
+  EXPECT_NE(refused(composed, noise).find("composed"), std::string::npos);
+  EXPECT_NE(refused({}, noise.with_offsets(0.1)).find("errors that steps share"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace knothe::assimilation

@@ -1,0 +1,79 @@
+#pragma once
+/// @file From a datum to its quadratic form (collapsed_posterior.hpp says which).
+#include <Eigen/Core>
+#include <memory>
+#include <vector>
+
+#include "knothe/assimilation/bias/model_bias.hpp"
+#include "knothe/assimilation/noise/noise_model.hpp"
+#include "knothe/assimilation/noise/shared_error.hpp"
+#include "knothe/assimilation/update/step_form.hpp"
+#include "knothe/reduction/observe/observed_model.hpp"
+
+namespace knothe::assimilation {
+
+/// Turns data into step forms. Owns what depends on model and noise only: products of Eq. above that no datum
+/// changes. With errors that steps share (`shared_error.hpp`) the form is that of the datum given the data
+/// projected before it.
+class DatumProjector {
+ public:
+  /// `centre`: the point p at which w₀ = w(p) is taken, d values inside the model's box.
+  DatumProjector(std::shared_ptr<const reduction::ObservedModel> model, NoiseModel noise,
+                 const Eigen::VectorXd& centre);
+
+  [[nodiscard]] const reduction::ObservedModel& model() const { return *model_; }
+  [[nodiscard]] const NoiseModel& noise() const { return noise_; }
+  [[nodiscard]] const Eigen::VectorXd& central_functions() const { return central_; }  ///< w₀, r
+  [[nodiscard]] Eigen::Index observation_count() const { return predicted_.rows(); }
+  /// Whether a form depends on the data before it: then data are projected anew (`restart`) where one of them
+  /// is taken out or comes late.
+  [[nodiscard]] bool depends_on_order() const { return shared_ || constant_ || noise_.scale_std() > 0; }
+  void restart();
+  /// The noise of step `step` from now on (of as many dofs).
+  void set_noise_of(std::size_t step, NoiseModel noise);
+
+  /// The form of the datum `values` (n_obs, NaN = missing) of step `step` and model time index `time_index`,
+  /// into `form`. With all values present and noise that is independent from step to step nothing is
+  /// allocated after the first call. A datum that is refused (DataError) leaves no trace. `moved`, where
+  /// forms depend on the order: also the form in (v, u, z), for a datum that is off by u in the space modes
+  /// and data before it that are by z in all (`JointDiscrepancy`).
+  void project(std::size_t step, std::size_t time_index, const Eigen::Ref<const Eigen::VectorXd>& values,
+               StepForm& form, MovedForm* moved = nullptr);
+  /// The same with the corrected likelihood of Rubio et al. 2019, Eq. 18: the residual less the mean of the
+  /// bias, and in place of R the covariance of the bias, S R S + F Fᵀ, which changes G_t too. Not where
+  /// forms depend on the order (asserted).
+  void project(std::size_t step, std::size_t time_index, const Eigen::Ref<const Eigen::VectorXd>& values,
+               const BiasCorrection& correction, StepForm& form);
+
+ private:
+  const reduction::RowMatrix& space_rows();
+  void take_measured(std::size_t step, const Eigen::Ref<const Eigen::VectorXd>& values);
+  void project_complete(std::size_t time_index, StepForm& form);
+  void project_incomplete(std::size_t step, std::size_t time_index, StepForm& form);
+  void project_constant(std::size_t step, std::size_t time_index, StepForm& form, MovedForm* moved);
+  void project_scaled(std::size_t step, std::size_t time_index,
+                      const Eigen::Ref<const Eigen::VectorXd>& values, StepForm& form);
+  [[nodiscard]] StepForm without_scale(const StepForm& joint) const;
+  const NoiseGroup& group_of(std::size_t step);
+  void take_step_error(const NoiseGroup& group, const Eigen::MatrixXd& factor, const Eigen::MatrixXd& core,
+                       StepForm& form);
+
+  std::shared_ptr<const reduction::ObservedModel> model_;
+  NoiseModel noise_;
+  Eigen::VectorXd central_;
+  Eigen::MatrixXd predicted_;               ///< lift_t + (OU) C_t w₀, n_obs × n_t
+  NoiseGroup complete_;                     ///< all values present
+  NoiseGroup recent_;                       ///< the last other set of values present: masks tend to stay
+  std::vector<Eigen::MatrixXd> quadratic_;  ///< G_t of complete data, per model time
+  std::unique_ptr<SharedReferenceError> shared_;
+  std::unique_ptr<ConstantSensorError> constant_;
+  StepForm joint_;                  ///< of all data so far, in v and ε: where the scale is not known exactly
+  std::vector<Eigen::Index> kept_;  // of the datum at hand
+  Eigen::VectorXd residual_, weighted_, in_space_;  // workspace
+  // Of the corrected likelihood; one row per dof, so that rows of R⁻¹ meet contiguous memory.
+  reduction::RowMatrix space_rows_;       ///< (OU) of `space_kept_`
+  std::vector<Eigen::Index> space_kept_;  ///< empty: of none yet
+  reduction::RowMatrix columns_, weighted_columns_;
+};
+
+}  // namespace knothe::assimilation

@@ -1,0 +1,92 @@
+#include "knothe/assimilation/update/posterior_functions.hpp"
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+#include <vector>
+
+#include "knothe/numerics/integrate/sobol.hpp"
+#include "knothe/numerics/statistics/normal_distribution.hpp"
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
+
+namespace knothe::assimilation {
+namespace {
+
+/// F with F Fᵀ = D Dᵀ/n up to 1e-8 of the trace, by Cholesky with the largest pivot first, on columns made
+/// when they are wanted.
+Eigen::MatrixXd covariance_factor(const Eigen::MatrixXd& deviation) {
+  const Eigen::Index r = deviation.rows();
+  const double scale = 1 / static_cast<double>(deviation.cols());
+  Eigen::VectorXd left = deviation.rowwise().squaredNorm() * scale;
+  const double enough = 1e-8 * left.sum();
+  Eigen::MatrixXd factor(r, 0);
+  while (factor.cols() < r && left.sum() > enough) {
+    Eigen::Index pivot = 0;
+    const double largest = left.maxCoeff(&pivot);
+    if (!(largest > 0)) break;
+    Eigen::VectorXd column = scale * (deviation * deviation.row(pivot).transpose());
+    column.noalias() -= factor * factor.row(pivot).transpose();
+    column /= std::sqrt(largest);
+    factor.conservativeResize(Eigen::NoChange, factor.cols() + 1);
+    factor.rightCols(1) = column;
+    left = (left - column.cwiseAbs2()).cwiseMax(0.0);
+    left[pivot] = 0;
+  }
+  return factor;
+}
+
+/// Regression of w on p: Cov(w, p) L⁻ᵀ with L Lᵀ = Cov(p), column by column (Gram-Schmidt on p's deviations).
+Eigen::MatrixXd regression(const Eigen::MatrixXd& deviation, Eigen::MatrixXd p) {
+  p.rowwise() -= p.colwise().mean().eval();
+  const Eigen::VectorXd size = p.colwise().norm();
+  Eigen::MatrixXd tangent = Eigen::MatrixXd::Zero(deviation.rows(), p.cols());
+  for (Eigen::Index a = 0; a < p.cols(); ++a) {
+    for (Eigen::Index b = 0; b < a; ++b) p.col(a) -= p.col(b) * p.col(b).dot(p.col(a));
+    const double norm = p.col(a).norm();
+    if (!(norm > 1e-10 * size[a])) {
+      p.col(a).setZero();
+      continue;
+    }
+    p.col(a) /= norm;
+    tangent.col(a) = deviation * p.col(a) / std::sqrt(static_cast<double>(p.rows()));
+  }
+  return tangent;
+}
+
+}  // namespace
+
+/// Rows at the cumulative weights (j + ½)/n: as good as the order of the rows is even, and no dice.
+Eigen::MatrixXd equally_likely(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                               const Eigen::Ref<const Eigen::VectorXd>& weights) {
+  assert(points.rows() == weights.size() && points.rows() > 0);
+  return points(numerics::equal_draws(weights, k_prediction_points), Eigen::all);
+}
+
+PosteriorFunctions functions_at(const reduction::ParameterFunctions& functions, Eigen::MatrixXd points) {
+  reduction::FunctionBatch batch;
+  batch.resize(points.rows(), functions.dimension(), functions.count(), 0);
+  functions.evaluate(points, 0, batch);
+  PosteriorFunctions w;
+  w.deviation = batch.value.transpose();
+  w.mean = w.deviation.rowwise().mean();
+  w.deviation.colwise() -= w.mean;
+  w.factor = covariance_factor(w.deviation);
+  w.tangent = regression(w.deviation, std::move(points));
+  return w;
+}
+
+PosteriorFunctions posterior_functions(const reduction::ParameterFunctions& functions,
+                                       const Eigen::Ref<const Eigen::MatrixXd>& points,
+                                       const Eigen::Ref<const Eigen::VectorXd>& weights) {
+  return functions_at(functions, equally_likely(points, weights));
+}
+
+PosteriorFunctions prior_functions(const reduction::ParameterFunctions& functions,
+                                   const PriorTransform& transform) {
+  Eigen::MatrixXd z = numerics::sobol_normal_points(k_prediction_points, transform.dimension(), 1);
+  Eigen::MatrixXd p(z.rows(), z.cols()), none;
+  transform.evaluate(z, 0, p, none, none);
+  return functions_at(functions, std::move(p));
+}
+
+}  // namespace knothe::assimilation

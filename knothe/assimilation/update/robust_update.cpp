@@ -1,0 +1,153 @@
+#include "knothe/assimilation/update/robust_update.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <limits>
+
+#include "knothe/assimilation/select/data_selection.hpp"
+#include "knothe/base/error.hpp"
+
+namespace knothe::assimilation {
+namespace {
+
+constexpr double k_nan = std::numeric_limits<double>::quiet_NaN();
+constexpr int k_most_rounds = 12;
+
+}  // namespace
+
+RobustUpdate::RobustUpdate(std::shared_ptr<const reduction::ObservedModel> model, NoiseModel noise,
+                           std::vector<Prior> priors, UpdateOptions options, RobustOptions robust)
+    : model_(model),
+      noise_(noise),
+      robust_(robust),
+      update_(model, noise, std::move(priors), std::move(options)),
+      projector_(model, noise, update_.centre()),
+      watch_(noise),
+      noise_std_(noise.standard_deviations()) {
+  if (robust_.degrees_of_freedom > 0 && (!noise_.is_independent() || projector_.depends_on_order())) {
+    throw UsageError(
+        "a Student-t likelihood is for sensors whose noise is independent in space and time: use gating "
+        "(method.gate) with noise/precision, shared_reference or offsets");
+  }
+  if (noise_.has_step_errors()) {
+    throw UsageError(
+        "gating and the Student-t likelihood judge sensors one by one, but an error of the clock (its std) "
+        "is "
+        "common to all: give the clock no std, or take likelihood = \"gaussian\" without a gate");
+  }
+  prior_.points = prior_points(update_.priors(), 512);
+  prior_.weights = Eigen::VectorXd::Constant(512, 1.0 / 512);
+}
+
+RobustUpdate::Prediction RobustUpdate::predict(std::size_t time_index) const {
+  const WeightedPosterior& posterior = last_ ? update_.posterior() : prior_;
+  const auto& functions = *model_->functions;
+  reduction::FunctionBatch batch;
+  batch.resize(posterior.points.rows(), functions.dimension(), functions.count(), 0);
+  functions.evaluate(posterior.points, 0, batch);
+  const Eigen::VectorXd mean = batch.value.transpose() * posterior.weights;
+  const Eigen::MatrixXd centred = batch.value.rowwise() - mean.transpose();
+  const Eigen::MatrixXd covariance = centred.transpose() * posterior.weights.asDiagonal() * centred;
+  const auto& core = model_->core[time_index];
+  const Eigen::MatrixXd inner = core * covariance * core.transpose();
+  Prediction prediction;
+  prediction.mean =
+      model_->lift.col(static_cast<Eigen::Index>(time_index)) + model_->space * (core * mean).eval();
+  prediction.variance = (model_->space * inner).cwiseProduct(model_->space).rowwise().sum().cwiseMax(0);
+  return prediction;
+}
+
+const UpdateResult& RobustUpdate::update(std::size_t step, std::size_t time_index,
+                                         const Eigen::Ref<const Eigen::VectorXd>& values) {
+  using Clock = std::chrono::steady_clock;
+  if (last_ && step <= *last_) {
+    throw UsageError(fmt::format(
+        "step {} comes after step {}: with gating or a Student-t likelihood steps are taken in order", step,
+        *last_));
+  }
+  const auto start = Clock::now();
+  const Prediction before = predict(time_index);
+  judge(before, values);
+  Eigen::VectorXd accepted = values;
+  for (const Eigen::Index i : sensors_.rejected) accepted[i] = k_nan;
+  if (robust_.degrees_of_freedom > 0) {
+    weigh(step, time_index, accepted);
+  } else {
+    assimilate(step, time_index, accepted);
+  }
+  last_ = step;
+  result_ = update_.result();
+  result_.rejected = static_cast<Eigen::Index>(sensors_.rejected.size());
+  result_.missing -= result_.rejected;
+  result_.elapsed_us.projection = 0;
+  result_.elapsed_us.projection =
+      std::chrono::duration<double, std::micro>(Clock::now() - start).count() - result_.elapsed_us.total();
+  return result_;
+}
+
+void RobustUpdate::judge(const Prediction& before, const Eigen::Ref<const Eigen::VectorXd>& values) {
+  watch_.look(values, before.mean);
+  sensors_ = {};
+  sensors_.stuck = watch_.stuck();
+  sensors_.absent = watch_.absent();
+  sensors_.innovation = values - before.mean;
+  sensors_.test_ratio =
+      sensors_.innovation.cwiseAbs().array() / (noise_std_.array().square() + before.variance.array()).sqrt();
+  sensors_.weight = Eigen::VectorXd::Ones(values.size());
+  std::vector<Eigen::Index> outside;
+  Eigen::Index present = 0;
+  for (Eigen::Index i = 0; i < values.size(); ++i) {
+    if (std::isnan(values[i])) continue;
+    ++present;
+    if (robust_.gate > 0 && sensors_.test_ratio[i] > robust_.gate) outside.push_back(i);
+  }
+  if (2 * static_cast<Eigen::Index>(outside.size()) <= present) sensors_.rejected = std::move(outside);
+  for (const Eigen::Index i : sensors_.stuck) {
+    if (std::find(sensors_.rejected.begin(), sensors_.rejected.end(), i) == sensors_.rejected.end())
+      sensors_.rejected.push_back(i);
+  }
+  for (const Eigen::Index i : sensors_.rejected) sensors_.weight[i] = 0;
+}
+
+void RobustUpdate::assimilate(std::size_t step, std::size_t time_index, const Eigen::VectorXd& values) {
+  StepForm form;
+  projector_.project(step, time_index, values, form);
+  update_.put(step, time_index, std::move(form));
+  update_.conclude(step);
+}
+
+void RobustUpdate::weigh(std::size_t step, std::size_t time_index, const Eigen::VectorXd& values) {
+  const double nu = robust_.degrees_of_freedom;
+  const Eigen::Index n = values.size();
+  // Begin with what the prediction makes of the values: a wide prediction gives every value the benefit.
+  Eigen::VectorXd factor(n);
+  for (Eigen::Index i = 0; i < n; ++i)
+    factor[i] = std::isnan(values[i]) ? 1 : (nu + 1) / (nu + sensors_.test_ratio[i] * sensors_.test_ratio[i]);
+  for (int round = 0; round < k_most_rounds; ++round) {
+    projector_.set_noise_of(step, NoiseModel::independent(noise_std_.cwiseQuotient(factor.cwiseSqrt())));
+    StepForm form;
+    projector_.project(step, time_index, values, form);
+    update_.put(step, time_index, std::move(form));
+    update_.conclude(step);
+    last_ = step;
+    const Prediction now = predict(time_index);
+    double change = 0;
+    for (Eigen::Index i = 0; i < n; ++i) {
+      if (std::isnan(values[i])) continue;
+      const double square = ((values[i] - now.mean[i]) * (values[i] - now.mean[i]) + now.variance[i]) /
+                            (noise_std_[i] * noise_std_[i]);
+      const double better = (nu + 1) / (nu + square);
+      change = std::max(change, std::abs(better - factor[i]));
+      factor[i] = better;
+    }
+    if (change < 0.01) break;
+  }
+  for (Eigen::Index i = 0; i < n; ++i) {
+    if (!std::isnan(values[i])) sensors_.weight[i] = factor[i];
+  }
+}
+
+}  // namespace knothe::assimilation

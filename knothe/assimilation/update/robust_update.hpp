@@ -1,0 +1,72 @@
+#pragma once
+/// @file Sequential assimilation of data that may hold values which belong to no noise: gating, or a
+/// Student-t likelihood; innovations and test ratios of every sensor.
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "knothe/assimilation/data/sensor_watch.hpp"
+#include "knothe/assimilation/update/sequential_update.hpp"
+
+namespace knothe::assimilation {
+
+struct RobustOptions {
+  /// Values whose test ratio is larger are rejected; 0: none. Not where more than half of the sensors would
+  /// be: then it is the model that is wrong, or the load, not the sensors.
+  double gate = 0;
+  /// The noise of each sensor is Student-t with this many degrees of freedom; 0: Gaussian. Independent noise
+  /// only.
+  double degrees_of_freedom = 0;
+  [[nodiscard]] bool is_active() const { return gate > 0 || degrees_of_freedom > 0; }
+};
+
+/// What a datum says about the sensors, all n.
+struct SensorReport {
+  Eigen::VectorXd innovation;  ///< value − mean of the prediction from the data before, m; NaN where missing
+  Eigen::VectorXd test_ratio;  ///< |innovation| / √(noise + prediction variance); NaN where missing
+  Eigen::VectorXd weight;      ///< expected precision factor of a Student-t value; 1 for Gaussian, 0 rejected
+  std::vector<Eigen::Index> rejected, stuck, absent;
+};
+
+/// A Student-t value is Gaussian with the precision λ/σ², λ ~ Gamma(ν/2, ν/2). Posterior and factors are
+/// found in turn (variational Bayes: q(p) q(λ)): λ_j = (ν + 1)/(ν + E[e_j²]/σ_j²) with the mean over the
+/// posterior that they give, so that the posterior stays one quadratic form and every way of computing it
+/// serves. The evidence is that of the Gaussian with these precisions. Factors of a datum are found when it
+/// comes, and kept. Stuck sensors are rejected.
+class RobustUpdate {
+ public:
+  /// As SequentialUpdate's. Errors: UsageError for a Student-t likelihood with noise that is correlated in
+  /// space or shared in time.
+  RobustUpdate(std::shared_ptr<const reduction::ObservedModel> model, NoiseModel noise,
+               std::vector<Prior> priors, UpdateOptions options, RobustOptions robust);
+
+  /// Steps in increasing order: UsageError otherwise.
+  const UpdateResult& update(std::size_t step, std::size_t time_index,
+                             const Eigen::Ref<const Eigen::VectorXd>& values);
+  [[nodiscard]] const UpdateResult& result() const { return result_; }
+  [[nodiscard]] const SensorReport& sensors() const { return sensors_; }
+  [[nodiscard]] const WeightedPosterior& posterior() const { return update_.posterior(); }
+
+ private:
+  struct Prediction {
+    Eigen::VectorXd mean, variance;  ///< n, without the noise
+  };
+  [[nodiscard]] Prediction predict(std::size_t time_index) const;
+  void judge(const Prediction& before, const Eigen::Ref<const Eigen::VectorXd>& values);
+  void assimilate(std::size_t step, std::size_t time_index, const Eigen::VectorXd& values);
+  void weigh(std::size_t step, std::size_t time_index, const Eigen::VectorXd& values);
+
+  std::shared_ptr<const reduction::ObservedModel> model_;
+  NoiseModel noise_;
+  RobustOptions robust_;
+  SequentialUpdate update_;
+  DatumProjector projector_;
+  SensorWatch watch_;
+  Eigen::VectorXd noise_std_;
+  WeightedPosterior prior_;  ///< draws of the prior: the posterior before the first datum
+  std::optional<std::size_t> last_;
+  UpdateResult result_;
+  SensorReport sensors_;
+};
+
+}  // namespace knothe::assimilation

@@ -1,0 +1,76 @@
+#include "knothe/assimilation/update/tensor_quadrature.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <numbers>
+
+#include "knothe/numerics/statistics/normal_distribution.hpp"
+
+namespace knothe::assimilation {
+namespace {
+
+/// Weighted sum of Gaussians, normalised to `mass`.
+class Mixture final : public sampling::LogDensity {
+ public:
+  struct Part {
+    double weight;
+    Eigen::VectorXd mean;
+    Eigen::MatrixXd covariance;
+  };
+  explicit Mixture(std::vector<Part> parts) : parts_(std::move(parts)) {}
+  [[nodiscard]] Eigen::Index dimension() const override { return parts_[0].mean.size(); }
+  [[nodiscard]] int available_derivatives() const override { return 0; }
+  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int, sampling::LogDensityBatch& out) override {
+    for (Eigen::Index i = 0; i < z.rows(); ++i) {
+      double sum = 0;
+      for (const Part& part : parts_) {
+        const Eigen::VectorXd e = z.row(i).transpose() - part.mean;
+        sum += part.weight * std::exp(-0.5 * e.dot(part.covariance.inverse() * e)) /
+               std::sqrt((2 * std::numbers::pi * part.covariance).determinant());
+      }
+      out.value[i] = std::log(sum);
+    }
+  }
+
+ private:
+  std::vector<Part> parts_;
+};
+
+TEST(TensorQuadrature, NarrowCorrelatedGaussian) {
+  // Standard deviations of 0.03 and 0.05, correlation 0.98, away from the centre of the window.
+  Eigen::Matrix2d covariance;
+  covariance << 9e-4, 0.98 * 0.03 * 0.05, 0.98 * 0.03 * 0.05, 25e-4;
+  Mixture target({{std::exp(-7.0), Eigen::Vector2d(1.7, -2.2), covariance}});
+  const QuadraturePosterior q = tensor_quadrature(target);
+  const Eigen::Vector2d mean = q.points.transpose() * q.weights;
+  const Eigen::MatrixXd e = q.points.rowwise() - mean.transpose();
+  const Eigen::Matrix2d found = e.transpose() * q.weights.asDiagonal() * e;
+  EXPECT_NEAR(q.log_evidence, -7.0, 1e-6);
+  EXPECT_LT(q.refinement_change, 1e-3);
+  EXPECT_NEAR(mean[0], 1.7, 1e-6);
+  EXPECT_LT((found - covariance).cwiseAbs().maxCoeff(), 1e-6 * 25e-4);
+  EXPECT_NEAR((q.quantiles(1, 4) + 2.2) / 0.05, 1.959963984540054, 1e-2);
+  EXPECT_NEAR((q.quantiles(0, 0) - 1.7) / 0.03, -1.959963984540054, 1e-2);
+}
+
+TEST(TensorQuadrature, SeparatedModesAreAllThere) {
+  const Eigen::Matrix2d narrow = 0.01 * Eigen::Matrix2d::Identity();
+  Mixture target({{0.7, Eigen::Vector2d(-2, 1), narrow}, {0.3, Eigen::Vector2d(2.5, -1), 4 * narrow}});
+  const QuadraturePosterior q = tensor_quadrature(target);
+  const Eigen::Vector2d mean = q.points.transpose() * q.weights;
+  EXPECT_NEAR(q.log_evidence, 0, 1e-6);
+  EXPECT_NEAR(mean[0], 0.7 * -2 + 0.3 * 2.5, 1e-6);
+  EXPECT_NEAR(mean[1], 0.7 - 0.3, 1e-6);
+}
+
+TEST(TensorQuadrature, OneParameter) {
+  Mixture target({{1.0, Eigen::VectorXd::Constant(1, 0.4), Eigen::MatrixXd::Constant(1, 1, 1e-4)}});
+  const QuadraturePosterior q = tensor_quadrature(target);
+  EXPECT_NEAR(q.log_evidence, 0, 1e-8);
+  EXPECT_NEAR(q.quantiles(0, 1), 0.4 - 0.6744897501960817 * 0.01, 1e-5);
+}
+
+}  // namespace
+}  // namespace knothe::assimilation

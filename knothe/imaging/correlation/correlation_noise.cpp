@@ -1,0 +1,184 @@
+#include "knothe/imaging/correlation/correlation_noise.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "knothe/base/error.hpp"
+#include "knothe/imaging/correlation/spline_image.hpp"
+#include "knothe/numerics/linear/selected_inverse.hpp"
+
+namespace knothe::imaging {
+
+namespace {
+
+/// Cubic B-spline.
+double b_spline(double x) {
+  x = std::abs(x);
+  return x < 1 ? 2.0 / 3 - x * x + x * x * x / 2 : x < 2 ? (2 - x) * (2 - x) * (2 - x) / 6 : 0;
+}
+
+/// η(x) = Σ_k √3 z^|k| β³(x − k).
+double cardinal_spline(double x) {
+  const double z = std::sqrt(3.0) - 2;
+  double sum = 0;
+  const int centre = static_cast<int>(std::floor(x));
+  for (int k = centre - 1; k <= centre + 2; ++k)
+    sum += std::sqrt(3.0) * std::pow(z, std::abs(k)) * b_spline(x - k);
+  return sum;
+}
+
+}  // namespace
+
+double interpolated_noise_variance(double t) {
+  t -= std::floor(t);
+  double sum = 0;
+  for (int k = -24; k <= 25; ++k) sum += std::pow(cardinal_spline(t - k), 2);
+  return sum;
+}
+
+double noise_from_residual(const ImageCorrelation& correlation, const CorrelationResult& result,
+                           double reference_count) {
+  const ImageMesh& mesh = correlation.mesh();
+  double kappa = 0, elements = 0;
+  for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
+    if (result.element_valid[e] == 0) continue;
+    double u = 0, v = 0;
+    const int n = ImageMesh::nodes_of(mesh.elements[e]);
+    for (int a = 0; a < n; ++a) {
+      const int node = mesh.elements[e][static_cast<std::size_t>(a)];
+      u += result.displacement[2 * node] / n, v += result.displacement[2 * node + 1] / n;
+    }
+    kappa += interpolated_noise_variance(u) * interpolated_noise_variance(v), elements += 1;
+  }
+  if (elements == 0) return 0;
+  const double left =
+      1 - static_cast<double>(2 * mesh.node_count()) / std::max(1.0, static_cast<double>(result.pixels_used));
+  const double prefiltered = correlation.options().prefilter_sigma > 0
+                                 ? [&] {
+                                     const auto taps = gaussian_taps(correlation.options().prefilter_sigma);
+                                     double sum = static_cast<double>(taps[0] * taps[0]);
+                                     for (std::size_t k = 1; k < taps.size(); ++k) sum += 2 * static_cast<double>(taps[k] * taps[k]);
+                                     return sum * sum;
+                                   }()
+                                 : 1.0;
+  return result.residual_rms /
+         std::sqrt((1 / reference_count + result.gain * result.gain * kappa / elements) *
+                   std::max(0.1, left) * prefiltered);
+}
+
+double noise_from_repeat(const files::Picture& first, const files::Picture& second, const Region& region) {
+  if (first.width != second.width || first.height != second.height)
+    throw UsageError(fmt::format("noise from repeat pictures: they have {} × {} and {} × {} pixels",
+                                 first.width, first.height, second.width, second.height));
+  const int x0 = std::max(0, static_cast<int>(std::ceil(region.x0))),
+            x1 = std::min(first.width - 1, static_cast<int>(std::floor(region.x1)));
+  const int y0 = std::max(0, static_cast<int>(std::ceil(region.y0))),
+            y1 = std::min(first.height - 1, static_cast<int>(std::floor(region.y1)));
+  double n = 0, f = 0, g = 0, ff = 0, fg = 0, gg = 0;
+  for (int y = y0; y <= y1; ++y)
+    for (int x = x0; x <= x1; ++x) {
+      const double a = static_cast<double>(first.at(x, y)), b = static_cast<double>(second.at(x, y));
+      n += 1, f += a, g += b, ff += a * a, fg += a * b, gg += b * b;
+    }
+  if (n < 3) throw UsageError("noise from repeat pictures: the region holds no pixels");
+  // Total least squares would be exact for equal noise; with a gain near 1 the difference of the standardised
+  // pictures is as good.
+  const double variance_f = ff / n - f * f / (n * n), variance_g = gg / n - g * g / (n * n),
+               covariance = fg / n - f * g / (n * n);
+  const double gain = variance_g > 0 ? std::sqrt(variance_f / variance_g) : 1;
+  const double difference = variance_f + gain * gain * variance_g - 2 * gain * covariance;
+  return std::sqrt(std::max(0.0, difference) / (1 + gain * gain));
+}
+
+double prefilter_noise_factor(const files::Picture& reference, const Region& region, double sigma) {
+  if (!(sigma > 0)) return 1;
+  std::vector<float> value, dx, dy, smooth_x(reference.pixels.size()), smooth_y(reference.pixels.size());
+  SplineImage(reference, sigma).at_pixels(value, dx, dy);
+  const auto taps = gaussian_taps(sigma);
+  filter_picture(dx.data(), reference.width, reference.height, taps, smooth_x.data(),
+                 static_cast<std::size_t>(reference.width), 1);
+  filter_picture(dy.data(), reference.width, reference.height, taps, smooth_y.data(),
+                 static_cast<std::size_t>(reference.width), 1);
+  double before = 0, after = 0;
+  for (int y = std::max(0, static_cast<int>(region.y0));
+       y <= std::min(reference.height - 1, static_cast<int>(region.y1)); ++y)
+    for (int x = std::max(0, static_cast<int>(region.x0));
+         x <= std::min(reference.width - 1, static_cast<int>(region.x1)); ++x) {
+      const std::size_t i = reference.index(x, y);
+      before += static_cast<double>(dx[i] * dx[i] + dy[i] * dy[i]),
+          after += static_cast<double>(smooth_x[i] * smooth_x[i] + smooth_y[i] * smooth_y[i]);
+    }
+  return before > 0 ? after / before : 1;
+}
+
+double gradient_noise_variance(double sigma) {
+  // At a pixel the derivative is a filter along x, η'(k), and nothing along y; the prefilter acts along both.
+  std::vector<double> smooth{1};
+  if (sigma > 0) {
+    const auto taps = gaussian_taps(sigma);
+    smooth.clear();
+    for (std::size_t k = taps.size(); k-- > 1;) smooth.push_back(static_cast<double>(taps[k]));
+    for (const float tap : taps) smooth.push_back(static_cast<double>(tap));
+  }
+  const int radius = static_cast<int>(smooth.size() / 2), reach = radius + 24;
+  const auto slope = [](double x) { return (cardinal_spline(x + 1e-5) - cardinal_spline(x - 1e-5)) / 2e-5; };
+  double along = 0, across = 0;
+  for (int k = -reach; k <= reach; ++k) {
+    double sum = 0;
+    for (int j = -radius; j <= radius; ++j)
+      sum += smooth[static_cast<std::size_t>(j + radius)] * slope(k - j);
+    along += sum * sum;
+  }
+  for (const double tap : smooth) across += tap * tap;
+  return along * across;
+}
+
+double DisplacementPrecision::mean_std() const {
+  const auto count = (std.array() > 0).count();
+  return count > 0 ? std.sum() / static_cast<double>(count) : 0;
+}
+
+DisplacementPrecision displacement_precision(const ImageCorrelation& correlation,
+                                             const std::vector<char>& element_valid, double gamma,
+                                             double reference_count, double gain) {
+  const auto of = [&](double noise) {
+    const double ratio = gamma / noise;
+    return DisplacementPrecision{
+        correlation.precision(element_valid, noise, reference_count, gain) / (ratio * ratio),
+        correlation.displacement_std(element_valid, noise, reference_count, gain) * ratio};
+  };
+  try {
+    return of(gamma);
+  } catch (const NumericalError&) {
+    return of(1e-6 * gamma);  // of which the correction is nothing
+  }
+}
+
+Eigen::VectorXd displacement_std(const Eigen::SparseMatrix<double>& matrix) {
+  // Nodes that no valid element touches have empty rows: they are left out of the inverse.
+  std::vector<int> number(static_cast<std::size_t>(matrix.rows()), -1);
+  int count = 0;
+  for (int i = 0; i < matrix.rows(); ++i)
+    if (matrix.coeff(i, i) > 0) number[static_cast<std::size_t>(i)] = count++;
+  std::vector<Eigen::Triplet<double>> entries;
+  for (int column = 0; column < matrix.outerSize(); ++column)
+    for (Eigen::SparseMatrix<double>::InnerIterator it(matrix, column); it; ++it) {
+      const int i = number[static_cast<std::size_t>(it.row())],
+                j = number[static_cast<std::size_t>(it.col())];
+      if (i >= 0 && j >= 0) entries.emplace_back(i, j, it.value());
+    }
+  Eigen::VectorXd result = Eigen::VectorXd::Zero(matrix.rows());
+  if (count == 0) return result;
+  Eigen::SparseMatrix<double> active(count, count);
+  active.setFromTriplets(entries.begin(), entries.end());
+  const numerics::SelectedInverse inverse(active);
+  for (int i = 0; i < matrix.rows(); ++i)
+    if (const int at = number[static_cast<std::size_t>(i)]; at >= 0)
+      result[i] = std::sqrt(inverse.diagonal()[at]);
+  return result;
+}
+
+}  // namespace knothe::imaging

@@ -1,0 +1,311 @@
+#include "knothe/imaging/correlation/correlation_stage.hpp"
+
+#include <fmt/format.h>
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "knothe/base/error.hpp"
+#include "knothe/base/threads.hpp"
+#include "knothe/imaging/crack/strain.hpp"
+
+namespace knothe::imaging {
+
+namespace {
+
+constexpr int k_rejection_rounds = 8;
+constexpr int k_plain_steps = 4;  // without regularisation, from what was found with it
+constexpr double k_share_of_worst =
+    0.8;                       // of the residual of the worst neighbour, to be taken out in the same round
+constexpr double k_far = 0.6;  // of the contrast, as residual: the start is out of reach
+constexpr int k_readmissions = 3;         // each may bring one more row of elements back
+constexpr double k_most_restless = 0.05;  // of the nodes: more is a picture that does not converge …
+constexpr double k_restless_rows = 2;  // … if they are also more than so many rows from side to side: a crack
+
+}  // namespace
+
+CorrelationStage::CorrelationStage(ReferenceField reference, ImageMesh mesh,
+                                   const CorrelationOptions& options)
+    : reference_(std::move(reference)),
+      mesh_(std::move(mesh)),
+      pixels_(mesh_, reference_.width, reference_.height),
+      options_(options) {
+  make_constants();
+  sums_.resize(mesh_.elements.size());
+  element_brightness_.assign(mesh_.elements.size(), {1.0F, 0.0F});
+  element_step_.assign(mesh_.elements.size(), {0.0, 0.0});
+}
+
+Eigen::SparseMatrix<double> CorrelationStage::assemble(const std::vector<char>& valid, bool for_solving,
+                                                       double mass) const {
+  std::vector<Eigen::Triplet<double>> entries;
+  entries.reserve(64 * mesh_.elements.size() + mesh_.x.size());
+  for (std::size_t e = 0; e < mesh_.elements.size(); ++e) {
+    if (valid[e] == 0) continue;
+    const auto& nodes = mesh_.elements[e];
+    const Constants& c = constants_[e];
+    Eigen::Matrix<double, 8, 8> matrix = c.matrix;
+    if (for_solving && per_element())
+      matrix -= c.brightness * c.brightness_matrix.inverse() * c.brightness.transpose();
+    for (int a = 0; a < 4; ++a)
+      for (int b = 0; b < 4; ++b)
+        for (int i = 0; i < 2; ++i) matrix(2 * a + i, 2 * b + i) += mass * c.mass(a, b);
+    for (int a = 0; a < ImageMesh::nodes_of(nodes); ++a) {
+      for (int b = 0; b < ImageMesh::nodes_of(nodes); ++b)
+        for (int i = 0; i < 2; ++i)
+          for (int j = 0; j < 2; ++j)
+            entries.emplace_back(2 * nodes[static_cast<std::size_t>(a)] + i,
+                                 2 * nodes[static_cast<std::size_t>(b)] + j, matrix(2 * a + i, 2 * b + j));
+    }
+  }
+  Eigen::SparseMatrix<double> result(2 * mesh_.node_count(), 2 * mesh_.node_count());
+  result.setFromTriplets(entries.begin(), entries.end());
+  return result;
+}
+
+Eigen::SparseMatrix<double> CorrelationStage::matrix(const std::vector<char>& valid, double mass) const {
+  return assemble(valid, false, mass);
+}
+
+/// Nodes that nothing holds get a row of their own.
+void CorrelationStage::factorise_or_shift(Eigen::SparseMatrix<double>& matrix, Solver& solver) const {
+  for (int i = 0; i < matrix.rows(); ++i)
+    if (matrix.coeff(i, i) == 0) matrix.coeffRef(i, i) = 1;
+  solver.compute(matrix);
+  if (solver.info() == Eigen::Success) return;
+  const double shift = 1e-9 * matrix.diagonal().maxCoeff();  // a node held by too little texture
+  for (int i = 0; i < matrix.rows(); ++i) matrix.coeffRef(i, i) += shift;
+  solver.compute(matrix);
+  if (solver.info() != Eigen::Success)
+    throw NumericalError(
+        "image correlation: the matrix of the mesh is singular; choose larger elements, or regularisation");
+}
+
+/// Gauss–Newton without R from where it stopped with R: from M u₀ ≈ (M + R) u on, in the true residual.
+void CorrelationStage::take_regularisation_out(const SplineImage& deformed, CorrelationResult& result) {
+  if (!(penalty_ > 0) || !result.converged) return;
+  if (plain_for_ != result.element_valid) {
+    Eigen::SparseMatrix<double> matrix = assemble(result.element_valid, true, 0);
+    factorise_or_shift(matrix, plain_);
+    plain_for_ = result.element_valid;
+  }
+  CorrelationResult free = result;
+  for (int k = 0; k < k_plain_steps; ++k) {
+    sum_residuals(deformed, free);
+    (void)assemble_right(free);
+    step_ = plain_.solve(right_);
+    free.displacement += step_;
+    if (step_.cwiseAbs().maxCoeff() < options_.tolerance) break;
+  }
+  result.unregularised = free.displacement.allFinite() ? std::move(free.displacement) : result.displacement;
+}
+
+void CorrelationStage::factorise(const std::vector<char>& valid) {
+  if (factorised_for_ == valid) return;
+  Eigen::SparseMatrix<double> matrix = assemble(valid, true, 0);
+  penalty_matrix_ = penalty(valid);
+  if (penalty_ > 0) matrix += penalty_matrix_;
+  factorise_or_shift(matrix, solver_);
+  factorised_for_ = valid;
+  if (options_.brightness != Brightness::global) return;
+  coupling_.setZero(2 * mesh_.node_count(), 2);
+  Eigen::Matrix2d brightness = Eigen::Matrix2d::Zero();
+  for (std::size_t e = 0; e < mesh_.elements.size(); ++e) {
+    if (valid[e] == 0) continue;
+    brightness += constants_[e].brightness_matrix;
+    for (int a = 0; a < ImageMesh::nodes_of(mesh_.elements[e]); ++a)
+      coupling_.middleRows(2 * mesh_.elements[e][static_cast<std::size_t>(a)], 2) +=
+          constants_[e].brightness.middleRows(2 * a, 2);
+  }
+  solved_coupling_ = solver_.solve(coupling_);
+  brightness_schur_ = brightness - coupling_.transpose() * solved_coupling_;
+}
+
+ElementMotion CorrelationStage::motion(std::size_t e, const CorrelationResult& result) const {
+  const auto& nodes = mesh_.elements[e];
+  const auto& coefficients = pixels_.elements()[e].coefficients;
+  ElementMotion m;
+  for (std::size_t a = 0; a < static_cast<std::size_t>(ImageMesh::nodes_of(nodes)); ++a)
+    for (std::size_t k = 0; k < 4; ++k) {
+      m.u[k] += coefficients[a][k] * result.displacement[2 * nodes[a]];
+      m.v[k] += coefficients[a][k] * result.displacement[2 * nodes[a] + 1];
+    }
+  m.gain = per_element() ? element_brightness_[e][0] : static_cast<float>(result.gain);
+  m.offset = per_element() ? element_brightness_[e][1] : static_cast<float>(result.offset);
+  return m;
+}
+
+std::vector<double> CorrelationStage::element_rms() const {
+  std::vector<double> rms(sums_.size(), 0);
+  for (std::size_t e = 0; e < sums_.size(); ++e)
+    if (sums_[e].count > 0) rms[e] = std::sqrt(sums_[e].r_squared / sums_[e].count);
+  return rms;
+}
+
+double CorrelationStage::residual_limit(const CorrelationResult& result,
+                                        const std::vector<double>& rms) const {
+  std::vector<double> valid;
+  for (std::size_t e = 0; e < rms.size(); ++e)
+    if (result.element_valid[e] != 0 && sums_[e].count > 0) valid.push_back(rms[e]);
+  return options_.rejection_factor * median_of(valid);
+}
+
+int CorrelationStage::reject(CorrelationResult& result, bool restless) const {
+  const std::vector<double> rms = element_rms();
+  const double limit = residual_limit(result, rms);
+  std::vector<double> around(mesh_.x.size(), 0);
+  for (std::size_t e = 0; e < sums_.size(); ++e) {
+    if (result.element_valid[e] == 0) continue;
+    for (int a = 0; a < ImageMesh::nodes_of(mesh_.elements[e]); ++a) {
+      double& largest = around[static_cast<std::size_t>(mesh_.elements[e][static_cast<std::size_t>(a)])];
+      largest = std::max(largest, rms[e]);
+    }
+  }
+  const auto before = std::count(result.element_valid.begin(), result.element_valid.end(), 1);
+  for (std::size_t e = 0; e < sums_.size(); ++e) {
+    if (result.element_valid[e] == 0) continue;
+    // An element on a crack pulls at the nodes of its neighbours: only the worst go at once, the others get
+    // another chance.
+    double worst_neighbour = 0;
+    for (int a = 0; a < ImageMesh::nodes_of(mesh_.elements[e]); ++a)
+      worst_neighbour = std::max(
+          worst_neighbour, around[static_cast<std::size_t>(mesh_.elements[e][static_cast<std::size_t>(a)])]);
+    const bool unseen = sums_[e].count < k_least_pixel_share * pixels_.elements()[e].pixel_count;
+    const bool bad =
+        options_.reject_elements && rms[e] > limit && rms[e] > k_share_of_worst * worst_neighbour;
+    if (unseen || bad) result.element_valid[e] = 0;
+  }
+  if (restless && options_.reject_elements) reject_restless(result, rms);
+  return static_cast<int>(before - std::count(result.element_valid.begin(), result.element_valid.end(), 1));
+}
+
+/// Nodes that never come to rest, between the two sides of a crack as a rule: of the elements around each the
+/// one with the largest residual goes.
+void CorrelationStage::reject_restless(CorrelationResult& result, const std::vector<double>& rms) const {
+  std::vector<int> worst(mesh_.x.size(), -1);
+  int count = 0;
+  for (int n = 0; n < mesh_.node_count(); ++n)
+    if (step_.segment<2>(2 * n).cwiseAbs().maxCoeff() > options_.tolerance)
+      worst[static_cast<std::size_t>(n)] = -2, ++count;
+  const double nodes = mesh_.node_count();
+  if (count > std::max(k_most_restless * nodes, k_restless_rows * std::sqrt(nodes))) return;
+  for (std::size_t e = 0; e < sums_.size(); ++e) {
+    if (result.element_valid[e] == 0) continue;
+    for (int a = 0; a < ImageMesh::nodes_of(mesh_.elements[e]); ++a) {
+      int& at = worst[static_cast<std::size_t>(mesh_.elements[e][static_cast<std::size_t>(a)])];
+      if (at == -2 || (at >= 0 && rms[e] > rms[static_cast<std::size_t>(at)])) at = static_cast<int>(e);
+    }
+  }
+  for (const int e : worst)
+    if (e >= 0) result.element_valid[static_cast<std::size_t>(e)] = 0;
+}
+
+/// Nodes without a valid element take what their neighbours' displacements and gradients say.
+void CorrelationStage::extrapolate(CorrelationResult& result) const {
+  const auto measured = measured_nodes(mesh_, result.element_valid);
+  const Eigen::MatrixXd gradient = nodal_gradients(mesh_, result.displacement, result.element_valid);
+  Eigen::VectorXd sum = Eigen::VectorXd::Zero(result.displacement.size()),
+                  count = Eigen::VectorXd::Zero(mesh_.node_count());
+  for (const auto& nodes : mesh_.elements)
+    for (int a = 0; a < ImageMesh::nodes_of(nodes); ++a)
+      for (int b = 0; b < ImageMesh::nodes_of(nodes); ++b) {
+        const int to = nodes[static_cast<std::size_t>(a)], from = nodes[static_cast<std::size_t>(b)];
+        const auto p = static_cast<std::size_t>(to), q = static_cast<std::size_t>(from);
+        if (measured[p] != 0 || measured[q] == 0) continue;
+        const double dx = mesh_.x[p] - mesh_.x[q], dy = mesh_.y[p] - mesh_.y[q];
+        for (int k = 0; k < 2; ++k)
+          sum[2 * to + k] +=
+              result.displacement[2 * from + k] + gradient(from, 2 * k) * dx + gradient(from, 2 * k + 1) * dy;
+        count[to] += 1;
+      }
+  for (int n = 0; n < mesh_.node_count(); ++n)
+    if (count[n] > 0) result.displacement.segment<2>(2 * n) = sum.segment<2>(2 * n) / count[n];
+}
+
+/// Elements that were taken out, perhaps because they began too far off: where the continuation of the motion
+/// around explains them they come back, each once.
+int CorrelationStage::readmit(const SplineImage& deformed, CorrelationResult& result,
+                              std::vector<char>& tried) {
+  if (result.element_valid == usable_) return 0;
+  extrapolate(result);
+  sum_residuals(deformed, result);
+  const std::vector<double> rms = element_rms();
+  const double limit = residual_limit(result, rms);
+  int count = 0;
+  for (std::size_t e = 0; e < sums_.size(); ++e) {
+    if (result.element_valid[e] != 0 || usable_[e] == 0 || tried[e] != 0 || rms[e] > limit ||
+        sums_[e].count < k_least_pixel_share * pixels_.elements()[e].pixel_count)
+      continue;
+    result.element_valid[e] = tried[e] = 1, ++count;
+  }
+  return count;
+}
+
+void CorrelationStage::start_brightness(const CorrelationResult& result) {
+  std::fill(element_brightness_.begin(), element_brightness_.end(),
+            std::array<float, 2>{static_cast<float>(result.gain), static_cast<float>(result.offset)});
+  sums_current_ = false;
+  brightness_step_.setZero();
+}
+
+double CorrelationStage::misfit(const SplineImage& deformed, const CorrelationResult& result) {
+  start_brightness(result);
+  sum_residuals(deformed, result);
+  double squares = 0, count = 0;
+  for (std::size_t e = 0; e < sums_.size(); ++e)
+    if (result.element_valid.empty() || result.element_valid[e] != 0)
+      squares += sums_[e].r_squared, count += sums_[e].count;
+  return count > 0 ? squares / count : std::numeric_limits<double>::infinity();
+}
+
+bool CorrelationStage::correlate(const SplineImage& deformed, CorrelationResult& result,
+                                 bool give_up_if_far) {
+  if (result.element_valid.empty()) {
+    result.element_valid = usable_;
+  } else {
+    for (std::size_t e = 0; e < usable_.size(); ++e) result.element_valid[e] &= usable_[e];
+  }
+  result.iterations = 0;
+  result.message.clear();
+  start_brightness(result);
+  if (give_up_if_far && !(misfit(deformed, result) < k_far * k_far * contrast() * contrast())) return false;
+  std::vector<char> tried(usable_.size(), 0);
+  int allowed = options_.max_iterations, readmissions = 0;  // iterations without an element taken out
+  for (int round = 0;; ++round) {
+    const int before = result.iterations;
+    iterate(deformed, result);
+    if (!std::isfinite(result.last_step) || result.displacement.isZero(0)) break;  // diverged
+    allowed -= result.iterations - before;
+    const bool rejected = round < k_rejection_rounds && reject(result, round > 0 && !result.converged) > 0;
+    if (std::count(result.element_valid.begin(), result.element_valid.end(), 1) == 0) {
+      result.message = "no element is left: the deformed picture does not show the surface of the reference";
+      result.converged = false;
+      break;
+    }
+    if (rejected) {
+      allowed = std::max(allowed, k_iterations_per_round);
+      continue;
+    }
+    if (!result.converged && allowed > 0) continue;
+    if (!result.converged || !options_.reject_elements || readmissions++ == k_readmissions ||
+        readmit(deformed, result, tried) == 0)
+      break;
+    round = 0;
+    allowed = std::max(allowed, k_iterations_per_round);
+  }
+  result.elements_rejected =
+      static_cast<int>(std::count(result.element_valid.begin(), result.element_valid.end(), 0));
+  result.element_residual.assign(sums_.size(), 0);
+  double squares = 0, pixels = 0;
+  for (std::size_t e = 0; e < sums_.size(); ++e) {
+    if (sums_[e].count > 0) result.element_residual[e] = std::sqrt(sums_[e].r_squared / sums_[e].count);
+    if (result.element_valid[e] != 0) squares += sums_[e].r_squared, pixels += sums_[e].count;
+  }
+  result.pixels_used = pixels;
+  result.residual_rms = pixels > 0 ? std::sqrt(squares / pixels) : 0;
+  return true;
+}
+
+}  // namespace knothe::imaging

@@ -1,0 +1,317 @@
+#include "knothe/imaging/correlation/image_correlation.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <optional>
+
+#include "knothe/base/error.hpp"
+#include "knothe/imaging/correlation/correlation_noise.hpp"
+#include "knothe/imaging/correlation/correlation_stage.hpp"
+#include "knothe/imaging/correlation/picture_pyramid.hpp"
+
+namespace knothe::imaging {
+
+namespace {
+
+constexpr double k_coarsest = 64;        // px: size of the region in the smallest picture, at most twice that
+constexpr double k_coarse_element = 16;  // px of the coarse picture, at least
+constexpr double k_same_start = 0.1;     // px: starts nearer than that are as good as each other
+constexpr double k_coarse_smoothing = 3;  // cut-off wavelength of coarse stages, in elements
+
+/// Pixels of the mesh, as a mask.
+files::Picture mesh_mask(const PixelTable& pixels, const ReferenceField& field) {
+  files::Picture mask;
+  mask.width = field.width, mask.height = field.height;
+  mask.pixels.assign(static_cast<std::size_t>(field.width) * static_cast<std::size_t>(field.height), 0.0F);
+  for (const auto& element : pixels.elements())
+    for (const auto& row : pixels.rows(element))
+      for (int k = 0; k < row.count; ++k) mask.at(row.x + k, row.y) = field.use[mask.index(row.x + k, row.y)];
+  return mask;
+}
+
+void require_same_size(const files::Picture& picture, int width, int height, const char* what) {
+  if (picture.width != width || picture.height != height)
+    throw UsageError(fmt::format(
+        "{} has {} × {} pixels, the reference picture {} × {}: all pictures of a series must be of one size",
+        what, picture.width, picture.height, width, height));
+}
+
+}  // namespace
+
+Eigen::MatrixXd interpolate(const ImageMesh& mesh, const Eigen::VectorXd& displacement,
+                            const Eigen::Ref<const Eigen::MatrixXd>& points, std::vector<char>& inside,
+                            const std::vector<char>& element_valid) {
+  const PointLocator locator(mesh);
+  Eigen::MatrixXd result(points.rows(), 2);
+  inside.assign(static_cast<std::size_t>(points.rows()), 0);
+  for (Eigen::Index i = 0; i < points.rows(); ++i) {
+    const auto place = locator.find(points(i, 0), points(i, 1));
+    result.row(i).setConstant(std::numeric_limits<double>::quiet_NaN());
+    if (place.element < 0 ||
+        (!element_valid.empty() && element_valid[static_cast<std::size_t>(place.element)] == 0))
+      continue;
+    inside[static_cast<std::size_t>(i)] = 1;
+    result.row(i).setZero();
+    const auto& nodes = mesh.elements[static_cast<std::size_t>(place.element)];
+    for (std::size_t a = 0; a < static_cast<std::size_t>(ImageMesh::nodes_of(nodes)); ++a)
+      for (int k = 0; k < 2; ++k) result(i, k) += place.shape[a] * displacement[2 * nodes[a] + k];
+  }
+  return result;
+}
+
+std::vector<char> measured_nodes(const ImageMesh& mesh, const std::vector<char>& element_valid) {
+  std::vector<char> measured(mesh.x.size(), 0);
+  for (std::size_t e = 0; e < mesh.elements.size(); ++e)
+    if (element_valid[e] != 0)
+      for (int a = 0; a < ImageMesh::nodes_of(mesh.elements[e]); ++a)
+        measured[static_cast<std::size_t>(mesh.elements[e][static_cast<std::size_t>(a)])] = 1;
+  return measured;
+}
+
+/// A stage on a picture of half, quarter … size that helps to find the start.
+struct CoarseStage {
+  int level;
+  std::unique_ptr<CorrelationStage> stage;
+};
+
+struct ImageCorrelation::Work {
+  files::Picture reference, mask;
+  CorrelationOptions options;
+  CorrelationStage fine;
+  SplineImage deformed;
+  std::vector<PyramidLevel> reference_pyramid;
+  std::vector<CoarseStage> coarse;     ///< from the coarsest on; made when first needed
+  std::optional<double> noise_factor;  ///< of the prefilter; made when first needed
+
+  Work(const files::Picture& f, const files::Picture& m, ImageMesh mesh, const CorrelationOptions& o)
+      : reference(f),
+        mask(m),
+        options(o),
+        fine(reference_field(f, m, o.prefilter_sigma, o.saturation, o.threads), std::move(mesh), o) {}
+
+  void make_coarse_stages();
+  void search(const files::Picture& picture, CorrelationResult& result);
+};
+
+void ImageCorrelation::Work::make_coarse_stages() {
+  if (!reference_pyramid.empty()) return;
+  const Region bounds = fine.mesh().bounds();
+  const double size = std::max(bounds.width(), bounds.height());
+  const int top = std::clamp(static_cast<int>(std::floor(std::log2(size / k_coarsest))), 0, 6);
+  reference_pyramid = picture_pyramid(reference, mesh_mask(fine.pixels(), fine.reference()), top);
+  const double fine_element = std::sqrt(bounds.width() * bounds.height() / fine.mesh().element_count());
+  CorrelationOptions coarse_options = options;
+  coarse_options.reject_elements = false;
+  coarse_options.regularisation_kind = Regularisation::tikhonov;
+  coarse_options.brightness = options.brightness == Brightness::none ? Brightness::none : Brightness::global;
+  coarse_options.tolerance = 0.02;
+  coarse_options.max_iterations = 30;
+  for (int level = top; level >= 0; --level) {
+    const auto& at = reference_pyramid[static_cast<std::size_t>(level)];
+    const auto shrink = [&](double x, int limit) { return std::clamp(to_level(x, level), 0.0, limit - 1.0); };
+    const Region region{shrink(bounds.x0, at.picture.width), shrink(bounds.y0, at.picture.height),
+                        shrink(bounds.x1, at.picture.width), shrink(bounds.y1, at.picture.height)};
+    if (std::min(region.width(), region.height()) < 6) continue;
+    // The coarsest picture first by one element, which is nearly an affine motion; then ever finer ones.
+    std::vector<double> sizes;
+    if (level == top) sizes.push_back(std::max(region.width(), region.height()));
+    if (level > 0) sizes.push_back(std::max(k_coarse_element, fine_element / std::pow(2.0, level)));
+    for (const double element : sizes) {
+      coarse_options.regularisation = k_coarse_smoothing * element;
+      try {
+        coarse.push_back(
+            {level,
+             std::make_unique<CorrelationStage>(
+                 reference_field(at.picture, at.mask, 0, std::numeric_limits<double>::max(), options.threads),
+                 structured_mesh(region, std::min({element, region.width(), region.height()})),
+                 coarse_options)});
+      } catch (const UsageError&) {
+        // No texture left at this scale: the finer ones must do.
+      }
+    }
+  }
+}
+
+void ImageCorrelation::Work::search(const files::Picture& picture, CorrelationResult& result) {
+  make_coarse_stages();
+  const auto pyramid = picture_pyramid(picture, {}, static_cast<int>(reference_pyramid.size()) - 1);
+  CorrelationResult last;
+  const CoarseStage* before = nullptr;
+  SplineImage image;
+  int image_level = -1;
+  for (auto& current : coarse) {
+    const int level = current.level;
+    CorrelationStage& stage = *current.stage;
+    CorrelationResult now;
+    const auto& nodes = stage.mesh();
+    now.displacement.setZero(2 * nodes.node_count());
+    if (before == nullptr) {
+      const auto shift = best_shift(reference_pyramid[static_cast<std::size_t>(level)],
+                                    pyramid[static_cast<std::size_t>(level)].picture);
+      for (int a = 0; a < nodes.node_count(); ++a)
+        now.displacement[2 * a] = shift[0], now.displacement[2 * a + 1] = shift[1];
+    } else {
+      transfer(before->stage->mesh(), last.displacement, before->level, nodes, level, now.displacement);
+      now.gain = last.gain, now.offset = last.offset;
+    }
+    if (image_level != level)
+      image.assign(pyramid[static_cast<std::size_t>(level)].picture, 0, options.threads), image_level = level;
+    const Eigen::VectorXd start = now.displacement;
+    stage.correlate(image, now);
+    if (!now.displacement.allFinite() || now.displacement.isZero(0))
+      now.displacement = start;  // did not help
+    before = &current;
+    last = std::move(now);
+  }
+  if (before != nullptr) {
+    transfer(before->stage->mesh(), last.displacement, before->level, fine.mesh(), 0, result.displacement);
+    result.gain = last.gain, result.offset = last.offset;
+  }
+}
+
+ImageCorrelation::ImageCorrelation(const files::Picture& reference, ImageMesh mesh,
+                                   CorrelationOptions options, const files::Picture& mask) {
+  if (!mask.pixels.empty()) require_same_size(mask, reference.width, reference.height, "the mask");
+  work_ = std::make_unique<Work>(reference, mask, std::move(mesh), options);
+}
+ImageCorrelation::~ImageCorrelation() = default;
+ImageCorrelation::ImageCorrelation(ImageCorrelation&&) noexcept = default;
+ImageCorrelation& ImageCorrelation::operator=(ImageCorrelation&&) noexcept = default;
+
+const ImageMesh& ImageCorrelation::mesh() const {
+  return work_->fine.mesh();
+}
+const CorrelationOptions& ImageCorrelation::options() const {
+  return work_->options;
+}
+Eigen::SparseMatrix<double> ImageCorrelation::matrix(const std::vector<char>& element_valid) const {
+  return work_->fine.matrix(element_valid);
+}
+Eigen::SparseMatrix<double> ImageCorrelation::matrix() const {
+  return work_->fine.matrix(work_->fine.usable());
+}
+Eigen::SparseMatrix<double> ImageCorrelation::precision(const std::vector<char>& element_valid, double gamma,
+                                                        double reference_count, double gain) const {
+  if (!(gamma > 0))
+    throw UsageError(fmt::format(
+        "precision of displacements: the noise of the pictures is {} grey levels; it must be positive",
+        gamma));
+  const double reference_variance = gamma * gamma / reference_count;
+  return work_->fine.matrix(element_valid, -2 * reference_variance *
+                                               gradient_noise_variance(work_->options.prefilter_sigma)) /
+         difference_variance(gamma, reference_count, gain);
+}
+Eigen::VectorXd ImageCorrelation::displacement_std(const std::vector<char>& element_valid, double gamma,
+                                                   double reference_count, double gain) const {
+  const Eigen::SparseMatrix<double> p = precision(element_valid, gamma, reference_count, gain);
+  if (!(work_->options.regularisation > 0)) return imaging::displacement_std(p);
+  // M and A in units of the precision; P = (M − 2D)/v, so that A_t = M − D + R = (M + v P)/2 + R.
+  const double v = difference_variance(gamma, reference_count, gain);
+  const Eigen::SparseMatrix<double> m = matrix(element_valid) / v,
+                                    a = 0.5 * (m + p) + work_->fine.penalty(element_valid) / v;
+  // diag(A⁻¹ M A⁻¹) = −d/dt diag((A + t M)⁻¹): two selected inversions instead of a dense inverse.
+  constexpr double k_step = 1e-3;
+  const Eigen::VectorXd less = imaging::displacement_std(a - k_step * m),
+                        more = imaging::displacement_std(a + k_step * m);
+  Eigen::VectorXd std =
+      ((less.array().square() - more.array().square()) / (2 * k_step)).max(0.0).sqrt().matrix();
+  const auto measured = measured_nodes(mesh(), element_valid);
+  for (int n = 0; n < mesh().node_count(); ++n)
+    if (measured[static_cast<std::size_t>(n)] == 0) std.segment<2>(2 * n).setZero();
+  return std;
+}
+double ImageCorrelation::difference_variance(double gamma, double reference_count, double gain) const {
+  if (!work_->noise_factor)
+    work_->noise_factor =
+        prefilter_noise_factor(work_->reference, mesh().bounds(), work_->options.prefilter_sigma);
+  return gamma * gamma * (1 / reference_count + gain * gain) * *work_->noise_factor;
+}
+ReferenceRows ImageCorrelation::reference_rows() const {
+  return work_->fine.reference().rows();
+}
+const SplineImage& ImageCorrelation::deformed_image() const {
+  return work_->deformed;
+}
+const std::vector<char>& ImageCorrelation::usable_elements() const {
+  return work_->fine.usable();
+}
+const files::Picture& ImageCorrelation::reference() const {
+  return work_->reference;
+}
+double ImageCorrelation::contrast() const {
+  return work_->fine.contrast();
+}
+const PixelTable& ImageCorrelation::pixels() const {
+  return work_->fine.pixels();
+}
+const std::vector<double>& ImageCorrelation::element_gradient() const {
+  return work_->fine.element_gradient();
+}
+
+CorrelationResult ImageCorrelation::correlate(const files::Picture& deformed, const Eigen::VectorXd& start,
+                                              const std::vector<char>& start_valid,
+                                              const Eigen::VectorXd& prediction) {
+  require_same_size(deformed, work_->reference.width, work_->reference.height, "the deformed picture");
+  const Eigen::Index dofs = 2 * mesh().node_count();
+  for (const Eigen::VectorXd* given : {&start, &prediction})
+    if (given->size() != 0 && given->size() != dofs)
+      throw UsageError(fmt::format("image correlation: {} displacements to start with, the mesh has {}",
+                                   given->size(), dofs));
+  CorrelationResult result;
+  result.displacement = start.size() != 0 ? start : Eigen::VectorXd(Eigen::VectorXd::Zero(dofs));
+  // The first two that differ are soon found in a picture of something.
+  const auto other =
+      std::adjacent_find(deformed.pixels.begin(), deformed.pixels.end(), std::not_equal_to<>());
+  if (other == deformed.pixels.end()) {
+    result.message =
+        fmt::format("the picture is uniform (every pixel is {:.0f}): nothing can be followed in it",
+                    static_cast<double>(deformed.pixels.front()));
+    result.displacement.setZero();
+    result.element_valid.assign(mesh().elements.size(), 0);
+    result.element_residual.assign(mesh().elements.size(), 0);
+    result.elements_rejected = mesh().element_count();
+    return result;
+  }
+  work_->deformed.assign(deformed, work_->options.prefilter_sigma, work_->options.threads);
+  if (start.size() != 0) {
+    if (start_valid.size() == mesh().elements.size()) result.element_valid = start_valid;
+    if (prediction.size() != 0 && (prediction - start).cwiseAbs().maxCoeff() > k_same_start) {
+      const double misfit = work_->fine.misfit(work_->deformed, result);
+      result.displacement = prediction;
+      result.predicted = work_->fine.misfit(work_->deformed, result) < misfit;
+      if (!result.predicted) result.displacement = start;
+    }
+    if (work_->fine.correlate(work_->deformed, result, true)) {
+      work_->fine.take_regularisation_out(work_->deformed, result);
+      return result;
+    }
+    result = {};
+    result.displacement.setZero(dofs);
+  }
+  work_->search(deformed, result);
+  result.searched = true;
+  work_->fine.correlate(work_->deformed, result);
+  work_->fine.take_regularisation_out(work_->deformed, result);
+  return result;
+}
+
+void ImageCorrelation::set_deformed(const files::Picture& deformed) {
+  work_->deformed.assign(deformed, work_->options.prefilter_sigma, work_->options.threads);
+}
+
+std::vector<float> ImageCorrelation::residual_picture(const CorrelationResult& result) const {
+  const auto& fine = work_->fine;
+  const auto width = static_cast<std::size_t>(fine.reference().width);
+  std::vector<float> residual(width * static_cast<std::size_t>(fine.reference().height),
+                              std::numeric_limits<float>::quiet_NaN());
+  for (std::size_t e = 0; e < fine.mesh().elements.size(); ++e)
+    residual_pixels(fine.pixels(), fine.pixels().elements()[e], fine.reference().rows(), work_->deformed,
+                    fine.motion(e, result), residual.data(), width);
+  return residual;
+}
+
+}  // namespace knothe::imaging

@@ -1,0 +1,102 @@
+#include "knothe/imaging/mesh/registration.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "knothe/base/error.hpp"
+
+namespace knothe::imaging {
+
+namespace {
+using Complex = std::complex<double>;
+}  // namespace
+
+std::array<double, 3> PictureFrame::model_point(double x, double y) const {
+  const Complex at = slope * Complex(x, -y) + offset;
+  return view == View::side ? std::array<double, 3>{at.real(), at.imag(), plane}
+                            : std::array<double, 3>{at.real(), plane, at.imag()};
+}
+
+std::array<double, 2> PictureFrame::picture_point(const std::array<double, 3>& point) const {
+  const Complex at(point[0], view == View::side ? point[1] : point[2]);
+  const Complex w = (at - offset) / slope;
+  return {w.real(), -w.imag()};
+}
+
+std::array<int, 2> PictureFrame::components() const {
+  return view == View::side ? std::array<int, 2>{0, 1} : std::array<int, 2>{0, 2};
+}
+
+Eigen::Matrix2d PictureFrame::displacement_matrix() const {
+  Eigen::Matrix2d t;
+  t << slope.real(), slope.imag(), slope.imag(), -slope.real();
+  return t;
+}
+
+Eigen::VectorXd PictureFrame::to_model(const Eigen::VectorXd& displacement) const {
+  const Eigen::Matrix2d t = displacement_matrix();
+  Eigen::VectorXd result(displacement.size());
+  for (Eigen::Index a = 0; a + 1 < displacement.size(); a += 2)
+    result.segment<2>(a) = t * displacement.segment<2>(a);
+  return result;
+}
+
+Eigen::SparseMatrix<double> PictureFrame::to_model(const Eigen::SparseMatrix<double>& precision) const {
+  const Eigen::Matrix2d inverse = displacement_matrix() / std::norm(slope);
+  std::vector<Eigen::Triplet<double>> entries;
+  entries.reserve(static_cast<std::size_t>(precision.rows()));
+  for (int a = 0; a < precision.rows(); a += 2)
+    for (int i = 0; i < 2; ++i)
+      for (int j = 0; j < 2; ++j) entries.emplace_back(a + i, a + j, inverse(i, j));
+  Eigen::SparseMatrix<double> turn(precision.rows(), precision.cols());
+  turn.setFromTriplets(entries.begin(), entries.end());
+  const Eigen::SparseMatrix<double> half = precision * turn;
+  Eigen::SparseMatrix<double> result = turn * half;  // the turn is symmetric
+  const Eigen::SparseMatrix<double> other = result.transpose();
+  result = 0.5 * (result + other);
+  return result;
+}
+
+PictureFrame picture_frame(double scale, const std::array<double, 2>& origin_px) {
+  PictureFrame frame;
+  frame.slope = scale;
+  frame.offset = -scale * Complex(origin_px[0], -origin_px[1]);
+  return frame;
+}
+
+PictureFrame fit_picture_frame(const std::vector<std::array<double, 2>>& pixels,
+                               const std::vector<std::array<double, 2>>& points, double point_std) {
+  const std::size_t n = pixels.size();
+  if (n < 2 || points.size() != n)
+    throw UsageError(fmt::format(
+        "registration of the picture: {} pixels and {} points; at least two of each, as many, are needed", n,
+        points.size()));
+  Complex pixel_mean, point_mean;
+  for (std::size_t i = 0; i < n; ++i)
+    pixel_mean += Complex(pixels[i][0], -pixels[i][1]) / static_cast<double>(n),
+        point_mean += Complex(points[i][0], points[i][1]) / static_cast<double>(n);
+  Complex product;
+  double squares = 0;
+  for (std::size_t i = 0; i < n; ++i) {
+    const Complex w = Complex(pixels[i][0], -pixels[i][1]) - pixel_mean;
+    product += std::conj(w) * (Complex(points[i][0], points[i][1]) - point_mean), squares += std::norm(w);
+  }
+  if (!(squares > 1) || !(std::abs(product) > 0))
+    throw UsageError(
+        "registration of the picture: the points lie in one place; take points far from each other");
+  PictureFrame frame;
+  frame.slope = product / squares;
+  frame.offset = point_mean - frame.slope * pixel_mean;
+  double misfit = 0;  // px²
+  for (std::size_t i = 0; i < n; ++i)
+    misfit += std::norm((Complex(points[i][0], points[i][1]) - frame.offset) / frame.slope -
+                        Complex(pixels[i][0], -pixels[i][1]));
+  // 2n numbers less the four fitted.
+  const double fitted_std = n > 2 ? std::sqrt(misfit / static_cast<double>(2 * n - 4)) : 0;
+  frame.relative_scale_std = std::max(point_std, fitted_std) / std::sqrt(squares);
+  return frame;
+}
+
+}  // namespace knothe::imaging

@@ -1,0 +1,58 @@
+#pragma once
+/// @file What `knothe dic` leaves: displacements of a series as HDF5, as CSV at chosen points, and as
+/// VTU/PVD.
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "knothe/imaging/mesh/registration.hpp"
+#include "knothe/imaging/series/picture_series.hpp"
+
+namespace knothe::imaging {
+
+/// γ of the whole series: the one that is known, or the median of its pictures', referred to a gain of 1;
+/// 0 if no picture was measured.
+[[nodiscard]] double series_noise(const PictureSeries& series, const std::vector<PictureResult>& results);
+
+/// Displacements in model units and frame, ready to be observations; without a frame in px, v downwards.
+struct DisplacementObservations {
+  std::vector<double> points;             ///< [n_obs, 3]: m, or px
+  std::vector<std::int64_t> component;    ///< [n_obs]: 0 x, 1 y, 2 z
+  std::vector<double> values;             ///< [n_t, n_obs]; NaN where nothing was measured
+  Eigen::SparseMatrix<double> precision;  ///< of a picture with every usable element, both triangles
+  /// Of pictures whose valid elements are others, by the picture's index. Rows of dofs that were not
+  /// measured are empty.
+  std::vector<std::pair<std::size_t, Eigen::SparseMatrix<double>>> precision_steps;
+  double noise = 0;  ///< γ behind the precision, grey levels
+};
+/// Where each dof of the mesh is, m (px without a frame), and its component.
+void observation_places(const ImageMesh& mesh, const std::optional<PictureFrame>& frame,
+                        std::vector<double>& points, std::vector<std::int64_t>& component);
+/// Values of one picture, m or px; NaN where nothing was measured.
+[[nodiscard]] Eigen::VectorXd observed_values(const ImageMesh& mesh, const PictureResult& result,
+                                              const std::optional<PictureFrame>& frame);
+[[nodiscard]] DisplacementObservations observations(const PictureSeries& series,
+                                                    const std::vector<PictureResult>& results,
+                                                    const std::optional<PictureFrame>& frame);
+
+/// HDF5 in the form of measurements (interfaces.md, section 4), with the mesh and a record of each picture
+/// beside them. `project` is the project file's text. Errors: IoError.
+void write_displacements(const std::string& path, const PictureSeries& series,
+                         const std::vector<PictureResult>& results, const std::optional<PictureFrame>& frame,
+                         const std::string& project);
+
+/// The results in such a file, of the first pictures of this series, so that it can go on
+/// (PictureSeries::resume). Errors: DataError for a file of other references, pictures or mesh.
+[[nodiscard]] std::vector<PictureResult> read_results(const std::string& path, const PictureSeries& series);
+
+/// CSV x,y,u,v,inside at points of the reference picture (n × 2, px); u, v are nan where inside is 0: outside
+/// the mesh, or in an element that was taken out. Errors: IoError.
+void write_at_points(const std::string& path, const ImageMesh& mesh, const PictureResult& result,
+                     const Eigen::MatrixXd& points);
+
+/// Displacement, its standard deviation, strains, residual and validity of one picture for ParaView; y points
+/// up, in px or, with a frame, in m. Errors: IoError.
+void write_displacement_vtu(const std::string& path, const PictureSeries& series, const PictureResult& result,
+                            const std::optional<PictureFrame>& frame);
+
+}  // namespace knothe::imaging

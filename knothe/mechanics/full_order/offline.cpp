@@ -1,0 +1,175 @@
+#include "knothe/mechanics/full_order/offline.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "knothe/base/error.hpp"
+#include "knothe/base/text.hpp"
+#include "knothe/mechanics/mesh/gmsh_mesh.hpp"
+
+namespace knothe::mechanics {
+
+std::string describe(const BeamProblem& problem, const Structure& structure) {
+  const auto& mesh = structure.mesh();
+  const auto elastic = std::count(mesh.elastic.begin(), mesh.elastic.end(), 1);
+  std::string text =
+      problem.gmsh_file.empty()
+          ? fmt::format(
+                "beam {} × {} × {} m, notch {} m, elements of {} m, {} layer(s) over the half thickness\n",
+                problem.beam.length, problem.beam.height, 2 * problem.beam.half_thickness,
+                problem.beam.notch_depth, problem.beam.element, problem.beam.layers)
+          : fmt::format("mesh {}\n", problem.gmsh_file);
+  text += fmt::format("{} hexahedra ({} of them always elastic), {} nodes, {} degrees of freedom ({} free)\n",
+                      mesh.cell_count(), elastic, mesh.node_count(), structure.dof_count(),
+                      structure.free_count());
+  text += fmt::format("u_x = 0 on the {}\n",
+                      mesh.left_support == LeftSupport::left_face ? "whole left face" : "left support line");
+  text += fmt::format("E = {} Pa, nu = {}, elastic stiffness {:.6g} N/m (whole beam)\n",
+                      problem.elastic.young_modulus, problem.elastic.poisson_ratio,
+                      2 * structure.unit_reaction());
+  text +=
+      fmt::format("{} steps to {} m, Newton tolerance {}, {}\n", problem.solver.steps,
+                  problem.solver.displacement, problem.solver.tolerance,
+                  problem.solver.condensation == Condensation::exact ? "condensed (exact)" : "not condensed");
+  const RegularisationOptions& law = problem.solver.regularisation;
+  if (law.kind == Regularisation::crack_band)
+    text += fmt::format("crack band, reference size {} m\n", law.reference_size);
+  if (law.kind == Regularisation::gradient)
+    text += fmt::format("gradient damage, internal length {} m\n", law.internal_length);
+  return text;
+}
+
+HexahedronMesh make_mesh(const BeamProblem& problem) {
+  return problem.gmsh_file.empty() ? beam_mesh(problem.beam)
+                                   : read_gmsh_mesh(problem.gmsh_file, problem.beam.left_support);
+}
+
+FullOrderModel make_full_order_model(const BeamProblem& problem) {
+  problem.solver.validate();
+  const std::string source = problem.gmsh_file.empty() ? "beam" : problem.gmsh_file;
+  return FullOrderModel(std::make_shared<const Structure>(make_mesh(problem), problem.elastic, source),
+                        problem.solver);
+}
+
+BeamProblem problem_at(const BeamProblem& problem, std::span<const reduction::Axis> axes,
+                       std::span<const double> values) {
+  if (axes.size() != values.size())
+    throw UsageError(
+        fmt::format("{} parameter values were given for {} parameters", values.size(), axes.size()));
+  BeamProblem result = problem;
+  for (std::size_t i = 0; i < axes.size(); ++i) {
+    const std::string& name = axes[i].name;
+    const double value = values[i] * axes[i].reference;
+    if (name == "Y0") {
+      result.reference.threshold = value;
+    } else if (name == "Ad") {
+      result.reference.brittleness = value;
+    } else if (name == "E") {
+      result.elastic.young_modulus = value;
+    } else if (name == "support_stiffness" || name == "load_offset") {
+      if (!problem.gmsh_file.empty())
+        throw ProjectError(fmt::format("parameter {}: it is one of the structured beam, not of {}", name,
+                                       problem.gmsh_file));
+      (name == "load_offset" ? result.beam.load_offset : result.beam.support_stiffness) = value;
+    } else {
+      const std::vector<std::string> known = {"Y0", "Ad", "E", "support_stiffness", "load_offset"};
+      throw ProjectError(fmt::format(
+          "the full-order model has no parameter \"{}\"{}; it has Y0 (threshold, J/m3), Ad "
+          "(brittleness, m3/J), E (Young's modulus, Pa), support_stiffness (N/m) and load_offset (m)",
+          name, did_you_mean(name, known)));
+    }
+  }
+  result.reference.validate();
+  result.elastic.validate();
+  if (result.gmsh_file.empty()) result.beam.validate();
+  return result;
+}
+
+bool same_body(const BeamProblem& one, const BeamProblem& other) {
+  return one.elastic.young_modulus == other.elastic.young_modulus &&
+         one.beam.support_stiffness == other.beam.support_stiffness &&
+         one.beam.load_offset == other.beam.load_offset;
+}
+
+FullOrderResult run_at(FullOrderModel& model, const BeamProblem& problem,
+                       std::span<const reduction::Axis> axes, std::span<const double> values) {
+  const BeamProblem point = problem_at(problem, axes, values);
+  return same_body(problem, point) ? model.run(point.reference)
+                                   : make_full_order_model(point).run(point.reference);
+}
+
+DamageParameters damage_parameters(const BeamProblem& problem, std::span<const reduction::Axis> axes,
+                                   std::span<const double> values) {
+  const BeamProblem point = problem_at(problem, axes, values);
+  if (!same_body(problem, point))
+    throw ProjectError(
+        "LATIN-PGD solves for Y0 and Ad, on one elastic body: other parameters take method = \"snapshots\"");
+  return point.reference;
+}
+
+std::vector<double> model_time(const SolverOptions& solver) {
+  std::vector<double> time(solver.steps);
+  for (int i = 0; i < solver.steps; ++i) time[i] = static_cast<double>(i + 1) / solver.steps;
+  return time;
+}
+
+reduction::Dofs dofs(const HexahedronMesh& mesh) {
+  reduction::Dofs result;
+  for (std::int64_t node = 0; node < mesh.node_count(); ++node)
+    for (std::int64_t component = 0; component < 3; ++component) {
+      result.points.insert(result.points.end(), &mesh.points[3 * node], &mesh.points[3 * node] + 3);
+      result.components.push_back(component);
+    }
+  return result;
+}
+
+reduction::Mesh mesh_of(const HexahedronMesh& mesh) {
+  reduction::Mesh result;
+  result.points = mesh.points;
+  result.cells = mesh.cells;
+  return result;
+}
+
+std::vector<double> elastic_lift(const Structure& structure, const SolverOptions& solver) {
+  std::vector<double> lift;
+  lift.reserve(static_cast<std::size_t>(solver.steps) * structure.dof_count());
+  for (int i = 0; i < solver.steps; ++i) {
+    const double imposed = solver.displacement * (i + 1) / solver.steps;
+    for (const double value : structure.unit_lift()) lift.push_back(imposed * value);
+  }
+  return lift;
+}
+
+reduction::Snapshots as_snapshots(const BeamProblem& problem, const Structure& structure,
+                                  const FullOrderResult& result) {
+  reduction::Snapshots snapshots;
+  snapshots.time = model_time(problem.solver);
+  snapshots.values = result.displacement;
+  snapshots.dofs = dofs(structure.mesh());
+  snapshots.lift = elastic_lift(structure, problem.solver);
+  snapshots.mesh = mesh_of(structure.mesh());
+  snapshots.outputs = {
+      {"reaction_force", {"N", "reaction force of the whole beam"}, {}},
+      {"crack_mouth_opening", {"m", "relative displacement u_x of the notch's lower corners"}, {}},
+      {"imposed_displacement", {"m", "imposed downward displacement of the load strip"}, {}},
+      {"equilibrium_residual", {"1", "out-of-balance nodal forces / reaction force"}, {}}};
+  for (const auto& step : result.steps) {
+    snapshots.outputs[0].values.push_back(step.reaction_force);
+    snapshots.outputs[1].values.push_back(step.crack_mouth_opening);
+    snapshots.outputs[2].values.push_back(step.imposed_displacement);
+    snapshots.outputs[3].values.push_back(step.residual);
+  }
+  return snapshots;
+}
+
+CrackTable crack_table(const BeamProblem& problem, const CrackOptions& options, const reduction::Dofs& dofs) {
+  const CrackedBeam cracked(problem.beam, options, problem.elastic);
+  CrackTable table;
+  table.lengths.assign(cracked.lengths().begin(), cracked.lengths().end());
+  table.stiffness.assign(cracked.stiffness().begin(), cracked.stiffness().end());
+  table.values = cracked.interpolate(dofs.points, dofs.components);
+  return table;
+}
+
+}  // namespace knothe::mechanics

@@ -1,0 +1,117 @@
+#include "knothe/mechanics/latin/latin_separation.hpp"
+
+#include <algorithm>
+#include <limits>
+
+#include "knothe/mechanics/full_order/dense_solvers.hpp"
+#include "knothe/reduction/compress/cp_als.hpp"
+
+namespace knothe::mechanics {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+namespace {
+
+constexpr std::size_t k_sweeps_for_growth = 20, k_sweeps_at_end = 200, k_sweeps_for_recompression = 20;
+
+/// [R, n_t, n₁, …] with the roots of the weights, so that Frobenius' norm is that of Σ w cᵀc.
+reduction::CoreTensor tensor_of(std::span<const MatrixXd> coordinates, const LatinGrid& grid) {
+  const Index points = grid.points();
+  const VectorXd roots = grid.point_weights().cwiseSqrt();
+  reduction::CoreTensor tensor;
+  tensor.unfolded.resize(coordinates.front().rows(), points * static_cast<Index>(coordinates.size()));
+  for (std::size_t t = 0; t < coordinates.size(); ++t)
+    tensor.unfolded.middleCols(points * static_cast<Index>(t), points) = coordinates[t] * roots.asDiagonal();
+  tensor.others.push_back(static_cast<Index>(coordinates.size()));
+  tensor.others.insert(tensor.others.end(), grid.sizes.begin(), grid.sizes.end());
+  return tensor;
+}
+
+LatinTerms terms_of(const reduction::CpFactors& cp, const LatinGrid& grid) {
+  LatinTerms terms{cp.factors[0], cp.factors[1], {}};
+  for (std::size_t axis = 0; axis < grid.sizes.size(); ++axis)
+    terms.parameters.emplace_back(grid.weights[axis].cwiseSqrt().cwiseInverse().asDiagonal() *
+                                  cp.factors[axis + 2]);
+  terms.normalise();
+  return terms;
+}
+
+reduction::CpFactors factors_of(const LatinTerms& terms, const LatinGrid& grid) {
+  reduction::CpFactors cp;
+  cp.factors = {terms.space, terms.time};
+  for (std::size_t axis = 0; axis < grid.sizes.size(); ++axis)
+    cp.factors.emplace_back(grid.weights[axis].cwiseSqrt().asDiagonal() * terms.parameters[axis]);
+  return cp;
+}
+
+/// The term that the others can best do without goes, and they take over what they can of it in one of the
+/// factors. With H the product of the Gram matrices of the other factors, what they cannot take over of term
+/// k has the squared norm ‖f_k‖² / (H⁻¹)_kk, and the rest is theirs with −(H⁻¹)_lk / (H⁻¹)_kk.
+void leave_out_cheapest(std::vector<MatrixXd>& factors) {
+  const Index m = factors.front().cols();
+  double least = std::numeric_limits<double>::infinity();
+  Index gone = 0;
+  std::size_t taking = 0;
+  VectorXd share = VectorXd::Zero(m);
+  for (std::size_t f = 0; f < factors.size(); ++f) {
+    MatrixXd inverse = MatrixXd::Ones(m, m);
+    for (std::size_t other = 0; other < factors.size(); ++other)
+      if (other != f) inverse.array() *= (factors[other].transpose() * factors[other]).array();
+    const VectorXd scale = inverse.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+    inverse = (scale.asDiagonal() * inverse * scale.asDiagonal()).eval();
+    inverse.diagonal().array() += 1e-10;  // terms may be the same
+    if (!invert_positive_definite({inverse.data(), static_cast<std::size_t>(inverse.size())},
+                                  static_cast<int>(m)))
+      continue;
+    for (Index k = 0; k < m; ++k) {
+      const double cost = factors[f].col(k).squaredNorm() / (inverse(k, k) * scale[k] * scale[k]);
+      if (!(cost < least)) continue;
+      least = cost;
+      gone = k;
+      taking = f;
+      share = -inverse.col(k).cwiseProduct(scale) / (inverse(k, k) * scale[k]);
+    }
+  }
+  std::vector<Index> kept;
+  for (Index k = 0; k < m; ++k)
+    if (k != gone) kept.push_back(k);
+  share[gone] = 0;
+  factors[taking] += (factors[taking].col(gone) * share.transpose()).eval();
+  for (MatrixXd& factor : factors) factor = factor(Eigen::all, kept).eval();
+}
+
+}  // namespace
+
+LatinTerms separate(std::span<const MatrixXd> coordinates, const LatinGrid& grid, Index most,
+                    double tolerance) {
+  const reduction::CoreTensor tensor = tensor_of(coordinates, grid);
+  const double size = tensor.unfolded.norm();
+  reduction::CpFactors cp;
+  for (Index k = 0; k < most; ++k) {
+    cp = reduction::als(tensor, reduction::with_one_more_mode(tensor, cp, static_cast<std::uint64_t>(k) + 1),
+                        k_sweeps_for_growth);
+    if (cp.error <= tolerance * size) break;
+  }
+  return terms_of(reduction::als(tensor, std::move(cp), k_sweeps_at_end), grid);
+}
+
+LatinTerms with_fewer_terms(const LatinTerms& terms, const LatinGrid& grid, Index most, double allowed) {
+  if (terms.count() < 2) return terms;
+  std::vector<MatrixXd> coordinates;
+  for (Index t = 0; t < terms.time.rows(); ++t) coordinates.push_back(terms.coordinates(t));
+  const reduction::CoreTensor tensor = tensor_of(coordinates, grid);
+  const double size = tensor.unfolded.norm();
+  LatinTerms best = terms;
+  while (best.count() > 1) {
+    reduction::CpFactors cp = factors_of(best, grid);  // one term goes, or more where there are far too many
+    for (Index k = std::max<Index>(1, (best.count() - most) / 4); k > 0; --k) leave_out_cheapest(cp.factors);
+    cp = reduction::als(tensor, std::move(cp), k_sweeps_for_recompression);
+    if (best.count() <= most && !(cp.error <= allowed * size)) break;
+    best = terms_of(cp, grid);
+  }
+  return best;
+}
+
+}  // namespace knothe::mechanics

@@ -1,0 +1,48 @@
+#pragma once
+/// @file What makes the softening law independent of the mesh: crack band or implicit gradient
+/// (docs/mechanics.md).
+#include <span>
+#include <vector>
+
+#include "knothe/mechanics/full_order/finite_elements.hpp"
+#include "knothe/mechanics/law/damage_law.hpp"
+#include "knothe/mechanics/mesh/hexahedron_mesh.hpp"
+
+namespace knothe::mechanics {
+
+/// How a crack's width is kept from being that of an element.
+enum class Regularisation {
+  none,        ///< the law as it is: the element size is a material parameter
+  crack_band,  ///< inelastic strain scaled by reference size / element size: stress against opening is kept
+  gradient     ///< damage by a strain averaged over an internal length (Helmholtz equation)
+};
+
+struct RegularisationOptions {
+  Regularisation kind = Regularisation::none;
+  double reference_size = 0.005;  ///< m, crack band: the element size that the law's parameters belong to
+  double internal_length = 0.01;  ///< m, gradient: ℓ
+
+  /// Throws ProjectError: both lengths must be positive.
+  void validate() const;
+};
+
+/// Width of the band of a crack across the beam's axis that runs through a cell: 2 / Σ_a |∂N_a/∂x| with mean
+/// gradients (Oliver 1989), for a brick its edge along x. m.
+[[nodiscard]] double band_width(const FiniteElements& elements, std::int64_t cell);
+
+/// r of each cell (`band_damage`): reference size / band width with a crack band, else 1.
+[[nodiscard]] std::vector<double> band_ratios(const HexahedronMesh& mesh, const FiniteElements& elements,
+                                              const RegularisationOptions& options);
+
+/// Throws ProjectError if a cell that can be damaged is too large for the crack band at these parameters
+/// (`smallest_band_ratio`): says the largest size that would do.
+void check_band(const HexahedronMesh& mesh, const RegularisationOptions& options,
+                std::span<const double> ratios, const DamageParameters& parameters);
+
+/// Height of the crack above the notch, m: how far the mean reference damage of the rows of cells (the
+/// largest of each row) exceeds ½, linear between the rows' centres. `damage` is that of the reference law,
+/// per cell. 0 if no row does. For structured meshes of the beam.
+[[nodiscard]] double crack_length(const HexahedronMesh& mesh, const FiniteElements& elements,
+                                  std::span<const double> damage);
+
+}  // namespace knothe::mechanics

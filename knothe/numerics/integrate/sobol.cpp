@@ -1,0 +1,111 @@
+#include "knothe/numerics/integrate/sobol.hpp"
+
+#include <fmt/format.h>
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <array>
+#include <bit>
+
+#include "knothe/base/error.hpp"
+#include "knothe/numerics/integrate/sobol_directions.hpp"
+#include "knothe/numerics/statistics/normal_distribution.hpp"
+#include "knothe/numerics/statistics/random.hpp"
+
+namespace knothe::numerics {
+
+namespace {
+
+static_assert(k_sobol_max_dimension == static_cast<Eigen::Index>(k_joe_kuo.size()) + 1);
+
+constexpr int k_bits = 32;
+using Directions = std::array<std::uint32_t, k_bits>;
+
+/// Column b of the generating matrix, leading bit first (Joe and Kuo 2008, Eq. 2.2).
+Directions directions_of(Eigen::Index dimension) {
+  Directions v{};
+  if (dimension == 0) {
+    for (int b = 0; b < k_bits; ++b) v[static_cast<std::size_t>(b)] = 1u << (31 - b);
+    return v;
+  }
+  const SobolDirection& initial = k_joe_kuo[static_cast<std::size_t>(dimension - 1)];
+  const std::uint32_t s = initial.degree;
+  for (std::uint32_t b = 0; b < k_bits; ++b) {
+    if (b < s) {
+      v[b] = std::uint32_t{initial.m[b]} << (31 - b);
+      continue;
+    }
+    v[b] = v[b - s] ^ (v[b - s] >> s);
+    for (std::uint32_t k = 1; k < s; ++k)
+      if ((initial.inner >> (s - 1 - k)) & 1u) v[b] ^= v[b - k];
+  }
+  return v;
+}
+
+/// Multiplies every direction by one random lower triangular matrix with unit diagonal (over the field of two
+/// elements).
+void scramble(Directions& v, std::uint64_t& state) {
+  std::array<std::uint32_t, k_bits> row{};
+  for (std::uint32_t i = 0; i < k_bits; ++i) {
+    const std::uint32_t above = i == 0 ? 0u : ~0u << (32 - i);
+    row[i] = (static_cast<std::uint32_t>(split_mix(state)) & above) | (1u << (31 - i));
+  }
+  for (auto& direction : v) {
+    std::uint32_t product = 0;
+    for (std::uint32_t i = 0; i < k_bits; ++i)
+      product |= (static_cast<std::uint32_t>(std::popcount(row[i] & direction)) & 1u) << (31 - i);
+    direction = product;
+  }
+}
+
+}  // namespace
+
+Eigen::MatrixXd sobol_points(Eigen::Index n, Eigen::Index d, std::uint64_t seed) {
+  if (d < 1 || d > k_sobol_max_dimension)
+    throw UsageError(
+        fmt::format("Sobol sequence in {} dimensions: 1 to {} are possible", d, k_sobol_max_dimension));
+  Eigen::MatrixXd points(n, d);
+  std::uint64_t state = seed;
+  for (Eigen::Index k = 0; k < d; ++k) {
+    Directions v = directions_of(k);
+    std::uint32_t x = 0;
+    if (seed != 0) {
+      scramble(v, state);
+      x = static_cast<std::uint32_t>(split_mix(state));
+    }
+    for (Eigen::Index i = 0; i < n; ++i) {
+      points(i, k) = (x + 0.5) * 0x1p-32;
+      x ^= v[static_cast<std::size_t>(std::countr_one(static_cast<std::uint32_t>(i)))];  // Gray code order
+    }
+  }
+  return points;
+}
+
+Eigen::MatrixXd sobol_normal_points(Eigen::Index n, Eigen::Index d, std::uint64_t seed) {
+  return sobol_points(n, d, seed).unaryExpr([](double u) { return normal_quantile(u); });
+}
+
+void match_standard_moments(Eigen::MatrixXd& points) {
+  if (points.rows() <= points.cols()) return;
+  // Twice, because the first pass leaves rounding errors of the size of its own correction.
+  for (int pass = 0; pass < 2; ++pass) {
+    points.rowwise() -= points.colwise().mean().eval();
+    const Eigen::MatrixXd covariance = points.transpose() * points / static_cast<double>(points.rows());
+    const Eigen::MatrixXd factor = covariance.llt().matrixL();
+    points = factor.triangularView<Eigen::Lower>().solve(points.transpose()).transpose().eval();
+  }
+}
+
+std::vector<Eigen::Index> reversed_bits(Eigen::Index n) {
+  // With one more bit the list is itself, twice as large, and then that plus one: 0; 0 1; 0 2 1 3 …
+  std::vector<Eigen::Index> order = {0};
+  while (static_cast<Eigen::Index>(order.size()) < n) {
+    const std::size_t half = order.size();
+    order.resize(2 * half);
+    for (std::size_t i = 0; i < half; ++i) order[half + i] = (order[i] *= 2) + 1;
+  }
+  std::erase_if(order, [n](Eigen::Index i) { return i >= n; });
+  return order;
+}
+
+}  // namespace knothe::numerics

@@ -1,0 +1,104 @@
+#include "knothe/numerics/statistics/chi_squared.hpp"
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+#include <limits>
+#include <utility>
+#include <vector>
+
+namespace knothe::numerics {
+namespace {
+
+constexpr double k_epsilon = std::numeric_limits<double>::epsilon();
+/// Poisson terms further from the mean than this, in standard deviations, do not count (below 1e-15).
+constexpr double k_reach = 8.5;
+/// Noncentralities above have their tail from a normal distribution: relative error of the order λ^−½.
+constexpr double k_largest = 4e4;
+
+/// x^a e^−x / Γ(a + 1).
+double power_term(double a, double x) {
+  return std::exp(a * std::log(x) - x - std::lgamma(a + 1));
+}
+
+/// P(a, x) for x < a + 1: x^a e^−x/Γ(a + 1) Σ x^n/((a + 1)…(a + n)).
+double lower_by_series(double a, double x) {
+  double term = 1, sum = 1;
+  for (double n = 1; term > k_epsilon * sum; ++n) sum += term *= x / (a + n);
+  return sum * power_term(a, x);
+}
+
+/// Q(a, x) for x ≥ a + 1, by Lentz's method.
+double upper_by_fraction(double a, double x) {
+  constexpr double tiny = 1e-300;
+  double b = x + 1 - a, c = 1 / tiny, d = 1 / b, value = d;
+  for (int n = 1; n < 100000; ++n) {
+    const double an = -n * (n - a);
+    b += 2;
+    d = an * d + b;
+    if (std::abs(d) < tiny) d = tiny;
+    c = b + an / c;
+    if (std::abs(c) < tiny) c = tiny;
+    d = 1 / d;
+    value *= d * c;
+    if (std::abs(d * c - 1) < k_epsilon) break;
+  }
+  return value * a * power_term(a, x);  // Γ(a + 1) = a Γ(a)
+}
+
+/// Poisson-weighted mean of Q(a + j, ·), from a table of them.
+double poisson_mean(double half, const std::vector<double>& upper) {
+  const double reach = k_reach * std::sqrt(half) + 12;
+  const auto first = static_cast<std::size_t>(std::max(0.0, std::floor(half - reach)));
+  const auto last = std::min(upper.size() - 1, static_cast<std::size_t>(half + reach));
+  const auto j0 = static_cast<double>(first);
+  double weight = half > 0 ? std::exp(j0 * std::log(half) - half - std::lgamma(j0 + 1)) : 1;
+  double sum = 0;
+  for (std::size_t j = first; j <= last; ++j) {
+    sum += weight * upper[j];
+    weight *= half / static_cast<double>(j + 1);
+  }
+  return sum;
+}
+
+}  // namespace
+
+double upper_gamma(double a, double x) {
+  assert(a > 0 && x >= 0);
+  if (x == 0) return 1;
+  return x < a + 1 ? 1 - lower_by_series(a, x) : upper_by_fraction(a, x);
+}
+
+double mean_noncentral_upper(double x, double degrees, std::span<const double> noncentralities,
+                             std::span<const double> weights) {
+  assert(!noncentralities.empty() && degrees > 0 && weights.size() == noncentralities.size());
+  double largest = 0;
+  for (const double lambda : noncentralities)
+    if (lambda <= k_largest) largest = std::max(largest, lambda);
+  const double half = 0.5 * largest, a = 0.5 * degrees, y = 0.5 * x;
+  const auto count = static_cast<std::size_t>(half + k_reach * std::sqrt(half) + 14);
+  // Q(a + j + 1, y) = Q(a + j, y) + y^(a+j) e^−y/Γ(a + j + 1); the terms from the largest, where nothing
+  // underflows, both ways.
+  std::vector<double> upper(count);
+  const auto top = static_cast<std::size_t>(std::clamp(y - a, 0.0, static_cast<double>(count - 1)));
+  upper[top] = y > 0 ? power_term(a + static_cast<double>(top), y) : 0;
+  for (std::size_t j = top; j + 1 < count; ++j)
+    upper[j + 1] = upper[j] * y / (a + static_cast<double>(j + 1));
+  for (std::size_t j = top; j > 0; --j)
+    upper[j - 1] = y > 0 ? upper[j] * (a + static_cast<double>(j)) / y : 0;
+  double tail = upper_gamma(a, y);
+  for (double& entry : upper) tail = std::min(1.0, tail + std::exchange(entry, tail));
+  double sum = 0;
+  for (std::size_t k = 0; k < weights.size(); ++k) {
+    const double lambda = noncentralities[k];
+    if (!(weights[k] > 0)) continue;
+    if (lambda <= k_largest) {
+      sum += weights[k] * poisson_mean(0.5 * lambda, upper);
+    } else {
+      sum += 0.5 * weights[k] * std::erfc((x - degrees - lambda) / std::sqrt(4 * (degrees + 2 * lambda)));
+    }
+  }
+  return std::min(1.0, sum);
+}
+
+}  // namespace knothe::numerics

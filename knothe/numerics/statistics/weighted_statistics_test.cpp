@@ -1,0 +1,99 @@
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <numeric>
+#include <random>
+
+#include "knothe/base/error.hpp"
+#include "knothe/numerics/statistics/kernel_density.hpp"
+#include "knothe/numerics/statistics/normal_distribution.hpp"
+
+namespace knothe::numerics {
+namespace {
+
+/// The definition, by sorting everything.
+double quantile_by_sorting(std::vector<double> x, std::vector<double> w, double level) {
+  std::vector<std::size_t> order(x.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::sort(order.begin(), order.end(), [&](auto a, auto b) { return x[a] < x[b]; });
+  const double total = std::accumulate(w.begin(), w.end(), 0.0);
+  double cumulative = 0, previous_c = -1, previous_x = 0;
+  for (std::size_t i : order) {
+    if (w[i] == 0) continue;
+    const double c = cumulative + 0.5 * w[i] / total;
+    if (c >= level)
+      return previous_c < 0 ? x[i]
+                            : previous_x + (x[i] - previous_x) * (level - previous_c) / (c - previous_c);
+    cumulative += w[i] / total;
+    previous_c = c;
+    previous_x = x[i];
+  }
+  return previous_x;
+}
+
+TEST(WeightedQuantiles, AgreeWithTheDefinition) {
+  std::mt19937 generator(3);
+  std::normal_distribution<double> normal;
+  std::uniform_real_distribution<double> uniform;
+  WeightedQuantiles quantiles;
+  const std::vector<double> levels = {0, 0.001, 0.025, 0.25, 0.5, 0.75, 0.975, 0.9999, 1};
+  for (std::size_t n : {1u, 2u, 7u, 100u, 3000u})
+    for (bool outlier : {false, true}) {
+      std::vector<double> x(n), w(n), q(levels.size());
+      for (std::size_t i = 0; i < n; ++i)
+        x[i] = normal(generator), w[i] = i % 5 == 4 ? 0 : uniform(generator);
+      if (outlier) x[0] = 1e9;  // everything else in one bin
+      quantiles.compute(x, w, levels, q);
+      for (std::size_t l = 0; l < levels.size(); ++l)
+        EXPECT_NEAR(q[l], quantile_by_sorting(x, w, levels[l]), 1e-9 * (1 + std::abs(q[l])))
+            << n << " " << levels[l];
+    }
+  std::vector<double> one(1);
+  EXPECT_THROW(quantiles.compute({}, {}, std::vector<double>{0.5}, one), UsageError);
+  EXPECT_THROW(
+      quantiles.compute(std::vector<double>{1}, std::vector<double>{0}, std::vector<double>{0.5}, one),
+      UsageError);
+}
+
+TEST(KernelDensity, BandwidthsOfKnownDensities) {
+  // Deterministic "samples": quantiles of the density, so that the answer has no sampling noise.
+  const std::size_t n = 2000;
+  std::vector<double> normal, two;
+  for (std::size_t i = 0; i < n; ++i) {
+    const double z = normal_quantile((static_cast<double>(i) + 0.5) / n);
+    normal.push_back(3 + 2 * z);
+    two.push_back((i % 2 == 0 ? -10 : 10) + z);
+  }
+  const std::vector<double> w(n, 0.25);
+  EXPECT_NEAR(effective_count(w), n, 1e-9);
+  EXPECT_NEAR(kernel_bandwidth(normal, w, Bandwidth::silverman), 0.9 * 2 * std::pow(n, -0.2), 0.02);
+  // The asymptotically best bandwidth for a normal density is (4/3)^(1/5) σ n^(−1/5).
+  const double best = std::pow(4.0 / 3, 0.2) * std::pow(n, -0.2);
+  EXPECT_NEAR(kernel_bandwidth(normal, w, Bandwidth::improved_sheather_jones) / (2 * best), 1, 0.25);
+  // Two humps of unit width: Silverman's takes the distance for the width, the other does not.
+  EXPECT_GT(kernel_bandwidth(two, w, Bandwidth::silverman), 1);
+  EXPECT_NEAR(kernel_bandwidth(two, w, Bandwidth::improved_sheather_jones) / (best * std::pow(2, 0.2)), 1,
+              0.3);
+}
+
+TEST(KernelDensity, IsTheSumOfItsKernels) {
+  const std::vector<double> x = {0, 1, 5}, w = {1, 2, 1}, at = {-1, 0.5, 5, 40};
+  const auto density = kernel_density(x, w, 0.7, at);
+  for (std::size_t i = 0; i < at.size(); ++i) {
+    double sum = 0;
+    for (std::size_t k = 0; k < 3; ++k) sum += w[k] / 4 * normal_pdf((at[i] - x[k]) / 0.7) / 0.7;
+    EXPECT_NEAR(density[i], sum, 1e-14);
+  }
+  EXPECT_GT(kernel_bandwidth(std::vector<double>{2, 2}, std::vector<double>{1, 1},
+                             Bandwidth::improved_sheather_jones),
+            0);
+  EXPECT_THROW((void)kernel_density(x, w, 0, at), UsageError);
+  EXPECT_THROW((void)kernel_bandwidth(x, std::vector<double>{1, -1, 1}, Bandwidth::silverman), UsageError);
+}
+
+}  // namespace
+}  // namespace knothe::numerics

@@ -1,0 +1,148 @@
+#include "knothe/reduction/compress/compression.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "knothe/base/error.hpp"
+#include "knothe/base/progress.hpp"
+#include "knothe/reduction/compress/separation.hpp"
+
+namespace knothe::reduction {
+
+namespace {
+
+void set_errors(ModelContents& model, const ModelError& error) {
+  model.relative_error = std::max(error.relative, error.plain_relative);
+  model.max_error_m = error.max;
+}
+
+bool good_enough(const ModelError& error, double tolerance) {
+  return error.relative <= tolerance && error.plain_relative <= tolerance;
+}
+
+/// ‖u‖² with the quadrature weights.
+double squared_norm(const Snapshots& snapshots, const Deviation& deviation) {
+  double sum = 0.0;
+  for (std::size_t g = 0; g < snapshots.grid_size(); ++g) {
+    const Eigen::Map<const Eigen::MatrixXd> u(snapshots.solution(g).data(), deviation.dofs(),
+                                              deviation.times());
+    const Eigen::VectorXd by_time = u.colwise().squaredNorm();
+    sum += deviation.grid_weights()[static_cast<Eigen::Index>(g)] * deviation.time_weights().dot(by_time);
+  }
+  return sum;
+}
+
+/// Tree form: the singular values tell how many modes a tolerance needs; checked, and made longer if the
+/// unweighted norm asks for more.
+ModelContents compress_tree(const Snapshots& snapshots, const Deviation& deviation,
+                            const ParameterProduct& product, const CompressionOptions& options) {
+  ModelContents model = frame_of(snapshots, deviation);
+  const auto grid = static_cast<std::size_t>(deviation.grid());
+  std::size_t modes = std::min(options.modes, grid);
+  if (options.modes == 0) {
+    const Eigen::VectorXd energy =
+        falling_eigenpairs(deviation.grid_gram(product.factor(), options.threads)).values;
+    // A little of the squared error is left for the space basis (k_space_share).
+    modes = TreeSeparation::modes_for(
+        energy, 0.999 * options.tolerance * options.tolerance * squared_norm(snapshots, deviation));
+  }
+  double floor = TreeSeparation::k_rounding;
+  while (true) {
+    TreeSeparation(deviation, product, modes, options, floor).fill(model, modes);
+    const ModelError error = training_error(model, snapshots, options.threads);
+    set_errors(model, error);
+    const bool all = modes == grid && floor == 0.0;
+    if (options.modes != 0 || good_enough(error, options.tolerance) || all) return model;
+    modes = std::min(grid, modes + std::max<std::size_t>(1, modes / 8));
+    floor = floor > 1e-18 ? 1e-4 * floor : 0.0;
+  }
+}
+
+ModelContents compress_canonical(const Snapshots& snapshots, const Deviation& deviation,
+                                 const ParameterProduct& product, const CompressionOptions& options) {
+  ModelContents model = frame_of(snapshots, deviation);
+  CanonicalSeparation separation(deviation, product, snapshots, options);
+  const std::size_t most = options.modes == 0 ? options.most_modes : options.modes;
+  Progress progress("canonical modes", most, options.quiet);
+  std::size_t modes = options.modes == 0 ? 1 : options.modes;
+  while (true) {
+    (void)separation.decompose(modes);
+    separation.fill(model);
+    const ModelError error = training_error(model, snapshots, options.threads);
+    set_errors(model, error);
+    progress.advance_to(modes, fmt::format("error {:.2g}", model.relative_error));
+    if (options.modes != 0 || good_enough(error, options.tolerance)) return model;
+    if (modes == most) {
+      throw NumericalError(
+          fmt::format("the canonical form does not reach the tolerance {} with {} modes (error {:.2g}): "
+                      "ask for a larger tolerance or a number of modes, or use the tree form",
+                      options.tolerance, most, model.relative_error));
+    }
+    modes = std::min(most, modes + std::max<std::size_t>(1, modes / 4));
+  }
+}
+
+void require_sensible(const CompressionOptions& options) {
+  if (options.modes == 0 && !(options.tolerance > 0.0 && options.tolerance < 1.0)) {
+    throw UsageError(fmt::format("the tolerance {} must be between 0 and 1", options.tolerance));
+  }
+}
+
+}  // namespace
+
+ModelContents compress(const Snapshots& snapshots, const CompressionOptions& options) {
+  require_sensible(options);
+  validate(snapshots, "snapshots");
+  const Deviation deviation(snapshots);
+  const ParameterProduct product(snapshots.axes, options);
+  return options.form == Form::tree ? compress_tree(snapshots, deviation, product, options)
+                                    : compress_canonical(snapshots, deviation, product, options);
+}
+
+std::vector<StudiedModel> compression_study(const Snapshots& snapshots, const CompressionOptions& options,
+                                            std::span<const std::size_t> modes,
+                                            std::span<const OffGridSolution> off_grid) {
+  validate(snapshots, "snapshots");
+  std::vector<StudiedModel> study;
+  if (modes.empty()) return study;
+  if (!std::is_sorted(modes.begin(), modes.end()) || modes.front() == 0) {
+    throw UsageError("the numbers of modes of a study must be positive and increase");
+  }
+  const Deviation deviation(snapshots);
+  const ParameterProduct product(snapshots.axes, options);
+  std::optional<TreeSeparation> tree;
+  std::optional<CanonicalSeparation> canonical;
+  if (options.form == Form::tree) {
+    tree.emplace(deviation, product, modes.back(), options);
+  } else {
+    canonical.emplace(deviation, product, snapshots, options);
+  }
+  for (const std::size_t m : modes) {
+    StudiedModel studied;
+    studied.model = frame_of(snapshots, deviation);
+    if (tree) {
+      tree->fill(studied.model, m);
+    } else {
+      (void)canonical->decompose(m);
+      canonical->fill(studied.model);
+    }
+    studied.row.parameter_modes = studied.model.parameter_modes;
+    studied.row.space_modes = studied.model.space_modes;
+    studied.row.training = training_error(studied.model, snapshots, options.threads);
+    if (!off_grid.empty()) studied.row.off_grid = off_grid_error(studied.model, off_grid);
+    set_errors(studied.model, studied.row.training);
+    study.push_back(std::move(studied));
+  }
+  return study;
+}
+
+ModelContents import_model(const std::string& path, const CompressionOptions& options) {
+  const Snapshots snapshots = read_snapshots(path);
+  ModelContents model = compress(snapshots, options);
+  model.project = "# imported from " + path + "\n";
+  return model;
+}
+
+}  // namespace knothe::reduction

@@ -1,0 +1,68 @@
+#pragma once
+/// @file The two separations of u − u_lift, as models with any number of modes. Private to this room.
+#include <Eigen/Core>
+#include <memory>
+
+#include "knothe/reduction/compress/compression.hpp"
+#include "knothe/reduction/compress/cp_als.hpp"
+#include "knothe/reduction/compress/low_rank.hpp"
+#include "knothe/reduction/model/deviation.hpp"
+#include "knothe/reduction/model/parameter_product.hpp"
+
+namespace knothe::reduction {
+
+/// Everything of a model that does not depend on the separation: axes, lift, mesh, outputs.
+[[nodiscard]] ModelContents frame_of(const Snapshots& snapshots, const Deviation& deviation);
+
+/// Puts modes into a canonical model: Λ n_dof × m, λ n_t × m, α n_i × m for each axis. All but the time modes
+/// are normalised, and sorted by amplitude (paper, sec. 6.2). `weights`: trapezoid weights of each axis.
+void fill_canonical(Eigen::MatrixXd space, Eigen::MatrixXd time, std::vector<Eigen::MatrixXd> parameters,
+                    const std::vector<Eigen::VectorXd>& weights, ModelContents& model);
+
+/// (x, t) against p: the singular value decomposition of the deviation, truncated, then a space basis.
+class TreeSeparation {
+ public:
+  /// Ready for up to `most_modes` modes. Squared errors below `floor` × that of the lift alone count as
+  /// rounding.
+  TreeSeparation(const Deviation& deviation, const ParameterProduct& product, std::size_t most_modes,
+                 const CompressionOptions& options, double floor = k_rounding);
+  /// What Gram matrices resolve: squares lose half the digits.
+  static constexpr double k_rounding = 1e-14;
+  /// Smallest r whose truncation error (weighted, squared) is at most `allowed` or rounding.
+  [[nodiscard]] static std::size_t modes_for(const Eigen::VectorXd& energy, double allowed);
+  /// The modes numbered below r; the space basis is as long as the truncation of p deserves.
+  void fill(ModelContents& model, std::size_t r) const;
+
+ private:
+  const Deviation& deviation_;
+  const ParameterProduct& product_;
+  FallingEigenpairs grid_;  ///< of LᵀGL, G the Gram matrix between grid points
+  DominantSpace space_;
+  Eigen::Index most_modes_;
+  double floor_;          ///< squared error below which nothing is resolved
+  Eigen::MatrixXd core_;  ///< Uᵀ Φ: L × (n_t R), columns t · R + k
+};
+
+/// The core of the deviation after compression of space and time (HOSVD), and CP decompositions of it.
+class CanonicalSeparation {
+ public:
+  CanonicalSeparation(const Deviation& deviation, const ParameterProduct& product, const Snapshots& snapshots,
+                      const CompressionOptions& options);
+  /// Best decomposition found with m modes: grown from the last one asked for, and from random starts.
+  [[nodiscard]] const CpFactors& decompose(std::size_t m);
+  /// The modes of the last decomposition; all but the time modes normalised (paper, sec. 6.2).
+  void fill(ModelContents& model) const;
+
+ private:
+  const Deviation& deviation_;
+  const ParameterProduct& product_;
+  const CompressionOptions& options_;
+  Eigen::MatrixXd space_;  ///< n_dof × l
+  Eigen::MatrixXd time_;   ///< n_t × s, orthonormal in weighted coordinates
+  std::vector<Eigen::VectorXd> axis_weights_;
+  CoreTensor core_;  ///< [l, s, n₁, …, n_d]
+  CpFactors grown_;  ///< the mode-by-mode start
+  CpFactors best_;
+};
+
+}  // namespace knothe::reduction

@@ -1,0 +1,114 @@
+#include "knothe/reduction/compress/snapshots.hpp"
+
+#include <fmt/format.h>
+
+#include "knothe/files/atomic_file.hpp"
+#include "knothe/reduction/grid/validation.hpp"
+
+namespace knothe::reduction {
+
+files::Shape Snapshots::grid_shape() const {
+  return grid_of(axes);
+}
+
+std::size_t Snapshots::grid_size() const {
+  return product(grid_shape());
+}
+
+std::size_t Snapshots::dof_count() const {
+  const std::size_t fields = grid_size() * time.size();
+  return fields == 0 ? 0 : values.size() / fields;
+}
+
+std::vector<double> Snapshots::parameters_at(std::size_t index) const {
+  std::vector<double> p(axes.size());
+  for (std::size_t i = axes.size(); i-- > 0;) {
+    p[i] = axes[i].nodes[index % axes[i].nodes.size()];
+    index /= axes[i].nodes.size();
+  }
+  return p;
+}
+
+std::span<const double> Snapshots::solution(std::size_t index) const {
+  const std::size_t size = time.size() * dof_count();
+  return std::span(values).subspan(index * size, size);
+}
+
+void validate(const Snapshots& snapshots, const std::string& where) {
+  const Validation check(where);
+  check.axes(snapshots.axes);
+  check.require(!snapshots.time.empty(), "/time is empty");
+  check.increasing("/time", snapshots.time);
+  const std::size_t dofs = snapshots.dof_count();
+  check.require(dofs > 0, "/snapshots is empty");
+  check.array("snapshots", snapshots.values, joined(snapshots.grid_shape(), {snapshots.time.size(), dofs}));
+  check.dofs(snapshots.dofs, dofs);
+  if (!snapshots.lift.empty()) check.array("lift", snapshots.lift, {snapshots.time.size(), dofs});
+  if (snapshots.mesh) check.mesh(*snapshots.mesh);
+  check.outputs(snapshots.outputs, snapshots.grid_shape(), snapshots.time.size());
+}
+
+namespace {
+
+/// The field's shape must be the grid's, then time; the message names the first axis that differs.
+void check_field_shape(const files::Hdf5Reader& file, const Snapshots& snapshots) {
+  const Validation check(file.path());
+  const files::Shape shape = file.shape("/snapshots");
+  const std::size_t d = snapshots.axes.size();
+  check.require(shape.size() == d + 2,
+                fmt::format("data set /snapshots has {} dimensions, expected {} ({} parameters, time, dofs)",
+                            shape.size(), d + 2, d));
+  for (std::size_t i = 0; i < d; ++i) {
+    const Axis& axis = snapshots.axes[i];
+    check.require(
+        shape[i] == axis.nodes.size(),
+        fmt::format("data set /snapshots has extent {} in dimension {}, but /parameters/{} has {} nodes",
+                    shape[i], i, axis.name, axis.nodes.size()));
+  }
+  check.require(shape[d] == snapshots.time.size(),
+                fmt::format("data set /snapshots has extent {} in dimension {}, but /time has {} entries",
+                            shape[d], d, snapshots.time.size()));
+}
+
+}  // namespace
+
+Snapshots read_snapshots(const std::string& path) {
+  const files::Hdf5Reader file(path);
+  Snapshots snapshots;
+  snapshots.axes = read_axes(file);
+  snapshots.time = read_time(file);
+  check_field_shape(file, snapshots);
+  snapshots.values = file.read("/snapshots");
+  const files::Labels labels = file.labels("/snapshots");
+  if (!labels.units.empty()) snapshots.field = labels;
+  snapshots.dofs = read_dofs(file);
+  snapshots.mesh = read_mesh(file);
+  if (file.has("/lift")) snapshots.lift = file.read("/lift", {snapshots.time.size(), snapshots.dof_count()});
+  snapshots.outputs = read_outputs(file, snapshots.grid_shape(), snapshots.time.size());
+  validate(snapshots, path);
+  return snapshots;
+}
+
+void write_snapshots(const Snapshots& snapshots, const std::string& path, bool single_precision) {
+  validate(snapshots, path);
+  files::write_atomically(path, [&](const std::string& temporary) {
+    files::Hdf5Writer file(temporary);
+    write_axes(file, snapshots.axes, snapshots.time);
+    const files::Shape shape = joined(snapshots.grid_shape(), {snapshots.time.size(), snapshots.dof_count()});
+    if (single_precision) {
+      file.write_single_precision("/snapshots", snapshots.values, shape, snapshots.field);
+    } else {
+      file.write("/snapshots", snapshots.values, shape, snapshots.field);
+    }
+    write_dofs(file, snapshots.dofs);
+    write_mesh(file, snapshots.mesh);
+    if (!snapshots.lift.empty()) {
+      file.write("/lift", snapshots.lift, {snapshots.time.size(), snapshots.dof_count()},
+                 {snapshots.field.units, "part of the field that is taken out before separation"});
+    }
+    write_outputs(file, snapshots.outputs, snapshots.grid_shape(), snapshots.time.size());
+    file.close();
+  });
+}
+
+}  // namespace knothe::reduction

@@ -1,0 +1,79 @@
+#include "knothe/reduction/model/deviation.hpp"
+
+#include <algorithm>
+#include <vector>
+
+#include "knothe/base/threads.hpp"
+
+namespace knothe::reduction {
+
+Eigen::VectorXd trapezoid_weights(std::span<const double> nodes) {
+  const auto n = static_cast<Eigen::Index>(nodes.size());
+  Eigen::VectorXd weights = Eigen::VectorXd::Constant(n, n == 1 ? 1.0 : 0.0);
+  for (Eigen::Index i = 0; i + 1 < n; ++i) {
+    const double half = 0.5 * (nodes[static_cast<std::size_t>(i) + 1] - nodes[static_cast<std::size_t>(i)]);
+    weights[i] += half;
+    weights[i + 1] += half;
+  }
+  return weights / weights.sum();
+}
+
+Deviation::Deviation(const Snapshots& snapshots) : snapshots_(snapshots) {
+  grid_weights_ = Eigen::VectorXd::Ones(1);
+  for (const Axis& axis : snapshots.axes) {
+    const Eigen::VectorXd weights = trapezoid_weights(axis.nodes);
+    const Eigen::MatrixXd outer =
+        weights * grid_weights_.transpose();  // column-major: the new axis is contiguous
+    grid_weights_ = outer.reshaped();
+  }
+  time_weights_ = trapezoid_weights(snapshots.time);
+  const auto dofs = static_cast<Eigen::Index>(snapshots.dof_count());
+  if (!snapshots.lift.empty()) {
+    lift_ = Eigen::Map<const Eigen::MatrixXd>(snapshots.lift.data(), dofs, times());
+    return;
+  }
+  lift_ = Eigen::MatrixXd::Zero(dofs, times());
+  for (std::size_t g = 0; g < snapshots.grid_size(); ++g) {
+    lift_ += Eigen::Map<const Eigen::MatrixXd>(snapshots.solution(g).data(), dofs, times());
+  }
+  lift_ /= static_cast<double>(grid());
+}
+
+RowMatrix Deviation::at_time(Eigen::Index t) const {
+  RowMatrix block(grid(), dofs());
+  for (Eigen::Index g = 0; g < grid(); ++g) {
+    const double* solution = snapshots_.solution(static_cast<std::size_t>(g)).data();
+    block.row(g) =
+        Eigen::Map<const Eigen::RowVectorXd>(solution + t * dofs(), dofs()) - lift_.col(t).transpose();
+  }
+  return block;
+}
+
+Eigen::MatrixXd Deviation::grid_gram(const Eigen::MatrixXd& factor, std::size_t threads) const {
+  // A few instants at a time, which bounds the memory; summed in order, so that the number of threads does
+  // not matter.
+  constexpr Eigen::Index k_together = 8;
+  Eigen::MatrixXd gram = Eigen::MatrixXd::Zero(grid(), grid());
+  for (Eigen::Index start = 0; start < times(); start += k_together) {
+    std::vector<Eigen::MatrixXd> parts(static_cast<std::size_t>(std::min(k_together, times() - start)));
+    parallel_for(parts.size(), threads, [&](std::size_t i) {
+      const Eigen::Index t = start + static_cast<Eigen::Index>(i);
+      const RowMatrix block = at_time(t);
+      parts[i] = time_weights_[t] * (block * block.transpose());
+    });
+    for (const Eigen::MatrixXd& part : parts) gram += part;
+  }
+  return factor.transpose() * gram * factor;
+}
+
+Eigen::MatrixXd Deviation::projected(const Eigen::MatrixXd& v, std::size_t threads) const {
+  Eigen::MatrixXd result(dofs(), times() * v.cols());
+  parallel_for(static_cast<std::size_t>(times()), threads, [&](std::size_t step) {
+    const auto t = static_cast<Eigen::Index>(step);
+    result.middleCols(t * v.cols(), v.cols()).noalias() =
+        std::sqrt(time_weights_[t]) * (at_time(t).transpose() * v);
+  });
+  return result;
+}
+
+}  // namespace knothe::reduction

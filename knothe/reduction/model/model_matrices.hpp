@@ -1,0 +1,21 @@
+#pragma once
+/// @file A model's arrays as matrices: u(t) = lift.col(t) + space · core(t) · w.
+#include <Eigen/Core>
+#include <span>
+
+#include "knothe/reduction/model/model_file.hpp"
+
+namespace knothe::reduction {
+
+/// U, n_dof × l.
+[[nodiscard]] Eigen::Map<const Eigen::MatrixXd> space_of(const ModelContents& contents);
+/// u_lift, n_dof × n_t.
+[[nodiscard]] Eigen::Map<const Eigen::MatrixXd> lift_of(const ModelContents& contents);
+/// C_t, l × r: diag(λ(t)) in the canonical form.
+[[nodiscard]] Eigen::MatrixXd core_of(const ModelContents& contents, std::size_t step);
+
+class SeparatedModel;
+/// The model's field at one point: n_dof × n_t.
+[[nodiscard]] Eigen::MatrixXd field_at(const SeparatedModel& model, std::span<const double> p);
+
+}  // namespace knothe::reduction

@@ -1,0 +1,35 @@
+#pragma once
+/// @file Inner products of functions of the parameters, given at the nodes of the grid. Private to this room.
+#include <Eigen/Core>
+#include <span>
+#include <vector>
+
+#include "knothe/reduction/compress/compression.hpp"
+
+namespace knothe::reduction {
+
+/// ⟨f, g⟩ = fᵀ W g for the values f, g at the grid points (C order), W = ⊗_i W_i, one factor per axis:
+///
+///   nodes:  W_i = the trapezoid weights,
+///   spline: W_i = M_i + s² K_i,  M = ∫ c cᵀ dx / h,  K = h ∫ c′ c′ᵀ dx,
+///
+/// with the cardinal splines c of the axis and its length h: what is measured is the spline, between the
+/// nodes too. s > 0 measures its derivatives as well (a Sobolev product with dominating mixed derivatives).
+class ParameterProduct {
+ public:
+  /// UsageError for a negative or infinite s.
+  ParameterProduct(std::span<const Axis> axes, const CompressionOptions& options);
+
+  /// L_i with W_i = L_i L_iᵀ, lower triangular.
+  [[nodiscard]] const std::vector<Eigen::MatrixXd>& factors() const { return factors_; }
+  /// L = ⊗_i L_i: W = L Lᵀ.
+  [[nodiscard]] const Eigen::MatrixXd& factor() const { return factor_; }
+  /// Columns f with Lᵀ f = `coordinates`: what is orthonormal there is orthonormal in W.
+  [[nodiscard]] Eigen::MatrixXd at_nodes(const Eigen::Ref<const Eigen::MatrixXd>& coordinates) const;
+
+ private:
+  std::vector<Eigen::MatrixXd> factors_;
+  Eigen::MatrixXd factor_;
+};
+
+}  // namespace knothe::reduction

@@ -1,0 +1,210 @@
+#include "knothe/reduction/model/spline_functions.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cassert>
+
+#include "knothe/base/error.hpp"
+#include "knothe/reduction/model/joint_quadratic_form.hpp"
+#include "knothe/reduction/model/spline_contraction.hpp"
+
+namespace knothe::reduction {
+
+namespace {
+
+using Local = numerics::CubicSplineBasis::Local;
+
+/// What the contraction of one point needs.
+struct PointTask {
+  const double* coefficients;
+  const Local* local;
+  const std::ptrdiff_t* strides;
+  const int* active;
+  Eigen::Index row;
+  Eigen::Index count;
+};
+
+template <std::size_t D, int Derivatives>
+void evaluate_point(const PointTask& task, FunctionBatch& out) {
+  for (Eigen::Index k = 0; k < task.count; k += k_lane_count) {
+    const auto jet = contract<D, Derivatives>(task.coefficients + k, task.local, task.strides, task.active);
+    const Eigen::Index n = task.count - k;
+    store(&out.value(task.row, k), jet.value, n);
+    if constexpr (Derivatives >= 1) {
+      for (std::size_t a = 0; a < D; ++a) store(&out.first[a](task.row, k), jet.first[a], n);
+    }
+    if constexpr (Derivatives >= 2) {
+      for (std::size_t ab = 0; ab < jet.second.size(); ++ab)
+        store(&out.second[ab](task.row, k), jet.second[ab], n);
+    }
+  }
+}
+
+using PointEvaluator = void (*)(const PointTask&, FunctionBatch&);
+
+template <int Derivatives>
+constexpr std::array<PointEvaluator, JointFunctions::k_most_parameters> k_evaluators = {
+    evaluate_point<1, Derivatives>, evaluate_point<2, Derivatives>, evaluate_point<3, Derivatives>,
+    evaluate_point<4, Derivatives>, evaluate_point<5, Derivatives>, evaluate_point<6, Derivatives>,
+    evaluate_point<7, Derivatives>, evaluate_point<8, Derivatives>};
+
+/// Room for one entry per axis; on the stack for up to eight axes.
+template <class T>
+class Workspace {
+ public:
+  std::span<T> take(std::size_t n) {
+    if (n <= few_.size()) return std::span<T>(few_).first(n);
+    many_.resize(n);
+    return many_;
+  }
+
+ private:
+  std::array<T, 8> few_;
+  std::vector<T> many_;
+};
+
+}  // namespace
+
+SplineFunctions::SplineFunctions(std::span<const std::vector<double>> nodes, Eigen::Index count)
+    : count_(count), padded_(round_up_to_lanes(count)) {
+  for (const auto& axis : nodes) bases_.emplace_back(axis);
+}
+
+Eigen::VectorXd SplineFunctions::lower() const {
+  Eigen::VectorXd corner(dimension());
+  for (Eigen::Index i = 0; i < dimension(); ++i) corner[i] = bases_[i].nodes().front();
+  return corner;
+}
+
+Eigen::VectorXd SplineFunctions::upper() const {
+  Eigen::VectorXd corner(dimension());
+  for (Eigen::Index i = 0; i < dimension(); ++i) corner[i] = bases_[i].nodes().back();
+  return corner;
+}
+
+void SplineFunctions::localise(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::Index row,
+                               std::span<Local> local) const {
+  for (std::size_t i = 0; i < bases_.size(); ++i) {
+    const auto nodes = bases_[i].nodes();
+    const double x = points(row, static_cast<Eigen::Index>(i));
+    local[i] = bases_[i].evaluate(std::clamp(x, nodes.front(), nodes.back()));
+  }
+}
+
+CanonicalFunctions::CanonicalFunctions(std::span<const std::vector<double>> nodes,
+                                       std::span<const std::vector<double>> values, Eigen::Index count)
+    : SplineFunctions(nodes, count) {
+  assert(values.size() == bases_.size());
+  for (std::size_t i = 0; i < bases_.size(); ++i) {
+    const Eigen::Index n = bases_[i].size();
+    const Eigen::Map<const RowMatrix> at_nodes(values[i].data(), count, n);
+    const RowMatrix fitted = bases_[i].coefficients_from_values() * at_nodes.transpose();
+    auto& stored = coefficients_.emplace_back(static_cast<std::size_t>((n + 3) * padded_), 0.0);
+    Eigen::Map<RowMatrix>(stored.data(), n + 3, padded_).topLeftCorner(n, count) = fitted;
+  }
+}
+
+void CanonicalFunctions::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
+                                  FunctionBatch& out) const {
+  const std::size_t d = bases_.size();
+  Workspace<Local> local_space;
+  Workspace<std::array<Lanes, 3>> factor_space;
+  const auto local = local_space.take(d);
+  const auto factor = factor_space.take(d);  // α, α', α'' of every axis
+  for (Eigen::Index row = 0; row < points.rows(); ++row) {
+    localise(points, row, local);
+    for (Eigen::Index k = 0; k < count_; k += k_lane_count) {
+      const Eigen::Index n = count_ - k;
+      for (std::size_t i = 0; i < d; ++i) {
+        const double* c = coefficients_[i].data() + local[i].first * padded_ + k;
+        factor[i] = {};
+        for (std::size_t f = 0; f < 4; ++f) {
+          const Lanes lanes = load(c + static_cast<Eigen::Index>(f) * padded_);
+          factor[i][0] += local[i].value[f] * lanes;
+          factor[i][1] += local[i].first_derivative[f] * lanes;
+          factor[i][2] += local[i].second_derivative[f] * lanes;
+        }
+      }
+      // Π_i of the axes' derivatives of orders (1 if i = a) + (1 if i = b).
+      const auto product = [&](std::size_t a, std::size_t b) {
+        Lanes result = factor[0][(a == 0) + (b == 0)];
+        for (std::size_t i = 1; i < d; ++i) result *= factor[i][(a == i) + (b == i)];
+        return result;
+      };
+      store(&out.value(row, k), product(d, d), n);
+      for (std::size_t a = 0; derivatives >= 1 && a < d; ++a) {
+        store(&out.first[a](row, k), product(a, d), n);
+        for (std::size_t b = 0; derivatives >= 2 && b <= a; ++b) {
+          store(&out.second[packed(a, b)](row, k), product(a, b), n);
+        }
+      }
+    }
+  }
+}
+
+JointFunctions::JointFunctions(std::span<const std::vector<double>> nodes, std::span<const double> values,
+                               Eigen::Index count)
+    : SplineFunctions(nodes, count) {
+  const std::size_t d = bases_.size();
+  if (d == 0 || d > k_most_parameters) {
+    throw DataError(
+        fmt::format("a joint tensor grid of {} parameters: 1 to {} are possible; use the canonical form", d,
+                    k_most_parameters));
+  }
+  // B-spline coefficients: along every axis in turn. Seen from axis i the array is [before, nᵢ, after].
+  std::vector<double> fitted(values.begin(), values.end());
+  Eigen::Index after = 1;
+  for (std::size_t i = d; i-- > 0;) {
+    const Eigen::Index n = bases_[i].size();
+    for (Eigen::Index block = 0; block < static_cast<Eigen::Index>(fitted.size()); block += n * after) {
+      Eigen::Map<RowMatrix> part(fitted.data() + block, n, after);
+      part = (bases_[i].coefficients_from_values() * part).eval();
+    }
+    after *= n;
+  }
+  const Eigen::Index grid = after;
+  assert(static_cast<Eigen::Index>(values.size()) == grid * count);
+  coefficients_.assign(static_cast<std::size_t>(grid * padded_), 0.0);
+  Eigen::Map<RowMatrix>(coefficients_.data(), grid, padded_).leftCols(count) =
+      Eigen::Map<const RowMatrix>(fitted.data(), count, grid).transpose();
+  strides_.resize(d);
+  std::ptrdiff_t stride = padded_;
+  for (std::size_t i = d; i-- > 0;) {
+    strides_[i] = stride;
+    stride *= bases_[i].size();
+  }
+}
+
+void JointFunctions::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
+                              FunctionBatch& out) const {
+  const std::size_t d = bases_.size();
+  const PointEvaluator evaluator = derivatives == 0   ? k_evaluators<0>[d - 1]
+                                   : derivatives == 1 ? k_evaluators<1>[d - 1]
+                                                      : k_evaluators<2>[d - 1];
+  Workspace<Local> local_space;
+  const auto local = local_space.take(d);
+  std::array<int, k_most_parameters> active{};
+  for (std::size_t i = 0; i < d; ++i) active[i] = bases_[i].active();
+  for (Eigen::Index row = 0; row < points.rows(); ++row) {
+    localise(points, row, local);
+    const double* start = coefficients_.data();
+    for (std::size_t i = 0; i < d; ++i) start += local[i].first * strides_[i];
+    evaluator({start, local.data(), strides_.data(), active.data(), row, count_}, out);
+  }
+}
+
+Eigen::VectorXd JointFunctions::magnitude(const Eigen::VectorXd& centre) const {
+  // The B-splines are non-negative and sum to one: w(p) is a mean of coefficients.
+  const Eigen::Map<const RowMatrix> table(
+      coefficients_.data(),
+      static_cast<Eigen::Index>(coefficients_.size()) / std::max<Eigen::Index>(padded_, 1), padded_);
+  return (table.leftCols(count_).rowwise() - centre.transpose()).cwiseAbs().colwise().maxCoeff().transpose();
+}
+
+std::unique_ptr<QuadraticForm> JointFunctions::make_quadratic_form() const {
+  if (bases_.size() > JointQuadraticForm::k_most_parameters) return ParameterFunctions::make_quadratic_form();
+  return std::make_unique<JointQuadraticForm>(bases_, coefficients_, strides_, count_);
+}
+
+}  // namespace knothe::reduction

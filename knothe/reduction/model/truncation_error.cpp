@@ -1,0 +1,182 @@
+#include "knothe/reduction/model/truncation_error.hpp"
+
+#include <fmt/format.h>
+
+#include <cmath>
+
+#include "knothe/base/error.hpp"
+#include "knothe/base/threads.hpp"
+#include "knothe/reduction/compress/low_rank.hpp"
+#include "knothe/reduction/grid/grid_solutions.hpp"
+#include "knothe/reduction/model/model_matrices.hpp"
+#include "knothe/reduction/model/separated_model.hpp"
+#include "knothe/reduction/observe/observation_operator.hpp"
+
+namespace knothe::reduction {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+
+namespace {
+
+/// All known errors, one after the other; each n_dof × n_t, with its weight.
+class KnownErrors {
+ public:
+  /// `basis`: Q of GridSolutions, whose coordinates the snapshots are then; empty for fields.
+  KnownErrors(const ModelContents& contents, const Snapshots& snapshots, const MatrixXd& basis,
+              std::span<const OffGridSolution> off_grid)
+      : model_(contents), snapshots_(snapshots), basis_(basis), off_grid_(off_grid) {}
+
+  [[nodiscard]] std::size_t count() const { return snapshots_.grid_size() + off_grid_.size(); }
+  [[nodiscard]] double weight(std::size_t i) const {
+    const std::size_t grid = snapshots_.grid_size();
+    return 1.0 / static_cast<double>(i < grid ? grid : off_grid_.size());
+  }
+  [[nodiscard]] MatrixXd error(std::size_t i) const {
+    const std::size_t grid = snapshots_.grid_size();
+    const std::span<const double> solution =
+        i < grid ? snapshots_.solution(i) : std::span<const double>(off_grid_[i - grid].values);
+    const std::vector<double> p = i < grid ? snapshots_.parameters_at(i) : off_grid_[i - grid].parameters;
+    const auto lift = lift_of(model_.contents());
+    const bool in_basis = i < grid && basis_.size() > 0;
+    const Index rows = in_basis ? basis_.cols() : lift.rows();
+    if (static_cast<Index>(solution.size()) != rows * lift.cols() ||
+        (in_basis && basis_.rows() != lift.rows()))
+      throw UsageError("the solutions and the model differ in number of dofs or time steps");
+    const Eigen::Map<const MatrixXd> stored(solution.data(), rows, lift.cols());
+    MatrixXd error = -field_at(model_, p);
+    if (in_basis)
+      error.noalias() += basis_ * stored;
+    else
+      error += stored;
+    return error;
+  }
+
+ private:
+  SeparatedModel model_;
+  const Snapshots& snapshots_;
+  const MatrixXd& basis_;
+  std::span<const OffGridSolution> off_grid_;
+};
+
+}  // namespace
+
+namespace {
+
+/// τ from the coefficients of all known errors.
+double persistence_of(const KnownErrors& errors, const std::vector<MatrixXd>& coefficients) {
+  double tau = 1;
+  for (Index lag = 1; lag < coefficients.front().cols(); ++lag) {
+    const Index n = coefficients.front().cols() - lag;
+    double product = 0, early = 0, late = 0;
+    for (std::size_t i = 0; i < coefficients.size(); ++i) {
+      const auto a = coefficients[i].leftCols(n), b = coefficients[i].rightCols(n);
+      product += errors.weight(i) * a.cwiseProduct(b).sum();
+      early += errors.weight(i) * a.squaredNorm();
+      late += errors.weight(i) * b.squaredNorm();
+    }
+    const double scale = std::sqrt(early * late);
+    if (!(scale > 0) || product < 0.05 * scale) break;
+    tau += 2 * product / scale;
+  }
+  return tau;
+}
+
+TruncationError covariance_of(const KnownErrors& errors, const ModelContents& contents, std::size_t modes,
+                              std::size_t threads) {
+  const auto dofs = static_cast<Index>(contents.dof_count()),
+             times = static_cast<Index>(contents.time.size());
+  // Randomised range finder, without ever keeping all errors: a sketch of twice the modes wanted.
+  const Index most =
+      std::min<Index>({static_cast<Index>(modes), dofs, times * static_cast<Index>(errors.count())});
+  const Index width = std::min(2 * most, dofs);
+  std::vector<MatrixXd> sketches(errors.count());
+  parallel_for(errors.count(), threads, [&](std::size_t i) {
+    sketches[i] = errors.error(i) * (std::sqrt(errors.weight(i)) *
+                                     normal_matrix(times, width, 1 + static_cast<std::uint64_t>(i)));
+  });
+  MatrixXd sketch = MatrixXd::Zero(dofs, width);
+  for (const MatrixXd& part : sketches) sketch += part;  // in order: the same for any number of threads
+  sketches.clear();
+  TruncationError result;
+  // Errors that are sums of fewer modes have a space of fewer.
+  const MatrixXd space = dominant_space(sketch, 0.0, 1, threads).basis;
+  const Index k = std::min(most, space.cols());
+  const MatrixXd basis = space.leftCols(k);
+  result.count = static_cast<std::size_t>(k);
+  result.space.assign(basis.data(), basis.data() + basis.size());
+
+  std::vector<MatrixXd> coefficients(errors.count());  // k × n_t
+  std::vector<Eigen::VectorXd> left(errors.count());   // n_t: squared norm outside the basis
+  parallel_for(errors.count(), threads, [&](std::size_t i) {
+    const MatrixXd error = errors.error(i);
+    coefficients[i].noalias() = basis.transpose() * error;
+    left[i] =
+        (error.colwise().squaredNorm() - coefficients[i].colwise().squaredNorm()).transpose().cwiseMax(0.0);
+  });
+  for (Index t = 0; t < times; ++t) {
+    MatrixXd second = MatrixXd::Zero(k, k);
+    double variance = 0;
+    for (std::size_t i = 0; i < errors.count(); ++i) {
+      second.noalias() += errors.weight(i) * coefficients[i].col(t) * coefficients[i].col(t).transpose();
+      variance += errors.weight(i) * left[i][t] / static_cast<double>(dofs);
+    }
+    result.covariance.insert(result.covariance.end(), second.data(), second.data() + second.size());
+    result.variance.push_back(variance);
+  }
+  result.persistence = persistence_of(errors, coefficients);
+  return result;
+}
+
+}  // namespace
+
+TruncationError truncation_error(const ModelContents& contents, const Snapshots& snapshots,
+                                 std::span<const OffGridSolution> off_grid, std::size_t modes,
+                                 std::size_t threads) {
+  const MatrixXd none;
+  return covariance_of({contents, snapshots, none, off_grid}, contents, modes, threads);
+}
+
+TruncationError truncation_error(const ModelContents& contents, const GridSolutions& solutions,
+                                 std::span<const OffGridSolution> off_grid, std::size_t modes,
+                                 std::size_t threads) {
+  return covariance_of({contents, solutions.snapshots, solutions.basis, off_grid}, contents, modes, threads);
+}
+
+std::vector<MatrixXd> observe_truncation(const TruncationError& error, const ModelContents& model,
+                                         const std::string& where, std::span<const double> points,
+                                         std::span<const std::int64_t> components,
+                                         std::span<const std::size_t> steps) {
+  if (error.count == 0)
+    throw DataError(
+        fmt::format("{}: the model's file has no /truncation: make the model again with this version of "
+                    "`knothe offline` or "
+                    "`knothe model import`, or leave method.truncation_error off",
+                    where));
+  const auto k = static_cast<Index>(error.count);
+  const ObservationOperator operation(model.dofs, model.mesh, where, points, components);
+  const MatrixXd observed = operation.apply(
+      Eigen::Map<const MatrixXd>(error.space.data(), static_cast<Index>(model.dof_count()), k));
+  const double distance = steps.size() < 2 ? error.persistence
+                                           : static_cast<double>(steps.back() - steps.front()) /
+                                                 static_cast<double>(steps.size() - 1);
+  const double factor = std::max(1.0, error.persistence / distance);
+  std::vector<MatrixXd> result;
+  for (const std::size_t step : steps) {
+    const Eigen::Map<const MatrixXd> second(&error.covariance[step * error.count * error.count], k, k);
+    MatrixXd covariance = observed * second * observed.transpose();
+    covariance.diagonal().array() += error.variance[step];
+    result.push_back((0.5 * factor) * (covariance + covariance.transpose()));
+  }
+  return result;
+}
+
+ImportedModel import_model_and_error(const std::string& path, const CompressionOptions& options) {
+  const Snapshots snapshots = read_snapshots(path);
+  ImportedModel result{compress(snapshots, options), {}};
+  result.model.project = "# imported from " + path + "\n";
+  result.truncation = truncation_error(result.model, snapshots, {}, 20, options.threads);
+  return result;
+}
+
+}  // namespace knothe::reduction

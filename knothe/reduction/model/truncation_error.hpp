@@ -1,0 +1,56 @@
+#pragma once
+/// @file What a reduced model leaves out, as a covariance that a likelihood can add (docs/reduction.md, "The
+/// model's own error").
+#include <Eigen/Core>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "knothe/reduction/compress/compression.hpp"
+
+namespace knothe::reduction {
+
+/// Covariance of e = u − û over the parameters, at each step: Σ_t = V S_t Vᵀ + v_t I. Without the bias of a
+/// mean: S_t are second moments about zero.
+struct TruncationError {
+  std::size_t count = 0;           ///< k space modes
+  std::vector<double> space;       ///< [k, n_dof], V: orthonormal
+  std::vector<double> covariance;  ///< [n_t, k, k], S_t, m²
+  std::vector<double> variance;    ///< [n_t], v_t: what V leaves out, per dof, m²
+  /// τ = 1 + 2 Σ_k ρ_k, ρ_k the correlation of the errors of steps k apart (up to the first below 0.05): n
+  /// steps tell no more of the error than n/τ independent ones.
+  double persistence = 1;
+};
+
+/// From the errors that are known: at the grid points (truncation alone) with equal weights and, added to
+/// that, at `off_grid` solutions (truncation and interpolation) with equal weights. UsageError if sizes
+/// differ.
+[[nodiscard]] TruncationError truncation_error(const ModelContents& model, const Snapshots& snapshots,
+                                               std::span<const OffGridSolution> off_grid = {},
+                                               std::size_t modes = 20, std::size_t threads = 0);
+
+/// Writes a model with its truncation error (/truncation/…) in one file, atomically. IoError.
+void write_model(const ModelContents& contents, const TruncationError& error, const std::string& path);
+
+/// What `write_model` wrote; `count` 0 if the file has none (made by another program, or by an older knothe).
+[[nodiscard]] TruncationError read_truncation_error(const std::string& path);
+
+/// What to add to the noise of each of the data's `steps`, taken as independent of each other: Σ_t at the
+/// observations (as in `observe`) times max(1, τ / mean distance of the steps); n_obs × n_obs each, m².
+[[nodiscard]] std::vector<Eigen::MatrixXd> observe_truncation(const TruncationError& error,
+                                                              const ModelContents& model,
+                                                              const std::string& where,
+                                                              std::span<const double> points,
+                                                              std::span<const std::int64_t> components,
+                                                              std::span<const std::size_t> steps);
+
+/// `knothe model import`, with the error that is known at the grid points.
+struct ImportedModel {
+  ModelContents model;
+  TruncationError truncation;
+};
+[[nodiscard]] ImportedModel import_model_and_error(const std::string& path,
+                                                   const CompressionOptions& options);
+
+}  // namespace knothe::reduction

@@ -1,0 +1,36 @@
+#pragma once
+/// @file Where observations are in a model: rows of weights on the dofs.
+#include <Eigen/Core>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "knothe/reduction/compress/snapshots.hpp"
+
+namespace knothe::reduction {
+
+/// The observation operator O of y = O u, one sparse row per observation.
+class ObservationOperator {
+ public:
+  struct Entry {
+    std::size_t dof;
+    double weight;
+  };
+
+  /// Points [n_obs, 3] and components against the dofs of `where` (interfaces.md, section 4): see `observe`.
+  ObservationOperator(const Dofs& dofs, const std::optional<Mesh>& mesh, const std::string& where,
+                      std::span<const double> points, std::span<const std::int64_t> components);
+  /// Rows of the identity.
+  explicit ObservationOperator(std::span<const std::size_t> dofs);
+
+  [[nodiscard]] Eigen::Index rows() const { return static_cast<Eigen::Index>(rows_.size()); }
+  [[nodiscard]] std::span<const Entry> row(std::size_t i) const { return rows_[i]; }
+  /// O · `fields`, where `fields` is n_dof × any.
+  [[nodiscard]] Eigen::MatrixXd apply(const Eigen::Ref<const Eigen::MatrixXd>& fields) const;
+
+ private:
+  std::vector<std::vector<Entry>> rows_;
+};
+
+}  // namespace knothe::reduction

@@ -1,0 +1,105 @@
+#include "knothe/reduction/observe/observed_model.hpp"
+
+#include <fmt/format.h>
+
+#include "knothe/base/error.hpp"
+#include "knothe/reduction/model/model_matrices.hpp"
+#include "knothe/reduction/model/spline_functions.hpp"
+#include "knothe/reduction/observe/observation_operator.hpp"
+
+namespace knothe::reduction {
+
+namespace {
+
+ObservedModel observe_by(const SeparatedModel& model, const ObservationOperator& operation) {
+  ObservedModel observed;
+  observed.functions = model.functions();
+  observed.parameters = model.parameter_names();
+  observed.time = model.contents().time;
+  observed.space = operation.apply(space_of(model.contents()));
+  observed.lift = operation.apply(lift_of(model.contents()));
+  for (std::size_t step = 0; step < model.step_count(); ++step) {
+    observed.core.push_back(core_of(model.contents(), step));
+  }
+  return observed;
+}
+
+}  // namespace
+
+Eigen::VectorXd ObservedModel::predict(const Eigen::Ref<const Eigen::VectorXd>& p, std::size_t step) const {
+  FunctionBatch w;
+  w.resize(1, functions->dimension(), functions->count(), 0);
+  functions->evaluate(p.transpose(), 0, w);
+  const Eigen::VectorXd coefficients = core[step] * w.value.transpose();
+  return lift.col(static_cast<Eigen::Index>(step)) + space * coefficients;
+}
+
+ObservedModel observe(const SeparatedModel& model, std::span<const double> points,
+                      std::span<const std::int64_t> components) {
+  const ModelContents& contents = model.contents();
+  return observe_by(model,
+                    ObservationOperator(contents.dofs, contents.mesh, model.where(), points, components));
+}
+
+ObservedModel observe_dofs(const SeparatedModel& model, std::span<const std::size_t> dofs) {
+  for (const std::size_t dof : dofs) {
+    if (dof < model.dof_count()) continue;
+    throw UsageError(
+        fmt::format("there is no dof {}: the model has dofs 0 to {}", dof, model.dof_count() - 1));
+  }
+  return observe_by(model, ObservationOperator(dofs));
+}
+
+ObservedModel observe_snapshots(const Snapshots& snapshots, std::span<const double> points,
+                                std::span<const std::int64_t> components) {
+  const ObservationOperator operation(snapshots.dofs, snapshots.mesh, "snapshots", points, components);
+  const auto grid = static_cast<Eigen::Index>(snapshots.grid_size());
+  const auto times = static_cast<Eigen::Index>(snapshots.time.size());
+  const auto dofs = static_cast<Eigen::Index>(snapshots.dof_count());
+  ObservedModel observed;
+  observed.time = snapshots.time;
+  std::vector<std::vector<double>> nodes;
+  for (const Axis& axis : snapshots.axes) {
+    observed.parameters.push_back(axis.name);
+    nodes.push_back(axis.nodes);
+  }
+  // Cardinal functions: one at its own node of the grid, zero at the others.
+  const RowMatrix identity = RowMatrix::Identity(grid, grid);
+  observed.functions = std::make_shared<JointFunctions>(
+      nodes, std::span(identity.data(), static_cast<std::size_t>(identity.size())), grid);
+  observed.space = Eigen::MatrixXd::Identity(operation.rows(), operation.rows());
+  // Cardinal splines sum to one, so what is subtracted from every node (here the grid's mean) comes back
+  // exactly.
+  observed.lift = Eigen::MatrixXd::Zero(operation.rows(), times);
+  observed.core.assign(static_cast<std::size_t>(times), Eigen::MatrixXd(operation.rows(), grid));
+  for (Eigen::Index g = 0; g < grid; ++g) {
+    const auto solution = snapshots.solution(static_cast<std::size_t>(g));
+    const Eigen::MatrixXd seen =
+        operation.apply(Eigen::Map<const Eigen::MatrixXd>(solution.data(), dofs, times));
+    for (Eigen::Index t = 0; t < times; ++t) observed.core[static_cast<std::size_t>(t)].col(g) = seen.col(t);
+  }
+  for (Eigen::Index t = 0; t < times; ++t) {
+    Eigen::MatrixXd& core = observed.core[static_cast<std::size_t>(t)];
+    observed.lift.col(t) = core.rowwise().mean();
+    core.colwise() -= observed.lift.col(t);
+  }
+  return observed;
+}
+
+ObservedModel at_steps(const ObservedModel& model, std::span<const std::size_t> steps) {
+  ObservedModel part{model.functions, model.parameters, {}, model.space, {}, {}};
+  part.lift.resize(model.lift.rows(), static_cast<Eigen::Index>(steps.size()));
+  Eigen::Index column = 0;
+  for (const std::size_t step : steps) {
+    if (step >= model.time.size()) {
+      throw UsageError(
+          fmt::format("there is no time step {}: the model has steps 0 to {}", step, model.time.size() - 1));
+    }
+    part.time.push_back(model.time[step]);
+    part.core.push_back(model.core[step]);
+    part.lift.col(column++) = model.lift.col(static_cast<Eigen::Index>(step));
+  }
+  return part;
+}
+
+}  // namespace knothe::reduction

@@ -1,0 +1,113 @@
+#include <algorithm>
+#include <cmath>
+
+#include "knothe/report/figures/result_figures.hpp"
+#include "knothe/report/figures/svg_text.hpp"
+
+namespace knothe::report {
+namespace {
+
+std::vector<double> scaled(const std::vector<double>& values, double factor) {
+  std::vector<double> out(values);
+  for (double& v : out) v *= factor;
+  return out;
+}
+
+/// The part of the axis where any density is worth seeing: above a thousandth of the lowest peak.
+void limit_to_mass(const Results& results, const std::string& name, double factor, Axis& axis) {
+  double low = INFINITY, high = -INFINITY;
+  for (const auto& s : results.steps) {
+    const auto found = s.forecast.find(name);
+    if (found == s.forecast.end() || found->second.density.empty()) continue;
+    const Density& density = found->second.density;
+    const double peak = *std::max_element(density.values.begin(), density.values.end());
+    for (std::size_t i = 0; i < density.points.size(); ++i)
+      if (density.values[i] > 2e-3 * peak)
+        low = std::min(low, density.points[i]), high = std::max(high, density.points[i]);
+  }
+  if (low < high) axis.low = factor * low, axis.high = factor * high;
+}
+
+std::string with_capital(std::string text) {
+  if (!text.empty() && text[0] >= 'a' && text[0] <= 'z') text[0] = static_cast<char>(text[0] - 'a' + 'A');
+  std::replace(text.begin(), text.end(), '_', ' ');
+  return text;
+}
+
+}  // namespace
+
+ForecastScale forecast_scale(const Results& results, const std::string& name) {
+  const auto found = results.forecasts.find(name);
+  ForecastSummary summary = found == results.forecasts.end() ? ForecastSummary{} : found->second;
+  if (const auto last = results.steps.back().forecast.find(name);
+      summary.unit.empty() && last != results.steps.back().forecast.end())
+    summary.unit = last->second.units;
+  ForecastScale scale;
+  scale.crack = summary.quantity == "crack_length" || (summary.quantity.empty() && name.find("crack") == 0);
+  scale.quantity = scale.crack ? "Crack length" : with_capital(name);
+  scale.title = scale.quantity;
+  if (summary.horizon)
+    scale.title += " at time " + plain(*summary.horizon);
+  else if (scale.crack && name != "crack")
+    scale.title += " (" + name + ")";
+  scale.unit = summary.unit == "1" ? "" : summary.unit;
+  if (scale.crack || summary.unit == "m") scale.unit = "mm", scale.factor = 1e3;
+  if (summary.unit == "N") scale.unit = "kN", scale.factor = 1e-3;
+  return scale;
+}
+
+Plot forecast_densities_plot(const Results& results, const std::string& name) {
+  const ForecastScale scale = forecast_scale(results, name);
+  Axis x{scale.label()};
+  limit_to_mass(results, name, scale.factor, x);
+  Plot plot(scale.title, x,
+            {scale.unit.empty() ? "probability density" : "probability density (1/" + scale.unit + ")", 0.0});
+  const double first = static_cast<double>(results.steps.front().step);
+  const double span = std::max(static_cast<double>(results.steps.back().step) - first, 1.0);
+  for (std::size_t i = 0; i < results.steps.size(); ++i) {
+    const auto found = results.steps[i].forecast.find(name);
+    if (found == results.steps[i].forecast.end() || found->second.density.empty()) continue;
+    const Density& density = found->second.density;
+    const bool last = i + 1 == results.steps.size();
+    plot.line(scaled(density.points, scale.factor), scaled(density.values, 1.0 / scale.factor),
+              Paint::time((static_cast<double>(results.steps[i].step) - first) / span),
+              last ? "last step" : "", {last ? 2.8 : 1.2, {}, 1.0});
+  }
+  if (const auto f = results.forecasts.find(name); f != results.forecasts.end() && f->second.threshold)
+    plot.vertical(scale.factor * *f->second.threshold, Paint::faint(), "threshold");
+  plot.colour_bar({"step", first, static_cast<double>(results.steps.back().step), ColourBar::Map::time});
+  return plot;
+}
+
+Plot forecast_convergence_plot(const Results& results, const std::string& name) {
+  const ForecastScale scale = forecast_scale(results, name);
+  std::vector<double> x, mean, low, high, most, direct_x, direct_low, direct_high;
+  for (const auto& s : results.steps) {
+    const auto found = s.forecast.find(name);
+    if (found == s.forecast.end()) continue;
+    const StepForecast& f = found->second;
+    x.push_back(static_cast<double>(s.step));
+    mean.push_back(scale.factor * f.mean);
+    most.push_back(scale.factor * f.maximum_a_posteriori);
+    const bool quantiles = !f.values.empty() && f.levels.front() < 0.03 && f.levels.back() > 0.97;
+    low.push_back(scale.factor * (quantiles ? f.values.front() : f.mean - 1.96 * f.std));
+    high.push_back(scale.factor * (quantiles ? f.values.back() : f.mean + 1.96 * f.std));
+    if (f.direct.empty()) continue;
+    direct_x.push_back(x.back());
+    direct_low.push_back(scale.factor * f.direct.front());
+    direct_high.push_back(scale.factor * f.direct.back());
+  }
+  Plot plot(scale.quantity + " as the data come in", {"step"}, {scale.label()});
+  plot.band(x, low, high, Paint::series(1), "95 % of the probability");
+  plot.line(x, mean, Paint::series(1), "mean", {2.2});
+  plot.line(x, most, Paint::ink(), "most probable", {1.3, "3 3", 1.0});
+  if (!direct_x.empty()) {
+    plot.line(direct_x, direct_low, Paint::series(0), "95 %, best length of each sample", {1.3, "5 3", 1.0});
+    plot.line(direct_x, direct_high, Paint::series(0), "", {1.3, "5 3", 1.0});
+  }
+  if (const auto f = results.forecasts.find(name); f != results.forecasts.end() && f->second.threshold)
+    plot.horizontal(scale.factor * *f->second.threshold, Paint::faint(), "threshold");
+  return plot;
+}
+
+}  // namespace knothe::report

@@ -1,0 +1,204 @@
+#include "knothe/report/figures/watch_figures.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <set>
+
+#include "knothe/report/figures/svg_text.hpp"
+
+namespace knothe::report {
+namespace {
+
+template <class Function>
+std::vector<double> over_steps(const Results& results, Function value) {
+  std::vector<double> out;
+  for (const Step& s : results.steps) out.push_back(value(s));
+  return out;
+}
+
+Figure one(Plot plot, const std::string& title, double height = 300.0) {
+  Figure figure{title, {std::move(plot)}};
+  figure.plot_height = height;
+  return figure;
+}
+
+/// A step at which the alarm goes off: at the one before it was silent.
+std::vector<std::size_t> alarms(const Results& results) {
+  std::vector<std::size_t> at;
+  for (std::size_t i = 0; i < results.steps.size(); ++i) {
+    if (results.steps[i].alarm && (i == 0 || !results.steps[i - 1].alarm)) at.push_back(i);
+  }
+  return at;
+}
+
+void mark_alarms(Plot& plot, const Results& results, const std::vector<double>& y) {
+  std::vector<double> x, at;
+  for (const std::size_t i : alarms(results)) {
+    x.push_back(static_cast<double>(results.steps[i].step));
+    at.push_back(y[i]);
+  }
+  if (!x.empty()) plot.scatter(x, at, Paint::truth(), "the alarm rings", 4.5);
+}
+
+std::string verdict(const Results& results) {
+  const auto rang = alarms(results);
+  if (!rang.empty()) {
+    std::string steps;
+    for (const std::size_t i : rang)
+      steps += fmt::format("{}{}", steps.empty() ? "" : ", ", results.steps[i].step);
+    return fmt::format(
+        "The alarm rang at step {}: from some steps before on, the data have not been what the model, with "
+        "all "
+        "it had learnt, "
+        "predicted. A sensor that moved, a noise level that is wrong, a structure that changed and a model "
+        "that "
+        "is wrong all ring it.",
+        steps);
+  }
+  double nearest = 0;
+  for (const Step& s : results.steps)
+    if (s.threshold > 0) nearest = std::max(nearest, s.cumulative_sum / s.threshold);
+  return fmt::format(
+      "The alarm did not ring: each datum was compared with what the posterior before it predicted, and the "
+      "sum of what was amiss came to {:.0f} % of the threshold at most.",
+      100 * nearest);
+}
+
+std::vector<Figure> residual_figures(const Results& results) {
+  std::vector<Figure> figures = {one(residual_plot(results), "Residuals at the sensors over the steps")};
+  std::set<char> components(results.residuals.component.begin(), results.residuals.component.end());
+  for (const char c : components)
+    figures.push_back(one(residual_map(results, c), fmt::format("Residuals of u_{} at the sensors", c)));
+  return figures;
+}
+
+}  // namespace
+
+Plot evidence_plot(const Results& results) {
+  Plot plot("Evidence of each step", {"step"}, {"log-evidence increment"});
+  const auto increment = over_steps(results, [](const Step& s) { return s.log_evidence_increment; });
+  plot.line(results.step_numbers(), increment, Paint::faint(), "of the step", {1.2});
+  if (results.monitored)
+    plot.line(results.step_numbers(), over_steps(results, [](const Step& s) { return s.smoothed_increment; }),
+              Paint::series(6), "smoothed", {2.2});
+  mark_alarms(plot, results, increment);
+  return plot;
+}
+
+Plot alarm_plot(const Results& results) {
+  const auto sum = over_steps(results, [](const Step& s) { return s.cumulative_sum; });
+  const double threshold = results.steps.back().threshold;
+  Plot plot("The alarm", {"step"},
+            {"cumulative sum", 0.0, 1.15 * std::max(threshold, *std::max_element(sum.begin(), sum.end()))});
+  plot.line(results.step_numbers(), sum, Paint::series(0), "largest of the sums");
+  plot.horizontal(threshold, Paint::truth(), "threshold");
+  mark_alarms(plot, results, sum);
+  return plot;
+}
+
+Plot residual_plot(const Results& results) {
+  std::vector<double> x, y;
+  for (std::size_t i = 0; i < results.residuals.step.size(); ++i) {
+    x.push_back(static_cast<double>(results.residuals.step[i]));
+    y.push_back(1e6 * results.residuals.step_rms[i]);
+  }
+  Plot plot("Datum less prediction, all sensors", {"step"}, {"root mean square (µm)", 0.0});
+  plot.line(x, y, Paint::series(1));
+  return plot;
+}
+
+Plot discrepancy_plot(const Results& results) {
+  Plot plot("How wrong the model is inferred to be", {"step"}, {"size of the discrepancy", 0.0});
+  plot.line(results.step_numbers(), over_steps(results, [](const Step& s) { return s.discrepancy; }),
+            Paint::series(1));
+  return plot;
+}
+
+Plot residual_map(const Results& results, char component) {
+  const Residuals& r = results.residuals;
+  double top = 0, left = 1e300, right = -1e300, low = 1e300, high = -1e300;
+  for (std::size_t i = 0; i < r.x.size(); ++i) {
+    left = std::min(left, r.x[i]), right = std::max(right, r.x[i]);
+    low = std::min(low, r.y[i]), high = std::max(high, r.y[i]);
+    if (r.component[i] == component) top = std::max(top, std::abs(r.mean[i]));
+  }
+  const double half = 0.008 * std::max({right - left, high - low, 1e-9});
+  // More than some thousand squares are neither seen nor quickly shown.
+  const std::size_t stride = 1 + r.x.size() / 4000;
+  std::vector<Cell> cells;
+  for (std::size_t i = 0; i < r.x.size(); i += stride) {
+    if (r.component[i] != component) continue;
+    const double x = r.x[i], y = r.y[i];
+    cells.push_back({{{x - half, y - half}, {x + half, y - half}, {x + half, y + half}, {x - half, y + half}},
+                     blue_white_red(top > 0 ? 0.5 + 0.5 * r.mean[i] / top : 0.5)});
+  }
+  Plot plot(fmt::format("u_{}: mean residual of the last {} steps", component, r.averaged), {}, {});
+  plot.cells(std::move(cells)).as_map();
+  plot.colour_bar({"µm", -1e6 * top, 1e6 * top, ColourBar::Map::blue_white_red});
+  return plot;
+}
+
+Plot model_probability_plot(const Results& results) {
+  Plot plot("Which model", {"step"}, {"posterior probability", 0.0, 1.02});
+  int colour = 0;
+  for (const auto& [name, last] : results.steps.back().models) {
+    std::vector<double> x, y;
+    for (const Step& s : results.steps) {
+      const auto found = s.models.find(name);
+      if (found == s.models.end()) continue;
+      x.push_back(static_cast<double>(s.step));
+      y.push_back(found->second.probability);
+    }
+    plot.line(x, y, Paint::series(colour++), name, {2.0});
+  }
+  return plot;
+}
+
+void add_watch(Page& page, const Results& results) {
+  page.section("Whether the model is to be believed");
+  if (!results.monitored) {
+    page.note("These results hold no record of the evidence monitor.");
+    return;
+  }
+  page.paragraph(verdict(results));
+  std::vector<Figure> figures = {one(evidence_plot(results), "Log-evidence increments"),
+                                 one(alarm_plot(results), "Cumulative sum of the monitor and its threshold")};
+  const bool joint = std::any_of(results.steps.begin(), results.steps.end(),
+                                 [](const Step& s) { return s.discrepancy > 0; });
+  if (joint) figures.push_back(one(discrepancy_plot(results), "Size of the discrepancy"));
+  if (!results.steps.back().models.empty())
+    figures.push_back(one(model_probability_plot(results), "Posterior probability of each model"));
+  page.figures(
+      figures,
+      fmt::format("The evidence of a step is the log-probability that the model gave to its data "
+                  "beforehand. Scores of how "
+                  "each datum was predicted are summed up; a right model passes the threshold once in "
+                  "17,280 steps.{}",
+                  joint ? " Size of the discrepancy: posterior mean of κ, the model's error relative to "
+                          "all that its parameters "
+                          "can do under the prior."
+                        : ""));
+  std::vector<TableRow> notices;
+  for (const Step& s : results.steps)
+    if (!s.notice.empty()) notices.push_back({{std::to_string(s.step), s.notice}});
+  if (!notices.empty()) page.table({"step", "what the monitor found or did"}, notices);
+  if (!results.steps.back().models.empty()) {
+    std::vector<TableRow> rows;
+    for (const auto& [name, m] : results.steps.back().models)
+      rows.push_back(
+          {{name, readable(m.probability, 3), readable(m.log_evidence, 8), readable(m.log_bayes_factor, 3)}});
+    page.table({"model", "probability", "log-evidence", "log Bayes factor of the best over it"}, rows);
+  }
+  if (results.residuals.step.empty()) return;
+  page.figures(
+      residual_figures(results),
+      "What the model leaves unexplained: datum less the mean prediction of the posterior that has "
+      "it. Noise alone "
+      "gives a level line and a map without pattern. (A motion of the camera, where one is taken out "
+      "of pictures, is still in it.)");
+}
+
+}  // namespace knothe::report

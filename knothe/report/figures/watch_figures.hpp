@@ -1,0 +1,26 @@
+#pragma once
+/// @file The figures that tell whether the model is to be believed: evidence, alarm, what it leaves
+/// unexplained, and how probable other models are.
+#include "knothe/report/figures/svg_figure.hpp"
+#include "knothe/report/pages/page.hpp"
+#include "knothe/report/results/results.hpp"
+
+namespace knothe::report {
+
+/// Log-evidence increment of each step, and smoothed as the monitor does it.
+[[nodiscard]] Plot evidence_plot(const Results& results);
+/// The largest of the monitor's cumulative sums against their threshold; steps at which it rang.
+[[nodiscard]] Plot alarm_plot(const Results& results);
+/// Root mean square over the sensors of datum − posterior mean prediction, µm; `results.residuals` has it.
+[[nodiscard]] Plot residual_plot(const Results& results);
+/// Size of the discrepancy that the joint correction infers, relative to the prior's spread.
+[[nodiscard]] Plot discrepancy_plot(const Results& results);
+/// The residuals of one component at the places of the sensors (x, y), averaged over the last steps.
+[[nodiscard]] Plot residual_map(const Results& results, char component);
+/// Posterior probability of each model.
+[[nodiscard]] Plot model_probability_plot(const Results& results);
+
+/// The section of the page that they make, with what happened in words.
+void add_watch(Page& page, const Results& results);
+
+}  // namespace knothe::report

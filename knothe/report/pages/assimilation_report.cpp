@@ -1,0 +1,252 @@
+#include "knothe/report/pages/assimilation_report.hpp"
+
+#include <fmt/core.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <memory>
+
+#include "knothe/base/error.hpp"
+#include "knothe/files/atomic_file.hpp"
+#include "knothe/report/figures/model_figures.hpp"
+#include "knothe/report/figures/result_figures.hpp"
+#include "knothe/report/figures/svg_text.hpp"
+#include "knothe/report/figures/watch_figures.hpp"
+
+namespace knothe::report {
+namespace {
+
+Figure one(Plot plot, const std::string& title, double height = 330.0) {
+  Figure figure{title, {std::move(plot)}};
+  figure.plot_height = height;
+  return figure;
+}
+
+void add_parameters(Page& page, const Results& results) {
+  page.section("What the data say about the parameters");
+  bool any = false;
+  for (const auto& s : results.steps) any = any || !s.marginals.empty();
+  std::vector<Figure> marginals, convergence;
+  for (std::size_t d = 0; d < results.parameters.size(); ++d) {
+    const std::string name = pretty_name(results.parameters[d].name);
+    marginals.push_back(one(marginals_plot(results, d), "Successive posterior marginals of " + name));
+    convergence.push_back(
+        one(convergence_plot(results, d), "Posterior mean and 95 % band of " + name, 280.0));
+  }
+  if (any) {
+    page.figures(marginals,
+                 "Successive posterior marginals, coloured by step. A flat curve means that the data so far "
+                 "do not know "
+                 "the parameter, a narrow one that they do. Moments, quantiles and densities are "
+                 "importance-corrected.");
+  } else {
+    page.note("The results hold no marginal densities, so their figure is left out.");
+  }
+  page.figures(convergence,
+               "Posterior mean, and the band that holds 95 % of the probability, after each step.");
+}
+
+void add_forecasts(Page& page, const Results& results) {
+  page.section("Forecast");
+  const auto names = results.forecast_names();
+  if (names.empty()) {
+    page.note("No forecast was asked for: a table [forecast.NAME] in the project file adds one.");
+    return;
+  }
+  for (const auto& name : names) {
+    std::vector<Figure> figures;
+    const std::string title = forecast_scale(results, name).title;
+    if (!results.steps.back().forecast.at(name).density.empty())
+      figures.push_back(one(forecast_densities_plot(results, name), title + ": successive densities"));
+    figures.push_back(one(forecast_convergence_plot(results, name), title + ": mean and 95 % band"));
+    std::string caption =
+        fmt::format("Forecast “{}”: what the posterior after each step predicts for the horizon.", name);
+    if (const auto residual = results.steps.back().forecast.at(name).bridge_residual_rms)
+      caption += fmt::format(
+          " The elastic beam with the most probable crack differs from the displacements predicted at the "
+          "sensors by {} µm "
+          "(root mean square).",
+          readable(1e6 * *residual, 2));
+    page.figures(figures, caption);
+  }
+}
+
+void add_method(Page& page, const Results& results) {
+  page.section("How it was computed");
+  page.figures(
+      {one(cost_plot(results), "Map order and time per step", 300.0),
+       one(variance_diagnostic_plot(results), "Variance diagnostic", 300.0),
+       one(sample_size_plot(results), "Effective sample size", 300.0)},
+      "Bars: polynomial order that the transport map needed at each step; line: time of the update, without "
+      "the "
+      "forecast. A step is trusted if the diagnostic is at most 0.05, the effective sample size at least 90 "
+      "%, and no "
+      "second mode was found.");
+  std::vector<TableRow> untrusted;
+  for (const auto& s : results.steps)
+    if (!s.trusted)
+      untrusted.push_back(
+          {{std::to_string(s.step), std::to_string(s.map_order), readable(s.variance_diagnostic, 2),
+            readable(100.0 * s.effective_sample_size, 3) + " %", s.remark}});
+  if (!untrusted.empty())
+    page.table({"not trusted: step", "order", "diagnostic", "samples", "remark"}, untrusted);
+  std::size_t rejected = 0, missing = 0;
+  for (const auto& s : results.steps) rejected += s.rejected, missing += s.missing;
+  if (rejected + missing > 0)
+    page.paragraph(fmt::format("{} values were missing and {} were rejected.", missing, rejected));
+}
+
+void add_learning(Page& page, const Results& results) {
+  page.section("Where it is learnt");
+  std::vector<Figure> figures;
+  if (results.displacement.empty())
+    page.note("The results hold no load–displacement curve, so it is left out.");
+  else
+    figures.push_back(one(load_plot(results), "Load–displacement curve with the steps that teach most"));
+  figures.push_back(one(information_plot(results), "Information gained per step"));
+  page.figures(
+      figures,
+      "Dots: the five steps where the standard deviation of a parameter falls by the largest factor. Bars: "
+      "how much entropy the posterior loses at each step.");
+}
+
+/// The last posterior mean, moved into the model's box, in the model's order of parameters; the box's middle
+/// for a parameter that the results do not have.
+std::vector<double> drawing_point(const Results& results, const reduction::SeparatedModel& model) {
+  std::vector<double> p;
+  for (const auto& axis : model.contents().axes) {
+    double value = 0.5 * (axis.nodes.front() + axis.nodes.back());
+    for (std::size_t d = 0; d < results.parameters.size(); ++d)
+      if (results.parameters[d].name == axis.name) value = results.steps.back().mean[d];
+    p.push_back(std::clamp(value, axis.nodes.front(), axis.nodes.back()));
+  }
+  return p;
+}
+
+void add_model(Page& page, const Results& results, const reduction::SeparatedModel& model) {
+  const auto& contents = model.contents();
+  page.section("The reduced model");
+  page.paragraph(fmt::format(
+      "Separated in the {} form: {} space modes, {} parameter functions, {} time steps, {} degrees of "
+      "freedom. Error on its "
+      "training grid: {} relative, {} µm at the worst place.",
+      reduction::to_text(contents.form), contents.space_modes, contents.parameter_modes, contents.time.size(),
+      contents.dof_count(), readable(contents.relative_error, 2), readable(1e6 * contents.max_error_m, 2)));
+  const std::vector<double> p = drawing_point(results, model);
+  if (can_be_drawn(model)) {
+    const std::size_t last = contents.time.size() - 1;
+    page.figure(displacement_figure(model, p, last),
+                "Horizontal displacement at the last time step and the posterior mean.");
+    page.figures(space_mode_figures(model),
+                 "The first space modes on the outer face (horizontal component, largest value 1, "
+                 "deformed shape exaggerated).");
+  } else {
+    page.note("The model file has no mesh of hexahedra with displacement dofs, so its fields are not drawn.");
+  }
+  std::vector<Figure> functions = {one(time_functions_plot(model, p), "Time functions", 300.0)};
+  for (std::size_t axis = 0; axis < contents.axes.size(); ++axis)
+    functions.push_back(one(parameter_functions_plot(model, axis, p), "Parameter functions", 300.0));
+  page.figures(functions,
+               contents.form == reduction::Form::canonical
+                   ? "Time functions at the posterior mean, and parameter functions, of the first modes."
+                   : "Time functions at the posterior mean, and the joint parameter functions along lines "
+                     "through it, of the "
+                     "first modes.");
+  if (can_be_drawn(model) && !contents.crack.empty()) {
+    const std::vector<double> lengths = {0.0, 0.025, 0.05, 0.075};
+    page.figures(crack_figures(model, lengths),
+                 "Elastic solutions of the crack bridge for four crack lengths and a unit "
+                 "imposed displacement (the paper's Fig. 10).");
+  }
+}
+
+void add_provenance(Page& page, const Results& results) {
+  page.section("Where this comes from");
+  if (!results.summary_found)
+    page.note(
+        "summary.json is missing: the assimilation was interrupted, or these are not all of its files.");
+  std::vector<TableRow> rows;
+  const auto add = [&](const std::string& what, const std::string& value) {
+    if (!value.empty()) rows.push_back({{what, value}});
+  };
+  add("Program", results.created_by);
+  add("Model", results.model);
+  add("Data", results.data);
+  add("Seed", results.seed);
+  add("Steps", fmt::format("{} (from {} to {})", results.steps.size(), results.steps.front().step,
+                           results.steps.back().step));
+  if (results.elapsed_s) add("Time of the whole run", readable(*results.elapsed_s, 3) + " s");
+  for (const auto& p : results.parameters)
+    if (!p.prior.empty()) {
+      std::string prior = p.prior;
+      if (p.lower && p.upper) prior += fmt::format(", on {} … {}", plain(*p.lower), plain(*p.upper));
+      if (p.reference) prior += fmt::format("; 1 means {} in SI units", plain(*p.reference));
+      add("Prior of " + pretty_name(p.name), prior);
+    }
+  for (const auto& [name, value] : results.machine) add("Machine: " + name, value);
+  page.table({}, rows);
+  if (!results.project.empty()) page.details("The project file", results.project);
+}
+
+}  // namespace
+
+std::string assimilation_report(const Results& results, const reduction::SeparatedModel* model,
+                                const std::string& model_problem) {
+  const Step& last = results.steps.back();
+  Page page("What the measurements say",
+            fmt::format("{} steps assimilated, up to model time {}. {} values used at the last one.",
+                        results.steps.size(), plain(last.time), last.used));
+  page.cards(headline(results));
+  add_parameters(page, results);
+  add_forecasts(page, results);
+  add_learning(page, results);
+  add_watch(page, results);
+  add_method(page, results);
+  if (model != nullptr) {
+    add_model(page, results, *model);
+  } else {
+    page.section("The reduced model").note("The figures of the model are left out: " + model_problem);
+  }
+  if (const auto rows = comparison_with_paper(results); !rows.empty()) {
+    page.section("Beside the paper");
+    page.paragraph(
+        "Rubio, Chamoin and Louf, Comptes Rendus Mécanique 347 (2019), §6.3, with synthetic data of their "
+        "own.");
+    page.table({"", "paper", "here", "why they differ"}, rows);
+  }
+  add_provenance(page, results);
+  return page.html();
+}
+
+void write_assimilation_report(const std::string& results_folder, const std::string& model_path,
+                               const std::string& output) {
+  const Results results = read_results(results_folder);
+  const std::string path = model_path.empty() ? results.model : model_path;
+  std::unique_ptr<reduction::SeparatedModel> model;
+  std::string problem = "no model file is named in summary.json";
+  if (!path.empty()) {
+    try {
+      model = std::make_unique<reduction::SeparatedModel>(reduction::SeparatedModel::load(path));
+    } catch (const Error& e) {
+      problem = e.what();
+    }
+  }
+  files::write_text_atomically(output, assimilation_report(results, model.get(), problem));
+}
+
+std::string overview_svg(const Results& results) {
+  Figure figure{"Successive posteriors and forecasts", {}, 2, 470.0, 330.0};
+  const auto names = results.forecast_names();
+  const std::size_t shown = names.empty() ? results.parameters.size() : 1;
+  for (std::size_t i = 0; i < std::min<std::size_t>(shown, 2); ++i)
+    figure.plots.push_back(marginals_plot(results, names.empty() ? i : results.parameters.size() - 1));
+  for (std::size_t i = 0; i < std::min<std::size_t>(names.size(), 1); ++i)
+    figure.plots.push_back(forecast_densities_plot(results, names[i]));
+  return standalone_svg(figure);
+}
+
+void write_overview_svg(const std::string& results_folder, const std::string& output) {
+  files::write_text_atomically(output, overview_svg(read_results(results_folder)));
+}
+
+}  // namespace knothe::report

@@ -1,0 +1,122 @@
+#include "knothe/report/pages/comparison_report.hpp"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "knothe/base/error.hpp"
+#include "knothe/files/atomic_file.hpp"
+#include "knothe/report/figures/svg_text.hpp"
+#include "knothe/report/pages/page.hpp"
+
+namespace knothe::report {
+namespace {
+
+using Json = nlohmann::json;
+using Numbers = std::vector<double>;
+namespace fs = std::filesystem;
+
+Json read_json(const fs::path& path) {
+  std::ifstream in(path);
+  if (!in) throw DataError(path.string() + ": cannot be read");
+  try {
+    return Json::parse(in);
+  } catch (const Json::exception& error) {
+    throw DataError(fmt::format("{}: not JSON: {}", path.string(), error.what()));
+  }
+}
+
+/// Posterior density of parameter k, by both.
+Figure marginals(const Json& first, const Json& second, std::size_t k) {
+  const std::string name = first.at("parameters").at(k);
+  Plot plot("", {name}, {"density", 0.0});
+  int colour = 0;
+  for (const Json* one : {&first, &second}) {
+    const Json& density = one->at("figures").at("posterior").at(k);
+    plot.line(density.at("points").get<Numbers>(), density.at("density").get<Numbers>(),
+              Paint::series(colour++), one->at("method").get<std::string>());
+  }
+  Figure figure{"Marginal of " + name, {std::move(plot)}};
+  figure.plot_height = 280.0;
+  return figure;
+}
+
+std::string page_of(const Json& comparison, const Json& first, const Json& second) {
+  const Json& c = comparison.at("comparison");
+  const std::string a = c.at("methods").at(0), b = c.at("methods").at(1);
+  const auto parameters = first.at("parameters").get<std::vector<std::string>>();
+  double largest = 0;
+  for (const double x : c.at("mean_difference").get<Numbers>()) largest = std::max(largest, std::abs(x));
+  Page page("Two methods compared",
+            fmt::format("The means of {} and {} differ by at most {} standard deviations of the posterior.",
+                        a, b, readable(largest, 2)));
+  std::vector<Card> cards;
+  for (const Json* one : {&first, &second}) {
+    const bool trusted = one->at("trusted");
+    cards.push_back({one->at("method").get<std::string>(), trusted ? "trusted" : "not trusted",
+                     fmt::format("{} model evaluations", one->at("model_evaluations").get<long>()),
+                     !trusted});
+  }
+  cards.push_back({"Log-evidence, difference",
+                   with_uncertainty(c.at("log_evidence_difference"),
+                                    std::max(1e-6, c.at("log_evidence_error").get<double>())),
+                   fmt::format("{} minus {}", b, a)});
+  page.cards(cards);
+  page.section("What each says of itself");
+  for (const Json* one : {&first, &second})
+    page.paragraph(
+        fmt::format("{}: {}", one->at("method").get<std::string>(), one->at("verdict").get<std::string>()));
+  page.section(fmt::format("{} minus {}, in units of the posterior's standard deviation", b, a));
+  std::vector<std::string> head = {"parameter", "mean", "ratio of deviations"};
+  for (const double level : c.at("quantile_difference").at("levels").get<Numbers>())
+    head.push_back(fmt::format("{:g} %", 100 * level));
+  std::vector<TableRow> rows;
+  for (std::size_t k = 0; k < parameters.size(); ++k) {
+    std::vector<std::string> cells = {parameters[k], readable(c.at("mean_difference").at(k), 2),
+                                      readable(c.at("std_ratio").at(k), 4)};
+    for (const double q : c.at("quantile_difference").at("values").at(k).get<Numbers>())
+      cells.push_back(readable(q, 2));
+    rows.push_back({std::move(cells)});
+  }
+  page.table(head, rows);
+  page.section("Marginal posteriors");
+  std::vector<Figure> figures;
+  for (std::size_t k = 0; k < std::min<std::size_t>(parameters.size(), 6); ++k)
+    figures.push_back(marginals(first, second, k));
+  page.figures(figures,
+               "Where the lines lie on each other, two methods that know nothing of each other agree.");
+  page.section("Where this comes from");
+  page.table({}, {{{"Program", first.at("created_by").get<std::string>()}},
+                  {{"Model", first.at("model").get<std::string>()}}});
+  page.details("The project file", first.at("project").get<std::string>());
+  return page.html();
+}
+
+}  // namespace
+
+bool holds_comparison(const std::string& results_folder) {
+  const fs::path folder(results_folder);
+  std::error_code none;
+  return fs::exists(folder / "comparison.json", none) && !fs::exists(folder / "inference.json", none) &&
+         !fs::exists(folder / "steps.jsonl", none);
+}
+
+void write_comparison_report(const std::string& results_folder, const std::string& output) {
+  const fs::path folder(results_folder), path = folder / "comparison.json";
+  const Json comparison = read_json(path);
+  std::string page;
+  try {
+    const Json& methods = comparison.at("comparison").at("methods");
+    page = page_of(comparison, read_json(folder / methods.at(0).get<std::string>() / "inference.json"),
+                   read_json(folder / methods.at(1).get<std::string>() / "inference.json"));
+  } catch (const Json::exception& error) {
+    throw DataError(
+        fmt::format("{}: not what `knothe infer --compare` writes: {}", path.string(), error.what()));
+  }
+  files::write_text_atomically(output, page);
+}
+
+}  // namespace knothe::report

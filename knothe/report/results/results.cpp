@@ -1,0 +1,340 @@
+#include "knothe/report/results/results.hpp"
+
+#include <fmt/core.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "knothe/base/error.hpp"
+
+namespace knothe::report {
+namespace {
+
+using nlohmann::json;
+
+/// A JSON object together with where it stands, so that every message can say so.
+class Located {
+ public:
+  Located(const json& value, std::string where, std::string path = {})
+      : value_(value), where_(std::move(where)), path_(std::move(path)) {
+    if (!value_.is_object()) fail("an object { … } is expected");
+  }
+  [[noreturn]] void fail(const std::string& what) const {
+    throw DataError(where_ + ": error: " + path_ + what);
+  }
+  [[nodiscard]] bool has(const char* key) const { return value_.contains(key) && !value_[key].is_null(); }
+  [[nodiscard]] const json& at(const char* key) const {
+    if (!value_.contains(key)) fail(fmt::format("key \"{}\" is missing", key));
+    return value_[key];
+  }
+  [[nodiscard]] Located object(const char* key) const { return member(key, at(key)); }
+  /// `value`, which stands under `key` in this object.
+  [[nodiscard]] Located member(const std::string& key, const json& value) const {
+    return {value, where_, path_ + '"' + key + "\": "};
+  }
+  [[nodiscard]] double number(const char* key) const {
+    const json& v = at(key);
+    if (!v.is_number() || !std::isfinite(v.get<double>()))
+      fail(fmt::format("\"{}\" must be a finite number", key));
+    return v.get<double>();
+  }
+  [[nodiscard]] double number_or(const char* key, double otherwise) const {
+    return has(key) ? number(key) : otherwise;
+  }
+  [[nodiscard]] std::optional<double> optional_number(const char* key) const {
+    return has(key) ? std::optional<double>(number(key)) : std::nullopt;
+  }
+  [[nodiscard]] std::size_t count(const char* key) const {
+    const json& v = at(key);
+    if (!v.is_number_integer() || v.get<double>() < 0.0)
+      fail(fmt::format("\"{}\" must be a whole number", key));
+    return v.get<std::size_t>();
+  }
+  [[nodiscard]] std::vector<double> numbers(const char* key) const { return numbers(at(key), key); }
+  [[nodiscard]] std::vector<double> numbers(const json& v, const char* key) const {
+    if (!v.is_array()) fail(fmt::format("\"{}\" must be a list of numbers", key));
+    std::vector<double> out;
+    for (const auto& entry : v) {
+      if (!entry.is_number() || !std::isfinite(entry.get<double>()))
+        fail(fmt::format("\"{}\"[{}] must be a finite number", key, out.size()));
+      out.push_back(entry.get<double>());
+    }
+    return out;
+  }
+  [[nodiscard]] std::vector<double> numbers(const char* key, std::size_t size) const {
+    auto out = numbers(key);
+    if (out.size() != size)
+      fail(fmt::format("\"{}\" has {} numbers, {} are expected", key, out.size(), size));
+    return out;
+  }
+  [[nodiscard]] std::string text_or(const char* key, const std::string& otherwise = {}) const {
+    if (!has(key)) return otherwise;
+    const json& v = at(key);
+    return v.is_string() ? v.get<std::string>() : v.dump();
+  }
+  [[nodiscard]] Density density(const char* points, const char* values) const {
+    Density d{numbers(points), {}};
+    d.values = numbers(values, d.points.size());
+    return d;
+  }
+  [[nodiscard]] const json& value() const { return value_; }
+
+ private:
+  const json& value_;
+  std::string where_;  ///< file and line
+  std::string path_;   ///< keys that lead to the object
+};
+
+StepForecast forecast_of(const Located& f) {
+  StepForecast out;
+  out.mean = f.number("mean");
+  out.std = f.number("std");
+  out.maximum_a_posteriori = f.number("maximum_a_posteriori");
+  out.probability_above_threshold = f.number("probability_above_threshold");
+  out.units = f.text_or("units");
+  out.bridge_residual_rms = f.optional_number("bridge_residual_rms");
+  out.levels = f.numbers("levels");
+  out.values = f.numbers("values", out.levels.size());
+  if (f.has("direct")) out.direct = f.object("direct").numbers("values", out.levels.size());
+  if (f.has("density")) out.density = f.object("density").density("points", "values");
+  return out;
+}
+
+void read_moments(const Located& line, Step& s) {
+  s.mean = line.numbers("mean");
+  const std::size_t d = s.mean.size();
+  if (d == 0) line.fail("\"mean\" is empty");
+  const json& rows = line.at("covariance");
+  if (!rows.is_array() || rows.size() != d) line.fail(fmt::format("\"covariance\" must have {} rows", d));
+  for (const auto& row : rows) {
+    const auto numbers = line.numbers(row, "covariance");
+    if (numbers.size() != d) line.fail(fmt::format("\"covariance\" must be {0} × {0}", d));
+    s.covariance.insert(s.covariance.end(), numbers.begin(), numbers.end());
+  }
+  for (std::size_t i = 0; i < d; ++i) s.std.push_back(std::sqrt(std::max(0.0, s.covariance[i * d + i])));
+  s.maximum_a_posteriori = line.numbers("maximum_a_posteriori", d);
+  const Located quantiles = line.object("quantiles");
+  s.levels = quantiles.numbers("levels");
+  const json& values = quantiles.at("values");
+  if (!values.is_array() || values.size() != d)
+    quantiles.fail(fmt::format("\"values\" must have {} rows", d));
+  for (const auto& row : values) {
+    s.quantiles.push_back(quantiles.numbers(row, "values"));
+    if (s.quantiles.back().size() != s.levels.size())
+      quantiles.fail("each row of \"values\" needs one number per level");
+  }
+}
+
+void read_watch(const Located& line, Step& s) {
+  s.notice = line.text_or("notice");
+  if (line.has("monitor")) {
+    const Located monitor = line.object("monitor");
+    s.smoothed_increment = monitor.number("smoothed_increment");
+    s.cumulative_sum = monitor.number("cumulative_sum");
+    s.threshold = monitor.number("threshold");
+    s.alarm = monitor.at("alarm").is_boolean() && monitor.at("alarm").get<bool>();
+    s.discrepancy = monitor.number_or("discrepancy", 0.0);
+  }
+  if (!line.has("models")) return;
+  const Located models = line.object("models");
+  for (const auto& [name, value] : models.value().items()) {
+    const Located m = models.member(name, value);
+    s.models[name] = {m.number("probability"), m.number("log_evidence"), m.number("log_bayes_factor")};
+  }
+}
+
+Step step_of(const Located& line) {
+  Step s;
+  s.step = line.count("step");
+  s.time = line.number("time");
+  read_moments(line, s);
+  s.map_order = static_cast<int>(line.number("map_order"));
+  s.variance_diagnostic = line.number("variance_diagnostic");
+  s.effective_sample_size = line.number("ess");
+  if (!line.at("trusted").is_boolean()) line.fail("\"trusted\" must be true or false");
+  s.trusted = line.at("trusted").get<bool>();
+  s.remark = line.text_or("remark");
+  s.log_evidence = line.number("log_evidence");
+  s.log_evidence_increment = line.number("log_evidence_increment");
+  s.used = line.count("used");
+  s.rejected = line.count("rejected");
+  s.missing = line.count("missing");
+  read_watch(line, s);
+  const Located elapsed = line.object("elapsed_us");
+  s.update_us = elapsed.number("update");
+  s.forecast_us = elapsed.number_or("forecast", 0.0);
+  s.total_us = elapsed.number("total");
+  if (line.has("marginals")) {
+    const Located marginals = line.object("marginals");
+    for (const auto& [name, value] : marginals.value().items())
+      s.marginals[name] = marginals.member(name, value).density("points", "density");
+  }
+  if (line.has("forecast")) {
+    const Located forecasts = line.object("forecast");
+    for (const auto& [name, value] : forecasts.value().items())
+      s.forecast[name] = forecast_of(forecasts.member(name, value));
+  }
+  return s;
+}
+
+json parse(const std::string& text, const std::string& where) {
+  try {
+    return json::parse(text);
+  } catch (const json::exception& e) {
+    throw DataError(where + ": error: not valid JSON (" + e.what() + ")");
+  }
+}
+
+std::vector<Step> read_steps(const std::string& path) {
+  std::ifstream file(path);
+  if (!file)
+    throw DataError(path + ": error: cannot be read; `knothe assimilate PROJECT.toml -o RESULTS/` writes it");
+  std::vector<Step> steps;
+  std::string text;
+  for (std::size_t number = 1; std::getline(file, text); ++number) {
+    if (text.find_first_not_of(" \t\r") == std::string::npos) continue;
+    const std::string where = fmt::format("{}:{}", path, number);
+    const json value = parse(text, where);
+    const Located line(value, where);
+    if (line.has("done")) continue;
+    steps.push_back(step_of(line));
+    if (steps.back().mean.size() != steps.front().mean.size())
+      line.fail(fmt::format("{} parameters, but the lines above have {}", steps.back().mean.size(),
+                            steps.front().mean.size()));
+  }
+  if (steps.empty()) throw DataError(path + ":1: error: no assimilated step in it");
+  return steps;
+}
+
+std::string prior_in_words(const Located& parameter) {
+  if (!parameter.has("prior")) return {};
+  const json& prior = parameter.at("prior");
+  if (prior.is_string()) return prior.get<std::string>();
+  if (!prior.is_object()) return prior.dump();
+  std::string kind = prior.value("prior", prior.value("kind", std::string("prior"))), numbers;
+  for (const auto& [key, value] : prior.items())
+    if (value.is_number())
+      numbers += (numbers.empty() ? "" : ", ") + key + " = " + fmt::format("{:.4g}", value.get<double>());
+  return kind + (numbers.empty() ? "" : " (" + numbers + ")");
+}
+
+void read_parameters(const Located& summary, Results& results) {
+  if (!summary.has("parameters")) return;
+  const json& list = summary.at("parameters");
+  if (!list.is_array()) summary.fail("\"parameters\" must be a list");
+  for (const auto& entry : list) {
+    const Located p = summary.member("parameters", entry);
+    results.parameters.push_back({p.text_or("name"), prior_in_words(p), p.optional_number("lower"),
+                                  p.optional_number("upper"), p.optional_number("reference"),
+                                  p.optional_number("truth")});
+  }
+}
+
+void read_residuals(const Located& summary, Residuals& r) {
+  if (!summary.has("residuals")) return;
+  const Located entry = summary.object("residuals");
+  for (const double step : entry.numbers("step")) r.step.push_back(static_cast<std::size_t>(step));
+  r.step_rms = entry.numbers("step_rms", r.step.size());
+  r.averaged = entry.count("averaged");
+  r.x = entry.numbers("x");
+  r.y = entry.numbers("y", r.x.size());
+  r.mean = entry.numbers("mean", r.x.size());
+  const std::string components = entry.text_or("component");
+  if (components.size() != r.x.size()) entry.fail("\"component\" needs one letter per sensor");
+  r.component.assign(components.begin(), components.end());
+}
+
+void read_summary(const std::string& path, Results& results) {
+  std::ifstream file(path);
+  if (!file) return;
+  std::stringstream text;
+  text << file.rdbuf();
+  const json value = parse(text.str(), path + ":1");
+  const Located summary(value, path);
+  results.summary_found = true;
+  results.created_by = summary.text_or("created_by");
+  results.project = summary.text_or("project");
+  results.model = summary.text_or("model");
+  results.data = summary.text_or("data");
+  results.seed = summary.text_or("seed");
+  results.elapsed_s = summary.optional_number("elapsed_s");
+  read_parameters(summary, results);
+  if (summary.has("prior_marginals")) {
+    const Located marginals = summary.object("prior_marginals");
+    for (const auto& [name, entry] : marginals.value().items())
+      results.prior_marginals[name] = marginals.member(name, entry).density("points", "density");
+  }
+  if (summary.has("forecasts")) {
+    const Located forecasts = summary.object("forecasts");
+    for (const auto& [name, entry] : forecasts.value().items()) {
+      const Located f = forecasts.member(name, entry);
+      results.forecasts[name] = {f.text_or("quantity"), f.optional_number("horizon"),
+                                 f.optional_number("threshold"), f.text_or("unit")};
+    }
+  }
+  read_residuals(summary, results.residuals);
+  if (summary.has("load_displacement")) {
+    const Located curve = summary.object("load_displacement");
+    results.displacement = curve.numbers("displacement");
+    if (curve.has("time")) results.curve_time = curve.numbers("time", results.displacement.size());
+    results.force = curve.numbers("force", results.displacement.size());
+  }
+  if (summary.has("machine") && summary.at("machine").is_object())
+    for (const auto& [name, entry] : summary.at("machine").items())
+      results.machine.emplace_back(name, entry.is_string() ? entry.get<std::string>() : entry.dump());
+}
+
+}  // namespace
+
+std::vector<double> Results::step_numbers() const {
+  std::vector<double> numbers;
+  for (const auto& s : steps) numbers.push_back(static_cast<double>(s.step));
+  return numbers;
+}
+
+std::vector<std::size_t> Results::untrusted() const {
+  std::vector<std::size_t> numbers;
+  for (const auto& s : steps)
+    if (!s.trusted) numbers.push_back(s.step);
+  return numbers;
+}
+
+std::vector<std::string> Results::forecast_names() const {
+  std::vector<std::string> names;
+  for (const auto& [name, forecast] : steps.back().forecast) names.push_back(name);
+  return names;
+}
+
+Results read_results(const std::string& folder) {
+  if (!std::filesystem::is_directory(folder))
+    throw DataError(
+        folder + ": error: no such results folder; `knothe assimilate PROJECT.toml -o RESULTS/` makes one");
+  const std::filesystem::path base(folder);
+  Results results;
+  results.folder = folder;
+  results.steps = read_steps((base / "steps.jsonl").string());
+  results.monitored =
+      std::all_of(results.steps.begin(), results.steps.end(), [](const Step& s) { return s.threshold > 0; });
+  read_summary((base / "summary.json").string(), results);
+  const std::size_t d = results.steps.front().mean.size();
+  if (!results.parameters.empty() && results.parameters.size() != d)
+    throw DataError(fmt::format("{}: error: {} parameters, but steps.jsonl has {}",
+                                (base / "summary.json").string(), results.parameters.size(), d));
+  for (std::size_t i = results.parameters.size(); i < d; ++i)
+    results.parameters.push_back({fmt::format("parameter {}", i), {}, {}, {}, {}, {}});
+  return results;
+}
+
+double percentile(std::vector<double> values, double fraction) {
+  std::sort(values.begin(), values.end());
+  const double at = std::clamp(fraction, 0.0, 1.0) * static_cast<double>(values.size() - 1);
+  const auto lower = static_cast<std::size_t>(at);
+  const std::size_t upper = std::min(lower + 1, values.size() - 1);
+  return values[lower] + (at - static_cast<double>(lower)) * (values[upper] - values[lower]);
+}
+
+}  // namespace knothe::report

@@ -1,0 +1,240 @@
+#include "knothe/report/results/results_writer.hpp"
+
+#include <fmt/format.h>
+#include <sys/utsname.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <thread>
+
+#include "knothe/assimilation/update/marginal_density.hpp"
+#include "knothe/base/version.hpp"
+#include "knothe/files/atomic_file.hpp"
+#include "knothe/files/json_line.hpp"
+#include "knothe/files/vtu.hpp"
+#include "knothe/forecast/horizon.hpp"
+#include "knothe/reduction/model/field_file.hpp"
+#include "knothe/reduction/model/model_matrices.hpp"
+#include "knothe/reduction/model/time_interpolation.hpp"
+#include "knothe/report/results/json_values.hpp"
+#include "knothe/report/results/posterior_file.hpp"
+#include "knothe/report/results/step_record.hpp"
+
+namespace knothe::report {
+
+using Json = nlohmann::ordered_json;
+
+Json machine_record() {
+  utsname name{};
+  uname(&name);
+  std::string processor = name.machine;
+  std::ifstream cpuinfo("/proc/cpuinfo");
+  for (std::string line; std::getline(cpuinfo, line);) {
+    if (line.starts_with("model name")) {
+      processor = line.substr(line.find(':') + 2);
+      break;
+    }
+  }
+  return {{"processor", processor},
+          {"cores", std::thread::hardware_concurrency()},
+          {"system", fmt::format("{} {}", name.sysname, name.release)},
+          {"compiler", __VERSION__}};
+}
+
+ResultsWriter::ResultsWriter(const project::Project& project, const reduction::SeparatedModel& model,
+                             const assimilation::Measurements& measurements,
+                             std::vector<assimilation::Prior> priors,
+                             std::shared_ptr<const reduction::ObservedModel> observed)
+    : project_(project),
+      model_(model),
+      measurements_(measurements),
+      priors_(std::move(priors)),
+      observed_(std::move(observed)) {
+  // Rows behind the displacements are in `series` too.
+  measurements_.values = measurements.values.topRows(measurements.points.rows());
+}
+
+void ResultsWriter::add_step(const assimilation::UpdateResult& result,
+                             const assimilation::WeightedPosterior& posterior,
+                             const std::vector<forecast::NamedForecast>& forecasts,
+                             const std::vector<forecast::NamedForecast>& direct, double forecast_us,
+                             std::size_t time_index, const std::vector<forecast::ScoredForecast>& scores,
+                             const project::ModelComparison* comparison) {
+  Json record = step_record(result, forecasts, forecast_us);
+  if (!scores.empty()) record["scores"] = score_records(scores);
+  if (comparison != nullptr && !comparison->empty()) record["models"] = model_records(*comparison);
+  scores_.insert(scores_.end(), scores.begin(), scores.end());
+  add_densities(record, model_.parameter_names(), priors_, posterior, forecasts, direct);
+  lines_.push_back(files::json_line(record));
+  steps_.push_back({result, posterior, time_index});
+}
+
+void ResultsWriter::write(const std::string& folder, const std::vector<std::size_t>& untrusted,
+                          double elapsed_s) const {
+  const std::filesystem::path base(folder);
+  write_steps(base / "steps.jsonl");
+  write_summary(base / "summary.json", untrusted, elapsed_s);
+  if (steps_.empty()) return;
+  write_posterior(base / "posterior.nc");
+  if (model_.contents().mesh) write_fields(base / "fields");
+}
+
+void ResultsWriter::write_steps(const std::string& path) const {
+  std::string text;
+  for (const std::string& line : lines_) text += line + "\n";
+  files::write_text_atomically(path, text);
+}
+
+Json ResultsWriter::parameter_summaries() const {
+  Json parameters = Json::array();
+  const auto& axes = model_.contents().axes;
+  for (std::size_t k = 0; k < axes.size(); ++k) {
+    Json entry = {{"name", axes[k].name},           {"prior", priors_[k].describe()},
+                  {"lower", axes[k].nodes.front()}, {"upper", axes[k].nodes.back()},
+                  {"reference", axes[k].reference}, {"units", axes[k].units}};
+    if (const auto it = measurements_.truth.find(axes[k].name); it != measurements_.truth.end()) {
+      entry["truth"] = it->second;
+    }
+    parameters.push_back(std::move(entry));
+  }
+  return parameters;
+}
+
+Json ResultsWriter::load_displacement() const {
+  const auto& outputs = model_.output_names();
+  const auto has = [&](const char* name) {
+    return std::find(outputs.begin(), outputs.end(), name) != outputs.end();
+  };
+  if (steps_.empty() || !has("reaction_force") || !has("imposed_displacement")) return nullptr;
+  const Eigen::VectorXd& mean = steps_.back().result.mean;
+  const std::vector<double> p(mean.begin(), mean.end());
+  return {{"time", model_.contents().time},
+          {"displacement", model_.evaluate_output("imposed_displacement", p).value},
+          {"force", model_.evaluate_output("reaction_force", p).value}};
+}
+
+/// What the model leaves unexplained (Rubio et al. 2019, Eq. 16): datum − E[M(p)] under the posterior that
+/// has it; per step over all sensors, and per sensor over the last steps.
+Json ResultsWriter::residuals() const {
+  constexpr std::size_t k_averaged = 10;
+  if (!observed_ || steps_.empty()) return nullptr;
+  const Eigen::Index n = measurements_.values.rows();
+  const auto& functions = *observed_->functions;
+  reduction::FunctionBatch batch;
+  Json step = Json::array(), rms = Json::array();
+  Eigen::ArrayXd sum = Eigen::ArrayXd::Zero(n), count = Eigen::ArrayXd::Zero(n);
+  for (std::size_t i = 0; i < steps_.size(); ++i) {
+    const auto& [result, posterior, time_index] = steps_[i];
+    batch.resize(posterior.points.rows(), functions.dimension(), functions.count(), 0);
+    functions.evaluate(posterior.points, 0, batch);
+    const Eigen::VectorXd of_functions =
+        observed_->core[time_index] * (batch.value.transpose() * posterior.weights).eval();
+    const Eigen::ArrayXd residual = measurements_.values.col(static_cast<Eigen::Index>(i)) -
+                                    observed_->lift.col(static_cast<Eigen::Index>(time_index)).head(n) -
+                                    observed_->space.topRows(n) * of_functions;
+    const auto present = !residual.isNaN();
+    const Eigen::ArrayXd there = present.select(residual, 0.0);
+    step.push_back(result.step);
+    rms.push_back(
+        std::sqrt(there.square().sum() / std::max<double>(1, static_cast<double>(present.count()))));
+    if (i + k_averaged < steps_.size()) continue;
+    sum += there;
+    count += present.cast<double>();
+  }
+  const Eigen::VectorXd mean = sum / count.max(1);
+  std::string components;
+  std::vector<double> x, y;
+  for (Eigen::Index j = 0; j < n; ++j) {
+    components.push_back("xyz"[measurements_.components[static_cast<std::size_t>(j)]]);
+    x.push_back(measurements_.points(j, 0));
+    y.push_back(measurements_.points(j, 1));
+  }
+  return {{"step", step},
+          {"step_rms", rms},
+          {"averaged", std::min(k_averaged, steps_.size())},
+          {"component", components},
+          {"x", x},
+          {"y", y},
+          {"mean", to_json(mean)}};
+}
+
+void ResultsWriter::write_summary(const std::string& path, const std::vector<std::size_t>& untrusted,
+                                  double elapsed_s) const {
+  Json summary = {{"created_by", k_created_by},   {"project", project_.text},
+                  {"model", project_.model},      {"data", project_.data},
+                  {"seed", project_.method.seed}, {"method", project_.method.kind},
+                  {"form", project_.method.form}, {"parameters", parameter_summaries()},
+                  {"steps", steps_.size()},       {"untrusted", untrusted},
+                  {"elapsed_s", elapsed_s},       {"machine", machine_record()}};
+  for (std::size_t k = 0; k < priors_.size(); ++k) {
+    const auto prior = assimilation::marginal_density(priors_[k]);
+    summary["prior_marginals"][model_.contents().axes[k].name] = {{"points", prior.points},
+                                                                  {"density", prior.density}};
+  }
+  static constexpr const char* k_quantities[] = {"crack_length", "displacement", "output"};
+  for (const forecast::ForecastSpecification& f : project_.forecasts) {
+    Json& entry = summary["forecasts"][f.name];
+    entry = {{"quantity", k_quantities[static_cast<int>(f.quantity)]}, {"horizon", f.horizon}};
+    if (f.threshold) entry["threshold"] = *f.threshold;
+    entry["unit"] = "m";
+    if (f.quantity != forecast::ForecastSpecification::Quantity::output) continue;
+    for (const auto& output : model_.contents().outputs) {
+      if (output.name == f.output) entry["unit"] = output.labels.units;
+    }
+  }
+  if (!scores_.empty()) summary["scores"] = score_records(scores_);
+  if (Json left = residuals(); !left.is_null()) summary["residuals"] = std::move(left);
+  if (Json curve = load_displacement(); !curve.is_null()) summary["load_displacement"] = std::move(curve);
+  files::write_text_atomically(path, files::json_line(summary) + "\n");
+}
+
+void ResultsWriter::write_posterior(const std::string& path) const {
+  PosteriorFile file;
+  file.parameters = model_.parameter_names();
+  file.project = project_.text;
+  file.seed = project_.method.seed;
+  file.observed = observed_;
+  for (const Kept& kept : steps_) {
+    file.results.push_back(&kept.result);
+    file.posteriors.push_back(&kept.posterior);
+    file.time_indices.push_back(kept.time_index);
+  }
+  write_posterior_file(path, file, model_, measurements_);
+}
+
+void ResultsWriter::write_fields(const std::string& folder) const {
+  const reduction::ModelContents& contents = model_.contents();
+  const reduction::FieldOnMesh mesh(contents, model_.where());
+  const auto space = reduction::space_of(contents);
+  const auto lift = reduction::lift_of(contents);
+  reduction::FunctionBatch batch;
+  std::vector<files::PvdEntry> series;
+  for (const Kept& kept : steps_) {
+    const Eigen::MatrixXd& points = kept.posterior.points;
+    batch.resize(points.rows(), points.cols(), model_.functions()->count(), 0);
+    model_.functions()->evaluate(points, 0, batch);
+    const forecast::FunctionMoments moments =
+        forecast::moments_of_functions(batch.value, kept.posterior.weights);
+    const reduction::TimeWeights weights = reduction::interpolate_in_time(contents.time, kept.result.time);
+    Eigen::VectorXd mean = Eigen::VectorXd::Zero(lift.rows());
+    Eigen::MatrixXd core = Eigen::MatrixXd::Zero(space.cols(), moments.mean.size());
+    for (std::size_t k = 0; k < weights.index.size(); ++k) {
+      if (weights.value[k] == 0) continue;
+      core += weights.value[k] * reduction::core_of(contents, weights.index[k]);
+      mean += weights.value[k] * lift.col(static_cast<Eigen::Index>(weights.index[k]));
+    }
+    mean += space * (core * moments.mean);
+    // Cov[u] = U (C Cov[w] Cᵀ) Uᵀ: only its diagonal is wanted.
+    const Eigen::MatrixXd small = core * moments.covariance * core.transpose();
+    const Eigen::VectorXd std = (space * small).cwiseProduct(space).rowwise().sum().cwiseMax(0).cwiseSqrt();
+    const std::string name = fmt::format("step_{:04}.vtu", kept.result.step);
+    mesh.write({mesh.vectors("displacement_mean", {mean.data(), static_cast<std::size_t>(mean.size())}),
+                mesh.vectors("displacement_std", {std.data(), static_cast<std::size_t>(std.size())})},
+               (std::filesystem::path(folder) / name).string());
+    series.push_back({kept.result.time, name});
+  }
+  files::write_pvd(series, (std::filesystem::path(folder) / "posterior.pvd").string());
+}
+
+}  // namespace knothe::report

@@ -1,0 +1,75 @@
+#pragma once
+/// @file The results folder of an assimilation: steps.jsonl, summary.json, posterior.nc, fields/ for
+/// ParaView.
+#include <cstdint>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "knothe/assimilation/data/measurements.hpp"
+#include "knothe/assimilation/update/sequential_update.hpp"
+#include "knothe/forecast/forecast_scores.hpp"
+#include "knothe/forecast/forecaster.hpp"
+#include "knothe/project/model_comparison.hpp"
+#include "knothe/project/project_file.hpp"
+#include "knothe/reduction/model/separated_model.hpp"
+
+namespace knothe::report {
+
+/// Processor, cores, system and compiler, for files that hold times.
+[[nodiscard]] nlohmann::ordered_json machine_record();
+
+/// Collects the steps of an assimilation in memory and writes the folder at the end (or when interrupted),
+/// every file atomically.
+class ResultsWriter {
+ public:
+  /// `priors` are those truncated to the model's box, in the project file's order, as is the model.
+  /// `observed`: the model at the times of the data where these are not its own; its first rows are the
+  /// displacements.
+  ResultsWriter(const project::Project& project, const reduction::SeparatedModel& model,
+                const assimilation::Measurements& measurements, std::vector<assimilation::Prior> priors,
+                std::shared_ptr<const reduction::ObservedModel> observed = nullptr);
+
+  /// Keeps what the files need of a step. `time_index`: model time of the datum; `scores`: forecasts that
+  /// came true with it; `comparison`: of the models run side by side, after it.
+  void add_step(const assimilation::UpdateResult& result, const assimilation::WeightedPosterior& posterior,
+                const std::vector<forecast::NamedForecast>& forecasts,
+                const std::vector<forecast::NamedForecast>& direct, double forecast_us,
+                std::size_t time_index, const std::vector<forecast::ScoredForecast>& scores = {},
+                const project::ModelComparison* comparison = nullptr);
+
+  /// Values of a datum that came after the writer was made (pictures).
+  void set_values(std::size_t step, const Eigen::VectorXd& values) {
+    measurements_.values.col(static_cast<Eigen::Index>(step)) = values.head(measurements_.values.rows());
+  }
+
+  /// Writes everything. Errors: IoError.
+  void write(const std::string& folder, const std::vector<std::size_t>& untrusted, double elapsed_s) const;
+
+ private:
+  struct Kept {
+    assimilation::UpdateResult result;
+    assimilation::WeightedPosterior posterior;
+    std::size_t time_index;
+  };
+  void write_steps(const std::string& path) const;
+  void write_summary(const std::string& path, const std::vector<std::size_t>& untrusted,
+                     double elapsed_s) const;
+  void write_posterior(const std::string& path) const;
+  void write_fields(const std::string& folder) const;
+  [[nodiscard]] nlohmann::ordered_json parameter_summaries() const;
+  [[nodiscard]] nlohmann::ordered_json load_displacement() const;
+  [[nodiscard]] nlohmann::ordered_json residuals() const;
+
+  project::Project project_;
+  reduction::SeparatedModel model_;
+  assimilation::Measurements measurements_;
+  std::vector<assimilation::Prior> priors_;
+  std::shared_ptr<const reduction::ObservedModel> observed_;
+  std::vector<Kept> steps_;
+  std::vector<std::string> lines_;
+  std::vector<forecast::ScoredForecast> scores_;
+};
+
+}  // namespace knothe::report

@@ -1,0 +1,111 @@
+#include "knothe/report/results/step_record.hpp"
+
+#include <nlohmann/json.hpp>
+
+#include "knothe/assimilation/update/marginal_density.hpp"
+#include "knothe/report/results/json_values.hpp"
+
+namespace knothe::report {
+
+using Json = nlohmann::ordered_json;
+
+Json forecast_record(std::span<const forecast::NamedForecast> forecasts, bool densities) {
+  Json record = Json::object();
+  for (const forecast::NamedForecast& named : forecasts) {
+    const forecast::ScalarForecast& f = named.forecast;
+    Json& entry = record[named.name];
+    entry = {{"mean", f.mean},
+             {"std", f.std},
+             {"maximum_a_posteriori", f.maximum_a_posteriori},
+             {"probability_above_threshold", f.probability_above_threshold},
+             {"levels", forecast::k_levels},
+             {"values", f.values},
+             {"units", named.units}};
+    if (named.bridge_residual_rms) entry["bridge_residual_rms"] = *named.bridge_residual_rms;
+    if (densities) entry["density"] = {{"points", f.points}, {"values", f.density}};
+  }
+  return record;
+}
+
+Json step_record(const assimilation::UpdateResult& r, std::span<const forecast::NamedForecast> forecasts,
+                 double forecast_us) {
+  Json record = {
+      {"step", r.step},
+      {"time", r.time},
+      {"mean", to_json(r.mean)},
+      {"covariance", rows_of(r.covariance)},
+      {"maximum_a_posteriori", to_json(r.maximum_a_posteriori)},
+      {"quantiles", {{"levels", assimilation::k_quantile_levels}, {"values", rows_of(r.quantiles)}}},
+      {"map_order", r.map_order},
+      {"variance_diagnostic", r.variance_diagnostic},
+      {"tolerance_reached", r.tolerance_reached},
+      {"ess", r.effective_sample_size},
+      {"trusted", r.trusted},
+      {"log_evidence", r.log_evidence},
+      {"log_evidence_increment", r.log_evidence_increment},
+      {"bias_correction", r.bias_corrected ? "on" : "off"},
+      {"used", r.used},
+      {"rejected", r.rejected},
+      {"missing", r.missing},
+      {"elapsed_us",
+       {{"update", r.elapsed_us.total()},
+        {"forecast", forecast_us},
+        {"total", r.elapsed_us.total() + forecast_us},
+        {"projection", r.elapsed_us.projection},
+        {"map", r.elapsed_us.map},
+        {"correction", r.elapsed_us.correction},
+        {"watch", r.elapsed_us.watch}}},
+      {"forecast", forecast_record(forecasts, false)}};
+  if (r.noise_level) record["noise_level"] = *r.noise_level;
+  record["monitor"] = {{"probability", r.monitor.upper_probability},
+                       {"cumulative_sum", r.monitor.cumulative_sum},
+                       {"threshold", r.monitor.threshold},
+                       {"alarm", r.monitor.alarm},
+                       {"smoothed_increment", r.monitor.smoothed_increment},
+                       {"discrepancy", r.monitor.discrepancy}};
+  if (!r.notice.empty()) record["notice"] = r.notice;
+  if (!r.remark.empty()) record["remark"] = r.remark;
+  return record;
+}
+
+Json model_records(const project::ModelComparison& comparison) {
+  Json records = Json::object();
+  for (const project::ComparedModel& model : comparison.models()) {
+    records[model.file] = {{"probability", model.probability},
+                           {"log_evidence", model.log_evidence},
+                           {"log_bayes_factor", model.log_bayes_factor},
+                           {"evidence_against", model.scale}};
+  }
+  return records;
+}
+
+Json score_records(std::span<const forecast::ScoredForecast> scores) {
+  Json records = Json::object();
+  for (const forecast::ScoredForecast& s : scores) {
+    records[s.name] = {
+        {"time", s.time}, {"observed", s.observed},   {"std", s.std},   {"units", s.units},
+        {"step", s.step}, {"lead_time", s.lead_time}, {"crps", s.crps}, {"probability", s.probability}};
+  }
+  return records;
+}
+
+void add_densities(Json& record, const std::vector<std::string>& parameters,
+                   const std::vector<assimilation::Prior>& priors,
+                   const assimilation::WeightedPosterior& posterior,
+                   std::span<const forecast::NamedForecast> forecasts,
+                   std::span<const forecast::NamedForecast> direct) {
+  for (std::size_t k = 0; k < parameters.size(); ++k) {
+    const auto marginal = assimilation::marginal_density(posterior.points.col(static_cast<Eigen::Index>(k)),
+                                                         posterior.weights, priors[k]);
+    record["marginals"][parameters[k]] = {{"points", marginal.points}, {"density", marginal.density}};
+  }
+  record["forecast"] = forecast_record(forecasts, true);
+  for (const forecast::NamedForecast& named : direct) {
+    record["forecast"][named.name]["direct"] = {{"mean", named.forecast.mean},
+                                                {"std", named.forecast.std},
+                                                {"levels", forecast::k_levels},
+                                                {"values", named.forecast.values}};
+  }
+}
+
+}  // namespace knothe::report

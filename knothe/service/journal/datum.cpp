@@ -1,0 +1,245 @@
+#include "knothe/service/journal/datum.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <charconv>
+#include <cmath>
+#include <cstring>
+#include <nlohmann/json.hpp>
+
+#include "knothe/files/numbers.hpp"
+
+namespace knothe::service {
+namespace {
+
+using Json = nlohmann::json;
+
+constexpr std::int64_t k_largest_seq = std::int64_t{1} << 53;  // what JSON numbers hold exactly
+constexpr std::size_t k_longest_name = 128;
+
+[[noreturn]] void malformed(const std::string& message) {
+  throw RequestError(400, "Malformed", message);
+}
+
+void check_name(const std::string& text, const char* what, bool may_be_empty) {
+  if (text.empty() && !may_be_empty) malformed(fmt::format("\"{}\" must not be empty", what));
+  if (text.size() > k_longest_name)
+    malformed(fmt::format("\"{}\" is longer than {} bytes", what, k_longest_name));
+  for (const char c : text)
+    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f)
+      malformed(fmt::format("\"{}\" has a control character", what));
+}
+
+const Json& member(const Json& object, const char* name) {
+  const auto it = object.find(name);
+  if (it == object.end()) malformed(fmt::format("\"{}\" is missing", name));
+  return *it;
+}
+
+std::string text_member(const Json& object, const char* name, bool required) {
+  if (!required && !object.contains(name)) return "";
+  const Json& value = member(object, name);
+  if (!value.is_string()) malformed(fmt::format("\"{}\" must be a text", name));
+  auto text = value.get<std::string>();
+  check_name(text, name, !required);
+  return text;
+}
+
+std::int64_t checked_seq(const Json& value) {
+  const bool fits = value.is_number_unsigned() ? value.get<std::uint64_t>() <= k_largest_seq
+                                               : value.is_number_integer() && value.get<std::int64_t>() >= 0;
+  if (!fits) malformed("\"seq\" must be a whole number from 0 to 2^53");
+  return value.get<std::int64_t>();
+}
+
+std::uint8_t status_code(const std::string& word) {
+  return word == "good" ? 0 : word == "missing" ? 1 : word == "bad" ? 2 : 3;
+}
+
+void read_values(const Json& array, Datum& datum) {
+  if (!array.is_array()) malformed("\"values\" must be an array of numbers");
+  datum.values.reserve(array.size());
+  for (std::size_t i = 0; i < array.size(); ++i) {
+    const Json& value = array[i];
+    if (!value.is_null() && !value.is_number())
+      malformed(fmt::format("values[{}] is neither a number nor null", i));
+    datum.values.push_back(value.is_null() ? std::numeric_limits<double>::quiet_NaN() : value.get<double>());
+  }
+  datum.status.assign(datum.values.size(), 0);
+}
+
+void read_status(const Json& array, Datum& datum) {
+  if (!array.is_array()) malformed("\"status\" must be an array of words");
+  if (array.size() != datum.values.size())
+    malformed(fmt::format("\"status\" has {} entries for {} values", array.size(), datum.values.size()));
+  for (std::size_t i = 0; i < array.size(); ++i) {
+    if (!array[i].is_string()) malformed(fmt::format("status[{}] is not a word", i));
+    datum.status[i] = status_code(array[i].get_ref<const std::string&>());
+  }
+}
+
+template <class Number>
+Number read_number(std::string_view bytes, bool big_endian) {
+  std::array<char, sizeof(Number)> raw;
+  std::memcpy(raw.data(), bytes.data(), raw.size());
+  if (big_endian) std::reverse(raw.begin(), raw.end());
+  return std::bit_cast<Number>(raw);
+}
+
+}  // namespace
+
+std::vector<double> Datum::effective_values() const {
+  std::vector<double> effective = values;
+  for (std::size_t i = 0; i < status.size(); ++i)
+    if (status[i] != 0) effective[i] = std::numeric_limits<double>::quiet_NaN();
+  return effective;
+}
+
+std::string Datum::payload() const {
+  const auto n = static_cast<std::uint64_t>(values.size());
+  std::string bytes(sizeof n + 9 * values.size(), '\0');
+  std::memcpy(bytes.data(), &n, sizeof n);
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    // One NaN for all: the payload of a duplicate must be the same to the bit.
+    const double value = std::isnan(values[i]) ? std::numeric_limits<double>::quiet_NaN() : values[i];
+    std::memcpy(bytes.data() + sizeof n + 8 * i, &value, 8);
+  }
+  if (!status.empty()) std::memcpy(bytes.data() + sizeof n + 8 * values.size(), status.data(), status.size());
+  return bytes;
+}
+
+bool Datum::set_payload(std::string_view bytes) {
+  std::uint64_t n = 0;
+  if (bytes.size() < sizeof n) return false;
+  std::memcpy(&n, bytes.data(), sizeof n);
+  if (n > bytes.size() || bytes.size() != sizeof n + 9 * n) return false;
+  values.resize(n);
+  status.resize(n);
+  if (n > 0) std::memcpy(values.data(), bytes.data() + sizeof n, 8 * n);
+  if (n > 0) std::memcpy(status.data(), bytes.data() + sizeof n + 8 * n, n);
+  return true;
+}
+
+SiteDatum parse_json_datum(std::string_view body) {
+  Json object;
+  try {
+    object = Json::parse(body);
+  } catch (const Json::exception& error) {
+    malformed(fmt::format("the body is not JSON: {}", error.what()));
+  }
+  if (!object.is_object()) malformed("the body must be one JSON object");
+  SiteDatum result;
+  Datum& datum = result.datum;
+  result.site = text_member(object, "site", false);
+  datum.key.source = text_member(object, "source", true);
+  datum.key.session = text_member(object, "session", true);
+  datum.key.seq = checked_seq(member(object, "seq"));
+  const Json& time = member(object, "time");
+  if (!time.is_number() || !std::isfinite(time.get<double>())) malformed("\"time\" must be a finite number");
+  datum.time = time.get<double>();
+  read_values(member(object, "values"), datum);
+  if (object.contains("status")) read_status(object["status"], datum);
+  return result;
+}
+
+SiteDatum parse_mqtt_datum(std::string_view topic, std::string_view payload) {
+  const std::string_view head = "knothe/v1/", tail = "/data";
+  const bool framed =
+      topic.size() >= head.size() + tail.size() && topic.starts_with(head) && topic.ends_with(tail);
+  const std::string_view middle =
+      framed ? topic.substr(head.size(), topic.size() - head.size() - tail.size()) : std::string_view();
+  const auto slash = middle.find('/');
+  if (slash == std::string_view::npos) malformed("the topic must be knothe/v1/SITE/SOURCE/data");
+  const std::string_view site = middle.substr(0, slash), source = middle.substr(slash + 1);
+  SiteDatum datum = parse_json_datum(payload);
+  if ((!datum.site.empty() && datum.site != site) || datum.datum.key.source != source)
+    malformed("\"site\" or \"source\" is not that of the topic");
+  datum.site = site;
+  return datum;
+}
+
+std::vector<double> parse_npy(std::string_view bytes) {
+  const std::string_view magic("\x93NUMPY", 6);
+  if (bytes.size() < 10 || bytes.substr(0, 6) != magic) malformed("the body is not an .npy file");
+  const int version = bytes[6];
+  const std::size_t start = version == 1 ? 10 : 12;
+  if (version < 1 || version > 3 || bytes.size() < start) malformed("unknown version of the .npy format");
+  std::size_t length = static_cast<unsigned char>(bytes[8]) |
+                       static_cast<std::size_t>(static_cast<unsigned char>(bytes[9])) << 8;
+  if (version > 1)
+    length |= static_cast<std::size_t>(static_cast<unsigned char>(bytes[10])) << 16 |
+              static_cast<std::size_t>(static_cast<unsigned char>(bytes[11])) << 24;
+  if (length > bytes.size() - start) malformed("the .npy header is cut off");
+  const std::string_view header = bytes.substr(start, length);
+  const auto after = [&](std::string_view key) {
+    const auto at = header.find(key);
+    if (at == std::string_view::npos) malformed(fmt::format("the .npy header lacks {}", key));
+    auto rest = header.substr(at + key.size());
+    while (!rest.empty() && (rest[0] == ' ' || rest[0] == ':')) rest.remove_prefix(1);
+    return rest;
+  };
+  const std::string_view type = after("'descr'").substr(0, 5);
+  const bool big = type.starts_with("'>");
+  const bool is_double = type == "'<f8'" || type == "'>f8'" || type == "'=f8'";
+  if (!is_double && type != "'<f4'" && type != "'>f4'" && type != "'=f4'")
+    malformed(fmt::format("the .npy array must be of type float32 or float64"));
+  std::string_view shape = after("'shape'");
+  std::size_t count = 0;
+  if (!shape.starts_with("(")) malformed("the .npy header has no shape");
+  shape.remove_prefix(1);
+  const auto parsed = std::from_chars(shape.data(), shape.data() + shape.size(), count);
+  shape.remove_prefix(static_cast<std::size_t>(parsed.ptr - shape.data()));
+  if (parsed.ec != std::errc() || !(shape.starts_with(",)") || shape.starts_with(", )")))
+    malformed("the .npy array must have one dimension");
+  const std::string_view data = bytes.substr(start + length);
+  const std::size_t size = is_double ? 8 : 4;
+  if (count > data.size() || data.size() != count * size)
+    malformed(fmt::format("the .npy array of {} numbers has {} bytes of data", count, data.size()));
+  std::vector<double> values(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    const auto number = data.substr(i * size, size);
+    values[i] =
+        is_double ? read_number<double>(number, big) : static_cast<double>(read_number<float>(number, big));
+    if (std::isinf(values[i])) malformed(fmt::format("values[{}] is infinite", i));
+  }
+  return values;
+}
+
+SiteDatum parse_npy_datum(std::string_view body, const NpyHeaders& headers) {
+  SiteDatum result;
+  Datum& datum = result.datum;
+  const auto checked = [](const std::string& text, const char* name, bool may_be_empty) {
+    check_name(text, name, may_be_empty);
+    return text;
+  };
+  result.site = checked(headers.site, "site", true);
+  datum.key.source = checked(headers.source, "source", false);
+  datum.key.session = checked(headers.session, "session", false);
+  const char* end = headers.seq.data() + headers.seq.size();
+  const auto seq = std::from_chars(headers.seq.data(), end, datum.key.seq);
+  if (headers.seq.empty() || seq.ec != std::errc() || seq.ptr != end || datum.key.seq < 0 ||
+      datum.key.seq > k_largest_seq)
+    malformed("the header \"seq\" must be a whole number from 0 to 2^53");
+  const auto time = files::parse_number(headers.time);
+  if (!time || !std::isfinite(*time)) malformed("the header \"time\" must be a finite number");
+  datum.time = *time;
+  datum.values = parse_npy(body);
+  datum.status.assign(datum.values.size(), 0);
+  if (headers.status.empty()) return result;
+  std::size_t count = 0;
+  for (std::size_t from = 0; from <= headers.status.size(); ++count) {
+    const std::size_t comma = std::min(headers.status.find(',', from), headers.status.size());
+    std::string word = headers.status.substr(from, comma - from);
+    std::erase(word, ' ');
+    if (count < datum.status.size()) datum.status[count] = status_code(word);
+    from = comma + 1;
+  }
+  if (count != datum.values.size())
+    malformed(fmt::format("the header \"status\" has {} words for {} values", count, datum.values.size()));
+  return result;
+}
+
+}  // namespace knothe::service

@@ -1,0 +1,100 @@
+#pragma once
+/// @file The journal: every accepted measurement, on disk before it is acknowledged (SQLite in WAL mode,
+/// synchronous = FULL).
+///
+/// Records are sealed in a chain: seal_n = SHA-256(seal_{n−1} ‖ record n). A record that was changed, lost or
+/// put in between is found when the journal is opened. What power failure tears off the end was not
+/// acknowledged.
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "knothe/service/journal/datum.hpp"
+
+namespace knothe::service {
+
+/// What the journal says its data are for.
+struct Identity {
+  std::string sensors;        ///< SHA-256 of points, components and noise
+  std::string model;          ///< SHA-256 of the model file
+  std::string configuration;  ///< SHA-256 of the project file's text
+  std::string project;        ///< the text itself
+  auto operator<=>(const Identity&) const = default;
+};
+
+/// One record.
+struct JournalEntry {
+  std::int64_t id = 0;
+  Datum datum;
+  bool quarantined = false;  ///< came too late
+  bool released = false;     ///< quarantined, then assimilated by request
+};
+
+/// What `append` found.
+enum class Outcome { accepted, duplicate, conflict };
+struct Appended {
+  Outcome outcome = Outcome::accepted;
+  bool quarantined = false;  ///< the datum itself, or the one that it duplicates, and not released
+  std::int64_t step = 0;     ///< of the record on disk
+  std::int64_t received_ms = 0;
+};
+
+class Journal {
+ public:
+  enum class Access {
+    write,  ///< one at a time (a lock file says so); made if it is not there
+    read    ///< beside a writer, if need be
+  };
+  /// Opens, migrates to the present schema, verifies everything. DataError where it is damaged (names the
+  /// record and says how to recover), of a newer schema, or written by another process; IoError.
+  Journal(const std::string& path, Access access);
+  ~Journal();
+  Journal(Journal&&) noexcept;
+
+  /// Records for what the data are from now on. True if that differs from what was recorded last. DataError
+  /// where the sensors differ: the values of this journal would mean something else.
+  bool identify(const Identity& identity);
+  [[nodiscard]] std::optional<Identity> identity() const;
+
+  /// Starts counted so far, this one included (writers only).
+  [[nodiscard]] std::int64_t starts() const;
+
+  /// Begins and ends a group of appends; `commit` returns when they are on disk. DiskFullError: nothing of
+  /// the group is there.
+  void begin();
+  void commit();
+  void rollback() noexcept;
+  /// Writes something that means nothing, inside a group: does the disk take it?
+  void touch();
+  /// Adds a datum inside a group. `quarantined`: whether it came too late, if it is new.
+  Appended append(const Datum& datum, bool quarantined);
+  /// Lets a quarantined datum into the posterior, inside a group. Nothing if there is none of that key.
+  std::optional<JournalEntry> release(const DatumKey& key);
+
+  /// Largest seq of a source's session; nothing if there is none.
+  [[nodiscard]] std::optional<std::int64_t> largest_seq(const DatumKey& key) const;
+  [[nodiscard]] std::int64_t count() const;
+  /// Calls `visit` for every record, in the order of their writing.
+  void for_each(const std::function<void(const JournalEntry&)>& visit) const;
+  [[nodiscard]] std::vector<JournalEntry> quarantined() const;
+  [[nodiscard]] const std::string& path() const;
+  /// The seal of the last record, in hex: two journals with the same seal hold the same.
+  [[nodiscard]] std::string seal() const;
+
+ private:
+  struct Implementation;
+  std::unique_ptr<Implementation> implementation_;
+};
+
+/// Copies every whole record of a damaged journal to a new one. What was lost.
+struct Recovery {
+  std::int64_t saved = 0;
+  std::vector<std::string> lost;  ///< "record 17: …"
+};
+/// DataError where nothing can be read; `to` must not exist.
+[[nodiscard]] Recovery recover_journal(const std::string& from, const std::string& to);
+
+}  // namespace knothe::service

@@ -1,0 +1,89 @@
+#include <fmt/format.h>
+
+#include <filesystem>
+
+#include "knothe/base/error.hpp"
+#include "knothe/base/sha256.hpp"
+#include "knothe/service/journal/journal.hpp"
+#include "knothe/service/journal/journal_records.hpp"
+#include "knothe/service/journal/sqlite.hpp"
+
+namespace knothe::service {
+namespace {
+
+/// Records are numbered from 1 without gaps and each has a seal, so a file (and its log) of so many bytes
+/// cannot hold more: a damaged number must not have us look for billions.
+std::int64_t most_records(const std::string& journal) {
+  std::uintmax_t bytes = 0;
+  for (const char* part : {"", "-wal"}) {
+    std::error_code failure;
+    const std::uintmax_t size = std::filesystem::file_size(journal + part, failure);
+    if (!failure) bytes += size;
+  }
+  return static_cast<std::int64_t>(bytes / sizeof(Digest));
+}
+
+}  // namespace
+
+Recovery recover_journal(const std::string& from, const std::string& to) {
+  if (!std::filesystem::exists(from)) throw DataError(fmt::format("{}: there is no such journal", from));
+  if (std::filesystem::exists(to))
+    throw UsageError(fmt::format("{}: is there already; recover into a new file", to));
+  Recovery recovery;
+  Database damaged(from, Database::Mode::read_only);
+  Journal whole(to, Journal::Access::write);
+  whole.begin();
+  std::string previous;
+  std::int64_t expected = 1;
+  std::vector<DatumKey> released;
+  // One record at a time, by its number: damage of one page does not end the walk.
+  std::int64_t last = 0;
+  try {
+    last = one_integer(damaged, "SELECT max(id) FROM measurement");
+    Statement identity(
+        damaged, "SELECT sensors, model, configuration, project FROM identity ORDER BY id DESC LIMIT 1");
+    if (identity.step())
+      whole.identify({std::string(identity.text(0)), std::string(identity.text(1)),
+                      std::string(identity.text(2)), std::string(identity.text(3))});
+  } catch (const DataError& error) {
+    whole.rollback();
+    throw DataError(fmt::format("{}: nothing can be read: {}", from, error.what()));
+  }
+  if (const std::int64_t most = most_records(from); last > most) {
+    recovery.lost.push_back(
+        fmt::format("record {}: its number is damaged: the file cannot hold so many", last));
+    last = most;
+  }
+  for (; expected <= last; ++expected) {
+    try {
+      Statement row(damaged, (std::string(k_record_columns) + "WHERE m.id = ?").c_str());
+      row.bind(1, expected);
+      if (!row.step()) {
+        recovery.lost.push_back(fmt::format("record {}: is not there", expected));
+        previous.clear();
+        continue;
+      }
+      const Record record = read_record(row);
+      // After a lost record the seal before is unknown: what is well-formed is then taken at its word.
+      const bool sealed = previous.empty() && expected > 1
+                              ? record.well_formed
+                              : record.well_formed && record.seal == seal_of(previous, record);
+      previous = record.seal;
+      if (!sealed) {
+        recovery.lost.push_back(fmt::format("record {}: its bytes do not match its seal", expected));
+        continue;
+      }
+      if (whole.append(record.entry.datum, record.entry.quarantined).outcome == Outcome::accepted)
+        ++recovery.saved;
+      if (record.entry.released) released.push_back(record.entry.datum.key);
+    } catch (const DataError& error) {
+      recovery.lost.push_back(fmt::format("record {}: {}", expected, error.what()));
+      previous.clear();
+    }
+  }
+  for (const DatumKey& key : released) whole.release(key);
+  whole.commit();
+  return recovery;
+}
+
+}  // namespace knothe::service

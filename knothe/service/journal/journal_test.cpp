@@ -1,0 +1,339 @@
+#include "knothe/service/journal/journal.hpp"
+
+#include <gtest/gtest.h>
+#include <sqlite3.h>
+
+#include <cstdlib>
+#include <fstream>
+#include <iterator>
+#include <random>
+
+#include "knothe/base/error.hpp"
+#include "knothe/files/testing/test_folder.hpp"
+#include "knothe/service/journal/sqlite.hpp"
+#include "knothe/service/testing/failing_files.hpp"
+
+namespace knothe::service {
+namespace {
+
+Datum datum(std::int64_t seq, double value = 1, const std::string& source = "camera") {
+  Datum d;
+  d.key = {source, "session", seq};
+  d.time = 0.1 * static_cast<double>(seq);
+  d.values = {value, -0.0, std::numeric_limits<double>::quiet_NaN(), 1e-300};
+  d.status = {0, 0, 0, 2};
+  d.step = seq;
+  return d;
+}
+
+void append(Journal& journal, const Datum& d) {
+  journal.begin();
+  journal.append(d, false);
+  journal.commit();
+}
+
+std::string bytes_of(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+void write_bytes(const std::string& path, const std::string& bytes) {
+  std::ofstream(path, std::ios::binary) << bytes;
+}
+
+int variants(int by_default) {
+  const char* wanted = std::getenv("KNOTHE_VARIANTS");
+  return wanted == nullptr ? by_default : std::atoi(wanted);
+}
+
+/// Seals after 0, 1, … records of a journal that is then closed.
+std::vector<std::string> write_journal(const std::string& path, int records) {
+  Journal journal(path, Journal::Access::write);
+  std::vector<std::string> seals = {journal.seal()};
+  for (int i = 0; i < records; ++i) {
+    append(journal, datum(i, 0.5 * i));
+    seals.push_back(journal.seal());
+  }
+  return seals;
+}
+
+TEST(Journal, WhatIsAppendedIsThereToTheBitAfterReopening) {
+  const files::TestFolder folder;
+  const std::string path = folder.file("j.journal");
+  std::string seal;
+  {
+    Journal journal(path, Journal::Access::write);
+    for (int i = 0; i < 5; ++i) append(journal, datum(i, 0.1 * i));
+    seal = journal.seal();
+  }
+  const Journal journal(path, Journal::Access::read);
+  EXPECT_EQ(journal.seal(), seal);
+  std::int64_t n = 0;
+  journal.for_each([&](const JournalEntry& entry) {
+    EXPECT_EQ(entry.id, n + 1);
+    EXPECT_EQ(entry.datum.payload(), datum(n, 0.1 * static_cast<double>(n)).payload());
+    EXPECT_EQ(entry.datum.key, datum(n).key);
+    EXPECT_GT(entry.datum.received_ms, 0);
+    ++n;
+  });
+  EXPECT_EQ(n, 5);
+}
+
+TEST(Journal, ADuplicateIsKnownAndAConflictLeavesWhatIsThere) {
+  const files::TestFolder folder;
+  Journal journal(folder.file("j.journal"), Journal::Access::write);
+  journal.begin();
+  EXPECT_EQ(journal.append(datum(3), false).outcome, Outcome::accepted);
+  EXPECT_EQ(journal.append(datum(3), false).outcome, Outcome::duplicate);  // inside one group
+  journal.commit();
+  Datum other_status = datum(3), other_time = datum(3);
+  other_status.status[0] = 1;
+  other_time.time += 1e-15;
+  journal.begin();
+  EXPECT_EQ(journal.append(datum(3), false).outcome, Outcome::duplicate);
+  EXPECT_EQ(journal.append(datum(3, 2), false).outcome, Outcome::conflict);
+  EXPECT_EQ(journal.append(other_status, false).outcome, Outcome::conflict);
+  EXPECT_EQ(journal.append(other_time, false).outcome, Outcome::conflict);
+  EXPECT_EQ(journal.append(datum(3, 2, "gauges"), false).outcome, Outcome::accepted);
+  journal.commit();
+  EXPECT_EQ(journal.count(), 2);
+}
+
+TEST(Journal, AGroupThatIsRolledBackLeavesNothing) {
+  const files::TestFolder folder;
+  const std::string path = folder.file("j.journal");
+  {
+    Journal journal(path, Journal::Access::write);
+    append(journal, datum(0));
+    const std::string seal = journal.seal();
+    journal.begin();
+    journal.append(datum(1), false);
+    journal.rollback();
+    EXPECT_EQ(journal.seal(), seal);
+    append(journal, datum(2));
+  }
+  EXPECT_EQ(Journal(path, Journal::Access::read).count(), 2);
+}
+
+TEST(Journal, QuarantinedDataAreReleasedOnce) {
+  const files::TestFolder folder;
+  const std::string path = folder.file("j.journal");
+  {
+    Journal journal(path, Journal::Access::write);
+    journal.begin();
+    EXPECT_TRUE(journal.append(datum(7), true).quarantined);
+    EXPECT_TRUE(journal.append(datum(7), false).quarantined);
+    EXPECT_FALSE(journal.release(datum(8).key));
+    journal.commit();
+    EXPECT_EQ(journal.quarantined().size(), 1u);
+    journal.begin();
+    ASSERT_TRUE(journal.release(datum(7).key));
+    EXPECT_TRUE(journal.release(datum(7).key)->released);
+    EXPECT_FALSE(journal.append(datum(7), false).quarantined);
+    journal.commit();
+  }
+  const Journal journal(path, Journal::Access::read);
+  EXPECT_TRUE(journal.quarantined().empty());
+  journal.for_each([](const JournalEntry& entry) { EXPECT_TRUE(entry.quarantined && entry.released); });
+}
+
+TEST(Journal, AJournalHasOneWriterAndManyReaders) {
+  const files::TestFolder folder;
+  const std::string path = folder.file("j.journal");
+  Journal writer(path, Journal::Access::write);
+  append(writer, datum(0));
+  const Journal reader(path, Journal::Access::read);
+  EXPECT_EQ(reader.count(), 1);
+  try {
+    Journal second(path, Journal::Access::write);
+    FAIL();
+  } catch (const DataError& error) {
+    EXPECT_NE(std::string(error.what()).find("another process writes this journal"), std::string::npos);
+  }
+}
+
+TEST(Journal, OtherSensorsAreRefusedOtherModelsRecorded) {
+  const files::TestFolder folder;
+  Journal journal(folder.file("j.journal"), Journal::Access::write);
+  EXPECT_FALSE(journal.identify({"sensors", "model", "configuration", "text"}));
+  EXPECT_FALSE(journal.identify({"sensors", "model", "configuration", "text"}));
+  EXPECT_TRUE(journal.identify({"sensors", "another model", "configuration", "text"}));
+  EXPECT_THROW(journal.identify({"other sensors", "model", "configuration", "text"}), DataError);
+  EXPECT_EQ(journal.identity()->model, "another model");
+}
+
+TEST(Journal, WhatIsNoJournalIsRefusedByName) {
+  const files::TestFolder folder;
+  const auto message = [&](const std::string& path, Journal::Access access) -> std::string {
+    try {
+      Journal journal(path, access);
+    } catch (const Error& error) {
+      EXPECT_EQ(error.status(), ExitStatus::data);
+      return error.what();
+    }
+    return "";
+  };
+  EXPECT_NE(message(folder.file("none"), Journal::Access::read).find("there is no such journal"),
+            std::string::npos);
+  write_bytes(folder.file("text"),
+              "This is a text that is no database, and long enough to be read as one.\n");
+  EXPECT_NE(message(folder.file("text"), Journal::Access::read).find("not a database"), std::string::npos);
+  {
+    Database other(folder.file("other"), Database::Mode::create);
+    other.execute("CREATE TABLE t(x)");
+  }
+  EXPECT_NE(message(folder.file("other"), Journal::Access::write).find("not a journal of knothe"),
+            std::string::npos);
+  write_journal(folder.file("newer"), 1);
+  {
+    Database newer(folder.file("newer"), Database::Mode::read_write);
+    newer.execute("PRAGMA user_version = 99");
+  }
+  EXPECT_NE(message(folder.file("newer"), Journal::Access::read).find("use a newer knothe"),
+            std::string::npos);
+}
+
+TEST(Journal, AChangedRecordIsNamedAndTheOthersAreRecovered) {
+  const files::TestFolder folder;
+  const std::string path = folder.file("j.journal");
+  write_journal(path, 10);
+  {
+    Database database(path, Database::Mode::read_write);
+    database.execute(
+        "UPDATE measurement SET time = time + 1 WHERE id = 4; DELETE FROM measurement WHERE id = 8;");
+  }
+  try {
+    Journal journal(path, Journal::Access::write);
+    FAIL();
+  } catch (const DataError& error) {
+    EXPECT_NE(std::string(error.what()).find("record 4"), std::string::npos) << error.what();
+    EXPECT_NE(std::string(error.what()).find("knothe recover"), std::string::npos);
+  }
+  const Recovery recovery = recover_journal(path, folder.file("new"));
+  EXPECT_EQ(recovery.saved, 8);
+  ASSERT_EQ(recovery.lost.size(), 2u);
+  EXPECT_NE(recovery.lost[0].find("record 4"), std::string::npos);
+  EXPECT_NE(recovery.lost[1].find("record 8"), std::string::npos);
+  EXPECT_EQ(Journal(folder.file("new"), Journal::Access::read).count(), 8);
+  EXPECT_THROW((void)recover_journal(path, folder.file("new")), UsageError);
+}
+
+TEST(Journal, ADamagedRecordNumberDoesNotHaveRecoverySearchForEver) {
+  // Found by the fuzzer: a number of 2^62 was taken for a count.
+  const files::TestFolder folder;
+  const std::string path = folder.file("j.journal");
+  write_journal(path, 5);
+  Database(path, Database::Mode::read_write)
+      .execute("UPDATE measurement SET id = 4611686018427387904 WHERE id = 5;");
+  const Recovery recovery = recover_journal(path, folder.file("new"));
+  EXPECT_EQ(recovery.saved, 4);
+  EXPECT_NE(recovery.lost.at(0).find("its number is damaged"), std::string::npos);
+}
+
+TEST(Journal, ATornLogOpensAtTheLastCompleteRecord) {
+  const files::TestFolder folder;
+  const std::string path = folder.file("j.journal");
+  std::vector<std::string> seals;
+  std::string database, log;
+  {
+    Journal journal(path, Journal::Access::write);
+    seals.push_back(journal.seal());
+    for (int i = 0; i < 12; ++i) {
+      append(journal, datum(i));
+      seals.push_back(journal.seal());
+    }
+    // As a power failure leaves them: the journal is still open.
+    database = bytes_of(path);
+    log = bytes_of(path + "-wal");
+  }
+  std::mt19937_64 random(1);
+  std::size_t most = 0;
+  for (int k = 0; k < variants(120); ++k) {
+    const std::string torn = folder.file("torn");
+    for (const char* tail : {"", "-wal", "-shm"}) std::filesystem::remove(torn + tail);
+    write_bytes(torn, database);
+    std::string part = log.substr(0, random() % (log.size() + 1));
+    if (k % 2 == 1 && !part.empty()) part[random() % part.size()] ^= static_cast<char>(1 << random() % 8);
+    write_bytes(torn + "-wal", part);
+    try {
+      const Journal journal(torn, Journal::Access::write);
+      const auto n = static_cast<std::size_t>(journal.count());
+      ASSERT_LE(n, 12u);
+      ASSERT_EQ(journal.seal(), seals[n]);
+      most = std::max(most, n);
+    } catch (const DataError&) {
+      // Where the log was cut before the tables were there.
+    }
+  }
+  EXPECT_GE(most, 10u);
+}
+
+TEST(Journal, AFlippedBitIsFoundOrHarmless) {
+  const files::TestFolder folder;
+  const std::string path = folder.file("j.journal");
+  const std::string seal = write_journal(path, 30).back();
+  const std::string whole = bytes_of(path);
+  std::mt19937_64 random(2);
+  int found = 0;
+  for (int k = 0; k < variants(400); ++k) {
+    const std::string flipped = folder.file("flipped");
+    for (const char* tail : {"", "-wal", "-shm"}) std::filesystem::remove(flipped + tail);
+    std::string bytes = whole;
+    bytes[random() % bytes.size()] ^= static_cast<char>(1 << random() % 8);
+    write_bytes(flipped, bytes);
+    try {
+      const Journal journal(flipped, Journal::Access::read);
+      ASSERT_EQ(journal.count(), 30);
+      ASSERT_EQ(journal.seal(), seal);
+    } catch (const DataError& error) {
+      EXPECT_NE(std::string(error.what()).find(flipped), std::string::npos);
+      ++found;
+    } catch (const IoError& error) {
+      EXPECT_NE(std::string(error.what()).find(flipped), std::string::npos);
+      ++found;
+    }
+  }
+  EXPECT_GT(found, 0);
+}
+
+TEST(Journal, WhicheverWriteFailsWhatWasCommittedStaysAndNothingElse) {
+  const files::TestFolder folder;
+  FailingFiles files;
+  bool failed = true;
+  int tried = 0;
+  for (int n = 1; failed; ++n) {
+    const std::string path = folder.file("j" + std::to_string(n));
+    std::vector<Datum> committed;
+    files.fail_from(n);
+    try {
+      Journal journal(path, Journal::Access::write);
+      for (int i = 0; i < 6; ++i) {
+        try {
+          journal.begin();
+          journal.append(datum(2 * i), false);
+          journal.append(datum(2 * i + 1), false);
+          journal.commit();
+          committed.push_back(datum(2 * i));
+          committed.push_back(datum(2 * i + 1));
+        } catch (const DiskFullError&) {
+          journal.rollback();
+          if (i == 3) files.fail_from(0);  // there is room again
+        }
+      }
+    } catch (const Error&) {
+      EXPECT_TRUE(committed.empty());
+    }
+    failed = files.failed();
+    files.fail_from(0);
+    ++tried;
+    if (!std::filesystem::exists(path) || committed.empty()) continue;
+    const Journal journal(path, Journal::Access::write);
+    std::vector<std::string> found;
+    journal.for_each([&](const JournalEntry& entry) { found.push_back(entry.datum.payload()); });
+    ASSERT_EQ(found.size(), committed.size()) << "with the write " << n << " failing";
+  }
+  EXPECT_GT(tried, 20);
+}
+
+}  // namespace
+}  // namespace knothe::service

@@ -1,0 +1,166 @@
+#include "knothe/service/journal/replay.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <filesystem>
+
+#include "knothe/base/cancellation.hpp"
+#include "knothe/base/error.hpp"
+#include "knothe/files/atomic_file.hpp"
+#include "knothe/files/json_line.hpp"
+#include "knothe/files/numbers.hpp"
+#include "knothe/report/results/results_writer.hpp"
+#include "knothe/service/journal/journal.hpp"
+#include "knothe/service/site/journal_posterior.hpp"
+#include "knothe/service/site/served_record.hpp"
+
+namespace knothe::service {
+namespace {
+
+/// A journal with the setup that it was written under, checked to fit.
+struct Opened {
+  project::Project project;
+  project::UpdateSetup setup;
+  std::vector<JournalEntry> entries;  ///< that count, by step and key
+};
+
+Opened open_both(const std::string& path, const std::string& project_path) {
+  const Journal journal(path, Journal::Access::read);
+  project::Project project = project::read_project(project_path);
+  project::UpdateSetup setup = project::set_up_online(project);
+  Opened opened{std::move(project), std::move(setup), {}};
+  const auto sensors = static_cast<std::size_t>(opened.setup.measurements.observation_count());
+  journal.for_each([&](const JournalEntry& entry) {
+    if (entry.quarantined && !entry.released) return;
+    if (entry.datum.values.size() != sensors || entry.datum.step < 0 ||
+        static_cast<std::size_t>(entry.datum.step) >= opened.setup.observed->time.size())
+      throw DataError(fmt::format(
+          "{}: record {} has {} values at step {}; the project's data file {} has {} sensors", path, entry.id,
+          entry.datum.values.size(), entry.datum.step, opened.project.data, sensors));
+    opened.entries.push_back(entry);
+  });
+  std::stable_sort(
+      opened.entries.begin(), opened.entries.end(), [](const JournalEntry& a, const JournalEntry& b) {
+        return a.datum.step != b.datum.step ? a.datum.step < b.datum.step : a.datum.key < b.datum.key;
+      });
+  return opened;
+}
+
+std::string csv_of(const Opened& opened) {
+  std::string text = "time,sensor,x,y,z,component,value,std\n";
+  const auto& setup = opened.setup;
+  const Eigen::VectorXd std = setup.measurements.noise.standard_deviations();
+  for (const JournalEntry& entry : opened.entries) {
+    const std::vector<double> values = entry.datum.effective_values();
+    for (std::size_t i = 0; i < values.size(); ++i) {
+      const double* at = &setup.observed_points[3 * i];
+      text += fmt::format(
+          "{},s{},{},{},{},{},{},{}\n", files::format_number(entry.datum.time), i,
+          files::format_number(at[0]), files::format_number(at[1]), files::format_number(at[2]),
+          "xyz"[static_cast<std::size_t>(setup.observed_components[i])], files::format_number(values[i]),
+          files::format_number(std[static_cast<Eigen::Index>(i)]));
+    }
+  }
+  return text;
+}
+
+void write_results(Opened& opened, const std::string& folder) {
+  files::require_writable_folder(folder);
+  JournalPosterior posterior(opened.project, opened.setup);
+  for (const JournalEntry& entry : opened.entries) posterior.add(entry.datum);
+  const std::vector<std::size_t> steps(posterior.stale().begin(), posterior.stale().end());
+  // The data as a file has them: one column per step, the last datum of each.
+  assimilation::Measurements measurements = opened.setup.measurements;
+  measurements.time.clear();
+  measurements.values.resize(measurements.values.rows(), static_cast<Eigen::Index>(steps.size()));
+  for (std::size_t k = 0; k < steps.size(); ++k) {
+    measurements.time.push_back(opened.setup.observed->time[steps[k]]);
+    const auto values = posterior.last_values(steps[k]);
+    measurements.values.col(static_cast<Eigen::Index>(k)) =
+        Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
+  }
+  forecast::Forecaster forecaster = project::make_forecaster(opened.project, opened.setup);
+  report::ResultsWriter writer(opened.project, opened.setup.model, measurements, posterior.update().priors());
+  std::vector<std::size_t> untrusted;
+  const auto start = std::chrono::steady_clock::now();
+  for (const std::size_t step : steps) {
+    check_cancellation("nothing was written");
+    const auto conclusion = posterior.conclude(step);
+    if (!conclusion.result.trusted) untrusted.push_back(step);
+    writer.add_step(conclusion.result, conclusion.posterior, conclusion.forecasts,
+                    forecaster.direct(conclusion.posterior.points, conclusion.posterior.weights, 256),
+                    conclusion.forecast_us, step);
+  }
+  writer.write(folder, untrusted,
+               std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+}
+
+}  // namespace
+
+std::string project_of_journal(const std::string& journal, const std::string& project) {
+  if (!project.empty()) return project;
+  const std::string beside = std::filesystem::path(journal).replace_extension(".toml").string();
+  return std::filesystem::exists(beside) ? beside : "";
+}
+
+void replay_journal(const std::string& path, const std::string& project_path, bool json) {
+  const auto start = std::chrono::steady_clock::now();
+  if (!json) {
+    const Journal journal(path, Journal::Access::read);
+    const auto identity = journal.identity();
+    fmt::print("{}: {} records, {} in quarantine, whole; seal {}\n", path, journal.count(),
+               journal.quarantined().size(), journal.seal());
+    if (identity)
+      fmt::print("model {}\nconfiguration {}\nsensors {}\n", identity->model, identity->configuration,
+                 identity->sensors);
+  }
+  if (project_path.empty()) {
+    if (json) throw UsageError("the posterior needs the project file: --project FILE.toml");
+    return;
+  }
+  Opened opened = open_both(path, project_path);
+  JournalPosterior posterior(opened.project, opened.setup);
+  for (const JournalEntry& entry : opened.entries) posterior.add(entry.datum);
+  std::vector<std::size_t> steps(posterior.stale().begin(), posterior.stale().end()), untrusted;
+  if (!json && !steps.empty()) steps = {steps.back()};
+  for (const std::size_t step : steps) {
+    check_cancellation("a replay changes nothing");
+    const auto conclusion = json ? posterior.conclude(step) : posterior.preview(step);
+    if (!conclusion.result.trusted) untrusted.push_back(step);
+    if (json) {
+      fmt::print("{}\n", files::json_line(served_record(conclusion)));
+    } else {
+      fmt::print("after step {}: ", step);
+      for (Eigen::Index k = 0; k < conclusion.result.mean.size(); ++k)
+        fmt::print(" {} {:.4g} ± {:.2g}", opened.project.parameters[static_cast<std::size_t>(k)].name,
+                   conclusion.result.mean[k], std::sqrt(conclusion.result.covariance(k, k)));
+      fmt::print("  log-evidence {:.6g}\n", conclusion.result.log_evidence);
+    }
+  }
+  const double elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  if (json) {
+    const nlohmann::ordered_json last = {
+        {"done", true}, {"steps", steps.size()}, {"untrusted", untrusted}, {"elapsed_s", elapsed}};
+    fmt::print("{}\n", files::json_line(last));
+  } else {
+    fmt::print("replayed in {:.2f} s\n", elapsed);
+  }
+}
+
+void export_journal(const std::string& path, const std::string& project_path, const std::string& output) {
+  if (project_path.empty()) throw UsageError("the sensors are needed: --project FILE.toml");
+  Opened opened = open_both(path, project_path);
+  if (output.ends_with(".csv")) {
+    files::write_text_atomically(output, csv_of(opened));
+  } else {
+    if (opened.entries.empty())
+      throw DataError(fmt::format("{}: holds no data yet: there is nothing to export", path));
+    write_results(opened, output);
+  }
+  fmt::print("{} data written to {}\n", opened.entries.size(), output);
+}
+
+}  // namespace knothe::service

@@ -1,0 +1,360 @@
+#include "knothe/service/net/api.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "knothe/base/cancellation.hpp"
+#include "knothe/base/error.hpp"
+#include "knothe/files/json_line.hpp"
+#include "knothe/service/net/page_views.hpp"
+
+namespace knothe::service {
+namespace {
+
+/// The page's own meta element narrows this by the hashes of its script and style.
+constexpr const char* k_page_policy =
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; connect-src 'self'; "
+    "img-src 'self' data: blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+
+struct Route {
+  std::string method, path;
+};
+const std::vector<Route>& routes() {
+  static const std::vector<Route> k_routes = {{"GET", "/"},
+                                              {"GET", "/livez"},
+                                              {"GET", "/readyz"},
+                                              {"GET", "/metrics"},
+                                              {"GET", "/v1/state"},
+                                              {"GET", "/v1/states"},
+                                              {"GET", "/v1/events"},
+                                              {"GET", "/v1/status"},
+                                              {"GET", "/v1/sites"},
+                                              {"GET", "/v1/openapi.json"},
+                                              {"GET", "/v1/description"},
+                                              {"GET", "/v1/mesh"},
+                                              {"GET", "/v1/field"},
+                                              {"GET", "/v1/picture"},
+                                              {"GET", "/v1/observations"},
+                                              {"GET", "/v1/samples"},
+                                              {"GET", "/v1/alarms"},
+                                              {"GET", "/v1/quarantine"},
+                                              {"POST", "/v1/quarantine"},
+                                              {"POST", "/v1/measurements"},
+                                              {"GET", "/Info"},
+                                              {"POST", "/Info"},
+                                              {"POST", "/ModelInfo"},
+                                              {"POST", "/InputSizes"},
+                                              {"POST", "/OutputSizes"},
+                                              {"POST", "/Evaluate"},
+                                              {"POST", "/Gradient"},
+                                              {"POST", "/ApplyJacobian"},
+                                              {"POST", "/ApplyHessian"}};
+  return k_routes;
+}
+
+HttpResponse json_response(const Json& value, int status = 200) {
+  return {status, "application/json", files::json_line(value)};
+}
+
+void add_security_headers(HttpResponse& response, bool is_page) {
+  response.headers.emplace_back("X-Content-Type-Options", "nosniff");
+  response.headers.emplace_back("Cache-Control", "no-store");
+  response.headers.emplace_back("Referrer-Policy", "no-referrer");
+  response.headers.emplace_back("X-Frame-Options", "DENY");
+  response.headers.emplace_back("Cross-Origin-Resource-Policy", "same-origin");
+  response.headers.emplace_back("Content-Security-Policy",
+                                is_page ? k_page_policy : "default-src 'none'; frame-ancestors 'none'");
+}
+
+/// "localhost:8080" → "localhost"; "[::1]:8080" → "::1".
+std::string host_name(const std::string& host) {
+  if (host.starts_with("[")) return host.substr(1, host.find(']') - 1);
+  return host.substr(0, host.find(':'));
+}
+
+HttpResponse answer_of(const Site::Answer& answer) {
+  if (const auto* error = std::get_if<RequestError>(&answer))
+    return error_response(error->status(), error->type(), error->what());
+  const Appended& appended = std::get<Appended>(answer);
+  Json body = {
+      {"accepted", true}, {"duplicate", appended.outcome == Outcome::duplicate}, {"step", appended.step}};
+  if (appended.quarantined) body["quarantined"] = true;
+  return json_response(body);
+}
+
+/// One reader: lines, alarms and states that it has not seen. It holds no queue: a line that was replaced
+/// before it was sent is sent once, as it is now.
+class SiteEvents final : public EventSource {
+ public:
+  SiteEvents(std::shared_ptr<Site> site, std::int64_t seen)
+      : site_(std::move(site)), seen_(seen), alarms_seen_(seen) {}
+  void begin_with(std::string text) { pending_ = std::move(text); }
+
+  std::string next() override {
+    std::string out = std::exchange(pending_, {});
+    if (const std::int64_t version = site_->state_version(); version != state_version_) {
+      state_version_ = version;
+      out += "event: status\ndata: " + files::json_line(site_->status()) + "\n\n";
+    }
+    for (const Alarm& alarm : site_->alarms(alarms_seen_)) {
+      out += "event: alarm\ndata: " + files::json_line(alarm.json()) + "\n\n";
+      alarms_seen_ = alarm.id;
+    }
+    while (out.size() < k_piece) {
+      const auto line = site_->next_line(seen_);
+      if (!line) break;
+      seen_ = line->event;
+      out += fmt::format("id: {}\nevent: step\ndata: {}\n\n", line->event, line->json);
+    }
+    return out;
+  }
+
+ private:
+  static constexpr std::size_t k_piece = 1 << 16;
+  std::shared_ptr<Site> site_;
+  std::int64_t seen_, alarms_seen_, state_version_ = -1;
+  std::string pending_;
+};
+
+}  // namespace
+
+HttpResponse error_response(int status, const std::string& type, const std::string& message) {
+  const Json body = {{"error", {{"type", type}, {"message", message}}}};
+  return {status, "application/json", body.dump(-1, ' ', false, Json::error_handler_t::replace)};
+}
+
+bool equal_in_constant_time(std::string_view a, std::string_view b) {
+  unsigned difference = a.size() != b.size() ? 1 : 0;
+  for (std::size_t i = 0; i < a.size(); ++i)
+    difference |=
+        static_cast<unsigned char>(a[i]) ^ static_cast<unsigned char>(b.empty() ? 0 : b[i % b.size()]);
+  return difference == 0;
+}
+
+Api::Api(std::vector<std::shared_ptr<Site>> sites, ApiOptions options, Metrics& metrics)
+    : sites_(std::move(sites)), options_(std::move(options)), metrics_(metrics), umbridge_(sites_) {}
+
+std::vector<std::string> Api::site_names() const {
+  std::vector<std::string> names;
+  for (const auto& site : sites_) names.push_back(site->name());
+  return names;
+}
+
+std::shared_ptr<Site> Api::site_of(const std::string& name) const {
+  if (name.empty()) return sites_.front();
+  for (const auto& site : sites_)
+    if (site->name() == name) return site;
+  throw RequestError(404, "UnknownSite", fmt::format("there is no site \"{}\"", name));
+}
+
+bool Api::admit(const HttpRequest& head, HttpResponse& refusal) {
+  const auto refuse = [&](int status, const std::string& type, const std::string& message) {
+    refusal = error_response(status, type, message);
+    if (status == 401) refusal.headers.emplace_back("WWW-Authenticate", "Bearer");
+    add_security_headers(refusal, false);
+    return false;
+  };
+  const std::string host = head.header("host");
+  // A page of another site that got a name of its own to point here (DNS rebinding), or that posts here.
+  const std::string name = host_name(host);
+  if (options_.loopback && !host.empty() && name != "localhost" && !is_loopback(name))
+    return refuse(403, "WrongHost",
+                  "this service is for this machine alone: call it by localhost or 127.0.0.1");
+  const std::string origin = head.header("origin");
+  if (!origin.empty() && origin != "http://" + host && origin != "https://" + host)
+    return refuse(403, "WrongOrigin", "pages of other origins are not served");
+  bool path_known = false, method_known = false;
+  std::string allowed;
+  for (const Route& route : routes()) {
+    if (route.path != head.path) continue;
+    path_known = true;
+    method_known =
+        method_known || route.method == head.method || (route.method == "GET" && head.method == "HEAD");
+    allowed += (allowed.empty() ? "" : ", ") + route.method;
+  }
+  if (!path_known) return refuse(404, "NotFound", "there is no such route; /v1/openapi.json lists them");
+  if (!method_known) {
+    refusal = error_response(405, "MethodNotAllowed", "this route takes " + allowed);
+    refusal.headers.emplace_back("Allow", allowed);
+    add_security_headers(refusal, false);
+    return false;
+  }
+  if (head.path == "/" || head.path == "/livez" || head.path == "/readyz") return true;
+  const bool ingests =
+      head.path == "/v1/measurements" || (head.path == "/v1/quarantine" && head.method == "POST");
+  const std::string& token = ingests ? options_.ingest_token : options_.read_token;
+  if (token.empty()) return true;
+  const std::string given = head.header("authorization");
+  const std::string_view bearer = "Bearer ";
+  if (given.size() > bearer.size() && given.starts_with(bearer) &&
+      equal_in_constant_time(std::string_view(given).substr(bearer.size()), token))
+    return true;
+  return refuse(401, "Unauthorized", "this route needs `Authorization: Bearer TOKEN`");
+}
+
+void Api::handle(HttpRequest request, Answer answer) {
+  const bool is_page = request.path == "/";
+  const Answer finished = [answer = std::move(answer), is_page](HttpResponse response) {
+    add_security_headers(response, is_page && response.status == 200);
+    answer(std::move(response));
+  };
+  try {
+    route(request, finished);
+  } catch (const RequestError& error) {
+    finished(error_response(error.status(), error.type(), error.what()));
+  }
+}
+
+void Api::route(const HttpRequest& request, const Answer& answer) {
+  const std::string& path = request.path;
+  if (path == "/v1/measurements") return take_measurement(request, answer);
+  if (path == "/v1/quarantine" && request.method == "POST") return take_release(request, answer);
+  if (path == "/livez") return answer({200, "text/plain; charset=utf-8", "ok\n"});
+  if (path == "/readyz") return answer(ready());
+  // What takes longer than a look: not on the thread of HTTP.
+  if (UmBridge::speaks(path))
+    return later(request, answer, [this](const HttpRequest& r) { return umbridge_.answer(r); });
+  if (path == "/v1/mesh" || path == "/v1/field" || path == "/v1/picture" || path == "/v1/samples" ||
+      path == "/v1/states" || path == "/v1/description")
+    return later(request, answer, [this](const HttpRequest& r) { return read(r); });
+  answer(read(request));
+}
+
+void Api::later(HttpRequest request, Answer answer, std::function<HttpResponse(const HttpRequest&)> what) {
+  const bool taken = worker_->post([request = std::move(request), answer, what = std::move(what)] {
+    try {
+      answer(what(request));
+    } catch (const RequestError& error) {
+      answer(error_response(error.status(), error.type(), error.what()));
+    } catch (const std::exception& error) {
+      answer(error_response(500, "InternalError", error.what()));
+    }
+  });
+  if (!taken) throw RequestError(503, "Busy", "too many requests are waiting");
+}
+
+HttpResponse Api::read(const HttpRequest& request) {
+  const std::string& path = request.path;
+  if (path == "/") return {200, "text/html; charset=utf-8", std::string(page())};
+  if (path == "/metrics") return {200, "text/plain; version=0.0.4; charset=utf-8", metrics_.text()};
+  if (path == "/v1/openapi.json") return {200, "application/json", openapi_document()};
+  if (path == "/v1/sites") return json_response({{"sites", site_names()}});
+  const auto site = site_of(request.parameter("site"));
+  const std::string step = request.parameter("step");
+  if (path == "/v1/state") return {200, "application/json", line_of(*site, "")->json};
+  if (path == "/v1/states") {
+    const std::string from = request.parameter("from");
+    std::string body = "[";
+    for (const auto& line : site->lines(from.empty() ? 0 : parse_index(from, "from")))
+      body += (body.size() > 1 ? ",\n" : "") + line->json;
+    return {200, "application/json", body + "]"};
+  }
+  if (path == "/v1/status") return json_response(site->status());
+  if (path == "/v1/description") return json_response(description(*site, site_names()));
+  if (path == "/v1/mesh") return json_response(mesh(*site));
+  if (path == "/v1/field")
+    return json_response(field(*site, request.parameter("name"), step, request.parameter("parameter")));
+  if (path == "/v1/picture") return {200, "image/png", picture(*site, step)};
+  if (path == "/v1/observations") return json_response(observations(*site, step));
+  if (path == "/v1/samples") return json_response(samples(*site, step));
+  if (path == "/v1/quarantine") return json_response(site->quarantine());
+  if (path == "/v1/alarms") {
+    Json list = Json::array();
+    for (const Alarm& alarm : site->alarms(0)) list.push_back(alarm.json());
+    return json_response({{"alarms", list}});
+  }
+  throw RequestError(404, "NotFound", "there is no such route");
+}
+
+HttpResponse Api::ready() const {
+  Json sites = Json::object();
+  bool all = true;
+  for (const auto& site : sites_) {
+    const bool ready = site->ready();
+    all = all && ready;
+    sites[site->name()] = ready ? "ready" : "replaying its journal, or stopping";
+  }
+  return json_response({{"ready", all}, {"sites", sites}}, all ? 200 : 503);
+}
+
+void Api::take_measurement(const HttpRequest& request, const Answer& answer) {
+  std::shared_ptr<Site> site = sites_.front();
+  try {
+    SiteDatum datum;
+    if (request.header("content-type").starts_with("application/x-npy")) {
+      const auto either = [&](const std::string& name) {
+        const std::string plain = request.header(name);
+        return plain.empty() ? request.header("x-knothe-" + name) : plain;
+      };
+      datum = parse_npy_datum(request.body, {either("site"), either("source"), either("session"),
+                                             either("seq"), either("time"), either("status")});
+    } else {
+      datum = parse_json_datum(request.body);
+    }
+    if (datum.site.empty() && sites_.size() > 1)
+      throw RequestError(400, "Malformed", "\"site\" is missing; this service has several");
+    try {
+      site = site_of(datum.site);
+    } catch (const RequestError& error) {
+      throw RequestError(400, error.type(), error.what());
+    }
+    site->ingest(std::move(datum.datum), [answer](const Site::Answer& stored) { answer(answer_of(stored)); });
+  } catch (const RequestError& error) {
+    site->count(error.status() == 400 ? "malformed" : "not_ready");
+    throw;
+  }
+}
+
+void Api::take_release(const HttpRequest& request, const Answer& answer) {
+  Json body;
+  try {
+    body = Json::parse(request.body);
+    const DatumKey key{body.at("source").get<std::string>(), body.at("session").get<std::string>(),
+                       body.at("seq").get<std::int64_t>()};
+    site_of(body.value("site", request.parameter("site")))
+        ->release(key, [answer](const Site::Answer& stored) { answer(answer_of(stored)); });
+  } catch (const Json::exception& error) {
+    throw RequestError(400, "Malformed",
+                       std::string("the body must be {\"source\",\"session\",\"seq\"}: ") + error.what());
+  }
+}
+
+std::unique_ptr<EventSource> Api::events(const HttpRequest& request) {
+  if (request.path != "/v1/events") return nullptr;
+  try {
+    const auto site = site_of(request.parameter("site"));
+    std::string last = request.header("last-event-id");
+    if (last.empty()) last = request.parameter("last_event_id");
+    std::int64_t seen = site->last_event();
+    std::string begin;
+    if (!last.empty()) {
+      seen = static_cast<std::int64_t>(
+          std::min<std::size_t>(parse_index(last, "Last-Event-ID"), static_cast<std::size_t>(seen)));
+    } else if (const std::string from = request.parameter("from"); !from.empty()) {
+      // The lines as they are, in the order of the steps; then what changes.
+      for (const auto& line : site->lines(parse_index(from, "from"))) {
+        begin += fmt::format("id: {}\nevent: step\ndata: {}\n\n", line->event, line->json);
+        seen = std::max(seen, line->event);
+      }
+    } else if (const auto line = site->latest()) {
+      begin = fmt::format("id: {}\nevent: step\ndata: {}\n\n", seen, line->json);
+    }
+    auto source = std::make_unique<SiteEvents>(site, seen);
+    source->begin_with(std::move(begin));
+    return source;
+  } catch (const RequestError&) {
+    return nullptr;  // `handle` says what is wrong
+  }
+}
+
+bool Api::tick() {
+  if (cancellation_requested()) return false;
+  for (const auto& site : sites_) {
+    site->tick();
+    if (options_.strict_deadline && site->missed_strict_deadline()) return false;
+  }
+  return true;
+}
+
+}  // namespace knothe::service

@@ -1,0 +1,58 @@
+#pragma once
+/// @file The routes of the service (docs/service.md). Private to this room.
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "knothe/service/net/http_server.hpp"
+#include "knothe/service/net/umbridge.hpp"
+#include "knothe/service/site/site.hpp"
+#include "knothe/service/site/worker.hpp"
+
+namespace knothe::service {
+
+struct ApiOptions {
+  bool loopback = true;                  ///< listens where this machine alone can reach it
+  std::string read_token, ingest_token;  ///< empty: not needed
+  bool strict_deadline = false;
+};
+
+class Api final : public HttpHandler {
+ public:
+  Api(std::vector<std::shared_ptr<Site>> sites, ApiOptions options, Metrics& metrics);
+
+  bool admit(const HttpRequest& head, HttpResponse& refusal) override;
+  void handle(HttpRequest request, Answer answer) override;
+  std::unique_ptr<EventSource> events(const HttpRequest& request) override;
+  bool tick() override;
+  /// Answers what is waiting; nothing is asked afterwards.
+  void finish() { worker_.reset(); }
+
+ private:
+  void route(const HttpRequest& request, const Answer& answer);
+  HttpResponse read(const HttpRequest& request);
+  void later(HttpRequest request, Answer answer, std::function<HttpResponse(const HttpRequest&)> what);
+  void take_measurement(const HttpRequest& request, const Answer& answer);
+  void take_release(const HttpRequest& request, const Answer& answer);
+  [[nodiscard]] HttpResponse ready() const;
+  [[nodiscard]] std::shared_ptr<Site> site_of(const std::string& name) const;
+  [[nodiscard]] std::vector<std::string> site_names() const;
+
+  std::vector<std::shared_ptr<Site>> sites_;
+  ApiOptions options_;
+  Metrics& metrics_;
+  UmBridge umbridge_;                                            ///< of the worker
+  std::unique_ptr<Worker> worker_ = std::make_unique<Worker>();  ///< last: what it does uses the others
+};
+
+/// Whether two texts are equal, in a time that depends on their lengths alone.
+[[nodiscard]] bool equal_in_constant_time(std::string_view a, std::string_view b);
+
+/// The OpenAPI 3.1 document of the routes.
+[[nodiscard]] std::string openapi_document();
+
+/// The page that was there when the program was built, or a short one that says that there was none.
+[[nodiscard]] std::string_view page();
+
+}  // namespace knothe::service

@@ -1,0 +1,397 @@
+#include "knothe/service/net/http_server.hpp"
+
+#include <fmt/format.h>
+
+#include <utility>  // before Asio: GCC 12 in C++20 needs std::exchange there
+
+#include <atomic>
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/post.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <boost/asio/write.hpp>
+#include <boost/beast/core.hpp>
+#include <boost/beast/http.hpp>
+#include <chrono>
+#include <optional>
+#include <set>
+
+#include "knothe/base/error.hpp"
+#include "knothe/service/net/http_request.hpp"
+
+namespace knothe::service {
+
+namespace asio = boost::asio;
+namespace beast = boost::beast;
+namespace http = boost::beast::http;
+using ErrorCode = boost::system::error_code;
+using std::chrono::milliseconds;
+
+namespace {
+
+constexpr milliseconds k_tick{50};
+constexpr std::chrono::seconds k_heartbeat{10};
+constexpr std::size_t k_drained = 1 << 20;  // bytes read and thrown away after a refusal, so that it arrives
+
+}  // namespace
+
+class Session;
+
+struct HttpServer::Implementation : std::enable_shared_from_this<Implementation> {
+  HttpServerOptions options;
+  HttpHandler& handler;
+  Metrics& metrics;
+  asio::io_context context{1};
+  asio::ip::tcp::acceptor acceptor{context};
+  asio::steady_timer timer{context};
+  std::set<Session*> sessions;
+  std::atomic<bool> wake_posted{false};
+  bool stopping = false;
+  std::optional<std::chrono::steady_clock::time_point> stop_by;
+
+  Implementation(HttpServerOptions o, HttpHandler& h, Metrics& m)
+      : options(std::move(o)), handler(h), metrics(m) {}
+  void listen();
+  void accept();
+  void tick();
+  void wake_streams();
+  void gauges(std::size_t streams) {
+    metrics.set("knothe_connections", "", static_cast<double>(sessions.size()));
+    metrics.set("knothe_event_streams", "", static_cast<double>(streams));
+  }
+};
+
+/// One connection. Keeps itself alive by the operation it waits for.
+class Session : public std::enable_shared_from_this<Session> {
+ public:
+  Session(asio::ip::tcp::socket socket, std::shared_ptr<HttpServer::Implementation> server);
+  ~Session();
+  void start() { read_head(); }
+  void wake();
+  void stop();
+  void close() { stream_.close(); }
+  [[nodiscard]] bool streams() const { return source_ != nullptr; }
+
+ private:
+  using Parser = http::request_parser<http::string_body>;
+  void read_head();
+  void head_read(ErrorCode error);
+  void read_body();
+  void dispatch();
+  void respond(HttpResponse response, bool close);
+  void refuse(HttpResponse response);
+  void drain(std::size_t left);
+  void begin_stream();
+  void write_stream(std::string text);
+  void watch_for_the_end();
+  [[nodiscard]] HttpRequest request_of(const http::request<http::string_body>& message) const;
+  void expire(double seconds) { stream_.expires_after(milliseconds(static_cast<long>(1e3 * seconds))); }
+
+  std::shared_ptr<HttpServer::Implementation> server_;
+  beast::tcp_stream stream_;
+  beast::flat_buffer buffer_;
+  std::optional<Parser> parser_;
+  std::optional<http::response<http::string_body>> response_;
+  std::unique_ptr<EventSource> source_;
+  std::string out_, sink_;
+  std::chrono::steady_clock::time_point last_sent_;
+  bool writing_ = false, answered_ = true, head_request_ = false;
+};
+
+Session::Session(asio::ip::tcp::socket socket, std::shared_ptr<HttpServer::Implementation> server)
+    : server_(std::move(server)), stream_(std::move(socket)) {
+  server_->sessions.insert(this);
+}
+
+Session::~Session() {
+  server_->sessions.erase(this);
+}
+
+void Session::read_head() {
+  if (server_->stopping) return;
+  parser_.emplace();
+  parser_->header_limit(static_cast<std::uint32_t>(server_->options.max_header));
+  parser_->body_limit(server_->options.max_body);
+  // A new connection has as long for its head as for a body; later ones may stay idle between requests. Drops
+  // of bytes do not prolong it.
+  expire(response_ ? server_->options.idle_timeout : server_->options.timeout);
+  http::async_read_header(
+      stream_, buffer_, *parser_,
+      [self = shared_from_this()](ErrorCode error, std::size_t) { self->head_read(error); });
+}
+
+void Session::head_read(ErrorCode error) {
+  if (error == http::error::header_limit || error == http::error::buffer_overflow)
+    return refuse(
+        error_response(431, "HeaderTooLarge",
+                       fmt::format("the header is larger than {} bytes", server_->options.max_header)));
+  if (error == http::error::body_limit)
+    return refuse(error_response(413, "TooLarge",
+                                 fmt::format("the body is larger than {} bytes", server_->options.max_body)));
+  if (error == http::error::end_of_stream || error == beast::error::timeout ||
+      error == asio::error::operation_aborted ||
+      (error && error.category() == asio::error::get_system_category()) ||
+      error == http::error::partial_message)
+    return;  // closed, or too slow: nobody listens
+  if (error) return refuse(error_response(400, "NotHttp", "the request is not HTTP/1.1: " + error.message()));
+  const HttpRequest head = request_of(parser_->get());
+  HttpResponse refusal;
+  if (!server_->handler.admit(head, refusal)) return refuse(std::move(refusal));
+  if (const auto length = parser_->content_length(); length && *length > server_->options.max_body)
+    return refuse(error_response(
+        413, "TooLarge",
+        fmt::format("the body has {} bytes; at most {} are taken", *length, server_->options.max_body)));
+  expire(server_->options.timeout);
+  if (head.header("expect") != "100-continue") return read_body();
+  out_ = "HTTP/1.1 100 Continue\r\n\r\n";
+  asio::async_write(stream_, asio::buffer(out_), [self = shared_from_this()](ErrorCode failed, std::size_t) {
+    if (!failed) self->read_body();
+  });
+}
+
+void Session::read_body() {
+  http::async_read(stream_, buffer_, *parser_, [self = shared_from_this()](ErrorCode error, std::size_t) {
+    if (!error) return self->dispatch();
+    if (error == http::error::body_limit)
+      return self->refuse(error_response(
+          413, "TooLarge", fmt::format("the body is larger than {} bytes", self->server_->options.max_body)));
+    if (error == beast::error::timeout) return;
+    if (error.category() == http::make_error_code(http::error::bad_chunk).category() &&
+        error != http::error::partial_message)
+      self->refuse(error_response(400, "NotHttp", "the body cannot be read: " + error.message()));
+  });
+}
+
+HttpRequest Session::request_of(const http::request<http::string_body>& message) const {
+  HttpRequest request;
+  request.method = std::string(message.method_string());
+  set_target(request, {message.target().data(), message.target().size()});
+  for (const auto& field : message) {
+    std::string name(field.name_string());
+    for (char& c : name) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
+    request.headers[name] = std::string(field.value());
+  }
+  return request;
+}
+
+void Session::dispatch() {
+  const bool keep_alive = parser_->get().keep_alive();
+  HttpRequest request = request_of(parser_->get());
+  request.body = std::move(parser_->get().body());
+  head_request_ = request.method == "HEAD";
+  if (head_request_) request.method = "GET";
+  stream_.expires_never();
+  if (request.method == "GET" && (source_ = server_->handler.events(request))) return begin_stream();
+  answered_ = false;
+  // The answer may come from another thread, and after the connection has gone.
+  const auto answer = [self = shared_from_this(), keep_alive](HttpResponse response) {
+    asio::post(self->server_->context, [self, keep_alive, response = std::move(response)]() mutable {
+      self->answered_ = true;
+      self->respond(std::move(response), !keep_alive);
+    });
+  };
+  try {
+    server_->handler.handle(std::move(request), answer);
+  } catch (const std::exception& error) {
+    answer(error_response(500, "InternalError", error.what()));
+  }
+}
+
+void Session::respond(HttpResponse response, bool close) {
+  close = close || server_->stopping;
+  server_->metrics.count("knothe_requests_total", fmt::format("status=\"{}\"", response.status));
+  response_.emplace(static_cast<http::status>(response.status), 11);
+  response_->set(http::field::server, "knothe");
+  response_->set(http::field::content_type, response.content_type);
+  for (const auto& [name, value] : response.headers) response_->set(name, value);
+  response_->keep_alive(!close);
+  const std::size_t length = response.body.size();
+  if (!head_request_) response_->body() = std::move(response.body);
+  response_->content_length(length);
+  expire(server_->options.timeout);
+  const auto sent = [self = shared_from_this(), close](ErrorCode error, std::size_t) {
+    if (error) return;
+    if (!close) return self->read_head();
+    ErrorCode ignored;
+    self->stream_.socket().shutdown(asio::ip::tcp::socket::shutdown_send, ignored);
+    self->drain(k_drained);
+  };
+  if (head_request_) {
+    // Head only: the length is that of the body that a GET would have brought.
+    const auto serializer = std::make_shared<http::response_serializer<http::string_body>>(*response_);
+    serializer->split(true);
+    http::async_write_header(stream_, *serializer,
+                             [serializer, sent](ErrorCode error, std::size_t n) { sent(error, n); });
+  } else {
+    http::async_write(stream_, *response_, sent);
+  }
+}
+
+void Session::refuse(HttpResponse response) {
+  head_request_ = false;
+  respond(std::move(response), true);
+}
+
+/// A client that still sends would not see our answer if we closed at once.
+void Session::drain(std::size_t left) {
+  expire(2);
+  sink_.resize(16384);
+  stream_.async_read_some(asio::buffer(sink_),
+                          [self = shared_from_this(), left](ErrorCode error, std::size_t n) {
+                            if (!error && n < left) self->drain(left - n);
+                          });
+}
+
+void Session::begin_stream() {
+  ErrorCode ignored;
+  stream_.socket().set_option(asio::ip::tcp::no_delay(true), ignored);
+  server_->metrics.count("knothe_requests_total", "status=\"200\"");
+  watch_for_the_end();
+  write_stream(
+      "HTTP/1.1 200 OK\r\nServer: knothe\r\nContent-Type: text/event-stream\r\nCache-Control: no-store\r\n"
+      "X-Content-Type-Options: nosniff\r\nX-Accel-Buffering: no\r\nConnection: close\r\n\r\nretry: 1000\n\n");
+}
+
+void Session::write_stream(std::string text) {
+  writing_ = true;
+  out_ = std::move(text);
+  expire(server_->options.timeout);
+  asio::async_write(stream_, asio::buffer(out_), [self = shared_from_this()](ErrorCode error, std::size_t) {
+    self->writing_ = false;
+    self->last_sent_ = std::chrono::steady_clock::now();
+    if (error) return self->stop();
+    self->stream_.expires_never();
+    self->wake();
+  });
+}
+
+/// Reads, to learn that the reader has gone; what it sends is thrown away.
+void Session::watch_for_the_end() {
+  sink_.resize(512);
+  stream_.socket().async_read_some(asio::buffer(sink_),
+                                   [self = shared_from_this()](ErrorCode error, std::size_t) {
+                                     if (error) return self->stop();
+                                     self->watch_for_the_end();
+                                   });
+}
+
+void Session::wake() {
+  if (!source_ || writing_ || !stream_.socket().is_open()) return;
+  std::string text = source_->next();
+  if (text.empty() && std::chrono::steady_clock::now() - last_sent_ > k_heartbeat) text = ": still here\n\n";
+  if (!text.empty()) write_stream(std::move(text));
+}
+
+void Session::stop() {
+  if (!answered_) return;  // it is being answered
+  stream_.close();
+}
+
+void HttpServer::Implementation::listen() {
+  const std::string where = fmt::format("{}:{}", options.address, options.port);
+  try {
+    const asio::ip::tcp::endpoint endpoint(asio::ip::make_address(options.address), options.port);
+    acceptor.open(endpoint.protocol());
+    acceptor.set_option(asio::socket_base::reuse_address(true));
+    acceptor.bind(endpoint);
+    acceptor.listen(256);
+  } catch (const boost::system::system_error& error) {
+    throw IoError(fmt::format("cannot listen at {}: {}; choose another with --port, or stop what is there",
+                              where, error.code().message()));
+  }
+}
+
+void HttpServer::Implementation::accept() {
+  acceptor.async_accept([self = shared_from_this()](ErrorCode error, asio::ip::tcp::socket socket) {
+    if (!self->acceptor.is_open()) return;
+    if (error) {  // out of descriptors: wait for some to come back
+      const auto pause = std::make_shared<asio::steady_timer>(self->context, milliseconds(100));
+      return pause->async_wait([self, pause](ErrorCode) {
+        if (self->acceptor.is_open()) self->accept();
+      });
+    }
+    if (self->sessions.size() < self->options.max_connections) {
+      ErrorCode ignored;
+      socket.set_option(asio::ip::tcp::no_delay(true), ignored);
+      std::make_shared<Session>(std::move(socket), self)->start();
+    }  // else the socket closes: the client is told by that
+    self->accept();
+  });
+}
+
+void HttpServer::Implementation::wake_streams() {
+  std::size_t streams = 0;
+  // A session may end while it is woken: the set is copied, the ends are posted.
+  const std::vector<Session*> all(sessions.begin(), sessions.end());
+  for (Session* session : all) {
+    if (!sessions.contains(session) || !session->streams()) continue;
+    ++streams;
+    const auto keep = session->shared_from_this();
+    keep->wake();
+  }
+  gauges(streams);
+}
+
+void HttpServer::Implementation::tick() {
+  timer.expires_after(k_tick);
+  timer.async_wait([self = shared_from_this()](ErrorCode error) {
+    if (error) return;
+    if (!self->stopping && !self->handler.tick()) {
+      self->stopping = true;
+      self->stop_by = std::chrono::steady_clock::now() + std::chrono::seconds(2);
+      ErrorCode ignored;
+      self->acceptor.close(ignored);
+    }
+    if (self->stopping) {
+      const std::vector<Session*> all(self->sessions.begin(), self->sessions.end());
+      for (Session* session : all)
+        if (self->sessions.contains(session)) session->shared_from_this()->stop();
+      if (self->sessions.empty() || std::chrono::steady_clock::now() > *self->stop_by)
+        return self->context.stop();
+    } else {
+      self->wake_streams();
+    }
+    self->tick();
+  });
+}
+
+HttpServer::HttpServer(HttpServerOptions options, HttpHandler& handler, Metrics& metrics)
+    : implementation_(std::make_shared<Implementation>(std::move(options), handler, metrics)) {
+  implementation_->listen();
+}
+
+HttpServer::~HttpServer() = default;
+
+unsigned short HttpServer::port() const {
+  return implementation_->acceptor.local_endpoint().port();
+}
+
+void HttpServer::run() {
+  implementation_->accept();
+  implementation_->tick();
+  implementation_->context.run();
+}
+
+void HttpServer::finish() {
+  Implementation& i = *implementation_;
+  ErrorCode ignored;
+  i.acceptor.close(ignored);
+  i.timer.cancel();
+  i.context.restart();
+  i.context.poll();  // answers that came after the end
+  const std::vector<Session*> all(i.sessions.begin(), i.sessions.end());
+  for (Session* session : all)
+    if (i.sessions.contains(session)) session->shared_from_this()->close();
+  i.context.restart();
+  i.context.poll();
+}
+
+void HttpServer::wake() {
+  if (implementation_->wake_posted.exchange(true)) return;
+  asio::post(implementation_->context, [self = implementation_] {
+    self->wake_posted = false;
+    self->wake_streams();
+  });
+}
+
+}  // namespace knothe::service

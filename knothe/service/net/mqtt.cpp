@@ -1,0 +1,213 @@
+#include "knothe/service/net/mqtt.hpp"
+
+#include <fmt/format.h>
+#include <mosquitto.h>
+
+#include <atomic>
+#include <charconv>
+#include <chrono>
+#include <fstream>
+#include <future>
+#include <map>
+#include <thread>
+
+#include "knothe/base/error.hpp"
+#include "knothe/base/sha256.hpp"
+#include "knothe/service/site/log.hpp"
+
+namespace knothe::service {
+namespace {
+
+std::string first_line(const std::string& path) {
+  std::ifstream file(path);
+  std::string line;
+  if (!file || !std::getline(file, line))
+    throw DataError(fmt::format("{}: the file with the MQTT password cannot be read, or is empty", path));
+  return line;
+}
+
+}  // namespace
+
+struct MqttReceiver::Implementation {
+  std::vector<std::shared_ptr<Site>> sites;
+  Metrics& metrics;
+  std::string host;
+  int port = 1883;
+  std::size_t max_body;
+  std::atomic<bool> stopping{false};
+  std::map<int, std::string> asked;  ///< topics by number of the packet; of the client's thread alone
+  std::shared_ptr<mosquitto> client;
+
+  Implementation(std::vector<std::shared_ptr<Site>> s, Metrics& m, std::size_t body)
+      : sites(std::move(s)), metrics(m), max_body(body) {}
+
+  /// What became of a message, as the body of an answer of HTTP; nothing if it is to come again.
+  std::optional<Json> take(const mosquitto_message& message) {
+    try {
+      if (message.payloadlen < 0 || static_cast<std::size_t>(message.payloadlen) > max_body)
+        throw RequestError(
+            413, "TooLarge",
+            fmt::format("the message has {} bytes; at most {} are taken", message.payloadlen, max_body));
+      SiteDatum datum = parse_mqtt_datum(message.topic, {static_cast<const char*>(message.payload),
+                                                         static_cast<std::size_t>(message.payloadlen)});
+      const std::int64_t seq = datum.datum.key.seq;
+      for (const auto& site : sites) {
+        if (site->name() != datum.site) continue;
+        const auto stored = store(*site, datum.datum);
+        if (!stored) return std::nullopt;
+        if (const auto* error = std::get_if<RequestError>(&*stored)) throw RequestError(*error);
+        const Appended& appended = std::get<Appended>(*stored);
+        return Json{{"seq", seq},
+                    {"accepted", true},
+                    {"duplicate", appended.outcome == Outcome::duplicate},
+                    {"step", appended.step}};
+      }
+      throw RequestError(400, "UnknownSite", fmt::format("there is no site \"{}\"", datum.site));
+    } catch (const RequestError& error) {
+      log_event("warning", "a message was refused",
+                {{"topic", message.topic}, {"type", error.type()}, {"reason", error.what()}});
+      if (error.type() != "Conflict") sites.front()->count("malformed");
+      return Json{{"error", {{"type", error.type()}, {"message", error.what()}}}};
+    }
+  }
+
+  /// Waits until the datum is on disk; tries again while the disk is full or the journal is replayed.
+  std::optional<Site::Answer> store(Site& site, const Datum& datum) {
+    while (!stopping) {
+      const auto promise = std::make_shared<std::promise<Site::Answer>>();
+      auto answer = promise->get_future();
+      try {
+        site.ingest(datum, [promise](const Site::Answer& stored) { promise->set_value(stored); });
+        Site::Answer stored = answer.get();
+        const auto* error = std::get_if<RequestError>(&stored);
+        if (error == nullptr || error->status() != 507) return stored;
+      } catch (const RequestError& error) {
+        if (error.status() != 503) throw;
+      }
+      std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    }
+    return std::nullopt;
+  }
+
+  static void on_connect(mosquitto* client, void* self, int code) {
+    auto* receiver = static_cast<Implementation*>(self);
+    if (code != 0) {
+      log_event("error", "the MQTT broker refused",
+                {{"broker", receiver->host}, {"reason", mosquitto_connack_string(code)}});
+      return;
+    }
+    log_event("info", "connected to the MQTT broker", {{"broker", receiver->host}, {"port", receiver->port}});
+    receiver->subscribe(client);
+  }
+
+  /// Asks for the data of each site in a packet of its own: some brokers take few topics in one.
+  void subscribe(mosquitto* broker) {
+    asked.clear();
+    for (const auto& site : sites) {
+      const std::string topic = fmt::format("knothe/v1/{}/+/data", site->name());
+      int number = 0;
+      const int failed = mosquitto_subscribe(broker, &number, topic.c_str(), 1);
+      if (failed != MOSQ_ERR_SUCCESS)
+        log_event("error", "nothing could be asked of the MQTT broker",
+                  {{"broker", host}, {"topic", topic}, {"reason", mosquitto_strerror(failed)}});
+      else
+        asked[number] = topic;
+    }
+  }
+
+  /// From now on data come, but for sites that the broker refuses (128: its rules say so); no error of MQTT
+  /// 3.1.1 would tell.
+  static void on_subscribe(mosquitto*, void* self, int number, int count, const int* granted) {
+    const auto* receiver = static_cast<Implementation*>(self);
+    const auto topic = receiver->asked.find(number);
+    if (topic == receiver->asked.end() || count < 1) return;
+    if (granted[0] > 2)
+      log_event("error", "the MQTT broker refused a subscription",
+                {{"broker", receiver->host}, {"topic", topic->second}, {"code", granted[0]}});
+    else
+      log_event("info", "subscribed at the MQTT broker",
+                {{"broker", receiver->host}, {"topic", topic->second}, {"qos", granted[0]}});
+  }
+
+  static void on_disconnect(mosquitto*, void* self, int code) {
+    const auto* receiver = static_cast<Implementation*>(self);
+    if (code != 0)
+      log_event("warning", "the MQTT broker is away",
+                {{"broker", receiver->host}, {"reason", mosquitto_strerror(code)}});
+  }
+
+  static void on_message(mosquitto* client, void* self, const mosquitto_message* message) {
+    auto* receiver = static_cast<Implementation*>(self);
+    try {
+      const auto answer = receiver->take(*message);
+      if (!answer) {
+        // Stopping: not acknowledged. The library would acknowledge when we return, so the connection ends
+        // first.
+        mosquitto_disconnect(client);
+        return;
+      }
+      std::string topic = message->topic;
+      if (topic.ends_with("/data")) topic.replace(topic.size() - 4, 4, "answer");
+      const std::string text = answer->dump();
+      mosquitto_publish(client, nullptr, topic.c_str(), static_cast<int>(text.size()), text.data(), 0, false);
+    } catch (const std::exception& error) {
+      log_event("error", "a message could not be taken",
+                {{"topic", message->topic}, {"reason", error.what()}});
+    }
+  }
+};
+
+MqttReceiver::MqttReceiver(const project::Project& project, std::vector<std::shared_ptr<Site>> sites,
+                           Metrics& metrics)
+    : implementation_(std::make_unique<Implementation>(std::move(sites), metrics,
+                                                       static_cast<std::size_t>(project.serve.max_body))) {
+  Implementation& i = *implementation_;
+  const project::MqttOptions& options = project.serve.mqtt;
+  const auto colon = options.broker.rfind(':');
+  i.host = options.broker.substr(0, colon);
+  if (colon != std::string::npos) {
+    const char* end = options.broker.data() + options.broker.size();
+    const auto parsed = std::from_chars(options.broker.data() + colon + 1, end, i.port);
+    if (parsed.ec != std::errc() || parsed.ptr != end || i.port < 1 || i.port > 65535) i.host.clear();
+  } else if (!options.ca.empty()) {
+    i.port = 8883;
+  }
+  if (i.host.empty())
+    throw project.error_at("serve.mqtt.broker",
+                           fmt::format("\"{}\" is not HOST or HOST:PORT", options.broker));
+  mosquitto_lib_init();
+  // The same name at each start: the broker keeps for it what comes meanwhile.
+  const std::string id = "knothe-" + to_hex(sha256_of(project.serve.journal)).substr(0, 12);
+  i.client.reset(mosquitto_new(id.c_str(), false, &i), mosquitto_destroy);
+  if (!i.client) throw IoError("the MQTT client could not be made");
+  mosquitto_connect_callback_set(i.client.get(), Implementation::on_connect);
+  mosquitto_subscribe_callback_set(i.client.get(), Implementation::on_subscribe);
+  mosquitto_disconnect_callback_set(i.client.get(), Implementation::on_disconnect);
+  mosquitto_message_callback_set(i.client.get(), Implementation::on_message);
+  if (!options.user.empty()) {
+    const std::string password = options.password.empty() ? "" : first_line(options.password);
+    mosquitto_username_pw_set(i.client.get(), options.user.c_str(),
+                              password.empty() ? nullptr : password.c_str());
+  }
+  if (!options.ca.empty()) {
+    const int code =
+        mosquitto_tls_set(i.client.get(), options.ca.c_str(), nullptr, nullptr, nullptr, nullptr);
+    if (code != MOSQ_ERR_SUCCESS)
+      throw DataError(
+          fmt::format("{}: certificates cannot be used: {}", options.ca, mosquitto_strerror(code)));
+  }
+  mosquitto_reconnect_delay_set(i.client.get(), 1, 30, true);
+  mosquitto_connect_async(i.client.get(), i.host.c_str(), i.port, 30);
+  if (mosquitto_loop_start(i.client.get()) != MOSQ_ERR_SUCCESS)
+    throw IoError("the thread of MQTT could not be started");
+}
+
+MqttReceiver::~MqttReceiver() {
+  implementation_->stopping = true;
+  mosquitto_disconnect(implementation_->client.get());
+  mosquitto_loop_stop(implementation_->client.get(), false);
+  implementation_->client.reset();
+  mosquitto_lib_cleanup();
+}
+
+}  // namespace knothe::service

@@ -1,0 +1,28 @@
+#pragma once
+/// @file Measurements by MQTT (libmosquitto): topic knothe/v1/SITE/SOURCE/data, QoS 1, the JSON of
+/// `POST /v1/measurements`. No mosquitto in this header.
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "knothe/project/serve_options.hpp"
+#include "knothe/service/site/site.hpp"
+
+namespace knothe::service {
+
+/// A connection to a broker, kept up by a thread of its own. A message is acknowledged to the broker (PUBACK)
+/// only after its datum is on disk, or was refused for what it is; while the disk is full it is not, and
+/// comes again. The session is durable: what is published while the service is down comes at its next start.
+/// What became of a message is published at knothe/v1/SITE/SOURCE/answer.
+class MqttReceiver {
+ public:
+  /// Begins to connect. ProjectError for an address that is none, DataError for a file that cannot be used.
+  MqttReceiver(const project::Project& project, std::vector<std::shared_ptr<Site>> sites, Metrics& metrics);
+  ~MqttReceiver();
+
+ private:
+  struct Implementation;
+  std::unique_ptr<Implementation> implementation_;
+};
+
+}  // namespace knothe::service

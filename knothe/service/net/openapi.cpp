@@ -1,0 +1,181 @@
+#include <nlohmann/json.hpp>
+
+#include "knothe/base/version.hpp"
+#include "knothe/service/net/api.hpp"
+
+namespace knothe::service {
+namespace {
+
+Json text(const char* description) {
+  return {{"description", description},
+          {"content", {{"application/json", {{"schema", {{"$ref", "#/components/schemas/Error"}}}}}}}};
+}
+
+Json ok(const Json& schema, const char* type = "application/json") {
+  return {{"description", "as docs/service.md says"}, {"content", {{type, {{"schema", schema}}}}}};
+}
+
+Json parameter(const char* name, const char* type, const char* meaning) {
+  return {{"name", name},
+          {"in", "query"},
+          {"required", false},
+          {"description", meaning},
+          {"schema", {{"type", type}}}};
+}
+
+Json object_of(std::initializer_list<std::pair<const char*, Json>> members, const Json& required) {
+  Json properties = Json::object();
+  for (const auto& [name, schema] : members) properties[name] = schema;
+  return {{"type", "object"}, {"properties", properties}, {"required", required}};
+}
+
+Json get(const char* summary, const Json& schema, std::initializer_list<Json> parameters = {},
+         const char* type = "application/json") {
+  Json all = Json::array();
+  for (const Json& p : parameters) all.push_back(p);
+  all.push_back(parameter("site", "string", "name of the site; the first without it"));
+  return {{"get",
+           {{"summary", summary},
+            {"parameters", all},
+            {"responses",
+             {{"200", ok(schema, type)},
+              {"400", text("malformed")},
+              {"401", text("token needed")},
+              {"404", text("not there")}}}}}};
+}
+
+Json post(const char* summary, const Json& body, const Json& answer) {
+  return {{"summary", summary},
+          {"requestBody", {{"required", true}, {"content", body}}},
+          {"responses",
+           {{"200", ok(answer)},
+            {"400", text("malformed")},
+            {"401", text("token needed")},
+            {"404", text("not there")},
+            {"409", text("the same key with another payload")},
+            {"413", text("too large")},
+            {"503", text("not ready")},
+            {"507", text("disk full")}}}};
+}
+
+}  // namespace
+
+std::string openapi_document() {
+  const Json number = {{"type", "number"}}, integer = {{"type", "integer"}}, words = {{"type", "string"}},
+             boolean = {{"type", "boolean"}};
+  const Json numbers = {{"type", "array"}, {"items", number}}, rows = {{"type", "array"}, {"items", numbers}};
+  const Json any = {{"type", "object"}};
+  const Json line = object_of({{"step", integer},
+                               {"time", number},
+                               {"mean", numbers},
+                               {"covariance", rows},
+                               {"maximum_a_posteriori", numbers},
+                               {"quantiles", any},
+                               {"map_order", integer},
+                               {"variance_diagnostic", number},
+                               {"tolerance_reached", boolean},
+                               {"ess", number},
+                               {"trusted", boolean},
+                               {"log_evidence", number},
+                               {"log_evidence_increment", number},
+                               {"bias_correction", words},
+                               {"used", integer},
+                               {"rejected", integer},
+                               {"missing", integer},
+                               {"elapsed_us", any},
+                               {"forecast", any},
+                               {"site", words},
+                               {"event", integer},
+                               {"data", integer},
+                               {"received_at", number}},
+                              {"step",
+                               "time",
+                               "mean",
+                               "covariance",
+                               "maximum_a_posteriori",
+                               "quantiles",
+                               "map_order",
+                               "variance_diagnostic",
+                               "tolerance_reached",
+                               "ess",
+                               "trusted",
+                               "log_evidence",
+                               "log_evidence_increment",
+                               "bias_correction",
+                               "used",
+                               "rejected",
+                               "missing",
+                               "elapsed_us",
+                               "forecast",
+                               "site",
+                               "event",
+                               "data"});
+  const Json datum = object_of({{"site", words},
+                                {"source", words},
+                                {"session", words},
+                                {"seq", {{"type", "integer"}, {"minimum", 0}}},
+                                {"time", number},
+                                {"values", {{"type", "array"}, {"items", {{"type", {"number", "null"}}}}}},
+                                {"status", {{"type", "array"}, {"items", words}}}},
+                               {"source", "session", "seq", "time", "values"});
+  const Json stored =
+      object_of({{"accepted", boolean}, {"duplicate", boolean}, {"step", integer}, {"quarantined", boolean}},
+                {"accepted", "duplicate", "step"});
+  const Json error = object_of(
+      {{"error", object_of({{"type", words}, {"message", words}}, {"type", "message"})}}, {"error"});
+  const Json line_reference = {{"$ref", "#/components/schemas/Line"}};
+  const Json step = parameter("step", "integer", "step; the latest without it");
+  Json paths = {
+      {"/livez", get("alive", words, {}, "text/plain")},
+      {"/readyz", get("ready to take measurements", any)},
+      {"/metrics", get("Prometheus metrics", words, {}, "text/plain")},
+      {"/v1/state", get("line of the latest step", line_reference)},
+      {"/v1/states", get("lines of all steps from one on", {{"type", "array"}, {"items", line_reference}},
+                         {parameter("from", "integer", "first step")})},
+      {"/v1/events", get("lines, states and alarms as server-sent events", words,
+                         {parameter("from", "integer", "first step"),
+                          parameter("last_event_id", "integer", "as the header Last-Event-ID")},
+                         "text/event-stream")},
+      {"/v1/status",
+       get("state of the service", object_of({{"state", words}, {"reason", words}}, {"state", "reason"}))},
+      {"/v1/sites",
+       get("names of the sites", object_of({{"sites", {{"type", "array"}, {"items", words}}}}, {"sites"}))},
+      {"/v1/description", get("what the page needs once", any)},
+      {"/v1/mesh", get("mesh and sensors", any)},
+      {"/v1/field", get("a field at the posterior mean", any,
+                        {parameter("name", "string", "displacement, sensitivity, residual or bias"), step,
+                         parameter("parameter", "string", "of a sensitivity")})},
+      {"/v1/picture", get("the picture that a step was measured in",
+                          {{"type", "string"}, {"format", "binary"}}, {step}, "image/png")},
+      {"/v1/observations", get("sensors of a step", any, {step})},
+      {"/v1/samples", get("draws of the posterior", any, {step})},
+      {"/v1/alarms", get("the last alarms", any)},
+      {"/v1/quarantine", get("data that came too late", any)}};
+  paths["/v1/quarantine"]["post"] =
+      post("assimilate a quarantined datum",
+           {{"application/json",
+             {{"schema", object_of({{"source", words}, {"session", words}, {"seq", integer}},
+                                   {"source", "session", "seq"})}}}},
+           stored);
+  paths["/v1/measurements"]["post"] =
+      post("take a measurement; 200 when it is on disk",
+           {{"application/json", {{"schema", {{"$ref", "#/components/schemas/Measurement"}}}}},
+            {"application/x-npy", {{"schema", {{"type", "string"}, {"format", "binary"}}}}}},
+           stored);
+  paths["/Info"] = get("UM-Bridge", any);
+  for (const char* route : {"/ModelInfo", "/InputSizes", "/OutputSizes", "/Evaluate", "/Gradient",
+                            "/ApplyJacobian", "/ApplyHessian"})
+    paths[route]["post"] = post("UM-Bridge", {{"application/json", {{"schema", any}}}}, any);
+  Json document = {{"openapi", "3.1.0"},
+                   {"info",
+                    {{"title", "knothe serve"},
+                     {"version", k_version},
+                     {"summary", "Measurements in, posterior and forecast out."}}},
+                   {"paths", paths},
+                   {"components",
+                    {{"schemas", {{"Line", line}, {"Measurement", datum}, {"Error", error}}},
+                     {"securitySchemes", {{"token", {{"type", "http"}, {"scheme", "bearer"}}}}}}}};
+  return document.dump();
+}
+
+}  // namespace knothe::service

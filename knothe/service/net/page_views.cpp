@@ -1,0 +1,267 @@
+#include "knothe/service/net/page_views.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+#include <filesystem>
+
+#include "knothe/base/error.hpp"
+#include "knothe/base/version.hpp"
+#include "knothe/files/picture_bytes.hpp"
+#include "knothe/reduction/model/field_file.hpp"
+#include "knothe/reduction/model/model_matrices.hpp"
+
+namespace knothe::service {
+namespace {
+
+Json triples(const std::vector<double>& flat) {
+  Json rows = Json::array();
+  for (std::size_t i = 0; i + 2 < flat.size(); i += 3) rows.push_back({flat[i], flat[i + 1], flat[i + 2]});
+  return rows;
+}
+
+const char* quantity_word(forecast::ForecastSpecification::Quantity quantity) {
+  using Quantity = forecast::ForecastSpecification::Quantity;
+  return quantity == Quantity::crack_length   ? "crack_length"
+         : quantity == Quantity::displacement ? "displacement"
+                                              : "output";
+}
+
+std::string units_of(const Site& site, const forecast::ForecastSpecification& specification) {
+  if (specification.quantity != forecast::ForecastSpecification::Quantity::output) return "m";
+  for (const auto& output : site.setup().model.contents().outputs)
+    if (output.name == specification.output) return output.labels.units;
+  return "";
+}
+
+/// "VTK_HEXAHEDRON" → "hexahedron".
+std::string cell_name(std::string type) {
+  if (type.starts_with("VTK_")) type.erase(0, 4);
+  for (char& c : type) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
+  return type;
+}
+
+/// Where the pictures lie in the model: model places of the outer corners of the first pixel, the last of the
+/// first row, and the first of the last row.
+Json picture_corners(const project::PictureMeasurements& pictures) {
+  const files::Picture& reference = pictures.series().correlation().reference();
+  const double right = reference.width - 0.5, bottom = reference.height - 0.5;
+  Json corners = Json::array();
+  for (const auto& [x, y] : {std::pair{-0.5, -0.5}, std::pair{right, -0.5}, std::pair{-0.5, bottom}})
+    corners.push_back(pictures.frame().model_point(x, y));
+  return corners;
+}
+
+/// Means of squares of pixels, at most `width` wide, black to white in 8 bits.
+files::Picture reduced(const files::Picture& picture, int width) {
+  const int by = (picture.width + width - 1) / width;
+  files::Picture small;
+  small.width = picture.width / by, small.height = picture.height / by;
+  small.pixels.assign(small.index(0, small.height), 0.0F);
+  const float scale = 255 / (picture.maximum * static_cast<float>(by * by));
+  for (int y = 0; y < small.height * by; ++y)
+    for (int x = 0; x < small.width * by; ++x) small.at(x / by, y / by) += scale * picture.at(x, y);
+  return small;
+}
+
+/// Values at the nodes from a shift of the model's functions w: U C_t δw.
+std::vector<double> field_of_functions(const reduction::ModelContents& contents, std::size_t step,
+                                       const Eigen::VectorXd& functions) {
+  const Eigen::VectorXd at_dofs =
+      reduction::space_of(contents) * (reduction::core_of(contents, step) * functions);
+  return {at_dofs.begin(), at_dofs.end()};
+}
+
+}  // namespace
+
+std::size_t parse_index(const std::string& text, const std::string& what) {
+  std::size_t value = 0;
+  const auto parsed = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (parsed.ec != std::errc() || parsed.ptr != text.data() + text.size())
+    throw RequestError(400, "Malformed", fmt::format("\"{}\" must be a whole number from 0", what));
+  return value;
+}
+
+std::shared_ptr<const Line> line_of(const Site& site, const std::string& step) {
+  auto line = step.empty() ? site.latest() : site.line(parse_index(step, "step"));
+  if (!line)
+    throw RequestError(
+        404, "NoState",
+        step.empty() ? "there are no data yet" : fmt::format("there is no posterior of step {}", step));
+  return line;
+}
+
+Json description(const Site& site, const std::vector<std::string>& sites) {
+  const project::Project& project = site.project();
+  const auto& contents = site.setup().model.contents();
+  Json parameters = Json::array();
+  const auto priors = site.posterior().update().priors();
+  for (std::size_t k = 0; k < priors.size(); ++k) {
+    std::vector<double> values;
+    for (const double z :
+         {-1.959963984540054, -0.6744897501960817, 0.0, 0.6744897501960817, 1.959963984540054})
+      values.push_back(priors[k].from_standard_normal(z).value);
+    Json parameter = {{"name", project.parameters[k].name}, {"prior", priors[k].describe()}};
+    if (std::isfinite(priors[k].lower())) parameter["lower"] = priors[k].lower();
+    if (std::isfinite(priors[k].upper())) parameter["upper"] = priors[k].upper();
+    parameter["units"] = "1";
+    parameter["quantiles"] = {{"levels", assimilation::k_quantile_levels}, {"values", values}};
+    parameters.push_back(parameter);
+  }
+  Json forecasts = Json::array();
+  for (const auto& specification : project.forecasts) {
+    Json entry = {{"name", specification.name},
+                  {"quantity", quantity_word(specification.quantity)},
+                  {"horizon", specification.horizon}};
+    const bool crack = specification.quantity == forecast::ForecastSpecification::Quantity::crack_length;
+    if (specification.threshold || crack)
+      entry["threshold"] = specification.threshold.value_or(specification.prior_mean);
+    entry["units"] = units_of(site, specification);
+    forecasts.push_back(entry);
+  }
+  const bool on_nodes = contents.mesh && !contents.dofs.empty();
+  Json fields = on_nodes ? Json{"displacement", "sensitivity", "residual"} : Json{"residual"};
+  if (project.method.bias_correction != "off") fields.push_back("bias");
+  const std::string run = site.identity().model.substr(0, 16) + site.identity().configuration.substr(0, 16) +
+                          site.identity().sensors.substr(0, 16);
+  Json answer = {{"run", run},
+                 {"version", k_version},
+                 {"site", site.name()},
+                 {"sites", sites},
+                 {"project", std::filesystem::path(project.path).filename().string()},
+                 {"model", std::filesystem::path(project.model).filename().string()},
+                 {"steps", contents.time.size()},
+                 {"times", contents.time},
+                 {"time", {{"label", "model time"}, {"units", ""}}}};
+  if (const auto period = site.period_s()) answer["period_s"] = *period;
+  answer["budget_us"] = 1e6 * site.budget_s();
+  if (const auto stale = site.stale_after_s()) answer["stale_after_s"] = *stale;
+  answer["parameters"] = parameters;
+  answer["forecasts"] = forecasts;
+  answer["fields"] = fields;
+  if (site.setup().pictures && !project.serve.watch_pictures.empty())
+    answer["picture"] = {{"corners", picture_corners(*site.setup().pictures)}};
+  answer["method"] = {
+      {"kind", project.method.kind}, {"form", project.method.form}, {"tolerance", project.method.tolerance}};
+  answer["model_sha256"] = site.identity().model;
+  answer["configuration_sha256"] = site.identity().configuration;
+  return answer;
+}
+
+Json mesh(const Site& site) {
+  const auto& model_mesh = site.setup().model.contents().mesh;
+  if (!model_mesh) throw RequestError(404, "NoMesh", "the model has no mesh");
+  Json connectivity = Json::array();
+  const std::size_t k = model_mesh->nodes_per_cell;
+  for (std::size_t c = 0; c < model_mesh->cell_count(); ++c)
+    connectivity.push_back(
+        std::vector<std::int64_t>(model_mesh->cells.begin() + static_cast<std::ptrdiff_t>(c * k),
+                                  model_mesh->cells.begin() + static_cast<std::ptrdiff_t>((c + 1) * k)));
+  Json sensors = Json::array();
+  const auto& points = site.setup().observed_points;
+  const Eigen::VectorXd std = site.setup().measurements.noise.standard_deviations();
+  for (std::size_t i = 0; i < site.setup().observed_components.size(); ++i)
+    sensors.push_back({{"x", points[3 * i]},
+                       {"y", points[3 * i + 1]},
+                       {"z", points[3 * i + 2]},
+                       {"component", site.setup().observed_components[i]},
+                       {"std", std[static_cast<Eigen::Index>(i)]}});
+  return {{"points", triples(model_mesh->points)},
+          {"cells", Json::array({{{"type", cell_name(model_mesh->type)}, {"connectivity", connectivity}}})},
+          {"sensors", sensors}};
+}
+
+Json field(const Site& site, const std::string& name, const std::string& step, const std::string& parameter) {
+  const auto line = line_of(site, step);
+  Json answer = {{"name", name}, {"step", line->step}, {"time", line->time}, {"units", "m"}};
+  if (name == "residual") {
+    Json missing = Json::array();
+    for (std::size_t i = 0; i < line->missing.size(); ++i)
+      if (line->missing[i]) missing.push_back(i);
+    answer["location"] = "sensors";
+    answer["values"] = std::vector<double>(line->residual.begin(), line->residual.end());
+    answer["missing"] = missing;
+    return answer;
+  }
+  if (name == "bias" && line->bias_sensors.size() > 0) {
+    answer["location"] = "sensors";
+    answer["values"] = std::vector<double>(line->bias_sensors.begin(), line->bias_sensors.end());
+    answer["missing"] = Json::array();
+    return answer;
+  }
+  if (name == "bias" && line->bias_functions.size() == 0)
+    throw RequestError(404, "NoField",
+                       fmt::format("the model's bias is not corrected in step {}", line->step));
+  if (name != "displacement" && name != "sensitivity" && name != "bias")
+    throw RequestError(
+        404, "NoField",
+        fmt::format("there is no field \"{}\"; there are displacement, sensitivity, residual, bias", name));
+  const auto& contents = site.setup().model.contents();
+  if (!contents.mesh || contents.dofs.empty()) throw RequestError(404, "NoMesh", "the model has no mesh");
+  answer["location"] = "nodes";
+  const reduction::FieldOnMesh on_mesh(contents, "model");
+  if (name == "bias") {
+    const auto values = field_of_functions(contents, line->step, line->bias_functions);
+    answer["values"] = triples(on_mesh.vectors(name, values).values);
+    return answer;
+  }
+  std::vector<double> p(line->mean.begin(), line->mean.end());
+  for (std::size_t k = 0; k < p.size(); ++k)
+    p[k] = std::clamp(p[k], contents.axes[k].nodes.front(), contents.axes[k].nodes.back());
+  const bool sensitivity = name == "sensitivity";
+  auto found = site.setup().model.evaluate(p, line->step, {}, sensitivity ? 1 : 0);
+  if (sensitivity) {
+    const auto names = site.setup().model.parameter_names();
+    const auto it = std::find(names.begin(), names.end(), parameter.empty() ? names.front() : parameter);
+    if (it == names.end())
+      throw RequestError(400, "Malformed", fmt::format("there is no parameter \"{}\"", parameter));
+    const auto k = static_cast<std::size_t>(it - names.begin());
+    for (std::size_t i = 0; i < found.count; ++i)
+      found.value[i] = found.gradient[i * found.dimension + k] * line->std[static_cast<Eigen::Index>(k)];
+    answer["parameter"] = *it;
+  }
+  answer["values"] = triples(on_mesh.vectors(name, found.value).values);
+  return answer;
+}
+
+std::string picture(const Site& site, const std::string& step) {
+  const auto line = line_of(site, step);
+  const std::string file = site.picture_of(line->step);
+  if (file.empty())
+    throw RequestError(404, "NoPicture",
+                       fmt::format("step {} was not measured in a watched picture", line->step));
+  try {
+    return files::png_bytes(reduced(files::read_picture(file), k_picture_width));
+  } catch (const Error&) {  // its words would tell where it lies
+    throw RequestError(404, "NoPicture", fmt::format("the picture of step {} cannot be read", line->step));
+  }
+}
+
+Json observations(const Site& site, const std::string& step) {
+  const auto line = line_of(site, step);
+  Json status = Json::array(), reason = Json::object();
+  for (const bool missing : line->missing) status.push_back(missing ? "missing" : "used");
+  for (std::size_t i = 0; i < line->missing.size(); ++i)
+    if (line->missing[i]) reason[std::to_string(i)] = "not measured";
+  return {{"step", line->step},
+          {"time", line->time},
+          {"status", status},
+          {"reason", reason},
+          {"misfit",
+           {{"statistic", line->misfit},
+            {"values", line->misfit_values},
+            {"probability", line->misfit_probability}}}};
+}
+
+Json samples(const Site& site, const std::string& step) {
+  const auto line = line_of(site, step);
+  Json points = Json::array();
+  for (Eigen::Index i = 0; i < line->samples.rows(); ++i) {
+    const Eigen::VectorXd row = line->samples.row(i);
+    points.push_back(std::vector<double>(row.begin(), row.end()));
+  }
+  return {{"step", line->step}, {"parameters", site.setup().model.parameter_names()}, {"samples", points}};
+}
+
+}  // namespace knothe::service

@@ -1,0 +1,279 @@
+#include "knothe/service/net/umbridge.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "knothe/base/error.hpp"
+#include "knothe/files/json_line.hpp"
+#include "knothe/inference/separated_forward_model.hpp"
+
+namespace knothe::service {
+namespace {
+
+/// The protocol's types of errors.
+[[noreturn]] void invalid_input(const std::string& message) {
+  throw RequestError(400, "InvalidInput", message);
+}
+
+const Json& member(const Json& object, const char* name) {
+  const auto it = object.find(name);
+  if (it == object.end()) invalid_input(fmt::format("\"{}\" is missing", name));
+  return *it;
+}
+
+Eigen::VectorXd read_vector(const Json& array, Eigen::Index size, const std::string& what) {
+  if (!array.is_array() || static_cast<Eigen::Index>(array.size()) != size)
+    invalid_input(fmt::format("\"{}\" must be an array of {} numbers", what, size));
+  Eigen::VectorXd v(size);
+  for (Eigen::Index i = 0; i < size; ++i) {
+    const Json& entry = array[static_cast<std::size_t>(i)];
+    if (!entry.is_number() || !std::isfinite(entry.get<double>()))
+      invalid_input(fmt::format("{}[{}] is not a finite number", what, i));
+    v[i] = entry.get<double>();
+  }
+  return v;
+}
+
+/// The only block of inputs and of outputs has index 0.
+void require_block(const Json& request, const char* name) {
+  const Json& index = member(request, name);
+  if (!index.is_number_integer() || index.get<std::int64_t>() != 0)
+    invalid_input(fmt::format("\"{}\" must be 0: there is one vector of inputs and one of outputs", name));
+}
+
+Json array_of(const Eigen::VectorXd& v) {
+  if (!v.allFinite()) throw RequestError(500, "InvalidOutput", "the result is not finite");
+  return std::vector<double>(v.begin(), v.end());
+}
+
+bool is_name(const std::string& name) {
+  return name == "forward" || name == "posterior" || name == "predict";
+}
+
+}  // namespace
+
+/// A request for a model's value or derivatives, read and checked; then its answer.
+struct UmBridge::Call {
+  std::string name;
+  SiteModels* models = nullptr;
+  const Json& request;
+  Eigen::VectorXd p;
+  std::optional<std::size_t> step;  ///< none: there are no data
+  bool inside = true;               ///< the model's box
+  Eigen::VectorXd value;            ///< m
+  Eigen::MatrixXd jacobian;         ///< m × d
+  Eigen::MatrixXd hessian;          ///< d × d, of sensitivity · value
+};
+
+UmBridge::UmBridge(const std::vector<std::shared_ptr<Site>>& sites) {
+  for (const auto& site : sites) models_.push_back({site, nullptr, nullptr});
+}
+
+bool UmBridge::speaks(const std::string& path) {
+  static const std::vector<std::string> k_paths = {"/Info",          "/ModelInfo",   "/InputSizes",
+                                                   "/OutputSizes",   "/Evaluate",    "/Gradient",
+                                                   "/ApplyJacobian", "/ApplyHessian"};
+  return std::find(k_paths.begin(), k_paths.end(), path) != k_paths.end();
+}
+
+HttpResponse UmBridge::answer(const HttpRequest& request) {
+  try {
+    return {200, "application/json", files::json_line(respond(request))};
+  } catch (const RequestError& error) {
+    return error_response(error.status(), error.type(), error.what());
+  } catch (const Json::exception& error) {
+    return error_response(400, "InvalidInput",
+                          std::string("the request is not what the protocol says: ") + error.what());
+  } catch (const std::exception& error) {
+    return error_response(500, "InvalidOutput", error.what());
+  }
+}
+
+UmBridge::SiteModels& UmBridge::models_of(const Json& config) {
+  if (!config.is_object()) invalid_input("\"config\" must be an object");
+  const auto it = config.find("site");
+  if (it == config.end()) return models_.front();
+  if (it->is_string())
+    for (SiteModels& models : models_)
+      if (models.site->name() == it->get<std::string>()) return models;
+  invalid_input("config.site: there is no such site");
+}
+
+Json UmBridge::respond(const HttpRequest& request) {
+  if (request.path == "/Info")
+    return {{"protocolVersion", 1.0}, {"models", {"forward", "posterior", "predict"}}};
+  const Json body = Json::parse(request.body);
+  if (!body.is_object()) invalid_input("the body must be a JSON object");
+  const Json& name = member(body, "name");
+  if (!name.is_string() || !is_name(name.get<std::string>()))
+    throw RequestError(400, "ModelNotFound", fmt::format("Model {} not found!", name.dump()));
+  Call call{name.get<std::string>(), nullptr, body, {}, {}, true, {}, {}, {}};
+  const Json config = body.value("config", Json::object());
+  call.models = &models_of(config);
+  const Site& site = *call.models->site;
+  const auto d = static_cast<Eigen::Index>(site.setup().priors.size());
+  const bool derivatives = call.name != "predict";
+  if (request.path == "/ModelInfo")
+    return {{"support",
+             {{"Evaluate", true},
+              {"Gradient", derivatives},
+              {"ApplyJacobian", derivatives},
+              {"ApplyHessian", derivatives}}}};
+  if (request.path == "/InputSizes") return {{"inputSizes", {d}}};
+  if (request.path == "/OutputSizes") {
+    const auto forecasts = static_cast<Eigen::Index>(site.project().forecasts.size());
+    return {{"outputSizes",
+             {call.name == "forward"     ? site.setup().observed->observations()
+              : call.name == "posterior" ? 1
+                                         : forecasts}}};
+  }
+  if (request.path != "/Evaluate" && !derivatives)
+    throw RequestError(400, "UnsupportedFeature",
+                       fmt::format("{} is not supported by predict", request.path.substr(1)));
+  const Json& input = member(body, "input");
+  if (!input.is_array() || input.size() != 1) invalid_input("\"input\" must hold one vector");
+  call.p = read_vector(input[0], d, "input[0]");
+  if (const auto it = config.find("step"); it != config.end()) {
+    const std::int64_t last = static_cast<std::int64_t>(site.setup().observed->time.size()) - 1;
+    if (!it->is_number_integer() || it->get<std::int64_t>() < 0 || it->get<std::int64_t>() > last)
+      invalid_input(fmt::format("config.step must be a step of the model, 0 to {}", last));
+    call.step = it->get<std::size_t>();
+  } else if (const auto line = site.latest()) {
+    call.step = line->step;
+  }
+  const auto& axes = site.setup().model.contents().axes;
+  for (Eigen::Index k = 0; k < d; ++k) {
+    const auto& nodes = axes[static_cast<std::size_t>(k)].nodes;
+    if (call.p[k] >= nodes.front() && call.p[k] <= nodes.back()) continue;
+    call.inside = false;
+    if (call.name != "posterior")
+      invalid_input(fmt::format("{} = {} is outside the model's box [{}, {}]",
+                                axes[static_cast<std::size_t>(k)].name, call.p[k], nodes.front(),
+                                nodes.back()));
+  }
+  if (request.path == "/Evaluate") return evaluate(call);
+  if (request.path == "/Gradient") return gradient(call);
+  if (request.path == "/ApplyJacobian") return apply_jacobian(call);
+  return apply_hessian(call);
+}
+
+Json UmBridge::evaluate(Call& call) {
+  if (call.name == "forward") {
+    evaluate_forward(call, 0, {});
+  } else if (call.name == "posterior") {
+    evaluate_posterior(call, 0);
+  } else {
+    evaluate_predict(call);
+  }
+  return {{"output", Json::array({array_of(call.value)})}};
+}
+
+Json UmBridge::gradient(Call& call) {
+  require_block(call.request, "outWrt");
+  require_block(call.request, "inWrt");
+  const bool forward = call.name == "forward";
+  forward ? evaluate_forward(call, 1, {}) : evaluate_posterior(call, 1);
+  const Eigen::VectorXd sensitivity = read_vector(member(call.request, "sens"), call.jacobian.rows(), "sens");
+  return {{"output", array_of(call.jacobian.transpose() * sensitivity)}};
+}
+
+Json UmBridge::apply_jacobian(Call& call) {
+  require_block(call.request, "outWrt");
+  require_block(call.request, "inWrt");
+  const Eigen::VectorXd vec = read_vector(member(call.request, "vec"), call.p.size(), "vec");
+  call.name == "forward" ? evaluate_forward(call, 1, {}) : evaluate_posterior(call, 1);
+  return {{"output", array_of(call.jacobian * vec)}};
+}
+
+Json UmBridge::apply_hessian(Call& call) {
+  require_block(call.request, "outWrt");
+  require_block(call.request, "inWrt1");
+  require_block(call.request, "inWrt2");
+  const bool forward = call.name == "forward";
+  const Eigen::Index m = forward ? call.models->site->setup().observed->observations() : 1;
+  const Eigen::VectorXd sensitivity = read_vector(member(call.request, "sens"), m, "sens");
+  const Eigen::VectorXd vec = read_vector(member(call.request, "vec"), call.p.size(), "vec");
+  if (forward) {
+    evaluate_forward(call, 2, sensitivity);
+  } else {
+    evaluate_posterior(call, 2);
+    call.hessian *= sensitivity[0];
+  }
+  return {{"output", array_of(call.hessian * vec)}};
+}
+
+void UmBridge::evaluate_forward(Call& call, int derivatives, const Eigen::VectorXd& sensitivity) {
+  const reduction::ObservedModel& observed = *call.models->site->setup().observed;
+  const Eigen::Index d = call.p.size(), m = observed.observations();
+  inference::SeparatedForwardModel model(observed, {call.step.value_or(observed.time.size() - 1)}, "forward");
+  if (derivatives == 0) {
+    Eigen::MatrixXd values(m, 1);
+    model.evaluate(call.p, values);
+    call.value = values.col(0);
+  } else if (derivatives == 1) {
+    Eigen::MatrixXd columns(m * d, 1);
+    model.jacobian(call.p, columns);
+    call.jacobian = columns.reshaped(m, d);
+  } else {
+    Eigen::MatrixXd packed(d * d, 1);
+    model.hessian(call.p, sensitivity, packed);
+    call.hessian = packed.reshaped(d, d);
+  }
+}
+
+void UmBridge::evaluate_posterior(Call& call, int derivatives) {
+  const Site& site = *call.models->site;
+  const Eigen::Index d = call.p.size();
+  call.value = Eigen::VectorXd::Constant(1, std::numeric_limits<double>::lowest());
+  call.jacobian = Eigen::MatrixXd::Zero(1, d);
+  call.hessian = Eigen::MatrixXd::Zero(d, d);
+  if (!call.inside) return;
+  const auto priors = site.posterior().update().priors();
+  double log_prior = 0;
+  for (Eigen::Index k = 0; k < d; ++k)
+    log_prior += priors[static_cast<std::size_t>(k)].log_density(call.p[k]);
+  if (!std::isfinite(log_prior)) return;
+  auto& density = call.models->density;
+  if (!density) {
+    const assimilation::SequentialUpdate& update = site.posterior().update();
+    const auto& functions = site.setup().observed->functions;
+    reduction::FunctionBatch batch;
+    batch.resize(1, d, functions->count(), 0);
+    functions->evaluate(update.centre().transpose(), 0, batch);
+    density = std::make_unique<assimilation::CollapsedLogDensity>(
+        functions, std::make_shared<const assimilation::PriorTransform>(priors), batch.value.row(0));
+  }
+  density->set_form(site.form_up_to(call.step.value_or(0)));
+  sampling::LogDensityBatch batch;
+  batch.resize(1, d, derivatives);
+  density->evaluate_likelihood(call.p.transpose(), derivatives, batch);
+  call.value[0] = log_prior + batch.value[0];
+  for (Eigen::Index a = 0; a < d; ++a) {
+    const auto& prior = priors[static_cast<std::size_t>(a)];
+    if (derivatives >= 1) call.jacobian(0, a) = batch.gradient(0, a) + prior.log_density_slope(call.p[a]);
+    for (Eigen::Index b = 0; derivatives >= 2 && b <= a; ++b)
+      call.hessian(a, b) = call.hessian(b, a) = batch.hessian(0, a * (a + 1) / 2 + b);
+    if (derivatives >= 2) call.hessian(a, a) += prior.log_density_curvature(call.p[a]);
+  }
+}
+
+void UmBridge::evaluate_predict(Call& call) {
+  const Site& site = *call.models->site;
+  auto& forecaster = call.models->forecaster;
+  if (!forecaster)
+    forecaster =
+        std::make_unique<forecast::Forecaster>(project::make_forecaster(site.project(), site.setup()));
+  const Eigen::MatrixXd point = call.p.transpose();
+  const Eigen::VectorXd one = Eigen::VectorXd::Ones(1);
+  std::map<std::string, double> values;
+  for (const auto& named : forecaster->update(point, one)) values[named.name] = named.forecast.mean;
+  for (const auto& named : forecaster->direct(point, one, 1))
+    values[named.name] = named.forecast.mean;  // cracks
+  call.value.resize(static_cast<Eigen::Index>(values.size()));
+  Eigen::Index i = 0;
+  for (const auto& specification : site.project().forecasts) call.value[i++] = values.at(specification.name);
+}
+
+}  // namespace knothe::service

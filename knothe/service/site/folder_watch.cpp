@@ -1,0 +1,249 @@
+#include "knothe/service/site/folder_watch.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <future>
+#include <limits>
+
+#include "knothe/assimilation/data/measurements_csv.hpp"
+#include "knothe/assimilation/data/time_matching.hpp"
+#include "knothe/base/error.hpp"
+#include "knothe/files/csv.hpp"
+#include "knothe/files/picture.hpp"
+#include "knothe/imaging/series/picture_folder.hpp"
+#include "knothe/service/site/log.hpp"
+
+namespace knothe::service {
+namespace {
+
+constexpr double k_look_every = 0.1;  // s
+/// A file that cannot be read may still be being written: so many times `settle` it may rest before it counts
+/// as bad.
+constexpr double k_patience = 10;
+
+constexpr const char* k_times = "pictures.csv";
+
+bool is_live_picture(const std::string& name) {
+  return imaging::is_picture_name(name) && !name.starts_with("reference");
+}
+
+bool is_table(const std::string& name) {
+  return name.ends_with(".csv") && !name.starts_with(".") && name != k_times;
+}
+
+/// The last number in a name.
+std::optional<std::int64_t> number_in(const std::string& name) {
+  const std::string stem = std::filesystem::path(name).stem().string();
+  const auto last = stem.find_last_of("0123456789");
+  if (last == std::string::npos) return std::nullopt;
+  const auto before = stem.find_last_not_of("0123456789", last);
+  const std::size_t first = before == std::string::npos ? 0 : before + 1;
+  std::int64_t number = 0;
+  const auto parsed = std::from_chars(stem.data() + first, stem.data() + last + 1, number);
+  return parsed.ec == std::errc() ? std::optional(number) : std::nullopt;
+}
+
+}  // namespace
+
+bool FolderWatch::is_wanted(const project::Project& project) {
+  return !project.serve.watch_pictures.empty() || !project.serve.watch_csv.empty();
+}
+
+FolderWatch::FolderWatch(std::shared_ptr<Site> site) : site_(std::move(site)) {
+  const project::ServeOptions& options = site_->project().serve;
+  if (!options.watch_pictures.empty())
+    pictures_.emplace(options.watch_pictures, options.settle, is_live_picture);
+  if (!options.watch_csv.empty()) tables_.emplace(options.watch_csv, options.settle, is_table);
+  const project::UpdateSetup& setup = site_->setup();
+  for (std::size_t i = 0; i < setup.observed_components.size(); ++i) {
+    const double* at = &setup.observed_points[3 * i];
+    sensor_at_[{at[0], at[1], at[2], static_cast<double>(setup.observed_components[i])}] = i;
+  }
+  thread_ = std::thread([this] { run(); });
+}
+
+FolderWatch::~FolderWatch() {
+  {
+    const std::lock_guard lock(mutex_);
+    ending_ = true;
+  }
+  end_.notify_all();
+  thread_.join();
+}
+
+bool FolderWatch::wait(double seconds) {
+  std::unique_lock lock(mutex_);
+  return !end_.wait_for(lock, std::chrono::duration<double>(seconds), [&] { return ending_; });
+}
+
+void FolderWatch::run() {
+  const double pause = std::min(k_look_every, 0.5 * site_->project().serve.settle);
+  while (wait(pause)) {
+    if (!site_->ready()) continue;
+    try {
+      if (pictures_) take_pictures();
+      if (tables_) take_tables();
+    } catch (const std::exception& error) {
+      log_event("error", "a watched folder could not be read",
+                {{"site", site_->name()}, {"reason", error.what()}});
+    }
+  }
+}
+
+void FolderWatch::take_pictures() {
+  for (const std::string& name : pictures_->look(SettledFiles::Clock::now())) {
+    if (take_picture(name) == Outcome::done) pictures_->done(name);
+    if (!wait(0)) return;
+  }
+}
+
+void FolderWatch::take_tables() {
+  for (const std::string& name : tables_->look(SettledFiles::Clock::now())) {
+    if (take_table(name) == Outcome::done) tables_->done(name);
+    if (!wait(0)) return;
+  }
+}
+
+bool FolderWatch::patient(const SettledFiles& files, const std::string& name) const {
+  return files.rest(name, SettledFiles::Clock::now()) < k_patience * site_->project().serve.settle;
+}
+
+void FolderWatch::refuse(const std::string& name, const std::string& reason) {
+  log_event("warning", "a file was not taken", {{"site", site_->name()}, {"file", name}, {"reason", reason}});
+  site_->warn("sensors", reason);
+}
+
+// --- Pictures --------------------------------------------------------------------------------------------
+
+/// The picture's number and model time. DataError where neither the table of times nor its name tells.
+FolderWatch::Place FolderWatch::place_of(const std::string& name) const {
+  const std::string table = pictures_->path(k_times);
+  std::error_code failure;
+  if (std::filesystem::exists(table, failure)) {
+    const auto times = files::CsvTable::read(table);
+    const auto names = times.texts("file");
+    const auto it = std::find(names.begin(), names.end(), name);
+    if (it == names.end()) throw DataError(fmt::format("{}: {} does not say its time", name, table));
+    return {it - names.begin(), times.numbers("time")[static_cast<std::size_t>(it - names.begin())]};
+  }
+  const auto number = number_in(name);
+  if (!number)
+    throw DataError(
+        fmt::format("{}: neither a number in its name nor a table {} says its time", name, k_times));
+  const std::int64_t index = *number - site_->project().serve.first_picture;
+  const std::vector<double>& given = site_->project().pictures.times;
+  const std::vector<double>& times = given.empty() ? site_->setup().observed->time : given;
+  if (index < 0 || static_cast<std::size_t>(index) >= times.size())
+    throw DataError(
+        fmt::format("{}: picture number {} would be the {}. of {} times (serve.first_picture is {})", name,
+                    *number, index + 1, times.size(), site_->project().serve.first_picture));
+  return {*number, times[static_cast<std::size_t>(index)]};
+}
+
+FolderWatch::Outcome FolderWatch::take_picture(const std::string& name) {
+  Datum datum;
+  try {
+    const Place place = place_of(name);
+    datum.key = {k_pictures_source,
+                 std::filesystem::path(pictures_->folder()).lexically_normal().filename().string(),
+                 place.seq};
+    if (datum.key.session.empty()) datum.key.session = "pictures";
+    datum.time = place.time;
+    site_->show_picture(place.time, pictures_->path(name));
+  } catch (const DataError& error) {
+    if (patient(*pictures_, name)) return Outcome::again;  // its line in the table may still come
+    refuse(name, error.what());
+    return Outcome::done;
+  }
+  if (site_->holds(datum.key)) return Outcome::done;
+  const auto sensors = static_cast<std::size_t>(site_->setup().measurements.observation_count());
+  datum.values.assign(sensors, std::numeric_limits<double>::quiet_NaN());
+  std::string trouble;
+  files::Picture picture;
+  try {
+    picture = files::read_picture(pictures_->path(name));
+  } catch (const DataError& error) {
+    if (patient(*pictures_, name)) return Outcome::again;
+    trouble = error.what();
+  }
+  try {
+    if (trouble.empty()) {
+      const auto measured = site_->setup().pictures->measure(picture, name);
+      if (measured.picture.missing) trouble = measured.picture.message;
+      std::copy_n(measured.values.data(), sensors, datum.values.begin());
+    }
+  } catch (const Error& error) {
+    trouble = error.what();
+  }
+  datum.status.assign(sensors, 0);
+  for (std::size_t i = 0; i < sensors; ++i) datum.status[i] = std::isnan(datum.values[i]) ? 1 : 0;
+  const Outcome outcome = store(std::move(datum), name);
+  if (outcome == Outcome::done && !trouble.empty()) refuse(name, "missing: " + trouble);
+  return outcome;
+}
+
+// --- CSV -------------------------------------------------------------------------------------------------
+
+FolderWatch::Outcome FolderWatch::take_table(const std::string& name) {
+  std::vector<Datum> data;
+  try {
+    const assimilation::Measurements table = assimilation::read_measurements_csv(tables_->path(name));
+    std::vector<std::size_t> place;
+    for (Eigen::Index i = 0; i < table.points.rows(); ++i) {
+      const auto it = sensor_at_.find({table.points(i, 0), table.points(i, 1), table.points(i, 2),
+                                       static_cast<double>(table.components[static_cast<std::size_t>(i)])});
+      if (it == sensor_at_.end())
+        throw DataError(fmt::format("{}: this site has no sensor at ({}, {}, {}) m, component {}", name,
+                                    table.points(i, 0), table.points(i, 1), table.points(i, 2),
+                                    "xyz"[table.components[static_cast<std::size_t>(i)]]));
+      place.push_back(it->second);
+    }
+    const auto steps = assimilation::match_times(table.time, site_->setup().observed->time, name);
+    const auto sensors = static_cast<std::size_t>(site_->setup().measurements.observation_count());
+    for (std::size_t t = 0; t < steps.size(); ++t) {
+      Datum datum;
+      datum.key = {k_csv_source, name, static_cast<std::int64_t>(steps[t])};
+      datum.time = table.time[t];
+      datum.values.assign(sensors, std::numeric_limits<double>::quiet_NaN());
+      for (std::size_t i = 0; i < place.size(); ++i)
+        datum.values[place[i]] = table.values(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(t));
+      datum.status.assign(datum.values.size(), 0);
+      for (std::size_t i = 0; i < datum.values.size(); ++i)
+        datum.status[i] = std::isnan(datum.values[i]) ? 1 : 0;
+      data.push_back(std::move(datum));
+    }
+  } catch (const DataError& error) {
+    if (patient(*tables_, name)) return Outcome::again;
+    refuse(name, error.what());
+    return Outcome::done;
+  }
+  for (Datum& datum : data)
+    if (store(std::move(datum), name) == Outcome::again) return Outcome::again;
+  return Outcome::done;
+}
+
+// --- Into the journal ------------------------------------------------------------------------------------
+
+/// Waits until the datum is on disk, or is refused.
+FolderWatch::Outcome FolderWatch::store(Datum datum, const std::string& name) {
+  const auto promise = std::make_shared<std::promise<Site::Answer>>();
+  auto answer = promise->get_future();
+  try {
+    site_->ingest(std::move(datum), [promise](const Site::Answer& stored) { promise->set_value(stored); });
+    const Site::Answer stored = answer.get();
+    const auto* error = std::get_if<RequestError>(&stored);
+    if (error == nullptr) return Outcome::done;
+    if (error->status() == 507) return Outcome::again;
+    refuse(name, fmt::format("{}: {}", name, error->what()));
+  } catch (const RequestError& error) {
+    if (error.status() == 503) return Outcome::again;
+    refuse(name, fmt::format("{}: {}", name, error.what()));
+  }
+  return Outcome::done;
+}
+
+}  // namespace knothe::service

@@ -1,0 +1,157 @@
+#include "knothe/service/site/service.hpp"
+
+#include <fmt/format.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include <csignal>
+#include <cstdlib>
+#include <cstring>
+#include <fstream>
+#include <set>
+
+#include "knothe/base/error.hpp"
+#include "knothe/service/net/api.hpp"
+#include "knothe/service/net/mqtt.hpp"
+#include "knothe/service/site/folder_watch.hpp"
+#include "knothe/service/site/log.hpp"
+
+namespace knothe::service {
+namespace {
+
+/// The first line of a token file. ProjectError where it is missing or too short to be a secret.
+std::string read_token(const project::Project& project, const std::string& key, const std::string& path) {
+  if (path.empty()) return "";
+  std::ifstream file(path);
+  std::string token;
+  if (!file || !std::getline(file, token))
+    throw project.error_at("serve." + key,
+                           fmt::format("the token file {} cannot be read, or is empty", path));
+  while (!token.empty() && (token.back() == '\r' || token.back() == ' ')) token.pop_back();
+  if (token.size() < 16)
+    throw project.error_at(
+        "serve." + key,
+        fmt::format("the token in {} has fewer than 16 characters; `openssl rand -hex 32` makes one", path));
+  return token;
+}
+
+/// sd_notify(3) without its library: one datagram, if systemd asks for it.
+void notify_systemd(const std::string& text) {
+  const char* path = std::getenv("NOTIFY_SOCKET");
+  if (path == nullptr || *path == '\0') return;
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  if (std::strlen(path) >= sizeof address.sun_path) return;
+  std::strcpy(address.sun_path, path);
+  if (path[0] == '@') address.sun_path[0] = '\0';
+  const int number = ::socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  if (number < 0) return;
+  const auto size = static_cast<socklen_t>(offsetof(sockaddr_un, sun_path) + std::strlen(path));
+  (void)::sendto(number, text.data(), text.size(), MSG_NOSIGNAL, reinterpret_cast<const sockaddr*>(&address),
+                 size);
+  ::close(number);
+}
+
+/// Tells systemd that the service is there and well, as often as its watchdog wants.
+class WatchedApi final : public HttpHandler {
+ public:
+  WatchedApi(Api& api, const std::vector<std::shared_ptr<Site>>& sites) : api_(api), sites_(sites) {
+    if (const char* us = std::getenv("WATCHDOG_USEC"))
+      interval_ = std::chrono::microseconds(std::atoll(us) / 3);
+  }
+  bool admit(const HttpRequest& head, HttpResponse& refusal) override { return api_.admit(head, refusal); }
+  void handle(HttpRequest request, Answer answer) override {
+    api_.handle(std::move(request), std::move(answer));
+  }
+  std::unique_ptr<EventSource> events(const HttpRequest& request) override { return api_.events(request); }
+  bool tick() override {
+    if (!api_.tick()) {
+      notify_systemd("STOPPING=1");
+      return false;
+    }
+    bool ready = true;
+    for (const auto& site : sites_) ready = ready && site->ready();
+    if (ready && !told_) notify_systemd("READY=1");
+    told_ = told_ || ready;
+    const auto now = MonotonicClock::now();
+    if (interval_.count() > 0 && now - last_ > interval_) {
+      notify_systemd("WATCHDOG=1");
+      last_ = now;
+    }
+    return true;
+  }
+
+ private:
+  Api& api_;
+  const std::vector<std::shared_ptr<Site>>& sites_;
+  std::chrono::microseconds interval_{0};
+  MonotonicClock::time_point last_ = MonotonicClock::now();
+  bool told_ = false;
+};
+
+}  // namespace
+
+void serve(const project::Project& project, const ServeArguments& arguments) {
+  std::signal(SIGPIPE, SIG_IGN);
+  const project::ServeOptions& options = project.serve;
+  const bool loopback = is_loopback(options.address);
+  ApiOptions api_options{loopback, read_token(project, "read_token", options.read_token),
+                         read_token(project, "ingest_token", options.ingest_token),
+                         arguments.strict_deadline};
+  if (!loopback && (api_options.read_token.empty() || api_options.ingest_token.empty()))
+    throw project.error_at(
+        "serve.address",
+        fmt::format(
+            "{} is not a loopback address: serve.read_token and serve.ingest_token must name token files",
+            options.address));
+  Metrics metrics;
+  HttpServer* server = nullptr;
+  const auto changed = [&server] {
+    if (server != nullptr) server->wake();
+  };
+  std::vector<std::shared_ptr<Site>> sites = {
+      std::make_shared<Site>(project, arguments.strict_deadline, metrics, changed)};
+  std::set<std::string> names = {sites[0]->name()};
+  for (const std::string& other : options.others) {
+    const project::Project next = project::read_project(other);
+    if (!names.insert(next.serve.site).second)
+      throw next.error_at(
+          "serve.site",
+          fmt::format("there is another site \"{}\"; give this one a name: [serve] site", next.serve.site));
+    sites.push_back(std::make_shared<Site>(next, arguments.strict_deadline, metrics, changed));
+  }
+  Api api(sites, api_options, metrics);
+  WatchedApi watched(api, sites);
+  HttpServer http({options.address, static_cast<unsigned short>(arguments.port.value_or(options.port)), 16384,
+                   static_cast<std::size_t>(options.max_body),
+                   static_cast<std::size_t>(options.max_connections), options.timeout, 75},
+                  watched, metrics);
+  server = &http;
+  const bool six = options.address.find(':') != std::string::npos;
+  const std::string url =
+      fmt::format("http://{}{}{}:{}/", six ? "[" : "", options.address, six ? "]" : "", http.port());
+  log_event("info", "listening", {{"url", url}});
+  if (arguments.listening) arguments.listening(url);
+  std::unique_ptr<MqttReceiver> mqtt;
+  if (!options.mqtt.broker.empty()) mqtt = std::make_unique<MqttReceiver>(project, sites, metrics);
+  for (const auto& site : sites) site->start();
+  std::vector<std::unique_ptr<FolderWatch>> folders;
+  for (const auto& site : sites)
+    if (FolderWatch::is_wanted(site->project())) folders.push_back(std::make_unique<FolderWatch>(site));
+  http.run();
+  folders.clear();
+  mqtt.reset();
+  for (const auto& site : sites) site->stop();
+  api.finish();
+  http.finish();
+  log_event("info", "stopped", {{"url", url}});
+  for (const auto& site : sites)
+    if (site->missed_strict_deadline())
+      throw Error(ExitStatus::deadline,
+                  fmt::format("site {}: an update was later than its budget of {:.3g} ms (--strict-deadline)",
+                              site->name(), 1e3 * site->budget_s()));
+  throw Interrupted("stopped; every acknowledged measurement is in the journal");
+}
+
+}  // namespace knothe::service

@@ -1,0 +1,47 @@
+#include "knothe/service/site/settled_files.hpp"
+
+#include <algorithm>
+#include <utility>
+
+#include "knothe/imaging/series/picture_folder.hpp"
+
+namespace knothe::service {
+
+SettledFiles::SettledFiles(std::string folder, double settle_s,
+                           std::function<bool(const std::string&)> wanted)
+    : folder_(std::move(folder)), settle_s_(settle_s), wanted_(std::move(wanted)) {}
+
+std::vector<std::string> SettledFiles::look(Clock::time_point now) {
+  std::error_code failure;
+  std::map<std::string, File> found;
+  std::vector<std::string> settled;
+  for (auto it = std::filesystem::directory_iterator(folder_, failure);
+       !failure && it != std::filesystem::directory_iterator(); it.increment(failure)) {
+    const std::string name = it->path().filename().string();
+    // A file that goes while it is looked at is not there.
+    std::error_code gone;
+    if (!wanted_(name) || !it->is_regular_file(gone)) continue;
+    File file{it->file_size(gone), {}, now, false};
+    if (!gone) file.changed = it->last_write_time(gone);
+    if (gone) continue;
+    const auto before = files_.find(name);
+    if (before != files_.end() && before->second.size == file.size && before->second.changed == file.changed)
+      file = before->second;
+    if (!file.done && std::chrono::duration<double>(now - file.since).count() >= settle_s_)
+      settled.push_back(name);
+    found.emplace(name, file);
+  }
+  files_ = std::move(found);
+  std::sort(settled.begin(), settled.end(), imaging::natural_less);
+  return settled;
+}
+
+double SettledFiles::rest(const std::string& name, Clock::time_point now) const {
+  return std::chrono::duration<double>(now - files_.at(name).since).count();
+}
+
+std::string SettledFiles::path(const std::string& name) const {
+  return (std::filesystem::path(folder_) / name).string();
+}
+
+}  // namespace knothe::service

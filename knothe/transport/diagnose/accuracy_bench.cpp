@@ -1,0 +1,81 @@
+/// @file The accuracy table of docs/transport.md: problems with known answers, how far the answers are from
+/// them.
+///
+/// Usage: accuracy_bench [chain length, default 50000] [calibration data sets, default 1000]
+#include <fmt/format.h>
+
+#include <cstdlib>
+
+#include "knothe/transport/diagnose/accuracy_calibration.hpp"
+#include "knothe/transport/testing/accuracy_support.hpp"
+
+namespace {
+
+using namespace knothe;
+using namespace knothe::transport;
+using namespace knothe::transport::accuracy;
+
+void print_header() {
+  fmt::print(
+      "| problem | d | reference | order | verified diagnostic | ess | mean / std | std | log-evidence | "
+      "evaluations | s | trusted |\n|---|---|---|---|---|---|---|---|---|---|---|---|\n");
+}
+
+void print_row(const std::string& name, sampling::LogDensity& target, const Reference& reference,
+               const MapSolverOptions& options = {}) {
+  const Accuracy a = measure(target, reference, options);
+  fmt::print(
+      "| {} | {} | {}{} | {} | {:.1e} | {:.4f} | {:.1e} | {:.1e} | {} | {} | {:.3f} | {} |\n", name,
+      target.dimension(), reference.source,
+      reference.mean_error > 0
+          ? fmt::format(" (mean ± {:.1e} std, std ± {:.1e})", reference.mean_error, reference.std_error)
+          : "",
+      a.result.order, a.result.verified_diagnostic, a.correction.ess, a.mean, a.standard_deviation,
+      std::isnan(a.log_evidence) ? "–"
+                                 : fmt::format("{:.1e}{}", a.log_evidence,
+                                               reference.log_evidence_error > 0
+                                                   ? fmt::format(" (± {:.1e})", reference.log_evidence_error)
+                                                   : ""),
+      a.result.density_evaluations + a.correction.density_evaluations, a.seconds,
+      a.correction.trusted ? "yes" : "no");
+}
+
+Reference chains_with_evidence(sampling::LogDensity& target, Eigen::Index draws) {
+  Reference reference = reference_by_chains(target, draws, 101);
+  add_evidence(target, 102, reference);
+  return reference;
+}
+
+template <class Make>
+void print_calibration(const std::string& name, int data_sets, Eigen::Index d, std::uint64_t seed,
+                       const Make& make) {
+  const Calibration c = calibrate(data_sets, d, seed, make);
+  fmt::print("| {} | {} | {} | {} | {:.3f} | {:+.3f} | {:+.3f} |\n", name, d, data_sets, c.trusted,
+             c.lowest_ess, worst_excess(c.ranks), worst_excess(c.wrong_ranks));
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  const Eigen::Index samples = argc > 1 ? std::atol(argv[1]) : 50000;
+  const int data_sets = argc > 2 ? std::atoi(argv[2]) : 1000;
+  print_header();
+  for (Eigen::Index d : {2, 10, 50}) {
+    auto target = linear_gaussian(d);
+    print_row("linear-Gaussian", target, reference_of(target));
+  }
+  auto logistic = logistic_regression();
+  print_row("logistic regression", logistic, chains_with_evidence(logistic, samples),
+            logistic_regression_options());
+  auto schools = eight_schools();
+  print_row("eight schools, not centred", schools, reference_of(schools), eight_schools_options());
+  auto volatility = stochastic_volatility();
+  print_row("stochastic volatility, sparse map", volatility, reference_by_chains(volatility, samples, 103),
+            stochastic_volatility_options());
+  fmt::print(
+      "\n| calibration | d | data sets | trusted | lowest ess | excess over the 95 % band | the same, std × "
+      "1.3 "
+      "|\n|---|---|---|---|---|---|---|\n");
+  print_calibration("oxygen demand", data_sets, 2, 77, simulated_oxygen_demand);
+  print_calibration("logistic regression", data_sets, 3, 78, simulated_logistic_regression);
+}

@@ -1,0 +1,359 @@
+#include "knothe/transport/map/map_kernel.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "knothe/transport/map/lane_functions.hpp"
+#include "knothe/transport/map/point_evaluation.hpp"
+
+namespace knothe::transport {
+
+namespace {
+
+constexpr int k_together = 4;  ///< lanes whose sums are kept in registers
+
+/// out = Σ_m value_m column_m, `term(m)` giving both.
+template <class Term>
+void weighted_sum(std::size_t count, const Term& term, Column& out) {
+  for (int l = 0; l < k_block_lanes; l += k_together) {
+    Lanes a{}, b{}, c{}, d{};
+    for (std::size_t m = 0; m < count; ++m) {
+      const auto [value, column] = term(m);
+      const Lanes* x = column->lane + l;
+      a += value * x[0], b += value * x[1], c += value * x[2], d += value * x[3];
+    }
+    out.lane[l] = a, out.lane[l + 1] = b, out.lane[l + 2] = c, out.lane[l + 3] = d;
+  }
+}
+
+/// Writes `value(l)` for the lanes of a block to `count` consecutive numbers.
+template <class Value>
+void emit(double* out, int count, const Value& value) {
+  if (count == k_block_points) {
+    for (int l = 0; l < k_block_lanes; ++l) {
+      const Lanes x = value(l);
+      std::memcpy(out + l * k_lane_width, &x, sizeof x);
+    }
+    return;
+  }
+  Column column;
+  for (int l = 0; l < k_block_lanes; ++l) column.lane[l] = value(l);
+  store(column, out, count);
+}
+
+}  // namespace
+
+/// All that is known of a block. Columns of the functions of one variable, then products.
+struct MapKernel::Workspace {
+  std::vector<Column> x;                   ///< per variable
+  std::vector<Column> constant_functions;  ///< of the variable filled last
+  std::vector<Column> monotone_functions;
+  std::vector<Column> constant_products, monotone_products;
+  std::vector<Column> b, g;  ///< of the component at work, per degree
+  Column constant{}, value{}, log_slope{}, relative_slope{}, log_determinant{};
+
+  explicit Workspace(const MapKernel& kernel)
+      : x(kernel.structure_.components.size()),
+        constant_functions(k_max_order + 1),
+        monotone_functions(k_max_order + 1),
+        constant_products(kernel.constant_.products.size()),
+        monotone_products(kernel.monotone_.products.size()),
+        b(k_max_order + 1),
+        g(k_max_order + 1) {
+    for (int l = 0; l < k_block_lanes; ++l)
+      constant_products[0].lane[l] = monotone_products[0].lane[l] = lanes(1);
+  }
+};
+
+MapKernel::MapKernel(MapSpecification specification) : structure_(std::move(specification)) {
+  std::vector<const std::vector<MultiIndex>*> constant, monotone;
+  for (const MapComponent& c : structure_.components) {
+    constant.push_back(&c.constant);
+    monotone.push_back(&c.monotone);
+  }
+  constant_ = ProductTree(constant);
+  monotone_ = ProductTree(monotone);
+  terms_.resize(structure_.components.size());
+  for (std::size_t k = 0; k < terms_.size(); ++k) {
+    const MapComponent& c = structure_.components[k];
+    terms_[k].resize(static_cast<std::size_t>(c.degree) + 1);
+    for (std::size_t m = 0; m < c.monotone.size(); ++m)
+      terms_[k][static_cast<std::size_t>(c.monotone[m].degree_of(static_cast<int>(k)))].push_back(
+          {static_cast<int>(m), monotone_.of_index[k][m]});
+  }
+}
+
+/// The functions of variable v, and the products that end with it.
+void MapKernel::fill_functions(Eigen::Index v, bool products, Workspace& work) const {
+  const auto sv = static_cast<std::size_t>(v);
+  const Parametrisation& p = structure_.basis.parametrisation();
+  const int n_c = structure_.constant_degree[sv], n_e = structure_.monotone_degree[sv];
+  LaneValues functions;
+  for (int l = 0; l < k_block_lanes; ++l) {
+    lane_constant_functions(p, work.x[sv].lane[l], n_c, functions.data());
+    for (int j = 0; j <= n_c; ++j)
+      work.constant_functions[static_cast<std::size_t>(j)].lane[l] = functions[static_cast<std::size_t>(j)];
+    lane_monotone_functions(p, work.x[sv].lane[l], n_e, functions.data());
+    for (int j = 0; j <= n_e; ++j)
+      work.monotone_functions[static_cast<std::size_t>(j)].lane[l] = functions[static_cast<std::size_t>(j)];
+  }
+  if (!products) return;
+  const auto multiply = [&](const ProductTree& tree, const std::vector<Column>& factors,
+                            std::vector<Column>& out) {
+    for (int m = tree.begin[sv]; m < tree.begin[sv + 1]; ++m) {
+      const ProductTree::Product& product = tree.products[static_cast<std::size_t>(m)];
+      const Column& shorter = out[static_cast<std::size_t>(product.parent)];
+      const Column& factor = factors[static_cast<std::size_t>(product.degree)];
+      Column& result = out[static_cast<std::size_t>(m)];
+      for (int l = 0; l < k_block_lanes; ++l) result.lane[l] = shorter.lane[l] * factor.lane[l];
+    }
+  };
+  multiply(constant_, work.constant_functions, work.constant_products);
+  multiply(monotone_, work.monotone_functions, work.monotone_products);
+}
+
+/// b_j = Σ_{α: α_k = j} a_α Φ'_α.
+void MapKernel::collapse(const double* coefficients, Eigen::Index k, Workspace& work) const {
+  const MapComponent& c = structure_.components[static_cast<std::size_t>(k)];
+  const double* a_e = coefficients + c.offset + c.constant_count();
+  const auto& groups = terms_[static_cast<std::size_t>(k)];
+  for (std::size_t j = 0; j < groups.size(); ++j)
+    weighted_sum(
+        groups[j].size(),
+        [&](std::size_t m) {
+          const Term& t = groups[j][m];
+          return std::pair(a_e[t.index], &work.monotone_products[static_cast<std::size_t>(t.product)]);
+        },
+        work.b[j]);
+}
+
+/// Φ_c a_c, and Φ_c itself, which is its gradient, to `gradient` if wanted.
+void MapKernel::constant_part(const double* coefficients, Eigen::Index k, int count, double* gradient,
+                              Eigen::Index rows, Workspace& work) const {
+  const auto sk = static_cast<std::size_t>(k);
+  const MapComponent& c = structure_.components[sk];
+  const double* a_c = coefficients + c.offset;
+  const auto column = [&](std::size_t m) -> const Column& {
+    return work.constant_products[static_cast<std::size_t>(constant_.of_index[sk][m])];
+  };
+  weighted_sum(
+      c.constant.size(), [&](std::size_t m) { return std::pair(a_c[m], &column(m)); }, work.constant);
+  if (gradient == nullptr) return;
+  for (std::size_t m = 0; m < c.constant.size(); ++m) {
+    const Column& product = column(m);
+    emit(gradient + static_cast<Eigen::Index>(m) * rows, count, [&](int l) { return product.lane[l]; });
+  }
+}
+
+/// value = ∫₀^{x_k} r(h) dθ and g_j = ∫₀^{x_k} r'(h) χ_j dθ.
+void MapKernel::integrate(Eigen::Index k, bool gradients, Workspace& work) const {
+  const auto sk = static_cast<std::size_t>(k);
+  const int n = structure_.components[sk].degree;
+  const Parametrisation& p = structure_.basis.parametrisation();
+  const OneVariableBasis::Piece inner = structure_.basis.pieces(n).front();
+  const UnitRule& rule = unit_rule(inner.nodes);
+  for (int l = 0; l < k_block_lanes; ++l) {
+    const Lanes x = work.x[sk].lane[l], inside = clamp(x, inner.end);
+    Lanes sum{};
+    LaneValues g{}, b, functions;
+    for (int j = 0; j <= n; ++j) b[static_cast<std::size_t>(j)] = work.b[static_cast<std::size_t>(j)].lane[l];
+    for (std::size_t q = 0; q < rule.node.size(); ++q) {
+      lane_inner_functions(p.basis, inside * rule.node[q], n, functions.data());
+      Lanes h = b[0];
+      for (std::size_t j = 1; j <= static_cast<std::size_t>(n); ++j) h += b[j] * functions[j];
+      const RectifiedLanes r = lane_rectify(p.rectifier, h);
+      sum += rule.weight[q] * r.value;
+      if (!gradients) continue;
+      const Lanes slope = rule.weight[q] * r.first;
+      g[0] += slope;
+      for (std::size_t j = 1; j <= static_cast<std::size_t>(n); ++j) g[j] += slope * functions[j];
+    }
+    work.value.lane[l] = inside * sum;
+    for (int j = 0; gradients && j <= n; ++j)
+      work.g[static_cast<std::size_t>(j)].lane[l] = inside * g[static_cast<std::size_t>(j)];
+    for (int i = 0; i < k_lane_width; ++i)
+      if (std::abs(x[i]) > inner.end) integrate_tail(k, l, i, gradients, work);
+  }
+}
+
+/// Adds what lies between the inner radius and x_k, for one point.
+void MapKernel::integrate_tail(Eigen::Index k, int lane, int at, bool gradients, Workspace& work) const {
+  const auto sk = static_cast<std::size_t>(k);
+  const int n = structure_.components[sk].degree;
+  const OneVariableBasis& basis = structure_.basis;
+  const double x = work.x[sk].lane[lane][at], sign = x < 0 ? -1 : 1, length = std::abs(x);
+  OneVariableBasis::Values functions{}, first{}, second{};
+  double from = 0;
+  bool outside = false;  // the first piece is done
+  for (const OneVariableBasis::Piece& piece : basis.pieces(n)) {
+    const double width = std::min(length, piece.end) - from;
+    const UnitRule& rule = unit_rule(piece.nodes);
+    for (std::size_t q = 0; outside && q < rule.node.size(); ++q) {
+      basis.monotone(sign * (from + width * rule.node[q]), n, functions, first, second);
+      double h = 0;
+      for (std::size_t j = 0; j <= static_cast<std::size_t>(n); ++j)
+        h += work.b[j].lane[lane][at] * functions[j];
+      const Rectified r = rectify(basis.parametrisation().rectifier, h);
+      const double weight = sign * width * rule.weight[q];
+      work.value.lane[lane][at] += weight * r.value;
+      for (std::size_t j = 0; gradients && j <= static_cast<std::size_t>(n); ++j)
+        work.g[j].lane[lane][at] += weight * r.first * functions[j];
+    }
+    if (length <= piece.end) return;
+    outside = true;
+    from = piece.end;
+  }
+}
+
+/// Slope at x_k; M^k = Φ_c a_c + the integral.
+void MapKernel::finish_component(Eigen::Index k, Workspace& work) const {
+  const int n = structure_.components[static_cast<std::size_t>(k)].degree;
+  const Rectifier rectifier = structure_.basis.parametrisation().rectifier;
+  for (int l = 0; l < k_block_lanes; ++l) {
+    Lanes h = work.b[0].lane[l];
+    for (std::size_t j = 1; j <= static_cast<std::size_t>(n); ++j)
+      h += work.b[j].lane[l] * work.monotone_functions[j].lane[l];
+    const LogRectifiedLanes log_r = lane_log_rectify(rectifier, h);
+    work.log_slope.lane[l] = log_r.value;
+    work.relative_slope.lane[l] = log_r.slope;
+    work.value.lane[l] += work.constant.lane[l];
+    work.log_determinant.lane[l] += log_r.value;
+  }
+}
+
+void MapKernel::monotone_gradients(Eigen::Index k, int count, Eigen::Index first, const Output& out,
+                                   const Workspace& work) const {
+  const auto sk = static_cast<std::size_t>(k);
+  const auto& groups = terms_[sk];
+  double* value = out.value_gradient[sk] + structure_.components[sk].constant_count() * out.rows + first;
+  double* log_slope = out.log_slope_gradient[sk] + first;
+  for (std::size_t j = 0; j < groups.size(); ++j) {
+    Column relative;
+    for (int l = 0; l < k_block_lanes; ++l)
+      relative.lane[l] = work.monotone_functions[j].lane[l] * work.relative_slope.lane[l];
+    for (const Term& term : groups[j]) {
+      const Column& product = work.monotone_products[static_cast<std::size_t>(term.product)];
+      emit(value + term.index * out.rows, count, [&](int l) { return product.lane[l] * work.g[j].lane[l]; });
+      emit(log_slope + term.index * out.rows, count,
+           [&](int l) { return product.lane[l] * relative.lane[l]; });
+    }
+  }
+}
+
+namespace {
+
+/// Points `first` … of column v, filled up with zeros.
+void load(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::Index v, Eigen::Index first, int count,
+          Column& out) {
+  if (count < k_block_points) out = Column{};
+  std::memcpy(out.lane, points.data() + v * points.outerStride() + first,
+              static_cast<std::size_t>(count) * sizeof(double));
+}
+
+}  // namespace
+
+void MapKernel::evaluate(const double* coefficients, const Eigen::Ref<const Eigen::MatrixXd>& points,
+                         Eigen::Index first, Eigen::Index count, const Output& out) const {
+  const Eigen::Index d = structure_.dimension();
+  const bool gradients = !out.value_gradient.empty();
+  Workspace work(*this);
+  for (const Eigen::Index end = first + count; first < end; first += k_block_points) {
+    const int here = static_cast<int>(std::min<Eigen::Index>(k_block_points, end - first));
+    work.log_determinant = Column{};
+    for (Eigen::Index k = 0; k < d; ++k) {
+      const auto sk = static_cast<std::size_t>(k);
+      load(points, k, first, here, work.x[sk]);
+      collapse(coefficients, k, work);
+      constant_part(coefficients, k, here, gradients ? out.value_gradient[sk] + first : nullptr, out.rows,
+                    work);
+      integrate(k, gradients, work);
+      fill_functions(k, k + 1 < d, work);
+      finish_component(k, work);
+      store(work.value, out.value + k * out.rows + first, here);
+      if (gradients) monotone_gradients(k, here, first, out, work);
+    }
+    store(work.log_determinant, out.log_determinant + first, here);
+  }
+}
+
+/// Newton's method in [−r, r], r where the tails begin, for those points whose solution is there; the others
+/// get NaN. `work.constant` holds Φ_c a_c − z.
+void MapKernel::solve_inside(Eigen::Index k, Workspace& work) const {
+  constexpr int k_iterations = 60;
+  const auto sk = static_cast<std::size_t>(k);
+  const int n = structure_.components[sk].degree;
+  const Parametrisation& p = structure_.basis.parametrisation();
+  const OneVariableBasis::Piece inner = structure_.basis.pieces(n).front();
+  const double radius = std::min(inner.end, 16.0);  // plain polynomials have no radius
+  const UnitRule& rule = unit_rule(inner.nodes);
+  for (int l = 0; l < k_block_lanes; ++l) {
+    LaneValues b, functions;
+    for (int j = 0; j <= n; ++j) b[static_cast<std::size_t>(j)] = work.b[static_cast<std::size_t>(j)].lane[l];
+    const auto rectified = [&](Lanes t) {
+      lane_inner_functions(p.basis, t, n, functions.data());
+      Lanes h = b[0];
+      for (std::size_t j = 1; j <= static_cast<std::size_t>(n); ++j) h += b[j] * functions[j];
+      return lane_rectify(p.rectifier, h).value;
+    };
+    const auto residual = [&](Lanes t) {
+      Lanes sum{};
+      for (std::size_t q = 0; q < rule.node.size(); ++q) sum += rule.weight[q] * rectified(t * rule.node[q]);
+      return work.constant.lane[l] + t * sum;
+    };
+    Lanes low = lanes(-radius), high = lanes(radius);
+    const Lanes at_low = residual(low), at_high = residual(high);
+    const auto inside = (at_low < 0) & (at_high > 0);
+    const Lanes accuracy = 1e-15 * (1 + absolute(work.constant.lane[l]));
+    const Lanes rise = at_high - at_low;
+    Lanes t = inside ? low - at_low * (high - low) / (inside ? rise : lanes(1)) : Lanes{};
+    bool done = false;
+    for (int iteration = 0; iteration < k_iterations && !done; ++iteration) {
+      const Lanes r = residual(t), slope = rectified(t);
+      low = r < 0 ? t : low;
+      high = r < 0 ? high : t;
+      const Lanes newton = t - r / (slope > 0 ? slope : lanes(1));
+      const auto usable = (slope > 0) & (newton > low) & (newton < high);
+      const Lanes next = usable ? newton : 0.5 * (low + high);
+      const auto stop = (absolute(r) <= accuracy) | (absolute(next - t) <= 2e-16 * absolute(t));
+      const auto finished = stop | ~inside;
+      done = true;
+      for (int i = 0; i < k_lane_width; ++i) done = done && finished[i] != 0;
+      t = stop ? t : next;
+    }
+    const Lanes r = residual(t);
+    const auto solved = inside & (absolute(r) <= 1e-12 * (1 + absolute(work.constant.lane[l])));
+    work.x[sk].lane[l] = solved ? t : lanes(std::numeric_limits<double>::quiet_NaN());
+  }
+}
+
+void MapKernel::invert(const double* coefficients, const Eigen::Ref<const Eigen::MatrixXd>& z,
+                       Eigen::Index first, Eigen::Index count, Eigen::MatrixXd& x) const {
+  const Eigen::Index d = structure_.dimension();
+  Workspace work(*this);
+  PointEvaluation point(structure_, coefficients);
+  Column target;
+  for (const Eigen::Index end = first + count; first < end; first += k_block_points) {
+    const int here = static_cast<int>(std::min<Eigen::Index>(k_block_points, end - first));
+    for (Eigen::Index k = 0; k < d; ++k) {
+      const auto sk = static_cast<std::size_t>(k);
+      load(z, k, first, here, target);
+      collapse(coefficients, k, work);
+      constant_part(coefficients, k, here, nullptr, 0, work);
+      for (int l = 0; l < k_block_lanes; ++l) work.constant.lane[l] -= target.lane[l];
+      solve_inside(k, work);
+      double* solution = x.data() + k * x.rows() + first;
+      store(work.x[sk], solution, here);
+      for (int i = 0; i < here; ++i)
+        if (std::isnan(solution[i])) {
+          for (Eigen::Index v = 0; v < k; ++v) point.set(v, x(first + i, v));
+          solution[i] = point.solve(k, z(first + i, k));
+        }
+      load(x, k, first, here, work.x[sk]);
+      if (k + 1 < d) fill_functions(k, true, work);
+    }
+  }
+}
+
+}  // namespace knothe::transport

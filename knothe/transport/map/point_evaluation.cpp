@@ -1,0 +1,203 @@
+#include "knothe/transport/map/point_evaluation.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "knothe/sampling/log_density.hpp"
+#include "knothe/transport/map/rectifier.hpp"
+
+namespace knothe::transport {
+
+namespace {
+
+using Values = PointEvaluation::Values;
+
+double dot(const Values& b, const Values& functions, int n) {
+  double sum = 0;
+  for (std::size_t j = 0; j <= static_cast<std::size_t>(n); ++j) sum += b[j] * functions[j];
+  return sum;
+}
+
+}  // namespace
+
+double PointEvaluation::Factors::at(const MultiIndex::Factor& f, int derivative) const {
+  const auto v = static_cast<std::size_t>(f.variable), j = static_cast<std::size_t>(f.degree);
+  return derivative == 0 ? value[v][j] : derivative == 1 ? first[v][j] : second[v][j];
+}
+
+/// Π of the factors in the variables below `below`; with `a`, `b` ≥ 0 differentiated in those. Zero where the
+/// index does not contain them.
+double PointEvaluation::Factors::product(const MultiIndex& index, int below, int a, int b) const {
+  double result = 1;
+  int found = 0;
+  for (const auto& f : index.factors) {
+    if (f.variable >= below) break;
+    const int times = (f.variable == a ? 1 : 0) + (f.variable == b ? 1 : 0);
+    found += times;
+    result *= at(f, times);
+  }
+  return found == (a >= 0 ? 1 : 0) + (b >= 0 ? 1 : 0) ? result : 0.0;
+}
+
+PointEvaluation::PointEvaluation(const MapStructure& structure, const double* coefficients)
+    : structure_(structure), coefficients_(coefficients), x_(structure.components.size()) {
+  for (Factors* factors : {&constant_, &monotone_}) {
+    factors->value.resize(x_.size());
+    factors->first.resize(x_.size());
+    factors->second.resize(x_.size());
+  }
+}
+
+void PointEvaluation::set(Eigen::Index variable, double x) {
+  const auto v = static_cast<std::size_t>(variable);
+  x_[v] = x;
+  structure_.basis.constant(x, structure_.constant_degree[v], constant_.value[v], constant_.first[v],
+                            constant_.second[v]);
+  structure_.basis.monotone(x, structure_.monotone_degree[v], monotone_.value[v], monotone_.first[v],
+                            monotone_.second[v]);
+}
+
+double PointEvaluation::constant_product(const MultiIndex& index, Eigen::Index k) const {
+  return constant_.product(index, static_cast<int>(k), -1, -1);
+}
+
+double PointEvaluation::monotone_product(const MultiIndex& index, Eigen::Index k) const {
+  return monotone_.product(index, static_cast<int>(k), -1, -1);
+}
+
+double PointEvaluation::constant_part(Eigen::Index k, int a, int b) const {
+  const MapComponent& c = structure_.components[static_cast<std::size_t>(k)];
+  const double* a_c = coefficients_ + c.offset;
+  double sum = 0;
+  for (std::size_t m = 0; m < c.constant.size(); ++m)
+    sum += a_c[m] * constant_.product(c.constant[m], static_cast<int>(k), a, b);
+  return sum;
+}
+
+void PointEvaluation::collapse(Eigen::Index k, Values& out, int a, int b) const {
+  const MapComponent& c = structure_.components[static_cast<std::size_t>(k)];
+  const double* a_e = coefficients_ + c.offset + c.constant_count();
+  const int variable = static_cast<int>(k);
+  std::fill(out.begin(), out.begin() + c.degree + 1, 0.0);
+  for (std::size_t m = 0; m < c.monotone.size(); ++m)
+    out[static_cast<std::size_t>(c.monotone[m].degree_of(variable))] +=
+        a_e[m] * monotone_.product(c.monotone[m], variable, a, b);
+}
+
+/// ∂_a M = ∂_a C + ∫ r' ∂_a h,  ∂_ab M = ∂_ab C + ∫ (r'' ∂_a h ∂_b h + r' ∂_ab h),  ∂_k M = r(h(x_k)),
+/// ∂_ka M = r' ∂_a h,  ∂_kk M = r' h'.
+void PointEvaluation::derivatives(Eigen::Index k, bool with_second, Derivatives& out) {
+  using sampling::packed_index;
+  const int kk = static_cast<int>(k), n = structure_.components[static_cast<std::size_t>(k)].degree;
+  const auto sk = static_cast<std::size_t>(k);
+  const Rectifier rectifier = structure_.basis.parametrisation().rectifier;
+  Values b{}, functions{}, first{}, second{};
+  std::vector<Values> b_a(sk), b_ab(with_second ? sk * (sk + 1) / 2 : 0);
+  std::vector<double> h_a(sk);
+  out.first.assign(sk + 1, 0);
+  out.second.assign(with_second ? (sk + 1) * (sk + 2) / 2 : 0, 0);
+  const auto entry = [&](int a, int c) -> double& {
+    return out.second[static_cast<std::size_t>(packed_index(a, c))];
+  };
+
+  collapse(k, b);
+  out.value = constant_part(k);
+  for (int a = 0; a < kk; ++a) {
+    collapse(k, b_a[static_cast<std::size_t>(a)], a);
+    out.first[static_cast<std::size_t>(a)] = constant_part(k, a);
+    for (int c = 0; with_second && c <= a; ++c) {
+      collapse(k, b_ab[static_cast<std::size_t>(packed_index(a, c))], a, c);
+      entry(a, c) = constant_part(k, a, c);
+    }
+  }
+  structure_.basis.integration_rule(x_[sk], n, rule_);
+  for (std::size_t q = 0; q < rule_.node.size(); ++q) {
+    structure_.basis.monotone(rule_.node[q], n, functions, first, second);
+    const Rectified r = rectify(rectifier, dot(b, functions, n));
+    const double w = rule_.weight[q];
+    out.value += w * r.value;
+    for (int a = 0; a < kk; ++a) {
+      const auto sa = static_cast<std::size_t>(a);
+      h_a[sa] = dot(b_a[sa], functions, n);
+      out.first[sa] += w * r.first * h_a[sa];
+      for (int c = 0; with_second && c <= a; ++c)
+        entry(a, c) += w * (r.second * h_a[sa] * h_a[static_cast<std::size_t>(c)] +
+                            r.first * dot(b_ab[static_cast<std::size_t>(packed_index(a, c))], functions, n));
+    }
+  }
+  const Values& here = monotone_.value[sk];
+  const double h = dot(b, here, n);
+  const Rectified r = rectify(rectifier, h);
+  out.log_slope = log_rectified(rectifier, h);
+  out.first[sk] = r.value;
+  if (!with_second) return;
+  for (int a = 0; a < kk; ++a) entry(kk, a) = r.first * dot(b_a[static_cast<std::size_t>(a)], here, n);
+  entry(kk, kk) = r.first * dot(b, monotone_.first[sk], n);
+}
+
+/// ∂M/∂a_{e,α} = Φ'_α g_{α_k} with Φ' the product over i < k and g_j = ∫₀^{x_k} r'(h) χ_j dθ;
+/// ∂ log r(h)/∂a_{e,α} = Φ'_α χ_{α_k}(x_k) r'/r.
+void PointEvaluation::coefficient_gradients(Eigen::Index k, std::vector<double>& value,
+                                            std::vector<double>& log_slope) {
+  const auto sk = static_cast<std::size_t>(k);
+  const MapComponent& c = structure_.components[sk];
+  const int n = c.degree;
+  const Rectifier rectifier = structure_.basis.parametrisation().rectifier;
+  Values b{}, g{}, functions{}, first{}, second{};
+  value.assign(c.constant.size() + c.monotone.size(), 0);
+  log_slope.assign(value.size(), 0);
+  collapse(k, b);
+  structure_.basis.integration_rule(x_[sk], n, rule_);
+  for (std::size_t q = 0; q < rule_.node.size(); ++q) {
+    structure_.basis.monotone(rule_.node[q], n, functions, first, second);
+    const double slope = rule_.weight[q] * rectify(rectifier, dot(b, functions, n)).first;
+    for (std::size_t j = 0; j <= static_cast<std::size_t>(n); ++j) g[j] += slope * functions[j];
+  }
+  const double relative = log_rectified_slope(rectifier, dot(b, monotone_.value[sk], n));
+  for (std::size_t m = 0; m < c.constant.size(); ++m) value[m] = constant_product(c.constant[m], k);
+  for (std::size_t m = 0; m < c.monotone.size(); ++m) {
+    const auto degree = static_cast<std::size_t>(c.monotone[m].degree_of(static_cast<int>(k)));
+    const double prefix = monotone_product(c.monotone[m], k);
+    value[c.constant.size() + m] = prefix * g[degree];
+    log_slope[c.constant.size() + m] = prefix * monotone_.value[sk][degree] * relative;
+  }
+}
+
+double PointEvaluation::solve(Eigen::Index k, double target) {
+  const int n = structure_.components[static_cast<std::size_t>(k)].degree;
+  const Rectifier rectifier = structure_.basis.parametrisation().rectifier;
+  Values b{}, functions{}, first{}, second{};
+  collapse(k, b);
+  const double constant = constant_part(k);
+  const auto rectified = [&](double t) {
+    structure_.basis.monotone(t, n, functions, first, second);
+    return rectify(rectifier, dot(b, functions, n)).value;
+  };
+  const auto residual = [&](double t) {
+    structure_.basis.integration_rule(t, n, rule_);
+    double sum = constant - target;
+    for (std::size_t q = 0; q < rule_.node.size(); ++q) sum += rule_.weight[q] * rectified(rule_.node[q]);
+    return sum;
+  };
+  const double accuracy = 1e-15 * (1 + std::abs(target) + std::abs(constant));
+  const double start = constant - target, direction = start > 0 ? -1 : 1;
+  if (start == 0) return 0;
+  double near = 0, far = direction;
+  while (residual(far) * direction < 0 && std::abs(far) < 1e100) {
+    near = far;
+    far *= 2;
+  }
+  double low = std::min(near, far), high = std::max(near, far), t = 0.5 * (low + high);
+  for (int iteration = 0; iteration < 400; ++iteration) {
+    const double r = residual(t);
+    if (std::abs(r) <= accuracy) break;
+    (r < 0 ? low : high) = t;
+    const double slope = rectified(t), newton = t - r / slope;
+    const double next = slope > 0 && newton > low && newton < high ? newton : 0.5 * (low + high);
+    if (next == t || high - low <= 4e-16 * (std::abs(low) + std::abs(high))) break;
+    t = next;
+  }
+  return t;
+}
+
+}  // namespace knothe::transport

@@ -1,0 +1,213 @@
+#include "knothe/transport/map/point_tables.hpp"
+
+#include <algorithm>
+#include <cassert>
+#include <map>
+#include <unordered_map>
+#include <utility>
+
+#include "knothe/sampling/log_density.hpp"
+
+namespace knothe::transport {
+
+namespace {
+
+/// The factors of an index in the variables below `below`.
+MultiIndex prefix_of(const MultiIndex& index, int below) {
+  MultiIndex prefix;
+  for (const auto& f : index.factors)
+    if (f.variable < below) prefix.factors.push_back(f), prefix.total += f.degree;
+  return prefix;
+}
+
+/// The products of one-variable functions, n × (degree + 1) per variable, that a set of indices asks for.
+Eigen::MatrixXd products(Eigen::Index n, const std::vector<MultiIndex>& indices,
+                         const std::vector<Eigen::MatrixXd>& factors) {
+  Eigen::MatrixXd product(n, static_cast<Eigen::Index>(indices.size()));
+  for (std::size_t m = 0; m < indices.size(); ++m) {
+    auto column = product.col(static_cast<Eigen::Index>(m));
+    bool first = true;
+    for (const auto& f : indices[m].factors) {
+      const auto factor = factors[static_cast<std::size_t>(f.variable)].col(f.degree);
+      if (first)
+        column = factor;
+      else
+        column.array() *= factor.array();
+      first = false;
+    }
+    if (first) column.setOnes();
+  }
+  return product;
+}
+
+/// row(i, x) fills row i of every table for the coordinate x; tensor rules repeat their coordinates, for
+/// which `copy(i, from)` takes the row made before.
+template <class Row, class Copy>
+void for_each_coordinate(const Eigen::Ref<const Eigen::VectorXd>& x, Row row, Copy copy) {
+  std::unordered_map<double, Eigen::Index> made;
+  for (Eigen::Index i = 0; i < x.size(); ++i) {
+    const auto [at, is_new] = made.try_emplace(x[i], i);
+    if (is_new)
+      row(i, x[i]);
+    else
+      copy(i, at->second);
+  }
+}
+
+}  // namespace
+
+MapLayout::MapLayout(const TriangularMap& map) {
+  for (Eigen::Index k = 0; k < map.dimension(); ++k) {
+    const MapComponent& c = map.component(k);
+    const int variable = static_cast<int>(k);
+    Component mine{c.offset, c.constant_count(), c.monotone_count(), {}, c.constant, {MultiIndex{}}};
+    for (Eigen::Index m = 0; m < c.constant_count(); ++m) to_map_.push_back(c.offset + m);
+    std::map<std::vector<MultiIndex::Factor>, Eigen::Index> column{{{}, 0}};
+    std::vector<std::vector<Eigen::Index>> member;  // by degree: positions in c.monotone
+    for (std::size_t m = 0; m < c.monotone.size(); ++m) {
+      const auto degree = static_cast<std::size_t>(c.monotone[m].degree_of(variable));
+      MultiIndex prefix = prefix_of(c.monotone[m], variable);
+      const auto [at, is_new] =
+          column.try_emplace(prefix.factors, static_cast<Eigen::Index>(mine.prefix.size()));
+      if (is_new) mine.prefix.push_back(std::move(prefix));
+      if (mine.groups.size() <= degree) mine.groups.resize(degree + 1), member.resize(degree + 1);
+      mine.groups[degree].column.push_back(at->second);
+      member[degree].push_back(static_cast<Eigen::Index>(m));
+    }
+    Eigen::Index begin = 0;
+    for (std::size_t j = 0; j < mine.groups.size(); ++j) {
+      mine.groups[j].begin = begin;
+      begin += mine.groups[j].size();
+      for (const Eigen::Index m : member[j]) to_map_.push_back(c.offset + c.constant_count() + m);
+    }
+    components_.push_back(std::move(mine));
+  }
+}
+
+void MapLayout::gather(const Eigen::VectorXd& map_coefficients, Eigen::VectorXd& table_order) const {
+  table_order.resize(size());
+  for (Eigen::Index i = 0; i < size(); ++i)
+    table_order[i] = map_coefficients[to_map_[static_cast<std::size_t>(i)]];
+}
+
+void MapLayout::scatter(const Eigen::VectorXd& table_order, Eigen::VectorXd& map_coefficients) const {
+  map_coefficients.resize(size());
+  for (Eigen::Index i = 0; i < size(); ++i)
+    map_coefficients[to_map_[static_cast<std::size_t>(i)]] = table_order[i];
+}
+
+PointTables::PointTables(Eigen::MatrixXd points, const TriangularMap& map, const MapLayout& layout)
+    : points_(std::move(points)), rectifier_(map.parametrisation().rectifier) {
+  const Eigen::Index n = points_.rows(), d = points_.cols();
+  const OneVariableBasis& basis = map.basis();
+  std::vector<int> constant_degree(static_cast<std::size_t>(d), 0), monotone_degree(constant_degree);
+  for (const auto& c : layout.components()) {
+    for (const MultiIndex& index : c.constant)
+      for (const auto& f : index.factors) {
+        auto& degree = constant_degree[static_cast<std::size_t>(f.variable)];
+        degree = std::max(degree, f.degree);
+      }
+    for (const MultiIndex& index : c.prefix)
+      for (const auto& f : index.factors) {
+        auto& degree = monotone_degree[static_cast<std::size_t>(f.variable)];
+        degree = std::max(degree, f.degree);
+      }
+  }
+  OneVariableBasis::Values values{}, first{}, second{};
+  std::vector<Eigen::MatrixXd> constant, monotone;
+  for (Eigen::Index k = 0; k < d; ++k) {
+    const Eigen::Index degrees = layout.component(k).degrees();
+    const int nc = constant_degree[static_cast<std::size_t>(k)];
+    const int ne = std::max(monotone_degree[static_cast<std::size_t>(k)], static_cast<int>(degrees) - 1);
+    Eigen::MatrixXd c(n, nc + 1), e(n, ne + 1);
+    for_each_coordinate(
+        points_.col(k),
+        [&](Eigen::Index i, double x) {
+          basis.constant(x, nc, values, first, second);
+          for (Eigen::Index j = 0; j <= nc; ++j) c(i, j) = values[static_cast<std::size_t>(j)];
+          basis.monotone(x, ne, values, first, second);
+          for (Eigen::Index j = 0; j <= ne; ++j) e(i, j) = values[static_cast<std::size_t>(j)];
+        },
+        [&](Eigen::Index i, Eigen::Index from) { c.row(i) = c.row(from), e.row(i) = e.row(from); });
+    psi_.push_back(e.leftCols(degrees));
+    constant.push_back(std::move(c));
+    monotone.push_back(std::move(e));
+    integrals_.emplace_back();
+    pieces_.emplace_back();
+    if (rectifier_ == Rectifier::square)
+      tabulate_integrals(basis, k, degrees);
+    else
+      tabulate_pieces(basis, k, degrees);
+    constant_prefix_.push_back(products(n, layout.component(k).constant, constant));
+    prefix_.push_back(products(n, layout.component(k).prefix, monotone));
+  }
+}
+
+void PointTables::tabulate_integrals(const OneVariableBasis& basis, Eigen::Index k, Eigen::Index degrees) {
+  const Eigen::Index n = points_.rows(), packed = degrees * (degrees + 1) / 2;
+  Eigen::MatrixXd& table = integrals_[static_cast<std::size_t>(k)];
+  table.resize(n, packed);
+  const int degree = static_cast<int>(degrees) - 1;
+  const auto& p = basis.parametrisation();
+  const bool is_fast = p.basis == BasisFamily::hermite && p.tails == Tails::bent;
+  const TailedHermite bent(p.radii);
+  std::vector<double> sums(static_cast<std::size_t>(packed));
+  IntegrationRule rule;
+  OneVariableBasis::Values values{}, first{}, second{};
+  for_each_coordinate(
+      points_.col(k),
+      [&](Eigen::Index i, double x) {
+        if (is_fast) {
+          bent.product_integrals(x, degree, sums);
+        } else {
+          std::fill(sums.begin(), sums.end(), 0.0);
+          basis.integration_rule(x, degree, rule);
+          for (std::size_t q = 0; q < rule.node.size(); ++q) {
+            basis.monotone(rule.node[q], degree, values, first, second);
+            std::size_t at = 0;
+            for (std::size_t j = 0; j < static_cast<std::size_t>(degrees); ++j)
+              for (std::size_t l = 0; l <= j; ++l) sums[at++] += rule.weight[q] * values[j] * values[l];
+          }
+        }
+        for (Eigen::Index j = 0; j < packed; ++j) table(i, j) = sums[static_cast<std::size_t>(j)];
+      },
+      [&](Eigen::Index i, Eigen::Index from) { table.row(i) = table.row(from); });
+}
+
+void PointTables::tabulate_pieces(const OneVariableBasis& basis, Eigen::Index k, Eigen::Index degrees) {
+  const int degree = static_cast<int>(degrees) - 1;
+  OneVariableBasis::Values values{}, first{}, second{};
+  double from = 0;
+  for (const OneVariableBasis::Piece& stretch : basis.pieces(degree)) {
+    Piece piece;
+    for (Eigen::Index i = 0; i < points_.rows(); ++i)
+      if (std::abs(points_(i, k)) > from || from == 0) piece.rows.push_back(i);
+    if (piece.rows.empty()) return;
+    const UnitRule& unit = unit_rule(stretch.nodes);
+    const auto rows = static_cast<Eigen::Index>(piece.rows.size());
+    piece.nodes = stretch.nodes;
+    piece.weight.resize(rows, piece.nodes);
+    piece.psi.resize(rows, piece.nodes * degrees);
+    Eigen::VectorXd x(rows);
+    for (Eigen::Index r = 0; r < rows; ++r) x[r] = points_(piece.rows[static_cast<std::size_t>(r)], k);
+    for_each_coordinate(
+        x,
+        [&](Eigen::Index r, double at) {
+          const double sign = at < 0 ? -1 : 1, width = std::min(std::abs(at), stretch.end) - from;
+          for (Eigen::Index q = 0; q < piece.nodes; ++q) {
+            const auto sq = static_cast<std::size_t>(q);
+            basis.monotone(sign * (from + width * unit.node[sq]), degree, values, first, second);
+            piece.weight(r, q) = sign * width * unit.weight[sq];
+            for (Eigen::Index j = 0; j < degrees; ++j)
+              piece.psi(r, q * degrees + j) = values[static_cast<std::size_t>(j)];
+          }
+        },
+        [&](Eigen::Index r, Eigen::Index other) {
+          piece.weight.row(r) = piece.weight.row(other), piece.psi.row(r) = piece.psi.row(other);
+        });
+    pieces_[static_cast<std::size_t>(k)].push_back(std::move(piece));
+    from = stretch.end;
+  }
+}
+
+}  // namespace knothe::transport

@@ -1,0 +1,127 @@
+#pragma once
+/// @file Everything about a map at fixed points that does not depend on its coefficients, laid out for speed.
+///
+/// With the factors in x_1 … x_{k−1} collected in `prefix` (one column per product), component k of a map is,
+/// for all points at once (columns over points, ∘ elementwise),
+///   b_j = prefix a_{e,j},   h = Σ_j b_j ∘ ψ_j,   M = constant_prefix a_c + V(b),   V = ∫₀^{x_k} r(Σ_j b_j
+///   ψ_j) dθ,
+/// a_{e,j} being the coefficients of products whose degree in x_k is j. All derivatives of M and of log r(h)
+/// in the coefficients are prefix ⊗ those in b:
+///   square:      g_j = ∂V/∂b_j = 2 Σ_l I_jl ∘ b_l,   ∂²V/∂b_j∂b_l = 2 I_jl,   I_jl = ∫₀^{x_k} ψ_j ψ_l dθ,
+///   any other r: sums over a Gauss–Legendre rule on [0, x_k] with r, r' ψ_j, r'' ψ_j ψ_l.
+#include <Eigen/Core>
+#include <vector>
+
+#include "knothe/transport/map/triangular_map.hpp"
+
+namespace knothe::transport {
+
+/// Coefficients in the order of the tables: per component a_c, then a_{e,0}, a_{e,1}, …
+class MapLayout {
+ public:
+  /// The coefficients of one degree in x_k: where they begin in a_e, and the column of prefix of each.
+  struct Group {
+    Eigen::Index begin = 0;
+    std::vector<Eigen::Index> column;
+    [[nodiscard]] Eigen::Index size() const { return static_cast<Eigen::Index>(column.size()); }
+  };
+  struct Component {
+    Eigen::Index offset = 0;           ///< of a_c
+    Eigen::Index constant_count = 0;   ///< n_c
+    Eigen::Index monotone_count = 0;   ///< n_e
+    std::vector<Group> groups;         ///< by degree in x_k, from 0
+    std::vector<MultiIndex> constant;  ///< the products of constant_prefix
+    std::vector<MultiIndex> prefix;    ///< those of prefix; the first is 1
+    [[nodiscard]] Eigen::Index monotone_begin() const { return offset + constant_count; }
+    [[nodiscard]] Eigen::Index count() const { return constant_count + monotone_count; }
+    [[nodiscard]] Eigen::Index degrees() const { return static_cast<Eigen::Index>(groups.size()); }
+  };
+
+  MapLayout() = default;
+  explicit MapLayout(const TriangularMap& map);
+  [[nodiscard]] const std::vector<Component>& components() const { return components_; }
+  [[nodiscard]] const Component& component(Eigen::Index k) const {
+    return components_[static_cast<std::size_t>(k)];
+  }
+  [[nodiscard]] Eigen::Index size() const { return static_cast<Eigen::Index>(to_map_.size()); }
+  /// From the order of TriangularMap::coefficients() to that of the tables, and back.
+  void gather(const Eigen::VectorXd& map_coefficients, Eigen::VectorXd& table_order) const;
+  void scatter(const Eigen::VectorXd& table_order, Eigen::VectorXd& map_coefficients) const;
+
+ private:
+  std::vector<Component> components_;
+  std::vector<Eigen::Index> to_map_;  ///< index in the map of each entry in table order
+};
+
+/// The tables at fixed points for maps of one layout.
+class PointTables {
+ public:
+  /// A stretch of θ with its part of the Gauss–Legendre rule, for the points that reach it.
+  struct Piece {
+    std::vector<Eigen::Index> rows;  ///< those points, increasing
+    Eigen::Index nodes = 0;
+    Eigen::MatrixXd weight;  ///< rows × nodes
+    Eigen::MatrixXd psi;     ///< rows × (nodes · m), ψ_j at node q in column q m + j
+  };
+
+  PointTables() = default;
+  PointTables(Eigen::MatrixXd points, const TriangularMap& map, const MapLayout& layout);
+
+  [[nodiscard]] const Eigen::MatrixXd& points() const { return points_; }  ///< n × d
+  [[nodiscard]] Rectifier rectifier() const { return rectifier_; }
+  /// ψ_0 … ψ_{m−1} of Φ_e in variable k, n × m.
+  [[nodiscard]] const Eigen::MatrixXd& psi(Eigen::Index k) const { return psi_[static_cast<std::size_t>(k)]; }
+  /// I_jl of variable k, n × m(m + 1)/2 by sampling::packed_index; square only.
+  [[nodiscard]] const Eigen::MatrixXd& integrals(Eigen::Index k) const {
+    return integrals_[static_cast<std::size_t>(k)];
+  }
+  /// The rule on [0, x_k]; any other rectifier.
+  [[nodiscard]] const std::vector<Piece>& pieces(Eigen::Index k) const {
+    return pieces_[static_cast<std::size_t>(k)];
+  }
+  /// The products that span Φ_c of component k, n × n_c.
+  [[nodiscard]] const Eigen::MatrixXd& constant_prefix(Eigen::Index k) const {
+    return constant_prefix_[static_cast<std::size_t>(k)];
+  }
+  /// The products of the functions of Φ_e in the variables before k, n × their number.
+  [[nodiscard]] const Eigen::MatrixXd& prefix(Eigen::Index k) const {
+    return prefix_[static_cast<std::size_t>(k)];
+  }
+
+ private:
+  void tabulate_integrals(const OneVariableBasis& basis, Eigen::Index k, Eigen::Index degrees);
+  void tabulate_pieces(const OneVariableBasis& basis, Eigen::Index k, Eigen::Index degrees);
+
+  Eigen::MatrixXd points_;
+  Rectifier rectifier_ = Rectifier::square;
+  std::vector<Eigen::MatrixXd> psi_, integrals_, constant_prefix_, prefix_;
+  std::vector<std::vector<Piece>> pieces_;
+};
+
+/// One component at the points of a table, with its derivatives in b. Keeps its memory.
+class ComponentValues {
+ public:
+  Eigen::MatrixXd b;          ///< n × m
+  Eigen::MatrixXd g;          ///< n × m: ∂V/∂b_j
+  Eigen::MatrixXd curvature;  ///< n × m(m + 1)/2: ∂²V/∂b_j∂b_l, packed; empty for the square: 2 I_jl
+  Eigen::VectorXd h, value;
+  Eigen::VectorXd log_slope, log_slope_first, log_slope_second;  ///< log r(h) and its derivatives in h
+
+  /// b and h alone.
+  void evaluate_slope(const PointTables& tables, const MapLayout& layout, Eigen::Index k,
+                      const Eigen::VectorXd& coefficients);
+  /// All that derivatives of this order (0, 1, 2) of the objective need. False where the square has h ≤ 0 at
+  /// a point: then the map is no longer in the feasible set of the objective.
+  bool evaluate(const PointTables& tables, const MapLayout& layout, Eigen::Index k,
+                const Eigen::VectorXd& coefficients, int derivatives);
+
+ private:
+  void square(const PointTables& tables, Eigen::Index k);
+  void integrate(const PointTables& tables, Eigen::Index k, int derivatives);
+  void logarithm(Rectifier rectifier, int derivatives);
+
+  Eigen::MatrixXd local_b_, local_g_, local_curvature_;
+  Eigen::VectorXd local_value_, node_h_, zeroth_, first_, second_;
+};
+
+}  // namespace knothe::transport

@@ -1,0 +1,233 @@
+#include "knothe/transport/map/triangular_map.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+#include <map>
+
+#include "knothe/base/error.hpp"
+#include "knothe/base/threads.hpp"
+#include "knothe/sampling/log_density.hpp"
+#include "knothe/transport/map/point_evaluation.hpp"
+
+namespace knothe::transport {
+
+namespace {
+
+Eigen::Index position_of(const MultiIndex& index, const std::vector<MultiIndex>& set) {
+  return std::find(set.begin(), set.end(), index) - set.begin();
+}
+
+/// Copies the coefficients of a set into those of a larger one. Sets that begin alike, as total orders do,
+/// need no search.
+void embed_set(const std::vector<MultiIndex>& from, const double* values, const std::vector<MultiIndex>& to,
+               double* out) {
+  std::map<std::vector<MultiIndex::Factor>, std::size_t> positions;
+  for (std::size_t m = 0; m < from.size(); ++m) {
+    std::size_t at = m;
+    if (m >= to.size() || !(to[m] == from[m])) {
+      if (positions.empty())
+        for (std::size_t i = 0; i < to.size(); ++i) positions[to[i].factors] = i;
+      const auto found = positions.find(from[m].factors);
+      if (found == positions.end())
+        throw UsageError("embedding a map: it has an index that the larger map has not");
+      at = found->second;
+    }
+    out[at] = values[m];
+  }
+}
+
+/// Runs `body(first, count)` over chunks of whole blocks. What a chunk is does not depend on `threads`.
+template <class Body>
+void for_chunks(Eigen::Index n, int threads, const Body& body) {
+  constexpr Eigen::Index k_chunk = 8 * k_block_points;
+  const Eigen::Index chunks = (n + k_chunk - 1) / k_chunk;
+  parallel_for(static_cast<std::size_t>(chunks), static_cast<std::size_t>(std::max(threads, 0)),
+               [&](std::size_t c) {
+                 const Eigen::Index first = static_cast<Eigen::Index>(c) * k_chunk;
+                 body(first, std::min(k_chunk, n - first));
+               });
+}
+
+/// "x1^2 x3", counted from 1 as in the formulas.
+std::string name_of(const MultiIndex& index) {
+  std::string name;
+  for (const auto& f : index.factors) {
+    name += fmt::format("{}x{}", name.empty() ? "" : " ", f.variable + 1);
+    if (f.degree > 1) name += fmt::format("^{}", f.degree);
+  }
+  return name.empty() ? "1" : name;
+}
+
+/// The coefficients of largest magnitude with their terms.
+std::string largest_terms(const std::vector<MultiIndex>& set, const double* values) {
+  constexpr std::size_t k_shown = 3;
+  std::vector<std::size_t> order(set.size());
+  for (std::size_t m = 0; m < order.size(); ++m) order[m] = m;
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t a, std::size_t b) { return std::abs(values[a]) > std::abs(values[b]); });
+  std::string text;
+  for (std::size_t i = 0; i < std::min(k_shown, order.size()); ++i)
+    if (i == 0 || values[order[i]] != 0)
+      text += fmt::format("{}{:.4g} ({})", i == 0 ? "" : ", ", values[order[i]], name_of(set[order[i]]));
+  return text;
+}
+
+}  // namespace
+
+void MapBatch::resize(Eigen::Index n, Eigen::Index d, int derivatives) {
+  value.resize(n, d);
+  log_determinant.resize(n);
+  jacobian.resize(derivatives >= 1 ? n : 0, derivatives >= 1 ? d * d : 0);
+  hessian.resize(derivatives >= 2 ? n : 0, derivatives >= 2 ? d * (d * (d + 1) / 2) : 0);
+}
+
+TriangularMap::TriangularMap(Eigen::Index dimension, int order, TailRadii radii)
+    : TriangularMap(
+          total_order_map(dimension, order, {Rectifier::square, BasisFamily::hermite, Tails::bent, radii})) {}
+
+TriangularMap::TriangularMap(MapSpecification specification)
+    : kernel_(std::make_shared<const MapKernel>(std::move(specification))) {
+  coefficients_ = Eigen::VectorXd::Zero(structure().coefficient_count);
+  if (parametrisation().rectifier != Rectifier::square) return;  // r(0) = 1 already
+  for (const MapComponent& c : structure().components)
+    coefficients_[c.offset + c.constant_count() + position_of({}, c.monotone)] = 1;
+}
+
+MapSpecification TriangularMap::specification() const {
+  MapSpecification specification{parametrisation(), {}};
+  for (const MapComponent& c : structure().components)
+    specification.components.push_back({c.constant, c.monotone});
+  return specification;
+}
+
+void TriangularMap::set_coefficients(const Eigen::VectorXd& coefficients) {
+  if (coefficients.size() != coefficients_.size())
+    throw UsageError(fmt::format("triangular map: {} coefficients given, the map has {}", coefficients.size(),
+                                 coefficients_.size()));
+  if (!coefficients.allFinite()) throw UsageError("triangular map: a coefficient is not finite");
+  coefficients_ = coefficients;
+}
+
+void TriangularMap::embed(const TriangularMap& lower) {
+  if (lower.dimension() != dimension() || !(lower.parametrisation() == parametrisation()))
+    throw UsageError("embedding a map: it must have the dimension and the parametrisation of the larger one");
+  Eigen::VectorXd embedded = Eigen::VectorXd::Zero(coefficients_.size());
+  for (Eigen::Index k = 0; k < dimension(); ++k) {
+    const auto &mine = component(k), &theirs = lower.component(k);
+    const double* values = lower.coefficients_.data() + theirs.offset;
+    double* out = embedded.data() + mine.offset;
+    embed_set(theirs.constant, values, mine.constant, out);
+    embed_set(theirs.monotone, values + theirs.constant_count(), mine.monotone, out + mine.constant_count());
+  }
+  coefficients_ = std::move(embedded);
+}
+
+std::string TriangularMap::describe() const {
+  const Parametrisation& p = parametrisation();
+  std::string text;
+  for (Eigen::Index k = 0; k < dimension(); ++k) {
+    const MapComponent& c = component(k);
+    const double* a_c = coefficients_.data() + c.offset;
+    int degree = 0;
+    for (const auto* set : {&c.constant, &c.monotone})
+      for (const MultiIndex& index : *set) degree = std::max(degree, index.total);
+    text += fmt::format("component {}: {} of {}, {} tails, {} + {} terms of degree up to {}; ", k + 1,
+                        to_string(p.rectifier), to_string(p.basis), to_string(p.tails), c.constant.size(),
+                        c.monotone.size(), degree);
+    text += fmt::format("largest: {}; inside the integral: {}\n", largest_terms(c.constant, a_c),
+                        largest_terms(c.monotone, a_c + c.constant_count()));
+  }
+  return text;
+}
+
+void TriangularMap::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
+                             MapBatch& out) const {
+  using sampling::packed_index;
+  const Eigen::Index n = points.rows(), d = dimension(), packed = d * (d + 1) / 2;
+  assert(points.cols() == d);
+  out.resize(n, d, derivatives);
+  if (derivatives == 0) {
+    kernel_->evaluate(coefficients_.data(), points, 0, n,
+                      {n, out.value.data(), out.log_determinant.data(), {}, {}});
+    return;
+  }
+  out.jacobian.setZero();
+  if (derivatives >= 2) out.hessian.setZero();
+  PointEvaluation at(structure(), coefficients_.data());
+  PointEvaluation::Derivatives result;
+  for (Eigen::Index i = 0; i < n; ++i) {
+    out.log_determinant[i] = 0;
+    for (Eigen::Index k = 0; k < d; ++k) {
+      at.set(k, points(i, k));
+      at.derivatives(k, derivatives >= 2, result);
+      out.value(i, k) = result.value;
+      out.log_determinant[i] += result.log_slope;
+      for (Eigen::Index a = 0; derivatives >= 1 && a <= k; ++a)
+        out.jacobian(i, k * d + a) = result.first[static_cast<std::size_t>(a)];
+      for (std::size_t m = 0; m < result.second.size(); ++m)
+        out.hessian(i, k * packed + static_cast<Eigen::Index>(m)) = result.second[m];
+    }
+  }
+}
+
+Eigen::MatrixXd TriangularMap::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points) const {
+  MapBatch batch;
+  evaluate(points, 0, batch);
+  return std::move(batch.value);
+}
+
+Eigen::VectorXd TriangularMap::log_determinant(const Eigen::Ref<const Eigen::MatrixXd>& points) const {
+  MapBatch batch;
+  evaluate(points, 0, batch);
+  return std::move(batch.log_determinant);
+}
+
+void TriangularMap::coefficient_gradients(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::Index k,
+                                          Eigen::MatrixXd& value, Eigen::MatrixXd& log_slope) const {
+  const MapComponent& c = component(k);
+  const Eigen::Index n = points.rows(), count = c.constant_count() + c.monotone_count();
+  value.resize(n, count);
+  log_slope.resize(n, count);
+  PointEvaluation at(structure(), coefficients_.data());
+  std::vector<double> of_value, of_slope;
+  for (Eigen::Index i = 0; i < n; ++i) {
+    for (Eigen::Index v = 0; v <= k; ++v) at.set(v, points(i, v));
+    at.coefficient_gradients(k, of_value, of_slope);
+    value.row(i) = Eigen::Map<const Eigen::RowVectorXd>(of_value.data(), count);
+    log_slope.row(i) = Eigen::Map<const Eigen::RowVectorXd>(of_slope.data(), count);
+  }
+}
+
+void TriangularMap::evaluate_with_coefficient_gradients(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                                                        CoefficientBatch& out, int threads) const {
+  assert(points.cols() == dimension());
+  const Eigen::Index n = points.rows(), d = dimension();
+  out.value.resize(n, d);
+  out.log_determinant.resize(n);
+  out.value_gradient.resize(static_cast<std::size_t>(d));
+  out.log_slope_gradient.resize(static_cast<std::size_t>(d));
+  MapKernel::Output rows{n, out.value.data(), out.log_determinant.data(), {}, {}};
+  for (Eigen::Index k = 0; k < d; ++k) {
+    auto& value = out.value_gradient[static_cast<std::size_t>(k)];
+    auto& log_slope = out.log_slope_gradient[static_cast<std::size_t>(k)];
+    value.resize(n, component(k).constant_count() + component(k).monotone_count());
+    log_slope.resize(n, component(k).monotone_count());
+    rows.value_gradient.push_back(value.data());
+    rows.log_slope_gradient.push_back(log_slope.data());
+  }
+  for_chunks(n, threads, [&](Eigen::Index first, Eigen::Index count) {
+    kernel_->evaluate(coefficients_.data(), points, first, count, rows);
+  });
+}
+
+Eigen::MatrixXd TriangularMap::inverse(const Eigen::Ref<const Eigen::MatrixXd>& z) const {
+  assert(z.cols() == dimension());
+  Eigen::MatrixXd x(z.rows(), z.cols());
+  kernel_->invert(coefficients_.data(), z, 0, z.rows(), x);
+  return x;
+}
+
+}  // namespace knothe::transport

@@ -1,0 +1,90 @@
+#include <cmath>
+
+#include "knothe/transport/diagnose/trust.hpp"
+#include "knothe/transport/solve/map_solver_workspace.hpp"
+
+namespace knothe::transport {
+
+namespace {
+
+/// Normalised weights, effective sample size and evidence from log-weights.
+void normalise(const Eigen::VectorXd& log_weight, ImportanceCorrection& c) {
+  const double n = static_cast<double>(log_weight.size()), top = log_weight.maxCoeff();
+  c.weights = (log_weight.array() - top).exp();
+  const double sum = c.weights.sum();
+  c.ess = sum * sum / (n * c.weights.squaredNorm());
+  c.log_evidence = top + std::log(sum / n);
+  c.log_evidence_error = std::sqrt(std::max(0.0, 1 / c.ess - 1) / n);
+  c.weights /= sum;
+}
+
+void moments(ImportanceCorrection& c) {
+  const Eigen::Index d = c.points.cols();
+  c.mean.resize(d);
+  c.covariance.resize(d, d);
+  for (Eigen::Index a = 0; a < d; ++a) c.mean[a] = c.weights.dot(c.points.col(a));
+  for (Eigen::Index a = 0; a < d; ++a)
+    for (Eigen::Index b = 0; b <= a; ++b)
+      c.covariance(a, b) = c.covariance(b, a) =
+          (c.weights.array() * (c.points.col(a).array() - c.mean[a]) * (c.points.col(b).array() - c.mean[b]))
+              .sum();
+}
+
+}  // namespace
+
+ImportanceCorrection MapSolver::correct(sampling::LogDensity& target, const MapResult& result) {
+  ImportanceCorrection correction;
+  correct(target, result, correction);
+  return correction;
+}
+
+void MapSolver::correct(sampling::LogDensity& user_target, const MapResult& result, ImportanceCorrection& c) {
+  Workspace& work = *work_;
+  sampling::CheckedDensity target(user_target);
+  normalise(result.verification.log_weight, c);
+  const WeightedPoints* used = &result.verification;
+  Eigen::Index n = result.verification.points.rows();
+  // More points where weights are uneven, and where a high order was needed and did not suffice: such a
+  // target is strongly bent, its outer quantiles want more points than the moments do, and a map too thin in
+  // some tail shows only by rare, heavy weights. Hence half of the further points are spread wider than the
+  // reference (a defensive mixture, Hesterberg 1995), which bounds the weights there. The effective sample
+  // size stays that of the reference alone: it tells about the map.
+  double ess = c.ess;
+  if ((ess < work.options.wanted_ess || (result.order > 4 && !result.tolerance_reached)) &&
+      4 * n <= work.options.max_points) {
+    n *= ess < 0.98 && 16 * n <= work.options.max_points ? 16 : ess < work.options.wanted_ess ? 4 : 2;
+    MapShape& shape = work.shape_of(result.map);
+    work.weigh(target, result.pre_map, shape, result.map.coefficients(), n, work.more_points, true);
+    used = &work.more_points;
+    normalise(used->log_weight, c);
+    // Weights against the reference alone, on its own half of the points: mixture weight × mixture density /
+    // ρ.
+    const Eigen::Index half = n / 2;
+    const auto& x = used->reference;
+    const auto& tables = work.verification_tables(shape, n, true);
+    work.scratch = used->log_weight.head(half) + tables.log_reference.head(half) -
+                   standard_normal_log_density(x.topRows(half));
+    const Eigen::ArrayXd w = (work.scratch.array() - work.scratch.maxCoeff()).exp();
+    ess = w.sum() * w.sum() / (static_cast<double>(half) * w.square().sum());
+  }
+  c.ess = ess;
+  c.points = used->points;
+  moments(c);
+  const Eigen::Index d = c.points.cols(), levels = static_cast<Eigen::Index>(c.levels.size());
+  c.quantiles.resize(d, levels);
+  work.scratch.resize(levels);
+  for (Eigen::Index a = 0; a < d; ++a) {
+    work.quantiles.compute({c.points.col(a).data(), static_cast<std::size_t>(n)},
+                           {c.weights.data(), static_cast<std::size_t>(n)}, c.levels,
+                           {work.scratch.data(), c.levels.size()});
+    c.quantiles.row(a) = work.scratch.transpose();
+  }
+  c.map_log_evidence = result.map_log_evidence();
+  c.density_evaluations = target.evaluations();
+  const Trust trust =
+      judge_trust({result.verified_diagnostic, c.ess, result.second_mode_found, result.missed.reason});
+  c.trusted = trust.trusted;
+  c.trust_reason = trust.reason;
+}
+
+}  // namespace knothe::transport

@@ -1,0 +1,263 @@
+/// How a solve goes from a map that is not good enough to a better one: orders, orientation, greedy growth,
+/// the tempered sequence, and the ways tried when all that is not enough.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "knothe/numerics/linear/symmetric_eigen.hpp"
+#include "knothe/transport/solve/map_solver_workspace.hpp"
+
+namespace knothe::transport {
+
+namespace {
+
+/// Beyond so many variables a second order-2 map, for the orientation alone, costs more than it is likely to
+/// bring.
+constexpr Eigen::Index k_most_turned = 6;
+/// Principal axes are preferred unless the given ones gain so much more at order 2 (docs/transport.md,
+/// "Orientation": at equal gain at order 2 the principal axes were never worse at the end, often ten times
+/// better).
+constexpr double k_clearly_more = 1.2;
+
+}  // namespace
+
+AffineMap principal_axes(const AffineMap& pre_map) {
+  const Eigen::MatrixXd matrix = pre_map.matrix();
+  const numerics::SymmetricEigen eigen(matrix * matrix.transpose());
+  const Eigen::Index d = pre_map.dimension();
+  AffineMap turned;
+  turned.shift = pre_map.shift;
+  turned.rotation = eigen.eigenvectors().rowwise().reverse();
+  for (Eigen::Index k = 0; k < d; ++k) {  // signs as near to the given axes as can be
+    Eigen::Index largest = 0;
+    turned.rotation.col(k).cwiseAbs().maxCoeff(&largest);
+    if (turned.rotation(largest, k) < 0) turned.rotation.col(k) *= -1;
+  }
+  // The spread along the axes from the factor itself: the eigenvalues of its square have half of the digits.
+  const Eigen::VectorXd spread = (turned.rotation.transpose() * matrix).rowwise().norm();
+  turned.lower = spread.asDiagonal();
+  return turned;
+}
+
+std::string describe_method(const Parametrisation& parametrisation, const AffineMap& pre_map) {
+  return fmt::format(
+      "{} of {} with {} tails{}, {}", to_string(parametrisation.rectifier), to_string(parametrisation.basis),
+      to_string(parametrisation.tails),
+      parametrisation.radii == TailRadii{}
+          ? ""
+          : fmt::format(" beyond {:g} and {:g}", parametrisation.radii.level, parametrisation.radii.tangent),
+      pre_map.rotation.size() > 0 ? "turned to the principal axes of the mode" : "in the given coordinates");
+}
+
+MapSolver::Workspace::Climb MapSolver::Workspace::climb(sampling::CheckedDensity& target, MapResult& result,
+                                                        AffineMap pre_map,
+                                                        const Parametrisation& parametrisation,
+                                                        Orientation orientation, int first,
+                                                        std::ptrdiff_t warm) {
+  const Eigen::Index d = target.dimension();
+  const auto last = [&] { return static_cast<std::ptrdiff_t>(tried) - 1; };
+  if (orientation == Orientation::principal) pre_map = principal_axes(pre_map);
+  // A family of the caller's own belongs to the caller's coordinates.
+  bool may_turn = orientation == Orientation::automatic && d >= 2 && d <= k_most_turned && !options.family;
+  Climb climb;
+  double best = std::numeric_limits<double>::infinity();
+  for (int order = first; order <= options.max_order && !climb.reached; ++order) {
+    MapShape& of_order = shape(d, order, parametrisation);
+    const double below = warm >= 0 ? candidates[static_cast<std::size_t>(warm)].training_objective
+                                   : std::numeric_limits<double>::quiet_NaN();
+    (void)train(target, result, pre_map, of_order, order, warm);
+    warm = last();
+    if (may_turn && order >= 2) {
+      may_turn = false;
+      const double given = candidates[static_cast<std::size_t>(warm)].training_objective;
+      const AffineMap turned = principal_axes(pre_map);
+      const double along = train(target, result, turned, of_order, order, -1).training_objective;
+      const bool better =
+          std::isnan(below) ? along <= given : k_clearly_more * (below - along) >= below - given;
+      if (better) pre_map = turned, warm = last();
+    }
+    Candidate& candidate = candidates[static_cast<std::size_t>(warm)];
+    if (candidate.training_diagnostic <= options.tolerance) {
+      verify(target, candidate);
+      climb.reached = candidate.verified_diagnostic <= options.tolerance;
+    }
+    // Low orders may get worse before they get better: a bent ridge is followed only from order 3 or 4 on.
+    climb.no_longer_falls = !climb.reached && order > 4 && candidate.diagnostic() > 0.85 * best;
+    best = std::min(best, candidate.diagnostic());
+    if (climb.no_longer_falls) break;
+  }
+  return climb;
+}
+
+MapSolver::Workspace::Climb MapSolver::Workspace::climb_long(sampling::CheckedDensity& target,
+                                                             MapResult& result, const AffineMap& pre_map) {
+  Climb climb;
+  std::ptrdiff_t warm = -1;
+  double best = std::numeric_limits<double>::infinity();
+  for (int order = k_first_long;
+       order <= std::min(last_long(target.dimension()), options.max_order) && !climb.reached; ++order) {
+    if (order >= k_first_dear_long) {
+      Candidate& last = candidates[static_cast<std::size_t>(warm)];
+      verify(target, last);
+      if (last.verified_diagnostic <= 10 * options.tolerance) break;
+    }
+    MapShape& shape = long_shape(target.dimension(), order);
+    Candidate& candidate = train(target, result, pre_map, shape, shape.identity.order(), warm);
+    candidate.is_long = true;
+    warm = static_cast<std::ptrdiff_t>(tried) - 1;
+    if (candidate.training_diagnostic <= options.tolerance) {
+      verify(target, candidate);
+      climb.reached = candidate.verified_diagnostic <= options.tolerance;
+    }
+    climb.no_longer_falls = !climb.reached && order > k_first_long + 1 && candidate.diagnostic() > 0.9 * best;
+    best = std::min(best, candidate.diagnostic());
+    if (climb.no_longer_falls) break;
+  }
+  return climb;
+}
+
+MapSolver::Workspace::Climb MapSolver::Workspace::grow_greedily(sampling::CheckedDensity& target,
+                                                                MapResult& result, const AffineMap& pre_map) {
+  const Eigen::Index d = target.dimension();
+  Climb climb;
+  grown.push_back(std::make_unique<MapShape>(total_order_map(d, 1, options.parametrisation)));
+  (void)train(target, result, pre_map, *grown.back(), 1, -1);
+  double best = std::numeric_limits<double>::infinity();
+  int without_gain = 0;
+  for (;;) {
+    Candidate& candidate = candidates[tried - 1];
+    if (candidate.training_diagnostic <= options.tolerance) {
+      verify(target, candidate);
+      climb.reached = candidate.verified_diagnostic <= options.tolerance;
+    }
+    without_gain = candidate.diagnostic() > 0.95 * best ? without_gain + 1 : 0;
+    best = std::min(best, candidate.diagnostic());
+    climb.no_longer_falls = !climb.reached && without_gain >= 4;
+    const Eigen::Index terms = candidate.shape->layout.size();
+    if (climb.reached || climb.no_longer_falls || terms >= options.max_terms) return climb;
+    std::unique_ptr<MapShape> larger = steepest_terms(target, result, pre_map, candidate);
+    if (!larger) return climb;
+    grown.push_back(std::move(larger));
+    (void)train(target, result, pre_map, *grown.back(), grown.back()->identity.order(),
+                static_cast<std::ptrdiff_t>(tried) - 1);
+  }
+}
+
+std::unique_ptr<MapShape> MapSolver::Workspace::steepest_terms(sampling::CheckedDensity& target,
+                                                               const MapResult& result,
+                                                               const AffineMap& pre_map,
+                                                               const Candidate& candidate) {
+  const MapSpecification now = candidate.shape->identity.specification();
+  struct Term {
+    double slope;
+    std::size_t component;
+    bool is_constant;
+    MultiIndex index;
+  };
+  // The map with the whole margin, at the coefficients reached: one gradient tells of every term.
+  MapSpecification with_margin = now;
+  const auto may_join = [&](const MultiIndex& index, int most) {
+    return std::all_of(index.factors.begin(), index.factors.end(),
+                       [&](const auto& f) { return f.degree <= most; });
+  };
+  for (std::size_t k = 0; k < now.components.size(); ++k) {
+    const int variables = static_cast<int>(k);
+    auto& c = with_margin.components[k];
+    for (MultiIndex& index : reduced_margin(now.components[k].constant, variables))
+      if (may_join(index, options.max_order)) c.constant.push_back(std::move(index));
+    for (MultiIndex& index : reduced_margin(now.components[k].monotone, variables + 1))
+      if (may_join(index, options.max_order - 1)) c.monotone.push_back(std::move(index));
+  }
+  MapShape wide(with_margin);
+  TriangularMap start = wide.identity, reached = candidate.shape->identity;
+  reached.set_coefficients(candidate.coefficients);
+  start.embed(reached);
+  const TrainingTables& tables = training_tables(wide);
+  objective.begin(tables, OuterMap::of(pre_map), target, result.mode_log_density);
+  Eigen::VectorXd gradient(tables.layout.size()), in_map_order;
+  Eigen::MatrixXd none;
+  double value = 0;
+  tables.layout.gather(start.coefficients(), coefficients);
+  if (!objective.evaluate(coefficients, 1, value, gradient, none)) return nullptr;
+  tables.layout.scatter(gradient, in_map_order);
+
+  std::vector<Term> terms;
+  for (std::size_t k = 0; k < now.components.size(); ++k) {
+    const MapComponent& c = wide.identity.component(static_cast<Eigen::Index>(k));
+    for (std::size_t m = now.components[k].constant.size(); m < c.constant.size(); ++m)
+      terms.push_back(
+          {std::abs(in_map_order[c.offset + static_cast<Eigen::Index>(m)]), k, true, c.constant[m]});
+    for (std::size_t m = now.components[k].monotone.size(); m < c.monotone.size(); ++m)
+      terms.push_back({std::abs(in_map_order[c.offset + c.constant_count() + static_cast<Eigen::Index>(m)]),
+                       k, false, c.monotone[m]});
+  }
+  if (terms.empty()) return nullptr;
+  std::stable_sort(terms.begin(), terms.end(),
+                   [](const Term& a, const Term& b) { return a.slope > b.slope; });
+  const Eigen::Index wanted = options.terms_per_round > 0
+                                  ? options.terms_per_round
+                                  : std::max<Eigen::Index>(4, candidate.shape->layout.size() / 4);
+  MapSpecification next = now;
+  for (std::size_t i = 0; i < std::min(terms.size(), static_cast<std::size_t>(wanted)); ++i) {
+    auto& c = next.components[terms[i].component];
+    (terms[i].is_constant ? c.constant : c.monotone).push_back(terms[i].index);
+  }
+  return std::make_unique<MapShape>(std::move(next));
+}
+
+MapSolver::Workspace::Climb MapSolver::Workspace::climb_tempered(sampling::LogDensity& user_target,
+                                                                 sampling::CheckedDensity& target,
+                                                                 MapResult& result,
+                                                                 const AffineMap& pre_map) {
+  TemperedDensity tempered(user_target);
+  sampling::CheckedDensity checked(tempered);
+  const int order = std::clamp(3, options.min_order, options.max_order);
+  MapShape& of_order = shape(target.dimension(), order, options.parametrisation);
+  std::ptrdiff_t warm = -1;
+  for (const double beta : {0.0625, 0.125, 0.25, 0.5}) {
+    tempered.set_beta(beta);
+    Candidate& candidate = train(checked, result, pre_map, of_order, order, warm);
+    candidate.usable = false;
+    candidate.training_diagnostic = candidate.verified_diagnostic = std::numeric_limits<double>::infinity();
+    warm = static_cast<std::ptrdiff_t>(tried) - 1;
+  }
+  tempered_evaluations += checked.evaluations();
+  return climb(target, result, pre_map, options.parametrisation, Orientation::given, order, warm);
+}
+
+MapSolver::Workspace::Climb MapSolver::Workspace::fall_back(sampling::LogDensity& user_target,
+                                                            sampling::CheckedDensity& target,
+                                                            MapResult& result, const AffineMap& pre_map) {
+  const std::size_t standard = choose(target);
+  standard_diagnostic = candidates[standard].verified_diagnostic;
+  Climb climb;
+  climb.reached = standard_diagnostic <= options.tolerance;
+  const Parametrisation& own = options.parametrisation;
+  const auto attempt = [&](const Parametrisation& parametrisation, const AffineMap& axes,
+                           Orientation orientation) {
+    if (!climb.reached) climb = this->climb(target, result, axes, parametrisation, orientation, 1, -1);
+  };
+  // The orientation not taken.
+  const AffineMap taken = candidates[standard].pre_map;
+  const Eigen::Index d = target.dimension();
+  if (options.orientation == Orientation::automatic && d >= 2 && d <= k_most_turned && !options.family)
+    attempt(own, pre_map, taken.rotation.size() > 0 ? Orientation::given : Orientation::principal);
+  // Targets that are polynomial far into their tails, as Rosenbrock's.
+  if (own.basis == BasisFamily::hermite && own.tails == Tails::bent) {
+    Parametrisation wide = own;
+    wide.radii.tangent = std::max(8.0, own.radii.tangent);
+    attempt(wide, pre_map, options.orientation);
+  }
+  // Rectifiers without the barrier.
+  for (const Rectifier other : {Rectifier::softplus, Rectifier::exponential, Rectifier::square}) {
+    Parametrisation changed = own;
+    changed.rectifier = other;
+    if (other != own.rectifier) attempt(changed, taken, Orientation::given);
+  }
+  if (!climb.reached && !options.tempered) climb = climb_tempered(user_target, target, result, taken);
+  return climb;
+}
+
+}  // namespace knothe::transport

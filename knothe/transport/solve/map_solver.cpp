@@ -1,0 +1,211 @@
+#include "knothe/transport/solve/map_solver.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "knothe/base/error.hpp"
+#include "knothe/numerics/integrate/sobol.hpp"
+#include "knothe/transport/solve/map_solver_workspace.hpp"
+
+namespace knothe::transport {
+
+namespace {
+
+void require(const MapSolverOptions& o) {
+  if (!(o.tolerance > 0))
+    throw UsageError(fmt::format("map solver: tolerance {} is not positive", o.tolerance));
+  if (o.min_order < 1 || o.max_order < o.min_order || o.max_order > k_max_order)
+    throw UsageError(fmt::format("map solver: orders {} to {} asked for; they must lie in 1 … {}",
+                                 o.min_order, o.max_order, k_max_order));
+  if (!(o.regularisation >= 0))
+    throw UsageError(fmt::format("map solver: regularisation {} is negative", o.regularisation));
+  if (o.verification_points < 16)
+    throw UsageError(
+        fmt::format("map solver: {} verification points; at least 16 are needed", o.verification_points));
+}
+
+}  // namespace
+
+std::size_t MapSolver::Workspace::choose(sampling::CheckedDensity& target) {
+  // The best by training, then any that training says to be better than what verification says of it.
+  std::vector<std::size_t> by_training(tried);
+  for (std::size_t i = 0; i < tried; ++i) by_training[i] = i;
+  std::stable_sort(by_training.begin(), by_training.end(), [&](std::size_t i, std::size_t j) {
+    return candidates[i].training_diagnostic < candidates[j].training_diagnostic;
+  });
+  std::size_t best = by_training.front();
+  verify(target, candidates[best]);
+  for (const std::size_t i : by_training) {
+    if (!candidates[i].usable || candidates[best].verified_diagnostic <=
+                                     std::max(options.tolerance, 1.5 * candidates[i].training_diagnostic))
+      break;
+    verify(target, candidates[i]);
+    if (candidates[i].verified_diagnostic < candidates[best].verified_diagnostic) best = i;
+  }
+  for (std::size_t i = 0; i < tried; ++i)
+    if (candidates[i].usable && candidates[i].verified_diagnostic >= 0 &&
+        candidates[i].verified_diagnostic < candidates[best].verified_diagnostic)
+      best = i;
+  return best;
+}
+
+void MapSolver::Workspace::look_at_other_modes(sampling::CheckedDensity& target, MapResult& result) {
+  MissedModesOptions look;
+  look.level = options.search_modes;
+  look.mode_mass = options.mode_mass;
+  look.reference_spread = options.tempering_spread;
+  look.seed = options.seed;
+  look.max_moves = 3;  // the known mass is discounted: fewer particles, less far, find the rest
+  result.missed = look_for_missed_modes(target, result, mode_search, modes, look);
+  result.second_mode_found = result.missed.found;
+  result.second_mode = result.missed.mode;
+}
+
+MapSolver::MapSolver(MapSolverOptions options) : work_(std::make_unique<Workspace>()) {
+  require(options);
+  work_->options = options;
+  if (!(options.decrease_tolerance > 0)) work_->options.decrease_tolerance = 1e-3 * options.tolerance;
+}
+MapSolver::~MapSolver() = default;
+MapSolver::MapSolver(MapSolver&&) noexcept = default;
+MapSolver& MapSolver::operator=(MapSolver&&) noexcept = default;
+const MapSolverOptions& MapSolver::options() const {
+  return work_->options;
+}
+
+void MapSolver::Workspace::prepare(MapShape& shape, bool with_broad) {
+  (void)training_tables(shape);
+  (void)verification_tables(shape, options.verification_points);
+  if (!with_broad) return;
+  for (const int more : {2, 4}) (void)verification_tables(shape, more * options.verification_points, true);
+}
+
+bool MapSolver::Workspace::may_be_long(Eigen::Index d) const {
+  return options.long_first_variable && d >= 2 && d <= k_most_long && !options.family && !options.rule &&
+         !options.tempered && options.growth == Growth::order && options.max_order > k_first_long;
+}
+
+void MapSolver::prepare(Eigen::Index dimension) {
+  Workspace& work = *work_;
+  if (work.options.growth == Growth::greedy) return;
+  for (int order = work.options.min_order; order <= work.options.max_order; ++order) {
+    MapShape& shape = work.shape(dimension, order, work.options.parametrisation);
+    work.prepare(shape, order <= k_last_prepared_broad);
+  }
+}
+
+MapResult MapSolver::solve(sampling::LogDensity& target) {
+  MapResult result;
+  solve(target, result);
+  return result;
+}
+
+void MapSolver::solve(sampling::LogDensity& user_target, MapResult& result) {
+  Workspace& work = *work_;
+  const auto& options = work.options;
+  if (user_target.dimension() < 1 || user_target.dimension() > numerics::k_sobol_max_dimension)
+    throw UsageError(fmt::format("map solver: a density in {} dimensions; 1 to {} are possible",
+                                 user_target.dimension(), numerics::k_sobol_max_dimension));
+  sampling::CheckedDensity target(user_target);
+  work.mode_search.run(target, options.search_modes != ModeSearchLevel::none, work.modes, options.scan);
+  const sampling::Mode& main = work.modes.front();
+  result.mode = main.point;
+  result.mode_log_density = main.value;
+  for (const sampling::Mode& mode : work.modes)
+    if (mode.value > result.mode_log_density) result.mode = mode.point, result.mode_log_density = mode.value;
+  AffineMap laplace;
+  laplace.shift = main.point;
+  laplace.lower = main.lower;
+  result.iterations = 0;
+  work.tried = 0;
+  work.tempered_evaluations = 0;
+  work.grown.clear();
+
+  Workspace::Climb climb;
+  if (options.tempered)
+    climb = work.climb_tempered(user_target, target, result, laplace);
+  else if (options.growth == Growth::greedy)
+    climb = work.grow_greedily(target, result, laplace);
+  else
+    climb = work.climb(target, result, laplace, options.parametrisation, options.orientation,
+                       options.min_order, -1);
+  if (!climb.reached && work.may_be_long(user_target.dimension())) {
+    climb = work.climb_long(target, result,
+                            options.orientation == Orientation::given ? laplace : principal_axes(laplace));
+  }
+  const bool falls_back = !climb.reached && options.fallback;
+  if (falls_back) (void)work.fall_back(user_target, target, result, laplace);
+
+  auto& candidate = work.candidates[work.choose(target)];
+  work.report(candidate, result);
+  result.density_evaluations = target.evaluations() + work.tempered_evaluations;
+  result.reason.clear();
+  if (!result.tolerance_reached)
+    result.reason = fmt::format(
+        "the variance diagnostic is {:.2g} at order {} on points not used for training, {:.2g} on the "
+        "training rule, above "
+        "the tolerance {:.2g}; {}",
+        result.verified_diagnostic, result.order, result.training_diagnostic, options.tolerance,
+        climb.no_longer_falls ? "higher orders no longer lower it"
+                              : fmt::format("max_order is {}", options.max_order));
+  result.method = describe_method(result.map.parametrisation(), result.pre_map);
+  if (candidate.is_long) result.method += fmt::format(", order {} in the first variable", result.order);
+  if (falls_back && work.standard_diagnostic > options.tolerance)
+    result.method += fmt::format("; the standard way reached {:.2g}, {}", work.standard_diagnostic,
+                                 result.verified_diagnostic < work.standard_diagnostic
+                                     ? "this is the best of the others tried"
+                                     : "none of the others tried did better");
+  const auto before = target.evaluations();
+  work.look_at_other_modes(target, result);
+  result.density_evaluations += target.evaluations() - before;
+}
+
+void MapSolver::Workspace::report(Candidate& candidate, MapResult& result) {
+  result.pre_map = candidate.pre_map;
+  result.map = candidate.shape->identity;
+  result.map.set_coefficients(candidate.coefficients);
+  result.order = candidate.order;
+  result.training_diagnostic = candidate.training_diagnostic;
+  result.verified_diagnostic = candidate.verified_diagnostic;
+  result.training_objective = candidate.training_objective;
+  result.verified_objective = candidate.verified_objective;
+  result.tolerance_reached = candidate.verified_diagnostic <= options.tolerance;
+  result.diagnostic_by_order.clear();
+  result.objective_by_order.clear();
+  int next = options.min_order;  // the way to the map chosen: those that do not belong to it are left out
+  for (std::size_t i = 0; i < tried; ++i) {
+    const Candidate& c = candidates[i];
+    const bool same = c.shape->identity.parametrisation() == result.map.parametrisation() && c.usable;
+    const auto &here = c.pre_map.rotation, &chosen = result.pre_map.rotation;
+    const bool same_axes = c.order == 1 || (here.size() == chosen.size() && here == chosen);
+    const bool in_order = c.is_long || options.growth != Growth::order || c.order == next;
+    if (!same || !same_axes || c.is_long != candidate.is_long || !in_order) continue;
+    ++next;
+    result.diagnostic_by_order.push_back(c.training_diagnostic);
+    result.objective_by_order.push_back(c.training_objective);
+  }
+  std::swap(result.verification, candidate.verification);
+  candidate.verified_diagnostic = -1;
+}
+
+ComposedMap MapResult::composed() const {
+  ComposedMap both(map.dimension());
+  both.append(pre_map);
+  both.append(map);
+  return both;
+}
+
+Eigen::MatrixXd MapResult::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& reference) const {
+  return composed().evaluate(reference);
+}
+Eigen::MatrixXd MapResult::inverse(const Eigen::Ref<const Eigen::MatrixXd>& z) const {
+  return composed().inverse(z);
+}
+Eigen::VectorXd MapResult::log_density(const Eigen::Ref<const Eigen::MatrixXd>& z) const {
+  return composed().log_density(z);
+}
+
+}  // namespace knothe::transport

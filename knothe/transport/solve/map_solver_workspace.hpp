@@ -1,0 +1,163 @@
+#pragma once
+/// @file What a MapSolver keeps between solves. Private to the room.
+#include <algorithm>
+#include <map>
+#include <memory>
+#include <string>
+#include <tuple>
+#include <utility>
+#include <vector>
+
+#include "knothe/numerics/optimise/bfgs.hpp"
+#include "knothe/numerics/optimise/lbfgs.hpp"
+#include "knothe/numerics/optimise/nelder_mead.hpp"
+#include "knothe/numerics/optimise/newton_cg.hpp"
+#include "knothe/numerics/optimise/trust_region.hpp"
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
+#include "knothe/sampling/mode_search.hpp"
+#include "knothe/transport/solve/kl_objective.hpp"
+#include "knothe/transport/solve/map_solver.hpp"
+
+namespace knothe::transport {
+
+/// Independent points with their tables for maps of one shape. Tables are never enlarged in place: a result
+/// must not depend, not even in its last bit, on what was solved before.
+struct VerificationTables {
+  Eigen::MatrixXd reference;  ///< the points
+  PointTables points;         ///< square only: a map with another rectifier is evaluated by its own code
+  Eigen::VectorXd log_reference;
+};
+
+/// Spread of the defensive half of the points of an importance correction.
+inline constexpr double k_broad = 1.5;
+
+/// A map without coefficients, with all that is tabulated for it.
+struct MapShape {
+  TriangularMap identity;
+  MapLayout layout;
+  std::unique_ptr<TrainingTables> training;
+  std::map<std::pair<Eigen::Index, bool>, std::unique_ptr<VerificationTables>>
+      verification;  ///< (n, is_broad)
+
+  explicit MapShape(MapSpecification specification) : identity(std::move(specification)), layout(identity) {}
+};
+
+struct MapSolver::Workspace {
+  MapSolverOptions options;
+  sampling::ModeSearch mode_search;
+  std::vector<sampling::Mode> modes;
+  std::map<std::tuple<Eigen::Index, int, Parametrisation>, std::unique_ptr<MapShape>,
+           bool (*)(const std::tuple<Eigen::Index, int, Parametrisation>&,
+                    const std::tuple<Eigen::Index, int, Parametrisation>&)>
+      shapes;  ///< (d, order, parametrisation)
+  std::map<std::pair<Eigen::Index, int>, std::unique_ptr<MapShape>>
+      long_shapes;                               ///< (d, order of the others)
+  std::vector<std::unique_ptr<MapShape>> grown;  ///< those of the greedy growth of the last solve
+  std::unique_ptr<MapShape> foreign;             ///< of a map that this solver did not make
+  KullbackLeiblerObjective objective;
+  numerics::NewtonTrustRegion newton;
+  numerics::NewtonCg newton_cg;
+  numerics::Bfgs bfgs;
+  numerics::Lbfgs lbfgs;
+  numerics::NelderMead nelder_mead;
+  numerics::WeightedQuantiles quantiles;
+  Eigen::VectorXd coefficients, scratch;
+  std::vector<ComponentValues> component;
+  MapBatch map_batch;
+  sampling::LogDensityBatch batch;
+  WeightedPoints more_points;
+
+  /// A candidate map: one per order and way tried.
+  struct Candidate {
+    MapShape* shape = nullptr;
+    AffineMap pre_map;
+    int order = 0;
+    bool is_long = false;  ///< of climb_long
+    bool usable = true;    ///< false: of a tempered target, only there to begin the next one at
+    double training_diagnostic = 0;
+    double verified_diagnostic = -1;  ///< −1: not verified
+    double training_objective = 0, verified_objective = 0;
+    Eigen::VectorXd coefficients;  ///< in the map's order
+    WeightedPoints verification;
+    [[nodiscard]] double diagnostic() const { return std::max(training_diagnostic, verified_diagnostic); }
+  };
+  std::vector<Candidate> candidates;  ///< reused; the first `tried` are of this solve
+  std::size_t tried = 0;
+  double standard_diagnostic = 0;  ///< verified, before any other way was tried
+  std::int64_t tempered_evaluations = 0;
+
+  Workspace();
+  MapShape& shape(Eigen::Index d, int order, const Parametrisation& parametrisation);
+  /// A map of that order whose first variable has a far higher one.
+  MapShape& long_shape(Eigen::Index d, int order);
+  MapShape& shape_of(const TriangularMap& map);
+  const TrainingTables& training_tables(MapShape& shape);
+  /// `is_broad`: half of the points are spread by k_broad, and log_reference is that of the mixture ½ N(0, I)
+  /// + ½ N(0, k_broad² I).
+  const VerificationTables& verification_tables(MapShape& shape, Eigen::Index n, bool is_broad = false);
+
+  /// log-weights at n independent points under pre_map ∘ (map of `shape` with `map_coefficients`).
+  void weigh(sampling::CheckedDensity& target, const AffineMap& pre_map, MapShape& shape,
+             const Eigen::VectorXd& map_coefficients, Eigen::Index n, WeightedPoints& out,
+             bool is_broad = false);
+  numerics::MinimiserSummary minimise(sampling::CheckedDensity& target, const MapShape& shape);
+  /// A new candidate, begun at candidate `warm` (of the same parametrisation; −1: at the identity).
+  Candidate& train(sampling::CheckedDensity& target, MapResult& result, const AffineMap& pre_map,
+                   MapShape& shape, int order, std::ptrdiff_t warm);
+  void verify(sampling::CheckedDensity& target, Candidate& candidate);
+
+  /// Orders from `first` on, the first one from candidate `warm`, until the tolerance is reached and verified
+  /// (true) or higher orders no longer help.
+  struct Climb {
+    bool reached = false, no_longer_falls = false;
+  };
+  Climb climb(sampling::CheckedDensity& target, MapResult& result, AffineMap pre_map,
+              const Parametrisation& parametrisation, Orientation orientation, int first,
+              std::ptrdiff_t warm);
+  /// Orders 2 to 5 with three times as much along the first variable, from the identity.
+  Climb climb_long(sampling::CheckedDensity& target, MapResult& result, const AffineMap& pre_map);
+  Climb grow_greedily(sampling::CheckedDensity& target, MapResult& result, const AffineMap& pre_map);
+  /// The candidate's shape with the terms of its margin along which the objective is steepest; null if none.
+  std::unique_ptr<MapShape> steepest_terms(sampling::CheckedDensity& target, const MapResult& result,
+                                           const AffineMap& pre_map, const Candidate& candidate);
+  Climb climb_tempered(sampling::LogDensity& user_target, sampling::CheckedDensity& target, MapResult& result,
+                       const AffineMap& pre_map);
+  Climb fall_back(sampling::LogDensity& user_target, sampling::CheckedDensity& target, MapResult& result,
+                  const AffineMap& pre_map);
+  /// climb_long may be tried.
+  [[nodiscard]] bool may_be_long(Eigen::Index d) const;
+  /// Makes the tables of a shape; `with_broad`: those of the importance correction's further points too.
+  void prepare(MapShape& shape, bool with_broad);
+  /// The best verified candidate.
+  std::size_t choose(sampling::CheckedDensity& target);
+  void report(Candidate& candidate, MapResult& result);
+  void look_at_other_modes(sampling::CheckedDensity& target, MapResult& result);
+};
+
+/// Orders of the other variables that climb_long tries.
+inline constexpr int k_first_long = 2;
+[[nodiscard]] inline constexpr int last_long(Eigen::Index d) {
+  return d == 2 ? 6 : 4;  // in three variables a Newton step at order 5 takes a second
+}
+/// Up to this order the tables of a correction's further points are made in advance. Those of higher orders
+/// and of long first variables are nine tenths of all tables and most posteriors never need them.
+inline constexpr int k_last_prepared_broad = 4;
+/// From here on maps with a long first variable cost ten times more: only for what is far from the tolerance.
+inline constexpr int k_first_dear_long = 5;
+/// Dimensions in which it is tried.
+inline constexpr Eigen::Index k_most_long = 3;
+
+/// The rule for maps of this shape, if the caller has none.
+[[nodiscard]] numerics::PointRule default_training_rule(const MapShape& shape);
+
+/// The pre-map turned to the principal axes of its covariance, longest first.
+[[nodiscard]] AffineMap principal_axes(const AffineMap& pre_map);
+
+/// Which rectifier, tails and orientation a candidate has, in words.
+[[nodiscard]] std::string describe_method(const Parametrisation& parametrisation, const AffineMap& pre_map);
+
+/// ½ variance and mean of log ρ − log π̄∘T − log|det ∇T| from log-weights; a weight of zero counts as e^−1000
+/// of the largest.
+void diagnose(const Eigen::VectorXd& log_weight, double& diagnostic, double& objective);
+
+}  // namespace knothe::transport
