@@ -1,7 +1,10 @@
-# make demo   installs what is needed, builds, and runs the main job
-# make demo-live   the online service with a simulated camera, and its page
-# make test   the same, and passes the tests; the last line is `N passed, N failed`
-.PHONY: demo-live demo test test-all bench build dependencies dashboard dashboard-test format tidy install clean
+# make demo        installs what the programs need, builds them, and runs the main job
+# make demo-live   the same with the online service, a simulated camera, and its page
+# make test        everything in release and its tests; the last line is `N passed, N failed`
+# make check       address and undefined-behaviour sanitizers on the online rooms, and fuzzers on the parsers; likewise
+# make test-all    both with full counts and every check, and the thread sanitizer: hours, for the night
+# Each installs what it needs itself (scripts/packages.txt).
+.PHONY: demo demo-live test check test-all bench build dependencies dashboard dashboard-test format tidy install clean
 
 JOBS ?= $(shell nproc)
 
@@ -11,36 +14,49 @@ demo: build
 demo-live: build
 	scripts/demo-live.sh
 
-test: dependencies
-	scripts/test.sh
+test:
+	@scripts/install-dependencies.sh build test
+	scripts/test.sh release
 
-test-all: dependencies
-	scripts/test.sh all
+check:
+	@scripts/install-dependencies.sh build check
+	scripts/test.sh asan fuzz
 
+test-all:
+	@scripts/install-dependencies.sh build test check
+	scripts/test.sh --full release asan-all tsan fuzz
+
+# The programs only. In a new folder without the tests, and with sources in groups (cmake/KnotheUnity.cmake).
 build: dependencies
-	cmake --preset release
-	cmake --build --preset release -j $(JOBS)
+	cmake --preset release $(if $(wildcard build/release/CMakeCache.txt),,-DBUILD_TESTING=OFF -DKNOTHE_UNITY=8)
+	cmake --build --preset release -j $(JOBS) --target programs
 
 bench: build
+	@scripts/install-dependencies.sh bench
 	bench/run.sh
 
 # The page of `knothe serve` from its sources; only those who change it need this.
-dashboard: dependencies
+dashboard:
+	@scripts/install-dependencies.sh page
 	cd dashboard && npm ci --no-audit --no-fund && npm run build
 
-dashboard-test: dependencies
+dashboard-test:
+	@scripts/install-dependencies.sh page
 	cd dashboard && npm ci --no-audit --no-fund && npm test
 
 dependencies:
-	@scripts/install-dependencies.sh
+	@scripts/install-dependencies.sh build
 
 format:
+	@scripts/install-dependencies.sh format
 	scripts/check-format.sh fix
 
 tidy: build
+	@scripts/install-dependencies.sh tidy
 	clang-tidy -p build/release $$(git ls-files 'knothe/*.cpp' 'apps/*.cpp')
 
 install: build
+	cmake --build --preset release -j $(JOBS)
 	cmake --install build/release
 
 clean:

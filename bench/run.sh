@@ -16,7 +16,7 @@ beam() {
   "$knothe" simulate "$folder/beam.toml" --model "$folder/beam.h5" -o "$folder/data.h5"
 }
 
-[ -f build/release/build.ninja ] || make build
+cmake --preset release -DKNOTHE_BENCHMARKS=ON >/dev/null
 cmake --build --preset release --target benchmarks
 for program in build/release/bench/*_bench; do
   name=$(basename "$program")

@@ -1,21 +1,19 @@
-# Sources compiled together, N at a time, as one unit: headers are parsed and Eigen's templates compiled once per group, so
-# a build from nothing takes half the time; but a change of one file compiles its group. Hence where nobody waits for one
-# file: the sanitizers' presets, and the test programs of `make test` in a new build folder (scripts/test.sh). The rooms'
-# libraries are never grouped in a release build: what the compiler inlines, and so the last bit of a result, stays one.
-set(KNOTHE_UNITY 0 CACHE STRING "Sources of a library compiled together; 0: each alone")
-set(KNOTHE_UNITY_PROGRAMS ${KNOTHE_UNITY} CACHE STRING "Sources of a test program compiled together; 0: each alone")
-if(KNOTHE_UNITY OR KNOTHE_UNITY_PROGRAMS)
+# Sources compiled together, N at a time, as one unit: headers are parsed and Eigen's templates compiled once per group, so a
+# build from nothing takes a third of the time; but a change of one file compiles its group. `make` groups in a new build
+# folder, as do the sanitizers' presets; `cmake --preset release` compiles each file alone, for those who work on one.
+set(KNOTHE_UNITY 0 CACHE STRING "Sources compiled together; 0: each alone")
+if(KNOTHE_UNITY)
   find_package(Python3 REQUIRED COMPONENTS Interpreter)
 endif()
 
-# knothe_unity(TARGET SIZE): which sources go together is chosen by unity_groups.py.
-function(knothe_unity target size)
-  if(NOT size)
+# knothe_unity(TARGET): which sources go together is chosen by unity_groups.py.
+function(knothe_unity target)
+  if(NOT KNOTHE_UNITY)
     return()
   endif()
   get_target_property(sources ${target} SOURCES)
-  list(FILTER sources EXCLUDE REGEX "^/") # generated ones stay alone
-  execute_process(COMMAND ${Python3_EXECUTABLE} ${CMAKE_SOURCE_DIR}/cmake/unity_groups.py ${size} ${sources}
+  list(FILTER sources EXCLUDE REGEX "^${CMAKE_BINARY_DIR}/") # generated ones stay alone
+  execute_process(COMMAND ${Python3_EXECUTABLE} ${CMAKE_SOURCE_DIR}/cmake/unity_groups.py ${KNOTHE_UNITY} ${sources}
                   WORKING_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR} OUTPUT_VARIABLE groups COMMAND_ERROR_IS_FATAL ANY)
   # A name that comes or goes may change the groups.
   set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${sources})

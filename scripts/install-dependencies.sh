@@ -1,14 +1,19 @@
 #!/usr/bin/env bash
-# Installs the Debian packages of scripts/packages.txt that are missing; quick when all are there.
+# install-dependencies.sh WORD…: installs the Debian packages that scripts/packages.txt lists for one of these words and that
+# are missing; quick when all are there.
 set -euo pipefail
 cd "$(dirname "$0")"
-mapfile -t wanted < <(grep -v '^#' packages.txt)
-# Node only tests and bundles the page; where it comes from NodeSource, Debian's npm would be in conflict with it.
-command -v npm >/dev/null || wanted+=(nodejs npm)
 missing=()
-for package in "${wanted[@]}"; do
-  [ "$(dpkg-query -W -f '${db:Status-Status}' "$package" 2>/dev/null)" = installed ] || missing+=("$package")
-done
+while read -r package words; do
+  [[ $package != \#* ]] || continue
+  for word in "$@"; do
+    [[ " $words " == *" $word "* ]] || continue
+    # Where node comes from NodeSource, Debian's npm would be in conflict with it.
+    case $package in nodejs | npm) ! command -v npm >/dev/null || continue ;; esac
+    [ "$(dpkg-query -W -f '${db:Status-Status}' "$package" 2>/dev/null)" = installed ] || missing+=("$package")
+    break
+  done
+done <packages.txt
 if [ ${#missing[@]} -eq 0 ]; then
   exit 0
 fi

@@ -1,7 +1,6 @@
 #!/usr/bin/env bash
-# Formatting, then all tests in release, then those of the online rooms under address and undefined-behaviour
-# sanitizers, then libFuzzer on the parsers. `scripts/test.sh all` adds the tests labelled `nightly` and the thread sanitizer.
-# The last line is `N passed, N failed`.
+# test.sh [--full] PRESET…: builds each preset and passes its tests (before `release`: formatting); without --full none that is
+# labelled `nightly`. The last line is `N passed, N failed`.
 set -uo pipefail
 cd "$(dirname "$0")/.."
 passed=0
@@ -9,7 +8,7 @@ failed=0
 failures=() # presets of which tests failed
 broken=()   # what failed and is no test
 exclude=(-LE nightly)
-[ "${1:-}" = all ] && exclude=()
+if [ "$1" = --full ]; then exclude=(); shift; fi
 
 # Two slots per core: tests that compute take two (PROCESSORS, cmake/KnotheRoom.cmake), those that mostly wait take one.
 slots=$((2 * $(nproc)))
@@ -23,14 +22,15 @@ break_off() {
   broken+=("$1 $2")
 }
 
-mkdir -p build
-if scripts/check-format.sh 2>&1 | tee build/format.log; then passed=$((passed + 1)); else break_off format build/format.log; fi
+format() {
+  if scripts/check-format.sh 2>&1 | tee build/format.log; then passed=$((passed + 1)); else break_off format build/format.log; fi
+}
 
 run() {  # preset
   echo "== $1: configure and build"
-  local grouped=() # in a new folder test programs are compiled in groups: nobody waits for one file (cmake/KnotheUnity.cmake)
-  [ "$1" != release ] || [ -e build/release/CMakeCache.txt ] || grouped=(-DKNOTHE_UNITY_PROGRAMS=8)
-  if ! cmake --preset "$1" "${grouped[@]}" >"build/$1.configure.log" 2>&1; then
+  local grouped=() # in a new folder sources are compiled in groups: nobody waits for one file (cmake/KnotheUnity.cmake)
+  [ "$1" != release ] || [ -e build/release/CMakeCache.txt ] || grouped=(-DKNOTHE_UNITY=8)
+  if ! cmake --preset "$1" -DBUILD_TESTING=ON "${grouped[@]}" >"build/$1.configure.log" 2>&1; then
     cat "build/$1.configure.log"; break_off "$1:configure" "build/$1.configure.log"; return
   fi
   grep -A4 -i warning "build/$1.configure.log"
@@ -67,14 +67,11 @@ tell_failures() {
   done
 }
 
-run release
-if [ "${1:-}" = all ]; then
-  run asan-all
-  run tsan
-else
-  run asan  # fewer checks, and without the tests of statistics: see CMakePresets.json
-fi
-run fuzz
+mkdir -p build
+for preset in "$@"; do
+  [ "$preset" != release ] || format
+  run "$preset"
+done
 tell_failures
 echo "$passed passed, $failed failed"
 [ "$failed" -eq 0 ]
