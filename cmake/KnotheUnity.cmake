@@ -21,6 +21,8 @@ function(knothe_unity target)
     set_source_files_properties(${source} PROPERTIES UNITY_GROUP ${target}_${group})
   endforeach()
   set_target_properties(${target} PROPERTIES UNITY_BUILD ON UNITY_BUILD_MODE GROUP)
-  # A type that is used in its own file alone looks to GCC as if it stood in a header.
-  target_compile_options(${target} PRIVATE $<$<CXX_COMPILER_ID:GNU>:-Wno-subobject-linkage>)
+  # A type that is used in its own file alone looks to GCC as if it stood in a header. And GCC need not look for memory to
+  # give back before it has 512 MB: that is an eighth of the time.
+  target_compile_options(${target} PRIVATE
+    $<$<CXX_COMPILER_ID:GNU>:-Wno-subobject-linkage;SHELL:--param ggc-min-heapsize=524288>)
 endfunction()
