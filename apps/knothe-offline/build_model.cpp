@@ -86,7 +86,7 @@ reduction::GridSolutions solve_separated(const BuildArguments& arguments,
                                          const mechanics::BeamProblem& problem,
                                          const std::vector<reduction::Axis>& axes) {
   mechanics::SeparatedOptions separated;
-  if (options.latin_accuracy > 0) separated.accuracy = options.latin_accuracy;
+  if (options.latin_accuracy) separated.accuracy = *options.latin_accuracy;
   separated.window = options.latin_window;
   separated.most_terms = options.latin_terms;
   separated.threads = static_cast<std::size_t>(options.processes);
@@ -126,18 +126,18 @@ reduction::GridSolutions solve_separated(const BuildArguments& arguments,
   return std::move(model.grid);
 }
 
-const std::string& method_of(const BuildArguments& arguments, const project::OfflineOptions& options) {
-  return arguments.method.empty() ? options.method : arguments.method;
+project::OfflineMethod method_of(const BuildArguments& arguments, const project::OfflineOptions& options) {
+  return from_text<project::OfflineMethod>(arguments.method).value_or(options.method);
 }
 
 /// The solution at all points of the grid, by the method that is asked for.
 reduction::GridSolutions solve_grid(const BuildArguments& arguments, const project::OfflineOptions& options,
                                     const mechanics::BeamProblem& problem,
                                     const std::vector<reduction::Axis>& axes, int sparse_level) {
-  if (method_of(arguments, options) == "latin") {
+  if (method_of(arguments, options) == project::OfflineMethod::latin) {
     if (options.latin_full) return solve_separated(arguments, options, problem, axes);
     mechanics::LatinOptions latin;
-    if (options.latin_accuracy > 0) latin.accuracy = options.latin_accuracy;
+    if (options.latin_accuracy) latin.accuracy = *options.latin_accuracy;
     latin.window = options.latin_window;
     latin.threads = static_cast<std::size_t>(options.processes);
     latin.quiet = false;
@@ -209,7 +209,7 @@ reduction::GridSolutions too_few_runs(const project::OfflineOptions& options, do
   fmt::print(stderr,
              "knothe: warning: grid_error {:g} m is not met ({:g} m), and a finer grid would have {} points, "
              "more than [offline.adaptive] runs = {}\n",
-             options.adaptive_grid_error, error, points, options.adaptive_runs);
+             *options.adaptive_grid_error, error, points, options.adaptive_runs);
   return solutions;
 }
 
@@ -219,16 +219,16 @@ reduction::GridSolutions solve_adaptive_grid(const BuildArguments& arguments, co
                                              std::vector<reduction::Axis> axes,
                                              const std::vector<reduction::OffGridSolution>& off_grid) {
   const project::OfflineOptions& options = *project.offline;
-  int level = options.sparse_level;
+  int level = options.sparse_level.value_or(-1);
   while (true) {
     reduction::GridSolutions solutions = solve_grid(arguments, options, problem, axes, level);
-    if (options.adaptive_grid_error <= 0) return solutions;
+    if (!options.adaptive_grid_error) return solutions;
     const reduction::Snapshots& snapshots = solutions.snapshots;
     const std::vector<std::size_t> dofs = judged_dofs(project, snapshots.dofs);
     const double error = interpolation_error(snapshots, dofs, off_grid);
     fmt::print(stderr, "parameter grid of {} points: off the grid at most {:.3f} µm on the observed dofs\n",
                snapshots.grid_size(), 1e6 * error);
-    if (error <= options.adaptive_grid_error) return solutions;
+    if (error <= *options.adaptive_grid_error) return solutions;
     if (level >= 0 && level < reduction::finest_level(axes)) {
       // The runs of the lower level stay.
       if (runs_of(axes, level + 1) > static_cast<std::size_t>(options.adaptive_runs))
@@ -256,8 +256,8 @@ int build_model(const BuildArguments& arguments) {
   const project::OfflineOptions& options = *project.offline;
 
   const std::vector<reduction::Axis> axes = parameter_axes(project);
-  const bool is_latin = method_of(arguments, options) == "latin";
-  if (options.adaptive_grid_error > 0 && is_latin)
+  const bool is_latin = method_of(arguments, options) == project::OfflineMethod::latin;
+  if (options.adaptive_grid_error && is_latin)
     throw ProjectError("\"grid_error\" adds full-order runs: it goes with method = \"snapshots\"");
   check_adaptive(project, axes);
   const bool is_first = mechanics::Ranks::of_this_job().rank == 0;
@@ -267,7 +267,7 @@ int build_model(const BuildArguments& arguments) {
   }
   // The off-grid runs judge an adaptive grid; without one they come last, when the grid's runs are safe.
   std::vector<reduction::OffGridSolution> off_grid;
-  if (options.adaptive_grid_error > 0) off_grid = off_grid_runs(problem, axes);
+  if (options.adaptive_grid_error) off_grid = off_grid_runs(problem, axes);
   const reduction::GridSolutions solutions = solve_adaptive_grid(arguments, project, problem, axes, off_grid);
 
   // In an MPI job all ranks have computed runs and now hold the same snapshots; the first one goes on.
@@ -277,8 +277,8 @@ int build_model(const BuildArguments& arguments) {
   }
 
   reduction::CompressionOptions compression;
-  compression.form = options.form == "canonical" ? reduction::Form::canonical : reduction::Form::tree;
-  compression.modes = options.adaptive_error > 0 || options.adaptive_shift > 0
+  compression.form = options.form;
+  compression.modes = options.adaptive_error || options.adaptive_shift
                           ? choose_modes(project, solutions, compression.form)
                           : static_cast<std::size_t>(options.modes);
   compression.quiet = false;
@@ -301,7 +301,7 @@ int build_model(const BuildArguments& arguments) {
                                          {"max_error_m", model.max_error_m}}));
   } else {
     fmt::print("{}: {} form, {} modes, error on the grid {:.2g} (relative), at most {:.3g} µm on any dof\n",
-               arguments.output, options.form, model.parameter_modes, model.relative_error,
+               arguments.output, to_text(options.form), model.parameter_modes, model.relative_error,
                model.max_error_m * 1e6);
   }
   mechanics::Ranks::finish();

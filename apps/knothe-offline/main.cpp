@@ -6,6 +6,7 @@
 #include "apps/guarded_main.hpp"
 #include "apps/knothe-offline/commands.hpp"
 #include "knothe/base/version.hpp"
+#include "knothe/project/offline_options.hpp"
 
 int main(int argc, char** argv) {
   using namespace knothe::offline_commands;
@@ -23,7 +24,7 @@ int main(int argc, char** argv) {
   offline.add_option("FILE", build.project, "project file")->required();
   offline.add_option("-o,--output", build.output, "model file to write")->required();
   offline.add_option("--method", build.method, "how: snapshots or latin (default: the project's)")
-      ->check(CLI::IsMember({"snapshots", "latin"}));
+      ->check(CLI::IsMember(knothe::words_of<knothe::project::OfflineMethod>()));
   offline.add_flag("--json", build.json, "JSON lines on stdout");
   offline.callback([&] { chosen = [&] { return build_model(build); }; });
 
@@ -47,7 +48,7 @@ int main(int argc, char** argv) {
       ->check(CLI::PositiveNumber);
   study_command.add_option("--laws", study.laws, "regularisations")
       ->delimiter(',')
-      ->check(CLI::IsMember({"none", "crack-band", "gradient"}));
+      ->check(CLI::IsMember(knothe::words_of<knothe::project::DamageRegularisation>()));
   study_command.add_option("--steps", study.steps, "load steps (default: the project's)")
       ->check(CLI::PositiveNumber);
   study_command.add_option("-o,--output", study.output, "figure to write (.svg)");

@@ -65,9 +65,7 @@ Run compute(mechanics::BeamProblem problem, const std::string& law, double eleme
   // One column of elements above the notch on every mesh: an even number of columns has more than one
   // solution.
   problem.beam.notch_width = element;
-  problem.solver.regularisation.kind = law == "crack-band" ? mechanics::Regularisation::crack_band
-                                       : law == "gradient" ? mechanics::Regularisation::gradient
-                                                           : mechanics::Regularisation::none;
+  problem.solver.regularisation.kind = *from_text<mechanics::Regularisation>(law);
   mechanics::FullOrderModel model = mechanics::make_full_order_model(problem);
   Progress progress(fmt::format("{}, elements of {:g} mm", law, 1e3 * element),
                     static_cast<std::size_t>(problem.solver.steps));

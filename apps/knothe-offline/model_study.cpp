@@ -30,7 +30,7 @@ std::shared_ptr<const ObservedModel> uncompressed(const reduction::GridSolutions
 /// The dofs at which [simulate] measures; none where there is no such table, or where it draws pictures.
 std::vector<std::size_t> simulated_dofs(const project::Project& project, const reduction::Dofs& dofs) {
   if (!project.simulate) return {};
-  return assimilation::choose_dofs(dofs, project::dof_selection(*project.simulate), project.simulate->seed);
+  return assimilation::choose_dofs(dofs, project.simulate->dofs, project.simulate->seed);
 }
 
 /// Synthetic data of the uncompressed model at a truth, and the posterior they give: the judge.
@@ -125,7 +125,7 @@ std::vector<std::vector<double>> points_in_box(const std::vector<reduction::Axis
 }
 
 void check_adaptive(const project::Project& project, const std::vector<reduction::Axis>& axes) {
-  if (!(project.offline->adaptive_shift > 0)) return;
+  if (!project.offline->adaptive_shift) return;
   const auto has_prior = [&](const reduction::Axis& axis) {
     return std::any_of(project.parameters.begin(), project.parameters.end(),
                        [&](const project::NamedPrior& parameter) { return parameter.name == axis.name; });
@@ -139,7 +139,7 @@ void check_adaptive(const project::Project& project, const std::vector<reduction
 std::size_t choose_modes(const project::Project& project, const reduction::GridSolutions& solutions,
                          reduction::Form form) {
   const project::OfflineOptions& options = *project.offline;
-  const bool by_shift = options.adaptive_shift > 0;
+  const bool by_shift = options.adaptive_shift.has_value();
   std::vector<std::size_t> candidates;
   for (const std::size_t m : {3u, 6u, 10u, 15u, 20u, 30u, 40u, 50u, 65u, 80u, 100u})
     if (m < solutions.snapshots.grid_size() && (m <= 30 || form == reduction::Form::tree))
@@ -162,7 +162,7 @@ std::size_t choose_modes(const project::Project& project, const reduction::GridS
   reduction::CompressionOptions compression;
   compression.form = form;
   double reached = 0;
-  const double wanted = by_shift ? options.adaptive_shift : options.adaptive_error;
+  const double wanted = *(by_shift ? options.adaptive_shift : options.adaptive_error);
   for (reduction::StudiedModel& studied : reduction::compression_study(solutions, compression, candidates)) {
     const reduction::SeparatedModel model(std::move(studied.model));
     reached = by_shift ? 0 : largest_error(model, seen, dofs);

@@ -12,17 +12,14 @@ mechanics::BeamProblem beam_problem(const project::Project& project) {
   mechanics::BeamProblem problem;
   problem.beam.element = options.element;
   problem.beam.layers = options.layers;
-  problem.beam.left_support = options.left_support == "face" ? mechanics::LeftSupport::left_face
-                                                             : mechanics::LeftSupport::support_line;
+  problem.beam.left_support = options.left_support;
   problem.gmsh_file = options.gmsh;
   problem.elastic.young_modulus = options.young_modulus;
   problem.elastic.poisson_ratio = options.poisson_ratio;
   problem.solver.steps = options.steps;
   problem.solver.displacement = options.displacement;
   auto& regularisation = problem.solver.regularisation;
-  regularisation.kind = options.regularisation == "crack-band" ? mechanics::Regularisation::crack_band
-                        : options.regularisation == "gradient" ? mechanics::Regularisation::gradient
-                                                               : mechanics::Regularisation::none;
+  regularisation.kind = options.regularisation;
   regularisation.reference_size = options.reference_size;
   regularisation.internal_length = options.internal_length;
   for (const project::OfflineParameter& parameter : options.parameters) {

@@ -234,7 +234,7 @@ std::array<std::size_t, 2> redo_range(const std::string& text, std::size_t steps
 
 int assimilate(const AssimilateArguments& arguments) {
   project::Project project = project::read_project(arguments.project);
-  if (!arguments.method.empty()) project.method.kind = arguments.method;
+  if (const auto kind = from_text<assimilation::Method>(arguments.method)) project.method.kind = *kind;
   if (!arguments.results.empty()) project.results = arguments.results;
   project::UpdateSetup setup = project::set_up(project, true);
 

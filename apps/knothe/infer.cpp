@@ -214,13 +214,13 @@ int infer(const InferArguments& arguments) {
   if (!arguments.results.empty()) project.results = arguments.results;
   if (!arguments.compare.empty()) return compare(arguments, project);
   const bool overridden = !arguments.method.empty();
-  if (!overridden && project.method.kind.ends_with("kf")) {
+  if (!overridden && !inference::is_one_shot(project.method.kind)) {
     throw project.error_at("method.kind",
                            fmt::format("method.kind = \"{}\" is for `knothe assimilate`; one-shot inference "
                                        "takes \"transport\", \"mcmc\", \"smc\" or \"grid\"",
-                                       project.method.kind));
+                                       to_text(project.method.kind)));
   }
-  const Method method = inference::method_from(overridden ? arguments.method : project.method.kind);
+  const Method method = overridden ? inference::method_from(arguments.method) : project.method.kind;
   require_possible(project, method, overridden);
   const Answer answer = run(project, method, project.results);
   if (arguments.json) {

@@ -8,9 +8,11 @@
 #include "apps/guarded_main.hpp"
 #include "apps/knothe/commands.hpp"
 #include "apps/knothe/sibling_commands.hpp"
+#include "knothe/assimilation/update/method.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/base/version.hpp"
 #include "knothe/files/atomic_file.hpp"
+#include "knothe/reduction/model/form_names.hpp"
 
 namespace {
 
@@ -46,7 +48,7 @@ void add_model(CLI::App& app, Command& chosen) {
   import_command.add_option("SNAPSHOTS", import.snapshots, "snapshot file")->required();
   import_command.add_option("-o,--output", import.output, "model file to write")->required();
   import_command.add_option("--form", import.form, "canonical or tree")
-      ->check(CLI::IsMember({"canonical", "tree"}))
+      ->check(CLI::IsMember(knothe::words_of<knothe::reduction::Form>()))
       ->capture_default_str();
   import_command.add_option("--modes", import.modes, "number of modes")->check(CLI::PositiveNumber);
   import_command.add_option("--tolerance", import.tolerance, "relative L² error")->check(CLI::PositiveNumber);
@@ -77,7 +79,7 @@ void add_assimilate(CLI::App& app, Command& chosen) {
                           "knothe assimilate examples/beam/quick.toml");
   command.add_option("FILE", arguments.project, "project file")->required();
   command.add_option("--method", arguments.method, "transport, grid, mcmc, smc, ekf, ukf or enkf")
-      ->check(CLI::IsMember({"transport", "grid", "mcmc", "smc", "ekf", "ukf", "enkf"}));
+      ->check(CLI::IsMember(knothe::words_of<knothe::assimilation::Method>()));
   command.add_option("--redo", arguments.redo,
                      "FROM:TO: these steps with the model corrected for its bias, later ones as they follow");
   command.add_flag("--json", arguments.json, "one line of JSON per step on stdout");

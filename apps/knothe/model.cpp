@@ -11,6 +11,7 @@
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/reduction/compress/compression.hpp"
+#include "knothe/reduction/model/form_names.hpp"
 #include "knothe/reduction/model/separated_model.hpp"
 #include "knothe/reduction/model/truncation_error.hpp"
 
@@ -146,7 +147,7 @@ int model_evaluate(const EvaluateArguments& arguments) {
 
 int model_import(const ImportArguments& arguments) {
   reduction::CompressionOptions options;
-  options.form = arguments.form == "canonical" ? reduction::Form::canonical : reduction::Form::tree;
+  options.form = *from_text<reduction::Form>(arguments.form);
   options.modes = static_cast<std::size_t>(arguments.modes);
   if (arguments.tolerance > 0) options.tolerance = arguments.tolerance;
   options.quiet = false;

@@ -41,7 +41,7 @@ int select(const SelectArguments& arguments) {
                assimilation::explain(study, i, names));
   }
   fmt::print("{} of {} dofs by {} in {:.2f} s; fields and comparison: {}\n", study.ranked.size(),
-             setup.candidates.size(), project.select.criterion, study.choice_seconds,
+             setup.candidates.size(), to_text(project.select.criterion), study.choice_seconds,
              (folder / "selection.html").string());
   return 0;
 }

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "knothe/base/enum_names.hpp"
 #include "knothe/forecast/crack_bridge.hpp"
 #include "knothe/forecast/quantity_of_interest.hpp"
 #include "knothe/forecast/scalar_forecast.hpp"
@@ -32,6 +33,13 @@ struct ForecastSpecification {
   int component = 0;              ///< displacement
   std::string output;             ///< name of a model's output
 };
+
+constexpr auto names_of(ForecastSpecification::Quantity /*quantity*/) {
+  using Quantity = ForecastSpecification::Quantity;
+  return std::to_array<Named<Quantity>>({{Quantity::crack_length, "crack_length"},
+                                         {Quantity::displacement, "displacement"},
+                                         {Quantity::output, "output"}});
+}
 
 /// One forecast after one step.
 struct NamedForecast {

@@ -140,14 +140,9 @@ Eigen::VectorXd most_probable(PosteriorDensity& posterior, const ModelEvaluator&
 
 }  // namespace
 
-std::string to_text(Method method) {
-  static constexpr const char* k_names[] = {"transport", "mcmc", "smc", "grid"};
-  return k_names[static_cast<int>(method)];
-}
-
 Method method_from(const std::string& text) {
-  for (const Method method : {Method::transport, Method::mcmc, Method::smc, Method::grid})
-    if (text == to_text(method)) return method;
+  const std::optional<Method> method = from_text<Method>(text);
+  if (method && is_one_shot(*method)) return *method;
   throw UsageError(
       fmt::format("\"{}\" is not a method of inference: there are transport, mcmc, smc and grid", text));
 }
@@ -170,12 +165,12 @@ InferenceResult infer(PosteriorDensity& posterior, ModelEvaluator& evaluator,
     case Method::grid:
       by_grid(posterior, evaluator, options, r);
       break;
-    case Method::mcmc: {
+    case Method::markov_chain: {
       const Phase phase("Markov chains", evaluator, r);
       by_markov_chains(posterior, options, r);
       break;
     }
-    case Method::smc: {
+    case Method::sequential_monte_carlo: {
       const Phase phase("particles", evaluator, r);
       by_particles(posterior, options, r);
       break;

@@ -4,16 +4,21 @@
 #include <string>
 #include <vector>
 
+#include "knothe/assimilation/update/method.hpp"
 #include "knothe/inference/posterior_density.hpp"
 #include "knothe/inference/weighted_summary.hpp"
 #include "knothe/transport/solve/map_solver.hpp"
 
 namespace knothe::inference {
 
-enum class Method { transport, mcmc, smc, grid };
+using assimilation::Method;
+using knothe::to_text;
 
-/// The name in project files and on the command line.
-[[nodiscard]] std::string to_text(Method method);
+/// Whether it needs no sequence of data: all but the Kalman filters.
+constexpr bool is_one_shot(Method method) {
+  return method < Method::extended_kalman;
+}
+
 /// Errors: UsageError with the names there are.
 [[nodiscard]] Method method_from(const std::string& text);
 

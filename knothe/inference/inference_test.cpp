@@ -153,7 +153,7 @@ TEST(Inference, AllMethodsAgree) {
   };
   const InferenceResult judge = run(Method::grid);
   EXPECT_TRUE(judge.trusted) << judge.verdict;
-  for (const Method method : {Method::transport, Method::mcmc, Method::smc}) {
+  for (const Method method : {Method::transport, Method::markov_chain, Method::sequential_monte_carlo}) {
     const InferenceResult result = run(method);
     const Comparison c = compare(judge, result);
     const double tolerance = method == Method::transport ? 0.02 : 0.12;

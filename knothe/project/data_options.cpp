@@ -2,63 +2,197 @@
 
 #include <fmt/format.h>
 
-#include <array>
+#include <algorithm>
 
 #include "knothe/base/error.hpp"
-#include "knothe/project/project_values.hpp"
+#include "knothe/project/option_section.hpp"
 
 namespace knothe::project {
 namespace {
 
-std::array<double, 3> read_point(Values& values, const std::string& path, const std::string& sensor) {
-  const std::vector<double> point = values.numbers(path);
+using assimilation::Prior;
+
+struct SensorOptions {
+  enum class Kind { strain, opening, combination } kind = Kind::strain;
+  std::vector<double> from, to;
+  std::vector<std::vector<double>> points;
+  std::vector<int> components;
+  std::vector<double> coefficients;
+};
+
+constexpr auto names_of(SensorOptions::Kind /*kind*/) {
+  using Kind = SensorOptions::Kind;
+  return std::to_array<Named<Kind>>(
+      {{Kind::strain, "strain"}, {Kind::opening, "opening"}, {Kind::combination, "combination"}});
+}
+
+const Section<SensorOptions>& sensor_section() {
+  using S = SensorOptions;
+  static const Section<S> k_section = [] {
+    Section<S> s("data.sensors.*", "A sensor of that name.");
+    s.add("kind", &S::kind,
+          "How far two points move apart: by their distance (`strain`), in metres (`opening`); or a sum of "
+          "displacements (`combination`).",
+          required);
+    s.add("from", &S::from, "First point of a strain gauge or an opening, [x, y, z], m.");
+    s.add("to", &S::to, "Second point of it.");
+    s.add("points", &S::points, "Points of a combination, [[x, y, z], …], m.");
+    s.add("components", &S::components, "Component at each of these points, `x`, `y` or `z`.",
+          of_shape(k_component_words));
+    s.add("coefficients", &S::coefficients, "Factor of each of these displacements.");
+    return s;
+  }();
+  return k_section;
+}
+
+struct ParameterOptions {
+  std::optional<Prior::Family> family;  ///< none: the parameter is known
+  std::optional<double> value;
+  double mean = 0, std = 1;
+  double lower = 0, upper = 1;
+  double mu = 0, sigma = 1;
+};
+
+const Section<ParameterOptions>& parameter_section() {
+  using P = ParameterOptions;
+  static constexpr auto k_priors =
+      std::to_array<Named<std::optional<Prior::Family>>>({{Prior::Family::normal, "normal"},
+                                                          {Prior::Family::uniform, "uniform"},
+                                                          {Prior::Family::lognormal, "lognormal"},
+                                                          {std::nullopt, "known"}});
+  static const Section<P> k_section = [] {
+    Section<P> s("parameters.*", "Prior of the parameter of that name.");
+    s.choice(
+        "prior", &P::family, k_priors,
+        "Family of the prior; or a parameter that is not inferred (`known`), a temperature say: the data "
+        "file has its value at each time as a series of its name (`knothe assimilate`).",
+        required);
+    s.add("value", &P::value,
+          "Known parameter: its value for forecasts and fields; without it, the last one measured.");
+    s.add("mean", &P::mean, "Mean of a normal prior, before truncation to the model's box.", no_default);
+    s.add("std", &P::std, "Standard deviation of a normal prior, before truncation.", positive, no_default);
+    s.add("lower", &P::lower, "Lower end of a uniform prior.", no_default);
+    s.add("upper", &P::upper, "Upper end of a uniform prior.", no_default);
+    s.add("mu", &P::mu, "Mean of the logarithm, lognormal prior.", no_default);
+    s.add("sigma", &P::sigma, "Standard deviation of the logarithm, lognormal prior.", positive, no_default);
+    return s;
+  }();
+  return k_section;
+}
+
+std::array<double, 3> point_of(Values& values, const std::vector<double>& point, const std::string& sensor,
+                               const char* key) {
   if (point.size() == 3) return {point[0], point[1], point[2]};
-  values.complain(path,
-                  fmt::format("[{}] needs \"{}\" = [x, y, z], m", sensor, path.substr(path.rfind('.') + 1)));
+  values.complain(sensor + "." + key, fmt::format("[{}] needs \"{}\" = [x, y, z], m", sensor, key));
   return {};
 }
 
-reduction::ScalarObservation read_combination(Values& values, const std::string& path) {
+reduction::ScalarObservation combination(Values& values, const SensorOptions& o, const std::string& path) {
   reduction::ScalarObservation sensor;
-  const auto points = values.matrix(path + ".points");
-  const auto components = values.texts(path + ".components");
-  sensor.coefficients = values.numbers(path + ".coefficients");
-  if (points.empty() || components.size() != points.size() || sensor.coefficients.size() != points.size()) {
+  const std::size_t components = values.get<std::vector<std::string>>(path + ".components").size();
+  if (o.points.empty() || components != o.points.size() || o.coefficients.size() != o.points.size()) {
     values.complain(path, fmt::format("[{}]: a combination needs as many \"points\" as \"components\" and "
                                       "\"coefficients\", here {}, {} and {}",
-                                      path, points.size(), components.size(), sensor.coefficients.size()));
+                                      path, o.points.size(), components, o.coefficients.size()));
     return sensor;
   }
-  for (const auto& point : points) {
+  for (const auto& point : o.points) {
     if (point.size() != 3)
       values.complain(path + ".points", fmt::format("[{}]: a point is [x, y, z], m", path));
     sensor.points.insert(sensor.points.end(), point.begin(), point.end());
   }
-  for (const std::string& c : components) {
-    if (c != "x" && c != "y" && c != "z") {
-      values.complain(path + ".components",
-                      fmt::format("a component is \"x\", \"y\" or \"z\", not \"{}\"", c));
-    }
-    sensor.components.push_back(c.empty() ? 0 : c[0] - 'x');
-  }
+  sensor.components.assign(o.components.begin(), o.components.end());
+  sensor.coefficients = o.coefficients;
   return sensor;
+}
+
+reduction::ScalarObservation read_sensor(Values& values, const std::string& name) {
+  const std::string path = "data.sensors." + name;
+  const SensorOptions o = sensor_section().read(values, name);
+  reduction::ScalarObservation sensor;
+  if (o.kind == SensorOptions::Kind::combination) {
+    sensor = combination(values, o, path);
+  } else {
+    const auto from = point_of(values, o.from, path, "from"), to = point_of(values, o.to, path, "to");
+    try {
+      sensor =
+          reduction::ScalarObservation::elongation(name, from, to, o.kind == SensorOptions::Kind::strain);
+    } catch (const UsageError& error) {
+      values.complain(path, fmt::format("[{}]: {}", path, error.what()));
+    }
+  }
+  sensor.name = name;
+  return sensor;
+}
+
+/// The keys that belong to a family beside `prior`.
+std::vector<std::string> keys_of(Prior::Family family) {
+  switch (family) {
+    case Prior::Family::normal:
+      return {"mean", "std"};
+    case Prior::Family::uniform:
+      return {"lower", "upper"};
+    case Prior::Family::lognormal:
+      return {"mu", "sigma"};
+  }
+  return {};
+}
+
+/// Complains of keys that are not among those `taken`, or are missing from those `needed`.
+void check_keys(Values& values, const std::string& path, const std::string& what,
+                const std::vector<std::string>& taken, const std::vector<std::string>& needed) {
+  const std::vector<std::string> given = values.children_of(path);
+  for (const std::string& key : needed) {
+    if (std::find(given.begin(), given.end(), key) == given.end())
+      values.complain(path, fmt::format("[{}]: a {} needs \"{}\"", path, what, key));
+  }
+  for (const std::string& key : given) {
+    if (key != "prior" && std::find(taken.begin(), taken.end(), key) == taken.end())
+      values.complain(path + "." + key, fmt::format("\"{}\" does not belong to a {}, which takes {}", key,
+                                                    what, fmt::join(taken, " and ")));
+  }
+}
+
+Prior prior_of(Values& values, const ParameterOptions& o, const std::string& path) {
+  const std::vector<std::string> keys = keys_of(*o.family);
+  check_keys(values, path, values.get<std::string>(path + ".prior") + " prior", keys, keys);
+  if (*o.family == Prior::Family::normal) return Prior::normal(o.mean, o.std);
+  if (*o.family == Prior::Family::lognormal) return Prior::lognormal(o.mu, o.sigma);
+  if (o.upper > o.lower) return Prior::uniform(o.lower, o.upper);
+  values.complain(path + ".upper", fmt::format("[{}]: \"upper\" must be greater than \"lower\"", path));
+  return Prior::uniform(0, 1);
 }
 
 }  // namespace
 
-reduction::ScalarObservation read_sensor(Values& values, const std::string& name) {
-  const std::string path = "data.sensors." + name, kind = values.text(path + ".kind", "");
-  if (kind == "combination") {
-    reduction::ScalarObservation sensor = read_combination(values, path);
-    sensor.name = name;
-    return sensor;
-  }
-  const auto from = read_point(values, path + ".from", path), to = read_point(values, path + ".to", path);
-  try {
-    return reduction::ScalarObservation::elongation(name, from, to, kind == "strain");
-  } catch (const UsageError& error) {
-    values.complain(path, fmt::format("[{}]: {}", path, error.what()));
-    return {};
+std::vector<Option> data_option_table() {
+  return joined(
+      Section<SensorOptions>("data.sensors",
+                             "Sensors made of displacements; the data file has their values as a "
+                             "series of the same name."),
+      sensor_section(),
+      Section<ParameterOptions>("parameters",
+                                "One table per parameter of the model; their order is the order everywhere."),
+      parameter_section());
+}
+
+std::vector<reduction::ScalarObservation> read_sensors(Values& values) {
+  std::vector<reduction::ScalarObservation> sensors;
+  for (const std::string& name : values.children_of("data.sensors"))
+    sensors.push_back(read_sensor(values, name));
+  return sensors;
+}
+
+void read_parameters(Values& values, Project& project) {
+  for (const std::string& name : values.children_of("parameters")) {
+    const std::string path = "parameters." + name;
+    const ParameterOptions o = parameter_section().read(values, name);
+    if (o.family) {
+      project.parameters.push_back({name, prior_of(values, o, path)});
+    } else if (values.has(path + ".prior")) {  // else its absence is complained of already
+      check_keys(values, path, "known parameter", {"value"}, {});
+      project.known.push_back({name, o.value});
+    }
   }
 }
 

@@ -1,14 +1,15 @@
 #pragma once
-/// @file Reading of [data.sensors]. Private to this room.
-#include <string>
+/// @file Reading of [data.sensors] and [parameters]. Private to this room.
+#include <vector>
 
-#include "knothe/reduction/observe/scalar_observations.hpp"
+#include "knothe/project/project_file.hpp"
 
 namespace knothe::project {
 
-struct Values;
+/// The sensors [data.sensors.NAME]; complains of what they lack.
+[[nodiscard]] std::vector<reduction::ScalarObservation> read_sensors(Values& values);
 
-/// The sensor [data.sensors.NAME]; complains of what it lacks.
-[[nodiscard]] reduction::ScalarObservation read_sensor(Values& values, const std::string& name);
+/// The table [parameters], into the project; complains of keys that a prior lacks or does not take.
+void read_parameters(Values& values, Project& project);
 
 }  // namespace knothe::project

@@ -5,19 +5,49 @@
 #include <Eigen/Eigenvalues>
 #include <cmath>
 
+#include "knothe/project/option_section.hpp"
+
 namespace knothe::project {
 namespace {
 
-std::vector<std::size_t> read_indices(Values& values, const std::string& path) {
-  std::vector<std::size_t> indices;
-  for (const double v : values.numbers(path)) {
-    if (!(v >= 0 && v == std::floor(v) && v < 1e15)) {
-      values.complain(path, fmt::format("\"{}\" must be whole numbers from 0, not {}", path, v));
-      return {};
-    }
-    indices.push_back(static_cast<std::size_t>(v));
-  }
-  return indices;
+const Section<UmbridgeOptions>& umbridge_section() {
+  using U = UmbridgeOptions;
+  static constexpr auto k_derivatives = std::to_array<Named<int>>({{2, "all"}, {1, "first"}, {0, "none"}});
+  static const Section<U> k_section = [] {
+    Section<U> s("model");
+    s.add("umbridge", &U::url, "Address of a UM-Bridge 1.0 server, `\"http://HOST:PORT\"` (`knothe infer`).");
+    s.add("name", &U::name, "Name of the server's model; not needed if it has only one.");
+    s.add("config", &U::config, "Passed through to the server with every request.", free_table);
+    s.add("timeout", &U::timeout, "Longest time that a request may take, s.", positive);
+    s.add("connections", &U::connections, "Requests made side by side, 1 to 64.", at_least(1), at_most(64));
+    s.choice("kind", &U::density, "forward", "density",
+             "Predictions of the observations, or one number: the complete log posterior density.");
+    s.choice("derivatives", &U::derivatives, k_derivatives,
+             "Derivatives to ask the server for, of those that it says it has.");
+    s.add("difference_step", &U::difference_step,
+          "Step of central differences, in units of the prior's scale, where the server has no derivatives.",
+          positive, check([](double v) { return v < 0.1; }, "\"{}\" must be below 0.1"));
+    return s;
+  }();
+  return k_section;
+}
+
+const Section<ObservationOptions>& observation_section() {
+  using O = ObservationOptions;
+  static const Section<O> k_section = [] {
+    Section<O> s("observations", "What was observed of the model's outputs (`knothe infer`).");
+    s.add("values", &O::values, "Observed values, in the order of the model's outputs.", required);
+    s.add("std", &O::std, "Standard deviation of the noise of each value.");
+    s.add("covariance", &O::covariance, "Covariance of the noise instead: symmetric, positive definite.");
+    s.add("dofs", &O::dofs, "Separated model: indices of the dofs observed, all of them at each step.",
+          of_shape("whole numbers from 0"));
+    s.add("steps", &O::steps,
+          "Separated model: indices of the time steps observed; the values are ordered step by step.",
+          of_shape("whole numbers from 0"));
+    s.add("output", &O::output, "Separated model: observe this output of the model instead of dofs.");
+    return s;
+  }();
+  return k_section;
 }
 
 /// A covariance of n values: square, symmetric, positive definite.
@@ -65,21 +95,12 @@ void check_covariance(Values& values, const std::vector<std::vector<double>>& ro
 
 }  // namespace
 
+std::vector<Option> inference_option_table() {
+  return joined(umbridge_section(), observation_section());
+}
+
 UmbridgeOptions read_umbridge(Values& values) {
-  values.at_least("model.connections", 1);
-  if (values.integer("model.connections", 1) > 64)
-    values.complain("model.connections", "\"model.connections\" must be at most 64");
-  UmbridgeOptions o;
-  o.url = values.text("model.umbridge", "");
-  o.name = values.text("model.name", "");
-  o.config = values.text("model.config", o.config);
-  o.timeout = values.number("model.timeout", o.timeout);
-  o.connections = static_cast<int>(values.integer("model.connections", 1));
-  o.density = values.text("model.kind", "forward") == "density";
-  o.derivatives = values.text("model.derivatives", o.derivatives);
-  o.difference_step = values.number("model.difference_step", o.difference_step);
-  if (o.difference_step >= 0.1)
-    values.complain("model.difference_step", "\"model.difference_step\" must be below 0.1");
+  UmbridgeOptions o = umbridge_section().read(values);
   if (!o.url.empty() && values.has("model.separated"))
     values.complain("model.umbridge", "[model] has both \"umbridge\" and \"separated\": choose one");
   if (o.density && values.has_table("observations"))
@@ -92,13 +113,7 @@ UmbridgeOptions read_umbridge(Values& values) {
 }
 
 ObservationOptions read_observations(Values& values) {
-  ObservationOptions o;
-  o.values = values.numbers("observations.values");
-  o.std = values.numbers("observations.std");
-  o.covariance = values.matrix("observations.covariance");
-  o.dofs = read_indices(values, "observations.dofs");
-  o.steps = read_indices(values, "observations.steps");
-  o.output = values.text("observations.output", "");
+  ObservationOptions o = observation_section().read(values);
   const bool has_std = values.has("observations.std"), has_covariance = values.has("observations.covariance");
   if (values.has("observations.values") && o.values.empty())
     values.complain("observations.values", "\"observations.values\" is empty: nothing was observed");

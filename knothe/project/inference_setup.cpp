@@ -39,14 +39,7 @@ void set_up_server(const Project& project, InferenceSetup& setup) {
         "observations",
         "\"dofs\", \"steps\" and \"output\" choose from a separated model; all outputs of a "
         "UM-Bridge model are observed, in their order");
-  inference::UmbridgeSettings settings;
-  settings.url = o.url;
-  settings.name = o.name;
-  settings.config = o.config;
-  settings.timeout = o.timeout;
-  settings.connections = o.connections;
-  settings.derivatives = o.derivatives == "none" ? 0 : o.derivatives == "first" ? 1 : 2;
-  settings.density = o.density;
+  inference::UmbridgeSettings settings = o;
   settings.parameters = setup.parameters;
   std::unique_ptr<inference::UmbridgeModel> model;
   try {
@@ -162,11 +155,10 @@ InferenceSetup set_up_inference(const Project& project) {
 inference::InferenceOptions inference_options(const Project& project, inference::Method method) {
   inference::InferenceOptions options;
   options.method = method;
-  options.map = map_options(project.method);
+  options.map = project.method.update.map;
+  options.map.seed = project.method.seed;
   options.map.verification_points = project.method.verification_points;
-  options.map.search_modes = project.method.mode_search == "multi-start"
-                                 ? transport::ModeSearchLevel::multi_start
-                                 : transport::ModeSearchLevel::tempered;
+  options.map.search_modes = project.method.mode_search;
   options.samples = project.method.samples;
   options.seed = project.method.seed;
   for (const NamedPrior& parameter : project.parameters) options.names.push_back(parameter.name);

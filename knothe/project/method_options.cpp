@@ -1,79 +1,130 @@
 #include "knothe/project/method_options.hpp"
 
-#include <fmt/format.h>
+#include <tuple>
 
-#include <cmath>
-
-#include "knothe/project/project_values.hpp"
+#include "knothe/project/option_section.hpp"
+#include "knothe/transport/solve/solver_names.hpp"
 
 namespace knothe::project {
 namespace {
 
-/// A whole number between two others, both included.
-int read_between(Values& values, const std::string& key, int otherwise, int least, int most) {
-  const auto value = values.integer(key, otherwise);
-  if (value < least || value > most)
-    values.complain(key, fmt::format("\"{}\" must be from {} to {}", key, least, most));
-  return static_cast<int>(value);
+using M = MethodOptions;
+using U = assimilation::UpdateOptions;
+using Map = transport::MapSolverOptions;
+using Bias = assimilation::BiasOptions;
+
+void add_noise_options(Section<M>& s) {
+  s.choice("likelihood", &M::student_t, "gaussian", "student-t",
+           "Noise of each sensor in `knothe assimilate`: Gaussian, or Student-t, to which outliers do little "
+           "(independent noise only).");
+  s.add("degrees_of_freedom", &M::degrees_of_freedom, "Of the Student-t likelihood.", positive);
+  s.add("gate", &M::gate,
+        "Values whose innovation is more than so many of its standard deviations are rejected; 0: none.",
+        non_negative);
+  s.choice("noise_level", &M::unknown_noise_level, "known", "unknown",
+           "Whether the noise of the data file is right, or one factor of all its variances is inferred with "
+           "the parameters.");
+  s.add("noise_level_shape", &M::noise_level_shape, "Shape a of that factor's inverse-gamma prior.",
+        positive);
+  s.add("noise_level_scale", &M::noise_level_scale, "Scale b of it; the prior's mean is b/(a − 1).",
+        positive);
+  s.add("offset_std", &M::offset_std,
+        "Standard deviation of a constant, unknown offset of each sensor, m; integrated out.", non_negative);
+  s.choice("truncation_error", &M::truncation_error, "off", "on",
+           "Whether the reduced model's own error, whose covariance is in the model's file, is added to the "
+           "noise of the measurements.");
 }
 
-void read_bias(Values& values, MethodOptions& method) {
-  method.bias_correction = values.text("method.bias_correction", method.bias_correction);
-  method.bias_extrapolation = values.text("method.bias_extrapolation", method.bias_extrapolation);
-  method.bias_memory = values.number("method.bias_memory", method.bias_memory);
-  method.bias_rank = read_between(values, "method.bias_rank", method.bias_rank, 1, 20);
-  method.bias_order = read_between(values, "method.bias_order", method.bias_order, 0, 3);
-  method.bias_window = read_between(values, "method.bias_window", method.bias_window, 1, 32);
+void add_change_options(Section<M>& s) {
+  s.add("forgetting", in(&M::update, &U::forgetting),
+        "A structure that changes: before each datum the likelihood of those before it is raised to this "
+        "power, at most 1.",
+        positive, at_most(1, ", which forgets nothing"));
+  s.add("change_points", in(&M::update, &U::change_points),
+        "Steps before which the structure changed: data before them count by `change_retention` only.",
+        of_shape("steps, 0, 1, 2 …"));
+  s.add("change_retention", in(&M::update, &U::change_retention),
+        "Power to which the likelihood of the data before a change is raised; 0: the posterior begins anew.",
+        non_negative, between(0, 1));
+  s.choice(
+      "on_alarm", in(&M::update, &U::restart_on_alarm), "none", "restart",
+      "Whether an alarm of the evidence monitor is taken for a change of the structure, from when it began.");
 }
 
-void read_change(Values& values, MethodOptions& method) {
-  method.forgetting = values.number("method.forgetting", method.forgetting);
-  if (method.forgetting > 1)
-    values.complain("method.forgetting", "\"method.forgetting\" must be at most 1, which forgets nothing");
-  for (const double step : values.numbers("method.change_points")) {
-    if (!(step >= 0 && step == std::floor(step) && step < 1e9)) {
-      values.complain("method.change_points", "\"method.change_points\" must be steps, 0, 1, 2 …");
-      break;
-    }
-    method.change_points.push_back(static_cast<std::size_t>(step));
-  }
-  method.change_retention = values.number("method.change_retention", method.change_retention);
-  if (method.change_retention > 1)
-    values.complain("method.change_retention", "\"method.change_retention\" must be from 0 to 1");
-  method.restart_on_alarm = values.text("method.on_alarm", "none") == "restart";
+void add_bias_options(Section<M>& s) {
+  using assimilation::Extrapolation;
+  using Way = std::tuple<Bias::Way, Extrapolation>;
+  static constexpr auto k_ways =
+      std::to_array<Named<Way>>({{{Bias::Way::joint, Extrapolation::polynomial}, "joint"},
+                                 {{Bias::Way::modes, Extrapolation::polynomial}, "linear"},
+                                 {{Bias::Way::modes, Extrapolation::damped_trend}, "damped-trend"},
+                                 {{Bias::Way::modes, Extrapolation::gaussian_process}, "gaussian-process"},
+                                 {{Bias::Way::pointwise, Extrapolation::polynomial}, "pointwise"}});
+  s.add("bias_correction", in(&M::update, &U::bias_correction),
+        "Correction of model bias: never, at every step, or from when the evidence monitor finds that the "
+        "model does not explain the data until it does again.");
+  s.choice(
+      "bias_extrapolation", [](M& m) { return std::tie(m.update.bias.way, m.update.bias.extrapolation); },
+      k_ways,
+      "How the bias goes on to the next time: unknown together with the parameters and integrated out "
+      "(`joint`), or as the last residual, its time modes along a polynomial (`linear`), a damped trend, a "
+      "Gaussian process; or each sensor by itself along a line through its last two residuals.");
+  s.add("bias_memory", in(&M::update, &U::bias, &Bias::memory),
+        "`joint`: number of steps after which the bias has forgotten itself.", positive);
+  s.add("bias_rank", in(&M::update, &U::bias, &Bias::rank),
+        "Modes of the bias that are kept, 1 to 20 (not `joint`).", between(1, 20));
+  s.add("bias_order", in(&M::update, &U::bias, &Bias::order), "Degree of the polynomial, 0 to 3.",
+        between(0, 3));
+  s.add("bias_window", in(&M::update, &U::bias, &Bias::window),
+        "Number of last steps that the polynomial is fitted to, 1 to 32; at least `bias_order` + 1 are used.",
+        between(1, 32));
+}
+
+void add_map_options(Section<M>& s) {
+  s.add("form", in(&M::update, &U::form),
+        "All data in one quadratic form, or a composition of low-order maps.");
+  s.add("tolerance", in(&M::update, &U::map, &Map::tolerance),
+        "Tolerance on the verified variance diagnostic.", positive);
+  s.add("max_order", in(&M::update, &U::map, &Map::max_order), "Highest order of the map, 1 to 23.",
+        at_least(1), at_most(23));
+  s.add("minimiser", in(&M::update, &U::map, &Map::minimiser),
+        "Minimiser of the Kullback-Leibler divergence.");
+  s.add("samples", &M::samples, "Draws that `knothe infer` leaves, at least 100.", at_least(100));
+  s.add("verification_points", &M::verification_points,
+        "`knothe infer`: points on which a map is verified and corrected, at least 64; each is an evaluation "
+        "of the model.",
+        at_least(64));
+  s.add("mode_search", &M::mode_search,
+        "How far `knothe infer` looks for mass that its map misses: particles that come from three times the "
+        "priors' width (some thousands of evaluations of the model), or ascents from several starts alone "
+        "(hundreds).");
+  s.add("seed", &M::seed, "Seed of quasi-random points, chains and particles.");
+}
+
+const Section<M>& section() {
+  static const Section<M> k_section = [] {
+    Section<M> s("method", "How the posterior is computed.");
+    s.add(
+        "kind", &M::kind,
+        "Transport map; dense quadrature on a grid (at most 3 parameters); Markov chain and sequential Monte "
+        "Carlo; for `knothe assimilate` also the extended, unscented and ensemble Kalman filter.");
+    add_map_options(s);
+    add_noise_options(s);
+    add_change_options(s);
+    add_bias_options(s);
+    return s;
+  }();
+  return k_section;
 }
 
 }  // namespace
 
+std::vector<Option> method_option_table() {
+  return joined(section());
+}
+
 MethodOptions read_method(Values& values) {
-  values.at_least("method.max_order", 1);
-  if (values.integer("method.max_order", 1) > 23) {
-    values.complain("method.max_order", "\"method.max_order\" must be at most 23");
-  }
-  MethodOptions method;
-  method.kind = values.text("method.kind", method.kind);
-  method.form = values.text("method.form", method.form);
-  method.tolerance = values.number("method.tolerance", method.tolerance);
-  method.max_order = static_cast<int>(values.integer("method.max_order", method.max_order));
-  method.minimiser = values.text("method.minimiser", method.minimiser);
-  method.mode_search = values.text("method.mode_search", method.mode_search);
-  values.at_least("method.samples", 100);
-  values.at_least("method.verification_points", 64);
-  method.samples = static_cast<int>(values.integer("method.samples", method.samples));
-  method.verification_points =
-      static_cast<int>(values.integer("method.verification_points", method.verification_points));
-  method.seed = static_cast<std::uint64_t>(values.integer("method.seed", 1));
-  method.likelihood = values.text("method.likelihood", method.likelihood);
-  method.degrees_of_freedom = values.number("method.degrees_of_freedom", method.degrees_of_freedom);
-  method.gate = values.number("method.gate", method.gate);
-  method.unknown_noise_level = values.text("method.noise_level", "known") == "unknown";
-  method.noise_level_shape = values.number("method.noise_level_shape", method.noise_level_shape);
-  method.noise_level_scale = values.number("method.noise_level_scale", method.noise_level_scale);
-  method.offset_std = values.number("method.offset_std", method.offset_std);
-  method.truncation_error = values.text("method.truncation_error", "off") == "on";
-  read_change(values, method);
-  read_bias(values, method);
-  return method;
+  return section().read(values);
 }
 
 }  // namespace knothe::project

@@ -1,10 +1,30 @@
 #pragma once
-/// @file Reading of [method]. Private to this room.
-#include "knothe/project/project_file.hpp"
+/// @file The table [method] of a project file: how the posterior is computed.
+#include <cstdint>
+
+#include "knothe/assimilation/update/method.hpp"
+#include "knothe/assimilation/update/update_options.hpp"
 
 namespace knothe::project {
 
 struct Values;
+
+struct MethodOptions {
+  assimilation::Method kind = assimilation::Method::transport;
+  /// Form, map, bias, changes; `update_options` adds what stands below.
+  assimilation::UpdateOptions update;
+  transport::ModeSearchLevel mode_search = transport::ModeSearchLevel::tempered;  ///< of `knothe infer`
+  bool student_t = false;                                                         ///< else Gaussian
+  double degrees_of_freedom = 4;
+  double gate = 0;
+  bool unknown_noise_level = false;
+  double noise_level_shape = 2, noise_level_scale = 1;
+  double offset_std = 0;          ///< m
+  bool truncation_error = false;  ///< the model's own error is added to the noise
+  int samples = 10000;
+  int verification_points = 1024;  ///< of `knothe infer`
+  std::uint64_t seed = 1;
+};
 
 /// The table [method]; complains of what is out of range.
 [[nodiscard]] MethodOptions read_method(Values& values);

@@ -10,8 +10,9 @@ using K = ValueKind;
 const std::vector<Option>& options() {
   static const std::vector<Option> k_all = [] {
     std::vector<Option> all;
-    for (const auto& part : {data_option_table(), method_option_table(), offline_option_table(),
-                             serve_option_table(), picture_option_table()})
+    for (const auto& part : {project_option_table(), inference_option_table(), data_option_table(),
+                             method_option_table(), offline_option_table(), simulation_option_table(),
+                             forecast_option_table(), serve_option_table(), picture_option_table()})
       all.insert(all.end(), part.begin(), part.end());
     return all;
   }();
@@ -38,8 +39,6 @@ std::string describe(ValueKind kind) {
       return "a positive number";
     case K::non_negative:
       return "a number that is not negative";
-    case K::boolean:
-      return "true or false";
     case K::choice:
       return "one of the words given";
     case K::numbers:
@@ -58,7 +57,7 @@ std::string describe(ValueKind kind) {
 std::string option_reference() {
   std::string out =
       "# Project file: all options\n\n"
-      "Made by `knothe check --options` from the table in `knothe/project/option_table.cpp`; do not edit. "
+      "Made by `knothe check --options` from the tables in `knothe/project/*_options.cpp`; do not edit. "
       "The format is TOML; paths are relative to the file; `*` stands for a name.\n\n"
       "| option | value | default | meaning |\n| --- | --- | --- | --- |\n";
   for (const Option& option : options()) {

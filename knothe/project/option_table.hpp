@@ -1,6 +1,7 @@
 #pragma once
-/// @file The one table of all options of a project file: it validates, suggests the near miss, and makes the
-/// reference `docs/project-file.md`.
+/// @file The one table of all options of a project file: it validates, suggests the near miss, fills the
+/// structs of options, and makes the reference `docs/project-file.md`.
+#include <functional>
 #include <span>
 #include <string>
 #include <vector>
@@ -15,7 +16,6 @@ enum class ValueKind {
   number,
   positive,
   non_negative,
-  boolean,
   choice,
   numbers,
   texts,
@@ -24,26 +24,34 @@ enum class ValueKind {
   free_table  ///< any content, handed on as JSON
 };
 
-/// One option. `path` is dotted, with `*` for a name that the user chooses: "parameters.*.mean".
+/// One option. What it is bound to, and how it is read, is known to its section (option_section.hpp).
 struct Option {
-  std::string path;
+  /// What a number must be beyond its kind. The complaint may name the option's path as `{}`.
+  struct Check {
+    std::function<bool(double)> holds;
+    std::string complaint;
+  };
+
+  std::string path;  ///< dotted, with `*` for a name that the user chooses: "parameters.*.mean"
   ValueKind kind;
-  std::string default_value;         ///< as written in the file; empty: none
   std::string meaning;               ///< one sentence, with the unit
+  std::string default_value;         ///< what the struct begins with, as written in the file; empty: none
   std::vector<std::string> choices;  ///< for ValueKind::choice
   bool required = false;             ///< must be there if its table is
+  bool is_file = false;              ///< relative to the project file
+  std::string shape;                 ///< what an array must be: "two numbers, [x, y]"
+  std::vector<Check> checks;
 };
 
-// The parts of the table, in the order of the reference.
-/// [model], [data], [observations], [parameters].
+// The parts of the table.
+[[nodiscard]] std::vector<Option> project_option_table();
+[[nodiscard]] std::vector<Option> inference_option_table();
 [[nodiscard]] std::vector<Option> data_option_table();
-/// [method].
 [[nodiscard]] std::vector<Option> method_option_table();
-/// [offline], [simulate], [select], [forecast].
 [[nodiscard]] std::vector<Option> offline_option_table();
-/// [serve].
+[[nodiscard]] std::vector<Option> simulation_option_table();
+[[nodiscard]] std::vector<Option> forecast_option_table();
 [[nodiscard]] std::vector<Option> serve_option_table();
-/// [dic], [simulate.camera].
 [[nodiscard]] std::vector<Option> picture_option_table();
 
 /// All options, in the order of the reference.

@@ -53,7 +53,7 @@ imaging::PictureFrame picture_frame_of(const Project& project, const std::option
 
 imaging::PictureFrame with_plane(imaging::PictureFrame frame, const Project& project,
                                  const std::optional<reduction::Mesh>& mesh) {
-  if (project.pictures.plane_given || !mesh) return frame;
+  if (project.pictures.plane || !mesh) return frame;
   const std::size_t axis = across(frame.view);
   const bool largest = frame.view == imaging::View::side;
   frame.plane = mesh->points[axis];

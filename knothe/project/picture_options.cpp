@@ -2,56 +2,204 @@
 
 #include <fmt/format.h>
 
-#include <cmath>
+#include <algorithm>
 #include <filesystem>
 #include <numbers>
-#include <string_view>
 
 #include "knothe/base/error.hpp"
 #include "knothe/imaging/mesh/outline_registration.hpp"
 #include "knothe/imaging/series/picture_folder.hpp"
+#include "knothe/imaging/series/series_names.hpp"
+#include "knothe/project/option_section.hpp"
 #include "knothe/project/project_file.hpp"
-#include "knothe/project/project_values.hpp"
 
 namespace knothe::project {
 namespace {
 
-std::string resolved(const std::string& folder, const std::string& path) {
-  return path.empty() ? path : (std::filesystem::path(folder) / path).lexically_normal().string();
+using Pair = std::array<double, 2>;
+
+/// What the file says; a PictureOptions is made of it.
+struct Given : PictureOptions {
+  bool by_outline = false, look_for_crack = false;
+  std::array<double, 4> roi{};
+  imaging::CrackOptions crack;
+  OutlineRegistration fit;
+  std::optional<double> scale;
+  double scale_std = 0, angle = 0;
+  Pair origin{0, 0};
+  std::vector<Pair> pixels, points;
+  double point_std = 0.5;
+};
+
+using G = Given;
+using Series = imaging::SeriesOptions;
+using Correlation = imaging::CorrelationOptions;
+
+constexpr const char* k_pair = "two numbers, [x, y]";
+constexpr const char* k_points = "points of two numbers each, [[x, y], [x, y]]";
+
+void add_picture_options(Section<G>& s) {
+  s.add("references", &G::references,
+        "Pictures of the unloaded surface; several are averaged, and their differences tell the noise.");
+  s.add("pictures", &G::pictures, "Deformed pictures, where there is no `[data] pictures`.");
+  s.add("mask", in(&G::series, &Series::mask), "Picture that is 0 where the surface is not to be measured.",
+        file);
+  s.add("roi", &G::roi,
+        "Two opposite corners of the mesh, [x0, y0, x1, y1], px, inclusive; default: the mask's, or the "
+        "picture less 10 px.",
+        of_shape("two opposite corners, [x0, y0, x1, y1], px"), no_default);
+  s.choice("mesh", &G::model_mesh, "region", "model",
+           "Elements over the region, or the model's own surface mesh (needs the model and a scale): the "
+           "model's displacements are then exactly those that can be measured.");
+  s.add("mesh_file", &G::mesh_file,
+        "Mesh of linear triangles and quadrilaterals to correlate on: Gmsh (.msh, ASCII, 4.1 or 2.2) or VTK "
+        "(.vtu).",
+        file);
+  s.choice(
+      "mesh_unit", &G::mesh_in_metres, "px", "m",
+      "Unit of that file: pixels of the reference picture (y down), or metres in the model's frame (needs "
+      "a scale).");
+  s.add("outline_margin", in(&G::series, &Series::outline_margin),
+        "Pixels along the outline of the model's mesh, or a file's, that are not looked at: the edge of the "
+        "body.",
+        non_negative);
+  s.add("element_size", in(&G::series, &Series::element_size),
+        "Size of the elements, px; adjusted to divide the region.", positive,
+        check([](double v) { return v >= 3; }, "\"{}\" must be at least 3 px; 16 to 32 are usual"));
+  s.add("shape", in(&G::series, &Series::shape), "Shape of the elements.");
 }
 
-/// Two numbers, or a complaint.
-std::optional<std::array<double, 2>> read_pair(Values& values, const std::string& key) {
-  if (!values.has(key)) return std::nullopt;
-  const std::vector<double> v = values.numbers(key);
-  if (v.size() == 2) return std::array<double, 2>{v[0], v[1]};
-  values.complain(key, fmt::format("\"{}\" must be two numbers, [x, y]", key));
-  return std::nullopt;
+void add_correlation_options(Section<G>& s) {
+  const auto correlation = [](auto member) { return in(&G::series, &Series::correlation, member); };
+  s.add("prefilter", correlation(&Correlation::prefilter_sigma),
+        "Standard deviation of a Gaussian on all pictures, px; 1 for sharp, aliased speckle.", non_negative);
+  s.add("brightness", correlation(&Correlation::brightness),
+        "Brightness and contrast that may change from picture to picture.");
+  s.add("saturation", correlation(&Correlation::saturation),
+        "Grey level from which a pixel is masked; 0: the largest that the picture can hold.", non_negative);
+  s.add("noise", in(&G::series, &Series::noise),
+        "Standard deviation of a picture's noise, grey levels; 0: from repeated references, or the residual.",
+        non_negative);
+  s.add("regularisation", correlation(&Correlation::regularisation),
+        "Regularisation of the displacement: its cut-off wavelength, px; 0 for none.", non_negative);
+  s.add("regularisation_kind", correlation(&Correlation::regularisation_kind),
+        "What is regularised: the gradient, or the forces that are missing for equilibrium in an elastic "
+        "sheet (elastic fields pass unchanged).");
+  s.add("poisson_ratio", correlation(&Correlation::poisson_ratio),
+        "Poisson's ratio of that sheet, −1 to 0.5.",
+        check([](double v) { return v > -1 && v <= 0.5; }, "\"{}\" is above -1 and at most 0.5"));
+  s.add("reference_update", in(&G::series, &Series::reference_update),
+        "A picture that does not converge, or whose residual is so many times the first's (2 is usual), is "
+        "measured against the last good picture, which becomes the reference; 0: never.",
+        non_negative,
+        check([](double v) { return v == 0 || v >= 1; },
+              "\"{}\" is a factor of the residual, above 1 (2 is usual), or 0"));
+  s.add("rejection_factor", correlation(&Correlation::rejection_factor),
+        "Elements whose residual is so many times the median are taken out (cracks); 0: never.",
+        non_negative);
+  s.add("tolerance", correlation(&Correlation::tolerance),
+        "Largest change of a displacement at convergence, px.", positive);
+  s.add("max_iterations", correlation(&Correlation::max_iterations), "Most iterations per picture.",
+        at_least(1));
 }
 
-std::vector<std::array<double, 2>> read_points(Values& values, const std::string& key) {
-  std::vector<std::array<double, 2>> points;
-  for (const auto& row : values.matrix(key)) {
-    if (row.size() != 2) {
-      values.complain(key, fmt::format("\"{}\" must be points of two numbers each, [[x, y], [x, y]]", key));
-      return {};
-    }
-    points.push_back({row[0], row[1]});
-  }
-  return points;
+void add_crack_and_drift_options(Section<G>& s) {
+  s.choice("crack", &G::look_for_crack, "off", "on", "Path, opening and tip of a crack in every picture.");
+  s.add("crack_gap", in(&G::crack, &imaging::CrackOptions::gap),
+        "Pixels on either side of the crack that are not looked at; 0: 3 px, on the model's mesh half an "
+        "element and 2 px.",
+        non_negative);
+  s.add("crack_origin", in(&G::crack, &imaging::CrackOptions::origin),
+        "Pixel from which the crack's length counts, [x, y], e.g. the notch's end; default: where it enters "
+        "the mesh.",
+        of_shape(k_pair));
+  s.add("drift", in(&G::series, &Series::drift),
+        "Motion of the camera against the body, of each picture by itself, that the likelihood leaves out: a "
+        "shift, or a shift and a turn (rigid).");
+  s.add("drift_std", in(&G::series, &Series::drift_std),
+        "Standard deviation of such a motion before anything is measured, px; large: nothing is learnt from "
+        "it.",
+        positive);
 }
+
+void add_registration_options(Section<G>& s) {
+  s.choice("registration", &G::by_outline, "given", "outline",
+           "Where the picture is in the model: given, by scale and origin or pixels and points, or fitted to "
+           "the body's outline, beginning there; with nothing given the body must be wholly in view.");
+  s.add("outline", in(&G::fit, &OutlineRegistration::corners),
+        "Corners of the body's face, [[right, up], …], m, one after the other; default: the model's face.",
+        of_shape(k_points));
+  s.add("outline_picture", in(&G::fit, &OutlineRegistration::picture),
+        "Picture in which the outline is looked for, e.g. a mask of the body; default: the first reference.",
+        file);
+  s.add("scale", &G::scale, "Metres per pixel: displacements are then in metres, in the model's frame.",
+        positive);
+  s.add("scale_std", &G::scale_std,
+        "Standard deviation of the scale, metres per pixel; with an outline, the scale counts as measured to "
+        "that.",
+        non_negative);
+  s.add("origin", &G::origin, "Pixel in which the model's origin is seen, [x, y].", of_shape(k_pair));
+  s.add("angle", &G::angle, "Angle by which the picture is turned against the model, degrees.");
+  s.add("pixels", &G::pixels,
+        "Instead of scale, origin and angle: points found in the reference picture, [[x, y], …], px …",
+        of_shape(k_points));
+  s.add("points", &G::points, "… and where they are on the model's face, [[right, up], …], m.",
+        of_shape(k_points));
+  s.add("point_std", &G::point_std, "How exactly such a point was found, px.", positive);
+  s.add("view", &G::view,
+        "Face that the camera sees: side (right is x, up is y), bottom (right is x, up is z).");
+  s.add("plane", &G::plane,
+        "Constant coordinate of that face, m; default: the model's outermost, or 0 without a model.");
+}
+
+const Section<G>& section() {
+  static const Section<G> k_section = [] {
+    Section<G> s("dic", "Displacements from pictures: global finite-element image correlation.");
+    add_picture_options(s);
+    add_correlation_options(s);
+    add_crack_and_drift_options(s);
+    add_registration_options(s);
+    return s;
+  }();
+  return k_section;
+}
+
+struct Recorded {
+  std::string folder;
+  std::vector<double> times;
+};
+
+const Section<Recorded>& data_section() {
+  static const Section<Recorded> k_section = [] {
+    Section<Recorded> s("data");
+    s.add("pictures", &Recorded::folder,
+          "Folder of pictures instead of measurements (`knothe dic`, `knothe assimilate`); those whose names "
+          "begin with `reference` are the references, else the first is; a table `pictures.csv` "
+          "(`time,file`) in it gives the times.",
+          file);
+    s.add("times", &Recorded::times, "Model time of each deformed picture.");
+    return s;
+  }();
+  return k_section;
+}
+
+/// Complains of each of the keys that is given.
+void refuse(Values& values, const std::vector<const char*>& keys, const char* needs) {
+  for (const char* key : keys)
+    if (values.has(key)) values.complain(key, fmt::format("\"{}\" needs {}", key, needs));
+}
+
+constexpr const char* k_needs_scale = "\"dic.scale\", or \"dic.pixels\" and \"dic.points\"";
+constexpr const char* k_needs_place =
+    "\"dic.scale\", or \"dic.pixels\" and \"dic.points\", or \"dic.registration\" = \"outline\"";
 
 /// The body's outline, where that is to tell where the picture is.
-std::optional<OutlineRegistration> read_outline(Values& values, const std::string& folder) {
-  if (values.text("dic.registration", "given") != "outline") {
-    for (const char* key : {"dic.outline", "dic.outline_picture"})
-      if (values.has(key))
-        values.complain(key, fmt::format("\"{}\" needs \"dic.registration\" = \"outline\"", key));
+std::optional<OutlineRegistration> outline_of(Values& values, const Given& g) {
+  if (!g.by_outline) {
+    refuse(values, {"dic.outline", "dic.outline_picture"}, "\"dic.registration\" = \"outline\"");
     return std::nullopt;
   }
-  OutlineRegistration outline;
-  outline.corners = read_points(values, "dic.outline");
-  outline.picture = resolved(folder, values.text("dic.outline_picture", ""));
+  OutlineRegistration outline = g.fit;
   if (values.has("dic.outline")) {
     try {
       (void)imaging::polygon_outline(outline.corners);
@@ -59,151 +207,95 @@ std::optional<OutlineRegistration> read_outline(Values& values, const std::strin
       values.complain("dic.outline", error.what());
     }
   }
-  if (values.has("dic.scale_std") && values.number("dic.scale", 0) > 0)
-    outline.scale_std = values.number("dic.scale_std", 0) / values.number("dic.scale", 1);
+  if (g.scale) outline.scale_std = g.scale_std / *g.scale;
   return outline;
 }
 
-std::optional<imaging::PictureFrame> read_frame(Values& values, bool by_outline) {
+std::optional<imaging::PictureFrame> frame_of(Values& values, const Given& g) {
   std::optional<imaging::PictureFrame> frame;
   const bool fitted = values.has("dic.pixels") || values.has("dic.points");
-  if (fitted && (values.has("dic.scale") || values.has("dic.origin")))
+  if (fitted && (g.scale || values.has("dic.origin")))
     values.complain("dic.pixels", "\"dic.pixels\" and \"dic.points\" give scale and origin: leave those out");
   if (fitted) {
-    const auto pixels = read_points(values, "dic.pixels"), points = read_points(values, "dic.points");
     try {
-      frame = imaging::fit_picture_frame(pixels, points, values.number("dic.point_std", 0.5));
+      frame = imaging::fit_picture_frame(g.pixels, g.points, g.point_std);
     } catch (const UsageError& error) {
       values.complain("dic.pixels", error.what());
     }
-  } else if (values.has("dic.scale")) {
-    frame = imaging::picture_frame(values.number("dic.scale", 1),
-                                   read_pair(values, "dic.origin").value_or(std::array<double, 2>{0, 0}));
-    const double std = values.number("dic.scale_std", 0);
-    frame->relative_scale_std = std / frame->scale();
-    const double angle = values.number("dic.angle", 0) * std::numbers::pi / 180;
-    const std::complex<double> turn = std::polar(1.0, angle);
+  } else if (g.scale) {
+    frame = imaging::picture_frame(*g.scale, g.origin);
+    frame->relative_scale_std = g.scale_std / frame->scale();
+    const std::complex<double> turn = std::polar(1.0, g.angle * std::numbers::pi / 180);
     frame->slope *= turn, frame->offset *= turn;
   } else {
-    for (const char* key : {"dic.origin", "dic.angle", "dic.scale_std", "dic.plane", "dic.view"})
-      if (values.has(key) &&
-          !(by_outline && (key == std::string_view("dic.plane") || key == std::string_view("dic.view"))))
-        values.complain(key,
-                        fmt::format("\"{}\" needs \"dic.scale\", or \"dic.pixels\" and \"dic.points\"", key));
+    refuse(values, {"dic.origin", "dic.angle", "dic.scale_std"}, k_needs_scale);
+    if (!g.by_outline) refuse(values, {"dic.plane", "dic.view"}, k_needs_scale);
   }
+  if (frame) frame->view = g.view, frame->plane = g.plane.value_or(0);
   return frame;
 }
 
-imaging::SeriesOptions read_series(Values& values, const std::string& folder) {
-  imaging::SeriesOptions s;
-  s.mask = resolved(folder, values.text("dic.mask", ""));
+/// What follows from the options for the series, and what does not go together in them.
+void complete_series(Values& values, Given& g) {
+  Series& s = g.series;
   if (values.has("dic.roi")) {
-    const std::vector<double> v = values.numbers("dic.roi");
-    if (v.size() == 4 && v[0] != v[2] && v[1] != v[3])
-      s.region = imaging::Region{v[0], v[1], v[2], v[3]};
-    else
+    const auto& [x0, y0, x1, y1] = g.roi;
+    s.region = imaging::Region{x0, y0, x1, y1};
+    if (x0 == x1 || y0 == y1)
       values.complain("dic.roi", "\"dic.roi\" must be two opposite corners, [x0, y0, x1, y1], px");
   }
-  s.element_size = values.number("dic.element_size", s.element_size);
-  if (s.element_size < 3)
-    values.complain("dic.element_size", "\"dic.element_size\" must be at least 3 px; 16 to 32 are usual");
-  s.shape = values.text("dic.shape", "quadrilateral") == "triangle" ? imaging::ElementShape::triangle
-                                                                    : imaging::ElementShape::quadrilateral;
-  s.noise = values.number("dic.noise", 0);
-  s.outline_margin = values.number("dic.outline_margin", s.outline_margin);
-  auto& c = s.correlation;
-  c.prefilter_sigma = values.number("dic.prefilter", 0);
-  c.saturation = values.number("dic.saturation", 0);
-  c.regularisation = values.number("dic.regularisation", 0);
-  c.regularisation_kind = values.text("dic.regularisation_kind", "tikhonov") == "mechanical"
-                              ? imaging::Regularisation::mechanical
-                              : imaging::Regularisation::tikhonov;
-  c.poisson_ratio = values.number("dic.poisson_ratio", c.poisson_ratio);
-  if (!(c.poisson_ratio > -1 && c.poisson_ratio <= 0.5))
-    values.complain("dic.poisson_ratio", "\"dic.poisson_ratio\" is above -1 and at most 0.5");
-  for (const char* key : {"dic.regularisation_kind", "dic.poisson_ratio"})
-    if (values.has(key) && !(c.regularisation > 0))
-      values.complain(key, fmt::format("\"{}\" needs \"dic.regularisation\", a wavelength in px", key));
-  s.reference_update = values.number("dic.reference_update", 0);
-  if (s.reference_update > 0 && s.reference_update < 1)
-    values.complain("dic.reference_update",
-                    "\"dic.reference_update\" is a factor of the residual, above 1 (2 is usual), or 0");
-  if (s.reference_update > 0 && values.text("dic.crack", "off") == "on")
+  if (!(s.correlation.regularisation > 0))
+    refuse(values, {"dic.regularisation_kind", "dic.poisson_ratio"},
+           "\"dic.regularisation\", a wavelength in px");
+  s.correlation.reject_elements = s.correlation.rejection_factor > 0;
+  if (!g.look_for_crack)
+    return refuse(values, {"dic.crack_gap", "dic.crack_origin"}, "\"dic.crack\" = \"on\"");
+  s.crack = g.crack;
+  if (s.reference_update > 0)
     values.complain("dic.reference_update",
                     "\"dic.reference_update\" does not go together with \"dic.crack\": a crack is measured "
                     "against the reference");
-  c.rejection_factor = values.number("dic.rejection_factor", c.rejection_factor);
-  c.reject_elements = c.rejection_factor > 0;
-  c.tolerance = values.number("dic.tolerance", c.tolerance);
-  values.at_least("dic.max_iterations", 1);
-  c.max_iterations = static_cast<int>(values.integer("dic.max_iterations", c.max_iterations));
-  if (values.text("dic.crack", "off") == "on") {
-    imaging::CrackOptions crack;
-    crack.gap = values.number("dic.crack_gap", 0), crack.origin = read_pair(values, "dic.crack_origin");
-    s.crack = crack;
-  } else {
-    for (const char* key : {"dic.crack_gap", "dic.crack_origin"})
-      if (values.has(key)) values.complain(key, fmt::format("\"{}\" needs \"dic.crack\" = \"on\"", key));
-  }
-  const std::string drift = values.text("dic.drift", "none");
-  s.drift = drift == "shift"   ? imaging::Drift::shift
-            : drift == "rigid" ? imaging::Drift::rigid
-                               : imaging::Drift::none;
-  s.drift_std = values.number("dic.drift_std", s.drift_std);
-  const std::string brightness = values.text("dic.brightness", "global");
-  c.brightness = brightness == "none"     ? imaging::Brightness::none
-                 : brightness == "global" ? imaging::Brightness::global
-                                          : imaging::Brightness::per_element;
-  return s;
+}
+
+void check_meshes(Values& values, const PictureOptions& p) {
+  const bool registered = p.frame || p.outline;
+  const auto refuse_unless = [&](bool holds, const char* key, const std::string& text) {
+    if (!holds) values.complain(key, text);
+  };
+  refuse_unless(registered || !p.model_mesh, "dic.mesh",
+                std::string("\"dic.mesh\" = \"model\" needs ") + k_needs_place);
+  refuse_unless(registered || !p.mesh_in_metres, "dic.mesh_unit",
+                std::string("\"dic.mesh_unit\" = \"m\" needs ") + k_needs_place);
+  refuse_unless(!values.has("dic.mesh_unit") || !p.mesh_file.empty(), "dic.mesh_unit",
+                "\"dic.mesh_unit\" needs \"dic.mesh_file\"");
+  refuse_unless(!p.model_mesh || p.mesh_file.empty(), "dic.mesh_file",
+                "\"dic.mesh\" = \"model\" and \"dic.mesh_file\" are two meshes: give one");
 }
 
 }  // namespace
 
-PictureOptions read_pictures(Values& values, const std::string& folder) {
-  PictureOptions p;
-  p.folder = resolved(folder, values.text("data.pictures", ""));
-  if (values.has("data.file") && values.has("data.pictures"))
+std::vector<Option> picture_option_table() {
+  return joined(data_section(), section());
+}
+
+PictureOptions read_pictures(Values& values) {
+  Recorded recorded = data_section().read(values);
+  Given p = section().read(values);
+  p.folder = std::move(recorded.folder), p.times = std::move(recorded.times);
+  if (values.has("data.file") && !p.folder.empty())
     values.complain("data.pictures", "[data] has both \"file\" and \"pictures\": give one");
-  p.times = values.numbers("data.times");
-  for (std::size_t i = 1; i < p.times.size(); ++i)
-    if (!(p.times[i] > p.times[i - 1])) {
-      values.complain("data.times", "\"data.times\" must increase");
-      break;
-    }
-  const auto names = [&](const char* key) {
-    std::vector<std::string> result;
-    for (const std::string& name : values.texts(key))
-      result.push_back(p.folder.empty() ? resolved(folder, name) : name);
-    return result;
-  };
-  p.references = names("dic.references");
-  p.pictures = names("dic.pictures");
-  if (!p.folder.empty() && !p.pictures.empty())
+  if (std::adjacent_find(p.times.begin(), p.times.end(), std::greater_equal<>()) != p.times.end())
+    values.complain("data.times", "\"data.times\" must increase");
+  if (p.folder.empty()) {
+    for (auto* names : {&p.references, &p.pictures})
+      for (std::string& name : *names) name = values.resolved(name);
+  } else if (!p.pictures.empty()) {
     values.complain("dic.pictures", "\"dic.pictures\" and \"data.pictures\" both name pictures: give one");
-  p.series = read_series(values, folder);
-  p.outline = read_outline(values, folder);
-  p.frame = read_frame(values, p.outline.has_value());
-  p.view = values.text("dic.view", "side") == "bottom" ? imaging::View::bottom : imaging::View::side;
-  p.plane = values.number("dic.plane", 0);
-  if (p.frame) p.frame->view = p.view, p.frame->plane = p.plane;
-  p.model_mesh = values.text("dic.mesh", "region") == "model";
-  const bool registered = p.frame || p.outline;
-  if (p.model_mesh && !registered)
-    values.complain("dic.mesh",
-                    "\"dic.mesh\" = \"model\" needs \"dic.scale\", or \"dic.pixels\" and \"dic.points\", or "
-                    "\"dic.registration\" = \"outline\"");
-  p.mesh_file = resolved(folder, values.text("dic.mesh_file", ""));
-  p.mesh_in_metres = values.text("dic.mesh_unit", "px") == "m";
-  if (p.mesh_in_metres && !registered)
-    values.complain("dic.mesh_unit",
-                    "\"dic.mesh_unit\" = \"m\" needs \"dic.scale\", or \"dic.pixels\" and \"dic.points\", or "
-                    "\"dic.registration\" = \"outline\"");
-  if (values.has("dic.mesh_unit") && p.mesh_file.empty())
-    values.complain("dic.mesh_unit", "\"dic.mesh_unit\" needs \"dic.mesh_file\"");
-  if (p.model_mesh && !p.mesh_file.empty())
-    values.complain("dic.mesh_file",
-                    "\"dic.mesh\" = \"model\" and \"dic.mesh_file\" are two meshes: give one");
-  p.plane_given = values.has("dic.plane");
+  }
+  complete_series(values, p);
+  p.outline = outline_of(values, p);
+  p.frame = frame_of(values, p);
+  check_meshes(values, p);
   return p;
 }
 

@@ -33,15 +33,14 @@ struct PictureOptions {
   std::optional<imaging::PictureFrame> frame;
   std::optional<OutlineRegistration> outline;
   imaging::View view = imaging::View::side;
-  double plane = 0;             ///< m
+  std::optional<double> plane;  ///< m; otherwise the model's outermost face
   bool model_mesh = false;      ///< correlate on the model's surface mesh
   std::string mesh_file;        ///< resolved; empty: none
   bool mesh_in_metres = false;  ///< unit of that file
-  bool plane_given = false;     ///< otherwise the model's outermost face
 };
 
 /// Reads [dic] and [data] pictures, times. Complaints go to `values`.
-[[nodiscard]] PictureOptions read_pictures(Values& values, const std::string& folder);
+[[nodiscard]] PictureOptions read_pictures(Values& values);
 
 /// The series with its pictures looked up. Errors: ProjectError where the project names none, DataError for
 /// the folder.

@@ -28,14 +28,14 @@ std::optional<imaging::OutlineFit> register_pictures(Project& project,
                              "\"dic.outline\", the corners of the body's face");
     // The face in metres, y down.
     imaging::PictureFrame metres;
-    metres.view = p.view, metres.plane = p.plane;
+    metres.view = p.view, metres.plane = p.plane.value_or(0);
     outline = imaging::outline_of(surface_mesh(*mesh, with_plane(metres, project, mesh), project));
   }
   std::string path = p.outline->picture;
   if (path.empty()) path = (live ? live_series_options(project) : series_options(project)).references.front();
   imaging::OutlineFit fit = imaging::fit_outline(files::read_picture(path), outline,
                                                  {.start = p.frame, .scale_std = p.outline->scale_std}, path);
-  fit.frame.view = p.view, fit.frame.plane = p.plane;
+  fit.frame.view = p.view, fit.frame.plane = p.plane.value_or(0);
   p.frame = fit.frame;
   p.outline.reset();
   return fit;

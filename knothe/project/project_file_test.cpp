@@ -29,9 +29,9 @@ TEST(ProjectFile, DefaultsAndPaths) {
   EXPECT_EQ(p.model, "dir/M.h5");
   EXPECT_EQ(p.data, "dir/D.h5");
   EXPECT_EQ(p.results, "dir/results/");
-  EXPECT_EQ(p.method.kind, "transport");
-  EXPECT_EQ(p.method.tolerance, 1e-3);
-  EXPECT_EQ(p.method.max_order, 8);
+  EXPECT_EQ(p.method.kind, assimilation::Method::transport);
+  EXPECT_EQ(p.method.update.map.tolerance, 1e-3);
+  EXPECT_EQ(p.method.update.map.max_order, 8);
   EXPECT_EQ(p.text, k_minimal);
   EXPECT_FALSE(p.offline || p.simulate);
 }
@@ -163,6 +163,40 @@ TEST(OptionTable, EveryOptionHasAMeaningAndAUniquePath) {
     EXPECT_EQ(option.kind == ValueKind::choice, !option.choices.empty()) << option.path;
     paths.push_back(option.path);
   }
+}
+
+/// Each default, as it is printed, written into a file of its own.
+TEST(OptionTable, EveryPrintedDefaultIsAValueThatTheReaderTakes) {
+  for (const Option& option : option_table()) {
+    if (option.default_value.empty()) continue;
+    std::string path = option.path;
+    if (const auto star = path.find('*'); star != std::string::npos) path.replace(star, 1, "Y0");
+    const std::string text = complaint(path + " = " + option.default_value + "\n");
+    EXPECT_EQ(text.find("must be"), std::string::npos) << text;
+    EXPECT_EQ(text.find("unknown"), std::string::npos) << text;
+    EXPECT_EQ(text.find("not valid TOML"), std::string::npos) << text;
+  }
+}
+
+/// Options whose default the reference names, by the struct that is read from an empty file.
+TEST(OptionTable, PrintsWhatAnEmptyProjectHas) {
+  const Project p = parse_project("", "p.toml");
+  const auto printed = [](const std::string& path) {
+    for (const Option& option : option_table())
+      if (option.path == path) return option.default_value;
+    return std::string("no such option");
+  };
+  EXPECT_EQ(printed("method.kind"), '"' + to_text(p.method.kind) + '"');
+  EXPECT_EQ(std::stod(printed("method.tolerance")), p.method.update.map.tolerance);
+  EXPECT_EQ(std::stoi(printed("method.bias_rank")), p.method.update.bias.rank);
+  EXPECT_EQ(printed("method.bias_extrapolation"), "\"joint\"");
+  EXPECT_EQ(p.method.update.bias.way, assimilation::BiasOptions::Way::joint);
+  EXPECT_EQ(std::stod(printed("dic.element_size")), p.pictures.series.element_size);
+  EXPECT_EQ(std::stol(printed("serve.max_body")), p.serve.max_body);
+  EXPECT_EQ(printed("results"), '"' + p.results + '"');
+  EXPECT_EQ(printed("simulate.dofs.components"), "[\"x\", \"y\"]");
+  EXPECT_EQ(std::stod(printed("offline.young_modulus")), 30e9);
+  EXPECT_EQ(printed("offline.latin.accuracy"), "");
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <sstream>
 
 #include "knothe/base/text.hpp"
@@ -104,79 +105,87 @@ class Reader {
 
   void read_value(const Option& option, const std::string& path, const toml::node& node,
                   const toml::source_position& where) {
-    if (option.kind == ValueKind::table) {
-      if (const auto* table = node.as_table()) {
-        read_table(*table, path);
-      } else if ((path == "model" || path == "data") && node.is_string()) {
-        const std::string leaf = path == "model" ? "model.separated" : "data.file";
-        store(leaf, std::string(node.as_string()->get()), where);
-      } else {
-        wrong(option, path, node, where);
-      }
-      return;
-    }
-    if (option.kind == ValueKind::free_table) return read_free_table(option, path, node, where);
     switch (option.kind) {
+      case ValueKind::table:
+        return read_subtable(option, path, node, where);
+      case ValueKind::free_table:
+        return read_free_table(option, path, node, where);
       case ValueKind::text:
       case ValueKind::path:
       case ValueKind::choice:
-        read_text(option, path, node, where);
-        return;
-      case ValueKind::boolean:
-        if (const auto* b = node.as_boolean()) return store(path, b->get(), where);
-        break;
+        return read_text(option, path, node, where);
       case ValueKind::integer:
         if (const auto* i = node.as_integer(); i && i->get() >= 0)
           return store(path, std::int64_t(i->get()), where);
         break;
-      case ValueKind::numbers: {
-        std::vector<double> numbers;
-        if (const auto* array = node.as_array()) {
-          for (const auto& item : *array) {
-            const auto v = item.value<double>();
-            if (!v || !std::isfinite(*v))
-              return complain(item.source().begin, fmt::format("\"{}\"[{}] must be a finite number, not {}",
-                                                               path, numbers.size(), words_for(item)));
-            numbers.push_back(*v);
-          }
-          return store(path, numbers, where);
-        }
+      case ValueKind::numbers:
+        return read_numbers(option, path, node, where);
+      case ValueKind::texts:
+        if (const auto texts = list<std::string>(node, [](const auto& n) { return exact_text(n); }))
+          return store(path, *texts, where);
         break;
-      }
-      case ValueKind::texts: {
-        std::vector<std::string> texts;
-        if (const auto* array = node.as_array()) {
-          for (const auto& item : *array) {
-            if (const auto* text = item.as_string()) texts.push_back(text->get());
-          }
-          if (texts.size() == array->size()) return store(path, texts, where);
-        }
+      case ValueKind::matrix:
+        if (const auto rows =
+                list<std::vector<double>>(node, [](const auto& n) { return list<double>(n, finite); });
+            rows && !rows->empty())
+          return store(path, *rows, where);
         break;
-      }
-      case ValueKind::matrix: {
-        std::vector<std::vector<double>> rows;
-        const auto* array = node.as_array();
-        for (std::size_t i = 0; array != nullptr && i < array->size(); ++i) {
-          const auto* row = (*array)[i].as_array();
-          std::vector<double> numbers;
-          for (std::size_t j = 0; row != nullptr && j < row->size(); ++j) {
-            if (const auto v = (*row)[j].value<double>(); v && std::isfinite(*v)) numbers.push_back(*v);
-          }
-          if (row == nullptr || numbers.size() != row->size()) break;
-          rows.push_back(std::move(numbers));
-        }
-        if (array != nullptr && !array->empty() && rows.size() == array->size())
-          return store(path, rows, where);
-        break;
-      }
       default: {
-        if (!node.is_number()) break;
-        const double v = *node.value<double>();
-        if (!std::isfinite(v)) break;
-        if (option.kind == ValueKind::positive && !(v > 0)) break;
-        if (option.kind == ValueKind::non_negative && v < 0) break;
-        return store(path, v, where);
+        const auto v = node.is_number() ? finite(node) : std::nullopt;
+        if (!v || (option.kind == ValueKind::positive && !(*v > 0)) ||
+            (option.kind == ValueKind::non_negative && *v < 0))
+          break;
+        return store(path, *v, where);
       }
+    }
+    wrong(option, path, node, where);
+  }
+
+  static std::optional<double> finite(const toml::node& node) {
+    const auto v = node.value<double>();
+    return v && std::isfinite(*v) ? v : std::nullopt;
+  }
+
+  static std::optional<std::string> exact_text(const toml::node& node) {
+    const auto* text = node.as_string();
+    return text ? std::optional(text->get()) : std::nullopt;
+  }
+
+  /// The items of an array; nothing where `read` finds nothing in one of them.
+  template <class T, class Read>
+  static std::optional<std::vector<T>> list(const toml::node& node, Read read) {
+    const auto* array = node.as_array();
+    if (array == nullptr) return std::nullopt;
+    std::vector<T> items;
+    for (const auto& entry : *array) {
+      std::optional<T> item = read(entry);
+      if (!item) return std::nullopt;
+      items.push_back(std::move(*item));
+    }
+    return items;
+  }
+
+  /// The short form of [model] and [data] is a path.
+  void read_subtable(const Option& option, const std::string& path, const toml::node& node,
+                     const toml::source_position& where) {
+    const std::string leaf = path == "model" ? "model.separated" : path == "data" ? "data.file" : "";
+    if (const auto* table = node.as_table())
+      read_table(*table, path);
+    else if (!leaf.empty() && node.is_string())
+      store(leaf, *exact_text(node), where);
+    else
+      wrong(option, path, node, where);
+  }
+
+  void read_numbers(const Option& option, const std::string& path, const toml::node& node,
+                    const toml::source_position& where) {
+    if (const auto numbers = list<double>(node, finite)) return store(path, *numbers, where);
+    const auto* array = node.as_array();
+    for (std::size_t i = 0; array != nullptr && i < array->size(); ++i) {
+      const toml::node& item = (*array)[i];
+      if (!finite(item))
+        return complain(item.source().begin,
+                        fmt::format("\"{}\"[{}] must be a finite number, not {}", path, i, words_for(item)));
     }
     wrong(option, path, node, where);
   }
@@ -248,41 +257,30 @@ class Reader {
 
 }  // namespace
 
-std::string Values::text(const std::string& path, const std::string& otherwise) const {
-  const auto it = leaves.find(path);
-  return it == leaves.end() ? otherwise : std::get<std::string>(it->second.content);
+std::vector<std::string> Values::children_of(const std::string& table) const {
+  const auto it = children.find(table);
+  return it == children.end() ? std::vector<std::string>() : it->second;
 }
 
-double Values::number(const std::string& path, double otherwise) const {
-  const auto it = leaves.find(path);
-  return it == leaves.end() ? otherwise : std::get<double>(it->second.content);
+std::string Values::resolved(const std::string& file) const {
+  return file.empty() ? file : (std::filesystem::path(folder) / file).lexically_normal().string();
 }
 
-std::int64_t Values::integer(const std::string& path, std::int64_t otherwise) const {
-  const auto it = leaves.find(path);
-  return it == leaves.end() ? otherwise : std::get<std::int64_t>(it->second.content);
+bool Values::passes(const Option& option, const std::string& path) {
+  const Content& content = leaves.at(path).content;
+  const auto* whole = std::get_if<std::int64_t>(&content);
+  const auto* number = std::get_if<double>(&content);
+  if (!whole && !number) return true;
+  for (const Option::Check& check : option.checks) {
+    if (check.holds(whole ? static_cast<double>(*whole) : *number)) continue;
+    complain(path, fmt::format(fmt::runtime(check.complaint), path));
+    return false;
+  }
+  return true;
 }
 
-std::vector<double> Values::numbers(const std::string& path) const {
-  const auto it = leaves.find(path);
-  return it == leaves.end() ? std::vector<double>() : std::get<std::vector<double>>(it->second.content);
-}
-
-std::vector<std::string> Values::texts(const std::string& path) const {
-  const auto it = leaves.find(path);
-  return it == leaves.end() ? std::vector<std::string>()
-                            : std::get<std::vector<std::string>>(it->second.content);
-}
-
-std::vector<std::vector<double>> Values::matrix(const std::string& path) const {
-  const auto it = leaves.find(path);
-  return it == leaves.end() ? std::vector<std::vector<double>>()
-                            : std::get<std::vector<std::vector<double>>>(it->second.content);
-}
-
-void Values::at_least(const std::string& path, std::int64_t least) {
-  if (has(path) && integer(path, least) < least)
-    complain(path, fmt::format("\"{}\" must be at least {}", path, least));
+void Values::complain_of_shape(const Option& option, const std::string& path) {
+  complain(path, fmt::format("\"{}\" must be {}", path, option.shape.empty() ? "smaller" : option.shape));
 }
 
 void Values::complain(const std::string& path, const std::string& text) {
@@ -300,8 +298,9 @@ void Values::complain(const std::string& path, const std::string& text) {
   complaints.push_back({1, 1, text});
 }
 
-Values parse_values(const std::string& text) {
+Values parse_values(const std::string& text, const std::string& folder) {
   Values values;
+  values.folder = folder;
   try {
     const toml::table table = toml::parse(text);
     Reader(values).read_table(table, "");

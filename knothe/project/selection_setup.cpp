@@ -15,16 +15,6 @@
 namespace knothe::project {
 namespace {
 
-using Criterion = assimilation::SelectionProblem::Criterion;
-
-Criterion criterion_of(const std::string& text) {
-  return text == "product"     ? Criterion::product
-         : text == "minimum"   ? Criterion::minimum
-         : text == "maximum"   ? Criterion::maximum
-         : text == "d-optimal" ? Criterion::d_optimal
-                               : Criterion::information_gain;
-}
-
 /// The middle of the model's box, or what [select.at] says.
 Eigen::VectorXd reference_point(const Project& project, const reduction::SeparatedModel& model) {
   const std::vector<std::string> names = model.parameter_names();
@@ -60,7 +50,7 @@ std::vector<std::size_t> model_candidates(const Project& project, const reductio
     for (std::size_t i = 0; i < n; ++i) candidates.push_back(i);
     return candidates;
   }
-  const assimilation::DofSelection s = dof_selection(*project.simulate);
+  const assimilation::DofSelection& s = project.simulate->dofs;
   constexpr double k_slack = 1e-9;  // m
   const auto inside = [&](const std::optional<std::array<double, 2>>& range, double value) {
     return !range || (value >= (*range)[0] - k_slack && value <= (*range)[1] + k_slack);
@@ -125,13 +115,12 @@ SelectionSetup set_up_selection(const Project& project) {
   project.require(!project.model.empty(), "a model: `model = \"MODEL.h5\"`");
   project.require(!project.parameters.empty(),
                   "a table [parameters] with a prior for each parameter of the model");
-  const bool data =
-      project.select.candidates.empty() ? !project.data.empty() : project.select.candidates == "data";
+  const bool data = !project.select.from_model.value_or(project.data.empty());
   project.require(!data || !project.data.empty(), "data: `data = \"DATA.h5\"`");
   SelectionSetup setup{load_model(project), {}, false, {}, {}, {}, {}, {}};
   assimilation::SelectionProblem& problem = setup.problem;
-  problem.criterion = criterion_of(project.select.criterion);
-  problem.count = static_cast<std::size_t>(project.select.count);
+  problem.criterion = project.select.criterion;
+  problem.count = project.select.count;
   problem.min_distance = project.select.min_distance;
   problem.seed = project.method.seed;
   problem.at = reference_point(project, setup.model);

@@ -2,51 +2,89 @@
 
 #include <filesystem>
 
-#include "knothe/project/project_values.hpp"
+#include "knothe/project/option_section.hpp"
 
 namespace knothe::project {
+namespace {
+
+using S = ServeOptions;
+
+void add_data_options(Section<S>& s) {
+  s.add("site", &S::site, "Name of the structure; without it, that of the project file.");
+  s.add("others", &S::others, "Project files of further structures, served beside this one.", file);
+  s.add("journal", &S::journal, "The journal; without it, NAME.journal beside NAME.toml.", file);
+  s.add("window", &S::window,
+        "By how many places a datum may come late and still be put in its place; later, it is quarantined.");
+  s.add("period", &S::period, "Time between two data, s; without it, the median of the last ones.", positive);
+  s.add("budget", &S::budget, "Time that an update may take, s; without it, a tenth of the period.",
+        positive);
+  s.add("stale_after", &S::stale_after,
+        "Age of the last datum from which the state is STALE, s; without it, 5 periods.", positive);
+  s.add("watch_pictures", &S::watch_pictures,
+        "Folder in which a camera leaves its pictures: each new one is measured against the references and "
+        "taken in. References are [dic] references, or the pictures there whose names begin with "
+        "`reference`.",
+        file);
+  s.add("first_picture", &S::first_picture,
+        "Number, in its name, of the picture of the first time, where no `pictures.csv` gives the times.");
+  s.add("watch_csv", &S::watch_csv,
+        "Folder in which CSV files of measurements are left: each new one is taken in.", file);
+  s.add("settle", &S::settle, "A file in a watched folder is read when it has not changed for so long, s.",
+        positive);
+}
+
+void add_connection_options(Section<S>& s) {
+  s.add("read_token", &S::read_token, "File with the bearer token that reading needs.", file);
+  s.add("ingest_token", &S::ingest_token, "File with the bearer token that sending measurements needs.",
+        file);
+  s.add("max_body", &S::max_body, "Largest body of a request, bytes.", at_least(1024));
+  s.add("max_connections", &S::max_connections, "Connections open at a time.", at_least(1));
+  s.add("timeout", &S::timeout, "Time that a request may take to arrive, s.", positive);
+  s.choice("log", &S::log_steps, "events", "steps",
+           "What is logged on stderr: starts, stops, errors and states, or every step too.");
+  s.table("mqtt", "Measurements by MQTT too, at topic knothe/v1/SITE/SOURCE/data.");
+  s.add("mqtt.broker", in(&S::mqtt, &MqttOptions::broker), "The broker, `\"HOST\"` or `\"HOST:PORT\"`.",
+        required);
+  s.add("mqtt.user", in(&S::mqtt, &MqttOptions::user), "User name at the broker.");
+  s.add("mqtt.password", in(&S::mqtt, &MqttOptions::password), "File with the password.", file);
+  s.add("mqtt.ca", in(&S::mqtt, &MqttOptions::ca),
+        "File with the certificates that the broker is checked by; with it, TLS is spoken.", file);
+}
+
+const Section<S>& section() {
+  static const Section<S> k_section = [] {
+    Section<S> s("serve", "The online service (`knothe serve`, docs/service.md).");
+    s.add("address", &S::address, "Address to listen at; anything but loopback needs both tokens.");
+    s.add("port", &S::port, "Port to listen at, 0 for a free one; `--port` overrides it.", at_most(65535));
+    add_data_options(s);
+    add_connection_options(s);
+    return s;
+  }();
+  return k_section;
+}
+
+bool is_name(const std::string& site) {
+  return !site.empty() && site.size() <= 64 &&
+         site.find_first_not_of("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_.") ==
+             std::string::npos;
+}
+
+}  // namespace
+
+std::vector<Option> serve_option_table() {
+  return joined(section());
+}
 
 ServeOptions read_serve(Values& values, const std::string& path) {
-  const std::filesystem::path folder = std::filesystem::path(path).parent_path();
-  const auto resolved = [&](const std::string& file) {
-    return file.empty() ? file : (folder / file).lexically_normal().string();
-  };
-  const auto seconds = [&](const std::string& key) {
-    return values.has(key) ? std::optional<double>(values.number(key, 0)) : std::nullopt;
-  };
-  ServeOptions serve;
-  serve.address = values.text("serve.address", serve.address);
-  serve.port = static_cast<int>(values.integer("serve.port", serve.port));
-  if (serve.port > 65535) values.complain("serve.port", "\"serve.port\" must be at most 65535");
   const std::string stem = std::filesystem::path(path).stem().string();
-  serve.site = values.text("serve.site", stem);
-  if (serve.site.empty() || serve.site.size() > 64 ||
-      serve.site.find_first_not_of("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_.") !=
-          std::string::npos) {
+  ServeOptions serve = section().read(values);
+  if (serve.site.empty()) serve.site = stem;
+  if (!is_name(serve.site)) {
     if (values.has("serve.site"))
       values.complain("serve.site", "\"serve.site\" must be 1 to 64 letters, digits, '-', '_' or '.'");
     serve.site = "site";
   }
-  serve.journal = resolved(values.text("serve.journal", stem + ".journal"));
-  for (const std::string& other : values.texts("serve.others")) serve.others.push_back(resolved(other));
-  serve.window = static_cast<int>(values.integer("serve.window", serve.window));
-  serve.period = seconds("serve.period");
-  serve.budget = seconds("serve.budget");
-  serve.stale_after = seconds("serve.stale_after");
-  serve.watch_pictures = resolved(values.text("serve.watch_pictures", ""));
-  serve.watch_csv = resolved(values.text("serve.watch_csv", ""));
-  serve.first_picture = static_cast<long>(values.integer("serve.first_picture", serve.first_picture));
-  serve.settle = values.number("serve.settle", serve.settle);
-  serve.read_token = resolved(values.text("serve.read_token", ""));
-  serve.ingest_token = resolved(values.text("serve.ingest_token", ""));
-  values.at_least("serve.max_body", 1024);
-  serve.max_body = static_cast<long>(values.integer("serve.max_body", serve.max_body));
-  values.at_least("serve.max_connections", 1);
-  serve.max_connections = static_cast<int>(values.integer("serve.max_connections", serve.max_connections));
-  serve.timeout = values.number("serve.timeout", serve.timeout);
-  serve.log = values.text("serve.log", serve.log);
-  serve.mqtt = {values.text("serve.mqtt.broker", ""), values.text("serve.mqtt.user", ""),
-                resolved(values.text("serve.mqtt.password", "")), resolved(values.text("serve.mqtt.ca", ""))};
+  if (serve.journal.empty()) serve.journal = values.resolved(stem + ".journal");
   return serve;
 }
 

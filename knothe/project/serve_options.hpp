@@ -29,12 +29,13 @@ struct ServeOptions {
   std::string read_token, ingest_token;  ///< files, resolved; empty: none
   long max_body = 8 << 20;               ///< bytes
   int max_connections = 1024;
-  double timeout = 30;  ///< s
-  std::string log = "events";
+  double timeout = 30;     ///< s
+  bool log_steps = false;  ///< else starts, stops, errors and states alone
   MqttOptions mqtt;
 };
 
-/// `path` is the project file's: its stem is the site's name unless the file says otherwise.
+/// The table [serve]. `path` is the project file's: its stem is the site's name unless the file says
+/// otherwise.
 [[nodiscard]] ServeOptions read_serve(Values& values, const std::string& path);
 
 }  // namespace knothe::project

@@ -31,25 +31,15 @@ std::vector<double> simulated_truth(const Project& project, const std::vector<st
   return truth;
 }
 
-assimilation::DofSelection dof_selection(const SimulateOptions& options) {
-  assimilation::DofSelection selection;
-  selection.nodes = options.random_nodes;
-  selection.face = options.face[0] - 'x';
-  selection.x_range = options.x_range;
-  selection.y_range = options.y_range;
-  selection.components = options.components;
-  return selection;
-}
-
 void simulate_measurements(const Project& project, const reduction::Dofs& dofs,
                            const std::vector<double>& time, const DisplacementField& field,
                            std::optional<std::uint64_t> seed, const std::string& output) {
   const SimulateOptions& options = *project.simulate;
-  project.require(options.random_nodes > 0, "[simulate] dofs; for pictures instead give --images");
+  project.require(options.dofs.nodes > 0, "[simulate] dofs; for pictures instead give --images");
   const std::uint64_t used_seed = seed.value_or(options.seed);
   std::vector<std::size_t> chosen;
   try {
-    chosen = assimilation::choose_dofs(dofs, dof_selection(options), used_seed);
+    chosen = assimilation::choose_dofs(dofs, options.dofs, used_seed);
   } catch (const ProjectError& error) {
     throw project.error_at("simulate.dofs.random", error.what());
   }

@@ -16,9 +16,6 @@ namespace knothe::project {
 [[nodiscard]] std::vector<double> simulated_truth(const Project& project,
                                                   const std::vector<std::string>& names);
 
-/// The dofs that [simulate] asks for, as the drawing of dofs takes it.
-[[nodiscard]] assimilation::DofSelection dof_selection(const SimulateOptions& options);
-
 /// Displacements at time step `step` at the dofs asked for, m.
 using DisplacementField =
     std::function<std::vector<double>(std::size_t step, std::span<const std::size_t> dofs)>;

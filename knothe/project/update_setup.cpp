@@ -49,56 +49,22 @@ void check_priors(const Project& project, const reduction::SeparatedModel& model
   }
 }
 
-assimilation::BiasOptions bias_options(const MethodOptions& method) {
-  using assimilation::BiasOptions, assimilation::Extrapolation;
-  BiasOptions bias;
-  bias.rank = method.bias_rank;
-  bias.order = method.bias_order;
-  bias.window = method.bias_window;
-  const std::string& kind = method.bias_extrapolation;
-  bias.memory = method.bias_memory;
-  bias.way = kind == "joint"       ? BiasOptions::Way::joint
-             : kind == "pointwise" ? BiasOptions::Way::pointwise
-                                   : BiasOptions::Way::modes;
-  bias.extrapolation = kind == "damped-trend"       ? Extrapolation::damped_trend
-                       : kind == "gaussian-process" ? Extrapolation::gaussian_process
-                                                    : Extrapolation::polynomial;
-  return bias;
-}
-
 assimilation::UpdateOptions update_options(const MethodOptions& method) {
-  assimilation::UpdateOptions options;
-  options.map = map_options(method);
-  options.kind = method.kind == "grid" ? assimilation::UpdateOptions::Kind::grid
-                                       : assimilation::UpdateOptions::Kind::transport;
-  options.form = method.form == "composed" ? assimilation::UpdateOptions::Form::composed
-                                           : assimilation::UpdateOptions::Form::collapsed;
+  assimilation::UpdateOptions options = method.update;
+  options.kind = method.kind;
+  options.map.seed = method.seed;
   if (method.unknown_noise_level)
     options.noise_level = assimilation::NoiseLevel(method.noise_level_shape, method.noise_level_scale);
-  options.bias_correction = method.bias_correction == "on"     ? assimilation::BiasCorrectionMode::on
-                            : method.bias_correction == "auto" ? assimilation::BiasCorrectionMode::automatic
-                                                               : assimilation::BiasCorrectionMode::off;
-  options.bias = bias_options(method);
-  options.forgetting = method.forgetting;
-  options.change_points = method.change_points;
-  options.change_retention = method.change_retention;
-  options.restart_on_alarm = method.restart_on_alarm;
   return options;
 }
 
 std::optional<assimilation::BaselineOptions> baseline_options(const MethodOptions& method) {
-  using Kind = assimilation::BaselineOptions::Kind;
-  if (method.kind == "transport" || method.kind == "grid") return std::nullopt;
-  const Kind kind = method.kind == "ekf"    ? Kind::extended_kalman
-                    : method.kind == "ukf"  ? Kind::unscented_kalman
-                    : method.kind == "enkf" ? Kind::ensemble_kalman
-                    : method.kind == "smc"  ? Kind::sequential_monte_carlo
-                                            : Kind::markov_chain;
-  return assimilation::BaselineOptions{kind, method.samples, method.seed};
+  if (!is_baseline(method.kind)) return std::nullopt;
+  return assimilation::BaselineOptions{method.kind, method.samples, method.seed};
 }
 
 assimilation::RobustOptions robust_options(const MethodOptions& method) {
-  return {method.gate, method.likelihood == "student-t" ? method.degrees_of_freedom : 0};
+  return {method.gate, method.student_t ? method.degrees_of_freedom : 0};
 }
 
 /// Methods and options that do not go together, or not with this command.
@@ -108,7 +74,7 @@ void check_method(const Project& project, bool any_method) {
   if (baseline && !any_method) {
     throw project.error_at("method.kind", fmt::format("method.kind = \"{}\" is for `knothe assimilate` and "
                                                       "`knothe infer`; here it is \"transport\" or \"grid\"",
-                                                      method.kind));
+                                                      to_text(method.kind)));
   }
   if (robust && !any_method) {
     throw project.error_at(method.gate > 0 ? "method.gate" : "method.likelihood",
@@ -118,22 +84,24 @@ void check_method(const Project& project, bool any_method) {
     throw project.error_at(
         "method.kind", fmt::format("method.kind = \"{}\" does without likelihood = \"student-t\", gate and "
                                    "noise_level = \"unknown\": these go with \"transport\" and \"grid\"",
-                                   method.kind));
+                                   to_text(method.kind)));
   }
-  const bool changes = method.forgetting < 1 || !method.change_points.empty() || method.restart_on_alarm;
+  const bool changes =
+      method.update.forgetting < 1 || !method.update.change_points.empty() || method.update.restart_on_alarm;
   if (changes && (baseline || robust)) {
     throw project.error_at("method",
                            "forgetting, change_points and on_alarm = \"restart\" go with method transport or "
                            "grid and the Gaussian "
                            "likelihood without a gate only");
   }
-  if (method.unknown_noise_level && (method.form == "composed" || method.likelihood == "student-t")) {
+  if (method.unknown_noise_level &&
+      (method.update.form == assimilation::UpdateOptions::Form::composed || method.student_t)) {
     throw project.error_at("method.noise_level",
                            "noise_level = \"unknown\" links all data: it takes form = \"collapsed\" and "
                            "likelihood = \"gaussian\"");
   }
-  if (method.truncation_error && (method.unknown_noise_level || method.likelihood == "student-t" ||
-                                  method.offset_std > 0 || method.bias_correction != "off" ||
+  if (method.truncation_error && (method.unknown_noise_level || method.student_t || method.offset_std > 0 ||
+                                  method.update.bias_correction != assimilation::BiasCorrectionMode::off ||
                                   project.data.empty() || !project.clock.empty() || !project.known.empty())) {
     throw project.error_at(
         "method.truncation_error",
@@ -170,21 +138,6 @@ assimilation::NoiseModel noise_with_truncation(const Project& project, const red
         refuse("some dofs of " + project.data + " are not measured at all: leave them out");
   return with_truncation(noise, added);
 }
-
-}  // namespace
-
-transport::MapSolverOptions map_options(const MethodOptions& method) {
-  transport::MapSolverOptions options;
-  options.tolerance = method.tolerance;
-  options.max_order = method.max_order;
-  options.seed = method.seed;
-  options.minimiser = method.minimiser == "bfgs"          ? transport::MinimiserKind::bfgs
-                      : method.minimiser == "nelder-mead" ? transport::MinimiserKind::nelder_mead
-                                                          : transport::MinimiserKind::newton;
-  return options;
-}
-
-namespace {
 
 /// With the project's parameters in its order, then the known ones.
 reduction::SeparatedModel load_whole_model(const Project& project) {

@@ -45,9 +45,6 @@ struct UpdateSetup {
 /// model's, or a prior has no mass in the model's box.
 [[nodiscard]] reduction::SeparatedModel load_model(const Project& project);
 
-/// Tolerance, orders, minimiser and seed of the map solver.
-[[nodiscard]] transport::MapSolverOptions map_options(const MethodOptions& method);
-
 /// The forecasts that the project asks for. ProjectError, at the table of the forecast, where the file is to
 /// blame; DataError for what the model lacks.
 [[nodiscard]] forecast::Forecaster make_forecaster(const Project& project, const UpdateSetup& setup);

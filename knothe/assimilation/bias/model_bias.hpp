@@ -2,14 +2,24 @@
 /// @file Correction of model bias (Rubio et al. 2019, §4.1-4.2): what the data said beyond the model so far,
 /// extrapolated to the next datum.
 #include <Eigen/Core>
+#include <array>
 #include <deque>
 #include <optional>
 #include <vector>
 
 #include "knothe/assimilation/bias/time_extrapolation.hpp"
+#include "knothe/base/enum_names.hpp"
 #include "knothe/numerics/linear/incremental_svd.hpp"
 
 namespace knothe::assimilation {
+
+/// Whether the model's bias is corrected: never, always, or when the evidence says so.
+enum class BiasCorrectionMode { off, on, automatic };
+
+constexpr auto names_of(BiasCorrectionMode /*mode*/) {
+  using Mode = BiasCorrectionMode;
+  return std::to_array<Named<Mode>>({{Mode::off, "off"}, {Mode::on, "on"}, {Mode::automatic, "auto"}});
+}
 
 struct BiasOptions {
   /// How the bias goes on to the next time: unknown together with the parameters, and integrated out

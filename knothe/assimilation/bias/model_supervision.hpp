@@ -15,9 +15,6 @@
 
 namespace knothe::assimilation {
 
-/// Whether the model's bias is corrected: never, always, or when the evidence says so.
-enum class BiasCorrectionMode { off, on, automatic };
-
 /// The state of the watch after some data, in order. All of it follows from the data and from which of them
 /// were corrected by hand.
 class ModelSupervision {

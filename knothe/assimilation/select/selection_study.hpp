@@ -1,12 +1,14 @@
 #pragma once
 /// @file A choice of dofs, explained, and set against other choices.
 #include <Eigen/Core>
+#include <array>
 #include <cstdint>
 #include <string>
 #include <vector>
 
 #include "knothe/assimilation/select/data_selection.hpp"
 #include "knothe/assimilation/select/sensitivity.hpp"
+#include "knothe/base/enum_names.hpp"
 
 namespace knothe::assimilation {
 
@@ -23,6 +25,15 @@ struct SelectionProblem {
   Eigen::Index gain_points = 8;                        ///< draws of the prior for the information gain
   std::uint64_t seed = 1;                              ///< of the random choices compared with
 };
+
+constexpr auto names_of(SelectionProblem::Criterion /*criterion*/) {
+  using Criterion = SelectionProblem::Criterion;
+  return std::to_array<Named<Criterion>>({{Criterion::product, "product"},
+                                          {Criterion::minimum, "minimum"},
+                                          {Criterion::maximum, "maximum"},
+                                          {Criterion::d_optimal, "d-optimal"},
+                                          {Criterion::information_gain, "information-gain"}});
+}
 
 /// A chosen dof and why.
 struct RankedDof {

@@ -15,7 +15,6 @@
 namespace {
 
 using namespace knothe::assimilation;
-using Kind = BaselineOptions::Kind;
 
 struct Problem {
   std::shared_ptr<const knothe::reduction::ObservedModel> model;
@@ -57,7 +56,8 @@ void print(const std::string& name, const Score& s) {
              100 * s.std, s.reached() ? "reached" : "not reached");
 }
 
-void baseline(const Problem& problem, const std::string& name, Kind kind, std::vector<Eigen::Index> samples) {
+void baseline(const Problem& problem, const std::string& name, Method kind,
+              std::vector<Eigen::Index> samples) {
   for (const Eigen::Index n : samples) {
     BaselineUpdate update(problem.model, problem.noise, problem.priors, {kind, n, 1});
     const Score s = score(problem, [&](std::size_t t) -> const UpdateResult& {
@@ -91,7 +91,7 @@ int main(int argc, char** argv) {
     problem.data.col(t) = problem.model->predict(Eigen::Vector2d(1.15, 0.85), static_cast<std::size_t>(t)) +
                           0.25 * bench::normal_matrix(n, 1, random);
   UpdateOptions options;
-  options.kind = UpdateOptions::Kind::grid;
+  options.kind = Method::grid;
   SequentialUpdate grid(problem.model, problem.noise, problem.priors, options);
   for (int t = 0; t < steps; ++t)
     problem.exact.push_back(
@@ -102,10 +102,10 @@ int main(int argc, char** argv) {
              "std wrong");
   maps(problem, "collapsed map", UpdateOptions::Form::collapsed);
   maps(problem, "composed maps", UpdateOptions::Form::composed);
-  baseline(problem, "sequential Monte Carlo", Kind::sequential_monte_carlo, {2500, 10000, 40000, 160000});
-  baseline(problem, "Markov chain", Kind::markov_chain, {2500, 10000, 40000, 160000});
-  baseline(problem, "extended Kalman filter", Kind::extended_kalman, {1000});
-  baseline(problem, "unscented Kalman filter", Kind::unscented_kalman, {1000});
-  baseline(problem, "ensemble Kalman filter", Kind::ensemble_kalman, {2500, 10000});
+  baseline(problem, "sequential Monte Carlo", Method::sequential_monte_carlo, {2500, 10000, 40000, 160000});
+  baseline(problem, "Markov chain", Method::markov_chain, {2500, 10000, 40000, 160000});
+  baseline(problem, "extended Kalman filter", Method::extended_kalman, {1000});
+  baseline(problem, "unscented Kalman filter", Method::unscented_kalman, {1000});
+  baseline(problem, "ensemble Kalman filter", Method::ensemble_kalman, {2500, 10000});
   return 0;
 }

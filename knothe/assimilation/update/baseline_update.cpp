@@ -18,7 +18,6 @@
 namespace knothe::assimilation {
 namespace {
 
-using Kind = BaselineOptions::Kind;
 constexpr Eigen::Index k_reference_points = 1024;
 
 double log_sum_exp(const Eigen::VectorXd& x) {
@@ -41,11 +40,8 @@ BaselineUpdate::BaselineUpdate(std::shared_ptr<const reduction::ObservedModel> m
       target_(model->functions, transform_, projector_.central_functions()),
       reference_(standardised_points(k_reference_points, transform_->dimension(), options.seed)),
       sum_(StepForm::zero(model->functions->count())) {
-  if (options_.kind == Kind::sequential_monte_carlo || options_.kind == Kind::markov_chain) return;
-  const auto kind = options_.kind == Kind::extended_kalman    ? GaussianFilter::Kind::extended
-                    : options_.kind == Kind::unscented_kalman ? GaussianFilter::Kind::unscented
-                                                              : GaussianFilter::Kind::ensemble;
-  filter_.emplace(kind, model->functions, transform_, projector_.central_functions(),
+  if (options_.kind == Method::sequential_monte_carlo || options_.kind == Method::markov_chain) return;
+  filter_.emplace(options_.kind, model->functions, transform_, projector_.central_functions(),
                   std::max<Eigen::Index>(options_.samples / 50, 20), options_.seed);
 }
 
@@ -70,7 +66,7 @@ const UpdateResult& BaselineUpdate::update(std::size_t step, std::size_t time_in
   result_.missing = form.missing;
   if (filter_) {
     by_filter(form);
-  } else if (options_.kind == Kind::sequential_monte_carlo) {
+  } else if (options_.kind == Method::sequential_monte_carlo) {
     by_particles();
   } else {
     by_chain();

@@ -10,14 +10,7 @@
 namespace knothe::assimilation {
 
 struct BaselineOptions {
-  enum class Kind {
-    extended_kalman,
-    unscented_kalman,
-    ensemble_kalman,
-    sequential_monte_carlo,
-    markov_chain
-  };
-  Kind kind = Kind::extended_kalman;
+  Method kind = Method::extended_kalman;  ///< one that `is_baseline`
   Eigen::Index samples =
       10000;  ///< draws of the chain; a fifth as many particles, a fiftieth as many members
   std::uint64_t seed = 1;

@@ -11,7 +11,6 @@
 namespace knothe::assimilation {
 namespace {
 
-using Kind = BaselineOptions::Kind;
 using test::CurvedFunctions;
 using test::LinearFunctions;
 using test::random_model;
@@ -24,7 +23,7 @@ TEST(BaselineUpdate, KalmanFiltersAreExactForALinearModel) {
   const Eigen::VectorXd std = Eigen::VectorXd::LinSpaced(n, 0.2, 0.5);
   const Eigen::MatrixXd data = synthetic_data(*model, Eigen::Vector3d(0.3, -1.0, 2.0), std, 5);
   const std::vector<Prior> priors = {Prior::normal(0, 1), Prior::normal(-0.5, 2), Prior::normal(1, 0.7)};
-  for (const Kind kind : {Kind::extended_kalman, Kind::unscented_kalman, Kind::ensemble_kalman}) {
+  for (const Method kind : {Method::extended_kalman, Method::unscented_kalman, Method::ensemble_kalman}) {
     BaselineUpdate filter(model, NoiseModel::independent(std), priors, {kind, 10000, 1});
     Eigen::VectorXd mean = Eigen::Vector3d(0, -0.5, 1);
     Eigen::MatrixXd covariance = Eigen::Vector3d(1, 4, 0.49).asDiagonal();
@@ -58,11 +57,11 @@ TEST(BaselineUpdate, MonteCarloAgreesWithQuadrature) {
   const Eigen::MatrixXd data = synthetic_data(*model, Eigen::Vector2d(1.0, 1.2), std, 4);
   const std::vector<Prior> priors = {Prior::normal(0.9, 0.45), Prior::normal(1.1, 0.45)};
   UpdateOptions by_grid;
-  by_grid.kind = UpdateOptions::Kind::grid;
+  by_grid.kind = Method::grid;
   SequentialUpdate grid(model, NoiseModel::independent(std), priors, by_grid);
   BaselineUpdate particles(model, NoiseModel::independent(std), priors,
-                           {Kind::sequential_monte_carlo, 20000, 1});
-  BaselineUpdate chain(model, NoiseModel::independent(std), priors, {Kind::markov_chain, 8000, 1});
+                           {Method::sequential_monte_carlo, 20000, 1});
+  BaselineUpdate chain(model, NoiseModel::independent(std), priors, {Method::markov_chain, 8000, 1});
   for (std::size_t t = 0; t < 3; ++t) {
     const auto column = data.col(static_cast<Eigen::Index>(t));
     const UpdateResult& exact = grid.update(t, t, column);
@@ -86,7 +85,7 @@ TEST(BaselineUpdate, AFilterSaysWhereThePosteriorIsNotItsGaussian) {
   const Eigen::VectorXd std = Eigen::VectorXd::Constant(n, 0.4);
   const Eigen::MatrixXd data = synthetic_data(*model, Eigen::Vector2d(1.45, 0.7), std, 17);
   const std::vector<Prior> priors = {Prior::normal(0.9, 0.45), Prior::normal(1.1, 0.45)};
-  BaselineUpdate filter(model, NoiseModel::independent(std), priors, {Kind::extended_kalman, 1000, 1});
+  BaselineUpdate filter(model, NoiseModel::independent(std), priors, {Method::extended_kalman, 1000, 1});
   const UpdateResult& r = filter.update(0, 0, data.col(0));
   EXPECT_FALSE(r.trusted);
   EXPECT_TRUE(r.remark.starts_with("the posterior is not the Gaussian of the filter: ")) << r.remark;

@@ -59,7 +59,7 @@ void SequentialUpdate::forget(std::size_t step) {
     return;
   }
   set_target();
-  if (options_.kind == UpdateOptions::Kind::grid) {
+  if (options_.kind == Method::grid) {
     by_grid();
   } else {
     by_collapsed_map();

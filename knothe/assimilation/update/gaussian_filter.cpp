@@ -25,7 +25,7 @@ Eigen::MatrixXd standardised_points(Eigen::Index n, Eigen::Index d, std::uint64_
   return factor.matrixL().solve(points.transpose()).transpose();
 }
 
-GaussianFilter::GaussianFilter(Kind kind, std::shared_ptr<const reduction::ParameterFunctions> functions,
+GaussianFilter::GaussianFilter(Method kind, std::shared_ptr<const reduction::ParameterFunctions> functions,
                                std::shared_ptr<const PriorTransform> transform, Eigen::VectorXd central,
                                Eigen::Index members, std::uint64_t seed)
     : kind_(kind),
@@ -34,13 +34,13 @@ GaussianFilter::GaussianFilter(Kind kind, std::shared_ptr<const reduction::Param
       central_(std::move(central)),
       mean_(Eigen::VectorXd::Zero(transform_->dimension())),
       covariance_(Eigen::MatrixXd::Identity(mean_.size(), mean_.size())) {
-  if (kind_ == Kind::ensemble) members_ = standardised_points(members, mean_.size(), seed);
+  if (kind_ == Method::ensemble_kalman) members_ = standardised_points(members, mean_.size(), seed);
 }
 
 double GaussianFilter::update(const StepForm& form) {
-  if (kind_ == Kind::extended) return update_extended(form);
+  if (kind_ == Method::extended_kalman) return update_extended(form);
   const Eigen::Index d = mean_.size();
-  if (kind_ == Kind::ensemble) {
+  if (kind_ == Method::ensemble_kalman) {
     return update_by_points(
         form, members_, Eigen::VectorXd::Constant(members_.rows(), 1 / static_cast<double>(members_.rows())));
   }
@@ -96,7 +96,7 @@ double GaussianFilter::update_by_points(const StepForm& form, const Eigen::Matri
   const Eigen::LLT<Eigen::MatrixXd> factor(Eigen::MatrixXd::Identity(n, n) + a);
   const Eigen::VectorXd solved = factor.solve(b);
   mean_ = z_mean + deviations * solved;
-  if (kind_ == Kind::ensemble) {
+  if (kind_ == Method::ensemble_kalman) {
     const numerics::SymmetricEigen eigen(a);
     const Eigen::VectorXd shrink = (1 + eigen.eigenvalues().cwiseMax(0).array()).rsqrt();
     const Eigen::MatrixXd contracted =

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <memory>
 
+#include "knothe/assimilation/update/method.hpp"
 #include "knothe/assimilation/update/prior_transform.hpp"
 #include "knothe/assimilation/update/step_form.hpp"
 #include "knothe/reduction/model/parameter_functions.hpp"
@@ -21,9 +22,8 @@ namespace knothe::assimilation {
 /// - ensemble: a deterministic square root of the ensemble (Bishop, Etherton, Majumdar 2001; symmetric).
 class GaussianFilter {
  public:
-  enum class Kind { extended, unscented, ensemble };
-  /// `central`: w₀ of the forms. `members`: of the ensemble.
-  GaussianFilter(Kind kind, std::shared_ptr<const reduction::ParameterFunctions> functions,
+  /// `kind`: one of the three filters. `central`: w₀ of the forms. `members`: of the ensemble.
+  GaussianFilter(Method kind, std::shared_ptr<const reduction::ParameterFunctions> functions,
                  std::shared_ptr<const PriorTransform> transform, Eigen::VectorXd central,
                  Eigen::Index members, std::uint64_t seed);
 
@@ -40,7 +40,7 @@ class GaussianFilter {
                           const Eigen::VectorXd& weights);
   [[nodiscard]] Eigen::MatrixXd functions_at(const Eigen::MatrixXd& z) const;
 
-  Kind kind_;
+  Method kind_;
   std::shared_ptr<const reduction::ParameterFunctions> functions_;
   std::shared_ptr<const PriorTransform> transform_;
   Eigen::VectorXd central_, mean_;

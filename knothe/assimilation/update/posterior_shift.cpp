@@ -8,7 +8,7 @@ namespace knothe::assimilation {
 std::vector<PosteriorShift> posterior_shift(std::shared_ptr<const reduction::ObservedModel> model,
                                             std::shared_ptr<const reduction::ObservedModel> judge,
                                             const Eigen::MatrixXd& data, const NoiseModel& noise,
-                                            const std::vector<Prior>& priors, UpdateOptions::Kind kind) {
+                                            const std::vector<Prior>& priors, Method kind) {
   assert(model->time.size() == judge->time.size() &&
          data.cols() == static_cast<Eigen::Index>(model->time.size()));
   UpdateOptions options;

@@ -23,8 +23,7 @@ struct PosteriorShift {
 [[nodiscard]] std::vector<PosteriorShift> posterior_shift(
     std::shared_ptr<const reduction::ObservedModel> model,
     std::shared_ptr<const reduction::ObservedModel> judge, const Eigen::MatrixXd& data,
-    const NoiseModel& noise, const std::vector<Prior>& priors,
-    UpdateOptions::Kind kind = UpdateOptions::Kind::transport);
+    const NoiseModel& noise, const std::vector<Prior>& priors, Method kind = Method::transport);
 
 /// Largest shift over all steps, and that of the last one.
 struct ShiftSummary {

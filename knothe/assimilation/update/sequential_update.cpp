@@ -215,7 +215,7 @@ void SequentialUpdate::recompute(std::size_t step) {
   result_.missing = datum.form.missing;
   shares_.reset();
   set_target();
-  if (options_.kind == UpdateOptions::Kind::grid) {
+  if (options_.kind == Method::grid) {
     by_grid();
   } else if (composition_) {
     by_composed_maps(step);

@@ -14,6 +14,7 @@
 #include "knothe/assimilation/update/collapsed_posterior.hpp"
 #include "knothe/assimilation/update/datum_projector.hpp"
 #include "knothe/assimilation/update/prior.hpp"
+#include "knothe/assimilation/update/update_options.hpp"
 #include "knothe/reduction/observe/observed_model.hpp"
 #include "knothe/transport/solve/map_solver.hpp"
 
@@ -21,34 +22,6 @@ namespace knothe::assimilation {
 
 /// Levels at which posterior quantiles are given.
 inline constexpr std::array<double, 5> k_quantile_levels = {0.025, 0.25, 0.5, 0.75, 0.975};
-
-struct UpdateOptions {
-  /// How the posterior is computed: transport map, or dense quadrature (the plain answer, at most 3
-  /// parameters).
-  enum class Kind { transport, grid } kind = Kind::transport;
-  /// All data in one quadratic form and one map (constant cost, no accumulated error), or a composition of
-  /// one low-order map per datum (Rubio et al. 2019, Eq. 10-11).
-  enum class Form { collapsed, composed } form = Form::collapsed;
-  /// The level of the noise is not known: integrated out with this prior (collapsed form only).
-  std::optional<NoiseLevel> noise_level;
-  transport::MapSolverOptions map;  ///< tolerance, orders, minimiser, number of points, seed
-  /// In place of that of `map`: a tempered look for second modes costs more than all the rest of an update.
-  transport::ModeSearchLevel search_modes = transport::ModeSearchLevel::multi_start;
-  /// Correction of the model's bias (Rubio et al. 2019, §4): never, always, or when the monitor says so.
-  BiasCorrectionMode bias_correction = BiasCorrectionMode::off;
-  BiasOptions bias;
-  MonitorOptions monitor;
-  /// A structure that changes (docs/assimilation.md). Before each datum the likelihood of those before it is
-  /// raised to the power `forgetting`, in (0, 1]; before the steps `change_points` to the power
-  /// `change_retention`, in [0, 1]: with 0 the posterior begins anew from the prior.
-  double forgetting = 1;
-  std::vector<std::size_t> change_points;
-  double change_retention = 0;
-  /// Takes an alarm of the monitor for such a change, from when the drift began.
-  bool restart_on_alarm = false;
-  /// Keeps what a correction needs also where nothing is corrected, so that `redo` can be asked for.
-  bool learn_bias = false;
-};
 
 /// Wall-clock time of each phase of an update, µs.
 struct UpdateTimes {

@@ -7,15 +7,11 @@
 #include "knothe/mechanics/full_order/finite_elements.hpp"
 #include "knothe/mechanics/law/damage_law.hpp"
 #include "knothe/mechanics/mesh/hexahedron_mesh.hpp"
+#include "knothe/project/offline_options.hpp"
 
 namespace knothe::mechanics {
 
-/// How a crack's width is kept from being that of an element.
-enum class Regularisation {
-  none,        ///< the law as it is: the element size is a material parameter
-  crack_band,  ///< inelastic strain scaled by reference size / element size: stress against opening is kept
-  gradient     ///< damage by a strain averaged over an internal length (Helmholtz equation)
-};
+using Regularisation = project::DamageRegularisation;
 
 struct RegularisationOptions {
   Regularisation kind = Regularisation::none;

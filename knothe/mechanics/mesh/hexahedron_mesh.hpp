@@ -5,15 +5,13 @@
 #include <string>
 #include <vector>
 
+#include "knothe/project/offline_options.hpp"
+
 namespace knothe::mechanics {
 
 using NodeSet = std::vector<std::int64_t>;  ///< node numbers, ascending
 
-/// What holds the beam in x.
-enum class LeftSupport {
-  support_line,  ///< u_x = 0 on the left support line: a simply supported beam (the default)
-  left_face      ///< u_x = 0 on the whole left end face, as the paper has it; this clamps the rotation there
-};
+using project::LeftSupport;
 
 /// Half of the body (z ≥ 0; z = 0 is the symmetry plane). Vertices of a cell in VTK's order: the lower face
 /// (−ζ) counter-clockwise seen from +ζ, then the upper one.

@@ -7,6 +7,7 @@
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/seal.hpp"
 #include "knothe/reduction/grid/validation.hpp"
+#include "knothe/reduction/model/form_names.hpp"
 #include "knothe/reduction/model/truncation_error.hpp"
 
 namespace knothe::reduction {
@@ -34,8 +35,7 @@ void validate_crack(const CrackSolutions& crack, std::size_t dofs, const Validat
 
 Form read_form(const files::Hdf5Reader& file) {
   const std::string form = file.text_attribute("/", "form");
-  if (form == "canonical") return Form::canonical;
-  if (form == "tree") return Form::tree;
+  if (const auto value = from_text<Form>(form)) return *value;
   throw DataError(fmt::format("{}: attribute form of / is \"{}\": \"canonical\" or \"tree\" is needed",
                               file.path(), form));
 }
@@ -181,7 +181,7 @@ TruncationError read_truncation_error(const std::string& path) {
 }
 
 std::string to_text(Form form) {
-  return form == Form::canonical ? "canonical" : "tree";
+  return knothe::to_text(form);
 }
 
 files::Shape ModelContents::grid_shape() const {

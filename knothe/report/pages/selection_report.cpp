@@ -116,7 +116,7 @@ std::vector<ordered_json> selection_records(const project::Project& project,
   for (const assimilation::SelectionCurve& curve : study.curves)
     curves[curve.name] = by_name(names, curve.posterior_std.row(curve.posterior_std.rows() - 1).transpose());
   records.push_back({{"done", true},
-                     {"criterion", project.select.criterion},
+                     {"criterion", to_text(project.select.criterion)},
                      {"candidates", setup.candidates.size()},
                      {"candidates_from", setup.from_data ? "data" : "model"},
                      {"dofs", dofs},
@@ -131,7 +131,7 @@ std::string selection_page(const project::Project& project, const project::Selec
                            const assimilation::SelectionStudy& study) {
   const std::vector<std::string> names = setup.model.parameter_names();
   Page page("Data selection", fmt::format("{}: {} of {} dofs by {}", project.path, study.ranked.size(),
-                                          setup.candidates.size(), project.select.criterion));
+                                          setup.candidates.size(), to_text(project.select.criterion)));
   std::vector<Card> cards;
   for (std::size_t k = 0; k < names.size(); ++k) {
     const auto j = static_cast<Eigen::Index>(k);

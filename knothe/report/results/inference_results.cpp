@@ -221,7 +221,7 @@ void write_inference(const std::string& folder, const project::Project& project,
   content["created_by"] = k_created_by;
   content["project"] = project.text;
   content["seed"] = project.method.seed;
-  content["tolerance"] = project.method.tolerance;
+  content["tolerance"] = project.method.update.map.tolerance;
   content["model"] = setup.model->where();
   for (const assimilation::Prior& prior : setup.priors) content["priors"].push_back(prior.describe());
   for (const inference::PhaseTime& phase : r.phases)

@@ -161,12 +161,18 @@ Json ResultsWriter::residuals() const {
 
 void ResultsWriter::write_summary(const std::string& path, const std::vector<std::size_t>& untrusted,
                                   double elapsed_s) const {
-  Json summary = {{"created_by", k_created_by},   {"project", project_.text},
-                  {"model", project_.model},      {"data", project_.data},
-                  {"seed", project_.method.seed}, {"method", project_.method.kind},
-                  {"form", project_.method.form}, {"parameters", parameter_summaries()},
-                  {"steps", steps_.size()},       {"untrusted", untrusted},
-                  {"elapsed_s", elapsed_s},       {"machine", machine_record()}};
+  Json summary = {{"created_by", k_created_by},
+                  {"project", project_.text},
+                  {"model", project_.model},
+                  {"data", project_.data},
+                  {"seed", project_.method.seed},
+                  {"method", to_text(project_.method.kind)},
+                  {"form", to_text(project_.method.update.form)},
+                  {"parameters", parameter_summaries()},
+                  {"steps", steps_.size()},
+                  {"untrusted", untrusted},
+                  {"elapsed_s", elapsed_s},
+                  {"machine", machine_record()}};
   for (std::size_t k = 0; k < priors_.size(); ++k) {
     const auto prior = assimilation::marginal_density(priors_[k]);
     summary["prior_marginals"][model_.contents().axes[k].name] = {{"points", prior.points},

@@ -21,13 +21,6 @@ Json triples(const std::vector<double>& flat) {
   return rows;
 }
 
-const char* quantity_word(forecast::ForecastSpecification::Quantity quantity) {
-  using Quantity = forecast::ForecastSpecification::Quantity;
-  return quantity == Quantity::crack_length   ? "crack_length"
-         : quantity == Quantity::displacement ? "displacement"
-                                              : "output";
-}
-
 std::string units_of(const Site& site, const forecast::ForecastSpecification& specification) {
   if (specification.quantity != forecast::ForecastSpecification::Quantity::output) return "m";
   for (const auto& output : site.setup().model.contents().outputs)
@@ -112,7 +105,7 @@ Json description(const Site& site, const std::vector<std::string>& sites) {
   Json forecasts = Json::array();
   for (const auto& specification : project.forecasts) {
     Json entry = {{"name", specification.name},
-                  {"quantity", quantity_word(specification.quantity)},
+                  {"quantity", to_text(specification.quantity)},
                   {"horizon", specification.horizon}};
     const bool crack = specification.quantity == forecast::ForecastSpecification::Quantity::crack_length;
     if (specification.threshold || crack)
@@ -122,7 +115,8 @@ Json description(const Site& site, const std::vector<std::string>& sites) {
   }
   const bool on_nodes = contents.mesh && !contents.dofs.empty();
   Json fields = on_nodes ? Json{"displacement", "sensitivity", "residual"} : Json{"residual"};
-  if (project.method.bias_correction != "off") fields.push_back("bias");
+  if (project.method.update.bias_correction != assimilation::BiasCorrectionMode::off)
+    fields.push_back("bias");
   const std::string run = site.identity().model.substr(0, 16) + site.identity().configuration.substr(0, 16) +
                           site.identity().sensors.substr(0, 16);
   Json answer = {{"run", run},
@@ -142,8 +136,9 @@ Json description(const Site& site, const std::vector<std::string>& sites) {
   answer["fields"] = fields;
   if (site.setup().pictures && !project.serve.watch_pictures.empty())
     answer["picture"] = {{"corners", picture_corners(*site.setup().pictures)}};
-  answer["method"] = {
-      {"kind", project.method.kind}, {"form", project.method.form}, {"tolerance", project.method.tolerance}};
+  answer["method"] = {{"kind", to_text(project.method.kind)},
+                      {"form", to_text(project.method.update.form)},
+                      {"tolerance", project.method.update.map.tolerance}};
   answer["model_sha256"] = site.identity().model;
   answer["configuration_sha256"] = site.identity().configuration;
   return answer;

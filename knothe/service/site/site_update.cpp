@@ -103,7 +103,7 @@ void Site::conclude(std::size_t step, bool preview) {
     raise(step, "alarm", "trust", "the update failed: " + trouble);
   }
   if (line) {
-    if (project_.serve.log == "steps")
+    if (project_.serve.log_steps)
       log_event("info", "step",
                 {{"site", name_}, {"step", step}, {"trusted", line->trusted}, {"remark", line->remark}});
     publish(std::move(line));

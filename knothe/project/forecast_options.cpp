@@ -1,0 +1,63 @@
+#include "knothe/project/forecast_options.hpp"
+
+#include <fmt/format.h>
+
+#include "knothe/project/option_section.hpp"
+
+namespace knothe::project {
+namespace {
+
+using F = forecast::ForecastSpecification;
+
+const Section<F>& section() {
+  static const Section<F> k_section = [] {
+    Section<F> s("forecast.*", "A forecast of that name.");
+    s.add("quantity", &F::quantity, "What is forecast.", required);
+    s.add("horizon", &F::horizon, "Model time for which it is forecast.", required);
+    s.add("threshold", &F::threshold, "P(q > threshold) is reported (unit of q).");
+    s.table("prior", "Prior of a crack length: `{ mean = …, std = … }`, m.");
+    s.add("prior.mean", &F::prior_mean, "Prior mean of the crack length, m.", required);
+    s.add("prior.std", &F::prior_std, "Prior standard deviation of the crack length, m.", positive, required);
+    s.add("discrepancy_std", &F::discrepancy_std, "Discrepancy between damage model and elastic crack, m.",
+          positive);
+    s.add("length_offset", &F::length_offset,
+          "What the crack meant is longer by than the equivalent elastic one, m (docs/forecast.md).");
+    s.add("point", &F::point, "Where a displacement is forecast: x, y, z, m.", of_shape("[x, y, z]"),
+          no_default);
+    s.choice("component", &F::component, k_components, "Component of a displacement.", no_default);
+    s.add("output", &F::output, "Name of a model's output, e.g. `reaction_force`.");
+    return s;
+  }();
+  return k_section;
+}
+
+F read_forecast(Values& values, const std::string& name) {
+  F f = section().read(values, name);
+  f.name = name;
+  const std::string path = "forecast." + name;
+  const auto need = [&](F::Quantity quantity, const char* key, const char* text) {
+    if (f.quantity == quantity && values.has(path + ".quantity") && !values.has(path + "." + key))
+      values.complain(path, fmt::format("[{}] needs \"{}\"{}", path, key, text));
+  };
+  need(F::Quantity::displacement, "point", " = [x, y, z]");
+  need(F::Quantity::displacement, "component", "");
+  need(F::Quantity::output, "output", ", the name of one of the model's outputs");
+  return f;
+}
+
+}  // namespace
+
+std::vector<Option> forecast_option_table() {
+  std::vector<Option> table = Section<F>("forecast", "One table per quantity of interest.").options();
+  table.insert(table.end(), section().options().begin(), section().options().end());
+  return table;
+}
+
+std::vector<F> read_forecasts(Values& values) {
+  std::vector<F> forecasts;
+  for (const std::string& name : values.children_of("forecast"))
+    forecasts.push_back(read_forecast(values, name));
+  return forecasts;
+}
+
+}  // namespace knothe::project

@@ -1,0 +1,89 @@
+#pragma once
+/// @file The table [offline] of a project file: how the reduced model is made.
+#include <array>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "knothe/base/enum_names.hpp"
+#include "knothe/reduction/model/form_names.hpp"
+
+namespace knothe::project {
+
+struct Values;
+
+enum class OfflineMethod { snapshots, latin };
+
+constexpr auto names_of(OfflineMethod /*method*/) {
+  return std::to_array<Named<OfflineMethod>>(
+      {{OfflineMethod::snapshots, "snapshots"}, {OfflineMethod::latin, "latin"}});
+}
+
+/// How a crack's width is kept from being that
+/// of an element.
+enum class DamageRegularisation {
+  none,        ///< the law as it is: the element size is a material parameter
+  crack_band,  ///< inelastic strain scaled by reference size / element size: stress against opening is kept
+  gradient     ///< damage by a strain averaged over an internal length (Helmholtz equation)
+};
+
+constexpr auto names_of(DamageRegularisation /*regularisation*/) {
+  using R = DamageRegularisation;
+  return std::to_array<Named<R>>(
+      {{R::none, "none"}, {R::crack_band, "crack-band"}, {R::gradient, "gradient"}});
+}
+
+/// What holds the beam in x.
+enum class LeftSupport {
+  support_line,  ///< u_x = 0 on the left support line: a simply supported beam (the default)
+  left_face      ///< u_x = 0 on the whole left end face, as the paper has it; this clamps the rotation there
+};
+
+constexpr auto names_of(LeftSupport /*support*/) {
+  return std::to_array<Named<LeftSupport>>(
+      {{LeftSupport::support_line, "line"}, {LeftSupport::left_face, "face"}});
+}
+
+/// Axis of the parameter grid of the offline phase.
+struct OfflineParameter {
+  std::string name;
+  double reference = 1;  ///< physical value of 1.0
+  double lower = 0.5;
+  double upper = 1.5;
+  int nodes = 7;
+};
+
+struct OfflineOptions {
+  OfflineMethod method = OfflineMethod::snapshots;
+  std::optional<double> latin_accuracy;  ///< m; else 1e-7, fully separated 1e-6
+  int latin_window = 2;                  ///< steps
+  std::string latin_start;               ///< model file; empty: the elastic solution
+  bool latin_full = false;               ///< fully separated form
+  int latin_terms = 100;                 ///< of it, at most
+  double element = 0.005;                ///< m
+  int layers = 1;
+  std::string gmsh;  ///< resolved; empty: structured mesh
+  DamageRegularisation regularisation = DamageRegularisation::none;
+  double reference_size = 0.005;  ///< m
+  double internal_length = 0.01;  ///< m
+  int steps = 100;
+  double displacement = 4e-4;  ///< m
+  double young_modulus = 30e9;
+  double poisson_ratio = 0.23;
+  LeftSupport left_support = LeftSupport::support_line;
+  int processes = 2;
+  reduction::Form form = reduction::Form::tree;
+  int modes = 30;
+  std::optional<int> sparse_level;            ///< else the whole tensor grid
+  std::optional<double> adaptive_error;       ///< m; else `modes` as given
+  std::optional<double> adaptive_shift;       ///< posterior std; else `modes` as given
+  std::optional<double> adaptive_grid_error;  ///< m; else `nodes` as given
+  int adaptive_runs = 400;
+  int crack_lengths = 80;
+  std::vector<OfflineParameter> parameters;
+};
+
+/// The table [offline]; complains of what is out of range or does not go together.
+[[nodiscard]] OfflineOptions read_offline(Values& values);
+
+}  // namespace knothe::project
