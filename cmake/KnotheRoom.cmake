@@ -25,7 +25,7 @@ function(knothe_room name)
       add_executable(${stem} EXCLUDE_FROM_ALL ${source})  # not for `make test`: bench/run.sh builds them
       add_dependencies(benchmarks ${stem})
       target_link_libraries(${stem} PRIVATE knothe_${name} ${ROOM_PRIVATE} benchmark::benchmark)
-      set_target_properties(${stem} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/bench)
+      set_target_properties(${stem} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/bench)
     endforeach()
   endif()
 endfunction()

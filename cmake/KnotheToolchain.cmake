@@ -1,17 +1,22 @@
-# Compiler settings that every target of the project shares.
+# Compiler settings that every target of the project shares; ordinary variables, so that a project around this one keeps its own.
 set(CMAKE_CXX_STANDARD 20)
 set(CMAKE_CXX_STANDARD_REQUIRED ON)
 set(CMAKE_CXX_EXTENSIONS OFF)
+if(KNOTHE_LIBRARY) # the rooms go into libknothe.so, and nothing of them is seen from outside
+  set(CMAKE_POSITION_INDEPENDENT_CODE ON)
+  set(CMAKE_CXX_VISIBILITY_PRESET hidden)
+  set(CMAKE_VISIBILITY_INLINES_HIDDEN ON)
+endif()
 set(CMAKE_EXPORT_COMPILE_COMMANDS ON)
-set(CMAKE_RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/bin)
-if(NOT CMAKE_BUILD_TYPE)
+set(CMAKE_RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/bin)
+if(PROJECT_IS_TOP_LEVEL AND NOT CMAKE_BUILD_TYPE)
   set(CMAKE_BUILD_TYPE Release CACHE STRING "" FORCE)
 endif()
 
 find_program(CCACHE_PROGRAM ccache)
 if(CCACHE_PROGRAM AND NOT CMAKE_CXX_COMPILER_LAUNCHER)
   # Paths below the source folder are hashed as relative: another clone of the same commit compiles nothing anew.
-  set(CMAKE_CXX_COMPILER_LAUNCHER ${CMAKE_COMMAND} -E env CCACHE_BASEDIR=${CMAKE_SOURCE_DIR} CCACHE_NOHASHDIR=1
+  set(CMAKE_CXX_COMPILER_LAUNCHER ${CMAKE_COMMAND} -E env CCACHE_BASEDIR=${PROJECT_SOURCE_DIR} CCACHE_NOHASHDIR=1
                                   ${CCACHE_PROGRAM})
 endif()
 
@@ -21,7 +26,7 @@ endif()
 add_library(knothe_flags_portable INTERFACE)
 target_compile_options(knothe_flags_portable INTERFACE
   -Wall -Wextra -Wpedantic $<$<CXX_COMPILER_ID:GNU>:-Wshadow=local> -Wno-psabi -fno-math-errno)
-target_include_directories(knothe_flags_portable INTERFACE ${CMAKE_SOURCE_DIR} ${CMAKE_BINARY_DIR}/generated)
+target_include_directories(knothe_flags_portable INTERFACE ${PROJECT_SOURCE_DIR} ${PROJECT_BINARY_DIR}/generated)
 if(KNOTHE_SANITIZE)
   target_compile_options(knothe_flags_portable INTERFACE
     -fsanitize=${KNOTHE_SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer -g1
@@ -34,6 +39,8 @@ target_link_libraries(knothe_flags INTERFACE knothe_flags_portable)
 if(KNOTHE_NATIVE)
   # GCC 12 takes the deliberately undefined operands of its own AVX-512 intrinsics for uninitialised variables.
   target_compile_options(knothe_flags INTERFACE -march=native -Wno-uninitialized -Wno-maybe-uninitialized)
+elseif(KNOTHE_ARCH)
+  target_compile_options(knothe_flags INTERFACE -march=${KNOTHE_ARCH} -Wno-uninitialized -Wno-maybe-uninitialized)
 endif()
 # One alignment for Eigen everywhere, and no threads of its own: threads are ours (base/threads.hpp).
 target_compile_definitions(knothe_flags INTERFACE EIGEN_MAX_ALIGN_BYTES=64 EIGEN_DONT_PARALLELIZE)

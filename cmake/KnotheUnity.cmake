@@ -12,8 +12,8 @@ function(knothe_unity target)
     return()
   endif()
   get_target_property(sources ${target} SOURCES)
-  list(FILTER sources EXCLUDE REGEX "^${CMAKE_BINARY_DIR}/") # generated ones stay alone
-  execute_process(COMMAND ${Python3_EXECUTABLE} ${CMAKE_SOURCE_DIR}/cmake/unity_groups.py ${KNOTHE_UNITY} ${sources}
+  list(FILTER sources EXCLUDE REGEX "^${PROJECT_BINARY_DIR}/") # generated ones stay alone
+  execute_process(COMMAND ${Python3_EXECUTABLE} ${PROJECT_SOURCE_DIR}/cmake/unity_groups.py ${KNOTHE_UNITY} ${sources}
                   WORKING_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR} OUTPUT_VARIABLE groups COMMAND_ERROR_IS_FATAL ANY)
   # A name that comes or goes may change the groups.
   set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${sources})

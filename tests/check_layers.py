@@ -20,7 +20,8 @@ MAY_KNOW = {
     "forecast": ["base", "files", "numerics", "sampling", "transport", "reduction", "imaging", "assimilation"],
 }
 ONLINE = list(MAY_KNOW) + ["project", "report", "service"]
-MAY_KNOW["project"] = [room for room in MAY_KNOW]
+MAY_KNOW["project"] = list(MAY_KNOW)
+MAY_KNOW["library"] = MAY_KNOW["project"]  # nobody includes it
 MAY_KNOW["report"] = MAY_KNOW["project"] + ["project"]
 MAY_KNOW["service"] = MAY_KNOW["report"] + ["report"]
 MAY_KNOW["mechanics"] = ["base", "files", "numerics", "reduction", "project"]

@@ -8,72 +8,11 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/integrate/sobol.hpp"
-#include "knothe/numerics/optimise/bfgs.hpp"
-#include "knothe/numerics/optimise/nelder_mead.hpp"
 #include "knothe/numerics/statistics/random.hpp"
-#include "knothe/sampling/checked_density.hpp"
-#include "knothe/transport/map/pull_back.hpp"
 
 namespace knothe::transport {
 
 namespace {
-
-/// −log of a density at T(x), as a function of x: of the map's own density, or of a target.
-class NegativeLogDensity final : public numerics::Objective {
- public:
-  NegativeLogDensity(const ComposedMap& map, sampling::CheckedDensity* target)
-      : map_(&map), target_(target) {}
-  [[nodiscard]] Eigen::Index dimension() const override { return map_->dimension(); }
-  bool evaluate(const Eigen::VectorXd& x, int derivatives, double& value, Eigen::VectorXd& gradient,
-                Eigen::MatrixXd& hessian) override {
-    (void)hessian;
-    trace_.evaluate(*map_, x.transpose(), derivatives >= 1);
-    if (!trace_.value().allFinite()) return false;
-    if (target_) {
-      target_->evaluate(trace_.value(), derivatives, batch_);
-      value = -batch_.value[0];
-      if (derivatives >= 1) pulled_ = -batch_.gradient;
-    } else {  // log T_♯ρ = log ρ(x) − log det
-      value = trace_.log_determinant()[0] - standard_normal_log_density(x.transpose())[0];
-      if (derivatives >= 1) pulled_.setZero(1, x.size());
-    }
-    if (derivatives >= 1) {
-      trace_.pull_back_gradient(*map_, target_ ? 0 : 1, pulled_);
-      gradient = pulled_.transpose();
-      if (!target_) gradient += x;
-    }
-    return std::isfinite(value) && (derivatives < 1 || gradient.allFinite());
-  }
-
- private:
-  const ComposedMap* map_;
-  sampling::CheckedDensity* target_;
-  MapTrace trace_;
-  sampling::LogDensityBatch batch_;
-  Eigen::MatrixXd pulled_;
-};
-
-MaximumOfDensity climb(const ComposedMap& map, sampling::CheckedDensity* target, Eigen::VectorXd x) {
-  NegativeLogDensity objective(map, target);
-  numerics::MinimiserSummary summary;
-  if (target && target->available_derivatives() < 1) {
-    numerics::NelderMeadOptions options;
-    options.max_iterations = 2000 * static_cast<int>(x.size());
-    options.point_tolerance = 1e-7;
-    options.value_tolerance = 1e-13;
-    summary = numerics::NelderMead().minimise(objective, options, x);
-  } else {
-    numerics::BfgsOptions options;
-    options.gradient_tolerance = 1e-9;
-    summary = numerics::Bfgs().minimise(objective, options, x);
-  }
-  MaximumOfDensity result;
-  result.point = map.evaluate(x.transpose()).transpose();
-  result.reference = std::move(x);
-  result.log_density = -summary.value;
-  result.converged = summary.converged() || summary.gradient_norm < 1e-5;
-  return result;
-}
 
 /// The first m components of a part, which depend on nothing else.
 ComposedMap::Part leading_block(const ComposedMap::Part& part, Eigen::Index m) {
@@ -96,17 +35,17 @@ MapDistribution::MapDistribution(ComposedMap map) : map_(std::move(map)) {
 bool MapDistribution::is_triangular() const {
   return std::all_of(map_.parts().begin(), map_.parts().end(), [](const ComposedMap::Part& part) {
     const auto* affine = std::get_if<AffineMap>(&part);
-    return affine ? affine->is_triangular() : std::holds_alternative<TriangularMap>(part);
+    return affine == nullptr || affine->is_triangular();
   });
 }
 
 void MapDistribution::require_triangular(const char* what) const {
   if (is_triangular()) return;
-  throw UsageError(fmt::format(
-      "{}: the map is not triangular, it has a part on a subspace (a lazy map) or one turned to the "
-      "principal axes; make it with MapSolverOptions::orientation = Orientation::given, or weigh "
-      "samples and condition those",
-      what));
+  throw UsageError(
+      fmt::format("{}: the map is not triangular, it has a part that is turned to the principal axes; "
+                  "make it with MapSolverOptions::orientation = Orientation::given, or weigh "
+                  "samples and condition those",
+                  what));
 }
 
 void MapDistribution::require_coordinate(Eigen::Index k) const {
@@ -138,20 +77,6 @@ Moments MapDistribution::moments(Eigen::Index points, std::uint64_t seed) const 
   Eigen::MatrixXd x = numerics::sobol_normal_points(points, dimension(), seed);
   if (points > dimension()) numerics::match_standard_moments(x);
   return moments_of(map_.evaluate(x), Eigen::VectorXd::Ones(points));
-}
-
-MaximumOfDensity MapDistribution::mode() const {
-  return climb(map_, nullptr, Eigen::VectorXd::Zero(dimension()));
-}
-
-MaximumOfDensity MapDistribution::mode_of(sampling::LogDensity& target) const {
-  if (target.dimension() != dimension())
-    throw UsageError(
-        fmt::format("mode of a target in {} variables through a map in {}: give the density it was made "
-                    "for",
-                    target.dimension(), dimension()));
-  sampling::CheckedDensity checked(target);
-  return climb(map_, &checked, mode().reference);
 }
 
 MapDistribution MapDistribution::leading(Eigen::Index m) const {

@@ -5,33 +5,16 @@
 #include <span>
 
 #include "knothe/numerics/integrate/quadrature.hpp"
-#include "knothe/sampling/log_density.hpp"
 #include "knothe/transport/diagnose/moments.hpp"
 #include "knothe/transport/map/composed_map.hpp"
 
 namespace knothe::transport {
 
-/// Where a density is largest.
-struct MaximumOfDensity {
-  Eigen::VectorXd point;      ///< z, d
-  Eigen::VectorXd reference;  ///< x with T(x) = z
-  double log_density = 0;     ///< there
-  bool converged = false;
-};
-
-/// How many quasi-random points an integral over reference variables takes, and which.
-struct MarginalOptions {
-  Eigen::Index points = 1024;
-  std::uint64_t seed = 1;
-};
-
 /// The distribution of T(x), x ~ N(0, I). Everything here is about the map; how well it stands for the
-/// target, the weights tell (map_evidence.hpp, metropolis_correction.hpp).
+/// target, the weights tell (ImportanceCorrection).
 ///
 /// Marginals and conditionals use that T is triangular: its first m components are a map of their own, the
-/// one of the marginal of z_1 … z_m; and with z_1 … z_m given, the others are a map of x_{m+1} … x_d. A map
-/// with subspace parts (lazy maps) is not triangular. Its marginals are had in another way: across the
-/// subspaces it is a shift, so that, with everything else fixed, a coordinate is exactly Gaussian.
+/// one of the marginal of z_1 … z_m; and with z_1 … z_m given, the others are a map of x_{m+1} … x_d.
 class MapDistribution {
  public:
   /// Errors: UsageError for a map without dimension.
@@ -39,7 +22,7 @@ class MapDistribution {
 
   [[nodiscard]] Eigen::Index dimension() const { return map_.dimension(); }
   [[nodiscard]] const ComposedMap& map() const { return map_; }
-  /// False for maps with a subspace part or a rotation: of the solver's, ask for Orientation::given.
+  /// False for maps with a rotation: of the solver's, ask for Orientation::given.
   [[nodiscard]] bool is_triangular() const;
 
   /// log of the density at the points z (n × d).
@@ -53,32 +36,10 @@ class MapDistribution {
   /// polynomial map of order ≤ 9), beyond by scrambled Sobol points with matched moments (mean and covariance
   /// exact for affine maps; fourth moments want many points).
   [[nodiscard]] Moments moments(Eigen::Index points = 16384, std::uint64_t seed = 1) const;
-  /// The maximum of the map's own density, from x = 0 uphill.
-  [[nodiscard]] MaximumOfDensity mode() const;
-  /// The maximum of the target, sought in the reference, where the target looks like N(0, I): starts at
-  /// mode(). Uses gradients if the target has them. Errors: UsageError for another dimension; those of
-  /// CheckedDensity.
-  [[nodiscard]] MaximumOfDensity mode_of(sampling::LogDensity& target) const;
 
   /// The marginal distribution of the first m coordinates. Errors (this and all below that need it):
   /// UsageError for m outside 1 … d, or for a map that is not triangular.
   [[nodiscard]] MapDistribution leading(Eigen::Index m) const;
-
-  /// Density of coordinate k (from 0) at `at`: the average, over quasi-random values of the reference
-  /// variables before k, of its exact conditional densities ("Rao–Blackwell"), not a kernel estimate. Errors:
-  /// UsageError for k outside 0 … d − 1.
-  [[nodiscard]] Eigen::VectorXd marginal_density(Eigen::Index k, std::span<const double> at,
-                                                 const MarginalOptions& options = {}) const;
-  /// P(z_k ≤ at), in the same way.
-  [[nodiscard]] Eigen::VectorXd marginal_cumulative(Eigen::Index k, std::span<const double> at,
-                                                    const MarginalOptions& options = {}) const;
-  /// Solves marginal_cumulative = level. Errors: UsageError for levels outside (0, 1).
-  [[nodiscard]] Eigen::VectorXd marginal_quantiles(Eigen::Index k, std::span<const double> levels,
-                                                   const MarginalOptions& options = {}) const;
-  /// Joint density of the coordinates k ≠ l on a grid, entry (i, j) at (at_k[i], at_l[j]).
-  [[nodiscard]] Eigen::MatrixXd pair_density(Eigen::Index k, Eigen::Index l, std::span<const double> at_k,
-                                             std::span<const double> at_l,
-                                             const MarginalOptions& options = {}) const;
 
   /// log density of z_{m+1} … z_d (n × (d − m)) given z_1 … z_m = `given`. Exact.
   [[nodiscard]] Eigen::VectorXd conditional_log_density(const Eigen::VectorXd& given,

@@ -5,7 +5,6 @@
 #include <variant>
 #include <vector>
 
-#include "knothe/transport/extras/subspace_map.hpp"
 #include "knothe/transport/map/triangular_map.hpp"
 
 namespace knothe::transport {
@@ -35,7 +34,7 @@ struct AffineMap {
 /// datum).
 class ComposedMap {
  public:
-  using Part = std::variant<AffineMap, TriangularMap, SubspaceMap>;
+  using Part = std::variant<AffineMap, TriangularMap>;
 
   /// The identity of R^d.
   explicit ComposedMap(Eigen::Index dimension = 0) : dimension_(dimension) {}

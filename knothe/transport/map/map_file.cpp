@@ -60,15 +60,6 @@ void write_part(files::Hdf5Writer& file, const std::string& group, const Triangu
                         {"1", "coefficient, variable, degree"});
 }
 
-void write_part(files::Hdf5Writer& file, const std::string& group, const SubspaceMap& map) {
-  const auto d = static_cast<std::size_t>(map.dimension()), r = static_cast<std::size_t>(map.rank());
-  file.text_attribute(group, "kind", "subspace");
-  const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> basis = map.basis();
-  file.write(group + "/basis", {basis.data(), d * r}, {d, r}, {"1", "orthonormal columns"});
-  file.make_group(group + "/map");
-  write_part(file, group + "/map", map.map());
-}
-
 // Reading.
 
 [[noreturn]] void fail(const files::Hdf5Reader& file, const std::string& what) {
@@ -178,30 +169,12 @@ TriangularMap read_triangular(const files::Hdf5Reader& file, const std::string& 
   }
 }
 
-SubspaceMap read_subspace(const files::Hdf5Reader& file, const std::string& group, Eigen::Index d) {
-  const std::string name = group + "/basis";
-  const files::Shape shape = file.shape(name);
-  if (shape.size() != 2 || shape[0] != static_cast<std::size_t>(d) || shape[1] < 1 || shape[1] > shape[0])
-    fail(file,
-         fmt::format("data set {} must have {} rows and at least one, at most as many columns", name, d));
-  const std::vector<double> values = file.read(name);
-  const auto r = static_cast<Eigen::Index>(shape[1]);
-  using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-  try {
-    return {Eigen::Map<const RowMajor>(values.data(), d, r), read_triangular(file, group + "/map", r)};
-  } catch (const UsageError& error) {
-    fail(file, fmt::format("{}: {}", group, error.what()));
-  }
-}
-
 ComposedMap::Part read_part(const files::Hdf5Reader& file, const std::string& group, Eigen::Index d) {
   const std::string kind = file.text_attribute(group, "kind");
   if (kind == "affine") return read_affine(file, group, d);
   if (kind == "triangular") return read_triangular(file, group, d);
-  if (kind == "subspace") return read_subspace(file, group, d);
   fail(file,
-       fmt::format("attribute kind of {} is \"{}\": \"affine\", \"triangular\" or \"subspace\" is needed",
-                   group, kind));
+       fmt::format("attribute kind of {} is \"{}\": \"affine\" or \"triangular\" is needed", group, kind));
 }
 
 /// Before anything else: is it a map, and one that this program understands?

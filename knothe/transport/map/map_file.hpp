@@ -8,7 +8,6 @@
 ///   "triangular":  attributes rectifier, basis, tails; radii [3] (level, bend, tangent); coefficients [N];
 ///                  terms [N, 2]: component and set (0: Φ_c, 1: Φ_e) of each coefficient;
 ///                  factors [F, 3]: coefficient, variable, degree (absent if there are none)
-///   "subspace":    basis [d, r], orthonormal columns; the group map, as for "triangular", in r variables
 #include <map>
 #include <string>
 

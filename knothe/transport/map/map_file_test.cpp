@@ -129,7 +129,7 @@ TEST(MapFile, SaysWhatIsWrong) {
   r.part_kind = "spiral";
   EXPECT_EQ(
       message_for(folder, r),
-      ": attribute kind of /parts/0 is \"spiral\": \"affine\", \"triangular\" or \"subspace\" is needed");
+      ": attribute kind of /parts/0 is \"spiral\": \"affine\" or \"triangular\" is needed");
   r = {};
   r.dimension = 2.5;
   EXPECT_EQ(message_for(folder, r),

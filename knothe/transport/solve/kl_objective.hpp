@@ -30,7 +30,7 @@ struct TrainingTables {
 
 /// What a map is put into before the density sees it: z_i = offset_i + matrix · M(x_i) for points i of the
 /// rule. With a pre-map it is that; with a d × r matrix and an offset per point, M moves r coordinates of R^d
-/// and the others are given: a lazy map z = U M(x) + U_⊥ y_i.
+/// and the others are given.
 struct OuterMap {
   Eigen::MatrixXd matrix;      ///< d × r
   Eigen::MatrixXd offset;      ///< 1 × d (for all points) or n × d
