@@ -1,0 +1,165 @@
+#include "knothe/library/assimilation.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "knothe/assimilation/update/sequential_update.hpp"
+#include "knothe/library/plain.hpp"
+#include "knothe/reduction/model/parameter_order.hpp"
+#include "knothe/reduction/model/separated_model.hpp"
+
+namespace knothe {
+
+using library::plain, library::vector_of;
+
+namespace {
+
+assimilation::Prior prior_of(const Prior& prior) {
+  switch (prior.family) {
+    case Prior::Family::uniform:
+      return assimilation::Prior::uniform(prior.first, prior.second);
+    case Prior::Family::lognormal:
+      return assimilation::Prior::lognormal(prior.first, prior.second);
+    case Prior::Family::normal:
+      break;
+  }
+  return assimilation::Prior::normal(prior.first, prior.second);
+}
+
+Eigen::SparseMatrix<double> matrix_of(const Noise::Precision& precision) {
+  const auto n = static_cast<Eigen::Index>(precision.row_begin.size()) - 1;
+  std::vector<Eigen::Triplet<double>> entries;
+  for (std::size_t row = 0; row + 1 < precision.row_begin.size(); ++row)
+    for (std::int64_t i = precision.row_begin[row]; i < precision.row_begin[row + 1]; ++i) {
+      const auto at = static_cast<std::size_t>(i);
+      if (at >= precision.values.size() || at >= precision.columns.size() || precision.columns[at] < 0 ||
+          precision.columns[at] >= n)
+        throw UsageError(fmt::format(
+            "noise: the precision's entry {} of row {} is outside the {} x {} matrix", i, row, n, n));
+      entries.emplace_back(static_cast<int>(row), static_cast<int>(precision.columns[at]),
+                           precision.values[at]);
+    }
+  Eigen::SparseMatrix<double> matrix(n, n);
+  matrix.setFromTriplets(entries.begin(), entries.end());
+  return matrix;
+}
+
+assimilation::NoiseModel noise_of(const Noise& noise, std::size_t sensors) {
+  const std::size_t size =
+      noise.precision.row_begin.empty() ? noise.std.size() : noise.precision.row_begin.size() - 1;
+  if (size != sensors || (!noise.std.empty() && !noise.precision.row_begin.empty()))
+    throw UsageError(
+        fmt::format("noise of {} values for {} sensors: give one standard deviation each, or their precision",
+                    size, sensors));
+  return noise.std.empty() ? assimilation::NoiseModel::correlated(matrix_of(noise.precision))
+                           : assimilation::NoiseModel::independent(vector_of(noise.std));
+}
+
+/// The model at the sensors, its parameters in the order of the priors.
+std::shared_ptr<const reduction::ObservedModel> observe(const std::string& file, const Sensors& sensors,
+                                                        const std::vector<Prior>& priors) {
+  if (sensors.size() == 0 || sensors.points.size() != 3 * sensors.size())
+    throw UsageError(fmt::format("{} sensors with {} coordinates: each has a component and a point x, y, z",
+                                 sensors.size(), sensors.points.size()));
+  std::vector<std::string> names;
+  for (const Prior& prior : priors) names.push_back(prior.parameter);
+  const reduction::SeparatedModel model(reduction::with_parameter_order(reduction::read_model(file), names),
+                                        file);
+  const std::vector<std::int64_t> components(sensors.components.begin(), sensors.components.end());
+  return std::make_shared<reduction::ObservedModel>(reduction::observe(model, sensors.points, components));
+}
+
+std::vector<assimilation::Prior> densities_of(const std::vector<Prior>& priors) {
+  std::vector<assimilation::Prior> densities;
+  std::transform(priors.begin(), priors.end(), std::back_inserter(densities), prior_of);
+  return densities;
+}
+
+assimilation::UpdateOptions settings_of(const AssimilationOptions& options) {
+  assimilation::UpdateOptions settings;
+  settings.map.tolerance = options.tolerance;
+  settings.map.max_order = options.max_order;
+  settings.map.seed = options.seed;
+  return settings;
+}
+
+}  // namespace
+
+struct Assimilation::Implementation {
+  std::shared_ptr<const reduction::ObservedModel> model;
+  assimilation::SequentialUpdate update;
+
+  Implementation(std::shared_ptr<const reduction::ObservedModel> observed, const Noise& noise,
+                 const std::vector<Prior>& priors, const AssimilationOptions& options)
+      : model(std::move(observed)),
+        update(model, noise_of(noise, static_cast<std::size_t>(model->observations())), densities_of(priors),
+               settings_of(options)) {}
+
+  [[nodiscard]] Posterior posterior() const {
+    const assimilation::UpdateResult& result = update.result();
+    Posterior p;
+    p.mean = plain(result.mean);
+    p.covariance = plain(result.covariance);
+    p.maximum_a_posteriori = plain(result.maximum_a_posteriori);
+    p.levels.assign(assimilation::k_quantile_levels.begin(), assimilation::k_quantile_levels.end());
+    p.quantiles = plain(result.quantiles);
+    p.points = plain(update.posterior().points);
+    p.weights = plain(update.posterior().weights);
+    p.log_evidence = result.log_evidence;
+    p.map_order = result.map_order;
+    p.variance_diagnostic = result.variance_diagnostic;
+    p.effective_sample_size = result.effective_sample_size;
+    p.tolerance_reached = result.tolerance_reached;
+    p.trusted = result.trusted;
+    p.remark = result.remark;
+    return p;
+  }
+  void require_step(std::size_t step) const {
+    if (step >= model->time.size())
+      throw UsageError(fmt::format("step {}: the model has the steps 0 to {}", step, model->time.size() - 1));
+  }
+};
+
+Assimilation::Assimilation(const std::string& model_file, const Sensors& sensors, const Noise& noise,
+                           const std::vector<Prior>& priors, const AssimilationOptions& options)
+    : implementation_(
+          std::make_unique<Implementation>(observe(model_file, sensors, priors), noise, priors, options)) {}
+Assimilation::~Assimilation() = default;
+Assimilation::Assimilation(Assimilation&&) noexcept = default;
+Assimilation& Assimilation::operator=(Assimilation&&) noexcept = default;
+
+std::vector<double> Assimilation::times() const {
+  return implementation_->model->time;
+}
+std::vector<std::size_t> Assimilation::steps() const {
+  return implementation_->update.steps();
+}
+
+std::vector<double> Assimilation::predict(std::span<const double> p, std::size_t step) const {
+  implementation_->require_step(step);
+  const std::size_t dimension = implementation_->model->parameters.size();
+  if (p.size() != dimension)
+    throw UsageError(fmt::format("prediction at {} parameters: the model has {}", p.size(), dimension));
+  return plain(implementation_->model->predict(vector_of(p), step));
+}
+
+Posterior Assimilation::assimilate(const Datum& datum) {
+  implementation_->require_step(datum.step);
+  const auto sensors = static_cast<std::size_t>(implementation_->model->observations());
+  if (datum.values.size() != sensors)
+    throw UsageError(
+        fmt::format("datum of step {}: {} values for {} sensors; NaN stands for one that is missing",
+                    datum.step, datum.values.size(), sensors));
+  if (!datum.noise.empty())
+    implementation_->update.set_step_noise(datum.step, noise_of(datum.noise, sensors));
+  implementation_->update.update(datum.step, datum.step, vector_of(datum.values));
+  return implementation_->posterior();
+}
+
+Posterior Assimilation::withdraw(std::size_t step) {
+  implementation_->update.remove(step);
+  return implementation_->posterior();
+}
+
+}  // namespace knothe

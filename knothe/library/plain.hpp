@@ -1,0 +1,37 @@
+#pragma once
+/// @file Between Eigen inside and std::vector at the library's border. Not installed.
+#include <Eigen/Core>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "knothe/base/error.hpp"
+#include "knothe/library/posterior.hpp"
+
+namespace knothe::library {
+
+using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+[[nodiscard]] inline std::vector<double> plain(const Eigen::VectorXd& v) {
+  return {v.data(), v.data() + v.size()};
+}
+/// In C order.
+[[nodiscard]] inline std::vector<double> plain(const Eigen::MatrixXd& matrix) {
+  std::vector<double> rows(static_cast<std::size_t>(matrix.size()));
+  Eigen::Map<RowMajor>(rows.data(), matrix.rows(), matrix.cols()) = matrix;
+  return rows;
+}
+[[nodiscard]] inline Eigen::VectorXd vector_of(std::span<const double> values) {
+  return Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
+}
+/// Rows of `columns` numbers. UsageError, "`what`: …", if it does not come out even.
+[[nodiscard]] inline Eigen::MatrixXd rows_of(std::span<const double> values, std::size_t columns,
+                                             const char* what) {
+  if (columns == 0 || values.size() % columns != 0)
+    throw UsageError(std::string(what) + ": " + std::to_string(values.size()) +
+                     " numbers are not a multiple of " + std::to_string(columns) + " coordinates");
+  return Eigen::Map<const RowMajor>(values.data(), static_cast<Eigen::Index>(values.size() / columns),
+                                    static_cast<Eigen::Index>(columns));
+}
+
+}  // namespace knothe::library

@@ -1,0 +1,35 @@
+#pragma once
+/// @file What is known of the parameters, as numbers.
+#include <cmath>
+#include <cstddef>
+#include <string>
+#include <vector>
+
+namespace knothe {
+
+/// A posterior of d parameters: n weighted points and what follows from them. Moments, quantiles and evidence
+/// are importance-corrected: right also where the map is only nearly so.
+struct Posterior {
+  std::vector<double> mean;                  ///< d
+  std::vector<double> covariance;            ///< d × d
+  std::vector<double> maximum_a_posteriori;  ///< d, maximises the density
+  std::vector<double> levels;                ///< of the quantiles
+  std::vector<double> quantiles;             ///< d × levels, marginal
+  std::vector<double> points;                ///< n × d
+  std::vector<double> weights;               ///< n, sum 1
+
+  double log_evidence = 0;  ///< log ∫ density, natural logarithm
+  int map_order = 0;        ///< of the transport map; 0: no map
+  double variance_diagnostic =
+      0;  ///< of the map, on points other than the training ones (Rubio et al. 2019, Eq. 9)
+  double effective_sample_size = 1;  ///< of the weights, as a fraction of n
+  bool tolerance_reached = true;     ///< variance_diagnostic is within the tolerance asked for
+  bool trusted = true;  ///< diagnostic ≤ 0.05, effective sample size ≥ 0.9, no second mode found
+  std::string remark;   ///< why not, else empty
+
+  [[nodiscard]] std::size_t dimension() const { return mean.size(); }
+  /// Standard deviation of parameter k.
+  [[nodiscard]] double std(std::size_t k) const { return std::sqrt(covariance.at(k * dimension() + k)); }
+};
+
+}  // namespace knothe

@@ -1,0 +1,137 @@
+#include "knothe/library/transport_map.hpp"
+
+#include <cmath>
+#include <optional>
+#include <utility>
+
+#include "knothe/library/plain.hpp"
+#include "knothe/transport/extras/map_distribution.hpp"
+#include "knothe/transport/extras/sample_map.hpp"
+#include "knothe/transport/solve/map_solver.hpp"
+
+namespace knothe {
+
+using library::plain, library::rows_of, library::vector_of;
+
+/// A map of a density goes from the reference to the points, one of samples the other way.
+struct TransportMap::Implementation {
+  std::variant<transport::MapDistribution, transport::SampleMap> map;
+  [[nodiscard]] std::size_t dimension() const {
+    return std::visit([](const auto& m) { return static_cast<std::size_t>(m.dimension()); }, map);
+  }
+};
+
+TransportMap TransportMap::from_samples(std::span<const double> samples, std::size_t dimension,
+                                        const SampleMapOptions& options) {
+  transport::SampleMapOptions settings;
+  settings.max_order = options.max_order;
+  settings.folds = options.folds;
+  settings.seed = options.seed;
+  return TransportMap(std::make_shared<Implementation>(Implementation{
+      transport::map_from_samples(rows_of(samples, dimension, "map from samples"), {}, settings)}));
+}
+
+std::size_t TransportMap::dimension() const {
+  return implementation_->dimension();
+}
+
+std::vector<double> TransportMap::evaluate(std::span<const double> reference) const {
+  const Eigen::MatrixXd x = rows_of(reference, dimension(), "points of the reference");
+  const auto* forward = std::get_if<transport::MapDistribution>(&implementation_->map);
+  return plain(forward ? forward->map().evaluate(x) : std::get<1>(implementation_->map).map.inverse(x));
+}
+
+std::vector<double> TransportMap::inverse(std::span<const double> points) const {
+  const Eigen::MatrixXd z = rows_of(points, dimension(), "points");
+  const auto* forward = std::get_if<transport::MapDistribution>(&implementation_->map);
+  return plain(forward ? forward->map().inverse(z) : std::get<1>(implementation_->map).map.evaluate(z));
+}
+
+std::vector<double> TransportMap::log_density(std::span<const double> points) const {
+  const Eigen::MatrixXd z = rows_of(points, dimension(), "points");
+  return plain(std::visit([&](const auto& map) { return map.log_density(z); }, implementation_->map));
+}
+
+std::vector<double> TransportMap::sample(std::size_t count, std::uint64_t seed) const {
+  return plain(std::visit([&](const auto& map) { return map.sample(static_cast<Eigen::Index>(count), seed); },
+                          implementation_->map));
+}
+
+std::vector<double> TransportMap::conditional_sample(std::span<const double> given, std::size_t count,
+                                                     std::uint64_t seed) const {
+  return plain(std::visit(
+      [&](const auto& map) {
+        return map.conditional_sample(vector_of(given), static_cast<Eigen::Index>(count), seed);
+      },
+      implementation_->map));
+}
+
+std::string TransportMap::describe() const {
+  const auto* forward = std::get_if<transport::MapDistribution>(&implementation_->map);
+  return forward ? forward->map().describe() : std::get<1>(implementation_->map).map.describe();
+}
+
+namespace {
+
+/// The caller's functions as the solver wants them: many points at once.
+class FunctionDensity final : public sampling::LogDensity {
+ public:
+  explicit FunctionDensity(const Density& density)
+      : density_(&density), point_(density.dimension), slope_(point_) {}
+  [[nodiscard]] Eigen::Index dimension() const override { return static_cast<Eigen::Index>(point_.size()); }
+  [[nodiscard]] int available_derivatives() const override { return density_->gradient ? 1 : 0; }
+  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
+                sampling::LogDensityBatch& out) override {
+    for (Eigen::Index i = 0; i < points.rows(); ++i) {
+      for (Eigen::Index k = 0; k < dimension(); ++k) point_[static_cast<std::size_t>(k)] = points(i, k);
+      out.value[i] = density_->log_value(point_);
+      if (derivatives < 1) continue;
+      density_->gradient(point_, slope_);
+      out.gradient.row(i) = Eigen::Map<const Eigen::RowVectorXd>(slope_.data(), dimension());
+    }
+  }
+
+ private:
+  const Density* density_;
+  std::vector<double> point_, slope_;
+};
+
+Posterior posterior_of(const transport::MapResult& solved, const transport::ImportanceCorrection& corrected) {
+  Posterior posterior;
+  posterior.mean = plain(corrected.mean);
+  posterior.covariance = plain(corrected.covariance);
+  posterior.maximum_a_posteriori = plain(solved.mode);
+  posterior.levels = corrected.levels;
+  posterior.quantiles = plain(corrected.quantiles);
+  posterior.points = plain(corrected.points);
+  posterior.weights = plain(corrected.weights);
+  posterior.log_evidence = corrected.log_evidence;
+  posterior.map_order = solved.order;
+  posterior.variance_diagnostic = solved.verified_diagnostic;
+  posterior.effective_sample_size = corrected.ess;
+  posterior.tolerance_reached = solved.tolerance_reached;
+  posterior.trusted = corrected.trusted;
+  posterior.remark = corrected.trusted ? solved.reason : corrected.trust_reason;
+  return posterior;
+}
+
+}  // namespace
+
+MapSolution solve_map(const Density& density, const MapOptions& options) {
+  if (density.dimension == 0 || !density.log_value)
+    throw UsageError("solve_map: a density needs a dimension of at least 1 and the function log_value");
+  transport::MapSolverOptions settings;
+  settings.tolerance = options.tolerance;
+  settings.max_order = options.max_order;
+  settings.seed = options.seed;
+  settings.scan = options.standardised ? sampling::ScanReach::near : sampling::ScanReach::wide;
+  if (options.triangular) settings.orientation = transport::Orientation::given;
+  transport::MapSolver solver(settings);
+  FunctionDensity target(density);
+  const transport::MapResult solved = solver.solve(target);
+  return {TransportMap(std::make_shared<TransportMap::Implementation>(
+              TransportMap::Implementation{transport::MapDistribution(solved.composed())})),
+          posterior_of(solved, solver.correct(target, solved))};
+}
+
+}  // namespace knothe

@@ -1,0 +1,87 @@
+#pragma once
+/// @file Transport maps: of a density given as a function, and of samples (docs/transport.md).
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "knothe/library/export.hpp"
+#include "knothe/library/posterior.hpp"
+
+namespace knothe {
+
+/// A probability density on R^d, known by its logarithm up to a constant.
+struct Density {
+  std::size_t dimension = 0;
+  /// log density at a point (d); −∞ where the density is zero.
+  std::function<double(std::span<const double> point)> log_value;
+  /// Its gradient, into d numbers. May be empty: then the solver does without, at more evaluations.
+  std::function<void(std::span<const double> point, std::span<double> gradient)> gradient = {};
+};
+
+struct MapOptions {
+  double tolerance = 1e-3;  ///< on the variance diagnostic
+  int max_order = 8;        ///< 1 … 8
+  std::uint64_t seed = 1;
+  /// Parameters come standardised: roughly N(0, I) before the data. Else nothing is supposed about their
+  /// scale.
+  bool standardised = true;
+  /// The map is triangular in the given order of the variables: `conditional_sample` needs that. Else it may
+  /// be turned to the principal axes, which often takes a lower order.
+  bool triangular = false;
+};
+
+struct SampleMapOptions {
+  int max_order = 5;       ///< of each component, chosen below that by cross-validation
+  int folds = 5;           ///< of the cross-validation; 0: every component gets max_order
+  std::uint64_t seed = 1;  ///< shuffles samples into folds
+};
+
+/// A distribution as an invertible function T of a standard normal variable: T(x), x ~ N(0, I).
+/// Points are m × d, point after point. Errors of all functions: UsageError for sizes that do not fit.
+class KNOTHE_EXPORT TransportMap {
+ public:
+  /// From samples (m × dimension): maximum likelihood, component by component. Errors: UsageError for options
+  /// that make no sense, DataError for values that are not finite, a coordinate without spread, too few
+  /// samples.
+  [[nodiscard]] static TransportMap from_samples(std::span<const double> samples, std::size_t dimension,
+                                                 const SampleMapOptions& options = {});
+
+  [[nodiscard]] std::size_t dimension() const;
+  [[nodiscard]] std::vector<double> evaluate(std::span<const double> reference) const;  ///< T(x), m × d
+  [[nodiscard]] std::vector<double> inverse(std::span<const double> points) const;      ///< T⁻¹(z), m × d
+  [[nodiscard]] std::vector<double> log_density(std::span<const double> points) const;  ///< of T(x) at z, m
+  /// `count` independent draws, count × d.
+  [[nodiscard]] std::vector<double> sample(std::size_t count, std::uint64_t seed) const;
+  /// `count` draws of all coordinates with the first ones equal to `given`. From samples of (data,
+  /// parameters) and measured data: samples of the posterior, without a likelihood. Errors: UsageError for a
+  /// map that is not triangular.
+  [[nodiscard]] std::vector<double> conditional_sample(std::span<const double> given, std::size_t count,
+                                                       std::uint64_t seed) const;
+  /// For a person: what the map is made of.
+  [[nodiscard]] std::string describe() const;
+
+  struct Implementation;
+  explicit TransportMap(std::shared_ptr<const Implementation> implementation)
+      : implementation_(std::move(implementation)) {}
+
+ private:
+  std::shared_ptr<const Implementation> implementation_;
+};
+
+/// What solving gives: the map, and the posterior that follows from it.
+struct MapSolution {
+  TransportMap map;
+  Posterior posterior;
+};
+
+/// Finds the mode, then maps of rising order until one is good on points that were not used to train it, then
+/// weights. The density need not be normalised; its integral is the evidence. Errors: UsageError for a
+/// density without dimension or value, NumericalError for one that gives NaN or is zero wherever it was
+/// tried.
+[[nodiscard]] KNOTHE_EXPORT MapSolution solve_map(const Density& density, const MapOptions& options = {});
+
+}  // namespace knothe
