@@ -127,9 +127,8 @@ TEST(MapFile, SaysWhatIsWrong) {
             ": not a transport map (attribute kind of / should be \"transport map\")");
   r = {};
   r.part_kind = "spiral";
-  EXPECT_EQ(
-      message_for(folder, r),
-      ": attribute kind of /parts/0 is \"spiral\": \"affine\" or \"triangular\" is needed");
+  EXPECT_EQ(message_for(folder, r),
+            ": attribute kind of /parts/0 is \"spiral\": \"affine\" or \"triangular\" is needed");
   r = {};
   r.dimension = 2.5;
   EXPECT_EQ(message_for(folder, r),
