@@ -28,8 +28,7 @@ constexpr auto names_of(SensorOptions::Kind /*kind*/) {
 
 const Section<SensorOptions>& sensor_section() {
   using S = SensorOptions;
-  static const Section<S> k_section = [] {
-    Section<S> s("data.sensors.*", "A sensor of that name.");
+  static const Section<S> k_section("data.sensors.*", "A sensor of that name.", [](Section<S>& s) {
     s.add("kind", &S::kind,
           "How far two points move apart: by their distance (`strain`), in metres (`opening`); or a sum of "
           "displacements (`combination`).",
@@ -40,8 +39,7 @@ const Section<SensorOptions>& sensor_section() {
     s.add("components", &S::components, "Component at each of these points, `x`, `y` or `z`.",
           of_shape(k_component_words));
     s.add("coefficients", &S::coefficients, "Factor of each of these displacements.");
-    return s;
-  }();
+  });
   return k_section;
 }
 
@@ -60,23 +58,24 @@ const Section<ParameterOptions>& parameter_section() {
                                                           {Prior::Family::uniform, "uniform"},
                                                           {Prior::Family::lognormal, "lognormal"},
                                                           {std::nullopt, "known"}});
-  static const Section<P> k_section = [] {
-    Section<P> s("parameters.*", "Prior of the parameter of that name.");
-    s.choice(
-        "prior", &P::family, k_priors,
-        "Family of the prior; or a parameter that is not inferred (`known`), a temperature say: the data "
-        "file has its value at each time as a series of its name (`knothe assimilate`).",
-        required);
-    s.add("value", &P::value,
-          "Known parameter: its value for forecasts and fields; without it, the last one measured.");
-    s.add("mean", &P::mean, "Mean of a normal prior, before truncation to the model's box.", no_default);
-    s.add("std", &P::std, "Standard deviation of a normal prior, before truncation.", positive, no_default);
-    s.add("lower", &P::lower, "Lower end of a uniform prior.", no_default);
-    s.add("upper", &P::upper, "Upper end of a uniform prior.", no_default);
-    s.add("mu", &P::mu, "Mean of the logarithm, lognormal prior.", no_default);
-    s.add("sigma", &P::sigma, "Standard deviation of the logarithm, lognormal prior.", positive, no_default);
-    return s;
-  }();
+  static const Section<P> k_section(
+      "parameters.*", "Prior of the parameter of that name.", [](Section<P>& s) {
+        s.choice(
+            "prior", &P::family, k_priors,
+            "Family of the prior; or a parameter that is not inferred (`known`), a temperature say: the data "
+            "file has its value at each time as a series of its name (`knothe assimilate`).",
+            required);
+        s.add("value", &P::value,
+              "Known parameter: its value for forecasts and fields; without it, the last one measured.");
+        s.add("mean", &P::mean, "Mean of a normal prior, before truncation to the model's box.", no_default);
+        s.add("std", &P::std, "Standard deviation of a normal prior, before truncation.", positive,
+              no_default);
+        s.add("lower", &P::lower, "Lower end of a uniform prior.", no_default);
+        s.add("upper", &P::upper, "Upper end of a uniform prior.", no_default);
+        s.add("mu", &P::mu, "Mean of the logarithm, lognormal prior.", no_default);
+        s.add("sigma", &P::sigma, "Standard deviation of the logarithm, lognormal prior.", positive,
+              no_default);
+      });
   return k_section;
 }
 

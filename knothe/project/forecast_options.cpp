@@ -10,8 +10,7 @@ namespace {
 using F = forecast::ForecastSpecification;
 
 const Section<F>& section() {
-  static const Section<F> k_section = [] {
-    Section<F> s("forecast.*", "A forecast of that name.");
+  static const Section<F> k_section("forecast.*", "A forecast of that name.", [](Section<F>& s) {
     s.add("quantity", &F::quantity, "What is forecast.", required);
     s.add("horizon", &F::horizon, "Model time for which it is forecast.", required);
     s.add("threshold", &F::threshold, "P(q > threshold) is reported (unit of q).");
@@ -26,8 +25,7 @@ const Section<F>& section() {
           no_default);
     s.choice("component", &F::component, k_components, "Component of a displacement.", no_default);
     s.add("output", &F::output, "Name of a model's output, e.g. `reaction_force`.");
-    return s;
-  }();
+  });
   return k_section;
 }
 

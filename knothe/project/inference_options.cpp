@@ -13,8 +13,7 @@ namespace {
 const Section<UmbridgeOptions>& umbridge_section() {
   using U = UmbridgeOptions;
   static constexpr auto k_derivatives = std::to_array<Named<int>>({{2, "all"}, {1, "first"}, {0, "none"}});
-  static const Section<U> k_section = [] {
-    Section<U> s("model");
+  static const Section<U> k_section("model", "", [](Section<U>& s) {
     s.add("umbridge", &U::url, "Address of a UM-Bridge 1.0 server, `\"http://HOST:PORT\"` (`knothe infer`).");
     s.add("name", &U::name, "Name of the server's model; not needed if it has only one.");
     s.add("config", &U::config, "Passed through to the server with every request.", free_table);
@@ -27,26 +26,24 @@ const Section<UmbridgeOptions>& umbridge_section() {
     s.add("difference_step", &U::difference_step,
           "Step of central differences, in units of the prior's scale, where the server has no derivatives.",
           positive, check([](double v) { return v < 0.1; }, "\"{}\" must be below 0.1"));
-    return s;
-  }();
+  });
   return k_section;
 }
 
 const Section<ObservationOptions>& observation_section() {
   using O = ObservationOptions;
-  static const Section<O> k_section = [] {
-    Section<O> s("observations", "What was observed of the model's outputs (`knothe infer`).");
-    s.add("values", &O::values, "Observed values, in the order of the model's outputs.", required);
-    s.add("std", &O::std, "Standard deviation of the noise of each value.");
-    s.add("covariance", &O::covariance, "Covariance of the noise instead: symmetric, positive definite.");
-    s.add("dofs", &O::dofs, "Separated model: indices of the dofs observed, all of them at each step.",
-          of_shape("whole numbers from 0"));
-    s.add("steps", &O::steps,
-          "Separated model: indices of the time steps observed; the values are ordered step by step.",
-          of_shape("whole numbers from 0"));
-    s.add("output", &O::output, "Separated model: observe this output of the model instead of dofs.");
-    return s;
-  }();
+  static const Section<O> k_section(
+      "observations", "What was observed of the model's outputs (`knothe infer`).", [](Section<O>& s) {
+        s.add("values", &O::values, "Observed values, in the order of the model's outputs.", required);
+        s.add("std", &O::std, "Standard deviation of the noise of each value.");
+        s.add("covariance", &O::covariance, "Covariance of the noise instead: symmetric, positive definite.");
+        s.add("dofs", &O::dofs, "Separated model: indices of the dofs observed, all of them at each step.",
+              of_shape("whole numbers from 0"));
+        s.add("steps", &O::steps,
+              "Separated model: indices of the time steps observed; the values are ordered step by step.",
+              of_shape("whole numbers from 0"));
+        s.add("output", &O::output, "Separated model: observe this output of the model instead of dofs.");
+      });
   return k_section;
 }
 

@@ -102,8 +102,7 @@ void add_map_options(Section<M>& s) {
 }
 
 const Section<M>& section() {
-  static const Section<M> k_section = [] {
-    Section<M> s("method", "How the posterior is computed.");
+  static const Section<M> k_section("method", "How the posterior is computed.", [](Section<M>& s) {
     s.add(
         "kind", &M::kind,
         "Transport map; dense quadrature on a grid (at most 3 parameters); Markov chain and sequential Monte "
@@ -112,8 +111,7 @@ const Section<M>& section() {
     add_noise_options(s);
     add_change_options(s);
     add_bias_options(s);
-    return s;
-  }();
+  });
   return k_section;
 }
 

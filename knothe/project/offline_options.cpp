@@ -79,8 +79,7 @@ void add_reduction_options(Section<O>& s) {
 }
 
 const Section<O>& section() {
-  static const Section<O> k_section = [] {
-    Section<O> s("offline", "How the reduced model is made.");
+  static const Section<O> k_section("offline", "How the reduced model is made.", [](Section<O>& s) {
     s.add("method", &O::method,
           "Full-order runs on a grid of parameters, or LATIN-PGD, which solves for the whole grid at once.");
     add_latin_options(s);
@@ -90,14 +89,12 @@ const Section<O>& section() {
         "parameters",
         "One table per parameter: `Y0` and `Ad` of the damage law; `E`, `support_stiffness`, `load_offset` "
         "if wanted.");
-    return s;
-  }();
+  });
   return k_section;
 }
 
 const Section<P>& parameter_section() {
-  static const Section<P> k_section = [] {
-    Section<P> s("offline.parameters.*", "Axis of the parameter grid.");
+  static const Section<P> k_section("offline.parameters.*", "Axis of the parameter grid.", [](Section<P>& s) {
     s.add("reference", &P::reference,
           "Physical value of 1.0 (Y0: J/m³, Ad: m³/J, E: Pa, support_stiffness: N/m of each support, "
           "load_offset: m, at most 0.01 in all).",
@@ -106,8 +103,7 @@ const Section<P>& parameter_section() {
           required);
     s.add("upper", &P::upper, "Upper end of the axis, dimensionless.", positive, required);
     s.add("nodes", &P::nodes, "Nodes of the axis, evenly spaced, at least 2.", at_least(2));
-    return s;
-  }();
+  });
   return k_section;
 }
 

@@ -129,6 +129,11 @@ class Section {
   explicit Section(std::string path, std::string meaning = "") : path_(std::move(path)) {
     if (!meaning.empty()) table("", std::move(meaning));
   }
+  /// The same, with its options written down by `fill`.
+  template <class Fill>
+  Section(std::string path, std::string meaning, Fill fill) : Section(std::move(path), std::move(meaning)) {
+    fill(*this);
+  }
 
   /// A table in it; its members follow as "key.member", or "key.*" for numbers by name (a map).
   template <class... Rules>

@@ -153,14 +153,13 @@ void add_registration_options(Section<G>& s) {
 }
 
 const Section<G>& section() {
-  static const Section<G> k_section = [] {
-    Section<G> s("dic", "Displacements from pictures: global finite-element image correlation.");
-    add_picture_options(s);
-    add_correlation_options(s);
-    add_crack_and_drift_options(s);
-    add_registration_options(s);
-    return s;
-  }();
+  static const Section<G> k_section(
+      "dic", "Displacements from pictures: global finite-element image correlation.", [](Section<G>& s) {
+        add_picture_options(s);
+        add_correlation_options(s);
+        add_crack_and_drift_options(s);
+        add_registration_options(s);
+      });
   return k_section;
 }
 
@@ -170,16 +169,14 @@ struct Recorded {
 };
 
 const Section<Recorded>& data_section() {
-  static const Section<Recorded> k_section = [] {
-    Section<Recorded> s("data");
+  static const Section<Recorded> k_section("data", "", [](Section<Recorded>& s) {
     s.add("pictures", &Recorded::folder,
           "Folder of pictures instead of measurements (`knothe dic`, `knothe assimilate`); those whose names "
           "begin with `reference` are the references, else the first is; a table `pictures.csv` "
           "(`time,file`) in it gives the times.",
           file);
     s.add("times", &Recorded::times, "Model time of each deformed picture.");
-    return s;
-  }();
+  });
   return k_section;
 }
 

@@ -18,8 +18,7 @@ namespace {
 
 const Section<Project>& section() {
   using P = Project;
-  static const Section<P> k_section = [] {
-    Section<P> s("");
+  static const Section<P> k_section("", "", [](Section<P>& s) {
     s.table("model", "The reduced model; `model = \"M.h5\"` is short for `[model] separated = \"M.h5\"`.");
     s.add("model.separated", &P::model,
           "Reduced model file made by `knothe offline` or `knothe model import`.", file);
@@ -34,8 +33,7 @@ const Section<Project>& section() {
           "`\"imposed_displacement\"`; the times of the data file are then only an order "
           "(docs/assimilation.md).");
     s.add("results", &P::results, "Folder for results; `-o` overrides it.", file);
-    return s;
-  }();
+  });
   return k_section;
 }
 

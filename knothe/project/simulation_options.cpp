@@ -11,45 +11,44 @@ using Dofs = assimilation::DofSelection;
 
 const Section<SimulateOptions>& simulate_section() {
   using S = SimulateOptions;
-  static const Section<S> k_section = [] {
-    Section<S> s("simulate", "Synthetic measurements for `knothe simulate`.");
-    s.table("truth", "True value of each parameter.", required);
-    s.add("truth.*", &S::truth, "True value of the parameter of that name.");
-    s.table("dofs", "Which degrees of freedom are observed.");
-    s.add("dofs.random", in(&S::dofs, &Dofs::nodes), "Number of nodes, drawn at random.", at_least(1),
-          required);
-    s.choice("dofs.face", in(&S::dofs, &Dofs::face), k_components, "Outer face on which the nodes lie.");
-    s.add("dofs.x", in(&S::dofs, &Dofs::x_range), "Range of x of the nodes, m.", of_shape("[from, to]"));
-    s.add("dofs.y", in(&S::dofs, &Dofs::y_range), "Range of y of the nodes, m.", of_shape("[from, to]"));
-    s.add("dofs.components", in(&S::dofs, &Dofs::components), "Components observed at each node.",
-          of_shape(k_component_words));
-    s.add("noise_std", &S::noise_std, "Standard deviation of the noise, m.", positive);
-    s.add("seed", &S::seed, "Seed of nodes and noise; `--seed` overrides it.");
-    return s;
-  }();
+  static const Section<S> k_section(
+      "simulate", "Synthetic measurements for `knothe simulate`.", [](Section<S>& s) {
+        s.table("truth", "True value of each parameter.", required);
+        s.add("truth.*", &S::truth, "True value of the parameter of that name.");
+        s.table("dofs", "Which degrees of freedom are observed.");
+        s.add("dofs.random", in(&S::dofs, &Dofs::nodes), "Number of nodes, drawn at random.", at_least(1),
+              required);
+        s.choice("dofs.face", in(&S::dofs, &Dofs::face), k_components, "Outer face on which the nodes lie.");
+        s.add("dofs.x", in(&S::dofs, &Dofs::x_range), "Range of x of the nodes, m.", of_shape("[from, to]"));
+        s.add("dofs.y", in(&S::dofs, &Dofs::y_range), "Range of y of the nodes, m.", of_shape("[from, to]"));
+        s.add("dofs.components", in(&S::dofs, &Dofs::components), "Components observed at each node.",
+              of_shape(k_component_words));
+        s.add("noise_std", &S::noise_std, "Standard deviation of the noise, m.", positive);
+        s.add("seed", &S::seed, "Seed of nodes and noise; `--seed` overrides it.");
+      });
   return k_section;
 }
 
 const Section<CameraSimulation>& camera_section() {
   using C = CameraSimulation;
-  static const Section<C> k_section = [] {
-    const auto in_range = [](double v) { return v >= 64 && v <= 20000; };
-    Section<C> s("simulate.camera", "The camera of `knothe simulate --images`; where it looks is in [dic].");
-    s.add("width", &C::width, "Width of the pictures, px.",
-          check(in_range, "a picture's width must be from 64 to 20000 px"), required);
-    s.add("height", &C::height, "Height of the pictures, px.",
-          check(in_range, "a picture's height must be from 64 to 20000 px"), required);
-    s.add("bit_depth", &C::bit_depth, "Bits a pixel, 8 to 16.", between(8, 16));
-    s.add("noise", &C::noise, "Standard deviation of a pixel's noise, in grey levels of 8 bits.",
-          non_negative);
-    s.add("dot_radius", &C::dot_radius, "Radius of the speckle's dots, px.", positive);
-    s.add("gain", &C::gain, "Brightness of the deformed pictures against the reference.", positive);
-    s.add("references", &C::references, "Number of pictures of the unloaded surface.", at_least(1));
-    s.add("every", &C::every, "A picture at every so many model times.", at_least(1));
-    s.add("supersampling", &C::supersampling,
-          "Points per pixel in each direction, over which its light is integrated.", at_least(1));
-    return s;
-  }();
+  static const Section<C> k_section(
+      "simulate.camera", "The camera of `knothe simulate --images`; where it looks is in [dic].",
+      [](Section<C>& s) {
+        const auto in_range = [](double v) { return v >= 64 && v <= 20000; };
+        s.add("width", &C::width, "Width of the pictures, px.",
+              check(in_range, "a picture's width must be from 64 to 20000 px"), required);
+        s.add("height", &C::height, "Height of the pictures, px.",
+              check(in_range, "a picture's height must be from 64 to 20000 px"), required);
+        s.add("bit_depth", &C::bit_depth, "Bits a pixel, 8 to 16.", between(8, 16));
+        s.add("noise", &C::noise, "Standard deviation of a pixel's noise, in grey levels of 8 bits.",
+              non_negative);
+        s.add("dot_radius", &C::dot_radius, "Radius of the speckle's dots, px.", positive);
+        s.add("gain", &C::gain, "Brightness of the deformed pictures against the reference.", positive);
+        s.add("references", &C::references, "Number of pictures of the unloaded surface.", at_least(1));
+        s.add("every", &C::every, "A picture at every so many model times.", at_least(1));
+        s.add("supersampling", &C::supersampling,
+              "Points per pixel in each direction, over which its light is integrated.", at_least(1));
+      });
   return k_section;
 }
 
@@ -57,8 +56,7 @@ const Section<SelectOptions>& select_section() {
   using S = SelectOptions;
   static constexpr auto k_candidates =
       std::to_array<Named<std::optional<bool>>>({{false, "data"}, {true, "model"}});
-  static const Section<S> k_section = [] {
-    Section<S> s("select", "Which dofs to measure (`knothe select`).");
+  static const Section<S> k_section("select", "Which dofs to measure (`knothe select`).", [](Section<S>& s) {
     s.add("criterion", &S::criterion,
           "The paper's criteria on the sensitivity fields (`product`, `minimum`, `maximum`), or greedy "
           "choices: least posterior covariance at one point, or most expected information over the prior.");
@@ -77,8 +75,7 @@ const Section<SelectOptions>& select_section() {
           "Standard deviation of the noise of candidates of the model, m; that of `[simulate]`, or 1e-6, "
           "otherwise.",
           positive);
-    return s;
-  }();
+  });
   return k_section;
 }
 
