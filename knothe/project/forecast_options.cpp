@@ -9,7 +9,7 @@ namespace {
 
 using F = forecast::ForecastSpecification;
 
-const Section<F>& section() {
+const Section<F>& forecast_section() {
   static const Section<F> k_section("forecast.*", "A forecast of that name.", [](Section<F>& s) {
     s.add("quantity", &F::quantity, "What is forecast.", required);
     s.add("horizon", &F::horizon, "Model time for which it is forecast.", required);
@@ -30,7 +30,7 @@ const Section<F>& section() {
 }
 
 F read_forecast(Values& values, const std::string& name) {
-  F f = section().read(values, name);
+  F f = forecast_section().read(values, name);
   f.name = name;
   const std::string path = "forecast." + name;
   const auto need = [&](F::Quantity quantity, const char* key, const char* text) {
@@ -47,7 +47,7 @@ F read_forecast(Values& values, const std::string& name) {
 
 std::vector<Option> forecast_option_table() {
   std::vector<Option> table = Section<F>("forecast", "One table per quantity of interest.").options();
-  table.insert(table.end(), section().options().begin(), section().options().end());
+  table.insert(table.end(), forecast_section().options().begin(), forecast_section().options().end());
   return table;
 }
 

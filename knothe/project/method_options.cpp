@@ -101,7 +101,7 @@ void add_map_options(Section<M>& s) {
   s.add("seed", &M::seed, "Seed of quasi-random points, chains and particles.");
 }
 
-const Section<M>& section() {
+const Section<M>& method_section() {
   static const Section<M> k_section("method", "How the posterior is computed.", [](Section<M>& s) {
     s.add(
         "kind", &M::kind,
@@ -118,11 +118,11 @@ const Section<M>& section() {
 }  // namespace
 
 std::vector<Option> method_option_table() {
-  return joined(section());
+  return joined(method_section());
 }
 
 MethodOptions read_method(Values& values) {
-  return section().read(values);
+  return method_section().read(values);
 }
 
 }  // namespace knothe::project

@@ -78,7 +78,7 @@ void add_reduction_options(Section<O>& s) {
         check([](double v) { return v <= 80; }, "the ligament is 80 mm high: at most 80 lengths"));
 }
 
-const Section<O>& section() {
+const Section<O>& offline_section() {
   static const Section<O> k_section("offline", "How the reduced model is made.", [](Section<O>& s) {
     s.add("method", &O::method,
           "Full-order runs on a grid of parameters, or LATIN-PGD, which solves for the whole grid at once.");
@@ -148,11 +148,11 @@ void check_latin(Values& values, const OfflineOptions& o) {
 }  // namespace
 
 std::vector<Option> offline_option_table() {
-  return joined(section(), parameter_section());
+  return joined(offline_section(), parameter_section());
 }
 
 OfflineOptions read_offline(Values& values) {
-  OfflineOptions o = section().read(values);
+  OfflineOptions o = offline_section().read(values);
   for (const std::string& name : values.children_of("offline.parameters"))
     o.parameters.push_back(read_parameter(values, name));
   if (o.regularisation == DamageRegularisation::gradient && o.gmsh.empty() &&

@@ -152,7 +152,7 @@ void add_registration_options(Section<G>& s) {
         "Constant coordinate of that face, m; default: the model's outermost, or 0 without a model.");
 }
 
-const Section<G>& section() {
+const Section<G>& dic_section() {
   static const Section<G> k_section(
       "dic", "Displacements from pictures: global finite-element image correlation.", [](Section<G>& s) {
         add_picture_options(s);
@@ -272,12 +272,12 @@ void check_meshes(Values& values, const PictureOptions& p) {
 }  // namespace
 
 std::vector<Option> picture_option_table() {
-  return joined(data_section(), section());
+  return joined(data_section(), dic_section());
 }
 
 PictureOptions read_pictures(Values& values) {
   Recorded recorded = data_section().read(values);
-  Given p = section().read(values);
+  Given p = dic_section().read(values);
   p.folder = std::move(recorded.folder), p.times = std::move(recorded.times);
   if (values.has("data.file") && !p.folder.empty())
     values.complain("data.pictures", "[data] has both \"file\" and \"pictures\": give one");

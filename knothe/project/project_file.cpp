@@ -16,7 +16,7 @@
 namespace knothe::project {
 namespace {
 
-const Section<Project>& section() {
+const Section<Project>& project_section() {
   using P = Project;
   static const Section<P> k_section("", "", [](Section<P>& s) {
     s.table("model", "The reduced model; `model = \"M.h5\"` is short for `[model] separated = \"M.h5\"`.");
@@ -51,7 +51,7 @@ const Section<Project>& section() {
 }  // namespace
 
 std::vector<Option> project_option_table() {
-  return joined(section());
+  return joined(project_section());
 }
 
 ProjectError Project::error_at(std::string key, const std::string& text) const {
@@ -73,7 +73,7 @@ void Project::require(bool present, const std::string& what) const {
 Project parse_project(const std::string& text, const std::string& path) {
   const std::string folder = std::filesystem::path(path).parent_path().string();
   Values values = parse_values(text, folder);
-  Project project = section().read(values);
+  Project project = project_section().read(values);
   project.path = path;
   project.folder = folder;
   project.text = text;

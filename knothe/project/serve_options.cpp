@@ -51,7 +51,7 @@ void add_connection_options(Section<S>& s) {
         "File with the certificates that the broker is checked by; with it, TLS is spoken.", file);
 }
 
-const Section<S>& section() {
+const Section<S>& serve_section() {
   static const Section<S> k_section(
       "serve", "The online service (`knothe serve`, docs/service.md).", [](Section<S>& s) {
         s.add("address", &S::address, "Address to listen at; anything but loopback needs both tokens.");
@@ -72,12 +72,12 @@ bool is_name(const std::string& site) {
 }  // namespace
 
 std::vector<Option> serve_option_table() {
-  return joined(section());
+  return joined(serve_section());
 }
 
 ServeOptions read_serve(Values& values, const std::string& path) {
   const std::string stem = std::filesystem::path(path).stem().string();
-  ServeOptions serve = section().read(values);
+  ServeOptions serve = serve_section().read(values);
   if (serve.site.empty()) serve.site = stem;
   if (!is_name(serve.site)) {
     if (values.has("serve.site"))
