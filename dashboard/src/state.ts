@@ -74,7 +74,7 @@ export function derived(line: StepLine | undefined): Status {
   return { state: "OK" };
 }
 
-/** The limits are those of interfaces.md, section 4. */
+/** The limits are those of docs/formats.md. */
 export function whyNotTrusted(line: StepLine): string {
   if (line.remark) return line.remark;
   const reasons: string[] = [];

@@ -1,4 +1,4 @@
-/** What the service sends: interfaces.md, sections 4 and 7, and docs/dashboard.md. All numbers are SI. */
+/** What the service sends: docs/formats.md and docs/dashboard.md. All numbers are SI. */
 
 export interface Forecast {
   mean: number;

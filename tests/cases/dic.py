@@ -6,10 +6,10 @@ import pathlib
 import unittest
 
 from dic_pictures import Speckle, write_pgm, write_tiff16
-from support import Case
+from support import DATA, Case
 
 KEYS = ["picture", "iterations", "converged", "residual_rms", "nodes", "elements_rejected", "elapsed_ms", "noise_std_px"]
-REAL = pathlib.Path("/work/shared/data/concrete_bending")
+REAL = DATA / "concrete_bending"
 ROI = "12,12,147,107"
 
 
@@ -286,7 +286,7 @@ class Test(Case):
 
     def real(self, *names):
         if not REAL.exists():
-            self.skipTest(f"{REAL} is not there")
+            self.skipTest(f"{REAL} is not there: set KNOTHE_DATA to the folder of recorded data")
         return [REAL / f"IMG_{name}.tif" for name in names]
 
     def test_the_real_pair_goes_forth_and_back(self):

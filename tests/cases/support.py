@@ -21,6 +21,8 @@ KNOTHE = os.environ["KNOTHE"]
 FIXTURES = pathlib.Path(os.environ["KNOTHE_CASES_FIXTURES"])
 SOURCE = pathlib.Path(__file__).resolve().parent
 REPOSITORY = SOURCE.parent.parent
+# Recorded data are not in the repository: a case without them is skipped and says so.
+DATA = pathlib.Path(os.environ.get("KNOTHE_DATA") or REPOSITORY.parent / "shared" / "data")
 
 
 class Outcome:

@@ -8,7 +8,7 @@
 
 namespace knothe::assimilation {
 
-/// Each prior truncated to the model's box and renormalised there (interfaces.md, section 4), in the order of
+/// Each prior truncated to the model's box and renormalised there (docs/formats.md), in the order of
 /// the model's parameters. As many priors as parameters; errors of Prior::truncated, which name the
 /// parameter.
 [[nodiscard]] std::shared_ptr<const PriorTransform> truncated_to_box(const reduction::ObservedModel& model,

@@ -10,6 +10,7 @@
 #include <numbers>
 #include <random>
 
+#include "knothe/files/testing/recorded_data.hpp"
 #include "knothe/files/testing/test_folder.hpp"
 #include "knothe/imaging/correlation/correlation_noise.hpp"
 #include "knothe/imaging/correlation/image_correlation.hpp"
@@ -230,8 +231,9 @@ files::Picture smoothed(files::Picture picture) {
 }
 
 TEST(CorrelationAccuracy, TheCrackedRealPictureAgreesWithWindowsAwayFromTheCrack) {
-  const std::string folder = "/work/shared/data/concrete_bending/";
-  if (!std::filesystem::exists(folder)) GTEST_SKIP() << folder << " is not there";
+  const std::string folder = files::recorded_data("concrete_bending");
+  if (!std::filesystem::exists(folder))
+    GTEST_SKIP() << folder << " is not there: set KNOTHE_DATA to the folder of recorded data";
   const auto reference = files::read_picture(folder + "IMG_0155.tif"),
              cracked = files::read_picture(folder + "IMG_0179.tif");
   ImageCorrelation correlation(reference, structured_mesh({100, 240, 1600, 1040}, 25),

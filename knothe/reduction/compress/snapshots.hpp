@@ -66,8 +66,8 @@ struct Snapshots {
   [[nodiscard]] std::span<const double> solution(std::size_t index) const;
 };
 
-/// Reads and validates a file of interfaces.md, section 2. Everything wrong in it is a DataError that names
-/// the data set, and the index where there is one.
+/// Reads and validates a file of snapshots (docs/formats.md). Everything wrong in it is a DataError that
+/// names the data set, and the index where there is one.
 [[nodiscard]] Snapshots read_snapshots(const std::string& path);
 
 /// Writes the file atomically; `single_precision` stores the field in 32 bits. IoError, e.g. disk full.

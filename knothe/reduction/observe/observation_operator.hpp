@@ -18,7 +18,7 @@ class ObservationOperator {
     double weight;
   };
 
-  /// Points [n_obs, 3] and components against the dofs of `where` (interfaces.md, section 4): see `observe`.
+  /// Points [n_obs, 3] and components against the dofs of `where` (docs/formats.md): see `observe`.
   ObservationOperator(const Dofs& dofs, const std::optional<Mesh>& mesh, const std::string& where,
                       std::span<const double> points, std::span<const std::int64_t> components);
   /// Rows of the identity.

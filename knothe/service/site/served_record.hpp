@@ -7,7 +7,7 @@
 
 namespace knothe::service {
 
-/// The line of `knothe assimilate` (interfaces.md, section 4). Where the monitor of the evidence has not
+/// The line of `knothe assimilate` (docs/formats.md). Where the monitor of the evidence has not
 /// followed yet, without what it says.
 [[nodiscard]] inline auto served_record(const JournalPosterior::Conclusion& conclusion) {
   auto record = report::step_record(conclusion.result, conclusion.forecasts, conclusion.forecast_us);

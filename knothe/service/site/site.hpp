@@ -37,7 +37,7 @@ struct Line {
   std::int64_t event = 0;  ///< id, increasing for ever
   std::size_t step = 0;
   double time = 0;
-  std::string json;                           ///< the line of interfaces.md, section 4
+  std::string json;                           ///< the line of a step (docs/formats.md)
   Eigen::VectorXd mean, std;                  ///< d
   Eigen::MatrixXd samples;                    ///< at most 400 × d, equally weighted
   std::vector<bool> missing;                  ///< per sensor, of the last datum of the step
