@@ -6,6 +6,8 @@ find_package(HDF5 REQUIRED COMPONENTS C)
 if(HDF5_IS_PARALLEL)
   message(FATAL_ERROR "knothe: CMake found the MPI build of HDF5; install libhdf5-dev (the serial build)")
 endif()
+find_package(Boost 1.74 REQUIRED) # headers: Math, Random, Asio, Beast
+find_package(OpenSSL 3 REQUIRED COMPONENTS Crypto) # SHA-256
 find_package(nlohmann_json 3.11 REQUIRED)
 find_package(fmt REQUIRED)
 find_package(TIFF REQUIRED)

@@ -2,10 +2,13 @@
 /// @file SHA-256 (FIPS 180-4): identity of models, seals of model files and of the journal's records.
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <string>
 #include <string_view>
 #include <type_traits>
+
+struct evp_md_ctx_st;  // of OpenSSL
 
 namespace knothe {
 
@@ -14,6 +17,7 @@ using Digest = std::array<std::uint8_t, 32>;
 /// The hash of everything added so far.
 class Sha256 {
  public:
+  Sha256();
   void add(std::span<const std::uint8_t> bytes);
   void add(std::string_view text);
   /// The bytes of a number as it is in memory (little endian on every machine that we build for).
@@ -33,12 +37,13 @@ class Sha256 {
   [[nodiscard]] Digest finish();
 
  private:
-  void compress(const std::uint8_t* block);
-
-  std::array<std::uint32_t, 8> state_ = {0x6a09e667, 0xbb67ae85, 0x3c6ef372, 0xa54ff53a,
-                                         0x510e527f, 0x9b05688c, 0x1f83d9ab, 0x5be0cd19};
-  std::array<std::uint8_t, 64> block_{};
-  std::uint64_t length_ = 0;  ///< bytes so far
+  struct FreeContext {
+    void operator()(evp_md_ctx_st* context) const;
+  };
+  std::unique_ptr<evp_md_ctx_st, FreeContext> context_;
+};
+std::array<std::uint8_t, 64> block_{};
+std::uint64_t length_ = 0;  ///< bytes so far
 };
 
 [[nodiscard]] std::string to_hex(const Digest& digest);

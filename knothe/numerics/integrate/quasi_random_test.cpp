@@ -2,7 +2,9 @@
 #include <gtest/gtest.h>
 #include <algorithm>
 
+#include <bit>
 #include <bitset>
+#include <boost/random/sobol.hpp>
 #include <cmath>
 #include <vector>
 
@@ -10,11 +12,39 @@
 #include "knothe/numerics/integrate/halton.hpp"
 #include "knothe/numerics/integrate/reference_rule.hpp"
 #include "knothe/numerics/integrate/sobol.hpp"
-#include "knothe/numerics/integrate/sobol_directions.hpp"
 #include "knothe/numerics/statistics/random.hpp"
 
 namespace knothe::numerics {
 namespace {
+
+struct SobolDirection {
+  std::uint32_t degree, inner;
+  std::vector<std::uint16_t> m;
+};
+
+/// Of Boost's table what the dimensions 2 … 200 use.
+std::vector<SobolDirection> joe_kuo() {
+  using Table = boost::random::default_sobol_table;
+  std::vector<SobolDirection> rows;
+  for (std::size_t j = 0; j + 1 < k_sobol_max_dimension; ++j) {
+    const std::uint32_t polynomial = Table::polynomial(j), degree = std::bit_width(polynomial) - 1;
+    rows.push_back({degree, (polynomial ^ 1u << degree) >> 1, {}});
+    for (std::uint32_t k = 0; k < degree; ++k) rows.back().m.push_back(Table::minit(j, k));
+  }
+  return rows;
+}
+const std::vector<SobolDirection> k_joe_kuo = joe_kuo();
+
+TEST(SobolDirections, AreThoseThatSeedsWereGivenFor) {
+  // FNV-1a of the table of new-joe-kuo-6 to 200 dimensions: the points of every seed stay what they were.
+  std::uint64_t sum = 0xcbf29ce484222325;
+  const auto add = [&sum](std::uint64_t number) { sum = (sum ^ number) * 0x100000001b3; };
+  for (const auto& [degree, inner, m] : k_joe_kuo) {
+    add(degree), add(inner);
+    for (const auto number : m) add(number);
+  }
+  EXPECT_EQ(sum, 0xd6a4147edb0153e1);
+}
 
 /// a(x) b(x) modulo the polynomial f of the given degree over the field of two elements.
 std::uint32_t multiply_modulo(std::uint32_t a, std::uint32_t b, std::uint32_t f, std::uint32_t degree) {

@@ -6,9 +6,9 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <boost/random/sobol.hpp>
 
 #include "knothe/base/error.hpp"
-#include "knothe/numerics/integrate/sobol_directions.hpp"
 #include "knothe/numerics/statistics/normal_distribution.hpp"
 #include "knothe/numerics/statistics/random.hpp"
 
@@ -16,7 +16,8 @@ namespace knothe::numerics {
 
 namespace {
 
-static_assert(k_sobol_max_dimension == static_cast<Eigen::Index>(k_joe_kuo.size()) + 1);
+using Table = boost::random::default_sobol_table;  // new-joe-kuo-6
+static_assert(k_sobol_max_dimension <= Table::max_dimension);
 
 constexpr int k_bits = 32;
 using Directions = std::array<std::uint32_t, k_bits>;
@@ -28,16 +29,17 @@ Directions directions_of(Eigen::Index dimension) {
     for (int b = 0; b < k_bits; ++b) v[static_cast<std::size_t>(b)] = 1u << (31 - b);
     return v;
   }
-  const SobolDirection& initial = k_joe_kuo[static_cast<std::size_t>(dimension - 1)];
-  const std::uint32_t s = initial.degree;
+  const auto row = static_cast<std::size_t>(dimension - 1);
+  // Primitive polynomial x^s + a_1 x^{s−1} + … + a_{s−1} x + 1, its coefficients the bits of a number.
+  const std::uint32_t polynomial = Table::polynomial(row), s = std::bit_width(polynomial) - 1;
   for (std::uint32_t b = 0; b < k_bits; ++b) {
     if (b < s) {
-      v[b] = std::uint32_t{initial.m[b]} << (31 - b);
+      v[b] = std::uint32_t{Table::minit(row, b)} << (31 - b);
       continue;
     }
     v[b] = v[b - s] ^ (v[b - s] >> s);
     for (std::uint32_t k = 1; k < s; ++k)
-      if ((initial.inner >> (s - 1 - k)) & 1u) v[b] ^= v[b - k];
+      if ((polynomial >> (s - k)) & 1u) v[b] ^= v[b - k];
   }
   return v;
 }

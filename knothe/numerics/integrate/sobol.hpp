@@ -6,13 +6,14 @@
 
 namespace knothe::numerics {
 
-/// Largest number of dimensions: of the table in sobol_directions.hpp.
+/// Largest number of dimensions.
 inline constexpr Eigen::Index k_sobol_max_dimension = 200;
 
-/// The first n points, n × d, in (0, 1)^d. Seed 0 gives the plain sequence (shifted by half a unit of the
-/// last place off the border); any other a random linear matrix scramble with digital shift (J. Matoušek
-/// 1998), which keeps the net property and makes averages unbiased over the seeds. Use n = 2^m. Errors:
-/// UsageError for d outside 1 … 200.
+/// The first n points, n × d, in (0, 1)^d, by the direction numbers of S. Joe and F. Kuo (SIAM J. Sci.
+/// Comput. 30, 2008, 2635–2654) that Boost.Random holds. Seed 0 gives the plain sequence (shifted by half a
+/// unit of the last place off the border); any other a random linear matrix scramble with digital shift (J.
+/// Matoušek 1998), which keeps the net property and makes averages unbiased over the seeds. Use n = 2^m.
+/// Errors: UsageError for d outside 1 … 200.
 [[nodiscard]] Eigen::MatrixXd sobol_points(Eigen::Index n, Eigen::Index d, std::uint64_t seed);
 
 /// The same, each coordinate through Φ⁻¹: points distributed like N(0, I).

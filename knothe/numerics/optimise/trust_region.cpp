@@ -3,14 +3,21 @@
 #include <algorithm>
 #include <cmath>
 
-#include "knothe/numerics/optimise/trust_region_step.hpp"
-
 namespace knothe::numerics {
 
 namespace {
 
 /// Shifts tried with a Cholesky factorisation each before the eigenbasis, which costs some twenty of them.
-constexpr int k_most_shifts = 12;
+constexpr int k_max_shifts = 12;
+/// A step of this agreement is taken.
+constexpr double k_min_agreement = 1e-4;
+
+/// The radius after a step: wider where the model held to the border, narrower where it did not hold.
+double next_radius(double radius, double max_radius, double agreement, double length) {
+  if (!(agreement > k_min_agreement)) return 0.25 * std::min(length, radius);
+  if (agreement < 0.25) return 0.5 * length;
+  return agreement > 0.75 && length > 0.8 * radius ? std::min(2.5 * radius, max_radius) : radius;
+}
 
 }  // namespace
 
@@ -67,7 +74,7 @@ void NewtonTrustRegion::solve_in_eigenbasis(double radius) {
 bool NewtonTrustRegion::solve_by_cholesky(double radius) {
   cholesky_.compute(hessian_);
   double shift = 0;
-  for (int k = 0; k < k_most_shifts; ++k) {
+  for (int k = 0; k < k_max_shifts; ++k) {
     if (cholesky_.info() == Eigen::Success) {
       step_ = -gradient_;
       cholesky_.solveInPlace(step_);
@@ -93,21 +100,33 @@ bool NewtonTrustRegion::solve_by_cholesky(double radius) {
   return false;
 }
 
-double NewtonTrustRegion::solve_subproblem(double radius) {
+void NewtonTrustRegion::solve_subproblem(Objective&, const TrustRegionOptions&, const Eigen::VectorXd&,
+                                         double radius, MinimiserSummary&) {
   if (!solve_by_cholesky(radius)) solve_in_eigenbasis(radius);
   product_.noalias() = hessian_ * step_;
-  return -(gradient_.dot(step_) + 0.5 * step_.dot(product_));
 }
 
-MinimiserSummary NewtonTrustRegion::minimise(Objective& objective, const TrustRegionOptions& options,
-                                             Eigen::VectorXd& x) {
+double TrustRegion::agreement(double value, double trial_value, double predicted) const {
+  // Below rounding of the value itself the ratio says nothing; then trust the gradient.
+  const double noise = 1e-14 * (1 + std::abs(value));
+  if (std::abs(predicted) < noise && trial_value <= value + noise)
+    return trial_gradient_.norm() <= gradient_.norm() ? 1 : -1;
+  return (value - trial_value) / predicted;
+}
+
+MinimiserSummary TrustRegion::minimise(Objective& objective, const TrustRegionOptions& options,
+                                       Eigen::VectorXd& x) {
   const Eigen::Index n = objective.dimension();
-  for (auto* v : {&gradient_, &trial_gradient_, &step_, &trial_, &rotated_, &product_}) v->resize(n);
-  hessian_.resize(n, n);
-  trial_hessian_.resize(n, n);
+  for (auto* v : {&gradient_, &trial_gradient_, &step_, &trial_, &product_}) v->resize(n);
+  if (derivatives_ == 2)
+    for (auto* m : {&hessian_, &trial_hessian_}) m->resize(n, n);
+  const auto evaluate = [&](const Eigen::VectorXd& at, double& value, Eigen::VectorXd& gradient,
+                            Eigen::MatrixXd& hessian) {
+    return objective.evaluate(at, derivatives_, value, gradient, hessian) && std::isfinite(value);
+  };
   MinimiserSummary summary;
   summary.evaluations = 1;
-  if (!objective.evaluate(x, 2, summary.value, gradient_, hessian_) || !std::isfinite(summary.value)) {
+  if (!evaluate(x, summary.value, gradient_, hessian_)) {
     summary.termination = Termination::start_infeasible;
     return summary;
   }
@@ -118,8 +137,8 @@ MinimiserSummary NewtonTrustRegion::minimise(Objective& objective, const TrustRe
       summary.termination = Termination::converged;
       return summary;
     }
-    double predicted = solve_subproblem(radius);
-    summary.predicted_decrease = predicted;
+    solve_subproblem(objective, options, x, radius, summary);
+    double predicted = summary.predicted_decrease = predicted_decrease();
     const bool for_nothing =
         predicted < options.decrease_at_border && step_.norm() > 0.99 * options.max_radius;
     if (!(predicted > options.decrease_tolerance) || for_nothing) {
@@ -131,21 +150,17 @@ MinimiserSummary NewtonTrustRegion::minimise(Objective& objective, const TrustRe
     const double limit = objective.step_limit(x, step_);
     if (limit < 1) {
       ++summary.limited_steps;
-      predicted = -limit * (gradient_.dot(step_) + 0.5 * limit * step_.dot(product_));
+      predicted = predicted_decrease(limit);
       step_ *= limit;
     }
     const double length = step_.norm();
     trial_ = x + step_;
     double trial_value = 0;
     ++summary.evaluations;
-    const bool feasible = objective.evaluate(trial_, 2, trial_value, trial_gradient_, trial_hessian_) &&
-                          std::isfinite(trial_value);
-    const double agreement =
-        TrialStep{feasible, predicted, summary.value, trial_value, gradient_.norm(), trial_gradient_.norm(),
-                  length}
-            .agreement();
-    radius = next_radius(radius, options.max_radius, agreement, length);
-    if (agreement > k_least_agreement) {
+    const bool feasible = evaluate(trial_, trial_value, trial_gradient_, trial_hessian_);
+    const double agreed = feasible ? agreement(summary.value, trial_value, predicted) : -1;
+    radius = next_radius(radius, options.max_radius, agreed, length);
+    if (agreed > k_min_agreement) {
       x.swap(trial_);
       gradient_.swap(trial_gradient_);
       hessian_.swap(trial_hessian_);

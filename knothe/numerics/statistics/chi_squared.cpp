@@ -1,16 +1,20 @@
 #include "knothe/numerics/statistics/chi_squared.hpp"
 
 #include <algorithm>
+#include <boost/math/special_functions/gamma.hpp>
 #include <cassert>
 #include <cmath>
-#include <limits>
 #include <utility>
 #include <vector>
 
 namespace knothe::numerics {
 namespace {
 
-constexpr double k_epsilon = std::numeric_limits<double>::epsilon();
+namespace policies = boost::math::policies;
+/// What is not a number gives one that is not.
+using Policy =
+    policies::policy<policies::promote_double<false>, policies::domain_error<policies::ignore_error>>;
+
 /// Poisson terms further from the mean than this, in standard deviations, do not count (below 1e-15).
 constexpr double k_reach = 8.5;
 /// Noncentralities above have their tail from a normal distribution: relative error of the order λ^−½.
@@ -19,31 +23,6 @@ constexpr double k_largest = 4e4;
 /// x^a e^−x / Γ(a + 1).
 double power_term(double a, double x) {
   return std::exp(a * std::log(x) - x - std::lgamma(a + 1));
-}
-
-/// P(a, x) for x < a + 1: x^a e^−x/Γ(a + 1) Σ x^n/((a + 1)…(a + n)).
-double lower_by_series(double a, double x) {
-  double term = 1, sum = 1;
-  for (double n = 1; term > k_epsilon * sum; ++n) sum += term *= x / (a + n);
-  return sum * power_term(a, x);
-}
-
-/// Q(a, x) for x ≥ a + 1, by Lentz's method.
-double upper_by_fraction(double a, double x) {
-  constexpr double tiny = 1e-300;
-  double b = x + 1 - a, c = 1 / tiny, d = 1 / b, value = d;
-  for (int n = 1; n < 100000; ++n) {
-    const double an = -n * (n - a);
-    b += 2;
-    d = an * d + b;
-    if (std::abs(d) < tiny) d = tiny;
-    c = b + an / c;
-    if (std::abs(c) < tiny) c = tiny;
-    d = 1 / d;
-    value *= d * c;
-    if (std::abs(d * c - 1) < k_epsilon) break;
-  }
-  return value * a * power_term(a, x);  // Γ(a + 1) = a Γ(a)
 }
 
 /// Poisson-weighted mean of Q(a + j, ·), from a table of them.
@@ -64,9 +43,7 @@ double poisson_mean(double half, const std::vector<double>& upper) {
 }  // namespace
 
 double upper_gamma(double a, double x) {
-  assert(a > 0 && x >= 0);
-  if (x == 0) return 1;
-  return x < a + 1 ? 1 - lower_by_series(a, x) : upper_by_fraction(a, x);
+  return boost::math::gamma_q(a, x, Policy());
 }
 
 double mean_noncentral_upper(double x, double degrees, std::span<const double> noncentralities,

@@ -5,7 +5,7 @@
 namespace knothe::numerics {
 
 /// Q(a, x) = Γ(a, x)/Γ(a), the regularised upper incomplete gamma function; a > 0, x ≥ 0. Relative error
-/// about 1e-12 up to a = 1e5. Series and continued fraction: Abramowitz and Stegun, 6.5.29 and 6.5.31.
+/// below 1e-12 up to a = 1e5.
 [[nodiscard]] double upper_gamma(double a, double x);
 
 /// P(X > x) for X of χ² distribution with `degrees` degrees of freedom.

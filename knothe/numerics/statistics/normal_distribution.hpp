@@ -11,7 +11,6 @@ namespace knothe::numerics {
 /// log Φ(x), also where Φ(x) underflows or rounds to 1.
 [[nodiscard]] double normal_log_cdf(double x);
 /// Φ⁻¹(u); −∞ at 0, +∞ at 1, NaN outside [0, 1]. For the upper tail use −Φ⁻¹(1 − u) with 1 − u known exactly.
-/// Source: M. Wichura, Algorithm AS 241, Applied Statistics 37 (1988), and one Halley step.
 [[nodiscard]] double normal_quantile(double u);
 
 }  // namespace knothe::numerics

@@ -244,7 +244,7 @@ numerics::MinimiserSummary MapSolver::Workspace::minimise(sampling::CheckedDensi
       return newton.minimise(*function, o, coefficients);
     }
     case MinimiserKind::newton_cg: {
-      numerics::NewtonCgOptions o;
+      numerics::TrustRegionOptions o;
       o.max_iterations = options.max_iterations;
       o.decrease_tolerance = options.decrease_tolerance;
       o.gradient_tolerance = 1e-12;
