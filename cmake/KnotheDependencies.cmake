@@ -13,6 +13,7 @@ find_package(fmt REQUIRED)
 find_package(TIFF REQUIRED)
 find_package(PNG REQUIRED)
 find_package(ZLIB REQUIRED) # libpng's own; compressed .vtu files
+find_package(pugixml REQUIRED) # .vtu files
 if(KNOTHE_PROGRAMS)
   find_package(tomlplusplus REQUIRED)
   find_package(CLI11 REQUIRED)

@@ -151,7 +151,7 @@ TEST(SurfaceMesh, MistakesAreNamedWithTheirPlace) {
   EXPECT_THAT(gmsh(k_gmsh_2, "30 0 0", "nan 0 0"), HasSubstr("is not a finite number"));
   EXPECT_THAT(gmsh(k_gmsh_2, "7 -9", "1 -9"), HasSubstr("node 1 is there twice"));
   EXPECT_THAT(gmsh(k_gmsh_2, "1 2 5 3", "1 2 8 3"),
-              HasSubstr("a.msh:21:13: error: node 8 of an element is not among"));
+              HasSubstr("a.msh:21:13: error: element 3 uses node 8, which is not among"));
   EXPECT_THAT(gmsh(k_gmsh_2, "3 2 2 1", "3 9 2 1"),
               HasSubstr("elements of Gmsh's type 9; image correlation takes linear"));
   EXPECT_THAT(gmsh(k_gmsh_4, "2 1 3 1\n2 1 2 3 4", "3 1 4 1\n2 1 2 3 4"),
@@ -185,7 +185,7 @@ TEST(SurfaceMesh, MistakesAreNamedWithTheirPlace) {
               }),
               HasSubstr("a compressed block cannot be read: the file is damaged"));
   EXPECT_THAT(message_of<DataError>([&] { (void)parse_vtu("<VTKFile type=\"Unstr", "a.vtu"); }),
-              HasSubstr("has no quotes"));
+              HasSubstr("Error parsing element attribute: this is no VTU file, or it is cut off"));
   EXPECT_THAT(message_of<DataError>([&] { (void)read_surface_mesh("a.stl"); }),
               HasSubstr("Gmsh (.msh) and VTK (.vtu)"));
   EXPECT_THAT(message_of<DataError>([&] { (void)read_surface_mesh("/nowhere/a.msh"); }),

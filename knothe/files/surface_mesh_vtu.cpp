@@ -6,9 +6,7 @@
 #include <charconv>
 #include <cmath>
 #include <cstring>
-#include <functional>
-#include <map>
-#include <optional>
+#include <pugixml.hpp>
 #include <string_view>
 
 #include "knothe/base/error.hpp"
@@ -24,98 +22,8 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "VTU files are read as the memory has them");
 
-constexpr std::size_t k_most_bytes = std::size_t{1} << 30;  // of one array
-constexpr std::size_t k_best_compression = 1100;            // zlib reaches 1032 at most
-
-struct Tag {
-  std::string name;
-  std::map<std::string, std::string, std::less<>> attributes;
-  std::size_t begin = 0, end = 0;  ///< of the tag in the text, end behind its '>'
-  bool closing = false, empty = false;
-
-  [[nodiscard]] std::string get(std::string_view key, const char* otherwise = "") const {
-    const auto found = attributes.find(key);
-    return found == attributes.end() ? otherwise : found->second;
-  }
-};
-
-/// As much XML as VTK writes: tags with attributes, and text between them.
-class Tags {
- public:
-  Tags(const std::string& text, const std::string& path) : text_(text), path_(path) {}
-
-  /// The next tag; none at the end, or at the appended data, which are no XML.
-  std::optional<Tag> next() {
-    while (true) {
-      const std::size_t begin = text_.find('<', position_);
-      if (begin == std::string::npos) return std::nullopt;
-      if (text_.compare(begin, 4, "<!--") == 0) {
-        position_ = behind("-->", begin);
-      } else if (text_.compare(begin, 2, "<?") == 0 || text_.compare(begin, 2, "<!") == 0) {
-        position_ = behind(">", begin);
-      } else {
-        Tag tag = parse(begin);
-        position_ = tag.end;
-        return tag;
-      }
-    }
-  }
-  [[noreturn]] void fail(std::size_t at, const std::string& message) const {
-    fail_at_offset(path_, text_, at, message);
-  }
-  [[nodiscard]] const std::string& text() const { return text_; }
-
- private:
-  [[nodiscard]] std::size_t behind(std::string_view what, std::size_t from) const {
-    const std::size_t at = text_.find(what, from);
-    if (at == std::string::npos) fail(from, fmt::format("no \"{}\" follows: the file is cut off", what));
-    return at + what.size();
-  }
-  static bool is_space(char c) { return c == ' ' || (c >= '\t' && c <= '\r'); }
-  [[nodiscard]] Tag parse(std::size_t begin) const {
-    Tag tag;
-    tag.begin = begin;
-    std::size_t at = begin + 1;
-    const auto rest = [&] {
-      while (at < text_.size() && is_space(text_[at])) ++at;
-      if (at >= text_.size()) fail(begin, "a tag that is not closed: the file is cut off");
-    };
-    const auto name = [&] {
-      const std::size_t first = at;
-      while (at < text_.size() && !is_space(text_[at]) && text_[at] != '>' && text_[at] != '/' &&
-             text_[at] != '=')
-        ++at;
-      return text_.substr(first, at - first);
-    };
-    if (at < text_.size() && text_[at] == '/') tag.closing = true, ++at;
-    tag.name = name();
-    while (true) {
-      rest();
-      if (text_[at] == '>') break;
-      if (text_[at] == '/') {
-        tag.empty = true, ++at;
-        continue;
-      }
-      const std::size_t where = at;
-      const std::string key = name();
-      rest();
-      if (key.empty() || text_[at] != '=') fail(where, "an attribute without a value: this is no VTU file");
-      ++at;
-      rest();
-      const char quote = text_[at];
-      const std::size_t close = quote == '"' || quote == '\'' ? text_.find(quote, at + 1) : std::string::npos;
-      if (close == std::string::npos) fail(where, fmt::format("the value of {} has no quotes", key));
-      tag.attributes[key] = text_.substr(at + 1, close - at - 1);
-      at = close + 1;
-    }
-    tag.end = at + 1;
-    return tag;
-  }
-
-  const std::string& text_;
-  const std::string& path_;
-  std::size_t position_ = 0;
-};
+constexpr std::size_t k_max_bytes = std::size_t{1} << 30;  // of one array
+constexpr std::size_t k_best_compression = 1100;           // zlib reaches 1032 at most
 
 /// The bytes of base64 text from `begin` on, up to `limit` of them or the first other character. Padding may
 /// stand in the middle: VTK ends a header with it, and begins again.
@@ -151,103 +59,103 @@ T number_at(std::string_view bytes, std::size_t at) {
   return value;
 }
 
-/// One <DataArray>.
-struct Array {
-  Tag tag;
-  std::size_t begin = 0, end = 0;  ///< of what is between its tags
-};
-
 class VtuReader {
  public:
-  VtuReader(const std::string& text, const std::string& path) : tags_(text, path) {}
+  VtuReader(const std::string& text, const std::string& path) : text_(text), path_(path) {}
 
   SurfaceMesh read() {
-    find_arrays();
-    const auto points = numbers<double>(points_, "points");
-    const auto connectivity = numbers<std::int64_t>(cells_["connectivity"], "connectivity"),
-               offsets = numbers<std::int64_t>(cells_["offsets"], "offsets"),
-               types = numbers<std::int64_t>(cells_["types"], "types");
-    if (points.size() % 3 != 0 || points.size() / 3 != point_count_)
-      fail(points_, fmt::format("{} coordinates for {} points", points.size(), point_count_));
+    parse();
+    const pugi::xml_node points_array = piece_.child("Points").child("DataArray"),
+                         offsets_array = cells("offsets"), types_array = cells("types");
+    if (!points_array) fail(0, "the file has no Points");
+    const auto points = numbers<double>(points_array, "points");
+    const auto connectivity = numbers<std::int64_t>(cells("connectivity"), "connectivity"),
+               offsets = numbers<std::int64_t>(offsets_array, "offsets"),
+               types = numbers<std::int64_t>(types_array, "types");
+    const auto count = std::max<std::int64_t>(0, attribute(piece_, "NumberOfPoints"));
+    if (points.size() % 3 != 0 || static_cast<std::int64_t>(points.size() / 3) != count)
+      fail(points_array, fmt::format("{} coordinates for {} points", points.size(), count));
     if (offsets.size() != types.size())
-      fail(cells_["types"], fmt::format("{} cell types for {} cells", types.size(), offsets.size()));
+      fail(types_array, fmt::format("{} cell types for {} cells", types.size(), offsets.size()));
     for (const double x : points)
-      if (!std::isfinite(x)) fail(points_, "a coordinate that is not finite");
+      if (!std::isfinite(x)) fail(points_array, "a coordinate that is not finite");
     return collect(points, connectivity, offsets, types);
   }
 
  private:
-  [[noreturn]] void fail(const Array& array, const std::string& message) const {
-    tags_.fail(array.tag.begin, message);
+  [[noreturn]] void fail(std::size_t at, const std::string& message) const {
+    fail_at_offset(path_, text_, at, message);
+  }
+  [[noreturn]] void fail(const pugi::xml_node& node, const std::string& message) const {
+    fail(static_cast<std::size_t>(node.offset_debug() - 1), message);
   }
 
-  void find_arrays() {
-    std::string section;
-    bool pieces = false, file = false;
-    while (const auto tag = tags_.next()) {
-      if (tag->closing) {
-        if (tag->name == section) section.clear();
-      } else if (tag->name == "VTKFile") {
-        file = true;
-        read_header(*tag);
-      } else if (tag->name == "Piece") {
-        if (pieces) tags_.fail(tag->begin, "a second piece: append them into one (ParaView: Merge Blocks)");
-        pieces = true;
-        point_count_ = static_cast<std::size_t>(std::max<std::int64_t>(0, attribute(*tag, "NumberOfPoints")));
-      } else if (tag->name == "Points" || tag->name == "Cells" || tag->name == "PointData" ||
-                 tag->name == "CellData" || tag->name == "FieldData") {
-        if (!tag->empty) section = tag->name;
-      } else if (tag->name == "DataArray") {
-        Array array{*tag, tag->end, tag->end};
-        if (!tag->empty) array.end = std::min(tags_.text().find("</", tag->end), tags_.text().size());
-        if (section == "Points") points_ = array;
-        if (section == "Cells") cells_[tag->get("Name")] = array;
-      } else if (tag->name == "AppendedData") {
-        base64_ = tag->get("encoding") == "base64";
-        appended_ = tags_.text().find('_', tag->end);
-        if (appended_ == std::string::npos) tags_.fail(tag->begin, "the appended data are cut off");
-        ++appended_;
-        break;
-      }
+  void parse() {
+    std::string xml = text_;
+    if (const std::size_t tag = text_.find("<AppendedData"); tag != std::string::npos) {
+      appended_ = text_.find('_', tag);
+      if (appended_ == std::string::npos) fail(tag, "the appended data are cut off");
+      xml = text_.substr(0, appended_++) + "</AppendedData></VTKFile>";  // what follows is no XML
     }
-    if (!file || !pieces)
-      tags_.fail(0, "this is no VTU file: a VTKFile of type UnstructuredGrid with a Piece is expected");
-    if (points_.tag.name.empty()) tags_.fail(0, "the file has no Points");
-    for (const char* name : {"connectivity", "offsets", "types"})
-      if (!cells_.contains(name)) tags_.fail(0, fmt::format("the file's Cells have no {}", name));
+    // Nothing converted, so that offsets are those of the text.
+    const auto result =
+        document_.load_buffer(xml.data(), xml.size(), pugi::parse_minimal, pugi::encoding_utf8);
+    if (!result)
+      fail(static_cast<std::size_t>(result.offset),
+           fmt::format("{}: this is no VTU file, or it is cut off", result.description()));
+    const pugi::xml_node file = document_.child("VTKFile");
+    if (file) read_header(file);
+    piece_ = file.child("UnstructuredGrid").child("Piece");
+    if (!piece_) fail(0, "this is no VTU file: a VTKFile of type UnstructuredGrid with a Piece is expected");
+    if (const auto second = piece_.next_sibling("Piece"))
+      fail(second, "a second piece: append them into one (ParaView: Merge Blocks)");
+    base64_ = file.child("AppendedData").attribute("encoding").value() == std::string_view("base64");
   }
 
-  void read_header(const Tag& tag) {
-    if (tag.get("type") != "UnstructuredGrid")
-      tags_.fail(tag.begin,
-                 fmt::format("a VTK file of type \"{}\"; UnstructuredGrid (.vtu) is read", tag.get("type")));
-    if (tag.get("byte_order", "LittleEndian") != "LittleEndian")
-      tags_.fail(tag.begin, "the file is big-endian; save it again as little-endian or ASCII");
-    long_header_ = tag.get("header_type", "UInt32") == "UInt64";
-    const std::string compressor = tag.get("compressor");
+  void read_header(const pugi::xml_node& file) {
+    if (const std::string type = file.attribute("type").value(); type != "UnstructuredGrid")
+      fail(file, fmt::format("a VTK file of type \"{}\"; UnstructuredGrid (.vtu) is read", type));
+    if (file.attribute("byte_order").as_string("LittleEndian") != std::string_view("LittleEndian"))
+      fail(file, "the file is big-endian; save it again as little-endian or ASCII");
+    long_header_ = file.attribute("header_type").value() == std::string_view("UInt64");
+    const std::string compressor = file.attribute("compressor").value();
     compressed_ = !compressor.empty();
     if (compressed_ && compressor != "vtkZLibDataCompressor")
-      tags_.fail(tag.begin, fmt::format("compressed by {}; save it with zlib or not compressed", compressor));
+      fail(file, fmt::format("compressed by {}; save it with zlib or not compressed", compressor));
   }
 
-  [[nodiscard]] std::int64_t attribute(const Tag& tag, const char* name) const {
-    const std::string text = tag.get(name);
+  [[nodiscard]] pugi::xml_node cells(const char* name) const {
+    const auto array = piece_.child("Cells").find_child_by_attribute("DataArray", "Name", name);
+    if (!array) fail(0, fmt::format("the file's Cells have no {}", name));
+    return array;
+  }
+
+  [[nodiscard]] std::int64_t attribute(const pugi::xml_node& node, const char* name) const {
+    const std::string text = node.attribute(name).value();
     std::int64_t value = 0;
     const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
     if (error != std::errc() || end != text.data() + text.size() || text.empty())
-      tags_.fail(tag.begin, fmt::format("{} is \"{}\": an integer is expected", name, text.substr(0, 40)));
+      fail(node, fmt::format("{} is \"{}\": an integer is expected", name, text.substr(0, 40)));
     return value;
+  }
+
+  /// What stands between the tags of an array, as a part of the text.
+  [[nodiscard]] std::string_view content(const pugi::xml_node& array) const {
+    const pugi::xml_node inside = array.text().data();
+    if (!inside) return {};
+    return std::string_view(text_).substr(static_cast<std::size_t>(inside.offset_debug()),
+                                          std::strlen(inside.value()));
   }
 
   /// The numbers of an array, whatever their type and form in the file.
   template <class T>
-  std::vector<T> numbers(const Array& array, const char* what) const {
-    const std::string format = array.tag.get("format", "ascii");
+  std::vector<T> numbers(const pugi::xml_node& array, const char* what) const {
+    const std::string format = array.attribute("format").as_string("ascii");
     if (format == "ascii") return from_text<T>(array, what);
     if (format != "binary" && format != "appended")
       fail(array, fmt::format("{} in the format \"{}\"; ascii, binary and appended are known", what, format));
     const std::string bytes = bytes_of(array, format == "appended");
-    const std::string type = array.tag.get("type");
+    const std::string type = array.attribute("type").value();
     if (type == "Float64") return converted<double, T>(bytes);
     if (type == "Float32") return converted<float, T>(bytes);
     if (type == "Int64") return converted<std::int64_t, T>(bytes);
@@ -268,31 +176,31 @@ class VtuReader {
   }
 
   template <class T>
-  std::vector<T> from_text(const Array& array, const char* what) const {
+  std::vector<T> from_text(const pugi::xml_node& array, const char* what) const {
     std::vector<T> values;
-    const std::string& text = tags_.text();
-    std::size_t at = array.begin;
+    const std::string_view text = content(array);
     constexpr std::string_view k_space = " \t\n\v\f\r";
-    while ((at = std::min(text.find_first_not_of(k_space, at), array.end)) < array.end) {
-      const std::size_t end = std::min(text.find_first_of(k_space, at), array.end);
-      const std::string_view word = std::string_view(text).substr(at, end - at);
+    for (std::size_t at = 0; (at = text.find_first_not_of(k_space, at)) != std::string_view::npos;) {
+      const std::size_t end = std::min(text.find_first_of(k_space, at), text.size());
+      const std::string_view word = text.substr(at, end - at);
       const auto value = parse_number(word);
       if (!value || !(std::abs(*value) < 1e15))
-        tags_.fail(at, fmt::format("\"{}\" among the {}: a number is expected", word.substr(0, 40), what));
+        fail(static_cast<std::size_t>(word.data() - text_.data()),
+             fmt::format("\"{}\" among the {}: a number is expected", word.substr(0, 40), what));
       values.push_back(static_cast<T>(*value));
       at = end;
     }
     return values;
   }
 
-  [[nodiscard]] std::string bytes_of(const Array& array, bool appended) const {
-    std::string_view from = std::string_view(tags_.text()).substr(array.begin, array.end - array.begin);
+  [[nodiscard]] std::string bytes_of(const pugi::xml_node& array, bool appended) const {
+    std::string_view from = content(array);
     if (appended) {
-      const std::int64_t offset = attribute(array.tag, "offset");
+      const std::int64_t offset = attribute(array, "offset");
       if (appended_ == std::string::npos || offset < 0 ||
-          static_cast<std::size_t>(offset) >= tags_.text().size() - appended_)
+          static_cast<std::size_t>(offset) >= text_.size() - appended_)
         fail(array, "the appended data do not reach so far: the file is cut off");
-      from = std::string_view(tags_.text()).substr(appended_ + static_cast<std::size_t>(offset));
+      from = std::string_view(text_).substr(appended_ + static_cast<std::size_t>(offset));
     }
     const bool coded = !appended || base64_;
     const std::size_t header = long_header_ ? 8 : 4;
@@ -304,7 +212,7 @@ class VtuReader {
     const auto header_number = [&](const std::string& bytes, std::size_t k) {
       const auto value = long_header_ ? number_at<std::uint64_t>(bytes, k * header)
                                       : number_at<std::uint32_t>(bytes, k * header);
-      if (value > k_most_bytes) fail(array, fmt::format("an array of {} bytes: the file is damaged", value));
+      if (value > k_max_bytes) fail(array, fmt::format("an array of {} bytes: the file is damaged", value));
       return static_cast<std::size_t>(value);
     };
     const std::size_t first = header_number(read(header), 0);
@@ -328,7 +236,8 @@ class VtuReader {
     return result;
   }
 
-  [[nodiscard]] std::string inflated(const Array& array, std::string_view from, std::size_t size) const {
+  [[nodiscard]] std::string inflated(const pugi::xml_node& array, std::string_view from,
+                                     std::size_t size) const {
     if (size > k_best_compression * from.size() + 64)
       fail(array, "a compressed block is too small for its content: the file is damaged");
     std::string out(size, '\0');
@@ -341,53 +250,44 @@ class VtuReader {
   }
 
   SurfaceMesh collect(const std::vector<double>& points, const std::vector<std::int64_t>& connectivity,
-                      const std::vector<std::int64_t>& offsets, const std::vector<std::int64_t>& types) {
-    SurfaceMesh mesh;
-    std::vector<std::int64_t> number(point_count_, -1);
+                      const std::vector<std::int64_t>& offsets,
+                      const std::vector<std::int64_t>& types) const {
+    const auto count = static_cast<std::int64_t>(points.size() / 3);
+    std::vector<std::array<std::int64_t, 4>> faces;
     const auto nodes = static_cast<std::int64_t>(connectivity.size());
     for (std::size_t c = 0; c < offsets.size(); ++c) {
       const std::int64_t begin = c == 0 ? 0 : offsets[c - 1], end = offsets[c];
       if (begin < 0 || end < begin || end > nodes)
-        fail(cells_["offsets"],
+        fail(cells("offsets"),
              fmt::format("the offset of cell {} is {}, there are {} nodes in all", c, end, nodes));
       if (types[c] == 22 || types[c] == 23 || types[c] == 28 || types[c] == 34)
-        fail(cells_["types"], fmt::format("cell {} is of second order (VTK's type {}): image correlation "
-                                          "takes linear triangles and quadrilaterals",
-                                          c, types[c]));
+        fail(cells("types"), fmt::format("cell {} is of second order (VTK's type {}): image correlation "
+                                         "takes linear triangles and quadrilaterals",
+                                         c, types[c]));
       const std::size_t corners = types[c] == 5 ? 3 : types[c] == 9 ? 4 : 0;
       if (corners == 0) continue;
       if (static_cast<std::size_t>(end - begin) != corners)
-        fail(cells_["offsets"],
+        fail(cells("offsets"),
              fmt::format("cell {} has {} nodes, its type says {}", c, end - begin, corners));
       std::array<std::int64_t, 4> cell{-1, -1, -1, -1};
       for (std::size_t a = 0; a < corners; ++a) {
         cell[a] = connectivity[static_cast<std::size_t>(begin) + a];
-        if (cell[a] < 0 || cell[a] >= static_cast<std::int64_t>(point_count_))
-          fail(cells_["connectivity"],
-               fmt::format("cell {} has the point {}, there are {}", c, cell[a], point_count_));
-        number[static_cast<std::size_t>(cell[a])] = 0;
+        if (cell[a] < 0 || cell[a] >= count)
+          fail(cells("connectivity"),
+               fmt::format("cell {} has the point {}, there are {}", c, cell[a], count));
       }
-      mesh.cells.push_back(cell);
+      faces.push_back(cell);
     }
-    if (mesh.cells.empty())
-      tags_.fail(0,
-                 "the file has no triangles or quadrilaterals: save the surface (ParaView: Extract Surface)");
-    std::int64_t next = 0;
-    for (std::size_t i = 0; i < number.size(); ++i) {
-      if (number[i] < 0) continue;
-      number[i] = next++;
-      mesh.points.insert(mesh.points.end(), {points[3 * i], points[3 * i + 1], points[3 * i + 2]});
-    }
-    for (auto& cell : mesh.cells)
-      for (std::int64_t& node : cell)
-        if (node >= 0) node = number[static_cast<std::size_t>(node)];
-    return mesh;
+    if (faces.empty())
+      fail(0, "the file has no triangles or quadrilaterals: save the surface (ParaView: Extract Surface)");
+    return with_used_points(points, std::move(faces));
   }
 
-  Tags tags_;
-  Array points_;
-  std::map<std::string, Array> cells_;
-  std::size_t point_count_ = 0, appended_ = std::string::npos;
+  const std::string& text_;
+  const std::string& path_;
+  pugi::xml_document document_;
+  pugi::xml_node piece_;
+  std::size_t appended_ = std::string::npos;
   bool long_header_ = false, compressed_ = false, base64_ = false;
 };
 

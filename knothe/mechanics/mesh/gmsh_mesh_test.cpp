@@ -94,11 +94,11 @@ TEST(GmshMesh, faulty_files_are_refused_with_the_reason) {
       message_of<knothe::DataError>([] { (void)read_gmsh_mesh("/nowhere/beam.msh"); }).find("No such file"),
       std::string::npos);
   EXPECT_NE(refusal("").find("empty"), std::string::npos);
-  EXPECT_NE(refusal("hello").find("expected a section"), std::string::npos);
-  EXPECT_NE(refusal("$MeshFormat\n4.1 1 8\n").find("save it in ASCII"), std::string::npos);
-  EXPECT_NE(refusal("$MeshFormat\n4 0 8\n$EndMeshFormat\n").find("2.2 or 4.1"), std::string::npos);
+  EXPECT_NE(refusal("hello").find("where $MeshFormat is expected"), std::string::npos);
+  EXPECT_NE(refusal("$MeshFormat\n4.1 1 8\n").find("save as ASCII"), std::string::npos);
+  EXPECT_NE(refusal("$MeshFormat\n4 0 8\n$EndMeshFormat\n").find("4.1 and 2.2 are read"), std::string::npos);
   const std::string text = knothe::files::read_text(k_folder + "beam41.msh");
-  EXPECT_NE(refusal(text.substr(0, text.size() / 2)).find("truncated"), std::string::npos);
+  EXPECT_NE(refusal(text.substr(0, text.size() / 2)).find("cut off"), std::string::npos);
   EXPECT_NE(refusal(cube("77 4 2 1 1 1 2 3 5")).find("element 77 is a tetrahedron"), std::string::npos);
   EXPECT_NE(refusal(cube("77 12 2 1 1 1 2 3 5")).find("first-order"), std::string::npos);
   EXPECT_NE(refusal(cube("77 5 2 1 1 1 2 3 4 5 6 7 9")).find("uses node 9"), std::string::npos);
