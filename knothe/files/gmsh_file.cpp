@@ -77,7 +77,8 @@ class Words {
     const std::size_t close = position_ < text_.size() && text_[position_] == '"'
                                   ? text_.find_first_of("\"\n", position_ + 1)
                                   : std::string::npos;
-    if (close == std::string::npos || text_[close] != '"') fail(fmt::format("{} is not in quotation marks", what));
+    if (close == std::string::npos || text_[close] != '"')
+      fail(fmt::format("{} is not in quotation marks", what));
     position_ = close + 1;
     return text_.substr(last_ + 1, close - last_ - 1);
   }
@@ -115,8 +116,8 @@ class GmshReader {
     while (!words_.at_end()) {
       const std::string section(words_.word("a section"));
       if (section.size() < 2 || section[0] != '$')
-        words_.fail(fmt::format("\"{}\", where a section ($Nodes, $Elements, …) is expected",
-                                section.substr(0, 40)));
+        words_.fail(
+            fmt::format("\"{}\", where a section ($Nodes, $Elements, …) is expected", section.substr(0, 40)));
       if (section == "$PhysicalNames")
         read_names();
       else if (section == "$Entities" && !is_old_)
@@ -208,8 +209,8 @@ class GmshReader {
   std::int64_t read_type() {
     const std::int64_t type = words_.integer("an element's type", 0);
     if (facts_of(type).nodes == 0)
-      words_.fail(
-          fmt::format("elements of Gmsh's type {}; {}: mesh with order 1 (Mesh.ElementOrder = 1)", type, purpose_));
+      words_.fail(fmt::format("elements of Gmsh's type {}; {}: mesh with order 1 (Mesh.ElementOrder = 1)",
+                              type, purpose_));
     return type;
   }
 
@@ -220,7 +221,8 @@ class GmshReader {
       const std::int64_t node = words_.integer("a node of an element", 0);
       const auto found = node_of_tag_.find(node);
       if (found == node_of_tag_.end())
-        words_.fail(fmt::format("element {} uses node {}, which is not among the nodes of the file", tag, node));
+        words_.fail(
+            fmt::format("element {} uses node {}, which is not among the nodes of the file", tag, node));
       element.nodes[a] = found->second;
     }
     file_.elements.push_back(std::move(element));

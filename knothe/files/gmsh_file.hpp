@@ -23,14 +23,14 @@ struct GmshElement {
 
 /// What a file holds, in its order. Format 2.2 repeats an element for each of its groups.
 struct GmshFile {
-  std::vector<double> points;                               ///< [n, 3], in the file's unit
+  std::vector<double> points;  ///< [n, 3], in the file's unit
   std::vector<GmshElement> elements;
   std::map<std::pair<int, int>, std::string> group_names;  ///< by (dimension, physical tag)
 };
 
-/// `path` is for messages, `purpose` says in them what elements are taken for ("image correlation takes linear
-/// triangles"). Errors: DataError "path:line:column: error: …" for binary files, other formats, a damaged or
-/// truncated file, coordinates that are not finite, elements of higher order.
+/// `path` is for messages, `purpose` says in them what elements are taken for ("image correlation takes
+/// linear triangles"). Errors: DataError "path:line:column: error: …" for binary files, other formats, a
+/// damaged or truncated file, coordinates that are not finite, elements of higher order.
 [[nodiscard]] GmshFile parse_gmsh_file(const std::string& text, const std::string& path, const char* purpose);
 
 }  // namespace knothe::files

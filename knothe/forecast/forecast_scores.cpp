@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
-#include <numbers>
 
 #include "knothe/numerics/statistics/normal_distribution.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
@@ -20,12 +19,6 @@ double mean_distance(double mean, double std) {
 }
 
 }  // namespace
-
-Score score_normal(double mean, double std, double observed) {
-  assert(std > 0);
-  return {mean_distance(observed - mean, std) - std / std::sqrt(std::numbers::pi),
-          numerics::normal_cdf((observed - mean) / std)};
-}
 
 Score score_samples(std::span<const double> samples, std::span<const double> weights, double noise_std,
                     double observed) {

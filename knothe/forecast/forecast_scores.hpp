@@ -19,9 +19,6 @@ struct Score {
   double probability = 0;  ///< F(y): uniform on (0, 1) over many forecasts, if their widths are right
 };
 
-/// Of N(mean, std²), std > 0, in closed form (Gneiting and Raftery 2007, Eq. 21).
-[[nodiscard]] Score score_normal(double mean, double std, double observed);
-
 /// Of the measurement of a quantity: weighted samples of it plus noise N(0, noise_std²), noise_std > 0, in
 /// closed form (Grimit et al. 2006: a mixture of normal distributions). n² operations.
 [[nodiscard]] Score score_samples(std::span<const double> samples, std::span<const double> weights,

@@ -142,7 +142,7 @@ double crps_by_quadrature(const std::function<double(double)>& cdf, double obser
 
 TEST(ForecastScores, ClosedFormsAreTheIntegral) {
   for (const double y : {-0.3, 0.4, 2.0}) {
-    const Score normal = score_normal(0.5, 0.7, y);
+    const Score normal = score_samples(std::array{0.5}, std::array{1.0}, 0.7, y);
     const auto cdf = [](double x) { return numerics::normal_cdf((x - 0.5) / 0.7); };
     EXPECT_NEAR(normal.crps, crps_by_quadrature(cdf, y, 12), 1e-6);
     EXPECT_NEAR(normal.probability, cdf(y), 1e-15);

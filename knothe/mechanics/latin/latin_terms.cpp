@@ -170,21 +170,6 @@ void LatinTerms::normalise() {
   }
 }
 
-double projected_energy(const LatinProjection& projection, const LatinTerms& terms) {
-  const Index r = terms.space.rows();
-  double energy = 0;
-  for (int step = 0; step < projection.steps(); ++step) {
-    const auto t = static_cast<std::size_t>(step);
-    const MatrixXd c = terms.coordinates(step);
-    for (Index p = 0; p < c.cols(); ++p) {
-      const Map<const MatrixXd> stiffness(projection.stiffness[t].col(p).data(), r, r);
-      energy += projection.weights[p] *
-                (0.5 * c.col(p).dot(stiffness * c.col(p)) - projection.load[t].col(p).dot(c.col(p)));
-    }
-  }
-  return energy;
-}
-
 void update_functions(const LatinProjection& projection, LatinTerms& terms, int sweeps, double relaxation,
                       std::size_t threads) {
   if (terms.count() == 0) return;

@@ -48,9 +48,6 @@ struct LatinProjection {
   [[nodiscard]] int steps() const { return static_cast<int>(stiffness.size()); }
 };
 
-/// Σ_t Σ_p w_p (½ cᵀ K c − fᵀ c): what every update and every new term lowers.
-[[nodiscard]] double projected_energy(const LatinProjection& projection, const LatinTerms& terms);
-
 /// All λ_k(t) given the rest (m equations at each step), then all γ_ki of each axis (m equations at each
 /// node), `sweeps` times. A function g becomes g + relaxation (g_new − g).
 void update_functions(const LatinProjection& projection, LatinTerms& terms, int sweeps, double relaxation,

@@ -32,27 +32,4 @@ void normalised_hermite(double x, std::span<double> values) {
   }
 }
 
-void normalised_hermite_derivative(double x, int derivative, std::span<double> values) {
-  normalised_hermite(x, values);
-  for (std::size_t k = values.size(); k-- > 0;) {
-    if (k < static_cast<std::size_t>(derivative)) {
-      values[k] = 0;
-      continue;
-    }
-    double factor = 1;  // √(k (k−1) … (k−m+1))
-    for (int m = 0; m < derivative; ++m) factor *= static_cast<double>(k) - m;
-    values[k] = std::sqrt(factor) * values[k - static_cast<std::size_t>(derivative)];
-  }
-}
-
-Eigen::MatrixXd normalised_hermite_coefficients(int n) {
-  Eigen::MatrixXd c = Eigen::MatrixXd::Zero(n + 1, n + 1);
-  c(0, 0) = 1;
-  for (int k = 1; k <= n; ++k) {
-    c.row(k).tail(n) = c.row(k - 1).head(n) / std::sqrt(k);
-    if (k > 1) c.row(k) -= std::sqrt((k - 1.0) / k) * c.row(k - 2);
-  }
-  return c;
-}
-
 }  // namespace knothe::numerics

@@ -8,10 +8,4 @@ namespace knothe::numerics {
 /// ĥ_0(x) … ĥ_n(x), n = values.size() − 1, with ∫ ĥ_i ĥ_j φ dx = δ_ij: √(k+1) ĥ_{k+1} = x ĥ_k − √k ĥ_{k−1}.
 void normalised_hermite(double x, std::span<double> values);
 
-/// The derivatives of order `derivative` ≥ 0 of ĥ_0 … ĥ_n: ĥ_k' = √k ĥ_{k−1}.
-void normalised_hermite_derivative(double x, int derivative, std::span<double> values);
-
-/// Row k holds the coefficients of x⁰ … xⁿ in ĥ_k, k = 0 … n.
-[[nodiscard]] Eigen::MatrixXd normalised_hermite_coefficients(int n);
-
 }  // namespace knothe::numerics

@@ -43,12 +43,6 @@ double normal_cdf(double x) {
   return 0.5 * std::erfc(-x / std::numbers::sqrt2);
 }
 
-double normal_log_cdf(double x) {
-  if (x < -8) return normal_log_pdf(x) + std::log(mills_ratio(-x));
-  if (x > 0) return std::log1p(-normal_cdf(-x));
-  return std::log(normal_cdf(x));
-}
-
 double normal_quantile(double u) {
   if (!(u >= 0 && u <= 1)) return std::numeric_limits<double>::quiet_NaN();
   if (u == 0) return -std::numeric_limits<double>::infinity();

@@ -8,8 +8,6 @@ namespace knothe::numerics {
 [[nodiscard]] double normal_log_pdf(double x);
 /// Φ(x), with small relative error down to the smallest double; use Φ(−x) for the upper tail.
 [[nodiscard]] double normal_cdf(double x);
-/// log Φ(x), also where Φ(x) underflows or rounds to 1.
-[[nodiscard]] double normal_log_cdf(double x);
 /// Φ⁻¹(u); −∞ at 0, +∞ at 1, NaN outside [0, 1]. For the upper tail use −Φ⁻¹(1 − u) with 1 − u known exactly.
 [[nodiscard]] double normal_quantile(double u);
 

@@ -17,7 +17,6 @@ TEST(NormalDistribution, KnownValues) {
   EXPECT_NEAR(normal_cdf(-10) / 7.61985302416052545e-24, 1, 4e-15);
   EXPECT_NEAR(normal_cdf(-20) / 2.75362411860623373e-89, 1, 4e-15);
   EXPECT_NEAR(normal_cdf(-37.5) / 4.60535300958195519e-308, 1, 4e-15);
-  EXPECT_NEAR(normal_log_cdf(-100) / -5005.52420869420508862, 1, 1e-14);
 }
 
 TEST(NormalDistribution, DistributionIsTheIntegralOfTheDensity) {
@@ -30,12 +29,8 @@ TEST(NormalDistribution, DistributionIsTheIntegralOfTheDensity) {
 }
 
 TEST(NormalDistribution, LogarithmsAgree) {
-  for (double x = -37; x < 8; x += 0.37) {
+  for (double x = -37; x < 8; x += 0.37)
     EXPECT_NEAR(normal_log_pdf(x), std::log(normal_pdf(x)), 1e-12 * (1 + x * x));
-    EXPECT_NEAR(normal_log_cdf(x), std::log(normal_cdf(x)), 1e-12 * (1 + x * x));
-  }
-  EXPECT_NEAR(normal_log_cdf(9) / -normal_cdf(-9), 1, 1e-14);  // log(1 − ε) where Φ rounds to 1
-  EXPECT_TRUE(std::isfinite(normal_log_cdf(-1e6)));
 }
 
 TEST(NormalDistribution, QuantileInvertsInBothTails) {

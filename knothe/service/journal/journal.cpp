@@ -274,14 +274,6 @@ std::optional<JournalEntry> Journal::release(const DatumKey& key) {
   return entry;
 }
 
-std::optional<std::int64_t> Journal::largest_seq(const DatumKey& key) const {
-  Statement row(implementation_->database,
-                "SELECT max(seq) FROM measurement WHERE source = ? AND session = ?");
-  row.bind(1, std::string_view(key.source)).bind(2, std::string_view(key.session));
-  if (!row.step() || row.is_null(0)) return std::nullopt;
-  return row.integer(0);
-}
-
 std::int64_t Journal::count() const {
   return implementation_->count;
 }

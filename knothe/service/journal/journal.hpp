@@ -74,8 +74,6 @@ class Journal {
   /// Lets a quarantined datum into the posterior, inside a group. Nothing if there is none of that key.
   std::optional<JournalEntry> release(const DatumKey& key);
 
-  /// Largest seq of a source's session; nothing if there is none.
-  [[nodiscard]] std::optional<std::int64_t> largest_seq(const DatumKey& key) const;
   [[nodiscard]] std::int64_t count() const;
   /// Calls `visit` for every record, in the order of their writing.
   void for_each(const std::function<void(const JournalEntry&)>& visit) const;

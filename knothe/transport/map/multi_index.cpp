@@ -113,12 +113,6 @@ std::vector<MultiIndex> total_order_indices(int variables, int order) {
   return set;
 }
 
-Eigen::Index total_order_count(int variables, int order) {
-  Eigen::Index count = 1;
-  for (int k = 1; k <= variables; ++k) count = count * (order + k) / k;
-  return count;
-}
-
 std::vector<MultiIndex> hyperbolic_cross_indices(int variables, int order) {
   // Π (α_i + 1) ≤ order + 1 with whole numbers: a factor α + 1 leaves ⌊budget / (α + 1)⌋.
   return affordable_indices(variables, order + 1, [](int, int degree, double budget) {

@@ -32,9 +32,6 @@ struct MultiIndex {
 /// of a lower order is the beginning of that of a higher one.
 [[nodiscard]] std::vector<MultiIndex> total_order_indices(int variables, int order);
 
-/// Their number, (variables + order)! / (variables! order!).
-[[nodiscard]] Eigen::Index total_order_count(int variables, int order);
-
 /// Π (α_i + 1) ≤ order + 1: few mixed terms, the set for many variables. By increasing sum of degrees.
 [[nodiscard]] std::vector<MultiIndex> hyperbolic_cross_indices(int variables, int order);
 
