@@ -42,9 +42,6 @@ class Sha256 {
   };
   std::unique_ptr<evp_md_ctx_st, FreeContext> context_;
 };
-std::array<std::uint8_t, 64> block_{};
-std::uint64_t length_ = 0;  ///< bytes so far
-};
 
 [[nodiscard]] std::string to_hex(const Digest& digest);
 /// Base64 with padding, as Content-Security-Policy writes hashes.
