@@ -1,5 +1,5 @@
 #pragma once
-/// @file Small services on text for messages.
+/// @file Small services on text.
 #include <span>
 #include <string>
 #include <string_view>
@@ -14,5 +14,9 @@ namespace knothe {
 
 /// ` (did you mean "…"?)`, or nothing.
 [[nodiscard]] std::string did_you_mean(std::string_view word, std::span<const std::string> candidates);
+
+/// `text` with the five characters that mean something in XML replaced, and control characters that XML
+/// forbids left out. Fit for element content and for attribute values in double quotes.
+[[nodiscard]] std::string escape_xml(std::string_view text);
 
 }  // namespace knothe

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/text.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/numbers.hpp"
 
@@ -34,29 +35,6 @@ constexpr std::array<std::pair<const char*, int>, 14> k_cell_types = {{{"VERTEX"
                                                                        {"QUADRATIC_HEXAHEDRON", 25},
                                                                        {"TRIQUADRATIC_HEXAHEDRON", 29}}};
 
-std::string escaped(const std::string& text) {
-  std::string result;
-  for (const char c : text) {
-    switch (c) {
-      case '&':
-        result += "&amp;";
-        break;
-      case '<':
-        result += "&lt;";
-        break;
-      case '>':
-        result += "&gt;";
-        break;
-      case '"':
-        result += "&quot;";
-        break;
-      default:
-        result += c;
-    }
-  }
-  return result;
-}
-
 /// Collects the binary blocks behind the XML, each preceded by its length.
 class AppendedData {
  public:
@@ -67,7 +45,7 @@ class AppendedData {
     const std::string element = fmt::format(
         "        <DataArray type=\"{}\" Name=\"{}\" NumberOfComponents=\"{}\" format=\"appended\" "
         "offset=\"{}\"/>\n",
-        type, escaped(name), components, bytes_.size());
+        type, escape_xml(name), components, bytes_.size());
     const std::uint64_t length = values.size_bytes();
     bytes_.append(reinterpret_cast<const char*>(&length), sizeof length);
     bytes_.append(reinterpret_cast<const char*>(values.data()), length);
@@ -147,7 +125,7 @@ void write_pvd(std::span<const PvdEntry> entries, const std::string& path) {
       "<Collection>\n";
   for (const PvdEntry& entry : entries) {
     xml += fmt::format("    <DataSet timestep=\"{}\" part=\"0\" file=\"{}\"/>\n", format_number(entry.time),
-                       escaped(entry.file));
+                       escape_xml(entry.file));
   }
   write_text_atomically(path, xml + "  </Collection>\n</VTKFile>\n");
 }

@@ -39,7 +39,7 @@ Figure cost_figure(const Run& with_gradient, const Run& without) {
   plot.bars(x, order, 0.8, Paint::series(5), "order");
   plot.line(x, with_gradient.update_ms, Paint::series(0), "with gradient", {1.8}, report::Side::right);
   plot.line(x, without.update_ms, Paint::series(1), "function alone", {1.8, "5 4", 1.0}, report::Side::right);
-  return one(std::move(plot), "Order and cost of the maps");
+  return report::figure_of(std::move(plot), "Order and cost of the maps", 320.0);
 }
 
 Figure std_figure(const Run& run, const Run& soft) {
@@ -209,7 +209,7 @@ Figure step_cost_figure(const Run& run) {
   const std::vector<double> x = step_numbers(run);
   plot.bars(x, total, 1.0, Paint::series(1), "crack length", report::Side::left, 1.0);
   plot.bars(x, run.update_ms, 1.0, Paint::series(0), "parameters", report::Side::left, 1.0);
-  return one(std::move(plot), "Time of each step");
+  return report::figure_of(std::move(plot), "Time of each step", 320.0);
 }
 
 }  // namespace

@@ -61,7 +61,7 @@ Figure sensors_figure(const reduction::SeparatedModel& model, const Sensors& sen
     x.push_back(sensors.points[3 * i]), y.push_back(sensors.points[3 * i + 1]);
   Plot plot(title, {""}, {""});
   plot.as_map().cells(std::move(cells)).scatter(x, y, Paint::series(1), "measured nodes", 3.0);
-  Figure figure = one(std::move(plot), title);
+  Figure figure = report::figure_of(std::move(plot), title, 320.0);
   figure.plot_width = 940;
   figure.plot_height = report::plot_height_of(face, figure.plot_width);
   return figure;
@@ -91,14 +91,8 @@ Figure surface_figure(const Surface& surface, const std::string& title, const st
       plot.scatter(x, y, Paint::series(component == 0 ? 1 : 2),
                    component == 0 ? "chosen, horizontal" : "chosen, vertical", component == 0 ? 3.5 : 2.5);
   }
-  Figure figure = one(std::move(plot), title);
+  Figure figure = report::figure_of(std::move(plot), title, 320.0);
   figure.plot_height = report::plot_height_of(face, figure.plot_width);
-  return figure;
-}
-
-Figure one(Plot plot, const std::string& title, double height) {
-  Figure figure{title, {std::move(plot)}};
-  figure.plot_height = height;
   return figure;
 }
 

@@ -27,8 +27,6 @@ namespace knothe::reproduction {
 [[nodiscard]] report::Figure surface_figure(const Surface& surface, const std::string& title,
                                             const std::vector<double>& value, const std::string& unit,
                                             const std::vector<Eigen::Index>& chosen);
-/// One plot as a figure.
-[[nodiscard]] report::Figure one(report::Plot plot, const std::string& title, double height = 320.0);
 [[nodiscard]] double median(std::vector<double> values);
 
 }  // namespace knothe::reproduction

@@ -197,7 +197,7 @@ FigureRecord figures_16_17(const Subject& subject, const StudyOptions& options) 
   for (std::size_t t = 0; t < size[0].size(); ++t) steps.push_back(static_cast<double>(t));
   over_time.line(steps, size[0], Paint::series(0), "Y₀").line(steps, size[1], Paint::series(1), "A_d");
   over_time.vertical(static_cast<double>(mean_step(model)), Paint::faint(), "mean time");
-  record.panels.push_back({{one(std::move(over_time), "Sensitivity over time")},
+  record.panels.push_back({{report::figure_of(std::move(over_time), "Sensitivity over time", 320.0)},
                            "When each parameter moves the surface: the mean time is one instant of this."});
   record.rows.push_back({"step where the sensitivity is largest: Y₀, A_d",
                          "step",

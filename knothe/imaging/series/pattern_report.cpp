@@ -4,8 +4,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <nlohmann/json.hpp>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/text.hpp"
 #include "knothe/base/version.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/imaging/correlation/correlation_noise.hpp"
@@ -84,21 +86,6 @@ void give_advice(PatternReport& r, double element) {
     say("the noise is assumed: take two or more pictures of the unloaded surface and give them as "
         "references, then it is "
         "measured");
-}
-
-std::string escaped(const std::string& text, bool html) {
-  std::string out;
-  for (const char c : text) {
-    if (html && c == '<')
-      out += "&lt;";
-    else if (html && c == '&')
-      out += "&amp;";
-    else if (!html && (c == '"' || c == '\\'))
-      out += std::string("\\") + c;
-    else
-      out += c;
-  }
-  return out;
 }
 
 }  // namespace
@@ -229,18 +216,16 @@ void write_reporting_table(const std::string& path, const std::vector<ReportRow>
     for (const auto& r : rows)
       text += fmt::format("{:<44}{}{}{}\n", r.name, r.value, r.unit.empty() ? "" : " ", r.unit);
   } else if (path.ends_with(".json")) {
-    for (const auto& r : rows)
-      text +=
-          fmt::format("{}  {{\"name\": \"{}\", \"value\": \"{}\", \"unit\": \"{}\"}}",
-                      text.empty() ? "[\n" : ",\n", escaped(r.name, false), escaped(r.value, false), r.unit);
-    text += "\n]\n";
+    auto list = nlohmann::ordered_json::array();
+    for (const auto& r : rows) list.push_back({{"name", r.name}, {"value", r.value}, {"unit", r.unit}});
+    text = list.dump(2) + "\n";
   } else {
     text =
         "<!doctype html>\n<meta charset=\"utf-8\">\n<title>Digital image correlation: "
         "settings</title>\n<table>\n";
     for (const auto& r : rows)
       text += fmt::format("<tr><th scope=\"row\" style=\"text-align:left\">{}</th><td>{} {}</td></tr>\n",
-                          escaped(r.name, true), escaped(r.value, true), r.unit);
+                          escape_xml(r.name), escape_xml(r.value), r.unit);
     text += "</table>\n";
   }
   files::write_text_atomically(path, text);

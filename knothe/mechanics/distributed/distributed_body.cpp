@@ -13,10 +13,6 @@ constexpr double k_linear_tolerance = 1e-5;  ///< of a Newton correction
 constexpr int k_most_linear_iterations = 400;
 constexpr int k_many_linear_iterations = 40;  ///< more: the multigrid is made anew
 
-double dot(const Voigt& a, const Voigt& b) {
-  return std::inner_product(a.begin(), a.end(), b.begin(), 0.0);
-}
-
 }  // namespace
 
 CellVector DistributedBody::gather(std::span<const double> values, std::int64_t cell) const {

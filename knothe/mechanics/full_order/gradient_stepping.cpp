@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 
 #include "knothe/mechanics/full_order/increments.hpp"
 
@@ -11,14 +10,6 @@ namespace {
 
 constexpr int k_least_cuts = 7;  // its secant iterations cost more than more halvings
 constexpr int k_newton_iterations = 15;
-
-double norm(std::span<const double> v) {
-  return std::sqrt(std::inner_product(v.begin(), v.end(), v.begin(), 0.0));
-}
-
-double dot(const Voigt& a, const Voigt& b) {
-  return std::inner_product(a.begin(), a.end(), b.begin(), 0.0);
-}
 
 /// Y of an averaged equivalent strain.
 double rate_of(double strain, double young_modulus) {
@@ -192,7 +183,7 @@ void GradientStepping::evaluate(double imposed, Stiffness stiffness) {
   average_scale_ = 0;
   for (std::size_t index = 0; index < cells_.size(); ++index) evaluate_cell(index, stiffness);
   for (int i = 0; i < structure_.free_count(); ++i) residual_[i] = force_[structure_.free_dofs()[i]];
-  reaction_ = std::inner_product(force_.begin(), force_.end(), structure_.unit_prescribed().begin(), 0.0);
+  reaction_ = dot(force_, structure_.unit_prescribed());
 }
 
 void GradientStepping::linearise(double imposed, std::span<const double> unknowns) {
@@ -255,8 +246,7 @@ void GradientStepping::commit(double imposed, StepRecord& record) {
   history_ = trial_;
   std::vector<double> elastic_force(displacement_.size());
   structure_.stiffness().multiply(displacement_, elastic_force);
-  double stored =
-      0.5 * std::inner_product(displacement_.begin(), displacement_.end(), elastic_force.begin(), 0.0);
+  double stored = 0.5 * dot(displacement_, elastic_force);
   double dissipated = 0;
   record.damaged_points = 0;
   for (std::size_t index = 0; index < cells_.size(); ++index) {

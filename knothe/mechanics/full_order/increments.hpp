@@ -1,23 +1,32 @@
 #pragma once
 /// @file A load step in increments, and what is said of it: the same for every way of solving one.
+#include <cmath>
+#include <numeric>
 #include <span>
 
 #include "knothe/mechanics/full_order/full_order_model.hpp"
 
 namespace knothe::mechanics {
 
+[[nodiscard]] inline double dot(std::span<const double> a, std::span<const double> b) {
+  return std::inner_product(a.begin(), a.end(), b.begin(), 0.0);
+}
+[[nodiscard]] inline double norm(std::span<const double> v) {
+  return std::sqrt(dot(v, v));
+}
+
 /// From the imposed displacement `from` to `target`: the increment is halved where `newton(next)` fails, at
-/// most `most_cuts` times, and doubled again after it succeeds; where no halving is left `fallback(next)`
+/// most `max_cuts` times, and doubled again after it succeeds; where no halving is left `fallback(next)`
 /// decides. `commit(next)` takes what either has reached.
 template <class Newton, class Fallback, class Commit>
-void go_by_increments(double from, double target, int most_cuts, const Newton& newton,
+void go_by_increments(double from, double target, int max_cuts, const Newton& newton,
                       const Fallback& fallback, const Commit& commit) {
   double increment = target - from;
   int cuts = 0;
   while (from < target) {
     const double next = target - from < increment * 1.000001 ? target : from + increment;
     const bool by_newton = newton(next);
-    if (!by_newton && cuts < most_cuts) {
+    if (!by_newton && cuts < max_cuts) {
       ++cuts;
       increment /= 2;
       continue;

@@ -2,26 +2,17 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 
 #include "knothe/mechanics/full_order/increments.hpp"
 
 namespace knothe::mechanics {
 namespace {
 
-double norm(std::span<const double> v) {
-  return std::sqrt(std::inner_product(v.begin(), v.end(), v.begin(), 0.0));
-}
-
 /// Y cannot exceed this: all principal strains positive is the worst case, and (tr ε⁺)² ≤ 3 ε⁺:ε⁺ ≤ 3 ε:ε.
 double energy_release_rate_bound(const Voigt& e, double lambda, double mu) {
   const double square =
       e[0] * e[0] + e[1] * e[1] + e[2] * e[2] + 0.5 * (e[3] * e[3] + e[4] * e[4] + e[5] * e[5]);
   return (1.5 * lambda + mu) * square;
-}
-
-double work(const Voigt& stress, const Voigt& strain) {
-  return std::inner_product(stress.begin(), stress.end(), strain.begin(), 0.0);
 }
 
 }  // namespace
@@ -235,7 +226,7 @@ void LoadStepping::commit(double imposed, StepRecord& record) {
   keep_trial_damage(history_);
   std::vector<double> elastic_force(structure_.dof_count());
   structure_.stiffness().multiply(expanded_, elastic_force);
-  double stored = 0.5 * std::inner_product(expanded_.begin(), expanded_.end(), elastic_force.begin(), 0.0);
+  double stored = 0.5 * dot(expanded_, elastic_force);
   double dissipated = 0;
   record.damaged_points = 0;
   for (const auto cell : active_) {
@@ -254,8 +245,8 @@ void LoadStepping::commit(double imposed, StepRecord& record) {
       Voigt lost;
       for (int i = 0; i < 6; ++i) lost[i] = d * effective[i];
       add_internal_force(gradient, lost, weight, force);
-      stored -= 0.5 * weight * work(lost, strain);
-      dissipated += 0.5 * weight * work(effective, strain_at(gradient, before)) * (d - committed_[place]);
+      stored -= 0.5 * weight * dot(lost, strain);
+      dissipated += 0.5 * weight * dot(effective, strain_at(gradient, before)) * (d - committed_[place]);
     }
     const auto dofs = structure_.cell_dofs(cell);
     for (int i = 0; i < k_cell_dofs; ++i) elastic_force[dofs[i]] -= force[i];

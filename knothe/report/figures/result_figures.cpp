@@ -23,13 +23,6 @@ ColourBar step_bar(const Results& results) {
           static_cast<double>(results.steps.back().step), ColourBar::Map::time};
 }
 
-template <class Function>
-std::vector<double> over_steps(const Results& results, Function value) {
-  std::vector<double> out;
-  for (const auto& s : results.steps) out.push_back(value(s));
-  return out;
-}
-
 /// log det of a covariance; of its diagonal where it is not positive definite.
 double log_determinant(const Step& s) {
   const auto d = static_cast<Eigen::Index>(s.mean.size());

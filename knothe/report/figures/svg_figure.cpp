@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/text.hpp"
 #include "knothe/report/figures/svg_text.hpp"
 
 namespace knothe::report {
@@ -115,6 +116,12 @@ Plot& Plot::cells(std::vector<Cell> cells) {
         throw NumericalError("figure: a corner of a cell is not finite");
   cells_.insert(cells_.end(), std::make_move_iterator(cells.begin()), std::make_move_iterator(cells.end()));
   return *this;
+}
+
+Figure figure_of(Plot plot, const std::string& title, double height) {
+  Figure figure{title, {std::move(plot)}};
+  figure.plot_height = height;
+  return figure;
 }
 
 std::string inline_svg(const Figure& figure) {

@@ -106,6 +106,8 @@ struct Figure {
   double plot_height = 320.0;
 };
 
+/// One plot as a figure.
+[[nodiscard]] Figure figure_of(Plot plot, const std::string& title, double height = 300.0);
 /// The figure for a page that has `figure_css()` in its style: colours follow light and dark.
 [[nodiscard]] std::string inline_svg(const Figure& figure);
 /// The figure as a file of its own: white paper, all colours fixed.

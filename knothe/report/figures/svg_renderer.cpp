@@ -6,6 +6,7 @@
 #include <limits>
 #include <map>
 
+#include "knothe/base/text.hpp"
 #include "knothe/report/figures/svg_figure.hpp"
 #include "knothe/report/figures/svg_text.hpp"
 

@@ -6,10 +6,6 @@
 
 namespace knothe::report {
 
-/// `text` with the five characters that mean something in XML replaced, and control characters that XML
-/// forbids left out. Fit for element content and for attribute values in double quotes.
-[[nodiscard]] std::string escape_xml(std::string_view text);
-
 /// A coordinate in pixels with two decimals at most ("12.5", "-3", "0"). Errors: NumericalError if not
 /// finite.
 [[nodiscard]] std::string coordinate(double value);

@@ -12,19 +12,6 @@
 namespace knothe::report {
 namespace {
 
-template <class Function>
-std::vector<double> over_steps(const Results& results, Function value) {
-  std::vector<double> out;
-  for (const Step& s : results.steps) out.push_back(value(s));
-  return out;
-}
-
-Figure one(Plot plot, const std::string& title, double height = 300.0) {
-  Figure figure{title, {std::move(plot)}};
-  figure.plot_height = height;
-  return figure;
-}
-
 /// A step at which the alarm goes off: at the one before it was silent.
 std::vector<std::size_t> alarms(const Results& results) {
   std::vector<std::size_t> at;
@@ -68,10 +55,12 @@ std::string verdict(const Results& results) {
 }
 
 std::vector<Figure> residual_figures(const Results& results) {
-  std::vector<Figure> figures = {one(residual_plot(results), "Residuals at the sensors over the steps")};
+  std::vector<Figure> figures = {
+      figure_of(residual_plot(results), "Residuals at the sensors over the steps")};
   std::set<char> components(results.residuals.component.begin(), results.residuals.component.end());
   for (const char c : components)
-    figures.push_back(one(residual_map(results, c), fmt::format("Residuals of u_{} at the sensors", c)));
+    figures.push_back(
+        figure_of(residual_map(results, c), fmt::format("Residuals of u_{} at the sensors", c)));
   return figures;
 }
 
@@ -164,13 +153,14 @@ void add_watch(Page& page, const Results& results) {
     return;
   }
   page.paragraph(verdict(results));
-  std::vector<Figure> figures = {one(evidence_plot(results), "Log-evidence increments"),
-                                 one(alarm_plot(results), "Cumulative sum of the monitor and its threshold")};
+  std::vector<Figure> figures = {
+      figure_of(evidence_plot(results), "Log-evidence increments"),
+      figure_of(alarm_plot(results), "Cumulative sum of the monitor and its threshold")};
   const bool joint = std::any_of(results.steps.begin(), results.steps.end(),
                                  [](const Step& s) { return s.discrepancy > 0; });
-  if (joint) figures.push_back(one(discrepancy_plot(results), "Size of the discrepancy"));
+  if (joint) figures.push_back(figure_of(discrepancy_plot(results), "Size of the discrepancy"));
   if (!results.steps.back().models.empty())
-    figures.push_back(one(model_probability_plot(results), "Posterior probability of each model"));
+    figures.push_back(figure_of(model_probability_plot(results), "Posterior probability of each model"));
   page.figures(
       figures,
       fmt::format("The evidence of a step is the log-probability that the model gave to its data "

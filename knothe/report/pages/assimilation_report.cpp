@@ -16,12 +16,6 @@
 namespace knothe::report {
 namespace {
 
-Figure one(Plot plot, const std::string& title, double height = 330.0) {
-  Figure figure{title, {std::move(plot)}};
-  figure.plot_height = height;
-  return figure;
-}
-
 void add_parameters(Page& page, const Results& results) {
   page.section("What the data say about the parameters");
   bool any = false;
@@ -29,9 +23,10 @@ void add_parameters(Page& page, const Results& results) {
   std::vector<Figure> marginals, convergence;
   for (std::size_t d = 0; d < results.parameters.size(); ++d) {
     const std::string name = pretty_name(results.parameters[d].name);
-    marginals.push_back(one(marginals_plot(results, d), "Successive posterior marginals of " + name));
+    marginals.push_back(
+        figure_of(marginals_plot(results, d), "Successive posterior marginals of " + name, 330.0));
     convergence.push_back(
-        one(convergence_plot(results, d), "Posterior mean and 95 % band of " + name, 280.0));
+        figure_of(convergence_plot(results, d), "Posterior mean and 95 % band of " + name, 280.0));
   }
   if (any) {
     page.figures(marginals,
@@ -57,8 +52,10 @@ void add_forecasts(Page& page, const Results& results) {
     std::vector<Figure> figures;
     const std::string title = forecast_scale(results, name).title;
     if (!results.steps.back().forecast.at(name).density.empty())
-      figures.push_back(one(forecast_densities_plot(results, name), title + ": successive densities"));
-    figures.push_back(one(forecast_convergence_plot(results, name), title + ": mean and 95 % band"));
+      figures.push_back(
+          figure_of(forecast_densities_plot(results, name), title + ": successive densities", 330.0));
+    figures.push_back(
+        figure_of(forecast_convergence_plot(results, name), title + ": mean and 95 % band", 330.0));
     std::string caption =
         fmt::format("Forecast “{}”: what the posterior after each step predicts for the horizon.", name);
     if (const auto residual = results.steps.back().forecast.at(name).bridge_residual_rms)
@@ -74,9 +71,9 @@ void add_forecasts(Page& page, const Results& results) {
 void add_method(Page& page, const Results& results) {
   page.section("How it was computed");
   page.figures(
-      {one(cost_plot(results), "Map order and time per step", 300.0),
-       one(variance_diagnostic_plot(results), "Variance diagnostic", 300.0),
-       one(sample_size_plot(results), "Effective sample size", 300.0)},
+      {figure_of(cost_plot(results), "Map order and time per step", 300.0),
+       figure_of(variance_diagnostic_plot(results), "Variance diagnostic", 300.0),
+       figure_of(sample_size_plot(results), "Effective sample size", 300.0)},
       "Bars: polynomial order that the transport map needed at each step; line: time of the update, without "
       "the "
       "forecast. A step is trusted if the diagnostic is at most 0.05, the effective sample size at least 90 "
@@ -102,8 +99,9 @@ void add_learning(Page& page, const Results& results) {
   if (results.displacement.empty())
     page.note("The results hold no load–displacement curve, so it is left out.");
   else
-    figures.push_back(one(load_plot(results), "Load–displacement curve with the steps that teach most"));
-  figures.push_back(one(information_plot(results), "Information gained per step"));
+    figures.push_back(
+        figure_of(load_plot(results), "Load–displacement curve with the steps that teach most", 330.0));
+  figures.push_back(figure_of(information_plot(results), "Information gained per step", 330.0));
   page.figures(
       figures,
       "Dots: the five steps where the standard deviation of a parameter falls by the largest factor. Bars: "
@@ -143,9 +141,9 @@ void add_model(Page& page, const Results& results, const reduction::SeparatedMod
   } else {
     page.note("The model file has no mesh of hexahedra with displacement dofs, so its fields are not drawn.");
   }
-  std::vector<Figure> functions = {one(time_functions_plot(model, p), "Time functions", 300.0)};
+  std::vector<Figure> functions = {figure_of(time_functions_plot(model, p), "Time functions", 300.0)};
   for (std::size_t axis = 0; axis < contents.axes.size(); ++axis)
-    functions.push_back(one(parameter_functions_plot(model, axis, p), "Parameter functions", 300.0));
+    functions.push_back(figure_of(parameter_functions_plot(model, axis, p), "Parameter functions", 300.0));
   page.figures(functions,
                contents.form == reduction::Form::canonical
                    ? "Time functions at the posterior mean, and parameter functions, of the first modes."

@@ -19,12 +19,6 @@ namespace {
 using Json = nlohmann::json;
 using Numbers = std::vector<double>;
 
-Figure one(Plot plot, const std::string& title, double height = 300.0) {
-  Figure figure{title, {std::move(plot)}};
-  figure.plot_height = height;
-  return figure;
-}
-
 /// What the page needs of the file, in one place; nlohmann's exceptions become DataErrors around it.
 struct Content {
   std::vector<std::string> parameters;
@@ -94,8 +88,9 @@ void add_pairs(Page& page, const Content& c) {
   std::vector<Figure> figures;
   for (std::size_t i = 0; i < d; ++i)
     for (std::size_t j = 0; j <= i; ++j)
-      figures.push_back(i == j ? one(marginal_plot(c, i), "Marginal of " + c.parameters[i])
-                               : one(pair_plot(c, i, j), c.parameters[i] + " against " + c.parameters[j]));
+      figures.push_back(i == j
+                            ? figure_of(marginal_plot(c, i), "Marginal of " + c.parameters[i])
+                            : figure_of(pair_plot(c, i, j), c.parameters[i] + " against " + c.parameters[j]));
   page.figures(
       figures,
       c.has_map()
@@ -119,7 +114,7 @@ void add_parameters(Page& page, const Content& c) {
   if (!c.figures->contains("prior")) return;
   std::vector<Figure> figures;
   for (std::size_t k = 0; k < std::min<std::size_t>(c.parameters.size(), 6); ++k)
-    figures.push_back(one(prior_plot(c, k), "Prior and posterior of " + c.parameters[k], 260.0));
+    figures.push_back(figure_of(prior_plot(c, k), "Prior and posterior of " + c.parameters[k], 260.0));
   page.figures(figures,
                "What was known before, and after. Skewness and kurtosis are 0 and 3 for a Gaussian.");
 }
@@ -135,7 +130,7 @@ void add_pull_back(Page& page, const Content& c) {
               "posterior, pulled back");
     plot.line(c.density("reference", k, "points"), c.density("reference", k, "density"), Paint::ink(),
               "standard normal", {1.4, "5 4", 1.0});
-    figures.push_back(one(std::move(plot), "Pulled-back marginal of " + name, 260.0));
+    figures.push_back(figure_of(std::move(plot), "Pulled-back marginal of " + name, 260.0));
   }
   if (c.parameters.size() > 1) {
     Plot plot("", {"x1"}, {"x2"});
@@ -151,7 +146,7 @@ void add_pull_back(Page& page, const Content& c) {
       for (std::size_t i = 0; i < x.size(); ++i) rx.push_back(radius * x[i]), ry.push_back(radius * y[i]);
       plot.line(rx, ry, Paint::ink(), "50 %, 95 % of a standard normal", {1.4, "5 4", 1.0});
     }
-    figures.push_back(one(std::move(plot), "Pulled-back pair x1, x2", 260.0));
+    figures.push_back(figure_of(std::move(plot), "Pulled-back pair x1, x2", 260.0));
   }
   page.figures(figures,
                "The posterior seen through the map. If the map is exact this is a standard normal; a "
@@ -176,7 +171,7 @@ void add_orders(Page& page, const Json& content, const Content& c) {
                Numbers{std::max(content.at("variance_diagnostic").get<double>(), 1e-16)}, Paint::series(1),
                "verified on other points", 5.0);
   plot.horizontal(content.at("tolerance").get<double>(), Paint::truth(), "tolerance");
-  figures.push_back(one(std::move(plot), "Variance diagnostic by order"));
+  figures.push_back(figure_of(std::move(plot), "Variance diagnostic by order"));
   if (c.figures->contains("objective_by_order")) {
     auto objective = c.figures->at("objective_by_order").get<Numbers>();
     Plot objectives("", {"order of the map", 0.5, order.back() + 0.5}, {"Kullback–Leibler objective"});
@@ -185,7 +180,7 @@ void add_orders(Page& page, const Json& content, const Content& c) {
     objectives.line(at, objective, Paint::series(2), "objective (training)");
     objectives.scatter(at, objective, Paint::series(2));
     objectives.horizontal(-content.at("log_evidence").get<double>(), Paint::truth(), "−log evidence");
-    figures.push_back(one(std::move(objectives), "Objective by order"));
+    figures.push_back(figure_of(std::move(objectives), "Objective by order"));
   }
   if (const auto method = c.figures->value("map_method", std::string()); !method.empty())
     page.paragraph("The map: " + method + ".");

@@ -4,6 +4,7 @@
 
 #include <filesystem>
 
+#include "knothe/base/text.hpp"
 #include "knothe/files/atomic_file.hpp"
 
 namespace knothe::report {
@@ -19,13 +20,6 @@ th { position: sticky; top: 0; background: #fff; } td:first-child, th:first-chil
 .bad td { color: #a01818; } img { max-width: 100%; } figure { margin: 2.5rem 0; } .list { max-height: 26rem; overflow: auto; }
 </style></head><body><h1>Displacements from pictures</h1>
 )";
-
-std::string escaped(const std::string& text) {
-  std::string safe;
-  for (const char c : text)
-    safe += c == '&' ? "&amp;" : c == '<' ? "&lt;" : c == '"' ? "&quot;" : std::string(1, c);
-  return safe;
-}
 
 std::string crack_cell(const imaging::PictureResult& r, double unit) {
   if (!r.crack || !r.crack->found) return r.crack ? "none found" : "";
@@ -43,9 +37,9 @@ void write_maps_page(const std::string& folder, const imaging::PictureSeries& se
   std::string page = k_head;
   page += fmt::format(
       "<p>{} pictures against {}; {} elements, {} nodes. {}</p>\n<div class=\"list\"><table><tr><th>picture",
-      series.options().pictures.size(), escaped(series.options().references.front()),
+      series.options().pictures.size(), escape_xml(series.options().references.front()),
       series.correlation().mesh().element_count(), series.correlation().mesh().node_count(),
-      escaped(registration));
+      escape_xml(registration));
   page += fmt::format(
       "</th><th>iterations</th><th>residual, grey levels</th><th>noise of a displacement, "
       "px</th><th>gain</th>"
@@ -53,7 +47,7 @@ void write_maps_page(const std::string& folder, const imaging::PictureSeries& se
       series.options().crack ? fmt::format("<th>crack, {}</th>", length) : "");
   for (const auto& p : pictures) {
     const imaging::PictureResult& r = *p.result;
-    const std::string name = escaped(std::filesystem::path(r.picture).filename().string());
+    const std::string name = escape_xml(std::filesystem::path(r.picture).filename().string());
     const auto& c = r.correlation;
     const std::string link = p.stem.empty() ? name : fmt::format("<a href=\"#p{}\">{}</a>", r.index, name);
     const std::string crack =
@@ -62,14 +56,14 @@ void write_maps_page(const std::string& folder, const imaging::PictureSeries& se
       page += fmt::format(
           "<tr class=\"bad\"><td>{}</td><td colspan=\"5\">not measured</td>{}<td "
           "class=\"words\">{}</td></tr>\n",
-          link, crack, escaped(r.message));
+          link, crack, escape_xml(r.message));
       continue;
     }
     page += fmt::format(
         "<tr><td>{}</td><td>{}</td><td>{:.3g}</td><td>{:.4f}</td><td>{:.3f}</td><td>{}</td>{}<td "
         "class=\"words\">{}</td></tr>\n",
         link, c.iterations, c.residual_rms, p.noise_std, c.gain, c.elements_rejected, crack,
-        r.reference.empty() ? "" : "against " + escaped(r.reference));
+        r.reference.empty() ? "" : "against " + escape_xml(r.reference));
   }
   page += "</table></div>\n";
   if (!registration.empty())
@@ -78,7 +72,7 @@ void write_maps_page(const std::string& folder, const imaging::PictureSeries& se
     if (!p.stem.empty())
       page += fmt::format(
           "<figure id=\"p{}\"><img loading=\"lazy\" src=\"{}.png\" alt=\"maps of {}\"></figure>\n",
-          p.result->index, escaped(p.stem), escaped(p.result->picture));
+          p.result->index, escape_xml(p.stem), escape_xml(p.result->picture));
   page += "</body></html>\n";
   files::write_text_atomically((std::filesystem::path(folder) / "index.html").string(), page);
 }

@@ -2,6 +2,7 @@
 
 #include <fmt/core.h>
 
+#include "knothe/base/text.hpp"
 #include "knothe/report/figures/svg_text.hpp"
 
 namespace knothe::report {

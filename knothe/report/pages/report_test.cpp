@@ -6,6 +6,7 @@
 #include <set>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/text.hpp"
 #include "knothe/report/figures/mesh_view.hpp"
 #include "knothe/report/figures/svg_figure.hpp"
 #include "knothe/report/figures/svg_text.hpp"
