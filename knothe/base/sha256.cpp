@@ -38,12 +38,6 @@ std::string to_hex(const Digest& digest) {
   return fmt::format("{:02x}", fmt::join(digest, ""));
 }
 
-std::string to_base64(const Digest& digest) {
-  std::string text(4 * ((digest.size() + 2) / 3), ' ');  // and a zero at its end
-  EVP_EncodeBlock(reinterpret_cast<unsigned char*>(text.data()), digest.data(), digest.size());
-  return text;
-}
-
 Digest sha256_of(std::string_view text) {
   Sha256 sum;
   sum.add(text);

@@ -44,8 +44,6 @@ class Sha256 {
 };
 
 [[nodiscard]] std::string to_hex(const Digest& digest);
-/// Base64 with padding, as Content-Security-Policy writes hashes.
-[[nodiscard]] std::string to_base64(const Digest& digest);
 [[nodiscard]] Digest sha256_of(std::string_view text);
 /// Of a file's bytes. DataError where it cannot be read.
 [[nodiscard]] Digest sha256_of_file(const std::string& path);

@@ -81,11 +81,6 @@ void NetcdfWriter::add_attribute(const std::string& group, const std::string& na
   file_.text_attribute("/" + group, name, value);
 }
 
-void NetcdfWriter::add_variable_attribute(const std::string& group, const std::string& variable,
-                                          const std::string& name, const std::string& value) {
-  file_.text_attribute(join(group, variable), name, value);
-}
-
 void NetcdfWriter::close() {
   file_.close();
 }

@@ -29,10 +29,8 @@ class NetcdfWriter {
   void add_variable(const std::string& group, const std::string& name,
                     std::span<const std::string> dimensions, std::span<const double> values,
                     const Labels& labels);
-  /// An attribute of a group ("" is the file), or of a variable.
+  /// An attribute of a group ("" is the file).
   void add_attribute(const std::string& group, const std::string& name, const std::string& value);
-  void add_variable_attribute(const std::string& group, const std::string& variable, const std::string& name,
-                              const std::string& value);
   void close();
 
  private:

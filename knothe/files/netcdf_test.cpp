@@ -29,7 +29,6 @@ void write_example(const std::string& path) {
   file.add_variable("observed_data", "u", Names{"time"},
                     std::vector<double>{std::numeric_limits<double>::quiet_NaN(), 2.0},
                     {"m", "displacement"});
-  file.add_variable_attribute("observed_data", "u", "comment", "one value is missing");
   file.close();
 }
 
@@ -46,7 +45,6 @@ TEST(Netcdf, ScalesAreAttachedAndNamedAsTheLibraryExpects) {
   EXPECT_EQ(file.text_attribute("/posterior/chain", "CLASS"), "DIMENSION_SCALE");
   EXPECT_EQ(file.number_attribute("/observed_data/time", "_Netcdf4Dimid"), 2.0);
   EXPECT_EQ(file.text_attribute("/", "Conventions"), "arviz");
-  EXPECT_EQ(file.text_attribute("/observed_data/u", "comment"), "one value is missing");
 }
 
 TEST(Netcdf, AttachedScalesAreSeenByTheHdf5Library) {

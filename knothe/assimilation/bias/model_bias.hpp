@@ -62,8 +62,6 @@ class ModelBias {
   [[nodiscard]] std::optional<BiasCorrection> extrapolate(double time) const;
   /// The mean of B at the last datum, as its modes have it, m. Nothing before the first.
   [[nodiscard]] std::optional<Eigen::VectorXd> latest() const;
-  /// The leading space modes of the mean (n × rank, in units of the noise) and what they hold, for figures.
-  [[nodiscard]] const numerics::IncrementalSvd& mean_modes() const { return mean_; }
 
  private:
   struct Ahead {

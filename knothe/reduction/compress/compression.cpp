@@ -138,11 +138,4 @@ std::vector<StudiedModel> compression_study(const Snapshots& snapshots, const Co
   return study;
 }
 
-ModelContents import_model(const std::string& path, const CompressionOptions& options) {
-  const Snapshots snapshots = read_snapshots(path);
-  ModelContents model = compress(snapshots, options);
-  model.project = "# imported from " + path + "\n";
-  return model;
-}
-
 }  // namespace knothe::reduction

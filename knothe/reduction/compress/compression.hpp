@@ -78,7 +78,4 @@ struct StudiedModel {
                                                           std::span<const std::size_t> modes,
                                                           std::span<const OffGridSolution> off_grid = {});
 
-/// `knothe model import`: the model of a file of snapshots. DataError for what is wrong in the file.
-[[nodiscard]] ModelContents import_model(const std::string& path, const CompressionOptions& options);
-
 }  // namespace knothe::reduction

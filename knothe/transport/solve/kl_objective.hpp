@@ -101,7 +101,7 @@ class KullbackLeiblerObjective final : public numerics::Objective {
   Eigen::MatrixXd curvature_;                 ///< n × r(r+1)/2: −w ∂² log π̄ / ∂M_k ∂M_l
   std::vector<Eigen::MatrixXd> sensitivity_;  ///< per component n × count: ∂M^k/∂a
   std::vector<Eigen::MatrixXd> log_basis_;    ///< per component n × n_e: ∂h/∂a_e
-  Eigen::MatrixXd scaled_, block_, adjoint_, shift_, moved_, b_step_;
+  Eigen::MatrixXd scaled_, block_, adjoint_, shift_, moved_;
 };
 
 /// F(a) + λ ‖a − a₀‖²: pulls coefficients that the rule says little about towards a₀ (the identity).

@@ -116,7 +116,6 @@ struct MapResult {
   [[nodiscard]] Eigen::VectorXd log_density(const Eigen::Ref<const Eigen::MatrixXd>& z) const;
   /// By how much training rule and verification points differ: an overfitted map has a large difference.
   [[nodiscard]] double objective_difference() const { return verified_objective - training_objective; }
-  [[nodiscard]] double diagnostic_difference() const { return verified_diagnostic - training_diagnostic; }
   /// Eq. 24 on the verification points: a lower bound of the log-evidence, low by the KL divergence.
   [[nodiscard]] double map_log_evidence() const { return -verified_objective; }
 };
