@@ -124,8 +124,8 @@ void Chains::begin() {
   std::vector<Mode> modes;
   ModeSearch().run(target_, true, modes);
   // A chain that begins in a mode of no weight would never get out of it.
-  constexpr double k_least_share = 1e-3;
-  while (modes.size() > 1 && modes.back().log_mass < modes.front().log_mass + std::log(k_least_share))
+  constexpr double k_min_share = 1e-3;
+  while (modes.size() > 1 && modes.back().log_mass < modes.front().log_mass + std::log(k_min_share))
     modes.pop_back();
   lower_ = modes.front().lower;
   position_.resize(chains_, d_);

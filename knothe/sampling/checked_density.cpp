@@ -74,7 +74,7 @@ void CheckedDensity::excuse(int derivatives, LogDensityBatch& out) const {
   for (Eigen::Index i = 0; i < out.value.size(); ++i) {
     const bool finite = std::isfinite(out.value[i]) && (derivatives < 1 || out.gradient.row(i).allFinite()) &&
                         (derivatives < 2 || out.hessian.row(i).allFinite());
-    if (finite || !(lenient_ || out.value[i] < k_least_log_density)) continue;
+    if (finite || !(lenient_ || out.value[i] < k_min_log_density)) continue;
     out.value[i] = -std::numeric_limits<double>::infinity();
     if (derivatives >= 1) out.gradient.row(i).setZero();
     if (derivatives >= 2) out.hessian.row(i).setZero();

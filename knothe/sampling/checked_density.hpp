@@ -18,7 +18,7 @@ class CheckedDensity {
   /// Resizes `out` and fills it with what the target itself can give. Errors: NumericalError, with the point,
   /// for a value of NaN or +∞, a gradient or Hessian that is not finite, an entry not written; UsageError for
   /// buffers that come back with another size. What the target throws comes through as it is. A value below
-  /// `k_least_log_density` is a density of zero: its derivatives, which overflow there, are not asked for.
+  /// `k_min_log_density` is a density of zero: its derivatives, which overflow there, are not asked for.
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives, LogDensityBatch& out);
 
   /// The same up to second derivatives, those that the target lacks by central differences of those that it
@@ -26,7 +26,7 @@ class CheckedDensity {
   /// 1e-5 (gradients known) or 2e-4. Where the density is zero nearby they are zero.
   void evaluate_with_differences(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
                                  const Eigen::Ref<const Eigen::MatrixXd>& scales, LogDensityBatch& out);
-  static constexpr double k_least_log_density = -1e100;
+  static constexpr double k_min_log_density = -1e100;
   /// Relative steps of these differences.
   static constexpr double k_gradient_step = 1e-5, k_value_step = 2e-4;
 

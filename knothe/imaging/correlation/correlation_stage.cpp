@@ -20,8 +20,8 @@ constexpr int k_plain_steps = 4;  // without regularisation, from what was found
 constexpr double k_share_of_worst =
     0.8;                       // of the residual of the worst neighbour, to be taken out in the same round
 constexpr double k_far = 0.6;  // of the contrast, as residual: the start is out of reach
-constexpr int k_readmissions = 3;         // each may bring one more row of elements back
-constexpr double k_most_restless = 0.05;  // of the nodes: more is a picture that does not converge …
+constexpr int k_readmissions = 3;        // each may bring one more row of elements back
+constexpr double k_max_restless = 0.05;  // of the nodes: more is a picture that does not converge …
 constexpr double k_restless_rows = 2;  // … if they are also more than so many rows from side to side: a crack
 
 }  // namespace
@@ -172,7 +172,7 @@ int CorrelationStage::reject(CorrelationResult& result, bool restless) const {
     for (int a = 0; a < ImageMesh::nodes_of(mesh_.elements[e]); ++a)
       worst_neighbour = std::max(
           worst_neighbour, around[static_cast<std::size_t>(mesh_.elements[e][static_cast<std::size_t>(a)])]);
-    const bool unseen = sums_[e].count < k_least_pixel_share * pixels_.elements()[e].pixel_count;
+    const bool unseen = sums_[e].count < k_min_pixel_share * pixels_.elements()[e].pixel_count;
     const bool bad =
         options_.reject_elements && rms[e] > limit && rms[e] > k_share_of_worst * worst_neighbour;
     if (unseen || bad) result.element_valid[e] = 0;
@@ -190,7 +190,7 @@ void CorrelationStage::reject_restless(CorrelationResult& result, const std::vec
     if (step_.segment<2>(2 * n).cwiseAbs().maxCoeff() > options_.tolerance)
       worst[static_cast<std::size_t>(n)] = -2, ++count;
   const double nodes = mesh_.node_count();
-  if (count > std::max(k_most_restless * nodes, k_restless_rows * std::sqrt(nodes))) return;
+  if (count > std::max(k_max_restless * nodes, k_restless_rows * std::sqrt(nodes))) return;
   for (std::size_t e = 0; e < sums_.size(); ++e) {
     if (result.element_valid[e] == 0) continue;
     for (int a = 0; a < ImageMesh::nodes_of(mesh_.elements[e]); ++a) {
@@ -236,7 +236,7 @@ int CorrelationStage::readmit(const SplineImage& deformed, CorrelationResult& re
   int count = 0;
   for (std::size_t e = 0; e < sums_.size(); ++e) {
     if (result.element_valid[e] != 0 || usable_[e] == 0 || tried[e] != 0 || rms[e] > limit ||
-        sums_[e].count < k_least_pixel_share * pixels_.elements()[e].pixel_count)
+        sums_[e].count < k_min_pixel_share * pixels_.elements()[e].pixel_count)
       continue;
     result.element_valid[e] = tried[e] = 1, ++count;
   }

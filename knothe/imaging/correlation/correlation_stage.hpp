@@ -24,7 +24,7 @@ struct ReferenceField {
                                              double prefilter_sigma, double saturation, int threads);
 
 /// Share of an element's pixels that must be seen and not masked.
-inline constexpr double k_least_pixel_share = 0.5;
+inline constexpr double k_min_pixel_share = 0.5;
 
 /// Elements on a crack may swing for ever: they are looked at after so many iterations.
 inline constexpr int k_iterations_per_round = 12;

@@ -9,16 +9,16 @@ namespace knothe::imaging {
 
 namespace {
 
-constexpr double k_least_evidence = 0.2;  // of the change point, per sample: speckle by chance makes 0.05
-constexpr double k_least_side = 2;        // px on either side of a change point
-constexpr double k_blur = 2.5;            // px from an edge where its blur has ended
-constexpr double k_level_from = 1.5;      // px beyond an edge from where the grey level beside it is read …
-constexpr double k_level_to = 2.5;        // … and to where: farther off the speckle is another
-constexpr double k_search = 3;            // px about the change point in which a line crosses
-constexpr double k_clear = 5;             // noises of the quiet side that a line must stand out by
-constexpr double k_correlation = 4;       // px: lines nearer than that err alike (speckle)
-constexpr double k_smallest_std = 0.02;   // px, of a strip
-constexpr double k_coarse_std = 1.0;      // px, of a change point alone
+constexpr double k_min_evidence = 0.2;   // of the change point, per sample: speckle by chance makes 0.05
+constexpr double k_min_side = 2;         // px on either side of a change point
+constexpr double k_blur = 2.5;           // px from an edge where its blur has ended
+constexpr double k_level_from = 1.5;     // px beyond an edge from where the grey level beside it is read …
+constexpr double k_level_to = 2.5;       // … and to where: farther off the speckle is another
+constexpr double k_search = 3;           // px about the change point in which a line crosses
+constexpr double k_clear = 5;            // noises of the quiet side that a line must stand out by
+constexpr double k_correlation = 4;      // px: lines nearer than that err alike (speckle)
+constexpr double k_smallest_std = 0.02;  // px, of a strip
+constexpr double k_coarse_std = 1.0;     // px, of a change point alone
 
 double median(std::vector<double>& values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
@@ -84,9 +84,9 @@ int change_point(const Grid& g) {
                  q = squares[static_cast<std::size_t>(b)] - squares[static_cast<std::size_t>(a)];
     return n * std::log(std::max(floor, q / n - (s / n) * (s / n)));
   };
-  const int least = std::max(2, static_cast<int>(k_least_side / g.step));
+  const int least = std::max(2, static_cast<int>(k_min_side / g.step));
   int best = -1;
-  double gain = k_least_evidence * g.lines * g.samples;
+  double gain = k_min_evidence * g.lines * g.samples;
   for (int k = least; k + least <= g.samples; ++k) {
     const double now = cost(0, g.samples) - cost(0, k) - cost(k, g.samples);
     if (now > gain) gain = now, best = k;

@@ -120,7 +120,7 @@ void CorrelationStage::make_constants() {
     c.brightness_matrix << m.f_squared, m.f, m.f, m.count;
     const auto& g = m.sum[0][0];
     squares += g[0] + g[2], pixels += m.count;
-    if (m.count < std::max<double>(k_fewest_pixels, k_least_pixel_share * element.pixel_count)) {
+    if (m.count < std::max<double>(k_fewest_pixels, k_min_pixel_share * element.pixel_count)) {
       usable_[e] = 0;
       continue;
     }

@@ -10,7 +10,7 @@ namespace knothe::imaging {
 
 namespace {
 
-constexpr double k_least_area = 9;  // px² of an element
+constexpr double k_min_area = 9;  // px² of an element
 
 }  // namespace
 
@@ -38,7 +38,7 @@ MovedReference::MovedReference(const files::Picture& picture, const ImageMesh& m
         });
     if (base.element_valid[e] == 0 || !inside) continue;
     const auto shape = whole.shape_functions(nodes, 0, 0);
-    if (!shape.is_valid() || shape.area() < k_least_area) continue;
+    if (!shape.is_valid() || shape.area() < k_min_area) continue;
     std::array<int, 4> mine{-1, -1, -1, -1};
     for (std::size_t a = 0; a < n; ++a) {
       const auto i = static_cast<std::size_t>(nodes[a]);

@@ -14,10 +14,10 @@ namespace knothe::imaging {
 
 namespace {
 
-constexpr double k_least_evidence = 10;  // natural log: 1 : 22,000, since many places were searched
-constexpr double k_default_gap = 3;      // px
-constexpr double k_resolution = 0.25;    // of a window's reach: the motion around a tip is not linear over it
-constexpr double k_path_std = 1;         // px: interpolation mixes the sides within about two pixels
+constexpr double k_min_evidence = 10;  // natural log: 1 : 22,000, since many places were searched
+constexpr double k_default_gap = 3;    // px
+constexpr double k_resolution = 0.25;  // of a window's reach: the motion around a tip is not linear over it
+constexpr double k_path_std = 1;       // px: interpolation mixes the sides within about two pixels
 constexpr double k_closing = -0.5;   // component across the path of the opening's direction: less is closing
 constexpr double k_significant = 4;  // standard deviations of a jump that tells the direction
 
@@ -153,7 +153,7 @@ CrackMeasurement measure_crack(const ImageCorrelation& correlation, const Correl
   }
   const double variance = correlation.difference_variance(gamma, reference_count, result.gain);
   CrackMeasurement measured = measured_along(scenes[way], paths[way], options, variance);
-  measured.found = measured.log_evidence > k_least_evidence && measured.mouth_opening > 0;
+  measured.found = measured.log_evidence > k_min_evidence && measured.mouth_opening > 0;
   if (measured.found) {
     const OtherOpenings others = other_openings(correlation, scenes[way], paths[way]);
     measured.others = others.count, measured.other = others.middle;

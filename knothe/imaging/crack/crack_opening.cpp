@@ -11,7 +11,7 @@ namespace {
 
 constexpr int k_iterations = 12;
 constexpr double k_tolerance = 2e-3;      // px
-constexpr double k_least_pixels = 0.5;    // of the window
+constexpr double k_min_pixels = 0.5;      // of the window
 constexpr double k_largest_residual = 3;  // of the picture's
 constexpr double k_clip = 4;              // of the picture's residual: torn grains do not pull
 // How much the motion may change over the window beyond what the slope of the nodes says: px, and of the
@@ -56,7 +56,7 @@ std::optional<Edge> edge_of(const CrackScene& scene, const RoughPath& path, doub
       matrix += row * row.transpose();
     }
   }
-  if (static_cast<double>(pixels.size()) < std::max(20.0, k_least_pixels * wanted)) return std::nullopt;
+  if (static_cast<double>(pixels.size()) < std::max(20.0, k_min_pixels * wanted)) return std::nullopt;
   const double prior = variance / (freedom * freedom);
   matrix(1, 1) += prior, matrix(3, 3) += prior;
   const Eigen::LLT<Eigen::Matrix4d> factor(matrix);
@@ -78,7 +78,7 @@ std::optional<Edge> edge_of(const CrackScene& scene, const RoughPath& path, doub
       const double r = std::clamp(*residual, -limit, limit);
       right += r * Eigen::Vector4d(p.dt, p.dt * p.along, p.ds, p.ds * p.along);
     }
-    if (count < k_least_pixels * wanted) return std::nullopt;
+    if (count < k_min_pixels * wanted) return std::nullopt;
     right[1] += prior * (begun[1] - c[1]), right[3] += prior * (begun[3] - c[3]);
     const Eigen::Vector4d step = factor.solve(right);
     c += step;

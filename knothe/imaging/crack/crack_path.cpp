@@ -9,17 +9,17 @@ namespace knothe::imaging {
 
 namespace {
 
-constexpr double k_stretched = 4;       // robust deviations above the median stretch: what counts
-constexpr double k_least_open = 0.2;    // px: an element taken out counts at least as much
-constexpr double k_sideways = 0.3;      // of a wide-open element, for each half element sideways
-constexpr int k_most_sideways = 2;      // half elements from row to row
-constexpr double k_slope_scale = 0.3;   // px sideways per px along, of the prior on the refined path
-constexpr double k_clip = 2.5;          // residuals count up to so many times the picture's: torn grains
-constexpr double k_steepest = 1.5;      // px sideways per px along: more is impossible
-constexpr double k_reach_of_side = 3;   // elements
-constexpr double k_open_beside = 0.4;   // root of the share of the widest opening: another crack
-constexpr double k_beside = 1.6;        // elements from the path: not part of it
-constexpr double k_least_length = 2.9;  // elements
+constexpr double k_stretched = 4;      // robust deviations above the median stretch: what counts
+constexpr double k_min_open = 0.2;     // px: an element taken out counts at least as much
+constexpr double k_sideways = 0.3;     // of a wide-open element, for each half element sideways
+constexpr int k_max_sideways = 2;      // half elements from row to row
+constexpr double k_slope_scale = 0.3;  // px sideways per px along, of the prior on the refined path
+constexpr double k_clip = 2.5;         // residuals count up to so many times the picture's: torn grains
+constexpr double k_steepest = 1.5;     // px sideways per px along: more is impossible
+constexpr double k_reach_of_side = 3;  // elements
+constexpr double k_open_beside = 0.4;  // root of the share of the widest opening: another crack
+constexpr double k_beside = 1.6;       // elements from the path: not part of it
+constexpr double k_min_length = 2.9;   // elements
 
 double median(std::vector<double> values) {
   if (values.empty()) return 0;
@@ -57,7 +57,7 @@ std::vector<double> stretches(const ImageCorrelation& correlation, const Correla
   const double middle = median(seen);
   for (double& s : seen) s = std::abs(s - middle);
   const double floor = middle + k_stretched * 1.4826 * median(seen);
-  double widest = k_least_open;
+  double widest = k_min_open;
   for (std::size_t e = 0; e < stretch.size(); ++e) {
     if (result.element_valid[e] != 0) stretch[e] = std::max(0.0, stretch[e] - floor);
     widest = std::max(widest, stretch[e]);
@@ -172,7 +172,7 @@ OtherOpenings other_openings(const ImageCorrelation& correlation, const CrackSce
       low_s = std::min(low_s, middle[e][1]), high_s = std::max(high_s, middle[e][1]);
     }
     const double length = std::hypot(high_t - low_t, high_s - low_s) + scene.element;
-    if (length < k_least_length * scene.element) continue;
+    if (length < k_min_length * scene.element) continue;
     ++result.count;
     if (length <= largest) continue;
     largest = length;
@@ -198,7 +198,7 @@ RoughPath stretched_path(const ImageCorrelation& correlation, const CrackScene& 
       const int element = locator.find(at[0], at[1]).element;
       double score = j == 0 ? 0 : -std::numeric_limits<double>::infinity();
       int origin = i;
-      for (int k = std::max(0, i - k_most_sideways); j > 0 && k <= std::min(columns - 1, i + k_most_sideways);
+      for (int k = std::max(0, i - k_max_sideways); j > 0 && k <= std::min(columns - 1, i + k_max_sideways);
            ++k)
         if (const double s = best[static_cast<std::size_t>(k)] - k_sideways * std::abs(k - i); s > score)
           score = s, origin = k;

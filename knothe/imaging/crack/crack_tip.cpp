@@ -9,15 +9,15 @@ namespace knothe::imaging {
 
 namespace {
 
-constexpr std::size_t k_least_data = 6;
+constexpr std::size_t k_min_data = 6;
 constexpr std::array<double, 3> k_powers{0.5, 1.0, 1.5};
 constexpr int k_terms = 2;
 constexpr double k_beyond = 0.2;  // of the path: how far past its end a tip is thought of
 constexpr double k_outlier = 4;   // standard deviations
-constexpr double k_most_outliers = 0.2;
+constexpr double k_max_outliers = 0.2;
 constexpr std::array<double, 2> k_prior_width{2, 0.7};  // of the coefficients, of the largest opening
 constexpr double k_largest_step = 2;                    // px between trial tips
-constexpr int k_most_tips = 1500;
+constexpr int k_max_tips = 1500;
 
 using Basis = Eigen::Matrix<double, k_terms, 1>;
 using Matrix = Eigen::Matrix<double, k_terms, k_terms>;
@@ -93,7 +93,7 @@ class Profile {
     const double spread = std::max(1.0, far[far.size() / 2].first / 0.6745);
     for (const auto& [z, i] : far) {
       const auto left_out = static_cast<double>(std::count(used_.begin(), used_.end(), 0));
-      if (z < k_outlier * spread || left_out + 1 > k_most_outliers * static_cast<double>(data_.size())) break;
+      if (z < k_outlier * spread || left_out + 1 > k_max_outliers * static_cast<double>(data_.size())) break;
       used_[i] = 0, squares -= z * z, count -= 1;
     }
     const double misfit = squares / std::max(1.0, count - k_terms - 1);
@@ -113,11 +113,11 @@ class Profile {
 
 TipPosterior crack_tip(std::span<const OpeningDatum> data) {
   TipPosterior result;
-  if (data.size() < k_least_data) return result;
+  if (data.size() < k_min_data) return result;
   Profile profile(data);
   const double first = data.front().along, last = data.back().along + 0.5 * data.back().width,
                end = last + k_beyond * profile.length();
-  const int count = std::min(k_most_tips, static_cast<int>((end - first) / k_largest_step) + 2);
+  const int count = std::min(k_max_tips, static_cast<int>((end - first) / k_largest_step) + 2);
   const auto tip_at = [&](int i) { return first + (end - first) * (i + 0.5) / count; };
   std::vector<double> log_density(static_cast<std::size_t>(count));
   const auto scan = [&] {

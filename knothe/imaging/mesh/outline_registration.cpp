@@ -24,7 +24,7 @@ using Matrix4 = Eigen::Matrix4d;
 constexpr double k_strip = 24;          // px along a side
 constexpr double k_shortest_strip = 6;  // px
 constexpr double k_longest_side = 1e6;  // px: a scale in another unit
-constexpr double k_least_look = 3;      // px to look on either side
+constexpr double k_min_look = 3;        // px to look on either side
 constexpr double k_reach_start = 32;    // px: how far edges are looked for at first
 constexpr double k_far_share = 0.06;    // of the body's size, where that is more
 constexpr double k_side_std = 0.03;     // px: what a side's edges have in common (sharpness, interpolation)
@@ -34,7 +34,7 @@ constexpr double k_mask_side_std = 0.29;  // px: 1/√12, in a mask of whole pix
 constexpr double k_tukey = 4.685;         // standard deviations; 95 % efficient for normal errors
 constexpr double k_undetermined = 1;      // px at the body's edge: a standard deviation above that is no fit
 constexpr double k_worst_misfit = 2;      // px
-constexpr double k_least_share = 0.3;     // of the places in view must have an edge that is used
+constexpr double k_min_share = 0.3;       // of the places in view must have an edge that is used
 constexpr int k_fewest = 6;
 
 Complex upward(const std::array<double, 2>& p) {
@@ -146,7 +146,7 @@ std::vector<Place> look(const files::Picture& picture, const Outline& outline, c
         return std::min({reach, 0.5 * other, way_in_picture(picture, strip, sign)});
       };
       strip.inside = limit(-1), strip.outside = limit(1);
-      if (strip.inside < k_least_look || strip.outside < k_least_look) continue;
+      if (strip.inside < k_min_look || strip.outside < k_min_look) continue;
       ++in_view;
       const auto edge = find_edge(picture, strip, fine);
       if (!edge) continue;
@@ -286,7 +286,7 @@ OutlineFit fit_outline(const files::Picture& picture, const Outline& outline, co
   for (const bool fine : {false, false, false, true, true, true}) {
     places = look(picture, outline, g, pose, reach, fine, in_view);
     if (static_cast<int>(places.size()) < k_fewest ||
-        static_cast<double>(places.size()) < k_least_share * in_view)
+        static_cast<double>(places.size()) < k_min_share * in_view)
       throw DataError(
           fmt::format("{}: error: no edge of the body near its outline: {} of {} places along it show one; "
                       "the outline must "
@@ -316,7 +316,7 @@ OutlineFit fit_outline(const files::Picture& picture, const Outline& outline, co
     misfits.push_back(std::abs(p.d)), normalised.push_back(std::abs(p.d) / std::hypot(p.std, 0.05));
   }
   fit.misfit = robust_scale(misfits);
-  if (fit.misfit > k_worst_misfit || fit.used < k_least_share * in_view)
+  if (fit.misfit > k_worst_misfit || fit.used < k_min_share * in_view)
     throw DataError(
         fmt::format("{}: error: the edges that were found do not lie on the outline: {} of {} agree, within "
                     "{:.1f} px; it must "

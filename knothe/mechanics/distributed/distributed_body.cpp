@@ -10,7 +10,7 @@ namespace knothe::mechanics {
 namespace {
 
 constexpr double k_linear_tolerance = 1e-5;  ///< of a Newton correction
-constexpr int k_most_linear_iterations = 400;
+constexpr int k_max_linear_iterations = 400;
 constexpr int k_many_linear_iterations = 40;  ///< more: the multigrid is made anew
 
 }  // namespace
@@ -106,7 +106,7 @@ bool DistributedStepping::correct() {
   for (std::size_t dof = 0; dof < right_.size(); ++dof)
     if (body_.prescribed[dof] != 0) right_[dof] = 0;
   const LinearSolve solve =
-      body_.system->solve(right_, correction_, k_linear_tolerance, k_most_linear_iterations);
+      body_.system->solve(right_, correction_, k_linear_tolerance, k_max_linear_iterations);
   preconditioner_is_old_ = preconditioner_is_old_ || solve.iterations > k_many_linear_iterations;
   // A correction that is not converged may still help; one that is worse than none is not made.
   if (!(solve.residual < 0.5)) return false;

@@ -8,7 +8,7 @@
 namespace knothe::mechanics {
 namespace {
 
-constexpr int k_least_cuts = 7;  // its secant iterations cost more than more halvings
+constexpr int k_min_cuts = 7;  // its secant iterations cost more than more halvings
 constexpr int k_newton_iterations = 15;
 
 /// Y of an averaged equivalent strain.
@@ -287,7 +287,7 @@ StepRecord GradientStepping::advance(double target) {
   StepRecord record;
   record.active_cells = static_cast<int>(cells_.size());
   go_by_increments(
-      state_.imposed, target, std::max(options_.cuts, k_least_cuts),
+      state_.imposed, target, std::max(options_.cuts, k_min_cuts),
       [&](double next) {
         extrapolate(next);
         return newton(next, record);

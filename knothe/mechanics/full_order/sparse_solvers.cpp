@@ -90,8 +90,8 @@ SymmetricFactor::SymmetricFactor(const SparseMatrix& matrix)
         "not enough memory to factorise the stiffness matrix; use larger elements or fewer layers");
   // A rigid motion that nothing holds leaves a pivot of rounding errors, of either sign; the least relative
   // pivot of a body that is held is some 0.05.
-  constexpr double k_least_pivot = 1e-12;
-  if (factor == nullptr || common.status != CHOLMOD_OK || cholmod_rcond(factor, &common) < k_least_pivot)
+  constexpr double k_min_pivot = 1e-12;
+  if (factor == nullptr || common.status != CHOLMOD_OK || cholmod_rcond(factor, &common) < k_min_pivot)
     throw NumericalError(
         "the elastic stiffness matrix is not positive definite: some part of the body can move freely; check "
         "that the supports hold it, that the mesh is in one piece, and that no support_stiffness is beyond "

@@ -9,6 +9,7 @@
 #include "knothe/reduction/compress/cp_als.hpp"
 #include "knothe/reduction/compress/low_rank.hpp"
 #include "knothe/reduction/model/deviation.hpp"
+#include "knothe/reduction/model/truncation_error.hpp"
 #include "knothe/reduction/testing/test_models.hpp"
 
 namespace knothe::reduction {

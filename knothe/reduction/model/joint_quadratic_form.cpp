@@ -18,7 +18,7 @@ constexpr std::size_t k_powers = 7;  ///< of the square of a cubic
 constexpr double k_largest_polynomial = 2e6;
 /// Above it, it will do where ℓ is, everywhere in the cell, below minus this fraction of that sum: 1e-10
 /// relative.
-constexpr double k_least_fraction = 1e-5;
+constexpr double k_min_fraction = 1e-5;
 
 double sum(const Lanes& v) {
   typedef double Four __attribute__((vector_size(4 * sizeof(double))));
@@ -51,7 +51,7 @@ JointQuadraticForm::JointQuadraticForm(std::span<const numerics::CubicSplineBasi
                                        std::span<const double> coefficients,
                                        std::span<const std::ptrdiff_t> strides, Eigen::Index count)
     : coefficients_(coefficients), grid_(1), count_(count), source_stride_(round_up_to_lanes(count)) {
-  assert(!bases.empty() && bases.size() <= k_most_parameters && strides.size() == bases.size());
+  assert(!bases.empty() && bases.size() <= k_max_parameters && strides.size() == bases.size());
   std::size_t cells = 1;
   for (std::size_t i = 0; i < bases.size(); ++i) {
     axes_.emplace_back(bases[i]);
@@ -168,7 +168,7 @@ void JointQuadraticForm::multiply_out(std::size_t cell, const std::array<SplineA
     out[p * k_lanes + k_powers] = 0;
   }
   const double highest = out[0] + absolute - std::abs(out[0]);
-  const bool good = absolute <= k_largest_polynomial || highest < -k_least_fraction * absolute;
+  const bool good = absolute <= k_largest_polynomial || highest < -k_min_fraction * absolute;
   cell_[cell] = good ? Cell::polynomial : Cell::squares;
 }
 

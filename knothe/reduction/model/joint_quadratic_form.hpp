@@ -21,7 +21,7 @@ namespace knothe::reduction {
 /// those of one variable per row and cell.
 class JointQuadraticForm final : public QuadraticForm, public GridEvaluator {
  public:
-  static constexpr std::size_t k_most_parameters = 4;
+  static constexpr std::size_t k_max_parameters = 4;
 
   /// `coefficients`: B-spline coefficients of w, [n₁, …, n_d, padded r]; `strides` of its axes. Neither is
   /// copied.
@@ -72,7 +72,7 @@ class JointQuadraticForm final : public QuadraticForm, public GridEvaluator {
   Eigen::Index padded_ = 0;      ///< k, or k + 1 with q, rounded up to full lanes
   Eigen::MatrixXd combination_;  ///< r × (k + 1): Aᵀ and c
   std::vector<double> table_;    ///< B-spline coefficients of s and q, [n₁, …, n_d, padded]
-  std::array<std::ptrdiff_t, k_most_parameters> grid_strides_{}, strides_{};
+  std::array<std::ptrdiff_t, k_max_parameters> grid_strides_{}, strides_{};
   std::vector<double> square_, linear_;  ///< per function: −½ and 0 for s, 0 and 1 for q, 0 and 0 for padding
   std::vector<double> polynomial_;       ///< per cell: coefficients [7, 8] or [8] in t, the last of 8 zero
   std::vector<Cell> cell_;

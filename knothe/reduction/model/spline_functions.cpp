@@ -44,7 +44,7 @@ void evaluate_point(const PointTask& task, FunctionBatch& out) {
 using PointEvaluator = void (*)(const PointTask&, FunctionBatch&);
 
 template <int Derivatives>
-constexpr std::array<PointEvaluator, JointFunctions::k_most_parameters> k_evaluators = {
+constexpr std::array<PointEvaluator, JointFunctions::k_max_parameters> k_evaluators = {
     evaluate_point<1, Derivatives>, evaluate_point<2, Derivatives>, evaluate_point<3, Derivatives>,
     evaluate_point<4, Derivatives>, evaluate_point<5, Derivatives>, evaluate_point<6, Derivatives>,
     evaluate_point<7, Derivatives>, evaluate_point<8, Derivatives>};
@@ -147,10 +147,10 @@ JointFunctions::JointFunctions(std::span<const std::vector<double>> nodes, std::
                                Eigen::Index count)
     : SplineFunctions(nodes, count) {
   const std::size_t d = bases_.size();
-  if (d == 0 || d > k_most_parameters) {
+  if (d == 0 || d > k_max_parameters) {
     throw DataError(
         fmt::format("a joint tensor grid of {} parameters: 1 to {} are possible; use the canonical form", d,
-                    k_most_parameters));
+                    k_max_parameters));
   }
   // B-spline coefficients: along every axis in turn. Seen from axis i the array is [before, nᵢ, after].
   std::vector<double> fitted(values.begin(), values.end());
@@ -184,7 +184,7 @@ void JointFunctions::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, i
                                                       : k_evaluators<2>[d - 1];
   Workspace<Local> local_space;
   const auto local = local_space.take(d);
-  std::array<int, k_most_parameters> active{};
+  std::array<int, k_max_parameters> active{};
   for (std::size_t i = 0; i < d; ++i) active[i] = bases_[i].active();
   for (Eigen::Index row = 0; row < points.rows(); ++row) {
     localise(points, row, local);
@@ -203,7 +203,7 @@ Eigen::VectorXd JointFunctions::magnitude(const Eigen::VectorXd& centre) const {
 }
 
 std::unique_ptr<QuadraticForm> JointFunctions::make_quadratic_form() const {
-  if (bases_.size() > JointQuadraticForm::k_most_parameters) return ParameterFunctions::make_quadratic_form();
+  if (bases_.size() > JointQuadraticForm::k_max_parameters) return ParameterFunctions::make_quadratic_form();
   return std::make_unique<JointQuadraticForm>(bases_, coefficients_, strides_, count_);
 }
 

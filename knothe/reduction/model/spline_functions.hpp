@@ -57,7 +57,7 @@ class JointFunctions final : public SplineFunctions {
   [[nodiscard]] Eigen::VectorXd magnitude(const Eigen::VectorXd& centre) const override;
   [[nodiscard]] std::unique_ptr<QuadraticForm> make_quadratic_form() const override;
 
-  static constexpr std::size_t k_most_parameters = 8;
+  static constexpr std::size_t k_max_parameters = 8;
 
  private:
   std::vector<double> coefficients_;     ///< B-spline coefficients [n₁, …, n_d, padded r]

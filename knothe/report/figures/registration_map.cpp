@@ -11,7 +11,7 @@
 namespace knothe::report {
 namespace {
 
-constexpr int k_longest = 1200, k_least_width = 720;  // px of the drawing
+constexpr int k_longest = 1200, k_min_width = 720;  // px of the drawing
 constexpr int k_head = 56, k_gap = 16;
 constexpr Rgb k_ink{20, 20, 20}, k_outline{0, 200, 255}, k_used{255, 235, 0}, k_unused{230, 30, 30},
     k_halo{0, 0, 0};
@@ -24,7 +24,7 @@ void write_registration_map(const std::string& path, const files::Picture& pictu
       std::min(2.0, static_cast<double>(k_longest) / std::max(picture.width, picture.height));
   const int width = static_cast<int>(picture.width * scale),
             height = static_cast<int>(picture.height * scale);
-  Canvas canvas(std::max(k_least_width, width) + 2 * k_gap, height + k_head + 2 * k_gap);
+  Canvas canvas(std::max(k_min_width, width) + 2 * k_gap, height + k_head + 2 * k_gap);
   const double mm = 1e3 * fit.frame.scale();
   canvas.text(
       k_gap, k_gap,

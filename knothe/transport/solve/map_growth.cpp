@@ -15,7 +15,7 @@ namespace {
 
 /// Beyond so many variables a second order-2 map, for the orientation alone, costs more than it is likely to
 /// bring.
-constexpr Eigen::Index k_most_turned = 6;
+constexpr Eigen::Index k_max_turned = 6;
 /// Principal axes are preferred unless the given ones gain so much more at order 2 (docs/transport.md,
 /// "Orientation": at equal gain at order 2 the principal axes were never worse at the end, often ten times
 /// better).
@@ -60,7 +60,7 @@ MapSolver::Workspace::Climb MapSolver::Workspace::climb(sampling::CheckedDensity
   const auto last = [&] { return static_cast<std::ptrdiff_t>(tried) - 1; };
   if (orientation == Orientation::principal) pre_map = principal_axes(pre_map);
   // A family of the caller's own belongs to the caller's coordinates.
-  bool may_turn = orientation == Orientation::automatic && d >= 2 && d <= k_most_turned && !options.family;
+  bool may_turn = orientation == Orientation::automatic && d >= 2 && d <= k_max_turned && !options.family;
   Climb climb;
   double best = std::numeric_limits<double>::infinity();
   for (int order = first; order <= options.max_order && !climb.reached; ++order) {
@@ -242,7 +242,7 @@ MapSolver::Workspace::Climb MapSolver::Workspace::fall_back(sampling::LogDensity
   // The orientation not taken.
   const AffineMap taken = candidates[standard].pre_map;
   const Eigen::Index d = target.dimension();
-  if (options.orientation == Orientation::automatic && d >= 2 && d <= k_most_turned && !options.family)
+  if (options.orientation == Orientation::automatic && d >= 2 && d <= k_max_turned && !options.family)
     attempt(own, pre_map, taken.rotation.size() > 0 ? Orientation::given : Orientation::principal);
   // Targets that are polynomial far into their tails, as Rosenbrock's.
   if (own.basis == BasisFamily::hermite && own.tails == Tails::bent) {

@@ -84,7 +84,7 @@ void MapSolver::Workspace::prepare(MapShape& shape, bool with_broad) {
 }
 
 bool MapSolver::Workspace::may_be_long(Eigen::Index d) const {
-  return options.long_first_variable && d >= 2 && d <= k_most_long && !options.family && !options.rule &&
+  return options.long_first_variable && d >= 2 && d <= k_max_long && !options.family && !options.rule &&
          !options.tempered && options.growth == Growth::order && options.max_order > k_first_long;
 }
 

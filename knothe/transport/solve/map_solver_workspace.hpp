@@ -145,7 +145,7 @@ inline constexpr int k_last_prepared_broad = 4;
 /// From here on maps with a long first variable cost ten times more: only for what is far from the tolerance.
 inline constexpr int k_first_dear_long = 5;
 /// Dimensions in which it is tried.
-inline constexpr Eigen::Index k_most_long = 3;
+inline constexpr Eigen::Index k_max_long = 3;
 
 /// The rule for maps of this shape, if the caller has none.
 [[nodiscard]] numerics::PointRule default_training_rule(const MapShape& shape);

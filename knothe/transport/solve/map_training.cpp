@@ -23,7 +23,7 @@ constexpr int k_long_nodes = 96;
 /// Lighter nodes of a tensor rule only stall the minimiser.
 constexpr double k_lightest_node = 1e-11;
 /// With more coefficients a Hessian costs more than it saves.
-constexpr Eigen::Index k_most_for_hessian = 600;
+constexpr Eigen::Index k_max_for_hessian = 600;
 
 /// Symmetric quasi-random points whose mean is exactly 0 and whose covariance is exactly the identity, so
 /// that a Gaussian target has exactly its affine map.
@@ -220,12 +220,12 @@ void MapSolver::Workspace::weigh(sampling::CheckedDensity& target, const AffineM
 numerics::MinimiserSummary MapSolver::Workspace::minimise(sampling::CheckedDensity& target,
                                                           const MapShape& shape) {
   auto kind = options.minimiser;
-  if (kind == MinimiserKind::newton && shape.layout.size() > k_most_for_hessian)
+  if (kind == MinimiserKind::newton && shape.layout.size() > k_max_for_hessian)
     kind = MinimiserKind::newton_cg;
   if (target.available_derivatives() < 1) kind = MinimiserKind::nelder_mead;
   if ((kind == MinimiserKind::newton || kind == MinimiserKind::newton_cg) &&
       target.available_derivatives() < 2)
-    kind = shape.layout.size() > k_most_for_hessian ? MinimiserKind::lbfgs : MinimiserKind::bfgs;
+    kind = shape.layout.size() > k_max_for_hessian ? MinimiserKind::lbfgs : MinimiserKind::bfgs;
   std::optional<RegularisedObjective> regularised;
   numerics::Objective* function = &objective;
   if (options.regularisation > 0) {
