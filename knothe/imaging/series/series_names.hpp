@@ -10,8 +10,7 @@ namespace knothe::imaging {
 
 constexpr auto names_of(Brightness /*brightness*/) {
   using B = Brightness;
-  return std::to_array<Named<B>>(
-      {{B::none, "none"}, {B::global, "global"}, {B::per_element, "per_element"}});
+  return std::to_array<Named<B>>({{B::none, "none"}, {B::global, "global"}, {B::per_element, "per_element"}});
 }
 
 constexpr auto names_of(Regularisation /*kind*/) {

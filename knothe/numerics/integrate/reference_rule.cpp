@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "knothe/base/error.hpp"
+#include "knothe/numerics/integrate/halton.hpp"
 #include "knothe/numerics/integrate/smolyak.hpp"
 #include "knothe/numerics/integrate/sobol.hpp"
 #include "knothe/numerics/statistics/random.hpp"
@@ -19,6 +20,8 @@ std::string_view name_of(ReferenceRuleKind kind) {
       return "Smolyak";
     case ReferenceRuleKind::sobol:
       return "Sobol";
+    case ReferenceRuleKind::halton:
+      return "Halton";
     case ReferenceRuleKind::monte_carlo:
       return "Monte Carlo";
   }
@@ -55,6 +58,8 @@ PointRule reference_rule(const ReferenceRule& rule, Eigen::Index d) {
         fmt::format("{} rule of {} points: at least 1 is needed", name_of(rule.kind), rule.points));
   if (rule.kind == ReferenceRuleKind::sobol)
     return equal_weights(sobol_normal_points(rule.points, d, rule.seed), rule.match_moments);
+  if (rule.kind == ReferenceRuleKind::halton)
+    return equal_weights(halton_normal_points(rule.points, d, rule.seed), rule.match_moments);
   return equal_weights(monte_carlo_normal_points(rule.points, d, rule.seed), rule.match_moments);
 }
 

@@ -11,6 +11,7 @@ enum class ReferenceRuleKind {
   tensor_gauss_hermite,  ///< exact to degree 2 nodes − 1 in each variable; nodes^d points: d ≤ 4 or so
   smolyak,               ///< exact to total degree 2 level + 1; weights of both signs: see smolyak.hpp
   sobol,                 ///< scrambled Sobol points, d ≤ 200; best for 2^m points
+  halton,                ///< scrambled Halton points, d ≤ 1000, any number of points
   monte_carlo            ///< independent draws
 };
 [[nodiscard]] std::string_view name_of(ReferenceRuleKind kind);
@@ -18,12 +19,12 @@ enum class ReferenceRuleKind {
 /// A choice of rule. Every kind reads the fields that it needs.
 struct ReferenceRule {
   ReferenceRuleKind kind = ReferenceRuleKind::sobol;
-  Eigen::Index points = 1024;  ///< Sobol, Monte Carlo
-  std::uint64_t seed = 1;      ///< Sobol, Monte Carlo; 0 is the plain Sobol sequence
+  Eigen::Index points = 1024;  ///< Sobol, Halton, Monte Carlo
+  std::uint64_t seed = 1;      ///< Sobol, Halton, Monte Carlo; 0 is the plain Sobol or Halton sequence
   int nodes = 10;              ///< tensor Gauss–Hermite: per variable, 1 … 128
   double drop = 0;             ///< tensor Gauss–Hermite: nodes of smaller weight are left out
   int level = 3;               ///< Smolyak, 0 … 30
-  /// Sobol, Monte Carlo: mean made exactly 0 and covariance exactly the identity by a shift and a
+  /// Sobol, Halton, Monte Carlo: mean made exactly 0 and covariance exactly the identity by a shift and a
   /// shear, if there are more points than variables; a Gaussian target then has exactly its affine map.
   bool match_moments = false;
 };

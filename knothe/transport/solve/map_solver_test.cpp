@@ -299,8 +299,9 @@ TEST(MapSolver, GreedyGrowthTakesFewerTerms) {
 
 TEST(MapSolver, EveryTrainingRuleSolves) {
   Planar target(sampling::targets::Ridge{1, 1.05, 0.1, 1.2, 0.3});
-  for (const auto kind : {numerics::ReferenceRuleKind::tensor_gauss_hermite,
-                          numerics::ReferenceRuleKind::sobol, numerics::ReferenceRuleKind::monte_carlo}) {
+  for (const auto kind :
+       {numerics::ReferenceRuleKind::tensor_gauss_hermite, numerics::ReferenceRuleKind::sobol,
+        numerics::ReferenceRuleKind::halton, numerics::ReferenceRuleKind::monte_carlo}) {
     MapSolverOptions options;
     options.rule.emplace();
     options.rule->kind = kind;
