@@ -1,0 +1,49 @@
+"""Files that knothe 0.1.0 wrote (made_by_0.1.0/) are read for ever: model, measurements, journal, results folder.
+
+What 0.1.0 printed of them stands beside them: numbers agree as far as maps of another build do.
+"""
+import shutil
+import unittest
+
+from support import SOURCE, Case, parse_line
+
+OLD = SOURCE / "made_by_0.1.0"
+
+
+class Test(Case):
+    def setUp(self):
+        super().setUp()
+        shutil.copytree(OLD, self.folder, dirs_exist_ok=True)
+
+    def expect_as_then(self, lines, name):
+        then = [parse_line(line) for line in (OLD / name).read_text().splitlines()]
+        self.assertEqual(len(lines), len(then))
+        for now, before in zip(lines[:-1], then[:-1]):
+            self.assertLessEqual(set(before), set(now))
+            self.assertEqual((now["step"], now["time"], now["used"]), (before["step"], before["time"], before["used"]))
+            for k, mean in enumerate(before["mean"]):
+                std = before["covariance"][k][k] ** 0.5
+                self.assertAlmostEqual(now["mean"][k], mean, delta=0.01 * std)
+                self.assertAlmostEqual(now["covariance"][k][k] ** 0.5, std, delta=0.01 * std)
+            self.assertAlmostEqual(now["log_evidence"], before["log_evidence"], delta=0.01)
+            for forecast, f in before["forecast"].items():
+                self.assertAlmostEqual(now["forecast"][forecast]["mean"], f["mean"], delta=0.02 * f["std"])
+
+    def test_the_model_and_the_measurements_give_the_posterior_that_they_gave(self):
+        self.expect_as_then(self.expect(0, "assimilate", "project.toml", "--json", "-o", "new/").lines(), "assimilated.jsonl")
+
+    def test_the_journal_gives_the_posterior_that_it_gave_and_is_not_written_to(self):
+        before = (self.folder / "project.journal").read_bytes()
+        self.expect_as_then(self.expect(0, "replay", "project.journal", "--project", "project.toml", "--json").lines(), "replayed.jsonl")
+        self.assertEqual((self.folder / "project.journal").read_bytes(), before)
+
+    def test_the_results_folder_is_reported_and_forecast_from(self):
+        self.expect(0, "report", "results", "-o", "report.html")
+        (line,) = self.expect(0, "forecast", "project.toml", "--json").lines()
+        last = parse_line((OLD / "assimilated.jsonl").read_text().splitlines()[-2])
+        self.assertEqual(line["step"], last["step"])
+        self.assertAlmostEqual(line["forecast"]["crack"]["mean"], last["forecast"]["crack"]["mean"], delta=1e-4)
+
+
+if __name__ == "__main__":
+    unittest.main()
