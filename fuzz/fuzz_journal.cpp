@@ -11,7 +11,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     const Journal journal(path, Journal::Access::read);
     std::int64_t count = 0;
     journal.for_each([&](const JournalEntry& entry) {
-      count += entry.datum.values.size() == entry.datum.status.size() ? 1 : 0;
+      count += entry.measurement.values.size() == entry.measurement.status.size() ? 1 : 0;
     });
     if (count != journal.count()) std::abort();
     (void)journal.quarantined();

@@ -1,13 +1,13 @@
 /// @file The body of POST /v1/measurements. What is accepted must come through the journal's form unchanged.
 #include "fuzz/support.hpp"
-#include "knothe/service/journal/datum.hpp"
+#include "knothe/service/journal/measurement.hpp"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace knothe::service;
   try {
-    const Datum datum = parse_json_datum(knothe::fuzz::text_of(data, size)).datum;
+    const Measurement datum = parse_json_measurement(knothe::fuzz::text_of(data, size)).measurement;
     const std::string payload = datum.payload();
-    Datum back;
+    Measurement back;
     if (!back.set_payload(payload) || back.payload() != payload ||
         back.effective_values().size() != datum.values.size())
       std::abort();

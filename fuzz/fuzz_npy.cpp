@@ -2,7 +2,7 @@
 #include <array>
 
 #include "fuzz/support.hpp"
-#include "knothe/service/journal/datum.hpp"
+#include "knothe/service/journal/measurement.hpp"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace knothe::service;
@@ -14,8 +14,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     rest = end == std::string::npos ? "" : rest.substr(end + 1);
   }
   try {
-    const Datum datum =
-        parse_npy_datum(rest, {lines[0], lines[1], lines[2], lines[3], lines[4], lines[5]}).datum;
+    const Measurement datum =
+        parse_npy_measurement(rest, {lines[0], lines[1], lines[2], lines[3], lines[4], lines[5]}).measurement;
     if (datum.status.size() != datum.values.size()) std::abort();
   } catch (const RequestError& error) {
     if (error.status() != 400) std::abort();

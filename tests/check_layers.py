@@ -19,9 +19,10 @@ MAY_KNOW = {
     "inference": ["base", "files", "numerics", "sampling", "transport", "reduction", "imaging", "assimilation"],
     "forecast": ["base", "files", "numerics", "sampling", "transport", "reduction", "imaging", "assimilation"],
 }
-ONLINE = list(MAY_KNOW) + ["project", "report", "service"]
+ONLINE = list(MAY_KNOW) + ["engine", "project", "report", "service"]
+MAY_KNOW["engine"] = list(MAY_KNOW)
 MAY_KNOW["project"] = list(MAY_KNOW)
-MAY_KNOW["library"] = MAY_KNOW["project"]  # nobody includes it
+MAY_KNOW["library"] = MAY_KNOW["engine"] + ["engine"]  # nobody includes it
 MAY_KNOW["report"] = MAY_KNOW["project"] + ["project"]
 MAY_KNOW["service"] = MAY_KNOW["report"] + ["report"]
 MAY_KNOW["mechanics"] = ["base", "files", "numerics", "reduction", "project"]

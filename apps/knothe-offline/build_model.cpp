@@ -177,13 +177,11 @@ std::vector<reduction::OffGridSolution> off_grid_runs(const mechanics::BeamProbl
 /// Largest error on the observed dofs of splines through the uncompressed snapshots, m.
 double interpolation_error(const reduction::Snapshots& snapshots, const std::vector<std::size_t>& dofs,
                            const std::vector<reduction::OffGridSolution>& off_grid) {
-  std::vector<double> points;
-  std::vector<std::int64_t> components;
+  reduction::Dofs seen;
   for (const std::size_t dof : dofs) {
-    points.insert(points.end(), &snapshots.dofs.points[3 * dof], &snapshots.dofs.points[3 * dof] + 3);
-    components.push_back(snapshots.dofs.components[dof]);
+    seen.add(snapshots.dofs.point(dof), snapshots.dofs.components[dof]);
   }
-  const reduction::ObservedModel model = reduction::observe_snapshots(snapshots, points, components);
+  const reduction::ObservedModel model = reduction::observe_snapshots(snapshots, seen);
   double largest = 0;
   for (const reduction::OffGridSolution& solution : off_grid) {
     const auto d = static_cast<Eigen::Index>(solution.parameters.size());

@@ -24,7 +24,7 @@ using reduction::ObservedModel;
 std::shared_ptr<const ObservedModel> uncompressed(const reduction::GridSolutions& solutions,
                                                   const SyntheticProblem& problem) {
   return std::make_shared<const ObservedModel>(
-      reduction::observe_snapshots(solutions.at_dofs(problem.dofs), problem.points, problem.components));
+      reduction::observe_snapshots(solutions.at_dofs(problem.dofs), {problem.points, problem.components}));
 }
 
 /// The dofs at which [simulate] measures; none where there is no such table, or where it draws pictures.

@@ -55,8 +55,8 @@ class PosteriorJudge {
     const std::vector<std::size_t> steps = all_steps();
     const reduction::TruncationError truncation = reduction::read_truncation_error(where);
     if (truncation.count > 0)
-      added_ = reduction::observe_truncation(truncation, contents, where, problem.points, problem.components,
-                                             steps);
+      added_ = reduction::observe_truncation(truncation, contents, where,
+                                             {problem.points, problem.components}, steps);
     observed_ =
         std::make_shared<const reduction::ObservedModel>(reduction::observe_dofs(model_, problem.dofs));
   }

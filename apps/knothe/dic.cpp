@@ -8,7 +8,6 @@
 #include <optional>
 
 #include "apps/knothe/commands.hpp"
-#include "apps/knothe/crack_line.hpp"
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/progress.hpp"
@@ -27,6 +26,7 @@
 #include "knothe/report/figures/displacement_maps.hpp"
 #include "knothe/report/figures/registration_map.hpp"
 #include "knothe/report/pages/maps_page.hpp"
+#include "knothe/report/results/picture_record.hpp"
 
 namespace knothe::commands {
 namespace {
@@ -101,7 +101,7 @@ nlohmann::ordered_json json_of(const imaging::PictureSeries& series, const Pictu
                                  {"missing", r.missing}};
   if (r.missing) line["message"] = r.message;
   if (!r.reference.empty()) line["reference"] = r.reference;
-  if (r.crack) line["crack"] = crack_line(*r.crack, frame);
+  if (r.crack) line["crack"] = report::crack_record(*r.crack, frame);
   return line;
 }
 
@@ -207,7 +207,6 @@ void print_for_people(const PictureResult& r, double noise_std,
     text += fmt::format(", {} elements without a measurement", c.elements_rejected);
   if (!r.reference.empty()) text += fmt::format(", measured against {} (reference replaced)", r.reference);
   fmt::print("{}, {:.0f} ms\n", text, r.elapsed_ms);
-  if (r.crack) fmt::print("    {}\n", crack_text(*r.crack, frame));
 }
 
 /// The outline that was fitted: a line to stderr, and a map where maps are asked for.

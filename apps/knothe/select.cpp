@@ -36,7 +36,7 @@ int select(const SelectArguments& arguments) {
     const auto& r = study.ranked[i];
     const auto k = static_cast<std::size_t>(r.dof);
     fmt::print("{:3}  dof {} ({} at {:.1f}, {:.1f}, {:.1f} mm) {}\n", i + 1, setup.candidates[k],
-               "xyz"[setup.components[k]], 1e3 * setup.problem.positions(r.dof, 0),
+               "xyz"[setup.sensors.components[k]], 1e3 * setup.problem.positions(r.dof, 0),
                1e3 * setup.problem.positions(r.dof, 1), 1e3 * setup.problem.positions(r.dof, 2),
                assimilation::explain(study, i, names));
   }

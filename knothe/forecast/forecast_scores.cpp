@@ -56,7 +56,7 @@ void ForecastScores::wait_for(const std::string& name, const std::string& units,
        {}});
 }
 
-std::vector<ScoredForecast> ForecastScores::look(std::size_t time_index,
+std::vector<ScoredForecast> ForecastScores::look(std::size_t step, std::size_t time_index,
                                                  const Eigen::Ref<const Eigen::VectorXd>& values) {
   std::vector<ScoredForecast> scored;
   for (Waiting& forecast : waiting_) {
@@ -68,6 +68,7 @@ std::vector<ScoredForecast> ForecastScores::look(std::size_t time_index,
     result.observed = values[forecast.row];
     result.std = forecast.std;
     for (const Kept& kept : forecast.kept) {
+      if (kept.step >= step) break;
       const std::vector<double> equal(kept.samples.size(), 1.0);
       const Score score = score_samples(kept.samples, equal, forecast.std, result.observed);
       result.step.push_back(kept.step);
@@ -76,19 +77,28 @@ std::vector<ScoredForecast> ForecastScores::look(std::size_t time_index,
       result.probability.push_back(std::clamp(score.probability, 0.0, 1.0));
     }
     scored.push_back(std::move(result));
+    forecast.scored_at = step;
   }
-  std::erase_if(waiting_, [&](const Waiting& forecast) {
-    return forecast.time_index == time_index && !std::isnan(values[forecast.row]);
-  });
   return scored;
+}
+
+void ForecastScores::forget_from(std::size_t step) {
+  for (Waiting& forecast : waiting_) {
+    std::erase_if(forecast.kept, [&](const Kept& kept) { return kept.step >= step; });
+    if (forecast.scored_at && *forecast.scored_at >= step) forecast.scored_at.reset();
+  }
 }
 
 void ForecastScores::keep(std::size_t step, double time, const Eigen::Ref<const Eigen::MatrixXd>& points,
                           const Eigen::Ref<const Eigen::VectorXd>& weights) {
-  if (waiting_.empty()) return;
+  const auto waits = [&](const Waiting& forecast) {
+    return !forecast.scored_at && (forecast.kept.empty() || forecast.kept.back().step < step);
+  };
+  if (std::none_of(waiting_.begin(), waiting_.end(), waits)) return;
   const Eigen::MatrixXd chosen =
       points(numerics::equal_draws(weights, std::min(k_samples, points.rows())), Eigen::all);
   for (Waiting& forecast : waiting_) {
+    if (!waits(forecast)) continue;
     const Eigen::VectorXd samples = forecast.quantity.evaluate(chosen);
     forecast.kept.push_back({step, time, {samples.begin(), samples.end()}});
   }

@@ -2,6 +2,7 @@
 /// @file How good forecasts were, once what they spoke of has been measured.
 #include <Eigen/Core>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -45,13 +46,16 @@ class ForecastScores {
                 Eigen::Index row, std::size_t time_index, double std);
   [[nodiscard]] bool empty() const { return waiting_.empty(); }
 
-  /// The datum at `time_index`, before it is assimilated: what has come true with it. A missing value never
-  /// does.
-  [[nodiscard]] std::vector<ScoredForecast> look(std::size_t time_index,
+  /// The datum of `step` at `time_index`: what has come true with it, of the forecasts made after earlier
+  /// steps. A missing value never does.
+  [[nodiscard]] std::vector<ScoredForecast> look(std::size_t step, std::size_t time_index,
                                                  const Eigen::Ref<const Eigen::VectorXd>& values);
-  /// The posterior after `step` at model time `time`: n × d points and their weights.
+  /// The posterior after `step` at model time `time`: n × d points and their weights. In increasing order of
+  /// steps.
   void keep(std::size_t step, double time, const Eigen::Ref<const Eigen::MatrixXd>& points,
             const Eigen::Ref<const Eigen::VectorXd>& weights);
+  /// The data have changed from `step` on: what was kept of it and later is kept no longer.
+  void forget_from(std::size_t step);
 
  private:
   struct Kept {
@@ -66,6 +70,7 @@ class ForecastScores {
     std::size_t time_index;
     double time, std;
     std::vector<Kept> kept;
+    std::optional<std::size_t> scored_at;  ///< step that it came true with
   };
   std::vector<Waiting> waiting_;
 };

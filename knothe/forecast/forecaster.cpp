@@ -75,15 +75,14 @@ ScalarForecast moved(ScalarForecast forecast, double by) {
 
 }  // namespace
 
-Forecaster::Forecaster(const SeparatedModel& model, std::span<const double> observed_points,
-                       std::span<const std::int64_t> observed_components,
+Forecaster::Forecaster(const SeparatedModel& model, const reduction::Dofs& seen,
                        const std::vector<ForecastSpecification>& specifications)
     : functions_(model.functions()) {
   for (const ForecastSpecification& specification : specifications) {
     order_.push_back(specification.name);
     switch (specification.quantity) {
       case Quantity::crack_length:
-        add_crack(model, observed_points, observed_components, specification);
+        add_crack(model, seen, specification);
         break;
       case Quantity::displacement:
         add_displacement(model, specification);
@@ -95,8 +94,7 @@ Forecaster::Forecaster(const SeparatedModel& model, std::span<const double> obse
   }
 }
 
-void Forecaster::add_crack(const SeparatedModel& model, std::span<const double> points,
-                           std::span<const std::int64_t> components,
+void Forecaster::add_crack(const SeparatedModel& model, const reduction::Dofs& seen,
                            const ForecastSpecification& specification) {
   const reduction::CrackSolutions& crack = model.contents().crack;
   if (crack.empty()) {
@@ -109,7 +107,7 @@ void Forecaster::add_crack(const SeparatedModel& model, std::span<const double> 
   const auto n_modes = static_cast<Eigen::Index>(crack.modes.size()) / n_dof;
   const auto n_lengths = static_cast<Eigen::Index>(crack.length.size());
   const reduction::ObservationOperator observation(model.contents().dofs, model.contents().mesh,
-                                                   model.where(), points, components);
+                                                   model.where(), seen);
   const Eigen::MatrixXd observed_modes =
       observation.apply(Eigen::Map<const Eigen::MatrixXd>(crack.modes.data(), n_dof, n_modes));
   const Eigen::MatrixXd solutions =
@@ -123,15 +121,16 @@ void Forecaster::add_crack(const SeparatedModel& model, std::span<const double> 
       specification.threshold.value_or(specification.prior_mean) - specification.length_offset;
   cracks_.push_back({specification.name,
                      CrackBridge(CrackMetaModel(crack.length, solutions),
-                                 at_horizon(reduction::observe(model, points, components), specification),
+                                 at_horizon(reduction::observe(model, seen), specification),
                                  imposed_displacement(model, specification), options),
                      specification.length_offset});
 }
 
 void Forecaster::add_displacement(const SeparatedModel& model, const ForecastSpecification& specification) {
   const std::int64_t component = specification.component;
-  const LinearPrediction prediction =
-      at_horizon(reduction::observe(model, specification.point, {&component, 1}), specification);
+  const LinearPrediction prediction = at_horizon(
+      reduction::observe(model, {{specification.point.begin(), specification.point.end()}, {component}}),
+      specification);
   scalars_.push_back({specification.name, "m",
                       QuantityOfInterest(functions_, prediction.lift[0], prediction.modes.row(0).transpose(),
                                          specification.threshold.value_or(0))});

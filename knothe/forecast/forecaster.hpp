@@ -53,11 +53,9 @@ struct NamedForecast {
 /// Forecasts by name. Everything that does not depend on the posterior is computed once.
 class Forecaster {
  public:
-  /// `observed_points` ([n_obs, 3], m) and components: the measured dofs, through which the crack bridge
-  /// looks. Errors: DataError where the model lacks what a forecast needs, ProjectError for a horizon outside
-  /// the model's time.
-  Forecaster(const reduction::SeparatedModel& model, std::span<const double> observed_points,
-             std::span<const std::int64_t> observed_components,
+  /// `seen`: the measured dofs, through which the crack bridge looks. Errors: DataError where the model lacks
+  /// what a forecast needs, ProjectError for a horizon outside the model's time.
+  Forecaster(const reduction::SeparatedModel& model, const reduction::Dofs& seen,
              const std::vector<ForecastSpecification>& specifications);
 
   /// From weighted points of the posterior (n × d, n).
@@ -81,8 +79,8 @@ class Forecaster {
     QuantityOfInterest quantity;
   };
   void evaluate_functions(const Eigen::Ref<const Eigen::MatrixXd>& points);
-  void add_crack(const reduction::SeparatedModel& model, std::span<const double> points,
-                 std::span<const std::int64_t> components, const ForecastSpecification& specification);
+  void add_crack(const reduction::SeparatedModel& model, const reduction::Dofs& seen,
+                 const ForecastSpecification& specification);
   void add_displacement(const reduction::SeparatedModel& model, const ForecastSpecification& specification);
   void add_output(const reduction::SeparatedModel& model, const ForecastSpecification& specification);
 

@@ -11,17 +11,18 @@ using Quantity = forecast::ForecastSpecification::Quantity;
 
 /// The row of the data that measures the quantity.
 std::optional<Eigen::Index> row_of(const forecast::ForecastSpecification& f, const UpdateSetup& setup) {
-  const auto displacements = static_cast<Eigen::Index>(setup.observed_components.size());
+  const reduction::Sensors& sensors = setup.measurements.sensors;
+  const auto displacements = static_cast<Eigen::Index>(sensors.displacement_count());
   if (f.quantity == Quantity::output) {
-    const auto found = std::find(setup.scalars.begin(), setup.scalars.end(), f.output);
-    if (found == setup.scalars.end()) return std::nullopt;
-    return displacements + (found - setup.scalars.begin());
+    const auto found = std::find(sensors.scalars.begin(), sensors.scalars.end(), f.output);
+    if (found == sensors.scalars.end()) return std::nullopt;
+    return displacements + (found - sensors.scalars.begin());
   }
   if (f.quantity != Quantity::displacement) return std::nullopt;
   for (Eigen::Index j = 0; j < displacements; ++j) {
-    const double* x = &setup.observed_points[3 * static_cast<std::size_t>(j)];
+    const auto x = sensors.point(static_cast<std::size_t>(j));
     const double distance = std::hypot(x[0] - f.point[0], x[1] - f.point[1], x[2] - f.point[2]);
-    if (distance <= 1e-6 && setup.observed_components[static_cast<std::size_t>(j)] == f.component) return j;
+    if (distance <= 1e-6 && sensors.components[static_cast<std::size_t>(j)] == f.component) return j;
   }
   return std::nullopt;
 }

@@ -97,11 +97,7 @@ void set_up_recorded(const Project& project, const reduction::SeparatedModel& mo
   if (!data.values.allFinite())
     throw DataError(project.data +
                     ": values are missing; `knothe assimilate` takes such data, infer does not");
-  std::vector<double> points;
-  for (Eigen::Index j = 0; j < data.points.rows(); ++j)
-    for (Eigen::Index c = 0; c < 3; ++c) points.push_back(data.points(j, c));
-  const std::vector<std::int64_t> components(data.components.begin(), data.components.end());
-  const reduction::ObservedModel observed = reduction::observe(model, points, components);
+  const reduction::ObservedModel observed = reduction::observe(model, data.sensors);
   setup.model = std::make_unique<inference::SeparatedForwardModel>(
       observed, assimilation::match_times(data.time, observed.time, project.data), model.where());
   setup.observations = Observations{

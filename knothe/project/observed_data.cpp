@@ -58,13 +58,13 @@ void add_series(const Project& project, const reduction::SeparatedModel& model, 
     }
     sensors.push_back(sensor);
     std.push_back(*series.std);
-    data.scalars.push_back(name);
+    m.sensors.scalars.push_back(name);
   }
   if (sensors.empty()) return;
   const Eigen::Index n = m.values.rows(), count = static_cast<Eigen::Index>(sensors.size());
   m.values.conservativeResize(n + count, Eigen::NoChange);
   for (Eigen::Index i = 0; i < count; ++i) {
-    const std::vector<double>& values = m.series.at(data.scalars[static_cast<std::size_t>(i)]).values;
+    const std::vector<double>& values = m.series.at(m.sensors.scalars[static_cast<std::size_t>(i)]).values;
     m.values.row(n + i) = Eigen::Map<const Eigen::RowVectorXd>(values.data(), m.values.cols());
   }
   m.noise = m.noise.with_scalars(Eigen::Map<const Eigen::VectorXd>(std.data(), count));
@@ -162,12 +162,7 @@ ObservedData observe_data(const Project& project, const reduction::SeparatedMode
   ObservedData data;
   data.measurements = std::move(measurements);
   const assimilation::Measurements& m = data.measurements;
-  for (Eigen::Index j = 0; j < m.points.rows(); ++j) {
-    for (Eigen::Index c = 0; c < 3; ++c) data.points.push_back(m.points(j, c));
-  }
-  data.components.assign(m.components.begin(), m.components.end());
-  data.observed = std::make_shared<const reduction::ObservedModel>(
-      reduction::observe(model, data.points, data.components));
+  data.observed = std::make_shared<const reduction::ObservedModel>(reduction::observe(model, m.sensors));
   add_series(project, model, source, data);
   if (project.clock.empty() && project.known.empty()) {
     data.time_indices = assimilation::match_times(m.time, data.observed->time, source);

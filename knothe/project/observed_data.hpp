@@ -13,14 +13,10 @@
 namespace knothe::project {
 
 struct ObservedData {
-  /// Values and noise have a row per displacement and then one per scalar; points and components are those of
-  /// the displacements.
+  /// Values and noise have a row per sensor: a displacement, or one of the scalars behind them.
   assimilation::Measurements measurements;
-  std::vector<double> points;            ///< [n, 3], m, of the displacements
-  std::vector<std::int64_t> components;  ///< [n]
   std::shared_ptr<const reduction::ObservedModel> observed;
   std::vector<std::size_t> time_indices;  ///< of the observed model, per measured time
-  std::vector<std::string> scalars;       ///< names of the series observed, in the order of their rows
   std::vector<double> known;              ///< last value of each known parameter, in the project's order
   std::vector<std::string> unused;        ///< series of the file that nothing was made of: they have no std
 };

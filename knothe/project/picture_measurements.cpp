@@ -171,9 +171,7 @@ PictureMeasurements::PictureMeasurements(const Project& given, const reduction::
   imaging::observation_places(series_->correlation().mesh(), frame_, points_, component_);
   imaging::add_drift_places(series_->options().drift, points_, component_);
   const auto n = static_cast<Eigen::Index>(component_.size());
-  measurements_.points =
-      Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>>(points_.data(), n, 3);
-  measurements_.components.assign(component_.begin(), component_.end());
+  measurements_.sensors = reduction::Sensors({points_, component_});
   measurements_.values.setConstant(n, static_cast<Eigen::Index>(measurements_.time.size()),
                                    std::numeric_limits<double>::quiet_NaN());
   measurements_.noise = noise_of(series_->precision(series_->correlation().usable_elements(), gamma_).matrix)
@@ -221,8 +219,12 @@ void PictureMeasurements::predict_next(const imaging::PictureResult& last) {
                           frame_.to_model(Eigen::VectorXd(increment.head(count))) / std::norm(frame_.slope));
 }
 
-PictureDatum PictureMeasurements::measure(const files::Picture& picture, const std::string& name) {
-  return as_datum(series_->correlate(picture, name));
+PictureDatum PictureMeasurements::measure(const files::Picture& picture, const std::string& name,
+                                          Eigen::VectorXd increment) {
+  increment_ = std::move(increment);
+  if (last_live_) predict_next(*last_live_);
+  last_live_.reset();  // what cannot be correlated predicts nothing
+  return as_datum(last_live_.emplace(series_->correlate(picture, name)));
 }
 
 PictureDatum PictureMeasurements::as_datum(const imaging::PictureResult& picture) {

@@ -67,8 +67,10 @@ class PictureMeasurements {
   /// it (the observations, m): that one then starts from what it predicts, if it fits better than the picture
   /// before it.
   void set_increment(Eigen::VectorXd increment) { increment_ = std::move(increment); }
-  /// A picture that is not one of the project's. DataError where it cannot be of this series.
-  [[nodiscard]] PictureDatum measure(const files::Picture& picture, const std::string& name);
+  /// A picture that is not one of the project's, `increment` (may be empty) from the last to this one.
+  /// DataError where it cannot be of this series.
+  [[nodiscard]] PictureDatum measure(const files::Picture& picture, const std::string& name,
+                                     Eigen::VectorXd increment = {});
 
  private:
   void read_series(const Project& project, const reduction::ModelContents& contents);
@@ -82,6 +84,7 @@ class PictureMeasurements {
   std::unique_ptr<imaging::PictureSeries> series_;
   assimilation::Measurements measurements_;
   std::vector<imaging::PictureResult> results_;
+  std::optional<imaging::PictureResult> last_live_;  ///< of `measure`
   std::size_t next_ = 0;
   Eigen::VectorXd increment_;
   double gamma_ = 0;

@@ -26,21 +26,17 @@ class FaceDisplacement {
   FaceDisplacement(const imaging::ImageMesh& face, const imaging::PictureFrame& frame,
                    const reduction::Dofs& dofs, const reduction::Mesh& mesh)
       : frame_(frame) {
-    std::vector<double> points;
-    std::vector<std::int64_t> components;
+    reduction::Dofs places;
     for (std::size_t a = 0; a < face.x.size(); ++a) {
       const auto point = frame.model_point(face.x[a], face.y[a]);
-      for (const int component : frame.components()) {
-        points.insert(points.end(), point.begin(), point.end());
-        components.push_back(component);
-      }
+      for (const int component : frame.components()) places.add(point, component);
     }
-    const reduction::ObservationOperator observed(dofs, mesh, "the model", points, components);
-    for (std::size_t i = 0; i < components.size(); ++i)
+    const reduction::ObservationOperator observed(dofs, mesh, "the model", places);
+    for (std::size_t i = 0; i < places.components.size(); ++i)
       for (const auto& entry : observed.row(i)) {
         rows_.push_back({i, entry.weight}), dofs_.push_back(entry.dof);
       }
-    count_ = components.size();
+    count_ = places.components.size();
   }
 
   [[nodiscard]] Eigen::VectorXd at(std::size_t step, const DisplacementField& field) const {

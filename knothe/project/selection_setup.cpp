@@ -78,16 +78,12 @@ void take_data(const Project& project, SelectionSetup& setup) {
   }
   setup.from_data = true;
   setup.noise = m.noise.is_complete() ? m.noise : m.noise.restricted(kept);
-  setup.problem.positions = m.points(kept, Eigen::all);
-  std::vector<double> points;
-  std::vector<std::int64_t> components;
   for (const Eigen::Index i : kept) {
     setup.candidates.push_back(static_cast<std::size_t>(i));
-    setup.components.push_back(m.components[static_cast<std::size_t>(i)]);
-    components.push_back(setup.components.back());
-    for (Eigen::Index c = 0; c < 3; ++c) points.push_back(m.points(i, c));
+    setup.sensors.add(m.sensors.point(setup.candidates.back()),
+                      m.sensors.components[setup.candidates.back()]);
   }
-  setup.whole = reduction::observe(setup.model, points, components);
+  setup.whole = reduction::observe(setup.model, setup.sensors);
   setup.observed =
       reduction::at_steps(setup.whole, assimilation::match_times(m.time, setup.whole.time, project.data));
 }
@@ -96,13 +92,7 @@ void take_model(const Project& project, SelectionSetup& setup) {
   const reduction::Dofs& dofs = setup.model.contents().dofs;
   setup.candidates = model_candidates(project, dofs);
   const auto n = static_cast<Eigen::Index>(setup.candidates.size());
-  setup.problem.positions.resize(n, 3);
-  for (Eigen::Index i = 0; i < n; ++i) {
-    const std::size_t dof = setup.candidates[static_cast<std::size_t>(i)];
-    setup.components.push_back(static_cast<int>(dofs.components[dof]));
-    for (Eigen::Index c = 0; c < 3; ++c)
-      setup.problem.positions(i, c) = dofs.points[3 * dof + static_cast<std::size_t>(c)];
-  }
+  for (const std::size_t dof : setup.candidates) setup.sensors.add(dofs.point(dof), dofs.components[dof]);
   const double otherwise = project.simulate ? project.simulate->noise_std : 1e-6;
   setup.noise = assimilation::NoiseModel::independent(
       Eigen::VectorXd::Constant(n, project.select.noise_std.value_or(otherwise)));
@@ -136,6 +126,8 @@ SelectionSetup set_up_selection(const Project& project) {
         "select.step", fmt::format("select.step = {}: the model has steps 0 to {}", problem.step, steps - 1));
   }
   data ? take_data(project, setup) : take_model(project, setup);
+  problem.positions = Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>>(
+      setup.sensors.points.data(), static_cast<Eigen::Index>(setup.sensors.size()), 3);
   return setup;
 }
 

@@ -6,6 +6,7 @@
 #include "knothe/assimilation/select/selection_study.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/reduction/model/separated_model.hpp"
+#include "knothe/reduction/observe/sensors.hpp"
 
 namespace knothe::project {
 
@@ -13,7 +14,7 @@ struct SelectionSetup {
   reduction::SeparatedModel model;
   std::vector<std::size_t> candidates;  ///< their indices in the data file or in the model
   bool from_data = false;
-  std::vector<int> components;               ///< of the candidates
+  reduction::Sensors sensors;                ///< the candidates
   reduction::ObservedModel observed, whole;  ///< at the measured steps, and at all of the model
   assimilation::NoiseModel noise;
   assimilation::SelectionProblem problem;

@@ -56,8 +56,7 @@ int main(int argc, char** argv) {
              reduction::to_text(setup.model.contents().form), setup.observed->functions->count(),
              setup.observed->observations(), steps, repeats, project.method.tolerance);
   std::vector<double> update_us, forecast_us, early, middle, late, projection, map, correction;
-  forecast::Forecaster forecaster(setup.model, setup.observed_points, setup.observed_components,
-                                  project.forecasts);
+  forecast::Forecaster forecaster(setup.model, setup.measurements.sensors, project.forecasts);
   for (int repeat = 0; repeat < repeats + 1; ++repeat) {
     assimilation::SequentialUpdate update(setup.observed, setup.measurements.noise, setup.priors,
                                           setup.options);

@@ -121,9 +121,9 @@ assimilation::NoiseModel noise_with_truncation(const Project& project, const red
   const auto refuse = [&](const std::string& why) {
     throw project.error_at("method.truncation_error", "truncation_error = \"on\": " + why);
   };
-  if (!data.scalars.empty())
+  if (!data.measurements.sensors.scalars.empty())
     refuse(fmt::format("the model's file knows its error of displacements, not of {}",
-                       fmt::join(data.scalars, ", ")));
+                       fmt::join(data.measurements.sensors.scalars, ", ")));
   if (noise.shared_reference() > 0)
     refuse(fmt::format("the errors of {} share those of a reference picture", project.data));
   if (noise.size() > k_most)
@@ -131,7 +131,7 @@ assimilation::NoiseModel noise_with_truncation(const Project& project, const red
                        k_most));
   const auto added =
       reduction::observe_truncation(reduction::read_truncation_error(project.model), model.contents(),
-                                    project.model, data.points, data.components, data.time_indices);
+                                    project.model, data.measurements.sensors, data.time_indices);
   for (std::size_t i = 0; i < added.size(); ++i)
     for (Eigen::Index dof = 0; dof < noise.size(); ++dof)
       if (!noise.at_step(i).is_measured(dof))
@@ -209,8 +209,6 @@ UpdateSetup set_up(const Project& project, bool any_method, bool live) {
   if (project.method.truncation_error) data.measurements.noise = noise_with_truncation(project, whole, data);
   return {with_known_fixed(project, whole, data.known),
           std::move(data.measurements),
-          std::move(data.points),
-          std::move(data.components),
           std::move(data.observed),
           std::move(data.time_indices),
           std::move(priors),
@@ -218,7 +216,6 @@ UpdateSetup set_up(const Project& project, bool any_method, bool live) {
           robust_options(project.method),
           baseline_options(project.method),
           std::move(pictures),
-          std::move(data.scalars),
           std::move(data.unused)};
 }
 
@@ -239,18 +236,18 @@ UpdateSetup set_up_online(const Project& project) {
         "a known parameter is for `knothe assimilate`: data that come one by one do not bring it");
   }
   UpdateSetup setup = set_up(project, false, !project.serve.watch_pictures.empty());
-  if (!setup.scalars.empty()) {
+  if (!setup.measurements.sensors.scalars.empty()) {
     throw project.error_at(
         "data", fmt::format("{} is measured beside displacements: forces and gauges are for `knothe "
                             "assimilate`, a service takes displacements",
-                            fmt::join(setup.scalars, ", ")));
+                            fmt::join(setup.measurements.sensors.scalars, ", ")));
   }
   return setup;
 }
 
 forecast::Forecaster make_forecaster(const Project& project, const UpdateSetup& setup) {
   try {
-    return {setup.model, setup.observed_points, setup.observed_components, project.forecasts};
+    return {setup.model, setup.measurements.sensors, project.forecasts};
   } catch (const ProjectError& error) {
     // The forecaster's messages begin with their table, "[forecast.NAME]".
     const std::string text = error.what();

@@ -19,8 +19,6 @@ namespace knothe::project {
 struct UpdateSetup {
   reduction::SeparatedModel model;
   assimilation::Measurements measurements;
-  std::vector<double> observed_points;            ///< [n_obs, 3], m
-  std::vector<std::int64_t> observed_components;  ///< [n_obs]
   std::shared_ptr<const reduction::ObservedModel> observed;
   std::vector<std::size_t> time_indices;    ///< of `observed`, per measured time
   std::vector<assimilation::Prior> priors;  ///< in the project file's order
@@ -28,8 +26,7 @@ struct UpdateSetup {
   assimilation::RobustOptions robust;                     ///< gating, Student-t
   std::optional<assimilation::BaselineOptions> baseline;  ///< a method that makes no map
   std::shared_ptr<PictureMeasurements> pictures;  ///< where data come from pictures, one by one; else null
-  std::vector<std::string> scalars;  ///< forces, gauges: the rows of the values behind the displacements
-  std::vector<std::string> unused;   ///< series of the data that are not used: they have no std
+  std::vector<std::string> unused;                ///< series of the data that are not used: they have no std
 };
 
 /// Reads model and data, and brings the model's parameters into the project file's order. Throws ProjectError

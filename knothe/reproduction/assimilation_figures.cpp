@@ -171,8 +171,7 @@ forecast::ForecastSpecification crack_length(const std::string& name, double hor
 
 Run forecast_run(const Subject& subject, const std::vector<forecast::ForecastSpecification>& forecasts,
                  std::uint64_t seed, const std::string& label) {
-  forecast::Forecaster forecaster(subject.models.paper, subject.sensors.points, subject.sensors.components,
-                                  forecasts);
+  forecast::Forecaster forecaster(subject.models.paper, subject.sensors, forecasts);
   RunOptions run;
   run.update = paper_options(seed);
   run.forecaster = &forecaster;

@@ -64,7 +64,7 @@ Conclusions conclude(const Subject& subject, const StudyOptions& options) {
   crack.horizon = 1.0;
   crack.prior_mean = published::k_length_prior[0];
   crack.prior_std = published::k_length_prior[1];
-  forecast::Forecaster forecaster(model, subject.sensors.points, subject.sensors.components, {crack});
+  forecast::Forecaster forecaster(model, subject.sensors, {crack});
   RunOptions with_forecast;
   with_forecast.update = default_options(options.seed);
   with_forecast.forecaster = &forecaster;
@@ -142,8 +142,7 @@ Table full_order_table(const Subject& subject, const reduction::SeparatedModel& 
   const std::vector<double> p(subject.truth.begin(), subject.truth.end());
   const mechanics::FullOrderResult run = model.run(mechanics::damage_parameters(chosen.problem, axes, p));
   const reduction::ModelContents& c = subject.models.paper.contents();
-  const reduction::ObservationOperator operation(c.dofs, c.mesh, "the beam", subject.sensors.points,
-                                                 subject.sensors.components);
+  const reduction::ObservationOperator operation(c.dofs, c.mesh, "the beam", subject.sensors);
   const Eigen::MatrixXd exact = operation.apply(Eigen::Map<const Eigen::MatrixXd>(
       run.displacement.data(), static_cast<Index>(c.dof_count()), static_cast<Index>(c.time.size())));
   const assimilation::Measurements data = measure(exact, subject.sensors, c.time, options.seed);

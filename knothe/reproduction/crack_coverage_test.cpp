@@ -75,7 +75,7 @@ TEST(CrackCoverage, LengthsOfHeldOutDamageFieldsAreAsForecast) {
   forecast::ForecastSpecification what;
   what.name = "length";
   what.horizon = model.contents().time[k_steps - 1];
-  forecast::Forecaster forecaster(model, sensors.points, sensors.components, {what});
+  forecast::Forecaster forecaster(model, sensors, {what});
 
   mechanics::BeamProblem problem = chosen.problem;
   problem.solver.displacement *= static_cast<double>(k_steps) / problem.solver.steps;
@@ -83,7 +83,7 @@ TEST(CrackCoverage, LengthsOfHeldOutDamageFieldsAreAsForecast) {
   mechanics::FullOrderModel full = mechanics::make_full_order_model(problem);
   const std::vector<reduction::Axis> axes = axes_of(chosen);
   const reduction::ObservationOperator operation(model.contents().dofs, model.contents().mesh, "the beam",
-                                                 sensors.points, sensors.components);
+                                                 sensors);
   const std::vector<std::size_t> asked = {14, 19, 24, 29};
   std::vector<Outcome> outcomes;
   for (int run = 0; run < k_calibration + held_out; ++run) {

@@ -9,6 +9,7 @@
 #include "knothe/assimilation/select/selection_study.hpp"
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/progress.hpp"
+#include "knothe/engine/engine.hpp"
 #include "knothe/reproduction/published.hpp"
 
 namespace knothe::reproduction {
@@ -32,10 +33,8 @@ Sensors random_nodes(const reduction::SeparatedModel& model, std::uint64_t seed)
   selection.x_range = {-0.12, 0.12};
   const reduction::Dofs& dofs = model.contents().dofs;
   Sensors sensors;
-  for (const std::size_t dof : assimilation::choose_dofs(dofs, selection, seed)) {
-    sensors.points.insert(sensors.points.end(), &dofs.points[3 * dof], &dofs.points[3 * dof] + 3);
-    sensors.components.push_back(dofs.components[dof]);
-  }
+  for (const std::size_t dof : assimilation::choose_dofs(dofs, selection, seed))
+    sensors.add(dofs.point(dof), dofs.components[dof]);
   return sensors;
 }
 
@@ -43,24 +42,21 @@ Sensors part_of(const Sensors& sensors, std::span<const Index> numbers) {
   Sensors part;
   for (const Index number : numbers) {
     const auto i = static_cast<std::size_t>(number);
-    part.points.insert(part.points.end(), &sensors.points[3 * i], &sensors.points[3 * i] + 3);
-    part.components.push_back(sensors.components[i]);
+    part.add(sensors.point(i), sensors.components[i]);
   }
   return part;
 }
 
 std::shared_ptr<const reduction::ObservedModel> observed(const reduction::SeparatedModel& model,
                                                          const Sensors& sensors) {
-  return std::make_shared<const reduction::ObservedModel>(
-      reduction::observe(model, sensors.points, sensors.components));
+  return std::make_shared<const reduction::ObservedModel>(reduction::observe(model, sensors));
 }
 
 assimilation::Measurements measure(const Eigen::MatrixXd& exact, const Sensors& sensors,
                                    const std::vector<double>& time, std::uint64_t seed) {
   std::vector<std::size_t> all(sensors.size());
   std::iota(all.begin(), all.end(), std::size_t{0});
-  return assimilation::add_noise({sensors.points, sensors.components}, all, time, exact,
-                                 published::k_noise_std, seed);
+  return assimilation::add_noise(sensors, all, time, exact, published::k_noise_std, seed);
 }
 
 Eigen::MatrixXd predicted(const reduction::ObservedModel& model, const Eigen::VectorXd& p) {
@@ -131,10 +127,15 @@ std::vector<std::size_t> Run::high_order_steps() const {
 
 Run assimilate(const std::shared_ptr<const reduction::ObservedModel>& model,
                const assimilation::Measurements& data, const RunOptions& options) {
-  assimilation::SequentialUpdate update(model, data.noise, paper_priors(), options.update);
+  engine::EngineSetup setup;
+  setup.model = model;
+  setup.noise = data.noise;
+  setup.priors = paper_priors();
+  setup.update = options.update;
+  engine::Engine engine(std::move(setup));
   Run run;
   run.parameters = model->parameters;
-  run.priors = update.priors();
+  run.priors = engine.priors();
   std::vector<std::size_t> steps = options.steps;
   if (steps.empty()) {
     steps.resize(model->time.size());
@@ -144,9 +145,11 @@ Run assimilate(const std::shared_ptr<const reduction::ObservedModel>& model,
   for (const std::size_t t : steps) {
     check_cancellation("the models that were built are kept: the same command goes on from there");
     const double start = cpu_ms();
-    run.steps.push_back(update.update(t, t, data.values.col(static_cast<Index>(t))));
+    const engine::StepResult result =
+        engine.assimilate({{}, t, t, data.values.col(static_cast<Index>(t)), {}});
+    run.steps.push_back(result.update);
     run.update_ms.push_back(cpu_ms() - start);
-    const assimilation::WeightedPosterior& posterior = update.posterior();
+    const assimilation::WeightedPosterior& posterior = result.posterior;
     if (options.marginals) {
       run.marginals.emplace_back();
       for (std::size_t k = 0; k < run.priors.size(); ++k)

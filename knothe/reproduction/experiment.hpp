@@ -17,12 +17,7 @@
 
 namespace knothe::reproduction {
 
-/// Which displacements are seen: places and components.
-struct Sensors {
-  std::vector<double> points;            ///< [n, 3], m
-  std::vector<std::int64_t> components;  ///< [n]
-  [[nodiscard]] std::size_t size() const { return components.size(); }
-};
+using reduction::Sensors;
 
 /// 30 nodes drawn at random from the outer face with |x| ≤ 120 mm, x and y components (§6.3.1: "in the
 /// central part of the beam"): 60 dofs.

@@ -60,7 +60,7 @@ Study make_study(const BeamProblem& problem, int nodes, double accuracy) {
     components.push_back(grid.dofs().components[dof]);
   }
   study.judge = std::make_shared<const reduction::ObservedModel>(
-      reduction::observe_snapshots(grid.at_dofs(study.dofs), points, components));
+      reduction::observe_snapshots(grid.at_dofs(study.dofs), {points, components}));
   const std::vector<double>& time = grid.snapshots.time;
   Eigen::MatrixXd exact(static_cast<Eigen::Index>(study.dofs.size()), static_cast<Eigen::Index>(time.size()));
   for (std::size_t t = 0; t < time.size(); ++t)

@@ -61,8 +61,7 @@ Surface surface_of(const BeamCase& chosen, std::uint64_t seed) {
     surface.x.push_back(point[0]);
     surface.y.push_back(point[1]);
     for (const int component : frame.components()) {
-      surface.sensors.points.insert(surface.sensors.points.end(), point.begin(), point.end());
-      surface.sensors.components.push_back(component);
+      surface.sensors.add(point, component);
     }
   }
   return surface;

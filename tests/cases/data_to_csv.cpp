@@ -16,9 +16,10 @@ int main(int argc, char** argv) {
     std::fputs("time,sensor,x,y,z,component,value,std\n", out);
     for (Eigen::Index t = 0; t < m.values.cols(); ++t) {
       for (Eigen::Index j = 0; j < m.values.rows(); ++j) {
+        const auto at = m.sensors.point(static_cast<std::size_t>(j));
         std::fprintf(out, "%.17g,s%d,%.17g,%.17g,%.17g,%c,%.17g,%.17g\n", m.time[static_cast<std::size_t>(t)],
-                     static_cast<int>(j), m.points(j, 0), m.points(j, 1), m.points(j, 2),
-                     "xyz"[m.components[static_cast<std::size_t>(j)]], m.values(j, t), std[j]);
+                     static_cast<int>(j), at[0], at[1], at[2],
+                     "xyz"[m.sensors.components[static_cast<std::size_t>(j)]], m.values(j, t), std[j]);
       }
     }
     return std::fclose(out) == 0 ? 0 : 5;

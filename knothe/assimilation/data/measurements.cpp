@@ -171,10 +171,8 @@ Measurements read_hdf5(const std::string& path) {
       m.values(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(t)) = value;
     }
   }
-  const std::vector<double> points = file.read("/dofs/points", Shape{n_obs, 3});
-  m.points = Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>>(
-      points.data(), static_cast<Eigen::Index>(n_obs), 3);
-  const std::vector<std::int64_t> components = file.read_integers("/dofs/component");
+  m.sensors.points = file.read("/dofs/points", Shape{n_obs, 3});
+  const std::vector<std::int64_t>& components = m.sensors.components = file.read_integers("/dofs/component");
   if (components.size() != n_obs) {
     throw DataError(fmt::format("{}: dofs/component has {} entries, values has {} columns", path,
                                 components.size(), n_obs));
@@ -183,7 +181,6 @@ Measurements read_hdf5(const std::string& path) {
     if (components[j] < 0 || components[j] > 2) {
       throw DataError(fmt::format("{}: dofs/component[{}] = {}: 0 is x, 1 y, 2 z", path, j, components[j]));
     }
-    m.components.push_back(static_cast<int>(components[j]));
   }
   m.noise = read_noise(file, n_obs, n_t);
   if (file.has("/outputs")) {
@@ -230,18 +227,13 @@ Measurements read_measurements(const std::string& path) {
 void write_measurements(const std::string& path, const Measurements& m, const std::string& project,
                         std::uint64_t seed) {
   const auto n_obs = static_cast<std::size_t>(m.values.rows()), n_t = m.time.size();
-  std::vector<double> points;
-  std::vector<std::int64_t> components(m.components.begin(), m.components.end());
-  for (Eigen::Index j = 0; j < m.points.rows(); ++j) {
-    for (Eigen::Index c = 0; c < 3; ++c) points.push_back(m.points(j, c));
-  }
   files::write_atomically(path, [&](const std::string& temporary) {
     files::Hdf5Writer file(temporary);
     file.write("/time", m.time, {n_t}, {"1", "model time"});
     // Column-major n_obs × n_t is the C order of [n_t, n_obs].
     file.write("/values", {m.values.data(), n_obs * n_t}, {n_t, n_obs}, {"m", "measured displacement"});
-    file.write("/dofs/points", points, {n_obs, 3}, {"m", "measurement points"});
-    file.write_integers("/dofs/component", components, {n_obs},
+    file.write("/dofs/points", m.sensors.points, {n_obs, 3}, {"m", "measurement points"});
+    file.write_integers("/dofs/component", m.sensors.components, {n_obs},
                         {"1", "displacement component: 0 x, 1 y, 2 z"});
     write_noise(file, m.noise, n_obs);
     for (const auto& [name, series] : m.series) {

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "knothe/assimilation/noise/noise_model.hpp"
+#include "knothe/reduction/observe/sensors.hpp"
 
 namespace knothe::assimilation {
 
@@ -18,10 +19,9 @@ struct MeasuredSeries {
 
 /// What a data file holds (docs/interfaces of the project, section 4). SI units.
 struct Measurements {
-  std::vector<double> time;                         ///< n_t, strictly increasing, model time
-  Eigen::MatrixXd values;                           ///< n_obs × n_t, m; NaN where a value is missing
-  Eigen::Matrix<double, Eigen::Dynamic, 3> points;  ///< n_obs × 3, m
-  std::vector<int> components;                      ///< n_obs: 0 x, 1 y, 2 z
+  std::vector<double> time;    ///< n_t, strictly increasing, model time
+  Eigen::MatrixXd values;      ///< n_obs × n_t, m; NaN where a value is missing
+  reduction::Sensors sensors;  ///< rows of the values; scalars are in `series` until they are observed
   NoiseModel noise;
   std::map<std::string, MeasuredSeries> series;  ///< `/outputs/NAME`
   std::map<std::string, double>

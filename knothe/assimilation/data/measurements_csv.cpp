@@ -109,11 +109,9 @@ Measurements read_measurements_csv(const std::string& path) {
       table.fail(row, "time", "a second value of sensor \"" + name[row] + "\" at this time");
     m.values(i, t) = value[row];
   }
-  m.points.resize(n_obs, 3);
   Eigen::VectorXd deviations(n_obs);
   for (const auto& [sensor, c] : in_order) {
-    m.points.row(sensor->index) << sensor->x, sensor->y, sensor->z;
-    m.components.push_back(c);
+    m.sensors.add(std::array{sensor->x, sensor->y, sensor->z}, c);
     deviations[sensor->index] = sensor->std;
   }
   m.noise = NoiseModel::independent(deviations);

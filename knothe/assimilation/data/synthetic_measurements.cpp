@@ -88,11 +88,7 @@ Measurements add_noise(const reduction::Dofs& dofs, std::span<const std::size_t>
       m.values(j, t) += noise_std * numerics::normal_quantile(uniform(random));
     }
   }
-  m.points.resize(static_cast<Eigen::Index>(chosen.size()), 3);
-  for (std::size_t j = 0; j < chosen.size(); ++j) {
-    for (int c = 0; c < 3; ++c) m.points(static_cast<Eigen::Index>(j), c) = dofs.points[3 * chosen[j] + c];
-    m.components.push_back(static_cast<int>(dofs.components[chosen[j]]));
-  }
+  for (const std::size_t dof : chosen) m.sensors.add(dofs.point(dof), dofs.components[dof]);
   m.noise =
       NoiseModel::independent(Eigen::VectorXd::Constant(static_cast<Eigen::Index>(chosen.size()), noise_std));
   return m;

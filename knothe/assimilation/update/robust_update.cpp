@@ -42,6 +42,14 @@ RobustUpdate::RobustUpdate(std::shared_ptr<const reduction::ObservedModel> model
   prior_.weights = Eigen::VectorXd::Constant(512, 1.0 / 512);
 }
 
+void RobustUpdate::set_step_noise(std::size_t step, const NoiseModel& noise) {
+  if (robust_.degrees_of_freedom > 0 && !noise.is_independent())
+    throw UsageError("a Student-t likelihood is for sensors whose noise is independent in space: use gating");
+  noise_ = noise_.with_step(step, noise);
+  projector_.set_noise_of(step, noise);
+  update_.set_step_noise(step, noise);
+}
+
 RobustUpdate::Prediction RobustUpdate::predict(std::size_t time_index) const {
   const WeightedPosterior& posterior = last_ ? update_.posterior() : prior_;
   const auto& functions = *model_->functions;
@@ -69,6 +77,10 @@ const UpdateResult& RobustUpdate::update(std::size_t step, std::size_t time_inde
         *last_));
   }
   const auto start = Clock::now();
+  if (const bool own = noise_.has_step(step); own || last_had_own_noise_) {
+    noise_std_ = noise_.at_step(step).standard_deviations();
+    last_had_own_noise_ = own;
+  }
   const Prediction before = predict(time_index);
   judge(before, values);
   Eigen::VectorXd accepted = values;

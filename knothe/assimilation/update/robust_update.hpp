@@ -43,6 +43,9 @@ class RobustUpdate {
   /// Steps in increasing order: UsageError otherwise.
   const UpdateResult& update(std::size_t step, std::size_t time_index,
                              const Eigen::Ref<const Eigen::VectorXd>& values);
+  /// From now on step `step`, which is not assimilated yet, has this noise. UsageError for a Student-t
+  /// likelihood where it is correlated.
+  void set_step_noise(std::size_t step, const NoiseModel& noise);
   [[nodiscard]] const UpdateResult& result() const { return result_; }
   [[nodiscard]] const SensorReport& sensors() const { return sensors_; }
   [[nodiscard]] const WeightedPosterior& posterior() const { return update_.posterior(); }
@@ -62,8 +65,9 @@ class RobustUpdate {
   SequentialUpdate update_;
   DatumProjector projector_;
   SensorWatch watch_;
-  Eigen::VectorXd noise_std_;
-  WeightedPosterior prior_;  ///< draws of the prior: the posterior before the first datum
+  Eigen::VectorXd noise_std_;  ///< of the step at hand
+  WeightedPosterior prior_;    ///< draws of the prior: the posterior before the first datum
+  bool last_had_own_noise_ = false;
   std::optional<std::size_t> last_;
   UpdateResult result_;
   SensorReport sensors_;

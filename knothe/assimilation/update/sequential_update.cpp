@@ -102,15 +102,9 @@ const UpdateResult& SequentialUpdate::update(std::size_t step, std::size_t time_
 }
 
 const UpdateResult& SequentialUpdate::remove(std::size_t step) {
-  if (data_.erase(step) == 0)
-    throw UsageError(fmt::format("step {} is not assimilated: there is nothing to take out", step));
-  forget_from(step);
+  take_out(step);
   project_again();
-  if (data_.empty()) {
-    begin_anew();
-    return result_;
-  }
-  return conclude(data_.rbegin()->first);
+  return data_.empty() ? result_ : conclude(data_.rbegin()->first);
 }
 
 /// Where steps share an error the form of each depends on those before it: all are made again, in order.
@@ -140,6 +134,13 @@ void SequentialUpdate::put(std::size_t step, std::size_t time_index, StepForm fo
   datum.time = projector_.model().time[time_index];
   data_[step] = std::move(datum);
   forget_from(step);
+}
+
+void SequentialUpdate::take_out(std::size_t step) {
+  if (data_.erase(step) == 0)
+    throw UsageError(fmt::format("step {} is not assimilated: there is nothing to take out", step));
+  forget_from(step);
+  if (data_.empty()) begin_anew();
 }
 
 /// What was computed from this step on holds no longer.

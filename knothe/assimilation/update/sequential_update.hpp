@@ -117,6 +117,8 @@ class SequentialUpdate {
   /// without it is not corrected there.
   void put(std::size_t step, std::size_t time_index, StepForm form, Eigen::VectorXd values = {},
            std::optional<MovedForm> moved = {});
+  /// Takes out a step that was put; no posterior is made. UsageError for a step that is not there.
+  void take_out(std::size_t step);
   /// Whether a correction wants the moved forms.
   [[nodiscard]] bool wants_moved_forms() const;
   const UpdateResult& conclude(std::size_t step);

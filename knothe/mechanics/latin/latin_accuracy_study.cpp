@@ -133,7 +133,7 @@ std::vector<Error> latin_alone(const Study& study, const Judge& judge, const Str
 
 /// The uncompressed model: splines through the solutions at the judged dofs.
 reduction::ObservedModel splines(const reduction::Snapshots& seen) {
-  return reduction::observe_snapshots(seen, seen.dofs.points, seen.dofs.components);
+  return reduction::observe_snapshots(seen, seen.dofs);
 }
 
 void interpolated_runs(const Study& study, const Judge& judge, FullOrderModel& model, int nodes) {

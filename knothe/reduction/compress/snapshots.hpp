@@ -27,6 +27,14 @@ struct Dofs {
   std::vector<double> points;            ///< [n_dof, 3], metres
   std::vector<std::int64_t> components;  ///< [n_dof], 0 x, 1 y, 2 z
   [[nodiscard]] bool empty() const { return components.empty(); }
+  /// The point of dof `i`, m.
+  [[nodiscard]] std::span<const double, 3> point(std::size_t i) const {
+    return std::span<const double, 3>(points.data() + 3 * i, 3);
+  }
+  void add(std::span<const double, 3> at, std::int64_t component) {
+    points.insert(points.end(), at.begin(), at.end());
+    components.push_back(component);
+  }
 };
 
 /// A finite-element mesh, cells in VTK's vertex order (for a hexahedron: cyclic, lower face first).

@@ -144,8 +144,7 @@ TruncationError truncation_error(const ModelContents& contents, const GridSoluti
 }
 
 std::vector<MatrixXd> observe_truncation(const TruncationError& error, const ModelContents& model,
-                                         const std::string& where, std::span<const double> points,
-                                         std::span<const std::int64_t> components,
+                                         const std::string& where, const Dofs& places,
                                          std::span<const std::size_t> steps) {
   if (error.count == 0)
     throw DataError(
@@ -154,7 +153,7 @@ std::vector<MatrixXd> observe_truncation(const TruncationError& error, const Mod
                     "`knothe model import`, or leave method.truncation_error off",
                     where));
   const auto k = static_cast<Index>(error.count);
-  const ObservationOperator operation(model.dofs, model.mesh, where, points, components);
+  const ObservationOperator operation(model.dofs, model.mesh, where, places);
   const MatrixXd observed = operation.apply(
       Eigen::Map<const MatrixXd>(error.space.data(), static_cast<Index>(model.dof_count()), k));
   const double distance = steps.size() < 2 ? error.persistence

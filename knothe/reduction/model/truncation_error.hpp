@@ -40,9 +40,7 @@ void write_model(const ModelContents& contents, const TruncationError& error, co
 /// observations (as in `observe`) times max(1, τ / mean distance of the steps); n_obs × n_obs each, m².
 [[nodiscard]] std::vector<Eigen::MatrixXd> observe_truncation(const TruncationError& error,
                                                               const ModelContents& model,
-                                                              const std::string& where,
-                                                              std::span<const double> points,
-                                                              std::span<const std::int64_t> components,
+                                                              const std::string& where, const Dofs& places,
                                                               std::span<const std::size_t> steps);
 
 /// `knothe model import`, with the error that is known at the grid points.

@@ -111,8 +111,8 @@ ReferenceElement element_of(const Mesh& mesh, const std::string& where, const st
 }  // namespace
 
 ObservationOperator::ObservationOperator(const Dofs& dofs, const std::optional<Mesh>& mesh,
-                                         const std::string& where, std::span<const double> points,
-                                         std::span<const std::int64_t> components) {
+                                         const std::string& where, const Dofs& places) {
+  const auto& [points, components] = places;
   if (points.size() != 3 * components.size()) {
     throw DataError(fmt::format("{}: {} coordinates for {} observations: 3 each are needed", where,
                                 points.size(), components.size()));

@@ -18,9 +18,9 @@ class ObservationOperator {
     double weight;
   };
 
-  /// Points [n_obs, 3] and components against the dofs of `where` (docs/formats.md): see `observe`.
+  /// Places against the dofs of `where` (docs/formats.md): see `observe`.
   ObservationOperator(const Dofs& dofs, const std::optional<Mesh>& mesh, const std::string& where,
-                      std::span<const double> points, std::span<const std::int64_t> components);
+                      const Dofs& places);
   /// Rows of the identity.
   explicit ObservationOperator(std::span<const std::size_t> dofs);
 

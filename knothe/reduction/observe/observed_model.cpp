@@ -34,11 +34,9 @@ Eigen::VectorXd ObservedModel::predict(const Eigen::Ref<const Eigen::VectorXd>& 
   return lift.col(static_cast<Eigen::Index>(step)) + space * coefficients;
 }
 
-ObservedModel observe(const SeparatedModel& model, std::span<const double> points,
-                      std::span<const std::int64_t> components) {
+ObservedModel observe(const SeparatedModel& model, const Dofs& places) {
   const ModelContents& contents = model.contents();
-  return observe_by(model,
-                    ObservationOperator(contents.dofs, contents.mesh, model.where(), points, components));
+  return observe_by(model, ObservationOperator(contents.dofs, contents.mesh, model.where(), places));
 }
 
 ObservedModel observe_dofs(const SeparatedModel& model, std::span<const std::size_t> dofs) {
@@ -50,9 +48,8 @@ ObservedModel observe_dofs(const SeparatedModel& model, std::span<const std::siz
   return observe_by(model, ObservationOperator(dofs));
 }
 
-ObservedModel observe_snapshots(const Snapshots& snapshots, std::span<const double> points,
-                                std::span<const std::int64_t> components) {
-  const ObservationOperator operation(snapshots.dofs, snapshots.mesh, "snapshots", points, components);
+ObservedModel observe_snapshots(const Snapshots& snapshots, const Dofs& places) {
+  const ObservationOperator operation(snapshots.dofs, snapshots.mesh, "snapshots", places);
   const auto grid = static_cast<Eigen::Index>(snapshots.grid_size());
   const auto times = static_cast<Eigen::Index>(snapshots.time.size());
   const auto dofs = static_cast<Eigen::Index>(snapshots.dof_count());

@@ -26,20 +26,18 @@ struct ObservedModel {
   [[nodiscard]] Eigen::VectorXd predict(const Eigen::Ref<const Eigen::VectorXd>& p, std::size_t step) const;
 };
 
-/// Observation of displacement `components` (0 x, 1 y, 2 z) at `points` ([n_obs, 3], metres): a dof of the
+/// Observation of the displacements at `places`, which need not be dofs of the model: a dof of the
 /// same component within 1e-6 m, else the shape functions of the hexahedron that holds the point. Outside the
 /// mesh, or without a match in a model that has no mesh: DataError that names the observation, its point and
 /// the nearest dof.
-[[nodiscard]] ObservedModel observe(const SeparatedModel& model, std::span<const double> points,
-                                    std::span<const std::int64_t> components);
+[[nodiscard]] ObservedModel observe(const SeparatedModel& model, const Dofs& places);
 
 /// Observation of the dofs with these indices.
 [[nodiscard]] ObservedModel observe_dofs(const SeparatedModel& model, std::span<const std::size_t> dofs);
 
 /// The uncompressed model: w are the Π nᵢ cardinal splines of the grid, C_t the snapshots at the observed
 /// dofs (l = n_obs, space is the identity). The judge of what compression does to a posterior; not for speed.
-[[nodiscard]] ObservedModel observe_snapshots(const Snapshots& snapshots, std::span<const double> points,
-                                              std::span<const std::int64_t> components);
+[[nodiscard]] ObservedModel observe_snapshots(const Snapshots& snapshots, const Dofs& places);
 
 /// The part of a model at these time steps.
 [[nodiscard]] ObservedModel at_steps(const ObservedModel& model, std::span<const std::size_t> steps);

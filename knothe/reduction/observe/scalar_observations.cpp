@@ -91,7 +91,7 @@ ObservedModel with_scalars(const ObservedModel& observed, const SeparatedModel& 
       result.lift.row(n + i) = outputs.back().second.lift.transpose();
       continue;
     }
-    const ObservedModel seen = observe(model, sensor.points, sensor.components);
+    const ObservedModel seen = observe(model, {sensor.points, sensor.components});
     const Eigen::Map<const Eigen::RowVectorXd> weights(sensor.coefficients.data(),
                                                        static_cast<Eigen::Index>(sensor.coefficients.size()));
     result.space.row(n + i) = weights * seen.space;

@@ -53,7 +53,7 @@ Figure field_figure(const project::SelectionSetup& setup, const assimilation::Se
                             "root of the sum over time, µm per prior std");
       std::vector<double> x, y;
       for (const assimilation::RankedDof& r : study.ranked) {
-        if (setup.components[static_cast<std::size_t>(r.dof)] != component) continue;
+        if (setup.sensors.components[static_cast<std::size_t>(r.dof)] != component) continue;
         x.push_back(setup.problem.positions(r.dof, 0));
         y.push_back(setup.problem.positions(r.dof, 1));
       }
@@ -105,7 +105,7 @@ std::vector<ordered_json> selection_records(const project::Project& project,
     records.push_back({{"rank", i},
                        {"dof", dofs.back()},
                        {"point", {x(r.dof, 0), x(r.dof, 1), x(r.dof, 2)}},
-                       {"component", setup.components[static_cast<std::size_t>(r.dof)]},
+                       {"component", setup.sensors.components[static_cast<std::size_t>(r.dof)]},
                        {"score", r.score},
                        {"sensitivity", by_name(names, r.sensitivity)},
                        {"signal_to_noise", by_name(names, r.signal_to_noise)},
@@ -158,7 +158,7 @@ std::string selection_page(const project::Project& project, const project::Selec
     const auto k = static_cast<std::size_t>(r.dof);
     rows.push_back(
         {{std::to_string(i + 1), std::to_string(setup.candidates[k]),
-          fmt::format("{} at ({:.1f}, {:.1f}, {:.1f}) mm", k_letters[setup.components[k]],
+          fmt::format("{} at ({:.1f}, {:.1f}, {:.1f}) mm", k_letters[setup.sensors.components[k]],
                       1e3 * setup.problem.positions(r.dof, 0), 1e3 * setup.problem.positions(r.dof, 1),
                       1e3 * setup.problem.positions(r.dof, 2)),
           readable(r.score), assimilation::explain(study, i, names)}});

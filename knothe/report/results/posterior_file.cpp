@@ -58,18 +58,12 @@ class Writer {
     const std::string group = "posterior_predictive";
     add_chain(group, k_predictive_draws);
     add_steps(group);
-    const auto n_obs = static_cast<std::size_t>(measurements_.points.rows());
+    const auto n_obs = measurements_.sensors.displacement_count();
     out_.add_dimension(group, "observation", n_obs);
-    std::vector<double> points;
-    for (Eigen::Index i = 0; i < measurements_.points.rows(); ++i) {
-      for (Eigen::Index c = 0; c < 3; ++c) points.push_back(measurements_.points(i, c));
-    }
-    const std::vector<std::int64_t> components(measurements_.components.begin(),
-                                               measurements_.components.end());
     const std::shared_ptr<const reduction::ObservedModel> observed =
         file_.observed ? file_.observed
                        : std::make_shared<const reduction::ObservedModel>(
-                             reduction::observe(model_, points, components));
+                             reduction::observe(model_, measurements_.sensors));
     std::vector<double> values(k_predictive_draws * n_steps_ * n_obs);
     for (std::size_t s = 0; s < n_steps_; ++s) {
       const auto draws = numerics::equal_draws(file_.posteriors[s]->weights, k_predictive_draws);
@@ -85,7 +79,7 @@ class Writer {
   }
 
   void write_data() {
-    const auto n_obs = static_cast<std::size_t>(measurements_.points.rows());
+    const auto n_obs = measurements_.sensors.displacement_count();
     add_steps("observed_data");
     out_.add_dimension("observed_data", "observation", n_obs);
     out_.add_variable("observed_data", "displacement", Names{"step", "observation"},
@@ -97,12 +91,10 @@ class Writer {
     const std::string group = "constant_data";
     out_.add_dimension(group, "observation", n_obs);
     out_.add_dimension(group, "axis", 3);
-    std::vector<double> points;
-    for (Eigen::Index i = 0; i < measurements_.points.rows(); ++i) {
-      for (Eigen::Index c = 0; c < 3; ++c) points.push_back(measurements_.points(i, c));
-    }
-    out_.add_variable(group, "points", Names{"observation", "axis"}, points, {"m", "measurement points"});
-    const std::vector<double> components(measurements_.components.begin(), measurements_.components.end());
+    out_.add_variable(group, "points", Names{"observation", "axis"}, measurements_.sensors.points,
+                      {"m", "measurement points"});
+    const std::vector<double> components(measurements_.sensors.components.begin(),
+                                         measurements_.sensors.components.end());
     out_.add_variable(group, "component", Names{"observation"}, components, {"1", "0 x, 1 y, 2 z"});
     const Eigen::VectorXd std = measurements_.noise.standard_deviations();
     out_.add_variable(group, "noise_std", Names{"observation"}, {std.data(), n_obs},

@@ -52,22 +52,20 @@ ResultsWriter::ResultsWriter(const project::Project& project, const reduction::S
       priors_(std::move(priors)),
       observed_(std::move(observed)) {
   // Rows behind the displacements are in `series` too.
-  measurements_.values = measurements.values.topRows(measurements.points.rows());
+  measurements_.values =
+      measurements.values.topRows(static_cast<Eigen::Index>(measurements.sensors.displacement_count()));
 }
 
-void ResultsWriter::add_step(const assimilation::UpdateResult& result,
-                             const assimilation::WeightedPosterior& posterior,
-                             const std::vector<forecast::NamedForecast>& forecasts,
-                             const std::vector<forecast::NamedForecast>& direct, double forecast_us,
-                             std::size_t time_index, const std::vector<forecast::ScoredForecast>& scores,
-                             const project::ModelComparison* comparison) {
-  Json record = step_record(result, forecasts, forecast_us);
-  if (!scores.empty()) record["scores"] = score_records(scores);
-  if (comparison != nullptr && !comparison->empty()) record["models"] = model_records(*comparison);
-  scores_.insert(scores_.end(), scores.begin(), scores.end());
-  add_densities(record, model_.parameter_names(), priors_, posterior, forecasts, direct);
+void ResultsWriter::add_step(const engine::StepResult& result,
+                             const std::vector<forecast::NamedForecast>& direct, std::size_t time_index,
+                             const Eigen::VectorXd& values) {
+  measurements_.values.col(static_cast<Eigen::Index>(steps_.size())) =
+      values.head(measurements_.values.rows());
+  Json record = step_record(result);
+  scores_.insert(scores_.end(), result.scores.begin(), result.scores.end());
+  add_densities(record, model_.parameter_names(), priors_, result, direct);
   lines_.push_back(files::json_line(record));
-  steps_.push_back({result, posterior, time_index});
+  steps_.push_back({result.update, result.posterior, time_index});
 }
 
 void ResultsWriter::write(const std::string& folder, const std::vector<std::size_t>& untrusted,
@@ -146,9 +144,9 @@ Json ResultsWriter::residuals() const {
   std::string components;
   std::vector<double> x, y;
   for (Eigen::Index j = 0; j < n; ++j) {
-    components.push_back("xyz"[measurements_.components[static_cast<std::size_t>(j)]]);
-    x.push_back(measurements_.points(j, 0));
-    y.push_back(measurements_.points(j, 1));
+    components.push_back("xyz"[measurements_.sensors.components[static_cast<std::size_t>(j)]]);
+    x.push_back(measurements_.sensors.point(static_cast<std::size_t>(j))[0]);
+    y.push_back(measurements_.sensors.point(static_cast<std::size_t>(j))[1]);
   }
   return {{"step", step},
           {"step_rms", rms},

@@ -8,10 +8,7 @@
 #include <vector>
 
 #include "knothe/assimilation/data/measurements.hpp"
-#include "knothe/assimilation/update/sequential_update.hpp"
-#include "knothe/forecast/forecast_scores.hpp"
-#include "knothe/forecast/forecaster.hpp"
-#include "knothe/project/model_comparison.hpp"
+#include "knothe/engine/step_result.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/reduction/model/separated_model.hpp"
 
@@ -31,18 +28,10 @@ class ResultsWriter {
                 const assimilation::Measurements& measurements, std::vector<assimilation::Prior> priors,
                 std::shared_ptr<const reduction::ObservedModel> observed = nullptr);
 
-  /// Keeps what the files need of a step. `time_index`: model time of the datum; `scores`: forecasts that
-  /// came true with it; `comparison`: of the models run side by side, after it.
-  void add_step(const assimilation::UpdateResult& result, const assimilation::WeightedPosterior& posterior,
-                const std::vector<forecast::NamedForecast>& forecasts,
-                const std::vector<forecast::NamedForecast>& direct, double forecast_us,
-                std::size_t time_index, const std::vector<forecast::ScoredForecast>& scores = {},
-                const project::ModelComparison* comparison = nullptr);
-
-  /// Values of a datum that came after the writer was made (pictures).
-  void set_values(std::size_t step, const Eigen::VectorXd& values) {
-    measurements_.values.col(static_cast<Eigen::Index>(step)) = values.head(measurements_.values.rows());
-  }
+  /// Keeps what the files need of a step. `values`: its last datum's; `time_index`: model time of the datum;
+  /// `direct`: a cross-check of the forecasts.
+  void add_step(const engine::StepResult& result, const std::vector<forecast::NamedForecast>& direct,
+                std::size_t time_index, const Eigen::VectorXd& values);
 
   /// Writes everything. Errors: IoError.
   void write(const std::string& folder, const std::vector<std::size_t>& untrusted, double elapsed_s) const;

@@ -1,5 +1,6 @@
 #include "knothe/report/results/step_record.hpp"
 
+#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "knothe/assimilation/update/marginal_density.hpp"
@@ -27,8 +28,44 @@ Json forecast_record(std::span<const forecast::NamedForecast> forecasts, bool de
   return record;
 }
 
-Json step_record(const assimilation::UpdateResult& r, std::span<const forecast::NamedForecast> forecasts,
-                 double forecast_us) {
+namespace {
+
+/// Innovation and test ratio of the sensors that reported, and those that are not to be believed.
+Json sensor_record(const assimilation::SensorReport& sensors) {
+  Json record = {{"indices", Json::array()},
+                 {"innovation", Json::array()},
+                 {"test_ratio", Json::array()},
+                 {"weight", Json::array()}};
+  for (Eigen::Index i = 0; i < sensors.innovation.size(); ++i) {
+    if (std::isnan(sensors.innovation[i])) continue;
+    record["indices"].push_back(i);
+    record["innovation"].push_back(sensors.innovation[i]);
+    record["test_ratio"].push_back(sensors.test_ratio[i]);
+    record["weight"].push_back(sensors.weight[i]);
+  }
+  record["rejected"] = sensors.rejected;
+  record["stuck"] = sensors.stuck;
+  record["absent"] = sensors.absent;
+  return record;
+}
+
+/// Models that are compared, by file.
+Json model_records(const std::vector<assimilation::ComparedModel>& models) {
+  Json records = Json::object();
+  for (const assimilation::ComparedModel& model : models) {
+    records[model.name] = {{"probability", model.probability},
+                           {"log_evidence", model.log_evidence},
+                           {"log_bayes_factor", model.log_bayes_factor},
+                           {"evidence_against", model.scale}};
+  }
+  return records;
+}
+
+}  // namespace
+
+Json step_record(const engine::StepResult& result) {
+  const assimilation::UpdateResult& r = result.update;
+  const double forecast_us = result.forecast_us;
   Json record = {
       {"step", r.step},
       {"time", r.time},
@@ -55,28 +92,23 @@ Json step_record(const assimilation::UpdateResult& r, std::span<const forecast::
         {"map", r.elapsed_us.map},
         {"correction", r.elapsed_us.correction},
         {"watch", r.elapsed_us.watch}}},
-      {"forecast", forecast_record(forecasts, false)}};
+      {"forecast", forecast_record(result.forecasts, false)}};
   if (r.noise_level) record["noise_level"] = *r.noise_level;
-  record["monitor"] = {{"probability", r.monitor.upper_probability},
-                       {"cumulative_sum", r.monitor.cumulative_sum},
-                       {"threshold", r.monitor.threshold},
-                       {"alarm", r.monitor.alarm},
-                       {"smoothed_increment", r.monitor.smoothed_increment},
-                       {"discrepancy", r.monitor.discrepancy}};
+  if (result.followed)
+    record["monitor"] = {{"probability", r.monitor.upper_probability},
+                         {"cumulative_sum", r.monitor.cumulative_sum},
+                         {"threshold", r.monitor.threshold},
+                         {"alarm", r.monitor.alarm},
+                         {"smoothed_increment", r.monitor.smoothed_increment},
+                         {"discrepancy", r.monitor.discrepancy}};
   if (!r.notice.empty()) record["notice"] = r.notice;
   if (!r.remark.empty()) record["remark"] = r.remark;
+  if (result.sensors) record["sensors"] = sensor_record(*result.sensors);
+  if (!result.stuck.empty()) record["stuck"] = result.stuck;
+  if (!result.absent.empty()) record["absent"] = result.absent;
+  if (!result.scores.empty()) record["scores"] = score_records(result.scores);
+  if (!result.models.empty()) record["models"] = model_records(result.models);
   return record;
-}
-
-Json model_records(const project::ModelComparison& comparison) {
-  Json records = Json::object();
-  for (const project::ComparedModel& model : comparison.models()) {
-    records[model.file] = {{"probability", model.probability},
-                           {"log_evidence", model.log_evidence},
-                           {"log_bayes_factor", model.log_bayes_factor},
-                           {"evidence_against", model.scale}};
-  }
-  return records;
 }
 
 Json score_records(std::span<const forecast::ScoredForecast> scores) {
@@ -90,16 +122,15 @@ Json score_records(std::span<const forecast::ScoredForecast> scores) {
 }
 
 void add_densities(Json& record, const std::vector<std::string>& parameters,
-                   const std::vector<assimilation::Prior>& priors,
-                   const assimilation::WeightedPosterior& posterior,
-                   std::span<const forecast::NamedForecast> forecasts,
+                   const std::vector<assimilation::Prior>& priors, const engine::StepResult& result,
                    std::span<const forecast::NamedForecast> direct) {
+  const assimilation::WeightedPosterior& posterior = result.posterior;
   for (std::size_t k = 0; k < parameters.size(); ++k) {
     const auto marginal = assimilation::marginal_density(posterior.points.col(static_cast<Eigen::Index>(k)),
                                                          posterior.weights, priors[k]);
     record["marginals"][parameters[k]] = {{"points", marginal.points}, {"density", marginal.density}};
   }
-  record["forecast"] = forecast_record(forecasts, true);
+  record["forecast"] = forecast_record(result.forecasts, true);
   for (const forecast::NamedForecast& named : direct) {
     record["forecast"][named.name]["direct"] = {{"mean", named.forecast.mean},
                                                 {"std", named.forecast.std},

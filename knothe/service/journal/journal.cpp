@@ -16,10 +16,10 @@
 namespace knothe::service {
 namespace {
 
-constexpr std::int64_t k_schema = 1;
+constexpr std::int64_t k_schema = 2;
 constexpr std::int64_t k_application = 0x6b6e6f74;  // "knot"
 
-/// From an empty file to schema 1. Later schemas: one such text each, run in order.
+/// From an empty file to schema 1.
 constexpr const char* k_schema_1 = R"(
   CREATE TABLE meta(key TEXT PRIMARY KEY, value INTEGER) WITHOUT ROWID;
   CREATE TABLE identity(id INTEGER PRIMARY KEY, sensors TEXT NOT NULL, model TEXT NOT NULL,
@@ -32,6 +32,12 @@ constexpr const char* k_schema_1 = R"(
   INSERT INTO meta VALUES('starts', 0);
   PRAGMA application_id = 0x6b6e6f74;
   PRAGMA user_version = 1;
+)";
+
+/// From schema 1 to 2: a measurement's own noise. A journal of schema 1 that is only read stays as it is.
+constexpr const char* k_schema_2 = R"(
+  ALTER TABLE measurement ADD COLUMN noise BLOB;
+  PRAGMA user_version = 2;
 )";
 
 /// The lock that makes a writer the only one; it goes with the process, however that ends.
@@ -92,9 +98,14 @@ struct Journal::Implementation {
     check_schema();
     verify();
     if (access == Access::write) {
+      if (one_integer(database, "PRAGMA user_version") == 1) {
+        database.execute("BEGIN IMMEDIATE");
+        database.execute(k_schema_2);
+        database.execute("COMMIT");
+      }
       database.execute("UPDATE meta SET value = value + 1 WHERE key = 'starts'");
       starts = one_integer(database, "SELECT value FROM meta WHERE key = 'starts'");
-      insert.emplace(database, "INSERT INTO measurement VALUES(?,?,?,?,?,?,?,?,?,?)");
+      insert.emplace(database, "INSERT INTO measurement VALUES(?,?,?,?,?,?,?,?,?,?,?)");
     }
     find.emplace(database,
                  "SELECT id, payload, time, step, quarantined FROM measurement WHERE source = ? AND session "
@@ -122,7 +133,7 @@ struct Journal::Implementation {
       if (!integrity.step() || integrity.text(0) != "ok")
         damaged(fmt::format("the journal is damaged: {}", integrity.text(0)));
     }
-    Statement rows(database, (std::string(k_record_columns) + "ORDER BY m.id").c_str());
+    Statement rows(database, select_records(database, "ORDER BY m.id").c_str());
     while (rows.step()) {
       const Record record = read_record(rows);
       if (!record.well_formed || record.entry.id != count + 1 || record.seal != seal_of(seal, record))
@@ -210,7 +221,7 @@ void Journal::rollback() noexcept {
   i.count = i.count_before, i.releases = i.releases_before;
 }
 
-Appended Journal::append(const Datum& datum, bool quarantined) {
+Appended Journal::append(const Measurement& datum, bool quarantined) {
   Implementation& i = *implementation_;
   Record record;
   record.payload = datum.payload();
@@ -233,11 +244,12 @@ Appended Journal::append(const Datum& datum, bool quarantined) {
   }
   find.reset();
   record.entry.id = i.count + 1;
-  record.entry.datum.key = datum.key;
-  record.entry.datum.time = datum.time;
-  record.entry.datum.step = datum.step;
+  record.entry.measurement.key = datum.key;
+  record.entry.measurement.time = datum.time;
+  record.entry.measurement.step = datum.step;
+  record.entry.measurement.noise = datum.noise;
   record.entry.quarantined = quarantined;
-  record.entry.datum.received_ms = now_ms();
+  record.entry.measurement.received_ms = now_ms();
   const std::string seal = seal_of(i.seal, record);
   Statement& insert = *i.insert;
   insert.reset();
@@ -248,19 +260,25 @@ Appended Journal::append(const Datum& datum, bool quarantined) {
       .bind(6, datum.step);
   insert.bind_blob(7, record.payload)
       .bind(8, static_cast<std::int64_t>(quarantined))
-      .bind(9, record.entry.datum.received_ms);
+      .bind(9, record.entry.measurement.received_ms);
   insert.bind_blob(10, seal);
+  if (datum.noise.empty()) {
+    insert.bind_null(11);
+  } else {
+    insert.bind_blob(11, datum.noise);
+  }
   insert.run();
   i.seal = seal;
   ++i.count;
-  return {Outcome::accepted, quarantined, datum.step, record.entry.datum.received_ms};
+  return {Outcome::accepted, quarantined, datum.step, record.entry.measurement.received_ms};
 }
 
-std::optional<JournalEntry> Journal::release(const DatumKey& key) {
+std::optional<JournalEntry> Journal::release(const assimilation::DatumKey& key) {
   Implementation& i = *implementation_;
-  Statement row(i.database, (std::string(k_record_columns) +
-                             "WHERE m.source = ? AND m.session = ? AND m.seq = ? AND m.quarantined = 1")
-                                .c_str());
+  Statement row(
+      i.database,
+      select_records(i.database, "WHERE m.source = ? AND m.session = ? AND m.seq = ? AND m.quarantined = 1")
+          .c_str());
   row.bind(1, std::string_view(key.source)).bind(2, std::string_view(key.session)).bind(3, key.seq);
   if (!row.step()) return std::nullopt;
   JournalEntry entry = read_record(row).entry;
@@ -279,7 +297,8 @@ std::int64_t Journal::count() const {
 }
 
 void Journal::for_each(const std::function<void(const JournalEntry&)>& visit) const {
-  Statement rows(implementation_->database, (std::string(k_record_columns) + "ORDER BY m.id").c_str());
+  Statement rows(implementation_->database,
+                 select_records(implementation_->database, "ORDER BY m.id").c_str());
   while (rows.step()) visit(read_record(rows).entry);
 }
 
@@ -287,7 +306,8 @@ std::vector<JournalEntry> Journal::quarantined() const {
   std::vector<JournalEntry> entries;
   Statement rows(
       implementation_->database,
-      (std::string(k_record_columns) + "WHERE m.quarantined = 1 AND r.id IS NULL ORDER BY m.id").c_str());
+      select_records(implementation_->database, "WHERE m.quarantined = 1 AND r.id IS NULL ORDER BY m.id")
+          .c_str());
   while (rows.step()) entries.push_back(read_record(rows).entry);
   return entries;
 }

@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-#include "knothe/service/journal/datum.hpp"
+#include "knothe/service/journal/measurement.hpp"
 
 namespace knothe::service {
 
@@ -28,7 +28,7 @@ struct Identity {
 /// One record.
 struct JournalEntry {
   std::int64_t id = 0;
-  Datum datum;
+  Measurement measurement;
   bool quarantined = false;  ///< came too late
   bool released = false;     ///< quarantined, then assimilated by request
 };
@@ -70,9 +70,9 @@ class Journal {
   /// Writes something that means nothing, inside a group: does the disk take it?
   void touch();
   /// Adds a datum inside a group. `quarantined`: whether it came too late, if it is new.
-  Appended append(const Datum& datum, bool quarantined);
+  Appended append(const Measurement& datum, bool quarantined);
   /// Lets a quarantined datum into the posterior, inside a group. Nothing if there is none of that key.
-  std::optional<JournalEntry> release(const DatumKey& key);
+  std::optional<JournalEntry> release(const assimilation::DatumKey& key);
 
   [[nodiscard]] std::int64_t count() const;
   /// Calls `visit` for every record, in the order of their writing.

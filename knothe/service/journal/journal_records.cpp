@@ -1,29 +1,41 @@
 #include "knothe/service/journal/journal_records.hpp"
 
+#include <fmt/format.h>
+
 #include "knothe/base/sha256.hpp"
 
 namespace knothe::service {
+
+std::string select_records(Database& database, const char* condition) {
+  const char* noise = one_integer(database, "PRAGMA user_version") < 2 ? "NULL" : "m.noise";
+  return fmt::format(
+      "SELECT m.id, m.source, m.session, m.seq, m.time, m.step, m.payload, m.quarantined, m.received, "
+      "m.seal, r.id, {} "
+      "FROM measurement m LEFT JOIN release r ON r.measurement = m.id {}",
+      noise, condition);
+}
 
 Record read_record(const Statement& row) {
   Record record;
   JournalEntry& e = record.entry;
   e.id = row.integer(0);
-  e.datum.key = {std::string(row.text(1)), std::string(row.text(2)), row.integer(3)};
-  e.datum.time = row.number(4);
-  e.datum.step = row.integer(5);
+  e.measurement.key = {std::string(row.text(1)), std::string(row.text(2)), row.integer(3)};
+  e.measurement.time = row.number(4);
+  e.measurement.step = row.integer(5);
   record.payload = row.text(6);
   e.quarantined = row.integer(7) != 0;
-  e.datum.received_ms = row.integer(8);
+  e.measurement.received_ms = row.integer(8);
   record.seal = row.text(9);
   e.released = !row.is_null(10);
-  record.well_formed = e.datum.set_payload(record.payload) && record.seal.size() == sizeof(Digest);
+  if (!row.is_null(11)) e.measurement.noise = row.text(11);
+  record.well_formed = e.measurement.set_payload(record.payload) && record.seal.size() == sizeof(Digest);
   return record;
 }
 
 std::string seal_of(std::string_view previous, const Record& record) {
   Sha256 sum;
   sum.add_text(previous);
-  const Datum& d = record.entry.datum;
+  const Measurement& d = record.entry.measurement;
   sum.add_number(record.entry.id);
   sum.add_text(d.key.source);
   sum.add_text(d.key.session);
@@ -33,6 +45,7 @@ std::string seal_of(std::string_view previous, const Record& record) {
   sum.add_text(record.payload);
   sum.add_number(static_cast<std::int64_t>(record.entry.quarantined));
   sum.add_number(d.received_ms);
+  if (!d.noise.empty()) sum.add_text(d.noise);
   const Digest digest = sum.finish();
   return {reinterpret_cast<const char*>(digest.data()), digest.size()};
 }

@@ -8,11 +8,9 @@
 
 namespace knothe::service {
 
-/// What `read_record` reads: SELECT … FROM … (WHERE and ORDER BY are to be added).
-inline constexpr const char* k_record_columns =
-    "SELECT m.id, m.source, m.session, m.seq, m.time, m.step, m.payload, m.quarantined, m.received, m.seal, "
-    "r.id "
-    "FROM measurement m LEFT JOIN release r ON r.measurement = m.id ";
+/// What `read_record` reads, of a journal of any schema: SELECT … FROM … and then `condition`, WHERE or ORDER
+/// BY.
+[[nodiscard]] std::string select_records(Database& database, const char* condition);
 
 struct Record {
   JournalEntry entry;

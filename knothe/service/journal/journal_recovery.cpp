@@ -35,7 +35,7 @@ Recovery recover_journal(const std::string& from, const std::string& to) {
   whole.begin();
   std::string previous;
   std::int64_t expected = 1;
-  std::vector<DatumKey> released;
+  std::vector<assimilation::DatumKey> released;
   // One record at a time, by its number: damage of one page does not end the walk.
   std::int64_t last = 0;
   try {
@@ -54,9 +54,10 @@ Recovery recover_journal(const std::string& from, const std::string& to) {
         fmt::format("record {}: its number is damaged: the file cannot hold so many", last));
     last = most;
   }
+  const std::string select = select_records(damaged, "WHERE m.id = ?");
   for (; expected <= last; ++expected) {
     try {
-      Statement row(damaged, (std::string(k_record_columns) + "WHERE m.id = ?").c_str());
+      Statement row(damaged, select.c_str());
       row.bind(1, expected);
       if (!row.step()) {
         recovery.lost.push_back(fmt::format("record {}: is not there", expected));
@@ -73,15 +74,15 @@ Recovery recover_journal(const std::string& from, const std::string& to) {
         recovery.lost.push_back(fmt::format("record {}: its bytes do not match its seal", expected));
         continue;
       }
-      if (whole.append(record.entry.datum, record.entry.quarantined).outcome == Outcome::accepted)
+      if (whole.append(record.entry.measurement, record.entry.quarantined).outcome == Outcome::accepted)
         ++recovery.saved;
-      if (record.entry.released) released.push_back(record.entry.datum.key);
+      if (record.entry.released) released.push_back(record.entry.measurement.key);
     } catch (const DataError& error) {
       recovery.lost.push_back(fmt::format("record {}: {}", expected, error.what()));
       previous.clear();
     }
   }
-  for (const DatumKey& key : released) whole.release(key);
+  for (const assimilation::DatumKey& key : released) whole.release(key);
   whole.commit();
   return recovery;
 }

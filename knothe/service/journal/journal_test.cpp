@@ -16,8 +16,8 @@
 namespace knothe::service {
 namespace {
 
-Datum datum(std::int64_t seq, double value = 1, const std::string& source = "camera") {
-  Datum d;
+Measurement datum(std::int64_t seq, double value = 1, const std::string& source = "camera") {
+  Measurement d;
   d.key = {source, "session", seq};
   d.time = 0.1 * static_cast<double>(seq);
   d.values = {value, -0.0, std::numeric_limits<double>::quiet_NaN(), 1e-300};
@@ -26,7 +26,7 @@ Datum datum(std::int64_t seq, double value = 1, const std::string& source = "cam
   return d;
 }
 
-void append(Journal& journal, const Datum& d) {
+void append(Journal& journal, const Measurement& d) {
   journal.begin();
   journal.append(d, false);
   journal.commit();
@@ -71,9 +71,9 @@ TEST(Journal, WhatIsAppendedIsThereToTheBitAfterReopening) {
   std::int64_t n = 0;
   journal.for_each([&](const JournalEntry& entry) {
     EXPECT_EQ(entry.id, n + 1);
-    EXPECT_EQ(entry.datum.payload(), datum(n, 0.1 * static_cast<double>(n)).payload());
-    EXPECT_EQ(entry.datum.key, datum(n).key);
-    EXPECT_GT(entry.datum.received_ms, 0);
+    EXPECT_EQ(entry.measurement.payload(), datum(n, 0.1 * static_cast<double>(n)).payload());
+    EXPECT_EQ(entry.measurement.key, datum(n).key);
+    EXPECT_GT(entry.measurement.received_ms, 0);
     ++n;
   });
   EXPECT_EQ(n, 5);
@@ -86,7 +86,7 @@ TEST(Journal, ADuplicateIsKnownAndAConflictLeavesWhatIsThere) {
   EXPECT_EQ(journal.append(datum(3), false).outcome, Outcome::accepted);
   EXPECT_EQ(journal.append(datum(3), false).outcome, Outcome::duplicate);  // inside one group
   journal.commit();
-  Datum other_status = datum(3), other_time = datum(3);
+  Measurement other_status = datum(3), other_time = datum(3);
   other_status.status[0] = 1;
   other_time.time += 1e-15;
   journal.begin();
@@ -303,7 +303,7 @@ TEST(Journal, WhicheverWriteFailsWhatWasCommittedStaysAndNothingElse) {
   int tried = 0;
   for (int n = 1; failed; ++n) {
     const std::string path = folder.file("j" + std::to_string(n));
-    std::vector<Datum> committed;
+    std::vector<Measurement> committed;
     files.fail_from(n);
     try {
       Journal journal(path, Journal::Access::write);
@@ -329,7 +329,7 @@ TEST(Journal, WhicheverWriteFailsWhatWasCommittedStaysAndNothingElse) {
     if (!std::filesystem::exists(path) || committed.empty()) continue;
     const Journal journal(path, Journal::Access::write);
     std::vector<std::string> found;
-    journal.for_each([&](const JournalEntry& entry) { found.push_back(entry.datum.payload()); });
+    journal.for_each([&](const JournalEntry& entry) { found.push_back(entry.measurement.payload()); });
     ASSERT_EQ(found.size(), committed.size()) << "with the write " << n << " failing";
   }
   EXPECT_GT(tried, 20);

@@ -9,13 +9,13 @@
 
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/project/project_engine.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/files/numbers.hpp"
 #include "knothe/report/results/results_writer.hpp"
+#include "knothe/report/results/step_record.hpp"
 #include "knothe/service/journal/journal.hpp"
-#include "knothe/service/site/journal_posterior.hpp"
-#include "knothe/service/site/served_record.hpp"
 
 namespace knothe::service {
 namespace {
@@ -35,64 +35,63 @@ Opened open_both(const std::string& path, const std::string& project_path) {
   const auto sensors = static_cast<std::size_t>(opened.setup.measurements.observation_count());
   journal.for_each([&](const JournalEntry& entry) {
     if (entry.quarantined && !entry.released) return;
-    if (entry.datum.values.size() != sensors || entry.datum.step < 0 ||
-        static_cast<std::size_t>(entry.datum.step) >= opened.setup.observed->time.size())
+    if (entry.measurement.values.size() != sensors || entry.measurement.step < 0 ||
+        static_cast<std::size_t>(entry.measurement.step) >= opened.setup.observed->time.size())
       throw DataError(fmt::format(
           "{}: record {} has {} values at step {}; the project's data file {} has {} sensors", path, entry.id,
-          entry.datum.values.size(), entry.datum.step, opened.project.data, sensors));
+          entry.measurement.values.size(), entry.measurement.step, opened.project.data, sensors));
     opened.entries.push_back(entry);
   });
-  std::stable_sort(
-      opened.entries.begin(), opened.entries.end(), [](const JournalEntry& a, const JournalEntry& b) {
-        return a.datum.step != b.datum.step ? a.datum.step < b.datum.step : a.datum.key < b.datum.key;
-      });
+  std::stable_sort(opened.entries.begin(), opened.entries.end(),
+                   [](const JournalEntry& a, const JournalEntry& b) {
+                     return a.measurement.step != b.measurement.step ? a.measurement.step < b.measurement.step
+                                                                     : a.measurement.key < b.measurement.key;
+                   });
   return opened;
 }
 
 std::string csv_of(const Opened& opened) {
   std::string text = "time,sensor,x,y,z,component,value,std\n";
   const auto& setup = opened.setup;
+  const reduction::Sensors& sensors = setup.measurements.sensors;
   const Eigen::VectorXd std = setup.measurements.noise.standard_deviations();
   for (const JournalEntry& entry : opened.entries) {
-    const std::vector<double> values = entry.datum.effective_values();
+    const std::vector<double> values = entry.measurement.effective_values();
     for (std::size_t i = 0; i < values.size(); ++i) {
-      const double* at = &setup.observed_points[3 * i];
-      text += fmt::format(
-          "{},s{},{},{},{},{},{},{}\n", files::format_number(entry.datum.time), i,
-          files::format_number(at[0]), files::format_number(at[1]), files::format_number(at[2]),
-          "xyz"[static_cast<std::size_t>(setup.observed_components[i])], files::format_number(values[i]),
-          files::format_number(std[static_cast<Eigen::Index>(i)]));
+      const auto at = sensors.point(i);
+      text +=
+          fmt::format("{},s{},{},{},{},{},{},{}\n", files::format_number(entry.measurement.time), i,
+                      files::format_number(at[0]), files::format_number(at[1]), files::format_number(at[2]),
+                      "xyz"[static_cast<std::size_t>(sensors.components[i])], files::format_number(values[i]),
+                      files::format_number(std[static_cast<Eigen::Index>(i)]));
     }
   }
   return text;
 }
 
-void write_results(Opened& opened, const std::string& folder) {
+engine::Engine engine_of(const Opened& opened) {
+  engine::Engine engine(project::engine_setup(opened.project, opened.setup));
+  for (const JournalEntry& entry : opened.entries) engine.add(entry.measurement.datum());
+  return engine;
+}
+
+void write_results(const Opened& opened, const std::string& folder) {
   files::require_writable_folder(folder);
-  JournalPosterior posterior(opened.project, opened.setup);
-  for (const JournalEntry& entry : opened.entries) posterior.add(entry.datum);
-  const std::vector<std::size_t> steps(posterior.stale().begin(), posterior.stale().end());
+  engine::Engine engine = engine_of(opened);
+  const std::vector<std::size_t> steps(engine.stale().begin(), engine.stale().end());
   // The data as a file has them: one column per step, the last datum of each.
   assimilation::Measurements measurements = opened.setup.measurements;
   measurements.time.clear();
+  for (const std::size_t step : steps) measurements.time.push_back(opened.setup.observed->time[step]);
   measurements.values.resize(measurements.values.rows(), static_cast<Eigen::Index>(steps.size()));
-  for (std::size_t k = 0; k < steps.size(); ++k) {
-    measurements.time.push_back(opened.setup.observed->time[steps[k]]);
-    const auto values = posterior.last_values(steps[k]);
-    measurements.values.col(static_cast<Eigen::Index>(k)) =
-        Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
-  }
-  forecast::Forecaster forecaster = project::make_forecaster(opened.project, opened.setup);
-  report::ResultsWriter writer(opened.project, opened.setup.model, measurements, posterior.update().priors());
+  report::ResultsWriter writer(opened.project, opened.setup.model, measurements, engine.priors());
   std::vector<std::size_t> untrusted;
   const auto start = std::chrono::steady_clock::now();
   for (const std::size_t step : steps) {
     check_cancellation("nothing was written");
-    const auto conclusion = posterior.conclude(step);
-    if (!conclusion.result.trusted) untrusted.push_back(step);
-    writer.add_step(conclusion.result, conclusion.posterior, conclusion.forecasts,
-                    forecaster.direct(conclusion.posterior.points, conclusion.posterior.weights, 256),
-                    conclusion.forecast_us, step);
+    const engine::StepResult result = engine.conclude(step);
+    if (!result.update.trusted) untrusted.push_back(step);
+    writer.add_step(result, engine.direct_forecasts(result, 256), step, engine.last_values(step));
   }
   writer.write(folder, untrusted,
                std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
@@ -122,22 +121,21 @@ void replay_journal(const std::string& path, const std::string& project_path, bo
     return;
   }
   Opened opened = open_both(path, project_path);
-  JournalPosterior posterior(opened.project, opened.setup);
-  for (const JournalEntry& entry : opened.entries) posterior.add(entry.datum);
-  std::vector<std::size_t> steps(posterior.stale().begin(), posterior.stale().end()), untrusted;
+  engine::Engine engine = engine_of(opened);
+  std::vector<std::size_t> steps(engine.stale().begin(), engine.stale().end()), untrusted;
   if (!json && !steps.empty()) steps = {steps.back()};
   for (const std::size_t step : steps) {
     check_cancellation("a replay changes nothing");
-    const auto conclusion = json ? posterior.conclude(step) : posterior.preview(step);
-    if (!conclusion.result.trusted) untrusted.push_back(step);
+    const engine::StepResult result = json ? engine.conclude(step) : engine.preview(step);
+    if (!result.update.trusted) untrusted.push_back(step);
     if (json) {
-      fmt::print("{}\n", files::json_line(served_record(conclusion)));
+      fmt::print("{}\n", files::json_line(report::step_record(result)));
     } else {
       fmt::print("after step {}: ", step);
-      for (Eigen::Index k = 0; k < conclusion.result.mean.size(); ++k)
+      for (Eigen::Index k = 0; k < result.update.mean.size(); ++k)
         fmt::print(" {} {:.4g} ± {:.2g}", opened.project.parameters[static_cast<std::size_t>(k)].name,
-                   conclusion.result.mean[k], std::sqrt(conclusion.result.covariance(k, k)));
-      fmt::print("  log-evidence {:.6g}\n", conclusion.result.log_evidence);
+                   result.update.mean[k], std::sqrt(result.update.covariance(k, k)));
+      fmt::print("  log-evidence {:.6g}\n", result.update.log_evidence);
     }
   }
   const double elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();

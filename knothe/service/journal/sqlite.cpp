@@ -30,6 +30,11 @@ Statement& Statement::bind_blob(int place, std::string_view bytes) {
   return *this;
 }
 
+Statement& Statement::bind_null(int place) {
+  database_->check(sqlite3_bind_null(statement_.get(), place));
+  return *this;
+}
+
 bool Statement::step() {
   const int code = sqlite3_step(statement_.get());
   if (code == SQLITE_ROW) return true;

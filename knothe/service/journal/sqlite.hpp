@@ -27,6 +27,7 @@ class Statement {
   Statement& bind(int place, double value);
   Statement& bind(int place, std::string_view text);
   Statement& bind_blob(int place, std::string_view bytes);
+  Statement& bind_null(int place);
   /// Whether there is a row.
   [[nodiscard]] bool step();
   /// For statements without rows.

@@ -281,16 +281,16 @@ HttpResponse Api::ready() const {
 void Api::take_measurement(const HttpRequest& request, const Answer& answer) {
   std::shared_ptr<Site> site = sites_.front();
   try {
-    SiteDatum datum;
+    SiteMeasurement datum;
     if (request.header("content-type").starts_with("application/x-npy")) {
       const auto either = [&](const std::string& name) {
         const std::string plain = request.header(name);
         return plain.empty() ? request.header("x-knothe-" + name) : plain;
       };
-      datum = parse_npy_datum(request.body, {either("site"), either("source"), either("session"),
-                                             either("seq"), either("time"), either("status")});
+      datum = parse_npy_measurement(request.body, {either("site"), either("source"), either("session"),
+                                                   either("seq"), either("time"), either("status")});
     } else {
-      datum = parse_json_datum(request.body);
+      datum = parse_json_measurement(request.body);
     }
     if (datum.site.empty() && sites_.size() > 1)
       throw RequestError(400, "Malformed", "\"site\" is missing; this service has several");
@@ -299,7 +299,8 @@ void Api::take_measurement(const HttpRequest& request, const Answer& answer) {
     } catch (const RequestError& error) {
       throw RequestError(400, error.type(), error.what());
     }
-    site->ingest(std::move(datum.datum), [answer](const Site::Answer& stored) { answer(answer_of(stored)); });
+    site->ingest(std::move(datum.measurement),
+                 [answer](const Site::Answer& stored) { answer(answer_of(stored)); });
   } catch (const RequestError& error) {
     site->count(error.status() == 400 ? "malformed" : "not_ready");
     throw;
@@ -310,8 +311,9 @@ void Api::take_release(const HttpRequest& request, const Answer& answer) {
   Json body;
   try {
     body = Json::parse(request.body);
-    const DatumKey key{body.at("source").get<std::string>(), body.at("session").get<std::string>(),
-                       body.at("seq").get<std::int64_t>()};
+    const assimilation::DatumKey key{body.at("source").get<std::string>(),
+                                     body.at("session").get<std::string>(),
+                                     body.at("seq").get<std::int64_t>()};
     site_of(body.value("site", request.parameter("site")))
         ->release(key, [answer](const Site::Answer& stored) { answer(answer_of(stored)); });
   } catch (const Json::exception& error) {

@@ -48,12 +48,13 @@ struct MqttReceiver::Implementation {
         throw RequestError(
             413, "TooLarge",
             fmt::format("the message has {} bytes; at most {} are taken", message.payloadlen, max_body));
-      SiteDatum datum = parse_mqtt_datum(message.topic, {static_cast<const char*>(message.payload),
-                                                         static_cast<std::size_t>(message.payloadlen)});
-      const std::int64_t seq = datum.datum.key.seq;
+      SiteMeasurement datum = parse_mqtt_measurement(
+          message.topic,
+          {static_cast<const char*>(message.payload), static_cast<std::size_t>(message.payloadlen)});
+      const std::int64_t seq = datum.measurement.key.seq;
       for (const auto& site : sites) {
         if (site->name() != datum.site) continue;
-        const auto stored = store(*site, datum.datum);
+        const auto stored = store(*site, datum.measurement);
         if (!stored) return std::nullopt;
         if (const auto* error = std::get_if<RequestError>(&*stored)) throw RequestError(*error);
         const Appended& appended = std::get<Appended>(*stored);
@@ -72,7 +73,7 @@ struct MqttReceiver::Implementation {
   }
 
   /// Waits until the datum is on disk; tries again while the disk is full or the journal is replayed.
-  std::optional<Site::Answer> store(Site& site, const Datum& datum) {
+  std::optional<Site::Answer> store(Site& site, const Measurement& datum) {
     while (!stopping) {
       const auto promise = std::make_shared<std::promise<Site::Answer>>();
       auto answer = promise->get_future();

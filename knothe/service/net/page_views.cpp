@@ -89,7 +89,7 @@ Json description(const Site& site, const std::vector<std::string>& sites) {
   const project::Project& project = site.project();
   const auto& contents = site.setup().model.contents();
   Json parameters = Json::array();
-  const auto priors = site.posterior().update().priors();
+  const auto& priors = site.engine().priors();
   for (std::size_t k = 0; k < priors.size(); ++k) {
     std::vector<double> values;
     for (const double z :
@@ -154,13 +154,13 @@ Json mesh(const Site& site) {
         std::vector<std::int64_t>(model_mesh->cells.begin() + static_cast<std::ptrdiff_t>(c * k),
                                   model_mesh->cells.begin() + static_cast<std::ptrdiff_t>((c + 1) * k)));
   Json sensors = Json::array();
-  const auto& points = site.setup().observed_points;
+  const reduction::Sensors& places = site.setup().measurements.sensors;
   const Eigen::VectorXd std = site.setup().measurements.noise.standard_deviations();
-  for (std::size_t i = 0; i < site.setup().observed_components.size(); ++i)
-    sensors.push_back({{"x", points[3 * i]},
-                       {"y", points[3 * i + 1]},
-                       {"z", points[3 * i + 2]},
-                       {"component", site.setup().observed_components[i]},
+  for (std::size_t i = 0; i < places.displacement_count(); ++i)
+    sensors.push_back({{"x", places.point(i)[0]},
+                       {"y", places.point(i)[1]},
+                       {"z", places.point(i)[2]},
+                       {"component", places.components[i]},
                        {"std", std[static_cast<Eigen::Index>(i)]}});
   return {{"points", triples(model_mesh->points)},
           {"cells", Json::array({{{"type", cell_name(model_mesh->type)}, {"connectivity", connectivity}}})},

@@ -230,22 +230,25 @@ void UmBridge::evaluate_posterior(Call& call, int derivatives) {
   call.jacobian = Eigen::MatrixXd::Zero(1, d);
   call.hessian = Eigen::MatrixXd::Zero(d, d);
   if (!call.inside) return;
-  const auto priors = site.posterior().update().priors();
+  const auto& priors = site.engine().priors();
   double log_prior = 0;
   for (Eigen::Index k = 0; k < d; ++k)
     log_prior += priors[static_cast<std::size_t>(k)].log_density(call.p[k]);
   if (!std::isfinite(log_prior)) return;
   auto& density = call.models->density;
   if (!density) {
-    const assimilation::SequentialUpdate& update = site.posterior().update();
     const auto& functions = site.setup().observed->functions;
     reduction::FunctionBatch batch;
     batch.resize(1, d, functions->count(), 0);
-    functions->evaluate(update.centre().transpose(), 0, batch);
+    functions->evaluate(site.engine().centre().transpose(), 0, batch);
     density = std::make_unique<assimilation::CollapsedLogDensity>(
         functions, std::make_shared<const assimilation::PriorTransform>(priors), batch.value.row(0));
   }
-  density->set_form(site.form_up_to(call.step.value_or(0)));
+  const auto form = site.form_up_to(call.step.value_or(0));
+  if (!form)
+    throw RequestError(400, "UnsupportedFeature",
+                       "this site's method has no posterior density in closed form");
+  density->set_form(*form);
   sampling::LogDensityBatch batch;
   batch.resize(1, d, derivatives);
   density->evaluate_likelihood(call.p.transpose(), derivatives, batch);

@@ -8,8 +8,8 @@
 #include <new>
 
 #include "knothe/files/testing/test_folder.hpp"
-#include "knothe/service/journal/datum.hpp"
 #include "knothe/service/journal/journal.hpp"
+#include "knothe/service/journal/measurement.hpp"
 
 namespace {
 
@@ -56,8 +56,8 @@ int fail_each(const std::function<void()>& action, const std::function<void()>& 
   }
 }
 
-Datum datum(std::int64_t seq) {
-  Datum d;
+Measurement datum(std::int64_t seq) {
+  Measurement d;
   d.key = {"a camera with a name that is no small string", "session of the twenty-first of November", seq};
   d.time = 0.5;
   d.step = seq;
@@ -73,7 +73,7 @@ TEST(Allocation, TheParserOfNpySaysSo) {
   const std::string npy = std::string("\x93NUMPY\x01\x00\x76\x00", 10) + header + std::string(16, '\0');
   EXPECT_GT(fail_each(
                 [&] {
-                  (void)parse_npy_datum(npy, {"", "camera", "s", "1", "0.5", "good,bad"});
+                  (void)parse_npy_measurement(npy, {"", "camera", "s", "1", "0.5", "good,bad"});
                 },
                 [] {}),
             0);

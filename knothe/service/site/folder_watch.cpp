@@ -15,6 +15,7 @@
 #include "knothe/files/csv.hpp"
 #include "knothe/files/picture.hpp"
 #include "knothe/imaging/series/picture_folder.hpp"
+#include "knothe/service/journal/noise_bytes.hpp"
 #include "knothe/service/site/log.hpp"
 
 namespace knothe::service {
@@ -33,6 +34,12 @@ bool is_live_picture(const std::string& name) {
 
 bool is_table(const std::string& name) {
   return name.ends_with(".csv") && !name.starts_with(".") && name != k_times;
+}
+
+/// Point and component of a sensor.
+std::array<double, 4> key_of(const reduction::Sensors& sensors, std::size_t i) {
+  const auto at = sensors.point(i);
+  return {at[0], at[1], at[2], static_cast<double>(sensors.components[i])};
 }
 
 /// The last number in a name.
@@ -59,10 +66,8 @@ FolderWatch::FolderWatch(std::shared_ptr<Site> site) : site_(std::move(site)) {
     pictures_.emplace(options.watch_pictures, options.settle, is_live_picture);
   if (!options.watch_csv.empty()) tables_.emplace(options.watch_csv, options.settle, is_table);
   const project::UpdateSetup& setup = site_->setup();
-  for (std::size_t i = 0; i < setup.observed_components.size(); ++i) {
-    const double* at = &setup.observed_points[3 * i];
-    sensor_at_[{at[0], at[1], at[2], static_cast<double>(setup.observed_components[i])}] = i;
-  }
+  const reduction::Sensors& sensors = setup.measurements.sensors;
+  for (std::size_t i = 0; i < sensors.displacement_count(); ++i) sensor_at_[key_of(sensors, i)] = i;
   thread_ = std::thread([this] { run(); });
 }
 
@@ -145,23 +150,23 @@ FolderWatch::Place FolderWatch::place_of(const std::string& name) const {
 }
 
 FolderWatch::Outcome FolderWatch::take_picture(const std::string& name) {
-  Datum datum;
+  Measurement measurement;
   try {
     const Place place = place_of(name);
-    datum.key = {k_pictures_source,
-                 std::filesystem::path(pictures_->folder()).lexically_normal().filename().string(),
-                 place.seq};
-    if (datum.key.session.empty()) datum.key.session = "pictures";
-    datum.time = place.time;
+    measurement.key = {k_pictures_source,
+                       std::filesystem::path(pictures_->folder()).lexically_normal().filename().string(),
+                       place.seq};
+    if (measurement.key.session.empty()) measurement.key.session = "pictures";
+    measurement.time = place.time;
     site_->show_picture(place.time, pictures_->path(name));
   } catch (const DataError& error) {
     if (patient(*pictures_, name)) return Outcome::again;  // its line in the table may still come
     refuse(name, error.what());
     return Outcome::done;
   }
-  if (site_->holds(datum.key)) return Outcome::done;
+  if (site_->holds(measurement.key)) return Outcome::done;
   const auto sensors = static_cast<std::size_t>(site_->setup().measurements.observation_count());
-  datum.values.assign(sensors, std::numeric_limits<double>::quiet_NaN());
+  measurement.values.assign(sensors, std::numeric_limits<double>::quiet_NaN());
   std::string trouble;
   files::Picture picture;
   try {
@@ -172,68 +177,93 @@ FolderWatch::Outcome FolderWatch::take_picture(const std::string& name) {
   }
   try {
     if (trouble.empty()) {
-      const auto measured = site_->setup().pictures->measure(picture, name);
+      const auto step = step_of(measurement.time);
+      const auto measured = site_->setup().pictures->measure(picture, name, increment_to(step));
+      pictured_ = {{pictured_[1], step}};
       if (measured.picture.missing) trouble = measured.picture.message;
-      std::copy_n(measured.values.data(), sensors, datum.values.begin());
+      std::copy_n(measured.values.data(), sensors, measurement.values.begin());
+      if (measured.noise) measurement.noise = noise_bytes(*measured.noise);
     }
   } catch (const Error& error) {
     trouble = error.what();
   }
-  datum.status.assign(sensors, 0);
-  for (std::size_t i = 0; i < sensors; ++i) datum.status[i] = std::isnan(datum.values[i]) ? 1 : 0;
-  const Outcome outcome = store(std::move(datum), name);
+  measurement.status.assign(sensors, 0);
+  for (std::size_t i = 0; i < sensors; ++i) measurement.status[i] = std::isnan(measurement.values[i]) ? 1 : 0;
+  const Outcome outcome = store(std::move(measurement), name);
   if (outcome == Outcome::done && !trouble.empty()) refuse(name, "missing: " + trouble);
   return outcome;
+}
+
+std::optional<std::size_t> FolderWatch::step_of(double time) const {
+  try {
+    return assimilation::match_times({&time, 1}, site_->setup().observed->time, "the picture")[0];
+  } catch (const DataError&) {
+    return std::nullopt;  // it will be refused
+  }
+}
+
+/// What the model says that displacements change by since the last picture, as `knothe assimilate` has it
+/// when it correlates one picture ahead: by the parameters known after the picture before the last.
+Eigen::VectorXd FolderWatch::increment_to(std::optional<std::size_t> step) {
+  const auto [before, last] = pictured_;
+  if (!step || !last || !before) return {};
+  while (!site_->settled() && !site_->line(*before) && wait(0.001)) {
+  }
+  const auto line = site_->line(*before);
+  if (!line) return {};
+  const reduction::ObservedModel& model = *site_->setup().observed;
+  return model.predict(line->mean, *step) - model.predict(line->mean, *last);
 }
 
 // --- CSV -------------------------------------------------------------------------------------------------
 
 FolderWatch::Outcome FolderWatch::take_table(const std::string& name) {
-  std::vector<Datum> data;
+  std::vector<Measurement> data;
   try {
     const assimilation::Measurements table = assimilation::read_measurements_csv(tables_->path(name));
     std::vector<std::size_t> place;
-    for (Eigen::Index i = 0; i < table.points.rows(); ++i) {
-      const auto it = sensor_at_.find({table.points(i, 0), table.points(i, 1), table.points(i, 2),
-                                       static_cast<double>(table.components[static_cast<std::size_t>(i)])});
+    for (std::size_t i = 0; i < table.sensors.displacement_count(); ++i) {
+      const auto at = key_of(table.sensors, i);
+      const auto it = sensor_at_.find(at);
       if (it == sensor_at_.end())
         throw DataError(fmt::format("{}: this site has no sensor at ({}, {}, {}) m, component {}", name,
-                                    table.points(i, 0), table.points(i, 1), table.points(i, 2),
-                                    "xyz"[table.components[static_cast<std::size_t>(i)]]));
+                                    at[0], at[1], at[2], "xyz"[table.sensors.components[i]]));
       place.push_back(it->second);
     }
     const auto steps = assimilation::match_times(table.time, site_->setup().observed->time, name);
     const auto sensors = static_cast<std::size_t>(site_->setup().measurements.observation_count());
     for (std::size_t t = 0; t < steps.size(); ++t) {
-      Datum datum;
-      datum.key = {k_csv_source, name, static_cast<std::int64_t>(steps[t])};
-      datum.time = table.time[t];
-      datum.values.assign(sensors, std::numeric_limits<double>::quiet_NaN());
+      Measurement measurement;
+      measurement.key = {k_csv_source, name, static_cast<std::int64_t>(steps[t])};
+      measurement.time = table.time[t];
+      measurement.values.assign(sensors, std::numeric_limits<double>::quiet_NaN());
       for (std::size_t i = 0; i < place.size(); ++i)
-        datum.values[place[i]] = table.values(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(t));
-      datum.status.assign(datum.values.size(), 0);
-      for (std::size_t i = 0; i < datum.values.size(); ++i)
-        datum.status[i] = std::isnan(datum.values[i]) ? 1 : 0;
-      data.push_back(std::move(datum));
+        measurement.values[place[i]] =
+            table.values(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(t));
+      measurement.status.assign(measurement.values.size(), 0);
+      for (std::size_t i = 0; i < measurement.values.size(); ++i)
+        measurement.status[i] = std::isnan(measurement.values[i]) ? 1 : 0;
+      data.push_back(std::move(measurement));
     }
   } catch (const DataError& error) {
     if (patient(*tables_, name)) return Outcome::again;
     refuse(name, error.what());
     return Outcome::done;
   }
-  for (Datum& datum : data)
-    if (store(std::move(datum), name) == Outcome::again) return Outcome::again;
+  for (Measurement& measurement : data)
+    if (store(std::move(measurement), name) == Outcome::again) return Outcome::again;
   return Outcome::done;
 }
 
 // --- Into the journal ------------------------------------------------------------------------------------
 
 /// Waits until the datum is on disk, or is refused.
-FolderWatch::Outcome FolderWatch::store(Datum datum, const std::string& name) {
+FolderWatch::Outcome FolderWatch::store(Measurement measurement, const std::string& name) {
   const auto promise = std::make_shared<std::promise<Site::Answer>>();
   auto answer = promise->get_future();
   try {
-    site_->ingest(std::move(datum), [promise](const Site::Answer& stored) { promise->set_value(stored); });
+    site_->ingest(std::move(measurement),
+                  [promise](const Site::Answer& stored) { promise->set_value(stored); });
     const Site::Answer stored = answer.get();
     const auto* error = std::get_if<RequestError>(&stored);
     if (error == nullptr) return Outcome::done;

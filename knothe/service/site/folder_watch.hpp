@@ -41,7 +41,9 @@ class FolderWatch {
   [[nodiscard]] Place place_of(const std::string& name) const;
   Outcome take_picture(const std::string& name);
   Outcome take_table(const std::string& name);
-  Outcome store(Datum datum, const std::string& name);
+  [[nodiscard]] std::optional<std::size_t> step_of(double time) const;
+  [[nodiscard]] Eigen::VectorXd increment_to(std::optional<std::size_t> step);
+  Outcome store(Measurement datum, const std::string& name);
   void refuse(const std::string& name, const std::string& reason);
   [[nodiscard]] bool patient(const SettledFiles& files, const std::string& name) const;
   /// False when it is time to end.
@@ -50,6 +52,7 @@ class FolderWatch {
   std::shared_ptr<Site> site_;
   std::optional<SettledFiles> pictures_, tables_;
   std::map<std::array<double, 4>, std::size_t> sensor_at_;  ///< x, y, z, component → index
+  std::array<std::optional<std::size_t>, 2> pictured_;      ///< steps of the last two pictures
   std::mutex mutex_;
   std::condition_variable end_;
   bool ending_ = false;

@@ -21,8 +21,8 @@ constexpr double k_largest_value = 1e60;       // in standard deviations: its sq
 /// What the data mean: where the sensors are, and their noise as the likelihood sees it.
 std::string sensors_hash(const project::UpdateSetup& setup) {
   Sha256 sum;
-  for (const double x : setup.observed_points) sum.add_number(x);
-  for (const std::int64_t c : setup.observed_components) sum.add_number(c);
+  for (const double x : setup.measurements.sensors.points) sum.add_number(x);
+  for (const std::int64_t c : setup.measurements.sensors.components) sum.add_number(c);
   const auto& noise = setup.measurements.noise;
   const Eigen::VectorXd std = noise.standard_deviations();
   for (const double s : std) sum.add_number(s);
@@ -51,7 +51,7 @@ Site::Site(project::Project project, bool strict_deadline, Metrics& metrics, std
       sensor_std_(setup_.measurements.noise.standard_deviations()),
       identity_(identity_of(project_, setup_)),
       journal_(project_.serve.journal, Journal::Access::write),
-      posterior_(project_, setup_) {
+      engine_(project::engine_setup(project_, setup_)) {
   if (journal_.identify(identity_))
     log_event(
         "warning",
@@ -107,14 +107,14 @@ void Site::replay() {
   std::vector<Arrival> past;
   std::vector<JournalEntry> held;
   journal_.for_each([&](const JournalEntry& entry) {
-    const DatumKey& key = entry.datum.key;
+    const assimilation::DatumKey& key = entry.measurement.key;
     auto& largest = largest_seq_.try_emplace({key.source, key.session}, key.seq).first->second;
     largest = std::max(largest, key.seq);
     if (key.source == k_pictures_source || key.source == k_csv_source) from_folders_.insert(key);
     if (entry.quarantined && !entry.released) {
       held.push_back(entry);
     } else {
-      past.push_back({entry.datum, start, false});
+      past.push_back({entry.measurement, start, false});
     }
   });
   {
@@ -134,7 +134,7 @@ void Site::replay() {
 
 // --- Requests → journal ----------------------------------------------------------------------------------
 
-void Site::check_values(const Datum& datum) const {
+void Site::check_values(const Measurement& datum) const {
   const Eigen::Index n = sensor_std_.size();
   if (static_cast<Eigen::Index>(datum.values.size()) != n)
     throw RequestError(
@@ -150,7 +150,7 @@ void Site::check_values(const Datum& datum) const {
   }
 }
 
-void Site::ingest(Datum datum, std::function<void(Answer)> done) {
+void Site::ingest(Measurement datum, std::function<void(Answer)> done) {
   check_values(datum);
   try {
     const double time = datum.time;
@@ -169,7 +169,7 @@ void Site::ingest(Datum datum, std::function<void(Answer)> done) {
   requests_there_.notify_one();
 }
 
-void Site::release(DatumKey key, std::function<void(Answer)> done) {
+void Site::release(assimilation::DatumKey key, std::function<void(Answer)> done) {
   const std::lock_guard lock(mutex_);
   if (!ready_ || stopping_) throw RequestError(503, "NotReady", "the service is not ready, or stopping");
   requests_.push_back({std::move(key), std::move(done), MonotonicClock::now()});
@@ -250,20 +250,20 @@ void Site::commit(std::vector<Request>& group) {
 }
 
 Site::Answer Site::write(Request& request, std::vector<Arrival>& arrivals) {
-  if (const auto* key = std::get_if<DatumKey>(&request.what)) {
+  if (const auto* key = std::get_if<assimilation::DatumKey>(&request.what)) {
     const auto entry = journal_.release(*key);
     if (!entry)
       return RequestError(
           404, "NotQuarantined",
           fmt::format("there is no quarantined datum of source \"{}\", session \"{}\", seq {}", key->source,
                       key->session, key->seq));
-    if (!entry->released) arrivals.push_back({entry->datum, request.at, true});
+    if (!entry->released) arrivals.push_back({entry->measurement, request.at, true});
     const std::lock_guard lock(mutex_);
     std::erase_if(quarantine_, [&](const JournalEntry& held) { return held.id == entry->id; });
-    return Appended{entry->released ? Outcome::duplicate : Outcome::accepted, false, entry->datum.step,
-                    entry->datum.received_ms};
+    return Appended{entry->released ? Outcome::duplicate : Outcome::accepted, false, entry->measurement.step,
+                    entry->measurement.received_ms};
   }
-  Datum& datum = std::get<Datum>(request.what);
+  Measurement& datum = std::get<Measurement>(request.what);
   const auto [largest, is_new] =
       largest_seq_.try_emplace({datum.key.source, datum.key.session}, datum.key.seq);
   const bool late = !is_new && largest->second - datum.key.seq > project_.serve.window;

@@ -17,10 +17,10 @@
 #include <variant>
 #include <vector>
 
+#include "knothe/project/project_engine.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/project/update_setup.hpp"
 #include "knothe/service/journal/journal.hpp"
-#include "knothe/service/site/journal_posterior.hpp"
 #include "knothe/service/site/metrics.hpp"
 
 namespace knothe::service {
@@ -48,7 +48,8 @@ struct Line {
   bool trusted = true;
   std::string remark;
   bool monitor_alarm = false, bias_corrected = false;
-  std::string notice;  ///< what the monitor found or did at this step
+  std::vector<Eigen::Index> stuck, absent;  ///< sensors that have stopped
+  std::string notice;                       ///< what the monitor found or did at this step
   /// The correction of the model's bias, where it is on: as what is to be added to the model's functions w (a
   /// field), or at the sensors, m. Else empty.
   Eigen::VectorXd bias_functions, bias_sensors;
@@ -76,11 +77,11 @@ class Site {
   using Answer = std::variant<Appended, RequestError>;
   /// Checks the datum and puts it in the queue; `done` is called from another thread once it is on disk (or
   /// is not going to be). RequestError for what is wrong with it.
-  void ingest(Datum datum, std::function<void(Answer)> done);
+  void ingest(Measurement datum, std::function<void(Answer)> done);
   /// Lets a quarantined datum in. The same.
-  void release(DatumKey key, std::function<void(Answer)> done);
+  void release(assimilation::DatumKey key, std::function<void(Answer)> done);
   /// Whether a datum that came from a watched folder is in the journal.
-  [[nodiscard]] bool holds(const DatumKey& key) const;
+  [[nodiscard]] bool holds(const assimilation::DatumKey& key) const;
   /// What a person should know of a datum, as an alarm of the latest step.
   void warn(const std::string& kind, const std::string& message);
   /// The file in a watched folder that the datum of this model time was measured in.
@@ -101,6 +102,8 @@ class Site {
   /// The one with the smallest event > `event`.
   [[nodiscard]] std::shared_ptr<const Line> next_line(std::int64_t event) const;
   [[nodiscard]] std::int64_t last_event() const;
+  /// Whether every measurement in the journal is in the lines.
+  [[nodiscard]] bool settled() const;
   [[nodiscard]] std::vector<Alarm> alarms(std::int64_t after) const;
   [[nodiscard]] Json quarantine() const;
 
@@ -112,20 +115,21 @@ class Site {
   [[nodiscard]] const project::Project& project() const { return project_; }
   [[nodiscard]] const project::UpdateSetup& setup() const { return setup_; }
   [[nodiscard]] const Identity& identity() const { return identity_; }
-  [[nodiscard]] const JournalPosterior& posterior() const { return posterior_; }
-  [[nodiscard]] assimilation::StepForm form_up_to(std::size_t step) const;
+  [[nodiscard]] const engine::Engine& engine() const { return engine_; }
+  /// Of `Engine`, at any time.
+  [[nodiscard]] std::optional<assimilation::StepForm> form_up_to(std::size_t step) const;
   [[nodiscard]] double budget_s() const;
   [[nodiscard]] std::optional<double> period_s() const;
   [[nodiscard]] std::optional<double> stale_after_s() const;
 
  private:
   struct Request {
-    std::variant<Datum, DatumKey> what;
+    std::variant<Measurement, assimilation::DatumKey> what;
     std::function<void(Answer)> done;
     MonotonicClock::time_point at;
   };
   struct Arrival {
-    Datum datum;
+    Measurement measurement;
     MonotonicClock::time_point at;
     bool live = true;  ///< not from the journal's past
   };
@@ -144,13 +148,12 @@ class Site {
   void conclude(std::size_t step, bool preview);
   void conclude_next();
   void publish(std::shared_ptr<Line> line);
-  [[nodiscard]] std::shared_ptr<Line> make_line(const JournalPosterior::Conclusion& conclusion);
-  void add_bias(Line& line) const;
+  [[nodiscard]] std::shared_ptr<Line> make_line(const engine::StepResult& result);
   void judge_latency();
   void raise_alarms(const Line& line);
   void raise(std::size_t step, const std::string& severity, const std::string& kind,
              const std::string& message);
-  void check_values(const Datum& datum) const;
+  void check_values(const Measurement& datum) const;
   [[nodiscard]] State state_of_now() const;  ///< mutex_ held
   [[nodiscard]] std::optional<double> period_locked() const;
   [[nodiscard]] double budget_locked() const;
@@ -164,9 +167,10 @@ class Site {
   project::UpdateSetup setup_;
   Eigen::VectorXd sensor_std_;
   Identity identity_;
-  Journal journal_;             ///< of the committing thread
-  JournalPosterior posterior_;  ///< of the updating thread; its steps under posterior_mutex_
-  mutable std::mutex posterior_mutex_;
+  Journal journal_;        ///< of the committing thread
+  engine::Engine engine_;  ///< of the updating thread; its steps under engine_mutex_
+  mutable std::mutex engine_mutex_;
+  std::map<std::size_t, std::int64_t> received_ms_;  ///< when a step's last measurement arrived, Unix time
 
   mutable std::mutex mutex_;  ///< everything below
   std::condition_variable requests_there_, arrivals_there_;
@@ -183,7 +187,7 @@ class Site {
   bool newest_is_shown_ = false;                         ///< the same; nothing has come since a preview
   std::vector<JournalEntry> quarantine_;
   std::map<std::string, std::int64_t> outcomes_;
-  std::set<DatumKey> from_folders_;
+  std::set<assimilation::DatumKey> from_folders_;
   std::map<std::size_t, std::string> pictures_;         ///< file by step
   std::deque<MonotonicClock::time_point> accepted_at_;  ///< the last 32
   std::vector<MonotonicClock::time_point> waiting_;     ///< of data taken, whose line is not published yet

@@ -6,8 +6,8 @@
 
 #include "knothe/base/version.hpp"
 #include "knothe/files/json_line.hpp"
+#include "knothe/report/results/step_record.hpp"
 #include "knothe/service/site/log.hpp"
-#include "knothe/service/site/served_record.hpp"
 #include "knothe/service/site/site.hpp"
 
 namespace knothe::service {
@@ -51,23 +51,22 @@ Json Alarm::json() const {
   return {{"id", id}, {"step", step}, {"severity", severity}, {"kind", kind}, {"message", message}};
 }
 
-std::shared_ptr<Line> Site::make_line(const JournalPosterior::Conclusion& conclusion) {
-  const assimilation::UpdateResult& result = conclusion.result;
+std::shared_ptr<Line> Site::make_line(const engine::StepResult& step) {
+  const assimilation::UpdateResult& result = step.update;
   auto line = std::make_shared<Line>();
   line->step = result.step;
   line->time = result.time;
   line->mean = result.mean;
   line->std = result.covariance.diagonal().cwiseSqrt();
-  line->samples = systematic_draws(conclusion.posterior);
+  line->samples = systematic_draws(step.posterior);
   line->trusted = result.trusted;
   line->remark = result.remark;
   line->monitor_alarm = result.monitor.alarm;
   line->bias_corrected = result.bias_corrected;
   line->notice = result.notice;
-  if (result.bias_corrected && conclusion.followed) add_bias(*line);
-  const auto values = posterior_.last_values(result.step);
-  const Eigen::Map<const Eigen::VectorXd> measured(values.data(), static_cast<Eigen::Index>(values.size()));
-  line->residual = measured - setup_.observed->predict(result.mean, result.step);
+  line->stuck = step.stuck, line->absent = step.absent;
+  line->bias_functions = step.bias_functions, line->bias_sensors = step.bias_sensors;
+  line->residual = engine_.last_values(result.step) - setup_.observed->predict(result.mean, result.step);
   for (Eigen::Index i = 0; i < line->residual.size(); ++i) {
     const bool missing = std::isnan(line->residual[i]);
     line->missing.push_back(missing);
@@ -82,19 +81,19 @@ std::shared_ptr<Line> Site::make_line(const JournalPosterior::Conclusion& conclu
     line->misfit = line->misfit_values == 0 ? 0 : line->residual.dot(noise.apply(line->residual).col(0));
   }
   line->misfit_probability = chi_squared_tail(line->misfit, static_cast<double>(line->misfit_values));
-  Json record = served_record(conclusion);
-  for (const forecast::NamedForecast& named : conclusion.forecasts)
+  Json record = report::step_record(step);
+  for (const forecast::NamedForecast& named : step.forecasts)
     line->above_threshold[named.name] = named.forecast.probability_above_threshold;
   for (const auto& [phase, us] : {std::pair{"projection", result.elapsed_us.projection},
                                   {"map", result.elapsed_us.map},
                                   {"correction", result.elapsed_us.correction},
-                                  {"forecast", conclusion.forecast_us}})
+                                  {"forecast", step.forecast_us}})
     metrics_.observe("knothe_phase_seconds", labels(fmt::format("phase=\"{}\"", phase)), 1e-6 * us);
   metrics_.set("knothe_effective_sample_size_ratio", labels(), result.effective_sample_size);
   metrics_.set("knothe_log_evidence", labels(), result.log_evidence);
   record["site"] = name_;
-  record["data"] = posterior_.data_of(result.step);
-  record["received_at"] = 1e-3 * static_cast<double>(posterior_.received_ms(result.step));
+  record["data"] = engine_.data_count(result.step);
+  record["received_at"] = 1e-3 * static_cast<double>(received_ms_.at(result.step));
   {
     const std::lock_guard lock(mutex_);
     line->event = next_event_++;
@@ -102,13 +101,6 @@ std::shared_ptr<Line> Site::make_line(const JournalPosterior::Conclusion& conclu
   record["event"] = line->event;
   line->json = files::json_line(record);
   return line;
-}
-
-void Site::add_bias(Line& line) const {
-  const assimilation::SequentialUpdate& update = posterior_.update();
-  line.bias_functions = update.discrepancy();
-  if (const assimilation::ModelBias* learnt = update.bias())
-    if (auto bias = learnt->latest()) line.bias_sensors = std::move(*bias);
 }
 
 // --- State ------------------------------------------------------------------------------------------------
@@ -284,7 +276,7 @@ std::string Site::picture_of(std::size_t step) const {
   return it == pictures_.end() ? "" : it->second;
 }
 
-bool Site::holds(const DatumKey& key) const {
+bool Site::holds(const assimilation::DatumKey& key) const {
   const std::lock_guard lock(mutex_);
   return from_folders_.contains(key);
 }
@@ -318,6 +310,11 @@ void Site::raise_alarms(const Line& line) {
   const auto missing = std::count(line.missing.begin(), line.missing.end(), true);
   judge("sensors", 10 * missing > static_cast<std::ptrdiff_t>(line.missing.size()) ? "warning" : "",
         "sensors", fmt::format("{} of {} sensors are missing", missing, line.missing.size()));
+  judge("stuck", line.stuck.empty() ? "" : "warning", "sensors",
+        fmt::format("the same value at five steps while the model moves: sensors {}",
+                    fmt::join(line.stuck, ", ")));
+  judge("absent", line.absent.empty() ? "" : "warning", "sensors",
+        fmt::format("no value at five steps: sensors {}", fmt::join(line.absent, ", ")));
 }
 
 std::vector<Alarm> Site::alarms(std::int64_t after) const {
@@ -368,7 +365,7 @@ Json Site::quarantine() const {
   const std::lock_guard lock(mutex_);
   Json list = Json::array();
   for (const JournalEntry& entry : quarantine_) {
-    const Datum& d = entry.datum;
+    const Measurement& d = entry.measurement;
     list.push_back({{"source", d.key.source},
                     {"session", d.key.session},
                     {"seq", d.key.seq},
@@ -378,9 +375,14 @@ Json Site::quarantine() const {
   return {{"quarantined", list}};
 }
 
-assimilation::StepForm Site::form_up_to(std::size_t step) const {
-  const std::lock_guard lock(posterior_mutex_);
-  return posterior_.form_up_to(step);
+std::optional<assimilation::StepForm> Site::form_up_to(std::size_t step) const {
+  const std::lock_guard lock(engine_mutex_);
+  return engine_.form_up_to(step);
+}
+
+bool Site::settled() const {
+  const std::lock_guard lock(mutex_);
+  return requests_.empty() && arrivals_.empty() && at_hand_ == 0 && stale_lines_ == 0;
 }
 
 }  // namespace knothe::service

@@ -2,6 +2,8 @@
 #include <fmt/format.h>
 #include <malloc.h>
 
+#include <algorithm>
+
 #include "knothe/base/error.hpp"
 #include "knothe/service/site/log.hpp"
 #include "knothe/service/site/site.hpp"
@@ -37,7 +39,7 @@ void Site::update_loop() {
     take(arrivals);
     if (!arrivals.empty()) newest_is_shown_ = false;
     conclude_next();
-    const auto& stale = posterior_.stale();
+    const auto& stale = engine_.stale();
     {
       const std::lock_guard lock(mutex_);
       stale_lines_ = stale.size();
@@ -57,23 +59,27 @@ void Site::take(const std::vector<Arrival>& arrivals) {
   for (const Arrival& arrival : arrivals) {
     std::string trouble;
     try {
-      const std::lock_guard lock(posterior_mutex_);
-      if (arrival.datum.step < 0 ||
-          static_cast<std::size_t>(arrival.datum.step) >= setup_.observed->time.size())
-        throw DataError(fmt::format("step {} is not one of this model", arrival.datum.step));
-      posterior_.add(arrival.datum);
+      if (arrival.measurement.step < 0 ||
+          static_cast<std::size_t>(arrival.measurement.step) >= setup_.observed->time.size())
+        throw DataError(fmt::format("step {} is not one of this model", arrival.measurement.step));
+      const assimilation::Datum datum = arrival.measurement.datum();
+      const std::lock_guard lock(engine_mutex_);
+      engine_.add(datum);
+      std::int64_t& received = received_ms_[datum.step];
+      received = std::max(received, arrival.measurement.received_ms);
     } catch (const std::exception& error) {
       trouble = error.what();
       log_event("error", "a datum cannot be assimilated",
                 {{"site", name_},
-                 {"source", arrival.datum.key.source},
-                 {"session", arrival.datum.key.session},
-                 {"seq", arrival.datum.key.seq},
-                 {"step", arrival.datum.step},
+                 {"source", arrival.measurement.key.source},
+                 {"session", arrival.measurement.key.session},
+                 {"seq", arrival.measurement.key.seq},
+                 {"step", arrival.measurement.step},
                  {"reason", trouble}});
     }
     const std::lock_guard lock(mutex_);
     --at_hand_;
+    stale_lines_ = engine_.stale().size();
     if (!trouble.empty()) failure_ = trouble;
     if (arrival.live && trouble.empty()) waiting_.push_back(arrival.at);
   }
@@ -83,7 +89,7 @@ void Site::take(const std::vector<Arrival>& arrivals) {
 /// is shown first, without the monitor; but not twice in a row, or data that keep coming would keep the
 /// others waiting.
 void Site::conclude_next() {
-  const auto& stale = posterior_.stale();
+  const auto& stale = engine_.stale();
   if (stale.empty()) return;
   previewed_ = stale.size() >= k_newest_first_from && !newest_is_shown_ && !previewed_;
   newest_is_shown_ = newest_is_shown_ || previewed_;
@@ -95,8 +101,8 @@ void Site::conclude(std::size_t step, bool preview) {
   std::string trouble;
   try {
     // Sums of steps are brought up to date here: who reads them (`form_up_to`) waits for one update.
-    const std::lock_guard lock(posterior_mutex_);
-    line = make_line(preview ? posterior_.preview(step) : posterior_.conclude(step));
+    const std::lock_guard lock(engine_mutex_);
+    line = make_line(preview ? engine_.preview(step) : engine_.conclude(step));
   } catch (const std::exception& error) {
     trouble = error.what();
     log_event("error", "an update failed", {{"site", name_}, {"step", step}, {"reason", trouble}});

@@ -1,6 +1,5 @@
 #pragma once
 /// @file A measurement as it is sent: its key, its payload, and its parsing from JSON and npy.
-#include <compare>
 #include <cstdint>
 #include <limits>
 #include <span>
@@ -9,26 +8,24 @@
 #include <string_view>
 #include <vector>
 
+#include "knothe/assimilation/data/datum.hpp"
+
 namespace knothe::service {
 
-/// Who a datum is. Sorted by source, then session, then seq.
-struct DatumKey {
-  std::string source, session;
-  std::int64_t seq = 0;
-  auto operator<=>(const DatumKey&) const = default;
-};
-
-/// One vector of values of all sensors at one model time.
-struct Datum {
-  DatumKey key;
+/// One vector of values of all sensors at one model time, as it was sent.
+struct Measurement {
+  assimilation::DatumKey key;
   double time = 0;
   std::vector<double> values;        ///< as sent; NaN for null
   std::vector<std::uint8_t> status;  ///< one per value: 0 is good, anything else is missing
+  std::string noise;                 ///< its own (noise_bytes.hpp); empty: that of the sensors
   std::int64_t step = 0;             ///< index of the model time
   std::int64_t received_ms = 0;      ///< Unix time of its arrival; nothing depends on it
 
-  /// The values that the update sees: NaN where missing.
+  /// The values that the engine sees: NaN where missing.
   [[nodiscard]] std::vector<double> effective_values() const;
+  /// As the engine takes it: every model time is a step. DataError for noise that is damaged.
+  [[nodiscard]] assimilation::Datum datum() const;
   /// Values and status as the journal keeps them: count, doubles, bytes, little endian.
   [[nodiscard]] std::string payload() const;
   /// Back again. False if the bytes are not a payload.
@@ -49,24 +46,24 @@ class RequestError : public std::runtime_error {
   std::string type_;
 };
 
-/// A datum and the site it is for (may be empty).
-struct SiteDatum {
+/// A measurement and the site it is for (may be empty).
+struct SiteMeasurement {
   std::string site;
-  Datum datum;
+  Measurement measurement;
 };
 
 /// From the JSON object of `POST /v1/measurements`. RequestError 400 that says which member is wrong.
-[[nodiscard]] SiteDatum parse_json_datum(std::string_view body);
+[[nodiscard]] SiteMeasurement parse_json_measurement(std::string_view body);
 
 /// From an MQTT message: topic knothe/v1/SITE/SOURCE/data, payload the same JSON, whose `site` (may be left
 /// out) and `source` must be those of the topic. RequestError 400.
-[[nodiscard]] SiteDatum parse_mqtt_datum(std::string_view topic, std::string_view payload);
+[[nodiscard]] SiteMeasurement parse_mqtt_measurement(std::string_view topic, std::string_view payload);
 
 /// The key and time of a datum whose values come as npy: texts of HTTP headers.
 struct NpyHeaders {
   std::string site, source, session, seq, time, status;
 };
-[[nodiscard]] SiteDatum parse_npy_datum(std::string_view body, const NpyHeaders& headers);
+[[nodiscard]] SiteMeasurement parse_npy_measurement(std::string_view body, const NpyHeaders& headers);
 
 /// The numbers of a one-dimensional .npy array of little- or big-endian float32 or float64. RequestError 400.
 [[nodiscard]] std::vector<double> parse_npy(std::string_view bytes);

@@ -1,4 +1,4 @@
-#include "knothe/service/journal/datum.hpp"
+#include "knothe/service/journal/measurement.hpp"
 
 #include <gtest/gtest.h>
 
@@ -39,7 +39,7 @@ std::string bytes_of(const std::vector<Number>& numbers, bool swapped = false) {
 
 std::string refusal(const std::string& body) {
   try {
-    (void)parse_json_datum(body);
+    (void)parse_json_measurement(body);
   } catch (const RequestError& error) {
     EXPECT_EQ(error.status(), 400);
     EXPECT_EQ(error.type(), "Malformed");
@@ -48,22 +48,22 @@ std::string refusal(const std::string& body) {
   return "";
 }
 
-TEST(Datum, IsReadFromJson) {
-  const SiteDatum read = parse_json_datum(k_json);
+TEST(Measurement, IsReadFromJson) {
+  const SiteMeasurement read = parse_json_measurement(k_json);
   EXPECT_EQ(read.site, "beam");
-  EXPECT_EQ(read.datum.key, (DatumKey{"camera", "s", 4}));
-  EXPECT_EQ(read.datum.time, 0.25);
-  const auto values = read.datum.effective_values();
+  EXPECT_EQ(read.measurement.key, (assimilation::DatumKey{"camera", "s", 4}));
+  EXPECT_EQ(read.measurement.time, 0.25);
+  const auto values = read.measurement.effective_values();
   ASSERT_EQ(values.size(), 3u);
   EXPECT_EQ(values[0], 1.5);
   EXPECT_TRUE(std::isnan(values[1]));
   EXPECT_TRUE(std::isnan(values[2]));
-  EXPECT_EQ(read.datum.values[2], -3e-7);
+  EXPECT_EQ(read.measurement.values[2], -3e-7);
 }
 
-TEST(Datum, APayloadComesBackToTheBit) {
-  const Datum datum = parse_json_datum(k_json).datum;
-  Datum back;
+TEST(Measurement, APayloadComesBackToTheBit) {
+  const Measurement datum = parse_json_measurement(k_json).measurement;
+  Measurement back;
   ASSERT_TRUE(back.set_payload(datum.payload()));
   EXPECT_EQ(back.payload(), datum.payload());
   EXPECT_EQ(back.status, datum.status);
@@ -72,7 +72,7 @@ TEST(Datum, APayloadComesBackToTheBit) {
   EXPECT_FALSE(back.set_payload(std::string(8, '\xff')));
 }
 
-TEST(Datum, WhatIsWrongIsNamed) {
+TEST(Measurement, WhatIsWrongIsNamed) {
   const auto replaced = [](const std::string& old, const std::string& by) {
     std::string text = k_json;
     return text.replace(text.find(old), old.size(), by);
@@ -95,7 +95,7 @@ TEST(Datum, WhatIsWrongIsNamed) {
   EXPECT_NE(refusal(std::string(100000, '[')).find("not JSON"), std::string::npos);
 }
 
-TEST(Datum, NpyArraysOfEitherOrderAndWidthAreRead) {
+TEST(Measurement, NpyArraysOfEitherOrderAndWidthAreRead) {
   const std::vector<double> doubles = {1.5, -2e-7, 3};
   const std::vector<float> floats = {1.5f, -2e-7f, 3.0f};
   EXPECT_EQ(parse_npy(npy("<f8", "(3,)", bytes_of(doubles))), doubles);
@@ -113,7 +113,7 @@ TEST(Datum, NpyArraysOfEitherOrderAndWidthAreRead) {
 }
 
 /// Every parser takes every mutilation of a good input: it reads it, or refuses it by RequestError.
-TEST(Datum, MutilatedInputIsReadOrRefused) {
+TEST(Measurement, MutilatedInputIsReadOrRefused) {
   std::mt19937_64 random(3);
   const std::string array = npy("<f8", "(3,)", bytes_of(std::vector<double>{1, 2, 3}));
   int refused = 0;
@@ -138,9 +138,9 @@ TEST(Datum, MutilatedInputIsReadOrRefused) {
     }
     try {
       if (k % 2 == 0) {
-        (void)parse_json_datum(text).datum.payload();
+        (void)parse_json_measurement(text).measurement.payload();
       } else {
-        (void)parse_npy_datum(text, {"", "a", "b", "1", "0.5", ""});
+        (void)parse_npy_measurement(text, {"", "a", "b", "1", "0.5", ""});
       }
     } catch (const RequestError&) {
       ++refused;

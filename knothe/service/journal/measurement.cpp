@@ -1,4 +1,4 @@
-#include "knothe/service/journal/datum.hpp"
+#include "knothe/service/journal/measurement.hpp"
 
 #include <fmt/format.h>
 
@@ -11,6 +11,7 @@
 #include <nlohmann/json.hpp>
 
 #include "knothe/files/numbers.hpp"
+#include "knothe/service/journal/noise_bytes.hpp"
 
 namespace knothe::service {
 namespace {
@@ -59,7 +60,7 @@ std::uint8_t status_code(const std::string& word) {
   return word == "good" ? 0 : word == "missing" ? 1 : word == "bad" ? 2 : 3;
 }
 
-void read_values(const Json& array, Datum& datum) {
+void read_values(const Json& array, Measurement& datum) {
   if (!array.is_array()) malformed("\"values\" must be an array of numbers");
   datum.values.reserve(array.size());
   for (std::size_t i = 0; i < array.size(); ++i) {
@@ -71,7 +72,7 @@ void read_values(const Json& array, Datum& datum) {
   datum.status.assign(datum.values.size(), 0);
 }
 
-void read_status(const Json& array, Datum& datum) {
+void read_status(const Json& array, Measurement& datum) {
   if (!array.is_array()) malformed("\"status\" must be an array of words");
   if (array.size() != datum.values.size())
     malformed(fmt::format("\"status\" has {} entries for {} values", array.size(), datum.values.size()));
@@ -91,14 +92,23 @@ Number read_number(std::string_view bytes, bool big_endian) {
 
 }  // namespace
 
-std::vector<double> Datum::effective_values() const {
+std::vector<double> Measurement::effective_values() const {
   std::vector<double> effective = values;
   for (std::size_t i = 0; i < status.size(); ++i)
     if (status[i] != 0) effective[i] = std::numeric_limits<double>::quiet_NaN();
   return effective;
 }
 
-std::string Datum::payload() const {
+assimilation::Datum Measurement::datum() const {
+  const std::vector<double> effective = effective_values();
+  const auto index = static_cast<std::size_t>(step);
+  assimilation::Datum datum{
+      key, index, index, Eigen::Map<const Eigen::VectorXd>(effective.data(), std::ssize(effective)), {}};
+  if (!noise.empty()) datum.noise = noise_of_bytes(noise);
+  return datum;
+}
+
+std::string Measurement::payload() const {
   const auto n = static_cast<std::uint64_t>(values.size());
   std::string bytes(sizeof n + 9 * values.size(), '\0');
   std::memcpy(bytes.data(), &n, sizeof n);
@@ -111,7 +121,7 @@ std::string Datum::payload() const {
   return bytes;
 }
 
-bool Datum::set_payload(std::string_view bytes) {
+bool Measurement::set_payload(std::string_view bytes) {
   std::uint64_t n = 0;
   if (bytes.size() < sizeof n) return false;
   std::memcpy(&n, bytes.data(), sizeof n);
@@ -123,7 +133,7 @@ bool Datum::set_payload(std::string_view bytes) {
   return true;
 }
 
-SiteDatum parse_json_datum(std::string_view body) {
+SiteMeasurement parse_json_measurement(std::string_view body) {
   Json object;
   try {
     object = Json::parse(body);
@@ -131,8 +141,8 @@ SiteDatum parse_json_datum(std::string_view body) {
     malformed(fmt::format("the body is not JSON: {}", error.what()));
   }
   if (!object.is_object()) malformed("the body must be one JSON object");
-  SiteDatum result;
-  Datum& datum = result.datum;
+  SiteMeasurement result;
+  Measurement& datum = result.measurement;
   result.site = text_member(object, "site", false);
   datum.key.source = text_member(object, "source", true);
   datum.key.session = text_member(object, "session", true);
@@ -145,7 +155,7 @@ SiteDatum parse_json_datum(std::string_view body) {
   return result;
 }
 
-SiteDatum parse_mqtt_datum(std::string_view topic, std::string_view payload) {
+SiteMeasurement parse_mqtt_measurement(std::string_view topic, std::string_view payload) {
   const std::string_view head = "knothe/v1/", tail = "/data";
   const bool framed =
       topic.size() >= head.size() + tail.size() && topic.starts_with(head) && topic.ends_with(tail);
@@ -154,8 +164,8 @@ SiteDatum parse_mqtt_datum(std::string_view topic, std::string_view payload) {
   const auto slash = middle.find('/');
   if (slash == std::string_view::npos) malformed("the topic must be knothe/v1/SITE/SOURCE/data");
   const std::string_view site = middle.substr(0, slash), source = middle.substr(slash + 1);
-  SiteDatum datum = parse_json_datum(payload);
-  if ((!datum.site.empty() && datum.site != site) || datum.datum.key.source != source)
+  SiteMeasurement datum = parse_json_measurement(payload);
+  if ((!datum.site.empty() && datum.site != site) || datum.measurement.key.source != source)
     malformed("\"site\" or \"source\" is not that of the topic");
   datum.site = site;
   return datum;
@@ -208,9 +218,9 @@ std::vector<double> parse_npy(std::string_view bytes) {
   return values;
 }
 
-SiteDatum parse_npy_datum(std::string_view body, const NpyHeaders& headers) {
-  SiteDatum result;
-  Datum& datum = result.datum;
+SiteMeasurement parse_npy_measurement(std::string_view body, const NpyHeaders& headers) {
+  SiteMeasurement result;
+  Measurement& datum = result.measurement;
   const auto checked = [](const std::string& text, const char* name, bool may_be_empty) {
     check_name(text, name, may_be_empty);
     return text;

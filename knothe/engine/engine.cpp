@@ -1,0 +1,156 @@
+#include "knothe/engine/engine.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "knothe/assimilation/update/prior_of_model.hpp"
+#include "knothe/base/error.hpp"
+#include "knothe/base/monotonic_time.hpp"
+
+namespace knothe::engine {
+
+using assimilation::Datum;
+using assimilation::DatumKey;
+
+Engine::Engine(EngineSetup setup)
+    : setup_(std::move(setup)), method_(make_method(setup_)), watch_(setup_.noise) {
+  const auto transform = assimilation::truncated_to_box(*setup_.model, setup_.priors);
+  for (Eigen::Index k = 0; k < transform->dimension(); ++k) priors_.push_back(transform->prior(k));
+  centre_ = assimilation::medians(*transform);
+  for (const CandidateModel& candidate : setup_.candidates) candidates_.push_back(make_method(candidate.setup));
+}
+
+StepResult Engine::assimilate(const Datum& datum) {
+  add(datum);
+  return conclude(datum.step);
+}
+
+void Engine::require_fits(const Datum& datum) const {
+  if (datum.values.size() != setup_.model->observations())
+    throw UsageError(fmt::format("step {}: {} values for {} sensors", datum.step, datum.values.size(),
+                                 setup_.model->observations()));
+  if (datum.time_index >= setup_.model->time.size())
+    throw UsageError(fmt::format("step {}: the model has {} times, there is no time {}", datum.step,
+                                 setup_.model->time.size(), datum.time_index));
+  const auto found = steps_.find(datum.step);
+  if (found != steps_.end() && found->second.time_index != datum.time_index)
+    throw UsageError(fmt::format("step {}: its data are of model time {}, not {}", datum.step,
+                                 found->second.time_index, datum.time_index));
+}
+
+void Engine::add(const Datum& datum) {
+  require_fits(datum);
+  const auto found = steps_.find(datum.step);
+  if (found != steps_.end() && found->second.data.contains(datum.key)) return;
+  method_->add(datum);
+  for (std::size_t k = 0; k < candidates_.size(); ++k) {
+    Datum seen = datum;
+    seen.time_index = setup_.candidates[k].time_indices.at(datum.time_index);
+    candidates_[k]->add(seen);
+  }
+  Step& step = steps_[datum.step];
+  step.time_index = datum.time_index;
+  step.data.emplace(datum.key, datum.values);
+  mark_changed(datum.step);
+}
+
+bool Engine::withdraw(std::size_t step, const DatumKey& key) {
+  const auto found = steps_.find(step);
+  if (found == steps_.end() || !found->second.data.erase(key)) return false;
+  method_->withdraw(step, key);
+  for (const auto& candidate : candidates_) candidate->withdraw(step, key);
+  if (found->second.data.empty()) {
+    steps_.erase(found);
+    stale_.erase(step);
+  }
+  mark_changed(step);
+  return true;
+}
+
+void Engine::mark_changed(std::size_t step) {
+  for (auto it = steps_.lower_bound(step); it != steps_.end(); ++it) stale_.insert(it->first);
+  setup_.scores.forget_from(step);
+  if (!watched_ || *watched_ < step) return;
+  watch_ = assimilation::SensorWatch(setup_.noise);
+  watched_.reset();
+}
+
+StepResult Engine::conclude(std::size_t step) {
+  stale_.erase(step);
+  const Step& here = steps_.at(step);
+  auto scores = setup_.scores.look(step, here.time_index, here.last_values());
+  StepResult result = result_of(method_->conclude(step));
+  result.scores = std::move(scores);
+  if (method_->sensors() != nullptr) result.sensors = *method_->sensors();
+  if (setup_.watches_sensors) watch_sensors(step, result);
+  if (!candidates_.empty()) compare_models(step, result);
+  if (const auto* update = method_->update(); update != nullptr && result.update.bias_corrected) {
+    result.bias_functions = update->discrepancy();
+    if (const auto* learnt = update->bias())
+      if (auto bias = learnt->latest()) result.bias_sensors = std::move(*bias);
+  }
+  setup_.scores.keep(step, result.update.time, result.posterior.points, result.posterior.weights);
+  return result;
+}
+
+StepResult Engine::preview(std::size_t step) {
+  StepResult result = result_of(method_->preview(step));
+  result.followed = false;
+  return result;
+}
+
+StepResult Engine::result_of(const assimilation::UpdateResult& update) {
+  StepResult result;
+  result.update = update;
+  result.posterior = method_->posterior();
+  if (!setup_.forecaster) return result;
+  const auto start = monotonic_now();
+  result.forecasts = setup_.forecaster->update(result.posterior.points, result.posterior.weights);
+  result.forecast_us = microseconds_since(start);
+  return result;
+}
+
+std::vector<forecast::NamedForecast> Engine::direct_forecasts(const StepResult& result, Eigen::Index max_points) {
+  if (!setup_.forecaster) return {};
+  return setup_.forecaster->direct(result.posterior.points, result.posterior.weights, max_points);
+}
+
+void Engine::watch_sensors(std::size_t step, StepResult& result) {
+  for (auto it = watched_ ? steps_.upper_bound(*watched_) : steps_.begin(); it != steps_.end() && it->first <= step; ++it)
+    watch_.look(it->second.last_values(), setup_.model->predict(centre_, it->second.time_index));
+  watched_ = step;
+  result.stuck = watch_.stuck();
+  result.absent = watch_.absent();
+}
+
+void Engine::compare_models(std::size_t step, StepResult& result) {
+  std::vector<std::string> names = {setup_.name};
+  std::vector<double> evidences = {result.update.log_evidence};
+  for (std::size_t k = 0; k < candidates_.size(); ++k) {
+    names.push_back(setup_.candidates[k].name);
+    evidences.push_back(candidates_[k]->conclude(step).log_evidence);
+  }
+  result.models = assimilation::compare_models(names, evidences);
+}
+
+std::optional<std::size_t> Engine::last_step() const {
+  if (steps_.empty()) return std::nullopt;
+  return steps_.rbegin()->first;
+}
+
+std::size_t Engine::data_count(std::size_t step) const {
+  const auto it = steps_.find(step);
+  return it == steps_.end() ? 0 : it->second.data.size();
+}
+
+Eigen::VectorXd Engine::last_values(std::size_t step) const {
+  const auto it = steps_.find(step);
+  return it == steps_.end() ? Eigen::VectorXd() : it->second.last_values();
+}
+
+std::optional<assimilation::StepForm> Engine::form_up_to(std::size_t step) const {
+  return method_->form_up_to(step);
+}
+
+}  // namespace knothe::engine

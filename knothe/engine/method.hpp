@@ -1,0 +1,50 @@
+#pragma once
+/// @file How the engine turns data into posteriors: by quadratic forms, in any order, or by a method that takes the
+/// data one after the other.
+#include <array>
+#include <memory>
+
+#include "knothe/assimilation/data/datum.hpp"
+#include "knothe/assimilation/update/baseline_update.hpp"
+#include "knothe/assimilation/update/robust_update.hpp"
+#include "knothe/assimilation/update/sequential_update.hpp"
+
+namespace knothe::engine {
+
+/// A posterior as a function of a set of data: the order in which they were added never matters, to the bit.
+class Method {
+ public:
+  virtual ~Method() = default;
+  /// A datum that is not there yet. DataError for one that cannot be assimilated: nothing has changed then.
+  virtual void add(const assimilation::Datum& datum) = 0;
+  /// Takes a datum out that is there.
+  virtual void withdraw(std::size_t step, const assimilation::DatumKey& key) = 0;
+  /// The posterior of all data of steps ≤ `step`, which has data, as `SequentialUpdate::follow` has it.
+  virtual const assimilation::UpdateResult& conclude(std::size_t step) = 0;
+  /// The same, at once where that can be, without the monitor.
+  virtual const assimilation::UpdateResult& preview(std::size_t step) = 0;
+  [[nodiscard]] virtual const assimilation::WeightedPosterior& posterior() const = 0;
+  /// Of gating or a Student-t likelihood, else null.
+  [[nodiscard]] virtual const assimilation::SensorReport* sensors() const { return nullptr; }
+  /// The quadratic form of all data of steps ≤ `step`; none for a method without forms.
+  [[nodiscard]] virtual std::optional<assimilation::StepForm> form_up_to(std::size_t step) const = 0;
+  /// The update behind it, where there is one: bias and discrepancy.
+  [[nodiscard]] virtual const assimilation::SequentialUpdate* update() const { return nullptr; }
+};
+
+/// What a method is made of.
+struct MethodSetup {
+  std::shared_ptr<const reduction::ObservedModel> model;  ///< at the sensors
+  assimilation::NoiseModel noise;                         ///< of a datum without noise of its own
+  std::vector<assimilation::Prior> priors;                ///< in the order of the model's parameters
+  assimilation::UpdateOptions update;
+  /// Steps to assimilate with the corrected model, first and last; needs `update.learn_bias`.
+  std::optional<std::array<std::size_t, 2>> corrected_steps;
+  assimilation::RobustOptions robust;                     ///< gating, Student-t
+  std::optional<assimilation::BaselineOptions> baseline;  ///< a method that makes no map
+};
+
+/// UsageError for options that do not go together.
+[[nodiscard]] std::unique_ptr<Method> make_method(const MethodSetup& setup);
+
+}  // namespace knothe::engine

@@ -1,0 +1,71 @@
+#include "knothe/engine/ordered_method.hpp"
+
+#include <algorithm>
+
+namespace knothe::engine {
+
+using assimilation::Datum;
+using assimilation::DatumKey;
+
+OrderedMethod::OrderedMethod(const MethodSetup& setup) : setup_(setup) {
+  begin_anew();
+}
+
+void OrderedMethod::begin_anew() {
+  last_.reset();
+  if (setup_.baseline) {
+    baseline_ = std::make_unique<assimilation::BaselineUpdate>(setup_.model, setup_.noise, setup_.priors,
+                                                               *setup_.baseline);
+  } else {
+    robust_ = std::make_unique<assimilation::RobustUpdate>(setup_.model, setup_.noise, setup_.priors,
+                                                           setup_.update, setup_.robust);
+  }
+}
+
+void OrderedMethod::add(const Datum& datum) {
+  const Place place(datum.step, datum.key);
+  data_.insert_or_assign(place, Kept{datum.time_index, datum.values, datum.noise});
+  if (last_ && place <= *last_) begin_anew();
+}
+
+void OrderedMethod::withdraw(std::size_t step, const DatumKey& key) {
+  const Place place(step, key);
+  data_.erase(place);
+  if (last_ && place <= *last_) begin_anew();
+}
+
+void OrderedMethod::assimilate(const Place& place, const Kept& datum) {
+  const std::size_t step = place.first;
+  number_ = last_ ? std::max(step, number_ + 1) : step;
+  if (datum.noise || (number_ != step && setup_.noise.has_step(step))) {
+    const assimilation::NoiseModel& noise = datum.noise ? *datum.noise : setup_.noise.at_step(step);
+    baseline_ ? baseline_->set_step_noise(number_, noise) : robust_->set_step_noise(number_, noise);
+  }
+  result_ = baseline_ ? baseline_->update(number_, datum.time_index, datum.values)
+                      : robust_->update(number_, datum.time_index, datum.values);
+  result_.step = step;
+  last_ = place;
+}
+
+const assimilation::UpdateResult& OrderedMethod::conclude(std::size_t step) {
+  if (last_ && last_->first > step) begin_anew();
+  try {
+    for (auto it = last_ ? data_.upper_bound(*last_) : data_.begin(); it != data_.end() && it->first.first <= step;
+         ++it)
+      assimilate(it->first, it->second);
+  } catch (...) {
+    begin_anew();  // a posterior that is half one datum's, half another's is nobody's
+    throw;
+  }
+  return result_;
+}
+
+const assimilation::WeightedPosterior& OrderedMethod::posterior() const {
+  return baseline_ ? baseline_->posterior() : robust_->posterior();
+}
+
+const assimilation::SensorReport* OrderedMethod::sensors() const {
+  return robust_ ? &robust_->sensors() : nullptr;
+}
+
+}  // namespace knothe::engine

@@ -1,0 +1,41 @@
+#pragma once
+/// @file Methods that take the data one after the other: gating, Student-t, filters, Monte Carlo.
+#include <map>
+
+#include "knothe/engine/method.hpp"
+
+namespace knothe::engine {
+
+/// A datum that comes late, or is withdrawn, makes the method begin again from the first: n updates.
+class OrderedMethod : public Method {
+ public:
+  explicit OrderedMethod(const MethodSetup& setup);
+
+  void add(const assimilation::Datum& datum) override;
+  void withdraw(std::size_t step, const assimilation::DatumKey& key) override;
+  const assimilation::UpdateResult& conclude(std::size_t step) override;
+  const assimilation::UpdateResult& preview(std::size_t step) override { return conclude(step); }
+  [[nodiscard]] const assimilation::WeightedPosterior& posterior() const override;
+  [[nodiscard]] const assimilation::SensorReport* sensors() const override;
+  [[nodiscard]] std::optional<assimilation::StepForm> form_up_to(std::size_t) const override { return {}; }
+
+ private:
+  struct Kept {
+    std::size_t time_index;
+    Eigen::VectorXd values;
+    std::optional<assimilation::NoiseModel> noise;
+  };
+  using Place = std::pair<std::size_t, assimilation::DatumKey>;
+  void begin_anew();
+  void assimilate(const Place& place, const Kept& datum);
+
+  MethodSetup setup_;
+  std::unique_ptr<assimilation::RobustUpdate> robust_;      ///< one of the two
+  std::unique_ptr<assimilation::BaselineUpdate> baseline_;
+  std::map<Place, Kept> data_;
+  std::optional<Place> last_;    ///< assimilated
+  std::size_t number_ = 0;       ///< of the last datum assimilated: its step, or more where steps have several data
+  assimilation::UpdateResult result_;
+};
+
+}  // namespace knothe::engine

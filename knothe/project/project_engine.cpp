@@ -1,0 +1,70 @@
+#include "knothe/project/project_engine.hpp"
+
+#include <filesystem>
+#include <limits>
+
+#include "knothe/project/forecast_scoring.hpp"
+
+namespace knothe::project {
+namespace {
+
+engine::MethodSetup method_setup(const UpdateSetup& setup) {
+  return {setup.observed, setup.measurements.noise, setup.priors,  setup.options,
+          std::nullopt,   setup.robust,             setup.baseline};
+}
+
+/// Relative to the project file's folder; an absolute path has no such name from a relative folder.
+std::string name_of(const std::string& file, const Project& project) {
+  const auto path =
+      std::filesystem::path(file).lexically_relative(project.folder.empty() ? "." : project.folder);
+  return path.empty() ? file : path.string();
+}
+
+engine::CandidateModel candidate(const Project& project, const std::string& file,
+                         const UpdateSetup& first) {
+  Project other = project;
+  other.model = file;
+  const UpdateSetup setup = set_up(other);
+  engine::CandidateModel model{name_of(file, project), method_setup(setup), {}};
+  model.time_indices.assign(first.observed->time.size(), std::numeric_limits<std::size_t>::max());
+  for (std::size_t i = 0; i < first.time_indices.size(); ++i)
+    model.time_indices[first.time_indices[i]] = setup.time_indices[i];
+  return model;
+}
+
+}  // namespace
+
+engine::EngineSetup engine_setup(const Project& project, const UpdateSetup& setup) {
+  engine::EngineSetup engine;
+  static_cast<engine::MethodSetup&>(engine) = method_setup(setup);
+  engine.forecaster = make_forecaster(project, setup);
+  engine.scores = forecasts_to_score(project, setup);
+  // A node on a crack is no sensor that fell silent, nor is a camera's drift.
+  engine.watches_sensors = !setup.pictures && setup.measurements.noise.is_independent();
+  engine.name = name_of(project.model, project);
+  for (const std::string& file : project.candidates) engine.candidates.push_back(candidate(project, file, setup));
+  return engine;
+}
+
+std::optional<RecordedData::Item> RecordedData::next(const Eigen::VectorXd& mean) {
+  if (next_ == size()) return std::nullopt;
+  const std::size_t step = next_++;
+  const std::vector<std::size_t>& time = setup_.time_indices;
+  Item item;
+  item.datum.key.seq = static_cast<std::int64_t>(step);
+  item.datum.step = step;
+  item.datum.time_index = time[step];
+  const auto column = static_cast<Eigen::Index>(step);
+  if (setup_.pictures) {
+    if (mean.size() != 0 && step + 1 < size())
+      setup_.pictures->set_increment(setup_.observed->predict(mean, time[step + 1]) -
+                                     setup_.observed->predict(mean, time[step]));
+    item.picture = setup_.pictures->next();
+    item.datum.noise = item.picture->noise;
+    setup_.measurements.values.col(column) = item.picture->values;
+  }
+  item.datum.values = setup_.measurements.values.col(column);
+  return item;
+}
+
+}  // namespace knothe::project

@@ -1,0 +1,122 @@
+#include "knothe/report/results/assimilation_output.hpp"
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+
+#include "knothe/files/json_line.hpp"
+#include "knothe/imaging/series/camera_drift.hpp"
+#include "knothe/report/results/picture_record.hpp"
+#include "knothe/report/results/step_record.hpp"
+
+namespace knothe::report {
+namespace {
+
+std::string value_with_unit(const forecast::NamedForecast& f) {
+  if (f.units == "m") return fmt::format("{:.1f} ± {:.1f} mm", f.forecast.mean * 1e3, f.forecast.std * 1e3);
+  return fmt::format("{:.4g} ± {:.2g} {}", f.forecast.mean, f.forecast.std, f.units);
+}
+
+/// What a step's line says of its picture; the time line begins where the picture is in memory.
+void add_picture(nlohmann::ordered_json& line, const project::PictureDatum& datum,
+                 const project::PictureMeasurements& pictures) {
+  const imaging::PictureResult& r = datum.picture;
+  // The camera's motions are no data that are missing.
+  line["missing"] = line["missing"].get<int>() - imaging::drift_modes(pictures.series().options().drift);
+  line["picture"] = {{"name", r.picture},
+                     {"missing", r.missing},
+                     {"iterations", r.correlation.iterations},
+                     {"start", r.correlation.searched    ? "search"
+                               : r.correlation.predicted ? "model"
+                                                         : "last"},
+                     {"residual_rms", r.correlation.residual_rms},
+                     {"elements_rejected", r.correlation.elements_rejected}};
+  if (r.missing) line["picture"]["message"] = r.message;
+  if (r.crack) line["picture"]["crack"] = crack_record(*r.crack, pictures.frame());
+  auto& elapsed = line["elapsed_us"];
+  elapsed["correlation"] = datum.correlation_us;
+  elapsed["precision"] = datum.precision_us;
+  double total = elapsed["total"].get<double>() + datum.correlation_us + datum.precision_us;
+  elapsed["wait"] = datum.wait_us;
+  if (r.crack) elapsed["crack"] = 1e3 * r.crack_ms, total += 1e3 * r.crack_ms;
+  elapsed["total"] = total;
+}
+
+}  // namespace
+
+AssimilationOutput::AssimilationOutput(bool json, std::vector<std::string> names, std::size_t steps)
+    : json_(json), live_(!json && isatty(STDERR_FILENO) == 1), names_(std::move(names)), steps_(steps) {}
+
+AssimilationOutput::~AssimilationOutput() {
+  if (live_) std::fputs("\r\033[K", stderr);
+}
+
+void AssimilationOutput::show(const engine::StepResult& result,
+                              const std::optional<project::PictureDatum>& picture,
+                              const project::PictureMeasurements* pictures) {
+  ++shown_;
+  if (!result.update.trusted) untrusted_.push_back(result.update.step);
+  models_ = result.models;
+  if (picture && picture->picture.missing) fmt::print(stderr, "{}\n", picture->picture.message);
+  tell_sensors(result);
+  if (json_) print_record(result, picture, pictures);
+  if (!result.update.notice.empty())
+    fmt::print(stderr, "step {}: {}\n", result.update.step, result.update.notice);
+  const double picture_us = picture ? picture->correlation_us + picture->precision_us : 0;
+  if (!json_) print_text(result, picture_us + result.update.elapsed_us.total() + result.forecast_us);
+}
+
+/// What a person should know of the sensors, once for each that stops.
+void AssimilationOutput::tell_sensors(const engine::StepResult& result) {
+  for (const auto& [sensors, what] :
+       {std::pair(&result.stuck, "is stuck: the same value at five steps while the model moves"),
+        std::pair(&result.absent, "is silent: no value at five steps")}) {
+    for (const Eigen::Index i : *sensors)
+      if (told_.insert(i).second) fmt::print(stderr, "step {}: sensor {} {}\n", result.update.step, i, what);
+  }
+}
+
+void AssimilationOutput::print_record(const engine::StepResult& result,
+                                      const std::optional<project::PictureDatum>& picture,
+                                      const project::PictureMeasurements* pictures) const {
+  auto record = step_record(result);
+  if (picture) add_picture(record, *picture, *pictures);
+  fmt::print("{}\n", files::json_line(record));
+  std::fflush(stdout);
+}
+
+/// The line a person sees while it happens, and a row of the table that stays.
+void AssimilationOutput::print_text(const engine::StepResult& result, double total_us) const {
+  const assimilation::UpdateResult& r = result.update;
+  std::string text = fmt::format("step {:3}", r.step);
+  for (std::size_t k = 0; k < names_.size(); ++k) {
+    const auto i = static_cast<Eigen::Index>(k);
+    text += fmt::format("  {} {:.3f} ± {:.3f}", names_[k], r.mean[i], std::sqrt(r.covariance(i, i)));
+  }
+  text += fmt::format("  order {}{}", r.map_order, r.trusted ? " " : "!");
+  if (!result.forecasts.empty())
+    text += fmt::format("  {} {}", result.forecasts[0].name, value_with_unit(result.forecasts[0]));
+  text += fmt::format("  {:.0f} µs", total_us);
+  if (live_) std::fprintf(stderr, "\r\033[K%s", text.c_str());
+  if ((r.step + 1) % 10 != 0 && shown_ != steps_) return;
+  if (live_) std::fputs("\r\033[K", stderr);
+  fmt::print("{}\n", text);
+  std::fflush(stdout);
+}
+
+void AssimilationOutput::finish(double elapsed_s, const std::string& results_folder) {
+  if (json_) {
+    const nlohmann::ordered_json last = {
+        {"done", true}, {"steps", shown_}, {"untrusted", untrusted_}, {"elapsed_s", elapsed_s}};
+    fmt::print("{}\n", files::json_line(last));
+    return;
+  }
+  fmt::print("{} steps in {:.2f} s, untrusted: {}; results in {}\n", shown_, elapsed_s,
+             untrusted_.empty() ? "none" : fmt::format("{}", fmt::join(untrusted_, ", ")), results_folder);
+  if (!models_.empty()) fmt::print("{}\n", assimilation::comparison_text(models_));
+}
+
+}  // namespace knothe::report

@@ -1,0 +1,43 @@
+#pragma once
+/// @file What `knothe assimilate` prints while it happens: JSON lines, or a live line and a table for people.
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "knothe/engine/step_result.hpp"
+#include "knothe/project/picture_measurements.hpp"
+
+namespace knothe::report {
+
+class AssimilationOutput {
+ public:
+  /// `names`: of the parameters; `steps`: how many there will be.
+  AssimilationOutput(bool json, std::vector<std::string> names, std::size_t steps);
+  ~AssimilationOutput();
+  AssimilationOutput(const AssimilationOutput&) = delete;
+  AssimilationOutput& operator=(const AssimilationOutput&) = delete;
+
+  /// A step; `picture`: what it was measured in, one of `pictures`.
+  void show(const engine::StepResult& result, const std::optional<project::PictureDatum>& picture,
+            const project::PictureMeasurements* pictures);
+  /// All steps are done.
+  void finish(double elapsed_s, const std::string& results_folder);
+  [[nodiscard]] const std::vector<std::size_t>& untrusted() const { return untrusted_; }
+  [[nodiscard]] std::size_t shown() const { return shown_; }
+
+ private:
+  void print_record(const engine::StepResult& result, const std::optional<project::PictureDatum>& picture,
+                    const project::PictureMeasurements* pictures) const;
+  void print_text(const engine::StepResult& result, double total_us) const;
+  void tell_sensors(const engine::StepResult& result);
+
+  bool json_, live_;
+  std::vector<std::string> names_;
+  std::size_t steps_, shown_ = 0;
+  std::vector<std::size_t> untrusted_;
+  std::set<Eigen::Index> told_;  ///< sensors that stopped
+  std::vector<assimilation::ComparedModel> models_;
+};
+
+}  // namespace knothe::report
