@@ -18,7 +18,8 @@ Engine::Engine(EngineSetup setup)
   const auto transform = assimilation::truncated_to_box(*setup_.model, setup_.priors);
   for (Eigen::Index k = 0; k < transform->dimension(); ++k) priors_.push_back(transform->prior(k));
   centre_ = assimilation::medians(*transform);
-  for (const CandidateModel& candidate : setup_.candidates) candidates_.push_back(make_method(candidate.setup));
+  for (const CandidateModel& candidate : setup_.candidates)
+    candidates_.push_back(make_method(candidate.setup));
 }
 
 StepResult Engine::assimilate(const Datum& datum) {
@@ -111,13 +112,15 @@ StepResult Engine::result_of(const assimilation::UpdateResult& update) {
   return result;
 }
 
-std::vector<forecast::NamedForecast> Engine::direct_forecasts(const StepResult& result, Eigen::Index max_points) {
+std::vector<forecast::NamedForecast> Engine::direct_forecasts(const StepResult& result,
+                                                              Eigen::Index max_points) {
   if (!setup_.forecaster) return {};
   return setup_.forecaster->direct(result.posterior.points, result.posterior.weights, max_points);
 }
 
 void Engine::watch_sensors(std::size_t step, StepResult& result) {
-  for (auto it = watched_ ? steps_.upper_bound(*watched_) : steps_.begin(); it != steps_.end() && it->first <= step; ++it)
+  for (auto it = watched_ ? steps_.upper_bound(*watched_) : steps_.begin();
+       it != steps_.end() && it->first <= step; ++it)
     watch_.look(it->second.last_values(), setup_.model->predict(centre_, it->second.time_index));
   watched_ = step;
   result.stuck = watch_.stuck();

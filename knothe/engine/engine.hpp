@@ -1,6 +1,6 @@
 #pragma once
-/// @file The engine of the program: data in, one by one and in any order; posterior, forecasts and warnings out.
-/// `knothe assimilate`, `knothe serve`, `knothe replay` and the reproduction are thin over it.
+/// @file The engine of the program: data in, one by one and in any order; posterior, forecasts and warnings
+/// out. `knothe assimilate`, `knothe serve`, `knothe replay` and the reproduction are thin over it.
 #include <map>
 #include <set>
 #include <string>
@@ -30,34 +30,36 @@ struct CandidateModel {
   std::vector<std::size_t> time_indices;
 };
 
-/// The result of a step is a function of the set of data up to it: whatever their order of arrival, whatever was
-/// computed before, to the bit.
+/// The result of a step is a function of the set of data up to it: whatever their order of arrival, whatever
+/// was computed before, to the bit.
 class Engine {
  public:
-  /// ProjectError for a prior with too little mass in the model's box, UsageError for options that do not go together.
+  /// ProjectError for a prior with too little mass in the model's box, UsageError for options that do not go
+  /// together.
   explicit Engine(EngineSetup setup);
 
   /// Adds a datum and gives the posterior of all data up to its step. The same as `add` and `conclude`.
   StepResult assimilate(const assimilation::Datum& datum);
 
-  /// Adds a datum; no posterior is made. One whose key is there at this step already is ignored. DataError for values
-  /// that are infinite or whose misfit overflows, UsageError for a datum of the wrong size or time: nothing has changed
-  /// then.
+  /// Adds a datum; no posterior is made. One whose key is there at this step already is ignored. DataError
+  /// for values that are infinite or whose misfit overflows, UsageError for a datum of the wrong size or
+  /// time: nothing has changed then.
   void add(const assimilation::Datum& datum);
-  /// Takes a datum out: from then on everything is, to the bit, as if it had never come. False where it is not there.
+  /// Takes a datum out: from then on everything is, to the bit, as if it had never come. False where it is
+  /// not there.
   bool withdraw(std::size_t step, const assimilation::DatumKey& key);
 
   /// Steps whose result has changed since it was last concluded, increasing.
   [[nodiscard]] const std::set<std::size_t>& stale() const { return stale_; }
-  /// The result of a step with data: posterior of all data of steps ≤ `step`, and what its monitor says. Goes on from
-  /// the first step that has changed. `step` is not stale afterwards, even if this throws (NumericalError): the same
-  /// would come again.
+  /// The result of a step with data: posterior of all data of steps ≤ `step`, and what its monitor says. Goes
+  /// on from the first step that has changed. `step` is not stale afterwards, even if this throws
+  /// (NumericalError): the same would come again.
   StepResult conclude(std::size_t step);
   /// The posterior alone, at once, whatever is stale before it. `step` stays stale.
   StepResult preview(std::size_t step);
 
-  /// A cross-check of a result's forecasts of crack lengths: the best-fitting length for each of at most `max_points`
-  /// points (Rubio et al. 2019, Eq. 14).
+  /// A cross-check of a result's forecasts of crack lengths: the best-fitting length for each of at most
+  /// `max_points` points (Rubio et al. 2019, Eq. 14).
   [[nodiscard]] std::vector<forecast::NamedForecast> direct_forecasts(const StepResult& result,
                                                                       Eigen::Index max_points);
 
@@ -65,12 +67,15 @@ class Engine {
   [[nodiscard]] std::size_t data_count(std::size_t step) const;
   /// The values of the last datum of a step (by key): NaN where missing. Empty without data.
   [[nodiscard]] Eigen::VectorXd last_values(std::size_t step) const;
-  /// The quadratic form of all data of steps ≤ `step`, of functions centred at `centre`; none for methods without.
+  /// The quadratic form of all data of steps ≤ `step`, of functions centred at `centre`; none for methods
+  /// without.
   [[nodiscard]] std::optional<assimilation::StepForm> form_up_to(std::size_t step) const;
 
   [[nodiscard]] const reduction::ObservedModel& model() const { return *setup_.model; }
-  [[nodiscard]] const std::vector<assimilation::Prior>& priors() const { return priors_; }  ///< truncated to the box
-  [[nodiscard]] const Eigen::VectorXd& centre() const { return centre_; }                   ///< medians of the priors
+  [[nodiscard]] const std::vector<assimilation::Prior>& priors() const {
+    return priors_;
+  }                                                                        ///< truncated to the box
+  [[nodiscard]] const Eigen::VectorXd& centre() const { return centre_; }  ///< medians of the priors
 
  private:
   struct Step {

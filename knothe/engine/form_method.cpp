@@ -18,8 +18,8 @@ FormMethod::FormMethod(const MethodSetup& setup)
   if (setup.corrected_steps) update_.redo((*setup.corrected_steps)[0], (*setup.corrected_steps)[1]);
 }
 
-/// The sum of a step's data, in the order of their keys. Where one came between others it is summed anew, once, when
-/// it is asked for: a replay of n data in any order costs n additions, not n²/2.
+/// The sum of a step's data, in the order of their keys. Where one came between others it is summed anew,
+/// once, when it is asked for: a replay of n data in any order costs n additions, not n²/2.
 StepForm FormMethod::sum_of(const Step& step) const {
   if (step.sum.quadratic.size() > 0) return step.sum;
   StepForm sum = StepForm::zero(projector_.central_functions().size());

@@ -1,8 +1,8 @@
 #pragma once
 /// @file The posterior of a set of data by their quadratic forms (docs/assimilation.md).
 ///
-/// The form of a step is the sum of its data's in the order of their keys; the posterior after a step is that of the
-/// sum of the steps' up to it, in order.
+/// The form of a step is the sum of its data's in the order of their keys; the posterior after a step is that
+/// of the sum of the steps' up to it, in order.
 #include <map>
 #include <set>
 
@@ -18,16 +18,19 @@ class FormMethod : public Method {
   void withdraw(std::size_t step, const assimilation::DatumKey& key) override;
   const assimilation::UpdateResult& conclude(std::size_t step) override;
   const assimilation::UpdateResult& preview(std::size_t step) override;
-  [[nodiscard]] const assimilation::WeightedPosterior& posterior() const override { return update_.posterior(); }
+  [[nodiscard]] const assimilation::WeightedPosterior& posterior() const override {
+    return update_.posterior();
+  }
   [[nodiscard]] std::optional<assimilation::StepForm> form_up_to(std::size_t step) const override;
   [[nodiscard]] const assimilation::SequentialUpdate* update() const override { return &update_; }
 
  private:
-  /// What is kept of a datum; G only where it is its own: complete data of a step with the sensors' noise share theirs.
+  /// What is kept of a datum; G only where it is its own: complete data of a step with the sensors' noise
+  /// share theirs.
   struct Contribution {
-    assimilation::StepForm form;                   ///< without G where that is shared
-    Eigen::VectorXd values;                        ///< kept where forms depend on the data before, or for a correction
-    std::optional<assimilation::NoiseModel> noise; ///< kept with the values
+    assimilation::StepForm form;  ///< without G where that is shared
+    Eigen::VectorXd values;       ///< kept where forms depend on the data before, or for a correction
+    std::optional<assimilation::NoiseModel> noise;  ///< kept with the values
   };
   struct Step {
     std::size_t time_index = 0;

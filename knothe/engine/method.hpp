@@ -1,6 +1,6 @@
 #pragma once
-/// @file How the engine turns data into posteriors: by quadratic forms, in any order, or by a method that takes the
-/// data one after the other.
+/// @file How the engine turns data into posteriors: by quadratic forms, in any order, or by a method that
+/// takes the data one after the other.
 #include <array>
 #include <memory>
 

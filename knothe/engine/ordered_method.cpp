@@ -50,8 +50,8 @@ void OrderedMethod::assimilate(const Place& place, const Kept& datum) {
 const assimilation::UpdateResult& OrderedMethod::conclude(std::size_t step) {
   if (last_ && last_->first > step) begin_anew();
   try {
-    for (auto it = last_ ? data_.upper_bound(*last_) : data_.begin(); it != data_.end() && it->first.first <= step;
-         ++it)
+    for (auto it = last_ ? data_.upper_bound(*last_) : data_.begin();
+         it != data_.end() && it->first.first <= step; ++it)
       assimilate(it->first, it->second);
   } catch (...) {
     begin_anew();  // a posterior that is half one datum's, half another's is nobody's

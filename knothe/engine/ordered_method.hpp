@@ -30,11 +30,12 @@ class OrderedMethod : public Method {
   void assimilate(const Place& place, const Kept& datum);
 
   MethodSetup setup_;
-  std::unique_ptr<assimilation::RobustUpdate> robust_;      ///< one of the two
+  std::unique_ptr<assimilation::RobustUpdate> robust_;  ///< one of the two
   std::unique_ptr<assimilation::BaselineUpdate> baseline_;
   std::map<Place, Kept> data_;
-  std::optional<Place> last_;    ///< assimilated
-  std::size_t number_ = 0;       ///< of the last datum assimilated: its step, or more where steps have several data
+  std::optional<Place> last_;  ///< assimilated
+  std::size_t number_ =
+      0;  ///< of the last datum assimilated: its step, or more where steps have several data
   assimilation::UpdateResult result_;
 };
 

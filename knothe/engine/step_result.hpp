@@ -4,9 +4,9 @@
 #include <optional>
 #include <vector>
 
+#include "knothe/assimilation/bias/model_selection.hpp"
 #include "knothe/assimilation/update/robust_update.hpp"
 #include "knothe/assimilation/update/sequential_update.hpp"
-#include "knothe/assimilation/bias/model_selection.hpp"
 #include "knothe/forecast/forecast_scores.hpp"
 #include "knothe/forecast/forecaster.hpp"
 
@@ -24,7 +24,7 @@ struct StepResult {
   std::vector<forecast::ScoredForecast> scores;       ///< forecasts that came true with this step
   std::optional<assimilation::SensorReport> sensors;  ///< of gating or a Student-t likelihood
   std::vector<Eigen::Index> stuck, absent;            ///< sensors that have stopped, independent noise only
-  std::vector<assimilation::ComparedModel> models;                  ///< the candidates side by side; empty without any
+  std::vector<assimilation::ComparedModel> models;    ///< the candidates side by side; empty without any
   /// The correction of the model's bias, where it is on: as what is to be added to the model's functions w (a
   /// field), or at the sensors (m). Else empty.
   Eigen::VectorXd bias_functions, bias_sensors;

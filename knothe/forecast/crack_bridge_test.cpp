@@ -314,7 +314,7 @@ TEST(Forecaster, ALengthOffsetMovesTheCrackAndNothingElse) {
   elastic.discrepancy_std = meant.discrepancy_std = 3;
   meant.length_offset = 0.005;
   elastic.threshold = 0.0012, meant.threshold = 0.0062;
-  Forecaster forecaster(model, dofs.points, dofs.components, {elastic, meant});
+  Forecaster forecaster(model, dofs, {elastic, meant});
   Eigen::MatrixXd points(2, 2);
   points.row(0) = model.functions()->lower().transpose();
   points.row(1) = 0.5 * (model.functions()->lower() + model.functions()->upper()).transpose();

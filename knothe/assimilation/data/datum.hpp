@@ -20,10 +20,11 @@ struct DatumKey {
 /// One vector of values of all sensors, with the noise that it was measured with.
 struct Datum {
   DatumKey key;
-  std::size_t step = 0;             ///< place in the order of assimilation
-  std::size_t time_index = 0;       ///< model time, an index of the observed model's
-  Eigen::VectorXd values;           ///< n, in the units of the sensors; NaN where missing
-  std::optional<NoiseModel> noise;  ///< its own (a picture with rejected elements); absent: that of the sensors
+  std::size_t step = 0;        ///< place in the order of assimilation
+  std::size_t time_index = 0;  ///< model time, an index of the observed model's
+  Eigen::VectorXd values;      ///< n, in the units of the sensors; NaN where missing
+  std::optional<NoiseModel>
+      noise;  ///< its own (a picture with rejected elements); absent: that of the sensors
 };
 
 }  // namespace knothe::assimilation

@@ -52,7 +52,7 @@ TEST(TruncationError, IsTheSecondMomentOfTheErrorsAtGridPointsAndOffThem) {
   // All dofs as modes: nothing is left to the diagonal, and the moments are those of the errors, one by one.
   const TruncationError whole = truncation_error(model.contents(), snapshots, off_grid, 36);
   const std::vector<std::size_t> steps = {1, 3};
-  const auto covariance = observe_truncation(whole, model.contents(), "model", points, components, steps);
+  const auto covariance = observe_truncation(whole, model.contents(), "model", {points, components}, steps);
   const ObservedModel observed = observe_dofs(model, dofs);
   for (std::size_t s = 0; s < 2; ++s) {
     Eigen::Matrix3d expected = Eigen::Matrix3d::Zero();
@@ -102,7 +102,7 @@ TEST(TruncationError, GoesThroughTheModelFileAndIsMissedWhereItIsNot) {
   write_model(model, without);
   const std::string text = message_of<DataError>([&] {
     const std::vector<std::size_t> step = {0};
-    static_cast<void>(observe_truncation(read_truncation_error(without), model, without, {}, {}, step));
+    static_cast<void>(observe_truncation(read_truncation_error(without), model, without, {}, step));
   });
   EXPECT_NE(text.find("the model's file has no /truncation: make the model again"), std::string::npos)
       << text;

@@ -77,7 +77,7 @@ TEST(Observe, DofsAreTheModelsOwnValues) {
                                      dofs.points[1],
                                      dofs.points[2]};
     const std::vector<std::int64_t> components{1, 2};
-    const ObservedModel observed = observe(model, points, components);
+    const ObservedModel observed = observe(model, {points, components});
     const std::vector<std::size_t> same{22, 2};
     EXPECT_EQ(observed.space, observe_dofs(model, same).space);
     const std::vector<double> p{0.66, 1.21};
@@ -98,7 +98,7 @@ TEST(Observe, BetweenDofsLinearFieldsAreExact) {
   const SeparatedModel model = model_with_linear_lift(Form::tree, true);
   const std::vector<double> points{0.04, 0.05, 0.06, 0.17, 0.033, 0.09, 0.155, 0.05, 0.05};
   const std::vector<std::int64_t> components{0, 1, 2};
-  const ObservedModel observed = observe(model, points, components);
+  const ObservedModel observed = observe(model, {points, components});
   for (int i = 0; i < 3; ++i) EXPECT_NEAR(observed.lift(i, 1), linear(i, points.data() + 3 * i), 1e-12);
 }
 
@@ -106,18 +106,24 @@ TEST(Observe, ImpossiblePlacesAreNamedWithTheNearestDof) {
   const SeparatedModel model = model_with_linear_lift(Form::tree, true);
   const std::vector<double> outside{0.04, 0.05, 0.06, 0.5, 0.0, 0.0};
   const std::vector<std::int64_t> components{0, 1};
-  const std::string message = message_of<DataError>([&] { (void)observe(model, outside, components); });
+  const std::string message = message_of<DataError>([&] { (void)observe(model, {outside, components}); });
   EXPECT_THAT(message, HasSubstr("M.h5: observation 1 (y component at (0.5, 0, 0)) is outside the mesh"));
   EXPECT_THAT(message, HasSubstr("the nearest dof of that component is 7 at (0.2, 0, 0.01"));
   const SeparatedModel meshless = model_with_linear_lift(Form::tree, false);
   EXPECT_THAT(
-      message_of<DataError>([&] { (void)observe(meshless, outside, components); }),
+      message_of<DataError>([&] {
+        (void)observe(meshless, {outside, components});
+      }),
       HasSubstr("observation 0 (x component at (0.04, 0.05, 0.06)) is at no dof, and the model has no mesh"));
   const std::vector<std::int64_t> wrong{0, 5};
-  EXPECT_THAT(message_of<DataError>([&] { (void)observe(model, outside, wrong); }),
+  EXPECT_THAT(message_of<DataError>([&] {
+                (void)observe(model, {outside, wrong});
+              }),
               HasSubstr("observation 1 has component 5"));
   const std::vector<double> few{0.0};
-  EXPECT_THAT(message_of<DataError>([&] { (void)observe(model, few, components); }),
+  EXPECT_THAT(message_of<DataError>([&] {
+                (void)observe(model, {few, components});
+              }),
               HasSubstr("1 coordinates"));
 }
 
@@ -134,7 +140,7 @@ TEST(Observe, SnapshotsAreInterpolatedBySplinesWithoutCompression) {
   const std::vector<double> points(snapshots.dofs.points.begin() + 3 * 10,
                                    snapshots.dofs.points.begin() + 3 * 12);
   const std::vector<std::int64_t> components{1, 2};  // dofs 10 and 11
-  const ObservedModel observed = observe_snapshots(snapshots, points, components);
+  const ObservedModel observed = observe_snapshots(snapshots, {points, components});
   EXPECT_EQ(observed.functions->count(), 30);
   const std::vector<double> p{0.83, 1.44};
   for (std::size_t t = 0; t < 3; ++t) {
@@ -178,7 +184,7 @@ TEST(ScalarObservations, AreTheModelsOutputsAndDifferencesInBothForms) {
     const std::array<double, 3> from = {0, 0, 0}, to = {0.1, 0, 0.005};  // corners of the small mesh
     const std::vector<ScalarObservation> sensors = {{"force", "force", {}, {}, {}},
                                                     ScalarObservation::elongation("gauge", from, to, true)};
-    const ObservedModel both = with_scalars(observe(model, points, components), model, sensors);
+    const ObservedModel both = with_scalars(observe(model, {points, components}), model, sensors);
     const std::vector<double> p = {0.83, 1.17};
     const std::vector<std::size_t> dofs = {0, 2, 3, 5};
     const auto force = model.evaluate_output("force", p).value;

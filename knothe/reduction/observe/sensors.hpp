@@ -8,8 +8,8 @@
 
 namespace knothe::reduction {
 
-/// Displacement components at points, then scalar series (forces, gauges): a datum has a value for each, in this
-/// order.
+/// Displacement components at points, then scalar series (forces, gauges): a datum has a value for each, in
+/// this order.
 struct Sensors : Dofs {
   std::vector<std::string> scalars;  ///< names; their values stand behind the displacements
 

@@ -61,7 +61,8 @@ assimilation::NoiseModel noise_of_bytes(std::string_view bytes) {
   if (bytes.size() < sizeof plain_size) damaged();
   std::memcpy(&plain_size, bytes.data(), sizeof plain_size);
   bytes.remove_prefix(sizeof plain_size);
-  if (plain_size > k_max_size || plain_size > 1100 * (bytes.size() + 1)) damaged();  // deflate's best is 1032 : 1
+  if (plain_size > k_max_size || plain_size > 1100 * (bytes.size() + 1))
+    damaged();  // deflate's best is 1032 : 1
   std::string plain(plain_size, '\0');
   uLongf size = plain_size;
   if (uncompress(reinterpret_cast<Bytef*>(plain.data()), &size, reinterpret_cast<const Bytef*>(bytes.data()),
@@ -79,13 +80,14 @@ assimilation::NoiseModel noise_of_bytes(std::string_view bytes) {
   for (std::uint64_t column = 0; column < n; ++column) {
     if (outer[column] > outer[column + 1]) damaged();
     for (int k = outer[column]; k < outer[column + 1]; ++k)
-      if (inner[static_cast<std::size_t>(k)] < (k == outer[column] ? 0 : inner[static_cast<std::size_t>(k) - 1] + 1) ||
+      if (inner[static_cast<std::size_t>(k)] <
+              (k == outer[column] ? 0 : inner[static_cast<std::size_t>(k) - 1] + 1) ||
           static_cast<std::uint64_t>(inner[static_cast<std::size_t>(k)]) >= n)
         damaged();
   }
   const auto rows = static_cast<Eigen::Index>(n);
-  const Eigen::Map<const Eigen::SparseMatrix<double>> precision(rows, rows, static_cast<Eigen::Index>(count), outer.data(),
-                                                                inner.data(), values.data());
+  const Eigen::Map<const Eigen::SparseMatrix<double>> precision(rows, rows, static_cast<Eigen::Index>(count),
+                                                                outer.data(), inner.data(), values.data());
   return assimilation::NoiseModel::correlated(precision);
 }
 
