@@ -8,10 +8,10 @@
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/monotonic_time.hpp"
-#include "knothe/project/project_engine.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/imaging/series/displacement_files.hpp"
 #include "knothe/project/picture_registration.hpp"
+#include "knothe/project/project_engine.hpp"
 #include "knothe/report/results/assimilation_output.hpp"
 #include "knothe/report/results/results_writer.hpp"
 

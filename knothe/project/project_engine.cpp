@@ -9,8 +9,8 @@ namespace knothe::project {
 namespace {
 
 engine::MethodSetup method_setup(const UpdateSetup& setup) {
-  return {setup.observed, setup.measurements.noise, setup.priors,  setup.options,
-          std::nullopt,   setup.robust,             setup.baseline};
+  return {setup.observed, setup.measurements.noise, setup.priors, setup.options, std::nullopt, setup.robust,
+          setup.baseline};
 }
 
 /// Relative to the project file's folder; an absolute path has no such name from a relative folder.
@@ -20,8 +20,7 @@ std::string name_of(const std::string& file, const Project& project) {
   return path.empty() ? file : path.string();
 }
 
-engine::CandidateModel candidate(const Project& project, const std::string& file,
-                         const UpdateSetup& first) {
+engine::CandidateModel candidate(const Project& project, const std::string& file, const UpdateSetup& first) {
   Project other = project;
   other.model = file;
   const UpdateSetup setup = set_up(other);
@@ -42,7 +41,8 @@ engine::EngineSetup engine_setup(const Project& project, const UpdateSetup& setu
   // A node on a crack is no sensor that fell silent, nor is a camera's drift.
   engine.watches_sensors = !setup.pictures && setup.measurements.noise.is_independent();
   engine.name = name_of(project.model, project);
-  for (const std::string& file : project.candidates) engine.candidates.push_back(candidate(project, file, setup));
+  for (const std::string& file : project.candidates)
+    engine.candidates.push_back(candidate(project, file, setup));
   return engine;
 }
 

@@ -19,8 +19,8 @@ class RecordedData {
     std::optional<PictureDatum> picture;  ///< where it comes from one
   };
   [[nodiscard]] std::size_t size() const { return setup_.time_indices.size(); }
-  /// The next datum; nothing behind the last. `mean`: of the parameters after the datum before (may be empty), from
-  /// which the correlation of the picture after this one starts.
+  /// The next datum; nothing behind the last. `mean`: of the parameters after the datum before (may be
+  /// empty), from which the correlation of the picture after this one starts.
   [[nodiscard]] std::optional<Item> next(const Eigen::VectorXd& mean);
   [[nodiscard]] const UpdateSetup& setup() const { return setup_; }
 

@@ -9,10 +9,10 @@
 
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
-#include "knothe/project/project_engine.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/files/numbers.hpp"
+#include "knothe/project/project_engine.hpp"
 #include "knothe/report/results/results_writer.hpp"
 #include "knothe/report/results/step_record.hpp"
 #include "knothe/service/journal/journal.hpp"
