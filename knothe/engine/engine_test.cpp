@@ -240,8 +240,7 @@ TEST(Engine, ADatumsOwnNoiseIsUsedInItsStepAloneWithEveryMethod) {
     std::vector<std::function<void(EngineSetup&)>> methods = {
         [](EngineSetup&) {}, [](EngineSetup& s) { s.robust.gate = 3; },
         [](EngineSetup& s) {
-          s.baseline =
-              assimilation::BaselineOptions{assimilation::BaselineOptions::Kind::extended_kalman, 1000, 1};
+          s.baseline = assimilation::BaselineOptions{assimilation::Method::extended_kalman, 1000, 1};
         }};
     for (const auto& choose : methods) {
       EngineSetup a = setup, b = by_step, without = setup;
@@ -265,8 +264,7 @@ TEST(Engine, MethodsThatTakeDataInOrderAreFunctionsOfTheDataToo) {
   EngineSetup gated = independent_setup(), student = gated, filter = gated;
   gated.robust.gate = 3;
   student.robust.degrees_of_freedom = 4;
-  filter.baseline =
-      assimilation::BaselineOptions{assimilation::BaselineOptions::Kind::unscented_kalman, 1000, 1};
+  filter.baseline = assimilation::BaselineOptions{assimilation::Method::unscented_kalman, 1000, 1};
   for (EngineSetup* setup : {&gated, &student, &filter}) {
     std::vector<Datum> data = data_in_order(*setup, 4, 13);
     data[2].values[4] += 1e3;  // an outlier

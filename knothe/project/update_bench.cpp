@@ -54,7 +54,7 @@ int main(int argc, char** argv) {
   const std::size_t steps = setup.measurements.time.size();
   fmt::print("{}, 1 thread; {} form, r = {}, {} dofs, {} steps, {} repeats, tolerance {:g}\n", processor(),
              reduction::to_text(setup.model.contents().form), setup.observed->functions->count(),
-             setup.observed->observations(), steps, repeats, project.method.tolerance);
+             setup.observed->observations(), steps, repeats, project.method.update.map.tolerance);
   std::vector<double> update_us, forecast_us, early, middle, late, projection, map, correction;
   forecast::Forecaster forecaster(setup.model, setup.measurements.sensors, project.forecasts);
   for (int repeat = 0; repeat < repeats + 1; ++repeat) {
