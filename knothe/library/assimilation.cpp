@@ -66,8 +66,8 @@ std::shared_ptr<const reduction::ObservedModel> observe(const std::string& file,
   for (const Prior& prior : priors) names.push_back(prior.parameter);
   const reduction::SeparatedModel model(reduction::with_parameter_order(reduction::read_model(file), names),
                                         file);
-  const std::vector<std::int64_t> components(sensors.components.begin(), sensors.components.end());
-  return std::make_shared<reduction::ObservedModel>(reduction::observe(model, sensors.points, components));
+  const reduction::Dofs places{sensors.points, {sensors.components.begin(), sensors.components.end()}};
+  return std::make_shared<reduction::ObservedModel>(reduction::observe(model, places));
 }
 
 std::vector<assimilation::Prior> densities_of(const std::vector<Prior>& priors) {
