@@ -80,7 +80,7 @@ void by_grid(PosteriorDensity& posterior, ModelEvaluator& evaluator, const Infer
   const Phase phase("grid", evaluator, r);
   // A model may take seconds a point: 150,000 nodes are all that it is asked for.
   const assimilation::QuadraturePosterior grid = assimilation::tensor_quadrature(
-      posterior, {assimilation::QuadratureOptions::Axes::modes, 150'000});
+      posterior, {.axes = assimilation::QuadratureOptions::Axes::modes, .max_nodes = 150'000});
   r.points = posterior.parameters(grid.points);
   r.weights = grid.weights;
   r.summary = summarise(r.points, r.weights);

@@ -22,7 +22,8 @@ using assimilation::QuadraturePosterior;
 
 /// As `Method::grid` does it.
 QuadraturePosterior along_modes(sampling::LogDensity& target) {
-  return assimilation::tensor_quadrature(target, {assimilation::QuadratureOptions::Axes::modes, 150'000});
+  return assimilation::tensor_quadrature(
+      target, {.axes = assimilation::QuadratureOptions::Axes::modes, .max_nodes = 150'000});
 }
 
 namespace targets = sampling::targets;

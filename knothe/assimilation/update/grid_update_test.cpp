@@ -65,8 +65,7 @@ class WrittenOut final : public sampling::LogDensity {
            (model_.lift.col(t) - data_.col(t))) /
           std_;
       out.value -= 0.5 * e.colwise().squaredNorm().transpose();
-      out.value.array() -=
-          static_cast<double>(e.rows()) * (std::log(std_) + 0.5 * std::log(2 * M_PI));
+      out.value.array() -= static_cast<double>(e.rows()) * (std::log(std_) + 0.5 * std::log(2 * M_PI));
     }
   }
   /// p(z), interpolated nowhere: but a truncated prior's inverse is slow, so the last answer is kept.
@@ -98,8 +97,8 @@ TEST_P(GridUpdate, AgreesWithADenseQuadratureFromThePriorOn) {
   const Eigen::Index d = GetParam(), n = 6;
   const double std = 0.7;
   const auto model = test::random_model(std::make_shared<SmoothFunctions>(d), n, 4, 4, 21);
-  Eigen::MatrixXd data =
-      test::synthetic_data(*model, Eigen::VectorXd::LinSpaced(d, 1.3, 0.8), Eigen::VectorXd::Constant(n, std), 17);
+  Eigen::MatrixXd data = test::synthetic_data(*model, Eigen::VectorXd::LinSpaced(d, 1.3, 0.8),
+                                              Eigen::VectorXd::Constant(n, std), 17);
   data.col(0).setConstant(std::nan(""));  // step 0: the prior only
   std::vector<Prior> priors;
   for (Eigen::Index k = 0; k < d; ++k)

@@ -46,8 +46,9 @@ void SequentialUpdate::average_noise_level() {
 void SequentialUpdate::by_grid() {
   const auto start = monotonic_now();
   using Axes = QuadratureOptions::Axes;
-  const QuadraturePosterior grid =
-      tensor_quadrature(target_, {transform_->dimension() < 3 ? Axes::parameters : Axes::modes});
+  const QuadraturePosterior grid = tensor_quadrature(
+      target_,
+      {.axes = transform_->dimension() < 3 ? Axes::parameters : Axes::modes, .evidence_tolerance = 1e-8});
   take(grid);
   result_.map_mean = result_.mean;
   result_.map_covariance = result_.covariance;
@@ -64,7 +65,7 @@ void SequentialUpdate::by_collapsed_map() {
   result_.elapsed_us.map = microseconds_since(start);
   const auto correction_start = monotonic_now();
   const double ess = effective_sample_size(map_.verification.log_weight);
-  if (ess < k_quadrature_below && transform_->dimension() <= k_most_quadrature_parameters) {
+  if (ess < k_quadrature_below && transform_->dimension() <= k_max_quadrature_parameters) {
     take(map_);
     result_.effective_sample_size = ess;
     result_.log_evidence_lower_bound = map_.map_log_evidence();

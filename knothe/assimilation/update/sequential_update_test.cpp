@@ -137,7 +137,8 @@ class DirectLogDensity final : public sampling::LogDensity {
   Eigen::Index steps_;
 };
 
-void expect_agrees(const UpdateResult& r, const test::DenseQuadrature& exact, const std::vector<Prior>& priors) {
+void expect_agrees(const UpdateResult& r, const test::DenseQuadrature& exact,
+                   const std::vector<Prior>& priors) {
   EXPECT_TRUE(exact.resolved);
   for (Eigen::Index k = 0; k < 2; ++k) {
     const double std = std::sqrt(exact.covariance(k, k));

@@ -12,7 +12,8 @@
 namespace knothe::numerics {
 namespace {
 
-/// ∫ K from −∞ to x (`lattice_quantiles`); K is φ less half its second derivative plus an eighth of its fourth.
+/// ∫ K from −∞ to x (`lattice_quantiles`); K is φ less half its second derivative plus an eighth of its
+/// fourth.
 double spread_mass(double x) {
   return normal_cdf(x) + x * (7 - x * x) / 8 * normal_pdf(x);
 }
@@ -130,8 +131,9 @@ void lattice_quantiles(std::span<const double> nodes, std::span<const double> we
   };
   for (std::size_t q = 0; q < levels.size(); ++q) {
     const double mass = levels[q] * total;
-    const auto near = std::lower_bound(sorted.begin(), std::prev(sorted.end()), mass,
-                                       [](const Node& node, double m) { return node.before + node.weight < m; });
+    const auto near =
+        std::lower_bound(sorted.begin(), std::prev(sorted.end()), mass,
+                         [](const Node& node, double m) { return node.before + node.weight < m; });
     double low = near->at - width, high = near->at + width;
     double at_low = excess_below(low, mass), at_high = excess_below(high, mass);
     while (at_low > 0) at_low = excess_below(low -= 2 * width, mass);
