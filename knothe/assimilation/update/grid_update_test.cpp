@@ -104,7 +104,7 @@ TEST_P(GridUpdate, AgreesWithADenseQuadratureFromThePriorOn) {
   for (Eigen::Index k = 0; k < d; ++k)
     priors.push_back(Prior::normal(0.9 + 0.1 * static_cast<double>(k), std::sqrt(0.2)));
   UpdateOptions options;
-  options.kind = UpdateOptions::Kind::grid;
+  options.kind = Method::grid;
   SequentialUpdate update(model, NoiseModel::independent(Eigen::VectorXd::Constant(n, std)), priors, options);
   priors = update.priors();
   const Eigen::VectorXd direction = Eigen::VectorXd::LinSpaced(d, 1.0, -0.5);
@@ -150,7 +150,7 @@ TEST(GridUpdate, QuantilesOfAStandardNormalPriorAreRightToAThousandth) {
   const Eigen::Index d = 3;
   const auto model = test::random_model(std::make_shared<test::LinearFunctions>(d), 4, 4, 1, 3);
   UpdateOptions options;
-  options.kind = UpdateOptions::Kind::grid;
+  options.kind = Method::grid;
   SequentialUpdate update(model, NoiseModel::independent(Eigen::Vector4d::Ones()),
                           std::vector<Prior>(3, Prior::normal(0, 1)), options);
   const UpdateResult& r = update.update(0, 0, Eigen::Vector4d::Constant(std::nan("")));
@@ -166,7 +166,7 @@ TEST(GridUpdate, QuantilesOfAStandardNormalPriorAreRightToAThousandth) {
 TEST(GridUpdate, RefusesFourParameters) {
   const auto model = test::random_model(std::make_shared<test::LinearFunctions>(4), 4, 4, 1, 3);
   UpdateOptions options;
-  options.kind = UpdateOptions::Kind::grid;
+  options.kind = Method::grid;
   try {
     SequentialUpdate(model, NoiseModel::independent(Eigen::Vector4d::Ones()),
                      std::vector<Prior>(4, Prior::normal(0, 1)), options);
