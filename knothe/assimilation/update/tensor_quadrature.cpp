@@ -134,7 +134,9 @@ class GridDensity {
       : checked_(target),
         by_rows_(dynamic_cast<reduction::GridEvaluator*>(&target)),
         frame_(options.axes == QuadratureOptions::Axes::modes ? frame_of_modes(checked_)
-                                                              : frame_of_parameters(target.dimension())) {}
+                                                              : frame_of_parameters(target.dimension())) {
+    if (options.coarse_nodes > 0) frame_.coarse_nodes = options.coarse_nodes;
+  }
 
   [[nodiscard]] const Frame& frame() const { return frame_; }
   [[nodiscard]] std::int64_t evaluations() const { return evaluations_ + checked_.evaluations(); }

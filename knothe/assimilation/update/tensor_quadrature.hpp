@@ -22,6 +22,8 @@ struct QuadratureOptions {
   /// Refined until leaving out every other node changes the log-evidence by less than this (and no moment by
   /// more than 1e-2). At 1e-3 moments have converged; quantiles to 1e-3 std want 1e-8.
   double evidence_tolerance = 1e-3;
+  /// Of each axis, in the first look; 0: few, as many as a posterior needs that is no narrow curved ridge.
+  Eigen::Index coarse_nodes = 0;
   Eigen::Index max_nodes = 4'000'000;  ///< evaluated at once, about
 };
 
