@@ -235,7 +235,7 @@ UpdateSetup set_up_online(const Project& project) {
         "parameters." + project.known[0].name,
         "a known parameter is for `knothe assimilate`: data that come one by one do not bring it");
   }
-  UpdateSetup setup = set_up(project, false, !project.serve.watch_pictures.empty());
+  UpdateSetup setup = set_up(project, true, !project.serve.watch_pictures.empty());
   if (!setup.measurements.sensors.scalars.empty()) {
     throw project.error_at(
         "data", fmt::format("{} is measured beside displacements: forces and gauges are for `knothe "

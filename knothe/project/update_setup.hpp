@@ -31,7 +31,7 @@ struct UpdateSetup {
 
 /// Reads model and data, and brings the model's parameters into the project file's order. Throws ProjectError
 /// where the parameters are not the model's, DataError for what the files lack. Methods that make no map, and
-/// robust ones, are for `knothe assimilate` alone (`any_method`): ProjectError elsewhere.
+/// robust ones, are for who holds an engine (`any_method`): ProjectError elsewhere.
 [[nodiscard]] UpdateSetup set_up(const Project& project, bool any_method = false);
 
 /// The same for the service: ProjectError for what it cannot do (a measured clock, forces, gauges). With

@@ -113,6 +113,19 @@ class Test(ServiceCase):
         service.settled(12)
         self.assertEqual([comparable(line) for line in service.states()], expected)
 
+    def test_methods_that_take_data_in_order_are_served_as_they_assimilate(self):
+        for method in ("gate = 3.0", 'likelihood = "student-t"', 'kind = "ukf"'):
+            with self.subTest(method):
+                self.setUp()
+                self.edit("[method]\n", f"[method]\n{method}\n") if "kind" not in method else self.edit('kind = "transport"', method)
+                expected = [comparable(line) for line in self.assimilate()]
+                service = self.serve()
+                for k in (0, 3, 1, 2, 4, 7, 5, 6, 8, 11, 9, 10):
+                    service.send(self.data[k])
+                service.settled(12)
+                self.assertEqual([comparable(line) for line in service.states()], expected)
+                self.assertEqual(service.stop(), 130)
+
     def test_a_correction_beside_offsets_is_served_as_it_is_assimilated(self):
         self.edit("[method]\n", '[method]\nbias_correction = "on"\noffset_std = 1e-6\n')
         expected = [comparable(line) for line in self.assimilate()]
