@@ -6,9 +6,9 @@
 #include <cmath>
 
 #include "knothe/assimilation/update/maximum_a_posteriori.hpp"
+#include "knothe/assimilation/update/tensor_quadrature.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/inference/finite_integral.hpp"
-#include "knothe/inference/grid_quadrature.hpp"
 #include "knothe/inference/sampled_inference.hpp"
 #include "knothe/inference/verdict.hpp"
 #include "knothe/numerics/integrate/sobol.hpp"
@@ -78,10 +78,13 @@ void by_transport(PosteriorDensity& posterior, ModelEvaluator& evaluator, const 
 void by_grid(PosteriorDensity& posterior, ModelEvaluator& evaluator, const InferenceOptions& options,
              InferenceResult& r) {
   const Phase phase("grid", evaluator, r);
-  sampling::CheckedDensity target(posterior);
-  const GridQuadrature grid = grid_quadrature(target);
+  // A model may take seconds a point: 150,000 nodes are all that it is asked for.
+  const assimilation::QuadraturePosterior grid = assimilation::tensor_quadrature(
+      posterior, {assimilation::QuadratureOptions::Axes::modes, 150'000});
   r.points = posterior.parameters(grid.points);
   r.weights = grid.weights;
+  r.summary = summarise(r.points, r.weights);
+  r.summary.quantiles = posterior.parameters(grid.quantiles.transpose()).transpose();
   r.log_evidence = grid.log_evidence;
   r.log_evidence_error = grid.evidence_change;
   r.trusted = r.tolerance_reached = grid.resolved();
@@ -176,7 +179,7 @@ InferenceResult infer(PosteriorDensity& posterior, ModelEvaluator& evaluator,
       break;
     }
   }
-  r.summary = summarise(r.points, r.weights);
+  if (r.method != Method::grid) r.summary = summarise(r.points, r.weights);
   if (!r.map.empty()) sharpen_higher_moments(posterior, options, r);
   {
     const Phase phase("most probable point", evaluator, r);

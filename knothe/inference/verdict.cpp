@@ -42,20 +42,20 @@ std::string verdict(const transport::MapResult& map, const transport::Importance
   return fmt::format("Not trusted: {}; cross-check with --method smc or mcmc.", fmt::join(reasons, ", and "));
 }
 
-std::string verdict(const GridQuadrature& grid) {
+std::string verdict(const assimilation::QuadraturePosterior& grid) {
   if (grid.resolved())
     return fmt::format(
         "Trusted: from every other to all of the {} nodes per axis the log-evidence changes by {:.1g} and "
         "moments by "
         "{:.1g} std, and {:.1g} of the mass lies at the border of the grid.",
-        grid.nodes, grid.evidence_change, grid.moment_change, grid.mass_at_border);
+        grid.per_axis, grid.evidence_change, grid.moment_change, grid.mass_at_border);
   return fmt::format(
       "Not trusted: the grid of {} nodes per axis does not resolve the posterior: from every other node to "
       "all of "
       "them the log-evidence changes by {:.2g} and moments by {:.2g} std, and {:.1g} of the mass lies at its "
       "border; "
       "use --method transport or smc.",
-      grid.nodes, grid.evidence_change, grid.moment_change, grid.mass_at_border);
+      grid.per_axis, grid.evidence_change, grid.moment_change, grid.mass_at_border);
 }
 
 std::string verdict(const sampling::MetropolisResult& chains) {

@@ -3,7 +3,7 @@
 #include <string>
 
 #include "knothe/assimilation/update/prior_transform.hpp"
-#include "knothe/inference/grid_quadrature.hpp"
+#include "knothe/assimilation/update/tensor_quadrature.hpp"
 #include "knothe/sampling/adaptive_metropolis.hpp"
 #include "knothe/sampling/sequential_monte_carlo.hpp"
 #include "knothe/transport/solve/map_solver.hpp"
@@ -13,7 +13,7 @@ namespace knothe::inference {
 [[nodiscard]] std::string verdict(const transport::MapResult& map,
                                   const transport::ImportanceCorrection& answer,
                                   const assimilation::PriorTransform& transform);
-[[nodiscard]] std::string verdict(const GridQuadrature& grid);
+[[nodiscard]] std::string verdict(const assimilation::QuadraturePosterior& grid);
 [[nodiscard]] std::string verdict(const sampling::MetropolisResult& chains);
 [[nodiscard]] std::string verdict(const sampling::SequentialMonteCarloResult& particles, bool trusted);
 

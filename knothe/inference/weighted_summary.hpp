@@ -1,12 +1,13 @@
 #pragma once
 /// @file What is said about a posterior, from weighted points: moments to the fourth order and quantiles.
 #include <Eigen/Core>
-#include <array>
 #include <cstdint>
+
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
 
 namespace knothe::inference {
 
-inline constexpr std::array<double, 5> k_quantile_levels = {0.025, 0.25, 0.5, 0.75, 0.975};
+using numerics::k_quantile_levels;
 
 /// Of d parameters.
 struct WeightedSummary {

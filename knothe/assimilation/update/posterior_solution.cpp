@@ -5,7 +5,6 @@
 #include <cmath>
 
 #include "knothe/assimilation/update/composed_density.hpp"
-#include "knothe/assimilation/update/grid_posterior.hpp"
 #include "knothe/assimilation/update/sequential_update.hpp"
 #include "knothe/assimilation/update/tensor_quadrature.hpp"
 #include "knothe/base/monotonic_time.hpp"
@@ -46,26 +45,15 @@ void SequentialUpdate::average_noise_level() {
 
 void SequentialUpdate::by_grid() {
   const auto start = monotonic_now();
-  const auto p_of_z = [&](Eigen::Index k, double z) {
-    return transform_->prior(k).from_standard_normal(z).value;
-  };
-  const GridPosterior grid = grid_posterior(target_, p_of_z);
-  result_.mean = result_.map_mean = grid.mean;
-  result_.covariance = result_.map_covariance = grid.covariance;
-  result_.log_evidence = result_.log_evidence_lower_bound = grid.log_evidence;
-  const Eigen::Index d = transform_->dimension();
-  Eigen::MatrixXd quantiles(d, static_cast<Eigen::Index>(k_quantile_levels.size()));
-  for (Eigen::Index k = 0; k < d; ++k) {
-    for (Eigen::Index j = 0; j < quantiles.cols(); ++j)
-      quantiles(k, j) = grid.quantile(k, k_quantile_levels[j]);
-  }
-  set_quantiles(quantiles);
-  GridPoints points = grid_points(target_, grid);
-  posterior_.points.resize(points.points.rows(), d);
-  transform_->evaluate(points.points, 0, posterior_.points, no_derivatives_, no_derivatives_);
-  posterior_.weights = std::move(points.weights);
-  result_.trusted = result_.tolerance_reached = grid.resolved;
-  if (!grid.resolved)
+  using Axes = QuadratureOptions::Axes;
+  const QuadraturePosterior grid =
+      tensor_quadrature(target_, {transform_->dimension() < 3 ? Axes::parameters : Axes::modes});
+  take(grid);
+  result_.map_mean = result_.mean;
+  result_.map_covariance = result_.covariance;
+  result_.log_evidence_lower_bound = grid.log_evidence;
+  result_.trusted = result_.tolerance_reached = grid.resolved();
+  if (!grid.resolved())
     result_.remark = "the posterior is too narrow for the grid: use method.kind = \"transport\"";
   result_.elapsed_us.map = microseconds_since(start);
 }
@@ -139,6 +127,13 @@ void SequentialUpdate::by_composed_maps(std::size_t step) {
 
 void SequentialUpdate::integrate() {
   const QuadraturePosterior quadrature = tensor_quadrature(target_);
+  take(quadrature);
+  judge(result_, map_.reason);
+  result_.remark += fmt::format("; moments, quantiles and evidence are by quadrature at {} points",
+                                quadrature.weights.size());
+}
+
+void SequentialUpdate::take(const QuadraturePosterior& quadrature) {
   const QuadraturePosterior::Nodes& nodes = quadrature.nodes;
   if (nodes.runs.empty()) {
     posterior_.points.resize(quadrature.points.rows(), quadrature.points.cols());
@@ -153,9 +148,6 @@ void SequentialUpdate::integrate() {
   if (target_.component_count() > 1 && !nodes.runs.empty())
     shares_ = target_.component_shares(nodes.axes, nodes.runs, nodes.weights);
   result_.log_evidence = quadrature.log_evidence;
-  judge(result_, map_.reason);
-  result_.remark += fmt::format("; moments, quantiles and evidence are by quadrature at {} points",
-                                quadrature.weights.size());
 }
 
 void SequentialUpdate::take(const transport::MapResult& map) {

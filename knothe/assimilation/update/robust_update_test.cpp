@@ -6,8 +6,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "knothe/assimilation/testing/dense_quadrature.hpp"
 #include "knothe/assimilation/testing/test_models.hpp"
-#include "knothe/assimilation/update/grid_posterior.hpp"
 #include "knothe/base/error.hpp"
 
 namespace knothe::assimilation {
@@ -110,10 +110,8 @@ TEST_F(Robust, TheVariationalPosteriorIsNearTheExactStudentOne) {
   std::vector<Prior> priors;
   for (const Prior& prior : priors_) priors.push_back(prior.truncated(0.5, 1.5, "p"));
   StudentDensity exact(*model_, data, std_, priors, 4);
-  GridOptions options;
-  options.points = 61;
-  const GridPosterior grid = grid_posterior(
-      exact, [&](Eigen::Index k, double z) { return priors[k].from_standard_normal(z).value; }, options);
+  const test::DenseQuadrature grid(
+      exact, [&](Eigen::Index k, double z) { return priors[k].from_standard_normal(z).value; }, 61);
   for (Eigen::Index k = 0; k < 2; ++k) {
     const double s = std::sqrt(grid.covariance(k, k));
     EXPECT_LT(std::abs(r.mean[k] - grid.mean[k]), 0.4 * s);

@@ -57,6 +57,8 @@ SequentialUpdate::SequentialUpdate(std::shared_ptr<const reduction::ObservedMode
   if (options_.form == UpdateOptions::Form::composed) {
     composition_ = std::make_unique<MapComposition>(*model, transform_, projector_.central_functions());
   }
+  if (options_.kind == UpdateOptions::Kind::grid && transform_->dimension() > 3)
+    throw ProjectError("method.kind = \"grid\" takes 1 to 3 parameters; use \"transport\" for more");
   refuse_what_does_not_go_together();
   refuse_change_with_what_it_does_not_go();
 }

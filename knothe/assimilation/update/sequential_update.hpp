@@ -14,14 +14,15 @@
 #include "knothe/assimilation/update/collapsed_posterior.hpp"
 #include "knothe/assimilation/update/datum_projector.hpp"
 #include "knothe/assimilation/update/prior.hpp"
+#include "knothe/assimilation/update/tensor_quadrature.hpp"
 #include "knothe/assimilation/update/update_options.hpp"
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
 #include "knothe/reduction/observe/observed_model.hpp"
 #include "knothe/transport/solve/map_solver.hpp"
 
 namespace knothe::assimilation {
 
-/// Levels at which posterior quantiles are given.
-inline constexpr std::array<double, 5> k_quantile_levels = {0.025, 0.25, 0.5, 0.75, 0.975};
+using numerics::k_quantile_levels;
 
 /// Wall-clock time of each phase of an update, µs.
 struct UpdateTimes {
@@ -212,6 +213,7 @@ class SequentialUpdate {
   void by_composed_maps(std::size_t step);
   void integrate();
   void take(const transport::MapResult& map);
+  void take(const QuadraturePosterior& quadrature);
   void set_map_moments(const Eigen::MatrixXd& p);
   void set_moments(const Eigen::MatrixXd& z, const Eigen::VectorXd& weights);
   void set_moments(const Eigen::VectorXd& weights);

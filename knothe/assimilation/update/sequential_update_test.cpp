@@ -6,9 +6,9 @@
 #include <cmath>
 #include <random>
 
+#include "knothe/assimilation/testing/dense_quadrature.hpp"
 #include "knothe/assimilation/testing/test_models.hpp"
 #include "knothe/assimilation/testing/test_priors.hpp"
-#include "knothe/assimilation/update/grid_posterior.hpp"
 #include "knothe/base/error.hpp"
 
 namespace knothe::assimilation {
@@ -137,7 +137,7 @@ class DirectLogDensity final : public sampling::LogDensity {
   Eigen::Index steps_;
 };
 
-void expect_agrees(const UpdateResult& r, const GridPosterior& exact, const std::vector<Prior>& priors) {
+void expect_agrees(const UpdateResult& r, const test::DenseQuadrature& exact, const std::vector<Prior>& priors) {
   EXPECT_TRUE(exact.resolved);
   for (Eigen::Index k = 0; k < 2; ++k) {
     const double std = std::sqrt(exact.covariance(k, k));
@@ -163,7 +163,7 @@ TEST(SequentialUpdate, CurvedPosteriorAgreesWithDenseQuadratureAtEveryStep) {
     const UpdateResult& r = update.update(t, t, data.col(static_cast<Eigen::Index>(t)));
     DirectLogDensity direct(*model, data, std, update.priors(), static_cast<Eigen::Index>(t) + 1);
     const auto priors = update.priors();
-    const GridPosterior exact = grid_posterior(
+    const test::DenseQuadrature exact(
         direct, [&](Eigen::Index k, double z) { return priors[k].from_standard_normal(z).value; });
     expect_agrees(r, exact, priors);
   }

@@ -1,8 +1,9 @@
 #pragma once
-/// @file The posterior by quadrature on a tensor grid of a few parameters, only where its mass is: what an
-/// update falls back on when no map represents the posterior well (several modes, a ridge bent against the
-/// box).
+/// @file The posterior by the trapezoidal rule on a tensor grid of at most three parameters, only where its
+/// mass is: the plain answer, and what an update falls back on when no map represents the posterior well
+/// (several modes, a ridge bent against the box).
 #include <Eigen/Core>
+#include <cstdint>
 #include <vector>
 
 #include "knothe/reduction/grid/grid_evaluator.hpp"
@@ -10,16 +11,34 @@
 
 namespace knothe::assimilation {
 
+struct QuadratureOptions {
+  enum class Axes {
+    /// Those of z, on |z| ≤ 8.5. Needs no derivatives; cheapest with one and two parameters.
+    parameters,
+    /// z = μ + L Q u with mode μ, Laplace factor L and a turn Q, on a box of u that holds all modes found:
+    /// few nodes for a narrow ridge, and the only ones that pay with three parameters.
+    modes
+  } axes = Axes::parameters;
+  Eigen::Index max_nodes = 4'000'000;  ///< evaluated at once, about
+};
+
 /// Nodes in z with normalised weights, and what follows from them.
 struct QuadraturePosterior {
   Eigen::MatrixXd points;     ///< n × d, z
   Eigen::VectorXd weights;    ///< n, sum 1
-  Eigen::MatrixXd quantiles;  ///< d × levels (`k_quantile_levels`), marginal
+  Eigen::MatrixXd quantiles;  ///< d × levels (`k_quantile_levels`), marginal, of z
   double log_evidence = 0;
-  /// Change of the log-evidence when every other node is left out: an error estimate (the rule converges
-  /// faster than any power).
-  double refinement_change = 0;
-  /// All nodes that were looked at: two parameters, else empty.
+  /// Change from every other node to all of them: of the log-evidence, and of means and standard deviations
+  /// along the axes in units of the standard deviation. The true error is smaller still, as the rule
+  /// converges faster than any power.
+  double evidence_change = 0, moment_change = 0;
+  double mass_at_border = 0;  ///< share of the mass in the outermost layer of the grid
+  Eigen::Index per_axis = 0;  ///< nodes
+  std::int64_t evaluations = 0;
+  [[nodiscard]] bool resolved() const {
+    return evidence_change <= 0.01 && moment_change <= 0.01 && mass_at_border <= 1e-5;
+  }
+  /// All nodes that were looked at: two parameters along their own axes, else empty.
   struct Nodes {
     Eigen::MatrixXd axes;                  ///< n × 2
     std::vector<reduction::GridRun> runs;  ///< of them
@@ -28,13 +47,15 @@ struct QuadraturePosterior {
   } nodes;
 };
 
-/// Largest number of parameters for which this pays.
+/// Largest number of parameters for which an update falls back on this.
 inline constexpr Eigen::Index k_most_quadrature_parameters = 2;
 
 /// Trapezoidal rule on the smallest window that holds the mass, evaluated only near coarse nodes whose
-/// density is within exp(−30) of the maximum, and refined until leaving out every other node changes the
-/// log-evidence by less than 1e-3. A target that is a `reduction::GridEvaluator` is asked row by row. d ≤
-/// `k_most_quadrature_parameters` (asserted).
-[[nodiscard]] QuadraturePosterior tensor_quadrature(sampling::LogDensity& target);
+/// density is within exp(−24) of the maximum, and refined until leaving out every other node changes the
+/// log-evidence by less than 1e-3 and no moment by more than 1e-2 (`resolved` says whether it came to that).
+/// A target that is a `reduction::GridEvaluator` is asked row by row. Errors: UsageError for other than 1 to 3
+/// parameters; those of `sampling::CheckedDensity`, and of `sampling::ModeSearch` for `Axes::modes`.
+[[nodiscard]] QuadraturePosterior tensor_quadrature(sampling::LogDensity& target,
+                                                    const QuadratureOptions& options = {});
 
 }  // namespace knothe::assimilation

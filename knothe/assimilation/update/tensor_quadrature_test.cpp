@@ -48,7 +48,7 @@ TEST(TensorQuadrature, NarrowCorrelatedGaussian) {
   const Eigen::MatrixXd e = q.points.rowwise() - mean.transpose();
   const Eigen::Matrix2d found = e.transpose() * q.weights.asDiagonal() * e;
   EXPECT_NEAR(q.log_evidence, -7.0, 1e-6);
-  EXPECT_LT(q.refinement_change, 1e-3);
+  EXPECT_LT(q.evidence_change, 1e-3);
   EXPECT_NEAR(mean[0], 1.7, 1e-6);
   EXPECT_LT((found - covariance).cwiseAbs().maxCoeff(), 1e-6 * 25e-4);
   EXPECT_NEAR((q.quantiles(1, 4) + 2.2) / 0.05, 1.959963984540054, 1e-2);

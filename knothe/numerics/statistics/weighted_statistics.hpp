@@ -1,10 +1,14 @@
 #pragma once
 /// @file Quantiles of weighted points, and draws from them.
 #include <Eigen/Core>
+#include <array>
 #include <span>
 #include <vector>
 
 namespace knothe::numerics {
+
+/// Levels at which quantiles are given, in lines, files and figures.
+inline constexpr std::array<double, 5> k_quantile_levels = {0.025, 0.25, 0.5, 0.75, 0.975};
 
 /// Quantiles of weighted points in one variable: the points sorted, point i stands at cumulative weight c_i =
 /// Σ_{j<i} w_j + w_i/2 (the sum of the weights being 1), and values are interpolated linearly in c; beyond
@@ -30,6 +34,14 @@ class WeightedQuantiles {
   std::vector<Bin> bins_;
   std::vector<Entry> entries_;
 };
+
+/// Quantiles of a smooth density of which the nodes of a lattice are given, with weights (≥ 0, any positive sum)
+/// proportional to the density there. Each node is spread by K(x/width)/width, K = (15 − 10x² + x⁴) φ(x)/8,
+/// whose second and fourth moments vanish, so that nothing is widened: the error is of order width⁶. A width of
+/// 0.8 spacings serves nodes on a line; of 0.3, a lattice seen from a direction in which no two nodes coincide.
+/// Errors: as of `WeightedQuantiles`.
+void lattice_quantiles(std::span<const double> nodes, std::span<const double> weights, double width,
+                       std::span<const double> levels, std::span<double> quantiles);
 
 /// `count` draws that weigh the same, by index, from weighted points (weights ≥ 0, any positive sum): those
 /// at the cumulative weights (k + ½)/count, the points taken in the order of `reversed_bits`, because every

@@ -5,7 +5,8 @@
 
 namespace knothe::reduction {
 
-/// Nodes `begin` … `end` − 1 of the second axis, at node `row` of the first one. Their values begin at `at`.
+/// Nodes `begin` … `end` − 1 of the last axis. `row` numbers the rows along it: with two variables the node
+/// of the first axis, with three that of the second fastest. Their values begin at `at`.
 struct GridRun {
   Eigen::Index row, begin, end, at;
 };
@@ -29,12 +30,14 @@ class GridEvaluator {
 /// axis.
 [[nodiscard]] inline Eigen::MatrixXd nodes_of(const Eigen::Ref<const Eigen::MatrixXd>& axes,
                                               std::span<const GridRun> runs) {
+  const Eigen::Index last = axes.cols() - 1;
   Eigen::MatrixXd points(runs.empty() ? 0 : runs.back().at + runs.back().end - runs.back().begin,
                          axes.cols());
   for (const GridRun& run : runs) {
     const Eigen::Index n = run.end - run.begin;
-    if (axes.cols() == 2) points.col(0).segment(run.at, n).setConstant(axes(run.row, 0));
-    points.col(axes.cols() - 1).segment(run.at, n) = axes.col(axes.cols() - 1).segment(run.begin, n);
+    for (Eigen::Index k = last - 1, rest = run.row; k >= 0; --k, rest /= axes.rows())
+      points.col(k).segment(run.at, n).setConstant(axes(rest % axes.rows(), k));
+    points.col(last).segment(run.at, n) = axes.col(last).segment(run.begin, n);
   }
   return points;
 }
