@@ -15,6 +15,7 @@
 #include "apps/knothe/crack_line.hpp"
 #include "knothe/assimilation/data/measurements.hpp"
 #include "knothe/assimilation/data/time_matching.hpp"
+#include "knothe/assimilation/update/prior_of_model.hpp"
 #include "knothe/assimilation/update/sequential_update.hpp"
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
@@ -113,7 +114,7 @@ class Assimilation {
     if (baseline_) return baseline_->update(step, time_index, values);
     return robust_ ? robust_->update(step, time_index, values) : maps_->update(step, time_index, values);
   }
-  [[nodiscard]] const assimilation::WeightedPosterior& posterior() const {
+  [[nodiscard]] const assimilation::Posterior& posterior() const {
     if (baseline_) return baseline_->posterior();
     return robust_ ? robust_->posterior() : maps_->posterior();
   }
@@ -133,15 +134,6 @@ class Assimilation {
   std::unique_ptr<assimilation::RobustUpdate> robust_;
   std::unique_ptr<assimilation::SequentialUpdate> maps_;
 };
-
-std::vector<assimilation::Prior> truncated_priors(const project::UpdateSetup& setup) {
-  std::vector<assimilation::Prior> priors;
-  for (std::size_t k = 0; k < setup.priors.size(); ++k) {
-    const auto& axis = setup.model.contents().axes[k];
-    priors.push_back(setup.priors[k].truncated(axis.nodes.front(), axis.nodes.back(), axis.name));
-  }
-  return priors;
-}
 
 /// Innovation and test ratio of the sensors that reported, and those that are not to be believed.
 nlohmann::ordered_json sensor_record(const assimilation::SensorReport& sensors) {
@@ -241,7 +233,8 @@ int assimilate(const AssimilateArguments& arguments) {
   setup.options.learn_bias = !arguments.redo.empty();
   Assimilation update(setup);
   assimilation::SensorWatch watch(setup.measurements.noise);
-  const std::vector<assimilation::Prior> priors = truncated_priors(setup);
+  const std::vector<assimilation::Prior> priors =
+      assimilation::truncated_to_box(setup.model.contents().axes, setup.priors);
   Eigen::VectorXd middle(static_cast<Eigen::Index>(priors.size()));
   for (std::size_t k = 0; k < priors.size(); ++k)
     middle[static_cast<Eigen::Index>(k)] = priors[k].from_standard_normal(0).value;

@@ -135,12 +135,11 @@ void print_answer(const Answer& answer) {
   const InferenceResult& r = answer.result;
   fmt::print("{:<16} {:>12} {:>12} {:>12} {:>12} {:>12} {:>9} {:>9}\n", inference::to_text(r.method), "mean",
              "std", "most probable", "2.5 %", "97.5 %", "skewness", "kurtosis");
-  const Eigen::VectorXd std = r.summary.standard_deviations();
+  const Eigen::VectorXd std = r.standard_deviations();
   for (Eigen::Index k = 0; k < std.size(); ++k)
     fmt::print("{:<16} {:>12.5g} {:>12.4g} {:>13.5g} {:>12.5g} {:>12.5g} {:>9.3f} {:>9.3f}\n",
-               answer.setup.parameters[static_cast<std::size_t>(k)], r.summary.mean[k], std[k],
-               r.maximum_a_posteriori[k], r.summary.quantiles(k, 0), r.summary.quantiles(k, 4),
-               r.summary.skewness[k], r.summary.kurtosis[k]);
+               answer.setup.parameters[static_cast<std::size_t>(k)], r.mean[k], std[k],
+               r.maximum_a_posteriori[k], r.quantiles(k, 0), r.quantiles(k, 4), r.skewness[k], r.kurtosis[k]);
   double model_seconds = 0;
   for (const auto& phase : r.phases) model_seconds += phase.model_seconds;
   fmt::print(
@@ -154,7 +153,7 @@ void print_comparison(const Answer& a, const Answer& b, const inference::Compari
   const std::string first = inference::to_text(a.result.method), second = inference::to_text(b.result.method);
   fmt::print("\n{} minus {}, in units of the posterior std\n", second, first);
   fmt::print("{:<16} {:>9} {:>10}", "", "mean", "std ratio");
-  for (const double level : inference::k_quantile_levels)
+  for (const double level : numerics::k_quantile_levels)
     fmt::print(" {:>8}", fmt::format("{:g} %", 100 * level));
   fmt::print("\n");
   for (Eigen::Index k = 0; k < c.mean_difference.size(); ++k) {

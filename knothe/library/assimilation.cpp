@@ -102,7 +102,7 @@ struct Assimilation::Implementation {
     p.mean = plain(result.mean);
     p.covariance = plain(result.covariance);
     p.maximum_a_posteriori = plain(result.maximum_a_posteriori);
-    p.levels.assign(assimilation::k_quantile_levels.begin(), assimilation::k_quantile_levels.end());
+    p.levels.assign(numerics::k_quantile_levels.begin(), numerics::k_quantile_levels.end());
     p.quantiles = plain(result.quantiles);
     p.points = plain(update.posterior().points);
     p.weights = plain(update.posterior().weights);

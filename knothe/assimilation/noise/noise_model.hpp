@@ -22,6 +22,9 @@ class NoiseModel {
   /// not measured at all (a node without a valid element). Throws DataError unless it is symmetric and, but
   /// for such rows, positive definite.
   [[nodiscard]] static NoiseModel correlated(const Eigen::SparseMatrix<double>& precision);
+  /// Correlated noise of covariance R, dense. Throws UsageError unless it is square, symmetric and positive
+  /// definite.
+  [[nodiscard]] static NoiseModel of_covariance(const Eigen::MatrixXd& covariance);
 
   /// The same noise with another one at step `step` (a picture with elements removed), of as many dofs.
   [[nodiscard]] NoiseModel with_step(std::size_t step, NoiseModel noise) const;

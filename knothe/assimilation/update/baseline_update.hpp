@@ -31,7 +31,7 @@ class BaselineUpdate {
   const UpdateResult& update(std::size_t step, std::size_t time_index,
                              const Eigen::Ref<const Eigen::VectorXd>& values);
   [[nodiscard]] const UpdateResult& result() const { return result_; }
-  [[nodiscard]] const WeightedPosterior& posterior() const { return posterior_; }
+  [[nodiscard]] const Posterior& posterior() const { return result_; }
 
  private:
   void by_filter(const StepForm& form);
@@ -52,7 +52,6 @@ class BaselineUpdate {
   std::optional<std::size_t> last_;
   double log_evidence_ = 0;
   UpdateResult result_;
-  WeightedPosterior posterior_;
 };
 
 }  // namespace knothe::assimilation

@@ -56,7 +56,7 @@ Eigen::Vector2d truth_of(const PriorTransform& transform, int run) {
 }
 
 /// P(p_k ≤ x) under weighted points.
-double cumulative(const WeightedPosterior& posterior, Eigen::Index k, double x) {
+double cumulative(const Posterior& posterior, Eigen::Index k, double x) {
   return (posterior.points.col(k).array() <= x).select(posterior.weights.array(), 0.0).sum();
 }
 

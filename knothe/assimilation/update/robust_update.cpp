@@ -9,6 +9,7 @@
 
 #include "knothe/assimilation/select/data_selection.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -43,14 +44,14 @@ RobustUpdate::RobustUpdate(std::shared_ptr<const reduction::ObservedModel> model
 }
 
 RobustUpdate::Prediction RobustUpdate::predict(std::size_t time_index) const {
-  const WeightedPosterior& posterior = last_ ? update_.posterior() : prior_;
+  const Posterior& posterior = last_ ? update_.posterior() : prior_;
   const auto& functions = *model_->functions;
   reduction::FunctionBatch batch;
   batch.resize(posterior.points.rows(), functions.dimension(), functions.count(), 0);
   functions.evaluate(posterior.points, 0, batch);
-  const Eigen::VectorXd mean = batch.value.transpose() * posterior.weights;
-  const Eigen::MatrixXd centred = batch.value.rowwise() - mean.transpose();
-  const Eigen::MatrixXd covariance = centred.transpose() * posterior.weights.asDiagonal() * centred;
+  Eigen::VectorXd mean;
+  Eigen::MatrixXd covariance;
+  numerics::mean_and_covariance(batch.value, posterior.weights, mean, covariance);
   const auto& core = model_->core[time_index];
   const Eigen::MatrixXd inner = core * covariance * core.transpose();
   Prediction prediction;

@@ -45,7 +45,7 @@ class RobustUpdate {
                              const Eigen::Ref<const Eigen::VectorXd>& values);
   [[nodiscard]] const UpdateResult& result() const { return result_; }
   [[nodiscard]] const SensorReport& sensors() const { return sensors_; }
-  [[nodiscard]] const WeightedPosterior& posterior() const { return update_.posterior(); }
+  [[nodiscard]] const Posterior& posterior() const { return update_.posterior(); }
 
  private:
   struct Prediction {
@@ -63,7 +63,7 @@ class RobustUpdate {
   DatumProjector projector_;
   SensorWatch watch_;
   Eigen::VectorXd noise_std_;
-  WeightedPosterior prior_;  ///< draws of the prior: the posterior before the first datum
+  Posterior prior_;  ///< draws of the prior: the posterior before the first datum
   std::optional<std::size_t> last_;
   UpdateResult result_;
   SensorReport sensors_;

@@ -14,6 +14,8 @@
 namespace knothe::assimilation {
 namespace {
 
+using numerics::k_quantile_levels;
+
 using test::CurvedFunctions;
 using test::LinearFunctions;
 using test::papers_priors;
@@ -137,7 +139,8 @@ class DirectLogDensity final : public sampling::LogDensity {
   Eigen::Index steps_;
 };
 
-void expect_agrees(const UpdateResult& r, const test::DenseQuadrature& exact, const std::vector<Prior>& priors) {
+void expect_agrees(const UpdateResult& r, const test::DenseQuadrature& exact,
+                   const std::vector<Prior>& priors) {
   EXPECT_TRUE(exact.resolved);
   for (Eigen::Index k = 0; k < 2; ++k) {
     const double std = std::sqrt(exact.covariance(k, k));

@@ -19,6 +19,9 @@ struct QuadratureOptions {
     /// few nodes for a narrow ridge, and the only ones that pay with three parameters.
     modes
   } axes = Axes::parameters;
+  /// Refined until leaving out every other node changes the log-evidence by less than this (and no moment by
+  /// more than 1e-2). At 1e-3 moments have converged; quantiles to 1e-3 std want 1e-8.
+  double evidence_tolerance = 1e-3;
   Eigen::Index max_nodes = 4'000'000;  ///< evaluated at once, about
 };
 
@@ -48,13 +51,13 @@ struct QuadraturePosterior {
 };
 
 /// Largest number of parameters for which an update falls back on this.
-inline constexpr Eigen::Index k_most_quadrature_parameters = 2;
+inline constexpr Eigen::Index k_max_quadrature_parameters = 2;
 
 /// Trapezoidal rule on the smallest window that holds the mass, evaluated only near coarse nodes whose
-/// density is within exp(−24) of the maximum, and refined until leaving out every other node changes the
-/// log-evidence by less than 1e-3 and no moment by more than 1e-2 (`resolved` says whether it came to that).
-/// A target that is a `reduction::GridEvaluator` is asked row by row. Errors: UsageError for other than 1 to 3
-/// parameters; those of `sampling::CheckedDensity`, and of `sampling::ModeSearch` for `Axes::modes`.
+/// density is within exp(−24) of the maximum, and refined as the options say (`resolved` says whether it came
+/// to that). A target that is a `reduction::GridEvaluator` is asked row by row. Errors: UsageError for other
+/// than 1 to 3 parameters; those of `sampling::CheckedDensity`, and of `sampling::ModeSearch` for
+/// `Axes::modes`.
 [[nodiscard]] QuadraturePosterior tensor_quadrature(sampling::LogDensity& target,
                                                     const QuadratureOptions& options = {});
 

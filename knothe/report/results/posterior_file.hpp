@@ -19,7 +19,7 @@ struct PosteriorFile {
   std::string project;
   std::uint64_t seed = 1;
   std::vector<const assimilation::UpdateResult*> results;
-  std::vector<const assimilation::WeightedPosterior*> posteriors;
+  std::vector<const assimilation::Posterior*> posteriors;
   std::vector<std::size_t> time_indices;  ///< model time of each step, of `observed`
   /// The model at the observed dofs (its first rows) and times; null: the model's own times.
   std::shared_ptr<const reduction::ObservedModel> observed;
@@ -37,7 +37,7 @@ void write_posterior_file(const std::string& path, const PosteriorFile& file,
 struct StoredPosterior {
   std::size_t step = 0;
   double time = 0;
-  assimilation::WeightedPosterior posterior;
+  assimilation::Posterior posterior;
 };
 
 /// Reads the weighted points of the last step; `parameters` must be those of the file, in this order. Errors:

@@ -56,7 +56,7 @@ ResultsWriter::ResultsWriter(const project::Project& project, const reduction::S
 }
 
 void ResultsWriter::add_step(const assimilation::UpdateResult& result,
-                             const assimilation::WeightedPosterior& posterior,
+                             const assimilation::Posterior& posterior,
                              const std::vector<forecast::NamedForecast>& forecasts,
                              const std::vector<forecast::NamedForecast>& direct, double forecast_us,
                              std::size_t time_index, const std::vector<forecast::ScoredForecast>& scores,

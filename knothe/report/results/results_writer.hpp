@@ -33,7 +33,7 @@ class ResultsWriter {
 
   /// Keeps what the files need of a step. `time_index`: model time of the datum; `scores`: forecasts that
   /// came true with it; `comparison`: of the models run side by side, after it.
-  void add_step(const assimilation::UpdateResult& result, const assimilation::WeightedPosterior& posterior,
+  void add_step(const assimilation::UpdateResult& result, const assimilation::Posterior& posterior,
                 const std::vector<forecast::NamedForecast>& forecasts,
                 const std::vector<forecast::NamedForecast>& direct, double forecast_us,
                 std::size_t time_index, const std::vector<forecast::ScoredForecast>& scores = {},
@@ -50,7 +50,7 @@ class ResultsWriter {
  private:
   struct Kept {
     assimilation::UpdateResult result;
-    assimilation::WeightedPosterior posterior;
+    assimilation::Posterior posterior;
     std::size_t time_index;
   };
   void write_steps(const std::string& path) const;

@@ -35,8 +35,7 @@ namespace knothe::report {
 /// Beside the fixed keys, for figures: marginal densities of the parameters (`marginals`), densities of the
 /// forecasts, and the direct forecasts of crack lengths (quantiles at the same levels).
 void add_densities(nlohmann::ordered_json& record, const std::vector<std::string>& parameters,
-                   const std::vector<assimilation::Prior>& priors,
-                   const assimilation::WeightedPosterior& posterior,
+                   const std::vector<assimilation::Prior>& priors, const assimilation::Posterior& posterior,
                    std::span<const forecast::NamedForecast> forecasts,
                    std::span<const forecast::NamedForecast> direct);
 

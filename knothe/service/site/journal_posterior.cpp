@@ -141,7 +141,7 @@ StepForm JournalPosterior::form_up_to(std::size_t step) const {
   StepForm sum = StepForm::zero(projector_.central_functions().size());
   for (auto it = steps_.begin(); it != steps_.end() && it->first <= step; ++it) {
     // Data of a structure that changes grow old; a power of 1 leaves the sum as it is, to the bit.
-    if (it != steps_.begin()) sum.raise(update_.power_before(it->first));
+    if (it != steps_.begin()) sum.raise(update_.changes().power_before(it->first));
     sum.add(sum_of(it->second, sum.linear.size()));
   }
   return sum;

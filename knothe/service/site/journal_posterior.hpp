@@ -36,7 +36,7 @@ class JournalPosterior {
 
   struct Conclusion {
     const assimilation::UpdateResult& result;
-    const assimilation::WeightedPosterior& posterior;
+    const assimilation::Posterior& posterior;
     std::vector<forecast::NamedForecast> forecasts;
     double forecast_us = 0;
     bool followed = true;  ///< the monitor of the evidence has judged every step before; else it says nothing

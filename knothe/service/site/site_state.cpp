@@ -32,7 +32,7 @@ double chi_squared_tail(double x, double n) {
 }
 
 /// Draws in the middle of equal shares of the weight: the same every time.
-Eigen::MatrixXd systematic_draws(const assimilation::WeightedPosterior& posterior) {
+Eigen::MatrixXd systematic_draws(const assimilation::Posterior& posterior) {
   const Eigen::Index n = std::min(k_samples, posterior.points.rows());
   Eigen::MatrixXd drawn(n, posterior.points.cols());
   const double share = posterior.weights.sum() / static_cast<double>(n);
