@@ -15,6 +15,7 @@
 #include "apps/knothe/crack_line.hpp"
 #include "knothe/assimilation/data/measurements.hpp"
 #include "knothe/assimilation/data/time_matching.hpp"
+#include "knothe/assimilation/update/compatibility.hpp"
 #include "knothe/assimilation/update/sequential_update.hpp"
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
@@ -90,12 +91,11 @@ class Assimilation {
  public:
   explicit Assimilation(const project::UpdateSetup& setup) {
     const auto& noise = setup.measurements.noise;
-    const bool corrects =
-        setup.options.learn_bias || setup.options.bias_correction != assimilation::BiasCorrectionMode::off;
-    if (corrects && (setup.baseline || setup.robust.is_active())) {
-      throw UsageError(
-          "bias_correction and --redo go with method transport or grid and the Gaussian likelihood only");
-    }
+    assimilation::Features features = features_of(setup.options);
+    add(features, assimilation::Feature::baseline, setup.baseline.has_value());
+    add(features, assimilation::Feature::gate, setup.robust.gate > 0);
+    add(features, assimilation::Feature::student_t, setup.robust.degrees_of_freedom > 0);
+    assimilation::require_compatible(features);
     if (setup.baseline) {
       baseline_ = std::make_unique<assimilation::BaselineUpdate>(setup.observed, noise, setup.priors,
                                                                  *setup.baseline);

@@ -10,7 +10,6 @@
 #include <iterator>
 
 #include "knothe/assimilation/update/sequential_update.hpp"
-#include "knothe/base/error.hpp"
 
 namespace knothe::assimilation {
 
@@ -94,21 +93,6 @@ bool SequentialUpdate::restart_at_change(std::size_t step) {
                                     : "no more, the posterior began anew from the prior",
       result_.notice.empty() ? "" : "; ", result_.notice);
   return true;
-}
-
-void SequentialUpdate::refuse_change_with_what_it_does_not_go() const {
-  if (!may_change()) return;
-  const char* other = options_.noise_level    ? "noise_level = \"unknown\""
-                      : composition_          ? "form = \"composed\""
-                      : supervision_.learns() ? "bias_correction and --redo"
-                      : projector_.depends_on_order()
-                          ? "errors that steps share (shared_reference, offset_std)"
-                          : nullptr;
-  if (other == nullptr) return;
-  throw UsageError(
-      fmt::format("forgetting, change_points and on_alarm = \"restart\" do not go together with {}: "
-                  "these count on data that do not grow old",
-                  other));
 }
 
 }  // namespace knothe::assimilation

@@ -6,6 +6,7 @@
 #include <cassert>
 #include <cmath>
 
+#include "knothe/assimilation/update/compatibility.hpp"
 #include "knothe/assimilation/update/composed_density.hpp"
 #include "knothe/assimilation/update/maximum_a_posteriori.hpp"
 #include "knothe/assimilation/update/prior_of_model.hpp"
@@ -45,11 +46,8 @@ SequentialUpdate::SequentialUpdate(std::shared_ptr<const reduction::ObservedMode
                    options_.learn_bias || options_.bias_correction != BiasCorrectionMode::off, options_.bias,
                    options_.monitor),
       sum_(StepForm::zero(model->functions->count())) {
+  require_compatible(features_of(options_) | features_of(projector_.noise()));
   if (options_.noise_level) {
-    if (options_.form == UpdateOptions::Form::composed)
-      throw UsageError(
-          "composed maps take the data one by one, but an unknown noise level links them: use the collapsed "
-          "form");
     target_.infer_noise_level(*options_.noise_level);
   }
   solver_.prepare(transform_->dimension());
@@ -57,8 +55,6 @@ SequentialUpdate::SequentialUpdate(std::shared_ptr<const reduction::ObservedMode
   if (options_.form == UpdateOptions::Form::composed) {
     composition_ = std::make_unique<MapComposition>(*model, transform_, projector_.central_functions());
   }
-  refuse_what_does_not_go_together();
-  refuse_change_with_what_it_does_not_go();
 }
 
 SequentialUpdate::~SequentialUpdate() = default;

@@ -185,7 +185,6 @@ class SequentialUpdate {
   void restore_sums(std::size_t step);
   void forget(std::size_t step);
   bool restart_at_change(std::size_t step);
-  void refuse_change_with_what_it_does_not_go() const;
 
   // supervised_update.cpp
   [[nodiscard]] std::optional<bool> by_hand(std::size_t step) const;
@@ -196,7 +195,6 @@ class SequentialUpdate {
   void clear_sums();
   void add_to_sums(const Datum& datum);
   void set_target();
-  void refuse_what_does_not_go_together() const;
 
   void project(std::size_t step, const Eigen::Ref<const Eigen::VectorXd>& values, Datum& datum);
   void project_again();

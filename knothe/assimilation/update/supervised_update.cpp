@@ -194,29 +194,4 @@ const UpdateResult& SequentialUpdate::redo(std::size_t from, std::size_t to) {
   return data_.empty() ? result_ : conclude(data_.rbegin()->first);
 }
 
-void SequentialUpdate::refuse_what_does_not_go_together() const {
-  if (!supervision_.learns()) return;
-  if (options_.noise_level) {
-    throw UsageError(
-        "bias_correction does not go together with noise_level = \"unknown\": data cannot tell a bias from "
-        "noise");
-  }
-  if (projector_.noise().scale_std() > 0) {
-    throw UsageError(
-        "bias_correction does not go together with a scale that is not known exactly (relative_scale_std, "
-        "dic.scale_std): leave out one of them");
-  }
-  if (projector_.depends_on_order() && !supervision_.is_joint()) {
-    throw UsageError(
-        "an extrapolated bias does not go together with noise that steps share (shared_reference, "
-        "offset_std): its likelihood replaces the noise of each step; take bias_extrapolation = \"joint\"");
-  }
-  if (composition_ && supervision_.is_joint()) {
-    throw UsageError(
-        "composed maps take the data one by one, but a bias that is unknown together with the parameters "
-        "links "
-        "them: use the collapsed form, or bias_extrapolation = \"linear\"");
-  }
-}
-
 }  // namespace knothe::assimilation
