@@ -14,6 +14,22 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
+/// Σ_t Σ_p w_p (½ cᵀ K c − fᵀ c): what every update and every new term lowers.
+double projected_energy(const LatinProjection& projection, const LatinTerms& terms) {
+  const Index r = terms.space.rows();
+  double energy = 0;
+  for (int step = 0; step < projection.steps(); ++step) {
+    const auto t = static_cast<std::size_t>(step);
+    const MatrixXd c = terms.coordinates(step);
+    for (Index p = 0; p < c.cols(); ++p) {
+      const Eigen::Map<const MatrixXd> stiffness(projection.stiffness[t].col(p).data(), r, r);
+      energy += projection.weights[p] *
+                (0.5 * c.col(p).dot(stiffness * c.col(p)) - projection.load[t].col(p).dot(c.col(p)));
+    }
+  }
+  return energy;
+}
+
 constexpr Index k_modes = 4, k_times = 5;
 
 LatinGrid small_grid() {
