@@ -34,8 +34,9 @@ Section<Sample> sample_section() {
 }
 
 TEST(OptionSection, PrintsTheDefaultsOfTheStruct) {
+  const Section<Sample> section = sample_section();
   std::vector<std::string> defaults;
-  for (const Option& option : sample_section().options()) defaults.push_back(option.default_value);
+  for (const Option& option : section.options()) defaults.push_back(option.default_value);
   EXPECT_EQ(defaults, (std::vector<std::string>{"2.5e-7", "3", "", "\"nobody\"", "\"green\"", "\"all\""}));
 }
 
