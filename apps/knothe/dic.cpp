@@ -82,29 +82,6 @@ Task task_of(const DicArguments& a) {
   return task;
 }
 
-nlohmann::ordered_json json_of(const imaging::PictureSeries& series, const PictureResult& r, double noise_std,
-                               const std::optional<imaging::PictureFrame>& frame) {
-  const auto& c = r.correlation;
-  nlohmann::ordered_json line = {{"picture", r.picture},
-                                 {"iterations", c.iterations},
-                                 {"converged", c.converged},
-                                 {"residual_rms", c.residual_rms},
-                                 {"nodes", series.correlation().mesh().node_count()},
-                                 {"elements_rejected", c.elements_rejected},
-                                 {"elapsed_ms", r.elapsed_ms},
-                                 {"noise_std_px", noise_std},
-                                 {"elements", series.correlation().mesh().element_count()},
-                                 {"noise_grey_levels", r.noise},
-                                 {"gain", c.gain},
-                                 {"offset", c.offset},
-                                 {"searched", c.searched},
-                                 {"missing", r.missing}};
-  if (r.missing) line["message"] = r.message;
-  if (!r.reference.empty()) line["reference"] = r.reference;
-  if (r.crack) line["crack"] = report::crack_record(*r.crack, frame);
-  return line;
-}
-
 /// A file name for a picture's results: its own, without folder and ending; made different where two are
 /// alike.
 std::vector<std::string> stems_of(const std::vector<std::string>& pictures) {
@@ -196,19 +173,6 @@ class Output {
   std::vector<files::PvdEntry> entries_;
 };
 
-void print_for_people(const PictureResult& r, double noise_std,
-                      const std::optional<imaging::PictureFrame>& frame) {
-  if (r.missing) return;
-  const auto& c = r.correlation;
-  std::string text = fmt::format("{}: {} iterations, residual {:.2f} grey levels, noise {:.4f} px", r.picture,
-                                 c.iterations, c.residual_rms, noise_std);
-  if (frame) text += fmt::format(" ({:.2f} µm)", noise_std * frame->scale() * 1e6);
-  if (c.elements_rejected > 0)
-    text += fmt::format(", {} elements without a measurement", c.elements_rejected);
-  if (!r.reference.empty()) text += fmt::format(", measured against {} (reference replaced)", r.reference);
-  fmt::print("{}, {:.0f} ms\n", text, r.elapsed_ms);
-}
-
 /// The outline that was fitted: a line to stderr, and a map where maps are asked for.
 void tell_registration(const DicArguments& arguments, const Task& task) {
   if (!task.registration) return;
@@ -254,39 +218,9 @@ int judge_pattern(const DicArguments& arguments, const Task& task) {
     files::require_writable_folder(arguments.maps);
     report::write_deviation_maps((fs::path(arguments.maps) / "pattern").string(), series, r.std, task.frame);
   }
-  const double scale = task.frame ? task.frame->scale() : 0;
-  if (arguments.json) {
-    nlohmann::ordered_json line = {{"pattern", series.options().references.front()},
-                                   {"mean_level", r.mean_level},
-                                   {"contrast", r.contrast},
-                                   {"rms_gradient", r.rms_gradient},
-                                   {"saturated", r.saturated},
-                                   {"black", r.black},
-                                   {"speckle_size_px", r.speckle},
-                                   {"elements", r.elements},
-                                   {"elements_without_texture", r.elements_without_texture},
-                                   {"nodes", r.nodes},
-                                   {"noise_grey_levels", r.noise},
-                                   {"noise_is_assumed", r.noise_is_assumed},
-                                   {"noise_std_px", r.mean_std},
-                                   {"largest_std_px", r.largest_std}};
-    if (task.frame) line["noise_std_m"] = r.mean_std * scale;
-    line["advice"] = r.advice;
-    fmt::print("{}\n", files::json_line(line));
-    return 0;
-  }
-  fmt::print("rms gradient        {:.1f} grey levels of 256 per px\n", r.rms_gradient);
-  fmt::print("mean, contrast      {:.0f} %, {:.0f} % of the full range\n", 100 * r.mean_level,
-             100 * r.contrast);
-  fmt::print("saturated, black    {:.2f} %, {:.2f} % of the pixels\n", 100 * r.saturated, 100 * r.black);
-  fmt::print("speckle size        {:.1f} × {:.1f} px\n", r.speckle[0], r.speckle[1]);
-  fmt::print("noise               {:.2f} grey levels{}\n", r.noise, r.noise_is_assumed ? " (assumed)" : "");
-  fmt::print("displacement std    {:.4f} px on average, {:.4f} px at the worst node", r.mean_std,
-             r.largest_std);
-  if (task.frame)
-    fmt::print(" ({:.2f} and {:.2f} µm)", 1e6 * scale * r.mean_std, 1e6 * scale * r.largest_std);
-  fmt::print("\n");
-  for (const std::string& advice : r.advice) fmt::print("- {}\n", advice);
+  fmt::print("{}\n", arguments.json ? files::json_line(report::pattern_record(
+                                          series.options().references.front(), r, task.frame))
+                                    : report::pattern_text(r, task.frame));
   return 0;
 }
 
@@ -324,12 +258,11 @@ int dic(const DicArguments& arguments) {
         noise_std = series.precision(r, r.noise, r.correlation.gain).mean_std();
       else
         fmt::print(stderr, "{}\n", r.message);
-      if (arguments.json) {
-        fmt::print("{}\n", files::json_line(json_of(series, r, noise_std, task.frame)));
-        std::fflush(stdout);
-      } else {
-        print_for_people(r, noise_std, task.frame);
-      }
+      const std::string line =
+          arguments.json ? files::json_line(report::picture_record(series, r, noise_std, task.frame))
+                         : report::picture_text(r, noise_std, task.frame);
+      if (!line.empty()) fmt::print("{}\n", line);
+      if (arguments.json) std::fflush(stdout);
       output.add(series, r, noise_std);
       progress.advance_to(results.size());
       // A long series must not be lost with the machine's power.

@@ -322,8 +322,8 @@ class Test(Case):
     def test_the_real_crack_runs_where_the_eye_sees_it(self):
         """In 0160 from (667, 1040) up to where its last trace in the residual is, (558, 462), read off the map by eye."""
         first, second = self.real("0155", "0160")
-        line, = self.expect(0, "dic", first, second, "--element-size", 25, "--prefilter", 1, "--roi", "100,240,1600,1040",
-                            "--crack", "--maps", "maps", "--json").lines()
+        arguments = ("dic", first, second, "--element-size", 25, "--prefilter", 1, "--roi", "100,240,1600,1040", "--crack")
+        line, = self.expect(0, *arguments, "--maps", "maps", "--json").lines()
         crack = line["crack"]
         self.assertIs(crack["found"], True)
         self.assertIs(crack["tip_in_view"], True)
@@ -333,6 +333,11 @@ class Test(Case):
         self.assertTrue(380 < crack["tip"][1] < 490, crack)
         self.assertTrue(0.9 < crack["mouth_opening"] < 1.5, crack)
         self.assertTrue((self.folder / "maps" / "IMG_0160.png").exists())
+        # The same for people.
+        picture, said = self.expect(0, *arguments).out.splitlines()
+        self.assertRegex(picture, r"IMG_0160\.tif: \d+ iterations, residual .* grey levels, noise .* px, .* ms$")
+        self.assertRegex(said, rf"^    crack {crack['length']:.4g} ± .* px long, tip at \({crack['tip'][0]:.0f}, {crack['tip'][1]:.0f}\) px, "
+                         r"mouth open by .* px")
 
 
 if __name__ == "__main__":
