@@ -34,6 +34,10 @@ void Engine::require_fits(const Datum& datum) const {
   if (datum.time_index >= setup_.model->time.size())
     throw UsageError(fmt::format("step {}: the model has {} times, there is no time {}", datum.step,
                                  setup_.model->time.size(), datum.time_index));
+  for (const CandidateModel& candidate : setup_.candidates)
+    if (candidate.time_indices.at(datum.time_index) >= candidate.setup.model->time.size())
+      throw DataError(fmt::format("step {}: the model {} has no time {}", datum.step, candidate.name,
+                                  setup_.model->time[datum.time_index]));
   const auto found = steps_.find(datum.step);
   if (found != steps_.end() && found->second.time_index != datum.time_index)
     throw UsageError(fmt::format("step {}: its data are of model time {}, not {}", datum.step,

@@ -23,7 +23,8 @@ struct EngineSetup : MethodSetup {
   std::vector<CandidateModel> candidates;  ///< models to compare with it on the same data
 };
 
-/// The same data seen by another model: `time_indices` are its own, by those of the first.
+/// The same data seen by another model: `time_indices` are its own, by those of the first; beyond its times
+/// where it has no such time.
 struct CandidateModel {
   std::string name;
   MethodSetup setup;

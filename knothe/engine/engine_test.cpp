@@ -344,6 +344,14 @@ TEST(Engine, ADatumThatDoesNotFitIsRefusedInWordsAndChangesNothing) {
   EXPECT_EQ(message(infinite), "a measured value is infinite: give NaN for a missing value");
   EXPECT_TRUE(engine.stale().empty());
   EXPECT_EQ(engine.last_step(), 0u);
+
+  EngineSetup compared = setup;
+  compared.name = "first";
+  compared.candidates.push_back({"other", setup, {0, 99, 2, 3}});
+  Engine both(compared);
+  EXPECT_EQ(both.assimilate(data[0]).models.size(), 2u);
+  EXPECT_THROW(both.add(data[1]), DataError);  // the other model has no such time
+  EXPECT_TRUE(both.stale().empty());
 }
 
 }  // namespace

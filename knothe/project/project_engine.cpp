@@ -1,5 +1,6 @@
 #include "knothe/project/project_engine.hpp"
 
+#include <cmath>
 #include <filesystem>
 #include <limits>
 
@@ -26,6 +27,10 @@ engine::CandidateModel candidate(const Project& project, const std::string& file
   const UpdateSetup setup = set_up(other);
   engine::CandidateModel model{name_of(file, project), method_setup(setup), {}};
   model.time_indices.assign(first.observed->time.size(), std::numeric_limits<std::size_t>::max());
+  for (std::size_t i = 0; i < first.observed->time.size(); ++i)
+    for (std::size_t j = 0; j < setup.observed->time.size(); ++j)
+      if (std::abs(first.observed->time[i] - setup.observed->time[j]) < 1e-9) model.time_indices[i] = j;
+  // The data's own times may differ by rounding.
   for (std::size_t i = 0; i < first.time_indices.size(); ++i)
     model.time_indices[first.time_indices[i]] = setup.time_indices[i];
   return model;
