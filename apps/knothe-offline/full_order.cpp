@@ -1,17 +1,13 @@
 #include <fmt/format.h>
 
-#include <cstdio>
 #include <nlohmann/json.hpp>
 
 #include "apps/knothe-offline/commands.hpp"
-#include "apps/knothe-offline/problem.hpp"
-#include "knothe/base/error.hpp"
-#include "knothe/base/progress.hpp"
-#include "knothe/files/json_line.hpp"
+#include "knothe/files/command_output.hpp"
 #include "knothe/files/vtu.hpp"
 #include "knothe/mechanics/distributed/distributed_model.hpp"
 #include "knothe/mechanics/distributed/ranks.hpp"
-#include "knothe/project/project_file.hpp"
+#include "knothe/offline/problem.hpp"
 
 namespace knothe::offline_commands {
 namespace {
@@ -19,48 +15,41 @@ namespace {
 using mechanics::DistributedElastic;
 using mechanics::StepRecord;
 
-void report(const DistributedElastic& elastic, bool json) {
-  if (json) {
-    fmt::print("{}\n", files::json_line({{"dofs", elastic.dofs},
-                                         {"cells", elastic.cells},
-                                         {"ranks", elastic.ranks},
-                                         {"iterations", elastic.iterations},
-                                         {"residual", elastic.residual},
-                                         {"stiffness_N_per_m", elastic.unit_reaction},
-                                         {"set_up_seconds", elastic.set_up_seconds},
-                                         {"solve_seconds", elastic.solve_seconds},
-                                         {"memory_MiB", elastic.memory_of_all},
-                                         {"largest_memory_MiB", elastic.largest_memory}}));
-  } else {
-    fmt::print(
-        "{} dofs, {} cells, {} rank{}\nelastic solution: {} iterations, residual {:.1e}; {:.1f} s to set up, "
-        "{:.1f} s "
-        "to solve; {:.0f} MiB ({:.0f} on one rank)\nstiffness {:.4f} kN/mm\n",
-        elastic.dofs, elastic.cells, elastic.ranks, elastic.ranks == 1 ? "" : "s", elastic.iterations,
-        elastic.residual, elastic.set_up_seconds, elastic.solve_seconds, elastic.memory_of_all,
-        elastic.largest_memory, 1e-6 * elastic.unit_reaction);
-  }
-  std::fflush(stdout);
+void report(const DistributedElastic& elastic, const files::CommandOutput& output) {
+  output.line({{"dofs", elastic.dofs},
+               {"cells", elastic.cells},
+               {"ranks", elastic.ranks},
+               {"iterations", elastic.iterations},
+               {"residual", elastic.residual},
+               {"stiffness_N_per_m", elastic.unit_reaction},
+               {"set_up_seconds", elastic.set_up_seconds},
+               {"solve_seconds", elastic.solve_seconds},
+               {"memory_MiB", elastic.memory_of_all},
+               {"largest_memory_MiB", elastic.largest_memory}},
+              fmt::format("{} dofs, {} cells, {} rank{}\nelastic solution: {} iterations, residual {:.1e}; "
+                          "{:.1f} s to set up, "
+                          "{:.1f} s "
+                          "to solve; {:.0f} MiB ({:.0f} on one rank)\nstiffness {:.4f} kN/mm",
+                          elastic.dofs, elastic.cells, elastic.ranks, elastic.ranks == 1 ? "" : "s",
+                          elastic.iterations, elastic.residual, elastic.set_up_seconds, elastic.solve_seconds,
+                          elastic.memory_of_all, elastic.largest_memory, 1e-6 * elastic.unit_reaction));
 }
 
-void report(int number, const StepRecord& step, bool json) {
-  if (json) {
-    fmt::print("{}\n", files::json_line({{"step", number},
-                                         {"displacement_m", step.imposed_displacement},
-                                         {"force_N", step.reaction_force},
-                                         {"crack_mouth_opening_m", step.crack_mouth_opening},
-                                         {"dissipated_J", step.dissipated_energy},
-                                         {"newton_iterations", step.newton_iterations},
-                                         {"secant_iterations", step.secant_iterations},
-                                         {"equilibrium", step.equilibrium},
-                                         {"residual", step.residual}}));
-  } else {
-    fmt::print("step {:3}: {:.4f} mm, {:8.1f} N, opening {:8.4f} mm, {:2} Newton + {} secant iterations{}\n",
-               number, 1e3 * step.imposed_displacement, step.reaction_force, 1e3 * step.crack_mouth_opening,
-               step.newton_iterations, step.secant_iterations,
-               step.equilibrium ? "" : ", not in equilibrium");
-  }
-  std::fflush(stdout);
+void report(int number, const StepRecord& step, const files::CommandOutput& output) {
+  output.line(
+      {{"step", number},
+       {"displacement_m", step.imposed_displacement},
+       {"force_N", step.reaction_force},
+       {"crack_mouth_opening_m", step.crack_mouth_opening},
+       {"dissipated_J", step.dissipated_energy},
+       {"newton_iterations", step.newton_iterations},
+       {"secant_iterations", step.secant_iterations},
+       {"equilibrium", step.equilibrium},
+       {"residual", step.residual}},
+      fmt::format("step {:3}: {:.4f} mm, {:8.1f} N, opening {:8.4f} mm, {:2} Newton + {} secant iterations{}",
+                  number, 1e3 * step.imposed_displacement, step.reaction_force,
+                  1e3 * step.crack_mouth_opening, step.newton_iterations, step.secant_iterations,
+                  step.equilibrium ? "" : ", not in equilibrium"));
 }
 
 /// Displacement, and damage if there is any, for ParaView.
@@ -74,44 +63,39 @@ void write_field(const mechanics::HexahedronMesh& mesh, std::span<const double> 
   files::write_vtu(grid, path);
 }
 
-int run(const FullOrderArguments& arguments, bool first) {
-  mechanics::BeamProblem problem = beam_problem(project::read_project(arguments.project));
+}  // namespace
+
+int full_order(const FullOrderArguments& arguments) {
+  const bool first = mechanics::Ranks::start().rank == 0;
+  const files::CommandOutput output(arguments.json);
+  mechanics::BeamProblem problem = offline::beam_problem(project::read_project(arguments.project));
   if (arguments.steps > 0) problem.solver.steps = arguments.steps;
   const mechanics::HexahedronMesh mesh = mechanics::make_mesh(problem);
   mechanics::DistributedModel model(
       mesh, problem.elastic, problem.solver, arguments.refinements,
-      {.tolerance = arguments.tolerance, .most_iterations = arguments.most_iterations});
-  if (first) report(model.elastic(), arguments.json);
+      {.tolerance = arguments.tolerance, .most_iterations = arguments.max_iterations});
+  if (first) report(model.elastic(), output);
   std::vector<double> field = model.elastic().unit_lift, damage;
   if (arguments.elastic) {
     for (double& u : field) u *= problem.solver.displacement;
   } else {
     mechanics::FullOrderResult result = model.run(problem.reference, [&](int step, const StepRecord& record) {
-      if (first) report(step, record, arguments.json);
+      if (first) report(step, record, output);
     });
-    if (first && arguments.json)
-      fmt::print("{}\n", files::json_line({{"done", true},
-                                           {"crack_length_m", result.crack_length},
-                                           {"steps_without_equilibrium", result.steps_without_equilibrium()},
-                                           {"cpu_seconds", result.cpu_seconds}}));
-    else if (first)
-      fmt::print("crack {:.1f} mm above the notch; {:.1f} s of CPU on all ranks\n", 1e3 * result.crack_length,
-                 result.cpu_seconds);
+    if (first)
+      output.line({{"done", true},
+                   {"crack_length_m", result.crack_length},
+                   {"steps_without_equilibrium", result.steps_without_equilibrium()},
+                   {"cpu_seconds", result.cpu_seconds}},
+                  fmt::format("crack {:.1f} mm above the notch; {:.1f} s of CPU on all ranks",
+                              1e3 * result.crack_length, result.cpu_seconds));
     field.assign(result.displacement.end() - static_cast<std::ptrdiff_t>(field.size()),
                  result.displacement.end());
     damage = std::move(result.cell_damage);
   }
   if (first && !arguments.output.empty()) write_field(mesh, field, damage, arguments.output);
-  return 0;
-}
-
-}  // namespace
-
-int full_order(const FullOrderArguments& arguments) {
-  const bool first = mechanics::Ranks::start().rank == 0;
-  const int status = run(arguments, first);
   mechanics::Ranks::finish();
-  return status;
+  return 0;
 }
 
 }  // namespace knothe::offline_commands

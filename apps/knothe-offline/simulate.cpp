@@ -1,7 +1,7 @@
 #include <fmt/format.h>
 
 #include "apps/knothe-offline/commands.hpp"
-#include "apps/knothe-offline/problem.hpp"
+#include "knothe/offline/problem.hpp"
 #include "knothe/project/picture_simulation.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/project/simulation.hpp"
@@ -10,8 +10,8 @@ namespace knothe::offline_commands {
 
 int simulate(const SimulateArguments& arguments) {
   const project::Project project = project::read_project(arguments.project);
-  const mechanics::BeamProblem problem = beam_problem(project);
-  const std::vector<reduction::Axis> axes = parameter_axes(project);
+  const mechanics::BeamProblem problem = offline::beam_problem(project);
+  const std::vector<reduction::Axis> axes = offline::parameter_axes(project);
   std::vector<std::string> names;
   for (const reduction::Axis& axis : axes) names.push_back(axis.name);
   const std::vector<double> truth = project::simulated_truth(project, names);

@@ -73,21 +73,6 @@ struct InferArguments {
 };
 int infer(const InferArguments& arguments);
 
-struct DicArguments {
-  std::vector<std::string> files;                 ///< a project file, or reference and deformed pictures
-  std::optional<double> element_size, prefilter;  ///< px; override the project's
-  std::vector<double> region;                     ///< x0, y0, x1, y1, px
-  bool pattern = false;                           ///< only judge the reference picture, before a test
-  bool resume = false;                            ///< go on with what the output file holds
-  std::string table;                              ///< file for the settings that a report should hold
-  bool crack = false;                             ///< look for a crack in every picture
-  std::string mask, mesh, at;                     ///< files
-  std::string output;                             ///< .h5, .vtu, .pvd; with `at` .csv or a folder
-  std::string maps;                               ///< folder for PNG maps
-  bool json = false;
-};
-int dic(const DicArguments& arguments);
-
 struct ForecastArguments {
   std::string project;
   bool json = false;

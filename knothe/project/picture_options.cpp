@@ -22,7 +22,7 @@ using Pair = std::array<double, 2>;
 struct Given : PictureOptions {
   bool by_outline = false, look_for_crack = false;
   std::array<double, 4> roi{};
-  imaging::CrackOptions crack;
+  imaging::CrackSearchOptions crack;
   OutlineRegistration fit;
   std::optional<double> scale;
   double scale_std = 0, angle = 0;
@@ -105,11 +105,11 @@ void add_correlation_options(Section<G>& s) {
 
 void add_crack_and_drift_options(Section<G>& s) {
   s.choice("crack", &G::look_for_crack, "off", "on", "Path, opening and tip of a crack in every picture.");
-  s.add("crack_gap", in(&G::crack, &imaging::CrackOptions::gap),
+  s.add("crack_gap", in(&G::crack, &imaging::CrackSearchOptions::gap),
         "Pixels on either side of the crack that are not looked at; 0: 3 px, on the model's mesh half an "
         "element and 2 px.",
         non_negative);
-  s.add("crack_origin", in(&G::crack, &imaging::CrackOptions::origin),
+  s.add("crack_origin", in(&G::crack, &imaging::CrackSearchOptions::origin),
         "Pixel from which the crack's length counts, [x, y], e.g. the notch's end; default: where it enters "
         "the mesh.",
         of_shape(k_pair));

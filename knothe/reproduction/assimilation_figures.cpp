@@ -30,7 +30,7 @@ double sum(const std::vector<double>& values) {
 
 Figure cost_figure(const Run& with_gradient, const Run& without) {
   Plot plot("Order of each map, and CPU time", {"step"}, {"order of the map", 0.0});
-  report::Axis cost{"CPU time of a step (ms)"};
+  report::PlotAxis cost{"CPU time of a step (ms)"};
   cost.logarithmic = true;
   plot.right_axis(cost);
   std::vector<double> order;
@@ -46,7 +46,7 @@ Figure std_figure(const Run& run, const Run& soft) {
   Figure figure{"Standard deviations over the steps", {}};
   figure.columns = 2;
   for (Index k = 0; k < 2; ++k) {
-    report::Axis vertical{fmt::format("posterior std of {}", k_names[k])};
+    report::PlotAxis vertical{fmt::format("posterior std of {}", k_names[k])};
     vertical.logarithmic = true;
     Plot plot(fmt::format("How well {} is known", k_names[k]), {"step"}, vertical);
     plot.line(step_numbers(run), stds(run, k), Paint::series(0), "reference");

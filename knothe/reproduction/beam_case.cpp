@@ -20,13 +20,13 @@ namespace {
 namespace fs = std::filesystem;
 constexpr std::uint64_t k_seed = 1;  // of the random starts of the decomposition
 
-std::string law_of(const mechanics::RegularisationOptions& law) {
+std::string law_of(const mechanics::DamageRegularisationOptions& law) {
   switch (law.kind) {
-    case mechanics::Regularisation::crack_band:
+    case mechanics::DamageRegularisation::crack_band:
       return fmt::format("crack band of {} m", law.reference_size);
-    case mechanics::Regularisation::gradient:
+    case mechanics::DamageRegularisation::gradient:
       return fmt::format("internal length {} m", law.internal_length);
-    case mechanics::Regularisation::none:
+    case mechanics::DamageRegularisation::none:
       break;
   }
   return "local law";
@@ -137,23 +137,16 @@ std::vector<BeamCase> other_cases() {
   add("left_face", "u_x = 0 on the whole left face").left_support = mechanics::LeftSupport::left_face;
   add("span_700", "supports 700 mm apart instead of 800 mm").support = 0.35;
   add("band_20", "elements and notch 5 mm, crack band of 20 mm (regularised law)");
-  cases.back().problem.solver.regularisation = {mechanics::Regularisation::crack_band, 0.02, 0.01};
+  cases.back().problem.solver.regularisation = {mechanics::DamageRegularisation::crack_band, 0.02, 0.01};
   mechanics::BeamOptions& fine = add("elements_2", "elements and notch 2.5 mm");
   fine.element = fine.notch_width = 0.0025;
   return cases;
 }
 
 std::vector<reduction::Axis> axes_of(const BeamCase& chosen) {
-  std::vector<reduction::Axis> axes(2);
-  axes[0].name = "Y0";
-  axes[0].reference = chosen.problem.reference.threshold;
-  axes[0].long_name = "damage threshold Y0, multiple of its reference [J/m3]";
-  axes[1].name = "Ad";
-  axes[1].reference = chosen.problem.reference.brittleness;
-  axes[1].long_name = "brittleness Ad, multiple of its reference [m3/J]";
-  for (reduction::Axis& axis : axes)
-    for (int i = 0; i < chosen.nodes; ++i) axis.nodes.push_back(0.5 + 1.0 * i / (chosen.nodes - 1));
-  return axes;
+  const mechanics::DamageParameters& reference = chosen.problem.reference;
+  return {mechanics::parameter_axis("Y0", reference.threshold, 0.5, 1.5, chosen.nodes),
+          mechanics::parameter_axis("Ad", reference.brittleness, 0.5, 1.5, chosen.nodes)};
 }
 
 BeamModels prepare(const BeamCase& chosen, const std::string& folder, int processes) {

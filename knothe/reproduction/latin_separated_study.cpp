@@ -145,7 +145,7 @@ int main(int argc, char** argv) {
     print_errors(study, study.joint.grid, static_cast<std::size_t>(m));
     std::printf("\n");
     SeparatedOptions options;
-    options.most_terms = m;
+    options.max_terms = m;
     options.accuracy = 1e-8;
     for (const bool from_joint : {true, false}) {
       if (m > keys[from_joint ? "from_joint" : "from_elastic"]) continue;

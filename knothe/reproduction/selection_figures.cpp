@@ -63,7 +63,7 @@ Figure std_figure(const Choices& c) {
   Figure figure{"Standard deviation over the steps", {}};
   figure.columns = 2;
   for (Index k = 0; k < 2; ++k) {
-    report::Axis vertical{fmt::format("posterior std of {}", k == 0 ? "Y₀" : "A_d")};
+    report::PlotAxis vertical{fmt::format("posterior std of {}", k == 0 ? "Y₀" : "A_d")};
     vertical.logarithmic = true;
     Plot plot(k == 0 ? "How well Y₀ is known" : "How well A_d is known", {"step"}, vertical);
     const std::pair<const char*, const Run*> shown[] = {{"30 dofs, selected (paper)", &c.selected},

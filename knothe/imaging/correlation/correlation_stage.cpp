@@ -84,7 +84,7 @@ void CorrelationStage::factorise_or_shift(Eigen::SparseMatrix<double>& matrix, S
 }
 
 /// Gauss–Newton without R from where it stopped with R: from M u₀ ≈ (M + R) u on, in the true residual.
-void CorrelationStage::take_regularisation_out(const SplineImage& deformed, CorrelationResult& result) {
+void CorrelationStage::remove_regularisation(const SplineImage& deformed, CorrelationResult& result) {
   if (!(penalty_ > 0) || !result.converged) return;
   if (plain_for_ != result.element_valid) {
     Eigen::SparseMatrix<double> matrix = assemble(result.element_valid, true, 0);

@@ -56,7 +56,7 @@ class CorrelationStage {
   /// R of the regularisation with its weight, both triangles; empty without one.
   [[nodiscard]] Eigen::SparseMatrix<double> penalty(const std::vector<char>& valid) const;
   /// Fills result.unregularised if there is a regularisation.
-  void take_regularisation_out(const SplineImage& deformed, CorrelationResult& result);
+  void remove_regularisation(const SplineImage& deformed, CorrelationResult& result);
   /// Root mean square of f about its mean, element by element: what a residual of nothing explained is.
   [[nodiscard]] double contrast() const;
   /// α and β where they are per element, as of the last call.

@@ -145,7 +145,7 @@ void CorrelationStage::make_constants() {
   }
   if (options_.regularisation > 0) {
     const double cut_off = options_.regularisation / (2 * std::numbers::pi);
-    const double power = options_.regularisation_kind == Regularisation::tikhonov ? 2 : 4;
+    const double power = options_.regularisation_kind == DisplacementRegularisation::tikhonov ? 2 : 4;
     penalty_ = squares / std::max(1.0, pixels) * 0.5 * std::pow(cut_off, power);
   }
 }
@@ -153,7 +153,8 @@ void CorrelationStage::make_constants() {
 Eigen::SparseMatrix<double> CorrelationStage::penalty(const std::vector<char>& valid) const {
   const Eigen::Index dofs = 2 * mesh_.node_count();
   if (!(penalty_ > 0)) return {dofs, dofs};
-  if (options_.regularisation_kind == Regularisation::tikhonov) return penalty_ * gradient_penalty(mesh_);
+  if (options_.regularisation_kind == DisplacementRegularisation::tikhonov)
+    return penalty_ * gradient_penalty(mesh_);
   // Where there is no texture the penalty stands in for it; what was taken out is a crack, as a rule.
   std::vector<char> carries = valid;
   for (std::size_t e = 0; e < carries.size(); ++e)

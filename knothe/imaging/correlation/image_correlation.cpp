@@ -106,7 +106,7 @@ void ImageCorrelation::Work::make_coarse_stages() {
   const double fine_element = std::sqrt(bounds.width() * bounds.height() / fine.mesh().element_count());
   CorrelationOptions coarse_options = options;
   coarse_options.reject_elements = false;
-  coarse_options.regularisation_kind = Regularisation::tikhonov;
+  coarse_options.regularisation_kind = DisplacementRegularisation::tikhonov;
   coarse_options.brightness = options.brightness == Brightness::none ? Brightness::none : Brightness::global;
   coarse_options.tolerance = 0.02;
   coarse_options.max_iterations = 30;
@@ -286,7 +286,7 @@ CorrelationResult ImageCorrelation::correlate(const files::Picture& deformed, co
       if (!result.predicted) result.displacement = start;
     }
     if (work_->fine.correlate(work_->deformed, result, true)) {
-      work_->fine.take_regularisation_out(work_->deformed, result);
+      work_->fine.remove_regularisation(work_->deformed, result);
       return result;
     }
     result = {};
@@ -295,7 +295,7 @@ CorrelationResult ImageCorrelation::correlate(const files::Picture& deformed, co
   work_->search(deformed, result);
   result.searched = true;
   work_->fine.correlate(work_->deformed, result);
-  work_->fine.take_regularisation_out(work_->deformed, result);
+  work_->fine.remove_regularisation(work_->deformed, result);
   return result;
 }
 

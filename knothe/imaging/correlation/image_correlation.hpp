@@ -24,7 +24,7 @@ enum class Brightness {
 };
 
 /// What is asked of the displacement beside fitting the pictures.
-enum class Regularisation {
+enum class DisplacementRegularisation {
   tikhonov,   ///< a small gradient
   mechanical  ///< forces in equilibrium, as in an elastic sheet: elastic fields are left alone
 };
@@ -37,7 +37,7 @@ struct CorrelationOptions {
       0;                  ///< Gaussian on both pictures, px; 1 for sharp, aliased speckle (docs/imaging.md)
   double saturation = 0;  ///< grey level from which a pixel is masked; 0: the pictures' maximum
   double regularisation = 0;  ///< its cut-off wavelength in px (of shear waves), 0: none (docs/imaging.md)
-  Regularisation regularisation_kind = Regularisation::tikhonov;
+  DisplacementRegularisation regularisation_kind = DisplacementRegularisation::tikhonov;
   double poisson_ratio = 0.2;   ///< of mechanical regularisation
   bool reject_elements = true;  ///< take out elements whose residual says that their kinematics do not hold
   double rejection_factor = 4;  ///< … when it is so many robust standard deviations above that of the others

@@ -96,7 +96,7 @@ TEST(Regularisation, DampsAShearWaveByItsTransferFunctionAndLeavesBendingAlone) 
   for (const double ratio : {0.7, 1.0, 1.4}) {
     ImageCorrelation correlation(reference, mesh,
                                  {.regularisation = ratio * length,
-                                  .regularisation_kind = Regularisation::mechanical,
+                                  .regularisation_kind = DisplacementRegularisation::mechanical,
                                   .reject_elements = false});
     const auto result = correlation.correlate(deformed);
     ASSERT_TRUE(result.converged) << result.message;
@@ -122,7 +122,7 @@ TEST(Regularisation, ItsCovarianceIsThatOfManyPictures) {
   const auto picture = [&](unsigned seed) {
     return pattern.render({}, {.noise = k_noise, .quantise = false, .seed = seed});
   };
-  for (const auto kind : {Regularisation::tikhonov, Regularisation::mechanical}) {
+  for (const auto kind : {DisplacementRegularisation::tikhonov, DisplacementRegularisation::mechanical}) {
     double squares = 0, predicted = 0, normalised = 0;
     for (unsigned k = 0; k < k_pictures; ++k) {
       ImageCorrelation correlation(picture(1000 + k), mesh,
@@ -144,7 +144,7 @@ TEST(Regularisation, ItsCovarianceIsThatOfManyPictures) {
     }
     EXPECT_NEAR(squares / predicted, 1, 0.1);
     EXPECT_NEAR(normalised / (k_pictures * 2.0 * mesh.node_count()), 1, 0.1);
-    RecordProperty(kind == Regularisation::tikhonov ? "tikhonov" : "mechanical",
+    RecordProperty(kind == DisplacementRegularisation::tikhonov ? "tikhonov" : "mechanical",
                    std::to_string(squares / predicted) + " " +
                        std::to_string(normalised / (k_pictures * 2.0 * mesh.node_count())));
   }
@@ -234,7 +234,7 @@ TEST(ReferenceUpdate, DoesNotGoWithACrackOrAResumedSeries) {
   PictureSeries series = series_of(folder, pattern.render(), 2);
   EXPECT_THAT(files::message_of<UsageError>([&] { series.resume(0, {}); }), "");
   SeriesOptions options = series.options();
-  options.crack = CrackOptions{};
+  options.crack = CrackSearchOptions{};
   EXPECT_THAT(files::message_of<UsageError>([&] { const PictureSeries refused(options); }),
               HasSubstr("does not go together with another reference"));
 }

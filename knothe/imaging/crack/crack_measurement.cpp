@@ -91,8 +91,8 @@ void count_from(const std::array<double, 2>& origin, CrackMeasurement& crack) {
 }
 
 /// One of the two ways a crack may run, measured.
-CrackMeasurement measured_along(const CrackScene& scene, const RoughPath& rough, const CrackOptions& options,
-                                double variance) {
+CrackMeasurement measured_along(const CrackScene& scene, const RoughPath& rough,
+                                const CrackSearchOptions& options, double variance) {
   const double gap = options.gap > 0 ? options.gap : k_default_gap,
                reach = options.reach > 0 ? options.reach : 1.5 * scene.element,
                band = options.band > 0 ? options.band : std::max(6.0, 0.5 * scene.element);
@@ -129,7 +129,7 @@ CrackMeasurement measured_along(const CrackScene& scene, const RoughPath& rough,
 }  // namespace
 
 CrackMeasurement measure_crack(const ImageCorrelation& correlation, const CorrelationResult& result,
-                               double gamma, double reference_count, const CrackOptions& options) {
+                               double gamma, double reference_count, const CrackSearchOptions& options) {
   if (!(gamma > 0))
     throw UsageError(
         fmt::format("crack from a picture: the noise is {} grey levels; it must be positive", gamma));

@@ -12,7 +12,7 @@
 
 namespace knothe::imaging {
 
-struct CrackOptions {
+struct CrackSearchOptions {
   /// px on either side of the path that are not looked at: the torn edge, or half the width of a band of
   /// damage. 0: 3 px.
   double gap = 0;
@@ -62,6 +62,7 @@ struct CrackMeasurement {
 /// result. Errors: UsageError for gamma ≤ 0 or negative options.
 [[nodiscard]] CrackMeasurement measure_crack(const ImageCorrelation& correlation,
                                              const CorrelationResult& result, double gamma,
-                                             double reference_count = 1, const CrackOptions& options = {});
+                                             double reference_count = 1,
+                                             const CrackSearchOptions& options = {});
 
 }  // namespace knothe::imaging

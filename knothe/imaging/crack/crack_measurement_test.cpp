@@ -54,7 +54,7 @@ struct DrawnCrack {
 /// The scene with a crack, measured. `across`: the crack comes in from the right and runs to the left
 /// instead.
 CrackMeasurement measured(const DrawnCrack& crack, unsigned seed, double noise, bool across = false,
-                          const CrackOptions& options = {}) {
+                          const CrackSearchOptions& options = {}) {
   const int width = across ? 256 : 320, height = across ? 320 : 256;
   const SpecklePattern pattern({.width = width, .height = height, .seed = seed});
   const Region region = across ? Region{k_region.y0, k_region.x0, k_region.y1, k_region.x1} : k_region;
@@ -208,7 +208,7 @@ TEST(CrackMeasurement, RefusesWhatMakesNoSense) {
   const SpecklePattern pattern({.width = 100, .height = 80});
   ImageCorrelation correlation(pattern.render(), structured_mesh({20, 20, 79, 59}, 20));
   const auto result = correlation.correlate(pattern.render());
-  const auto message_of = [&](double gamma, const CrackOptions& options) -> std::string {
+  const auto message_of = [&](double gamma, const CrackSearchOptions& options) -> std::string {
     try {
       (void)measure_crack(correlation, result, gamma, 1, options);
     } catch (const UsageError& error) {

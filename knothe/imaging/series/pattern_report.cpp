@@ -188,12 +188,13 @@ std::vector<ReportRow> reporting_table(const PictureSeries& series, const std::o
                        ? "sum of squared differences, gain and offset fitted"
                        : "sum of squared differences, gain and offset per element");
   row("Regularisation",
-      options.regularisation > 0 ? fmt::format("{}, cut-off wavelength {:.4g}",
-                                               options.regularisation_kind == Regularisation::tikhonov
-                                                   ? "Tikhonov"
-                                                   : "mechanical (equilibrium gap)",
-                                               options.regularisation)
-                                 : "none",
+      options.regularisation > 0
+          ? fmt::format("{}, cut-off wavelength {:.4g}",
+                        options.regularisation_kind == DisplacementRegularisation::tikhonov
+                            ? "Tikhonov"
+                            : "mechanical (equilibrium gap)",
+                        options.regularisation)
+          : "none",
       options.regularisation > 0 ? "px" : "");
   row("Convergence", fmt::format("{:.2g}", options.tolerance), "px");
   row("Displacement noise floor (rms over nodes)", fmt::format("{:.4f}", floor), "px");

@@ -42,7 +42,7 @@ struct SeriesOptions {
   double reference_update = 0;
   /// Look for a crack in every picture. On a mesh of its own (the model's) the default gap is half an element
   /// and 2 px: a model's crack is a band of damage, one element wide.
-  std::optional<CrackOptions> crack;
+  std::optional<CrackSearchOptions> crack;
 };
 
 /// Noise of displacements that were measured from reference to reference.

@@ -13,8 +13,8 @@ constexpr auto names_of(Brightness /*brightness*/) {
   return std::to_array<Named<B>>({{B::none, "none"}, {B::global, "global"}, {B::per_element, "per_element"}});
 }
 
-constexpr auto names_of(Regularisation /*kind*/) {
-  using R = Regularisation;
+constexpr auto names_of(DisplacementRegularisation /*kind*/) {
+  using R = DisplacementRegularisation;
   return std::to_array<Named<R>>({{R::tikhonov, "tikhonov"}, {R::mechanical, "mechanical"}});
 }
 

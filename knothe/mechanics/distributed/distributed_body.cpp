@@ -119,7 +119,7 @@ bool DistributedStepping::newton(double imposed, StepRecord& record) {
   record.newton_residuals.clear();
   while (true) {
     record.newton_residuals.push_back(evaluate(imposed));
-    const NewtonVerdict verdict = judge(record.newton_residuals, options_);
+    const NewtonVerdict verdict = newton_verdict(record.newton_residuals, options_);
     if (verdict != NewtonVerdict::go_on) return verdict == NewtonVerdict::converged;
     ++record.newton_iterations;
     if (preconditioner_is_old_) prepare_secant();
@@ -196,7 +196,7 @@ void DistributedStepping::commit(double imposed, StepRecord& record) {
 
 StepRecord DistributedStepping::advance(double target) {
   StepRecord record;
-  go_by_increments(
+  advance_by_increments(
       state_.imposed, target, options_.cuts,
       [&](double next) {
         start_guess(next, true);

@@ -153,7 +153,7 @@ FullOrderResult DistributedModel::run(const DamageParameters& parameters,
                                       const std::function<void(int, const StepRecord&)>& on_step) {
   parameters.validate();
   auto& [coarse, options, body, elastic] = *implementation_;
-  if (options.regularisation.kind == Regularisation::gradient)
+  if (options.regularisation.kind == DamageRegularisation::gradient)
     throw ProjectError(
         "distributed model: gradient damage is not in it; take [offline] damage = { regularisation = "
         "\"crack-band\" } or none");

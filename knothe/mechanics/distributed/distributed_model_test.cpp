@@ -139,7 +139,7 @@ TEST(DistributedModel, RefusesWhatIsNotInIt) {
             }).find("after 2 iterations of conjugate gradients"),
             std::string::npos);
   SolverOptions gradient;
-  gradient.regularisation.kind = Regularisation::gradient;
+  gradient.regularisation.kind = DamageRegularisation::gradient;
   EXPECT_NE(message_of([&] {
               (void)DistributedModel(mesh, {}, gradient, 0, k_accurate).run({});
             }).find("gradient damage is not in it"),

@@ -18,7 +18,7 @@ constexpr double k_near = 1e-7;  // m
 
 /// Planes from the crack line to one end of the beam, through the places that must be planes.
 std::vector<double> planes_to_end(double line, double end, const BeamOptions& beam,
-                                  const CrackOptions& options) {
+                                  const CrackedBeamOptions& options) {
   std::vector<double> stops;
   for (const double place :
        {line, beam.load_half_width, beam.refined_half_width, beam.support, beam.length / 2})
@@ -40,7 +40,7 @@ std::vector<double> planes_to_end(double line, double end, const BeamOptions& be
   return result;
 }
 
-void validate(const BeamOptions& beam, const CrackOptions& options) {
+void validate(const BeamOptions& beam, const CrackedBeamOptions& options) {
   beam.validate();
   if (!(options.spacing > 0))
     throw ProjectError(fmt::format("crack: spacing is {} m; it must be positive", options.spacing));
@@ -62,7 +62,7 @@ void validate(const BeamOptions& beam, const CrackOptions& options) {
 
 }  // namespace
 
-CrackedBeam::CrackedBeam(const BeamOptions& beam, const CrackOptions& options,
+CrackedBeam::CrackedBeam(const BeamOptions& beam, const CrackedBeamOptions& options,
                          const ElasticConstants& elastic) {
   validate(beam, options);
   for (int i = 0; i < options.count; ++i) lengths_.push_back(i * options.spacing);
@@ -70,7 +70,7 @@ CrackedBeam::CrackedBeam(const BeamOptions& beam, const CrackOptions& options,
   solve(elastic);
 }
 
-void CrackedBeam::make_mesh(const BeamOptions& beam, const CrackOptions& options) {
+void CrackedBeam::make_mesh(const BeamOptions& beam, const CrackedBeamOptions& options) {
   const BeamGrid grid = beam_grid(beam);
   line_ = grid.notch_half_width;
   corner_ = grid.notch_depth;

@@ -12,7 +12,7 @@
 namespace knothe::mechanics {
 
 /// Lengths 0, spacing, 2 spacing, … (the paper: 80 lengths, 0 to 79 mm).
-struct CrackOptions {
+struct CrackedBeamOptions {
   int count = 80;          ///< number of lengths
   double spacing = 0.001;  ///< m; also the element size along the crack line
   double growth = 1.25;    ///< ratio of neighbouring columns away from the crack line
@@ -28,7 +28,7 @@ class CrackedBeam {
   /// for each length the pairs from the tip on are tied together by a small dense system (flexibility
   /// method), so the body is factorised once. Flanks may overlap: there is no contact. Errors: ProjectError
   /// (options).
-  CrackedBeam(const BeamOptions& beam, const CrackOptions& options, const ElasticConstants& elastic);
+  CrackedBeam(const BeamOptions& beam, const CrackedBeamOptions& options, const ElasticConstants& elastic);
 
   [[nodiscard]] std::span<const double> lengths() const { return lengths_; }  ///< m
   /// Reaction of the whole beam to a unit displacement, N/m, per length: 1 / compliance.
@@ -50,7 +50,7 @@ class CrackedBeam {
     std::array<std::int64_t, 8> nodes;
     std::array<double, 8> weights;
   };
-  void make_mesh(const BeamOptions& beam, const CrackOptions& options);
+  void make_mesh(const BeamOptions& beam, const CrackedBeamOptions& options);
   void open_line(double top);
   void solve(const ElasticConstants& elastic);
   [[nodiscard]] Place locate(const double* point) const;

@@ -149,7 +149,7 @@ TEST(CrackedBeam, points_outside_and_senseless_options_are_refused_with_the_reas
   EXPECT_NE(refused({0.5, 0.05, 0.0}).find("(0.5, 0.05, 0) m is not in the beam"), std::string::npos);
   EXPECT_NE(refused({0.0, 0.01, 0.0}).find("not in the beam"), std::string::npos);  // in the notch
   EXPECT_EQ(refused({0.0, 0.03, 0.0}), "");
-  const auto options = [](CrackOptions crack) {
+  const auto options = [](CrackedBeamOptions crack) {
     return message_of<knothe::ProjectError>([&] { CrackedBeam({}, crack, {}); });
   };
   EXPECT_NE(options({.count = 81}).find("at most 80 lengths"), std::string::npos);

@@ -63,7 +63,8 @@ FullOrderModel::FullOrderModel(std::shared_ptr<const Structure> structure, Solve
   implementation_->options = options;
   implementation_->ratios = band_ratios(implementation_->structure->mesh(),
                                         implementation_->structure->elements(), options.regularisation);
-  if (options.condensation == Condensation::exact && options.regularisation.kind != Regularisation::gradient)
+  if (options.condensation == Condensation::exact &&
+      options.regularisation.kind != DamageRegularisation::gradient)
     implementation_->flexibility = std::make_unique<Flexibility>(*implementation_->structure);
 }
 
@@ -108,7 +109,7 @@ FullOrderResult FullOrderModel::run(const DamageParameters& parameters,
                                     const std::function<void(int)>& on_step) {
   parameters.validate();
   const auto& [structure, options, flexibility, ratios] = *implementation_;
-  if (options.regularisation.kind == Regularisation::gradient)
+  if (options.regularisation.kind == DamageRegularisation::gradient)
     return follow(GradientStepping(*structure, options, parameters), *structure, options, on_step);
   check_band(structure->mesh(), options.regularisation, ratios, parameters);
   const auto system =

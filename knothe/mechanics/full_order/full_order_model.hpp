@@ -31,7 +31,7 @@ struct SolverOptions {
   double activation = 0.7;      ///< a cell joins the unknowns when its Y exceeds this fraction of Y₀
   /// Not used with gradient damage, where the averaged strain couples all cells that can be damaged.
   Condensation condensation = Condensation::exact;
-  RegularisationOptions regularisation;
+  DamageRegularisationOptions regularisation;
 
   /// Throws ProjectError naming the option that makes no sense.
   void validate() const;

@@ -286,7 +286,7 @@ void GradientStepping::extrapolate(double imposed) {
 StepRecord GradientStepping::advance(double target) {
   StepRecord record;
   record.active_cells = static_cast<int>(cells_.size());
-  go_by_increments(
+  advance_by_increments(
       state_.imposed, target, std::max(options_.cuts, k_min_cuts),
       [&](double next) {
         extrapolate(next);

@@ -5,7 +5,7 @@
 
 namespace knothe::mechanics {
 
-NewtonVerdict judge(std::span<const double> residuals, const SolverOptions& options) {
+NewtonVerdict newton_verdict(std::span<const double> residuals, const SolverOptions& options) {
   const double now = residuals.back();
   const auto iteration = static_cast<int>(residuals.size()) - 1;
   if (!std::isfinite(now)) return NewtonVerdict::failed;

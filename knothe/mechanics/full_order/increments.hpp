@@ -19,8 +19,8 @@ namespace knothe::mechanics {
 /// most `max_cuts` times, and doubled again after it succeeds; where no halving is left `fallback(next)`
 /// decides. `commit(next)` takes what either has reached.
 template <class Newton, class Fallback, class Commit>
-void go_by_increments(double from, double target, int max_cuts, const Newton& newton,
-                      const Fallback& fallback, const Commit& commit) {
+void advance_by_increments(double from, double target, int max_cuts, const Newton& newton,
+                           const Fallback& fallback, const Commit& commit) {
   double increment = target - from;
   int cuts = 0;
   while (from < target) {
@@ -44,7 +44,7 @@ void go_by_increments(double from, double target, int max_cuts, const Newton& ne
 enum class NewtonVerdict { go_on, converged, failed };
 /// Of the relative residuals of Newton's iterations so far, at least one. At the rounding floor, well below
 /// the acceptance, a residual that does not fall any more has converged.
-[[nodiscard]] NewtonVerdict judge(std::span<const double> residuals, const SolverOptions& options);
+[[nodiscard]] NewtonVerdict newton_verdict(std::span<const double> residuals, const SolverOptions& options);
 
 /// Of the half body that is solved for, at the end of an increment.
 struct HalfBody {

@@ -145,7 +145,7 @@ bool LoadStepping::newton_iterations(double imposed, StepRecord& record) {
   while (true) {
     evaluate(imposed, Stiffness::tangent);
     record.newton_residuals.push_back(relative_residual(imposed));
-    const NewtonVerdict verdict = judge(record.newton_residuals, options_);
+    const NewtonVerdict verdict = newton_verdict(record.newton_residuals, options_);
     if (verdict != NewtonVerdict::go_on) return verdict == NewtonVerdict::converged;
     ++record.newton_iterations;
     if (!system_.solve(matrices_, residual_, correction_)) return false;
@@ -166,7 +166,7 @@ bool LoadStepping::secant(double imposed, StepRecord& record) {
   constexpr int k_before_newton = 10;
   for (int iteration = 1; iteration <= options_.secant_iterations; ++iteration) {
     evaluate(imposed, Stiffness::secant);
-    keep_trial_damage(history_);
+    store_trial_damage(history_);
     const double relative = relative_residual(imposed);
     if (relative <= options_.tolerance || iteration % k_before_newton == 0) {
       const std::vector<double> start = unknowns_;
@@ -177,7 +177,7 @@ bool LoadStepping::secant(double imposed, StepRecord& record) {
       else
         gather_unknowns(expanded_);
       evaluate(imposed, Stiffness::secant);
-      keep_trial_damage(history_);
+      store_trial_damage(history_);
       if (!std::isfinite(relative_residual(imposed))) return false;
     }
     ++record.secant_iterations;
@@ -215,7 +215,7 @@ bool LoadStepping::activate(double trigger) {
   return true;
 }
 
-void LoadStepping::keep_trial_damage(std::vector<double>& damage) const {
+void LoadStepping::store_trial_damage(std::vector<double>& damage) const {
   for (std::size_t index = 0; index < active_.size(); ++index)
     std::copy_n(&trial_[k_points_per_cell * index], k_points_per_cell,
                 &damage[k_points_per_cell * active_[index]]);
@@ -223,7 +223,7 @@ void LoadStepping::keep_trial_damage(std::vector<double>& damage) const {
 
 void LoadStepping::commit(double imposed, StepRecord& record) {
   const double lambda = structure_.elastic().lambda(), mu = structure_.elastic().mu();
-  keep_trial_damage(history_);
+  store_trial_damage(history_);
   std::vector<double> elastic_force(structure_.dof_count());
   structure_.stiffness().multiply(expanded_, elastic_force);
   double stored = 0.5 * dot(expanded_, elastic_force);
@@ -270,7 +270,7 @@ void LoadStepping::commit(double imposed, StepRecord& record) {
 
 StepRecord LoadStepping::advance(double target) {
   StepRecord record;
-  go_by_increments(
+  advance_by_increments(
       state_.imposed, target, options_.cuts,
       [&](double next) {
         start_guess(next, true);

@@ -54,7 +54,7 @@ class LoadStepping {
   /// If in `expanded_` an inactive cell's Y is above `trigger` Y₀, all above `activation` Y₀ join. Whether
   /// any did.
   bool activate(double trigger);
-  void keep_trial_damage(std::vector<double>& damage) const;
+  void store_trial_damage(std::vector<double>& damage) const;
   /// Makes `expanded_` the new state: energies, residual of the whole body, damage history.
   void commit(double imposed, StepRecord& record);
 

@@ -2,43 +2,13 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
+#include <map>
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/mechanics/mesh/gmsh_mesh.hpp"
 
 namespace knothe::mechanics {
-
-std::string describe(const BeamProblem& problem, const Structure& structure) {
-  const auto& mesh = structure.mesh();
-  const auto elastic = std::count(mesh.elastic.begin(), mesh.elastic.end(), 1);
-  std::string text =
-      problem.gmsh_file.empty()
-          ? fmt::format(
-                "beam {} × {} × {} m, notch {} m, elements of {} m, {} layer(s) over the half thickness\n",
-                problem.beam.length, problem.beam.height, 2 * problem.beam.half_thickness,
-                problem.beam.notch_depth, problem.beam.element, problem.beam.layers)
-          : fmt::format("mesh {}\n", problem.gmsh_file);
-  text += fmt::format("{} hexahedra ({} of them always elastic), {} nodes, {} degrees of freedom ({} free)\n",
-                      mesh.cell_count(), elastic, mesh.node_count(), structure.dof_count(),
-                      structure.free_count());
-  text += fmt::format("u_x = 0 on the {}\n",
-                      mesh.left_support == LeftSupport::left_face ? "whole left face" : "left support line");
-  text += fmt::format("E = {} Pa, nu = {}, elastic stiffness {:.6g} N/m (whole beam)\n",
-                      problem.elastic.young_modulus, problem.elastic.poisson_ratio,
-                      2 * structure.unit_reaction());
-  text +=
-      fmt::format("{} steps to {} m, Newton tolerance {}, {}\n", problem.solver.steps,
-                  problem.solver.displacement, problem.solver.tolerance,
-                  problem.solver.condensation == Condensation::exact ? "condensed (exact)" : "not condensed");
-  const RegularisationOptions& law = problem.solver.regularisation;
-  if (law.kind == Regularisation::crack_band)
-    text += fmt::format("crack band, reference size {} m\n", law.reference_size);
-  if (law.kind == Regularisation::gradient)
-    text += fmt::format("gradient damage, internal length {} m\n", law.internal_length);
-  return text;
-}
 
 HexahedronMesh make_mesh(const BeamProblem& problem) {
   return problem.gmsh_file.empty() ? beam_mesh(problem.beam)
@@ -50,6 +20,22 @@ FullOrderModel make_full_order_model(const BeamProblem& problem) {
   const std::string source = problem.gmsh_file.empty() ? "beam" : problem.gmsh_file;
   return FullOrderModel(std::make_shared<const Structure>(make_mesh(problem), problem.elastic, source),
                         problem.solver);
+}
+
+reduction::Axis parameter_axis(const std::string& name, double reference, double lower, double upper,
+                               int nodes) {
+  static const std::map<std::string, std::string> k_names = {
+      {"Y0", "damage threshold Y0, multiple of its reference [J/m3]"},
+      {"Ad", "brittleness Ad, multiple of its reference [m3/J]"},
+      {"E", "Young's modulus, multiple of its reference [Pa]"},
+      {"support_stiffness", "stiffness of each support, multiple of its reference [N/m]"},
+      {"load_offset", "offset of the load line from mid-span, multiple of its reference [m]"}};
+  reduction::Axis axis;
+  axis.name = name;
+  axis.reference = reference;
+  axis.long_name = k_names.at(name);
+  for (int i = 0; i < nodes; ++i) axis.nodes.push_back(lower + (upper - lower) * i / (nodes - 1));
+  return axis;
 }
 
 BeamProblem problem_at(const BeamProblem& problem, std::span<const reduction::Axis> axes,
@@ -163,7 +149,8 @@ reduction::Snapshots as_snapshots(const BeamProblem& problem, const Structure& s
   return snapshots;
 }
 
-CrackTable crack_table(const BeamProblem& problem, const CrackOptions& options, const reduction::Dofs& dofs) {
+CrackTable crack_table(const BeamProblem& problem, const CrackedBeamOptions& options,
+                       const reduction::Dofs& dofs) {
   const CrackedBeam cracked(problem.beam, options, problem.elastic);
   CrackTable table;
   table.lengths.assign(cracked.lengths().begin(), cracked.lengths().end());

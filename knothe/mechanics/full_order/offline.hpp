@@ -23,13 +23,15 @@ struct BeamProblem {
   SolverOptions solver;
 };
 
-/// One line per fact: mesh, unknowns, supports, material, loading. For logs.
-[[nodiscard]] std::string describe(const BeamProblem& problem, const Structure& structure);
-
 /// The mesh of the problem, checked. Errors: ProjectError (options), DataError (mesh file).
 [[nodiscard]] HexahedronMesh make_mesh(const BeamProblem& problem);
 /// The model, ready to run for any parameters.
 [[nodiscard]] FullOrderModel make_full_order_model(const BeamProblem& problem);
+
+/// The axis of one of the parameters that `problem_at` knows, `nodes` equidistant ones from `lower` to
+/// `upper` (multiples of `reference`).
+[[nodiscard]] reduction::Axis parameter_axis(const std::string& name, double reference, double lower,
+                                             double upper, int nodes);
 
 /// The problem at dimensionless `values` of the axes (value × reference), its `reference` the damage
 /// parameters there. The names known are "Y0" (threshold, J/m³), "Ad" (brittleness, m³/J), "E" (Young's
@@ -70,7 +72,7 @@ struct CrackTable {
   std::vector<double> stiffness;  ///< [count], reaction of the whole beam per imposed displacement, N/m
 };
 /// Solves and interpolates; elastic constants and geometry of `problem`, dofs of its mesh.
-[[nodiscard]] CrackTable crack_table(const BeamProblem& problem, const CrackOptions& options,
+[[nodiscard]] CrackTable crack_table(const BeamProblem& problem, const CrackedBeamOptions& options,
                                      const reduction::Dofs& dofs);
 
 }  // namespace knothe::mechanics

@@ -36,9 +36,9 @@ std::string run_key(const BeamProblem& problem) {
     mesh += fmt::format(" | springs {:a} offset {:a}", beam.support_stiffness, beam.load_offset);
   const auto& regularisation = solver.regularisation;
   std::string law;
-  if (regularisation.kind == Regularisation::crack_band)
+  if (regularisation.kind == DamageRegularisation::crack_band)
     law = fmt::format(" | crack band {:a}", regularisation.reference_size);
-  else if (regularisation.kind == Regularisation::gradient)
+  else if (regularisation.kind == DamageRegularisation::gradient)
     law = fmt::format(" | gradient {:a}", regularisation.internal_length);
   return fmt::format(
       "version {} | {} | left {} | E {:a} nu {:a} | Y0 {:a} Ad {:a} | {} steps {:a} m | tolerance {:a} {:a} "

@@ -11,7 +11,8 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-LatinBody::LatinBody(std::shared_ptr<const Structure> structure, const RegularisationOptions& regularisation)
+LatinBody::LatinBody(std::shared_ptr<const Structure> structure,
+                     const DamageRegularisationOptions& regularisation)
     : structure_(std::move(structure)),
       flexibility_(*structure_),
       ratios_(mechanics::band_ratios(structure_->mesh(), structure_->elements(), regularisation)),

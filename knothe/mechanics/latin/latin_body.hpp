@@ -21,7 +21,7 @@ class LatinBody {
  public:
   /// `regularisation`: none or crack band.
   explicit LatinBody(std::shared_ptr<const Structure> structure,
-                     const RegularisationOptions& regularisation = {});
+                     const DamageRegularisationOptions& regularisation = {});
 
   [[nodiscard]] const Structure& structure() const { return *structure_; }
   [[nodiscard]] Eigen::Index dof_count() const { return static_cast<Eigen::Index>(dofs_.size()); }

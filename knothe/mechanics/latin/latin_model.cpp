@@ -15,39 +15,19 @@ using Eigen::MatrixXd;
 
 namespace {
 
-/// `numbers`: those of the options that the result depends on.
-template <typename Options>
-void set_state_file(const BeamProblem& problem, const std::vector<reduction::Axis>& axes,
-                    const std::string& parts_folder, const std::string& numbers, Options& options) {
-  options.key = run_key(problem);
-  for (const reduction::Axis& axis : axes) {
-    options.key += fmt::format(" | {} {:a}", axis.name, axis.reference);
-    for (const double node : axis.nodes) options.key += fmt::format(" {:a}", node);
-  }
-  options.key += numbers;
-  if (!options.start.empty()) options.key += fmt::format(" | from {:x}", fingerprint(options.start));
-  std::error_code failed;
-  std::filesystem::create_directories(parts_folder, failed);
-  if (failed)
-    throw IoError(
-        fmt::format("cannot make the folder {} for an interrupted run: {}", parts_folder, failed.message()));
-  options.state_file =
-      (std::filesystem::path(parts_folder) / fmt::format("latin-{:016x}.h5", fnv1a(options.key))).string();
-}
-
 /// Of LATIN alone: counts up whenever the same options give other results, so that states kept by an older
 /// program are not gone on from.
 constexpr int k_latin_version = 2;
 
 std::string numbers_of(const LatinOptions& o) {
   return fmt::format(" | LATIN v{} {:a} {:a} {} {} {} {} {} {:a} {:a}", k_latin_version, o.accuracy,
-                     o.tolerance, o.window, o.most_modes, o.modes_per_round, o.rounds, o.rescue_round,
+                     o.tolerance, o.window, o.max_modes, o.modes_per_round, o.rounds, o.rescue_round,
                      o.recompression, o.activation);
 }
 
 std::string numbers_of(const SeparatedOptions& o) {
   return fmt::format(" | LATIN, full v{} {:a} {} {} {} {} {} {:a} {:a} {:a} {:a}", k_latin_version,
-                     o.accuracy, o.window, o.most_terms, o.rounds, o.sweeps, o.fixed_point, o.relaxation,
+                     o.accuracy, o.window, o.max_terms, o.rounds, o.sweeps, o.fixed_point, o.relaxation,
                      o.stagnation, o.recompression, o.activation);
 }
 
@@ -91,6 +71,35 @@ GridProblem grid_problem(const BeamProblem& problem, const std::vector<reduction
   return grid;
 }
 
+/// The grid, with `options` told where to start from and where an interrupted run leaves its state.
+template <typename Options>
+GridProblem prepare(const BeamProblem& problem, const std::vector<reduction::Axis>& axes,
+                    const std::string& parts_folder, const std::string& start_file, Options& options) {
+  GridProblem grid = grid_problem(problem, axes);
+  if (!start_file.empty())
+    options.start = start_from(reduction::SeparatedModel::load(start_file), problem, *grid.structure, axes);
+  if (parts_folder.empty()) return grid;
+  options.key = run_key(problem);
+  for (const reduction::Axis& axis : axes) {
+    options.key += fmt::format(" | {} {:a}", axis.name, axis.reference);
+    for (const double node : axis.nodes) options.key += fmt::format(" {:a}", node);
+  }
+  options.key += numbers_of(options);
+  if (!options.start.empty()) options.key += fmt::format(" | from {:x}", fingerprint(options.start));
+  std::error_code failed;
+  std::filesystem::create_directories(parts_folder, failed);
+  if (failed)
+    throw IoError(
+        fmt::format("cannot make the folder {} for an interrupted run: {}", parts_folder, failed.message()));
+  options.state_file =
+      (std::filesystem::path(parts_folder) / fmt::format("latin-{:016x}.h5", fnv1a(options.key))).string();
+  return grid;
+}
+
+void remove_if_empty(const std::string& parts_folder) {
+  if (std::error_code ignored; !parts_folder.empty()) std::filesystem::remove(parts_folder, ignored);
+}
+
 LatinModel model_of(LatinSolution found, GridProblem grid) {
   LatinModel model;
   model.solution = std::move(found);
@@ -124,25 +133,19 @@ LatinModel model_of(LatinSolution found, GridProblem grid) {
 LatinModel solve_latin_grid(const BeamProblem& problem, const std::vector<reduction::Axis>& axes,
                             LatinOptions options, const std::string& parts_folder,
                             const std::string& start_file) {
-  GridProblem grid = grid_problem(problem, axes);
-  if (!start_file.empty())
-    options.start = start_from(reduction::SeparatedModel::load(start_file), problem, *grid.structure, axes);
-  if (!parts_folder.empty()) set_state_file(problem, axes, parts_folder, numbers_of(options), options);
+  GridProblem grid = prepare(problem, axes, parts_folder, start_file, options);
   LatinSolution solution = solve_latin_pgd(grid.structure, problem.solver, grid.parameters, options);
-  if (std::error_code ignored; !parts_folder.empty()) std::filesystem::remove(parts_folder, ignored);
+  remove_if_empty(parts_folder);
   return model_of(std::move(solution), std::move(grid));
 }
 
 LatinModel solve_separated_grid(const BeamProblem& problem, const std::vector<reduction::Axis>& axes,
                                 SeparatedOptions options, const std::string& parts_folder,
                                 const std::string& start_file) {
-  GridProblem grid = grid_problem(problem, axes);
-  if (!start_file.empty())
-    options.start = start_from(reduction::SeparatedModel::load(start_file), problem, *grid.structure, axes);
-  if (!parts_folder.empty()) set_state_file(problem, axes, parts_folder, numbers_of(options), options);
+  GridProblem grid = prepare(problem, axes, parts_folder, start_file, options);
   SeparatedSolution found =
       solve_latin_separated(grid.structure, problem.solver, axes, grid.parameters, options);
-  if (std::error_code ignored; !parts_folder.empty()) std::filesystem::remove(parts_folder, ignored);
+  remove_if_empty(parts_folder);
   LatinModel model = model_of(std::move(found.solution), std::move(grid));
   if (found.terms.count() > 0)
     model.grid.terms = {model.grid.basis.transpose() * (model.solution.space * found.terms.space),

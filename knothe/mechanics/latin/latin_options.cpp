@@ -17,9 +17,9 @@ void LatinOptions::validate() const {
   if (!(tolerance >= 0 && tolerance < 1))
     refuse(fmt::format("tolerance is {}; it must be at least 0 and below 1", tolerance));
   if (window < 1) refuse(fmt::format("window is {} steps; it must be at least 1", window));
-  if (most_modes < 1 || modes_per_round < 1 || rounds < 1)
-    refuse(fmt::format("most_modes, modes_per_round and rounds are {}, {} and {}; they must be at least 1",
-                       most_modes, modes_per_round, rounds));
+  if (max_modes < 1 || modes_per_round < 1 || rounds < 1)
+    refuse(fmt::format("max_modes, modes_per_round and rounds are {}, {} and {}; they must be at least 1",
+                       max_modes, modes_per_round, rounds));
   if (!(recompression >= 0 && recompression <= 1))
     refuse(fmt::format("recompression is {}; it must be from 0 to 1", recompression));
   if (!(activation > 0 && activation < 1))
@@ -30,7 +30,7 @@ void require_latin_problem(const SolverOptions& loading, std::span<const DamageP
   loading.validate();
   if (parameters.empty()) throw UsageError("LATIN-PGD: no parameter point is given");
   for (const DamageParameters& point : parameters) point.validate();
-  if (loading.regularisation.kind == Regularisation::gradient)
+  if (loading.regularisation.kind == DamageRegularisation::gradient)
     throw ProjectError(
         "LATIN-PGD cannot do gradient damage: its local stage is one Gauss point's, and the averaged strain "
         "is that of all; take method = \"snapshots\", or regularisation = \"crack-band\"");

@@ -15,7 +15,7 @@
 #include "knothe/base/progress.hpp"
 #include "knothe/base/threads.hpp"
 #include "knothe/mechanics/latin/latin_activation.hpp"
-#include "knothe/mechanics/latin/latin_foresight.hpp"
+#include "knothe/mechanics/latin/latin_prediction.hpp"
 #include "knothe/mechanics/latin/latin_stage.hpp"
 #include "knothe/mechanics/latin/latin_state.hpp"
 
@@ -36,18 +36,18 @@ class LatinPgd {
   [[nodiscard]] LaneBatch make_batch(std::span<const int> points) const;
   [[nodiscard]] std::vector<LatinStageResult> global_stage(const std::vector<int>& points, bool fresh,
                                                            bool rescue);
-  void keep(const std::vector<LatinStageResult>& results, LatinIteration& record);
+  void record_stage(const std::vector<LatinStageResult>& results, LatinIteration& record);
   /// Points that are not accurate enough yet; adds modes for the worst of them.
   [[nodiscard]] std::vector<int> enrich(const std::vector<LatinStageResult>& results, LatinIteration& record);
   void join(std::span<const std::int64_t> cells);
   /// Cells join; the points for which the window must be computed again.
   [[nodiscard]] std::vector<int> activate();
   /// Cells, modes and first iterates of the window that a hybrid start expects.
-  void foresee();
+  void apply_prediction();
   void solve_window();
   /// Goes on from the state file, if there is one of this run.
   void resume();
-  void remember(int next_step);
+  void note_state(int next_step);
   void save_state();
   void recompress();
   [[nodiscard]] MatrixXd archived_states(int first, int last) const;
@@ -62,7 +62,7 @@ class LatinPgd {
   int first_ = 0, last_ = 0;  ///< the window
   MatrixXd history_, end_;    ///< P × n_g: damage before the window, and at its end
   MatrixXd expanded_;         ///< archived modes on all dofs
-  std::optional<LatinForesight> foresight_;
+  std::optional<LatinPrediction> prediction_;
   std::vector<MatrixXd> expected_;  ///< first iterates of the window (LatinStage::expected)
   LatinSolution solution_;
   std::clock_t start_ = std::clock();
@@ -90,7 +90,7 @@ LatinPgd::LatinPgd(std::shared_ptr<const Structure> structure, const SolverOptio
         MatrixXd::Constant(1, points_, loading.displacement * (step + 1) / loading.steps));
   expanded_.resize(body_.structure().dof_count(), 0);
   basis_.join(body_, {});
-  if (!options_.start.empty()) foresight_.emplace(options_.start, body_.structure());
+  if (!options_.start.empty()) prediction_.emplace(options_.start, body_.structure());
 }
 
 LaneBatch LatinPgd::make_batch(std::span<const int> points) const {
@@ -117,7 +117,7 @@ std::vector<LatinStageResult> LatinPgd::global_stage(const std::vector<int>& poi
   return results;
 }
 
-void LatinPgd::keep(const std::vector<LatinStageResult>& results, LatinIteration& record) {
+void LatinPgd::record_stage(const std::vector<LatinStageResult>& results, LatinIteration& record) {
   double change = 0, size = 0;
   for (int step = first_; step < last_; ++step) {
     MatrixXd& stored = solution_.coordinates[static_cast<std::size_t>(step)];
@@ -184,11 +184,11 @@ std::vector<int> LatinPgd::enrich(const std::vector<LatinStageResult>& results, 
   }
   for (std::size_t k = 0; k < corrections.size(); ++k) {
     if (corrections[k].size <= options_.accuracy) continue;
-    if (basis_.archived() >= options_.most_modes)
+    if (basis_.archived() >= options_.max_modes)
       throw NumericalError(
           fmt::format("LATIN-PGD: {} space modes do not reach an accuracy of {} m (step {}, still {:.2g} m); "
                       "ask for less accuracy, or allow more modes",
-                      options_.most_modes, options_.accuracy, last_, record.correction));
+                      options_.max_modes, options_.accuracy, last_, record.correction));
     (void)basis_.add(corrections[k].force, 1e-5);
   }
   std::sort(failing.begin(), failing.end());
@@ -229,24 +229,24 @@ void LatinPgd::join(std::span<const std::int64_t> cells) {
   }
 }
 
-void LatinPgd::foresee() {
-  if (!foresight_) return;
+void LatinPgd::apply_prediction() {
+  if (!prediction_) return;
   const double imposed = solution_.coordinates[static_cast<std::size_t>(last_ - 1)](0, 0);
-  const auto cells = foresight_->joining(body_, last_ - 1, imposed, thresholds_, options_.activation);
+  const auto cells = prediction_->joining(body_, last_ - 1, imposed, thresholds_, options_.activation);
   if (!cells.empty()) join(cells);
-  const MatrixXd forces = foresight_->forces(body_, first_, last_, options_.accuracy);
-  for (Index k = 0; k < forces.cols() && basis_.archived() < options_.most_modes; ++k)
+  const MatrixXd forces = prediction_->forces(body_, first_, last_, options_.accuracy);
+  for (Index k = 0; k < forces.cols() && basis_.archived() < options_.max_modes; ++k)
     (void)basis_.add(forces.col(k), 1e-5);
   expected_.clear();
   for (int step = first_ - 1; step < last_; ++step)
-    expected_.push_back(foresight_->expected(body_, basis_, step));
+    expected_.push_back(prediction_->expected(body_, basis_, step));
 }
 
 void LatinPgd::solve_window() {
   std::vector<int> all(static_cast<std::size_t>(points_));
   std::iota(all.begin(), all.end(), 0);
   std::vector<int> pending = all;
-  foresee();
+  apply_prediction();
   end_ = history_;
   for (int round = 0;; ++round) {
     if (cancellation_requested()) {
@@ -265,7 +265,7 @@ void LatinPgd::solve_window() {
                           static_cast<int>(basis_.archived()),
                           static_cast<int>(pending.size())};
     const auto results = global_stage(pending, round == 0, round >= options_.rescue_round);
-    keep(results, record);
+    record_stage(results, record);
     pending = enrich(results, record);
     record.cpu_seconds = static_cast<double>(std::clock() - start_) / CLOCKS_PER_SEC;
     solution_.history.push_back(record);
@@ -301,7 +301,7 @@ void LatinPgd::resume() {
                options_.state_file);
 }
 
-void LatinPgd::remember(int next_step) {
+void LatinPgd::note_state(int next_step) {
   if (options_.state_file.empty()) return;
   solution_.cpu_seconds = static_cast<double>(std::clock() - start_) / CLOCKS_PER_SEC;
   const auto cells = body_.cells();
@@ -322,7 +322,7 @@ LatinSolution LatinPgd::run() {
   Progress progress("LATIN-PGD", static_cast<std::size_t>(loading_.steps), options_.quiet);
   resume();
   for (; first_ < loading_.steps; first_ = last_) {
-    remember(first_);
+    note_state(first_);
     last_ = std::min(loading_.steps, first_ + options_.window);
     solution_.accepted.conservativeResize(points_, solution_.accepted.cols() + 1);
     solution_.accepted.rightCols(1).setOnes();

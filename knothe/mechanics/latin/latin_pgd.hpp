@@ -23,7 +23,7 @@ struct LatinOptions {
   /// … or those forces are below this fraction of the reaction force (StepRecord::residual).
   double tolerance = 1e-6;
   int window = 2;           ///< steps iterated together; all steps: LATIN as first proposed
-  int most_modes = 2000;    ///< archived space modes at most; 70,000 dofs take some 430
+  int max_modes = 2000;     ///< archived space modes at most; 70,000 dofs take some 430
   int modes_per_round = 6;  ///< new modes between two global stages at most
   int rounds = 60;          ///< global stages for a window at most
   int rescue_round =
@@ -76,7 +76,7 @@ struct LatinSolution {
 };
 
 /// Solves for all `parameters` together. Deterministic for any number of threads. NumericalError if
-/// `most_modes` do not suffice; Interrupted when the user asks to stop: finished windows are kept in
+/// `max_modes` do not suffice; Interrupted when the user asks to stop: finished windows are kept in
 /// `state_file`, which is written every half minute, too, and removed at the end. A run that goes on from
 /// there ends as if it had never stopped, to the bit. IoError if it cannot be written.
 [[nodiscard]] LatinSolution solve_latin_pgd(std::shared_ptr<const Structure> structure,

@@ -378,7 +378,7 @@ TEST(LatinPgd, OptionsThatMakeNoSenseAreNamed) {
   EXPECT_THAT(refusal([](LatinOptions& o) { o.recompression = 2; }), HasSubstr("recompression is 2"));
   EXPECT_THAT(refusal([](LatinOptions& o) { o.activation = 1; }), HasSubstr("activation is 1"));
   LatinOptions few;
-  few.most_modes = 2;
+  few.max_modes = 2;
   const BeamProblem problem = coarse_beam(20);
   const auto structure = std::make_shared<const Structure>(make_mesh(problem), problem.elastic, "beam");
   try {

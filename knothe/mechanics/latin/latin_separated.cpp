@@ -12,7 +12,7 @@
 #include "knothe/base/monotonic_time.hpp"
 #include "knothe/base/progress.hpp"
 #include "knothe/mechanics/latin/latin_activation.hpp"
-#include "knothe/mechanics/latin/latin_foresight.hpp"
+#include "knothe/mechanics/latin/latin_prediction.hpp"
 #include "knothe/mechanics/latin/latin_separated_stage.hpp"
 #include "knothe/mechanics/latin/latin_separation.hpp"
 #include "knothe/mechanics/latin/latin_state.hpp"
@@ -25,7 +25,7 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr double k_least_relaxation = 0.125;
+constexpr double k_min_relaxation = 0.125;
 constexpr double k_much_worse = 2;          // energy error after an update / before
 constexpr double k_start_tolerance = 1e-3;  // of the separation of a hybrid start
 
@@ -48,7 +48,7 @@ class LatinSeparated {
   void begin();
   /// Goes on from the state file, if there is one of this run.
   bool resume();
-  void remember();
+  void note_state();
   void save_state();
   /// The range becomes [0, steps): functions of time go on along the line through their last two values.
   void extend(int steps);
@@ -62,10 +62,10 @@ class LatinSeparated {
   void recompress();
   /// Recompression of the last range. Whether what is left is accurate; if that alone takes the accuracy
   /// away, nothing is left out.
-  bool conclude(bool accurate);
+  bool finish(bool accurate);
   /// A local stage on the iterate as it is, recorded. Whether it is accurate.
-  bool judge();
-  void keep(const SeparatedStageResult& result, double correction, int round);
+  bool is_accurate();
+  void record_stage(const SeparatedStageResult& result, double correction, int round);
 
   const SolverOptions loading_;
   const std::vector<DamageParameters> parameters_;
@@ -108,20 +108,20 @@ LatinSeparated::LatinSeparated(std::shared_ptr<const Structure> structure, const
 
 void LatinSeparated::begin() {
   if (options_.start.empty()) return;
-  const LatinForesight foresight(options_.start, body_.structure());
+  const LatinPrediction prediction(options_.start, body_.structure());
   for (int step = 0; step < loading_.steps; ++step) {
     const double imposed = loading_.displacement * (step + 1) / loading_.steps;
-    const auto cells = foresight.joining(body_, step, imposed, thresholds_, options_.activation);
+    const auto cells = prediction.joining(body_, step, imposed, thresholds_, options_.activation);
     if (!cells.empty()) basis_.join(body_, cells);
   }
   const MatrixXd forces =
-      foresight.forces(body_, 0, loading_.steps, options_.recompression * options_.accuracy);
+      prediction.forces(body_, 0, loading_.steps, options_.recompression * options_.accuracy);
   for (Index k = 0; k < forces.cols(); ++k) (void)basis_.add(forces.col(k), 1e-8);
   if (basis_.size() == 0) return;
   std::vector<MatrixXd> expected;
   for (int step = 0; step < loading_.steps; ++step)
-    expected.push_back(foresight.expected(body_, basis_, step));
-  terms_ = separate(expected, grid_, options_.most_terms, k_start_tolerance);
+    expected.push_back(prediction.expected(body_, basis_, step));
+  terms_ = separate(expected, grid_, options_.max_terms, k_start_tolerance);
   basis_.restore(basis_.modes());  // as a run that goes on from here has it
 }
 
@@ -156,7 +156,7 @@ bool LatinSeparated::resume() {
   return true;
 }
 
-void LatinSeparated::remember() {
+void LatinSeparated::note_state() {
   if (options_.state_file.empty()) return;
   const auto cells = body_.cells();
   state_ = {{cells.begin(), cells.end()},  basis_.modes(), terms_, relaxation_, indicator_, result_.history,
@@ -198,7 +198,7 @@ bool LatinSeparated::enrich(const SeparatedStageResult& result, const LatinCorre
   return true;
 }
 
-void LatinSeparated::keep(const SeparatedStageResult& result, double correction, int round) {
+void LatinSeparated::record_stage(const SeparatedStageResult& result, double correction, int round) {
   LatinSolution& solution = result_.solution;
   solution.residual.leftCols(steps()) = result.residual;
   solution.reaction.leftCols(steps()) = result.reaction;
@@ -214,10 +214,10 @@ void LatinSeparated::keep(const SeparatedStageResult& result, double correction,
         steps() - 1, result_.history.size(), terms_.count()));
 }
 
-bool LatinSeparated::judge() {
+bool LatinSeparated::is_accurate() {
   const SeparatedStageResult result = stage().run();
   const double correction = stage().correct_worst(result.worst).bound;
-  keep(result, correction, result_.history.empty() ? 0 : result_.history.back().round + 1);
+  record_stage(result, correction, result_.history.empty() ? 0 : result_.history.back().round + 1);
   return correction <= options_.accuracy;
 }
 
@@ -253,28 +253,28 @@ bool LatinSeparated::solve_range() {
     stop_if_asked();
     SeparatedStageResult result = stage().run();
     const auto [correction, bound] = stage().correct_worst(result.worst);
-    keep(result, bound, round);
+    record_stage(result, bound, round);
     if (bound <= options_.accuracy) return true;
     const bool worse = before >= 0 && energy_error_ > before;
     const auto give_up = [&] {  // with the better of the last two iterates
       if (worse) terms_ = kept;
-      return worse && judge();
+      return worse && is_accurate();
     };
     if (round + 1 >= options_.rounds) return give_up();
     std::vector<MatrixXd> states = stage().states();
-    if (before >= 0 && energy_error_ > k_much_worse * before && relaxation_ > k_least_relaxation) {
+    if (before >= 0 && energy_error_ > k_much_worse * before && relaxation_ > k_min_relaxation) {
       relaxation_ /= 2;  // the update was far too long: half of it
       terms_ = kept;
       states = stage().states();
       result = stage().run();
     } else {
-      relaxation_ = worse ? std::max(std::min(k_least_relaxation, options_.relaxation), relaxation_ / 2)
+      relaxation_ = worse ? std::max(std::min(k_min_relaxation, options_.relaxation), relaxation_ / 2)
                           : std::min(options_.relaxation, 1.4 * relaxation_);
       const bool stagnates = !enriched && energy_error_ > options_.stagnation * before;
       before = energy_error_;
       enriched = terms_.count() == 0 || stagnates;
       if (enriched) {
-        if (terms_.count() >= options_.most_terms || !enrich(result, correction)) return give_up();
+        if (terms_.count() >= options_.max_terms || !enrich(result, correction)) return give_up();
         result = stage().run();  // the equations of the longer basis
       }
       kept = terms_;
@@ -288,8 +288,8 @@ bool LatinSeparated::solve_range() {
 void LatinSeparated::recompress() {
   if (terms_.count() == 0 || options_.recompression == 0) return;
   // Where there is no room left, a tenth of the terms goes for those that later steps need.
-  const bool full = terms_.count() >= options_.most_terms && steps() < loading_.steps;
-  const Index most = full ? options_.most_terms * 9 / 10 : options_.most_terms;
+  const bool full = terms_.count() >= options_.max_terms && steps() < loading_.steps;
+  const Index most = full ? options_.max_terms * 9 / 10 : options_.max_terms;
   terms_ = with_fewer_terms(terms_, grid_, std::max<Index>(1, most), options_.recompression * energy_error_);
   const std::vector<MatrixXd> states = stage().states();
   MatrixXd all(basis_.size() + 1, grid_.points() * steps());
@@ -301,15 +301,15 @@ void LatinSeparated::recompress() {
   terms_.normalise();
 }
 
-bool LatinSeparated::conclude(bool accurate) {
+bool LatinSeparated::finish(bool accurate) {
   if (terms_.count() == 0) return accurate;
   const LatinTerms terms = terms_;
   const auto modes = basis_.modes();
   recompress();
-  if (judge() || !accurate) return result_.history.back().correction <= options_.accuracy;
+  if (is_accurate() || !accurate) return result_.history.back().correction <= options_.accuracy;
   basis_.restore(modes);
   terms_ = terms;
-  return judge();
+  return is_accurate();
 }
 
 SeparatedSolution LatinSeparated::run() {
@@ -323,7 +323,7 @@ SeparatedSolution LatinSeparated::run() {
   bool accurate = true;
   do {
     if (options_.on_range) options_.on_range(steps());
-    remember();
+    note_state();
     const int first = steps();
     if (first < loading_.steps) extend(std::min(loading_.steps, first + options_.window));
     do {
@@ -332,7 +332,7 @@ SeparatedSolution LatinSeparated::run() {
     if (steps() < loading_.steps)
       recompress();
     else
-      accurate = conclude(accurate);
+      accurate = finish(accurate);
     if (result_.history.empty()) continue;
     const SeparatedIteration& now = result_.history.back();
     progress.advance_to(
@@ -360,11 +360,11 @@ void SeparatedOptions::validate() const {
   if (!(accuracy > 0) || !std::isfinite(accuracy))
     refuse(fmt::format("accuracy is {} m; it must be positive", accuracy));
   if (window < 1) refuse(fmt::format("window is {} steps; it must be at least 1", window));
-  if (most_terms < 1 || rounds < 1 || sweeps < 1 || fixed_point < 0)
+  if (max_terms < 1 || rounds < 1 || sweeps < 1 || fixed_point < 0)
     refuse(
-        fmt::format("most_terms, rounds and sweeps are {}, {} and {}; they must be at least 1 (fixed_point, "
+        fmt::format("max_terms, rounds and sweeps are {}, {} and {}; they must be at least 1 (fixed_point, "
                     "{}, at least 0)",
-                    most_terms, rounds, sweeps, fixed_point));
+                    max_terms, rounds, sweeps, fixed_point));
   if (!(relaxation > 0 && relaxation <= 1))
     refuse(fmt::format("relaxation is {}; it must be above 0 and at most 1", relaxation));
   if (!(stagnation > 0 && stagnation < 1))

@@ -15,7 +15,7 @@ namespace knothe::mechanics {
 
 /// How the separated form is iterated.
 struct SeparatedOptions {
-  int most_terms = 100;    ///< m at most
+  int max_terms = 100;     ///< m at most
   double accuracy = 1e-6;  ///< m: a range of time is left when the worst out-of-balance forces are worth less
   int window = 2;          ///< steps by which the range of time grows; all steps: the whole range at once
   int rounds = 60;         ///< global stages for a range at most
@@ -61,7 +61,7 @@ struct SeparatedSolution {
 
 /// Solves for the grid of `axes` (`parameters`: of its points, the last axis the fastest), in terms alone.
 /// The range of time grows from the first steps to all; in each range local stages and updates follow each
-/// other, and terms are added, until it is accurate or `most_terms` are there. What is left then is in
+/// other, and terms are added, until it is accurate or `max_terms` are there. What is left then is in
 /// `solution.accepted` and `history`. Deterministic for any number of threads. Errors and resuming as of
 /// solve_latin_pgd; a run that started from a model is one range, and starts again.
 [[nodiscard]] SeparatedSolution solve_latin_separated(std::shared_ptr<const Structure> structure,

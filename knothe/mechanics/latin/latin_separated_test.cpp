@@ -128,7 +128,7 @@ TEST(LatinSeparated, WithFewTermsItSaysThatItIsNotAccurate) {
   const BeamProblem problem = coarse_beam(12);
   const Grid grid = grid_of(0.5);
   SeparatedOptions options;
-  options.most_terms = 4;
+  options.max_terms = 4;
   const SeparatedSolution found =
       solve_latin_separated(body_of(problem), problem.solver, grid.axes, grid.parameters, options);
   EXPECT_EQ(found.terms.count(), 4);
@@ -312,8 +312,8 @@ TEST(LatinSeparated, OptionsThatMakeNoSenseAreNamed) {
   EXPECT_THAT(refusal([](SeparatedOptions& o) { o.accuracy = -1; }),
               HasSubstr("accuracy is -1 m; it must be positive"));
   EXPECT_THAT(refusal([](SeparatedOptions& o) { o.window = 0; }), HasSubstr("window is 0 steps"));
-  EXPECT_THAT(refusal([](SeparatedOptions& o) { o.most_terms = 0; }),
-              HasSubstr("most_terms, rounds and sweeps are 0"));
+  EXPECT_THAT(refusal([](SeparatedOptions& o) { o.max_terms = 0; }),
+              HasSubstr("max_terms, rounds and sweeps are 0"));
   EXPECT_THAT(refusal([](SeparatedOptions& o) { o.relaxation = 1.5; }), HasSubstr("relaxation is 1.5"));
   EXPECT_THAT(refusal([](SeparatedOptions& o) { o.stagnation = 1; }), HasSubstr("stagnation is 1"));
   EXPECT_THAT(refusal([](SeparatedOptions& o) { o.recompression = 2; }), HasSubstr("recompression is 2"));
@@ -330,7 +330,7 @@ TEST(LatinSeparated, OptionsThatMakeNoSenseAreNamed) {
   EXPECT_THAT([&] { (void)solve_latin_separated(body_of(problem), problem.solver, {}, {}, {}); },
               testing::ThrowsMessage<UsageError>(HasSubstr("no parameter point is given")));
   BeamProblem gradient = problem;
-  gradient.solver.regularisation.kind = Regularisation::gradient;
+  gradient.solver.regularisation.kind = DamageRegularisation::gradient;
   grid = grid_of(0.2);
   EXPECT_THAT(
       [&] { (void)solve_latin_separated(body_of(problem), gradient.solver, grid.axes, grid.parameters, {}); },

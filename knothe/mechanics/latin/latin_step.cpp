@@ -301,7 +301,7 @@ bool LatinStep::advance(LaneBatch& lane, const VectorXd& before, MatrixXd& coord
   VectorXd state = before, previous = before;
   bool good = true;
   MatrixXd damage, guess;
-  go_by_increments(
+  advance_by_increments(
       state[0], target, options_.cuts,
       [&](double next) {
         const double last = state[0] - previous[0];

@@ -39,7 +39,7 @@ BeamProblem problem_of(const Case& study) {
   problem.solver.steps = study.steps;
   if (study.band) {
     problem.beam.notch_width = study.element;
-    problem.solver.regularisation.kind = Regularisation::crack_band;
+    problem.solver.regularisation.kind = DamageRegularisation::crack_band;
   }
   return problem;
 }
@@ -192,7 +192,7 @@ void study_directions() {
       options.step.warm_up = 0;
       options.accuracy = 1e-9;
       options.modes_per_round = 2;
-      options.most_modes = 1000;
+      options.max_modes = 1000;
       const Errors e = errors(study, problem, structure,
                               solve_latin_pgd(structure, problem.solver, grid_of(study.nodes), options));
       std::printf(" %.1e, %.2f µm |", e.relative, 1e6 * e.largest);
@@ -211,7 +211,7 @@ bool take(Case& study, const std::string& word) {
       {"layers", &study.layers},         {"nodes", &study.nodes},
       {"steps", &study.steps},           {"judges", &study.judges},
       {"start", &study.start},           {"modes", &study.modes},
-      {"window", &study.options.window}, {"archive", &study.options.most_modes}};
+      {"window", &study.options.window}, {"archive", &study.options.max_modes}};
   const std::map<std::string, double*> real = {{"element", &study.element},
                                                {"accuracy", &study.options.accuracy}};
   const std::map<std::string, bool*> flags = {{"band", &study.band}, {"verbose", &study.verbose}};

@@ -11,7 +11,7 @@
 
 namespace knothe::mechanics {
 
-void RegularisationOptions::validate() const {
+void DamageRegularisationOptions::validate() const {
   const auto positive = [](double value, const char* name) {
     if (!(value > 0) || !std::isfinite(value))
       throw ProjectError(fmt::format("regularised damage: {} is {} m; it must be positive", name, value));
@@ -32,18 +32,18 @@ double band_width(const FiniteElements& elements, std::int64_t cell) {
 }
 
 std::vector<double> band_ratios(const HexahedronMesh& mesh, const FiniteElements& elements,
-                                const RegularisationOptions& options) {
+                                const DamageRegularisationOptions& options) {
   std::vector<double> ratios(static_cast<std::size_t>(mesh.cell_count()), 1.0);
-  if (options.kind != Regularisation::crack_band) return ratios;
+  if (options.kind != DamageRegularisation::crack_band) return ratios;
   for (std::int64_t cell = 0; cell < mesh.cell_count(); ++cell)
     if (mesh.elastic[cell] == 0)
       ratios[static_cast<std::size_t>(cell)] = options.reference_size / band_width(elements, cell);
   return ratios;
 }
 
-void check_band(const HexahedronMesh& mesh, const RegularisationOptions& options,
+void check_band(const HexahedronMesh& mesh, const DamageRegularisationOptions& options,
                 std::span<const double> ratios, const DamageParameters& parameters) {
-  if (options.kind != Regularisation::crack_band) return;
+  if (options.kind != DamageRegularisation::crack_band) return;
   const double smallest = smallest_band_ratio(parameters);
   for (std::size_t cell = 0; cell < ratios.size(); ++cell)
     if (mesh.elastic[cell] == 0 && ratios[cell] < smallest)

@@ -11,10 +11,10 @@
 
 namespace knothe::mechanics {
 
-using Regularisation = project::DamageRegularisation;
+using project::DamageRegularisation;
 
-struct RegularisationOptions {
-  Regularisation kind = Regularisation::none;
+struct DamageRegularisationOptions {
+  DamageRegularisation kind = DamageRegularisation::none;
   double reference_size = 0.005;  ///< m, crack band: the element size that the law's parameters belong to
   double internal_length = 0.01;  ///< m, gradient: ℓ
 
@@ -28,11 +28,11 @@ struct RegularisationOptions {
 
 /// r of each cell (`band_damage`): reference size / band width with a crack band, else 1.
 [[nodiscard]] std::vector<double> band_ratios(const HexahedronMesh& mesh, const FiniteElements& elements,
-                                              const RegularisationOptions& options);
+                                              const DamageRegularisationOptions& options);
 
 /// Throws ProjectError if a cell that can be damaged is too large for the crack band at these parameters
 /// (`smallest_band_ratio`): says the largest size that would do.
-void check_band(const HexahedronMesh& mesh, const RegularisationOptions& options,
+void check_band(const HexahedronMesh& mesh, const DamageRegularisationOptions& options,
                 std::span<const double> ratios, const DamageParameters& parameters);
 
 /// Height of the crack above the notch, m: how far the mean reference damage of the rows of cells (the

@@ -108,7 +108,7 @@ TEST(CrackBand, is_the_law_itself_at_the_reference_size_and_refuses_large_elemen
   options.steps = 10;
   options.displacement = 2e-4;
   const FullOrderResult plain = FullOrderModel(coarse_beam(), options).run({});
-  options.regularisation = {Regularisation::crack_band, 0.01, 0.01};
+  options.regularisation = {DamageRegularisation::crack_band, 0.01, 0.01};
   const FullOrderResult same = FullOrderModel(coarse_beam(), options).run({});
   for (std::size_t i = 0; i < plain.steps.size(); ++i)
     EXPECT_NEAR(same.steps[i].reaction_force, plain.steps[i].reaction_force,
@@ -123,7 +123,7 @@ TEST(CrackBand, is_the_law_itself_at_the_reference_size_and_refuses_large_elemen
 
 TEST(GradientDamage, tangent_agrees_with_finite_differences_of_the_residual) {
   SolverOptions options;
-  options.regularisation = {Regularisation::gradient, 0.005, 0.02};
+  options.regularisation = {DamageRegularisation::gradient, 0.005, 0.02};
   GradientStepping loading(*coarse_beam(), options, {});
   // A state after the peak, disturbed so that nothing is stationary.
   static_cast<void>(loading.advance(1.0e-4));
@@ -157,7 +157,7 @@ TEST(GradientDamage, tangent_agrees_with_finite_differences_of_the_residual) {
 TEST(GradientDamage, converges_and_balances_energy) {
   SolverOptions options;
   options.steps = 12;
-  options.regularisation = {Regularisation::gradient, 0.005, 0.01};
+  options.regularisation = {DamageRegularisation::gradient, 0.005, 0.01};
   const FullOrderResult run = FullOrderModel(coarse_beam(), options).run({});
   double last = 0, peak = 0;
   for (const StepRecord& step : run.steps) {
@@ -181,7 +181,8 @@ TEST(CrackBand, makes_the_beam_independent_of_the_mesh) {
   FullOrderResult runs[2][2];
   for (const int band : {0, 1})
     for (const int fine : {0, 1}) {
-      options.regularisation = {band == 1 ? Regularisation::crack_band : Regularisation::none, 0.005, 0.01};
+      options.regularisation = {band == 1 ? DamageRegularisation::crack_band : DamageRegularisation::none,
+                                0.005, 0.01};
       runs[band][fine] = FullOrderModel(fine == 1 ? beam_of(0.005) : coarse_beam(), options).run({});
       EXPECT_TRUE(runs[band][fine].steps_without_equilibrium().empty());
     }
@@ -194,7 +195,7 @@ TEST(CrackBand, makes_the_beam_independent_of_the_mesh) {
 
 TEST(Regularisation, refuses_lengths_that_make_no_sense) {
   const std::string text = message_of<knothe::ProjectError>([] {
-    RegularisationOptions{Regularisation::gradient, 0.005, 0}.validate();
+    DamageRegularisationOptions{DamageRegularisation::gradient, 0.005, 0}.validate();
   });
   EXPECT_NE(text.find("internal_length is 0 m; it must be positive"), std::string::npos) << text;
 }

@@ -14,7 +14,7 @@ std::vector<double> scaled(const std::vector<double>& values, double factor) {
 }
 
 /// The part of the axis where any density is worth seeing: above a thousandth of the lowest peak.
-void limit_to_mass(const Results& results, const std::string& name, double factor, Axis& axis) {
+void limit_to_mass(const Results& results, const std::string& name, double factor, PlotAxis& axis) {
   double low = INFINITY, high = -INFINITY;
   for (const auto& s : results.steps) {
     const auto found = s.forecast.find(name);
@@ -58,7 +58,7 @@ ForecastScale forecast_scale(const Results& results, const std::string& name) {
 
 Plot forecast_densities_plot(const Results& results, const std::string& name) {
   const ForecastScale scale = forecast_scale(results, name);
-  Axis x{scale.label()};
+  PlotAxis x{scale.label()};
   limit_to_mass(results, name, scale.factor, x);
   Plot plot(scale.title, x,
             {scale.unit.empty() ? "probability density" : "probability density (1/" + scale.unit + ")", 0.0});

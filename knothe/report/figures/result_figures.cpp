@@ -82,7 +82,7 @@ std::vector<std::size_t> learning_steps(const Results& results, std::size_t d, s
 
 Plot marginals_plot(const Results& results, std::size_t d) {
   const ParameterSummary& parameter = results.parameters[d];
-  Axis x{pretty_name(parameter.name) + " (1 = reference)"};
+  PlotAxis x{pretty_name(parameter.name) + " (1 = reference)"};
   if (!parameter.reference) x.label = pretty_name(parameter.name);
   x.low = parameter.lower;
   x.high = parameter.upper;
@@ -122,7 +122,7 @@ Plot convergence_plot(const Results& results, std::size_t d) {
 Plot cost_plot(const Results& results) {
   const auto x = results.step_numbers();
   Plot plot("Order of the map and time per step", {"step"}, {"order of the map", 0.0});
-  Axis cost{"time of an update (µs)"};
+  PlotAxis cost{"time of an update (µs)"};
   const auto update = over_steps(results, [](const Step& s) { return s.update_us; });
   const double low = *std::min_element(update.begin(), update.end());
   cost.logarithmic = low > 0.0 && *std::max_element(update.begin(), update.end()) > 8.0 * low;
@@ -167,7 +167,7 @@ Plot variance_diagnostic_plot(const Results& results) {
   const auto x = results.step_numbers();
   // Below a millionth the map is exact for every purpose; a logarithmic axis must end somewhere.
   const auto y = over_steps(results, [](const Step& s) { return std::max(s.variance_diagnostic, 1e-6); });
-  Axis axis{"variance diagnostic (Eq. 9), at least 10⁻⁶"};
+  PlotAxis axis{"variance diagnostic (Eq. 9), at least 10⁻⁶"};
   axis.logarithmic = true;
   Plot plot("How far the map is from exact", {"step"}, axis);
   plot.line(x, y, Paint::series(0), "verified on other points");

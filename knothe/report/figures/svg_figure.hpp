@@ -11,7 +11,7 @@
 namespace knothe::report {
 
 /// An axis; its limits are those of the data (with a little air) unless given.
-struct Axis {
+struct PlotAxis {
   std::string label;  ///< with the unit: "Force (kN)"
   std::optional<double> low = {};
   std::optional<double> high = {};
@@ -46,7 +46,8 @@ struct Cell {
 /// NumericalError.
 class Plot {
  public:
-  Plot(std::string title, Axis x, Axis y) : title_(std::move(title)), x_(std::move(x)), y_(std::move(y)) {}
+  Plot(std::string title, PlotAxis x, PlotAxis y)
+      : title_(std::move(title)), x_(std::move(x)), y_(std::move(y)) {}
 
   Plot& line(std::span<const double> x, std::span<const double> y, Paint paint, std::string label = {},
              Stroke stroke = {}, Side side = Side::left);
@@ -66,7 +67,7 @@ class Plot {
                    Side side = Side::left);
   Plot& cells(std::vector<Cell> cells);
 
-  Plot& right_axis(Axis axis) { return right_ = std::move(axis), *this; }
+  Plot& right_axis(PlotAxis axis) { return right_ = std::move(axis), *this; }
   Plot& colour_bar(ColourBar bar) { return bar_ = std::move(bar), *this; }
   /// Same scale in both directions, no axes: for meshes.
   Plot& as_map() { return map_ = true, *this; }
@@ -89,8 +90,8 @@ class Plot {
   Plot& add(Series series);
 
   std::string title_;
-  Axis x_, y_;
-  std::optional<Axis> right_;
+  PlotAxis x_, y_;
+  std::optional<PlotAxis> right_;
   std::optional<ColourBar> bar_;
   bool map_ = false;
   std::vector<Series> series_;

@@ -104,7 +104,7 @@ class PlotRenderer {
     void include(double value) { low = std::min(low, value), high = std::max(high, value); }
   };
 
-  static Scale scale_of(const Axis& axis, Range range, bool from_zero) {
+  static Scale scale_of(const PlotAxis& axis, Range range, bool from_zero) {
     if (from_zero) range.include(0.0);
     if (!(range.low <= range.high)) range = {0.0, 1.0};
     Scale scale;

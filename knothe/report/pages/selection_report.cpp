@@ -71,7 +71,7 @@ Figure curve_figure(const project::SelectionSetup& setup, const assimilation::Se
   for (std::size_t k = 0; k < setup.model.dimension(); ++k) {
     const auto j = static_cast<Eigen::Index>(k);
     const std::string name = setup.model.parameter_names()[k];
-    Axis vertical{"posterior std of " + name};
+    PlotAxis vertical{"posterior std of " + name};
     vertical.logarithmic = true;
     Plot plot(name, {"number of dofs"}, vertical);
     int colour = 0;

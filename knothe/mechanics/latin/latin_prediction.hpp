@@ -11,10 +11,10 @@ namespace knothe::mechanics {
 
 /// The start (LatinStart) seen from the active cells. With F = K W on all dofs, the elastic forces of the
 /// state û are F a: they act on the cells that are damaged there, and so are active here.
-class LatinForesight {
+class LatinPrediction {
  public:
   /// `start` must outlive this.
-  LatinForesight(const LatinStart& start, const Structure& structure);
+  LatinPrediction(const LatinStart& start, const Structure& structure);
 
   /// Cells that wait and are expected to be damaged, or nearly (`fraction` of the thresholds), at the end of
   /// a step.

@@ -1,21 +1,19 @@
+#include "knothe/offline/mesh_study.hpp"
+
 #include <fmt/format.h>
 #include <sys/resource.h>
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <nlohmann/json.hpp>
 
-#include "apps/knothe-offline/commands.hpp"
-#include "apps/knothe-offline/problem.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/progress.hpp"
 #include "knothe/files/atomic_file.hpp"
-#include "knothe/files/json_line.hpp"
-#include "knothe/project/project_file.hpp"
+#include "knothe/offline/problem.hpp"
 #include "knothe/report/figures/svg_figure.hpp"
 
-namespace knothe::offline_commands {
+namespace knothe::offline {
 namespace {
 
 /// One law on one mesh. Forces and energies of the whole beam.
@@ -65,7 +63,7 @@ Run compute(mechanics::BeamProblem problem, const std::string& law, double eleme
   // One column of elements above the notch on every mesh: an even number of columns has more than one
   // solution.
   problem.beam.notch_width = element;
-  problem.solver.regularisation.kind = *from_text<mechanics::Regularisation>(law);
+  problem.solver.regularisation.kind = *from_text<mechanics::DamageRegularisation>(law);
   mechanics::FullOrderModel model = mechanics::make_full_order_model(problem);
   Progress progress(fmt::format("{}, elements of {:g} mm", law, 1e3 * element),
                     static_cast<std::size_t>(problem.solver.steps));
@@ -91,53 +89,48 @@ Run compute(mechanics::BeamProblem problem, const std::string& law, double eleme
   return run;
 }
 
-void report(const std::string& law, const Run& run, bool json) {
-  const auto peak = std::max_element(run.force.begin(), run.force.end()) - run.force.begin();
-  if (json) {
-    fmt::print("{}\n", files::json_line({{"law", law},
-                                         {"element_m", run.element},
-                                         {"dofs", run.dofs},
-                                         {"peak_N", run.force[static_cast<std::size_t>(peak)]},
-                                         {"peak_at_mm", run.displacement[static_cast<std::size_t>(peak)]},
-                                         {"last_force_N", run.force.back()},
-                                         {"dissipated_J", run.dissipated},
-                                         {"crack_length_m", run.crack},
-                                         {"newton_iterations", run.newton},
-                                         {"secant_iterations", run.secant},
-                                         {"steps_without_equilibrium", run.not_in_equilibrium},
-                                         {"cpu_seconds", run.cpu},
-                                         {"memory_MiB", run.memory}}));
-  } else {
-    fmt::print(
-        "| {} | {:g} | {} | {:.1f} | {:.3f} | {:.1f} | {:.4f} | {:.1f} | {} + {} | {} | {:.1f} | {:.0f} |\n",
-        law, 1e3 * run.element, run.dofs, run.force[static_cast<std::size_t>(peak)],
-        run.displacement[static_cast<std::size_t>(peak)], run.force.back(), run.dissipated, 1e3 * run.crack,
-        run.newton, run.secant, run.not_in_equilibrium, run.cpu, run.memory);
-  }
-  std::fflush(stdout);
+void report(const std::string& law, const Run& run, const files::CommandOutput& output) {
+  const auto peak =
+      static_cast<std::size_t>(std::max_element(run.force.begin(), run.force.end()) - run.force.begin());
+  output.line(
+      {{"law", law},
+       {"element_m", run.element},
+       {"dofs", run.dofs},
+       {"peak_N", run.force[peak]},
+       {"peak_at_mm", run.displacement[peak]},
+       {"last_force_N", run.force.back()},
+       {"dissipated_J", run.dissipated},
+       {"crack_length_m", run.crack},
+       {"newton_iterations", run.newton},
+       {"secant_iterations", run.secant},
+       {"steps_without_equilibrium", run.not_in_equilibrium},
+       {"cpu_seconds", run.cpu},
+       {"memory_MiB", run.memory}},
+      fmt::format(
+          "| {} | {:g} | {} | {:.1f} | {:.3f} | {:.1f} | {:.4f} | {:.1f} | {} + {} | {} | {:.1f} | {:.0f} |",
+          law, 1e3 * run.element, run.dofs, run.force[peak], run.displacement[peak], run.force.back(),
+          run.dissipated, 1e3 * run.crack, run.newton, run.secant, run.not_in_equilibrium, run.cpu,
+          run.memory));
 }
 
-void report_differences(const std::vector<Study>& studies, bool json) {
-  if (!json)
-    fmt::print(
-        "\n| law | from | to mm | curve, L2 | curve, largest / peak | dissipated | crack length |\n"
-        "| --- | --- | --- | --- | --- | --- | --- |\n");
+void report_differences(const std::vector<Study>& studies, const files::CommandOutput& output) {
+  output.text(
+      "\n| law | from | to mm | curve, L2 | curve, largest / peak | dissipated | crack length |\n"
+      "| --- | --- | --- | --- | --- | --- | --- |");
   for (const Study& study : studies)
     for (std::size_t i = 1; i < study.runs.size(); ++i) {
       const Run &run = study.runs[i - 1], &finer = study.runs[i];
       const Difference d = difference(run, finer);
-      if (json)
-        fmt::print("{}\n", files::json_line({{"law", study.law},
-                                             {"from_m", run.element},
-                                             {"to_m", finer.element},
-                                             {"curve", d.curve},
-                                             {"curve_largest", d.largest},
-                                             {"dissipated", d.dissipated},
-                                             {"crack_length", d.crack}}));
-      else
-        fmt::print("| {} | {:g} | {:g} | {:.2f} % | {:.2f} % | {:.2f} % | {:.2f} % |\n", study.law,
-                   1e3 * run.element, 1e3 * finer.element, 100 * d.curve, 100 * d.largest, 100 * d.dissipated,
-                   100 * d.crack);
+      output.line({{"law", study.law},
+                   {"from_m", run.element},
+                   {"to_m", finer.element},
+                   {"curve", d.curve},
+                   {"curve_largest", d.largest},
+                   {"dissipated", d.dissipated},
+                   {"crack_length", d.crack}},
+                  fmt::format("| {} | {:g} | {:g} | {:.2f} % | {:.2f} % | {:.2f} % | {:.2f} % |", study.law,
+                              1e3 * run.element, 1e3 * finer.element, 100 * d.curve, 100 * d.largest,
+                              100 * d.dissipated, 100 * d.crack));
     }
 }
 
@@ -162,34 +155,29 @@ void draw(const std::vector<Study>& studies, const std::string& path) {
 
 }  // namespace
 
-int mesh_study(const MeshStudyArguments& arguments) {
-  const project::Project project = project::read_project(arguments.project);
-  mechanics::BeamProblem problem = beam_problem(project);
+void study_meshes(const MeshStudyOptions& options, const files::CommandOutput& output) {
+  mechanics::BeamProblem problem = beam_problem(project::read_project(options.project));
   if (!problem.gmsh_file.empty())
-    throw ProjectError(arguments.project +
+    throw ProjectError(options.project +
                        ": a mesh study makes its own meshes of the beam: leave out [offline] mesh.gmsh");
-  if (arguments.steps > 0) problem.solver.steps = arguments.steps;
-  std::vector<double> elements = arguments.elements;
+  if (options.steps > 0) problem.solver.steps = options.steps;
+  std::vector<double> elements = options.elements;
   std::sort(elements.rbegin(), elements.rend());
-  if (!arguments.json)
-    fmt::print(
-        "| law | element mm | dofs | peak N | at mm | at the end N | dissipated J | crack mm | Newton + "
-        "secant | "
-        "steps not in equilibrium | CPU s | memory MiB |\n| --- | --- | --- | --- | --- | --- | --- | --- | "
-        "--- | "
-        "--- | --- | --- |\n");
+  output.text(
+      "| law | element mm | dofs | peak N | at mm | at the end N | dissipated J | crack mm | Newton + secant "
+      "| steps not in equilibrium | CPU s | memory MiB |\n"
+      "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
   std::vector<Study> studies;
-  for (const std::string& law : arguments.laws) {
+  for (const std::string& law : options.laws) {
     Study study{law, {}};
     for (const double element : elements) {
       study.runs.push_back(compute(problem, law, element));
-      report(law, study.runs.back(), arguments.json);
+      report(law, study.runs.back(), output);
     }
     studies.push_back(std::move(study));
   }
-  report_differences(studies, arguments.json);
-  if (!arguments.output.empty()) draw(studies, arguments.output);
-  return 0;
+  report_differences(studies, output);
+  if (!options.figure.empty()) draw(studies, options.figure);
 }
 
-}  // namespace knothe::offline_commands
+}  // namespace knothe::offline

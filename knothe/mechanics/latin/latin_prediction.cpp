@@ -1,4 +1,4 @@
-#include "knothe/mechanics/latin/latin_foresight.hpp"
+#include "knothe/mechanics/latin/latin_prediction.hpp"
 
 #include "knothe/mechanics/latin/latin_activation.hpp"
 #include "knothe/reduction/compress/low_rank.hpp"
@@ -20,7 +20,7 @@ MatrixXd on_active(const LatinBody& body, const MatrixXd& fields) {
 
 }  // namespace
 
-LatinForesight::LatinForesight(const LatinStart& start, const Structure& structure)
+LatinPrediction::LatinPrediction(const LatinStart& start, const Structure& structure)
     : start_(start), forces_(start.space.rows(), start.space.cols()) {
   const auto size = static_cast<std::size_t>(forces_.rows());
   for (Index k = 0; k < forces_.cols(); ++k)
@@ -28,8 +28,9 @@ LatinForesight::LatinForesight(const LatinStart& start, const Structure& structu
                                    std::span(forces_.col(k).data(), size));
 }
 
-std::vector<std::int64_t> LatinForesight::joining(const LatinBody& body, int step, double imposed,
-                                                  std::span<const double> thresholds, double fraction) const {
+std::vector<std::int64_t> LatinPrediction::joining(const LatinBody& body, int step, double imposed,
+                                                   std::span<const double> thresholds,
+                                                   double fraction) const {
   if (body.waiting().empty()) return {};
   const MatrixXd& values = start_.coordinates[static_cast<std::size_t>(step)];
   MatrixXd states(values.rows() + 1, values.cols());
@@ -38,7 +39,7 @@ std::vector<std::int64_t> LatinForesight::joining(const LatinBody& body, int ste
   return find_activation(body, start_.space, states, thresholds, fraction).joining;
 }
 
-MatrixXd LatinForesight::forces(const LatinBody& body, int first, int last, double allowed) const {
+MatrixXd LatinPrediction::forces(const LatinBody& body, int first, int last, double allowed) const {
   const Index l = start_.space.cols();
   MatrixXd gram = MatrixXd::Zero(l, l);
   Index count = 0;
@@ -54,7 +55,7 @@ MatrixXd LatinForesight::forces(const LatinBody& body, int first, int last, doub
   return on_active(body, forces_) * pairs.vectors.leftCols(kept);
 }
 
-MatrixXd LatinForesight::expected(const LatinBody& body, const LatinBasis& basis, int step) const {
+MatrixXd LatinPrediction::expected(const LatinBody& body, const LatinBasis& basis, int step) const {
   const MatrixXd onto = basis.forces().transpose() * on_active(body, start_.space);
   if (step < 0) return MatrixXd::Zero(onto.rows(), start_.coordinates.front().cols());
   return onto * start_.coordinates[static_cast<std::size_t>(step)];

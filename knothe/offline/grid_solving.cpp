@@ -1,0 +1,220 @@
+#include "knothe/offline/grid_solving.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+
+#include "knothe/base/error.hpp"
+#include "knothe/base/progress.hpp"
+#include "knothe/mechanics/distributed/ranks.hpp"
+#include "knothe/mechanics/full_order/snapshot_runs.hpp"
+#include "knothe/mechanics/latin/latin_model.hpp"
+#include "knothe/offline/posterior_judge.hpp"
+#include "knothe/offline/problem.hpp"
+#include "knothe/reduction/grid/grid_refinement.hpp"
+#include "knothe/reduction/grid/sparse_grid.hpp"
+
+namespace knothe::offline {
+namespace {
+
+using project::OfflineOptions;
+using reduction::GridSolutions;
+
+/// A tensor grid, or the sparse grid of a level in it.
+struct ParameterGrid {
+  std::vector<reduction::Axis> axes;
+  int sparse_level = -1;  ///< −1: all points
+
+  [[nodiscard]] std::size_t runs() const {
+    return reduction::sparse_grid(axes, sparse_level < 0 ? reduction::finest_level(axes) : sparse_level)
+        .points.size();
+  }
+};
+
+GridSolutions run_grid(const OfflineOptions& options, const mechanics::BeamProblem& problem,
+                       const ParameterGrid& grid, const std::string& parts_folder,
+                       const files::CommandOutput& output) {
+  const bool first = mechanics::Ranks::of_this_job().rank == 0;
+  mechanics::SnapshotRuns runs = mechanics::run_snapshots(problem, {.axes = grid.axes,
+                                                                    .parts_folder = parts_folder,
+                                                                    .sparse_level = grid.sparse_level,
+                                                                    .processes = options.processes,
+                                                                    .quiet = !first});
+  GridSolutions solutions;
+  solutions.snapshots = std::move(runs.snapshots);
+  if (!first) return solutions;
+  std::size_t resumed = 0;
+  for (const mechanics::RunSummary& run : runs.runs) {
+    resumed += run.resumed ? 1 : 0;
+    output.record({{"run", run.parameters},
+                   {"resumed", run.resumed},
+                   {"newton_iterations", run.newton_iterations},
+                   {"secant_iterations", run.secant_iterations},
+                   {"cpu_seconds", run.cpu_seconds},
+                   {"steps_without_equilibrium", run.steps_without_equilibrium}});
+    if (!run.steps_without_equilibrium.empty())
+      fmt::print(
+          stderr,
+          "knothe: warning: at parameters ({:g}) steps {} are not in equilibrium to 1e-8; see the output "
+          "equilibrium_residual of the model\n",
+          fmt::join(run.parameters, ", "), fmt::join(run.steps_without_equilibrium, ", "));
+  }
+  output.text(fmt::format("{} full-order runs, {} of them kept from before", runs.runs.size(), resumed));
+  return solutions;
+}
+
+/// What both forms of LATIN-PGD take from a project.
+template <typename Options>
+Options latin_options(const OfflineOptions& project) {
+  Options options;
+  if (project.latin_accuracy) options.accuracy = *project.latin_accuracy;
+  options.window = project.latin_window;
+  options.threads = static_cast<std::size_t>(project.processes);
+  options.quiet = false;
+  return options;
+}
+
+GridSolutions solve_jointly(const OfflineOptions& options, const mechanics::BeamProblem& problem,
+                            const std::vector<reduction::Axis>& axes, const std::string& parts_folder,
+                            const files::CommandOutput& output) {
+  mechanics::LatinModel latin = mechanics::solve_latin_grid(
+      problem, axes, latin_options<mechanics::LatinOptions>(options), parts_folder, options.latin_start);
+  const mechanics::LatinSolution& solution = latin.solution;
+  for (const mechanics::LatinIteration& it : solution.history)
+    output.record({{"first_step", it.first_step},
+                   {"last_step", it.last_step},
+                   {"round", it.round},
+                   {"working_modes", it.working_modes},
+                   {"space_modes", it.archived_modes},
+                   {"points", it.lanes},
+                   {"residual", it.residual},
+                   {"correction_m", it.correction},
+                   {"indicator", it.indicator},
+                   {"cpu_seconds", it.cpu_seconds}});
+  for (const auto& [point, windows] : mechanics::inaccurate_points(solution))
+    fmt::print(stderr,
+               "knothe: warning: at parameters ({:g}) {} window(s) of steps were left before they were "
+               "accurate; see "
+               "the output equilibrium_residual of the model\n",
+               fmt::join(latin.grid.snapshots.parameters_at(point), ", "), windows);
+  output.text(fmt::format("LATIN-PGD: {} grid points, {} space modes, {} global stages, {:.1f} s of CPU time",
+                          latin.grid.snapshots.grid_size(), solution.space.cols(), solution.history.size(),
+                          solution.cpu_seconds));
+  return std::move(latin.grid);
+}
+
+GridSolutions solve_separated(const OfflineOptions& options, const mechanics::BeamProblem& problem,
+                              const std::vector<reduction::Axis>& axes, const std::string& parts_folder,
+                              const files::CommandOutput& output) {
+  auto separated = latin_options<mechanics::SeparatedOptions>(options);
+  separated.max_terms = options.latin_terms;
+  mechanics::LatinModel latin =
+      mechanics::solve_separated_grid(problem, axes, separated, parts_folder, options.latin_start);
+  for (const mechanics::SeparatedIteration& it : latin.separated)
+    output.record({{"steps", it.steps},
+                   {"round", it.round},
+                   {"terms", it.terms},
+                   {"space_modes", it.space_modes},
+                   {"energy_error", it.energy_error},
+                   {"residual", it.residual},
+                   {"correction_m", it.correction},
+                   {"indicator", it.indicator},
+                   {"relaxation", it.relaxation},
+                   {"cpu_seconds", it.cpu_seconds}});
+  const auto terms = latin.grid.terms ? latin.grid.terms->time.cols() : 0;
+  const double left = latin.separated.empty() ? 0.0 : 1e6 * latin.separated.back().correction;  // µm
+  if (!mechanics::inaccurate_points(latin.solution).empty())
+    fmt::print(stderr,
+               "knothe: warning: with {} terms out-of-balance forces are left that are worth {:.3g} µm "
+               "([offline.latin] accuracy asks for {:.3g} µm): {}\n",
+               terms, left, 1e6 * separated.accuracy,
+               terms < separated.max_terms
+                   ? "more terms gain nothing; take the joint form (leave separation away)"
+                   : fmt::format("raise [offline.latin] terms ({}), or take the joint form (leave separation "
+                                 "away)",
+                                 separated.max_terms));
+  output.text(fmt::format(
+      "LATIN-PGD, fully separated: {} grid points, {} terms, {} global stages, out-of-balance forces worth "
+      "{:.2g} µm at most, {:.1f} s of CPU time",
+      latin.grid.snapshots.grid_size(), terms, latin.separated.size(), left, latin.solution.cpu_seconds));
+  return std::move(latin.grid);
+}
+
+/// Largest error at `dofs` of splines through the uncompressed snapshots, m.
+double interpolation_error(const reduction::Snapshots& snapshots, const std::vector<std::size_t>& dofs,
+                           const std::vector<reduction::OffGridSolution>& off_grid) {
+  reduction::Dofs seen;
+  for (const std::size_t dof : dofs) seen.add(snapshots.dofs.point(dof), snapshots.dofs.components[dof]);
+  const reduction::ObservedModel model = reduction::observe_snapshots(snapshots, seen);
+  double largest = 0;
+  for (const reduction::OffGridSolution& solution : off_grid)
+    largest =
+        std::max(largest, largest_error(model, solution.parameters, [&](std::size_t step, std::size_t i) {
+                   return solution.values[step * snapshots.dof_count() + dofs[i]];
+                 }));
+  return largest;
+}
+
+/// The next level of a sparse grid, whose runs stay; else the grid with nodes beside its weakest one.
+ParameterGrid finer(ParameterGrid grid, const reduction::Snapshots& snapshots,
+                    const std::vector<std::size_t>& dofs) {
+  if (grid.sparse_level >= 0 && grid.sparse_level < reduction::finest_level(grid.axes)) {
+    ++grid.sparse_level;
+    return grid;
+  }
+  const auto weak = reduction::weakest_node(snapshots, dofs);
+  if (!weak)
+    throw ProjectError("[offline.adaptive]: grid_error needs an axis of at least three nodes to begin with");
+  grid.axes = reduction::refined(grid.axes, *weak);
+  if (grid.sparse_level >= 0) grid.sparse_level = reduction::finest_level(grid.axes);
+  return grid;
+}
+
+}  // namespace
+
+GridSolutions solve_project_grid(const project::Project& project, const mechanics::BeamProblem& problem,
+                                 const std::string& parts_folder,
+                                 const std::vector<reduction::OffGridSolution>& off_grid,
+                                 const files::CommandOutput& output) {
+  const OfflineOptions& options = *project.offline;
+  ParameterGrid grid{parameter_axes(project), options.sparse_level.value_or(-1)};
+  if (options.method == project::OfflineMethod::latin)
+    return (options.latin_full ? solve_separated : solve_jointly)(options, problem, grid.axes, parts_folder,
+                                                                  output);
+  while (true) {
+    GridSolutions solutions = run_grid(options, problem, grid, parts_folder, output);
+    if (!options.adaptive_grid_error) return solutions;
+    const std::vector<std::size_t> dofs = judged_dofs(project, solutions.snapshots.dofs);
+    const double error = interpolation_error(solutions.snapshots, dofs, off_grid);
+    fmt::print(stderr, "parameter grid of {} points: off the grid at most {:.3f} µm on the observed dofs\n",
+               solutions.snapshots.grid_size(), 1e6 * error);
+    if (error <= *options.adaptive_grid_error) return solutions;
+    ParameterGrid next = finer(grid, solutions.snapshots, dofs);
+    if (const std::size_t runs = next.runs(); runs > static_cast<std::size_t>(options.adaptive_runs)) {
+      fmt::print(stderr,
+                 "knothe: warning: grid_error {:g} m is not met ({:g} m), and a finer grid would have {} "
+                 "points, more than [offline.adaptive] runs = {}\n",
+                 *options.adaptive_grid_error, error, runs, options.adaptive_runs);
+      return solutions;
+    }
+    grid = std::move(next);
+  }
+}
+
+std::vector<reduction::OffGridSolution> solve_off_grid(const mechanics::BeamProblem& problem,
+                                                       const std::vector<reduction::Axis>& axes) {
+  constexpr int k_points = 4;
+  constexpr std::uint64_t k_seed = 271;  // not that of `model verify`, whose points must be new
+  mechanics::FullOrderModel model = mechanics::make_full_order_model(problem);
+  std::vector<reduction::OffGridSolution> solutions;
+  Progress progress("off-grid runs", k_points);
+  for (const std::vector<double>& point : points_in_box(axes, k_points, k_seed)) {
+    solutions.push_back(solution_at(model, problem, axes, point));
+    progress.advance_to(solutions.size());
+  }
+  return solutions;
+}
+
+}  // namespace knothe::offline

@@ -1,0 +1,77 @@
+#include "knothe/offline/model_building.hpp"
+
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+
+#include "knothe/base/error.hpp"
+#include "knothe/mechanics/distributed/ranks.hpp"
+#include "knothe/offline/grid_solving.hpp"
+#include "knothe/offline/model_study.hpp"
+#include "knothe/offline/problem.hpp"
+#include "knothe/reduction/observe/crack_modes.hpp"
+
+namespace knothe::offline {
+namespace {
+
+reduction::ModelContents compressed(const project::Project& project, const mechanics::BeamProblem& problem,
+                                    const reduction::GridSolutions& solutions) {
+  const project::OfflineOptions& options = *project.offline;
+  reduction::CompressionOptions compression;
+  compression.form = options.form;
+  compression.modes = options.adaptive_error || options.adaptive_shift
+                          ? choose_modes(project, solutions, compression.form)
+                          : static_cast<std::size_t>(options.modes);
+  compression.quiet = false;
+  reduction::ModelContents model = reduction::compress(solutions, compression);
+  if (options.crack_lengths > 0 && problem.gmsh_file.empty()) {
+    const mechanics::CrackTable table =
+        mechanics::crack_table(problem, {.count = options.crack_lengths}, solutions.dofs());
+    model.crack = reduction::crack_modes(table.lengths, table.values);
+  }
+  model.project = project.text;
+  return model;
+}
+
+void build(const BuildOptions& build, const files::CommandOutput& output) {
+  project::Project project = project::read_project(build.project);
+  const mechanics::BeamProblem problem = beam_problem(project);
+  project::OfflineOptions& options = *project.offline;
+  options.method = from_text<project::OfflineMethod>(build.method).value_or(options.method);
+  const std::vector<reduction::Axis> axes = parameter_axes(project);
+  const bool is_latin = options.method == project::OfflineMethod::latin;
+  const bool is_adaptive = options.adaptive_grid_error.has_value();
+  if (is_adaptive && is_latin)
+    throw ProjectError("\"grid_error\" adds full-order runs: it goes with method = \"snapshots\"");
+  check_adaptive(project, axes);
+  const bool is_first = mechanics::Ranks::of_this_job().rank == 0;
+  if (is_latin && !is_first) return;  // LATIN has all points at once: the first rank's threads do it
+  // The off-grid runs judge an adaptive grid; without one they come last, when the grid's runs are safe.
+  std::vector<reduction::OffGridSolution> off_grid;
+  if (is_adaptive) off_grid = solve_off_grid(problem, axes);
+  const reduction::GridSolutions solutions =
+      solve_project_grid(project, problem, build.model + ".parts", off_grid, output);
+  // In an MPI job all ranks have computed runs and now hold the same snapshots; the first one goes on.
+  if (!is_first) return;
+  const reduction::ModelContents model = compressed(project, problem, solutions);
+  if (off_grid.empty()) off_grid = solve_off_grid(problem, axes);
+  reduction::write_model(model, reduction::truncation_error(model, solutions, off_grid), build.model);
+  study_models(project, solutions, off_grid, output);
+  output.line(
+      {{"done", true},
+       {"model", build.model},
+       {"relative_error", model.relative_error},
+       {"max_error_m", model.max_error_m}},
+      fmt::format("{}: {} form, {} modes, error on the grid {:.2g} (relative), at most {:.3g} µm on any dof",
+                  build.model, to_text(options.form), model.parameter_modes, model.relative_error,
+                  model.max_error_m * 1e6));
+}
+
+}  // namespace
+
+void build_model(const BuildOptions& options, const files::CommandOutput& output) {
+  build(options, output);
+  mechanics::Ranks::finish();
+}
+
+}  // namespace knothe::offline

@@ -1,0 +1,64 @@
+#pragma once
+/// @file How far a reduced model's error moves the posterior of a project's synthetic data.
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "knothe/assimilation/data/synthetic_measurements.hpp"
+#include "knothe/assimilation/update/posterior_shift.hpp"
+#include "knothe/project/project_file.hpp"
+#include "knothe/reduction/observe/observed_model.hpp"
+
+namespace knothe::offline {
+
+/// What a project's [parameters] and [simulate] say of an assimilation, for a model with these axes and dofs.
+struct SyntheticProblem {
+  std::vector<std::string> names;  ///< of the axes, in their order
+  std::vector<assimilation::Prior> priors;
+  std::vector<std::size_t> dofs;  ///< observed
+  std::vector<double> points;     ///< [n_obs, 3], m
+  std::vector<std::int64_t> components;
+  double noise_std = 1e-6;  ///< m
+  std::uint64_t seed = 1;
+};
+/// Nothing where the project has no [simulate] that chooses dofs (it may draw pictures), or no prior for one
+/// of the axes.
+[[nodiscard]] std::optional<SyntheticProblem> synthetic_problem(const project::Project& project,
+                                                                const std::vector<reduction::Axis>& axes,
+                                                                const reduction::Dofs& dofs);
+/// The observed dofs of [simulate]; all where it chooses none.
+[[nodiscard]] std::vector<std::size_t> judged_dofs(const project::Project& project,
+                                                   const reduction::Dofs& dofs);
+
+/// Noisy data, and the model that is right about them.
+struct PosteriorJudge {
+  std::shared_ptr<const reduction::ObservedModel> model;
+  std::vector<assimilation::Prior> priors;
+  assimilation::Measurements data;
+
+  /// `exact`: displacements n_obs × n_t to which the project's noise is added; `dofs`: all of the model.
+  PosteriorJudge(std::shared_ptr<const reduction::ObservedModel> judge, const SyntheticProblem& problem,
+                 const reduction::Dofs& dofs, const Eigen::MatrixXd& exact);
+  /// How far the posterior of the data lies from the judge's where `observed` is assimilated instead, with
+  /// the measurements' noise or another.
+  [[nodiscard]] assimilation::ShiftSummary shift(std::shared_ptr<const reduction::ObservedModel> observed,
+                                                 const assimilation::NoiseModel& noise) const;
+};
+
+/// Largest |y(p) − u| of the observed model over all steps, m; `u(step, i)` at its i-th observation.
+template <typename Solution>
+[[nodiscard]] double largest_error(const reduction::ObservedModel& model, const std::vector<double>& p,
+                                   Solution&& u) {
+  const Eigen::VectorXd point =
+      Eigen::Map<const Eigen::VectorXd>(p.data(), static_cast<Eigen::Index>(p.size()));
+  double largest = 0;
+  for (std::size_t step = 0; step < model.time.size(); ++step) {
+    const Eigen::VectorXd y = model.predict(point, step);
+    for (Eigen::Index i = 0; i < y.size(); ++i)
+      largest = std::max(largest, std::abs(y[i] - u(step, static_cast<std::size_t>(i))));
+  }
+  return largest;
+}
+
+}  // namespace knothe::offline

@@ -1,0 +1,28 @@
+#pragma once
+/// @file From a project file to the full-order problem.
+#include <cstdint>
+#include <vector>
+
+#include "knothe/mechanics/full_order/offline.hpp"
+#include "knothe/project/project_file.hpp"
+#include "knothe/reduction/compress/compression.hpp"
+
+namespace knothe::offline {
+
+/// Throws ProjectError if the project has no table [offline].
+[[nodiscard]] mechanics::BeamProblem beam_problem(const project::Project& project);
+
+/// The parameter axes of the grid, in the order of [offline.parameters].
+[[nodiscard]] std::vector<reduction::Axis> parameter_axes(const project::Project& project);
+
+/// Points of the box of `axes`, a scrambled Sobol sequence.
+[[nodiscard]] std::vector<std::vector<double>> points_in_box(const std::vector<reduction::Axis>& axes,
+                                                             int count, std::uint64_t seed);
+
+/// The full-order solution at a point, as run_at.
+[[nodiscard]] reduction::OffGridSolution solution_at(mechanics::FullOrderModel& model,
+                                                     const mechanics::BeamProblem& problem,
+                                                     const std::vector<reduction::Axis>& axes,
+                                                     const std::vector<double>& point);
+
+}  // namespace knothe::offline

@@ -1,0 +1,44 @@
+#pragma once
+/// @file `knothe dic`: pictures are correlated one by one, and what was asked for is written.
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "knothe/files/command_output.hpp"
+#include "knothe/files/vtu.hpp"
+#include "knothe/imaging/mesh/outline_registration.hpp"
+#include "knothe/imaging/mesh/registration.hpp"
+#include "knothe/imaging/series/picture_series.hpp"
+
+namespace knothe::report {
+
+/// What is measured.
+struct PictureTask {
+  imaging::SeriesOptions series;
+  std::optional<imaging::PictureFrame> frame;
+  std::optional<imaging::OutlineFit> registration;  ///< where the outline of the body tells the frame
+  std::string project_text;
+};
+
+/// The task of a project file, with the model's mesh where it needs one.
+[[nodiscard]] PictureTask picture_task(const std::string& project_file);
+
+/// Files to write; empty: none.
+struct PictureFiles {
+  std::string at;       ///< CSV x,y: points to give displacements at; needs `output`
+  std::string output;   ///< .h5, .vtu, .pvd; with `at` .csv or a folder
+  std::string maps;     ///< folder for PNG maps
+  std::string table;    ///< for the settings that a report should hold
+  bool resume = false;  ///< go on with what `output` (.h5) holds
+};
+
+/// Measures all pictures and prints a line for each. Every 30 s the HDF5 file is written. Returns the exit
+/// status: 0 if any picture was measured, else why not: unreadable or unsuitable (4), or not converged (6).
+/// Errors: UsageError for files that do not go together, Interrupted with what is kept, IoError.
+[[nodiscard]] int measure_pictures(const PictureTask& task, const PictureFiles& files,
+                                   const files::CommandOutput& output);
+
+/// What is to be expected of a test with this surface and camera: looks at the references alone.
+void assess_pattern(const PictureTask& task, const PictureFiles& files, const files::CommandOutput& output);
+
+}  // namespace knothe::report
