@@ -63,9 +63,7 @@ void write_field(const mechanics::HexahedronMesh& mesh, std::span<const double> 
   files::write_vtu(grid, path);
 }
 
-}  // namespace
-
-int full_order(const FullOrderArguments& arguments) {
+void run(const FullOrderArguments& arguments) {
   const bool first = mechanics::Ranks::start().rank == 0;
   const files::CommandOutput output(arguments.json);
   mechanics::BeamProblem problem = offline::beam_problem(project::read_project(arguments.project));
@@ -94,7 +92,13 @@ int full_order(const FullOrderArguments& arguments) {
     damage = std::move(result.cell_damage);
   }
   if (first && !arguments.output.empty()) write_field(mesh, field, damage, arguments.output);
-  mechanics::Ranks::finish();
+}
+
+}  // namespace
+
+int full_order(const FullOrderArguments& arguments) {
+  run(arguments);
+  mechanics::Ranks::finish();  // nothing that lives on the ranks is left
   return 0;
 }
 

@@ -19,10 +19,10 @@ int forecast(const ForecastArguments& arguments) {
   project.require(!project.forecasts.empty(), "at least one table [forecast.NAME]");
   const project::UpdateSetup setup = project::set_up(project, true);
   const std::string path = (std::filesystem::path(project.results) / "posterior.nc").string();
-  const report::StoredPosterior stored = report::read_last_posterior(path, setup.model.parameter_names());
+  const assimilation::UpdateResult stored = report::read_last_posterior(path, setup.model.parameter_names());
   forecast::Forecaster forecaster = project::make_forecaster(project, setup);
-  const auto forecasts = forecaster.update(stored.posterior.points, stored.posterior.weights);
-  const auto direct = forecaster.direct(stored.posterior.points, stored.posterior.weights);
+  const auto forecasts = forecaster.update(stored.points, stored.weights);
+  const auto direct = forecaster.direct(stored.points, stored.weights);
   if (arguments.json) {
     nlohmann::ordered_json line = {{"step", stored.step}, {"time", stored.time}};
     line["forecast"] = report::forecast_record(forecasts, true);

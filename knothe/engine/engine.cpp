@@ -95,7 +95,7 @@ StepResult Engine::conclude(std::size_t step) {
     if (const auto* learnt = update->bias())
       if (auto bias = learnt->latest()) result.bias_sensors = std::move(*bias);
   }
-  setup_.scores.keep(step, result.update.time, result.posterior.points, result.posterior.weights);
+  setup_.scores.keep(step, result.update.time, result.update.points, result.update.weights);
   return result;
 }
 
@@ -108,10 +108,9 @@ StepResult Engine::preview(std::size_t step) {
 StepResult Engine::result_of(const assimilation::UpdateResult& update) {
   StepResult result;
   result.update = update;
-  result.posterior = method_->posterior();
   if (!setup_.forecaster) return result;
   const auto start = monotonic_now();
-  result.forecasts = setup_.forecaster->update(result.posterior.points, result.posterior.weights);
+  result.forecasts = setup_.forecaster->update(result.update.points, result.update.weights);
   result.forecast_us = microseconds_since(start);
   return result;
 }
@@ -119,7 +118,7 @@ StepResult Engine::result_of(const assimilation::UpdateResult& update) {
 std::vector<forecast::NamedForecast> Engine::direct_forecasts(const StepResult& result,
                                                               Eigen::Index max_points) {
   if (!setup_.forecaster) return {};
-  return setup_.forecaster->direct(result.posterior.points, result.posterior.weights, max_points);
+  return setup_.forecaster->direct(result.update.points, result.update.weights, max_points);
 }
 
 void Engine::watch_sensors(std::size_t step, StepResult& result) {
@@ -141,6 +140,12 @@ void Engine::compare_models(std::size_t step, StepResult& result) {
   result.models = assimilation::compare_models(names, evidences);
 }
 
+std::vector<std::size_t> Engine::steps() const {
+  std::vector<std::size_t> steps;
+  for (const auto& [step, data] : steps_) steps.push_back(step);
+  return steps;
+}
+
 std::optional<std::size_t> Engine::last_step() const {
   if (steps_.empty()) return std::nullopt;
   return steps_.rbegin()->first;
@@ -156,7 +161,7 @@ Eigen::VectorXd Engine::last_values(std::size_t step) const {
   return it == steps_.end() ? Eigen::VectorXd() : it->second.last_values();
 }
 
-std::optional<assimilation::StepForm> Engine::form_up_to(std::size_t step) const {
+std::optional<assimilation::StepForm> Engine::form_up_to(std::size_t step) {
   return method_->form_up_to(step);
 }
 

@@ -64,13 +64,14 @@ class Engine {
   [[nodiscard]] std::vector<forecast::NamedForecast> direct_forecasts(const StepResult& result,
                                                                       Eigen::Index max_points);
 
+  [[nodiscard]] std::vector<std::size_t> steps() const;  ///< with data, increasing
   [[nodiscard]] std::optional<std::size_t> last_step() const;
   [[nodiscard]] std::size_t data_count(std::size_t step) const;
   /// The values of the last datum of a step (by key): NaN where missing. Empty without data.
   [[nodiscard]] Eigen::VectorXd last_values(std::size_t step) const;
   /// The quadratic form of all data of steps ≤ `step`, of functions centred at `centre`; none for methods
   /// without.
-  [[nodiscard]] std::optional<assimilation::StepForm> form_up_to(std::size_t step) const;
+  [[nodiscard]] std::optional<assimilation::StepForm> form_up_to(std::size_t step);
 
   [[nodiscard]] const reduction::ObservedModel& model() const { return *setup_.model; }
   [[nodiscard]] const std::vector<assimilation::Prior>& priors() const {

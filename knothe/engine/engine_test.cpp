@@ -98,8 +98,8 @@ void expect_same(const StepResult& a, const StepResult& b) {
   EXPECT_EQ(a.update.bias_corrected, b.update.bias_corrected);
   EXPECT_EQ(a.update.notice, b.update.notice);
   EXPECT_EQ(a.update.used, b.update.used);
-  EXPECT_EQ(a.posterior.points, b.posterior.points);
-  EXPECT_EQ(a.posterior.weights, b.posterior.weights);
+  EXPECT_EQ(a.update.points, b.update.points);
+  EXPECT_EQ(a.update.weights, b.update.weights);
   EXPECT_EQ(a.stuck, b.stuck);
   EXPECT_EQ(a.absent, b.absent);
 }
@@ -186,7 +186,7 @@ TEST(Engine, OneDatumPerStepIsTheSequentialUpdate) {
     EXPECT_EQ(result.update.mean, expected.mean);
     EXPECT_EQ(result.update.log_evidence, expected.log_evidence);
     EXPECT_EQ(result.update.log_evidence_increment, expected.log_evidence_increment);
-    EXPECT_EQ(result.posterior.points, update.posterior().points);
+    EXPECT_EQ(result.update.points, update.posterior().points);
     EXPECT_EQ(result.update.monitor.cumulative_sum, expected.monitor.cumulative_sum);
   }
 }

@@ -23,11 +23,10 @@ class Method {
   virtual const assimilation::UpdateResult& conclude(std::size_t step) = 0;
   /// The same, at once where that can be, without the monitor.
   virtual const assimilation::UpdateResult& preview(std::size_t step) = 0;
-  [[nodiscard]] virtual const assimilation::WeightedPosterior& posterior() const = 0;
   /// Of gating or a Student-t likelihood, else null.
   [[nodiscard]] virtual const assimilation::SensorReport* sensors() const { return nullptr; }
   /// The quadratic form of all data of steps ≤ `step`; none for a method without forms.
-  [[nodiscard]] virtual std::optional<assimilation::StepForm> form_up_to(std::size_t step) const = 0;
+  [[nodiscard]] virtual std::optional<assimilation::StepForm> form_up_to(std::size_t step) = 0;
   /// The update behind it, where there is one: bias and discrepancy.
   [[nodiscard]] virtual const assimilation::SequentialUpdate* update() const { return nullptr; }
 };

@@ -60,10 +60,6 @@ const assimilation::UpdateResult& OrderedMethod::conclude(std::size_t step) {
   return result_;
 }
 
-const assimilation::WeightedPosterior& OrderedMethod::posterior() const {
-  return baseline_ ? baseline_->posterior() : robust_->posterior();
-}
-
 const assimilation::SensorReport* OrderedMethod::sensors() const {
   return robust_ ? &robust_->sensors() : nullptr;
 }

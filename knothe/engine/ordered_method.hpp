@@ -15,9 +15,8 @@ class OrderedMethod : public Method {
   void withdraw(std::size_t step, const assimilation::DatumKey& key) override;
   const assimilation::UpdateResult& conclude(std::size_t step) override;
   const assimilation::UpdateResult& preview(std::size_t step) override { return conclude(step); }
-  [[nodiscard]] const assimilation::WeightedPosterior& posterior() const override;
   [[nodiscard]] const assimilation::SensorReport* sensors() const override;
-  [[nodiscard]] std::optional<assimilation::StepForm> form_up_to(std::size_t) const override { return {}; }
+  [[nodiscard]] std::optional<assimilation::StepForm> form_up_to(std::size_t) override { return {}; }
 
  private:
   struct Kept {

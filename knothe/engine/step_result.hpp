@@ -14,8 +14,7 @@ namespace knothe::engine {
 
 /// The posterior of all data up to a step, and what follows from it.
 struct StepResult {
-  assimilation::UpdateResult update;          ///< moments, evidence, diagnostics, monitor
-  assimilation::WeightedPosterior posterior;  ///< weighted points of p
+  assimilation::UpdateResult update;  ///< the posterior; monitor
   std::vector<forecast::NamedForecast> forecasts;
   double forecast_us = 0;
   /// False for a preview: the steps before have not been monitored yet, and what depends on their order

@@ -234,7 +234,8 @@ ScalarForecast forecast_of_density(std::span<const double> base, std::span<const
     const std::size_t j = static_cast<std::size_t>(after - below.begin()) - 1;
     return pieces[j].left + pieces[j].width * pieces[j].inverse(wanted - below[j]);
   };
-  for (std::size_t k = 0; k < k_levels.size(); ++k) result.values[k] = quantile(k_levels[k]);
+  for (std::size_t k = 0; k < k_quantile_levels.size(); ++k)
+    result.values[k] = quantile(k_quantile_levels[k]);
 
   if (threshold < base.front()) {
     result.probability_above_threshold = 1.0;

@@ -53,8 +53,8 @@ TEST(QuantityOfInterest, LinearInGaussianParameters) {
   EXPECT_NEAR(f.mean, mean, 1e-9);
   EXPECT_NEAR(f.std, std, 1e-2 * std);  // 80 points a direction cut the tails
   EXPECT_NEAR(f.probability_above_threshold, 0.5, 0.01);
-  for (std::size_t k = 0; k < k_levels.size(); ++k)
-    EXPECT_NEAR(f.values[k], mean + std * numerics::normal_quantile(k_levels[k]), 0.03 * std);
+  for (std::size_t k = 0; k < k_quantile_levels.size(); ++k)
+    EXPECT_NEAR(f.values[k], mean + std * numerics::normal_quantile(k_quantile_levels[k]), 0.03 * std);
 }
 
 TEST(QuantityOfInterest, ProductOfIndependentParameters) {

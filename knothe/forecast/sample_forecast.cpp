@@ -67,7 +67,7 @@ ScalarForecast forecast_of_samples(const Eigen::Ref<const Eigen::VectorXd>& valu
   ScalarForecast result;
   result.mean = weights.dot(values) / total;
   result.std = std::sqrt((weights.array() * (values.array() - result.mean).square()).sum() / total);
-  numerics::WeightedQuantiles().compute(x, w, k_levels, result.values);
+  numerics::WeightedQuantiles().compute(x, w, k_quantile_levels, result.values);
   const double above = (values.array() > threshold).select(weights.array(), 0.0).sum() / total;
   result.probability_above_threshold = std::clamp(above, 0.0, 1.0);
 

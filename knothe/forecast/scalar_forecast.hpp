@@ -6,21 +6,22 @@
 #include <span>
 #include <vector>
 
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
+
 namespace knothe::forecast {
 
-/// Levels at which every forecast's quantiles are given.
-inline constexpr std::array<double, 5> k_levels = {0.025, 0.25, 0.5, 0.75, 0.975};
+using numerics::k_quantile_levels;
 
 /// The distribution of a quantity of interest q (Rubio et al. 2019, Eq. 14 and 33), in the unit of q.
 /// Every number is finite.
 struct ScalarForecast {
   double mean = 0.0;
   double std = 0.0;
-  double maximum_a_posteriori = 0.0;         ///< where the density is largest
-  double probability_above_threshold = 0.0;  ///< P(q > threshold)
-  std::array<double, 5> values{};            ///< quantiles at `k_levels`
-  std::vector<double> points;                ///< strictly increasing; dense where the density is large
-  std::vector<double> density;               ///< at `points`, per unit of q
+  double maximum_a_posteriori = 0.0;                      ///< where the density is largest
+  double probability_above_threshold = 0.0;               ///< P(q > threshold)
+  std::array<double, k_quantile_levels.size()> values{};  ///< quantiles at `k_quantile_levels`
+  std::vector<double> points;   ///< strictly increasing; dense where the density is large
+  std::vector<double> density;  ///< at `points`, per unit of q
 };
 
 /// Values of a log-density (natural logarithm, any additive constant) at increasing points.

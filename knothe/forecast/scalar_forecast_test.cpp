@@ -47,8 +47,8 @@ void expect_normal(double mean, double std) {
   EXPECT_NEAR(f.std, std, 2e-5 * std);
   EXPECT_NEAR(f.maximum_a_posteriori, mean, 1e-3 * std);
   EXPECT_NEAR(f.probability_above_threshold, numerics::normal_cdf(-1.5), 1e-6);
-  for (std::size_t k = 0; k < k_levels.size(); ++k)
-    EXPECT_NEAR(f.values[k], mean + std * numerics::normal_quantile(k_levels[k]), 1e-4 * std);
+  for (std::size_t k = 0; k < k_quantile_levels.size(); ++k)
+    EXPECT_NEAR(f.values[k], mean + std * numerics::normal_quantile(k_quantile_levels[k]), 1e-4 * std);
   EXPECT_NEAR(trapezoid(f), 1.0, 2e-2);
   double top = 0.0;
   for (double d : f.density) top = std::max(top, d);
@@ -133,8 +133,8 @@ TEST(ForecastOfSamples, NormalSamples) {
   EXPECT_NEAR(f.std, 0.2, 2e-4);
   EXPECT_NEAR(f.maximum_a_posteriori, 3.0, 0.01);
   EXPECT_NEAR(f.probability_above_threshold, numerics::normal_cdf(-1.5), 3e-4);
-  for (std::size_t k = 0; k < k_levels.size(); ++k)
-    EXPECT_NEAR(f.values[k], 3.0 + 0.2 * numerics::normal_quantile(k_levels[k]), 2e-3);
+  for (std::size_t k = 0; k < k_quantile_levels.size(); ++k)
+    EXPECT_NEAR(f.values[k], 3.0 + 0.2 * numerics::normal_quantile(k_quantile_levels[k]), 2e-3);
   EXPECT_NEAR(trapezoid(f), 1.0, 2e-3);
 }
 
@@ -147,7 +147,8 @@ TEST(ForecastOfSamples, WeightsAreImportance) {
   EXPECT_NEAR(f.mean, 2.0 / 3, 1e-6);
   EXPECT_NEAR(f.std, std::sqrt(1.0 / 18), 1e-6);
   EXPECT_NEAR(f.probability_above_threshold, 0.75, 1e-4);
-  for (std::size_t k = 0; k < k_levels.size(); ++k) EXPECT_NEAR(f.values[k], std::sqrt(k_levels[k]), 1e-4);
+  for (std::size_t k = 0; k < k_quantile_levels.size(); ++k)
+    EXPECT_NEAR(f.values[k], std::sqrt(k_quantile_levels[k]), 1e-4);
 }
 
 TEST(ForecastOfSamples, EqualSamplesStayFinite) {

@@ -12,6 +12,7 @@
 #include "knothe/inference/sampled_inference.hpp"
 #include "knothe/inference/verdict.hpp"
 #include "knothe/numerics/integrate/sobol.hpp"
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
 
 namespace knothe::inference {
 namespace {
@@ -56,7 +57,7 @@ void by_transport(PosteriorDensity& posterior, ModelEvaluator& evaluator, const 
   }
   r.points = posterior.parameters(correction.points);
   r.weights = correction.weights;
-  r.ess = correction.ess;
+  r.effective_sample_size = correction.ess;
   r.log_evidence = correction.log_evidence;
   r.log_evidence_error = correction.log_evidence_error;
   r.map_order = details.map.order;
@@ -65,7 +66,7 @@ void by_transport(PosteriorDensity& posterior, ModelEvaluator& evaluator, const 
   r.trusted = correction.trusted;
   r.verdict = verdict(details.map, correction, posterior.transform());
   const Phase phase("draws", evaluator, r);
-  r.draws = resample(r.points, r.weights, options.samples, options.seed);
+  r.draws = numerics::resample(r.points, r.weights, options.samples, options.seed);
   details.pulled_back = details.map.verification.reference;
   const Eigen::VectorXd& log_weight = details.map.verification.log_weight;
   details.weights = (log_weight.array() - log_weight.maxCoeff()).exp();
@@ -83,13 +84,12 @@ void by_grid(PosteriorDensity& posterior, ModelEvaluator& evaluator, const Infer
       posterior, {.axes = assimilation::QuadratureOptions::Axes::modes, .max_nodes = 150'000});
   r.points = posterior.parameters(grid.points);
   r.weights = grid.weights;
-  r.summary = summarise(r.points, r.weights);
-  r.summary.quantiles = posterior.parameters(grid.quantiles.transpose()).transpose();
+  r.quantiles = posterior.transform().carry(grid.quantiles);
   r.log_evidence = grid.log_evidence;
   r.log_evidence_error = grid.evidence_change;
   r.trusted = r.tolerance_reached = grid.resolved();
   r.verdict = verdict(grid);
-  r.draws = resample(r.points, r.weights, options.samples, options.seed);
+  r.draws = numerics::resample(r.points, r.weights, options.samples, options.seed);
 }
 
 /// Skewness and kurtosis with the map as a control variate: E_π f = E_ρ f∘T + Σ (w_i − 1/n) f(T(x_i)). The
@@ -105,17 +105,17 @@ void sharpen_higher_moments(const PosteriorDensity& posterior, const InferenceOp
       numerics::sobol_normal_points(k_free_points, posterior.dimension(), options.seed + 0x6d6f6d)));
   const Eigen::ArrayXd change = r.weights.array() - 1.0 / static_cast<double>(n);
   for (Eigen::Index k = 0; k < free.cols(); ++k) {
-    const double unit = std::sqrt(std::max(r.summary.covariance(k, k), 1e-300));
-    const Eigen::ArrayXd x = (free.col(k).array() - r.summary.mean[k]) / unit,
-                         y = (r.points.col(k).array() - r.summary.mean[k]) / unit;
+    const double unit = std::sqrt(std::max(r.covariance(k, k), 1e-300));
+    const Eigen::ArrayXd x = (free.col(k).array() - r.mean[k]) / unit,
+                         y = (r.points.col(k).array() - r.mean[k]) / unit;
     double m[5];  // moments about the mean of the weights, made central below
     for (int power = 1; power <= 4; ++power) m[power] = x.pow(power).mean() + (change * y.pow(power)).sum();
     const double variance = m[2] - m[1] * m[1];
     if (!(variance > 0.5)) continue;
     const double third = m[3] - 3 * m[1] * m[2] + 2 * m[1] * m[1] * m[1];
     const double fourth = m[4] - 4 * m[1] * m[3] + 6 * m[1] * m[1] * m[2] - 3 * m[1] * m[1] * m[1] * m[1];
-    r.summary.skewness[k] = third / std::pow(variance, 1.5);
-    r.summary.kurtosis[k] = fourth / (variance * variance);
+    r.skewness[k] = third / std::pow(variance, 1.5);
+    r.kurtosis[k] = fourth / (variance * variance);
   }
 }
 
@@ -179,7 +179,12 @@ InferenceResult infer(PosteriorDensity& posterior, ModelEvaluator& evaluator,
       break;
     }
   }
-  if (r.method != Method::grid) r.summary = summarise(r.points, r.weights);
+  const numerics::Moments moments = numerics::moments_of(r.points, r.weights);
+  r.mean = moments.mean;
+  r.covariance = moments.covariance;
+  r.skewness = moments.skewness;
+  r.kurtosis = moments.kurtosis;
+  if (r.quantiles.size() == 0) r.quantiles = numerics::weighted_quantiles(r.points, r.weights);
   if (!r.map.empty()) sharpen_higher_moments(posterior, options, r);
   {
     const Phase phase("most probable point", evaluator, r);

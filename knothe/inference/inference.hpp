@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "knothe/assimilation/update/method.hpp"
+#include "knothe/assimilation/update/posterior.hpp"
 #include "knothe/inference/posterior_density.hpp"
-#include "knothe/inference/weighted_summary.hpp"
 #include "knothe/transport/solve/map_solver.hpp"
 
 namespace knothe::inference {
@@ -47,24 +47,18 @@ struct MapDetails {
   Eigen::MatrixXd draws_of_map;  ///< p = F⁻¹(Φ(T(x))), not corrected, n × d
 };
 
-struct InferenceResult {
+/// The posterior of p, and how it was found.
+struct InferenceResult : assimilation::Posterior {
   Method method = Method::transport;
-  WeightedSummary summary;               ///< of p, by weights
-  Eigen::VectorXd maximum_a_posteriori;  ///< d: maximum of the density in p
-  Eigen::MatrixXd points;                ///< p, n × d, with `weights`
-  Eigen::VectorXd weights;               ///< n, sum 1
-  Eigen::MatrixXd draws;                 ///< equally weighted, chain after chain
+  Eigen::VectorXd skewness;  ///< d: E (p − mean)³ / std³
+  Eigen::VectorXd kurtosis;  ///< d: E (p − mean)⁴ / std⁴; 3 for a Gaussian
+  Eigen::MatrixXd draws;     ///< equally weighted, chain after chain
   int chains = 1;
 
-  double log_evidence = 0, log_evidence_error = 0;
-  double ess = 1;  ///< effective sample size as a fraction of the points
-  bool trusted = false;
+  double log_evidence_error = 0;
   std::vector<std::string> warnings;  ///< sentences: what was wrong with the model and how it was got round
   std::string verdict;                ///< trusted or not, and why: one sentence
 
-  int map_order = 0;                 ///< 0 without a map
-  double variance_diagnostic = 0;    ///< verified; 0 without a map
-  bool tolerance_reached = false;    ///< without a map: converged
   std::vector<MapDetails> map;       ///< one for transport
   Eigen::VectorXd r_hat;             ///< d, of mcmc
   Eigen::VectorXd effective_sizes;   ///< d, of mcmc

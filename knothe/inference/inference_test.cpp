@@ -12,6 +12,7 @@
 #include "knothe/inference/testing/test_models.hpp"
 #include "knothe/inference/umbridge_protocol.hpp"
 #include "knothe/numerics/integrate/sobol.hpp"
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
 #include "knothe/sampling/testing/test_targets.hpp"
 
 namespace knothe::inference {
@@ -34,7 +35,7 @@ TEST(GridQuadrature, NarrowRotatedGaussianInThreeDimensions) {
   const QuadraturePosterior grid = along_modes(gaussian);
   EXPECT_TRUE(grid.resolved());
   EXPECT_NEAR(grid.log_evidence, 1.25, 1e-6);
-  const WeightedSummary summary = summarise(grid.points, grid.weights);
+  const numerics::Moments summary = numerics::moments_of(grid.points, grid.weights);
   EXPECT_LT((summary.mean - gaussian.mean).norm(), 1e-7);
   EXPECT_LT((summary.covariance - precision.inverse()).norm(), 1e-7);
   EXPECT_LT(grid.evaluations, 60'000);
@@ -47,11 +48,11 @@ TEST(GridQuadrature, NarrowRotatedGaussianInThreeDimensions) {
 TEST(GridQuadrature, QuantilesOfIndependentParametersAreNotNodesOfTheLattice) {
   targets::Gaussian gaussian(Eigen::Vector3d(1, -2, 0), Eigen::Vector3d(4, 1, 100).asDiagonal());
   const QuadraturePosterior grid = along_modes(gaussian);
-  const WeightedSummary summary = summarise(grid.points, grid.weights);
+  const Eigen::MatrixXd quantiles = numerics::weighted_quantiles(grid.points, grid.weights);
   const std::array<double, 5> exact = {-1.959963985, -0.6744897502, 0, 0.6744897502, 1.959963985};
   for (Eigen::Index k = 0; k < 3; ++k)
     for (std::size_t l = 0; l < exact.size(); ++l)
-      EXPECT_NEAR((summary.quantiles(k, static_cast<Eigen::Index>(l)) - gaussian.mean[k]) *
+      EXPECT_NEAR((quantiles(k, static_cast<Eigen::Index>(l)) - gaussian.mean[k]) *
                       std::sqrt(gaussian.precision(k, k)),
                   exact[l], 0.02)
           << "parameter " << k << ", level " << l;
@@ -67,14 +68,14 @@ TEST(GridQuadrature, BananaAndTwoModes) {
   const QuadraturePosterior grid = along_modes(banana);
   EXPECT_TRUE(grid.resolved());
   EXPECT_NEAR(grid.log_evidence, 0, 1e-3);
-  const WeightedSummary summary = summarise(grid.points, grid.weights);
+  const numerics::Moments summary = numerics::moments_of(grid.points, grid.weights);
   EXPECT_NEAR(summary.mean[1], 1, 2e-3);                  // E x²
   EXPECT_NEAR(summary.covariance(1, 1), 2 + 0.25, 1e-2);  // Var x² + s²
   targets::Planar mixture(targets::mixture(4, 0.3));
   const QuadraturePosterior two = along_modes(mixture);
   EXPECT_TRUE(two.resolved());
   EXPECT_NEAR(two.log_evidence, 0, 1e-3);
-  EXPECT_NEAR(summarise(two.points, two.weights).mean[0], -0.3 * 4 + 0.7 * 4, 1e-2);
+  EXPECT_NEAR(numerics::moments_of(two.points, two.weights).mean[0], -0.3 * 4 + 0.7 * 4, 1e-2);
 }
 
 TEST(GridQuadrature, RefusesFourDimensions) {
@@ -88,7 +89,7 @@ TEST(BridgeSampling, FindsTheEvidenceOfABanana) {
   Eigen::MatrixXd draws = numerics::sobol_normal_points(4096, 2, 5);
   draws.col(1) += 0.5 * draws.col(0).cwiseAbs2();
   // In no order: every other point of a Sobol sequence lies in one half of the plane.
-  draws = resample(draws, Eigen::VectorXd::Constant(4096, 1.0 / 4096), 4096, 11);
+  draws = numerics::resample(draws, Eigen::VectorXd::Constant(4096, 1.0 / 4096), 4096, 11);
   const BridgeEstimate estimate = bridge_sampling(banana, draws, 4096, 1024, 7);
   EXPECT_NEAR(estimate.log_evidence, 0, 0.05);
   EXPECT_GT(estimate.error, 0);
@@ -105,13 +106,13 @@ TEST(Summary, MomentsOfAnExponentialVariable) {
     weights[i] = std::exp(-points(i, 0));
   }
   weights /= weights.sum();
-  const WeightedSummary s = summarise(points, weights);
+  const numerics::Moments s = numerics::moments_of(points, weights);
   EXPECT_NEAR(s.mean[0], 1, 1e-5);
   EXPECT_NEAR(s.covariance(0, 0), 1, 1e-5);
   EXPECT_NEAR(s.skewness[0], 2, 1e-4);
   EXPECT_NEAR(s.kurtosis[0], 9, 1e-3);
-  EXPECT_NEAR(s.quantiles(0, 2), std::log(2), 1e-3);
-  const Eigen::MatrixXd draws = resample(points, weights, 5000, 3);
+  EXPECT_NEAR(numerics::weighted_quantiles(points, weights)(0, 2), std::log(2), 1e-3);
+  const Eigen::MatrixXd draws = numerics::resample(points, weights, 5000, 3);
   EXPECT_NEAR(draws.mean(), 1, 0.01);
   EXPECT_NEAR(draws.topRows(1000).mean(), 1, 0.15);  // any part is a sample
 }
@@ -148,7 +149,7 @@ TEST(Address, IsReadAndChecked) {
 TEST(Inference, AllMethodsAgree) {
   const std::vector<Prior> priors = {Prior::lognormal(0.1, 0.4), Prior::uniform(-1.0, 2.0)};
   const Observations observations{Eigen::Vector3d(1.4, 0.9, 0.2),
-                                  GaussianNoise::independent(Eigen::Vector3d(0.3, 0.3, 0.2))};
+                                  assimilation::NoiseModel::independent(Eigen::Vector3d(0.3, 0.3, 0.2))};
   InferenceOptions options;
   options.samples = 4000;
   const auto run = [&](Method method) {

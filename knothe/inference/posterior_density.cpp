@@ -48,15 +48,15 @@ void PosteriorDensity::model_part(int derivatives, Eigen::Index begin, sampling:
   const Eigen::Index c = points_.cols(), d = points_.rows();
   evaluator_->evaluate(points_, values_);
   if (!observations_) return density_part(derivatives, begin, out);
-  const GaussianNoise& noise = observations_->noise;
+  const assimilation::NoiseModel& noise = observations_->noise;
   const Eigen::Index m = values_.rows();
   sensitivities_ = (-values_).colwise() + observations_->values;
-  noise.whiten(sensitivities_);
-  out.value.segment(begin, c) = -0.5 * sensitivities_.colwise().squaredNorm().transpose();
+  weighted_ = noise.apply(sensitivities_);
+  out.value.segment(begin, c) = -0.5 * sensitivities_.cwiseProduct(weighted_).colwise().sum().transpose();
   out.value.segment(begin, c).array() -=
       0.5 * noise.log_determinant() + 0.5 * static_cast<double>(m) * k_log_2_pi;
   if (derivatives < 1) return;
-  noise.whiten_transposed(sensitivities_);
+  sensitivities_ = weighted_;
   const bool own_gradient = evaluator_->has_gradient();
   if (own_gradient) {
     evaluator_->gradient(points_, sensitivities_, gradients_);
@@ -69,14 +69,14 @@ void PosteriorDensity::model_part(int derivatives, Eigen::Index begin, sampling:
   else
     hessians_.setZero(d * d, c);
   for (Eigen::Index i = 0; i < c; ++i) {
-    whitened_ = jacobians_.col(i).reshaped(m, d);
-    if (!own_gradient) out.gradient.row(begin + i) = sensitivities_.col(i).transpose() * whitened_;
+    jacobian_ = jacobians_.col(i).reshaped(m, d);
+    if (!own_gradient) out.gradient.row(begin + i) = sensitivities_.col(i).transpose() * jacobian_;
     if (derivatives < 2) continue;
-    noise.whiten(whitened_);
+    weighted_ = noise.apply(jacobian_);
     for (Eigen::Index a = 0; a < d; ++a)
       for (Eigen::Index b = 0; b <= a; ++b)
         out.hessian(begin + i, packed_index(a, b)) =
-            hessians_(a * d + b, i) - whitened_.col(a).dot(whitened_.col(b));
+            hessians_(a * d + b, i) - jacobian_.col(a).dot(weighted_.col(b));
   }
 }
 

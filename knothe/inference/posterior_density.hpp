@@ -3,8 +3,8 @@
 #include <optional>
 #include <vector>
 
+#include "knothe/assimilation/noise/noise_model.hpp"
 #include "knothe/assimilation/update/prior_transform.hpp"
-#include "knothe/inference/gaussian_noise.hpp"
 #include "knothe/inference/model_evaluator.hpp"
 #include "knothe/sampling/log_density.hpp"
 
@@ -12,8 +12,8 @@ namespace knothe::inference {
 
 /// Observations y = f(p) + noise.
 struct Observations {
-  Eigen::VectorXd values;  ///< m
-  GaussianNoise noise;
+  Eigen::VectorXd values;          ///< m
+  assimilation::NoiseModel noise;  ///< of a single step
 };
 
 /// log π̄(z), p = F⁻¹(Φ(z)) per parameter.
@@ -58,7 +58,7 @@ class PosteriorDensity final : public sampling::LogDensity {
   int highest_derivative_;
   Eigen::MatrixXd p_, first_, second_;               ///< n × d
   Eigen::MatrixXd points_, values_, sensitivities_;  ///< d × c, m × c, m × c
-  Eigen::MatrixXd gradients_, jacobians_, hessians_, whitened_;
+  Eigen::MatrixXd gradients_, jacobians_, hessians_, jacobian_, weighted_;
 };
 
 }  // namespace knothe::inference

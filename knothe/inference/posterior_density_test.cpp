@@ -20,7 +20,7 @@ const std::vector<Prior> k_priors = {Prior::lognormal(0.1, 0.4), Prior::uniform(
 Observations three_values() {
   Eigen::Matrix3d covariance;
   covariance << 0.04, 0.01, 0, 0.01, 0.09, -0.02, 0, -0.02, 0.16;
-  return {Eigen::Vector3d(1.2, 0.7, 0.4), GaussianNoise::correlated(covariance)};
+  return {Eigen::Vector3d(1.2, 0.7, 0.4), assimilation::NoiseModel::of_covariance(covariance)};
 }
 
 /// log N(y; f, R) written out, without any of the code under test.
@@ -158,20 +158,6 @@ TEST(ModelEvaluator, DifferencesStayInsideTheSupport) {
     EXPECT_NEAR(jacobian(0, i), 3 * points[i] * points[i], 1e-5);
     EXPECT_NEAR(hessian(0, i), 6 * points[i], 1e-2);
   }
-}
-
-TEST(GaussianNoise, IsCheckedAndWhitens) {
-  EXPECT_THROW((void)GaussianNoise::independent(Eigen::Vector2d(1, 0)), UsageError);
-  EXPECT_THROW((void)GaussianNoise::correlated(Eigen::MatrixXd::Ones(2, 2)), UsageError);
-  EXPECT_THROW((void)GaussianNoise::correlated((Eigen::Matrix2d() << 1, 0.5, 0.4, 1).finished()), UsageError);
-  EXPECT_THROW((void)GaussianNoise::correlated(Eigen::MatrixXd::Ones(2, 3)), UsageError);
-  const Eigen::Matrix2d covariance = (Eigen::Matrix2d() << 4, 1, 1, 9).finished();
-  const GaussianNoise noise = GaussianNoise::correlated(covariance);
-  Eigen::MatrixXd x = Eigen::Vector2d(1, 2);
-  noise.whiten(x);
-  noise.whiten_transposed(x);
-  EXPECT_LT((x - covariance.inverse() * Eigen::Vector2d(1, 2)).norm(), 1e-14);
-  EXPECT_NEAR(noise.log_determinant(), std::log(35), 1e-13);
 }
 
 }  // namespace

@@ -2,6 +2,7 @@
 
 #include "knothe/inference/bridge_sampling.hpp"
 #include "knothe/inference/verdict.hpp"
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
 #include "knothe/sampling/adaptive_metropolis.hpp"
 #include "knothe/sampling/sequential_monte_carlo.hpp"
 
@@ -25,7 +26,8 @@ void by_markov_chains(PosteriorDensity& posterior, const InferenceOptions& optio
   r.r_hat = chains.r_hat;
   r.effective_sizes = chains.effective_sizes;
   r.acceptance = chains.acceptance;
-  r.ess = std::min(1.0, chains.effective_sizes.minCoeff() / static_cast<double>(r.points.rows()));
+  r.effective_sample_size =
+      std::min(1.0, chains.effective_sizes.minCoeff() / static_cast<double>(r.points.rows()));
   const BridgeEstimate evidence =
       bridge_sampling(posterior, chains.sample.points, chains.effective_sizes.minCoeff(), k_bridge_proposals,
                       options.seed + 0x627269);
@@ -45,13 +47,14 @@ void by_particles(PosteriorDensity& posterior, const InferenceOptions& options, 
   r.weights = particles.sample.weights;
   r.temperatures = particles.temperatures;
   r.acceptance = particles.acceptance;
-  r.ess = std::min(1.0, particles.sample.effective_size / static_cast<double>(r.points.rows()));
+  r.effective_sample_size =
+      std::min(1.0, particles.sample.effective_size / static_cast<double>(r.points.rows()));
   r.log_evidence = particles.sample.log_evidence;
   r.log_evidence_error = particles.sample.log_evidence_error;
   r.trusted = r.tolerance_reached = particles.acceptance >= 0.05 && particles.sample.effective_size >= 400 &&
                                     particles.sample.log_evidence_error <= 0.2;
   r.verdict = verdict(particles, r.trusted);
-  r.draws = resample(r.points, r.weights, options.samples, options.seed);
+  r.draws = numerics::resample(r.points, r.weights, options.samples, options.seed);
 }
 
 }  // namespace knothe::inference

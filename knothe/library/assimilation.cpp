@@ -4,7 +4,7 @@
 
 #include <algorithm>
 
-#include "knothe/assimilation/update/sequential_update.hpp"
+#include "knothe/engine/engine.hpp"
 #include "knothe/library/plain.hpp"
 #include "knothe/reduction/model/parameter_order.hpp"
 #include "knothe/reduction/model/separated_model.hpp"
@@ -87,25 +87,32 @@ assimilation::UpdateOptions settings_of(const AssimilationOptions& options) {
 }  // namespace
 
 struct Assimilation::Implementation {
-  std::shared_ptr<const reduction::ObservedModel> model;
-  assimilation::SequentialUpdate update;
+  engine::Engine engine;
 
-  Implementation(std::shared_ptr<const reduction::ObservedModel> observed, const Noise& noise,
+  Implementation(std::shared_ptr<const reduction::ObservedModel> model, const Noise& noise,
                  const std::vector<Prior>& priors, const AssimilationOptions& options)
-      : model(std::move(observed)),
-        update(model, noise_of(noise, static_cast<std::size_t>(model->observations())), densities_of(priors),
-               settings_of(options)) {}
+      : engine([&] {
+          engine::EngineSetup setup;
+          setup.noise = noise_of(noise, static_cast<std::size_t>(model->observations()));
+          setup.model = std::move(model);
+          setup.priors = densities_of(priors);
+          setup.update = settings_of(options);
+          return setup;
+        }()) {}
 
-  [[nodiscard]] Posterior posterior() const {
-    const assimilation::UpdateResult& result = update.result();
+  /// The posterior of all data.
+  [[nodiscard]] Posterior posterior() {
+    const auto last = engine.last_step();
+    if (!last) return {};
+    const assimilation::UpdateResult result = engine.conclude(*last).update;
     Posterior p;
     p.mean = plain(result.mean);
     p.covariance = plain(result.covariance);
     p.maximum_a_posteriori = plain(result.maximum_a_posteriori);
-    p.levels.assign(assimilation::k_quantile_levels.begin(), assimilation::k_quantile_levels.end());
+    p.levels.assign(numerics::k_quantile_levels.begin(), numerics::k_quantile_levels.end());
     p.quantiles = plain(result.quantiles);
-    p.points = plain(update.posterior().points);
-    p.weights = plain(update.posterior().weights);
+    p.points = plain(result.points);
+    p.weights = plain(result.weights);
     p.log_evidence = result.log_evidence;
     p.map_order = result.map_order;
     p.variance_diagnostic = result.variance_diagnostic;
@@ -116,8 +123,9 @@ struct Assimilation::Implementation {
     return p;
   }
   void require_step(std::size_t step) const {
-    if (step >= model->time.size())
-      throw UsageError(fmt::format("step {}: the model has the steps 0 to {}", step, model->time.size() - 1));
+    const std::size_t steps = engine.model().time.size();
+    if (step >= steps)
+      throw UsageError(fmt::format("step {}: the model has the steps 0 to {}", step, steps - 1));
   }
 };
 
@@ -130,35 +138,39 @@ Assimilation::Assimilation(Assimilation&&) noexcept = default;
 Assimilation& Assimilation::operator=(Assimilation&&) noexcept = default;
 
 std::vector<double> Assimilation::times() const {
-  return implementation_->model->time;
+  return implementation_->engine.model().time;
 }
 std::vector<std::size_t> Assimilation::steps() const {
-  return implementation_->update.steps();
+  return implementation_->engine.steps();
 }
 
 std::vector<double> Assimilation::predict(std::span<const double> p, std::size_t step) const {
   implementation_->require_step(step);
-  const std::size_t dimension = implementation_->model->parameters.size();
+  const std::size_t dimension = implementation_->engine.model().parameters.size();
   if (p.size() != dimension)
     throw UsageError(fmt::format("prediction at {} parameters: the model has {}", p.size(), dimension));
-  return plain(implementation_->model->predict(vector_of(p), step));
+  return plain(implementation_->engine.model().predict(vector_of(p), step));
 }
 
 Posterior Assimilation::assimilate(const Datum& datum) {
   implementation_->require_step(datum.step);
-  const auto sensors = static_cast<std::size_t>(implementation_->model->observations());
+  const auto sensors = static_cast<std::size_t>(implementation_->engine.model().observations());
   if (datum.values.size() != sensors)
     throw UsageError(
         fmt::format("datum of step {}: {} values for {} sensors; NaN stands for one that is missing",
                     datum.step, datum.values.size(), sensors));
-  if (!datum.noise.empty())
-    implementation_->update.set_step_noise(datum.step, noise_of(datum.noise, sensors));
-  implementation_->update.update(datum.step, datum.step, vector_of(datum.values));
+  if (implementation_->engine.data_count(datum.step) > 0)
+    throw UsageError(
+        fmt::format("step {} is assimilated already: withdraw it before adding another", datum.step));
+  assimilation::Datum added{{}, datum.step, datum.step, vector_of(datum.values), std::nullopt};
+  if (!datum.noise.empty()) added.noise = noise_of(datum.noise, sensors);
+  implementation_->engine.add(added);
   return implementation_->posterior();
 }
 
 Posterior Assimilation::withdraw(std::size_t step) {
-  implementation_->update.remove(step);
+  if (!implementation_->engine.withdraw(step, {}))
+    throw UsageError(fmt::format("step {} is not assimilated: there is nothing to withdraw", step));
   return implementation_->posterior();
 }
 

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "knothe/library/plain.hpp"
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
 #include "knothe/transport/extras/map_distribution.hpp"
 #include "knothe/transport/extras/sample_map.hpp"
 #include "knothe/transport/solve/map_solver.hpp"
@@ -101,7 +102,7 @@ Posterior posterior_of(const transport::MapResult& solved, const transport::Impo
   posterior.mean = plain(corrected.mean);
   posterior.covariance = plain(corrected.covariance);
   posterior.maximum_a_posteriori = plain(solved.mode);
-  posterior.levels = corrected.levels;
+  posterior.levels.assign(numerics::k_quantile_levels.begin(), numerics::k_quantile_levels.end());
   posterior.quantiles = plain(corrected.quantiles);
   posterior.points = plain(corrected.points);
   posterior.weights = plain(corrected.weights);

@@ -6,6 +6,7 @@
 
 #include "knothe/assimilation/data/measurements.hpp"
 #include "knothe/assimilation/data/time_matching.hpp"
+#include "knothe/assimilation/update/prior_of_model.hpp"
 #include "knothe/inference/separated_forward_model.hpp"
 #include "knothe/inference/umbridge_model.hpp"
 #include "knothe/project/update_setup.hpp"
@@ -13,19 +14,19 @@
 namespace knothe::project {
 namespace {
 
-using inference::GaussianNoise;
+using assimilation::NoiseModel;
 using inference::Observations;
 
 Observations observations_of(const ObservationOptions& o) {
   const auto n = static_cast<Eigen::Index>(o.values.size());
   const Eigen::VectorXd values = Eigen::Map<const Eigen::VectorXd>(o.values.data(), n);
   if (o.covariance.empty())
-    return {values, GaussianNoise::independent(Eigen::Map<const Eigen::VectorXd>(o.std.data(), n))};
+    return {values, NoiseModel::independent(Eigen::Map<const Eigen::VectorXd>(o.std.data(), n))};
   Eigen::MatrixXd covariance(n, n);
   for (Eigen::Index i = 0; i < n; ++i)
     covariance.row(i) =
         Eigen::Map<const Eigen::RowVectorXd>(o.covariance[static_cast<std::size_t>(i)].data(), n);
-  return {values, GaussianNoise::correlated(0.5 * (covariance + covariance.transpose()))};
+  return {values, NoiseModel::of_covariance(0.5 * (covariance + covariance.transpose()))};
 }
 
 void set_up_server(const Project& project, InferenceSetup& setup) {
@@ -102,15 +103,12 @@ void set_up_recorded(const Project& project, const reduction::SeparatedModel& mo
       observed, assimilation::match_times(data.time, observed.time, project.data), model.where());
   setup.observations = Observations{
       data.values.reshaped(),
-      GaussianNoise::independent(data.noise.standard_deviations().replicate(data.values.cols(), 1))};
+      NoiseModel::independent(data.noise.standard_deviations().replicate(data.values.cols(), 1))};
 }
 
 void set_up_separated(const Project& project, InferenceSetup& setup) {
   const reduction::SeparatedModel model = load_model(project);
-  for (std::size_t k = 0; k < setup.priors.size(); ++k) {
-    const std::vector<double>& nodes = model.contents().axes[k].nodes;
-    setup.priors[k] = setup.priors[k].truncated(nodes.front(), nodes.back(), setup.parameters[k]);
-  }
+  setup.priors = assimilation::truncated_to_box(model.contents().axes, std::move(setup.priors));
   if (project.observations)
     set_up_chosen(project, model, setup);
   else

@@ -7,6 +7,7 @@
 
 #include "knothe/assimilation/data/measurements.hpp"
 #include "knothe/assimilation/data/time_matching.hpp"
+#include "knothe/assimilation/update/prior_of_model.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/project/simulation.hpp"
@@ -114,11 +115,8 @@ SelectionSetup set_up_selection(const Project& project) {
   problem.min_distance = project.select.min_distance;
   problem.seed = project.method.seed;
   problem.at = reference_point(project, setup.model);
-  for (std::size_t k = 0; k < project.parameters.size(); ++k) {
-    const std::vector<double>& nodes = setup.model.contents().axes[k].nodes;
-    const NamedPrior& parameter = project.parameters[k];
-    problem.priors.push_back(parameter.prior.truncated(nodes.front(), nodes.back(), parameter.name));
-  }
+  for (const NamedPrior& parameter : project.parameters) problem.priors.push_back(parameter.prior);
+  problem.priors = assimilation::truncated_to_box(setup.model.contents().axes, std::move(problem.priors));
   const std::size_t steps = setup.model.step_count();
   problem.step = project.select.step.value_or(steps / 2);
   if (problem.step >= steps) {

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "knothe/assimilation/update/prior_of_model.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/project/observed_data.hpp"
@@ -40,9 +41,8 @@ void check_parameters(const Project& project, const std::vector<std::string>& mo
 void check_priors(const Project& project, const reduction::SeparatedModel& model) {
   for (std::size_t k = 0; k < project.parameters.size(); ++k) {
     const NamedPrior& parameter = project.parameters[k];
-    const std::vector<double>& nodes = model.contents().axes[k].nodes;
     try {
-      (void)parameter.prior.truncated(nodes.front(), nodes.back(), parameter.name);
+      (void)assimilation::truncated_to_box(std::span(model.contents().axes).subspan(k), {parameter.prior});
     } catch (const ProjectError& error) {
       throw project.error_at("parameters." + parameter.name, error.what());
     }

@@ -149,7 +149,7 @@ Run assimilate(const std::shared_ptr<const reduction::ObservedModel>& model,
         engine.assimilate({{}, t, t, data.values.col(static_cast<Index>(t)), {}});
     run.steps.push_back(result.update);
     run.update_ms.push_back(cpu_ms() - start);
-    const assimilation::WeightedPosterior& posterior = result.posterior;
+    const assimilation::Posterior& posterior = result.update;
     if (options.marginals) {
       run.marginals.emplace_back();
       for (std::size_t k = 0; k < run.priors.size(); ++k)
@@ -185,9 +185,8 @@ report::Results as_results(const Run& run, const Eigen::VectorXd& truth, std::si
     report::Step step;
     step.step = r.step;
     step.time = r.time;
-    step.mean.assign(r.mean.begin(), r.mean.end());
-    step.covariance.assign(r.covariance.data(), r.covariance.data() + r.covariance.size());
-    for (Index k = 0; k < r.mean.size(); ++k) step.std.push_back(run.std_at(i, k));
+    step.mean = r.mean;
+    step.covariance = r.covariance;
     step.map_order = r.map_order;
     step.variance_diagnostic = r.variance_diagnostic;
     step.trusted = r.trusted;
@@ -202,7 +201,7 @@ report::Results as_results(const Run& run, const Eigen::VectorXd& truth, std::si
         entry.std = f.forecast.std;
         entry.maximum_a_posteriori = f.forecast.maximum_a_posteriori;
         entry.units = f.units;
-        entry.levels.assign(forecast::k_levels.begin(), forecast::k_levels.end());
+        entry.levels.assign(numerics::k_quantile_levels.begin(), numerics::k_quantile_levels.end());
         entry.values.assign(f.forecast.values.begin(), f.forecast.values.end());
         entry.density = {f.forecast.points, f.forecast.density};
       }

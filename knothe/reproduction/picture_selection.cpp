@@ -8,6 +8,7 @@
 #include "knothe/assimilation/select/data_selection.hpp"
 #include "knothe/assimilation/select/selection_study.hpp"
 #include "knothe/assimilation/select/sensitivity.hpp"
+#include "knothe/assimilation/update/prior_of_model.hpp"
 #include "knothe/imaging/correlation/image_correlation.hpp"
 #include "knothe/imaging/mesh/registration.hpp"
 #include "knothe/imaging/series/speckle.hpp"
@@ -85,13 +86,8 @@ std::vector<Index> select_d_optimal(const reduction::SeparatedModel& model, cons
   const auto seen = observed(model, surface.sensors);
   const auto n = static_cast<Index>(surface.sensors.size());
   Eigen::VectorXd prior_std(p.size());
-  const std::vector<assimilation::Prior> priors = paper_priors();
-  const Eigen::VectorXd lower = seen->functions->lower(), upper = seen->functions->upper();
-  for (Index k = 0; k < p.size(); ++k) {
-    const auto i = static_cast<std::size_t>(k);
-    prior_std[k] =
-        assimilation::standard_deviation(priors[i].truncated(lower[k], upper[k], seen->parameters[i]));
-  }
+  const auto priors = assimilation::truncated_to_box(*seen, paper_priors());
+  for (Index k = 0; k < p.size(); ++k) prior_std[k] = assimilation::standard_deviation(priors->prior(k));
   const Eigen::Map<const Eigen::Matrix<double, 3, Eigen::Dynamic>> points(surface.sensors.points.data(), 3,
                                                                           n);
   const assimilation::SensorDesign design(

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include "knothe/base/error.hpp"
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
 
 namespace knothe::sampling {
 
@@ -20,15 +21,12 @@ void require_weights(const WeightedSample& sample) {
 
 Eigen::VectorXd mean_of(const WeightedSample& sample) {
   require_weights(sample);
-  return sample.points.transpose() * sample.weights / sample.weights.sum();
+  return numerics::moments_of(sample.points, sample.weights).mean;
 }
 
 Eigen::MatrixXd covariance_of(const WeightedSample& sample) {
-  const Eigen::VectorXd mean = mean_of(sample);
-  const Eigen::MatrixXd centred = sample.points.rowwise() - mean.transpose();
-  const Eigen::MatrixXd covariance =
-      centred.transpose() * sample.weights.asDiagonal() * centred / sample.weights.sum();
-  return 0.5 * (covariance + covariance.transpose());
+  require_weights(sample);
+  return numerics::moments_of(sample.points, sample.weights).covariance;
 }
 
 }  // namespace knothe::sampling

@@ -19,31 +19,30 @@ constexpr Eigen::Index k_discrepancy_functions = 12;
 
 ModelSupervision::ModelSupervision(std::shared_ptr<const reduction::ObservedModel> model,
                                    const NoiseModel& noise, std::shared_ptr<const PriorTransform> transform,
-                                   BiasCorrectionMode mode, bool learns, const BiasOptions& bias,
-                                   const MonitorOptions& monitor)
+                                   const UpdateOptions& options)
     : model_(std::move(model)),
       transform_(std::move(transform)),
-      mode_(mode),
-      options_(monitor),
-      learns_(learns),
-      is_joint_(bias.way == BiasOptions::Way::joint),
-      sizes_(bias.sizes),
+      mode_(options.bias_correction),
+      options_(options.monitor),
+      learns_(options.learn_bias || mode_ != BiasCorrectionMode::off),
+      is_joint_(options.bias.way == BiasOptions::Way::joint),
+      sizes_(options.bias.sizes),
       prior_(prior_functions(*model_->functions, *transform_)) {
-  initial_.corrected = mode == BiasCorrectionMode::on;
+  initial_.corrected = mode_ == BiasCorrectionMode::on;
   // Any of the sums may ring the alarm: each does it so much more seldom.
   const auto count = static_cast<std::size_t>(1 + 2 * transform_->dimension());
   initial_.sums.assign(
-      count, Cusum(monitor.reference, cusum_threshold(monitor.reference, monitor.average_run_length *
-                                                                             static_cast<double>(count))));
-  if (learns && !is_joint_) {
+      count, Cusum(options_.reference, cusum_threshold(options_.reference, options_.average_run_length *
+                                                                               static_cast<double>(count))));
+  if (learns_ && !is_joint_) {
     // A dof that is not measured at all has no noise; it is missing from every datum.
     const Eigen::VectorXd std = noise.standard_deviations();
-    initial_.bias.emplace((std.array() > 0).select(std, 1.0), bias);
+    initial_.bias.emplace((std.array() > 0).select(std, 1.0), options.bias);
   }
-  if (learns && is_joint_) {
+  if (is_joint()) {
     const Eigen::Index q = std::min(prior_.factor.cols(), k_discrepancy_functions);
     for (const double size : sizes_)
-      initial_.joint.emplace_back(prior_.factor.leftCols(q), size, bias.memory);
+      initial_.joint.emplace_back(prior_.factor.leftCols(q), size, options.bias.memory);
     const auto kinds = static_cast<Eigen::Index>(sizes_.size() + 1);
     initial_.shares = Eigen::VectorXd::Constant(kinds, 1 / static_cast<double>(kinds));
   }
@@ -80,23 +79,48 @@ std::size_t ModelSupervision::restore(std::size_t step) {
   return found;
 }
 
-void ModelSupervision::correct_until(std::size_t step) {
+std::size_t ModelSupervision::begin_correction(std::size_t onset, std::size_t step) {
+  const std::size_t from = restore(is_joint_ ? saved_.begin()->first : onset);
   state_.corrected = true;
   state_.corrected_until = step;
   state_.without = 0;
   for (Cusum& sum : state_.sums) sum.restart();
+  return from;
 }
 
-bool ModelSupervision::corrects(std::optional<bool> by_hand) const {
-  return learns() && by_hand.value_or(state_.corrected);
+bool ModelSupervision::corrects(std::size_t step) const {
+  if (!learns_) return false;
+  const auto holds = [&](const auto& range) { return range.first <= step && step <= range.second; };
+  return std::any_of(by_hand_.begin(), by_hand_.end(), holds) || state_.corrected;
 }
 
-std::vector<StepForm> ModelSupervision::condition(const StepForm& form, const MovedForm* moved,
-                                                  std::size_t time_index) {
+bool ModelSupervision::asks_for_correction(std::size_t step) const {
+  return mode_ == BiasCorrectionMode::automatic && !corrects(step);
+}
+
+void ModelSupervision::correct(std::size_t step, StoredStep& stored, DatumProjector& projector) {
+  stored.levels.clear();
+  stored.corrected_form.reset();
+  stored.corrected = corrects(step);
+  if (!is_joint_ && stored.values() == nullptr) stored.corrected = false;  // several data
+  if (projector.depends_on_order() && !stored.moved) stored.corrected = false;
+  if (!stored.corrected) return;
+  if (is_joint_) {
+    stored.levels = condition(stored);
+  } else if (const auto correction = state_.bias->extrapolate(stored.time)) {
+    projector.project(step, stored.time_index, *stored.values(), *correction,
+                      stored.corrected_form.emplace());
+  } else {
+    stored.corrected = false;  // nothing was learnt yet
+  }
+}
+
+/// Joint: the forms of a datum, corrected with each size of the discrepancy; takes it in.
+std::vector<StepForm> ModelSupervision::condition(const StoredStep& stored) {
   std::vector<StepForm> forms;
   for (JointDiscrepancy& joint : state_.joint)
-    forms.push_back(moved != nullptr ? joint.condition(*moved, model_->core[time_index])
-                                     : joint.condition(form));
+    forms.push_back(stored.moved ? joint.condition(*stored.moved, model_->core[stored.time_index])
+                                 : joint.condition(stored.form));
   return forms;
 }
 
@@ -114,16 +138,6 @@ Eigen::VectorXd ModelSupervision::expected_discrepancy(const Eigen::VectorXd& ce
   for (std::size_t k = 0; k < state_.joint.size(); ++k)
     expected += state_.shares[static_cast<Eigen::Index>(k) + 1] * state_.joint[k].expected(v);
   return expected;
-}
-
-Eigen::Index ModelSupervision::likeliest() const {
-  Eigen::Index index = 0;
-  state_.shares.maxCoeff(&index);
-  return index;
-}
-
-std::optional<BiasCorrection> ModelSupervision::extrapolate(double time) const {
-  return state_.bias->extrapolate(time);
 }
 
 /// Whether one of the sums is above the threshold.
@@ -144,16 +158,20 @@ bool ModelSupervision::take_scores(const PredictiveCheck& check) {
   return alarm;
 }
 
-bool ModelSupervision::judge(std::size_t step, const StepForm& used, const StepForm* uncorrected,
-                             const Eigen::VectorXd& central) {
+std::optional<ModelSupervision::Alarm> ModelSupervision::judge(std::size_t step, const StoredStep& stored,
+                                                               const Eigen::VectorXd& central) {
   state_.notice.clear();
-  if (!is_known_) return false;
+  if (!is_known_) return {};
+  Eigen::Index likeliest = 0;  // size of the discrepancy
+  if (!stored.levels.empty()) state_.shares.maxCoeff(&likeliest);
+  const StepForm& used =
+      likeliest == 0 ? stored.assimilated() : stored.levels[static_cast<std::size_t>(likeliest - 1)];
   const PredictiveCheck check = predictive_check(used, current_, central);
   const bool before = state_.report.alarm;
   bool alarm = take_scores(check);
-  if (mode_ == BiasCorrectionMode::automatic && state_.corrected && uncorrected &&
+  if (mode_ == BiasCorrectionMode::automatic && state_.corrected && stored.corrected &&
       !(state_.corrected_until && step <= *state_.corrected_until)) {
-    const double without = predictive_check(*uncorrected, current_, central).log_density;
+    const double without = predictive_check(stored.form, current_, central).log_density;
     state_.without = std::max(0.0, state_.without + without - check.log_density);
     if (state_.without > options_.switch_off) {
       state_.corrected = false;
@@ -166,38 +184,43 @@ bool ModelSupervision::judge(std::size_t step, const StepForm& used, const StepF
     }
   }
   state_.report.alarm = alarm;
-  if (!alarm || before) return false;
+  if (!alarm || before) return {};
   state_.notice = fmt::format(
       "the model{} does not explain the data: for {} steps they have not been what it predicts (cumulative "
       "sum "
       "{:.1f}, threshold {:.1f}: one false alarm in {:.0f} steps)",
-      uncorrected ? ", corrected," : "", state_.drift, state_.report.cumulative_sum, state_.report.threshold,
-      options_.average_run_length);
-  return true;
+      stored.corrected ? ", corrected," : "", state_.drift, state_.report.cumulative_sum,
+      state_.report.threshold, options_.average_run_length);
+  return Alarm{state_.drift, state_.notice};
 }
 
-void ModelSupervision::learn(double time, std::size_t time_index, const Eigen::VectorXd& values,
-                             double increment, const Eigen::MatrixXd& points,
-                             const Eigen::VectorXd& weights) {
-  set_posterior(points, weights);
-  state_.increments.push_back(increment);
+void ModelSupervision::learn(const StoredStep& stored, Eigen::VectorXd shares, UpdateResult& result) {
+  if (shares.size() > 0) set_shares(std::move(shares));
+  set_posterior(result);
+  state_.increments.push_back(result.log_evidence_increment);
   if (static_cast<int>(state_.increments.size()) > options_.smoothing) state_.increments.pop_front();
   state_.report.smoothed_increment =
       std::accumulate(state_.increments.begin(), state_.increments.end(), 0.0) /
       static_cast<double>(state_.increments.size());
-  if (!state_.bias || values.size() == 0) return;  // `put` brings no values
+  if (state_.bias && stored.values() != nullptr) learn_residual(stored);
+  result.bias_corrected = stored.corrected;
+  result.monitor = state_.report;
+  result.notice = state_.notice;
+}
+
+void ModelSupervision::learn_residual(const StoredStep& stored) {
   // Eq. 16 and 19: mean of d − M(p), and standard deviation of M(p), under the posterior.
-  const Eigen::MatrixXd& core = model_->core[time_index];
+  const Eigen::MatrixXd& core = model_->core[stored.time_index];
   const Eigen::VectorXd predicted =
-      model_->lift.col(static_cast<Eigen::Index>(time_index)) + model_->space * (core * current_.mean);
+      model_->lift.col(static_cast<Eigen::Index>(stored.time_index)) + model_->space * (core * current_.mean);
   const Eigen::MatrixXd factor = core * current_.factor;
-  Eigen::VectorXd spread(values.size());
+  Eigen::VectorXd spread(stored.values()->size());
   constexpr Eigen::Index k_block = 512;  // rows that stay in the cache
   for (Eigen::Index first = 0; first < spread.size(); first += k_block) {
     const Eigen::Index count = std::min(k_block, spread.size() - first);
     spread.segment(first, count) = (model_->space.middleRows(first, count) * factor).rowwise().norm();
   }
-  state_.bias->add(time, values - predicted, spread);
+  state_.bias->add(stored.time, *stored.values() - predicted, spread);
 }
 
 void ModelSupervision::restart_sums() {
@@ -206,8 +229,8 @@ void ModelSupervision::restart_sums() {
   state_.report.alarm = false;
 }
 
-void ModelSupervision::set_posterior(const Eigen::MatrixXd& points, const Eigen::VectorXd& weights) {
-  points_ = equally_likely(points, weights);
+void ModelSupervision::set_posterior(const Posterior& posterior) {
+  points_ = equally_likely(posterior.points, posterior.weights);
   current_ = functions_at(*model_->functions, points_);
   is_known_ = true;
 }

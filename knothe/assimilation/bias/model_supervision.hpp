@@ -6,12 +6,17 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "knothe/assimilation/bias/evidence_monitor.hpp"
 #include "knothe/assimilation/bias/joint_discrepancy.hpp"
 #include "knothe/assimilation/bias/model_bias.hpp"
 #include "knothe/assimilation/noise/noise_model.hpp"
 #include "knothe/assimilation/update/collapsed_posterior.hpp"
+#include "knothe/assimilation/update/step_store.hpp"
+#include "knothe/assimilation/update/update_options.hpp"
+#include "knothe/assimilation/update/update_result.hpp"
 
 namespace knothe::assimilation {
 
@@ -19,73 +24,76 @@ namespace knothe::assimilation {
 /// were corrected by hand.
 class ModelSupervision {
  public:
-  /// `learns`: residuals are learnt from, without which nothing can be corrected.
+  struct Alarm {
+    int steps = 0;       ///< data since the drift began
+    std::string notice;  ///< in words
+  };
+
   ModelSupervision(std::shared_ptr<const reduction::ObservedModel> model, const NoiseModel& noise,
-                   std::shared_ptr<const PriorTransform> transform, BiasCorrectionMode mode, bool learns,
-                   const BiasOptions& bias, const MonitorOptions& monitor);
+                   std::shared_ptr<const PriorTransform> transform, const UpdateOptions& options);
 
-  [[nodiscard]] BiasCorrectionMode mode() const { return mode_; }
+  /// Whether residuals are learnt from, without which nothing can be corrected.
   [[nodiscard]] bool learns() const { return learns_; }
+  /// The bias is unknown together with the parameters (`JointDiscrepancy`).
+  [[nodiscard]] bool is_joint() const { return learns_ && is_joint_; }
 
-  /// No data.
+  /// No data; what is to be corrected by hand stays.
   void restart();
   /// Remembers the state before `step`; the last `k_remembered` of them are kept.
   void save(std::size_t step);
-  [[nodiscard]] std::size_t oldest_saved() const { return saved_.begin()->first; }
   /// Whether `restore` finds the state before `step`, or before the first step after it that was saved.
   [[nodiscard]] bool remembers(std::size_t step) const;
   /// The state before `step`, or before the first step after it that is remembered; that step. The posterior
   /// before it is that state's too.
   std::size_t restore(std::size_t step);
-  /// From now on the model is corrected, at least until `step` is through.
-  void correct_until(std::size_t step);
 
-  /// Whether the next datum is to be corrected: by hand (`by_hand`), or by the mode.
-  [[nodiscard]] bool corrects(std::optional<bool> by_hand) const;
-  /// The bias is unknown together with the parameters (`JointDiscrepancy`).
-  [[nodiscard]] bool is_joint() const { return is_joint_; }
-  /// Joint: the forms of a datum, corrected with each size of the discrepancy; takes it in.
-  /// `moved`: where steps share an error; else null.
-  [[nodiscard]] std::vector<StepForm> condition(const StepForm& form, const MovedForm* moved,
-                                                std::size_t time_index);
-  /// Joint: how probable each size is given the data so far, none first.
-  void set_shares(Eigen::VectorXd shares);
-  [[nodiscard]] const Eigen::VectorXd& shares() const { return state_.shares; }
-  /// The most probable of them.
-  [[nodiscard]] Eigen::Index likeliest() const;
-  /// Joint: what is to be added to w at the last datum, under the posterior of parameters and sizes, r.
-  /// `central`: w₀.
-  [[nodiscard]] Eigen::VectorXd expected_discrepancy(const Eigen::VectorXd& central) const;
-  /// Otherwise: the correction of the datum at `time`; none while nothing was learnt.
-  [[nodiscard]] std::optional<BiasCorrection> extrapolate(double time) const;
+  /// Goes back to the state before `onset`, or, where the bias is unknown together with the parameters and
+  /// may be there before it shows, at no harm, to the oldest remembered; from there on the model is
+  /// corrected, at least until `step` is through. The step before which that is.
+  std::size_t begin_correction(std::size_t onset, std::size_t step);
+  /// Steps `from` to `to` are corrected, whenever they come.
+  void correct_by_hand(std::size_t from, std::size_t to) { by_hand_.emplace_back(from, to); }
+  /// Sets the forms of a datum as they will be assimilated, from the one without correction.
+  void correct(std::size_t step, StoredStep& stored, DatumProjector& projector);
+  /// Whether an alarm at `step` asks for the correction: where it is on already and had nothing to go by,
+  /// doing it again would change nothing.
+  [[nodiscard]] bool asks_for_correction(std::size_t step) const;
 
-  /// Takes in how the datum of `step` was predicted, before it is assimilated. `used`: its form as it will be
-  /// assimilated; `uncorrected`: its form without correction, if `used` is corrected, else null. Whether the
-  /// alarm has just gone off.
-  bool judge(std::size_t step, const StepForm& used, const StepForm* uncorrected,
-             const Eigen::VectorXd& central);
-  /// Data since the drift began.
-  [[nodiscard]] int steps_of_drift() const { return state_.drift; }
-  /// Takes in the posterior with the datum in it (weighted points), and learns the residual of `values`.
-  void learn(double time, std::size_t time_index, const Eigen::VectorXd& values, double increment,
-             const Eigen::MatrixXd& points, const Eigen::VectorXd& weights);
-  /// The posterior is another one now (a step came late or was taken out where nothing is learnt).
-  void set_posterior(const Eigen::MatrixXd& points, const Eigen::VectorXd& weights);
+  /// Takes in how the datum of `step` was predicted, before it is assimilated and after `correct`. `central`:
+  /// w₀. The alarm, if it has just gone off.
+  [[nodiscard]] std::optional<Alarm> judge(std::size_t step, const StoredStep& stored,
+                                           const Eigen::VectorXd& central);
+  /// Takes in the posterior with the datum in it, learns the datum's residual, and reports in `result`.
+  /// `shares`: joint, how probable each size of the discrepancy is given the data so far, none first; else
+  /// empty.
+  void learn(const StoredStep& stored, Eigen::VectorXd shares, UpdateResult& result);
+
+  /// The posterior before the next datum is this one (a step came late or was taken out where nothing is
+  /// learnt, or data have grown old).
+  void set_posterior(const Posterior& posterior);
+  /// … is the prior.
   void forget_posterior();
-  /// The posterior before the next datum is not known: that datum is not judged.
+  /// … is not known: that datum is not judged.
   void lose_posterior() { is_known_ = false; }
   /// The structure changed: what the monitor has added up speaks of another one.
   void restart_sums();
 
-  [[nodiscard]] const MonitorReport& report() const { return state_.report; }
-  /// What happened at the last step, in words; else empty.
-  [[nodiscard]] const std::string& notice() const { return state_.notice; }
+  /// Joint: how probable each size is given the data so far.
+  [[nodiscard]] const Eigen::VectorXd& shares() const { return state_.shares; }
+  /// Joint: what is to be added to w at the last datum, under the posterior of parameters and sizes, r.
+  /// `central`: w₀.
+  [[nodiscard]] Eigen::VectorXd expected_discrepancy(const Eigen::VectorXd& central) const;
+  /// The residuals learnt so far; null where none are.
   [[nodiscard]] const ModelBias* bias() const { return state_.bias ? &*state_.bias : nullptr; }
 
   static constexpr std::size_t k_remembered = 256;
 
  private:
+  [[nodiscard]] bool corrects(std::size_t step) const;
+  [[nodiscard]] std::vector<StepForm> condition(const StoredStep& stored);
+  void set_shares(Eigen::VectorXd shares);
   bool take_scores(const PredictiveCheck& check);
+  void learn_residual(const StoredStep& stored);
   struct State {
     std::optional<ModelBias> bias;
     std::vector<JointDiscrepancy> joint;
@@ -106,6 +114,7 @@ class ModelSupervision {
   MonitorOptions options_;
   bool learns_, is_joint_;
   std::vector<double> sizes_;
+  std::vector<std::pair<std::size_t, std::size_t>> by_hand_;  ///< ranges of steps to correct
   struct Saved {
     State state;
     Eigen::MatrixXd points;  ///< that current_ was made at; empty: the prior

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <Eigen/Cholesky>
 #include <Eigen/SparseCholesky>
 #include <algorithm>
 #include <cassert>
@@ -93,6 +94,26 @@ NoiseModel NoiseModel::correlated(const Sparse& precision) {
   Factor factor;
   factorise(factor, regular);
   noise.log_determinant_ = -factor.vectorD().array().log().sum();
+  return noise;
+}
+
+NoiseModel NoiseModel::of_covariance(const Eigen::MatrixXd& covariance) {
+  if (covariance.rows() != covariance.cols())
+    throw UsageError(
+        fmt::format("noise: the covariance is {} × {}, not square", covariance.rows(), covariance.cols()));
+  const Eigen::VectorXd scale = covariance.diagonal().cwiseAbs().cwiseSqrt();
+  if (!((covariance - covariance.transpose()).cwiseAbs().array() <=
+        1e-10 * (scale * scale.transpose()).array())
+           .all())
+    throw UsageError("noise: the covariance is not symmetric");
+  const Eigen::LLT<Eigen::MatrixXd> cholesky(covariance);
+  const Eigen::VectorXd diagonal = Eigen::MatrixXd(cholesky.matrixL()).diagonal();
+  if (cholesky.info() != Eigen::Success || !(diagonal.array() > 1e-7 * scale.array()).all())
+    throw UsageError("noise: the covariance is singular or indefinite; it must be positive definite");
+  const Eigen::MatrixXd inverse =
+      cholesky.solve(Eigen::MatrixXd::Identity(covariance.rows(), covariance.cols()));
+  NoiseModel noise = correlated((0.5 * (inverse + inverse.transpose())).eval().sparseView());
+  noise.log_determinant_ = 2 * diagonal.array().log().sum();
   return noise;
 }
 

@@ -22,6 +22,9 @@ class NoiseModel {
   /// not measured at all (a node without a valid element). Throws DataError unless it is symmetric and, but
   /// for such rows, positive definite.
   [[nodiscard]] static NoiseModel correlated(const Eigen::SparseMatrix<double>& precision);
+  /// Correlated noise of covariance R, dense. Throws UsageError unless it is square, symmetric and positive
+  /// definite.
+  [[nodiscard]] static NoiseModel of_covariance(const Eigen::MatrixXd& covariance);
 
   /// The same noise with another one at step `step` (a picture with elements removed), of as many dofs.
   [[nodiscard]] NoiseModel with_step(std::size_t step, NoiseModel noise) const;
@@ -56,6 +59,10 @@ class NoiseModel {
   [[nodiscard]] double offset_std() const { return offset_std_; }           ///< 0: no offsets
   [[nodiscard]] double scale_std() const { return scale_std_; }             ///< 0: the scale is exact
   [[nodiscard]] Eigen::Index scalar_count() const { return scalar_count_; }  ///< of `with_scalars`, the last
+  /// Steps share an error: what one says depends on those before it.
+  [[nodiscard]] bool links_steps() const {
+    return shared_reference_ > 0 || offset_std_ > 0 || scale_std_ > 0;
+  }
   [[nodiscard]] bool has_step_errors() const { return !step_errors_.empty(); }
   /// F of step `step`; null where there is none.
   [[nodiscard]] const Eigen::MatrixXd* step_error(std::size_t step) const;

@@ -76,5 +76,16 @@ TEST(NoiseModel, BadNoiseIsRefused) {
             "noise/precision is not positive definite: it must be the inverse of a covariance matrix");
 }
 
+TEST(NoiseModel, OfADenseCovarianceIsCheckedAndInverted) {
+  EXPECT_THROW((void)NoiseModel::of_covariance(Eigen::MatrixXd::Ones(2, 2)), UsageError);
+  EXPECT_THROW((void)NoiseModel::of_covariance((Eigen::Matrix2d() << 1, 0.5, 0.4, 1).finished()), UsageError);
+  EXPECT_THROW((void)NoiseModel::of_covariance(Eigen::MatrixXd::Ones(2, 3)), UsageError);
+  const Eigen::Matrix2d covariance = (Eigen::Matrix2d() << 4, 1, 1, 9).finished();
+  const NoiseModel noise = NoiseModel::of_covariance(covariance);
+  const Eigen::Vector2d x(1, 2);
+  EXPECT_LT((noise.apply(Eigen::MatrixXd(x)) - covariance.inverse() * x).norm(), 1e-14);
+  EXPECT_NEAR(noise.log_determinant(), std::log(35), 1e-13);
+}
+
 }  // namespace
 }  // namespace knothe::assimilation

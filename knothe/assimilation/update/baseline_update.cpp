@@ -11,6 +11,7 @@
 #include "knothe/assimilation/update/maximum_a_posteriori.hpp"
 #include "knothe/assimilation/update/prior_of_model.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
 #include "knothe/sampling/adaptive_metropolis.hpp"
 #include "knothe/sampling/sequential_monte_carlo.hpp"
 #include "knothe/transport/diagnose/trust.hpp"
@@ -23,11 +24,6 @@ constexpr Eigen::Index k_reference_points = 1024;
 double log_sum_exp(const Eigen::VectorXd& x) {
   const double most = x.maxCoeff();
   return most + std::log((x.array() - most).exp().sum());
-}
-
-double effective_share(const Eigen::VectorXd& log_weight) {
-  const Eigen::ArrayXd weight = (log_weight.array() - log_weight.maxCoeff()).exp();
-  return weight.sum() * weight.sum() / (static_cast<double>(weight.size()) * weight.square().sum());
 }
 
 }  // namespace
@@ -98,7 +94,7 @@ void BaselineUpdate::by_filter(const StepForm& form) {
   const Eigen::VectorXd weights = log_weights(filter_->mean(), filter_->covariance(), z);
   if (filter_->members().rows() > 0) z = filter_->members();
   take(z, Eigen::VectorXd::Constant(z.rows(), 1 / static_cast<double>(z.rows())));
-  result_.effective_sample_size = effective_share(weights);
+  result_.effective_sample_size = numerics::effective_share(weights);
   result_.variance_diagnostic =
       0.5 * (weights.array() - weights.mean()).square().sum() / static_cast<double>(weights.size());
   result_.tolerance_reached = false;
@@ -146,23 +142,14 @@ void BaselineUpdate::by_chain() {
 }
 
 void BaselineUpdate::take(const Eigen::MatrixXd& z, const Eigen::VectorXd& weights) {
-  posterior_.points.resize(z.rows(), z.cols());
+  result_.points.resize(z.rows(), z.cols());
   Eigen::MatrixXd unused;
-  transform_->evaluate(z, 0, posterior_.points, unused, unused);
-  posterior_.weights = weights;
-  const Eigen::MatrixXd& p = posterior_.points;
-  result_.mean = p.transpose() * weights;
-  const Eigen::MatrixXd centred = p.rowwise() - result_.mean.transpose();
-  const Eigen::MatrixXd covariance = centred.transpose() * weights.asDiagonal() * centred;
-  result_.covariance = 0.5 * (covariance + covariance.transpose());
+  transform_->evaluate(z, 0, result_.points, unused, unused);
+  result_.weights = weights;
+  result_.summarise();
   result_.map_mean = result_.mean;
   result_.map_covariance = result_.covariance;
-  const Eigen::MatrixXd quantiles = weighted_quantiles(z, weights);
-  result_.quantiles.resize(quantiles.rows(), quantiles.cols());
-  for (Eigen::Index k = 0; k < quantiles.rows(); ++k) {
-    for (Eigen::Index j = 0; j < quantiles.cols(); ++j)
-      result_.quantiles(k, j) = transform_->prior(k).from_standard_normal(quantiles(k, j)).value;
-  }
+  result_.quantiles = transform_->carry(numerics::weighted_quantiles(z, weights));
 }
 
 }  // namespace knothe::assimilation

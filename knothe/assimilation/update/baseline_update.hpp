@@ -33,7 +33,7 @@ class BaselineUpdate {
   /// From now on step `step`, which is not assimilated yet, has this noise.
   void set_step_noise(std::size_t step, NoiseModel noise) { projector_.set_noise_of(step, std::move(noise)); }
   [[nodiscard]] const UpdateResult& result() const { return result_; }
-  [[nodiscard]] const WeightedPosterior& posterior() const { return posterior_; }
+  [[nodiscard]] const Posterior& posterior() const { return result_; }
 
  private:
   void by_filter(const StepForm& form);
@@ -54,7 +54,6 @@ class BaselineUpdate {
   std::optional<std::size_t> last_;
   double log_evidence_ = 0;
   UpdateResult result_;
-  WeightedPosterior posterior_;
 };
 
 }  // namespace knothe::assimilation

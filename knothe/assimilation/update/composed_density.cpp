@@ -69,16 +69,4 @@ PushedPoints push_forward(sampling::LogDensity& target, const Eigen::MatrixXd& r
   return result;
 }
 
-Eigen::MatrixXd weighted_quantiles(const Eigen::MatrixXd& points, const Eigen::VectorXd& weights) {
-  const auto n = static_cast<std::size_t>(points.rows());
-  numerics::WeightedQuantiles quantiles;
-  std::array<double, k_quantile_levels.size()> of_column;
-  Eigen::MatrixXd result(points.cols(), static_cast<Eigen::Index>(of_column.size()));
-  for (Eigen::Index k = 0; k < points.cols(); ++k) {
-    quantiles.compute({points.col(k).data(), n}, {weights.data(), n}, k_quantile_levels, of_column);
-    result.row(k) = Eigen::Map<const Eigen::RowVectorXd>(of_column.data(), result.cols());
-  }
-  return result;
-}
-
 }  // namespace knothe::assimilation

@@ -53,8 +53,4 @@ struct PushedPoints {
 [[nodiscard]] PushedPoints push_forward(sampling::LogDensity& target, const Eigen::MatrixXd& reference,
                                         const transport::MapBatch& pushed);
 
-/// Marginal quantiles at `k_quantile_levels` of weighted points (n × d): d × levels.
-[[nodiscard]] Eigen::MatrixXd weighted_quantiles(const Eigen::MatrixXd& points,
-                                                 const Eigen::VectorXd& weights);
-
 }  // namespace knothe::assimilation

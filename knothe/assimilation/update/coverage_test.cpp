@@ -56,7 +56,7 @@ Eigen::Vector2d truth_of(const PriorTransform& transform, int run) {
 }
 
 /// P(p_k ≤ x) under weighted points.
-double cumulative(const WeightedPosterior& posterior, Eigen::Index k, double x) {
+double cumulative(const Posterior& posterior, Eigen::Index k, double x) {
   return (posterior.points.col(k).array() <= x).select(posterior.weights.array(), 0.0).sum();
 }
 
@@ -72,13 +72,10 @@ TEST(Calibration, TruthsFromThePriorAreUniformInThePosteriorAtEveryStage) {
   std::array<std::array<std::array<int, 10>, 2>, 4> counts{};
   for (int run = 0; run < runs; ++run) {
     SequentialUpdate update(model, noise, test::papers_priors());
-    DatumProjector projector(model, noise, update.centre());
     const Eigen::Vector2d truth = truth_of(update.transform(), run);
     const Eigen::MatrixXd data = test::synthetic_data(*model, truth, std, 5000 + static_cast<unsigned>(run));
     for (std::size_t t = 0; t <= stages.back(); ++t) {
-      StepForm form;
-      projector.project(t, t, data.col(static_cast<Eigen::Index>(t)), form);
-      update.put(t, t, std::move(form));
+      update.add({{}, t, t, data.col(static_cast<Eigen::Index>(t)), std::nullopt});
     }
     for (std::size_t s = 0; s < stages.size(); ++s) {
       update.conclude(stages[s]);

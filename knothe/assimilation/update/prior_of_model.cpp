@@ -6,6 +6,13 @@
 
 namespace knothe::assimilation {
 
+std::vector<Prior> truncated_to_box(std::span<const reduction::Axis> axes, std::vector<Prior> priors) {
+  assert(priors.size() <= axes.size());
+  for (std::size_t k = 0; k < priors.size(); ++k)
+    priors[k] = priors[k].truncated(axes[k].nodes.front(), axes[k].nodes.back(), axes[k].name);
+  return priors;
+}
+
 std::shared_ptr<const PriorTransform> truncated_to_box(const reduction::ObservedModel& model,
                                                        std::vector<Prior> priors) {
   const Eigen::VectorXd lower = model.functions->lower(), upper = model.functions->upper();

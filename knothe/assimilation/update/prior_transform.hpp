@@ -23,6 +23,8 @@ class PriorTransform {
   /// Fills `p` and, for derivatives ≥ 1 and 2, `first` and `second`, all n × d and resized by the caller.
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int derivatives, Eigen::Ref<Eigen::MatrixXd> p,
                 Eigen::Ref<Eigen::MatrixXd> first, Eigen::Ref<Eigen::MatrixXd> second) const;
+  /// Quantiles of z (d × levels) as quantiles of p, exactly: p(z) is monotone, coordinate by coordinate.
+  [[nodiscard]] Eigen::MatrixXd carry(const Eigen::Ref<const Eigen::MatrixXd>& z_quantiles) const;
 
  private:
   static constexpr double k_range = 8.5;

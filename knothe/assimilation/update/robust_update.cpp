@@ -9,6 +9,7 @@
 
 #include "knothe/assimilation/select/data_selection.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -24,10 +25,9 @@ RobustUpdate::RobustUpdate(std::shared_ptr<const reduction::ObservedModel> model
       noise_(noise),
       robust_(robust),
       update_(model, noise, std::move(priors), std::move(options)),
-      projector_(model, noise, update_.centre()),
       watch_(noise),
       noise_std_(noise.standard_deviations()) {
-  if (robust_.degrees_of_freedom > 0 && (!noise_.is_independent() || projector_.depends_on_order())) {
+  if (robust_.degrees_of_freedom > 0 && (!noise_.is_independent() || noise_.links_steps())) {
     throw UsageError(
         "a Student-t likelihood is for sensors whose noise is independent in space and time: use gating "
         "(method.gate) with noise/precision, shared_reference or offsets");
@@ -46,19 +46,17 @@ void RobustUpdate::set_step_noise(std::size_t step, const NoiseModel& noise) {
   if (robust_.degrees_of_freedom > 0 && !noise.is_independent())
     throw UsageError("a Student-t likelihood is for sensors whose noise is independent in space: use gating");
   noise_ = noise_.with_step(step, noise);
-  projector_.set_noise_of(step, noise);
-  update_.set_step_noise(step, noise);
 }
 
 RobustUpdate::Prediction RobustUpdate::predict(std::size_t time_index) const {
-  const WeightedPosterior& posterior = last_ ? update_.posterior() : prior_;
+  const Posterior& posterior = last_ ? update_.posterior() : prior_;
   const auto& functions = *model_->functions;
   reduction::FunctionBatch batch;
   batch.resize(posterior.points.rows(), functions.dimension(), functions.count(), 0);
   functions.evaluate(posterior.points, 0, batch);
-  const Eigen::VectorXd mean = batch.value.transpose() * posterior.weights;
-  const Eigen::MatrixXd centred = batch.value.rowwise() - mean.transpose();
-  const Eigen::MatrixXd covariance = centred.transpose() * posterior.weights.asDiagonal() * centred;
+  Eigen::VectorXd mean;
+  Eigen::MatrixXd covariance;
+  numerics::mean_and_covariance(batch.value, posterior.weights, mean, covariance);
   const auto& core = model_->core[time_index];
   const Eigen::MatrixXd inner = core * covariance * core.transpose();
   Prediction prediction;
@@ -88,7 +86,8 @@ const UpdateResult& RobustUpdate::update(std::size_t step, std::size_t time_inde
   if (robust_.degrees_of_freedom > 0) {
     weigh(step, time_index, accepted);
   } else {
-    assimilate(step, time_index, accepted);
+    assimilate(step, time_index, accepted,
+               noise_.has_step(step) ? std::optional(noise_.at_step(step)) : std::nullopt);
   }
   last_ = step;
   result_ = update_.result();
@@ -124,10 +123,9 @@ void RobustUpdate::judge(const Prediction& before, const Eigen::Ref<const Eigen:
   for (const Eigen::Index i : sensors_.rejected) sensors_.weight[i] = 0;
 }
 
-void RobustUpdate::assimilate(std::size_t step, std::size_t time_index, const Eigen::VectorXd& values) {
-  StepForm form;
-  projector_.project(step, time_index, values, form);
-  update_.put(step, time_index, std::move(form));
+void RobustUpdate::assimilate(std::size_t step, std::size_t time_index, const Eigen::VectorXd& values,
+                              const std::optional<NoiseModel>& noise) {
+  update_.add({{}, step, time_index, values, noise});
   update_.conclude(step);
 }
 
@@ -139,11 +137,8 @@ void RobustUpdate::weigh(std::size_t step, std::size_t time_index, const Eigen::
   for (Eigen::Index i = 0; i < n; ++i)
     factor[i] = std::isnan(values[i]) ? 1 : (nu + 1) / (nu + sensors_.test_ratio[i] * sensors_.test_ratio[i]);
   for (int round = 0; round < k_most_rounds; ++round) {
-    projector_.set_noise_of(step, NoiseModel::independent(noise_std_.cwiseQuotient(factor.cwiseSqrt())));
-    StepForm form;
-    projector_.project(step, time_index, values, form);
-    update_.put(step, time_index, std::move(form));
-    update_.conclude(step);
+    assimilate(step, time_index, values,
+               NoiseModel::independent(noise_std_.cwiseQuotient(factor.cwiseSqrt())));
     last_ = step;
     const Prediction now = predict(time_index);
     double change = 0;

@@ -48,7 +48,7 @@ class RobustUpdate {
   void set_step_noise(std::size_t step, const NoiseModel& noise);
   [[nodiscard]] const UpdateResult& result() const { return result_; }
   [[nodiscard]] const SensorReport& sensors() const { return sensors_; }
-  [[nodiscard]] const WeightedPosterior& posterior() const { return update_.posterior(); }
+  [[nodiscard]] const Posterior& posterior() const { return update_.posterior(); }
 
  private:
   struct Prediction {
@@ -56,17 +56,17 @@ class RobustUpdate {
   };
   [[nodiscard]] Prediction predict(std::size_t time_index) const;
   void judge(const Prediction& before, const Eigen::Ref<const Eigen::VectorXd>& values);
-  void assimilate(std::size_t step, std::size_t time_index, const Eigen::VectorXd& values);
+  void assimilate(std::size_t step, std::size_t time_index, const Eigen::VectorXd& values,
+                  const std::optional<NoiseModel>& noise);
   void weigh(std::size_t step, std::size_t time_index, const Eigen::VectorXd& values);
 
   std::shared_ptr<const reduction::ObservedModel> model_;
   NoiseModel noise_;
   RobustOptions robust_;
   SequentialUpdate update_;
-  DatumProjector projector_;
   SensorWatch watch_;
   Eigen::VectorXd noise_std_;  ///< of the step at hand
-  WeightedPosterior prior_;    ///< draws of the prior: the posterior before the first datum
+  Posterior prior_;            ///< draws of the prior: the posterior before the first datum
   bool last_had_own_noise_ = false;
   std::optional<std::size_t> last_;
   UpdateResult result_;

@@ -2,68 +2,27 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
-#include <cassert>
-#include <cmath>
+#include <iterator>
+#include <utility>
 
-#include "knothe/assimilation/update/composed_density.hpp"
-#include "knothe/assimilation/update/maximum_a_posteriori.hpp"
 #include "knothe/assimilation/update/prior_of_model.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/monotonic_time.hpp"
 
 namespace knothe::assimilation {
-namespace {
-
-/// A datum comes every few milliseconds: where the standard way does not reach the tolerance, the importance
-/// correction answers for it, not a search among other parametrisations.
-transport::MapSolverOptions online(const UpdateOptions& options) {
-  transport::MapSolverOptions map = options.map;
-  map.fallback = false;
-  map.search_modes = options.search_modes;
-  // A mixture over the sizes of a discrepancy has tails that no order of a map follows: a low one, and the
-  // correction or quadrature.
-  const bool mixture = (options.learn_bias || options.bias_correction != BiasCorrectionMode::off) &&
-                       options.bias.way == BiasOptions::Way::joint;
-  if (mixture) {
-    map.max_order = std::min(map.max_order, 2);
-    map.long_first_variable = false;
-  }
-  return map;
-}
-
-}  // namespace
 
 SequentialUpdate::SequentialUpdate(std::shared_ptr<const reduction::ObservedModel> model, NoiseModel noise,
                                    std::vector<Prior> priors, UpdateOptions options)
-    : options_(std::move(options)),
-      transform_(truncated_to_box(*model, std::move(priors))),
-      projector_(model, std::move(noise), medians(*transform_)),
-      target_(model->functions, transform_, projector_.central_functions()),
-      solver_(online(options_)),
-      supervision_(model, projector_.noise(), transform_, options_.bias_correction,
-                   options_.learn_bias || options_.bias_correction != BiasCorrectionMode::off, options_.bias,
-                   options_.monitor),
-      sum_(StepForm::zero(model->functions->count())) {
-  if (options_.noise_level) {
-    if (options_.form == UpdateOptions::Form::composed)
-      throw UsageError(
-          "composed maps take the data one by one, but an unknown noise level links them: use the collapsed "
-          "form");
-    target_.infer_noise_level(*options_.noise_level);
-  }
-  solver_.prepare(transform_->dimension());
-  correction_.levels.assign(k_quantile_levels.begin(), k_quantile_levels.end());
-  if (options_.form == UpdateOptions::Form::composed) {
-    composition_ = std::make_unique<MapComposition>(*model, transform_, projector_.central_functions());
-  }
-  if (options_.kind == Method::grid && transform_->dimension() > 3)
-    throw ProjectError("method.kind = \"grid\" takes 1 to 3 parameters; use \"transport\" for more");
-  refuse_what_does_not_go_together();
-  refuse_change_with_what_it_does_not_go();
+    : transform_(truncated_to_box(*model, std::move(priors))),
+      store_(model, std::move(noise), medians(*transform_)),
+      solver_(*model, transform_, store_.projector().central_functions(), options),
+      supervision_(model, store_.projector().noise(), transform_, options),
+      changes_(options),
+      restart_on_alarm_(options.restart_on_alarm) {
+  reject_incompatible_options(options);
+  store_.keep(supervision_.learns(), supervision_.is_joint());
+  restart_sums();
 }
-
-SequentialUpdate::~SequentialUpdate() = default;
 
 Eigen::VectorXd SequentialUpdate::centre() const {
   return medians(*transform_);
@@ -75,124 +34,92 @@ std::vector<Prior> SequentialUpdate::priors() const {
   return priors;
 }
 
-std::vector<std::size_t> SequentialUpdate::steps() const {
+Eigen::VectorXd SequentialUpdate::discrepancy() const {
+  return supervision_.is_joint() ? supervision_.expected_discrepancy(store_.projector().central_functions())
+                                 : Eigen::VectorXd();
+}
+
+std::vector<std::size_t> SequentialUpdate::corrected_steps() const {
   std::vector<std::size_t> steps;
-  for (const auto& [step, datum] : data_) steps.push_back(step);
+  for (const auto& [step, stored] : store_.steps()) {
+    if (stored.corrected) steps.push_back(step);
+  }
   return steps;
 }
 
 const UpdateResult& SequentialUpdate::update(std::size_t step, std::size_t time_index,
                                              const Eigen::Ref<const Eigen::VectorXd>& values) {
-  if (data_.contains(step)) {
+  if (store_.steps().contains(step))
     throw UsageError(fmt::format("step {} is assimilated already: take it out before putting it back", step));
-  }
   const auto start = monotonic_now();
-  const bool in_order = data_.empty() || data_.rbegin()->first < step;
-  Datum datum;
-  datum.time_index = time_index;
-  datum.time = projector_.model().time[time_index];
-  if (projector_.depends_on_order() || supervision_.learns()) datum.values = values;
-  // Throws for data that cannot be; nothing has changed then.
-  project(step, values, datum);
-  data_[step] = std::move(datum);
-  forget_from(step);
-  if (!in_order) project_again();
+  add({{}, step, time_index, values, std::nullopt});
+  take_changes();
   const double projection = microseconds_since(start);
-  conclude(data_.rbegin()->first);
+  conclude(store_.last());
   result_.elapsed_us.projection += projection;
   return result_;
 }
 
 const UpdateResult& SequentialUpdate::remove(std::size_t step) {
-  take_out(step);
-  project_again();
-  return data_.empty() ? result_ : conclude(data_.rbegin()->first);
+  withdraw(step, {});
+  return store_.steps().empty() ? result_ : conclude(store_.last());
 }
 
-/// Where steps share an error the form of each depends on those before it: all are made again, in order.
-void SequentialUpdate::project_again() {
-  if (!projector_.depends_on_order()) return;
-  projector_.restart();
-  for (auto& [step, datum] : data_) project(step, datum.values, datum);
+void SequentialUpdate::add(const Datum& datum) {
+  store_.add(datum);
 }
 
-void SequentialUpdate::project(std::size_t step, const Eigen::Ref<const Eigen::VectorXd>& values,
-                               Datum& datum) {
-  projector_.project(step, datum.time_index, values, datum.form,
-                     wants_moved_forms() ? &datum.moved.emplace() : nullptr);
+void SequentialUpdate::withdraw(std::size_t step, const DatumKey& key) {
+  store_.withdraw(step, key);
+  if (store_.steps().empty()) restart();
 }
 
-bool SequentialUpdate::wants_moved_forms() const {
-  return projector_.depends_on_order() && supervision_.learns() && supervision_.is_joint();
+void SequentialUpdate::take_changes() {
+  const auto changed = store_.settle();
+  if (changed && summed_ && *summed_ >= *changed) rewind(*changed);
 }
 
-void SequentialUpdate::put(std::size_t step, std::size_t time_index, StepForm form, Eigen::VectorXd values,
-                           std::optional<MovedForm> moved) {
-  Datum datum;
-  datum.moved = std::move(moved);
-  datum.values = std::move(values);
-  datum.form = std::move(form);
-  datum.time_index = time_index;
-  datum.time = projector_.model().time[time_index];
-  data_[step] = std::move(datum);
-  forget_from(step);
+StepForm SequentialUpdate::form_up_to(std::size_t step) {
+  take_changes();
+  StepForm sum = StepForm::zero(store_.projector().central_functions().size());
+  const auto& steps = store_.steps();
+  for (auto it = steps.begin(); it != steps.end() && it->first <= step; ++it) {
+    // Data of a structure that changes grow old; a power of 1 leaves the sum as it is, to the bit.
+    if (it != steps.begin()) sum.raise(changes_.power_before(it->first));
+    sum.add(it->second.form);
+  }
+  return sum;
 }
 
-void SequentialUpdate::take_out(std::size_t step) {
-  if (data_.erase(step) == 0)
-    throw UsageError(fmt::format("step {} is not assimilated: there is nothing to take out", step));
-  forget_from(step);
-  if (data_.empty()) begin_anew();
-}
-
-/// What was computed from this step on holds no longer.
-void SequentialUpdate::forget_from(std::size_t step) {
-  for (auto it = data_.lower_bound(step); it != data_.end(); ++it) it->second.log_evidence.reset();
-  if (summed_ && *summed_ >= step) rewind(step);
-}
-
-void SequentialUpdate::begin_anew() {
-  result_ = {};
-  posterior_ = {};
-  changes_.clear();
-  aged_.clear();
-  if (composition_) restart_composition();
-  clear_sums();
-  supervision_.restart();
-  summed_.reset();
-  followed_ = true;
-  previewed_ = false;
-  redone_at_.reset();
-}
-
-void SequentialUpdate::restart_composition() {
-  composition_->map = transport::ComposedMap(transform_->dimension());
+/// Composed maps need every step, and so do a correction and a structure that changes, which follow from all
+/// steps before; the collapsed posterior only the last one, and the one before it for the increment of the
+/// evidence.
+bool SequentialUpdate::posteriors_depend_on_earlier() const {
+  return solver_.is_composed() || supervision_.learns() || changes_.possible();
 }
 
 const UpdateResult& SequentialUpdate::conclude(std::size_t step) {
-  // Composed maps need every step, and so do a correction and a structure that changes, which follow from all
-  // steps before; the collapsed posterior only the last one, and the one before it for the increment of the
-  // evidence.
-  return conclude(step, composition_ || supervision_.learns() || may_change());
+  return conclude(step, posteriors_depend_on_earlier());
 }
 
 const UpdateResult& SequentialUpdate::follow(std::size_t step) {
-  if (!followed_) begin_anew();
+  take_changes();
+  if (!followed_) restart();
   return conclude(step, true);
 }
 
 const UpdateResult& SequentialUpdate::conclude(std::size_t step, bool every) {
-  const auto last = data_.find(step);
-  if (last == data_.end())
-    throw UsageError(fmt::format("step {} is not assimilated: there is no posterior of it", step));
+  take_changes();
+  const auto last = store_.find(step);
+  auto& steps = store_.steps();
   // Also where `step` is summed up, but only on the way back from a later one.
-  if (summed_ && (*summed_ > step || previewed_ || posterior_.weights.size() == 0)) rewind(step);
+  if (summed_ && (*summed_ > step || previewed_ || result_.weights.size() == 0)) rewind(step);
   // In the order of the steps, so that the sums are those of data that came in that order, to the bit.
-  auto it = summed_ ? data_.upper_bound(*summed_) : data_.begin();
+  auto it = summed_ ? steps.upper_bound(*summed_) : steps.begin();
   for (const auto end = std::next(last); it != end; ++it) {
     const bool before_last = std::next(it) == last && !it->second.log_evidence;
     if (!every && it != last && !before_last) {
-      add_to_sums(it->second);
+      sums_.add(it->second);
       summed_ = it->first;
       supervision_.lose_posterior();
       followed_ = false;
@@ -201,39 +128,242 @@ const UpdateResult& SequentialUpdate::conclude(std::size_t step, bool every) {
     try {
       assimilate(it->first);
     } catch (...) {
-      begin_anew();  // a posterior that is half one step's, half another's is nobody's
+      restart();  // a posterior that is half one step's, half another's is nobody's
       throw;
     }
   }
   return result_;
 }
 
-void SequentialUpdate::recompute(std::size_t step) {
-  const auto here = data_.find(step);
-  const Datum& datum = here->second;
-  result_ = {};
-  result_.step = step;
-  result_.time = datum.time;
-  result_.used = datum.form.used;
-  result_.missing = datum.form.missing;
-  shares_.reset();
-  set_target();
-  if (options_.kind == Method::grid) {
-    by_grid();
-  } else if (composition_) {
-    by_composed_maps(step);
-  } else {
-    by_collapsed_map();
+const UpdateResult& SequentialUpdate::preview(std::size_t step) {
+  if (posteriors_depend_on_earlier()) return follow(step);
+  take_changes();
+  const auto last = store_.find(step);
+  const FormSums followed = std::exchange(sums_, FormSums::zero(sums_.form.linear.size()));
+  try {
+    for (auto it = store_.steps().begin(); it != std::next(last); ++it) {
+      sums_.add(it->second);
+      const bool before_last = std::next(it) == last && !it->second.log_evidence;
+      if (before_last || it == last) solve(it->first);
+    }
+  } catch (...) {
+    restart();
+    throw;
   }
+  sums_ = followed;
+  previewed_ = true;
+  return result_;
+}
+
+const UpdateResult& SequentialUpdate::redo(std::size_t from, std::size_t to) {
+  if (from > to)
+    throw UsageError(fmt::format("steps {} to {}: the first step to redo comes after the last", from, to));
+  if (!supervision_.learns()) {
+    throw UsageError(
+        "the data are not kept: set learn_bias, or bias_correction, before assimilating what is to be "
+        "redone");
+  }
+  supervision_.correct_by_hand(from, to);
+  restart();
+  return store_.steps().empty() ? result_ : conclude(store_.last());
+}
+
+/// All earlier steps are in the sums, and `supervision_` knows them.
+void SequentialUpdate::assimilate(std::size_t step) {
   const auto start = monotonic_now();
-  result_.maximum_a_posteriori = maximum_a_posteriori(target_, *transform_, result_.mean);
-  result_.elapsed_us.correction += microseconds_since(start);
-  if (options_.noise_level) average_noise_level();
-  result_.log_evidence += forgotten_;
-  result_.log_evidence_lower_bound += forgotten_;
+  StoredStep& stored = store_.steps().at(step);
+  supervision_.save(step);
+  if (changes_.possible()) {
+    changes_.save(step, sums_);
+    forget(step);
+  }
+  supervision_.correct(step, stored, store_.projector());
+  const auto alarm = supervision_.judge(step, stored, store_.projector().central_functions());
+  if (alarm && restart_on_alarm_ && restart_at_change(step, *alarm)) return;
+  if (alarm && supervision_.asks_for_correction(step)) return correct_since_drift(step, *alarm);
+  const double before = microseconds_since(start);
+  sums_.add(stored);
+  summed_ = step;
+  solve(step);
+  const auto after = monotonic_now();
+  supervision_.learn(stored, sums_.levels.empty() ? Eigen::VectorXd() : solver_.component_shares(result_),
+                     result_);
+  result_.elapsed_us.watch = before + microseconds_since(after);
+}
+
+void SequentialUpdate::assimilate_from(std::size_t from, std::size_t to) {
+  auto& steps = store_.steps();
+  for (auto it = steps.find(from); it != steps.end() && it->first <= to; ++it) assimilate(it->first);
+}
+
+/// The posterior of the sums as that of `step`.
+void SequentialUpdate::solve(std::size_t step) {
+  const auto here = store_.steps().find(step);
+  StoredStep& stored = here->second;
+  UpdateResult fresh;
+  fresh.points.swap(result_.points);  // their memory is used again
+  fresh.weights.swap(result_.weights);
+  result_ = std::move(fresh);
+  result_.step = step;
+  result_.time = stored.time;
+  result_.used = stored.form.used;
+  result_.missing = stored.form.missing;
+  solver_.set(sums_, supervision_.shares());
+  solver_.solve(stored.assimilated(), result_, result_.elapsed_us);
+  result_.log_evidence += sums_.forgotten;
+  result_.log_evidence_lower_bound += sums_.forgotten;
   result_.log_evidence_increment =
-      result_.log_evidence - (here == data_.begin() ? 0.0 : *std::prev(here)->second.log_evidence);
-  here->second.log_evidence = result_.log_evidence;
+      result_.log_evidence - (here == store_.steps().begin() ? 0.0 : *std::prev(here)->second.log_evidence);
+  stored.log_evidence = result_.log_evidence;
+}
+
+/// The data before `step`, all in the sums, grow old. Costs a posterior: the evidence of the data to come is
+/// that under the wider one, whose constant no reweighting of points gives well.
+void SequentialUpdate::forget(std::size_t step) {
+  const double power = changes_.power_before(step);
+  if (changes_.before(step)) supervision_.restart_sums();
+  if (!summed_ || power == 1) return;
+  sums_.forgotten = *store_.steps().at(*summed_).log_evidence;  // log Z(S), and what was forgotten before
+  sums_.form.raise(power);
+  if (power == 0) {
+    supervision_.forget_posterior();
+    return;
+  }
+  solver_.set(sums_, supervision_.shares());
+  solver_.solve_collapsed(result_, result_.elapsed_us);
+  sums_.forgotten -= result_.log_evidence;
+  supervision_.set_posterior(result_);
+}
+
+/// The drift began some steps ago: they were assimilated with a model that is wrong. They are taken out and
+/// put back with the corrected one.
+void SequentialUpdate::correct_since_drift(std::size_t step, const ModelSupervision::Alarm& alarm) {
+  redone_at_ = step;
+  const std::size_t from = supervision_.begin_correction(store_.before(step, alarm.steps - 1)->first, step);
+  go_back_before(from);
+  assimilate_from(from, step);
+  result_.notice = fmt::format(
+      "{}; correction of model bias switched on, and steps {} to {} taken out and put back with the "
+      "corrected "
+      "model{}{}",
+      alarm.notice, from, step, result_.notice.empty() ? "" : "; ", result_.notice);
+}
+
+/// The alarm at `step` is taken for a change where the drift began: the data from there on are assimilated
+/// again with it. False where that is known already, or where there is nothing before it to be forgotten.
+bool SequentialUpdate::restart_at_change(std::size_t step, const ModelSupervision::Alarm& alarm) {
+  const auto first = store_.before(step, alarm.steps - 1);
+  const std::size_t onset = first->first;
+  if (first == store_.steps().begin() || changes_.before(onset)) return false;
+  std::vector<std::size_t> found = changes_.found();
+  found.push_back(onset);
+  std::size_t from = store_.steps().begin()->first;
+  if (supervision_.remembers(onset)) {
+    from = supervision_.restore(onset);
+    restore_sums(from);
+  } else {
+    restart();
+  }
+  changes_.set_found(std::move(found));
+  redone_at_ = step;
+  assimilate_from(from, step);
+  result_.notice = fmt::format(
+      "{}; taken for a change of the structure at step {}: the data before it count {}{}{}", alarm.notice,
+      onset, changes_.retention_in_words(), result_.notice.empty() ? "" : "; ", result_.notice);
+  return true;
+}
+
+/// Nothing from `step` on is assimilated. Where the state before it is not remembered, or what came later has
+/// changed the steps before it, nothing is at all.
+void SequentialUpdate::rewind(std::size_t step) {
+  const bool remembered = followed_ && supervision_.remembers(step) && !(redone_at_ && *redone_at_ >= step);
+  if (!remembered || solver_.is_composed()) {
+    restart();
+    return;
+  }
+  const std::size_t found = supervision_.restore(step);
+  if (changes_.possible()) {
+    restore_sums(found);
+  } else {
+    go_back_before(step);
+  }
+  result_ = {};
+  previewed_ = false;
+}
+
+/// The state in which `step` comes next.
+void SequentialUpdate::go_back_before(std::size_t step) {
+  restart_sums();
+  solver_.restart();
+  summed_.reset();
+  const auto end = store_.steps().lower_bound(step);
+  for (auto it = store_.steps().begin(); it != end; ++it) {
+    sums_.add(it->second);
+    summed_ = it->first;
+    if (solver_.is_composed()) solve(it->first);
+  }
+}
+
+/// The sums before `step` again, which are remembered.
+void SequentialUpdate::restore_sums(std::size_t step) {
+  sums_ = changes_.restore(step);
+  summed_.reset();
+  auto& steps = store_.steps();
+  if (const auto next = steps.lower_bound(step); next != steps.begin()) summed_ = std::prev(next)->first;
+}
+
+void SequentialUpdate::restart_sums() {
+  sums_ = FormSums::zero(store_.projector().central_functions().size());
+}
+
+void SequentialUpdate::restart() {
+  result_ = {};
+  changes_.restart();
+  solver_.restart();
+  restart_sums();
+  supervision_.restart();
+  summed_.reset();
+  followed_ = true;
+  previewed_ = false;
+  redone_at_.reset();
+}
+
+void SequentialUpdate::reject_incompatible_options(const UpdateOptions& options) const {
+  const bool composed = solver_.is_composed(), shared = store_.projector().depends_on_order();
+  if (supervision_.learns()) {
+    if (options.noise_level) {
+      throw UsageError(
+          "bias_correction does not go together with noise_level = \"unknown\": data cannot tell a bias from "
+          "noise");
+    }
+    if (store_.projector().noise().scale_std() > 0) {
+      throw UsageError(
+          "bias_correction does not go together with a scale that is not known exactly (relative_scale_std, "
+          "dic.scale_std): leave out one of them");
+    }
+    if (shared && !supervision_.is_joint()) {
+      throw UsageError(
+          "an extrapolated bias does not go together with noise that steps share (shared_reference, "
+          "offset_std): its likelihood replaces the noise of each step; take bias_extrapolation = \"joint\"");
+    }
+    if (composed && supervision_.is_joint()) {
+      throw UsageError(
+          "composed maps take the data one by one, but a bias that is unknown together with the parameters "
+          "links "
+          "them: use the collapsed form, or bias_extrapolation = \"linear\"");
+    }
+  }
+  if (!changes_.possible()) return;
+  const char* other = options.noise_level     ? "noise_level = \"unknown\""
+                      : composed              ? "form = \"composed\""
+                      : supervision_.learns() ? "bias_correction and --redo"
+                      : shared                ? "errors that steps share (shared_reference, offset_std)"
+                                              : nullptr;
+  if (other == nullptr) return;
+  throw UsageError(
+      fmt::format("forgetting, change_points and on_alarm = \"restart\" do not go together with {}: "
+                  "these count on data that do not grow old",
+                  other));
 }
 
 }  // namespace knothe::assimilation

@@ -14,6 +14,8 @@
 namespace knothe::assimilation {
 namespace {
 
+using numerics::k_quantile_levels;
+
 using test::CurvedFunctions;
 using test::LinearFunctions;
 using test::papers_priors;
@@ -225,7 +227,7 @@ TEST(SequentialUpdate, AStepTakenOutLeavesNoTrace) {
   }
 }
 
-TEST(SequentialUpdate, TheFormsOfStepsPutInAnyOrderGiveThePosteriorOfEveryStep) {
+TEST(SequentialUpdate, DataAddedInAnyOrderGiveThePosteriorOfEveryStep) {
   const Eigen::Index n = 8;
   const auto model = random_model(std::make_shared<CurvedFunctions>(), n, 4, 5, 33);
   const Eigen::VectorXd std = Eigen::VectorXd::Constant(n, 0.6);
@@ -234,28 +236,25 @@ TEST(SequentialUpdate, TheFormsOfStepsPutInAnyOrderGiveThePosteriorOfEveryStep) 
     UpdateOptions options;
     options.form = form;
     SequentialUpdate in_order(model, NoiseModel::independent(std), papers_priors(), options);
-    SequentialUpdate put(model, NoiseModel::independent(std), papers_priors(), options);
-    DatumProjector projector(model, NoiseModel::independent(std), put.centre());
+    SequentialUpdate late(model, NoiseModel::independent(std), papers_priors(), options);
     std::vector<UpdateResult> lines;
     std::vector<Eigen::MatrixXd> points;
     for (std::size_t t = 0; t < 5; ++t) {
       lines.push_back(in_order.update(t, t, data.col(static_cast<Eigen::Index>(t))));
       points.push_back(in_order.posterior().points);
     }
-    const auto form_of = [&](std::size_t t) {
-      StepForm one;
-      projector.project(t, t, data.col(static_cast<Eigen::Index>(t)), one);
-      return one;
+    const auto add = [&](std::size_t t) {
+      late.add({{}, t, t, data.col(static_cast<Eigen::Index>(t)), std::nullopt});
     };
-    for (std::size_t t : {3u, 0u, 4u, 2u}) put.put(t, t, form_of(t));
-    put.conclude(4);
-    put.put(1, 1, form_of(1));
+    for (std::size_t t : {3u, 0u, 4u, 2u}) add(t);
+    late.conclude(4);
+    add(1);
     for (std::size_t t : {4u, 1u, 0u, 2u, 3u, 4u}) {
-      EXPECT_TRUE(identical(put.conclude(t), lines[t])) << t;
-      EXPECT_EQ(put.result().log_evidence_increment, lines[t].log_evidence_increment) << t;
-      EXPECT_EQ(put.posterior().points, points[t]) << t;
+      EXPECT_TRUE(identical(late.conclude(t), lines[t])) << t;
+      EXPECT_EQ(late.result().log_evidence_increment, lines[t].log_evidence_increment) << t;
+      EXPECT_EQ(late.posterior().points, points[t]) << t;
     }
-    EXPECT_THROW(put.conclude(7), UsageError);
+    EXPECT_THROW(late.conclude(7), UsageError);
   }
 }
 

@@ -3,7 +3,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cassert>
 #include <cmath>
+#include <numbers>
+#include <random>
 
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/integrate/sobol.hpp"
@@ -15,12 +18,53 @@ namespace {
 /// ∫ K from −∞ to x (`lattice_quantiles`); K is φ less half its second derivative plus an eighth of its
 /// fourth.
 double spread_mass(double x) {
-  return normal_cdf(x) + x * (7 - x * x) / 8 * normal_pdf(x);
+  return 0.5 * std::erfc(-x * std::numbers::sqrt2 / 2) + x * (7 - x * x) / 8 * normal_pdf(x);
 }
 
 constexpr double k_spread_reach = 7;  ///< K is nothing beyond
 
 }  // namespace
+
+void mean_and_covariance(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                         const Eigen::Ref<const Eigen::VectorXd>& weights, Eigen::VectorXd& mean,
+                         Eigen::MatrixXd& covariance) {
+  assert(points.rows() == weights.size());
+  mean.noalias() = points.transpose() * weights;
+  const Eigen::MatrixXd centred = points.rowwise() - mean.transpose();
+  const Eigen::MatrixXd weighted = weights.asDiagonal() * centred;
+  const Eigen::MatrixXd product = centred.transpose() * weighted;
+  covariance = 0.5 * (product + product.transpose());
+}
+
+Moments moments_of(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                   const Eigen::Ref<const Eigen::VectorXd>& weights) {
+  const Eigen::Index n = points.rows(), d = points.cols();
+  if (n < 1 || weights.size() != n)
+    throw UsageError(
+        fmt::format("moments: {} points and {} weights; at least one point is needed, and one weight each", n,
+                    weights.size()));
+  const double sum = weights.sum();
+  if (!(weights.minCoeff() >= 0) || !(sum > 0) || !std::isfinite(sum))
+    throw UsageError("moments: the weights must be finite and not negative, and not all zero");
+  const Eigen::VectorXd w = weights / sum;
+  Moments m;
+  mean_and_covariance(points, w, m.mean, m.covariance);
+  m.skewness.setZero(d);
+  m.kurtosis.setConstant(d, 3);
+  for (Eigen::Index k = 0; k < d; ++k) {
+    const double std = std::sqrt(m.covariance(k, k));
+    if (!(std > 0)) continue;
+    const Eigen::ArrayXd u = (points.col(k).array() - m.mean[k]) / std;
+    m.skewness[k] = (w.array() * u.cube()).sum();
+    m.kurtosis[k] = (w.array() * u.square().square()).sum();
+  }
+  return m;
+}
+
+double effective_share(const Eigen::Ref<const Eigen::VectorXd>& log_weight) {
+  const Eigen::ArrayXd weight = (log_weight.array() - log_weight.maxCoeff()).exp();
+  return weight.sum() * weight.sum() / (static_cast<double>(weight.size()) * weight.square().sum());
+}
 
 void WeightedQuantiles::compute(std::span<const double> values, std::span<const double> weights,
                                 std::span<const double> levels, std::span<double> quantiles) {
@@ -101,6 +145,25 @@ void WeightedQuantiles::compute(std::span<const double> values, std::span<const 
   }
 }
 
+Eigen::MatrixXd weighted_quantiles(const Eigen::MatrixXd& points, const Eigen::VectorXd& weights) {
+  WeightedQuantiles workspace;
+  Eigen::MatrixXd quantiles;
+  weighted_quantiles(points, weights, workspace, quantiles);
+  return quantiles;
+}
+
+void weighted_quantiles(const Eigen::MatrixXd& points, const Eigen::VectorXd& weights,
+                        WeightedQuantiles& workspace, Eigen::MatrixXd& quantiles) {
+  const auto n = static_cast<std::size_t>(points.rows());
+  std::array<double, k_quantile_levels.size()> of_column;
+  quantiles.resize(points.cols(), static_cast<Eigen::Index>(of_column.size()));
+  for (Eigen::Index k = 0; k < points.cols(); ++k) {
+    workspace.compute({points.col(k).data(), n}, {weights.data(), static_cast<std::size_t>(weights.size())},
+                      k_quantile_levels, of_column);
+    quantiles.row(k) = Eigen::Map<const Eigen::RowVectorXd>(of_column.data(), quantiles.cols());
+  }
+}
+
 void lattice_quantiles(std::span<const double> nodes, std::span<const double> weights, double width,
                        std::span<const double> levels, std::span<double> quantiles) {
   if (nodes.empty() || nodes.size() != weights.size() || levels.size() != quantiles.size())
@@ -171,6 +234,16 @@ std::vector<Eigen::Index> equal_draws(const Eigen::Ref<const Eigen::VectorXd>& w
     chosen.push_back(order[i]);
   }
   return chosen;
+}
+
+Eigen::MatrixXd resample(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                         const Eigen::Ref<const Eigen::VectorXd>& weights, Eigen::Index count,
+                         std::uint64_t seed) {
+  std::vector<Eigen::Index> chosen = equal_draws(weights, count);
+  std::mt19937_64 random(seed);
+  // Not std::shuffle, whose order is the library's affair.
+  for (std::size_t k = chosen.size(); k > 1; --k) std::swap(chosen[k - 1], chosen[random() % k]);
+  return points(chosen, Eigen::all);
 }
 
 }  // namespace knothe::numerics

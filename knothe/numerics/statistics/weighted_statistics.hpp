@@ -1,7 +1,8 @@
 #pragma once
-/// @file Quantiles of weighted points, and draws from them.
+/// @file What is said of weighted points: moments, quantiles, and draws from them.
 #include <Eigen/Core>
 #include <array>
+#include <cstdint>
 #include <span>
 #include <vector>
 
@@ -9,6 +10,29 @@ namespace knothe::numerics {
 
 /// Levels at which quantiles are given, in lines, files and figures.
 inline constexpr std::array<double, 5> k_quantile_levels = {0.025, 0.25, 0.5, 0.75, 0.975};
+
+/// Mean (d) and covariance (d × d, symmetric to the bit) of points (n × d) under weights (n, sum 1; asserted
+/// that there are as many).
+void mean_and_covariance(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                         const Eigen::Ref<const Eigen::VectorXd>& weights, Eigen::VectorXd& mean,
+                         Eigen::MatrixXd& covariance);
+
+/// Mean and covariance; skewness and kurtosis of each coordinate.
+struct Moments {
+  Eigen::VectorXd mean;        ///< d
+  Eigen::MatrixXd covariance;  ///< d × d
+  Eigen::VectorXd skewness;    ///< d, E(z − μ)³/σ³
+  Eigen::VectorXd kurtosis;    ///< d, E(z − μ)⁴/σ⁴: 3 for a Gaussian
+};
+
+/// Moments of the points (n × d) under the weights (n, ≥ 0 with a positive sum; divided by it). Skewness and
+/// kurtosis of a coordinate without spread are 0 and 3. Errors: UsageError for sizes that disagree, no
+/// points, weights that are negative, not finite or all zero.
+[[nodiscard]] Moments moments_of(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                                 const Eigen::Ref<const Eigen::VectorXd>& weights);
+
+/// Effective sample size (Σw)²/Σw² of weights exp(log_weight), as a fraction of their number.
+[[nodiscard]] double effective_share(const Eigen::Ref<const Eigen::VectorXd>& log_weight);
 
 /// Quantiles of weighted points in one variable: the points sorted, point i stands at cumulative weight c_i =
 /// Σ_{j<i} w_j + w_i/2 (the sum of the weights being 1), and values are interpolated linearly in c; beyond
@@ -35,6 +59,13 @@ class WeightedQuantiles {
   std::vector<Entry> entries_;
 };
 
+/// Marginal quantiles at `k_quantile_levels` of points (n × d): d × levels, into `quantiles`. The second form
+/// keeps the workspace.
+[[nodiscard]] Eigen::MatrixXd weighted_quantiles(const Eigen::MatrixXd& points,
+                                                 const Eigen::VectorXd& weights);
+void weighted_quantiles(const Eigen::MatrixXd& points, const Eigen::VectorXd& weights,
+                        WeightedQuantiles& workspace, Eigen::MatrixXd& quantiles);
+
 /// Quantiles of a smooth density of which the nodes of a lattice are given, with weights (≥ 0, any positive
 /// sum) proportional to the density there. Each node is spread by K(x/width)/width, K = (15 − 10x² + x⁴)
 /// φ(x)/8, whose second and fourth moments vanish, so that nothing is widened: the error is of order width⁶.
@@ -48,5 +79,10 @@ void lattice_quantiles(std::span<const double> nodes, std::span<const double> we
 /// k-th point of a low-discrepancy sequence would lie in one part of the first coordinate.
 [[nodiscard]] std::vector<Eigen::Index> equal_draws(const Eigen::Ref<const Eigen::VectorXd>& weights,
                                                     Eigen::Index count);
+
+/// Those draws, count × d, shuffled by the seed, so that any part of them is a sample too.
+[[nodiscard]] Eigen::MatrixXd resample(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                                       const Eigen::Ref<const Eigen::VectorXd>& weights, Eigen::Index count,
+                                       std::uint64_t seed);
 
 }  // namespace knothe::numerics

@@ -95,5 +95,24 @@ TEST(KernelDensity, IsTheSumOfItsKernels) {
   EXPECT_THROW((void)kernel_bandwidth(x, std::vector<double>{1, -1, 1}, Bandwidth::silverman), UsageError);
 }
 
+TEST(LatticeQuantiles, OfANormalDensityFromFewNodes) {
+  const std::vector<double> levels = {0.025, 0.25, 0.5, 0.975};
+  for (const double h : {0.1, 0.2, 0.4}) {
+    std::vector<double> nodes, weights, found(levels.size());
+    for (double x = -9 + 0.37 * h; x < 9; x += h) {
+      nodes.push_back(5 - 2 * x);  // in any order
+      weights.push_back(3 * normal_pdf(x));
+    }
+    lattice_quantiles(nodes, weights, 0.8 * 2 * h, levels, found);
+    for (std::size_t i = 0; i < levels.size(); ++i)
+      EXPECT_NEAR((found[i] - 5) / 2, normal_quantile(levels[i]), 5e-4) << h;
+  }
+  std::vector<double> one(1);
+  lattice_quantiles(std::vector<double>{7}, std::vector<double>{2}, 0.1, std::vector<double>{0.5}, one);
+  EXPECT_NEAR(one[0], 7, 1e-9);
+  EXPECT_THROW(lattice_quantiles(std::vector<double>{7}, std::vector<double>{0}, 0.1, levels, one),
+               UsageError);
+}
+
 }  // namespace
 }  // namespace knothe::numerics

@@ -25,13 +25,11 @@ ColourBar step_bar(const Results& results) {
 
 /// log det of a covariance; of its diagonal where it is not positive definite.
 double log_determinant(const Step& s) {
-  const auto d = static_cast<Eigen::Index>(s.mean.size());
-  const Eigen::MatrixXd covariance = Eigen::Map<const Eigen::MatrixXd>(s.covariance.data(), d, d);
-  const Eigen::LLT<Eigen::MatrixXd> factor(covariance);
+  const Eigen::LLT<Eigen::MatrixXd> factor(s.covariance);
   double sum = 0.0;
-  for (Eigen::Index i = 0; i < d; ++i) {
+  for (Eigen::Index i = 0; i < s.mean.size(); ++i) {
     const double diagonal =
-        factor.info() == Eigen::Success ? factor.matrixLLT()(i, i) : std::sqrt(covariance(i, i));
+        factor.info() == Eigen::Success ? factor.matrixLLT()(i, i) : std::sqrt(s.covariance(i, i));
     sum += 2.0 * std::log(std::max(diagonal, 1e-150));
   }
   return sum;
@@ -69,7 +67,8 @@ std::vector<std::size_t> learning_steps(const Results& results, std::size_t d, s
   std::vector<std::size_t> order;
   std::vector<double> fall(results.steps.size(), 0.0);
   for (std::size_t i = 1; i < results.steps.size(); ++i) {
-    const double before = results.steps[i - 1].std[d], after = results.steps[i].std[d];
+    const double before = results.steps[i - 1].standard_deviations()[d],
+                 after = results.steps[i].standard_deviations()[d];
     if (before > 0.0 && after > 0.0) fall[i] = std::log(before / after);
     if (fall[i] > 0.02) order.push_back(i);
   }
@@ -108,8 +107,8 @@ Plot convergence_plot(const Results& results, std::size_t d) {
   const auto level = [&](double wanted, double sigmas) {
     return over_steps(results, [&](const Step& s) {
       for (std::size_t k = 0; k < s.levels.size(); ++k)
-        if (std::abs(s.levels[k] - wanted) < 1e-9) return s.quantiles[d][k];
-      return s.mean[d] + sigmas * s.std[d];
+        if (std::abs(s.levels[k] - wanted) < 1e-9) return s.quantiles(d, k);
+      return s.mean[d] + sigmas * s.standard_deviations()[d];
     });
   };
   plot.band(x, level(0.025, -1.96), level(0.975, 1.96), Paint::series(0), "95 % of the probability");

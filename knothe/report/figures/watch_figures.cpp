@@ -16,7 +16,7 @@ namespace {
 std::vector<std::size_t> alarms(const Results& results) {
   std::vector<std::size_t> at;
   for (std::size_t i = 0; i < results.steps.size(); ++i) {
-    if (results.steps[i].alarm && (i == 0 || !results.steps[i - 1].alarm)) at.push_back(i);
+    if (results.steps[i].monitor.alarm && (i == 0 || !results.steps[i - 1].monitor.alarm)) at.push_back(i);
   }
   return at;
 }
@@ -47,7 +47,7 @@ std::string verdict(const Results& results) {
   }
   double nearest = 0;
   for (const Step& s : results.steps)
-    if (s.threshold > 0) nearest = std::max(nearest, s.cumulative_sum / s.threshold);
+    if (s.monitor.threshold > 0) nearest = std::max(nearest, s.monitor.cumulative_sum / s.monitor.threshold);
   return fmt::format(
       "The alarm did not ring: each datum was compared with what the posterior before it predicted, and the "
       "sum of what was amiss came to {:.0f} % of the threshold at most.",
@@ -71,15 +71,16 @@ Plot evidence_plot(const Results& results) {
   const auto increment = over_steps(results, [](const Step& s) { return s.log_evidence_increment; });
   plot.line(results.step_numbers(), increment, Paint::faint(), "of the step", {1.2});
   if (results.monitored)
-    plot.line(results.step_numbers(), over_steps(results, [](const Step& s) { return s.smoothed_increment; }),
+    plot.line(results.step_numbers(),
+              over_steps(results, [](const Step& s) { return s.monitor.smoothed_increment; }),
               Paint::series(6), "smoothed", {2.2});
   mark_alarms(plot, results, increment);
   return plot;
 }
 
 Plot alarm_plot(const Results& results) {
-  const auto sum = over_steps(results, [](const Step& s) { return s.cumulative_sum; });
-  const double threshold = results.steps.back().threshold;
+  const auto sum = over_steps(results, [](const Step& s) { return s.monitor.cumulative_sum; });
+  const double threshold = results.steps.back().monitor.threshold;
   Plot plot("The alarm", {"step"},
             {"cumulative sum", 0.0, 1.15 * std::max(threshold, *std::max_element(sum.begin(), sum.end()))});
   plot.line(results.step_numbers(), sum, Paint::series(0), "largest of the sums");
@@ -101,7 +102,7 @@ Plot residual_plot(const Results& results) {
 
 Plot discrepancy_plot(const Results& results) {
   Plot plot("How wrong the model is inferred to be", {"step"}, {"size of the discrepancy", 0.0});
-  plot.line(results.step_numbers(), over_steps(results, [](const Step& s) { return s.discrepancy; }),
+  plot.line(results.step_numbers(), over_steps(results, [](const Step& s) { return s.monitor.discrepancy; }),
             Paint::series(1));
   return plot;
 }
@@ -157,7 +158,7 @@ void add_watch(Page& page, const Results& results) {
       figure_of(evidence_plot(results), "Log-evidence increments"),
       figure_of(alarm_plot(results), "Cumulative sum of the monitor and its threshold")};
   const bool joint = std::any_of(results.steps.begin(), results.steps.end(),
-                                 [](const Step& s) { return s.discrepancy > 0; });
+                                 [](const Step& s) { return s.monitor.discrepancy > 0; });
   if (joint) figures.push_back(figure_of(discrepancy_plot(results), "Size of the discrepancy"));
   if (!results.steps.back().models.empty())
     figures.push_back(figure_of(model_probability_plot(results), "Posterior probability of each model"));

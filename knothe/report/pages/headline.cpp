@@ -42,9 +42,11 @@ std::string list_of(const std::vector<std::size_t>& numbers) {
 Card parameter_card(const Results& results, std::size_t d) {
   const ParameterSummary& p = results.parameters[d];
   const Step& last = results.steps.back();
-  Card card{pretty_name(p.name), with_uncertainty(last.mean[d], last.std[d]), {}};
+  Card card{pretty_name(p.name), with_uncertainty(last.mean[d], last.standard_deviations()[d]), {}};
   if (p.truth) {
-    const double distance = last.std[d] > 0.0 ? std::abs(last.mean[d] - *p.truth) / last.std[d] : 0.0;
+    const double distance = last.standard_deviations()[d] > 0.0
+                                ? std::abs(last.mean[d] - *p.truth) / last.standard_deviations()[d]
+                                : 0.0;
     card.remark = fmt::format("true value {}, {:.1f} standard deviations away", plain(*p.truth), distance);
     card.warning = distance > 3.0;
   } else {
@@ -98,7 +100,8 @@ std::vector<TableRow> comparison_with_paper(const Results& results) {
   if (results.parameters.size() != 2 || y0 < 0 || ad < 0) return {};
   const Step& last = results.steps.back();
   const auto found = [&](int d) {
-    return with_uncertainty(last.mean[static_cast<std::size_t>(d)], last.std[static_cast<std::size_t>(d)]);
+    return with_uncertainty(last.mean[static_cast<std::size_t>(d)],
+                            last.standard_deviations()[static_cast<std::size_t>(d)]);
   };
   std::vector<TableRow> rows;
   rows.push_back(

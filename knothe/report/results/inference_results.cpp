@@ -67,8 +67,7 @@ Json figures_of(const project::InferenceSetup& setup, const InferenceResult& r) 
   const Eigen::Index m = map.weights.size();
   figures["reference"] =
       marginals_of(map.pulled_back, Eigen::VectorXd::Constant(m, 1.0 / static_cast<double>(m)), reference);
-  figures["pull_back_draws"] =
-      columns_of(inference::resample(map.pulled_back, map.weights, k_shown_draws, 1));
+  figures["pull_back_draws"] = columns_of(numerics::resample(map.pulled_back, map.weights, k_shown_draws, 1));
   figures["diagnostic_by_order"] = map.map.diagnostic_by_order;
   figures["objective_by_order"] = map.map.objective_by_order;
   figures["training_diagnostic"] = map.map.training_diagnostic;
@@ -117,7 +116,7 @@ void write_samples(const std::string& path, const project::Project& project,
     const auto statistic = [&](const char* name, double value, const char* meaning) {
       out.add_variable("sample_stats", name, Names{"run"}, {&value, 1}, {"1", meaning});
     };
-    statistic("ess", r.ess, "effective sample size as a fraction of the weighted points");
+    statistic("ess", r.effective_sample_size, "effective sample size as a fraction of the weighted points");
     statistic("trusted", r.trusted ? 1 : 0, "1 if trusted");
     statistic("log_evidence", r.log_evidence, "natural logarithm");
     statistic("map_order", r.map_order, "order of the map, 0 without one");
@@ -159,16 +158,16 @@ Json inference_record(const InferenceResult& r, const std::vector<std::string>& 
   Json record = {
       {"method", inference::to_text(r.method)},
       {"parameters", parameters},
-      {"mean", to_json(r.summary.mean)},
-      {"covariance", rows_of(r.summary.covariance)},
+      {"mean", to_json(r.mean)},
+      {"covariance", rows_of(r.covariance)},
       {"maximum_a_posteriori", to_json(r.maximum_a_posteriori)},
-      {"quantiles", {{"levels", inference::k_quantile_levels}, {"values", rows_of(r.summary.quantiles)}}},
-      {"skewness", to_json(r.summary.skewness)},
-      {"kurtosis", to_json(r.summary.kurtosis)},
+      {"quantiles", {{"levels", numerics::k_quantile_levels}, {"values", rows_of(r.quantiles)}}},
+      {"skewness", to_json(r.skewness)},
+      {"kurtosis", to_json(r.kurtosis)},
       {"map_order", r.map_order},
       {"variance_diagnostic", r.variance_diagnostic},
       {"tolerance_reached", r.tolerance_reached},
-      {"ess", r.ess},
+      {"ess", r.effective_sample_size},
       {"trusted", r.trusted},
       {"verdict", r.verdict},
       {"log_evidence", r.log_evidence},
@@ -203,7 +202,7 @@ Json comparison_record(const inference::Comparison& c, const std::string& first,
             {"mean_difference", to_json(c.mean_difference)},
             {"std_ratio", to_json(c.std_ratio)},
             {"quantile_difference",
-             {{"levels", inference::k_quantile_levels}, {"values", rows_of(c.quantile_difference)}}},
+             {{"levels", numerics::k_quantile_levels}, {"values", rows_of(c.quantile_difference)}}},
             {"log_evidence_difference", c.log_evidence_difference},
             {"log_evidence_error", c.log_evidence_error}}}};
 }

@@ -117,12 +117,12 @@ std::string inference_text(const InferenceRun& run) {
   std::string text =
       fmt::format("{:<16} {:>12} {:>12} {:>12} {:>12} {:>12} {:>9} {:>9}\n", inference::to_text(r.method),
                   "mean", "std", "most probable", "2.5 %", "97.5 %", "skewness", "kurtosis");
-  const Eigen::VectorXd std = r.summary.standard_deviations();
+  const Eigen::VectorXd std = r.standard_deviations();
   for (Eigen::Index k = 0; k < std.size(); ++k)
     text += fmt::format("{:<16} {:>12.5g} {:>12.4g} {:>13.5g} {:>12.5g} {:>12.5g} {:>9.3f} {:>9.3f}\n",
-                        run.setup.parameters[static_cast<std::size_t>(k)], r.summary.mean[k], std[k],
-                        r.maximum_a_posteriori[k], r.summary.quantiles(k, 0), r.summary.quantiles(k, 4),
-                        r.summary.skewness[k], r.summary.kurtosis[k]);
+                        run.setup.parameters[static_cast<std::size_t>(k)], r.mean[k], std[k],
+                        r.maximum_a_posteriori[k], r.quantiles(k, 0), r.quantiles(k, 4),
+                        r.skewness[k], r.kurtosis[k]);
   double model_seconds = 0;
   for (const auto& phase : r.phases) model_seconds += phase.model_seconds;
   return text + fmt::format(
@@ -137,7 +137,7 @@ std::string comparison_text(const InferenceRun& first, const InferenceRun& secon
   std::string text = fmt::format("\n{} minus {}, in units of the posterior std\n{:<16} {:>9} {:>10}",
                                  inference::to_text(second.result.method),
                                  inference::to_text(first.result.method), "", "mean", "std ratio");
-  for (const double level : inference::k_quantile_levels)
+  for (const double level : numerics::k_quantile_levels)
     text += fmt::format(" {:>8}", fmt::format("{:g} %", 100 * level));
   for (Eigen::Index k = 0; k < c.mean_difference.size(); ++k) {
     text += fmt::format("\n{:<16} {:>9.4f} {:>10.4f}", first.setup.parameters[static_cast<std::size_t>(k)],

@@ -40,10 +40,10 @@ class Writer {
     const std::size_t d = file_.parameters.size();
     std::vector<std::vector<double>> values(d, std::vector<double>(k_draws * n_steps_));
     for (std::size_t s = 0; s < n_steps_; ++s) {
-      const auto draws = numerics::equal_draws(file_.posteriors[s]->weights, k_draws);
+      const auto draws = numerics::equal_draws(file_.results[s]->weights, k_draws);
       for (std::size_t j = 0; j < k_draws; ++j) {
         for (std::size_t k = 0; k < d; ++k) {
-          values[k][j * n_steps_ + s] = file_.posteriors[s]->points(draws[j], static_cast<Eigen::Index>(k));
+          values[k][j * n_steps_ + s] = file_.results[s]->points(draws[j], static_cast<Eigen::Index>(k));
         }
       }
     }
@@ -66,9 +66,9 @@ class Writer {
                              reduction::observe(model_, measurements_.sensors));
     std::vector<double> values(k_predictive_draws * n_steps_ * n_obs);
     for (std::size_t s = 0; s < n_steps_; ++s) {
-      const auto draws = numerics::equal_draws(file_.posteriors[s]->weights, k_predictive_draws);
+      const auto draws = numerics::equal_draws(file_.results[s]->weights, k_predictive_draws);
       for (std::size_t j = 0; j < k_predictive_draws; ++j) {
-        const Eigen::VectorXd p = file_.posteriors[s]->points.row(draws[j]);
+        const Eigen::VectorXd p = file_.results[s]->points.row(draws[j]);
         const Eigen::VectorXd y = observed->predict(p, file_.time_indices[s]);
         std::copy(y.begin(), y.begin() + static_cast<std::ptrdiff_t>(n_obs),
                   values.begin() + static_cast<std::ptrdiff_t>((j * n_steps_ + s) * n_obs));
@@ -119,14 +119,14 @@ class Writer {
     const std::string group = "weighted_posterior";
     add_steps(group);
     Eigen::Index most = 0;
-    for (const auto* posterior : file_.posteriors) most = std::max(most, posterior->weights.size());
+    for (const auto* result : file_.results) most = std::max(most, result->weights.size());
     const auto n = static_cast<std::size_t>(most), d = file_.parameters.size();
     out_.add_dimension(group, "point", n);
     out_.add_dimension(group, "parameter", d);
     // Steps with fewer points are filled up with their first point at weight zero.
     std::vector<double> points(n_steps_ * n * d), weights(n_steps_ * n, 0.0);
     for (std::size_t s = 0; s < n_steps_; ++s) {
-      const auto& posterior = *file_.posteriors[s];
+      const auto& posterior = *file_.results[s];
       for (std::size_t i = 0; i < n; ++i) {
         const bool there = static_cast<Eigen::Index>(i) < posterior.weights.size();
         const Eigen::Index row = there ? static_cast<Eigen::Index>(i) : 0;
@@ -186,7 +186,8 @@ void write_posterior_file(const std::string& path, const PosteriorFile& file,
   });
 }
 
-StoredPosterior read_last_posterior(const std::string& path, const std::vector<std::string>& parameters) {
+assimilation::UpdateResult read_last_posterior(const std::string& path,
+                                               const std::vector<std::string>& parameters) {
   const files::Hdf5Reader file(path);
   const std::string names = file.text_attribute("/weighted_posterior", "parameters");
   if (names != fmt::format("{}", fmt::join(parameters, ","))) {
@@ -202,12 +203,12 @@ StoredPosterior read_last_posterior(const std::string& path, const std::vector<s
       file.read_slab("/weighted_posterior/points", {last, 0, 0}, {1, shape[1], shape[2]});
   const std::vector<double> weights = file.read_slab("/weighted_posterior/weights", {last, 0}, {1, shape[1]});
   using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-  StoredPosterior stored;
+  assimilation::UpdateResult stored;
   stored.step = static_cast<std::size_t>(file.read("/weighted_posterior/step")[last]);
   stored.time = file.read("/sample_stats/time")[last];
   const auto n = static_cast<Eigen::Index>(shape[1]), d = static_cast<Eigen::Index>(shape[2]);
-  stored.posterior.points = Eigen::Map<const RowMajor>(points.data(), n, d);
-  stored.posterior.weights = Eigen::Map<const Eigen::VectorXd>(weights.data(), n);
+  stored.points = Eigen::Map<const RowMajor>(points.data(), n, d);
+  stored.weights = Eigen::Map<const Eigen::VectorXd>(weights.data(), n);
   return stored;
 }
 

@@ -19,7 +19,6 @@ struct PosteriorFile {
   std::string project;
   std::uint64_t seed = 1;
   std::vector<const assimilation::UpdateResult*> results;
-  std::vector<const assimilation::WeightedPosterior*> posteriors;
   std::vector<std::size_t> time_indices;  ///< model time of each step, of `observed`
   /// The model at the observed dofs (its first rows) and times; null: the model's own times.
   std::shared_ptr<const reduction::ObservedModel> observed;
@@ -33,16 +32,9 @@ void write_posterior_file(const std::string& path, const PosteriorFile& file,
                           const reduction::SeparatedModel& model,
                           const assimilation::Measurements& measurements);
 
-/// The last posterior of a file, with the step it belongs to.
-struct StoredPosterior {
-  std::size_t step = 0;
-  double time = 0;
-  assimilation::WeightedPosterior posterior;
-};
-
-/// Reads the weighted points of the last step; `parameters` must be those of the file, in this order. Errors:
-/// DataError.
-[[nodiscard]] StoredPosterior read_last_posterior(const std::string& path,
-                                                  const std::vector<std::string>& parameters);
+/// Reads the weighted points of the last step, its number and time; `parameters` must be those of the file,
+/// in this order. Errors: DataError.
+[[nodiscard]] assimilation::UpdateResult read_last_posterior(const std::string& path,
+                                                             const std::vector<std::string>& parameters);
 
 }  // namespace knothe::report

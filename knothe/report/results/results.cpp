@@ -104,40 +104,46 @@ StepForecast forecast_of(const Located& f) {
   return out;
 }
 
-void read_moments(const Located& line, Step& s) {
-  s.mean = line.numbers("mean");
-  const std::size_t d = s.mean.size();
-  if (d == 0) line.fail("\"mean\" is empty");
-  const json& rows = line.at("covariance");
-  if (!rows.is_array() || rows.size() != d) line.fail(fmt::format("\"covariance\" must have {} rows", d));
-  for (const auto& row : rows) {
-    const auto numbers = line.numbers(row, "covariance");
-    if (numbers.size() != d) line.fail(fmt::format("\"covariance\" must be {0} × {0}", d));
-    s.covariance.insert(s.covariance.end(), numbers.begin(), numbers.end());
+/// A matrix of `rows` rows and as many columns as `columns` says.
+Eigen::MatrixXd matrix_of(const Located& line, const char* key, std::size_t rows, std::size_t columns,
+                          const std::string& problem) {
+  const json& list = line.at(key);
+  if (!list.is_array() || list.size() != rows) line.fail(fmt::format("\"{}\" must have {} rows", key, rows));
+  Eigen::MatrixXd matrix(rows, columns);
+  for (std::size_t i = 0; i < rows; ++i) {
+    const std::vector<double> row = line.numbers(list[i], key);
+    if (row.size() != columns) line.fail(problem);
+    for (std::size_t j = 0; j < columns; ++j)
+      matrix(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)) = row[j];
   }
-  for (std::size_t i = 0; i < d; ++i) s.std.push_back(std::sqrt(std::max(0.0, s.covariance[i * d + i])));
-  s.maximum_a_posteriori = line.numbers("maximum_a_posteriori", d);
+  return matrix;
+}
+
+Eigen::VectorXd vector_of(const std::vector<double>& numbers) {
+  return Eigen::Map<const Eigen::VectorXd>(numbers.data(), static_cast<Eigen::Index>(numbers.size()));
+}
+
+void read_moments(const Located& line, Step& s) {
+  s.mean = vector_of(line.numbers("mean"));
+  const auto d = static_cast<std::size_t>(s.mean.size());
+  if (d == 0) line.fail("\"mean\" is empty");
+  s.covariance = matrix_of(line, "covariance", d, d, fmt::format("\"covariance\" must be {0} × {0}", d));
+  s.maximum_a_posteriori = vector_of(line.numbers("maximum_a_posteriori", d));
   const Located quantiles = line.object("quantiles");
   s.levels = quantiles.numbers("levels");
-  const json& values = quantiles.at("values");
-  if (!values.is_array() || values.size() != d)
-    quantiles.fail(fmt::format("\"values\" must have {} rows", d));
-  for (const auto& row : values) {
-    s.quantiles.push_back(quantiles.numbers(row, "values"));
-    if (s.quantiles.back().size() != s.levels.size())
-      quantiles.fail("each row of \"values\" needs one number per level");
-  }
+  s.quantiles =
+      matrix_of(quantiles, "values", d, s.levels.size(), "each row of \"values\" needs one number per level");
 }
 
 void read_watch(const Located& line, Step& s) {
   s.notice = line.text_or("notice");
   if (line.has("monitor")) {
     const Located monitor = line.object("monitor");
-    s.smoothed_increment = monitor.number("smoothed_increment");
-    s.cumulative_sum = monitor.number("cumulative_sum");
-    s.threshold = monitor.number("threshold");
-    s.alarm = monitor.at("alarm").is_boolean() && monitor.at("alarm").get<bool>();
-    s.discrepancy = monitor.number_or("discrepancy", 0.0);
+    s.monitor.smoothed_increment = monitor.number("smoothed_increment");
+    s.monitor.cumulative_sum = monitor.number("cumulative_sum");
+    s.monitor.threshold = monitor.number("threshold");
+    s.monitor.alarm = monitor.at("alarm").is_boolean() && monitor.at("alarm").get<bool>();
+    s.monitor.discrepancy = monitor.number_or("discrepancy", 0.0);
   }
   if (!line.has("models")) return;
   const Located models = line.object("models");
@@ -160,9 +166,9 @@ Step step_of(const Located& line) {
   s.remark = line.text_or("remark");
   s.log_evidence = line.number("log_evidence");
   s.log_evidence_increment = line.number("log_evidence_increment");
-  s.used = line.count("used");
-  s.rejected = line.count("rejected");
-  s.missing = line.count("missing");
+  s.used = static_cast<Eigen::Index>(line.count("used"));
+  s.rejected = static_cast<Eigen::Index>(line.count("rejected"));
+  s.missing = static_cast<Eigen::Index>(line.count("missing"));
   read_watch(line, s);
   const Located elapsed = line.object("elapsed_us");
   s.update_us = elapsed.number("update");
@@ -317,8 +323,8 @@ Results read_results(const std::string& folder) {
   Results results;
   results.folder = folder;
   results.steps = read_steps((base / "steps.jsonl").string());
-  results.monitored =
-      std::all_of(results.steps.begin(), results.steps.end(), [](const Step& s) { return s.threshold > 0; });
+  results.monitored = std::all_of(results.steps.begin(), results.steps.end(),
+                                  [](const Step& s) { return s.monitor.threshold > 0; });
   read_summary((base / "summary.json").string(), results);
   const std::size_t d = results.steps.front().mean.size();
   if (!results.parameters.empty() && results.parameters.size() != d)

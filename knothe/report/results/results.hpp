@@ -8,6 +8,8 @@
 #include <utility>
 #include <vector>
 
+#include "knothe/assimilation/update/update_result.hpp"
+
 namespace knothe::report {
 
 /// A density of one number on increasing points.
@@ -46,28 +48,9 @@ struct Residuals {
   std::size_t averaged = 0;
 };
 
-/// One assimilated step; parameters in the order of the project file.
-struct Step {
-  std::size_t step = 0;
-  double time = 0.0;
-  std::vector<double> mean;        ///< d
-  std::vector<double> std;         ///< d
-  std::vector<double> covariance;  ///< d × d
-  std::vector<double> maximum_a_posteriori;
-  std::vector<double> levels;                  ///< of the quantiles
-  std::vector<std::vector<double>> quantiles;  ///< parameter × level
-  int map_order = 0;
-  double variance_diagnostic = 0.0;
-  double effective_sample_size = 1.0;  ///< fraction
-  bool trusted = true;
-  std::string remark;  ///< why not, in the solver's words
-  double log_evidence = 0.0;
-  double log_evidence_increment = 0.0;
-  std::size_t used = 0, rejected = 0, missing = 0;
-  double smoothed_increment = 0.0, cumulative_sum = 0.0, threshold = 0.0;  ///< of the evidence monitor
-  bool alarm = false;
-  double discrepancy = 0.0;                 ///< posterior mean of its size, joint correction
-  std::string notice;                       ///< what the monitor found or did, in words
+/// One assimilated step as its line says it, without points; parameters in the order of the project file.
+struct Step : assimilation::UpdateResult {
+  std::vector<double> levels;               ///< of the quantiles
   std::map<std::string, StepModel> models;  ///< by file; empty without candidates
   double update_us = 0.0, forecast_us = 0.0, total_us = 0.0;
   std::map<std::string, Density> marginals;      ///< by parameter; may be empty

@@ -50,8 +50,8 @@ TEST(Results, ReadsWhatAnAssimilationWrites) {
   EXPECT_EQ(results.parameters[1].name, "Ad");
   EXPECT_EQ(results.parameters[0].truth, 1.0);
   EXPECT_EQ(results.parameters[0].prior, "normal (mean = 0.9, std = 0.447)");
-  EXPECT_DOUBLE_EQ(results.steps[0].std[0], 0.26);
-  EXPECT_EQ(results.steps[0].quantiles[1].size(), 5u);
+  EXPECT_DOUBLE_EQ(results.steps[0].standard_deviations()[0], 0.26);
+  EXPECT_EQ(results.steps[0].quantiles.row(1).size(), 5);
   EXPECT_EQ(results.steps[4].marginals.at("Y0").points.size(), 101u);
   EXPECT_EQ(results.forecast_names(), std::vector<std::string>{"crack"});
   EXPECT_EQ(results.forecasts.at("crack").threshold, 0.04);

@@ -65,7 +65,7 @@ void ResultsWriter::add_step(const engine::StepResult& result,
   scores_.insert(scores_.end(), result.scores.begin(), result.scores.end());
   add_densities(record, model_.parameter_names(), priors_, result, direct);
   lines_.push_back(files::json_line(record));
-  steps_.push_back({result.update, result.posterior, time_index});
+  steps_.push_back({result.update, time_index});
 }
 
 void ResultsWriter::write(const std::string& folder, const std::vector<std::size_t>& untrusted,
@@ -123,7 +123,7 @@ Json ResultsWriter::residuals() const {
   Json step = Json::array(), rms = Json::array();
   Eigen::ArrayXd sum = Eigen::ArrayXd::Zero(n), count = Eigen::ArrayXd::Zero(n);
   for (std::size_t i = 0; i < steps_.size(); ++i) {
-    const auto& [result, posterior, time_index] = steps_[i];
+    const auto& [posterior, time_index] = steps_[i];
     batch.resize(posterior.points.rows(), functions.dimension(), functions.count(), 0);
     functions.evaluate(posterior.points, 0, batch);
     const Eigen::VectorXd of_functions =
@@ -133,7 +133,7 @@ Json ResultsWriter::residuals() const {
                                     observed_->space.topRows(n) * of_functions;
     const auto present = !residual.isNaN();
     const Eigen::ArrayXd there = present.select(residual, 0.0);
-    step.push_back(result.step);
+    step.push_back(posterior.step);
     rms.push_back(
         std::sqrt(there.square().sum() / std::max<double>(1, static_cast<double>(present.count()))));
     if (i + k_averaged < steps_.size()) continue;
@@ -201,7 +201,6 @@ void ResultsWriter::write_posterior(const std::string& path) const {
   file.observed = observed_;
   for (const Kept& kept : steps_) {
     file.results.push_back(&kept.result);
-    file.posteriors.push_back(&kept.posterior);
     file.time_indices.push_back(kept.time_index);
   }
   write_posterior_file(path, file, model_, measurements_);
@@ -215,11 +214,11 @@ void ResultsWriter::write_fields(const std::string& folder) const {
   reduction::FunctionBatch batch;
   std::vector<files::PvdEntry> series;
   for (const Kept& kept : steps_) {
-    const Eigen::MatrixXd& points = kept.posterior.points;
+    const Eigen::MatrixXd& points = kept.result.points;
     batch.resize(points.rows(), points.cols(), model_.functions()->count(), 0);
     model_.functions()->evaluate(points, 0, batch);
     const forecast::FunctionMoments moments =
-        forecast::moments_of_functions(batch.value, kept.posterior.weights);
+        forecast::moments_of_functions(batch.value, kept.result.weights);
     const reduction::TimeWeights weights = reduction::interpolate_in_time(contents.time, kept.result.time);
     Eigen::VectorXd mean = Eigen::VectorXd::Zero(lift.rows());
     Eigen::MatrixXd core = Eigen::MatrixXd::Zero(space.cols(), moments.mean.size());

@@ -39,7 +39,6 @@ class ResultsWriter {
  private:
   struct Kept {
     assimilation::UpdateResult result;
-    assimilation::WeightedPosterior posterior;
     std::size_t time_index;
   };
   void write_steps(const std::string& path) const;

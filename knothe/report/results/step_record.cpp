@@ -19,7 +19,7 @@ Json forecast_record(std::span<const forecast::NamedForecast> forecasts, bool de
              {"std", f.std},
              {"maximum_a_posteriori", f.maximum_a_posteriori},
              {"probability_above_threshold", f.probability_above_threshold},
-             {"levels", forecast::k_levels},
+             {"levels", numerics::k_quantile_levels},
              {"values", f.values},
              {"units", named.units}};
     if (named.bridge_residual_rms) entry["bridge_residual_rms"] = *named.bridge_residual_rms;
@@ -66,33 +66,32 @@ Json model_records(const std::vector<assimilation::ComparedModel>& models) {
 Json step_record(const engine::StepResult& result) {
   const assimilation::UpdateResult& r = result.update;
   const double forecast_us = result.forecast_us;
-  Json record = {
-      {"step", r.step},
-      {"time", r.time},
-      {"mean", to_json(r.mean)},
-      {"covariance", rows_of(r.covariance)},
-      {"maximum_a_posteriori", to_json(r.maximum_a_posteriori)},
-      {"quantiles", {{"levels", assimilation::k_quantile_levels}, {"values", rows_of(r.quantiles)}}},
-      {"map_order", r.map_order},
-      {"variance_diagnostic", r.variance_diagnostic},
-      {"tolerance_reached", r.tolerance_reached},
-      {"ess", r.effective_sample_size},
-      {"trusted", r.trusted},
-      {"log_evidence", r.log_evidence},
-      {"log_evidence_increment", r.log_evidence_increment},
-      {"bias_correction", r.bias_corrected ? "on" : "off"},
-      {"used", r.used},
-      {"rejected", r.rejected},
-      {"missing", r.missing},
-      {"elapsed_us",
-       {{"update", r.elapsed_us.total()},
-        {"forecast", forecast_us},
-        {"total", r.elapsed_us.total() + forecast_us},
-        {"projection", r.elapsed_us.projection},
-        {"map", r.elapsed_us.map},
-        {"correction", r.elapsed_us.correction},
-        {"watch", r.elapsed_us.watch}}},
-      {"forecast", forecast_record(result.forecasts, false)}};
+  Json record = {{"step", r.step},
+                 {"time", r.time},
+                 {"mean", to_json(r.mean)},
+                 {"covariance", rows_of(r.covariance)},
+                 {"maximum_a_posteriori", to_json(r.maximum_a_posteriori)},
+                 {"quantiles", {{"levels", numerics::k_quantile_levels}, {"values", rows_of(r.quantiles)}}},
+                 {"map_order", r.map_order},
+                 {"variance_diagnostic", r.variance_diagnostic},
+                 {"tolerance_reached", r.tolerance_reached},
+                 {"ess", r.effective_sample_size},
+                 {"trusted", r.trusted},
+                 {"log_evidence", r.log_evidence},
+                 {"log_evidence_increment", r.log_evidence_increment},
+                 {"bias_correction", r.bias_corrected ? "on" : "off"},
+                 {"used", r.used},
+                 {"rejected", r.rejected},
+                 {"missing", r.missing},
+                 {"elapsed_us",
+                  {{"update", r.elapsed_us.total()},
+                   {"forecast", forecast_us},
+                   {"total", r.elapsed_us.total() + forecast_us},
+                   {"projection", r.elapsed_us.projection},
+                   {"map", r.elapsed_us.map},
+                   {"correction", r.elapsed_us.correction},
+                   {"watch", r.elapsed_us.watch}}},
+                 {"forecast", forecast_record(result.forecasts, false)}};
   if (r.noise_level) record["noise_level"] = *r.noise_level;
   if (result.followed)
     record["monitor"] = {{"probability", r.monitor.upper_probability},
@@ -124,7 +123,7 @@ Json score_records(std::span<const forecast::ScoredForecast> scores) {
 void add_densities(Json& record, const std::vector<std::string>& parameters,
                    const std::vector<assimilation::Prior>& priors, const engine::StepResult& result,
                    std::span<const forecast::NamedForecast> direct) {
-  const assimilation::WeightedPosterior& posterior = result.posterior;
+  const assimilation::Posterior& posterior = result.update;
   for (std::size_t k = 0; k < parameters.size(); ++k) {
     const auto marginal = assimilation::marginal_density(posterior.points.col(static_cast<Eigen::Index>(k)),
                                                          posterior.weights, priors[k]);
@@ -134,7 +133,7 @@ void add_densities(Json& record, const std::vector<std::string>& parameters,
   for (const forecast::NamedForecast& named : direct) {
     record["forecast"][named.name]["direct"] = {{"mean", named.forecast.mean},
                                                 {"std", named.forecast.std},
-                                                {"levels", forecast::k_levels},
+                                                {"levels", numerics::k_quantile_levels},
                                                 {"values", named.forecast.values}};
   }
 }

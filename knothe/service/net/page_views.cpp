@@ -9,6 +9,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/base/version.hpp"
 #include "knothe/files/picture_bytes.hpp"
+#include "knothe/numerics/statistics/normal_distribution.hpp"
 #include "knothe/reduction/model/field_file.hpp"
 #include "knothe/reduction/model/model_matrices.hpp"
 
@@ -92,14 +93,13 @@ Json description(const Site& site, const std::vector<std::string>& sites) {
   const auto& priors = site.engine().priors();
   for (std::size_t k = 0; k < priors.size(); ++k) {
     std::vector<double> values;
-    for (const double z :
-         {-1.959963984540054, -0.6744897501960817, 0.0, 0.6744897501960817, 1.959963984540054})
-      values.push_back(priors[k].from_standard_normal(z).value);
+    for (const double level : numerics::k_quantile_levels)
+      values.push_back(priors[k].from_standard_normal(numerics::normal_quantile(level)).value);
     Json parameter = {{"name", project.parameters[k].name}, {"prior", priors[k].describe()}};
     if (std::isfinite(priors[k].lower())) parameter["lower"] = priors[k].lower();
     if (std::isfinite(priors[k].upper())) parameter["upper"] = priors[k].upper();
     parameter["units"] = "1";
-    parameter["quantiles"] = {{"levels", assimilation::k_quantile_levels}, {"values", values}};
+    parameter["quantiles"] = {{"levels", numerics::k_quantile_levels}, {"values", values}};
     parameters.push_back(parameter);
   }
   Json forecasts = Json::array();

@@ -224,7 +224,7 @@ void UmBridge::evaluate_forward(Call& call, int derivatives, const Eigen::Vector
 }
 
 void UmBridge::evaluate_posterior(Call& call, int derivatives) {
-  const Site& site = *call.models->site;
+  Site& site = *call.models->site;
   const Eigen::Index d = call.p.size();
   call.value = Eigen::VectorXd::Constant(1, std::numeric_limits<double>::lowest());
   call.jacobian = Eigen::MatrixXd::Zero(1, d);

@@ -117,7 +117,7 @@ class Site {
   [[nodiscard]] const Identity& identity() const { return identity_; }
   [[nodiscard]] const engine::Engine& engine() const { return engine_; }
   /// Of `Engine`, at any time.
-  [[nodiscard]] std::optional<assimilation::StepForm> form_up_to(std::size_t step) const;
+  [[nodiscard]] std::optional<assimilation::StepForm> form_up_to(std::size_t step);
   [[nodiscard]] double budget_s() const;
   [[nodiscard]] std::optional<double> period_s() const;
   [[nodiscard]] std::optional<double> stale_after_s() const;

@@ -32,7 +32,7 @@ double chi_squared_tail(double x, double n) {
 }
 
 /// Draws in the middle of equal shares of the weight: the same every time.
-Eigen::MatrixXd systematic_draws(const assimilation::WeightedPosterior& posterior) {
+Eigen::MatrixXd systematic_draws(const assimilation::Posterior& posterior) {
   const Eigen::Index n = std::min(k_samples, posterior.points.rows());
   Eigen::MatrixXd drawn(n, posterior.points.cols());
   const double share = posterior.weights.sum() / static_cast<double>(n);
@@ -58,7 +58,7 @@ std::shared_ptr<Line> Site::make_line(const engine::StepResult& step) {
   line->time = result.time;
   line->mean = result.mean;
   line->std = result.covariance.diagonal().cwiseSqrt();
-  line->samples = systematic_draws(step.posterior);
+  line->samples = systematic_draws(step.update);
   line->trusted = result.trusted;
   line->remark = result.remark;
   line->monitor_alarm = result.monitor.alarm;
@@ -375,7 +375,7 @@ Json Site::quarantine() const {
   return {{"quarantined", list}};
 }
 
-std::optional<assimilation::StepForm> Site::form_up_to(std::size_t step) const {
+std::optional<assimilation::StepForm> Site::form_up_to(std::size_t step) {
   const std::lock_guard lock(engine_mutex_);
   return engine_.form_up_to(step);
 }

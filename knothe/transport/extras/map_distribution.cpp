@@ -68,15 +68,15 @@ numerics::PointRule MapDistribution::push_forward(const numerics::PointRule& rul
   return {map_.evaluate(rule.points), rule.weights};
 }
 
-Moments MapDistribution::moments(Eigen::Index points, std::uint64_t seed) const {
+numerics::Moments MapDistribution::moments(Eigen::Index points, std::uint64_t seed) const {
   if (dimension() <= 3) {
     const auto rule =
         numerics::tensor_rule(numerics::gauss_hermite(dimension() < 3 ? 32 : 20), dimension(), 1e-25);
-    return moments_of(map_.evaluate(rule.points), rule.weights);
+    return numerics::moments_of(map_.evaluate(rule.points), rule.weights);
   }
   Eigen::MatrixXd x = numerics::sobol_normal_points(points, dimension(), seed);
   if (points > dimension()) numerics::match_standard_moments(x);
-  return moments_of(map_.evaluate(x), Eigen::VectorXd::Ones(points));
+  return numerics::moments_of(map_.evaluate(x), Eigen::VectorXd::Ones(points));
 }
 
 MapDistribution MapDistribution::leading(Eigen::Index m) const {

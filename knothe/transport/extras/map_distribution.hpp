@@ -5,7 +5,7 @@
 #include <span>
 
 #include "knothe/numerics/integrate/quadrature.hpp"
-#include "knothe/transport/diagnose/moments.hpp"
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
 #include "knothe/transport/map/composed_map.hpp"
 
 namespace knothe::transport {
@@ -35,7 +35,7 @@ class MapDistribution {
   /// Of the map's distribution: by a Gauss–Hermite rule in up to three dimensions (exact for the moments of a
   /// polynomial map of order ≤ 9), beyond by scrambled Sobol points with matched moments (mean and covariance
   /// exact for affine maps; fourth moments want many points).
-  [[nodiscard]] Moments moments(Eigen::Index points = 16384, std::uint64_t seed = 1) const;
+  [[nodiscard]] numerics::Moments moments(Eigen::Index points = 16384, std::uint64_t seed = 1) const;
 
   /// The marginal distribution of the first m coordinates. Errors (this and all below that need it):
   /// UsageError for m outside 1 … d, or for a map that is not triangular.

@@ -39,7 +39,7 @@ GaussianCase gaussian(Eigen::Index d) {
 
 TEST(MapDistribution, GaussianInClosedForm) {
   const auto [distribution, mean, covariance] = gaussian(4);
-  const Moments moments = distribution.moments(16384);
+  const numerics::Moments moments = distribution.moments(16384);
   EXPECT_LT((moments.mean - mean).norm(), 1e-12);
   EXPECT_LT((moments.covariance - covariance).norm(), 1e-12);
   EXPECT_LT(moments.skewness.cwiseAbs().maxCoeff(), 0.02);
@@ -67,7 +67,7 @@ TEST(MapDistribution, GaussianPairsAndConditionals) {
   const Eigen::MatrixXd draws = distribution.conditional_sample(given, 20000, 5);
   EXPECT_EQ(draws.col(0).minCoeff(), given[0]);
   EXPECT_EQ(draws.col(1).maxCoeff(), given[1]);
-  const Moments sampled = moments_of(draws.rightCols(2), Eigen::VectorXd::Ones(20000));
+  const numerics::Moments sampled = numerics::moments_of(draws.rightCols(2), Eigen::VectorXd::Ones(20000));
   EXPECT_LT((sampled.mean - conditional_mean).norm(), 0.04);
   EXPECT_LT((sampled.covariance - conditional_covariance).norm(), 0.06);
 }
@@ -90,7 +90,7 @@ TEST(MapDistribution, BananaInClosedForm) {
     EXPECT_NEAR(conditional[i], numerics::normal_log_pdf(z(i, 1) - b * z(i, 0) * z(i, 0)), 1e-9);
   }
   // Moments: z_2 = x_2 + b χ².
-  const Moments moments = banana.moments(16384);
+  const numerics::Moments moments = banana.moments(16384);
   const double variance = 1 + 2 * b * b;
   EXPECT_NEAR(moments.mean[1], b, 1e-10);
   EXPECT_NEAR(moments.covariance(1, 1) / variance, 1, 0.01);
@@ -118,7 +118,7 @@ TEST(MapDistribution, MistakesAreExplained) {
   EXPECT_NE(message_of([&] { (void)banana.leading(3); }).find("first 3 coordinates of a map with 2"),
             std::string::npos);
   EXPECT_NE(message_of([&] {
-              (void)moments_of(Eigen::MatrixXd::Zero(2, 1), Eigen::VectorXd::Constant(2, -1));
+              (void)numerics::moments_of(Eigen::MatrixXd::Zero(2, 1), Eigen::VectorXd::Constant(2, -1));
             }).find("not negative"),
             std::string::npos);
 }

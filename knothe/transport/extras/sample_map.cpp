@@ -11,7 +11,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/optimise/trust_region.hpp"
 #include "knothe/numerics/statistics/random.hpp"
-#include "knothe/transport/diagnose/moments.hpp"
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
 #include "knothe/transport/extras/map_distribution.hpp"
 #include "knothe/transport/extras/sample_objective.hpp"
 
@@ -64,7 +64,7 @@ bool depends_on_all_before(const MapSpecification& specification) {
 /// x ↦ L⁻¹ (x − mean).
 AffineMap standardise(const Eigen::Ref<const Eigen::MatrixXd>& samples, const Eigen::VectorXd& weights,
                       bool whiten) {
-  const Moments moments = moments_of(samples, weights);
+  const numerics::Moments moments = numerics::moments_of(samples, weights);
   const Eigen::Index d = samples.cols();
   const Eigen::VectorXd std = moments.covariance.diagonal().cwiseSqrt();
   for (Eigen::Index k = 0; k < d; ++k)

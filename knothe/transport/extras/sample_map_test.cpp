@@ -9,7 +9,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/statistics/normal_distribution.hpp"
 #include "knothe/numerics/statistics/random.hpp"
-#include "knothe/transport/diagnose/moments.hpp"
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
 #include "knothe/transport/extras/sample_objective.hpp"
 
 namespace knothe::transport {
@@ -76,7 +76,7 @@ TEST(SampleMap, AGaussianIsItsMeanAndCovariance) {
   Eigen::MatrixXd z = numerics::monte_carlo_normal_points(500, 3, 3);
   z.col(2) = (0.3 * z.col(2) + 0.8 * z.col(0) - 0.4 * z.col(1)).eval();
   z.col(1) = (z.col(1).array() * 5 + 10).eval();
-  const Moments moments = moments_of(z, Eigen::VectorXd::Ones(500));
+  const numerics::Moments moments = numerics::moments_of(z, Eigen::VectorXd::Ones(500));
   for (const auto standardisation : {Standardisation::diagonal, Standardisation::whitening}) {
     SampleMapOptions options;
     options.family = family_of(Rectifier::square);
@@ -124,7 +124,7 @@ TEST(SampleMap, BananaForEveryRectifier) {
     const Eigen::MatrixXd at = Eigen::MatrixXd::Constant(1, 1, 0.7);
     EXPECT_NEAR(map.conditional_log_density(given, at)[0],
                 numerics::normal_log_pdf(0.2 / 0.5) - std::log(0.5), 0.15);
-    const Moments again = moments_of(map.sample(4000, 8), Eigen::VectorXd::Ones(4000));
+    const numerics::Moments again = numerics::moments_of(map.sample(4000, 8), Eigen::VectorXd::Ones(4000));
     EXPECT_NEAR(again.mean[1], 0.5, 0.07);
   }
 }

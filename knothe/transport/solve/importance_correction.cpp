@@ -18,18 +18,6 @@ void normalise(const Eigen::VectorXd& log_weight, ImportanceCorrection& c) {
   c.weights /= sum;
 }
 
-void moments(ImportanceCorrection& c) {
-  const Eigen::Index d = c.points.cols();
-  c.mean.resize(d);
-  c.covariance.resize(d, d);
-  for (Eigen::Index a = 0; a < d; ++a) c.mean[a] = c.weights.dot(c.points.col(a));
-  for (Eigen::Index a = 0; a < d; ++a)
-    for (Eigen::Index b = 0; b <= a; ++b)
-      c.covariance(a, b) = c.covariance(b, a) =
-          (c.weights.array() * (c.points.col(a).array() - c.mean[a]) * (c.points.col(b).array() - c.mean[b]))
-              .sum();
-}
-
 }  // namespace
 
 ImportanceCorrection MapSolver::correct(sampling::LogDensity& target, const MapResult& result) {
@@ -64,21 +52,12 @@ void MapSolver::correct(sampling::LogDensity& user_target, const MapResult& resu
     const auto& tables = work.verification_tables(shape, n, true);
     work.scratch = used->log_weight.head(half) + tables.log_reference.head(half) -
                    standard_normal_log_density(x.topRows(half));
-    const Eigen::ArrayXd w = (work.scratch.array() - work.scratch.maxCoeff()).exp();
-    ess = w.sum() * w.sum() / (static_cast<double>(half) * w.square().sum());
+    ess = numerics::effective_share(work.scratch);
   }
   c.ess = ess;
   c.points = used->points;
-  moments(c);
-  const Eigen::Index d = c.points.cols(), levels = static_cast<Eigen::Index>(c.levels.size());
-  c.quantiles.resize(d, levels);
-  work.scratch.resize(levels);
-  for (Eigen::Index a = 0; a < d; ++a) {
-    work.quantiles.compute({c.points.col(a).data(), static_cast<std::size_t>(n)},
-                           {c.weights.data(), static_cast<std::size_t>(n)}, c.levels,
-                           {work.scratch.data(), c.levels.size()});
-    c.quantiles.row(a) = work.scratch.transpose();
-  }
+  numerics::mean_and_covariance(c.points, c.weights, c.mean, c.covariance);
+  numerics::weighted_quantiles(c.points, c.weights, work.quantiles, c.quantiles);
   c.map_log_evidence = result.map_log_evidence();
   c.density_evaluations = target.evaluations();
   const Trust trust =

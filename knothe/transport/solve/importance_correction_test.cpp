@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
 #include "knothe/sampling/testing/test_targets.hpp"
 #include "knothe/transport/solve/map_solver.hpp"
 
@@ -42,7 +43,8 @@ TEST(ImportanceCorrection, AgreesWithDenseQuadratureOnHardTargets) {
     Planar target(c.function);
     const MapResult result = solver.solve(target);
     const auto corrected = solver.correct(target, result);
-    const auto reference = sampling::targets::dense_quadrature(c.function, corrected.levels, c.half_width);
+    const auto reference = sampling::targets::dense_quadrature(
+        c.function, {numerics::k_quantile_levels.begin(), numerics::k_quantile_levels.end()}, c.half_width);
     EXPECT_NEAR(corrected.log_evidence, reference.log_evidence, 0.02) << c.name;
     for (Eigen::Index a = 0; a < 2; ++a) {
       const double std = reference.standard_deviation[a];

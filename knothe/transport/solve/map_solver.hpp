@@ -128,8 +128,7 @@ struct ImportanceCorrection {
   double ess = 0;              ///< effective sample size (Σw)²/Σw² as a fraction of n
   Eigen::VectorXd mean;        ///< d
   Eigen::MatrixXd covariance;  ///< d × d
-  std::vector<double> levels;  ///< of the quantiles; set by the caller before, default below
-  Eigen::MatrixXd quantiles;   ///< d × levels, marginal
+  Eigen::MatrixXd quantiles;   ///< d × levels (`numerics::k_quantile_levels`), marginal
   double log_evidence = 0;     ///< consistent estimate of log ∫ π̄
   double log_evidence_error =
       0;  ///< its standard error, as if the points were independent (an upper bound in practice)
@@ -137,8 +136,6 @@ struct ImportanceCorrection {
   bool trusted = false;         ///< verified diagnostic ≤ 0.05, ess ≥ 0.9, no second mode (trust.hpp)
   std::string trust_reason;     ///< why it is not trusted; empty if it is
   std::int64_t density_evaluations = 0;  ///< further ones, beyond those of the solve
-
-  ImportanceCorrection() : levels{0.025, 0.25, 0.5, 0.75, 0.975} {}
 };
 
 /// Finds maps. Owns tables and workspace, which are made at the first solve of a dimension and order and used

@@ -12,6 +12,8 @@
 namespace knothe::assimilation {
 namespace {
 
+using numerics::k_quantile_levels;
+
 /// Four smooth functions of d parameters on [0.5, 1.5]^d: products, so that posteriors are bent.
 class SmoothFunctions final : public reduction::ParameterFunctions {
  public:
@@ -85,7 +87,7 @@ class WrittenOut final : public sampling::LogDensity {
 };
 
 /// What is made from the weighted points: mean and standard deviation of a function of p.
-std::array<double, 2> forecast(const WeightedPosterior& posterior, const Eigen::VectorXd& direction) {
+std::array<double, 2> forecast(const Posterior& posterior, const Eigen::VectorXd& direction) {
   const Eigen::ArrayXd q = (posterior.points * direction).array().exp();
   const double mean = (posterior.weights.array() * q).sum();
   return {mean, std::sqrt((posterior.weights.array() * (q - mean).square()).sum())};

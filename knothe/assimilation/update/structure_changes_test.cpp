@@ -113,9 +113,9 @@ TEST(ChangingStructure, AnAlarmIsTakenForAChangeWhereTheDriftBegan) {
     stubborn.update(t, t, values);
   }
   // A sum may have begun to rise by chance before; what is left of the old data then rings once more.
-  ASSERT_FALSE(update.changes().empty());
-  EXPECT_LE(update.changes().size(), 2u) << words;
-  EXPECT_NEAR(static_cast<double>(update.changes().back()), 15, 1);
+  ASSERT_FALSE(update.changes().found().empty());
+  EXPECT_LE(update.changes().found().size(), 2u) << words;
+  EXPECT_NEAR(static_cast<double>(update.changes().found().back()), 15, 1);
   EXPECT_NE(words.find("taken for a change of the structure at step"), std::string::npos) << words;
   const auto distance = [&](const UpdateResult& r) {
     const Eigen::VectorXd miss = r.mean - after;
@@ -129,7 +129,7 @@ TEST(ChangingStructure, AnAlarmIsTakenForAChangeWhereTheDriftBegan) {
   for (std::size_t t = 0; t < 30; ++t) in_order.update(t, t, data.col(static_cast<Eigen::Index>(t)));
   EXPECT_EQ(update.result().mean, in_order.result().mean);
   EXPECT_EQ(update.result().log_evidence, in_order.result().log_evidence);
-  EXPECT_EQ(update.changes(), in_order.changes());
+  EXPECT_EQ(update.changes().found(), in_order.changes().found());
 }
 
 TEST(ChangingStructure, WhatDoesNotGoTogetherIsNamed) {

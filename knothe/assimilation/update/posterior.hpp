@@ -1,0 +1,45 @@
+#pragma once
+/// @file The answer of every way of inference: weighted points of the parameters, what follows from them, and
+/// how good it is.
+#include <Eigen/Core>
+#include <optional>
+#include <string>
+
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
+
+namespace knothe::assimilation {
+
+/// A posterior of d parameters p in the order of the priors. Moments, quantiles and evidence belong to the
+/// weighted points, or are better than these where the method knows better (quadrature).
+struct Posterior {
+  Eigen::MatrixXd points;   ///< n × d, p: what a forecast is made of
+  Eigen::VectorXd weights;  ///< n, sum 1
+
+  Eigen::VectorXd mean;                  ///< d
+  Eigen::MatrixXd covariance;            ///< d × d, symmetric to the bit
+  Eigen::MatrixXd quantiles;             ///< d × levels (`numerics::k_quantile_levels`)
+  Eigen::VectorXd maximum_a_posteriori;  ///< d, maximises the density in p
+  Eigen::VectorXd map_mean;              ///< d, of the map alone where there is one
+  Eigen::MatrixXd map_covariance;        ///< d × d, of the map alone where there is one
+  std::optional<double> noise_level;     ///< mean of the factor of all variances, where it is inferred
+
+  double log_evidence = 0;              ///< natural logarithm, all constants included
+  double log_evidence_lower_bound = 0;  ///< of the map, Eq. 24: low by the Kullback-Leibler divergence
+
+  int map_order = 0;  ///< 0 without a map
+  double variance_diagnostic =
+      0;                          ///< Eq. 9, verified on points other than the training ones; 0 without a map
+  bool tolerance_reached = true;  ///< without a map: converged
+  double effective_sample_size = 1;  ///< fraction
+  bool second_mode_found = false;
+  bool trusted = true;  ///< diagnostic ≤ 0.05, effective sample size ≥ 0.9, no second mode; or converged
+  std::string remark;   ///< why the tolerance was not reached or the result is not trusted; else empty
+
+  /// Sets mean and covariance from points and weights.
+  void summarise() { numerics::mean_and_covariance(points, weights, mean, covariance); }
+  [[nodiscard]] Eigen::VectorXd standard_deviations() const {
+    return covariance.diagonal().cwiseMax(0).cwiseSqrt();
+  }
+};
+
+}  // namespace knothe::assimilation

@@ -1,0 +1,244 @@
+#include "knothe/assimilation/update/posterior_solver.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "knothe/assimilation/update/maximum_a_posteriori.hpp"
+#include "knothe/base/error.hpp"
+#include "knothe/base/monotonic_time.hpp"
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
+#include "knothe/transport/diagnose/trust.hpp"
+
+namespace knothe::assimilation {
+namespace {
+
+/// Below this effective sample size (fraction) weighted points give way to quadrature, where the parameters
+/// are few enough: it costs less than the points that would be needed, and finds the modes that a map may
+/// miss.
+constexpr double k_quadrature_below = 0.98;
+/// Of the log-evidence, of a posterior by quadrature alone: quantiles to 1e-3 std.
+constexpr double k_grid_tolerance = 1e-8;
+
+/// A datum comes every few milliseconds: where the standard way does not reach the tolerance, the importance
+/// correction answers for it, not a search among other parametrisations.
+transport::MapSolverOptions online(const UpdateOptions& options) {
+  transport::MapSolverOptions map = options.map;
+  map.fallback = false;
+  map.search_modes = options.search_modes;
+  // A mixture over the sizes of a discrepancy has tails that no order of a map follows: a low one, and the
+  // correction or quadrature.
+  const bool mixture = (options.learn_bias || options.bias_correction != BiasCorrectionMode::off) &&
+                       options.bias.way == BiasOptions::Way::joint;
+  if (mixture) {
+    map.max_order = std::min(map.max_order, 2);
+    map.long_first_variable = false;
+  }
+  return map;
+}
+
+/// The decision and, in `remark`, why: the tolerance missed, then what speaks against trust.
+void judge(Posterior& r, const std::string& reason) {
+  const transport::Trust trust =
+      transport::judge_trust({r.variance_diagnostic, r.effective_sample_size, r.second_mode_found, ""});
+  r.trusted = trust.trusted;
+  r.remark = reason + (reason.empty() || trust.reason.empty() ? "" : "; ") + trust.reason;
+}
+
+void set_map_moments(const Eigen::MatrixXd& p, Posterior& r) {
+  r.map_mean = p.colwise().mean();
+  const Eigen::MatrixXd centred = p.rowwise() - r.map_mean.transpose();
+  r.map_covariance.noalias() = centred.transpose() * centred / static_cast<double>(p.rows());
+}
+
+}  // namespace
+
+PosteriorSolver::PosteriorSolver(const reduction::ObservedModel& model,
+                                 std::shared_ptr<const PriorTransform> transform,
+                                 const Eigen::VectorXd& central, const UpdateOptions& options)
+    : kind_(options.kind),
+      transform_(std::move(transform)),
+      target_(model.functions, transform_, central),
+      solver_(online(options)) {
+  if (kind_ == Method::grid && transform_->dimension() > 3)
+    throw ProjectError("method.kind = \"grid\" takes 1 to 3 parameters; use \"transport\" for more");
+  if (options.noise_level) {
+    if (options.form == UpdateOptions::Form::composed)
+      throw UsageError(
+          "composed maps take the data one by one, but an unknown noise level links them: use the collapsed "
+          "form");
+    target_.infer_noise_level(*options.noise_level);
+  }
+  solver_.prepare(transform_->dimension());
+  if (options.form == UpdateOptions::Form::composed) composition_.emplace(model, transform_, central);
+}
+
+void PosteriorSolver::set(const FormSums& sums, const Eigen::VectorXd& shares) {
+  if (sums.levels.empty()) return target_.set_form(sums.form);
+  std::vector<const StepForm*> forms = {&sums.form};
+  for (const StepForm& sum : sums.levels) forms.push_back(&sum);
+  const std::vector<double> weights(forms.size(), -std::log(static_cast<double>(forms.size())));
+  target_.set_mixture(forms, weights, {shares.data(), static_cast<std::size_t>(shares.size())});
+}
+
+void PosteriorSolver::solve(const StepForm& last, Posterior& posterior, UpdateTimes& times) {
+  if (composition_ && kind_ != Method::grid) {
+    shares_.reset();
+    by_composed_maps(last, posterior, times);
+  } else {
+    solve_collapsed(posterior, times);
+  }
+  const auto start = monotonic_now();
+  posterior.maximum_a_posteriori = maximum_a_posteriori(target_, *transform_, posterior.mean);
+  times.correction += microseconds_since(start);
+  if (target_.noise_level()) posterior.noise_level = expected_noise_level(posterior);
+}
+
+void PosteriorSolver::solve_collapsed(Posterior& posterior, UpdateTimes& times) {
+  shares_.reset();
+  if (kind_ == Method::grid) {
+    by_grid(posterior, times);
+  } else {
+    by_collapsed_map(posterior, times);
+  }
+}
+
+Eigen::VectorXd PosteriorSolver::component_shares(const Posterior& posterior) {
+  return shares_ ? *shares_ : target_.component_shares(posterior.points, posterior.weights);
+}
+
+void PosteriorSolver::restart() {
+  if (composition_) composition_->map = transport::ComposedMap(transform_->dimension());
+}
+
+double PosteriorSolver::expected_noise_level(const Posterior& posterior) {
+  sampling::LogDensityBatch batch;
+  batch.resize(posterior.points.rows(), posterior.points.cols(), 0);
+  target_.evaluate_likelihood(posterior.points, 0, batch);
+  double mean = 0;
+  for (Eigen::Index i = 0; i < batch.value.size(); ++i)
+    mean += posterior.weights[i] * target_.noise_level()->expected(batch.value[i]);
+  return mean;
+}
+
+void PosteriorSolver::by_grid(Posterior& r, UpdateTimes& times) {
+  const auto start = monotonic_now();
+  using Axes = QuadratureOptions::Axes;
+  const QuadraturePosterior grid = tensor_quadrature(
+      target_, {transform_->dimension() < 3 ? Axes::parameters : Axes::modes, k_grid_tolerance});
+  take(grid, r);
+  r.map_mean = r.mean;
+  r.map_covariance = r.covariance;
+  r.log_evidence_lower_bound = grid.log_evidence;
+  r.trusted = r.tolerance_reached = grid.resolved();
+  if (!grid.resolved())
+    r.remark = "the posterior is too narrow for the grid: use method.kind = \"transport\"";
+  times.map = microseconds_since(start);
+}
+
+void PosteriorSolver::by_collapsed_map(Posterior& r, UpdateTimes& times) {
+  const auto start = monotonic_now();
+  solver_.solve(target_, map_);
+  times.map = microseconds_since(start);
+  const auto correction_start = monotonic_now();
+  const double ess = numerics::effective_share(map_.verification.log_weight);
+  take(map_, r);
+  if (ess < k_quadrature_below && transform_->dimension() <= k_max_quadrature_parameters) {
+    r.effective_sample_size = ess;
+    r.log_evidence_lower_bound = map_.map_log_evidence();
+    take(tensor_quadrature(target_), r);
+    judge(r, map_.reason);
+    r.remark +=
+        fmt::format("; moments, quantiles and evidence are by quadrature at {} points", r.weights.size());
+  } else {
+    solver_.correct(target_, map_, correction_);
+    r.effective_sample_size = correction_.ess;
+    r.log_evidence = correction_.log_evidence;
+    r.log_evidence_lower_bound = correction_.map_log_evidence;
+    take(correction_.points, correction_.weights, correction_.quantiles, r);
+    judge(r, map_.reason);
+  }
+  times.correction = microseconds_since(correction_start);
+}
+
+void PosteriorSolver::compose_anew() {
+  restart();
+  composition_->map.append(map_.pre_map);
+  composition_->map.append(map_.map);
+}
+
+void PosteriorSolver::by_composed_maps(const StepForm& last, Posterior& r, UpdateTimes& times) {
+  const auto start = monotonic_now();
+  MapComposition& composition = *composition_;
+  composition.density.set(composition.map, last);
+  solver_.solve(composition.density, map_);
+  composition.map.append(map_.pre_map);
+  composition.map.append(map_.map);
+
+  // The composition as a whole is judged, and corrected, against the whole posterior.
+  const auto correction_start = monotonic_now();
+  composition.batch.resize(map_.verification.reference.rows(), transform_->dimension(), 0);
+  composition.map.evaluate(map_.verification.reference, 0, composition.batch);
+  const PushedPoints pushed = push_forward(target_, map_.verification.reference, composition.batch);
+  if (pushed.effective_sample_size < 0.9) {
+    // Errors of a hundred maps add up: begin anew with one map of the whole posterior, which is at hand.
+    by_collapsed_map(r, times);
+    compose_anew();
+    r.remark +=
+        fmt::format("{}the composition was begun anew: its effective sample size had come to {:.0f} %",
+                    r.remark.empty() ? "" : "; ", 100 * pushed.effective_sample_size);
+    return;
+  }
+  r.map_order = map_.order;
+  r.tolerance_reached = map_.tolerance_reached;
+  r.second_mode_found = map_.second_mode_found;
+  r.variance_diagnostic = pushed.variance_diagnostic;
+  r.effective_sample_size = pushed.effective_sample_size;
+  r.log_evidence = pushed.log_evidence;
+  r.log_evidence_lower_bound = pushed.log_evidence_lower_bound;
+  take(composition.batch.value, pushed.weights,
+       numerics::weighted_quantiles(composition.batch.value, pushed.weights), r);
+  set_map_moments(r.points, r);
+  judge(r, map_.reason);
+  times.correction = microseconds_since(correction_start);
+  times.map = microseconds_since(start) - times.correction;
+}
+
+void PosteriorSolver::take(const transport::MapResult& map, Posterior& r) {
+  map_points_.resize(map.verification.points.rows(), transform_->dimension());
+  transform_->evaluate(map.verification.points, 0, map_points_, no_derivatives_, no_derivatives_);
+  set_map_moments(map_points_, r);
+  r.map_order = map.order;
+  r.variance_diagnostic = map.verified_diagnostic;
+  r.tolerance_reached = map.tolerance_reached;
+  r.second_mode_found = map.second_mode_found;
+}
+
+void PosteriorSolver::take(const QuadraturePosterior& quadrature, Posterior& r) {
+  const QuadraturePosterior::Nodes& nodes = quadrature.nodes;
+  if (nodes.runs.empty()) {
+    take(quadrature.points, quadrature.weights, quadrature.quantiles, r);
+  } else {  // p(z) goes axis by axis
+    Eigen::MatrixXd axes(nodes.axes.rows(), nodes.axes.cols());
+    transform_->evaluate(nodes.axes, 0, axes, no_derivatives_, no_derivatives_);
+    r.points = reduction::nodes_of(axes, nodes.runs)(nodes.kept, Eigen::all);
+    r.weights = quadrature.weights;
+    r.summarise();
+    r.quantiles = transform_->carry(quadrature.quantiles);
+    if (target_.component_count() > 1)
+      shares_ = target_.component_shares(nodes.axes, nodes.runs, nodes.weights);
+  }
+  r.log_evidence = quadrature.log_evidence;
+}
+
+void PosteriorSolver::take(const Eigen::MatrixXd& z, const Eigen::VectorXd& weights,
+                           const Eigen::MatrixXd& z_quantiles, Posterior& r) {
+  r.points.resize(z.rows(), z.cols());
+  transform_->evaluate(z, 0, r.points, no_derivatives_, no_derivatives_);
+  r.weights = weights;
+  r.summarise();
+  r.quantiles = transform_->carry(z_quantiles);
+}
+
+}  // namespace knothe::assimilation

@@ -1,0 +1,70 @@
+#pragma once
+/// @file Finds the posterior of data whose forms are summed up: by a grid, by one map of all data, or by
+/// composed maps; corrected by importance weights or by quadrature, and judged.
+#include <Eigen/Core>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "knothe/assimilation/update/collapsed_posterior.hpp"
+#include "knothe/assimilation/update/composed_density.hpp"
+#include "knothe/assimilation/update/step_store.hpp"
+#include "knothe/assimilation/update/tensor_quadrature.hpp"
+#include "knothe/assimilation/update/update_options.hpp"
+#include "knothe/assimilation/update/update_result.hpp"
+#include "knothe/reduction/observe/observed_model.hpp"
+#include "knothe/transport/solve/map_solver.hpp"
+
+namespace knothe::assimilation {
+
+/// Owns the target and what a solve needs again; a posterior depends on what was set alone (composed maps: on
+/// the steps since `restart`).
+class PosteriorSolver {
+ public:
+  /// `central`: w₀. Errors: ProjectError for a grid of more than 3 parameters, UsageError for options that do
+  /// not go together.
+  PosteriorSolver(const reduction::ObservedModel& model, std::shared_ptr<const PriorTransform> transform,
+                  const Eigen::VectorXd& central, const UpdateOptions& options);
+
+  /// The target is the posterior of all data in the sums from now on; with several sizes of a discrepancy,
+  /// equally likely beforehand, a mixture over them. `shares`: what is known of how probable each is (may be
+  /// empty).
+  void set(const FormSums& sums, const Eigen::VectorXd& shares);
+  /// The posterior of that target, into `posterior`, whose memory is used again. `last`: the form of the last
+  /// datum, which composed maps go on from.
+  void solve(const StepForm& last, Posterior& posterior, UpdateTimes& times);
+  /// The same without what only a result needs (most probable point, level of the noise); never by composed
+  /// maps.
+  void solve_collapsed(Posterior& posterior, UpdateTimes& times);
+  /// Of a mixture: how probable each of its parts is under that posterior.
+  [[nodiscard]] Eigen::VectorXd component_shares(const Posterior& posterior);
+
+  [[nodiscard]] bool is_composed() const { return composition_.has_value(); }
+  /// Composed maps begin anew.
+  void restart();
+  /// The target, in z.
+  [[nodiscard]] CollapsedLogDensity& target() { return target_; }
+
+ private:
+  void by_grid(Posterior& posterior, UpdateTimes& times);
+  void by_collapsed_map(Posterior& posterior, UpdateTimes& times);
+  void by_composed_maps(const StepForm& last, Posterior& posterior, UpdateTimes& times);
+  void compose_anew();
+  void take(const transport::MapResult& map, Posterior& posterior);
+  void take(const QuadraturePosterior& quadrature, Posterior& posterior);
+  void take(const Eigen::MatrixXd& z, const Eigen::VectorXd& weights, const Eigen::MatrixXd& z_quantiles,
+            Posterior& posterior);
+  [[nodiscard]] double expected_noise_level(const Posterior& posterior);
+
+  Method kind_;
+  std::shared_ptr<const PriorTransform> transform_;
+  CollapsedLogDensity target_;
+  transport::MapSolver solver_;
+  transport::MapResult map_;
+  transport::ImportanceCorrection correction_;
+  std::optional<MapComposition> composition_;  ///< for Form::composed
+  std::optional<Eigen::VectorXd> shares_;      ///< of a mixture's parts, where quadrature has given them
+  Eigen::MatrixXd no_derivatives_, map_points_;
+};
+
+}  // namespace knothe::assimilation

@@ -1,0 +1,167 @@
+#include "knothe/assimilation/update/step_store.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <iterator>
+#include <utility>
+
+#include "knothe/base/error.hpp"
+
+namespace knothe::assimilation {
+namespace {
+
+/// A sum that is to be made anew has no G.
+bool is_summed(const StoredStep& step) {
+  return step.form.quadratic.size() > 0;
+}
+
+StepForm sum_of(const StoredStep& step) {
+  StepForm sum = StepForm::zero(step.data.begin()->second.form.linear.size());
+  for (const auto& [key, datum] : step.data) {
+    StepForm form = datum.form;
+    if (form.quadratic.size() == 0) form.quadratic = step.complete_quadratic;
+    sum.add(form);
+  }
+  return sum;
+}
+
+}  // namespace
+
+const Eigen::VectorXd* StoredStep::values() const {
+  const bool one = data.size() == 1 && data.begin()->second.values.size() > 0;
+  return one ? &data.begin()->second.values : nullptr;
+}
+
+void FormSums::add(const StoredStep& step) {
+  if (levels.empty()) levels.assign(step.levels.size(), form);
+  for (std::size_t k = 0; k < levels.size(); ++k)
+    levels[k].add(step.levels.empty() ? step.form : step.levels[k]);
+  form.add(step.assimilated());
+}
+
+StepStore::StepStore(std::shared_ptr<const reduction::ObservedModel> model, NoiseModel noise,
+                     const Eigen::VectorXd& centre)
+    : noise_(noise), projector_(std::move(model), std::move(noise), centre) {}
+
+void StepStore::add(const Datum& datum) {
+  const auto [it, is_new] = steps_.try_emplace(datum.step);
+  StoredStep& step = it->second;
+  step.time_index = datum.time_index;
+  step.time = projector_.model().time[datum.time_index];
+  Projected projected;
+  try {
+    projected = project(datum.step, step, datum.values, datum.noise);
+  } catch (...) {
+    restore_noise(datum.step, step);
+    if (is_new) steps_.erase(it);
+    throw;
+  }
+  const bool last =
+      std::next(it) == steps_.end() && (step.data.empty() || step.data.rbegin()->first < datum.key);
+  keep(step, datum.key, std::move(projected), datum.values, datum.noise);
+  if (projector_.depends_on_order() && !last) out_of_order_ = true;
+  mark_changed(datum.step);
+}
+
+void StepStore::withdraw(std::size_t index, const DatumKey& key) {
+  const auto it = steps_.find(index);
+  if (it == steps_.end() || it->second.data.erase(key) == 0)
+    throw UsageError(fmt::format("step {} is not assimilated: there is nothing to take out", index));
+  StoredStep& step = it->second;
+  step.form.quadratic.resize(0, 0);
+  step.moved.reset();
+  restore_noise(index, step);
+  if (step.data.empty()) steps_.erase(it);
+  if (projector_.depends_on_order()) out_of_order_ = true;
+  mark_changed(index);
+}
+
+std::optional<std::size_t> StepStore::settle() {
+  if (out_of_order_) project_again();
+  const auto changed = std::exchange(changed_, std::nullopt);
+  if (!changed) return changed;
+  for (auto it = steps_.lower_bound(*changed); it != steps_.end(); ++it) {
+    StoredStep& step = it->second;
+    if (!is_summed(step)) step.form = sum_of(step);
+    if (step.data.size() > 1) step.moved.reset();
+    step.log_evidence.reset();
+  }
+  return changed;
+}
+
+StepStore::Steps::iterator StepStore::find(std::size_t step) {
+  const auto it = steps_.find(step);
+  if (it == steps_.end())
+    throw UsageError(fmt::format("step {} is not assimilated: there is no posterior of it", step));
+  return it;
+}
+
+StepStore::Steps::iterator StepStore::before(std::size_t step, int back) {
+  auto it = steps_.find(step);
+  for (; back > 0 && it != steps_.begin(); --back) --it;
+  return it;
+}
+
+StepStore::Projected StepStore::project(std::size_t index, StoredStep& step, const Eigen::VectorXd& values,
+                                        const std::optional<NoiseModel>& noise) {
+  set_noise(index, step, noise);
+  Projected projected;
+  const bool moved = moved_forms_ && projector_.depends_on_order();
+  projector_.project(index, step.time_index, values, projected.form,
+                     moved ? &projected.moved.emplace() : nullptr);
+  return projected;
+}
+
+void StepStore::set_noise(std::size_t index, StoredStep& step, const std::optional<NoiseModel>& noise) {
+  if (noise || step.own_noise) projector_.set_noise_of(index, noise ? *noise : noise_.at_step(index));
+  step.own_noise = noise.has_value();
+}
+
+/// The noise of the step's one datum, where it is kept.
+void StepStore::restore_noise(std::size_t index, StoredStep& step) {
+  set_noise(index, step, step.data.size() == 1 ? step.data.begin()->second.noise : std::nullopt);
+}
+
+void StepStore::keep(StoredStep& step, const DatumKey& key, Projected projected,
+                     const Eigen::VectorXd& values, const std::optional<NoiseModel>& noise) {
+  StepForm& form = projected.form;
+  step.moved = std::move(projected.moved);
+  // The sum goes on where the datum comes last; otherwise it is made anew when it is asked for: a replay of n
+  // data in any order costs n additions, not n²/2.
+  if (step.data.empty()) {
+    step.form = form;
+  } else if (step.data.rbegin()->first < key && is_summed(step)) {
+    step.form.add(form);
+  } else {
+    step.form.quadratic.resize(0, 0);
+  }
+  StoredDatum datum;
+  if (form.missing == 0 && !noise && !projector_.depends_on_order()) {
+    if (step.complete_quadratic.size() == 0) step.complete_quadratic = std::move(form.quadratic);
+    form.quadratic.resize(0, 0);
+  }
+  datum.form = std::move(form);
+  if (projector_.depends_on_order() || values_) {
+    datum.values = values;
+    datum.noise = noise;
+  }
+  step.data.insert_or_assign(key, std::move(datum));
+}
+
+/// Where data share an error the form of each depends on those before it: all are made again, in order.
+void StepStore::project_again() {
+  out_of_order_ = false;
+  projector_.restart();
+  for (auto& [index, step] : steps_) {
+    const auto data = std::exchange(step.data, {});
+    for (const auto& [key, datum] : data)
+      keep(step, key, project(index, step, datum.values, datum.noise), datum.values, datum.noise);
+  }
+}
+
+void StepStore::mark_changed(std::size_t step) {
+  changed_ = std::min(step, changed_.value_or(step));
+}
+
+}  // namespace knothe::assimilation

@@ -1,0 +1,38 @@
+#pragma once
+/// @file What a sequential update answers after each datum.
+#include <Eigen/Core>
+#include <cstddef>
+#include <string>
+
+#include "knothe/assimilation/bias/evidence_monitor.hpp"
+#include "knothe/assimilation/update/posterior.hpp"
+
+namespace knothe::assimilation {
+
+/// Wall-clock time of each phase of an update, µs.
+struct UpdateTimes {
+  double projection = 0;  ///< datum → quadratic form
+  double map = 0;         ///< maximum, pre-map, adaptive map, verification
+  double correction = 0;  ///< importance weights, moments, quantiles, evidence
+  double watch = 0;       ///< monitor of the evidence, bias
+  [[nodiscard]] double total() const { return projection + map + correction + watch; }
+};
+
+/// What an update did, and the posterior it found: importance-corrected, and where the map is not to be
+/// trusted and there are at most two parameters by quadrature instead (`remark` says so).
+struct UpdateResult : Posterior {
+  std::size_t step = 0;
+  double time = 0;  ///< model time
+
+  double log_evidence_increment = 0;                 ///< log p(d_i | d₀ … d_{i−1})
+  Eigen::Index used = 0, rejected = 0, missing = 0;  ///< values of this datum
+
+  bool bias_corrected = false;  ///< this datum was assimilated with the corrected model
+  MonitorReport monitor;        ///< how well the data before predicted this one
+  /// What the monitor found or did at this step, in words: the alarm, correction switched on or off, steps
+  /// that were taken out and put back. Mostly empty.
+  std::string notice;
+  UpdateTimes elapsed_us;
+};
+
+}  // namespace knothe::assimilation
