@@ -57,7 +57,7 @@ int assimilate(const AssimilateArguments& arguments) {
   project::Project project = project::read_project(arguments.project);
   if (const auto kind = from_text<assimilation::Method>(arguments.method)) project.method.kind = *kind;
   if (!arguments.results.empty()) project.results = arguments.results;
-  project::UpdateSetup setup = project::set_up(project, true);
+  project::UpdateSetup setup = project::set_up(project);
   engine::Engine engine(engine_setup(project, setup, arguments.redo));
   files::require_writable_folder(project.results);
   report::ResultsWriter results(project, setup.model, setup.measurements, engine.priors(), setup.observed);

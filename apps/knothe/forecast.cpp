@@ -17,7 +17,7 @@ namespace knothe::commands {
 int forecast(const ForecastArguments& arguments) {
   const project::Project project = project::read_project(arguments.project);
   project.require(!project.forecasts.empty(), "at least one table [forecast.NAME]");
-  const project::UpdateSetup setup = project::set_up(project, true);
+  const project::UpdateSetup setup = project::set_up(project);
   const std::string path = (std::filesystem::path(project.results) / "posterior.nc").string();
   const assimilation::UpdateResult stored = report::read_last_posterior(path, setup.model.parameter_names());
   forecast::Forecaster forecaster = project::make_forecaster(project, setup);

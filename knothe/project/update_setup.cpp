@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "knothe/assimilation/update/compatibility.hpp"
 #include "knothe/assimilation/update/prior_of_model.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
@@ -67,50 +68,27 @@ assimilation::RobustOptions robust_options(const MethodOptions& method) {
   return {method.gate, method.student_t ? method.degrees_of_freedom : 0};
 }
 
-/// Methods and options that do not go together, or not with this command.
-void check_method(const Project& project, bool any_method) {
-  const MethodOptions& method = project.method;
-  const bool baseline = baseline_options(method).has_value(), robust = robust_options(method).is_active();
-  if (baseline && !any_method) {
-    throw project.error_at("method.kind", fmt::format("method.kind = \"{}\" is for `knothe assimilate` and "
-                                                      "`knothe infer`; here it is \"transport\" or \"grid\"",
-                                                      to_text(method.kind)));
-  }
-  if (robust && !any_method) {
-    throw project.error_at(method.gate > 0 ? "method.gate" : "method.likelihood",
-                           "gating and the Student-t likelihood are for `knothe assimilate`");
-  }
-  if (baseline && (robust || method.unknown_noise_level)) {
-    throw project.error_at(
-        "method.kind", fmt::format("method.kind = \"{}\" does without likelihood = \"student-t\", gate and "
-                                   "noise_level = \"unknown\": these go with \"transport\" and \"grid\"",
-                                   to_text(method.kind)));
-  }
-  const bool changes =
-      method.update.forgetting < 1 || !method.update.change_points.empty() || method.update.restart_on_alarm;
-  if (changes && (baseline || robust)) {
-    throw project.error_at("method",
-                           "forgetting, change_points and on_alarm = \"restart\" go with method transport or "
-                           "grid and the Gaussian "
-                           "likelihood without a gate only");
-  }
-  if (method.unknown_noise_level &&
-      (method.update.form == assimilation::UpdateOptions::Form::composed || method.student_t)) {
-    throw project.error_at("method.noise_level",
-                           "noise_level = \"unknown\" links all data: it takes form = \"collapsed\" and "
-                           "likelihood = \"gaussian\"");
-  }
-  if (method.truncation_error && (method.unknown_noise_level || method.student_t || method.offset_std > 0 ||
-                                  method.update.bias_correction != assimilation::BiasCorrectionMode::off ||
-                                  project.data.empty() || !project.clock.empty() || !project.known.empty())) {
-    throw project.error_at(
-        "method.truncation_error",
-        "truncation_error = \"on\" makes the noise another one at each step: it takes measurements from a "
-        "file, at "
-        "model times, and does without likelihood = \"student-t\", noise_level = \"unknown\", offset_std, "
-        "known parameters and "
-        "bias_correction (which estimates the model's error from the data)");
-  }
+/// What the project asks for, as far as it is known before the data are looked at.
+assimilation::Features features_of(const Project& project) {
+  using assimilation::Feature;
+  assimilation::Features features = features_of(update_options(project.method));
+  add(features, Feature::baseline, baseline_options(project.method).has_value());
+  add(features, Feature::gate, robust_options(project.method).gate > 0);
+  add(features, Feature::student_t, robust_options(project.method).degrees_of_freedom > 0);
+  add(features, Feature::truncation, project.method.truncation_error);
+  add(features, Feature::pictures, project.data.empty());
+  add(features, Feature::clock, !project.clock.empty());
+  add(features, Feature::known, !project.known.empty());
+  add(features, Feature::candidates, !project.candidates.empty());
+  return features;
+}
+
+void refuse_conflicts(const Project& project, const assimilation::Features& features) {
+  const assimilation::Conflict found = assimilation::find_conflict(features);
+  if (found.message.empty()) return;
+  if (found.key.empty()) throw UsageError(found.message);
+  throw project.error_at(found.key == "parameters" ? "parameters." + project.known[0].name : found.key,
+                         found.message);
 }
 
 /// The measurements' noise with the model's own error added: at each step another, correlated, one.
@@ -121,11 +99,6 @@ assimilation::NoiseModel noise_with_truncation(const Project& project, const red
   const auto refuse = [&](const std::string& why) {
     throw project.error_at("method.truncation_error", "truncation_error = \"on\": " + why);
   };
-  if (!data.measurements.sensors.scalars.empty())
-    refuse(fmt::format("the model's file knows its error of displacements, not of {}",
-                       fmt::join(data.measurements.sensors.scalars, ", ")));
-  if (noise.shared_reference() > 0)
-    refuse(fmt::format("the errors of {} share those of a reference picture", project.data));
   if (noise.size() > k_most)
     refuse(fmt::format("{} observed dofs are more than {}: choose some (`knothe select`)", noise.size(),
                        k_most));
@@ -183,8 +156,10 @@ reduction::SeparatedModel load_model(const Project& project) {
 
 namespace {
 
-UpdateSetup set_up(const Project& project, bool any_method, bool live) {
-  check_method(project, any_method);
+/// `features`: what it is for.
+UpdateSetup set_up(const Project& project, assimilation::Features features, bool live) {
+  features |= features_of(project);
+  refuse_conflicts(project, features);
   project.require(!project.model.empty(), "a model: `model = \"MODEL.h5\"`");
   const bool from_pictures = live || !project.pictures.folder.empty() || !project.pictures.pictures.empty();
   project.require(!project.data.empty() || from_pictures,
@@ -206,6 +181,8 @@ UpdateSetup set_up(const Project& project, bool any_method, bool live) {
     measurements.noise = measurements.noise.with_offsets(project.method.offset_std);
   ObservedData data = observe_data(project, whole, priors, std::move(measurements),
                                    pictures ? project.pictures.folder : project.data);
+  add(features, assimilation::Feature::series, !data.measurements.sensors.scalars.empty());
+  refuse_conflicts(project, features | features_of(data.measurements.noise));
   if (project.method.truncation_error) data.measurements.noise = noise_with_truncation(project, whole, data);
   return {with_known_fixed(project, whole, data.known),
           std::move(data.measurements),
@@ -221,28 +198,14 @@ UpdateSetup set_up(const Project& project, bool any_method, bool live) {
 
 }  // namespace
 
-UpdateSetup set_up(const Project& project, bool any_method) {
-  return set_up(project, any_method, false);
+UpdateSetup set_up(const Project& project) {
+  return set_up(project, {}, false);
 }
 
 UpdateSetup set_up_online(const Project& project) {
-  if (!project.clock.empty()) {
-    throw project.error_at(
-        "data.clock", "data.clock is for `knothe assimilate`: data that come one by one bring model times");
-  }
-  if (!project.known.empty()) {
-    throw project.error_at(
-        "parameters." + project.known[0].name,
-        "a known parameter is for `knothe assimilate`: data that come one by one do not bring it");
-  }
-  UpdateSetup setup = set_up(project, true, !project.serve.watch_pictures.empty());
-  if (!setup.measurements.sensors.scalars.empty()) {
-    throw project.error_at(
-        "data", fmt::format("{} is measured beside displacements: forces and gauges are for `knothe "
-                            "assimilate`, a service takes displacements",
-                            fmt::join(setup.measurements.sensors.scalars, ", ")));
-  }
-  return setup;
+  assimilation::Features features;
+  add(features, assimilation::Feature::service);
+  return set_up(project, features, !project.serve.watch_pictures.empty());
 }
 
 forecast::Forecaster make_forecaster(const Project& project, const UpdateSetup& setup) {

@@ -30,9 +30,9 @@ struct UpdateSetup {
 };
 
 /// Reads model and data, and brings the model's parameters into the project file's order. Throws ProjectError
-/// where the parameters are not the model's, DataError for what the files lack. Methods that make no map, and
-/// robust ones, are for who holds an engine (`any_method`): ProjectError elsewhere.
-[[nodiscard]] UpdateSetup set_up(const Project& project, bool any_method = false);
+/// where the parameters are not the model's, DataError for what the files lack. ProjectError, or UsageError
+/// where only the data tell, for what does not go together (`assimilation/update/compatibility.hpp`).
+[[nodiscard]] UpdateSetup set_up(const Project& project);
 
 /// The same for the service: ProjectError for what it cannot do (a measured clock, forces, gauges). With
 /// [serve] watch_pictures the sensors are those of pictures that are still to come.

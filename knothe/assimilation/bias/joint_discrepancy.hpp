@@ -2,6 +2,7 @@
 /// @file Discrepancy of the model, unknown together with the parameters and integrated out.
 #include <Eigen/Core>
 
+#include "knothe/assimilation/noise/conditional_filter.hpp"
 #include "knothe/assimilation/update/step_form.hpp"
 
 namespace knothe::assimilation {
@@ -31,20 +32,13 @@ class JointDiscrepancy {
   [[nodiscard]] StepForm condition(const MovedForm& moved, const Eigen::MatrixXd& core);
   /// κ F E[ξ_i | v, data up to the last], r: what is to be added to w, where w = w₀ + v.
   [[nodiscard]] Eigen::VectorXd expected(const Eigen::VectorXd& v) const {
-    return factor_ * (mean_.head(factor_.cols()) - slope_.topRows(factor_.cols()) * v);
+    return factor_ * filter_.expected(v).head(factor_.cols());
   }
 
  private:
-  void predict();
-  void grow(Eigen::Index size);  ///< sums of no datum that had a discrepancy: 0 exactly
-  [[nodiscard]] StepForm take(const StepForm& form, const Eigen::MatrixXd& base, const Eigen::MatrixXd& map,
-                              const Eigen::MatrixXd& lower);
   Eigen::MatrixXd factor_;  ///< κ F
   double rho_;
-  // Of the state x = ξ, or (ξ, z_1 …) where steps share an error:
-  Eigen::VectorXd mean_;        ///< at v = 0
-  Eigen::MatrixXd slope_;       ///< E[x | v] = mean − slope v
-  Eigen::MatrixXd covariance_;  ///< given v
+  ConditionalFilter filter_;  ///< of ξ, and (ξ, z_1 …) where steps share an error
 };
 
 }  // namespace knothe::assimilation

@@ -143,12 +143,6 @@ NoiseModel NoiseModel::with_shared_reference(int pictures) const {
 
 NoiseModel NoiseModel::with_offsets(double std) const {
   assert(std > 0);
-  if (!is_independent()) {
-    throw DataError(
-        "constant offsets (method.offset_std) are for sensors with noise/std: the errors of image "
-        "correlation "
-        "that stay are those of its reference picture (shared_reference)");
-  }
   NoiseModel result = *this;
   result.offset_std_ = std;
   return result;
@@ -173,11 +167,6 @@ NoiseModel NoiseModel::with_scalars(const Eigen::VectorXd& std) const {
     result.inverse_variance_.resize(result.size_);
     result.inverse_variance_ << inverse_variance_, scalars.inverse_variance_;
   } else {
-    if (shared_reference_ > 0) {
-      throw DataError(
-          "forces and gauges do not go together with pictures whose errors share those of the reference "
-          "picture (noise/precision with the attribute shared_reference): leave out one of them");
-    }
     Sparse whole = *precision_;
     whole.conservativeResize(result.size_, result.size_);
     for (Eigen::Index i = size_; i < result.size_; ++i)

@@ -34,21 +34,21 @@ class NoiseModel {
   [[nodiscard]] NoiseModel with_shared_reference(int pictures) const;
 
   /// The same noise with a constant error of each sensor besides, N(0, std²), std > 0 (m): an offset that is
-  /// not known. It is not part of R. Throws DataError for correlated noise.
+  /// not known. It is not part of R.
   [[nodiscard]] NoiseModel with_offsets(double std) const;
 
   /// The same noise with further observations behind the others, independent of them and of each other:
-  /// load cells and gauges, `std` in their units. They have no part in offsets or the reference picture.
-  /// Throws DataError for correlated noise with a shared reference.
+  /// load cells and gauges, `std` in their units. They have no part in offsets, the reference picture or the
+  /// scale.
   [[nodiscard]] NoiseModel with_scalars(const Eigen::VectorXd& std) const;
   /// The same noise with an error of step `step` besides that all its dofs have together, N(0, F Fᵀ),
   /// `factor` n × q: what the clock is off by. It is not part of R.
   [[nodiscard]] NoiseModel with_step_error(std::size_t step, Eigen::MatrixXd factor) const;
 
   /// The same noise with a factor 1 + ε on the values of all steps besides, ε ~ N(0, relative_std²): metres
-  /// per pixel that are not known exactly. It is not part of R. Does not go with offsets, further
-  /// observations
-  /// (`with_scalars`), step errors, or sensors with a shared reference.
+  /// per pixel that are not known exactly. It is not part of R. It is linearised about the prediction at
+  /// the centre of the parameters, so that ε (y − y₀) must be small against the noise. Further observations
+  /// (`with_scalars`) have no part in it.
   [[nodiscard]] NoiseModel with_scale_error(double relative_std) const;
 
   [[nodiscard]] Eigen::Index size() const { return size_; }

@@ -1,5 +1,5 @@
 #pragma once
-/// @file Errors that all steps share: the noise of the reference picture, constant offsets of sensors.
+/// @file Errors of each dof that all steps share: the noise of the reference picture, constant offsets.
 ///
 /// y_t = model_t + own_t + s with own_t ~ N(0, Q_t⁻¹) new at each step and s ~ N(0, K⁻¹) the same at all.
 /// The likelihood of a datum given the data before it stays a quadratic form in v = w − w₀, so the forms of
@@ -8,15 +8,17 @@
 /// steps and k reference pictures the sum is
 ///   γ⁻² [Σ yᵀMy − (Σy)ᵀM(Σy)/(n + k)].
 #include <Eigen/Core>
+#include <Eigen/SparseCholesky>
+#include <memory>
 #include <vector>
 
 #include "knothe/assimilation/noise/noise_model.hpp"
 #include "knothe/assimilation/update/step_form.hpp"
+#include "knothe/reduction/observe/observed_model.hpp"
 
 namespace knothe::assimilation {
 
-/// One noise matrix and one set of dofs, with what no datum changes, and the sums over the data that came
-/// with both.
+/// One noise matrix and one set of dofs, with what no datum changes.
 struct NoiseGroup {
   std::size_t step = 0;            ///< where the noise is that of one step only
   bool of_one_step = false;        ///< noise/precision_steps
@@ -25,75 +27,101 @@ struct NoiseGroup {
   Eigen::MatrixXd space;           ///< (OU)_s
   Eigen::MatrixXd weighted_space;  ///< R_s⁻¹ (OU)_s
   Eigen::MatrixXd gram;            ///< (OU)_sᵀ R_s⁻¹ (OU)_s
-  Eigen::Index count = 0;          ///< n_g, data so far
-  Eigen::VectorXd sum_residual;    ///< Σ r_t
-  Eigen::MatrixXd sum_core;        ///< Σ C_t
-  Eigen::VectorXd sum_extra;       ///< Σ of the further columns; empty where there are none
 
-  /// The form of a datum with residual r and core C, its covariance R_s / factor. `extra` (may be null): how
-  /// the datum depends on one more unknown, which becomes the last of the form.
-  void project(const Eigen::MatrixXd& core, const Eigen::VectorXd& residual, double factor, StepForm& form,
-               const Eigen::VectorXd* extra = nullptr) const;
+  /// The form of a datum with residual r, its covariance R_s / factor, in v, of which `core` says how the
+  /// space modes depend on it, and in x, of which `extra` (n_s × m) says how the values depend on it.
+  void project(const Eigen::MatrixXd& core, const Eigen::VectorXd& residual, double factor,
+               const Eigen::MatrixXd& extra, StepForm& form) const;
 };
 
-/// The noise of k reference pictures shared by correlated data: K = k Q, Q = R⁻¹ (k + 1)/k.
-///
-/// While all data come with the same noise and the same dofs, the conditional law of a datum is that of
-/// r_n − Σ_{i<n} r_i/(k + n − 1), of precision Q (k + n − 1)/(k + n): no factorisation, no cancellation.
-/// Otherwise s is integrated out by a sparse factorisation of K + Σ S_tᵀ Q_t S_t, in which the errors of
-/// missing dofs stay as variables, so that their Schur complements are never formed; it costs one
-/// factorisation and r + 1 solves per datum.
-class SharedReferenceError {
+/// A datum: r = (OU) `core` v + `extra` x + own + s, of the dofs that `group` keeps.
+struct ProjectedDatum {
+  const NoiseGroup& group;
+  const Eigen::MatrixXd& core;  ///< l × r
+  const Eigen::VectorXd& residual;
+  Eigen::MatrixXd extra;  ///< n_s × m; x is that of the data before, and what is new behind
+};
+
+/// s as an information filter: its mean, affine in v and x, and its information matrix. K⁻¹ is the sum of
+/// two parts, either of which may be absent: R/(k + 1), of k reference pictures (own_t: R_t k/(k + 1)), and
+/// τ² of offsets. Three cases, of which the first two are the third one's fast paths:
+/// - correlated noise, reference pictures alone, the same noise and dofs at all steps so far: given the data
+///   before it a datum is Gaussian with residual r_n − Σ_{i<n} r_i/(k + n − 1) and precision
+///   Q (k + n − 1)/(k + n): no factorisation, no cancellation;
+/// - independent noise: sensors one by one;
+/// - else the information matrix of the two parts of s is factorised anew for each datum. It is sparse: the
+///   own errors of missing dofs stay as variables, so that their Schur complements are never formed.
+class SharedError {
  public:
-  /// `functions`: unknowns of the forms, r, and one more where data come with an `extra` column.
-  SharedReferenceError(const NoiseModel& noise, Eigen::Index functions);
+  [[nodiscard]] static bool is_in(const NoiseModel& noise) {
+    return noise.shared_reference() > 0 || noise.offset_std() > 0;
+  }
+  SharedError(std::shared_ptr<const reduction::ObservedModel> model, const NoiseModel& noise);
   void restart();
   void set_noise(const NoiseModel& noise) { noise_ = noise; }  ///< the same, with further steps
-  /// The form of the next datum given those before it. `group` becomes one of the groups if the datum is
-  /// taken (`take`).
-  [[nodiscard]] StepForm condition(const NoiseGroup& group, const Eigen::MatrixXd& core,
-                                   const Eigen::VectorXd& residual,
-                                   const Eigen::VectorXd* extra = nullptr) const;
-  /// The same for a model with a discrepancy.
-  [[nodiscard]] MovedForm condition_moved(const NoiseGroup& group, const Eigen::MatrixXd& core,
-                                          const Eigen::VectorXd& residual) const;
-  /// Adds the datum.
-  void take(const NoiseGroup& group, const Eigen::MatrixXd& core, const Eigen::VectorXd& residual,
-            const Eigen::VectorXd* extra = nullptr);
+
+  /// The form of the next datum given those before it, in (v, x); takes the datum, if the form is finite.
+  /// `moved` (may be null): the form in (v, u, z, x) too (`MovedForm`).
+  [[nodiscard]] StepForm condition(const ProjectedDatum& datum, MovedForm* moved);
 
  private:
-  struct Shared {
-    StepForm form;  ///< −(b − B v)ᵀ A⁻¹ (b − B v) and log det A − log det K
+  using Sparse = Eigen::SparseMatrix<double>;
+  enum class Path { uniform, diagonal, sparse };
+  /// Noise and dofs with which data came.
+  struct Kind {
+    std::size_t step;
+    bool of_one_step;
+    std::vector<Eigen::Index> kept;
+    NoiseModel noise;
+    Eigen::Index count = 0;    ///< data
+    Eigen::Index border = -1;  ///< place of the missing dofs' own errors in the information matrix
   };
-  [[nodiscard]] bool is_uniform(const NoiseGroup& group) const;
-  [[nodiscard]] StepForm integrated(const std::vector<NoiseGroup>& groups) const;
+  /// A = K + Σ S_tᵀ Q_t S_t, bordered.
+  struct Information {
+    Sparse matrix;
+    std::shared_ptr<const Eigen::SimplicialLDLT<Sparse>> factor;
+    double log_border = 0;       ///< log det of the border
+    double log_determinant = 0;  ///< log det A
+  };
+  /// Of one datum: what its columns become.
+  struct Conditional {
+    Eigen::MatrixXd product;  ///< columnsᵀ (covariance given the data before)⁻¹ columns
+    Eigen::MatrixXd shift;    ///< n × columns: what the datum adds to the mean
+    double log_determinant;   ///< of the covariance
+    Information information;  ///< afterwards, where sparse
+  };
 
-  NoiseModel noise_;  ///< of all steps but those with their own
-  double pictures_;   ///< k
-  Eigen::Index functions_;
-  std::vector<NoiseGroup> groups_;
-};
+  [[nodiscard]] Eigen::MatrixXd innovation(const ProjectedDatum& datum, bool moved,
+                                           const std::vector<const Kind*>& standing) const;
+  void take_uniform(const ProjectedDatum& datum);
+  [[nodiscard]] StepForm project_uniform(const ProjectedDatum& datum, MovedForm* moved) const;
+  void leave_uniform();
+  [[nodiscard]] Conditional condition_diagonal(const NoiseGroup& group, const Eigen::MatrixXd& columns) const;
+  [[nodiscard]] Conditional condition_sparse(Kind& kind, const Eigen::MatrixXd& columns) const;
+  [[nodiscard]] Eigen::MatrixXd effect_of_kind(const Kind& kind) const;
+  [[nodiscard]] Kind& kind_of(const NoiseGroup& group);
+  void choose_moved(const Kind& mine, MovedForm& moved, std::vector<const Kind*>& standing) const;
 
-/// Constant errors of independent sensors, s_j ~ N(0, 1/K_j): offsets, or the noise of a shared reference.
-class ConstantSensorError {
- public:
-  /// `precision`: K_j, n; `functions`: r.
-  ConstantSensorError(Eigen::VectorXd precision, Eigen::Index functions);
-  void restart();
-  /// The form of the next datum given those before it, in which sensor j has the own precision q_j (0:
-  /// missing), residual r_j and the row of `design` (n × r) as its sensitivity to w.
-  [[nodiscard]] StepForm condition(const Eigen::VectorXd& own_precision, const Eigen::MatrixXd& design,
-                                   const Eigen::VectorXd& residual) const;
-  /// The same for a model with a discrepancy; `space` · `core` is the design.
-  [[nodiscard]] MovedForm condition_moved(const Eigen::VectorXd& own_precision, const Eigen::MatrixXd& space,
-                                          const Eigen::MatrixXd& core, const Eigen::VectorXd& residual) const;
-  void take(const Eigen::VectorXd& own_precision, const Eigen::MatrixXd& design,
-            const Eigen::VectorXd& residual);
+  [[nodiscard]] Information prior_information();
+  [[nodiscard]] Information with(Information information, Kind& kind, Eigen::Index count) const;
+  void factorise(Information& information) const;
+  [[nodiscard]] Eigen::MatrixXd gathered(const Kind& kind, const Eigen::MatrixXd& weighted) const;
+  [[nodiscard]] Eigen::MatrixXd spread(const Eigen::MatrixXd& parts) const;
 
- private:
-  Eigen::VectorXd initial_, precision_, weighted_residual_;  ///< K; K + Σ q; Σ q r
-  Eigen::MatrixXd weighted_design_;                          ///< Σ q · design
-  std::vector<Eigen::VectorXd> kinds_;                       ///< own precisions with which data came so far
+  std::shared_ptr<const reduction::ObservedModel> model_;
+  NoiseModel noise_;     ///< of all steps but those with their own
+  double pictures_;      ///< k
+  Eigen::VectorXd own_;  ///< own precision over R⁻¹, per dof
+  Path path_;
+  std::vector<Kind> kinds_;
+  // On the uniform path, of the dofs kept, Σ r_t, Σ C_t, Σ extra_t.
+  Eigen::VectorXd sum_residual_;
+  Eigen::MatrixXd sum_core_, sum_extra_;
+  // On the others: E[s | v, x] = mean (1, −v, −x), n × (1 + r + m).
+  Eigen::MatrixXd mean_;
+  Eigen::VectorXd prior_precision_, precision_;  ///< diagonal: K, A
+  Sparse parts_;                                 ///< sparse: s = parts_ᵀ · variables, number × n
+  Information information_;
 };
 
 }  // namespace knothe::assimilation

@@ -44,6 +44,7 @@ DatumProjector::DatumProjector(std::shared_ptr<const reduction::ObservedModel> m
   predicted_.resize(n, n_t);
   complete_.noise = noise_;
   for (Eigen::Index i = 0; i < n; ++i) complete_.kept.push_back(i);
+  complete_.space = model_->space;
   complete_.weighted_space = noise_.apply(model_->space);
   complete_.gram = model_->space.transpose() * complete_.weighted_space;
   quadratic_.resize(n_t);
@@ -53,47 +54,20 @@ DatumProjector::DatumProjector(std::shared_ptr<const reduction::ObservedModel> m
     quadratic_[t] = core.transpose() * complete_.gram * core;
     quadratic_[t] = 0.5 * (quadratic_[t] + quadratic_[t].transpose().eval());
   }
-  const Eigen::Index unknowns = central_.size() + (noise_.scale_std() > 0 ? 1 : 0);
-  joint_ = StepForm::zero(unknowns);
-  if (noise_.scale_std() > 0 &&
-      (noise_.has_step_errors() || noise_.offset_std() > 0 || noise_.scalar_count() > 0 ||
-       (noise_.is_independent() && noise_.shared_reference() > 0))) {
-    throw UsageError(
-        "a scale that is not known exactly (relative_scale_std, dic.scale_std) is for displacements from "
-        "pictures: it does not go together with offsets of sensors, forces and gauges, or a clock's std");
-  }
   residual_.resize(n);
   weighted_.resize(n);
   in_space_.resize(model_->space.cols());
-  if (noise_.has_step_errors() && (noise_.shared_reference() > 0 || noise_.offset_std() > 0)) {
-    throw UsageError(
-        "a clock with an error of its own (its std) does not go together with noise that steps share "
-        "(shared_reference, method.offset_std): give the clock no std, or the noise nothing shared");
-  }
-  if (noise_.is_independent() && (noise_.shared_reference() > 0 || noise_.offset_std() > 0)) {
-    // Both are errors of a sensor that stay: their variances add up.
-    const double k = noise_.shared_reference(), offset = noise_.offset_std();
-    Eigen::ArrayXd variance = Eigen::ArrayXd::Constant(n, offset * offset);
-    if (k > 0) variance += ((k + 1) * noise_.inverse_variance()).array().inverse();
-    variance.tail(noise_.scalar_count()) = 0;  // these have no such error: infinitely well known
-    constant_ = std::make_unique<ConstantSensorError>(variance.inverse().matrix(), central_.size());
-  } else {
-    if (noise_.shared_reference() > 0) {
-      shared_ = std::make_unique<SharedReferenceError>(noise_, unknowns);
-    }
-  }
+  if (NuisanceFilter::is_in(noise_)) nuisances_ = std::make_unique<NuisanceFilter>(model_, noise_);
 }
 
 void DatumProjector::set_noise_of(std::size_t step, NoiseModel noise) {
   noise_ = noise_.with_step(step, std::move(noise));
-  if (shared_) shared_->set_noise(noise_);
+  if (nuisances_) nuisances_->set_noise(noise_);
   recent_ = {};
 }
 
 void DatumProjector::restart() {
-  if (shared_) shared_->restart();
-  if (constant_) constant_->restart();
-  joint_ = StepForm::zero(joint_.linear.size());
+  if (nuisances_) nuisances_->restart();
 }
 
 void DatumProjector::take_measured(std::size_t step, const Eigen::Ref<const Eigen::VectorXd>& values) {
@@ -114,53 +88,24 @@ void DatumProjector::project(std::size_t step, std::size_t time_index,
   if (kept_.empty()) {
     form = StepForm::zero(central_.size());
     if (moved != nullptr) *moved = {};
-  } else if (noise_.scale_std() > 0) {
-    assert(moved == nullptr);
-    project_scaled(step, time_index, values, form);
-  } else if (constant_) {
-    project_constant(step, time_index, form, moved);
-    require_finite(form, values);
-  } else if (shared_) {
-    const NoiseGroup& group = group_of(step);
+  } else if (nuisances_) {
     const Eigen::VectorXd residual = residual_(kept_);
-    form = shared_->condition(group, model_->core[time_index], residual);
-    require_finite(form, values);
-    if (moved != nullptr) *moved = shared_->condition_moved(group, model_->core[time_index], residual);
-    shared_->take(group, model_->core[time_index], residual);
+    Eigen::VectorXd predicted;
+    if (noise_.scale_std() > 0) predicted = predicted_.col(time_index)(kept_);
+    form = nuisances_->condition(group_of(step), model_->core[time_index], residual, predicted,
+                                 noise_.step_error(step), moved);
+  } else if (static_cast<Eigen::Index>(kept_.size()) == values.size() && !noise_.has_step(step)) {
+    project_complete(time_index, form);
   } else {
-    if (static_cast<Eigen::Index>(kept_.size()) == values.size() && !noise_.has_step(step)) {
-      project_complete(time_index, form);
-    } else {
-      project_incomplete(step, time_index, form);
-    }
-    if (const Eigen::MatrixXd* factor = noise_.step_error(step))
-      take_step_error(group_of(step), (*factor)(kept_, Eigen::all), model_->core[time_index], form);
-    require_finite(form, values);
+    group_of(step).project(model_->core[time_index], residual_(kept_), 1, {}, form);
   }
+  require_finite(form, values);
   form.used = static_cast<Eigen::Index>(kept_.size());
   form.missing = observation_count() - form.used;
   if (moved != nullptr) {
     moved->form.used = form.used;
     moved->form.missing = form.missing;
   }
-}
-
-/// (R + F Fᵀ)⁻¹ = R⁻¹ − R⁻¹F (I + FᵀR⁻¹F)⁻¹ FᵀR⁻¹, Woodbury, on the form made with R; det(R + F Fᵀ) = det R
-/// det(I + FᵀR⁻¹F).
-void DatumProjector::take_step_error(const NoiseGroup& group, const Eigen::MatrixXd& factor,
-                                     const Eigen::MatrixXd& core, StepForm& form) {
-  const Eigen::MatrixXd weighted = group.noise.apply(factor);
-  Eigen::MatrixXd inner = factor.transpose() * weighted;
-  inner.diagonal().array() += 1;
-  const Eigen::LLT<Eigen::MatrixXd> cholesky(inner);
-  const Eigen::MatrixXd in_factor =
-      cholesky.matrixL().solve((group.weighted_space.transpose() * factor).transpose() * core);
-  const Eigen::VectorXd of_residual = cholesky.matrixL().solve(weighted.transpose() * residual_(kept_));
-  form.quadratic.noalias() -= in_factor.transpose() * in_factor;
-  form.quadratic = 0.5 * (form.quadratic + form.quadratic.transpose().eval());
-  form.linear.noalias() -= in_factor.transpose() * of_residual;
-  form.constant -= of_residual.squaredNorm();
-  form.log_normaliser += 2 * cholesky.matrixLLT().diagonal().array().log().sum();
 }
 
 void DatumProjector::project(std::size_t step, std::size_t time_index,
@@ -197,29 +142,19 @@ void DatumProjector::project(std::size_t step, std::size_t time_index,
   noise.apply(columns_, weighted_columns_);
   Eigen::MatrixXd products = columns_.transpose() * weighted_columns_;
   products = 0.5 * (products + products.transpose().eval());
-  Eigen::MatrixXd gram = products.topLeftCorner(modes, modes);
-  Eigen::VectorXd in_space = products.col(modes + factors).head(modes);
-  form.constant = products(modes + factors, modes + factors);
-  form.log_normaliser =
+  // In the space modes and the factors, which are integrated out.
+  StepForm wide{products.topLeftCorner(modes + factors, modes + factors),
+                products.col(modes + factors).head(modes + factors),
+                products(modes + factors, modes + factors)};
+  wide.log_normaliser =
       static_cast<double>(form.used) * k_log_2_pi + noise.log_determinant() + 2 * scale.array().log().sum();
-  if (factors > 0) {
-    // Woodbury, as in take_step_error.
-    Eigen::MatrixXd inner = products.block(modes, modes, factors, factors);
-    inner.diagonal().array() += 1;
-    const Eigen::MatrixXd lower = Eigen::LLT<Eigen::MatrixXd>(inner).matrixL();
-    Eigen::MatrixXd in_factor = products.block(modes, 0, factors, modes);
-    Eigen::VectorXd of_residual = products.col(modes + factors).segment(modes, factors);
-    lower.triangularView<Eigen::Lower>().solveInPlace(in_factor);
-    lower.triangularView<Eigen::Lower>().solveInPlace(of_residual);
-    gram.noalias() -= in_factor.transpose() * in_factor;
-    in_space.noalias() -= in_factor.transpose() * of_residual;
-    form.constant -= of_residual.squaredNorm();
-    form.log_normaliser += 2 * lower.diagonal().array().log().sum();
-  }
+  if (factors > 0) wide = without_standard_normals(wide, modes);
   const auto& core = model_->core[time_index];
-  form.quadratic = core.transpose() * gram * core;
+  form.quadratic = core.transpose() * wide.quadratic * core;
   form.quadratic = 0.5 * (form.quadratic + form.quadratic.transpose().eval());
-  form.linear = core.transpose() * in_space;
+  form.linear = core.transpose() * wide.linear;
+  form.constant = wide.constant;
+  form.log_normaliser = wide.log_normaliser;
   require_finite(form, values);
 }
 
@@ -239,58 +174,6 @@ void DatumProjector::project_complete(std::size_t time_index, StepForm& form) {
   form.linear.noalias() = model_->core[time_index].transpose() * in_space_;
   form.constant = residual_.dot(weighted_);
   form.log_normaliser = static_cast<double>(residual_.size()) * k_log_2_pi + noise_.log_determinant();
-}
-
-void DatumProjector::project_incomplete(std::size_t step, std::size_t time_index, StepForm& form) {
-  group_of(step).project(model_->core[time_index], residual_(kept_), 1, form);
-}
-
-void DatumProjector::project_constant(std::size_t step, std::size_t time_index, StepForm& form,
-                                      MovedForm* moved) {
-  const double k = noise_.shared_reference(), own_share = k > 0 ? (k + 1) / k : 1;
-  Eigen::VectorXd own = Eigen::VectorXd::Zero(observation_count());
-  for (const Eigen::Index i : kept_) own[i] = own_share * noise_.at_step(step).inverse_variance()[i];
-  const Eigen::MatrixXd design = model_->space * model_->core[time_index];
-  form = constant_->condition(own, design, residual_);
-  if (moved != nullptr)
-    *moved = constant_->condition_moved(own, model_->space, model_->core[time_index], residual_);
-  if (std::isfinite(form.constant)) constant_->take(own, design, residual_);
-}
-
-/// A measured displacement is too large by 1 + ε, all of them by the same: the joint form of v and ε, which
-/// is linearised about the model's prediction y₀ at the centre (about the measured values, their noise would
-/// bias it): d − y₀ = (OU) C v − ε y₀ + noise with the sign of ε turned.
-void DatumProjector::project_scaled(std::size_t step, std::size_t time_index,
-                                    const Eigen::Ref<const Eigen::VectorXd>& values, StepForm& form) {
-  const NoiseGroup& group = group_of(step);
-  const auto& core = model_->core[time_index];
-  const Eigen::VectorXd residual = residual_(kept_), extra = predicted_.col(time_index)(kept_);
-  StepForm joint;
-  if (shared_) {
-    joint = shared_->condition(group, core, residual, &extra);
-  } else {
-    group.project(core, residual, 1, joint, &extra);
-  }
-  require_finite(joint, values);
-  if (shared_) shared_->take(group, core, residual, &extra);
-  form = without_scale(joint_);
-  joint_.add(joint);
-  StepForm after = without_scale(joint_);
-  after.subtract(form);
-  form = std::move(after);
-}
-
-/// ε integrated out: −2 log L is quadratic in it too, with 1/s² of its prior.
-StepForm DatumProjector::without_scale(const StepForm& joint) const {
-  const Eigen::Index r = central_.size();
-  const double prior = 1 / (noise_.scale_std() * noise_.scale_std()), a = joint.quadratic(r, r) + prior;
-  const Eigen::VectorXd coupling = joint.quadratic.col(r).head(r);
-  StepForm form;
-  form.quadratic = joint.quadratic.topLeftCorner(r, r) - coupling * coupling.transpose() / a;
-  form.linear = joint.linear.head(r) - coupling * (joint.linear[r] / a);
-  form.constant = joint.constant - joint.linear[r] * joint.linear[r] / a;
-  form.log_normaliser = joint.log_normaliser + std::log(a / prior);
-  return form;
 }
 
 const NoiseGroup& DatumProjector::group_of(std::size_t step) {

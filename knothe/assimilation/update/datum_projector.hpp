@@ -6,14 +6,14 @@
 
 #include "knothe/assimilation/bias/model_bias.hpp"
 #include "knothe/assimilation/noise/noise_model.hpp"
-#include "knothe/assimilation/noise/shared_error.hpp"
+#include "knothe/assimilation/noise/nuisance_filter.hpp"
 #include "knothe/assimilation/update/step_form.hpp"
 #include "knothe/reduction/observe/observed_model.hpp"
 
 namespace knothe::assimilation {
 
 /// Turns data into step forms. Owns what depends on model and noise only: products of Eq. above that no datum
-/// changes. With errors that steps share (`shared_error.hpp`) the form is that of the datum given the data
+/// changes. With errors that steps share (`nuisance_filter.hpp`) the form is that of the datum given the data
 /// projected before it.
 class DatumProjector {
  public:
@@ -49,26 +49,17 @@ class DatumProjector {
   const reduction::RowMatrix& space_rows();
   void take_measured(std::size_t step, const Eigen::Ref<const Eigen::VectorXd>& values);
   void project_complete(std::size_t time_index, StepForm& form);
-  void project_incomplete(std::size_t step, std::size_t time_index, StepForm& form);
-  void project_constant(std::size_t step, std::size_t time_index, StepForm& form, MovedForm* moved);
-  void project_scaled(std::size_t step, std::size_t time_index,
-                      const Eigen::Ref<const Eigen::VectorXd>& values, StepForm& form);
-  [[nodiscard]] StepForm without_scale(const StepForm& joint) const;
   const NoiseGroup& group_of(std::size_t step);
-  void take_step_error(const NoiseGroup& group, const Eigen::MatrixXd& factor, const Eigen::MatrixXd& core,
-                       StepForm& form);
 
   std::shared_ptr<const reduction::ObservedModel> model_;
   NoiseModel noise_;
   Eigen::VectorXd central_;
-  Eigen::MatrixXd predicted_;               ///< lift_t + (OU) C_t w₀, n_obs × n_t
-  NoiseGroup complete_;                     ///< all values present
-  NoiseGroup recent_;                       ///< the last other set of values present: masks tend to stay
-  std::vector<Eigen::MatrixXd> quadratic_;  ///< G_t of complete data, per model time
-  std::unique_ptr<SharedReferenceError> shared_;
-  std::unique_ptr<ConstantSensorError> constant_;
-  StepForm joint_;                  ///< of all data so far, in v and ε: where the scale is not known exactly
-  std::vector<Eigen::Index> kept_;  // of the datum at hand
+  Eigen::MatrixXd predicted_;                  ///< lift_t + (OU) C_t w₀, n_obs × n_t
+  NoiseGroup complete_;                        ///< all values present
+  NoiseGroup recent_;                          ///< the last other set of values present: masks tend to stay
+  std::vector<Eigen::MatrixXd> quadratic_;     ///< G_t of complete data, per model time
+  std::unique_ptr<NuisanceFilter> nuisances_;  ///< null: there are none
+  std::vector<Eigen::Index> kept_;             // of the datum at hand
   Eigen::VectorXd residual_, weighted_, in_space_;  // workspace
   // Of the corrected likelihood; one row per dof, so that rows of R⁻¹ meet contiguous memory.
   reduction::RowMatrix space_rows_;       ///< (OU) of `space_kept_`

@@ -63,13 +63,7 @@ PosteriorSolver::PosteriorSolver(const reduction::ObservedModel& model,
       solver_(online(options)) {
   if (kind_ == Method::grid && transform_->dimension() > 3)
     throw ProjectError("method.kind = \"grid\" takes 1 to 3 parameters; use \"transport\" for more");
-  if (options.noise_level) {
-    if (options.form == UpdateOptions::Form::composed)
-      throw UsageError(
-          "composed maps take the data one by one, but an unknown noise level links them: use the collapsed "
-          "form");
-    target_.infer_noise_level(*options.noise_level);
-  }
+  if (options.noise_level) target_.infer_noise_level(*options.noise_level);
   solver_.prepare(transform_->dimension());
   if (options.form == UpdateOptions::Form::composed) composition_.emplace(model, transform_, central);
 }

@@ -8,6 +8,7 @@
 #include <limits>
 
 #include "knothe/assimilation/select/data_selection.hpp"
+#include "knothe/assimilation/update/compatibility.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
 
@@ -27,17 +28,10 @@ RobustUpdate::RobustUpdate(std::shared_ptr<const reduction::ObservedModel> model
       update_(model, noise, std::move(priors), std::move(options)),
       watch_(noise),
       noise_std_(noise.standard_deviations()) {
-  if (robust_.degrees_of_freedom > 0 && (!noise_.is_independent() || noise_.links_steps())) {
-    throw UsageError(
-        "a Student-t likelihood is for sensors whose noise is independent in space and time: use gating "
-        "(method.gate) with noise/precision, shared_reference or offsets");
-  }
-  if (noise_.has_step_errors()) {
-    throw UsageError(
-        "gating and the Student-t likelihood judge sensors one by one, but an error of the clock (its std) "
-        "is "
-        "common to all: give the clock no std, or take likelihood = \"gaussian\" without a gate");
-  }
+  Features features = features_of(noise_);
+  add(features, Feature::gate, robust_.gate > 0);
+  add(features, Feature::student_t, robust_.degrees_of_freedom > 0);
+  require_compatible(features);
   prior_.points = prior_points(update_.priors(), 512);
   prior_.weights = Eigen::VectorXd::Constant(512, 1.0 / 512);
 }
@@ -79,7 +73,9 @@ const UpdateResult& RobustUpdate::update(std::size_t step, std::size_t time_inde
     noise_std_ = noise_.at_step(step).standard_deviations();
     last_had_own_noise_ = own;
   }
-  const Prediction before = predict(time_index);
+  Prediction before = predict(time_index);
+  if (const Eigen::MatrixXd* factor = noise_.step_error(step))
+    before.variance += factor->rowwise().squaredNorm();
   judge(before, values);
   Eigen::VectorXd accepted = values;
   for (const Eigen::Index i : sensors_.rejected) accepted[i] = k_nan;

@@ -150,6 +150,21 @@ TEST_F(Robust, WithoutOutliersGatingChangesNothing) {
   EXPECT_EQ(run(gated, clean_).mean, plain.result().mean);
 }
 
+TEST_F(Robust, AGateAllowsForTheErrorOfTheClock) {
+  // One sensor in three is off by 10 σ together at the last step: with a clock that explains it, none goes.
+  Eigen::MatrixXd factor = Eigen::MatrixXd::Zero(k_sensors, 1);
+  for (Eigen::Index i = 0; i < k_sensors; i += 3) factor(i, 0) = 10 * std_[i];
+  Eigen::MatrixXd data = clean_;
+  data.col(k_steps - 1) += factor;
+  const NoiseModel plain = NoiseModel::independent(std_);
+  RobustUpdate without(model_, plain, priors_, {}, {6, 0});
+  EXPECT_GT(run(without, data).rejected, 10);
+  RobustUpdate with(model_, plain.with_step_error(k_steps - 1, factor), priors_, {}, {6, 0});
+  EXPECT_EQ(run(with, data).rejected, 0);
+  const NoiseModel clock = plain.with_step_error(1, factor);
+  EXPECT_THROW(RobustUpdate(model_, clock, priors_, {}, {0, 4}), UsageError);
+}
+
 TEST_F(Robust, StudentNeedsIndependentNoise) {
   try {
     RobustUpdate(model_, NoiseModel::independent(std_).with_offsets(0.1), priors_, {}, {0, 4});

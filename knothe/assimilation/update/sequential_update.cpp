@@ -5,6 +5,7 @@
 #include <iterator>
 #include <utility>
 
+#include "knothe/assimilation/update/compatibility.hpp"
 #include "knothe/assimilation/update/prior_of_model.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/monotonic_time.hpp"
@@ -19,7 +20,7 @@ SequentialUpdate::SequentialUpdate(std::shared_ptr<const reduction::ObservedMode
       supervision_(model, store_.projector().noise(), transform_, options),
       changes_(options),
       restart_on_alarm_(options.restart_on_alarm) {
-  reject_incompatible_options(options);
+  require_compatible(features_of(options) | features_of(store_.projector().noise()));
   store_.keep(supervision_.learns(), supervision_.is_joint());
   restart_sums();
 }
@@ -326,44 +327,6 @@ void SequentialUpdate::restart() {
   followed_ = true;
   previewed_ = false;
   redone_at_.reset();
-}
-
-void SequentialUpdate::reject_incompatible_options(const UpdateOptions& options) const {
-  const bool composed = solver_.is_composed(), shared = store_.projector().depends_on_order();
-  if (supervision_.learns()) {
-    if (options.noise_level) {
-      throw UsageError(
-          "bias_correction does not go together with noise_level = \"unknown\": data cannot tell a bias from "
-          "noise");
-    }
-    if (store_.projector().noise().scale_std() > 0) {
-      throw UsageError(
-          "bias_correction does not go together with a scale that is not known exactly (relative_scale_std, "
-          "dic.scale_std): leave out one of them");
-    }
-    if (shared && !supervision_.is_joint()) {
-      throw UsageError(
-          "an extrapolated bias does not go together with noise that steps share (shared_reference, "
-          "offset_std): its likelihood replaces the noise of each step; take bias_extrapolation = \"joint\"");
-    }
-    if (composed && supervision_.is_joint()) {
-      throw UsageError(
-          "composed maps take the data one by one, but a bias that is unknown together with the parameters "
-          "links "
-          "them: use the collapsed form, or bias_extrapolation = \"linear\"");
-    }
-  }
-  if (!changes_.possible()) return;
-  const char* other = options.noise_level     ? "noise_level = \"unknown\""
-                      : composed              ? "form = \"composed\""
-                      : supervision_.learns() ? "bias_correction and --redo"
-                      : shared                ? "errors that steps share (shared_reference, offset_std)"
-                                              : nullptr;
-  if (other == nullptr) return;
-  throw UsageError(
-      fmt::format("forgetting, change_points and on_alarm = \"restart\" do not go together with {}: "
-                  "these count on data that do not grow old",
-                  other));
 }
 
 }  // namespace knothe::assimilation

@@ -88,7 +88,6 @@ class SequentialUpdate {
   [[nodiscard]] std::vector<std::size_t> corrected_steps() const;
 
  private:
-  void reject_incompatible_options(const UpdateOptions& options) const;
   void take_changes();
   const UpdateResult& conclude(std::size_t step, bool every);
   void assimilate(std::size_t step);

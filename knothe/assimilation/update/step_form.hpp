@@ -16,7 +16,6 @@ struct StepForm {
   /// Makes a form of r functions that says nothing.
   [[nodiscard]] static StepForm zero(Eigen::Index r);
   void add(const StepForm& other);
-  void subtract(const StepForm& other);
   /// The likelihood to the power `power`; the counts stay.
   void raise(double power);
 };
@@ -31,6 +30,6 @@ struct MovedForm {
 };
 
 /// More groups share the last z: the data of those are taken to have come as most of them did.
-inline constexpr Eigen::Index k_most_moved_groups = 6;
+inline constexpr Eigen::Index k_max_moved_groups = 6;
 
 }  // namespace knothe::assimilation

@@ -121,8 +121,8 @@ std::string inference_text(const InferenceRun& run) {
   for (Eigen::Index k = 0; k < std.size(); ++k)
     text += fmt::format("{:<16} {:>12.5g} {:>12.4g} {:>13.5g} {:>12.5g} {:>12.5g} {:>9.3f} {:>9.3f}\n",
                         run.setup.parameters[static_cast<std::size_t>(k)], r.mean[k], std[k],
-                        r.maximum_a_posteriori[k], r.quantiles(k, 0), r.quantiles(k, 4),
-                        r.skewness[k], r.kurtosis[k]);
+                        r.maximum_a_posteriori[k], r.quantiles(k, 0), r.quantiles(k, 4), r.skewness[k],
+                        r.kurtosis[k]);
   double model_seconds = 0;
   for (const auto& phase : r.phases) model_seconds += phase.model_seconds;
   return text + fmt::format(

@@ -1,4 +1,4 @@
-#include "knothe/assimilation/noise/shared_error.hpp"
+#include "knothe/assimilation/noise/nuisance_filter.hpp"
 
 #include <gtest/gtest.h>
 
@@ -27,15 +27,15 @@ constexpr Eigen::Index k_dofs = 9, k_steps = 5;
 const double k_nan = std::nan("");
 
 /// A sparse precision: second differences plus a multiple of the identity, times `scale`.
-Eigen::SparseMatrix<double> chain(double scale) {
+Eigen::SparseMatrix<double> chain(double scale, Eigen::Index n = k_dofs) {
   std::vector<Eigen::Triplet<double>> entries;
-  for (int i = 0; i < k_dofs; ++i) {
+  for (int i = 0; i < n; ++i) {
     entries.emplace_back(i, i, scale * (2.5 + 0.1 * i));
     if (i == 0) continue;
     entries.emplace_back(i, i - 1, -scale);
     entries.emplace_back(i - 1, i, -scale);
   }
-  Eigen::SparseMatrix<double> m(k_dofs, k_dofs);
+  Eigen::SparseMatrix<double> m(n, n);
   m.setFromTriplets(entries.begin(), entries.end());
   return m;
 }
@@ -45,18 +45,25 @@ struct DenseNoise {
   std::vector<Eigen::MatrixXd> own;  ///< per step
   Eigen::MatrixXd shared;
   double scale_std;
+  Eigen::Index displacements;  ///< the first ones
 };
 
 DenseNoise dense(const NoiseModel& noise) {
   const double k = noise.shared_reference();
+  const Eigen::Index n = k_dofs - noise.scalar_count();
   DenseNoise result;
   for (std::size_t t = 0; t < k_steps; ++t) {
-    const Eigen::MatrixXd r = Eigen::MatrixXd(noise.at_step(t).precision()).inverse();
-    result.own.push_back(k > 0 ? Eigen::MatrixXd(k / (k + 1) * r) : r);
+    Eigen::MatrixXd own = Eigen::MatrixXd(noise.at_step(t).precision()).inverse();
+    if (k > 0) own.topLeftCorner(n, n) *= k / (k + 1);
+    if (const Eigen::MatrixXd* factor = noise.step_error(t)) own += *factor * factor->transpose();
+    result.own.push_back(own);
   }
   const Eigen::MatrixXd r = Eigen::MatrixXd(noise.precision()).inverse();
   result.scale_std = noise.scale_std();
-  result.shared = k > 0 ? Eigen::MatrixXd(r / (k + 1)) : Eigen::MatrixXd::Zero(k_dofs, k_dofs);
+  result.displacements = n;
+  result.shared = Eigen::MatrixXd::Zero(k_dofs, k_dofs);
+  if (k > 0) result.shared.topLeftCorner(n, n) = r.topLeftCorner(n, n) / (k + 1);
+  result.shared.topLeftCorner(n, n).diagonal().array() += std::pow(noise.offset_std(), 2);
   return result;
 }
 
@@ -79,7 +86,8 @@ double dense_log_likelihood(
   // About which a scale is linearised.
   Eigen::MatrixXd central = Eigen::MatrixXd::Zero(k_dofs, data.cols());
   for (Eigen::Index t = 0; noise.scale_std > 0 && t < data.cols(); ++t)
-    central.col(t) = model.predict(Eigen::Vector2d(1, 1), static_cast<std::size_t>(t));
+    central.col(t).head(noise.displacements) =
+        model.predict(Eigen::Vector2d(1, 1), static_cast<std::size_t>(t)).head(noise.displacements);
   Eigen::MatrixXd covariance(n, n);
   for (Eigen::Index a = 0; a < n; ++a) {
     for (Eigen::Index b = 0; b < n; ++b) {
@@ -196,6 +204,68 @@ TEST_P(SharedError, DofsWithoutAnElement) {
   EXPECT_EQ(whole.standard_deviations()[4], 0);
 }
 
+/// Errors of the clock at three of the steps.
+NoiseModel with_clock(NoiseModel noise) {
+  for (const std::size_t step : {1, 2, 4}) {
+    const Eigen::Index columns = step == 2 ? 2 : 1;
+    noise = noise.with_step_error(step, Eigen::MatrixXd::Random(k_dofs, columns));
+  }
+  return noise;
+}
+
+/// Each with all values, with some missing now and then, and with another noise at one step.
+void expect_it_is_whatever_is_missing(const NoiseModel& noise, Eigen::MatrixXd data,
+                                      const std::shared_ptr<const reduction::ObservedModel>& model) {
+  expect_is_the_joint_gaussian(noise, data, model);
+  const Eigen::Index scalars = noise.scalar_count();
+  NoiseModel wider = NoiseModel::correlated(chain(1.5, k_dofs - scalars));
+  if (scalars > 0) wider = wider.with_scalars(Eigen::VectorXd::Constant(scalars, 0.3));
+  expect_is_the_joint_gaussian(noise.with_step(2, wider), data, model);
+  data(3, 1) = data(4, 1) = data(0, 2) = data(4, 4) = k_nan;
+  expect_is_the_joint_gaussian(noise, data, model);
+  expect_is_the_joint_gaussian(noise.with_step(2, wider), data, model);
+}
+
+TEST_P(SharedError, OffsetsBesideIt) {
+  const NoiseModel noise = NoiseModel::correlated(chain(4)).with_shared_reference(GetParam());
+  expect_it_is_whatever_is_missing(noise.with_offsets(0.4), data_, model_);
+  const NoiseModel sensors = NoiseModel::independent(Eigen::VectorXd::LinSpaced(k_dofs, 0.2, 0.5));
+  expect_it_is_whatever_is_missing(sensors.with_shared_reference(GetParam()).with_offsets(0.4), data_,
+                                   model_);
+}
+
+TEST_P(SharedError, AClockBesideIt) {
+  const NoiseModel noise = NoiseModel::correlated(chain(4)).with_shared_reference(GetParam());
+  expect_it_is_whatever_is_missing(with_clock(noise), data_, model_);
+  expect_it_is_whatever_is_missing(with_clock(noise.with_offsets(0.4)), data_, model_);
+  const NoiseModel sensors = NoiseModel::independent(Eigen::VectorXd::LinSpaced(k_dofs, 0.2, 0.5));
+  expect_it_is_whatever_is_missing(with_clock(sensors.with_shared_reference(GetParam())), data_, model_);
+  expect_it_is_whatever_is_missing(with_clock(sensors.with_offsets(0.4)), data_, model_);
+}
+
+TEST_P(SharedError, ForcesAndGaugesBesideIt) {
+  const NoiseModel noise = NoiseModel::correlated(chain(4, k_dofs - 2))
+                               .with_shared_reference(GetParam())
+                               .with_scalars(Eigen::Vector2d(0.2, 0.6));
+  expect_it_is_whatever_is_missing(noise, data_, model_);
+  data_(8, 3) = k_nan;
+  expect_it_is_whatever_is_missing(noise.with_offsets(0.4), data_, model_);
+}
+
+TEST_P(SharedError, AScaleBesideOffsetsClockForcesAndGauges) {
+  const Eigen::VectorXd std = Eigen::VectorXd::LinSpaced(k_dofs, 0.2, 0.5);
+  const NoiseModel sensors = NoiseModel::independent(std).with_shared_reference(GetParam());
+  expect_it_is_whatever_is_missing(sensors.with_scale_error(0.3), data_, model_);
+  expect_it_is_whatever_is_missing(sensors.with_offsets(0.4).with_scale_error(0.3), data_, model_);
+  expect_it_is_whatever_is_missing(with_clock(sensors.with_scale_error(0.3)), data_, model_);
+  const NoiseModel pictures =
+      NoiseModel::correlated(chain(4, k_dofs - 2)).with_scalars(Eigen::Vector2d(0.2, 0.6));
+  expect_it_is_whatever_is_missing(pictures.with_scale_error(0.3), data_, model_);
+  expect_it_is_whatever_is_missing(
+      with_clock(pictures.with_shared_reference(GetParam()).with_offsets(0.4).with_scale_error(0.3)), data_,
+      model_);
+}
+
 /// A discrepancy beside the shared error: the sum of the forms against the dense covariance of all values.
 /// The data before `first` have none.
 void expect_discrepancy_is_joint(const NoiseModel& noise, const Eigen::MatrixXd& data, double tolerance,
@@ -259,6 +329,14 @@ TEST_P(SharedError, ADiscrepancyThatBeginsLaterIsJointToo) {
     expect_discrepancy_is_joint(sensors.with_shared_reference(GetParam()), data_, 1e-9, first);
 }
 
+TEST_P(SharedError, WithADiscrepancyAndOffsetsTheyAreToo) {
+  const NoiseModel noise =
+      NoiseModel::correlated(chain(4)).with_shared_reference(GetParam()).with_offsets(0.4);
+  expect_discrepancy_is_joint(noise, data_, 1e-9);
+  data_(3, 1) = data_(4, 4) = k_nan;
+  expect_discrepancy_is_joint(noise.with_step(2, NoiseModel::correlated(chain(1.5))), data_, 1e-9);
+}
+
 INSTANTIATE_TEST_SUITE_P(ReferencePictures, SharedError, ::testing::Values(0, 1, 4));
 
 /// Ellipsoids of 95 % of v from pictures with a scale that is off by a factor drawn anew for each test.
@@ -306,12 +384,9 @@ TEST(ScaleError, RegionsCoverOnlyIfItIsRemembered) {
   EXPECT_LT(forgotten, 0.7 * k_tests);
 }
 
-TEST(ScaleError, DoesNotGoWithWhatHasNoScale) {
+TEST(ScaleError, DoesNotGoWithACorrection) {
   const auto model = random_model(std::make_shared<CurvedFunctions>(), k_dofs, 4, k_steps, 3);
   const NoiseModel sensors = NoiseModel::independent(Eigen::VectorXd::Constant(k_dofs, 0.1));
-  EXPECT_THROW(DatumProjector(model, sensors.with_offsets(0.1).with_scale_error(0.1), Eigen::Vector2d(1, 1)),
-               UsageError);
-  EXPECT_NO_THROW(DatumProjector(model, sensors.with_scale_error(0.1), Eigen::Vector2d(1, 1)));
   UpdateOptions corrected;
   corrected.bias_correction = BiasCorrectionMode::on;
   try {

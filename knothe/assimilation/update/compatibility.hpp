@@ -1,0 +1,63 @@
+#pragma once
+/// @file What does not go together: one table, with the reasons.
+#include <bitset>
+#include <string>
+#include <string_view>
+
+#include "knothe/assimilation/noise/noise_model.hpp"
+
+namespace knothe::assimilation {
+
+/// What a user may ask for, or what data may bring, as far as something else does not go with it.
+enum class Feature {
+  baseline,           ///< a method for comparison: Kalman filters, Monte Carlo
+  composed,           ///< composed maps
+  gate,               ///< values are rejected
+  student_t,          ///< Student-t likelihood
+  noise_level,        ///< unknown noise level
+  bias,               ///< correction of bias, one of the two below
+  joint_bias,         ///< unknown together with the parameters
+  extrapolated_bias,  ///< the paper's
+  changes,            ///< data that grow old
+  truncation,         ///< the model's own error
+  correlated,         ///< noise with a precision matrix
+  reference,          ///< noise of reference pictures
+  offsets,            ///< of sensors
+  scale,              ///< not known exactly
+  step_error,         ///< of a clock, or of a known parameter
+  lasting_clock,      ///< `step_error` beside `reference` or `offsets`
+  pictures,           ///< that are correlated while they are assimilated
+  clock,              ///< a measured quantity that tells the time
+  known,              ///< a known parameter
+  series,             ///< beside displacements
+  service,            ///< data that come one by one
+  candidates,         ///< several models
+  count
+};
+
+using Features = std::bitset<static_cast<std::size_t>(Feature::count)>;
+
+struct UpdateOptions;
+
+/// Those of a noise model, or of a sequential update.
+[[nodiscard]] Features features_of(const NoiseModel& noise);
+[[nodiscard]] Features features_of(const UpdateOptions& options);
+/// `features` and `feature`, if it `is_there`.
+inline void add(Features& features, Feature feature, bool is_there = true) {
+  if (is_there) features.set(static_cast<std::size_t>(feature));
+}
+
+/// Two features that do not go together.
+struct Conflict {
+  std::string key;      ///< the key of the project file that is to blame; empty: known only with the data
+  std::string message;  ///< what does not go together, why, and what to do
+};
+
+/// The first conflict in the table among `features`; an empty message if there is none.
+[[nodiscard]] Conflict find_conflict(const Features& features);
+/// Throws UsageError with its message if there is one.
+void require_compatible(const Features& features);
+/// The table as Markdown, as it stands in docs/assimilation.md.
+[[nodiscard]] std::string compatibility_table();
+
+}  // namespace knothe::assimilation

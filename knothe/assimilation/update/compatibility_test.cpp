@@ -1,0 +1,51 @@
+#include "knothe/assimilation/update/compatibility.hpp"
+
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <sstream>
+
+#include "knothe/base/error.hpp"
+
+namespace knothe::assimilation {
+namespace {
+
+Features both(Feature a, Feature b) {
+  Features features;
+  add(features, a);
+  add(features, b);
+  return features;
+}
+
+TEST(Compatibility, AConflictIsNamedWithItsReasonAndTheOtherOne) {
+  EXPECT_NO_THROW(require_compatible({}));
+  EXPECT_NO_THROW(require_compatible(both(Feature::scale, Feature::offsets)));
+  const Conflict found = find_conflict(both(Feature::changes, Feature::offsets));
+  EXPECT_EQ(found.key, "");
+  EXPECT_EQ(found.message,
+            "forgetting, change_points and on_alarm = \"restart\" do not go together with errors that steps "
+            "share (offset_std): these count on data that do not grow old");
+  EXPECT_EQ(find_conflict(both(Feature::noise_level, Feature::student_t)).key, "method.noise_level");
+  EXPECT_THROW(require_compatible(both(Feature::changes, Feature::offsets)), UsageError);
+}
+
+TEST(Compatibility, NoiseSaysWhatItHas) {
+  const NoiseModel plain = NoiseModel::independent(Eigen::Vector2d(1, 2));
+  EXPECT_TRUE(features_of(plain).none());
+  const NoiseModel clock = plain.with_step_error(3, Eigen::Vector2d(1, 0));
+  EXPECT_EQ(features_of(clock).count(), 1U);
+  EXPECT_EQ(features_of(clock.with_offsets(0.1)), both(Feature::step_error, Feature::offsets) |
+                                                      both(Feature::lasting_clock, Feature::lasting_clock));
+}
+
+TEST(Compatibility, TheDocumentationHasTheTableAsItIs) {
+  std::ifstream file(KNOTHE_DOCS "/assimilation.md");
+  std::stringstream text;
+  text << file.rdbuf();
+  EXPECT_NE(text.str().find(compatibility_table()), std::string::npos)
+      << "docs/assimilation.md, \"What does not go together\", should have:\n"
+      << compatibility_table();
+}
+
+}  // namespace
+}  // namespace knothe::assimilation
