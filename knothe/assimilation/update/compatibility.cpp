@@ -30,7 +30,7 @@ const std::vector<Row>& table() {
       {F::candidates,
        {F::gate, F::student_t},
        "method",
-       "{} judges the data by the model: models that are compared would see other data; leave out {} or "
+       "{0} judges the data by the model: models that are compared would see other data; leave out {0} or "
        "[model] candidates"},
       {F::service,
        {F::clock},
