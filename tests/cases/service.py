@@ -7,6 +7,7 @@ import threading
 import time
 import unittest
 
+import analytic_model
 from service_support import Broker, Events, ServiceCase, comparable, make_certificates
 
 
@@ -135,6 +136,39 @@ class Test(ServiceCase):
             service.send(self.data[k])
         service.settled(12)
         self.assertEqual([comparable(line) for line in service.states()], expected)
+
+    def test_forces_stand_behind_the_displacements(self):
+        header, *rows = (self.folder / "data.csv").read_text().splitlines()
+        columns = header.split(",")
+        for datum in self.data:
+            force = round(analytic_model.reaction_force(datum["time"], 1.0, 1.0) + 3 * math.sin(7 * datum["time"]), 6)
+            datum["values"].append(force)
+            row = {"time": repr(datum["time"]), "sensor": "cell", "component": "reaction_force", "value": repr(force), "std": "5"}
+            rows.append(",".join(row.get(column, "") for column in columns))
+        (self.folder / "data.csv").unlink()  # it is the fixture's
+        (self.folder / "data.csv").write_text("\n".join([header] + rows) + "\n")
+        self.edit('data = "data.h5"', 'data = "data.csv"')
+        expected = [comparable(line) for line in self.assimilate()]
+        self.assertEqual(expected[0]["used"], 25)
+        service = self.serve()
+        answer = service.send({**self.data[0], "values": self.data[0]["values"][:24]})
+        self.expect_error(answer, 400, "WrongSize")
+        self.assertIn("24 displacements, then reaction_force", answer[1]["error"]["message"])
+        for k in (0, 3, 1, 2, 4, 7, 5, 6, 8, 11, 9):
+            self.expect_stored(service.send(self.data[k]), k)
+        service.send({**self.data[10], "values": self.data[10]["values"][:24] + [None]})
+        service.settled(12)
+        self.assertEqual([comparable(line) for line in service.states()][:10], expected[:10])
+        self.assertEqual(service.get("/v1/states?from=10")[1][0]["missing"], 1)
+        self.assertEqual(service.get("/v1/mesh")[1]["scalars"], [{"name": "reaction_force", "std": 5.0}])
+        self.assertEqual(len(service.get("/v1/field?name=residual&step=3")[1]["values"]), 24)
+        seen = service.get("/v1/observations?step=3")[1]
+        self.assertEqual((len(seen["status"]), seen["scalars"]["reaction_force"]["status"]), (24, "used"))
+        mean = service.get("/v1/states?from=3")[1][0]["mean"]
+        self.assertAlmostEqual(seen["scalars"]["reaction_force"]["residual"],
+                               self.data[3]["values"][24] - analytic_model.reaction_force(self.data[3]["time"], *mean), delta=0.01)
+        self.assertEqual(service.get("/v1/observations?step=10")[1]["scalars"], {"reaction_force": {"status": "missing"}})
+        service.stop()
 
     def test_what_comes_too_late_is_quarantined_and_can_be_let_in(self):
         expected = [comparable(line) for line in self.assimilate()]

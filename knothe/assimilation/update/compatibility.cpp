@@ -25,8 +25,7 @@ const std::vector<Row>& table() {
        {F::baseline},
        "method.kind",
        "models are compared by their evidence, which this method.kind does not give exactly: with [model] "
-       "candidates it is "
-       "\"transport\" or \"grid\""},
+       "candidates it is \"transport\" or \"grid\""},
       {F::candidates,
        {F::gate, F::student_t},
        "method",
@@ -40,11 +39,6 @@ const std::vector<Row>& table() {
        {F::known},
        "parameters",
        "a known parameter is for `knothe assimilate`: data that come one by one do not bring it"},
-      {F::service,
-       {F::series},
-       "data",
-       "what is measured beside displacements (forces, gauges) is for `knothe assimilate`: a service takes "
-       "displacements"},
       {F::baseline,
        {F::gate, F::student_t, F::noise_level},
        "method.kind",

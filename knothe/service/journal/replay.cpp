@@ -57,7 +57,11 @@ std::string csv_of(const Opened& opened) {
   const Eigen::VectorXd std = setup.measurements.noise.standard_deviations();
   for (const JournalEntry& entry : opened.entries) {
     const std::vector<double> values = entry.measurement.effective_values();
-    for (std::size_t i = 0; i < values.size(); ++i) {
+    for (std::size_t i = sensors.displacement_count(); i < values.size(); ++i)
+      text += fmt::format("{0},{1},,,,{1},{2},{3}\n", files::format_number(entry.measurement.time),
+                          sensors.scalars[i - sensors.displacement_count()], files::format_number(values[i]),
+                          files::format_number(std[static_cast<Eigen::Index>(i)]));
+    for (std::size_t i = 0; i < sensors.displacement_count(); ++i) {
       const auto at = sensors.point(i);
       text +=
           fmt::format("{},s{},{},{},{},{},{},{}\n", files::format_number(entry.measurement.time), i,

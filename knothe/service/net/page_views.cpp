@@ -162,26 +162,35 @@ Json mesh(const Site& site) {
                        {"z", places.point(i)[2]},
                        {"component", places.components[i]},
                        {"std", std[static_cast<Eigen::Index>(i)]}});
+  Json scalars = Json::array();
+  for (std::size_t i = 0; i < places.scalars.size(); ++i)
+    scalars.push_back({{"name", places.scalars[i]},
+                       {"std", std[static_cast<Eigen::Index>(places.displacement_count() + i)]}});
   return {{"points", triples(model_mesh->points)},
           {"cells", Json::array({{{"type", cell_name(model_mesh->type)}, {"connectivity", connectivity}}})},
-          {"sensors", sensors}};
+          {"sensors", sensors},
+          {"scalars", scalars}};
 }
 
 Json field(const Site& site, const std::string& name, const std::string& step, const std::string& parameter) {
   const auto line = line_of(site, step);
   Json answer = {{"name", name}, {"step", line->step}, {"time", line->time}, {"units", "m"}};
+  const std::size_t places = site.setup().measurements.sensors.displacement_count();
+  const auto at_places = [&](const Eigen::VectorXd& values) {
+    return std::vector<double>(values.data(), values.data() + places);
+  };
   if (name == "residual") {
     Json missing = Json::array();
-    for (std::size_t i = 0; i < line->missing.size(); ++i)
+    for (std::size_t i = 0; i < places; ++i)
       if (line->missing[i]) missing.push_back(i);
     answer["location"] = "sensors";
-    answer["values"] = std::vector<double>(line->residual.begin(), line->residual.end());
+    answer["values"] = at_places(line->residual);
     answer["missing"] = missing;
     return answer;
   }
   if (name == "bias" && line->bias_sensors.size() > 0) {
     answer["location"] = "sensors";
-    answer["values"] = std::vector<double>(line->bias_sensors.begin(), line->bias_sensors.end());
+    answer["values"] = at_places(line->bias_sensors);
     answer["missing"] = Json::array();
     return answer;
   }
@@ -235,14 +244,25 @@ std::string picture(const Site& site, const std::string& step) {
 
 Json observations(const Site& site, const std::string& step) {
   const auto line = line_of(site, step);
-  Json status = Json::array(), reason = Json::object();
-  for (const bool missing : line->missing) status.push_back(missing ? "missing" : "used");
-  for (std::size_t i = 0; i < line->missing.size(); ++i)
+  const reduction::Sensors& sensors = site.setup().measurements.sensors;
+  const std::size_t places = sensors.displacement_count();
+  Json status = Json::array(), reason = Json::object(), scalars = Json::object();
+  for (std::size_t i = 0; i < line->missing.size(); ++i) {
+    const std::string said = line->missing[i] ? "missing" : "used";
+    if (i >= places) {
+      Json entry = {{"status", said}};
+      if (!line->missing[i]) entry["residual"] = line->residual[static_cast<Eigen::Index>(i)];
+      scalars[sensors.scalars[i - places]] = entry;
+      continue;
+    }
+    status.push_back(said);
     if (line->missing[i]) reason[std::to_string(i)] = "not measured";
+  }
   return {{"step", line->step},
           {"time", line->time},
           {"status", status},
           {"reason", reason},
+          {"scalars", scalars},
           {"misfit",
            {{"statistic", line->misfit},
             {"values", line->misfit_values},

@@ -12,6 +12,7 @@
 #include "knothe/assimilation/data/measurements_csv.hpp"
 #include "knothe/assimilation/data/time_matching.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/base/text.hpp"
 #include "knothe/files/csv.hpp"
 #include "knothe/files/picture.hpp"
 #include "knothe/imaging/series/picture_folder.hpp"
@@ -230,6 +231,16 @@ FolderWatch::Outcome FolderWatch::take_table(const std::string& name) {
                                     at[0], at[1], at[2], "xyz"[table.sensors.components[i]]));
       place.push_back(it->second);
     }
+    const std::vector<std::string>& scalars = site_->setup().measurements.sensors.scalars;
+    const std::size_t behind = site_->setup().measurements.sensors.displacement_count();
+    const std::vector<std::string>& unused = site_->setup().unused;
+    const auto among = [](const std::vector<std::string>& names, const std::string& name) {
+      return std::find(names.begin(), names.end(), name) != names.end();
+    };
+    for (const auto& [series, values] : table.series)
+      if (!among(scalars, series) && !among(unused, series))
+        throw DataError(fmt::format("{}: this site does not take \"{}\"{}", name, series,
+                                    did_you_mean(series, scalars)));
     const auto steps = assimilation::match_times(table.time, site_->setup().observed->time, name);
     const auto sensors = static_cast<std::size_t>(site_->setup().measurements.observation_count());
     for (std::size_t t = 0; t < steps.size(); ++t) {
@@ -240,6 +251,9 @@ FolderWatch::Outcome FolderWatch::take_table(const std::string& name) {
       for (std::size_t i = 0; i < place.size(); ++i)
         measurement.values[place[i]] =
             table.values(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(t));
+      for (std::size_t i = 0; i < scalars.size(); ++i)
+        if (const auto it = table.series.find(scalars[i]); it != table.series.end())
+          measurement.values[behind + i] = it->second.values[t];
       measurement.status.assign(measurement.values.size(), 0);
       for (std::size_t i = 0; i < measurement.values.size(); ++i)
         measurement.status[i] = std::isnan(measurement.values[i]) ? 1 : 0;

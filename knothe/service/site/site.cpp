@@ -23,11 +23,24 @@ std::string sensors_hash(const project::UpdateSetup& setup) {
   Sha256 sum;
   for (const double x : setup.measurements.sensors.points) sum.add_number(x);
   for (const std::int64_t c : setup.measurements.sensors.components) sum.add_number(c);
+  for (const std::string& name : setup.measurements.sensors.scalars) sum.add_text(name);
   const auto& noise = setup.measurements.noise;
   const Eigen::VectorXd std = noise.standard_deviations();
   for (const double s : std) sum.add_number(s);
   sum.add_number(noise.log_determinant());
   return to_hex(sum.finish());
+}
+
+/// What stands behind the displacements, in words.
+std::string scalars_last(const reduction::Sensors& sensors) {
+  if (sensors.scalars.empty()) return "";
+  return fmt::format(": {} displacements, then {}", sensors.displacement_count(),
+                     fmt::join(sensors.scalars, ", "));
+}
+
+std::string units_of(const reduction::Sensors& sensors, std::size_t i) {
+  return i < sensors.displacement_count() ? "values are in metres"
+                                          : "of " + sensors.scalars[i - sensors.displacement_count()];
 }
 
 Identity identity_of(const project::Project& project, const project::UpdateSetup& setup) {
@@ -139,14 +152,15 @@ void Site::check_values(const Measurement& datum) const {
   if (static_cast<Eigen::Index>(datum.values.size()) != n)
     throw RequestError(
         400, "WrongSize",
-        fmt::format("\"values\" has {} entries; this site has {} sensors", datum.values.size(), n));
+        fmt::format("\"values\" has {} entries; this site has {} sensors{}", datum.values.size(), n,
+                    scalars_last(setup_.measurements.sensors)));
   for (Eigen::Index i = 0; i < n; ++i) {
     const double value = datum.values[static_cast<std::size_t>(i)];
     if (std::abs(value) > k_largest_value * sensor_std_[i] || std::isinf(value))
       throw RequestError(
           400, "Malformed",
-          fmt::format("values[{}] = {} is no measurement: its noise is {} (values are in metres)", i, value,
-                      sensor_std_[i]));
+          fmt::format("values[{}] = {} is no measurement: its noise is {} ({})", i, value, sensor_std_[i],
+                      units_of(setup_.measurements.sensors, static_cast<std::size_t>(i))));
   }
 }
 
