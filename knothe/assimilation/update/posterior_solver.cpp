@@ -118,9 +118,13 @@ double PosteriorSolver::expected_noise_level(const Posterior& posterior) {
 
 void PosteriorSolver::by_grid(Posterior& r, UpdateTimes& times) {
   const auto start = monotonic_now();
+  // The plain answer: a first look that no ridge of a crack's run slips through.
   using Axes = QuadratureOptions::Axes;
-  const QuadraturePosterior grid = tensor_quadrature(
-      target_, {transform_->dimension() < 3 ? Axes::parameters : Axes::modes, k_grid_tolerance});
+  static constexpr Eigen::Index k_nodes[] = {257, 301, 25};
+  const Eigen::Index d = transform_->dimension();
+  const QuadraturePosterior grid = tensor_quadrature(target_, {.axes = d < 3 ? Axes::parameters : Axes::modes,
+                                                               .evidence_tolerance = k_grid_tolerance,
+                                                               .coarse_nodes = k_nodes[d - 1]});
   take(grid, r);
   r.map_mean = r.mean;
   r.map_covariance = r.covariance;

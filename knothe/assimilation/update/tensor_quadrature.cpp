@@ -25,6 +25,7 @@ constexpr int k_max_zooms = 8, k_max_growths = 60;
 constexpr double k_moment_tolerance = 1e-2;  ///< from every other node to all
 constexpr double k_too_coarse = 0.3;         ///< of the log-evidence on the coarse grid
 constexpr Index k_max_refinement = 32;       ///< fine intervals in a coarse one
+constexpr double k_spread = 1.06;            ///< of a node, for quantiles, in spacings
 
 /// Where the grid lies, and how its window is looked for.
 struct Frame {
@@ -339,12 +340,12 @@ Eigen::MatrixXd quantiles(const QuadraturePosterior& posterior, const Frame& fra
   const Eigen::MatrixXd lines = grid.axes();
   for (Index k = 0; k < d; ++k) {
     if (frame.axes.size() == 0) {
-      numerics::lattice_quantiles(span_of(lines.col(k)), span_of(all.mass.col(k)), 0.8 * grid.spacing[k],
+      numerics::lattice_quantiles(span_of(lines.col(k)), span_of(all.mass.col(k)), k_spread * grid.spacing[k],
                                   k_quantile_levels, found);
     } else {
       const double spacing = (frame.axes.row(k).transpose().array() * grid.spacing.array()).matrix().norm();
       numerics::lattice_quantiles(span_of(posterior.points.col(k)), span_of(posterior.weights),
-                                  (d == 1 ? 0.8 : 0.3) * spacing, k_quantile_levels, found);
+                                  k_spread * spacing, k_quantile_levels, found);
     }
     result.row(k) = Eigen::Map<const Eigen::RowVectorXd>(found.data(), result.cols());
   }

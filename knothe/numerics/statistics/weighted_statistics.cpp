@@ -15,13 +15,43 @@
 namespace knothe::numerics {
 namespace {
 
-/// ∫ K from −∞ to x (`lattice_quantiles`); K is φ less half its second derivative plus an eighth of its
-/// fourth.
-double spread_mass(double x) {
-  return 0.5 * std::erfc(-x * std::numbers::sqrt2 / 2) + x * (7 - x * x) / 8 * normal_pdf(x);
-}
+/// M(x) = ∫ K from −∞ to x (`lattice_quantiles`), K = φ Σ_{j<8} (−1)ʲ He_{2j}/(2ʲ j!), from a table: cubic
+/// pieces between its nodes, to 1e-9.
+class SpreadMass {
+ public:
+  static constexpr double k_reach = 9;  ///< K is nothing beyond
 
-constexpr double k_spread_reach = 7;  ///< K is nothing beyond
+  SpreadMass() {
+    for (std::size_t i = 0; i < nodes_.size(); ++i) {
+      const double x = -k_reach + static_cast<double>(i) / k_per_unit;
+      double mass = 0, density = 1, factor = 1, before = 1, here = x;  // He_{2j−2}, He_{2j−1}
+      for (int j = 1; j < 8; ++j) {
+        factor *= -0.5 / j;
+        mass += factor * here;
+        before = x * here - (2 * j - 1) * before;
+        density += factor * before;
+        here = x * before - 2 * j * here;
+      }
+      const double phi = normal_pdf(x);
+      nodes_[i] = {0.5 * std::erfc(-x * std::numbers::sqrt2 / 2) - phi * mass, phi * density / k_per_unit};
+    }
+  }
+  [[nodiscard]] double operator()(double x) const {
+    const double at = (x + k_reach) * k_per_unit;
+    const auto i = static_cast<std::size_t>(std::clamp(at, 0.0, k_count - 2.0));
+    const double t = at - static_cast<double>(i);
+    const auto& [left, slope] = nodes_[i];
+    const auto& [right, right_slope] = nodes_[i + 1];
+    const double rise = right - left;
+    return left +
+           t * (slope + t * (3 * rise - 2 * slope - right_slope + t * (slope + right_slope - 2 * rise)));
+  }
+
+ private:
+  static constexpr int k_per_unit = 128;
+  static constexpr std::size_t k_count = 2 * 9 * k_per_unit + 1;
+  std::array<std::pair<double, double>, k_count> nodes_;  ///< M, and M′ per interval
+};
 
 }  // namespace
 
@@ -184,7 +214,8 @@ void lattice_quantiles(std::span<const double> nodes, std::span<const double> we
     node.before = total;
     total += node.weight;
   }
-  const double reach = k_spread_reach * width;
+  static const SpreadMass spread_mass;
+  const double reach = SpreadMass::k_reach * width;
   const auto excess_below = [&](double x, double mass) {
     auto it = std::lower_bound(sorted.begin(), sorted.end(), Node{x - reach, 0, 0}, below);
     double sum = it == sorted.end() ? total : it->before;

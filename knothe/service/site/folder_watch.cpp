@@ -239,8 +239,8 @@ FolderWatch::Outcome FolderWatch::take_table(const std::string& name) {
     };
     for (const auto& [series, values] : table.series)
       if (!among(scalars, series) && !among(unused, series))
-        throw DataError(fmt::format("{}: this site does not take \"{}\"{}", name, series,
-                                    did_you_mean(series, scalars)));
+        throw DataError(
+            fmt::format("{}: this site does not take \"{}\"{}", name, series, did_you_mean(series, scalars)));
     const auto steps = assimilation::match_times(table.time, site_->setup().observed->time, name);
     const auto sensors = static_cast<std::size_t>(site_->setup().measurements.observation_count());
     for (std::size_t t = 0; t < steps.size(); ++t) {

@@ -150,10 +150,9 @@ void Site::replay() {
 void Site::check_values(const Measurement& datum) const {
   const Eigen::Index n = sensor_std_.size();
   if (static_cast<Eigen::Index>(datum.values.size()) != n)
-    throw RequestError(
-        400, "WrongSize",
-        fmt::format("\"values\" has {} entries; this site has {} sensors{}", datum.values.size(), n,
-                    scalars_last(setup_.measurements.sensors)));
+    throw RequestError(400, "WrongSize",
+                       fmt::format("\"values\" has {} entries; this site has {} sensors{}",
+                                   datum.values.size(), n, scalars_last(setup_.measurements.sensors)));
   for (Eigen::Index i = 0; i < n; ++i) {
     const double value = datum.values[static_cast<std::size_t>(i)];
     if (std::abs(value) > k_largest_value * sensor_std_[i] || std::isinf(value))
