@@ -38,7 +38,7 @@ void OrderedMethod::assimilate(const Place& place, const Kept& datum) {
   const std::size_t step = place.first;
   number_ = last_ ? std::max(step, number_ + 1) : step;
   if (datum.noise || (number_ != step && setup_.noise.has_step(step))) {
-    const assimilation::NoiseModel& noise = datum.noise ? *datum.noise : setup_.noise.at_step(step);
+    const assimilation::GaussianNoise& noise = datum.noise ? *datum.noise : setup_.noise.at_step(step);
     baseline_ ? baseline_->set_step_noise(number_, noise) : robust_->set_step_noise(number_, noise);
   }
   result_ = baseline_ ? baseline_->update(number_, datum.time_index, datum.values)

@@ -22,7 +22,7 @@ class OrderedMethod : public Method {
   struct Kept {
     std::size_t time_index;
     Eigen::VectorXd values;
-    std::optional<assimilation::NoiseModel> noise;
+    std::optional<assimilation::GaussianNoise> noise;
   };
   using Place = std::pair<std::size_t, assimilation::DatumKey>;
   void begin_anew();

@@ -149,7 +149,7 @@ TEST(Address, IsReadAndChecked) {
 TEST(Inference, AllMethodsAgree) {
   const std::vector<Prior> priors = {Prior::lognormal(0.1, 0.4), Prior::uniform(-1.0, 2.0)};
   const Observations observations{Eigen::Vector3d(1.4, 0.9, 0.2),
-                                  assimilation::NoiseModel::independent(Eigen::Vector3d(0.3, 0.3, 0.2))};
+                                  assimilation::GaussianNoise::independent(Eigen::Vector3d(0.3, 0.3, 0.2))};
   InferenceOptions options;
   options.samples = 4000;
   const auto run = [&](Method method) {

@@ -3,7 +3,7 @@
 #include <optional>
 #include <vector>
 
-#include "knothe/assimilation/noise/noise_model.hpp"
+#include "knothe/assimilation/noise/gaussian_noise.hpp"
 #include "knothe/assimilation/update/prior_transform.hpp"
 #include "knothe/inference/model_evaluator.hpp"
 #include "knothe/sampling/log_density.hpp"
@@ -12,8 +12,8 @@ namespace knothe::inference {
 
 /// Observations y = f(p) + noise.
 struct Observations {
-  Eigen::VectorXd values;          ///< m
-  assimilation::NoiseModel noise;  ///< of a single step
+  Eigen::VectorXd values;             ///< m
+  assimilation::GaussianNoise noise;  ///< of a single step
 };
 
 /// log π̄(z), p = F⁻¹(Φ(z)) per parameter.

@@ -20,7 +20,7 @@ const std::vector<Prior> k_priors = {Prior::lognormal(0.1, 0.4), Prior::uniform(
 Observations three_values() {
   Eigen::Matrix3d covariance;
   covariance << 0.04, 0.01, 0, 0.01, 0.09, -0.02, 0, -0.02, 0.16;
-  return {Eigen::Vector3d(1.2, 0.7, 0.4), assimilation::NoiseModel::of_covariance(covariance)};
+  return {Eigen::Vector3d(1.2, 0.7, 0.4), assimilation::GaussianNoise::of_covariance(covariance)};
 }
 
 /// log N(y; f, R) written out, without any of the code under test.

@@ -45,15 +45,15 @@ Eigen::SparseMatrix<double> matrix_of(const Noise::Precision& precision) {
   return matrix;
 }
 
-assimilation::NoiseModel noise_of(const Noise& noise, std::size_t sensors) {
+assimilation::GaussianNoise noise_of(const Noise& noise, std::size_t sensors) {
   const std::size_t size =
       noise.precision.row_begin.empty() ? noise.std.size() : noise.precision.row_begin.size() - 1;
   if (size != sensors || (!noise.std.empty() && !noise.precision.row_begin.empty()))
     throw UsageError(
         fmt::format("noise of {} values for {} sensors: give one standard deviation each, or their precision",
                     size, sensors));
-  return noise.std.empty() ? assimilation::NoiseModel::correlated(matrix_of(noise.precision))
-                           : assimilation::NoiseModel::independent(vector_of(noise.std));
+  return noise.std.empty() ? assimilation::GaussianNoise::correlated(matrix_of(noise.precision))
+                           : assimilation::GaussianNoise::independent(vector_of(noise.std));
 }
 
 /// The model at the sensors, its parameters in the order of the priors.

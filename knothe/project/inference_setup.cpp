@@ -14,19 +14,19 @@
 namespace knothe::project {
 namespace {
 
-using assimilation::NoiseModel;
+using assimilation::GaussianNoise;
 using inference::Observations;
 
 Observations observations_of(const ObservationOptions& o) {
   const auto n = static_cast<Eigen::Index>(o.values.size());
   const Eigen::VectorXd values = Eigen::Map<const Eigen::VectorXd>(o.values.data(), n);
   if (o.covariance.empty())
-    return {values, NoiseModel::independent(Eigen::Map<const Eigen::VectorXd>(o.std.data(), n))};
+    return {values, GaussianNoise::independent(Eigen::Map<const Eigen::VectorXd>(o.std.data(), n))};
   Eigen::MatrixXd covariance(n, n);
   for (Eigen::Index i = 0; i < n; ++i)
     covariance.row(i) =
         Eigen::Map<const Eigen::RowVectorXd>(o.covariance[static_cast<std::size_t>(i)].data(), n);
-  return {values, NoiseModel::of_covariance(0.5 * (covariance + covariance.transpose()))};
+  return {values, GaussianNoise::of_covariance(0.5 * (covariance + covariance.transpose()))};
 }
 
 void set_up_server(const Project& project, InferenceSetup& setup) {
@@ -103,7 +103,7 @@ void set_up_recorded(const Project& project, const reduction::SeparatedModel& mo
       observed, assimilation::match_times(data.time, observed.time, project.data), model.where());
   setup.observations = Observations{
       data.values.reshaped(),
-      NoiseModel::independent(data.noise.standard_deviations().replicate(data.values.cols(), 1))};
+      GaussianNoise::independent(data.noise.standard_deviations().replicate(data.values.cols(), 1))};
 }
 
 void set_up_separated(const Project& project, InferenceSetup& setup) {

@@ -174,8 +174,9 @@ PictureMeasurements::PictureMeasurements(const Project& given, const reduction::
   measurements_.sensors = reduction::Sensors({points_, component_});
   measurements_.values.setConstant(n, static_cast<Eigen::Index>(measurements_.time.size()),
                                    std::numeric_limits<double>::quiet_NaN());
-  measurements_.noise = noise_of(series_->precision(series_->correlation().usable_elements(), gamma_).matrix)
-                            .with_shared_reference(static_cast<int>(series_->reference_count()))
+  const assimilation::NoiseModel whole =
+      noise_of(series_->precision(series_->correlation().usable_elements(), gamma_).matrix);
+  measurements_.noise = whole.with_shared_reference(static_cast<int>(series_->reference_count()))
                             .with_scale_error(frame_.relative_scale_std);
   correlate_ahead();
 }
@@ -185,13 +186,13 @@ void PictureMeasurements::correlate_ahead() {
     ahead_ = std::async(std::launch::async, [this] { return series_->next(); });
 }
 
-assimilation::NoiseModel PictureMeasurements::noise_of(Eigen::SparseMatrix<double> in_pixels) const {
+assimilation::GaussianNoise PictureMeasurements::noise_of(Eigen::SparseMatrix<double> in_pixels) const {
   Eigen::SparseMatrix<double> precision = frame_.to_model(in_pixels);
   const auto& options = series_->options();
   precision =
       imaging::with_drift(precision, options.drift, points_, component_, options.drift_std * frame_.scale());
   precision.prune(0.0, 0.0);
-  return assimilation::NoiseModel::correlated(precision);
+  return assimilation::GaussianNoise::correlated(precision);
 }
 
 PictureDatum PictureMeasurements::next() {

@@ -36,8 +36,8 @@ namespace knothe::project {
 /// One picture as a datum.
 struct PictureDatum {
   imaging::PictureResult picture;
-  Eigen::VectorXd values;                         ///< n_obs, m; NaN where nothing was measured
-  std::optional<assimilation::NoiseModel> noise;  ///< where elements are missing
+  Eigen::VectorXd values;                            ///< n_obs, m; NaN where nothing was measured
+  std::optional<assimilation::GaussianNoise> noise;  ///< where elements are missing
   double correlation_us = 0, precision_us = 0;
   double wait_us =
       0;  ///< until the picture was there: correlation runs ahead, while the one before is assimilated
@@ -75,7 +75,7 @@ class PictureMeasurements {
  private:
   void read_series(const Project& project, const reduction::ModelContents& contents);
   [[nodiscard]] PictureDatum as_datum(const imaging::PictureResult& picture);
-  [[nodiscard]] assimilation::NoiseModel noise_of(Eigen::SparseMatrix<double> in_pixels) const;
+  [[nodiscard]] assimilation::GaussianNoise noise_of(Eigen::SparseMatrix<double> in_pixels) const;
   void correlate_ahead();
   void predict_next(const imaging::PictureResult& last);
 
@@ -89,7 +89,7 @@ class PictureMeasurements {
   Eigen::VectorXd increment_;
   double gamma_ = 0;
   std::vector<char> last_valid_;
-  std::optional<assimilation::NoiseModel> last_noise_;
+  std::optional<assimilation::GaussianNoise> last_noise_;
   std::vector<double> points_;  ///< of the observations, m, 3 each; those of a camera's drift at the end
   std::vector<std::int64_t> component_;
   std::future<imaging::PictureResult>

@@ -6,7 +6,7 @@
 #include <optional>
 #include <string>
 
-#include "knothe/assimilation/noise/noise_model.hpp"
+#include "knothe/assimilation/noise/gaussian_noise.hpp"
 
 namespace knothe::assimilation {
 
@@ -23,8 +23,8 @@ struct Datum {
   std::size_t step = 0;        ///< place in the order of assimilation
   std::size_t time_index = 0;  ///< model time, an index of the observed model's
   Eigen::VectorXd values;      ///< n, in the units of the sensors; NaN where missing
-  std::optional<NoiseModel>
-      noise;  ///< its own (a picture with rejected elements); absent: that of the sensors
+  /// Its own (a picture with rejected elements); absent: that of the sensors.
+  std::optional<GaussianNoise> noise;
 };
 
 }  // namespace knothe::assimilation

@@ -82,7 +82,7 @@ NoiseModel with_steps(const Hdf5Reader& file, NoiseModel noise, std::size_t n_ob
                                   name, n_t - 1));
     }
     try {
-      noise = noise.with_step(step, NoiseModel::correlated(read_matrix(file, group, n_obs)));
+      noise = noise.with_step(step, GaussianNoise::correlated(read_matrix(file, group, n_obs)));
     } catch (const DataError& e) {
       const std::string text = e.what();
       if (text.starts_with(file.path())) throw;

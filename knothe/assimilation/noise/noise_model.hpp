@@ -1,33 +1,30 @@
 #pragma once
-/// @file Measurement noise: independent, or correlated through a precision matrix (global DIC); the same at
-/// every step, or not; independent from step to step, or with a part that all steps share.
+/// @file The noise of a series of data: that of each, the same at every step or not, and what steps share.
 #include <Eigen/Core>
-#include <Eigen/SparseCore>
 #include <cstddef>
 #include <map>
 #include <memory>
 #include <vector>
 
-#include "knothe/reduction/model/parameter_functions.hpp"
+#include "knothe/assimilation/noise/gaussian_noise.hpp"
 
 namespace knothe::assimilation {
 
-/// Gaussian noise N(0, R) on n observed dofs, as what the likelihood wants: R⁻¹ applied to vectors, and log
-/// det R. Immutable; copies share what is large.
-class NoiseModel {
+/// The noise of a step, N(0, R), with the steps that have another one, and with errors beside it: of each
+/// step, or common to all. Immutable; copies share what is large.
+class NoiseModel : public GaussianNoise {
  public:
-  /// Independent noise of the given standard deviations (m for displacements), all positive and finite.
-  [[nodiscard]] static NoiseModel independent(const Eigen::VectorXd& std);
-  /// Correlated noise of precision R⁻¹, full symmetric n × n (e.g. M_DIC / 2γ²). A dof whose row is zero is
-  /// not measured at all (a node without a valid element). Throws DataError unless it is symmetric and, but
-  /// for such rows, positive definite.
-  [[nodiscard]] static NoiseModel correlated(const Eigen::SparseMatrix<double>& precision);
-  /// Correlated noise of covariance R, dense. Throws UsageError unless it is square, symmetric and positive
-  /// definite.
-  [[nodiscard]] static NoiseModel of_covariance(const Eigen::MatrixXd& covariance);
+  NoiseModel() = default;
+  NoiseModel(GaussianNoise noise) : GaussianNoise(std::move(noise)) {}  ///< the same at each step, no more
+  [[nodiscard]] static NoiseModel independent(const Eigen::VectorXd& std) {
+    return GaussianNoise::independent(std);
+  }
+  [[nodiscard]] static NoiseModel correlated(const Eigen::SparseMatrix<double>& precision) {
+    return GaussianNoise::correlated(precision);
+  }
 
   /// The same noise with another one at step `step` (a picture with elements removed), of as many dofs.
-  [[nodiscard]] NoiseModel with_step(std::size_t step, NoiseModel noise) const;
+  [[nodiscard]] NoiseModel with_step(std::size_t step, GaussianNoise noise) const;
   /// The same noise at each step, but with a part common to all steps: the noise of `pictures` ≥ 1 averaged
   /// reference pictures, e_t = own_t + shared, Cov(shared) = Cov(own_t) / pictures. R stays the covariance
   /// of one step, own and shared part together.
@@ -51,13 +48,13 @@ class NoiseModel {
   /// (`with_scalars`) have no part in it.
   [[nodiscard]] NoiseModel with_scale_error(double relative_std) const;
 
-  [[nodiscard]] Eigen::Index size() const { return size_; }
-  [[nodiscard]] bool is_independent() const { return precision_ == nullptr; }
-  [[nodiscard]] bool is_measured(Eigen::Index dof) const;                   ///< its row of R⁻¹ is not zero
-  [[nodiscard]] bool is_complete() const { return is_complete_; }           ///< all dofs are measured
-  [[nodiscard]] int shared_reference() const { return shared_reference_; }  ///< 0: nothing is shared
-  [[nodiscard]] double offset_std() const { return offset_std_; }           ///< 0: no offsets
-  [[nodiscard]] double scale_std() const { return scale_std_; }             ///< 0: the scale is exact
+  /// Marginal noise of a step on the dofs `kept` (`GaussianNoise::restricted`), with the shared reference
+  /// and the scale's error.
+  [[nodiscard]] NoiseModel restricted(const std::vector<Eigen::Index>& kept) const;
+
+  [[nodiscard]] int shared_reference() const { return shared_reference_; }   ///< 0: nothing is shared
+  [[nodiscard]] double offset_std() const { return offset_std_; }            ///< 0: no offsets
+  [[nodiscard]] double scale_std() const { return scale_std_; }              ///< 0: the scale is exact
   [[nodiscard]] Eigen::Index scalar_count() const { return scalar_count_; }  ///< of `with_scalars`, the last
   /// Steps share an error: what one says depends on those before it.
   [[nodiscard]] bool links_steps() const {
@@ -68,41 +65,14 @@ class NoiseModel {
   [[nodiscard]] const Eigen::MatrixXd* step_error(std::size_t step) const;
   [[nodiscard]] bool has_step(std::size_t step) const { return steps_.contains(step); }
   /// Noise of step `step`: this one where no other was given.
-  [[nodiscard]] const NoiseModel& at_step(std::size_t step) const;
-
-  [[nodiscard]] double log_determinant() const { return log_determinant_; }  ///< log det R, measured dofs
-  /// R⁻¹ X, n × anything.
-  [[nodiscard]] Eigen::MatrixXd apply(const Eigen::Ref<const Eigen::MatrixXd>& x) const;
-  /// The same into `out`, without allocating (but for noise restricted to a part of correlated dofs).
-  void apply(const Eigen::Ref<const Eigen::VectorXd>& x, Eigen::Ref<Eigen::VectorXd> out) const;
-  /// The same for several columns at once, a row of them for each dof: one pass over R⁻¹.
-  void apply(const reduction::RowMatrix& x, reduction::RowMatrix& out) const;
-  /// Marginal noise of the dofs `kept` (increasing indices of measured dofs): for correlated noise the
-  /// precision of a subset is the Schur complement M_ss − M_su M_uu⁻¹ M_us, not the rows of M. It is applied,
-  /// never formed: it is dense.
-  [[nodiscard]] NoiseModel restricted(const std::vector<Eigen::Index>& kept) const;
-  /// Marginal standard deviation of each dof; 0 for one that is not measured.
-  [[nodiscard]] Eigen::VectorXd standard_deviations() const;
-  /// R⁻¹ of correlated noise that is not restricted; a diagonal matrix of independent noise.
-  [[nodiscard]] Eigen::SparseMatrix<double> precision() const;
-  /// 1/σ² of independent noise.
-  [[nodiscard]] const Eigen::VectorXd& inverse_variance() const { return inverse_variance_; }
+  [[nodiscard]] const GaussianNoise& at_step(std::size_t step) const;
 
  private:
-  struct Marginal;
-  void count_measured();
-
-  Eigen::Index size_ = 0;
-  bool is_complete_ = true;
-  Eigen::VectorXd inverse_variance_;                              ///< independent noise
-  std::shared_ptr<const Eigen::SparseMatrix<double>> precision_;  ///< correlated noise, before restriction
-  std::shared_ptr<const Marginal> marginal_;                      ///< what a restriction needs, else null
-  double log_determinant_ = 0;
   int shared_reference_ = 0;
   double offset_std_ = 0, scale_std_ = 0;
   Eigen::Index scalar_count_ = 0;
   std::map<std::size_t, std::shared_ptr<const Eigen::MatrixXd>> step_errors_;
-  std::map<std::size_t, std::shared_ptr<const NoiseModel>> steps_;
+  std::map<std::size_t, std::shared_ptr<const GaussianNoise>> steps_;
 };
 
 }  // namespace knothe::assimilation

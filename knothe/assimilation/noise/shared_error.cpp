@@ -294,7 +294,7 @@ void SharedError::factorise(Information& information) const {
 /// there. It is that of the same sum with the full matrix, bordered by count [Q_uu] with the coupling
 /// count Q_{:,u}: the own errors of missing dofs as variables beside s.
 SharedError::Information SharedError::with(Information information, Kind& kind, Eigen::Index count) const {
-  const NoiseModel& whole = kind.of_one_step ? noise_.at_step(kind.step) : noise_;
+  const GaussianNoise& whole = kind.of_one_step ? noise_.at_step(kind.step) : noise_;
   const Eigen::Index n = noise_.size();
   std::vector<bool> is_kept(static_cast<std::size_t>(n), false);
   for (const Eigen::Index i : kind.kept) is_kept[static_cast<std::size_t>(i)] = true;

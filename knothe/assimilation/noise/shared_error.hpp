@@ -23,7 +23,7 @@ struct NoiseGroup {
   std::size_t step = 0;            ///< where the noise is that of one step only
   bool of_one_step = false;        ///< noise/precision_steps
   std::vector<Eigen::Index> kept;  ///< dofs, increasing
-  NoiseModel noise;                ///< R_s⁻¹ of the dofs kept: own and shared part together
+  GaussianNoise noise;             ///< R_s⁻¹ of the dofs kept: own and shared part together
   Eigen::MatrixXd space;           ///< (OU)_s
   Eigen::MatrixXd weighted_space;  ///< R_s⁻¹ (OU)_s
   Eigen::MatrixXd gram;            ///< (OU)_sᵀ R_s⁻¹ (OU)_s
@@ -72,7 +72,7 @@ class SharedError {
     std::size_t step;
     bool of_one_step;
     std::vector<Eigen::Index> kept;
-    NoiseModel noise;
+    GaussianNoise noise;
     Eigen::Index count = 0;    ///< data
     Eigen::Index border = -1;  ///< place of the missing dofs' own errors in the information matrix
   };

@@ -31,7 +31,9 @@ class BaselineUpdate {
   const UpdateResult& update(std::size_t step, std::size_t time_index,
                              const Eigen::Ref<const Eigen::VectorXd>& values);
   /// From now on step `step`, which is not assimilated yet, has this noise.
-  void set_step_noise(std::size_t step, NoiseModel noise) { projector_.set_noise_of(step, std::move(noise)); }
+  void set_step_noise(std::size_t step, GaussianNoise noise) {
+    projector_.set_noise_of(step, std::move(noise));
+  }
   [[nodiscard]] const UpdateResult& result() const { return result_; }
   [[nodiscard]] const Posterior& posterior() const { return result_; }
 

@@ -60,7 +60,7 @@ DatumProjector::DatumProjector(std::shared_ptr<const reduction::ObservedModel> m
   if (NuisanceFilter::is_in(noise_)) nuisances_ = std::make_unique<NuisanceFilter>(model_, noise_);
 }
 
-void DatumProjector::set_noise_of(std::size_t step, NoiseModel noise) {
+void DatumProjector::set_noise_of(std::size_t step, GaussianNoise noise) {
   noise_ = noise_.with_step(step, std::move(noise));
   if (nuisances_) nuisances_->set_noise(noise_);
   recent_ = {};
@@ -71,7 +71,7 @@ void DatumProjector::restart() {
 }
 
 void DatumProjector::take_measured(std::size_t step, const Eigen::Ref<const Eigen::VectorXd>& values) {
-  const NoiseModel& noise = noise_.at_step(step);
+  const GaussianNoise& noise = noise_.at_step(step);
   kept_.clear();
   for (Eigen::Index i = 0; i < values.size(); ++i) {
     if (std::isinf(values[i])) throw DataError("a measured value is infinite: give NaN for a missing value");
@@ -120,7 +120,7 @@ void DatumProjector::project(std::size_t step, std::size_t time_index,
   if (kept_.empty()) return;
   // Divided by the scale S, the noise is R again. All columns that R⁻¹ is applied to, in one pass:
   // S⁻¹ [(OU), F, r].
-  const NoiseModel& noise = group_of(step).noise;
+  const GaussianNoise& noise = group_of(step).noise;
   const reduction::RowMatrix& rows = space_rows();
   const Eigen::MatrixXd* step_error = noise_.step_error(step);
   const Eigen::Index modes = rows.cols(), bias_columns = correction.factor.cols();

@@ -30,7 +30,7 @@ class DatumProjector {
   [[nodiscard]] bool depends_on_order() const { return noise_.links_steps(); }
   void restart();
   /// The noise of step `step` from now on (of as many dofs).
-  void set_noise_of(std::size_t step, NoiseModel noise);
+  void set_noise_of(std::size_t step, GaussianNoise noise);
 
   /// The form of the datum `values` (n_obs, NaN = missing) of step `step` and model time index `time_index`,
   /// into `form`. With all values present and noise that is independent from step to step nothing is

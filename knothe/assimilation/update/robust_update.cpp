@@ -36,7 +36,7 @@ RobustUpdate::RobustUpdate(std::shared_ptr<const reduction::ObservedModel> model
   prior_.weights = Eigen::VectorXd::Constant(512, 1.0 / 512);
 }
 
-void RobustUpdate::set_step_noise(std::size_t step, const NoiseModel& noise) {
+void RobustUpdate::set_step_noise(std::size_t step, const GaussianNoise& noise) {
   if (robust_.degrees_of_freedom > 0 && !noise.is_independent())
     throw UsageError("a Student-t likelihood is for sensors whose noise is independent in space: use gating");
   noise_ = noise_.with_step(step, noise);
@@ -120,7 +120,7 @@ void RobustUpdate::judge(const Prediction& before, const Eigen::Ref<const Eigen:
 }
 
 void RobustUpdate::assimilate(std::size_t step, std::size_t time_index, const Eigen::VectorXd& values,
-                              const std::optional<NoiseModel>& noise) {
+                              const std::optional<GaussianNoise>& noise) {
   update_.add({{}, step, time_index, values, noise});
   update_.conclude(step);
 }
@@ -134,7 +134,7 @@ void RobustUpdate::weigh(std::size_t step, std::size_t time_index, const Eigen::
     factor[i] = std::isnan(values[i]) ? 1 : (nu + 1) / (nu + sensors_.test_ratio[i] * sensors_.test_ratio[i]);
   for (int round = 0; round < k_most_rounds; ++round) {
     assimilate(step, time_index, values,
-               NoiseModel::independent(noise_std_.cwiseQuotient(factor.cwiseSqrt())));
+               GaussianNoise::independent(noise_std_.cwiseQuotient(factor.cwiseSqrt())));
     last_ = step;
     const Prediction now = predict(time_index);
     double change = 0;

@@ -45,7 +45,7 @@ class RobustUpdate {
                              const Eigen::Ref<const Eigen::VectorXd>& values);
   /// From now on step `step`, which is not assimilated yet, has this noise. UsageError for a Student-t
   /// likelihood where it is correlated.
-  void set_step_noise(std::size_t step, const NoiseModel& noise);
+  void set_step_noise(std::size_t step, const GaussianNoise& noise);
   [[nodiscard]] const UpdateResult& result() const { return result_; }
   [[nodiscard]] const SensorReport& sensors() const { return sensors_; }
   [[nodiscard]] const Posterior& posterior() const { return update_.posterior(); }
@@ -57,7 +57,7 @@ class RobustUpdate {
   [[nodiscard]] Prediction predict(std::size_t time_index) const;
   void judge(const Prediction& before, const Eigen::Ref<const Eigen::VectorXd>& values);
   void assimilate(std::size_t step, std::size_t time_index, const Eigen::VectorXd& values,
-                  const std::optional<NoiseModel>& noise);
+                  const std::optional<GaussianNoise>& noise);
   void weigh(std::size_t step, std::size_t time_index, const Eigen::VectorXd& values);
 
   std::shared_ptr<const reduction::ObservedModel> model_;

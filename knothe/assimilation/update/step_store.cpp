@@ -104,7 +104,7 @@ StepStore::Steps::iterator StepStore::before(std::size_t step, int back) {
 }
 
 StepStore::Projected StepStore::project(std::size_t index, StoredStep& step, const Eigen::VectorXd& values,
-                                        const std::optional<NoiseModel>& noise) {
+                                        const std::optional<GaussianNoise>& noise) {
   set_noise(index, step, noise);
   Projected projected;
   const bool moved = moved_forms_ && projector_.depends_on_order();
@@ -113,7 +113,7 @@ StepStore::Projected StepStore::project(std::size_t index, StoredStep& step, con
   return projected;
 }
 
-void StepStore::set_noise(std::size_t index, StoredStep& step, const std::optional<NoiseModel>& noise) {
+void StepStore::set_noise(std::size_t index, StoredStep& step, const std::optional<GaussianNoise>& noise) {
   if (noise || step.own_noise) projector_.set_noise_of(index, noise ? *noise : noise_.at_step(index));
   step.own_noise = noise.has_value();
 }
@@ -124,7 +124,7 @@ void StepStore::restore_noise(std::size_t index, StoredStep& step) {
 }
 
 void StepStore::keep(StoredStep& step, const DatumKey& key, Projected projected,
-                     const Eigen::VectorXd& values, const std::optional<NoiseModel>& noise) {
+                     const Eigen::VectorXd& values, const std::optional<GaussianNoise>& noise) {
   StepForm& form = projected.form;
   step.moved = std::move(projected.moved);
   // The sum goes on where the datum comes last; otherwise it is made anew when it is asked for: a replay of n

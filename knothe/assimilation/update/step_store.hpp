@@ -16,9 +16,9 @@ namespace knothe::assimilation {
 
 /// What is kept of a datum.
 struct StoredDatum {
-  StepForm form;                    ///< G only where it is its own: `StoredStep::complete_quadratic`
-  Eigen::VectorXd values;           ///< kept where forms depend on the data before, or for a correction
-  std::optional<NoiseModel> noise;  ///< kept with the values
+  StepForm form;                       ///< G only where it is its own: `StoredStep::complete_quadratic`
+  Eigen::VectorXd values;              ///< kept where forms depend on the data before, or for a correction
+  std::optional<GaussianNoise> noise;  ///< kept with the values
 };
 
 /// The data of a step: their form, and how it is assimilated.
@@ -93,11 +93,11 @@ class StepStore {
     std::optional<MovedForm> moved;
   };
   [[nodiscard]] Projected project(std::size_t index, StoredStep& step, const Eigen::VectorXd& values,
-                                  const std::optional<NoiseModel>& noise);
+                                  const std::optional<GaussianNoise>& noise);
   void keep(StoredStep& step, const DatumKey& key, Projected projected, const Eigen::VectorXd& values,
-            const std::optional<NoiseModel>& noise);
+            const std::optional<GaussianNoise>& noise);
   void project_again();
-  void set_noise(std::size_t index, StoredStep& step, const std::optional<NoiseModel>& noise);
+  void set_noise(std::size_t index, StoredStep& step, const std::optional<GaussianNoise>& noise);
   void restore_noise(std::size_t index, StoredStep& step);
   void mark_changed(std::size_t step);
 

@@ -3,15 +3,15 @@
 #include <string>
 #include <string_view>
 
-#include "knothe/assimilation/noise/noise_model.hpp"
+#include "knothe/assimilation/noise/gaussian_noise.hpp"
 
 namespace knothe::service {
 
 /// R⁻¹ of correlated noise as compressed sparse columns (docs/service.md), deflated: the same noise again, to
 /// the bit. Not what steps share: that is the sensors'.
-[[nodiscard]] std::string noise_bytes(const assimilation::NoiseModel& noise);
+[[nodiscard]] std::string noise_bytes(const assimilation::GaussianNoise& noise);
 
 /// Back again. DataError if the bytes are none that `noise_bytes` made.
-[[nodiscard]] assimilation::NoiseModel noise_of_bytes(std::string_view bytes);
+[[nodiscard]] assimilation::GaussianNoise noise_of_bytes(std::string_view bytes);
 
 }  // namespace knothe::service
