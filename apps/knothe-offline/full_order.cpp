@@ -71,7 +71,7 @@ void run(const FullOrderArguments& arguments) {
   const mechanics::HexahedronMesh mesh = mechanics::make_mesh(problem);
   mechanics::DistributedModel model(
       mesh, problem.elastic, problem.solver, arguments.refinements,
-      {.tolerance = arguments.tolerance, .most_iterations = arguments.max_iterations});
+      {.tolerance = arguments.tolerance, .max_iterations = arguments.max_iterations});
   if (first) report(model.elastic(), output);
   std::vector<double> field = model.elastic().unit_lift, damage;
   if (arguments.elastic) {

@@ -180,10 +180,10 @@ std::vector<NamedForecast> Forecaster::update(const Eigen::Ref<const Eigen::Matr
 
 std::vector<NamedForecast> Forecaster::direct(const Eigen::Ref<const Eigen::MatrixXd>& points,
                                               const Eigen::Ref<const Eigen::VectorXd>& weights,
-                                              Eigen::Index most_points) {
+                                              Eigen::Index max_points) {
   std::vector<NamedForecast> forecasts;
   if (cracks_.empty()) return forecasts;
-  const Eigen::Index n = std::min(most_points, points.rows());
+  const Eigen::Index n = std::min(max_points, points.rows());
   const Eigen::MatrixXd drawn = points(numerics::equal_draws(weights, n), Eigen::all);
   evaluate_functions(drawn);
   const Eigen::VectorXd equal = Eigen::VectorXd::Constant(n, 1.0 / static_cast<double>(n));

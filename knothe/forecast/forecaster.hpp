@@ -63,10 +63,10 @@ class Forecaster {
                                                   const Eigen::Ref<const Eigen::VectorXd>& weights);
 
   /// The direct forecasts of the crack lengths (each posterior point's best-fitting length, Eq. 14), a
-  /// cross-check of `update`, from at most `most_points` equally weighted draws from the points.
+  /// cross-check of `update`, from at most `max_points` equally weighted draws from the points.
   [[nodiscard]] std::vector<NamedForecast> direct(const Eigen::Ref<const Eigen::MatrixXd>& points,
                                                   const Eigen::Ref<const Eigen::VectorXd>& weights,
-                                                  Eigen::Index most_points = 1024);
+                                                  Eigen::Index max_points = 1024);
 
  private:
   struct Crack {

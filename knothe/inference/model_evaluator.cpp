@@ -13,7 +13,7 @@ namespace knothe::inference {
 namespace {
 
 constexpr double k_poison = std::numeric_limits<double>::quiet_NaN();
-constexpr std::size_t k_most_stored = std::size_t{1} << 25;  ///< doubles: 256 MB
+constexpr std::size_t k_max_stored = std::size_t{1} << 25;  ///< doubles: 256 MB
 
 std::string key_of(const Eigen::Ref<const Eigen::VectorXd>& point) {
   return {reinterpret_cast<const char*>(point.data()),
@@ -102,7 +102,7 @@ void ModelEvaluator::remember(const Eigen::Ref<const Eigen::MatrixXd>& points,
     throw UsageError(fmt::format("{}: {} × {} points and {} × {} values to remember", model_->where(),
                                  points.rows(), points.cols(), values.rows(), values.cols()));
   for (Eigen::Index i = 0; i < points.cols(); ++i) {
-    if (stored_.size() + static_cast<std::size_t>(m) > k_most_stored) return;
+    if (stored_.size() + static_cast<std::size_t>(m) > k_max_stored) return;
     if (!known_.emplace(key_of(points.col(i)), stored_.size() / static_cast<std::size_t>(m)).second) continue;
     stored_.insert(stored_.end(), values.col(i).begin(), values.col(i).end());
   }

@@ -224,7 +224,7 @@ MetropolisResult adaptive_metropolis(LogDensity& target, const MetropolisOptions
   // Nobody knows whether the chains will have to go on: while they may, the share goes half of the way that
   // is left.
   Eigen::Index stage_begin = 0, planned = warm_up + kept;
-  double share_before = 0, share_after = options.most_thinning > 1 ? 0.5 : 1;
+  double share_before = 0, share_after = options.max_thinning > 1 ? 0.5 : 1;
   const auto report = [&](Eigen::Index done) {
     const double of_stage =
         static_cast<double>(done - stage_begin) / static_cast<double>(planned - stage_begin);
@@ -261,7 +261,7 @@ MetropolisResult adaptive_metropolis(LogDensity& target, const MetropolisOptions
         result.sample.points.row(c * kept + draws) = chains.position().row(c);
     }
     fill_statistics(result);
-    if (result.converged || 2 * result.thinning > options.most_thinning) break;
+    if (result.converged || 2 * result.thinning > options.max_thinning) break;
     // Twice the length with the same number of draws: every second one stays.
     draws = kept / 2;
     for (Eigen::Index c = 0; c < chain_count; ++c)
@@ -271,7 +271,7 @@ MetropolisResult adaptive_metropolis(LogDensity& target, const MetropolisOptions
     stage_begin = warm_up + steps;
     planned = stage_begin + (kept - draws) * result.thinning;
     share_before = share_after;
-    share_after = 2 * result.thinning > options.most_thinning ? 1 : 0.5 * (1 + share_before);
+    share_after = 2 * result.thinning > options.max_thinning ? 1 : 0.5 * (1 + share_before);
   }
   if (share_after < 1 && options.progress) (void)options.progress(1);
   result.acceptance /= static_cast<double>(steps);

@@ -13,7 +13,7 @@ struct MetropolisOptions {
   Eigen::Index samples = 10000;  ///< kept, all chains together
   Eigen::Index warm_up = 0;      ///< per chain, adapting; 0: as many as are kept per chain, at least 1000
   /// Chains that have not converged go on, with every 2nd, 4th … draw kept, up to this (a power of 2).
-  int most_thinning = 16;
+  int max_thinning = 16;
   std::uint64_t seed = 1;
   /// Called now and then with the share done in [0, 1]; false interrupts (Interrupted is thrown).
   std::function<bool(double)> progress = {};

@@ -76,12 +76,11 @@ TEST(AdaptiveMetropolis, ChainsThatHaveNotConvergedGoOn) {
   const targets::Ridge ridge{2, 1.05, 0.02, 1.2, 0.2};
   const targets::Reference reference = targets::dense_quadrature(ridge, {0.5});
   Planar target(ridge, 0);
-  const MetropolisResult brief =
-      adaptive_metropolis(target, {.samples = 4000, .most_thinning = 1, .seed = 5});
+  const MetropolisResult brief = adaptive_metropolis(target, {.samples = 4000, .max_thinning = 1, .seed = 5});
   EXPECT_FALSE(brief.converged);
   EXPECT_EQ(brief.thinning, 1);
   const MetropolisResult result =
-      adaptive_metropolis(target, {.samples = 4000, .most_thinning = 512, .seed = 5});
+      adaptive_metropolis(target, {.samples = 4000, .max_thinning = 512, .seed = 5});
   EXPECT_TRUE(result.converged);
   EXPECT_GT(result.thinning, 1);
   EXPECT_EQ(result.sample.points.rows(), 4000);
@@ -110,7 +109,7 @@ TEST(AdaptiveMetropolis, ChainsAdvanceInOneBatch) {
     }
   } target(Eigen::Vector2d(0, 0), Eigen::Matrix2d::Identity());
   const auto result = adaptive_metropolis(
-      target, {.chains = 8, .samples = 800, .warm_up = 100, .most_thinning = 1, .seed = 1});
+      target, {.chains = 8, .samples = 800, .warm_up = 100, .max_thinning = 1, .seed = 1});
   EXPECT_LT(target.calls, 200 + 60);
   EXPECT_GE(result.sample.density_evaluations, 8 * 200);
 }

@@ -13,7 +13,7 @@ namespace knothe::assimilation {
 namespace {
 
 constexpr double k_standard_deviations = 4;  ///< of a reading, within which it is put back into the range
-constexpr Eigen::Index k_most_spread = 3;
+constexpr Eigen::Index k_max_spread = 3;
 
 /// The output `name` at the model's times, as an increasing function (`sign` · output).
 struct ModelClock {
@@ -111,7 +111,7 @@ NoiseModel with_clock_error(const NoiseModel& noise, const reduction::ObservedMo
     if (!(std[i] > 0)) continue;
     const Eigen::VectorXd mean =
         rates.lift.col(static_cast<Eigen::Index>(i)) + rates.space * (rates.core[i] * prior.mean);
-    const Eigen::Index q = std::min(prior.factor.cols(), k_most_spread);
+    const Eigen::Index q = std::min(prior.factor.cols(), k_max_spread);
     const Eigen::MatrixXd spread = rates.space * (rates.core[i] * prior.factor.leftCols(q));
     Eigen::MatrixXd factor(noise.size(), 1 + q);
     factor << std[i] * mean, std[i] * spread;

@@ -56,7 +56,7 @@ void CollapsedLogDensity::set_mixture(std::span<const StepForm* const> forms,
   count_ = forms.size();
   for (std::size_t k = 0; k < count_; ++k) {
     set_component(components_[k], *forms[k], log_weights[k]);
-    components_[k].is_felt = shares.empty() || shares[k] > 1e-3;
+    components_[k].contributes = shares.empty() || shares[k] > 1e-3;
   }
 }
 
@@ -100,7 +100,7 @@ void CollapsedLogDensity::evaluate_mixture(const Eigen::Ref<const Eigen::MatrixX
   std::size_t k = first_felt();
   components_[k].likelihood->evaluate(p, derivatives, out.value, out.gradient, out.hessian);
   for (++k; k < count_; ++k) {
-    if (!components_[k].is_felt) continue;
+    if (!components_[k].contributes) continue;
     components_[k].likelihood->evaluate(p, derivatives, next.value, next.gradient, next.hessian);
     const Eigen::ArrayXd difference = next.value.array() - out.value.array();
     const Eigen::ArrayXd less = (-difference.abs()).exp();  // the smaller over the larger
@@ -126,7 +126,7 @@ void CollapsedLogDensity::evaluate_mixture(const Eigen::Ref<const Eigen::MatrixX
 
 std::size_t CollapsedLogDensity::first_felt() const {
   std::size_t k = 0;
-  while (k + 1 < count_ && !components_[k].is_felt) ++k;
+  while (k + 1 < count_ && !components_[k].contributes) ++k;
   return k;
 }
 
@@ -181,7 +181,7 @@ void CollapsedLogDensity::evaluate_on_grid(const Eigen::Ref<const Eigen::MatrixX
   std::size_t k = first_felt();
   evaluate_component(components_[k], p, runs, value);
   for (++k; k < count_; ++k) {
-    if (!components_[k].is_felt) continue;
+    if (!components_[k].contributes) continue;
     next.resize(value.size());
     evaluate_component(components_[k], p, runs, next);
     add_in_logarithms(value.array(), next.array());

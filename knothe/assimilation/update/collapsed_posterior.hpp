@@ -76,7 +76,7 @@ class CollapsedLogDensity final : public sampling::LogDensity, public reduction:
     sampling::LogDensityBatch component;  ///< of a mixture
   };
   struct Component {
-    bool is_felt = true;
+    bool contributes = true;
     QuadraticFactor factor;
     Eigen::MatrixXd combination;  ///< A of the quadratic form, k × r
     Eigen::VectorXd shift;        ///< b of it, k

@@ -16,7 +16,7 @@ namespace knothe::assimilation {
 namespace {
 
 constexpr double k_nan = std::numeric_limits<double>::quiet_NaN();
-constexpr int k_most_rounds = 12;
+constexpr int k_max_rounds = 12;
 
 }  // namespace
 
@@ -132,7 +132,7 @@ void RobustUpdate::weigh(std::size_t step, std::size_t time_index, const Eigen::
   Eigen::VectorXd factor(n);
   for (Eigen::Index i = 0; i < n; ++i)
     factor[i] = std::isnan(values[i]) ? 1 : (nu + 1) / (nu + sensors_.test_ratio[i] * sensors_.test_ratio[i]);
-  for (int round = 0; round < k_most_rounds; ++round) {
+  for (int round = 0; round < k_max_rounds; ++round) {
     assimilate(step, time_index, values,
                GaussianNoise::independent(noise_std_.cwiseQuotient(factor.cwiseSqrt())));
     last_ = step;

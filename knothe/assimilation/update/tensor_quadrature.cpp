@@ -25,7 +25,7 @@ constexpr int k_max_zooms = 8, k_max_growths = 60;
 constexpr double k_moment_tolerance = 1e-2;  ///< from every other node to all
 constexpr double k_too_coarse = 0.3;         ///< of the log-evidence on the coarse grid
 constexpr Index k_max_refinement = 32;       ///< fine intervals in a coarse one
-constexpr double k_spread = 1.06;            ///< of a node, for quantiles, in spacings
+constexpr double k_spread = 1.3;             ///< of a node, for quantiles, in spacings
 
 /// Where the grid lies, and how its window is looked for.
 struct Frame {

@@ -90,7 +90,7 @@ struct DistributedModel::Implementation {
     for (std::size_t dof = 0; dof < owned; ++dof) right[dof] = body.prescribed[dof] != 0 ? 0.0 : -right[dof];
     std::vector<double>& lift = body.unit_lift;
     lift.assign(body.unit_prescribed.size(), 0.0);
-    const LinearSolve solve = body.system->solve(right, lift, linear.tolerance, linear.most_iterations);
+    const LinearSolve solve = body.system->solve(right, lift, linear.tolerance, linear.max_iterations);
     if (!solve.converged)
       throw NumericalError(fmt::format(
           "distributed model: after {} iterations of conjugate gradients the elastic solution leaves {:.2g} "

@@ -35,7 +35,7 @@ class DistributedModel {
   /// Tolerance of the linear elastic solution and its most iterations.
   struct LinearOptions {
     double tolerance = 1e-9;
-    int most_iterations = 500;
+    int max_iterations = 500;
   };
 
   /// Divides the cells of `mesh` into 8, `refinements` times, and finds the elastic solution. Errors:

@@ -18,7 +18,7 @@
 namespace knothe::mechanics {
 namespace {
 
-constexpr DistributedModel::LinearOptions k_accurate{.tolerance = 1e-12, .most_iterations = 500};
+constexpr DistributedModel::LinearOptions k_accurate{.tolerance = 1e-12, .max_iterations = 500};
 
 /// Elements near to cubes, which multigrid likes.
 HexahedronMesh small_beam(double element = 0.02) {
@@ -86,7 +86,7 @@ TEST(DistributedModel, RefinedMeshHasItsSetsSupportsAndMouth) {
 }
 
 TEST(DistributedModel, IterationsDoNotGrowWithTheSize) {
-  const DistributedModel::LinearOptions linear{.tolerance = 1e-8, .most_iterations = 100};
+  const DistributedModel::LinearOptions linear{.tolerance = 1e-8, .max_iterations = 100};
   std::vector<int> iterations;
   for (const int refinements : {0, 1, 2})
     iterations.push_back(
@@ -135,7 +135,7 @@ TEST(DistributedModel, RefusesWhatIsNotInIt) {
   EXPECT_EQ(message_of([&] { DistributedModel(mesh, {}, {}, 9, k_accurate); }),
             "distributed mesh: 9 refinements; each makes 8 cells of one: take 0 to 6");
   EXPECT_NE(message_of([&] {
-              DistributedModel(mesh, {}, {}, 0, {.tolerance = 1e-9, .most_iterations = 2});
+              DistributedModel(mesh, {}, {}, 0, {.tolerance = 1e-9, .max_iterations = 2});
             }).find("after 2 iterations of conjugate gradients"),
             std::string::npos);
   SolverOptions gradient;

@@ -250,13 +250,13 @@ void DistributedSystem::set_general(const CellMatrices& matrices) {
 }
 
 LinearSolve DistributedSystem::solve(std::span<const double> b, std::span<double> x, double tolerance,
-                                     int most_iterations) {
+                                     int max_iterations) {
   auto& self = *implementation_;
   double* values = nullptr;
   check(VecGetArray(self.right.get(), &values), "open a vector");
   std::copy_n(b.begin(), self.rows(), values);
   check(VecRestoreArray(self.right.get(), &values), "close a vector");
-  check(KSPSetTolerances(self.solver.get(), tolerance, 0.0, 1e10, most_iterations), "set the tolerance");
+  check(KSPSetTolerances(self.solver.get(), tolerance, 0.0, 1e10, max_iterations), "set the tolerance");
   check(KSPSolve(self.solver.get(), self.right.get(), self.solution.get()), "solve");
 
   LinearSolve result;

@@ -37,7 +37,7 @@ class DistributedSystem {
   /// and be near.
   void set_general(const CellMatrices& matrices);
   /// A x = b to ‖b − A x‖ ≤ tolerance ‖b‖; values of owned nodes, 3 each. Not converged: the best x.
-  LinearSolve solve(std::span<const double> b, std::span<double> x, double tolerance, int most_iterations);
+  LinearSolve solve(std::span<const double> b, std::span<double> x, double tolerance, int max_iterations);
   /// From the owners to the ghosts: `values` has 3 of each local node.
   void update_ghosts(std::span<double> values);
 

@@ -69,7 +69,7 @@ void weighted_quantiles(const Eigen::MatrixXd& points, const Eigen::VectorXd& we
 /// Quantiles of a smooth density of which the nodes of a lattice are given, with weights (≥ 0, any positive
 /// sum) proportional to the density there. Each node is spread by K(x/width)/width, whose moments from the
 /// second to the fourteenth vanish, so that nothing is widened: its transform is Q(8, s) = e⁻ˢ Σ_{j<8} sʲ/j!,
-/// s = (width ω)²/2. A width of 1.06 spacings makes it 1e-5 at ω = 2π/spacing, where the lattice would be
+/// s = (width ω)²/2. A width of 1.3 spacings makes it 1e-7 at ω = 2π/spacing, where the lattice would be
 /// seen. Errors: as of `WeightedQuantiles`.
 void lattice_quantiles(std::span<const double> nodes, std::span<const double> weights, double width,
                        std::span<const double> levels, std::span<double> quantiles);

@@ -64,7 +64,7 @@ ModelContents compress_canonical(const Snapshots& snapshots, const Deviation& de
                                  const ParameterProduct& product, const CompressionOptions& options) {
   ModelContents model = frame_of(snapshots, deviation);
   CanonicalSeparation separation(deviation, product, snapshots, options);
-  const std::size_t most = options.modes == 0 ? options.most_modes : options.modes;
+  const std::size_t most = options.modes == 0 ? options.max_modes : options.modes;
   Progress progress("canonical modes", most, options.quiet);
   std::size_t modes = options.modes == 0 ? 1 : options.modes;
   while (true) {

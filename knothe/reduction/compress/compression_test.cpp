@@ -202,7 +202,7 @@ TEST(Compression, ToleranceIsKeptInBothNormsAndBothForms) {
   CompressionOptions impossible;
   impossible.form = Form::canonical;
   impossible.tolerance = 1e-9;
-  impossible.most_modes = 2;
+  impossible.max_modes = 2;
   EXPECT_THAT(message_of<NumericalError>([&] { (void)compress(snapshots, impossible); }),
               HasSubstr("does not reach the tolerance 1e-09 with 2 modes"));
   impossible.tolerance = -1;

@@ -93,11 +93,11 @@ double sweep(const CoreTensor& tensor, double squared_norm, std::vector<Eigen::M
 
 }  // namespace
 
-CpFactors als(const CoreTensor& tensor, CpFactors start, std::size_t most_sweeps) {
+CpFactors als(const CoreTensor& tensor, CpFactors start, std::size_t max_sweeps) {
   const double squared_norm = tensor.unfolded.squaredNorm();
   double before = squared_norm;
   int slow = 0;
-  for (std::size_t i = 0; i < most_sweeps; ++i) {
+  for (std::size_t i = 0; i < max_sweeps; ++i) {
     const double squared_error = sweep(tensor, squared_norm, start.factors);
     start.error = std::sqrt(squared_error);
     ++start.sweeps;

@@ -24,7 +24,7 @@ struct CpFactors {
 
 /// Sweeps from `start` until the error falls by less than the fraction 1e-5 in a sweep (5 times in a row), or
 /// is rounding.
-[[nodiscard]] CpFactors als(const CoreTensor& tensor, CpFactors start, std::size_t most_sweeps);
+[[nodiscard]] CpFactors als(const CoreTensor& tensor, CpFactors start, std::size_t max_sweeps);
 
 /// `start` (may have no modes) and one mode more: the best rank-1 tensor that alternating finds for the rest,
 /// from a start drawn by `seed`.

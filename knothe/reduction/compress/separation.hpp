@@ -22,9 +22,9 @@ void fill_canonical(Eigen::MatrixXd space, Eigen::MatrixXd time, std::vector<Eig
 /// (x, t) against p: the singular value decomposition of the deviation, truncated, then a space basis.
 class TreeSeparation {
  public:
-  /// Ready for up to `most_modes` modes. Squared errors below `floor` × that of the lift alone count as
+  /// Ready for up to `max_modes` modes. Squared errors below `floor` × that of the lift alone count as
   /// rounding.
-  TreeSeparation(const Deviation& deviation, const ParameterProduct& product, std::size_t most_modes,
+  TreeSeparation(const Deviation& deviation, const ParameterProduct& product, std::size_t max_modes,
                  const CompressionOptions& options, double floor = k_rounding);
   /// What Gram matrices resolve: squares lose half the digits.
   static constexpr double k_rounding = 1e-14;
@@ -38,7 +38,7 @@ class TreeSeparation {
   const ParameterProduct& product_;
   FallingEigenpairs grid_;  ///< of LᵀGL, G the Gram matrix between grid points
   DominantSpace space_;
-  Eigen::Index most_modes_;
+  Eigen::Index max_modes_;
   double floor_;          ///< squared error below which nothing is resolved
   Eigen::MatrixXd core_;  ///< Uᵀ Φ: L × (n_t R), columns t · R + k
 };

@@ -38,21 +38,21 @@ std::size_t TreeSeparation::modes_for(const Eigen::VectorXd& energy, double allo
 }
 
 TreeSeparation::TreeSeparation(const Deviation& deviation, const ParameterProduct& product,
-                               std::size_t most_modes, const CompressionOptions& options, double floor)
+                               std::size_t max_modes, const CompressionOptions& options, double floor)
     : deviation_(deviation),
       product_(product),
       grid_(falling_eigenpairs(deviation.grid_gram(product.factor(), options.threads))) {
   floor_ = floor * grid_.values.sum();
-  most_modes_ = std::min(static_cast<Eigen::Index>(most_modes), deviation.grid());
+  max_modes_ = std::min(static_cast<Eigen::Index>(max_modes), deviation.grid());
   const Eigen::MatrixXd weighted = deviation.projected(
-      product.factor().triangularView<Eigen::Lower>() * grid_.vectors.leftCols(most_modes_), options.threads);
-  const double allowed = std::max(k_space_share * tail(grid_.values, most_modes_), floor_);
+      product.factor().triangularView<Eigen::Lower>() * grid_.vectors.leftCols(max_modes_), options.threads);
+  const double allowed = std::max(k_space_share * tail(grid_.values, max_modes_), floor_);
   space_ = dominant_space(weighted, allowed, options.seed, options.threads);
   core_.noalias() = space_.basis.transpose() * weighted;
 }
 
 void TreeSeparation::fill(ModelContents& model, std::size_t modes) const {
-  const Eigen::Index r = std::min(static_cast<Eigen::Index>(modes), most_modes_);
+  const Eigen::Index r = std::min(static_cast<Eigen::Index>(modes), max_modes_);
   const Eigen::Index times = deviation_.times(), dofs = deviation_.dofs();
   const double allowed = std::max(k_space_share * tail(grid_.values, r), floor_);
   const Eigen::Index l = std::clamp<Eigen::Index>(space_.rank_for(allowed), 1, space_.basis.cols());
@@ -63,7 +63,7 @@ void TreeSeparation::fill(ModelContents& model, std::size_t modes) const {
   model.temporal.resize(static_cast<std::size_t>(times * l * r));
   for (Eigen::Index t = 0; t < times; ++t) {
     Eigen::Map<RowMatrix>(model.temporal.data() + t * l * r, l, r) =
-        core_.block(0, t * most_modes_, l, r) / std::sqrt(deviation_.time_weights()[t]);
+        core_.block(0, t * max_modes_, l, r) / std::sqrt(deviation_.time_weights()[t]);
   }
   // β_k at the nodes, orthonormal in the inner product over the parameters.
   model.joint.resize(static_cast<std::size_t>(r * deviation_.grid()));

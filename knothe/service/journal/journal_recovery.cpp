@@ -13,7 +13,7 @@ namespace {
 
 /// Records are numbered from 1 without gaps and each has a seal, so a file (and its log) of so many bytes
 /// cannot hold more: a damaged number must not have us look for billions.
-std::int64_t most_records(const std::string& journal) {
+std::int64_t max_records(const std::string& journal) {
   std::uintmax_t bytes = 0;
   for (const char* part : {"", "-wal"}) {
     std::error_code failure;
@@ -49,7 +49,7 @@ Recovery recover_journal(const std::string& from, const std::string& to) {
     whole.rollback();
     throw DataError(fmt::format("{}: nothing can be read: {}", from, error.what()));
   }
-  if (const std::int64_t most = most_records(from); last > most) {
+  if (const std::int64_t most = max_records(from); last > most) {
     recovery.lost.push_back(
         fmt::format("record {}: its number is damaged: the file cannot hold so many", last));
     last = most;
