@@ -14,4 +14,12 @@ using MonotonicTime = std::chrono::steady_clock::time_point;
   return std::chrono::duration<double, std::micro>(monotonic_now() - start).count();
 }
 
+[[nodiscard]] inline double seconds_between(MonotonicTime start, MonotonicTime end) {
+  return std::chrono::duration<double>(end - start).count();
+}
+
+[[nodiscard]] inline double seconds_since(MonotonicTime start) {
+  return seconds_between(start, monotonic_now());
+}
+
 }  // namespace knothe

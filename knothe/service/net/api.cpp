@@ -73,7 +73,7 @@ std::string host_name(const std::string& host) {
   return host.substr(0, host.find(':'));
 }
 
-HttpResponse answer_of(const Site::Answer& answer) {
+HttpResponse answer_of(const JournalWriter::Answer& answer) {
   if (const auto* error = std::get_if<RequestError>(&answer))
     return error_response(error->status(), error->type(), error->what());
   const Appended& appended = std::get<Appended>(answer);
@@ -93,16 +93,16 @@ class SiteEvents final : public EventSource {
 
   std::string next() override {
     std::string out = std::exchange(pending_, {});
-    if (const std::int64_t version = site_->state_version(); version != state_version_) {
+    if (const std::int64_t version = site_->health().state_version(); version != state_version_) {
       state_version_ = version;
       out += "event: status\ndata: " + files::json_line(site_->status()) + "\n\n";
     }
-    for (const Alarm& alarm : site_->alarms(alarms_seen_)) {
+    for (const Alarm& alarm : site_->alarms().after(alarms_seen_)) {
       out += "event: alarm\ndata: " + files::json_line(alarm.json()) + "\n\n";
       alarms_seen_ = alarm.id;
     }
     while (out.size() < k_piece) {
-      const auto line = site_->next_line(seen_);
+      const auto line = site_->lines().next_line(seen_);
       if (!line) break;
       seen_ = line->event;
       out += fmt::format("id: {}\nevent: step\ndata: {}\n\n", line->event, line->json);
@@ -246,7 +246,7 @@ HttpResponse Api::read(const HttpRequest& request) {
   if (path == "/v1/states") {
     const std::string from = request.parameter("from");
     std::string body = "[";
-    for (const auto& line : site->lines(from.empty() ? 0 : parse_index(from, "from")))
+    for (const auto& line : site->lines().lines(from.empty() ? 0 : parse_index(from, "from")))
       body += (body.size() > 1 ? ",\n" : "") + line->json;
     return {200, "application/json", body + "]"};
   }
@@ -258,10 +258,10 @@ HttpResponse Api::read(const HttpRequest& request) {
   if (path == "/v1/picture") return {200, "image/png", picture(*site, step)};
   if (path == "/v1/observations") return json_response(observations(*site, step));
   if (path == "/v1/samples") return json_response(samples(*site, step));
-  if (path == "/v1/quarantine") return json_response(site->quarantine());
+  if (path == "/v1/quarantine") return json_response(site->journal().quarantine());
   if (path == "/v1/alarms") {
     Json list = Json::array();
-    for (const Alarm& alarm : site->alarms(0)) list.push_back(alarm.json());
+    for (const Alarm& alarm : site->alarms().after(0)) list.push_back(alarm.json());
     return json_response({{"alarms", list}});
   }
   throw RequestError(404, "NotFound", "there is no such route");
@@ -271,7 +271,7 @@ HttpResponse Api::ready() const {
   Json sites = Json::object();
   bool all = true;
   for (const auto& site : sites_) {
-    const bool ready = site->ready();
+    const bool ready = site->journal().ready();
     all = all && ready;
     sites[site->name()] = ready ? "ready" : "replaying its journal, or stopping";
   }
@@ -299,10 +299,10 @@ void Api::take_measurement(const HttpRequest& request, const Answer& answer) {
     } catch (const RequestError& error) {
       throw RequestError(400, error.type(), error.what());
     }
-    site->ingest(std::move(datum.measurement),
-                 [answer](const Site::Answer& stored) { answer(answer_of(stored)); });
+    site->journal().ingest(std::move(datum.measurement),
+                           [answer](const JournalWriter::Answer& stored) { answer(answer_of(stored)); });
   } catch (const RequestError& error) {
-    site->count(error.status() == 400 ? "malformed" : "not_ready");
+    site->journal().count(error.status() == 400 ? "malformed" : "not_ready");
     throw;
   }
 }
@@ -315,7 +315,8 @@ void Api::take_release(const HttpRequest& request, const Answer& answer) {
                                      body.at("session").get<std::string>(),
                                      body.at("seq").get<std::int64_t>()};
     site_of(body.value("site", request.parameter("site")))
-        ->release(key, [answer](const Site::Answer& stored) { answer(answer_of(stored)); });
+        ->journal()
+        .release(key, [answer](const JournalWriter::Answer& stored) { answer(answer_of(stored)); });
   } catch (const Json::exception& error) {
     throw RequestError(400, "Malformed",
                        std::string("the body must be {\"source\",\"session\",\"seq\"}: ") + error.what());
@@ -328,18 +329,18 @@ std::unique_ptr<EventSource> Api::events(const HttpRequest& request) {
     const auto site = site_of(request.parameter("site"));
     std::string last = request.header("last-event-id");
     if (last.empty()) last = request.parameter("last_event_id");
-    std::int64_t seen = site->last_event();
+    std::int64_t seen = site->lines().last_event();
     std::string begin;
     if (!last.empty()) {
       seen = static_cast<std::int64_t>(
           std::min<std::size_t>(parse_index(last, "Last-Event-ID"), static_cast<std::size_t>(seen)));
     } else if (const std::string from = request.parameter("from"); !from.empty()) {
       // The lines as they are, in the order of the steps; then what changes.
-      for (const auto& line : site->lines(parse_index(from, "from"))) {
+      for (const auto& line : site->lines().lines(parse_index(from, "from"))) {
         begin += fmt::format("id: {}\nevent: step\ndata: {}\n\n", line->event, line->json);
         seen = std::max(seen, line->event);
       }
-    } else if (const auto line = site->latest()) {
+    } else if (const auto line = site->lines().latest()) {
       begin = fmt::format("id: {}\nevent: step\ndata: {}\n\n", seen, line->json);
     }
     auto source = std::make_unique<SiteEvents>(site, seen);
@@ -354,7 +355,7 @@ bool Api::tick() {
   if (cancellation_requested()) return false;
   for (const auto& site : sites_) {
     site->tick();
-    if (options_.strict_deadline && site->missed_strict_deadline()) return false;
+    if (options_.strict_deadline && site->health().missed_strict_deadline()) return false;
   }
   return true;
 }

@@ -67,19 +67,20 @@ struct MqttReceiver::Implementation {
     } catch (const RequestError& error) {
       log_event("warning", "a message was refused",
                 {{"topic", message.topic}, {"type", error.type()}, {"reason", error.what()}});
-      if (error.type() != "Conflict") sites.front()->count("malformed");
+      if (error.type() != "Conflict") sites.front()->journal().count("malformed");
       return Json{{"error", {{"type", error.type()}, {"message", error.what()}}}};
     }
   }
 
   /// Waits until the datum is on disk; tries again while the disk is full or the journal is replayed.
-  std::optional<Site::Answer> store(Site& site, const Measurement& datum) {
+  std::optional<JournalWriter::Answer> store(Site& site, const Measurement& datum) {
     while (!stopping) {
-      const auto promise = std::make_shared<std::promise<Site::Answer>>();
+      const auto promise = std::make_shared<std::promise<JournalWriter::Answer>>();
       auto answer = promise->get_future();
       try {
-        site.ingest(datum, [promise](const Site::Answer& stored) { promise->set_value(stored); });
-        Site::Answer stored = answer.get();
+        site.journal().ingest(datum,
+                              [promise](const JournalWriter::Answer& stored) { promise->set_value(stored); });
+        JournalWriter::Answer stored = answer.get();
         const auto* error = std::get_if<RequestError>(&stored);
         if (error == nullptr || error->status() != 507) return stored;
       } catch (const RequestError& error) {

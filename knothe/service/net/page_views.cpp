@@ -78,7 +78,7 @@ std::size_t parse_index(const std::string& text, const std::string& what) {
 }
 
 std::shared_ptr<const Line> line_of(const Site& site, const std::string& step) {
-  auto line = step.empty() ? site.latest() : site.line(parse_index(step, "step"));
+  auto line = step.empty() ? site.lines().latest() : site.lines().line(parse_index(step, "step"));
   if (!line)
     throw RequestError(
         404, "NoState",
@@ -128,9 +128,9 @@ Json description(const Site& site, const std::vector<std::string>& sites) {
                  {"steps", contents.time.size()},
                  {"times", contents.time},
                  {"time", {{"label", "model time"}, {"units", ""}}}};
-  if (const auto period = site.period_s()) answer["period_s"] = *period;
-  answer["budget_us"] = 1e6 * site.budget_s();
-  if (const auto stale = site.stale_after_s()) answer["stale_after_s"] = *stale;
+  if (const auto period = site.health().period_s()) answer["period_s"] = *period;
+  answer["budget_us"] = 1e6 * site.health().budget_s();
+  if (const auto stale = site.health().stale_after_s()) answer["stale_after_s"] = *stale;
   answer["parameters"] = parameters;
   answer["forecasts"] = forecasts;
   answer["fields"] = fields;
@@ -229,9 +229,9 @@ Json field(const Site& site, const std::string& name, const std::string& step, c
   return answer;
 }
 
-std::string picture(const Site& site, const std::string& step) {
+std::string picture(Site& site, const std::string& step) {
   const auto line = line_of(site, step);
-  const std::string file = site.picture_of(line->step);
+  const std::string file = site.pictures().of(line->step);
   if (file.empty())
     throw RequestError(404, "NoPicture",
                        fmt::format("step {} was not measured in a watched picture", line->step));

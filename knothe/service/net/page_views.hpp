@@ -16,7 +16,7 @@ namespace knothe::service {
 /// The picture that the step was measured in, as PNG of 8 bits at most `k_picture_width` wide. Files are
 /// those that the watched folder's thread has found, never one that a request names.
 inline constexpr int k_picture_width = 1000;
-[[nodiscard]] std::string picture(const Site& site, const std::string& step);
+[[nodiscard]] std::string picture(Site& site, const std::string& step);
 [[nodiscard]] Json observations(const Site& site, const std::string& step);
 [[nodiscard]] Json samples(const Site& site, const std::string& step);
 

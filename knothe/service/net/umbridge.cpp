@@ -140,7 +140,7 @@ Json UmBridge::respond(const HttpRequest& request) {
     if (!it->is_number_integer() || it->get<std::int64_t>() < 0 || it->get<std::int64_t>() > last)
       invalid_input(fmt::format("config.step must be a step of the model, 0 to {}", last));
     call.step = it->get<std::size_t>();
-  } else if (const auto line = site.latest()) {
+  } else if (const auto line = site.lines().latest()) {
     call.step = line->step;
   }
   const auto& axes = site.setup().model.contents().axes;

@@ -89,7 +89,7 @@ bool FolderWatch::wait(double seconds) {
 void FolderWatch::run() {
   const double pause = std::min(k_look_every, 0.5 * site_->project().serve.settle);
   while (wait(pause)) {
-    if (!site_->ready()) continue;
+    if (!site_->journal().ready()) continue;
     try {
       if (pictures_) take_pictures();
       if (tables_) take_tables();
@@ -120,7 +120,8 @@ bool FolderWatch::patient(const SettledFiles& files, const std::string& name) co
 
 void FolderWatch::refuse(const std::string& name, const std::string& reason) {
   log_event("warning", "a file was not taken", {{"site", site_->name()}, {"file", name}, {"reason", reason}});
-  site_->warn("sensors", reason);
+  const auto line = site_->lines().latest();
+  site_->alarms().raise(line ? line->step : 0, "warning", "sensors", reason);
 }
 
 // --- Pictures --------------------------------------------------------------------------------------------
@@ -159,13 +160,13 @@ FolderWatch::Outcome FolderWatch::take_picture(const std::string& name) {
                        place.seq};
     if (measurement.key.session.empty()) measurement.key.session = "pictures";
     measurement.time = place.time;
-    site_->show_picture(place.time, pictures_->path(name));
+    site_->pictures().show(place.time, pictures_->path(name));
   } catch (const DataError& error) {
     if (patient(*pictures_, name)) return Outcome::again;  // its line in the table may still come
     refuse(name, error.what());
     return Outcome::done;
   }
-  if (site_->holds(measurement.key)) return Outcome::done;
+  if (site_->journal().holds(measurement.key)) return Outcome::done;
   const auto sensors = static_cast<std::size_t>(site_->setup().measurements.observation_count());
   measurement.values.assign(sensors, std::numeric_limits<double>::quiet_NaN());
   std::string trouble;
@@ -208,9 +209,9 @@ std::optional<std::size_t> FolderWatch::step_of(double time) const {
 Eigen::VectorXd FolderWatch::increment_to(std::optional<std::size_t> step) {
   const auto [before, last] = pictured_;
   if (!step || !last || !before) return {};
-  while (!site_->settled() && !site_->line(*before) && wait(0.001)) {
+  while (!site_->settled() && !site_->lines().line(*before) && wait(0.001)) {
   }
-  const auto line = site_->line(*before);
+  const auto line = site_->lines().line(*before);
   if (!line) return {};
   const reduction::ObservedModel& model = *site_->setup().observed;
   return model.predict(line->mean, *step) - model.predict(line->mean, *last);
@@ -273,12 +274,12 @@ FolderWatch::Outcome FolderWatch::take_table(const std::string& name) {
 
 /// Waits until the datum is on disk, or is refused.
 FolderWatch::Outcome FolderWatch::store(Measurement measurement, const std::string& name) {
-  const auto promise = std::make_shared<std::promise<Site::Answer>>();
+  const auto promise = std::make_shared<std::promise<JournalWriter::Answer>>();
   auto answer = promise->get_future();
   try {
-    site_->ingest(std::move(measurement),
-                  [promise](const Site::Answer& stored) { promise->set_value(stored); });
-    const Site::Answer stored = answer.get();
+    site_->journal().ingest(std::move(measurement),
+                            [promise](const JournalWriter::Answer& stored) { promise->set_value(stored); });
+    const JournalWriter::Answer stored = answer.get();
     const auto* error = std::get_if<RequestError>(&stored);
     if (error == nullptr) return Outcome::done;
     if (error->status() == 507) return Outcome::again;

@@ -5,7 +5,9 @@
 
 namespace knothe::service {
 
+using Json = nlohmann::ordered_json;
+
 /// `level`: "info", "warning", "error"; `what` in words that stay the same; `more` are members beside them.
-void log_event(const std::string& level, const std::string& what, const nlohmann::ordered_json& more);
+void log_event(const std::string& level, const std::string& what, const Json& more);
 
 }  // namespace knothe::service

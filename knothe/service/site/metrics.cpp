@@ -138,4 +138,8 @@ std::string label_value(const std::string& text) {
   return out;
 }
 
+std::string site_labels(const std::string& site, const std::string& more) {
+  return fmt::format("site=\"{}\"{}{}", label_value(site), more.empty() ? "" : ",", more);
+}
+
 }  // namespace knothe::service

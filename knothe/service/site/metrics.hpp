@@ -40,5 +40,7 @@ class Metrics {
 
 /// `text` as the value of a label.
 [[nodiscard]] std::string label_value(const std::string& text);
+/// Labels of what a site counts: its name, and `more`.
+[[nodiscard]] std::string site_labels(const std::string& site, const std::string& more = "");
 
 }  // namespace knothe::service

@@ -71,10 +71,10 @@ class WatchedApi final : public HttpHandler {
       return false;
     }
     bool ready = true;
-    for (const auto& site : sites_) ready = ready && site->ready();
+    for (const auto& site : sites_) ready = ready && site->journal().ready();
     if (ready && !told_) notify_systemd("READY=1");
     told_ = told_ || ready;
-    const auto now = MonotonicClock::now();
+    const auto now = monotonic_now();
     if (interval_.count() > 0 && now - last_ > interval_) {
       notify_systemd("WATCHDOG=1");
       last_ = now;
@@ -86,7 +86,7 @@ class WatchedApi final : public HttpHandler {
   Api& api_;
   const std::vector<std::shared_ptr<Site>>& sites_;
   std::chrono::microseconds interval_{0};
-  MonotonicClock::time_point last_ = MonotonicClock::now();
+  MonotonicTime last_ = monotonic_now();
   bool told_ = false;
 };
 
@@ -147,10 +147,10 @@ void serve(const project::Project& project, const ServeArguments& arguments) {
   http.finish();
   log_event("info", "stopped", {{"url", url}});
   for (const auto& site : sites)
-    if (site->missed_strict_deadline())
+    if (site->health().missed_strict_deadline())
       throw Error(ExitStatus::deadline,
                   fmt::format("site {}: an update was later than its budget of {:.3g} ms (--strict-deadline)",
-                              site->name(), 1e3 * site->budget_s()));
+                              site->name(), 1e3 * site->health().budget_s()));
   throw Interrupted("stopped; every acknowledged measurement is in the journal");
 }
 

@@ -1,22 +1,20 @@
 #include "knothe/service/site/site.hpp"
 
 #include <fmt/format.h>
+#include <malloc.h>
 
 #include <algorithm>
-#include <cmath>
 
-#include "knothe/assimilation/data/time_matching.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/sha256.hpp"
-#include "knothe/service/journal/sqlite.hpp"
-#include "knothe/service/site/log.hpp"
+#include "knothe/base/version.hpp"
+#include "knothe/files/json_line.hpp"
+#include "knothe/report/results/step_record.hpp"
 
 namespace knothe::service {
 namespace {
 
-constexpr std::size_t k_largest_group = 256;   // measurements in one commit
-constexpr std::size_t k_longest_queue = 4096;  // then 503: memory is not for ever
-constexpr double k_largest_value = 1e60;       // in standard deviations: its square must not overflow
+constexpr std::size_t k_newest_first_from = 16;  // stale lines
 
 /// What the data mean: where the sensors are, and their noise as the likelihood sees it.
 std::string sensors_hash(const project::UpdateSetup& setup) {
@@ -31,47 +29,30 @@ std::string sensors_hash(const project::UpdateSetup& setup) {
   return to_hex(sum.finish());
 }
 
-/// What stands behind the displacements, in words.
-std::string scalars_last(const reduction::Sensors& sensors) {
-  if (sensors.scalars.empty()) return "";
-  return fmt::format(": {} displacements, then {}", sensors.displacement_count(),
-                     fmt::join(sensors.scalars, ", "));
-}
-
-std::string units_of(const reduction::Sensors& sensors, std::size_t i) {
-  return i < sensors.displacement_count() ? "values are in metres"
-                                          : "of " + sensors.scalars[i - sensors.displacement_count()];
-}
-
 Identity identity_of(const project::Project& project, const project::UpdateSetup& setup) {
   return {sensors_hash(setup), to_hex(sha256_of_file(project.model)), to_hex(sha256_of(project.text)),
           project.text};
-}
-
-double seconds_since(MonotonicClock::time_point at) {
-  return std::chrono::duration<double>(MonotonicClock::now() - at).count();
 }
 
 }  // namespace
 
 Site::Site(project::Project project, bool strict_deadline, Metrics& metrics, std::function<void()> changed)
     : project_(std::move(project)),
-      name_(project_.serve.site),
-      strict_(strict_deadline),
       metrics_(metrics),
       changed_(std::move(changed)),
       setup_(project::set_up_online(project_)),
-      sensor_std_(setup_.measurements.noise.standard_deviations()),
       identity_(identity_of(project_, setup_)),
-      journal_(project_.serve.journal, Journal::Access::write),
-      engine_(project::engine_setup(project_, setup_)) {
-  if (journal_.identify(identity_))
-    log_event(
-        "warning",
-        "the model or the project file is another than before: all data are assimilated with the new one",
-        {{"site", name_}, {"journal", journal_.path()}});
-  next_event_ = journal_.starts() * (std::int64_t{1} << 32) + 1;
-  state_ = state_of_now();
+      journal_(
+          project_, setup_, metrics_,
+          [this](std::vector<Arrival> arrivals, std::int64_t records) {
+            arrive(std::move(arrivals), records);
+          },
+          changed_),
+      engine_(project::engine_setup(project_, setup_)),
+      alarms_(project_.forecasts, next_event_),
+      pictures_(setup_.observed->time),
+      health_(project_.serve, strict_deadline) {
+  next_event_ = journal_.identify(identity_) * (std::int64_t{1} << 32) + 1;
 }
 
 Site::~Site() {
@@ -79,20 +60,12 @@ Site::~Site() {
 }
 
 void Site::start() {
-  committer_ = std::thread([this] {
-    replay();
-    commit_loop();
-  });
+  journal_.start();
   updater_ = std::thread([this] { update_loop(); });
 }
 
 void Site::stop() {
-  {
-    const std::lock_guard lock(mutex_);
-    stopping_ = true;
-  }
-  requests_there_.notify_all();
-  if (committer_.joinable()) committer_.join();
+  journal_.stop();
   {
     const std::lock_guard lock(mutex_);
     no_more_arrivals_ = true;
@@ -101,224 +74,242 @@ void Site::stop() {
   if (updater_.joinable()) updater_.join();
 }
 
-std::string Site::labels(const std::string& more) const {
-  return fmt::format("site=\"{}\"{}{}", label_value(name_), more.empty() ? "" : ",", more);
+bool Site::settled() const {
+  const std::lock_guard lock(mutex_);
+  return journal_.tally().waiting == 0 && arrivals_.empty() && at_hand_ == 0 && stale_lines_ == 0;
 }
 
-void Site::count(const std::string& outcome) {
+std::optional<assimilation::StepForm> Site::form_up_to(std::size_t step) {
+  const std::lock_guard lock(engine_mutex_);
+  return engine_.form_up_to(step);
+}
+
+// --- Journal → lines -------------------------------------------------------------------------------------
+
+/// From the journal's thread.
+void Site::arrive(std::vector<Arrival> arrivals, std::int64_t records) {
   {
     const std::lock_guard lock(mutex_);
-    ++outcomes_[outcome];
-  }
-  metrics_.count("knothe_measurements_total", labels("outcome=\"" + outcome + "\""));
-}
-
-// --- Journal → posterior at the start --------------------------------------------------------------------
-
-void Site::replay() {
-  const auto start = MonotonicClock::now();
-  std::vector<Arrival> past;
-  std::vector<JournalEntry> held;
-  journal_.for_each([&](const JournalEntry& entry) {
-    const assimilation::DatumKey& key = entry.measurement.key;
-    auto& largest = largest_seq_.try_emplace({key.source, key.session}, key.seq).first->second;
-    largest = std::max(largest, key.seq);
-    if (key.source == k_pictures_source || key.source == k_csv_source) from_folders_.insert(key);
-    if (entry.quarantined && !entry.released) {
-      held.push_back(entry);
-    } else {
-      past.push_back({entry.measurement, start, false});
+    for (Arrival& arrival : arrivals) {
+      if (arrival.live) health_.accept(arrival.at);
+      arrivals_.push_back(std::move(arrival));
     }
-  });
-  {
-    const std::lock_guard lock(mutex_);
-    std::move(past.begin(), past.end(), std::back_inserter(arrivals_));
-    quarantine_ = std::move(held);
-    records_ = journal_.count();
+    records_ = records;
     replayed_ = true;
   }
-  log_event("info", "journal opened",
-            {{"site", name_},
-             {"journal", journal_.path()},
-             {"records", journal_.count()},
-             {"elapsed_s", seconds_since(start)}});
-  arrivals_there_.notify_all();
+  arrivals_there_.notify_one();
 }
 
-// --- Requests → journal ----------------------------------------------------------------------------------
-
-void Site::check_values(const Measurement& datum) const {
-  const Eigen::Index n = sensor_std_.size();
-  if (static_cast<Eigen::Index>(datum.values.size()) != n)
-    throw RequestError(400, "WrongSize",
-                       fmt::format("\"values\" has {} entries; this site has {} sensors{}",
-                                   datum.values.size(), n, scalars_last(setup_.measurements.sensors)));
-  for (Eigen::Index i = 0; i < n; ++i) {
-    const double value = datum.values[static_cast<std::size_t>(i)];
-    if (std::abs(value) > k_largest_value * sensor_std_[i] || std::isinf(value))
-      throw RequestError(
-          400, "Malformed",
-          fmt::format("values[{}] = {} is no measurement: its noise is {} ({})", i, value, sensor_std_[i],
-                      units_of(setup_.measurements.sensors, static_cast<std::size_t>(i))));
-  }
-}
-
-void Site::ingest(Measurement datum, std::function<void(Answer)> done) {
-  check_values(datum);
-  try {
-    const double time = datum.time;
-    datum.step = static_cast<std::int64_t>(
-        assimilation::match_times({&time, 1}, setup_.observed->time, "the datum")[0]);
-  } catch (const DataError& error) {
-    throw RequestError(400, "UnknownTime", error.what());
-  }
-  const std::lock_guard lock(mutex_);
-  if (!ready_ || stopping_ || requests_.size() >= k_longest_queue)
-    throw RequestError(503, "NotReady",
-                       stopping_ ? "the service is stopping"
-                       : !ready_ ? "the journal is being replayed"
-                                 : "too many measurements are waiting for the disk");
-  requests_.push_back({std::move(datum), std::move(done), MonotonicClock::now()});
-  requests_there_.notify_one();
-}
-
-void Site::release(assimilation::DatumKey key, std::function<void(Answer)> done) {
-  const std::lock_guard lock(mutex_);
-  if (!ready_ || stopping_) throw RequestError(503, "NotReady", "the service is not ready, or stopping");
-  requests_.push_back({std::move(key), std::move(done), MonotonicClock::now()});
-  requests_there_.notify_one();
-}
-
-void Site::commit_loop() {
+void Site::update_loop() {
   while (true) {
-    std::vector<Request> group;
+    std::vector<Arrival> arrivals;
+    bool finish = false;
     {
       std::unique_lock lock(mutex_);
-      const auto there = [&] { return !requests_.empty() || stopping_; };
-      if (read_only_) {
-        requests_there_.wait_for(lock, std::chrono::seconds(1), there);
-      } else {
-        requests_there_.wait(lock, there);
-      }
-      if (requests_.empty() && stopping_) return;
-      while (!requests_.empty() && group.size() < k_largest_group) {
-        group.push_back(std::move(requests_.front()));
-        requests_.pop_front();
+      arrivals_there_.wait(lock, [&] {
+        return !arrivals_.empty() || no_more_arrivals_ || (replayed_ && (!ready_ || stale_lines_ > 0));
+      });
+      // Stopping: what is accepted is in the journal, and the next start computes it; the step at hand is
+      // done.
+      if (no_more_arrivals_) return;
+      arrivals.assign(std::make_move_iterator(arrivals_.begin()), std::make_move_iterator(arrivals_.end()));
+      arrivals_.clear();
+      at_hand_ = arrivals.size();
+      finish = replayed_;
+    }
+    take(arrivals);
+    if (!arrivals.empty()) newest_is_shown_ = false;
+    conclude_next();
+    const auto& stale = engine_.stale();
+    {
+      const std::lock_guard lock(mutex_);
+      stale_lines_ = stale.size();
+      if (finish && !ready_) {
+        ::malloc_trim(0);  // what reading model and journal took and gave back to nobody
+        ready_ = true;
+        log_event("info", "ready",
+                  {{"site", name()}, {"records", records_}, {"elapsed_s", seconds_since(started_)}});
+        journal_.open();
       }
     }
-    if (group.empty()) {
-      probe_disk();
-    } else {
-      commit(group);
-    }
+    judge_delays();
+    changed_();
   }
 }
 
-/// One group of requests, one commit; each is answered when that is on disk.
-void Site::commit(std::vector<Request>& group) {
-  const auto start = MonotonicClock::now();
-  std::vector<Answer> answers;
-  std::vector<Arrival> arrivals;
-  const auto largest_before = largest_seq_;
+void Site::take(const std::vector<Arrival>& arrivals) {
+  for (const Arrival& arrival : arrivals) {
+    std::string trouble;
+    try {
+      if (arrival.measurement.step < 0 ||
+          static_cast<std::size_t>(arrival.measurement.step) >= setup_.observed->time.size())
+        throw DataError(fmt::format("step {} is not one of this model", arrival.measurement.step));
+      const assimilation::Datum datum = arrival.measurement.datum();
+      const std::lock_guard lock(engine_mutex_);
+      engine_.add(datum);
+      std::int64_t& received = received_ms_[datum.step];
+      received = std::max(received, arrival.measurement.received_ms);
+    } catch (const std::exception& error) {
+      trouble = error.what();
+      log_event("error", "a datum cannot be assimilated",
+                {{"site", name()},
+                 {"source", arrival.measurement.key.source},
+                 {"session", arrival.measurement.key.session},
+                 {"seq", arrival.measurement.key.seq},
+                 {"step", arrival.measurement.step},
+                 {"reason", trouble}});
+    }
+    const std::lock_guard lock(mutex_);
+    --at_hand_;
+    stale_lines_ = engine_.stale().size();
+    if (!trouble.empty()) failure_ = trouble;
+    if (arrival.live && trouble.empty()) health_.await(arrival.at);
+  }
+}
+
+/// In the order of the steps, because the monitor judges each by those before it. Where many wait the newest
+/// is shown first, without the monitor; but not twice in a row, or data that keep coming would keep the
+/// others waiting.
+void Site::conclude_next() {
+  const auto& stale = engine_.stale();
+  if (stale.empty()) return;
+  previewed_ = stale.size() >= k_newest_first_from && !newest_is_shown_ && !previewed_;
+  newest_is_shown_ = newest_is_shown_ || previewed_;
+  conclude(previewed_ ? *stale.rbegin() : *stale.begin(), previewed_);
+}
+
+void Site::conclude(std::size_t step, bool preview) {
+  std::shared_ptr<Line> line;
   std::string trouble;
   try {
-    journal_.begin();
-    for (Request& request : group) answers.push_back(write(request, arrivals));
-    journal_.commit();
+    // Sums of steps are brought up to date here: who reads them (`form_up_to`) waits for one update.
+    const std::lock_guard lock(engine_mutex_);
+    line = line_of(preview ? engine_.preview(step) : engine_.conclude(step));
   } catch (const std::exception& error) {
     trouble = error.what();
-    journal_.rollback();
-    largest_seq_ = largest_before;
-    arrivals.clear();
-    answers.assign(group.size(),
-                   RequestError(507, "DiskFull", fmt::format("nothing was stored: {}", trouble)));
+    log_event("error", "an update failed", {{"site", name()}, {"step", step}, {"reason", trouble}});
+    alarms_.raise(step, "alarm", "trust", "the update failed: " + trouble);
   }
-  metrics_.observe("knothe_phase_seconds", labels("phase=\"commit\""), seconds_since(start));
-  {
-    const std::lock_guard lock(mutex_);
-    if (read_only_ != !trouble.empty()) {
-      read_only_ = !trouble.empty();
-      log_event(read_only_ ? "error" : "info",
-                read_only_ ? "the journal cannot be written" : "the journal can be written again",
-                {{"site", name_}, {"journal", journal_.path()}, {"reason", trouble}});
-    }
-    records_ = journal_.count();
-    for (const Arrival& arrival : arrivals) {
-      accepted_at_.push_back(arrival.at);
-      if (accepted_at_.size() > 32) accepted_at_.pop_front();
-    }
-    std::move(arrivals.begin(), arrivals.end(), std::back_inserter(arrivals_));
-  }
-  arrivals_there_.notify_one();
-  for (std::size_t i = 0; i < group.size(); ++i) {
-    const auto* appended = std::get_if<Appended>(&answers[i]);
-    count(appended == nullptr
-              ? (std::get<RequestError>(answers[i]).status() == 507 ? "not_stored" : "conflicts")
-          : appended->outcome == Outcome::duplicate ? "duplicates"
-          : appended->quarantined                   ? "quarantined"
-                                                    : "accepted");
-    group[i].done(answers[i]);
-  }
-  changed_();
-}
-
-Site::Answer Site::write(Request& request, std::vector<Arrival>& arrivals) {
-  if (const auto* key = std::get_if<assimilation::DatumKey>(&request.what)) {
-    const auto entry = journal_.release(*key);
-    if (!entry)
-      return RequestError(
-          404, "NotQuarantined",
-          fmt::format("there is no quarantined datum of source \"{}\", session \"{}\", seq {}", key->source,
-                      key->session, key->seq));
-    if (!entry->released) arrivals.push_back({entry->measurement, request.at, true});
-    const std::lock_guard lock(mutex_);
-    std::erase_if(quarantine_, [&](const JournalEntry& held) { return held.id == entry->id; });
-    return Appended{entry->released ? Outcome::duplicate : Outcome::accepted, false, entry->measurement.step,
-                    entry->measurement.received_ms};
-  }
-  Measurement& datum = std::get<Measurement>(request.what);
-  const auto [largest, is_new] =
-      largest_seq_.try_emplace({datum.key.source, datum.key.session}, datum.key.seq);
-  const bool late = !is_new && largest->second - datum.key.seq > project_.serve.window;
-  const Appended appended = journal_.append(datum, late);
-  if (appended.outcome == Outcome::conflict)
-    return RequestError(
-        409, "Conflict",
-        fmt::format("source \"{}\", session \"{}\", seq {} is there already with another payload; it stays",
-                    datum.key.source, datum.key.session, datum.key.seq));
-  if (appended.outcome == Outcome::duplicate) return appended;
-  largest->second = std::max(largest->second, datum.key.seq);
-  if (datum.key.source == k_pictures_source || datum.key.source == k_csv_source) {
-    const std::lock_guard lock(mutex_);
-    from_folders_.insert(datum.key);
-  }
-  datum.received_ms = appended.received_ms;
-  if (!late) {
-    arrivals.push_back({datum, request.at, true});
-    return appended;
+  if (line) {
+    if (project_.serve.log_steps)
+      log_event("info", "step",
+                {{"site", name()}, {"step", step}, {"trusted", line->trusted}, {"remark", line->remark}});
+    publish(std::move(line));
   }
   const std::lock_guard lock(mutex_);
-  quarantine_.push_back({journal_.count(), datum, true, false});
-  return appended;
+  failure_ = trouble;
 }
 
-/// Whether the disk takes writes again: the journal's own page, so that it is the same disk and the same
-/// room.
-void Site::probe_disk() {
-  try {
-    journal_.begin();
-    journal_.touch();
-    journal_.commit();
-  } catch (const std::exception&) {
-    journal_.rollback();
-    return;
-  }
+void Site::publish(std::shared_ptr<Line> line) {
+  const auto latest = lines_.latest();
+  if (!latest || latest->step <= line->step) alarms_.judge(*line);
+  const std::lock_guard lock(mutex_);
+  lines_.publish(std::move(line));
+}
+
+std::shared_ptr<Line> Site::line_of(const engine::StepResult& step) {
+  const assimilation::UpdateResult& result = step.update;
+  auto line = make_line(step, setup_, engine_.last_values(result.step));
+  Json record = report::step_record(step);
+  for (const auto& [phase, us] : {std::pair{"projection", result.elapsed_us.projection},
+                                  {"map", result.elapsed_us.map},
+                                  {"correction", result.elapsed_us.correction},
+                                  {"forecast", step.forecast_us}})
+    metrics_.observe("knothe_phase_seconds", labels(fmt::format("phase=\"{}\"", phase)), 1e-6 * us);
+  metrics_.set("knothe_effective_sample_size_ratio", labels(), result.effective_sample_size);
+  metrics_.set("knothe_log_evidence", labels(), result.log_evidence);
+  record["site"] = name();
+  record["data"] = engine_.data_count(result.step);
+  record["received_at"] = 1e-3 * static_cast<double>(received_ms_.at(result.step));
+  record["event"] = line->event = next_event_++;
+  line->json = files::json_line(record);
+  return line;
+}
+
+/// Live data whose line is published now: were they in time?
+void Site::judge_delays() {
+  SiteHealth::Delays delays;
   {
     const std::lock_guard lock(mutex_);
-    read_only_ = false;
+    if (stale_lines_ > 0) return;
+    delays = health_.finish();
   }
-  log_event("info", "the journal can be written again", {{"site", name_}, {"journal", journal_.path()}});
-  changed_();
+  for (const double delay : delays.seconds) {
+    metrics_.observe("knothe_phase_seconds", labels("phase=\"visible\""), delay);
+    if (delay > delays.budget) metrics_.count("knothe_deadline_misses_total", labels());
+  }
+}
+
+// --- State -----------------------------------------------------------------------------------------------
+
+SiteHealth::State Site::state_of_now(const JournalWriter::Tally& tally) const {
+  return health_.state({lines_.latest(), failure_, replayed_ && !ready_, tally.read_only});
+}
+
+bool Site::tick() {
+  JournalWriter::Tally tally;
+  SiteHealth::State state;
+  std::optional<double> age;
+  std::size_t pending = 0;
+  std::int64_t records = 0, step = -1;
+  {
+    const std::lock_guard lock(mutex_);
+    tally = journal_.tally();
+    state = state_of_now(tally);
+    age = health_.data_age_s();
+    pending = health_.awaited() + arrivals_.size() + at_hand_;
+    records = records_;
+    if (const auto line = lines_.latest()) step = static_cast<std::int64_t>(line->step);
+  }
+  for (const char* word : {"OK", "DEGRADED", "STALE", "BIASED", "DIVERGED"})
+    metrics_.set("knothe_state", labels(fmt::format("state=\"{}\"", word)), state.word == word ? 1 : 0);
+  if (age) metrics_.set("knothe_data_age_seconds", labels(), *age);
+  metrics_.set("knothe_pending_measurements", labels(), static_cast<double>(pending));
+  metrics_.set("knothe_journal_records", labels(), static_cast<double>(records));
+  metrics_.set("knothe_quarantined_measurements", labels(), static_cast<double>(tally.quarantined));
+  if (step >= 0) metrics_.set("knothe_step", labels(), static_cast<double>(step));
+  if (!health_.keep(state)) return false;
+  log_event(state.word == "OK" ? "info" : "warning", "state",
+            {{"site", name()}, {"state", state.word}, {"reason", state.reason}, {"step", step}});
+  const auto at = static_cast<std::size_t>(std::max<std::int64_t>(step, 0));
+  if (state.word == "STALE" && age) alarms_.raise(at, "warning", "gap", state.reason);
+  if (state.word == "DEGRADED") alarms_.raise(at, "warning", "deadline", state.reason);
+  return true;
+}
+
+Json Site::status() const {
+  const std::lock_guard lock(mutex_);
+  const JournalWriter::Tally tally = journal_.tally();
+  const SiteHealth::State state = state_of_now(tally);
+  Json status = {{"site", name()}, {"state", state.word}, {"reason", state.reason}};
+  if (const auto latest = lines_.latest()) {
+    const Line& line = *latest;
+    status["step"] = line.step;
+    status["time"] = line.time;
+    status["misfit"] = {
+        {"statistic", line.misfit}, {"values", line.misfit_values}, {"probability", line.misfit_probability}};
+  }
+  if (const auto age = health_.data_age_s()) status["data_age_s"] = *age;
+  if (const auto period = health_.period_s()) status["period_s"] = *period;
+  status["budget_us"] = 1e6 * health_.budget_s();
+  status["pending"] = health_.awaited() + arrivals_.size() + at_hand_;
+  status["behind"] = stale_lines_;
+  status["records"] = records_;
+  for (const char* outcome : {"accepted", "duplicates", "conflicts", "malformed"}) {
+    const auto it = tally.outcomes.find(outcome);
+    status[outcome] = it == tally.outcomes.end() ? 0 : it->second;
+  }
+  status["quarantined"] = tally.quarantined;
+  status["deadline_misses"] = health_.deadline_misses();
+  status["read_only"] = tally.read_only;
+  Json untrusted = Json::array();
+  for (const auto& line : lines_.lines(0))
+    if (!line->trusted) untrusted.push_back(line->step);
+  status["untrusted"] = untrusted;
+  status["event"] = lines_.last_event();
+  status["uptime_s"] = seconds_since(started_);
+  status["version"] = k_version;
+  return status;
 }
 
 }  // namespace knothe::service

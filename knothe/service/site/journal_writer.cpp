@@ -1,0 +1,309 @@
+#include "knothe/service/site/journal_writer.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "knothe/assimilation/data/time_matching.hpp"
+#include "knothe/base/error.hpp"
+
+namespace knothe::service {
+namespace {
+
+constexpr std::size_t k_largest_group = 256;   // measurements in one commit
+constexpr std::size_t k_longest_queue = 4096;  // then 503: memory is not for ever
+constexpr double k_largest_value = 1e60;       // in standard deviations: its square must not overflow
+
+/// What stands behind the displacements, in words.
+std::string scalars_last(const reduction::Sensors& sensors) {
+  if (sensors.scalars.empty()) return "";
+  return fmt::format(": {} displacements, then {}", sensors.displacement_count(),
+                     fmt::join(sensors.scalars, ", "));
+}
+
+std::string units_of(const reduction::Sensors& sensors, std::size_t i) {
+  return i < sensors.displacement_count() ? "values are in metres"
+                                          : "of " + sensors.scalars[i - sensors.displacement_count()];
+}
+
+}  // namespace
+
+JournalWriter::JournalWriter(const project::Project& project, const project::UpdateSetup& setup,
+                             Metrics& metrics, Arrived arrived, std::function<void()> changed)
+    : options_(project.serve),
+      setup_(setup),
+      sensor_std_(setup.measurements.noise.standard_deviations()),
+      metrics_(metrics),
+      arrived_(std::move(arrived)),
+      changed_(std::move(changed)),
+      journal_(options_.journal, Journal::Access::write) {}
+
+std::int64_t JournalWriter::identify(const Identity& identity) {
+  if (journal_.identify(identity))
+    log_event(
+        "warning",
+        "the model or the project file is another than before: all data are assimilated with the new one",
+        {{"site", options_.site}, {"journal", journal_.path()}});
+  return journal_.starts();
+}
+
+void JournalWriter::start() {
+  thread_ = std::thread([this] {
+    replay();
+    commit_loop();
+  });
+}
+
+void JournalWriter::open() {
+  const std::lock_guard lock(mutex_);
+  open_ = true;
+}
+
+void JournalWriter::stop() {
+  {
+    const std::lock_guard lock(mutex_);
+    stopping_ = true;
+  }
+  requests_there_.notify_all();
+  if (thread_.joinable()) thread_.join();
+}
+
+bool JournalWriter::ready() const {
+  const std::lock_guard lock(mutex_);
+  return open_ && !stopping_;
+}
+
+void JournalWriter::count(const std::string& outcome) {
+  {
+    const std::lock_guard lock(mutex_);
+    ++outcomes_[outcome];
+  }
+  metrics_.count("knothe_measurements_total", site_labels(options_.site, "outcome=\"" + outcome + "\""));
+}
+
+bool JournalWriter::holds(const assimilation::DatumKey& key) const {
+  const std::lock_guard lock(mutex_);
+  return from_folders_.contains(key);
+}
+
+JournalWriter::Tally JournalWriter::tally() const {
+  const std::lock_guard lock(mutex_);
+  return {requests_.size(), quarantine_.size(), outcomes_, read_only_};
+}
+
+Json JournalWriter::quarantine() const {
+  const std::lock_guard lock(mutex_);
+  Json list = Json::array();
+  for (const JournalEntry& entry : quarantine_) {
+    const Measurement& d = entry.measurement;
+    list.push_back({{"source", d.key.source},
+                    {"session", d.key.session},
+                    {"seq", d.key.seq},
+                    {"time", d.time},
+                    {"step", d.step}});
+  }
+  return {{"quarantined", list}};
+}
+
+void JournalWriter::replay() {
+  const auto start = monotonic_now();
+  std::vector<Arrival> past;
+  std::vector<JournalEntry> held;
+  std::set<assimilation::DatumKey> from_folders;
+  journal_.for_each([&](const JournalEntry& entry) {
+    const assimilation::DatumKey& key = entry.measurement.key;
+    auto& largest = largest_seq_.try_emplace({key.source, key.session}, key.seq).first->second;
+    largest = std::max(largest, key.seq);
+    if (key.source == k_pictures_source || key.source == k_csv_source) from_folders.insert(key);
+    if (entry.quarantined && !entry.released) {
+      held.push_back(entry);
+    } else {
+      past.push_back({entry.measurement, start, false});
+    }
+  });
+  {
+    const std::lock_guard lock(mutex_);
+    quarantine_ = std::move(held);
+    from_folders_ = std::move(from_folders);
+  }
+  log_event("info", "journal opened",
+            {{"site", options_.site},
+             {"journal", journal_.path()},
+             {"records", journal_.count()},
+             {"elapsed_s", seconds_since(start)}});
+  arrived_(std::move(past), journal_.count());
+}
+
+void JournalWriter::check_values(const Measurement& datum) const {
+  const Eigen::Index n = sensor_std_.size();
+  if (static_cast<Eigen::Index>(datum.values.size()) != n)
+    throw RequestError(400, "WrongSize",
+                       fmt::format("\"values\" has {} entries; this site has {} sensors{}",
+                                   datum.values.size(), n, scalars_last(setup_.measurements.sensors)));
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const double value = datum.values[static_cast<std::size_t>(i)];
+    if (std::abs(value) > k_largest_value * sensor_std_[i] || std::isinf(value))
+      throw RequestError(
+          400, "Malformed",
+          fmt::format("values[{}] = {} is no measurement: its noise is {} ({})", i, value, sensor_std_[i],
+                      units_of(setup_.measurements.sensors, static_cast<std::size_t>(i))));
+  }
+}
+
+void JournalWriter::ingest(Measurement datum, std::function<void(Answer)> done) {
+  check_values(datum);
+  try {
+    const double time = datum.time;
+    datum.step = static_cast<std::int64_t>(
+        assimilation::match_times({&time, 1}, setup_.observed->time, "the datum")[0]);
+  } catch (const DataError& error) {
+    throw RequestError(400, "UnknownTime", error.what());
+  }
+  const std::lock_guard lock(mutex_);
+  if (!open_ || stopping_ || requests_.size() >= k_longest_queue)
+    throw RequestError(503, "NotReady",
+                       stopping_ ? "the service is stopping"
+                       : !open_  ? "the journal is being replayed"
+                                 : "too many measurements are waiting for the disk");
+  requests_.push_back({std::move(datum), std::move(done), monotonic_now()});
+  requests_there_.notify_one();
+}
+
+void JournalWriter::release(assimilation::DatumKey key, std::function<void(Answer)> done) {
+  const std::lock_guard lock(mutex_);
+  if (!open_ || stopping_) throw RequestError(503, "NotReady", "the service is not ready, or stopping");
+  requests_.push_back({std::move(key), std::move(done), monotonic_now()});
+  requests_there_.notify_one();
+}
+
+void JournalWriter::commit_loop() {
+  while (true) {
+    std::vector<Request> group;
+    {
+      std::unique_lock lock(mutex_);
+      const auto there = [&] { return !requests_.empty() || stopping_; };
+      if (read_only_) {
+        requests_there_.wait_for(lock, std::chrono::seconds(1), there);
+      } else {
+        requests_there_.wait(lock, there);
+      }
+      if (requests_.empty() && stopping_) return;
+      while (!requests_.empty() && group.size() < k_largest_group) {
+        group.push_back(std::move(requests_.front()));
+        requests_.pop_front();
+      }
+    }
+    if (group.empty()) {
+      probe_disk();
+    } else {
+      commit(group);
+    }
+  }
+}
+
+/// One group of requests, one commit; each is answered when that is on disk.
+void JournalWriter::commit(std::vector<Request>& group) {
+  const auto start = monotonic_now();
+  std::vector<Answer> answers;
+  std::vector<Arrival> arrivals;
+  const auto largest_before = largest_seq_;
+  std::string trouble;
+  try {
+    journal_.begin();
+    for (Request& request : group) answers.push_back(write(request, arrivals));
+    journal_.commit();
+  } catch (const std::exception& error) {
+    trouble = error.what();
+    journal_.rollback();
+    largest_seq_ = largest_before;
+    arrivals.clear();
+    answers.assign(group.size(),
+                   RequestError(507, "DiskFull", fmt::format("nothing was stored: {}", trouble)));
+  }
+  metrics_.observe("knothe_phase_seconds", site_labels(options_.site, "phase=\"commit\""),
+                   seconds_since(start));
+  {
+    const std::lock_guard lock(mutex_);
+    if (read_only_ != !trouble.empty()) {
+      read_only_ = !trouble.empty();
+      log_event(read_only_ ? "error" : "info",
+                read_only_ ? "the journal cannot be written" : "the journal can be written again",
+                {{"site", options_.site}, {"journal", journal_.path()}, {"reason", trouble}});
+    }
+  }
+  arrived_(std::move(arrivals), journal_.count());
+  for (std::size_t i = 0; i < group.size(); ++i) {
+    const auto* appended = std::get_if<Appended>(&answers[i]);
+    count(appended == nullptr
+              ? (std::get<RequestError>(answers[i]).status() == 507 ? "not_stored" : "conflicts")
+          : appended->outcome == Outcome::duplicate ? "duplicates"
+          : appended->quarantined                   ? "quarantined"
+                                                    : "accepted");
+    group[i].done(answers[i]);
+  }
+  changed_();
+}
+
+JournalWriter::Answer JournalWriter::write(Request& request, std::vector<Arrival>& arrivals) {
+  if (const auto* key = std::get_if<assimilation::DatumKey>(&request.what)) {
+    const auto entry = journal_.release(*key);
+    if (!entry)
+      return RequestError(
+          404, "NotQuarantined",
+          fmt::format("there is no quarantined datum of source \"{}\", session \"{}\", seq {}", key->source,
+                      key->session, key->seq));
+    if (!entry->released) arrivals.push_back({entry->measurement, request.at, true});
+    const std::lock_guard lock(mutex_);
+    std::erase_if(quarantine_, [&](const JournalEntry& held) { return held.id == entry->id; });
+    return Appended{entry->released ? Outcome::duplicate : Outcome::accepted, false, entry->measurement.step,
+                    entry->measurement.received_ms};
+  }
+  Measurement& datum = std::get<Measurement>(request.what);
+  const auto [largest, is_new] =
+      largest_seq_.try_emplace({datum.key.source, datum.key.session}, datum.key.seq);
+  const bool late = !is_new && largest->second - datum.key.seq > options_.window;
+  const Appended appended = journal_.append(datum, late);
+  if (appended.outcome == Outcome::conflict)
+    return RequestError(
+        409, "Conflict",
+        fmt::format("source \"{}\", session \"{}\", seq {} is there already with another payload; it stays",
+                    datum.key.source, datum.key.session, datum.key.seq));
+  if (appended.outcome == Outcome::duplicate) return appended;
+  largest->second = std::max(largest->second, datum.key.seq);
+  if (datum.key.source == k_pictures_source || datum.key.source == k_csv_source) {
+    const std::lock_guard lock(mutex_);
+    from_folders_.insert(datum.key);
+  }
+  datum.received_ms = appended.received_ms;
+  if (!late) {
+    arrivals.push_back({datum, request.at, true});
+    return appended;
+  }
+  const std::lock_guard lock(mutex_);
+  quarantine_.push_back({journal_.count(), datum, true, false});
+  return appended;
+}
+
+/// Whether the disk takes writes again: the journal's own page, so that it is the same disk and the same
+/// room.
+void JournalWriter::probe_disk() {
+  try {
+    journal_.begin();
+    journal_.touch();
+    journal_.commit();
+  } catch (const std::exception&) {
+    journal_.rollback();
+    return;
+  }
+  {
+    const std::lock_guard lock(mutex_);
+    read_only_ = false;
+  }
+  log_event("info", "the journal can be written again",
+            {{"site", options_.site}, {"journal", journal_.path()}});
+  changed_();
+}
+
+}  // namespace knothe::service

@@ -1,0 +1,105 @@
+#pragma once
+/// @file The way of a site's measurements to the disk.
+#include <condition_variable>
+#include <deque>
+#include <functional>
+#include <map>
+#include <mutex>
+#include <set>
+#include <string>
+#include <thread>
+#include <variant>
+#include <vector>
+
+#include "knothe/base/monotonic_time.hpp"
+#include "knothe/project/project_file.hpp"
+#include "knothe/project/update_setup.hpp"
+#include "knothe/service/journal/journal.hpp"
+#include "knothe/service/site/log.hpp"
+#include "knothe/service/site/metrics.hpp"
+
+namespace knothe::service {
+
+/// Sources of data that come from watched folders.
+inline constexpr const char* k_pictures_source = "pictures";
+inline constexpr const char* k_csv_source = "csv";
+
+/// A measurement in the journal that is to be assimilated.
+struct Arrival {
+  Measurement measurement;
+  MonotonicTime at;  ///< of its request
+  bool live = true;  ///< not from the journal's past
+};
+
+/// Checks measurements and commits them in groups, by a thread of its own. Thread-safe. Its mutex is taken
+/// last, and not held while it calls others.
+class JournalWriter {
+ public:
+  using Answer = std::variant<Appended, RequestError>;
+  /// What is in the journal now and was not before, and the number of its records.
+  using Arrived = std::function<void(std::vector<Arrival>, std::int64_t records)>;
+  struct Tally {
+    std::size_t waiting = 0;  ///< requests
+    std::size_t quarantined = 0;
+    std::map<std::string, std::int64_t> outcomes;  ///< of requests
+    bool read_only = false;                        ///< the disk takes nothing
+  };
+
+  /// Opens the journal; errors of `Journal`. `arrived` is called from the thread: first with all of the
+  /// journal's past, then after each commit, before its requests are answered; `changed` after that.
+  JournalWriter(const project::Project& project, const project::UpdateSetup& setup, Metrics& metrics,
+                Arrived arrived, std::function<void()> changed);
+  ~JournalWriter() { stop(); }
+
+  /// Records for what the data are; errors of `Journal`. Number of starts, this one included.
+  std::int64_t identify(const Identity& identity);
+  void start();
+  void open();  ///< From now on requests are taken.
+  void stop();  ///< Commits what was taken, ends the thread.
+  [[nodiscard]] bool ready() const;
+
+  /// Checks the datum and puts it in the queue; `done` is called from another thread once it is on disk (or
+  /// is not going to be). RequestError for what is wrong with it.
+  void ingest(Measurement datum, std::function<void(Answer)> done);
+  /// Lets a quarantined datum in. The same.
+  void release(assimilation::DatumKey key, std::function<void(Answer)> done);
+  /// Whether a datum that came from a watched folder is in the journal.
+  [[nodiscard]] bool holds(const assimilation::DatumKey& key) const;
+  void count(const std::string& outcome);  ///< of a request that did not get so far: "malformed"
+  [[nodiscard]] Tally tally() const;
+  [[nodiscard]] Json quarantine() const;
+
+ private:
+  struct Request {
+    std::variant<Measurement, assimilation::DatumKey> what;
+    std::function<void(Answer)> done;
+    MonotonicTime at;
+  };
+  void replay();
+  void commit_loop();
+  void commit(std::vector<Request>& group);
+  Answer write(Request& request, std::vector<Arrival>& arrivals);
+  void probe_disk();
+  void check_values(const Measurement& datum) const;
+
+  const project::ServeOptions& options_;
+  const project::UpdateSetup& setup_;
+  Eigen::VectorXd sensor_std_;
+  Metrics& metrics_;
+  Arrived arrived_;
+  std::function<void()> changed_;
+  Journal journal_;                                                          ///< of the thread
+  std::map<std::pair<std::string, std::string>, std::int64_t> largest_seq_;  ///< the same
+
+  mutable std::mutex mutex_;  ///< everything below
+  std::condition_variable requests_there_;
+  std::deque<Request> requests_;
+  bool open_ = false, stopping_ = false, read_only_ = false;
+  std::vector<JournalEntry> quarantine_;
+  std::map<std::string, std::int64_t> outcomes_;
+  std::set<assimilation::DatumKey> from_folders_;
+
+  std::thread thread_;
+};
+
+}  // namespace knothe::service

@@ -1,0 +1,45 @@
+#pragma once
+/// @file A step's posterior as the service publishes it.
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "knothe/engine/step_result.hpp"
+#include "knothe/project/update_setup.hpp"
+
+namespace knothe::service {
+
+/// A step's posterior as it is published. Immutable.
+struct Line {
+  std::int64_t event = 0;  ///< id, increasing for ever
+  std::size_t step = 0;
+  double time = 0;
+  std::string json;                           ///< the line of a step (docs/formats.md)
+  Eigen::VectorXd mean, std;                  ///< d
+  Eigen::MatrixXd samples;                    ///< at most 400 × d, equally weighted
+  std::vector<bool> missing;                  ///< per sensor, of the last datum of the step
+  Eigen::VectorXd residual;                   ///< measured − predicted at the mean; 0 where missing
+  double misfit = 0, misfit_probability = 1;  ///< χ² of the residual and P(more)
+  Eigen::Index misfit_values = 0;
+  std::map<std::string, double> above_threshold;  ///< P(q > threshold) by forecast
+  bool trusted = true;
+  std::string remark;
+  bool monitor_alarm = false, bias_corrected = false;
+  std::vector<Eigen::Index> stuck, absent;  ///< sensors that have stopped
+  std::string notice;                       ///< what the monitor found or did at this step
+  /// The correction of the model's bias, where it is on: as what is to be added to the model's functions w (a
+  /// field), or at the sensors, m. Else empty.
+  Eigen::VectorXd bias_functions, bias_sensors;
+
+  /// Whether the last datum does not fit the model, and nothing corrects for it.
+  [[nodiscard]] bool is_biased() const { return !bias_corrected && misfit_probability < 1e-4; }
+};
+
+/// The line of a result, without event and JSON; `values` are those of the step's last datum (NaN: missing).
+[[nodiscard]] std::shared_ptr<Line> make_line(const engine::StepResult& step,
+                                              const project::UpdateSetup& setup,
+                                              const Eigen::VectorXd& values);
+
+}  // namespace knothe::service

@@ -1,0 +1,123 @@
+#include "knothe/service/site/site_health.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+namespace knothe::service {
+
+void SiteHealth::accept(MonotonicTime at) {
+  const std::lock_guard lock(mutex_);
+  accepted_at_.push_back(at);
+  if (accepted_at_.size() > 32) accepted_at_.pop_front();
+}
+
+void SiteHealth::await(MonotonicTime at) {
+  const std::lock_guard lock(mutex_);
+  awaited_.push_back(at);
+}
+
+SiteHealth::Delays SiteHealth::finish() {
+  Delays delays{{}, budget_s()};
+  const std::lock_guard lock(mutex_);
+  if (awaited_.empty()) return delays;
+  for (const auto at : awaited_) delays.seconds.push_back(seconds_since(at));
+  awaited_.clear();
+  last_missed_ = false;
+  for (const double delay : delays.seconds) {
+    if (delay <= delays.budget) continue;
+    ++deadline_misses_;
+    last_missed_ = true;
+    if (strict_) strict_miss_ = true;
+  }
+  return delays;
+}
+
+std::optional<double> SiteHealth::period_s() const {
+  if (options_.period) return options_.period;
+  const std::lock_guard lock(mutex_);
+  if (accepted_at_.size() < 4) return std::nullopt;
+  std::vector<double> intervals;
+  for (std::size_t i = 1; i < accepted_at_.size(); ++i)
+    intervals.push_back(seconds_between(accepted_at_[i - 1], accepted_at_[i]));
+  const auto middle = intervals.begin() + static_cast<std::ptrdiff_t>(intervals.size() / 2);
+  std::nth_element(intervals.begin(), middle, intervals.end());
+  return *middle;
+}
+
+double SiteHealth::budget_s() const {
+  if (options_.budget) return *options_.budget;
+  const auto period = period_s();
+  if (!period) return 1;  // nothing is known of the pace yet
+  return options_.period ? 0.1 * *period : std::max(0.1 * *period, k_least_budget);
+}
+
+std::optional<double> SiteHealth::stale_after_s() const {
+  if (options_.stale_after) return options_.stale_after;
+  const auto period = period_s();
+  if (!period) return std::nullopt;
+  return options_.period ? 5 * *period : std::max(5 * *period, 2.0);
+}
+
+std::optional<double> SiteHealth::data_age_s() const {
+  const std::lock_guard lock(mutex_);
+  return accepted_at_.empty() ? std::nullopt : std::optional(seconds_since(accepted_at_.back()));
+}
+
+std::size_t SiteHealth::awaited() const {
+  const std::lock_guard lock(mutex_);
+  return awaited_.size();
+}
+
+std::int64_t SiteHealth::deadline_misses() const {
+  const std::lock_guard lock(mutex_);
+  return deadline_misses_;
+}
+
+SiteHealth::State SiteHealth::state(const Facts& facts) const {
+  const double budget = budget_s();
+  const auto stale_after = stale_after_s();
+  const std::lock_guard lock(mutex_);
+  const auto now = monotonic_now();
+  if (!facts.failure.empty()) return {"DIVERGED", "the last update failed: " + facts.failure};
+  if (facts.read_only)
+    return {"DEGRADED", "the disk is full, or cannot be written: measurements are refused until it can"};
+  double oldest = 0;
+  for (const auto at : awaited_) oldest = std::max(oldest, seconds_between(at, now));
+  if (oldest > budget)
+    return {"DEGRADED",
+            fmt::format("updates are {:.0f} ms behind; what is shown is the last that was verified",
+                        1e3 * oldest)};
+  if (facts.replaying) return {"DEGRADED", "the journal is being replayed"};
+  if (!facts.latest && accepted_at_.empty()) return {"STALE", "no measurement yet"};
+  if (accepted_at_.empty()) return {"STALE", "no measurement since the service was started"};
+  if (stale_after && seconds_between(accepted_at_.back(), now) > *stale_after)
+    return {"STALE", fmt::format("no measurement for more than {:.3g} s", *stale_after)};
+  if (last_missed_)
+    return {"DEGRADED", fmt::format("the last update was later than its budget of {:.1f} ms", 1e3 * budget)};
+  if (!facts.latest) return {"OK", ""};
+  const Line& line = *facts.latest;
+  if (line.monitor_alarm)
+    return {"BIASED",
+            line.bias_corrected
+                ? "the model, corrected for its bias, has not explained the last data"
+                : "the model has not explained the last data: they drift away from what it predicts"};
+  if (line.is_biased())
+    return {
+        "BIASED",
+        fmt::format(
+            "the last datum does not fit the model: its χ² at the posterior mean is {:.4g} with {} values",
+            line.misfit, line.misfit_values)};
+  return {"OK", ""};
+}
+
+bool SiteHealth::keep(const State& state) {
+  const std::lock_guard lock(mutex_);
+  const bool changed =
+      state.word != state_.word || (state.word != "DEGRADED" && state.reason != state_.reason);
+  state_ = state;
+  if (changed) ++state_version_;
+  return changed;
+}
+
+}  // namespace knothe::service

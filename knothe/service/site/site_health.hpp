@@ -1,0 +1,65 @@
+#pragma once
+/// @file How a site is: the pace of its data, the delays of its lines, and the word for it (docs/service.md).
+#include <atomic>
+#include <deque>
+#include <mutex>
+
+#include "knothe/base/monotonic_time.hpp"
+#include "knothe/project/serve_options.hpp"
+#include "knothe/service/site/line.hpp"
+
+namespace knothe::service {
+
+/// Thread-safe; its mutex is taken last.
+class SiteHealth {
+ public:
+  struct State {
+    std::string word, reason;
+  };
+  /// What the state follows from beside the times.
+  struct Facts {
+    std::shared_ptr<const Line> latest;
+    std::string failure;  ///< of the last update
+    bool replaying = false, read_only = false;
+  };
+  struct Delays {
+    std::vector<double> seconds;  ///< from a datum's request to its line
+    double budget = 0;            ///< s, then
+  };
+
+  SiteHealth(const project::ServeOptions& options, bool strict_deadline)
+      : options_(options), strict_(strict_deadline), state_(state({})) {}
+
+  void accept(MonotonicTime at);  ///< a request whose datum is in the journal now
+  void await(MonotonicTime at);   ///< a request whose datum is taken, its line not published yet
+  /// The lines of all that was awaited are published now: were they in time?
+  Delays finish();
+
+  [[nodiscard]] std::optional<double> period_s() const;
+  [[nodiscard]] double budget_s() const;
+  [[nodiscard]] std::optional<double> stale_after_s() const;
+  [[nodiscard]] std::optional<double> data_age_s() const;  ///< since the last was accepted
+  [[nodiscard]] std::size_t awaited() const;
+  [[nodiscard]] std::int64_t deadline_misses() const;
+  [[nodiscard]] bool missed_strict_deadline() const { return strict_miss_.load(); }
+
+  [[nodiscard]] State state(const Facts& facts) const;
+  /// Keeps the state. True if it is another than the one that was kept.
+  bool keep(const State& state);
+  [[nodiscard]] std::int64_t state_version() const { return state_version_.load(); }
+
+ private:
+  static constexpr double k_least_budget = 0.01;  ///< s, where it is derived from the period
+  const project::ServeOptions& options_;
+  bool strict_;
+  mutable std::mutex mutex_;
+  std::deque<MonotonicTime> accepted_at_;  ///< the last 32
+  std::vector<MonotonicTime> awaited_;
+  std::int64_t deadline_misses_ = 0;
+  bool last_missed_ = false;
+  std::atomic<bool> strict_miss_{false};
+  std::atomic<std::int64_t> state_version_{0};
+  State state_;
+};
+
+}  // namespace knothe::service
