@@ -66,6 +66,22 @@ class Test(ServiceCase):
         self.expect_stored(service.send(self.data[1]), 1)
         self.assertEqual(service.settled(2)["records"], 2)
 
+    def test_a_file_left_while_the_disk_is_full_is_taken_once_there_is_room(self):
+        header, *rows = (self.folder / "data.csv").read_text().splitlines()
+        place = header.split(",").index("time")
+        (self.folder / "tables").mkdir()
+        ignore = lambda: signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        service = self.serve(extra='watch_csv = "tables/"\nsettle = 0.1\n', preexec_fn=ignore, restore_signals=False)
+        self.expect_stored(service.send(self.data[0]), 0)
+        service.settled(1)
+        largest = (self.folder / "assimilation.journal-wal").stat().st_size
+        resource.prlimit(service.process.pid, resource.RLIMIT_FSIZE, (largest, resource.RLIM_INFINITY))
+        of_one = [row for row in rows if float(row.split(",")[place]) == self.data[1]["time"]]
+        (self.folder / "tables" / "one.csv").write_text("\n".join([header] + of_one) + "\n")
+        service.wait_until(lambda: service.get("/v1/status")[1]["read_only"])
+        resource.prlimit(service.process.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+        self.assertEqual(service.settled(2)["records"], 2)
+
     def test_a_damaged_journal_is_refused_by_name_and_recovered(self):
         service = self.serve()
         for datum in self.data:

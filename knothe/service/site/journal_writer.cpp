@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <nlohmann/json.hpp>
 
 #include "knothe/assimilation/data/time_matching.hpp"
@@ -207,18 +208,18 @@ void JournalWriter::commit_loop() {
 void JournalWriter::commit(std::vector<Request>& group) {
   const auto start = monotonic_now();
   std::vector<Answer> answers;
-  std::vector<Arrival> arrivals;
+  Written written;
   const auto largest_before = largest_seq_;
   std::string trouble;
   try {
     journal_.begin();
-    for (Request& request : group) answers.push_back(write(request, arrivals));
+    for (Request& request : group) answers.push_back(write(request, written));
     journal_.commit();
   } catch (const std::exception& error) {
     trouble = error.what();
     journal_.rollback();
     largest_seq_ = largest_before;
-    arrivals.clear();
+    written = {};
     answers.assign(group.size(),
                    RequestError(507, "DiskFull", fmt::format("nothing was stored: {}", trouble)));
   }
@@ -226,6 +227,10 @@ void JournalWriter::commit(std::vector<Request>& group) {
                    seconds_since(start));
   {
     const std::lock_guard lock(mutex_);
+    from_folders_.insert(written.from_folders.begin(), written.from_folders.end());
+    std::move(written.quarantined.begin(), written.quarantined.end(), std::back_inserter(quarantine_));
+    for (const std::int64_t id : written.released)
+      std::erase_if(quarantine_, [&](const JournalEntry& held) { return held.id == id; });
     if (read_only_ != !trouble.empty()) {
       read_only_ = !trouble.empty();
       log_event(read_only_ ? "error" : "info",
@@ -233,7 +238,7 @@ void JournalWriter::commit(std::vector<Request>& group) {
                 {{"site", options_.site}, {"journal", journal_.path()}, {"reason", trouble}});
     }
   }
-  arrived_(std::move(arrivals), journal_.count());
+  arrived_(std::move(written.arrivals), journal_.count());
   for (std::size_t i = 0; i < group.size(); ++i) {
     const auto* appended = std::get_if<Appended>(&answers[i]);
     count(appended == nullptr
@@ -246,7 +251,7 @@ void JournalWriter::commit(std::vector<Request>& group) {
   changed_();
 }
 
-JournalWriter::Answer JournalWriter::write(Request& request, std::vector<Arrival>& arrivals) {
+JournalWriter::Answer JournalWriter::write(Request& request, Written& written) {
   if (const auto* key = std::get_if<assimilation::DatumKey>(&request.what)) {
     const auto entry = journal_.release(*key);
     if (!entry)
@@ -254,9 +259,8 @@ JournalWriter::Answer JournalWriter::write(Request& request, std::vector<Arrival
           404, "NotQuarantined",
           fmt::format("there is no quarantined datum of source \"{}\", session \"{}\", seq {}", key->source,
                       key->session, key->seq));
-    if (!entry->released) arrivals.push_back({entry->measurement, request.at, true});
-    const std::lock_guard lock(mutex_);
-    std::erase_if(quarantine_, [&](const JournalEntry& held) { return held.id == entry->id; });
+    if (!entry->released) written.arrivals.push_back({entry->measurement, request.at, true});
+    written.released.push_back(entry->id);
     return Appended{entry->released ? Outcome::duplicate : Outcome::accepted, false, entry->measurement.step,
                     entry->measurement.received_ms};
   }
@@ -272,17 +276,14 @@ JournalWriter::Answer JournalWriter::write(Request& request, std::vector<Arrival
                     datum.key.source, datum.key.session, datum.key.seq));
   if (appended.outcome == Outcome::duplicate) return appended;
   largest->second = std::max(largest->second, datum.key.seq);
-  if (datum.key.source == k_pictures_source || datum.key.source == k_csv_source) {
-    const std::lock_guard lock(mutex_);
-    from_folders_.insert(datum.key);
-  }
+  if (datum.key.source == k_pictures_source || datum.key.source == k_csv_source)
+    written.from_folders.push_back(datum.key);
   datum.received_ms = appended.received_ms;
   if (!late) {
-    arrivals.push_back({datum, request.at, true});
+    written.arrivals.push_back({datum, request.at, true});
     return appended;
   }
-  const std::lock_guard lock(mutex_);
-  quarantine_.push_back({journal_.count(), datum, true, false});
+  written.quarantined.push_back({journal_.count(), datum, true, false});
   return appended;
 }
 

@@ -78,7 +78,14 @@ class JournalWriter {
   void replay();
   void commit_loop();
   void commit(std::vector<Request>& group);
-  Answer write(Request& request, std::vector<Arrival>& arrivals);
+  /// What is true once a group is on disk.
+  struct Written {
+    std::vector<Arrival> arrivals;
+    std::vector<JournalEntry> quarantined;
+    std::vector<std::int64_t> released;  ///< ids
+    std::vector<assimilation::DatumKey> from_folders;
+  };
+  Answer write(Request& request, Written& written);
   void probe_disk();
   void check_values(const Measurement& datum) const;
 

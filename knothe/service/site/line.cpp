@@ -51,15 +51,16 @@ std::shared_ptr<Line> make_line(const engine::StepResult& step, const project::U
   line->bias_functions = step.bias_functions, line->bias_sensors = step.bias_sensors;
   line->residual = values - setup.observed->predict(result.mean, result.step);
   const assimilation::NoiseModel& noise = setup.measurements.noise;
-  const Eigen::VectorXd sensor_std = noise.standard_deviations();
+  const bool independent = noise.is_independent();
+  const Eigen::VectorXd sensor_std = independent ? noise.standard_deviations() : Eigen::VectorXd();
   for (Eigen::Index i = 0; i < line->residual.size(); ++i) {
     const bool missing = std::isnan(line->residual[i]);
     line->missing.push_back(missing);
     if (missing) line->residual[i] = 0;
     line->misfit_values += missing ? 0 : 1;
-    line->misfit += std::pow(line->residual[i] / sensor_std[i], 2);
+    if (independent) line->misfit += std::pow(line->residual[i] / sensor_std[i], 2);
   }
-  if (!noise.is_independent()) {
+  if (!independent) {
     // Correlated errors: rᵀ R⁻¹ r, of complete data only.
     if (line->misfit_values < line->residual.size()) line->misfit_values = 0;
     line->misfit = line->misfit_values == 0 ? 0 : line->residual.dot(noise.apply(line->residual).col(0));
