@@ -118,7 +118,7 @@ TEST_P(GridUpdate, AgreesWithADenseQuadratureFromThePriorOn) {
     const UpdateResult& r = update.update(t, t, data.col(static_cast<Eigen::Index>(t)));
     WrittenOut density(*later, measured, std, priors, static_cast<Eigen::Index>(t));
     const auto p_of_z = [&](Eigen::Index k, double z) { return density.from(k, z); };
-    const test::DenseQuadrature exact(density, p_of_z, d == 3 ? 81 : 201);
+    const test::DenseQuadrature exact(density, p_of_z, d == 3 ? 101 : 201);
     SCOPED_TRACE(t);
     EXPECT_TRUE(r.trusted) << r.remark;
     EXPECT_EQ(r.remark, "");

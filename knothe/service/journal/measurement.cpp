@@ -16,7 +16,7 @@
 namespace knothe::service {
 namespace {
 
-using Json = nlohmann::json;
+using Unordered = nlohmann::json;
 
 constexpr std::int64_t k_largest_seq = std::int64_t{1} << 53;  // what JSON numbers hold exactly
 constexpr std::size_t k_longest_name = 128;
@@ -34,22 +34,22 @@ void check_name(const std::string& text, const char* what, bool may_be_empty) {
       malformed(fmt::format("\"{}\" has a control character", what));
 }
 
-const Json& member(const Json& object, const char* name) {
+const Unordered& member(const Unordered& object, const char* name) {
   const auto it = object.find(name);
   if (it == object.end()) malformed(fmt::format("\"{}\" is missing", name));
   return *it;
 }
 
-std::string text_member(const Json& object, const char* name, bool required) {
+std::string text_member(const Unordered& object, const char* name, bool required) {
   if (!required && !object.contains(name)) return "";
-  const Json& value = member(object, name);
+  const Unordered& value = member(object, name);
   if (!value.is_string()) malformed(fmt::format("\"{}\" must be a text", name));
   auto text = value.get<std::string>();
   check_name(text, name, !required);
   return text;
 }
 
-std::int64_t checked_seq(const Json& value) {
+std::int64_t checked_seq(const Unordered& value) {
   const bool fits = value.is_number_unsigned() ? value.get<std::uint64_t>() <= k_largest_seq
                                                : value.is_number_integer() && value.get<std::int64_t>() >= 0;
   if (!fits) malformed("\"seq\" must be a whole number from 0 to 2^53");
@@ -60,11 +60,11 @@ std::uint8_t status_code(const std::string& word) {
   return word == "good" ? 0 : word == "missing" ? 1 : word == "bad" ? 2 : 3;
 }
 
-void read_values(const Json& array, Measurement& datum) {
+void read_values(const Unordered& array, Measurement& datum) {
   if (!array.is_array()) malformed("\"values\" must be an array of numbers");
   datum.values.reserve(array.size());
   for (std::size_t i = 0; i < array.size(); ++i) {
-    const Json& value = array[i];
+    const Unordered& value = array[i];
     if (!value.is_null() && !value.is_number())
       malformed(fmt::format("values[{}] is neither a number nor null", i));
     datum.values.push_back(value.is_null() ? std::numeric_limits<double>::quiet_NaN() : value.get<double>());
@@ -72,7 +72,7 @@ void read_values(const Json& array, Measurement& datum) {
   datum.status.assign(datum.values.size(), 0);
 }
 
-void read_status(const Json& array, Measurement& datum) {
+void read_status(const Unordered& array, Measurement& datum) {
   if (!array.is_array()) malformed("\"status\" must be an array of words");
   if (array.size() != datum.values.size())
     malformed(fmt::format("\"status\" has {} entries for {} values", array.size(), datum.values.size()));
@@ -134,10 +134,10 @@ bool Measurement::set_payload(std::string_view bytes) {
 }
 
 SiteMeasurement parse_json_measurement(std::string_view body) {
-  Json object;
+  Unordered object;
   try {
-    object = Json::parse(body);
-  } catch (const Json::exception& error) {
+    object = Unordered::parse(body);
+  } catch (const Unordered::exception& error) {
     malformed(fmt::format("the body is not JSON: {}", error.what()));
   }
   if (!object.is_object()) malformed("the body must be one JSON object");
@@ -147,7 +147,7 @@ SiteMeasurement parse_json_measurement(std::string_view body) {
   datum.key.source = text_member(object, "source", true);
   datum.key.session = text_member(object, "session", true);
   datum.key.seq = checked_seq(member(object, "seq"));
-  const Json& time = member(object, "time");
+  const Unordered& time = member(object, "time");
   if (!time.is_number() || !std::isfinite(time.get<double>())) malformed("\"time\" must be a finite number");
   datum.time = time.get<double>();
   read_values(member(object, "values"), datum);
