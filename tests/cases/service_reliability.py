@@ -78,7 +78,7 @@ class Test(ServiceCase):
         resource.prlimit(service.process.pid, resource.RLIMIT_FSIZE, (largest, resource.RLIM_INFINITY))
         of_one = [row for row in rows if float(row.split(",")[place]) == self.data[1]["time"]]
         (self.folder / "tables" / "one.csv").write_text("\n".join([header] + of_one) + "\n")
-        service.wait_until(lambda: service.get("/v1/status")[1]["read_only"])
+        service.wait_until(lambda: "the journal cannot be written" in service.logged())
         resource.prlimit(service.process.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
         self.assertEqual(service.settled(2)["records"], 2)
 
