@@ -41,7 +41,7 @@ void MapSolver::correct(sampling::LogDensity& user_target, const MapResult& resu
   if ((ess < work.options.wanted_ess || (result.order > 4 && !result.tolerance_reached)) &&
       4 * n <= work.options.max_points) {
     n *= ess < 0.98 && 16 * n <= work.options.max_points ? 16 : ess < work.options.wanted_ess ? 4 : 2;
-    MapShape& shape = work.shape_of(result.map);
+    MapShape& shape = work.shapes.of(result.map);
     work.weigh(target, result.pre_map, shape, result.map.coefficients(), n, work.more_points, true);
     used = &work.more_points;
     normalise(used->log_weight, c);
@@ -49,7 +49,7 @@ void MapSolver::correct(sampling::LogDensity& user_target, const MapResult& resu
     // ρ.
     const Eigen::Index half = n / 2;
     const auto& x = used->reference;
-    const auto& tables = work.verification_tables(shape, n, true);
+    const auto& tables = work.shapes.verification_tables(shape, n, true);
     work.scratch = used->log_weight.head(half) + tables.log_reference.head(half) -
                    standard_normal_log_density(x.topRows(half));
     ess = numerics::effective_share(work.scratch);

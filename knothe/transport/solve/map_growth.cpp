@@ -64,7 +64,7 @@ MapSolver::Workspace::Climb MapSolver::Workspace::climb(sampling::CheckedDensity
   Climb climb;
   double best = std::numeric_limits<double>::infinity();
   for (int order = first; order <= options.max_order && !climb.reached; ++order) {
-    MapShape& of_order = shape(d, order, parametrisation);
+    MapShape& of_order = shapes.of_order(d, order, parametrisation);
     const double below = warm >= 0 ? candidates[static_cast<std::size_t>(warm)].training_objective
                                    : std::numeric_limits<double>::quiet_NaN();
     (void)train(target, result, pre_map, of_order, order, warm);
@@ -103,7 +103,7 @@ MapSolver::Workspace::Climb MapSolver::Workspace::climb_long(sampling::CheckedDe
       verify(target, last);
       if (last.verified_diagnostic <= 10 * options.tolerance) break;
     }
-    MapShape& shape = long_shape(target.dimension(), order);
+    MapShape& shape = shapes.long_of_order(target.dimension(), order);
     Candidate& candidate = train(target, result, pre_map, shape, shape.identity.order(), warm);
     candidate.is_long = true;
     warm = static_cast<std::ptrdiff_t>(tried) - 1;
@@ -122,8 +122,9 @@ MapSolver::Workspace::Climb MapSolver::Workspace::grow_greedily(sampling::Checke
                                                                 MapResult& result, const AffineMap& pre_map) {
   const Eigen::Index d = target.dimension();
   Climb climb;
-  grown.push_back(std::make_unique<MapShape>(total_order_map(d, 1, options.parametrisation)));
-  (void)train(target, result, pre_map, *grown.back(), 1, -1);
+  MapShape& first =
+      shapes.add_grown(std::make_unique<MapShape>(total_order_map(d, 1, options.parametrisation)));
+  (void)train(target, result, pre_map, first, 1, -1);
   double best = std::numeric_limits<double>::infinity();
   int without_gain = 0;
   for (;;) {
@@ -139,9 +140,8 @@ MapSolver::Workspace::Climb MapSolver::Workspace::grow_greedily(sampling::Checke
     if (climb.reached || climb.no_longer_falls || terms >= options.max_terms) return climb;
     std::unique_ptr<MapShape> larger = steepest_terms(target, result, pre_map, candidate);
     if (!larger) return climb;
-    grown.push_back(std::move(larger));
-    (void)train(target, result, pre_map, *grown.back(), grown.back()->identity.order(),
-                static_cast<std::ptrdiff_t>(tried) - 1);
+    MapShape& next = shapes.add_grown(std::move(larger));
+    (void)train(target, result, pre_map, next, next.identity.order(), static_cast<std::ptrdiff_t>(tried) - 1);
   }
 }
 
@@ -174,7 +174,7 @@ std::unique_ptr<MapShape> MapSolver::Workspace::steepest_terms(sampling::Checked
   TriangularMap start = wide.identity, reached = candidate.shape->identity;
   reached.set_coefficients(candidate.coefficients);
   start.embed(reached);
-  const TrainingTables& tables = training_tables(wide);
+  const TrainingTables& tables = shapes.training_tables(wide);
   objective.begin(tables, OuterMap::of(pre_map), target, result.mode_log_density);
   Eigen::VectorXd gradient(tables.layout.size()), in_map_order;
   Eigen::MatrixXd none;
@@ -214,7 +214,7 @@ MapSolver::Workspace::Climb MapSolver::Workspace::climb_tempered(sampling::LogDe
   TemperedDensity tempered(user_target);
   sampling::CheckedDensity checked(tempered);
   const int order = std::clamp(3, options.min_order, options.max_order);
-  MapShape& of_order = shape(target.dimension(), order, options.parametrisation);
+  MapShape& of_order = shapes.of_order(target.dimension(), order, options.parametrisation);
   std::ptrdiff_t warm = -1;
   for (const double beta : {0.0625, 0.125, 0.25, 0.5}) {
     tempered.set_beta(beta);

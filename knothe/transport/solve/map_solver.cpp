@@ -64,23 +64,16 @@ void MapSolver::Workspace::look_at_other_modes(sampling::CheckedDensity& target,
   result.second_mode = result.missed.mode;
 }
 
-MapSolver::MapSolver(MapSolverOptions options) : work_(std::make_unique<Workspace>()) {
+MapSolver::MapSolver(MapSolverOptions options) {
   require(options);
-  work_->options = options;
-  if (!(options.decrease_tolerance > 0)) work_->options.decrease_tolerance = 1e-3 * options.tolerance;
+  if (!(options.decrease_tolerance > 0)) options.decrease_tolerance = 1e-3 * options.tolerance;
+  work_ = std::make_unique<Workspace>(std::move(options));
 }
 MapSolver::~MapSolver() = default;
 MapSolver::MapSolver(MapSolver&&) noexcept = default;
 MapSolver& MapSolver::operator=(MapSolver&&) noexcept = default;
 const MapSolverOptions& MapSolver::options() const {
   return work_->options;
-}
-
-void MapSolver::Workspace::prepare(MapShape& shape, bool with_broad) {
-  (void)training_tables(shape);
-  (void)verification_tables(shape, options.verification_points);
-  if (!with_broad) return;
-  for (const int more : {2, 4}) (void)verification_tables(shape, more * options.verification_points, true);
 }
 
 bool MapSolver::Workspace::may_be_long(Eigen::Index d) const {
@@ -92,8 +85,8 @@ void MapSolver::prepare(Eigen::Index dimension) {
   Workspace& work = *work_;
   if (work.options.growth == Growth::greedy) return;
   for (int order = work.options.min_order; order <= work.options.max_order; ++order) {
-    MapShape& shape = work.shape(dimension, order, work.options.parametrisation);
-    work.prepare(shape, order <= k_last_prepared_broad);
+    MapShape& shape = work.shapes.of_order(dimension, order, work.options.parametrisation);
+    work.shapes.prepare(shape, order <= k_last_prepared_broad);
   }
 }
 
@@ -122,7 +115,7 @@ void MapSolver::solve(sampling::LogDensity& user_target, MapResult& result) {
   result.iterations = 0;
   work.tried = 0;
   work.tempered_evaluations = 0;
-  work.grown.clear();
+  work.shapes.clear_grown();
 
   Workspace::Climb climb;
   if (options.tempered)

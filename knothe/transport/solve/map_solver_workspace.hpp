@@ -15,45 +15,15 @@
 #include "knothe/numerics/optimise/trust_region.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
 #include "knothe/sampling/mode_search.hpp"
-#include "knothe/transport/solve/kl_objective.hpp"
-#include "knothe/transport/solve/map_solver.hpp"
+#include "knothe/transport/solve/map_shapes.hpp"
 
 namespace knothe::transport {
-
-/// Independent points with their tables for maps of one shape. Tables are never enlarged in place: a result
-/// must not depend, not even in its last bit, on what was solved before.
-struct VerificationTables {
-  Eigen::MatrixXd reference;  ///< the points
-  PointTables points;         ///< square only: a map with another rectifier is evaluated by its own code
-  Eigen::VectorXd log_reference;
-};
-
-/// Spread of the defensive half of the points of an importance correction.
-inline constexpr double k_broad = 1.5;
-
-/// A map without coefficients, with all that is tabulated for it.
-struct MapShape {
-  TriangularMap identity;
-  MapLayout layout;
-  std::unique_ptr<TrainingTables> training;
-  std::map<std::pair<Eigen::Index, bool>, std::unique_ptr<VerificationTables>>
-      verification;  ///< (n, is_broad)
-
-  explicit MapShape(MapSpecification specification) : identity(std::move(specification)), layout(identity) {}
-};
 
 struct MapSolver::Workspace {
   MapSolverOptions options;
   sampling::ModeSearch mode_search;
   std::vector<sampling::Mode> modes;
-  std::map<std::tuple<Eigen::Index, int, Parametrisation>, std::unique_ptr<MapShape>,
-           bool (*)(const std::tuple<Eigen::Index, int, Parametrisation>&,
-                    const std::tuple<Eigen::Index, int, Parametrisation>&)>
-      shapes;  ///< (d, order, parametrisation)
-  std::map<std::pair<Eigen::Index, int>, std::unique_ptr<MapShape>>
-      long_shapes;                               ///< (d, order of the others)
-  std::vector<std::unique_ptr<MapShape>> grown;  ///< those of the greedy growth of the last solve
-  std::unique_ptr<MapShape> foreign;             ///< of a map that this solver did not make
+  MapShapes shapes;
   KullbackLeiblerObjective objective;
   numerics::NewtonTrustRegion newton;
   numerics::NewtonCg newton_cg;
@@ -86,15 +56,7 @@ struct MapSolver::Workspace {
   double standard_diagnostic = 0;  ///< verified, before any other way was tried
   std::int64_t tempered_evaluations = 0;
 
-  Workspace();
-  MapShape& shape(Eigen::Index d, int order, const Parametrisation& parametrisation);
-  /// A map of that order whose first variable has a far higher one.
-  MapShape& long_shape(Eigen::Index d, int order);
-  MapShape& shape_of(const TriangularMap& map);
-  const TrainingTables& training_tables(MapShape& shape);
-  /// `is_broad`: half of the points are spread by k_broad, and log_reference is that of the mixture ½ N(0, I)
-  /// + ½ N(0, k_broad² I).
-  const VerificationTables& verification_tables(MapShape& shape, Eigen::Index n, bool is_broad = false);
+  explicit Workspace(MapSolverOptions settings) : options(std::move(settings)), shapes(options) {}
 
   /// log-weights at n independent points under pre_map ∘ (map of `shape` with `map_coefficients`).
   void weigh(sampling::CheckedDensity& target, const AffineMap& pre_map, MapShape& shape,
@@ -126,8 +88,6 @@ struct MapSolver::Workspace {
                   const AffineMap& pre_map);
   /// climb_long may be tried.
   [[nodiscard]] bool may_be_long(Eigen::Index d) const;
-  /// Makes the tables of a shape; `with_broad`: those of the importance correction's further points too.
-  void prepare(MapShape& shape, bool with_broad);
   /// The best verified candidate.
   std::size_t choose(sampling::CheckedDensity& target);
   void report(Candidate& candidate, MapResult& result);
@@ -146,9 +106,6 @@ inline constexpr int k_last_prepared_broad = 4;
 inline constexpr int k_first_dear_long = 5;
 /// Dimensions in which it is tried.
 inline constexpr Eigen::Index k_max_long = 3;
-
-/// The rule for maps of this shape, if the caller has none.
-[[nodiscard]] numerics::PointRule default_training_rule(const MapShape& shape);
 
 /// The pre-map turned to the principal axes of its covariance, longest first.
 [[nodiscard]] AffineMap principal_axes(const AffineMap& pre_map);
