@@ -78,7 +78,7 @@ int assimilate(const AssimilateArguments& arguments) {
     interrupted = cancellation_requested();
   }
   const double elapsed_s = microseconds_since(start) * 1e-6;
-  results.write(project.results, output.untrusted(), elapsed_s);
+  results.write(project.results, elapsed_s);
   if (pictures != nullptr)
     imaging::write_displacements((std::filesystem::path(project.results) / "displacements.h5").string(),
                                  pictures->series(), pictures->results(), pictures->frame(), project.text);
@@ -87,7 +87,8 @@ int assimilate(const AssimilateArguments& arguments) {
                                   data.size(), project.results));
   }
   output.finish(elapsed_s, project.results);
-  return 0;
+  const bool rejected = output.verdict().level == assimilation::VerdictLevel::reject;
+  return static_cast<int>(rejected ? ExitStatus::rejected : ExitStatus::done);
 }
 
 }  // namespace knothe::commands

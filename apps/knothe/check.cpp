@@ -4,6 +4,7 @@
 
 #include "apps/knothe/commands.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/project/file_check.hpp"
 #include "knothe/project/option_table.hpp"
 #include "knothe/project/project_file.hpp"
 
@@ -15,8 +16,16 @@ int check(const CheckArguments& arguments) {
     return 0;
   }
   if (arguments.project.empty()) throw UsageError("check needs a project file, or --options");
-  (void)project::read_project(arguments.project);
-  fmt::print("{}: valid\n", arguments.project);
+  const project::Project project = project::read_project(arguments.project);
+  const project::FileCheck check = project::check_files(project);
+  for (const std::string& fact : check.facts) fmt::print("{}\n", fact);
+  for (const std::string& warning : check.warnings) fmt::print(stderr, "warning: {}\n", warning);
+  if (check.missing.empty()) {
+    fmt::print("{}: valid\n", arguments.project);
+  } else {
+    fmt::print("{}: valid, syntax only: {} {} not there yet\n", arguments.project,
+               fmt::join(check.missing, ", "), check.missing.size() == 1 ? "is" : "are");
+  }
   return 0;
 }
 

@@ -15,6 +15,7 @@ enum class ExitStatus {
   io = 5,         ///< input/output error, disk full
   numerical = 6,  ///< a computation that could not be done
   deadline = 7,   ///< deadline missed under --strict-deadline
+  rejected = 8,   ///< all steps processed, and the verdict on them is `reject`
   interrupted = 130
 };
 

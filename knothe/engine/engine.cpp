@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <span>
+#include <utility>
 
 #include "knothe/assimilation/update/prior_of_model.hpp"
 #include "knothe/base/error.hpp"
@@ -13,11 +15,25 @@ namespace knothe::engine {
 using assimilation::Datum;
 using assimilation::DatumKey;
 
+namespace {
+
+std::vector<assimilation::Prior> truncated(const EngineSetup& setup) {
+  const auto transform = assimilation::truncated_to_box(*setup.model, setup.priors);
+  std::vector<assimilation::Prior> priors;
+  for (Eigen::Index k = 0; k < transform->dimension(); ++k) priors.push_back(transform->prior(k));
+  return priors;
+}
+
+}  // namespace
+
 Engine::Engine(EngineSetup setup)
-    : setup_(std::move(setup)), method_(make_method(setup_)), watch_(setup_.noise) {
-  const auto transform = assimilation::truncated_to_box(*setup_.model, setup_.priors);
-  for (Eigen::Index k = 0; k < transform->dimension(); ++k) priors_.push_back(transform->prior(k));
-  centre_ = assimilation::medians(*transform);
+    : setup_(std::move(setup)),
+      priors_(truncated(setup_)),
+      centre_(assimilation::medians(assimilation::PriorTransform(priors_))),
+      method_(make_method(setup_)),
+      watch_(setup_.noise),
+      assessor_(setup_.model, setup_.noise, priors_, setup_.sensors, setup_.robust,
+                std::exchange(setup_.known_errors, {}), setup_.update.monitor) {
   for (const CandidateModel& candidate : setup_.candidates)
     candidates_.push_back(make_method(candidate.setup));
 }
@@ -56,7 +72,7 @@ void Engine::add(const Datum& datum) {
   }
   Step& step = steps_[datum.step];
   step.time_index = datum.time_index;
-  step.data.emplace(datum.key, datum.values);
+  step.data.emplace(datum.key, Step::Kept{datum.values, datum.noise});
   mark_changed(datum.step);
 }
 
@@ -76,6 +92,8 @@ bool Engine::withdraw(std::size_t step, const DatumKey& key) {
 void Engine::mark_changed(std::size_t step) {
   for (auto it = steps_.lower_bound(step); it != steps_.end(); ++it) stale_.insert(it->first);
   setup_.scores.forget_from(step);
+  assessor_.forget_from(step);
+  while (!examined_.empty() && examined_.back().step >= step) examined_.pop_back();
   if (!watched_ || *watched_ < step) return;
   watch_ = assimilation::SensorWatch(setup_.noise);
   watched_.reset();
@@ -96,12 +114,14 @@ StepResult Engine::conclude(std::size_t step) {
       if (auto bias = learnt->latest()) result.bias_sensors = std::move(*bias);
   }
   setup_.scores.keep(step, result.update.time, result.update.points, result.update.weights);
+  assess(step, result);
   return result;
 }
 
 StepResult Engine::preview(std::size_t step) {
   StepResult result = result_of(method_->preview(step));
   result.followed = false;
+  assess(step, result);
   return result;
 }
 
@@ -128,6 +148,41 @@ void Engine::watch_sensors(std::size_t step, StepResult& result) {
   watched_ = step;
   result.stuck = watch_.stuck();
   result.absent = watch_.absent();
+}
+
+/// All data up to `step`, in the order of the steps.
+std::span<const assimilation::ExaminedDatum> Engine::data_up_to(std::size_t step) {
+  while (!examined_.empty() && examined_.back().step > step) examined_.pop_back();
+  auto it = examined_.empty() ? steps_.begin() : steps_.upper_bound(examined_.back().step);
+  for (; it != steps_.end() && it->first <= step; ++it)
+    for (const auto& [key, kept] : it->second.data)
+      examined_.push_back(
+          {it->first, it->second.time_index, &kept.values, kept.noise ? &*kept.noise : nullptr});
+  return examined_;
+}
+
+/// Says whether the result may be used.
+void Engine::assess(std::size_t step, StepResult& result) {
+  const auto start = monotonic_now();
+  auto data = data_up_to(step);
+  const assimilation::SequentialUpdate* update = result.followed ? method_->update() : nullptr;
+  std::optional<assimilation::PosteriorFunctions> made;
+  if (update == nullptr)
+    made = assimilation::posterior_functions(*setup_.model->functions, result.update.points,
+                                             result.update.weights);
+  assimilation::AssessedPosterior posterior{result.update, made ? *made : update->functions(), nullptr, false,
+                                            result.stuck};
+  posterior.corrected = update != nullptr && update->is_corrected();
+  if (update != nullptr && update->changes().possible()) {
+    std::vector<std::size_t> steps;
+    for (const assimilation::ExaminedDatum& datum : data) steps.push_back(datum.step);
+    data = data.subspan(update->changes().count_forgotten(steps));
+    assessor_.forget_from(0);
+  } else if (update != nullptr) {
+    posterior.all_data = &update->summed_form();
+  }
+  result.update.verdict = assessor_.assess(posterior, data);
+  result.update.elapsed_us.verdict = microseconds_since(start);
 }
 
 void Engine::compare_models(std::size_t step, StepResult& result) {

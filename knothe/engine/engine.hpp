@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "knothe/assimilation/data/sensor_watch.hpp"
+#include "knothe/assimilation/verdict/assessor.hpp"
 #include "knothe/engine/method.hpp"
 #include "knothe/engine/step_result.hpp"
 
@@ -19,6 +20,8 @@ struct EngineSetup : MethodSetup {
   std::optional<forecast::Forecaster> forecaster;
   forecast::ForecastScores scores;         ///< forecasts to be scored when they come true
   bool watches_sensors = false;            ///< tells sensors that are stuck or silent
+  reduction::Sensors sensors;              ///< places and names for the verdict; may be empty
+  reduction::ObservedErrors known_errors;  ///< of the model, at the sensors; may be empty
   std::string name;                        ///< of the model, where several are compared
   std::vector<CandidateModel> candidates;  ///< models to compare with it on the same data
 };
@@ -82,14 +85,20 @@ class Engine {
  private:
   struct Step {
     std::size_t time_index = 0;
-    std::map<assimilation::DatumKey, Eigen::VectorXd> data;  ///< values
-    [[nodiscard]] const Eigen::VectorXd& last_values() const { return data.rbegin()->second; }
+    struct Kept {
+      Eigen::VectorXd values;
+      std::optional<assimilation::GaussianNoise> noise;
+    };
+    std::map<assimilation::DatumKey, Kept> data;
+    [[nodiscard]] const Eigen::VectorXd& last_values() const { return data.rbegin()->second.values; }
   };
   void require_fits(const assimilation::Datum& datum) const;
   void mark_changed(std::size_t step);
   [[nodiscard]] StepResult result_of(const assimilation::UpdateResult& update);
   void watch_sensors(std::size_t step, StepResult& result);
   void compare_models(std::size_t step, StepResult& result);
+  [[nodiscard]] std::span<const assimilation::ExaminedDatum> data_up_to(std::size_t step);
+  void assess(std::size_t step, StepResult& result);
 
   EngineSetup setup_;
   std::vector<assimilation::Prior> priors_;
@@ -99,7 +108,9 @@ class Engine {
   std::map<std::size_t, Step> steps_;
   std::set<std::size_t> stale_;
   assimilation::SensorWatch watch_;
-  std::optional<std::size_t> watched_;  ///< last step that `watch_` has seen
+  assimilation::Assessor assessor_;
+  std::vector<assimilation::ExaminedDatum> examined_;  ///< of `data_up_to`, kept from step to step
+  std::optional<std::size_t> watched_;                 ///< last step that `watch_` has seen
 };
 
 }  // namespace knothe::engine

@@ -100,6 +100,9 @@ void expect_same(const StepResult& a, const StepResult& b) {
   EXPECT_EQ(a.update.used, b.update.used);
   EXPECT_EQ(a.update.points, b.update.points);
   EXPECT_EQ(a.update.weights, b.update.weights);
+  EXPECT_EQ(assimilation::verdict_text(a.update.verdict), assimilation::verdict_text(b.update.verdict));
+  EXPECT_EQ(a.update.verdict.fit_probability, b.update.verdict.fit_probability);
+  EXPECT_EQ(a.update.verdict.edge_mass, b.update.verdict.edge_mass);
   EXPECT_EQ(a.stuck, b.stuck);
   EXPECT_EQ(a.absent, b.absent);
 }

@@ -8,6 +8,7 @@
 #include "knothe/library/plain.hpp"
 #include "knothe/reduction/model/parameter_order.hpp"
 #include "knothe/reduction/model/separated_model.hpp"
+#include "knothe/reduction/model/truncation_error.hpp"
 
 namespace knothe {
 
@@ -56,9 +57,18 @@ assimilation::GaussianNoise noise_of(const Noise& noise, std::size_t sensors) {
                            : assimilation::GaussianNoise::independent(vector_of(noise.std));
 }
 
-/// The model at the sensors, its parameters in the order of the priors.
-std::shared_ptr<const reduction::ObservedModel> observe(const std::string& file, const Sensors& sensors,
-                                                        const std::vector<Prior>& priors) {
+Verdict verdict_of(const assimilation::Verdict& verdict) {
+  const auto level = [](assimilation::VerdictLevel l) { return static_cast<Verdict::Level>(l); };
+  Verdict result{level(verdict.level), {}};
+  for (const assimilation::VerdictReason& reason : verdict.reasons)
+    result.reasons.push_back({to_text(reason.part), level(reason.level), reason.message});
+  return result;
+}
+
+/// An engine without noise and priors: the model at the sensors, its parameters in the order of the priors,
+/// and its own error there.
+engine::EngineSetup observe(const std::string& file, const Sensors& sensors,
+                            const std::vector<Prior>& priors) {
   if (sensors.size() == 0 || sensors.points.size() != 3 * sensors.size())
     throw UsageError(fmt::format("{} sensors with {} coordinates: each has a component and a point x, y, z",
                                  sensors.size(), sensors.points.size()));
@@ -67,7 +77,13 @@ std::shared_ptr<const reduction::ObservedModel> observe(const std::string& file,
   const reduction::SeparatedModel model(reduction::with_parameter_order(reduction::read_model(file), names),
                                         file);
   const reduction::Dofs places{sensors.points, {sensors.components.begin(), sensors.components.end()}};
-  return std::make_shared<reduction::ObservedModel>(reduction::observe(model, places));
+  engine::EngineSetup setup;
+  setup.sensors = reduction::Sensors(places);
+  setup.known_errors =
+      reduction::observe_off_grid(reduction::read_truncation_error(file), model.contents(), file, places,
+                                  model.contents().time, static_cast<Eigen::Index>(sensors.size()));
+  setup.model = std::make_shared<reduction::ObservedModel>(reduction::observe(model, places));
+  return setup;
 }
 
 std::vector<assimilation::Prior> densities_of(const std::vector<Prior>& priors) {
@@ -89,12 +105,10 @@ assimilation::UpdateOptions settings_of(const AssimilationOptions& options) {
 struct Assimilation::Implementation {
   engine::Engine engine;
 
-  Implementation(std::shared_ptr<const reduction::ObservedModel> model, const Noise& noise,
-                 const std::vector<Prior>& priors, const AssimilationOptions& options)
+  Implementation(engine::EngineSetup setup, const Noise& noise, const std::vector<Prior>& priors,
+                 const AssimilationOptions& options)
       : engine([&] {
-          engine::EngineSetup setup;
-          setup.noise = noise_of(noise, static_cast<std::size_t>(model->observations()));
-          setup.model = std::move(model);
+          setup.noise = noise_of(noise, static_cast<std::size_t>(setup.model->observations()));
           setup.priors = densities_of(priors);
           setup.update = settings_of(options);
           return setup;
@@ -120,6 +134,7 @@ struct Assimilation::Implementation {
     p.tolerance_reached = result.tolerance_reached;
     p.trusted = result.trusted;
     p.remark = result.remark;
+    p.verdict = verdict_of(result.verdict);
     return p;
   }
   void require_step(std::size_t step) const {

@@ -7,6 +7,17 @@
 
 namespace knothe {
 
+/// May an answer be used (docs/verdict.md)?
+struct Verdict {
+  enum class Level { ok, caution, reject } level = Level::ok;
+  struct Reason {
+    std::string code;  ///< computation, fit, range, model, bias, outlier
+    Level level = Level::caution;
+    std::string message;  ///< what it is, and what to do
+  };
+  std::vector<Reason> reasons;  ///< none where the level is ok
+};
+
 /// A posterior of d parameters: n weighted points and what follows from them. Moments, quantiles and evidence
 /// are importance-corrected: right also where the map is only nearly so.
 struct Posterior {
@@ -26,6 +37,7 @@ struct Posterior {
   bool tolerance_reached = true;     ///< variance_diagnostic is within the tolerance asked for
   bool trusted = true;  ///< diagnostic ≤ 0.05, effective sample size ≥ 0.9, no second mode found
   std::string remark;   ///< why not, else empty
+  Verdict verdict;      ///< of an assimilation: of the answer, not of the map
 
   [[nodiscard]] std::size_t dimension() const { return mean.size(); }
   /// Standard deviation of parameter k.

@@ -205,7 +205,7 @@ GridSolutions solve_project_grid(const project::Project& project, const mechanic
 
 std::vector<reduction::OffGridSolution> solve_off_grid(const mechanics::BeamProblem& problem,
                                                        const std::vector<reduction::Axis>& axes) {
-  constexpr int k_points = 4;
+  constexpr int k_points = 8;
   constexpr std::uint64_t k_seed = 271;  // not that of `model verify`, whose points must be new
   mechanics::FullOrderModel model = mechanics::make_full_order_model(problem);
   std::vector<reduction::OffGridSolution> solutions;

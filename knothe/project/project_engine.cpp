@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "knothe/project/forecast_scoring.hpp"
+#include "knothe/reduction/model/truncation_error.hpp"
 
 namespace knothe::project {
 namespace {
@@ -44,6 +45,10 @@ engine::EngineSetup engine_setup(const Project& project, const UpdateSetup& setu
   engine.forecaster = make_forecaster(project, setup);
   engine.scores = forecasts_to_score(project, setup);
   // A node on a crack is no sensor that fell silent, nor is a camera's drift.
+  engine.sensors = setup.measurements.sensors;
+  engine.known_errors = reduction::observe_off_grid(
+      reduction::read_truncation_error(project.model), setup.model.contents(), project.model,
+      setup.measurements.sensors, setup.observed->time, setup.observed->observations());
   engine.watches_sensors = !setup.pictures && setup.measurements.noise.is_independent();
   engine.name = name_of(project.model, project);
   for (const std::string& file : project.candidates)

@@ -8,7 +8,7 @@ import analytic_model
 from support import Case, parse_line, read_csv, without_times
 
 STEP_KEYS = ["step", "time", "mean", "covariance", "maximum_a_posteriori", "quantiles", "map_order", "variance_diagnostic",
-             "tolerance_reached", "ess", "trusted", "log_evidence", "log_evidence_increment", "bias_correction", "used",
+             "tolerance_reached", "ess", "verdict", "trusted", "log_evidence", "log_evidence_increment", "bias_correction", "used",
              "rejected", "missing", "elapsed_us", "forecast"]
 FORECAST_KEYS = ["mean", "std", "maximum_a_posteriori", "probability_above_threshold", "levels", "values"]
 PRIORS = [(0.9, 0.4472135954999579), (1.1, 0.4472135954999579)]

@@ -111,7 +111,10 @@ class Test(Case):
         for row in self.rows[7::24]:
             row["x"], row["y"], row["z"] = "0.01", "0.02", "0.03"
         self.use_csv()
-        self.assertEqual([line["used"] for line in self.assimilate()], 12 * [24])
+        # Its values are those of another point, which the verdict sees.
+        lines = self.assimilate(status=8)
+        self.assertEqual([line["used"] for line in lines], 12 * [24])
+        self.assertIn("sensor 7 (y at 0.01, 0.02, 0.03 m) does not fit", lines[-1]["verdict"]["reasons"][0]["message"])
 
     def test_a_time_that_is_not_the_models_is_refused_by_index(self):
         for row in self.of_step(4):

@@ -71,7 +71,8 @@ class Test(Case):
         for given in (std, ""):
             self.measure([0.25 + 0.06 * i for i in range(8)], lambda i, t: [("imposed_displacement", 4e-4 * t, given)],
                          lambda i: errors[i])
-            last = self.assimilate()[-1]
+            # Without it the values are not the model's at those times, which the verdict sees.
+            last = self.assimilate(status=0 if given else 8)[-1]
             distance[given] = max(abs(last["mean"][k] - TRUTH[k]) / last["covariance"][k][k] ** 0.5 for k in (0, 1))
         self.assertLess(distance[std], 3)
         self.assertGreater(distance[""], 6)

@@ -115,7 +115,7 @@ class Case(unittest.TestCase):
         self.assertEqual(outcome.status, status, str(outcome))
         for text in [stderr] if isinstance(stderr, str) else stderr:
             self.assertIn(text, outcome.err, str(outcome))
-        if status not in (0, 130):
+        if status not in (0, 8, 130):
             self.assertTrue(outcome.err.endswith("\n") and outcome.err.strip(), "an error says something")
             self.assertNotIn("internal error", outcome.err)
             self.assertEqual(outcome.out, "")
@@ -147,9 +147,9 @@ class Case(unittest.TestCase):
         self.assertEqual(process.returncode, 130, message)
         return [parse_line(line) for line in text.splitlines()], message
 
-    def assimilate(self, *arguments, **options):
-        """The step lines of `knothe assimilate --json`, the last line checked and taken off."""
-        lines = self.expect(0, "assimilate", self.project_name, "--json", *arguments, **options).lines()
+    def assimilate(self, *arguments, status=0, **options):
+        """The step lines of `knothe assimilate --json`, the last line checked and taken off; 8: its verdict is reject."""
+        lines = self.expect(status, "assimilate", self.project_name, "--json", *arguments, **options).lines()
         last = lines.pop()
         self.assertEqual(list(last), ["done", "steps", "untrusted", "elapsed_s"])
         self.assertIs(last["done"], True)

@@ -191,7 +191,7 @@ std::optional<ModelSupervision::Alarm> ModelSupervision::judge(std::size_t step,
       "{:.1f}, threshold {:.1f}: one false alarm in {:.0f} steps)",
       stored.corrected ? ", corrected," : "", state_.drift, state_.report.cumulative_sum,
       state_.report.threshold, options_.average_run_length);
-  return Alarm{state_.drift, state_.notice};
+  return Alarm{state_.drift, state_.notice, state_.report};
 }
 
 void ModelSupervision::learn(const StoredStep& stored, Eigen::VectorXd shares, UpdateResult& result) {

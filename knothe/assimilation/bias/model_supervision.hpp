@@ -27,6 +27,7 @@ class ModelSupervision {
   struct Alarm {
     int steps = 0;       ///< data since the drift began
     std::string notice;  ///< in words
+    MonitorReport report;
   };
 
   ModelSupervision(std::shared_ptr<const reduction::ObservedModel> model, const NoiseModel& noise,
@@ -83,6 +84,8 @@ class ModelSupervision {
   /// Joint: what is to be added to w at the last datum, under the posterior of parameters and sizes, r.
   /// `central`: w₀.
   [[nodiscard]] Eigen::VectorXd expected_discrepancy(const Eigen::VectorXd& central) const;
+  /// w over the posterior before the next datum, where that is known.
+  [[nodiscard]] const PosteriorFunctions& functions() const { return current_; }
   /// The residuals learnt so far; null where none are.
   [[nodiscard]] const ModelBias* bias() const { return state_.bias ? &*state_.bias : nullptr; }
 

@@ -12,6 +12,7 @@
 #include "knothe/base/version.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/hdf5.hpp"
+#include "knothe/files/units.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -19,9 +20,18 @@ namespace {
 using files::Hdf5Reader;
 using files::Shape;
 
+/// Values of a data set, converted as its attribute `units` asks for.
+void in_si(const Hdf5Reader& file, const std::string& name, std::string_view si,
+           std::vector<double>& values) {
+  const double factor = files::factor_to_si(file, name, si);
+  if (factor != 1)
+    for (double& value : values) value *= factor;
+}
+
 Eigen::SparseMatrix<double> read_matrix(const Hdf5Reader& file, const std::string& group, std::size_t n_obs) {
   const std::string name = group.substr(1);
-  const std::vector<double> data = file.read(group + "/data");
+  std::vector<double> data = file.read(group + "/data");
+  in_si(file, group + "/data", "1/m2", data);
   const std::vector<std::int64_t> indices = file.read_integers(group + "/indices");
   const std::vector<std::int64_t> rows = file.read_integers(group + "/indptr");
   if (rows.size() != n_obs + 1 || rows.back() != static_cast<std::int64_t>(data.size()) ||
@@ -95,7 +105,8 @@ NoiseModel with_steps(const Hdf5Reader& file, NoiseModel noise, std::size_t n_ob
 NoiseModel read_noise(const Hdf5Reader& file, std::size_t n_obs, std::size_t n_t) {
   try {
     if (file.has("/noise/std")) {
-      const std::vector<double> std = file.read("/noise/std", Shape{n_obs});
+      std::vector<double> std = file.read("/noise/std", Shape{n_obs});
+      in_si(file, "/noise/std", "m", std);
       return with_shared_reference(file, "/noise/std",
                                    NoiseModel::independent(Eigen::Map<const Eigen::VectorXd>(
                                        std.data(), static_cast<Eigen::Index>(n_obs))));
@@ -128,13 +139,17 @@ MeasuredSeries read_series(const Hdf5Reader& file, const std::string& name, std:
                                   name.substr(1), t));
     }
   }
+  // Of a unit that is not known the model's own is taken.
+  const auto unit = files::unit_of(file.labels(name).units);
+  const double factor = unit ? unit->factor : 1;
+  for (double& value : series.values) value *= factor;
   if (!file.has_attribute(name, "std")) return series;
   const double std = file.number_attribute(name, "std");
   if (!(std > 0 && std::isfinite(std))) {
     throw DataError(fmt::format("{}: the attribute std of {} is {}: a standard deviation is positive",
                                 file.path(), name.substr(1), std));
   }
-  series.std = std;
+  series.std = std * factor;
   return series;
 }
 
@@ -159,7 +174,8 @@ Measurements read_hdf5(const std::string& path) {
         fmt::format("{}: values must have the shape [n_t, n_obs] with n_t = {}", path, m.time.size()));
   }
   const std::size_t n_t = shape[0], n_obs = shape[1];
-  const std::vector<double> values = file.read("/values", true);
+  std::vector<double> values = file.read("/values", true);
+  in_si(file, "/values", "m", values);
   m.values.resize(static_cast<Eigen::Index>(n_obs), static_cast<Eigen::Index>(n_t));
   for (std::size_t t = 0; t < n_t; ++t) {
     for (std::size_t j = 0; j < n_obs; ++j) {
@@ -172,6 +188,7 @@ Measurements read_hdf5(const std::string& path) {
     }
   }
   m.sensors.points = file.read("/dofs/points", Shape{n_obs, 3});
+  in_si(file, "/dofs/points", "m", m.sensors.points);
   const std::vector<std::int64_t>& components = m.sensors.components = file.read_integers("/dofs/component");
   if (components.size() != n_obs) {
     throw DataError(fmt::format("{}: dofs/component has {} entries, values has {} columns", path,

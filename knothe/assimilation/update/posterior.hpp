@@ -33,7 +33,9 @@ struct Posterior {
   double effective_sample_size = 1;  ///< fraction
   bool second_mode_found = false;
   bool trusted = true;  ///< diagnostic ≤ 0.05, effective sample size ≥ 0.9, no second mode; or converged
-  std::string remark;   ///< why the tolerance was not reached or the result is not trusted; else empty
+  /// Points, moments and evidence are by a quadrature that has converged: right, whatever the map is.
+  bool by_quadrature = false;
+  std::string remark;  ///< why the tolerance was not reached or the result is not trusted; else empty
 
   /// Sets mean and covariance from points and weights.
   void summarise() { numerics::mean_and_covariance(points, weights, mean, covariance); }

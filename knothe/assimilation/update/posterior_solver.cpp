@@ -18,6 +18,9 @@ namespace {
 /// are few enough: it costs less than the points that would be needed, and finds the modes that a map may
 /// miss.
 constexpr double k_quadrature_below = 0.98;
+/// Of the log-evidence, of means and standard deviations in standard deviations; and of the mass left out at
+/// the border of the grid, which costs moments a few times as much.
+constexpr double k_converged = 0.01, k_border_mass = 1e-3;
 /// Of the log-evidence, of a posterior by quadrature alone: quantiles to 1e-3 std.
 constexpr double k_grid_tolerance = 1e-8;
 
@@ -142,15 +145,25 @@ void PosteriorSolver::by_collapsed_map(Posterior& r, UpdateTimes& times) {
   const auto correction_start = monotonic_now();
   const double ess = numerics::effective_share(map_.verification.log_weight);
   take(map_, r);
-  if (ess < k_quadrature_below && transform_->dimension() <= k_max_quadrature_parameters) {
+  // A second mode may be nearly as heavy as the map's, whose points cover it badly.
+  const bool may_integrate = transform_->dimension() <= k_max_quadrature_parameters;
+  bool integrate = may_integrate && (ess < k_quadrature_below || map_.second_mode_found);
+  if (!integrate) {
+    solver_.correct(target_, map_, correction_);
+    // The points of the correction may find what those of the verification have missed.
+    integrate = may_integrate && correction_.ess < k_quadrature_below;
+  }
+  if (integrate) {
     r.effective_sample_size = ess;
     r.log_evidence_lower_bound = map_.map_log_evidence();
-    take(tensor_quadrature(target_), r);
+    const QuadraturePosterior quadrature = tensor_quadrature(target_);
+    take(quadrature, r);
+    r.by_quadrature = quadrature.evidence_change <= k_converged && quadrature.moment_change <= k_converged &&
+                      quadrature.mass_at_border <= k_border_mass;
     judge(r, map_.reason);
     r.remark +=
         fmt::format("; moments, quantiles and evidence are by quadrature at {} points", r.weights.size());
   } else {
-    solver_.correct(target_, map_, correction_);
     r.effective_sample_size = correction_.ess;
     r.log_evidence = correction_.log_evidence;
     r.log_evidence_lower_bound = correction_.map_log_evidence;

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <iterator>
 #include <utility>
 
@@ -38,6 +39,13 @@ std::vector<Prior> SequentialUpdate::priors() const {
 Eigen::VectorXd SequentialUpdate::discrepancy() const {
   return supervision_.is_joint() ? supervision_.expected_discrepancy(store_.projector().central_functions())
                                  : Eigen::VectorXd();
+}
+
+bool SequentialUpdate::is_corrected() const {
+  if (!supervision_.learns()) return false;
+  const auto& steps = store_.steps();
+  return std::any_of(steps.begin(), steps.upper_bound(result_.step),
+                     [](const auto& entry) { return entry.second.corrected; });
 }
 
 std::vector<std::size_t> SequentialUpdate::corrected_steps() const {
@@ -236,6 +244,13 @@ void SequentialUpdate::forget(std::size_t step) {
   supervision_.set_posterior(result_);
 }
 
+/// The step at which an alarm rang says so, whatever has been done about it.
+void SequentialUpdate::tell(const ModelSupervision::Alarm& alarm) {
+  result_.monitor.alarm = true;
+  result_.monitor.cumulative_sum = alarm.report.cumulative_sum;
+  result_.monitor.threshold = alarm.report.threshold;
+}
+
 /// The drift began some steps ago: they were assimilated with a model that is wrong. They are taken out and
 /// put back with the corrected one.
 void SequentialUpdate::correct_since_drift(std::size_t step, const ModelSupervision::Alarm& alarm) {
@@ -243,6 +258,7 @@ void SequentialUpdate::correct_since_drift(std::size_t step, const ModelSupervis
   const std::size_t from = supervision_.begin_correction(store_.before(step, alarm.steps - 1)->first, step);
   go_back_before(from);
   assimilate_from(from, step);
+  tell(alarm);
   result_.notice = fmt::format(
       "{}; correction of model bias switched on, and steps {} to {} taken out and put back with the "
       "corrected "
@@ -268,6 +284,7 @@ bool SequentialUpdate::restart_at_change(std::size_t step, const ModelSupervisio
   changes_.set_found(std::move(found));
   redone_at_ = step;
   assimilate_from(from, step);
+  tell(alarm);
   result_.notice = fmt::format(
       "{}; taken for a change of the structure at step {}: the data before it count {}{}{}", alarm.notice,
       onset, changes_.retention_in_words(), result_.notice.empty() ? "" : "; ", result_.notice);

@@ -84,6 +84,12 @@ class SequentialUpdate {
   [[nodiscard]] const ModelBias* bias() const { return supervision_.bias(); }
   /// Changes of the structure, known or found so far.
   [[nodiscard]] const StructureChanges& changes() const { return changes_; }
+  /// After `follow`: w over that posterior, and the form of all its data (as they were assimilated: with a
+  /// correction, or grown old, it is another than `form_up_to`).
+  [[nodiscard]] const PosteriorFunctions& functions() const { return supervision_.functions(); }
+  [[nodiscard]] const StepForm& summed_form() const { return sums_.form; }
+  /// Whether any of the steps up to that of `result` was assimilated with the corrected model.
+  [[nodiscard]] bool is_corrected() const;
   /// Which of the assimilated steps were corrected.
   [[nodiscard]] std::vector<std::size_t> corrected_steps() const;
 
@@ -94,6 +100,7 @@ class SequentialUpdate {
   void assimilate_from(std::size_t from, std::size_t to);
   void solve(std::size_t step);
   void forget(std::size_t step);
+  void tell(const ModelSupervision::Alarm& alarm);
   void correct_since_drift(std::size_t step, const ModelSupervision::Alarm& alarm);
   bool restart_at_change(std::size_t step, const ModelSupervision::Alarm& alarm);
   [[nodiscard]] bool posteriors_depend_on_earlier() const;

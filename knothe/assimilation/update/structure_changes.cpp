@@ -30,6 +30,16 @@ double StructureChanges::power_before(std::size_t step) const {
   return before(step) ? retention_ : forgetting_;
 }
 
+std::size_t StructureChanges::count_forgotten(std::span<const std::size_t> steps) const {
+  double weight = 1;
+  std::size_t count = steps.size();
+  while (count > 0 && weight >= 0.5) {
+    --count;
+    if (count > 0 && steps[count - 1] != steps[count]) weight *= power_before(steps[count]);
+  }
+  return count;
+}
+
 std::string StructureChanges::retention_in_words() const {
   return retention_ > 0 ? fmt::format("with the power {:g}", retention_)
                         : "no more, the posterior began anew from the prior";

@@ -7,6 +7,7 @@
 ///   log p(d₀ … d_i) = log Z(sum) + forgotten,   forgotten += log Z(S) − log Z(λS).
 #include <cstddef>
 #include <map>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -28,6 +29,8 @@ class StructureChanges {
   [[nodiscard]] bool before(std::size_t step) const;
   /// Power to which the likelihood of all data before `step` is raised when `step` comes.
   [[nodiscard]] double power_before(std::size_t step) const;
+  /// How many of the first of `steps` (increasing) count less than half at the last.
+  [[nodiscard]] std::size_t count_forgotten(std::span<const std::size_t> steps) const;
   /// Steps at which the structure was found, by alarms, to have changed, increasing.
   [[nodiscard]] const std::vector<std::size_t>& found() const { return found_; }
   void set_found(std::vector<std::size_t> steps) { found_ = std::move(steps); }

@@ -6,6 +6,7 @@
 
 #include "knothe/assimilation/bias/evidence_monitor.hpp"
 #include "knothe/assimilation/update/posterior.hpp"
+#include "knothe/assimilation/verdict/verdict.hpp"
 
 namespace knothe::assimilation {
 
@@ -15,7 +16,8 @@ struct UpdateTimes {
   double map = 0;         ///< maximum, pre-map, adaptive map, verification
   double correction = 0;  ///< importance weights, moments, quantiles, evidence
   double watch = 0;       ///< monitor of the evidence, bias
-  [[nodiscard]] double total() const { return projection + map + correction + watch; }
+  double verdict = 0;     ///< tests of the residuals, the model's own error
+  [[nodiscard]] double total() const { return projection + map + correction + watch + verdict; }
 };
 
 /// What an update did, and the posterior it found: importance-corrected, and where the map is not to be
@@ -32,6 +34,7 @@ struct UpdateResult : Posterior {
   /// What the monitor found or did at this step, in words: the alarm, correction switched on or off, steps
   /// that were taken out and put back. Mostly empty.
   std::string notice;
+  Verdict verdict;  ///< may it be used, and why not; made by the engine
   UpdateTimes elapsed_us;
 };
 

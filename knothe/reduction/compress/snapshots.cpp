@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include "knothe/files/atomic_file.hpp"
+#include "knothe/files/units.hpp"
 #include "knothe/reduction/grid/validation.hpp"
 
 namespace knothe::reduction {
@@ -72,6 +73,16 @@ void check_field_shape(const files::Hdf5Reader& file, const Snapshots& snapshots
 
 }  // namespace
 
+namespace {
+
+void in_metres(const files::Hdf5Reader& file, const std::string& name, std::vector<double>& values) {
+  const double factor = files::factor_to_si(file, name, "m");
+  if (factor != 1)
+    for (double& value : values) value *= factor;
+}
+
+}  // namespace
+
 Snapshots read_snapshots(const std::string& path) {
   const files::Hdf5Reader file(path);
   Snapshots snapshots;
@@ -82,8 +93,18 @@ Snapshots read_snapshots(const std::string& path) {
   const files::Labels labels = file.labels("/snapshots");
   if (!labels.units.empty()) snapshots.field = labels;
   snapshots.dofs = read_dofs(file);
+  if (!snapshots.dofs.empty()) in_metres(file, "/dofs/points", snapshots.dofs.points);
+  // A displacement in millimetres; another field keeps its unit.
+  if (!snapshots.dofs.empty()) {
+    in_metres(file, "/snapshots", snapshots.values);
+    snapshots.field.units = "m";
+  }
   snapshots.mesh = read_mesh(file);
-  if (file.has("/lift")) snapshots.lift = file.read("/lift", {snapshots.time.size(), snapshots.dof_count()});
+  if (snapshots.mesh) in_metres(file, "/mesh/points", snapshots.mesh->points);
+  if (file.has("/lift")) {
+    snapshots.lift = file.read("/lift", {snapshots.time.size(), snapshots.dof_count()});
+    if (!snapshots.dofs.empty()) in_metres(file, "/lift", snapshots.lift);
+  }
   snapshots.outputs = read_outputs(file, snapshots.grid_shape(), snapshots.time.size());
   validate(snapshots, path);
   return snapshots;

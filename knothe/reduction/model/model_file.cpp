@@ -140,6 +140,8 @@ void validate_truncation(const TruncationError& error, std::size_t times, std::s
   check.array("/truncation/space", error.space, {error.count, dofs});
   check.array("/truncation/covariance", error.covariance, {times, error.count, error.count});
   check.array("/truncation/variance", error.variance, {times});
+  if (!error.off_grid.empty())
+    check.array("/truncation/off_grid", error.off_grid, {error.off_grid_count(), times, error.count});
 }
 
 void write_truncation(files::Hdf5Writer& file, const TruncationError& error, std::size_t times,
@@ -152,6 +154,9 @@ void write_truncation(files::Hdf5Writer& file, const TruncationError& error, std
   file.write("/truncation/variance", error.variance, {times},
              {"m2", "variance per dof that the error's space modes leave out"});
   file.number_attribute("/truncation/covariance", "persistence", error.persistence);
+  if (!error.off_grid.empty())
+    file.write("/truncation/off_grid", error.off_grid, {error.off_grid_count(), times, error.count},
+               {"m", "coefficients of the errors at solutions that the model was not made from"});
 }
 
 }  // namespace
@@ -169,6 +174,7 @@ TruncationError read_sound_truncation_error(const std::string& path) {
   error.variance = file.read("/truncation/variance");
   error.covariance = file.read("/truncation/covariance", {error.variance.size(), error.count, error.count});
   error.persistence = file.number_attribute("/truncation/covariance", "persistence");
+  if (file.has("/truncation/off_grid")) error.off_grid = file.read("/truncation/off_grid");
   validate_truncation(error, error.variance.size(), space[1], Validation(path));
   return error;
 }

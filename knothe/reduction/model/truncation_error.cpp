@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "knothe/base/error.hpp"
@@ -27,7 +28,8 @@ class KnownErrors {
               std::span<const OffGridSolution> off_grid)
       : model_(contents), snapshots_(snapshots), basis_(basis), off_grid_(off_grid) {}
 
-  [[nodiscard]] std::size_t count() const { return snapshots_.grid_size() + off_grid_.size(); }
+  [[nodiscard]] std::size_t grid_count() const { return snapshots_.grid_size(); }
+  [[nodiscard]] std::size_t count() const { return grid_count() + off_grid_.size(); }
   [[nodiscard]] double weight(std::size_t i) const {
     const std::size_t grid = snapshots_.grid_size();
     return 1.0 / static_cast<double>(i < grid ? grid : off_grid_.size());
@@ -125,6 +127,9 @@ TruncationError covariance_of(const KnownErrors& errors, const ModelContents& co
     result.variance.push_back(variance);
   }
   result.persistence = persistence_of(errors, coefficients);
+  for (std::size_t i = errors.grid_count(); i < errors.count(); ++i)
+    result.off_grid.insert(result.off_grid.end(), coefficients[i].data(),
+                           coefficients[i].data() + coefficients[i].size());
   return result;
 }
 
@@ -168,6 +173,30 @@ std::vector<MatrixXd> observe_truncation(const TruncationError& error, const Mod
     result.push_back((0.5 * factor) * (covariance + covariance.transpose()));
   }
   return result;
+}
+
+ObservedErrors observe_off_grid(const TruncationError& error, const ModelContents& model,
+                                const std::string& where, const Dofs& places, std::span<const double> times,
+                                Index observations) {
+  ObservedErrors known;
+  if (error.off_grid_count() == 0) return known;
+  const auto q = static_cast<Index>(error.count), m = static_cast<Index>(error.off_grid_count());
+  const auto n_t = static_cast<Index>(error.variance.size());
+  const ObservationOperator operation(model.dofs, model.mesh, where, places);
+  known.space.setZero(observations, q);
+  known.space.topRows(operation.rows()) = operation.apply(
+      Eigen::Map<const MatrixXd>(error.space.data(), static_cast<Index>(model.dof_count()), q));
+  const Eigen::Map<const MatrixXd> all(error.off_grid.data(), q, n_t * m);
+  const auto at = [&](Index t) -> MatrixXd { return all(Eigen::all, Eigen::seqN(t, m, n_t)); };
+  for (const double time : times) {
+    const auto above = std::lower_bound(model.time.begin(), model.time.end(), time) - model.time.begin();
+    const Index right = std::clamp<Index>(above, 0, n_t - 1), left = std::max<Index>(0, right - 1);
+    const double first = model.time[static_cast<std::size_t>(left)];
+    const double last = model.time[static_cast<std::size_t>(right)];
+    const double share = last > first ? std::clamp((time - first) / (last - first), 0.0, 1.0) : 1.0;
+    known.coefficients.push_back((1 - share) * at(left) + share * at(right));
+  }
+  return known;
 }
 
 ImportedModel import_model_and_error(const std::string& path, const CompressionOptions& options) {

@@ -21,6 +21,12 @@ struct TruncationError {
   /// τ = 1 + 2 Σ_k ρ_k, ρ_k the correlation of the errors of steps k apart (up to the first below 0.05): n
   /// steps tell no more of the error than n/τ independent ones.
   double persistence = 1;
+  /// [m, n_t, k]: coefficients in V of the errors at the m off-grid solutions, which the model was not made
+  /// from, m; empty where there were none.
+  std::vector<double> off_grid;
+  [[nodiscard]] std::size_t off_grid_count() const {
+    return off_grid.empty() ? 0 : off_grid.size() / (count * variance.size());
+  }
 };
 
 /// From the errors that are known: at the grid points (truncation alone) with equal weights and, added to
@@ -42,6 +48,21 @@ void write_model(const ModelContents& contents, const TruncationError& error, co
                                                               const ModelContents& model,
                                                               const std::string& where, const Dofs& places,
                                                               std::span<const std::size_t> steps);
+
+/// Errors u − û of the model at observations that are known exactly, of k full-order solutions at parameters
+/// that it was not made from: e_j(t) = space · coefficients[t].col(j).
+struct ObservedErrors {
+  Eigen::MatrixXd space;                      ///< n × q, in the units of the observations
+  std::vector<Eigen::MatrixXd> coefficients;  ///< n_t matrices q × k
+  [[nodiscard]] Eigen::Index count() const { return coefficients.empty() ? 0 : coefficients[0].cols(); }
+};
+
+/// Of the off-grid solutions, at `places` (as in `observe`) and these times; between two times of the model
+/// linear. `observations`: rows to fill up with zeros, of forces and gauges, whose error is not known. Empty
+/// where the file has no such solutions.
+[[nodiscard]] ObservedErrors observe_off_grid(const TruncationError& error, const ModelContents& model,
+                                              const std::string& where, const Dofs& places,
+                                              std::span<const double> times, Eigen::Index observations);
 
 /// `knothe model import`, with the error that is known at the grid points.
 struct ImportedModel {

@@ -16,6 +16,22 @@
 namespace knothe::report {
 namespace {
 
+/// First of all: may the answer be used?
+void add_verdict(Page& page, const Results& results) {
+  using Level = assimilation::VerdictLevel;
+  if (!results.judged) return;
+  const Level level = results.verdict.level;
+  page.cards({{"Verdict: may this answer be used?", to_text(level),
+               level == Level::ok        ? "The data fit the model and its noise; nothing speaks against it."
+               : level == Level::caution ? "Use it knowing the reasons below."
+                                         : "Do not use it, for the reasons below.",
+               level != Level::ok}});
+  std::vector<TableRow> rows;
+  for (const assimilation::VerdictReason& reason : results.verdict.reasons)
+    rows.push_back({{to_text(reason.part), to_text(reason.level), reason.message}});
+  if (!rows.empty()) page.table({"about", "level", "what it is, and what to do"}, rows);
+}
+
 void add_parameters(Page& page, const Results& results) {
   page.section("What the data say about the parameters");
   bool any = false;
@@ -194,6 +210,7 @@ std::string assimilation_report(const Results& results, const reduction::Separat
   Page page("What the measurements say",
             fmt::format("{} steps assimilated, up to model time {}. {} values used at the last one.",
                         results.steps.size(), plain(last.time), last.used));
+  add_verdict(page, results);
   page.cards(headline(results));
   add_parameters(page, results);
   add_forecasts(page, results);

@@ -78,7 +78,7 @@ std::vector<Card> headline(const Results& results) {
   for (const auto& name : results.forecast_names()) cards.push_back(forecast_card(results, name));
   const auto untrusted = results.untrusted();
   const std::size_t n = results.steps.size();
-  cards.push_back({"Can it be trusted?",
+  cards.push_back({"Is it computed well?",
                    untrusted.empty() ? fmt::format("all {} steps", n)
                                      : fmt::format("{} of {} steps", n - untrusted.size(), n),
                    untrusted.empty() ? "map verified on other points, samples cover the posterior"

@@ -59,6 +59,7 @@ void AssimilationOutput::show(const engine::StepResult& result,
                               const project::PictureMeasurements* pictures) {
   ++shown_;
   if (!result.update.trusted) untrusted_.push_back(result.update.step);
+  run_.add(result.update.verdict);
   models_ = result.models;
   if (picture && picture->picture.missing) fmt::print(stderr, "{}\n", picture->picture.message);
   tell_sensors(result);
@@ -66,7 +67,15 @@ void AssimilationOutput::show(const engine::StepResult& result,
   if (!result.update.notice.empty())
     fmt::print(stderr, "step {}: {}\n", result.update.step, result.update.notice);
   const double picture_us = picture ? picture->correlation_us + picture->precision_us : 0;
+  tell_verdict(result.update);
   if (!json_) print_text(result, picture_us + result.update.elapsed_us.total() + result.forecast_us);
+}
+
+/// The verdict, where it is another than at the step before.
+void AssimilationOutput::tell_verdict(const assimilation::UpdateResult& update) {
+  if (update.verdict.level == told_level_) return;
+  told_level_ = update.verdict.level;
+  fmt::print(stderr, "step {}: {}\n", update.step, verdict_text(update.verdict));
 }
 
 /// What a person should know of the sensors, once for each that stops.
@@ -96,7 +105,10 @@ void AssimilationOutput::print_text(const engine::StepResult& result, double tot
     const auto i = static_cast<Eigen::Index>(k);
     text += fmt::format("  {} {:.3f} ± {:.3f}", names_[k], r.mean[i], std::sqrt(r.covariance(i, i)));
   }
-  text += fmt::format("  order {}{}", r.map_order, r.trusted ? " " : "!");
+  text += fmt::format("  order {}{}", r.map_order,
+                      r.verdict.level == assimilation::VerdictLevel::ok        ? " "
+                      : r.verdict.level == assimilation::VerdictLevel::caution ? "?"
+                                                                               : "!");
   if (!result.forecasts.empty())
     text += fmt::format("  {} {}", result.forecasts[0].name, value_with_unit(result.forecasts[0]));
   text += fmt::format("  {:.0f} µs", total_us);
@@ -109,14 +121,18 @@ void AssimilationOutput::print_text(const engine::StepResult& result, double tot
 
 void AssimilationOutput::finish(double elapsed_s, const std::string& results_folder) {
   if (json_) {
-    const nlohmann::ordered_json last = {
-        {"done", true}, {"steps", shown_}, {"untrusted", untrusted_}, {"elapsed_s", elapsed_s}};
+    const nlohmann::ordered_json last = {{"done", true},
+                                         {"steps", shown_},
+                                         {"verdict", verdict_record(verdict())},
+                                         {"untrusted", untrusted_},
+                                         {"elapsed_s", elapsed_s}};
     fmt::print("{}\n", files::json_line(last));
     return;
   }
   fmt::print("{} steps in {:.2f} s, untrusted: {}; results in {}\n", shown_, elapsed_s,
              untrusted_.empty() ? "none" : fmt::format("{}", fmt::join(untrusted_, ", ")), results_folder);
   if (!models_.empty()) fmt::print("{}\n", assimilation::comparison_text(models_));
+  fmt::print("{}\n", verdict_text(verdict()));
 }
 
 }  // namespace knothe::report

@@ -23,19 +23,22 @@ class AssimilationOutput {
             const project::PictureMeasurements* pictures);
   /// All steps are done.
   void finish(double elapsed_s, const std::string& results_folder);
-  [[nodiscard]] const std::vector<std::size_t>& untrusted() const { return untrusted_; }
+  [[nodiscard]] assimilation::Verdict verdict() const { return run_.verdict(); }  ///< of the steps so far
   [[nodiscard]] std::size_t shown() const { return shown_; }
 
  private:
   void print_record(const engine::StepResult& result, const std::optional<project::PictureDatum>& picture,
                     const project::PictureMeasurements* pictures) const;
   void print_text(const engine::StepResult& result, double total_us) const;
+  void tell_verdict(const assimilation::UpdateResult& update);
   void tell_sensors(const engine::StepResult& result);
 
   bool json_, live_;
   std::vector<std::string> names_;
   std::size_t steps_, shown_ = 0;
   std::vector<std::size_t> untrusted_;
+  assimilation::RunVerdict run_;
+  assimilation::VerdictLevel told_level_ = assimilation::VerdictLevel::ok;
   std::set<Eigen::Index> told_;  ///< sensors that stopped
   std::vector<assimilation::ComparedModel> models_;
 };

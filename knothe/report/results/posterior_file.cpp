@@ -110,6 +110,10 @@ class Writer {
     add_statistic("ess", "1", "effective sample size, fraction",
                   [](const auto& r) { return r.effective_sample_size; });
     add_statistic("trusted", "1", "1 if trusted", [](const auto& r) { return r.trusted ? 1.0 : 0.0; });
+    add_statistic("verdict", "1", "0 ok, 1 caution, 2 reject",
+                  [](const auto& r) { return static_cast<double>(r.verdict.level); });
+    add_statistic("fit_probability", "1", "of a misfit as large as that of all data so far",
+                  [](const auto& r) { return r.verdict.fit_probability; });
     add_statistic("log_evidence", "1", "log p(d_0 ... d_i)", [](const auto& r) { return r.log_evidence; });
     add_statistic("log_evidence_increment", "1", "log p(d_i | d_0 ... d_i-1)",
                   [](const auto& r) { return r.log_evidence_increment; });

@@ -153,6 +153,32 @@ void read_watch(const Located& line, Step& s) {
   }
 }
 
+assimilation::Verdict verdict_of(const Located& verdict) {
+  using assimilation::VerdictLevel;
+  const auto word = [](const Located& from, const char* key, auto otherwise) {
+    const auto value = from_text<decltype(otherwise)>(from.text_or(key));
+    if (!value) from.fail(fmt::format("\"{}\" is \"{}\"", key, from.text_or(key)));
+    return *value;
+  };
+  assimilation::Verdict v;
+  if (!verdict.at("reasons").is_array()) verdict.fail("\"reasons\" must be a list");
+  for (const json& entry : verdict.at("reasons")) {
+    const Located r = verdict.member("reasons", entry);
+    assimilation::VerdictReason reason;
+    reason.part = word(r, "code", reason.part);
+    reason.level = word(r, "level", reason.level);
+    reason.value = r.number("value"), reason.limit = r.number("limit");
+    reason.message = r.text_or("message");
+    if (r.has("cause")) reason.cause = word(r, "cause", assimilation::MisfitCause::unknown);
+    v.reasons.push_back(std::move(reason));
+  }
+  v.level = word(verdict, "level", VerdictLevel::ok);
+  v.fit_probability = verdict.number("fit_probability");
+  v.model_shift_std = vector_of(verdict.numbers("model_shift_std"));
+  v.edge_mass = vector_of(verdict.numbers("edge_mass"));
+  return v;
+}
+
 Step step_of(const Located& line) {
   Step s;
   s.step = line.count("step");
@@ -164,6 +190,7 @@ Step step_of(const Located& line) {
   if (!line.at("trusted").is_boolean()) line.fail("\"trusted\" must be true or false");
   s.trusted = line.at("trusted").get<bool>();
   s.remark = line.text_or("remark");
+  if (line.has("verdict")) s.verdict = verdict_of(line.object("verdict"));
   s.log_evidence = line.number("log_evidence");
   s.log_evidence_increment = line.number("log_evidence_increment");
   s.used = static_cast<Eigen::Index>(line.count("used"));
@@ -269,6 +296,8 @@ void read_summary(const std::string& path, Results& results) {
   results.seed = summary.text_or("seed");
   results.elapsed_s = summary.optional_number("elapsed_s");
   read_parameters(summary, results);
+  results.judged = summary.has("verdict");
+  if (results.judged) results.verdict = verdict_of(summary.object("verdict"));
   if (summary.has("prior_marginals")) {
     const Located marginals = summary.object("prior_marginals");
     for (const auto& [name, entry] : marginals.value().items())

@@ -86,7 +86,9 @@ struct Results {
   std::vector<double> force;         ///< N
   std::optional<double> elapsed_s;
   std::vector<std::pair<std::string, std::string>> machine;
-  Residuals residuals;      ///< may be empty
+  Residuals residuals;            ///< may be empty
+  assimilation::Verdict verdict;  ///< of the run; `judged` false: written by a version that made none
+  bool judged = false;
   bool monitored = false;   ///< every step has the monitor's record
   std::vector<Step> steps;  ///< at least one
 

@@ -66,13 +66,13 @@ void ResultsWriter::add_step(const engine::StepResult& result,
   add_densities(record, model_.parameter_names(), priors_, result, direct);
   lines_.push_back(files::json_line(record));
   steps_.push_back({result.update, time_index});
+  run_.add(result.update.verdict);
 }
 
-void ResultsWriter::write(const std::string& folder, const std::vector<std::size_t>& untrusted,
-                          double elapsed_s) const {
+void ResultsWriter::write(const std::string& folder, double elapsed_s) const {
   const std::filesystem::path base(folder);
   write_steps(base / "steps.jsonl");
-  write_summary(base / "summary.json", untrusted, elapsed_s);
+  write_summary(base / "summary.json", elapsed_s);
   if (steps_.empty()) return;
   write_posterior(base / "posterior.nc");
   if (model_.contents().mesh) write_fields(base / "fields");
@@ -157,8 +157,10 @@ Json ResultsWriter::residuals() const {
           {"mean", to_json(mean)}};
 }
 
-void ResultsWriter::write_summary(const std::string& path, const std::vector<std::size_t>& untrusted,
-                                  double elapsed_s) const {
+void ResultsWriter::write_summary(const std::string& path, double elapsed_s) const {
+  std::vector<std::size_t> untrusted;
+  for (const Kept& kept : steps_)
+    if (!kept.result.trusted) untrusted.push_back(kept.result.step);
   Json summary = {{"created_by", k_created_by},
                   {"project", project_.text},
                   {"model", project_.model},
@@ -168,6 +170,7 @@ void ResultsWriter::write_summary(const std::string& path, const std::vector<std
                   {"form", to_text(project_.method.update.form)},
                   {"parameters", parameter_summaries()},
                   {"steps", steps_.size()},
+                  {"verdict", verdict_record(verdict())},
                   {"untrusted", untrusted},
                   {"elapsed_s", elapsed_s},
                   {"machine", machine_record()}};

@@ -34,7 +34,9 @@ class ResultsWriter {
                 std::size_t time_index, const Eigen::VectorXd& values);
 
   /// Writes everything. Errors: IoError.
-  void write(const std::string& folder, const std::vector<std::size_t>& untrusted, double elapsed_s) const;
+  void write(const std::string& folder, double elapsed_s) const;
+  /// Of the steps so far.
+  [[nodiscard]] assimilation::Verdict verdict() const { return run_.verdict(); }
 
  private:
   struct Kept {
@@ -42,8 +44,7 @@ class ResultsWriter {
     std::size_t time_index;
   };
   void write_steps(const std::string& path) const;
-  void write_summary(const std::string& path, const std::vector<std::size_t>& untrusted,
-                     double elapsed_s) const;
+  void write_summary(const std::string& path, double elapsed_s) const;
   void write_posterior(const std::string& path) const;
   void write_fields(const std::string& folder) const;
   [[nodiscard]] nlohmann::ordered_json parameter_summaries() const;
@@ -56,6 +57,7 @@ class ResultsWriter {
   std::vector<assimilation::Prior> priors_;
   std::shared_ptr<const reduction::ObservedModel> observed_;
   std::vector<Kept> steps_;
+  assimilation::RunVerdict run_;
   std::vector<std::string> lines_;
   std::vector<forecast::ScoredForecast> scores_;
 };

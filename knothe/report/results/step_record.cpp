@@ -63,6 +63,24 @@ Json model_records(const std::vector<assimilation::ComparedModel>& models) {
 
 }  // namespace
 
+Json verdict_record(const assimilation::Verdict& verdict) {
+  Json reasons = Json::array();
+  for (const assimilation::VerdictReason& reason : verdict.reasons) {
+    Json entry = {{"code", to_text(reason.part)},
+                  {"level", to_text(reason.level)},
+                  {"value", reason.value},
+                  {"limit", reason.limit},
+                  {"message", reason.message}};
+    if (reason.cause) entry["cause"] = to_text(*reason.cause);
+    reasons.push_back(std::move(entry));
+  }
+  return {{"level", to_text(verdict.level)},
+          {"reasons", std::move(reasons)},
+          {"model_shift_std", to_json(verdict.model_shift_std)},
+          {"fit_probability", verdict.fit_probability},
+          {"edge_mass", to_json(verdict.edge_mass)}};
+}
+
 Json step_record(const engine::StepResult& result) {
   const assimilation::UpdateResult& r = result.update;
   const double forecast_us = result.forecast_us;
@@ -76,6 +94,7 @@ Json step_record(const engine::StepResult& result) {
                  {"variance_diagnostic", r.variance_diagnostic},
                  {"tolerance_reached", r.tolerance_reached},
                  {"ess", r.effective_sample_size},
+                 {"verdict", verdict_record(r.verdict)},
                  {"trusted", r.trusted},
                  {"log_evidence", r.log_evidence},
                  {"log_evidence_increment", r.log_evidence_increment},
@@ -90,7 +109,8 @@ Json step_record(const engine::StepResult& result) {
                    {"projection", r.elapsed_us.projection},
                    {"map", r.elapsed_us.map},
                    {"correction", r.elapsed_us.correction},
-                   {"watch", r.elapsed_us.watch}}},
+                   {"watch", r.elapsed_us.watch},
+                   {"verdict", r.elapsed_us.verdict}}},
                  {"forecast", forecast_record(result.forecasts, false)}};
   if (r.noise_level) record["noise_level"] = *r.noise_level;
   if (result.followed)

@@ -10,6 +10,9 @@
 
 namespace knothe::report {
 
+/// A verdict as lines and summary.json have it (docs/formats.md).
+[[nodiscard]] nlohmann::ordered_json verdict_record(const assimilation::Verdict& verdict);
+
 /// The line of a step: posterior, map, evidence, data used, times, forecasts; sensors that are not to be
 /// believed, scores of forecasts that came true, and models side by side where there are any. A preview is
 /// without what the monitor says.

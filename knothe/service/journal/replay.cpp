@@ -89,16 +89,13 @@ void write_results(const Opened& opened, const std::string& folder) {
   for (const std::size_t step : steps) measurements.time.push_back(opened.setup.observed->time[step]);
   measurements.values.resize(measurements.values.rows(), static_cast<Eigen::Index>(steps.size()));
   report::ResultsWriter writer(opened.project, opened.setup.model, measurements, engine.priors());
-  std::vector<std::size_t> untrusted;
   const auto start = std::chrono::steady_clock::now();
   for (const std::size_t step : steps) {
     check_cancellation("nothing was written");
     const engine::StepResult result = engine.conclude(step);
-    if (!result.update.trusted) untrusted.push_back(step);
     writer.add_step(result, engine.direct_forecasts(result, 256), step, engine.last_values(step));
   }
-  writer.write(folder, untrusted,
-               std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+  writer.write(folder, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
 }
 
 }  // namespace
@@ -127,11 +124,13 @@ void replay_journal(const std::string& path, const std::string& project_path, bo
   Opened opened = open_both(path, project_path);
   engine::Engine engine = engine_of(opened);
   std::vector<std::size_t> steps(engine.stale().begin(), engine.stale().end()), untrusted;
+  assimilation::RunVerdict run;
   if (!json && !steps.empty()) steps = {steps.back()};
   for (const std::size_t step : steps) {
     check_cancellation("a replay changes nothing");
     const engine::StepResult result = json ? engine.conclude(step) : engine.preview(step);
     if (!result.update.trusted) untrusted.push_back(step);
+    run.add(result.update.verdict);
     if (json) {
       fmt::print("{}\n", files::json_line(report::step_record(result)));
     } else {
@@ -144,11 +143,14 @@ void replay_journal(const std::string& path, const std::string& project_path, bo
   }
   const double elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   if (json) {
-    const nlohmann::ordered_json last = {
-        {"done", true}, {"steps", steps.size()}, {"untrusted", untrusted}, {"elapsed_s", elapsed}};
+    const nlohmann::ordered_json last = {{"done", true},
+                                         {"steps", steps.size()},
+                                         {"verdict", report::verdict_record(run.verdict())},
+                                         {"untrusted", untrusted},
+                                         {"elapsed_s", elapsed}};
     fmt::print("{}\n", files::json_line(last));
   } else {
-    fmt::print("replayed in {:.2f} s\n", elapsed);
+    fmt::print("{}\nreplayed in {:.2f} s\n", verdict_text(run.verdict()), elapsed);
   }
 }
 

@@ -1,0 +1,298 @@
+#include "knothe/assimilation/verdict/assessor.hpp"
+
+#include <fmt/format.h>
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <boost/math/distributions/students_t.hpp>
+#include <cmath>
+
+#include "knothe/assimilation/update/prior_of_model.hpp"
+#include "knothe/numerics/statistics/chi_squared.hpp"
+#include "knothe/numerics/statistics/normal_distribution.hpp"
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
+
+namespace knothe::assimilation {
+namespace {
+
+using Eigen::Index;
+
+/// Φ⁻¹(F_ν(t)): the score of a Student-t value.
+double normal_score(double t, double degrees) {
+  const boost::math::students_t distribution(degrees);
+  const double z = numerics::normal_quantile(boost::math::cdf(distribution, -std::abs(t)));
+  return std::copysign(std::max(z, -38.0), t);
+}
+
+/// How steeply a marginal density falls from an edge: of the four fifths of its mass next to the edge, the
+/// share in the nearer half of the way. A density that only falls, exp(−x): 0.69; a normal one whose mean is
+/// two, one, no standard deviations beyond the edge: 0.67, 0.65, 0.60; a flat one 0.5, one far inside next to
+/// 0. A mode near the edge and another far away would have much too, but not the half of the mass next to the
+/// edge.
+double pressure(const UpdateResult& update, Index a, double edge) {
+  // A standard deviation, or 1.3, is where such a density has its mean.
+  if (std::abs(update.mean[a] - edge) > 2.5 * std::sqrt(update.covariance(a, a))) return 0;
+  const Eigen::VectorXd distance = (update.points.col(a).array() - edge).abs();
+  const std::array<double, 2> shares = {0.5, 0.8};
+  std::array<double, 2> way{};
+  numerics::WeightedQuantiles quantiles;
+  quantiles.compute({distance.data(), static_cast<std::size_t>(distance.size())},
+                    {update.weights.data(), static_cast<std::size_t>(update.weights.size())}, shares, way);
+  const auto nearer = [&](std::size_t k) {
+    return (distance.array() < 0.5 * way[k]).select(update.weights.array(), 0.0).sum() / shares[k];
+  };
+  return nearer(0) < 0.53 ? 0 : nearer(1);
+}
+
+}  // namespace
+
+Assessor::Assessor(std::shared_ptr<const reduction::ObservedModel> model, NoiseModel noise,
+                   const std::vector<Prior>& priors, reduction::Sensors sensors, RobustOptions robust,
+                   reduction::ObservedErrors errors, const MonitorOptions& monitor, VerdictOptions options)
+    : model_(std::move(model)),
+      priors_(priors),
+      robust_(robust),
+      errors_(std::move(errors)),
+      monitor_(monitor),
+      options_(options),
+      tests_(model_, std::move(noise), std::move(sensors)) {
+  reduction::FunctionBatch centre;
+  centre.resize(1, priors_.dimension(), model_->functions->count(), 0);
+  model_->functions->evaluate(medians(priors_).transpose(), 0, centre);
+  central_ = centre.value.row(0).transpose();
+  if (errors_.count() == 0) return;
+  const Eigen::MatrixXd weighted = model_->space.transpose() * tests_.noise().apply(errors_.space);
+  for (std::size_t t = 0; t < model_->core.size(); ++t)
+    projected_.push_back(model_->core[t].transpose() * (weighted * errors_.coefficients[t]));
+}
+
+Verdict Assessor::assess(const AssessedPosterior& posterior, std::span<const ExaminedDatum> data) {
+  Verdict verdict;
+  assess_computation(posterior.update, verdict);
+  assess_fit(posterior, data, verdict);
+  assess_range(posterior.update, verdict);
+  assess_model(posterior, data, verdict);
+  assess_sensors(posterior, verdict);
+  return verdict;
+}
+
+void Assessor::assess_computation(const UpdateResult& update, Verdict& verdict) const {
+  if (update.trusted || update.by_quadrature) return;
+  verdict.add({VerdictPart::computation,
+               VerdictLevel::caution,
+               update.variance_diagnostic,
+               0.05,
+               update.remark.empty() ? "the computed posterior is not verified" : update.remark,
+               {}});
+}
+
+ResidualReport Assessor::examine(const AssessedPosterior& posterior, std::span<const ExaminedDatum> data) {
+  const Index parameters = priors_.dimension();
+  ResidualReport report =
+      tests_.examine(data, posterior.functions.mean, posterior.update.noise_level.value_or(1.0), parameters);
+  if (robust_.is_active() && tests_.noise().is_independent()) {
+    Eigen::MatrixXd scores = report.scores;
+    if (robust_.gate > 0) {
+      scores = (scores.array().abs() > robust_.gate).select(0.0, scores);
+    } else {
+      const double degrees = robust_.degrees_of_freedom;
+      scores = scores.unaryExpr([degrees](double t) { return t == 0 ? 0.0 : normal_score(t, degrees); });
+    }
+    return tests_.examine_scores(std::move(scores), parameters);
+  }
+  if (posterior.all_data == nullptr) return report;
+  // All data, also those whose residuals are no longer looked at, and errors that steps share eliminated.
+  const StepForm& all = *posterior.all_data;
+  const Eigen::VectorXd v = posterior.functions.mean - central_;
+  report.misfit = all.constant - 2 * all.linear.dot(v) + v.dot(all.quadratic * v);
+  report.misfit = std::max(0.0, report.misfit) / posterior.update.noise_level.value_or(1.0);
+  report.values = all.used;
+  report.probability[static_cast<std::size_t>(ResidualTest::total)] =
+      report.values == 0 ? 1 : numerics::chi_squared_upper(report.misfit, static_cast<double>(report.values));
+  return report;
+}
+
+std::string Assessor::misfit_in_words(const ResidualReport& report,
+                                      std::span<const ExaminedDatum> data) const {
+  const ResidualTest worst = report.worst(options_.fit_caution);
+  const Index at = report.at[static_cast<std::size_t>(worst)];
+  switch (worst) {
+    case ResidualTest::total:
+      return fmt::format("the data do not fit the model: χ² is {:.4g} for {} values", report.misfit,
+                         report.values);
+    case ResidualTest::too_small:
+      return fmt::format("the data fit better than their noise allows: χ² is {:.4g} for {} values",
+                         report.misfit, report.values);
+    case ResidualTest::group:
+      return fmt::format("the values of {} do not fit the model",
+                         tests_.group_names()[static_cast<std::size_t>(at)]);
+    case ResidualTest::sensor:
+    case ResidualTest::sensor_mean:
+      return fmt::format("{} does not fit the model", tests_.name_of(at));
+    case ResidualTest::value:
+      return fmt::format("the value of {} at step {} does not fit the model",
+                         tests_.name_of(at % report.scores.rows()),
+                         data[static_cast<std::size_t>(at / report.scores.rows())].step);
+    case ResidualTest::step:
+      return fmt::format("the data of step {} do not fit the model", data[static_cast<std::size_t>(at)].step);
+    case ResidualTest::modes:
+    case ResidualTest::modes_mean:
+      return fmt::format("the residuals have the shape of displacements, not of noise{}",
+                         report.of(ResidualTest::time_neighbours) < options_.fit_caution
+                             ? " (they are correlated from step to step: the model is wrong, or the noise is "
+                               "not independent)"
+                             : "");
+    case ResidualTest::time_neighbours:
+      return "residuals that follow each other are correlated: the noise is not independent from step to "
+             "step as stated, or something slow is not in the model; the intervals are too narrow";
+    case ResidualTest::space_neighbours:
+      return "residuals of neighbouring sensors are correlated: the noise is not independent from sensor to "
+             "sensor as stated; the intervals are too narrow";
+    case ResidualTest::repeated:
+      return fmt::format(
+          "step {} repeats the values of the step before to the last digit: it was stored "
+          "twice; withdraw it",
+          data[static_cast<std::size_t>(at)].step);
+  }
+  return {};
+}
+
+void Assessor::assess_fit(const AssessedPosterior& posterior, std::span<const ExaminedDatum> data,
+                          Verdict& verdict) {
+  if (posterior.corrected || data.empty()) return;  // what is left over is learnt, not explained
+  const auto examined = data.last(std::min(options_.examined, data.size()));
+  const ResidualReport report = examine(posterior, examined);
+  verdict.fit_probability = report.of(ResidualTest::total);
+  if (!report.fails(options_.fit_caution)) return;
+  const ResidualTest worst = report.worst(options_.fit_caution);
+  VerdictReason reason{VerdictPart::fit,
+                       VerdictLevel::caution,
+                       report.of(worst),
+                       options_.fit_caution,
+                       misfit_in_words(report, examined),
+                       MisfitCause::unknown};
+  bool grave = reason.value < options_.fit_reject && !is_about_noise(worst);
+  if (worst != ResidualTest::repeated) {
+    const Diagnosis found =
+        diagnose(*model_, tests_, priors_, examined, posterior.update.mean, report, options_.fit_caution);
+    reason.cause = found.cause;
+    if (found.cause == MisfitCause::noise_level) grave = found.factor > 1.5;
+    if (!is_about_noise(worst) || found.cause != MisfitCause::unknown)
+      reason.message += (reason.message.find(": ") == std::string::npos ? ": " : "; ") + found.message;
+  }
+  if (grave) reason.level = VerdictLevel::reject;
+  verdict.add(std::move(reason));
+}
+
+void Assessor::assess_range(const UpdateResult& update, Verdict& verdict) const {
+  const Index d = update.mean.size();
+  verdict.edge_mass = Eigen::VectorXd::Zero(d);
+  for (Index a = 0; a < d; ++a) {
+    const Prior& prior = priors_.prior(a);
+    const double lower = prior.lower(), upper = prior.upper();
+    if (!std::isfinite(lower) || !std::isfinite(upper)) continue;
+    const double outer = 0.02 * (upper - lower);
+    for (Index k = 0; k < update.weights.size(); ++k)
+      if (update.points(k, a) < lower + outer || update.points(k, a) > upper - outer)
+        verdict.edge_mass[a] += update.weights[k];
+    const double low = pressure(update, a, lower), high = pressure(update, a, upper);
+    const double edge = low > high ? lower : upper, found = std::max(low, high);
+    if (found < options_.edge_caution) continue;
+    verdict.add(
+        {VerdictPart::range,
+         found > options_.edge_reject ? VerdictLevel::reject : VerdictLevel::caution,
+         found,
+         options_.edge_caution,
+         fmt::format("{} is pressed against the {} end of the model's range, {:.4g}: the data ask for "
+                     "more; make the model with a wider range, or see why the data ask for that",
+                     name_of_parameter(a), low > high ? "lower" : "upper", edge),
+         {}});
+  }
+}
+
+Eigen::MatrixXd Assessor::projected_errors(const ExaminedDatum& datum) const {
+  const bool own = datum.noise != nullptr || tests_.noise().has_step(datum.step);
+  if (!own) return projected_[datum.time_index];
+  const GaussianNoise& noise = datum.noise != nullptr ? *datum.noise : tests_.noise().at_step(datum.step);
+  return model_->core[datum.time_index].transpose() *
+         ((model_->space.transpose() * noise.apply(errors_.space)) * errors_.coefficients[datum.time_index]);
+}
+
+void Assessor::forget_from(std::size_t step) {
+  if (sum_.data > 0 && step <= sum_.last_step) sum_ = {};
+}
+
+/// The exact log-likelihood differs from the reduced model's by a constant − w(p)ᵀ h, h = Σ (U C_t)ᵀ R⁻¹
+/// e(t), as far as e does not change over the posterior: the mean moves by −Cov(p, w) h. With the regression
+/// Cov(w, p) L⁻ᵀ = T, L Lᵀ = Cov(p), that is −L Tᵀ h.
+void Assessor::assess_model(const AssessedPosterior& posterior, std::span<const ExaminedDatum> data,
+                            Verdict& verdict) {
+  if (errors_.count() == 0 || data.empty()) return;
+  if (sum_.data > data.size() || sum_.data == 0)
+    sum_ = {0, 0, Eigen::MatrixXd::Zero(model_->functions->count(), errors_.count())};
+  for (; sum_.data < data.size(); ++sum_.data) {
+    sum_.errors += projected_errors(data[sum_.data]);
+    sum_.last_step = data[sum_.data].step;
+  }
+  const Eigen::MatrixXd& covariance = posterior.update.covariance;
+  const Eigen::LLT<Eigen::MatrixXd> factor(covariance);
+  if (factor.info() != Eigen::Success) return;
+  const Eigen::MatrixXd shifts = factor.matrixL() * (posterior.functions.tangent.transpose() * sum_.errors);
+  const Eigen::VectorXd std = posterior.update.standard_deviations();
+  verdict.model_shift_std =
+      (shifts.rowwise().squaredNorm() / static_cast<double>(errors_.count())).cwiseSqrt().cwiseQuotient(std);
+  Index worst = 0;
+  const double shift = verdict.model_shift_std.maxCoeff(&worst);
+  if (shift < options_.model_caution) return;
+  verdict.add(
+      {VerdictPart::model,
+       shift > options_.model_reject ? VerdictLevel::reject : VerdictLevel::caution,
+       shift,
+       options_.model_caution,
+       fmt::format("the reduced model's own error moves {} by {:.2g} standard deviations (known from {} "
+                   "full-order runs off its grid): set method.truncation_error = \"on\", or make a "
+                   "finer model",
+                   name_of_parameter(worst), shift, errors_.count()),
+       {}});
+}
+
+void Assessor::assess_sensors(const AssessedPosterior& posterior, Verdict& verdict) const {
+  const UpdateResult& update = posterior.update;
+  if (update.monitor.alarm)
+    verdict.add({VerdictPart::bias,
+                 VerdictLevel::caution,
+                 update.monitor.cumulative_sum,
+                 update.monitor.threshold,
+                 fmt::format("the model does not predict the data: an alarm that a right model rings once in "
+                             "{:.0f} steps; bias_correction = \"auto\" allows for it",
+                             monitor_.average_run_length),
+                 {}});
+  if (posterior.corrected)
+    verdict.add({VerdictPart::bias,
+                 VerdictLevel::caution,
+                 update.monitor.discrepancy,
+                 0,
+                 "the model alone does not explain the data: some were assimilated with a correction of its "
+                 "bias",
+                 {}});
+  const auto reported = static_cast<double>(update.used + update.rejected);
+  const double share = reported > 0 ? static_cast<double>(update.rejected) / reported : 0;
+  if (share > options_.rejected_values)
+    verdict.add(
+        {VerdictPart::outlier,
+         VerdictLevel::caution,
+         share,
+         options_.rejected_values,
+         fmt::format("{} of {:.0f} values of this step were rejected as outliers", update.rejected, reported),
+         {}});
+  if (!posterior.stuck.empty())
+    verdict.add({VerdictPart::outlier,
+                 VerdictLevel::caution,
+                 static_cast<double>(posterior.stuck.size()),
+                 0,
+                 fmt::format("{} reports the same value again and again while the model moves: leave it out",
+                             tests_.name_of(posterior.stuck[0])),
+                 {}});
+}
+
+}  // namespace knothe::assimilation

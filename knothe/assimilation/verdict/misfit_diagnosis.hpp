@@ -1,0 +1,29 @@
+#pragma once
+/// @file What is wrong with data that do not fit: each of the usual mistakes is tried on them, with the
+/// parameters fitted again.
+#include <Eigen/Core>
+#include <memory>
+#include <span>
+#include <string>
+
+#include "knothe/assimilation/update/prior_transform.hpp"
+#include "knothe/assimilation/verdict/residual_tests.hpp"
+#include "knothe/assimilation/verdict/verdict.hpp"
+
+namespace knothe::assimilation {
+
+struct Diagnosis {
+  MisfitCause cause = MisfitCause::unknown;
+  std::string message;  ///< what the data look like, and what to check
+  double factor = 1;    ///< of a noise level: true over stated standard deviation
+};
+
+/// Of data whose residuals fail `report` (made at the posterior mean `p`, d). Tried are, in this order: a
+/// level of the noise, single sensors or values, a factor (of all displacements, of a component), a shift in
+/// time, swapped components, the order of the sensors. Named is the one that explains the data, or else takes
+/// most of the misfit away. Some ten least-squares fits: milliseconds.
+[[nodiscard]] Diagnosis diagnose(const reduction::ObservedModel& model, const ResidualTests& tests,
+                                 const PriorTransform& priors, std::span<const ExaminedDatum> data,
+                                 const Eigen::VectorXd& p, const ResidualReport& report, double limit);
+
+}  // namespace knothe::assimilation

@@ -1,0 +1,332 @@
+#include "knothe/assimilation/verdict/residual_tests.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <set>
+
+#include "knothe/numerics/linear/symmetric_eigen.hpp"
+#include "knothe/numerics/statistics/chi_squared.hpp"
+#include "knothe/numerics/statistics/normal_distribution.hpp"
+
+namespace knothe::assimilation {
+namespace {
+
+using Eigen::Index;
+
+constexpr Index k_modes = 12;               // of the model's space modes, those the sensors see best
+constexpr double k_least_products = 50;     // whose sum is taken for normal
+constexpr Index k_sought_neighbours = 512;  // sensors: looking for neighbours costs their square
+
+/// The largest of `count` statistics of χ² distribution, and the probability that chance makes the largest so
+/// large. They are compared by the scores of Wilson and Hilferty (1931): one exact probability is enough.
+class LargestChiSquare {
+ public:
+  void see(double x, double degrees, Index at) {
+    const double variance = 2 / (9 * degrees);
+    const double score = (std::cbrt(x / degrees) - (1 - variance)) / std::sqrt(variance);
+    if (count_++ == 0 || score > score_) score_ = score, x_ = x, degrees_ = degrees, at_ = at;
+  }
+  void tell(ResidualReport& report, ResidualTest test) const {
+    if (count_ == 0) return;
+    const auto k = static_cast<std::size_t>(test);
+    report.probability[k] =
+        std::min(1.0, numerics::chi_squared_upper(x_, degrees_) * static_cast<double>(count_));
+    report.at[k] = at_;
+  }
+
+ private:
+  double score_ = 0, x_ = 0, degrees_ = 1;
+  Index at_ = 0, count_ = 0;
+};
+
+void set(ResidualReport& report, ResidualTest test, double p, Index at = 0) {
+  report.probability[static_cast<std::size_t>(test)] = p;
+  report.at[static_cast<std::size_t>(test)] = at;
+}
+
+double two_sided(double z) {
+  return 2 * numerics::normal_cdf(-std::abs(z));
+}
+
+std::vector<std::array<Index, 2>> nearest_of_same_component(const reduction::Sensors& sensors) {
+  const std::size_t n = sensors.displacement_count();
+  std::set<std::array<Index, 2>> pairs;
+  if (static_cast<Index>(n) > k_sought_neighbours) return {};
+  for (std::size_t i = 0; i < n; ++i) {
+    double nearest = std::numeric_limits<double>::infinity();
+    std::size_t found = i;
+    for (std::size_t j = 0; j < n; ++j) {
+      if (j == i || sensors.components[j] != sensors.components[i]) continue;
+      double square = 0;
+      for (std::size_t a = 0; a < 3; ++a) square += std::pow(sensors.point(i)[a] - sensors.point(j)[a], 2);
+      if (square > 0 && square < nearest) nearest = square, found = j;
+    }
+    if (found != i)
+      pairs.insert({static_cast<Index>(std::min(i, found)), static_cast<Index>(std::max(i, found))});
+  }
+  return {pairs.begin(), pairs.end()};
+}
+
+}  // namespace
+
+ResidualTest ResidualReport::worst(double limit) const {
+  if (of(ResidualTest::repeated) < limit) return ResidualTest::repeated;
+  auto worst = ResidualTest::total, of_model = ResidualTest::total;
+  for (std::size_t k = 0; k < k_residual_tests; ++k) {
+    const auto test = static_cast<ResidualTest>(k);
+    if (probability[k] < of(worst)) worst = test;
+    if (probability[k] < of(of_model) && !is_about_noise(test)) of_model = test;
+  }
+  return of(of_model) < limit ? of_model : worst;
+}
+
+ResidualTests::ResidualTests(std::shared_ptr<const reduction::ObservedModel> model, NoiseModel noise,
+                             reduction::Sensors sensors)
+    : model_(std::move(model)),
+      noise_(std::move(noise)),
+      sensors_(std::move(sensors)),
+      groups_(static_cast<std::size_t>(noise_.size()), 0) {
+  const Index n = noise_.size();
+  inverse_std_ = noise_.is_independent() ? Eigen::VectorXd(noise_.inverse_variance())
+                                         : Eigen::VectorXd(noise_.precision().diagonal());
+  // Errors that steps share are no part of R.
+  for (Index i = 0; i < n; ++i) {
+    double& precision = inverse_std_[i];
+    if (!(precision > 0)) continue;
+    precision = 1 / std::sqrt(1 / precision + noise_.offset_std() * noise_.offset_std());
+  }
+  measured_ = (inverse_std_.array() > 0).count();
+  std_ = inverse_std_.unaryExpr([](double s) { return s > 0 ? 1 / s : 0.0; });
+  if (sensors_.size() == static_cast<std::size_t>(n)) {
+    for (int c = 0; c < 3; ++c) {
+      bool there = false;
+      for (std::size_t i = 0; i < sensors_.displacement_count(); ++i) {
+        if (sensors_.components[i] != c) continue;
+        groups_[i] = static_cast<Index>(group_names_.size());
+        there = true;
+      }
+      if (there) group_names_.emplace_back(1, "xyz"[c]);
+    }
+    for (std::size_t k = 0; k < sensors_.scalars.size(); ++k) {
+      groups_[sensors_.displacement_count() + k] = static_cast<Index>(group_names_.size());
+      group_names_.push_back(sensors_.scalars[k]);
+    }
+    neighbours_ = nearest_of_same_component(sensors_);
+  } else {
+    sensors_ = {};
+  }
+  const Index l = model_->space.cols(), r = model_->functions->count();
+  if (n * r < l * (n + r))
+    for (const Eigen::MatrixXd& core : model_->core) rows_.emplace_back(model_->space * core);
+  const Eigen::MatrixXd weighted = noise_.apply(model_->space);  // n × l
+  const numerics::SymmetricEigen modes(model_->space.transpose() * weighted);
+  const double enough = 1e-8 * modes.eigenvalues().tail(1)[0];
+  Index k = 0;
+  while (k < std::min({k_modes, modes.eigenvalues().size(), n / 2}) &&
+         modes.eigenvalues()[modes.eigenvalues().size() - 1 - k] > enough)
+    ++k;
+  modal_ = modes.eigenvalues().tail(k).cwiseSqrt().cwiseInverse().asDiagonal() *
+           (modes.eigenvectors().rightCols(k).transpose() * weighted.transpose());
+}
+
+std::string ResidualTests::name_of(Index sensor) const {
+  const auto i = static_cast<std::size_t>(sensor);
+  if (i >= sensors_.size()) return fmt::format("sensor {}", sensor);
+  if (i >= sensors_.displacement_count())
+    return fmt::format("\"{}\"", sensors_.scalars[i - sensors_.displacement_count()]);
+  const auto at = sensors_.point(i);
+  return fmt::format("sensor {} ({} at {:.4g}, {:.4g}, {:.4g} m)", sensor,
+                     "xyz"[static_cast<std::size_t>(sensors_.components[i])], at[0], at[1], at[2]);
+}
+
+ResidualReport ResidualTests::examine(std::span<const ExaminedDatum> data, const Eigen::VectorXd& w,
+                                      double level, Index parameters) {
+  const Index n = noise_.size(), m = static_cast<Index>(data.size());
+  Eigen::MatrixXd residuals(n, m);
+  if (!rows_.empty()) {
+    for (Index k = 0; k < m; ++k)
+      residuals.col(k).noalias() = rows_[data[static_cast<std::size_t>(k)].time_index] * -w;
+  } else {
+    Eigen::MatrixXd coefficients(model_->space.cols(), m);
+    for (Index k = 0; k < m; ++k)
+      coefficients.col(k).noalias() = model_->core[data[static_cast<std::size_t>(k)].time_index] * w;
+    residuals.noalias() = -(model_->space * coefficients);
+  }
+  ResidualReport report;
+  report.probability.fill(1);
+  report.scores.setZero(n, m);
+  LargestChiSquare steps;
+  bool own = false, all_in_modes = true;
+  const double scale = 1 / std::sqrt(level);
+  for (Index k = 0; k < m; ++k) {
+    const ExaminedDatum& datum = data[static_cast<std::size_t>(k)];
+    auto residual = residuals.col(k);
+    residual += *datum.values - model_->lift.col(static_cast<Index>(datum.time_index));
+    Index present = 0;
+    for (Index i = 0; i < n; ++i) {
+      if (std::isnan(residual[i])) {
+        residual[i] = 0;
+      } else if (inverse_std_[i] > 0) {
+        ++present;
+      }
+    }
+    residual *= scale;
+    const GaussianNoise& noise = datum.noise != nullptr ? *datum.noise : noise_.at_step(datum.step);
+    const bool is_own = datum.noise != nullptr || noise_.has_step(datum.step);
+    own = own || is_own;
+    double misfit = 0;
+    if (noise.is_independent()) {
+      report.scores.col(k) =
+          is_own ? Eigen::VectorXd(residual.cwiseProduct(noise.inverse_variance().cwiseSqrt()))
+                 : Eigen::VectorXd(residual.cwiseProduct(inverse_std_));
+      misfit = report.scores.col(k).squaredNorm();
+    } else if (present == measured_ || !is_own) {
+      const Eigen::VectorXd weighted = present == measured_ ? Eigen::VectorXd(noise.apply(residual))
+                                                            : weighted_present(*datum.values, residual);
+      misfit = residual.dot(weighted);
+      if (!is_own) report.scores.col(k) = weighted.cwiseProduct(std_);
+    } else {
+      present = 0;  // a noise of its own and values missing: what is left of it costs too much
+    }
+    // Their modes have another distribution.
+    const bool in_modes = !is_own && (present == measured_ || noise.is_independent());
+    all_in_modes = all_in_modes && in_modes;
+    if (!in_modes) residual.setZero();
+    report.misfit += misfit;
+    report.values += present;
+    if (present > 0) steps.see(misfit, static_cast<double>(present), k);
+    if (k > 0 && present > parameters && datum.values->size() > 1 &&
+        (*datum.values - *data[static_cast<std::size_t>(k - 1)].values).isZero(0))
+      set(report, ResidualTest::repeated, 0, k);
+  }
+  const auto values = static_cast<double>(report.values);
+  if (report.values == 0) return report;
+  set(report, ResidualTest::total, numerics::chi_squared_upper(report.misfit, values));
+  if (noise_.has_step_errors()) return report;  // R is not all the noise there is
+  if (noise_.links_steps()) {
+    // What is given here is one step's noise: of many steps only single values are what they seem.
+    test_extremes(report);
+    return report;
+  }
+  steps.tell(report, ResidualTest::step);
+  const double degrees = values - static_cast<double>(parameters);
+  if (degrees >= 1 && !own)
+    set(report, ResidualTest::too_small, 1 - numerics::chi_squared_upper(report.misfit, degrees));
+  test_extremes(report);
+  if (noise_.is_independent()) test_independent(report, parameters);
+  if (all_in_modes) test_modes(residuals, report);
+  return report;
+}
+
+/// R⁻¹ of the values that are there, applied to their residual; 0 for the others. Masks tend to stay.
+Eigen::VectorXd ResidualTests::weighted_present(const Eigen::VectorXd& values,
+                                                const Eigen::VectorXd& residual) {
+  std::vector<Index> kept;
+  for (Index i = 0; i < values.size(); ++i)
+    if (!std::isnan(values[i]) && noise_.is_measured(i)) kept.push_back(i);
+  if (!present_noise_ || kept != present_) {
+    present_noise_ = noise_.GaussianNoise::restricted(kept);
+    present_ = kept;
+  }
+  Eigen::VectorXd weighted = Eigen::VectorXd::Zero(values.size());
+  weighted(kept) = present_noise_->apply(Eigen::MatrixXd(residual(kept))).col(0);
+  return weighted;
+}
+
+ResidualReport ResidualTests::examine_scores(Eigen::MatrixXd scores, Index parameters) const {
+  ResidualReport report;
+  report.probability.fill(1);
+  report.values = (scores.array() != 0).count();
+  report.misfit = scores.squaredNorm();
+  report.scores = std::move(scores);
+  const auto values = static_cast<double>(report.values);
+  if (report.values == 0) return report;
+  set(report, ResidualTest::total, numerics::chi_squared_upper(report.misfit, values));
+  if (report.values > parameters)
+    set(report, ResidualTest::too_small,
+        1 - numerics::chi_squared_upper(report.misfit, values - static_cast<double>(parameters)));
+  LargestChiSquare steps;
+  for (Index k = 0; k < report.scores.cols(); ++k) {
+    const auto present = (report.scores.col(k).array() != 0).count();
+    if (present > 0) steps.see(report.scores.col(k).squaredNorm(), static_cast<double>(present), k);
+  }
+  steps.tell(report, ResidualTest::step);
+  test_extremes(report);
+  test_independent(report, parameters);
+  // A score is a residual over its standard deviation, wherever one knows that.
+  test_modes(std_.asDiagonal() * report.scores, report);
+  return report;
+}
+
+/// Of each sensor its mean over time, and the single values: normal each, whatever they share.
+void ResidualTests::test_extremes(ResidualReport& report) const {
+  const Eigen::MatrixXd& z = report.scores;
+  double largest = 0;
+  Index at = 0;
+  for (Index k = 0; k < z.cols(); ++k) {
+    Index i = 0;
+    const double here = z.col(k).cwiseAbs().maxCoeff(&i);
+    if (here > largest) largest = here, at = k * z.rows() + i;
+  }
+  const auto of_many = [](double z, double count) { return std::min(1.0, two_sided(z) * count); };
+  set(report, ResidualTest::value, of_many(largest, static_cast<double>(report.values)), at);
+  if (noise_.links_steps()) return;
+  const double mean = z.rowwise().sum().cwiseAbs().maxCoeff(&at) / std::sqrt(static_cast<double>(z.cols()));
+  set(report, ResidualTest::sensor_mean, of_many(mean, static_cast<double>(z.rows())), at);
+}
+
+/// What takes independent noise.
+void ResidualTests::test_independent(ResidualReport& report, Index parameters) const {
+  const Eigen::MatrixXd& z = report.scores;
+  const Index n = z.rows(), m = z.cols();
+  const auto groups = static_cast<Index>(group_names_.size());
+  LargestChiSquare sensors, of_groups;
+  Eigen::VectorXd misfit = Eigen::VectorXd::Zero(groups), count = misfit;
+  Eigen::VectorXd squares = Eigen::VectorXd::Zero(n),
+                  presents = squares;  // column by column: as it is stored
+  for (Index k = 0; k < m; ++k) {
+    squares += z.col(k).cwiseAbs2();
+    presents.array() += (z.col(k).array() != 0).cast<double>();
+  }
+  for (Index i = 0; i < n; ++i) {
+    const double present = presents[i];
+    if (present == 0) continue;
+    sensors.see(squares[i], present, i);
+    if (groups == 0) continue;
+    misfit[groups_[static_cast<std::size_t>(i)]] += squares[i];
+    count[groups_[static_cast<std::size_t>(i)]] += present;
+  }
+  sensors.tell(report, ResidualTest::sensor);
+  for (Index g = 0; g < groups; ++g)
+    if (count[g] > 0) of_groups.see(misfit[g], count[g], g);
+  of_groups.tell(report, ResidualTest::group);
+  const auto above = [](double sum, double products) {
+    return numerics::normal_cdf(-sum / std::sqrt(products));
+  };
+  const double in_time = static_cast<double>(n) * static_cast<double>(m - 1);
+  if (m > parameters && in_time >= k_least_products)
+    set(report, ResidualTest::time_neighbours,
+        above(z.leftCols(m - 1).cwiseProduct(z.rightCols(m - 1)).sum(), in_time));
+  const double in_space = static_cast<double>(neighbours_.size()) * static_cast<double>(m);
+  if (in_space < k_least_products) return;
+  double sum = 0;
+  for (Index k = 0; k < m; ++k)
+    for (const auto& [i, j] : neighbours_) sum += z(i, k) * z(j, k);
+  set(report, ResidualTest::space_neighbours, above(sum, in_space));
+}
+
+void ResidualTests::test_modes(const Eigen::MatrixXd& residuals, ResidualReport& report) const {
+  const Index k = modal_.rows(), m = residuals.cols();
+  if (k == 0) return;
+  const Eigen::MatrixXd q = modal_ * residuals;
+  set(report, ResidualTest::modes,
+      numerics::chi_squared_upper(q.squaredNorm(), static_cast<double>(k) * static_cast<double>(m)));
+  set(report, ResidualTest::modes_mean,
+      numerics::chi_squared_upper(q.rowwise().sum().squaredNorm() / static_cast<double>(m),
+                                  static_cast<double>(k)));
+}
+
+}  // namespace knothe::assimilation

@@ -1,0 +1,39 @@
+#include "knothe/assimilation/verdict/verdict.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+namespace knothe::assimilation {
+
+void Verdict::add(VerdictReason reason) {
+  level = std::max(level, reason.level);
+  reasons.push_back(std::move(reason));
+}
+
+Verdict RunVerdict::verdict() const {
+  if (verdicts_.empty()) return {};
+  Verdict run = verdicts_.back();
+  run.reasons.clear();
+  const std::size_t last = std::max<std::size_t>(1, verdicts_.size() / 10);
+  for (std::size_t k = 0; k < last; ++k) {
+    for (const VerdictReason& reason : verdicts_[verdicts_.size() - 1 - k].reasons) {
+      const bool known = std::any_of(run.reasons.begin(), run.reasons.end(), [&](const VerdictReason& other) {
+        return other.part == reason.part && other.cause == reason.cause && other.level >= reason.level;
+      });
+      if (!known) run.add(reason);
+    }
+  }
+  return run;
+}
+
+std::string verdict_text(const Verdict& verdict) {
+  std::string text = verdict.level == VerdictLevel::ok        ? "verdict: ok"
+                     : verdict.level == VerdictLevel::caution ? "verdict: caution"
+                                                              : "verdict: reject: do not use this answer";
+  for (const VerdictReason& reason : verdict.reasons)
+    text += fmt::format("\n  {} ({}): {}", to_text(reason.part), to_text(reason.level), reason.message);
+  return text;
+}
+
+}  // namespace knothe::assimilation

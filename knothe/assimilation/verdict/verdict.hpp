@@ -1,0 +1,95 @@
+#pragma once
+/// @file May the answer be used? A verdict with its reasons, each of which says what to do (docs/verdict.md).
+#include <Eigen/Core>
+#include <array>
+#include <deque>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "knothe/base/enum_names.hpp"
+
+namespace knothe::assimilation {
+
+/// In rising order: use it; use it knowing this; do not use it.
+enum class VerdictLevel { ok, caution, reject };
+
+constexpr auto names_of(VerdictLevel /*level*/) {
+  using Level = VerdictLevel;
+  return std::to_array<Named<Level>>(
+      {{Level::ok, "ok"}, {Level::caution, "caution"}, {Level::reject, "reject"}});
+}
+
+/// Which part of the verdict a reason belongs to.
+enum class VerdictPart { computation, fit, range, model, bias, outlier };
+
+constexpr auto names_of(VerdictPart /*part*/) {
+  using Part = VerdictPart;
+  return std::to_array<Named<Part>>({{Part::computation, "computation"},
+                                     {Part::fit, "fit"},
+                                     {Part::range, "range"},
+                                     {Part::model, "model"},
+                                     {Part::bias, "bias"},
+                                     {Part::outlier, "outlier"}});
+}
+
+/// What a misfit looks like.
+enum class MisfitCause {
+  sign,
+  scale,
+  time_shift,
+  component,
+  sensor_order,
+  single_sensor,
+  noise_level,
+  unknown
+};
+
+constexpr auto names_of(MisfitCause /*cause*/) {
+  using Cause = MisfitCause;
+  return std::to_array<Named<Cause>>({{Cause::sign, "sign"},
+                                      {Cause::scale, "scale"},
+                                      {Cause::time_shift, "time_shift"},
+                                      {Cause::component, "component"},
+                                      {Cause::sensor_order, "sensor_order"},
+                                      {Cause::single_sensor, "single_sensor"},
+                                      {Cause::noise_level, "noise_level"},
+                                      {Cause::unknown, "unknown"}});
+}
+
+struct VerdictReason {
+  VerdictPart part = VerdictPart::computation;
+  VerdictLevel level = VerdictLevel::caution;
+  double value = 0, limit = 0;       ///< what was found, and from where on it is a reason
+  std::string message;               ///< what it is, and what to do
+  std::optional<MisfitCause> cause;  ///< of a misfit
+};
+
+struct Verdict {
+  VerdictLevel level = VerdictLevel::ok;
+  std::vector<VerdictReason> reasons;  ///< none where the level is `ok`
+  /// d: how far the reduced model's own error moves each posterior mean, in its standard deviation; empty
+  /// where the model's file does not know its error.
+  Eigen::VectorXd model_shift_std;
+  double fit_probability = 1;  ///< of a misfit as large as that of all data so far, if the model is right
+  Eigen::VectorXd edge_mass;   ///< d: posterior mass in the outer 2 % of the model's box, at either side
+
+  /// Adds a reason; the level is that of the gravest.
+  void add(VerdictReason reason);
+};
+
+/// The verdict of a run: the worst of the last tenth of its steps, with every reason that still stood there
+/// (the last of each part and cause), and the numbers of the last step.
+class RunVerdict {
+ public:
+  void add(Verdict verdict) { verdicts_.push_back(std::move(verdict)); }
+  [[nodiscard]] Verdict verdict() const;
+
+ private:
+  std::deque<Verdict> verdicts_;
+};
+
+/// The level in words, and each reason on a line of its own.
+[[nodiscard]] std::string verdict_text(const Verdict& verdict);
+
+}  // namespace knothe::assimilation

@@ -1,0 +1,70 @@
+/// @file What a verdict costs: tests of the residuals of all data so far, range, and the shift by eight known
+/// errors of the model. Prints machine, threads, median and p99 of the last fifty of 100 steps.
+///
+/// Usage: verdict_bench [observations] [functions]
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <random>
+
+#include "knothe/assimilation/testing/bench_models.hpp"
+#include "knothe/assimilation/update/sequential_update.hpp"
+#include "knothe/assimilation/verdict/assessor.hpp"
+#include "knothe/base/monotonic_time.hpp"
+
+int main(int count, char** arguments) {
+  using namespace knothe::assimilation;
+  using Eigen::Index;
+  using Eigen::MatrixXd;
+  using Eigen::VectorXd;
+  const Index n = count > 1 ? std::atol(arguments[1]) : 60, r = count > 2 ? std::atol(arguments[2]) : 30;
+  constexpr Index k_times = 100;
+  std::mt19937_64 random(1);
+  std::normal_distribution<double> normal;
+  const auto draws = [&](Index rows, Index columns) {
+    return MatrixXd(MatrixXd::NullaryExpr(rows, columns, [&](Index, Index) { return normal(random); }));
+  };
+  auto model = std::make_shared<knothe::reduction::ObservedModel>();
+  model->functions = std::make_shared<bench::SmoothFunctions>(r);
+  model->parameters = {"a", "b"};
+  model->space = draws(n, r);
+  model->lift = draws(n, k_times);
+  for (Index t = 0; t < k_times; ++t) {
+    model->time.push_back(static_cast<double>(t));
+    model->core.emplace_back(draws(r, r));
+  }
+  knothe::reduction::Sensors sensors;
+  for (Index i = 0; i < n; ++i) {
+    const std::array<double, 3> at = {static_cast<double>(i / 2), 0, 0};
+    sensors.add(at, i % 2);
+  }
+  const NoiseModel noise = NoiseModel::independent(VectorXd::Constant(n, 20));
+  const std::vector<Prior> priors(2, Prior::normal(1, 0.3).truncated(0.5, 1.5, "p"));
+  knothe::reduction::ObservedErrors errors;
+  errors.space = draws(n, 20);
+  for (Index t = 0; t < k_times; ++t) errors.coefficients.emplace_back(1e-3 * draws(20, 8));
+  SequentialUpdate update(model, noise, priors);
+  Assessor assessor(model, noise, priors, sensors, {}, errors, {});
+  const VectorXd truth = VectorXd::Ones(2);
+  std::vector<VectorXd> values;
+  values.reserve(k_times);
+  std::vector<ExaminedDatum> data;
+  std::vector<double> us;
+  bool ok = true;
+  for (std::size_t t = 0; t < k_times; ++t) {
+    values.emplace_back(model->predict(truth, t) + 20 * draws(n, 1));
+    data.push_back({t, t, &values.back(), nullptr});
+    update.update(t, t, values.back());
+    const auto start = knothe::monotonic_now();
+    const Verdict verdict =
+        assessor.assess({update.result(), update.functions(), &update.summed_form(), false, {}}, data);
+    if (t >= k_times / 2) us.push_back(knothe::microseconds_since(start));
+    ok = ok && verdict.level == VerdictLevel::ok;
+  }
+  std::sort(us.begin(), us.end());
+  fmt::print(
+      "{}, 1 thread\nverdict, {} observations, {} functions, 51 to 100 data: median {:.0f} µs, p99 {:.0f} "
+      "µs{}\n",
+      bench::processor(), n, r, us[us.size() / 2], us[us.size() * 99 / 100], ok ? "" : " (some not ok)");
+}

@@ -1,0 +1,250 @@
+#include "knothe/assimilation/verdict/verdict.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Cholesky>
+#include <cmath>
+#include <limits>
+#include <random>
+
+#include "knothe/assimilation/testing/test_models.hpp"
+#include "knothe/assimilation/update/sequential_update.hpp"
+#include "knothe/assimilation/verdict/assessor.hpp"
+
+namespace knothe::assimilation {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+constexpr Index k_sensors = 24, k_times = 30;
+
+VerdictReason reason(VerdictPart part, VerdictLevel level) {
+  return {part, level, 0, 0, "", {}};
+}
+
+TEST(RunVerdict, IsTheWorstOfTheLastTenth) {
+  RunVerdict run;
+  EXPECT_EQ(run.verdict().level, VerdictLevel::ok);
+  const auto add = [&](int count, std::optional<VerdictReason> why) {
+    for (int k = 0; k < count; ++k) {
+      Verdict verdict;
+      if (why) verdict.add(*why);
+      run.add(verdict);
+    }
+  };
+  add(30, reason(VerdictPart::fit, VerdictLevel::reject));  // long ago
+  add(66, std::nullopt);
+  EXPECT_EQ(run.verdict().level, VerdictLevel::ok);
+  add(1, reason(VerdictPart::bias, VerdictLevel::caution));
+  add(1, reason(VerdictPart::range, VerdictLevel::reject));
+  add(2, reason(VerdictPart::bias, VerdictLevel::caution));
+  const Verdict verdict = run.verdict();
+  EXPECT_EQ(verdict.level, VerdictLevel::reject);
+  ASSERT_EQ(verdict.reasons.size(), 2u);  // each part once
+  EXPECT_EQ(verdict.reasons[0].part, VerdictPart::bias);
+  EXPECT_EQ(verdict.reasons[1].part, VerdictPart::range);
+  EXPECT_EQ(verdict_text(Verdict{}), "verdict: ok");
+  EXPECT_EQ(verdict_text(verdict).substr(0, 40), "verdict: reject: do not use this answer\n");
+}
+
+/// A model of two parameters on [0.5, 1.5]², and what is measured.
+struct Bench {
+  std::shared_ptr<const reduction::ObservedModel> model;
+  reduction::Sensors sensors;
+  NoiseModel noise = NoiseModel::independent(VectorXd::Constant(k_sensors, 0.1));
+  std::vector<Prior> priors;
+  Eigen::Vector2d truth{0.9, 1.2};
+  MatrixXd data;
+  std::vector<std::size_t> times;
+
+  explicit Bench(unsigned seed = 1) {
+    auto made = std::make_shared<reduction::ObservedModel>(
+        *test::random_model(std::make_shared<test::CurvedFunctions>(), k_sensors, 4, k_times, 3));
+    // Smooth in time, as a test is: a random walk of small steps.
+    for (std::size_t t = 1; t < made->core.size(); ++t) {
+      made->core[t] = made->core[t - 1] + 0.2 * made->core[t];
+      made->lift.col(static_cast<Index>(t)) =
+          made->lift.col(static_cast<Index>(t) - 1) + 0.2 * made->lift.col(static_cast<Index>(t));
+    }
+    made->parameters = {"a", "b"};
+    model = made;
+    for (std::size_t i = 0; i < k_sensors; ++i) {
+      const std::array<double, 3> at = {0.1 * static_cast<double>(i / 2), 0, 0};
+      sensors.add(at, static_cast<std::int64_t>(i % 2));
+    }
+    priors = {Prior::normal(1, 0.3).truncated(0.5, 1.5, "a"), Prior::normal(1, 0.3).truncated(0.5, 1.5, "b")};
+    data = test::synthetic_data(*model, truth, noise.standard_deviations(), seed);
+    for (std::size_t t = 0; t < k_times; ++t) times.push_back(t);
+  }
+
+  /// The verdict after all data.
+  [[nodiscard]] Verdict verdict(RobustOptions robust = {}, reduction::ObservedErrors errors = {}) const {
+    SequentialUpdate update(model, noise, priors);
+    std::vector<VectorXd> columns;
+    columns.reserve(static_cast<std::size_t>(data.cols()));
+    std::vector<ExaminedDatum> examined;
+    for (Index t = 0; t < data.cols(); ++t) {
+      const auto step = static_cast<std::size_t>(t);
+      update.update(step, times[step], data.col(t));
+      columns.emplace_back(data.col(t));
+      examined.push_back({step, times[step], &columns.back(), nullptr});
+    }
+    Assessor assessor(model, noise, priors, sensors, robust, std::move(errors), {});
+    return assessor.assess({update.result(), update.functions(), &update.summed_form(), false, {}}, examined);
+  }
+
+  [[nodiscard]] std::optional<MisfitCause> cause() const {
+    for (const VerdictReason& reason : verdict().reasons)
+      if (reason.part == VerdictPart::fit) return reason.cause;
+    return {};
+  }
+};
+
+TEST(Verdict, OfRightDataIsOkAndItsProbabilityUniform) {
+  int below_a_fifth = 0, not_ok = 0;
+  for (unsigned seed = 1; seed <= 200; ++seed) {
+    const Verdict verdict = Bench(seed).verdict();
+    below_a_fifth += verdict.fit_probability < 0.2 ? 1 : 0;
+    not_ok += verdict.level != VerdictLevel::ok ? 1 : 0;
+  }
+  EXPECT_NEAR(below_a_fifth, 40, 20);  // 3.5 standard deviations of a binomial count
+  EXPECT_LE(not_ok, 2);
+}
+
+TEST(Verdict, NamesWhatIsWrongWithTheData) {
+  Bench bench;
+  const MatrixXd right = bench.data;
+  EXPECT_FALSE(bench.cause());
+  bench.data = -right;
+  EXPECT_EQ(bench.cause(), MisfitCause::sign);
+  bench.data = 1e3 * right;
+  EXPECT_EQ(bench.cause(), MisfitCause::scale);
+  bench.data = right;
+  for (Index i = 1; i < k_sensors; i += 2) bench.data.row(i) *= -1;
+  EXPECT_EQ(bench.cause(), MisfitCause::sign);
+  for (Index i = 0; i < k_sensors; i += 2) {
+    bench.data.row(i) = right.row(i + 1);
+    bench.data.row(i + 1) = right.row(i);
+  }
+  EXPECT_EQ(bench.cause(), MisfitCause::component);
+  for (Index i = 0; i < k_sensors; ++i) bench.data.row(i) = right.row((i + 7) % k_sensors);
+  EXPECT_EQ(bench.cause(), MisfitCause::sensor_order);
+  bench.data = right;
+  bench.data.leftCols(k_times - 2) = right.rightCols(k_times - 2);
+  bench.data.conservativeResize(Eigen::NoChange, k_times - 2);
+  EXPECT_EQ(bench.cause(), MisfitCause::time_shift);
+  bench.data = right;
+  bench.data(3, 4) += 50;
+  EXPECT_EQ(bench.cause(), MisfitCause::single_sensor);
+  bench.data = right;
+  bench.data.row(5).array() += 0.4;
+  EXPECT_EQ(bench.cause(), MisfitCause::single_sensor);
+  for (const double factor : {0.3, 3.0}) {
+    bench.data = right;
+    bench.noise = NoiseModel::independent(VectorXd::Constant(k_sensors, 0.1 * factor));
+    EXPECT_EQ(bench.cause(), MisfitCause::noise_level) << factor;
+  }
+}
+
+TEST(Verdict, SeesADatumThatIsRepeatedAndNoiseThatIsCorrelated) {
+  Bench bench;
+  bench.data.col(9) = bench.data.col(8);
+  bench.times[9] = 8;
+  const Verdict repeated = bench.verdict();
+  ASSERT_FALSE(repeated.reasons.empty());
+  EXPECT_NE(verdict_text(repeated).find("repeat"), std::string::npos) << verdict_text(repeated);
+  Bench slow;
+  MatrixXd noise = slow.data;
+  for (Index t = 0; t < k_times; ++t)
+    noise.col(t) -= slow.model->predict(slow.truth, static_cast<std::size_t>(t));
+  for (Index t = 1; t < k_times; ++t) {
+    const VectorXd next = 0.8 * noise.col(t - 1) + 0.6 * noise.col(t);
+    slow.data.col(t) += next - noise.col(t);
+    noise.col(t) = next;
+  }
+  EXPECT_NE(slow.verdict().level, VerdictLevel::ok);
+}
+
+TEST(Verdict, StudentTValuesAreCarriedToNormalOnes) {
+  Bench bench;
+  std::mt19937 random(5);
+  std::student_t_distribution<double> student(4);
+  for (Index t = 0; t < k_times; ++t) {
+    bench.data.col(t) = bench.model->predict(bench.truth, static_cast<std::size_t>(t));
+    for (double& value : bench.data.col(t)) value += 0.1 * student(random);
+  }
+  EXPECT_TRUE(bench.cause());
+  RobustOptions robust;
+  robust.degrees_of_freedom = 4;
+  for (const VerdictReason& reason : bench.verdict(robust).reasons) EXPECT_NE(reason.part, VerdictPart::fit);
+}
+
+/// A linear model with normal priors, where the shift of the mean is Σ Aᵀ R⁻¹ e.
+TEST(Verdict, ShiftByTheModelsErrorIsThatOfTheConjugateFormula) {
+  const Index d = 3;
+  auto made = std::make_shared<reduction::ObservedModel>(
+      *test::random_model(std::make_shared<test::LinearFunctions>(d), k_sensors, 5, k_times, 7));
+  made->parameters = {"a", "b", "c"};
+  const std::vector<Prior> priors(3, Prior::normal(1, 2));
+  const VectorXd std = VectorXd::Constant(k_sensors, 5.0);
+  const NoiseModel noise = NoiseModel::independent(std);
+  const MatrixXd data = test::synthetic_data(*made, VectorXd::Ones(d), std, 2);
+  reduction::ObservedErrors errors;
+  std::mt19937 random(3);
+  std::normal_distribution<double> normal;
+  errors.space = MatrixXd::NullaryExpr(k_sensors, 2, [&] { return normal(random); });
+  MatrixXd precision = MatrixXd::Identity(d, d) / 4, moved = MatrixXd::Zero(d, 8);
+  SequentialUpdate update(made, noise, priors);
+  std::vector<VectorXd> columns;
+  columns.reserve(k_times);
+  std::vector<ExaminedDatum> examined;
+  for (Index t = 0; t < k_times; ++t) {
+    const auto step = static_cast<std::size_t>(t);
+    update.update(step, step, data.col(t));
+    columns.emplace_back(data.col(t));
+    examined.push_back({step, step, &columns.back(), nullptr});
+    errors.coefficients.emplace_back(MatrixXd::NullaryExpr(2, 8, [&] { return normal(random); }));
+    const MatrixXd a = made->space * made->core[step];
+    precision += a.transpose() * a / 25;
+    moved += a.transpose() * (errors.space * errors.coefficients.back()) / 25;
+  }
+  const MatrixXd covariance = precision.inverse();
+  const VectorXd expected = ((covariance * moved).rowwise().squaredNorm() / 8)
+                                .cwiseSqrt()
+                                .cwiseQuotient(covariance.diagonal().cwiseSqrt());
+  Assessor assessor(made, noise, priors, {}, {}, errors, {});
+  const AssessedPosterior posterior{update.result(), update.functions(), &update.summed_form(), false, {}};
+  const VectorXd found = assessor.assess(posterior, examined).model_shift_std;
+  // By the 256 points that stand for the posterior.
+  for (Index a = 0; a < d; ++a) EXPECT_NEAR(found[a], expected[a], 0.1 * expected.maxCoeff()) << a;
+  // In another order of questions the same, to the bit.
+  const std::span<const ExaminedDatum> all(examined);
+  (void)assessor.assess(posterior, all.first(5));
+  assessor.forget_from(3);
+  EXPECT_EQ(assessor.assess(posterior, all).model_shift_std, found);
+}
+
+TEST(Verdict, APosteriorPressedAgainstAnEdgeIsRejected) {
+  Bench bench;
+  std::mt19937 random(2);
+  std::normal_distribution<double> normal;
+  // The truth is far beyond the lower end: the data are those of w at a point that the model does not have.
+  const double a = 0.3, b = 1.2;
+  const VectorXd w = Eigen::Vector3d(a * b, a * a * std::sin(b), 1 / (a + b * b));
+  for (Index t = 0; t < k_times; ++t) {
+    bench.data.col(t) =
+        bench.model->lift.col(t) + bench.model->space * (bench.model->core[static_cast<std::size_t>(t)] * w);
+    for (double& value : bench.data.col(t)) value += 0.1 * normal(random);
+  }
+  const Verdict verdict = bench.verdict();
+  EXPECT_EQ(verdict.level, VerdictLevel::reject);
+  EXPECT_NE(verdict_text(verdict).find("a is pressed against the lower end of the model's range, 0.5"),
+            std::string::npos)
+      << verdict_text(verdict);
+  EXPECT_GT(verdict.edge_mass[0], 0.9);
+}
+
+}  // namespace
+}  // namespace knothe::assimilation

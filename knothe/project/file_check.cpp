@@ -1,0 +1,114 @@
+#include "knothe/project/file_check.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+
+#include "knothe/assimilation/update/posterior_functions.hpp"
+#include "knothe/assimilation/update/prior_of_model.hpp"
+#include "knothe/project/update_setup.hpp"
+
+namespace knothe::project {
+namespace {
+
+using Eigen::Index;
+
+/// The model's answers over the prior at the times of the data.
+struct PriorAnswers {
+  Eigen::MatrixXd mean;  ///< n_obs × n_t
+  /// Per parameter, Σ over sensors and times of (change per standard deviation of the prior / noise)².
+  Eigen::VectorXd information;
+  Eigen::VectorXd largest;  ///< n_obs: of |y|, mean and two standard deviations
+};
+
+PriorAnswers answers_of(const UpdateSetup& setup) {
+  const reduction::ObservedModel& model = *setup.observed;
+  const auto transform = assimilation::truncated_to_box(model, setup.priors);
+  const auto w = assimilation::prior_functions(*model.functions, *transform);
+  const Eigen::VectorXd std = setup.measurements.noise.standard_deviations();
+  PriorAnswers answers;
+  answers.mean.resize(model.observations(), static_cast<Index>(setup.time_indices.size()));
+  answers.information = Eigen::VectorXd::Zero(w.tangent.cols());
+  answers.largest = Eigen::VectorXd::Zero(model.observations());
+  for (std::size_t k = 0; k < setup.time_indices.size(); ++k) {
+    const std::size_t t = setup.time_indices[k];
+    auto mean = answers.mean.col(static_cast<Index>(k));
+    mean = model.lift.col(static_cast<Index>(t)) + model.space * (model.core[t] * w.mean);
+    const Eigen::MatrixXd change = model.space * (model.core[t] * w.tangent);
+    const Eigen::VectorXd spread = (model.space * (model.core[t] * w.factor)).rowwise().norm();
+    answers.largest = answers.largest.cwiseMax(mean.cwiseAbs() + 2 * spread);
+    for (Index i = 0; i < change.rows() && i < std.size(); ++i)
+      if (std[i] > 0) answers.information += change.row(i).cwiseAbs2().transpose() / (std[i] * std[i]);
+  }
+  return answers;
+}
+
+/// Of a component, or of a scalar series: the data's largest value beside the model's.
+void compare_magnitudes(const UpdateSetup& setup, const PriorAnswers& answers, FileCheck& check) {
+  const reduction::Sensors& sensors = setup.measurements.sensors;
+  const auto compare = [&](const std::string& what, const std::vector<Index>& rows) {
+    double measured = 0, expected = 0;
+    for (const Index i : rows) {
+      for (const double value : setup.measurements.values.row(i))
+        if (!std::isnan(value)) measured = std::max(measured, std::abs(value));
+      expected = std::max(expected, answers.largest[i]);
+    }
+    if (rows.empty() || !(measured > 0) || !(expected > 0)) return;
+    const double ratio = measured / expected;
+    if (ratio > 0.1 && ratio < 10) return;
+    check.warnings.push_back(fmt::format(
+        "the largest of {} is {:.3g}, the model's {:.3g} over the prior: check the unit (a factor of {:.2g})",
+        what, measured, expected, ratio));
+  };
+  for (int c = 0; c < 3; ++c) {
+    std::vector<Index> rows;
+    for (std::size_t i = 0; i < sensors.displacement_count(); ++i)
+      if (sensors.components[i] == c) rows.push_back(static_cast<Index>(i));
+    compare(fmt::format("the displacements along {} (m)", "xyz"[c]), rows);
+  }
+  for (std::size_t k = 0; k < sensors.scalars.size(); ++k)
+    compare("\"" + sensors.scalars[k] + "\"", {static_cast<Index>(sensors.displacement_count() + k)});
+}
+
+void check_sensitivity(const UpdateSetup& setup, const PriorAnswers& answers, FileCheck& check) {
+  for (Index a = 0; a < answers.information.size(); ++a) {
+    const double factor = std::sqrt(1 + answers.information[a]);
+    const std::string& name = setup.observed->parameters[static_cast<std::size_t>(a)];
+    if (factor < 1.5)
+      check.warnings.push_back(
+          fmt::format("the data say next to nothing of {}: all of them together make its prior {:.2g} times "
+                      "narrower; measure "
+                      "where it moves the structure (`knothe select`), or more exactly",
+                      name, factor));
+    else
+      check.facts.push_back(
+          fmt::format("{}: the data can make its prior about {:.0f} times narrower", name, factor));
+  }
+}
+
+}  // namespace
+
+FileCheck check_files(const Project& project) {
+  FileCheck check;
+  for (const std::string& file : {project.model, project.data})
+    if (!file.empty() && !std::filesystem::exists(file)) check.missing.push_back(file);
+  // Pictures are as many files as they like: they are looked at when they are correlated.
+  if (project.model.empty() || project.data.empty() || !check.missing.empty()) return check;
+  const UpdateSetup setup = set_up(project);
+  (void)make_forecaster(project, setup);
+  check.facts.push_back(fmt::format("model: {} parameters, {} times, {} dofs",
+                                    setup.observed->parameters.size(), setup.model.contents().time.size(),
+                                    setup.model.contents().dof_count()));
+  check.facts.push_back(fmt::format("data: {} sensors at {} times, inside the model",
+                                    setup.observed->observations(), setup.time_indices.size()));
+  for (const std::string& name : setup.unused)
+    check.warnings.push_back(fmt::format("the series \"{}\" is not used: it has no std", name));
+  const PriorAnswers answers = answers_of(setup);
+  check_sensitivity(setup, answers, check);
+  compare_magnitudes(setup, answers, check);
+  return check;
+}
+
+}  // namespace knothe::project
