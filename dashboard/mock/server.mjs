@@ -13,11 +13,16 @@ const sites = ["beam"];
 const budget = 10000;
 const noise = 1e-6;
 
+export function verdict(level, code, message) {
+  return { level, reasons: [{ code, level, value: 1, limit: 0, message }] };
+}
+
 export class Recording {
   constructor() {
     Object.assign(this, JSON.parse(gunzipSync(readFileSync(join(here, "recording.json.gz")))));
     // In the service a step is the index of its model time: times that never came leave a hole.
     this.lines.forEach((line) => (line.step = Math.round(line.time * 100) - 1));
+    for (const line of this.lines) line.verdict ??= { level: "ok", reasons: [] };
     this.kept = Object.keys(this.fields)
       .map(Number)
       .sort((a, b) => a - b);
@@ -28,7 +33,12 @@ export class Recording {
   scenario() {
     for (const line of this.lines) {
       if (line.step >= 44 && line.step <= 46)
-        Object.assign(line, { trusted: false, ess: 0.71, remark: "effective sample size 71 % is below 90 %" });
+        Object.assign(line, {
+          trusted: false,
+          ess: 0.71,
+          remark: "effective sample size 71 % is below 90 %",
+          verdict: verdict("caution", "computation", "the computation is not exact: effective sample size 71 %"),
+        });
       if (line.step >= 60 && line.used > 0) {
         const part = (line.used - 2) / line.used;
         Object.assign(line, {
@@ -235,6 +245,15 @@ export class MockService {
     for (const reader of this.readers) reader.write(this.event(this.count, line) + this.statusEvent());
   }
 
+  /** The last datum is taken out: its step has no line any more. */
+  withdraw() {
+    const { step } = this.known.at(-1);
+    this.recording.lines.splice(this.count - 1, 1);
+    this.count -= 1;
+    for (const reader of this.readers)
+      reader.write(`id: ${4294967296 + this.count}\nevent: withdrawn\ndata: ${JSON.stringify({ step })}\n\n`);
+  }
+
   say(state, reason) {
     this.state = { state, reason };
     for (const reader of this.readers) reader.write(this.statusEvent());
@@ -274,6 +293,7 @@ export class MockService {
       ...shown,
       state: this.state?.state ?? "OK",
       reason: this.state?.reason ?? "",
+      structure: line.verdict.level,
       step: line.step,
       time: line.time,
       data_age_s: (Date.now() - this.lastAt) / 1000,

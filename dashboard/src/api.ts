@@ -1,5 +1,5 @@
 /** Talking to the service: requests with the token, and the stream of events, taken up again where it broke. */
-import { asStepLine, EventParser, isObject, parseStates, tryJson } from "./parse";
+import { asStepLine, EventParser, isNumber, isObject, parseStates, tryJson } from "./parse";
 import type { Event, FieldsAnswer, Model, SamplesAnswer, SensorsAnswer, Status, StepLine } from "./types";
 import { asAlarm, asFields, asMesh, asModel, asSamples, asSensors, asStatus } from "./wire";
 
@@ -152,6 +152,7 @@ export class Api {
           const content = tryJson(event.data);
           const line = event.event === "step" || event.event === "message" ? asStepLine(content) : undefined;
           if (line) listener.line(line);
+          if (event.event === "withdrawn" && isObject(content) && isNumber(content.step)) listener.gone(content.step);
           const status = event.event === "status" ? asStatus(content) : undefined;
           if (status) listener.status(status);
           const alarm = event.event === "alarm" ? asAlarm(content) : undefined;
@@ -203,6 +204,8 @@ export interface Cursor {
 export interface EventListener {
   opened(): void;
   line(line: StepLine): void;
+  /** All data of a step were withdrawn: it has no line any more. */
+  gone(step: number): void;
   status(status: Status): void;
   alarm(alarm: Event): void;
   lost(error: HttpError | undefined): void;

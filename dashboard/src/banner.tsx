@@ -1,8 +1,8 @@
-/** At the top of the page, readable from across the room: the state, why, and how old the last datum is. */
+/** At the top of the page, readable from across the room: the service's state, the structure's, why, and how old the last datum is. */
 import { useEffect, useState } from "preact/hooks";
-import { stateLook } from "./colour";
+import { levelLook, stateLook } from "./colour";
 import { duration, given } from "./format";
-import { banner as bannerOf } from "./state";
+import { banner as bannerOf, structure, type Structure } from "./state";
 import type { Store } from "./store";
 
 /** The age counts on between data: only this part of the page is drawn for it. */
@@ -22,6 +22,7 @@ export function BannerView({ store }: { store: Store }) {
     document.title = `${banner.state} · ${model?.site ?? "knothe"}`;
   }, [banner.state, model?.site]);
   const look = stateLook[banner.state];
+  const verdict = structure(status, latest);
   return (
     <section class="banner" style={{ "--state": look.colour, "--ink": look.ink }} aria-label="State">
       <div class="word" role="status" aria-live="polite" id="state">
@@ -47,6 +48,28 @@ export function BannerView({ store }: { store: Store }) {
           <dd>{latest ? given(latest.time) : "–"}</dd>
         </div>
       </dl>
+      {verdict && <StructureView {...verdict} />}
     </section>
+  );
+}
+
+/** May the answer be used: of the structure and its model, whatever the service's own state is. */
+function StructureView({ level, reason }: Structure) {
+  const look = levelLook[level];
+  return (
+    <>
+      <div
+        class="word structure"
+        style={{ "--state": look.colour, "--ink": look.ink }}
+        role="status"
+        aria-live="polite"
+        id="structure"
+      >
+        <span aria-hidden="true">{look.sign}</span> structure {level.toUpperCase()}
+      </div>
+      <p class="reason structure" id="verdict">
+        {reason}
+      </p>
+    </>
   );
 }

@@ -1,5 +1,5 @@
 /** Colours that the colour-blind can tell apart: Okabe and Ito's set, viridis, and blue–white–orange for what has a sign. */
-import type { Severity, StateWord } from "./types";
+import type { Severity, StateWord, VerdictLevel } from "./types";
 
 export interface Theme {
   dark: boolean;
@@ -68,6 +68,12 @@ export const stateLook: Record<StateWord, { colour: string; ink: string; sign: s
   STALE: { colour: "#5d6a79", ink: "#ffffff", sign: "◷" },
   BIASED: { colour: "#9b3f77", ink: "#ffffff", sign: "◆" },
   DIVERGED: { colour: "#b83a00", ink: "#ffffff", sign: "✕" },
+};
+
+export const levelLook: Record<VerdictLevel, (typeof stateLook)[StateWord]> = {
+  ok: stateLook.OK,
+  caution: stateLook.DEGRADED,
+  reject: stateLook.DIVERGED,
 };
 
 export const severitySign: Record<Severity, string> = { info: "ℹ", warning: "▲", alarm: "✕" };

@@ -1,7 +1,7 @@
 /** What happened, with its cause, from the lines alone: so the list is complete for whoever opens the page late. Pure. */
 import { given, microseconds, probability, scaleFor, significant, words } from "./format";
 import { medianPeriod } from "./history";
-import { whyNotTrusted } from "./state";
+import { firstReason, usualLevel, whyNotTrusted } from "./state";
 import type { Event, QuantityDescription, Severity, StateWord, Status, StepLine } from "./types";
 
 /** A forecast is worth a line when its probability passes one of these, upward or downward. */
@@ -55,6 +55,7 @@ export function eventsOf(lines: readonly StepLine[], context: EventContext): Eve
       void events.push({ step: line.step, severity, kind, message });
     const before = lines[i - 1];
     trust(line, before, add);
+    verdict(line, before, add);
     data(line, before, limit, add);
     bias(line, before, add);
     deadline(line, before, context.budget_us, add);
@@ -71,6 +72,18 @@ function trust(line: StepLine, before: StepLine | undefined, add: Add): void {
     add("warning", "trust", `Posterior not trusted: ${whyNotTrusted(line)}`);
   if (line.trusted && before?.trusted === false)
     add("info", "trust", `Posterior trusted again since step ${line.step}`);
+}
+
+function verdict(line: StepLine, before: StepLine | undefined, add: Add): void {
+  const level = line.verdict?.level ?? "ok";
+  if (level === (before?.verdict?.level ?? "ok")) return;
+  const severity = level === "reject" ? "alarm" : level === "caution" ? "warning" : "info";
+  const reason = firstReason(line.verdict) ?? usualLevel[level];
+  add(
+    severity,
+    "verdict",
+    reason.replace(/^[a-z]/, (c) => c.toUpperCase()),
+  );
 }
 
 function data(line: StepLine, before: StepLine | undefined, limit: number, add: Add): void {

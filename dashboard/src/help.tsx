@@ -1,8 +1,8 @@
 /** Keys, the words of the state, and how to read the pictures. */
 import { useEffect, useRef, useState } from "preact/hooks";
-import { stateLook } from "./colour";
-import { usual } from "./state";
-import { stateWords } from "./types";
+import { levelLook, stateLook } from "./colour";
+import { usual, usualLevel } from "./state";
+import { stateWords, verdictLevels } from "./types";
 
 export const keys: [string, string][] = [
   ["← →", "one step back, forward"],
@@ -34,6 +34,16 @@ export function Help({ open, close, version }: { open: boolean; close: () => voi
               </span>
             </dt>
             <dd>{usual[word]}</dd>
+          </div>
+        ))}
+        {verdictLevels.map((level) => (
+          <div key={level}>
+            <dt>
+              <span class="chip" style={{ background: levelLook[level].colour, color: levelLook[level].ink }}>
+                {levelLook[level].sign} structure {level.toUpperCase()}
+              </span>
+            </dt>
+            <dd>{usualLevel[level]}</dd>
           </div>
         ))}
       </dl>

@@ -18,6 +18,13 @@ export class History {
     this.version += 1;
   }
 
+  remove(step: number): void {
+    const at = this.position(step);
+    if (this.lines[at]?.step !== step) return;
+    this.lines.splice(at, 1);
+    this.version += 1;
+  }
+
   clear(): void {
     this.lines.length = 0;
     this.version += 1;

@@ -1,5 +1,5 @@
 /** Texts of the service to values. Pure. */
-import type { Forecast, StepLine } from "./types";
+import { verdictLevels, type Forecast, type StepLine, type Verdict, type VerdictLevel } from "./types";
 
 export function isObject(value: unknown): value is Record<string, unknown> {
   return typeof value === "object" && value !== null && !Array.isArray(value);
@@ -32,7 +32,8 @@ export function asStepLine(value: unknown): StepLine | undefined {
   const elapsed: Record<string, number> = {};
   for (const [name, entry] of Object.entries(isObject(value.elapsed_us) ? value.elapsed_us : {}))
     if (typeof entry === "number" && Number.isFinite(entry)) elapsed[name] = entry;
-  const { marginals: _marginals, ...rest } = value;
+  const { marginals: _marginals, verdict: said, ...rest } = value;
+  const verdict = asVerdict(said);
   return {
     ...(rest as unknown as StepLine),
     covariance: Array.isArray(value.covariance) ? (value.covariance as number[][]) : [],
@@ -45,7 +46,24 @@ export function asStepLine(value: unknown): StepLine | undefined {
     log_evidence_increment: number(value.log_evidence_increment, NaN),
     elapsed_us: elapsed,
     forecast,
+    ...(verdict ? { verdict } : {}),
   };
+}
+
+export function asVerdictLevel(value: unknown): VerdictLevel | undefined {
+  return verdictLevels.find((level) => level === value);
+}
+
+/** Its words; the numbers behind them are left out. */
+function asVerdict(value: unknown): Verdict | undefined {
+  const level = isObject(value) ? asVerdictLevel(value.level) : undefined;
+  if (!isObject(value) || !level) return undefined;
+  const reasons: Verdict["reasons"] = [];
+  for (const reason of Array.isArray(value.reasons) ? value.reasons.filter(isObject) : []) {
+    const of = asVerdictLevel(reason.level);
+    if (of && typeof reason.message === "string") reasons.push({ level: of, message: reason.message });
+  }
+  return { level, reasons };
 }
 
 /** `/v1/states`: one JSON line per step, or one array, or an object that holds it; what is not a step is passed over. */

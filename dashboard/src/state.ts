@@ -1,6 +1,6 @@
 /** The state in words. Pure: time is given. */
 import { duration, microseconds } from "./format";
-import type { Model, StateWord, Status, StepLine } from "./types";
+import type { Model, StateWord, Status, StepLine, Verdict, VerdictLevel } from "./types";
 
 export interface Knowledge {
   /** Now, and when things were seen, in ms of one clock. */
@@ -51,6 +51,29 @@ export function banner(k: Knowledge): Banner {
   }
   return { state: said.state, reason: said.reason ? sentence(said.reason) : usual[said.state], age };
 }
+
+export interface Structure {
+  level: VerdictLevel;
+  reason: string;
+}
+
+/** What the verdict on the latest step says of the answer; nothing where there is no verdict. */
+export function structure(status: Status | undefined, latest: StepLine | undefined): Structure | undefined {
+  const level = latest?.verdict?.level ?? status?.structure;
+  return level && { level, reason: sentence(firstReason(latest?.verdict) ?? usualLevel[level]) };
+}
+
+/** The first reason of the verdict's own level. */
+export function firstReason(verdict: Verdict | undefined): string | undefined {
+  return verdict?.reasons.find((reason) => reason.level === verdict.level)?.message;
+}
+
+/** What the levels mean; the help says it too. */
+export const usualLevel: Record<VerdictLevel, string> = {
+  ok: "Nothing speaks against the answer: the data fit the model and its noise.",
+  caution: "Use the answer knowing the reasons.",
+  reject: "Do not use the answer.",
+};
 
 function sentence(text: string): string {
   const start = text.replace(/^[a-z]/, (c) => c.toUpperCase());

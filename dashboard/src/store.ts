@@ -103,6 +103,11 @@ export class Store {
           this.changed(false);
           this.fetchDetails();
         },
+        gone: (step) => {
+          this.forgetStep(step);
+          this.changed();
+          this.fetchDetails();
+        },
         status: (status) => {
           this.takeStatus(status);
           this.changed();
@@ -169,9 +174,18 @@ export class Store {
   }
 
   private take(line: StepLine): void {
-    const known = this.history.find(line.step);
-    if (known) for (const key of this.cache.keys()) if (key.endsWith(` ${line.step}`)) this.cache.delete(key);
+    if (this.history.find(line.step)) this.forgetDetails(line.step);
     this.history.add(line);
+  }
+
+  private forgetStep(step: number): void {
+    this.forgetDetails(step);
+    this.history.remove(step);
+    if (this.chosen === step) this.chosen = undefined;
+  }
+
+  private forgetDetails(step: number): void {
+    for (const key of this.cache.keys()) if (key.endsWith(` ${step}`)) this.cache.delete(key);
   }
 
   private takeStatus(status: Status): void {

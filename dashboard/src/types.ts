@@ -32,6 +32,16 @@ export interface StepLine {
   forecast: Record<string, Forecast>;
   /** Why the step is not trusted. */
   remark?: string;
+  verdict?: Verdict;
+}
+
+export const verdictLevels = ["ok", "caution", "reject"] as const;
+export type VerdictLevel = (typeof verdictLevels)[number];
+
+/** May the answer be used, and why not. */
+export interface Verdict {
+  level: VerdictLevel;
+  reasons: { level: VerdictLevel; message: string }[];
 }
 
 export interface ParameterDescription {
@@ -94,6 +104,8 @@ export type StateWord = (typeof stateWords)[number];
 export interface Status {
   state: StateWord;
   reason?: string;
+  /** Of the latest step's verdict: the structure's state, beside the service's. */
+  structure?: VerdictLevel;
   step?: number;
   data_age_s?: number;
   period_s?: number;

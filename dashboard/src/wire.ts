@@ -1,5 +1,5 @@
 /** The page's routes (docs/dashboard.md) to what the page works with. Pure. */
-import { isNumber, isNumbers, isObject } from "./parse";
+import { asVerdictLevel, isNumber, isNumbers, isObject } from "./parse";
 import {
   stateWords,
   type FieldsAnswer,
@@ -52,7 +52,10 @@ export function asMesh(value: unknown): { mesh?: Mesh; sensors?: Sensors } {
 export function asStatus(value: unknown): Status | undefined {
   if (!isObject(value)) return undefined;
   const state = stateWords.find((word) => word === value.state);
-  return state ? { ...(value as unknown as Status), state } : undefined;
+  if (!state) return undefined;
+  const { structure: said, ...rest } = value;
+  const structure = asVerdictLevel(said);
+  return { ...(rest as unknown as Status), state, ...(structure ? { structure } : {}) };
 }
 
 export function asAlarm(value: unknown): Event | undefined {

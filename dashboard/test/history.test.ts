@@ -17,6 +17,19 @@ test("lines are kept in order of steps, a later line for a step replaces the ear
   assert.equal(history.nearest(0.0449)?.step, 3);
 });
 
+test("a step whose data were withdrawn is forgotten", () => {
+  const history = new History();
+  for (const step of [0, 1, 2]) history.add(stepLine(step));
+  const { version } = history;
+  history.remove(1);
+  history.remove(7);
+  assert.deepEqual(
+    history.lines.map((l) => l.step),
+    [0, 2],
+  );
+  assert.equal(history.version, version + 1);
+});
+
 test("the oldest steps are forgotten when there are too many", () => {
   const history = new History();
   for (let step = 0; step < mostSteps + 10; step += 1) history.add(stepLine(step));

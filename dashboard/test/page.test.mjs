@@ -6,7 +6,7 @@ import { dirname, join } from "node:path";
 import { after, before, test } from "node:test";
 import { fileURLToPath } from "node:url";
 import { compareNumbers, eventually, launch, number, portToComeBackTo, text, until, watchedPage } from "./browser.mjs";
-import { MockService, Recording } from "../mock/server.mjs";
+import { MockService, Recording, verdict } from "../mock/server.mjs";
 
 const here = dirname(fileURLToPath(import.meta.url));
 const pictures = join(here, "../out/pictures");
@@ -141,6 +141,23 @@ test("the state is said in words, with its cause; silence becomes STALE", async 
   });
   await until(page, ".events", /The last datum does not fit/);
   await until(page, ".events", /The service became DIVERGED: no map could be verified/);
+});
+
+test("the structure has a state of its own, with its first reason; a withdrawn step is forgotten", async (t) => {
+  const { page, service } = await open(t, { start: 50 });
+  await until(page, "#structure", /structure OK/);
+  const message = "the data do not fit the model: component y has the wrong sign";
+  service.recording.lines[service.count].verdict = verdict("reject", "fit", message);
+  service.advance();
+  await until(page, "#structure", /structure REJECT/);
+  await until(page, "#verdict", /^The data do not fit the model: component y has the wrong sign\.$/);
+  await until(page, "#state", /OK/);
+  await until(page, ".events", /component y has the wrong sign/);
+  const { step } = service.known.at(-1);
+  service.withdraw();
+  await until(page, "#step", new RegExp(`^${service.known.at(-1).step}\\b`));
+  assert.notEqual(step, service.known.at(-1).step);
+  await until(page, "#structure", /structure OK/);
 });
 
 test("another configuration behind the same address: what was there is forgotten", async (t) => {

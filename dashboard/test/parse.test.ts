@@ -10,6 +10,15 @@ test("a line of section 4 is taken with all its numbers, its densities left out"
   assert.deepEqual(line, stepLine(3));
 });
 
+test("a verdict is taken with its levels and messages, or not at all", () => {
+  const reason = { code: "fit", level: "reject", value: 3, limit: 1, message: "no" };
+  const parsed = asStepLine({ ...stepLine(1), verdict: { level: "reject", reasons: [reason, 5], edge_mass: [0] } });
+  assert.deepEqual(parsed?.verdict, { level: "reject", reasons: [{ level: "reject", message: "no" }] });
+  assert.equal(asStepLine({ ...stepLine(1), verdict: { level: "perhaps" } })?.verdict, undefined);
+  assert.deepEqual(asStatus({ state: "OK", structure: "perhaps" }), { state: "OK" });
+  assert.equal(asStatus({ state: "OK", structure: "caution" })?.structure, "caution");
+});
+
 test("what is no line is refused, what is only incomplete is completed", () => {
   for (const wrong of [
     null,

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { csv, sensorsTable, stepsTable } from "../src/csv";
 import { duration, given, microseconds, probability, scaleFor, significant, withSpread } from "../src/format";
-import { banner, derived } from "../src/state";
+import { banner, derived, structure } from "../src/state";
 import { eventsOf, merged, stateEvent } from "../src/events";
 import { stepLine, withProbability } from "./support";
 
@@ -87,6 +87,33 @@ test("without a status the line itself tells", () => {
     "step 4 is not trusted: variance diagnostic 0.20 is above 0.05, effective sample size 70 % is below 90 %",
   );
   assert.equal(derived(stepLine(4, { trusted: false, remark: "second mode" })).reason, "second mode");
+});
+
+const caution = { level: "caution" as const, message: "the posterior is at the edge" };
+const reject = { level: "reject" as const, message: "the data do not fit" };
+
+test("the structure's state is the verdict's, with the first reason of its level", () => {
+  assert.equal(structure({ state: "OK" }, stepLine(1)), undefined);
+  assert.equal(
+    structure({ state: "OK", structure: "caution" }, undefined)?.reason,
+    "Use the answer knowing the reasons.",
+  );
+  const line = stepLine(1, { verdict: { level: "reject", reasons: [caution, reject] } });
+  assert.deepEqual(structure({ state: "STALE" }, line), { level: "reject", reason: "The data do not fit." });
+});
+
+test("a verdict that changes its level is told", () => {
+  const lines = [
+    stepLine(0, { verdict: { level: "ok", reasons: [] } }),
+    stepLine(1, { verdict: { level: "caution", reasons: [caution] } }),
+    stepLine(2, { verdict: { level: "caution", reasons: [caution] } }),
+    stepLine(3, { verdict: { level: "reject", reasons: [caution, reject] } }),
+    stepLine(4, { verdict: { level: "ok", reasons: [] } }),
+  ];
+  assert.deepEqual(
+    eventsOf(lines, { quantities: [] }).map((e) => `${e.step} ${e.severity} ${e.kind}`),
+    ["4 info verdict", "3 alarm verdict", "1 warning verdict"],
+  );
 });
 
 const quantities = [{ name: "crack", threshold: 0.028, units: "m" }];

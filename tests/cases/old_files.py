@@ -5,6 +5,7 @@ What 0.1.0 printed of them stands beside them: numbers agree as far as maps of a
 import shutil
 import unittest
 
+from service_support import Service
 from support import SOURCE, Case, parse_line
 
 OLD = SOURCE / "made_by_0.1.0"
@@ -36,6 +37,23 @@ class Test(Case):
         before = (self.folder / "project.journal").read_bytes()
         self.expect_as_then(self.expect(0, "replay", "project.journal", "--project", "project.toml", "--json").lines(), "replayed.jsonl")
         self.assertEqual((self.folder / "project.journal").read_bytes(), before)
+
+    def test_the_journal_is_served_and_a_datum_of_it_withdrawn(self):
+        service = Service(self.folder, "project.toml")
+        self.addCleanup(lambda: service.process and service.process.poll() is None and service.kill())
+        service.start()
+        status = service.settled()
+        steps = [line["step"] for line in service.states()]
+        quarantined = service.get("/v1/quarantine")[1]["quarantined"]
+        answer = service.post("/v1/withdraw", {"source": "daq", "session": "a", "seq": 7})
+        self.assertEqual(answer, (200, {"withdrawn": True, "step": steps[-1]}))
+        service.settled()
+        self.assertEqual([line["step"] for line in service.states()], steps[:-1])
+        self.assertEqual(service.stop(), 130)
+        service.start()
+        self.assertEqual(service.settled()["records"], status["records"])
+        self.assertEqual([line["step"] for line in service.states()], steps[:-1])
+        self.assertEqual(service.get("/v1/quarantine")[1]["quarantined"], quarantined)
 
     def test_the_results_folder_is_reported_and_forecast_from(self):
         self.expect(0, "report", "results", "-o", "report.html")

@@ -195,6 +195,144 @@ class Test(ServiceCase):
         service.settled()
         self.assertEqual([comparable(line) for line in service.states()], expected)
 
+    def key_of(self, datum):
+        return {name: datum[name] for name in ("source", "session", "seq")}
+
+    def withdraw(self, service, datum, step):
+        self.assertEqual(service.post("/v1/withdraw", self.key_of(datum)), (200, {"withdrawn": True, "step": step}))
+
+    def test_a_withdrawn_datum_is_as_if_it_had_never_come(self):
+        without = self.serve()
+        for k in (0, 1, 2, 3, 4, 6, 7, 8, 9, 10, 11):
+            without.send(self.data[k])
+        without.settled(11)
+        expected = [comparable(line) for line in without.states()]
+        without.stop()
+        service = self.serve(extra='journal = "second.journal"\n')
+        wrong = {**self.data[7], "source": "gauges", "seq": 0, "values": [v + 1e-4 for v in self.data[7]["values"]]}
+        for datum in [*self.data, wrong]:
+            self.expect_stored(service.send(datum))
+        service.settled(13)
+        self.assertNotEqual([comparable(line) for line in service.states()], expected)
+        self.expect_error(service.post("/v1/withdraw", {**self.key_of(wrong), "seq": 1}), 404, "UnknownDatum")
+        self.expect_error(service.post("/v1/withdraw?site=none", self.key_of(wrong)), 404, "UnknownSite")
+        self.expect_error(service.post("/v1/withdraw", {"source": "gauges", "session": "s"}), 400, "Malformed")
+        self.withdraw(service, wrong, 7)
+        self.withdraw(service, self.data[5], 5)
+        self.withdraw(service, self.data[5], 5)
+        service.settled(13)
+        self.assertEqual([comparable(line) for line in service.states()], expected)
+        self.expect_error(service.get("/v1/observations?step=5"), 404, "NoState")
+        service.kill()
+        service.start()
+        service.settled(13)
+        self.assertEqual([comparable(line) for line in service.states()], expected)
+        lines = self.expect(0, "replay", "second.journal", "--project", self.project_name, "--json").lines()
+        self.assertEqual([comparable(line) for line in lines[:-1]], expected)
+        self.assertIn("13 records, 0 in quarantine, 2 withdrawn", self.expect(0, "replay", "second.journal").out)
+        self.assertIn("11 data written", self.expect(0, "export", "second.journal", "-o", "left.csv", "--project", self.project_name).out)
+
+    def test_methods_that_take_data_in_order_forget_what_is_withdrawn(self):
+        self.edit("[method]\n", "[method]\ngate = 3.0\n")
+        expected = [comparable(line) for line in self.assimilate()]
+        service = self.serve()
+        wrong = {**self.data[4], "source": "gauges", "seq": 0, "values": [v + 1e-4 for v in self.data[4]["values"]]}
+        for datum in [*self.data, wrong]:
+            service.send(datum)
+        self.withdraw(service, wrong, 4)
+        service.settled(13)
+        self.assertEqual([comparable(line) for line in service.states()], expected)
+
+    def test_a_withdrawn_datum_may_come_again_corrected(self):
+        expected = [comparable(line) for line in self.assimilate()]
+        service = self.serve()
+        wrong = {**self.data[2], "values": [10 * v for v in self.data[2]["values"]]}
+        for datum in [*self.data[:2], wrong, *self.data[3:]]:
+            service.send(datum)
+        self.expect_error(service.send(self.data[2]), 409, "Conflict")
+        self.withdraw(service, wrong, 2)
+        # Nine places late, but in the place of one that was in time.
+        status, answer = service.send(self.data[2])
+        self.assertEqual((status, answer), (200, {"accepted": True, "duplicate": False, "step": 2, "replacement": True}))
+        self.expect_stored(service.send(self.data[2]), 2, duplicate=True)
+        service.settled(13)
+        self.assertEqual([comparable(line) for line in service.states()], expected)
+        self.withdraw(service, self.data[2], 2)
+        service.settled(13)
+        self.assertNotIn(2, [line["step"] for line in service.states()])
+        self.expect_stored(service.send(self.data[2]), 2)  # the same values: the withdrawal is undone
+        service.settled(14)
+        service.kill()
+        service.start()
+        service.settled(14)
+        self.assertEqual([comparable(line) for line in service.states()], expected)
+
+    def test_a_quarantined_datum_can_be_withdrawn_and_a_wrong_seq_is_no_more_in_the_way(self):
+        service = self.serve()
+        for k in range(6):
+            service.send(self.data[k])
+        far = {**self.data[6], "seq": 1000}
+        self.expect_stored(service.send(far), 6)
+        self.assertTrue(service.send(self.data[7])[1]["quarantined"])
+        self.withdraw(service, self.data[7], 7)
+        self.assertEqual(service.get("/v1/quarantine")[1]["quarantined"], [])
+        self.expect_error(service.post("/v1/quarantine", self.key_of(self.data[7])), 404, "NotQuarantined")
+        self.withdraw(service, far, 6)
+        service.settled(8)
+        self.assertEqual(service.get("/v1/status")[1]["step"], 5)
+        for k in range(6, 12):
+            status, answer = service.send(self.data[k])
+            self.assertEqual((status, answer.get("quarantined")), (200, None))
+        service.settled(14)
+        self.assertEqual([comparable(line) for line in service.states()], [comparable(line) for line in self.assimilate()])
+
+    def test_readers_of_events_hear_that_a_line_is_gone(self):
+        service = self.serve()
+        for datum in self.data[:3]:
+            service.send(datum)
+        service.settled(3)
+        before = service.states()
+        events = Events(service, Last_Event_ID=str(before[-1]["event"]))
+        self.withdraw(service, self.data[1], 1)
+        gone = lambda e: [json.loads(x["data"]) for x in e.events if x.get("event") == "withdrawn"]
+        events.wait_for(lambda e: gone(e) and len(e.steps()) >= 1)
+        events.close()
+        (line,) = gone(events)
+        self.assertEqual((line["step"], line["withdrawn"]), (1, True))
+        self.assertEqual([line["step"] for line in service.states()], [0, 2])
+        self.assertEqual(events.steps()[-1][1], service.states()[-1])
+        self.withdraw(service, self.data[0], 0)
+        self.withdraw(service, self.data[2], 2)
+        service.settled(3)
+        self.assertEqual(service.states(), [])
+        self.assertNotIn("step", service.get("/v1/status")[1])
+        self.expect_error(service.get("/v1/state"), 404, "NoState")
+        service.kill()
+        service.start()
+        late = Events(service, Last_Event_ID=str(before[-1]["event"]))  # away meanwhile: hears of it all the same
+        late.wait_for(lambda e: len(gone(e)) == 3)
+        late.close()
+
+    def test_the_structure_has_a_state_of_its_own(self):
+        service = self.serve(extra="budget = 60.0\nstale_after = 60.0\n")
+        self.assertNotIn("structure", service.get("/v1/status")[1])
+        for datum in self.data[:5]:
+            service.send(datum)
+        service.settled(5)
+        line = service.get("/v1/state")[1]
+        self.assertEqual(service.get("/v1/status")[1]["structure"], line["verdict"]["level"])
+        shifted = {**self.data[5], "values": [v + (3e-5 if i % 2 else -3e-5) for i, v in enumerate(self.data[5]["values"])]}
+        service.send(shifted)
+        status = service.settled(6)
+        verdict = service.get("/v1/state")[1]["verdict"]
+        self.assertEqual((status["structure"], verdict["level"]), ("reject", "reject"), verdict)
+        message = next(reason["message"] for reason in verdict["reasons"] if reason["level"] == "reject")
+        told = [(a["step"], a["severity"], a["message"]) for a in service.get("/v1/alarms")[1]["alarms"] if a["kind"] == "verdict"]
+        self.assertEqual(told[-1], (5, "alarm", message))
+        service.wait_until(lambda: 'knothe_structure{site="assimilation",level="reject"} 1' in service.get("/metrics")[1].decode())
+        self.withdraw(service, shifted, 5)
+        self.assertEqual(service.settled(6)["structure"], line["verdict"]["level"])
+
     def test_several_data_of_one_time_are_one_step(self):
         service = self.serve()
         other = {**self.data[0], "source": "gauges", "values": [v + 1e-6 for v in self.data[0]["values"]]}
@@ -271,8 +409,10 @@ class Test(ServiceCase):
         self.expect_error(service.get("/v1/status", Authorization="Bearer send-token-of-32-characters-xxxx"), 401, "Unauthorized")
         self.assertEqual(service.get("/v1/status", Authorization="Bearer read-token-of-32-characters-xxxx")[0], 200)
         self.expect_error(service.send(self.data[0]), 401, "Unauthorized")
+        self.expect_error(service.post("/v1/withdraw", self.key_of(self.data[0]), Authorization="Bearer read-token-of-32-characters-xxxx"), 401, "Unauthorized")
         self.expect_error(service.post("/v1/measurements", self.data[0], Authorization="Bearer read-token-of-32-characters-xxxx"), 401, "Unauthorized")
         self.expect_stored(service.post("/v1/measurements", self.data[0], Authorization="Bearer send-token-of-32-characters-xxxx"), 0)
+        self.assertEqual(service.post("/v1/withdraw", self.key_of(self.data[0]), Authorization="Bearer send-token-of-32-characters-xxxx")[0], 200)
 
     def test_other_addresses_need_tokens(self):
         self.project.write_text(self.project.read_text() + '\n[serve]\naddress = "0.0.0.0"\n')

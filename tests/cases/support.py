@@ -151,7 +151,7 @@ class Case(unittest.TestCase):
         """The step lines of `knothe assimilate --json`, the last line checked and taken off; 8: its verdict is reject."""
         lines = self.expect(status, "assimilate", self.project_name, "--json", *arguments, **options).lines()
         last = lines.pop()
-        self.assertEqual(list(last), ["done", "steps", "untrusted", "elapsed_s"])
+        self.assertEqual(list(last), ["done", "steps", "verdict", "untrusted", "elapsed_s"])
         self.assertIs(last["done"], True)
         self.assertEqual(last["steps"], len(lines))
         self.assertEqual(last["untrusted"], [line["step"] for line in lines if not line["trusted"]])

@@ -7,38 +7,16 @@
 
 #include <chrono>
 #include <filesystem>
+#include <utility>
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/sha256.hpp"
 #include "knothe/service/journal/journal_records.hpp"
+#include "knothe/service/journal/journal_schema.hpp"
 #include "knothe/service/journal/sqlite.hpp"
 
 namespace knothe::service {
 namespace {
-
-constexpr std::int64_t k_schema = 2;
-constexpr std::int64_t k_application = 0x6b6e6f74;  // "knot"
-
-/// From an empty file to schema 1.
-constexpr const char* k_schema_1 = R"(
-  CREATE TABLE meta(key TEXT PRIMARY KEY, value INTEGER) WITHOUT ROWID;
-  CREATE TABLE identity(id INTEGER PRIMARY KEY, sensors TEXT NOT NULL, model TEXT NOT NULL,
-                        configuration TEXT NOT NULL, project TEXT NOT NULL, after INTEGER NOT NULL);
-  CREATE TABLE measurement(id INTEGER PRIMARY KEY, source TEXT NOT NULL, session TEXT NOT NULL,
-                           seq INTEGER NOT NULL, time REAL NOT NULL, step INTEGER NOT NULL,
-                           payload BLOB NOT NULL, quarantined INTEGER NOT NULL, received INTEGER NOT NULL,
-                           seal BLOB NOT NULL, UNIQUE(source, session, seq));
-  CREATE TABLE release(id INTEGER PRIMARY KEY, measurement INTEGER NOT NULL UNIQUE, seal BLOB NOT NULL);
-  INSERT INTO meta VALUES('starts', 0);
-  PRAGMA application_id = 0x6b6e6f74;
-  PRAGMA user_version = 1;
-)";
-
-/// From schema 1 to 2: a measurement's own noise. A journal of schema 1 that is only read stays as it is.
-constexpr const char* k_schema_2 = R"(
-  ALTER TABLE measurement ADD COLUMN noise BLOB;
-  PRAGMA user_version = 2;
-)";
 
 /// The lock that makes a writer the only one; it goes with the process, however that ends.
 class WriterLock {
@@ -69,17 +47,34 @@ std::int64_t now_ms() {
       .count();
 }
 
+/// Rows that are numbered from 1 without gaps, each sealed with the one before.
+struct Chain {
+  std::string seal;  ///< of the last
+  std::int64_t count = 0;
+};
+struct Chains {
+  Chain records, releases;
+  Chain withdrawals{"withdrawals", 0};  ///< begins otherwise: no release can be taken for one
+};
+
+/// The last record of a key.
+struct Found {
+  std::string payload;
+  double time = 0;
+  std::int64_t step = 0;
+  bool held = false, withdrawn = false;  ///< held: in quarantine still, or when it was withdrawn
+};
+
 }  // namespace
 
 struct Journal::Implementation {
   std::string path;
   WriterLock lock;
   mutable Database database;
-  std::string seal, last_release_seal;
-  std::string seal_before, release_seal_before;  ///< at `begin`
-  std::int64_t count = 0, releases = 0, count_before = 0, releases_before = 0;
+  Chains chains;
+  std::optional<Chains> before;  ///< at `begin`
   std::int64_t starts = 0;
-  std::optional<Statement> insert, find;
+  std::optional<Statement> insert, find;  ///< of a writer
 
   Implementation(const std::string& p, Access access)
       : path(p),
@@ -88,38 +83,22 @@ struct Journal::Implementation {
     if (access == Access::write) {
       // FULL: the log is synced at every commit; EXTRA adds nothing in WAL mode.
       database.execute("PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL; PRAGMA trusted_schema = OFF;");
-      if (one_integer(database, "PRAGMA user_version") == 0 &&
-          one_integer(database, "SELECT count(*) FROM sqlite_master") == 0) {
-        database.execute("BEGIN IMMEDIATE");
-        database.execute(k_schema_1);
-        database.execute("COMMIT");
-      }
+      if (is_empty(database)) migrate(database);
     }
-    check_schema();
+    check_schema(database);
     verify();
-    if (access == Access::write) {
-      if (one_integer(database, "PRAGMA user_version") == 1) {
-        database.execute("BEGIN IMMEDIATE");
-        database.execute(k_schema_2);
-        database.execute("COMMIT");
-      }
-      database.execute("UPDATE meta SET value = value + 1 WHERE key = 'starts'");
-      starts = one_integer(database, "SELECT value FROM meta WHERE key = 'starts'");
-      insert.emplace(database, "INSERT INTO measurement VALUES(?,?,?,?,?,?,?,?,?,?,?)");
-    }
-    find.emplace(database,
-                 "SELECT id, payload, time, step, quarantined FROM measurement WHERE source = ? AND session "
-                 "= ? AND seq = ?");
+    if (access == Access::write) prepare_to_write();
   }
 
-  void check_schema() {
-    if (one_integer(database, "PRAGMA application_id") != k_application)
-      throw DataError(fmt::format("{}: is a database, but not a journal of knothe", path));
-    const std::int64_t version = one_integer(database, "PRAGMA user_version");
-    if (version > k_schema)
-      throw DataError(fmt::format("{}: journal of schema {}, this knothe knows up to {}: use a newer knothe",
-                                  path, version, k_schema));
-    if (version < 1) throw DataError(fmt::format("{}: journal of unknown schema {}", path, version));
+  void prepare_to_write() {
+    migrate(database);
+    database.execute("UPDATE meta SET value = value + 1 WHERE key = 'starts'");
+    starts = one_integer(database, "SELECT value FROM meta WHERE key = 'starts'");
+    insert.emplace(database, "INSERT INTO measurement VALUES(?,?,?,?,?,?,?,?,?,?,?)");
+    find.emplace(database,
+                 "SELECT m.payload, m.time, m.step, m.quarantined, r.id, w.id FROM measurement m "
+                 "LEFT JOIN release r ON r.measurement = m.id LEFT JOIN withdrawal w ON w.measurement = m.id "
+                 "WHERE m.source = ? AND m.session = ? AND m.seq = ? ORDER BY m.id DESC LIMIT 1");
   }
 
   [[noreturn]] void damaged(const std::string& what) const {
@@ -133,22 +112,67 @@ struct Journal::Implementation {
       if (!integrity.step() || integrity.text(0) != "ok")
         damaged(fmt::format("the journal is damaged: {}", integrity.text(0)));
     }
+    Chain& records = chains.records;
     Statement rows(database, select_records(database, "ORDER BY m.id").c_str());
     while (rows.step()) {
       const Record record = read_record(rows);
-      if (!record.well_formed || record.entry.id != count + 1 || record.seal != seal_of(seal, record))
-        damaged(fmt::format("record {} of the journal is damaged, or one before it is lost", count + 1));
-      seal = record.seal;
-      ++count;
+      if (!record.well_formed || record.entry.id != records.count + 1 ||
+          record.seal != seal_of(records.seal, record))
+        damaged(
+            fmt::format("record {} of the journal is damaged, or one before it is lost", records.count + 1));
+      records = {record.seal, record.entry.id};
     }
-    Statement released(database, "SELECT id, measurement, seal FROM release ORDER BY id");
-    while (released.step()) {
-      if (released.integer(0) != releases + 1 || released.integer(1) < 1 || released.integer(1) > count ||
-          released.text(2) != release_seal(last_release_seal, releases + 1, released.integer(1)))
-        damaged(fmt::format("release {} of the journal is damaged", releases + 1));
-      last_release_seal = released.text(2);
-      ++releases;
+    verify_marks("release", chains.releases);
+    if (schema_of(database) < 3) return;
+    verify_marks("withdrawal", chains.withdrawals);
+    Statement twice(database,
+                    "SELECT max(m.id) FROM measurement m LEFT JOIN withdrawal w ON w.measurement = m.id "
+                    "WHERE w.id IS NULL GROUP BY m.source, m.session, m.seq HAVING count(*) > 1 LIMIT 1");
+    if (twice.step())
+      damaged(fmt::format("record {} of the journal has the key of one before it, whose withdrawal is lost",
+                          twice.integer(0)));
+  }
+
+  /// Releases or withdrawals.
+  void verify_marks(const char* table, Chain& chain) {
+    Statement rows(database, fmt::format("SELECT id, measurement, seal FROM {} ORDER BY id", table).c_str());
+    while (rows.step()) {
+      const std::int64_t id = rows.integer(0), record = rows.integer(1);
+      if (id != chain.count + 1 || record < 1 || record > chains.records.count ||
+          rows.text(2) != mark_seal(chain.seal, id, record))
+        damaged(fmt::format("{} {} of the journal is damaged", table, chain.count + 1));
+      chain = {std::string(rows.text(2)), id};
     }
+  }
+
+  void mark(const char* table, Chain& chain, std::int64_t record) {
+    const std::string seal = mark_seal(chain.seal, chain.count + 1, record);
+    Statement row(database, fmt::format("INSERT INTO {} VALUES(?,?,?)", table).c_str());
+    row.bind(1, chain.count + 1).bind(2, record).bind_blob(3, seal);
+    row.run();
+    chain = {seal, chain.count + 1};
+  }
+
+  std::optional<Found> find_last(const assimilation::DatumKey& key) {
+    find->reset();
+    find->bind(1, std::string_view(key.source)).bind(2, std::string_view(key.session)).bind(3, key.seq);
+    std::optional<Found> found;
+    if (find->step())
+      found = {std::string(find->text(0)), find->number(1), find->integer(2),
+               find->integer(3) != 0 && find->is_null(4), !find->is_null(5)};
+    find->reset();
+    return found;
+  }
+
+  std::optional<JournalEntry> last_entry(const assimilation::DatumKey& key) {
+    Statement row(
+        database,
+        select_records(database,
+                       "WHERE m.source = ? AND m.session = ? AND m.seq = ? ORDER BY m.id DESC LIMIT 1")
+            .c_str());
+    row.bind(1, std::string_view(key.source)).bind(2, std::string_view(key.session)).bind(3, key.seq);
+    if (!row.step()) return std::nullopt;
+    return read_record(row).entry;
   }
 };
 
@@ -177,7 +201,7 @@ bool Journal::identify(const Identity& identity) {
                    "INSERT INTO identity(sensors, model, configuration, project, after) VALUES(?,?,?,?,?)");
   insert.bind(1, std::string_view(identity.sensors)).bind(2, std::string_view(identity.model));
   insert.bind(3, std::string_view(identity.configuration)).bind(4, std::string_view(identity.project));
-  insert.bind(5, implementation_->count);
+  insert.bind(5, implementation_->chains.records.count);
   insert.run();
   return last.has_value();
 }
@@ -196,8 +220,8 @@ std::int64_t Journal::starts() const {
 
 void Journal::begin() {
   Implementation& i = *implementation_;
-  i.seal_before = i.seal, i.release_seal_before = i.last_release_seal;
-  i.count_before = i.count, i.releases_before = i.releases;
+  i.before.reset();  // what cannot be remembered cannot be gone back to
+  i.before = i.chains;
   i.database.execute("BEGIN IMMEDIATE");
 }
 
@@ -208,6 +232,7 @@ void Journal::touch() {
 
 void Journal::commit() {
   implementation_->database.execute("COMMIT");
+  implementation_->before.reset();
 }
 
 void Journal::rollback() noexcept {
@@ -217,40 +242,27 @@ void Journal::rollback() noexcept {
   } catch (const std::exception&) {
     // SQLite has rolled back by itself: that is what a full disk does.
   }
-  i.seal = i.seal_before, i.last_release_seal = i.release_seal_before;
-  i.count = i.count_before, i.releases = i.releases_before;
+  if (i.before) i.chains = *std::exchange(i.before, std::nullopt);
 }
 
 Appended Journal::append(const Measurement& datum, bool quarantined) {
   Implementation& i = *implementation_;
   Record record;
   record.payload = datum.payload();
-  Statement& find = *i.find;
-  find.reset();
-  find.bind(1, std::string_view(datum.key.source))
-      .bind(2, std::string_view(datum.key.session))
-      .bind(3, datum.key.seq);
-  if (find.step()) {
-    const bool same = find.text(1) == record.payload && find.number(2) == datum.time;
-    Appended there{same ? Outcome::duplicate : Outcome::conflict, find.integer(4) != 0, find.integer(3), 0};
-    const std::int64_t id = find.integer(0);
-    find.reset();
-    if (there.quarantined) {
-      Statement released(i.database, "SELECT 1 FROM release WHERE measurement = ?");
-      released.bind(1, id);
-      if (released.step()) there.quarantined = false;
-    }
-    return there;
+  const auto there = i.find_last(datum.key);
+  if (there && !there->withdrawn) {
+    const bool same = there->payload == record.payload && there->time == datum.time;
+    return {same ? Outcome::duplicate : Outcome::conflict, there->held, there->step, 0, false};
   }
-  find.reset();
-  record.entry.id = i.count + 1;
+  if (there && !there->held) quarantined = false;
+  record.entry.id = i.chains.records.count + 1;
   record.entry.measurement.key = datum.key;
   record.entry.measurement.time = datum.time;
   record.entry.measurement.step = datum.step;
   record.entry.measurement.noise = datum.noise;
   record.entry.quarantined = quarantined;
   record.entry.measurement.received_ms = now_ms();
-  const std::string seal = seal_of(i.seal, record);
+  const std::string seal = seal_of(i.chains.records.seal, record);
   Statement& insert = *i.insert;
   insert.reset();
   insert.bind(1, record.entry.id).bind(2, std::string_view(datum.key.source));
@@ -268,32 +280,44 @@ Appended Journal::append(const Measurement& datum, bool quarantined) {
     insert.bind_blob(11, datum.noise);
   }
   insert.run();
-  i.seal = seal;
-  ++i.count;
-  return {Outcome::accepted, quarantined, datum.step, record.entry.measurement.received_ms};
+  i.chains.records = {seal, record.entry.id};
+  return {Outcome::accepted, quarantined, datum.step, record.entry.measurement.received_ms,
+          there.has_value()};
 }
 
 std::optional<JournalEntry> Journal::release(const assimilation::DatumKey& key) {
   Implementation& i = *implementation_;
-  Statement row(
-      i.database,
-      select_records(i.database, "WHERE m.source = ? AND m.session = ? AND m.seq = ? AND m.quarantined = 1")
-          .c_str());
-  row.bind(1, std::string_view(key.source)).bind(2, std::string_view(key.session)).bind(3, key.seq);
-  if (!row.step()) return std::nullopt;
-  JournalEntry entry = read_record(row).entry;
-  if (entry.released) return entry;
-  const std::string seal = release_seal(i.last_release_seal, i.releases + 1, entry.id);
-  Statement insert(i.database, "INSERT INTO release VALUES(?,?,?)");
-  insert.bind(1, i.releases + 1).bind(2, entry.id).bind_blob(3, seal);
-  insert.run();
-  i.last_release_seal = seal;
-  ++i.releases;
+  auto entry = i.last_entry(key);
+  if (!entry || !entry->quarantined || entry->withdrawn) return std::nullopt;
+  if (!entry->released) i.mark("release", i.chains.releases, entry->id);
+  return entry;
+}
+
+std::optional<JournalEntry> Journal::withdraw(const assimilation::DatumKey& key) {
+  Implementation& i = *implementation_;
+  auto entry = i.last_entry(key);
+  if (entry && !entry->withdrawn) i.mark("withdrawal", i.chains.withdrawals, entry->id);
   return entry;
 }
 
 std::int64_t Journal::count() const {
-  return implementation_->count;
+  return implementation_->chains.records.count;
+}
+
+std::int64_t Journal::withdrawals() const {
+  return implementation_->chains.withdrawals.count;
+}
+
+std::optional<std::int64_t> Journal::largest_seq(const std::string& source,
+                                                 const std::string& session) const {
+  Statement row(implementation_->database,
+                select_records(implementation_->database,
+                               "WHERE m.source = ? AND m.session = ? AND w.id IS NULL ORDER BY m.seq DESC "
+                               "LIMIT 1")
+                    .c_str());
+  row.bind(1, std::string_view(source)).bind(2, std::string_view(session));
+  if (!row.step()) return std::nullopt;
+  return row.integer(3);
 }
 
 void Journal::for_each(const std::function<void(const JournalEntry&)>& visit) const {
@@ -308,7 +332,8 @@ std::vector<JournalEntry> Journal::quarantined() const {
       implementation_->database,
       select_records(implementation_->database, "WHERE m.quarantined = 1 AND r.id IS NULL ORDER BY m.id")
           .c_str());
-  while (rows.step()) entries.push_back(read_record(rows).entry);
+  while (rows.step())
+    if (JournalEntry entry = read_record(rows).entry; !entry.withdrawn) entries.push_back(std::move(entry));
   return entries;
 }
 
@@ -318,8 +343,8 @@ const std::string& Journal::path() const {
 
 std::string Journal::seal() const {
   Digest digest{};
-  if (implementation_->seal.size() == digest.size())
-    std::copy(implementation_->seal.begin(), implementation_->seal.end(), digest.begin());
+  const std::string& seal = implementation_->chains.records.seal;
+  if (seal.size() == digest.size()) std::copy(seal.begin(), seal.end(), digest.begin());
   return to_hex(digest);
 }
 

@@ -4,7 +4,8 @@
 ///
 /// Records are sealed in a chain: seal_n = SHA-256(seal_{n−1} ‖ record n). A record that was changed, lost or
 /// put in between is found when the journal is opened. What power failure tears off the end was not
-/// acknowledged.
+/// acknowledged. Nothing is ever taken off the disk: that a datum is released or withdrawn is a mark of its
+/// own, sealed in a chain of its own.
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -31,6 +32,10 @@ struct JournalEntry {
   Measurement measurement;
   bool quarantined = false;  ///< came too late
   bool released = false;     ///< quarantined, then assimilated by request
+  bool withdrawn = false;    ///< taken out by request: as if it had never come
+
+  /// Whether it is in the posterior.
+  [[nodiscard]] bool counts() const { return !withdrawn && (!quarantined || released); }
 };
 
 /// What `append` found.
@@ -40,6 +45,7 @@ struct Appended {
   bool quarantined = false;  ///< the datum itself, or the one that it duplicates, and not released
   std::int64_t step = 0;     ///< of the record on disk
   std::int64_t received_ms = 0;
+  bool replacement = false;  ///< of a datum of the same key that was withdrawn
 };
 
 class Journal {
@@ -69,17 +75,26 @@ class Journal {
   void rollback() noexcept;
   /// Writes something that means nothing, inside a group: does the disk take it?
   void touch();
-  /// Adds a datum inside a group. `quarantined`: whether it came too late, if it is new.
+  /// Adds a datum inside a group. `quarantined`: whether it came too late, if it is new. One whose key was
+  /// withdrawn is new; it takes the place of that one, so it is too late only if that was.
   Appended append(const Measurement& datum, bool quarantined);
-  /// Lets a quarantined datum into the posterior, inside a group. Nothing if there is none of that key.
+  /// Lets a quarantined datum into the posterior, inside a group: its record before. Nothing if there is none
+  /// of that key.
   std::optional<JournalEntry> release(const assimilation::DatumKey& key);
+  /// Takes a datum out, inside a group: its record before, which says whether it had been withdrawn already.
+  /// Nothing if there is none of that key.
+  std::optional<JournalEntry> withdraw(const assimilation::DatumKey& key);
 
-  [[nodiscard]] std::int64_t count() const;
+  [[nodiscard]] std::int64_t count() const;        ///< of records, withdrawn ones too
+  [[nodiscard]] std::int64_t withdrawals() const;  ///< how many of them are withdrawn
+  /// Of the records that are not withdrawn; nothing if there are none (writers only).
+  [[nodiscard]] std::optional<std::int64_t> largest_seq(const std::string& source,
+                                                        const std::string& session) const;
   /// Calls `visit` for every record, in the order of their writing.
   void for_each(const std::function<void(const JournalEntry&)>& visit) const;
   [[nodiscard]] std::vector<JournalEntry> quarantined() const;
   [[nodiscard]] const std::string& path() const;
-  /// The seal of the last record, in hex: two journals with the same seal hold the same.
+  /// The seal of the last record, in hex: two journals with the same seal hold the same records.
   [[nodiscard]] std::string seal() const;
 
  private:

@@ -3,16 +3,18 @@
 #include <fmt/format.h>
 
 #include "knothe/base/sha256.hpp"
+#include "knothe/service/journal/journal_schema.hpp"
 
 namespace knothe::service {
 
 std::string select_records(Database& database, const char* condition) {
-  const char* noise = one_integer(database, "PRAGMA user_version") < 2 ? "NULL" : "m.noise";
+  const std::int64_t schema = schema_of(database);
   return fmt::format(
       "SELECT m.id, m.source, m.session, m.seq, m.time, m.step, m.payload, m.quarantined, m.received, "
-      "m.seal, r.id, {} "
-      "FROM measurement m LEFT JOIN release r ON r.measurement = m.id {}",
-      noise, condition);
+      "m.seal, r.id, {}, {} "
+      "FROM measurement m LEFT JOIN release r ON r.measurement = m.id {} {}",
+      schema < 2 ? "NULL" : "m.noise", schema < 3 ? "NULL" : "w.id",
+      schema < 3 ? "" : "LEFT JOIN withdrawal w ON w.measurement = m.id", condition);
 }
 
 Record read_record(const Statement& row) {
@@ -28,6 +30,7 @@ Record read_record(const Statement& row) {
   record.seal = row.text(9);
   e.released = !row.is_null(10);
   if (!row.is_null(11)) e.measurement.noise = row.text(11);
+  e.withdrawn = !row.is_null(12);
   record.well_formed = e.measurement.set_payload(record.payload) && record.seal.size() == sizeof(Digest);
   return record;
 }
@@ -50,7 +53,7 @@ std::string seal_of(std::string_view previous, const Record& record) {
   return {reinterpret_cast<const char*>(digest.data()), digest.size()};
 }
 
-std::string release_seal(std::string_view previous, std::int64_t id, std::int64_t measurement) {
+std::string mark_seal(std::string_view previous, std::int64_t id, std::int64_t measurement) {
   Sha256 sum;
   sum.add_text(previous);
   sum.add_number(id);

@@ -22,7 +22,8 @@ struct Record {
 [[nodiscard]] Record read_record(const Statement& row);
 /// SHA-256(seal before ‖ record), raw bytes.
 [[nodiscard]] std::string seal_of(std::string_view previous, const Record& record);
-[[nodiscard]] std::string release_seal(std::string_view previous, std::int64_t id, std::int64_t measurement);
+/// Of a release or a withdrawal.
+[[nodiscard]] std::string mark_seal(std::string_view previous, std::int64_t id, std::int64_t measurement);
 /// The first column of the first row; 0 without one.
 [[nodiscard]] std::int64_t one_integer(Database& database, const char* sql);
 

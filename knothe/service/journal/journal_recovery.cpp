@@ -23,6 +23,19 @@ std::int64_t max_records(const std::string& journal) {
   return static_cast<std::int64_t>(bytes / sizeof(Digest));
 }
 
+/// With what became of it: its key may come again later.
+void save(const JournalEntry& entry, Journal& whole, Recovery& recovery) {
+  const Measurement& datum = entry.measurement;
+  if (whole.append(datum, entry.quarantined).outcome != Outcome::accepted) {
+    recovery.lost.push_back(
+        fmt::format("record {}: there is another of its key, whose withdrawal is lost", entry.id));
+    return;
+  }
+  ++recovery.saved;
+  if (entry.released) whole.release(datum.key);
+  if (entry.withdrawn) whole.withdraw(datum.key);
+}
+
 }  // namespace
 
 Recovery recover_journal(const std::string& from, const std::string& to) {
@@ -35,7 +48,6 @@ Recovery recover_journal(const std::string& from, const std::string& to) {
   whole.begin();
   std::string previous;
   std::int64_t expected = 1;
-  std::vector<assimilation::DatumKey> released;
   // One record at a time, by its number: damage of one page does not end the walk.
   std::int64_t last = 0;
   try {
@@ -74,15 +86,12 @@ Recovery recover_journal(const std::string& from, const std::string& to) {
         recovery.lost.push_back(fmt::format("record {}: its bytes do not match its seal", expected));
         continue;
       }
-      if (whole.append(record.entry.measurement, record.entry.quarantined).outcome == Outcome::accepted)
-        ++recovery.saved;
-      if (record.entry.released) released.push_back(record.entry.measurement.key);
+      save(record.entry, whole, recovery);
     } catch (const DataError& error) {
       recovery.lost.push_back(fmt::format("record {}: {}", expected, error.what()));
       previous.clear();
     }
   }
-  for (const assimilation::DatumKey& key : released) whole.release(key);
   whole.commit();
   return recovery;
 }

@@ -137,6 +137,147 @@ TEST(Journal, QuarantinedDataAreReleasedOnce) {
   journal.for_each([](const JournalEntry& entry) { EXPECT_TRUE(entry.quarantined && entry.released); });
 }
 
+std::optional<JournalEntry> withdraw(Journal& journal, const assimilation::DatumKey& key) {
+  journal.begin();
+  auto entry = journal.withdraw(key);
+  journal.commit();
+  return entry;
+}
+
+/// Values of the data that count, in the order of their records.
+std::vector<double> counting_values(const std::string& path) {
+  std::vector<double> values;
+  Journal(path, Journal::Access::read).for_each([&](const JournalEntry& entry) {
+    if (entry.counts()) values.push_back(entry.measurement.values[0]);
+  });
+  return values;
+}
+
+std::string refusal(const std::string& path) {
+  try {
+    const Journal journal(path, Journal::Access::read);
+  } catch (const DataError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(Journal, AWithdrawnDatumStaysOutAndMayComeAgain) {
+  const files::TestFolder folder;
+  const std::string path = folder.file("j.journal");
+  {
+    Journal journal(path, Journal::Access::write);
+    for (int i = 0; i < 3; ++i) append(journal, datum(i, 10 + i));
+    EXPECT_FALSE(withdraw(journal, datum(7).key));
+    EXPECT_FALSE(withdraw(journal, datum(1).key)->withdrawn);
+    EXPECT_TRUE(withdraw(journal, datum(1).key)->withdrawn);  // it was before
+    EXPECT_EQ(journal.withdrawals(), 1);
+    EXPECT_EQ(journal.largest_seq("camera", "session"), 2);
+    withdraw(journal, datum(2).key);
+    EXPECT_EQ(journal.largest_seq("camera", "session"), 0);
+    EXPECT_EQ(journal.largest_seq("gauges", "session"), std::nullopt);
+  }
+  EXPECT_EQ(counting_values(path), std::vector<double>({10}));
+  {
+    Journal journal(path, Journal::Access::write);
+    journal.begin();
+    const Appended again = journal.append(datum(1, 21), false);
+    EXPECT_EQ(again.outcome, Outcome::accepted);
+    EXPECT_TRUE(again.replacement);
+    EXPECT_EQ(journal.append(datum(1, 21), false).outcome, Outcome::duplicate);
+    EXPECT_EQ(journal.append(datum(1, 11), false).outcome, Outcome::conflict);
+    EXPECT_TRUE(journal.append(datum(2, 12), false).replacement);  // the same values: it is back
+    journal.commit();
+    withdraw(journal, datum(2).key);
+  }
+  EXPECT_EQ(counting_values(path), std::vector<double>({10, 21}));
+  EXPECT_EQ(Journal(path, Journal::Access::read).count(), 5);
+}
+
+TEST(Journal, AReplacementIsLateOnlyIfWhatItReplacesWas) {
+  const files::TestFolder folder;
+  Journal journal(folder.file("j.journal"), Journal::Access::write);
+  append(journal, datum(0));
+  journal.begin();
+  journal.append(datum(1), true);
+  journal.append(datum(2), true);
+  journal.release(datum(2).key);
+  journal.commit();
+  for (int i = 0; i < 3; ++i) withdraw(journal, datum(i).key);
+  EXPECT_TRUE(journal.quarantined().empty());
+  journal.begin();
+  EXPECT_FALSE(journal.release(datum(1).key));
+  EXPECT_FALSE(journal.append(datum(0, 2), true).quarantined);
+  EXPECT_TRUE(journal.append(datum(1, 2), true).quarantined);
+  EXPECT_FALSE(journal.append(datum(2, 2), true).quarantined);
+  journal.commit();
+  ASSERT_EQ(journal.quarantined().size(), 1u);
+  EXPECT_EQ(journal.quarantined()[0].measurement.values[0], 2);
+}
+
+TEST(Journal, AWithdrawalThatIsRolledBackLeavesNothing) {
+  const files::TestFolder folder;
+  const std::string path = folder.file("j.journal");
+  {
+    Journal journal(path, Journal::Access::write);
+    append(journal, datum(0));
+    journal.begin();
+    journal.withdraw(datum(0).key);
+    journal.rollback();
+    EXPECT_EQ(journal.withdrawals(), 0);
+    append(journal, datum(1));
+    EXPECT_FALSE(withdraw(journal, datum(1).key)->withdrawn);
+  }
+  EXPECT_EQ(counting_values(path).size(), 1u);
+}
+
+TEST(Journal, ADamagedOrLostWithdrawalIsFoundAndRecoverySavesTheOthers) {
+  const files::TestFolder folder;
+  const std::string path = folder.file("j.journal");
+  {
+    Journal journal(path, Journal::Access::write);
+    for (int i = 0; i < 3; ++i) append(journal, datum(i, i));
+    withdraw(journal, datum(0).key);
+    withdraw(journal, datum(1).key);
+    append(journal, datum(1, 5));
+  }
+  const auto damaged = [&](const char* sql) {
+    const std::string copy = folder.file("damaged");
+    std::filesystem::copy_file(path, copy, std::filesystem::copy_options::overwrite_existing);
+    Database(copy, Database::Mode::read_write).execute(sql);
+    return refusal(copy);
+  };
+  EXPECT_NE(damaged("UPDATE withdrawal SET measurement = 3 WHERE id = 1").find("withdrawal 1 of the journal"),
+            std::string::npos);
+  EXPECT_NE(damaged("DELETE FROM withdrawal WHERE id = 2").find("record 4 of the journal has the key"),
+            std::string::npos);
+  EXPECT_NE(damaged("INSERT INTO release SELECT * FROM withdrawal").find("release 1 of the journal"),
+            std::string::npos);
+  EXPECT_EQ(recover_journal(path, folder.file("new")).saved, 4);
+  EXPECT_EQ(counting_values(folder.file("new")), counting_values(path));
+  damaged("DELETE FROM withdrawal WHERE id = 2");
+  const Recovery recovery = recover_journal(folder.file("damaged"), folder.file("newer"));
+  EXPECT_EQ(recovery.saved, 3);
+  EXPECT_NE(recovery.lost.at(0).find("whose withdrawal is lost"), std::string::npos);
+}
+
+TEST(Journal, OneOfSchema2IsReadAsItIsAndMigratedWhenItIsWritten) {
+  const files::TestFolder folder;
+  const std::string path = folder.file("j.journal");
+  const std::string seal = write_journal(path, 4).back();
+  Database(path, Database::Mode::read_write)
+      .execute(
+          "DROP TABLE withdrawal; DROP INDEX measurement_key; PRAGMA user_version = 2;"
+          "CREATE UNIQUE INDEX key ON measurement(source, session, seq);");
+  EXPECT_EQ(counting_values(path).size(), 4u);
+  EXPECT_EQ(Journal(path, Journal::Access::read).seal(), seal);
+  Journal journal(path, Journal::Access::write);
+  EXPECT_EQ(journal.seal(), seal);
+  withdraw(journal, datum(3).key);
+  append(journal, datum(3, 8));
+  EXPECT_EQ(counting_values(path), std::vector<double>({0, 0.5, 1, 8}));
+}
+
 TEST(Journal, AJournalHasOneWriterAndManyReaders) {
   const files::TestFolder folder;
   const std::string path = folder.file("j.journal");

@@ -56,6 +56,22 @@ std::int64_t checked_seq(const Unordered& value) {
   return value.get<std::int64_t>();
 }
 
+Unordered parse_object(std::string_view body) {
+  Unordered object;
+  try {
+    object = Unordered::parse(body);
+  } catch (const Unordered::exception& error) {
+    malformed(fmt::format("the body is not JSON: {}", error.what()));
+  }
+  if (!object.is_object()) malformed("the body must be one JSON object");
+  return object;
+}
+
+assimilation::DatumKey key_of(const Unordered& object) {
+  return {text_member(object, "source", true), text_member(object, "session", true),
+          checked_seq(member(object, "seq"))};
+}
+
 std::uint8_t status_code(const std::string& word) {
   return word == "good" ? 0 : word == "missing" ? 1 : word == "bad" ? 2 : 3;
 }
@@ -134,25 +150,22 @@ bool Measurement::set_payload(std::string_view bytes) {
 }
 
 SiteMeasurement parse_json_measurement(std::string_view body) {
-  Unordered object;
-  try {
-    object = Unordered::parse(body);
-  } catch (const Unordered::exception& error) {
-    malformed(fmt::format("the body is not JSON: {}", error.what()));
-  }
-  if (!object.is_object()) malformed("the body must be one JSON object");
+  const Unordered object = parse_object(body);
   SiteMeasurement result;
   Measurement& datum = result.measurement;
   result.site = text_member(object, "site", false);
-  datum.key.source = text_member(object, "source", true);
-  datum.key.session = text_member(object, "session", true);
-  datum.key.seq = checked_seq(member(object, "seq"));
+  datum.key = key_of(object);
   const Unordered& time = member(object, "time");
   if (!time.is_number() || !std::isfinite(time.get<double>())) malformed("\"time\" must be a finite number");
   datum.time = time.get<double>();
   read_values(member(object, "values"), datum);
   if (object.contains("status")) read_status(object["status"], datum);
   return result;
+}
+
+SiteKey parse_json_key(std::string_view body) {
+  const Unordered object = parse_object(body);
+  return {text_member(object, "site", false), key_of(object)};
 }
 
 SiteMeasurement parse_mqtt_measurement(std::string_view topic, std::string_view payload) {

@@ -55,6 +55,15 @@ struct SiteMeasurement {
 /// From the JSON object of `POST /v1/measurements`. RequestError 400 that says which member is wrong.
 [[nodiscard]] SiteMeasurement parse_json_measurement(std::string_view body);
 
+/// A datum that is there already, and the site it is at (may be empty).
+struct SiteKey {
+  std::string site;
+  assimilation::DatumKey key;
+};
+
+/// From a JSON object with `source`, `session`, `seq`. RequestError 400 that says which member is wrong.
+[[nodiscard]] SiteKey parse_json_key(std::string_view body);
+
 /// From an MQTT message: topic knothe/v1/SITE/SOURCE/data, payload the same JSON, whose `site` (may be left
 /// out) and `source` must be those of the topic. RequestError 400.
 [[nodiscard]] SiteMeasurement parse_mqtt_measurement(std::string_view topic, std::string_view payload);

@@ -61,6 +61,16 @@ TEST(Measurement, IsReadFromJson) {
   EXPECT_EQ(read.measurement.values[2], -3e-7);
 }
 
+TEST(Measurement, AKeyIsReadFromJson) {
+  const SiteKey datum = parse_json_key(R"({"site":"beam","source":"camera","session":"s","seq":7})");
+  EXPECT_EQ(datum.site, "beam");
+  EXPECT_EQ(datum.key, (assimilation::DatumKey{"camera", "s", 7}));
+  for (const char* wrong :
+       {"", "[]", R"({"source":"camera","session":"s"})", R"({"source":"camera","session":"s","seq":1.5})",
+        R"({"source":1,"session":"s","seq":1})"})
+    EXPECT_THROW((void)parse_json_key(wrong), RequestError) << wrong;
+}
+
 TEST(Measurement, APayloadComesBackToTheBit) {
   const Measurement datum = parse_json_measurement(k_json).measurement;
   Measurement back;

@@ -34,7 +34,7 @@ Opened open_both(const std::string& path, const std::string& project_path) {
   Opened opened{std::move(project), std::move(setup), {}};
   const auto sensors = static_cast<std::size_t>(opened.setup.measurements.observation_count());
   journal.for_each([&](const JournalEntry& entry) {
-    if (entry.quarantined && !entry.released) return;
+    if (!entry.counts()) return;
     if (entry.measurement.values.size() != sensors || entry.measurement.step < 0 ||
         static_cast<std::size_t>(entry.measurement.step) >= opened.setup.observed->time.size())
       throw DataError(fmt::format(
@@ -111,8 +111,8 @@ void replay_journal(const std::string& path, const std::string& project_path, bo
   if (!json) {
     const Journal journal(path, Journal::Access::read);
     const auto identity = journal.identity();
-    fmt::print("{}: {} records, {} in quarantine, whole; seal {}\n", path, journal.count(),
-               journal.quarantined().size(), journal.seal());
+    fmt::print("{}: {} records, {} in quarantine, {} withdrawn, whole; seal {}\n", path, journal.count(),
+               journal.quarantined().size(), journal.withdrawals(), journal.seal());
     if (identity)
       fmt::print("model {}\nconfiguration {}\nsensors {}\n", identity->model, identity->configuration,
                  identity->sensors);

@@ -41,6 +41,7 @@ const std::vector<Route>& routes() {
                                               {"GET", "/v1/quarantine"},
                                               {"POST", "/v1/quarantine"},
                                               {"POST", "/v1/measurements"},
+                                              {"POST", "/v1/withdraw"},
                                               {"GET", "/Info"},
                                               {"POST", "/Info"},
                                               {"POST", "/ModelInfo"},
@@ -76,10 +77,13 @@ std::string host_name(const std::string& host) {
 HttpResponse answer_of(const JournalWriter::Answer& answer) {
   if (const auto* error = std::get_if<RequestError>(&answer))
     return error_response(error->status(), error->type(), error->what());
+  if (const auto* withdrawn = std::get_if<Withdrawn>(&answer))
+    return json_response({{"withdrawn", true}, {"step", withdrawn->step}});
   const Appended& appended = std::get<Appended>(answer);
   Json body = {
       {"accepted", true}, {"duplicate", appended.outcome == Outcome::duplicate}, {"step", appended.step}};
   if (appended.quarantined) body["quarantined"] = true;
+  if (appended.replacement) body["replacement"] = true;
   return json_response(body);
 }
 
@@ -105,7 +109,8 @@ class SiteEvents final : public EventSource {
       const auto line = site_->lines().next_line(seen_);
       if (!line) break;
       seen_ = line->event;
-      out += fmt::format("id: {}\nevent: step\ndata: {}\n\n", line->event, line->json);
+      out += fmt::format("id: {}\nevent: {}\ndata: {}\n\n", line->event,
+                         line->withdrawn ? "withdrawn" : "step", line->json);
     }
     return out;
   }
@@ -181,8 +186,8 @@ bool Api::admit(const HttpRequest& head, HttpResponse& refusal) {
     return false;
   }
   if (head.path == "/" || head.path == "/livez" || head.path == "/readyz") return true;
-  const bool ingests =
-      head.path == "/v1/measurements" || (head.path == "/v1/quarantine" && head.method == "POST");
+  const bool ingests = head.path == "/v1/measurements" || head.path == "/v1/withdraw" ||
+                       (head.path == "/v1/quarantine" && head.method == "POST");
   const std::string& token = ingests ? options_.ingest_token : options_.read_token;
   if (token.empty()) return true;
   const std::string given = head.header("authorization");
@@ -210,6 +215,7 @@ void Api::route(const HttpRequest& request, const Answer& answer) {
   const std::string& path = request.path;
   if (path == "/v1/measurements") return take_measurement(request, answer);
   if (path == "/v1/quarantine" && request.method == "POST") return take_release(request, answer);
+  if (path == "/v1/withdraw") return take_withdrawal(request, answer);
   if (path == "/livez") return answer({200, "text/plain; charset=utf-8", "ok\n"});
   if (path == "/readyz") return answer(ready());
   // What takes longer than a look: not on the thread of HTTP.
@@ -308,19 +314,19 @@ void Api::take_measurement(const HttpRequest& request, const Answer& answer) {
 }
 
 void Api::take_release(const HttpRequest& request, const Answer& answer) {
-  Json body;
-  try {
-    body = Json::parse(request.body);
-    const assimilation::DatumKey key{body.at("source").get<std::string>(),
-                                     body.at("session").get<std::string>(),
-                                     body.at("seq").get<std::int64_t>()};
-    site_of(body.value("site", request.parameter("site")))
-        ->journal()
-        .release(key, [answer](const JournalWriter::Answer& stored) { answer(answer_of(stored)); });
-  } catch (const Json::exception& error) {
-    throw RequestError(400, "Malformed",
-                       std::string("the body must be {\"source\",\"session\",\"seq\"}: ") + error.what());
-  }
+  SiteKey datum = parse_json_key(request.body);
+  site_of(datum.site.empty() ? request.parameter("site") : datum.site)
+      ->journal()
+      .release(std::move(datum.key),
+               [answer](const JournalWriter::Answer& stored) { answer(answer_of(stored)); });
+}
+
+void Api::take_withdrawal(const HttpRequest& request, const Answer& answer) {
+  SiteKey datum = parse_json_key(request.body);
+  site_of(datum.site.empty() ? request.parameter("site") : datum.site)
+      ->journal()
+      .withdraw(std::move(datum.key),
+                [answer](const JournalWriter::Answer& stored) { answer(answer_of(stored)); });
 }
 
 std::unique_ptr<EventSource> Api::events(const HttpRequest& request) {

@@ -35,6 +35,7 @@ class Api final : public HttpHandler {
   void later(HttpRequest request, Answer answer, std::function<HttpResponse(const HttpRequest&)> what);
   void take_measurement(const HttpRequest& request, const Answer& answer);
   void take_release(const HttpRequest& request, const Answer& answer);
+  void take_withdrawal(const HttpRequest& request, const Answer& answer);
   [[nodiscard]] HttpResponse ready() const;
   [[nodiscard]] std::shared_ptr<Site> site_of(const std::string& name) const;
   [[nodiscard]] std::vector<std::string> site_names() const;

@@ -65,6 +65,20 @@ std::string openapi_document() {
              boolean = {{"type", "boolean"}};
   const Json numbers = {{"type", "array"}, {"items", number}}, rows = {{"type", "array"}, {"items", numbers}};
   const Json any = {{"type", "object"}};
+  const Json level = {{"type", "string"}, {"enum", {"ok", "caution", "reject"}}};
+  const Json reason = object_of({{"code", words},
+                                 {"level", level},
+                                 {"value", number},
+                                 {"limit", number},
+                                 {"message", words},
+                                 {"cause", words}},
+                                {"code", "level", "value", "limit", "message"});
+  const Json verdict = object_of({{"level", level},
+                                  {"reasons", {{"type", "array"}, {"items", reason}}},
+                                  {"model_shift_std", numbers},
+                                  {"fit_probability", number},
+                                  {"edge_mass", numbers}},
+                                 {"level", "reasons"});
   const Json line = object_of({{"step", integer},
                                {"time", number},
                                {"mean", numbers},
@@ -76,6 +90,7 @@ std::string openapi_document() {
                                {"tolerance_reached", boolean},
                                {"ess", number},
                                {"trusted", boolean},
+                               {"verdict", verdict},
                                {"log_evidence", number},
                                {"log_evidence_increment", number},
                                {"bias_correction", words},
@@ -99,6 +114,7 @@ std::string openapi_document() {
                                "tolerance_reached",
                                "ess",
                                "trusted",
+                               "verdict",
                                "log_evidence",
                                "log_evidence_increment",
                                "bias_correction",
@@ -118,9 +134,14 @@ std::string openapi_document() {
                                 {"values", {{"type", "array"}, {"items", {{"type", {"number", "null"}}}}}},
                                 {"status", {{"type", "array"}, {"items", words}}}},
                                {"source", "session", "seq", "time", "values"});
-  const Json stored =
-      object_of({{"accepted", boolean}, {"duplicate", boolean}, {"step", integer}, {"quarantined", boolean}},
-                {"accepted", "duplicate", "step"});
+  const Json stored = object_of({{"accepted", boolean},
+                                 {"duplicate", boolean},
+                                 {"step", integer},
+                                 {"quarantined", boolean},
+                                 {"replacement", boolean}},
+                                {"accepted", "duplicate", "step"});
+  const Json key = object_of({{"site", words}, {"source", words}, {"session", words}, {"seq", integer}},
+                             {"source", "session", "seq"});
   const Json error = object_of(
       {{"error", object_of({{"type", words}, {"message", words}}, {"type", "message"})}}, {"error"});
   const Json line_reference = {{"$ref", "#/components/schemas/Line"}};
@@ -137,7 +158,8 @@ std::string openapi_document() {
                           parameter("last_event_id", "integer", "as the header Last-Event-ID")},
                          "text/event-stream")},
       {"/v1/status",
-       get("state of the service", object_of({{"state", words}, {"reason", words}}, {"state", "reason"}))},
+       get("state of the service, and of the structure",
+           object_of({{"state", words}, {"reason", words}, {"structure", level}}, {"state", "reason"}))},
       {"/v1/sites",
        get("names of the sites", object_of({{"sites", {{"type", "array"}, {"items", words}}}}, {"sites"}))},
       {"/v1/description", get("what the page needs once", any)},
@@ -151,12 +173,11 @@ std::string openapi_document() {
       {"/v1/samples", get("draws of the posterior", any, {step})},
       {"/v1/alarms", get("the last alarms", any)},
       {"/v1/quarantine", get("data that came too late", any)}};
-  paths["/v1/quarantine"]["post"] =
-      post("assimilate a quarantined datum",
-           {{"application/json",
-             {{"schema", object_of({{"source", words}, {"session", words}, {"seq", integer}},
-                                   {"source", "session", "seq"})}}}},
-           stored);
+  const Json key_body = {{"application/json", {{"schema", key}}}};
+  paths["/v1/quarantine"]["post"] = post("assimilate a quarantined datum", key_body, stored);
+  paths["/v1/withdraw"]["post"] =
+      post("take a datum out, as if it had never come", key_body,
+           object_of({{"withdrawn", boolean}, {"step", integer}}, {"withdrawn", "step"}));
   paths["/v1/measurements"]["post"] =
       post("take a measurement; 200 when it is on disk",
            {{"application/json", {{"schema", {{"$ref", "#/components/schemas/Measurement"}}}}},

@@ -92,6 +92,7 @@ TEST(Allocation, TheJournalKeepsWhatWasCommittedAndNothingElse) {
           (void)journal.append(datum(committed), false);
           (void)journal.append(datum(committed + 1), true);
           (void)journal.release(datum(committed + 1).key);
+          (void)journal.withdraw(datum(committed).key);
           journal.commit();
         } catch (...) {
           allocations_left = -1;
@@ -102,6 +103,7 @@ TEST(Allocation, TheJournalKeepsWhatWasCommittedAndNothingElse) {
       },
       [&] {
         EXPECT_EQ(journal.count(), committed);
+        EXPECT_EQ(journal.withdrawals(), committed / 2);
         if (committed == 0) {
           EXPECT_EQ(journal.seal(), seal);
         }

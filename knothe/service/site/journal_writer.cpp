@@ -115,13 +115,19 @@ void JournalWriter::replay() {
   std::set<assimilation::DatumKey> from_folders;
   journal_.for_each([&](const JournalEntry& entry) {
     const assimilation::DatumKey& key = entry.measurement.key;
+    // Of a withdrawn datum too: its file is still there, and would bring it back.
+    if (key.source == k_pictures_source || key.source == k_csv_source) from_folders.insert(key);
+    if (entry.withdrawn) {
+      // Readers may still have the line that it once gave.
+      past.push_back({entry.measurement, start, false, true});
+      return;
+    }
     auto& largest = largest_seq_.try_emplace({key.source, key.session}, key.seq).first->second;
     largest = std::max(largest, key.seq);
-    if (key.source == k_pictures_source || key.source == k_csv_source) from_folders.insert(key);
-    if (entry.quarantined && !entry.released) {
-      held.push_back(entry);
+    if (entry.counts()) {
+      past.push_back({entry.measurement, start, false, false});
     } else {
-      past.push_back({entry.measurement, start, false});
+      held.push_back(entry);
     }
   });
   {
@@ -162,20 +168,25 @@ void JournalWriter::ingest(Measurement datum, std::function<void(Answer)> done) 
   } catch (const DataError& error) {
     throw RequestError(400, "UnknownTime", error.what());
   }
+  enqueue({std::move(datum), std::move(done), monotonic_now()});
+}
+
+void JournalWriter::release(assimilation::DatumKey key, std::function<void(Answer)> done) {
+  enqueue({Release{std::move(key)}, std::move(done), monotonic_now()});
+}
+
+void JournalWriter::withdraw(assimilation::DatumKey key, std::function<void(Answer)> done) {
+  enqueue({Withdrawal{std::move(key)}, std::move(done), monotonic_now()});
+}
+
+void JournalWriter::enqueue(Request request) {
   const std::lock_guard lock(mutex_);
   if (!open_ || stopping_ || requests_.size() >= k_longest_queue)
     throw RequestError(503, "NotReady",
                        stopping_ ? "the service is stopping"
                        : !open_  ? "the journal is being replayed"
                                  : "too many measurements are waiting for the disk");
-  requests_.push_back({std::move(datum), std::move(done), monotonic_now()});
-  requests_there_.notify_one();
-}
-
-void JournalWriter::release(assimilation::DatumKey key, std::function<void(Answer)> done) {
-  const std::lock_guard lock(mutex_);
-  if (!open_ || stopping_) throw RequestError(503, "NotReady", "the service is not ready, or stopping");
-  requests_.push_back({std::move(key), std::move(done), monotonic_now()});
+  requests_.push_back(std::move(request));
   requests_there_.notify_one();
 }
 
@@ -229,7 +240,7 @@ void JournalWriter::commit(std::vector<Request>& group) {
     const std::lock_guard lock(mutex_);
     from_folders_.insert(written.from_folders.begin(), written.from_folders.end());
     std::move(written.quarantined.begin(), written.quarantined.end(), std::back_inserter(quarantine_));
-    for (const std::int64_t id : written.released)
+    for (const std::int64_t id : written.no_longer_quarantined)
       std::erase_if(quarantine_, [&](const JournalEntry& held) { return held.id == id; });
     if (read_only_ != !trouble.empty()) {
       read_only_ = !trouble.empty();
@@ -238,33 +249,73 @@ void JournalWriter::commit(std::vector<Request>& group) {
                 {{"site", options_.site}, {"journal", journal_.path()}, {"reason", trouble}});
     }
   }
+  for (const Measurement& datum : written.withdrawn)
+    log_event("info", "a datum was withdrawn",
+              {{"site", options_.site},
+               {"source", datum.key.source},
+               {"session", datum.key.session},
+               {"seq", datum.key.seq},
+               {"step", datum.step}});
   arrived_(std::move(written.arrivals), journal_.count());
   for (std::size_t i = 0; i < group.size(); ++i) {
-    const auto* appended = std::get_if<Appended>(&answers[i]);
-    count(appended == nullptr
-              ? (std::get<RequestError>(answers[i]).status() == 507 ? "not_stored" : "conflicts")
-          : appended->outcome == Outcome::duplicate ? "duplicates"
-          : appended->quarantined                   ? "quarantined"
-                                                    : "accepted");
+    count_outcome(answers[i]);
     group[i].done(answers[i]);
   }
   changed_();
 }
 
-JournalWriter::Answer JournalWriter::write(Request& request, Written& written) {
-  if (const auto* key = std::get_if<assimilation::DatumKey>(&request.what)) {
-    const auto entry = journal_.release(*key);
-    if (!entry)
-      return RequestError(
-          404, "NotQuarantined",
-          fmt::format("there is no quarantined datum of source \"{}\", session \"{}\", seq {}", key->source,
-                      key->session, key->seq));
-    if (!entry->released) written.arrivals.push_back({entry->measurement, request.at, true});
-    written.released.push_back(entry->id);
-    return Appended{entry->released ? Outcome::duplicate : Outcome::accepted, false, entry->measurement.step,
-                    entry->measurement.received_ms};
+void JournalWriter::count_outcome(const Answer& answer) {
+  if (const auto* error = std::get_if<RequestError>(&answer)) {
+    if (error->status() == 507) count("not_stored");
+    if (error->status() == 409) count("conflicts");
+  } else if (const auto* withdrawn = std::get_if<Withdrawn>(&answer)) {
+    if (!withdrawn->before) count("withdrawn");
+  } else {
+    const Appended& appended = std::get<Appended>(answer);
+    count(appended.outcome == Outcome::duplicate ? "duplicates"
+          : appended.quarantined                 ? "quarantined"
+                                                 : "accepted");
   }
-  Measurement& datum = std::get<Measurement>(request.what);
+}
+
+JournalWriter::Answer JournalWriter::write(Request& request, Written& written) {
+  return std::visit([&](auto& what) { return write(what, request.at, written); }, request.what);
+}
+
+JournalWriter::Answer JournalWriter::write(const Release& release, MonotonicTime at, Written& written) {
+  const auto entry = journal_.release(release.key);
+  if (!entry)
+    return RequestError(404, "NotQuarantined",
+                        fmt::format("there is no quarantined datum of source \"{}\", session \"{}\", seq {}",
+                                    release.key.source, release.key.session, release.key.seq));
+  if (!entry->released) written.arrivals.push_back({entry->measurement, at, true, false});
+  written.no_longer_quarantined.push_back(entry->id);
+  return Appended{entry->released ? Outcome::duplicate : Outcome::accepted, false, entry->measurement.step,
+                  entry->measurement.received_ms, false};
+}
+
+JournalWriter::Answer JournalWriter::write(const Withdrawal& withdrawal, MonotonicTime at, Written& written) {
+  const assimilation::DatumKey& key = withdrawal.key;
+  const auto entry = journal_.withdraw(key);
+  if (!entry)
+    return RequestError(404, "UnknownDatum",
+                        fmt::format("there is no datum of source \"{}\", session \"{}\", seq {}", key.source,
+                                    key.session, key.seq));
+  if (!entry->withdrawn) {
+    if (entry->counts()) written.arrivals.push_back({entry->measurement, at, true, true});
+    written.no_longer_quarantined.push_back(entry->id);
+    written.withdrawn.push_back(entry->measurement);
+    // What comes now is judged late by the data that are left: a wrong seq, far ahead, is no more in the way.
+    if (const auto largest = journal_.largest_seq(key.source, key.session)) {
+      largest_seq_[{key.source, key.session}] = *largest;
+    } else {
+      largest_seq_.erase({key.source, key.session});
+    }
+  }
+  return Withdrawn{entry->measurement.step, entry->withdrawn};
+}
+
+JournalWriter::Answer JournalWriter::write(Measurement& datum, MonotonicTime at, Written& written) {
   const auto [largest, is_new] =
       largest_seq_.try_emplace({datum.key.source, datum.key.session}, datum.key.seq);
   const bool late = !is_new && largest->second - datum.key.seq > options_.window;
@@ -279,11 +330,11 @@ JournalWriter::Answer JournalWriter::write(Request& request, Written& written) {
   if (datum.key.source == k_pictures_source || datum.key.source == k_csv_source)
     written.from_folders.push_back(datum.key);
   datum.received_ms = appended.received_ms;
-  if (!late) {
-    written.arrivals.push_back({datum, request.at, true});
-    return appended;
+  if (appended.quarantined) {
+    written.quarantined.push_back({journal_.count(), datum, true, false, false});
+  } else {
+    written.arrivals.push_back({datum, at, true, false});
   }
-  written.quarantined.push_back({journal_.count(), datum, true, false});
   return appended;
 }
 

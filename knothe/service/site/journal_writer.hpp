@@ -24,18 +24,25 @@ namespace knothe::service {
 inline constexpr const char* k_pictures_source = "pictures";
 inline constexpr const char* k_csv_source = "csv";
 
-/// A measurement in the journal that is to be assimilated.
+/// A measurement in the journal that is to be assimilated, or taken out again.
 struct Arrival {
   Measurement measurement;
-  MonotonicTime at;  ///< of its request
-  bool live = true;  ///< not from the journal's past
+  MonotonicTime at;        ///< of its request
+  bool live = true;        ///< not from the journal's past
+  bool withdrawn = false;  ///< to be taken out
+};
+
+/// A datum that is withdrawn now.
+struct Withdrawn {
+  std::int64_t step = 0;
+  bool before = false;  ///< it had been already
 };
 
 /// Checks measurements and commits them in groups, by a thread of its own. Thread-safe. Its mutex is taken
 /// last, and not held while it calls others.
 class JournalWriter {
  public:
-  using Answer = std::variant<Appended, RequestError>;
+  using Answer = std::variant<Appended, RequestError, Withdrawn>;
   /// What is in the journal now and was not before, and the number of its records.
   using Arrived = std::function<void(std::vector<Arrival>, std::int64_t records)>;
   struct Tally {
@@ -63,6 +70,8 @@ class JournalWriter {
   void ingest(Measurement datum, std::function<void(Answer)> done);
   /// Lets a quarantined datum in. The same.
   void release(assimilation::DatumKey key, std::function<void(Answer)> done);
+  /// Takes a datum out. The same.
+  void withdraw(assimilation::DatumKey key, std::function<void(Answer)> done);
   /// Whether a datum that came from a watched folder is in the journal.
   [[nodiscard]] bool holds(const assimilation::DatumKey& key) const;
   void count(const std::string& outcome);  ///< of a request that did not get so far: "malformed"
@@ -70,11 +79,18 @@ class JournalWriter {
   [[nodiscard]] Json quarantine() const;
 
  private:
+  struct Release {
+    assimilation::DatumKey key;
+  };
+  struct Withdrawal {
+    assimilation::DatumKey key;
+  };
   struct Request {
-    std::variant<Measurement, assimilation::DatumKey> what;
+    std::variant<Measurement, Release, Withdrawal> what;
     std::function<void(Answer)> done;
     MonotonicTime at;
   };
+  void enqueue(Request request);
   void replay();
   void commit_loop();
   void commit(std::vector<Request>& group);
@@ -82,10 +98,15 @@ class JournalWriter {
   struct Written {
     std::vector<Arrival> arrivals;
     std::vector<JournalEntry> quarantined;
-    std::vector<std::int64_t> released;  ///< ids
+    std::vector<std::int64_t> no_longer_quarantined;  ///< ids
     std::vector<assimilation::DatumKey> from_folders;
+    std::vector<Measurement> withdrawn;
   };
   Answer write(Request& request, Written& written);
+  Answer write(Measurement& datum, MonotonicTime at, Written& written);
+  Answer write(const Release& release, MonotonicTime at, Written& written);
+  Answer write(const Withdrawal& withdrawal, MonotonicTime at, Written& written);
+  void count_outcome(const Answer& answer);
   void probe_disk();
   void check_values(const Measurement& datum) const;
 

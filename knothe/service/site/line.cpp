@@ -31,6 +31,12 @@ Eigen::MatrixXd systematic_draws(const assimilation::Posterior& posterior) {
   return drawn;
 }
 
+std::string message_of(const assimilation::Verdict& verdict) {
+  for (const assimilation::VerdictReason& reason : verdict.reasons)
+    if (reason.level == verdict.level) return reason.message;
+  return "";
+}
+
 }  // namespace
 
 std::shared_ptr<Line> make_line(const engine::StepResult& step, const project::UpdateSetup& setup,
@@ -44,6 +50,8 @@ std::shared_ptr<Line> make_line(const engine::StepResult& step, const project::U
   line->samples = systematic_draws(step.update);
   line->trusted = result.trusted;
   line->remark = result.remark;
+  line->verdict = result.verdict.level;
+  line->verdict_message = message_of(result.verdict);
   line->monitor_alarm = result.monitor.alarm;
   line->bias_corrected = result.bias_corrected;
   line->notice = result.notice;

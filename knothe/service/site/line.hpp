@@ -16,6 +16,7 @@ struct Line {
   std::int64_t event = 0;  ///< id, increasing for ever
   std::size_t step = 0;
   double time = 0;
+  bool withdrawn = false;                     ///< no line: its step has no datum any more
   std::string json;                           ///< the line of a step (docs/formats.md)
   Eigen::VectorXd mean, std;                  ///< d
   Eigen::MatrixXd samples;                    ///< at most 400 × d, equally weighted
@@ -26,6 +27,8 @@ struct Line {
   std::map<std::string, double> above_threshold;  ///< P(q > threshold) by forecast
   bool trusted = true;
   std::string remark;
+  assimilation::VerdictLevel verdict = assimilation::VerdictLevel::ok;
+  std::string verdict_message;  ///< the first reason of that level; empty for `ok`
   bool monitor_alarm = false, bias_corrected = false;
   std::vector<Eigen::Index> stuck, absent;  ///< sensors that have stopped
   std::string notice;                       ///< what the monitor found or did at this step

@@ -4,9 +4,15 @@ namespace knothe::service {
 
 void LineStore::publish(std::shared_ptr<const Line> line) {
   const std::lock_guard lock(mutex_);
-  if (const auto it = lines_.find(line->step); it != lines_.end()) events_.erase(it->second->event);
-  events_[line->event] = line->step;
-  lines_[line->step] = std::move(line);
+  if (const auto it = event_of_.find(line->step); it != event_of_.end()) events_.erase(it->second);
+  event_of_[line->step] = line->event;
+  events_[line->event] = line;
+  if (line->withdrawn) {
+    lines_.erase(line->step);
+    return;
+  }
+  const std::size_t step = line->step;
+  lines_[step] = std::move(line);
 }
 
 std::shared_ptr<const Line> LineStore::latest() const {
@@ -30,7 +36,7 @@ std::vector<std::shared_ptr<const Line>> LineStore::lines(std::size_t from) cons
 std::shared_ptr<const Line> LineStore::next_line(std::int64_t event) const {
   const std::lock_guard lock(mutex_);
   const auto it = events_.upper_bound(event);
-  return it == events_.end() ? nullptr : lines_.at(it->second);
+  return it == events_.end() ? nullptr : it->second;
 }
 
 std::int64_t LineStore::last_event() const {

@@ -30,5 +30,22 @@ TEST(LineStore, ALineReplacesThatOfItsStepAndItsEvent) {
   EXPECT_EQ(store.last_event(), 13);
 }
 
+TEST(LineStore, AWithdrawnLineIsGoneAndReadersHearOfIt) {
+  LineStore store;
+  store.publish(line_of(1, 10));
+  store.publish(line_of(4, 11));
+  auto gone = std::make_shared<Line>();
+  gone->step = 4, gone->event = 12, gone->withdrawn = true;
+  store.publish(gone);
+  EXPECT_EQ(store.latest()->step, 1U);
+  EXPECT_EQ(store.line(4), nullptr);
+  EXPECT_EQ(store.lines(0).size(), 1U);
+  EXPECT_TRUE(store.next_line(10)->withdrawn);
+  EXPECT_EQ(store.last_event(), 12);
+  store.publish(line_of(4, 13));
+  EXPECT_EQ(store.latest()->step, 4U);
+  EXPECT_EQ(store.next_line(10)->event, 13);
+}
+
 }  // namespace
 }  // namespace knothe::service

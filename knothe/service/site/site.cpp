@@ -91,7 +91,7 @@ void Site::arrive(std::vector<Arrival> arrivals, std::int64_t records) {
   {
     const std::lock_guard lock(mutex_);
     for (Arrival& arrival : arrivals) {
-      if (arrival.live) health_.accept(arrival.at);
+      if (arrival.live && !arrival.withdrawn) health_.accept(arrival.at);
       arrivals_.push_back(std::move(arrival));
     }
     records_ = records;
@@ -141,17 +141,10 @@ void Site::take(const std::vector<Arrival>& arrivals) {
   for (const Arrival& arrival : arrivals) {
     std::string trouble;
     try {
-      if (arrival.measurement.step < 0 ||
-          static_cast<std::size_t>(arrival.measurement.step) >= setup_.observed->time.size())
-        throw DataError(fmt::format("step {} is not one of this model", arrival.measurement.step));
-      const assimilation::Datum datum = arrival.measurement.datum();
-      const std::lock_guard lock(engine_mutex_);
-      engine_.add(datum);
-      std::int64_t& received = received_ms_[datum.step];
-      received = std::max(received, arrival.measurement.received_ms);
+      arrival.withdrawn ? withdraw(arrival.measurement) : add(arrival.measurement);
     } catch (const std::exception& error) {
       trouble = error.what();
-      log_event("error", "a datum cannot be assimilated",
+      log_event("error", arrival.withdrawn ? "a datum cannot be taken out" : "a datum cannot be assimilated",
                 {{"site", name()},
                  {"source", arrival.measurement.key.source},
                  {"session", arrival.measurement.key.session},
@@ -162,9 +155,56 @@ void Site::take(const std::vector<Arrival>& arrivals) {
     const std::lock_guard lock(mutex_);
     --at_hand_;
     stale_lines_ = engine_.stale().size();
-    if (!trouble.empty()) failure_ = trouble;
-    if (arrival.live && trouble.empty()) health_.await(arrival.at);
+    // What failed may have failed because of the datum that is gone; if not, the next update says so again.
+    if (!trouble.empty() || arrival.withdrawn) failure_ = trouble;
+    // Nobody's measurement waits for a withdrawal: how long it takes is no missed deadline.
+    if (arrival.live && !arrival.withdrawn && trouble.empty()) health_.await(arrival.at);
   }
+}
+
+void Site::add(const Measurement& measurement) {
+  if (measurement.step < 0 || static_cast<std::size_t>(measurement.step) >= setup_.observed->time.size())
+    throw DataError(fmt::format("step {} is not one of this model", measurement.step));
+  const assimilation::Datum datum = measurement.datum();
+  const std::lock_guard lock(engine_mutex_);
+  engine_.add(datum);
+  received_ms_[datum.step].insert(measurement.received_ms);
+}
+
+void Site::withdraw(const Measurement& measurement) {
+  if (measurement.step < 0 || static_cast<std::size_t>(measurement.step) >= setup_.observed->time.size())
+    return;  // it never came in
+  const auto step = static_cast<std::size_t>(measurement.step);
+  bool is_empty = false;
+  {
+    const std::lock_guard lock(engine_mutex_);
+    if (engine_.withdraw(step, measurement.key)) {
+      auto& received = received_ms_.at(step);
+      received.erase(received.find(measurement.received_ms));
+    }
+    is_empty = engine_.data_count(step) == 0;
+  }
+  if (is_empty) retract(step);
+}
+
+/// A step without data has no line, and readers are told that it is gone.
+void Site::retract(std::size_t step) {
+  auto gone = std::make_shared<Line>();
+  gone->step = step;
+  gone->time = setup_.observed->time[step];
+  gone->withdrawn = true;
+  gone->event = next_event_++;
+  gone->json = files::json_line(Json{
+      {"step", step}, {"time", gone->time}, {"withdrawn", true}, {"site", name()}, {"event", gone->event}});
+  const auto before = lines_.latest();
+  {
+    const std::lock_guard lock(mutex_);
+    lines_.publish(std::move(gone));
+  }
+  if (!before || before->step != step) return;
+  // What its line began to say holds no more; what the line before it says holds again.
+  const auto latest = lines_.latest();
+  alarms_.judge(latest ? *latest : Line());
 }
 
 /// In the order of the steps, because the monitor judges each by those before it. Where many wait the newest
@@ -220,7 +260,7 @@ std::shared_ptr<Line> Site::line_of(const engine::StepResult& step) {
   metrics_.set("knothe_log_evidence", labels(), result.log_evidence);
   record["site"] = name();
   record["data"] = engine_.data_count(result.step);
-  record["received_at"] = 1e-3 * static_cast<double>(received_ms_.at(result.step));
+  record["received_at"] = 1e-3 * static_cast<double>(*received_ms_.at(result.step).rbegin());
   record["event"] = line->event = next_event_++;
   line->json = files::json_line(record);
   return line;
@@ -251,7 +291,8 @@ bool Site::tick() {
   SiteHealth::State state;
   std::optional<double> age;
   std::size_t pending = 0;
-  std::int64_t records = 0, step = -1;
+  std::int64_t records = 0;
+  std::shared_ptr<const Line> latest;
   {
     const std::lock_guard lock(mutex_);
     tally = journal_.tally();
@@ -259,10 +300,15 @@ bool Site::tick() {
     age = health_.data_age_s();
     pending = health_.awaited() + arrivals_.size() + at_hand_;
     records = records_;
-    if (const auto line = lines_.latest()) step = static_cast<std::int64_t>(line->step);
+    latest = lines_.latest();
   }
+  const std::int64_t step = latest ? static_cast<std::int64_t>(latest->step) : -1;
   for (const char* word : {"OK", "DEGRADED", "STALE", "BIASED", "DIVERGED"})
     metrics_.set("knothe_state", labels(fmt::format("state=\"{}\"", word)), state.word == word ? 1 : 0);
+  if (latest)
+    for (const auto& level : names_of(latest->verdict))
+      metrics_.set("knothe_structure", labels(fmt::format("level=\"{}\"", level.word)),
+                   latest->verdict == level.value ? 1 : 0);
   if (age) metrics_.set("knothe_data_age_seconds", labels(), *age);
   metrics_.set("knothe_pending_measurements", labels(), static_cast<double>(pending));
   metrics_.set("knothe_journal_records", labels(), static_cast<double>(records));
@@ -286,6 +332,7 @@ Json Site::status() const {
     const Line& line = *latest;
     status["step"] = line.step;
     status["time"] = line.time;
+    status["structure"] = to_text(line.verdict);
     status["misfit"] = {
         {"statistic", line.misfit}, {"values", line.misfit_values}, {"probability", line.misfit_probability}};
   }

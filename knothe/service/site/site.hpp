@@ -2,6 +2,7 @@
 /// @file One structure: its journal, its posterior, and what is said of it. Two threads of its own: one
 /// commits, one updates, so neither a slow disk nor a hard posterior holds up the other, or another site.
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "knothe/project/project_engine.hpp"
 #include "knothe/service/site/journal_writer.hpp"
@@ -48,6 +49,9 @@ class Site {
   void arrive(std::vector<Arrival> arrivals, std::int64_t records);
   void update_loop();
   void take(const std::vector<Arrival>& arrivals);
+  void add(const Measurement& measurement);
+  void withdraw(const Measurement& measurement);
+  void retract(std::size_t step);
   void conclude(std::size_t step, bool preview);
   void conclude_next();
   void publish(std::shared_ptr<Line> line);
@@ -64,10 +68,10 @@ class Site {
   JournalWriter journal_;
   engine::Engine engine_;  ///< of the updating thread; its steps under engine_mutex_
   mutable std::mutex engine_mutex_;
-  std::map<std::size_t, std::int64_t> received_ms_;  ///< when a step's last measurement arrived, Unix time
-  bool previewed_ = false;                           ///< updating thread; the last update was a preview
-  bool newest_is_shown_ = false;                     ///< the same; nothing has come since a preview
-  std::atomic<std::int64_t> next_event_{1};          ///< id of the next line or alarm
+  std::map<std::size_t, std::multiset<std::int64_t>> received_ms_;  ///< when a step's data arrived, Unix time
+  bool previewed_ = false;                   ///< updating thread; the last update was a preview
+  bool newest_is_shown_ = false;             ///< the same; nothing has come since a preview
+  std::atomic<std::int64_t> next_event_{1};  ///< id of the next line or alarm
   SiteAlarms alarms_;
   WatchedPictures pictures_;
 

@@ -42,6 +42,12 @@ void SiteAlarms::judge(const Line& line) {
   judge("monitor", line.monitor_alarm ? "alarm" : "", "bias",
         line.notice.empty() ? "the model does not explain the data" : line.notice);
   judge("correction", line.bias_corrected ? "info" : "", "bias", "the model's bias is corrected from now on");
+  using Level = assimilation::VerdictLevel;
+  judge("verdict",
+        line.verdict == Level::reject    ? "alarm"
+        : line.verdict == Level::caution ? "warning"
+                                         : "",
+        "verdict", line.verdict_message);
   judge("trust", line.trusted ? "" : "info", "trust", line.remark);
   const auto missing = std::count(line.missing.begin(), line.missing.end(), true);
   judge("sensors", 10 * missing > static_cast<std::ptrdiff_t>(line.missing.size()) ? "warning" : "",

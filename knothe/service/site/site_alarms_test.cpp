@@ -31,6 +31,28 @@ TEST(SiteAlarms, AConditionIsToldWhenItBeginsAndIdsAreSharedWithLines) {
   EXPECT_EQ(alarms.after(7).size(), 1U);
 }
 
+TEST(SiteAlarms, TheVerdictIsToldWhenItsLevelChangesForTheWorse) {
+  std::atomic<std::int64_t> next_event{1};
+  const std::vector<forecast::ForecastSpecification> forecasts;
+  SiteAlarms alarms(forecasts, next_event);
+  Line line;
+  using Level = assimilation::VerdictLevel;
+  for (const Level level :
+       {Level::ok, Level::caution, Level::caution, Level::reject, Level::ok, Level::reject}) {
+    line.verdict = level;
+    line.verdict_message = "because of " + to_text(level);
+    alarms.judge(line);
+    ++line.step;
+  }
+  const auto told = alarms.after(0);
+  ASSERT_EQ(told.size(), 3U);
+  EXPECT_EQ(told[0].json().dump(),
+            R"({"id":1,"step":1,"severity":"warning","kind":"verdict","message":"because of caution"})");
+  EXPECT_EQ(told[1].severity, "alarm");
+  EXPECT_EQ(told[1].step, 3U);
+  EXPECT_EQ(told[2].step, 5U);
+}
+
 TEST(SiteAlarms, TheLast256AreKept) {
   std::atomic<std::int64_t> next_event{1};
   const std::vector<forecast::ForecastSpecification> forecasts;
