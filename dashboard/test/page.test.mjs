@@ -210,7 +210,10 @@ test("several structures: the chosen one is asked for, and nothing of the other 
   await until(page, "h1", /bridge/);
   await until(page, "#step", /^3\b/);
   assert.match(page.url(), /site=bridge/);
-  assert.ok(service.requests.some((r) => r.path === "/v1/events" && r.site === "bridge"));
+  await eventually(
+    () => service.requests.some((r) => r.path === "/v1/events" && r.site === "bridge"), // after what is shown already
+    (asked) => asked,
+  );
 });
 
 test("before the first datum it says so; a model without mesh, and a service that has only lines, are said in words", async (t) => {
