@@ -8,6 +8,7 @@
 
 #include "knothe/assimilation/update/posterior_functions.hpp"
 #include "knothe/assimilation/update/prior_of_model.hpp"
+#include "knothe/project/serve_limits.hpp"
 #include "knothe/project/update_setup.hpp"
 
 namespace knothe::project {
@@ -98,6 +99,7 @@ FileCheck check_files(const Project& project) {
   if (project.model.empty() || project.data.empty() || !check.missing.empty()) return check;
   const UpdateSetup setup = set_up(project);
   (void)make_forecaster(project, setup);
+  if (!project.serve.limits.empty()) (void)serve_limits(project, setup);
   check.facts.push_back(fmt::format("model: {} parameters, {} times, {} dofs",
                                     setup.observed->parameters.size(), setup.model.contents().time.size(),
                                     setup.model.contents().dof_count()));

@@ -77,6 +77,15 @@ TEST(ProjectFile, WrongTypesAndValues) {
             "dir/p.toml:2:6: error: [parameters.Y0]: a normal prior needs \"std\"");
 }
 
+TEST(ProjectFile, LimitsOfTheService) {
+  const Project p = parse_project("[serve]\nlimits = { displacement = 1, force = 2.5e3 }\n", "p.toml");
+  EXPECT_EQ(p.serve.limits, (std::map<std::string, double>{{"displacement", 1}, {"force", 2500}}));
+  EXPECT_TRUE(parse_project("", "p.toml").serve.limits.empty());
+  EXPECT_EQ(complaint("[serve.limits]\ndisplacement = -1\nforce = inf\n"),
+            "dir/p.toml:2:16: error: \"serve.limits.displacement\" must be a positive number, not -1\n"
+            "dir/p.toml:3:9: error: \"serve.limits.force\" must be a positive number, not inf");
+}
+
 TEST(ProjectFile, AllErrorsAtOnce) {
   const std::string text =
       complaint("modle = \"M.h5\"\n[method]\nseed = 1.5\n[forecast.a]\nquantity = \"output\"\n");

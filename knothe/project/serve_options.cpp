@@ -15,6 +15,11 @@ void add_data_options(Section<S>& s) {
   s.add("journal", &S::journal, "The journal; without it, NAME.journal beside NAME.toml.", file);
   s.add("window", &S::window,
         "By how many places a datum may come late and still be put in its place; later, it is quarantined.");
+  s.table("limits", "Values that cannot be: a datum with a larger one is quarantined, with an alarm.");
+  s.add("limits.*", &S::limits,
+        "Largest absolute value that is assimilated, of `displacement` in m or of the series of that name in "
+        "its unit; without it, 100 times the largest answer of the model in its box.",
+        positive);
   s.add("period", &S::period, "Time between two data, s; without it, the median of the last ones.", positive);
   s.add("budget", &S::budget, "Time that an update may take, s; without it, a tenth of the period.",
         positive);

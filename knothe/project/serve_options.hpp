@@ -1,5 +1,6 @@
 #pragma once
 /// @file The table [serve] of a project file: the online service.
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -22,6 +23,8 @@ struct ServeOptions {
   std::string site;                 ///< name of this project's structure
   std::vector<std::string> others;  ///< project files of further sites, resolved
   int window = 3;
+  /// Largest |value| that is assimilated: of "displacement", m, and of series by name.
+  std::map<std::string, double> limits;
   std::optional<double> period, budget, stale_after;  ///< s
   std::string watch_pictures, watch_csv;              ///< folders, resolved; empty: none
   long first_picture = 0;

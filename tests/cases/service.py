@@ -168,7 +168,15 @@ class Test(ServiceCase):
         self.assertAlmostEqual(seen["scalars"]["reaction_force"]["residual"],
                                self.data[3]["values"][24] - analytic_model.reaction_force(self.data[3]["time"], *mean), delta=0.01)
         self.assertEqual(service.get("/v1/observations?step=10")[1]["scalars"], {"reaction_force": {"status": "missing"}})
+        status, answer = service.send({**self.data[3], "source": "second", "values": self.data[3]["values"][:24] + [-1e9]})
+        self.assertEqual((status, answer.get("quarantined")), (200, True))
+        self.assertRegex(answer["reason"], r"^reaction_force is -1e\+09, beyond the limit of [0-9.e+]+$")
         service.stop()
+        self.project.write_text(self.project.read_text() + "\n[serve.limits]\nreaction_force = 1e10\nreaction_forse = 1.0\n")
+        for command in ("check", "serve"):
+            self.expect(3, command, self.project_name, stderr=(
+                self.position_of("reaction_forse"), 'error: "reaction_forse" in [serve.limits] is not measured (did you mean '
+                '"reaction_force"?); there are: displacement, reaction_force'))
 
     def test_what_comes_too_late_is_quarantined_and_can_be_let_in(self):
         expected = [comparable(line) for line in self.assimilate()]
@@ -200,6 +208,91 @@ class Test(ServiceCase):
 
     def withdraw(self, service, datum, step):
         self.assertEqual(service.post("/v1/withdraw", self.key_of(datum)), (200, {"withdrawn": True, "step": step}))
+
+    def with_one_metre(self, datum, sensor=3):
+        values = list(datum["values"])
+        values[sensor] = 1.0
+        return {**datum, "source": "gauges", "values": values}
+
+    def sensor_alarms(self, service):
+        return [(a["step"], a["severity"], a["message"]) for a in service.get("/v1/alarms")[1]["alarms"] if a["kind"] == "sensors"]
+
+    def test_a_value_that_cannot_be_is_quarantined_and_told(self):
+        expected = [comparable(line) for line in self.assimilate()]
+        service = self.serve()
+        wrong = self.with_one_metre(self.data[7])
+        for datum in self.data[:7]:
+            service.send(datum)
+        status, answer = service.send(wrong)
+        self.assertEqual((status, answer["accepted"], answer["quarantined"]), (200, True, True))
+        reason = answer["reason"]
+        self.assertRegex(reason, r"^sensor 3, y at \([0-9., -]+\) m, is 1 m, beyond the limit of 0\.0\d+ m$")
+        self.assertEqual(service.send(wrong)[1], {**answer, "duplicate": True})
+        for datum in self.data[7:]:
+            self.expect_stored(service.send(datum))
+        told = [(7, "alarm", "in quarantine: " + reason)]
+        held = [{**self.key_of(wrong), "time": wrong["time"], "step": 7, "reason": reason}]
+        for restart in (False, True):
+            if restart:
+                service.kill()
+                service.start()
+            self.assertEqual(service.settled(13)["quarantined"], 1)
+            self.assertEqual([comparable(line) for line in service.states()], expected)
+            self.assertEqual(self.sensor_alarms(service), told)
+            self.assertEqual(service.get("/v1/quarantine")[1]["quarantined"], held)
+        lines = self.expect(0, "replay", "assimilation.journal", "--json").lines()
+        self.assertEqual([comparable(line) for line in lines[:-1]], expected)
+        self.assertIn("13 records, 1 in quarantine", self.expect(0, "replay", "assimilation.journal").out)
+        self.expect_stored(service.post("/v1/quarantine", self.key_of(wrong)), 7)
+        service.settled(13)
+        released = [comparable(line) for line in service.states()]
+        self.assertNotEqual(released, expected)
+        self.assertEqual(service.get("/v1/states?from=7")[1][0]["data"], 2)
+        service.stop()
+        trusting = self.serve(extra='journal = "second.journal"\nlimits = { displacement = 2.0 }\n')
+        for datum in [*self.data, wrong]:
+            self.assertNotIn("quarantined", trusting.send(datum)[1])
+        trusting.settled(13)
+        self.assertEqual([comparable(line) for line in trusting.states()], released)
+        self.assertEqual(self.sensor_alarms(trusting), [])
+
+    def test_what_is_said_to_be_bad_is_not_judged_and_a_corrected_value_takes_the_place(self):
+        expected = [comparable(line) for line in self.assimilate()]
+        service = self.serve()
+        bad = {**self.with_one_metre(self.data[1]), "source": "camera"}
+        self.expect_stored(service.send(self.data[0]), 0)
+        self.assertTrue(service.send(bad)[1]["quarantined"])
+        for datum in self.data[2:]:
+            service.send(datum)
+        self.withdraw(service, bad, 1)
+        self.assertEqual(service.send(bad)[1]["replacement"], True)
+        self.assertEqual(len(service.get("/v1/quarantine")[1]["quarantined"]), 1)  # no way round
+        self.withdraw(service, bad, 1)
+        status, answer = service.send(self.data[1])  # ten places late, but what it corrects was not
+        self.assertEqual((status, answer), (200, {"accepted": True, "duplicate": False, "step": 1, "replacement": True}))
+        service.settled(14)
+        self.assertEqual([comparable(line) for line in service.states()], expected)
+        known = {**self.with_one_metre(self.data[2]), "status": ["bad" if i == 3 else "good" for i in range(24)]}
+        self.assertNotIn("quarantined", service.send(known)[1])
+
+    def test_the_limits_of_the_project_file_hold_for_what_comes(self):
+        service = self.serve(extra="limits = { displacement = 1e-9 }\n")
+        status, answer = service.send(self.data[0])
+        self.assertEqual((status, answer["quarantined"]), (200, True))
+        self.assertRegex(answer["reason"], r"^sensor 0, x at .*, beyond the limit of 1e-09 m \(and \d+ more\)$")
+        service.stop()
+        self.edit("limits = { displacement = 1e-9 }\n", "")
+        service.start()  # the decision stays; the words are of the limits that hold now
+        service.send(self.data[1])
+        service.settled(2)
+        self.assertEqual([line["step"] for line in service.states()], [1])
+        self.assertEqual([held["reason"] for held in service.get("/v1/quarantine")[1]["quarantined"]], ["a value was beyond the limit of that time"])
+        service.stop()
+        for limit, text in (("0", '"serve.limits.displacement" must be a positive number, not 0'), ("inf", "must be a positive number, not inf"),
+                            ('"1 m"', 'must be a positive number, not "1 m"')):
+            self.edit("[serve]\n", f"[serve]\nlimits = {{ displacement = {limit} }}\n")
+            self.expect(3, "serve", self.project_name, stderr=text)
+            self.edit(f"limits = {{ displacement = {limit} }}\n", "")
 
     def test_a_withdrawn_datum_is_as_if_it_had_never_come(self):
         without = self.serve()

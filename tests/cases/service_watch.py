@@ -139,6 +139,15 @@ class Test(ServiceCase):
         self.assertIn("missing: ", said)
         self.assertIn("does not say its time", said)
 
+    def test_a_picture_of_what_cannot_be_is_quarantined(self):
+        service = self.serve(extra='watch_pictures = "live/"\nsettle = 0.1\nlimits = { displacement = 1e-9 }\n')
+        self.rename_into_place(self.pictures[0])
+        self.wait_for_records(service, 1)
+        self.assertEqual(service.states(), [])
+        (held,) = service.get("/v1/quarantine")[1]["quarantined"]
+        self.assertIn("beyond the limit of 1e-09 m", held["reason"])
+        self.assertEqual([a["severity"] for a in service.get("/v1/alarms")[1]["alarms"]], ["alarm"])
+
     def test_a_picture_that_was_not_finished_is_taken_when_it_is(self):
         service = self.watch(settle=0.3)  # what cannot be read may rest ten times as long
         name = self.pictures[0]

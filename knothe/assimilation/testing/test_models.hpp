@@ -17,7 +17,7 @@
 namespace knothe::assimilation::test {
 
 /// w(p) = p, unbounded: the model of the Kalman filter.
-class LinearFunctions final : public reduction::ParameterFunctions {
+class LinearFunctions : public reduction::ParameterFunctions {
  public:
   explicit LinearFunctions(Eigen::Index d) : d_(d) {}
   [[nodiscard]] Eigen::Index dimension() const override { return d_; }

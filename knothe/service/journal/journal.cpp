@@ -62,7 +62,8 @@ struct Found {
   std::string payload;
   double time = 0;
   std::int64_t step = 0;
-  bool held = false, withdrawn = false;  ///< held: in quarantine still, or when it was withdrawn
+  Quarantine held;  ///< in quarantine still, or when it was withdrawn
+  bool withdrawn = false;
 };
 
 }  // namespace
@@ -159,7 +160,7 @@ struct Journal::Implementation {
     std::optional<Found> found;
     if (find->step())
       found = {std::string(find->text(0)), find->number(1), find->integer(2),
-               find->integer(3) != 0 && find->is_null(4), !find->is_null(5)};
+               find->is_null(4) ? Quarantine::of_code(find->integer(3)) : Quarantine(), !find->is_null(5)};
     find->reset();
     return found;
   }
@@ -245,16 +246,16 @@ void Journal::rollback() noexcept {
   if (i.before) i.chains = *std::exchange(i.before, std::nullopt);
 }
 
-Appended Journal::append(const Measurement& datum, bool quarantined) {
+Appended Journal::append(const Measurement& datum, Quarantine quarantined) {
   Implementation& i = *implementation_;
   Record record;
   record.payload = datum.payload();
   const auto there = i.find_last(datum.key);
   if (there && !there->withdrawn) {
     const bool same = there->payload == record.payload && there->time == datum.time;
-    return {same ? Outcome::duplicate : Outcome::conflict, there->held, there->step, 0, false};
+    return {same ? Outcome::duplicate : Outcome::conflict, there->held, there->step, 0, false, {}};
   }
-  if (there && !there->held) quarantined = false;
+  if (there && !there->held.late) quarantined.late = false;
   record.entry.id = i.chains.records.count + 1;
   record.entry.measurement.key = datum.key;
   record.entry.measurement.time = datum.time;
@@ -271,7 +272,7 @@ Appended Journal::append(const Measurement& datum, bool quarantined) {
       .bind(5, datum.time)
       .bind(6, datum.step);
   insert.bind_blob(7, record.payload)
-      .bind(8, static_cast<std::int64_t>(quarantined))
+      .bind(8, quarantined.code())
       .bind(9, record.entry.measurement.received_ms);
   insert.bind_blob(10, seal);
   if (datum.noise.empty()) {
@@ -282,7 +283,7 @@ Appended Journal::append(const Measurement& datum, bool quarantined) {
   insert.run();
   i.chains.records = {seal, record.entry.id};
   return {Outcome::accepted, quarantined, datum.step, record.entry.measurement.received_ms,
-          there.has_value()};
+          there.has_value(), {}};
 }
 
 std::optional<JournalEntry> Journal::release(const assimilation::DatumKey& key) {
@@ -330,7 +331,7 @@ std::vector<JournalEntry> Journal::quarantined() const {
   std::vector<JournalEntry> entries;
   Statement rows(
       implementation_->database,
-      select_records(implementation_->database, "WHERE m.quarantined = 1 AND r.id IS NULL ORDER BY m.id")
+      select_records(implementation_->database, "WHERE m.quarantined <> 0 AND r.id IS NULL ORDER BY m.id")
           .c_str());
   while (rows.step())
     if (JournalEntry entry = read_record(rows).entry; !entry.withdrawn) entries.push_back(std::move(entry));

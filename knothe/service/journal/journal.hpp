@@ -26,13 +26,23 @@ struct Identity {
   auto operator<=>(const Identity&) const = default;
 };
 
+/// Why a datum is in quarantine; it is not where there is no reason.
+struct Quarantine {
+  bool late = false;         ///< came too late
+  bool implausible = false;  ///< a value was beyond the limit that held when it came
+  explicit operator bool() const { return late || implausible; }
+  /// As it is on disk: 0 to 3.
+  [[nodiscard]] std::int64_t code() const { return (late ? 1 : 0) + (implausible ? 2 : 0); }
+  [[nodiscard]] static Quarantine of_code(std::int64_t code) { return {(code & 1) != 0, (code & 2) != 0}; }
+};
+
 /// One record.
 struct JournalEntry {
   std::int64_t id = 0;
   Measurement measurement;
-  bool quarantined = false;  ///< came too late
-  bool released = false;     ///< quarantined, then assimilated by request
-  bool withdrawn = false;    ///< taken out by request: as if it had never come
+  Quarantine quarantined;
+  bool released = false;   ///< quarantined, then assimilated by request
+  bool withdrawn = false;  ///< taken out by request: as if it had never come
 
   /// Whether it is in the posterior.
   [[nodiscard]] bool counts() const { return !withdrawn && (!quarantined || released); }
@@ -42,10 +52,11 @@ struct JournalEntry {
 enum class Outcome { accepted, duplicate, conflict };
 struct Appended {
   Outcome outcome = Outcome::accepted;
-  bool quarantined = false;  ///< the datum itself, or the one that it duplicates, and not released
-  std::int64_t step = 0;     ///< of the record on disk
+  Quarantine quarantined;  ///< the datum itself, or the one that it duplicates, and not released
+  std::int64_t step = 0;   ///< of the record on disk
   std::int64_t received_ms = 0;
   bool replacement = false;  ///< of a datum of the same key that was withdrawn
+  std::string reason;        ///< of the quarantine, in words; for those who know the limits
 };
 
 class Journal {
@@ -75,9 +86,9 @@ class Journal {
   void rollback() noexcept;
   /// Writes something that means nothing, inside a group: does the disk take it?
   void touch();
-  /// Adds a datum inside a group. `quarantined`: whether it came too late, if it is new. One whose key was
-  /// withdrawn is new; it takes the place of that one, so it is too late only if that was.
-  Appended append(const Measurement& datum, bool quarantined);
+  /// Adds a datum inside a group. `quarantined`: if it is new. One whose key was withdrawn is new; it takes
+  /// the place of that one, so it is too late only if that was.
+  Appended append(const Measurement& datum, Quarantine quarantined = {});
   /// Lets a quarantined datum into the posterior, inside a group: its record before. Nothing if there is none
   /// of that key.
   std::optional<JournalEntry> release(const assimilation::DatumKey& key);

@@ -25,13 +25,15 @@ Record read_record(const Statement& row) {
   e.measurement.time = row.number(4);
   e.measurement.step = row.integer(5);
   record.payload = row.text(6);
-  e.quarantined = row.integer(7) != 0;
+  const std::int64_t quarantine = row.integer(7);
+  e.quarantined = Quarantine::of_code(quarantine);
   e.measurement.received_ms = row.integer(8);
   record.seal = row.text(9);
   e.released = !row.is_null(10);
   if (!row.is_null(11)) e.measurement.noise = row.text(11);
   e.withdrawn = !row.is_null(12);
-  record.well_formed = e.measurement.set_payload(record.payload) && record.seal.size() == sizeof(Digest);
+  record.well_formed = e.measurement.set_payload(record.payload) && record.seal.size() == sizeof(Digest) &&
+                       quarantine == e.quarantined.code();
   return record;
 }
 
@@ -46,7 +48,7 @@ std::string seal_of(std::string_view previous, const Record& record) {
   sum.add_number(d.time);
   sum.add_number(d.step);
   sum.add_text(record.payload);
-  sum.add_number(static_cast<std::int64_t>(record.entry.quarantined));
+  sum.add_number(record.entry.quarantined.code());
   sum.add_number(d.received_ms);
   if (!d.noise.empty()) sum.add_text(d.noise);
   const Digest digest = sum.finish();

@@ -16,6 +16,8 @@
 namespace knothe::service {
 namespace {
 
+constexpr Quarantine k_late = {true, false}, k_implausible = {false, true};
+
 Measurement datum(std::int64_t seq, double value = 1, const std::string& source = "camera") {
   Measurement d;
   d.key = {source, "session", seq};
@@ -28,7 +30,7 @@ Measurement datum(std::int64_t seq, double value = 1, const std::string& source 
 
 void append(Journal& journal, const Measurement& d) {
   journal.begin();
-  journal.append(d, false);
+  journal.append(d);
   journal.commit();
 }
 
@@ -83,18 +85,18 @@ TEST(Journal, ADuplicateIsKnownAndAConflictLeavesWhatIsThere) {
   const files::TestFolder folder;
   Journal journal(folder.file("j.journal"), Journal::Access::write);
   journal.begin();
-  EXPECT_EQ(journal.append(datum(3), false).outcome, Outcome::accepted);
-  EXPECT_EQ(journal.append(datum(3), false).outcome, Outcome::duplicate);  // inside one group
+  EXPECT_EQ(journal.append(datum(3)).outcome, Outcome::accepted);
+  EXPECT_EQ(journal.append(datum(3)).outcome, Outcome::duplicate);  // inside one group
   journal.commit();
   Measurement other_status = datum(3), other_time = datum(3);
   other_status.status[0] = 1;
   other_time.time += 1e-15;
   journal.begin();
-  EXPECT_EQ(journal.append(datum(3), false).outcome, Outcome::duplicate);
-  EXPECT_EQ(journal.append(datum(3, 2), false).outcome, Outcome::conflict);
-  EXPECT_EQ(journal.append(other_status, false).outcome, Outcome::conflict);
-  EXPECT_EQ(journal.append(other_time, false).outcome, Outcome::conflict);
-  EXPECT_EQ(journal.append(datum(3, 2, "gauges"), false).outcome, Outcome::accepted);
+  EXPECT_EQ(journal.append(datum(3)).outcome, Outcome::duplicate);
+  EXPECT_EQ(journal.append(datum(3, 2)).outcome, Outcome::conflict);
+  EXPECT_EQ(journal.append(other_status).outcome, Outcome::conflict);
+  EXPECT_EQ(journal.append(other_time).outcome, Outcome::conflict);
+  EXPECT_EQ(journal.append(datum(3, 2, "gauges")).outcome, Outcome::accepted);
   journal.commit();
   EXPECT_EQ(journal.count(), 2);
 }
@@ -107,7 +109,7 @@ TEST(Journal, AGroupThatIsRolledBackLeavesNothing) {
     append(journal, datum(0));
     const std::string seal = journal.seal();
     journal.begin();
-    journal.append(datum(1), false);
+    journal.append(datum(1));
     journal.rollback();
     EXPECT_EQ(journal.seal(), seal);
     append(journal, datum(2));
@@ -121,15 +123,15 @@ TEST(Journal, QuarantinedDataAreReleasedOnce) {
   {
     Journal journal(path, Journal::Access::write);
     journal.begin();
-    EXPECT_TRUE(journal.append(datum(7), true).quarantined);
-    EXPECT_TRUE(journal.append(datum(7), false).quarantined);
+    EXPECT_TRUE(journal.append(datum(7), k_late).quarantined);
+    EXPECT_TRUE(journal.append(datum(7)).quarantined);
     EXPECT_FALSE(journal.release(datum(8).key));
     journal.commit();
     EXPECT_EQ(journal.quarantined().size(), 1u);
     journal.begin();
     ASSERT_TRUE(journal.release(datum(7).key));
     EXPECT_TRUE(journal.release(datum(7).key)->released);
-    EXPECT_FALSE(journal.append(datum(7), false).quarantined);
+    EXPECT_FALSE(journal.append(datum(7)).quarantined);
     journal.commit();
   }
   const Journal journal(path, Journal::Access::read);
@@ -181,12 +183,12 @@ TEST(Journal, AWithdrawnDatumStaysOutAndMayComeAgain) {
   {
     Journal journal(path, Journal::Access::write);
     journal.begin();
-    const Appended again = journal.append(datum(1, 21), false);
+    const Appended again = journal.append(datum(1, 21));
     EXPECT_EQ(again.outcome, Outcome::accepted);
     EXPECT_TRUE(again.replacement);
-    EXPECT_EQ(journal.append(datum(1, 21), false).outcome, Outcome::duplicate);
-    EXPECT_EQ(journal.append(datum(1, 11), false).outcome, Outcome::conflict);
-    EXPECT_TRUE(journal.append(datum(2, 12), false).replacement);  // the same values: it is back
+    EXPECT_EQ(journal.append(datum(1, 21)).outcome, Outcome::duplicate);
+    EXPECT_EQ(journal.append(datum(1, 11)).outcome, Outcome::conflict);
+    EXPECT_TRUE(journal.append(datum(2, 12)).replacement);  // the same values: it is back
     journal.commit();
     withdraw(journal, datum(2).key);
   }
@@ -199,20 +201,57 @@ TEST(Journal, AReplacementIsLateOnlyIfWhatItReplacesWas) {
   Journal journal(folder.file("j.journal"), Journal::Access::write);
   append(journal, datum(0));
   journal.begin();
-  journal.append(datum(1), true);
-  journal.append(datum(2), true);
+  journal.append(datum(1), k_late);
+  journal.append(datum(2), k_late);
   journal.release(datum(2).key);
   journal.commit();
   for (int i = 0; i < 3; ++i) withdraw(journal, datum(i).key);
   EXPECT_TRUE(journal.quarantined().empty());
   journal.begin();
   EXPECT_FALSE(journal.release(datum(1).key));
-  EXPECT_FALSE(journal.append(datum(0, 2), true).quarantined);
-  EXPECT_TRUE(journal.append(datum(1, 2), true).quarantined);
-  EXPECT_FALSE(journal.append(datum(2, 2), true).quarantined);
+  EXPECT_FALSE(journal.append(datum(0, 2), k_late).quarantined);
+  EXPECT_TRUE(journal.append(datum(1, 2), k_late).quarantined);
+  EXPECT_FALSE(journal.append(datum(2, 2), k_late).quarantined);
   journal.commit();
   ASSERT_EQ(journal.quarantined().size(), 1u);
   EXPECT_EQ(journal.quarantined()[0].measurement.values[0], 2);
+}
+
+TEST(Journal, AnImplausibleReplacementIsHeldWhateverItReplaces) {
+  const files::TestFolder folder;
+  Journal journal(folder.file("j.journal"), Journal::Access::write);
+  append(journal, datum(0));
+  journal.begin();
+  journal.append(datum(1), k_implausible);
+  journal.append(datum(2), {true, true});
+  journal.commit();
+  for (int i = 0; i < 3; ++i) withdraw(journal, datum(i).key);
+  journal.begin();
+  EXPECT_TRUE(journal.append(datum(0, 2), k_implausible).quarantined);
+  EXPECT_FALSE(journal.append(datum(1, 2), k_late).quarantined);  // what it corrects came in time
+  EXPECT_TRUE(journal.append(datum(2, 2), k_late).quarantined);
+  journal.commit();
+}
+
+TEST(Journal, TheReasonOfAQuarantineIsKept) {
+  const files::TestFolder folder;
+  const std::string path = folder.file("j.journal"), copy = folder.file("copy.journal");
+  {
+    Journal journal(path, Journal::Access::write);
+    journal.begin();
+    for (std::int64_t code = 0; code < 4; ++code) journal.append(datum(code), Quarantine::of_code(code));
+    EXPECT_EQ(journal.append(datum(2)).quarantined.code(), 2);
+    journal.commit();
+  }
+  EXPECT_EQ(recover_journal(path, copy).saved, 4);
+  for (const std::string& file : {path, copy}) {
+    const Journal journal(file, Journal::Access::read);
+    EXPECT_EQ(journal.quarantined().size(), 3u);
+    journal.for_each([](const JournalEntry& entry) {
+      EXPECT_EQ(entry.quarantined.code(), entry.measurement.key.seq);
+      EXPECT_EQ(entry.counts(), entry.measurement.key.seq == 0);
+    });
+  }
 }
 
 TEST(Journal, AWithdrawalThatIsRolledBackLeavesNothing) {
@@ -451,8 +490,8 @@ TEST(Journal, WhicheverWriteFailsWhatWasCommittedStaysAndNothingElse) {
       for (int i = 0; i < 6; ++i) {
         try {
           journal.begin();
-          journal.append(datum(2 * i), false);
-          journal.append(datum(2 * i + 1), false);
+          journal.append(datum(2 * i));
+          journal.append(datum(2 * i + 1));
           journal.commit();
           committed.push_back(datum(2 * i));
           committed.push_back(datum(2 * i + 1));

@@ -79,12 +79,7 @@ HttpResponse answer_of(const JournalWriter::Answer& answer) {
     return error_response(error->status(), error->type(), error->what());
   if (const auto* withdrawn = std::get_if<Withdrawn>(&answer))
     return json_response({{"withdrawn", true}, {"step", withdrawn->step}});
-  const Appended& appended = std::get<Appended>(answer);
-  Json body = {
-      {"accepted", true}, {"duplicate", appended.outcome == Outcome::duplicate}, {"step", appended.step}};
-  if (appended.quarantined) body["quarantined"] = true;
-  if (appended.replacement) body["replacement"] = true;
-  return json_response(body);
+  return json_response(answer_of(std::get<Appended>(answer)));
 }
 
 /// One reader: lines, alarms and states that it has not seen. It holds no queue: a line that was replaced

@@ -57,11 +57,9 @@ struct MqttReceiver::Implementation {
         const auto stored = store(*site, datum.measurement);
         if (!stored) return std::nullopt;
         if (const auto* error = std::get_if<RequestError>(&*stored)) throw RequestError(*error);
-        const Appended& appended = std::get<Appended>(*stored);
-        return Json{{"seq", seq},
-                    {"accepted", true},
-                    {"duplicate", appended.outcome == Outcome::duplicate},
-                    {"step", appended.step}};
+        Json answer = answer_of(std::get<Appended>(*stored));
+        answer["seq"] = seq;
+        return answer;
       }
       throw RequestError(400, "UnknownSite", fmt::format("there is no site \"{}\"", datum.site));
     } catch (const RequestError& error) {

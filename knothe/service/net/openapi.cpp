@@ -138,10 +138,18 @@ std::string openapi_document() {
                                  {"duplicate", boolean},
                                  {"step", integer},
                                  {"quarantined", boolean},
+                                 {"reason", words},
                                  {"replacement", boolean}},
                                 {"accepted", "duplicate", "step"});
   const Json key = object_of({{"site", words}, {"source", words}, {"session", words}, {"seq", integer}},
                              {"source", "session", "seq"});
+  const Json held = object_of({{"source", words},
+                               {"session", words},
+                               {"seq", integer},
+                               {"time", number},
+                               {"step", integer},
+                               {"reason", words}},
+                              {"source", "session", "seq", "time", "step", "reason"});
   const Json error = object_of(
       {{"error", object_of({{"type", words}, {"message", words}}, {"type", "message"})}}, {"error"});
   const Json line_reference = {{"$ref", "#/components/schemas/Line"}};
@@ -172,7 +180,9 @@ std::string openapi_document() {
       {"/v1/observations", get("sensors of a step", any, {step})},
       {"/v1/samples", get("draws of the posterior", any, {step})},
       {"/v1/alarms", get("the last alarms", any)},
-      {"/v1/quarantine", get("data that came too late", any)}};
+      {"/v1/quarantine",
+       get("data that came too late, or have a value beyond its limit",
+           object_of({{"quarantined", {{"type", "array"}, {"items", held}}}}, {"quarantined"}))}};
   const Json key_body = {{"application/json", {{"schema", key}}}};
   paths["/v1/quarantine"]["post"] = post("assimilate a quarantined datum", key_body, stored);
   paths["/v1/withdraw"]["post"] =

@@ -89,8 +89,8 @@ TEST(Allocation, TheJournalKeepsWhatWasCommittedAndNothingElse) {
       [&] {
         try {
           journal.begin();
-          (void)journal.append(datum(committed), false);
-          (void)journal.append(datum(committed + 1), true);
+          (void)journal.append(datum(committed));
+          (void)journal.append(datum(committed + 1), {true, false});
           (void)journal.release(datum(committed + 1).key);
           (void)journal.withdraw(datum(committed).key);
           journal.commit();

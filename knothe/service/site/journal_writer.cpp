@@ -4,11 +4,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <iterator>
 #include <nlohmann/json.hpp>
 
 #include "knothe/assimilation/data/time_matching.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/project/serve_limits.hpp"
 
 namespace knothe::service {
 namespace {
@@ -31,13 +31,27 @@ std::string units_of(const reduction::Sensors& sensors, std::size_t i) {
 
 }  // namespace
 
+Json answer_of(const Appended& appended) {
+  Json body = {
+      {"accepted", true}, {"duplicate", appended.outcome == Outcome::duplicate}, {"step", appended.step}};
+  if (appended.quarantined) {
+    body["quarantined"] = true;
+    body["reason"] = appended.reason;
+  }
+  if (appended.replacement) body["replacement"] = true;
+  return body;
+}
+
 JournalWriter::JournalWriter(const project::Project& project, const project::UpdateSetup& setup,
-                             Metrics& metrics, Arrived arrived, std::function<void()> changed)
+                             Metrics& metrics, Arrived arrived, Doubted doubted,
+                             std::function<void()> changed)
     : options_(project.serve),
       setup_(setup),
       sensor_std_(setup.measurements.noise.standard_deviations()),
+      limits_(project::serve_limits(project, setup)),
       metrics_(metrics),
       arrived_(std::move(arrived)),
+      doubted_(std::move(doubted)),
       changed_(std::move(changed)),
       journal_(options_.journal, Journal::Access::write) {}
 
@@ -103,7 +117,8 @@ Json JournalWriter::quarantine() const {
                     {"session", d.key.session},
                     {"seq", d.key.seq},
                     {"time", d.time},
-                    {"step", d.step}});
+                    {"step", d.step},
+                    {"reason", reason_of(entry.quarantined, d)}});
   }
   return {{"quarantined", list}};
 }
@@ -130,6 +145,10 @@ void JournalWriter::replay() {
       held.push_back(entry);
     }
   });
+  // Whoever was told before the restart may be gone; the datum is still there.
+  for (const JournalEntry& entry : held)
+    if (entry.quarantined.implausible)
+      doubted_(entry.measurement, reason_of({false, true}, entry.measurement));
   {
     const std::lock_guard lock(mutex_);
     quarantine_ = std::move(held);
@@ -157,6 +176,26 @@ void JournalWriter::check_values(const Measurement& datum) const {
           fmt::format("values[{}] = {} is no measurement: its noise is {} ({})", i, value, sensor_std_[i],
                       units_of(setup_.measurements.sensors, static_cast<std::size_t>(i))));
   }
+}
+
+/// What is beyond its limit in a datum, in words; empty: nothing.
+std::string JournalWriter::complaint(const Measurement& datum) const {
+  const std::vector<double> values = datum.effective_values();
+  // A journal may be of another time: what cannot be these sensors' is not judged by their limits.
+  if (static_cast<Eigen::Index>(values.size()) != sensor_std_.size()) return "";
+  return limits_.complaint(
+      Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size())));
+}
+
+/// In words. The journal says why it was; the limits, that may be others by now, say which value.
+std::string JournalWriter::reason_of(Quarantine quarantined, const Measurement& datum) const {
+  std::string reason;
+  if (quarantined.implausible) {
+    reason = complaint(datum);
+    if (reason.empty()) reason = "a value was beyond the limit of that time";
+  }
+  if (quarantined.late) reason += reason.empty() ? "it came too late" : "; it came too late";
+  return reason;
 }
 
 void JournalWriter::ingest(Measurement datum, std::function<void(Answer)> done) {
@@ -239,7 +278,7 @@ void JournalWriter::commit(std::vector<Request>& group) {
   {
     const std::lock_guard lock(mutex_);
     from_folders_.insert(written.from_folders.begin(), written.from_folders.end());
-    std::move(written.quarantined.begin(), written.quarantined.end(), std::back_inserter(quarantine_));
+    quarantine_.insert(quarantine_.end(), written.quarantined.begin(), written.quarantined.end());
     for (const std::int64_t id : written.no_longer_quarantined)
       std::erase_if(quarantine_, [&](const JournalEntry& held) { return held.id == id; });
     if (read_only_ != !trouble.empty()) {
@@ -249,6 +288,9 @@ void JournalWriter::commit(std::vector<Request>& group) {
                 {{"site", options_.site}, {"journal", journal_.path()}, {"reason", trouble}});
     }
   }
+  for (const JournalEntry& entry : written.quarantined)
+    if (entry.quarantined.implausible)
+      doubted_(entry.measurement, reason_of({false, true}, entry.measurement));
   for (const Measurement& datum : written.withdrawn)
     log_event("info", "a datum was withdrawn",
               {{"site", options_.site},
@@ -290,8 +332,12 @@ JournalWriter::Answer JournalWriter::write(const Release& release, MonotonicTime
                                     release.key.source, release.key.session, release.key.seq));
   if (!entry->released) written.arrivals.push_back({entry->measurement, at, true, false});
   written.no_longer_quarantined.push_back(entry->id);
-  return Appended{entry->released ? Outcome::duplicate : Outcome::accepted, false, entry->measurement.step,
-                  entry->measurement.received_ms, false};
+  return Appended{entry->released ? Outcome::duplicate : Outcome::accepted,
+                  {},
+                  entry->measurement.step,
+                  entry->measurement.received_ms,
+                  false,
+                  {}};
 }
 
 JournalWriter::Answer JournalWriter::write(const Withdrawal& withdrawal, MonotonicTime at, Written& written) {
@@ -319,7 +365,8 @@ JournalWriter::Answer JournalWriter::write(Measurement& datum, MonotonicTime at,
   const auto [largest, is_new] =
       largest_seq_.try_emplace({datum.key.source, datum.key.session}, datum.key.seq);
   const bool late = !is_new && largest->second - datum.key.seq > options_.window;
-  const Appended appended = journal_.append(datum, late);
+  Appended appended = journal_.append(datum, {late, !complaint(datum).empty()});
+  appended.reason = reason_of(appended.quarantined, datum);
   if (appended.outcome == Outcome::conflict)
     return RequestError(
         409, "Conflict",
@@ -331,7 +378,7 @@ JournalWriter::Answer JournalWriter::write(Measurement& datum, MonotonicTime at,
     written.from_folders.push_back(datum.key);
   datum.received_ms = appended.received_ms;
   if (appended.quarantined) {
-    written.quarantined.push_back({journal_.count(), datum, true, false, false});
+    written.quarantined.push_back({journal_.count(), datum, appended.quarantined, false, false});
   } else {
     written.arrivals.push_back({datum, at, true, false});
   }

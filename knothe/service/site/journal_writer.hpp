@@ -11,6 +11,7 @@
 #include <variant>
 #include <vector>
 
+#include "knothe/assimilation/data/plausible_range.hpp"
 #include "knothe/base/monotonic_time.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/project/update_setup.hpp"
@@ -38,6 +39,9 @@ struct Withdrawn {
   bool before = false;  ///< it had been already
 };
 
+/// What is answered of a datum that is in the journal.
+[[nodiscard]] Json answer_of(const Appended& appended);
+
 /// Checks measurements and commits them in groups, by a thread of its own. Thread-safe. Its mutex is taken
 /// last, and not held while it calls others.
 class JournalWriter {
@@ -45,6 +49,8 @@ class JournalWriter {
   using Answer = std::variant<Appended, RequestError, Withdrawn>;
   /// What is in the journal now and was not before, and the number of its records.
   using Arrived = std::function<void(std::vector<Arrival>, std::int64_t records)>;
+  /// A datum in quarantine that has a value beyond its limit, and which, in words.
+  using Doubted = std::function<void(const Measurement&, const std::string& reason)>;
   struct Tally {
     std::size_t waiting = 0;  ///< requests
     std::size_t quarantined = 0;
@@ -52,10 +58,11 @@ class JournalWriter {
     bool read_only = false;                        ///< the disk takes nothing
   };
 
-  /// Opens the journal; errors of `Journal`. `arrived` is called from the thread: first with all of the
-  /// journal's past, then after each commit, before its requests are answered; `changed` after that.
+  /// Opens the journal; errors of `Journal` and `serve_limits`. `arrived` is called from the thread: first
+  /// with all of the journal's past, then after each commit, before its requests are answered; `changed`
+  /// after that. `doubted`: before `arrived`.
   JournalWriter(const project::Project& project, const project::UpdateSetup& setup, Metrics& metrics,
-                Arrived arrived, std::function<void()> changed);
+                Arrived arrived, Doubted doubted, std::function<void()> changed);
   ~JournalWriter() { stop(); }
 
   /// Records for what the data are; errors of `Journal`. Number of starts, this one included.
@@ -109,12 +116,16 @@ class JournalWriter {
   void count_outcome(const Answer& answer);
   void probe_disk();
   void check_values(const Measurement& datum) const;
+  [[nodiscard]] std::string complaint(const Measurement& datum) const;
+  [[nodiscard]] std::string reason_of(Quarantine quarantined, const Measurement& datum) const;
 
   const project::ServeOptions& options_;
   const project::UpdateSetup& setup_;
   Eigen::VectorXd sensor_std_;
+  assimilation::PlausibleRange limits_;
   Metrics& metrics_;
   Arrived arrived_;
+  Doubted doubted_;
   std::function<void()> changed_;
   Journal journal_;                                                          ///< of the thread
   std::map<std::pair<std::string, std::string>, std::int64_t> largest_seq_;  ///< the same

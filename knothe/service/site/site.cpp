@@ -47,6 +47,7 @@ Site::Site(project::Project project, bool strict_deadline, Metrics& metrics, std
           [this](std::vector<Arrival> arrivals, std::int64_t records) {
             arrive(std::move(arrivals), records);
           },
+          [this](const Measurement& measurement, const std::string& reason) { doubt(measurement, reason); },
           changed_),
       engine_(project::engine_setup(project_, setup_)),
       alarms_(project_.forecasts, next_event_),
@@ -98,6 +99,19 @@ void Site::arrive(std::vector<Arrival> arrivals, std::int64_t records) {
     replayed_ = true;
   }
   arrivals_there_.notify_one();
+}
+
+/// The same. It is not assimilated, so nothing else would tell of it.
+void Site::doubt(const Measurement& measurement, const std::string& reason) {
+  log_event("warning", "a datum is in quarantine",
+            {{"site", name()},
+             {"source", measurement.key.source},
+             {"session", measurement.key.session},
+             {"seq", measurement.key.seq},
+             {"step", measurement.step},
+             {"reason", reason}});
+  const auto step = static_cast<std::size_t>(std::max<std::int64_t>(measurement.step, 0));
+  alarms_.raise(step, "alarm", "sensors", fmt::format("in quarantine: {}", reason));
 }
 
 void Site::update_loop() {

@@ -47,6 +47,7 @@ class Site {
 
  private:
   void arrive(std::vector<Arrival> arrivals, std::int64_t records);
+  void doubt(const Measurement& measurement, const std::string& reason);
   void update_loop();
   void take(const std::vector<Arrival>& arrivals);
   void add(const Measurement& measurement);
