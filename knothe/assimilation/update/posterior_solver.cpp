@@ -147,22 +147,19 @@ void PosteriorSolver::by_collapsed_map(Posterior& r, UpdateTimes& times) {
   take(map_, r);
   // A second mode may be nearly as heavy as the map's, whose points cover it badly.
   const bool may_integrate = transform_->dimension() <= k_max_quadrature_parameters;
-  bool integrate = may_integrate && (ess < k_quadrature_below || map_.second_mode_found);
-  if (!integrate) {
+  bool by_quadrature = may_integrate && (ess < k_quadrature_below || map_.second_mode_found);
+  if (!by_quadrature) {
     solver_.correct(target_, map_, correction_);
     // The points of the correction may find what those of the verification have missed.
-    integrate = may_integrate && correction_.ess < k_quadrature_below;
+    by_quadrature = may_integrate && correction_.ess < k_quadrature_below;
   }
-  if (integrate) {
+  if (by_quadrature) {
     r.effective_sample_size = ess;
     r.log_evidence_lower_bound = map_.map_log_evidence();
-    const QuadraturePosterior quadrature = tensor_quadrature(target_);
-    take(quadrature, r);
-    r.by_quadrature = quadrature.evidence_change <= k_converged && quadrature.moment_change <= k_converged &&
-                      quadrature.mass_at_border <= k_border_mass;
+    integrate(target_, r);
     judge(r, map_.reason);
-    r.remark +=
-        fmt::format("; moments, quantiles and evidence are by quadrature at {} points", r.weights.size());
+    r.remark += fmt::format("{}moments, quantiles and evidence are by quadrature at {} points",
+                            r.remark.empty() ? "" : "; ", r.weights.size());
   } else {
     r.effective_sample_size = correction_.ess;
     r.log_evidence = correction_.log_evidence;
@@ -171,6 +168,13 @@ void PosteriorSolver::by_collapsed_map(Posterior& r, UpdateTimes& times) {
     judge(r, map_.reason);
   }
   times.correction = microseconds_since(correction_start);
+}
+
+void PosteriorSolver::integrate(sampling::LogDensity& target, Posterior& r) {
+  const QuadraturePosterior quadrature = tensor_quadrature(target);
+  take(quadrature, r);
+  r.by_quadrature = quadrature.evidence_change <= k_converged && quadrature.moment_change <= k_converged &&
+                    quadrature.mass_at_border <= k_border_mass;
 }
 
 void PosteriorSolver::compose_anew() {

@@ -36,6 +36,9 @@ class PosteriorSolver {
   /// The same without what only a result needs (most probable point, level of the noise); never by composed
   /// maps.
   void solve_collapsed(Posterior& posterior, UpdateTimes& times);
+  /// Points, moments, quantiles and evidence by quadrature of another target in the same z, of at most
+  /// `k_max_quadrature_parameters`; `by_quadrature` says whether it has converged.
+  void integrate(sampling::LogDensity& target, Posterior& posterior);
   /// Of a mixture: how probable each of its parts is under that posterior.
   [[nodiscard]] Eigen::VectorXd component_shares(const Posterior& posterior);
 

@@ -16,23 +16,22 @@ namespace knothe::assimilation {
 namespace {
 
 constexpr double k_nan = std::numeric_limits<double>::quiet_NaN();
-constexpr int k_max_rounds = 12;
 
 }  // namespace
 
 RobustUpdate::RobustUpdate(std::shared_ptr<const reduction::ObservedModel> model, NoiseModel noise,
                            std::vector<Prior> priors, UpdateOptions options, RobustOptions robust)
-    : model_(model),
-      noise_(noise),
-      robust_(robust),
-      update_(model, noise, std::move(priors), std::move(options)),
-      watch_(noise),
-      noise_std_(noise.standard_deviations()) {
+    : model_(model), noise_(noise), robust_(robust), watch_(noise), noise_std_(noise.standard_deviations()) {
   Features features = features_of(noise_);
   add(features, Feature::gate, robust_.gate > 0);
   add(features, Feature::student_t, robust_.degrees_of_freedom > 0);
   require_compatible(features);
-  prior_.points = prior_points(update_.priors(), 512);
+  if (robust_.degrees_of_freedom > 0) {
+    student_.emplace(model, noise, std::move(priors), std::move(options), robust_.degrees_of_freedom);
+  } else {
+    gaussian_.emplace(model, noise, std::move(priors), std::move(options));
+  }
+  prior_.points = prior_points(student_ ? student_->priors() : gaussian_->priors(), 512);
   prior_.weights = Eigen::VectorXd::Constant(512, 1.0 / 512);
 }
 
@@ -43,14 +42,14 @@ void RobustUpdate::set_step_noise(std::size_t step, const GaussianNoise& noise) 
 }
 
 RobustUpdate::Prediction RobustUpdate::predict(std::size_t time_index) const {
-  const Posterior& posterior = last_ ? update_.posterior() : prior_;
+  const Posterior& before = last_ ? posterior() : prior_;
   const auto& functions = *model_->functions;
   reduction::FunctionBatch batch;
-  batch.resize(posterior.points.rows(), functions.dimension(), functions.count(), 0);
-  functions.evaluate(posterior.points, 0, batch);
+  batch.resize(before.points.rows(), functions.dimension(), functions.count(), 0);
+  functions.evaluate(before.points, 0, batch);
   Eigen::VectorXd mean;
   Eigen::MatrixXd covariance;
-  numerics::mean_and_covariance(batch.value, posterior.weights, mean, covariance);
+  numerics::mean_and_covariance(batch.value, before.weights, mean, covariance);
   const auto& core = model_->core[time_index];
   const Eigen::MatrixXd inner = core * covariance * core.transpose();
   Prediction prediction;
@@ -79,14 +78,8 @@ const UpdateResult& RobustUpdate::update(std::size_t step, std::size_t time_inde
   judge(before, values);
   Eigen::VectorXd accepted = values;
   for (const Eigen::Index i : sensors_.rejected) accepted[i] = k_nan;
-  if (robust_.degrees_of_freedom > 0) {
-    weigh(step, time_index, accepted);
-  } else {
-    assimilate(step, time_index, accepted,
-               noise_.has_step(step) ? std::optional(noise_.at_step(step)) : std::nullopt);
-  }
+  assimilate(step, time_index, accepted);
   last_ = step;
-  result_ = update_.result();
   result_.rejected = static_cast<Eigen::Index>(sensors_.rejected.size());
   result_.missing -= result_.rejected;
   result_.elapsed_us.projection = 0;
@@ -119,37 +112,18 @@ void RobustUpdate::judge(const Prediction& before, const Eigen::Ref<const Eigen:
   for (const Eigen::Index i : sensors_.rejected) sensors_.weight[i] = 0;
 }
 
-void RobustUpdate::assimilate(std::size_t step, std::size_t time_index, const Eigen::VectorXd& values,
-                              const std::optional<GaussianNoise>& noise) {
-  update_.add({{}, step, time_index, values, noise});
-  update_.conclude(step);
-}
-
-void RobustUpdate::weigh(std::size_t step, std::size_t time_index, const Eigen::VectorXd& values) {
-  const double nu = robust_.degrees_of_freedom;
-  const Eigen::Index n = values.size();
-  // Begin with what the prediction makes of the values: a wide prediction gives every value the benefit.
-  Eigen::VectorXd factor(n);
-  for (Eigen::Index i = 0; i < n; ++i)
-    factor[i] = std::isnan(values[i]) ? 1 : (nu + 1) / (nu + sensors_.test_ratio[i] * sensors_.test_ratio[i]);
-  for (int round = 0; round < k_max_rounds; ++round) {
-    assimilate(step, time_index, values,
-               GaussianNoise::independent(noise_std_.cwiseQuotient(factor.cwiseSqrt())));
-    last_ = step;
-    const Prediction now = predict(time_index);
-    double change = 0;
-    for (Eigen::Index i = 0; i < n; ++i) {
-      if (std::isnan(values[i])) continue;
-      const double square = ((values[i] - now.mean[i]) * (values[i] - now.mean[i]) + now.variance[i]) /
-                            (noise_std_[i] * noise_std_[i]);
-      const double better = (nu + 1) / (nu + square);
-      change = std::max(change, std::abs(better - factor[i]));
-      factor[i] = better;
-    }
-    if (change < 0.01) break;
-  }
-  for (Eigen::Index i = 0; i < n; ++i) {
-    if (!std::isnan(values[i])) sensors_.weight[i] = factor[i];
+void RobustUpdate::assimilate(std::size_t step, std::size_t time_index, const Eigen::VectorXd& values) {
+  if (student_) {
+    result_ = student_->update(step, time_index, values, noise_std_);
+    const Eigen::VectorXd& factor = student_->precision_factors();
+    sensors_.weight = factor.array().isNaN().select(sensors_.weight, factor);
+  } else {
+    gaussian_->add({{},
+                    step,
+                    time_index,
+                    values,
+                    noise_.has_step(step) ? std::optional(noise_.at_step(step)) : std::nullopt});
+    result_ = gaussian_->conclude(step);
   }
 }
 

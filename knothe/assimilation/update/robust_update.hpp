@@ -7,6 +7,7 @@
 
 #include "knothe/assimilation/data/sensor_watch.hpp"
 #include "knothe/assimilation/update/sequential_update.hpp"
+#include "knothe/assimilation/update/student_update.hpp"
 
 namespace knothe::assimilation {
 
@@ -28,11 +29,8 @@ struct SensorReport {
   std::vector<Eigen::Index> rejected, stuck, absent;
 };
 
-/// A Student-t value is Gaussian with the precision λ/σ², λ ~ Gamma(ν/2, ν/2). Posterior and factors are
-/// found in turn (variational Bayes: q(p) q(λ)): λ_j = (ν + 1)/(ν + E[e_j²]/σ_j²) with the mean over the
-/// posterior that they give, so that the posterior stays one quadratic form and every way of computing it
-/// serves. The evidence is that of the Gaussian with these precisions. Factors of a datum are found when it
-/// comes, and kept. Stuck sensors are rejected.
+/// Every value is judged by what the data before predict. Gating: those too far off are rejected, and the
+/// rest is Gaussian (`SequentialUpdate`). Student-t: `StudentUpdate`. Stuck sensors are rejected.
 class RobustUpdate {
  public:
   /// As SequentialUpdate's. Errors: UsageError for a Student-t likelihood with noise that is correlated in
@@ -48,7 +46,7 @@ class RobustUpdate {
   void set_step_noise(std::size_t step, const GaussianNoise& noise);
   [[nodiscard]] const UpdateResult& result() const { return result_; }
   [[nodiscard]] const SensorReport& sensors() const { return sensors_; }
-  [[nodiscard]] const Posterior& posterior() const { return update_.posterior(); }
+  [[nodiscard]] const Posterior& posterior() const { return result_; }
 
  private:
   struct Prediction {
@@ -56,14 +54,13 @@ class RobustUpdate {
   };
   [[nodiscard]] Prediction predict(std::size_t time_index) const;
   void judge(const Prediction& before, const Eigen::Ref<const Eigen::VectorXd>& values);
-  void assimilate(std::size_t step, std::size_t time_index, const Eigen::VectorXd& values,
-                  const std::optional<GaussianNoise>& noise);
-  void weigh(std::size_t step, std::size_t time_index, const Eigen::VectorXd& values);
+  void assimilate(std::size_t step, std::size_t time_index, const Eigen::VectorXd& values);
 
   std::shared_ptr<const reduction::ObservedModel> model_;
   NoiseModel noise_;
   RobustOptions robust_;
-  SequentialUpdate update_;
+  std::optional<SequentialUpdate> gaussian_;  ///< one of the two
+  std::optional<StudentUpdate> student_;
   SensorWatch watch_;
   Eigen::VectorXd noise_std_;  ///< of the step at hand
   Posterior prior_;            ///< draws of the prior: the posterior before the first datum

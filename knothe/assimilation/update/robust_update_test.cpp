@@ -11,6 +11,7 @@
 #include "knothe/assimilation/update/posterior_solver.hpp"
 #include "knothe/assimilation/update/prior_of_model.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/numerics/statistics/normal_distribution.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -75,49 +76,126 @@ TEST_F(Robust, OutliersMoveAStudentPosteriorByLessThanAQuarterOfItsStd) {
   }
 }
 
-/// The exact posterior with Student-t noise, all values at every point.
+/// The exact posterior with Student-t noise of all data given, all values at every point,
+/// constants included.
 class StudentDensity final : public sampling::LogDensity {
  public:
-  StudentDensity(const reduction::ObservedModel& model, const Eigen::MatrixXd& data,
-                 const Eigen::VectorXd& std, const std::vector<Prior>& priors, double nu)
-      : model_(model), data_(data), std_(std), priors_(priors), nu_(nu) {}
-  [[nodiscard]] Eigen::Index dimension() const override { return 2; }
+  StudentDensity(const reduction::ObservedModel& model, Eigen::MatrixXd data, const Eigen::VectorXd& std,
+                 const std::vector<Prior>& priors, double nu)
+      : model_(model), data_(std::move(data)), std_(std), transform_(priors), nu_(nu) {}
+  [[nodiscard]] Eigen::Index dimension() const override { return transform_.dimension(); }
   [[nodiscard]] int available_derivatives() const override { return 0; }
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int, sampling::LogDensityBatch& out) override {
-    for (Eigen::Index i = 0; i < z.rows(); ++i) {
-      Eigen::Vector2d p;
-      for (int k = 0; k < 2; ++k) p[k] = priors_[k].from_standard_normal(z(i, k)).value;
-      double value = -0.5 * z.row(i).squaredNorm();
-      for (Eigen::Index t = 0; t < data_.cols(); ++t) {
-        const Eigen::ArrayXd e =
-            (data_.col(t) - model_.predict(p, static_cast<std::size_t>(t))).array() / std_.array();
-        value -= 0.5 * (nu_ + 1) * (1 + e.square() / nu_).log().sum();
+    const double of_one =
+        std::lgamma((nu_ + 1) / 2) - std::lgamma(nu_ / 2) - 0.5 * std::log(nu_ * std::numbers::pi);
+    Eigen::MatrixXd p(z.rows(), z.cols()), none;
+    transform_.evaluate(z, 0, p, none, none);
+    reduction::FunctionBatch w;
+    w.resize(z.rows(), z.cols(), model_.functions->count(), 0);
+    model_.functions->evaluate(p, 0, w);
+    out.value.setZero();
+    for (Eigen::Index t = 0; t < data_.cols(); ++t) {
+      const Eigen::MatrixXd y =
+          w.value * (model_.space * model_.core[static_cast<std::size_t>(t)]).transpose();
+      for (Eigen::Index i = 0; i < data_.rows(); ++i) {
+        if (std::isnan(data_(i, t))) continue;
+        const Eigen::ArrayXd e = (data_(i, t) - model_.lift(i, t) - y.col(i).array()) / std_[i];
+        out.value.array() += of_one - std::log(std_[i]) - 0.5 * (nu_ + 1) * (1 + e.square() / nu_).log();
       }
-      out.value[i] = value;
     }
+    add_standard_normal(z, 0, out);
+  }
+  [[nodiscard]] double parameter(Eigen::Index k, double z) const {
+    return transform_.prior(k).from_standard_normal(z).value;
   }
 
  private:
   const reduction::ObservedModel& model_;
-  const Eigen::MatrixXd& data_;
-  const Eigen::VectorXd& std_;
-  std::vector<Prior> priors_;
+  Eigen::MatrixXd data_;
+  Eigen::VectorXd std_;
+  PriorTransform transform_;
   double nu_;
 };
 
-TEST_F(Robust, TheVariationalPosteriorIsNearTheExactStudentOne) {
+/// Moments, quantiles and evidence at every step against dense quadrature.
+void expect_exact_student(RobustUpdate& update, const reduction::ObservedModel& model,
+                          const Eigen::MatrixXd& data, const Eigen::VectorXd& std,
+                          const std::vector<Prior>& priors, double nu, Eigen::Index nodes) {
+  double before = 0;
+  for (std::size_t t = 0; t < k_steps; ++t) {
+    SCOPED_TRACE(t);
+    const UpdateResult& r = update.update(t, t, data.col(static_cast<Eigen::Index>(t)));
+    StudentDensity exact(model, data.leftCols(static_cast<Eigen::Index>(t) + 1), std, priors, nu);
+    const test::DenseQuadrature grid(
+        exact, [&](Eigen::Index k, double z) { return exact.parameter(k, z); }, nodes);
+    for (Eigen::Index k = 0; k < 2; ++k) {
+      const double s = std::sqrt(grid.covariance(k, k)), middle = grid.quantile(k, 0.5);
+      // The rule is exact to rounding at three nodes per standard deviation.
+      ASSERT_LT(exact.parameter(k, middle + grid.spacing(k)) - exact.parameter(k, middle), s / 3);
+      EXPECT_LT(std::abs(r.mean[k] - grid.mean[k]), 0.02 * s);
+      EXPECT_NEAR(std::sqrt(r.covariance(k, k)) / s, 1, 0.02);
+      for (Eigen::Index j = 0; j < r.quantiles.cols(); ++j) {
+        const double z = grid.quantile(k, numerics::k_quantile_levels[static_cast<std::size_t>(j)]);
+        EXPECT_LT(std::abs(r.quantiles(k, j) - exact.parameter(k, z)), 0.1 * s) << j;
+      }
+    }
+    EXPECT_NEAR(r.log_evidence, grid.log_evidence, 0.01);
+    EXPECT_NEAR(r.log_evidence_increment, grid.log_evidence - before, 0.01);
+    EXPECT_LE(r.log_evidence_lower_bound, r.log_evidence + 1e-9);
+    EXPECT_TRUE(r.trusted) << r.remark;
+    before = grid.log_evidence;
+  }
+}
+
+TEST_F(Robust, AStudentPosteriorIsTheExactOneAtEveryStep) {
+  std::vector<Prior> priors;
+  for (const Prior& prior : priors_) priors.push_back(prior.truncated(0.5, 1.5, "p"));
+  for (const unsigned seed : {4U, 5U, 6U, 7U}) {
+    clean_ = synthetic_data(*model_, truth_, std_, seed);
+    for (const bool outliers : {false, true}) {
+      SCOPED_TRACE(seed);
+      RobustUpdate update = make({0, 4});
+      expect_exact_student(update, *model_, outliers ? contaminated() : clean_, std_, priors, 4, 251);
+    }
+  }
+}
+
+TEST_F(Robust, WithFewValuesAStudentPosteriorIsByQuadrature) {
+  const auto model = random_model(std::make_shared<CurvedFunctions>(), 5, 4, k_steps, 34);
+  const Eigen::VectorXd std = std_.head(5);
+  std::vector<Prior> priors;
+  for (const Prior& prior : priors_) priors.push_back(prior.truncated(0.5, 1.5, "p"));
+  for (const unsigned seed : {1U, 2U}) {
+    SCOPED_TRACE(seed);
+    Eigen::MatrixXd data = synthetic_data(*model, truth_, std, seed);
+    data(1, 0) += 8 * std[1], data(3, 2) -= 5 * std[3], data(2, 4) = k_nan;
+    RobustUpdate update(model, NoiseModel::independent(std), priors_, {}, {0, 2});
+    expect_exact_student(update, *model, data, std, priors, 2, 501);
+  }
+}
+
+TEST_F(Robust, TheMostProbablePointOfAStudentPosteriorIsItsMaximum) {
   const Eigen::MatrixXd data = contaminated();
   RobustUpdate update = make({0, 4});
   const UpdateResult& r = run(update, data);
-  std::vector<Prior> priors;
-  for (const Prior& prior : priors_) priors.push_back(prior.truncated(0.5, 1.5, "p"));
-  StudentDensity exact(*model_, data, std_, priors, 4);
-  const test::DenseQuadrature grid(
-      exact, [&](Eigen::Index k, double z) { return priors[k].from_standard_normal(z).value; }, 61);
+  StudentDensity exact(*model_, data, std_, std::vector<Prior>(2, Prior::uniform(0.5, 1.5)), 4);
+  const auto density = [&](const Eigen::Vector2d& p) {  // of p: the likelihood times the normal priors
+    Eigen::RowVector2d z;
+    for (Eigen::Index k = 0; k < 2; ++k) z[k] = numerics::normal_quantile(p[k] - 0.5);
+    sampling::LogDensityBatch batch;
+    batch.resize(1, 2, 0);
+    exact.evaluate(z, 0, batch);
+    double value = batch.value[0] + 0.5 * z.squaredNorm();
+    for (std::size_t k = 0; k < 2; ++k) value += priors_[k].log_density(p[static_cast<Eigen::Index>(k)]);
+    return value;
+  };
+  const double highest = density(r.maximum_a_posteriori);
   for (Eigen::Index k = 0; k < 2; ++k) {
-    const double s = std::sqrt(grid.covariance(k, k));
-    EXPECT_LT(std::abs(r.mean[k] - grid.mean[k]), 0.4 * s);
-    EXPECT_NEAR(std::sqrt(r.covariance(k, k)) / s, 1, 0.3);
+    for (const double side : {-0.02, 0.02}) {
+      Eigen::Vector2d p = r.maximum_a_posteriori;
+      p[k] += side * std::sqrt(r.covariance(k, k));
+      EXPECT_LT(density(p), highest);
+    }
   }
 }
 

@@ -1,0 +1,306 @@
+#include "knothe/assimilation/update/student_update.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <utility>
+
+#include "knothe/assimilation/update/compatibility.hpp"
+#include "knothe/assimilation/update/maximum_a_posteriori.hpp"
+#include "knothe/assimilation/update/prior_of_model.hpp"
+#include "knothe/base/monotonic_time.hpp"
+#include "knothe/numerics/linear/symmetric_eigen.hpp"
+#include "knothe/numerics/statistics/normal_distribution.hpp"
+#include "knothe/transport/diagnose/trust.hpp"
+
+namespace knothe::assimilation {
+namespace {
+
+constexpr int k_max_rounds = 8;
+/// In standard deviations: a form made so near to the posterior is as good as one made at it, for its error
+/// is of the third order, and weighted out.
+constexpr double k_moved = 0.05;
+/// Standard deviation of what a form leaves out that is left alone: it moves no mean by more than so many
+/// standard deviations (Cauchy-Schwarz), no standard deviation by more than that share of it.
+constexpr double k_negligible = 0.01;
+/// Effective sample size (fraction) below which quadrature takes over: with few values the exact posterior
+/// has tails that the points do not reach, which a weight of theirs does not show.
+constexpr double k_quadrature_below = 0.99;
+
+Eigen::VectorXd functions_at_medians(const reduction::ObservedModel& model, const PriorTransform& transform) {
+  reduction::FunctionBatch batch;
+  batch.resize(1, transform.dimension(), model.functions->count(), 0);
+  model.functions->evaluate(medians(transform).transpose(), 0, batch);
+  return batch.value.row(0);
+}
+
+UpdateOptions of_all_data(UpdateOptions options) {
+  options.form = UpdateOptions::Form::collapsed;
+  return options;
+}
+
+/// An orthonormal basis of the directions in which w varies, r × q.
+Eigen::MatrixXd basis_of(const Eigen::MatrixXd& factor) {
+  const numerics::SymmetricEigen eigen(factor.transpose() * factor);
+  const Eigen::VectorXd& size = eigen.eigenvalues();
+  const Eigen::Index kept = size.size() == 0 ? 0 : (size.array() > 1e-12 * size.maxCoeff()).count();
+  return factor * eigen.eigenvectors().rightCols(kept) *
+         size.tail(kept).cwiseSqrt().cwiseInverse().asDiagonal();
+}
+
+/// −½ (vᵀGv − 2 gᵀv + c + log normaliser) of each column.
+Eigen::ArrayXd log_likelihood(const StepForm& form, const Eigen::MatrixXd& v) {
+  const Eigen::ArrayXd quadratic = v.cwiseProduct(form.quadratic * v).colwise().sum().transpose();
+  const Eigen::ArrayXd linear = v.transpose() * form.linear;
+  return -0.5 * (quadratic - 2 * linear + form.constant + form.log_normaliser);
+}
+
+double standard_deviation(const Eigen::VectorXd& values) {
+  return std::sqrt((values.array() - values.mean()).square().mean());
+}
+
+/// Quantiles of a coordinate whose points' weights have become `after`: of each quantile before, the share of
+/// the mass below (or above) it now, as a normal score; between these, in which x is all but linear, the
+/// scores wanted. Points on a lattice, of which many share a coordinate, have no sharper ones of their own.
+void carry_quantiles(const Eigen::Ref<const Eigen::VectorXd>& x, const Eigen::VectorXd& before,
+                     const Eigen::VectorXd& after, Eigen::MatrixXd::RowXpr quantiles) {
+  constexpr std::size_t n = numerics::k_quantile_levels.size();
+  const Eigen::RowVectorXd old = quantiles;
+  std::array<double, n> score{}, wanted{};
+  for (std::size_t j = 0; j < n; ++j) {
+    const double level = numerics::k_quantile_levels[j], tail = std::min(level, 1 - level);
+    const double sign = level < 0.5 ? 1 : -1;
+    const auto in_tail = (sign * (x.array() - old[static_cast<Eigen::Index>(j)]) <= 0).cast<double>();
+    const double mass = (in_tail * before.array()).sum(), now = (in_tail * after.array()).sum();
+    wanted[j] = numerics::normal_quantile(level);
+    score[j] =
+        mass > 0 && now > 0 ? sign * numerics::normal_quantile(std::min(tail * now / mass, 1.0)) : wanted[j];
+  }
+  for (std::size_t j = 0; j < n; ++j) {
+    std::size_t right = 1;
+    while (right + 1 < n && score[right] < wanted[j]) ++right;
+    const double width = score[right] - score[right - 1];
+    const auto at = static_cast<Eigen::Index>(right);
+    const double share = width > 0 ? (wanted[j] - score[right - 1]) / width : 0.5;
+    quantiles[static_cast<Eigen::Index>(j)] = old[at - 1] + share * (old[at] - old[at - 1]);
+  }
+  quantiles = quantiles.cwiseMax(x.minCoeff()).cwiseMin(x.maxCoeff());
+}
+
+/// The exact posterior, in z.
+class ExactDensity final : public sampling::LogDensity {
+ public:
+  ExactDensity(const StudentLikelihood& likelihood, const reduction::ParameterFunctions& functions,
+               const PriorTransform& transform, const Eigen::VectorXd& central)
+      : likelihood_(likelihood), functions_(functions), transform_(transform), central_(central) {}
+  [[nodiscard]] Eigen::Index dimension() const override { return transform_.dimension(); }
+  [[nodiscard]] int available_derivatives() const override { return 0; }
+  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int derivatives,
+                sampling::LogDensityBatch& out) override {
+    Eigen::MatrixXd p(z.rows(), z.cols()), none;
+    transform_.evaluate(z, 0, p, none, none);
+    batch_.resize(z.rows(), z.cols(), central_.size(), 0);
+    functions_.evaluate(p, 0, batch_);
+    out.value = likelihood_.evaluate(-central_, Eigen::MatrixXd::Identity(central_.size(), central_.size()),
+                                     batch_.value.transpose());
+    add_standard_normal(z, derivatives, out);
+  }
+
+ private:
+  const StudentLikelihood& likelihood_;
+  const reduction::ParameterFunctions& functions_;
+  const PriorTransform& transform_;
+  const Eigen::VectorXd& central_;
+  reduction::FunctionBatch batch_;
+};
+
+}  // namespace
+
+StudentUpdate::StudentUpdate(std::shared_ptr<const reduction::ObservedModel> model, const NoiseModel& noise,
+                             std::vector<Prior> priors, UpdateOptions options, double degrees)
+    : model_(std::move(model)),
+      transform_(truncated_to_box(*model_, std::move(priors))),
+      central_(functions_at_medians(*model_, *transform_)),
+      likelihood_(model_, central_, degrees),
+      solver_(*model_, transform_, central_, of_all_data(options)),
+      supervision_(model_, noise, transform_, options),
+      functions_(supervision_.functions()) {
+  Features features = features_of(options) | features_of(noise);
+  add(features, Feature::student_t, true);
+  require_compatible(features);
+}
+
+std::vector<Prior> StudentUpdate::priors() const {
+  std::vector<Prior> priors;
+  for (Eigen::Index k = 0; k < transform_->dimension(); ++k) priors.push_back(transform_->prior(k));
+  return priors;
+}
+
+const UpdateResult& StudentUpdate::update(std::size_t step, std::size_t time_index,
+                                          const Eigen::Ref<const Eigen::VectorXd>& values,
+                                          const Eigen::Ref<const Eigen::VectorXd>& scale) {
+  likelihood_.add(time_index, values, scale);
+  UpdateResult fresh;
+  fresh.mean = result_.mean, fresh.covariance = result_.covariance;  // the first form is made about these
+  const double before = result_.log_evidence;
+  result_ = std::move(fresh);
+  result_.step = step;
+  result_.time = model_->time[time_index];
+  result_.used = likelihood_.last_used();
+  result_.missing = values.size() - result_.used;
+  approach();
+  const auto start = monotonic_now();
+  correct();
+  set_most_probable();
+  result_.log_evidence_increment = result_.log_evidence - before;
+  result_.elapsed_us.correction += microseconds_since(start);
+  watch(step);
+  first_ = false;
+  return result_;
+}
+
+/// The form of all values about that posterior, in v.
+StepForm StudentUpdate::linearised(const PosteriorFunctions& about) const {
+  const Eigen::VectorXd mean = about.mean - central_;
+  const Eigen::Index r = mean.size();
+  StepForm form = likelihood_.linearise(mean, about.factor, Eigen::MatrixXd::Identity(r, r));
+  const Eigen::VectorXd moved = form.quadratic * mean;
+  form.constant += mean.dot(moved + 2 * form.linear);
+  form.linear += moved;
+  return form;
+}
+
+/// The posterior of that form, and what the form leaves out there.
+void StudentUpdate::solve(StepForm form) {
+  form_ = std::move(form);
+  UpdateTimes times;
+  solver_.set({form_, {}, 0}, {});
+  solver_.solve_collapsed(result_, times);
+  result_.elapsed_us.map += times.map;
+  result_.elapsed_us.correction += times.correction;
+  const auto start = monotonic_now();
+  functions_ = posterior_functions(*model_->functions, result_.points, result_.weights);
+  left_out_ = left_out(functions_.deviation);
+  result_.elapsed_us.projection += microseconds_since(start);
+}
+
+/// ℓ − form where w is off by these columns (r × K) from its mean over the posterior.
+Eigen::VectorXd StudentUpdate::left_out(const Eigen::MatrixXd& deviation) const {
+  const Eigen::VectorXd mean = functions_.mean - central_;
+  const Eigen::MatrixXd basis = basis_of(functions_.factor), coordinates = basis.transpose() * deviation;
+  return likelihood_.evaluate(mean, basis, coordinates) -
+         log_likelihood(form_, (basis * coordinates).colwise() + mean).matrix();
+}
+
+void StudentUpdate::approach() {
+  // The prior may be much wider than the noise: no place for an expansion. Noise of the precisions that its
+  // prediction gives the values pulls at all of them.
+  if (first_) {
+    const Eigen::VectorXd mean = functions_.mean - central_;
+    solve(likelihood_.gaussian_form(likelihood_.precision_factors(mean, functions_.factor)));
+  }
+  for (int round = 0; round < k_max_rounds; ++round) {
+    const auto start = monotonic_now();
+    const Eigen::VectorXd mean = result_.mean, std = result_.standard_deviations();
+    StepForm form = linearised(functions_);
+    result_.elapsed_us.projection += microseconds_since(start);
+    solve(std::move(form));
+    const Eigen::ArrayXd now = result_.standard_deviations();
+    const bool stays = ((result_.mean - mean).array().abs() <= k_moved * now).all() &&
+                       ((now - std.array()).abs() <= k_moved * now).all();
+    if (stays || standard_deviation(left_out_) <= k_negligible) return;
+  }
+}
+
+/// From the posterior of the form to that of the values.
+void StudentUpdate::correct() {
+  if (standard_deviation(left_out_) <= k_negligible) {
+    result_.log_evidence += left_out_.mean();
+    result_.log_evidence_lower_bound += left_out_.mean();
+    return;
+  }
+  reduction::FunctionBatch batch;
+  batch.resize(result_.points.rows(), result_.points.cols(), central_.size(), 0);
+  model_->functions->evaluate(result_.points, 0, batch);
+  const double share = weigh(left_out(batch.value.transpose().colwise() - functions_.mean));
+  if (share < k_quadrature_below && result_.points.cols() <= k_max_quadrature_parameters) {
+    integrate(share);
+  } else if (share < transport::k_trusted_effective_sample_size) {
+    result_.trusted = false;
+    result_.remark += fmt::format(
+        "{}no quadratic form stands for the Student-t values: {:.0f} % of the points "
+        "are left by their weights",
+        result_.remark.empty() ? "" : "; ", 100 * share);
+  }
+  functions_ = posterior_functions(*model_->functions, result_.points, result_.weights);
+}
+
+/// By importance weights exp(left out). The effective sample size of these alone.
+double StudentUpdate::weigh(const Eigen::VectorXd& left_out) {
+  UpdateResult& r = result_;
+  const double largest = left_out.maxCoeff();
+  const Eigen::VectorXd before = r.weights;
+  r.weights = before.array() * (left_out.array() - largest).exp();
+  const double sum = r.weights.sum();
+  const double share = sum * sum / (r.weights.array().square() / before.array().max(1e-300)).sum();
+  r.weights /= sum;
+  r.log_evidence += largest + std::log(sum);
+  r.log_evidence_lower_bound += before.dot(left_out);
+  r.effective_sample_size *= share;
+  r.summarise();
+  for (Eigen::Index k = 0; k < r.points.cols(); ++k)
+    carry_quantiles(r.points.col(k), before, r.weights, r.quantiles.row(k));
+  return share;
+}
+
+void StudentUpdate::integrate(double share) {
+  ExactDensity exact(likelihood_, *model_->functions, *transform_, central_);
+  solver_.integrate(exact, result_);
+  result_.trusted = result_.by_quadrature;
+  result_.log_evidence_lower_bound = std::min(result_.log_evidence_lower_bound, result_.log_evidence);
+  result_.remark = fmt::format(
+      "no quadratic form stands for the Student-t values yet ({:.0f} % effective sample size); moments, "
+      "quantiles and evidence are by quadrature at {} points",
+      100 * share, result_.weights.size());
+}
+
+void StudentUpdate::set_most_probable() {
+  const Eigen::Index d = transform_->dimension(), r = central_.size();
+  const Eigen::MatrixXd none = Eigen::MatrixXd::Zero(r, 1);
+  const LogLikelihood log_likelihood = [&](const auto& p, int derivatives, sampling::LogDensityBatch& out) {
+    reduction::FunctionBatch w;
+    w.resize(1, d, r, derivatives);
+    model_->functions->evaluate(p, derivatives, w);
+    const Eigen::VectorXd v = w.value.row(0).transpose() - central_;
+    out.value = likelihood_.evaluate(v, none, Eigen::MatrixXd::Zero(1, 1));
+    if (derivatives < 2) return;
+    // Along first and second derivatives of w at once.
+    Eigen::MatrixXd along(r, d + d * (d + 1) / 2);
+    for (Eigen::Index a = 0; a < d; ++a) along.col(a) = w.first[a].row(0);
+    for (Eigen::Index ab = 0; ab < d * (d + 1) / 2; ++ab) along.col(d + ab) = w.second[ab].row(0);
+    const StepForm form = likelihood_.linearise(v, none, along);
+    out.gradient = form.linear.head(d).transpose();
+    for (Eigen::Index a = 0; a < d; ++a) {
+      for (Eigen::Index b = 0; b <= a; ++b) {
+        const Eigen::Index ab = sampling::packed_index(a, b);
+        out.hessian(0, ab) = form.linear[d + ab] - form.quadratic(a, b);
+      }
+    }
+  };
+  result_.maximum_a_posteriori = maximum_a_posteriori(log_likelihood, *transform_, result_.mean, 1e-6);
+}
+
+/// The monitor judges the datum as one of Gaussian noise of the precisions found.
+void StudentUpdate::watch(std::size_t step) {
+  const auto start = monotonic_now();
+  precision_factors_ = likelihood_.precision_factors(functions_.mean - central_, functions_.factor);
+  StoredStep stored;
+  stored.form = likelihood_.gaussian_form(precision_factors_);
+  (void)supervision_.judge(step, stored, central_);
+  supervision_.learn(stored, {}, result_);
+  result_.elapsed_us.watch = microseconds_since(start);
+}
+
+}  // namespace knothe::assimilation

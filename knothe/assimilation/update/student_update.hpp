@@ -1,0 +1,63 @@
+#pragma once
+/// @file Sequential assimilation of values with Student-t noise: the exact posterior, by a quadratic form
+/// near it and importance weights, or by quadrature.
+#include <Eigen/Core>
+#include <memory>
+
+#include "knothe/assimilation/bias/model_supervision.hpp"
+#include "knothe/assimilation/update/posterior_solver.hpp"
+#include "knothe/assimilation/update/student_likelihood.hpp"
+
+namespace knothe::assimilation {
+
+/// A t-likelihood is no quadratic form of w, and a value that looked like an outlier need not look so after
+/// the next datum. So all values are kept, and after each datum the likelihood of all of them is
+///  1. replaced by the quadratic form of `StudentLikelihood::linearise`, about the posterior before, then
+///     about the one that this gives, until it stays;
+///  2. put back: the points of the posterior that the form has are weighted by what it leaves out, exp(ℓ −
+///     form). Moments, quantiles and evidence are those of the exact t posterior; the effective sample size
+///     says how far the form was off. Where that is much, quadrature of the exact density takes over with few
+///     parameters, and with more the result is not trusted.
+/// A posterior is a function of the data up to it. The cost of a step grows with the number of values.
+class StudentUpdate {
+ public:
+  /// `degrees`: ν. Errors: UsageError for options or noise that do not go with it. One map of all data is
+  /// made, also where the options ask for composed ones.
+  StudentUpdate(std::shared_ptr<const reduction::ObservedModel> model, const NoiseModel& noise,
+                std::vector<Prior> priors, UpdateOptions options, double degrees);
+
+  /// Assimilates a datum, later than those before; `scale`: σ of its values, n, > 0.
+  const UpdateResult& update(std::size_t step, std::size_t time_index,
+                             const Eigen::Ref<const Eigen::VectorXd>& values,
+                             const Eigen::Ref<const Eigen::VectorXd>& scale);
+  [[nodiscard]] const UpdateResult& result() const { return result_; }
+  [[nodiscard]] std::vector<Prior> priors() const;  ///< truncated
+  /// Expected precision factors of the last datum's values, n; NaN where missing.
+  [[nodiscard]] const Eigen::VectorXd& precision_factors() const { return precision_factors_; }
+
+ private:
+  [[nodiscard]] StepForm linearised(const PosteriorFunctions& about) const;
+  [[nodiscard]] Eigen::VectorXd left_out(const Eigen::MatrixXd& deviation) const;
+  void solve(StepForm form);
+  void approach();
+  void correct();
+  double weigh(const Eigen::VectorXd& left_out);
+  void integrate(double share);
+  void set_most_probable();
+  void watch(std::size_t step);
+
+  std::shared_ptr<const reduction::ObservedModel> model_;
+  std::shared_ptr<const PriorTransform> transform_;
+  Eigen::VectorXd central_;  ///< w₀
+  StudentLikelihood likelihood_;
+  PosteriorSolver solver_;
+  ModelSupervision supervision_;
+  PosteriorFunctions functions_;  ///< of the posterior before the datum, or of the last solve
+  StepForm form_;                 ///< of the last solve, in v
+  Eigen::VectorXd left_out_;      ///< ℓ − form at the points of `functions_`
+  bool first_ = true;
+  UpdateResult result_;
+  Eigen::VectorXd precision_factors_;
+};
+
+}  // namespace knothe::assimilation
