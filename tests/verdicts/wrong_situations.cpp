@@ -124,6 +124,10 @@ Vector2d draw_truth(Random& random) {
   return p;
 }
 
+Vector2d outside_the_box(const Vector2d& truth) {
+  return truth[0] < 0.95 ? Vector2d(1.8, truth[1]) : Vector2d(truth[0], 1.8);
+}
+
 Case right_case(BeamBench& bench, const Vector2d& truth, Random& random) {
   return case_of(bench, good_model(bench), measured(bench.history(modelled(), truth), random));
 }
@@ -238,7 +242,7 @@ std::vector<Situation> wrong_situations() {
   all.push_back(
       {"truth outside the box", std::nullopt, [](BeamBench& bench, const Vector2d& truth, Random& random) {
          return case_of(bench, good_model(bench),
-                        measured(bench.history(modelled(), {1.8, truth[1]}), random));
+                        measured(bench.history(modelled(), outside_the_box(truth)), random));
        }});
   all.push_back(changed("a region without sensors", std::nullopt, [](BeamBench& bench, Case& c, Random&) {
     for (std::size_t i = 0; i < bench.sensors().components.size(); ++i)

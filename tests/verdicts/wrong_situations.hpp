@@ -31,6 +31,8 @@ struct Situation {
 [[nodiscard]] Case right_case(BeamBench& bench, const Eigen::Vector2d& truth, std::mt19937_64& random);
 [[nodiscard]] std::vector<Situation> wrong_situations();
 
+/// One of the two parameters far outside the model's box.
+[[nodiscard]] Eigen::Vector2d outside_the_box(const Eigen::Vector2d& truth);
 /// A truth drawn from the prior.
 [[nodiscard]] Eigen::Vector2d draw_truth(std::mt19937_64& random);
 [[nodiscard]] std::vector<assimilation::Prior> priors();

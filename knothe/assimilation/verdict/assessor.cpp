@@ -137,6 +137,7 @@ std::string Assessor::misfit_in_words(const ResidualReport& report,
       return fmt::format("the data of step {} do not fit the model", data[static_cast<std::size_t>(at)].step);
     case ResidualTest::modes:
     case ResidualTest::modes_mean:
+    case ResidualTest::modes_slow:
       return fmt::format("the residuals have the shape of displacements, not of noise{}",
                          report.of(ResidualTest::time_neighbours) < options_.fit_caution
                              ? " (they are correlated from step to step: the model is wrong, or the noise is "

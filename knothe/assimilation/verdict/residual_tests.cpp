@@ -17,6 +17,7 @@ namespace {
 using Eigen::Index;
 
 constexpr Index k_modes = 12;               // of the model's space modes, those the sensors see best
+constexpr Index k_parts = 8;                // of the data, in time
 constexpr double k_least_products = 50;     // whose sum is taken for normal
 constexpr Index k_sought_neighbours = 512;  // sensors: looking for neighbours costs their square
 
@@ -327,6 +328,13 @@ void ResidualTests::test_modes(const Eigen::MatrixXd& residuals, ResidualReport&
   set(report, ResidualTest::modes_mean,
       numerics::chi_squared_upper(q.rowwise().sum().squaredNorm() / static_cast<double>(m),
                                   static_cast<double>(k)));
+  if (m < 2 * k_parts) return;
+  double slow = 0;
+  for (Index part = 0; part < k_parts; ++part) {
+    const Index from = part * m / k_parts, to = (part + 1) * m / k_parts;
+    slow += q.middleCols(from, to - from).rowwise().sum().squaredNorm() / static_cast<double>(to - from);
+  }
+  set(report, ResidualTest::modes_slow, numerics::chi_squared_upper(slow, static_cast<double>(k * k_parts)));
 }
 
 }  // namespace knothe::assimilation

@@ -34,11 +34,12 @@ enum class ResidualTest {
   step,              ///< χ² of a datum
   modes,             ///< χ² of the residuals' part in the span of the model's own space modes
   modes_mean,        ///< the mean of that part over time
+  modes_slow,        ///< its means over successive eighths of the data
   time_neighbours,   ///< correlation of residuals that follow each other
   space_neighbours,  ///< correlation of residuals of the same component next to each other
   repeated           ///< a datum that is, to the last digit, the one before
 };
-inline constexpr std::size_t k_residual_tests = 12;
+inline constexpr std::size_t k_residual_tests = 13;
 
 /// Tests whose failure alone says that the noise is not what was stated, not that the model is wrong.
 [[nodiscard]] constexpr bool is_about_noise(ResidualTest test) {
