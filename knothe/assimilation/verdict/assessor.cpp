@@ -24,6 +24,10 @@ double normal_score(double t, double degrees) {
   return std::copysign(std::max(z, -38.0), t);
 }
 
+/// Of the half of the mass next to an edge, the share in the nearer half of the way, at least: 0.56 for a
+/// normal density whose mean is a standard deviation beyond the edge, 0.59 for one that only falls.
+constexpr double k_half_next_to_it = 0.565;
+
 /// How steeply a marginal density falls from an edge: of the four fifths of its mass next to the edge, the
 /// share in the nearer half of the way. A density that only falls, exp(−x): 0.69; a normal one whose mean is
 /// two, one, no standard deviations beyond the edge: 0.67, 0.65, 0.60; a flat one 0.5, one far inside next to
@@ -41,7 +45,7 @@ double pressure(const UpdateResult& update, Index a, double edge) {
   const auto nearer = [&](std::size_t k) {
     return (distance.array() < 0.5 * way[k]).select(update.weights.array(), 0.0).sum() / shares[k];
   };
-  return nearer(0) < 0.53 ? 0 : nearer(1);
+  return nearer(0) < k_half_next_to_it ? 0 : nearer(1);
 }
 
 }  // namespace

@@ -22,7 +22,7 @@ struct VerdictOptions {
   double model_caution = 0.6, model_reject = 2;   ///< shift by the model's own error, in standard deviations
   /// How steeply a marginal falls from an edge of the box (assessor.cpp, `pressure`): 0.65 for a normal
   /// density whose mean is a standard deviation beyond it, 0.69 for one that falls exponentially.
-  double edge_caution = 0.667, edge_reject = 0.68;
+  double edge_caution = 0.668, edge_reject = 0.68;
   double rejected_values = 0.1;  ///< share of a datum's values
   std::size_t examined = 128;    ///< data whose residuals are looked at: the last
 };
