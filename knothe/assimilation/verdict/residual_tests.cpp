@@ -174,6 +174,7 @@ ResidualReport ResidualTests::examine(std::span<const ExaminedDatum> data, const
         ++present;
       }
     }
+    if (present == 0) continue;  // a picture that is gone
     residual *= scale;
     const GaussianNoise& noise = datum.noise != nullptr ? *datum.noise : noise_.at_step(datum.step);
     const bool is_own = datum.noise != nullptr || noise_.has_step(datum.step);

@@ -167,6 +167,32 @@ TEST(Verdict, SeesADatumThatIsRepeatedAndNoiseThatIsCorrelated) {
   EXPECT_NE(slow.verdict().level, VerdictLevel::ok);
 }
 
+/// Noise that neighbours share, a datum with values missing and one that is missing altogether: the misfit is
+/// that of the marginal of what is there.
+TEST(ResidualTests, MissingValuesOfCorrelatedNoiseAreIntegratedOut) {
+  const Bench bench;
+  MatrixXd precision = MatrixXd::Zero(k_sensors, k_sensors);
+  for (Index i = 0; i < k_sensors; ++i) {
+    precision(i, i) = 120;
+    if (i > 0) precision(i, i - 1) = precision(i - 1, i) = 40;
+  }
+  ResidualTests tests(bench.model, NoiseModel::correlated(precision.sparseView()), bench.sensors);
+  VectorXd some = bench.data.col(3), none = bench.data.col(4);
+  some[5] = some[6] = some[20] = std::numeric_limits<double>::quiet_NaN();
+  none.setConstant(std::numeric_limits<double>::quiet_NaN());
+  const std::vector<ExaminedDatum> data = {{3, 3, &some, nullptr}, {4, 4, &none, nullptr}};
+  const double a = bench.truth[0], b = bench.truth[1];
+  const Eigen::Vector3d w(a * b, a * a * std::sin(b), 1 / (a + b * b));
+  const ResidualReport report = tests.examine(data, w, 1, 2);
+  std::vector<Index> kept;
+  for (Index i = 0; i < k_sensors; ++i)
+    if (!std::isnan(some[i])) kept.push_back(i);
+  const VectorXd residual = (some - bench.model->predict(bench.truth, 3))(kept);
+  const MatrixXd covariance = precision.inverse()(kept, kept);
+  EXPECT_EQ(report.values, k_sensors - 3);
+  EXPECT_NEAR(report.misfit, residual.dot(covariance.inverse() * residual), 1e-9 * report.misfit);
+}
+
 TEST(Verdict, StudentTValuesAreCarriedToNormalOnes) {
   Bench bench;
   std::mt19937 random(5);
