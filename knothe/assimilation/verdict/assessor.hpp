@@ -18,11 +18,11 @@
 namespace knothe::assimilation {
 
 struct VerdictOptions {
-  double fit_caution = 1e-4, fit_reject = 1e-12;  ///< probabilities of a residual test
+  double fit_caution = 3e-5, fit_reject = 1e-12;  ///< probabilities of a residual test
   double model_caution = 0.6, model_reject = 2;   ///< shift by the model's own error, in standard deviations
   /// How steeply a marginal falls from an edge of the box (assessor.cpp, `pressure`): 0.65 for a normal
   /// density whose mean is a standard deviation beyond it, 0.69 for one that falls exponentially.
-  double edge_caution = 0.668, edge_reject = 0.68;
+  double edge_caution = 0.672, edge_reject = 0.68;
   double rejected_values = 0.1;  ///< share of a datum's values
   std::size_t examined = 128;    ///< data whose residuals are looked at: the last
 };
