@@ -24,8 +24,7 @@ MatrixXd white(Index rows, Index columns, Random& random) {
   return MatrixXd::NullaryExpr(rows, columns, [&](Index, Index) { return normal(random); });
 }
 
-Case case_of(BeamBench& bench, const Reduced& model, MatrixXd values, bool force = false) {
-  (void)bench;
+Case case_of(const Reduced& model, MatrixXd values, bool force = false) {
   Case c;
   c.model = &model;
   c.force = force;
@@ -53,7 +52,7 @@ Case of_structure(BeamBench& bench, const Structure& structure, const Vector2d& 
     values.conservativeResize(exact.rows(), Eigen::NoChange);
     values.bottomRows(1) = exact.bottomRows(1) + k_force_noise * white(1, exact.cols(), random);
   }
-  Case c = case_of(bench, good_model(bench), std::move(values), force);
+  Case c = case_of(good_model(bench), std::move(values), force);
   c.structure = &structure;
   return c;
 }
@@ -76,7 +75,7 @@ Situation another_structure(const std::string& name, const Structure& structure,
 
 Situation another_model(const std::string& name, int nodes, std::size_t modes, reduction::Form form) {
   return {name, std::nullopt, [=](BeamBench& bench, const Vector2d& truth, Random& random) {
-            return case_of(bench, bench.reduced(modelled(), nodes, modes, form),
+            return case_of(bench.reduced(modelled(), nodes, modes, form),
                            measured(bench.history(modelled(), truth), random));
           }};
 }
@@ -93,7 +92,7 @@ Situation shifted(const std::string& name, double steps) {
               const double share = at - static_cast<double>(left);
               late.col(t) = (1 - share) * exact.col(left) + share * exact.col(left + 1);
             }
-            return case_of(bench, good_model(bench), measured(late, random));
+            return case_of(good_model(bench), measured(late, random));
           }};
 }
 
@@ -129,7 +128,7 @@ Vector2d outside_the_box(const Vector2d& truth) {
 }
 
 Case right_case(BeamBench& bench, const Vector2d& truth, Random& random) {
-  return case_of(bench, good_model(bench), measured(bench.history(modelled(), truth), random));
+  return case_of(good_model(bench), measured(bench.history(modelled(), truth), random));
 }
 
 std::vector<Situation> wrong_situations() {
@@ -200,7 +199,7 @@ std::vector<Situation> wrong_situations() {
                        covariance(i, j) = std::exp(-d / 0.05) + (i == j ? 1e-9 : 0);
                      }
                    const MatrixXd factor = covariance.llt().matrixL();
-                   return case_of(bench, good_model(bench),
+                   return case_of(good_model(bench),
                                   exact.topRows(n) + k_noise * (factor * white(n, exact.cols(), random)));
                  }});
   all.push_back(
@@ -208,7 +207,7 @@ std::vector<Situation> wrong_situations() {
          const History& exact = bench.history(modelled(), truth);
          MatrixXd noise = white(exact.rows() - 1, exact.cols(), random);
          for (Index t = 1; t < noise.cols(); ++t) noise.col(t) = 0.8 * noise.col(t - 1) + 0.6 * noise.col(t);
-         return case_of(bench, good_model(bench), exact.topRows(exact.rows() - 1) + k_noise * noise);
+         return case_of(good_model(bench), exact.topRows(exact.rows() - 1) + k_noise * noise);
        }});
   all.push_back(changed("5 % outliers", std::nullopt, [](BeamBench&, Case& c, Random& random) {
     std::uniform_real_distribution<double> uniform;
@@ -237,11 +236,11 @@ std::vector<Situation> wrong_situations() {
                                         std::clamp(1.15 * truth[1], 0.5, 1.5));
                    History exact = bench.history(modelled(), truth);
                    exact.rightCols(k_steps / 2) = bench.history(modelled(), other).rightCols(k_steps / 2);
-                   return case_of(bench, good_model(bench), measured(exact, random));
+                   return case_of(good_model(bench), measured(exact, random));
                  }});
   all.push_back(
       {"truth outside the box", std::nullopt, [](BeamBench& bench, const Vector2d& truth, Random& random) {
-         return case_of(bench, good_model(bench),
+         return case_of(good_model(bench),
                         measured(bench.history(modelled(), outside_the_box(truth)), random));
        }});
   all.push_back(changed("a region without sensors", std::nullopt, [](BeamBench& bench, Case& c, Random&) {
