@@ -2,6 +2,11 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <cstdlib>
+
+#include "knothe/base/error.hpp"
+#include "knothe/base/text.hpp"
 #include "knothe/project/offline_options.hpp"
 
 namespace knothe {
@@ -83,6 +88,17 @@ CLI::App& add_command(CLI::App& parent, FullOrderArguments& arguments) {
   return command;
 }
 
+CLI::App& add_command(CLI::App& parent, SolveArguments& arguments) {
+  CLI::App& command =
+      add_command(parent, "solve", "The full-order solution at one parameter point (runs knothe-offline).",
+                  "knothe model solve beam.toml --at Y0=1.07,Ad=0.93 -o solution.h5");
+  command.add_option("FILE", arguments.project, "project file with [offline]")->required();
+  command.add_option("--at", arguments.at, "NAME=VALUE,… for every parameter")->required();
+  command.add_option("-o,--output", arguments.output, "file of snapshots to write, of this one point")
+      ->required();
+  return command;
+}
+
 CLI::App& add_command(CLI::App& parent, ReproduceArguments& arguments) {
   CLI::App& command = add_command(
       parent, "reproduce",
@@ -108,6 +124,35 @@ std::vector<std::string> command_words(const CLI::App& command) {
       words.push_back(fmt::format("{}", fmt::join(option->results(), ",")));
   }
   return words;
+}
+
+std::vector<double> parse_point(const std::string& text, const std::vector<std::string>& names) {
+  std::vector<double> values(names.size());
+  std::vector<bool> given(names.size(), false);
+  for (std::size_t begin = 0; begin < text.size();) {
+    const std::size_t end = std::min(text.find(',', begin), text.size());
+    const std::string item = text.substr(begin, end - begin);
+    const std::size_t equals = item.find('=');
+    const std::string name = item.substr(0, equals);
+    const auto it = std::find(names.begin(), names.end(), name);
+    if (it == names.end() || equals == std::string::npos) {
+      throw UsageError(fmt::format("--at {}: the model has no parameter \"{}\"{}; it has {}", text, name,
+                                   did_you_mean(name, names), fmt::join(names, ", ")));
+    }
+    char* rest = nullptr;
+    const std::string number = item.substr(equals + 1);
+    const auto k = static_cast<std::size_t>(it - names.begin());
+    values[k] = std::strtod(number.c_str(), &rest);
+    if (number.empty() || *rest != '\0')
+      throw UsageError(fmt::format("--at {}: \"{}\" is not a number", text, number));
+    if (given[k]) throw UsageError(fmt::format("--at {}: \"{}\" is given twice", text, name));
+    given[k] = true;
+    begin = end + 1;
+  }
+  for (std::size_t k = 0; k < names.size(); ++k) {
+    if (!given[k]) throw UsageError(fmt::format("--at {}: the value of \"{}\" is missing", text, names[k]));
+  }
+  return values;
 }
 
 }  // namespace knothe

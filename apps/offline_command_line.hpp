@@ -51,6 +51,13 @@ struct FullOrderArguments {
   bool json = false;
 };
 
+/// The full-order solution at one point, as a file of snapshots.
+struct SolveArguments {
+  std::string project;
+  std::string at;  ///< NAME=VALUE,…
+  std::string output;
+};
+
 struct ReproduceArguments {
   bool quick = false;
   bool json = false;
@@ -63,7 +70,12 @@ CLI::App& add_command(CLI::App& parent, BuildArguments& arguments);
 CLI::App& add_command(CLI::App& parent, VerifyArguments& arguments);
 CLI::App& add_command(CLI::App& parent, MeshStudyArguments& arguments);
 CLI::App& add_command(CLI::App& parent, FullOrderArguments& arguments);
+CLI::App& add_command(CLI::App& parent, SolveArguments& arguments);
 CLI::App& add_command(CLI::App& parent, ReproduceArguments& arguments);
+
+/// "NAME=V,NAME=V" → the values in the order of `names`. UsageError for a name or number that is none, or
+/// missing.
+[[nodiscard]] std::vector<double> parse_point(const std::string& text, const std::vector<std::string>& names);
 
 /// The same command with all of its arguments that were given, as another program's command line.
 [[nodiscard]] std::vector<std::string> command_words(const CLI::App& command);

@@ -14,6 +14,7 @@ MAY_KNOW = {
     "sampling": ["base", "files", "numerics"],
     "transport": ["base", "files", "numerics", "sampling"],
     "reduction": ["base", "files", "numerics"],
+    "simulator": ["base", "files", "numerics", "reduction"],
     "imaging": ["base", "files", "numerics"],
     "assimilation": ["base", "files", "numerics", "sampling", "transport", "reduction", "imaging"],
     "inference": ["base", "files", "numerics", "sampling", "transport", "reduction", "imaging", "assimilation"],
@@ -25,7 +26,7 @@ MAY_KNOW["project"] = list(MAY_KNOW)
 MAY_KNOW["library"] = MAY_KNOW["engine"] + ["engine"]  # nobody includes it
 MAY_KNOW["report"] = MAY_KNOW["project"] + ["project"]
 MAY_KNOW["service"] = MAY_KNOW["report"] + ["report"]
-MAY_KNOW["mechanics"] = ["base", "files", "numerics", "reduction", "project"]
+MAY_KNOW["mechanics"] = ["base", "files", "numerics", "reduction", "simulator", "project"]
 MAY_KNOW["offline"] = MAY_KNOW["report"] + ["report", "mechanics"]
 MAY_KNOW["reproduction"] = MAY_KNOW["offline"] + ["offline"]
 

@@ -4,6 +4,7 @@
 #include "knothe/base/version.hpp"
 #include "knothe/offline/mesh_study.hpp"
 #include "knothe/offline/model_building.hpp"
+#include "knothe/offline/problem.hpp"
 #include "knothe/offline/verification.hpp"
 
 namespace {
@@ -23,6 +24,13 @@ int verify(const VerifyArguments& a) {
 
 int mesh_study(const MeshStudyArguments& a) {
   offline::study_meshes({a.project, a.elements, a.laws, a.steps, a.output}, CommandOutput(a.json));
+  return 0;
+}
+
+int solve(const SolveArguments& a) {
+  const project::Project project = project::read_project(a.project);
+  const std::vector<double> point = parse_point(a.at, offline::parameter_names(project));
+  reduction::write_snapshots(offline::project_simulator(project).solve(point), a.output);
   return 0;
 }
 
@@ -48,11 +56,13 @@ int main(int argc, char** argv) {
   VerifyArguments verification;
   MeshStudyArguments meshes;
   FullOrderArguments full;
+  SolveArguments solution;
   ReproduceArguments reproduction;
   add(app, chosen, build, offline_build);
   add(app, chosen, verification, verify);
   add(app, chosen, meshes, mesh_study);
   add(app, chosen, full, offline_commands::full_order);
+  add(app, chosen, solution, solve);
   add(app, chosen, reproduction, offline_commands::reproduce);
 
   offline_commands::SimulateArguments simulation;

@@ -67,6 +67,9 @@ void add_model_commands(CLI::App& app, Command& chosen) {
   forward<VerifyArguments>(model, chosen);
   forward<MeshStudyArguments>(model, chosen);
   forward<FullOrderArguments>(model, chosen);
+  forward<SolveArguments>(model, chosen, [](const SolveArguments& arguments) {
+    files::refuse_overwriting(arguments.output, {arguments.project});
+  });
 }
 
 }  // namespace knothe::commands

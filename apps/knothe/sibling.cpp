@@ -4,21 +4,17 @@
 #include <cerrno>
 #include <cstdio>
 #include <cstdlib>
-#include <filesystem>
 #include <sstream>
 
 #include "apps/knothe/commands.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/base/program.hpp"
 
 namespace knothe::commands {
 namespace {
 
-/// `knothe-offline` beside this program, or else by name on the PATH.
 std::string sibling_program() {
-  std::error_code ignored;
-  const std::filesystem::path self = std::filesystem::read_symlink("/proc/self/exe", ignored);
-  const std::filesystem::path beside = self.parent_path() / "knothe-offline";
-  return !ignored && std::filesystem::exists(beside, ignored) ? beside.string() : "knothe-offline";
+  return program_beside("knothe-offline");
 }
 
 }  // namespace

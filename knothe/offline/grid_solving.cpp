@@ -203,18 +203,13 @@ GridSolutions solve_project_grid(const project::Project& project, const mechanic
   }
 }
 
-std::vector<reduction::OffGridSolution> solve_off_grid(const mechanics::BeamProblem& problem,
+std::vector<reduction::OffGridSolution> solve_off_grid(simulator::Simulator& simulator,
                                                        const std::vector<reduction::Axis>& axes) {
   constexpr int k_points = 8;
   constexpr std::uint64_t k_seed = 271;  // not that of `model verify`, whose points must be new
-  mechanics::FullOrderModel model = mechanics::make_full_order_model(problem);
-  std::vector<reduction::OffGridSolution> solutions;
   Progress progress("off-grid runs", k_points);
-  for (const std::vector<double>& point : points_in_box(axes, k_points, k_seed)) {
-    solutions.push_back(solution_at(model, problem, axes, point));
-    progress.advance_to(solutions.size());
-  }
-  return solutions;
+  return simulator::fields_of(simulator.solve_all(points_in_box(axes, k_points, k_seed),
+                                                  [&](std::size_t done) { progress.advance_to(done); }));
 }
 
 }  // namespace knothe::offline

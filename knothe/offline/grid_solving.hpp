@@ -7,6 +7,7 @@
 #include "knothe/mechanics/full_order/offline.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/reduction/grid/grid_solutions.hpp"
+#include "knothe/simulator/simulator.hpp"
 
 namespace knothe::offline {
 
@@ -18,8 +19,8 @@ namespace knothe::offline {
     const project::Project& project, const mechanics::BeamProblem& problem, const std::string& parts_folder,
     const std::vector<reduction::OffGridSolution>& off_grid, const files::CommandOutput& output);
 
-/// Full-order solutions at four points that are in no grid, to judge interpolation as well as compression.
+/// Full-order solutions at eight points that are in no grid, to judge interpolation as well as compression.
 [[nodiscard]] std::vector<reduction::OffGridSolution> solve_off_grid(
-    const mechanics::BeamProblem& problem, const std::vector<reduction::Axis>& axes);
+    simulator::Simulator& simulator, const std::vector<reduction::Axis>& axes);
 
 }  // namespace knothe::offline

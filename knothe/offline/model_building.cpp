@@ -48,13 +48,17 @@ void build(const BuildOptions& build, const files::CommandOutput& output) {
   if (is_latin && !is_first) return;  // LATIN has all points at once: the first rank's threads do it
   // The off-grid runs judge an adaptive grid; without one they come last, when the grid's runs are safe.
   std::vector<reduction::OffGridSolution> off_grid;
-  if (is_adaptive) off_grid = solve_off_grid(problem, axes);
+  const auto solved_off_grid = [&] {
+    mechanics::BeamSimulator simulator(problem, axes);
+    return solve_off_grid(simulator, axes);
+  };
+  if (is_adaptive) off_grid = solved_off_grid();
   const reduction::GridSolutions solutions =
       solve_project_grid(project, problem, build.model + ".parts", off_grid, output);
   // In an MPI job all ranks have computed runs and now hold the same snapshots; the first one goes on.
   if (!is_first) return;
   const reduction::ModelContents model = compressed(project, problem, solutions);
-  if (off_grid.empty()) off_grid = solve_off_grid(problem, axes);
+  if (off_grid.empty()) off_grid = solved_off_grid();
   reduction::write_model(model, reduction::truncation_error(model, solutions, off_grid), build.model);
   study_models(project, solutions, off_grid, output);
   output.line(

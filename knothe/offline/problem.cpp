@@ -34,6 +34,13 @@ std::vector<reduction::Axis> parameter_axes(const project::Project& project) {
   return axes;
 }
 
+std::vector<std::string> parameter_names(const project::Project& project) {
+  project.require(project.offline.has_value(), "a table [offline]");
+  std::vector<std::string> names;
+  for (const project::OfflineParameter& p : project.offline->parameters) names.push_back(p.name);
+  return names;
+}
+
 std::vector<std::vector<double>> points_in_box(const std::vector<reduction::Axis>& axes, int count,
                                                std::uint64_t seed) {
   const Eigen::MatrixXd unit = numerics::sobol_points(count, static_cast<Eigen::Index>(axes.size()), seed);
@@ -47,11 +54,8 @@ std::vector<std::vector<double>> points_in_box(const std::vector<reduction::Axis
   return points;
 }
 
-reduction::OffGridSolution solution_at(mechanics::FullOrderModel& model,
-                                       const mechanics::BeamProblem& problem,
-                                       const std::vector<reduction::Axis>& axes,
-                                       const std::vector<double>& point) {
-  return {point, mechanics::run_at(model, problem, axes, point).displacement};
+mechanics::BeamSimulator project_simulator(const project::Project& project) {
+  return {beam_problem(project), parameter_axes(project)};
 }
 
 }  // namespace knothe::offline

@@ -3,7 +3,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "knothe/mechanics/full_order/offline.hpp"
+#include "knothe/mechanics/full_order/beam_simulator.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/reduction/compress/compression.hpp"
 
@@ -14,15 +14,13 @@ namespace knothe::offline {
 
 /// The parameter axes of the grid, in the order of [offline.parameters].
 [[nodiscard]] std::vector<reduction::Axis> parameter_axes(const project::Project& project);
+[[nodiscard]] std::vector<std::string> parameter_names(const project::Project& project);
 
 /// Points of the box of `axes`, a scrambled Sobol sequence.
 [[nodiscard]] std::vector<std::vector<double>> points_in_box(const std::vector<reduction::Axis>& axes,
                                                              int count, std::uint64_t seed);
 
-/// The full-order solution at a point, as run_at.
-[[nodiscard]] reduction::OffGridSolution solution_at(mechanics::FullOrderModel& model,
-                                                     const mechanics::BeamProblem& problem,
-                                                     const std::vector<reduction::Axis>& axes,
-                                                     const std::vector<double>& point);
+/// The project's full-order model. Errors: as beam_problem and BeamSimulator.
+[[nodiscard]] mechanics::BeamSimulator project_simulator(const project::Project& project);
 
 }  // namespace knothe::offline

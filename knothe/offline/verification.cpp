@@ -134,11 +134,9 @@ void require_same_model(const VerifyOptions& options, const reduction::ModelCont
 
 void verify_model(const VerifyOptions& options, const files::CommandOutput& output) {
   const project::Project project = project::read_project(options.project);
-  const mechanics::BeamProblem problem = beam_problem(project);
   const reduction::ModelContents model = reduction::read_model(options.model);
-  mechanics::FullOrderModel full_order = mechanics::make_full_order_model(problem);
-  require_same_model(options, model, static_cast<std::size_t>(full_order.structure().dof_count()),
-                     problem.solver.steps);
+  mechanics::BeamSimulator full_order(beam_problem(project), model.axes);
+  require_same_model(options, model, full_order.structure().dof_count(), project.offline->steps);
   std::optional<ErrorJudge> judge;
   if (const auto synthetic = synthetic_problem(project, model.axes, model.dofs))
     judge.emplace(*synthetic, model, options.model);
@@ -146,7 +144,7 @@ void verify_model(const VerifyOptions& options, const files::CommandOutput& outp
   std::optional<Shifts> worst;
   Progress progress("full-order runs", static_cast<std::size_t>(options.points), output.json());
   for (const std::vector<double>& point : points_in_box(model.axes, options.points, options.seed)) {
-    solutions.push_back(solution_at(full_order, problem, model.axes, point));
+    solutions.push_back({point, full_order.solve(point).values});
     const reduction::ModelError error = reduction::off_grid_error(model, {&solutions.back(), 1});
     Json line = {{"point", point}};
     line.update(error_record(error));

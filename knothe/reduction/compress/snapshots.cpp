@@ -35,9 +35,9 @@ std::span<const double> Snapshots::solution(std::size_t index) const {
   return std::span(values).subspan(index * size, size);
 }
 
-void validate(const Snapshots& snapshots, const std::string& where) {
+void validate(const Snapshots& snapshots, const std::string& where, std::size_t minimum_nodes) {
   const Validation check(where);
-  check.axes(snapshots.axes);
+  check.axes(snapshots.axes, minimum_nodes);
   check.require(!snapshots.time.empty(), "/time is empty");
   check.increasing("/time", snapshots.time);
   const std::size_t dofs = snapshots.dof_count();
@@ -71,19 +71,13 @@ void check_field_shape(const files::Hdf5Reader& file, const Snapshots& snapshots
                             shape[d], d, snapshots.time.size()));
 }
 
-}  // namespace
-
-namespace {
-
 void in_metres(const files::Hdf5Reader& file, const std::string& name, std::vector<double>& values) {
   const double factor = files::factor_to_si(file, name, "m");
   if (factor != 1)
     for (double& value : values) value *= factor;
 }
 
-}  // namespace
-
-Snapshots read_snapshots(const std::string& path) {
+Snapshots read_valid(const std::string& path, std::size_t minimum_nodes) {
   const files::Hdf5Reader file(path);
   Snapshots snapshots;
   snapshots.axes = read_axes(file);
@@ -106,12 +100,22 @@ Snapshots read_snapshots(const std::string& path) {
     if (!snapshots.dofs.empty()) in_metres(file, "/lift", snapshots.lift);
   }
   snapshots.outputs = read_outputs(file, snapshots.grid_shape(), snapshots.time.size());
-  validate(snapshots, path);
+  validate(snapshots, path, minimum_nodes);
   return snapshots;
 }
 
+}  // namespace
+
+Snapshots read_snapshots(const std::string& path) {
+  return read_valid(path, 2);
+}
+
+Snapshots read_solution(const std::string& path) {
+  return read_valid(path, 1);
+}
+
 void write_snapshots(const Snapshots& snapshots, const std::string& path, bool single_precision) {
-  validate(snapshots, path);
+  validate(snapshots, path, 1);
   files::write_atomically(path, [&](const std::string& temporary) {
     files::Hdf5Writer file(temporary);
     write_axes(file, snapshots.axes, snapshots.time);

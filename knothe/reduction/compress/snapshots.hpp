@@ -77,11 +77,15 @@ struct Snapshots {
 /// Reads and validates a file of snapshots (docs/formats.md). Everything wrong in it is a DataError that
 /// names the data set, and the index where there is one.
 [[nodiscard]] Snapshots read_snapshots(const std::string& path);
+/// The same for a single solution: its axes may have one node each.
+[[nodiscard]] Snapshots read_solution(const std::string& path);
 
-/// Writes the file atomically; `single_precision` stores the field in 32 bits. IoError, e.g. disk full.
+/// Writes the file atomically, of a grid or of a single solution; `single_precision` stores the field in 32
+/// bits. IoError, e.g. disk full.
 void write_snapshots(const Snapshots& snapshots, const std::string& path, bool single_precision = false);
 
-/// Throws DataError, prefixed by `where`, unless all shapes fit, axes and time increase and all is finite.
-void validate(const Snapshots& snapshots, const std::string& where);
+/// Throws DataError, prefixed by `where`, unless all shapes fit, axes have so many nodes, they and time
+/// increase and all is finite.
+void validate(const Snapshots& snapshots, const std::string& where, std::size_t minimum_nodes = 2);
 
 }  // namespace knothe::reduction

@@ -51,14 +51,15 @@ void Validation::increasing(const std::string& name, std::span<const double> val
   }
 }
 
-void Validation::axes(std::span<const Axis> axes) const {
+void Validation::axes(std::span<const Axis> axes, std::size_t minimum_nodes) const {
   require(!axes.empty(), "attribute parameters of / names no parameter: at least one is needed");
   std::set<std::string> names;
   for (const Axis& axis : axes) {
     require(!axis.name.empty(), "attribute parameters of / has an empty name");
     require(names.insert(axis.name).second, fmt::format("parameter {} is named twice", axis.name));
-    require(axis.nodes.size() >= 2, fmt::format("/parameters/{} has {} node(s): at least 2 are needed",
-                                                axis.name, axis.nodes.size()));
+    require(axis.nodes.size() >= minimum_nodes,
+            fmt::format("/parameters/{} has {} node(s): at least {} are needed", axis.name, axis.nodes.size(),
+                        minimum_nodes));
     increasing("/parameters/" + axis.name, axis.nodes);
   }
 }

@@ -21,7 +21,7 @@ class Validation {
   void array(const std::string& name, std::span<const double> values, const files::Shape& shape) const;
   void increasing(const std::string& name, std::span<const double> values) const;
   /// Names, nodes; at least one axis.
-  void axes(std::span<const Axis> axes) const;
+  void axes(std::span<const Axis> axes, std::size_t minimum_nodes = 2) const;
   void dofs(const Dofs& dofs, std::size_t dof_count) const;
   void mesh(const Mesh& mesh) const;
   void outputs(std::span<const SnapshotOutput> outputs, const files::Shape& grid, std::size_t times) const;

@@ -1,0 +1,33 @@
+#include "knothe/simulator/simulator.hpp"
+
+#include <fmt/format.h>
+
+#include <utility>
+
+namespace knothe::simulator {
+
+std::vector<reduction::Snapshots> Simulator::solve_all(std::span<const std::vector<double>> points,
+                                                       const std::function<void(std::size_t)>& finished) {
+  std::vector<reduction::Snapshots> solutions;
+  for (const std::vector<double>& point : points) {
+    solutions.push_back(solve(point));
+    if (finished) finished(solutions.size());
+  }
+  return solutions;
+}
+
+std::vector<reduction::OffGridSolution> fields_of(std::vector<reduction::Snapshots> solutions) {
+  std::vector<reduction::OffGridSolution> fields;
+  for (reduction::Snapshots& solution : solutions)
+    fields.push_back({solution.parameters_at(0), std::move(solution.values)});
+  return fields;
+}
+
+std::string describe(std::span<const std::string> names, std::span<const double> parameters) {
+  std::string text;
+  for (std::size_t i = 0; i < names.size(); ++i)
+    text += fmt::format("{}{} = {:.6g}", i == 0 ? "" : ", ", names[i], parameters[i]);
+  return text;
+}
+
+}  // namespace knothe::simulator

@@ -1,0 +1,86 @@
+#include "knothe/simulator/solver_process.hpp"
+
+#include <fmt/format.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <mutex>
+
+#include "knothe/base/error.hpp"
+#include "knothe/base/program.hpp"
+#include "knothe/base/threads.hpp"
+
+namespace knothe::simulator {
+namespace {
+
+/// NAME=V,… with every digit.
+std::string point_argument(std::span<const std::string> names, std::span<const double> parameters) {
+  std::string text;
+  for (std::size_t i = 0; i < names.size(); ++i)
+    text += fmt::format("{}{}={}", i == 0 ? "" : ",", names[i], parameters[i]);
+  return text;
+}
+
+std::string make_folder() {
+  std::string name = (std::filesystem::temp_directory_path() / "knothe-solve-XXXXXX").string();
+  if (mkdtemp(name.data()) == nullptr) throw system_error("cannot make a folder for solutions", name);
+  return name;
+}
+
+}  // namespace
+
+SolverProcess::SolverProcess(SolverProcessOptions options)
+    : options_(std::move(options)), folder_(make_folder()) {}
+
+SolverProcess::~SolverProcess() {
+  std::error_code ignored;
+  std::filesystem::remove_all(folder_, ignored);
+}
+
+std::string SolverProcess::key(std::span<const double> parameters) const {
+  return options_.identity + " | " + point_argument(options_.names, parameters);
+}
+
+reduction::Snapshots SolverProcess::solve(std::span<const double> parameters, const std::string& file) const {
+  const std::string at = point_argument(options_.names, parameters);
+  ProgramCall call{options_.words, {}, file + ".log", options_.time_limit_s};
+  call.words.insert(call.words.end(), {"--at", at, "-o", file});
+  const ProgramEnd end = run_program(call);
+  if (end.status != 0) {
+    const std::string said = last_lines(call.log);
+    throw NumericalError(fmt::format(
+        "the full-order model at {} {}{}{}", describe(options_.names, parameters),
+        end.timed_out
+            ? fmt::format("was not solved within {:g} s", options_.time_limit_s)
+            : fmt::format("was not solved ({} ended with status {})", options_.words.front(), end.status),
+        said.empty() ? "" : ": ", said));
+  }
+  reduction::Snapshots solution = reduction::read_solution(file);
+  std::filesystem::remove(file);
+  if (solution.grid_size() != 1 || solution.axes.size() != parameters.size())
+    throw DataError(fmt::format(
+        "the full-order model at {}: its file holds a grid of {} points of {} parameters, "
+        "not one solution of {}",
+        describe(options_.names, parameters), solution.grid_size(), solution.axes.size(), parameters.size()));
+  return solution;
+}
+
+reduction::Snapshots SolverProcess::solve(std::span<const double> parameters) {
+  return solve(parameters, folder_ + "/solution.h5");
+}
+
+std::vector<reduction::Snapshots> SolverProcess::solve_all(std::span<const std::vector<double>> points,
+                                                           const std::function<void(std::size_t)>& finished) {
+  std::vector<reduction::Snapshots> solutions(points.size());
+  std::mutex mutex;
+  std::size_t done = 0;
+  parallel_for(points.size(), options_.processes, [&](std::size_t i) {
+    solutions[i] = solve(points[i], fmt::format("{}/solution-{}.h5", folder_, i));
+    if (!finished) return;
+    const std::lock_guard lock(mutex);
+    finished(++done);
+  });
+  return solutions;
+}
+
+}  // namespace knothe::simulator

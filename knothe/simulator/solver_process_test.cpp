@@ -1,0 +1,105 @@
+#include "knothe/simulator/solver_process.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cstdio>
+#include <filesystem>
+
+#include "knothe/base/error.hpp"
+#include "knothe/files/atomic_file.hpp"
+
+namespace knothe::simulator {
+namespace {
+
+using testing::HasSubstr;
+
+/// A folder with a solution of a structure of two dofs at three times, and a shell script that copies it.
+class SolverProcessTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    folder_ = testing::TempDir() + "solver-process/";
+    std::filesystem::create_directories(folder_);
+    reduction::Snapshots solution;
+    solution.axes = {{.name = "a", .nodes = {1.25}}, {.name = "b", .nodes = {-0.5}}};
+    solution.time = {0, 1, 2};
+    solution.values = {1, 2, 3, 4, 5, 6};
+    reduction::write_snapshots(solution, folder_ + "solution.h5");
+  }
+  SolverProcess solver(const std::string& script, double time_limit_s = 0) {
+    SolverProcessOptions options;
+    options.words = {"sh", "-c", script, "solver"};
+    options.names = {"a", "b"};
+    options.identity = "two dofs";
+    options.processes = 2;
+    options.time_limit_s = time_limit_s;
+    return SolverProcess(options);
+  }
+  template <class Call>
+  static std::string message_of(Call call) {
+    try {
+      call();
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "nothing was thrown";
+  }
+  std::string folder_;
+};
+
+TEST_F(SolverProcessTest, GivesTheSolutionThatTheProgramWrites) {
+  // $1 … $4: --at POINT -o FILE
+  SolverProcess process = solver("test \"$2\" = a=1.25,b=-0.5 && cp " + folder_ + "solution.h5 \"$4\"");
+  const reduction::Snapshots solution = process.solve(std::vector{1.25, -0.5});
+  EXPECT_EQ(solution.values, (std::vector<double>{1, 2, 3, 4, 5, 6}));
+  EXPECT_EQ(solution.parameters_at(0), (std::vector<double>{1.25, -0.5}));
+}
+
+TEST_F(SolverProcessTest, SolvesAllPointsAndTellsEachThatIsFinished) {
+  SolverProcess process = solver("cp " + folder_ + "solution.h5 \"$4\"");
+  std::vector<std::size_t> told;
+  const auto solutions = process.solve_all(std::vector<std::vector<double>>(5, {1.25, -0.5}),
+                                           [&](std::size_t done) { told.push_back(done); });
+  EXPECT_EQ(solutions.size(), 5u);
+  EXPECT_EQ(told, (std::vector<std::size_t>{1, 2, 3, 4, 5}));
+}
+
+TEST_F(SolverProcessTest, AFailureSaysWhereAndWhatTheProgramSaid) {
+  SolverProcess process = solver("echo the mesh is tangled >&2; exit 6");
+  const std::string message = message_of([&] { (void)process.solve(std::vector{1.25, -0.5}); });
+  EXPECT_THAT(message, HasSubstr("the full-order model at a = 1.25, b = -0.5 was not solved"));
+  EXPECT_THAT(message, HasSubstr("status 6"));
+  EXPECT_THAT(message, HasSubstr("the mesh is tangled"));
+}
+
+TEST_F(SolverProcessTest, ARunThatTakesTooLongIsEnded) {
+  SolverProcess process = solver("sleep 60", 0.05);
+  EXPECT_THAT(message_of([&] {
+                (void)process.solve(std::vector{1.25, -0.5});
+              }),
+              HasSubstr("was not solved within 0.05 s"));
+}
+
+TEST_F(SolverProcessTest, AProgramThatIsNotThereIsNamed) {
+  SolverProcessOptions options;
+  options.words = {"no-such-solver"};
+  options.names = {"a"};
+  SolverProcess process(options);
+  EXPECT_THAT(message_of([&] { (void)process.solve(std::vector{1.0}); }), HasSubstr("no-such-solver"));
+}
+
+TEST_F(SolverProcessTest, AFileOfSeveralPointsIsRefused) {
+  reduction::Snapshots grid;
+  grid.axes = {{.name = "a", .nodes = {1, 2}}, {.name = "b", .nodes = {0}}};
+  grid.time = {0};
+  grid.values = {1, 2};
+  reduction::write_snapshots(grid, folder_ + "grid.h5");
+  SolverProcess process = solver("cp " + folder_ + "grid.h5 \"$4\"");
+  EXPECT_THAT(message_of([&] {
+                (void)process.solve(std::vector{1.25, -0.5});
+              }),
+              HasSubstr("a grid of 2 points of 2 parameters, not one solution of 2"));
+}
+
+}  // namespace
+}  // namespace knothe::simulator
