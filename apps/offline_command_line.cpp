@@ -26,6 +26,8 @@ CLI::App& add_command(CLI::App& parent, BuildArguments& arguments) {
   command.add_option("-o,--output", arguments.output, "model file to write")->required();
   command.add_option("--method", arguments.method, "how: snapshots or latin (default: the project's)")
       ->check(CLI::IsMember(words_of<project::OfflineMethod>()));
+  command.add_option("--refine", arguments.refine,
+                     "results folder: makes the project's model finer around its last posterior");
   command.add_flag("--json", arguments.json, "JSON lines on stdout");
   return command;
 }

@@ -19,6 +19,8 @@ struct BuildArguments {
   std::string project;
   std::string output;
   std::string method;  ///< overrides the project's
+  std::string
+      refine;  ///< results folder, around whose last posterior the project's model is refined; or empty
   bool json = false;
 };
 

@@ -5,6 +5,7 @@
 #include "knothe/offline/mesh_study.hpp"
 #include "knothe/offline/model_building.hpp"
 #include "knothe/offline/problem.hpp"
+#include "knothe/offline/results_refinement.hpp"
 #include "knothe/offline/verification.hpp"
 
 namespace {
@@ -13,6 +14,10 @@ using namespace knothe;
 using files::CommandOutput;
 
 int offline_build(const BuildArguments& a) {
+  if (!a.refine.empty()) {
+    offline::refine_model({a.project, a.refine, a.output}, CommandOutput(a.json));
+    return 0;
+  }
   offline::build_model({a.project, a.output, a.method}, CommandOutput(a.json));
   return 0;
 }

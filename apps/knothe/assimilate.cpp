@@ -58,22 +58,28 @@ int assimilate(const AssimilateArguments& arguments) {
   if (const auto kind = from_text<assimilation::Method>(arguments.method)) project.method.kind = *kind;
   if (!arguments.results.empty()) project.results = arguments.results;
   project::UpdateSetup setup = project::set_up(project);
-  engine::Engine engine(engine_setup(project, setup, arguments.redo));
+  auto engine = std::make_unique<engine::Engine>(engine_setup(project, setup, arguments.redo));
   files::require_writable_folder(project.results);
-  report::ResultsWriter results(project, setup.model, setup.measurements, engine.priors(), setup.observed);
+  report::ResultsWriter results(project, setup.model, setup.measurements, engine->priors(), setup.observed);
   tell_what_was_found(project, setup);
   project::RecordedData data(std::move(setup));
   project::PictureMeasurements* const pictures = data.setup().pictures.get();
+  const auto refinement = project::make_refinement(project, data.setup().pictures);
   report::AssimilationOutput output(arguments.json, data.setup().model.parameter_names(), data.size());
   const auto start = monotonic_now();
   bool interrupted = false;
   Eigen::VectorXd mean;
   while (const auto item = interrupted ? std::nullopt : data.next(mean)) {
     const assimilation::Datum& datum = item->datum;
-    const engine::StepResult result = engine.assimilate(datum);
+    engine::StepResult result = engine->assimilate(datum);
+    const bool is_last = datum.step + 1 == data.size();
+    if (refinement && refinement->refine_if_needed(engine, result, is_last)) {
+      output.tell(*refinement);
+      results.use(*refinement);
+    }
     mean = result.update.mean;
     output.show(result, item->picture, pictures);
-    results.add_step(result, engine.direct_forecasts(result, k_direct_points), datum.time_index,
+    results.add_step(result, engine->direct_forecasts(result, k_direct_points), datum.time_index,
                      datum.values);
     interrupted = cancellation_requested();
   }

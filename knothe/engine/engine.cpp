@@ -38,6 +38,16 @@ Engine::Engine(EngineSetup setup)
     candidates_.push_back(make_method(candidate.setup));
 }
 
+Engine Engine::with_setup(EngineSetup setup) const {
+  setup.update = setup_.update;
+  setup.corrected_steps = setup_.corrected_steps;
+  Engine other(std::move(setup));
+  for (const auto& [number, step] : steps_)
+    for (const auto& [key, kept] : step.data)
+      other.add({key, number, step.time_index, kept.values, kept.noise});
+  return other;
+}
+
 StepResult Engine::assimilate(const Datum& datum) {
   add(datum);
   return conclude(datum.step);
@@ -128,6 +138,7 @@ StepResult Engine::preview(std::size_t step) {
 StepResult Engine::result_of(const assimilation::UpdateResult& update) {
   StepResult result;
   result.update = update;
+  result.model_version = setup_.model_version;
   if (!setup_.forecaster) return result;
   const auto start = monotonic_now();
   result.forecasts = setup_.forecaster->update(result.update.points, result.update.weights);

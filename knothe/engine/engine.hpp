@@ -23,6 +23,7 @@ struct EngineSetup : MethodSetup {
   reduction::Sensors sensors;              ///< places and names for the verdict; may be empty
   reduction::ObservedErrors known_errors;  ///< of the model, at the sensors; may be empty
   std::string name;                        ///< of the model, where several are compared
+  std::size_t model_version = 0;           ///< how often it has been refined
   std::vector<CandidateModel> candidates;  ///< models to compare with it on the same data
 };
 
@@ -41,6 +42,10 @@ class Engine {
   /// ProjectError for a prior with too little mass in the model's box, UsageError for options that do not go
   /// together.
   explicit Engine(EngineSetup setup);
+
+  /// An engine of another setup, for instance with a refined model, that has this one's data and
+  /// options of the update.
+  [[nodiscard]] Engine with_setup(EngineSetup setup) const;
 
   /// Adds a datum and gives the posterior of all data up to its step. The same as `add` and `conclude`.
   StepResult assimilate(const assimilation::Datum& datum);

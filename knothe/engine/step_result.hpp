@@ -27,6 +27,7 @@ struct StepResult {
   /// The correction of the model's bias, where it is on: as what is to be added to the model's functions w (a
   /// field), or at the sensors (m). Else empty.
   Eigen::VectorXd bias_functions, bias_sensors;
+  std::size_t model_version = 0;  ///< how often the model had been refined (project/refinement.hpp)
 };
 
 }  // namespace knothe::engine

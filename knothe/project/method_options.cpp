@@ -35,6 +35,14 @@ void add_noise_options(Section<M>& s) {
            "noise of the measurements.");
 }
 
+void add_verification_options(Section<M>& s) {
+  s.add("verify", &M::verify,
+        "`knothe assimilate`: whether the full-order model of [offline] is asked where the posterior is, and "
+        "the "
+        "reduced model made finer there.");
+  s.add("verify_runs", &M::verify_runs, "Full-order runs that this may take, at least 1.", at_least(1));
+}
+
 void add_change_options(Section<M>& s) {
   s.add("forgetting", in(&M::update, &U::forgetting),
         "A structure that changes: before each datum the likelihood of those before it is raised to this "
@@ -109,6 +117,7 @@ const Section<M>& method_section() {
         "Carlo; for `knothe assimilate` also the extended, unscented and ensemble Kalman filter.");
     add_map_options(s);
     add_noise_options(s);
+    add_verification_options(s);
     add_change_options(s);
     add_bias_options(s);
   });

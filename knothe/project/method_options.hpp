@@ -1,13 +1,23 @@
 #pragma once
 /// @file The table [method] of a project file: how the posterior is computed.
+#include <array>
 #include <cstdint>
 
 #include "knothe/assimilation/update/method.hpp"
 #include "knothe/assimilation/update/update_options.hpp"
+#include "knothe/base/enum_names.hpp"
 
 namespace knothe::project {
 
 struct Values;
+
+/// Whether the full-order model is asked where the posterior is.
+enum class Verification { off, full_order };
+
+constexpr auto names_of(Verification /*verification*/) {
+  return std::to_array<Named<Verification>>(
+      {{Verification::off, "off"}, {Verification::full_order, "full-order"}});
+}
 
 struct MethodOptions {
   assimilation::Method kind = assimilation::Method::transport;
@@ -21,6 +31,8 @@ struct MethodOptions {
   double noise_level_shape = 2, noise_level_scale = 1;
   double offset_std = 0;          ///< m
   bool truncation_error = false;  ///< the model's own error is added to the noise
+  Verification verify = Verification::off;
+  int verify_runs = 14;  ///< at most
   int samples = 10000;
   int verification_points = 1024;  ///< of `knothe infer`
   std::uint64_t seed = 1;

@@ -80,6 +80,7 @@ assimilation::Features features_of(const Project& project) {
   add(features, Feature::clock, !project.clock.empty());
   add(features, Feature::known, !project.known.empty());
   add(features, Feature::candidates, !project.candidates.empty());
+  add(features, Feature::verified, project.method.verify == Verification::full_order);
   return features;
 }
 
@@ -157,7 +158,8 @@ reduction::SeparatedModel load_model(const Project& project) {
 namespace {
 
 /// `features`: what it is for.
-UpdateSetup set_up(const Project& project, assimilation::Features features, bool live) {
+UpdateSetup set_up(const Project& project, assimilation::Features features, bool live,
+                   std::shared_ptr<PictureMeasurements> pictures = nullptr) {
   features |= features_of(project);
   refuse_conflicts(project, features);
   project.require(!project.model.empty(), "a model: `model = \"MODEL.h5\"`");
@@ -169,12 +171,12 @@ UpdateSetup set_up(const Project& project, assimilation::Features features, bool
   const reduction::SeparatedModel whole = load_whole_model(project);
   std::vector<assimilation::Prior> priors;
   for (const NamedPrior& parameter : project.parameters) priors.push_back(parameter.prior);
-  std::shared_ptr<PictureMeasurements> pictures;
   if (live && !project.data.empty())
     throw project.error_at(
         "serve.watch_pictures",
         "\"serve.watch_pictures\" and \"data.file\" both say where the sensors are: give one");
-  if (project.data.empty()) pictures = std::make_shared<PictureMeasurements>(project, whole, live);
+  if (project.data.empty() && !pictures)
+    pictures = std::make_shared<PictureMeasurements>(project, whole, live);
   assimilation::Measurements measurements =
       pictures ? pictures->measurements() : assimilation::read_measurements(project.data);
   if (project.method.offset_std > 0)
@@ -200,6 +202,10 @@ UpdateSetup set_up(const Project& project, assimilation::Features features, bool
 
 UpdateSetup set_up(const Project& project) {
   return set_up(project, {}, false);
+}
+
+UpdateSetup set_up_again(const Project& project, std::shared_ptr<PictureMeasurements> pictures) {
+  return set_up(project, {}, false, std::move(pictures));
 }
 
 UpdateSetup set_up_online(const Project& project) {

@@ -34,6 +34,9 @@ struct UpdateSetup {
 /// where only the data tell, for what does not go together (`assimilation/update/compatibility.hpp`).
 [[nodiscard]] UpdateSetup set_up(const Project& project);
 
+/// Model and data read again, the model perhaps another one; the pictures are those of before, which go on.
+[[nodiscard]] UpdateSetup set_up_again(const Project& project, std::shared_ptr<PictureMeasurements> pictures);
+
 /// The same for the service: ProjectError for what it cannot do (a measured clock, forces, gauges). With
 /// [serve] watch_pictures the sensors are those of pictures that are still to come.
 [[nodiscard]] UpdateSetup set_up_online(const Project& project);

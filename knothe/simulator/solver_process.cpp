@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cstdlib>
 #include <filesystem>
 #include <mutex>
@@ -62,6 +63,17 @@ reduction::Snapshots SolverProcess::solve(std::span<const double> parameters, co
         "the full-order model at {}: its file holds a grid of {} points of {} parameters, "
         "not one solution of {}",
         describe(options_.names, parameters), solution.grid_size(), solution.axes.size(), parameters.size()));
+  // The file's parameters may stand in another order; of one point that is the axes' alone.
+  std::vector<reduction::Axis> axes;
+  for (const std::string& name : options_.names) {
+    const auto found = std::find_if(solution.axes.begin(), solution.axes.end(),
+                                    [&](const reduction::Axis& axis) { return axis.name == name; });
+    if (found == solution.axes.end())
+      throw DataError(fmt::format("the full-order model at {}: its file does not say what {} is",
+                                  describe(options_.names, parameters), name));
+    axes.push_back(*found);
+  }
+  solution.axes = std::move(axes);
   return solution;
 }
 

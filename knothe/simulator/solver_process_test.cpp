@@ -55,6 +55,14 @@ TEST_F(SolverProcessTest, GivesTheSolutionThatTheProgramWrites) {
   EXPECT_EQ(solution.parameters_at(0), (std::vector<double>{1.25, -0.5}));
 }
 
+TEST_F(SolverProcessTest, TheFileMayHaveItsParametersInAnotherOrder) {
+  SolverProcessOptions options;
+  options.words = {"sh", "-c", "cp " + folder_ + "solution.h5 \"$4\"", "solver"};
+  options.names = {"b", "a"};
+  EXPECT_EQ(SolverProcess(options).solve(std::vector{-0.5, 1.25}).parameters_at(0),
+            (std::vector<double>{-0.5, 1.25}));
+}
+
 TEST_F(SolverProcessTest, SolvesAllPointsAndTellsEachThatIsFinished) {
   SolverProcess process = solver("cp " + folder_ + "solution.h5 \"$4\"");
   std::vector<std::size_t> told;

@@ -31,6 +31,12 @@ const std::vector<Row>& table() {
        "method",
        "{0} judges the data by the model: models that are compared would see other data; leave out {0} or "
        "[model] candidates"},
+      {F::verified,
+       {F::known, F::candidates, F::truncation, F::service},
+       "method.verify",
+       "verify = \"full-order\" refines one model of the parameters that are inferred, by the full-order "
+       "model: "
+       "it does without {} (`knothe offline --refine` makes a finer model of the results)"},
       {F::service,
        {F::clock},
        "data.clock",
@@ -159,6 +165,8 @@ std::string_view name_of(Feature feature) {
       return "`knothe serve`";
     case F::candidates:
       return "`[model] candidates`";
+    case F::verified:
+      return "verify = \"full-order\"";
     case F::count:
       break;
   }

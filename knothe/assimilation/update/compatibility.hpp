@@ -32,6 +32,7 @@ enum class Feature {
   series,             ///< beside displacements
   service,            ///< data that come one by one
   candidates,         ///< several models
+  verified,           ///< the full-order model is asked
   count
 };
 

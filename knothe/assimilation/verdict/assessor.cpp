@@ -227,6 +227,28 @@ void Assessor::forget_from(std::size_t step) {
   if (sum_.data > 0 && step <= sum_.last_step) sum_ = {};
 }
 
+/// How much each known error says of the model's error over the posterior, adding up to one: of one that
+/// speaks for its surroundings the density of those at the posterior, of one that speaks for the whole box
+/// the uniform one.
+Eigen::VectorXd Assessor::relevance_of_errors(const UpdateResult& update) const {
+  Eigen::VectorXd logarithm = Eigen::VectorXd::Zero(errors_.count());
+  if (errors_.points.size() == 0 || errors_.reach.isZero(0))
+    return Eigen::VectorXd::Constant(errors_.count(), 1.0 / static_cast<double>(errors_.count()));
+  for (Index j = 0; j < errors_.count(); ++j)
+    for (Index a = 0; a < priors_.dimension(); ++a) {
+      const double reach = errors_.reach(j, a);
+      if (reach == 0) {
+        logarithm[j] -= std::log(priors_.prior(a).upper() - priors_.prior(a).lower());
+        continue;
+      }
+      const double variance = update.covariance(a, a) + reach * reach;
+      const double away = update.mean[a] - errors_.points(j, a);
+      logarithm[j] -= 0.5 * (away * away / variance + std::log(2 * M_PI * variance));
+    }
+  const Eigen::VectorXd density = (logarithm.array() - logarithm.maxCoeff()).exp();
+  return density / density.sum();
+}
+
 /// The exact log-likelihood differs from the reduced model's by a constant − w(p)ᵀ h, h = Σ (U C_t)ᵀ R⁻¹
 /// e(t), as far as e does not change over the posterior: the mean moves by −Cov(p, w) h. With the regression
 /// Cov(w, p) L⁻ᵀ = T, L Lᵀ = Cov(p), that is −L Tᵀ h.
@@ -245,7 +267,7 @@ void Assessor::assess_model(const AssessedPosterior& posterior, std::span<const 
   const Eigen::MatrixXd shifts = factor.matrixL() * (posterior.functions.tangent.transpose() * sum_.errors);
   const Eigen::VectorXd std = posterior.update.standard_deviations();
   verdict.model_shift_std =
-      (shifts.rowwise().squaredNorm() / static_cast<double>(errors_.count())).cwiseSqrt().cwiseQuotient(std);
+      (shifts.cwiseAbs2() * relevance_of_errors(posterior.update)).cwiseSqrt().cwiseQuotient(std);
   Index worst = 0;
   const double shift = verdict.model_shift_std.maxCoeff(&worst);
   if (shift < options_.model_caution) return;
@@ -255,8 +277,8 @@ void Assessor::assess_model(const AssessedPosterior& posterior, std::span<const 
        shift,
        options_.model_caution,
        fmt::format("the reduced model's own error moves {} by {:.2g} standard deviations (known from {} "
-                   "full-order runs off its grid): set method.truncation_error = \"on\", or make a "
-                   "finer model",
+                   "full-order runs off its grid): set method.verify = \"full-order\" (or "
+                   "truncation_error = \"on\"), or make a finer model",
                    name_of_parameter(worst), shift, errors_.count()),
        {}});
 }

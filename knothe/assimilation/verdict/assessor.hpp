@@ -62,6 +62,7 @@ class Assessor {
   void assess_model(const AssessedPosterior& posterior, std::span<const ExaminedDatum> data,
                     Verdict& verdict);
   void assess_sensors(const AssessedPosterior& posterior, Verdict& verdict) const;
+  [[nodiscard]] Eigen::VectorXd relevance_of_errors(const UpdateResult& update) const;
   [[nodiscard]] Eigen::MatrixXd projected_errors(const ExaminedDatum& datum) const;
   [[nodiscard]] const std::string& name_of_parameter(Eigen::Index a) const {
     return model_->parameters[static_cast<std::size_t>(a)];

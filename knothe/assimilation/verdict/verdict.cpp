@@ -27,6 +27,15 @@ Verdict RunVerdict::verdict() const {
   return run;
 }
 
+void RunVerdict::forget_model() {
+  for (Verdict& verdict : verdicts_) {
+    std::erase_if(verdict.reasons,
+                  [](const VerdictReason& reason) { return reason.part == VerdictPart::model; });
+    verdict.level = VerdictLevel::ok;
+    for (const VerdictReason& reason : verdict.reasons) verdict.level = std::max(verdict.level, reason.level);
+  }
+}
+
 std::string verdict_text(const Verdict& verdict) {
   std::string text = verdict.level == VerdictLevel::ok        ? "verdict: ok"
                      : verdict.level == VerdictLevel::caution ? "verdict: caution"

@@ -84,6 +84,8 @@ class RunVerdict {
  public:
   void add(Verdict verdict) { verdicts_.push_back(std::move(verdict)); }
   [[nodiscard]] Verdict verdict() const;
+  /// The model has been refined: what the verdicts so far said of it does not stand.
+  void forget_model();
 
  private:
   std::deque<Verdict> verdicts_;

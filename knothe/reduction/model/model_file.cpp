@@ -142,6 +142,10 @@ void validate_truncation(const TruncationError& error, std::size_t times, std::s
   check.array("/truncation/variance", error.variance, {times});
   if (!error.off_grid.empty())
     check.array("/truncation/off_grid", error.off_grid, {error.off_grid_count(), times, error.count});
+  if (error.off_grid_points.empty()) return;
+  const files::Shape shape = {error.off_grid_count(), error.parameters.size()};
+  check.array("/truncation/off_grid_points", error.off_grid_points, shape);
+  check.array("/truncation/off_grid_reach", error.off_grid_reach, shape);
 }
 
 void write_truncation(files::Hdf5Writer& file, const TruncationError& error, std::size_t times,
@@ -157,6 +161,13 @@ void write_truncation(files::Hdf5Writer& file, const TruncationError& error, std
   if (!error.off_grid.empty())
     file.write("/truncation/off_grid", error.off_grid, {error.off_grid_count(), times, error.count},
                {"m", "coefficients of the errors at solutions that the model was not made from"});
+  if (error.off_grid_points.empty()) return;
+  const files::Shape shape = {error.off_grid_count(), error.parameters.size()};
+  file.write("/truncation/off_grid_points", error.off_grid_points, shape,
+             {"1", "parameters of those solutions"});
+  file.write(
+      "/truncation/off_grid_reach", error.off_grid_reach, shape,
+      {"1", "standard deviation around each within which its error speaks for others; 0: the whole box"});
 }
 
 }  // namespace
@@ -175,6 +186,11 @@ TruncationError read_sound_truncation_error(const std::string& path) {
   error.covariance = file.read("/truncation/covariance", {error.variance.size(), error.count, error.count});
   error.persistence = file.number_attribute("/truncation/covariance", "persistence");
   if (file.has("/truncation/off_grid")) error.off_grid = file.read("/truncation/off_grid");
+  if (file.has("/truncation/off_grid_points")) {
+    for (const Axis& axis : read_axes(file)) error.parameters.push_back(axis.name);
+    error.off_grid_points = file.read("/truncation/off_grid_points");
+    error.off_grid_reach = file.read("/truncation/off_grid_reach");
+  }
   validate_truncation(error, error.variance.size(), space[1], Validation(path));
   return error;
 }

@@ -34,11 +34,15 @@ class KnownErrors {
     const std::size_t grid = snapshots_.grid_size();
     return 1.0 / static_cast<double>(i < grid ? grid : off_grid_.size());
   }
+  [[nodiscard]] std::vector<double> parameters(std::size_t i) const {
+    const std::size_t grid = snapshots_.grid_size();
+    return i < grid ? snapshots_.parameters_at(i) : off_grid_[i - grid].parameters;
+  }
   [[nodiscard]] MatrixXd error(std::size_t i) const {
     const std::size_t grid = snapshots_.grid_size();
     const std::span<const double> solution =
         i < grid ? snapshots_.solution(i) : std::span<const double>(off_grid_[i - grid].values);
-    const std::vector<double> p = i < grid ? snapshots_.parameters_at(i) : off_grid_[i - grid].parameters;
+    const std::vector<double> p = parameters(i);
     const auto lift = lift_of(model_.contents());
     const bool in_basis = i < grid && basis_.size() > 0;
     const Index rows = in_basis ? basis_.cols() : lift.rows();
@@ -66,16 +70,16 @@ class KnownErrors {
 namespace {
 
 /// τ from the coefficients of all known errors.
-double persistence_of(const KnownErrors& errors, const std::vector<MatrixXd>& coefficients) {
+double persistence_of(std::span<const MatrixXd> coefficients, std::span<const double> weights) {
   double tau = 1;
   for (Index lag = 1; lag < coefficients.front().cols(); ++lag) {
     const Index n = coefficients.front().cols() - lag;
     double product = 0, early = 0, late = 0;
     for (std::size_t i = 0; i < coefficients.size(); ++i) {
       const auto a = coefficients[i].leftCols(n), b = coefficients[i].rightCols(n);
-      product += errors.weight(i) * a.cwiseProduct(b).sum();
-      early += errors.weight(i) * a.squaredNorm();
-      late += errors.weight(i) * b.squaredNorm();
+      product += weights[i] * a.cwiseProduct(b).sum();
+      early += weights[i] * a.squaredNorm();
+      late += weights[i] * b.squaredNorm();
     }
     const double scale = std::sqrt(early * late);
     if (!(scale > 0) || product < 0.05 * scale) break;
@@ -110,30 +114,44 @@ TruncationError covariance_of(const KnownErrors& errors, const ModelContents& co
 
   std::vector<MatrixXd> coefficients(errors.count());  // k × n_t
   std::vector<Eigen::VectorXd> left(errors.count());   // n_t: squared norm outside the basis
+  std::vector<double> weights(errors.count());
   parallel_for(errors.count(), threads, [&](std::size_t i) {
     const MatrixXd error = errors.error(i);
     coefficients[i].noalias() = basis.transpose() * error;
+    weights[i] = errors.weight(i);
     left[i] =
         (error.colwise().squaredNorm() - coefficients[i].colwise().squaredNorm()).transpose().cwiseMax(0.0);
   });
-  for (Index t = 0; t < times; ++t) {
-    MatrixXd second = MatrixXd::Zero(k, k);
-    double variance = 0;
-    for (std::size_t i = 0; i < errors.count(); ++i) {
-      second.noalias() += errors.weight(i) * coefficients[i].col(t) * coefficients[i].col(t).transpose();
-      variance += errors.weight(i) * left[i][t] / static_cast<double>(dofs);
-    }
-    result.covariance.insert(result.covariance.end(), second.data(), second.data() + second.size());
-    result.variance.push_back(variance);
-  }
-  result.persistence = persistence_of(errors, coefficients);
-  for (std::size_t i = errors.grid_count(); i < errors.count(); ++i)
+  set_moments(coefficients, weights, result);
+  for (std::size_t i = 0; i < errors.count(); ++i)
+    for (Index t = 0; t < times; ++t)
+      result.variance[static_cast<std::size_t>(t)] += weights[i] * left[i][t] / static_cast<double>(dofs);
+  for (std::size_t i = errors.grid_count(); i < errors.count(); ++i) {
     result.off_grid.insert(result.off_grid.end(), coefficients[i].data(),
                            coefficients[i].data() + coefficients[i].size());
+    const std::vector<double> p = errors.parameters(i);
+    result.off_grid_points.insert(result.off_grid_points.end(), p.begin(), p.end());
+  }
+  result.off_grid_reach.assign(result.off_grid_points.size(), 0.0);
+  for (const Axis& axis : contents.axes) result.parameters.push_back(axis.name);
   return result;
 }
 
 }  // namespace
+
+void set_moments(std::span<const MatrixXd> coefficients, std::span<const double> weights,
+                 TruncationError& error) {
+  const Index k = coefficients.front().rows(), times = coefficients.front().cols();
+  error.covariance.clear();
+  for (Index t = 0; t < times; ++t) {
+    MatrixXd second = MatrixXd::Zero(k, k);
+    for (std::size_t i = 0; i < coefficients.size(); ++i)
+      second.noalias() += weights[i] * coefficients[i].col(t) * coefficients[i].col(t).transpose();
+    error.covariance.insert(error.covariance.end(), second.data(), second.data() + second.size());
+  }
+  error.variance.assign(static_cast<std::size_t>(times), 0.0);
+  error.persistence = persistence_of(coefficients, weights);
+}
 
 TruncationError truncation_error(const ModelContents& contents, const Snapshots& snapshots,
                                  std::span<const OffGridSolution> off_grid, std::size_t modes,
@@ -195,6 +213,20 @@ ObservedErrors observe_off_grid(const TruncationError& error, const ModelContent
     const double last = model.time[static_cast<std::size_t>(right)];
     const double share = last > first ? std::clamp((time - first) / (last - first), 0.0, 1.0) : 1.0;
     known.coefficients.push_back((1 - share) * at(left) + share * at(right));
+  }
+  if (error.off_grid_points.empty()) return known;
+  // The model's parameters may stand in another order than the file's, and some be known.
+  const auto d = static_cast<Index>(model.axes.size()), all_d = static_cast<Index>(error.parameters.size());
+  known.points.resize(m, d);
+  known.reach.resize(m, d);
+  for (Index a = 0; a < d; ++a) {
+    const auto found = std::find(error.parameters.begin(), error.parameters.end(),
+                                 model.axes[static_cast<std::size_t>(a)].name);
+    for (Index j = 0; j < m; ++j) {
+      const auto entry = static_cast<std::size_t>(j * all_d + (found - error.parameters.begin()));
+      known.points(j, a) = error.off_grid_points[entry];
+      known.reach(j, a) = error.off_grid_reach[entry];
+    }
   }
   return known;
 }

@@ -24,6 +24,11 @@ struct TruncationError {
   /// [m, n_t, k]: coefficients in V of the errors at the m off-grid solutions, which the model was not made
   /// from, m; empty where there were none.
   std::vector<double> off_grid;
+  /// [m, d]: parameters of those solutions, in the order of `parameters`, and how far around them their
+  /// errors speak for others, as a standard deviation: 0 for the whole box. Empty in files of before: the
+  /// whole box.
+  std::vector<double> off_grid_points, off_grid_reach;
+  std::vector<std::string> parameters;  ///< the file's, in its order
   [[nodiscard]] std::size_t off_grid_count() const {
     return off_grid.empty() ? 0 : off_grid.size() / (count * variance.size());
   }
@@ -35,6 +40,11 @@ struct TruncationError {
 [[nodiscard]] TruncationError truncation_error(const ModelContents& model, const Snapshots& snapshots,
                                                std::span<const OffGridSolution> off_grid = {},
                                                std::size_t modes = 20, std::size_t threads = 0);
+
+/// Sets moments and persistence from errors whose coefficients in `error.space` (k × n_t each) have these
+/// weights, which add up to one. Nothing is left outside that space.
+void set_moments(std::span<const Eigen::MatrixXd> coefficients, std::span<const double> weights,
+                 TruncationError& error);
 
 /// Writes a model with its truncation error (/truncation/…) in one file, atomically. IoError.
 void write_model(const ModelContents& contents, const TruncationError& error, const std::string& path);
@@ -54,6 +64,9 @@ void write_model(const ModelContents& contents, const TruncationError& error, co
 struct ObservedErrors {
   Eigen::MatrixXd space;                      ///< n × q, in the units of the observations
   std::vector<Eigen::MatrixXd> coefficients;  ///< n_t matrices q × k
+  /// k × d: where, by the observed model's parameters, and how far around it they speak (0: in the whole
+  /// box); empty: all in the whole box.
+  Eigen::MatrixXd points, reach;
   [[nodiscard]] Eigen::Index count() const { return coefficients.empty() ? 0 : coefficients[0].cols(); }
 };
 

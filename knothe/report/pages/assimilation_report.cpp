@@ -30,6 +30,12 @@ void add_verdict(Page& page, const Results& results) {
   for (const assimilation::VerdictReason& reason : results.verdict.reasons)
     rows.push_back({{to_text(reason.part), to_text(reason.level), reason.message}});
   if (!rows.empty()) page.table({"about", "level", "what it is, and what to do"}, rows);
+  if (const auto& asked = results.refinement)
+    page.note(
+        fmt::format("The full-order model was asked {:.0f} times where the posterior was, and the reduced "
+                    "model refined: at "
+                    "the last step it had been off by {:.2g} standard deviations.",
+                    asked->full_order_runs, asked->moved_std));
 }
 
 void add_parameters(Page& page, const Results& results) {

@@ -119,6 +119,16 @@ void AssimilationOutput::print_text(const engine::StepResult& result, double tot
   std::fflush(stdout);
 }
 
+void AssimilationOutput::tell(const project::Refinement& refinement) {
+  run_.forget_model();
+  const project::PosteriorMove& move = refinement.whole_move();
+  fmt::print(stderr,
+             "{}step {}: the full-order model was asked ({} runs so far): the reduced model was off by "
+             "{:.2g} standard "
+             "deviations; refined model: {}\n",
+             live_ ? "\r\033[K" : "", shown_, refinement.runs(), move.mean, refinement.file());
+}
+
 void AssimilationOutput::finish(double elapsed_s, const std::string& results_folder) {
   if (json_) {
     const nlohmann::ordered_json last = {{"done", true},

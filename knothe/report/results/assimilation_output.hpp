@@ -7,6 +7,7 @@
 
 #include "knothe/engine/step_result.hpp"
 #include "knothe/project/picture_measurements.hpp"
+#include "knothe/project/refinement.hpp"
 
 namespace knothe::report {
 
@@ -21,6 +22,8 @@ class AssimilationOutput {
   /// A step; `picture`: what it was measured in, one of `pictures`.
   void show(const engine::StepResult& result, const std::optional<project::PictureDatum>& picture,
             const project::PictureMeasurements* pictures);
+  /// The model was refined at the step that is shown next.
+  void tell(const project::Refinement& refinement);
   /// All steps are done.
   void finish(double elapsed_s, const std::string& results_folder);
   [[nodiscard]] assimilation::Verdict verdict() const { return run_.verdict(); }  ///< of the steps so far

@@ -298,6 +298,10 @@ void read_summary(const std::string& path, Results& results) {
   read_parameters(summary, results);
   results.judged = summary.has("verdict");
   if (results.judged) results.verdict = verdict_of(summary.object("verdict"));
+  if (summary.has("refinement")) {
+    const Located r = summary.object("refinement");
+    results.refinement = {r.number("full_order_runs"), r.number("version"), r.number("moved_std")};
+  }
   if (summary.has("prior_marginals")) {
     const Located marginals = summary.object("prior_marginals");
     for (const auto& [name, entry] : marginals.value().items())

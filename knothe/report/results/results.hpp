@@ -73,6 +73,12 @@ struct ForecastSummary {
   std::string unit;                 ///< of the numbers in the file; empty if unknown
 };
 
+/// The full-order model was asked, and the model refined.
+struct RefinementSummary {
+  double full_order_runs = 0, version = 0;
+  double moved_std = 0;  ///< how far that moved the posterior at the last step it was asked at
+};
+
 struct Results {
   std::string folder;
   bool summary_found = false;
@@ -89,6 +95,7 @@ struct Results {
   Residuals residuals;            ///< may be empty
   assimilation::Verdict verdict;  ///< of the run; `judged` false: written by a version that made none
   bool judged = false;
+  std::optional<RefinementSummary> refinement;
   bool monitored = false;   ///< every step has the monitor's record
   std::vector<Step> steps;  ///< at least one
 

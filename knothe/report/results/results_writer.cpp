@@ -69,6 +69,18 @@ void ResultsWriter::add_step(const engine::StepResult& result,
   run_.add(result.update.verdict);
 }
 
+void ResultsWriter::use(const project::Refinement& refinement) {
+  model_ = refinement.setup()->model;
+  observed_ = refinement.setup()->observed;
+  run_.forget_model();
+  refinement_ = {{"model", refinement.file()},
+                 {"version", refinement.version()},
+                 {"full_order_runs", refinement.runs()},
+                 {"moved_std", refinement.whole_move().mean},
+                 {"last_move_std", refinement.last_move().mean},
+                 {"last_move_of_std", refinement.last_move().std}};
+}
+
 void ResultsWriter::write(const std::string& folder, double elapsed_s) const {
   const std::filesystem::path base(folder);
   write_steps(base / "steps.jsonl");
@@ -190,6 +202,7 @@ void ResultsWriter::write_summary(const std::string& path, double elapsed_s) con
       if (output.name == f.output) entry["unit"] = output.labels.units;
     }
   }
+  if (!refinement_.is_null()) summary["refinement"] = refinement_;
   if (!scores_.empty()) summary["scores"] = score_records(scores_);
   if (Json left = residuals(); !left.is_null()) summary["residuals"] = std::move(left);
   if (Json curve = load_displacement(); !curve.is_null()) summary["load_displacement"] = std::move(curve);

@@ -10,6 +10,7 @@
 #include "knothe/assimilation/data/measurements.hpp"
 #include "knothe/engine/step_result.hpp"
 #include "knothe/project/project_file.hpp"
+#include "knothe/project/refinement.hpp"
 #include "knothe/reduction/model/separated_model.hpp"
 
 namespace knothe::report {
@@ -32,6 +33,10 @@ class ResultsWriter {
   /// `direct`: a cross-check of the forecasts.
   void add_step(const engine::StepResult& result, const std::vector<forecast::NamedForecast>& direct,
                 std::size_t time_index, const Eigen::VectorXd& values);
+
+  /// The model has been refined: from now on fields and residuals, those of the steps before too, are of this
+  /// one.
+  void use(const project::Refinement& refinement);
 
   /// Writes everything. Errors: IoError.
   void write(const std::string& folder, double elapsed_s) const;
@@ -60,6 +65,7 @@ class ResultsWriter {
   assimilation::RunVerdict run_;
   std::vector<std::string> lines_;
   std::vector<forecast::ScoredForecast> scores_;
+  nlohmann::ordered_json refinement_;
 };
 
 }  // namespace knothe::report

@@ -120,6 +120,7 @@ Json step_record(const engine::StepResult& result) {
                          {"alarm", r.monitor.alarm},
                          {"smoothed_increment", r.monitor.smoothed_increment},
                          {"discrepancy", r.monitor.discrepancy}};
+  if (result.model_version > 0) record["model_version"] = result.model_version;
   if (!r.notice.empty()) record["notice"] = r.notice;
   if (!r.remark.empty()) record["remark"] = r.remark;
   if (result.sensors) record["sensors"] = sensor_record(*result.sensors);

@@ -1,0 +1,226 @@
+#include "knothe/project/refinement.hpp"
+
+#include <fmt/format.h>
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <limits>
+
+#include "knothe/base/error.hpp"
+#include "knothe/base/program.hpp"
+#include "knothe/base/progress.hpp"
+#include "knothe/reduction/grid/local_refinement.hpp"
+#include "knothe/reduction/model/parameter_order.hpp"
+#include "knothe/simulator/solver_process.hpp"
+
+namespace knothe::project {
+
+using assimilation::Posterior;
+using Eigen::Index;
+using Eigen::VectorXd;
+
+namespace {
+
+std::vector<std::string> names_of(const Project& project) {
+  std::vector<std::string> names;
+  for (const NamedPrior& parameter : project.parameters) names.push_back(parameter.name);
+  return names;
+}
+
+std::vector<double> values_of(const VectorXd& vector) {
+  return {vector.data(), vector.data() + vector.size()};
+}
+
+VectorXd as_vector(const std::vector<double>& values) {
+  return Eigen::Map<const VectorXd>(values.data(), static_cast<Index>(values.size()));
+}
+
+}  // namespace
+
+std::vector<std::vector<double>> points_around(const VectorXd& mean, const Eigen::MatrixXd& covariance,
+                                               std::span<const reduction::Axis> box) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> axes(covariance);
+  std::vector<std::vector<double>> points;
+  const auto add = [&](VectorXd p) {
+    for (Index k = 0; k < p.size(); ++k) {
+      const std::vector<double>& nodes = box[static_cast<std::size_t>(k)].nodes;
+      p[k] = std::clamp(p[k], nodes.front(), nodes.back());
+    }
+    points.push_back(values_of(p));
+  };
+  add(mean);
+  for (Index a = 0; a < mean.size(); ++a)
+    for (const double side : {-1.5, 1.5})
+      add(mean + side * std::sqrt(std::max(0.0, axes.eigenvalues()[a])) * axes.eigenvectors().col(a));
+  return points;
+}
+
+std::unique_ptr<simulator::Simulator> full_order_simulator(const Project& project) {
+  project.require(project.offline.has_value(),
+                  "the table [offline] that the model was made from, to ask its full-order model");
+  simulator::SolverProcessOptions options;
+  options.words = {program_beside("knothe-offline"), "solve", project.path};
+  options.names = names_of(project);
+  options.identity = project.text;
+  options.processes = static_cast<std::size_t>(project.offline->processes);
+  return std::make_unique<simulator::SolverProcess>(std::move(options));
+}
+
+std::unique_ptr<Refinement> make_refinement(const Project& project,
+                                            std::shared_ptr<PictureMeasurements> pictures) {
+  if (project.method.verify == Verification::off) return nullptr;
+  return std::make_unique<Refinement>(project, std::move(pictures), full_order_simulator(project),
+                                      (std::filesystem::path(project.results) / "refinement").string());
+}
+
+namespace {
+
+constexpr double k_bulk = 2.2;  ///< standard deviations: 91 % of a normal distribution in two variables
+
+/// Parameters as a vector of standard deviations from the posterior's mean, uncorrelated.
+class Standardised {
+ public:
+  explicit Standardised(const Posterior& posterior) : mean_(posterior.mean), factor_(posterior.covariance) {}
+  [[nodiscard]] VectorXd operator()(const VectorXd& p) const { return factor_.matrixL().solve(p - mean_); }
+
+ private:
+  VectorXd mean_;
+  Eigen::LLT<Eigen::MatrixXd> factor_;
+};
+
+}  // namespace
+
+PosteriorMove move_between(const Posterior& before, const Posterior& after) {
+  const VectorXd std = after.standard_deviations();
+  return {(after.mean - before.mean).cwiseQuotient(std).cwiseAbs().maxCoeff(),
+          (before.standard_deviations().cwiseQuotient(std).array() - 1).abs().maxCoeff()};
+}
+
+Refinement::Refinement(const Project& project, std::shared_ptr<PictureMeasurements> pictures,
+                       std::unique_ptr<simulator::Simulator> simulator, std::string folder)
+    : project_(project),
+      base_(reduction::with_parameter_order(reduction::read_model(project.model), names_of(project))),
+      base_error_(reduction::read_truncation_error(project.model)),
+      pictures_(std::move(pictures)),
+      simulator_(std::move(simulator)),
+      folder_(std::move(folder)) {}
+
+/// The mean, unless a solution is near; then, if `thorough`, where within the posterior's bulk the solutions
+/// are farthest: two at a time, since what they tell moves the posterior.
+std::vector<std::vector<double>> Refinement::points_to_ask(const Posterior& posterior, bool thorough) const {
+  constexpr double k_near_mean = 0.5, k_near = 0.6;  // in standard deviations
+  const Standardised scale(posterior);
+  std::vector<VectorXd> asked;
+  for (const reduction::Snapshots& solution : solutions_)
+    asked.push_back(scale(as_vector(solution.parameters_at(0))));
+  const auto distance = [&](const VectorXd& z) {
+    double nearest = std::numeric_limits<double>::infinity();
+    for (const VectorXd& other : asked) nearest = std::min(nearest, (other - z).norm());
+    return nearest;
+  };
+  std::vector<std::vector<double>> points;
+  const auto ask = [&](const VectorXd& p) {
+    points.push_back(values_of(p));
+    asked.push_back(scale(p));
+  };
+  if (distance(VectorXd::Zero(posterior.mean.size())) > k_near_mean) ask(posterior.mean);
+  const double heavy = 0.05 * posterior.weights.maxCoeff();
+  while (thorough && points.size() < 2) {
+    double farthest = k_near;
+    std::optional<Index> best;
+    for (Index i = 0; i < posterior.points.rows(); ++i) {
+      const VectorXd z = scale(posterior.points.row(i).transpose());
+      if (posterior.weights[i] < heavy || z.norm() > k_bulk) continue;
+      if (const double away = distance(z); away > farthest) farthest = away, best = i;
+    }
+    if (!best) break;
+    ask(posterior.points.row(*best).transpose());
+  }
+  return points;
+}
+
+/// Enough solutions in the bulk to know how the error changes over it.
+bool Refinement::covers(const Posterior& posterior) const {
+  const Standardised scale(posterior);
+  const auto inside =
+      std::count_if(solutions_.begin(), solutions_.end(), [&](const reduction::Snapshots& solution) {
+        return scale(as_vector(solution.parameters_at(0))).norm() < k_bulk + 0.3;
+      });
+  return inside > 2 * posterior.mean.size();
+}
+
+void Refinement::solve(const std::vector<std::vector<double>>& points) {
+  Progress progress("full-order runs at the posterior", points.size());
+  for (reduction::Snapshots& solution :
+       simulator_->solve_all(points, [&](std::size_t done) { progress.advance_to(done); }))
+    solutions_.push_back(std::move(solution));
+}
+
+std::unique_ptr<engine::Engine> Refinement::with_refined_model(const engine::Engine& engine,
+                                                               const Posterior& posterior) {
+  reduction::RefinedModel fine =
+      reduction::refined(base_, base_error_, solutions_, {posterior.mean, posterior.covariance});
+  fine.model.project = project_.text;
+  std::filesystem::create_directories(folder_);
+  const std::string file = fmt::format("{}/model-{}.h5", folder_, version_ + 1);
+  reduction::write_model(fine.model, fine.error, file);
+  project_.model = file;
+  ++version_;
+  setup_ = set_up_again(project_, pictures_);
+  engine::EngineSetup refined = engine_setup(project_, *setup_);
+  refined.model_version = version_;
+  return std::make_unique<engine::Engine>(engine.with_setup(std::move(refined)));
+}
+
+bool Refinement::refine(std::unique_ptr<engine::Engine>& engine, engine::StepResult& result, std::size_t runs,
+                        bool thorough, RefinementGoal goal) {
+  const Posterior first = result.update;
+  const std::size_t version = version_;
+  int settled = 0;  // rounds in a row
+  while (solutions_.size() < runs) {
+    std::vector<std::vector<double>> points = points_to_ask(result.update, thorough);
+    if (points.empty()) break;
+    points.resize(std::min(points.size(), runs - solutions_.size()));
+    solve(points);
+    engine = with_refined_model(*engine, result.update);
+    engine::StepResult next = engine->conclude(result.update.step);
+    last_move_ = move_between(result.update, next.update);
+    result = std::move(next);
+    settled = last_move_.mean < goal.mean && last_move_.std < goal.std ? settled + 1 : 0;
+    if (settled > 0 && (!thorough || (settled > 1 && covers(result.update)))) break;
+  }
+  if (version_ != version) whole_move_ = move_between(first, result.update);
+  return version_ != version;
+}
+
+bool Refinement::refine_if_needed(std::unique_ptr<engine::Engine>& engine, engine::StepResult& result,
+                                  bool is_last) {
+  const auto all = static_cast<std::size_t>(project_.method.verify_runs);
+  const auto& reasons = result.update.verdict.reasons;
+  const bool doubted =
+      std::any_of(reasons.begin(), reasons.end(), [](const assimilation::VerdictReason& reason) {
+        return reason.part == assimilation::VerdictPart::model;
+      });
+  const std::size_t version = version_;
+  try {
+    if (trouble_.empty() && (is_last || doubted)) refine(engine, result, is_last ? all : all / 2, is_last);
+  } catch (const NumericalError& error) {
+    trouble_ = error.what();
+  } catch (const DataError& error) {
+    trouble_ = error.what();
+  }
+  if (is_last && !trouble_.empty())
+    result.update.verdict.add(
+        {assimilation::VerdictPart::model,
+         assimilation::VerdictLevel::caution,
+         0,
+         0,
+         "the full-order model could not be asked, and what it would say is not known: " + trouble_,
+         {}});
+  return version_ != version;
+}
+
+}  // namespace knothe::project

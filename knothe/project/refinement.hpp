@@ -1,0 +1,90 @@
+#pragma once
+/// @file The full-order model asked while the test runs: the reduced model is made finer where the posterior
+/// is (docs/verdict.md, "The full-order model asked").
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "knothe/project/project_engine.hpp"
+#include "knothe/simulator/simulator.hpp"
+
+namespace knothe::project {
+
+/// The full-order model of the project's table [offline], in processes of `knothe-offline`. ProjectError
+/// where the project has no such table.
+[[nodiscard]] std::unique_ptr<simulator::Simulator> full_order_simulator(const Project& project);
+
+/// The mean of a posterior, then one and a half standard deviations to both sides of it along its principal
+/// axes; inside the box.
+[[nodiscard]] std::vector<std::vector<double>> points_around(const Eigen::VectorXd& mean,
+                                                             const Eigen::MatrixXd& covariance,
+                                                             std::span<const reduction::Axis> box);
+
+/// How far a posterior moves from one model to the next.
+struct PosteriorMove {
+  double mean = 0;  ///< largest change of a mean, in standard deviations of the later posterior
+  double std = 0;   ///< largest relative change of a standard deviation
+};
+[[nodiscard]] PosteriorMove move_between(const assimilation::Posterior& before,
+                                         const assimilation::Posterior& after);
+
+/// When the posterior is the full-order model's: what one more refinement may still move it.
+struct RefinementGoal {
+  double mean = 0.1;  ///< in standard deviations
+  double std = 0.05;
+};
+
+/// What a project's model has become by the full-order solutions asked so far.
+class Refinement {
+ public:
+  /// `folder`: where refined models go, `model-1.h5`, `model-2.h5` …. The project's model is the one that is
+  /// refined. ProjectError, UsageError for what does not go together with it.
+  Refinement(const Project& project, std::shared_ptr<PictureMeasurements> pictures,
+             std::unique_ptr<simulator::Simulator> simulator, std::string folder);
+
+  /// Makes the model finer around the posterior of `result`, the engine's last, and the engine that of the
+  /// refined model with the same data, again and again until the posterior moves no more, or `runs`
+  /// full-order runs have been made in all; `result` is then the new one. Without `thorough` the posterior's
+  /// mean alone is asked for. False where no run was needed. NumericalError where the full-order model fails.
+  bool refine(std::unique_ptr<engine::Engine>& engine, engine::StepResult& result, std::size_t runs,
+              bool thorough, RefinementGoal goal = {});
+  /// What a run of recorded data wants: at the last step all of that; before it, with half of the runs that
+  /// the project allows, where the verdict doubts the model. A full-order model that fails is not asked
+  /// again, and the last verdict says so.
+  bool refine_if_needed(std::unique_ptr<engine::Engine>& engine, engine::StepResult& result, bool is_last);
+
+  [[nodiscard]] std::size_t runs() const { return solutions_.size(); }
+  [[nodiscard]] std::size_t version() const { return version_; }            ///< 0: the project's own model
+  [[nodiscard]] const std::string& file() const { return project_.model; }  ///< of this version
+  [[nodiscard]] const std::optional<UpdateSetup>& setup() const { return setup_; }  ///< of it, unless it is 0
+  /// By the last refinement of the last `refine`, and from its beginning to its end.
+  [[nodiscard]] const PosteriorMove& last_move() const { return last_move_; }
+  [[nodiscard]] const PosteriorMove& whole_move() const { return whole_move_; }
+
+ private:
+  [[nodiscard]] std::vector<std::vector<double>> points_to_ask(const assimilation::Posterior& posterior,
+                                                               bool thorough) const;
+  [[nodiscard]] bool covers(const assimilation::Posterior& posterior) const;
+  void solve(const std::vector<std::vector<double>>& points);
+  [[nodiscard]] std::unique_ptr<engine::Engine> with_refined_model(const engine::Engine& engine,
+                                                                   const assimilation::Posterior& posterior);
+
+  Project project_;  ///< its model is the present version
+  reduction::ModelContents base_;
+  reduction::TruncationError base_error_;
+  std::shared_ptr<PictureMeasurements> pictures_;
+  std::unique_ptr<simulator::Simulator> simulator_;
+  std::string folder_;
+  std::vector<reduction::Snapshots> solutions_;
+  std::size_t version_ = 0;
+  std::optional<UpdateSetup> setup_;
+  std::string trouble_;  ///< why the full-order model is not asked any more
+  PosteriorMove last_move_, whole_move_;
+};
+
+/// That of a project with [method] verify = "full-order", in its results folder; null for others.
+[[nodiscard]] std::unique_ptr<Refinement> make_refinement(const Project& project,
+                                                          std::shared_ptr<PictureMeasurements> pictures);
+
+}  // namespace knothe::project

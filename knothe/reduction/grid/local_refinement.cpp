@@ -1,0 +1,383 @@
+#include "knothe/reduction/grid/local_refinement.hpp"
+
+#include <fmt/format.h>
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <set>
+
+#include "knothe/base/error.hpp"
+#include "knothe/numerics/integrate/sobol.hpp"
+#include "knothe/numerics/statistics/normal_distribution.hpp"
+#include "knothe/reduction/compress/low_rank.hpp"
+#include "knothe/reduction/model/model_matrices.hpp"
+#include "knothe/reduction/model/parameter_functions.hpp"
+#include "knothe/reduction/model/separated_model.hpp"
+
+namespace knothe::reduction {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+namespace {
+
+MatrixXd gaussian(const MatrixXd& a, const MatrixXd& b, const VectorXd& lengths) {
+  const MatrixXd p = a * lengths.cwiseInverse().asDiagonal(), q = b * lengths.cwiseInverse().asDiagonal();
+  MatrixXd squares = -2 * p * q.transpose();
+  squares.colwise() += p.rowwise().squaredNorm();
+  squares.rowwise() += q.rowwise().squaredNorm().transpose();
+  return (-0.5 * squares.array().max(0.0)).exp();
+}
+
+}  // namespace
+
+ScatteredInterpolation::ScatteredInterpolation(const MatrixXd& points, const MatrixXd& zeros,
+                                               InterpolationKernel kernel)
+    : points_(points), all_(points.rows() + zeros.rows(), points.cols()), kernel_(std::move(kernel)) {
+  const Index k = points.rows(), n = all_.rows();
+  all_ << points, zeros;
+  MatrixXd gram = gaussian(all_, all_, kernel_.lengths);
+  gram.diagonal().array() += kernel_.nugget;
+  inverse_ = gram.llt().solve(MatrixXd::Identity(n, n));
+  leave_one_out_ = inverse_.diagonal().head(k).cwiseInverse().asDiagonal() * inverse_.topLeftCorner(k, k);
+}
+
+VectorXd ScatteredInterpolation::left_out_std() const {
+  return inverse_.diagonal().head(points_.rows()).cwiseInverse().cwiseSqrt();
+}
+
+VectorXd ScatteredInterpolation::missed_std(const Eigen::Ref<const MatrixXd>& at) const {
+  const MatrixXd k = gaussian(at, all_, kernel_.lengths);
+  return (1 - (k * inverse_).cwiseProduct(k).rowwise().sum().array()).max(kernel_.nugget).sqrt();
+}
+
+VectorXd ScatteredInterpolation::window(const Eigen::Ref<const MatrixXd>& at) const {
+  return 1 - (1 - gaussian(at, points_, kernel_.reach).array()).rowwise().prod();
+}
+
+MatrixXd ScatteredInterpolation::functions(const Eigen::Ref<const MatrixXd>& at) const {
+  return window(at).asDiagonal() * gaussian(at, all_, kernel_.lengths) * inverse_.leftCols(points_.rows());
+}
+
+namespace {
+
+VectorXd as_vector(std::span<const double> values) {
+  return Eigen::Map<const VectorXd>(values.data(), static_cast<Index>(values.size()));
+}
+
+/// Interval of the nodes that holds x, as the index of its left end.
+std::size_t interval_of(std::span<const double> nodes, double x) {
+  const auto after = std::upper_bound(nodes.begin() + 1, nodes.end() - 1, x);
+  return static_cast<std::size_t>(after - nodes.begin()) - 1;
+}
+
+/// The solutions as the base sees them.
+struct KnownErrors {
+  MatrixXd points;                ///< k × d
+  MatrixXd space;                 ///< n_dof × q, orthonormal
+  std::vector<MatrixXd> fields;   ///< per solution: q × n_t, in `space`
+  std::vector<MatrixXd> outputs;  ///< per output of the model: n_t × k
+};
+
+void require_same_shape(const ModelContents& base, const Snapshots& solution) {
+  const auto require = [&](bool condition, const std::string& what) {
+    if (!condition)
+      throw DataError("a full-order solution does not fit the reduced model: " + what +
+                      "; is it the same project's?");
+  };
+  require(solution.grid_size() == 1 && solution.axes.size() == base.axes.size(),
+          fmt::format("it is of {} parameters, the model of {}", solution.axes.size(), base.axes.size()));
+  for (std::size_t a = 0; a < base.axes.size(); ++a)
+    require(
+        solution.axes[a].name == base.axes[a].name,
+        fmt::format("its parameter {} is {}, the model's {}", a, solution.axes[a].name, base.axes[a].name));
+  require(solution.time.size() == base.time.size(),
+          fmt::format("it has {} times, the model {}", solution.time.size(), base.time.size()));
+  require(solution.dof_count() == base.dof_count(),
+          fmt::format("it has {} dofs, the model {}", solution.dof_count(), base.dof_count()));
+}
+
+MatrixXd output_errors(const SeparatedModel& model, const std::string& name,
+                       std::span<const Snapshots> solutions) {
+  MatrixXd errors(static_cast<Index>(model.step_count()), static_cast<Index>(solutions.size()));
+  for (std::size_t i = 0; i < solutions.size(); ++i) {
+    const auto& outputs = solutions[i].outputs;
+    const auto found =
+        std::find_if(outputs.begin(), outputs.end(), [&](const auto& o) { return o.name == name; });
+    if (found == outputs.end())
+      throw DataError(
+          fmt::format("a full-order solution does not fit the reduced model: it has no output \"{}\"", name));
+    errors.col(static_cast<Index>(i)) =
+        as_vector(found->values) -
+        as_vector(model.evaluate_output(name, solutions[i].parameters_at(0)).value);
+  }
+  return errors;
+}
+
+KnownErrors errors_of(const SeparatedModel& model, std::span<const Snapshots> solutions) {
+  const ModelContents& base = model.contents();
+  const auto k = static_cast<Index>(solutions.size()), times = static_cast<Index>(base.time.size());
+  const auto dofs = static_cast<Index>(base.dof_count());
+  KnownErrors known;
+  known.points.resize(k, static_cast<Index>(base.axes.size()));
+  MatrixXd all(dofs, k * times);
+  for (Index i = 0; i < k; ++i) {
+    const Snapshots& solution = solutions[static_cast<std::size_t>(i)];
+    require_same_shape(base, solution);
+    const std::vector<double> p = solution.parameters_at(0);
+    known.points.row(i) = as_vector(p).transpose();
+    all.middleCols(i * times, times) =
+        Eigen::Map<const MatrixXd>(solution.values.data(), dofs, times) - field_at(model, p);
+  }
+  constexpr double k_left_out = 1e-10;  // of the errors' squared norm
+  const double allowed = k_left_out * all.squaredNorm();
+  const DominantSpace space = dominant_space(all, allowed, 1, 0);
+  known.space = space.basis.leftCols(std::max<Index>(1, space.rank_for(allowed)));
+  const MatrixXd coefficients = known.space.transpose() * all;
+  for (Index i = 0; i < k; ++i) known.fields.push_back(coefficients.middleCols(i * times, times));
+  for (const SnapshotOutput& output : base.outputs)
+    known.outputs.push_back(output_errors(model, output.name, solutions));
+  return known;
+}
+
+/// The corners of all cells of the grid that hold a point: there the base meets the full-order model.
+MatrixXd corners_around(std::span<const Axis> axes, const MatrixXd& points) {
+  std::set<std::vector<double>> corners;
+  const std::size_t d = axes.size();
+  for (Index i = 0; i < points.rows(); ++i)
+    for (std::size_t corner = 0; corner < (std::size_t{1} << d); ++corner) {
+      std::vector<double> at;
+      for (std::size_t a = 0; a < d; ++a)
+        at.push_back(
+            axes[a].nodes[interval_of(axes[a].nodes, points(i, static_cast<Index>(a))) + (corner >> a & 1)]);
+      corners.insert(at);
+    }
+  MatrixXd result(static_cast<Index>(corners.size()), static_cast<Index>(d));
+  Index row = 0;
+  for (const std::vector<double>& at : corners) result.row(row++) = as_vector(at).transpose();
+  return result;
+}
+
+/// 1 at the centre of the neighbourhood, a half three standard deviations away; of each point.
+VectorXd nearness(const MatrixXd& points, const Neighbourhood& at) {
+  const MatrixXd away = (points.rowwise() - at.mean.transpose()) * (3 * at.std()).cwiseInverse().asDiagonal();
+  return (1 + away.rowwise().squaredNorm().array()).inverse();
+}
+
+/// The length, in widths of the base's cell at the neighbourhood, by which the solutions predict each other
+/// best; those near it count most.
+ScatteredInterpolation best_interpolation(std::span<const Axis> axes, const KnownErrors& known,
+                                          const Neighbourhood& at) {
+  const Index k = known.points.rows(), d = known.points.cols();
+  VectorXd width(d);
+  for (Index a = 0; a < d; ++a) {
+    const std::vector<double>& nodes = axes[static_cast<std::size_t>(a)].nodes;
+    const std::size_t left = interval_of(nodes, at.mean[a]);
+    width[a] = nodes[left + 1] - nodes[left];
+  }
+  MatrixXd products(k, k);
+  for (Index i = 0; i < k; ++i)
+    for (Index j = 0; j <= i; ++j)
+      products(i, j) = products(j, i) = known.fields[static_cast<std::size_t>(i)]
+                                            .cwiseProduct(known.fields[static_cast<std::size_t>(j)])
+                                            .sum();
+  const VectorXd weight = nearness(known.points, at);
+  const MatrixXd zeros = corners_around(axes, known.points);
+  InterpolationKernel kernel{0.7 * width, (2 * at.std()).cwiseMax(0.15 * width), 1e-10};
+  const auto missed = [&] {
+    const MatrixXd l = ScatteredInterpolation(known.points, zeros, kernel).leave_one_out();
+    return weight.dot((l * products).cwiseProduct(l).rowwise().sum());
+  };
+  double smallest = missed();
+  const auto choose = [&](double& value, double unit, std::span<const double> candidates) {
+    double best = value;
+    for (const double candidate : candidates) {
+      value = candidate * unit;
+      if (const double now = missed(); now < smallest) smallest = now, best = value;
+    }
+    value = best;
+  };
+  constexpr std::array<double, 6> k_lengths = {0.35, 0.5, 0.7, 1.0, 1.4, 2.0};
+  constexpr std::array<double, 5> k_nuggets = {1e-10, 1e-8, 1e-6, 1e-4, 1e-2};
+  const int sweeps = k < 3 ? 0 : 2;  // of fewer there is nothing to choose by
+  for (int sweep = 0; sweep < sweeps; ++sweep) {
+    for (Index a = 0; a < d; ++a) choose(kernel.lengths[a], width[a], k_lengths);
+    choose(kernel.nugget, 1, k_nuggets);
+  }
+  return {known.points, zeros, kernel};
+}
+
+/// More nodes where the posterior is, by 1.5 standard deviations, and on the way to the old ones; not next to
+/// one that is there.
+std::vector<Axis> with_nodes_around(std::vector<Axis> axes, const Neighbourhood& at) {
+  const std::vector<double> steps = axes.size() <= 2   ? std::vector<double>{-9, -3, -1.5, 0, 1.5, 3, 9}
+                                    : axes.size() == 3 ? std::vector<double>{-3, -1.5, 0, 1.5, 3}
+                                    : axes.size() <= 5 ? std::vector<double>{-2, 0, 2}
+                                                       : std::vector<double>{0};
+  for (std::size_t k = 0; k < axes.size(); ++k) {
+    std::vector<double>& nodes = axes[k].nodes;
+    const auto a = static_cast<Index>(k);
+    const double std = at.std()[a];
+    for (const double step : steps) {
+      const double x = at.mean[a] + step * std;
+      const auto near = [&](double node) { return std::abs(node - x) < 0.3 * std; };
+      if (x <= nodes.front() || x >= nodes.back() || std::any_of(nodes.begin(), nodes.end(), near)) continue;
+      nodes.insert(std::upper_bound(nodes.begin(), nodes.end(), x), x);
+    }
+  }
+  return axes;
+}
+
+/// All points of the tensor grid, last axis fastest.
+MatrixXd points_of(std::span<const Axis> axes) {
+  Snapshots grid;
+  grid.axes.assign(axes.begin(), axes.end());
+  MatrixXd points(static_cast<Index>(grid.grid_size()), static_cast<Index>(axes.size()));
+  for (Index g = 0; g < points.rows(); ++g)
+    points.row(g) = as_vector(grid.parameters_at(static_cast<std::size_t>(g))).transpose();
+  return points;
+}
+
+void append(std::vector<double>& values, const MatrixXd& more) {
+  values.insert(values.end(), more.data(), more.data() + more.size());
+}
+
+/// w of the base and φ at the nodes of the refined grid, C_t beside the errors' coefficients.
+void refine_field(const SeparatedModel& model, const KnownErrors& known, const MatrixXd& points,
+                  const MatrixXd& phi, ModelContents& result) {
+  const ModelContents& base = model.contents();
+  const Index r = model.functions()->count(), k = phi.cols(), q = known.space.cols();
+  FunctionBatch w;
+  w.resize(points.rows(), points.cols(), r, 0);
+  model.functions()->evaluate(points, 0, w);
+  result.form = Form::tree;
+  result.parameters.clear();
+  RowMatrix joint(r + k, points.rows());
+  joint.topRows(r) = w.value.transpose();
+  joint.bottomRows(k) = phi.transpose();
+  result.joint.assign(joint.data(), joint.data() + joint.size());
+  append(result.space, known.space);
+  result.space_modes = base.space_modes + static_cast<std::size_t>(q);
+  result.parameter_modes = static_cast<std::size_t>(r + k);
+  result.temporal.clear();
+  for (std::size_t t = 0; t < base.time.size(); ++t) {
+    RowMatrix core = RowMatrix::Zero(static_cast<Index>(base.space_modes) + q, r + k);
+    core.topLeftCorner(static_cast<Index>(base.space_modes), r) = core_of(base, t);
+    for (Index i = 0; i < k; ++i)
+      core.col(r + i).tail(q) = known.fields[static_cast<std::size_t>(i)].col(static_cast<Index>(t));
+    result.temporal.insert(result.temporal.end(), core.data(), core.data() + core.size());
+  }
+}
+
+void refine_outputs(const SeparatedModel& model, const KnownErrors& known, const MatrixXd& points,
+                    const MatrixXd& phi, ModelContents& result) {
+  for (std::size_t o = 0; o < result.outputs.size(); ++o) {
+    std::vector<double>& values = result.outputs[o].values;
+    values.clear();
+    for (Index g = 0; g < points.rows(); ++g) {
+      const VectorXd p = points.row(g).transpose();
+      const VectorXd value =
+          as_vector(
+              model.evaluate_output(result.outputs[o].name, {p.data(), static_cast<std::size_t>(p.size())})
+                  .value) +
+          known.outputs[o] * phi.row(g).transpose();
+      append(values, value);
+    }
+  }
+}
+
+constexpr int k_points = 256;
+
+/// Points of the normal distribution of the neighbourhood, quasi-random.
+MatrixXd points_in(const Neighbourhood& at) {
+  MatrixXd z = numerics::sobol_points(k_points, at.mean.size(), 1);
+  z = z.unaryExpr([](double u) { return numerics::normal_quantile(u); }).eval();
+  const MatrixXd factor = at.covariance.llt().matrixL();
+  return (z * factor.transpose()).rowwise() + at.mean.transpose();
+}
+
+/// What is known of the refined model's error: what the solutions miss of each other, by as much as all of
+/// them together miss less, and at the base's own off-grid solutions what the correction leaves.
+TruncationError error_of(const TruncationError& base, std::span<const Axis> axes, const KnownErrors& known,
+                         const ScatteredInterpolation& interpolation, const Neighbourhood& at) {
+  const Index k = known.points.rows(), d = known.points.cols(), dofs = known.space.rows();
+  const Index times = known.fields.front().cols();
+  const auto old = static_cast<Index>(base.off_grid_count()), b = static_cast<Index>(base.count);
+  std::vector<MatrixXd> errors;  // in [V, Q]
+  const auto correction = [&](const Eigen::RowVectorXd& weights) {
+    MatrixXd sum = MatrixXd::Zero(known.space.cols(), times);
+    for (Index i = 0; i < k; ++i) sum += weights[i] * known.fields[static_cast<std::size_t>(i)];
+    return sum;
+  };
+  TruncationError result;
+  for (const Axis& axis : axes) result.parameters.push_back(axis.name);
+  const MatrixXd points = points_in(at);
+  const auto root_mean_square = [](const VectorXd& v) { return v.norm() / std::sqrt(v.size()); };
+  const double missed = root_mean_square(interpolation.missed_std(points));
+  const double outside = root_mean_square(1 - interpolation.window(points).array());  // where nothing is said
+  MatrixXd both(dofs, b + known.space.cols());
+  both << Eigen::Map<const MatrixXd>(base.space.data(), dofs, b), known.space;
+  for (Index i = 0; i < k; ++i) {
+    MatrixXd error = MatrixXd::Zero(both.cols(), times);
+    error.bottomRows(known.space.cols()) =
+        (missed / interpolation.left_out_std()[i]) * correction(interpolation.leave_one_out().row(i)) +
+        outside * known.fields[static_cast<std::size_t>(i)];
+    errors.push_back(std::move(error));
+    const VectorXd p = known.points.row(i).transpose();
+    append(result.off_grid_points, p);
+    append(result.off_grid_reach, at.std());
+  }
+  const bool placed = !base.off_grid_points.empty();  // not in files of before
+  for (Index j = 0; j < old; ++j) {
+    MatrixXd error = MatrixXd::Zero(both.cols(), times);
+    error.topRows(b) = Eigen::Map<const MatrixXd>(base.off_grid.data() + j * times * b, b, times);
+    VectorXd p(d);
+    for (Index a = 0; a < d; ++a) {
+      const Axis& axis = axes[static_cast<std::size_t>(a)];  // the file may have them in another order
+      const auto in_file = std::find(base.parameters.begin(), base.parameters.end(), axis.name);
+      const auto column = in_file - base.parameters.begin();
+      p[a] = placed ? base.off_grid_points[static_cast<std::size_t>(j * d + column)] : axis.nodes.front();
+    }
+    if (placed)
+      error.bottomRows(known.space.cols()) = -correction(interpolation.functions(p.transpose()).row(0));
+    errors.push_back(std::move(error));
+    append(result.off_grid_points, p);
+    append(result.off_grid_reach, VectorXd::Zero(d));
+  }
+  // An orthonormal basis for all of them, the first k of which make the covariance.
+  const MatrixXd basis = orthonormal_basis(both);
+  const MatrixXd change = basis.transpose() * both;
+  result.count = static_cast<std::size_t>(basis.cols());
+  append(result.space, basis);
+  for (MatrixXd& error : errors) {
+    error = change * error;
+    append(result.off_grid, error);
+  }
+  errors.resize(static_cast<std::size_t>(k));
+  VectorXd weights = nearness(known.points, at);
+  weights /= weights.sum();
+  set_moments(errors, {weights.data(), errors.size()}, result);
+  return result;
+}
+
+}  // namespace
+
+RefinedModel refined(const ModelContents& base, const TruncationError& error,
+                     std::span<const Snapshots> solutions, const Neighbourhood& at) {
+  if (solutions.empty()) throw UsageError("a model is refined by full-order solutions: none is given");
+  const SeparatedModel model(base);
+  const KnownErrors known = errors_of(model, solutions);
+  const ScatteredInterpolation interpolation = best_interpolation(base.axes, known, at);
+  RefinedModel result{base, error_of(error, base.axes, known, interpolation, at)};
+  result.model.axes = with_nodes_around(base.axes, at);
+  const MatrixXd points = points_of(result.model.axes);
+  const MatrixXd phi = interpolation.functions(points);
+  refine_field(model, known, points, phi, result.model);
+  refine_outputs(model, known, points, phi, result.model);
+  return result;
+}
+
+}  // namespace knothe::reduction

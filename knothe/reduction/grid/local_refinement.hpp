@@ -1,0 +1,67 @@
+#pragma once
+/// @file A reduced model made finer where it is needed: around a posterior, by a few full-order solutions
+/// there (docs/reduction.md, "Refined where the posterior is").
+#include <Eigen/Core>
+#include <span>
+#include <vector>
+
+#include "knothe/reduction/compress/snapshots.hpp"
+#include "knothe/reduction/model/truncation_error.hpp"
+
+namespace knothe::reduction {
+
+/// Where the model is to be fine: mean (d) and covariance (d × d) of a posterior.
+struct Neighbourhood {
+  Eigen::VectorXd mean;
+  Eigen::MatrixXd covariance;
+  [[nodiscard]] Eigen::VectorXd std() const { return covariance.diagonal().cwiseSqrt(); }
+};
+
+/// How what is known at one point goes on to others.
+struct InterpolationKernel {
+  Eigen::VectorXd lengths;  ///< ℓ, d: of K_ℓ(p, q) = exp(−½ Σ_a ((p − q)_a / ℓ_a)²)
+  Eigen::VectorXd reach;    ///< ρ, d: beyond two or three of these around the points nothing is said
+  /// Variance, of one, of what is not smooth (a solution has kinks where damage begins); it keeps what is
+  /// said between the points from growing wild beyond them.
+  double nugget = 1e-10;
+};
+
+/// Interpolation of what is known at scattered points p_1 … p_k, and is zero at some more: kriging,
+/// e(p) ≈ Σ_i φ_i(p) e_i, times a window that is one between the points, 1 − Π_i (1 − K_ρ(p, p_i)).
+class ScatteredInterpolation {
+ public:
+  /// `points` k × d, `zeros` z × d.
+  ScatteredInterpolation(const Eigen::MatrixXd& points, const Eigen::MatrixXd& zeros,
+                         InterpolationKernel kernel);
+  /// φ at `at` (n × d): n × k.
+  [[nodiscard]] Eigen::VectorXd window(const Eigen::Ref<const Eigen::MatrixXd>& at) const;  ///< n
+  [[nodiscard]] Eigen::MatrixXd functions(const Eigen::Ref<const Eigen::MatrixXd>& at) const;
+  /// k × k, L: what the interpolation of the others misses at p_i is Σ_j L_ij e_j (O. Dubrule 1983).
+  [[nodiscard]] const Eigen::MatrixXd& leave_one_out() const { return leave_one_out_; }
+  /// Standard deviation of what is missed at p_i when it is left out (k), and at `at` (n) by all, for a
+  /// process of standard deviation one.
+  [[nodiscard]] Eigen::VectorXd left_out_std() const;
+  [[nodiscard]] Eigen::VectorXd missed_std(const Eigen::Ref<const Eigen::MatrixXd>& at) const;
+
+ private:
+  Eigen::MatrixXd points_, all_;  ///< k × d, (k + z) × d
+  InterpolationKernel kernel_;
+  Eigen::MatrixXd inverse_;  ///< of the kernel matrix
+  Eigen::MatrixXd leave_one_out_;
+};
+
+struct RefinedModel {
+  ModelContents model;  ///< in tree form, with more nodes around the neighbourhood
+  /// Of it: what the solutions miss of each other, scaled to what all of them together miss over the
+  /// neighbourhood; far from them the base's.
+  TruncationError error;
+};
+
+/// `base` plus the interpolated errors that it has at the `solutions` (each a grid of one point): fields and
+/// outputs. The axes get more nodes around `at`; at the base's own nodes, and far away, nothing changes.
+/// `error` is the base's. DataError for a solution that does not have the base's parameters, times, dofs or
+/// outputs.
+[[nodiscard]] RefinedModel refined(const ModelContents& base, const TruncationError& error,
+                                   std::span<const Snapshots> solutions, const Neighbourhood& at);
+
+}  // namespace knothe::reduction

@@ -1,0 +1,197 @@
+#include "knothe/reduction/grid/local_refinement.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <random>
+
+#include "knothe/base/error.hpp"
+#include "knothe/reduction/model/model_matrices.hpp"
+#include "knothe/reduction/testing/test_models.hpp"
+
+namespace knothe::reduction {
+namespace {
+
+using testing::HasSubstr;
+
+constexpr std::size_t k_dofs = 40;
+
+/// The front by formula: what a full-order model would compute.
+Snapshots front(std::vector<Axis> axes) {
+  Snapshots snapshots = snapshots_of(travelling_front(k_dofs), std::move(axes), uneven_steps(6), k_dofs);
+  SnapshotOutput force{"force", {"N", "force"}, {}};
+  for (std::size_t g = 0; g < snapshots.grid_size(); ++g)
+    for (std::size_t t = 0; t < snapshots.time.size(); ++t)
+      force.values.push_back(1e6 * snapshots.solution(g)[t * k_dofs + k_dofs / 2]);
+  snapshots.outputs.push_back(force);
+  return snapshots;
+}
+
+Snapshots front_at(std::span<const double> p) {
+  std::vector<Axis> axes = two_axes();
+  for (std::size_t a = 0; a < axes.size(); ++a) axes[a].nodes = {p[a]};
+  return front(axes);
+}
+
+const Neighbourhood k_at{Eigen::Vector2d(1.04, 0.93), Eigen::Vector2d(0.012, 0.015).cwiseAbs2().asDiagonal()};
+const std::vector<double> k_mean = {1.04, 0.93};
+
+std::vector<double> beside(double first, double second) {
+  return {k_at.mean[0] + first * k_at.std()[0], k_at.mean[1] + second * k_at.std()[1]};
+}
+
+/// The mean, a cross and corners: nine solutions.
+std::vector<Snapshots> nine_solutions() {
+  std::vector<Snapshots> solutions;
+  for (const double a : {0.0, -1.5, 1.5})
+    for (const double b : {0.0, -1.5, 1.5}) solutions.push_back(front_at(beside(a, b)));
+  return solutions;
+}
+
+struct Base {
+  ModelContents model;
+  TruncationError error;
+};
+
+/// Of the grid of `two_axes`, whose splines miss the front between their nodes.
+Base base_model(Form form) {
+  CompressionOptions options;
+  options.form = form;
+  options.modes = form == Form::canonical ? 12 : 20;
+  const Snapshots snapshots = front(two_axes());
+  Base base{compress(snapshots, options), {}};
+  std::vector<OffGridSolution> off_grid;
+  for (const auto& p : {std::vector{0.61, 1.41}, std::vector{1.37, 0.66}, std::vector{0.83, 0.91}})
+    off_grid.push_back({p, front_at(p).values});
+  base.error = truncation_error(base.model, snapshots, off_grid);
+  return base;
+}
+
+double error_at(const ModelContents& model, const std::vector<double>& p) {
+  const Snapshots exact = front_at(p);
+  const Eigen::Map<const Eigen::MatrixXd> u(exact.values.data(), k_dofs, 6);
+  return (u - field_at(SeparatedModel(model), p)).norm();
+}
+
+class LocalRefinement : public testing::TestWithParam<Form> {};
+
+TEST_P(LocalRefinement, MeetsTheFullOrderModelAroundThePosterior) {
+  const Base base = base_model(GetParam());
+  const RefinedModel fine = refined(base.model, base.error, nine_solutions(), k_at);
+  EXPECT_EQ(fine.model.form, Form::tree);
+  std::mt19937_64 random(3);
+  std::normal_distribution<double> normal;
+  double before = 0, after = 0;
+  for (int i = 0; i < 50; ++i) {
+    const std::vector<double> p = beside(normal(random), normal(random));
+    before = std::max(before, error_at(base.model, p));
+    after = std::max(after, error_at(fine.model, p));
+  }
+  EXPECT_LT(after, before / 50);
+}
+
+TEST_P(LocalRefinement, TheOutputsAreRefinedToo) {
+  const Base base = base_model(GetParam());
+  const RefinedModel fine = refined(base.model, base.error, nine_solutions(), k_at);
+  const std::vector<double> p = beside(0.7, -0.4);
+  const std::vector<double> exact = front_at(p).outputs[0].values;
+  const auto worst = [&](const ModelContents& model) {
+    const std::vector<double> value = SeparatedModel(model).evaluate_output("force", p).value;
+    double largest = 0;
+    for (std::size_t t = 0; t < value.size(); ++t) largest = std::max(largest, std::abs(value[t] - exact[t]));
+    return largest;
+  };
+  EXPECT_LT(worst(fine.model), worst(base.model) / 100);
+}
+
+TEST_P(LocalRefinement, AwayFromItLittleChanges) {
+  const Base base = base_model(GetParam());
+  const RefinedModel fine = refined(base.model, base.error, nine_solutions(), k_at);
+  const SeparatedModel before(base.model), after(fine.model);
+  // Nodes of the base, and a cell three widths away.
+  for (const auto& p :
+       {std::vector{0.9, 1.0}, std::vector{1.2, 0.8}, std::vector{0.5, 0.5}, std::vector{0.57, 1.44}}) {
+    const Eigen::MatrixXd u = field_at(before, p);
+    EXPECT_LT((field_at(after, p) - u).norm(), 0.3 * error_at(base.model, k_mean)) << p[0] << " " << p[1];
+  }
+}
+
+TEST_P(LocalRefinement, KnowsTheErrorThatIsLeft) {
+  const Base base = base_model(GetParam());
+  const RefinedModel fine = refined(base.model, base.error, nine_solutions(), k_at);
+  const TruncationError& error = fine.error;
+  ASSERT_EQ(error.off_grid_count(), 12u);
+  EXPECT_EQ(error.off_grid_reach[0], k_at.std()[0]);
+  EXPECT_EQ(error.off_grid_reach[9 * 2], 0);
+  const auto norm = [&](std::size_t j) {
+    const std::size_t size = error.count * error.variance.size();
+    return Eigen::Map<const Eigen::VectorXd>(error.off_grid.data() + j * size,
+                                             static_cast<Eigen::Index>(size))
+        .norm();
+  };
+  // Together they say how large it is at points between them.
+  double said = 0, is = 0;
+  for (std::size_t j = 0; j < 9; ++j) said += norm(j) * norm(j) / 9;
+  std::mt19937_64 random(5);
+  std::normal_distribution<double> normal;
+  for (int i = 0; i < 200; ++i)
+    is += std::pow(error_at(fine.model, beside(normal(random), normal(random))), 2) / 200;
+  EXPECT_LT(std::sqrt(said / is), 8);
+  EXPECT_GT(std::sqrt(said / is), 0.125);
+  // Far away it is the base's own error.
+  EXPECT_NEAR(norm(9), error_at(base.model, {0.61, 1.41}), 0.02 * norm(9));
+}
+
+TEST_P(LocalRefinement, OneSolutionMeetsItsPoint) {
+  const Base base = base_model(GetParam());
+  const std::vector<Snapshots> one = {front_at(k_mean)};
+  const RefinedModel fine = refined(base.model, base.error, one, k_at);
+  EXPECT_LT(error_at(fine.model, k_mean), 1e-4 * error_at(base.model, k_mean));
+  EXPECT_LT(error_at(fine.model, beside(1, 1)), 0.5 * error_at(base.model, beside(1, 1)));
+}
+
+INSTANTIATE_TEST_SUITE_P(Forms, LocalRefinement, testing::Values(Form::tree, Form::canonical));
+
+TEST(LocalRefinementFile, RoundTrips) {
+  const Base base = base_model(Form::tree);
+  const RefinedModel fine = refined(base.model, base.error, nine_solutions(), k_at);
+  const std::string path = testing::TempDir() + "refined.h5";
+  write_model(fine.model, fine.error, path);
+  const TruncationError read = read_truncation_error(path);
+  EXPECT_EQ(read.off_grid_points, fine.error.off_grid_points);
+  EXPECT_EQ(read.off_grid_reach, fine.error.off_grid_reach);
+  EXPECT_EQ(read.parameters, (std::vector<std::string>{"Y0", "Ad"}));
+  EXPECT_EQ(read_model(path).joint, fine.model.joint);
+}
+
+TEST(LocalRefinementErrors, ASolutionOfAnotherModelIsRefused) {
+  const Base base = base_model(Form::tree);
+  std::vector<Snapshots> solutions = {front_at(k_mean)};
+  solutions[0].axes[1].name = "E";
+  try {
+    (void)refined(base.model, base.error, solutions, k_at);
+    FAIL() << "no error";
+  } catch (const DataError& error) {
+    EXPECT_THAT(error.what(), HasSubstr("its parameter 1 is E, the model's Ad; is it the same project's?"));
+  }
+}
+
+TEST(ScatteredInterpolation, ItsLeaveOneOutIsThatOfInterpolatingTheOthers) {
+  const Eigen::MatrixXd points{{0.1, 0.2}, {0.8, 0.3}, {0.4, 0.9}, {0.5, 0.5}}, zeros{{1.0, 1.0}};
+  const Eigen::VectorXd values{{1.0, -2.0, 0.5, 3.0}};
+  const InterpolationKernel kernel{Eigen::Vector2d(0.4, 0.6), Eigen::Vector2d::Constant(1e6), 1e-10};
+  const ScatteredInterpolation all(points, zeros, kernel);
+  const Eigen::VectorXd missed = all.leave_one_out() * values;
+  for (Eigen::Index left_out = 0; left_out < 4; ++left_out) {
+    std::vector<Eigen::Index> others;
+    for (Eigen::Index i = 0; i < 4; ++i)
+      if (i != left_out) others.push_back(i);
+    const ScatteredInterpolation without(points(others, Eigen::all), zeros, kernel);
+    const double predicted = without.functions(points.row(left_out)).row(0).dot(values(others));
+    EXPECT_NEAR(missed[left_out], values[left_out] - predicted, 1e-8);
+    EXPECT_NEAR(all.left_out_std()[left_out], without.missed_std(points.row(left_out))[0], 1e-7);
+  }
+}
+
+}  // namespace
+}  // namespace knothe::reduction
