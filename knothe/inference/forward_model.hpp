@@ -2,6 +2,7 @@
 /// @file What inference asks of a model: predictions at parameter points, and the derivatives it has.
 #include <Eigen/Core>
 #include <cstdint>
+#include <functional>
 #include <string>
 
 namespace knothe::inference {
@@ -43,6 +44,9 @@ class ForwardModel {
   virtual void hessian(const Eigen::Ref<const Eigen::MatrixXd>& points,
                        const Eigen::Ref<const Eigen::MatrixXd>& sensitivities,
                        Eigen::Ref<Eigen::MatrixXd> hessians);
+
+  /// A model whose answers take long calls it, from any thread, when column i of the batch is complete.
+  std::function<void(Eigen::Index)> answered;
 
   [[nodiscard]] const ModelCalls& calls() const { return calls_; }
 

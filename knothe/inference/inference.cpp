@@ -2,8 +2,10 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <numeric>
 
 #include "knothe/assimilation/update/maximum_a_posteriori.hpp"
 #include "knothe/assimilation/update/tensor_quadrature.hpp"
@@ -141,6 +143,17 @@ Eigen::VectorXd most_probable(PosteriorDensity& posterior, const ModelEvaluator&
       posterior.transform(), r.points.row(best).transpose(), evaluator.has_hessian() ? 1e-12 : 1e-7);
 }
 
+Eigen::Index distinct_rows(const Eigen::MatrixXd& m) {
+  std::vector<Eigen::Index> order(static_cast<std::size_t>(m.rows()));
+  std::iota(order.begin(), order.end(), Eigen::Index{0});
+  std::sort(order.begin(), order.end(), [&](Eigen::Index a, Eigen::Index b) {
+    return std::lexicographical_compare(m.row(a).begin(), m.row(a).end(), m.row(b).begin(), m.row(b).end());
+  });
+  const auto end = std::unique(order.begin(), order.end(),
+                               [&](Eigen::Index a, Eigen::Index b) { return m.row(a) == m.row(b); });
+  return end - order.begin();
+}
+
 }  // namespace
 
 Method method_from(const std::string& text) {
@@ -190,6 +203,7 @@ InferenceResult infer(PosteriorDensity& posterior, ModelEvaluator& evaluator,
     const Phase phase("most probable point", evaluator, r);
     r.maximum_a_posteriori = most_probable(posterior, evaluator, r);
   }
+  r.distinct_draws = distinct_rows(r.draws);
   r.calls = evaluator.model().calls();
   return r;
 }

@@ -50,9 +50,10 @@ struct MapDetails {
 /// The posterior of p, and how it was found.
 struct InferenceResult : assimilation::Posterior {
   Method method = Method::transport;
-  Eigen::VectorXd skewness;  ///< d: E (p − mean)³ / std³
-  Eigen::VectorXd kurtosis;  ///< d: E (p − mean)⁴ / std⁴; 3 for a Gaussian
-  Eigen::MatrixXd draws;     ///< equally weighted, chain after chain
+  Eigen::VectorXd skewness;         ///< d: E (p − mean)³ / std³
+  Eigen::VectorXd kurtosis;         ///< d: E (p − mean)⁴ / std⁴; 3 for a Gaussian
+  Eigen::MatrixXd draws;            ///< equally weighted, chain after chain
+  Eigen::Index distinct_draws = 0;  ///< fewer than draws where they are resampled from weighted points
   int chains = 1;
 
   double log_evidence_error = 0;
@@ -62,6 +63,7 @@ struct InferenceResult : assimilation::Posterior {
   std::vector<MapDetails> map;       ///< one for transport
   Eigen::VectorXd r_hat;             ///< d, of mcmc
   Eigen::VectorXd effective_sizes;   ///< d, of mcmc
+  Eigen::VectorXd std_errors;        ///< d, of mcmc: relative standard errors of the standard deviations
   std::vector<double> temperatures;  ///< of smc
   double acceptance = 0;             ///< of mcmc and smc
 

@@ -2,10 +2,11 @@
 
 #include <fmt/format.h>
 
+#include <cassert>
 #include <chrono>
 #include <cmath>
-#include <cstring>
 #include <limits>
+#include <mutex>
 
 #include "knothe/base/error.hpp"
 
@@ -13,11 +14,23 @@ namespace knothe::inference {
 namespace {
 
 constexpr double k_poison = std::numeric_limits<double>::quiet_NaN();
-constexpr std::size_t k_max_stored = std::size_t{1} << 25;  ///< doubles: 256 MB
 
-std::string key_of(const Eigen::Ref<const Eigen::VectorXd>& point) {
-  return {reinterpret_cast<const char*>(point.data()),
-          static_cast<std::size_t>(point.size()) * sizeof(double)};
+std::string key_of(CallKind kind, const Eigen::Ref<const Eigen::VectorXd>& point,
+                   const Eigen::Ref<const Eigen::VectorXd>& sensitivity) {
+  std::string key(1, static_cast<char>(kind));
+  for (const auto* part : {&point, &sensitivity})
+    key.append(reinterpret_cast<const char*>(part->data()),
+               static_cast<std::size_t>(part->size()) * sizeof(double));
+  return key;
+}
+
+const char* name_of(CallKind kind) {
+  constexpr const char* k_names[] = {"output", "gradient", "Jacobian", "Hessian"};
+  return k_names[static_cast<int>(kind)];
+}
+
+bool needs_sensitivity(CallKind kind) {
+  return kind == CallKind::gradient || kind == CallKind::hessian;
 }
 
 }  // namespace
@@ -50,25 +63,67 @@ void ModelEvaluator::require_finite(const Eigen::Ref<const Eigen::MatrixXd>& poi
                                     what, fmt::join(points.col(i), ", "), j, values(j, i)));
 }
 
-template <class Call>
-void ModelEvaluator::timed(const Call& call) {
-  const auto start = std::chrono::steady_clock::now();
-  call();
-  seconds_ += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  if (progress) progress(model_->calls());
+Eigen::Index ModelEvaluator::answer_size(CallKind kind) const {
+  const Eigen::Index m = model_->output_count(), d = model_->dimension();
+  const Eigen::Index sizes[] = {m, d, m * d, d * d};
+  return sizes[static_cast<int>(kind)];
 }
 
-void ModelEvaluator::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::MatrixXd& values) {
-  const Eigen::Index m = model_->output_count(), n = points.cols();
-  values.resize(m, n);
+bool ModelEvaluator::fits(const ModelCall& call) const {
+  const Eigen::Index sensitivity = needs_sensitivity(call.kind) ? model_->output_count() : 0;
+  return call.point.size() == model_->dimension() && call.sensitivity.size() == sensitivity &&
+         call.answer.size() == answer_size(call.kind) && call.answer.allFinite();
+}
+
+void ModelEvaluator::remember(const ModelCall& call) {
+  assert(fits(call));
+  if (stored_ + static_cast<std::size_t>(call.answer.size()) > max_stored_) return;
+  if (known_.emplace(key_of(call.kind, call.point, call.sensitivity), call.answer).second)
+    stored_ += static_cast<std::size_t>(call.answer.size());
+}
+
+/// The model itself, timed; every answer is passed on as it comes.
+void ModelEvaluator::call(CallKind kind, const Eigen::MatrixXd& points, const Eigen::MatrixXd& sensitivities,
+                          Eigen::MatrixXd& answers) {
+  std::mutex one_at_a_time;
+  if (answered)
+    model_->answered = [&](Eigen::Index i) {
+      const ModelCall call{kind, points.col(i), sensitivities.col(i), answers.col(i)};
+      const std::lock_guard lock(one_at_a_time);
+      if (call.answer.allFinite()) answered(call);
+    };
+  const auto start = std::chrono::steady_clock::now();
+  switch (kind) {
+    case CallKind::evaluate:
+      model_->evaluate(points, answers);
+      break;
+    case CallKind::gradient:
+      model_->gradient(points, sensitivities, answers);
+      break;
+    case CallKind::jacobian:
+      model_->jacobian(points, answers);
+      break;
+    case CallKind::hessian:
+      model_->hessian(points, sensitivities, answers);
+      break;
+  }
+  seconds_ += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  if (progress) progress(model_->calls());
+  require_finite(points, answers, name_of(kind));
+}
+
+void ModelEvaluator::ask(CallKind kind, const Eigen::Ref<const Eigen::MatrixXd>& points,
+                         const Eigen::Ref<const Eigen::MatrixXd>& sensitivities, Eigen::MatrixXd& answers) {
+  const Eigen::Index n = points.cols();
+  answers.setConstant(answer_size(kind), n, k_poison);
+  if (max_stored_ == 0) return call(kind, points, sensitivities, answers);
   std::vector<Eigen::Index> missing;
-  std::unordered_map<std::string, Eigen::Index> first;  // a point that is twice in this batch
+  std::unordered_map<std::string, Eigen::Index> first;  // a call that is twice in this batch
   std::vector<std::pair<Eigen::Index, Eigen::Index>> twins;
   for (Eigen::Index i = 0; i < n; ++i) {
-    const std::string key = key_of(points.col(i));
+    const std::string key = key_of(kind, points.col(i), sensitivities.col(i));
     if (const auto it = known_.find(key); it != known_.end()) {
-      values.col(i) =
-          Eigen::Map<const Eigen::VectorXd>(stored_.data() + it->second * static_cast<std::size_t>(m), m);
+      answers.col(i) = it->second;
     } else if (const auto [twin, is_new] = first.try_emplace(key, i); is_new) {
       missing.push_back(i);
     } else {
@@ -76,46 +131,25 @@ void ModelEvaluator::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, E
     }
   }
   if (!missing.empty()) {
-    const Eigen::MatrixXd wanted = points(Eigen::all, missing);
-    Eigen::MatrixXd found = Eigen::MatrixXd::Constant(m, wanted.cols(), k_poison);
-    timed([&] { model_->evaluate(wanted, found); });
-    require_finite(wanted, found, "output");
-    values(Eigen::all, missing) = found;
-    remember(wanted, found);
+    const Eigen::MatrixXd wanted = points(Eigen::all, missing),
+                          sensitive = sensitivities(Eigen::all, missing);
+    Eigen::MatrixXd found = Eigen::MatrixXd::Constant(answers.rows(), wanted.cols(), k_poison);
+    call(kind, wanted, sensitive, found);
+    answers(Eigen::all, missing) = found;
+    for (Eigen::Index i = 0; i < found.cols(); ++i)
+      remember({kind, wanted.col(i), sensitive.col(i), found.col(i)});
   }
-  for (const auto& [twin, original] : twins) values.col(twin) = values.col(original);
+  for (const auto& [twin, original] : twins) answers.col(twin) = answers.col(original);
 }
 
-void ModelEvaluator::stored(Eigen::MatrixXd& points, Eigen::MatrixXd& values) const {
-  const Eigen::Index m = model_->output_count(), d = model_->dimension(),
-                     n = static_cast<Eigen::Index>(known_.size());
-  points.resize(d, n);
-  values = Eigen::Map<const Eigen::MatrixXd>(stored_.data(), m, n);
-  for (const auto& [key, column] : known_)
-    std::memcpy(points.col(static_cast<Eigen::Index>(column)).data(), key.data(), key.size());
-}
-
-void ModelEvaluator::remember(const Eigen::Ref<const Eigen::MatrixXd>& points,
-                              const Eigen::Ref<const Eigen::MatrixXd>& values) {
-  const Eigen::Index m = model_->output_count();
-  if (points.rows() != model_->dimension() || values.rows() != m || values.cols() != points.cols())
-    throw UsageError(fmt::format("{}: {} × {} points and {} × {} values to remember", model_->where(),
-                                 points.rows(), points.cols(), values.rows(), values.cols()));
-  for (Eigen::Index i = 0; i < points.cols(); ++i) {
-    if (stored_.size() + static_cast<std::size_t>(m) > k_max_stored) return;
-    if (!known_.emplace(key_of(points.col(i)), stored_.size() / static_cast<std::size_t>(m)).second) continue;
-    stored_.insert(stored_.end(), values.col(i).begin(), values.col(i).end());
-  }
+void ModelEvaluator::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::MatrixXd& values) {
+  ask(CallKind::evaluate, points, Eigen::MatrixXd(0, points.cols()), values);
 }
 
 void ModelEvaluator::jacobian(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::MatrixXd& jacobians) {
   const Eigen::Index m = model_->output_count(), d = points.rows(), n = points.cols();
+  if (has_jacobian()) return ask(CallKind::jacobian, points, Eigen::MatrixXd(0, n), jacobians);
   jacobians.setConstant(m * d, n, k_poison);
-  if (has_jacobian()) {
-    timed([&] { model_->jacobian(points, jacobians); });
-    require_finite(points, jacobians, "Jacobian");
-    return;
-  }
   // Two points per parameter: central, or 0, h, 2h (−h, −2h) at an end of the support.
   Eigen::MatrixXd shifted(d, 2 * d * n), values, centre;
   Eigen::MatrixXd kind(d, n);  // 0 central, ±1 one-sided
@@ -149,21 +183,15 @@ void ModelEvaluator::jacobian(const Eigen::Ref<const Eigen::MatrixXd>& points, E
 void ModelEvaluator::gradient(const Eigen::Ref<const Eigen::MatrixXd>& points,
                               const Eigen::Ref<const Eigen::MatrixXd>& sensitivities,
                               Eigen::MatrixXd& gradients) {
-  gradients.setConstant(points.rows(), points.cols(), k_poison);
-  timed([&] { model_->gradient(points, sensitivities, gradients); });
-  require_finite(points, gradients, "gradient");
+  ask(CallKind::gradient, points, sensitivities, gradients);
 }
 
 void ModelEvaluator::hessian(const Eigen::Ref<const Eigen::MatrixXd>& points,
                              const Eigen::Ref<const Eigen::MatrixXd>& sensitivities,
                              Eigen::MatrixXd& hessians) {
   const Eigen::Index d = points.rows(), n = points.cols();
+  if (has_hessian()) return ask(CallKind::hessian, points, sensitivities, hessians);
   hessians.setConstant(d * d, n, k_poison);
-  if (has_hessian()) {
-    timed([&] { model_->hessian(points, sensitivities, hessians); });
-    require_finite(points, hessians, "Hessian");
-    return;
-  }
   // Steps from a point that is moved inwards where the support ends.
   Eigen::MatrixXd centres = points, steps(d, n);
   for (Eigen::Index i = 0; i < n; ++i)

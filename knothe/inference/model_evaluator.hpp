@@ -11,6 +11,16 @@
 
 namespace knothe::inference {
 
+enum class CallKind { evaluate, gradient, jacobian, hessian };
+
+/// What a model was asked and what it answered.
+struct ModelCall {
+  CallKind kind = CallKind::evaluate;
+  Eigen::VectorXd point;        ///< d
+  Eigen::VectorXd sensitivity;  ///< m for gradient and hessian, else empty
+  Eigen::VectorXd answer;       ///< m, d, m·d or d·d
+};
+
 /// Which of the derivatives that a model says it has are used.
 struct OwnDerivatives {
   bool gradient = true, jacobian = true, hessian = true;
@@ -32,14 +42,16 @@ class ModelEvaluator {
   [[nodiscard]] bool has_jacobian() const { return own_.jacobian && model_->has_jacobian(); }
   [[nodiscard]] bool has_hessian() const { return own_.hessian && model_->has_hessian(); }
 
-  /// The points evaluated so far (d × n) with their values (m × n), as many as are stored.
-  void stored(Eigen::MatrixXd& points, Eigen::MatrixXd& values) const;
-  /// Points evaluated earlier, by another run: they will not be evaluated again. Errors: UsageError for sizes
-  /// that do not fit.
-  void remember(const Eigen::Ref<const Eigen::MatrixXd>& points,
-                const Eigen::Ref<const Eigen::MatrixXd>& values);
+  /// Of a model that answers at once: what it answers is not stored.
+  void store_nothing() { max_stored_ = 0; }
+  /// A call made earlier, by another run: it will not be made again. Its sizes must fit.
+  void remember(const ModelCall& call);
+  /// Whether point, sensitivity and answer have the sizes that such a call of the model has.
+  [[nodiscard]] bool fits(const ModelCall& call) const;
+  /// Called for each answer of a server as it comes, one at a time, from any thread.
+  std::function<void(const ModelCall&)> answered;
 
-  /// f into `values` (m × n). Points evaluated before are not evaluated again.
+  /// f into `values` (m × n). No call of any kind is made twice.
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::MatrixXd& values);
   /// J into `jacobians` ((m·d) × n): the model's own, or by central differences of second order, one-sided
   /// ones where a central one would leave the support of a prior.
@@ -66,16 +78,21 @@ class ModelEvaluator {
                             Eigen::MatrixXd& hessians);
   void hessian_of_values(const Eigen::MatrixXd& centres, const Eigen::MatrixXd& steps,
                          const Eigen::MatrixXd& up, const Eigen::MatrixXd& down, Eigen::MatrixXd& hessians);
-  template <class Call>
-  void timed(const Call& call);
+  [[nodiscard]] Eigen::Index answer_size(CallKind kind) const;
+  /// Column by column: what is known, and for the rest what the model answers.
+  void ask(CallKind kind, const Eigen::Ref<const Eigen::MatrixXd>& points,
+           const Eigen::Ref<const Eigen::MatrixXd>& sensitivities, Eigen::MatrixXd& answers);
+  void call(CallKind kind, const Eigen::MatrixXd& points, const Eigen::MatrixXd& sensitivities,
+            Eigen::MatrixXd& answers);
 
   ForwardModel* model_;
   std::vector<assimilation::Prior> priors_;
   double step_;
   OwnDerivatives own_;
   double seconds_ = 0;
-  std::unordered_map<std::string, std::size_t> known_;  ///< point, byte by byte → column of `stored_`
-  std::vector<double> stored_;                          ///< outputs, m per point
+  std::unordered_map<std::string, Eigen::VectorXd> known_;  ///< kind, point, sensitivity, byte by byte
+  std::size_t stored_ = 0;                                  ///< doubles in it
+  std::size_t max_stored_ = std::size_t{1} << 25;           ///< 256 MB
 };
 
 }  // namespace knothe::inference

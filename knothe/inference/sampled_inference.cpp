@@ -25,6 +25,7 @@ void by_markov_chains(PosteriorDensity& posterior, const InferenceOptions& optio
   r.chains = chains.chains;
   r.r_hat = chains.r_hat;
   r.effective_sizes = chains.effective_sizes;
+  r.std_errors = chains.std_errors;
   r.acceptance = chains.acceptance;
   r.effective_sample_size =
       std::min(1.0, chains.effective_sizes.minCoeff() / static_cast<double>(r.points.rows()));

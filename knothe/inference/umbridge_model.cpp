@@ -165,6 +165,7 @@ void UmbridgeModel::each_point(Eigen::Index count,
     for (auto i = static_cast<Eigen::Index>(lane); i < count; i += lanes) {
       check_cancellation("the model was being evaluated");
       body(connections_[lane], i);
+      if (answered) answered(i);
     }
   });
 }

@@ -61,9 +61,9 @@ std::string verdict(const assimilation::QuadraturePosterior& grid) {
 std::string verdict(const sampling::MetropolisResult& chains) {
   const std::string facts = fmt::format(
       "split R-hat of {} chains is at most {:.3f} (limit 1.01) and the smallest effective sample size {:.0f} "
-      "of {} "
-      "(at least 400)",
-      chains.chains, chains.r_hat.maxCoeff(), chains.effective_sizes.minCoeff(), chains.sample.points.rows());
+      "of {} (at least 400), and the error of a standard deviation at most {:.1f} % (limit 2 %)",
+      chains.chains, chains.r_hat.maxCoeff(), chains.effective_sizes.minCoeff(), chains.sample.points.rows(),
+      100 * chains.std_errors.maxCoeff());
   if (chains.converged) return fmt::format("Trusted: {}.", facts);
   return fmt::format("Not trusted: the chains have not converged: {}; raise [method] samples.", facts);
 }

@@ -205,12 +205,15 @@ void fill_statistics(MetropolisResult& result) {
                      n = result.sample.points.rows() / chains;
   result.r_hat.resize(d);
   result.effective_sizes.resize(d);
+  result.std_errors.resize(d);
   for (Eigen::Index k = 0; k < d; ++k) {
     const Eigen::Map<const Eigen::MatrixXd> draws(result.sample.points.col(k).data(), n, chains);
     result.r_hat[k] = split_r_hat(draws);
-    result.effective_sizes[k] = effective_sample_size(draws);
+    result.effective_sizes[k] = least_effective_size(draws);
+    result.std_errors[k] = relative_error_of_deviation(draws);
   }
-  result.converged = result.r_hat.maxCoeff() <= 1.01 && result.effective_sizes.minCoeff() >= 400;
+  result.converged = result.r_hat.maxCoeff() <= 1.01 && result.effective_sizes.minCoeff() >= 400 &&
+                     result.std_errors.maxCoeff() <= 0.02;
   result.sample.effective_size =
       std::min(result.effective_sizes.minCoeff(), static_cast<double>(result.sample.points.rows()));
 }

@@ -22,10 +22,11 @@ struct MetropolisOptions {
 struct MetropolisResult {
   WeightedSample sample;            ///< equal weights, chain after chain
   Eigen::VectorXd r_hat;            ///< d, split, rank-normalised
-  Eigen::VectorXd effective_sizes;  ///< d
+  Eigen::VectorXd effective_sizes;  ///< d, the least of those for mean, bulk, tails and variance
+  Eigen::VectorXd std_errors;       ///< d, relative standard errors of the standard deviations
   int thinning = 1;                 ///< steps from one kept draw to the next
   double acceptance = 0;            ///< after warm-up
-  bool converged = false;           ///< all r_hat ≤ 1.01 and effective sizes ≥ 400
+  bool converged = false;           ///< all r_hat ≤ 1.01, effective sizes ≥ 400, std_errors ≤ 0.02
   int chains = 0;                   ///< the sample holds n/chains successive draws of each
 };
 

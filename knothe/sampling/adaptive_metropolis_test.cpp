@@ -56,6 +56,24 @@ TEST(AdaptiveMetropolis, TheBanana) {
   }
 }
 
+/// Chains that say they have converged have standard deviations within four of the errors allowed, 2 %, over
+/// seeds: y = x² + s ε has variance 2 + s².
+TEST(AdaptiveMetropolis, ConvergedMeansThatTheDeviationsAreRight) {
+  int converged = 0;
+  for (const double s : {1.0, 0.3})
+    for (std::uint64_t seed = 1; seed <= 15; ++seed) {
+      Planar target(targets::banana(1, 0, s), 0);
+      const MetropolisResult result =
+          adaptive_metropolis(target, {.samples = 10000, .max_thinning = s < 1 ? 16 : 64, .seed = seed});
+      if (!result.converged) continue;
+      ++converged;
+      const Eigen::VectorXd std = covariance_of(result.sample).diagonal().cwiseSqrt();
+      EXPECT_NEAR(std[0], 1, 0.08) << "seed " << seed << ", s " << s;
+      EXPECT_NEAR(std[1] / std::sqrt(2 + s * s), 1, 0.08) << "seed " << seed << ", s " << s;
+    }
+  EXPECT_GE(converged, 15);
+}
+
 TEST(AdaptiveMetropolis, ARidgeAgainstTheBoxByDenseQuadrature) {
   const targets::Ridge ridge{2, 1.05, 0.02, 1.2, 0.2};
   const targets::Reference reference = targets::dense_quadrature(ridge, {0.5});
@@ -80,11 +98,11 @@ TEST(AdaptiveMetropolis, ChainsThatHaveNotConvergedGoOn) {
   EXPECT_FALSE(brief.converged);
   EXPECT_EQ(brief.thinning, 1);
   const MetropolisResult result =
-      adaptive_metropolis(target, {.samples = 4000, .max_thinning = 512, .seed = 5});
+      adaptive_metropolis(target, {.samples = 12000, .max_thinning = 512, .seed = 5});
   EXPECT_TRUE(result.converged);
   EXPECT_GT(result.thinning, 1);
-  EXPECT_EQ(result.sample.points.rows(), 4000);
-  EXPECT_GE(result.sample.density_evaluations, 4000 * result.thinning);
+  EXPECT_EQ(result.sample.points.rows(), 12000);
+  EXPECT_GE(result.sample.density_evaluations, 12000 * result.thinning);
   expect_moments(result, reference.mean, reference.standard_deviation, 6);
 }
 

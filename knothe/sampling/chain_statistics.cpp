@@ -98,21 +98,9 @@ Eigen::VectorXd autocovariance(const Eigen::Ref<const Eigen::VectorXd>& chain) {
   return result.head(n) / static_cast<double>(n);
 }
 
-}  // namespace
-
-double split_r_hat(const Eigen::Ref<const Eigen::MatrixXd>& draws) {
-  require_draws(draws);
-  if (draws.maxCoeff() == draws.minCoeff()) return 1;
-  const Eigen::MatrixXd halves = split(draws);
-  const double centre = median({halves.data(), halves.data() + halves.size()});
-  const Eigen::MatrixXd folded = (halves.array() - centre).abs();
-  return std::max(r_hat(rank_normalise(halves)), r_hat(rank_normalise(folded)));
-}
-
-double effective_sample_size(const Eigen::Ref<const Eigen::MatrixXd>& draws) {
-  require_draws(draws);
-  if (draws.maxCoeff() == draws.minCoeff()) return 1;
-  const Eigen::MatrixXd halves = split(draws);
+/// Of chains that are halves already, by the initial monotone sequence.
+double effective_of(const Eigen::MatrixXd& halves) {
+  if (halves.maxCoeff() == halves.minCoeff()) return 1;
   const Eigen::Index n = halves.rows();
   const auto total = static_cast<double>(halves.size());
   const Variances v = variances(halves);
@@ -130,6 +118,53 @@ double effective_sample_size(const Eigen::Ref<const Eigen::MatrixXd>& draws) {
     previous = pair;
   }
   return total / std::max(time, 1 / std::log10(total));
+}
+
+/// 1 below the quantile of `level`, else 0.
+Eigen::MatrixXd below_quantile(const Eigen::MatrixXd& draws, double level) {
+  std::vector<double> values(draws.data(), draws.data() + draws.size());
+  const auto at = values.begin() + static_cast<std::ptrdiff_t>(level * static_cast<double>(values.size()));
+  std::nth_element(values.begin(), at, values.end());
+  return (draws.array() <= *at).cast<double>();
+}
+
+}  // namespace
+
+double split_r_hat(const Eigen::Ref<const Eigen::MatrixXd>& draws) {
+  require_draws(draws);
+  if (draws.maxCoeff() == draws.minCoeff()) return 1;
+  const Eigen::MatrixXd halves = split(draws);
+  const double centre = median({halves.data(), halves.data() + halves.size()});
+  const Eigen::MatrixXd folded = (halves.array() - centre).abs();
+  return std::max(r_hat(rank_normalise(halves)), r_hat(rank_normalise(folded)));
+}
+
+double effective_sample_size(const Eigen::Ref<const Eigen::MatrixXd>& draws) {
+  require_draws(draws);
+  return effective_of(split(draws));
+}
+
+double least_effective_size(const Eigen::Ref<const Eigen::MatrixXd>& draws) {
+  require_draws(draws);
+  const Eigen::MatrixXd halves = split(draws);
+  const Eigen::MatrixXd squares = (halves.array() - halves.mean()).square();
+  return std::min({effective_of(halves), effective_of(rank_normalise(halves)), effective_of(squares),
+                   effective_of(below_quantile(halves, 0.05)), effective_of(below_quantile(halves, 0.95))});
+}
+
+double relative_error_of_deviation(const Eigen::Ref<const Eigen::MatrixXd>& draws) {
+  require_draws(draws);
+  const Eigen::MatrixXd halves = split(draws);
+  const Eigen::MatrixXd squares = (halves.array() - halves.mean()).square();
+  const double variance = squares.mean();
+  if (!(variance > 0)) return 0;
+  const auto relative = [&](double error_of_variance) { return 0.5 * error_of_variance / variance; };
+  const double by_autocorrelation =
+      std::sqrt((squares.array() - variance).square().mean() / effective_of(squares));
+  const Eigen::RowVectorXd of_half = squares.colwise().mean();
+  const auto m = static_cast<double>(halves.cols());
+  const double by_halves = std::sqrt((of_half.array() - variance).square().sum() / ((m - 1) * m));
+  return relative(std::max(by_autocorrelation, by_halves));
 }
 
 }  // namespace knothe::sampling

@@ -7,7 +7,7 @@ from umbridge_server import Density, Linear, Linear3
 
 KEYS = ["method", "parameters", "mean", "covariance", "maximum_a_posteriori", "quantiles", "skewness", "kurtosis", "map_order",
         "variance_diagnostic", "tolerance_reached", "ess", "trusted", "verdict", "log_evidence", "log_evidence_error",
-        "model_evaluations", "model_calls", "elapsed_us", "samples_file"]
+        "model_evaluations", "model_calls", "elapsed_us", "samples_file", "distinct_draws"]
 MAP_KEYS = KEYS + ["map_file"]
 LINEAR = conjugate(Linear.matrix, [1.2, 0.4, 0.1], diagonal([0.3, 0.5, 0.4]), [0.5, -0.5], [1.0, 2.0])
 
@@ -77,6 +77,22 @@ class Test(InferCase):
         self.assertEqual(line["model_calls"]["apply_jacobian"], self.server_calls()["/ApplyJacobian"])
         self.assertEqual(line["model_evaluations"], self.server_calls()["/Evaluate"])
 
+    def test_every_kind_of_call_is_counted_as_the_server_counts(self):
+        self.serve("linear+hessian")
+        for method in ("transport", "grid", "mcmc", "smc"):
+            before = self.server_calls()
+            said = self.infer("--method", method)["model_calls"]
+            after = self.server_calls()
+            for key, route in (("evaluate", "/Evaluate"), ("gradient", "/Gradient"), ("apply_jacobian", "/ApplyJacobian"),
+                               ("apply_hessian", "/ApplyHessian")):
+                self.assertEqual(said[key], after.get(route, 0) - before.get(route, 0), (method, key))
+        self.assertRegex(self.expect(0, "infer", self.project_name).out, r"\d+ model evaluations, \d+ gradients, \d+ Jacobian products, ")
+
+    def test_draws_that_are_distinct_are_counted(self):
+        self.serve("linear")
+        line = self.infer()
+        self.assertTrue(500 < line["distinct_draws"] <= 4000, line["distinct_draws"])  # of 4,000, from 1,024 weighted points
+
     def test_derivatives_may_be_declined(self):
         self.serve("linear+hessian")
         self.edit('name = "forward"', 'name = "forward"\nderivatives = "none"')
@@ -90,7 +106,7 @@ class Test(InferCase):
     def test_linear_by_chains(self):
         self.serve("linear+gradient")
         line = self.infer("--method", "mcmc")
-        self.assertEqual(list(line), KEYS + ["r_hat", "effective_sizes", "acceptance"])
+        self.assertEqual(list(line), KEYS + ["r_hat", "effective_sizes", "std_errors", "acceptance"])
         self.expect_linear(line, mean_tolerance=0.12, std_tolerance=0.1, evidence_tolerance=0.1)
         self.assertEqual(line["model_evaluations"], self.server_calls()["/Evaluate"])
 

@@ -185,7 +185,7 @@ class Test(InferCase):
         process.send_signal(signal.SIGINT)
         _, err = process.communicate(timeout=60)  # a tenth of the time that the held request may take
         self.assertEqual(process.returncode, 130, err)
-        found = re.search(r"interrupted; .*; (\d+) evaluations of the model are kept in results/evaluations.h5: the same command goes on", err)
+        found = re.search(r"interrupted; .*; (\d+) calls of the model are kept in results/evaluations.jsonl: the same command goes on", err)
         self.assertIsNotNone(found, err)
         return err, int(found.group(1))
 
@@ -201,7 +201,7 @@ class Test(InferCase):
         self.edit('"two"', '"one"')
         _, kept = self.interrupted(600)
         err, more = self.interrupted(300)
-        self.assertIn(f"going on from {kept} evaluations of an interrupted run", err)
+        self.assertIn(f"going on from {kept} calls of a run that did not end", err)
         self.assertTrue(kept < more <= kept + 300, (kept, more))
         self.ask_server("/Good", {"more": 10**9})
         line = self.infer()
@@ -211,6 +211,44 @@ class Test(InferCase):
         whole = self.infer("-o", "whole")
         self.assertEqual(line["model_evaluations"], whole["model_evaluations"] - more + 3, (kept, more))  # three to see that it is the same model
         self.expect_nothing_but(self.folder / "results", ["inference.json", "map.h5", "samples.nc"])
+
+    def expect_the_rest_is_paid_alone(self, kept):
+        """The same command, of a server that is well again, pays for what is not kept."""
+        self.ask_server("/Good", {"more": 10**9})
+        before = self.server_calls()
+        line = self.infer()
+        said, after = line["model_calls"], self.server_calls()
+        self.assertEqual(said["gradient"], after["/Gradient"] - before["/Gradient"])
+        self.project_name, first = "whole.toml", self.project_name
+        self.project.write_text((self.folder / first).read_text())
+        whole = self.infer("-o", "whole")
+        self.assertEqual(whole["mean"], line["mean"])
+        total = sum(whole["model_calls"].values()) - sum(said.values())
+        self.assertTrue(kept - 3 <= total <= kept + 1, (kept, total))
+        self.expect_nothing_but(self.folder / "results", ["inference.json", "map.h5", "samples.nc"])
+
+    def test_what_a_failing_server_has_answered_is_kept(self):
+        self.serve("linear+gradient", "error", 500)
+        self.edit('kind = "transport"', 'kind = "transport"\nmode_search = "multi-start"')
+        outcome = self.expect(4, "infer", self.project_name)
+        self.assertIn("the mesh is inverted at element 17", outcome.err)
+        self.assertIn("500 calls of the model are kept in results/evaluations.jsonl: the same command goes on from there", outcome.err)
+        self.expect_the_rest_is_paid_alone(500)
+
+    def test_what_was_answered_before_a_kill_is_kept(self):
+        self.serve("linear+gradient", "hold", 500)
+        self.edit("timeout = 20", "timeout = 600")
+        self.edit('kind = "transport"', 'kind = "transport"\nmode_search = "multi-start"')
+        process = subprocess.Popen([KNOTHE, "infer", self.project_name], cwd=self.folder, stderr=subprocess.PIPE, text=True)
+        while self.server_calls()["held"] == 0:
+            time.sleep(0.05)
+        process.kill()
+        process.communicate()
+        journal = self.folder / "results" / "evaluations.jsonl"
+        self.assertEqual(len(journal.read_text().splitlines()), 1 + 500)
+        with journal.open("a") as file:
+            file.write('["evaluate",[0.1,')  # torn
+        self.expect_the_rest_is_paid_alone(500)
 
 
 if __name__ == "__main__":

@@ -129,6 +129,39 @@ class Improper(Density):
                  "growing": 0.5 * x * x - 0.5 * y * y}[config["shape"]]]
 
 
+class EightSchools(Model):
+    """Log-density of the eight schools (D. Rubin 1981), not centred: theta_j = mu + tau eta_j, mu = 5 z_0, tau = exp(1 + z_1)."""
+
+    name = "posterior"
+    inputs, outputs = [10], [1]
+    effects, errors = [28, 8, -3, 7, -1, 1, 18, 12], [15, 10, 16, 11, 9, 11, 10, 18]
+
+    def residuals(self, p):
+        tau = math.exp(1 + p[1])
+        return tau, [(y - 5 * p[0] - tau * eta) / s for y, s, eta in zip(self.effects, self.errors, p[2:])]
+
+    def value(self, p, config):
+        _, residuals = self.residuals(p)
+        return [-0.5 * sum(r * r for r in residuals) - 0.5 * sum(x * x for x in p)]
+
+    def jacobian(self, p, config):
+        tau, residuals = self.residuals(p)
+        scaled = [r / s for r, s in zip(residuals, self.errors)]
+        slope = [5 * sum(scaled), tau * sum(r * eta for r, eta in zip(scaled, p[2:]))] + [tau * r for r in scaled]
+        return [[g - x for g, x in zip(slope, p)]]
+
+
+class Growth(Model):
+    """Four parameters: y(t) = a (1 - exp(-b t)) + c + d t at eight times."""
+
+    inputs, outputs = [4], [8]
+    times = [0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0]
+
+    def value(self, p, config):
+        a, b, c, d = p
+        return [a * (1 - math.exp(-b * t)) + c + d * t for t in self.times]
+
+
 class WrongSlope(Banana):
     """A sign forgotten in the derivative."""
 
@@ -136,7 +169,7 @@ class WrongSlope(Banana):
         return [[1.0, 0.0], [2 * p[0], 1.0]]
 
 
-MODELS = {cls.__name__.lower(): cls for cls in (Linear, Linear3, Banana, Identity, TwoModes, Density, Exponential, Improper, WrongSlope)}
+MODELS = {cls.__name__.lower(): cls for cls in (Linear, Linear3, Banana, Identity, TwoModes, Density, Exponential, Improper, EightSchools, Growth, WrongSlope)}
 DERIVATIVES = {"gradient": ["Gradient"], "jacobian": ["ApplyJacobian"], "hessian": ["Gradient", "ApplyJacobian", "ApplyHessian"]}
 
 

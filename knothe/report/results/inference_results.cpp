@@ -119,6 +119,8 @@ void write_samples(const std::string& path, const project::Project& project,
     statistic("ess", r.effective_sample_size, "effective sample size as a fraction of the weighted points");
     statistic("trusted", r.trusted ? 1 : 0, "1 if trusted");
     statistic("log_evidence", r.log_evidence, "natural logarithm");
+    statistic("distinct_draws", static_cast<double>(r.distinct_draws),
+              "how many of the draws differ from all others before them");
     statistic("map_order", r.map_order, "order of the map, 0 without one");
     statistic("variance_diagnostic", r.variance_diagnostic, "verified, 0 without a map");
     out.add_attribute("", "created_by", k_created_by);
@@ -180,10 +182,12 @@ Json inference_record(const InferenceResult& r, const std::vector<std::string>& 
         {"apply_hessian", r.calls.hessians}}},
       {"elapsed_us",
        {{"update", r.seconds() * 1e6}, {"total", r.seconds() * 1e6}, {"model", model_seconds * 1e6}}},
-      {"samples_file", samples_file}};
+      {"samples_file", samples_file},
+      {"distinct_draws", r.distinct_draws}};
   if (r.r_hat.size() > 0) {
     record["r_hat"] = to_json(r.r_hat);
     record["effective_sizes"] = to_json(r.effective_sizes);
+    record["std_errors"] = to_json(r.std_errors);
     record["acceptance"] = r.acceptance;
   }
   if (!r.temperatures.empty()) {

@@ -11,7 +11,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/inference/derivative_check.hpp"
-#include "knothe/inference/evaluation_file.hpp"
+#include "knothe/inference/evaluation_journal.hpp"
 #include "knothe/report/results/inference_results.hpp"
 
 namespace knothe::report {
@@ -20,6 +20,15 @@ namespace {
 using inference::InferenceResult;
 using inference::Method;
 using Clock = std::chrono::steady_clock;
+
+/// All kinds of calls that were made.
+std::string calls_text(const inference::ModelCalls& calls) {
+  std::string text = fmt::format("{} model evaluations", calls.evaluations);
+  if (calls.gradients > 0) text += fmt::format(", {} gradients", calls.gradients);
+  if (calls.jacobians > 0) text += fmt::format(", {} Jacobian products", calls.jacobians);
+  if (calls.hessians > 0) text += fmt::format(", {} Hessian products", calls.hessians);
+  return text;
+}
 
 /// What a person sees meanwhile: a line that changes on a terminal, one line every 10 s elsewhere. How much
 /// is to be done is known only where the method says so.
@@ -42,8 +51,8 @@ class EvaluationCounter {
     const double seconds = std::chrono::duration<double>(now - start_).count();
     std::string left;
     if (share_ > 0) left = fmt::format(", {:.0f} s left", seconds * (1 - share_) / share_);
-    fmt::print(stderr, "{}{}: {} model evaluations, {:.0f} s{}{}", terminal_ ? "\r\033[K" : "", label_,
-               calls.evaluations, seconds, left, terminal_ ? "" : "\n");
+    fmt::print(stderr, "{}{}: {}, {:.0f} s{}{}", terminal_ ? "\r\033[K" : "", label_, calls_text(calls),
+               seconds, left, terminal_ ? "" : "\n");
     std::fflush(stderr);
   }
 
@@ -54,33 +63,28 @@ class EvaluationCounter {
   Clock::time_point start_ = Clock::now(), last_ = start_;
 };
 
-/// Evaluations that an interrupted run has kept are not paid for twice.
-void reuse_evaluations(const std::string& path, inference::ModelEvaluator& evaluator,
-                       const std::string& identity) {
-  const inference::KeptEvaluations kept = inference::take_evaluations(path, evaluator, identity);
+/// Calls that an earlier run has made are not paid for twice.
+void reuse_calls(inference::EvaluationJournal& journal, inference::ModelEvaluator& evaluator) {
+  const inference::KeptCalls kept = journal.open(evaluator);
   if (kept.taken > 0)
-    fmt::print(stderr, "knothe: {}: going on from {} evaluations of an interrupted run\n", path, kept.taken);
+    fmt::print(stderr, "knothe: {}: going on from {} calls of a run that did not end\n", journal.path(),
+               kept.taken);
   if (!kept.refused.empty())
-    fmt::print(stderr, "knothe: {}: evaluations of an interrupted run are not used: {}\n", path,
+    fmt::print(stderr, "knothe: {}: calls of a run that did not end are not used: {}\n", journal.path(),
                kept.refused);
 }
 
-}  // namespace
+std::string kept_text(const inference::EvaluationJournal& journal) {
+  return fmt::format("{} calls of the model are kept in {}: the same command goes on from there",
+                     journal.calls(), journal.path());
+}
 
-InferenceRun run_inference(const project::Project& project, Method method, const std::string& folder) {
-  InferenceRun run{project::set_up_inference(project), {}, folder};
-  project::InferenceSetup& setup = run.setup;
-  inference::ModelEvaluator evaluator(*setup.model, setup.priors, project.umbridge.difference_step);
-  const std::string kept = (std::filesystem::path(folder) / "evaluations.h5").string();
-  const std::string identity = setup.model->where() + "\n" + project.umbridge.config;
+InferenceResult infer_by(const project::Project& project, Method method, project::InferenceSetup& setup,
+                         inference::ModelEvaluator& evaluator) {
   const bool is_server = !project.umbridge.url.empty();
-  files::require_writable_folder(folder);
-  if (is_server) {
-    reuse_evaluations(kept, evaluator, identity);
-    run.result.warnings = inference::check_derivatives(evaluator, setup.priors, setup.parameters);
-    for (const std::string& warning : run.result.warnings)
-      fmt::print(stderr, "knothe: warning: {}\n", warning);
-  }
+  std::vector<std::string> warnings;
+  if (is_server) warnings = inference::check_derivatives(evaluator, setup.priors, setup.parameters);
+  for (const std::string& warning : warnings) fmt::print(stderr, "knothe: warning: {}\n", warning);
   // Samplers pay for every derivative with model evaluations unless the model has gradients of its own.
   const bool map = method == Method::transport || method == Method::grid;
   const bool own_gradient = evaluator.has_gradient() || !is_server;
@@ -95,20 +99,36 @@ InferenceRun run_inference(const project::Project& project, Method method, const
     counter.set_share(share);
     return !cancellation_requested();
   };
-  std::vector<std::string> warnings = std::move(run.result.warnings);
+  InferenceResult result = inference::infer(posterior, evaluator, options);
+  evaluator.progress = {};
+  result.warnings = std::move(warnings);
+  return result;
+}
+
+}  // namespace
+
+InferenceRun run_inference(const project::Project& project, Method method, const std::string& folder) {
+  InferenceRun run{project::set_up_inference(project), {}, folder};
+  project::InferenceSetup& setup = run.setup;
+  files::require_writable_folder(folder);
+  inference::EvaluationJournal journal((std::filesystem::path(folder) / "evaluations.jsonl").string(),
+                                       setup.model->where() + "\n" + project.umbridge.config);
+  inference::ModelEvaluator evaluator(*setup.model, setup.priors, project.umbridge.difference_step);
+  const bool is_server = !project.umbridge.url.empty();
+  if (is_server) reuse_calls(journal, evaluator);
   try {
-    run.result = inference::infer(posterior, evaluator, options);
+    run.result = infer_by(project, method, setup, evaluator);
   } catch (const Interrupted& interrupted) {
+    if (journal.calls() == 0) journal.remove();
     if (!is_server) throw;
-    const Eigen::Index n = inference::keep_evaluations(kept, evaluator, identity);
-    throw Interrupted(
-        fmt::format("{}; {} evaluations of the model are kept in {}: the same command goes on from there",
-                    interrupted.what(), n, kept));
+    throw Interrupted(fmt::format("{}; {}", interrupted.what(), kept_text(journal)));
+  } catch (const std::exception&) {
+    if (journal.calls() == 0) journal.remove();
+    if (journal.calls() > 0) fmt::print(stderr, "knothe: {}\n", kept_text(journal));
+    throw;
   }
-  run.result.warnings = std::move(warnings);
   write_inference(folder, project, setup, run.result);
-  std::error_code none;
-  std::filesystem::remove(kept, none);  // of an interrupted run: they have done their service
+  journal.remove();
   return run;
 }
 
@@ -126,9 +146,9 @@ std::string inference_text(const InferenceRun& run) {
   double model_seconds = 0;
   for (const auto& phase : r.phases) model_seconds += phase.model_seconds;
   return text + fmt::format(
-                    "log-evidence {:.4f} ± {:.2g}; {} model evaluations; {:.3g} s, of which the model took "
+                    "log-evidence {:.4f} ± {:.2g}; {}; {:.3g} s, of which the model took "
                     "{:.3g} s; results in {}",
-                    r.log_evidence, r.log_evidence_error, r.calls.evaluations, r.seconds(), model_seconds,
+                    r.log_evidence, r.log_evidence_error, calls_text(r.calls), r.seconds(), model_seconds,
                     run.folder);
 }
 
