@@ -19,11 +19,11 @@ constexpr std::size_t k_growth_sweeps = 40;
 CanonicalSeparation::CanonicalSeparation(const Deviation& deviation, const ParameterProduct& product,
                                          const Snapshots& snapshots, const CompressionOptions& options)
     : deviation_(deviation), product_(product), options_(options) {
-  const FallingEigenpairs grid = falling_eigenpairs(deviation.grid_gram(product.factor(), options.threads));
-  const double allowed = std::max(k_hosvd * grid.values.sum(), 1e-300);
-  const auto kept = static_cast<Eigen::Index>(TreeSeparation::modes_for(grid.values, allowed));
-  const Eigen::MatrixXd weighted = deviation.projected(
-      product.factor().triangularView<Eigen::Lower>() * grid.vectors.leftCols(kept), options.threads);
+  const ParameterUnfolding unfolding(deviation, product, options.threads);
+  const double allowed = std::max(k_hosvd * unfolding.squared_norm(), 1e-300);
+  const Eigen::MatrixXd grid = dominant_space(unfolding, {.allowed = allowed, .seed = options.seed}).basis;
+  const Eigen::Index kept = grid.cols();
+  const Eigen::MatrixXd weighted = deviation.projected(product.times(grid), options.threads);
   space_ = dominant_space(weighted, allowed, options.seed, options.threads).basis;
   const Eigen::MatrixXd core = space_.transpose() * weighted;  // l × (n_t · kept)
 
@@ -37,7 +37,8 @@ CanonicalSeparation::CanonicalSeparation(const Deviation& deviation, const Param
     }
   }
   const FallingEigenpairs instants = falling_eigenpairs(time_gram);
-  const auto s = static_cast<Eigen::Index>(TreeSeparation::modes_for(instants.values, allowed));
+  const DominantSpace by_instant{instants.vectors, instants.values};
+  const Eigen::Index s = std::max<Eigen::Index>(1, by_instant.rank_for(allowed));
   time_ = instants.vectors.leftCols(s);
 
   // [l, s, P]: time compressed, parameters back on the grid (in the coordinates Lᵀ f of ParameterProduct).
@@ -46,7 +47,7 @@ CanonicalSeparation::CanonicalSeparation(const Deviation& deviation, const Param
   for (Eigen::Index j = 0; j < s; ++j) {
     Eigen::MatrixXd part = Eigen::MatrixXd::Zero(l, kept);
     for (Eigen::Index t = 0; t < times; ++t) part += time_(t, j) * core.middleCols(t * kept, kept);
-    core_.unfolded.middleCols(j * points, points).noalias() = part * grid.vectors.leftCols(kept).transpose();
+    core_.unfolded.middleCols(j * points, points).noalias() = part * grid.transpose();
   }
   core_.others.push_back(s);
   for (const Axis& axis : snapshots.axes) {

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/progress.hpp"
@@ -34,28 +35,37 @@ double squared_norm(const Snapshots& snapshots, const Deviation& deviation) {
   return sum;
 }
 
+/// The first `modes` parameter functions, whatever they leave out.
+SpaceSearch search_for(std::size_t modes, const CompressionOptions& options) {
+  return {.allowed = std::numeric_limits<double>::infinity(),
+          .at_least = static_cast<Eigen::Index>(modes),
+          .converge = true,
+          .seed = options.seed};
+}
+
 /// Tree form: the singular values tell how many modes a tolerance needs; checked, and made longer if the
 /// unweighted norm asks for more.
 ModelContents compress_tree(const Snapshots& snapshots, const Deviation& deviation,
                             const ParameterProduct& product, const CompressionOptions& options) {
   ModelContents model = frame_of(snapshots, deviation);
-  const auto grid = static_cast<std::size_t>(deviation.grid());
-  std::size_t modes = std::min(options.modes, grid);
+  const ParameterUnfolding unfolding(deviation, product, options.threads);
+  SpaceSearch search = search_for(options.modes, options);
   if (options.modes == 0) {
-    const Eigen::VectorXd energy =
-        falling_eigenpairs(deviation.grid_gram(product.factor(), options.threads)).values;
     // A little of the squared error is left for the space basis (k_space_share).
-    modes = TreeSeparation::modes_for(
-        energy, 0.999 * options.tolerance * options.tolerance * squared_norm(snapshots, deviation));
+    search.allowed =
+        std::max(0.999 * options.tolerance * options.tolerance * squared_norm(snapshots, deviation),
+                 TreeSeparation::k_rounding * unfolding.squared_norm());
   }
   double floor = TreeSeparation::k_rounding;
   while (true) {
-    TreeSeparation(deviation, product, modes, options, floor).fill(model, modes);
+    const TreeSeparation separation(deviation, product, dominant_space(unfolding, search), options, floor);
+    const Eigen::Index modes = separation.modes();
+    separation.fill(model, static_cast<std::size_t>(modes));
     const ModelError error = training_error(model, snapshots, options.threads);
     set_errors(model, error);
-    const bool all = modes == grid && floor == 0.0;
+    const bool all = modes == std::min(unfolding.rows(), unfolding.cols()) && floor == 0.0;
     if (options.modes != 0 || good_enough(error, options.tolerance) || all) return model;
-    modes = std::min(grid, modes + std::max<std::size_t>(1, modes / 8));
+    search.at_least = modes + std::max<Eigen::Index>(1, modes / 8);
     floor = floor > 1e-18 ? 1e-4 * floor : 0.0;
   }
 }
@@ -115,7 +125,8 @@ std::vector<StudiedModel> compression_study(const Snapshots& snapshots, const Co
   std::optional<TreeSeparation> tree;
   std::optional<CanonicalSeparation> canonical;
   if (options.form == Form::tree) {
-    tree.emplace(deviation, product, modes.back(), options);
+    const ParameterUnfolding unfolding(deviation, product, options.threads);
+    tree.emplace(deviation, product, dominant_space(unfolding, search_for(modes.back(), options)), options);
   } else {
     canonical.emplace(deviation, product, snapshots, options);
   }

@@ -18,36 +18,83 @@ std::size_t block_count(Eigen::Index n) {
   return static_cast<std::size_t>((n + k_block - 1) / k_block);
 }
 
-/// A · B.
-Eigen::MatrixXd product(const Eigen::Ref<const Eigen::MatrixXd>& a, const Eigen::MatrixXd& b,
-                        std::size_t threads) {
-  Eigen::MatrixXd result(a.rows(), b.cols());
-  parallel_for(block_count(a.rows()), threads, [&](std::size_t i) {
-    const Eigen::Index start = static_cast<Eigen::Index>(i) * k_block,
-                       n = std::min(k_block, a.rows() - start);
-    result.middleRows(start, n).noalias() = a.middleRows(start, n) * b;
-  });
-  return result;
-}
+class DenseMatrix final : public LargeMatrix {
+ public:
+  DenseMatrix(const Eigen::Ref<const Eigen::MatrixXd>& matrix, std::size_t threads)
+      : matrix_(matrix), threads_(threads) {}
+  [[nodiscard]] Eigen::Index rows() const override { return matrix_.rows(); }
+  [[nodiscard]] Eigen::Index cols() const override { return matrix_.cols(); }
+  [[nodiscard]] Eigen::MatrixXd times(const Eigen::MatrixXd& b) const override {
+    Eigen::MatrixXd result(matrix_.rows(), b.cols());
+    parallel_for(block_count(matrix_.rows()), threads_, [&](std::size_t i) {
+      const Eigen::Index start = static_cast<Eigen::Index>(i) * k_block,
+                         n = std::min(k_block, matrix_.rows() - start);
+      result.middleRows(start, n).noalias() = matrix_.middleRows(start, n) * b;
+    });
+    return result;
+  }
+  [[nodiscard]] Eigen::MatrixXd transposed_times(const Eigen::MatrixXd& b) const override {
+    Eigen::MatrixXd result(matrix_.cols(), b.cols());
+    parallel_for(block_count(matrix_.cols()), threads_, [&](std::size_t i) {
+      const Eigen::Index start = static_cast<Eigen::Index>(i) * k_block,
+                         n = std::min(k_block, matrix_.cols() - start);
+      result.middleRows(start, n).noalias() = matrix_.middleCols(start, n).transpose() * b;
+    });
+    return result;
+  }
+  [[nodiscard]] Eigen::MatrixXd gram() const override {
+    const Eigen::MatrixXd transposed = matrix_.transpose();
+    return transposed.transpose() * transposed;
+  }
+  [[nodiscard]] double squared_norm() const override { return matrix_.squaredNorm(); }
 
-/// Aᵀ · B.
-Eigen::MatrixXd transposed_product(const Eigen::Ref<const Eigen::MatrixXd>& a, const Eigen::MatrixXd& b,
-                                   std::size_t threads) {
-  Eigen::MatrixXd result(a.cols(), b.cols());
-  parallel_for(block_count(a.cols()), threads, [&](std::size_t i) {
-    const Eigen::Index start = static_cast<Eigen::Index>(i) * k_block,
-                       n = std::min(k_block, a.cols() - start);
-    result.middleRows(start, n).noalias() = a.middleCols(start, n).transpose() * b;
-  });
-  return result;
-}
+ private:
+  const Eigen::Ref<const Eigen::MatrixXd>& matrix_;
+  std::size_t threads_;
+};
 
-/// Turns an orthonormal basis into singular vectors: the SVD of QᵀA by its small Gram matrix.
-DominantSpace rotated(const Eigen::Ref<const Eigen::MatrixXd>& a, const Eigen::MatrixXd& q,
-                      std::size_t threads) {
-  const Eigen::MatrixXd projected = transposed_product(a, q, threads);  // (QᵀA)ᵀ
+/// The singular vectors in the span of Q (orthonormal), by the small Gram matrix of `projected` = AᵀQ.
+DominantSpace rotated(const Eigen::MatrixXd& q, const Eigen::MatrixXd& projected, double total) {
   const FallingEigenpairs pairs = falling_eigenpairs(projected.transpose() * projected);
-  return {q * pairs.vectors, pairs.values, a.squaredNorm()};
+  // A difference below the rounding of the large numbers is none.
+  double rest = std::max(0.0, total - pairs.values.sum());
+  if (rest <= 1e-15 * total) rest = 0.0;
+  return {q * pairs.vectors, pairs.values, total, rest};
+}
+
+/// All directions.
+DominantSpace whole_space(const LargeMatrix& a, double total) {
+  if (a.cols() <= a.rows()) {
+    const Eigen::MatrixXd q = orthonormal_basis(a.times(Eigen::MatrixXd::Identity(a.cols(), a.cols())));
+    return rotated(q, a.transposed_times(q), total);
+  }
+  FallingEigenpairs pairs = falling_eigenpairs(a.gram());
+  return {std::move(pairs.vectors), std::move(pairs.values), total, 0.0};
+}
+
+/// Smallest number of columns that `search` is content with.
+Eigen::Index columns_for(const DominantSpace& space, const SpaceSearch& search) {
+  return std::max<Eigen::Index>({1, space.rank_for(search.allowed),
+                                 std::min(search.at_least, static_cast<Eigen::Index>(space.energy.size()))});
+}
+
+/// The best of `columns` random directions.
+DominantSpace searched_space(const LargeMatrix& a, Eigen::Index columns, double total,
+                             const SpaceSearch& search) {
+  constexpr int k_most_iterations = 20;
+  Eigen::MatrixXd q = orthonormal_basis(a.times(normal_matrix(a.cols(), columns, search.seed)));
+  Eigen::MatrixXd projected = a.transposed_times(q);
+  DominantSpace space = rotated(q, projected, total);
+  for (int i = 0; i < k_most_iterations; ++i) {
+    q = orthonormal_basis(a.times(projected));
+    projected = a.transposed_times(q);
+    const Eigen::Index l = columns_for(space, search);
+    const double before = space.energy.head(l).sum();
+    space = rotated(q, projected, total);
+    const double gained = space.energy.head(l).sum() - before;
+    if (!search.converge || gained <= 1e-6 * space.rest_from(l) || gained <= 1e-15 * total) break;
+  }
+  return space;
 }
 
 }  // namespace
@@ -73,33 +120,32 @@ FallingEigenpairs falling_eigenpairs(const Eigen::Ref<const Eigen::MatrixXd>& gr
 
 Eigen::Index DominantSpace::rank_for(double allowed) const {
   // Summed from the small end: differences of the large numbers would drown it in rounding.
-  double rest = std::max(0.0, total - energy.sum());
-  if (rest <= 1e-15 * total) rest = 0.0;
+  double sum = rest;
   Eigen::Index l = energy.size();
-  while (l > 0 && rest + energy[l - 1] <= allowed) rest += energy[--l];
+  while (l > 0 && sum + energy[l - 1] <= allowed) sum += energy[--l];
   return l;
+}
+
+DominantSpace dominant_space(const LargeMatrix& a, const SpaceSearch& search) {
+  constexpr Eigen::Index k_direct = 128;  // up to here all directions are kept, there is nothing to search
+  const Eigen::Index most = std::min(a.rows(), a.cols());
+  const double total = a.squared_norm();
+  Eigen::Index columns = k_direct;
+  while (columns < 2 * search.at_least) columns *= 2;
+  for (;; columns *= 2) {
+    DominantSpace space = columns >= most ? whole_space(a, total) : searched_space(a, columns, total, search);
+    if (columns < most && space.rest > 0.25 * search.allowed) continue;
+    const Eigen::Index l = columns_for(space, search);
+    space.rest = space.rest_from(l);
+    space.basis.conservativeResize(Eigen::NoChange, l);
+    space.energy.conservativeResize(l);
+    return space;
+  }
 }
 
 DominantSpace dominant_space(const Eigen::Ref<const Eigen::MatrixXd>& a, double allowed, std::uint64_t seed,
                              std::size_t threads) {
-  constexpr Eigen::Index k_direct = 128;  // up to here all directions are kept, there is nothing to search
-  const Eigen::Index most = std::min(a.rows(), a.cols());
-  for (Eigen::Index columns = k_direct;; columns *= 2) {
-    Eigen::MatrixXd q;
-    if (columns >= most) {
-      q = a.cols() <= a.rows() ? orthonormal_basis(a) : Eigen::MatrixXd::Identity(a.rows(), a.rows());
-    } else {
-      q = orthonormal_basis(product(a, normal_matrix(a.cols(), columns, seed), threads));
-      q = orthonormal_basis(product(a, transposed_product(a, q, threads), threads));
-    }
-    DominantSpace space = rotated(a, q, threads);
-    if (columns >= most || space.total - space.energy.sum() <= 0.25 * allowed) {
-      const Eigen::Index l = std::max<Eigen::Index>(1, space.rank_for(allowed));
-      space.basis.conservativeResize(Eigen::NoChange, l);
-      space.energy.conservativeResize(l);
-      return space;
-    }
-  }
+  return dominant_space(DenseMatrix(a, threads), {.allowed = allowed, .seed = seed});
 }
 
 }  // namespace knothe::reduction

@@ -19,26 +19,44 @@ namespace knothe::reduction {
 void fill_canonical(Eigen::MatrixXd space, Eigen::MatrixXd time, std::vector<Eigen::MatrixXd> parameters,
                     const std::vector<Eigen::VectorXd>& weights, ModelContents& model);
 
+/// The deviation as a matrix of parameters × (t, x), in coordinates in which the inner products over both are
+/// Euclidean: Lᵀ v √w, P × n_t n_dof, with W = L Lᵀ.
+class ParameterUnfolding final : public LargeMatrix {
+ public:
+  ParameterUnfolding(const Deviation& deviation, const ParameterProduct& product, std::size_t threads)
+      : deviation_(deviation), product_(product), threads_(threads) {}
+  [[nodiscard]] Eigen::Index rows() const override { return deviation_.grid(); }
+  [[nodiscard]] Eigen::Index cols() const override { return deviation_.times() * deviation_.dofs(); }
+  [[nodiscard]] Eigen::MatrixXd times(const Eigen::MatrixXd& b) const override;
+  [[nodiscard]] Eigen::MatrixXd transposed_times(const Eigen::MatrixXd& b) const override;
+  [[nodiscard]] Eigen::MatrixXd gram() const override;
+  [[nodiscard]] double squared_norm() const override;
+
+ private:
+  const Deviation& deviation_;
+  const ParameterProduct& product_;
+  std::size_t threads_;
+};
+
 /// (x, t) against p: the singular value decomposition of the deviation, truncated, then a space basis.
 class TreeSeparation {
  public:
-  /// Ready for up to `max_modes` modes. Squared errors below `floor` × that of the lift alone count as
-  /// rounding.
-  TreeSeparation(const Deviation& deviation, const ParameterProduct& product, std::size_t max_modes,
+  /// Ready for as many modes as `grid`, the dominant space of the ParameterUnfolding, has columns. Squared
+  /// errors below `floor` × that of the lift alone count as rounding.
+  TreeSeparation(const Deviation& deviation, const ParameterProduct& product, DominantSpace grid,
                  const CompressionOptions& options, double floor = k_rounding);
   /// What Gram matrices resolve: squares lose half the digits.
   static constexpr double k_rounding = 1e-14;
-  /// Smallest r whose truncation error (weighted, squared) is at most `allowed` or rounding.
-  [[nodiscard]] static std::size_t modes_for(const Eigen::VectorXd& energy, double allowed);
+  /// The number it is ready for.
+  [[nodiscard]] Eigen::Index modes() const { return grid_.basis.cols(); }
   /// The modes numbered below r; the space basis is as long as the truncation of p deserves.
   void fill(ModelContents& model, std::size_t r) const;
 
  private:
   const Deviation& deviation_;
   const ParameterProduct& product_;
-  FallingEigenpairs grid_;  ///< of LᵀGL, G the Gram matrix between grid points
+  DominantSpace grid_;
   DominantSpace space_;
-  Eigen::Index max_modes_;
   double floor_;          ///< squared error below which nothing is resolved
   Eigen::MatrixXd core_;  ///< Uᵀ Φ: L × (n_t R), columns t · R + k
 };

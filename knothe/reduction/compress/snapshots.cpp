@@ -35,18 +35,38 @@ std::span<const double> Snapshots::solution(std::size_t index) const {
   return std::span(values).subspan(index * size, size);
 }
 
-void validate(const Snapshots& snapshots, const std::string& where, std::size_t minimum_nodes) {
-  const Validation check(where);
+namespace {
+
+void validate_axes(const Snapshots& snapshots, const Validation& check, std::size_t minimum_nodes = 2) {
   check.axes(snapshots.axes, minimum_nodes);
   check.require(!snapshots.time.empty(), "/time is empty");
   check.increasing("/time", snapshots.time);
-  const std::size_t dofs = snapshots.dof_count();
-  check.require(dofs > 0, "/snapshots is empty");
-  check.array("snapshots", snapshots.values, joined(snapshots.grid_shape(), {snapshots.time.size(), dofs}));
+}
+
+/// What stands beside axes and field.
+void validate_rest(const Snapshots& snapshots, std::size_t dofs, const Validation& check) {
   check.dofs(snapshots.dofs, dofs);
   if (!snapshots.lift.empty()) check.array("lift", snapshots.lift, {snapshots.time.size(), dofs});
   if (snapshots.mesh) check.mesh(*snapshots.mesh);
   check.outputs(snapshots.outputs, snapshots.grid_shape(), snapshots.time.size());
+}
+
+}  // namespace
+
+void validate(const Snapshots& snapshots, const std::string& where, std::size_t minimum_nodes) {
+  const Validation check(where);
+  validate_axes(snapshots, check, minimum_nodes);
+  const std::size_t dofs = snapshots.dof_count();
+  check.require(dofs > 0, "/snapshots is empty");
+  check.array("snapshots", snapshots.values, joined(snapshots.grid_shape(), {snapshots.time.size(), dofs}));
+  validate_rest(snapshots, dofs, check);
+}
+
+void validate(const SnapshotFrame& frame, const std::string& where) {
+  const Validation check(where);
+  validate_axes(frame.snapshots, check);
+  check.require(frame.dofs > 0, "/snapshots is empty");
+  validate_rest(frame.snapshots, frame.dofs, check);
 }
 
 namespace {
@@ -77,31 +97,44 @@ void in_metres(const files::Hdf5Reader& file, const std::string& name, std::vect
     for (double& value : values) value *= factor;
 }
 
-Snapshots read_valid(const std::string& path, std::size_t minimum_nodes) {
-  const files::Hdf5Reader file(path);
-  Snapshots snapshots;
+}  // namespace
+
+SnapshotFrame read_frame(const files::Hdf5Reader& file) {
+  SnapshotFrame frame;
+  Snapshots& snapshots = frame.snapshots;
   snapshots.axes = read_axes(file);
   snapshots.time = read_time(file);
   check_field_shape(file, snapshots);
-  snapshots.values = file.read("/snapshots");
+  frame.dofs = file.shape("/snapshots").back();
   const files::Labels labels = file.labels("/snapshots");
   if (!labels.units.empty()) snapshots.field = labels;
   snapshots.dofs = read_dofs(file);
   if (!snapshots.dofs.empty()) in_metres(file, "/dofs/points", snapshots.dofs.points);
   // A displacement in millimetres; another field keeps its unit.
   if (!snapshots.dofs.empty()) {
-    in_metres(file, "/snapshots", snapshots.values);
+    frame.factor = files::factor_to_si(file, "/snapshots", "m");
     snapshots.field.units = "m";
   }
   snapshots.mesh = read_mesh(file);
   if (snapshots.mesh) in_metres(file, "/mesh/points", snapshots.mesh->points);
   if (file.has("/lift")) {
-    snapshots.lift = file.read("/lift", {snapshots.time.size(), snapshots.dof_count()});
+    snapshots.lift = file.read("/lift", {snapshots.time.size(), frame.dofs});
     if (!snapshots.dofs.empty()) in_metres(file, "/lift", snapshots.lift);
   }
   snapshots.outputs = read_outputs(file, snapshots.grid_shape(), snapshots.time.size());
-  validate(snapshots, path, minimum_nodes);
-  return snapshots;
+  return frame;
+}
+
+namespace {
+
+Snapshots read_valid(const std::string& path, std::size_t minimum_nodes) {
+  const files::Hdf5Reader file(path);
+  SnapshotFrame frame = read_frame(file);
+  frame.snapshots.values = file.read("/snapshots");
+  if (frame.factor != 1)
+    for (double& value : frame.snapshots.values) value *= frame.factor;
+  validate(frame.snapshots, path, minimum_nodes);
+  return std::move(frame.snapshots);
 }
 
 }  // namespace

@@ -80,6 +80,16 @@ struct Snapshots {
 /// The same for a single solution: its axes may have one node each.
 [[nodiscard]] Snapshots read_solution(const std::string& path);
 
+/// A file of snapshots without its field.
+struct SnapshotFrame {
+  Snapshots snapshots;  ///< no values
+  std::size_t dofs = 0;
+  double factor = 1;  ///< from the field's unit to metres; 1 if it is no displacement
+};
+
+/// The first part of `read_snapshots`; the shape of the field has been checked, its numbers have not.
+[[nodiscard]] SnapshotFrame read_frame(const files::Hdf5Reader& file);
+
 /// Writes the file atomically, of a grid or of a single solution; `single_precision` stores the field in 32
 /// bits. IoError, e.g. disk full.
 void write_snapshots(const Snapshots& snapshots, const std::string& path, bool single_precision = false);
@@ -87,5 +97,6 @@ void write_snapshots(const Snapshots& snapshots, const std::string& path, bool s
 /// Throws DataError, prefixed by `where`, unless all shapes fit, axes have so many nodes, they and time
 /// increase and all is finite.
 void validate(const Snapshots& snapshots, const std::string& where, std::size_t minimum_nodes = 2);
+void validate(const SnapshotFrame& frame, const std::string& where);
 
 }  // namespace knothe::reduction

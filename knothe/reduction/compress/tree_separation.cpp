@@ -1,6 +1,8 @@
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
+#include "knothe/base/threads.hpp"
 #include "knothe/reduction/compress/separation.hpp"
 
 namespace knothe::reduction {
@@ -11,9 +13,6 @@ namespace {
 /// space modes cost nothing online and carry what the data say about Y₀: with 0.09 the posterior std is wrong
 /// by 15 %.
 constexpr double k_space_share = 1e-4;
-double tail(const Eigen::VectorXd& energy, Eigen::Index from) {
-  return energy.tail(energy.size() - from).sum();
-}
 
 }  // namespace
 
@@ -29,32 +28,48 @@ ModelContents frame_of(const Snapshots& snapshots, const Deviation& deviation) {
   return model;
 }
 
-std::size_t TreeSeparation::modes_for(const Eigen::VectorXd& energy, double allowed) {
-  Eigen::Index r = energy.size();
-  double rest = 0.0;
-  allowed = std::max(allowed, k_rounding * energy.sum());
-  while (r > 1 && rest + energy[r - 1] <= allowed) rest += energy[--r];
-  return static_cast<std::size_t>(r);
+Eigen::MatrixXd ParameterUnfolding::times(const Eigen::MatrixXd& b) const {
+  return product_.transposed_times(deviation_.applied(b, threads_));
+}
+
+Eigen::MatrixXd ParameterUnfolding::transposed_times(const Eigen::MatrixXd& b) const {
+  // n_dof × (n_t columns) as (n_t n_dof) × columns.
+  const Eigen::MatrixXd by_time = deviation_.projected(product_.times(b), threads_);
+  Eigen::MatrixXd result(cols(), b.cols());
+  for (Eigen::Index t = 0; t < deviation_.times(); ++t)
+    result.middleRows(t * deviation_.dofs(), deviation_.dofs()) = by_time.middleCols(t * b.cols(), b.cols());
+  return result;
+}
+
+Eigen::MatrixXd ParameterUnfolding::gram() const {
+  const Eigen::MatrixXd left = product_.transposed_times(deviation_.grid_gram(threads_));
+  return product_.transposed_times(left.transpose());
+}
+
+double ParameterUnfolding::squared_norm() const {
+  std::vector<double> by_time(static_cast<std::size_t>(deviation_.times()));
+  parallel_for(by_time.size(), threads_, [&](std::size_t i) {
+    const auto t = static_cast<Eigen::Index>(i);
+    by_time[i] =
+        deviation_.time_weights()[t] * product_.transposed_times(deviation_.at_time(t)).squaredNorm();
+  });
+  return std::accumulate(by_time.begin(), by_time.end(), 0.0);
 }
 
 TreeSeparation::TreeSeparation(const Deviation& deviation, const ParameterProduct& product,
-                               std::size_t max_modes, const CompressionOptions& options, double floor)
-    : deviation_(deviation),
-      product_(product),
-      grid_(falling_eigenpairs(deviation.grid_gram(product.factor(), options.threads))) {
-  floor_ = floor * grid_.values.sum();
-  max_modes_ = std::min(static_cast<Eigen::Index>(max_modes), deviation.grid());
-  const Eigen::MatrixXd weighted = deviation.projected(
-      product.factor().triangularView<Eigen::Lower>() * grid_.vectors.leftCols(max_modes_), options.threads);
-  const double allowed = std::max(k_space_share * tail(grid_.values, max_modes_), floor_);
+                               DominantSpace grid, const CompressionOptions& options, double floor)
+    : deviation_(deviation), product_(product), grid_(std::move(grid)) {
+  floor_ = floor * grid_.total;
+  const Eigen::MatrixXd weighted = deviation.projected(product.times(grid_.basis), options.threads);
+  const double allowed = std::max(k_space_share * grid_.rest, floor_);
   space_ = dominant_space(weighted, allowed, options.seed, options.threads);
   core_.noalias() = space_.basis.transpose() * weighted;
 }
 
 void TreeSeparation::fill(ModelContents& model, std::size_t modes) const {
-  const Eigen::Index r = std::min(static_cast<Eigen::Index>(modes), max_modes_);
+  const Eigen::Index r = std::min(static_cast<Eigen::Index>(modes), grid_.basis.cols());
   const Eigen::Index times = deviation_.times(), dofs = deviation_.dofs();
-  const double allowed = std::max(k_space_share * tail(grid_.values, r), floor_);
+  const double allowed = std::max(k_space_share * grid_.rest_from(r), floor_);
   const Eigen::Index l = std::clamp<Eigen::Index>(space_.rank_for(allowed), 1, space_.basis.cols());
   model.form = Form::tree;
   model.space_modes = static_cast<std::size_t>(l);
@@ -63,12 +78,12 @@ void TreeSeparation::fill(ModelContents& model, std::size_t modes) const {
   model.temporal.resize(static_cast<std::size_t>(times * l * r));
   for (Eigen::Index t = 0; t < times; ++t) {
     Eigen::Map<RowMatrix>(model.temporal.data() + t * l * r, l, r) =
-        core_.block(0, t * max_modes_, l, r) / std::sqrt(deviation_.time_weights()[t]);
+        core_.block(0, t * grid_.basis.cols(), l, r) / std::sqrt(deviation_.time_weights()[t]);
   }
   // β_k at the nodes, orthonormal in the inner product over the parameters.
   model.joint.resize(static_cast<std::size_t>(r * deviation_.grid()));
   Eigen::Map<RowMatrix> joint(model.joint.data(), r, deviation_.grid());
-  joint = product_.at_nodes(grid_.vectors.leftCols(r)).transpose();
+  joint = product_.at_nodes(grid_.basis.leftCols(r)).transpose();
   // Signs: every β_k has its largest value positive, so that equal data give equal files.
   for (Eigen::Index k = 0; k < r; ++k) {
     Eigen::Index at = 0;

@@ -44,12 +44,11 @@ double largest_on_dofs(const MatrixXd& basis, double longest_row, const MatrixXd
 
 /// Largest error on any dof over the grid of a model in coordinates.
 double largest_error(const GridSolutions& solutions, const ModelContents& coordinates, std::size_t threads) {
-  const SeparatedModel model(coordinates);
   const double longest_row = solutions.basis.rowwise().norm().maxCoeff();
   std::vector<double> largest(solutions.snapshots.grid_size());
   parallel_for(largest.size(), threads, [&](std::size_t g) {
     const MatrixXd errors =
-        stored(solutions.snapshots, g) - field_at(model, solutions.snapshots.parameters_at(g));
+        stored(solutions.snapshots, g) - field_of(coordinates, functions_at_node(coordinates, g));
     largest[g] = largest_on_dofs(solutions.basis, longest_row, errors);
   });
   return *std::max_element(largest.begin(), largest.end());
@@ -136,7 +135,7 @@ ModelContents compress(const GridSolutions& solutions, const CompressionOptions&
   ModelContents model =
       as_found ? model_of_terms(solutions, options) : compress(solutions.snapshots, options);
   if (solutions.basis.size() == 0) return model;
-  model.max_error_m = largest_error(solutions, model, options.threads);
+  model.max_error_m = largest_error(solutions, model, options.threads) + solutions.largest_left_out;
   expand(solutions, model);
   return model;
 }

@@ -28,6 +28,7 @@ struct GridSolutions {
   Eigen::MatrixXd basis;  ///< Q, n_dof × R, orthonormal; empty: the snapshots are fields
   Dofs basis_dofs;        ///< those of Q's rows
   std::optional<Mesh> basis_mesh;
+  double largest_left_out = 0;  ///< |u − Q c| on any dof
   /// The same solutions, where they were found in this form. A canonical model with room for all terms is
   /// these.
   std::optional<CanonicalTerms> terms;

@@ -9,22 +9,50 @@
 
 namespace knothe::reduction {
 
-Eigen::MatrixXd field_at(const SeparatedModel& model, std::span<const double> p) {
-  const ModelContents& contents = model.contents();
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+MatrixXd coefficients_of(const ModelContents& contents, const VectorXd& w) {
+  const auto l = static_cast<Index>(contents.space_modes), r = static_cast<Index>(contents.parameter_modes),
+             times = static_cast<Index>(contents.time.size());
+  MatrixXd coefficients(l, times);
+  if (contents.form == Form::tree)
+    coefficients.reshaped() = Eigen::Map<const RowMatrix>(contents.temporal.data(), times * l, r) * w;
+  else
+    coefficients = w.asDiagonal() * Eigen::Map<const RowMatrix>(contents.temporal.data(), l, times);
+  return coefficients;
+}
+
+MatrixXd field_of(const ModelContents& contents, const VectorXd& w) {
+  MatrixXd field = lift_of(contents);
+  field.noalias() += space_of(contents) * coefficients_of(contents, w);
+  return field;
+}
+
+VectorXd functions_at_node(const ModelContents& contents, std::size_t index) {
+  const auto r = static_cast<Index>(contents.parameter_modes);
+  if (contents.form == Form::tree) {
+    const Eigen::Map<const RowMatrix> joint(contents.joint.data(), r,
+                                            static_cast<Index>(contents.joint.size()) / r);
+    return joint.col(static_cast<Index>(index));
+  }
+  VectorXd w = VectorXd::Ones(r);
+  for (std::size_t i = contents.axes.size(); i-- > 0;) {
+    const std::size_t n = contents.axes[i].nodes.size();
+    const Eigen::Map<const RowMatrix> alpha(contents.parameters[i].data(), r, static_cast<Index>(n));
+    w.array() *= alpha.col(static_cast<Index>(index % n)).array();
+    index /= n;
+  }
+  return w;
+}
+
+MatrixXd field_at(const SeparatedModel& model, std::span<const double> p) {
   FunctionBatch w;
   w.resize(1, model.functions()->dimension(), model.functions()->count(), 0);
-  const Eigen::MatrixXd point =
-      Eigen::Map<const Eigen::RowVectorXd>(p.data(), static_cast<Eigen::Index>(p.size()));
+  const MatrixXd point = Eigen::Map<const Eigen::RowVectorXd>(p.data(), static_cast<Eigen::Index>(p.size()));
   model.functions()->evaluate(point, 0, w);
-  Eigen::MatrixXd coefficients(static_cast<Eigen::Index>(contents.space_modes),
-                               static_cast<Eigen::Index>(contents.time.size()));
-  for (Eigen::Index t = 0; t < coefficients.cols(); ++t) {
-    coefficients.col(t).noalias() =
-        core_of(contents, static_cast<std::size_t>(t)) * w.value.row(0).transpose();
-  }
-  Eigen::MatrixXd field = lift_of(contents);
-  field.noalias() += space_of(contents) * coefficients;
-  return field;
+  return field_of(model.contents(), w.value.row(0).transpose());
 }
 
 namespace {
@@ -36,18 +64,19 @@ struct Sums {
   double max = 0.0;
 };
 
-Sums compare(const SeparatedModel& model, std::span<const double> p, std::span<const double> solution,
-             const Eigen::VectorXd& time_weights) {
-  const auto lift = lift_of(model.contents());
+/// Of the model's `field`, n_dof × n_t, from the solution.
+Sums compare(const ModelContents& contents, const MatrixXd& field, std::span<const double> solution,
+             const VectorXd& time_weights) {
+  const auto lift = lift_of(contents);
   if (static_cast<Eigen::Index>(solution.size()) != lift.size()) {
     throw UsageError("the solutions and the model differ in number of dofs or time steps");
   }
-  const Eigen::Map<const Eigen::MatrixXd> u(solution.data(), lift.rows(), lift.cols());
-  const Eigen::MatrixXd error = u - field_at(model, p);
-  const auto norms = [](const auto& matrix) -> Eigen::VectorXd {
+  const Eigen::Map<const MatrixXd> u(solution.data(), lift.rows(), lift.cols());
+  const MatrixXd error = u - field;
+  const auto norms = [](const auto& matrix) -> VectorXd {
     return matrix.colwise().squaredNorm().transpose();
   };
-  const Eigen::VectorXd of_solution = norms(u), of_error = norms(error);
+  const VectorXd of_solution = norms(u), of_error = norms(error);
   return {time_weights.dot(of_solution),
           time_weights.dot(norms(u - lift)),
           time_weights.dot(of_error),
@@ -62,7 +91,7 @@ double ratio(double part, double whole) {
   return part > 0.0 ? 1.0 : 0.0;
 }
 
-ModelError total(std::span<const Sums> sums, const Eigen::VectorXd& weights) {
+ModelError total(std::span<const Sums> sums, const VectorXd& weights) {
   Sums all;
   for (std::size_t i = 0; i < sums.size(); ++i) {
     const double weight = weights[static_cast<Eigen::Index>(i)];
@@ -80,24 +109,26 @@ ModelError total(std::span<const Sums> sums, const Eigen::VectorXd& weights) {
 }  // namespace
 
 ModelError training_error(const ModelContents& contents, const Snapshots& snapshots, std::size_t threads) {
-  const SeparatedModel model(contents);
+  if (contents.grid_shape() != snapshots.grid_shape())
+    throw UsageError("the model and the snapshots have different grids");
   const Deviation deviation(snapshots);
   std::vector<Sums> sums(snapshots.grid_size());
   parallel_for(sums.size(), threads, [&](std::size_t g) {
-    sums[g] = compare(model, snapshots.parameters_at(g), snapshots.solution(g), deviation.time_weights());
+    sums[g] = compare(contents, field_of(contents, functions_at_node(contents, g)), snapshots.solution(g),
+                      deviation.time_weights());
   });
   return total(sums, deviation.grid_weights());
 }
 
 ModelError off_grid_error(const ModelContents& contents, std::span<const OffGridSolution> solutions) {
   const SeparatedModel model(contents);
-  const Eigen::VectorXd time_weights = trapezoid_weights(contents.time);
+  const VectorXd time_weights = trapezoid_weights(contents.time);
   std::vector<Sums> sums;
   for (const OffGridSolution& solution : solutions) {
-    sums.push_back(compare(model, solution.parameters, solution.values, time_weights));
+    sums.push_back(compare(contents, field_at(model, solution.parameters), solution.values, time_weights));
   }
   const auto n = static_cast<Eigen::Index>(sums.size());
-  return total(sums, Eigen::VectorXd::Constant(n, 1.0 / static_cast<double>(n)));
+  return total(sums, VectorXd::Constant(n, 1.0 / static_cast<double>(n)));
 }
 
 }  // namespace knothe::reduction

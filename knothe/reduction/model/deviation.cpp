@@ -39,17 +39,17 @@ Deviation::Deviation(const Snapshots& snapshots) : snapshots_(snapshots) {
   lift_ /= static_cast<double>(grid());
 }
 
-RowMatrix Deviation::at_time(Eigen::Index t) const {
-  RowMatrix block(grid(), dofs());
-  for (Eigen::Index g = 0; g < grid(); ++g) {
-    const double* solution = snapshots_.solution(static_cast<std::size_t>(g)).data();
+RowMatrix Deviation::at_time(Eigen::Index t, Eigen::Index first, Eigen::Index count) const {
+  RowMatrix block(count, dofs());
+  for (Eigen::Index g = 0; g < count; ++g) {
+    const double* solution = snapshots_.solution(static_cast<std::size_t>(first + g)).data();
     block.row(g) =
         Eigen::Map<const Eigen::RowVectorXd>(solution + t * dofs(), dofs()) - lift_.col(t).transpose();
   }
   return block;
 }
 
-Eigen::MatrixXd Deviation::grid_gram(const Eigen::MatrixXd& factor, std::size_t threads) const {
+Eigen::MatrixXd Deviation::grid_gram(std::size_t threads) const {
   // A few instants at a time, which bounds the memory; summed in order, so that the number of threads does
   // not matter.
   constexpr Eigen::Index k_together = 8;
@@ -63,7 +63,20 @@ Eigen::MatrixXd Deviation::grid_gram(const Eigen::MatrixXd& factor, std::size_t 
     });
     for (const Eigen::MatrixXd& part : parts) gram += part;
   }
-  return factor.transpose() * gram * factor;
+  return gram;
+}
+
+Eigen::MatrixXd Deviation::applied(const Eigen::MatrixXd& b, std::size_t threads) const {
+  constexpr Eigen::Index k_points = 64;  // fixed, so that results do not depend on the number of threads
+  Eigen::MatrixXd result = Eigen::MatrixXd::Zero(grid(), b.cols());
+  parallel_for(static_cast<std::size_t>((grid() + k_points - 1) / k_points), threads, [&](std::size_t i) {
+    const Eigen::Index first = static_cast<Eigen::Index>(i) * k_points,
+                       n = std::min(k_points, grid() - first);
+    for (Eigen::Index t = 0; t < times(); ++t)
+      result.middleRows(first, n).noalias() +=
+          std::sqrt(time_weights_[t]) * (at_time(t, first, n) * b.middleRows(t * dofs(), dofs()));
+  });
+  return result;
 }
 
 Eigen::MatrixXd Deviation::projected(const Eigen::MatrixXd& v, std::size_t threads) const {

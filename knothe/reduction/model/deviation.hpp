@@ -23,13 +23,17 @@ class Deviation {
   [[nodiscard]] const Eigen::MatrixXd& lift() const { return lift_; }  ///< n_dof × n_t
 
   /// u − u_lift at time `t`: P × n_dof.
-  [[nodiscard]] RowMatrix at_time(Eigen::Index t) const;
-  /// Lᵀ G L with G = Σ_t w_t ⟨·,·⟩ between grid points, for the factor L (P × P) of a ParameterProduct.
-  [[nodiscard]] Eigen::MatrixXd grid_gram(const Eigen::MatrixXd& factor, std::size_t threads) const;
+  [[nodiscard]] RowMatrix at_time(Eigen::Index t) const { return at_time(t, 0, grid()); }
+  /// G = Σ_t w_t ⟨·,·⟩ between grid points, P × P.
+  [[nodiscard]] Eigen::MatrixXd grid_gram(std::size_t threads) const;
+  /// Σ_t √w_t (u − u_lift)(·, t, p) B_t, where the rows of B are (t, dof): P × columns of B.
+  [[nodiscard]] Eigen::MatrixXd applied(const Eigen::MatrixXd& b, std::size_t threads) const;
   /// Columns √w_t Σ_p (u − u_lift)(·, t, p) V_pk at t · r + k: n_dof × (n_t r).
   [[nodiscard]] Eigen::MatrixXd projected(const Eigen::MatrixXd& v, std::size_t threads) const;
 
  private:
+  [[nodiscard]] RowMatrix at_time(Eigen::Index t, Eigen::Index first, Eigen::Index count) const;
+
   const Snapshots& snapshots_;
   Eigen::VectorXd grid_weights_, time_weights_;
   Eigen::MatrixXd lift_;

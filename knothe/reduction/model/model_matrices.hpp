@@ -15,6 +15,12 @@ namespace knothe::reduction {
 [[nodiscard]] Eigen::MatrixXd core_of(const ModelContents& contents, std::size_t step);
 
 class SeparatedModel;
+/// C_t w at all times: l × n_t.
+[[nodiscard]] Eigen::MatrixXd coefficients_of(const ModelContents& contents, const Eigen::VectorXd& w);
+/// w at grid point `index` (C order), which is in the file and takes no spline.
+[[nodiscard]] Eigen::VectorXd functions_at_node(const ModelContents& contents, std::size_t index);
+/// lift + U C_t w at all times: n_dof × n_t.
+[[nodiscard]] Eigen::MatrixXd field_of(const ModelContents& contents, const Eigen::VectorXd& w);
 /// The model's field at one point: n_dof × n_t.
 [[nodiscard]] Eigen::MatrixXd field_at(const SeparatedModel& model, std::span<const double> p);
 

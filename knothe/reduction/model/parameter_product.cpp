@@ -9,6 +9,7 @@
 #include "knothe/numerics/functions/cubic_spline.hpp"
 #include "knothe/numerics/integrate/quadrature.hpp"
 #include "knothe/reduction/model/deviation.hpp"
+#include "knothe/reduction/model/tensor_product.hpp"
 
 namespace knothe::reduction {
 
@@ -40,7 +41,6 @@ ParameterProduct::ParameterProduct(std::span<const Axis> axes, const Compression
   if (!(s >= 0.0 && std::isfinite(s))) {
     throw UsageError(fmt::format("the Sobolev length {} must not be negative", s));
   }
-  factor_ = Eigen::MatrixXd::Ones(1, 1);
   for (const Axis& axis : axes) {
     Eigen::MatrixXd& own = factors_.emplace_back();
     // Canonical form: alternating least squares found worse minima in the norm of splines
@@ -50,18 +50,32 @@ ParameterProduct::ParameterProduct(std::span<const Axis> axes, const Compression
     } else {
       own = spline_gram(axis.nodes, s).llt().matrixL();
     }
-    const Eigen::Index n = own.rows();
-    Eigen::MatrixXd product(factor_.rows() * n, factor_.cols() * n);  // the new axis varies fastest
-    for (Eigen::Index a = 0; a < factor_.rows(); ++a) {
-      for (Eigen::Index b = 0; b < factor_.cols(); ++b)
-        product.block(a * n, b * n, n, n) = factor_(a, b) * own;
-    }
-    factor_ = std::move(product);
+    transposed_.emplace_back(own.transpose());
+    inverse_transposed_.emplace_back(own.transpose().triangularView<Eigen::Upper>().solve(
+        Eigen::MatrixXd::Identity(own.rows(), own.rows())));
   }
 }
 
-Eigen::MatrixXd ParameterProduct::at_nodes(const Eigen::Ref<const Eigen::MatrixXd>& coordinates) const {
-  return factor_.transpose().triangularView<Eigen::Upper>().solve(Eigen::MatrixXd(coordinates));
+namespace {
+
+Eigen::MatrixXd multiplied(const std::vector<Eigen::MatrixXd>& factors, Eigen::MatrixXd columns) {
+  multiply_along_axes({columns.data(), static_cast<std::size_t>(columns.size())}, factors.size(),
+                      [&](std::size_t i) -> const Eigen::MatrixXd& { return factors[i]; });
+  return columns;
+}
+
+}  // namespace
+
+Eigen::MatrixXd ParameterProduct::times(Eigen::MatrixXd columns) const {
+  return multiplied(factors_, std::move(columns));
+}
+
+Eigen::MatrixXd ParameterProduct::transposed_times(Eigen::MatrixXd columns) const {
+  return multiplied(transposed_, std::move(columns));
+}
+
+Eigen::MatrixXd ParameterProduct::at_nodes(Eigen::MatrixXd coordinates) const {
+  return multiplied(inverse_transposed_, std::move(coordinates));
 }
 
 }  // namespace knothe::reduction

@@ -22,14 +22,15 @@ class ParameterProduct {
 
   /// L_i with W_i = L_i L_iᵀ, lower triangular.
   [[nodiscard]] const std::vector<Eigen::MatrixXd>& factors() const { return factors_; }
-  /// L = ⊗_i L_i: W = L Lᵀ.
-  [[nodiscard]] const Eigen::MatrixXd& factor() const { return factor_; }
+  /// L x for columns x, where W = L Lᵀ, L = ⊗_i L_i.
+  [[nodiscard]] Eigen::MatrixXd times(Eigen::MatrixXd columns) const;
+  /// Lᵀ x for columns x.
+  [[nodiscard]] Eigen::MatrixXd transposed_times(Eigen::MatrixXd columns) const;
   /// Columns f with Lᵀ f = `coordinates`: what is orthonormal there is orthonormal in W.
-  [[nodiscard]] Eigen::MatrixXd at_nodes(const Eigen::Ref<const Eigen::MatrixXd>& coordinates) const;
+  [[nodiscard]] Eigen::MatrixXd at_nodes(Eigen::MatrixXd coordinates) const;
 
  private:
-  std::vector<Eigen::MatrixXd> factors_;
-  Eigen::MatrixXd factor_;
+  std::vector<Eigen::MatrixXd> factors_, transposed_, inverse_transposed_;
 };
 
 }  // namespace knothe::reduction

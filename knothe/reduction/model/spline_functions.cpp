@@ -8,6 +8,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/reduction/model/joint_quadratic_form.hpp"
 #include "knothe/reduction/model/spline_contraction.hpp"
+#include "knothe/reduction/model/tensor_product.hpp"
 
 namespace knothe::reduction {
 
@@ -152,18 +153,13 @@ JointFunctions::JointFunctions(std::span<const std::vector<double>> nodes, std::
         fmt::format("a joint tensor grid of {} parameters: 1 to {} are possible; use the canonical form", d,
                     k_max_parameters));
   }
-  // B-spline coefficients: along every axis in turn. Seen from axis i the array is [before, nᵢ, after].
+  // B-spline coefficients: along every axis in turn.
   std::vector<double> fitted(values.begin(), values.end());
-  Eigen::Index after = 1;
-  for (std::size_t i = d; i-- > 0;) {
-    const Eigen::Index n = bases_[i].size();
-    for (Eigen::Index block = 0; block < static_cast<Eigen::Index>(fitted.size()); block += n * after) {
-      Eigen::Map<RowMatrix> part(fitted.data() + block, n, after);
-      part = (bases_[i].coefficients_from_values() * part).eval();
-    }
-    after *= n;
-  }
-  const Eigen::Index grid = after;
+  multiply_along_axes(fitted, d, [&](std::size_t i) -> const Eigen::MatrixXd& {
+    return bases_[i].coefficients_from_values();
+  });
+  Eigen::Index grid = 1;
+  for (const numerics::CubicSplineBasis& basis : bases_) grid *= basis.size();
   assert(static_cast<Eigen::Index>(values.size()) == grid * count);
   coefficients_.assign(static_cast<std::size_t>(grid * padded_), 0.0);
   Eigen::Map<RowMatrix>(coefficients_.data(), grid, padded_).leftCols(count) =

@@ -9,6 +9,7 @@
 #include "knothe/base/threads.hpp"
 #include "knothe/reduction/compress/low_rank.hpp"
 #include "knothe/reduction/grid/grid_solutions.hpp"
+#include "knothe/reduction/grid/solutions_file.hpp"
 #include "knothe/reduction/model/model_matrices.hpp"
 #include "knothe/reduction/model/separated_model.hpp"
 #include "knothe/reduction/observe/observation_operator.hpp"
@@ -23,45 +24,74 @@ namespace {
 /// All known errors, one after the other; each n_dof × n_t, with its weight.
 class KnownErrors {
  public:
-  /// `basis`: Q of GridSolutions, whose coordinates the snapshots are then; empty for fields.
+  /// `basis`: Q of GridSolutions, whose coordinates the snapshots are then; empty for fields. The model was
+  /// made from these coordinates: its space is that of Q.
   KnownErrors(const ModelContents& contents, const Snapshots& snapshots, const MatrixXd& basis,
               std::span<const OffGridSolution> off_grid)
-      : model_(contents), snapshots_(snapshots), basis_(basis), off_grid_(off_grid) {}
+      : model_(contents), snapshots_(snapshots), basis_(basis), off_grid_(off_grid) {
+    if (contents.grid_shape() != snapshots.grid_shape())
+      throw UsageError("the model and the snapshots have different grids");
+    if (basis.size() == 0) return;
+    if (basis.rows() != lift_of(contents).rows()) refuse_sizes();
+    lift_ = basis.transpose() * lift_of(contents);
+    space_ = basis.transpose() * space_of(contents);
+  }
 
   [[nodiscard]] std::size_t grid_count() const { return snapshots_.grid_size(); }
   [[nodiscard]] std::size_t count() const { return grid_count() + off_grid_.size(); }
   [[nodiscard]] double weight(std::size_t i) const {
-    const std::size_t grid = snapshots_.grid_size();
-    return 1.0 / static_cast<double>(i < grid ? grid : off_grid_.size());
+    return 1.0 / static_cast<double>(i < grid_count() ? grid_count() : off_grid_.size());
   }
   [[nodiscard]] std::vector<double> parameters(std::size_t i) const {
-    const std::size_t grid = snapshots_.grid_size();
-    return i < grid ? snapshots_.parameters_at(i) : off_grid_[i - grid].parameters;
+    return i < grid_count() ? snapshots_.parameters_at(i) : off_grid_[i - grid_count()].parameters;
   }
+  /// Whether error `i` comes in coordinates, R × n_t.
+  [[nodiscard]] bool in_basis(std::size_t i) const { return i < grid_count() && basis_.size() > 0; }
   [[nodiscard]] MatrixXd error(std::size_t i) const {
-    const std::size_t grid = snapshots_.grid_size();
-    const std::span<const double> solution =
-        i < grid ? snapshots_.solution(i) : std::span<const double>(off_grid_[i - grid].values);
-    const std::vector<double> p = parameters(i);
-    const auto lift = lift_of(model_.contents());
-    const bool in_basis = i < grid && basis_.size() > 0;
-    const Index rows = in_basis ? basis_.cols() : lift.rows();
-    if (static_cast<Index>(solution.size()) != rows * lift.cols() ||
-        (in_basis && basis_.rows() != lift.rows()))
-      throw UsageError("the solutions and the model differ in number of dofs or time steps");
-    const Eigen::Map<const MatrixXd> stored(solution.data(), rows, lift.cols());
-    MatrixXd error = -field_at(model_, p);
-    if (in_basis)
-      error.noalias() += basis_ * stored;
-    else
-      error += stored;
-    return error;
+    const ModelContents& contents = model_.contents();
+    if (in_basis(i)) {
+      MatrixXd error = solution(i, lift_.rows()) - lift_;
+      error.noalias() -= space_ * coefficients_of(contents, functions_at_node(contents, i));
+      return error;
+    }
+    const Index dofs = lift_of(contents).rows();
+    if (i < grid_count()) return solution(i, dofs) - field_of(contents, functions_at_node(contents, i));
+    return solution(i, dofs) - field_at(model_, off_grid_[i - grid_count()].parameters);
   }
+  /// Σ_i error i · factor(i), n_dof × width; in order, so that the number of threads does not matter.
+  template <class Factor>
+  [[nodiscard]] MatrixXd combined(Index width, std::size_t threads, const Factor& factor) const {
+    MatrixXd fields = MatrixXd::Zero(lift_of(model_.contents()).rows(), width);
+    MatrixXd coordinates = MatrixXd::Zero(basis_.cols(), width);
+    constexpr std::size_t k_together = 16;  // bounds the memory
+    for (std::size_t first = 0; first < count(); first += k_together) {
+      std::vector<MatrixXd> parts(std::min(k_together, count() - first));
+      parallel_for(parts.size(), threads,
+                   [&](std::size_t i) { parts[i] = error(first + i) * factor(first + i); });
+      for (std::size_t i = 0; i < parts.size(); ++i) (in_basis(first + i) ? coordinates : fields) += parts[i];
+    }
+    if (basis_.size() > 0) fields.noalias() += basis_ * coordinates;
+    return fields;
+  }
+  /// The columns of V, n_dof × k, as error `i` sees them.
+  [[nodiscard]] MatrixXd in_coordinates(const MatrixXd& v) const { return basis_.transpose() * v; }
 
  private:
+  [[noreturn]] static void refuse_sizes() {
+    throw UsageError("the solutions and the model differ in number of dofs or time steps");
+  }
+  [[nodiscard]] Eigen::Map<const MatrixXd> solution(std::size_t i, Index rows) const {
+    const std::span<const double> values =
+        i < grid_count() ? snapshots_.solution(i) : std::span(off_grid_[i - grid_count()].values);
+    const Index times = lift_of(model_.contents()).cols();
+    if (static_cast<Index>(values.size()) != rows * times) refuse_sizes();
+    return {values.data(), rows, times};
+  }
+
   SeparatedModel model_;
   const Snapshots& snapshots_;
   const MatrixXd& basis_;
+  MatrixXd lift_, space_;  ///< the model's, in coordinates
   std::span<const OffGridSolution> off_grid_;
 };
 
@@ -96,14 +126,9 @@ TruncationError covariance_of(const KnownErrors& errors, const ModelContents& co
   const Index most =
       std::min<Index>({static_cast<Index>(modes), dofs, times * static_cast<Index>(errors.count())});
   const Index width = std::min(2 * most, dofs);
-  std::vector<MatrixXd> sketches(errors.count());
-  parallel_for(errors.count(), threads, [&](std::size_t i) {
-    sketches[i] = errors.error(i) * (std::sqrt(errors.weight(i)) *
-                                     normal_matrix(times, width, 1 + static_cast<std::uint64_t>(i)));
+  const MatrixXd sketch = errors.combined(width, threads, [&](std::size_t i) -> MatrixXd {
+    return std::sqrt(errors.weight(i)) * normal_matrix(times, width, 1 + static_cast<std::uint64_t>(i));
   });
-  MatrixXd sketch = MatrixXd::Zero(dofs, width);
-  for (const MatrixXd& part : sketches) sketch += part;  // in order: the same for any number of threads
-  sketches.clear();
   TruncationError result;
   // Errors that are sums of fewer modes have a space of fewer.
   const MatrixXd space = dominant_space(sketch, 0.0, 1, threads).basis;
@@ -112,12 +137,13 @@ TruncationError covariance_of(const KnownErrors& errors, const ModelContents& co
   result.count = static_cast<std::size_t>(k);
   result.space.assign(basis.data(), basis.data() + basis.size());
 
+  const MatrixXd in_coordinates = errors.in_coordinates(basis);
   std::vector<MatrixXd> coefficients(errors.count());  // k × n_t
   std::vector<Eigen::VectorXd> left(errors.count());   // n_t: squared norm outside the basis
   std::vector<double> weights(errors.count());
   parallel_for(errors.count(), threads, [&](std::size_t i) {
     const MatrixXd error = errors.error(i);
-    coefficients[i].noalias() = basis.transpose() * error;
+    coefficients[i].noalias() = (errors.in_basis(i) ? in_coordinates : basis).transpose() * error;
     weights[i] = errors.weight(i);
     left[i] =
         (error.colwise().squaredNorm() - coefficients[i].colwise().squaredNorm()).transpose().cwiseMax(0.0);
@@ -232,10 +258,10 @@ ObservedErrors observe_off_grid(const TruncationError& error, const ModelContent
 }
 
 ImportedModel import_model_and_error(const std::string& path, const CompressionOptions& options) {
-  const Snapshots snapshots = read_snapshots(path);
-  ImportedModel result{compress(snapshots, options), {}};
+  const GridSolutions solutions = read_solutions(path, {.threads = options.threads});
+  ImportedModel result{compress(solutions, options), {}};
   result.model.project = "# imported from " + path + "\n";
-  result.truncation = truncation_error(result.model, snapshots, {}, 20, options.threads);
+  result.truncation = truncation_error(result.model, solutions, {}, 20, options.threads);
   return result;
 }
 
