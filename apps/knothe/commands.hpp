@@ -36,6 +36,7 @@ struct ImportArguments {
   std::string form = "tree";
   int modes = 0;           ///< 0: by the tolerance
   double tolerance = 0.0;  ///< 0: the default of the form
+  bool json = false;
 };
 int model_import(const ImportArguments& arguments);
 

@@ -13,6 +13,26 @@
 
 namespace knothe::commands {
 
+namespace {
+
+/// What both commands say of the model's errors, on the nodes and off them.
+void add_errors(const reduction::ModelContents& model, nlohmann::ordered_json& record) {
+  record["relative_error"] = model.relative_error;
+  record["max_error_m"] = model.max_error_m;
+  if (!model.off_grid) return;
+  record["off_grid_relative_error"] = model.off_grid->relative_error;
+  record["off_grid_max_error_m"] = model.off_grid->max_error_m;
+  record["off_grid_source"] = model.off_grid->source;
+}
+
+std::string off_grid_text(const reduction::ModelContents& model) {
+  if (!model.off_grid) return "not known";
+  return fmt::format("{:.2g} (relative), at most {:.3g} µm (from {})", model.off_grid->relative_error,
+                     model.off_grid->max_error_m * 1e6, model.off_grid->source);
+}
+
+}  // namespace
+
 int model_info(const ModelArguments& arguments) {
   const auto model = reduction::SeparatedModel::load(arguments.model);
   const reduction::ModelContents& c = model.contents();
@@ -36,8 +56,7 @@ int model_info(const ModelArguments& arguments) {
   info["mesh_cells"] = c.mesh ? c.mesh->cell_count() : 0;
   info["outputs"] = model.output_names();
   info["crack_lengths"] = c.crack.length.size();
-  info["relative_error"] = c.relative_error;
-  info["max_error_m"] = c.max_error_m;
+  add_errors(c, info);
   info["created_by"] = c.created_by;
   std::string text = fmt::format(
       "{}: {} form, {} space modes, {} parameter modes, made by {}\n  {} dofs [{}], {} steps of model time "
@@ -50,8 +69,9 @@ int model_info(const ModelArguments& arguments) {
                         axis.nodes.back(), axis.nodes.size(), axis.reference, axis.units);
   text += fmt::format(
       "  outputs: {}; crack lengths: {}\n  error on the training grid: {:.2g} relative (L²), at most {:.3g} "
-      "µm on any dof",
-      fmt::join(model.output_names(), ", "), c.crack.length.size(), c.relative_error, c.max_error_m * 1e6);
+      "µm on any dof\n  error off the grid: {}",
+      fmt::join(model.output_names(), ", "), c.crack.length.size(), c.relative_error, c.max_error_m * 1e6,
+      off_grid_text(c));
   files::CommandOutput(arguments.json).line(info, text);
   return 0;
 }
@@ -65,11 +85,16 @@ int model_import(const ImportArguments& arguments) {
   files::refuse_overwriting(arguments.output, {arguments.snapshots});
   const auto [model, truncation] = reduction::import_model_and_error(arguments.snapshots, options);
   reduction::write_model(model, truncation, arguments.output);
-  fmt::print(
-      "{}: {} form, {} space modes, {} parameter modes, error on the grid {:.2g} (relative), at most {:.3g} "
-      "µm\n",
-      arguments.output, arguments.form, model.space_modes, model.parameter_modes, model.relative_error,
-      model.max_error_m * 1e6);
+  nlohmann::ordered_json record = {{"model", arguments.output},
+                                   {"form", arguments.form},
+                                   {"space_modes", model.space_modes},
+                                   {"parameter_modes", model.parameter_modes}};
+  add_errors(model, record);
+  files::CommandOutput(arguments.json)
+      .line(record, fmt::format("{}: {} form, {} space modes, {} parameter modes, error on the grid {:.2g} "
+                                "(relative), at most {:.3g} µm; off the grid {}",
+                                arguments.output, arguments.form, model.space_modes, model.parameter_modes,
+                                model.relative_error, model.max_error_m * 1e6, off_grid_text(model)));
   if (arguments.tolerance > 0 && model.relative_error > arguments.tolerance)
     fmt::print(stderr, "note: --modes {} is too few for --tolerance {:g}\n", arguments.modes,
                arguments.tolerance);

@@ -55,7 +55,8 @@ void add_model_commands(CLI::App& app, Command& chosen) {
   evaluate_command.add_option("-o,--output", evaluate.output, "field file to write (.vtu)");
 
   CLI::App& import_command =
-      add(model, chosen, import, model_import, "import", "Separated model from any solver's snapshots.",
+      add(model, chosen, import, model_import, "import",
+          "Separated model from any solver's snapshots (the file: docs/formats.md#snapshots).",
           "knothe model import snapshots.h5 -o model.h5 --form tree --modes 30");
   import_command.add_option("SNAPSHOTS", import.snapshots, "snapshot file")->required();
   import_command.add_option("-o,--output", import.output, "model file to write")->required();
@@ -64,6 +65,7 @@ void add_model_commands(CLI::App& app, Command& chosen) {
       ->capture_default_str();
   import_command.add_option("--modes", import.modes, "number of modes")->check(CLI::PositiveNumber);
   import_command.add_option("--tolerance", import.tolerance, "relative L² error")->check(CLI::PositiveNumber);
+  import_command.add_flag("--json", import.json, "one line of JSON");
   forward<VerifyArguments>(model, chosen);
   forward<MeshStudyArguments>(model, chosen);
   forward<FullOrderArguments>(model, chosen);

@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+
 #include <nlohmann/json.hpp>
 
 #include "knothe/base/error.hpp"
@@ -57,8 +59,10 @@ void build(const BuildOptions& build, const files::CommandOutput& output) {
       solve_project_grid(project, problem, build.model + ".parts", off_grid, output);
   // In an MPI job all ranks have computed runs and now hold the same snapshots; the first one goes on.
   if (!is_first) return;
-  const reduction::ModelContents model = compressed(project, problem, solutions);
+  reduction::ModelContents model = compressed(project, problem, solutions);
   if (off_grid.empty()) off_grid = solved_off_grid();
+  const reduction::ModelError between = reduction::off_grid_error(model, off_grid);
+  model.off_grid = {std::max(between.relative, between.plain_relative), between.max, "full-order solutions"};
   reduction::write_model(model, reduction::truncation_error(model, solutions, off_grid), build.model);
   study_models(project, solutions, off_grid, output);
   output.line(

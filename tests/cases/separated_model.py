@@ -32,8 +32,24 @@ class Test(Case):
         self.assertEqual(info["outputs"], ["imposed_displacement", "reaction_force"])
         self.assertLessEqual(info["relative_error"], 1e-9)
         text = self.expect(0, "model", "info", "model.h5").out
-        for word in ("tree form", "162 dofs", "12 steps", "Y0: 0.5 … 1.5, 7 nodes", "reaction_force"):
+        for word in ("tree form", "162 dofs", "12 steps", "Y0: 0.5 … 1.5, 7 nodes", "reaction_force", "error off the grid: "):
             self.assertIn(word, text)
+
+    def test_import_and_info_tell_the_error_between_the_nodes(self):
+        (said,) = self.expect(0, "model", "import", "snapshots.h5", "-o", "again.h5", "--tolerance", "1e-9", "--json").lines()
+        (info,) = self.expect(0, "model", "info", "again.h5", "--json").lines()
+        keys = ["relative_error", "max_error_m", "off_grid_relative_error", "off_grid_max_error_m", "off_grid_source"]
+        self.assertEqual([said[key] for key in keys], [info[key] for key in keys])
+        self.assertEqual(info["off_grid_source"], "left-out nodes")
+        largest = 0
+        for y0, ad in ((0.6, 0.7), (0.917, 1.283), (1.1, 0.58), (1.42, 1.42), (0.55, 1.45), (0.58, 0.58)):
+            for step in range(12):
+                values = self.evaluate(y0, ad, step, model="again.h5")["values"]
+                largest = max(largest, max(abs(a - b) for a, b in zip(values, self.exact(y0, ad, step))))
+        self.assertGreater(largest, 30 * info["max_error_m"])
+        self.assertGreater(info["off_grid_max_error_m"], largest / 3)
+        self.assertLess(info["off_grid_max_error_m"], largest * 3)
+        self.assertIn("off the grid", self.expect(0, "model", "import", "snapshots.h5", "-o", "again.h5").out)
 
     def test_tree_form_gives_the_snapshots_at_a_grid_node(self):
         y0, ad = analytic_model.node(1), analytic_model.node(5)

@@ -1,6 +1,7 @@
 #pragma once
 /// @file From snapshots to a separated model (docs/reduction.md). No Eigen types here.
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <span>
 #include <string>
@@ -64,6 +65,10 @@ struct CompressionRow {
 /// Errors at other points.
 [[nodiscard]] ModelError off_grid_error(const ModelContents& model,
                                         std::span<const OffGridSolution> solutions);
+/// Of `count` solutions that need not be in memory together.
+[[nodiscard]] ModelError off_grid_error(const ModelContents& model, std::size_t count,
+                                        const std::function<OffGridSolution(std::size_t)>& solution,
+                                        std::size_t threads = 0);
 
 /// A model with its line of the study.
 struct StudiedModel {

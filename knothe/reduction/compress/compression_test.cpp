@@ -9,6 +9,7 @@
 #include "knothe/reduction/compress/cp_als.hpp"
 #include "knothe/reduction/compress/low_rank.hpp"
 #include "knothe/reduction/model/deviation.hpp"
+#include "knothe/reduction/model/parameter_product.hpp"
 #include "knothe/reduction/model/truncation_error.hpp"
 #include "knothe/reduction/testing/test_models.hpp"
 
@@ -183,6 +184,45 @@ TEST(Compression, TreeErrorIsTheTailOfTheSingularValues) {
     const double best = sigma.tail(30 - r).norm() / sigma.norm();
     EXPECT_GE(studied.row.training.relative_to_lift, best * (1 - 1e-9));
     EXPECT_LE(studied.row.training.relative_to_lift, best * 1.001);  // the space basis adds its share
+  }
+}
+
+TEST(Compression, ManyPointsAreCompressedAsTheSingularValueDecompositionDoes) {
+  // 4⁴ = 256 points: more than are decomposed directly. The judge is the SVD of the whole matrix in the norm
+  // of the splines, and the errors of the model that it gives.
+  std::vector<Axis> axes;
+  for (const char* name : {"a", "b", "c", "d"}) axes.push_back({name, {0.0, 0.2, 0.7, 1.0}, "1", "", 1.0});
+  const auto field = [](std::size_t dof, double t, std::span<const double> p) {
+    const double x = static_cast<double>(dof) / k_dofs;
+    return t * x +
+           0.2 / (1 + std::exp(-6 * (t * (0.5 + p[0] - 0.3 * p[2]) - x * (1 + 0.2 * p[3]) - 0.3 * p[1])));
+  };
+  const Snapshots snapshots = snapshots_of(field, axes, uneven_steps(12), k_dofs);
+  const Deviation deviation(snapshots);
+  for (const ParameterNorm norm : {ParameterNorm::nodes, ParameterNorm::spline}) {
+    CompressionOptions options;
+    options.parameter_norm = norm;
+    const ParameterProduct product(snapshots.axes, options);
+    Eigen::MatrixXd matrix(256, 12 * static_cast<Eigen::Index>(k_dofs));
+    for (Eigen::Index t = 0; t < 12; ++t)
+      matrix.middleCols(t * 40, 40) =
+          std::sqrt(deviation.time_weights()[t]) * product.transposed_times(deviation.at_time(t));
+    const Eigen::MatrixXd all = numerics::dense_svd(matrix).left;
+    for (const std::size_t modes : {5U, 12U, 30U}) {
+      options.modes = modes;
+      const ModelContents model = compress(snapshots, options);
+      const auto r = static_cast<Eigen::Index>(modes);
+      const Eigen::MatrixXd left = all.leftCols(r);
+      const Eigen::MatrixXd rest = matrix - left * (left.transpose() * matrix);
+      // The space basis adds its share, 1e-4 of the square: what is compared is the space of the parameters.
+      const Eigen::Map<const RowMatrix> beta(model.joint.data(), r, 256);
+      const Eigen::MatrixXd found = product.transposed_times(beta.transpose());
+      const Eigen::MatrixXd left_out = matrix - found * (found.transpose() * matrix);
+      EXPECT_LT((found.transpose() * found - Eigen::MatrixXd::Identity(r, r)).norm(), 1e-11);
+      EXPECT_NEAR(left_out.norm() / matrix.norm(), rest.norm() / matrix.norm(), 1e-10);
+      options.threads = 1;
+      EXPECT_EQ(compress(snapshots, options).joint, model.joint);
+    }
   }
 }
 

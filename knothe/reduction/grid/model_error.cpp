@@ -121,12 +121,18 @@ ModelError training_error(const ModelContents& contents, const Snapshots& snapsh
 }
 
 ModelError off_grid_error(const ModelContents& contents, std::span<const OffGridSolution> solutions) {
+  return off_grid_error(contents, solutions.size(), [&](std::size_t i) { return solutions[i]; });
+}
+
+ModelError off_grid_error(const ModelContents& contents, std::size_t count,
+                          const std::function<OffGridSolution(std::size_t)>& solution, std::size_t threads) {
   const SeparatedModel model(contents);
   const VectorXd time_weights = trapezoid_weights(contents.time);
-  std::vector<Sums> sums;
-  for (const OffGridSolution& solution : solutions) {
-    sums.push_back(compare(contents, field_at(model, solution.parameters), solution.values, time_weights));
-  }
+  std::vector<Sums> sums(count);
+  parallel_for(count, threads, [&](std::size_t i) {
+    const OffGridSolution at = solution(i);
+    sums[i] = compare(contents, field_at(model, at.parameters), at.values, time_weights);
+  });
   const auto n = static_cast<Eigen::Index>(sums.size());
   return total(sums, VectorXd::Constant(n, 1.0 / static_cast<double>(n)));
 }

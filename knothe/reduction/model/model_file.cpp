@@ -251,6 +251,11 @@ void write_model(const ModelContents& model, const TruncationError& truncation, 
     file.text_attribute("/", "project", model.project);
     file.number_attribute("/", "relative_error", model.relative_error);
     file.number_attribute("/", "max_error_m", model.max_error_m);
+    if (model.off_grid) {
+      file.number_attribute("/", "off_grid_relative_error", model.off_grid->relative_error);
+      file.number_attribute("/", "off_grid_max_error_m", model.off_grid->max_error_m);
+      file.text_attribute("/", "off_grid_source", model.off_grid->source);
+    }
     write_axes(file, model.axes, model.time);
     for (const Axis& axis : model.axes) file.text_attribute("/parameters/" + axis.name, "basis", k_basis);
     write_modes(file, model);
@@ -271,6 +276,10 @@ ModelContents read_sound_model(const std::string& path) {
   model.project = file.text_attribute("/", "project");
   model.created_by = file.text_attribute("/", "created_by");
   model.relative_error = file.number_attribute("/", "relative_error");
+  if (file.has_attribute("/", "off_grid_relative_error"))
+    model.off_grid = {file.number_attribute("/", "off_grid_relative_error"),
+                      file.number_attribute("/", "off_grid_max_error_m"),
+                      file.text_attribute("/", "off_grid_source")};
   model.max_error_m = file.number_attribute("/", "max_error_m");
   model.axes = read_axes(file);
   model.time = read_time(file);

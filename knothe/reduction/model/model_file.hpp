@@ -25,6 +25,13 @@ struct CrackSolutions {
   [[nodiscard]] bool empty() const { return length.empty(); }
 };
 
+/// How far a model is from solutions that it was not made from.
+struct BetweenNodes {
+  double relative_error = 0.0;  ///< ‖u − u_model‖ / ‖u‖
+  double max_error_m = 0.0;     ///< largest |u − u_model| on any dof and time
+  std::string source;           ///< "full-order solutions", or "left-out nodes", which is an estimate
+};
+
 /// Everything in a model file. Arrays in C order.
 struct ModelContents {
   Form form = Form::tree;
@@ -42,10 +49,11 @@ struct ModelContents {
   std::optional<Mesh> mesh;
   std::vector<SnapshotOutput> outputs;  ///< interpolated on the grid by the same splines
   CrackSolutions crack;
-  std::string project;          ///< the project file's text, or where the snapshots came from
-  std::string created_by;       ///< filled when saved
-  double relative_error = 0.0;  ///< ‖u − u_model‖ / ‖u‖ over the training grid
-  double max_error_m = 0.0;     ///< largest |u − u_model| on any dof, time and training point
+  std::string project;                   ///< the project file's text, or where the snapshots came from
+  std::string created_by;                ///< filled when saved
+  double relative_error = 0.0;           ///< ‖u − u_model‖ / ‖u‖ over the training grid
+  double max_error_m = 0.0;              ///< largest |u − u_model| on any dof, time and training point
+  std::optional<BetweenNodes> off_grid;  ///< the same off the grid; empty where it is not known
 
   [[nodiscard]] files::Shape grid_shape() const;
   [[nodiscard]] std::size_t dof_count() const { return space_modes == 0 ? 0 : space.size() / space_modes; }

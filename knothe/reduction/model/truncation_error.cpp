@@ -9,6 +9,7 @@
 #include "knothe/base/threads.hpp"
 #include "knothe/reduction/compress/low_rank.hpp"
 #include "knothe/reduction/grid/grid_solutions.hpp"
+#include "knothe/reduction/grid/left_out_nodes.hpp"
 #include "knothe/reduction/grid/solutions_file.hpp"
 #include "knothe/reduction/model/model_matrices.hpp"
 #include "knothe/reduction/model/separated_model.hpp"
@@ -261,7 +262,16 @@ ImportedModel import_model_and_error(const std::string& path, const CompressionO
   const GridSolutions solutions = read_solutions(path, {.threads = options.threads});
   ImportedModel result{compress(solutions, options), {}};
   result.model.project = "# imported from " + path + "\n";
-  result.truncation = truncation_error(result.model, solutions, {}, 20, options.threads);
+  const LeftOutNodes left_out(result.model);
+  std::vector<OffGridSolution> off_grid;
+  if (left_out.known()) {
+    constexpr std::size_t k_stored = 8, k_judged = 256;
+    const auto solution = [&](std::size_t i) { return left_out.solution(solutions, 1 + i); };
+    const ModelError error = off_grid_error(result.model, k_judged, solution, options.threads);
+    result.model.off_grid = {std::max(error.relative, error.plain_relative), error.max, "left-out nodes"};
+    for (std::size_t i = 0; i < k_stored; ++i) off_grid.push_back(solution(i));
+  }
+  result.truncation = truncation_error(result.model, solutions, off_grid, 20, options.threads);
   return result;
 }
 
