@@ -35,7 +35,8 @@ int mesh_study(const MeshStudyArguments& a) {
 int solve(const SolveArguments& a) {
   const project::Project project = project::read_project(a.project);
   const std::vector<double> point = parse_point(a.at, offline::parameter_names(project));
-  reduction::write_snapshots(offline::project_simulator(project).solve(point), a.output);
+  const auto simulator = offline::project_simulator(project, offline::parameter_axes(project));
+  reduction::write_snapshots(simulator->solve(point), a.output);
   return 0;
 }
 

@@ -10,8 +10,9 @@ namespace knothe::offline_commands {
 
 int simulate(const SimulateArguments& arguments) {
   const project::Project project = project::read_project(arguments.project);
-  const reduction::Snapshots solution = offline::project_simulator(project).solve(
-      project::simulated_truth(project, offline::parameter_names(project)));
+  const reduction::Snapshots solution =
+      offline::project_simulator(project, offline::parameter_axes(project))
+          ->solve(project::simulated_truth(project, offline::parameter_names(project)));
   const std::size_t n_dof = solution.dof_count();
   const auto field = [&](std::size_t step, std::span<const std::size_t> dofs) {
     std::vector<double> values;

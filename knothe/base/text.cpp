@@ -68,4 +68,10 @@ std::string escape_xml(std::string_view text) {
   return out;
 }
 
+std::uint64_t fnv1a(std::string_view text) {
+  std::uint64_t hash = 14695981039346656037ull;
+  for (const unsigned char character : text) hash = (hash ^ character) * 1099511628211ull;
+  return hash;
+}
+
 }  // namespace knothe

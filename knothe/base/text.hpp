@@ -1,5 +1,6 @@
 #pragma once
 /// @file Small services on text.
+#include <cstdint>
 #include <span>
 #include <string>
 #include <string_view>
@@ -18,5 +19,8 @@ namespace knothe {
 /// `text` with the five characters that mean something in XML replaced, and control characters that XML
 /// forbids left out. Fit for element content and for attribute values in double quotes.
 [[nodiscard]] std::string escape_xml(std::string_view text);
+
+/// The 64-bit hash of Fowler, Noll and Vo (FNV-1a), for names of files.
+[[nodiscard]] std::uint64_t fnv1a(std::string_view text);
 
 }  // namespace knothe

@@ -9,7 +9,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/base/progress.hpp"
 #include "knothe/mechanics/distributed/ranks.hpp"
-#include "knothe/mechanics/full_order/snapshot_runs.hpp"
+#include "knothe/mechanics/full_order/beam_simulator.hpp"
 #include "knothe/mechanics/latin/latin_model.hpp"
 #include "knothe/offline/posterior_judge.hpp"
 #include "knothe/offline/problem.hpp"
@@ -33,33 +33,38 @@ struct ParameterGrid {
   }
 };
 
-GridSolutions run_grid(const OfflineOptions& options, const mechanics::BeamProblem& problem,
-                       const ParameterGrid& grid, const std::string& parts_folder,
-                       const files::CommandOutput& output) {
-  const bool first = mechanics::Ranks::of_this_job().rank == 0;
-  mechanics::SnapshotRuns runs = mechanics::run_snapshots(problem, {.axes = grid.axes,
-                                                                    .parts_folder = parts_folder,
-                                                                    .sparse_level = grid.sparse_level,
-                                                                    .processes = options.processes,
-                                                                    .quiet = !first});
+void report_run(const simulator::RunSummary& run, const files::CommandOutput& output) {
+  nlohmann::ordered_json line = {{"run", run.parameters}, {"resumed", run.resumed}};
+  for (const auto& [name, value] : run.record.numbers) line[name] = value;
+  const std::vector<int>& steps = run.record.steps_without_equilibrium;
+  line["steps_without_equilibrium"] = steps;
+  output.record(line);
+  if (!steps.empty())
+    fmt::print(
+        stderr,
+        "knothe: warning: at parameters ({:g}) steps {} are not in equilibrium to 1e-8; see the output "
+        "equilibrium_residual of the model\n",
+        fmt::join(run.parameters, ", "), fmt::join(steps, ", "));
+}
+
+GridSolutions run_grid(const OfflineOptions& options, simulator::Simulator& solver, const ParameterGrid& grid,
+                       const std::string& parts_folder, const files::CommandOutput& output) {
+  const simulator::JobShare share = mechanics::share_of_ranks();
+  const bool first = share.rank == 0;
+  simulator::GridRuns runs = simulator::run_grid(solver,
+                                                 {.axes = grid.axes,
+                                                  .parts_folder = parts_folder,
+                                                  .sparse_level = grid.sparse_level,
+                                                  .processes = options.processes,
+                                                  .quiet = !first},
+                                                 share);
   GridSolutions solutions;
   solutions.snapshots = std::move(runs.snapshots);
   if (!first) return solutions;
   std::size_t resumed = 0;
-  for (const mechanics::RunSummary& run : runs.runs) {
+  for (const simulator::RunSummary& run : runs.runs) {
     resumed += run.resumed ? 1 : 0;
-    output.record({{"run", run.parameters},
-                   {"resumed", run.resumed},
-                   {"newton_iterations", run.newton_iterations},
-                   {"secant_iterations", run.secant_iterations},
-                   {"cpu_seconds", run.cpu_seconds},
-                   {"steps_without_equilibrium", run.steps_without_equilibrium}});
-    if (!run.steps_without_equilibrium.empty())
-      fmt::print(
-          stderr,
-          "knothe: warning: at parameters ({:g}) steps {} are not in equilibrium to 1e-8; see the output "
-          "equilibrium_residual of the model\n",
-          fmt::join(run.parameters, ", "), fmt::join(run.steps_without_equilibrium, ", "));
+    report_run(run, output);
   }
   output.text(fmt::format("{} full-order runs, {} of them kept from before", runs.runs.size(), resumed));
   return solutions;
@@ -174,17 +179,21 @@ ParameterGrid finer(ParameterGrid grid, const reduction::Snapshots& snapshots,
 
 }  // namespace
 
-GridSolutions solve_project_grid(const project::Project& project, const mechanics::BeamProblem& problem,
+GridSolutions solve_latin(const project::Project& project, const std::string& parts_folder,
+                          const files::CommandOutput& output) {
+  const OfflineOptions& options = *project.offline;
+  return (options.latin_full ? solve_separated : solve_jointly)(
+      options, beam_problem(project), parameter_axes(project), parts_folder, output);
+}
+
+GridSolutions solve_project_grid(const project::Project& project, simulator::Simulator& solver,
                                  const std::string& parts_folder,
                                  const std::vector<reduction::OffGridSolution>& off_grid,
                                  const files::CommandOutput& output) {
   const OfflineOptions& options = *project.offline;
   ParameterGrid grid{parameter_axes(project), options.sparse_level.value_or(-1)};
-  if (options.method == project::OfflineMethod::latin)
-    return (options.latin_full ? solve_separated : solve_jointly)(options, problem, grid.axes, parts_folder,
-                                                                  output);
   while (true) {
-    GridSolutions solutions = run_grid(options, problem, grid, parts_folder, output);
+    GridSolutions solutions = run_grid(options, solver, grid, parts_folder, output);
     if (!options.adaptive_grid_error) return solutions;
     const std::vector<std::size_t> dofs = judged_dofs(project, solutions.snapshots.dofs);
     const double error = interpolation_error(solutions.snapshots, dofs, off_grid);

@@ -16,7 +16,16 @@
 namespace knothe::offline {
 namespace {
 
-reduction::ModelContents compressed(const project::Project& project, const mechanics::BeamProblem& problem,
+/// Crack solutions of the structured beam, for forecasts of its crack's length.
+reduction::CrackSolutions crack_solutions(const project::Project& project, const reduction::Dofs& dofs) {
+  const project::OfflineOptions& options = *project.offline;
+  const mechanics::BeamProblem problem = beam_problem(project);
+  if (options.crack_lengths == 0 || !problem.gmsh_file.empty()) return {};
+  const mechanics::CrackTable table = mechanics::crack_table(problem, {.count = options.crack_lengths}, dofs);
+  return reduction::crack_modes(table.lengths, table.values);
+}
+
+reduction::ModelContents compressed(const project::Project& project,
                                     const reduction::GridSolutions& solutions) {
   const project::OfflineOptions& options = *project.offline;
   reduction::CompressionOptions compression;
@@ -26,21 +35,16 @@ reduction::ModelContents compressed(const project::Project& project, const mecha
                           : static_cast<std::size_t>(options.modes);
   compression.quiet = false;
   reduction::ModelContents model = reduction::compress(solutions, compression);
-  if (options.crack_lengths > 0 && problem.gmsh_file.empty()) {
-    const mechanics::CrackTable table =
-        mechanics::crack_table(problem, {.count = options.crack_lengths}, solutions.dofs());
-    model.crack = reduction::crack_modes(table.lengths, table.values);
-  }
+  model.crack = crack_solutions(project, solutions.dofs());
   model.project = project.text;
   return model;
 }
 
 void build(const BuildOptions& build, const files::CommandOutput& output) {
   project::Project project = project::read_project(build.project);
-  const mechanics::BeamProblem problem = beam_problem(project);
+  const std::vector<reduction::Axis> axes = parameter_axes(project);
   project::OfflineOptions& options = *project.offline;
   options.method = from_text<project::OfflineMethod>(build.method).value_or(options.method);
-  const std::vector<reduction::Axis> axes = parameter_axes(project);
   const bool is_latin = options.method == project::OfflineMethod::latin;
   const bool is_adaptive = options.adaptive_grid_error.has_value();
   if (is_adaptive && is_latin)
@@ -48,19 +52,18 @@ void build(const BuildOptions& build, const files::CommandOutput& output) {
   check_adaptive(project, axes);
   const bool is_first = mechanics::Ranks::of_this_job().rank == 0;
   if (is_latin && !is_first) return;  // LATIN has all points at once: the first rank's threads do it
+  const auto solver = project_simulator(project, axes);
   // The off-grid runs judge an adaptive grid; without one they come last, when the grid's runs are safe.
   std::vector<reduction::OffGridSolution> off_grid;
-  const auto solved_off_grid = [&] {
-    mechanics::BeamSimulator simulator(problem, axes);
-    return solve_off_grid(simulator, axes);
-  };
-  if (is_adaptive) off_grid = solved_off_grid();
+  if (is_adaptive) off_grid = solve_off_grid(*solver, axes);
+  const std::string parts = build.model + ".parts";
   const reduction::GridSolutions solutions =
-      solve_project_grid(project, problem, build.model + ".parts", off_grid, output);
+      is_latin ? solve_latin(project, parts, output)
+               : solve_project_grid(project, *solver, parts, off_grid, output);
   // In an MPI job all ranks have computed runs and now hold the same snapshots; the first one goes on.
   if (!is_first) return;
-  reduction::ModelContents model = compressed(project, problem, solutions);
-  if (off_grid.empty()) off_grid = solved_off_grid();
+  reduction::ModelContents model = compressed(project, solutions);
+  if (off_grid.empty()) off_grid = solve_off_grid(*solver, axes);
   const reduction::ModelError between = reduction::off_grid_error(model, off_grid);
   model.off_grid = {std::max(between.relative, between.plain_relative), between.max, "full-order solutions"};
   reduction::write_model(model, reduction::truncation_error(model, solutions, off_grid), build.model);

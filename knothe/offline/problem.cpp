@@ -28,6 +28,7 @@ mechanics::BeamProblem beam_problem(const project::Project& project) {
 }
 
 std::vector<reduction::Axis> parameter_axes(const project::Project& project) {
+  project.require(project.offline.has_value(), "a table [offline]");
   std::vector<reduction::Axis> axes;
   for (const project::OfflineParameter& p : project.offline->parameters)
     axes.push_back(mechanics::parameter_axis(p.name, p.reference, p.lower, p.upper, p.nodes));
@@ -54,8 +55,9 @@ std::vector<std::vector<double>> points_in_box(const std::vector<reduction::Axis
   return points;
 }
 
-mechanics::BeamSimulator project_simulator(const project::Project& project) {
-  return {beam_problem(project), parameter_axes(project)};
+std::unique_ptr<simulator::Simulator> project_simulator(const project::Project& project,
+                                                        std::vector<reduction::Axis> axes) {
+  return std::make_unique<mechanics::BeamSimulator>(beam_problem(project), std::move(axes));
 }
 
 }  // namespace knothe::offline

@@ -1,6 +1,7 @@
 #pragma once
 /// @file From a project file to the full-order problem.
 #include <cstdint>
+#include <memory>
 #include <vector>
 
 #include "knothe/mechanics/full_order/beam_simulator.hpp"
@@ -20,7 +21,9 @@ namespace knothe::offline {
 [[nodiscard]] std::vector<std::vector<double>> points_in_box(const std::vector<reduction::Axis>& axes,
                                                              int count, std::uint64_t seed);
 
-/// The project's full-order model. Errors: as beam_problem and BeamSimulator.
-[[nodiscard]] mechanics::BeamSimulator project_simulator(const project::Project& project);
+/// The project's full-order model, at multiples of the references of `axes`. Errors: as beam_problem and
+/// BeamSimulator.
+[[nodiscard]] std::unique_ptr<simulator::Simulator> project_simulator(const project::Project& project,
+                                                                      std::vector<reduction::Axis> axes);
 
 }  // namespace knothe::offline

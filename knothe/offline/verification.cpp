@@ -121,13 +121,13 @@ void print_summary(const VerifyOptions& options, const reduction::ModelError& al
   output.line(line, text);
 }
 
-void require_same_model(const VerifyOptions& options, const reduction::ModelContents& model, std::size_t dofs,
-                        int steps) {
-  if (dofs == model.dof_count() && static_cast<std::size_t>(steps) == model.time.size()) return;
+void require_same_model(const VerifyOptions& options, const reduction::ModelContents& model,
+                        const reduction::Snapshots& solution) {
+  if (solution.dof_count() == model.dof_count() && solution.time.size() == model.time.size()) return;
   throw DataError(fmt::format(
       "{}: the model has {} dofs and {} steps, the project's full-order model {} and {}: verify a "
       "model with the project file that it was built from",
-      options.model, model.dof_count(), model.time.size(), dofs, steps));
+      options.model, model.dof_count(), model.time.size(), solution.dof_count(), solution.time.size()));
 }
 
 }  // namespace
@@ -135,8 +135,7 @@ void require_same_model(const VerifyOptions& options, const reduction::ModelCont
 void verify_model(const VerifyOptions& options, const files::CommandOutput& output) {
   const project::Project project = project::read_project(options.project);
   const reduction::ModelContents model = reduction::read_model(options.model);
-  mechanics::BeamSimulator full_order(beam_problem(project), model.axes);
-  require_same_model(options, model, full_order.structure().dof_count(), project.offline->steps);
+  const auto full_order = project_simulator(project, model.axes);
   std::optional<ErrorJudge> judge;
   if (const auto synthetic = synthetic_problem(project, model.axes, model.dofs))
     judge.emplace(*synthetic, model, options.model);
@@ -144,7 +143,9 @@ void verify_model(const VerifyOptions& options, const files::CommandOutput& outp
   std::optional<Shifts> worst;
   Progress progress("full-order runs", static_cast<std::size_t>(options.points), output.json());
   for (const std::vector<double>& point : points_in_box(model.axes, options.points, options.seed)) {
-    solutions.push_back({point, full_order.solve(point).values});
+    reduction::Snapshots solution = full_order->solve(point);
+    require_same_model(options, model, solution);
+    solutions.push_back({point, std::move(solution.values)});
     const reduction::ModelError error = reduction::off_grid_error(model, {&solutions.back(), 1});
     Json line = {{"point", point}};
     line.update(error_record(error));

@@ -9,7 +9,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/version.hpp"
-#include "knothe/mechanics/full_order/snapshot_runs.hpp"
+#include "knothe/mechanics/full_order/beam_simulator.hpp"
 #include "knothe/reduction/compress/compression.hpp"
 #include "knothe/reduction/observe/crack_modes.hpp"
 #include "knothe/reproduction/published.hpp"
@@ -74,15 +74,15 @@ std::string parts_folder(const BeamCase& chosen, const std::string& folder) {
 }
 
 reduction::Snapshots runs_of(const BeamCase& chosen, const std::string& folder, int processes) {
-  mechanics::SnapshotGrid grid;
+  simulator::RunGrid grid;
   grid.axes = axes_of(chosen);
   grid.parts_folder = parts_folder(chosen, folder);
   grid.processes = processes;
-  mechanics::SnapshotRuns runs = mechanics::run_snapshots(chosen.problem, grid);
-  for (const mechanics::RunSummary& run : runs.runs) {
-    if (run.steps_without_equilibrium.empty()) continue;
+  simulator::GridRuns runs = mechanics::run_snapshots(chosen.problem, grid);
+  for (const simulator::RunSummary& run : runs.runs) {
+    if (run.record.steps_without_equilibrium.empty()) continue;
     fmt::print(stderr, "knothe: {}: at ({:g}) {} steps are not in equilibrium to 1e-8\n", chosen.what,
-               fmt::join(run.parameters, ", "), run.steps_without_equilibrium.size());
+               fmt::join(run.parameters, ", "), run.record.steps_without_equilibrium.size());
   }
   return std::move(runs.snapshots);
 }

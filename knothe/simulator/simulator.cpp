@@ -4,6 +4,8 @@
 
 #include <utility>
 
+#include "knothe/simulator/run_file.hpp"
+
 namespace knothe::simulator {
 
 std::vector<reduction::Snapshots> Simulator::solve_all(std::span<const std::vector<double>> points,
@@ -14,6 +16,26 @@ std::vector<reduction::Snapshots> Simulator::solve_all(std::span<const std::vect
     if (finished) finished(solutions.size());
   }
   return solutions;
+}
+
+void Simulator::check(std::span<const double> /*parameters*/) const {}
+
+std::optional<reduction::Snapshots> Simulator::frame() const {
+  return std::nullopt;
+}
+
+std::vector<RunFailure> Simulator::solve_to_files(std::span<const Run> runs, int /*processes*/,
+                                                  const std::function<void(std::size_t)>& finished) {
+  std::vector<RunFailure> failures;
+  for (std::size_t i = 0; i < runs.size(); ++i) {
+    try {
+      write_run(runs[i], solve(runs[i].parameters), {});
+      finished(i + 1 - failures.size());
+    } catch (const NumericalError& error) {
+      failures.push_back({i, error.status(), error.what()});
+    }
+  }
+  return failures;
 }
 
 std::vector<reduction::OffGridSolution> fields_of(std::vector<reduction::Snapshots> solutions) {

@@ -87,7 +87,7 @@ const Reduced& BeamBench::reduced(const Structure& structure, int nodes, std::si
   if (!snapshots_.contains(grid)) {
     const auto folder =
         std::filesystem::temp_directory_path() / fmt::format("knothe_verdicts_{}", ::getpid());
-    mechanics::SnapshotGrid runs{axes_with(nodes), (folder / "parts").string(), -1, 2, true};
+    simulator::RunGrid runs{axes_with(nodes), (folder / "parts").string(), -1, 2, true};
     snapshots_.emplace(grid, mechanics::run_snapshots(structure.problem, runs).snapshots);
     std::filesystem::remove_all(folder);
   }

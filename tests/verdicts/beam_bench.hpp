@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "knothe/engine/engine.hpp"
-#include "knothe/mechanics/full_order/snapshot_runs.hpp"
+#include "knothe/mechanics/full_order/beam_simulator.hpp"
 #include "knothe/reduction/model/separated_model.hpp"
 
 namespace knothe::verdicts {

@@ -1,18 +1,28 @@
 #pragma once
 /// @file The built-in full-order model behind the interface of all simulators.
 #include "knothe/mechanics/full_order/offline.hpp"
+#include "knothe/simulator/grid_runs.hpp"
 #include "knothe/simulator/simulator.hpp"
 
 namespace knothe::mechanics {
 
-/// The damageable beam of a project. Keeps the elastic body between solutions with the same one.
+/// The damageable beam of a project. Keeps the elastic body between solutions with the same one. Outputs:
+/// reaction_force [N], crack_mouth_opening [m], imposed_displacement [m], equilibrium_residual [1].
 class BeamSimulator final : public simulator::Simulator {
  public:
   /// `axes` say which parameters there are, and what 1.0 means. Errors: as make_full_order_model.
   BeamSimulator(BeamProblem problem, std::vector<reduction::Axis> axes);
   [[nodiscard]] std::string key(std::span<const double> parameters) const override;
-  /// NumericalError, beside what run_at throws, where a step is not in equilibrium.
   [[nodiscard]] reduction::Snapshots solve(std::span<const double> parameters) override;
+
+  /// Whether the parameters are known and in range, and the damage law has a solution on this mesh.
+  void check(std::span<const double> parameters) const override;
+  [[nodiscard]] std::optional<reduction::Snapshots> frame() const override;
+  /// Each run in a forked process, body by body. The first that fails stops the rest. Records:
+  /// newton_iterations, secant_iterations, cpu_seconds, and steps without equilibrium.
+  [[nodiscard]] std::vector<simulator::RunFailure> solve_to_files(
+      std::span<const simulator::Run> runs, int processes,
+      const std::function<void(std::size_t)>& finished) override;
 
   [[nodiscard]] const Structure& structure() const { return model_.structure(); }
 
@@ -20,6 +30,13 @@ class BeamSimulator final : public simulator::Simulator {
   BeamProblem problem_;
   std::vector<reduction::Axis> axes_;
   FullOrderModel model_;
+  std::vector<double> band_ratios_;
 };
+
+/// Full-order runs of a beam on a grid of parameters. In an MPI job (ranks.hpp) each rank computes its share:
+/// the parts folder must be one that every rank sees. Errors: as run_grid, BeamSimulator.
+[[nodiscard]] simulator::GridRuns run_snapshots(const BeamProblem& problem, const simulator::RunGrid& grid);
+/// The ranks of this MPI job, to share a grid.
+[[nodiscard]] simulator::JobShare share_of_ranks();
 
 }  // namespace knothe::mechanics

@@ -33,7 +33,7 @@ void make_triangulation(std::span<const double> points, std::span<const std::int
 }
 
 FiniteElements evaluate_finite_elements(std::span<const double> points, std::span<const std::int64_t> cells) {
-  // No threads of deal.II's own: the processes of snapshot_runs are forked later.
+  // No threads of deal.II's own: the processes of beam_simulator are forked later.
   dealii::MultithreadInfo::set_thread_limit(1);
   dealii::Triangulation<3> triangulation;
   make_triangulation(points, cells, triangulation);

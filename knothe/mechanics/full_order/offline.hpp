@@ -61,7 +61,7 @@ struct BeamProblem {
 [[nodiscard]] std::vector<double> elastic_lift(const Structure& structure, const SolverOptions& solver);
 
 /// Snapshots of a grid with a single point, i.e. one run, in the same form as those of a grid
-/// (snapshot_runs.hpp).
+/// (simulator/grid_runs.hpp).
 [[nodiscard]] reduction::Snapshots as_snapshots(const BeamProblem& problem, const Structure& structure,
                                                 const FullOrderResult& result);
 

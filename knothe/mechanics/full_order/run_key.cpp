@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include "knothe/base/text.hpp"
 #include "knothe/files/atomic_file.hpp"
 
 namespace knothe::mechanics {
@@ -12,12 +13,6 @@ namespace {
 constexpr int k_results_version = 1;
 
 }  // namespace
-
-std::uint64_t fnv1a(std::string_view text) {
-  std::uint64_t hash = 14695981039346656037ull;
-  for (const unsigned char character : text) hash = (hash ^ character) * 1099511628211ull;
-  return hash;
-}
 
 std::string run_key(const BeamProblem& problem) {
   const DamageParameters& p = problem.reference;

@@ -1,8 +1,6 @@
 #pragma once
 /// @file What a full-order run depends on, as text: how a kept run is told from another one.
-#include <cstdint>
 #include <string>
-#include <string_view>
 
 #include "knothe/mechanics/full_order/offline.hpp"
 
@@ -11,8 +9,5 @@ namespace knothe::mechanics {
 /// Everything the result of a run depends on. Numbers of processes, names of axes and references are not in
 /// it: what counts is the physical value.
 [[nodiscard]] std::string run_key(const BeamProblem& problem);
-
-/// The 64-bit hash of Fowler, Noll and Vo (FNV-1a), for names of files.
-[[nodiscard]] std::uint64_t fnv1a(std::string_view text);
 
 }  // namespace knothe::mechanics

@@ -5,6 +5,7 @@
 #include <filesystem>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/text.hpp"
 #include "knothe/mechanics/full_order/run_key.hpp"
 #include "knothe/mechanics/law/regularisation.hpp"
 

@@ -7,6 +7,7 @@
 #include <string_view>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/text.hpp"
 #include "knothe/mechanics/full_order/run_key.hpp"
 #include "knothe/reduction/compress/low_rank.hpp"
 #include "knothe/reduction/model/model_matrices.hpp"

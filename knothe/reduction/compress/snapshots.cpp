@@ -147,24 +147,28 @@ Snapshots read_solution(const std::string& path) {
   return read_valid(path, 1);
 }
 
+void write_snapshots(const Snapshots& snapshots, files::Hdf5Writer& file, bool single_precision) {
+  write_axes(file, snapshots.axes, snapshots.time);
+  const files::Shape shape = joined(snapshots.grid_shape(), {snapshots.time.size(), snapshots.dof_count()});
+  if (single_precision) {
+    file.write_single_precision("/snapshots", snapshots.values, shape, snapshots.field);
+  } else {
+    file.write("/snapshots", snapshots.values, shape, snapshots.field);
+  }
+  write_dofs(file, snapshots.dofs);
+  write_mesh(file, snapshots.mesh);
+  if (!snapshots.lift.empty()) {
+    file.write("/lift", snapshots.lift, {snapshots.time.size(), snapshots.dof_count()},
+               {snapshots.field.units, "part of the field that is taken out before separation"});
+  }
+  write_outputs(file, snapshots.outputs, snapshots.grid_shape(), snapshots.time.size());
+}
+
 void write_snapshots(const Snapshots& snapshots, const std::string& path, bool single_precision) {
   validate(snapshots, path, 1);
   files::write_atomically(path, [&](const std::string& temporary) {
     files::Hdf5Writer file(temporary);
-    write_axes(file, snapshots.axes, snapshots.time);
-    const files::Shape shape = joined(snapshots.grid_shape(), {snapshots.time.size(), snapshots.dof_count()});
-    if (single_precision) {
-      file.write_single_precision("/snapshots", snapshots.values, shape, snapshots.field);
-    } else {
-      file.write("/snapshots", snapshots.values, shape, snapshots.field);
-    }
-    write_dofs(file, snapshots.dofs);
-    write_mesh(file, snapshots.mesh);
-    if (!snapshots.lift.empty()) {
-      file.write("/lift", snapshots.lift, {snapshots.time.size(), snapshots.dof_count()},
-                 {snapshots.field.units, "part of the field that is taken out before separation"});
-    }
-    write_outputs(file, snapshots.outputs, snapshots.grid_shape(), snapshots.time.size());
+    write_snapshots(snapshots, file, single_precision);
     file.close();
   });
 }

@@ -93,6 +93,8 @@ struct SnapshotFrame {
 /// Writes the file atomically, of a grid or of a single solution; `single_precision` stores the field in 32
 /// bits. IoError, e.g. disk full.
 void write_snapshots(const Snapshots& snapshots, const std::string& path, bool single_precision = false);
+/// The same into a file that gets more.
+void write_snapshots(const Snapshots& snapshots, files::Hdf5Writer& file, bool single_precision = false);
 
 /// Throws DataError, prefixed by `where`, unless all shapes fit, axes have so many nodes, they and time
 /// increase and all is finite.

@@ -1,4 +1,4 @@
-#include "knothe/mechanics/full_order/snapshot_runs.hpp"
+#include "knothe/mechanics/full_order/beam_simulator.hpp"
 
 #include <gtest/gtest.h>
 #include <sys/resource.h>
@@ -20,6 +20,8 @@ namespace {
 using namespace knothe;
 using namespace knothe::mechanics;
 using files::message_of;
+using simulator::GridRuns;
+using simulator::RunGrid;
 
 /// A very coarse beam, ten steps.
 BeamProblem small_problem() {
@@ -30,8 +32,8 @@ BeamProblem small_problem() {
   return problem;
 }
 
-SnapshotGrid small_grid(const std::string& folder, int processes = 2) {
-  SnapshotGrid grid;
+RunGrid small_grid(const std::string& folder, int processes = 2) {
+  RunGrid grid;
   grid.axes = {{"Y0", {0.8, 1.2}, "1", "threshold", 216.0},
                {"Ad", {0.7, 1.0, 1.3}, "1", "brittleness", 2.25e-3}};
   grid.parts_folder = folder;
@@ -45,17 +47,17 @@ void expect_same(const reduction::Snapshots& a, const reduction::Snapshots& b) {
   for (std::size_t i = 0; i < a.outputs.size(); ++i) EXPECT_EQ(a.outputs[i].values, b.outputs[i].values);
 }
 
-TEST(SnapshotRuns, take_parameters_of_the_elastic_body) {
+TEST(BeamRuns, take_parameters_of_the_elastic_body) {
   const files::TestFolder folder;
   BeamProblem problem = small_problem();
   problem.solver.steps = 2;
   problem.solver.displacement = 4e-5;  // elastic
   problem.beam.support_stiffness = 2e8;
-  SnapshotGrid grid = small_grid(folder.file("parts"));
+  RunGrid grid = small_grid(folder.file("parts"));
   grid.axes = {{"E", {0.9, 1.0}, "1", "modulus", 30e9},
                {"support_stiffness", {0.5, 1.0}, "1", "springs", 2e8},
                {"load_offset", {-1.0, 0.0, 1.0}, "1", "offset", 0.004}};
-  const SnapshotRuns runs = run_snapshots(problem, grid);
+  const GridRuns runs = run_snapshots(problem, grid);
   const auto force = [&](std::size_t point) { return runs.snapshots.outputs[0].values[2 * point]; };
   // In the first, elastic step: E and the springs are in series, the beam's own stiffness from rigid
   // supports.
@@ -75,10 +77,10 @@ TEST(SnapshotRuns, take_parameters_of_the_elastic_body) {
   EXPECT_NE(text.find("(did you mean \"load_offset\"?)"), std::string::npos) << text;
 }
 
-TEST(SnapshotRuns, hold_the_full_order_runs_in_the_grids_order) {
+TEST(BeamRuns, hold_the_full_order_runs_in_the_grids_order) {
   const files::TestFolder folder;
   const BeamProblem problem = small_problem();
-  const SnapshotRuns runs = run_snapshots(problem, small_grid(folder.file("parts")));
+  const GridRuns runs = run_snapshots(problem, small_grid(folder.file("parts")));
   const auto& snapshots = runs.snapshots;
   ASSERT_EQ(snapshots.grid_shape(), (files::Shape{2, 3}));
   FullOrderModel model = make_full_order_model(problem);
@@ -89,7 +91,7 @@ TEST(SnapshotRuns, hold_the_full_order_runs_in_the_grids_order) {
   const auto solution = snapshots.solution(3);
   EXPECT_EQ(std::vector<double>(solution.begin(), solution.end()), direct.displacement);
   EXPECT_EQ(runs.runs[3].parameters, (std::vector<double>{1.2, 0.7}));
-  EXPECT_EQ(runs.runs[3].newton_iterations, direct.newton_iterations());
+  EXPECT_EQ(runs.runs[3].record.numbers.at("newton_iterations"), direct.newton_iterations());
   EXPECT_FALSE(runs.runs[3].resumed);
   for (std::size_t step = 0; step < 10; ++step) {
     EXPECT_EQ(snapshots.outputs[0].values[3 * 10 + step], direct.steps[step].reaction_force);
@@ -110,15 +112,15 @@ TEST(SnapshotRuns, hold_the_full_order_runs_in_the_grids_order) {
   EXPECT_EQ(snapshots.mesh->cell_count(), static_cast<std::size_t>(model.structure().mesh().cell_count()));
 }
 
-TEST(SnapshotRuns, are_bit_identical_for_any_number_of_processes_and_when_resumed) {
+TEST(BeamRuns, are_bit_identical_for_any_number_of_processes_and_when_resumed) {
   const files::TestFolder folder;
   const BeamProblem problem = small_problem();
-  const SnapshotRuns one = run_snapshots(problem, small_grid(folder.file("one"), 1));
-  const SnapshotRuns three = run_snapshots(problem, small_grid(folder.file("three"), 3));
+  const GridRuns one = run_snapshots(problem, small_grid(folder.file("one"), 1));
+  const GridRuns three = run_snapshots(problem, small_grid(folder.file("three"), 3));
   expect_same(one.snapshots, three.snapshots);
 
   // All there: nothing is run again, not even with other names for the same physical values.
-  const SnapshotRuns again = run_snapshots(problem, small_grid(folder.file("one"), 2));
+  const GridRuns again = run_snapshots(problem, small_grid(folder.file("one"), 2));
   for (const auto& run : again.runs) EXPECT_TRUE(run.resumed);
   expect_same(one.snapshots, again.snapshots);
 
@@ -128,7 +130,7 @@ TEST(SnapshotRuns, are_bit_identical_for_any_number_of_processes_and_when_resume
     parts.push_back(entry.path());
   std::filesystem::remove(parts.at(0));
   std::ofstream(parts.at(1), std::ios::trunc) << "not HDF5";
-  const SnapshotRuns repaired = run_snapshots(problem, small_grid(folder.file("one"), 2));
+  const GridRuns repaired = run_snapshots(problem, small_grid(folder.file("one"), 2));
   EXPECT_EQ(
       std::count_if(repaired.runs.begin(), repaired.runs.end(), [](const auto& run) { return !run.resumed; }),
       2);
@@ -137,13 +139,13 @@ TEST(SnapshotRuns, are_bit_identical_for_any_number_of_processes_and_when_resume
   // Another loading is another run.
   BeamProblem other = problem;
   other.solver.steps = 5;
-  const SnapshotRuns shorter = run_snapshots(other, small_grid(folder.file("one"), 2));
+  const GridRuns shorter = run_snapshots(other, small_grid(folder.file("one"), 2));
   for (const auto& run : shorter.runs) EXPECT_FALSE(run.resumed);
 }
 
-TEST(SnapshotRuns, a_run_that_dies_is_named_and_the_finished_ones_stay) {
+TEST(BeamRuns, a_run_that_dies_is_named_and_the_finished_ones_stay) {
   const files::TestFolder folder;
-  SnapshotGrid grid = small_grid(folder.file("parts"), 1);
+  RunGrid grid = small_grid(folder.file("parts"), 1);
   grid.axes[0].nodes = {0.75, 1.0};
   grid.axes[1].nodes = {0.9, 1.0};
   (void)run_snapshots(small_problem(), grid);
@@ -160,11 +162,11 @@ TEST(SnapshotRuns, a_run_that_dies_is_named_and_the_finished_ones_stay) {
             std::string::npos)
       << message;
   EXPECT_NE(message.find("4 of 6 runs are kept in"), std::string::npos) << message;
-  const SnapshotRuns rest = run_snapshots(small_problem(), grid);
+  const GridRuns rest = run_snapshots(small_problem(), grid);
   for (std::size_t i = 0; i < 6; ++i) EXPECT_EQ(rest.runs[i].resumed, i < 4);
 }
 
-TEST(SnapshotRuns, an_interruption_tells_what_is_kept) {
+TEST(BeamRuns, an_interruption_tells_what_is_kept) {
   const files::TestFolder folder;
   request_cancellation();
   const std::string message = message_of<Interrupted>(
@@ -173,10 +175,10 @@ TEST(SnapshotRuns, an_interruption_tells_what_is_kept) {
   EXPECT_NE(message.find("0 of 6 runs are kept in " + folder.file("parts")), std::string::npos) << message;
 }
 
-TEST(SnapshotRuns, faulty_axes_are_refused_with_the_reason) {
+TEST(BeamRuns, faulty_axes_are_refused_with_the_reason) {
   const files::TestFolder folder;
   const auto refused = [&](auto change) {
-    SnapshotGrid grid = small_grid(folder.file("parts"));
+    RunGrid grid = small_grid(folder.file("parts"));
     change(grid);
     return message_of<ProjectError>([&] { (void)run_snapshots(small_problem(), grid); });
   };
