@@ -8,7 +8,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/progress.hpp"
-#include "knothe/mechanics/full_order/run_key.hpp"
+#include "knothe/base/text.hpp"
 #include "knothe/offline/problem.hpp"
 #include "knothe/project/refinement.hpp"
 #include "knothe/reduction/grid/local_refinement.hpp"
@@ -21,12 +21,13 @@ namespace {
 using reduction::Snapshots;
 
 /// The solutions at `points`, and those that the folder has of other points.
-std::vector<Snapshots> solutions_at(simulator::Simulator& simulator, const std::vector<std::vector<double>>& points,
+std::vector<Snapshots> solutions_at(simulator::Simulator& simulator,
+                                    const std::vector<std::vector<double>>& points,
                                     const std::filesystem::path& folder) {
   std::filesystem::create_directories(folder);
   Progress progress("full-order runs at the posterior", points.size());
   for (std::size_t i = 0; i < points.size(); ++i) {
-    const std::string file = folder / fmt::format("solution-{:016x}.h5", mechanics::fnv1a(simulator.key(points[i])));
+    const std::string file = folder / fmt::format("solution-{:016x}.h5", fnv1a(simulator.key(points[i])));
     if (!std::filesystem::exists(file)) reduction::write_snapshots(simulator.solve(points[i]), file);
     progress.advance_to(i + 1);
   }
@@ -38,7 +39,7 @@ std::vector<Snapshots> solutions_at(simulator::Simulator& simulator, const std::
   for (const auto& file : files) {
     solutions.push_back(reduction::read_solution(file));
     const std::string expected =
-        fmt::format("solution-{:016x}.h5", mechanics::fnv1a(simulator.key(solutions.back().parameters_at(0))));
+        fmt::format("solution-{:016x}.h5", fnv1a(simulator.key(solutions.back().parameters_at(0))));
     if (file.filename() != expected) solutions.pop_back();  // of another mesh, loading …
   }
   return solutions;
@@ -52,18 +53,18 @@ void refine_model(const RefineOptions& options, const files::CommandOutput& outp
   const report::Results results = report::read_results(options.results);
   std::vector<std::string> names;
   for (const report::ParameterSummary& parameter : results.parameters) names.push_back(parameter.name);
-  const reduction::ModelContents base = reduction::with_parameter_order(reduction::read_model(project.model), names);
+  const reduction::ModelContents base =
+      reduction::with_parameter_order(reduction::read_model(project.model), names);
   const report::Step& last = results.steps.back();
-  mechanics::BeamSimulator simulator(beam_problem(project), base.axes);
+  const auto simulator = project_simulator(project, base.axes);
   const std::vector<Snapshots> solutions = solutions_at(
-      simulator, project::points_around(last.mean, last.covariance, base.axes), options.model + ".parts");
-  const reduction::RefinedModel fine =
-      reduction::refined(base, reduction::read_truncation_error(project.model), solutions,
-                         {last.mean, last.covariance});
+      *simulator, project::points_around(last.mean, last.covariance, base.axes), options.model + ".parts");
+  const reduction::RefinedModel fine = reduction::refined(
+      base, reduction::read_truncation_error(project.model), solutions, {last.mean, last.covariance});
   reduction::write_model(fine.model, fine.error, options.model);
   output.line({{"done", true}, {"model", options.model}, {"full_order_runs", solutions.size()}},
-              fmt::format("{}: {} refined by {} full-order solutions around the posterior of step {}", options.model,
-                          project.model, solutions.size(), last.step));
+              fmt::format("{}: {} refined by {} full-order solutions around the posterior of step {}",
+                          options.model, project.model, solutions.size(), last.step));
 }
 
 }  // namespace knothe::offline

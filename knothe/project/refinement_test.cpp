@@ -32,7 +32,8 @@ Snapshots front_on(std::vector<reduction::Axis> axes) {
   std::vector<double> time;
   for (std::size_t i = 0; i < k_times; ++i) time.push_back(0.1 * static_cast<double>(i + 1));
   Snapshots snapshots = reduction::snapshots_of(front, std::move(axes), time, k_dofs);
-  for (std::size_t i = 0; i < k_dofs; ++i) snapshots.dofs.add(std::array{0.01 * static_cast<double>(i), 0.0, 0.0}, 0);
+  for (std::size_t i = 0; i < k_dofs; ++i)
+    snapshots.dofs.add(std::array{0.01 * static_cast<double>(i), 0.0, 0.0}, 0);
   return snapshots;
 }
 
@@ -56,8 +57,8 @@ class FrontSimulator final : public simulator::Simulator {
   std::vector<std::string> names_;
 };
 
-/// Mean and standard deviation of the exact posterior, uniform prior on the box, by the midpoint rule on grids that
-/// zoom in.
+/// Mean and standard deviation of the exact posterior, uniform prior on the box, by the midpoint rule on
+/// grids that zoom in.
 struct ExactPosterior {
   VectorXd mean, std;
 };
@@ -106,19 +107,22 @@ class RefinementTest : public testing::Test {
     compression.modes = 20;
     const reduction::ModelContents model = reduction::compress(snapshots, compression);
     std::vector<reduction::OffGridSolution> off_grid;
-    for (const auto& p : {std::vector{0.61, 1.4}, std::vector{1.37, 0.66}, std::vector{0.87, 0.91},
-                          std::vector{1.12, 1.14}})
-      off_grid.push_back({p, front_on({{.name = "a", .nodes = {p[0]}}, {.name = "b", .nodes = {p[1]}}}).values});
-    reduction::write_model(model, reduction::truncation_error(model, snapshots, off_grid), folder_ + "model.h5");
+    for (const auto& p :
+         {std::vector{0.61, 1.4}, std::vector{1.37, 0.66}, std::vector{0.87, 0.91}, std::vector{1.12, 1.14}})
+      off_grid.push_back(
+          {p, front_on({{.name = "a", .nodes = {p[0]}}, {.name = "b", .nodes = {p[1]}}}).values});
+    reduction::write_model(model, reduction::truncation_error(model, snapshots, off_grid),
+                           folder_ + "model.h5");
   }
 
   void write_data(const std::array<double, 2>& truth, std::uint64_t seed) {
-    const Snapshots exact = front_on({{.name = "a", .nodes = {truth[0]}}, {.name = "b", .nodes = {truth[1]}}});
+    const Snapshots exact =
+        front_on({{.name = "a", .nodes = {truth[0]}}, {.name = "b", .nodes = {truth[1]}}});
     std::vector<std::size_t> all(k_dofs);
     std::iota(all.begin(), all.end(), std::size_t{0});
-    measurements_ = assimilation::add_noise(exact.dofs, all, exact.time,
-                                            Eigen::Map<const Eigen::MatrixXd>(exact.values.data(), k_dofs, k_times),
-                                            k_noise, seed);
+    measurements_ = assimilation::add_noise(
+        exact.dofs, all, exact.time, Eigen::Map<const Eigen::MatrixXd>(exact.values.data(), k_dofs, k_times),
+        k_noise, seed);
     assimilation::write_measurements(folder_ + "data.h5", measurements_, "", seed);
   }
 
@@ -142,7 +146,8 @@ class RefinementTest : public testing::Test {
     Run run;
     while (auto item = data.next({})) run.after = engine->assimilate(item->datum);
     run.before = run.after;
-    Refinement refinement(project, nullptr, std::make_unique<FrontSimulator>(std::move(names)), folder_ + "refined");
+    Refinement refinement(project, nullptr, std::make_unique<FrontSimulator>(std::move(names)),
+                          folder_ + "refined");
     EXPECT_TRUE(refinement.refine(engine, run.after, 14, true));
     run.runs = refinement.runs();
     run.version = refinement.version();
@@ -181,7 +186,8 @@ TEST_F(RefinementTest, TheProjectsOrderOfTheParametersCounts) {
   write_data({0.87, 1.13}, 3);
   const Run one = run(project());
   Project other = parse_project(
-      "model = \"model.h5\"\ndata = \"data.h5\"\n[parameters]\nb = { prior = \"uniform\", lower = 0.5, upper = 1.5 }\n"
+      "model = \"model.h5\"\ndata = \"data.h5\"\n[parameters]\nb = { prior = \"uniform\", lower = 0.5, upper "
+      "= 1.5 }\n"
       "a = { prior = \"uniform\", lower = 0.5, upper = 1.5 }\n",
       folder_ + "other.toml");
   class Swapped final : public simulator::Simulator {
@@ -200,8 +206,10 @@ TEST_F(RefinementTest, TheProjectsOrderOfTheParametersCounts) {
   while (auto item = data.next({})) result = engine->assimilate(item->datum);
   Refinement refinement(other, nullptr, std::make_unique<Swapped>(), folder_ + "swapped");
   ASSERT_TRUE(refinement.refine(engine, result, 14, true));
-  EXPECT_NEAR(result.update.mean[0], one.after.update.mean[1], 0.05 * one.after.update.standard_deviations()[1]);
-  EXPECT_NEAR(result.update.mean[1], one.after.update.mean[0], 0.05 * one.after.update.standard_deviations()[0]);
+  EXPECT_NEAR(result.update.mean[0], one.after.update.mean[1],
+              0.05 * one.after.update.standard_deviations()[1]);
+  EXPECT_NEAR(result.update.mean[1], one.after.update.mean[0],
+              0.05 * one.after.update.standard_deviations()[0]);
 }
 
 TEST_F(RefinementTest, TheDoubtOfTheVerdictMakesItAsk) {

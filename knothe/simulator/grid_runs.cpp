@@ -85,8 +85,8 @@ class Runs {
     } else {
       what = fmt::format("{} of {} full-order runs failed; {}:", failures.size(), runs_.size(), kept());
       for (std::size_t i = 0; i < std::min(failures.size(), k_shown); ++i)
-        what += fmt::format("\n  run {} ({}): {}", failures[i].run + 1, at(failures[i].run),
-                            failures[i].message);
+        what +=
+            fmt::format("\n  run {} ({}): {}", failures[i].run + 1, at(failures[i].run), failures[i].message);
       if (failures.size() > k_shown) what += fmt::format("\n  and {} more", failures.size() - k_shown);
     }
     if (failures[0].status == ExitStatus::io) throw IoError(what);

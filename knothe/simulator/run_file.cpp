@@ -14,9 +14,8 @@ void write_run(const Run& run, const reduction::Snapshots& solution, const RunRe
     for (const auto& [name, value] : record.numbers)
       file.write("/record/" + name, {&value, 1}, {1}, {"1", "how the run went"});
     if (const auto& steps = record.steps_without_equilibrium; !steps.empty())
-      file.write_integers("/steps_without_equilibrium",
-                          std::vector<std::int64_t>(steps.begin(), steps.end()), {steps.size()},
-                          {"1", "step numbers"});
+      file.write_integers("/steps_without_equilibrium", std::vector<std::int64_t>(steps.begin(), steps.end()),
+                          {steps.size()}, {"1", "step numbers"});
     file.text_attribute("/", "key", run.key);
     file.close();
   });
