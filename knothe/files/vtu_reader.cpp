@@ -1,3 +1,5 @@
+#include "knothe/files/vtu_reader.hpp"
+
 #include <fmt/format.h>
 #include <zlib.h>
 
@@ -10,6 +12,7 @@
 #include <string_view>
 
 #include "knothe/base/error.hpp"
+#include "knothe/files/atomic_file.hpp"
 #include "knothe/files/numbers.hpp"
 #include "knothe/files/surface_mesh.hpp"
 #include "knothe/files/text_position.hpp"
@@ -63,7 +66,38 @@ class VtuReader {
  public:
   VtuReader(const std::string& text, const std::string& path) : text_(text), path_(path) {}
 
-  SurfaceMesh read() {
+  SurfaceMesh surface() {
+    const VtuContents grid = read();
+    return collect(grid.points, grid.connectivity, grid.offsets, grid.types);
+  }
+
+  VtuContents contents() {
+    VtuContents grid = read();
+    for (auto array = piece_.child("PointData").child("DataArray"); array;
+         array = array.next_sibling("DataArray")) {
+      if (array.attribute("type").value() == std::string_view("String")) continue;
+      VtuField field;
+      field.name = array.attribute("Name").value();
+      if (array.attribute("NumberOfComponents"))
+        field.components =
+            static_cast<std::size_t>(std::clamp<std::int64_t>(attribute(array, "NumberOfComponents"), 1, 9));
+      field.values = numbers<double>(array, "values");
+      if (field.values.size() != grid.points.size() / 3 * field.components)
+        fail(array, fmt::format("{} has {} values for {} points of {} components", field.name,
+                                field.values.size(), grid.points.size() / 3, field.components));
+      grid.point_fields.push_back(std::move(field));
+    }
+    for (auto array = file_.child("UnstructuredGrid").child("FieldData").child("DataArray"); array;
+         array = array.next_sibling("DataArray"))
+      if (array.attribute("Name").value() == std::string_view("TimeValue"))
+        if (const auto values = numbers<double>(array, "times"); !values.empty()) grid.time = values[0];
+    check_cells(grid);
+    return grid;
+  }
+
+ private:
+  /// The points and cells.
+  VtuContents read() {
     parse();
     const pugi::xml_node points_array = piece_.child("Points").child("DataArray"),
                          offsets_array = cells("offsets"), types_array = cells("types");
@@ -79,10 +113,23 @@ class VtuReader {
       fail(types_array, fmt::format("{} cell types for {} cells", types.size(), offsets.size()));
     for (const double x : points)
       if (!std::isfinite(x)) fail(points_array, "a coordinate that is not finite");
-    return collect(points, connectivity, offsets, types);
+    return {points, connectivity, offsets, types, {}, {}};
   }
 
- private:
+  void check_cells(const VtuContents& grid) const {
+    const auto nodes = static_cast<std::int64_t>(grid.connectivity.size()),
+               count = static_cast<std::int64_t>(grid.points.size() / 3);
+    std::int64_t before = 0;
+    for (const std::int64_t end : grid.offsets) {
+      if (end < before || end > nodes)
+        fail(cells("offsets"), fmt::format("an offset of {}, there are {} nodes in all", end, nodes));
+      before = end;
+    }
+    for (const std::int64_t point : grid.connectivity)
+      if (point < 0 || point >= count)
+        fail(cells("connectivity"), fmt::format("a cell has the point {}, there are {}", point, count));
+  }
+
   [[noreturn]] void fail(std::size_t at, const std::string& message) const {
     fail_at_offset(path_, text_, at, message);
   }
@@ -103,7 +150,7 @@ class VtuReader {
     if (!result)
       fail(static_cast<std::size_t>(result.offset),
            fmt::format("{}: this is no VTU file, or it is cut off", result.description()));
-    const pugi::xml_node file = document_.child("VTKFile");
+    const pugi::xml_node file = file_ = document_.child("VTKFile");
     if (file) read_header(file);
     piece_ = file.child("UnstructuredGrid").child("Piece");
     if (!piece_) fail(0, "this is no VTU file: a VTKFile of type UnstructuredGrid with a Piece is expected");
@@ -286,15 +333,73 @@ class VtuReader {
   const std::string& text_;
   const std::string& path_;
   pugi::xml_document document_;
-  pugi::xml_node piece_;
+  pugi::xml_node file_, piece_;
   std::size_t appended_ = std::string::npos;
   bool long_header_ = false, compressed_ = false, base64_ = false;
 };
 
+std::string text_of(const std::string& path) {
+  try {
+    return read_text(path);
+  } catch (const IoError& error) {
+    throw DataError(error.what());
+  }
+}
+
 }  // namespace
 
 SurfaceMesh parse_vtu(const std::string& text, const std::string& path) {
-  return VtuReader(text, path).read();
+  return VtuReader(text, path).surface();
+}
+
+VtuContents parse_vtu_contents(const std::string& text, const std::string& path) {
+  return VtuReader(text, path).contents();
+}
+
+VtuContents read_vtu(const std::string& path) {
+  return parse_vtu_contents(text_of(path), path);
+}
+
+std::vector<PvdEntry> read_pvd(const std::string& path) {
+  const std::string text = text_of(path);
+  pugi::xml_document document;
+  const auto result = document.load_buffer(text.data(), text.size());
+  const pugi::xml_node collection = document.child("VTKFile").child("Collection");
+  if (!result || !collection)
+    throw DataError(path + ": error: this is no PVD file: a VTKFile with a Collection is expected");
+  std::vector<PvdEntry> entries;
+  for (auto set = collection.child("DataSet"); set; set = set.next_sibling("DataSet")) {
+    const auto time = parse_number(set.attribute("timestep").value());
+    const std::string file = set.attribute("file").value();
+    if (!time || !std::isfinite(*time) || file.empty())
+      throw DataError(path + ": error: a DataSet needs a timestep and a file");
+    entries.push_back({*time, file});
+  }
+  std::stable_sort(entries.begin(), entries.end(),
+                   [](const PvdEntry& a, const PvdEntry& b) { return a.time < b.time; });
+  for (std::size_t i = 1; i < entries.size(); ++i)
+    if (entries[i].time == entries[i - 1].time)
+      throw DataError(
+          fmt::format("{}: error: two files for the time {}: append the parts into one (ParaView: "
+                      "Merge Blocks)",
+                      path, entries[i].time));
+  if (entries.empty()) throw DataError(path + ": error: the series has no DataSet");
+  return entries;
+}
+
+VtkCell vtk_cell(std::int64_t type) {
+  switch (type) {
+    case 5:
+      return {"VTK_TRIANGLE", 3};
+    case 9:
+      return {"VTK_QUAD", 4};
+    case 10:
+      return {"VTK_TETRA", 4};
+    case 12:
+      return {"VTK_HEXAHEDRON", 8};
+    default:
+      return {};
+  }
 }
 
 }  // namespace knothe::files
