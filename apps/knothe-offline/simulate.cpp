@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 
 #include "apps/knothe-offline/commands.hpp"
+#include "knothe/base/error.hpp"
 #include "knothe/offline/problem.hpp"
 #include "knothe/project/picture_simulation.hpp"
 #include "knothe/project/project_file.hpp"
@@ -19,12 +20,14 @@ int simulate(const SimulateArguments& arguments) {
     for (std::size_t dof : dofs) values.push_back(solution.values[step * n_dof + dof]);
     return values;
   };
+  if (arguments.images && !solution.mesh)
+    throw DataError("the full-order model has no mesh: no picture can be drawn of it");
   if (arguments.images)
     project::simulate_pictures(project, *solution.mesh, solution.dofs, solution.time, field, arguments.seed,
                                arguments.output);
   else
-    project::simulate_measurements(project, solution.dofs, solution.time, field, arguments.seed,
-                                   arguments.output);
+    project::simulate_measurements(project, {solution.dofs, solution.quantities, solution.time, field},
+                                   arguments.seed, arguments.output);
   return 0;
 }
 

@@ -7,6 +7,7 @@
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/command_output.hpp"
 #include "knothe/reduction/compress/compression.hpp"
+#include "knothe/reduction/compress/quantity_scales.hpp"
 #include "knothe/reduction/model/form_names.hpp"
 #include "knothe/reduction/model/separated_model.hpp"
 #include "knothe/reduction/model/truncation_error.hpp"
@@ -27,8 +28,9 @@ void add_errors(const reduction::ModelContents& model, nlohmann::ordered_json& r
 
 std::string off_grid_text(const reduction::ModelContents& model) {
   if (!model.off_grid) return "not known";
-  return fmt::format("{:.2g} (relative), at most {:.3g} µm (from {})", model.off_grid->relative_error,
-                     model.off_grid->max_error_m * 1e6, model.off_grid->source);
+  return fmt::format("{:.2g} (relative), {} (from {})", model.off_grid->relative_error,
+                     reduction::largest_error(model.off_grid->max_error_m, model.quantities),
+                     model.off_grid->source);
 }
 
 }  // namespace
@@ -54,6 +56,8 @@ int model_info(const ModelArguments& arguments) {
   }
   info["units"] = c.field.units;
   info["mesh_cells"] = c.mesh ? c.mesh->cell_count() : 0;
+  for (const reduction::Quantity& quantity : c.quantities)
+    info["quantities"].push_back({{"name", quantity.name}, {"units", quantity.units}});
   info["outputs"] = model.output_names();
   info["crack_lengths"] = c.crack.length.size();
   add_errors(c, info);
@@ -67,11 +71,13 @@ int model_info(const ModelArguments& arguments) {
   for (const reduction::Axis& axis : c.axes)
     text += fmt::format("  {}: {:g} … {:g}, {} nodes; 1.0 is {:g} {}\n", axis.name, axis.nodes.front(),
                         axis.nodes.back(), axis.nodes.size(), axis.reference, axis.units);
+  for (const reduction::Quantity& quantity : c.quantities)
+    text += fmt::format("  dof {} [{}]\n", quantity.name, quantity.units);
   text += fmt::format(
-      "  outputs: {}; crack lengths: {}\n  error on the training grid: {:.2g} relative (L²), at most {:.3g} "
-      "µm on any dof\n  error off the grid: {}",
-      fmt::join(model.output_names(), ", "), c.crack.length.size(), c.relative_error, c.max_error_m * 1e6,
-      off_grid_text(c));
+      "  outputs: {}; crack lengths: {}\n  error on the training grid: {:.2g} relative (L²), {}\n"
+      "  error off the grid: {}",
+      fmt::join(model.output_names(), ", "), c.crack.length.size(), c.relative_error,
+      reduction::largest_error(c.max_error_m, c.quantities), off_grid_text(c));
   files::CommandOutput(arguments.json).line(info, text);
   return 0;
 }
@@ -91,10 +97,12 @@ int model_import(const ImportArguments& arguments) {
                                    {"parameter_modes", model.parameter_modes}};
   add_errors(model, record);
   files::CommandOutput(arguments.json)
-      .line(record, fmt::format("{}: {} form, {} space modes, {} parameter modes, error on the grid {:.2g} "
-                                "(relative), at most {:.3g} µm; off the grid {}",
-                                arguments.output, arguments.form, model.space_modes, model.parameter_modes,
-                                model.relative_error, model.max_error_m * 1e6, off_grid_text(model)));
+      .line(record,
+            fmt::format("{}: {} form, {} space modes, {} parameter modes, error on the grid {:.2g} (relative), {}; "
+                        "off the grid {}",
+                        arguments.output, arguments.form, model.space_modes, model.parameter_modes,
+                        model.relative_error, reduction::largest_error(model.max_error_m, model.quantities),
+                        off_grid_text(model)));
   if (arguments.tolerance > 0 && model.relative_error > arguments.tolerance)
     fmt::print(stderr, "note: --modes {} is too few for --tolerance {:g}\n", arguments.modes,
                arguments.tolerance);

@@ -33,8 +33,8 @@ int simulate(const SimulateArguments& arguments) {
     project::simulate_pictures(project, *contents.mesh, contents.dofs, contents.time, field, arguments.seed,
                                arguments.output);
   } else {
-    project::simulate_measurements(project, contents.dofs, contents.time, field, arguments.seed,
-                                   arguments.output);
+    project::simulate_measurements(project, {contents.dofs, contents.quantities, contents.time, field},
+                                   arguments.seed, arguments.output);
   }
   return 0;
 }

@@ -148,16 +148,14 @@ GridSolutions solve_separated(const OfflineOptions& options, const mechanics::Be
 }
 
 /// Largest error at `dofs` of splines through the uncompressed snapshots, m.
-double interpolation_error(const reduction::Snapshots& snapshots, const std::vector<std::size_t>& dofs,
+double interpolation_error(const GridSolutions& solutions, const std::vector<std::size_t>& dofs,
                            const std::vector<reduction::OffGridSolution>& off_grid) {
-  reduction::Dofs seen;
-  for (const std::size_t dof : dofs) seen.add(snapshots.dofs.point(dof), snapshots.dofs.components[dof]);
-  const reduction::ObservedModel model = reduction::observe_snapshots(snapshots, seen);
+  const reduction::ObservedModel model = reduction::observe_snapshots(solutions.at_dofs(dofs));
   double largest = 0;
   for (const reduction::OffGridSolution& solution : off_grid)
     largest =
         std::max(largest, largest_error(model, solution.parameters, [&](std::size_t step, std::size_t i) {
-                   return solution.values[step * snapshots.dof_count() + dofs[i]];
+                   return solution.values[step * solutions.dof_count() + dofs[i]];
                  }));
   return largest;
 }
@@ -195,8 +193,9 @@ GridSolutions solve_project_grid(const project::Project& project, simulator::Sim
   while (true) {
     GridSolutions solutions = run_grid(options, solver, grid, parts_folder, output);
     if (!options.adaptive_grid_error) return solutions;
-    const std::vector<std::size_t> dofs = judged_dofs(project, solutions.snapshots.dofs);
-    const double error = interpolation_error(solutions.snapshots, dofs, off_grid);
+    const std::vector<std::size_t> dofs =
+        judged_dofs(project, solutions.dofs(), solutions.snapshots.quantities);
+    const double error = interpolation_error(solutions, dofs, off_grid);
     fmt::print(stderr, "parameter grid of {} points: off the grid at most {:.3f} µm on the observed dofs\n",
                solutions.snapshots.grid_size(), 1e6 * error);
     if (error <= *options.adaptive_grid_error) return solutions;

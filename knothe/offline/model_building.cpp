@@ -11,6 +11,7 @@
 #include "knothe/offline/grid_solving.hpp"
 #include "knothe/offline/model_study.hpp"
 #include "knothe/offline/problem.hpp"
+#include "knothe/reduction/compress/quantity_scales.hpp"
 #include "knothe/reduction/observe/crack_modes.hpp"
 
 namespace knothe::offline {
@@ -19,6 +20,7 @@ namespace {
 /// Crack solutions of the structured beam, for forecasts of its crack's length.
 reduction::CrackSolutions crack_solutions(const project::Project& project, const reduction::Dofs& dofs) {
   const project::OfflineOptions& options = *project.offline;
+  if (!options.is_beam()) return {};
   const mechanics::BeamProblem problem = beam_problem(project);
   if (options.crack_lengths == 0 || !problem.gmsh_file.empty()) return {};
   const mechanics::CrackTable table = mechanics::crack_table(problem, {.count = options.crack_lengths}, dofs);
@@ -49,6 +51,9 @@ void build(const BuildOptions& build, const files::CommandOutput& output) {
   const bool is_adaptive = options.adaptive_grid_error.has_value();
   if (is_adaptive && is_latin)
     throw ProjectError("\"grid_error\" adds full-order runs: it goes with method = \"snapshots\"");
+  if (is_latin && !options.is_beam())
+    throw ProjectError(
+        "LATIN-PGD solves for the built-in beam: another solver goes with method = \"snapshots\"");
   check_adaptive(project, axes);
   const bool is_first = mechanics::Ranks::of_this_job().rank == 0;
   if (is_latin && !is_first) return;  // LATIN has all points at once: the first rank's threads do it
@@ -68,14 +73,13 @@ void build(const BuildOptions& build, const files::CommandOutput& output) {
   model.off_grid = {std::max(between.relative, between.plain_relative), between.max, "full-order solutions"};
   reduction::write_model(model, reduction::truncation_error(model, solutions, off_grid), build.model);
   study_models(project, solutions, off_grid, output);
-  output.line(
-      {{"done", true},
-       {"model", build.model},
-       {"relative_error", model.relative_error},
-       {"max_error_m", model.max_error_m}},
-      fmt::format("{}: {} form, {} modes, error on the grid {:.2g} (relative), at most {:.3g} µm on any dof",
-                  build.model, to_text(options.form), model.parameter_modes, model.relative_error,
-                  model.max_error_m * 1e6));
+  output.line({{"done", true},
+               {"model", build.model},
+               {"relative_error", model.relative_error},
+               {"max_error_m", model.max_error_m}},
+              fmt::format("{}: {} form, {} modes, error on the grid {:.2g} (relative), {}", build.model,
+                          to_text(options.form), model.parameter_modes, model.relative_error,
+                          reduction::largest_error(model.max_error_m, model.quantities)));
 }
 
 }  // namespace

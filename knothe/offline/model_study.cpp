@@ -30,19 +30,18 @@ std::vector<std::size_t> possible_modes(std::initializer_list<std::size_t> count
 /// The uncompressed model at the observed dofs.
 std::shared_ptr<const ObservedModel> uncompressed(const reduction::GridSolutions& solutions,
                                                   const SyntheticProblem& problem) {
-  return std::make_shared<const ObservedModel>(
-      reduction::observe_snapshots(solutions.at_dofs(problem.dofs), {problem.points, problem.components}));
+  return std::make_shared<const ObservedModel>(reduction::observe_snapshots(solutions.at_dofs(problem.dofs)));
 }
 
 /// Judges by data that `model` predicts at `truth`.
 PosteriorJudge judge_at(const std::shared_ptr<const ObservedModel>& model, const SyntheticProblem& problem,
-                        const reduction::GridSolutions& solutions, const std::vector<double>& truth) {
+                        const std::vector<double>& truth) {
   const Eigen::VectorXd p =
       Eigen::Map<const Eigen::VectorXd>(truth.data(), static_cast<Eigen::Index>(truth.size()));
   Eigen::MatrixXd exact(model->observations(), static_cast<Eigen::Index>(model->time.size()));
   for (Eigen::Index t = 0; t < exact.cols(); ++t)
     exact.col(t) = model->predict(p, static_cast<std::size_t>(t));
-  return {model, problem, solutions.dofs(), exact};
+  return {model, problem, exact};
 }
 
 assimilation::ShiftSummary shift_of(const PosteriorJudge& judge, const SyntheticProblem& problem,
@@ -120,7 +119,8 @@ std::size_t choose_modes(const project::Project& project, const reduction::GridS
   const bool by_shift = options.adaptive_shift.has_value();
   const std::vector<std::size_t> candidates =
       possible_modes({3, 6, 10, 15, 20, 30, 40, 50, 65, 80, 100}, solutions, form);
-  const auto problem = synthetic_problem(project, solutions.snapshots.axes, solutions.dofs());
+  const auto problem =
+      synthetic_problem(project, solutions.snapshots.axes, solutions.dofs(), solutions.snapshots.quantities);
   std::vector<PosteriorJudge> judges;
   if (by_shift) {
     project.require(problem.has_value(),
@@ -128,11 +128,12 @@ std::size_t choose_modes(const project::Project& project, const reduction::GridS
                     "their data");
     const auto exact = uncompressed(solutions, *problem);
     // The project's truth and two points of the box.
-    judges.push_back(judge_at(exact, *problem, solutions, project::simulated_truth(project, problem->names)));
+    judges.push_back(judge_at(exact, *problem, project::simulated_truth(project, problem->names)));
     for (const auto& truth : points_in_box(solutions.snapshots.axes, 2, 3))
-      judges.push_back(judge_at(exact, *problem, solutions, truth));
+      judges.push_back(judge_at(exact, *problem, truth));
   }
-  const std::vector<std::size_t> dofs = judged_dofs(project, solutions.dofs());
+  const std::vector<std::size_t> dofs =
+      judged_dofs(project, solutions.dofs(), solutions.snapshots.quantities);
   const reduction::Snapshots seen = by_shift ? reduction::Snapshots() : solutions.at_dofs(dofs);
   reduction::CompressionOptions compression;
   compression.form = form;
@@ -162,12 +163,15 @@ void study_models(const project::Project& project, const reduction::GridSolution
   // With many parameters the uncompressed judge (a function per grid point) and alternating least squares
   // would take longer than the model.
   const bool many = solutions.snapshots.axes.size() > 3;
-  const auto problem = synthetic_problem(project, solutions.snapshots.axes, solutions.dofs());
+  const auto problem =
+      synthetic_problem(project, solutions.snapshots.axes, solutions.dofs(), solutions.snapshots.quantities);
   std::optional<PosteriorJudge> judge;
   if (problem && !many)
-    judge = judge_at(uncompressed(solutions, *problem), *problem, solutions,
+    judge = judge_at(uncompressed(solutions, *problem), *problem,
                      project::simulated_truth(project, problem->names));
   output.text(k_table_head);
+  if (!solutions.snapshots.quantities.empty())
+    output.text("  (dofs without a place: instead of µm, millionths of how a quantity varies)");
   for (const Form form : {Form::canonical, Form::tree}) {
     if (many && form == Form::canonical) continue;
     reduction::CompressionOptions options;

@@ -7,17 +7,21 @@
 namespace knothe::offline {
 namespace {
 
-/// The dofs at which [simulate] measures; none where there is no such table, or where it draws pictures.
-std::vector<std::size_t> simulated_dofs(const project::Project& project, const reduction::Dofs& dofs) {
+/// What [simulate] measures; nothing where there is no such table, or where it draws pictures.
+project::MeasuredQuantities simulated_dofs(const project::Project& project, const reduction::Dofs& dofs,
+                                           const std::vector<reduction::Quantity>& quantities) {
   if (!project.simulate) return {};
-  return assimilation::choose_dofs(dofs, project.simulate->dofs, project.simulate->seed);
+  if (!quantities.empty()) return project::measured_quantities(project, quantities);
+  const auto chosen = assimilation::choose_dofs(dofs, project.simulate->dofs, project.simulate->seed);
+  return {chosen, std::vector<double>(chosen.size(), project.simulate->noise_std)};
 }
 
 }  // namespace
 
 std::optional<SyntheticProblem> synthetic_problem(const project::Project& project,
                                                   const std::vector<reduction::Axis>& axes,
-                                                  const reduction::Dofs& dofs) {
+                                                  const reduction::Dofs& dofs,
+                                                  const std::vector<reduction::Quantity>& quantities) {
   if (!project.simulate || project.parameters.size() != axes.size()) return std::nullopt;
   SyntheticProblem problem;
   for (const reduction::Axis& axis : axes) {
@@ -26,31 +30,30 @@ std::optional<SyntheticProblem> synthetic_problem(const project::Project& projec
     problem.names.push_back(axis.name);
   }
   if (problem.priors.size() != axes.size()) return std::nullopt;
-  problem.dofs = simulated_dofs(project, dofs);
-  if (problem.dofs.empty()) return std::nullopt;
-  for (const std::size_t dof : problem.dofs) {
-    problem.points.insert(problem.points.end(), &dofs.points[3 * dof], &dofs.points[3 * dof] + 3);
-    problem.components.push_back(dofs.components[dof]);
-  }
-  problem.noise_std = project.simulate->noise_std;
+  const project::MeasuredQuantities measured = simulated_dofs(project, dofs, quantities);
+  if (measured.dofs.empty()) return std::nullopt;
+  problem.dofs = measured.dofs;
+  if (quantities.empty())
+    for (const std::size_t dof : problem.dofs) problem.places.add(dofs.point(dof), dofs.components[dof]);
+  problem.noise_std =
+      Eigen::Map<const Eigen::VectorXd>(measured.std.data(), static_cast<Eigen::Index>(measured.std.size()));
   problem.seed = project.simulate->seed;
   return problem;
 }
 
-std::vector<std::size_t> judged_dofs(const project::Project& project, const reduction::Dofs& dofs) {
-  if (std::vector<std::size_t> chosen = simulated_dofs(project, dofs); !chosen.empty()) return chosen;
-  std::vector<std::size_t> all(dofs.components.size());
+std::vector<std::size_t> judged_dofs(const project::Project& project, const reduction::Dofs& dofs,
+                                     const std::vector<reduction::Quantity>& quantities) {
+  if (auto chosen = simulated_dofs(project, dofs, quantities); !chosen.dofs.empty()) return chosen.dofs;
+  std::vector<std::size_t> all(dofs.empty() ? quantities.size() : dofs.components.size());
   std::iota(all.begin(), all.end(), std::size_t{0});
   return all;
 }
 
 PosteriorJudge::PosteriorJudge(std::shared_ptr<const reduction::ObservedModel> judge,
-                               const SyntheticProblem& problem, const reduction::Dofs& dofs,
-                               const Eigen::MatrixXd& exact)
+                               const SyntheticProblem& problem, const Eigen::MatrixXd& exact)
     : model(std::move(judge)),
       priors(problem.priors),
-      data(assimilation::add_noise(dofs, problem.dofs, model->time, exact, problem.noise_std, problem.seed)) {
-}
+      data(assimilation::add_noise(model->time, exact, problem.noise_std, problem.seed)) {}
 
 assimilation::ShiftSummary PosteriorJudge::shift(std::shared_ptr<const reduction::ObservedModel> observed,
                                                  const assimilation::NoiseModel& noise) const {

@@ -17,19 +17,19 @@ struct SyntheticProblem {
   std::vector<std::string> names;  ///< of the axes, in their order
   std::vector<assimilation::Prior> priors;
   std::vector<std::size_t> dofs;  ///< observed
-  std::vector<double> points;     ///< [n_obs, 3], m
-  std::vector<std::int64_t> components;
-  double noise_std = 1e-6;  ///< m
+  reduction::Dofs places;         ///< of them; empty where the dofs have names instead
+  Eigen::VectorXd noise_std;      ///< [n_obs], in the field's unit
   std::uint64_t seed = 1;
 };
 /// Nothing where the project has no [simulate] that chooses dofs (it may draw pictures), or no prior for one
 /// of the axes.
-[[nodiscard]] std::optional<SyntheticProblem> synthetic_problem(const project::Project& project,
-                                                                const std::vector<reduction::Axis>& axes,
-                                                                const reduction::Dofs& dofs);
+[[nodiscard]] std::optional<SyntheticProblem> synthetic_problem(
+    const project::Project& project, const std::vector<reduction::Axis>& axes, const reduction::Dofs& dofs,
+    const std::vector<reduction::Quantity>& quantities);
 /// The observed dofs of [simulate]; all where it chooses none.
 [[nodiscard]] std::vector<std::size_t> judged_dofs(const project::Project& project,
-                                                   const reduction::Dofs& dofs);
+                                                   const reduction::Dofs& dofs,
+                                                   const std::vector<reduction::Quantity>& quantities);
 
 /// Noisy data, and the model that is right about them.
 struct PosteriorJudge {
@@ -37,9 +37,9 @@ struct PosteriorJudge {
   std::vector<assimilation::Prior> priors;
   assimilation::Measurements data;
 
-  /// `exact`: displacements n_obs × n_t to which the project's noise is added; `dofs`: all of the model.
+  /// `exact`: values n_obs × n_t to which the project's noise is added.
   PosteriorJudge(std::shared_ptr<const reduction::ObservedModel> judge, const SyntheticProblem& problem,
-                 const reduction::Dofs& dofs, const Eigen::MatrixXd& exact);
+                 const Eigen::MatrixXd& exact);
   /// How far the posterior of the data lies from the judge's where `observed` is assimilated instead, with
   /// the measurements' noise or another.
   [[nodiscard]] assimilation::ShiftSummary shift(std::shared_ptr<const reduction::ObservedModel> observed,

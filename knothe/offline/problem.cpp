@@ -1,13 +1,19 @@
 #include "knothe/offline/problem.hpp"
 
+#include <fmt/format.h>
+
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/integrate/sobol.hpp"
+#include "knothe/offline/umbridge_simulator.hpp"
+#include "knothe/simulator/command_simulator.hpp"
 
 namespace knothe::offline {
 
 mechanics::BeamProblem beam_problem(const project::Project& project) {
   project.require(project.offline.has_value(), "a table [offline]");
   const project::OfflineOptions& options = *project.offline;
+  if (!options.is_beam())
+    throw ProjectError("this is for the built-in beam, and the project has another solver");
   mechanics::BeamProblem problem;
   problem.beam.element = options.element;
   problem.beam.layers = options.layers;
@@ -27,11 +33,31 @@ mechanics::BeamProblem beam_problem(const project::Project& project) {
   return problem;
 }
 
+namespace {
+
+/// The axis of a parameter of another program.
+reduction::Axis own_axis(const project::OfflineParameter& p) {
+  reduction::Axis axis;
+  axis.name = p.name;
+  axis.reference = p.reference;
+  axis.units = p.units.empty() || p.reference != 1 ? "1" : p.units;
+  axis.long_name = p.long_name;
+  if (p.reference != 1)
+    axis.long_name +=
+        fmt::format("{}multiple of {:g} {}", p.long_name.empty() ? "" : ", ", p.reference, p.units);
+  for (int i = 0; i < p.nodes; ++i) axis.nodes.push_back(p.lower + (p.upper - p.lower) * i / (p.nodes - 1));
+  return axis;
+}
+
+}  // namespace
+
 std::vector<reduction::Axis> parameter_axes(const project::Project& project) {
   project.require(project.offline.has_value(), "a table [offline]");
   std::vector<reduction::Axis> axes;
   for (const project::OfflineParameter& p : project.offline->parameters)
-    axes.push_back(mechanics::parameter_axis(p.name, p.reference, p.lower, p.upper, p.nodes));
+    axes.push_back(!project.offline->is_beam()
+                       ? own_axis(p)
+                       : mechanics::parameter_axis(p.name, p.reference, p.lower, p.upper, p.nodes));
   return axes;
 }
 
@@ -57,6 +83,11 @@ std::vector<std::vector<double>> points_in_box(const std::vector<reduction::Axis
 
 std::unique_ptr<simulator::Simulator> project_simulator(const project::Project& project,
                                                         std::vector<reduction::Axis> axes) {
+  project.require(project.offline.has_value(), "a table [offline]");
+  if (project.offline->command)
+    return std::make_unique<simulator::CommandSimulator>(*project.offline->command, std::move(axes));
+  if (project.offline->umbridge)
+    return std::make_unique<UmbridgeSimulator>(*project.offline->umbridge, std::move(axes));
   return std::make_unique<mechanics::BeamSimulator>(beam_problem(project), std::move(axes));
 }
 

@@ -14,6 +14,7 @@
 #include "knothe/offline/posterior_judge.hpp"
 #include "knothe/offline/problem.hpp"
 #include "knothe/project/truncation_noise.hpp"
+#include "knothe/reduction/compress/quantity_scales.hpp"
 #include "knothe/reduction/model/truncation_error.hpp"
 
 namespace knothe::offline {
@@ -59,9 +60,8 @@ class ErrorJudge {
     std::vector<std::size_t> steps(model_.step_count());
     std::iota(steps.begin(), steps.end(), std::size_t{0});
     const reduction::TruncationError truncation = reduction::read_truncation_error(where);
-    if (truncation.count > 0)
-      added_ = reduction::observe_truncation(truncation, contents, where,
-                                             {problem.points, problem.components}, steps);
+    if (truncation.count > 0 && !problem.places.empty())
+      added_ = reduction::observe_truncation(truncation, contents, where, problem.places, steps);
     observed_ =
         std::make_shared<const reduction::ObservedModel>(reduction::observe_dofs(model_, problem.dofs));
   }
@@ -78,7 +78,7 @@ class ErrorJudge {
             solution.values[static_cast<std::size_t>(t) * n_dof + problem_.dofs[static_cast<std::size_t>(i)]];
       right->lift.col(t) += exact.col(t) - observed_->predict(p, static_cast<std::size_t>(t));
     }
-    const PosteriorJudge judge(right, problem_, model_.contents().dofs, exact);
+    const PosteriorJudge judge(right, problem_, exact);
     Shifts shifts{judge.shift(observed_, judge.data.noise), std::nullopt};
     if (!added_.empty())
       shifts.widened = judge.shift(observed_, project::with_truncation(judge.data.noise, added_));
@@ -95,7 +95,7 @@ class ErrorJudge {
 constexpr double k_confidence = 0.95;
 
 /// All points together, and what they tell of the box.
-void print_summary(const VerifyOptions& options, const reduction::ModelError& all,
+void print_summary(const VerifyOptions& options, const reduction::ModelError& all, const std::string& largest,
                    const std::optional<Shifts>& worst, const files::CommandOutput& output) {
   // The largest of N independent draws is exceeded with probability ≤ 1 − share by a new one, with confidence
   // 0.95.
@@ -104,9 +104,8 @@ void print_summary(const VerifyOptions& options, const reduction::ModelError& al
   line.update(error_record(all));
   if (worst) worst->add_to(line);
   line["confidence"] = {{"level", k_confidence}, {"share_of_parameters", share}};
-  std::string text =
-      fmt::format("{} points: error {:.2e}, of u − lift {:.2e}, at most {:.3f} µm on any dof\n",
-                  options.points, all.relative, all.relative_to_lift, all.max * 1e6);
+  std::string text = fmt::format("{} points: error {:.2e}, of u − lift {:.2e}, {}\n", options.points,
+                                 all.relative, all.relative_to_lift, largest);
   if (worst)
     text += fmt::format(
         "posterior of synthetic data from these points: mean moves by at most {:.2f} std (last step {:.2f}), "
@@ -137,8 +136,11 @@ void verify_model(const VerifyOptions& options, const files::CommandOutput& outp
   const reduction::ModelContents model = reduction::read_model(options.model);
   const auto full_order = project_simulator(project, model.axes);
   std::optional<ErrorJudge> judge;
-  if (const auto synthetic = synthetic_problem(project, model.axes, model.dofs))
+  if (const auto synthetic = synthetic_problem(project, model.axes, model.dofs, model.quantities))
     judge.emplace(*synthetic, model, options.model);
+  // Quantities of several units: errors are relative to how each varies.
+  const reduction::QuantityScales scales{reduction::SeparatedModel(model, options.model)};
+  const reduction::ModelContents scaled_model = scales.scaled(model);
   std::vector<reduction::OffGridSolution> solutions;
   std::optional<Shifts> worst;
   Progress progress("full-order runs", static_cast<std::size_t>(options.points), output.json());
@@ -146,7 +148,8 @@ void verify_model(const VerifyOptions& options, const files::CommandOutput& outp
     reduction::Snapshots solution = full_order->solve(point);
     require_same_model(options, model, solution);
     solutions.push_back({point, std::move(solution.values)});
-    const reduction::ModelError error = reduction::off_grid_error(model, {&solutions.back(), 1});
+    const reduction::ModelError error =
+        reduction::off_grid_error(scaled_model, scales.scaled({&solutions.back(), 1}));
     Json line = {{"point", point}};
     line.update(error_record(error));
     std::string text;
@@ -161,13 +164,13 @@ void verify_model(const VerifyOptions& options, const files::CommandOutput& outp
       raise_to(worst->plain, shifts.plain);
       if (shifts.widened) raise_to(*worst->widened, *shifts.widened);
     }
-    output.line(
-        line,
-        fmt::format("  ({:.4f})  error {:.2e}, of u − lift {:.2e}, at most {:.3f} µm on any dof{}",
-                    fmt::join(point, ", "), error.relative, error.relative_to_lift, error.max * 1e6, text));
+    output.line(line, fmt::format("  ({:.4f})  error {:.2e}, of u − lift {:.2e}, {}{}",
+                                  fmt::join(point, ", "), error.relative, error.relative_to_lift,
+                                  reduction::largest_error(error.max, model.quantities), text));
     progress.advance_to(solutions.size());
   }
-  print_summary(options, reduction::off_grid_error(model, solutions), worst, output);
+  const reduction::ModelError all = reduction::off_grid_error(scaled_model, scales.scaled(solutions));
+  print_summary(options, all, reduction::largest_error(all.max, model.quantities), worst, output);
 }
 
 }  // namespace knothe::offline

@@ -78,6 +78,58 @@ void add_reduction_options(Section<O>& s) {
         check([](double v) { return v <= 80; }, "the ligament is 80 mm high: at most 80 lengths"));
 }
 
+const Section<simulator::CommandOptions>& command_section() {
+  using C = simulator::CommandOptions;
+  using R = simulator::ResultOptions;
+  static const Section<C> k_section(
+      "offline.command", "Another program as full-order model, instead of the beam (docs/own-solver.md).",
+      [](Section<C>& s) {
+        s.add(
+            "run", &C::run,
+            "Program and arguments, run in a working folder of its own for each solution. In these words and "
+            "in the templates `{{NAME}}` is the parameter's physical value, `{{NAME:.8e}}` that in a format.",
+            required);
+        s.add("templates", &C::templates, "Files that are filled and put into the working folder.", file);
+        s.add("files", &C::files, "Files that are linked into the working folder as they are.", file);
+        s.add("field", in(&C::result, &R::field),
+              "File that the run leaves its solution in: `.csv` (a column `time`, one for each quantity), "
+              "`.npy` [times, dofs] or `.h5` (snapshots of one point).",
+              required);
+        s.add("quantity", in(&C::result, &R::quantity),
+              "Field of that file, where it has several; the displacement otherwise.");
+        s.add("outputs", in(&C::result, &R::outputs),
+              "CSV file that the run leaves further scalars in: a column `time`, one for each.");
+        s.add("times", in(&C::result, &R::times), "Model times, where the file has none.");
+        s.add("names", in(&C::result, &R::names), "`.npy`: name of each column, a quantity without a place.");
+        s.add("units", in(&C::result, &R::units), "`.npy`: unit of each of these.");
+        s.add("points", in(&C::result, &R::points),
+              "`.npy`: CSV file `x,y,z,component` with the place of each column, instead of names.", file);
+        s.add("time_limit", &C::time_limit_s, "After so many seconds an attempt is ended; 0: never.",
+              non_negative);
+        s.add("retries", &C::retries, "Further attempts at a run that has failed.");
+      });
+  return k_section;
+}
+
+const Section<UmbridgeSource>& umbridge_section() {
+  using U = UmbridgeSource;
+  static const Section<U> k_section(
+      "offline.umbridge",
+      "A model of a UM-Bridge 1.0 server as full-order model, instead of the beam (docs/own-solver.md). The "
+      "physical parameters fill its inputs; its outputs are all quantities at the first time, at the second, "
+      "…",
+      [](Section<U>& s) {
+        s.add("url", &U::url, "Address of the server, `\"http://HOST:PORT\"`.", required);
+        s.add("name", &U::name, "Name of the model, where the server has several.");
+        s.add("config", &U::config, "Passed through to the model.", free_table);
+        s.add("timeout", &U::timeout, "Seconds after which a request has failed.", positive);
+        s.add("times", &U::times, "Model times of the outputs.", required);
+        s.add("names", &U::names, "Name of each quantity.", required);
+        s.add("units", &U::units, "Unit of each quantity.");
+      });
+  return k_section;
+}
+
 const Section<O>& offline_section() {
   static const Section<O> k_section("offline", "How the reduced model is made.", [](Section<O>& s) {
     s.add("method", &O::method,
@@ -97,16 +149,32 @@ const Section<P>& parameter_section() {
   static const Section<P> k_section("offline.parameters.*", "Axis of the parameter grid.", [](Section<P>& s) {
     s.add("reference", &P::reference,
           "Physical value of 1.0 (Y0: J/m³, Ad: m³/J, E: Pa, support_stiffness: N/m of each support, "
-          "load_offset: m, at most 0.01 in all).",
-          positive, required);
-    s.add("lower", &P::lower, "Lower end of the axis, dimensionless; positive but for load_offset.",
+          "load_offset: m, at most 0.01 in all). With another solver 1 is the default: the axis, and with it "
+          "priors and truth, are then in the parameter's own unit.",
+          positive, no_default);
+    s.add("lower", &P::lower,
+          "Lower end of the axis, in multiples of the reference; positive, but for load_offset and with "
+          "another solver.",
           required);
-    s.add("upper", &P::upper, "Upper end of the axis, dimensionless.", positive, required);
+    s.add("upper", &P::upper, "Upper end of the axis, likewise.", required);
     s.add("nodes", &P::nodes, "Nodes of the axis, evenly spaced, at least 2.", at_least(2));
+    s.add("units", &P::units, "Another solver: unit of the parameter, \"N/m\".");
+    s.add("long_name", &P::long_name, "Another solver: what the parameter is, in words.");
   });
   return k_section;
 }
 
+/// A parameter of another solver than the beam.
+OfflineParameter read_own_parameter(Values& values, const std::string& name) {
+  const std::string path = "offline.parameters." + name;
+  OfflineParameter p = parameter_section().read(values, name);
+  p.name = name;
+  if (!(p.upper > p.lower))
+    values.complain(path + ".upper", fmt::format("[{}]: \"upper\" must be greater than \"lower\"", path));
+  return p;
+}
+
+/// A parameter of the beam.
 OfflineParameter read_parameter(Values& values, const std::string& name) {
   const std::string path = "offline.parameters." + name;
   static const std::vector<std::string> k_known = {"Y0", "Ad", "E", "support_stiffness", "load_offset"};
@@ -120,9 +188,35 @@ OfflineParameter read_parameter(Values& values, const std::string& name) {
   p.name = name;
   if (!(p.lower > 0) && name != "load_offset")
     values.complain(path + ".lower", fmt::format("[{}]: \"lower\" must be positive", path));
-  if (!(p.upper > p.lower))
-    values.complain(path + ".upper", fmt::format("[{}]: \"upper\" must be greater than \"lower\"", path));
+  if (!values.has(path + ".reference"))
+    values.complain(path, fmt::format("[{}] lacks \"reference\": the physical value of 1.0", path));
+  if (!(p.upper > std::max(p.lower, 0.0)))
+    values.complain(path + ".upper",
+                    fmt::format("[{}]: \"upper\" must be positive, and greater than \"lower\"", path));
+  for (const char* key : {".units", ".long_name"})
+    if (values.has(path + key))
+      values.complain(path + key, fmt::format("[{}]: what the beam's parameters are is known: \"{}\" goes "
+                                              "with another solver",
+                                              path, key + 1));
   return p;
+}
+
+/// What goes with the beam alone.
+void check_own_solver(Values& values, const OfflineOptions& o) {
+  if (o.parameters.empty())
+    values.complain("offline", "[offline.parameters] has no parameter: one table for each of the program's");
+  if (o.method == OfflineMethod::latin)
+    values.complain("offline.method",
+                    "LATIN-PGD solves for the built-in beam: another solver goes with method = "
+                    "\"snapshots\"");
+  for (const char* key : {"mesh", "damage", "latin", "steps", "displacement", "young_modulus",
+                          "poisson_ratio", "left_support", "crack_lengths"}) {
+    const std::string path = std::string("offline.") + key;
+    if (values.has(path) || values.has_table(path))
+      values.complain(path, fmt::format("[offline] {} is of the built-in beam: leave it away beside "
+                                        "another solver",
+                                        key));
+  }
 }
 
 void check_latin(Values& values, const OfflineOptions& o) {
@@ -148,13 +242,18 @@ void check_latin(Values& values, const OfflineOptions& o) {
 }  // namespace
 
 std::vector<Option> offline_option_table() {
-  return joined(offline_section(), parameter_section());
+  return joined(offline_section(), command_section(), umbridge_section(), parameter_section());
 }
 
 OfflineOptions read_offline(Values& values) {
   OfflineOptions o = offline_section().read(values);
+  if (values.has_table("offline.command")) o.command = command_section().read(values);
+  if (values.has_table("offline.umbridge")) o.umbridge = umbridge_section().read(values);
+  if (o.command && o.umbridge)
+    values.complain("offline.umbridge", "[offline] has both \"command\" and \"umbridge\": choose one");
+  const bool is_own = !o.is_beam();
   for (const std::string& name : values.children_of("offline.parameters"))
-    o.parameters.push_back(read_parameter(values, name));
+    o.parameters.push_back((is_own ? read_own_parameter : read_parameter)(values, name));
   if (o.regularisation == DamageRegularisation::gradient && o.gmsh.empty() &&
       o.internal_length < 1.999 * o.element)
     values.complain(
@@ -165,6 +264,10 @@ OfflineOptions read_offline(Values& values) {
   if (o.adaptive_error && o.adaptive_shift)
     values.complain("offline.adaptive",
                     "[offline.adaptive]: give \"error\" or \"posterior_shift\", not both");
+  if (is_own) {
+    check_own_solver(values, o);
+    return o;
+  }
   const auto has = [&](const char* name) {
     return std::any_of(o.parameters.begin(), o.parameters.end(),
                        [&](const auto& p) { return p.name == name; });

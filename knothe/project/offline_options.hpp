@@ -7,6 +7,7 @@
 
 #include "knothe/base/enum_names.hpp"
 #include "knothe/reduction/model/form_names.hpp"
+#include "knothe/simulator/command_simulator.hpp"
 
 namespace knothe::project {
 
@@ -47,13 +48,29 @@ constexpr auto names_of(LeftSupport /*support*/) {
 /// Axis of the parameter grid of the offline phase.
 struct OfflineParameter {
   std::string name;
-  double reference = 1;  ///< physical value of 1.0
+  double reference = 1;   ///< physical value of 1.0
+  std::string units;      ///< of the reference; of the own solver's parameters alone
+  std::string long_name;  ///< likewise
   double lower = 0.5;
   double upper = 1.5;
   int nodes = 7;
 };
 
+/// A model of a UM-Bridge server as full-order model: its outputs are the quantities at each time, [n_t,
+/// n_dof].
+struct UmbridgeSource {
+  std::string url;            ///< "http://HOST:PORT"
+  std::string name;           ///< of the model; empty: the only one the server has
+  std::string config = "{}";  ///< JSON, sent with every request
+  double timeout = 30;        ///< s, per request
+  std::vector<double> times;
+  std::vector<std::string> names, units;  ///< of the quantities; no unit: "1"
+};
+
 struct OfflineOptions {
+  std::optional<simulator::CommandOptions> command;  ///< another program instead of the built-in beam
+  std::optional<UmbridgeSource> umbridge;            ///< or a server
+  [[nodiscard]] bool is_beam() const { return !command && !umbridge; }
   OfflineMethod method = OfflineMethod::snapshots;
   std::optional<double> latin_accuracy;  ///< m; else 1e-7, fully separated 1e-6
   int latin_window = 2;                  ///< steps

@@ -77,6 +77,40 @@ TEST(ProjectFile, WrongTypesAndValues) {
             "dir/p.toml:2:6: error: [parameters.Y0]: a normal prior needs \"std\"");
 }
 
+const std::string k_own_solver =
+    "[offline.command]\nrun = [\"ccx\", \"job\"]\ntemplates = [\"job.inp\"]\nfield = \"job.frd\"\n"
+    "[offline.parameters.k]\nlower = -3\nupper = -1\nunits = \"N/m\"\n";
+
+TEST(ProjectFile, AnotherSolverHasItsOwnParameters) {
+  const Project p = parse_project(k_own_solver, "dir/p.toml");
+  ASSERT_TRUE(p.offline && p.offline->command);
+  EXPECT_FALSE(p.offline->is_beam());
+  EXPECT_EQ(p.offline->command->run, (std::vector<std::string>{"ccx", "job"}));
+  EXPECT_EQ(p.offline->command->templates, (std::vector<std::string>{"dir/job.inp"}));
+  EXPECT_EQ(p.offline->command->result.field, "job.frd");
+  EXPECT_EQ(p.offline->parameters[0].reference, 1);
+  EXPECT_EQ(p.offline->parameters[0].lower, -3);
+}
+
+TEST(ProjectFile, WhatDoesNotGoWithAnotherSolverIsRefused) {
+  EXPECT_NE(
+      complaint("[offline]\nsteps = 3\n" + k_own_solver).find("[offline] steps is of the built-in beam"),
+      std::string::npos);
+  EXPECT_NE(
+      complaint("[offline]\nmethod = \"latin\"\n" + k_own_solver).find("LATIN-PGD solves for the built-in"),
+      std::string::npos);
+  EXPECT_NE(
+      complaint(k_own_solver + "[offline.umbridge]\nurl = \"http://h:1\"\ntimes = [1]\nnames = [\"a\"]\n")
+          .find("has both \"command\" and \"umbridge\""),
+      std::string::npos);
+  EXPECT_NE(complaint("[offline.command]\nfield = \"a.csv\"\n").find("[offline.command] lacks \"run\""),
+            std::string::npos);
+  EXPECT_NE(complaint("[offline.parameters.Y0]\nlower = 0.5\nupper = 1.5\n")
+                .find("[offline.parameters.Y0] lacks "
+                      "\"reference\""),
+            std::string::npos);
+}
+
 TEST(ProjectFile, LimitsOfTheService) {
   const Project p = parse_project("[serve]\nlimits = { displacement = 1, force = 2.5e3 }\n", "p.toml");
   EXPECT_EQ(p.serve.limits, (std::map<std::string, double>{{"displacement", 1}, {"force", 2500}}));

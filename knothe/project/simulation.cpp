@@ -31,26 +31,74 @@ std::vector<double> simulated_truth(const Project& project, const std::vector<st
   return truth;
 }
 
-void simulate_measurements(const Project& project, const reduction::Dofs& dofs,
-                           const std::vector<double>& time, const DisplacementField& field,
-                           std::optional<std::uint64_t> seed, const std::string& output) {
+MeasuredQuantities measured_quantities(const Project& project,
+                                       const std::vector<reduction::Quantity>& quantities) {
+  std::vector<std::string> names;
+  for (const reduction::Quantity& quantity : quantities) names.push_back(quantity.name);
+  MeasuredQuantities measured;
+  for (const auto& [name, std] : project.simulate->noise) {
+    const auto found = std::find(names.begin(), names.end(), name);
+    if (found == names.end())
+      throw project.error_at(
+          "simulate.noise." + name,
+          fmt::format("simulate.noise.{} is no quantity of the model{}", name, did_you_mean(name, names)));
+    measured.dofs.push_back(static_cast<std::size_t>(found - names.begin()));
+    measured.std.push_back(std);
+  }
+  project.require(!measured.dofs.empty(),
+                  "[simulate.noise] with a standard deviation for each quantity that is measured");
+  return measured;
+}
+
+namespace {
+
+Eigen::MatrixXd exact_values(const SimulatedField& simulated, const std::vector<std::size_t>& chosen) {
+  Eigen::MatrixXd exact(static_cast<Eigen::Index>(chosen.size()),
+                        static_cast<Eigen::Index>(simulated.time.size()));
+  for (std::size_t t = 0; t < simulated.time.size(); ++t) {
+    const std::vector<double> values = simulated.field(t, chosen);
+    std::copy(values.begin(), values.end(), exact.col(static_cast<Eigen::Index>(t)).data());
+  }
+  return exact;
+}
+
+assimilation::Measurements measured_dofs(const Project& project, const SimulatedField& simulated,
+                                         std::uint64_t seed) {
   const SimulateOptions& options = *project.simulate;
   project.require(options.dofs.nodes > 0, "[simulate] dofs; for pictures instead give --images");
-  const std::uint64_t used_seed = seed.value_or(options.seed);
-  std::vector<std::size_t> chosen;
   try {
-    chosen = assimilation::choose_dofs(dofs, options.dofs, used_seed);
+    const auto chosen = assimilation::choose_dofs(simulated.dofs, options.dofs, seed);
+    return assimilation::add_noise(simulated.dofs, chosen, simulated.time, exact_values(simulated, chosen),
+                                   options.noise_std, seed);
   } catch (const ProjectError& error) {
     throw project.error_at("simulate.dofs.random", error.what());
   }
-  Eigen::MatrixXd exact(static_cast<Eigen::Index>(chosen.size()), static_cast<Eigen::Index>(time.size()));
-  for (std::size_t t = 0; t < time.size(); ++t) {
-    const std::vector<double> values = field(t, chosen);
-    std::copy(values.begin(), values.end(), exact.col(static_cast<Eigen::Index>(t)).data());
+}
+
+/// As series beside no displacements.
+assimilation::Measurements measured_series(const Project& project, const SimulatedField& simulated,
+                                           std::uint64_t seed) {
+  const auto [chosen, std] = measured_quantities(project, simulated.quantities);
+  assimilation::Measurements m = assimilation::add_noise(
+      simulated.time, exact_values(simulated, chosen),
+      Eigen::Map<const Eigen::VectorXd>(std.data(), static_cast<Eigen::Index>(std.size())), seed);
+  for (std::size_t i = 0; i < chosen.size(); ++i) {
+    const Eigen::VectorXd series = m.values.row(static_cast<Eigen::Index>(i));
+    m.series[simulated.quantities[chosen[i]].name] = {{series.begin(), series.end()}, std[i]};
   }
+  m.values.resize(0, m.values.cols());
+  m.noise = assimilation::NoiseModel::independent(Eigen::VectorXd());
+  return m;
+}
+
+}  // namespace
+
+void simulate_measurements(const Project& project, const SimulatedField& simulated,
+                           std::optional<std::uint64_t> seed, const std::string& output) {
+  const std::uint64_t used_seed = seed.value_or(project.simulate->seed);
   assimilation::Measurements measurements =
-      assimilation::add_noise(dofs, chosen, time, exact, options.noise_std, used_seed);
-  measurements.truth = options.truth;
+      (simulated.quantities.empty() ? measured_dofs : measured_series)(project, simulated, used_seed);
+  measurements.truth = project.simulate->truth;
   assimilation::write_measurements(output, measurements, project.text, used_seed);
 }
 

@@ -20,10 +20,26 @@ namespace knothe::project {
 using DisplacementField =
     std::function<std::vector<double>(std::size_t step, std::span<const std::size_t> dofs)>;
 
+/// What measurements are made of.
+struct SimulatedField {
+  const reduction::Dofs& dofs;
+  const std::vector<reduction::Quantity>& quantities;  ///< instead of dofs
+  const std::vector<double>& time;
+  DisplacementField field;
+};
+
+/// The quantities that [simulate] noise names, as indices, with its standard deviations. ProjectError for one
+/// that the model has not, or where it names none.
+struct MeasuredQuantities {
+  std::vector<std::size_t> dofs;
+  std::vector<double> std;
+};
+[[nodiscard]] MeasuredQuantities measured_quantities(const Project& project,
+                                                     const std::vector<reduction::Quantity>& quantities);
+
 /// Chooses dofs, evaluates the field there at every time, adds noise, writes the measurement file with the
 /// truth beside them.
-void simulate_measurements(const Project& project, const reduction::Dofs& dofs,
-                           const std::vector<double>& time, const DisplacementField& field,
+void simulate_measurements(const Project& project, const SimulatedField& simulated,
                            std::optional<std::uint64_t> seed, const std::string& output);
 
 }  // namespace knothe::project

@@ -24,6 +24,9 @@ const Section<SimulateOptions>& simulate_section() {
         s.add("dofs.components", in(&S::dofs, &Dofs::components), "Components observed at each node.",
               of_shape(k_component_words));
         s.add("noise_std", &S::noise_std, "Standard deviation of the noise, m.", positive);
+        s.table("noise", "Which quantities without a place are measured (models with names for dofs).");
+        s.add("noise.*", &S::noise,
+              "Standard deviation of the noise of the quantity of that name, in its unit.", positive);
         s.add("seed", &S::seed, "Seed of nodes and noise; `--seed` overrides it.");
       });
   return k_section;
@@ -95,10 +98,10 @@ SimulateOptions read_simulate(Values& values) {
   check_range(values, "simulate.dofs.x", s.dofs.x_range);
   check_range(values, "simulate.dofs.y", s.dofs.y_range);
   if (values.has_table("simulate.camera")) s.camera = camera_section().read(values);
-  if (!s.camera && !values.has_table("simulate.dofs"))
-    values.complain(
-        "simulate",
-        "[simulate] lacks \"dofs\": which degrees of freedom are observed; or, for pictures, \"camera\"");
+  if (!s.camera && !values.has_table("simulate.dofs") && s.noise.empty())
+    values.complain("simulate",
+                    "[simulate] lacks \"dofs\": which degrees of freedom are observed; or, for pictures, "
+                    "\"camera\"; or \"noise\", for quantities without a place");
   return s;
 }
 

@@ -28,6 +28,7 @@ struct SimulateOptions {
   std::map<std::string, double> truth;
   assimilation::DofSelection dofs{.nodes = 0, .x_range = {}, .y_range = {}};  ///< 0: pictures alone
   double noise_std = 1e-6;                                                    ///< m
+  std::map<std::string, double> noise;  ///< of quantities without a place, which are measured by that
   std::uint64_t seed = 1;
   std::optional<CameraSimulation> camera;
 };

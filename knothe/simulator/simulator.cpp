@@ -33,6 +33,8 @@ std::vector<RunFailure> Simulator::solve_to_files(std::span<const Run> runs, int
       finished(i + 1 - failures.size());
     } catch (const NumericalError& error) {
       failures.push_back({i, error.status(), error.what()});
+    } catch (const DataError& error) {  // a solution that cannot be read, or a server that refuses
+      failures.push_back({i, error.status(), error.what()});
     }
   }
   return failures;

@@ -163,11 +163,31 @@ void check_times(const std::vector<double>& time, const std::string& path) {
   }
 }
 
+/// What is not of the displacements.
+void read_beside(const Hdf5Reader& file, Measurements& m) {
+  if (file.has("/outputs")) {
+    for (const std::string& name : file.members("/outputs"))
+      m.series[name] = read_series(file, "/outputs/" + name, m.time.size());
+  }
+  if (file.has("/truth")) {
+    for (const std::string& name : file.members("/truth"))
+      m.truth[name] = file.read("/truth/" + name, Shape{1})[0];
+  }
+  if (m.values.rows() == 0) {  // quantities alone
+    m.values.resize(0, static_cast<Eigen::Index>(m.time.size()));
+    m.noise = NoiseModel::independent(Eigen::VectorXd());
+  }
+}
+
 Measurements read_hdf5(const std::string& path) {
   const Hdf5Reader file(path);
   Measurements m;
   m.time = file.read("/time");
   check_times(m.time, path);
+  if (!file.has("/values") && file.has("/outputs")) {
+    read_beside(file, m);
+    return m;
+  }
   const Shape shape = file.shape("/values");
   if (shape.size() != 2 || shape[0] != m.time.size()) {
     throw DataError(
@@ -200,14 +220,7 @@ Measurements read_hdf5(const std::string& path) {
     }
   }
   m.noise = read_noise(file, n_obs, n_t);
-  if (file.has("/outputs")) {
-    for (const std::string& name : file.members("/outputs"))
-      m.series[name] = read_series(file, "/outputs/" + name, n_t);
-  }
-  if (file.has("/truth")) {
-    for (const std::string& name : file.members("/truth"))
-      m.truth[name] = file.read("/truth/" + name, Shape{1})[0];
-  }
+  read_beside(file, m);
   return m;
 }
 
@@ -230,6 +243,16 @@ void write_noise(files::Hdf5Writer& file, const NoiseModel& noise, std::size_t n
     file.integer_attribute(name, "shared_reference", noise.shared_reference());
 }
 
+void write_displacements(files::Hdf5Writer& file, const Measurements& m) {
+  const auto n_obs = static_cast<std::size_t>(m.values.rows()), n_t = m.time.size();
+  // Column-major n_obs × n_t is the C order of [n_t, n_obs].
+  file.write("/values", {m.values.data(), n_obs * n_t}, {n_t, n_obs}, {"m", "measured displacement"});
+  file.write("/dofs/points", m.sensors.points, {n_obs, 3}, {"m", "measurement points"});
+  file.write_integers("/dofs/component", m.sensors.components, {n_obs},
+                      {"1", "displacement component: 0 x, 1 y, 2 z"});
+  write_noise(file, m.noise, n_obs);
+}
+
 }  // namespace
 
 Measurements read_measurements(const std::string& path) {
@@ -247,12 +270,7 @@ void write_measurements(const std::string& path, const Measurements& m, const st
   files::write_atomically(path, [&](const std::string& temporary) {
     files::Hdf5Writer file(temporary);
     file.write("/time", m.time, {n_t}, {"1", "model time"});
-    // Column-major n_obs × n_t is the C order of [n_t, n_obs].
-    file.write("/values", {m.values.data(), n_obs * n_t}, {n_t, n_obs}, {"m", "measured displacement"});
-    file.write("/dofs/points", m.sensors.points, {n_obs, 3}, {"m", "measurement points"});
-    file.write_integers("/dofs/component", m.sensors.components, {n_obs},
-                        {"1", "displacement component: 0 x, 1 y, 2 z"});
-    write_noise(file, m.noise, n_obs);
+    if (n_obs > 0) write_displacements(file, m);
     for (const auto& [name, series] : m.series) {
       file.write("/outputs/" + name, series.values, {n_t}, {"1", "measured beside the displacements"});
       if (series.std) file.number_attribute("/outputs/" + name, "std", *series.std);

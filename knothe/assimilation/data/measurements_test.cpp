@@ -59,6 +59,22 @@ TEST(Measurements, WhatIsWrittenIsRead) {
   EXPECT_EQ(Eigen::MatrixXd(again.noise.precision()), Eigen::MatrixXd(m.noise.precision()));
 }
 
+TEST(Measurements, OfQuantitiesAloneHaveNoDisplacements) {
+  const files::TestFolder folder;
+  Measurements m;
+  m.time = {1, 2, 3};
+  m.values.resize(0, 3);
+  m.noise = NoiseModel::independent(Eigen::VectorXd());
+  m.series["drift"] = {{0.1, 0.2, 0.3}, 0.01};
+  write_measurements(folder.file("d.h5"), m, "", 1);
+  const Measurements read = read_measurements(folder.file("d.h5"));
+  EXPECT_EQ(read.values.rows(), 0);
+  EXPECT_EQ(read.values.cols(), 3);
+  EXPECT_TRUE(read.sensors.empty());
+  EXPECT_EQ(read.series.at("drift").values, (std::vector<double>{0.1, 0.2, 0.3}));
+  EXPECT_EQ(read.series.at("drift").std, 0.01);
+}
+
 TEST(Measurements, BadNoiseIsNamed) {
   const files::TestFolder folder;
   const std::string path = folder.file("d.h5");

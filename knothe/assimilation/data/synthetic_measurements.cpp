@@ -76,8 +76,7 @@ std::vector<std::size_t> choose_dofs(const reduction::Dofs& dofs, const DofSelec
   return chosen;
 }
 
-Measurements add_noise(const reduction::Dofs& dofs, std::span<const std::size_t> chosen,
-                       std::vector<double> time, const Eigen::MatrixXd& exact, double noise_std,
+Measurements add_noise(std::vector<double> time, const Eigen::MatrixXd& exact, const Eigen::VectorXd& std,
                        std::uint64_t seed) {
   Measurements m;
   m.time = std::move(time);
@@ -85,12 +84,19 @@ Measurements add_noise(const reduction::Dofs& dofs, std::span<const std::size_t>
   std::mt19937_64 random = stream(seed, 2);
   for (Eigen::Index t = 0; t < m.values.cols(); ++t) {
     for (Eigen::Index j = 0; j < m.values.rows(); ++j) {
-      m.values(j, t) += noise_std * numerics::normal_quantile(uniform(random));
+      m.values(j, t) += std[j] * numerics::normal_quantile(uniform(random));
     }
   }
+  m.noise = NoiseModel::independent(std);
+  return m;
+}
+
+Measurements add_noise(const reduction::Dofs& dofs, std::span<const std::size_t> chosen,
+                       std::vector<double> time, const Eigen::MatrixXd& exact, double noise_std,
+                       std::uint64_t seed) {
+  Measurements m =
+      add_noise(std::move(time), exact, Eigen::VectorXd::Constant(exact.rows(), noise_std), seed);
   for (const std::size_t dof : chosen) m.sensors.add(dofs.point(dof), dofs.components[dof]);
-  m.noise =
-      NoiseModel::independent(Eigen::VectorXd::Constant(static_cast<Eigen::Index>(chosen.size()), noise_std));
   return m;
 }
 

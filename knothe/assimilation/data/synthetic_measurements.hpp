@@ -25,6 +25,9 @@ struct DofSelection {
 [[nodiscard]] std::vector<std::size_t> choose_dofs(const reduction::Dofs& dofs, const DofSelection& selection,
                                                    std::uint64_t seed);
 
+/// `exact` (n_obs × n_t) plus independent Gaussian noise of standard deviations `std`; sensors are left out.
+[[nodiscard]] Measurements add_noise(std::vector<double> time, const Eigen::MatrixXd& exact,
+                                     const Eigen::VectorXd& std, std::uint64_t seed);
 /// Exact displacements (n_obs × n_t) plus independent Gaussian noise of standard deviation `noise_std`, at
 /// the dofs chosen.
 [[nodiscard]] Measurements add_noise(const reduction::Dofs& dofs, std::span<const std::size_t> chosen,

@@ -8,6 +8,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/progress.hpp"
+#include "knothe/reduction/compress/quantity_scales.hpp"
 #include "knothe/reduction/compress/separation.hpp"
 
 namespace knothe::reduction {
@@ -100,26 +101,17 @@ void require_sensible(const CompressionOptions& options) {
   }
 }
 
-}  // namespace
-
-ModelContents compress(const Snapshots& snapshots, const CompressionOptions& options) {
-  require_sensible(options);
-  validate(snapshots, "snapshots");
+ModelContents separated(const Snapshots& snapshots, const CompressionOptions& options) {
   const Deviation deviation(snapshots);
   const ParameterProduct product(snapshots.axes, options);
   return options.form == Form::tree ? compress_tree(snapshots, deviation, product, options)
                                     : compress_canonical(snapshots, deviation, product, options);
 }
 
-std::vector<StudiedModel> compression_study(const Snapshots& snapshots, const CompressionOptions& options,
-                                            std::span<const std::size_t> modes,
-                                            std::span<const OffGridSolution> off_grid) {
-  validate(snapshots, "snapshots");
+std::vector<StudiedModel> studied(const Snapshots& snapshots, const CompressionOptions& options,
+                                  std::span<const std::size_t> modes,
+                                  std::span<const OffGridSolution> off_grid) {
   std::vector<StudiedModel> study;
-  if (modes.empty()) return study;
-  if (!std::is_sorted(modes.begin(), modes.end()) || modes.front() == 0) {
-    throw UsageError("the numbers of modes of a study must be positive and increase");
-  }
   const Deviation deviation(snapshots);
   const ParameterProduct product(snapshots.axes, options);
   std::optional<TreeSeparation> tree;
@@ -131,21 +123,49 @@ std::vector<StudiedModel> compression_study(const Snapshots& snapshots, const Co
     canonical.emplace(deviation, product, snapshots, options);
   }
   for (const std::size_t m : modes) {
-    StudiedModel studied;
-    studied.model = frame_of(snapshots, deviation);
+    StudiedModel row;
+    row.model = frame_of(snapshots, deviation);
     if (tree) {
-      tree->fill(studied.model, m);
+      tree->fill(row.model, m);
     } else {
       (void)canonical->decompose(m);
-      canonical->fill(studied.model);
+      canonical->fill(row.model);
     }
-    studied.row.parameter_modes = studied.model.parameter_modes;
-    studied.row.space_modes = studied.model.space_modes;
-    studied.row.training = training_error(studied.model, snapshots, options.threads);
-    if (!off_grid.empty()) studied.row.off_grid = off_grid_error(studied.model, off_grid);
-    set_errors(studied.model, studied.row.training);
-    study.push_back(std::move(studied));
+    row.row.parameter_modes = row.model.parameter_modes;
+    row.row.space_modes = row.model.space_modes;
+    row.row.training = training_error(row.model, snapshots, options.threads);
+    if (!off_grid.empty()) row.row.off_grid = off_grid_error(row.model, off_grid);
+    set_errors(row.model, row.row.training);
+    study.push_back(std::move(row));
   }
+  return study;
+}
+
+}  // namespace
+
+ModelContents compress(const Snapshots& snapshots, const CompressionOptions& options) {
+  require_sensible(options);
+  validate(snapshots, "snapshots");
+  if (snapshots.quantities.empty()) return separated(snapshots, options);
+  const QuantityScales scales(snapshots);
+  ModelContents model = separated(scales.scaled(snapshots), options);
+  scales.restore(model);
+  return model;
+}
+
+std::vector<StudiedModel> compression_study(const Snapshots& snapshots, const CompressionOptions& options,
+                                            std::span<const std::size_t> modes,
+                                            std::span<const OffGridSolution> off_grid) {
+  validate(snapshots, "snapshots");
+  if (modes.empty()) return {};
+  if (!std::is_sorted(modes.begin(), modes.end()) || modes.front() == 0) {
+    throw UsageError("the numbers of modes of a study must be positive and increase");
+  }
+  if (snapshots.quantities.empty()) return studied(snapshots, options, modes, off_grid);
+  const QuantityScales scales(snapshots);
+  std::vector<StudiedModel> study =
+      studied(scales.scaled(snapshots), options, modes, scales.scaled(off_grid));
+  for (StudiedModel& row : study) scales.restore(row.model);
   return study;
 }
 

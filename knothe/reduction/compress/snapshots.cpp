@@ -46,6 +46,7 @@ void validate_axes(const Snapshots& snapshots, const Validation& check, std::siz
 /// What stands beside axes and field.
 void validate_rest(const Snapshots& snapshots, std::size_t dofs, const Validation& check) {
   check.dofs(snapshots.dofs, dofs);
+  check.quantities(snapshots.quantities, dofs);
   if (!snapshots.lift.empty()) check.array("lift", snapshots.lift, {snapshots.time.size(), dofs});
   if (snapshots.mesh) check.mesh(*snapshots.mesh);
   check.outputs(snapshots.outputs, snapshots.grid_shape(), snapshots.time.size());
@@ -109,6 +110,7 @@ SnapshotFrame read_frame(const files::Hdf5Reader& file) {
   const files::Labels labels = file.labels("/snapshots");
   if (!labels.units.empty()) snapshots.field = labels;
   snapshots.dofs = read_dofs(file);
+  snapshots.quantities = read_quantities(file);
   if (!snapshots.dofs.empty()) in_metres(file, "/dofs/points", snapshots.dofs.points);
   // A displacement in millimetres; another field keeps its unit.
   if (!snapshots.dofs.empty()) {
@@ -156,6 +158,7 @@ void write_snapshots(const Snapshots& snapshots, files::Hdf5Writer& file, bool s
     file.write("/snapshots", snapshots.values, shape, snapshots.field);
   }
   write_dofs(file, snapshots.dofs);
+  write_quantities(file, snapshots.quantities);
   write_mesh(file, snapshots.mesh);
   if (!snapshots.lift.empty()) {
     file.write("/lift", snapshots.lift, {snapshots.time.size(), snapshots.dof_count()},

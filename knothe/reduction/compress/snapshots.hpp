@@ -37,6 +37,12 @@ struct Dofs {
   }
 };
 
+/// A dof that has no place, but a name: a state, a sensor, a frequency.
+struct Quantity {
+  std::string name;
+  std::string units = "1";
+};
+
 /// A finite-element mesh, cells in VTK's vertex order (for a hexahedron: cyclic, lower face first).
 struct Mesh {
   std::vector<double> points;       ///< [n, 3], metres
@@ -60,8 +66,9 @@ struct Snapshots {
   std::vector<double> time;    ///< [n_t], strictly increasing
   std::vector<double> values;  ///< [n₁, …, n_d, n_t, n_dof]
   files::Labels field{"m", "displacement"};
-  Dofs dofs;                 ///< empty if the field is not a displacement
-  std::vector<double> lift;  ///< [n_t, n_dof], or empty: then the mean over the grid is lifted out
+  Dofs dofs;                         ///< empty if the field is not a displacement
+  std::vector<Quantity> quantities;  ///< the dofs where they have names instead; empty: neither
+  std::vector<double> lift;          ///< [n_t, n_dof], or empty: then the mean over the grid is lifted out
   std::optional<Mesh> mesh;
   std::vector<SnapshotOutput> outputs;
 

@@ -23,6 +23,7 @@ ModelContents frame_of(const Snapshots& snapshots, const Deviation& deviation) {
   model.field = snapshots.field;
   model.lift.assign(deviation.lift().data(), deviation.lift().data() + deviation.lift().size());
   model.dofs = snapshots.dofs;
+  model.quantities = snapshots.quantities;
   model.mesh = snapshots.mesh;
   model.outputs = snapshots.outputs;
   return model;

@@ -76,6 +76,19 @@ void Validation::dofs(const Dofs& dofs, std::size_t dof_count) const {
   }
 }
 
+void Validation::quantities(std::span<const Quantity> quantities, std::size_t dof_count) const {
+  if (quantities.empty()) return;
+  require(quantities.size() == dof_count,
+          fmt::format("attribute names of /dofs has {} entries, the field has {} dofs", quantities.size(),
+                      dof_count));
+  std::set<std::string> names;
+  for (const Quantity& quantity : quantities) {
+    require(!quantity.name.empty(), "attribute names of /dofs has an empty name");
+    require(names.insert(quantity.name).second,
+            fmt::format("attribute names of /dofs has \"{}\" twice", quantity.name));
+  }
+}
+
 void Validation::mesh(const Mesh& mesh) const {
   array("/mesh/points", mesh.points, {mesh.points.size() / 3, 3});
   require(mesh.nodes_per_cell > 0 && mesh.cells.size() % mesh.nodes_per_cell == 0,
@@ -149,6 +162,20 @@ Dofs read_dofs(const files::Hdf5Reader& file) {
   return dofs;
 }
 
+std::vector<Quantity> read_quantities(const files::Hdf5Reader& file) {
+  std::vector<Quantity> quantities;
+  if (!file.has("/dofs") || !file.has_attribute("/dofs", "names")) return quantities;
+  for (std::string& name : file.texts_attribute("/dofs", "names")) quantities.push_back({std::move(name)});
+  if (!file.has_attribute("/dofs", "units")) return quantities;
+  const std::vector<std::string> units = file.texts_attribute("/dofs", "units");
+  Validation(file.path())
+      .require(
+          units.size() == quantities.size(),
+          fmt::format("attribute units of /dofs has {} entries, names {}", units.size(), quantities.size()));
+  for (std::size_t i = 0; i < units.size(); ++i) quantities[i].units = units[i];
+  return quantities;
+}
+
 std::optional<Mesh> read_mesh(const files::Hdf5Reader& file) {
   if (!file.has("/mesh/points") && !file.has("/mesh/cells")) return std::nullopt;
   const Validation check(file.path());
@@ -194,6 +221,18 @@ void write_dofs(files::Hdf5Writer& file, const Dofs& dofs) {
   const std::size_t n = dofs.components.size();
   file.write("/dofs/points", dofs.points, {n, 3}, {"m", "point of each degree of freedom"});
   file.write_integers("/dofs/component", dofs.components, {n}, {"1", "direction: 0 x, 1 y, 2 z"});
+}
+
+void write_quantities(files::Hdf5Writer& file, std::span<const Quantity> quantities) {
+  if (quantities.empty()) return;
+  std::vector<std::string> names, units;
+  for (const Quantity& quantity : quantities) {
+    names.push_back(quantity.name);
+    units.push_back(quantity.units);
+  }
+  file.make_group("/dofs");
+  file.texts_attribute("/dofs", "names", names);
+  file.texts_attribute("/dofs", "units", units);
 }
 
 void write_mesh(files::Hdf5Writer& file, const std::optional<Mesh>& mesh) {

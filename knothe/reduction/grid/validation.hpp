@@ -23,6 +23,8 @@ class Validation {
   /// Names, nodes; at least one axis.
   void axes(std::span<const Axis> axes, std::size_t minimum_nodes = 2) const;
   void dofs(const Dofs& dofs, std::size_t dof_count) const;
+  /// Names, each once, as many as dofs.
+  void quantities(std::span<const Quantity> quantities, std::size_t dof_count) const;
   void mesh(const Mesh& mesh) const;
   void outputs(std::span<const SnapshotOutput> outputs, const files::Shape& grid, std::size_t times) const;
 
@@ -43,11 +45,14 @@ class Validation {
 [[nodiscard]] std::vector<Axis> read_axes(const files::Hdf5Reader& file);
 [[nodiscard]] std::vector<double> read_time(const files::Hdf5Reader& file);
 [[nodiscard]] Dofs read_dofs(const files::Hdf5Reader& file);
+/// Attributes `names` and `units` of the group /dofs.
+[[nodiscard]] std::vector<Quantity> read_quantities(const files::Hdf5Reader& file);
 [[nodiscard]] std::optional<Mesh> read_mesh(const files::Hdf5Reader& file);
 [[nodiscard]] std::vector<SnapshotOutput> read_outputs(const files::Hdf5Reader& file,
                                                        const files::Shape& grid, std::size_t times);
 void write_axes(files::Hdf5Writer& file, std::span<const Axis> axes, std::span<const double> time);
 void write_dofs(files::Hdf5Writer& file, const Dofs& dofs);
+void write_quantities(files::Hdf5Writer& file, std::span<const Quantity> quantities);
 void write_mesh(files::Hdf5Writer& file, const std::optional<Mesh>& mesh);
 void write_outputs(files::Hdf5Writer& file, std::span<const SnapshotOutput> outputs, const files::Shape& grid,
                    std::size_t times);

@@ -122,6 +122,7 @@ void write_modes(files::Hdf5Writer& file, const ModelContents& model) {
 
 void write_rest(files::Hdf5Writer& file, const ModelContents& model) {
   write_dofs(file, model.dofs);
+  write_quantities(file, model.quantities);
   write_mesh(file, model.mesh);
   write_outputs(file, model.outputs, model.grid_shape(), model.time.size());
   if (!model.crack.empty()) {
@@ -231,6 +232,7 @@ void validate(const ModelContents& model, const std::string& where) {
     check.array("/modes/parameters/joint", model.joint, joined({model.parameter_modes}, model.grid_shape()));
   }
   check.dofs(model.dofs, dofs);
+  check.quantities(model.quantities, dofs);
   if (model.mesh) check.mesh(*model.mesh);
   check.outputs(model.outputs, model.grid_shape(), model.time.size());
   validate_crack(model.crack, dofs, check);
@@ -285,6 +287,7 @@ ModelContents read_sound_model(const std::string& path) {
   model.time = read_time(file);
   read_modes(file, model);
   model.dofs = read_dofs(file);
+  model.quantities = read_quantities(file);
   model.mesh = read_mesh(file);
   model.outputs = read_outputs(file, model.grid_shape(), model.time.size());
   read_crack(file, model);

@@ -46,6 +46,7 @@ struct ModelContents {
   std::vector<double> joint;                    ///< tree: [r, n₁, …, n_d]
   std::vector<double> lift;                     ///< [n_t, n_dof]
   Dofs dofs;
+  std::vector<Quantity> quantities;  ///< the dofs where they have names instead of places
   std::optional<Mesh> mesh;
   std::vector<SnapshotOutput> outputs;  ///< interpolated on the grid by the same splines
   CrackSolutions crack;

@@ -4,6 +4,7 @@
 #include <span>
 
 #include "knothe/reduction/model/model_file.hpp"
+#include "knothe/reduction/model/parameter_functions.hpp"
 
 namespace knothe::reduction {
 
@@ -13,6 +14,9 @@ namespace knothe::reduction {
 [[nodiscard]] Eigen::Map<const Eigen::MatrixXd> lift_of(const ModelContents& contents);
 /// C_t, l × r: diag(λ(t)) in the canonical form.
 [[nodiscard]] Eigen::MatrixXd core_of(const ModelContents& contents, std::size_t step);
+
+/// w at the nodes of the grid, [r, Π nᵢ].
+[[nodiscard]] RowMatrix functions_on_grid(const ModelContents& contents);
 
 class SeparatedModel;
 /// C_t w at all times: l × n_t.

@@ -47,6 +47,30 @@ JointFunctions make_output(const ModelContents& contents, const SnapshotOutput& 
                         std::span(by_time.data(), static_cast<std::size_t>(by_time.size())), times);
 }
 
+/// A named dof as an output, from the model at the nodes of the grid.
+SnapshotOutput output_of(const ModelContents& contents, std::size_t dof, const RowMatrix& functions) {
+  const auto row = static_cast<Eigen::Index>(dof), times = static_cast<Eigen::Index>(contents.time.size());
+  RowMatrix values(functions.cols(), times);
+  for (Eigen::Index t = 0; t < times; ++t)
+    values.col(t) =
+        ((space_of(contents).row(row) * core_of(contents, static_cast<std::size_t>(t))) * functions)
+            .transpose()
+            .array() +
+        lift_of(contents)(row, t);
+  const Quantity& quantity = contents.quantities[dof];
+  return {quantity.name, {quantity.units, quantity.name}, {values.data(), values.data() + values.size()}};
+}
+
+void add_quantities(ModelContents& contents) {
+  const RowMatrix functions = contents.quantities.empty() ? RowMatrix() : functions_on_grid(contents);
+  for (std::size_t dof = 0; dof < contents.quantities.size(); ++dof) {
+    const bool is_there = std::any_of(
+        contents.outputs.begin(), contents.outputs.end(),
+        [&](const SnapshotOutput& output) { return output.name == contents.quantities[dof].name; });
+    if (!is_there) contents.outputs.push_back(output_of(contents, dof, functions));
+  }
+}
+
 /// `p` as one row; outside the box by more than rounding: UsageError.
 Eigen::MatrixXd point_in_box(std::span<const double> p, const ModelContents& contents) {
   if (p.size() != contents.axes.size()) {
@@ -102,6 +126,26 @@ FunctionBatch evaluate_functions(const ParameterFunctions& functions, const Eige
 
 }  // namespace
 
+RowMatrix functions_on_grid(const ModelContents& contents) {
+  const auto r = static_cast<Eigen::Index>(contents.parameter_modes);
+  Eigen::Index grid = 1;
+  for (const std::size_t n : contents.grid_shape()) grid *= static_cast<Eigen::Index>(n);
+  if (contents.form == Form::tree) return Eigen::Map<const RowMatrix>(contents.joint.data(), r, grid);
+  // A product of splines is the tensor-product spline through the products at the nodes.
+  RowMatrix values = RowMatrix::Ones(r, 1);
+  for (std::size_t a = 0; a < contents.axes.size(); ++a) {
+    const auto n = static_cast<Eigen::Index>(contents.axes[a].nodes.size());
+    const Eigen::Map<const RowMatrix> axis(contents.parameters[a].data(), r, n);
+    RowMatrix next(r, values.cols() * n);
+    for (Eigen::Index k = 0; k < r; ++k) {
+      for (Eigen::Index g = 0; g < values.cols(); ++g)
+        next.row(k).segment(g * n, n) = values(k, g) * axis.row(k);
+    }
+    values = std::move(next);
+  }
+  return values;
+}
+
 Eigen::Map<const Eigen::MatrixXd> space_of(const ModelContents& contents) {
   return {contents.space.data(), static_cast<Eigen::Index>(contents.dof_count()),
           static_cast<Eigen::Index>(contents.space_modes)};
@@ -125,6 +169,7 @@ Eigen::MatrixXd core_of(const ModelContents& contents, std::size_t step) {
 
 SeparatedModel::SeparatedModel(ModelContents contents, const std::string& where) {
   validate(contents, where);
+  add_quantities(contents);
   auto implementation = std::make_shared<Implementation>();
   implementation->where = where;
   implementation->functions = make_functions(contents);
@@ -169,6 +214,13 @@ std::vector<std::string> SeparatedModel::output_names() const {
   std::vector<std::string> names;
   for (const auto& entry : implementation_->outputs) names.push_back(entry.first);
   return names;
+}
+
+std::optional<std::size_t> SeparatedModel::quantity(const std::string& name) const {
+  const std::vector<Quantity>& quantities = contents().quantities;
+  for (std::size_t dof = 0; dof < quantities.size(); ++dof)
+    if (quantities[dof].name == name) return dof;
+  return std::nullopt;
 }
 
 const std::shared_ptr<const ParameterFunctions>& SeparatedModel::functions() const {

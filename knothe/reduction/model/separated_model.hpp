@@ -1,6 +1,7 @@
 #pragma once
 /// @file Evaluation of a reduced model in either form: u(t, p) = lift(t) + U C_t w(p). No Eigen types here.
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -23,7 +24,8 @@ struct FieldDerivatives {
 /// A reduced model, ready to evaluate. Immutable; safe to use from several threads; copies share the data.
 class SeparatedModel {
  public:
-  /// Takes validated contents; DataError prefixed by `where` if they are not.
+  /// Takes validated contents; DataError prefixed by `where` if they are not. Its quantities (dofs with
+  /// names) are outputs too.
   explicit SeparatedModel(ModelContents contents, const std::string& where = "model");
   [[nodiscard]] static SeparatedModel load(const std::string& path);
   void save(const std::string& path) const;
@@ -47,6 +49,8 @@ class SeparatedModel {
   [[nodiscard]] FieldDerivatives evaluate_output(const std::string& name, std::span<const double> p,
                                                  int derivatives = 0) const;
   [[nodiscard]] std::vector<std::string> output_names() const;
+  /// The dof of that name; nothing where it is no quantity of the model.
+  [[nodiscard]] std::optional<std::size_t> quantity(const std::string& name) const;
 
  private:
   struct Implementation;

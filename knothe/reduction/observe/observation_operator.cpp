@@ -117,6 +117,7 @@ ObservationOperator::ObservationOperator(const Dofs& dofs, const std::optional<M
     throw DataError(fmt::format("{}: {} coordinates for {} observations: 3 each are needed", where,
                                 points.size(), components.size()));
   }
+  if (components.empty()) return;
   if (dofs.empty()) {
     throw DataError(fmt::format("{}: the model has no /dofs: it cannot be observed at points", where));
   }

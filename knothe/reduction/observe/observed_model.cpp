@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <numeric>
+
 #include "knothe/base/error.hpp"
 #include "knothe/reduction/model/model_matrices.hpp"
 #include "knothe/reduction/model/spline_functions.hpp"
@@ -24,32 +26,7 @@ ObservedModel observe_by(const SeparatedModel& model, const ObservationOperator&
   return observed;
 }
 
-}  // namespace
-
-Eigen::VectorXd ObservedModel::predict(const Eigen::Ref<const Eigen::VectorXd>& p, std::size_t step) const {
-  FunctionBatch w;
-  w.resize(1, functions->dimension(), functions->count(), 0);
-  functions->evaluate(p.transpose(), 0, w);
-  const Eigen::VectorXd coefficients = core[step] * w.value.transpose();
-  return lift.col(static_cast<Eigen::Index>(step)) + space * coefficients;
-}
-
-ObservedModel observe(const SeparatedModel& model, const Dofs& places) {
-  const ModelContents& contents = model.contents();
-  return observe_by(model, ObservationOperator(contents.dofs, contents.mesh, model.where(), places));
-}
-
-ObservedModel observe_dofs(const SeparatedModel& model, std::span<const std::size_t> dofs) {
-  for (const std::size_t dof : dofs) {
-    if (dof < model.dof_count()) continue;
-    throw UsageError(
-        fmt::format("there is no dof {}: the model has dofs 0 to {}", dof, model.dof_count() - 1));
-  }
-  return observe_by(model, ObservationOperator(dofs));
-}
-
-ObservedModel observe_snapshots(const Snapshots& snapshots, const Dofs& places) {
-  const ObservationOperator operation(snapshots.dofs, snapshots.mesh, "snapshots", places);
+ObservedModel observe_by(const Snapshots& snapshots, const ObservationOperator& operation) {
   const auto grid = static_cast<Eigen::Index>(snapshots.grid_size());
   const auto times = static_cast<Eigen::Index>(snapshots.time.size());
   const auto dofs = static_cast<Eigen::Index>(snapshots.dof_count());
@@ -81,6 +58,40 @@ ObservedModel observe_snapshots(const Snapshots& snapshots, const Dofs& places) 
     core.colwise() -= observed.lift.col(t);
   }
   return observed;
+}
+
+}  // namespace
+
+Eigen::VectorXd ObservedModel::predict(const Eigen::Ref<const Eigen::VectorXd>& p, std::size_t step) const {
+  FunctionBatch w;
+  w.resize(1, functions->dimension(), functions->count(), 0);
+  functions->evaluate(p.transpose(), 0, w);
+  const Eigen::VectorXd coefficients = core[step] * w.value.transpose();
+  return lift.col(static_cast<Eigen::Index>(step)) + space * coefficients;
+}
+
+ObservedModel observe(const SeparatedModel& model, const Dofs& places) {
+  const ModelContents& contents = model.contents();
+  return observe_by(model, ObservationOperator(contents.dofs, contents.mesh, model.where(), places));
+}
+
+ObservedModel observe_dofs(const SeparatedModel& model, std::span<const std::size_t> dofs) {
+  for (const std::size_t dof : dofs) {
+    if (dof < model.dof_count()) continue;
+    throw UsageError(
+        fmt::format("there is no dof {}: the model has dofs 0 to {}", dof, model.dof_count() - 1));
+  }
+  return observe_by(model, ObservationOperator(dofs));
+}
+
+ObservedModel observe_snapshots(const Snapshots& snapshots, const Dofs& places) {
+  return observe_by(snapshots, ObservationOperator(snapshots.dofs, snapshots.mesh, "snapshots", places));
+}
+
+ObservedModel observe_snapshots(const Snapshots& snapshots) {
+  std::vector<std::size_t> all(snapshots.dof_count());
+  std::iota(all.begin(), all.end(), std::size_t{0});
+  return observe_by(snapshots, ObservationOperator(all));
 }
 
 ObservedModel at_steps(const ObservedModel& model, std::span<const std::size_t> steps) {

@@ -38,6 +38,8 @@ struct ObservedModel {
 /// The uncompressed model: w are the Π nᵢ cardinal splines of the grid, C_t the snapshots at the observed
 /// dofs (l = n_obs, space is the identity). The judge of what compression does to a posterior; not for speed.
 [[nodiscard]] ObservedModel observe_snapshots(const Snapshots& snapshots, const Dofs& places);
+/// The same at all dofs, in their order.
+[[nodiscard]] ObservedModel observe_snapshots(const Snapshots& snapshots);
 
 /// The part of a model at these time steps.
 [[nodiscard]] ObservedModel at_steps(const ObservedModel& model, std::span<const std::size_t> steps);

@@ -8,6 +8,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/reduction/compress/low_rank.hpp"
+#include "knothe/reduction/model/model_matrices.hpp"
 #include "knothe/reduction/model/spline_functions.hpp"
 
 namespace knothe::reduction {
@@ -49,27 +50,6 @@ SeparatedOutput separate(const SeparatedModel& model, const std::string& name) {
   return result;
 }
 
-/// The model's own functions at the nodes of the grid, [r, grid].
-RowMatrix functions_on_grid(const ModelContents& contents) {
-  const auto r = static_cast<Eigen::Index>(contents.parameter_modes);
-  Eigen::Index grid = 1;
-  for (const std::size_t n : contents.grid_shape()) grid *= static_cast<Eigen::Index>(n);
-  if (contents.form == Form::tree) return Eigen::Map<const RowMatrix>(contents.joint.data(), r, grid);
-  // A product of splines is the tensor-product spline through the products at the nodes.
-  RowMatrix values = RowMatrix::Ones(r, 1);
-  for (std::size_t a = 0; a < contents.axes.size(); ++a) {
-    const auto n = static_cast<Eigen::Index>(contents.axes[a].nodes.size());
-    const Eigen::Map<const RowMatrix> axis(contents.parameters[a].data(), r, n);
-    RowMatrix next(r, values.cols() * n);
-    for (Eigen::Index k = 0; k < r; ++k) {
-      for (Eigen::Index g = 0; g < values.cols(); ++g)
-        next.row(k).segment(g * n, n) = values(k, g) * axis.row(k);
-    }
-    values = std::move(next);
-  }
-  return values;
-}
-
 }  // namespace
 
 ObservedModel with_scalars(const ObservedModel& observed, const SeparatedModel& model,
@@ -85,6 +65,12 @@ ObservedModel with_scalars(const ObservedModel& observed, const SeparatedModel& 
   result.lift.conservativeResize(n + m, times);
   for (Eigen::Index i = 0; i < m; ++i) {
     const ScalarObservation& sensor = sensors[static_cast<std::size_t>(i)];
+    if (const auto dof = model.quantity(sensor.output)) {
+      const auto row = static_cast<Eigen::Index>(*dof);
+      result.space.row(n + i) = space_of(model.contents()).row(row);
+      result.lift.row(n + i) = lift_of(model.contents()).row(row);
+      continue;
+    }
     if (!sensor.output.empty()) {
       outputs.emplace_back(i, separate(model, sensor.output));
       added += outputs.back().second.basis.cols();

@@ -12,7 +12,7 @@ namespace knothe::reduction {
 /// One sensor: either an output, or Σ_k coefficients[k] · u_components[k](points[k]).
 struct ScalarObservation {
   std::string name;                      ///< for messages
-  std::string output;                    ///< of the model; empty: a combination of displacements
+  std::string output;                    ///< or quantity of the model; empty: a combination of displacements
   std::vector<double> points;            ///< [k, 3], m
   std::vector<std::int64_t> components;  ///< [k], 0 x, 1 y, 2 z
   std::vector<double> coefficients;      ///< [k]

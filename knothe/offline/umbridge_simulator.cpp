@@ -1,0 +1,63 @@
+#include "knothe/offline/umbridge_simulator.hpp"
+
+#include <fmt/format.h>
+
+#include <Eigen/Core>
+
+#include "knothe/base/error.hpp"
+
+namespace knothe::offline {
+namespace {
+
+inference::UmbridgeSettings settings_of(const project::UmbridgeSource& source,
+                                        const std::vector<reduction::Axis>& axes) {
+  inference::UmbridgeSettings settings;
+  settings.url = source.url;
+  settings.name = source.name;
+  settings.config = source.config;
+  settings.timeout = source.timeout;
+  settings.derivatives = 0;
+  for (const reduction::Axis& axis : axes) settings.parameters.push_back(axis.name);
+  return settings;
+}
+
+}  // namespace
+
+UmbridgeSimulator::UmbridgeSimulator(project::UmbridgeSource source, std::vector<reduction::Axis> axes)
+    : source_(std::move(source)), axes_(std::move(axes)), model_(settings_of(source_, axes_)) {
+  const std::size_t times = source_.times.size(), names = source_.names.size();
+  if (static_cast<std::size_t>(model_.dimension()) != axes_.size())
+    throw DataError(fmt::format("{}: the model has {} inputs, [offline.parameters] {} parameters",
+                                model_.where(), model_.dimension(), axes_.size()));
+  if (static_cast<std::size_t>(model_.output_count()) != times * names)
+    throw DataError(fmt::format("{}: the model has {} outputs, [offline.umbridge] {} times of {} quantities",
+                                model_.where(), model_.output_count(), times, names));
+}
+
+std::string UmbridgeSimulator::key(std::span<const double> parameters) const {
+  std::string text = fmt::format("umbridge {} {} {} | {:a} | {} {}", source_.url, model_.name(),
+                                 source_.config, fmt::join(source_.times, " "), fmt::join(source_.names, ","),
+                                 fmt::join(source_.units, ","));
+  for (std::size_t i = 0; i < axes_.size(); ++i)
+    text += fmt::format(" | {} {:a}", axes_[i].name, parameters[i] * axes_[i].reference);
+  return text;
+}
+
+reduction::Snapshots UmbridgeSimulator::solve(std::span<const double> parameters) {
+  Eigen::MatrixXd point(static_cast<Eigen::Index>(axes_.size()), 1), values(model_.output_count(), 1);
+  for (std::size_t i = 0; i < axes_.size(); ++i)
+    point(static_cast<Eigen::Index>(i), 0) = parameters[i] * axes_[i].reference;
+  model_.evaluate(point, values);
+  reduction::Snapshots solution;
+  solution.axes = axes_;
+  for (std::size_t i = 0; i < axes_.size(); ++i) solution.axes[i].nodes = {parameters[i]};
+  solution.field = {"1", "quantities, each in its own unit"};
+  solution.time = source_.times;
+  solution.values.assign(values.data(), values.data() + values.size());
+  for (std::size_t k = 0; k < source_.names.size(); ++k)
+    solution.quantities.push_back(
+        {source_.names[k], k < source_.units.size() ? source_.units[k] : std::string("1")});
+  return solution;
+}
+
+}  // namespace knothe::offline

@@ -1,0 +1,117 @@
+#include "knothe/simulator/grid_runs.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "knothe/base/error.hpp"
+#include "knothe/files/testing/test_folder.hpp"
+
+namespace knothe::simulator {
+namespace {
+
+using files::message_of;
+using testing::HasSubstr;
+
+/// u = a + b t at two dofs and three times, one after the other; fails where it is told to.
+class Formula final : public Simulator {
+ public:
+  std::vector<double> fails_at;  ///< values of b
+  int solved = 0;
+
+  [[nodiscard]] std::string key(std::span<const double> p) const override {
+    return "formula " + std::to_string(p[0]) + " " + std::to_string(p[1]);
+  }
+  [[nodiscard]] reduction::Snapshots solve(std::span<const double> p) override {
+    ++solved;
+    for (const double b : fails_at)
+      if (p[1] == b) throw NumericalError("b is too much");
+    reduction::Snapshots solution;
+    solution.axes = {{"a", {p[0]}, "1", ""}, {"b", {p[1]}, "1", ""}};
+    solution.time = {0, 1, 2};
+    for (const double t : solution.time)
+      for (const double factor : {1.0, 10.0}) solution.values.push_back(factor * (p[0] + p[1] * t));
+    solution.quantities = {{"one", "m"}, {"ten", "m"}};
+    solution.outputs = {{"sum", {"1", "a + b"}, {p[0] + p[1], p[0] + p[1], p[0] + p[1]}}};
+    return solution;
+  }
+};
+
+RunGrid grid_in(const std::string& folder) {
+  RunGrid grid;
+  grid.axes = {{"a", {1, 2}, "N", "force"}, {"b", {3, 4, 5}, "1", ""}};
+  grid.parts_folder = folder;
+  grid.quiet = true;
+  return grid;
+}
+
+TEST(GridRuns, GatherTheSolutionsInTheGridsOrderWithTheirFrame) {
+  const files::TestFolder folder;
+  Formula formula;
+  const GridRuns runs = run_grid(formula, grid_in(folder.file("parts")));
+  EXPECT_EQ(formula.solved, 6);
+  EXPECT_EQ(runs.snapshots.grid_shape(), (files::Shape{2, 3}));
+  EXPECT_EQ(runs.snapshots.axes[0].units, "N");
+  const auto solution = runs.snapshots.solution(4);  // a = 2, b = 4
+  EXPECT_EQ(std::vector<double>(solution.begin(), solution.end()),
+            (std::vector<double>{2, 20, 6, 60, 10, 100}));
+  EXPECT_EQ(runs.snapshots.outputs[0].values[3 * 4 + 1], 6);
+  EXPECT_EQ(runs.snapshots.quantities[1].name, "ten");
+}
+
+TEST(GridRuns, ThoseThatAreKeptAreNotRunAgain) {
+  const files::TestFolder folder;
+  Formula formula;
+  const GridRuns first = run_grid(formula, grid_in(folder.file("parts")));
+  const GridRuns again = run_grid(formula, grid_in(folder.file("parts")));
+  EXPECT_EQ(formula.solved, 6);
+  EXPECT_EQ(first.snapshots.values, again.snapshots.values);
+  for (const RunSummary& run : again.runs) EXPECT_TRUE(run.resumed);
+}
+
+TEST(GridRuns, AreSharedByTheMembersOfAJob) {
+  const files::TestFolder folder;
+  Formula one, other;
+  // One after the other: the first finds that those of the second are missing, which a job would wait for.
+  EXPECT_THROW((void)run_grid(one, grid_in(folder.file("parts")), {0, 2, [] {}}), DataError);
+  const GridRuns runs = run_grid(other, grid_in(folder.file("parts")), {0, 1, [] {}});
+  EXPECT_EQ(one.solved, 3);
+  EXPECT_EQ(other.solved, 3);
+  EXPECT_EQ(runs.snapshots.grid_size(), 6u);
+}
+
+TEST(GridRuns, ThoseThatFailAreListedAndTheOthersAreKept) {
+  const files::TestFolder folder;
+  Formula formula;
+  formula.fails_at = {4};
+  const auto run = [&] { (void)run_grid(formula, grid_in(folder.file("parts"))); };
+  const std::string both = message_of<NumericalError>(run);
+  EXPECT_THAT(both, HasSubstr("2 of 6 full-order runs failed; 4 of 6 runs are kept in"));
+  EXPECT_THAT(both, HasSubstr("\n  run 2 (a = 1, b = 4): b is too much"));
+  EXPECT_THAT(both, HasSubstr("\n  run 5 (a = 2, b = 4): b is too much"));
+  formula.fails_at.clear();
+  run();
+  EXPECT_EQ(formula.solved, 8);  // 6, and the two once more
+}
+
+TEST(GridRuns, SolutionsThatDoNotBelongTogetherAreRefused) {
+  class Growing final : public Simulator {
+   public:
+    [[nodiscard]] std::string key(std::span<const double> p) const override { return std::to_string(p[0]); }
+    [[nodiscard]] reduction::Snapshots solve(std::span<const double> p) override {
+      reduction::Snapshots solution;
+      solution.axes = {{"a", {p[0]}, "1", ""}};
+      solution.time = {0};
+      solution.values.assign(static_cast<std::size_t>(p[0]), 1.0);
+      return solution;
+    }
+  };
+  const files::TestFolder folder;
+  Growing growing;
+  RunGrid grid = grid_in(folder.file("parts"));
+  grid.axes = {{"a", {1, 2}, "1", ""}};
+  EXPECT_THAT(message_of<DataError>([&] { (void)run_grid(growing, grid); }),
+              HasSubstr("this solution has 2 dofs at 1 times"));
+}
+
+}  // namespace
+}  // namespace knothe::simulator

@@ -1,0 +1,268 @@
+#include "knothe/simulator/result_file.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <filesystem>
+
+#include "knothe/base/error.hpp"
+#include "knothe/files/calculix.hpp"
+#include "knothe/files/csv.hpp"
+#include "knothe/files/npy.hpp"
+#include "knothe/files/units.hpp"
+#include "knothe/files/vtu_reader.hpp"
+
+namespace knothe::simulator {
+namespace {
+
+using reduction::Quantity;
+using reduction::Snapshots;
+
+/// "force [kN]": name, unit in SI, and the factor to it.
+struct Column {
+  Quantity quantity;
+  double factor = 1;
+};
+
+Column column_of(const std::string& header) {
+  const std::size_t open = header.rfind(" [");
+  if (open == std::string::npos || !header.ends_with("]")) return {{header, "1"}, 1};
+  const std::string unit = header.substr(open + 2, header.size() - open - 3);
+  const auto known = files::unit_of(unit);
+  if (!known) return {{header.substr(0, open), unit}, 1};
+  return {{header.substr(0, open), std::string(known->si)}, known->factor};
+}
+
+/// A column time, and series beside it.
+struct TimeTable {
+  std::vector<double> time;
+  std::vector<Quantity> quantities;
+  std::vector<std::vector<double>> series;
+};
+
+TimeTable read_time_table(const std::string& path) {
+  const files::CsvTable table = files::CsvTable::read(path);
+  TimeTable result;
+  for (const std::string& header : table.header()) {
+    Column column = column_of(header);
+    std::vector<double> values = table.numbers(header);
+    for (double& value : values) value *= column.factor;
+    if (column.quantity.name == "time") {
+      result.time = std::move(values);
+    } else {
+      result.quantities.push_back(std::move(column.quantity));
+      result.series.push_back(std::move(values));
+    }
+  }
+  if (result.time.empty())
+    throw DataError(path + ": there is no column \"time\", or no row: a row for each time is needed");
+  if (result.series.empty()) throw DataError(path + ": there is no column beside \"time\"");
+  return result;
+}
+
+/// A sensor or state each, without a place.
+Snapshots from_csv(const std::string& path) {
+  TimeTable table = read_time_table(path);
+  Snapshots solution;
+  solution.time = std::move(table.time);
+  for (std::size_t t = 0; t < solution.time.size(); ++t)
+    for (const auto& series : table.series) solution.values.push_back(series[t]);
+  solution.quantities = std::move(table.quantities);
+  return solution;
+}
+
+void place_columns(const ResultOptions& options, std::size_t columns, const std::string& path,
+                   Snapshots& solution) {
+  if (!options.points.empty()) {
+    const files::CsvTable table = files::CsvTable::read(options.points);
+    const auto x = table.numbers("x"), y = table.numbers("y"), z = table.numbers("z");
+    const auto component = table.texts("component");
+    for (std::size_t i = 0; i < x.size(); ++i) {
+      if (component[i].size() != 1 || component[i][0] < 'x' || component[i][0] > 'z')
+        table.fail(i, "component", "a component is x, y or z, not \"" + component[i] + "\"");
+      solution.dofs.add(std::array{x[i], y[i], z[i]}, component[i][0] - 'x');
+    }
+    return;
+  }
+  if (options.names.size() != columns)
+    throw DataError(
+        fmt::format("{}: {} columns, but [offline.command] names {}: give \"names\", or "
+                    "\"points\", for each",
+                    path, columns, options.names.size()));
+  for (std::size_t i = 0; i < columns; ++i)
+    solution.quantities.push_back({options.names[i], i < options.units.size() ? options.units[i] : "1"});
+}
+
+Snapshots from_npy(const ResultOptions& options, const std::string& path) {
+  files::NpyArray array = files::read_npy(path);
+  if (array.shape.size() == 1) array.shape.insert(array.shape.begin(), 1);
+  if (array.shape.size() != 2 || array.values.empty())
+    throw DataError(
+        fmt::format("{}: an array of {} dimensions: [times, dofs] is needed", path, array.shape.size()));
+  Snapshots solution;
+  solution.values = std::move(array.values);
+  solution.time = options.times;
+  if (solution.time.size() != array.shape[0])
+    throw DataError(fmt::format("{}: {} rows, but [offline.command] \"times\" has {}: a row for each time",
+                                path, array.shape[0], solution.time.size()));
+  place_columns(options, array.shape[1], path, solution);
+  return solution;
+}
+
+/// The last two extents of /snapshots are time and dofs; a lift that may differ from run to run is not used.
+Snapshots from_hdf5(const std::string& path) {
+  Snapshots solution = reduction::read_solution(path);
+  if (solution.grid_size() != 1)
+    throw DataError(fmt::format("{}: a grid of {} points, not one solution", path, solution.grid_size()));
+  solution.lift.clear();
+  return solution;
+}
+
+/// Three components at each point.
+void place_at(const std::vector<double>& points, Snapshots& solution) {
+  for (std::size_t i = 0; i + 2 < points.size(); i += 3)
+    for (std::int64_t component = 0; component < 3; ++component)
+      solution.dofs.add(std::span<const double, 3>(points.data() + i, 3), component);
+}
+
+/// The wanted field, or that of a displacement, or the only one that is a vector.
+const files::VtuField& field_of(const files::VtuContents& grid, const ResultOptions& options,
+                                const std::string& path) {
+  std::vector<std::string> names;
+  const files::VtuField* vector = nullptr;
+  std::size_t vectors = 0;
+  for (const files::VtuField& field : grid.point_fields) {
+    const bool is_usual = options.quantity.empty() && (field.name == "displacement" || field.name == "u" ||
+                                                       field.name == "U" || field.name == "Displacement");
+    if ((is_usual || field.name == options.quantity) && field.components == 3) return field;
+    names.push_back(field.name);
+    if (field.components == 3) vector = &field, ++vectors;
+  }
+  if (options.quantity.empty() && vectors == 1) return *vector;
+  throw DataError(fmt::format(
+      "{}: there is no field \"{}\" of three components on the points: [offline.command] \"quantity\" "
+      "names it; the file has {}",
+      path, options.quantity.empty() ? "displacement" : options.quantity,
+      names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", "))));
+}
+
+/// Between the points of a mesh of one kind of cells values are interpolated.
+std::optional<reduction::Mesh> mesh_of(const files::VtuContents& grid) {
+  if (grid.types.empty()) return std::nullopt;
+  const files::VtkCell cell = files::vtk_cell(grid.types[0]);
+  const bool is_one_kind = std::all_of(grid.types.begin(), grid.types.end(),
+                                       [&](std::int64_t type) { return type == grid.types[0]; });
+  if (!is_one_kind || cell.points == 0 || grid.connectivity.size() != cell.points * grid.types.size())
+    return std::nullopt;
+  return reduction::Mesh{grid.points, grid.connectivity, cell.points, cell.name};
+}
+
+/// Adds the field of one file at its time; the first one has the mesh.
+void add_vtu(const ResultOptions& options, const std::string& path, double time, Snapshots& solution) {
+  const files::VtuContents grid = files::read_vtu(path);
+  const files::VtuField& field = field_of(grid, options, path);
+  if (solution.time.empty()) {
+    place_at(grid.points, solution);
+    solution.mesh = mesh_of(grid);
+  }
+  if (field.values.size() != solution.dofs.components.size())
+    throw DataError(fmt::format("{}: {} values, the first file has {}: the mesh must stay the same", path,
+                                field.values.size(), solution.dofs.components.size()));
+  solution.time.push_back(time);
+  solution.values.insert(solution.values.end(), field.values.begin(), field.values.end());
+}
+
+Snapshots from_vtu(const ResultOptions& options, const std::string& path) {
+  Snapshots solution;
+  const auto time = options.times.size() == 1 ? options.times[0] : files::read_vtu(path).time.value_or(1.0);
+  add_vtu(options, path, time, solution);
+  return solution;
+}
+
+Snapshots from_pvd(const ResultOptions& options, const std::string& path) {
+  Snapshots solution;
+  for (const files::PvdEntry& entry : files::read_pvd(path))
+    add_vtu(options, (std::filesystem::path(path).parent_path() / entry.file).string(), entry.time, solution);
+  return solution;
+}
+
+/// Bricks of eight nodes or tetrahedra of four, if there is nothing else.
+std::optional<reduction::Mesh> mesh_of(const files::FrdContents& contents) {
+  if (contents.cells.empty()) return std::nullopt;
+  const int type = contents.cells[0].type;
+  const files::VtkCell cell = files::vtk_cell(type == 1 ? 12 : type == 3 ? 10 : 0);
+  reduction::Mesh mesh{contents.points, {}, cell.points, cell.name};
+  for (const auto& other : contents.cells) {
+    if (cell.points == 0 || other.type != type || other.nodes.size() != cell.points) return std::nullopt;
+    mesh.cells.insert(mesh.cells.end(), other.nodes.begin(), other.nodes.end());
+  }
+  return mesh;
+}
+
+Snapshots from_frd(const ResultOptions& options, const std::string& path) {
+  const files::FrdContents contents = files::read_frd(path);
+  const std::string wanted = options.quantity.empty() ? "DISP" : options.quantity;
+  Snapshots solution;
+  place_at(contents.points, solution);
+  solution.mesh = mesh_of(contents);
+  for (const files::FrdField& field : contents.fields) {
+    if (field.name != wanted) continue;
+    if (field.components.size() != 3)
+      throw DataError(
+          fmt::format("{}: {} has {} components, three are needed", path, wanted, field.components.size()));
+    solution.time.push_back(field.time);
+    solution.values.insert(solution.values.end(), field.values.begin(), field.values.end());
+  }
+  if (solution.time.empty())
+    throw DataError(fmt::format("{}: there is no field {}: ask for it with *NODE FILE", path, wanted));
+  return solution;
+}
+
+Snapshots from_dat(const std::string& path) {
+  const files::DatContents contents = files::read_dat(path);
+  Snapshots solution;
+  solution.time = contents.time;
+  for (const files::DatSeries& series : contents.series) solution.quantities.push_back({series.name, "1"});
+  for (std::size_t t = 0; t < contents.time.size(); ++t)
+    for (const files::DatSeries& series : contents.series) solution.values.push_back(series.values[t]);
+  return solution;
+}
+
+void add_outputs(const std::string& path, Snapshots& solution) {
+  TimeTable table = read_time_table(path);
+  if (table.time != solution.time)
+    throw DataError(fmt::format("{}: its {} times are not the {} of the field", path, table.time.size(),
+                                solution.time.size()));
+  for (std::size_t k = 0; k < table.series.size(); ++k)
+    solution.outputs.push_back({table.quantities[k].name,
+                                {table.quantities[k].units, table.quantities[k].name},
+                                std::move(table.series[k])});
+}
+
+Snapshots read_field(const ResultOptions& options, const std::string& path) {
+  if (path.ends_with(".csv")) return from_csv(path);
+  if (path.ends_with(".npy")) return from_npy(options, path);
+  if (path.ends_with(".h5") || path.ends_with(".hdf5")) return from_hdf5(path);
+  if (path.ends_with(".vtu")) return from_vtu(options, path);
+  if (path.ends_with(".pvd")) return from_pvd(options, path);
+  if (path.ends_with(".frd")) return from_frd(options, path);
+  if (path.ends_with(".dat")) return from_dat(path);
+  throw ProjectError(
+      fmt::format("[offline.command]: field = \"{}\": the ending of the file is .csv, .npy, .h5, .vtu, .pvd, "
+                  ".frd or .dat",
+                  options.field));
+}
+
+}  // namespace
+
+Snapshots read_result(const ResultOptions& options, const std::string& folder) {
+  const std::string path = (std::filesystem::path(folder) / options.field).string();
+  if (!std::filesystem::exists(path))
+    throw DataError(fmt::format("the run has ended well but left no {}", options.field));
+  Snapshots solution = read_field(options, path);
+  if (!options.outputs.empty())
+    add_outputs((std::filesystem::path(folder) / options.outputs).string(), solution);
+  return solution;
+}
+
+}  // namespace knothe::simulator

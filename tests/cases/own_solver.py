@@ -1,0 +1,229 @@
+"""Solvers that are not knothe's, from the offline phase to the posterior: the examples of docs/own-solver.md. The judge is
+dense quadrature over direct runs of the solver, which shares neither the reduced model nor any of knothe's code."""
+import http.server
+import importlib.util
+import math
+import os
+import random
+import re
+import shutil
+import subprocess
+import threading
+import unittest
+
+from support import REPOSITORY, Case, write_csv
+
+EXAMPLES = REPOSITORY / "examples"
+
+
+def load_program(path):
+    specification = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module
+
+
+def values_of(text, name):
+    """{ prior = "normal", mean = m, std = s } and the axis of a parameter, from the project file."""
+    prior = re.search(rf'^{name} = .*mean = ([\d.e+]+), std = ([\d.e+]+)', text, re.M)
+    axis = re.search(rf'\[offline.parameters.{name}\].*?lower = ([\d.e+]+)\nupper = ([\d.e+]+)', text, re.S)
+    return [float(v) for v in (*prior.groups(), *axis.groups())]
+
+
+def quadrature(log_likelihood, parameters, mean, covariance, nodes=17):
+    """Mean and std of two parameters with truncated normal priors [mean, std, lower, upper], by the trapezoidal rule in the
+    coordinates z of p = mean + L z, |z| < 5.5, L L' = covariance, where the density is nearly a standard normal one: it
+    decays at the ends, so the rule converges faster than any power."""
+    first = math.sqrt(covariance[0][0])
+    slope = covariance[1][0] / first
+    second = math.sqrt(covariance[1][1] - slope * slope)
+    z = [-5.5 + 11 * i / (nodes - 1) for i in range(nodes)]
+    logs = {}
+    for a in z:
+        for b in z:
+            point = mean[0] + first * a, mean[1] + slope * a + second * b
+            if all(lower <= p <= upper for p, (_, _, lower, upper) in zip(point, parameters)):
+                prior = sum(-0.5 * ((p - m) / s) ** 2 for p, (m, s, _, _) in zip(point, parameters))
+                logs[point] = prior + log_likelihood(*point)
+    top = max(logs.values())
+    weights = {point: math.exp(value - top) for point, value in logs.items()}
+    total = sum(weights.values())
+    result = []
+    for k in (0, 1):
+        centre = sum(w * point[k] for point, w in weights.items()) / total
+        result.append((centre, math.sqrt(sum(w * (point[k] - centre) ** 2 for point, w in weights.items()) / total)))
+    return result
+
+
+class Test(Case):
+    def copy_example(self, folder):
+        for file in (EXAMPLES / folder).iterdir():
+            shutil.copy(file, self.folder / file.name)
+            if file.suffix == ".toml":
+                self.project_name = file.name
+
+    def expect_posterior(self, line, log_likelihood, names):
+        text = self.project.read_text()
+        parameters = [values_of(text, name) for name in names]
+        about = [(line["mean"][k], math.sqrt(line["covariance"][k][k])) for k in (0, 1)]
+        exact = quadrature(log_likelihood, parameters, line["mean"], line["covariance"])
+        for k, name in enumerate(names):
+            self.assertLess(abs(about[k][0] - exact[k][0]), 0.2 * exact[k][1], f"{name}: {about[k]}, exact {exact[k]}")
+            print(f"{name}: mean and std {about[k]}, by quadrature {exact[k]}")
+            self.assertLess(abs(about[k][1] / exact[k][1] - 1), 0.2, f"{name}: {about[k]}, exact {exact[k]}")
+
+    def test_sensors_without_a_mesh_from_any_program(self):
+        self.copy_example("command")
+        program = load_program(self.folder / "storeys.py")
+        built = self.expect(0, "offline", self.project_name, "-o", "storeys.h5", "--json").lines()[-1]
+        self.assertTrue(built["done"])
+        (info,) = self.expect(0, "model", "info", "storeys.h5", "--json").lines()
+        self.assertEqual([p["units"] for p in info["parameters"]], ["N/m", "N s/m"])
+        self.assertEqual([q["name"] for q in info["quantities"]], ["acceleration_1", "acceleration_2", "drift"])
+        self.assertEqual([q["units"] for q in info["quantities"]], ["m/s2", "m/s2", "m"])
+        self.assertEqual(info["time"], [0.05, 3.0])
+        # The model against the program, at the truth, which is off the grid.
+        truth = {"k1": 0.913e6, "damping": 1730.0}
+        rows = program.solve(*truth.values())
+        at = "--at", ",".join(f"{name}={value}" for name, value in truth.items())
+        (line,) = self.expect(0, "model", "evaluate", "storeys.h5", *at, "--step", "59", "--json").lines()
+        stds = {"acceleration_1": 0.5, "acceleration_2": 0.5, "drift": 1e-3}
+        for value, exact, std in zip(line["values"], rows[59][1:], stds.values()):
+            self.assertLess(abs(value - exact), 0.2 * std)
+        # Noisy data of a direct run, written by other means than `knothe simulate`.
+        noise, data = random.Random(7), []
+        for time, *values in rows:
+            for (name, std), value in zip(stds.items(), values):
+                data.append({"time": repr(time), "sensor": name, "x": "", "y": "", "z": "", "component": name,
+                             "value": repr(value + noise.gauss(0, std)), "std": std})
+        write_csv(self.folder / "data.csv", data)
+        self.edit('data = "data.h5"', 'data = "data.csv"')
+        lines = self.assimilate()
+        self.assertEqual(len(lines), 60)
+
+        def log_likelihood(k1, damping):
+            solution = program.solve(k1, damping)
+            return sum(-0.5 * ((float(entry["value"]) - solution[i // 3][1 + i % 3]) / entry["std"]) ** 2
+                       for i, entry in enumerate(data))
+
+        self.expect_posterior(lines[-1], log_likelihood, ["k1", "damping"])
+        self.assertIn("drift", lines[-1]["forecast"])
+
+    def test_synthetic_measurements_of_quantities(self):
+        self.copy_example("command")
+        self.expect(0, "simulate", self.project_name, "-o", "data.h5")
+        self.assertGreater((self.folder / "data.h5").stat().st_size, 60 * 3 * 8)
+        self.edit("[simulate.noise]", "[simulate.noise]\ndrft = 1.0")
+        self.expect(3, "simulate", self.project_name, "-o", "data.h5",
+                    stderr=["simulate.noise.drft is no quantity of the model (did you mean \"drift\"?)"])
+
+    def test_runs_that_fail_are_listed_and_the_others_are_kept(self):
+        self.copy_example("command")
+        self.edit("nodes = 13", "nodes = 3")
+        self.edit("nodes = 7", "nodes = 3")
+        self.edit('run = ["python3", "storeys.py", "{{k1}}", "{{damping}}"]',
+                  """run = ["sh", "-c", 'test -n "$MENDED" || test {{k1}} != 850000 || exit 3; """
+                  """python3 storeys.py {{k1}} {{damping}}']""")
+        self.edit("retries = 1", "retries = 0")
+        (self.folder / "work").mkdir()
+        environment = {**os.environ, "TMPDIR": str(self.folder / "work")}
+        build = "offline", self.project_name, "-o", "storeys.h5"
+        outcome = self.expect(6, *build, env=environment,
+                              stderr=["3 of 9 full-order runs failed; 6 of 9 runs are kept in storeys.h5.parts",
+                                      "run 1 (k1 = 850000, damping = 900): sh ended with status 3"])
+        self.assertEqual(outcome.err.count("its folder is kept"), 3)
+        self.assertEqual(len(list((self.folder / "work").iterdir())), 3)
+        outcome = self.expect(0, *build, env={**environment, "MENDED": "1"})
+        self.assertIn("9 full-order runs, 6 of them kept", outcome.out)
+
+    def test_what_is_of_the_beam_alone_is_refused_beside_a_command(self):
+        self.copy_example("command")
+        self.edit("[offline]\n", "[offline]\nsteps = 10\n")
+        self.expect(3, "check", self.project_name, stderr="[offline] steps is of the built-in beam")
+        self.edit("steps = 10\n", 'method = "latin"\n')
+        self.expect(3, "check", self.project_name, stderr="LATIN-PGD solves for the built-in beam")
+
+    def test_a_model_of_a_umbridge_server(self):
+        self.copy_example("umbridge")
+        self.project_name = "offline.toml"
+        program = load_program(self.folder / "server.py")
+        with http.server.ThreadingHTTPServer(("127.0.0.1", 0), program.Handler) as server:
+            threading.Thread(target=server.serve_forever, daemon=True).start()
+            self.edit(":4242", f":{server.server_port}")
+            self.expect(0, "offline", self.project_name, "-o", "demand.h5")
+            self.expect(0, "simulate", self.project_name, "-o", "data.h5")
+            self.edit('names = ["demand"]', 'names = ["demand", "supply"]')
+            self.expect(4, "offline", self.project_name, "-o", "other.h5", stderr="5 outputs, [offline.umbridge] 5 times of 2 quantities")
+            self.edit('names = ["demand", "supply"]', 'names = ["demand"]')
+            server.shutdown()
+        noise, std = random.Random(5), 0.0316
+        data = [{"time": t, "sensor": "probe", "x": "", "y": "", "z": "", "component": "demand", "value": repr(v + noise.gauss(0, std)),
+                 "std": std} for t, v in zip(program.TIMES, program.evaluate(0.83, 0.27))]
+        write_csv(self.folder / "data.csv", data)
+        self.edit('data = "data.h5"', 'data = "data.csv"')
+        line = self.assimilate()[-1]
+
+        def log_likelihood(a, b):
+            return sum(-0.5 * ((float(entry["value"]) - value) / std) ** 2 for entry, value in zip(data, program.evaluate(a, b)))
+
+        # Nearly the whole box, whose edges cut the density off: a fine grid.
+        box = [(0, 1e9, 0.4, 1.2), (0, 1e9, 0.01, 0.61)]
+        exact = quadrature(log_likelihood, box, [0.8, 0.31], [[0.01, 0], [0, 0.0036]], nodes=401)
+        for k in (0, 1):
+            self.assertLess(abs(line["mean"][k] - exact[k][0]), 0.2 * exact[k][1])
+            self.assertLess(abs(math.sqrt(line["covariance"][k][k]) / exact[k][1] - 1), 0.2)
+
+    @unittest.skipUnless(shutil.which("ccx"), "CalculiX (calculix-ccx) is not installed")
+    def test_a_part_with_plasticity_by_calculix(self):
+        self.copy_example("calculix")
+        self.expect(0, "offline", self.project_name, "-o", "bracket.h5")
+        (info,) = self.expect(0, "model", "info", "bracket.h5", "--json").lines()
+        self.assertEqual((info["dofs"], info["steps"], info["mesh_cells"]), (243, 20, 32))
+        direct = self.direct_run(2.13e8, 1.27e9)
+        (line,) = self.expect(0, "model", "evaluate", "bracket.h5", "--at", "yield_stress=2.13e8,flow_stress=1.27e9",
+                              "--step", "11", "--json").lines()
+        worst = max(abs(value - exact) for value, exact in zip(line["values"], direct[11]))
+        self.assertLess(worst, 1e-5)
+        # Data at six nodes of the free half, of a direct run.
+        nodes = [9, 27, 63, 72, 24, 60]
+        noise, data, std = random.Random(3), [], 3e-5
+        points = self.points()
+        for step in range(20):
+            for node in nodes:
+                x, y, z = points[node - 1]
+                value = direct[step][3 * (node - 1) + 1] + noise.gauss(0, std)
+                data.append({"time": repr(0.05 * (step + 1)), "sensor": f"node {node}", "x": x, "y": y, "z": z, "component": "y",
+                             "value": repr(value), "std": std})
+        write_csv(self.folder / "data.csv", data)
+        self.edit('data = "data.h5"', 'data = "data.csv"')
+        lines = self.assimilate()
+
+        def log_likelihood(yield_stress, flow_stress):
+            solution = self.direct_run(yield_stress, flow_stress)
+            return sum(-0.5 * ((float(entry["value"]) - solution[i // 6][3 * (nodes[i % 6] - 1) + 1]) / std) ** 2
+                       for i, entry in enumerate(data))
+
+        self.expect_posterior(lines[-1], log_likelihood, ["yield_stress", "flow_stress"])
+        self.assertIn("tip", lines[-1]["forecast"])
+
+    def points(self):
+        return [tuple(float(v) for v in line.split(",")[1:]) for line in (self.folder / "bracket.inp").read_text().splitlines()
+                if re.match(r"\d+, [-\d.e]+, [-\d.e]+, [-\d.e]+$", line)]
+
+    def direct_run(self, yield_stress, flow_stress):
+        """Displacements of each step, [node, component]; the file read by columns."""
+        text = (self.folder / "bracket.inp").read_text()
+        text = text.replace("{{yield_stress:.10e}}", f"{yield_stress:.10e}").replace("{{flow_stress:.10e}}", f"{flow_stress:.10e}")
+        (self.folder / "direct.inp").write_text(text)
+        subprocess.run(["ccx", "-i", "direct"], cwd=self.folder, check=True, capture_output=True)
+        steps = []
+        for line in (self.folder / "direct.frd").read_text().splitlines():
+            if line.startswith("  100C"):
+                steps.append([])
+            elif line.startswith(" -1") and steps:
+                steps[-1] += [float(line[13 + 12 * k:25 + 12 * k]) for k in range(3)]
+        return steps
+
+
+if __name__ == "__main__":
+    unittest.main()
