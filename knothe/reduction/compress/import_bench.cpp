@@ -1,5 +1,6 @@
 // `knothe model import` of many parameter points: 5⁵ = 3,125, 3⁸ = 6,561 and 7⁵ = 16,807, of a front that
-// widens as it travels. Wall and CPU seconds from file to file, and the largest memory the process had.
+// widens as it travels. Wall and CPU seconds from file to file, and the largest memory the process had
+// (making the snapshots included).
 #include <benchmark/benchmark.h>
 #include <sys/resource.h>
 

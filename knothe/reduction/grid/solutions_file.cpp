@@ -17,9 +17,9 @@ using Eigen::MatrixXd;
 
 namespace {
 
-/// Relative to the norm of a block: single precision resolves no less, and squares, which decide later on
-/// what is kept, lose what is smaller.
-constexpr double k_resolved = 1e-7;
+/// Relative to the norm of a block: well above the rounding of single precision, 3e-8, which no few
+/// directions hold.
+constexpr double k_resolved = 3e-7;
 
 /// An orthonormal basis that grows by what it does not hold of the fields that it is shown.
 class GrowingBasis {
@@ -38,7 +38,9 @@ class GrowingBasis {
           left.middleCols(first, n).noalias() -= q_ * c.middleCols(first, n);
         });
     const double allowed = k_resolved * k_resolved * u.squaredNorm();
-    if (left.squaredNorm() > allowed) grow(allowed, left, c);
+    // Squares resolve 1e-7 at best: a part at a time.
+    for (double rest = left.squaredNorm(); rest > allowed; rest = left.squaredNorm())
+      grow(std::max(0.5 * allowed, 1e-8 * rest), left, c);
     if (left.size() > 0) largest_left_out_ = std::max(largest_left_out_, left.cwiseAbs().maxCoeff());
     return c;
   }
@@ -49,7 +51,7 @@ class GrowingBasis {
 
  private:
   void grow(double allowed, MatrixXd& left, MatrixXd& c) {
-    MatrixXd fresh = dominant_space(left, 0.5 * allowed, 1, threads_).basis;
+    MatrixXd fresh = dominant_space(left, allowed, 1, threads_).basis;
     // `left` is a small difference of large numbers: orthogonal to Q only as far as its rounding errors are.
     for (int i = 0; i < 2; ++i) fresh = orthonormal_basis(fresh - q_ * (q_.transpose() * fresh));
     const Index old = q_.cols(), all = old + fresh.cols();

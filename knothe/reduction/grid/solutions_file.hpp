@@ -15,7 +15,7 @@ struct SolutionsReading {
 };
 
 /// The solutions of a file of snapshots. A larger field is held in an orthonormal basis of space, grown while
-/// the file is read once, that leaves out at most 1e-7 of the norm of any block. DataError as in
+/// the file is read once, that leaves out at most 3e-7 of the norm of any block. DataError as in
 /// `read_snapshots`, and if even the coordinates would take more than half of the machine's memory.
 [[nodiscard]] GridSolutions read_solutions(const std::string& path, const SolutionsReading& reading = {});
 

@@ -268,7 +268,9 @@ ImportedModel import_model_and_error(const std::string& path, const CompressionO
     constexpr std::size_t k_stored = 8, k_judged = 256;
     const auto solution = [&](std::size_t i) { return left_out.solution(solutions, 1 + i); };
     const ModelError error = off_grid_error(result.model, k_judged, solution, options.threads);
-    result.model.off_grid = {std::max(error.relative, error.plain_relative), error.max, "left-out nodes"};
+    // No better off the grid than on it, where all points are looked at.
+    result.model.off_grid = {std::max({error.relative, error.plain_relative, result.model.relative_error}),
+                             std::max(error.max, result.model.max_error_m), "left-out nodes"};
     for (std::size_t i = 0; i < k_stored; ++i) off_grid.push_back(solution(i));
   }
   result.truncation = truncation_error(result.model, solutions, off_grid, 20, options.threads);
