@@ -184,7 +184,8 @@ Measurements read_hdf5(const std::string& path) {
   Measurements m;
   m.time = file.read("/time");
   check_times(m.time, path);
-  if (!file.has("/values") && file.has("/outputs")) {
+  // Quantities alone; snapshots and models, which have outputs too, are no data.
+  if (!file.has("/values") && file.has("/outputs") && !file.has("/parameters")) {
     read_beside(file, m);
     return m;
   }

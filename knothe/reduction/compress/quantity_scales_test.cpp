@@ -82,7 +82,9 @@ TEST(Quantities, AreOutputsAndAreObservedByName) {
     EXPECT_NEAR(strain[step], value, 1e-12 * std::abs(value));
     EXPECT_NEAR(observed.predict(Eigen::Vector2d(p[0], p[1]), step)[0], value, 1e-12 * std::abs(value));
   }
-  EXPECT_THAT(message_of<DataError>([&] { (void)observe(model, {{0, 0, 0}, {0}}); }),
+  EXPECT_THAT(message_of<DataError>([&] {
+                (void)observe(model, {{0, 0, 0}, {0}});
+              }),
               HasSubstr("the model has no /dofs"));
 }
 
@@ -98,7 +100,8 @@ TEST(Quantities, AreInTheFilesOfSnapshotsAndModels) {
   const SeparatedModel again = SeparatedModel::load(folder.file("m.h5"));
   EXPECT_EQ(again.quantity("strain"), 1u);
   EXPECT_EQ(again.output_names(), model.output_names());
-  EXPECT_EQ(again.evaluate(std::vector{0.83, 1.21}, 1).value, model.evaluate(std::vector{0.83, 1.21}, 1).value);
+  EXPECT_EQ(again.evaluate(std::vector{0.83, 1.21}, 1).value,
+            model.evaluate(std::vector{0.83, 1.21}, 1).value);
   Snapshots wrong = quantities();
   wrong.quantities[1].name = "force";
   EXPECT_THAT(message_of<DataError>([&] { write_snapshots(wrong, folder.file("s.h5")); }),
