@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "knothe/files/testing/test_folder.hpp"
+#include "knothe/numerics/functions/cubic_spline.hpp"
 #include "knothe/reduction/testing/test_models.hpp"
 
 namespace knothe::reduction {
