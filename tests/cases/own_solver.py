@@ -90,7 +90,14 @@ class Test(Case):
         stds = {"acceleration_1": 0.5, "acceleration_2": 0.5, "drift": 1e-3}
         for value, exact, std in zip(line["values"], rows[59][1:], stds.values()):
             self.assertLess(abs(value - exact), 0.2 * std)
-        # Noisy data of a direct run, written by other means than `knothe simulate`.
+        log_likelihood = self.write_storeys_data(program, rows, stds)
+        lines = self.assimilate()
+        self.assertEqual(len(lines), 60)
+        self.expect_posterior(lines[-1], log_likelihood, ["k1", "damping"])
+        self.assertIn("drift", lines[-1]["forecast"])
+
+    def write_storeys_data(self, program, rows, stds):
+        """Noisy data of a direct run, written by other means than `knothe simulate`; their log-likelihood by direct runs."""
         noise, data = random.Random(7), []
         for time, *values in rows:
             for (name, std), value in zip(stds.items(), values):
@@ -98,16 +105,26 @@ class Test(Case):
                              "value": repr(value + noise.gauss(0, std)), "std": std})
         write_csv(self.folder / "data.csv", data)
         self.edit('data = "data.h5"', 'data = "data.csv"')
-        lines = self.assimilate()
-        self.assertEqual(len(lines), 60)
 
         def log_likelihood(k1, damping):
             solution = program.solve(k1, damping)
             return sum(-0.5 * ((float(entry["value"]) - solution[i // 3][1 + i % 3]) / entry["std"]) ** 2
                        for i, entry in enumerate(data))
 
-        self.expect_posterior(lines[-1], log_likelihood, ["k1", "damping"])
-        self.assertIn("drift", lines[-1]["forecast"])
+        return log_likelihood
+
+    def test_a_model_that_is_too_coarse_is_refined_by_the_program(self):
+        self.copy_example("command")
+        program = load_program(self.folder / "storeys.py")
+        self.edit("nodes = 13", "nodes = 4")
+        self.edit("nodes = 7", "nodes = 3")
+        self.edit("[offline]", '[method]\nverify = "full-order"\n\n[offline]')
+        self.expect(0, "offline", self.project_name, "-o", "storeys.h5")
+        log_likelihood = self.write_storeys_data(program, program.solve(0.913e6, 1730.0),
+                                                 {"acceleration_1": 0.1, "acceleration_2": 0.1, "drift": 2e-4})
+        last = self.assimilate()[-1]
+        self.assertGreater(last["model_version"], 0)
+        self.expect_posterior(last, log_likelihood, ["k1", "damping"])
 
     def test_synthetic_measurements_of_quantities(self):
         self.copy_example("command")

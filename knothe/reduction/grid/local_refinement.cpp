@@ -77,7 +77,7 @@ std::size_t interval_of(std::span<const double> nodes, double x) {
 /// The solutions as the base sees them.
 struct KnownErrors {
   MatrixXd points;                ///< k × d
-  MatrixXd space;                 ///< n_dof × q, orthonormal
+  MatrixXd space;                 ///< n_dof × q, orthonormal in the rows' scales
   std::vector<MatrixXd> fields;   ///< per solution: q × n_t, in `space`
   std::vector<MatrixXd> outputs;  ///< per output of the model: n_t × k
 };
@@ -117,8 +117,18 @@ MatrixXd output_errors(const SeparatedModel& model, const std::string& name,
   return errors;
 }
 
-KnownErrors errors_of(const SeparatedModel& model, std::span<const Snapshots> solutions) {
-  const ModelContents& base = model.contents();
+/// Of each row, so that dofs of several units count alike; displacements count as they are.
+VectorXd scales_of(const MatrixXd& errors, bool one_unit) {
+  VectorXd scales = VectorXd::Ones(errors.rows());
+  if (one_unit) return scales;
+  for (Index i = 0; i < errors.rows(); ++i)
+    if (const double norm = errors.row(i).norm(); norm > 0) scales[i] = norm;
+  return scales;
+}
+
+/// `base` as it is stored: the model adds its quantities to the outputs, and they are in the field already.
+KnownErrors errors_of(const SeparatedModel& model, const ModelContents& base,
+                      std::span<const Snapshots> solutions) {
   const auto k = static_cast<Index>(solutions.size()), times = static_cast<Index>(base.time.size());
   const auto dofs = static_cast<Index>(base.dof_count());
   KnownErrors known;
@@ -132,12 +142,15 @@ KnownErrors errors_of(const SeparatedModel& model, std::span<const Snapshots> so
     all.middleCols(i * times, times) =
         Eigen::Map<const MatrixXd>(solution.values.data(), dofs, times) - field_at(model, p);
   }
+  const VectorXd scales = scales_of(all, base.quantities.empty());
+  all = scales.cwiseInverse().asDiagonal() * all;
   constexpr double k_left_out = 1e-10;  // of the errors' squared norm
   const double allowed = k_left_out * all.squaredNorm();
   const DominantSpace space = dominant_space(all, allowed, 1, 0);
   known.space = space.basis.leftCols(std::max<Index>(1, space.rank_for(allowed)));
   const MatrixXd coefficients = known.space.transpose() * all;
   for (Index i = 0; i < k; ++i) known.fields.push_back(coefficients.middleCols(i * times, times));
+  known.space = scales.asDiagonal() * known.space;
   for (const SnapshotOutput& output : base.outputs)
     known.outputs.push_back(output_errors(model, output.name, solutions));
   return known;
@@ -369,7 +382,7 @@ RefinedModel refined(const ModelContents& base, const TruncationError& error,
                      std::span<const Snapshots> solutions, const Neighbourhood& at) {
   if (solutions.empty()) throw UsageError("a model is refined by full-order solutions: none is given");
   const SeparatedModel model(base);
-  const KnownErrors known = errors_of(model, solutions);
+  const KnownErrors known = errors_of(model, base, solutions);
   const ScatteredInterpolation interpolation = best_interpolation(base.axes, known, at);
   RefinedModel result{base, error_of(error, base.axes, known, interpolation, at)};
   result.model.axes = with_nodes_around(base.axes, at);
