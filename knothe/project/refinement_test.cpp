@@ -5,11 +5,12 @@
 
 #include <fmt/format.h>
 
-#include <filesystem>
+#include <numeric>
 #include <random>
 
 #include "knothe/assimilation/data/synthetic_measurements.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/files/testing/test_folder.hpp"
 #include "knothe/reduction/testing/test_models.hpp"
 
 namespace knothe::project {
@@ -99,9 +100,6 @@ ExactPosterior exact_posterior(const assimilation::Measurements& data) {
 class RefinementTest : public testing::Test {
  protected:
   void SetUp() override {
-    folder_ = testing::TempDir() + "refinement/";
-    std::filesystem::remove_all(folder_);
-    std::filesystem::create_directories(folder_);
     const Snapshots snapshots = front_on(five_by_five());
     reduction::CompressionOptions compression;
     compression.modes = 20;
@@ -154,7 +152,8 @@ class RefinementTest : public testing::Test {
     return run;
   }
 
-  std::string folder_;
+  files::TestFolder files_;  // each test is a process of its own beside others
+  const std::string folder_ = files_.file("");
   assimilation::Measurements measurements_;
 };
 
@@ -239,18 +238,13 @@ TEST_F(RefinementTest, TheDoubtOfTheVerdictMakesItAsk) {
 
 TEST_F(RefinementTest, WhatDoesNotGoTogetherIsRefused) {
   write_data({0.87, 1.13}, 3);
-  try {
-    (void)set_up(project("[method]\nverify = \"full-order\"\ntruncation_error = \"on\"\n"));
-    FAIL() << "no error";
-  } catch (const ProjectError& error) {
-    EXPECT_THAT(error.what(), testing::HasSubstr("it does without truncation_error = \"on\""));
-  }
-  try {
-    (void)full_order_simulator(project("[method]\nverify = \"full-order\"\n"));
-    FAIL() << "no error";
-  } catch (const ProjectError& error) {
-    EXPECT_THAT(error.what(), testing::HasSubstr("the table [offline] that the model was made from"));
-  }
+  EXPECT_THAT(files::message_of<ProjectError>([&] {
+                (void)set_up(project("[method]\nverify = \"full-order\"\ntruncation_error = \"on\"\n"));
+              }),
+              testing::HasSubstr("it does without truncation_error = \"on\""));
+  EXPECT_THAT(files::message_of<ProjectError>(
+                  [&] { (void)full_order_simulator(project("[method]\nverify = \"full-order\"\n")); }),
+              testing::HasSubstr("the table [offline] that the model was made from"));
 }
 
 }  // namespace

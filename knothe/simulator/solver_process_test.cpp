@@ -3,11 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <cstdio>
-#include <filesystem>
-
 #include "knothe/base/error.hpp"
-#include "knothe/files/atomic_file.hpp"
+#include "knothe/files/testing/test_folder.hpp"
 
 namespace knothe::simulator {
 namespace {
@@ -18,8 +15,6 @@ using testing::HasSubstr;
 class SolverProcessTest : public testing::Test {
  protected:
   void SetUp() override {
-    folder_ = testing::TempDir() + "solver-process/";
-    std::filesystem::create_directories(folder_);
     reduction::Snapshots solution;
     solution.axes = {{.name = "a", .nodes = {1.25}}, {.name = "b", .nodes = {-0.5}}};
     solution.time = {0, 1, 2};
@@ -35,16 +30,8 @@ class SolverProcessTest : public testing::Test {
     options.time_limit_s = time_limit_s;
     return SolverProcess(options);
   }
-  template <class Call>
-  static std::string message_of(Call call) {
-    try {
-      call();
-    } catch (const Error& error) {
-      return error.what();
-    }
-    return "nothing was thrown";
-  }
-  std::string folder_;
+  files::TestFolder files_;
+  const std::string folder_ = files_.file("");
 };
 
 TEST_F(SolverProcessTest, GivesTheSolutionThatTheProgramWrites) {
@@ -74,7 +61,7 @@ TEST_F(SolverProcessTest, SolvesAllPointsAndTellsEachThatIsFinished) {
 
 TEST_F(SolverProcessTest, AFailureSaysWhereAndWhatTheProgramSaid) {
   SolverProcess process = solver("echo the mesh is tangled >&2; exit 6");
-  const std::string message = message_of([&] { (void)process.solve(std::vector{1.25, -0.5}); });
+  const std::string message = files::message_of<Error>([&] { (void)process.solve(std::vector{1.25, -0.5}); });
   EXPECT_THAT(message, HasSubstr("the full-order model at a = 1.25, b = -0.5 was not solved"));
   EXPECT_THAT(message, HasSubstr("status 6"));
   EXPECT_THAT(message, HasSubstr("the mesh is tangled"));
@@ -82,7 +69,7 @@ TEST_F(SolverProcessTest, AFailureSaysWhereAndWhatTheProgramSaid) {
 
 TEST_F(SolverProcessTest, ARunThatTakesTooLongIsEnded) {
   SolverProcess process = solver("sleep 60", 0.05);
-  EXPECT_THAT(message_of([&] {
+  EXPECT_THAT(files::message_of<Error>([&] {
                 (void)process.solve(std::vector{1.25, -0.5});
               }),
               HasSubstr("was not solved within 0.05 s"));
@@ -93,7 +80,8 @@ TEST_F(SolverProcessTest, AProgramThatIsNotThereIsNamed) {
   options.words = {"no-such-solver"};
   options.names = {"a"};
   SolverProcess process(options);
-  EXPECT_THAT(message_of([&] { (void)process.solve(std::vector{1.0}); }), HasSubstr("no-such-solver"));
+  EXPECT_THAT(files::message_of<Error>([&] { (void)process.solve(std::vector{1.0}); }),
+              HasSubstr("no-such-solver"));
 }
 
 TEST_F(SolverProcessTest, AFileOfSeveralPointsIsRefused) {
@@ -103,7 +91,7 @@ TEST_F(SolverProcessTest, AFileOfSeveralPointsIsRefused) {
   grid.values = {1, 2};
   reduction::write_snapshots(grid, folder_ + "grid.h5");
   SolverProcess process = solver("cp " + folder_ + "grid.h5 \"$4\"");
-  EXPECT_THAT(message_of([&] {
+  EXPECT_THAT(files::message_of<Error>([&] {
                 (void)process.solve(std::vector{1.25, -0.5});
               }),
               HasSubstr("a grid of 2 points of 2 parameters, not one solution of 2"));
