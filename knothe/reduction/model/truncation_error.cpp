@@ -75,7 +75,9 @@ class KnownErrors {
     return fields;
   }
   /// The columns of V, n_dof × k, as error `i` sees them.
-  [[nodiscard]] MatrixXd in_coordinates(const MatrixXd& v) const { return basis_.transpose() * v; }
+  [[nodiscard]] MatrixXd in_coordinates(const MatrixXd& v) const {
+    return basis_.size() == 0 ? MatrixXd() : MatrixXd(basis_.transpose() * v);
+  }
 
  private:
   [[noreturn]] static void refuse_sizes() {
