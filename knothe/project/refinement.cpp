@@ -207,9 +207,7 @@ bool Refinement::refine_if_needed(std::unique_ptr<engine::Engine>& engine, engin
   const std::size_t version = version_;
   try {
     if (trouble_.empty() && (is_last || doubted)) refine(engine, result, is_last ? all : all / 2, is_last);
-  } catch (const NumericalError& error) {
-    trouble_ = error.what();
-  } catch (const DataError& error) {
+  } catch (const Error& error) {  // whatever it is, the answer without it is kept
     trouble_ = error.what();
   }
   if (is_last && !trouble_.empty())

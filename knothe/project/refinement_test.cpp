@@ -236,6 +236,31 @@ TEST_F(RefinementTest, TheDoubtOfTheVerdictMakesItAsk) {
   EXPECT_EQ(refinement.runs(), 4u);
 }
 
+TEST_F(RefinementTest, ASolverThatCannotBeRunCostsNothingButTheVerdict) {
+  class Missing final : public simulator::Simulator {
+   public:
+    [[nodiscard]] std::string key(std::span<const double>) const override { return "missing"; }
+    [[nodiscard]] Snapshots solve(std::span<const double>) override {
+      throw IoError("cannot run the solver");
+    }
+  };
+  write_data({0.87, 1.13}, 3);
+  const Project project = this->project();
+  UpdateSetup setup = set_up(project);
+  auto engine = std::make_unique<engine::Engine>(engine_setup(project, setup));
+  RecordedData data(std::move(setup));
+  engine::StepResult result;
+  while (auto item = data.next({})) result = engine->assimilate(item->datum);
+  const VectorXd mean = result.update.mean;
+  Refinement refinement(project, nullptr, std::make_unique<Missing>(), folder_ + "refined");
+  EXPECT_FALSE(refinement.refine_if_needed(engine, result, true));
+  EXPECT_EQ(result.update.mean, mean);
+  EXPECT_NE(result.update.verdict.level, assimilation::VerdictLevel::ok);
+  EXPECT_THAT(
+      assimilation::verdict_text(result.update.verdict),
+      testing::HasSubstr("could not be asked, and what it would say is not known: cannot run the solver"));
+}
+
 TEST_F(RefinementTest, WhatDoesNotGoTogetherIsRefused) {
   write_data({0.87, 1.13}, 3);
   EXPECT_THAT(files::message_of<ProjectError>([&] {
