@@ -20,7 +20,8 @@ const Section<F>& forecast_section() {
     s.add("discrepancy_std", &F::discrepancy_std, "Discrepancy between damage model and elastic crack, m.",
           positive);
     s.add("length_offset", &F::length_offset,
-          "What the crack meant is longer by than the equivalent elastic one, m (docs/forecast.md).");
+          "What the crack meant is longer by than the equivalent elastic one, m "
+          "(docs/explanation/forecast.md).");
     s.add("point", &F::point, "Where a displacement is forecast: x, y, z, m.", of_shape("[x, y, z]"),
           no_default);
     s.choice("component", &F::component, k_components, "Component of a displacement.", no_default);
