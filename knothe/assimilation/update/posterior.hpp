@@ -4,16 +4,27 @@
 #include <Eigen/Core>
 #include <optional>
 #include <string>
+#include <vector>
 
+#include "knothe/assimilation/update/method.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
 
 namespace knothe::assimilation {
+
+/// A rule of few points: those of a lattice that has the posterior's mean and spread.
+struct FewPoints {
+  Eigen::MatrixXd points;   ///< n × d, p
+  Eigen::VectorXd weights;  ///< n, sum 1
+  /// Of the lattice in standard deviations; 0: no lattice, each point stands for itself alone.
+  double spacing = 0;
+};
 
 /// A posterior of d parameters p in the order of the priors. Moments, quantiles and evidence belong to the
 /// weighted points, or are better than these where the method knows better (quadrature).
 struct Posterior {
   Eigen::MatrixXd points;   ///< n × d, p: what a forecast is made of
   Eigen::VectorXd weights;  ///< n, sum 1
+  FewPoints few;            ///< in place of all points; empty where there is no such rule
 
   Eigen::VectorXd mean;                  ///< d
   Eigen::MatrixXd covariance;            ///< d × d, symmetric to the bit
@@ -26,7 +37,8 @@ struct Posterior {
   double log_evidence = 0;              ///< natural logarithm, all constants included
   double log_evidence_lower_bound = 0;  ///< of the map, Eq. 24: low by the Kullback-Leibler divergence
 
-  int map_order = 0;  ///< 0 without a map
+  Method method = Method::transport;  ///< that made the points: `grid` where they are by quadrature
+  int map_order = 0;                  ///< 0 without a map
   double variance_diagnostic =
       0;                          ///< Eq. 9, verified on points other than the training ones; 0 without a map
   bool tolerance_reached = true;  ///< without a map: converged

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 
@@ -21,6 +22,8 @@ constexpr double k_quadrature_below = 0.98;
 /// Of the log-evidence, of means and standard deviations in standard deviations; and of the mass left out at
 /// the border of the grid, which costs moments a few times as much.
 constexpr double k_converged = 0.01, k_border_mass = 1e-3;
+/// As many nodes as a map and its verification take time for.
+constexpr Eigen::Index k_max_quadrature_nodes = 60'000;
 /// Of the log-evidence, of a posterior by quadrature alone: quantiles to 1e-3 std.
 constexpr double k_grid_tolerance = 1e-8;
 
@@ -47,6 +50,25 @@ void judge(Posterior& r, const std::string& reason) {
       transport::judge_trust({r.variance_diagnostic, r.effective_sample_size, r.second_mode_found, ""});
   r.trusted = trust.trusted;
   r.remark = reason + (reason.empty() || trust.reason.empty() ? "" : "; ") + trust.reason;
+}
+
+/// The rule of a normal density on it is right to 1e-4.
+constexpr double k_lattice_spacing = 1.3, k_lattice_radius = 4.3;
+
+/// Nodes of a cubic lattice in a ball about the origin, n × d.
+Eigen::MatrixXd unit_lattice(Eigen::Index d) {
+  const auto side = static_cast<Eigen::Index>(k_lattice_radius / k_lattice_spacing);
+  const Eigen::Index per_axis = 2 * side + 1;
+  std::vector<Eigen::VectorXd> nodes;
+  for (Eigen::Index i = 0; i < static_cast<Eigen::Index>(std::pow(per_axis, d)); ++i) {
+    Eigen::VectorXd u(d);
+    for (Eigen::Index k = 0, rest = i; k < d; ++k, rest /= per_axis)
+      u[k] = k_lattice_spacing * static_cast<double>(rest % per_axis - side);
+    if (u.norm() <= k_lattice_radius) nodes.push_back(std::move(u));
+  }
+  Eigen::MatrixXd lattice(static_cast<Eigen::Index>(nodes.size()), d);
+  for (std::size_t i = 0; i < nodes.size(); ++i) lattice.row(static_cast<Eigen::Index>(i)) = nodes[i];
+  return lattice;
 }
 
 void set_map_moments(const Eigen::MatrixXd& p, Posterior& r) {
@@ -94,11 +116,9 @@ void PosteriorSolver::solve(const StepForm& last, Posterior& posterior, UpdateTi
 
 void PosteriorSolver::solve_collapsed(Posterior& posterior, UpdateTimes& times) {
   shares_.reset();
-  if (kind_ == Method::grid) {
-    by_grid(posterior, times);
-  } else {
-    by_collapsed_map(posterior, times);
-  }
+  if (kind_ == Method::grid) return by_grid(posterior, times);
+  if (kind_ == Method::automatic && by_quadrature(posterior, times)) return;
+  by_collapsed_map(posterior, times);
 }
 
 Eigen::VectorXd PosteriorSolver::component_shares(const Posterior& posterior) {
@@ -119,6 +139,55 @@ double PosteriorSolver::expected_noise_level(const Posterior& posterior) {
   return mean;
 }
 
+/// False, and nothing has been set, where it would take more nodes than a map costs.
+bool PosteriorSolver::by_quadrature(Posterior& r, UpdateTimes& times) {
+  const Eigen::Index d = transform_->dimension();
+  if (d > 3) return false;
+  const auto start = monotonic_now();
+  using Axes = QuadratureOptions::Axes;
+  const QuadraturePosterior quadrature =
+      tensor_quadrature(target_, {.axes = d < 3 ? Axes::parameters : Axes::modes,
+                                  .evidence_tolerance = k_converged,
+                                  .moment_tolerance = k_converged,
+                                  .max_nodes = k_max_quadrature_nodes});
+  times.map = microseconds_since(start);
+  if (!quadrature.resolved()) return false;
+  take(quadrature, r);
+  r.map_mean = r.mean;
+  r.map_covariance = r.covariance;
+  r.log_evidence_lower_bound = r.log_evidence;
+  r.by_quadrature = true;
+  set_few_points(quadrature, r);
+  times.map = microseconds_since(start);
+  return true;
+}
+
+/// By the trapezoidal rule on a lattice of the posterior's own spread, where that has its moments.
+void PosteriorSolver::set_few_points(const QuadraturePosterior& quadrature, Posterior& r) {
+  constexpr double k_enough = 0.02;  ///< of a standard deviation
+  const Eigen::Index d = transform_->dimension();
+  if (unit_lattice_.size() == 0) unit_lattice_ = unit_lattice(d);
+  const Eigen::MatrixXd& u = unit_lattice_;
+  Eigen::VectorXd mean;
+  Eigen::MatrixXd covariance;
+  numerics::mean_and_covariance(quadrature.points(), quadrature.weights, mean, covariance);
+  const Eigen::LLT<Eigen::MatrixXd> factor(covariance);
+  if (factor.info() != Eigen::Success) return;
+  const Eigen::MatrixXd z = (u * factor.matrixU()).rowwise() + mean.transpose();
+  lattice_batch_.resize(z.rows(), d, 0);
+  target_.evaluate(z, 0, lattice_batch_);
+  Eigen::VectorXd weights = (lattice_batch_.value.array() - lattice_batch_.value.maxCoeff()).exp();
+  weights /= weights.sum();
+  Eigen::VectorXd found;
+  numerics::mean_and_covariance(u, weights, found, covariance);
+  covariance.diagonal().array() -= 1;
+  if (found.cwiseAbs().maxCoeff() > k_enough || covariance.cwiseAbs().maxCoeff() > 2 * k_enough) return;
+  r.few.points.resize(z.rows(), d);
+  transform_->evaluate(z, 0, r.few.points, no_derivatives_, no_derivatives_);
+  r.few.weights = std::move(weights);
+  r.few.spacing = k_lattice_spacing;
+}
+
 void PosteriorSolver::by_grid(Posterior& r, UpdateTimes& times) {
   const auto start = monotonic_now();
   // The plain answer: a first look that no ridge of a crack's run slips through.
@@ -127,7 +196,8 @@ void PosteriorSolver::by_grid(Posterior& r, UpdateTimes& times) {
   const Eigen::Index d = transform_->dimension();
   const QuadraturePosterior grid = tensor_quadrature(target_, {.axes = d < 3 ? Axes::parameters : Axes::modes,
                                                                .evidence_tolerance = k_grid_tolerance,
-                                                               .coarse_nodes = k_nodes[d - 1]});
+                                                               .coarse_nodes = k_nodes[d - 1],
+                                                               .whole_range = d < 3});
   take(grid, r);
   r.map_mean = r.mean;
   r.map_covariance = r.covariance;
@@ -231,19 +301,20 @@ void PosteriorSolver::take(const transport::MapResult& map, Posterior& r) {
 }
 
 void PosteriorSolver::take(const QuadraturePosterior& quadrature, Posterior& r) {
-  const QuadraturePosterior::Nodes& nodes = quadrature.nodes;
-  if (nodes.runs.empty()) {
-    take(quadrature.points, quadrature.weights, quadrature.quantiles, r);
+  const QuadraturePosterior::Lattice& lattice = quadrature.lattice;
+  if (lattice.runs.empty()) {
+    take(quadrature.turned_points, quadrature.weights, quadrature.quantiles, r);
   } else {  // p(z) goes axis by axis
-    Eigen::MatrixXd axes(nodes.axes.rows(), nodes.axes.cols());
-    transform_->evaluate(nodes.axes, 0, axes, no_derivatives_, no_derivatives_);
-    r.points = reduction::nodes_of(axes, nodes.runs)(nodes.kept, Eigen::all);
+    Eigen::MatrixXd axes(lattice.axes.rows(), lattice.axes.cols());
+    transform_->evaluate(lattice.axes, 0, axes, no_derivatives_, no_derivatives_);
+    r.points = lattice.points_on(axes);
     r.weights = quadrature.weights;
     r.summarise();
     r.quantiles = transform_->carry(quadrature.quantiles);
     if (target_.component_count() > 1)
-      shares_ = target_.component_shares(nodes.axes, nodes.runs, nodes.weights);
+      shares_ = target_.component_shares(lattice.axes, lattice.runs, lattice.weights);
   }
+  r.method = Method::grid;
   r.log_evidence = quadrature.log_evidence;
 }
 

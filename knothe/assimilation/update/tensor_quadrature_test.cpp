@@ -44,8 +44,8 @@ TEST(TensorQuadrature, NarrowCorrelatedGaussian) {
   covariance << 9e-4, 0.98 * 0.03 * 0.05, 0.98 * 0.03 * 0.05, 25e-4;
   Mixture target({{std::exp(-7.0), Eigen::Vector2d(1.7, -2.2), covariance}});
   const QuadraturePosterior q = tensor_quadrature(target);
-  const Eigen::Vector2d mean = q.points.transpose() * q.weights;
-  const Eigen::MatrixXd e = q.points.rowwise() - mean.transpose();
+  const Eigen::Vector2d mean = q.points().transpose() * q.weights;
+  const Eigen::MatrixXd e = q.points().rowwise() - mean.transpose();
   const Eigen::Matrix2d found = e.transpose() * q.weights.asDiagonal() * e;
   EXPECT_NEAR(q.log_evidence, -7.0, 1e-6);
   EXPECT_LT(q.evidence_change, 1e-3);
@@ -59,7 +59,7 @@ TEST(TensorQuadrature, SeparatedModesAreAllThere) {
   const Eigen::Matrix2d narrow = 0.01 * Eigen::Matrix2d::Identity();
   Mixture target({{0.7, Eigen::Vector2d(-2, 1), narrow}, {0.3, Eigen::Vector2d(2.5, -1), 4 * narrow}});
   const QuadraturePosterior q = tensor_quadrature(target);
-  const Eigen::Vector2d mean = q.points.transpose() * q.weights;
+  const Eigen::Vector2d mean = q.points().transpose() * q.weights;
   EXPECT_NEAR(q.log_evidence, 0, 1e-6);
   EXPECT_NEAR(mean[0], 0.7 * -2 + 0.3 * 2.5, 1e-6);
   EXPECT_NEAR(mean[1], 0.7 - 0.3, 1e-6);

@@ -13,7 +13,7 @@
 namespace knothe::assimilation {
 
 struct UpdateOptions {
-  /// How the posterior is computed: `transport`, or `grid`. The others are `BaselineUpdate`'s.
+  /// How the posterior is computed: `automatic`, `transport` or `grid`. The others are `BaselineUpdate`'s.
   Method kind = Method::transport;
   /// All data in one quadratic form and one map (constant cost, no accumulated error), or a composition of
   /// one low-order map per datum (Rubio et al. 2019, Eq. 10-11).
