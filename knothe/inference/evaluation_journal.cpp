@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "knothe/base/error.hpp"
+#include "knothe/files/json_text.hpp"
 
 namespace knothe::inference {
 namespace {
@@ -59,7 +60,11 @@ void EvaluationJournal::read(ModelEvaluator& evaluator, std::vector<ModelCall>& 
   std::ifstream file(path_);
   std::string line;
   std::getline(file, line);
-  const Json head = Json::parse(line, nullptr, false);
+  Json head;
+  try {
+    head = files::parse_json(line);
+  } catch (const DataError&) {  // not an object, then
+  }
   if (!head.is_object() || head.value("kind", "") != k_kind ||
       head.value("schema_version", 0) != k_schema_version) {
     refused = "it is no such file";
@@ -71,7 +76,7 @@ void EvaluationJournal::read(ModelEvaluator& evaluator, std::vector<ModelCall>& 
   }
   while (std::getline(file, line) && !file.eof()) {  // without its line end the last one may be torn
     try {
-      ModelCall call = call_of(Json::parse(line));
+      ModelCall call = call_of(files::parse_json(line));
       if (evaluator.fits(call)) calls.push_back(std::move(call));
     } catch (const std::exception&) {
       break;

@@ -9,6 +9,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/base/threads.hpp"
+#include "knothe/files/json_text.hpp"
 #include "knothe/inference/umbridge_protocol.hpp"
 
 namespace knothe::inference {
@@ -55,7 +56,7 @@ struct UmbridgeModel::Protocol {
                       "scales under [parameters] right?",
                       model.describe(point)));
     request["name"] = model.settings_.name;
-    request["config"] = Json::parse(model.settings_.config);
+    request["config"] = files::parse_json(model.settings_.config);
     request["input"] = umbridge::cut(point, model.input_sizes_);
     HttpAnswer answer;
     try {
@@ -140,7 +141,7 @@ void UmbridgeModel::ask_model_info() {
 
 std::vector<std::size_t> UmbridgeModel::ask_sizes(const std::string& route, const std::string& key) {
   const std::string where = address_.text + route;
-  const Json request = {{"name", settings_.name}, {"config", Json::parse(settings_.config)}};
+  const Json request = {{"name", settings_.name}, {"config", files::parse_json(settings_.config)}};
   return umbridge::read_sizes(umbridge::read_answer(connections_[0].post(route, request.dump()), where), key,
                               where);
 }

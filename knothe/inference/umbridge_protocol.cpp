@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "knothe/base/error.hpp"
+#include "knothe/files/json_text.hpp"
 
 namespace knothe::inference::umbridge {
 namespace {
@@ -42,8 +43,8 @@ Json read_answer(const HttpAnswer& answer, const std::string& where, bool infini
   Json json;
   std::string fault;
   try {
-    json = Json::parse(infinities ? without_infinities(answer.body) : answer.body);
-  } catch (const Json::exception& error) {
+    json = files::parse_json(infinities ? without_infinities(answer.body) : answer.body);
+  } catch (const DataError& error) {
     fault = error.what();
   }
   if (fault.empty() && json.is_object() && json.contains("error")) {

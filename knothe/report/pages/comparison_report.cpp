@@ -5,10 +5,12 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <nlohmann/json.hpp>
 
 #include "knothe/base/error.hpp"
 #include "knothe/files/atomic_file.hpp"
+#include "knothe/files/json_text.hpp"
 #include "knothe/report/figures/svg_text.hpp"
 #include "knothe/report/pages/page.hpp"
 
@@ -23,8 +25,8 @@ Json read_json(const fs::path& path) {
   std::ifstream in(path);
   if (!in) throw DataError(path.string() + ": cannot be read");
   try {
-    return Json::parse(in);
-  } catch (const Json::exception& error) {
+    return files::parse_json(std::string(std::istreambuf_iterator<char>(in), {}));
+  } catch (const DataError& error) {
     throw DataError(fmt::format("{}: not JSON: {}", path.string(), error.what()));
   }
 }

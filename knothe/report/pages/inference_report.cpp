@@ -6,10 +6,12 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <nlohmann/json.hpp>
 
 #include "knothe/base/error.hpp"
 #include "knothe/files/atomic_file.hpp"
+#include "knothe/files/json_text.hpp"
 #include "knothe/report/figures/svg_text.hpp"
 #include "knothe/report/pages/page.hpp"
 
@@ -272,8 +274,8 @@ void write_inference_report(const std::string& results_folder, const std::string
   if (!in) throw DataError(path + ": cannot be read");
   Json content;
   try {
-    content = Json::parse(in);
-  } catch (const Json::exception& error) {
+    content = files::parse_json(std::string(std::istreambuf_iterator<char>(in), {}));
+  } catch (const DataError& error) {
     throw DataError(fmt::format("{}: not JSON: {}", path, error.what()));
   }
   files::write_text_atomically(output, inference_report(content, path));

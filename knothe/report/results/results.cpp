@@ -10,6 +10,7 @@
 #include <sstream>
 
 #include "knothe/base/error.hpp"
+#include "knothe/files/json_text.hpp"
 
 namespace knothe::report {
 namespace {
@@ -216,8 +217,8 @@ Step step_of(const Located& line) {
 
 json parse(const std::string& text, const std::string& where) {
   try {
-    return json::parse(text);
-  } catch (const json::exception& e) {
+    return files::parse_json(text);
+  } catch (const DataError& e) {
     throw DataError(where + ": error: not valid JSON (" + e.what() + ")");
   }
 }

@@ -10,13 +10,15 @@
 #include <cstring>
 #include <nlohmann/json.hpp>
 
+#include "knothe/base/error.hpp"
+#include "knothe/files/json_text.hpp"
 #include "knothe/files/numbers.hpp"
 #include "knothe/service/journal/noise_bytes.hpp"
 
 namespace knothe::service {
 namespace {
 
-using Unordered = nlohmann::json;
+using Received = nlohmann::json;
 
 constexpr std::int64_t k_largest_seq = std::int64_t{1} << 53;  // what JSON numbers hold exactly
 constexpr std::size_t k_longest_name = 128;
@@ -34,40 +36,40 @@ void check_name(const std::string& text, const char* what, bool may_be_empty) {
       malformed(fmt::format("\"{}\" has a control character", what));
 }
 
-const Unordered& member(const Unordered& object, const char* name) {
+const Received& member(const Received& object, const char* name) {
   const auto it = object.find(name);
   if (it == object.end()) malformed(fmt::format("\"{}\" is missing", name));
   return *it;
 }
 
-std::string text_member(const Unordered& object, const char* name, bool required) {
+std::string text_member(const Received& object, const char* name, bool required) {
   if (!required && !object.contains(name)) return "";
-  const Unordered& value = member(object, name);
+  const Received& value = member(object, name);
   if (!value.is_string()) malformed(fmt::format("\"{}\" must be a text", name));
   auto text = value.get<std::string>();
   check_name(text, name, !required);
   return text;
 }
 
-std::int64_t checked_seq(const Unordered& value) {
+std::int64_t checked_seq(const Received& value) {
   const bool fits = value.is_number_unsigned() ? value.get<std::uint64_t>() <= k_largest_seq
                                                : value.is_number_integer() && value.get<std::int64_t>() >= 0;
   if (!fits) malformed("\"seq\" must be a whole number from 0 to 2^53");
   return value.get<std::int64_t>();
 }
 
-Unordered parse_object(std::string_view body) {
-  Unordered object;
+Received parse_object(std::string_view body) {
+  Received object;
   try {
-    object = Unordered::parse(body);
-  } catch (const Unordered::exception& error) {
-    malformed(fmt::format("the body is not JSON: {}", error.what()));
+    object = files::parse_json(body);
+  } catch (const DataError& error) {
+    malformed(fmt::format("the body is not JSON that can be taken: {}", error.what()));
   }
   if (!object.is_object()) malformed("the body must be one JSON object");
   return object;
 }
 
-assimilation::DatumKey key_of(const Unordered& object) {
+assimilation::DatumKey key_of(const Received& object) {
   return {text_member(object, "source", true), text_member(object, "session", true),
           checked_seq(member(object, "seq"))};
 }
@@ -76,11 +78,11 @@ std::uint8_t status_code(const std::string& word) {
   return word == "good" ? 0 : word == "missing" ? 1 : word == "bad" ? 2 : 3;
 }
 
-void read_values(const Unordered& array, Measurement& datum) {
+void read_values(const Received& array, Measurement& datum) {
   if (!array.is_array()) malformed("\"values\" must be an array of numbers");
   datum.values.reserve(array.size());
   for (std::size_t i = 0; i < array.size(); ++i) {
-    const Unordered& value = array[i];
+    const Received& value = array[i];
     if (!value.is_null() && !value.is_number())
       malformed(fmt::format("values[{}] is neither a number nor null", i));
     datum.values.push_back(value.is_null() ? std::numeric_limits<double>::quiet_NaN() : value.get<double>());
@@ -88,7 +90,7 @@ void read_values(const Unordered& array, Measurement& datum) {
   datum.status.assign(datum.values.size(), 0);
 }
 
-void read_status(const Unordered& array, Measurement& datum) {
+void read_status(const Received& array, Measurement& datum) {
   if (!array.is_array()) malformed("\"status\" must be an array of words");
   if (array.size() != datum.values.size())
     malformed(fmt::format("\"status\" has {} entries for {} values", array.size(), datum.values.size()));
@@ -150,12 +152,12 @@ bool Measurement::set_payload(std::string_view bytes) {
 }
 
 SiteMeasurement parse_json_measurement(std::string_view body) {
-  const Unordered object = parse_object(body);
+  const Received object = parse_object(body);
   SiteMeasurement result;
   Measurement& datum = result.measurement;
   result.site = text_member(object, "site", false);
   datum.key = key_of(object);
-  const Unordered& time = member(object, "time");
+  const Received& time = member(object, "time");
   if (!time.is_number() || !std::isfinite(time.get<double>())) malformed("\"time\" must be a finite number");
   datum.time = time.get<double>();
   read_values(member(object, "values"), datum);
@@ -164,7 +166,7 @@ SiteMeasurement parse_json_measurement(std::string_view body) {
 }
 
 SiteKey parse_json_key(std::string_view body) {
-  const Unordered object = parse_object(body);
+  const Received object = parse_object(body);
   return {text_member(object, "site", false), key_of(object)};
 }
 

@@ -17,6 +17,8 @@ constexpr const char* k_page_policy =
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; connect-src 'self'; "
     "img-src 'self' data: blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
+constexpr std::size_t k_small_body = 1 << 16;  // bytes; JSON of this size is read in 1 ms
+
 struct Route {
   std::string method, path;
 };
@@ -68,10 +70,23 @@ void add_security_headers(HttpResponse& response, bool is_page) {
                                 is_page ? k_page_policy : "default-src 'none'; frame-ancestors 'none'");
 }
 
-/// "localhost:8080" → "localhost"; "[::1]:8080" → "::1".
+std::string lower_case(std::string text) {
+  for (char& c : text) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
+  return text;
+}
+
+/// "localhost:8080" → "localhost"; "[::1]:8080" → "::1". Names of hosts are the same in either case.
 std::string host_name(const std::string& host) {
-  if (host.starts_with("[")) return host.substr(1, host.find(']') - 1);
-  return host.substr(0, host.find(':'));
+  if (host.starts_with("[")) return lower_case(host.substr(1, host.find(']') - 1));
+  return lower_case(host.substr(0, host.find(':')));
+}
+
+/// "application/json; charset=utf-8" → "application/json".
+std::string media_type(const HttpRequest& head) {
+  std::string type = head.header("content-type");
+  type.resize(std::min(type.find(';'), type.size()));
+  std::erase(type, ' ');
+  return lower_case(type);
 }
 
 HttpResponse answer_of(const JournalWriter::Answer& answer) {
@@ -148,12 +163,12 @@ std::shared_ptr<Site> Api::site_of(const std::string& name) const {
   throw RequestError(404, "UnknownSite", fmt::format("there is no site \"{}\"", name));
 }
 
-bool Api::admit(const HttpRequest& head, HttpResponse& refusal) {
+Admission Api::admit(const HttpRequest& head, HttpResponse& refusal) {
   const auto refuse = [&](int status, const std::string& type, const std::string& message) {
     refusal = error_response(status, type, message);
     if (status == 401) refusal.headers.emplace_back("WWW-Authenticate", "Bearer");
     add_security_headers(refusal, false);
-    return false;
+    return Admission::refused;
   };
   const std::string host = head.header("host");
   // A page of another site that got a name of its own to point here (DNS rebinding), or that posts here.
@@ -161,8 +176,8 @@ bool Api::admit(const HttpRequest& head, HttpResponse& refusal) {
   if (options_.loopback && !host.empty() && name != "localhost" && !is_loopback(name))
     return refuse(403, "WrongHost",
                   "this service is for this machine alone: call it by localhost or 127.0.0.1");
-  const std::string origin = head.header("origin");
-  if (!origin.empty() && origin != "http://" + host && origin != "https://" + host)
+  const std::string origin = lower_case(head.header("origin"));
+  if (!origin.empty() && origin != "http://" + lower_case(host) && origin != "https://" + lower_case(host))
     return refuse(403, "WrongOrigin", "pages of other origins are not served");
   bool path_known = false, method_known = false;
   std::string allowed;
@@ -178,19 +193,26 @@ bool Api::admit(const HttpRequest& head, HttpResponse& refusal) {
     refusal = error_response(405, "MethodNotAllowed", "this route takes " + allowed);
     refusal.headers.emplace_back("Allow", allowed);
     add_security_headers(refusal, false);
-    return false;
+    return Admission::refused;
   }
-  if (head.path == "/" || head.path == "/livez" || head.path == "/readyz") return true;
+  if (head.path == "/" || head.path == "/livez" || head.path == "/readyz") return Admission::other;
   const bool ingests = head.path == "/v1/measurements" || head.path == "/v1/withdraw" ||
                        (head.path == "/v1/quarantine" && head.method == "POST");
   const std::string& token = ingests ? options_.ingest_token : options_.read_token;
-  if (token.empty()) return true;
   const std::string given = head.header("authorization");
-  const std::string_view bearer = "Bearer ";
-  if (given.size() > bearer.size() && given.starts_with(bearer) &&
-      equal_in_constant_time(std::string_view(given).substr(bearer.size()), token))
-    return true;
-  return refuse(401, "Unauthorized", "this route needs `Authorization: Bearer TOKEN`");
+  const std::string_view bearer = "bearer ";
+  const bool known = lower_case(given.substr(0, bearer.size())) == bearer &&
+                     equal_in_constant_time(std::string_view(given).substr(bearer.size()), token);
+  if (!token.empty() && !known)
+    return refuse(401, "Unauthorized", "this route needs `Authorization: Bearer TOKEN`");
+  if (!ingests) return Admission::other;
+  const std::string type = media_type(head);
+  const bool npy = type == "application/x-npy" && head.path == "/v1/measurements";
+  if (!type.empty() && type != "application/json" && !npy)
+    return refuse(415, "UnsupportedType",
+                  fmt::format("\"{}\" is not taken here: send application/json{}", type.substr(0, 100),
+                              head.path == "/v1/measurements" ? " or application/x-npy" : ""));
+  return Admission::ingest;
 }
 
 void Api::handle(HttpRequest request, Answer answer) {
@@ -208,24 +230,28 @@ void Api::handle(HttpRequest request, Answer answer) {
 
 void Api::route(const HttpRequest& request, const Answer& answer) {
   const std::string& path = request.path;
-  if (path == "/v1/measurements") return take_measurement(request, answer);
-  if (path == "/v1/quarantine" && request.method == "POST") return take_release(request, answer);
-  if (path == "/v1/withdraw") return take_withdrawal(request, answer);
+  if (request.method == "POST" && path.starts_with("/v1/")) {
+    // A large body takes long to read: not on the thread of HTTP.
+    if (request.body.size() < k_small_body) return take(request, answer);
+    return later(*ingest_worker_, answer, [this, request, answer] { take(request, answer); });
+  }
+  if (path == "/v1/events") (void)make_events(request);  // it is here as something is wrong: that is thrown
   if (path == "/livez") return answer({200, "text/plain; charset=utf-8", "ok\n"});
   if (path == "/readyz") return answer(ready());
   // What takes longer than a look: not on the thread of HTTP.
   if (UmBridge::speaks(path))
-    return later(request, answer, [this](const HttpRequest& r) { return umbridge_.answer(r); });
-  if (path == "/v1/mesh" || path == "/v1/field" || path == "/v1/picture" || path == "/v1/samples" ||
-      path == "/v1/states" || path == "/v1/description")
-    return later(request, answer, [this](const HttpRequest& r) { return read(r); });
+    return later(*worker_, answer, [this, request, answer] { answer(umbridge_.answer(request)); });
+  if (path == "/v1/quarantine" || path == "/v1/mesh" || path == "/v1/field" || path == "/v1/picture" ||
+      path == "/v1/samples" || path == "/v1/states" || path == "/v1/description")
+    return later(*worker_, answer, [this, request, answer] { answer(read(request)); });
   answer(read(request));
 }
 
-void Api::later(HttpRequest request, Answer answer, std::function<HttpResponse(const HttpRequest&)> what) {
-  const bool taken = worker_->post([request = std::move(request), answer, what = std::move(what)] {
+/// Calls `what`, which answers or throws, from the worker's thread.
+void Api::later(Worker& worker, const Answer& answer, std::function<void()> what) {
+  const bool taken = worker.post([answer, what = std::move(what)] {
     try {
-      answer(what(request));
+      what();
     } catch (const RequestError& error) {
       answer(error_response(error.status(), error.type(), error.what()));
     } catch (const std::exception& error) {
@@ -279,11 +305,17 @@ HttpResponse Api::ready() const {
   return json_response({{"ready", all}, {"sites", sites}}, all ? 200 : 503);
 }
 
+void Api::take(const HttpRequest& request, const Answer& answer) {
+  if (request.path == "/v1/measurements") return take_measurement(request, answer);
+  if (request.path == "/v1/quarantine") return take_release(request, answer);
+  take_withdrawal(request, answer);
+}
+
 void Api::take_measurement(const HttpRequest& request, const Answer& answer) {
   std::shared_ptr<Site> site = sites_.front();
   try {
     SiteMeasurement datum;
-    if (request.header("content-type").starts_with("application/x-npy")) {
+    if (media_type(request) == "application/x-npy") {
       const auto either = [&](const std::string& name) {
         const std::string plain = request.header(name);
         return plain.empty() ? request.header("x-knothe-" + name) : plain;
@@ -327,29 +359,33 @@ void Api::take_withdrawal(const HttpRequest& request, const Answer& answer) {
 std::unique_ptr<EventSource> Api::events(const HttpRequest& request) {
   if (request.path != "/v1/events") return nullptr;
   try {
-    const auto site = site_of(request.parameter("site"));
-    std::string last = request.header("last-event-id");
-    if (last.empty()) last = request.parameter("last_event_id");
-    std::int64_t seen = site->lines().last_event();
-    std::string begin;
-    if (!last.empty()) {
-      seen = static_cast<std::int64_t>(
-          std::min<std::size_t>(parse_index(last, "Last-Event-ID"), static_cast<std::size_t>(seen)));
-    } else if (const std::string from = request.parameter("from"); !from.empty()) {
-      // The lines as they are, in the order of the steps; then what changes.
-      for (const auto& line : site->lines().lines(parse_index(from, "from"))) {
-        begin += fmt::format("id: {}\nevent: step\ndata: {}\n\n", line->event, line->json);
-        seen = std::max(seen, line->event);
-      }
-    } else if (const auto line = site->lines().latest()) {
-      begin = fmt::format("id: {}\nevent: step\ndata: {}\n\n", seen, line->json);
-    }
-    auto source = std::make_unique<SiteEvents>(site, seen);
-    source->begin_with(std::move(begin));
-    return source;
+    return make_events(request);
   } catch (const RequestError&) {
     return nullptr;  // `handle` says what is wrong
   }
+}
+
+std::unique_ptr<EventSource> Api::make_events(const HttpRequest& request) const {
+  const auto site = site_of(request.parameter("site"));
+  std::string last = request.header("last-event-id");
+  if (last.empty()) last = request.parameter("last_event_id");
+  std::int64_t seen = site->lines().last_event();
+  std::string begin;
+  if (!last.empty()) {
+    seen = static_cast<std::int64_t>(
+        std::min<std::size_t>(parse_index(last, "Last-Event-ID"), static_cast<std::size_t>(seen)));
+  } else if (const std::string from = request.parameter("from"); !from.empty()) {
+    // The lines as they are, in the order of the steps; then what changes.
+    for (const auto& line : site->lines().lines(parse_index(from, "from"))) {
+      begin += fmt::format("id: {}\nevent: step\ndata: {}\n\n", line->event, line->json);
+      seen = std::max(seen, line->event);
+    }
+  } else if (const auto line = site->lines().latest()) {
+    begin = fmt::format("id: {}\nevent: step\ndata: {}\n\n", seen, line->json);
+  }
+  auto source = std::make_unique<SiteEvents>(site, seen);
+  source->begin_with(std::move(begin));
+  return source;
 }
 
 bool Api::tick() {

@@ -22,17 +22,22 @@ class Api final : public HttpHandler {
  public:
   Api(std::vector<std::shared_ptr<Site>> sites, ApiOptions options, Metrics& metrics);
 
-  bool admit(const HttpRequest& head, HttpResponse& refusal) override;
+  Admission admit(const HttpRequest& head, HttpResponse& refusal) override;
   void handle(HttpRequest request, Answer answer) override;
   std::unique_ptr<EventSource> events(const HttpRequest& request) override;
   bool tick() override;
   /// Answers what is waiting; nothing is asked afterwards.
-  void finish() { worker_.reset(); }
+  void finish() {
+    worker_.reset();
+    ingest_worker_.reset();
+  }
 
  private:
   void route(const HttpRequest& request, const Answer& answer);
+  [[nodiscard]] std::unique_ptr<EventSource> make_events(const HttpRequest& request) const;
   HttpResponse read(const HttpRequest& request);
-  void later(HttpRequest request, Answer answer, std::function<HttpResponse(const HttpRequest&)> what);
+  static void later(Worker& worker, const Answer& answer, std::function<void()> what);
+  void take(const HttpRequest& request, const Answer& answer);
   void take_measurement(const HttpRequest& request, const Answer& answer);
   void take_release(const HttpRequest& request, const Answer& answer);
   void take_withdrawal(const HttpRequest& request, const Answer& answer);
@@ -43,8 +48,9 @@ class Api final : public HttpHandler {
   std::vector<std::shared_ptr<Site>> sites_;
   ApiOptions options_;
   Metrics& metrics_;
-  UmBridge umbridge_;                                            ///< of the worker
-  std::unique_ptr<Worker> worker_ = std::make_unique<Worker>();  ///< last: what it does uses the others
+  UmBridge umbridge_;  ///< of the worker
+  /// Last: what they do uses the others. The second is for data alone: no reader's question holds them up.
+  std::unique_ptr<Worker> worker_ = std::make_unique<Worker>(), ingest_worker_ = std::make_unique<Worker>();
 };
 
 /// Whether two texts are equal, in a time that depends on their lengths alone.

@@ -4,6 +4,7 @@
 
 #include <utility>  // before Asio: GCC 12 in C++20 needs std::exchange there
 
+#include <algorithm>
 #include <atomic>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
@@ -13,11 +14,13 @@
 #include <boost/beast/core.hpp>
 #include <boost/beast/http.hpp>
 #include <chrono>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <set>
 
 #include "knothe/base/error.hpp"
 #include "knothe/service/net/http_request.hpp"
+#include "knothe/service/site/log.hpp"
 
 namespace knothe::service {
 
@@ -32,6 +35,28 @@ namespace {
 constexpr milliseconds k_tick{50};
 constexpr std::chrono::seconds k_heartbeat{10};
 constexpr std::size_t k_drained = 1 << 20;  // bytes read and thrown away after a refusal, so that it arrives
+constexpr const char* k_stream_head =
+    "HTTP/1.1 200 OK\r\nServer: knothe\r\nContent-Type: text/event-stream\r\nCache-Control: no-store\r\n"
+    "X-Content-Type-Options: nosniff\r\nX-Accel-Buffering: no\r\nConnection: close\r\n\r\n";
+
+/// Bytes of a request's body, of the room that all share.
+class BodyRoom {
+ public:
+  explicit BodyRoom(std::shared_ptr<std::atomic<std::size_t>> used) : used_(std::move(used)) {}
+  ~BodyRoom() { *used_ -= bytes_; }
+  BodyRoom(const BodyRoom&) = delete;
+  BodyRoom& operator=(const BodyRoom&) = delete;
+  /// False where all would take more than `limit` then.
+  [[nodiscard]] bool grow_to(std::size_t bytes, std::size_t limit) {
+    const std::size_t all = *used_ += bytes - bytes_;
+    bytes_ = bytes;
+    return all <= limit;
+  }
+
+ private:
+  std::shared_ptr<std::atomic<std::size_t>> used_;
+  std::size_t bytes_ = 0;
+};
 
 }  // namespace
 
@@ -45,6 +70,7 @@ struct HttpServer::Implementation : std::enable_shared_from_this<Implementation>
   asio::ip::tcp::acceptor acceptor{context};
   asio::steady_timer timer{context};
   std::set<Session*> sessions;
+  std::shared_ptr<std::atomic<std::size_t>> body_bytes = std::make_shared<std::atomic<std::size_t>>(0);
   std::atomic<bool> wake_posted{false};
   bool stopping = false;
   std::optional<std::chrono::steady_clock::time_point> stop_by;
@@ -55,6 +81,11 @@ struct HttpServer::Implementation : std::enable_shared_from_this<Implementation>
   void accept();
   void tick();
   void wake_streams();
+  void make_room();
+  [[nodiscard]] std::size_t stream_count() const;
+  /// What a fault ends is the connection it was in, not the service.
+  template <class Work>
+  void survive(Work work);
   void gauges(std::size_t streams) {
     metrics.set("knothe_connections", "", static_cast<double>(sessions.size()));
     metrics.set("knothe_event_streams", "", static_cast<double>(streams));
@@ -71,12 +102,19 @@ class Session : public std::enable_shared_from_this<Session> {
   void stop();
   void close() { stream_.close(); }
   [[nodiscard]] bool streams() const { return source_ != nullptr; }
+  /// Since when the client has kept us waiting; nothing while we work for it, or it is a reader of events.
+  [[nodiscard]] std::optional<std::chrono::steady_clock::time_point> waiting_since() const {
+    return waiting_since_;
+  }
+  [[nodiscard]] bool ingests() const { return admission_ == Admission::ingest; }
 
  private:
   using Parser = http::request_parser<http::string_body>;
   void read_head();
   void head_read(ErrorCode error);
+  [[nodiscard]] std::optional<HttpResponse> objection() const;
   void read_body();
+  void body_read(ErrorCode error);
   void dispatch();
   void respond(HttpResponse response, bool close);
   void refuse(HttpResponse response);
@@ -89,17 +127,20 @@ class Session : public std::enable_shared_from_this<Session> {
 
   std::shared_ptr<HttpServer::Implementation> server_;
   beast::tcp_stream stream_;
-  beast::flat_buffer buffer_;
+  beast::flat_buffer buffer_;  ///< bounded: trailers are read whole, and have no limit of their own
   std::optional<Parser> parser_;
   std::optional<http::response<http::string_body>> response_;
   std::unique_ptr<EventSource> source_;
   std::string out_, sink_;
   std::chrono::steady_clock::time_point last_sent_;
+  std::shared_ptr<BodyRoom> room_;
+  std::optional<std::chrono::steady_clock::time_point> waiting_since_;
+  Admission admission_ = Admission::other;
   bool writing_ = false, answered_ = true, head_request_ = false;
 };
 
 Session::Session(asio::ip::tcp::socket socket, std::shared_ptr<HttpServer::Implementation> server)
-    : server_(std::move(server)), stream_(std::move(socket)) {
+    : server_(std::move(server)), stream_(std::move(socket)), buffer_(2 * server_->options.max_header) {
   server_->sessions.insert(this);
 }
 
@@ -115,6 +156,7 @@ void Session::read_head() {
   // A new connection has as long for its head as for a body; later ones may stay idle between requests. Drops
   // of bytes do not prolong it.
   expire(response_ ? server_->options.idle_timeout : server_->options.timeout);
+  waiting_since_ = std::chrono::steady_clock::now();
   http::async_read_header(
       stream_, buffer_, *parser_,
       [self = shared_from_this()](ErrorCode error, std::size_t) { self->head_read(error); });
@@ -136,13 +178,18 @@ void Session::head_read(ErrorCode error) {
   if (error) return refuse(error_response(400, "NotHttp", "the request is not HTTP/1.1: " + error.message()));
   const HttpRequest head = request_of(parser_->get());
   HttpResponse refusal;
-  if (!server_->handler.admit(head, refusal)) return refuse(std::move(refusal));
+  const Admission admission = server_->handler.admit(head, refusal);
+  if (admission == Admission::refused) return refuse(std::move(refusal));
+  admission_ = admission;
+  if (auto why = objection()) return refuse(std::move(*why));
+  room_ = std::make_shared<BodyRoom>(server_->body_bytes);
   if (const auto length = parser_->content_length(); length && *length > server_->options.max_body)
     return refuse(error_response(
         413, "TooLarge",
         fmt::format("the body has {} bytes; at most {} are taken", *length, server_->options.max_body)));
   expire(server_->options.timeout);
-  if (head.header("expect") != "100-continue") return read_body();
+  if (parser_->is_done()) return dispatch();
+  if (!beast::iequals(head.header("expect"), "100-continue")) return read_body();
   out_ = "HTTP/1.1 100 Continue\r\n\r\n";
   asio::async_write(stream_, asio::buffer(out_), [self = shared_from_this()](ErrorCode failed, std::size_t) {
     if (!failed) self->read_body();
@@ -150,16 +197,47 @@ void Session::head_read(ErrorCode error) {
 }
 
 void Session::read_body() {
-  http::async_read(stream_, buffer_, *parser_, [self = shared_from_this()](ErrorCode error, std::size_t) {
-    if (!error) return self->dispatch();
-    if (error == http::error::body_limit)
-      return self->refuse(error_response(
-          413, "TooLarge", fmt::format("the body is larger than {} bytes", self->server_->options.max_body)));
-    if (error == beast::error::timeout) return;
-    if (error.category() == http::make_error_code(http::error::bad_chunk).category() &&
-        error != http::error::partial_message)
-      self->refuse(error_response(400, "NotHttp", "the body cannot be read: " + error.message()));
-  });
+  http::async_read_some(
+      stream_, buffer_, *parser_,
+      [self = shared_from_this()](ErrorCode error, std::size_t) { self->body_read(error); });
+}
+
+void Session::body_read(ErrorCode error) {
+  const HttpServerOptions& options = server_->options;
+  if (error == http::error::body_limit)
+    return refuse(
+        error_response(413, "TooLarge", fmt::format("the body is larger than {} bytes", options.max_body)));
+  if (error == http::error::buffer_overflow)
+    return refuse(error_response(431, "HeaderTooLarge", "the trailer of the body is too large"));
+  if (error.category() == http::make_error_code(http::error::bad_chunk).category() &&
+      error != http::error::partial_message && error != http::error::end_of_stream)
+    return refuse(error_response(400, "NotHttp", "the body cannot be read: " + error.message()));
+  if (error) return;  // closed, or too slow: nobody listens
+  const std::size_t all = options.max_bodies * options.max_body;
+  if (!room_->grow_to(parser_->get().body().size(), ingests() ? all : all / 2))
+    return refuse(error_response(503, "Busy", "too many large requests at once"));
+  parser_->is_done() ? dispatch() : read_body();
+}
+
+/// What stands against the body of a request, by its head: where a body ends must be beyond doubt, or what is
+/// in it is the next request.
+std::optional<HttpResponse> Session::objection() const {
+  const auto& head = parser_->get();
+  const auto encodings = head.count(http::field::transfer_encoding);
+  const bool has_length = head.count(http::field::content_length) > 0;
+  if (encodings > 0 && has_length)
+    return error_response(400, "NotHttp", "a body has a Content-Length or a Transfer-Encoding, not both");
+  if (encodings > 1 || (encodings == 1 && !beast::iequals(head[http::field::transfer_encoding], "chunked")))
+    return error_response(501, "UnknownEncoding", "the only Transfer-Encoding that is taken is chunked");
+  if (encodings == 1 && head.version() < 11)
+    return error_response(400, "NotHttp", "HTTP/1.0 knows no Transfer-Encoding");
+  const bool posts = head.method() == http::verb::post;
+  if (posts && encodings == 0 && !has_length)
+    return error_response(411, "LengthRequired", "the body has no Content-Length");
+  if (!posts && (encodings > 0 || parser_->content_length().value_or(0) > 0))
+    return error_response(413, "TooLarge",
+                          fmt::format("{} takes no body", std::string(head.method_string())));
+  return std::nullopt;
 }
 
 HttpRequest Session::request_of(const http::request<http::string_body>& message) const {
@@ -178,6 +256,8 @@ void Session::dispatch() {
   const bool keep_alive = parser_->get().keep_alive();
   HttpRequest request = request_of(parser_->get());
   request.body = std::move(parser_->get().body());
+  request.body_room = std::exchange(room_, nullptr);
+  waiting_since_.reset();
   head_request_ = request.method == "HEAD";
   if (head_request_) request.method = "GET";
   stream_.expires_never();
@@ -209,6 +289,7 @@ void Session::respond(HttpResponse response, bool close) {
   if (!head_request_) response_->body() = std::move(response.body);
   response_->content_length(length);
   expire(server_->options.timeout);
+  waiting_since_ = std::chrono::steady_clock::now();
   const auto sent = [self = shared_from_this(), close](ErrorCode error, std::size_t) {
     if (error) return;
     if (!close) return self->read_head();
@@ -229,6 +310,8 @@ void Session::respond(HttpResponse response, bool close) {
 
 void Session::refuse(HttpResponse response) {
   head_request_ = false;
+  room_.reset();
+  std::string().swap(parser_->get().body());  // to assign an empty one would keep the memory
   respond(std::move(response), true);
 }
 
@@ -243,13 +326,24 @@ void Session::drain(std::size_t left) {
 }
 
 void Session::begin_stream() {
+  const std::size_t most = server_->options.max_connections / 4 * 3;
+  if (server_->stream_count() > std::max<std::size_t>(most, 1)) {
+    source_.reset();
+    return refuse(error_response(503, "Busy", fmt::format("there are {} readers of events already", most)));
+  }
+  if (head_request_) {
+    source_.reset();
+    out_ = k_stream_head;
+    return asio::async_write(stream_, asio::buffer(out_),
+                             [self = shared_from_this()](ErrorCode error, std::size_t) {
+                               if (!error) self->drain(0);
+                             });
+  }
   ErrorCode ignored;
   stream_.socket().set_option(asio::ip::tcp::no_delay(true), ignored);
   server_->metrics.count("knothe_requests_total", "status=\"200\"");
   watch_for_the_end();
-  write_stream(
-      "HTTP/1.1 200 OK\r\nServer: knothe\r\nContent-Type: text/event-stream\r\nCache-Control: no-store\r\n"
-      "X-Content-Type-Options: nosniff\r\nX-Accel-Buffering: no\r\nConnection: close\r\n\r\nretry: 1000\n\n");
+  write_stream(std::string(k_stream_head) + "retry: 1000\n\n");
 }
 
 void Session::write_stream(std::string text) {
@@ -305,18 +399,46 @@ void HttpServer::Implementation::accept() {
   acceptor.async_accept([self = shared_from_this()](ErrorCode error, asio::ip::tcp::socket socket) {
     if (!self->acceptor.is_open()) return;
     if (error) {  // out of descriptors: wait for some to come back
+      self->make_room();
       const auto pause = std::make_shared<asio::steady_timer>(self->context, milliseconds(100));
       return pause->async_wait([self, pause](ErrorCode) {
         if (self->acceptor.is_open()) self->accept();
       });
     }
-    if (self->sessions.size() < self->options.max_connections) {
-      ErrorCode ignored;
-      socket.set_option(asio::ip::tcp::no_delay(true), ignored);
-      std::make_shared<Session>(std::move(socket), self)->start();
-    }  // else the socket closes: the client is told by that
     self->accept();
+    if (self->sessions.size() >= self->options.max_connections) self->make_room();
+    if (self->sessions.size() >= self->options.max_connections) return;  // it closes: that tells
+    ErrorCode ignored;
+    socket.set_option(asio::ip::tcp::no_delay(true), ignored);
+    std::make_shared<Session>(std::move(socket), self)->start();
   });
+}
+
+/// Closes the connection that has kept us waiting longest, of those that bring no data first.
+void HttpServer::Implementation::make_room() {
+  Session* longest = nullptr;
+  const auto before = [](const Session& a, const Session& b) {
+    return a.ingests() != b.ingests() ? b.ingests() : *a.waiting_since() < *b.waiting_since();
+  };
+  for (Session* session : sessions)
+    if (session->waiting_since() && (longest == nullptr || before(*session, *longest))) longest = session;
+  if (longest == nullptr) return;
+  sessions.erase(longest);  // it lives on until the operation that it waits for has ended
+  longest->shared_from_this()->close();
+}
+
+std::size_t HttpServer::Implementation::stream_count() const {
+  return static_cast<std::size_t>(
+      std::count_if(sessions.begin(), sessions.end(), [](const Session* s) { return s->streams(); }));
+}
+
+template <class Work>
+void HttpServer::Implementation::survive(Work work) {
+  try {
+    work();
+  } catch (const std::exception& error) {
+    log_event("error", "a connection was ended by a fault of the service", {{"reason", error.what()}});
+  }
 }
 
 void HttpServer::Implementation::wake_streams() {
@@ -327,7 +449,12 @@ void HttpServer::Implementation::wake_streams() {
     if (!sessions.contains(session) || !session->streams()) continue;
     ++streams;
     const auto keep = session->shared_from_this();
-    keep->wake();
+    bool whole = false;
+    survive([&] {
+      keep->wake();
+      whole = true;
+    });
+    if (!whole) keep->close();
   }
   gauges(streams);
 }
@@ -336,6 +463,7 @@ void HttpServer::Implementation::tick() {
   timer.expires_after(k_tick);
   timer.async_wait([self = shared_from_this()](ErrorCode error) {
     if (error) return;
+    self->tick();
     if (!self->stopping && !self->handler.tick()) {
       self->stopping = true;
       self->stop_by = std::chrono::steady_clock::now() + std::chrono::seconds(2);
@@ -346,12 +474,10 @@ void HttpServer::Implementation::tick() {
       const std::vector<Session*> all(self->sessions.begin(), self->sessions.end());
       for (Session* session : all)
         if (self->sessions.contains(session)) session->shared_from_this()->stop();
-      if (self->sessions.empty() || std::chrono::steady_clock::now() > *self->stop_by)
-        return self->context.stop();
+      if (self->sessions.empty() || std::chrono::steady_clock::now() > *self->stop_by) self->context.stop();
     } else {
       self->wake_streams();
     }
-    self->tick();
   });
 }
 
@@ -367,9 +493,10 @@ unsigned short HttpServer::port() const {
 }
 
 void HttpServer::run() {
-  implementation_->accept();
-  implementation_->tick();
-  implementation_->context.run();
+  Implementation& i = *implementation_;
+  i.accept();
+  i.tick();
+  while (!i.context.stopped()) i.survive([&] { i.context.run(); });
 }
 
 void HttpServer::finish() {
@@ -378,12 +505,12 @@ void HttpServer::finish() {
   i.acceptor.close(ignored);
   i.timer.cancel();
   i.context.restart();
-  i.context.poll();  // answers that came after the end
+  i.survive([&] { i.context.poll(); });  // answers that came after the end
   const std::vector<Session*> all(i.sessions.begin(), i.sessions.end());
   for (Session* session : all)
     if (i.sessions.contains(session)) session->shared_from_this()->close();
   i.context.restart();
-  i.context.poll();
+  i.survive([&] { i.context.poll(); });
 }
 
 void HttpServer::wake() {

@@ -17,6 +17,7 @@ struct HttpRequest {
   std::map<std::string, std::string> query;    ///< percent-decoded
   std::map<std::string, std::string> headers;  ///< names in lower case
   std::string body;
+  std::shared_ptr<const void> body_room;  ///< of the room for all bodies; given back with the last copy
 
   [[nodiscard]] std::string header(const std::string& name) const;
   [[nodiscard]] std::string parameter(const std::string& name) const;
@@ -40,13 +41,20 @@ class EventSource {
   [[nodiscard]] virtual std::string next() = 0;
 };
 
+/// What is to become of a request whose head has been read.
+enum class Admission {
+  refused,
+  other,
+  ingest  ///< brings data: its connection is the last to be closed where there are too many
+};
+
 /// What the server asks; all on the server's thread.
 class HttpHandler {
  public:
   using Answer = std::function<void(HttpResponse)>;
   virtual ~HttpHandler() = default;
-  /// Looks at the head of a request before its body is read. True: go on; false: `refusal` is the answer.
-  [[nodiscard]] virtual bool admit(const HttpRequest& head, HttpResponse& refusal) = 0;
+  /// Looks at the head of a request before its body is read. Where it is refused, `refusal` is the answer.
+  [[nodiscard]] virtual Admission admit(const HttpRequest& head, HttpResponse& refusal) = 0;
   /// `answer` is called once, from any thread.
   virtual void handle(HttpRequest request, Answer answer) = 0;
   /// A reader of events if the request asks for them; else nothing, and `handle` is called.
@@ -60,11 +68,14 @@ struct HttpServerOptions {
   unsigned short port = 0;         ///< 0: any free one
   std::size_t max_header = 16384;  ///< bytes
   std::size_t max_body = 8 << 20;  ///< bytes
+  std::size_t max_bodies = 8;      ///< times `max_body`: of all requests together; half of it brings no data
   std::size_t max_connections = 1024;
   double timeout = 30;       ///< s that head and body of a request may take, and that the client may not read
   double idle_timeout = 75;  ///< s between two requests of a connection
 };
 
+/// Where `max_connections` are open, a new one takes the place of the one that has kept us waiting longest,
+/// of those that bring no data first; event streams are at most three quarters of them.
 class HttpServer {
  public:
   /// Listens. IoError where the address cannot be had.

@@ -53,7 +53,9 @@ Json post(const char* summary, const Json& body, const Json& answer) {
             {"401", text("token needed")},
             {"404", text("not there")},
             {"409", text("the same key with another payload")},
+            {"411", text("no length of the body")},
             {"413", text("too large")},
+            {"415", text("another content type")},
             {"503", text("not ready")},
             {"507", text("disk full")}}}};
 }

@@ -7,28 +7,39 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/files/json_line.hpp"
+#include "knothe/files/json_text.hpp"
 #include "knothe/inference/separated_forward_model.hpp"
 
 namespace knothe::service {
 namespace {
+
+using Received = nlohmann::json;
 
 /// The protocol's types of errors.
 [[noreturn]] void invalid_input(const std::string& message) {
   throw RequestError(400, "InvalidInput", message);
 }
 
-const Json& member(const Json& object, const char* name) {
+Received received(const std::string& body) {
+  try {
+    return files::parse_json(body);
+  } catch (const DataError& error) {
+    invalid_input(std::string("the body is not JSON that can be taken: ") + error.what());
+  }
+}
+
+const Received& member(const Received& object, const char* name) {
   const auto it = object.find(name);
   if (it == object.end()) invalid_input(fmt::format("\"{}\" is missing", name));
   return *it;
 }
 
-Eigen::VectorXd read_vector(const Json& array, Eigen::Index size, const std::string& what) {
+Eigen::VectorXd read_vector(const Received& array, Eigen::Index size, const std::string& what) {
   if (!array.is_array() || static_cast<Eigen::Index>(array.size()) != size)
     invalid_input(fmt::format("\"{}\" must be an array of {} numbers", what, size));
   Eigen::VectorXd v(size);
   for (Eigen::Index i = 0; i < size; ++i) {
-    const Json& entry = array[static_cast<std::size_t>(i)];
+    const Received& entry = array[static_cast<std::size_t>(i)];
     if (!entry.is_number() || !std::isfinite(entry.get<double>()))
       invalid_input(fmt::format("{}[{}] is not a finite number", what, i));
     v[i] = entry.get<double>();
@@ -37,8 +48,8 @@ Eigen::VectorXd read_vector(const Json& array, Eigen::Index size, const std::str
 }
 
 /// The only block of inputs and of outputs has index 0.
-void require_block(const Json& request, const char* name) {
-  const Json& index = member(request, name);
+void require_block(const Received& request, const char* name) {
+  const Received& index = member(request, name);
   if (!index.is_number_integer() || index.get<std::int64_t>() != 0)
     invalid_input(fmt::format("\"{}\" must be 0: there is one vector of inputs and one of outputs", name));
 }
@@ -58,7 +69,7 @@ bool is_name(const std::string& name) {
 struct UmBridge::Call {
   std::string name;
   SiteModels* models = nullptr;
-  const Json& request;
+  const Received& request;
   Eigen::VectorXd p;
   std::optional<std::size_t> step;  ///< none: there are no data
   bool inside = true;               ///< the model's box
@@ -83,15 +94,12 @@ HttpResponse UmBridge::answer(const HttpRequest& request) {
     return {200, "application/json", files::json_line(respond(request))};
   } catch (const RequestError& error) {
     return error_response(error.status(), error.type(), error.what());
-  } catch (const Json::exception& error) {
-    return error_response(400, "InvalidInput",
-                          std::string("the request is not what the protocol says: ") + error.what());
   } catch (const std::exception& error) {
     return error_response(500, "InvalidOutput", error.what());
   }
 }
 
-UmBridge::SiteModels& UmBridge::models_of(const Json& config) {
+UmBridge::SiteModels& UmBridge::models_of(const nlohmann::json& config) {
   if (!config.is_object()) invalid_input("\"config\" must be an object");
   const auto it = config.find("site");
   if (it == config.end()) return models_.front();
@@ -104,13 +112,13 @@ UmBridge::SiteModels& UmBridge::models_of(const Json& config) {
 Json UmBridge::respond(const HttpRequest& request) {
   if (request.path == "/Info")
     return {{"protocolVersion", 1.0}, {"models", {"forward", "posterior", "predict"}}};
-  const Json body = Json::parse(request.body);
+  const Received body = received(request.body);
   if (!body.is_object()) invalid_input("the body must be a JSON object");
-  const Json& name = member(body, "name");
+  const Received& name = member(body, "name");
   if (!name.is_string() || !is_name(name.get<std::string>()))
-    throw RequestError(400, "ModelNotFound", fmt::format("Model {} not found!", name.dump()));
+    throw RequestError(400, "ModelNotFound", fmt::format("Model {} not found!", name.dump().substr(0, 100)));
   Call call{name.get<std::string>(), nullptr, body, {}, {}, true, {}, {}, {}};
-  const Json config = body.value("config", Json::object());
+  const Received config = body.value("config", Received::object());
   call.models = &models_of(config);
   const Site& site = *call.models->site;
   const auto d = static_cast<Eigen::Index>(site.setup().priors.size());
@@ -132,7 +140,7 @@ Json UmBridge::respond(const HttpRequest& request) {
   if (request.path != "/Evaluate" && !derivatives)
     throw RequestError(400, "UnsupportedFeature",
                        fmt::format("{} is not supported by predict", request.path.substr(1)));
-  const Json& input = member(body, "input");
+  const Received& input = member(body, "input");
   if (!input.is_array() || input.size() != 1) invalid_input("\"input\" must hold one vector");
   call.p = read_vector(input[0], d, "input[0]");
   if (const auto it = config.find("step"); it != config.end()) {

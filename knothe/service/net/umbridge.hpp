@@ -35,7 +35,7 @@ class UmBridge {
   Json gradient(Call& call);
   Json apply_jacobian(Call& call);
   Json apply_hessian(Call& call);
-  SiteModels& models_of(const Json& config);
+  SiteModels& models_of(const nlohmann::json& config);
   void evaluate_posterior(Call& call, int derivatives);
   void evaluate_forward(Call& call, int derivatives, const Eigen::VectorXd& sensitivity);
   void evaluate_predict(Call& call);

@@ -1,10 +1,12 @@
 #include "knothe/service/site/service.hpp"
 
 #include <fmt/format.h>
+#include <sys/resource.h>
 #include <sys/socket.h>
 #include <sys/un.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <csignal>
 #include <cstdlib>
 #include <cstring>
@@ -53,6 +55,14 @@ void notify_systemd(const std::string& text) {
   ::close(number);
 }
 
+/// As many open files as the connections may need, where the system lets us.
+void allow_descriptors(std::size_t count) {
+  rlimit limit{};
+  if (::getrlimit(RLIMIT_NOFILE, &limit) != 0 || limit.rlim_cur >= count) return;
+  limit.rlim_cur = std::min<rlim_t>(count, limit.rlim_max);
+  (void)::setrlimit(RLIMIT_NOFILE, &limit);
+}
+
 /// Tells systemd that the service is there and well, as often as its watchdog wants.
 class WatchedApi final : public HttpHandler {
  public:
@@ -60,7 +70,9 @@ class WatchedApi final : public HttpHandler {
     if (const char* us = std::getenv("WATCHDOG_USEC"))
       interval_ = std::chrono::microseconds(std::atoll(us) / 3);
   }
-  bool admit(const HttpRequest& head, HttpResponse& refusal) override { return api_.admit(head, refusal); }
+  Admission admit(const HttpRequest& head, HttpResponse& refusal) override {
+    return api_.admit(head, refusal);
+  }
   void handle(HttpRequest request, Answer answer) override {
     api_.handle(std::move(request), std::move(answer));
   }
@@ -123,10 +135,14 @@ void serve(const project::Project& project, const ServeArguments& arguments) {
   }
   Api api(sites, api_options, metrics);
   WatchedApi watched(api, sites);
-  HttpServer http({options.address, static_cast<unsigned short>(arguments.port.value_or(options.port)), 16384,
-                   static_cast<std::size_t>(options.max_body),
-                   static_cast<std::size_t>(options.max_connections), options.timeout, 75},
-                  watched, metrics);
+  allow_descriptors(static_cast<std::size_t>(options.max_connections) + 256);
+  HttpServerOptions http_options;
+  http_options.address = options.address;
+  http_options.port = static_cast<unsigned short>(arguments.port.value_or(options.port));
+  http_options.max_body = static_cast<std::size_t>(options.max_body);
+  http_options.max_connections = static_cast<std::size_t>(options.max_connections);
+  http_options.timeout = options.timeout;
+  HttpServer http(http_options, watched, metrics);
   server = &http;
   const bool six = options.address.find(':') != std::string::npos;
   const std::string url =
