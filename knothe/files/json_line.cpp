@@ -25,7 +25,8 @@ void check_finite(const nlohmann::ordered_json& value, const std::string& path) 
 
 std::string json_line(const nlohmann::ordered_json& value) {
   check_finite(value, "");
-  return value.dump();
+  // What is not UTF-8 (a name that an older journal holds, a file's) must not keep all the rest from leaving.
+  return value.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
 }
 
 }  // namespace knothe::files

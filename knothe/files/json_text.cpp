@@ -40,8 +40,8 @@ class Bounds {
 nlohmann::json parse_json(std::string_view text) {
   Bounds bounds;
   try {
-    return Json::parse(
-        text, [&](int depth, Event event, Json& value) { return bounds(depth, event, value); });
+    return Json::parse(text,
+                       [&](int depth, Event event, Json& value) { return bounds(depth, event, value); });
   } catch (const Json::exception& error) {
     throw DataError(error.what());
   }

@@ -5,7 +5,8 @@
 
 namespace knothe::files {
 
-/// How deep arrays and objects may be nested: what writes, copies and compares JSON calls itself once a level.
+/// How deep arrays and objects may be nested: what writes, copies and compares JSON calls itself once a
+/// level.
 inline constexpr int k_deepest_json = 64;
 
 /// The value that `text` is. DataError where it is not JSON (RFC 8259), is nested deeper than

@@ -27,7 +27,8 @@ std::string refusal(const std::string& text) {
 }
 
 TEST(JsonText, IsReadAsItIsWritten) {
-  const std::string text = R"({"b":[1,2.5e-300,null,{"x":true}],"a":"ü","c":{"x":1,"b":2},"d":[{"x":1},{"x":2}]})";
+  const std::string text =
+      R"({"b":[1,2.5e-300,null,{"x":true}],"a":"ü","c":{"x":1,"b":2},"d":[{"x":1},{"x":2}]})";
   EXPECT_EQ(parse_json(text), nlohmann::json::parse(text));
   EXPECT_EQ(parse_json("3"), 3);
 }
@@ -42,12 +43,14 @@ TEST(JsonText, IsRefusedWhereItIsNestedTooDeep) {
 }
 
 TEST(JsonText, IsRefusedWhereAKeyComesTwice) {
-  EXPECT_EQ(refusal(R"({"a":{"seq":1},"b":[{"seq":1,"x":0,"s\u0065q":2}]})"), "\"seq\" comes twice in one object");
+  EXPECT_EQ(refusal(R"({"a":{"seq":1},"b":[{"seq":1,"x":0,"s\u0065q":2}]})"),
+            "\"seq\" comes twice in one object");
   EXPECT_EQ(refusal(R"({"a":{"a":{"a":1}}})"), "");
 }
 
 TEST(JsonText, IsRefusedWhereItIsNoJson) {
-  for (const char* text : {"", "{", "[1,]", "nan", "1 2", "\"\xff\"", "{\"a\":1e999}"}) EXPECT_NE(refusal(text), "") << text;
+  for (const char* text : {"", "{", "[1,]", "nan", "1 2", "\"\xff\"", "{\"a\":1e999}"})
+    EXPECT_NE(refusal(text), "") << text;
 }
 
 }  // namespace

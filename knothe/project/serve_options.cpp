@@ -21,8 +21,7 @@ void add_data_options(Section<S>& s) {
         "its unit; without it, 100 times the largest answer of the model in its box.",
         positive);
   s.add("period", &S::period, "Time between two data, s; without it, the median of the last ones.", positive);
-  s.add("budget", &S::budget, "Time that an update may take, s; without it, a tenth of the period.",
-        positive);
+  s.add("budget", &S::budget, "Time that an update may take, s; without it, one period.", positive);
   s.add("stale_after", &S::stale_after,
         "Age of the last datum from which the state is STALE, s; without it, 5 periods.", positive);
   s.add("watch_pictures", &S::watch_pictures,

@@ -7,6 +7,7 @@
 /// Python, in analytic_model.py: the cases' independent answer.
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <exception>
 #include <numbers>
 #include <string>
@@ -22,7 +23,7 @@ using knothe::reduction::Snapshots;
 
 constexpr int k_cells_x = 8, k_cells_y = 2, k_cells_z = 1;
 constexpr double k_half_length = 0.12, k_height = 0.1, k_thickness = 0.05;
-constexpr int k_nodes = 7, k_steps = 12;
+constexpr int k_nodes = 7;
 
 /// Component `c` of the displacement at (x, y, z), model time t and parameters (y0, ad), metres.
 double displacement(int c, double x, double y, double z, double t, double y0, double ad) {
@@ -67,7 +68,7 @@ Mesh make_mesh() {
   return mesh;
 }
 
-Snapshots make_snapshots() {
+Snapshots make_snapshots(int steps) {
   Snapshots s;
   for (const auto& [name, reference, meaning] :
        {std::tuple{"Y0", 216.0, "damage threshold"}, std::tuple{"Ad", 2.25e-3, "brittleness"}}) {
@@ -75,7 +76,7 @@ Snapshots make_snapshots() {
     for (int i = 0; i < k_nodes; ++i)
       s.axes.back().nodes.push_back(0.5 + static_cast<double>(i) / (k_nodes - 1));
   }
-  for (int i = 1; i <= k_steps; ++i) s.time.push_back(static_cast<double>(i) / k_steps);
+  for (int i = 1; i <= steps; ++i) s.time.push_back(static_cast<double>(i) / steps);
   s.mesh = make_mesh();
   for (std::size_t n = 0; n < s.mesh->point_count(); ++n) {
     for (int c = 0; c < 3; ++c) {
@@ -104,10 +105,10 @@ Snapshots make_snapshots() {
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc != 2) return std::fputs("usage: make_snapshots FOLDER\n", stderr), 2;
+  if (argc < 2 || argc > 3) return std::fputs("usage: make_snapshots FOLDER [STEPS]\n", stderr), 2;
   const std::string folder = argv[1];
   try {
-    Snapshots snapshots = make_snapshots();
+    Snapshots snapshots = make_snapshots(argc == 3 ? std::atoi(argv[2]) : 12);
     knothe::reduction::write_snapshots(snapshots, folder + "/snapshots.h5");
     snapshots.mesh.reset();
     knothe::reduction::write_snapshots(snapshots, folder + "/without_mesh.h5");

@@ -364,19 +364,21 @@ class Test(ServiceCase):
         service = self.serve()
         for k in range(6):
             service.send(self.data[k])
-        far = {**self.data[6], "seq": 1000}
-        self.expect_stored(service.send(far), 6)
+        far = [{**self.data[6], "seq": 1000 + k} for k in range(4)]  # one more than the window
+        for datum in far:
+            self.expect_stored(service.send(datum), 6)
         self.assertTrue(service.send(self.data[7])[1]["quarantined"])
         self.withdraw(service, self.data[7], 7)
         self.assertEqual(service.get("/v1/quarantine")[1]["quarantined"], [])
         self.expect_error(service.post("/v1/quarantine", self.key_of(self.data[7])), 404, "NotQuarantined")
-        self.withdraw(service, far, 6)
-        service.settled(8)
+        for datum in far:
+            self.withdraw(service, datum, 6)
+        service.settled(11)
         self.assertEqual(service.get("/v1/status")[1]["step"], 5)
         for k in range(6, 12):
             status, answer = service.send(self.data[k])
             self.assertEqual((status, answer.get("quarantined")), (200, None))
-        service.settled(14)
+        service.settled(17)
         self.assertEqual([comparable(line) for line in service.states()], [comparable(line) for line in self.assimilate()])
 
     def test_readers_of_events_hear_that_a_line_is_gone(self):

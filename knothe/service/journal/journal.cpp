@@ -1,16 +1,16 @@
 #include "knothe/service/journal/journal.hpp"
 
-#include <fcntl.h>
 #include <fmt/format.h>
-#include <sys/file.h>
-#include <unistd.h>
 
 #include <chrono>
 #include <filesystem>
 #include <utility>
 
+#include <sqlite3.h>
+
 #include "knothe/base/error.hpp"
 #include "knothe/base/sha256.hpp"
+#include "knothe/service/journal/journal_place.hpp"
 #include "knothe/service/journal/journal_records.hpp"
 #include "knothe/service/journal/journal_schema.hpp"
 #include "knothe/service/journal/sqlite.hpp"
@@ -18,28 +18,11 @@
 namespace knothe::service {
 namespace {
 
-/// The lock that makes a writer the only one; it goes with the process, however that ends.
-class WriterLock {
- public:
-  WriterLock() = default;
-  explicit WriterLock(const std::string& path) {
-    const std::string name = path + ".lock";
-    number_ = ::open(name.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
-    if (number_ < 0) throw system_error("could not open the journal's lock", name);
-    if (::flock(number_, LOCK_EX | LOCK_NB) != 0) {
-      ::close(number_);
-      throw DataError(fmt::format("{}: another process writes this journal; a journal has one writer", path));
-    }
-  }
-  ~WriterLock() {
-    if (number_ >= 0) ::close(number_);
-  }
-  WriterLock(const WriterLock&) = delete;
-  WriterLock& operator=(const WriterLock&) = delete;
-
- private:
-  int number_ = -1;
-};
+std::string hex_of(const std::string& seal) {
+  Digest digest{};
+  if (seal.size() == digest.size()) std::copy(seal.begin(), seal.end(), digest.begin());
+  return to_hex(digest);
+}
 
 std::int64_t now_ms() {
   return std::chrono::duration_cast<std::chrono::milliseconds>(
@@ -55,6 +38,7 @@ struct Chain {
 struct Chains {
   Chain records, releases;
   Chain withdrawals{"withdrawals", 0};  ///< begins otherwise: no release can be taken for one
+  Chain alarms{"alarms", 0};
 };
 
 /// The last record of a key.
@@ -70,15 +54,24 @@ struct Found {
 
 struct Journal::Implementation {
   std::string path;
-  WriterLock lock;
+  std::optional<Acknowledged>
+      acknowledged;  ///< read first: a reader beside a writer then sees at least that much
+  WriterLock lock;   ///< before the database: closed after it
   mutable Database database;
+  std::string id, lost;
+  std::string mark_path = mark_path_of(path), log_path;
+  Acknowledged told;     ///< what the mark says next
+  bool strayed = false;  ///< a group was written to a file that nobody will find: not to be gone on with
+  std::optional<FileIdentity> log;  ///< NAME-wal, once something was written
   Chains chains;
   std::optional<Chains> before;  ///< at `begin`
   std::int64_t starts = 0;
+  std::string seal_at_mark;               ///< of the record that was acknowledged last, in hex
   std::optional<Statement> insert, find;  ///< of a writer
 
   Implementation(const std::string& p, Access access)
       : path(p),
+        acknowledged(read_mark(p)),
         lock(access == Access::write ? WriterLock(p) : WriterLock()),
         database(p, access == Access::write ? Database::Mode::create : Database::Mode::read_only) {
     if (access == Access::write) {
@@ -88,11 +81,14 @@ struct Journal::Implementation {
     }
     check_schema(database);
     verify();
+    if (access == Access::write) migrate(database);
+    if (schema_of(database) >= 4)
+      id = fmt::format("{:016x}", one_integer(database, "SELECT value FROM meta WHERE key = 'journal'"));
+    find_losses();
     if (access == Access::write) prepare_to_write();
   }
 
   void prepare_to_write() {
-    migrate(database);
     database.execute("UPDATE meta SET value = value + 1 WHERE key = 'starts'");
     starts = one_integer(database, "SELECT value FROM meta WHERE key = 'starts'");
     insert.emplace(database, "INSERT INTO measurement VALUES(?,?,?,?,?,?,?,?,?,?,?)");
@@ -100,6 +96,72 @@ struct Journal::Implementation {
                  "SELECT m.payload, m.time, m.step, m.quarantined, r.id, w.id FROM measurement m "
                  "LEFT JOIN release r ON r.measurement = m.id LEFT JOIN withdrawal w ON w.measurement = m.id "
                  "WHERE m.source = ? AND m.session = ? AND m.seq = ? ORDER BY m.id DESC LIMIT 1");
+    told.journal = id;
+    std::error_code ignored;
+    log_path = std::filesystem::weakly_canonical(path, ignored).string() + "-wal";
+    (void)checkpoint();  // what a journal is, is then never in its log alone
+  }
+
+  bool checkpoint() {
+    sqlite3_busy_timeout(database.handle(), 0);
+    bool whole = false;
+    {
+      Statement statement(database, "PRAGMA wal_checkpoint(TRUNCATE)");
+      whole = statement.step() && statement.integer(0) == 0;
+    }
+    sqlite3_busy_timeout(database.handle(), k_busy_timeout_ms);
+    return whole;
+  }
+
+  [[nodiscard]] bool in_place() const {
+    return !strayed && file_identity(path) == lock.file() && (!log || file_identity(log_path) == log);
+  }
+
+  void require_in_place() const {
+    if (!in_place())
+      throw DiskFullError(fmt::format(
+          "{}: the journal was deleted, renamed or replaced while it is written; put it back, or restart the "
+          "service to begin another",
+          path));
+  }
+
+  /// Before the first write: the mark is then replaced.
+  void find_losses() {
+    if (!acknowledged) return;
+    if (acknowledged->journal != id) {
+      // With other records in it somebody has put it there.
+      if (!id.empty() && acknowledged->records > 0 && chains.records.count == 0)
+        lost = fmt::format("the journal that had this name, with {} records, is not there any more",
+                           acknowledged->records);
+      return;
+    }
+    const auto missing = [&](const char* what, std::int64_t there, std::int64_t told) {
+      if (there >= told) return;
+      const std::string which = there + 1 == told ? fmt::format("{} {}", what, told)
+                                                  : fmt::format("{}s {} to {}", what, there + 1, told);
+      lost += (lost.empty() ? "" : ", ") + which;
+    };
+    missing("record", chains.records.count, acknowledged->records);
+    missing("release", chains.releases.count, acknowledged->releases);
+    missing("withdrawal", chains.withdrawals.count, acknowledged->withdrawals);
+    missing("alarm", chains.alarms.count, acknowledged->alarms);
+    if (chains.records.count >= acknowledged->records && seal_at_mark != acknowledged->seal &&
+        acknowledged->records > 0)
+      lost = fmt::format("record {} and those before it as they were", acknowledged->records);
+    if (!lost.empty())
+      lost = fmt::format(
+          "acknowledged and gone: {}; the journal's log ({}-wal) was damaged or lost, or an older "
+          "journal was put in its place",
+          lost, path);
+  }
+
+  /// After a commit, so nothing is allocated: what is on disk cannot be taken back.
+  void acknowledge() noexcept {
+    told.records = chains.records.count, told.releases = chains.releases.count;
+    told.withdrawals = chains.withdrawals.count, told.alarms = chains.alarms.count;
+    write_mark(mark_path, told, chains.records.seal);
+    if (!log) log = file_identity(log_path);
+    strayed = !in_place();
   }
 
   [[noreturn]] void damaged(const std::string& what) const {
@@ -122,6 +184,7 @@ struct Journal::Implementation {
         damaged(
             fmt::format("record {} of the journal is damaged, or one before it is lost", records.count + 1));
       records = {record.seal, record.entry.id};
+      if (acknowledged && record.entry.id == acknowledged->records) seal_at_mark = hex_of(record.seal);
     }
     verify_marks("release", chains.releases);
     if (schema_of(database) < 3) return;
@@ -132,6 +195,20 @@ struct Journal::Implementation {
     if (twice.step())
       damaged(fmt::format("record {} of the journal has the key of one before it, whose withdrawal is lost",
                           twice.integer(0)));
+    if (schema_of(database) >= 4) verify_alarms();
+  }
+
+  void verify_alarms() {
+    Chain& chain = chains.alarms;
+    Statement rows(
+        database,
+        "SELECT id, seal, event, step, severity, kind, message, condition, raised FROM alarm ORDER BY id");
+    while (rows.step()) {
+      const std::int64_t number = rows.integer(0);
+      if (number != chain.count + 1 || rows.text(1) != alarm_seal(chain.seal, number, read_alarm(rows, 2)))
+        damaged(fmt::format("alarm {} of the journal is damaged", chain.count + 1));
+      chain = {std::string(rows.text(1)), number};
+    }
   }
 
   /// Releases or withdrawals.
@@ -223,6 +300,7 @@ void Journal::begin() {
   Implementation& i = *implementation_;
   i.before.reset();  // what cannot be remembered cannot be gone back to
   i.before = i.chains;
+  i.require_in_place();
   i.database.execute("BEGIN IMMEDIATE");
 }
 
@@ -232,8 +310,62 @@ void Journal::touch() {
 }
 
 void Journal::commit() {
-  implementation_->database.execute("COMMIT");
-  implementation_->before.reset();
+  Implementation& i = *implementation_;
+  i.database.execute("COMMIT");
+  i.before.reset();
+  i.acknowledge();
+  i.require_in_place();  // it may have gone meanwhile
+}
+
+const std::string& Journal::id() const {
+  return implementation_->id;
+}
+
+const std::string& Journal::lost() const {
+  return implementation_->lost;
+}
+
+bool Journal::in_place() const {
+  return implementation_->in_place();
+}
+
+bool Journal::checkpoint() {
+  return implementation_->checkpoint();
+}
+
+void Journal::add_alarm(const Alarm& alarm) {
+  Implementation& i = *implementation_;
+  Chain& chain = i.chains.alarms;
+  const std::string seal = alarm_seal(chain.seal, chain.count + 1, alarm);
+  Statement row(i.database, "INSERT INTO alarm VALUES(?,?,?,?,?,?,?,?,?)");
+  row.bind(1, chain.count + 1).bind(2, alarm.id).bind(3, alarm.step);
+  row.bind(4, std::string_view(alarm.severity)).bind(5, std::string_view(alarm.kind));
+  row.bind(6, std::string_view(alarm.message)).bind(7, std::string_view(alarm.condition));
+  row.bind(8, alarm.raised_ms).bind_blob(9, seal);
+  row.run();
+  chain = {seal, chain.count + 1};
+}
+
+std::vector<Alarm> Journal::alarms(std::int64_t most) const {
+  std::vector<Alarm> found;
+  if (schema_of(implementation_->database) < 4) return found;
+  Statement rows(
+      implementation_->database,
+      "SELECT event, step, severity, kind, message, condition, raised FROM alarm WHERE severity <> '' "
+      "ORDER BY id DESC LIMIT ?");
+  rows.bind(1, most);
+  while (rows.step()) found.push_back(read_alarm(rows, 0));
+  return {found.rbegin(), found.rend()};
+}
+
+std::vector<Alarm> Journal::conditions() const {
+  std::vector<Alarm> found;
+  if (schema_of(implementation_->database) < 4) return found;
+  Statement rows(implementation_->database,
+                 "SELECT event, step, severity, kind, message, condition, raised FROM alarm WHERE id IN "
+                 "(SELECT max(id) FROM alarm WHERE condition <> '' GROUP BY condition) ORDER BY id");
+  while (rows.step()) found.push_back(read_alarm(rows, 0));
+  return found;
 }
 
 void Journal::rollback() noexcept {
@@ -309,16 +441,19 @@ std::int64_t Journal::withdrawals() const {
   return implementation_->chains.withdrawals.count;
 }
 
-std::optional<std::int64_t> Journal::largest_seq(const std::string& source,
-                                                 const std::string& session) const {
+std::vector<std::int64_t> Journal::largest_seqs(const std::string& source, const std::string& session,
+                                                std::size_t most) const {
   Statement row(implementation_->database,
                 select_records(implementation_->database,
                                "WHERE m.source = ? AND m.session = ? AND w.id IS NULL ORDER BY m.seq DESC "
-                               "LIMIT 1")
+                               "LIMIT ?")
                     .c_str());
-  row.bind(1, std::string_view(source)).bind(2, std::string_view(session));
-  if (!row.step()) return std::nullopt;
-  return row.integer(3);
+  row.bind(1, std::string_view(source))
+      .bind(2, std::string_view(session))
+      .bind(3, static_cast<std::int64_t>(most));
+  std::vector<std::int64_t> seqs;
+  while (row.step()) seqs.push_back(row.integer(3));
+  return seqs;
 }
 
 void Journal::for_each(const std::function<void(const JournalEntry&)>& visit) const {
@@ -343,10 +478,7 @@ const std::string& Journal::path() const {
 }
 
 std::string Journal::seal() const {
-  Digest digest{};
-  const std::string& seal = implementation_->chains.records.seal;
-  if (seal.size() == digest.size()) std::copy(seal.begin(), seal.end(), digest.begin());
-  return to_hex(digest);
+  return hex_of(implementation_->chains.records.seal);
 }
 
 }  // namespace knothe::service

@@ -4,7 +4,8 @@
 ///
 /// Records are sealed in a chain: seal_n = SHA-256(seal_{n−1} ‖ record n). A record that was changed, lost or
 /// put in between is found when the journal is opened. What power failure tears off the end was not
-/// acknowledged. Nothing is ever taken off the disk: that a datum is released or withdrawn is a mark of its
+/// acknowledged; how much was acknowledged stands in a small file beside it, so what is lost otherwise is
+/// said. Nothing is ever taken off the disk: that a datum is released or withdrawn is a mark of its
 /// own, sealed in a chain of its own.
 #include <cstdint>
 #include <functional>
@@ -13,6 +14,7 @@
 #include <string>
 #include <vector>
 
+#include "knothe/service/journal/alarm.hpp"
 #include "knothe/service/journal/measurement.hpp"
 
 namespace knothe::service {
@@ -62,7 +64,7 @@ struct Appended {
 class Journal {
  public:
   enum class Access {
-    write,  ///< one at a time (a lock file says so); made if it is not there
+    write,  ///< one at a time (it locks the file); made if it is not there
     read    ///< beside a writer, if need be
   };
   /// Opens, migrates to the present schema, verifies everything. DataError where it is damaged (names the
@@ -79,8 +81,18 @@ class Journal {
   /// Starts counted so far, this one included (writers only).
   [[nodiscard]] std::int64_t starts() const;
 
+  /// In hex, made at random with the journal: that of no other. Empty before schema 4.
+  [[nodiscard]] const std::string& id() const;
+  /// What was acknowledged and is not there, in words; empty: nothing.
+  [[nodiscard]] const std::string& lost() const;
+  /// Whether the file that is written is still the one that has the journal's name. Of a writer.
+  [[nodiscard]] bool in_place() const;
+  /// Moves what is in SQLite's log (NAME-wal) to the journal itself, where damage is found. Between groups;
+  /// false where a reader was in the way: again later.
+  bool checkpoint();
+
   /// Begins and ends a group of appends; `commit` returns when they are on disk. DiskFullError: nothing of
-  /// the group is there.
+  /// the group is there, or in a file that nobody will find (`in_place`).
   void begin();
   void commit();
   void rollback() noexcept;
@@ -96,11 +108,18 @@ class Journal {
   /// Nothing if there is none of that key.
   std::optional<JournalEntry> withdraw(const assimilation::DatumKey& key);
 
+  /// Keeps an alarm, inside a group.
+  void add_alarm(const Alarm& alarm);
+  /// The last `most` that were told, in order.
+  [[nodiscard]] std::vector<Alarm> alarms(std::int64_t most) const;
+  /// The last of each condition, told or its end.
+  [[nodiscard]] std::vector<Alarm> conditions() const;
+
   [[nodiscard]] std::int64_t count() const;        ///< of records, withdrawn ones too
   [[nodiscard]] std::int64_t withdrawals() const;  ///< how many of them are withdrawn
-  /// Of the records that are not withdrawn; nothing if there are none (writers only).
-  [[nodiscard]] std::optional<std::int64_t> largest_seq(const std::string& source,
-                                                        const std::string& session) const;
+  /// The `most` largest of the records that are not withdrawn, the largest first (writers only).
+  [[nodiscard]] std::vector<std::int64_t> largest_seqs(const std::string& source, const std::string& session,
+                                                       std::size_t most) const;
   /// Calls `visit` for every record, in the order of their writing.
   void for_each(const std::function<void(const JournalEntry&)>& visit) const;
   [[nodiscard]] std::vector<JournalEntry> quarantined() const;

@@ -64,6 +64,25 @@ std::string mark_seal(std::string_view previous, std::int64_t id, std::int64_t m
   return {reinterpret_cast<const char*>(digest.data()), digest.size()};
 }
 
+std::string alarm_seal(std::string_view previous, std::int64_t id, const Alarm& alarm) {
+  Sha256 sum;
+  sum.add_text(previous);
+  sum.add_number(id);
+  sum.add_number(alarm.id);
+  sum.add_number(alarm.step);
+  for (const std::string* text : {&alarm.severity, &alarm.kind, &alarm.message, &alarm.condition})
+    sum.add_text(*text);
+  sum.add_number(alarm.raised_ms);
+  const Digest digest = sum.finish();
+  return {reinterpret_cast<const char*>(digest.data()), digest.size()};
+}
+
+Alarm read_alarm(const Statement& row, int first) {
+  const auto text = [&](int k) { return std::string(row.text(first + k)); };
+  return {row.integer(first),    row.integer(first + 1), text(2), text(3), text(4), text(5),
+          row.integer(first + 6)};
+}
+
 std::int64_t one_integer(Database& database, const char* sql) {
   Statement statement(database, sql);
   return statement.step() ? statement.integer(0) : 0;

@@ -24,6 +24,10 @@ struct Record {
 [[nodiscard]] std::string seal_of(std::string_view previous, const Record& record);
 /// Of a release or a withdrawal.
 [[nodiscard]] std::string mark_seal(std::string_view previous, std::int64_t id, std::int64_t measurement);
+/// Of an alarm, number `id` of the journal's.
+[[nodiscard]] std::string alarm_seal(std::string_view previous, std::int64_t id, const Alarm& alarm);
+/// An alarm from the columns event, step, severity, kind, message, condition, raised, which begin at `first`.
+[[nodiscard]] Alarm read_alarm(const Statement& row, int first);
 /// The first column of the first row; 0 without one.
 [[nodiscard]] std::int64_t one_integer(Database& database, const char* sql);
 

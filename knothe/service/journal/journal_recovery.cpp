@@ -6,6 +6,7 @@
 #include "knothe/base/sha256.hpp"
 #include "knothe/service/journal/journal.hpp"
 #include "knothe/service/journal/journal_records.hpp"
+#include "knothe/service/journal/journal_schema.hpp"
 #include "knothe/service/journal/sqlite.hpp"
 
 namespace knothe::service {
@@ -34,6 +35,32 @@ void save(const JournalEntry& entry, Journal& whole, Recovery& recovery) {
   ++recovery.saved;
   if (entry.released) whole.release(datum.key);
   if (entry.withdrawn) whole.withdraw(datum.key);
+}
+
+/// Those before the first that is damaged.
+void save_alarms(Database& damaged, Journal& whole, Recovery& recovery) {
+  if (schema_of(damaged) < 4) return;
+  std::string previous = "alarms";
+  std::int64_t number = 0;
+  bool all = true;
+  try {
+    Statement rows(
+        damaged,
+        "SELECT id, seal, event, step, severity, kind, message, condition, raised FROM alarm ORDER BY id");
+    while (rows.step()) {
+      const Alarm alarm = read_alarm(rows, 2);
+      if (rows.integer(0) != number + 1 || rows.text(1) != alarm_seal(previous, number + 1, alarm)) {
+        all = false;
+        break;
+      }
+      whole.add_alarm(alarm);
+      previous = rows.text(1);
+      ++number;
+    }
+  } catch (const DataError&) {
+    all = false;
+  }
+  if (!all) recovery.lost.push_back(fmt::format("alarms from {} on", number + 1));
 }
 
 }  // namespace
@@ -92,6 +119,7 @@ Recovery recover_journal(const std::string& from, const std::string& to) {
       previous.clear();
     }
   }
+  save_alarms(damaged, whole, recovery);
   whole.commit();
   return recovery;
 }

@@ -49,7 +49,17 @@ constexpr const char* k_to_schema_3 = R"(
   PRAGMA user_version = 3;
 )";
 
-constexpr std::array k_migrations = {k_to_schema_1, k_to_schema_2, k_to_schema_3};
+/// Alarms, and a number that no other journal has.
+constexpr const char* k_to_schema_4 = R"(
+  CREATE TABLE alarm(id INTEGER PRIMARY KEY, event INTEGER NOT NULL, step INTEGER NOT NULL, severity TEXT NOT NULL,
+                     kind TEXT NOT NULL, message TEXT NOT NULL, condition TEXT NOT NULL, raised INTEGER NOT NULL,
+                     seal BLOB NOT NULL);
+  CREATE INDEX alarm_condition ON alarm(condition, id);
+  INSERT INTO meta VALUES('journal', random() & 0x7fffffffffffffff);
+  PRAGMA user_version = 4;
+)";
+
+constexpr std::array k_migrations = {k_to_schema_1, k_to_schema_2, k_to_schema_3, k_to_schema_4};
 
 }  // namespace
 

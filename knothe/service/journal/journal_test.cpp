@@ -4,6 +4,7 @@
 #include <sqlite3.h>
 
 #include <cstdlib>
+#include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <random>
@@ -174,10 +175,10 @@ TEST(Journal, AWithdrawnDatumStaysOutAndMayComeAgain) {
     EXPECT_FALSE(withdraw(journal, datum(1).key)->withdrawn);
     EXPECT_TRUE(withdraw(journal, datum(1).key)->withdrawn);  // it was before
     EXPECT_EQ(journal.withdrawals(), 1);
-    EXPECT_EQ(journal.largest_seq("camera", "session"), 2);
+    EXPECT_EQ(journal.largest_seqs("camera", "session", 2), (std::vector<std::int64_t>{2, 0}));
     withdraw(journal, datum(2).key);
-    EXPECT_EQ(journal.largest_seq("camera", "session"), 0);
-    EXPECT_EQ(journal.largest_seq("gauges", "session"), std::nullopt);
+    EXPECT_EQ(journal.largest_seqs("camera", "session", 2), std::vector<std::int64_t>{0});
+    EXPECT_TRUE(journal.largest_seqs("gauges", "session", 2).empty());
   }
   EXPECT_EQ(counting_values(path), std::vector<double>({10}));
   {
@@ -306,7 +307,8 @@ TEST(Journal, OneOfSchema2IsReadAsItIsAndMigratedWhenItIsWritten) {
   const std::string seal = write_journal(path, 4).back();
   Database(path, Database::Mode::read_write)
       .execute(
-          "DROP TABLE withdrawal; DROP INDEX measurement_key; PRAGMA user_version = 2;"
+          "DROP TABLE withdrawal; DROP INDEX measurement_key; DROP TABLE alarm;"
+          "DELETE FROM meta WHERE key = 'journal'; PRAGMA user_version = 2;"
           "CREATE UNIQUE INDEX key ON measurement(source, session, seq);");
   EXPECT_EQ(counting_values(path).size(), 4u);
   EXPECT_EQ(Journal(path, Journal::Access::read).seal(), seal);
@@ -317,6 +319,63 @@ TEST(Journal, OneOfSchema2IsReadAsItIsAndMigratedWhenItIsWritten) {
   EXPECT_EQ(counting_values(path), std::vector<double>({0, 0.5, 1, 8}));
 }
 
+TEST(Journal, AlarmsAreKeptAndDamageOfOneIsFound) {
+  const files::TestFolder folder;
+  const std::string path = folder.file("j.journal"), copy = folder.file("copy.journal");
+  {
+    Journal journal(path, Journal::Access::write);
+    journal.begin();
+    journal.append(datum(0));
+    journal.add_alarm({7, 3, "alarm", "bias", "it does not fit", "bias", 123});
+    journal.add_alarm({8, 4, "", "bias", "", "bias", 124});
+    journal.add_alarm({9, 5, "info", "trust", "once", "", 125});
+    journal.commit();
+    journal.begin();
+    journal.add_alarm({10, 6, "alarm", "bias", "again", "bias", 126});
+    journal.rollback();
+  }
+  const Journal journal(path, Journal::Access::read);
+  ASSERT_EQ(journal.alarms(256).size(), 2U);
+  EXPECT_EQ(journal.alarms(256)[0].message, "it does not fit");
+  EXPECT_EQ(journal.alarms(1).at(0).id, 9);
+  ASSERT_EQ(journal.conditions().size(), 1U);
+  EXPECT_EQ(journal.conditions()[0].severity, "");
+  EXPECT_EQ(journal.id().size(), 16U);
+  EXPECT_EQ(journal.lost(), "");
+  std::filesystem::copy_file(path, copy);
+  {
+    Database database(copy, Database::Mode::read_write);
+    database.execute("UPDATE alarm SET step = 5 WHERE id = 2");
+  }
+  EXPECT_NE(refusal(copy).find("alarm 2 of the journal is damaged"), std::string::npos);
+  const std::string saved = folder.file("saved.journal");
+  EXPECT_EQ(recover_journal(copy, saved).lost, std::vector<std::string>{"alarms from 2 on"});
+  EXPECT_EQ(Journal(saved, Journal::Access::read).alarms(256).size(), 1U);
+}
+
+TEST(Journal, WhatWasAcknowledgedAndIsGoneIsSaid) {
+  const files::TestFolder folder;
+  const std::string path = folder.file("j.journal"), old = folder.file("old.journal");
+  {
+    Journal journal(path, Journal::Access::write);
+    append(journal, datum(0));
+    EXPECT_TRUE(journal.checkpoint());
+    std::filesystem::copy_file(path, old);
+    append(journal, datum(1));
+    append(journal, datum(2));
+  }
+  EXPECT_EQ(Journal(path, Journal::Access::read).lost(), "");
+  std::filesystem::copy_file(old, path, std::filesystem::copy_options::overwrite_existing);
+  EXPECT_TRUE(
+      Journal(path, Journal::Access::read).lost().starts_with("acknowledged and gone: records 2 to 3;"));
+  {
+    Journal journal(path, Journal::Access::write);
+    EXPECT_TRUE(journal.lost().starts_with("acknowledged and gone: records 2 to 3;"));
+    for (int k = 3; k < 6; ++k) append(journal, datum(k));
+  }
+  EXPECT_EQ(Journal(path, Journal::Access::write).lost(), "");
+}
+
 TEST(Journal, AJournalHasOneWriterAndManyReaders) {
   const files::TestFolder folder;
   const std::string path = folder.file("j.journal");
@@ -324,11 +383,14 @@ TEST(Journal, AJournalHasOneWriterAndManyReaders) {
   append(writer, datum(0));
   const Journal reader(path, Journal::Access::read);
   EXPECT_EQ(reader.count(), 1);
-  try {
-    Journal second(path, Journal::Access::write);
-    FAIL();
-  } catch (const DataError& error) {
-    EXPECT_NE(std::string(error.what()).find("another process writes this journal"), std::string::npos);
+  std::filesystem::create_symlink(path, folder.file("link.journal"));
+  for (const char* name : {"j.journal", "link.journal"}) {
+    try {
+      Journal second(folder.file(name), Journal::Access::write);
+      FAIL();
+    } catch (const DataError& error) {
+      EXPECT_NE(std::string(error.what()).find("another process writes this journal"), std::string::npos);
+    }
   }
 }
 

@@ -27,6 +27,16 @@ constexpr std::size_t k_longest_name = 128;
   throw RequestError(400, "Malformed", message);
 }
 
+bool is_utf8(const std::string& text) {
+  try {
+    (void)Received(text).dump();
+    return true;
+  } catch (const Received::type_error&) {
+    return false;
+  }
+}
+
+/// What is a name in HTTP, MQTT and JSON alike.
 void check_name(const std::string& text, const char* what, bool may_be_empty) {
   if (text.empty() && !may_be_empty) malformed(fmt::format("\"{}\" must not be empty", what));
   if (text.size() > k_longest_name)
@@ -34,6 +44,7 @@ void check_name(const std::string& text, const char* what, bool may_be_empty) {
   for (const char c : text)
     if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f)
       malformed(fmt::format("\"{}\" has a control character", what));
+  if (!is_utf8(text)) malformed(fmt::format("\"{}\" is not UTF-8", what));
 }
 
 const Received& member(const Received& object, const char* name) {

@@ -177,5 +177,19 @@ TEST(Token, ComparisonIsExact) {
   EXPECT_FALSE(equal_in_constant_time("x", ""));
 }
 
+TEST(Measurement, ANameOfAHeaderIsUtf8) {
+  const std::string body = npy("<f8", "(1,)", bytes_of<double>({1}));
+  EXPECT_EQ(parse_npy_measurement(body, {"", "Brücke", "s", "0", "0.5", ""}).measurement.key.source,
+            "Brücke");
+  for (const char* name : {"\xff", "a\xc3", "\xed\xa0\x80", "\xc0\xaf"}) {
+    try {
+      (void)parse_npy_measurement(body, {"", "camera", name, "0", "0.5", ""});
+      FAIL() << name;
+    } catch (const RequestError& error) {
+      EXPECT_STREQ(error.what(), "\"session\" is not UTF-8");
+    }
+  }
+}
+
 }  // namespace
 }  // namespace knothe::service

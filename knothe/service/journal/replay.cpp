@@ -16,6 +16,7 @@
 #include "knothe/report/results/results_writer.hpp"
 #include "knothe/report/results/step_record.hpp"
 #include "knothe/service/journal/journal.hpp"
+#include "knothe/service/journal/step_matching.hpp"
 
 namespace knothe::service {
 namespace {
@@ -33,14 +34,14 @@ Opened open_both(const std::string& path, const std::string& project_path) {
   project::UpdateSetup setup = project::set_up_online(project);
   Opened opened{std::move(project), std::move(setup), {}};
   const auto sensors = static_cast<std::size_t>(opened.setup.measurements.observation_count());
-  journal.for_each([&](const JournalEntry& entry) {
+  journal.for_each([&](JournalEntry entry) {
     if (!entry.counts()) return;
-    if (entry.measurement.values.size() != sensors || entry.measurement.step < 0 ||
-        static_cast<std::size_t>(entry.measurement.step) >= opened.setup.observed->time.size())
-      throw DataError(fmt::format(
-          "{}: record {} has {} values at step {}; the project's data file {} has {} sensors", path, entry.id,
-          entry.measurement.values.size(), entry.measurement.step, opened.project.data, sensors));
-    opened.entries.push_back(entry);
+    if (entry.measurement.values.size() != sensors)
+      throw DataError(fmt::format("{}: record {} has {} values; the project's data file {} has {} sensors",
+                                  path, entry.id, entry.measurement.values.size(), opened.project.data,
+                                  sensors));
+    match_step(entry, opened.setup.observed->time, path);
+    opened.entries.push_back(std::move(entry));
   });
   std::stable_sort(opened.entries.begin(), opened.entries.end(),
                    [](const JournalEntry& a, const JournalEntry& b) {
@@ -113,6 +114,7 @@ void replay_journal(const std::string& path, const std::string& project_path, bo
     const auto identity = journal.identity();
     fmt::print("{}: {} records, {} in quarantine, {} withdrawn, whole; seal {}\n", path, journal.count(),
                journal.quarantined().size(), journal.withdrawals(), journal.seal());
+    if (!journal.lost().empty()) fmt::print("{}\n", journal.lost());
     if (identity)
       fmt::print("model {}\nconfiguration {}\nsensors {}\n", identity->model, identity->configuration,
                  identity->sensors);

@@ -79,7 +79,7 @@ Database::Database(const std::string& path, Mode mode) : path_(path) {
   const int code = sqlite3_open_v2(path.c_str(), &raw, flags, nullptr);
   handle_.reset(raw, sqlite3_close_v2);
   check(code);
-  sqlite3_busy_timeout(raw, 5000);
+  sqlite3_busy_timeout(raw, k_busy_timeout_ms);
 }
 
 void Database::execute(const char* sql) {

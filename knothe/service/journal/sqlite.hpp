@@ -12,6 +12,9 @@ struct sqlite3_stmt;
 
 namespace knothe::service {
 
+/// How long a statement waits for what another connection does.
+inline constexpr int k_busy_timeout_ms = 5000;
+
 /// The disk is full, or cannot be written: what was being written is not there, and may be tried again.
 struct DiskFullError : IoError {
   using IoError::IoError;

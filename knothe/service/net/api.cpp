@@ -112,7 +112,7 @@ class SiteEvents final : public EventSource {
       out += "event: status\ndata: " + files::json_line(site_->status()) + "\n\n";
     }
     for (const Alarm& alarm : site_->alarms().after(alarms_seen_)) {
-      out += "event: alarm\ndata: " + files::json_line(alarm.json()) + "\n\n";
+      out += "event: alarm\ndata: " + files::json_line(json_of(alarm)) + "\n\n";
       alarms_seen_ = alarm.id;
     }
     while (out.size() < k_piece) {
@@ -288,7 +288,7 @@ HttpResponse Api::read(const HttpRequest& request) {
   if (path == "/v1/quarantine") return json_response(site->journal().quarantine());
   if (path == "/v1/alarms") {
     Json list = Json::array();
-    for (const Alarm& alarm : site->alarms().after(0)) list.push_back(alarm.json());
+    for (const Alarm& alarm : site->alarms().after(0)) list.push_back(json_of(alarm));
     return json_response({{"alarms", list}});
   }
   throw RequestError(404, "NotFound", "there is no such route");
@@ -372,8 +372,9 @@ std::unique_ptr<EventSource> Api::make_events(const HttpRequest& request) const 
   std::int64_t seen = site->lines().last_event();
   std::string begin;
   if (!last.empty()) {
-    seen = static_cast<std::int64_t>(
-        std::min<std::size_t>(parse_index(last, "Last-Event-ID"), static_cast<std::size_t>(seen)));
+    // An event that has not been is one of another journal: all of this one is new to its reader.
+    const std::size_t told = parse_index(last, "Last-Event-ID");
+    seen = told > static_cast<std::size_t>(seen) ? 0 : static_cast<std::int64_t>(told);
   } else if (const std::string from = request.parameter("from"); !from.empty()) {
     // The lines as they are, in the order of the steps; then what changes.
     for (const auto& line : site->lines().lines(parse_index(from, "from"))) {

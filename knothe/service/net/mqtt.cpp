@@ -3,9 +3,12 @@
 #include <fmt/format.h>
 #include <mosquitto.h>
 
+#include <algorithm>
 #include <atomic>
+#include <cerrno>
 #include <charconv>
 #include <chrono>
+#include <cstring>
 #include <fstream>
 #include <future>
 #include <map>
@@ -17,6 +20,8 @@
 
 namespace knothe::service {
 namespace {
+
+constexpr std::chrono::milliseconds k_first_pause{1000}, k_longest_pause{30'000}, k_glance{50};
 
 std::string first_line(const std::string& path) {
   std::ifstream file(path);
@@ -36,7 +41,9 @@ struct MqttReceiver::Implementation {
   std::size_t max_body;
   std::atomic<bool> stopping{false};
   std::map<int, std::string> asked;  ///< topics by number of the packet; of the client's thread alone
+  bool connected = false;            ///< the same
   std::shared_ptr<mosquitto> client;
+  std::thread thread;
 
   Implementation(std::vector<std::shared_ptr<Site>> s, Metrics& m, std::size_t body)
       : sites(std::move(s)), metrics(m), max_body(body) {}
@@ -89,6 +96,33 @@ struct MqttReceiver::Implementation {
     return std::nullopt;
   }
 
+  /// Connected, or on the way there, until the end. The library's own thread would give up where the first
+  /// attempt fails.
+  void run() {
+    using std::chrono::milliseconds;
+    milliseconds pause = k_first_pause;
+    std::string said;
+    int code = mosquitto_connect_async(client.get(), host.c_str(), port, 30);
+    while (!stopping) {
+      while (code == MOSQ_ERR_SUCCESS && !stopping) {
+        code = mosquitto_loop(client.get(), 200, 1);
+        if (connected) pause = k_first_pause, said.clear();
+      }
+      if (stopping) break;
+      const std::string reason = code == MOSQ_ERR_ERRNO ? std::strerror(errno) : mosquitto_strerror(code);
+      if (!connected && reason != said && code != MOSQ_ERR_CONN_REFUSED)
+        log_event("error", "the MQTT broker cannot be reached: it is tried again and again",
+                  {{"broker", host}, {"port", port}, {"reason", reason}});
+      said = reason;
+      connected = false;
+      for (milliseconds waited{0}; waited < pause && !stopping; waited += k_glance)
+        std::this_thread::sleep_for(k_glance);
+      pause = std::min(2 * pause, k_longest_pause);
+      if (!stopping) code = mosquitto_reconnect_async(client.get());
+    }
+    mosquitto_disconnect(client.get());
+  }
+
   static void on_connect(mosquitto* client, void* self, int code) {
     auto* receiver = static_cast<Implementation*>(self);
     if (code != 0) {
@@ -96,6 +130,7 @@ struct MqttReceiver::Implementation {
                 {{"broker", receiver->host}, {"reason", mosquitto_connack_string(code)}});
       return;
     }
+    receiver->connected = true;
     log_event("info", "connected to the MQTT broker", {{"broker", receiver->host}, {"port", receiver->port}});
     receiver->subscribe(client);
   }
@@ -131,7 +166,7 @@ struct MqttReceiver::Implementation {
 
   static void on_disconnect(mosquitto*, void* self, int code) {
     const auto* receiver = static_cast<Implementation*>(self);
-    if (code != 0)
+    if (code != 0 && receiver->connected)
       log_event("warning", "the MQTT broker is away",
                 {{"broker", receiver->host}, {"reason", mosquitto_strerror(code)}});
   }
@@ -196,16 +231,12 @@ MqttReceiver::MqttReceiver(const project::Project& project, std::vector<std::sha
       throw DataError(
           fmt::format("{}: certificates cannot be used: {}", options.ca, mosquitto_strerror(code)));
   }
-  mosquitto_reconnect_delay_set(i.client.get(), 1, 30, true);
-  mosquitto_connect_async(i.client.get(), i.host.c_str(), i.port, 30);
-  if (mosquitto_loop_start(i.client.get()) != MOSQ_ERR_SUCCESS)
-    throw IoError("the thread of MQTT could not be started");
+  i.thread = std::thread([&i] { i.run(); });
 }
 
 MqttReceiver::~MqttReceiver() {
   implementation_->stopping = true;
-  mosquitto_disconnect(implementation_->client.get());
-  mosquitto_loop_stop(implementation_->client.get(), false);
+  if (implementation_->thread.joinable()) implementation_->thread.join();
   implementation_->client.reset();
   mosquitto_lib_cleanup();
 }

@@ -118,8 +118,9 @@ Json description(const Site& site, const std::vector<std::string>& sites) {
   if (project.method.update.bias_correction != assimilation::BiasCorrectionMode::off)
     fields.push_back("bias");
   const std::string run = site.identity().model.substr(0, 16) + site.identity().configuration.substr(0, 16) +
-                          site.identity().sensors.substr(0, 16);
+                          site.identity().sensors.substr(0, 16) + site.journal().id();
   Json answer = {{"run", run},
+                 {"journal", site.journal().id()},
                  {"version", k_version},
                  {"site", site.name()},
                  {"sites", sites},

@@ -3,16 +3,20 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
+#include <functional>
 #include <nlohmann/json.hpp>
 
 #include "knothe/assimilation/data/time_matching.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/project/serve_limits.hpp"
+#include "knothe/service/journal/step_matching.hpp"
 
 namespace knothe::service {
 namespace {
 
+constexpr std::chrono::seconds k_idle{1};      // then the journal is looked after
 constexpr std::size_t k_largest_group = 256;   // measurements in one commit
 constexpr std::size_t k_longest_queue = 4096;  // then 503: memory is not for ever
 constexpr double k_largest_value = 1e60;       // in standard deviations: its square must not overflow
@@ -53,9 +57,19 @@ JournalWriter::JournalWriter(const project::Project& project, const project::Upd
       arrived_(std::move(arrived)),
       doubted_(std::move(doubted)),
       changed_(std::move(changed)),
-      journal_(options_.journal, Journal::Access::write) {}
+      journal_(options_.journal, Journal::Access::write),
+      id_(journal_.id()) {}
+
+/// Data of all times are there in the model: an index of a step is that of the model it was recorded with.
+void JournalWriter::require_times() const {
+  journal_.for_each([&](JournalEntry entry) {
+    if (!entry.withdrawn) match_step(entry, setup_.observed->time, journal_.path());
+  });
+}
 
 std::int64_t JournalWriter::identify(const Identity& identity) {
+  const auto before = journal_.identity();
+  if (!before || before->sensors == identity.sensors) require_times();
   if (journal_.identify(identity))
     log_event(
         "warning",
@@ -85,6 +99,25 @@ void JournalWriter::stop() {
   if (thread_.joinable()) thread_.join();
 }
 
+void JournalWriter::finish() {
+  try {
+    if (!alarms_.empty()) write_alarms(alarms_);
+    alarms_.clear();
+    if (journal_.in_place()) (void)journal_.checkpoint();
+  } catch (const std::exception& error) {
+    log_event("error", "the journal could not be closed in order",
+              {{"site", options_.site}, {"journal", journal_.path()}, {"reason", error.what()}});
+  }
+}
+
+void JournalWriter::keep(Alarm alarm) {
+  {
+    const std::lock_guard lock(mutex_);
+    alarms_.push_back(std::move(alarm));
+  }
+  requests_there_.notify_one();
+}
+
 bool JournalWriter::ready() const {
   const std::lock_guard lock(mutex_);
   return open_ && !stopping_;
@@ -105,7 +138,7 @@ bool JournalWriter::holds(const assimilation::DatumKey& key) const {
 
 JournalWriter::Tally JournalWriter::tally() const {
   const std::lock_guard lock(mutex_);
-  return {requests_.size(), quarantine_.size(), outcomes_, read_only_};
+  return {requests_.size(), quarantine_.size(), outcomes_, !trouble_.empty(), trouble_};
 }
 
 Json JournalWriter::quarantine() const {
@@ -128,17 +161,20 @@ void JournalWriter::replay() {
   std::vector<Arrival> past;
   std::vector<JournalEntry> held;
   std::set<assimilation::DatumKey> from_folders;
-  journal_.for_each([&](const JournalEntry& entry) {
+  journal_.for_each([&](JournalEntry entry) {
     const assimilation::DatumKey& key = entry.measurement.key;
     // Of a withdrawn datum too: its file is still there, and would bring it back.
     if (key.source == k_pictures_source || key.source == k_csv_source) from_folders.insert(key);
     if (entry.withdrawn) {
-      // Readers may still have the line that it once gave.
+      // Readers may still have the line that it once gave, if it was one of this model.
+      const auto step = assimilation::matching_time(entry.measurement.time, setup_.observed->time);
+      if (!step) return;
+      entry.measurement.step = static_cast<std::int64_t>(*step);
       past.push_back({entry.measurement, start, false, true});
       return;
     }
-    auto& largest = largest_seq_.try_emplace({key.source, key.session}, key.seq).first->second;
-    largest = std::max(largest, key.seq);
+    match_step(entry, setup_.observed->time, journal_.path());
+    count_seq(key);
     if (entry.counts()) {
       past.push_back({entry.measurement, start, false, false});
     } else {
@@ -201,9 +237,8 @@ std::string JournalWriter::reason_of(Quarantine quarantined, const Measurement& 
 void JournalWriter::ingest(Measurement datum, std::function<void(Answer)> done) {
   check_values(datum);
   try {
-    const double time = datum.time;
     datum.step = static_cast<std::int64_t>(
-        assimilation::match_times({&time, 1}, setup_.observed->time, "the datum")[0]);
+        assimilation::match_times({&datum.time, 1}, setup_.observed->time, "the datum")[0]);
   } catch (const DataError& error) {
     throw RequestError(400, "UnknownTime", error.what());
   }
@@ -234,23 +269,60 @@ void JournalWriter::commit_loop() {
     std::vector<Request> group;
     {
       std::unique_lock lock(mutex_);
-      const auto there = [&] { return !requests_.empty() || stopping_; };
-      if (read_only_) {
-        requests_there_.wait_for(lock, std::chrono::seconds(1), there);
-      } else {
-        requests_there_.wait(lock, there);
-      }
-      if (requests_.empty() && stopping_) return;
+      requests_there_.wait_for(lock, k_idle, [&] {
+        return !requests_.empty() || stopping_ || (!alarms_.empty() && trouble_.empty());
+      });
+      if (requests_.empty() && alarms_.empty() && stopping_) return;
+      if (requests_.empty() && stopping_ && !trouble_.empty()) return;
       while (!requests_.empty() && group.size() < k_largest_group) {
         group.push_back(std::move(requests_.front()));
         requests_.pop_front();
       }
     }
-    if (group.empty()) {
-      probe_disk();
+    bool alarms = false;
+    {
+      const std::lock_guard lock(mutex_);
+      alarms = !alarms_.empty() && trouble_.empty();
+    }
+    if (group.empty() && !alarms) {
+      look_after_journal();
     } else {
       commit(group);
     }
+  }
+}
+
+/// When nothing comes: is the journal still there, can it be written, is it all in its own file?
+void JournalWriter::look_after_journal() {
+  const bool refused = tally().read_only;
+  if (refused || !journal_.in_place()) return probe_disk();
+  if (checkpointed_) return;
+  try {
+    checkpointed_ = journal_.checkpoint();
+  } catch (const std::exception& error) {
+    set_trouble(error.what());
+  }
+}
+
+/// What keeps the journal from being written from now on; empty: nothing.
+void JournalWriter::set_trouble(const std::string& trouble) {
+  const std::lock_guard lock(mutex_);
+  if (trouble.empty() != trouble_.empty())
+    log_event(trouble.empty() ? "info" : "error",
+              trouble.empty() ? "the journal can be written again" : "the journal cannot be written",
+              {{"site", options_.site}, {"journal", journal_.path()}, {"reason", trouble}});
+  trouble_ = trouble;
+}
+
+/// By themselves. What cannot be kept is said.
+void JournalWriter::write_alarms(const std::deque<Alarm>& alarms) {
+  try {
+    journal_.begin();
+    for (const Alarm& alarm : alarms) journal_.add_alarm(alarm);
+    journal_.commit();
+  } catch (const std::exception& error) {
+    journal_.rollback();
+    log_event("error", "alarms could not be kept", {{"site", options_.site}, {"reason", error.what()}});
   }
 }
 
@@ -259,16 +331,23 @@ void JournalWriter::commit(std::vector<Request>& group) {
   const auto start = monotonic_now();
   std::vector<Answer> answers;
   Written written;
-  const auto largest_before = largest_seq_;
+  const auto largest_before = largest_seqs_;
   std::string trouble;
+  std::deque<Alarm> alarms;
+  {
+    const std::lock_guard lock(mutex_);
+    alarms.swap(alarms_);
+  }
   try {
     journal_.begin();
     for (Request& request : group) answers.push_back(write(request, written));
+    for (const Alarm& alarm : alarms) journal_.add_alarm(alarm);
     journal_.commit();
+    checkpointed_ = false;
   } catch (const std::exception& error) {
     trouble = error.what();
     journal_.rollback();
-    largest_seq_ = largest_before;
+    largest_seqs_ = largest_before;
     written = {};
     answers.assign(group.size(),
                    RequestError(507, "DiskFull", fmt::format("nothing was stored: {}", trouble)));
@@ -281,13 +360,9 @@ void JournalWriter::commit(std::vector<Request>& group) {
     quarantine_.insert(quarantine_.end(), written.quarantined.begin(), written.quarantined.end());
     for (const std::int64_t id : written.no_longer_quarantined)
       std::erase_if(quarantine_, [&](const JournalEntry& held) { return held.id == id; });
-    if (read_only_ != !trouble.empty()) {
-      read_only_ = !trouble.empty();
-      log_event(read_only_ ? "error" : "info",
-                read_only_ ? "the journal cannot be written" : "the journal can be written again",
-                {{"site", options_.site}, {"journal", journal_.path()}, {"reason", trouble}});
-    }
+    if (!trouble.empty()) alarms_.insert(alarms_.begin(), alarms.begin(), alarms.end());
   }
+  set_trouble(trouble);
   for (const JournalEntry& entry : written.quarantined)
     if (entry.quarantined.implausible)
       doubted_(entry.measurement, reason_of({false, true}, entry.measurement));
@@ -325,11 +400,12 @@ JournalWriter::Answer JournalWriter::write(Request& request, Written& written) {
 }
 
 JournalWriter::Answer JournalWriter::write(const Release& release, MonotonicTime at, Written& written) {
-  const auto entry = journal_.release(release.key);
+  auto entry = journal_.release(release.key);
   if (!entry)
     return RequestError(404, "NotQuarantined",
                         fmt::format("there is no quarantined datum of source \"{}\", session \"{}\", seq {}",
                                     release.key.source, release.key.session, release.key.seq));
+  match_step(*entry, setup_.observed->time, journal_.path());
   if (!entry->released) written.arrivals.push_back({entry->measurement, at, true, false});
   written.no_longer_quarantined.push_back(entry->id);
   return Appended{entry->released ? Outcome::duplicate : Outcome::accepted,
@@ -342,29 +418,36 @@ JournalWriter::Answer JournalWriter::write(const Release& release, MonotonicTime
 
 JournalWriter::Answer JournalWriter::write(const Withdrawal& withdrawal, MonotonicTime at, Written& written) {
   const assimilation::DatumKey& key = withdrawal.key;
-  const auto entry = journal_.withdraw(key);
+  auto entry = journal_.withdraw(key);
   if (!entry)
     return RequestError(404, "UnknownDatum",
                         fmt::format("there is no datum of source \"{}\", session \"{}\", seq {}", key.source,
                                     key.session, key.seq));
+  if (const auto step = assimilation::matching_time(entry->measurement.time, setup_.observed->time))
+    entry->measurement.step = static_cast<std::int64_t>(*step);
   if (!entry->withdrawn) {
     if (entry->counts()) written.arrivals.push_back({entry->measurement, at, true, true});
     written.no_longer_quarantined.push_back(entry->id);
     written.withdrawn.push_back(entry->measurement);
     // What comes now is judged late by the data that are left: a wrong seq, far ahead, is no more in the way.
-    if (const auto largest = journal_.largest_seq(key.source, key.session)) {
-      largest_seq_[{key.source, key.session}] = *largest;
-    } else {
-      largest_seq_.erase({key.source, key.session});
-    }
+    largest_seqs_[{key.source, key.session}] =
+        journal_.largest_seqs(key.source, key.session, static_cast<std::size_t>(options_.window) + 1);
   }
   return Withdrawn{entry->measurement.step, entry->withdrawn};
 }
 
+/// The places that a datum is late are the data of its session that should have come after it and came
+/// before: one wrong seq, however far ahead, is one of them.
+void JournalWriter::count_seq(const assimilation::DatumKey& key) {
+  auto& largest = largest_seqs_[{key.source, key.session}];
+  largest.insert(std::upper_bound(largest.begin(), largest.end(), key.seq, std::greater<>()), key.seq);
+  if (largest.size() > static_cast<std::size_t>(options_.window) + 1) largest.pop_back();
+}
+
 JournalWriter::Answer JournalWriter::write(Measurement& datum, MonotonicTime at, Written& written) {
-  const auto [largest, is_new] =
-      largest_seq_.try_emplace({datum.key.source, datum.key.session}, datum.key.seq);
-  const bool late = !is_new && largest->second - datum.key.seq > options_.window;
+  const auto& largest = largest_seqs_[{datum.key.source, datum.key.session}];
+  const bool late =
+      largest.size() > static_cast<std::size_t>(options_.window) && largest.back() > datum.key.seq;
   Appended appended = journal_.append(datum, {late, !complaint(datum).empty()});
   appended.reason = reason_of(appended.quarantined, datum);
   if (appended.outcome == Outcome::conflict)
@@ -372,8 +455,9 @@ JournalWriter::Answer JournalWriter::write(Measurement& datum, MonotonicTime at,
         409, "Conflict",
         fmt::format("source \"{}\", session \"{}\", seq {} is there already with another payload; it stays",
                     datum.key.source, datum.key.session, datum.key.seq));
+  appended.step = datum.step;  // of a duplicate too: the journal's index is of the model of its time
   if (appended.outcome == Outcome::duplicate) return appended;
-  largest->second = std::max(largest->second, datum.key.seq);
+  count_seq(datum.key);
   if (datum.key.source == k_pictures_source || datum.key.source == k_csv_source)
     written.from_folders.push_back(datum.key);
   datum.received_ms = appended.received_ms;
@@ -392,16 +476,11 @@ void JournalWriter::probe_disk() {
     journal_.begin();
     journal_.touch();
     journal_.commit();
-  } catch (const std::exception&) {
+    set_trouble("");
+  } catch (const std::exception& error) {
     journal_.rollback();
-    return;
+    set_trouble(error.what());
   }
-  {
-    const std::lock_guard lock(mutex_);
-    read_only_ = false;
-  }
-  log_event("info", "the journal can be written again",
-            {{"site", options_.site}, {"journal", journal_.path()}});
   changed_();
 }
 

@@ -55,7 +55,8 @@ class JournalWriter {
     std::size_t waiting = 0;  ///< requests
     std::size_t quarantined = 0;
     std::map<std::string, std::int64_t> outcomes;  ///< of requests
-    bool read_only = false;                        ///< the disk takes nothing
+    bool read_only = false;                        ///< nothing can be written
+    std::string trouble;                           ///< and why
   };
 
   /// Opens the journal; errors of `Journal` and `serve_limits`. `arrived` is called from the thread: first
@@ -65,11 +66,21 @@ class JournalWriter {
                 Arrived arrived, Doubted doubted, std::function<void()> changed);
   ~JournalWriter() { stop(); }
 
-  /// Records for what the data are; errors of `Journal`. Number of starts, this one included.
+  /// Records for what the data are; errors of `Journal`, DataError where data are of times that the model
+  /// does not have. Number of starts, this one included.
   std::int64_t identify(const Identity& identity);
+  /// Of `Journal`: its id, and what was acknowledged and is gone.
+  [[nodiscard]] const std::string& id() const { return id_; }
+  [[nodiscard]] const std::string& lost() const { return journal_.lost(); }
+  /// The alarms of the journal: the last `most`, and the last of each condition. Before `start`.
+  [[nodiscard]] std::vector<Alarm> alarms(std::int64_t most) const { return journal_.alarms(most); }
+  [[nodiscard]] std::vector<Alarm> conditions() const { return journal_.conditions(); }
+  /// Keeps an alarm: with the next group, by itself, or in `finish`.
+  void keep(Alarm alarm);
   void start();
-  void open();  ///< From now on requests are taken.
-  void stop();  ///< Commits what was taken, ends the thread.
+  void open();    ///< From now on requests are taken.
+  void stop();    ///< Commits what was taken, ends the thread.
+  void finish();  ///< After `stop`: keeps the last alarms, and leaves nothing in the journal's log.
   [[nodiscard]] bool ready() const;
 
   /// Checks the datum and puts it in the queue; `done` is called from another thread once it is on disk (or
@@ -98,8 +109,11 @@ class JournalWriter {
     MonotonicTime at;
   };
   void enqueue(Request request);
+  void require_times() const;
   void replay();
   void commit_loop();
+  void look_after_journal();
+  void write_alarms(const std::deque<Alarm>& alarms);
   void commit(std::vector<Request>& group);
   /// What is true once a group is on disk.
   struct Written {
@@ -115,6 +129,7 @@ class JournalWriter {
   Answer write(const Withdrawal& withdrawal, MonotonicTime at, Written& written);
   void count_outcome(const Answer& answer);
   void probe_disk();
+  void set_trouble(const std::string& trouble);
   void check_values(const Measurement& datum) const;
   [[nodiscard]] std::string complaint(const Measurement& datum) const;
   [[nodiscard]] std::string reason_of(Quarantine quarantined, const Measurement& datum) const;
@@ -127,13 +142,20 @@ class JournalWriter {
   Arrived arrived_;
   Doubted doubted_;
   std::function<void()> changed_;
-  Journal journal_;                                                          ///< of the thread
-  std::map<std::pair<std::string, std::string>, std::int64_t> largest_seq_;  ///< the same
+  Journal journal_;  ///< of the thread
+  std::string id_;
+  bool checkpointed_ = true;  ///< of the thread: nothing is in the journal's log alone
+  /// Of the thread, by source and session: the largest seqs, one more than may come late, the largest first.
+  using LargestSeqs = std::map<std::pair<std::string, std::string>, std::vector<std::int64_t>>;
+  LargestSeqs largest_seqs_;
+  void count_seq(const assimilation::DatumKey& key);
 
   mutable std::mutex mutex_;  ///< everything below
   std::condition_variable requests_there_;
   std::deque<Request> requests_;
-  bool open_ = false, stopping_ = false, read_only_ = false;
+  std::deque<Alarm> alarms_;  ///< to be kept
+  bool open_ = false, stopping_ = false;
+  std::string trouble_;  ///< why nothing can be written; empty: it can
   std::vector<JournalEntry> quarantine_;
   std::map<std::string, std::int64_t> outcomes_;
   std::set<assimilation::DatumKey> from_folders_;

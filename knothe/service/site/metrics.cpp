@@ -33,6 +33,10 @@ const std::map<std::string, std::string>& meanings() {
       {"knothe_effective_sample_size_ratio", "Effective sample size of the latest map."},
       {"knothe_journal_records", "Records in the journal."},
       {"knothe_quarantined_measurements", "Measurements in quarantine."},
+      {"knothe_build_info", "1 for the version that runs."},
+      {"process_cpu_seconds_total", "Processor time used, user and system."},
+      {"process_resident_memory_bytes", "Resident memory."},
+      {"process_open_fds", "Open file descriptors."},
   };
   return k_meanings;
 }
@@ -53,17 +57,19 @@ void write_process(std::string& out) {
   const auto seconds = [](const timeval& t) {
     return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec);
   };
-  out += fmt::format("# TYPE process_cpu_seconds_total counter\nprocess_cpu_seconds_total {}\n",
-                     seconds(usage.ru_utime) + seconds(usage.ru_stime));
+  head(out, "process_cpu_seconds_total", "counter");
+  out += fmt::format("process_cpu_seconds_total {}\n", seconds(usage.ru_utime) + seconds(usage.ru_stime));
   long pages = 0, resident = 0;
   std::ifstream("/proc/self/statm") >> pages >> resident;
-  out += fmt::format("# TYPE process_resident_memory_bytes gauge\nprocess_resident_memory_bytes {}\n",
-                     resident * sysconf(_SC_PAGESIZE));
+  head(out, "process_resident_memory_bytes", "gauge");
+  out += fmt::format("process_resident_memory_bytes {}\n", resident * sysconf(_SC_PAGESIZE));
   std::error_code error;
   const auto descriptors = std::distance(std::filesystem::directory_iterator("/proc/self/fd", error),
                                          std::filesystem::directory_iterator());
-  out += fmt::format("# TYPE process_open_fds gauge\nprocess_open_fds {}\n", descriptors);
-  out += fmt::format("# TYPE knothe_build_info gauge\nknothe_build_info{{version=\"{}\"}} 1\n", k_version);
+  head(out, "process_open_fds", "gauge");
+  out += fmt::format("process_open_fds {}\n", descriptors);
+  head(out, "knothe_build_info", "gauge");
+  out += fmt::format("knothe_build_info{{version=\"{}\"}} 1\n", k_version);
 }
 
 }  // namespace

@@ -162,6 +162,7 @@ void serve(const project::Project& project, const ServeArguments& arguments) {
   api.finish();
   http.finish();
   log_event("info", "stopped", {{"url", url}});
+  end_log();
   for (const auto& site : sites)
     if (site->health().missed_strict_deadline())
       throw Error(ExitStatus::deadline,

@@ -50,10 +50,14 @@ Site::Site(project::Project project, bool strict_deadline, Metrics& metrics, std
           [this](const Measurement& measurement, const std::string& reason) { doubt(measurement, reason); },
           changed_),
       engine_(project::engine_setup(project_, setup_)),
-      alarms_(project_.forecasts, next_event_),
+      alarms_(project_.forecasts, next_event_, [this](const Alarm& alarm) { journal_.keep(alarm); }),
       pictures_(setup_.observed->time),
       health_(project_.serve, strict_deadline) {
   next_event_ = journal_.identify(identity_) * (std::int64_t{1} << 32) + 1;
+  alarms_.restore(journal_.alarms(SiteAlarms::k_kept), journal_.conditions());
+  if (journal_.lost().empty()) return;
+  log_event("error", "records of the journal are lost", {{"site", name()}, {"reason", journal_.lost()}});
+  alarms_.raise(0, "alarm", "journal", journal_.lost());
 }
 
 Site::~Site() {
@@ -73,6 +77,7 @@ void Site::stop() {
   }
   arrivals_there_.notify_all();
   if (updater_.joinable()) updater_.join();
+  journal_.finish();
 }
 
 bool Site::settled() const {
@@ -111,7 +116,9 @@ void Site::doubt(const Measurement& measurement, const std::string& reason) {
              {"step", measurement.step},
              {"reason", reason}});
   const auto step = static_cast<std::size_t>(std::max<std::int64_t>(measurement.step, 0));
-  alarms_.raise(step, "alarm", "sensors", fmt::format("in quarantine: {}", reason));
+  const auto& key = measurement.key;
+  alarms_.judge_condition(fmt::format("held {}/{}/{}", key.source, key.session, key.seq), step, "alarm",
+                          "sensors", fmt::format("in quarantine: {}", reason));
 }
 
 void Site::update_loop() {
@@ -156,6 +163,8 @@ void Site::take(const std::vector<Arrival>& arrivals) {
     std::string trouble;
     try {
       arrival.withdrawn ? withdraw(arrival.measurement) : add(arrival.measurement);
+      if (!arrival.live && !arrival.withdrawn)
+        judged_from_ = std::max(judged_from_, static_cast<std::size_t>(arrival.measurement.step));
     } catch (const std::exception& error) {
       trouble = error.what();
       log_event("error", arrival.withdrawn ? "a datum cannot be taken out" : "a datum cannot be assimilated",
@@ -181,7 +190,9 @@ void Site::add(const Measurement& measurement) {
     throw DataError(fmt::format("step {} is not one of this model", measurement.step));
   const assimilation::Datum datum = measurement.datum();
   const std::lock_guard lock(engine_mutex_);
+  const auto start = monotonic_now();
   engine_.add(datum);
+  adding_us_[datum.step] += 1e6 * seconds_since(start);
   received_ms_[datum.step].insert(measurement.received_ms);
 }
 
@@ -238,7 +249,9 @@ void Site::conclude(std::size_t step, bool preview) {
   try {
     // Sums of steps are brought up to date here: who reads them (`form_up_to`) waits for one update.
     const std::lock_guard lock(engine_mutex_);
-    line = line_of(preview ? engine_.preview(step) : engine_.conclude(step));
+    engine::StepResult result = preview ? engine_.preview(step) : engine_.conclude(step);
+    if (const auto added = adding_us_.extract(step)) result.update.elapsed_us.projection += added.mapped();
+    line = line_of(result);
   } catch (const std::exception& error) {
     trouble = error.what();
     log_event("error", "an update failed", {{"site", name()}, {"step", step}, {"reason", trouble}});
@@ -248,15 +261,16 @@ void Site::conclude(std::size_t step, bool preview) {
     if (project_.serve.log_steps)
       log_event("info", "step",
                 {{"site", name()}, {"step", step}, {"trusted", line->trusted}, {"remark", line->remark}});
-    publish(std::move(line));
+    // A preview does not know what those before it say of it.
+    publish(std::move(line), !preview && step >= judged_from_);
   }
   const std::lock_guard lock(mutex_);
   failure_ = trouble;
 }
 
-void Site::publish(std::shared_ptr<Line> line) {
+void Site::publish(std::shared_ptr<Line> line, bool judged) {
   const auto latest = lines_.latest();
-  if (!latest || latest->step <= line->step) alarms_.judge(*line);
+  if (judged && (!latest || latest->step <= line->step)) alarms_.judge(*line);
   const std::lock_guard lock(mutex_);
   lines_.publish(std::move(line));
 }
@@ -297,7 +311,7 @@ void Site::judge_delays() {
 // --- State -----------------------------------------------------------------------------------------------
 
 SiteHealth::State Site::state_of_now(const JournalWriter::Tally& tally) const {
-  return health_.state({lines_.latest(), failure_, replayed_ && !ready_, tally.read_only});
+  return health_.state({lines_.latest(), failure_, replayed_ && !ready_, tally.read_only, tally.trouble});
 }
 
 bool Site::tick() {
@@ -341,7 +355,8 @@ Json Site::status() const {
   const std::lock_guard lock(mutex_);
   const JournalWriter::Tally tally = journal_.tally();
   const SiteHealth::State state = state_of_now(tally);
-  Json status = {{"site", name()}, {"state", state.word}, {"reason", state.reason}};
+  Json status = {
+      {"site", name()}, {"journal", journal_.id()}, {"state", state.word}, {"reason", state.reason}};
   if (const auto latest = lines_.latest()) {
     const Line& line = *latest;
     status["step"] = line.step;

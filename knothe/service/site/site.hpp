@@ -32,6 +32,7 @@ class Site {
   bool tick();
 
   [[nodiscard]] JournalWriter& journal() { return journal_; }
+  [[nodiscard]] const JournalWriter& journal() const { return journal_; }
   [[nodiscard]] const LineStore& lines() const { return lines_; }
   [[nodiscard]] SiteAlarms& alarms() { return alarms_; }
   [[nodiscard]] const SiteHealth& health() const { return health_; }
@@ -55,7 +56,7 @@ class Site {
   void retract(std::size_t step);
   void conclude(std::size_t step, bool preview);
   void conclude_next();
-  void publish(std::shared_ptr<Line> line);
+  void publish(std::shared_ptr<Line> line, bool judged);
   [[nodiscard]] std::shared_ptr<Line> line_of(const engine::StepResult& result);
   void judge_delays();
   [[nodiscard]] SiteHealth::State state_of_now(const JournalWriter::Tally& tally) const;  ///< mutex_ held
@@ -70,8 +71,11 @@ class Site {
   engine::Engine engine_;  ///< of the updating thread; its steps under engine_mutex_
   mutable std::mutex engine_mutex_;
   std::map<std::size_t, std::multiset<std::int64_t>> received_ms_;  ///< when a step's data arrived, Unix time
-  bool previewed_ = false;                   ///< updating thread; the last update was a preview
-  bool newest_is_shown_ = false;             ///< the same; nothing has come since a preview
+  std::map<std::size_t, double>
+      adding_us_;                 ///< updating thread; what the data of a step have cost since its line
+  std::size_t judged_from_ = 0;   ///< the same; alarms of the steps before it were raised before the restart
+  bool previewed_ = false;        ///< updating thread; the last update was a preview
+  bool newest_is_shown_ = false;  ///< the same; nothing has come since a preview
   std::atomic<std::int64_t> next_event_{1};  ///< id of the next line or alarm
   SiteAlarms alarms_;
   WatchedPictures pictures_;

@@ -3,27 +3,57 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <chrono>
+#include <iterator>
 #include <nlohmann/json.hpp>
 
 namespace knothe::service {
 
-Json Alarm::json() const {
-  return {{"id", id}, {"step", step}, {"severity", severity}, {"kind", kind}, {"message", message}};
+Json json_of(const Alarm& alarm) {
+  return {{"id", alarm.id},
+          {"step", alarm.step},
+          {"severity", alarm.severity},
+          {"kind", alarm.kind},
+          {"message", alarm.message},
+          {"raised_at", 1e-3 * static_cast<double>(alarm.raised_ms)}};
+}
+
+void SiteAlarms::restore(std::vector<Alarm> told, const std::vector<Alarm>& conditions) {
+  const std::lock_guard lock(mutex_);
+  alarms_.assign(std::make_move_iterator(told.begin()), std::make_move_iterator(told.end()));
+  for (const Alarm& alarm : conditions) severities_[alarm.condition] = alarm.severity;
+}
+
+void SiteAlarms::add(Alarm alarm) {
+  alarm.id = next_event_++;
+  alarm.raised_ms = std::chrono::duration_cast<std::chrono::milliseconds>(
+                        std::chrono::system_clock::now().time_since_epoch())
+                        .count();
+  keep_(alarm);
+  if (alarm.severity.empty()) return;
+  alarms_.push_back(std::move(alarm));
+  if (alarms_.size() > k_kept) alarms_.pop_front();
 }
 
 void SiteAlarms::raise(std::size_t step, const std::string& severity, const std::string& kind,
                        const std::string& message) {
   const std::lock_guard lock(mutex_);
-  alarms_.push_back({next_event_++, step, severity, kind, message});
-  if (alarms_.size() > k_kept) alarms_.pop_front();
+  add({0, static_cast<std::int64_t>(step), severity, kind, message, "", 0});
+}
+
+void SiteAlarms::judge_condition(const std::string& condition, std::size_t step, const std::string& severity,
+                                 const std::string& kind, const std::string& message) {
+  const std::lock_guard lock(mutex_);
+  std::string& before = severities_[condition];
+  if (before == severity) return;
+  before = severity;
+  add({0, static_cast<std::int64_t>(step), severity, kind, message, condition, 0});
 }
 
 void SiteAlarms::judge(const Line& line) {
   const auto judge = [&](const std::string& condition, const std::string& severity, const std::string& kind,
                          const std::string& message) {
-    std::string& before = severities_[condition];
-    if (before != severity && !severity.empty()) raise(line.step, severity, kind, message);
-    before = severity;
+    judge_condition(condition, line.step, severity, kind, message);
   };
   for (const forecast::ForecastSpecification& specification : forecasts_) {
     const auto it = line.above_threshold.find(specification.name);

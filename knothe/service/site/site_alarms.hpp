@@ -2,41 +2,49 @@
 /// @file What people should know of a site, as it happens.
 #include <atomic>
 #include <deque>
+#include <functional>
 #include <mutex>
 
+#include "knothe/service/journal/alarm.hpp"
 #include "knothe/service/site/line.hpp"
 #include "knothe/service/site/log.hpp"
 
 namespace knothe::service {
 
-struct Alarm {
-  std::int64_t id = 0;
-  std::size_t step = 0;
-  std::string severity, kind, message;
-  [[nodiscard]] Json json() const;
-};
+/// As readers are told it.
+[[nodiscard]] Json json_of(const Alarm& alarm);
 
-/// The last alarms. Thread-safe; its mutex is taken last.
+/// The last alarms. Thread-safe; its mutex is taken last but for the journal's.
 class SiteAlarms {
  public:
-  /// Ids are taken from `next_event`, which lines share.
-  SiteAlarms(const std::vector<forecast::ForecastSpecification>& forecasts,
-             std::atomic<std::int64_t>& next_event)
-      : forecasts_(forecasts), next_event_(next_event) {}
+  static constexpr std::size_t k_kept = 256;
 
+  /// Ids are taken from `next_event`, which lines share. `keep` is called for each alarm, and for the end of
+  /// each condition.
+  SiteAlarms(const std::vector<forecast::ForecastSpecification>& forecasts,
+             std::atomic<std::int64_t>& next_event, std::function<void(const Alarm&)> keep)
+      : forecasts_(forecasts), next_event_(next_event), keep_(std::move(keep)) {}
+
+  /// What was told before a restart, and the last of each condition: nothing of it is told again.
+  void restore(std::vector<Alarm> told, const std::vector<Alarm>& conditions);
   void raise(std::size_t step, const std::string& severity, const std::string& kind,
              const std::string& message);
-  /// Raises what begins to hold with this line; not again while it holds. From one thread.
+  /// Raises what begins to hold, or holds with another severity; with an empty one it holds no more.
+  void judge_condition(const std::string& condition, std::size_t step, const std::string& severity,
+                       const std::string& kind, const std::string& message);
+  /// All conditions of a line.
   void judge(const Line& line);
   /// Those with an id > `id`, in order.
   [[nodiscard]] std::vector<Alarm> after(std::int64_t id) const;
 
  private:
-  static constexpr std::size_t k_kept = 256;
+  void add(Alarm alarm);  ///< mutex_ held
+
   const std::vector<forecast::ForecastSpecification>& forecasts_;
   std::atomic<std::int64_t>& next_event_;
-  std::map<std::string, std::string> severities_;  ///< by condition; of the thread that judges
+  std::function<void(const Alarm&)> keep_;
   mutable std::mutex mutex_;
+  std::map<std::string, std::string> severities_;  ///< by condition
   std::deque<Alarm> alarms_;
 };
 

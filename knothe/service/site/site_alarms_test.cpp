@@ -7,11 +7,18 @@
 namespace knothe::service {
 namespace {
 
+std::string without_time(const Alarm& alarm) {
+  Json json = json_of(alarm);
+  EXPECT_GT(json["raised_at"].get<double>(), 1.7e9);
+  json.erase("raised_at");
+  return json.dump();
+}
+
 TEST(SiteAlarms, AConditionIsToldWhenItBeginsAndIdsAreSharedWithLines) {
   std::atomic<std::int64_t> next_event{7};
   std::vector<forecast::ForecastSpecification> forecasts(1);
   forecasts[0].name = "opening", forecasts[0].threshold = 1;
-  SiteAlarms alarms(forecasts, next_event);
+  SiteAlarms alarms(forecasts, next_event, [](const Alarm&) {});
   Line line;
   alarms.judge(line);
   EXPECT_TRUE(alarms.after(0).empty());
@@ -24,7 +31,7 @@ TEST(SiteAlarms, AConditionIsToldWhenItBeginsAndIdsAreSharedWithLines) {
   alarms.judge(line);
   const auto told = alarms.after(0);
   ASSERT_EQ(told.size(), 2U);
-  EXPECT_EQ(told[0].json().dump(),
+  EXPECT_EQ(without_time(told[0]),
             R"({"id":7,"step":3,"severity":"warning","kind":"threshold","message":"P(opening > 1) is 0.1"})");
   EXPECT_EQ(told[1].id, 9);
   EXPECT_EQ(told[1].severity, "alarm");
@@ -34,7 +41,7 @@ TEST(SiteAlarms, AConditionIsToldWhenItBeginsAndIdsAreSharedWithLines) {
 TEST(SiteAlarms, TheVerdictIsToldWhenItsLevelChangesForTheWorse) {
   std::atomic<std::int64_t> next_event{1};
   const std::vector<forecast::ForecastSpecification> forecasts;
-  SiteAlarms alarms(forecasts, next_event);
+  SiteAlarms alarms(forecasts, next_event, [](const Alarm&) {});
   Line line;
   using Level = assimilation::VerdictLevel;
   for (const Level level :
@@ -46,17 +53,41 @@ TEST(SiteAlarms, TheVerdictIsToldWhenItsLevelChangesForTheWorse) {
   }
   const auto told = alarms.after(0);
   ASSERT_EQ(told.size(), 3U);
-  EXPECT_EQ(told[0].json().dump(),
+  EXPECT_EQ(without_time(told[0]),
             R"({"id":1,"step":1,"severity":"warning","kind":"verdict","message":"because of caution"})");
   EXPECT_EQ(told[1].severity, "alarm");
   EXPECT_EQ(told[1].step, 3U);
   EXPECT_EQ(told[2].step, 5U);
 }
 
+TEST(SiteAlarms, WhatHeldBeforeARestartIsNotToldAgain) {
+  std::atomic<std::int64_t> next_event{1};
+  const std::vector<forecast::ForecastSpecification> forecasts;
+  std::vector<Alarm> kept;
+  const auto keep = [&](const Alarm& alarm) { kept.push_back(alarm); };
+  Line line;
+  line.verdict = assimilation::VerdictLevel::reject, line.trusted = false, line.remark = "too wide";
+  SiteAlarms before(forecasts, next_event, keep);
+  before.judge(line);
+  line.trusted = true;
+  before.judge(line);
+  ASSERT_EQ(kept.size(), 3U);  // verdict and trust, and that trust is there again
+  EXPECT_EQ(kept[2].severity, "");
+  EXPECT_EQ(before.after(0).size(), 2U);
+  SiteAlarms alarms(forecasts, next_event, keep);
+  alarms.restore(before.after(0), kept);
+  alarms.judge(line);
+  EXPECT_EQ(alarms.after(0).size(), 2U);
+  line.trusted = false;
+  alarms.judge(line);
+  ASSERT_EQ(alarms.after(0).size(), 3U);
+  EXPECT_EQ(alarms.after(0)[2].message, "too wide");
+}
+
 TEST(SiteAlarms, TheLast256AreKept) {
   std::atomic<std::int64_t> next_event{1};
   const std::vector<forecast::ForecastSpecification> forecasts;
-  SiteAlarms alarms(forecasts, next_event);
+  SiteAlarms alarms(forecasts, next_event, [](const Alarm&) {});
   for (int i = 0; i < 300; ++i) alarms.raise(0, "info", "trust", "");
   EXPECT_EQ(alarms.after(0).size(), 256U);
   EXPECT_EQ(alarms.after(0).back().id, 300);

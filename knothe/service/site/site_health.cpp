@@ -49,7 +49,7 @@ double SiteHealth::budget_s() const {
   if (options_.budget) return *options_.budget;
   const auto period = period_s();
   if (!period) return 1;  // nothing is known of the pace yet
-  return options_.period ? 0.1 * *period : std::max(0.1 * *period, k_least_budget);
+  return options_.period ? *period : std::max(*period, k_least_budget);
 }
 
 std::optional<double> SiteHealth::stale_after_s() const {
@@ -81,7 +81,7 @@ SiteHealth::State SiteHealth::state(const Facts& facts) const {
   const auto now = monotonic_now();
   if (!facts.failure.empty()) return {"DIVERGED", "the last update failed: " + facts.failure};
   if (facts.read_only)
-    return {"DEGRADED", "the disk is full, or cannot be written: measurements are refused until it can"};
+    return {"DEGRADED", "measurements are refused, because they cannot be stored: " + facts.trouble};
   double oldest = 0;
   for (const auto at : awaited_) oldest = std::max(oldest, seconds_between(at, now));
   if (oldest > budget)

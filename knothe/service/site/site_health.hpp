@@ -21,6 +21,7 @@ class SiteHealth {
     std::shared_ptr<const Line> latest;
     std::string failure;  ///< of the last update
     bool replaying = false, read_only = false;
+    std::string trouble = {};  ///< why it is read-only
   };
   struct Delays {
     std::vector<double> seconds;  ///< from a datum's request to its line

@@ -17,7 +17,7 @@ TEST(SiteHealth, PeriodAndWhatFollowsFromItAreThoseOfTheLastData) {
   EXPECT_EQ(health.budget_s(), 1);
   for (const double at : {100., 50., 49., 48.}) health.accept(ago(at));
   EXPECT_NEAR(*health.period_s(), 1, 0.01);
-  EXPECT_NEAR(health.budget_s(), 0.1, 0.01);
+  EXPECT_NEAR(health.budget_s(), 1, 0.01);
   EXPECT_NEAR(*health.stale_after_s(), 5, 0.05);
   EXPECT_EQ(health.state({}).word, "STALE");
   health.accept(monotonic_now());
@@ -50,6 +50,8 @@ TEST(SiteHealth, TheFirstStateThatHoldsIsTold) {
   line->misfit_probability = 1e-5;
   EXPECT_EQ(health.state({line, "", false, false}).word, "BIASED");
   EXPECT_EQ(health.state({line, "", true, false}).reason, "the journal is being replayed");
+  EXPECT_EQ(health.state({line, "", false, true, "the disk is full"}).reason,
+            "measurements are refused, because they cannot be stored: the disk is full");
   EXPECT_EQ(health.state({line, "no", true, true}).word, "DIVERGED");
   EXPECT_TRUE(health.keep(health.state({line, "no", true, true})));
   EXPECT_EQ(health.state_version(), 1);

@@ -1,0 +1,54 @@
+#pragma once
+/// @file Where a journal is on the disk, and what was acknowledged of it. Private to the room.
+#include <sys/types.h>
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+
+namespace knothe::service {
+
+/// A file, whatever it is called.
+struct FileIdentity {
+  dev_t device = 0;
+  ino_t number = 0;
+  bool operator==(const FileIdentity&) const = default;
+};
+/// Of the file at `path`, symbolic links followed; nothing if there is none.
+[[nodiscard]] std::optional<FileIdentity> file_identity(const std::string& path) noexcept;
+
+/// The lock that makes a writer the only one: on the journal itself, so neither another name for it nor a
+/// deleted lock file lets a second one in. It goes with the process, however that ends.
+class WriterLock {
+ public:
+  WriterLock() = default;  ///< none
+  /// Makes the file if it is not there. DataError where another holds the lock; IoError.
+  explicit WriterLock(const std::string& journal);
+  ~WriterLock();
+  WriterLock(const WriterLock&) = delete;
+  WriterLock& operator=(const WriterLock&) = delete;
+
+  [[nodiscard]] bool held() const { return descriptor_ >= 0; }
+  [[nodiscard]] FileIdentity file() const { return file_; }
+
+ private:
+  int descriptor_ = -1;
+  FileIdentity file_;
+};
+
+/// How much of a journal was acknowledged, kept beside it (NAME-mark): SQLite opens a journal whose log (NAME-wal)
+/// was damaged or lost as it was before, without a word.
+struct Acknowledged {
+  std::string journal;  ///< its id
+  std::int64_t records = 0, releases = 0, withdrawals = 0, alarms = 0;
+  std::string seal;  ///< of the last record, in hex
+};
+/// Nothing where there is no mark, or none that can be read.
+[[nodiscard]] std::optional<Acknowledged> read_mark(const std::string& journal);
+[[nodiscard]] std::string mark_path_of(const std::string& journal);
+/// With the raw bytes of the last seal in the place of `acknowledged.seal`. Not synced: it may be older than the
+/// journal after a power failure, never newer. What cannot be written is left; nothing is allocated.
+void write_mark(const std::string& mark_path, const Acknowledged& acknowledged, std::string_view seal) noexcept;
+
+}  // namespace knothe::service

@@ -1,0 +1,290 @@
+"""`knothe serve` when its model, journal, disk, broker or log change under it: nothing goes wrong in silence."""
+import json
+import os
+import pathlib
+import re
+import shutil
+import signal
+import sqlite3
+import subprocess
+import time
+import unittest
+
+from service_support import Broker, Events, Service, ServiceCase, comparable
+from support import KNOTHE
+
+
+class Test(ServiceCase):
+    def alarms(self, service):
+        return service.get("/v1/alarms")[1]["alarms"]
+
+    def journal(self, *more):
+        return self.folder / ("assimilation.journal" + "".join(more))
+
+    # The model
+
+    def model_of(self, steps):
+        """The same formula with as many time steps, in the place of the model."""
+        build = pathlib.Path(os.environ["KNOTHE_BUILD"]) / "tests/cases/make_snapshots"
+        subprocess.run([build, self.folder / "other", str(steps)], check=True)
+        for name in ("model.h5", "data.h5"):
+            (self.folder / name).unlink()
+        self.expect(0, "model", "import", "other/snapshots.h5", "-o", "model.h5", "--tolerance", "1e-9")
+
+    def test_data_stay_at_their_times_when_the_model_has_others(self):
+        (self.folder / "other").mkdir()
+        service = self.serve()
+        for datum in self.data:
+            service.send(datum)
+        wild = {**self.data[5], "source": "gauges", "values": [1.0] + self.data[5]["values"][1:]}
+        self.assertIs(service.send(wild)[1]["quarantined"], True)
+        service.settled(13)
+        before = service.states()
+        service.stop()
+        data = (self.folder / "data.h5").read_bytes()
+        self.model_of(24)  # every second of its times is one of the first
+        (self.folder / "data.h5").write_bytes(data)
+        without_step = lambda line: {k: v for k, v in comparable(line).items() if k != "step"}
+        expected = [without_step(line) for line in self.assimilate()]
+        service.start()
+        service.settled(13)
+        lines = service.states()
+        self.assertEqual([without_step(line) for line in lines], expected)
+        self.assertEqual([(line["step"], line["time"]) for line in lines], [(2 * line["step"] + 1, line["time"]) for line in before])
+        for now, then in zip(lines, before):
+            for k in range(2):
+                self.assertAlmostEqual(now["mean"][k], then["mean"][k], delta=0.01 * then["covariance"][k][k] ** 0.5)
+        self.expect_stored(service.send(self.data[3]), 7, duplicate=True)
+        key = {name: wild[name] for name in ("source", "session", "seq")}
+        self.assertEqual(service.get("/v1/quarantine")[1]["quarantined"][0]["step"], 11)
+        self.expect_stored(service.post("/v1/quarantine", key), 11)
+        self.assertEqual(service.post("/v1/withdraw", key), (200, {"withdrawn": True, "step": 11}))
+        service.settled(13)
+        self.assertEqual([without_step(line) for line in service.states()], expected)
+        service.stop()
+        replayed = self.expect(0, "replay", self.journal(), "--json").lines()[:-1]
+        self.assertEqual([without_step(line) for line in replayed], expected)
+
+    def test_data_of_times_that_the_model_lacks_are_refused_by_name(self):
+        (self.folder / "other").mkdir()
+        service = self.serve()
+        for datum in self.data:
+            service.send(datum)
+        service.stop()
+        self.model_of(6)
+        self.expect(0, "simulate", self.project_name, "--model", "model.h5", "-o", "data.h5")  # the same sensors
+        said = ["record 1 (source \"camera\", session \"s\", seq 0) is of time 0.0833", "Put that model back, or begin another journal"]
+        self.expect(4, "serve", self.project_name, "--port", "0", stderr=said)
+        self.expect(4, "replay", self.journal(), "--json", stderr=said)
+        self.expect(4, "export", self.journal(), "-o", "out.csv", stderr=said)
+
+    # The journal
+
+    def test_what_is_lost_with_the_log_is_said(self):
+        for accident in ("flipped", "lost"):
+            with self.subTest(accident):
+                self.setUp()
+                service = self.serve()
+                for datum in self.data[:4]:
+                    service.send(datum)
+                service.settled(4)
+                service.wait_until(lambda: self.journal("-wal").stat().st_size == 0)  # idle: all is in the journal itself
+                for datum in self.data[4:]:
+                    service.send(datum)
+                service.kill()
+                log = self.journal("-wal")
+                if accident == "lost":
+                    log.unlink()
+                else:
+                    content = bytearray(log.read_bytes())
+                    content[32 + 24 + 100] ^= 1
+                    log.write_bytes(content)
+                said = "acknowledged and gone: records 5 to 12"
+                self.assertIn(said, self.expect(0, "replay", self.journal()).out)
+                service.start()
+                self.assertEqual(service.settled(4)["records"], 4)
+                self.assertIn(said, service.logged())
+                (alarm,) = [a for a in self.alarms(service) if a["kind"] == "journal"]
+                self.assertIn(said, alarm["message"])
+                self.expect_stored(service.send(self.data[4]), 4)  # they may be sent again
+                service.stop()
+                service.start()
+                self.assertEqual(len([a for a in self.alarms(service) if a["kind"] == "journal"]), 1)  # said once, and kept
+                service.stop()
+
+    def test_a_journal_that_is_deleted_or_renamed_takes_no_more(self):
+        for accident in ("renamed", "deleted", "replaced", "log deleted"):
+            with self.subTest(accident):
+                self.setUp()
+                service = self.serve()
+                self.expect_stored(service.send(self.data[0]), 0)
+                if accident == "log deleted":
+                    self.journal("-wal").unlink()
+                else:
+                    shutil.copy(self.journal(), self.folder / "copy")
+                    self.journal().rename(self.folder / "elsewhere")
+                if accident == "replaced":
+                    (self.folder / "copy").rename(self.journal())
+                answer = service.send(self.data[1])
+                self.expect_error(answer, 507, "DiskFull")
+                self.assertIn("deleted, renamed or replaced", answer[1]["error"]["message"])
+                status = service.get("/v1/status")[1]
+                self.assertEqual((status["state"], status["read_only"], status["records"]), ("DEGRADED", True, 1))
+                self.assertIn("deleted, renamed or replaced", status["reason"])
+                if accident == "renamed":
+                    (self.folder / "elsewhere").rename(self.journal())
+                    service.wait_until(lambda: not service.get("/v1/status")[1]["read_only"])
+                    self.expect_stored(service.send(self.data[1]), 1)
+                service.stop()
+
+    def test_a_journal_that_goes_while_nothing_comes_is_noticed(self):
+        service = self.serve()
+        self.expect_stored(service.send(self.data[0]), 0)
+        self.journal().unlink()
+        service.wait_until(lambda: service.get("/v1/status")[1]["state"] == "DEGRADED")
+        service.stop()
+
+    def test_a_second_server_is_refused_whatever_the_journal_is_called(self):
+        self.serve()
+        (self.folder / "link.journal").symlink_to(self.journal())
+        for name in self.folder.glob("*.lock"):
+            name.unlink()
+        said = "another process writes this journal"
+        self.expect(4, "serve", self.project_name, "--port", "0", stderr=said)
+        self.project.write_text(self.project.read_text() + '\n[serve]\njournal = "link.journal"\n')
+        self.expect(4, "serve", self.project_name, "--port", "0", stderr=said)
+
+    def test_a_stream_says_of_which_journal_it_is(self):
+        service = self.serve()
+        for datum in self.data:
+            service.send(datum)
+        service.settled(12)
+        run = service.get("/v1/description")[1]["run"]
+        journal = service.get("/v1/status")[1]["journal"]
+        self.assertRegex(journal, "^[0-9a-f]{16}$")
+        last = service.get("/v1/status")[1]["event"]
+        service.stop()
+        service.start()
+        self.assertEqual((service.get("/v1/description")[1]["run"], service.get("/v1/status")[1]["journal"]), (run, journal))
+        service.stop()
+        for part in ("", "-wal", "-shm"):
+            self.journal(part).unlink(missing_ok=True)
+        service.start()
+        self.expect_stored(service.send(self.data[3]), 3)
+        service.settled(1)
+        self.assertNotEqual(service.get("/v1/description")[1]["run"], run)
+        events = Events(service, Last_Event_ID=str(last + 100))
+        events.wait_for(lambda e: e.steps() and any(x.get("event") == "status" for x in e.events))
+        self.assertEqual([line["step"] for _, line in events.steps()], [3])
+        status = json.loads(next(x["data"] for x in events.events if x.get("event") == "status"))
+        self.assertEqual(status["journal"], service.get("/v1/status")[1]["journal"])
+        self.assertNotEqual(status["journal"], journal)
+        events.close()
+        (alarm,) = [a for a in self.alarms(service) if a["kind"] == "journal"]
+        self.assertEqual(alarm["message"], "the journal that had this name, with 12 records, is not there any more")
+
+    # The alarms
+
+    def test_alarms_are_kept_over_restarts_as_they_were_told(self):
+        service = self.serve()
+        wild = [{**d, "values": [v + (2e-5 if d["seq"] in (4, 5, 9, 10, 11) else 0) for v in d["values"]]} for d in self.data]
+        for datum in wild[:7]:
+            service.send(datum)
+            service.settled()
+        told = self.alarms(service)
+        self.assertTrue([a for a in told if a["severity"] == "alarm"], told)
+        for stop in (service.stop, service.kill):
+            service.wait_until(lambda: self.kept() == len(told))
+            stop()
+            service.start()
+            service.settled()
+            self.assertEqual(self.alarms(service), told)
+        for datum in wild[7:]:
+            service.send(datum)
+            service.settled()
+        more = self.alarms(service)
+        self.assertEqual(more[: len(told)], told)
+        self.assertGreater(len(more), len(told))
+        service.wait_until(lambda: self.kept() == len(more))
+        service.kill()
+        service.start()
+        service.settled()
+        self.assertEqual(self.alarms(service), more)
+        self.assertLess(abs(more[-1]["raised_at"] - time.time()), 600)
+        service.stop()
+        self.expect(0, "recover", self.journal(), "-o", "saved.journal")
+        again = self.serve(extra='journal = "saved.journal"\n')
+        self.assertEqual(self.alarms(again), more)
+
+    def kept(self):
+        with sqlite3.connect(f"file:{self.journal()}?mode=ro", uri=True) as journal:
+            return journal.execute("SELECT count(*) FROM alarm WHERE severity <> ''").fetchone()[0]
+
+    # Names and numbers
+
+    def test_a_wrong_number_ahead_of_all_quarantines_nothing(self):
+        expected = [comparable(line) for line in self.assimilate()]
+        service = self.serve()
+        self.expect_stored(service.send({**self.data[0], "seq": 2**53}), 0)
+        for datum in self.data[1:]:
+            self.assertNotIn("quarantined", service.send(datum)[1])
+        service.settled(12)
+        self.assertEqual([comparable(line) for line in service.states()], expected)
+        service.kill()
+        service.start()
+        self.assertNotIn("quarantined", service.send({**self.data[0], "source": "second"})[1])
+        self.assertTrue(service.send({**self.data[0], "seq": 1000})[1].get("quarantined") is None)
+        self.assertIs(service.send(self.data[0])[1]["quarantined"], True)  # 12 have come before it that should be behind
+
+    def test_a_name_that_is_no_text_is_refused(self):
+        service = self.serve()
+        headers = {"Content-Type": "application/x-npy", "source": b"cam\xff".decode("latin-1"), "session": "s", "seq": "0", "time": "0.1"}
+        answer = service.request("POST", "/v1/measurements", b"\x93NUMPY", headers)
+        self.expect_error((answer[0], answer[2]), 400, "Malformed")
+        self.assertEqual(answer[2]["error"]["message"], '"source" is not UTF-8')
+        self.assertEqual(service.get("/v1/quarantine"), (200, {"quarantined": []}))
+
+    # Broker and log
+
+    def test_a_broker_that_comes_later_is_found(self):
+        first = Broker(self.folder)
+        first.stop()
+        service = self.serve(extra=f'mqtt = {{ broker = "127.0.0.1:{first.port}" }}\n')
+        service.wait_until(lambda: "the MQTT broker cannot be reached" in service.logged())
+        self.assertIn("Connection refused", service.logged())
+        options = f"listener {first.port} 127.0.0.1\nallow_anonymous true\nuser root\nlog_dest stderr\n"
+        (self.folder / "mosquitto.conf").write_text(options)
+        program = shutil.which("mosquitto") or "/usr/sbin/mosquitto"
+        for attempt in range(2):
+            with open(self.folder / "mosquitto.log", "w") as log:
+                first.process = subprocess.Popen([program, "-c", str(self.folder / "mosquitto.conf")], stdout=log, stderr=log)
+            service.wait_until(lambda: service.logged().count("subscribed at the MQTT broker") == attempt + 1)
+            first.publish("knothe/v1/assimilation/camera/data", json.dumps(self.data[attempt]).encode())
+            service.settled(attempt + 1)
+            first.stop()
+            service.wait_until(lambda: service.logged().count("the MQTT broker is away") == attempt + 1)
+        self.assertEqual(service.stop(), 130)
+
+    def test_a_log_that_nobody_reads_holds_up_nothing(self):
+        reader, writer = os.pipe()
+        self.project.write_text(self.project.read_text() + '\n[serve]\nlog = "steps"\nwindow = 1000\n')
+        process = subprocess.Popen([KNOTHE, "serve", self.project_name, "--port", "0"], cwd=self.folder, stdin=subprocess.DEVNULL,
+                                   stdout=subprocess.PIPE, stderr=writer)
+        self.addCleanup(lambda: process.poll() is None and process.kill())
+        os.close(writer)
+        service = Service(self.folder, self.project_name)
+        service.process, service.log = process, open(self.folder / "serve.log", "ab")
+        service.port = int(re.search(rb":(\d+)/$", process.stdout.readline().strip())[1])
+        service.wait_until(lambda: service.get("/readyz")[0] == 200)
+        for k in range(900):  # 100 bytes a step, and more
+            service.send({**self.data[k % 12], "seq": k})
+        service.settled(900)
+        process.send_signal(signal.SIGINT)
+        self.assertEqual(process.wait(timeout=60), 130)
+        process.stdout.close()
+        service.log.close()
+        os.close(reader)
+
+
+if __name__ == "__main__":
+    unittest.main()
