@@ -1,7 +1,7 @@
 /** Talking to the service: requests with the token, and the stream of events, taken up again where it broke. */
 import { asStepLine, EventParser, isNumber, isObject, parseStates, tryJson } from "./parse";
-import type { Event, FieldsAnswer, Model, SamplesAnswer, SensorsAnswer, Status, StepLine } from "./types";
-import { asAlarm, asFields, asMesh, asModel, asSamples, asSensors, asStatus } from "./wire";
+import type { Event, FieldsAnswer, Held, Model, SamplesAnswer, SensorsAnswer, Status, StepLine } from "./types";
+import { asAlarm, asFields, asMesh, asModel, asQuarantine, asSamples, asSensors, asStatus } from "./wire";
 
 export class HttpError extends Error {
   constructor(
@@ -86,6 +86,10 @@ export class Api {
     const answer = await this.json("v1/alarms");
     const list = isObject(answer) && Array.isArray(answer.alarms) ? answer.alarms : [];
     return list.map(asAlarm).filter((alarm): alarm is Event => alarm !== undefined);
+  }
+
+  async quarantine(): Promise<Held[]> {
+    return asQuarantine(await this.json("v1/quarantine"));
   }
 
   async states(from: number): Promise<StepLine[]> {

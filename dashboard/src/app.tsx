@@ -5,6 +5,7 @@ import { theme as themeOf } from "./colour";
 import { stepsTable } from "./csv";
 import { eventsOf, merged } from "./events";
 import { EventsPanel } from "./events_panel";
+import { QuarantinePanel } from "./quarantine_panel";
 import { quantitiesOf } from "./field";
 import { FieldPanel } from "./field_panel";
 import { Help, TokenDialog } from "./help";
@@ -183,6 +184,7 @@ export function App({ store }: { store: Store }) {
           <EvidencePanel {...plots} />
           <TimingPanel {...plots} />
           <EventsPanel events={events} chosen={store.chosen} choose={(step) => store.choose(step)} />
+          <QuarantinePanel held={store.quarantine} />
         </div>
       </main>
       <Help open={help} close={() => setHelp(false)} version={model?.version ?? status?.version} />

@@ -47,6 +47,16 @@ export function BannerView({ store }: { store: Store }) {
           <dt>model time</dt>
           <dd>{latest ? given(latest.time) : "–"}</dd>
         </div>
+        {(status?.quarantined ?? 0) > 0 && (
+          <div>
+            <dt>in quarantine</dt>
+            <dd>
+              <a href="#quarantine" id="quarantined">
+                {status!.quarantined}
+              </a>
+            </dd>
+          </div>
+        )}
       </dl>
       {verdict && <StructureView {...verdict} />}
     </section>

@@ -2,7 +2,7 @@
 import { absentIs404, Api, HttpError, type Cursor } from "./api";
 import { History } from "./history";
 import { stateEvent } from "./events";
-import type { Event, FieldsAnswer, Model, SamplesAnswer, SensorsAnswer, Status, StepLine } from "./types";
+import type { Event, FieldsAnswer, Held, Model, SamplesAnswer, SensorsAnswer, Status, StepLine } from "./types";
 
 /** What belongs to one step and is fetched when it is looked at; `problem` says why there is none. */
 export interface Detail<T> {
@@ -33,6 +33,8 @@ export class Store {
   stateEvents: Event[] = [];
   /** What the service told. */
   alarms: Event[] = [];
+  /** What is stored and not assimilated. */
+  quarantine: Held[] = [];
   /** The field looked at: "displacement", "sensitivity:NAME", "residual", "bias". */
   wanted = "displacement";
   connected = false;
@@ -109,11 +111,14 @@ export class Store {
           this.fetchDetails();
         },
         status: (status) => {
+          // Another journal is another specimen: all that is known is of the one before.
+          if (this.model?.journal !== undefined && status.journal !== this.model.journal) return this.start();
           this.takeStatus(status);
           this.changed();
         },
         alarm: (alarm) => {
-          this.alarms = [alarm, ...this.alarms].slice(0, mostAlarms);
+          const others = this.alarms.filter((a) => alarm.id === undefined || a.id !== alarm.id);
+          this.alarms = [alarm, ...others].slice(0, mostAlarms);
           this.changed();
         },
         lost: (error) => this.lost(error),
@@ -192,6 +197,7 @@ export class Store {
     const event = stateEvent(this.status, status);
     if (event) this.stateEvents = [event, ...this.stateEvents].slice(0, 200);
     this.status = status;
+    if ((status.quarantined ?? 0) !== this.quarantine.length) void this.fetchQuarantine();
     if (status.data_age_s !== undefined) this.lastDatumAt = performance.now() - 1000 * status.data_age_s;
   }
 
@@ -205,6 +211,18 @@ export class Store {
       if (identity(model) !== identity(this.model)) this.start();
     } catch {
       // The stream of events notices when the service is gone.
+    }
+  }
+
+  private async fetchQuarantine(): Promise<void> {
+    const { epoch } = this;
+    try {
+      const held = (await absentIs404(this.api.quarantine())) ?? [];
+      if (epoch !== this.epoch) return;
+      this.quarantine = held;
+      this.changed(false);
+    } catch {
+      // The next status asks again.
     }
   }
 
@@ -238,6 +256,7 @@ export class Store {
     this.cache.clear();
     this.stateEvents = [];
     this.alarms = [];
+    this.quarantine = [];
     this.chosen = undefined;
     this.lastDatumAt = undefined;
     for (const kind of kinds) this.detail[kind] = {};

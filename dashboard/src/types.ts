@@ -79,6 +79,8 @@ export interface Mesh {
 export interface Model {
   /** Another one makes the page forget what it has. */
   run?: string;
+  /** The journal's number, which the stream of events carries too. */
+  journal?: string;
   version?: string;
   site?: string;
   sites?: string[];
@@ -111,6 +113,9 @@ export interface Status {
   period_s?: number;
   budget_us?: number;
   deadline_misses?: number;
+  journal?: string;
+  /** Number of data in quarantine. */
+  quarantined?: number;
   misfit?: { statistic: number; values: number; probability: number };
   version?: string;
 }
@@ -141,8 +146,19 @@ export interface SamplesAnswer {
 
 export type Severity = "info" | "warning" | "alarm";
 
+/** A datum that is stored and not assimilated, and why. */
+export interface Held {
+  source: string;
+  session: string;
+  seq: number;
+  step: number;
+  reason: string;
+}
+
 /** Something that happened, with its cause. */
 export interface Event {
+  /** Of the service's own alarms. */
+  id?: number;
   step: number;
   severity: Severity;
   kind: string;

@@ -4,6 +4,7 @@ import {
   stateWords,
   type FieldsAnswer,
   type Event,
+  type Held,
   type Mesh,
   type Model,
   type SamplesAnswer,
@@ -62,11 +63,24 @@ export function asAlarm(value: unknown): Event | undefined {
   if (!isObject(value) || typeof value.message !== "string") return undefined;
   const severity: Severity = value.severity === "info" || value.severity === "alarm" ? value.severity : "warning";
   return {
+    ...(isNumber(value.id) ? { id: value.id } : {}),
     step: isNumber(value.step) ? value.step : 0,
     severity,
     kind: String(value.kind ?? ""),
     message: value.message.replace(/^[a-z]/, (c) => c.toUpperCase()),
   };
+}
+
+/** `/v1/quarantine`. */
+export function asQuarantine(value: unknown): Held[] {
+  const list = isObject(value) && Array.isArray(value.quarantined) ? value.quarantined.filter(isObject) : [];
+  return list.map((held) => ({
+    source: String(held.source),
+    session: String(held.session),
+    seq: Number(held.seq),
+    step: Number(held.step),
+    reason: String(held.reason ?? ""),
+  }));
 }
 
 interface FieldAnswer {

@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import { spawn } from "node:child_process";
 import { once } from "node:events";
-import { readFileSync } from "node:fs";
+import { readFileSync, rmSync } from "node:fs";
 import { dirname, join } from "node:path";
 import { test } from "node:test";
 import { fileURLToPath } from "node:url";
@@ -145,5 +145,26 @@ test("the page on the real service", async (t) => {
     steps.map((r) => Number(r[header.indexOf("log_evidence")])),
     lines.map((line) => line.log_evidence),
   );
+
+  const wild = { ...data[29], source: "gauges", values: data[29].values.map((v, i) => (i === 3 ? 1 : v)) };
+  await post(wild);
+  await until(page, "#quarantined", /^1$/);
+  await until(page, "#quarantine li", /gauges, test, 29 \(step 29\): sensor 3, .* is 1 m, beyond the limit/);
+
+  // Another specimen under the page that was left open: nothing of the one before stays.
+  await service.stop("SIGINT");
+  for (const part of ["", "-wal", "-shm"]) rmSync(project.replace(/\.toml$/, `.journal${part}`), { force: true });
+  service = await serve(port);
+  await until(page, "#contact", /^connected/);
+  for (const datum of data.slice(0, 3)) await post(datum);
+  await shown(2);
+  const [fresh] = await Promise.all([page.waitForEvent("download"), page.getByText("all steps as CSV").click()]);
+  assert.equal(
+    readFileSync(await fresh.path(), "utf8")
+      .trim()
+      .split("\r\n").length,
+    1 + 3,
+  );
+  assert.equal(await page.locator("#quarantine").count(), 0);
   assert.deepEqual(complaints, []);
 });

@@ -106,11 +106,12 @@ class SiteEvents final : public EventSource {
   void begin_with(std::string text) { pending_ = std::move(text); }
 
   std::string next() override {
-    std::string out = std::exchange(pending_, {});
+    std::string out;
     if (const std::int64_t version = site_->health().state_version(); version != state_version_) {
       state_version_ = version;
       out += "event: status\ndata: " + files::json_line(site_->status()) + "\n\n";
     }
+    out += std::exchange(pending_, {});  // behind the status: that says of which journal it is
     for (const Alarm& alarm : site_->alarms().after(alarms_seen_)) {
       out += "event: alarm\ndata: " + files::json_line(json_of(alarm)) + "\n\n";
       alarms_seen_ = alarm.id;
