@@ -6,10 +6,13 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   using namespace knothe::service;
   const std::string text = knothe::fuzz::text_of(data, size);
   const auto end = text.find('\n');
+  const std::string topic = text.substr(0, end),
+                    payload = end == std::string::npos ? "" : text.substr(end + 1);
   try {
-    const SiteMeasurement datum =
-        parse_mqtt_measurement(text.substr(0, end), end == std::string::npos ? "" : text.substr(end + 1));
-    if (datum.measurement.key.source.empty()) std::abort();
+    const bool withdraws = topic.ends_with("/withdraw");
+    const auto key = withdraws ? parse_mqtt_key(topic, payload).key
+                               : parse_mqtt_measurement(topic, payload).measurement.key;
+    if (key.source.empty()) std::abort();
   } catch (const RequestError& error) {
     if (error.status() != 400) std::abort();
   }

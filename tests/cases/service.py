@@ -1,6 +1,7 @@
 """`knothe serve`: what it answers. Judged by `knothe assimilate` on the same data."""
 import json
 import math
+import re
 import socket
 import struct
 import threading
@@ -575,6 +576,24 @@ class Test(ServiceCase):
         service.settled(4)
         self.assertEqual([line["step"] for line in service.states()], [0, 1, 2, 3])
         self.expect_stored(service.send(self.data[3]), 3, duplicate=True)
+
+    def test_mqtt_withdraws_too(self):
+        broker = Broker(self.folder)
+        self.addCleanup(broker.stop)
+        service = self.serve(extra=f'[serve.mqtt]\nbroker = "127.0.0.1:{broker.port}"\n')
+        service.wait_until(lambda: re.search("subscribed at the MQTT broker.*/withdraw", service.logged()))
+        for datum in self.data[:3]:
+            service.send(datum)
+        key = self.key_of(self.data[1])
+        topic = "knothe/v1/assimilation/camera/withdraw"
+        for payload in ({**key, "seq": 99}, {**key, "source": "another"}, {**key, "site": "another"}, {"source": "camera"}, key):
+            broker.publish(topic, json.dumps(payload).encode())
+        service.wait_until(lambda: "a datum was withdrawn" in service.logged())
+        service.settled(3)
+        self.assertEqual([line["step"] for line in service.states()], [0, 2])
+        self.assertEqual(service.post("/v1/withdraw", key), (200, {"withdrawn": True, "step": 1}))
+        self.assertEqual(service.get("/v1/status")[1]["malformed"], 3)
+        self.expect_stored(service.send(self.data[1]), 1)
 
     def test_mqtt_with_tls_and_a_password(self):
         make_certificates(self.folder)

@@ -258,7 +258,7 @@ class Test(ServiceCase):
         for attempt in range(2):
             with open(self.folder / "mosquitto.log", "w") as log:
                 first.process = subprocess.Popen([program, "-c", str(self.folder / "mosquitto.conf")], stdout=log, stderr=log)
-            service.wait_until(lambda: service.logged().count("subscribed at the MQTT broker") == attempt + 1)
+            service.wait_until(lambda: len(re.findall("subscribed at the MQTT broker.*/data", service.logged())) == attempt + 1)
             first.publish("knothe/v1/assimilation/camera/data", json.dumps(self.data[attempt]).encode())
             service.settled(attempt + 1)
             first.stop()

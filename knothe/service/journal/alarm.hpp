@@ -10,7 +10,7 @@ struct Alarm {
   std::int64_t id = 0;  ///< of its event, increasing for ever
   std::int64_t step = 0;
   std::string severity, kind, message;
-  std::string condition;       ///< what holds; the same until it holds no more. Empty: it happened, and is over
+  std::string condition;  ///< what holds; the same until it holds no more. Empty: it happened, and is over
   std::int64_t raised_ms = 0;  ///< Unix time
 };
 

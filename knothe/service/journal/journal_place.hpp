@@ -37,8 +37,8 @@ class WriterLock {
   FileIdentity file_;
 };
 
-/// How much of a journal was acknowledged, kept beside it (NAME-mark): SQLite opens a journal whose log (NAME-wal)
-/// was damaged or lost as it was before, without a word.
+/// How much of a journal was acknowledged, kept beside it (NAME-mark): SQLite opens a journal whose log
+/// (NAME-wal) was damaged or lost as it was before, without a word.
 struct Acknowledged {
   std::string journal;  ///< its id
   std::int64_t records = 0, releases = 0, withdrawals = 0, alarms = 0;
@@ -47,8 +47,9 @@ struct Acknowledged {
 /// Nothing where there is no mark, or none that can be read.
 [[nodiscard]] std::optional<Acknowledged> read_mark(const std::string& journal);
 [[nodiscard]] std::string mark_path_of(const std::string& journal);
-/// With the raw bytes of the last seal in the place of `acknowledged.seal`. Not synced: it may be older than the
-/// journal after a power failure, never newer. What cannot be written is left; nothing is allocated.
-void write_mark(const std::string& mark_path, const Acknowledged& acknowledged, std::string_view seal) noexcept;
+/// With the raw bytes of the last seal in the place of `acknowledged.seal`. Not synced: it may be older than
+/// the journal after a power failure, never newer. What cannot be written is left; nothing is allocated.
+void write_mark(const std::string& mark_path, const Acknowledged& acknowledged,
+                std::string_view seal) noexcept;
 
 }  // namespace knothe::service

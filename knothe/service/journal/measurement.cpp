@@ -181,19 +181,42 @@ SiteKey parse_json_key(std::string_view body) {
   return {text_member(object, "site", false), key_of(object)};
 }
 
-SiteMeasurement parse_mqtt_measurement(std::string_view topic, std::string_view payload) {
-  const std::string_view head = "knothe/v1/", tail = "/data";
-  const bool framed =
-      topic.size() >= head.size() + tail.size() && topic.starts_with(head) && topic.ends_with(tail);
+namespace {
+
+/// Site and source of knothe/v1/SITE/SOURCE/`last`.
+std::pair<std::string_view, std::string_view> read_topic(std::string_view topic, std::string_view last) {
+  const std::string_view head = "knothe/v1/";
+  const bool framed = topic.size() > head.size() + last.size() && topic.starts_with(head) &&
+                      topic.ends_with(last) && topic[topic.size() - last.size() - 1] == '/';
   const std::string_view middle =
-      framed ? topic.substr(head.size(), topic.size() - head.size() - tail.size()) : std::string_view();
+      framed ? topic.substr(head.size(), topic.size() - head.size() - last.size() - 1) : std::string_view();
   const auto slash = middle.find('/');
-  if (slash == std::string_view::npos) malformed("the topic must be knothe/v1/SITE/SOURCE/data");
-  const std::string_view site = middle.substr(0, slash), source = middle.substr(slash + 1);
-  SiteMeasurement datum = parse_json_measurement(payload);
-  if ((!datum.site.empty() && datum.site != site) || datum.measurement.key.source != source)
+  if (slash == std::string_view::npos)
+    malformed(fmt::format("the topic must be knothe/v1/SITE/SOURCE/{}", last));
+  return {middle.substr(0, slash), middle.substr(slash + 1)};
+}
+
+/// What the payload says, if anything, is what the topic says.
+void set_site(std::string& site, const std::string& source,
+              std::pair<std::string_view, std::string_view> topic) {
+  if ((!site.empty() && site != topic.first) || source != topic.second)
     malformed("\"site\" or \"source\" is not that of the topic");
-  datum.site = site;
+  site = topic.first;
+}
+
+}  // namespace
+
+SiteMeasurement parse_mqtt_measurement(std::string_view topic, std::string_view payload) {
+  const auto names = read_topic(topic, "data");
+  SiteMeasurement datum = parse_json_measurement(payload);
+  set_site(datum.site, datum.measurement.key.source, names);
+  return datum;
+}
+
+SiteKey parse_mqtt_key(std::string_view topic, std::string_view payload) {
+  const auto names = read_topic(topic, "withdraw");
+  SiteKey datum = parse_json_key(payload);
+  set_site(datum.site, datum.key.source, names);
   return datum;
 }
 

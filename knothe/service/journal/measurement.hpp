@@ -67,6 +67,8 @@ struct SiteKey {
 /// From an MQTT message: topic knothe/v1/SITE/SOURCE/data, payload the same JSON, whose `site` (may be left
 /// out) and `source` must be those of the topic. RequestError 400.
 [[nodiscard]] SiteMeasurement parse_mqtt_measurement(std::string_view topic, std::string_view payload);
+/// The same of a datum to be withdrawn: topic knothe/v1/SITE/SOURCE/withdraw.
+[[nodiscard]] SiteKey parse_mqtt_key(std::string_view topic, std::string_view payload);
 
 /// The key and time of a datum whose values come as npy: texts of HTTP headers.
 struct NpyHeaders {

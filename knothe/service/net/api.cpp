@@ -92,8 +92,7 @@ std::string media_type(const HttpRequest& head) {
 HttpResponse answer_of(const JournalWriter::Answer& answer) {
   if (const auto* error = std::get_if<RequestError>(&answer))
     return error_response(error->status(), error->type(), error->what());
-  if (const auto* withdrawn = std::get_if<Withdrawn>(&answer))
-    return json_response({{"withdrawn", true}, {"step", withdrawn->step}});
+  if (const auto* withdrawn = std::get_if<Withdrawn>(&answer)) return json_response(answer_of(*withdrawn));
   return json_response(answer_of(std::get<Appended>(answer)));
 }
 

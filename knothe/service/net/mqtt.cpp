@@ -55,36 +55,50 @@ struct MqttReceiver::Implementation {
         throw RequestError(
             413, "TooLarge",
             fmt::format("the message has {} bytes; at most {} are taken", message.payloadlen, max_body));
-      SiteMeasurement datum = parse_mqtt_measurement(
-          message.topic,
-          {static_cast<const char*>(message.payload), static_cast<std::size_t>(message.payloadlen)});
-      const std::int64_t seq = datum.measurement.key.seq;
-      for (const auto& site : sites) {
-        if (site->name() != datum.site) continue;
-        const auto stored = store(*site, datum.measurement);
-        if (!stored) return std::nullopt;
-        if (const auto* error = std::get_if<RequestError>(&*stored)) throw RequestError(*error);
-        Json answer = answer_of(std::get<Appended>(*stored));
-        answer["seq"] = seq;
-        return answer;
+      const std::string_view topic = message.topic;
+      const std::string_view payload(static_cast<const char*>(message.payload),
+                                     static_cast<std::size_t>(message.payloadlen));
+      if (topic.ends_with("/withdraw")) {
+        const SiteKey datum = parse_mqtt_key(topic, payload);
+        JournalWriter& journal = journal_of(datum.site);
+        return answer(datum.key.seq, store([&](auto done) { journal.withdraw(datum.key, std::move(done)); }));
       }
-      throw RequestError(400, "UnknownSite", fmt::format("there is no site \"{}\"", datum.site));
+      const SiteMeasurement datum = parse_mqtt_measurement(topic, payload);
+      JournalWriter& journal = journal_of(datum.site);
+      return answer(datum.measurement.key.seq,
+                    store([&](auto done) { journal.ingest(datum.measurement, std::move(done)); }));
     } catch (const RequestError& error) {
       log_event("warning", "a message was refused",
                 {{"topic", message.topic}, {"type", error.type()}, {"reason", error.what()}});
-      if (error.type() != "Conflict") sites.front()->journal().count("malformed");
+      if (error.status() == 400 || error.status() == 413) sites.front()->journal().count("malformed");
       return Json{{"error", {{"type", error.type()}, {"message", error.what()}}}};
     }
   }
 
-  /// Waits until the datum is on disk; tries again while the disk is full or the journal is replayed.
-  std::optional<JournalWriter::Answer> store(Site& site, const Measurement& datum) {
+  [[nodiscard]] JournalWriter& journal_of(const std::string& name) const {
+    for (const auto& site : sites)
+      if (site->name() == name) return site->journal();
+    throw RequestError(400, "UnknownSite", fmt::format("there is no site \"{}\"", name));
+  }
+
+  static std::optional<Json> answer(std::int64_t seq, const std::optional<JournalWriter::Answer>& stored) {
+    if (!stored) return std::nullopt;
+    if (const auto* error = std::get_if<RequestError>(&*stored)) throw RequestError(*error);
+    const auto* withdrawn = std::get_if<Withdrawn>(&*stored);
+    Json answer = withdrawn != nullptr ? answer_of(*withdrawn) : answer_of(std::get<Appended>(*stored));
+    answer["seq"] = seq;
+    return answer;
+  }
+
+  using Done = std::function<void(JournalWriter::Answer)>;
+  /// Asks the journal, and waits until it is on disk; again while the disk is full or the journal is
+  /// replayed.
+  std::optional<JournalWriter::Answer> store(const std::function<void(Done)>& ask) {
     while (!stopping) {
       const auto promise = std::make_shared<std::promise<JournalWriter::Answer>>();
       auto answer = promise->get_future();
       try {
-        site.journal().ingest(datum,
-                              [promise](const JournalWriter::Answer& stored) { promise->set_value(stored); });
+        ask([promise](const JournalWriter::Answer& stored) { promise->set_value(stored); });
         JournalWriter::Answer stored = answer.get();
         const auto* error = std::get_if<RequestError>(&stored);
         if (error == nullptr || error->status() != 507) return stored;
@@ -135,19 +149,23 @@ struct MqttReceiver::Implementation {
     receiver->subscribe(client);
   }
 
-  /// Asks for the data of each site in a packet of its own: some brokers take few topics in one.
+  /// Asks for the data and withdrawals of each site in packets of their own: some brokers take few topics in
+  /// one.
   void subscribe(mosquitto* broker) {
     asked.clear();
-    for (const auto& site : sites) {
-      const std::string topic = fmt::format("knothe/v1/{}/+/data", site->name());
-      int number = 0;
-      const int failed = mosquitto_subscribe(broker, &number, topic.c_str(), 1);
-      if (failed != MOSQ_ERR_SUCCESS)
-        log_event("error", "nothing could be asked of the MQTT broker",
-                  {{"broker", host}, {"topic", topic}, {"reason", mosquitto_strerror(failed)}});
-      else
-        asked[number] = topic;
-    }
+    for (const auto& site : sites)
+      for (const char* what : {"data", "withdraw"})
+        subscribe(broker, fmt::format("knothe/v1/{}/+/{}", site->name(), what));
+  }
+
+  void subscribe(mosquitto* broker, const std::string& topic) {
+    int number = 0;
+    const int failed = mosquitto_subscribe(broker, &number, topic.c_str(), 1);
+    if (failed != MOSQ_ERR_SUCCESS)
+      log_event("error", "nothing could be asked of the MQTT broker",
+                {{"broker", host}, {"topic", topic}, {"reason", mosquitto_strerror(failed)}});
+    else
+      asked[number] = topic;
   }
 
   /// From now on data come, but for sites that the broker refuses (128: its rules say so); no error of MQTT
@@ -182,7 +200,7 @@ struct MqttReceiver::Implementation {
         return;
       }
       std::string topic = message->topic;
-      if (topic.ends_with("/data")) topic.replace(topic.size() - 4, 4, "answer");
+      topic.replace(topic.rfind('/') + 1, std::string::npos, "answer");
       const std::string text = answer->dump();
       mosquitto_publish(client, nullptr, topic.c_str(), static_cast<int>(text.size()), text.data(), 0, false);
     } catch (const std::exception& error) {

@@ -46,6 +46,10 @@ Json answer_of(const Appended& appended) {
   return body;
 }
 
+Json answer_of(const Withdrawn& withdrawn) {
+  return {{"withdrawn", true}, {"step", withdrawn.step}};
+}
+
 JournalWriter::JournalWriter(const project::Project& project, const project::UpdateSetup& setup,
                              Metrics& metrics, Arrived arrived, Doubted doubted,
                              std::function<void()> changed)

@@ -41,6 +41,7 @@ struct Withdrawn {
 
 /// What is answered of a datum that is in the journal.
 [[nodiscard]] Json answer_of(const Appended& appended);
+[[nodiscard]] Json answer_of(const Withdrawn& withdrawn);
 
 /// Checks measurements and commits them in groups, by a thread of its own. Thread-safe. Its mutex is taken
 /// last, and not held while it calls others.
