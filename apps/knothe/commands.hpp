@@ -101,9 +101,11 @@ struct JournalArguments {
 };
 int replay(const JournalArguments& arguments);
 int recover(const JournalArguments& arguments);
+int backup(const JournalArguments& arguments);
 int export_journal(const JournalArguments& arguments);
 
-int doctor();
+/// `project`: a service that is to run here; empty: the machine alone.
+int doctor(const std::string& project);
 
 /// Whether `knothe-offline` is where `run_sibling` finds it.
 [[nodiscard]] bool sibling_installed();

@@ -42,8 +42,6 @@ int main(int argc, char** argv) {
   knothe::commands::add_offline_commands(app, chosen);
   knothe::commands::add_model_commands(app, chosen);
   knothe::commands::add_service_commands(app, chosen);
-  knothe::add_command(app, "doctor", "What is installed, BLAS, cores, disk, permissions.", "knothe doctor")
-      .callback([&chosen] { chosen = knothe::commands::doctor; });
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

@@ -8,6 +8,7 @@
 #include "knothe/project/project_file.hpp"
 #include "knothe/service/journal/journal.hpp"
 #include "knothe/service/journal/replay.hpp"
+#include "knothe/service/site/doctor.hpp"
 #include "knothe/service/site/service.hpp"
 
 namespace knothe::commands {
@@ -37,14 +38,20 @@ int recover(const JournalArguments& arguments) {
   return 0;
 }
 
+int backup(const JournalArguments& arguments) {
+  const std::string copied = service::backup_journal(arguments.journal, arguments.output);
+  fmt::print("{}: {}\n", arguments.output, copied);
+  return 0;
+}
+
 int export_journal(const JournalArguments& arguments) {
   service::export_journal(
       arguments.journal, service::project_of_journal(arguments.journal, arguments.project), arguments.output);
   return 0;
 }
 
-int doctor() {
-  return service::doctor(".", sibling_installed()) ? 0 : 1;
+int doctor(const std::string& project) {
+  return service::doctor(".", sibling_installed(), project) ? 0 : 1;
 }
 
 }  // namespace knothe::commands

@@ -31,20 +31,33 @@ void add_journal(CLI::App& app, Command& chosen) {
                   "knothe replay beam.journal --project beam.toml --json");
   CLI::App& recover_command = add_command(app, "recover", "Saves the whole records of a damaged journal.",
                                           "knothe recover beam.journal -o saved.journal");
+  CLI::App& backup_command = add_command(app, "backup", "Copies a journal, also while the service writes it.",
+                                         "knothe backup beam.journal -o beam-monday.journal");
   CLI::App& export_command =
       add_command(app, "export", "A journal as CSV, or as a folder of results (NetCDF, VTU).",
                   "knothe export beam.journal --project beam.toml -o results/");
-  for (CLI::App* command : {&replay_command, &recover_command, &export_command})
+  for (CLI::App* command : {&replay_command, &recover_command, &backup_command, &export_command})
     command->add_option("JOURNAL", arguments.journal, "journal of the service")->required();
   for (CLI::App* command : {&replay_command, &export_command})
     command->add_option("--project", arguments.project,
                         "project file; without it NAME.toml beside NAME.journal");
   replay_command.add_flag("--json", arguments.json, "one line of JSON per step on stdout");
-  recover_command.add_option("-o,--output", arguments.output, "journal to write")->required();
+  for (CLI::App* command : {&recover_command, &backup_command})
+    command->add_option("-o,--output", arguments.output, "journal to write")->required();
   export_command.add_option("-o,--output", arguments.output, "file .csv, or folder for results")->required();
   replay_command.callback([&chosen] { chosen = [] { return replay(arguments); }; });
   recover_command.callback([&chosen] { chosen = [] { return recover(arguments); }; });
+  backup_command.callback([&chosen] { chosen = [] { return backup(arguments); }; });
   export_command.callback([&chosen] { chosen = [] { return export_journal(arguments); }; });
+}
+
+void add_doctor(CLI::App& app, Command& chosen) {
+  static std::string project;
+  CLI::App& command = add_command(
+      app, "doctor", "What is installed, BLAS, cores, disk, permissions; and whether a service can run here.",
+      "knothe doctor beam.toml");
+  command.add_option("FILE", project, "project file of the service: its model, journal, port, tokens, clock");
+  command.callback([&chosen] { chosen = [] { return doctor(project); }; });
 }
 
 }  // namespace
@@ -52,6 +65,7 @@ void add_journal(CLI::App& app, Command& chosen) {
 void add_service_commands(CLI::App& app, Command& chosen) {
   add_serve(app, chosen);
   add_journal(app, chosen);
+  add_doctor(app, chosen);
 }
 
 }  // namespace knothe::commands

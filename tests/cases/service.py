@@ -659,6 +659,31 @@ class Test(ServiceCase):
         for word in ("knothe", "libraries", "processor", "BLAS", "disk", "permissions", "sync"):
             self.assertIn(f" {word} ", outcome.out)
 
+    def test_doctor_says_whether_a_service_can_run(self):
+        service = self.serve()
+        service.send(self.data[0])
+        service.settled(1)
+        self.project.write_text(self.project.read_text() + f"\n[serve]\nport = {service.port}\n")
+        line = lambda word, outcome: next(x for x in outcome.out.splitlines() if f" {word} " in x)
+        outcome = self.run_knothe("doctor", self.project_name)
+        self.assertEqual(outcome.status, 1)
+        self.assertRegex(line("model", outcome), "^ok .*2 parameters, 12 steps, 24 sensors")
+        self.assertRegex(line("journal", outcome), "^ok .*1 records, whole")
+        self.assertRegex(line("tokens", outcome), "^ok .*none")
+        self.assertRegex(line("address", outcome), f"^!! .*cannot listen at 127.0.0.1:{service.port}: Address already in use")
+        self.assertRegex(line("clock", outcome), "synchronised")
+        service.stop()
+        (self.folder / "token").write_text("0123456789abcdef\n")
+        (self.folder / "token").chmod(0o644)
+        self.edit("[serve]\n", '[serve]\nread_token = "token"\naddress = "0.0.0.0"\n')
+        outcome = self.run_knothe("doctor", self.project_name)
+        self.assertRegex(line("address", outcome), "^ok .*is free")
+        self.assertRegex(line("tokens", outcome), "^!! .*can be read by everybody here")
+        (self.folder / "token").chmod(0o600)
+        outcome = self.run_knothe("doctor", self.project_name)
+        self.assertRegex(line("tokens", outcome), r"^!! .*0.0.0.0 is not a loopback address: \[serve\] ingest_token must name")
+        self.assertRegex(self.run_knothe("doctor", "absent.toml").out, r"!! +project +.*absent.toml")
+
 
 if __name__ == "__main__":
     unittest.main()

@@ -183,6 +183,23 @@ class Test(ServiceCase):
         (alarm,) = [a for a in self.alarms(service) if a["kind"] == "journal"]
         self.assertEqual(alarm["message"], "the journal that had this name, with 12 records, is not there any more")
 
+    def test_a_journal_is_copied_while_it_is_written(self):
+        service = self.serve()
+        for datum in self.data[:6]:
+            service.send(datum)
+        service.settled(6)
+        lines = [comparable(line) for line in service.states()]
+        self.assertIn("6 records, whole", self.expect(0, "backup", self.journal(), "-o", "copy.journal").out)
+        for datum in self.data[6:]:
+            self.expect_stored(service.send(datum))
+        self.expect(2, "backup", self.journal(), "-o", "copy.journal", stderr="is there already")
+        self.expect(4, "backup", "absent.journal", "-o", "other.journal", stderr="there is no such journal")
+        service.stop()
+        self.assertEqual(sorted(p.name for p in self.folder.glob("copy*")), ["copy.journal"])
+        again = self.serve(extra='journal = "copy.journal"\n')
+        again.settled(6)
+        self.assertEqual([comparable(line) for line in again.states()], lines)
+
     # The alarms
 
     def test_alarms_are_kept_over_restarts_as_they_were_told(self):
@@ -219,6 +236,15 @@ class Test(ServiceCase):
     def kept(self):
         with sqlite3.connect(f"file:{self.journal()}?mode=ro", uri=True) as journal:
             return journal.execute("SELECT count(*) FROM alarm WHERE severity <> ''").fetchone()[0]
+
+    def test_a_datum_that_is_held_again_is_told_again(self):
+        service = self.serve()
+        wild = {**self.data[0], "values": [1.0] + self.data[0]["values"][1:]}
+        key = {name: wild[name] for name in ("source", "session", "seq")}
+        for _ in range(2):
+            self.assertIs(service.send(wild)[1]["quarantined"], True)
+            self.assertEqual(service.post("/v1/withdraw", key)[0], 200)
+        self.assertEqual(len([a for a in self.alarms(service) if a["kind"] == "sensors"]), 2)
 
     # Names and numbers
 

@@ -132,6 +132,10 @@ class Journal {
   std::unique_ptr<Implementation> implementation_;
 };
 
+/// Copies a journal as it is at one moment to a new file, also while it is written, and verifies the copy:
+/// what is in it, in words. DataError where it is damaged, UsageError where `to` is there, IoError.
+[[nodiscard]] std::string backup_journal(const std::string& from, const std::string& to);
+
 /// Copies every whole record of a damaged journal to a new one. What was lost.
 struct Recovery {
   std::int64_t saved = 0;

@@ -17,7 +17,4 @@ void replay_journal(const std::string& journal, const std::string& project_path,
 /// assimilate` (posterior.nc in ArviZ's layout, steps, fields for ParaView).
 void export_journal(const std::string& journal, const std::string& project_path, const std::string& output);
 
-/// Prints what is installed and how fast the disk is; false if something is wrong.
-[[nodiscard]] bool doctor(const std::string& folder, bool offline_installed);
-
 }  // namespace knothe::service

@@ -381,18 +381,31 @@ void Session::stop() {
   stream_.close();
 }
 
-void HttpServer::Implementation::listen() {
-  const std::string where = fmt::format("{}:{}", options.address, options.port);
+namespace {
+
+void listen_at(asio::ip::tcp::acceptor& acceptor, const std::string& address, unsigned short port) {
   try {
-    const asio::ip::tcp::endpoint endpoint(asio::ip::make_address(options.address), options.port);
+    const asio::ip::tcp::endpoint endpoint(asio::ip::make_address(address), port);
     acceptor.open(endpoint.protocol());
     acceptor.set_option(asio::socket_base::reuse_address(true));
     acceptor.bind(endpoint);
     acceptor.listen(256);
   } catch (const boost::system::system_error& error) {
-    throw IoError(fmt::format("cannot listen at {}: {}; choose another with --port, or stop what is there",
-                              where, error.code().message()));
+    throw IoError(fmt::format("cannot listen at {}:{}: {}; choose another with --port, or stop what is there",
+                              address, port, error.code().message()));
   }
+}
+
+}  // namespace
+
+void try_to_listen(const std::string& address, unsigned short port) {
+  asio::io_context context;
+  asio::ip::tcp::acceptor acceptor(context);
+  listen_at(acceptor, address, port);
+}
+
+void HttpServer::Implementation::listen() {
+  listen_at(acceptor, options.address, options.port);
 }
 
 void HttpServer::Implementation::accept() {

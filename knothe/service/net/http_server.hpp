@@ -96,6 +96,9 @@ class HttpServer {
   std::shared_ptr<Implementation> implementation_;
 };
 
+/// Listens for a moment. IoError where the address cannot be had.
+void try_to_listen(const std::string& address, unsigned short port);
+
 /// Whether an address is of this machine alone.
 [[nodiscard]] bool is_loopback(const std::string& address);
 

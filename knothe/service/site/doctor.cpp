@@ -3,6 +3,7 @@
 #include <sqlite3.h>
 #include <sys/resource.h>
 #include <sys/statvfs.h>
+#include <sys/timex.h>
 #include <unistd.h>
 #include <Eigen/Core>
 
@@ -11,11 +12,20 @@
 #include <chrono>
 #include <filesystem>
 #include <fstream>
+#include <functional>
+#include <optional>
 #include <thread>
 
+#include "knothe/base/error.hpp"
 #include "knothe/base/threads.hpp"
 #include "knothe/base/version.hpp"
-#include "knothe/service/journal/replay.hpp"
+#include "knothe/project/project_engine.hpp"
+#include "knothe/project/update_setup.hpp"
+#include "knothe/service/journal/journal.hpp"
+#include "knothe/service/journal/step_matching.hpp"
+#include "knothe/service/net/http_server.hpp"
+#include "knothe/service/site/doctor.hpp"
+#include "knothe/service/site/service.hpp"
 
 namespace knothe::service {
 namespace {
@@ -74,9 +84,99 @@ std::pair<double, double> sync_times(const std::string& folder) {
   return {times[times.size() / 2], times.back()};
 }
 
+void report_disk(Report& report, const std::string& folder) {
+  struct statvfs disk {};
+  const bool known = ::statvfs(folder.c_str(), &disk) == 0;
+  const double room = known ? static_cast<double>(disk.f_bavail) * static_cast<double>(disk.f_frsize) : 0;
+  report.line(room > 1e9, "disk", fmt::format("{:.1f} GB free in {}", room * 1e-9, folder),
+              "a day of one picture every 5 s, 60 sensors, is 20 MB of journal");
+  const auto [median, worst] = sync_times(folder);
+  report.line(
+      median >= 0, "permissions",
+      median >= 0 ? fmt::format("{} can be written", folder) : fmt::format("{} cannot be written", folder),
+      "journal and results need a folder of their own user");
+  if (median >= 0)
+    report.line(
+        median < 0.05, "sync",
+        fmt::format("{:.2f} ms median, {:.2f} ms at worst for a synced write", 1e3 * median, 1e3 * worst),
+        "every measurement is synced before it is acknowledged: use a local disk");
+}
+
+/// A line of what `look` finds, or of what it throws.
+void report_found(Report& report, const std::string& what, const std::function<std::string()>& look) {
+  try {
+    report.line(true, what, look());
+  } catch (const std::exception& error) {
+    report.line(false, what, error.what());
+  }
+}
+
+std::string found_journal(const std::string& path, const std::vector<double>& model_times) {
+  if (!std::filesystem::exists(path)) return fmt::format("{} is made at the start", path);
+  const Journal journal(path, Journal::Access::read);
+  if (!journal.lost().empty()) throw DataError(fmt::format("{}: {}", path, journal.lost()));
+  journal.for_each([&](JournalEntry entry) {
+    if (!entry.withdrawn) match_step(entry, model_times, path);
+  });
+  return fmt::format("{}: {} records, whole", path, journal.count());
+}
+
+std::string found_tokens(const project::Project& project) {
+  const project::ServeOptions& options = project.serve;
+  for (const auto& [key, path] :
+       {std::pair{"read_token", options.read_token}, {"ingest_token", options.ingest_token}}) {
+    if (read_token(project, key, path).empty()) {
+      if (!is_loopback(options.address))
+        throw DataError(fmt::format("{} is not a loopback address: [serve] {} must name a token file",
+                                    options.address, key));
+      continue;
+    }
+    using std::filesystem::perms;
+    if ((std::filesystem::status(path).permissions() & (perms::others_read | perms::others_write)) !=
+        perms::none)
+      throw DataError(fmt::format("{} can be read by everybody here: chmod o= {}", path, path));
+  }
+  return options.read_token.empty() && options.ingest_token.empty() ? "none: for this machine alone"
+                                                                    : "are there";
+}
+
+std::string found_clock() {
+  timex clock{};
+  if (::adjtimex(&clock) == TIME_ERROR || (clock.status & STA_UNSYNC) != 0)
+    throw DataError(
+        "the clock is not synchronised: alarms and times of arrival may be off (data are not: their time is "
+        "model time); install systemd-timesyncd or chrony");
+  return fmt::format("synchronised, to {:.0f} ms at worst", 1e-3 * static_cast<double>(clock.maxerror));
+}
+
+void report_service(Report& report, const std::string& path) {
+  std::optional<project::Project> project;
+  report_found(report, "project", [&] {
+    project = project::read_project(path);
+    return path;
+  });
+  if (!project) return;
+  std::vector<double> times;
+  report_found(report, "model", [&] {
+    const project::UpdateSetup setup = project::set_up_online(*project);
+    times = setup.observed->time;
+    return fmt::format("{}: {} parameters, {} steps, {} sensors", project->model, setup.priors.size(),
+                       times.size(), setup.measurements.observation_count());
+  });
+  if (!times.empty())
+    report_found(report, "journal", [&] { return found_journal(project->serve.journal, times); });
+  report_found(report, "tokens", [&] { return found_tokens(*project); });
+  const std::string where = fmt::format("{}:{}", project->serve.address, project->serve.port);
+  report_found(report, "address", [&] {
+    try_to_listen(project->serve.address, static_cast<unsigned short>(project->serve.port));
+    return where + " is free";
+  });
+  report_found(report, "clock", found_clock);
+}
+
 }  // namespace
 
-bool doctor(const std::string& folder, bool offline_installed) {
+bool doctor(const std::string& folder, bool offline_installed, const std::string& project) {
   Report report;
   report.line(true, "knothe",
               fmt::format("{} (g++ {}, vectors: {})", k_version, __VERSION__, vectors_built_for()));
@@ -104,25 +204,13 @@ bool doctor(const std::string& folder, bool offline_installed) {
               offline_installed
                   ? "knothe-offline is installed"
                   : "knothe-offline is not installed: no full-order runs here, everything else works");
-  struct statvfs disk {};
-  const bool known = ::statvfs(folder.c_str(), &disk) == 0;
-  const double room = known ? static_cast<double>(disk.f_bavail) * static_cast<double>(disk.f_frsize) : 0;
-  report.line(room > 1e9, "disk", fmt::format("{:.1f} GB free in {}", room * 1e-9, folder),
-              "a day of one picture every 5 s, 60 sensors, is 20 MB of journal");
-  const auto [median, worst] = sync_times(folder);
-  report.line(
-      median >= 0, "permissions",
-      median >= 0 ? fmt::format("{} can be written", folder) : fmt::format("{} cannot be written", folder),
-      "journal and results need a folder of their own user");
-  if (median >= 0)
-    report.line(
-        median < 0.05, "sync",
-        fmt::format("{:.2f} ms median, {:.2f} ms at worst for a synced write", 1e3 * median, 1e3 * worst),
-        "every measurement is synced before it is acknowledged: use a local disk");
+  const std::filesystem::path file(project);
+  report_disk(report, project.empty() ? folder : file.has_parent_path() ? file.parent_path().string() : ".");
   rlimit files{};
   getrlimit(RLIMIT_NOFILE, &files);
   report.line(files.rlim_cur >= 1024, "descriptors", fmt::format("{} files may be open", files.rlim_cur),
               "ulimit -n 4096, for many viewers");
+  if (!project.empty()) report_service(report, project);
   return report.all_good();
 }
 

@@ -362,11 +362,12 @@ void JournalWriter::commit(std::vector<Request>& group) {
     const std::lock_guard lock(mutex_);
     from_folders_.insert(written.from_folders.begin(), written.from_folders.end());
     quarantine_.insert(quarantine_.end(), written.quarantined.begin(), written.quarantined.end());
-    for (const std::int64_t id : written.no_longer_quarantined)
-      std::erase_if(quarantine_, [&](const JournalEntry& held) { return held.id == id; });
+    for (const JournalEntry& gone : written.no_longer_quarantined)
+      std::erase_if(quarantine_, [&](const JournalEntry& held) { return held.id == gone.id; });
     if (!trouble.empty()) alarms_.insert(alarms_.begin(), alarms.begin(), alarms.end());
   }
   set_trouble(trouble);
+  for (const JournalEntry& entry : written.no_longer_quarantined) doubted_(entry.measurement, "");
   for (const JournalEntry& entry : written.quarantined)
     if (entry.quarantined.implausible)
       doubted_(entry.measurement, reason_of({false, true}, entry.measurement));
@@ -411,7 +412,7 @@ JournalWriter::Answer JournalWriter::write(const Release& release, MonotonicTime
                                     release.key.source, release.key.session, release.key.seq));
   match_step(*entry, setup_.observed->time, journal_.path());
   if (!entry->released) written.arrivals.push_back({entry->measurement, at, true, false});
-  written.no_longer_quarantined.push_back(entry->id);
+  written.no_longer_quarantined.push_back(*entry);
   return Appended{entry->released ? Outcome::duplicate : Outcome::accepted,
                   {},
                   entry->measurement.step,
@@ -431,7 +432,7 @@ JournalWriter::Answer JournalWriter::write(const Withdrawal& withdrawal, Monoton
     entry->measurement.step = static_cast<std::int64_t>(*step);
   if (!entry->withdrawn) {
     if (entry->counts()) written.arrivals.push_back({entry->measurement, at, true, true});
-    written.no_longer_quarantined.push_back(entry->id);
+    written.no_longer_quarantined.push_back(*entry);
     written.withdrawn.push_back(entry->measurement);
     // What comes now is judged late by the data that are left: a wrong seq, far ahead, is no more in the way.
     largest_seqs_[{key.source, key.session}] =

@@ -50,7 +50,8 @@ class JournalWriter {
   using Answer = std::variant<Appended, RequestError, Withdrawn>;
   /// What is in the journal now and was not before, and the number of its records.
   using Arrived = std::function<void(std::vector<Arrival>, std::int64_t records)>;
-  /// A datum in quarantine that has a value beyond its limit, and which, in words.
+  /// A datum in quarantine that has a value beyond its limit, and which, in words; empty: it is there no
+  /// more.
   using Doubted = std::function<void(const Measurement&, const std::string& reason)>;
   struct Tally {
     std::size_t waiting = 0;  ///< requests
@@ -120,7 +121,7 @@ class JournalWriter {
   struct Written {
     std::vector<Arrival> arrivals;
     std::vector<JournalEntry> quarantined;
-    std::vector<std::int64_t> no_longer_quarantined;  ///< ids
+    std::vector<JournalEntry> no_longer_quarantined;
     std::vector<assimilation::DatumKey> from_folders;
     std::vector<Measurement> withdrawn;
   };

@@ -20,9 +20,7 @@
 #include "knothe/service/site/log.hpp"
 
 namespace knothe::service {
-namespace {
 
-/// The first line of a token file. ProjectError where it is missing or too short to be a secret.
 std::string read_token(const project::Project& project, const std::string& key, const std::string& path) {
   if (path.empty()) return "";
   std::ifstream file(path);
@@ -37,6 +35,8 @@ std::string read_token(const project::Project& project, const std::string& key, 
         fmt::format("the token in {} has fewer than 16 characters; `openssl rand -hex 32` makes one", path));
   return token;
 }
+
+namespace {
 
 /// sd_notify(3) without its library: one datagram, if systemd asks for it.
 void notify_systemd(const std::string& text) {

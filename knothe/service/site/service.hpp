@@ -8,6 +8,11 @@
 
 namespace knothe::service {
 
+/// The first line of the token file that `[serve] key` names; empty where it names none. ProjectError where
+/// it is missing or too short to be a secret.
+[[nodiscard]] std::string read_token(const project::Project& project, const std::string& key,
+                                     const std::string& path);
+
 struct ServeArguments {
   std::optional<int> port;  ///< overrides the project's
   bool strict_deadline = false;

@@ -108,17 +108,19 @@ void Site::arrive(std::vector<Arrival> arrivals, std::int64_t records) {
 
 /// The same. It is not assimilated, so nothing else would tell of it.
 void Site::doubt(const Measurement& measurement, const std::string& reason) {
-  log_event("warning", "a datum is in quarantine",
-            {{"site", name()},
-             {"source", measurement.key.source},
-             {"session", measurement.key.session},
-             {"seq", measurement.key.seq},
-             {"step", measurement.step},
-             {"reason", reason}});
+  const bool is_held = !reason.empty();
+  if (is_held)
+    log_event("warning", "a datum is in quarantine",
+              {{"site", name()},
+               {"source", measurement.key.source},
+               {"session", measurement.key.session},
+               {"seq", measurement.key.seq},
+               {"step", measurement.step},
+               {"reason", reason}});
   const auto step = static_cast<std::size_t>(std::max<std::int64_t>(measurement.step, 0));
   const auto& key = measurement.key;
-  alarms_.judge_condition(fmt::format("held {}/{}/{}", key.source, key.session, key.seq), step, "alarm",
-                          "sensors", fmt::format("in quarantine: {}", reason));
+  alarms_.judge_condition(fmt::format("held {}/{}/{}", key.source, key.session, key.seq), step,
+                          is_held ? "alarm" : "", "sensors", fmt::format("in quarantine: {}", reason));
 }
 
 void Site::update_loop() {

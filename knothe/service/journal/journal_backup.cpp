@@ -1,0 +1,38 @@
+#include <fmt/format.h>
+#include <sqlite3.h>
+
+#include <filesystem>
+
+#include "knothe/base/error.hpp"
+#include "knothe/files/atomic_file.hpp"
+#include "knothe/service/journal/journal.hpp"
+#include "knothe/service/journal/sqlite.hpp"
+
+namespace knothe::service {
+namespace {
+
+/// All pages as they are at one moment: a writer is not held up, and what it writes meanwhile is not in it.
+void copy_pages(const std::string& from, const std::string& to) {
+  Database source(from, Database::Mode::read_only), copy(to, Database::Mode::create);
+  sqlite3_backup* backup = sqlite3_backup_init(copy.handle(), "main", source.handle(), "main");
+  if (backup == nullptr) copy.check(sqlite3_errcode(copy.handle()));
+  (void)sqlite3_backup_step(backup, -1);
+  copy.check(sqlite3_backup_finish(backup));
+  copy.execute("PRAGMA journal_mode = DELETE");  // one file, without a log beside it
+}
+
+}  // namespace
+
+std::string backup_journal(const std::string& from, const std::string& to) {
+  if (!std::filesystem::exists(from)) throw DataError(fmt::format("{}: there is no such journal", from));
+  if (std::filesystem::exists(to)) throw UsageError(fmt::format("{}: is there already; give a new name", to));
+  std::string said;
+  files::write_atomically(to, [&](const std::string& temporary) {
+    copy_pages(from, temporary);
+    const Journal copy(temporary, Journal::Access::read);  // verifies every seal
+    said = fmt::format("{} records, whole; seal {}", copy.count(), copy.seal());
+  });
+  return said;
+}
+
+}  // namespace knothe::service
