@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { asStepLine, EventParser, parseStates } from "../src/parse";
-import { asAlarm, asFields, asMesh, asModel, asSamples, asSensors, asStatus } from "../src/wire";
+import { asAlarm, asFields, asMesh, asModel, asQuarantine, asSamples, asSensors, asStatus } from "../src/wire";
 import { stepLine } from "./support";
 
 test("a line of section 4 is taken with all its numbers, its densities left out", () => {
@@ -93,12 +93,19 @@ test("status and alarms: unknown words are no state, unknown severities are warn
   assert.equal(asStatus({ state: "FINE" }), undefined);
   assert.equal(asStatus({ state: "BIASED", reason: "x" })?.reason, "x");
   assert.deepEqual(asAlarm({ id: 3, step: 7, severity: "loud", kind: "gap", message: "late" }), {
+    id: 3,
     step: 7,
     severity: "warning",
     kind: "gap",
     message: "Late",
   });
   assert.equal(asAlarm({ id: 3 }), undefined);
+});
+
+test("quarantine: what is held, and why", () => {
+  const held = { source: "gauges", session: "a", seq: 7, step: 3, reason: "it came too late" };
+  assert.deepEqual(asQuarantine({ quarantined: [{ ...held, time: 0.3 }, 5] }), [held]);
+  assert.deepEqual(asQuarantine({ error: {} }), []);
 });
 
 test("answers of a step: fields asked for, residuals where there was a datum, samples", () => {

@@ -60,8 +60,7 @@ struct Journal::Implementation {
   mutable Database database;
   std::string id, lost;
   std::string mark_path = mark_path_of(path), log_path;
-  Acknowledged told;     ///< what the mark says next
-  bool strayed = false;  ///< a group was written to a file that nobody will find: not to be gone on with
+  Acknowledged told;                ///< what the mark says next
   std::optional<FileIdentity> log;  ///< NAME-wal, once something was written
   Chains chains;
   std::optional<Chains> before;  ///< at `begin`
@@ -114,7 +113,7 @@ struct Journal::Implementation {
   }
 
   [[nodiscard]] bool in_place() const {
-    return !strayed && file_identity(path) == lock.file() && (!log || file_identity(log_path) == log);
+    return file_identity(path) == lock.file() && (!log || file_identity(log_path) == log);
   }
 
   void require_in_place() const {
@@ -161,7 +160,6 @@ struct Journal::Implementation {
     told.withdrawals = chains.withdrawals.count, told.alarms = chains.alarms.count;
     write_mark(mark_path, told, chains.records.seal);
     if (!log) log = file_identity(log_path);
-    strayed = !in_place();
   }
 
   [[noreturn]] void damaged(const std::string& what) const {
@@ -314,7 +312,6 @@ void Journal::commit() {
   i.database.execute("COMMIT");
   i.before.reset();
   i.acknowledge();
-  i.require_in_place();  // it may have gone meanwhile
 }
 
 const std::string& Journal::id() const {
@@ -327,6 +324,10 @@ const std::string& Journal::lost() const {
 
 bool Journal::in_place() const {
   return implementation_->in_place();
+}
+
+void Journal::require_in_place() const {
+  implementation_->require_in_place();
 }
 
 bool Journal::checkpoint() {

@@ -87,12 +87,14 @@ class Journal {
   [[nodiscard]] const std::string& lost() const;
   /// Whether the file that is written is still the one that has the journal's name. Of a writer.
   [[nodiscard]] bool in_place() const;
+  /// DiskFullError where it is not.
+  void require_in_place() const;
   /// Moves what is in SQLite's log (NAME-wal) to the journal itself, where damage is found. Between groups;
   /// false where a reader was in the way: again later.
   bool checkpoint();
 
   /// Begins and ends a group of appends; `commit` returns when they are on disk. DiskFullError: nothing of
-  /// the group is there, or in a file that nobody will find (`in_place`).
+  /// the group is there. What was committed may be in a file that has gone meanwhile: `in_place`.
   void begin();
   void commit();
   void rollback() noexcept;

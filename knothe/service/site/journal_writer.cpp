@@ -11,6 +11,7 @@
 #include "knothe/assimilation/data/time_matching.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/project/serve_limits.hpp"
+#include "knothe/service/journal/sqlite.hpp"
 #include "knothe/service/journal/step_matching.hpp"
 
 namespace knothe::service {
@@ -330,6 +331,18 @@ void JournalWriter::write_alarms(const std::deque<Alarm>& alarms) {
   }
 }
 
+/// A journal that was moved while it was written has the data, and they are assimilated; but who does not put
+/// it back loses them, so nobody is told that they are stored. Why, in words; empty: it is in its place.
+std::string JournalWriter::refuse_if_misplaced(std::vector<Answer>& answers) const {
+  try {
+    journal_.require_in_place();
+    return "";
+  } catch (const DiskFullError& error) {
+    answers.assign(answers.size(), RequestError(507, "DiskFull", error.what()));
+    return error.what();
+  }
+}
+
 /// One group of requests, one commit; each is answered when that is on disk.
 void JournalWriter::commit(std::vector<Request>& group) {
   const auto start = monotonic_now();
@@ -356,6 +369,12 @@ void JournalWriter::commit(std::vector<Request>& group) {
     answers.assign(group.size(),
                    RequestError(507, "DiskFull", fmt::format("nothing was stored: {}", trouble)));
   }
+  if (trouble.empty()) {
+    trouble = refuse_if_misplaced(answers);
+  } else {
+    const std::lock_guard lock(mutex_);
+    alarms_.insert(alarms_.begin(), alarms.begin(), alarms.end());
+  }
   metrics_.observe("knothe_phase_seconds", site_labels(options_.site, "phase=\"commit\""),
                    seconds_since(start));
   {
@@ -364,7 +383,6 @@ void JournalWriter::commit(std::vector<Request>& group) {
     quarantine_.insert(quarantine_.end(), written.quarantined.begin(), written.quarantined.end());
     for (const JournalEntry& gone : written.no_longer_quarantined)
       std::erase_if(quarantine_, [&](const JournalEntry& held) { return held.id == gone.id; });
-    if (!trouble.empty()) alarms_.insert(alarms_.begin(), alarms.begin(), alarms.end());
   }
   set_trouble(trouble);
   for (const JournalEntry& entry : written.no_longer_quarantined) doubted_(entry.measurement, "");

@@ -129,6 +129,7 @@ class JournalWriter {
   Answer write(Measurement& datum, MonotonicTime at, Written& written);
   Answer write(const Release& release, MonotonicTime at, Written& written);
   Answer write(const Withdrawal& withdrawal, MonotonicTime at, Written& written);
+  [[nodiscard]] std::string refuse_if_misplaced(std::vector<Answer>& answers) const;
   void count_outcome(const Answer& answer);
   void probe_disk();
   void set_trouble(const std::string& trouble);
