@@ -2,60 +2,14 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
-
-#include "knothe/engine/engine.hpp"
+#include "knothe/library/engine_of_values.hpp"
 #include "knothe/library/plain.hpp"
-#include "knothe/reduction/model/parameter_order.hpp"
-#include "knothe/reduction/model/separated_model.hpp"
-#include "knothe/reduction/model/truncation_error.hpp"
 
 namespace knothe {
 
-using library::plain, library::vector_of;
+using library::noise_of, library::plain, library::vector_of;
 
 namespace {
-
-assimilation::Prior prior_of(const Prior& prior) {
-  switch (prior.family) {
-    case Prior::Family::uniform:
-      return assimilation::Prior::uniform(prior.first, prior.second);
-    case Prior::Family::lognormal:
-      return assimilation::Prior::lognormal(prior.first, prior.second);
-    case Prior::Family::normal:
-      break;
-  }
-  return assimilation::Prior::normal(prior.first, prior.second);
-}
-
-Eigen::SparseMatrix<double> matrix_of(const Noise::Precision& precision) {
-  const auto n = static_cast<Eigen::Index>(precision.row_begin.size()) - 1;
-  std::vector<Eigen::Triplet<double>> entries;
-  for (std::size_t row = 0; row + 1 < precision.row_begin.size(); ++row)
-    for (std::int64_t i = precision.row_begin[row]; i < precision.row_begin[row + 1]; ++i) {
-      const auto at = static_cast<std::size_t>(i);
-      if (at >= precision.values.size() || at >= precision.columns.size() || precision.columns[at] < 0 ||
-          precision.columns[at] >= n)
-        throw UsageError(fmt::format(
-            "noise: the precision's entry {} of row {} is outside the {} x {} matrix", i, row, n, n));
-      entries.emplace_back(static_cast<int>(row), static_cast<int>(precision.columns[at]),
-                           precision.values[at]);
-    }
-  Eigen::SparseMatrix<double> matrix(n, n);
-  matrix.setFromTriplets(entries.begin(), entries.end());
-  return matrix;
-}
-
-assimilation::GaussianNoise noise_of(const Noise& noise, std::size_t sensors) {
-  const std::size_t size =
-      noise.precision.row_begin.empty() ? noise.std.size() : noise.precision.row_begin.size() - 1;
-  if (size != sensors || (!noise.std.empty() && !noise.precision.row_begin.empty()))
-    throw UsageError(
-        fmt::format("noise of {} values for {} sensors: give one standard deviation each, or their precision",
-                    size, sensors));
-  return noise.std.empty() ? assimilation::GaussianNoise::correlated(matrix_of(noise.precision))
-                           : assimilation::GaussianNoise::independent(vector_of(noise.std));
-}
 
 Verdict verdict_of(const assimilation::Verdict& verdict) {
   const auto level = [](assimilation::VerdictLevel l) { return static_cast<Verdict::Level>(l); };
@@ -65,54 +19,12 @@ Verdict verdict_of(const assimilation::Verdict& verdict) {
   return result;
 }
 
-/// An engine without noise and priors: the model at the sensors, its parameters in the order of the priors,
-/// and its own error there.
-engine::EngineSetup observe(const std::string& file, const Sensors& sensors,
-                            const std::vector<Prior>& priors) {
-  if (sensors.size() == 0 || sensors.points.size() != 3 * sensors.size())
-    throw UsageError(fmt::format("{} sensors with {} coordinates: each has a component and a point x, y, z",
-                                 sensors.size(), sensors.points.size()));
-  std::vector<std::string> names;
-  for (const Prior& prior : priors) names.push_back(prior.parameter);
-  const reduction::SeparatedModel model(reduction::with_parameter_order(reduction::read_model(file), names),
-                                        file);
-  const reduction::Dofs places{sensors.points, {sensors.components.begin(), sensors.components.end()}};
-  engine::EngineSetup setup;
-  setup.sensors = reduction::Sensors(places);
-  setup.known_errors =
-      reduction::observe_off_grid(reduction::read_truncation_error(file), model.contents(), file, places,
-                                  model.contents().time, static_cast<Eigen::Index>(sensors.size()));
-  setup.model = std::make_shared<reduction::ObservedModel>(reduction::observe(model, places));
-  return setup;
-}
-
-std::vector<assimilation::Prior> densities_of(const std::vector<Prior>& priors) {
-  std::vector<assimilation::Prior> densities;
-  std::transform(priors.begin(), priors.end(), std::back_inserter(densities), prior_of);
-  return densities;
-}
-
-assimilation::UpdateOptions settings_of(const AssimilationOptions& options) {
-  assimilation::UpdateOptions settings;
-  settings.map.tolerance = options.tolerance;
-  settings.map.max_order = options.max_order;
-  settings.map.seed = options.seed;
-  return settings;
-}
-
 }  // namespace
 
 struct Assimilation::Implementation {
   engine::Engine engine;
 
-  Implementation(engine::EngineSetup setup, const Noise& noise, const std::vector<Prior>& priors,
-                 const AssimilationOptions& options)
-      : engine([&] {
-          setup.noise = noise_of(noise, static_cast<std::size_t>(setup.model->observations()));
-          setup.priors = densities_of(priors);
-          setup.update = settings_of(options);
-          return setup;
-        }()) {}
+  explicit Implementation(engine::EngineSetup setup) : engine(std::move(setup)) {}
 
   /// The posterior of all data.
   [[nodiscard]] Posterior posterior() {
@@ -146,8 +58,8 @@ struct Assimilation::Implementation {
 
 Assimilation::Assimilation(const std::string& model_file, const Sensors& sensors, const Noise& noise,
                            const std::vector<Prior>& priors, const AssimilationOptions& options)
-    : implementation_(
-          std::make_unique<Implementation>(observe(model_file, sensors, priors), noise, priors, options)) {}
+    : implementation_(std::make_unique<Implementation>(
+          library::engine_setup(model_file, sensors, noise, priors, options))) {}
 Assimilation::~Assimilation() = default;
 Assimilation::Assimilation(Assimilation&&) noexcept = default;
 Assimilation& Assimilation::operator=(Assimilation&&) noexcept = default;

@@ -180,6 +180,31 @@ GreyPicture speckle(double u, double v) {
   return picture;
 }
 
+TEST(FacadeOfMaps, AFileGivesTheSameMapWhicheverWayItGoes) {
+  const std::string path = ::testing::TempDir() + "knothe_facade_map.h5";
+  const Density normal{.dimension = 2, .log_value = [](auto p) {
+                         return -0.5 * (p[0] * p[0] + (p[1] - p[0] * p[0]) * (p[1] - p[0] * p[0]));
+                       }};
+  std::mt19937 generator(3);
+  std::normal_distribution<double> gauss;
+  std::vector<double> samples;
+  for (int i = 0; i < 400; ++i) {
+    const double x = gauss(generator);
+    samples.insert(samples.end(), {x, 0.5 * x + 0.3 * gauss(generator)});
+  }
+  const std::vector<double> points{0.3, -0.2, 1.1, 0.4};
+  for (const TransportMap& map : {solve_map(normal).map, TransportMap::from_samples(samples, 2)}) {
+    map.save(path);
+    const TransportMap read = TransportMap::load(path);
+    EXPECT_EQ(read.evaluate(points), map.evaluate(points));
+    EXPECT_EQ(read.inverse(points), map.inverse(points));
+    EXPECT_EQ(read.log_density(points), map.log_density(points));
+    EXPECT_EQ(read.sample(5, 7), map.sample(5, 7));
+  }
+  std::filesystem::remove(path);
+  EXPECT_THROW((void)TransportMap::load(path), DataError);
+}
+
 TEST(FacadeOfCorrelation, MistakesAreExplainedAndPlacesFound) {
   EXPECT_NE(message_of([] {
               Correlation({8, 8, {}, 255});

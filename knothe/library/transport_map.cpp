@@ -8,6 +8,7 @@
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
 #include "knothe/transport/extras/map_distribution.hpp"
 #include "knothe/transport/extras/sample_map.hpp"
+#include "knothe/transport/map/map_file.hpp"
 #include "knothe/transport/solve/map_solver.hpp"
 
 namespace knothe {
@@ -65,6 +66,32 @@ std::vector<double> TransportMap::conditional_sample(std::span<const double> giv
         return map.conditional_sample(vector_of(given), static_cast<Eigen::Index>(count), seed);
       },
       implementation_->map));
+}
+
+namespace {
+
+/// Which way the map of a file goes; files without it, as those of `knothe infer`, hold maps of densities.
+constexpr const char* k_direction = "direction";
+constexpr const char* k_to_reference = "to the reference";
+
+}  // namespace
+
+void TransportMap::save(const std::string& path) const {
+  if (const auto* forward = std::get_if<transport::MapDistribution>(&implementation_->map))
+    transport::save_map(path, forward->map());
+  else
+    transport::save_map(path, std::get<1>(implementation_->map).map, {{k_direction, k_to_reference}});
+}
+
+TransportMap TransportMap::load(const std::string& path) {
+  transport::StoredMap stored = transport::load_map(path);
+  const auto direction = stored.metadata.find(k_direction);
+  if (direction == stored.metadata.end() || direction->second != k_to_reference)
+    return TransportMap(
+        std::make_shared<Implementation>(Implementation{transport::MapDistribution(std::move(stored.map))}));
+  transport::SampleMap map;
+  map.map = std::move(stored.map);
+  return TransportMap(std::make_shared<Implementation>(Implementation{std::move(map)}));
 }
 
 std::string TransportMap::describe() const {

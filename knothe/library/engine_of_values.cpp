@@ -1,0 +1,95 @@
+#include "knothe/library/engine_of_values.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "knothe/library/plain.hpp"
+#include "knothe/reduction/model/parameter_order.hpp"
+#include "knothe/reduction/model/truncation_error.hpp"
+
+namespace knothe::library {
+namespace {
+
+Eigen::SparseMatrix<double> matrix_of(const Noise::Precision& precision) {
+  const auto n = static_cast<Eigen::Index>(precision.row_begin.size()) - 1;
+  std::vector<Eigen::Triplet<double>> entries;
+  for (std::size_t row = 0; row + 1 < precision.row_begin.size(); ++row)
+    for (std::int64_t i = precision.row_begin[row]; i < precision.row_begin[row + 1]; ++i) {
+      const auto at = static_cast<std::size_t>(i);
+      if (at >= precision.values.size() || at >= precision.columns.size() || precision.columns[at] < 0 ||
+          precision.columns[at] >= n)
+        throw UsageError(fmt::format(
+            "noise: the precision's entry {} of row {} is outside the {} x {} matrix", i, row, n, n));
+      entries.emplace_back(static_cast<int>(row), static_cast<int>(precision.columns[at]),
+                           precision.values[at]);
+    }
+  Eigen::SparseMatrix<double> matrix(n, n);
+  matrix.setFromTriplets(entries.begin(), entries.end());
+  return matrix;
+}
+
+/// An engine without noise and priors: the model at the sensors, its parameters in the order of the priors,
+/// and its own error there.
+engine::EngineSetup observe(const std::string& file, const Sensors& sensors,
+                            const std::vector<Prior>& priors) {
+  if (sensors.size() == 0 || sensors.points.size() != 3 * sensors.size())
+    throw UsageError(fmt::format("{} sensors with {} coordinates: each has a component and a point x, y, z",
+                                 sensors.size(), sensors.points.size()));
+  std::vector<std::string> names;
+  for (const Prior& prior : priors) names.push_back(prior.parameter);
+  const reduction::SeparatedModel model(reduction::with_parameter_order(reduction::read_model(file), names),
+                                        file);
+  const reduction::Dofs places{sensors.points, {sensors.components.begin(), sensors.components.end()}};
+  engine::EngineSetup setup;
+  setup.sensors = reduction::Sensors(places);
+  setup.known_errors =
+      reduction::observe_off_grid(reduction::read_truncation_error(file), model.contents(), file, places,
+                                  model.contents().time, static_cast<Eigen::Index>(sensors.size()));
+  setup.model = std::make_shared<reduction::ObservedModel>(reduction::observe(model, places));
+  return setup;
+}
+
+assimilation::UpdateOptions settings_of(const AssimilationOptions& options) {
+  assimilation::UpdateOptions settings;
+  settings.map.tolerance = options.tolerance;
+  settings.map.max_order = options.max_order;
+  settings.map.seed = options.seed;
+  return settings;
+}
+
+}  // namespace
+
+assimilation::Prior prior_of(const Prior& prior) {
+  switch (prior.family) {
+    case Prior::Family::uniform:
+      return assimilation::Prior::uniform(prior.first, prior.second);
+    case Prior::Family::lognormal:
+      return assimilation::Prior::lognormal(prior.first, prior.second);
+    case Prior::Family::normal:
+      break;
+  }
+  return assimilation::Prior::normal(prior.first, prior.second);
+}
+
+assimilation::GaussianNoise noise_of(const Noise& noise, std::size_t sensors) {
+  const std::size_t size =
+      noise.precision.row_begin.empty() ? noise.std.size() : noise.precision.row_begin.size() - 1;
+  if (size != sensors || (!noise.std.empty() && !noise.precision.row_begin.empty()))
+    throw UsageError(
+        fmt::format("noise of {} values for {} sensors: give one standard deviation each, or their precision",
+                    size, sensors));
+  return noise.std.empty() ? assimilation::GaussianNoise::correlated(matrix_of(noise.precision))
+                           : assimilation::GaussianNoise::independent(vector_of(noise.std));
+}
+
+engine::EngineSetup engine_setup(const std::string& model_file, const Sensors& sensors, const Noise& noise,
+                                 const std::vector<Prior>& priors, const AssimilationOptions& options) {
+  engine::EngineSetup setup = observe(model_file, sensors, priors);
+  setup.noise = noise_of(noise, sensors.size());
+  std::transform(priors.begin(), priors.end(), std::back_inserter(setup.priors), prior_of);
+  setup.update = settings_of(options);
+  return setup;
+}
+
+}  // namespace knothe::library

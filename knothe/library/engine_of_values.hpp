@@ -1,0 +1,23 @@
+#pragma once
+/// @file From the plain values of the library's border to the engine: the way of the facade and of Python.
+/// Not installed.
+#include <string>
+#include <vector>
+
+#include "knothe/engine/engine.hpp"
+#include "knothe/library/assimilation.hpp"
+
+namespace knothe::library {
+
+[[nodiscard]] assimilation::Prior prior_of(const Prior& prior);
+
+/// Of n = `sensors` values. UsageError unless there is one standard deviation for each, or their precision.
+[[nodiscard]] assimilation::GaussianNoise noise_of(const Noise& noise, std::size_t sensors);
+
+/// The model at the sensors, its parameters in the order of the priors, and its own error there; steps of
+/// data are the model's. Errors: as of the constructor of Assimilation.
+[[nodiscard]] engine::EngineSetup engine_setup(const std::string& model_file, const Sensors& sensors,
+                                               const Noise& noise, const std::vector<Prior>& priors,
+                                               const AssimilationOptions& options);
+
+}  // namespace knothe::library
