@@ -11,20 +11,11 @@
 #include "knothe/reduction/model/form_names.hpp"
 #include "knothe/reduction/model/separated_model.hpp"
 #include "knothe/reduction/model/truncation_error.hpp"
+#include "knothe/report/results/model_record.hpp"
 
 namespace knothe::commands {
 
 namespace {
-
-/// What both commands say of the model's errors, on the nodes and off them.
-void add_errors(const reduction::ModelContents& model, nlohmann::ordered_json& record) {
-  record["relative_error"] = model.relative_error;
-  record["max_error_m"] = model.max_error_m;
-  if (!model.off_grid) return;
-  record["off_grid_relative_error"] = model.off_grid->relative_error;
-  record["off_grid_max_error_m"] = model.off_grid->max_error_m;
-  record["off_grid_source"] = model.off_grid->source;
-}
 
 std::string off_grid_text(const reduction::ModelContents& model) {
   if (!model.off_grid) return "not known";
@@ -38,30 +29,6 @@ std::string off_grid_text(const reduction::ModelContents& model) {
 int model_info(const ModelArguments& arguments) {
   const auto model = reduction::SeparatedModel::load(arguments.model);
   const reduction::ModelContents& c = model.contents();
-  nlohmann::ordered_json info = {{"file", arguments.model},
-                                 {"form", reduction::to_text(c.form)},
-                                 {"space_modes", c.space_modes},
-                                 {"parameter_modes", c.parameter_modes},
-                                 {"dofs", model.dof_count()},
-                                 {"steps", model.step_count()},
-                                 {"time", {c.time.front(), c.time.back()}}};
-  for (const reduction::Axis& axis : c.axes) {
-    info["parameters"].push_back({{"name", axis.name},
-                                  {"lower", axis.nodes.front()},
-                                  {"upper", axis.nodes.back()},
-                                  {"nodes", axis.nodes.size()},
-                                  {"units", axis.units},
-                                  {"reference", axis.reference},
-                                  {"long_name", axis.long_name}});
-  }
-  info["units"] = c.field.units;
-  info["mesh_cells"] = c.mesh ? c.mesh->cell_count() : 0;
-  for (const reduction::Quantity& quantity : c.quantities)
-    info["quantities"].push_back({{"name", quantity.name}, {"units", quantity.units}});
-  info["outputs"] = model.output_names();
-  info["crack_lengths"] = c.crack.length.size();
-  add_errors(c, info);
-  info["created_by"] = c.created_by;
   std::string text = fmt::format(
       "{}: {} form, {} space modes, {} parameter modes, made by {}\n  {} dofs [{}], {} steps of model time "
       "{:g} … {:g}, {} mesh cells\n",
@@ -78,7 +45,7 @@ int model_info(const ModelArguments& arguments) {
       "  error off the grid: {}",
       fmt::join(model.output_names(), ", "), c.crack.length.size(), c.relative_error,
       reduction::largest_error(c.max_error_m, c.quantities), off_grid_text(c));
-  files::CommandOutput(arguments.json).line(info, text);
+  files::CommandOutput(arguments.json).line(report::model_record(model), text);
   return 0;
 }
 
@@ -91,13 +58,8 @@ int model_import(const ImportArguments& arguments) {
   files::refuse_overwriting(arguments.output, {arguments.snapshots});
   const auto [model, truncation] = reduction::import_model_and_error(arguments.snapshots, options);
   reduction::write_model(model, truncation, arguments.output);
-  nlohmann::ordered_json record = {{"model", arguments.output},
-                                   {"form", arguments.form},
-                                   {"space_modes", model.space_modes},
-                                   {"parameter_modes", model.parameter_modes}};
-  add_errors(model, record);
   files::CommandOutput(arguments.json)
-      .line(record,
+      .line(report::import_record(arguments.output, model),
             fmt::format(
                 "{}: {} form, {} space modes, {} parameter modes, error on the grid {:.2g} (relative), {}; "
                 "off the grid {}",
