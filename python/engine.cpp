@@ -1,0 +1,293 @@
+/// @file The engine of the program (docs/architecture.md, "The way of a datum").
+#include "knothe/engine/engine.hpp"
+
+#include <pybind11/stl.h>
+
+#include <nlohmann/json.hpp>
+
+#include "knothe/assimilation/update/marginal_density.hpp"
+#include "knothe/files/json_line.hpp"
+#include "knothe/library/engine_of_values.hpp"
+#include "knothe/library/plain.hpp"
+#include "knothe/project/project_engine.hpp"
+#include "knothe/project/refinement.hpp"
+#include "knothe/reduction/model/parameter_order.hpp"
+#include "knothe/report/results/step_record.hpp"
+#include "python/arrays.hpp"
+#include "python/bindings.hpp"
+#include "python/interruption.hpp"
+#include "python/values.hpp"
+
+namespace knothe::python {
+namespace {
+
+using assimilation::DatumKey;
+using library::plain;
+using py::arg;
+
+/// Of weighted values of a parameter that lies between these bounds, ±∞ where there is none.
+py::tuple marginal_density(const Doubles& values, const Doubles& weights, double lower, double upper) {
+  const bool below = std::isfinite(lower), above = std::isfinite(upper);
+  const auto prior = below && above ? assimilation::Prior::uniform(lower, upper)
+                     : below        ? assimilation::Prior::lognormal(0, 1)
+                                    : assimilation::Prior::normal(0, 1);
+  const auto density = assimilation::marginal_density(library::vector_of(span_of(values)),
+                                                      library::vector_of(span_of(weights)), prior);
+  return py::make_tuple(array_of(density.points), array_of(density.density));
+}
+
+/// What the engine says of a step, with the priors against which its densities are drawn.
+struct Result {
+  engine::StepResult step;
+  std::shared_ptr<const std::vector<assimilation::Prior>> priors;
+};
+using SharedResult = std::shared_ptr<Result>;
+
+assimilation::Method method_of(const std::string& kind) {
+  if (const auto method = from_text<assimilation::Method>(kind)) return *method;
+  throw UsageError("method \"" + kind + "\": give transport, grid, mcmc, smc, ekf, ukf or enkf");
+}
+
+/// An engine with its recorded data, and the results of its steps as long as they hold.
+class Twin {
+ public:
+  [[nodiscard]] static std::unique_ptr<Twin> of_project(const std::string& path, const std::string& kind) {
+    project::Project project = project::read_project(path);
+    if (!kind.empty()) project.method.kind = method_of(kind);
+    project::UpdateSetup setup = project::set_up(project);
+    auto twin = std::make_unique<Twin>(project::engine_setup(project, setup));
+    twin->refinement_ = project::make_refinement(project, setup.pictures);
+    twin->sensors_ = setup.measurements.sensors;
+    twin->time_indices_ = setup.time_indices;
+    twin->data_.emplace(std::move(setup));
+    return twin;
+  }
+  explicit Twin(engine::EngineSetup setup)
+      : sensors_(setup.sensors), engine_(std::make_unique<engine::Engine>(std::move(setup))) {
+    priors_ = std::make_shared<const std::vector<assimilation::Prior>>(engine_->priors());
+    for (std::size_t i = 0; i < engine_->model().time.size(); ++i) time_indices_.push_back(i);
+  }
+
+  /// The posterior of all data up to the datum's step.
+  SharedResult assimilate(assimilation::Datum datum) {
+    datum.time_index = time_index(datum.step);
+    const std::pair place(datum.step, datum.key);
+    if (keys_.contains(place))
+      throw UsageError(fault(datum.step) +
+                       " is assimilated already: withdraw it before adding another, or "
+                       "give the datum another source, session or seq");
+    engine_->add(datum);
+    keys_.insert(place);
+    forget_stale();
+    Result result{engine_->conclude(datum.step), priors_};
+    const bool is_last = datum.step + 1 == time_indices_.size();
+    if (refinement_ && refinement_->refine_if_needed(engine_, result.step, is_last)) results_.clear();
+    return results_[datum.step] = std::make_shared<Result>(std::move(result));
+  }
+  void withdraw(std::size_t step, const DatumKey& key) {
+    if (!engine_->withdraw(step, key))
+      throw UsageError(fault(step) + " is not assimilated: there is nothing to withdraw");
+    keys_.erase({step, key});
+    results_.erase(step);
+    forget_stale();
+  }
+  [[nodiscard]] SharedResult result(std::size_t step) {
+    if (engine_->data_count(step) == 0) throw UsageError(fault(step) + " is not assimilated");
+    SharedResult& kept = results_[step];
+    if (!kept) kept = std::make_shared<Result>(Result{engine_->conclude(step), priors_});
+    return kept;
+  }
+  /// Of all steps: what the last line of `knothe assimilate` says.
+  [[nodiscard]] std::string run_verdict() {
+    assimilation::RunVerdict run;
+    for (const std::size_t step : engine_->steps()) run.add(result(step)->step.update.verdict);
+    return files::json_line(report::verdict_record(run.verdict()));
+  }
+  [[nodiscard]] std::optional<assimilation::Datum> next() {
+    if (!data_) throw UsageError("this twin was made from values: it has no recorded data");
+    const auto last = results_.empty() ? nullptr : results_.rbegin()->second;
+    auto item = data_->next(last ? last->step.update.mean : Eigen::VectorXd());
+    if (!item) return std::nullopt;
+    return std::move(item->datum);
+  }
+  [[nodiscard]] std::size_t time_index(std::size_t step) const {
+    if (step < time_indices_.size()) return time_indices_[step];
+    throw UsageError(fault(step) + ": there are steps 0 to " + std::to_string(time_indices_.size() - 1));
+  }
+  [[nodiscard]] std::vector<double> times() const {
+    std::vector<double> times;
+    for (const std::size_t i : time_indices_) times.push_back(engine_->model().time[i]);
+    return times;
+  }
+  [[nodiscard]] const engine::Engine& engine() const { return *engine_; }
+  [[nodiscard]] const reduction::Sensors& sensors() const { return sensors_; }
+  [[nodiscard]] SharedResult results_of_last() {
+    const auto last = engine_->last_step();
+    return last ? result(*last) : nullptr;
+  }
+  std::mutex mutex;
+
+ private:
+  [[nodiscard]] static std::string fault(std::size_t step) { return "step " + std::to_string(step); }
+  void forget_stale() {
+    for (const std::size_t step : engine_->stale()) results_.erase(step);
+  }
+
+  reduction::Sensors sensors_;
+  std::unique_ptr<engine::Engine> engine_;
+  std::shared_ptr<const std::vector<assimilation::Prior>> priors_;
+  std::optional<project::RecordedData> data_;
+  std::unique_ptr<project::Refinement> refinement_;
+  std::vector<std::size_t> time_indices_;
+  std::set<std::pair<std::size_t, DatumKey>> keys_;
+  std::map<std::size_t, SharedResult> results_;
+};
+
+assimilation::Datum datum_of(std::size_t step, const Doubles& values, const Doubles& std,
+                             const std::optional<SparseRows>& precision, const std::string& source,
+                             const std::string& session, std::int64_t seq) {
+  assimilation::Datum datum{{source, session, seq}, step, step, library::vector_of(span_of(values)), {}};
+  const Noise noise = noise_of(std, precision);
+  if (!noise.empty()) datum.noise = library::noise_of(noise, static_cast<std::size_t>(values.size()));
+  return datum;
+}
+
+void bind_data(py::module_& module) {
+  using assimilation::Datum;
+  py::class_<Datum>(module, "Datum")
+      .def(py::init(&datum_of), arg("step"), arg("values"), arg("std"), arg("precision"), arg("source"),
+           arg("session"), arg("seq"))
+      .def_readonly("step", &Datum::step)
+      .def_property_readonly("values", [](const Datum& datum) { return array_of(plain(datum.values)); })
+      .def_property_readonly("source", [](const Datum& datum) { return datum.key.source; })
+      .def_property_readonly("session", [](const Datum& datum) { return datum.key.session; })
+      .def_property_readonly("seq", [](const Datum& datum) { return datum.key.seq; })
+      .def_property_readonly("std", [](const Datum& datum) -> py::object {
+        if (!datum.noise) return py::none();
+        return array_of(plain(datum.noise->standard_deviations()));
+      });
+}
+
+void bind_results(py::module_& module) {
+  const auto points = [](const Result& result) {
+    const assimilation::Posterior& p = result.step.update;
+    return rows_of(plain(p.points), static_cast<std::size_t>(p.points.cols()));
+  };
+  py::class_<Result, std::shared_ptr<Result>>(module, "Result")
+      .def("json", [](const Result& result) { return files::json_line(report::step_record(result.step)); })
+      .def("forecasts_json",
+           [](const Result& result) {
+             return files::json_line(report::forecast_record(result.step.forecasts, true));
+           })
+      .def("points", points)
+      .def("weights", [](const Result& result) { return array_of(plain(result.step.update.weights)); })
+      .def("densities", [](const Result& result) { return densities_of(*result.priors); });
+  module.def(
+      "equal_draws",
+      [](const Doubles& weights, Eigen::Index count) {
+        const Eigen::VectorXd w = library::vector_of(span_of(weights));
+        return array_of(numerics::equal_draws(w, count));
+      },
+      arg("weights"), arg("count"));
+  module.def("marginal_density", &marginal_density, arg("values"), arg("weights"), arg("lower"),
+             arg("upper"));
+}
+
+/// The tables [forecast.NAME] of `text`, a project file's, for the engine.
+void add_forecasts(const std::string& text, const std::string& model, const Sensors& sensors,
+                   const std::vector<Prior>& priors, engine::EngineSetup& setup) {
+  const project::Project project = project::parse_project(text, "forecasts");
+  if (project.forecasts.empty()) return;
+  std::vector<std::string> names;
+  for (const Prior& prior : priors) names.push_back(prior.parameter);
+  const reduction::SeparatedModel ordered(
+      reduction::with_parameter_order(reduction::read_model(model), names), model);
+  setup.forecaster.emplace(
+      ordered, reduction::Dofs{sensors.points, {sensors.components.begin(), sensors.components.end()}},
+      project.forecasts);
+}
+
+std::unique_ptr<Twin> twin_of_values(const std::string& model, const Doubles& points,
+                                     const std::vector<int>& components, const Doubles& std,
+                                     const std::optional<SparseRows>& precision,
+                                     const std::vector<PriorValues>& priors, double tolerance, int max_order,
+                                     std::uint64_t seed, const std::string& forecasts) {
+  const Sensors sensors{vector_of(points), components};
+  const Noise noise = noise_of(std, precision);
+  const std::vector<Prior> named = priors_of(priors);
+  return long_call([&] {
+    engine::EngineSetup setup =
+        library::engine_setup(model, sensors, noise, named, {tolerance, max_order, seed});
+    add_forecasts(forecasts, model, sensors, named, setup);
+    return std::make_unique<Twin>(std::move(setup));
+  });
+}
+
+void bind_twin(py::module_& module) {
+  py::class_<Twin>(module, "Twin")
+      .def_static(
+          "of_project",
+          [](const std::string& path, const std::string& kind) {
+            return long_call([&] { return Twin::of_project(path, kind); });
+          },
+          arg("path"), arg("kind"))
+      .def_static("of_values", &twin_of_values, arg("model"), arg("points"), arg("components"), arg("std"),
+                  arg("precision"), arg("priors"), arg("tolerance"), arg("max_order"), arg("seed"),
+                  arg("forecasts"))
+      .def(
+          "assimilate",
+          [](Twin& twin, const assimilation::Datum& datum) {
+            return long_call(twin.mutex, [&] { return twin.assimilate(datum); });
+          },
+          arg("datum"))
+      .def(
+          "withdraw",
+          [](Twin& twin, std::size_t step, const std::string& source, const std::string& session,
+             std::int64_t seq) {
+            long_call(twin.mutex, [&] { twin.withdraw(step, {source, session, seq}); });
+          },
+          arg("step"), arg("source"), arg("session"), arg("seq"))
+      .def(
+          "result",
+          [](Twin& twin, std::size_t step) {
+            return long_call(twin.mutex, [&] { return twin.result(step); });
+          },
+          arg("step"))
+      .def("last", [](Twin& twin) { return long_call(twin.mutex, [&] { return twin.results_of_last(); }); })
+      .def("run_verdict",
+           [](Twin& twin) { return long_call(twin.mutex, [&] { return twin.run_verdict(); }); })
+      .def("next", [](Twin& twin) { return long_call(twin.mutex, [&] { return twin.next(); }); })
+      .def("steps", [](Twin& twin) { return long_call(twin.mutex, [&] { return twin.engine().steps(); }); })
+      .def("times", [](const Twin& twin) { return array_of(twin.times()); })
+      .def("parameters", [](const Twin& twin) { return twin.engine().model().parameters; })
+      .def(
+          "values",
+          [](Twin& twin, std::size_t step) {
+            return array_of(long_call(twin.mutex, [&] { return plain(twin.engine().last_values(step)); }));
+          },
+          arg("step"))
+      .def("sensors",
+           [](const Twin& twin) {
+             const reduction::Sensors& s = twin.sensors();
+             return py::make_tuple(rows_of(s.points, 3), array_of(s.components), s.scalars);
+           })
+      .def(
+          "predict",
+          [](Twin& twin, const Doubles& points, std::size_t step, bool jacobian) {
+            const auto span = span_of(points);
+            return arrays_of(long_call(twin.mutex, [&] {
+              return predict(twin.engine().model(), span, twin.time_index(step), jacobian);
+            }));
+          },
+          arg("points"), arg("step"), arg("jacobian"));
+}
+
+}  // namespace
+
+void bind_engine(py::module_& module) {
+  bind_data(module);
+  bind_results(module);
+  bind_twin(module);
+}
+
+}  // namespace knothe::python

@@ -1,0 +1,40 @@
+"""Bayesian assimilation of measurements with transport maps and reduced models, for numpy and xarray.
+
+The same engine as the program `knothe`: what a call here gives is, to the bit, what the command prints.
+
+============================  ==============================================================================
+`Twin`                        data in, one by one; posterior, forecasts and verdict out
+`Model`, `offline`            reduced models: from files, and from snapshots of your own solver
+`fit`, `fit_samples`          transport maps of a density or of samples: `TransportMap`
+`infer`                       one-shot inference for any model
+`Correlation`                 displacements from pictures
+`open_results`                what the commands have left in a folder
+`knothe.plot`                 figures (matplotlib)
+============================  ==============================================================================
+
+Points are n x d arrays in C order (double precision); such arrays are read where they are, without a copy. Long calls let other
+threads of Python go on, and Ctrl-C ends them. All quantities are in SI units, as in the files.
+"""
+from knothe._version import __version__
+from knothe import _knothe
+
+if _knothe.version != __version__:
+    raise ImportError(f"the package knothe is of version {__version__}, but its library is of version "
+                      f"{_knothe.version}: install both from the same build")
+
+from knothe._errors import DataError, Error, Interrupted, IoError, NumericalError, ProjectError, UsageError
+from knothe._inference import InferenceResult, infer
+from knothe._maps import Fit, TransportMap, fit, fit_samples
+from knothe._models import Model, ObservedModel, offline
+from knothe._pictures import Correlation, Displacements, read_picture
+from knothe._posterior import Forecast, Posterior, Reason, Verdict
+from knothe._results import Results, open_results
+from knothe._twin import Datum, StepResult, Twin
+from knothe._values import Lognormal, Normal, Precision, Sensors, Uniform
+
+__all__ = [
+    "Correlation", "DataError", "Datum", "Displacements", "Error", "Fit", "Forecast", "InferenceResult", "Interrupted",
+    "IoError", "Lognormal", "Model", "Normal", "NumericalError", "ObservedModel", "Posterior", "Precision", "ProjectError",
+    "Reason", "Results", "Sensors", "StepResult", "TransportMap", "Twin", "Uniform", "UsageError", "Verdict", "__version__",
+    "fit", "fit_samples", "infer", "offline", "open_results", "read_picture",
+]

@@ -1,0 +1,58 @@
+"""Errors of the library, as Python has them: each class mirrors one of knothe/base/error.hpp."""
+
+
+class Error(Exception):
+    """A mistake of the caller or in a file; the message says what is wrong, where, and what to do.
+
+    Attributes
+    ----------
+    status : int
+        The exit status with which the program `knothe` ends for the same reason.
+
+    Examples
+    --------
+    >>> import knothe
+    >>> try:
+    ...     knothe.Model.load("nowhere.h5")
+    ... except knothe.Error as error:
+    ...     print(type(error).__name__, error.status)
+    DataError 4
+    """
+
+    status = 1
+
+
+class UsageError(Error, ValueError):
+    """Arguments that make no sense, or do not fit together."""
+
+    status = 2
+
+
+class ProjectError(Error):
+    """A project file that is missing or invalid: ``file:line:column: error: ...``, all errors of the file at once."""
+
+    status = 3
+
+
+class DataError(Error):
+    """A model or data file that is missing or damaged, or a model that gives no usable answer."""
+
+    status = 4
+
+
+class IoError(Error, OSError):
+    """A file that cannot be written: disk full, no permission."""
+
+    status = 5
+
+
+class NumericalError(Error):
+    """A computation that could not be done."""
+
+    status = 6
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C; the message says what is kept. As `KeyboardInterrupt` it passes by ``except Exception``."""
+
+    status = 130

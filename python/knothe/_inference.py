@@ -1,0 +1,139 @@
+"""One-shot inference."""
+from __future__ import annotations
+
+import json
+import os
+from typing import TYPE_CHECKING, Any, Callable, Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from knothe import _knothe
+from knothe._errors import UsageError
+from knothe._posterior import Posterior
+from knothe._values import Array, Prior, noise_values, prior_values
+
+if TYPE_CHECKING:
+    import xarray
+
+
+class InferenceResult(Posterior):
+    """What `infer` gives: the posterior (`Posterior`), and
+
+    Attributes
+    ----------
+    record : dict
+        The line of ``knothe infer --json``.
+    chains : ndarray, shape (chains, draws, d)
+        Equally weighted draws.
+    remark : str
+        Trusted or not, and why: one sentence.
+
+    Examples
+    --------
+    >>> found = knothe.infer(lambda p: p, {"a": knothe.Normal(0, 1)}, observed=[1.0], std=1.0)
+    >>> found.mean.round(3), found.chains.shape
+    (array([0.5]), (1, 10000, 1))
+    """
+
+    def __init__(self, found: dict[str, Any]) -> None:
+        record = json.loads(found["json"])
+        super().__init__(record, record["parameters"], found["points"], found["weights"], found["densities"])
+        draws = found["draws"]
+        count = len(draws) // found["chains"]
+        self.chains: Array = draws[:count * found["chains"]].reshape(found["chains"], count, -1)
+
+    @property
+    def skewness(self) -> Array:
+        """E (p - mean)³ / std³, shape (d,)."""
+        return np.array(self.record["skewness"])
+
+    @property
+    def kurtosis(self) -> Array:
+        """E (p - mean)⁴ / std⁴, shape (d,); 3 for a Gaussian."""
+        return np.array(self.record["kurtosis"])
+
+    @property
+    def remark(self) -> str:
+        """Trusted or not, and why: one sentence."""
+        return str(self.record["verdict"])
+
+    def to_xarray(self, draws: int = 500) -> "dict[str, xarray.Dataset]":
+        """One Dataset for each of ArviZ's groups; the draws of ``posterior`` are `chains`."""
+        import xarray
+
+        groups = super().to_xarray(draws)
+        chains, count, _ = self.chains.shape
+        groups["posterior"] = xarray.Dataset(
+            {name: (("chain", "draw"), self.chains[..., k]) for k, name in enumerate(self.parameters)},
+            {"chain": np.arange(chains), "draw": np.arange(count)})
+        return groups
+
+
+def _over_points(function: Callable[[Array], ArrayLike]) -> Callable[[Array], Array]:
+    """A function of one point as a function of many."""
+    return lambda points: np.array([np.asarray(function(point), float).ravel() for point in points])
+
+
+def infer(model: "str | os.PathLike[str] | Callable[[Array], ArrayLike]", parameters: Mapping[str, Prior] | None = None, *,
+          observed: ArrayLike | None = None, std: ArrayLike | None = None, covariance: ArrayLike | None = None,
+          jacobian: Callable[[Array], ArrayLike] | None = None, vectorized: bool = False, method: str | None = None,
+          tolerance: float = 1e-3, max_order: int = 8, samples: int = 10000, seed: int = 1,
+          results: "str | os.PathLike[str] | None" = None) -> InferenceResult:
+    """Bayesian inference for any model.
+
+    Parameters
+    ----------
+    model : path or callable
+        A project file, as of ``knothe infer``: then only `method` and `results` may be given besides. Or the model itself: its
+        m outputs at parameters of shape (d,). Without `observed` it is the complete log posterior density, one number.
+    parameters : mapping of name to Normal, Uniform or Lognormal
+        Priors; their order is that of the parameters. Of a density they only say where the parameters lie, and on which scale.
+    observed : array_like, shape (m,), optional
+    std : float or array_like, shape (m,)
+        Standard deviations of the observations' noise; or
+    covariance : array_like, shape (m, m)
+        its covariance.
+    jacobian : callable, optional
+        Derivatives of the outputs by the parameters, shape (m, d); else they are differenced.
+    vectorized : bool
+        `model` and `jacobian` take n points at once: (n, d) to (n, m) and (n, m, d).
+    method : {"transport", "mcmc", "smc", "grid"}, optional
+    tolerance, max_order : float, int
+        Of maps.
+    samples : int
+        Draws.
+    seed : int
+    results : path, optional
+        Where a project's results go, in place of the project's own.
+
+    Returns
+    -------
+    InferenceResult
+
+    Examples
+    --------
+    >>> found = knothe.infer(lambda p: [p[0] + p[1], p[0] * p[1]], {"a": knothe.Normal(0, 1), "b": knothe.Uniform(0, 2)},
+    ...                      observed=[1.5, 0.5], std=0.1)
+    >>> found.parameters, found.trusted
+    (['a', 'b'], True)
+    """
+    if not callable(model):
+        if any(value is not None for value in (parameters, observed, std, covariance, jacobian)):
+            raise UsageError("infer: a project file says everything; leave out parameters, observations and jacobian")
+        return InferenceResult(_knothe.infer_project(os.fspath(model), method or "", os.fspath(results or "")))
+    if not parameters:
+        raise UsageError("infer: give a prior for each parameter")
+    values = np.zeros(0) if observed is None else np.ascontiguousarray(observed, float).ravel()
+    if len(values) and (std is None) == (covariance is None):
+        raise UsageError("infer: give std or covariance of the observations, one of them")
+    deviations, _ = noise_values(std, None, len(values))
+    matrix = np.zeros((0, 0)) if covariance is None else np.ascontiguousarray(covariance, float)
+    if len(values) and std is not None and len(deviations) != len(values):
+        raise UsageError(f"infer: {len(deviations)} standard deviations for {len(values)} observations")
+    if covariance is not None and matrix.shape != (len(values), len(values)):
+        raise UsageError(f"infer: a covariance of shape {matrix.shape} for {len(values)} observations")
+    over_points = (lambda function: function) if vectorized else _over_points
+    return InferenceResult(_knothe.infer_callable(
+        over_points(model), None if jacobian is None else over_points(jacobian), prior_values(parameters), values, deviations,
+        matrix, method or "transport", tolerance, max_order, samples, seed))

@@ -1,0 +1,185 @@
+"""Transport maps."""
+from __future__ import annotations
+
+import os
+from typing import Any, Callable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from knothe import _knothe
+from knothe._errors import UsageError
+from knothe._posterior import Posterior
+from knothe._values import Array, points_of
+
+
+class TransportMap:
+    """A distribution as an invertible function T of a standard normal variable: T(x), x ~ N(0, I).
+
+    From `fit`, `fit_samples` or `TransportMap.load`.
+
+    Attributes
+    ----------
+    dimension : int
+
+    Examples
+    --------
+    >>> transport = knothe.fit(lambda p: -0.5 * p @ p, dimension=2).map
+    >>> x = np.array([[0.3, -1.2], [1.5, 0.4]])
+    >>> bool(np.allclose(transport.inverse(transport(x)), x))
+    True
+    """
+
+    def __init__(self, native: _knothe.TransportMap) -> None:
+        self._native = native
+        self.dimension: int = native.dimension
+
+    def __call__(self, reference: ArrayLike) -> Array:
+        """T(x) at points of the reference, shape (n, d)."""
+        return self._native.evaluate(points_of(reference, self.dimension, "points of the reference"))
+
+    def inverse(self, points: ArrayLike) -> Array:
+        """T⁻¹(z), shape (n, d)."""
+        return self._native.inverse(points_of(points, self.dimension, "points"))
+
+    def log_density(self, points: ArrayLike) -> Array:
+        """log of the density of T(x), shape (n,).
+
+        Examples
+        --------
+        >>> transport = knothe.fit(lambda p: -0.5 * p @ p, dimension=2).map
+        >>> transport.log_density([[0.0, 0.0]]).round(6)
+        array([-1.837877])
+        """
+        return self._native.log_density(points_of(points, self.dimension, "points"))
+
+    def sample(self, count: int, seed: int = 1) -> Array:
+        """Independent draws, shape (count, d)."""
+        return self._native.sample(count, seed)
+
+    def condition(self, given: ArrayLike, count: int, seed: int = 1) -> Array:
+        """Draws of all coordinates with the first ones equal to `given`, shape (count, d).
+
+        Of a map of samples of (data, parameters): samples of the posterior of the parameters, without a likelihood.
+        `UsageError` for a map that is not triangular (`fit` with ``triangular=True``).
+
+        Examples
+        --------
+        >>> draws = np.random.default_rng(1).standard_normal((2000, 2))
+        >>> draws[:, 1] += draws[:, 0]
+        >>> posterior = knothe.fit_samples(draws).condition([1.0], 4000)
+        >>> bool(abs(posterior[:, 1].mean() - 1.0) < 0.1)
+        True
+        """
+        return self._native.conditional_sample(np.ascontiguousarray(given, float).ravel(), count, seed)
+
+    def save(self, path: "str | os.PathLike[str]") -> None:
+        """Writes the map to a file (HDF5), whole or not at all."""
+        self._native.save(os.fspath(path))
+
+    @classmethod
+    def load(cls, path: "str | os.PathLike[str]") -> "TransportMap":
+        """The map of such a file, bit-identical.
+
+        Examples
+        --------
+        >>> transport = knothe.fit(lambda p: -0.5 * p @ p, dimension=1).map
+        >>> transport.save("map.h5")
+        >>> bool(np.all(knothe.TransportMap.load("map.h5").sample(5) == transport.sample(5)))
+        True
+        """
+        return cls(_knothe.TransportMap.load(os.fspath(path)))
+
+    def __repr__(self) -> str:
+        return f"<TransportMap of dimension {self.dimension}: {self._native.describe()}>"
+
+
+class Fit(Posterior):
+    """What `fit` gives: the posterior (`Posterior`), and
+
+    Attributes
+    ----------
+    map : TransportMap
+
+    Examples
+    --------
+    >>> knothe.fit(lambda p: -0.5 * p @ p, dimension=1).trusted
+    True
+    """
+
+    def __init__(self, native: _knothe.TransportMap, found: dict[str, Any]) -> None:
+        points, weights = found.pop("points"), found.pop("weights")
+        found["quantiles"] = {"levels": found.pop("levels"), "values": found.pop("quantiles")}
+        super().__init__(found, [f"p{k}" for k in range(points.shape[1])], points, weights)
+        self.map = TransportMap(native)
+
+
+def fit(log_density: Callable[[Array], float], dimension: int, *, gradient: Callable[[Array], ArrayLike] | None = None,
+        tolerance: float = 1e-3, max_order: int = 8, seed: int = 1, standardised: bool = True, triangular: bool = False) -> Fit:
+    """A transport map of a density, and what follows from it.
+
+    Finds the mode, then maps of rising order until one is good on points that it was not trained on, then weights.
+
+    Parameters
+    ----------
+    log_density : callable
+        The logarithm of the density at a point, shape (d,), up to a constant; ``-inf`` where the density is zero.
+    dimension : int
+        d.
+    gradient : callable, optional
+        Its gradient, shape (d,); without it the solver does with differences.
+    tolerance : float
+        On the variance diagnostic.
+    max_order : int
+        1 to 8.
+    seed : int
+    standardised : bool
+        The density is roughly that of N(0, I), or within some units of it; else nothing is supposed of its scale.
+    triangular : bool
+        The map is triangular in the given order of the variables, as `TransportMap.condition` needs it.
+
+    Returns
+    -------
+    Fit
+
+    Examples
+    --------
+    A bent ridge, x ~ N(0, 1) and y ~ N(x²/2, 0.5²) given x, not normalised:
+
+    >>> def log_density(p):
+    ...     return -0.5 * (p[0] ** 2 + ((p[1] - 0.5 * p[0] ** 2) / 0.5) ** 2)
+    >>> def gradient(p):
+    ...     r = (p[1] - 0.5 * p[0] ** 2) / 0.25
+    ...     return [-p[0] + r * p[0], -r]
+    >>> found = knothe.fit(log_density, 2, gradient=gradient)
+    >>> found.trusted, bool(abs(found.log_evidence - np.log(np.pi)) < 2e-3)
+    (True, True)
+    """
+    native, found = _knothe.solve_map(log_density, dimension, gradient, tolerance, max_order, seed, standardised, triangular)
+    return Fit(native, found)
+
+
+def fit_samples(samples: ArrayLike, *, max_order: int = 5, folds: int = 5, seed: int = 1) -> TransportMap:
+    """A transport map of samples, by maximum likelihood, component by component.
+
+    Parameters
+    ----------
+    samples : array_like, shape (m, d)
+        What will be given to `TransportMap.condition` comes first.
+    max_order : int
+        Of each component; cross-validation chooses below that.
+    folds : int
+        Of the cross-validation; 0: every component gets `max_order`.
+    seed : int
+        Shuffles samples into folds.
+
+    Examples
+    --------
+    >>> draws = np.random.default_rng(1).standard_normal((1000, 2))
+    >>> knothe.fit_samples(draws).dimension
+    2
+    """
+    points = np.ascontiguousarray(samples, float)
+    if points.ndim != 2:
+        raise UsageError(f"fit_samples: an array of shape {points.shape} is not m samples of d coordinates")
+    return TransportMap(_knothe.map_from_samples(points, points.shape[1], max_order, folds, seed))

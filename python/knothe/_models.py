@@ -1,0 +1,240 @@
+"""Reduced models."""
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from typing import Any, Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from knothe import _knothe
+from knothe._errors import UsageError
+from knothe._values import Array, Sensors, points_of, step_of
+
+
+def _parameter_points(at: ArrayLike | Mapping[str, float], parameters: Sequence[str]) -> tuple[Array, bool]:
+    """Points n x d, and whether one alone was given (d numbers, or a number by name)."""
+    if isinstance(at, Mapping):
+        if set(at) != set(parameters):
+            raise UsageError(f"parameters {', '.join(at)}: the model has {', '.join(parameters)}")
+        at = [float(at[name]) for name in parameters]
+    return points_of(at, len(parameters), "parameters"), np.ndim(at) == 1
+
+
+class ObservedModel:
+    """A reduced model seen through sensors; from `Model.observe`.
+
+    Examples
+    --------
+    >>> seen = knothe.Model.load("model.h5").observe([[0.4, 0.0, 0.0]], "y")
+    >>> seen([1.0, 1.0], step=4).shape, seen.jacobian([1.0, 1.0], step=4).shape
+    ((1,), (1, 2))
+    """
+
+    def __init__(self, native: _knothe.ObservedModel, parameters: list[str]) -> None:
+        self._native, self.parameters = native, parameters
+        self._steps = native.steps()
+
+    def __call__(self, at: ArrayLike | Mapping[str, float], step: int) -> Array:
+        """What the sensors would say without noise.
+
+        Parameters
+        ----------
+        at : array_like, shape (d,) or (n, d), or mapping
+            Parameters, inside the model's box.
+        step : int
+            Time step; negative ones count from the end.
+
+        Returns
+        -------
+        ndarray, shape (sensors,) or (n, sensors), m
+        """
+        points, one = _parameter_points(at, self.parameters)
+        values, _ = self._native.predict(points, step_of(step, self._steps), False)
+        return values[0] if one else values
+
+    def jacobian(self, at: ArrayLike | Mapping[str, float], step: int) -> Array:
+        """Derivatives by the parameters, shape (sensors, d) or (n, sensors, d)."""
+        points, one = _parameter_points(at, self.parameters)
+        jacobian = self._native.predict(points, step_of(step, self._steps), True)[1]
+        return jacobian[0] if one else jacobian
+
+
+class Model:
+    """A reduced model: a field of parameters and time, from the file of `knothe offline`, `knothe model import` or `offline`.
+
+    Attributes
+    ----------
+    path : str
+        The file.
+    parameters : list of str
+        Names, in the order of points.
+    times : ndarray
+        Model times.
+    points, components : ndarray, shapes (dofs, 3) and (dofs,)
+        Place (m) and direction of each dof; empty where they are no displacements.
+
+    Examples
+    --------
+    >>> model = knothe.Model.load("model.h5")
+    >>> model.parameters, model([1.0, 1.2], step=4).shape
+    (['E', 'F'], (5,))
+    >>> model({"E": 1.0, "F": 1.2}, step=4, dofs=[4]).round(9)
+    array([0.0022])
+    """
+
+    def __init__(self, native: _knothe.Model, path: str) -> None:
+        self._native, self.path = native, path
+        self.parameters: list[str] = native.parameters()
+        self.times: Array = native.times()
+        self.points, self.components = native.dofs()
+
+    @classmethod
+    def load(cls, path: "str | os.PathLike[str]") -> "Model":
+        """Reads a file. `DataError` names what is missing or damaged in it."""
+        return cls(_knothe.Model.load(os.fspath(path)), os.fspath(path))
+
+    def __call__(self, at: ArrayLike | Mapping[str, float], step: int, dofs: Sequence[int] | None = None) -> Array:
+        """The field at parameters and a time step.
+
+        Parameters
+        ----------
+        at : array_like, shape (d,) or (n, d), or mapping
+            Parameters, inside the model's box.
+        step : int
+            Time step; negative ones count from the end.
+        dofs : sequence of int, optional
+            Which; all by default.
+
+        Returns
+        -------
+        ndarray, shape (dofs,) or (n, dofs)
+            In the field's unit, m for displacements.
+        """
+        points, one = _parameter_points(at, self.parameters)
+        values, _ = self._native.evaluate(points, step_of(step, len(self.times)), self._dofs(dofs), False)
+        return values[0] if one else values
+
+    @staticmethod
+    def _dofs(dofs: Sequence[int] | None) -> list[int]:
+        """As the module wants them: none stands for all."""
+        if dofs is not None and len(dofs) == 0:
+            raise UsageError("dofs: none is named; leave it out for all")
+        return [] if dofs is None else [int(dof) for dof in dofs]
+
+    def jacobian(self, at: ArrayLike | Mapping[str, float], step: int, dofs: Sequence[int] | None = None) -> Array:
+        """Exact derivatives of the field by the parameters, shape (dofs, d) or (n, dofs, d)."""
+        points, one = _parameter_points(at, self.parameters)
+        jacobian = self._native.evaluate(points, step_of(step, len(self.times)), self._dofs(dofs), True)[1]
+        return jacobian[0] if one else jacobian
+
+    def output(self, name: str, at: ArrayLike | Mapping[str, float]) -> Array:
+        """A further output (reaction force ...) at all time steps, shape (steps,) or (n, steps)."""
+        points, one = _parameter_points(at, self.parameters)
+        values, _ = self._native.evaluate_output(name, points, False)
+        return values[0] if one else values
+
+    def observe(self, points: ArrayLike | Sensors, components: str | int | Sequence[str | int] = "y") -> ObservedModel:
+        """The model at places that need not be dofs: the element's shape functions interpolate.
+
+        Parameters
+        ----------
+        points : array_like, shape (n, 3), m, or Sensors
+        components : as of `Sensors`
+        """
+        sensors = points if isinstance(points, Sensors) else Sensors(points, components)
+        return ObservedModel(self._native.observe(sensors.points, sensors.components), self.parameters)
+
+    @property
+    def info(self) -> dict[str, Any]:
+        """What `knothe model info --json` prints."""
+        return json.loads(self._native.info_json())
+
+    def __repr__(self) -> str:
+        return f"<Model {self.path}: parameters {', '.join(self.parameters)}, {len(self.times)} steps>"
+
+
+def _solutions(function: Callable[..., ArrayLike], axes: Mapping[str, Array], time: Array) -> Array:
+    """The function at all grid points, [n_1, ..., n_d, n_t, n_dof]."""
+    shape = tuple(len(nodes) for nodes in axes.values())
+    values: Array | None = None
+    for index in np.ndindex(*shape):
+        point = [float(nodes[i]) for nodes, i in zip(axes.values(), index)]
+        solution = np.asarray(function(*point), float)
+        if solution.ndim != 2 or len(solution) != len(time):
+            raise UsageError(f"offline: at {tuple(point)} the function gave an array of shape {solution.shape}; it has to be "
+                             f"[{len(time)} times, dofs]")
+        if values is None:
+            values = np.empty(shape + solution.shape)
+        if solution.shape != values.shape[len(shape):]:
+            raise UsageError(f"offline: at {tuple(point)} the function gave {solution.shape[1]} dofs, elsewhere {values.shape[-1]}")
+        values[index] = solution
+    assert values is not None
+    return values
+
+
+def offline(function: Callable[..., ArrayLike], parameters: Mapping[str, ArrayLike], time: ArrayLike,
+            output: "str | os.PathLike[str]", *, points: ArrayLike | None = None,
+            components: str | int | Sequence[str | int] = "y", quantities: Mapping[str, str] | None = None, units: str = "m",
+            form: str = "tree", modes: int = 0, tolerance: float | None = None,
+            snapshots: "str | os.PathLike[str] | None" = None) -> Model:
+    """Makes a reduced model of your own solver: solutions on a grid of parameters, separated.
+
+    The way of ``knothe model import``: the solutions go to a file of snapshots, and that becomes a model.
+
+    Parameters
+    ----------
+    function : callable
+        ``function(p_1, ..., p_d)``: the solution at these parameters, shape (times, dofs).
+    parameters : mapping of name to array_like
+        Nodes of the grid, strictly increasing; the model holds between the first and the last.
+    time : array_like
+        Model times, strictly increasing.
+    output : path
+        The model's file (HDF5).
+    points : array_like, shape (dofs, 3), optional
+        Where each dof is, m; for displacements.
+    components : as of `Sensors`
+        Direction of each dof.
+    quantities : mapping of name to unit, optional
+        Dofs that have names in place of places.
+    units : str
+        Of the field.
+    form : {"tree", "canonical"}
+    modes : int
+        0: as many as the tolerance needs.
+    tolerance : float, optional
+        Relative error on the grid.
+    snapshots : path, optional
+        Where to keep the solutions; by default they are not kept.
+
+    Returns
+    -------
+    Model
+
+    Examples
+    --------
+    A bar of unit length under its load `F`, of stiffness `E`, at five places and five times:
+
+    >>> x, t = np.linspace(0.2, 1.0, 5), np.linspace(0.2, 1.0, 5)
+    >>> def bar(E, F):
+    ...     return 1e-3 * np.outer(t, x * (2 - x)) / E + 1e-3 * F * np.outer(t**2, x)
+    >>> nodes = np.linspace(0.5, 1.5, 9)
+    >>> model = knothe.offline(bar, {"E": nodes, "F": nodes}, t, "model.h5", points=np.c_[x, 0 * x, 0 * x])
+    >>> bool(np.allclose(model([0.9, 1.1], step=4), bar(0.9, 1.1)[4], atol=3e-7))
+    True
+    """
+    axes = {name: np.asarray(nodes, float) for name, nodes in parameters.items()}
+    times = np.asarray(time, float)
+    values = _solutions(function, axes, times)
+    places = Sensors(np.zeros((0, 3)) if points is None else points, [] if points is None else components)
+    parts = {"axes": [(name, list(nodes)) for name, nodes in axes.items()], "time": list(times), "values": values,
+             "units": units, "long_name": "displacement" if points is not None else "field", "points": places.points,
+             "components": places.components, "quantities": list((quantities or {}).items()), "outputs": []}
+    with tempfile.TemporaryDirectory(prefix="knothe-") as folder:
+        file = os.path.join(folder, "snapshots.h5") if snapshots is None else os.fspath(snapshots)
+        _knothe.write_snapshots(parts, file)
+        _knothe.import_model(file, os.fspath(output), form, modes, tolerance or 0.0)
+    return Model.load(output)

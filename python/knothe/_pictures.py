@@ -1,0 +1,144 @@
+"""Image correlation."""
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import Any, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from knothe import _knothe
+from knothe._errors import UsageError
+from knothe._values import Array, Precision, points_of
+
+
+def read_picture(path: "str | os.PathLike[str]") -> NDArray[np.float32]:
+    """Grey levels of a TIFF, PNG, BMP or PGM of 8 or 16 bits, shape (height, width), from the top.
+
+    Examples
+    --------
+    >>> with open("grey.pgm", "wb") as file:
+    ...     _ = file.write(b"P5 3 2 255\\n" + bytes([0, 50, 100, 150, 200, 250]))
+    >>> knothe.read_picture("grey.pgm")
+    array([[  0.,  50., 100.],
+           [150., 200., 250.]], dtype=float32)
+    """
+    return _knothe.read_picture(os.fspath(path))[0]
+
+
+def _picture(picture: "ArrayLike | str | os.PathLike[str]") -> tuple[NDArray[np.float32], float]:
+    """Grey levels, and that of a saturated pixel: of integers the largest of their type."""
+    if isinstance(picture, (str, os.PathLike)):
+        return _knothe.read_picture(os.fspath(picture))
+    pixels = np.asarray(picture)
+    if pixels.dtype.kind == "u":
+        return np.ascontiguousarray(pixels, np.float32), float(np.iinfo(pixels.dtype).max)
+    return np.ascontiguousarray(pixels, np.float32), 65535.0 if pixels.size and pixels.max() > 255 else 255.0
+
+
+@dataclass(frozen=True)
+class Displacements:
+    """How the nodes moved, px, positive to the right and down.
+
+    Attributes
+    ----------
+    u, v : ndarray, shape (nodes,)
+        NaN where nothing could be measured.
+    std_u, std_v : ndarray, shape (nodes,)
+        From the noise of the pictures.
+    converged : bool
+    message : str
+        Why it did not converge.
+    iterations : int
+    elements_rejected : int
+        Those that do not move as elements do: a crack.
+    residual_rms, picture_noise : float
+        Grey levels.
+
+    Examples
+    --------
+    >>> moved.converged, bool(np.nanmax(abs(moved.u - 0.3)) < 0.05)
+    (True, True)
+    """
+
+    u: Array
+    v: Array
+    std_u: Array
+    std_v: Array
+    converged: bool
+    message: str
+    iterations: int
+    elements_rejected: int
+    residual_rms: float
+    picture_noise: float
+    _precision: tuple[Array, NDArray[np.int64], NDArray[np.int64]]
+
+    @property
+    def values(self) -> Array:
+        """u and v in turn, (u_0, v_0, u_1, ...), as data want them once they are scaled to metres."""
+        return np.column_stack([self.u, self.v]).ravel()
+
+    def precision(self) -> Precision:
+        """Inverse covariance of `values`, 1/px²: of data in metres, `scaled` by (px/m)²."""
+        return Precision(*self._precision)
+
+
+class Correlation:
+    """One reference picture and its mesh, many deformed pictures: global finite-element image correlation.
+
+    Parameters
+    ----------
+    reference : array_like, shape (height, width), or path
+        Grey levels; pixel centres are at integer coordinates, x to the right, y down.
+    roi : (x0, y0, x1, y1), optional
+        Opposite corners of the mesh, inclusive, px; by default the picture less a margin.
+    element_size : float
+        px, adjusted to divide the region evenly.
+    prefilter : float
+        Standard deviation of a Gaussian filter on both pictures, px; 1 for sharp, aliased speckle.
+    max_iterations : int
+    tolerance : float
+        On the largest change of a displacement, px.
+    threads : int
+
+    Attributes
+    ----------
+    x, y : ndarray, shape (nodes,)
+        Places of the nodes, px.
+
+    Examples
+    --------
+    A speckle, and the same moved by 0.3 px to the right:
+
+    >>> spots = np.random.default_rng(1).uniform(0, 96, (2, 400))
+    >>> def picture(shift):
+    ...     y, x = np.mgrid[:96, :96]
+    ...     near = (x - spots[0, :, None, None] - shift) ** 2 + (y - spots[1, :, None, None]) ** 2
+    ...     return 20 + 25 * np.exp(-near / 8).sum(0)
+    >>> correlation = knothe.Correlation(picture(0), element_size=24)
+    >>> moved = correlation.correlate(picture(0.3))
+    >>> moved.converged, bool(np.max(abs(moved.u - 0.3)) < 0.05)
+    (True, True)
+    """
+
+    def __init__(self, reference: "ArrayLike | str | os.PathLike[str]", roi: Sequence[float] | None = None, *,
+                 element_size: float = 32, prefilter: float = 0, max_iterations: int = 50, tolerance: float = 1e-3,
+                 threads: int = 1) -> None:
+        if roi is not None and len(roi) != 4:
+            raise UsageError(f"roi: {len(roi)} numbers; give x0, y0, x1, y1, two opposite corners in px")
+        pixels, maximum = _picture(reference)
+        self._maximum = maximum
+        region: Any = [0.0] * 4 if roi is None else [float(value) for value in roi]
+        self._native = _knothe.Correlation(pixels, maximum, element_size, region, prefilter, max_iterations, tolerance, threads)
+        self.x, self.y = self._native.nodes()
+
+    def correlate(self, deformed: "ArrayLike | str | os.PathLike[str]") -> Displacements:
+        """Displacements of the nodes in a deformed picture; begins where the last picture ended."""
+        pixels, maximum = _picture(deformed)
+        found = self._native.correlate(pixels, maximum)
+        return Displacements(_precision=found.pop("precision"), **found)
+
+    def at(self, points: ArrayLike) -> Array:
+        """u, v of the last picture at points, shape (k, 2), px; NaN outside the mesh."""
+        return self._native.at(points_of(points, 2, "points of a picture"))

@@ -1,0 +1,264 @@
+"""What is known of the parameters, as numbers: what all answers have in common."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Mapping, Sequence
+
+import numpy as np
+
+from knothe import _knothe
+from knothe._errors import UsageError
+from knothe._values import Array
+
+if TYPE_CHECKING:
+    import xarray
+
+
+@dataclass(frozen=True)
+class Reason:
+    """Why an answer should be used with care, or not at all.
+
+    Attributes
+    ----------
+    code : str
+        ``computation``, ``fit``, ``range``, ``model``, ``bias`` or ``outlier``.
+    level : str
+        ``caution`` or ``reject``.
+    message : str
+        What it is, and what to do.
+    value, limit : float
+        What was found, and from where on it is a reason.
+    cause : str or None
+        Of a misfit: ``sign``, ``scale``, ``time_shift`` ...
+
+    Examples
+    --------
+    >>> for reason in result.verdict.reasons:
+    ...     print(reason.level, reason.code, reason.message)
+    """
+
+    code: str
+    level: str
+    message: str
+    value: float
+    limit: float
+    cause: str | None = None
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """May an answer be used?
+
+    Attributes
+    ----------
+    level : str
+        ``ok``, ``caution`` or ``reject``.
+    reasons : list of Reason
+        None where the level is ``ok``.
+    fit_probability : float
+        Of a misfit as large as that of all data so far, if the model is right.
+    edge_mass : ndarray, shape (d,)
+        Posterior mass in the outer 2 % of the model's box, at either side.
+    model_shift_std : ndarray, shape (d,)
+        How far the reduced model's own error moves each mean, in its standard deviation; empty where it is not known.
+
+    Examples
+    --------
+    >>> result.verdict.level
+    'ok'
+    """
+
+    level: str
+    reasons: list[Reason]
+    fit_probability: float
+    edge_mass: Array
+    model_shift_std: Array
+
+    @classmethod
+    def of(cls, record: Mapping[str, Any]) -> "Verdict":
+        return cls(record["level"], [Reason(**reason) for reason in record["reasons"]], record["fit_probability"],
+                   np.array(record["edge_mass"]), np.array(record["model_shift_std"]))
+
+    def __bool__(self) -> bool:
+        return self.level != "reject"
+
+
+@dataclass(frozen=True, repr=False)
+class Forecast:
+    """What is said of one quantity of interest.
+
+    Attributes
+    ----------
+    mean, std, maximum_a_posteriori : float
+        In `units`.
+    probability_above_threshold : float
+        P(q > threshold).
+    levels, values : ndarray
+        Quantiles.
+    points, density : ndarray
+        The density of q, per unit of q; empty where it is not known.
+
+    Examples
+    --------
+    >>> tip = twin.forecast["tip"]
+    >>> bool(abs(tip.mean - 2.211e-3) < 3 * tip.std), tip.units
+    (True, 'm')
+    """
+
+    mean: float
+    std: float
+    maximum_a_posteriori: float
+    probability_above_threshold: float
+    levels: Array
+    values: Array
+    units: str
+    points: Array
+    density: Array
+
+    @classmethod
+    def of(cls, record: Mapping[str, Any]) -> "Forecast":
+        density = record.get("density", {"points": [], "values": []})
+        return cls(record["mean"], record["std"], record["maximum_a_posteriori"], record["probability_above_threshold"],
+                   np.array(record["levels"]), np.array(record["values"]), record["units"], np.array(density["points"]),
+                   np.array(density["values"]))
+
+    def __repr__(self) -> str:
+        return (f"<Forecast: {self.mean:.4g} ± {self.std:.2g} {self.units}, "
+                f"P(above threshold) = {self.probability_above_threshold:.3g}>")
+
+
+class Posterior:
+    """A posterior of d parameters: n weighted points, and what follows from them.
+
+    Moments, quantiles and evidence are importance-corrected: right also where a map is only nearly so.
+
+    Attributes
+    ----------
+    record : dict
+        The line of JSON that the command prints, as Python has it.
+    parameters : list of str
+        Names, in the order of everything below.
+    points, weights : ndarray, shapes (n, d) and (n,)
+        The weights add up to 1.
+    densities : list of (lower, upper, points, density)
+        Support and density of each prior; empty where there are none.
+
+    Examples
+    --------
+    >>> result.parameters, result.mean.shape, result.covariance.shape
+    (['E', 'F'], (2,), (2, 2))
+    """
+
+    def __init__(self, record: dict[str, Any], parameters: Sequence[str], points: Array, weights: Array,
+                 densities: Sequence[tuple[float, float, Array, Array]] = ()) -> None:
+        self.record, self.parameters, self.points, self.weights = record, list(parameters), points, weights
+        self.densities = list(densities)
+
+    @property
+    def mean(self) -> Array:
+        """Mean, shape (d,)."""
+        return np.array(self.record["mean"])
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance, shape (d, d)."""
+        return np.array(self.record["covariance"])
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations, shape (d,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def maximum_a_posteriori(self) -> Array:
+        """Where the density of the parameters is largest, shape (d,)."""
+        return np.array(self.record["maximum_a_posteriori"])
+
+    @property
+    def levels(self) -> Array:
+        """Levels of the quantiles."""
+        return np.array(self.record["quantiles"]["levels"])
+
+    @property
+    def quantiles(self) -> Array:
+        """Marginal quantiles, shape (d, number of levels)."""
+        return np.array(self.record["quantiles"]["values"])
+
+    @property
+    def log_evidence(self) -> float:
+        """Natural logarithm of the evidence."""
+        return float(self.record["log_evidence"])
+
+    @property
+    def map_order(self) -> int:
+        """Order of the transport map; 0 where there is none."""
+        return int(self.record["map_order"])
+
+    @property
+    def variance_diagnostic(self) -> float:
+        """Of the map, on points other than the training ones (Rubio et al. 2019, Eq. 9)."""
+        return float(self.record["variance_diagnostic"])
+
+    @property
+    def ess(self) -> float:
+        """Effective sample size of the weights, as a fraction of their number."""
+        return float(self.record["ess"])
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the computation is to be trusted; of the answer itself, `Verdict` speaks."""
+        return bool(self.record["trusted"])
+
+    @property
+    def remark(self) -> str:
+        """Why the tolerance was not reached, or the computation is not to be trusted; else empty."""
+        return str(self.record.get("remark", ""))
+
+    def index(self, parameter: str | int) -> int:
+        """The place of a parameter, by name or place."""
+        if isinstance(parameter, str):
+            if parameter not in self.parameters:
+                raise UsageError(f"there is no parameter \"{parameter}\"; there are {', '.join(self.parameters)}")
+            return self.parameters.index(parameter)
+        return int(parameter)
+
+    def draws(self, count: int = 500) -> Array:
+        """Draws that weigh the same, shape (count, d); of an assimilation those that `posterior.nc` has."""
+        return self.points[_knothe.equal_draws(self.weights, count)]
+
+    def marginal(self, parameter: str | int) -> tuple[Array, Array]:
+        """Points and marginal density of one parameter, of the weighted points."""
+        k = self.index(parameter)
+        lower, upper = self.densities[k][:2] if self.densities else (-np.inf, np.inf)
+        return _knothe.marginal_density(self.points[:, k], self.weights, lower, upper)
+
+    def to_xarray(self, draws: int = 500) -> "dict[str, xarray.Dataset]":
+        """One Dataset for each of ArviZ's groups: ``posterior`` (chain, draw), ``weighted_posterior`` (point) and
+        ``sample_stats``.
+        """
+        import xarray
+
+        values = self.draws(draws)
+        chain = {"chain": [0], "draw": np.arange(len(values))}
+        posterior = {name: (("chain", "draw"), values[np.newaxis, :, k]) for k, name in enumerate(self.parameters)}
+        weighted = {name: (("point",), self.points[:, k]) for k, name in enumerate(self.parameters)}
+        weighted["weight"] = (("point",), self.weights)
+        return {"posterior": xarray.Dataset(posterior, chain), "weighted_posterior": xarray.Dataset(weighted),
+                "sample_stats": xarray.Dataset(statistics_of(self.record))}
+
+    def __repr__(self) -> str:
+        numbers = ", ".join(f"{name} = {m:.4g} ± {s:.2g}" for name, m, s in zip(self.parameters, self.mean, self.std))
+        return f"<{type(self).__name__}: {numbers}{'' if self.trusted else '; not trusted: ' + self.remark}>"
+
+
+_LEVELS = {"ok": 0, "caution": 1, "reject": 2}
+
+
+def statistics_of(record: Mapping[str, Any]) -> dict[str, Any]:
+    """What `sample_stats` says of a step."""
+    names = ("time", "map_order", "variance_diagnostic", "ess", "trusted", "log_evidence", "log_evidence_increment")
+    statistics = {name: record[name] for name in names if name in record}
+    if isinstance(record.get("verdict"), dict):
+        statistics["verdict"] = _LEVELS[record["verdict"]["level"]]
+        statistics["fit_probability"] = record["verdict"]["fit_probability"]
+    return statistics

@@ -1,0 +1,106 @@
+"""What the commands have left in a folder."""
+from __future__ import annotations
+
+import json
+import os
+import pathlib
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from knothe._errors import DataError
+from knothe._posterior import Verdict
+
+if TYPE_CHECKING:
+    import xarray
+
+_GROUPS = ("posterior", "posterior_predictive", "observed_data", "constant_data", "sample_stats", "log_likelihood",
+           "weighted_posterior", "predictions")
+
+
+class Results:
+    """A folder of results of ``knothe assimilate`` or ``knothe infer``; from `open_results`.
+
+    Attributes
+    ----------
+    folder : pathlib.Path
+    steps : list of dict
+        The lines of an assimilation, one for each step; of an inference its one line.
+    summary : dict
+        ``summary.json`` of an assimilation, ``inference.json`` of an inference.
+
+    Examples
+    --------
+    >>> results = knothe.open_results("results")
+    >>> len(results.steps), results.verdict.level
+    (5, 'ok')
+    >>> results.to_xarray()["posterior"]["E"].dims
+    ('chain', 'draw', 'step')
+    """
+
+    def __init__(self, folder: pathlib.Path) -> None:
+        self.folder = folder
+        if (folder / "steps.jsonl").exists():
+            self.summary: dict[str, Any] = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+            lines = (folder / "steps.jsonl").read_text(encoding="utf-8").splitlines()
+            self.steps: list[dict[str, Any]] = [json.loads(line) for line in lines]
+            self._file = folder / "posterior.nc"
+        elif (folder / "inference.json").exists():
+            self.summary = json.loads((folder / "inference.json").read_text(encoding="utf-8"))
+            self.steps = [self.summary]
+            self._file = folder / "samples.nc"
+        else:
+            raise DataError(f"{folder}: neither steps.jsonl nor inference.json is there: give a folder of results of "
+                            "`knothe assimilate` or `knothe infer`")
+
+    @property
+    def parameters(self) -> list[str]:
+        """Names, in the order of `steps`."""
+        found = self.summary["parameters"]
+        return [entry["name"] if isinstance(entry, dict) else entry for entry in found]
+
+    @property
+    def verdict(self) -> Verdict:
+        """Of the run of an assimilation."""
+        if not isinstance(self.summary.get("verdict"), dict):
+            raise DataError(f"{self.folder}: the results of an inference have no verdict but `trusted`")
+        return Verdict.of(self.summary["verdict"])
+
+    def to_xarray(self) -> "dict[str, xarray.Dataset]":
+        """One Dataset for each of ArviZ's groups, read from the file where it is needed; dims (chain, draw, ...)."""
+        import xarray
+
+        groups = {}
+        for group in _GROUPS:
+            try:
+                dataset = xarray.open_dataset(self._file, group=group, engine="h5netcdf")
+            except (OSError, KeyError, ValueError) as error:
+                if not self._file.exists():
+                    raise DataError(f"{self._file}: not there: the results are incomplete") from error
+                continue
+            groups[group] = dataset.assign_coords({name: dataset[name].astype(np.int64) for name in ("chain", "draw", "step")
+                                                   if name in dataset.coords})
+        return groups
+
+    def __repr__(self) -> str:
+        return f"<Results {self.folder}: {len(self.steps)} steps>"
+
+
+def open_results(folder: "str | os.PathLike[str]") -> Results:
+    """What a command has left in a folder.
+
+    Parameters
+    ----------
+    folder : path
+        Of ``knothe assimilate -o`` or ``knothe infer -o``.
+
+    Returns
+    -------
+    Results
+
+    Examples
+    --------
+    >>> knothe.open_results("results").parameters
+    ['E', 'F']
+    """
+    return Results(pathlib.Path(folder))

@@ -1,0 +1,288 @@
+"""The engine: data in, one by one and in any order; posterior, forecasts and verdict out."""
+from __future__ import annotations
+
+import json
+import os
+from typing import TYPE_CHECKING, Any, Iterator, Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from knothe import _knothe
+from knothe._errors import UsageError
+from knothe._models import Model, _parameter_points
+from knothe._posterior import Forecast, Posterior, Verdict, statistics_of
+from knothe._values import Array, Precision, Prior, Sensors, noise_values, prior_values, step_of
+
+if TYPE_CHECKING:
+    import xarray
+
+
+class Datum:
+    """What all sensors said at one time.
+
+    Parameters
+    ----------
+    step : int
+        Index of its time: in the recorded data of a project file, or in the model's times.
+    values : array_like, shape (sensors,)
+        In the units of the sensors, m for displacements; NaN where missing.
+    std : float or array_like, optional
+        Standard deviations of its own noise; by default the sensors'.
+    precision : Precision, optional
+        Inverse covariance of its own noise.
+    source, session : str
+        Who measured, for data of one step that come from several.
+    seq : int, optional
+        Number of the datum at its source; the step by default.
+
+    Examples
+    --------
+    >>> datum = knothe.Datum(3, [1.2e-3, np.nan], std=1e-5)
+    >>> datum.step, datum.values
+    (3, array([0.0012,    nan]))
+    """
+
+    def __init__(self, step: int, values: ArrayLike, std: ArrayLike | None = None, precision: Precision | None = None,
+                 source: str = "", session: str = "", seq: int | None = None) -> None:
+        if step < 0:
+            raise UsageError(f"step {step}: steps of data count from 0")
+        numbers = np.ascontiguousarray(values, float).ravel()
+        deviations, rows = noise_values(std, precision, len(numbers))
+        self._native = _knothe.Datum(step, numbers, deviations, rows, source, session, step if seq is None else seq)
+
+    @classmethod
+    def _of(cls, native: _knothe.Datum) -> "Datum":
+        datum = cls.__new__(cls)
+        datum._native = native
+        return datum
+
+    @property
+    def step(self) -> int:
+        """Index of its time."""
+        return self._native.step
+
+    @property
+    def values(self) -> Array:
+        """Shape (sensors,); NaN where missing."""
+        return self._native.values
+
+    @property
+    def std(self) -> Array | None:
+        """Standard deviations of its own noise; None where it has the sensors'."""
+        return self._native.std
+
+    def __repr__(self) -> str:
+        return f"<Datum of step {self.step}: {len(self.values)} values>"
+
+
+class StepResult(Posterior):
+    """The posterior of all data up to a step, and what follows from it: `Posterior`, and
+
+    Attributes
+    ----------
+    record : dict
+        The line of ``knothe assimilate --json``.
+    step : int
+    time : float
+        Model time.
+    verdict : Verdict
+
+    Examples
+    --------
+    >>> result.step, result.trusted, result.verdict.level
+    (4, True, 'ok')
+    """
+
+    def __init__(self, native: _knothe.Result, parameters: list[str]) -> None:
+        super().__init__(json.loads(native.json()), parameters, native.points(), native.weights(), native.densities())
+        self._native = native
+        self.step: int = self.record["step"]
+        self.time: float = self.record["time"]
+
+    @property
+    def verdict(self) -> Verdict:
+        """May the answer be used?"""
+        return Verdict.of(self.record["verdict"])
+
+    @property
+    def forecast(self) -> dict[str, Forecast]:
+        """Forecasts by name, with their densities."""
+        return {name: Forecast.of(record) for name, record in json.loads(self._native.forecasts_json()).items()}
+
+
+def _toml(value: Any) -> str:
+    """A value of a project file."""
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{key} = {_toml(entry)}" for key, entry in value.items()) + " }"
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    if isinstance(value, np.generic):
+        value = value.item()
+    return json.dumps(value, ensure_ascii=False)
+
+
+class Twin:
+    """Watches a structure: data in, one by one and in any order; posterior, forecasts and verdict out.
+
+    The posterior depends on the set of data alone: a datum that is withdrawn leaves no trace, to the bit.
+
+    Parameters
+    ----------
+    project : path, optional
+        A project file, as of ``knothe assimilate``; then `data` are its recorded data.
+    method : str, optional
+        In place of the project's ``method.kind``.
+    model : path or Model
+        Without a project: the reduced model.
+    sensors : Sensors
+        Where displacements are measured.
+    std : float or array_like
+        Standard deviation of the noise of each sensor, m; or
+    precision : Precision
+        its inverse covariance.
+    parameters : mapping of name to Normal, Uniform or Lognormal
+        A prior for each parameter of the model; their order is that of results.
+    forecasts : mapping of name to mapping
+        The tables ``[forecast.NAME]`` of a project file.
+    tolerance : float
+        On the variance diagnostic of maps.
+    max_order : int
+        Of maps.
+    seed : int
+
+    Examples
+    --------
+    >>> model = knothe.Model.load("model.h5")
+    >>> sensors = knothe.Sensors(model.points, "y")
+    >>> twin = knothe.Twin(model=model, sensors=sensors, std=1e-5,
+    ...                    parameters={"E": knothe.Normal(1, 0.3), "F": knothe.Normal(1, 0.3)})
+    >>> noise = np.random.default_rng(1)
+    >>> for step in range(len(model.times)):
+    ...     measured = model([0.9, 1.1], step) + 1e-5 * noise.standard_normal(len(sensors))
+    ...     result = twin.assimilate(knothe.Datum(step, measured))
+    >>> bool(np.all(abs(result.mean - [0.9, 1.1]) < 3 * result.std))
+    True
+    """
+
+    def __init__(self, project: "str | os.PathLike[str] | None" = None, *, method: str | None = None,
+                 model: "str | os.PathLike[str] | Model | None" = None, sensors: Sensors | None = None,
+                 std: ArrayLike | None = None, precision: Precision | None = None,
+                 parameters: Mapping[str, Prior] | None = None, forecasts: Mapping[str, Mapping[str, Any]] | None = None,
+                 tolerance: float = 1e-3, max_order: int = 8, seed: int = 1) -> None:
+        values = (model, sensors, std, precision, parameters, forecasts)
+        if project is not None:
+            if any(value is not None for value in values):
+                raise UsageError("Twin: a project file says everything; leave out model, sensors, noise, parameters and forecasts")
+            self._native = _knothe.Twin.of_project(os.fspath(project), method or "")
+        else:
+            if model is None or sensors is None or not parameters or method is not None:
+                raise UsageError("Twin: give a project file, or model, sensors, std or precision, and parameters")
+            path = model.path if isinstance(model, Model) else os.fspath(model)
+            deviations, rows = noise_values(std, precision, len(sensors))
+            text = "".join(f"[forecast.{json.dumps(name)}]\n" + "".join(f"{key} = {_toml(value)}\n" for key, value in table.items())
+                           for name, table in (forecasts or {}).items())
+            self._native = _knothe.Twin.of_values(path, sensors.points, sensors.components, deviations, rows,
+                                                  prior_values(parameters), tolerance, max_order, seed, text)
+        self.parameters: list[str] = self._native.parameters()
+        self.times: Array = self._native.times()
+
+    def _result(self, native: _knothe.Result | None) -> StepResult:
+        if native is None:
+            raise UsageError("no datum has been assimilated yet")
+        return StepResult(native, self.parameters)
+
+    @property
+    def data(self) -> Iterator[Datum]:
+        """The recorded data of the project file that are still to come, one by one; pictures are correlated meanwhile."""
+        while (native := self._native.next()) is not None:
+            yield Datum._of(native)
+
+    def assimilate(self, datum: Datum) -> StepResult:
+        """Adds a datum: the posterior of all data up to its step.
+
+        `UsageError` for a datum of the wrong size or time, or one that is there already: nothing has changed then.
+        """
+        return StepResult(self._native.assimilate(datum._native), self.parameters)
+
+    def withdraw(self, step: int, source: str = "", session: str = "", seq: int | None = None) -> None:
+        """Takes a datum out: from then on everything is, to the bit, as if it had never come."""
+        step = step_of(step, len(self.times))
+        self._native.withdraw(step, source, session, step if seq is None else seq)
+
+    def result(self, step: int) -> StepResult:
+        """The posterior of all data up to a step."""
+        return self._result(self._native.result(step_of(step, len(self.times))))
+
+    @property
+    def steps(self) -> list[int]:
+        """Steps with data."""
+        return self._native.steps()
+
+    @property
+    def last(self) -> StepResult:
+        """The posterior of all data."""
+        return self._result(self._native.last())
+
+    @property
+    def posterior(self) -> "xarray.Dataset":
+        """Draws from the posterior of all data, dims (chain, draw), a variable for each parameter."""
+        return self.last.to_xarray()["posterior"]
+
+    @property
+    def forecast(self) -> dict[str, Forecast]:
+        """Forecasts from all data, by name."""
+        return self.last.forecast
+
+    @property
+    def verdict(self) -> Verdict:
+        """May the answer be used? As the last line of ``knothe assimilate`` says of the whole run."""
+        return Verdict.of(json.loads(self._native.run_verdict()))
+
+    def predict(self, at: ArrayLike | Mapping[str, float], step: int) -> Array:
+        """What the sensors would say without noise, shape (sensors,) or (n, sensors)."""
+        points, one = _parameter_points(at, self.parameters)
+        values, _ = self._native.predict(points, step_of(step, len(self.times)), False)
+        return values[0] if one else values
+
+    def to_xarray(self, draws: int = 500, predictive_draws: int = 50) -> "dict[str, xarray.Dataset]":
+        """One Dataset for each of ArviZ's groups, over all steps with data.
+
+        ``posterior`` (chain, draw, step), ``posterior_predictive`` (chain, draw, step, observation; without noise),
+        ``observed_data`` (step, observation), ``sample_stats`` (step). ``arviz.InferenceData(**twin.to_xarray())`` takes them.
+        """
+        import xarray
+
+        results = [self.result(step) for step in self.steps]
+        if not results:
+            raise UsageError("no datum has been assimilated yet")
+        step = {"step": [r.step for r in results]}
+        values = np.stack([r.draws(draws) for r in results], axis=1)[np.newaxis]
+        chain = {"chain": [0], "draw": np.arange(draws), **step}
+        posterior = {name: (("chain", "draw", "step"), values[..., k]) for k, name in enumerate(self.parameters)}
+        predicted = np.stack([self.predict(r.draws(predictive_draws), r.step) for r in results], axis=1)[np.newaxis]
+        statistics = [statistics_of(r.record) for r in results]
+        places = self._observations(predicted.shape[-1])
+        return {
+            "posterior": xarray.Dataset(posterior, chain),
+            "posterior_predictive": xarray.Dataset(
+                {"measured": (("chain", "draw", "step", "observation"), predicted)},
+                {**chain, "draw": np.arange(predictive_draws), **places}),
+            "observed_data": xarray.Dataset(
+                {"measured": (("step", "observation"), np.stack([self._native.values(r.step) for r in results]))},
+                {**step, **places}),
+            "sample_stats": xarray.Dataset({name: (("step",), [s[name] for s in statistics]) for name in statistics[0]}, step)}
+
+    def _observations(self, count: int) -> dict[str, Any]:
+        """Coordinates on `observation`: its name, and the place where it has one."""
+        points, components, scalars = self._native.sensors()
+        places = np.full((count, 3), np.nan)
+        places[:len(points)] = points
+        directions = [("x", "y", "z")[c] for c in components] + [""] * (count - len(components))
+        names = [f"{c}{i}" for i, c in enumerate(directions[:len(components)])] + list(scalars)
+        names += [str(i) for i in range(len(names), count)]
+        return {"observation": names, "component": ("observation", directions),
+                **{axis: ("observation", places[:, k]) for k, axis in enumerate("xyz")}}
+
+    def __repr__(self) -> str:
+        return f"<Twin: parameters {', '.join(self.parameters)}; data at {len(self.steps)} of {len(self.times)} steps>"

@@ -1,0 +1,169 @@
+"""Plain values that go in: priors, sensors, noise."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Mapping, Sequence, Union
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from knothe._errors import UsageError
+
+Array = NDArray[np.float64]
+_COMPONENTS = {"x": 0, "y": 1, "z": 2}
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Normal prior N(mean, std²). Of a reduced model's parameter it is truncated to the model's box and renormalised.
+
+    Examples
+    --------
+    >>> knothe.Normal(0.9, 0.45)
+    Normal(mean=0.9, std=0.45)
+    """
+
+    mean: float
+    std: float
+
+
+@dataclass(frozen=True)
+class Uniform:
+    """Uniform prior between two bounds.
+
+    Examples
+    --------
+    >>> knothe.Uniform(0.5, 1.5)
+    Uniform(lower=0.5, upper=1.5)
+    """
+
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True)
+class Lognormal:
+    """Prior of a positive parameter whose logarithm is N(mu, sigma²).
+
+    Examples
+    --------
+    >>> knothe.Lognormal(0.0, 0.25)
+    Lognormal(mu=0.0, sigma=0.25)
+    """
+
+    mu: float
+    sigma: float
+
+
+Prior = Union[Normal, Uniform, Lognormal]
+
+
+def prior_values(parameters: Mapping[str, Prior]) -> list[tuple[str, str, float, float]]:
+    """As the module wants them; the order is that of the mapping."""
+    values = []
+    for name, prior in parameters.items():
+        if isinstance(prior, Normal):
+            values.append((name, "normal", float(prior.mean), float(prior.std)))
+        elif isinstance(prior, Uniform):
+            values.append((name, "uniform", float(prior.lower), float(prior.upper)))
+        elif isinstance(prior, Lognormal):
+            values.append((name, "lognormal", float(prior.mu), float(prior.sigma)))
+        else:
+            raise UsageError(f"prior of {name}: {prior!r} is not knothe.Normal, knothe.Uniform or knothe.Lognormal")
+    return values
+
+
+class Sensors:
+    """Where displacements are measured.
+
+    Parameters
+    ----------
+    points : array_like, shape (n, 3)
+        Places, m.
+    components : sequence of n
+        Direction of each: ``"x"``, ``"y"``, ``"z"`` or 0, 1, 2; one alone stands for all.
+
+    Examples
+    --------
+    >>> sensors = knothe.Sensors([[0.5, 0.0, 0.0], [1.0, 0.0, 0.0]], "y")
+    >>> len(sensors), sensors.components
+    (2, [1, 1])
+    """
+
+    def __init__(self, points: ArrayLike, components: str | int | Sequence[str | int]) -> None:
+        self.points: Array = points_of(points, 3, "sensors")
+        one = isinstance(components, (str, int, np.integer)) and components not in ("xy", "xyz")
+        given = [components] * len(self.points) if one else list(components)  # type: ignore[arg-type]
+        try:
+            self.components: list[int] = [_COMPONENTS[c] if isinstance(c, str) else int(c) for c in given]
+        except KeyError as error:
+            raise UsageError(f"component {error}: give \"x\", \"y\", \"z\" or 0, 1, 2") from None
+        if len(self.components) != len(self.points):
+            raise UsageError(f"{len(self.points)} places of sensors with {len(self.components)} components: give one for each")
+
+    def __len__(self) -> int:
+        return len(self.components)
+
+
+@dataclass(frozen=True)
+class Precision:
+    """Inverse covariance of correlated noise, n x n, both triangles: compressed sparse rows, as of `scipy.sparse.csr_matrix`.
+
+    Parameters
+    ----------
+    data, indices, indptr : array_like
+        Entries (1/m² for displacements in m), their columns, and where each row begins (n + 1).
+
+    Examples
+    --------
+    >>> knothe.Precision([4.0, 4.0], [0, 1], [0, 1, 2]).toarray()
+    array([[4., 0.],
+           [0., 4.]])
+    """
+
+    data: ArrayLike
+    indices: ArrayLike
+    indptr: ArrayLike
+
+    def rows(self) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
+        return (np.asarray(self.data, float), np.asarray(self.indices, np.int64), np.asarray(self.indptr, np.int64))
+
+    def toarray(self) -> Array:
+        """Dense, n x n: for few sensors."""
+        data, indices, indptr = self.rows()
+        n = len(indptr) - 1
+        dense = np.zeros((n, n))
+        np.add.at(dense, (np.repeat(np.arange(n), np.diff(indptr)), indices), data)
+        return dense
+
+    def scaled(self, factor: float) -> "Precision":
+        """The precision of values in another unit: of metres, (px/m)² times that of pixels."""
+        data, indices, indptr = self.rows()
+        return Precision(data * factor, indices, indptr)
+
+
+def points_of(values: ArrayLike, dimension: int, what: str) -> Array:
+    """As n x d in C order: the same memory where it is that already. One point may be given as d numbers."""
+    points = np.ascontiguousarray(values, float)
+    if points.ndim == 1:
+        points = points.reshape(1, -1)
+    if points.ndim != 2 or points.shape[1] != dimension:
+        raise UsageError(f"{what}: an array of shape {np.shape(values)} is not n points of {dimension} coordinates")
+    return points
+
+
+def step_of(step: int, count: int) -> int:
+    """A step among `count`; negative ones count from the end."""
+    if not -count <= step < count:
+        raise UsageError(f"step {step}: there are steps 0 to {count - 1}")
+    return int(step) % count
+
+
+def noise_values(std: ArrayLike | None, precision: Precision | None, count: int
+                 ) -> tuple[Array, tuple[Array, NDArray[np.int64], NDArray[np.int64]] | None]:
+    """Standard deviations (one stands for all) or precision, as the module wants them."""
+    if std is not None and precision is not None:
+        raise UsageError("std and precision exclude each other")
+    deviations = np.zeros(0) if std is None else np.array(np.broadcast_to(np.asarray(std, float), count)
+                                                          if np.ndim(std) == 0 else std, float)
+    return deviations, None if precision is None else precision.rows()

@@ -1,0 +1,402 @@
+/// @file Reduced models, models made of snapshots, and one-shot inference of any model.
+#include <pybind11/stl.h>
+
+#include <nlohmann/json.hpp>
+
+#include "knothe/assimilation/update/marginal_density.hpp"
+#include "knothe/base/cancellation.hpp"
+#include "knothe/files/json_line.hpp"
+#include "knothe/inference/model_evaluator.hpp"
+#include "knothe/library/engine_of_values.hpp"
+#include "knothe/library/plain.hpp"
+#include "knothe/reduction/model/form_names.hpp"
+#include "knothe/reduction/model/truncation_error.hpp"
+#include "knothe/report/results/inference_results.hpp"
+#include "knothe/report/results/inference_run.hpp"
+#include "knothe/report/results/model_record.hpp"
+#include "python/bindings.hpp"
+#include "python/interruption.hpp"
+#include "python/values.hpp"
+
+namespace knothe::python {
+
+using library::plain;
+using py::arg;
+
+Noise noise_of(const Doubles& std, const std::optional<SparseRows>& precision) {
+  Noise noise;
+  noise.std = vector_of(std);
+  if (!precision) return noise;
+  const auto& [values, columns, row_begin] = *precision;
+  noise.precision = {vector_of(values), vector_of(columns), vector_of(row_begin)};
+  return noise;
+}
+
+std::vector<Prior> priors_of(const std::vector<PriorValues>& priors) {
+  std::vector<Prior> result;
+  for (const auto& [name, family, first, second] : priors) {
+    if (family == "normal")
+      result.push_back(Prior::normal(name, first, second));
+    else if (family == "uniform")
+      result.push_back(Prior::uniform(name, first, second));
+    else if (family == "lognormal")
+      result.push_back(Prior::lognormal(name, first, second));
+    else
+      throw UsageError("prior of " + name + ": \"" + family + "\" is not normal, uniform or lognormal");
+  }
+  return result;
+}
+
+py::list densities_of(const std::vector<assimilation::Prior>& priors) {
+  py::list densities;
+  for (const assimilation::Prior& prior : priors) {
+    auto density = assimilation::marginal_density(prior);
+    densities.append(py::make_tuple(prior.lower(), prior.upper(), array_of(std::move(density.points)),
+                                    array_of(std::move(density.density))));
+  }
+  return densities;
+}
+
+py::tuple arrays_of(Prediction p) {
+  const auto n = static_cast<py::ssize_t>(p.points), m = static_cast<py::ssize_t>(p.count);
+  const bool derivatives = !p.jacobian.empty();
+  py::object jacobian = py::none();
+  if (derivatives) jacobian = array_of(std::move(p.jacobian), {n, m, static_cast<py::ssize_t>(p.dimension)});
+  return py::make_tuple(array_of(std::move(p.values), {n, m}), std::move(jacobian));
+}
+
+std::size_t count_points(std::span<const double> points, std::size_t dimension) {
+  if (dimension > 0 && points.size() % dimension == 0) return points.size() / dimension;
+  throw UsageError(std::to_string(points.size()) + " numbers are not points of " + std::to_string(dimension) +
+                   " parameters");
+}
+
+namespace {
+
+void require_step(std::size_t step, std::size_t count) {
+  if (step >= count)
+    throw UsageError("step " + std::to_string(step) + ": the model has the steps 0 to " +
+                     std::to_string(count - 1));
+}
+
+void require_inside(const reduction::ObservedModel& model, const Eigen::MatrixXd& points) {
+  const Eigen::VectorXd lower = model.functions->lower(), upper = model.functions->upper();
+  for (Eigen::Index i = 0; i < points.rows(); ++i)
+    for (Eigen::Index k = 0; k < points.cols(); ++k)
+      if (!(points(i, k) >= lower[k] && points(i, k) <= upper[k]))
+        throw UsageError("point " + std::to_string(i) + ": " + model.parameters[static_cast<std::size_t>(k)] +
+                         " = " + std::to_string(points(i, k)) + " is outside the model's box, " +
+                         std::to_string(lower[k]) + " to " + std::to_string(upper[k]));
+}
+
+}  // namespace
+
+Prediction predict(const reduction::ObservedModel& model, std::span<const double> points, std::size_t step,
+                   bool jacobian) {
+  const std::size_t d = model.parameters.size(), n = count_points(points, d);
+  require_step(step, model.time.size());
+  const Eigen::MatrixXd p = library::rows_of(points, d, "points");
+  require_inside(model, p);
+  Prediction out{n, static_cast<std::size_t>(model.observations()), d, {}, {}};
+  // Point by point, as everything else that predicts: the same bits.
+  for (Eigen::Index i = 0; i < p.rows(); ++i) {
+    const Eigen::VectorXd y = model.predict(p.row(i).transpose(), step);
+    out.values.insert(out.values.end(), y.begin(), y.end());
+  }
+  if (!jacobian) return out;
+  reduction::FunctionBatch w;
+  w.resize(p.rows(), p.cols(), model.functions->count(), 1);
+  model.functions->evaluate(p, 1, w);
+  out.jacobian.resize(n * out.count * d);
+  for (std::size_t k = 0; k < d; ++k) {
+    const Eigen::MatrixXd slope = model.space * (model.core[step] * w.first[k].transpose());
+    for (std::size_t i = 0; i < n; ++i)
+      for (std::size_t j = 0; j < out.count; ++j)
+        out.jacobian[(i * out.count + j) * d + k] =
+            slope(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(i));
+  }
+  return out;
+}
+
+namespace {
+
+using Model = reduction::SeparatedModel;
+
+Prediction evaluate(const Model& model, std::span<const double> points, std::size_t step,
+                    const std::vector<std::size_t>& dofs, bool jacobian) {
+  require_step(step, model.step_count());
+  for (const std::size_t dof : dofs)
+    if (dof >= model.dof_count())
+      throw UsageError("there is no dof " + std::to_string(dof) + ": the model has dofs 0 to " +
+                       std::to_string(model.dof_count() - 1));
+  const std::size_t d = model.dimension(), n = count_points(points, d);
+  Prediction out{n, dofs.empty() ? model.dof_count() : dofs.size(), d, {}, {}};
+  for (std::size_t i = 0; i < n; ++i) {
+    const auto at = model.evaluate(points.subspan(i * d, d), step, dofs, jacobian ? 1 : 0);
+    out.values.insert(out.values.end(), at.value.begin(), at.value.end());
+    out.jacobian.insert(out.jacobian.end(), at.gradient.begin(), at.gradient.end());
+  }
+  return out;
+}
+
+Prediction evaluate_output(const Model& model, const std::string& name, std::span<const double> points,
+                           bool jacobian) {
+  const std::size_t d = model.dimension(), n = count_points(points, d);
+  Prediction out{n, model.step_count(), d, {}, {}};
+  for (std::size_t i = 0; i < n; ++i) {
+    const auto at = model.evaluate_output(name, points.subspan(i * d, d), jacobian ? 1 : 0);
+    out.values.insert(out.values.end(), at.value.begin(), at.value.end());
+    out.jacobian.insert(out.jacobian.end(), at.gradient.begin(), at.gradient.end());
+  }
+  return out;
+}
+
+void bind_reduced_models(py::module_& module) {
+  using reduction::ObservedModel;
+  py::class_<ObservedModel>(module, "ObservedModel")
+      .def(
+          "predict",
+          [](const ObservedModel& model, const Doubles& points, std::size_t step, bool jacobian) {
+            const auto span = span_of(points);
+            return arrays_of(long_call([&] { return predict(model, span, step, jacobian); }));
+          },
+          arg("points"), arg("step"), arg("jacobian"))
+      .def("steps", [](const ObservedModel& model) { return model.time.size(); });
+  py::class_<Model>(module, "Model")
+      .def_static(
+          "load", [](const std::string& path) { return long_call([&] { return Model::load(path); }); },
+          arg("path"))
+      .def(
+          "evaluate",
+          [](const Model& model, const Doubles& points, std::size_t step,
+             const std::vector<std::size_t>& dofs, bool jacobian) {
+            const auto span = span_of(points);
+            return arrays_of(long_call([&] { return evaluate(model, span, step, dofs, jacobian); }));
+          },
+          arg("points"), arg("step"), arg("dofs"), arg("jacobian"))
+      .def(
+          "evaluate_output",
+          [](const Model& model, const std::string& name, const Doubles& points, bool jacobian) {
+            const auto span = span_of(points);
+            return arrays_of(long_call([&] { return evaluate_output(model, name, span, jacobian); }));
+          },
+          arg("name"), arg("points"), arg("jacobian"))
+      .def(
+          "observe",
+          [](const Model& model, const Doubles& points, const std::vector<std::int64_t>& components) {
+            const reduction::Dofs places{vector_of(points), components};
+            if (places.points.size() != 3 * components.size())
+              throw UsageError("observe: each of the " + std::to_string(components.size()) +
+                               " components needs a point x, y, z");
+            return long_call([&] { return reduction::observe(model, places); });
+          },
+          arg("points"), arg("components"))
+      .def("parameters", &Model::parameter_names)
+      .def("times", [](const Model& model) { return array_of(model.contents().time); })
+      .def("dofs",
+           [](const Model& model) {
+             const reduction::Dofs& dofs = model.contents().dofs;
+             return py::make_tuple(rows_of(dofs.points, 3), array_of(dofs.components));
+           })
+      .def("info_json", [](const Model& model) { return files::json_line(report::model_record(model)); });
+}
+
+reduction::Snapshots snapshots_of(const py::dict& parts) {
+  reduction::Snapshots s;
+  const auto axes = parts["axes"].cast<std::vector<std::pair<std::string, std::vector<double>>>>();
+  for (const auto& [name, nodes] : axes) s.axes.push_back({name, nodes, "1", name, 1});
+  s.time = parts["time"].cast<std::vector<double>>();
+  s.values = vector_of(parts["values"].cast<Doubles>());
+  s.field = {parts["units"].cast<std::string>(), parts["long_name"].cast<std::string>()};
+  s.dofs.points = vector_of(parts["points"].cast<Doubles>());
+  s.dofs.components = parts["components"].cast<std::vector<std::int64_t>>();
+  for (const auto& [name, units] :
+       parts["quantities"].cast<std::vector<std::pair<std::string, std::string>>>())
+    s.quantities.push_back({name, units});
+  for (const auto& [name, values] : parts["outputs"].cast<std::vector<std::pair<std::string, Doubles>>>())
+    s.outputs.push_back({name, {"1", name}, vector_of(values)});
+  return s;
+}
+
+std::string import_model(const std::string& snapshots, const std::string& output, const std::string& form,
+                         std::size_t modes, double tolerance) {
+  reduction::CompressionOptions options;
+  const auto known = from_text<reduction::Form>(form);
+  if (!known) throw UsageError("form \"" + form + "\": give \"tree\" or \"canonical\"");
+  options.form = *known;
+  options.modes = modes;
+  if (tolerance > 0) options.tolerance = tolerance;
+  const auto [model, truncation] = reduction::import_model_and_error(snapshots, options);
+  reduction::write_model(model, truncation, output);
+  return files::json_line(report::import_record(output, model));
+}
+
+void bind_import(py::module_& module) {
+  module.def(
+      "write_snapshots",
+      [](const py::dict& parts, const std::string& path) {
+        const reduction::Snapshots snapshots = snapshots_of(parts);
+        long_call([&] {
+          reduction::validate(snapshots, "snapshots");
+          reduction::write_snapshots(snapshots, path);
+        });
+      },
+      arg("parts"), arg("path"));
+  module.def(
+      "import_model",
+      [](const std::string& snapshots, const std::string& output, const std::string& form, std::size_t modes,
+         double tolerance) {
+        return long_call([&] { return import_model(snapshots, output, form, modes, tolerance); });
+      },
+      arg("snapshots"), arg("output"), arg("form"), arg("modes"), arg("tolerance"));
+}
+
+/// A function of Python as a forward model: points n × d in, values n × m out, and perhaps Jacobians
+/// n × m × d.
+class CallableModel final : public inference::ForwardModel {
+ public:
+  CallableModel(py::function function, std::optional<py::function> jacobian, Eigen::Index dimension,
+                Eigen::Index outputs)
+      : function_(std::move(function)),
+        jacobian_(std::move(jacobian)),
+        dimension_(dimension),
+        outputs_(outputs) {}
+
+  [[nodiscard]] Eigen::Index dimension() const override { return dimension_; }
+  [[nodiscard]] Eigen::Index output_count() const override { return outputs_; }
+  [[nodiscard]] std::string where() const override { return "the model"; }
+  [[nodiscard]] bool has_gradient() const override { return jacobian_.has_value() && outputs_ == 1; }
+  [[nodiscard]] bool has_jacobian() const override { return jacobian_.has_value(); }
+  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                Eigen::Ref<Eigen::MatrixXd> values) override {
+    call(function_, "values", points, outputs_, values);
+    calls_.evaluations += points.cols();
+  }
+  void gradient(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                const Eigen::Ref<const Eigen::MatrixXd>& sensitivities,
+                Eigen::Ref<Eigen::MatrixXd> gradients) override {
+    call(*jacobian_, "derivatives", points, dimension_, gradients);
+    gradients.array().rowwise() *= sensitivities.row(0).array();
+    calls_.gradients += points.cols();
+  }
+  void jacobian(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                Eigen::Ref<Eigen::MatrixXd> jacobians) override {
+    Eigen::MatrixXd rows(outputs_ * dimension_, points.cols());
+    call(*jacobian_, "derivatives", points, outputs_ * dimension_, rows);
+    for (Eigen::Index i = 0; i < points.cols(); ++i)
+      jacobians.col(i) = rows.col(i).reshaped<Eigen::RowMajor>(outputs_, dimension_).reshaped();
+    calls_.jacobians += dimension_ * points.cols();
+  }
+
+ private:
+  /// `size` numbers for each point into the columns of `out`.
+  void call(const py::function& function, const char* what, const Eigen::Ref<const Eigen::MatrixXd>& points,
+            Eigen::Index size, Eigen::Ref<Eigen::MatrixXd> out) const {
+    check_cancellation("nothing is kept");
+    const py::gil_scoped_acquire hold;
+    const Eigen::MatrixXd columns = points;  // a column each: n × d in C order, for the function to keep
+    const auto n = static_cast<py::ssize_t>(points.cols());
+    const py::array_t<double> rows({n, static_cast<py::ssize_t>(dimension_)}, columns.data());
+    const auto answer = function(rows).cast<Doubles>();
+    if (answer.size() != n * size)
+      throw UsageError("the model gave " + std::to_string(answer.size()) + " " + what + " for " +
+                       std::to_string(n) + " points; " + std::to_string(n * size) + " (" +
+                       std::to_string(size) + " each) are needed");
+    out = Eigen::Map<const Eigen::MatrixXd>(answer.data(), size, n);
+  }
+
+  py::function function_;
+  std::optional<py::function> jacobian_;
+  Eigen::Index dimension_, outputs_;
+};
+
+py::dict dictionary_of(const inference::InferenceResult& r, const std::vector<std::string>& parameters,
+                       const std::vector<assimilation::Prior>& priors, const std::string& samples_file) {
+  using namespace py::literals;
+  const auto d = static_cast<std::size_t>(r.draws.cols());
+  return py::dict("json"_a = files::json_line(report::inference_record(r, parameters, samples_file)),
+                  "draws"_a = rows_of(plain(r.draws), d), "chains"_a = r.chains,
+                  "points"_a = rows_of(plain(r.points), d), "weights"_a = array_of(plain(r.weights)),
+                  "densities"_a = densities_of(priors));
+}
+
+/// Samplers pay for derivatives with evaluations unless the model has its own (report/results/inference_run).
+int highest_derivative(inference::Method method, const inference::ForwardModel& model) {
+  if (method == inference::Method::transport || method == inference::Method::grid) return 2;
+  return model.has_jacobian() ? 1 : 0;
+}
+
+struct InferenceValues {
+  std::vector<assimilation::Prior> densities;  ///< the priors
+  std::vector<double> observed, std, covariance;
+  inference::InferenceOptions options;
+};
+
+std::optional<inference::Observations> observations_of(const InferenceValues& values) {
+  const auto n = static_cast<Eigen::Index>(values.observed.size());
+  if (n == 0) return std::nullopt;
+  const Eigen::VectorXd y = library::vector_of(values.observed);
+  if (!values.covariance.empty())
+    return inference::Observations{y, assimilation::GaussianNoise::of_covariance(library::rows_of(
+                                          values.covariance, values.observed.size(), "covariance"))};
+  return inference::Observations{y, assimilation::GaussianNoise::independent(library::vector_of(values.std))};
+}
+
+inference::InferenceResult infer(CallableModel& model, InferenceValues& values) {
+  constexpr double k_step = 1e-4;  // of differences, as a project's default
+  inference::ModelEvaluator evaluator(model, values.densities, k_step);
+  inference::PosteriorDensity posterior(evaluator, values.densities, observations_of(values),
+                                        highest_derivative(values.options.method, model));
+  values.options.progress = [](double) { return !cancellation_requested(); };
+  return inference::infer(posterior, evaluator, values.options);
+}
+
+py::dict infer_callable(py::function function, std::optional<py::function> jacobian,
+                        const std::vector<PriorValues>& priors, const Doubles& observed, const Doubles& std,
+                        const Doubles& covariance, const std::string& method, double tolerance, int max_order,
+                        Eigen::Index samples, std::uint64_t seed) {
+  InferenceValues values{{}, vector_of(observed), vector_of(std), vector_of(covariance), {}};
+  std::vector<std::string> names;
+  for (const Prior& prior : priors_of(priors)) {
+    names.push_back(prior.parameter);
+    values.densities.push_back(library::prior_of(prior));
+  }
+  values.options.method = inference::method_from(method);
+  values.options.map.tolerance = tolerance;
+  values.options.map.max_order = max_order;
+  values.options.map.seed = values.options.seed = seed;
+  values.options.samples = samples;
+  values.options.names = names;
+  const auto outputs = static_cast<Eigen::Index>(std::max<std::size_t>(1, values.observed.size()));
+  CallableModel model(std::move(function), std::move(jacobian), static_cast<Eigen::Index>(names.size()),
+                      outputs);
+  const inference::InferenceResult result = long_call([&] { return infer(model, values); });
+  return dictionary_of(result, names, values.densities, "");
+}
+
+py::dict infer_project(const std::string& path, const std::string& method, const std::string& results) {
+  const report::InferenceRun run = long_call([&] {
+    project::Project project = project::read_project(path);
+    const std::string folder = results.empty() ? project.results : results;
+    return report::run_inference(
+        project, method.empty() ? project.method.kind : inference::method_from(method), folder);
+  });
+  return dictionary_of(run.result, run.setup.parameters, run.setup.priors, report::samples_path(run.folder));
+}
+
+void bind_inference(py::module_& module) {
+  module.def("infer_callable", &infer_callable, arg("function"), arg("jacobian"), arg("priors"),
+             arg("observed"), arg("std"), arg("covariance"), arg("method"), arg("tolerance"),
+             arg("max_order"), arg("samples"), arg("seed"));
+  module.def("infer_project", &infer_project, arg("path"), arg("method"), arg("results"));
+}
+
+}  // namespace
+
+void bind_models(py::module_& module) {
+  bind_reduced_models(module);
+  bind_import(module);
+  bind_inference(module);
+}
+
+}  // namespace knothe::python

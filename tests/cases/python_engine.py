@@ -1,0 +1,204 @@
+"""Python's results are, to the bit, the commands': assimilation, inference, reduced models."""
+import itertools
+import json
+import os
+import sys
+import unittest
+
+try:
+    import numpy as np
+    import xarray  # noqa: F401, needed by what is tested
+except ImportError as missing:
+    print(f"skipped: {sys.executable} has no {missing.name} (Debian: python3-{missing.name})")
+    sys.exit(77)
+
+from support import Case, parse_line, without_times
+
+import knothe
+
+PRIORS = {"Y0": knothe.Normal(0.9, 0.4472135954999579), "Ad": knothe.Normal(1.1, 0.4472135954999579)}
+
+
+class Test(Case):
+    project_name = "assimilation.toml"
+    fixture = "analytic"
+
+    def setUp(self):
+        super().setUp()
+        self.addCleanup(os.chdir, os.getcwd())
+        os.chdir(self.folder)
+
+    def refused(self, kind, *texts, call):
+        with self.assertRaises(kind) as caught:
+            call()
+        for text in texts:
+            self.assertIn(text, str(caught.exception))
+
+    def lines_of(self, *arguments):
+        """The command's lines, as printed; the last one taken off."""
+        lines = self.expect(0, "assimilate", self.project_name, "--json", *arguments).lines()
+        return [without_times(line) for line in lines[:-1]], lines[-1]
+
+    @staticmethod
+    def records(results):
+        return [without_times(parse_line(json.dumps(result.record))) for result in results]
+
+    def test_the_lines_of_assimilate(self):
+        for method in (None, "grid", "ekf"):
+            with self.subTest(method):
+                lines, last = self.lines_of(*(["--method", method] if method else []))
+                twin = knothe.Twin(self.project_name, method=method)
+                results = [twin.assimilate(datum) for datum in twin.data]
+                self.assertEqual(self.records(results), lines)
+                verdict = twin.verdict
+                self.assertEqual(verdict.level, last["verdict"]["level"])
+                self.assertEqual([reason.message for reason in verdict.reasons],
+                                 [reason["message"] for reason in last["verdict"]["reasons"]])
+                self.assertEqual(verdict.fit_probability, last["verdict"]["fit_probability"])
+
+    def test_what_a_result_says(self):
+        twin = knothe.Twin(self.project_name)
+        for datum in itertools.islice(twin.data, 4):
+            result = twin.assimilate(datum)
+        self.assertEqual((result.step, result.parameters), (3, ["Y0", "Ad"]))
+        np.testing.assert_allclose(np.average(result.points, axis=0, weights=result.weights), result.mean, rtol=1e-12)
+        np.testing.assert_array_equal(result.mean, result.record["mean"])
+        self.assertEqual(result.quantiles.shape, (2, 5))
+        force = result.forecast["force"]
+        self.assertEqual((force.mean, force.units), (result.record["forecast"]["force"]["mean"], "N"))
+        self.assertAlmostEqual(np.trapz(force.density, force.points), 1, delta=1e-3)
+        for k in range(2):
+            points, density = result.marginal(k)
+            self.assertAlmostEqual(np.trapz(density, points), 1, delta=1e-2)
+        self.assertEqual(twin.last.record, twin.result(3).record)
+        self.assertEqual(twin.posterior["Y0"].dims, ("chain", "draw"))
+        self.assertIn("Y0 = ", repr(result))
+
+    def test_order_and_withdrawal_leave_no_trace(self):
+        data = list(knothe.Twin(self.project_name).data)
+        twin, other = knothe.Twin(self.project_name), knothe.Twin(self.project_name)
+        for datum in data[:5] + data[6:]:
+            twin.assimilate(datum)
+        for step in (7, 5, 2, 0, 11, 1, 3, 4, 10, 9, 8, 6):
+            other.assimilate(data[step])
+        other.withdraw(5)
+        self.assertEqual(other.steps, twin.steps)
+        self.assertEqual(self.records(other.result(s) for s in other.steps), self.records(twin.result(s) for s in twin.steps))
+        self.assertEqual(repr(other.verdict), repr(twin.verdict))
+
+    def test_from_values_as_from_the_project(self):
+        self.edit("[forecast.deflection]", "[forecast.other]")
+        lines, _ = self.lines_of()
+        project = knothe.Twin(self.project_name)
+        points, components, _ = project._native.sensors()
+        twin = knothe.Twin(
+            model="model.h5", sensors=knothe.Sensors(points, components), std=3e-6, parameters=PRIORS,
+            forecasts={"force": {"quantity": "output", "output": "reaction_force", "horizon": 0.75, "threshold": 1150.0},
+                       "other": {"quantity": "displacement", "point": [0.03, 0.05, 0.05], "component": "y", "horizon": 1.0,
+                                 "threshold": -3.7e-4}})
+        results = [twin.assimilate(knothe.Datum(datum.step, datum.values)) for datum in project.data]
+        self.assertEqual(self.records(results), lines)
+        np.testing.assert_array_equal(twin.predict([1.0, 1.1], 3), knothe.Model.load("model.h5").observe(points, components)([1.0, 1.1], 3))
+
+    def test_a_datum_brings_its_noise(self):
+        project = knothe.Twin(self.project_name)
+        points, components, _ = project._native.sensors()
+        datum, n = next(project.data), len(components)
+        twins = [knothe.Twin(model="model.h5", sensors=knothe.Sensors(points, components), std=std, parameters=PRIORS) for std in (5e-6, 1e-6)]
+        one = twins[0].assimilate(knothe.Datum(0, datum.values))
+        other = twins[1].assimilate(knothe.Datum(0, datum.values, std=5e-6))
+        np.testing.assert_allclose(other.mean, one.mean, rtol=1e-12)
+        np.testing.assert_allclose(other.covariance, one.covariance, rtol=1e-9)
+        self.assertAlmostEqual(other.log_evidence, one.log_evidence, delta=1e-9)
+        precision = knothe.Precision(np.full(n, 4e10), np.arange(n), np.arange(n + 1))
+        third = knothe.Twin(model="model.h5", sensors=knothe.Sensors(points, components), precision=precision, parameters=PRIORS)
+        np.testing.assert_allclose(third.assimilate(knothe.Datum(0, datum.values)).mean, one.mean, rtol=1e-4)
+
+    def test_mistakes_are_explained(self):
+        twin = knothe.Twin(self.project_name)
+        datum = next(twin.data)
+        twin.assimilate(datum)
+        self.refused(knothe.UsageError, "step 0 is assimilated already", "withdraw", call=lambda: twin.assimilate(datum))
+        self.refused(knothe.UsageError, "step 3 is not assimilated", call=lambda: twin.withdraw(3))
+        self.refused(knothe.UsageError, "step 99: there are steps 0 to 11", call=lambda: twin.assimilate(knothe.Datum(99, datum.values)))
+        self.refused(knothe.UsageError, "2 values", call=lambda: twin.assimilate(knothe.Datum(1, [0.0, 0.0])))
+        self.refused(knothe.UsageError, "no datum", call=lambda: knothe.Twin(self.project_name).posterior)
+        self.refused(knothe.UsageError, "give a project file, or model", call=lambda: knothe.Twin())
+        self.refused(knothe.UsageError, "says everything", call=lambda: knothe.Twin(self.project_name, model="model.h5"))
+        self.refused(knothe.UsageError, "give transport, grid", call=lambda: knothe.Twin(self.project_name, method="magic"))
+        sensors = knothe.Sensors([[0.03, 0.05, 0.05]], "y")
+        self.refused(knothe.ProjectError, "Ad", call=lambda: knothe.Twin(model="model.h5", sensors=sensors, std=1e-6,
+                                                                       parameters={"Y0": knothe.Normal(1, 1)}))
+        self.refused(knothe.ProjectError, "did you mean", call=lambda: knothe.Twin(
+            model="model.h5", sensors=sensors, std=1e-6, parameters=PRIORS, forecasts={"f": {"quantity": "outptu"}}))
+        self.refused(knothe.UsageError, "no recorded data", call=lambda: next(
+            knothe.Twin(model="model.h5", sensors=sensors, std=1e-6, parameters=PRIORS).data))
+        self.refused(knothe.UsageError, "component", call=lambda: knothe.Sensors([[0, 0, 0]], "w"))
+
+    def test_groups_are_those_of_the_results_folder(self):
+        self.lines_of("-o", "out")
+        twin = knothe.Twin(self.project_name)
+        for datum in twin.data:
+            twin.assimilate(datum)
+        results = knothe.open_results("out")
+        self.assertEqual(results.parameters, twin.parameters)
+        self.assertEqual(len(results.steps), 12)
+        self.assertEqual(results.verdict.level, twin.verdict.level)
+        stored, groups = results.to_xarray(), twin.to_xarray()
+        for name in PRIORS:
+            self.assertEqual(stored["posterior"][name].dims, ("chain", "draw", "step"))
+            np.testing.assert_array_equal(stored["posterior"][name], groups["posterior"][name])
+        for coordinate in ("chain", "draw", "step"):
+            self.assertEqual(stored["posterior"][coordinate].dtype, np.int64)
+        for name in ("ess", "log_evidence", "variance_diagnostic", "verdict", "fit_probability", "time"):
+            np.testing.assert_array_equal(stored["sample_stats"][name], groups["sample_stats"][name])
+        self.assertEqual(groups["posterior_predictive"]["measured"].shape, (1, 50, 12, 24))
+        np.testing.assert_array_equal(groups["observed_data"]["measured"].sel(step=3), twin._native.values(3))
+        self.refused(knothe.DataError, "steps.jsonl", call=lambda: knothe.open_results("nowhere"))
+
+    def test_the_line_of_infer(self):
+        line = self.expect(0, "infer", self.project_name, "--json", "-o", "a").lines()[0]
+        found = knothe.infer(self.project_name, results="a")
+        self.assertEqual(without_times(parse_line(json.dumps(found.record))), without_times(line))
+        results = knothe.open_results("a")
+        np.testing.assert_array_equal(results.to_xarray()["posterior"]["Ad"], found.to_xarray()["posterior"]["Ad"])
+        self.assertEqual(results.parameters, found.parameters)
+
+    def test_the_model_as_the_command_evaluates_it(self):
+        model = knothe.Model.load("model.h5")
+        line = self.expect(0, "model", "evaluate", "model.h5", "--at", "Y0=1.1,Ad=0.85", "--step", "7", "--dofs", "1,4,7",
+                           "--derivatives", "--json").lines()[0]
+        at = dict(zip(("Y0", "Ad"), (1.1, 0.85)))
+        np.testing.assert_array_equal(model(at, 7, [1, 4, 7]), line["values"])
+        np.testing.assert_array_equal(model.jacobian(at, 7, [1, 4, 7]), line["gradient"])
+        self.assertEqual(model.info, self.expect(0, "model", "info", "model.h5", "--json").lines()[0])
+        points = np.random.default_rng(1).uniform(0.6, 1.4, (5, 2))
+        np.testing.assert_array_equal(model(points, -1), [model(p, 11) for p in points])
+        self.assertEqual(model.output("reaction_force", points).shape, (5, 12))
+        seen, h = model.observe([[0.01, 0.03, 0.02], [0.05, 0.07, 0.04]], "xy"), 1e-6
+        p = np.array([1.05, 0.95])
+        slopes = [(seen(p + h * e, 6) - seen(p - h * e, 6)) / (2 * h) for e in np.eye(2)]
+        np.testing.assert_allclose(seen.jacobian(p, 6), np.transpose(slopes), atol=1e-11)
+        self.refused(knothe.UsageError, "there is no dof 100000", call=lambda: model(p, 0, [100000]))
+        self.refused(knothe.UsageError, "step 12: there are steps 0 to 11", call=lambda: model(p, 12))
+        self.refused(knothe.UsageError, "outside", call=lambda: seen([9.0, 1.0], 0))
+        self.refused(knothe.UsageError, "the model has Y0, Ad", call=lambda: model({"Y0": 1.0}, 0))
+
+    def test_a_model_of_a_function_is_that_of_the_command(self):
+        x, t, nodes = np.linspace(0.2, 1, 5), np.linspace(0.1, 1, 6), np.linspace(0.5, 1.5, 9)
+
+        def bar(e, f):
+            return 1e-3 * np.outer(t, x * (2 - x)) / e + 1e-3 * f * np.outer(t ** 2, x)
+
+        model = knothe.offline(bar, {"E": nodes, "F": nodes}, t, "bar.h5", points=np.c_[x, 0 * x, 0 * x], tolerance=1e-6, snapshots="bar_snapshots.h5")
+        at = np.random.default_rng(1).uniform(0.5, 1.5, (20, 2))
+        np.testing.assert_allclose(model(at, 4), [bar(*p)[4] for p in at], atol=3e-6)
+        self.expect(0, "model", "import", "bar_snapshots.h5", "-o", "command.h5", "--tolerance", "1e-6")
+        np.testing.assert_array_equal(knothe.Model.load("command.h5")(at, 4), model(at, 4))
+        self.refused(knothe.UsageError, "[6 times, dofs]", call=lambda: knothe.offline(lambda e: [e], {"E": nodes}, t, "x.h5"))
+        self.refused(knothe.DataError, "snapshots", call=lambda: knothe.offline(
+            lambda e: np.full((6, 2), np.nan), {"E": nodes}, t, "x.h5", quantities={"a": "1", "b": "1"}))
+
+
+if __name__ == "__main__":
+    unittest.main()

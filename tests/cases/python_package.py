@@ -1,0 +1,317 @@
+"""The package for Python: errors, threads, Ctrl-C, memory, maps, inference and pictures against exact answers."""
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import threading
+import time
+import unittest
+
+try:
+    import numpy as np
+except ImportError:
+    print(f"skipped: {sys.executable} has no numpy (Debian: python3-numpy)")
+    sys.exit(77)
+
+from support import KNOTHE, Case
+
+import knothe
+from knothe import _knothe
+
+
+def ridge(p):
+    """x ~ N(0, 1) and y ~ N(x²/2, 0.5²) given x, not normalised: the integral is pi."""
+    return -0.5 * (p[0] ** 2 + ((p[1] - 0.5 * p[0] ** 2) / 0.5) ** 2)
+
+
+def ridge_gradient(p):
+    r = (p[1] - 0.5 * p[0] ** 2) / 0.25
+    return np.array([-p[0] + r * p[0], -r])
+
+
+def speckle(shift_x, shift_y, size=96):
+    spots = np.random.default_rng(1).uniform(0, size, (2, 500))
+    y, x = np.mgrid[:size, :size]
+    near = (x - spots[0, :, None, None] - shift_x) ** 2 + (y - spots[1, :, None, None] - shift_y) ** 2
+    return 20 + 25 * np.exp(-near / 8).sum(0)
+
+
+class Ticks:
+    """Counts in a thread of its own, once a millisecond, if it is let."""
+
+    def __enter__(self):
+        self.count, self.stop = 0, threading.Event()
+        self.thread = threading.Thread(target=self.run)
+        self.thread.start()
+        return self
+
+    def run(self):
+        while not self.stop.is_set():
+            self.count += 1
+            time.sleep(0.001)
+
+    def __exit__(self, *_):
+        self.stop.set()
+        self.thread.join()
+
+
+class Test(Case):
+    fixture = "analytic"
+
+    def setUp(self):
+        super().setUp()
+        self.addCleanup(os.chdir, os.getcwd())
+        os.chdir(self.folder)
+
+    def refused(self, kind, *texts, call):
+        with self.assertRaises(kind) as caught:
+            call()
+        for text in texts:
+            self.assertIn(text, str(caught.exception))
+
+    # The package itself
+
+    def test_the_version_is_the_commands(self):
+        printed = subprocess.run([KNOTHE, "--version"], capture_output=True, text=True).stdout
+        self.assertEqual(printed, f"knothe {knothe.__version__}\n")
+
+    def test_a_library_of_another_version_is_refused(self):
+        package = pathlib.Path(knothe.__file__).parent
+        copy = self.folder / "knothe"
+        copy.mkdir()
+        for file in package.iterdir():
+            if file.is_file():
+                (copy / file.name).symlink_to(file.resolve())
+        (copy / "_version.py").unlink()
+        (copy / "_version.py").write_text('__version__ = "9.9.9"\n')
+        done = subprocess.run([sys.executable, "-c", "import knothe"], env={**os.environ, "PYTHONPATH": str(self.folder)},
+                              capture_output=True, text=True)
+        self.assertNotEqual(done.returncode, 0)
+        self.assertIn(f"ImportError: the package knothe is of version 9.9.9, but its library is of version {knothe.__version__}",
+                      done.stderr)
+
+    def test_errors_mirror_the_librarys(self):
+        self.refused(knothe.DataError, "nowhere.h5", call=lambda: knothe.Model.load("nowhere.h5"))
+        self.refused(knothe.ProjectError, "nowhere.toml", call=lambda: knothe.Twin("nowhere.toml"))
+        (self.folder / "bad.toml").write_text('modell = "m.h5"\n')
+        self.refused(knothe.ProjectError, "bad.toml:1:1: error: ", 'did you mean "model"', call=lambda: knothe.Twin("bad.toml"))
+        (self.folder / "file").touch()
+        self.refused(knothe.IoError, "could not make the folder: file", call=lambda: knothe.fit(lambda p: -0.5 * p @ p, 1).map.save("file/map.h5"))
+        self.refused(knothe.NumericalError, "the log-density is nan at", call=lambda: knothe.fit(lambda p: float("nan"), 2))
+        self.refused(knothe.UsageError, "dimension", call=lambda: knothe.fit(lambda p: 0.0, 0))
+        statuses = {name: getattr(knothe, name).status for name in
+                    ("Error", "UsageError", "ProjectError", "DataError", "IoError", "NumericalError", "Interrupted")}
+        self.assertEqual(list(statuses.values()), [1, 2, 3, 4, 5, 6, 130])
+        self.assertTrue(issubclass(knothe.UsageError, ValueError) and issubclass(knothe.IoError, OSError))
+        self.assertTrue(issubclass(knothe.Interrupted, KeyboardInterrupt) and not issubclass(knothe.Interrupted, Exception))
+
+    def test_an_error_of_the_callers_function_comes_through(self):
+        def broken(p):
+            raise LookupError("no such sensor")
+
+        self.refused(LookupError, "no such sensor", call=lambda: knothe.fit(broken, 2))
+        self.refused(LookupError, "no such sensor",
+                     call=lambda: knothe.infer(broken, {"a": knothe.Normal(0, 1)}, observed=[1.0], std=1.0))
+        self.refused(knothe.UsageError, "the gradient has 1 values for 2 variables",
+                     call=lambda: knothe.fit(ridge, 2, gradient=lambda p: [0.0]))
+
+    # Threads, Ctrl-C
+
+    def test_other_threads_go_on_meanwhile(self):
+        """Long calls of each kind; a thread that is not let makes one tick at either end, and no more."""
+        model, samples = self.folder / "model.h5", np.random.default_rng(1).standard_normal((20000, 3))
+        picture = np.random.default_rng(1).uniform(0, 255, (1200, 1200))
+        (self.folder / "mcmc.toml").write_text(
+            f'model = "{model}"\ndata = "data.h5"\n[parameters]\nY0 = {{ prior = "normal", mean = 0.9, std = 0.45 }}\n'
+            'Ad = { prior = "normal", mean = 1.1, std = 0.45 }\n[method]\nkind = "mcmc"\nsamples = 20000\n')
+        calls = {"samples": lambda: knothe.fit_samples(samples, max_order=3),
+                 "pictures": lambda: knothe.Correlation(picture, element_size=16).correlate(picture),
+                 "import": lambda: _knothe.import_model("snapshots.h5", "again.h5", "canonical", 6, 0.0),
+                 "infer": lambda: knothe.infer("mcmc.toml")}
+        for name, call in calls.items():
+            with self.subTest(name), Ticks() as ticks:
+                while ticks.count == 0:
+                    time.sleep(0.001)
+                before = ticks.count
+                call()
+                self.assertGreater(ticks.count - before, 3, name)
+
+    def test_ctrl_c_in_the_callers_function(self):
+        calls = []
+
+        def interrupted(p):
+            calls.append(p)
+            if len(calls) == 20:
+                signal.raise_signal(signal.SIGINT)
+            return ridge(p)
+
+        with self.assertRaises(KeyboardInterrupt):
+            knothe.fit(interrupted, 2)
+        self.assertLessEqual(len(calls), 21)
+        self.assertTrue(knothe.fit(ridge, 2, gradient=ridge_gradient).trusted, "the next call is not cancelled")
+
+    def test_ctrl_c_in_a_long_call(self):
+        (self.folder / "long.toml").write_text(
+            'model = "model.h5"\ndata = "data.h5"\n[parameters]\nY0 = { prior = "normal", mean = 0.9, std = 0.45 }\n'
+            'Ad = { prior = "normal", mean = 1.1, std = 0.45 }\n[method]\nkind = "mcmc"\nsamples = 100000000\n')
+
+        def interrupt():
+            while not (self.folder / "out").exists():
+                time.sleep(0.01)
+            os.kill(os.getpid(), signal.SIGINT)
+
+        handler = signal.getsignal(signal.SIGINT)
+        thread = threading.Thread(target=interrupt)
+        thread.start()
+        with self.assertRaises(knothe.Interrupted) as caught:
+            knothe.infer("long.toml", results="out")
+        thread.join()
+        self.assertIn("interrupt", str(caught.exception))
+        self.assertEqual(signal.getsignal(signal.SIGINT), handler)
+        with self.assertRaises(KeyboardInterrupt):  # Python's own again
+            signal.raise_signal(signal.SIGINT)
+        self.assertTrue(knothe.fit(ridge, 2, gradient=ridge_gradient).trusted, "the next call is not cancelled")
+
+    def test_one_object_in_two_threads(self):
+        """Calls of one object come one after the other."""
+        correlation = knothe.Correlation(speckle(0, 0), element_size=24)
+        found = []
+        threads = [threading.Thread(target=lambda: found.append(correlation.correlate(speckle(0.2, 0)))) for _ in range(4)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        self.assertEqual(len(found), 4)
+        for moved in found:
+            self.assertLess(np.max(abs(moved.u - 0.2)), 0.05)
+
+    # Memory
+
+    def test_points_are_read_where_they_are(self):
+        points = np.random.default_rng(1).standard_normal((7, 3))
+        self.assertEqual(_knothe.address(points), points.ctypes.data)
+        self.assertEqual(_knothe.address(points[2:5]), points[2:5].ctypes.data)
+        self.assertNotEqual(_knothe.address(np.asfortranarray(points)), points.ctypes.data)
+        sensors = knothe.Sensors(points, "y")
+        self.assertEqual(sensors.points.ctypes.data, points.ctypes.data, "the package makes no copy either")
+
+    def test_results_own_what_the_library_made(self):
+        transport = knothe.fit(lambda p: -0.5 * p @ p, 3).map
+        for array in (transport.sample(5), transport(np.zeros((4, 3))), knothe.Model.load("model.h5")([1.0, 1.0], 0)):
+            root = array if array.base is None else array
+            while isinstance(root, np.ndarray):
+                root = root.base
+            self.assertEqual(type(root).__name__, "PyCapsule")
+
+    # Maps
+
+    def test_the_map_of_a_density(self):
+        found = knothe.fit(ridge, 2, gradient=ridge_gradient)
+        self.assertTrue(found.trusted, found.remark)
+        self.assertAlmostEqual(found.log_evidence, np.log(np.pi), delta=2e-3)
+        np.testing.assert_allclose(found.mean, [0, 0.5], atol=0.01)
+        np.testing.assert_allclose(found.std, [1, np.sqrt(0.75)], atol=0.01)
+        x = np.random.default_rng(1).standard_normal((20, 2))
+        np.testing.assert_allclose(found.map.inverse(found.map(x)), x, atol=1e-8)
+        z = np.array([[0.4, 0.2], [-0.5, 0.6]])
+        np.testing.assert_allclose(found.map.log_density(z), [ridge(p) - np.log(np.pi) for p in z], atol=0.05)
+        self.assertAlmostEqual(knothe.fit(ridge, 2).log_evidence, np.log(np.pi), delta=2e-3)
+        np.testing.assert_allclose(np.average(found.points, axis=0, weights=found.weights), found.mean, atol=1e-12)
+
+    def test_the_map_of_samples_and_its_conditionals(self):
+        draws = np.random.default_rng(2).standard_normal((5000, 2))
+        draws[:, 1] = 0.8 * draws[:, 0] + 0.6 * draws[:, 1]
+        transport = knothe.fit_samples(draws)
+        given = transport.condition([1.0], 20000)
+        self.assertTrue(np.all(given[:, 0] == 1.0))
+        self.assertAlmostEqual(given[:, 1].mean(), 0.8, delta=0.05)
+        self.assertAlmostEqual(given[:, 1].std(), 0.6, delta=0.03)
+        for each in (transport, knothe.fit(ridge, 2, triangular=True).map):
+            each.save("map.h5")
+            read = knothe.TransportMap.load("map.h5")
+            np.testing.assert_array_equal(read.sample(10, 3), each.sample(10, 3))
+            np.testing.assert_array_equal(read.condition([0.5], 10, 3), each.condition([0.5], 10, 3))
+
+    def test_sizes_of_points_are_checked(self):
+        transport = knothe.fit(lambda p: -0.5 * p @ p, 2).map
+        self.refused(knothe.UsageError, "(3, 5)", "2 coordinates", call=lambda: transport(np.zeros((3, 5))))
+        self.refused(knothe.UsageError, "m samples", call=lambda: knothe.fit_samples([1.0, 2.0]))
+
+    # Inference
+
+    def test_a_linear_model_against_the_conjugate_formula(self):
+        a = np.array([[1.0, 0.5], [0.2, -1.0], [0.7, 0.7]])
+        y, std, prior_std = np.array([1.0, -0.5, 0.9]), np.array([0.3, 0.2, 0.4]), np.array([1.0, 2.0])
+        covariance = np.linalg.inv(a.T @ np.diag(std ** -2) @ a + np.diag(prior_std ** -2.0))
+        mean = covariance @ (a.T @ (y / std ** 2))
+        priors = {"u": knothe.Normal(0, 1), "v": knothe.Normal(0, 2)}
+        marginal = a @ np.diag(prior_std ** 2) @ a.T + np.diag(std ** 2)
+        evidence = -0.5 * (y @ np.linalg.solve(marginal, y) + np.linalg.slogdet(2 * np.pi * marginal)[1])
+        ways = [{"model": lambda p: a @ p, "std": std},
+                {"model": lambda p: a @ p, "std": std, "jacobian": lambda p: a},
+                {"model": lambda p: p @ a.T, "std": std, "vectorized": True, "jacobian": lambda p: np.tile(a, (len(p), 1, 1))},
+                {"model": lambda p: a @ p, "covariance": np.diag(std ** 2), "method": "grid"},
+                {"model": lambda p: a @ p, "std": std, "jacobian": lambda p: a, "method": "mcmc"}]
+        for way in ways:
+            with self.subTest(way=list(way)):
+                sampled = way.get("method") == "mcmc"
+                found = knothe.infer(parameters=priors, observed=y, **way)
+                self.assertTrue(found.trusted, found.remark)
+                np.testing.assert_allclose(found.mean, mean, atol=0.1 if sampled else 0.01)
+                np.testing.assert_allclose(found.covariance, covariance, atol=0.03 if sampled else 5e-3)
+                self.assertAlmostEqual(found.log_evidence, evidence, delta=0.1 if sampled else 0.01)
+
+    def test_a_density(self):
+        """The complete log posterior density: of N([1, -1], diag(0.5², 2²)), times e³."""
+        def log_density(p):
+            return 3.0 - 0.5 * (((p - [1, -1]) / [0.5, 2]) ** 2).sum() - np.log(2 * np.pi)
+
+        for jacobian in (None, lambda p: -(p - np.array([1, -1])) / np.array([0.25, 4.0])):
+            found = knothe.infer(log_density, {"a": knothe.Normal(0, 1), "b": knothe.Normal(0, 3)}, jacobian=jacobian)
+            np.testing.assert_allclose(found.mean, [1, -1], atol=0.01)
+            np.testing.assert_allclose(found.std, [0.5, 2], rtol=0.01)
+            self.assertAlmostEqual(found.log_evidence, 3.0, delta=0.01)
+
+    def test_mistakes_in_inference_are_explained(self):
+        one = {"a": knothe.Normal(0, 1)}
+        self.refused(knothe.UsageError, "std or covariance", call=lambda: knothe.infer(lambda p: p, one, observed=[1.0]))
+        self.refused(knothe.UsageError, "40 (1 each) are needed",
+                     call=lambda: knothe.infer(lambda p: [1.0, 2.0, 3.0], one, observed=[1.0], std=1.0))
+        self.refused(knothe.UsageError, "2 standard deviations for 1 observations",
+                     call=lambda: knothe.infer(lambda p: p, one, observed=[1.0], std=[1.0, 1.0]))
+        self.refused(knothe.DataError, "not finite", call=lambda: knothe.infer(lambda p: [np.nan], one, observed=[1.0], std=1.0))
+        self.refused(knothe.UsageError, "is not knothe.Normal", call=lambda: knothe.infer(lambda p: p, {"a": (0, 1)}, observed=[1.0], std=1.0))
+        self.refused(knothe.UsageError, "nonsense", call=lambda: knothe.infer(lambda p: p, one, observed=[1.0], std=1.0, method="nonsense"))
+
+    # Pictures
+
+    def test_a_speckle_that_moved(self):
+        correlation = knothe.Correlation(speckle(0, 0), element_size=24)
+        moved = correlation.correlate(speckle(0.7, -0.3))
+        self.assertTrue(moved.converged, moved.message)
+        np.testing.assert_allclose(moved.u, 0.7, atol=0.03)
+        np.testing.assert_allclose(moved.v, -0.3, atol=0.03)
+        precision = moved.precision().toarray()
+        np.testing.assert_allclose(precision, precision.T, rtol=1e-12)
+        deviations = np.sqrt(np.diag(np.linalg.inv(precision)))
+        np.testing.assert_allclose(deviations, np.column_stack([moved.std_u, moved.std_v]).ravel(), rtol=1e-6)
+        np.testing.assert_array_equal(moved.values[::2], moved.u)
+        np.testing.assert_allclose(correlation.at([[48.0, 48.0]]), [[0.7, -0.3]], atol=0.03)
+        inner = knothe.Correlation(speckle(0, 0), roi=(10, 20, 70, 80), element_size=20)
+        self.assertEqual((inner.x.min(), inner.x.max(), inner.y.min(), inner.y.max()), (10, 70, 20, 80))
+
+    def test_pictures_of_integers_and_files_are_the_same(self):
+        pixels = np.clip(speckle(0, 0), 0, 255).astype(np.uint8)
+        (self.folder / "grey.pgm").write_bytes(b"P5 96 96 255\n" + pixels.tobytes())
+        np.testing.assert_array_equal(knothe.read_picture("grey.pgm"), pixels)
+        moved = np.clip(speckle(0.4, 0), 0, 255).astype(np.uint8)
+        by_file = knothe.Correlation("grey.pgm", element_size=24).correlate(moved)
+        by_array = knothe.Correlation(pixels, element_size=24).correlate(moved)
+        np.testing.assert_array_equal(by_file.u, by_array.u)
+        self.refused(knothe.UsageError, "[height, width]", call=lambda: knothe.Correlation(np.zeros((4, 4, 3))))
+        self.refused(knothe.DataError, "nowhere.tif", call=lambda: knothe.read_picture("nowhere.tif"))
+
+
+if __name__ == "__main__":
+    unittest.main()
