@@ -1,0 +1,170 @@
+"""The examples of the package's docstrings and docs/python.md run; figures, stubs, and the package as it is installed."""
+import ast
+import doctest
+import inspect
+import os
+import pathlib
+import re
+import subprocess
+import sys
+import unittest
+
+try:
+    import h5netcdf  # noqa: F401, xarray reads results by it
+    import matplotlib.pyplot as pyplot
+    import numpy as np
+    import xarray  # noqa: F401
+except ImportError as missing:
+    print(f"skipped: {sys.executable} has no {missing.name} (Debian: python3-{missing.name})")
+    sys.exit(77)
+
+from support import Case, REPOSITORY
+
+import knothe
+import knothe.plot
+from knothe import _knothe
+
+PROJECT = """model = "model.h5"
+data = "data.csv"
+results = "results"
+[parameters]
+E = { prior = "normal", mean = 1.0, std = 0.3 }
+F = { prior = "normal", mean = 1.0, std = 0.3 }
+"""
+
+
+def bar(e, f, x, t):
+    return 1e-3 * np.outer(t, x * (2 - x)) / e + 1e-3 * f * np.outer(t ** 2, x)
+
+
+class Test(Case):
+    def setUp(self):
+        super().setUp()
+        self.addCleanup(os.chdir, os.getcwd())
+        self.addCleanup(pyplot.close, "all")
+        os.chdir(self.folder)
+
+    def make_project(self):
+        """model.h5, project.toml, data.csv and results/ of the bar that all examples share."""
+        x = t = np.linspace(0.2, 1.0, 5)
+        nodes = np.linspace(0.5, 1.5, 9)
+        knothe.offline(lambda e, f: bar(e, f, x, t), {"E": nodes, "F": nodes}, t, "model.h5", points=np.c_[x, 0 * x, 0 * x])
+        values = bar(0.9, 1.1, x, t) + 1e-5 * np.random.default_rng(1).standard_normal((5, 5))
+        rows = [f"{t[i]},s{k},{x[k]},0,0,y,{values[i, k]},1e-5" for i in range(5) for k in range(5)]
+        (self.folder / "data.csv").write_text("time,sensor,x,y,z,component,value,std\n" + "\n".join(rows) + "\n")
+        (self.folder / "project.toml").write_text(PROJECT)
+        self.expect(0, "assimilate", "project.toml", "-o", "results")
+
+    def examples(self):
+        """What has a docstring and is public: classes with their methods, functions, figures."""
+        objects = [(name, getattr(knothe, name)) for name in knothe.__all__ if callable(getattr(knothe, name))]
+        objects += [(f"plot.{name}", f) for name, f in vars(knothe.plot).items()
+                    if inspect.isfunction(f) and f.__module__ == "knothe.plot" and not name.startswith("_")]
+        for name, each in objects:
+            yield name, each
+            if isinstance(each, type):
+                yield from ((f"{name}.{k}", getattr(each, k)) for k in vars(each) if not k.startswith("_"))
+
+    def test_every_example_of_the_docstrings_runs(self):
+        self.make_project()
+        model = knothe.Model.load("model.h5")
+        twin = knothe.Twin(model=model, sensors=knothe.Sensors(model.points, "y"), std=1e-5,
+                           parameters={"E": knothe.Normal(1, 0.3), "F": knothe.Normal(1, 0.3)},
+                           forecasts={"tip": {"quantity": "displacement", "point": [1.0, 0, 0], "component": "y",
+                                              "horizon": 1.0, "threshold": 2.2e-3}})
+        for datum in knothe.Twin("project.toml").data:
+            result = twin.assimilate(knothe.Datum(datum.step, datum.values))
+        given = {"knothe": knothe, "np": np, "twin": twin, "result": result}
+        faults, count = [], 0
+        for name, each in self.examples():
+            shared = dict(given)
+            if name == "Displacements":
+                correlation = knothe.Correlation(self.speckle(0), element_size=24)
+                shared["moved"] = correlation.correlate(self.speckle(0.3))
+            for test in doctest.DocTestFinder(recurse=False).find(each, name, globs=shared):
+                said = []
+                doctest.DocTestRunner(verbose=False).run(test, out=said.append)
+                faults += ["".join(said)] if said else []
+                count += len(test.examples)
+        self.assertFalse(faults, "\n".join(faults))
+        self.assertGreater(count, 60)
+
+    @staticmethod
+    def speckle(shift):
+        spots = np.random.default_rng(1).uniform(0, 96, (2, 400))
+        y, x = np.mgrid[:96, :96]
+        near = (x - spots[0, :, None, None] - shift) ** 2 + (y - spots[1, :, None, None]) ** 2
+        return 20 + 25 * np.exp(-near / 8).sum(0)
+
+    def test_what_is_public_is_documented_with_an_example(self):
+        for name in knothe.__all__:
+            each = getattr(knothe, name)
+            if not callable(each) or isinstance(each, type) and issubclass(each, BaseException):
+                continue
+            with self.subTest(name):
+                self.assertIn(">>> ", inspect.getdoc(each) or "")
+
+    def test_the_page_runs_from_top_to_bottom(self):
+        self.make_project()
+        page = (REPOSITORY / "docs/python.md").read_text()
+        blocks = re.findall(r"^```py\n(.*?)^```", page, re.M | re.S)
+        self.assertGreater(len(blocks), 8)
+        done = subprocess.run([sys.executable, "-c", "\n".join(blocks)], capture_output=True, text=True, timeout=250)
+        self.assertEqual(done.returncode, 0, done.stderr[-3000:])
+        for figure in ("pair", "marginals", "fan", "verdict", "field"):
+            content = (self.folder / f"{figure}.png").read_bytes()
+            self.assertTrue(content.startswith(b"\x89PNG") and len(content) > 5000, figure)
+        kept = os.environ.get("KNOTHE_KEEP_FIGURES")
+        for figure in self.folder.glob("*.png") if kept else ():
+            (pathlib.Path(kept) / figure.name).write_bytes(figure.read_bytes())
+
+    def test_figures_refuse_what_is_not_there(self):
+        self.make_project()
+        twin = knothe.Twin("project.toml")
+        result = twin.assimilate(next(twin.data))
+        for call, text in ((lambda: knothe.plot.fan([result], "G"), "there are E, F"),
+                           (lambda: knothe.plot.marginals(result, truth={"G": 1.0}), "there are E, F"),
+                           (lambda: knothe.plot.fan([], "E"), "no steps")):
+            with self.assertRaises(knothe.UsageError) as caught:
+                call()
+            self.assertIn(text, str(caught.exception))
+
+    def test_the_stubs_name_what_the_module_has(self):
+        tree = ast.parse((REPOSITORY / "python/knothe/_knothe.pyi").read_text())
+
+        def names(body):
+            found = {}
+            for node in body:
+                if isinstance(node, ast.FunctionDef):
+                    found[node.name] = [a.arg for a in node.args.args if a.arg != "self"]
+                elif isinstance(node, ast.ClassDef):
+                    found[node.name] = names(node.body)
+                elif isinstance(node, ast.AnnAssign):
+                    found[node.target.id] = None
+            return {name: entry for name, entry in found.items() if name == "__init__" or not name.startswith("_")}
+
+        stubs = names(tree.body)
+        self.assertEqual(set(stubs), {name for name in dir(_knothe) if not name.startswith("_")})
+        for name, entry in stubs.items():
+            for member, arguments in entry.items() if isinstance(entry, dict) else [(None, entry)]:
+                native = getattr(_knothe, name) if member is None else getattr(getattr(_knothe, name), member)
+                signature = re.match(r"\w+\((.*?)\) ->", native.__doc__ or "", re.S)
+                if arguments and signature:
+                    for argument in arguments:
+                        self.assertRegex(signature[1], rf"\b{argument}: ", f"{name}.{member}")
+            if isinstance(entry, dict):
+                public = {m for m in vars(getattr(_knothe, name)) if not m.startswith("_")}
+                self.assertEqual(public, set(entry) - {"__init__"}, name)
+
+    def test_the_installed_package_is_whole(self):
+        subprocess.run(["cmake", "--install", os.environ["KNOTHE_BUILD"], "--component", "python", "--prefix", self.folder / "usr"],
+                       check=True, capture_output=True)
+        (package,) = self.folder.glob("usr/lib/python3/dist-packages/knothe")
+        self.assertTrue((package / "py.typed").exists() and (package / "_knothe.pyi").exists())
+        done = subprocess.run([sys.executable, "-c", "import knothe; print(knothe.__file__, knothe.__version__)"],
+                              env={**os.environ, "PYTHONPATH": str(package.parent)}, capture_output=True, text=True)
+        self.assertEqual(done.stdout.split(), [str(package / "__init__.py"), knothe.__version__], done.stderr)
+
+
+if __name__ == "__main__":
+    unittest.main()
