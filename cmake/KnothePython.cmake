@@ -1,7 +1,15 @@
-# KNOTHE_PYTHON: the package for Python (python/), of Debian's python3 and pybind11. On where the tests are built and both are
-# there, so off in `make demo`. It is made of the library's objects: position-independent, with programs' rooms.
-set(KNOTHE_PYTHON_FOUND OFF)
-if(KNOTHE_LIBRARY AND KNOTHE_PROGRAMS AND NOT KNOTHE_SANITIZE AND NOT KNOTHE_FUZZ AND (BUILD_TESTING OR KNOTHE_PYTHON))
+# The package for Python (python/), of Debian's python3 and pybind11. `auto`: where the tests are built and both are there, so not
+# in `make demo`. It is made of the library's objects, which are position-independent, and of the programs' rooms.
+set(KNOTHE_PYTHON auto CACHE STRING "Build the package for Python: ON, OFF or auto")
+if(KNOTHE_PYTHON STREQUAL "auto")
+  set(wanted ${BUILD_TESTING})
+else()
+  set(wanted ${KNOTHE_PYTHON})
+endif()
+if(NOT KNOTHE_LIBRARY OR NOT KNOTHE_PROGRAMS OR KNOTHE_SANITIZE OR KNOTHE_FUZZ)
+  set(wanted OFF)
+endif()
+if(wanted)
   # The system's interpreter, whose packages pybind11 and numpy are; the first of the PATH may be another.
   if(NOT Python_EXECUTABLE AND EXISTS /usr/bin/python3)
     set(Python_EXECUTABLE /usr/bin/python3 CACHE FILEPATH "Python that the package is for")
@@ -10,11 +18,10 @@ if(KNOTHE_LIBRARY AND KNOTHE_PROGRAMS AND NOT KNOTHE_SANITIZE AND NOT KNOTHE_FUZ
   if(Python_FOUND)
     find_package(pybind11 2.10 QUIET CONFIG)
   endif()
-  if(Python_FOUND AND pybind11_FOUND)
-    set(KNOTHE_PYTHON_FOUND ON)
-  endif()
 endif()
-option(KNOTHE_PYTHON "Build the package for Python" ${KNOTHE_PYTHON_FOUND})
-if(KNOTHE_PYTHON AND NOT KNOTHE_PYTHON_FOUND)
-  message(FATAL_ERROR "knothe: KNOTHE_PYTHON needs KNOTHE_LIBRARY, KNOTHE_PROGRAMS, and python3-dev and pybind11-dev")
+set(KNOTHE_PYTHON_FOUND OFF)
+if(wanted AND Python_FOUND AND pybind11_FOUND)
+  set(KNOTHE_PYTHON_FOUND ON)
+elseif(KNOTHE_PYTHON AND NOT KNOTHE_PYTHON STREQUAL "auto")
+  message(FATAL_ERROR "knothe: KNOTHE_PYTHON needs KNOTHE_LIBRARY and KNOTHE_PROGRAMS, no sanitizer, python3-dev and pybind11-dev")
 endif()
