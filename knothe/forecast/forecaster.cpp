@@ -131,9 +131,10 @@ void Forecaster::add_displacement(const SeparatedModel& model, const ForecastSpe
   const LinearPrediction prediction = at_horizon(
       reduction::observe(model, {{specification.point.begin(), specification.point.end()}, {component}}),
       specification);
-  scalars_.push_back({specification.name, "m",
-                      QuantityOfInterest(functions_, prediction.lift[0], prediction.modes.row(0).transpose(),
-                                         specification.threshold.value_or(0))});
+  scalars_.push_back(
+      {specification.name, "m",
+       QuantityOfInterest(functions_, prediction.lift[0], prediction.modes.row(0).transpose(),
+                          specification.threshold.value_or(0), specification.model_error_std)});
 }
 
 void Forecaster::add_output(const SeparatedModel& model, const ForecastSpecification& specification) {
@@ -142,7 +143,8 @@ void Forecaster::add_output(const SeparatedModel& model, const ForecastSpecifica
       axis_nodes(model), output_at_horizon(model, output, specification), 1);
   scalars_.push_back(
       {specification.name, output.labels.units,
-       QuantityOfInterest(functions, 0.0, Eigen::VectorXd::Ones(1), specification.threshold.value_or(0))});
+       QuantityOfInterest(functions, 0.0, Eigen::VectorXd::Ones(1), specification.threshold.value_or(0),
+                          specification.model_error_std)});
 }
 
 void Forecaster::evaluate_functions(const Eigen::Ref<const Eigen::MatrixXd>& points) {

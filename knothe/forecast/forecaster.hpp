@@ -29,6 +29,9 @@ struct ForecastSpecification {
   /// m; what the crack that is meant is longer by than the elastic one that moves the sensors as the beam
   /// does (docs/forecast.md). The prior is that of the elastic one.
   double length_offset = 0;
+  /// Displacement, output: standard deviation of what the model leaves out at the horizon, in the unit of the
+  /// quantity; independent of the data.
+  double model_error_std = 0;
   std::array<double, 3> point{};  ///< displacement, m
   int component = 0;              ///< displacement
   std::string output;             ///< name of a model's output

@@ -10,11 +10,13 @@
 namespace knothe::forecast {
 
 QuantityOfInterest::QuantityOfInterest(std::shared_ptr<const reduction::ParameterFunctions> functions,
-                                       double offset, Eigen::VectorXd coefficients, double threshold)
+                                       double offset, Eigen::VectorXd coefficients, double threshold,
+                                       double error_std)
     : functions_(std::move(functions)),
       offset_(offset),
       coefficients_(std::move(coefficients)),
-      threshold_(threshold) {
+      threshold_(threshold),
+      error_std_(error_std) {
   if (coefficients_.size() != functions_->count())
     throw DataError(
         fmt::format("quantity of interest: {} coefficients, but the model has {} parameter functions",
@@ -32,14 +34,14 @@ Eigen::VectorXd QuantityOfInterest::evaluate(const Eigen::Ref<const Eigen::Matri
 
 ScalarForecast QuantityOfInterest::update(const Eigen::Ref<const Eigen::MatrixXd>& points,
                                           const Eigen::Ref<const Eigen::VectorXd>& weights) const {
-  return forecast_of_samples(evaluate(points), weights, threshold_);
+  return forecast_of_samples(evaluate(points), weights, threshold_, error_std_);
 }
 
 ScalarForecast QuantityOfInterest::update_from_functions(
     const Eigen::Ref<const reduction::RowMatrix>& functions,
     const Eigen::Ref<const Eigen::VectorXd>& weights) const {
   const Eigen::VectorXd values = (functions * coefficients_).array() + offset_;
-  return forecast_of_samples(values, weights, threshold_);
+  return forecast_of_samples(values, weights, threshold_, error_std_);
 }
 
 }  // namespace knothe::forecast

@@ -13,12 +13,13 @@ namespace knothe::forecast {
 /// functions.
 class QuantityOfInterest {
  public:
-  /// `threshold` is in the unit of q. Errors: DataError if the number of coefficients is not that of
-  /// `functions`, or a number is not finite.
+  /// `threshold` and `error_std`, the standard deviation of what the model leaves out (added in `update`),
+  /// are in the unit of q. Errors: DataError if the number of coefficients is not that of `functions`, or a
+  /// number is not finite.
   QuantityOfInterest(std::shared_ptr<const reduction::ParameterFunctions> functions, double offset,
-                     Eigen::VectorXd coefficients, double threshold);
+                     Eigen::VectorXd coefficients, double threshold, double error_std = 0);
 
-  /// q at points of p (n × d).
+  /// q(p) at points of p (n × d), without the error.
   [[nodiscard]] Eigen::VectorXd evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points) const;
   /// The distribution of q under the weighted posterior points (n × d, n).
   [[nodiscard]] ScalarForecast update(const Eigen::Ref<const Eigen::MatrixXd>& points,
@@ -36,7 +37,7 @@ class QuantityOfInterest {
   std::shared_ptr<const reduction::ParameterFunctions> functions_;
   double offset_;
   Eigen::VectorXd coefficients_;
-  double threshold_;
+  double threshold_, error_std_;
 };
 
 }  // namespace knothe::forecast

@@ -4,6 +4,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/forecast/scalar_forecast.hpp"
 #include "knothe/numerics/statistics/kernel_density.hpp"
+#include "knothe/numerics/statistics/normal_distribution.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
 
 namespace knothe::forecast {
@@ -44,6 +45,32 @@ Binned bin(std::span<const double> x, std::span<const double> w, double low, dou
   return binned;
 }
 
+/// P(x + e ≤ value), e ~ N(0, std²), of samples that share a weight of `total`.
+double probability_below(double value, const Binned& samples, double total, double std) {
+  double sum = 0.0;
+  for (std::size_t i = 0; i < samples.points.size(); ++i) {
+    if (samples.weights[i] > 0.0)
+      sum += samples.weights[i] * numerics::normal_cdf((value - samples.points[i]) / std);
+  }
+  return std::clamp(sum / total, 0.0, 1.0);
+}
+
+/// Standard deviation, quantiles and probability of the samples plus an error N(0, std²). A quantile is found
+/// by bisection: the probability only rises.
+void add_error(const Binned& samples, double total, double std, double threshold, ScalarForecast& forecast) {
+  constexpr double k_tails = 9.0;
+  forecast.std = std::hypot(forecast.std, std);
+  for (std::size_t k = 0; k < k_quantile_levels.size(); ++k) {
+    double low = samples.points.front() - k_tails * std, high = samples.points.back() + k_tails * std;
+    for (int halving = 0; halving < 40; ++halving) {
+      const double middle = 0.5 * (low + high);
+      (probability_below(middle, samples, total, std) < k_quantile_levels[k] ? low : high) = middle;
+    }
+    forecast.values[k] = 0.5 * (low + high);
+  }
+  forecast.probability_above_threshold = 1.0 - probability_below(threshold, samples, total, std);
+}
+
 /// Top of a density known at even points: the top of the parabola through the largest value and its
 /// neighbours.
 double top_of(const std::vector<double>& points, const std::vector<double>& density) {
@@ -59,8 +86,11 @@ double top_of(const std::vector<double>& points, const std::vector<double>& dens
 }  // namespace
 
 ScalarForecast forecast_of_samples(const Eigen::Ref<const Eigen::VectorXd>& values,
-                                   const Eigen::Ref<const Eigen::VectorXd>& weights, double threshold) {
+                                   const Eigen::Ref<const Eigen::VectorXd>& weights, double threshold,
+                                   double error_std) {
   check(values, weights);
+  if (!(error_std >= 0.0) || !std::isfinite(error_std))
+    throw NumericalError("forecast: the model's error must have a standard deviation that is not negative");
   const std::span<const double> x(values.data(), static_cast<std::size_t>(values.size()));
   const std::span<const double> w(weights.data(), static_cast<std::size_t>(weights.size()));
   const double total = weights.sum();
@@ -72,11 +102,13 @@ ScalarForecast forecast_of_samples(const Eigen::Ref<const Eigen::VectorXd>& valu
   result.probability_above_threshold = std::clamp(above, 0.0, 1.0);
 
   // Never narrower than rounding allows, so that equal samples make a narrow bell instead of an infinite one.
-  const double width = std::max(numerics::kernel_bandwidth(x, w, numerics::Bandwidth::silverman),
-                                1e-9 * std::max(std::abs(result.mean), 1e-9));
+  const double kernel = std::max(numerics::kernel_bandwidth(x, w, numerics::Bandwidth::silverman),
+                                 1e-9 * std::max(std::abs(result.mean), 1e-9));
+  const double width = std::hypot(kernel, error_std);
   result.points =
       even_points(values.minCoeff() - 3.5 * width, values.maxCoeff() + 3.5 * width, k_density_points);
   const Binned binned = bin(x, w, values.minCoeff(), values.maxCoeff());
+  if (error_std > 0.0) add_error(binned, total, error_std, threshold, result);
   result.density = numerics::kernel_density(binned.points, binned.weights, width, result.points);
   const auto best = std::max_element(result.density.begin(), result.density.end()) - result.density.begin();
   const double spacing = result.points[1] - result.points[0];

@@ -39,10 +39,12 @@ using LogDensityFunction = std::function<void(std::span<const double> points, st
 
 /// Forecast from weighted samples: moments, quantiles and probability of the samples, density by a Gaussian
 /// kernel (Silverman's width for the effective sample size), most probable value that of the kernel density.
-/// `weights` are non-negative and need not add up to 1. Errors: NumericalError for no weight or non-finite
-/// input.
+/// `weights` are non-negative and need not add up to 1. With `error_std` > 0 the forecast is of the sample
+/// plus an independent error N(0, error_std²): a mixture of normal distributions, whose moments, quantiles
+/// and probability are its own. Errors: NumericalError for no weight or non-finite input, or an `error_std`
+/// that is negative.
 [[nodiscard]] ScalarForecast forecast_of_samples(const Eigen::Ref<const Eigen::VectorXd>& values,
                                                  const Eigen::Ref<const Eigen::VectorXd>& weights,
-                                                 double threshold);
+                                                 double threshold, double error_std = 0.0);
 
 }  // namespace knothe::forecast

@@ -161,6 +161,39 @@ TEST(ForecastOfSamples, EqualSamplesStayFinite) {
   for (double v : f.values) EXPECT_EQ(v, 2.5);
 }
 
+TEST(ForecastOfSamples, AnErrorOfTheModelIsAddedToTheSamples) {
+  // Two samples of unequal weight: a mixture of two normal distributions, whose quantiles solve
+  // ¼ Φ((q − 1)/s) + ¾ Φ((q − 2)/s) = level.
+  const Eigen::Vector2d x(1.0, 2.0), w(1.0, 3.0);
+  constexpr double s = 0.4, threshold = 1.7;
+  const auto f = forecast_of_samples(x, w, threshold, s);
+  const auto below = [&](double q) {
+    return 0.25 * numerics::normal_cdf((q - 1) / s) + 0.75 * numerics::normal_cdf((q - 2) / s);
+  };
+  EXPECT_DOUBLE_EQ(f.mean, 1.75);
+  EXPECT_NEAR(f.std, std::sqrt(0.1875 + s * s), 1e-12);
+  for (std::size_t k = 0; k < k_quantile_levels.size(); ++k)
+    EXPECT_NEAR(below(f.values[k]), k_quantile_levels[k], 1e-9);
+  EXPECT_NEAR(f.probability_above_threshold, 1 - below(threshold), 1e-12);
+  EXPECT_NEAR(trapezoid(f), 1.0, 2e-2);
+}
+
+TEST(ForecastOfSamples, NormalSamplesWithAnErrorAreNormal) {
+  const int n = 4000;
+  const auto f = forecast_of_samples(normal_samples(n, 3.0, 0.2), Eigen::VectorXd::Ones(n), 3.5, 0.15);
+  EXPECT_NEAR(f.std, 0.25, 1e-3);
+  EXPECT_NEAR(f.maximum_a_posteriori, 3.0, 0.01);
+  EXPECT_NEAR(f.probability_above_threshold, numerics::normal_cdf(-2.0), 1e-3);
+  for (std::size_t k = 0; k < k_quantile_levels.size(); ++k)
+    EXPECT_NEAR(f.values[k], 3.0 + 0.25 * numerics::normal_quantile(k_quantile_levels[k]), 2e-3);
+}
+
+TEST(ForecastOfSamples, RefusesAnErrorThatIsNone) {
+  const Eigen::VectorXd x = Eigen::VectorXd::Ones(3);
+  EXPECT_THROW((void)forecast_of_samples(x, x, 0.0, -1.0), NumericalError);
+  EXPECT_THROW((void)forecast_of_samples(x, x, 0.0, std::nan("")), NumericalError);
+}
+
 TEST(ForecastOfSamples, RefusesWhatItCannotUse) {
   Eigen::VectorXd x = Eigen::VectorXd::Ones(3), w = Eigen::VectorXd::Zero(3);
   EXPECT_THROW((void)forecast_of_samples(x, w, 0.0), NumericalError);

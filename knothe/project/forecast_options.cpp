@@ -21,6 +21,11 @@ const Section<F>& forecast_section() {
           positive);
     s.add("length_offset", &F::length_offset,
           "What the crack meant is longer by than the equivalent elastic one, m (docs/forecast.md).");
+    s.add("model_error_std", &F::model_error_std,
+          "Standard deviation of what the model leaves out of a displacement or an output at the horizon, in "
+          "its "
+          "unit; added to the forecast.",
+          non_negative);
     s.add("point", &F::point, "Where a displacement is forecast: x, y, z, m.", of_shape("[x, y, z]"),
           no_default);
     s.choice("component", &F::component, k_components, "Component of a displacement.", no_default);
@@ -37,6 +42,10 @@ F read_forecast(Values& values, const std::string& name) {
     if (f.quantity == quantity && values.has(path + ".quantity") && !values.has(path + "." + key))
       values.complain(path, fmt::format("[{}] needs \"{}\"{}", path, key, text));
   };
+  if (f.quantity == F::Quantity::crack_length && f.model_error_std > 0)
+    values.complain(path + ".model_error_std",
+                    "\"model_error_std\" is that of a displacement or an output: a crack length has "
+                    "\"discrepancy_std\"");
   need(F::Quantity::displacement, "point", " = [x, y, z]");
   need(F::Quantity::displacement, "component", "");
   need(F::Quantity::output, "output", ", the name of one of the model's outputs");

@@ -51,7 +51,8 @@ forecast::ForecastScores forecasts_to_score(const Project& project, const Update
     for (const auto& output : setup.model.contents().outputs) {
       if (f.quantity == Quantity::output && output.name == f.output) units = output.labels.units;
     }
-    scores.wait_for(f.name, units, *setup.observed, *row, *time_index, std[*row]);
+    scores.wait_for(f.name, units, *setup.observed, *row, *time_index,
+                    std::hypot(std[*row], f.model_error_std));
   }
   return scores;
 }
