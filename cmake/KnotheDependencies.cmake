@@ -12,6 +12,7 @@ find_package(nlohmann_json 3.11 REQUIRED)
 find_package(fmt REQUIRED)
 find_package(TIFF REQUIRED)
 find_package(PNG REQUIRED)
+find_package(JPEG REQUIRED)
 find_package(ZLIB REQUIRED) # libpng's own; compressed .vtu files
 find_package(pugixml REQUIRED) # .vtu files
 if(KNOTHE_PROGRAMS)

@@ -17,6 +17,7 @@ struct DicArguments {
   bool crack = false;                             ///< look for a crack in every picture
   std::string mask, mesh;                         ///< files
   report::PictureFiles files;                     ///< to write
+  bool grey = false;                              ///< take the luminance of pictures in colour
   bool json = false;
 };
 
@@ -38,6 +39,7 @@ report::PictureTask task_of(const DicArguments& a) {
           "takes "
           "the reference alone");
     // Several pictures to be assessed are several of the unloaded surface: their differences tell the noise.
+    series.find_prefilter = true;
     series.references.assign(a.inputs.begin(), a.pattern ? a.inputs.end() : a.inputs.begin() + 1);
     if (!a.pattern) series.pictures.assign(a.inputs.begin() + 1, a.inputs.end());
   }
@@ -48,6 +50,8 @@ report::PictureTask task_of(const DicArguments& a) {
   if (a.crack && !series.crack) series.crack = imaging::CrackSearchOptions{};
   if (a.pattern) series.pictures.clear(), series.times.clear();
   if (a.prefilter) series.correlation.prefilter_sigma = *a.prefilter;
+  if (a.prefilter) series.find_prefilter = false;
+  if (a.grey) series.colour = files::Colour::grey;
   return task;
 }
 
@@ -76,9 +80,12 @@ void add_dic(CLI::App& app, Command& chosen) {
   command.add_option("--mask", arguments.mask, "picture that is 0 where the surface is not to be measured");
   command.add_option("--mesh", arguments.mesh,
                      "mesh to correlate on instead of equal elements: Gmsh (.msh) or VTK (.vtu), in px");
-  command.add_option("--prefilter", arguments.prefilter, "Gaussian on all pictures, px")
+  command
+      .add_option("--prefilter", arguments.prefilter,
+                  "Gaussian on all pictures, px; default: 1 where the speckle is aliased")
       ->check(CLI::NonNegativeNumber);
   command.add_option("--at", files.at, "CSV x,y: points of the reference picture to give displacements at");
+  command.add_flag("--grey", arguments.grey, "take the luminance of pictures in colour");
   command.add_option("-o,--output", files.output,
                      ".h5, .vtu or .pvd; with --at a CSV file, or a folder for several pictures");
   command.add_option("--maps", files.maps, "folder for maps over the picture (.png)");

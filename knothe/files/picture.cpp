@@ -38,6 +38,12 @@ Picture sized(const std::string& path, std::int64_t width, std::int64_t height, 
   return picture;
 }
 
+float grey_of(const std::string& path, Colour colour, float red, float green, float blue) {
+  if (red == green && green == blue) return red;
+  if (colour == Colour::refuse) fail(path, k_colour);
+  return 0.299F * red + 0.587F * green + 0.114F * blue;
+}
+
 }  // namespace picture_formats
 
 namespace {
@@ -62,8 +68,10 @@ long header_number(const std::string& path, const std::string& bytes, std::size_
   return value;
 }
 
-Picture read_pgm(const std::string& path, const std::string& bytes) {
-  const bool plain = bytes[1] == '2';
+/// PGM, and PPM with three numbers for each pixel.
+Picture read_pgm(const std::string& path, const std::string& bytes, Colour colour) {
+  const bool plain = bytes[1] == '2' || bytes[1] == '3';
+  const std::size_t channels = bytes[1] == '3' || bytes[1] == '6' ? 3 : 1;
   std::size_t at = 2;
   const long width = header_number(path, bytes, at), height = header_number(path, bytes, at),
              maximum = header_number(path, bytes, at);
@@ -72,24 +80,24 @@ Picture read_pgm(const std::string& path, const std::string& bytes) {
   while ((1L << bits) - 1 < maximum) ++bits;
   Picture picture = sized(path, width, height, bits, bytes.size());
   picture.maximum = static_cast<float>(maximum);
-  const std::size_t count = picture.pixels.size(), bytes_per_pixel = maximum > 255 ? 2 : 1;
-  if (plain) {
-    for (float& p : picture.pixels) {
-      const long value = header_number(path, bytes, at);
-      if (value > maximum) fail(path, fmt::format("a grey level of {} above the maximum {}", value, maximum));
-      p = static_cast<float>(value);
-    }
-    return picture;
-  }
-  ++at;  // one white space
-  if (bytes.size() < at + count * bytes_per_pixel)
-    fail(path, fmt::format("the file is truncated: {} bytes of pixels are missing",
-                           at + count * bytes_per_pixel - bytes.size()));
-  const auto* p = reinterpret_cast<const unsigned char*>(bytes.data()) + at;
-  for (std::size_t i = 0; i < count; ++i) {
-    const long value = bytes_per_pixel == 1 ? p[i] : 256 * p[2 * i] + p[2 * i + 1];
+  const std::size_t size = maximum > 255 ? 2 : 1, needed = picture.pixels.size() * channels * size;
+  if (!plain && bytes.size() < ++at + needed)  // one white space
+    fail(path,
+         fmt::format("the file is truncated: {} bytes of pixels are missing", at + needed - bytes.size()));
+  const auto next = [&] {
+    long value = 0;
+    if (plain)
+      value = header_number(path, bytes, at);
+    else
+      for (std::size_t i = 0; i < size; ++i) value = 256 * value + static_cast<unsigned char>(bytes[at++]);
     if (value > maximum) fail(path, fmt::format("a grey level of {} above the maximum {}", value, maximum));
-    picture.pixels[i] = static_cast<float>(value);
+    return static_cast<float>(value);
+  };
+  for (float& pixel : picture.pixels) {
+    pixel = next();
+    if (channels == 1) continue;
+    const float green = next(), blue = next();
+    pixel = grey_of(path, colour, pixel, green, blue);
   }
   return picture;
 }
@@ -101,8 +109,8 @@ std::uint32_t little_endian(const std::string& bytes, std::size_t at, int count)
   return value;
 }
 
-/// Uncompressed Windows bitmaps of 8 bits with a grey palette, or 24 and 32 bits with equal channels.
-Picture read_bmp(const std::string& path, const std::string& bytes) {
+/// Uncompressed Windows bitmaps of 8 bits with a palette, or 24 and 32 bits.
+Picture read_bmp(const std::string& path, const std::string& bytes, Colour colour) {
   if (bytes.size() < 54) fail(path, "the file is truncated: it ends within the BMP header");
   const std::size_t pixels_at = little_endian(bytes, 10, 4), header = little_endian(bytes, 14, 4);
   const auto width = static_cast<std::int32_t>(little_endian(bytes, 18, 4));
@@ -118,26 +126,25 @@ Picture read_bmp(const std::string& path, const std::string& bytes) {
   if (bytes.size() < pixels_at + row_bytes * static_cast<std::size_t>(picture.height))
     fail(path, "the file is truncated: pixels are missing");
   std::array<float, 256> grey{};
+  const auto grey_at = [&](std::size_t at) {  // blue, green, red
+    const auto channel = [&](std::size_t k) {
+      return static_cast<float>(static_cast<unsigned char>(bytes[at + k]));
+    };
+    return grey_of(path, colour, channel(2), channel(1), channel(0));
+  };
   if (bits == 8) {
     std::size_t colours = little_endian(bytes, 46, 4);
     if (colours == 0 || colours > 256) colours = 256;
     if (bytes.size() < 14 + header + 4 * colours)
       fail(path, "the file is truncated: it ends within the BMP palette");
-    for (std::size_t c = 0; c < colours; ++c) {
-      const std::string entry = bytes.substr(14 + header + 4 * c, 3);
-      if (entry[0] != entry[1] || entry[1] != entry[2]) fail(path, k_colour);
-      grey[c] = static_cast<float>(static_cast<unsigned char>(entry[0]));
-    }
+    for (std::size_t c = 0; c < colours; ++c) grey[c] = grey_at(14 + header + 4 * c);
   }
   for (int y = 0; y < picture.height; ++y) {
     const int from = stored_height > 0 ? picture.height - 1 - y : y;
-    const auto* row = reinterpret_cast<const unsigned char*>(bytes.data()) + pixels_at +
-                      row_bytes * static_cast<std::size_t>(from);
-    for (std::size_t x = 0; x < w; ++x) {
-      const unsigned char* p = row + x * step;
-      if (bits != 8 && (p[0] != p[1] || p[1] != p[2])) fail(path, k_colour);
-      picture.at(static_cast<int>(x), y) = bits == 8 ? grey[p[0]] : static_cast<float>(p[0]);
-    }
+    const std::size_t row = pixels_at + row_bytes * static_cast<std::size_t>(from);
+    for (std::size_t x = 0; x < w; ++x)
+      picture.at(static_cast<int>(x), y) =
+          bits == 8 ? grey[static_cast<unsigned char>(bytes[row + x])] : grey_at(row + x * step);
   }
   return picture;
 }
@@ -148,7 +155,7 @@ bool begins_with(const std::string& bytes, const std::string& magic) {
 
 }  // namespace
 
-Picture read_picture(const std::string& path) {
+Picture read_picture(const std::string& path, Colour colour) {
   std::error_code failure;
   if (!std::filesystem::exists(path, failure)) fail(path, "there is no such picture");
   if (std::filesystem::is_directory(path, failure)) fail(path, "this is a folder, not a picture");
@@ -162,12 +169,13 @@ Picture read_picture(const std::string& path) {
     fail(path, bytes.empty() ? "the file is empty" : "the file is too short for a picture");
   if (begins_with(bytes, {"II*\0", 4}) || begins_with(bytes, {"MM\0*", 4}) ||
       begins_with(bytes, {"II+\0", 4}) || begins_with(bytes, {"MM\0+", 4}))
-    return read_tiff(path, bytes.size());
-  if (begins_with(bytes, "\x89PNG")) return read_png(path, bytes);
-  if (begins_with(bytes, "BM")) return read_bmp(path, bytes);
-  if (begins_with(bytes, "P5") || begins_with(bytes, "P2")) return read_pgm(path, bytes);
-  if (begins_with(bytes, "P6") || begins_with(bytes, "P3")) fail(path, k_colour);
-  fail(path, "not a picture that can be read: TIFF, PNG, BMP and PGM are");
+    return read_tiff(path, bytes.size(), colour);
+  if (begins_with(bytes, "\x89PNG")) return read_png(path, bytes, colour);
+  if (begins_with(bytes, "\xFF\xD8\xFF")) return read_jpeg(path, bytes, colour);
+  if (begins_with(bytes, "BM")) return read_bmp(path, bytes, colour);
+  for (const char* kind : {"P2", "P3", "P5", "P6"})
+    if (begins_with(bytes, kind)) return read_pgm(path, bytes, colour);
+  fail(path, "not a picture that can be read: TIFF, PNG, JPEG, BMP and PGM are");
 }
 
 }  // namespace knothe::files

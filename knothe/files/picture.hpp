@@ -1,9 +1,12 @@
 #pragma once
-/// @file Grey pictures at full depth: TIFF, PNG, BMP and PGM.
+/// @file Grey pictures at full depth: TIFF, PNG, BMP, PGM; and JPEG, with a remark.
+#include <array>
 #include <cstdint>
 #include <span>
 #include <string>
 #include <vector>
+
+#include "knothe/base/enum_names.hpp"
 
 namespace knothe::files {
 
@@ -14,6 +17,8 @@ struct Picture {
   float maximum = 255;        ///< the grey level of a saturated pixel
   std::vector<float> pixels;  ///< width × height, as stored (0 … maximum), black is 0
 
+  std::string remark;  ///< what is doubtful about measuring in it; mostly empty
+
   [[nodiscard]] float& at(int x, int y) { return pixels[index(x, y)]; }
   [[nodiscard]] float at(int x, int y) const { return pixels[index(x, y)]; }
   [[nodiscard]] const float* row(int y) const { return pixels.data() + index(0, y); }
@@ -22,9 +27,20 @@ struct Picture {
   }
 };
 
-/// Reads a picture; the format is told from the content, not from the name. Errors: DataError naming the file
-/// and the reason: missing, unreadable, truncated, in colour, more than 16 bits, several pages.
-[[nodiscard]] Picture read_picture(const std::string& path);
+/// What is done with a picture in colour.
+enum class Colour {
+  refuse,
+  grey  ///< its luminance is taken, 0.299 R + 0.587 G + 0.114 B (ITU-R BT.601)
+};
+
+constexpr auto names_of(Colour /*colour*/) {
+  return std::to_array<Named<Colour>>({{Colour::refuse, "refuse"}, {Colour::grey, "grey"}});
+}
+
+/// Reads a picture; the format is told from the content, not from the name. One that is stored in colour, or
+/// by a palette, but holds grey levels only is grey. Errors: DataError naming the file and the reason:
+/// missing, unreadable, truncated, in colour, more than 16 bits, several pages.
+[[nodiscard]] Picture read_picture(const std::string& path, Colour colour = Colour::refuse);
 
 /// Writes a grey TIFF of 8 or 16 bits (`bit_depth` ≤ 8: 8), rounding and clipping; atomic. Errors: IoError,
 /// UsageError for a value that is not finite.

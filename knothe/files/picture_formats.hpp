@@ -8,7 +8,7 @@ namespace knothe::files::picture_formats {
 
 inline constexpr const char* k_colour =
     "a picture in colour; image correlation needs grey levels: convert it (for a raw Bayer picture use one "
-    "channel)";
+    "channel), or have its luminance taken (dic.colour = \"grey\", --grey)";
 
 /// Throws DataError "path: error: reason".
 [[noreturn]] void fail(const std::string& path, const std::string& reason);
@@ -17,7 +17,11 @@ inline constexpr const char* k_colour =
 [[nodiscard]] Picture sized(const std::string& path, std::int64_t width, std::int64_t height, int bit_depth,
                             std::size_t file_bytes);
 
-[[nodiscard]] Picture read_tiff(const std::string& path, std::size_t file_bytes);
-[[nodiscard]] Picture read_png(const std::string& path, const std::string& bytes);
+/// The grey level of a pixel in colour. Fails where its channels differ and colour is refused.
+[[nodiscard]] float grey_of(const std::string& path, Colour colour, float red, float green, float blue);
+
+[[nodiscard]] Picture read_tiff(const std::string& path, std::size_t file_bytes, Colour colour);
+[[nodiscard]] Picture read_png(const std::string& path, const std::string& bytes, Colour colour);
+[[nodiscard]] Picture read_jpeg(const std::string& path, const std::string& bytes, Colour colour);
 
 }  // namespace knothe::files::picture_formats

@@ -66,20 +66,23 @@ struct Writer {
 
 }  // namespace
 
-Picture picture_formats::read_png(const std::string& path, const std::string& bytes) {
+Picture picture_formats::read_png(const std::string& path, const std::string& bytes, Colour colour) {
   Reader reader(path);
   Source source{&bytes, 0};
   png_set_read_fn(reader.png, &source, read_bytes);
   png_read_info(reader.png, reader.info);
-  const int bits = png_get_bit_depth(reader.png, reader.info),
-            colour = png_get_color_type(reader.png, reader.info);
-  if (colour != PNG_COLOR_TYPE_GRAY && colour != PNG_COLOR_TYPE_GRAY_ALPHA) fail(path, k_colour);
-  if (bits < 8) png_set_packing(reader.png);
-  if (colour == PNG_COLOR_TYPE_GRAY_ALPHA) png_set_strip_alpha(reader.png);
+  const int type = png_get_color_type(reader.png, reader.info);
+  const int bits = type == PNG_COLOR_TYPE_PALETTE ? 8 : png_get_bit_depth(reader.png, reader.info);
+  if (type == PNG_COLOR_TYPE_PALETTE)
+    png_set_palette_to_rgb(reader.png);
+  else if (bits < 8)
+    png_set_packing(reader.png);
+  png_set_strip_alpha(reader.png);
   const int passes = png_set_interlace_handling(reader.png);
   png_read_update_info(reader.png, reader.info);
   Picture picture = sized(path, png_get_image_width(reader.png, reader.info),
                           png_get_image_height(reader.png, reader.info), bits, bytes.size());
+  const bool in_colour = (type & PNG_COLOR_MASK_COLOR) != 0;
   const std::size_t row_bytes = png_get_rowbytes(reader.png, reader.info);
   std::vector<unsigned char> all(row_bytes * static_cast<std::size_t>(picture.height));
   for (int pass = 0; pass < passes; ++pass)
@@ -87,8 +90,12 @@ Picture picture_formats::read_png(const std::string& path, const std::string& by
       png_read_row(reader.png, all.data() + row_bytes * static_cast<std::size_t>(y), nullptr);
   for (int y = 0; y < picture.height; ++y) {
     const unsigned char* row = all.data() + row_bytes * static_cast<std::size_t>(y);
+    const auto sample = [&](int k) {
+      return static_cast<float>(bits == 16 ? 256 * row[2 * k] + row[2 * k + 1] : row[k]);
+    };
     for (int x = 0; x < picture.width; ++x)
-      picture.at(x, y) = static_cast<float>(bits == 16 ? 256 * row[2 * x] + row[2 * x + 1] : row[x]);
+      picture.at(x, y) =
+          in_colour ? grey_of(path, colour, sample(3 * x), sample(3 * x + 1), sample(3 * x + 2)) : sample(x);
   }
   return picture;
 }

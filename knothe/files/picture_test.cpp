@@ -2,11 +2,16 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <png.h>
 #include <tiffio.h>
 
+#include <array>
+#include <cstdio>
 #include <filesystem>
 #include <fstream>
 #include <limits>
+
+#include <jpeglib.h>  // after <cstdio>
 
 #include "knothe/base/error.hpp"
 #include "knothe/files/atomic_file.hpp"
@@ -99,6 +104,128 @@ TEST(Picture, ReadsBmpTopDownAndBottomUp) {
   }
 }
 
+using Rgb = std::vector<std::array<std::uint8_t, 3>>;
+const Rgb k_greys = {{0, 0, 0}, {255, 255, 255}, {100, 100, 100}, {7, 7, 7}};
+const Rgb k_colours = {{200, 100, 50}, {255, 255, 255}, {0, 0, 255}, {7, 7, 7}};
+/// 0.299 R + 0.587 G + 0.114 B by hand.
+const std::vector<float> k_luminances = {124.2F, 255, 29.07F, 7};
+
+/// Two by two pixels by a palette of four.
+void write_palette_png(const std::string& path, const Rgb& palette) {
+  png_image image{};
+  image.version = PNG_IMAGE_VERSION, image.width = 2, image.height = 2;
+  image.format = PNG_FORMAT_RGB_COLORMAP, image.colormap_entries = 4;
+  const std::uint8_t pixels[] = {0, 1, 2, 3};
+  ASSERT_NE(png_image_write_to_file(&image, path.c_str(), 0, pixels, 2, palette.data()), 0);
+}
+
+void write_palette_tiff(const std::string& path, const Rgb& palette) {
+  TIFF* tiff = TIFFOpen(path.c_str(), "w");
+  TIFFSetField(tiff, TIFFTAG_IMAGEWIDTH, 2), TIFFSetField(tiff, TIFFTAG_IMAGELENGTH, 2);
+  TIFFSetField(tiff, TIFFTAG_BITSPERSAMPLE, 8), TIFFSetField(tiff, TIFFTAG_SAMPLESPERPIXEL, 1);
+  TIFFSetField(tiff, TIFFTAG_PHOTOMETRIC, PHOTOMETRIC_PALETTE);
+  std::array<std::vector<std::uint16_t>, 3> map;
+  for (std::size_t k = 0; k < 3; ++k) {
+    map[k].resize(256);
+    for (std::size_t c = 0; c < 4; ++c) map[k][c] = static_cast<std::uint16_t>(257 * palette[c][k]);
+  }
+  TIFFSetField(tiff, TIFFTAG_COLORMAP, map[0].data(), map[1].data(), map[2].data());
+  for (std::uint8_t y = 0; y < 2; ++y) {
+    std::uint8_t row[] = {static_cast<std::uint8_t>(2 * y), static_cast<std::uint8_t>(2 * y + 1)};
+    TIFFWriteScanline(tiff, row, y);
+  }
+  TIFFClose(tiff);
+}
+
+void write_rgb_tiff(const std::string& path, const Rgb& colours) {
+  TIFF* tiff = TIFFOpen(path.c_str(), "w");
+  TIFFSetField(tiff, TIFFTAG_IMAGEWIDTH, 2), TIFFSetField(tiff, TIFFTAG_IMAGELENGTH, 2);
+  TIFFSetField(tiff, TIFFTAG_BITSPERSAMPLE, 8), TIFFSetField(tiff, TIFFTAG_SAMPLESPERPIXEL, 3);
+  TIFFSetField(tiff, TIFFTAG_PHOTOMETRIC, PHOTOMETRIC_RGB);
+  TIFFSetField(tiff, TIFFTAG_PLANARCONFIG, PLANARCONFIG_CONTIG);
+  for (std::uint32_t y = 0; y < 2; ++y) {
+    Rgb row(colours.begin() + 2 * y, colours.begin() + 2 * y + 2);
+    TIFFWriteScanline(tiff, row.data(), y);
+  }
+  TIFFClose(tiff);
+}
+
+void write_rgb_png(const std::string& path, const Rgb& colours) {
+  write_colour_png(path, 2, 2, {colours[0].data(), 12});
+}
+
+void write_ppm(const std::string& path, const Rgb& colours) {
+  write_text_atomically(path,
+                        "P6 2 2 255 " + std::string(reinterpret_cast<const char*>(colours[0].data()), 12));
+}
+
+TEST(Picture, InColourIsReadWhereItIsGreyOrItsLuminanceIsAskedFor) {
+  const TestFolder folder;
+  const std::string path = folder.file("picture");
+  for (const auto& write :
+       {write_palette_png, write_palette_tiff, write_rgb_tiff, write_rgb_png, write_ppm}) {
+    write(path, k_greys);
+    const Picture grey = read_picture(path);
+    EXPECT_EQ(grey.pixels, (std::vector<float>{0, 255, 100, 7}));
+    EXPECT_EQ(grey.bit_depth, 8);
+    EXPECT_EQ(grey.maximum, 255);
+    EXPECT_EQ(grey.remark, "");
+    write(path, k_colours);
+    EXPECT_THAT(reason(path), HasSubstr("or have its luminance taken (dic.colour = \"grey\", --grey)"));
+    const Picture luminance = read_picture(path, Colour::grey);
+    for (std::size_t k = 0; k < 4; ++k) EXPECT_NEAR(luminance.pixels[k], k_luminances[k], 1e-4) << k;
+  }
+}
+
+/// A ramp of 16 × 16 pixels at quality 100, of one component or three, the second less by `less_green`.
+void write_jpeg(const std::string& path, int components, int less_green = 0) {
+  jpeg_compress_struct jpeg{};
+  jpeg_error_mgr errors{};
+  jpeg.err = jpeg_std_error(&errors);
+  jpeg_create_compress(&jpeg);
+  std::FILE* file = std::fopen(path.c_str(), "wb");
+  ASSERT_NE(file, nullptr);
+  jpeg_stdio_dest(&jpeg, file);
+  jpeg.image_width = jpeg.image_height = 16;
+  jpeg.input_components = components, jpeg.in_color_space = components == 1 ? JCS_GRAYSCALE : JCS_RGB;
+  jpeg_set_defaults(&jpeg);
+  jpeg_set_quality(&jpeg, 100, TRUE);
+  jpeg_start_compress(&jpeg, TRUE);
+  for (int y = 0; y < 16; ++y) {
+    std::vector<std::uint8_t> row;
+    for (int x = 0; x < 16; ++x)
+      for (int k = 0; k < components; ++k)
+        row.push_back(static_cast<std::uint8_t>(100 + 4 * x + 3 * y - (k == 1 ? less_green : 0)));
+    JSAMPROW out = row.data();
+    jpeg_write_scanlines(&jpeg, &out, 1);
+  }
+  jpeg_finish_compress(&jpeg);
+  jpeg_destroy_compress(&jpeg);
+  std::fclose(file);
+}
+
+TEST(Picture, JpegIsReadWithARemark) {
+  const TestFolder folder;
+  const std::string path = folder.file("a.jpg");
+  for (const int components : {1, 3}) {
+    write_jpeg(path, components);
+    const Picture p = read_picture(path);
+    ASSERT_EQ(p.pixels.size(), 256U);
+    for (int y = 0; y < 16; ++y)
+      for (int x = 0; x < 16; ++x) EXPECT_NEAR(p.at(x, y), 100 + 4 * x + 3 * y, 2) << components;
+    EXPECT_THAT(p.remark, HasSubstr("a.jpg: a JPEG: its compression has changed the grey levels"));
+  }
+  write_jpeg(path, 3, 60);
+  EXPECT_THAT(reason(path), HasSubstr("a picture in colour"));
+  EXPECT_NEAR(read_picture(path, Colour::grey).at(8, 8), 156 - 0.587 * 60, 3);
+  const std::string whole = read_text(path);
+  for (const double share : {0.05, 0.3, 0.9}) {
+    write_text_atomically(
+        path, whole.substr(0, static_cast<std::size_t>(share * static_cast<double>(whole.size()))));
+    EXPECT_THAT(reason(path), HasSubstr("a.jpg: error: ")) << share;
+  }
+}
+
 TEST(Picture, SaysWhyAFileCannotBeRead) {
   const TestFolder folder;
   EXPECT_THAT(reason(folder.file("none.tif")), EndsWith("none.tif: error: there is no such picture"));
@@ -106,7 +233,7 @@ TEST(Picture, SaysWhyAFileCannotBeRead) {
   EXPECT_THAT(reason(folder.file("empty.tif")), EndsWith("the file is empty"));
   write_text_atomically(folder.file("text.tif"), "this is not a picture at all");
   EXPECT_THAT(reason(folder.file("text.tif")),
-              EndsWith("not a picture that can be read: TIFF, PNG, BMP and PGM are"));
+              EndsWith("not a picture that can be read: TIFF, PNG, JPEG, BMP and PGM are"));
   write_text_atomically(folder.file("colour.pgm"), "P6\n1 1\n255\nabc");
   EXPECT_THAT(reason(folder.file("colour.pgm")),
               HasSubstr("a picture in colour; image correlation needs grey levels"));

@@ -40,6 +40,24 @@ unsigned packed_sample(const unsigned char* row, std::size_t x, unsigned bits) {
   return value;
 }
 
+/// Grey levels of 8 bits of a palette of 2^bits colours. Some programs write its entries in 8 bits, not 16.
+std::vector<float> palette_levels(TIFF* tiff, const std::string& path, unsigned bits, Colour colour) {
+  std::uint16_t *red = nullptr, *green = nullptr, *blue = nullptr;
+  if (TIFFGetField(tiff, TIFFTAG_COLORMAP, &red, &green, &blue) != 1)
+    fail(path, "a TIFF of a palette, without the palette");
+  const std::size_t count = std::size_t{1} << bits;
+  std::uint16_t largest = 0;
+  for (const std::uint16_t* channel : {red, green, blue})
+    largest = std::max(largest, *std::max_element(channel, channel + count));
+  const float unit = largest > 255 ? 257.0F : 1.0F;
+  std::vector<float> levels;
+  for (std::size_t c = 0; c < count; ++c)
+    levels.push_back(picture_formats::grey_of(path, colour, static_cast<float>(red[c]) / unit,
+                                              static_cast<float>(green[c]) / unit,
+                                              static_cast<float>(blue[c]) / unit));
+  return levels;
+}
+
 /// Values rounded and clipped to what `bits` hold.
 template <class Integer>
 void round_row(const Picture& picture, int y, Integer* out) {
@@ -54,7 +72,7 @@ void round_row(const Picture& picture, int y, Integer* out) {
 
 }  // namespace
 
-Picture picture_formats::read_tiff(const std::string& path, std::size_t file_bytes) {
+Picture picture_formats::read_tiff(const std::string& path, std::size_t file_bytes, Colour colour) {
   TIFFSetErrorHandler(remember);
   TIFFSetWarningHandler(ignore);
   last_words.clear();
@@ -68,21 +86,37 @@ Picture picture_formats::read_tiff(const std::string& path, std::size_t file_byt
   TIFFGetFieldDefaulted(tiff.get(), TIFFTAG_BITSPERSAMPLE, &bits);
   TIFFGetFieldDefaulted(tiff.get(), TIFFTAG_SAMPLEFORMAT, &format);
   TIFFGetField(tiff.get(), TIFFTAG_PHOTOMETRIC, &photometric);
-  if (samples != 1 || photometric == PHOTOMETRIC_RGB || photometric == PHOTOMETRIC_PALETTE)
-    fail(path, k_colour);
+  std::uint16_t planes = PLANARCONFIG_CONTIG;
+  TIFFGetFieldDefaulted(tiff.get(), TIFFTAG_PLANARCONFIG, &planes);
+  const bool rgb = photometric == PHOTOMETRIC_RGB && samples >= 3 && planes == PLANARCONFIG_CONTIG &&
+                   (bits == 8 || bits == 16);
+  const bool palette = photometric == PHOTOMETRIC_PALETTE && samples == 1 && bits <= 8;
+  const bool grey =
+      samples == 1 && (photometric == PHOTOMETRIC_MINISBLACK || photometric == PHOTOMETRIC_MINISWHITE);
+  if (!grey && !rgb && !palette) fail(path, k_colour);
   if (format != SAMPLEFORMAT_UINT || bits > 16)
     fail(path, fmt::format("a TIFF of {} bits a pixel{}; unsigned integers of up to 16 bits can be read",
                            bits, format == SAMPLEFORMAT_IEEEFP ? ", floating point" : ""));
   if (TIFFNumberOfDirectories(tiff.get()) > 1)
     fail(path, "a TIFF of several pages; save one picture per file");
   if (TIFFIsTiled(tiff.get()) != 0) fail(path, "a tiled TIFF; save it in strips");
-  Picture picture = sized(path, width, height, bits, file_bytes);
+  Picture picture = sized(path, width, height, palette ? 8 : bits, file_bytes);
+  const std::vector<float> levels =
+      palette ? palette_levels(tiff.get(), path, bits, colour) : std::vector<float>();
   std::vector<unsigned char> row(static_cast<std::size_t>(TIFFScanlineSize64(tiff.get())) + 2);
   for (std::uint32_t y = 0; y < height; ++y) {
     if (TIFFReadScanline(tiff.get(), row.data(), y) != 1)
       fail(path, fmt::format("row {} cannot be read: the file is truncated or damaged ({})", y, last_words));
     float* out = picture.pixels.data() + picture.index(0, static_cast<int>(y));
-    if (bits == 8)
+    const auto sample = [&](std::size_t k) {
+      return static_cast<float>(bits == 8 ? row[k] : reinterpret_cast<const std::uint16_t*>(row.data())[k]);
+    };
+    if (rgb)
+      for (std::size_t x = 0; x < width; ++x)
+        out[x] = grey_of(path, colour, sample(samples * x), sample(samples * x + 1), sample(samples * x + 2));
+    else if (palette)
+      for (std::size_t x = 0; x < width; ++x) out[x] = levels[packed_sample(row.data(), x, bits)];
+    else if (bits == 8)
       std::copy_n(row.data(), width, out);
     else if (bits == 16)
       std::copy_n(reinterpret_cast<const std::uint16_t*>(row.data()), width, out);

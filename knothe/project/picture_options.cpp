@@ -46,7 +46,7 @@ void add_picture_options(Section<G>& s) {
         file);
   s.add("roi", &G::roi,
         "Two opposite corners of the mesh, [x0, y0, x1, y1], px, inclusive; default: the mask's, or the "
-        "picture less 10 px.",
+        "largest rectangle that has a pattern, or the picture less 10 px.",
         of_shape("two opposite corners, [x0, y0, x1, y1], px"), no_default);
   s.choice("mesh", &G::model_mesh, "region", "model",
            "Elements over the region, or the model's own surface mesh (needs the model and a scale): the "
@@ -71,8 +71,13 @@ void add_picture_options(Section<G>& s) {
 
 void add_correlation_options(Section<G>& s) {
   const auto correlation = [](auto member) { return in(&G::series, &Series::correlation, member); };
-  s.add("prefilter", correlation(&Correlation::prefilter_sigma),
-        "Standard deviation of a Gaussian on all pictures, px; 1 for sharp, aliased speckle.", non_negative);
+  s.add(
+      "prefilter", correlation(&Correlation::prefilter_sigma),
+      "Standard deviation of a Gaussian on all pictures, px; default: 1 where speckles of the reference are "
+      "smaller than 3 px (aliased), else 0.",
+      non_negative, no_default);
+  s.add("colour", in(&G::series, &Series::colour),
+        "What is done with a picture in colour: it is refused, or its luminance is taken (`grey`).");
   s.add("brightness", correlation(&Correlation::brightness),
         "Brightness and contrast that may change from picture to picture.");
   s.add("saturation", correlation(&Correlation::saturation),
@@ -235,6 +240,7 @@ std::optional<imaging::PictureFrame> frame_of(Values& values, const Given& g) {
 /// What follows from the options for the series, and what does not go together in them.
 void complete_series(Values& values, Given& g) {
   Series& s = g.series;
+  s.find_prefilter = !values.has("dic.prefilter");
   if (values.has("dic.roi")) {
     const auto& [x0, y0, x1, y1] = g.roi;
     s.region = imaging::Region{x0, y0, x1, y1};

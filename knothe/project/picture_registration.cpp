@@ -33,7 +33,7 @@ std::optional<imaging::OutlineFit> register_pictures(Project& project,
   }
   std::string path = p.outline->picture;
   if (path.empty()) path = (live ? live_series_options(project) : series_options(project)).references.front();
-  imaging::OutlineFit fit = imaging::fit_outline(files::read_picture(path), outline,
+  imaging::OutlineFit fit = imaging::fit_outline(files::read_picture(path, p.series.colour), outline,
                                                  {.start = p.frame, .scale_std = p.outline->scale_std}, path);
   fit.frame.view = p.view, fit.frame.plane = p.plane.value_or(0);
   p.frame = fit.frame;

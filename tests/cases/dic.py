@@ -3,6 +3,7 @@ import csv
 import functools
 import math
 import pathlib
+import re
 import unittest
 
 from dic_pictures import Speckle, write_pgm, write_tiff16
@@ -136,7 +137,7 @@ class Test(Case):
         write_pgm(self.folder / "copy.pgm", drawn("a"))
         write_pgm(self.folder / "other.pgm", Speckle(seed=9).picture())
         (self.folder / "cut.pgm").write_bytes((self.folder / "a.pgm").read_bytes()[:5000])
-        (self.folder / "colour.ppm").write_bytes(b"P6\n2 2\n255\n" + bytes(12))
+        (self.folder / "colour.ppm").write_bytes(b"P6\n2 2\n255\n" + bytes(range(12)))
         (self.folder / "text.tif").write_text("this is no picture at all")
         bad = {"black.pgm": "black", "grey.pgm": "uniform", "small.pgm": "2 × 2 pixels", "cut.pgm": "truncated",
                "colour.ppm": "colour", "text.tif": "not a picture", "gone.tif": "no such picture", "copy.pgm": "the same as a.pgm",
@@ -303,6 +304,50 @@ class Test(Case):
         squares = [(m[4] + row[2]) ** 2 + (m[5] + row[3]) ** 2 for m, row in zip(moved, self.table("back.csv")) if row[4] == 1]
         self.assertGreater(len(squares), 0.95 * len(points))
         self.assertLess(math.sqrt(sum(squares) / (2 * len(squares))), 0.01)
+
+    def test_the_real_pictures_converge_with_the_defaults(self):
+        """The beam is found before the dark background, without the roller; its aliased speckle is filtered."""
+        pictures = self.real("0155", "0160", "0179")
+        for size in (16, 25, 32):
+            arguments = () if size == 25 else ("--element-size", size)
+            outcome = self.expect(0, "dic", *pictures, *arguments, "--json")
+            region = [float(v) for v in re.search(r"the region ([\d,]+), which is measured", outcome.err)[1].split(",")]
+            # The beam's edges in the picture, by eye: 166 and 1083; the roller stands on it from 500 to 960.
+            self.assertTrue(166 < region[1] < 200 and 1050 < region[3] < 1083 and region[0] == 10 and region[2] == 1726, region)
+            self.assertIn("aliased: pictures are filtered by a Gaussian of 1 px", outcome.err)
+            for line in outcome.lines():
+                self.assertIs(line["converged"], True)
+                self.assertLess(line["elements_rejected"], 0.05 * line["elements"])
+            self.assertAlmostEqual(line["gain"], 1.27, delta=0.02)
+
+    def test_what_does_not_converge_says_what_to_try(self):
+        outcome = self.run_knothe("dic", *self.real("0155", "0160"), "--prefilter", 0, "--roi", "10,10,1726,1146")
+        self.assertEqual(outcome.status, 6, str(outcome))
+        self.assertIn("try a Gaussian on the pictures (--prefilter 1), or larger elements (--element-size 50), or a region", outcome.err)
+
+    def test_pictures_of_another_depth_are_recognised(self):
+        """The deformed picture in 16 bits, the reference in 8; and 8 bits' levels in a file of 16."""
+        self.draw("reference", "b")
+        rows = drawn("b")
+        for name, factor in (("full", 257), ("small", 1)):
+            write_tiff16(self.folder / f"{name}.tif", [[factor * level for level in row] for row in rows])
+        outcome = self.expect(0, "dic", "reference.pgm", "b.pgm", "full.tif", "--roi", ROI, "--json")
+        eight, sixteen = outcome.lines()
+        self.assertIn("full.tif: 16 bits, the reference 8: grey levels are multiplied by 0.00390625", outcome.err)
+        self.assertAlmostEqual(sixteen["gain"] * 257 / 256, eight["gain"], delta=1e-4)
+        self.assertAlmostEqual(sixteen["noise_std_px"], eight["noise_std_px"], delta=0.02 * eight["noise_std_px"])
+        small, = self.expect(0, "dic", "reference.pgm", "small.tif", "--roi", ROI, "--json").lines()
+        self.assertAlmostEqual(small["gain"], eight["gain"], delta=1e-4)
+
+    def test_the_luminance_of_a_coloured_picture_is_taken_on_request(self):
+        self.draw("reference")
+        rows = drawn("b")
+        bytes_of = bytes(v for row in rows for level in row for v in (level, level, max(0, level - 9)))
+        (self.folder / "b.ppm").write_bytes(b"P6\n%d %d\n255\n" % (len(rows[0]), len(rows)) + bytes_of)
+        self.expect(4, "dic", "reference.pgm", "b.ppm", "--roi", ROI, stderr="a picture in colour")
+        self.expect(0, "dic", "reference.pgm", "b.ppm", "--roi", ROI, "--grey")
+        self.edit("[dic]", '[dic]\ncolour = "gray"')
+        self.expect(3, "dic", self.project_name, stderr='did you mean "grey"?')
 
     def test_the_real_cracked_picture_converges(self):
         line = self.expect(0, "dic", *self.real("0155", "0179"), "--element-size", 25, "--prefilter", 1, "--roi",

@@ -21,8 +21,8 @@ constexpr double k_assumed_noise = 2;   // of those
 constexpr int k_longest_lag = 64;       // px
 constexpr double k_weak_gradient = 10;  // grey levels of 256 per px: below, the gradient's own noise counts
 constexpr double k_many_saturated = 0.01;
-constexpr double k_small_speckle = 3, k_large_speckle = 10;  // px
-constexpr double k_few_speckles = 3;                         // in an element
+constexpr double k_large_speckle = 10;  // px
+constexpr double k_few_speckles = 3;    // in an element
 
 struct Box {
   int x0, y0, x1, y1;  // inclusive
@@ -68,7 +68,7 @@ void give_advice(PatternReport& r, double element) {
     say(fmt::format("{:.1f} % of the pixels are black (0): more light or exposure", 100 * r.black));
   const double smallest = std::min(r.speckle[0], r.speckle[1]),
                largest = std::max(r.speckle[0], r.speckle[1]);
-  if (smallest > 0 && smallest < k_small_speckle)
+  if (smallest > 0 && smallest < k_aliased_speckle)
     say(
         fmt::format("speckles of {:.1f} px are aliased: a prefilter of 1 px (--prefilter 1), coarser "
                     "speckle, or a closer "

@@ -30,6 +30,9 @@ struct PatternReport {
 /// Looks at the reference of a series, which needs no pictures.
 [[nodiscard]] PatternReport pattern_report(const PictureSeries& series);
 
+/// Smaller speckles are sampled too coarsely: a prefilter of 1 px halves the error, px.
+inline constexpr double k_aliased_speckle = 3;
+
 /// Full width at half its height of the autocorrelation of a picture's region along x and y, px; 0 where it
 /// does not fall that far within 64 px.
 [[nodiscard]] std::array<double, 2> speckle_size(const files::Picture& picture, const Region& region);

@@ -11,19 +11,20 @@
 #include "knothe/base/threads.hpp"
 #include "knothe/imaging/correlation/correlation_noise.hpp"
 #include "knothe/imaging/mesh/mesh_field.hpp"
+#include "knothe/imaging/series/pattern_report.hpp"
+#include "knothe/imaging/series/textured_region.hpp"
 
 namespace knothe::imaging {
 
 namespace {
 
-constexpr double k_margin = 10;  // px left free around the default region, for motions out of the picture
+constexpr double k_margin = 10;      // px left free around the default region, for motions out of the picture
+constexpr double k_least_depth = 3;  // bits between a picture and the reference, by which it is multiplied
 constexpr double k_residual_growth = 2;      // from one picture to the next, that makes a warm start doubtful
 constexpr double k_rejected_growth = 0.1;    // of the elements, the same
 constexpr double k_foreign_residual = 0.75;  // of the contrast: the picture shows another surface
 
-Region default_region(const files::Picture& reference, const files::Picture& mask) {
-  if (mask.pixels.empty())
-    return {k_margin, k_margin, reference.width - 1 - k_margin, reference.height - 1 - k_margin};
+Region region_of(const files::Picture& mask) {
   Region box{static_cast<double>(mask.width), static_cast<double>(mask.height), -1, -1};
   for (int y = 0; y < mask.height; ++y)
     for (int x = 0; x < mask.width; ++x)
@@ -34,6 +35,15 @@ Region default_region(const files::Picture& reference, const files::Picture& mas
     throw UsageError(
         "the mask is black everywhere: it must be bright (not 0) where the surface is to be measured");
   return box;
+}
+
+/// Standard deviation of the grey levels of a picture.
+double spread_of(const files::Picture& picture) {
+  double sum = 0, squares = 0;
+  for (const float level : picture.pixels)
+    sum += static_cast<double>(level), squares += static_cast<double>(level) * static_cast<double>(level);
+  const auto count = static_cast<double>(picture.pixels.size());
+  return std::sqrt(std::max(0.0, squares / count - std::pow(sum / count, 2)));
 }
 
 bool is_better(const CorrelationResult& a, const CorrelationResult& b) {
@@ -72,7 +82,12 @@ PictureSeries::PictureSeries(SeriesOptions options) : options_(std::move(options
         "between (reference_update)");
   if (options_.correlation.threads <= 0) options_.correlation.threads = static_cast<int>(default_threads());
   std::vector<files::Picture> references;
-  for (const std::string& path : options_.references) references.push_back(files::read_picture(path));
+  for (const std::string& path : options_.references) {
+    files::Picture picture = files::read_picture(path, options_.colour);
+    remark(picture.remark);
+    references.push_back(references.empty() ? std::move(picture)
+                                            : with_levels_of(references.front(), std::move(picture), path));
+  }
   const files::Picture reference = averaged(references, options_.references);
   files::Picture mask;
   if (!options_.mask.empty()) mask = files::read_picture(options_.mask);
@@ -86,9 +101,10 @@ PictureSeries::PictureSeries(SeriesOptions options) : options_(std::move(options
     mesh = elements_inside(*options_.mesh, options_.region.value_or(picture), picture);
     options_.region = mesh.bounds();
   } else {
-    if (!options_.region) options_.region = default_region(reference, mask);
+    if (!options_.region) options_.region = mask.pixels.empty() ? find_region(reference) : region_of(mask);
     mesh = structured_mesh(*options_.region, options_.element_size, options_.shape);
   }
+  if (options_.find_prefilter) find_prefilter(reference, mesh.bounds());
   if (!mask.pixels.empty()) {
     (void)PixelTable(mesh, reference.width, reference.height);  // outside the picture: the better message
     mesh = masked(mesh, mask);
@@ -114,14 +130,69 @@ PictureSeries::PictureSeries(SeriesOptions options) : options_(std::move(options
   prefetch(0);
 }
 
+void PictureSeries::remark(const std::string& text) {
+  if (!text.empty() && std::find(remarks_.begin(), remarks_.end(), text) == remarks_.end())
+    remarks_.push_back(text);
+}
+
+Region PictureSeries::find_region(const files::Picture& reference) {
+  const auto region = textured_region(reference, k_margin);
+  if (!region) return {k_margin, k_margin, reference.width - 1 - k_margin, reference.height - 1 - k_margin};
+  remark(fmt::format(
+      "the pattern fills the region {:.0f},{:.0f},{:.0f},{:.0f}, which is measured (--roi, dic.roi)",
+      region->x0, region->y0, region->x1, region->y1));
+  return *region;
+}
+
+void PictureSeries::find_prefilter(const files::Picture& reference, const Region& region) {
+  const auto size = speckle_size(reference, region);
+  const double smallest = std::min(size[0], size[1]);
+  if (!(smallest > 0 && smallest < k_aliased_speckle)) return;
+  options_.correlation.prefilter_sigma = 1;
+  remark(fmt::format(
+      "speckles of {:.1f} px are aliased: pictures are filtered by a Gaussian of 1 px (--prefilter, "
+      "dic.prefilter)",
+      smallest));
+}
+
+/// A picture of another depth whose levels are several times those of the reference (8 bits against 16, or 8
+/// bits stored in 16) is multiplied by a power of two.
+files::Picture PictureSeries::with_levels_of(const files::Picture& reference, files::Picture picture,
+                                             const std::string& name) {
+  const double spread = spread_of(picture);
+  if (picture.bit_depth == reference.bit_depth || !(spread > 0)) return picture;
+  const double power = std::round(std::log2(spread_of(reference) / spread));
+  if (std::abs(power) < k_least_depth) return picture;
+  const auto factor = static_cast<float>(std::exp2(power));
+  remark(fmt::format("{}: {} bits, the reference {}: grey levels are multiplied by {}", name,
+                     picture.bit_depth, reference.bit_depth, factor));
+  for (float& level : picture.pixels) level *= factor;
+  picture.maximum *= factor, picture.bit_depth = reference.bit_depth;
+  return picture;
+}
+
+/// For a picture that did not converge.
+std::string PictureSeries::what_to_try() const {
+  std::vector<std::string> advice;
+  if (!(options_.correlation.prefilter_sigma > 0))
+    advice.emplace_back("a Gaussian on the pictures (--prefilter 1)");
+  if (!options_.mesh)
+    advice.push_back(fmt::format("larger elements (--element-size {:.0f})", 2 * options_.element_size));
+  advice.emplace_back("a region or mask that holds the surface only (--roi, --mask; --maps shows it)");
+  if (options_.correlation.regularisation == 0)
+    advice.emplace_back("regularisation of some elements' size (dic.regularisation)");
+  return fmt::format("try {}", fmt::join(advice, ", or "));
+}
+
 PictureSeries::~PictureSeries() {
   if (reading_.valid()) reading_.wait();
 }
 
 void PictureSeries::prefetch(std::size_t index) {
   if (index < options_.pictures.size())
-    reading_ = std::async(std::launch::async,
-                          [path = options_.pictures[index]] { return files::read_picture(path); });
+    reading_ = std::async(std::launch::async, [path = options_.pictures[index], colour = options_.colour] {
+      return files::read_picture(path, colour);
+    });
 }
 
 /// What makes a picture unusable before it is looked at closely; empty if nothing does.
@@ -164,9 +235,9 @@ PictureResult PictureSeries::next() {
   const std::string name = options_.pictures[index];
   PictureResult result;
   try {
-    const files::Picture picture = reading_.get();
+    files::Picture picture = reading_.get();
     prefetch(next_);
-    result = correlate(picture, name);
+    result = correlate(std::move(picture), name);
   } catch (const Error& error) {
     if (!reading_.valid()) prefetch(next_);
     result.missing = true, result.message = error.what();
@@ -250,7 +321,9 @@ void PictureSeries::note_noise(PictureResult& result) {
   }
 }
 
-PictureResult PictureSeries::correlate(const files::Picture& picture, const std::string& name) {
+PictureResult PictureSeries::correlate(files::Picture picture, const std::string& name) {
+  remark(picture.remark);
+  picture = with_levels_of(correlation_->reference(), std::move(picture), name);
   if (const std::string reason = fault(picture, name); !reason.empty()) throw DataError(reason);
   last_pixels_ = picture.pixels, last_name_ = name;
   const auto begin = std::chrono::steady_clock::now();
@@ -271,7 +344,7 @@ PictureResult PictureSeries::correlate(const files::Picture& picture, const std:
       std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
   if (!best.converged) {
     result.missing = true;
-    result.message = fmt::format("{}: error: not converged: {}", name, best.message);
+    result.message = fmt::format("{}: error: not converged: {}; {}", name, best.message, what_to_try());
     return result;
   }
   start_ = best.displacement, start_valid_ = best.element_valid;

@@ -24,8 +24,10 @@ struct SeriesOptions {
   std::vector<std::string> pictures;  ///< deformed, in the order of time
   std::vector<double> times;          ///< one per picture, or empty: 0, 1, 2 …
   std::string mask;                   ///< picture file; empty: none
-  std::optional<Region> region;       ///< px; otherwise the mask's, or the picture less a margin
-  double element_size = 25;           ///< px
+  /// px; otherwise the mask's, or what is textured (textured_region.hpp), or the picture less a margin.
+  std::optional<Region> region;
+  files::Colour colour = files::Colour::refuse;  ///< of pictures in colour
+  double element_size = 25;                      ///< px
   /// A mesh of its own, px, instead of one over the region; of its elements those are used that lie in the
   /// region, if one is given, and in the picture.
   std::optional<ImageMesh> mesh;
@@ -34,6 +36,8 @@ struct SeriesOptions {
   ElementShape shape = ElementShape::quadrilateral;
   double noise = 0;  ///< standard deviation of a picture's noise, grey levels; 0: from repeats or residuals
   CorrelationOptions correlation{.threads = 0};
+  /// correlation.prefilter_sigma is found: 1 px where speckles of the reference are aliased, else 0.
+  bool find_prefilter = false;
   Drift drift = Drift::none;
   double drift_std = 10;  ///< px, of such a motion before anything is measured (camera_drift.hpp)
   /// A picture that does not converge, whose residual is so many times that of the first picture of the
@@ -83,6 +87,9 @@ class PictureSeries {
   PictureSeries& operator=(const PictureSeries&) = delete;
 
   [[nodiscard]] const SeriesOptions& options() const { return options_; }
+  /// What was found of the options that were not given, and what is doubtful about the pictures so far, in
+  /// words for the user. Empty where there is nothing to say.
+  [[nodiscard]] const std::vector<std::string>& remarks() const { return remarks_; }
   [[nodiscard]] const ImageCorrelation& correlation() const { return *correlation_; }
   [[nodiscard]] double reference_count() const { return static_cast<double>(options_.references.size()); }
   /// γ from the options or repeat pictures, grey levels; 0: each picture's residual has to tell.
@@ -91,7 +98,7 @@ class PictureSeries {
   /// The next picture's result. Never throws for a bad picture.
   PictureResult next();
   /// The same for a picture that is in memory; the series of files stays where it is.
-  PictureResult correlate(const files::Picture& picture, const std::string& name);
+  PictureResult correlate(files::Picture picture, const std::string& name);
   /// The series goes on at picture `index`, started from what an earlier run measured in the one before it.
   void resume(std::size_t index, const CorrelationResult& last);
   /// Displacements to start the next picture from, e.g. a model's prediction, instead of the last picture's.
@@ -115,9 +122,16 @@ class PictureSeries {
   void try_other_reference(const files::Picture& picture, CorrelationResult& best);
   void note_noise(PictureResult& result);
   void prefetch(std::size_t index);
+  void remark(const std::string& text);
+  [[nodiscard]] Region find_region(const files::Picture& reference);
+  void find_prefilter(const files::Picture& reference, const Region& region);
+  [[nodiscard]] files::Picture with_levels_of(const files::Picture& reference, files::Picture picture,
+                                              const std::string& name);
+  [[nodiscard]] std::string what_to_try() const;
   [[nodiscard]] std::string fault(const files::Picture& picture, const std::string& name) const;
 
   SeriesOptions options_;
+  std::vector<std::string> remarks_;
   std::unique_ptr<ImageCorrelation> correlation_;
   double known_noise_ = 0, contrast_ = 0;
   std::size_t next_ = 0;

@@ -156,6 +156,11 @@ std::vector<PictureResult> resumed(const PictureFiles& files, imaging::PictureSe
   return results;
 }
 
+/// Remarks of the series that are new.
+void show_remarks(const imaging::PictureSeries& series, std::size_t& shown) {
+  for (; shown < series.remarks().size(); ++shown) fmt::print(stderr, "{}\n", series.remarks()[shown]);
+}
+
 }  // namespace
 
 PictureTask picture_task(const std::string& project_file) {
@@ -175,6 +180,8 @@ int measure_pictures(const PictureTask& task, const PictureFiles& files, const f
   show_registration(task, files);
   PictureOutput written(task, files);
   imaging::PictureSeries series(task.series);
+  std::size_t remarks = 0;
+  show_remarks(series, remarks);
   std::vector<PictureResult> results = resumed(files, series);
   auto saved = std::chrono::steady_clock::now();
   {
@@ -182,6 +189,7 @@ int measure_pictures(const PictureTask& task, const PictureFiles& files, const f
     while (!series.done() && !cancellation_requested()) {
       results.push_back(series.next());
       const PictureResult& r = results.back();
+      show_remarks(series, remarks);
       if (r.missing) fmt::print(stderr, "{}\n", r.message);
       const double noise_std = r.missing ? 0 : series.precision(r, r.noise, r.correlation.gain).mean_std();
       output.line(picture_record(series, r, noise_std, task.frame), picture_text(r, noise_std, task.frame));
@@ -214,6 +222,8 @@ void assess_pattern(const PictureTask& task, const PictureFiles& files, const fi
     throw UsageError(
         "--pattern measures nothing: it takes --maps, --table and --json, not --at, -o or --resume");
   const imaging::PictureSeries series(task.series);
+  std::size_t remarks = 0;
+  show_remarks(series, remarks);
   const imaging::PatternReport pattern = imaging::pattern_report(series);
   write_table(task, files, series, pattern.noise, pattern.std);
   if (!files.maps.empty()) {

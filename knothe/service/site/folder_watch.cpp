@@ -172,7 +172,7 @@ FolderWatch::Outcome FolderWatch::take_picture(const std::string& name) {
   std::string trouble;
   files::Picture picture;
   try {
-    picture = files::read_picture(pictures_->path(name));
+    picture = files::read_picture(pictures_->path(name), site_->setup().pictures->series().options().colour);
   } catch (const DataError& error) {
     if (patient(*pictures_, name)) return Outcome::again;
     trouble = error.what();

@@ -1,0 +1,68 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstdio>
+// After <cstdio>: the header of libjpeg does not include what it needs.
+#include <jpeglib.h>
+
+#include "knothe/files/picture_formats.hpp"
+
+namespace knothe::files {
+namespace {
+
+using picture_formats::fail;
+
+/// libjpeg's state and its error handler, which throws past it: it is built with unwind tables.
+struct Decoder {
+  jpeg_decompress_struct jpeg{};
+  jpeg_error_mgr errors{};
+  explicit Decoder(const std::string& path) {
+    jpeg.err = jpeg_std_error(&errors);
+    errors.error_exit = [](j_common_ptr common) {
+      char text[JMSG_LENGTH_MAX];
+      common->err->format_message(common, text);
+      fail(*static_cast<const std::string*>(common->client_data),
+           fmt::format("not a readable JPEG ({})", text));
+    };
+    errors.output_message = [](j_common_ptr) {};
+    jpeg_create_decompress(&jpeg);
+    jpeg.client_data = const_cast<std::string*>(&path);
+  }
+  ~Decoder() { jpeg_destroy_decompress(&jpeg); }
+  Decoder(const Decoder&) = delete;
+  Decoder& operator=(const Decoder&) = delete;
+};
+
+}  // namespace
+
+Picture picture_formats::read_jpeg(const std::string& path, const std::string& bytes, Colour colour) {
+  Decoder decoder(path);
+  jpeg_decompress_struct& jpeg = decoder.jpeg;
+  jpeg_mem_src(&jpeg, reinterpret_cast<const unsigned char*>(bytes.data()), bytes.size());
+  jpeg_read_header(&jpeg, TRUE);
+  const bool grey = jpeg.num_components == 1;
+  if (!grey && jpeg.num_components != 3) fail(path, k_colour);
+  jpeg.out_color_space = grey ? JCS_GRAYSCALE : JCS_RGB;
+  Picture picture = sized(path, jpeg.image_width, jpeg.image_height, 8, bytes.size());
+  picture.remark = fmt::format(
+      "{}: a JPEG: its compression has changed the grey levels that displacements are measured by, and its "
+      "noise is "
+      "not white; save TIFF or PNG where the camera can",
+      path);
+  jpeg_start_decompress(&jpeg);
+  std::vector<unsigned char> row(static_cast<std::size_t>(picture.width) * (grey ? 1 : 3));
+  for (int y = 0; y < picture.height; ++y) {
+    JSAMPROW out = row.data();
+    jpeg_read_scanlines(&jpeg, &out, 1);
+    for (int x = 0; x < picture.width; ++x) {
+      const auto sample = [&](int k) { return static_cast<float>(row[static_cast<std::size_t>(k)]); };
+      picture.at(x, y) =
+          grey ? sample(x) : grey_of(path, colour, sample(3 * x), sample(3 * x + 1), sample(3 * x + 2));
+    }
+  }
+  if (decoder.errors.num_warnings > 0) fail(path, "the JPEG is truncated or damaged");
+  jpeg_finish_decompress(&jpeg);
+  return picture;
+}
+
+}  // namespace knothe::files
