@@ -13,6 +13,7 @@ from scipy.stats import norm, t
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "examples" / "crack_growth"))
 import crack_growth as model  # noqa: E402
+from panel import Panel, picture  # noqa: E402
 
 TESTED = range(model.TRAINED, 48)
 ENDS = [int(np.argmin(abs(model.LENGTHS[model.SEEN + 1:] - horizon))) for horizon in model.HORIZONS]
@@ -80,38 +81,6 @@ def summary(held, scores):
             "crps": scores.mean(axis=0).tolist(), "crps_of_the_curve": float(scores.mean())}
 
 
-class Panel:
-    """A frame of a picture with linear axes; y grows upwards."""
-
-    def __init__(self, box, x_range, y_range):
-        self.box, self.x_range, self.y_range, self.parts = box, x_range, y_range, []
-
-    def place(self, x, y):
-        left, top, width, height = self.box
-        return (left + width * (x - self.x_range[0]) / (self.x_range[1] - self.x_range[0]),
-                top + height * (1 - (y - self.y_range[0]) / (self.y_range[1] - self.y_range[0])))
-
-    def path(self, xs, ys, style, close=""):
-        points = " L".join("{:.1f} {:.1f}".format(*self.place(x, y)) for x, y in zip(xs, ys))
-        self.parts.append(f'<path d="M{points}{close}" {style}/>')
-
-    def dot(self, x, y, style):
-        self.parts.append('<circle cx="{:.1f}" cy="{:.1f}" r="3" {}/>'.format(*self.place(x, y), style))
-
-    def text(self, x, y, text, anchor="middle"):
-        self.parts.append(f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{text}</text>')
-
-    def axes(self, x_ticks, y_ticks, title, x_label):
-        left, top, width, height = self.box
-        self.parts.append(f'<rect x="{left}" y="{top}" width="{width}" height="{height}" fill="none" stroke="#555"/>')
-        for tick in x_ticks:
-            self.text(self.place(tick, 0)[0], top + height + 16, f"{tick:g}")
-        for tick in y_ticks:
-            self.text(left - 6, self.place(0, tick)[1] + 4, f"{tick:g}", "end")
-        self.text(left + width / 2, top - 8, title)
-        self.text(left + width / 2, top + height + 34, x_label)
-
-
 def draw(table, cycles, held):
     """Left: the 24 curves and the forecast of one; right: the intervals of all at 49.8 mm. Thousands of cycles."""
     left = Panel((60, 30, 330, 330), (12, 50), (0, 250))
@@ -130,8 +99,7 @@ def draw(table, cycles, held):
         colour = "#333" if held[i, -1] else "#c53030"
         right.dot(specimen, cycles[model.TRAINED + i, -1] / 1e3, f'fill="{colour}"')
     right.axes(range(25, 49, 5), range(140, 251, 20), "to 49.8 mm: 90 % intervals and what came", "specimen")
-    return ('<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 800 410" font-family="sans-serif" font-size="12">\n'
-            '<rect width="800" height="410" fill="white"/>\n' + "\n".join(left.parts + right.parts) + "\n</svg>\n")
+    return picture([left, right])
 
 
 if __name__ == "__main__":
