@@ -1,4 +1,4 @@
-# Outside libraries; why each was chosen: docs/dependencies.md.
+# Outside libraries; why each was chosen: docs/reference/dependencies.md.
 find_package(Threads REQUIRED)
 find_package(Eigen3 3.4 REQUIRED NO_MODULE)
 set(HDF5_PREFER_PARALLEL OFF)

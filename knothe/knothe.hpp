@@ -1,6 +1,6 @@
 #pragma once
 /// @file All of the library: link `knothe::knothe` (CMake) or `pkg-config knothe`, include this, compile as
-/// C++20 (docs/library.md).
+/// C++20 (docs/how-to/library.md).
 ///
 /// The border is made of numbers in std::vector and std::span, std::function and plain structs. Arrays of
 /// several indices are in C order: point after point, the last index contiguous. No type of another library

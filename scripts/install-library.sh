@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Builds and installs the library for any x86-64 machine: once for the oldest, and beside that for newer instruction sets, of which the
-# loader takes the best that the machine can run (docs/library.md).   usage: install-library.sh PREFIX [CMAKE_OPTION…]
+# loader takes the best that the machine can run (docs/how-to/library.md).   usage: install-library.sh PREFIX [CMAKE_OPTION…]
 set -euo pipefail
 cd "$(dirname "$0")/.."
 prefix=$(realpath -m "${1:?usage: install-library.sh PREFIX [CMAKE_OPTION…]}")

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Every row of docs/equations.md names a file that exists and a name that occurs in it, or says "not yet".
+"""Every row of docs/reference/equations.md names a file that exists and a name that occurs in it, or says "not yet".
 
 usage: check_equations.py REPOSITORY
 """
@@ -10,7 +10,7 @@ import sys
 root = pathlib.Path(sys.argv[1])
 rows = {}
 faults = []
-for line in (root / "docs/equations.md").read_text().splitlines():
+for line in (root / "docs/reference/equations.md").read_text().splitlines():
     cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
     if len(cells) < 3 or not re.fullmatch(r"\d+", cells[0]):
         continue

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Every #include between rooms points up the house (shared design: docs/architecture.md), never down.
+"""Every #include between rooms points up the house (shared design: docs/explanation/architecture.md), never down.
 
 usage: check_layers.py REPOSITORY
 """

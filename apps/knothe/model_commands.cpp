@@ -56,7 +56,7 @@ void add_model_commands(CLI::App& app, Command& chosen) {
 
   CLI::App& import_command =
       add(model, chosen, import, model_import, "import",
-          "Separated model from any solver's snapshots (the file: docs/formats.md#snapshots).",
+          "Separated model from any solver's snapshots (the file: docs/reference/formats.md#snapshots).",
           "knothe model import snapshots.h5 -o model.h5 --form tree --modes 30");
   import_command.add_option("SNAPSHOTS", import.snapshots, "snapshot file")->required();
   import_command.add_option("-o,--output", import.output, "model file to write")->required();

@@ -1,4 +1,4 @@
-// A stand-in for `knothe serve`, for working on the page and for its tests: the routes of docs/dashboard.md, answered from
+// A stand-in for `knothe serve`, for working on the page and for its tests: the routes of docs/reference/dashboard.md, answered from
 // recording.json.gz (made by record.py from real runs). State lives in a Recording, so a test can stop a server and start another that goes on.
 //
 //   node mock/server.mjs [--port 8080] [--rate 10] [--start 0] [--token SECRET] [--page dist/index.html]

@@ -97,7 +97,7 @@ export function derived(line: StepLine | undefined): Status {
   return { state: "OK" };
 }
 
-/** The limits are those of docs/formats.md. */
+/** The limits are those of docs/reference/formats.md. */
 export function whyNotTrusted(line: StepLine): string {
   if (line.remark) return line.remark;
   const reasons: string[] = [];

@@ -1,4 +1,4 @@
-/** What the service sends: docs/formats.md and docs/dashboard.md. All numbers are SI. */
+/** What the service sends: docs/reference/formats.md and docs/reference/dashboard.md. All numbers are SI. */
 
 export interface Forecast {
   mean: number;

@@ -1,4 +1,4 @@
-/** The page's routes (docs/dashboard.md) to what the page works with. Pure. */
+/** The page's routes (docs/reference/dashboard.md) to what the page works with. Pure. */
 import { asVerdictLevel, isNumber, isNumbers, isObject } from "./parse";
 import {
   stateWords,

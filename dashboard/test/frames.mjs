@@ -1,4 +1,4 @@
-// Pictures of the page for docs/dashboard.md that a live test does not show: `npm run frames` writes ../docs/images/dashboard-*.png.
+// Pictures of the page for docs/reference/dashboard.md that a live test does not show: `npm run frames` writes ../docs/images/dashboard-*.png.
 import { mkdirSync } from "node:fs";
 import { dirname, join } from "node:path";
 import { fileURLToPath } from "node:url";

@@ -1,5 +1,5 @@
 #pragma once
-/// @file What may go wrong, and which exit status says so (docs/architecture.md, "Errors").
+/// @file What may go wrong, and which exit status says so (docs/explanation/architecture.md, "Errors").
 #include <stdexcept>
 #include <string>
 

@@ -1,5 +1,5 @@
 #pragma once
-/// @file The posterior of a set of data by their quadratic forms (docs/assimilation.md).
+/// @file The posterior of a set of data by their quadratic forms (docs/explanation/assimilation.md).
 #include "knothe/engine/method.hpp"
 
 namespace knothe::engine {

@@ -27,7 +27,7 @@ struct ForecastSpecification {
   double prior_mean = 0.04, prior_std = 0.013;  ///< crack length, m
   double discrepancy_std = 1e-6;                ///< m
   /// m; what the crack that is meant is longer by than the elastic one that moves the sensors as the beam
-  /// does (docs/forecast.md). The prior is that of the elastic one.
+  /// does (docs/explanation/forecast.md). The prior is that of the elastic one.
   double length_offset = 0;
   /// Displacement, output: standard deviation of what the model leaves out at the horizon, in the unit of the
   /// quantity; independent of the data.

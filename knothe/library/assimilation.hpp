@@ -1,6 +1,6 @@
 #pragma once
 /// @file Sequential Bayesian data assimilation with a reduced model (Rubio et al. 2019;
-/// docs/assimilation.md).
+/// docs/explanation/assimilation.md).
 #include <cstddef>
 #include <cstdint>
 #include <memory>

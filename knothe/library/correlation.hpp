@@ -1,5 +1,5 @@
 #pragma once
-/// @file Global finite-element image correlation: how a surface moved between two pictures (docs/imaging.md).
+/// @file Global finite-element image correlation: motion between two pictures (docs/explanation/imaging.md).
 #include <array>
 #include <memory>
 #include <span>

@@ -7,7 +7,7 @@
 
 namespace knothe {
 
-/// May an answer be used (docs/verdict.md)?
+/// May an answer be used (docs/explanation/verdict.md)?
 struct Verdict {
   enum class Level { ok, caution, reject } level = Level::ok;
   struct Reason {

@@ -1,5 +1,5 @@
 #pragma once
-/// @file Transport maps: of a density given as a function, and of samples (docs/transport.md).
+/// @file Transport maps: of a density given as a function, and of samples (docs/explanation/transport.md).
 #include <cstdint>
 #include <functional>
 #include <memory>

@@ -20,7 +20,8 @@ const Section<F>& forecast_section() {
     s.add("discrepancy_std", &F::discrepancy_std, "Discrepancy between damage model and elastic crack, m.",
           positive);
     s.add("length_offset", &F::length_offset,
-          "What the crack meant is longer by than the equivalent elastic one, m (docs/forecast.md).");
+          "What the crack meant is longer by than the equivalent elastic one, m "
+          "(docs/explanation/forecast.md).");
     s.add("model_error_std", &F::model_error_std,
           "Standard deviation of what the model leaves out of a displacement or an output at the horizon, in "
           "its "

@@ -82,7 +82,8 @@ const Section<simulator::CommandOptions>& command_section() {
   using C = simulator::CommandOptions;
   using R = simulator::ResultOptions;
   static const Section<C> k_section(
-      "offline.command", "Another program as full-order model, instead of the beam (docs/own-solver.md).",
+      "offline.command",
+      "Another program as full-order model, instead of the beam (docs/tutorials/own-solver.md).",
       [](Section<C>& s) {
         s.add(
             "run", &C::run,
@@ -115,7 +116,8 @@ const Section<UmbridgeSource>& umbridge_section() {
   using U = UmbridgeSource;
   static const Section<U> k_section(
       "offline.umbridge",
-      "A model of a UM-Bridge 1.0 server as full-order model, instead of the beam (docs/own-solver.md). The "
+      "A model of a UM-Bridge 1.0 server as full-order model, instead of the beam "
+      "(docs/tutorials/own-solver.md). The "
       "physical parameters fill its inputs; its outputs are all quantities at the first time, at the second, "
       "…",
       [](Section<U>& s) {

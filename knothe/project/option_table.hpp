@@ -1,6 +1,6 @@
 #pragma once
 /// @file The one table of all options of a project file: it validates, suggests the near miss, fills the
-/// structs of options, and makes the reference `docs/project-file.md`.
+/// structs of options, and makes the reference `docs/reference/project-file.md`.
 #include <functional>
 #include <span>
 #include <string>
@@ -57,7 +57,7 @@ struct Option {
 /// All options, in the order of the reference.
 [[nodiscard]] std::span<const Option> option_table();
 
-/// The reference of all options as Markdown: the content of docs/project-file.md.
+/// The reference of all options as Markdown: the content of docs/reference/project-file.md.
 [[nodiscard]] std::string option_reference();
 
 /// How a kind is called in a message: "a positive number".

@@ -31,7 +31,7 @@ const Section<Project>& project_section() {
     s.add("data.clock", &P::clock,
           "Output of the model whose measured series tells the model time of each datum, e.g. "
           "`\"imposed_displacement\"`; the times of the data file are then only an order "
-          "(docs/assimilation.md).");
+          "(docs/explanation/assimilation.md).");
     s.add("results", &P::results, "Folder for results; `-o` overrides it.", file);
   });
   return k_section;

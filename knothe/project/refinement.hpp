@@ -1,6 +1,6 @@
 #pragma once
 /// @file The full-order model asked while the test runs: the reduced model is made finer where the posterior
-/// is (docs/verdict.md, "The full-order model asked").
+/// is (docs/explanation/verdict.md, "The full-order model asked").
 #include <memory>
 #include <optional>
 #include <string>

@@ -57,7 +57,7 @@ void add_connection_options(Section<S>& s) {
 
 const Section<S>& serve_section() {
   static const Section<S> k_section(
-      "serve", "The online service (`knothe serve`, docs/service.md).", [](Section<S>& s) {
+      "serve", "The online service (`knothe serve`, docs/reference/service.md).", [](Section<S>& s) {
         s.add("address", &S::address, "Address to listen at; anything but loopback needs both tokens.");
         s.add("port", &S::port, "Port to listen at, 0 for a free one; `--port` overrides it.",
               at_most(65535));

@@ -1,4 +1,4 @@
-/// @file Time of one update on the beam: the claim of docs/assimilation.md.
+/// @file Time of one update on the beam: the claim of docs/explanation/assimilation.md.
 ///
 /// usage: update_bench PROJECT.toml [REPEATS]   (model and data of the project must be there; bench/run.sh
 /// makes them) Prints machine, threads, median and 99th percentile over all steps and repeats, forecasts

@@ -359,7 +359,7 @@ FigureRecord figure_13(const Subject& subject, const Subject& soft, const StudyO
       {"slowest step, update and forecast, CPU time", "s",
        fmt::format("< {:g}", published::k_seconds_per_step), readable(slowest, 2),
        "Composed maps as in the paper; with all data in one map a step takes about a millisecond "
-       "(docs/assimilation.md). The machine is named at the end.",
+       "(docs/explanation/assimilation.md). The machine is named at the end.",
        published::k_seconds_per_step, slowest});
   record.rows.push_back(
       {"distance of the best elastic crack from the damaged beam, root mean square",
@@ -368,7 +368,7 @@ FigureRecord figure_13(const Subject& subject, const Subject& soft, const StudyO
        fmt::format("{} (coarse, soft: {})", readable(1e6 * f.bridge_residual_rms.value_or(0), 2),
                    readable(1e6 * g.bridge_residual_rms.value_or(0), 2)),
        "Where it is larger than the micrometre allowed for, the density is narrower than it should "
-       "be (docs/forecast.md).",
+       "be (docs/explanation/forecast.md).",
        {},
        1e6 * f.bridge_residual_rms.value_or(0)});
   const std::pair<const char*, const Run*> kept[] = {{"", &run}, {"coarse_soft_", &soft_run}};

@@ -16,7 +16,7 @@ struct BeamCase {
   int nodes = 9;  ///< of the parameter grid, per axis
 };
 
-/// Elements of 5 mm, notch of 5 mm, supports that are lines: docs/mechanics.md.
+/// Elements of 5 mm, notch of 5 mm, supports that are lines: docs/explanation/mechanics.md.
 [[nodiscard]] BeamCase reference_case();
 /// A guess that comes near the paper's numbers: elements (and so crack band and notch) of 20 mm, and 0.18 of
 /// the 0.4 mm reaching the beam, the rest taken up by supports and plates.

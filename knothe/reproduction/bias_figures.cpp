@@ -125,7 +125,8 @@ FigureRecord figures_14_15(const Subject& subject, const StudyOptions& options) 
       best.corrected,
       " A residual at the last posterior confirms the estimate it was made with: what the parameters have "
       "wrongly "
-      "explained is not in it. The paper shows one draw; docs/assimilation.md has the coverage over 30 "
+      "explained is not in it. The paper shows one draw; docs/explanation/assimilation.md has the coverage "
+      "over 30 "
       "truths.");
   row("m = 3, joint correction: the same", "not in the paper", runs.joint, best.joint,
       " It says how little is known where bias and parameters look alike.");

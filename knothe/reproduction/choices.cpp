@@ -165,17 +165,18 @@ Table full_order_table(const Subject& subject, const reduction::SeparatedModel& 
   add("m = 3, two best modes", subject.models.three_best);
   const Run six = add("m = 6", subject.models.paper);
   const Run best = add("tree form, 50 modes", accurate);
-  record.rows.push_back({"data of the beam itself, assimilated with m = 6: truth off by",
-                         "std",
-                         "not done: data of the same m = 6",
-                         readable(worst(six, subject.truth), 2),
-                         fmt::format("Evidence {} nats below that of the tree form with 50 modes, which is "
-                                     "off by {} std. Six canonical "
-                                     "modes are too few for real data at 1 µm (docs/reduction.md).",
-                                     readable(best.last().log_evidence - six.last().log_evidence),
-                                     readable(worst(best, subject.truth), 2)),
-                         {},
-                         worst(six, subject.truth)});
+  record.rows.push_back(
+      {"data of the beam itself, assimilated with m = 6: truth off by",
+       "std",
+       "not done: data of the same m = 6",
+       readable(worst(six, subject.truth), 2),
+       fmt::format("Evidence {} nats below that of the tree form with 50 modes, which is "
+                   "off by {} std. Six canonical "
+                   "modes are too few for real data at 1 µm (docs/explanation/reduction.md).",
+                   readable(best.last().log_evidence - six.last().log_evidence),
+                   readable(worst(best, subject.truth), 2)),
+       {},
+       worst(six, subject.truth)});
   return table;
 }
 

@@ -1,6 +1,6 @@
 /// LATIN-PGD iterated in the fully separated form, beside its joint form recompressed to as many terms
-/// (docs/latin.md, "Full separation"): error of the field and shift of the posterior, both judged by the
-/// joint form itself.
+/// (docs/explanation/latin.md, "Full separation"): error of the field and shift of the posterior, both judged
+/// by the joint form itself.
 ///
 ///   build/release/bench/latin_separated_study [KEY=VALUE …]
 ///

@@ -10,7 +10,7 @@ namespace knothe::simulator {
 /// Which file it is, and what the file itself does not say.
 struct ResultOptions {
   /// By its ending: .csv (a column time, then a column for each quantity), .npy [n_t, n], .h5
-  /// (docs/formats.md, "Snapshots", of one point), .vtu, .pvd, .frd and .dat of CalculiX.
+  /// (docs/reference/formats.md, "Snapshots", of one point), .vtu, .pvd, .frd and .dat of CalculiX.
   std::string field;
   /// .vtu, .pvd and .frd: name of the field on the points; empty: the displacement (or the only one).
   std::string quantity;

@@ -8,7 +8,7 @@ namespace knothe::simulator {
 
 struct SolverProcessOptions {
   /// The program and its first arguments; `--at NAME=V,… -o FILE` are added. It writes a file of snapshots of
-  /// that one point (docs/formats.md, "Snapshots").
+  /// that one point (docs/reference/formats.md, "Snapshots").
   std::vector<std::string> words;
   std::vector<std::string> names;  ///< of the parameters, in order
   std::string identity;            ///< what its solutions depend on besides them, for the key

@@ -72,9 +72,9 @@ class Test(Case):
                             stderr=["knothe-offline, which is not installed", "-DKNOTHE_OFFLINE=ON"])
 
     def test_the_reference_of_options_is_that_of_the_documentation(self):
-        reference = (REPOSITORY / "docs" / "project-file.md").read_text()
+        reference = (REPOSITORY / "docs" / "reference" / "project-file.md").read_text()
         self.assertEqual(self.expect(0, "check", "--options").out, reference,
-                         "make it again: knothe check --options > docs/project-file.md")
+                         "make it again: knothe check --options > docs/reference/project-file.md")
 
     def test_a_full_standard_output_is_an_io_error(self):
         (self.folder / "p.toml").write_text("")

@@ -1,4 +1,4 @@
-"""docs/formats.md: its Python programs run in their order, with knothe between them, and what knothe writes is what the page says."""
+"""docs/reference/formats.md: its Python programs run in their order, with knothe between them, and what knothe writes is what the page says."""
 import functools
 import json
 import re
@@ -10,7 +10,7 @@ import unittest
 from dic_pictures import Speckle, write_pgm
 from support import FIXTURES, REPOSITORY, SOURCE, Case
 
-PAGE = REPOSITORY / "docs" / "formats.md"
+PAGE = REPOSITORY / "docs" / "reference" / "formats.md"
 PROJECT = """model = "model.h5"
 data = "data.h5"
 results = "results/"
@@ -170,7 +170,7 @@ class Test(Case):
             self.expect_described("snapshots.h5", "Snapshots")
 
     def test_the_help_of_import_names_the_page(self):
-        self.assertIn("docs/formats.md", self.expect(0, "model", "import", "--help").out)
+        self.assertIn("docs/reference/formats.md", self.expect(0, "model", "import", "--help").out)
 
 
 if __name__ == "__main__":

@@ -181,10 +181,10 @@ int main() {
         self.check_map(run(self.folder / "build/map_of_a_density"))
 
     def test_the_page_shows_the_tested_programs(self):
-        page = (REPOSITORY / "docs/library.md").read_text()
+        page = (REPOSITORY / "docs/how-to/library.md").read_text()
         shown = re.findall(r"```cpp\n(.*?)```", page, re.S)
         for name in NAMES:
-            self.assertIn((EXAMPLES / f"{name}.cpp").read_text(), shown, f"docs/library.md does not show {name}.cpp as it is")
+            self.assertIn((EXAMPLES / f"{name}.cpp").read_text(), shown, f"docs/how-to/library.md does not show {name}.cpp as it is")
 
 
 if __name__ == "__main__":

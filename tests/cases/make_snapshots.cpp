@@ -2,7 +2,7 @@
 /// deal.II is not built.
 ///
 /// usage: make_snapshots FOLDER
-/// writes FOLDER/snapshots.h5 (docs/formats.md), FOLDER/without_mesh.h5, the same without its mesh,
+/// writes FOLDER/snapshots.h5 (docs/reference/formats.md), FOLDER/without_mesh.h5, the same without its mesh,
 /// and FOLDER/other_schema.h5, a model file of a schema to come. The formula is written a second time, in
 /// Python, in analytic_model.py: the cases' independent answer.
 #include <cmath>

@@ -157,7 +157,7 @@ class Test(Case):
             (self.folder / "model.h5").unlink()
 
     def test_mesh_study_tells_how_much_the_meshes_differ(self):
-        """On coarse meshes and in few steps; the study itself is in docs/mechanics.md."""
+        """On coarse meshes and in few steps; the study itself is in docs/explanation/mechanics.md."""
         lines = self.expect(0, "model", "mesh-study", self.project_name, "--elements", "0.02,0.01", "--laws", "none,crack-band",
                             "--steps", "8", "-o", "study.svg", "--json").lines()
         self.assertEqual([(line["law"], line["element_m"]) for line in lines if "dofs" in line],
@@ -168,7 +168,7 @@ class Test(Case):
         self.expect(2, "model", "mesh-study", self.project_name, "--laws", "crackband", stderr="crack-band")
 
     def test_regularised_laws_do_not_depend_on_the_mesh(self):
-        """The study of docs/mechanics.md between the two finest meshes, label nightly: less than 3 % for load curve and crack."""
+        """The study of docs/explanation/mechanics.md between the two finest meshes, label nightly: less than 3 % for load curve and crack."""
         shutil.copy(REPOSITORY / "examples/beam/beam.toml", self.folder)
         lines = self.expect(0, "model", "mesh-study", "beam.toml", "--elements", "0.0025,0.00125", "--laws", "crack-band,gradient",
                             "--steps", "50", "--json", timeout=1700).lines()

@@ -1,4 +1,4 @@
-"""Solvers that are not knothe's, from the offline phase to the posterior: the examples of docs/own-solver.md. The judge is
+"""Solvers that are not knothe's, from the offline phase to the posterior: the examples of docs/tutorials/own-solver.md. The judge is
 dense quadrature over direct runs of the solver, which shares neither the reduced model nor any of knothe's code."""
 import http.server
 import importlib.util

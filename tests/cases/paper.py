@@ -21,7 +21,7 @@ class Test(Case):
 
     def test_the_maps_follow_the_posterior_while_the_crack_runs(self):
         # The verified diagnostic is on other points than the map was trained on.
-        # With these 30 modes step 23, with two maxima on a narrow ridge, stays at 1.3e-2 (docs/transport.md).
+        # With these 30 modes step 23, with two maxima on a narrow ridge, stays at 1.3e-2 (docs/explanation/transport.md).
         lines = self.assimilate()
         diagnostics = sorted(line["variance_diagnostic"] for line in lines[15:33])
         self.assertLessEqual(diagnostics[-1], 1.5e-2)

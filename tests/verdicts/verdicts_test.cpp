@@ -1,4 +1,5 @@
-// Is the verdict ever green while the answer is wrong? docs/verdict.md has the counts of the full form.
+// Is the verdict ever green while the answer is wrong? docs/explanation/verdict.md has the counts of the full
+// form.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 

@@ -17,7 +17,7 @@ namespace knothe::assimilation {
 ///
 /// Where Rubio et al. 2019, §4, extrapolate the residual of the last posterior (Eq. 16-18), this keeps its
 /// dependence on the parameters: B(x, t, p) is extrapolated as a function of p. A residual at fixed p
-/// confirms the estimate it was made with; see docs/assimilation.md for measured coverage.
+/// confirms the estimate it was made with; see docs/explanation/assimilation.md for measured coverage.
 class JointDiscrepancy {
  public:
   /// `factor`: F, r × q; `size`: κ > 0; `memory` > 0, steps.

@@ -9,7 +9,7 @@ namespace knothe::assimilation {
 /// A Kalman filter for states x on which data depend beside v, with a mean that is affine in v:
 ///   x | v, data so far ~ N(mean − slope v, covariance).
 /// A datum whose misfit is a quadratic form in v and x then has, given the data before it, a form in v alone
-/// (docs/assimilation.md, "Nuisances"). The covariance may be singular: a state that is known.
+/// (docs/explanation/assimilation.md, "Nuisances"). The covariance may be singular: a state that is known.
 class ConditionalFilter {
  public:
   /// `functions`: r, numbers in v.

@@ -8,7 +8,7 @@
 
 namespace knothe::assimilation {
 
-/// The linear-Gaussian nuisances of a noise model (docs/assimilation.md, "Nuisances"): d_t = y_t(p) + B_t ν_t
+/// The linear-Gaussian nuisances of a noise model (docs/explanation/assimilation.md): d_t = y_t(p) + B_t ν_t
 /// + e_t with, in ν,
 /// - s, an error of each dof that all steps share (`SharedError`): reference pictures, offsets;
 /// - ε ~ N(0, σ²): a measured displacement is too large by 1 + ε, all of them by the same. Its B_t is the

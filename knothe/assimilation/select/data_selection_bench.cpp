@@ -1,5 +1,5 @@
-/// @file Time of choosing 30 among 20,000 dofs: the claim of docs/assimilation.md. Prints machine, threads,
-/// median, maximum.
+/// @file Time of choosing 30 among 20,000 dofs: the claim of docs/explanation/assimilation.md. Prints
+/// machine, threads, median, maximum.
 ///
 /// Usage: data_selection_bench [nodes a side] [repeats]
 #include <fmt/format.h>

@@ -58,7 +58,7 @@ struct Conflict {
 [[nodiscard]] Conflict find_conflict(const Features& features);
 /// Throws UsageError with its message if there is one.
 void require_compatible(const Features& features);
-/// The table as Markdown, as it stands in docs/assimilation.md.
+/// The table as Markdown, as it stands in docs/explanation/assimilation.md.
 [[nodiscard]] std::string compatibility_table();
 
 }  // namespace knothe::assimilation

@@ -39,11 +39,11 @@ TEST(Compatibility, NoiseSaysWhatItHas) {
 }
 
 TEST(Compatibility, TheDocumentationHasTheTableAsItIs) {
-  std::ifstream file(KNOTHE_DOCS "/assimilation.md");
+  std::ifstream file(KNOTHE_DOCS "/explanation/assimilation.md");
   std::stringstream text;
   text << file.rdbuf();
   EXPECT_NE(text.str().find(compatibility_table()), std::string::npos)
-      << "docs/assimilation.md, \"What does not go together\", should have:\n"
+      << "docs/explanation/assimilation.md, \"What does not go together\", should have:\n"
       << compatibility_table();
 }
 

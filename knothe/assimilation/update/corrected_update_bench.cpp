@@ -1,7 +1,7 @@
-/// @file Time of one update with the correction of model bias: the claims of docs/assimilation.md. 60 sensors
-/// and r = 10, joint and extrapolated, with a model that is right and one that is wrong; 20,000 dofs with the
-/// noise of image correlation and the extrapolated, low-rank correction. Prints machine, threads, median,
-/// p99.
+/// @file Time of one update with the correction of model bias: the claims of
+/// docs/explanation/assimilation.md. 60 sensors and r = 10, joint and extrapolated, with a model that is
+/// right and one that is wrong; 20,000 dofs with the noise of image correlation and the extrapolated,
+/// low-rank correction. Prints machine, threads, median, p99.
 ///
 /// Usage: corrected_update_bench [steps] [nodes a side of the large field]
 #include <fmt/format.h>

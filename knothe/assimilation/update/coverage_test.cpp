@@ -1,7 +1,7 @@
 /// @file Are the intervals as wide as they say, and do the alarms ring when they should? Counts over random
 /// truths and noises against exact binomial bounds. A short form by default; KNOTHE_COVERAGE=1000 (the
-/// nightly entry) is the full count, at which the claims of docs/assimilation.md are confirmed, not merely
-/// not refuted.
+/// nightly entry) is the full count, at which the claims of docs/explanation/assimilation.md are confirmed,
+/// not merely not refuted.
 #include <gtest/gtest.h>
 
 #include <array>

@@ -1,5 +1,6 @@
 /// @file Time of one update with a whole field of measured dofs, correlated in space and, through the shared
-/// reference picture, in time: the claim of docs/assimilation.md. Prints machine, threads, median, p99.
+/// reference picture, in time: the claim of docs/explanation/assimilation.md. Prints machine, threads,
+/// median, p99.
 ///
 /// Usage: large_update_bench [nodes a side] [steps]
 #include <fmt/format.h>

@@ -10,9 +10,9 @@
 
 namespace knothe::assimilation {
 
-/// Each prior truncated to the model's box and renormalised there (docs/formats.md), in the order of the
-/// model's parameters: on the first axes of a model's file, or on the box of an observed model (as many
-/// priors as it has parameters). Errors of Prior::truncated, which name the parameter.
+/// Each prior truncated to the model's box and renormalised there (docs/reference/formats.md), in the order
+/// of the model's parameters: on the first axes of a model's file, or on the box of an observed model (as
+/// many priors as it has parameters). Errors of Prior::truncated, which name the parameter.
 [[nodiscard]] std::vector<Prior> truncated_to_box(std::span<const reduction::Axis> axes,
                                                   std::vector<Prior> priors);
 [[nodiscard]] std::shared_ptr<const PriorTransform> truncated_to_box(const reduction::ObservedModel& model,

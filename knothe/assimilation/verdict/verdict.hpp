@@ -1,5 +1,5 @@
 #pragma once
-/// @file May the answer be used? A verdict with its reasons, each of which says what to do (docs/verdict.md).
+/// @file May the answer be used? A verdict with its reasons and remedies (docs/explanation/verdict.md).
 #include <Eigen/Core>
 #include <array>
 #include <deque>

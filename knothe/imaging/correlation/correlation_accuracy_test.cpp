@@ -1,5 +1,5 @@
-// Accuracy that docs/imaging.md promises, against motions with which the pictures were drawn (exactly: no
-// interpolation), or, on real pictures, against another method.
+// Accuracy that docs/explanation/imaging.md promises, against motions with which the pictures were drawn
+// (exactly: no interpolation), or, on real pictures, against another method.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 

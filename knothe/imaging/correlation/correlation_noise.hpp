@@ -4,7 +4,7 @@
 ///
 /// With white noise of standard deviation γ in both pictures the error is e = M⁻¹ Σ (e_f − e_g) Nᵀ∇f, hence
 /// Cov(e) = 2 γ² M⁻¹ and the precision M / (2 γ²). Pictures that share their reference share its half of the
-/// noise: Cov(e_i, e_j) = γ² M⁻¹ (docs/imaging.md).
+/// noise: Cov(e_i, e_j) = γ² M⁻¹ (docs/explanation/imaging.md).
 #include <Eigen/Core>
 #include <Eigen/SparseCore>
 

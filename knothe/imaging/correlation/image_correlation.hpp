@@ -33,10 +33,9 @@ struct CorrelationOptions {
   int max_iterations = 50;
   double tolerance = 1e-3;  ///< on the largest change of a displacement, px
   Brightness brightness = Brightness::global;
-  double prefilter_sigma =
-      0;                  ///< Gaussian on both pictures, px; 1 for sharp, aliased speckle (docs/imaging.md)
-  double saturation = 0;  ///< grey level from which a pixel is masked; 0: the pictures' maximum
-  double regularisation = 0;  ///< its cut-off wavelength in px (of shear waves), 0: none (docs/imaging.md)
+  double prefilter_sigma = 0;  ///< Gaussian on both pictures, px; 1 for sharp, aliased speckle
+  double saturation = 0;       ///< grey level from which a pixel is masked; 0: the pictures' maximum
+  double regularisation = 0;   ///< its cut-off wavelength in px (of shear waves), 0: none
   DisplacementRegularisation regularisation_kind = DisplacementRegularisation::tikhonov;
   double poisson_ratio = 0.2;   ///< of mechanical regularisation
   bool reject_elements = true;  ///< take out elements whose residual says that their kinematics do not hold
@@ -86,7 +85,7 @@ class ImageCorrelation {
   /// is white with standard deviation `gamma` (grey levels, before any prefilter): (M − 2 γ² s Σ N Nᵀ) / (2
   /// γ² c). The paper's M/(2γ²) takes the gradient of the reference for exact; but the noise is in it too,
   /// twice: s is the variance of the gradient of unit white noise, c what a prefilter leaves of it
-  /// (docs/imaging.md; correlation_noise.hpp). Both triangles; empty rows where no valid element is.
+  /// (docs/explanation/imaging.md, correlation_noise.hpp). Both triangles; rows without valid element empty.
   /// `reference_count`: the reference is the mean of so many pictures, its noise γ²/k; `gain` multiplies the
   /// noise of the deformed picture: 2γ² is then γ² (1/k + α²). Errors: UsageError for gamma ≤ 0.
   [[nodiscard]] Eigen::SparseMatrix<double> precision(const std::vector<char>& element_valid, double gamma,

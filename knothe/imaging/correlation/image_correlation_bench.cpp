@@ -103,7 +103,8 @@ double bandwidth() {
   return 3.0 * sizeof(float) * static_cast<double>(k_size) / ms;
 }
 
-/// The table of docs/imaging.md: processor time of the best of several runs beside the limits of issue 6.
+/// The table of docs/explanation/imaging.md: processor time of the best of several runs beside the limits of
+/// issue 6.
 void print_summary() {
   const auto& bounds = scene().mesh.bounds();
   const double megapixels = bounds.width() * bounds.height() * 1e-6;

@@ -1,7 +1,7 @@
 #pragma once
 /// @file Path, opening and tip of a crack, measured in a picture, with their uncertainty.
 ///
-/// Three steps, each of its own (docs/imaging.md, "Cracks"): where the crack runs (crack_path.hpp), how far
+/// Three steps, each of its own (docs/explanation/imaging.md): where the crack runs (crack_path.hpp), how far
 /// its two sides have moved apart along it (crack_opening.hpp), and where that ends (crack_tip.hpp).
 #include <array>
 #include <optional>

@@ -130,7 +130,7 @@ TEST(CrackMeasurement, TheFieldAheadOfAnElasticTipIsNotTakenForMoreCrack) {
   record("elastic", o);
   EXPECT_EQ(o.found, k_count);
   EXPECT_EQ(o.covered, k_count);
-  EXPECT_LT(o.rms, 15);  // half the reach of the windows: docs/imaging.md
+  EXPECT_LT(o.rms, 15);  // half the reach of the windows: docs/explanation/imaging.md
 }
 
 TEST(CrackMeasurement, OpeningIsThatDrawn) {

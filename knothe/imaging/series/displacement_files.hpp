@@ -35,7 +35,7 @@ void observation_places(const ImageMesh& mesh, const std::optional<PictureFrame>
                                                     const std::vector<PictureResult>& results,
                                                     const std::optional<PictureFrame>& frame);
 
-/// HDF5 in the form of measurements (docs/formats.md), with the mesh and a record of each picture
+/// HDF5 in the form of measurements (docs/reference/formats.md), with the mesh and a record of each picture
 /// beside them. `project` is the project file's text. Errors: IoError.
 void write_displacements(const std::string& path, const PictureSeries& series,
                          const std::vector<PictureResult>& results, const std::optional<PictureFrame>& frame,

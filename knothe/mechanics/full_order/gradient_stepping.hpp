@@ -1,5 +1,6 @@
 #pragma once
-/// @file One run with gradient damage: displacement and averaged strain solved together (docs/mechanics.md).
+/// @file One run with gradient damage: displacement and averaged strain together
+/// (docs/explanation/mechanics.md).
 ///
 /// The equivalent strain e = √(2 Y/E) is averaged by the Helmholtz equation of Peerlings et al. 1996,
 /// ē - ℓ² ∇²ē = e, over the material that can be damaged (∂ē/∂n = 0 at its border), and damage is

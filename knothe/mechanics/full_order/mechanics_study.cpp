@@ -1,4 +1,4 @@
-/// Mesh and step-size study of docs/mechanics.md: prints its table in Markdown.
+/// Mesh and step-size study of docs/explanation/mechanics.md: prints its table in Markdown.
 ///
 ///   build/release/bench/mechanics_study            elements of 10, 5 and 2.5 mm; 20, 40 and 100 steps (about
 ///   30 s) build/release/bench/mechanics_study --fine     and three columns in the notch (5/3 mm elements)

@@ -1,5 +1,5 @@
 /// How far the reduced model that LATIN-PGD gives is from full-order runs at the reference and off the
-/// parameter grid, and which part of that is LATIN, interpolation or compression (docs/latin.md).
+/// parameter grid, and which part of that is LATIN, interpolation or compression (docs/explanation/latin.md).
 ///
 ///   build/release/bench/latin_accuracy_study [KEY=VALUE …]
 ///

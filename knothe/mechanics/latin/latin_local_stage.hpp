@@ -1,6 +1,6 @@
 #pragma once
 /// @file The local stage of LATIN-PGD: the damage law of damage_law.hpp at one Gauss point for many parameter
-/// points at once, in SIMD lanes (docs/latin.md).
+/// points at once, in SIMD lanes (docs/explanation/latin.md).
 #include <cstddef>
 
 #include "knothe/mechanics/law/damage_law.hpp"

@@ -1,6 +1,6 @@
 #pragma once
-/// @file LATIN-PGD of the damageable body over space, time and parameters (docs/latin.md; Rubio et al. 2019,
-/// §3.1 and §6.2; Ladevèze 1999).
+/// @file LATIN-PGD of the damageable body over space, time and parameters (docs/explanation/latin.md; Rubio
+/// et al. 2019, §3.1 and §6.2; Ladevèze 1999).
 #include <Eigen/Core>
 #include <functional>
 #include <memory>

@@ -1,6 +1,6 @@
 #pragma once
 /// @file LATIN-PGD in the fully separated form, Σ U_k(x) λ_k(t) Π γ_ki(p_i), iterated in that form
-/// (docs/latin.md, "Full separation"; Rubio et al. 2019, Eq. 12 and §6.2; Ladevèze 1999).
+/// (docs/explanation/latin.md, "Full separation"; Rubio et al. 2019, Eq. 12 and §6.2; Ladevèze 1999).
 #include <functional>
 #include <memory>
 #include <span>

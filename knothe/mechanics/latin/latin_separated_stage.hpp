@@ -1,6 +1,6 @@
 #pragma once
 /// @file Local stage of a fully separated iterate over a range of time, contracted at once, and the fixed
-/// point in rank one that makes a new term (docs/latin.md, "Full separation").
+/// point in rank one that makes a new term (docs/explanation/latin.md, "Full separation").
 #include <Eigen/Core>
 #include <functional>
 #include <optional>
@@ -53,8 +53,8 @@ struct LatinSeparatedStage {
   /// Of the points that are farthest from equilibrium, as LatinPgd judges them.
   [[nodiscard]] WorstCorrection correct_worst(const std::vector<LatinCandidate>& worst) const;
   /// The fixed point: the space function `start` gives functions of time and parameters, those give the space
-  /// function (4) of docs/latin.md, and so on until their product stagnates, `passes` times at most. Nothing
-  /// if there is nothing to correct in that direction.
+  /// function (4) of docs/explanation/latin.md, and so on until their product stagnates, `passes` times at
+  /// most. Nothing if there is nothing to correct in that direction.
   [[nodiscard]] std::optional<NewTerm> rank_one(const LatinCorrection& start, int passes) const;
 
  private:

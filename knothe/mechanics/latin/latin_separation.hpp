@@ -1,6 +1,6 @@
 #pragma once
 /// @file Terms of the fully separated form from joint coordinates, and fewer terms from many: alternating
-/// least squares of the reduction room (docs/reduction.md), in the energy norm.
+/// least squares of the reduction room (docs/explanation/reduction.md), in the energy norm.
 #include <Eigen/Core>
 #include <span>
 

@@ -1,5 +1,5 @@
 #pragma once
-/// @file LATIN-PGD from a reduced model instead of the elastic solution: the hybrid start (docs/latin.md).
+/// @file LATIN-PGD started from a reduced model: the hybrid start (docs/explanation/latin.md).
 #include <Eigen/Core>
 #include <cstdint>
 #include <vector>

@@ -1,6 +1,6 @@
 #pragma once
 /// @file One load step of LATIN-PGD for a batch of parameter points: local stage, and the global stage's
-/// small problems in the space of the modes (docs/latin.md).
+/// small problems in the space of the modes (docs/explanation/latin.md).
 #include <Eigen/Core>
 #include <span>
 #include <vector>

@@ -1,4 +1,5 @@
-/// LATIN-PGD beside full-order runs on the same grid (docs/latin.md): errors, modes, CPU time, memory.
+/// LATIN-PGD beside full-order runs on the same grid (docs/explanation/latin.md): errors, modes, CPU time,
+/// memory.
 ///
 ///   build/release/bench/latin_study table [KEY=VALUE …]   3, 5, 7 and 9 nodes for each parameter
 ///   build/release/bench/latin_study case [KEY=VALUE …]    one case

@@ -1,6 +1,6 @@
 #pragma once
 /// @file The fully separated form of LATIN-PGD as numbers, and the global stage's update of its functions
-/// (docs/latin.md, "Full separation").
+/// (docs/explanation/latin.md, "Full separation").
 #include <Eigen/Core>
 #include <cstddef>
 #include <vector>

@@ -65,10 +65,10 @@ struct BandDamage {
   double damage = 0;  ///< D, the stiffness that is lost
   double slope = 0;   ///< dD/dY, m³/J; 0 where D = 0
 };
-/// Crack-band scaling that keeps stress against opening (docs/mechanics.md, "Crack band"). `ratio` r is the
-/// reference width / the width of this band. The law's fracture energy diverges, so it is the inelastic
-/// strain that is scaled: the strain ε_r = s ε of the reference law gives the stress, and ε = (1 - d) ε_r + r
-/// d ε_r, so s (1 + (r - 1) d(s² Y)) = 1 and D = r d / (1 + (r - 1) d). With r = 1, D = d.
+/// Crack-band scaling that keeps stress against opening (docs/explanation/mechanics.md, "Crack band").
+/// `ratio` r is the reference width / the width of this band. The law's fracture energy diverges, so it is
+/// the inelastic strain that is scaled: the strain ε_r = s ε of the reference law gives the stress, and ε =
+/// (1 - d) ε_r + r d ε_r, so s (1 + (r - 1) d(s² Y)) = 1 and D = r d / (1 + (r - 1) d). With r = 1, D = d.
 ///
 /// `ratio` must be at least `smallest_band_ratio(parameters)`, or there is no unique solution.
 [[nodiscard]] BandDamage band_damage(double energy_release_rate, const DamageParameters& parameters,

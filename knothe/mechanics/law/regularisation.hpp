@@ -1,6 +1,6 @@
 #pragma once
 /// @file What makes the softening law independent of the mesh: crack band or implicit gradient
-/// (docs/mechanics.md).
+/// (docs/explanation/mechanics.md).
 #include <span>
 #include <vector>
 

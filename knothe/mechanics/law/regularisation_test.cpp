@@ -174,7 +174,7 @@ TEST(GradientDamage, converges_and_balances_energy) {
 }
 
 /// Elements of 10 and 5 mm: with the law as it is the dissipated energy differs by half, with a crack band it
-/// does not. (The study of docs/mechanics.md, on coarse meshes.)
+/// does not. (The study of docs/explanation/mechanics.md, on coarse meshes.)
 TEST(CrackBand, makes_the_beam_independent_of_the_mesh) {
   SolverOptions options;
   options.steps = 20;

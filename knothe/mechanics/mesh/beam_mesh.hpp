@@ -53,7 +53,7 @@ void mark_beam(HexahedronMesh& mesh, const BeamOptions& options);
 ///
 /// The damage law is local, so the element size is a material parameter; and a mesh with an even number of
 /// columns above the notch (element = notch_width / 2) has two equal columns where the reference has one, and
-/// hides it: docs/mechanics.md.
+/// hides it: docs/explanation/mechanics.md.
 [[nodiscard]] HexahedronMesh beam_mesh(const BeamOptions& options);
 
 }  // namespace knothe::mechanics

@@ -1,5 +1,5 @@
 #pragma once
-/// @file From snapshots to a separated model (docs/reduction.md). No Eigen types here.
+/// @file From snapshots to a separated model (docs/explanation/reduction.md). No Eigen types here.
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -12,8 +12,8 @@
 
 namespace knothe::reduction {
 
-/// In which norm over the parameters the truncation is optimal (docs/reduction.md): of the values at the
-/// nodes, or of the splines through them. Errors are reported in the first one either way.
+/// In which norm over the parameters the truncation is optimal (docs/explanation/reduction.md): of the values
+/// at the nodes, or of the splines through them. Errors are reported in the first one either way.
 enum class ParameterNorm { nodes, spline };
 
 struct CompressionOptions {

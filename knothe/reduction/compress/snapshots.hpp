@@ -81,8 +81,8 @@ struct Snapshots {
   [[nodiscard]] std::span<const double> solution(std::size_t index) const;
 };
 
-/// Reads and validates a file of snapshots (docs/formats.md). Everything wrong in it is a DataError that
-/// names the data set, and the index where there is one.
+/// Reads and validates a file of snapshots (docs/reference/formats.md). Everything wrong in it is a DataError
+/// that names the data set, and the index where there is one.
 [[nodiscard]] Snapshots read_snapshots(const std::string& path);
 /// The same for a single solution: its axes may have one node each.
 [[nodiscard]] Snapshots read_solution(const std::string& path);

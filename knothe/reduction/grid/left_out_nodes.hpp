@@ -1,6 +1,6 @@
 #pragma once
 /// @file The error of a model between the nodes of its grid, from what its splines miss where nodes are left
-/// out (docs/reduction.md, "Between the nodes").
+/// out (docs/explanation/reduction.md, "Between the nodes").
 #include <Eigen/Core>
 #include <cstdint>
 #include <vector>

@@ -1,6 +1,6 @@
 #pragma once
 /// @file A reduced model made finer where it is needed: around a posterior, by a few full-order solutions
-/// there (docs/reduction.md, "Refined where the posterior is").
+/// there (docs/explanation/reduction.md, "Refined where the posterior is").
 #include <Eigen/Core>
 #include <span>
 #include <vector>

@@ -1,5 +1,5 @@
 #pragma once
-/// @file Sparse grids: many parameters by few full-order solutions (docs/reduction.md, "Five parameters").
+/// @file Sparse grids: many parameters by few full-order solutions (docs/explanation/reduction.md).
 #include <span>
 #include <vector>
 

@@ -1,5 +1,5 @@
 #pragma once
-/// @file The reduced model's content and its file (docs/formats.md). No Eigen types: see
+/// @file The reduced model's content and its file (docs/reference/formats.md). No Eigen types: see
 /// snapshots.hpp.
 #include <string>
 #include <vector>

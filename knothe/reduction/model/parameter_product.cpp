@@ -44,7 +44,7 @@ ParameterProduct::ParameterProduct(std::span<const Axis> axes, const Compression
   for (const Axis& axis : axes) {
     Eigen::MatrixXd& own = factors_.emplace_back();
     // Canonical form: alternating least squares found worse minima in the norm of splines
-    // (docs/reduction.md).
+    // (docs/explanation/reduction.md).
     if (options.parameter_norm == ParameterNorm::nodes || options.form == Form::canonical) {
       own = trapezoid_weights(axis.nodes).cwiseSqrt().asDiagonal();
     } else {

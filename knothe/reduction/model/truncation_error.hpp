@@ -1,6 +1,6 @@
 #pragma once
-/// @file What a reduced model leaves out, as a covariance that a likelihood can add (docs/reduction.md, "The
-/// model's own error").
+/// @file What a reduced model leaves out, as a covariance that a likelihood can add
+/// (docs/explanation/reduction.md, "The model's own error").
 #include <Eigen/Core>
 #include <cstdint>
 #include <span>

@@ -15,7 +15,7 @@ namespace knothe::reduction {
 
 namespace {
 
-constexpr double k_match_distance = 1e-6;  // metres (docs/formats.md)
+constexpr double k_match_distance = 1e-6;  // metres (docs/reference/formats.md)
 constexpr std::array<const char*, 3> k_component_names = {"x", "y", "z"};
 
 /// Finds dofs by point and component; sorted by x, so that a search looks at a thin slice only.

@@ -18,7 +18,7 @@ class ObservationOperator {
     double weight;
   };
 
-  /// Places against the dofs of `where` (docs/formats.md): see `observe`.
+  /// Places against the dofs of `where` (docs/reference/formats.md): see `observe`.
   ObservationOperator(const Dofs& dofs, const std::optional<Mesh>& mesh, const std::string& where,
                       const Dofs& places);
   /// Rows of the identity.

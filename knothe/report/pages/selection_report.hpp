@@ -9,7 +9,7 @@
 
 namespace knothe::report {
 
-/// One line per chosen dof, best first, and a last one of the whole choice (docs/assimilation.md).
+/// One line per chosen dof, best first, a last one of the choice (docs/explanation/assimilation.md).
 [[nodiscard]] std::vector<nlohmann::ordered_json> selection_records(
     const project::Project& project, const project::SelectionSetup& setup,
     const assimilation::SelectionStudy& study);

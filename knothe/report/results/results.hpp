@@ -1,6 +1,6 @@
 #pragma once
 /// @file What an assimilation left in its results folder: steps.jsonl and summary.json
-/// (docs/formats.md).
+/// (docs/reference/formats.md).
 #include <cstddef>
 #include <map>
 #include <optional>

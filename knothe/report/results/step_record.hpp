@@ -10,7 +10,7 @@
 
 namespace knothe::report {
 
-/// A verdict as lines and summary.json have it (docs/formats.md).
+/// A verdict as lines and summary.json have it (docs/reference/formats.md).
 [[nodiscard]] nlohmann::ordered_json verdict_record(const assimilation::Verdict& verdict);
 
 /// The line of a step: posterior, map, evidence, data used, times, forecasts; sensors that are not to be

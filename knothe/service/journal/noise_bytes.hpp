@@ -7,8 +7,8 @@
 
 namespace knothe::service {
 
-/// R⁻¹ of correlated noise as compressed sparse columns (docs/service.md), deflated: the same noise again, to
-/// the bit. Not what steps share: that is the sensors'.
+/// R⁻¹ of correlated noise as compressed sparse columns (docs/reference/service.md), deflated: the same noise
+/// again, to the bit. Not what steps share: that is the sensors'.
 [[nodiscard]] std::string noise_bytes(const assimilation::GaussianNoise& noise);
 
 /// Back again. DataError if the bytes are none that `noise_bytes` made.

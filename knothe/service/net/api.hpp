@@ -1,5 +1,5 @@
 #pragma once
-/// @file The routes of the service (docs/service.md). Private to this room.
+/// @file The routes of the service (docs/reference/service.md). Private to this room.
 #include <functional>
 #include <memory>
 #include <string>

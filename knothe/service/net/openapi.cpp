@@ -12,7 +12,7 @@ Json text(const char* description) {
 }
 
 Json ok(const Json& schema, const char* type = "application/json") {
-  return {{"description", "as docs/service.md says"}, {"content", {{type, {{"schema", schema}}}}}};
+  return {{"description", "as docs/reference/service.md says"}, {"content", {{type, {{"schema", schema}}}}}};
 }
 
 Json parameter(const char* name, const char* type, const char* meaning) {

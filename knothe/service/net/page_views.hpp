@@ -1,6 +1,6 @@
 #pragma once
-/// @file What the page asks for (docs/dashboard.md): description, mesh, fields, observations, samples.
-/// Private to this room. RequestError 400 and 404 for what is not there.
+/// @file What the page asks for (docs/reference/dashboard.md): description, mesh, fields, observations,
+/// samples. Private to this room. RequestError 400 and 404 for what is not there.
 #include <string>
 #include <vector>
 

@@ -17,7 +17,7 @@ struct Line {
   std::size_t step = 0;
   double time = 0;
   bool withdrawn = false;                     ///< no line: its step has no datum any more
-  std::string json;                           ///< the line of a step (docs/formats.md)
+  std::string json;                           ///< the line of a step (docs/reference/formats.md)
   Eigen::VectorXd mean, std;                  ///< d
   Eigen::MatrixXd samples;                    ///< at most 400 × d, equally weighted
   std::vector<bool> missing;                  ///< per sensor, of the last datum of the step

@@ -1,5 +1,6 @@
 #pragma once
-/// @file How a site is: the pace of its data, the delays of its lines, and the word for it (docs/service.md).
+/// @file State of a site: the pace of its data, the delays of its lines, its name
+/// (docs/reference/service.md).
 #include <atomic>
 #include <deque>
 #include <mutex>

@@ -1,5 +1,5 @@
-/// @file The accuracy table of docs/transport.md: problems with known answers, how far the answers are from
-/// them.
+/// @file The accuracy table of docs/explanation/transport.md: problems with known answers, how far the
+/// answers are from them.
 ///
 /// Usage: accuracy_bench [chain length, default 50000] [calibration data sets, default 1000]
 #include <fmt/format.h>

@@ -1,6 +1,6 @@
 #pragma once
 /// @file Mass that a map does not cover: the one fault that its diagnostic, independent points and effective
-/// sample size cannot see, because they all live on its image (docs/transport.md, "Second modes and trust").
+/// sample size cannot see, because they all live on its image (docs/explanation/transport.md).
 #include <Eigen/Core>
 #include <cstdint>
 #include <string>

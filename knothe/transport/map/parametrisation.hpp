@@ -1,5 +1,5 @@
 #pragma once
-/// @file What a triangular map is made of: rectifier, bases, index sets (docs/transport.md, "The map").
+/// @file What a triangular map is made of: rectifier, bases, index sets (docs/explanation/transport.md).
 ///
 /// Component k is  M^k(x) = Φ_c(x_1 … x_{k−1}) a_c + ∫₀^{x_k} r(Φ_e(x_1 … x_{k−1}, θ) a_e) dθ,  r > 0.
 #include <Eigen/Core>
@@ -28,7 +28,7 @@ enum class BasisFamily {
 
 /// How the functions go on where hardly a point of N(0, 1) falls (TailedHermite).
 enum class Tails {
-  bent,       ///< Φ_c by tangents, Φ_e by constants: the default, see docs/transport.md
+  bent,       ///< Φ_c by tangents, Φ_e by constants: the default, see docs/explanation/transport.md
   tangent,    ///< both by tangents ("tail-linearised")
   polynomial  ///< not at all: plain polynomials, which break at order 6 in the tails
 };

@@ -7,9 +7,9 @@
 ///  - level, for Φ_e: χ_j(x) = ĥ_j(τ(x)), τ(x) = x for |x| ≤ r_e, bent to ±(r_e + δ) by a parabola over a
 ///  length 2δ, constant beyond.
 /// With level Φ_e the slope h² of a map is constant far out and the map a straight line in x_k. That is what
-/// posteriors with Gaussian tails want, and it is measured (docs/transport.md): where h is free to bend down
-/// in the tails, the minimiser runs into the barrier h = 0 there, and a narrow curved ridge stalls at a
-/// variance diagnostic of 1e-2 … 1e-1; with level tails it goes on to 1e-3.
+/// posteriors with Gaussian tails want, and it is measured (docs/explanation/transport.md): where h is free
+/// to bend down in the tails, the minimiser runs into the barrier h = 0 there, and a narrow curved ridge
+/// stalls at a variance diagnostic of 1e-2 … 1e-1; with level tails it goes on to 1e-3.
 #include <Eigen/Core>
 #include <array>
 #include <span>

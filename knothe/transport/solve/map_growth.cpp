@@ -16,9 +16,9 @@ namespace {
 /// Beyond so many variables a second order-2 map, for the orientation alone, costs more than it is likely to
 /// bring.
 constexpr Eigen::Index k_max_turned = 6;
-/// Principal axes are preferred unless the given ones gain so much more at order 2 (docs/transport.md,
-/// "Orientation": at equal gain at order 2 the principal axes were never worse at the end, often ten times
-/// better).
+/// Principal axes are preferred unless the given ones gain so much more at order 2
+/// (docs/explanation/transport.md, "Orientation": at equal gain at order 2 the principal axes were never
+/// worse at the end, often ten times better).
 constexpr double k_clearly_more = 1.2;
 
 }  // namespace

@@ -17,7 +17,7 @@ constexpr std::uint64_t k_training_seed = 0x7261696e;  // never that of the veri
 /// Maps with a long first variable: so many times the order of the others, and no more than that.
 constexpr int k_longer = 4, k_longer_in_width = 2, k_longest = k_max_order;
 /// Nodes along a long variable: what makes it long are features that fewer nodes step over
-/// (docs/transport.md, "A long first variable").
+/// (docs/explanation/transport.md, "A long first variable").
 constexpr int k_long_nodes = 96;
 /// Lighter nodes of a tensor rule only stall the minimiser.
 constexpr double k_lightest_node = 1e-11;

@@ -20,7 +20,7 @@ namespace knothe::transport {
 enum class MinimiserKind { newton, newton_cg, bfgs, lbfgs, nelder_mead };
 
 /// In which coordinates the map is triangular. A triangular map follows a bent ridge well if its first
-/// variable runs along it and badly if it runs across (docs/transport.md, "Orientation").
+/// variable runs along it and badly if it runs across (docs/explanation/transport.md, "Orientation").
 enum class Orientation {
   given,      ///< the target's own coordinates, in their order
   principal,  ///< the principal axes of the Laplace covariance, longest first
@@ -71,7 +71,7 @@ struct MapSolverOptions {
   bool tempered = false;  ///< begin with the tempered sequence, β = 1/16, 1/8 … 1, each warm from the last
   /// Where the orders do not reach the tolerance (d = 2, 3): also maps of order up to 6 with four times as
   /// much, up to 23, in the first variable, for a posterior that is a narrow ridge with structure along it
-  /// (docs/transport.md, "A long first variable").
+  /// (docs/explanation/transport.md, "A long first variable").
   bool long_first_variable = true;
   /// Where the tolerance is not reached: also try wider tails, softplus, exponential, the tempered sequence,
   /// and keep the best verified map. Switch it off where time is short.
