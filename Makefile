@@ -1,10 +1,11 @@
 # make demo        installs what the programs need, builds them, and runs the main job
 # make demo-live   the same with the online service, a simulated camera, and its page
+# make docs        the documentation as pages for a browser: build/docs/index.html
 # make test        everything in release and its tests; the last line is `N passed, N failed`
 # make check       address and undefined-behaviour sanitizers on the online rooms, and fuzzers on the parsers; likewise
 # make test-all    both with full counts and every check, and the thread sanitizer: hours, for the night
 # Each installs what it needs itself (scripts/packages.txt).
-.PHONY: demo demo-live test check test-all bench build dependencies dashboard dashboard-test format tidy install clean
+.PHONY: demo demo-live docs test check test-all bench build dependencies dashboard dashboard-test format tidy install clean
 
 JOBS ?= $(shell nproc)
 
@@ -13,6 +14,12 @@ demo: build
 
 demo-live: build
 	scripts/demo-live.sh
+
+# Debian's Sphinx belongs to Debian's interpreter.
+docs:
+	@scripts/install-dependencies.sh docs
+	/usr/bin/python3 -m sphinx -b html -W --keep-going -q -d build/docs.cache docs build/docs
+	@echo "Open $(CURDIR)/build/docs/index.html"
 
 test:
 	@scripts/install-dependencies.sh build test

@@ -1,0 +1,59 @@
+"""Sphinx configuration of the documentation: `make docs` writes build/docs/index.html.
+
+The pages work from a folder (file://) and ask nothing of the network: MathJax is copied from Debian's package libjs-mathjax.
+"""
+import pathlib
+import re
+import shutil
+
+HERE = pathlib.Path(__file__).resolve().parent
+MATHJAX = pathlib.Path("/usr/share/javascript/mathjax")
+
+project = "knothe"
+author = "the knothe authors"
+project_copyright = author
+# The same line that `knothe --version` comes from.
+version = release = re.search(r"project\(knothe VERSION ([\d.]+)", (HERE.parent / "CMakeLists.txt").read_text())[1]
+
+extensions = ["myst_parser", "sphinx.ext.mathjax"]
+source_suffix = {".md": "markdown"}
+root_doc = "index"
+exclude_patterns = ["_static"]
+myst_enable_extensions = ["dollarmath", "deflist"]
+myst_dmath_allow_space = False
+myst_heading_anchors = 4
+
+html_theme = "furo"
+html_title = f"knothe {version}"
+html_static_path = ["_static"]
+html_css_files = ["knothe.css"]
+html_copy_source = False
+html_show_sphinx = False
+highlight_language = "none"
+suppress_warnings = ["misc.highlighting_failure"]  # C++ with an ellipsis is not C++
+
+# MathJax 2 draws SVG with fonts of its own, which are scripts and so load from a folder too.
+mathjax_path = "mathjax/MathJax.js?config=TeX-AMS_SVG"
+mathjax2_config = {"messageStyle": "none", "SVG": {"font": "TeX"}, "showMathMenu": False, "tex2jax": {"processClass": "math"}}
+myst_update_mathjax = False  # that would be for MathJax 3
+MATHJAX_PARTS = ["MathJax.js", "config/TeX-AMS_SVG.js", "extensions", "jax/element", "jax/input/TeX", "jax/output/SVG/autoload",
+                 "jax/output/SVG/config.js", "jax/output/SVG/jax.js", "jax/output/SVG/fonts/TeX"]
+
+
+def copy_mathjax(app, exception):
+    """What the pages need of MathJax, 2 MB of 54, into the output."""
+    if exception or app.builder.format != "html":
+        return
+    for part in MATHJAX_PARTS:
+        source, target = MATHJAX / part, pathlib.Path(app.outdir) / "_static" / "mathjax" / part
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if source.is_dir():
+            shutil.copytree(source, target, dirs_exist_ok=True)
+        else:
+            shutil.copy(source, target)
+
+
+def setup(app):
+    if not MATHJAX.is_dir():
+        raise FileNotFoundError(f"{MATHJAX} is missing: install Debian's package libjs-mathjax (make docs does)")
+    app.connect("build-finished", copy_mathjax)

@@ -1,0 +1,163 @@
+"""docs/ as a product: Sphinx builds it without a warning, it works from a folder without the network, its search finds
+things, and what its pages tell a user to type works.
+
+A tutorial is run as a user runs it, all its blocks in one folder and in their order: a `toml` or `py` block that begins with
+`# NAME.ext` is that file, a `sh` block is typed (a `bash` block is only shown), and of a `text` block after it each line was printed (`…`: anything).
+"""
+import functools
+import os
+import pathlib
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import unittest
+
+from support import KNOTHE, REPOSITORY, Case
+
+DOCS = REPOSITORY / "docs"
+CHROMIUM = os.environ.get("KNOTHE_CHROMIUM", "/usr/bin/chromium")
+BUILD = pathlib.Path(os.environ["KNOTHE_BUILD"])
+
+
+@functools.lru_cache(maxsize=None)
+def python_with(*modules):
+    """An interpreter that has these modules (Debian's packages are for /usr/bin/python3), None where there is none."""
+    for program in (sys.executable, "/usr/bin/python3"):
+        if subprocess.run([program, "-c", "import " + ", ".join(modules)], capture_output=True).returncode == 0:
+            return program
+    return None
+
+
+def blocks_of(page):
+    return re.findall(r"^```(\w*)\n(.*?)^```$", page.read_text(), re.MULTILINE | re.DOTALL)
+
+
+def commands_of(page):
+    """What a page calls knothe with, in blocks and between backticks: continued lines joined, without what the shell adds."""
+    for language, text in [*blocks_of(page), *(("", text) for text in re.findall(r"`(knothe [a-z][^`\n]*)`", page.read_text()))]:
+        if language in ("", "sh", "bash"):
+            for line in text.replace("\\\n", " ").splitlines():
+                found = re.match(r"\s*(knothe [a-z].*)", line)
+                if found:
+                    yield re.sub(r"\s+#.*|\s*[>&].*|\s\|.*", "", found[1])
+
+
+def exit_status(result):
+    """77 tells CTest that a test was skipped; why, is printed."""
+    for _, reason in result.skipped:
+        print(f"skipped: {reason}")
+    return 77 if result.skipped and result.wasSuccessful() else 0 if result.wasSuccessful() else 1
+
+
+class Test(Case):
+    def build_pages(self):
+        python = python_with("sphinx", "myst_parser", "furo")
+        if python is None:
+            self.skipTest("no python3 with Sphinx, MyST and furo here: `scripts/install-dependencies.sh docs` installs them")
+        if not pathlib.Path("/usr/share/javascript/mathjax/MathJax.js").exists():
+            self.skipTest("no libjs-mathjax here: `scripts/install-dependencies.sh docs` installs it")
+        done = subprocess.run([python, "-m", "sphinx", "-b", "html", "-W", "--keep-going", "-q", "-d", self.folder / "cache", DOCS,
+                               self.folder / "html"], capture_output=True, text=True, timeout=280)
+        self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+        return self.folder / "html"
+
+    def shown(self, address):
+        """The page as headless Chromium has it after its scripts, and the addresses beyond file:// that it asked for; no network."""
+        log = self.folder / "net.json"
+        done = subprocess.run([CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={self.folder / 'profile'}",
+                               "--disable-background-networking", "--disable-component-update", "--no-first-run",
+                               "--host-resolver-rules=MAP * ~NOTFOUND", f"--log-net-log={log}", "--virtual-time-budget=20000", "--dump-dom",
+                               address], capture_output=True, text=True, timeout=120)
+        self.assertEqual(done.returncode, 0, done.stderr[-2000:])
+        # What the browser asks for on its own account has no initiator.
+        return done.stdout, re.findall(r'"initiator":"(?!not an origin)[^"]*".{0,400}?"url":"(https?://[^"]*)"', log.read_text())
+
+    def test_the_pages_build_without_a_warning_and_work_without_a_network(self):
+        html = self.build_pages()
+        version = self.expect(0, "--version").out.split()[1]
+        self.assertIn(f"knothe {version}", (html / "index.html").read_text())
+        # No page loads a script, a style sheet, a font or a picture from elsewhere.
+        for page in [*html.rglob("*.html"), *html.rglob("*.css")]:
+            loads = re.findall(r"<(?:script|img|iframe)\b[^>]*\bsrc=\"(?:https?:)?//[^\"]*|<link\b[^>]*\bhref=\"(?:https?:)?//[^\"]*|"
+                               r"(?:url\(|@import)\s*['\"]?(?:https?:)?//[^)]*", page.read_text())
+            self.assertEqual(loads, [], page)
+        if not os.path.exists(CHROMIUM):
+            self.skipTest(f"{CHROMIUM} is not installed: search and equations were not looked at")
+        found, asked = self.shown(f"file://{html}/search.html?q=effective+sample+size")
+        self.assertTrue(re.search(r"href=\"explanation/assimilation\.html", found), "the search does not find the page")
+        equations, asked_too = self.shown(f"file://{html}/explanation/method.html")
+        self.assertTrue(re.search(r"<svg [^>]*role=\"img\"", equations), "equations are not drawn")
+        self.assertFalse(re.search(r"Math Processing Error|class=\"merror", equations), "an equation is wrong")
+        self.assertEqual(asked + asked_too, [])
+
+    def run_page(self, page, **environment):
+        """All blocks of a page in one shell; what it printed, block by block."""
+        script = ["set -euo pipefail"]
+        expected = []
+        for number, (language, text) in enumerate(blocks_of(page)):
+            named = re.match(r"# ([\w.]+\.(?:toml|py))\b.*\n", text)
+            if language in ("toml", "py") and named:
+                (self.folder / f"block-{number}").write_text(text)
+                script.append(f"cp block-{number} {named[1]}")
+            elif language == "sh":
+                script += [f"echo '<block {number}>'", text]
+                expected.append((number, ""))
+            elif language == "text":
+                expected[-1] = expected[-1][0], text
+        path = os.pathsep.join([os.path.dirname(KNOTHE), os.path.dirname(python_with("h5py", "numpy") or sys.executable), os.environ["PATH"]])
+        run = subprocess.Popen(["bash", "-c", "\n".join(script)], cwd=self.folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+                               start_new_session=True, env={**os.environ, "PATH": path, "EXAMPLES": str(REPOSITORY / "examples"), **environment})
+        try:
+            (self.folder / "output").write_text("")
+            out, _ = run.communicate(timeout=280)
+        finally:  # what the page has started in the background
+            try:
+                os.killpg(run.pid, signal.SIGKILL)
+            except ProcessLookupError:
+                pass
+        self.assertEqual(run.returncode, 0, out[-4000:])
+        for number, lines in expected:
+            printed = out.split(f"<block {number}>\n", 1)[1].split("<block ", 1)[0]
+            for line in lines.splitlines():
+                pattern = ".*".join(map(re.escape, re.split(r"\s*…\s*", line.strip())))
+                self.assertRegex(printed, rf"(?m)^\s*{pattern}", f"{page.name}: not printed by block {number}")
+        return out
+
+    def test_the_tutorial_of_the_beam(self):
+        self.run_page(DOCS / "tutorials/beam.md")
+        self.assertTrue((self.folder / "report.html").exists())
+
+    def test_the_tutorial_of_pictures(self):
+        if python_with("numpy") is None:
+            self.skipTest("no python3 with numpy here")
+        self.run_page(DOCS / "tutorials/own-pictures.md")
+
+    def test_the_tutorial_of_a_black_box(self):
+        self.run_page(DOCS / "tutorials/own-black-box.md")
+
+    def test_the_tutorial_of_the_service(self):
+        self.run_page(DOCS / "tutorials/live.md")
+
+    @functools.lru_cache(maxsize=None)
+    def help_of(self, *command):
+        return self.expect(0, *command, "--help").out
+
+    def test_every_command_on_a_page_has_the_options_that_it_is_given(self):
+        checked = 0
+        for page in [REPOSITORY / "README.md", *DOCS.rglob("*.md")]:
+            for line in commands_of(page):
+                words = shlex.split(re.sub(r"[\[\]…]", " ", line))[1:]
+                command = words[:2] if words[0] == "model" else words[:1]
+                self.assertNotIn("SUBCOMMAND", self.help_of(*command).splitlines()[1], f"{page.name}: {line}")
+                for option in re.findall(r"(?<= )(--?[a-z][\w-]*)", " ".join(words)):
+                    self.assertRegex(self.help_of(*command), rf"(?m)^\s*(-\w,)?{option}\b|,{option}\b|-o,", f"{page.name}: {line}")
+                checked += 1
+        self.assertGreater(checked, 40)
+
+
+if __name__ == "__main__":
+    program = unittest.main(exit=False)
+    sys.exit(exit_status(program.result))
