@@ -34,7 +34,8 @@ suppress_warnings = ["misc.highlighting_failure"]  # C++ with an ellipsis is not
 
 # MathJax 2 draws SVG with fonts of its own, which are scripts and so load from a folder too.
 mathjax_path = "mathjax/MathJax.js?config=TeX-AMS_SVG"
-mathjax2_config = {"messageStyle": "none", "SVG": {"font": "TeX"}, "showMathMenu": False, "tex2jax": {"processClass": "math"}}
+mathjax2_config = {"messageStyle": "none", "showMathMenu": False, "tex2jax": {"processClass": "math"},
+                   "SVG": {"font": "TeX", "linebreaks": {"automatic": True}}}
 myst_update_mathjax = False  # that would be for MathJax 3
 MATHJAX_PARTS = ["MathJax.js", "config/TeX-AMS_SVG.js", "extensions", "jax/element", "jax/input/TeX", "jax/output/SVG/autoload",
                  "jax/output/SVG/config.js", "jax/output/SVG/jax.js", "jax/output/SVG/fonts/TeX"]
