@@ -23,7 +23,7 @@ int check(const CheckArguments& arguments) {
   if (check.missing.empty()) {
     fmt::print("{}: valid\n", arguments.project);
   } else {
-    fmt::print("{}: valid, syntax only: {} {} not there yet\n", arguments.project,
+    fmt::print("{}: valid, syntax only: {} {} missing so far\n", arguments.project,
                fmt::join(check.missing, ", "), check.missing.size() == 1 ? "is" : "are");
   }
   return 0;

@@ -36,8 +36,9 @@ int model_info(const ModelArguments& arguments) {
       model.dof_count(), c.field.units, model.step_count(), c.time.front(), c.time.back(),
       c.mesh ? c.mesh->cell_count() : 0);
   for (const reduction::Axis& axis : c.axes)
-    text += fmt::format("  {}: {:g} … {:g}, {} nodes; 1.0 is {:g} {}\n", axis.name, axis.nodes.front(),
-                        axis.nodes.back(), axis.nodes.size(), axis.reference, axis.units);
+    text += fmt::format("  {}: {:g} … {:g}, {} nodes; 1.0 = {:g}{}\n", axis.name, axis.nodes.front(),
+                        axis.nodes.back(), axis.nodes.size(), axis.reference,
+                        axis.units == "1" ? "" : " " + axis.units);
   for (const reduction::Quantity& quantity : c.quantities)
     text += fmt::format("  dof {} [{}]\n", quantity.name, quantity.units);
   text += fmt::format(

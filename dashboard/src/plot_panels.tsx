@@ -109,7 +109,7 @@ export function ParametersPanel(props: PlotProps) {
     [base, props.model],
   );
   return (
-    <ChartsPanel id="parameters" title="Parameters: what is believed, step after step" specs={specs} props={props} />
+    <ChartsPanel id="parameters" title="Parameters: posterior at each step" specs={specs} props={props} />
   );
 }
 

@@ -1,4 +1,4 @@
-/** What is believed, in numbers: parameters and forecasts of the step looked at. */
+/** The posterior in numbers: parameters and forecasts of the step looked at. */
 import type { Theme } from "./colour";
 import { given, probability, scaleFor, significant, withSpread } from "./format";
 import { bandsOf } from "./history";
@@ -16,7 +16,7 @@ export function Summary({ model, line, theme }: Props) {
   const bands = bandsOf(line.quantiles.levels);
   const outer = bands.pairs[0];
   return (
-    <section class="summary" aria-label={`What is believed at step ${line.step}`}>
+    <section class="summary" aria-label={`Posterior at step ${line.step}`}>
       {quantitiesIn(model, line).map((q) => {
         const f = line.forecast[q.name];
         if (!f) return null;
@@ -76,7 +76,7 @@ export function Summary({ model, line, theme }: Props) {
   );
 }
 
-/** The posterior's interval inside the prior's box: how much has been learnt, at a glance. */
+/** The posterior's interval inside the prior's box: how much the data have narrowed it. */
 function Interval(p: { low: number; high: number; from: number; to: number; middle: number; theme: Theme }) {
   const at = (v: number): number => 100 * Math.min(1, Math.max(0, (v - p.low) / (p.high - p.low)));
   return (

@@ -32,7 +32,7 @@ HttpAddress HttpAddress::parse(const std::string& text) {
   };
   const std::string scheme = "http://";
   if (text.starts_with("https://"))
-    throw wrong("https is not spoken here; put a local proxy or a tunnel in front of the server");
+    throw wrong("https is not supported; put a local proxy or a tunnel in front of the server");
   if (!text.starts_with(scheme)) throw wrong("it does not begin with http://");
   HttpAddress address;
   const auto slash = text.find('/', scheme.size());

@@ -122,8 +122,9 @@ void add_crack_and_drift_options(Section<G>& s) {
         "Motion of the camera against the body, of each picture by itself, that the likelihood leaves out: a "
         "shift, or a shift and a turn (rigid).");
   s.add("drift_std", in(&G::series, &Series::drift_std),
-        "Standard deviation of such a motion before anything is measured, px; large: nothing is learnt from "
-        "it.",
+        "Standard deviation of such a motion before anything is measured, px; a large one carries no "
+        "information."
+        "",
         positive);
 }
 

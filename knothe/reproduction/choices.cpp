@@ -202,7 +202,7 @@ FigureRecord other_choices(const Subject& subject, const Subject& soft, const St
   count(record, all, "the truth is within 2.5 std of the means", "close to the reference values",
         "The data come from the model that assimilates them.",
         [](const Conclusions& c) { return c.off < 2.5; });
-  count(record, all, "A_d is learnt before Y₀", "slower convergence of Y₀",
+  count(record, all, "A_d is identified before Y₀", "slower convergence of Y₀",
         "Y₀ acts only while the crack starts.",
         [](const Conclusions& c) { return c.learnt[1] < c.learnt[0]; });
   count(record, all, "with m = 3 the truth is off by more than 3 std at some step", "wrong estimation",

@@ -112,7 +112,7 @@ std::string study_page(const Study& study, const StudyOptions& options) {
       page.table(table.header, lines);
     }
   }
-  page.section("Where this comes from");
+  page.section("Provenance");
   std::vector<report::TableRow> rows = {
       {{"Program", k_created_by}},
       {{"Seed", fmt::format("{}", options.seed)}},

@@ -145,7 +145,7 @@ class Test(InferCase):
 
     def test_an_address_that_is_none(self):
         self.edit("http://127.0.0.1:PORT", "https://127.0.0.1:4242")
-        self.expect_project_refused("https is not spoken here", key="umbridge")
+        self.expect_project_refused("https is not supported", key="umbridge")
 
     def test_no_model(self):
         text = self.project.read_text()

@@ -92,7 +92,7 @@ const std::vector<Row>& table() {
        {F::lasting_clock},
        "",
        "bias_correction does not go together with a clock or a known parameter that has a std beside noise "
-       "that steps share (shared_reference, offset_std): what is learnt of each clock would depend on the "
+       "that steps share (shared_reference, offset_std): the estimate of each clock would depend on the "
        "bias; leave out one of them"},
       {F::joint_bias,
        {F::composed},

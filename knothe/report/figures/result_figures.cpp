@@ -146,7 +146,8 @@ Plot load_plot(const Results& results) {
     }
     if (!x.empty())
       plot.scatter(x, y, Paint::series(static_cast<int>(d)),
-                   pretty_name(results.parameters[d].name) + " is learnt most here", d % 2 == 0 ? 5.5 : 3.5);
+                   pretty_name(results.parameters[d].name) + ": most informative steps",
+                   d % 2 == 0 ? 5.5 : 3.5);
   }
   return plot;
 }

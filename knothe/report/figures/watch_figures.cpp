@@ -27,7 +27,7 @@ void mark_alarms(Plot& plot, const Results& results, const std::vector<double>& 
     x.push_back(static_cast<double>(results.steps[i].step));
     at.push_back(y[i]);
   }
-  if (!x.empty()) plot.scatter(x, at, Paint::truth(), "the alarm rings", 4.5);
+  if (!x.empty()) plot.scatter(x, at, Paint::truth(), "alarm", 4.5);
 }
 
 std::string verdict(const Results& results) {
@@ -37,20 +37,17 @@ std::string verdict(const Results& results) {
     for (const std::size_t i : rang)
       steps += fmt::format("{}{}", steps.empty() ? "" : ", ", results.steps[i].step);
     return fmt::format(
-        "The alarm rang at step {}: from some steps before on, the data have not been what the model, with "
-        "all "
-        "it had learnt, "
-        "predicted. A sensor that moved, a noise level that is wrong, a structure that changed and a model "
-        "that "
-        "is wrong all ring it.",
+        "The alarm was raised at step {}: from some steps before on, the data differ from what the model "
+        "predicted given all earlier data. A sensor that moved, a wrong noise level, a structure that "
+        "changed and a wrong model all raise it.",
         steps);
   }
   double nearest = 0;
   for (const Step& s : results.steps)
     if (s.monitor.threshold > 0) nearest = std::max(nearest, s.monitor.cumulative_sum / s.monitor.threshold);
   return fmt::format(
-      "The alarm did not ring: each datum was compared with what the posterior before it predicted, and the "
-      "sum of what was amiss came to {:.0f} % of the threshold at most.",
+      "The alarm was not raised: each datum was compared with its prediction from the posterior before it, "
+      "and the misfit statistic peaked at {:.0f} % of its alarm threshold.",
       100 * nearest);
 }
 
@@ -148,7 +145,7 @@ Plot model_probability_plot(const Results& results) {
 }
 
 void add_watch(Page& page, const Results& results) {
-  page.section("Whether the model is to be believed");
+  page.section("Does the model fit the data?");
   if (!results.monitored) {
     page.note("These results hold no record of the evidence monitor.");
     return;

@@ -32,9 +32,8 @@ void add_verdict(Page& page, const Results& results) {
   if (!rows.empty()) page.table({"about", "level", "what it is, and what to do"}, rows);
   if (const auto& asked = results.refinement)
     page.note(
-        fmt::format("The full-order model was asked {:.0f} times where the posterior was, and the reduced "
-                    "model refined: at "
-                    "the last step it had been off by {:.2g} standard deviations.",
+        fmt::format("The full-order model was run {:.0f} times in the region of the posterior, and the "
+                    "reduced model refined: at the last step its error had been {:.2g} standard deviations.",
                     asked->full_order_runs, asked->moved_std));
 }
 
@@ -51,11 +50,11 @@ void add_parameters(Page& page, const Results& results) {
         figure_of(convergence_plot(results, d), "Posterior mean and 95 % band of " + name, 280.0));
   }
   if (any) {
-    page.figures(marginals,
-                 "Successive posterior marginals, coloured by step. A flat curve means that the data so far "
-                 "do not know "
-                 "the parameter, a narrow one that they do. Moments, quantiles and densities are "
-                 "importance-corrected.");
+    page.figures(
+        marginals,
+        "Successive posterior marginals, coloured by step. A flat curve means that the data so far "
+        "do not determine the parameter, a narrow one that they do. Moments, quantiles and densities are "
+        "importance-corrected.");
   } else {
     page.note("The results hold no marginal densities, so their figure is left out.");
   }
@@ -116,13 +115,13 @@ void add_method(Page& page, const Results& results) {
 }
 
 void add_learning(Page& page, const Results& results) {
-  page.section("Where it is learnt");
+  page.section("Which steps carry information");
   std::vector<Figure> figures;
   if (results.displacement.empty())
     page.note("The results hold no load–displacement curve, so it is left out.");
   else
     figures.push_back(
-        figure_of(load_plot(results), "Load–displacement curve with the steps that teach most", 330.0));
+        figure_of(load_plot(results), "Load–displacement curve and the most informative steps", 330.0));
   figures.push_back(figure_of(information_plot(results), "Information gained per step", 330.0));
   page.figures(
       figures,
@@ -181,7 +180,7 @@ void add_model(Page& page, const Results& results, const reduction::SeparatedMod
 }
 
 void add_provenance(Page& page, const Results& results) {
-  page.section("Where this comes from");
+  page.section("Provenance");
   if (!results.summary_found)
     page.note(
         "summary.json is missing: the assimilation was interrupted, or these are not all of its files.");

@@ -41,8 +41,8 @@ TEST(AssimilationReport, ShowsEverySection) {
   const std::string html = contents_of(folder + "/report.html");
   expect_sound(html);
   for (const char* heading :
-       {"What the data say about the parameters", "Forecast", "Where it is learnt", "How it was computed",
-        "The reduced model", "Beside the paper", "Where this comes from"})
+       {"What the data say about the parameters", "Forecast", "Which steps carry information",
+        "How it was computed", "The reduced model", "Beside the paper", "Provenance"})
     EXPECT_NE(html.find(std::string(">") + heading + "</h2>"), std::string::npos) << heading;
   EXPECT_NE(html.find("99 of 100 steps"), std::string::npos);
   EXPECT_NE(html.find("not trusted: 22"), std::string::npos);
@@ -55,7 +55,7 @@ TEST(AssimilationReport, ShowsEverySection) {
   EXPECT_NE(html.find("crack of 25 mm"), std::string::npos);
   EXPECT_NE(html.find("# &lt;a comment&gt; &amp; &quot;quotes&quot;"), std::string::npos);
   for (const char* watch :
-       {">Whether the model is to be believed</h2>", "The alarm rang at step 60: from some steps before on",
+       {">Does the model fit the data?</h2>", "The alarm was raised at step 60: from some steps before on",
         "the model does not explain the data", "How wrong the model is inferred to be", ">m10.h5<",
         "u_y: mean residual of the last 2 steps"})
     EXPECT_NE(html.find(watch), std::string::npos) << watch;

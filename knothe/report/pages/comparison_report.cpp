@@ -90,7 +90,7 @@ std::string page_of(const Json& comparison, const Json& first, const Json& secon
     figures.push_back(marginals(first, second, k));
   page.figures(figures,
                "Where the lines lie on each other, two methods that know nothing of each other agree.");
-  page.section("Where this comes from");
+  page.section("Provenance");
   page.table({}, {{{"Program", first.at("created_by").get<std::string>()}},
                   {{"Model", first.at("model").get<std::string>()}}});
   page.details("The project file", first.at("project").get<std::string>());

@@ -212,7 +212,7 @@ void add_phases(Page& page, const Json& content) {
 }
 
 void add_provenance(Page& page, const Json& content, const Content& c) {
-  page.section("Where this comes from");
+  page.section("Provenance");
   std::vector<TableRow> rows = {{{"Program", content.at("created_by").get<std::string>()}},
                                 {{"Model", content.at("model").get<std::string>()}},
                                 {{"Method", c.method}},
