@@ -108,9 +108,7 @@ export function ParametersPanel(props: PlotProps) {
       ),
     [base, props.model],
   );
-  return (
-    <ChartsPanel id="parameters" title="Parameters: posterior at each step" specs={specs} props={props} />
-  );
+  return <ChartsPanel id="parameters" title="Parameters: posterior at each step" specs={specs} props={props} />;
 }
 
 export function ForecastPanel(props: PlotProps & { quantity: number; setQuantity: (k: number) => void }) {

@@ -85,7 +85,7 @@ class Test(Case):
         (self.folder / "data.h5").unlink()
         out = self.expect(0, "check", self.project_name).out
         self.assertIn("valid, syntax only: ", out)
-        self.assertIn("data.h5 is not there yet", out)
+        self.assertIn("data.h5 is missing so far", out)
 
     def test_check_compares_the_size_of_the_data_with_the_models(self):
         self.use(lambda row: row.update(value=repr(1e3 * float(row["value"]))))
