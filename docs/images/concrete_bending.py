@@ -1,4 +1,4 @@
-"""The picture of docs/concrete-beam.md.
+"""The picture of docs/benchmarks/concrete-beam.md.
 
 usage: concrete_bending.py REFERENCE.tif FIELDS.h5 PICTURE.svg     as halves.py of examples/concrete_bending
 """

@@ -1,4 +1,4 @@
-"""Scores of the forecasts of the last 24 specimens (docs/crack-growth.md), and their picture.
+"""Scores of the forecasts of the last 24 specimens (docs/benchmarks/crack-growth.md), and their picture.
 
 usage: crack_growth.py RECORDS.csv RESULTS [PICTURE.svg]     RESULTS: the folder of the folders specimen_25/ to specimen_48/ that
 `knothe assimilate` left. Prints one line of JSON.

@@ -4,7 +4,7 @@ usage: crack_growth.py prior RECORDS.csv [FOLDER]        fits the first 24; writ
        crack_growth.py specimen RECORDS.csv N [FOLDER]   writes specimen_N.csv (rows up to 12 mm) and specimen_N.toml
        crack_growth.py compare RECORDS.csv               cross-validation within the first 24, by which the model was chosen
 
-RECORDS.csv: half crack length (mm), then the cycles of each specimen. Needs numpy and scipy. docs/crack-growth.md explains.
+RECORDS.csv: half crack length (mm), then the cycles of each specimen. Needs numpy and scipy. docs/benchmarks/crack-growth.md explains.
 """
 import math
 import pathlib
@@ -135,7 +135,7 @@ class Prior:
 HEAD = """# Fatigue crack growth in 48 aluminium sheets (Virkler, Hillberry and Goel 1979): a model without a mesh. From a record up to
 # 12 mm of half crack length: the cycles until 49.8 mm, and the curve between. Model time is the half crack length in mm.
 #
-#   ../../scripts/get-data.sh                                     the records, into data/ (docs/crack-growth.md)
+#   ../../scripts/get-data.sh                                     the records, into data/ (docs/benchmarks/crack-growth.md)
 #   knothe offline crack_growth.toml -o paris.h5                  {runs} runs of paris.py
 #   python3 crack_growth.py specimen RECORDS.csv {specimen}               specimen_{specimen}.csv and specimen_{specimen}.toml
 #   knothe assimilate specimen_{specimen}.toml

@@ -1,4 +1,4 @@
-"""Three pictures of a real concrete beam (docs/concrete-beam.md): fields and crack with the defaults, what they say without a model,
+"""Three pictures of a real concrete beam (docs/benchmarks/concrete-beam.md): fields and crack with the defaults, what they say without a model,
 and that the notched beam's model is rejected on them."""
 import functools
 import json

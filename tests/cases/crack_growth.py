@@ -1,4 +1,4 @@
-"""Fatigue cracks of 48 specimens (docs/crack-growth.md): a prior from the first 24, forecasts of the last 24 by knothe, and what
+"""Fatigue cracks of 48 specimens (docs/benchmarks/crack-growth.md): a prior from the first 24, forecasts of the last 24 by knothe, and what
 came. Nothing but the forecasts sees a row of the last 24 beyond 12 mm."""
 import csv
 import functools

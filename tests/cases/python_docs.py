@@ -1,4 +1,4 @@
-"""The examples of the package's docstrings and docs/python.md run; figures, stubs, and the package as it is installed."""
+"""The examples of the package's docstrings and docs/how-to/python.md run; figures, stubs, and the package as it is installed."""
 import ast
 import doctest
 import inspect
@@ -106,7 +106,7 @@ class Test(Case):
 
     def test_the_page_runs_from_top_to_bottom(self):
         self.make_project()
-        page = (REPOSITORY / "docs/python.md").read_text()
+        page = (REPOSITORY / "docs/how-to/python.md").read_text()
         blocks = re.findall(r"^```py\n(.*?)^```", page, re.M | re.S)
         self.assertGreater(len(blocks), 8)
         done = subprocess.run([sys.executable, "-c", "\n".join(blocks)], capture_output=True, text=True, timeout=250)
