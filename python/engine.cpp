@@ -1,4 +1,4 @@
-/// @file The engine of the program (docs/architecture.md, "The way of a datum").
+/// @file The engine of the program (docs/explanation/architecture.md, "The way of a datum").
 #include "knothe/engine/engine.hpp"
 
 #include <pybind11/stl.h>

@@ -1,4 +1,4 @@
-/// @file Transport maps and image correlation: the facade of the library as it is (docs/library.md).
+/// @file Transport maps and image correlation: the facade of the library as it is (docs/how-to/library.md).
 #include <pybind11/functional.h>
 #include <pybind11/stl.h>
 

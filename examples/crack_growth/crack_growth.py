@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 
 import paris
 
-TRAINED = 24  # specimens that anything is learnt from
+TRAINED = 24  # specimens that anything is estimated from
 SEEN = 3  # intervals up to 12 mm
 LENGTHS = np.array([*range(9, 38), 37.8, 39, 40.2, 41, 42.2, 43.4, 44.2, 45, 45.8, 47.4, 49.8])  # mm
 HORIZONS = (13, 14, 16, 18, 20, 24, 28, 32, 36, 40.2, 45, 49.8)  # mm

@@ -61,7 +61,7 @@ class KNOTHE_EXPORT TransportMap {
   /// map that is not triangular.
   [[nodiscard]] std::vector<double> conditional_sample(std::span<const double> given, std::size_t count,
                                                        std::uint64_t seed) const;
-  /// Writes the map to a file (HDF5, docs/formats.md), whole or not at all. Errors: IoError.
+  /// Writes the map to a file (HDF5, docs/reference/formats.md), whole or not at all. Errors: IoError.
   void save(const std::string& path) const;
   /// The map of such a file, bit-identical. Errors: DataError, naming file and data set, for a file that is
   /// missing, damaged or of another kind.
