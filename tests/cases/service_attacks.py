@@ -1,5 +1,6 @@
 """`knothe serve` before clients that mean harm, or do not know better: it answers, stays, and stays small."""
 import json
+import os
 import pathlib
 import re
 import resource
@@ -101,7 +102,9 @@ class Test(ServiceCase):
                 thread.start()
             for thread in threads:
                 thread.join()
-        self.assertLess(self.memory(service) - before, 150e6)  # 64 MB, and what the parser and malloc need
+        if "KNOTHE_SANITIZED" not in os.environ:  # the address sanitizer keeps what is freed
+            # 64 MB, and what the parser and malloc need.
+            self.assertLess(self.memory(service) - before, 150e6)
         self.expect_error(service.request("GET", "/livez", b"{}")[::2], 413, "TooLarge")
         self.assertEqual(service.post("/v1/measurements", self.data[0], Authorization="bearer 0123456789abcdef")[0], 200)
         self.assertEqual(service.get("/v1/state", Authorization="BEARER 0123456789abcdeF")[0], 401)
