@@ -65,7 +65,7 @@ class Test(Case):
             lines = self.assimilate()
             self.assertEqual(lines[-1]["time"], 12)
             self.assertTrue(lines[-1]["trusted"])
-        scores = json.loads(self.run_python(REPOSITORY / "docs" / "pictures" / "crack_growth.py", RECORDS, self.folder, "picture.svg"))
+        scores = json.loads(self.run_python(REPOSITORY / "docs" / "images" / "crack_growth.py", RECORDS, self.folder, "picture.svg"))
         print(json.dumps(scores, indent=1))
         self.assertIn("</svg>", (self.folder / "picture.svg").read_text())
         own, regression, plain = (scores[name] for name in ("knothe", "regression", "plain_paris"))
