@@ -1,0 +1,60 @@
+#pragma once
+/// @file Which full-order runs to make for planned sensors (docs/explanation/adaptive-runs.md).
+#include <Eigen/Core>
+#include <algorithm>
+#include <functional>
+#include <vector>
+
+#include "knothe/assimilation/select/expected_shift.hpp"
+#include "knothe/numerics/functions/sparse_interpolation.hpp"
+
+namespace knothe::assimilation {
+
+struct RunSelectionOptions {
+  double shift = 0.1;         ///< wanted, in posterior standard deviations
+  std::size_t runs = 400;     ///< largest number, the held-out ones among them
+  int largest_degree = 40;    ///< in one parameter
+  Eigen::Index held_out = 8;  ///< runs at points of the priors that nothing is made from
+};
+
+/// Where the selection stands after some runs.
+struct RunSelectionStep {
+  std::size_t runs = 0;  ///< with those held out
+  double expected = 0;   ///< shift if the last degrees were missing, by the interpolation itself
+  double held_out = 0;   ///< largest shift by the errors at the held-out runs
+  [[nodiscard]] double shift() const { return std::max(expected, held_out); }
+};
+
+/// The predictions of all sensors at all times in units of their noise: a row for each point, n × N.
+using Predictions = std::function<Eigen::MatrixXd(const std::vector<std::vector<double>>& points)>;
+
+struct SelectedRuns {
+  numerics::SparseInterpolation interpolation;
+  std::vector<std::vector<double>> points;           ///< its nodes, in the order of the indices
+  std::vector<std::vector<double>> held_out_points;  ///< runs made before all others
+  Eigen::MatrixXd surpluses;                         ///< of the predictions, |Λ| × N
+  std::vector<RunSelectionStep> history;
+  bool reached = false;  ///< the shift that was wanted
+};
+
+/// The points that are held out for these priors.
+[[nodiscard]] std::vector<std::vector<double>> held_out_points(const ExpectedShift& shift,
+                                                               Eigen::Index count);
+
+/// Makes runs until the shift is as wanted or no more are allowed. Degrees grow by DegreeGrowth with
+/// ExpectedShift::of_each as indicators; they grow evenly where the held-out runs contradict the expectation
+/// (a surplus may vanish at a node and nowhere else). What is asked next depends on the predictions alone:
+/// the same runs give the same selection to the bit. `priors` are truncated to the box; `told`, if any, is
+/// called after each round. UsageError for a shift that is not positive, or fewer runs than the held-out
+/// ones and two for each parameter.
+[[nodiscard]] SelectedRuns select_runs(const std::vector<Prior>& priors, const Eigen::VectorXd& lower,
+                                       const Eigen::VectorXd& upper, const RunSelectionOptions& options,
+                                       const Predictions& predictions,
+                                       const std::function<void(const SelectedRuns&)>& told = {});
+
+/// How many runs more it will take to the wanted shift, if it goes on falling with a power of their number as
+/// in the last half of them; never more than are allowed.
+[[nodiscard]] std::size_t runs_to_go(const std::vector<RunSelectionStep>& history,
+                                     const RunSelectionOptions& options);
+
+}  // namespace knothe::assimilation
