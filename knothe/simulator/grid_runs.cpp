@@ -165,6 +165,22 @@ std::vector<std::size_t> share_of(const std::vector<std::size_t>& missing, const
 
 }  // namespace
 
+PointRuns run_points(Simulator& simulator, const RunGrid& grid, std::span<const std::vector<double>> points,
+                     const JobShare& share) {
+  check_axes(grid);
+  // All points before the first run: a box in which there is no solution is told at once.
+  for (const std::vector<double>& point : points) simulator.check(point);
+  Runs runs(simulator, grid, points);
+  std::vector<std::size_t> missing;
+  for (std::size_t i = 0; i < points.size(); ++i)
+    if (!is_there(runs.all()[i])) missing.push_back(i);
+  share.wait();  // all have seen the same parts
+  const std::vector<std::size_t> own = share_of(missing, share);
+  if (!own.empty()) runs.solve(own, points.size() - missing.size());
+  share.wait();
+  return {runs.all(), missing};
+}
+
 GridRuns run_grid(Simulator& simulator, const RunGrid& grid, const JobShare& share) {
   check_axes(grid);
   GridRuns result;
@@ -173,24 +189,15 @@ GridRuns run_grid(Simulator& simulator, const RunGrid& grid, const JobShare& sha
       grid.axes, grid.sparse_level < 0 ? reduction::finest_level(grid.axes) : grid.sparse_level);
   std::vector<std::vector<double>> points;
   for (const std::size_t point : plan.points) points.push_back(result.snapshots.parameters_at(point));
-  // All points before the first run: a box in which there is no solution is told at once.
-  for (const std::vector<double>& point : points) simulator.check(point);
-  Runs runs(simulator, grid, points);
+  const PointRuns finished_runs = run_points(simulator, grid, points, share);
   result.runs.resize(points.size());
-  std::vector<std::size_t> missing;
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    result.runs[i].parameters = points[i];
-    result.runs[i].resumed = is_there(runs.all()[i]);
-    if (!result.runs[i].resumed) missing.push_back(i);
-  }
-  share.wait();  // all have seen the same parts
-  const std::vector<std::size_t> own = share_of(missing, share);
-  if (!own.empty()) runs.solve(own, points.size() - missing.size());
-  share.wait();
+  for (RunSummary& run : result.runs) run.resumed = true;
+  for (const std::size_t i : finished_runs.computed) result.runs[i].resumed = false;
   Gathering gathering(grid.axes, simulator.frame());
   for (std::size_t i = 0; i < points.size(); ++i) {
-    FinishedRun finished = read_run(runs.all()[i]);
-    gathering.add(plan.points[i], runs.all()[i], std::move(finished.solution));
+    FinishedRun finished = read_run(finished_runs.runs[i]);
+    gathering.add(plan.points[i], finished_runs.runs[i], std::move(finished.solution));
+    result.runs[i].parameters = std::move(points[i]);
     result.runs[i].record = std::move(finished.record);
   }
   result.snapshots = gathering.take();

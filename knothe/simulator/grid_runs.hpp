@@ -50,4 +50,14 @@ struct GridRuns {
 /// DataError (solutions that do not belong together), Interrupted (tells how many runs are kept).
 [[nodiscard]] GridRuns run_grid(Simulator& simulator, const RunGrid& grid, const JobShare& share = {});
 
+/// Finished runs at any points; `read_run` has their solutions.
+struct PointRuns {
+  std::vector<Run> runs;              ///< as the points are
+  std::vector<std::size_t> computed;  ///< those that were not kept from before, ascending
+};
+/// The same for `points` in the box of `grid`, whose nodes and sparse level do not matter then. Errors
+/// likewise; runs that failed leave no result.
+[[nodiscard]] PointRuns run_points(Simulator& simulator, const RunGrid& grid,
+                                   std::span<const std::vector<double>> points, const JobShare& share = {});
+
 }  // namespace knothe::simulator
