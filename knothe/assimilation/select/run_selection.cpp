@@ -33,12 +33,19 @@ void append_rows(MatrixXd& matrix, const MatrixXd& more) {
 
 void check(const RunSelectionOptions& options, std::size_t parameters) {
   if (!(options.shift > 0)) throw UsageError("run selection: the shift that is wanted must be positive");
-  const std::size_t least = static_cast<std::size_t>(options.held_out) + 2 * parameters + 1;
-  if (options.runs < least)
+  if (const std::size_t least = least_runs(options, parameters); options.runs < least)
     throw UsageError(fmt::format(
         "{} runs are allowed, and {} are the least for {} parameters: {} held out to judge by, and three "
         "values of each parameter",
         options.runs, least, parameters, options.held_out));
+}
+
+std::vector<std::vector<double>> held_out_points(const ExpectedShift& shift, Index count) {
+  constexpr std::uint64_t k_seed = 271;
+  const MatrixXd points = shift.draw(count, k_seed);
+  std::vector<std::vector<double>> result;
+  for (Index k = 0; k < count; ++k) result.push_back(as_vector(points.row(k).transpose()));
+  return result;
 }
 
 /// How far the interpolation is from the held-out runs.
@@ -58,12 +65,8 @@ constexpr double k_contradiction = 5;
 
 }  // namespace
 
-std::vector<std::vector<double>> held_out_points(const ExpectedShift& shift, Index count) {
-  constexpr std::uint64_t k_seed = 271;
-  const MatrixXd points = shift.draw(count, k_seed);
-  std::vector<std::vector<double>> result;
-  for (Index k = 0; k < count; ++k) result.push_back(as_vector(points.row(k).transpose()));
-  return result;
+std::size_t least_runs(const RunSelectionOptions& options, std::size_t parameters) {
+  return static_cast<std::size_t>(options.held_out) + 2 * parameters + 1;
 }
 
 SelectedRuns select_runs(const std::vector<Prior>& priors, const VectorXd& lower, const VectorXd& upper,

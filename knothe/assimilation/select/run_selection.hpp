@@ -37,9 +37,8 @@ struct SelectedRuns {
   bool reached = false;  ///< the shift that was wanted
 };
 
-/// The points that are held out for these priors.
-[[nodiscard]] std::vector<std::vector<double>> held_out_points(const ExpectedShift& shift,
-                                                               Eigen::Index count);
+/// The held-out runs, and three values of each parameter.
+[[nodiscard]] std::size_t least_runs(const RunSelectionOptions& options, std::size_t parameters);
 
 /// Makes runs until the shift is as wanted or no more are allowed. Degrees grow by DegreeGrowth with
 /// ExpectedShift::of_each as indicators; they grow evenly where the held-out runs contradict the expectation
