@@ -33,20 +33,6 @@ struct ParameterGrid {
   }
 };
 
-void report_run(const simulator::RunSummary& run, const files::CommandOutput& output) {
-  nlohmann::ordered_json line = {{"run", run.parameters}, {"resumed", run.resumed}};
-  for (const auto& [name, value] : run.record.numbers) line[name] = value;
-  const std::vector<int>& steps = run.record.steps_without_equilibrium;
-  line["steps_without_equilibrium"] = steps;
-  output.record(line);
-  if (!steps.empty())
-    fmt::print(
-        stderr,
-        "knothe: warning: at parameters ({:g}) steps {} are not in equilibrium to 1e-8; see the output "
-        "equilibrium_residual of the model\n",
-        fmt::join(run.parameters, ", "), fmt::join(steps, ", "));
-}
-
 GridSolutions run_grid(const OfflineOptions& options, simulator::Simulator& solver, const ParameterGrid& grid,
                        const std::string& parts_folder, const files::CommandOutput& output) {
   const simulator::JobShare share = mechanics::share_of_ranks();
@@ -176,6 +162,20 @@ ParameterGrid finer(ParameterGrid grid, const reduction::Snapshots& snapshots,
 }
 
 }  // namespace
+
+void report_run(const simulator::RunSummary& run, const files::CommandOutput& output) {
+  nlohmann::ordered_json line = {{"run", run.parameters}, {"resumed", run.resumed}};
+  for (const auto& [name, value] : run.record.numbers) line[name] = value;
+  const std::vector<int>& steps = run.record.steps_without_equilibrium;
+  line["steps_without_equilibrium"] = steps;
+  output.record(line);
+  if (!steps.empty())
+    fmt::print(
+        stderr,
+        "knothe: warning: at parameters ({:g}) steps {} are not in equilibrium to 1e-8; see the output "
+        "equilibrium_residual of the model\n",
+        fmt::join(run.parameters, ", "), fmt::join(steps, ", "));
+}
 
 GridSolutions solve_latin(const project::Project& project, const std::string& parts_folder,
                           const files::CommandOutput& output) {

@@ -7,9 +7,12 @@
 #include "knothe/mechanics/full_order/offline.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/reduction/grid/grid_solutions.hpp"
-#include "knothe/simulator/simulator.hpp"
+#include "knothe/simulator/grid_runs.hpp"
 
 namespace knothe::offline {
+
+/// A record of a run for other programs; on stderr a warning where the solver does not trust its solution.
+void report_run(const simulator::RunSummary& run, const files::CommandOutput& output);
 
 /// Solves at all points of the project's grid, and of finer ones until `grid_error` of [offline.adaptive] is
 /// met at the points `off_grid`; old runs are kept in `parts_folder`. Prints a line for each run; warnings go

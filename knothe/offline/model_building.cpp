@@ -8,6 +8,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/mechanics/distributed/ranks.hpp"
+#include "knothe/offline/adaptive_runs.hpp"
 #include "knothe/offline/grid_solving.hpp"
 #include "knothe/offline/model_study.hpp"
 #include "knothe/offline/problem.hpp"
@@ -42,29 +43,49 @@ reduction::ModelContents compressed(const project::Project& project,
   return model;
 }
 
+struct SolvedGrid {
+  reduction::GridSolutions solutions;
+  std::vector<reduction::OffGridSolution> off_grid;  ///< where they were needed already
+};
+
+SolvedGrid solve(const project::Project& project, simulator::Simulator& solver, const std::string& parts,
+                 const files::CommandOutput& output) {
+  const project::OfflineOptions& options = *project.offline;
+  if (options.method == project::OfflineMethod::latin) return {solve_latin(project, parts, output), {}};
+  if (options.adaptive_grid_shift) {
+    AdaptiveSolutions chosen = solve_adaptive_grid(project, solver, parts, output);
+    return {std::move(chosen.solutions), std::move(chosen.held_out)};
+  }
+  // The off-grid runs judge an adaptive grid; without one they come last, when the grid's runs are safe.
+  std::vector<reduction::OffGridSolution> off_grid;
+  if (options.adaptive_grid_error) off_grid = solve_off_grid(solver, parameter_axes(project));
+  reduction::GridSolutions solutions = solve_project_grid(project, solver, parts, off_grid, output);
+  return {std::move(solutions), std::move(off_grid)};
+}
+
+void check_method(const project::OfflineOptions& options) {
+  if (options.method != project::OfflineMethod::latin) return;
+  if (options.adaptive_grid_error || options.adaptive_grid_shift)
+    throw ProjectError(fmt::format("\"{}\" adds full-order runs: it goes with method = \"snapshots\"",
+                                   options.adaptive_grid_shift ? "grid_shift" : "grid_error"));
+  if (!options.is_beam())
+    throw ProjectError(
+        "LATIN-PGD solves for the built-in beam: another solver goes with method = \"snapshots\"");
+}
+
 void build(const BuildOptions& build, const files::CommandOutput& output) {
   project::Project project = project::read_project(build.project);
   const std::vector<reduction::Axis> axes = parameter_axes(project);
   project::OfflineOptions& options = *project.offline;
   options.method = from_text<project::OfflineMethod>(build.method).value_or(options.method);
-  const bool is_latin = options.method == project::OfflineMethod::latin;
-  const bool is_adaptive = options.adaptive_grid_error.has_value();
-  if (is_adaptive && is_latin)
-    throw ProjectError("\"grid_error\" adds full-order runs: it goes with method = \"snapshots\"");
-  if (is_latin && !options.is_beam())
-    throw ProjectError(
-        "LATIN-PGD solves for the built-in beam: another solver goes with method = \"snapshots\"");
+  check_method(options);
   check_adaptive(project, axes);
+  check_grid_shift(project, axes);
   const bool is_first = mechanics::Ranks::of_this_job().rank == 0;
-  if (is_latin && !is_first) return;  // LATIN has all points at once: the first rank's threads do it
+  // LATIN has all points at once: the first rank's threads do it.
+  if (options.method == project::OfflineMethod::latin && !is_first) return;
   const auto solver = project_simulator(project, axes);
-  // The off-grid runs judge an adaptive grid; without one they come last, when the grid's runs are safe.
-  std::vector<reduction::OffGridSolution> off_grid;
-  if (is_adaptive) off_grid = solve_off_grid(*solver, axes);
-  const std::string parts = build.model + ".parts";
-  const reduction::GridSolutions solutions =
-      is_latin ? solve_latin(project, parts, output)
-               : solve_project_grid(project, *solver, parts, off_grid, output);
+  auto [solutions, off_grid] = solve(project, *solver, build.model + ".parts", output);
   // In an MPI job all ranks have computed runs and now hold the same snapshots; the first one goes on.
   if (!is_first) return;
   reduction::ModelContents model = compressed(project, solutions);

@@ -160,9 +160,9 @@ std::size_t choose_modes(const project::Project& project, const reduction::GridS
 void study_models(const project::Project& project, const reduction::GridSolutions& solutions,
                   const std::vector<reduction::OffGridSolution>& off_grid,
                   const files::CommandOutput& output) {
-  // With many parameters the uncompressed judge (a function per grid point) and alternating least squares
+  // With many grid points the uncompressed judge (a function per grid point) and alternating least squares
   // would take longer than the model.
-  const bool many = solutions.snapshots.axes.size() > 3;
+  const bool many = solutions.snapshots.axes.size() > 3 || solutions.snapshots.grid_size() > 600;
   const auto problem =
       synthetic_problem(project, solutions.snapshots.axes, solutions.dofs(), solutions.snapshots.quantities);
   std::optional<PosteriorJudge> judge;

@@ -24,7 +24,7 @@ void check_adaptive(const project::Project& project, const std::vector<reduction
 /// that are no grid points), and how far it moves the posterior of synthetic data from that of the
 /// uncompressed snapshots (absent where the project has no [parameters] or no [simulate]). Both forms with 3,
 /// 6, 10, 20 and 30 modes (tree: 50 too), as far as the snapshots have so many; with more than three
-/// parameters the tree form alone, without shifts.
+/// parameters or 600 grid points the tree form alone, without shifts.
 void study_models(const project::Project& project, const reduction::GridSolutions& solutions,
                   const std::vector<reduction::OffGridSolution>& off_grid,
                   const files::CommandOutput& output);

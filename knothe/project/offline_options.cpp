@@ -73,7 +73,13 @@ void add_reduction_options(Section<O>& s) {
         "The level of a sparse grid rises, then nodes are added to the parameter grid, until it meets four "
         "full-order runs off the grid to this on the observed dofs, m.",
         positive);
-  s.add("adaptive.runs", &O::adaptive_runs, "Largest number of grid points then.");
+  s.add("adaptive.grid_shift", &O::adaptive_grid_shift,
+        "Full-order runs are chosen one round after the other, until what is not known of the parameters "
+        "moves the posterior of the planned sensors by less, in its standard deviation "
+        "(docs/explanation/adaptive-runs.md; needs [parameters] and [simulate]); `nodes` is not used.",
+        positive);
+  s.add("adaptive.runs", &O::adaptive_runs,
+        "Largest number of grid points then; with `grid_shift`, of runs in all.");
   s.add("crack_lengths", &O::crack_lengths, "Elastic crack solutions, 1 mm apart from 0; 0 for none.",
         check([](double v) { return v <= 80; }, "the ligament is 80 mm high: at most 80 lengths"));
 }
@@ -203,6 +209,22 @@ OfflineParameter read_parameter(Values& values, const std::string& name) {
   return p;
 }
 
+/// What chooses runs does not go with what else does.
+void check_grid_shift(Values& values, const OfflineOptions& o) {
+  if (!o.adaptive_grid_shift) return;
+  const auto refuse = [&](bool when, const char* key, const char* text) {
+    if (when) values.complain(std::string("offline.") + key, text);
+  };
+  refuse(o.adaptive_grid_error.has_value(), "adaptive",
+         "[offline.adaptive]: give \"grid_error\" or \"grid_shift\", not both");
+  refuse(o.sparse_level.has_value(), "sparse_level",
+         "\"sparse_level\" says which runs to make, and so does \"grid_shift\": leave one away");
+  refuse(o.method == OfflineMethod::latin, "adaptive.grid_shift",
+         "\"grid_shift\" chooses full-order runs: it goes with method = \"snapshots\"");
+  refuse(o.parameters.size() > 8, "adaptive.grid_shift",
+         "\"grid_shift\" chooses runs for at most 8 parameters");
+}
+
 /// What goes with the beam alone.
 void check_own_solver(Values& values, const OfflineOptions& o) {
   if (o.parameters.empty())
@@ -266,6 +288,7 @@ OfflineOptions read_offline(Values& values) {
   if (o.adaptive_error && o.adaptive_shift)
     values.complain("offline.adaptive",
                     "[offline.adaptive]: give \"error\" or \"posterior_shift\", not both");
+  check_grid_shift(values, o);
   if (is_own) {
     check_own_solver(values, o);
     return o;

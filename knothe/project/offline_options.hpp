@@ -95,6 +95,7 @@ struct OfflineOptions {
   std::optional<double> adaptive_error;       ///< m; else `modes` as given
   std::optional<double> adaptive_shift;       ///< posterior std; else `modes` as given
   std::optional<double> adaptive_grid_error;  ///< m; else `nodes` as given
+  std::optional<double> adaptive_grid_shift;  ///< posterior std; else `nodes` as given
   int adaptive_runs = 400;
   int crack_lengths = 80;
   std::vector<OfflineParameter> parameters;

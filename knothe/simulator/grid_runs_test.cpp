@@ -44,6 +44,27 @@ RunGrid grid_in(const std::string& folder) {
   return grid;
 }
 
+TEST(PointRuns, KeepTheirOrderAndOnlyNewOnesAreComputed) {
+  const files::TestFolder folder;
+  Formula formula;
+  const RunGrid grid = grid_in(folder.file("parts"));
+  (void)run_points(formula, grid, std::vector<std::vector<double>>{{1.5, 3.25}, {2, 4}});
+  EXPECT_EQ(formula.solved, 2);
+  const PointRuns found =
+      run_points(formula, grid, std::vector<std::vector<double>>{{2, 4}, {1, 5}, {1.5, 3.25}});
+  EXPECT_EQ(formula.solved, 3);
+  EXPECT_EQ(found.computed, (std::vector<std::size_t>{1}));
+  const std::vector<double> first = read_run(found.runs[0]).solution.values;
+  EXPECT_EQ(first, (std::vector<double>{2, 20, 6, 60, 10, 100}));
+  EXPECT_EQ(read_run(found.runs[2]).solution.parameters_at(0), (std::vector<double>{1.5, 3.25}));
+  formula.fails_at = {4.5};
+  EXPECT_THAT(
+      message_of([&] {
+        (void)run_points(formula, grid, std::vector<std::vector<double>>{{2, 4}, {1, 4.5}});
+      }),
+      HasSubstr("full-order run 2 of 2 (a = 1, b = 4.5) failed: b is too much; 1 of 2 runs are kept"));
+}
+
 TEST(GridRuns, GatherTheSolutionsInTheGridsOrderWithTheirFrame) {
   const files::TestFolder folder;
   Formula formula;
