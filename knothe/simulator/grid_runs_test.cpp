@@ -59,7 +59,7 @@ TEST(PointRuns, KeepTheirOrderAndOnlyNewOnesAreComputed) {
   EXPECT_EQ(read_run(found.runs[2]).solution.parameters_at(0), (std::vector<double>{1.5, 3.25}));
   formula.fails_at = {4.5};
   EXPECT_THAT(
-      message_of([&] {
+      message_of<NumericalError>([&] {
         (void)run_points(formula, grid, std::vector<std::vector<double>>{{2, 4}, {1, 4.5}});
       }),
       HasSubstr("full-order run 2 of 2 (a = 1, b = 4.5) failed: b is too much; 1 of 2 runs are kept"));
