@@ -1,5 +1,5 @@
-/// @file The tables of docs/benchmarks/adaptive-runs.md: runs that a posterior shift of 0.1 std takes for 2
-/// to 8 parameters, chosen, on the plain sparse grid, on a full tensor grid and at random points.
+/// @file The tables of docs/benchmarks/adaptive-runs.md: runs that a posterior shift of 0.1 std takes for 2 to
+/// 8 parameters, chosen, on the plain sparse grid, on a full tensor grid and at random points.
 ///
 /// Usage: run_selection_bench [largest number of parameters, default 8]
 #include <fmt/format.h>
@@ -28,41 +28,33 @@ constexpr double k_wanted = 0.1;       // std
 constexpr std::size_t k_most = 12000;  // runs: beyond, a design has lost
 constexpr int k_sensors = 4, k_times = 20;
 
-/// Four signals that decay, each parameter half as influential as the one before, in units of their noise.
-struct Signals {
-  double precision;  ///< of a signal of level one
-
-  VectorXd operator()(const VectorXd& p) const {
-    VectorXd y(k_sensors * k_times);
-    for (int s = 0; s < k_sensors; ++s) {
-      double rate = 0.4, level = 1;
-      for (Index i = 0; i < p.size(); ++i) {
-        const double weight = std::pow(0.5, static_cast<double>(i)),
-                     phase = std::cos(1.3 * s + 0.9 * static_cast<double>(i));
-        rate += 0.6 * weight * phase * phase * p[i];
-        level += 0.5 * weight * std::sin(0.7 * s + static_cast<double>(i)) * p[i];
-      }
-      for (int t = 0; t < k_times; ++t)
-        y[s * k_times + t] = precision * level * std::exp(-rate * 0.15 * (t + 1));
+/// Four signals that decay, each parameter half as influential as the one before: y/noise.
+VectorXd signals(const VectorXd& p) {
+  VectorXd y(k_sensors * k_times);
+  for (int s = 0; s < k_sensors; ++s) {
+    double rate = 0.4, level = 1;
+    for (Index i = 0; i < p.size(); ++i) {
+      const double weight = std::pow(0.5, static_cast<double>(i)), phase = std::cos(1.3 * s + 0.9 * static_cast<double>(i));
+      rate += 0.6 * weight * phase * phase * p[i];
+      level += 0.5 * weight * std::sin(0.7 * s + static_cast<double>(i)) * p[i];
     }
-    return y;
+    for (int t = 0; t < k_times; ++t) y[s * k_times + t] = 50 * level * std::exp(-rate * 0.15 * (t + 1));
   }
-  [[nodiscard]] MatrixXd at(const std::vector<std::vector<double>>& points) const {
-    MatrixXd result(static_cast<Index>(points.size()), k_sensors * k_times);
-    for (std::size_t n = 0; n < points.size(); ++n)
-      result.row(static_cast<Index>(n)) =
-          (*this)(Eigen::Map<const VectorXd>(points[n].data(), static_cast<Index>(points[n].size())))
-              .transpose();
-    return result;
-  }
-};
+  return y;
+}
+
+MatrixXd signals_at(const std::vector<std::vector<double>>& points) {
+  MatrixXd result(static_cast<Index>(points.size()), k_sensors * k_times);
+  for (std::size_t n = 0; n < points.size(); ++n)
+    result.row(static_cast<Index>(n)) =
+        signals(Eigen::Map<const VectorXd>(points[n].data(), static_cast<Index>(points[n].size()))).transpose();
+  return result;
+}
 
 /// Judges designs by the posterior shift at 64 truths that none of them has seen, with the exact slopes.
 class Judge {
  public:
-  const Signals signals;
-  Judge(Index d, Signals signals)
-      : signals(signals), shift_(std::vector<Prior>(static_cast<std::size_t>(d), Prior::uniform(0, 1))) {
+  explicit Judge(Index d) : shift_(std::vector<Prior>(static_cast<std::size_t>(d), Prior::uniform(0, 1))) {
     truths_ = shift_.draw(64, 4711);
   }
   [[nodiscard]] const MatrixXd& truths() const { return truths_; }
@@ -130,8 +122,7 @@ Outcome chosen_runs(Index d, const Judge& judge) {
   const auto start = std::chrono::steady_clock::now();
   const SelectedRuns selected =
       select_runs(std::vector<Prior>(static_cast<std::size_t>(d), Prior::uniform(0, 1)), VectorXd::Zero(d),
-                  VectorXd::Ones(d), {.shift = k_wanted, .runs = k_most},
-                  [&](const std::vector<std::vector<double>>& points) { return judge.signals.at(points); });
+                  VectorXd::Ones(d), {.shift = k_wanted, .runs = k_most}, signals_at);
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
   return {selected.history.back().runs,
           judge(predicted(selected.interpolation, selected.surpluses, judge.truths())), elapsed.count(),
@@ -150,7 +141,7 @@ Outcome plain_sparse_grid(Index d, const Judge& judge) {
       const VectorXd p = interpolation.node(growth.indices()[n]);
       points.emplace_back(p.data(), p.data() + p.size());
     }
-    const MatrixXd surpluses = interpolation.surpluses(judge.signals.at(points));
+    const MatrixXd surpluses = interpolation.surpluses(signals_at(points));
     outcome = {points.size(), judge(predicted(interpolation, surpluses, judge.truths())), 0, ""};
     if (outcome.shift <= k_wanted || outcome.runs > k_most) return outcome;
     growth.expand(std::vector<double>(growth.indices().size(), 0.0), true, 1000000);
@@ -190,7 +181,7 @@ Outcome tensor_grid(Index d, const Judge& judge) {
         p[i] = nodes[static_cast<std::size_t>(k)];
         weight.array() *= weights[static_cast<std::size_t>(i)].col(k).array();
       }
-      sum.noalias() += weight * judge.signals(p).transpose();
+      sum.noalias() += weight * signals(p).transpose();
     });
     const Outcome outcome{static_cast<std::size_t>(std::llround(std::pow(n, d))), judge(sum), 0, ""};
     if (outcome.shift <= k_wanted || std::pow(n + 1, d) > 2e6) return outcome;
@@ -206,15 +197,13 @@ Outcome random_points(Index d, const Judge& judge) {
   while (true) {
     for (auto n = static_cast<std::size_t>(basis.count()); n < growth.indices().size(); ++n)
       basis.add(growth.indices()[n]);
-    std::vector<std::vector<double>> points(2 * growth.indices().size(),
-                                            std::vector<double>(static_cast<std::size_t>(d)));
+    std::vector<std::vector<double>> points(2 * growth.indices().size(), std::vector<double>(static_cast<std::size_t>(d)));
     MatrixXd matrix(static_cast<Index>(points.size()), basis.count());
     for (std::size_t n = 0; n < points.size(); ++n) {
       for (double& x : points[n]) x = unit(random);
-      matrix.row(static_cast<Index>(n)) =
-          basis.basis(Eigen::Map<const VectorXd>(points[n].data(), d)).transpose();
+      matrix.row(static_cast<Index>(n)) = basis.basis(Eigen::Map<const VectorXd>(points[n].data(), d)).transpose();
     }
-    const MatrixXd coefficients = matrix.householderQr().solve(judge.signals.at(points));
+    const MatrixXd coefficients = matrix.householderQr().solve(signals_at(points));
     const Outcome outcome{points.size(), judge(predicted(basis, coefficients, judge.truths())), 0, ""};
     if (outcome.shift <= k_wanted || outcome.runs > k_most / 4) return outcome;
     growth.expand(std::vector<double>(growth.indices().size(), 0.0), true, 1000000);
@@ -229,20 +218,13 @@ std::string cell(const Outcome& outcome) {
 
 int main(int argc, char** argv) {
   const int most = argc > 1 ? std::atoi(argv[1]) : 8;
-  for (const double precision : {50.0, 1000.0}) {
-    fmt::print(
-        "\nnoise 1/{:.0f} of the signals\n\n"
-        "| d | chosen | shift | s | grid of the model | plain sparse grid | shift | tensor grid | shift | "
-        "random points | shift |\n"
-        "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
-        precision);
-    for (int d = 2; d <= most; ++d) {
-      const Judge judge(d, {precision});
-      const Outcome chosen = chosen_runs(d, judge);
-      fmt::print("| {} | {} | {:.2f} | {} | {} | {} | {} |\n", d, cell(chosen), chosen.seconds, chosen.grid,
-                 cell(plain_sparse_grid(d, judge)), cell(tensor_grid(d, judge)),
-                 cell(random_points(d, judge)));
-      std::fflush(stdout);
-    }
+  fmt::print("| d | chosen | shift | s | grid of the model | plain sparse grid | shift | tensor grid | shift | random points | shift |\n"
+             "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n");
+  for (int d = 2; d <= most; ++d) {
+    const Judge judge(d);
+    const Outcome chosen = chosen_runs(d, judge);
+    fmt::print("| {} | {} | {:.2f} | {} | {} | {} | {} |\n", d, cell(chosen), chosen.seconds, chosen.grid,
+               cell(plain_sparse_grid(d, judge)), cell(tensor_grid(d, judge)), cell(random_points(d, judge)));
+    std::fflush(stdout);
   }
 }
