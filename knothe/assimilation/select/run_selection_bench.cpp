@@ -1,5 +1,5 @@
-/// @file The tables of docs/benchmarks/adaptive-runs.md: runs that a posterior shift of 0.1 std takes for 2 to
-/// 8 parameters, chosen, on the plain sparse grid, on a full tensor grid and at random points.
+/// @file The tables of docs/benchmarks/adaptive-runs.md: runs that a posterior shift of 0.1 std takes for 2
+/// to 8 parameters, chosen, on the plain sparse grid, on a full tensor grid and at random points.
 ///
 /// Usage: run_selection_bench [largest number of parameters, default 8]
 #include <fmt/format.h>
@@ -34,7 +34,8 @@ VectorXd signals(const VectorXd& p) {
   for (int s = 0; s < k_sensors; ++s) {
     double rate = 0.4, level = 1;
     for (Index i = 0; i < p.size(); ++i) {
-      const double weight = std::pow(0.5, static_cast<double>(i)), phase = std::cos(1.3 * s + 0.9 * static_cast<double>(i));
+      const double weight = std::pow(0.5, static_cast<double>(i)),
+                   phase = std::cos(1.3 * s + 0.9 * static_cast<double>(i));
       rate += 0.6 * weight * phase * phase * p[i];
       level += 0.5 * weight * std::sin(0.7 * s + static_cast<double>(i)) * p[i];
     }
@@ -47,7 +48,8 @@ MatrixXd signals_at(const std::vector<std::vector<double>>& points) {
   MatrixXd result(static_cast<Index>(points.size()), k_sensors * k_times);
   for (std::size_t n = 0; n < points.size(); ++n)
     result.row(static_cast<Index>(n)) =
-        signals(Eigen::Map<const VectorXd>(points[n].data(), static_cast<Index>(points[n].size()))).transpose();
+        signals(Eigen::Map<const VectorXd>(points[n].data(), static_cast<Index>(points[n].size())))
+            .transpose();
   return result;
 }
 
@@ -197,11 +199,13 @@ Outcome random_points(Index d, const Judge& judge) {
   while (true) {
     for (auto n = static_cast<std::size_t>(basis.count()); n < growth.indices().size(); ++n)
       basis.add(growth.indices()[n]);
-    std::vector<std::vector<double>> points(2 * growth.indices().size(), std::vector<double>(static_cast<std::size_t>(d)));
+    std::vector<std::vector<double>> points(2 * growth.indices().size(),
+                                            std::vector<double>(static_cast<std::size_t>(d)));
     MatrixXd matrix(static_cast<Index>(points.size()), basis.count());
     for (std::size_t n = 0; n < points.size(); ++n) {
       for (double& x : points[n]) x = unit(random);
-      matrix.row(static_cast<Index>(n)) = basis.basis(Eigen::Map<const VectorXd>(points[n].data(), d)).transpose();
+      matrix.row(static_cast<Index>(n)) =
+          basis.basis(Eigen::Map<const VectorXd>(points[n].data(), d)).transpose();
     }
     const MatrixXd coefficients = matrix.householderQr().solve(signals_at(points));
     const Outcome outcome{points.size(), judge(predicted(basis, coefficients, judge.truths())), 0, ""};
@@ -218,8 +222,10 @@ std::string cell(const Outcome& outcome) {
 
 int main(int argc, char** argv) {
   const int most = argc > 1 ? std::atoi(argv[1]) : 8;
-  fmt::print("| d | chosen | shift | s | grid of the model | plain sparse grid | shift | tensor grid | shift | random points | shift |\n"
-             "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n");
+  fmt::print(
+      "| d | chosen | shift | s | grid of the model | plain sparse grid | shift | tensor grid | shift | "
+      "random points | shift |\n"
+      "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n");
   for (int d = 2; d <= most; ++d) {
     const Judge judge(d);
     const Outcome chosen = chosen_runs(d, judge);
