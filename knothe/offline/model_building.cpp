@@ -23,7 +23,8 @@ reduction::CrackSolutions crack_solutions(const project::Project& project, const
   const project::OfflineOptions& options = *project.offline;
   if (!options.is_beam()) return {};
   const mechanics::BeamProblem problem = beam_problem(project);
-  if (options.crack_lengths == 0 || !problem.gmsh_file.empty()) return {};
+  // They belong to an imposed displacement, which along another output depends on the parameters.
+  if (options.crack_lengths == 0 || !problem.gmsh_file.empty() || !options.time.output.empty()) return {};
   const mechanics::CrackTable table = mechanics::crack_table(problem, {.count = options.crack_lengths}, dofs);
   return reduction::crack_modes(table.lengths, table.values);
 }

@@ -6,6 +6,7 @@
 #include "knothe/numerics/integrate/sobol.hpp"
 #include "knothe/offline/umbridge_simulator.hpp"
 #include "knothe/simulator/command_simulator.hpp"
+#include "knothe/simulator/resampled_simulator.hpp"
 
 namespace knothe::offline {
 
@@ -24,9 +25,12 @@ mechanics::BeamProblem beam_problem(const project::Project& project) {
   problem.solver.steps = options.steps;
   problem.solver.displacement = options.displacement;
   problem.solver.regularisation = {options.regularisation, options.reference_size, options.internal_length};
+  problem.reference.law = options.law;
   for (const project::OfflineParameter& parameter : options.parameters) {
     if (parameter.name == "Y0") problem.reference.threshold = parameter.reference;
     if (parameter.name == "Ad") problem.reference.brittleness = parameter.reference;
+    if (parameter.name == "Gf")
+      problem.reference.brittleness = mechanics::brittleness_of(parameter.reference, options.reference_size);
     if (parameter.name == "E") problem.elastic.young_modulus = parameter.reference;
     if (parameter.name == "support_stiffness") problem.beam.support_stiffness = parameter.reference;
   }
@@ -81,14 +85,27 @@ std::vector<std::vector<double>> points_in_box(const std::vector<reduction::Axis
   return points;
 }
 
-std::unique_ptr<simulator::Simulator> project_simulator(const project::Project& project,
-                                                        std::vector<reduction::Axis> axes) {
-  project.require(project.offline.has_value(), "a table [offline]");
+namespace {
+
+/// The solver itself, at its own times.
+std::unique_ptr<simulator::Simulator> own_simulator(const project::Project& project,
+                                                    std::vector<reduction::Axis> axes) {
   if (project.offline->command)
     return std::make_unique<simulator::CommandSimulator>(*project.offline->command, std::move(axes));
   if (project.offline->umbridge)
     return std::make_unique<UmbridgeSimulator>(*project.offline->umbridge, std::move(axes));
   return std::make_unique<mechanics::BeamSimulator>(beam_problem(project), std::move(axes));
+}
+
+}  // namespace
+
+std::unique_ptr<simulator::Simulator> project_simulator(const project::Project& project,
+                                                        std::vector<reduction::Axis> axes) {
+  project.require(project.offline.has_value(), "a table [offline]");
+  std::unique_ptr<simulator::Simulator> solver = own_simulator(project, std::move(axes));
+  const simulator::TimeAxis& time = project.offline->time;
+  if (time.output.empty()) return solver;
+  return std::make_unique<simulator::ResampledSimulator>(std::move(solver), time);
 }
 
 }  // namespace knothe::offline

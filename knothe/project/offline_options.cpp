@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <functional>
 
 #include "knothe/base/text.hpp"
 #include "knothe/project/option_section.hpp"
@@ -36,7 +37,10 @@ void add_body_options(Section<O>& s) {
   s.add("mesh.element", &O::element, "Element size near the notch, m.", positive);
   s.add("mesh.layers", &O::layers, "Layers of elements over the half thickness.", at_least(1));
   s.add("mesh.gmsh", &O::gmsh, "Mesh file of Gmsh (hexahedra, named groups) instead.", file);
-  s.table("damage", "What makes the damage law independent of the mesh.");
+  s.table("damage", "The damage law, and what makes it independent of the mesh.");
+  s.add("damage.law", &O::law,
+        "Brittle as in the paper, with the parameters `Y0` and `Ad`: stress falls like 1 / opening; or "
+        "exponentially, `Y0` and `Gf`, with regularisation = \"crack-band\" (not with LATIN-PGD).");
   s.add("damage.regularisation", &O::regularisation,
         "The law as it is (the element size is then a material parameter); inelastic strain scaled by "
         "reference size / element size, which keeps stress against opening; or a strain averaged over an "
@@ -45,6 +49,11 @@ void add_body_options(Section<O>& s) {
         positive);
   s.add("damage.internal_length", &O::internal_length,
         "Gradient: length over which strain is averaged, m; at least two elements.", positive);
+  s.add("time", in(&O::time, &simulator::TimeAxis::output),
+        "Output of the solver that takes the place of time, e.g. `\"crack_mouth_opening\"`: it must grow in "
+        "every run, which is then resampled at `time_values` (docs/explanation/mechanics.md).");
+  s.add("time_values", in(&O::time, &simulator::TimeAxis::values),
+        "Values of that output that are the model's times, increasing, in its unit (SI).");
   s.add("steps", &O::steps, "Number of load steps.", at_least(1));
   s.add("displacement", &O::displacement, "Final imposed displacement, m.", positive);
   s.add("young_modulus", &O::young_modulus, "Young's modulus, Pa.", positive);
@@ -145,21 +154,22 @@ const Section<O>& offline_section() {
     add_latin_options(s);
     add_body_options(s);
     add_reduction_options(s);
-    s.table(
-        "parameters",
-        "One table per parameter: `Y0` and `Ad` of the damage law; `E`, `support_stiffness`, `load_offset` "
-        "if wanted.");
+    s.table("parameters",
+            "One table per parameter: `Y0` and `Ad` of the damage law (`Y0` and `Gf` of the exponential "
+            "one); `E`, `support_stiffness`, `load_offset` "
+            "if wanted.");
   });
   return k_section;
 }
 
 const Section<P>& parameter_section() {
   static const Section<P> k_section("offline.parameters.*", "Axis of the parameter grid.", [](Section<P>& s) {
-    s.add("reference", &P::reference,
-          "Physical value of 1.0 (Y0: J/m³, Ad: m³/J, E: Pa, support_stiffness: N/m of each support, "
-          "load_offset: m, at most 0.01 in all). With another solver 1 is the default: the axis, and with it "
-          "priors and truth, are then in the parameter's own unit.",
-          positive, no_default);
+    s.add(
+        "reference", &P::reference,
+        "Physical value of 1.0 (Y0: J/m³, Ad: m³/J, Gf: J/m², E: Pa, support_stiffness: N/m of each support, "
+        "load_offset: m, at most 0.01 in all). With another solver 1 is the default: the axis, and with it "
+        "priors and truth, are then in the parameter's own unit.",
+        positive, no_default);
     s.add("lower", &P::lower,
           "Lower end of the axis, in multiples of the reference; positive, but for load_offset and with "
           "another solver.",
@@ -185,12 +195,13 @@ OfflineParameter read_own_parameter(Values& values, const std::string& name) {
 /// A parameter of the beam.
 OfflineParameter read_parameter(Values& values, const std::string& name) {
   const std::string path = "offline.parameters." + name;
-  static const std::vector<std::string> k_known = {"Y0", "Ad", "E", "support_stiffness", "load_offset"};
+  static const std::vector<std::string> k_known = {"Y0", "Ad", "Gf", "E", "support_stiffness", "load_offset"};
   if (std::find(k_known.begin(), k_known.end(), name) == k_known.end()) {
     values.complain(
         path,
-        fmt::format("the beam has no parameter \"{}\"{}; it has Y0, Ad, E, support_stiffness and load_offset",
-                    name, did_you_mean(name, k_known)));
+        fmt::format(
+            "the beam has no parameter \"{}\"{}; it has Y0, Ad (or Gf), E, support_stiffness and load_offset",
+            name, did_you_mean(name, k_known)));
   }
   OfflineParameter p = parameter_section().read(values, name);
   p.name = name;
@@ -243,6 +254,18 @@ void check_own_solver(Values& values, const OfflineOptions& o) {
   }
 }
 
+void check_time(Values& values, const simulator::TimeAxis& time) {
+  if (time.output.empty() != time.values.empty())
+    values.complain(time.output.empty() ? "offline.time_values" : "offline.time",
+                    "[offline] \"time\" and \"time_values\" go together: an output, and its values that are "
+                    "the model's times");
+  const auto falls = std::adjacent_find(time.values.begin(), time.values.end(), std::greater_equal<>());
+  if (falls != time.values.end() || time.values.size() == 1)
+    values.complain(
+        "offline.time_values",
+        "[offline] \"time_values\" must be at least two numbers, each greater than the one before");
+}
+
 void check_latin(Values& values, const OfflineOptions& o) {
   const auto refuse = [&](bool when, const char* key, const char* text) {
     if (when) values.complain(std::string("offline.") + key, text);
@@ -252,6 +275,11 @@ void check_latin(Values& values, const OfflineOptions& o) {
       "separation = \"full\" finds the solution in the canonical form: it goes with form = \"canonical\" in "
       "[offline]; for the tree form leave it away");
   if (o.method != OfflineMethod::latin) return;
+  refuse(!o.time.output.empty(), "time",
+         "LATIN-PGD solves for all parameters at the same load steps: \"time\" goes with method = "
+         "\"snapshots\"");
+  refuse(o.law != SofteningLaw::brittle, "damage.law",
+         "LATIN-PGD has the brittle law only: the exponential one goes with method = \"snapshots\"");
   refuse(o.regularisation == DamageRegularisation::gradient, "damage",
          "LATIN-PGD cannot do gradient damage, which couples all points: take method = \"snapshots\", "
          "or regularisation = \"crack-band\"");
@@ -275,6 +303,7 @@ OfflineOptions read_offline(Values& values) {
   if (values.has_table("offline.umbridge")) o.umbridge = umbridge_section().read(values);
   if (o.command && o.umbridge)
     values.complain("offline.umbridge", "[offline] has both \"command\" and \"umbridge\": choose one");
+  check_time(values, o.time);
   const bool is_own = !o.is_beam();
   for (const std::string& name : values.children_of("offline.parameters"))
     o.parameters.push_back((is_own ? read_own_parameter : read_parameter)(values, name));
@@ -297,8 +326,16 @@ OfflineOptions read_offline(Values& values) {
     return std::any_of(o.parameters.begin(), o.parameters.end(),
                        [&](const auto& p) { return p.name == name; });
   };
-  if (!has("Y0") || !has("Ad"))
-    values.complain("offline", "[offline.parameters] must have both parameters of the damage law, Y0 and Ad");
+  const bool is_exponential = o.law == SofteningLaw::exponential;
+  const char *second = is_exponential ? "Gf" : "Ad", *other = is_exponential ? "Ad" : "Gf";
+  if (!has("Y0") || !has(second) || has(other))
+    values.complain(
+        "offline",
+        fmt::format("[offline.parameters] must have both parameters of the damage law, Y0 and {}", second));
+  if (is_exponential && o.regularisation != DamageRegularisation::crack_band)
+    values.complain("offline.damage.law",
+                    "the exponential law is one of stress against opening: it needs [offline] damage = { "
+                    "regularisation = \"crack-band\" }");
   check_latin(values, o);
   return o;
 }

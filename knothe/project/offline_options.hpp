@@ -8,6 +8,7 @@
 #include "knothe/base/enum_names.hpp"
 #include "knothe/reduction/model/form_names.hpp"
 #include "knothe/simulator/command_simulator.hpp"
+#include "knothe/simulator/resampled_simulator.hpp"
 
 namespace knothe::project {
 
@@ -32,6 +33,17 @@ constexpr auto names_of(DamageRegularisation /*regularisation*/) {
   using R = DamageRegularisation;
   return std::to_array<Named<R>>(
       {{R::none, "none"}, {R::crack_band, "crack-band"}, {R::gradient, "gradient"}});
+}
+
+/// How the stress falls while a crack opens.
+enum class SofteningLaw {
+  brittle,     ///< Rubio et al. 2019, Eq. 29: like 1 / opening
+  exponential  ///< f_t exp(-f_t w / G_f), of a crack band
+};
+
+constexpr auto names_of(SofteningLaw /*law*/) {
+  return std::to_array<Named<SofteningLaw>>(
+      {{SofteningLaw::brittle, "brittle"}, {SofteningLaw::exponential, "exponential"}});
 }
 
 /// What holds the beam in x.
@@ -80,6 +92,7 @@ struct OfflineOptions {
   double element = 0.005;                ///< m
   int layers = 1;
   std::string gmsh;  ///< resolved; empty: structured mesh
+  SofteningLaw law = SofteningLaw::brittle;
   DamageRegularisation regularisation = DamageRegularisation::none;
   double reference_size = 0.005;  ///< m
   double internal_length = 0.01;  ///< m
@@ -88,6 +101,7 @@ struct OfflineOptions {
   double young_modulus = 30e9;
   double poisson_ratio = 0.23;
   LeftSupport left_support = LeftSupport::support_line;
+  simulator::TimeAxis time;  ///< no output: the solver's own times
   int processes = 2;
   reduction::Form form = reduction::Form::tree;
   int modes = 30;

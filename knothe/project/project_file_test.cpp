@@ -111,6 +111,36 @@ TEST(ProjectFile, WhatDoesNotGoWithAnotherSolverIsRefused) {
             std::string::npos);
 }
 
+TEST(ProjectFile, TimeMayBeAnOutputOfTheSolver) {
+  const Project p = parse_project(
+      k_own_solver + "[offline]\ntime = \"opening\"\ntime_values = [1e-6, 3e-6]\n", "dir/p.toml");
+  EXPECT_EQ(p.offline->time.output, "opening");
+  EXPECT_EQ(p.offline->time.values, (std::vector{1e-6, 3e-6}));
+  for (const char* alone : {"time = \"opening\"\n", "time_values = [1, 2]\n"})
+    EXPECT_NE(complaint("[offline]\n" + std::string(alone)).find("\"time\" and \"time_values\" go together"),
+              std::string::npos);
+  for (const char* values : {"[1]", "[1, 3, 3]"})
+    EXPECT_NE(complaint("[offline]\ntime = \"a\"\ntime_values = " + std::string(values) + "\n")
+                  .find("must be at least two numbers, each greater than the one before"),
+              std::string::npos);
+  EXPECT_NE(complaint("[offline]\nmethod = \"latin\"\ntime = \"a\"\ntime_values = [1, 2]\n")
+                .find("LATIN-PGD solves for all parameters at the same load steps"),
+            std::string::npos);
+}
+
+TEST(ProjectFile, TheExponentialLawHasAFractureEnergyAndABand) {
+  const std::string y0 = "[offline.parameters.Y0]\nreference = 200\nlower = 0.5\nupper = 1.5\n";
+  const std::string gf = "[offline.parameters.Gf]\nreference = 80\nlower = 0.5\nupper = 1.5\n";
+  const std::string law = "[offline.damage]\nlaw = \"exponential\"\n",
+                    band = "regularisation = \"crack-band\"\n";
+  EXPECT_EQ(parse_project(law + band + y0 + gf, "p.toml").offline->parameters[1].name, "Gf");
+  EXPECT_NE(complaint(law + band + y0).find("both parameters of the damage law, Y0 and Gf"),
+            std::string::npos);
+  EXPECT_NE(complaint(y0 + gf).find("both parameters of the damage law, Y0 and Ad"), std::string::npos);
+  EXPECT_NE(complaint(law + y0 + gf).find("the exponential law is one of stress against opening: it needs"),
+            std::string::npos);
+}
+
 TEST(ProjectFile, LimitsOfTheService) {
   const Project p = parse_project("[serve]\nlimits = { displacement = 1, force = 2.5e3 }\n", "p.toml");
   EXPECT_EQ(p.serve.limits, (std::map<std::string, double>{{"displacement", 1}, {"force", 2500}}));

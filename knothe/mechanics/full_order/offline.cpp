@@ -27,6 +27,7 @@ reduction::Axis parameter_axis(const std::string& name, double reference, double
   static const std::map<std::string, std::string> k_names = {
       {"Y0", "damage threshold Y0, multiple of its reference [J/m3]"},
       {"Ad", "brittleness Ad, multiple of its reference [m3/J]"},
+      {"Gf", "fracture energy Gf, multiple of its reference [J/m2]"},
       {"E", "Young's modulus, multiple of its reference [Pa]"},
       {"support_stiffness", "stiffness of each support, multiple of its reference [N/m]"},
       {"load_offset", "offset of the load line from mid-span, multiple of its reference [m]"}};
@@ -51,6 +52,8 @@ BeamProblem problem_at(const BeamProblem& problem, std::span<const reduction::Ax
       result.reference.threshold = value;
     } else if (name == "Ad") {
       result.reference.brittleness = value;
+    } else if (name == "Gf") {
+      result.reference.brittleness = brittleness_of(value, problem.solver.regularisation.reference_size);
     } else if (name == "E") {
       result.elastic.young_modulus = value;
     } else if (name == "support_stiffness" || name == "load_offset") {
@@ -59,11 +62,12 @@ BeamProblem problem_at(const BeamProblem& problem, std::span<const reduction::Ax
                                        problem.gmsh_file));
       (name == "load_offset" ? result.beam.load_offset : result.beam.support_stiffness) = value;
     } else {
-      const std::vector<std::string> known = {"Y0", "Ad", "E", "support_stiffness", "load_offset"};
-      throw ProjectError(fmt::format(
-          "the full-order model has no parameter \"{}\"{}; it has Y0 (threshold, J/m3), Ad "
-          "(brittleness, m3/J), E (Young's modulus, Pa), support_stiffness (N/m) and load_offset (m)",
-          name, did_you_mean(name, known)));
+      const std::vector<std::string> known = {"Y0", "Ad", "Gf", "E", "support_stiffness", "load_offset"};
+      throw ProjectError(
+          fmt::format("the full-order model has no parameter \"{}\"{}; it has Y0 (threshold, J/m3), Ad "
+                      "(brittleness, m3/J) or Gf (fracture energy, J/m2), E (Young's modulus, Pa), "
+                      "support_stiffness (N/m) and load_offset (m)",
+                      name, did_you_mean(name, known)));
     }
   }
   result.reference.validate();

@@ -35,6 +35,7 @@ std::string run_key(const BeamProblem& problem) {
     law = fmt::format(" | crack band {:a}", regularisation.reference_size);
   else if (regularisation.kind == DamageRegularisation::gradient)
     law = fmt::format(" | gradient {:a}", regularisation.internal_length);
+  if (p.law == SofteningLaw::exponential) law += " | exponential";
   return fmt::format(
       "version {} | {} | left {} | E {:a} nu {:a} | Y0 {:a} Ad {:a} | {} steps {:a} m | tolerance {:a} {:a} "
       "| {} {} "

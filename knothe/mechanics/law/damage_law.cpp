@@ -179,7 +179,31 @@ double damage(double energy_release_rate, const DamageParameters& parameters) {
   return excess > 0 ? excess / (1 + excess) : 0.0;
 }
 
+namespace {
+
+/// `band_damage` of the exponential law.
+BandDamage exponential_damage(double rate, const DamageParameters& parameters, double r) {
+  if (!(rate > parameters.threshold) || !(parameters.threshold > 0)) return {};
+  const double s = std::sqrt(rate / parameters.threshold);
+  const double q = parameters.brittleness * parameters.threshold / r;
+  // s - x - exp(-q x) is concave and falls (q < 1): Newton's method from x = s, beyond the root, is monotone.
+  double x = s;
+  for (int i = 0; i < 100; ++i) {
+    const double stress = std::exp(-q * x);
+    const double next = x + (s - x - stress) / (1 - q * stress);
+    const double change = x - next;
+    x = next;
+    if (!(change > 4e-16 * s)) break;
+  }
+  x = std::clamp(x, s - 1, s);
+  const double growth = 1 / (1 - q * std::exp(-q * x));  // dx/ds
+  return {x / s, (growth - x / s) / s / (2 * s * parameters.threshold)};
+}
+
+}  // namespace
+
 BandDamage band_damage(double rate, const DamageParameters& parameters, double r) {
+  if (parameters.law == SofteningLaw::exponential) return exponential_damage(rate, parameters, r);
   const double first = parameters.brittleness * (rate - parameters.threshold);
   if (!(first > 0)) return {};
   if (r == 1) {
@@ -212,6 +236,7 @@ BandDamage band_damage(double rate, const DamageParameters& parameters, double r
 double smallest_band_ratio(const DamageParameters& parameters) {
   // g(a) = d(d ε_r)/dε_r = (a² + 3 a + 2 b) / (1 + a)², a = A_d (Y - Y₀), b = A_d Y₀; largest at a = 3 - 4 b.
   const double b = parameters.brittleness * parameters.threshold;
+  if (parameters.law == SofteningLaw::exponential) return b;
   const double a = std::max(3 - 4 * b, 0.0);
   return 1 - (1 + a) * (1 + a) / (a * a + 3 * a + 2 * b);
 }

@@ -5,6 +5,8 @@
 /// ε_xy), so that stress · strain is the work.
 #include <array>
 
+#include "knothe/project/offline_options.hpp"
+
 namespace knothe::mechanics {
 
 using Voigt = std::array<double, 6>;
@@ -27,14 +29,23 @@ struct ElasticConstants {
   void validate() const;
 };
 
+using project::SofteningLaw;
+
 /// The two parameters of the law; defaults are the paper's reference values.
 struct DamageParameters {
-  double threshold = 216.0;      ///< Y₀, J/m³: energy release rate at which damage starts
-  double brittleness = 2.25e-3;  ///< A_d, m³/J: drives the post-peak behaviour
+  double threshold = 216.0;  ///< Y₀, J/m³: energy release rate at which damage starts
+  /// A_d, m³/J: drives the post-peak behaviour. Of the exponential law 2 h_r / G_f (`brittleness_of`).
+  double brittleness = 2.25e-3;
+  SofteningLaw law = SofteningLaw::brittle;
 
   /// Throws ProjectError unless both are finite, Y₀ ≥ 0 and A_d > 0.
   void validate() const;
 };
+
+/// A_d that the exponential law has in place of its fracture energy G_f [J/m²], `reference_size` h_r in m.
+[[nodiscard]] inline double brittleness_of(double fracture_energy, double reference_size) {
+  return 2 * reference_size / fracture_energy;
+}
 
 /// Eigenvalues, largest first, and orthonormal eigenvectors of the strain tensor.
 struct PrincipalStrains {
@@ -57,7 +68,7 @@ struct PrincipalStrains {
 [[nodiscard]] Voigt energy_release_rate_derivative(const PrincipalStrains& principal,
                                                    const ElasticConstants& elastic);
 
-/// d(Y) = 1 - 1 / (1 + A_d (Y - Y₀)) for Y > Y₀, else 0 (Eq. 29); always in [0, 1).
+/// d(Y) = 1 - 1 / (1 + A_d (Y - Y₀)) for Y > Y₀, else 0 (Eq. 29); always in [0, 1). Brittle law only.
 [[nodiscard]] double damage(double energy_release_rate, const DamageParameters& parameters);
 
 /// D and its derivative where Y grows, in a crack band that is not of the reference width.
@@ -70,6 +81,10 @@ struct BandDamage {
 /// the inelastic strain that is scaled: the strain ε_r = s ε of the reference law gives the stress, and ε =
 /// (1 - d) ε_r + r d ε_r, so s (1 + (r - 1) d(s² Y)) = 1 and D = r d / (1 + (r - 1) d). With r = 1, D = d.
 ///
+/// Exponential law: σ = f_t exp(-f_t w / G_f) with f_t = √(2 E Y₀) and the opening w = h D ε. With ε in units
+/// of its onset, s = √(Y/Y₀), the inelastic strain x = D s is the root of s - x = exp(-q x), q = 2 h Y₀ / G_f
+/// = A_d Y₀ / r: Young's modulus drops out.
+///
 /// `ratio` must be at least `smallest_band_ratio(parameters)`, or there is no unique solution.
 [[nodiscard]] BandDamage band_damage(double energy_release_rate, const DamageParameters& parameters,
                                      double ratio);
@@ -79,7 +94,7 @@ struct BandDamage {
 }
 /// Below this r the strain of the scaled law would have to fall back while the crack opens: 1 - 1/g, with g
 /// the largest slope of the inelastic strain d ε_r of the reference law (its stress falls at most with g - 1
-/// times the elastic slope).
+/// times the elastic slope). Exponential law: A_d Y₀, where q = 1.
 [[nodiscard]] double smallest_band_ratio(const DamageParameters& parameters);
 
 /// C : ε.

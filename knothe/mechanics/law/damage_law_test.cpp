@@ -175,6 +175,30 @@ TEST(DamageLaw, damage_is_irreversible_and_never_negative) {
   EXPECT_NEAR(unloaded.tangent[0], 0.5 * (k_concrete.lambda() + 2 * k_concrete.mu()), 1.0);
 }
 
+TEST(ExponentialLaw, the_stress_falls_exponentially_with_the_opening_on_elements_of_any_size) {
+  const double modulus = 37e9, strength = 3.9e6, fracture_energy = 80, reference_size = 0.005;
+  const double threshold = strength * strength / (2 * modulus);
+  const DamageParameters p{threshold, brittleness_of(fracture_energy, reference_size),
+                           SofteningLaw::exponential};
+  for (const double size : {0.00125, 0.005, 0.02}) {
+    EXPECT_EQ(band_damage(0.999 * threshold, p, reference_size / size).damage, 0.0);
+    for (const double opening : {1e-9, 1e-6, 1e-5, 5e-5, 2e-4}) {  // m
+      const double stress = strength * std::exp(-strength * opening / fracture_energy);
+      const double strain = stress / modulus + opening / size, rate = 0.5 * modulus * strain * strain;
+      const BandDamage d = band_damage(rate, p, reference_size / size);
+      EXPECT_NEAR((1 - d.damage) * modulus * strain, stress, 1e-9 * modulus * strain);
+      EXPECT_NEAR(d.damage * strain * size, opening, 1e-10 * opening + 1e-18);
+      const double h = 1e-5 * rate, next = band_damage(rate + h, p, reference_size / size).damage,
+                   before = band_damage(rate - h, p, reference_size / size).damage;
+      if (opening > 1e-8) {
+        EXPECT_NEAR(d.slope, (next - before) / (2 * h), 1e-6 * d.slope + 1e-12 / rate);
+      }
+    }
+  }
+  // An element in which the strain would have to go back: 2 h Y₀ > G_f.
+  EXPECT_NEAR(reference_size / smallest_band_ratio(p), fracture_energy / (2 * threshold), 1e-12);
+}
+
 TEST(DamageLaw, senseless_constants_are_refused_with_the_reason) {
   const auto message = [](auto constants) -> std::string {
     try {

@@ -31,7 +31,7 @@ class Builder {
     mesh_.load = group("load", true);
     mesh_.symmetry = group("symmetry", true);
     mesh_.left_face = group("left_face", left_support == LeftSupport::left_face);
-    find_crack_mouth(mesh_);
+    find_mouth();
     mechanics::validate(mesh_, path_);
     return std::move(mesh_);
   }
@@ -77,6 +77,21 @@ class Builder {
     }
     mesh_.elastic.push_back(elastic ? 1 : 0);
     mesh_.names.push_back(element.tag);
+  }
+
+  /// The two gauge points of the group "crack_mouth"; without it the notch's lower corners.
+  void find_mouth() {
+    const NodeSet gauge = group("crack_mouth", false);
+    if (gauge.empty()) return find_crack_mouth(mesh_);
+    const auto x = [&](std::int64_t node) { return mesh_.points[static_cast<std::size_t>(3 * node)]; };
+    if (gauge.size() != 2 || x(gauge[0]) == x(gauge[1]))
+      throw DataError(fmt::format(
+          "{}: the physical group \"crack_mouth\" has {} point(s) of the mesh: it takes two, one on either "
+          "side of the crack, between which the opening is measured",
+          path_, gauge.size()));
+    const bool in_order = x(gauge[0]) < x(gauge[1]);
+    mesh_.mouth_left = gauge[in_order ? 0 : 1];
+    mesh_.mouth_right = gauge[in_order ? 1 : 0];
   }
 
   NodeSet group(const std::string& name, bool needed) const {

@@ -57,6 +57,23 @@ TEST_P(GmshMesh, has_the_beams_cells_groups_and_volume) {
   EXPECT_NEAR(std::accumulate(weights.begin(), weights.end(), 0.0), 0.05 * (0.84 * 0.1 - 0.01 * 0.02), 1e-12);
 }
 
+TEST(GmshMesh, the_opening_is_measured_where_the_group_crack_mouth_says) {
+  const std::string path =
+      std::string(KNOTHE_MECHANICS_FOLDER) + "/../../examples/half_notched/half_notched.msh";
+  const HexahedronMesh mesh = read_gmsh_mesh(path);
+  for (const auto& [node, x] : {std::pair(mesh.mouth_left, -0.01), std::pair(mesh.mouth_right, 0.01)}) {
+    EXPECT_NEAR(mesh.points[3 * node], x, 1e-12);
+    EXPECT_EQ(mesh.points[3 * node + 1], 0);
+    EXPECT_NEAR(mesh.points[3 * node + 2], 0.025, 1e-12);
+  }
+  // One of the two points in a group without a name.
+  EXPECT_NE(
+      refusal(replaced(knothe::files::read_text(path), " 15 2 7 7 ", " 15 2 9 9 "))
+          .find("the physical group \"crack_mouth\" has 1 point(s) of the mesh: it takes two, one on either "
+                "side of the crack"),
+      std::string::npos);
+}
+
 INSTANTIATE_TEST_SUITE_P(Formats, GmshMesh, ::testing::Values("beam22.msh", "beam41.msh"),
                          [](const auto& format) { return format.param.substr(0, 6); });
 

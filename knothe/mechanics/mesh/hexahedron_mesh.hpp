@@ -28,8 +28,8 @@ struct HexahedronMesh {
   LeftSupport left_support = LeftSupport::support_line;
   /// Stiffness of each support line of the half body in y, N/m, shared by its nodes; 0: rigid.
   double support_stiffness = 0;
-  /// Nodes left and right of the crack mouth (the notch's lower corners, outer face): crack-mouth opening is
-  /// the difference of their u_x. -1 if the mesh has none.
+  /// Nodes left and right of the crack mouth (the notch's lower corners, outer face, or those of a Gmsh
+  /// mesh's group "crack_mouth"): crack-mouth opening is the difference of their u_x. -1 if there are none.
   std::int64_t mouth_left = -1, mouth_right = -1;
 
   [[nodiscard]] std::int64_t node_count() const { return static_cast<std::int64_t>(points.size() / 3); }

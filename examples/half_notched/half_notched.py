@@ -1,0 +1,127 @@
+"""The mesh and the data of the half-notched beam, and how good the forecasts were.
+
+usage: half_notched.py mesh [FILE]               writes half_notched.msh (format 2.2 of Gmsh)
+       half_notched.py data ENVELOPE.csv [FILE]  writes measured.csv, up to an opening of 0.05 mm
+       half_notched.py score ENVELOPE.csv FOLDER of results…   compares their forecasts with the measured band
+
+ENVELOPE.csv: opening (mm), lowest and highest load (N) of the repeated tests (scripts/get-data.sh).
+docs/benchmarks/half-notched-beam.md explains.
+"""
+import csv
+import json
+import pathlib
+import sys
+
+NOTCH = 0.0025  # width, m; it is not in the data: one element
+SIDE = [0.00375, 0.00625, 0.010, 0.015, 0.022, 0.032, 0.045, 0.0625, 0.075, 0.0875]  # beside the notch, m
+HEIGHT = [0.005 * i for i in range(5)] + [0.025 + 0.0025 * i for i in range(10)] + [0.04875, 0.050]
+THICKNESS = [0.0, 0.025]  # half of it
+DAMAGED = 0.022  # no element can be damaged beyond, nor in the row of 1.25 mm under the load
+GROUPS = {"elastic": (3, 1), "concrete": (3, 2), "symmetry": (2, 3), "support_left": (1, 4), "support_right": (1, 5),
+          "load": (1, 6), "crack_mouth": (0, 7)}
+
+SEEN = (2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 23, 26, 30, 35, 40, 45, 50)  # openings, µm; the peak is at 20
+AHEAD = range(60, 201, 10)
+GAUGE = 10.0  # standard deviation of a measured force, N: 1 % of the peak
+
+
+def mesh():
+    """Points, and elements (Gmsh's type, group, nodes)."""
+    x = [-place for place in reversed(SIDE)] + [-NOTCH / 2, NOTCH / 2] + SIDE
+    points, elements, number = [], [], {}
+
+    def node(i, j, k):
+        if (i, j, k) not in number:
+            points.append((x[i], HEIGHT[j], THICKNESS[k]))
+            number[i, j, k] = len(points)
+        return number[i, j, k]
+
+    top = len(HEIGHT) - 1
+    for j in range(top):
+        for i in range(len(x) - 1):
+            across, up = 0.5 * (x[i] + x[i + 1]), 0.5 * (HEIGHT[j] + HEIGHT[j + 1])
+            inside = abs(across) < NOTCH / 2
+            if inside and up < 0.025:
+                continue
+            elastic = abs(across) > DAMAGED or (inside and j == top - 1)
+            face = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)]
+            elements.append((5, "elastic" if elastic else "concrete",
+                             [node(*corner, 0) for corner in face] + [node(*corner, 1) for corner in face]))
+            elements.append((3, "symmetry", [node(*corner, 0) for corner in face]))
+    for i, place in enumerate(x):
+        if abs(place) == 0.0625:
+            elements.append((1, "support_left" if place < 0 else "support_right", [node(i, 0, 0), node(i, 0, 1)]))
+        if abs(place) <= NOTCH / 2:
+            elements.append((1, "load", [node(i, top, 0), node(i, top, 1)]))
+        if abs(place) == 0.010:  # between these the opening was measured
+            elements.append((15, "crack_mouth", [node(i, 0, 1)]))
+    return points, elements
+
+
+def text_of(points, elements):
+    lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", str(len(GROUPS))]
+    lines += [f'{dimension} {tag} "{name}"' for name, (dimension, tag) in GROUPS.items()]
+    lines += ["$EndPhysicalNames", "$Nodes", str(len(points))]
+    lines += [f"{n} {' '.join(f'{value:.8g}' for value in point)}" for n, point in enumerate(points, 1)]
+    lines += ["$EndNodes", "$Elements", str(len(elements))]
+    lines += [f"{n} {kind} 2 {GROUPS[group][1]} {GROUPS[group][1]} {' '.join(map(str, nodes))}"
+              for n, (kind, group, nodes) in enumerate(elements, 1)]
+    return "\n".join([*lines, "$EndElements", ""])
+
+
+def read_band(path):
+    """The rows (opening in mm, lowest, highest load in N) in order: the first two are not, in the file."""
+    with open(path, encoding="utf-8") as file:
+        return sorted(tuple(map(float, row)) for row in list(csv.reader(file))[1:])
+
+
+def band_at(rows, micrometres):
+    """Lowest and highest load at an opening, linear between the rows."""
+    opening = 1e-3 * micrometres
+    after = next(i for i, row in enumerate(rows) if row[0] >= opening)
+    (w0, *before), (w1, *behind) = rows[after - 1], rows[after]
+    share = (opening - w0) / (w1 - w0)
+    return [a + share * (b - a) for a, b in zip(before, behind)]
+
+
+def data_text(rows):
+    """The middle of the band; the scatter of beams, its half width, is one error of the whole curve (shared_std)."""
+    lines = ["time,sensor,x,y,z,component,value,std,shared_std"]
+    for opening in SEEN:
+        low, high = band_at(rows, opening)
+        lines.append(f"{opening}e-6,load cell,,,,reaction_force,{0.5 * (low + high):.2f},{GAUGE:g},{0.5 * (high - low):.2f}")
+    return "\n".join([*lines, ""])
+
+
+def forecasts(folder):
+    """By number of data: the verdict, and (opening in µm, mean, std) of the forecasts after them."""
+    with open(pathlib.Path(folder) / "steps.jsonl", encoding="utf-8") as file:
+        for line in map(json.loads, file):
+            if "forecast" in line:
+                yield line, {int(name[-3:]): (f["mean"], f["std"]) for name, f in line["forecast"].items()}
+
+
+def score(rows, forecast):
+    """Share of the measured band that 90 % intervals hold, and their width over its width, the mean from 0.05 to 0.2 mm."""
+    held, wide = [], []
+    for opening in [50, *AHEAD]:
+        (mean, std), (low, high) = forecast[opening], band_at(rows, opening)
+        left, right = mean - 1.645 * std, mean + 1.645 * std
+        held.append(max(min(right, high) - max(left, low), 0) / (high - low))
+        wide.append((right - left) / (high - low))
+    return sum(held) / len(held), sum(wide) / len(wide)
+
+
+if __name__ == "__main__":
+    command, *rest = sys.argv[1:]
+    if command == "mesh":
+        pathlib.Path(rest[0] if rest else "half_notched.msh").write_text(text_of(*mesh()), encoding="utf-8")
+    elif command == "data":
+        pathlib.Path(rest[1] if len(rest) > 1 else "measured.csv").write_text(data_text(read_band(rest[0])), encoding="utf-8")
+    else:
+        for folder in rest[1:]:
+            for line, forecast in forecasts(folder):
+                if line["step"] + 1 in (SEEN.index(20) + 1, len(SEEN)):
+                    held, wide = score(read_band(rest[0]), forecast)
+                    print(json.dumps({"results": folder, "up_to_um": SEEN[line["step"]], "verdict": line["verdict"]["level"],
+                                      "log_evidence": round(line["log_evidence"], 2), "held": round(held, 3), "width": round(wide, 3)}))
