@@ -34,6 +34,24 @@ reduction::ScalarObservation sensor_of(const Project& project, const reduction::
                   source, name, model.where(), name, did_you_mean(name, known)));
 }
 
+/// The noise with the errors that observed series have at all times.
+assimilation::NoiseModel with_shared_errors(const assimilation::Measurements& m) {
+  const std::vector<std::string>& names = m.sensors.scalars;
+  const Eigen::Index displacements = m.values.rows() - static_cast<Eigen::Index>(names.size());
+  std::vector<Eigen::MatrixXd> factors(m.time.size(), Eigen::MatrixXd(m.values.rows(), 0));
+  for (std::size_t k = 0; k < names.size(); ++k) {
+    const std::vector<double>& std = m.series.at(names[k]).shared_std;
+    for (std::size_t t = 0; t < std.size(); ++t) {
+      Eigen::MatrixXd& factor = factors[t];
+      factor.conservativeResize(Eigen::NoChange, factor.cols() + 1);
+      factor.rightCols<1>().setZero();
+      factor(displacements + static_cast<Eigen::Index>(k), factor.cols() - 1) = std[t];
+    }
+  }
+  return factors.empty() || factors.front().cols() == 0 ? m.noise
+                                                        : m.noise.with_lasting_errors(std::move(factors));
+}
+
 /// Rows for the series that are observed.
 void add_series(const Project& project, const reduction::SeparatedModel& model, const std::string& source,
                 ObservedData& data) {
@@ -68,6 +86,7 @@ void add_series(const Project& project, const reduction::SeparatedModel& model, 
     m.values.row(n + i) = Eigen::Map<const Eigen::RowVectorXd>(values.data(), m.values.cols());
   }
   m.noise = m.noise.with_scalars(Eigen::Map<const Eigen::VectorXd>(std.data(), count));
+  m.noise = with_shared_errors(m);
   data.observed = std::make_shared<const reduction::ObservedModel>(
       reduction::with_scalars(*data.observed, model, sensors));
 }

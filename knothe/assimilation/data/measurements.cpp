@@ -143,6 +143,16 @@ MeasuredSeries read_series(const Hdf5Reader& file, const std::string& name, std:
   const auto unit = files::unit_of(file.labels(name).units);
   const double factor = unit ? unit->factor : 1;
   for (double& value : series.values) value *= factor;
+  if (const std::string shared = "/shared_std/" + name.substr(std::string("/outputs/").size());
+      file.has(shared)) {
+    series.shared_std = file.read(shared, Shape{n_t});
+    for (double& std : series.shared_std) {
+      if (!(std >= 0))
+        throw DataError(fmt::format("{}: {} has {}: a standard deviation is not negative", file.path(),
+                                    shared.substr(1), std));
+      std *= factor;
+    }
+  }
   if (!file.has_attribute(name, "std")) return series;
   const double std = file.number_attribute(name, "std");
   if (!(std > 0 && std::isfinite(std))) {
@@ -275,6 +285,8 @@ void write_measurements(const std::string& path, const Measurements& m, const st
     for (const auto& [name, series] : m.series) {
       file.write("/outputs/" + name, series.values, {n_t}, {"1", "measured beside the displacements"});
       if (series.std) file.number_attribute("/outputs/" + name, "std", *series.std);
+      if (!series.shared_std.empty())
+        file.write("/shared_std/" + name, series.shared_std, {n_t}, {"1", "std of an error of all times"});
     }
     for (const auto& [name, value] : m.truth)
       file.write("/truth/" + name, {&value, 1}, {1}, {"1", "true value"});

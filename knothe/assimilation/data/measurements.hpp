@@ -15,6 +15,9 @@ namespace knothe::assimilation {
 struct MeasuredSeries {
   std::vector<double> values;  ///< n_t, in the unit of what is measured; NaN where missing
   std::optional<double> std;   ///< standard deviation of its noise
+  /// n_t, or empty: standard deviation of an error besides that is one standard normal number, the same at
+  /// all times, times this: the scatter of specimens about the curve, a calibration.
+  std::vector<double> shared_std;
 };
 
 /// What a data file holds (docs/interfaces of the project, section 4). SI units.
@@ -30,10 +33,11 @@ struct Measurements {
   [[nodiscard]] Eigen::Index observation_count() const { return values.rows(); }
 };
 
-/// Reads `.csv` as CSV (columns time, sensor, x, y, z, component, value, std), anything else as HDF5. A
-/// series is `/outputs/NAME` [n_t] with an attribute `std`, in CSV rows whose component is NAME (x, y, z and
-/// a std of 0 or none are then not looked at). Errors: DataError with file, data set and index, or
-/// file:line:column.
+/// Reads `.csv` as CSV (columns time, sensor, x, y, z, component, value, std, and shared_std if
+/// wanted), anything else as HDF5. A
+/// series is `/outputs/NAME` [n_t] with an attribute `std`, `/shared_std/NAME` [n_t] if wanted, in CSV rows
+/// whose component is NAME (x, y, z and a std of 0 or none are then not looked at). Errors: DataError with
+/// file, data set and index, or file:line:column.
 [[nodiscard]] Measurements read_measurements(const std::string& path);
 
 /// Writes HDF5 (atomically), with `project` (the text of the project file) and `seed` as attributes.

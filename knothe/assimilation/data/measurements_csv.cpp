@@ -36,11 +36,16 @@ int component_of(const files::CsvTable& table, std::size_t row, const std::strin
 
 /// A row of a series: its value joins those before it.
 void add_to_series(const files::CsvTable& table, std::size_t row, Eigen::Index t, double value, double std,
-                   std::vector<bool>& filled, MeasuredSeries& series, bool is_new) {
+                   double shared_std, std::vector<bool>& filled, MeasuredSeries& series, bool is_new) {
   if (filled[static_cast<std::size_t>(t)])
     table.fail(row, "time", "a second value of this series at this time");
   filled[static_cast<std::size_t>(t)] = true;
   series.values[static_cast<std::size_t>(t)] = value;
+  if (!std::isnan(shared_std)) {
+    if (!(shared_std >= 0)) table.fail(row, "shared_std", "a standard deviation is not negative");
+    series.shared_std.resize(series.values.size(), 0.0);
+    series.shared_std[static_cast<std::size_t>(t)] = shared_std;
+  }
   if (!std::isnan(std) && !(std > 0)) table.fail(row, "std", "a standard deviation is positive");
   const std::optional<double> given = std::isnan(std) ? std::nullopt : std::optional(std);
   if (is_new) series.std = given;
@@ -54,6 +59,8 @@ Measurements read_measurements_csv(const std::string& path) {
   const std::vector<double> time = table.numbers("time"), x = table.numbers("x", true),
                             y = table.numbers("y", true), z = table.numbers("z", true),
                             value = table.numbers("value", true), std = table.numbers("std", true);
+  const std::vector<double> shared = table.has("shared_std") ? table.numbers("shared_std", true)
+                                                             : std::vector<double>(table.row_count(), k_nan);
   const std::vector<std::string> name = table.texts("sensor"), component = table.texts("component");
   std::vector<double> times = time;
   std::sort(times.begin(), times.end());
@@ -72,10 +79,13 @@ Measurements read_measurements_csv(const std::string& path) {
         filled[component[row]].assign(times.size(), false);
       }
       const auto t = std::lower_bound(times.begin(), times.end(), time[row]) - times.begin();
-      add_to_series(table, row, t, value[row], std[row], filled[component[row]], it->second, is_new);
+      add_to_series(table, row, t, value[row], std[row], shared[row], filled[component[row]], it->second,
+                    is_new);
       of_row.emplace_back(nullptr, 0);
       continue;
     }
+    if (!std::isnan(shared[row]))
+      table.fail(row, "shared_std", "an error that is shared is one of a series, not of displacements");
     const int c = component_of(table, row, component[row]);
     for (const auto& [column, coordinate] : {std::pair("x", x[row]), {"y", y[row]}, {"z", z[row]}}) {
       if (std::isnan(coordinate)) table.fail(row, column, "a number is needed here");

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <fstream>
+
 #include "knothe/base/error.hpp"
 #include "knothe/files/hdf5.hpp"
 #include "knothe/files/testing/test_folder.hpp"
@@ -65,7 +67,7 @@ TEST(Measurements, OfQuantitiesAloneHaveNoDisplacements) {
   m.time = {1, 2, 3};
   m.values.resize(0, 3);
   m.noise = NoiseModel::independent(Eigen::VectorXd());
-  m.series["drift"] = {{0.1, 0.2, 0.3}, 0.01};
+  m.series["drift"] = {{0.1, 0.2, 0.3}, 0.01, {0.5, 0.0, 0.7}};
   write_measurements(folder.file("d.h5"), m, "", 1);
   const Measurements read = read_measurements(folder.file("d.h5"));
   EXPECT_EQ(read.values.rows(), 0);
@@ -73,6 +75,27 @@ TEST(Measurements, OfQuantitiesAloneHaveNoDisplacements) {
   EXPECT_TRUE(read.sensors.empty());
   EXPECT_EQ(read.series.at("drift").values, (std::vector<double>{0.1, 0.2, 0.3}));
   EXPECT_EQ(read.series.at("drift").std, 0.01);
+  EXPECT_EQ(read.series.at("drift").shared_std, (std::vector<double>{0.5, 0.0, 0.7}));
+}
+
+TEST(Measurements, ASeriesMayHaveAnErrorThatAllTimesShare) {
+  const files::TestFolder folder;
+  const auto read = [&](const std::string& rows) {
+    const std::string path = folder.file("d.csv");
+    std::ofstream(path) << "time,sensor,x,y,z,component,value,std,shared_std\n" << rows;
+    return read_measurements(path);
+  };
+  const auto series = read("1,cell,,,,force,5,0.1,0.4\n2,cell,,,,force,6,0.1,\n3,cell,,,,force,7,0.1,0.5\n")
+                          .series.at("force");
+  EXPECT_EQ(series.shared_std, (std::vector<double>{0.4, 0.0, 0.5}));
+  EXPECT_NE(message_of<DataError>([&] {
+              (void)read("1,cell,,,,force,5,0.1,-1\n");
+            }).find("a standard deviation is not negative"),
+            std::string::npos);
+  EXPECT_NE(message_of<DataError>([&] {
+              (void)read("1,s,0,0,0,y,5,0.1,0.4\n");
+            }).find("an error that is shared is one of a series, not of displacements"),
+            std::string::npos);
 }
 
 TEST(Measurements, BadNoiseIsNamed) {

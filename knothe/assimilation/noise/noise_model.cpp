@@ -47,6 +47,18 @@ NoiseModel NoiseModel::restricted(const std::vector<Eigen::Index>& kept) const {
   NoiseModel result = GaussianNoise::restricted(kept);
   result.shared_reference_ = shared_reference_;
   result.scale_std_ = scale_std_;
+  if (lasting_) {
+    std::vector<Eigen::MatrixXd> factors;
+    for (const Eigen::MatrixXd& factor : *lasting_) factors.emplace_back(factor(kept, Eigen::all));
+    result = result.with_lasting_errors(std::move(factors));
+  }
+  return result;
+}
+
+NoiseModel NoiseModel::with_lasting_errors(std::vector<Eigen::MatrixXd> factors) const {
+  assert(!factors.empty() && factors.front().rows() == size() && factors.front().cols() > 0);
+  NoiseModel result = *this;
+  result.lasting_ = std::make_shared<const std::vector<Eigen::MatrixXd>>(std::move(factors));
   return result;
 }
 

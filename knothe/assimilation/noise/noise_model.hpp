@@ -48,6 +48,11 @@ class NoiseModel : public GaussianNoise {
   /// (`with_scalars`) have no part in it.
   [[nodiscard]] NoiseModel with_scale_error(double relative_std) const;
 
+  /// The same noise with errors besides that all steps have together, d_t = … + B_t z with z ~ N(0, I), the
+  /// same z at each step: `factors` are the B_t, n × q, for each step of the data. The scatter of specimens
+  /// about the curve that was measured, say. They are not part of R.
+  [[nodiscard]] NoiseModel with_lasting_errors(std::vector<Eigen::MatrixXd> factors) const;
+
   /// Marginal noise of a step on the dofs `kept` (`GaussianNoise::restricted`), with the shared reference
   /// and the scale's error.
   [[nodiscard]] NoiseModel restricted(const std::vector<Eigen::Index>& kept) const;
@@ -56,9 +61,14 @@ class NoiseModel : public GaussianNoise {
   [[nodiscard]] double offset_std() const { return offset_std_; }            ///< 0: no offsets
   [[nodiscard]] double scale_std() const { return scale_std_; }              ///< 0: the scale is exact
   [[nodiscard]] Eigen::Index scalar_count() const { return scalar_count_; }  ///< of `with_scalars`, the last
+  [[nodiscard]] Eigen::Index lasting_count() const {                         ///< q of `with_lasting_errors`
+    return lasting_ ? lasting_->front().cols() : 0;
+  }
+  /// B_t of step `step`, where `lasting_count` is not 0.
+  [[nodiscard]] const Eigen::MatrixXd& lasting_error(std::size_t step) const { return lasting_->at(step); }
   /// Steps share an error: what one says depends on those before it.
   [[nodiscard]] bool links_steps() const {
-    return shared_reference_ > 0 || offset_std_ > 0 || scale_std_ > 0;
+    return shared_reference_ > 0 || offset_std_ > 0 || scale_std_ > 0 || lasting_count() > 0;
   }
   [[nodiscard]] bool has_step_errors() const { return !step_errors_.empty(); }
   /// F of step `step`; null where there is none.
@@ -71,6 +81,7 @@ class NoiseModel : public GaussianNoise {
   int shared_reference_ = 0;
   double offset_std_ = 0, scale_std_ = 0;
   Eigen::Index scalar_count_ = 0;
+  std::shared_ptr<const std::vector<Eigen::MatrixXd>> lasting_;  ///< not empty; null: none
   std::map<std::size_t, std::shared_ptr<const Eigen::MatrixXd>> step_errors_;
   std::map<std::size_t, std::shared_ptr<const GaussianNoise>> steps_;
 };

@@ -42,7 +42,8 @@ Eigen::SparseMatrix<double> chain(double scale, Eigen::Index n = k_dofs) {
 
 /// What the noise says, as dense covariances of one step's own error and of the shared one.
 struct DenseNoise {
-  std::vector<Eigen::MatrixXd> own;  ///< per step
+  std::vector<Eigen::MatrixXd> own;      ///< per step
+  std::vector<Eigen::MatrixXd> lasting;  ///< B_t of the errors that last, per step
   Eigen::MatrixXd shared;
   double scale_std;
   Eigen::Index displacements;  ///< the first ones
@@ -57,6 +58,8 @@ DenseNoise dense(const NoiseModel& noise) {
     if (k > 0) own.topLeftCorner(n, n) *= k / (k + 1);
     if (const Eigen::MatrixXd* factor = noise.step_error(t)) own += *factor * factor->transpose();
     result.own.push_back(own);
+    result.lasting.push_back(noise.lasting_count() > 0 ? noise.lasting_error(t)
+                                                       : Eigen::MatrixXd::Zero(k_dofs, 1));
   }
   const Eigen::MatrixXd r = Eigen::MatrixXd(noise.precision()).inverse();
   result.scale_std = noise.scale_std();
@@ -94,7 +97,8 @@ double dense_log_likelihood(
       const auto [i, t] = present[a];
       const auto [j, s] = present[b];
       covariance(a, b) = noise.shared(i, j) + (t == s ? noise.own[t](i, j) : 0.0) +
-                         std::pow(noise.scale_std, 2) * central(i, t) * central(j, s);
+                         std::pow(noise.scale_std, 2) * central(i, t) * central(j, s) +
+                         noise.lasting[t].row(i).dot(noise.lasting[s].row(j));
       if (more) covariance(a, b) += more(i, t, j, s);
     }
   }
@@ -340,6 +344,41 @@ TEST_P(SharedError, WithADiscrepancyAndOffsetsTheyAreToo) {
 INSTANTIATE_TEST_SUITE_P(ReferencePictures, SharedError, ::testing::Values(0, 1, 4));
 
 /// Ellipsoids of 95 % of v from pictures with a scale that is off by a factor drawn anew for each test.
+/// Two errors of other sizes at each step and sensor.
+std::vector<Eigen::MatrixXd> lasting_errors() {
+  std::vector<Eigen::MatrixXd> factors;
+  for (Eigen::Index t = 0; t < k_steps; ++t) {
+    Eigen::MatrixXd factor(k_dofs, 2);
+    for (Eigen::Index i = 0; i < k_dofs; ++i) {
+      const double sensor = static_cast<double>(i), step = static_cast<double>(t);
+      factor.row(i) << 0.4 * std::sin(1 + sensor + step), 0.1 * step;
+    }
+    factors.push_back(factor);
+  }
+  return factors;
+}
+
+TEST_P(SharedError, ErrorsThatLastBesideIt) {
+  const NoiseModel noise = NoiseModel::correlated(chain(4))
+                               .with_shared_reference(GetParam())
+                               .with_lasting_errors(lasting_errors());
+  expect_is_the_joint_gaussian(noise, data_, model_);
+  data_(6, 2) = data_(2, 3) = k_nan;
+  expect_is_the_joint_gaussian(noise.with_scale_error(0.3), data_, model_);
+}
+
+TEST(LastingError, IndependentNoiseBesideIt) {
+  const auto model = random_model(std::make_shared<CurvedFunctions>(), k_dofs, 4, k_steps, 3);
+  Eigen::MatrixXd data =
+      synthetic_data(*model, Eigen::Vector2d(1.1, 0.8), Eigen::VectorXd::Constant(k_dofs, 0.3), 8);
+  data(3, 1) = data(4, 1) = data(0, 2) = k_nan;
+  const NoiseModel noise = NoiseModel::independent(Eigen::VectorXd::LinSpaced(k_dofs, 0.2, 0.5))
+                               .with_lasting_errors(lasting_errors());
+  expect_is_the_joint_gaussian(noise, data, model);
+  EXPECT_TRUE(noise.links_steps());
+  EXPECT_EQ(noise.restricted({1, 4}).lasting_error(2).row(1), noise.lasting_error(2).row(4));
+}
+
 TEST(ScaleError, RegionsCoverOnlyIfItIsRemembered) {
   const auto model = random_model(std::make_shared<CurvedFunctions>(), k_dofs, 4, k_steps, 3);
   const Eigen::Vector2d centre(1, 1), truth(1.004, 0.998);

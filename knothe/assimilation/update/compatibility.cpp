@@ -74,6 +74,14 @@ const std::vector<Row>& table() {
        "",
        "bias_correction and --redo go with method transport or grid and the Gaussian likelihood only"},
       {F::bias,
+       {F::lasting},
+       "",
+       "bias_correction does not go together with {}: data cannot tell a bias from such an error"},
+      {F::noise_level,
+       {F::lasting},
+       "",
+       "noise_level = \"unknown\" does not go together with {}: one factor cannot be that of both errors"},
+      {F::bias,
        {F::noise_level},
        "",
        "bias_correction does not go together with noise_level = \"unknown\": data cannot tell a bias from "
@@ -101,15 +109,15 @@ const std::vector<Row>& table() {
        "links "
        "them: use the collapsed form, or bias_extrapolation = \"linear\""},
       {F::changes,
-       {F::noise_level, F::composed, F::bias, F::reference, F::offsets, F::scale},
+       {F::noise_level, F::composed, F::bias, F::reference, F::offsets, F::scale, F::lasting},
        "",
        "forgetting, change_points and on_alarm = \"restart\" do not go together with {}: these count on data "
        "that do not grow old"},
       {F::student_t,
-       {F::correlated, F::reference, F::offsets, F::scale},
+       {F::correlated, F::reference, F::offsets, F::scale, F::lasting},
        "",
        "a Student-t likelihood is for sensors whose noise is independent in space and time: use gating "
-       "(method.gate) with noise/precision, shared_reference, offsets or a scale"},
+       "(method.gate) with noise/precision, shared_reference, offsets, a scale or shared_std"},
       {F::student_t,
        {F::step_error},
        "",
@@ -149,6 +157,8 @@ std::string_view name_of(Feature feature) {
       return "errors that steps share (offset_std)";
     case F::scale:
       return "a scale that is not known exactly (relative_scale_std, dic.scale_std)";
+    case F::lasting:
+      return "an error that a series shares (shared_std)";
     case F::step_error:
       return "a clock or a known parameter with a std";
     case F::lasting_clock:
@@ -186,6 +196,7 @@ Features features_of(const NoiseModel& noise) {
   add(features, F::reference, noise.shared_reference() > 0);
   add(features, F::offsets, noise.offset_std() > 0);
   add(features, F::scale, noise.scale_std() > 0);
+  add(features, F::lasting, noise.lasting_count() > 0);
   add(features, F::step_error, noise.has_step_errors());
   add(features, F::lasting_clock, noise.has_step_errors() && lasts);
   return features;

@@ -24,6 +24,7 @@ enum class Feature {
   reference,          ///< noise of reference pictures
   offsets,            ///< of sensors
   scale,              ///< not known exactly
+  lasting,            ///< an error that a series has at all steps
   step_error,         ///< of a clock, or of a known parameter
   lasting_clock,      ///< `step_error` beside `reference` or `offsets`
   pictures,           ///< that are correlated while they are assimilated

@@ -92,7 +92,8 @@ void DatumProjector::project(std::size_t step, std::size_t time_index,
     const Eigen::VectorXd residual = residual_(kept_);
     Eigen::VectorXd predicted;
     if (noise_.scale_std() > 0) predicted = predicted_.col(time_index)(kept_);
-    form = nuisances_->condition(group_of(step), model_->core[time_index], residual, predicted,
+    const Eigen::MatrixXd* lasting = noise_.lasting_count() > 0 ? &noise_.lasting_error(step) : nullptr;
+    form = nuisances_->condition(group_of(step), model_->core[time_index], residual, predicted, lasting,
                                  noise_.step_error(step), moved);
   } else if (static_cast<Eigen::Index>(kept_.size()) == values.size() && !noise_.has_step(step)) {
     project_complete(time_index, form);
