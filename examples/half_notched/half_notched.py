@@ -1,7 +1,7 @@
 """The mesh and the data of the half-notched beam, and how good the forecasts were.
 
 usage: half_notched.py mesh [FILE]               writes half_notched.msh (format 2.2 of Gmsh)
-       half_notched.py data ENVELOPE.csv [FILE]  writes measured.csv, up to an opening of 0.05 mm
+       half_notched.py data ENVELOPE.csv         writes measured.csv, up to an opening of 0.05 mm, and peak.csv with its peak.toml
        half_notched.py score ENVELOPE.csv FOLDER of results…   compares their forecasts with the measured band
 
 ENVELOPE.csv: opening (mm), lowest and highest load (N) of the repeated tests (scripts/get-data.sh).
@@ -84,21 +84,34 @@ def band_at(rows, micrometres):
     return [a + share * (b - a) for a, b in zip(before, behind)]
 
 
-def data_text(rows):
+def data_text(rows, last):
     """The middle of the band; the scatter of beams, its half width, is one error of the whole curve (shared_std)."""
     lines = ["time,sensor,x,y,z,component,value,std,shared_std"]
-    for opening in SEEN:
+    for opening in (o for o in SEEN if o <= last):
         low, high = band_at(rows, opening)
         lines.append(f"{opening}e-6,load cell,,,,reaction_force,{0.5 * (low + high):.2f},{GAUGE:g},{0.5 * (high - low):.2f}")
     return "\n".join([*lines, ""])
 
 
-def forecasts(folder):
-    """By number of data: the verdict, and (opening in µm, mean, std) of the forecasts after them."""
-    with open(pathlib.Path(folder) / "steps.jsonl", encoding="utf-8") as file:
-        for line in map(json.loads, file):
-            if "forecast" in line:
-                yield line, {int(name[-3:]): (f["mean"], f["std"]) for name, f in line["forecast"].items()}
+def write_data(rows):
+    """With the scatter of beams at the last opening that is seen, no row beyond it is looked at."""
+    project = pathlib.Path("half_notched.toml").read_text(encoding="utf-8")
+    for last, name in ((50, "measured"), (20, "peak")):
+        pathlib.Path(f"{name}.csv").write_text(data_text(rows, last), encoding="utf-8")
+        low, high = band_at(rows, last)
+        scatter = f"model_error_std = {0.5 * (high - low):.0f}"
+        if name == "peak":
+            project = project.replace("measured.csv", "peak.csv").replace("results/", "peak/")
+            pathlib.Path("peak.toml").write_text(project.replace("model_error_std = 130", scatter), encoding="utf-8")
+        elif scatter not in project:
+            raise SystemExit(f"half_notched.toml: the scatter at {last} µm is {scatter}")
+
+
+def last_forecast(folder):
+    """The line of the last datum, and (mean, std) by opening in µm of its forecasts."""
+    lines = (pathlib.Path(folder) / "steps.jsonl").read_text(encoding="utf-8").splitlines()
+    line = [step for step in map(json.loads, lines) if "forecast" in step][-1]
+    return line, {int(name[-3:]): (f["mean"], f["std"]) for name, f in line["forecast"].items()}
 
 
 def score(rows, forecast):
@@ -112,16 +125,42 @@ def score(rows, forecast):
     return sum(held) / len(held), sum(wide) / len(wide)
 
 
+def opening_shape(share):
+    """Opening of the mouth over force, but for a factor, of a crack of this share of the depth (Tada, Paris and Irwin)."""
+    return share * (0.76 - 2.28 * share + 3.87 * share**2 - 2.04 * share**3 + 0.66 / (1 - share) ** 2)
+
+
+def equivalent_crack(compliance_ratio):
+    """Depth in mm, notch and crack, of the elastic beam whose mouth opens so many times as much as that of the notch alone."""
+    low, high = 0.5, 0.999
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        if opening_shape(middle) < compliance_ratio * opening_shape(0.5):
+            low = middle
+        else:
+            high = middle
+    return 50 * low
+
+
+def crack_at(opening, force, first):
+    """`first`: opening and force before there is damage."""
+    return round(equivalent_crack(opening / force / (first[0] / first[1])), 1) if force > 0 else 50.0
+
+
 if __name__ == "__main__":
     command, *rest = sys.argv[1:]
     if command == "mesh":
         pathlib.Path(rest[0] if rest else "half_notched.msh").write_text(text_of(*mesh()), encoding="utf-8")
     elif command == "data":
-        pathlib.Path(rest[1] if len(rest) > 1 else "measured.csv").write_text(data_text(read_band(rest[0])), encoding="utf-8")
+        write_data(read_band(rest[0]))
     else:
+        rows = read_band(rest[0])
+        first = (2, sum(band_at(rows, 2)) / 2)
         for folder in rest[1:]:
-            for line, forecast in forecasts(folder):
-                if line["step"] + 1 in (SEEN.index(20) + 1, len(SEEN)):
-                    held, wide = score(read_band(rest[0]), forecast)
-                    print(json.dumps({"results": folder, "up_to_um": SEEN[line["step"]], "verdict": line["verdict"]["level"],
-                                      "log_evidence": round(line["log_evidence"], 2), "held": round(held, 3), "width": round(wide, 3)}))
+            line, forecast = last_forecast(folder)
+            held, wide = score(rows, forecast)
+            mean, std = forecast[200]
+            print(json.dumps({"results": folder, "up_to_um": SEEN[line["step"]], "verdict": line["verdict"]["level"],
+                              "log_evidence": round(line["log_evidence"], 2), "held": round(held, 3), "width": round(wide, 3),
+                              "crack_mm": [crack_at(200, mean + 1.645 * sign * std, first) for sign in (1, 0, -1)],
+                              "measured_crack_mm": [crack_at(200, force, first) for force in reversed(band_at(rows, 200))]}))
