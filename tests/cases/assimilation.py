@@ -30,6 +30,16 @@ class Test(Case):
             lines.append(posterior.summary(step))
         return lines
 
+    def test_simulated_data_as_csv_are_those_of_hdf5(self):
+        for name in ("own.h5", "own.csv"):
+            self.expect(0, "simulate", self.project_name, "--model", "model.h5", "-o", name)
+        self.assertEqual(len(read_csv(self.folder / "own.csv")), 12 * 24)
+        answers = []
+        for name in ("own.h5", "own.csv"):
+            self.edit('data = "data.h5"' if not answers else 'data = "own.h5"', f'data = "{name}"')
+            answers.append([without_times(line) for line in self.assimilate()])
+        self.assertEqual(*answers)
+
     def test_each_line_has_the_keys_and_shapes_of_the_interface(self):
         lines = self.assimilate()
         self.assertEqual([line["step"] for line in lines], list(range(12)))

@@ -277,6 +277,7 @@ Measurements read_measurements(const std::string& path) {
 
 void write_measurements(const std::string& path, const Measurements& m, const std::string& project,
                         std::uint64_t seed) {
+  if (path.ends_with(".csv")) return write_measurements_csv(path, m);
   const auto n_obs = static_cast<std::size_t>(m.values.rows()), n_t = m.time.size();
   files::write_atomically(path, [&](const std::string& temporary) {
     files::Hdf5Writer file(temporary);

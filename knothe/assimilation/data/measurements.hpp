@@ -40,8 +40,8 @@ struct Measurements {
 /// file, data set and index, or file:line:column.
 [[nodiscard]] Measurements read_measurements(const std::string& path);
 
-/// Writes HDF5 (atomically), with `project` (the text of the project file) and `seed` as attributes.
-/// Not the noise of single steps.
+/// Writes (atomically) `.csv` as CSV, anything else as HDF5, which alone holds `project` (the text of the
+/// project file), `seed` and the truth. Not the noise of single steps.
 void write_measurements(const std::string& path, const Measurements& measurements, const std::string& project,
                         std::uint64_t seed);
 

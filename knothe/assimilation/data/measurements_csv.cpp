@@ -1,12 +1,17 @@
 #include "knothe/assimilation/data/measurements_csv.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cctype>
 #include <cmath>
 #include <limits>
 #include <map>
 
+#include "knothe/base/error.hpp"
+#include "knothe/files/atomic_file.hpp"
 #include "knothe/files/csv.hpp"
+#include "knothe/files/numbers.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -126,6 +131,29 @@ Measurements read_measurements_csv(const std::string& path) {
   }
   m.noise = NoiseModel::independent(deviations);
   return m;
+}
+
+void write_measurements_csv(const std::string& path, const Measurements& m) {
+  const auto rows = static_cast<std::size_t>(m.values.rows());
+  if (rows > 0 && !m.noise.is_independent())
+    throw UsageError(path + ": a CSV file holds a std for each value, no correlated noise: write HDF5");
+  const Eigen::VectorXd std = rows > 0 ? m.noise.standard_deviations() : Eigen::VectorXd();
+  const auto number = [](double value) { return std::isnan(value) ? "" : files::format_number(value); };
+  std::string text = "time,sensor,x,y,z,component,value,std\n";
+  for (std::size_t t = 0; t < m.time.size(); ++t) {
+    const std::string time = number(m.time[t]);
+    for (std::size_t i = 0; i < rows; ++i) {
+      const auto at = m.sensors.point(i);
+      const auto row = static_cast<Eigen::Index>(i);
+      text += fmt::format("{},s{},{},{},{},{},{},{}\n", time, i, number(at[0]), number(at[1]), number(at[2]),
+                          "xyz"[m.sensors.components[i]], number(m.values(row, static_cast<Eigen::Index>(t))),
+                          number(std[row]));
+    }
+    for (const auto& [name, series] : m.series)
+      text += fmt::format("{0},{1},,,,{1},{2},{3}\n", time, name, number(series.values[t]),
+                          series.std ? number(*series.std) : "");
+  }
+  files::write_text_atomically(path, text);
 }
 
 }  // namespace knothe::assimilation

@@ -12,4 +12,8 @@ namespace knothe::assimilation {
 /// (`MeasuredSeries`); x, y, z may then be empty, and so may std. Errors: DataError as `file:line: error: …`.
 [[nodiscard]] Measurements read_measurements_csv(const std::string& path);
 
+/// The same lines: displacements, then the series of each time; an empty value where one is missing. Atomic.
+/// Errors: IoError; UsageError for noise that is correlated, which a column has no place for.
+void write_measurements_csv(const std::string& path, const Measurements& measurements);
+
 }  // namespace knothe::assimilation

@@ -2,7 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
+#include <cmath>
 #include <fstream>
+#include <limits>
 
 #include "knothe/base/error.hpp"
 #include "knothe/files/hdf5.hpp"
@@ -95,6 +98,33 @@ TEST(Measurements, ASeriesMayHaveAnErrorThatAllTimesShare) {
   EXPECT_NE(message_of<DataError>([&] {
               (void)read("1,s,0,0,0,y,5,0.1,0.4\n");
             }).find("an error that is shared is one of a series, not of displacements"),
+            std::string::npos);
+}
+
+TEST(Measurements, ATableIsReadAsItWasWritten) {
+  const files::TestFolder folder;
+  Measurements m;
+  m.time = {0.25, 1.0 / 3};
+  m.values.resize(2, 2);
+  m.values << 1e-4, -1.0 / 7, std::numeric_limits<double>::quiet_NaN(), 2.5e-5;
+  m.sensors.add(std::array{0.1, 0.2, 0.0}, 0), m.sensors.add(std::array{0.3, 1.0 / 3, 0.0}, 1);
+  m.noise = NoiseModel::independent(Eigen::Vector2d(1e-6, 3e-6));
+  m.series["force"] = {{10, std::numeric_limits<double>::quiet_NaN()}, 0.5};
+  write_measurements(folder.file("d.csv"), m, "", 1);
+  const Measurements read = read_measurements(folder.file("d.csv"));
+  EXPECT_EQ(read.time, m.time);
+  EXPECT_EQ(read.sensors.points, m.sensors.points);
+  EXPECT_EQ(read.sensors.components, m.sensors.components);
+  EXPECT_EQ(read.values.row(0), m.values.row(0));
+  EXPECT_TRUE(std::isnan(read.values(1, 0)));
+  EXPECT_EQ(read.values(1, 1), 2.5e-5);
+  EXPECT_EQ(read.noise.standard_deviations(), m.noise.standard_deviations());
+  EXPECT_EQ(read.series.at("force").values[0], 10);
+  EXPECT_TRUE(std::isnan(read.series.at("force").values[1]));
+  write(folder.file("e.h5"), 0);
+  EXPECT_NE(message_of<UsageError>([&] {
+              write_measurements(folder.file("e.csv"), read_measurements(folder.file("e.h5")), "", 1);
+            }).find("no correlated noise: write HDF5"),
             std::string::npos);
 }
 
