@@ -196,6 +196,23 @@ bool Refinement::refine(std::unique_ptr<engine::Engine>& engine, engine::StepRes
   return version_ != version;
 }
 
+namespace {
+
+/// A reason that still stands after the full-order model was asked has other advice than to ask it.
+void advise_more_runs(assimilation::Verdict& verdict, std::size_t runs) {
+  for (assimilation::VerdictReason& reason : verdict.reasons) {
+    const auto advice = reason.message.find(": set method.verify");
+    if (reason.part != assimilation::VerdictPart::model || advice == std::string::npos) continue;
+    reason.message = fmt::format(
+        "{}, and {} runs at the posterior (method.verify) did not settle it: raise method.verify_runs, or "
+        "make "
+        "a finer model (more nodes and modes under [offline])",
+        reason.message.substr(0, advice), runs);
+  }
+}
+
+}  // namespace
+
 bool Refinement::refine_if_needed(std::unique_ptr<engine::Engine>& engine, engine::StepResult& result,
                                   bool is_last) {
   const auto all = static_cast<std::size_t>(project_.method.verify_runs);
@@ -210,6 +227,7 @@ bool Refinement::refine_if_needed(std::unique_ptr<engine::Engine>& engine, engin
   } catch (const Error& error) {  // whatever it is, the answer without it is kept
     trouble_ = error.what();
   }
+  if (runs() > 0) advise_more_runs(result.update.verdict, runs());
   if (is_last && !trouble_.empty())
     result.update.verdict.add(
         {assimilation::VerdictPart::model,

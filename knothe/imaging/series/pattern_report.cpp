@@ -77,8 +77,8 @@ void give_advice(PatternReport& r, double element) {
   if (largest > k_large_speckle)
     say(fmt::format("speckles of {:.1f} px are coarse: finer ones would measure better and finer", largest));
   if (largest > 0 && element < k_few_speckles * largest)
-    say(fmt::format("elements of {:.0f} px hold fewer than {:.0f} speckles across: take at least {:.0f} px",
-                    element, k_few_speckles, k_few_speckles * largest));
+    say(fmt::format("elements of {:.3g} px hold fewer than {:.0f} speckles across: take at least {:.0f} px",
+                    element, k_few_speckles, std::ceil(k_few_speckles * largest)));
   if (r.elements_without_texture > 0)
     say(fmt::format("{} of {} elements have no texture and cannot be measured: mask them, or paint there",
                     r.elements_without_texture, r.elements));
