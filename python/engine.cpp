@@ -9,9 +9,11 @@
 #include "knothe/files/json_line.hpp"
 #include "knothe/library/engine_of_values.hpp"
 #include "knothe/library/plain.hpp"
+#include "knothe/numerics/statistics/distinct_draws.hpp"
 #include "knothe/project/project_engine.hpp"
 #include "knothe/project/refinement.hpp"
 #include "knothe/reduction/model/parameter_order.hpp"
+#include "knothe/report/results/posterior_file.hpp"
 #include "knothe/report/results/step_record.hpp"
 #include "python/arrays.hpp"
 #include "python/bindings.hpp"
@@ -40,6 +42,7 @@ py::tuple marginal_density(const Doubles& values, const Doubles& weights, double
 struct Result {
   engine::StepResult step;
   std::shared_ptr<const std::vector<assimilation::Prior>> priors;
+  std::shared_ptr<const std::vector<reduction::Axis>> axes;
 };
 using SharedResult = std::shared_ptr<Result>;
 
@@ -55,15 +58,17 @@ class Twin {
     project::Project project = project::read_project(path);
     if (!kind.empty()) project.method.kind = method_of(kind);
     project::UpdateSetup setup = project::set_up(project);
-    auto twin = std::make_unique<Twin>(project::engine_setup(project, setup));
+    auto twin = std::make_unique<Twin>(project::engine_setup(project, setup), setup.model.contents().axes);
     twin->refinement_ = project::make_refinement(project, setup.pictures);
     twin->sensors_ = setup.measurements.sensors;
     twin->time_indices_ = setup.time_indices;
     twin->data_.emplace(std::move(setup));
     return twin;
   }
-  explicit Twin(engine::EngineSetup setup)
-      : sensors_(setup.sensors), engine_(std::make_unique<engine::Engine>(std::move(setup))) {
+  Twin(engine::EngineSetup setup, std::vector<reduction::Axis> axes)
+      : sensors_(setup.sensors),
+        engine_(std::make_unique<engine::Engine>(std::move(setup))),
+        axes_(std::make_shared<const std::vector<reduction::Axis>>(std::move(axes))) {
     priors_ = std::make_shared<const std::vector<assimilation::Prior>>(engine_->priors());
     for (std::size_t i = 0; i < engine_->model().time.size(); ++i) time_indices_.push_back(i);
   }
@@ -79,7 +84,7 @@ class Twin {
     engine_->add(datum);
     keys_.insert(place);
     forget_stale();
-    Result result{engine_->conclude(datum.step), priors_};
+    Result result{engine_->conclude(datum.step), priors_, axes_};
     const bool is_last = datum.step + 1 == time_indices_.size();
     if (refinement_ && refinement_->refine_if_needed(engine_, result.step, is_last)) results_.clear();
     return results_[datum.step] = std::make_shared<Result>(std::move(result));
@@ -94,8 +99,14 @@ class Twin {
   [[nodiscard]] SharedResult result(std::size_t step) {
     if (engine_->data_count(step) == 0) throw UsageError(fault(step) + " is not assimilated");
     SharedResult& kept = results_[step];
-    if (!kept) kept = std::make_shared<Result>(Result{engine_->conclude(step), priors_});
+    if (!kept) kept = std::make_shared<Result>(Result{engine_->conclude(step), priors_, axes_});
     return kept;
+  }
+  /// As `posterior.nc` has them: parameters, log-likelihood of the step's datum, predicted data with noise.
+  [[nodiscard]] report::StepDraws draws(std::size_t step, Eigen::Index count, Eigen::Index stride) {
+    const reduction::ObservedModel& model = engine_->model();
+    const report::KeptStep kept = report::keep_step(result(step)->step, engine_->last_datum(step), &model);
+    return report::draw_step(kept, model, *priors_, model.observations(), count, stride);
   }
   /// Of all steps: what the last line of `knothe assimilate` says.
   [[nodiscard]] std::string run_verdict() {
@@ -135,6 +146,7 @@ class Twin {
 
   reduction::Sensors sensors_;
   std::unique_ptr<engine::Engine> engine_;
+  std::shared_ptr<const std::vector<reduction::Axis>> axes_;
   std::shared_ptr<const std::vector<assimilation::Prior>> priors_;
   std::optional<project::RecordedData> data_;
   std::unique_ptr<project::Refinement> refinement_;
@@ -174,7 +186,10 @@ void bind_results(py::module_& module) {
     return rows_of(plain(p.points), static_cast<std::size_t>(p.points.cols()));
   };
   py::class_<Result, std::shared_ptr<Result>>(module, "Result")
-      .def("json", [](const Result& result) { return files::json_line(report::step_record(result.step)); })
+      .def("json",
+           [](const Result& result) {
+             return files::json_line(report::step_record(result.step, *result.axes));
+           })
       .def("forecasts_json",
            [](const Result& result) {
              return files::json_line(report::forecast_record(result.step.forecasts, true));
@@ -183,27 +198,28 @@ void bind_results(py::module_& module) {
       .def("weights", [](const Result& result) { return array_of(plain(result.step.update.weights)); })
       .def("densities", [](const Result& result) { return densities_of(*result.priors); });
   module.def(
-      "equal_draws",
-      [](const Doubles& weights, Eigen::Index count) {
-        const Eigen::VectorXd w = library::vector_of(span_of(weights));
-        return array_of(numerics::equal_draws(w, count));
+      "distinct_draws",
+      [](const Doubles& points, const Doubles& weights, Eigen::Index count, const Doubles& lower,
+         const Doubles& upper) {
+        const auto n = static_cast<Eigen::Index>(weights.size());
+        const Eigen::Map<const reduction::RowMatrix> rows(points.data(), n, points.size() / n);
+        const Eigen::MatrixXd draws =
+            numerics::distinct_draws(rows, library::vector_of(span_of(weights)), count,
+                                     library::vector_of(span_of(lower)), library::vector_of(span_of(upper)));
+        return rows_of(plain(draws), static_cast<std::size_t>(draws.cols()));
       },
-      arg("weights"), arg("count"));
+      arg("points"), arg("weights"), arg("count"), arg("lower"), arg("upper"));
   module.def("marginal_density", &marginal_density, arg("values"), arg("weights"), arg("lower"),
              arg("upper"));
 }
 
 /// The tables [forecast.NAME] of `text`, a project file's, for the engine.
-void add_forecasts(const std::string& text, const std::string& model, const Sensors& sensors,
-                   const std::vector<Prior>& priors, engine::EngineSetup& setup) {
+void add_forecasts(const std::string& text, const reduction::SeparatedModel& model, const Sensors& sensors,
+                   engine::EngineSetup& setup) {
   const project::Project project = project::parse_project(text, "forecasts");
   if (project.forecasts.empty()) return;
-  std::vector<std::string> names;
-  for (const Prior& prior : priors) names.push_back(prior.parameter);
-  const reduction::SeparatedModel ordered(
-      reduction::with_parameter_order(reduction::read_model(model), names), model);
   setup.forecaster.emplace(
-      ordered, reduction::Dofs{sensors.points, {sensors.components.begin(), sensors.components.end()}},
+      model, reduction::Dofs{sensors.points, {sensors.components.begin(), sensors.components.end()}},
       project.forecasts);
 }
 
@@ -218,8 +234,12 @@ std::unique_ptr<Twin> twin_of_values(const std::string& model, const Doubles& po
   return long_call([&] {
     engine::EngineSetup setup =
         library::engine_setup(model, sensors, noise, named, {tolerance, max_order, seed});
-    add_forecasts(forecasts, model, sensors, named, setup);
-    return std::make_unique<Twin>(std::move(setup));
+    std::vector<std::string> names;
+    for (const Prior& prior : named) names.push_back(prior.parameter);
+    const reduction::SeparatedModel ordered(
+        reduction::with_parameter_order(reduction::read_model(model), names), model);
+    add_forecasts(forecasts, ordered, sensors, setup);
+    return std::make_unique<Twin>(std::move(setup), ordered.contents().axes);
   });
 }
 
@@ -271,6 +291,18 @@ void bind_twin(py::module_& module) {
              const reduction::Sensors& s = twin.sensors();
              return py::make_tuple(rows_of(s.points, 3), array_of(s.components), s.scalars);
            })
+      .def(
+          "draws",
+          [](Twin& twin, std::size_t step, Eigen::Index count, Eigen::Index stride) {
+            const report::StepDraws drawn =
+                long_call(twin.mutex, [&] { return twin.draws(step, count, stride); });
+            const Eigen::MatrixXd predicted = drawn.predicted.transpose();
+            return py::make_tuple(
+                rows_of(plain(drawn.parameters), static_cast<std::size_t>(drawn.parameters.cols())),
+                array_of(plain(drawn.log_likelihood)),
+                rows_of(plain(predicted), static_cast<std::size_t>(predicted.cols())));
+          },
+          arg("step"), arg("count"), arg("stride"))
       .def(
           "predict",
           [](Twin& twin, const Doubles& points, std::size_t step, bool jacobian) {

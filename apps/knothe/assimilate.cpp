@@ -65,7 +65,7 @@ int assimilate(const AssimilateArguments& arguments) {
   project::RecordedData data(std::move(setup));
   project::PictureMeasurements* const pictures = data.setup().pictures.get();
   const auto refinement = project::make_refinement(project, data.setup().pictures);
-  report::AssimilationOutput output(arguments.json, data.setup().model.parameter_names(), data.size());
+  report::AssimilationOutput output(arguments.json, data.setup().model.contents().axes, data.size());
   const auto start = monotonic_now();
   bool interrupted = false;
   Eigen::VectorXd mean;
@@ -79,8 +79,8 @@ int assimilate(const AssimilateArguments& arguments) {
     }
     mean = result.update.mean;
     output.show(result, item->picture, pictures);
-    results.add_step(result, engine->direct_forecasts(result, k_direct_points), datum.time_index,
-                     datum.values);
+    results.add_step(result, engine->direct_forecasts(result, k_direct_points),
+                     engine->last_datum(datum.step));
     interrupted = cancellation_requested();
   }
   const double elapsed_s = microseconds_since(start) * 1e-6;

@@ -9,6 +9,7 @@
 #include "knothe/forecast/forecaster.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/project/update_setup.hpp"
+#include "knothe/report/results/forecast_text.hpp"
 #include "knothe/report/results/posterior_file.hpp"
 #include "knothe/report/results/step_record.hpp"
 
@@ -32,22 +33,15 @@ int forecast(const ForecastArguments& arguments) {
   }
   fmt::print("forecasts from the posterior after step {} (model time {:g})\n", stored.step, stored.time);
   for (const forecast::NamedForecast& named : forecasts) {
-    const forecast::ScalarForecast& f = named.forecast;
-    const double scale = named.units == "m" ? 1e3 : 1;
-    const std::string unit = named.units == "m" ? "mm" : named.units;
-    fmt::print(
-        "  {}: {:.4g} ± {:.2g} {}, most probable {:.4g}, 95 % in [{:.4g}, {:.4g}], P(above threshold) "
-        "{:.3g}\n",
-        named.name, f.mean * scale, f.std * scale, unit, f.maximum_a_posteriori * scale, f.values[0] * scale,
-        f.values[4] * scale, f.probability_above_threshold);
+    fmt::print("  {}\n", report::forecast_text(named));
     if (named.bridge_residual_rms) {
       fmt::print("    the best elastic crack differs from the predicted field by {:.2g} µm rms\n",
                  *named.bridge_residual_rms * 1e6);
     }
   }
   for (const forecast::NamedForecast& named : direct) {
-    fmt::print("  {}, directly from each posterior point: {:.4g} ± {:.2g} mm\n", named.name,
-               named.forecast.mean * 1e3, named.forecast.std * 1e3);
+    fmt::print("  {}, directly from each posterior point: {}\n", named.name,
+               report::value_text(named.forecast.mean, named.forecast.std, "m"));
   }
   return 0;
 }

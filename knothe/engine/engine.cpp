@@ -138,6 +138,7 @@ StepResult Engine::preview(std::size_t step) {
 StepResult Engine::result_of(const assimilation::UpdateResult& update) {
   StepResult result;
   result.update = update;
+  result.computed_at = std::chrono::system_clock::now();
   result.model_version = setup_.model_version;
   if (!setup_.forecaster) return result;
   const auto start = monotonic_now();
@@ -220,6 +221,14 @@ std::optional<std::size_t> Engine::last_step() const {
 std::size_t Engine::data_count(std::size_t step) const {
   const auto it = steps_.find(step);
   return it == steps_.end() ? 0 : it->second.data.size();
+}
+
+Datum Engine::last_datum(std::size_t step) const {
+  const auto found = steps_.find(step);
+  if (found == steps_.end()) throw UsageError(fmt::format("step {} has no data", step));
+  const auto& [key, kept] = *found->second.data.rbegin();
+  return {key, step, found->second.time_index, kept.values,
+          kept.noise ? *kept.noise : setup_.noise.at_step(step)};
 }
 
 Eigen::VectorXd Engine::last_values(std::size_t step) const {

@@ -77,6 +77,8 @@ class Engine {
   [[nodiscard]] std::size_t data_count(std::size_t step) const;
   /// The values of the last datum of a step (by key): NaN where missing. Empty without data.
   [[nodiscard]] Eigen::VectorXd last_values(std::size_t step) const;
+  /// The last datum of a step (by key) with the noise it was measured with; UsageError without data.
+  [[nodiscard]] assimilation::Datum last_datum(std::size_t step) const;
   /// The quadratic form of all data of steps ≤ `step`, of functions centred at `centre`; none for methods
   /// without.
   [[nodiscard]] std::optional<assimilation::StepForm> form_up_to(std::size_t step);

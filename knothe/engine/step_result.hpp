@@ -1,6 +1,7 @@
 #pragma once
 /// @file What the engine says of one step.
 #include <Eigen/Core>
+#include <chrono>
 #include <optional>
 #include <vector>
 
@@ -14,7 +15,8 @@ namespace knothe::engine {
 
 /// The posterior of all data up to a step, and what follows from it.
 struct StepResult {
-  assimilation::UpdateResult update;  ///< the posterior; monitor
+  assimilation::UpdateResult update;                  ///< the posterior; monitor
+  std::chrono::system_clock::time_point computed_at;  ///< when: of the wall clock
   std::vector<forecast::NamedForecast> forecasts;
   double forecast_us = 0;
   /// False for a preview: the steps before have not been monitored yet, and what depends on their order

@@ -74,6 +74,8 @@ class Hdf5Writer {
                               const Labels& labels);
   void write_integers(const std::string& name, std::span<const std::int64_t> values, const Shape& shape,
                       const Labels& labels);
+  /// One text for each entry, UTF-8 of variable length.
+  void write_texts(const std::string& name, std::span<const std::string> values, const Labels& labels);
   void text_attribute(const std::string& name, const std::string& attribute, const std::string& value);
   void texts_attribute(const std::string& name, const std::string& attribute,
                        std::span<const std::string> values);

@@ -114,6 +114,14 @@ void Hdf5Writer::write_integers(const std::string& name, std::span<const std::in
   implementation_->write(name, values.data(), H5T_NATIVE_INT64, H5T_STD_I64LE, shape, labels);
 }
 
+void Hdf5Writer::write_texts(const std::string& name, std::span<const std::string> values,
+                             const Labels& labels) {
+  const Hdf5Handle type = text_type(H5T_VARIABLE);
+  std::vector<const char*> pointers;
+  for (const std::string& value : values) pointers.push_back(value.c_str());
+  implementation_->write(name, pointers.data(), type.get(), type.get(), {values.size()}, labels);
+}
+
 void Hdf5Writer::text_attribute(const std::string& name, const std::string& attribute,
                                 const std::string& value) {
   // Small texts lie beside the object; HDF5 limits those to 64 KiB, so long ones have variable length.

@@ -13,6 +13,17 @@ std::string join(const std::string& group, const std::string& name) {
   return group.empty() ? "/" + name : fmt::format("/{}/{}", group, name);
 }
 
+template <class... Functions>
+struct Overloaded : Functions... {
+  using Functions::operator()...;
+};
+
+std::size_t size_of(const NetcdfValues& values) {
+  return std::visit(Overloaded{[](const SinglePrecision& v) { return v.values.size(); },
+                               [](const auto& v) { return v.size(); }},
+                    values);
+}
+
 }  // namespace
 
 NetcdfWriter::NetcdfWriter(const std::string& path) : file_(path), path_(path) {
@@ -43,14 +54,29 @@ void NetcdfWriter::add_dimension(const std::string& group, const std::string& na
 }
 
 void NetcdfWriter::add_dimension(const std::string& group, const std::string& name,
-                                 std::span<const double> coordinates, const Labels& labels) {
+                                 const NetcdfValues& coordinates, const Labels& labels) {
   ensure_group(group);
-  file_.write(join(group, name), coordinates, {coordinates.size()}, labels);
-  make_dimension(group, name, coordinates.size(), true);
+  write(join(group, name), coordinates, {size_of(coordinates)}, labels);
+  make_dimension(group, name, size_of(coordinates), true);
+}
+
+void NetcdfWriter::write(const std::string& name, const NetcdfValues& values, const Shape& shape,
+                         const Labels& labels) {
+  std::visit(
+      Overloaded{
+          [&](std::span<const double> v) { file_.write(name, v, shape, labels); },
+          [&](const SinglePrecision& v) { file_.write_single_precision(name, v.values, shape, labels); },
+          [&](std::span<const std::int64_t> v) { file_.write_integers(name, v, shape, labels); },
+          [&](std::span<const std::string> v) {
+            if (shape.size() != 1)
+              throw UsageError(fmt::format("{}: variable {}: texts have one dimension", path_, name));
+            file_.write_texts(name, v, labels);
+          }},
+      values);
 }
 
 void NetcdfWriter::add_variable(const std::string& group, const std::string& name,
-                                std::span<const std::string> dimensions, std::span<const double> values,
+                                std::span<const std::string> dimensions, const NetcdfValues& values,
                                 const Labels& labels) {
   ensure_group(group);
   const auto& known = groups_[group];
@@ -65,11 +91,11 @@ void NetcdfWriter::add_variable(const std::string& group, const std::string& nam
   }
   std::size_t entries = 1;
   for (const std::size_t extent : shape) entries *= extent;
-  if (entries != values.size()) {
+  if (entries != size_of(values)) {
     throw UsageError(fmt::format("{}: variable {} has {} values, its dimensions ({}) need {}", path_,
-                                 join(group, name), values.size(), fmt::join(dimensions, ", "), entries));
+                                 join(group, name), size_of(values), fmt::join(dimensions, ", "), entries));
   }
-  file_.write(join(group, name), values, shape, labels);
+  write(join(group, name), values, shape, labels);
   for (unsigned axis = 0; axis < dimensions.size(); ++axis) {
     file_.attach_scale(join(group, name), axis, join(group, dimensions[axis]));
   }
@@ -79,6 +105,16 @@ void NetcdfWriter::add_attribute(const std::string& group, const std::string& na
                                  const std::string& value) {
   ensure_group(group);
   file_.text_attribute("/" + group, name, value);
+}
+
+void NetcdfWriter::add_number(const std::string& group, const std::string& variable, const std::string& name,
+                              double value) {
+  file_.number_attribute(join(group, variable), name, value);
+}
+
+void NetcdfWriter::add_text(const std::string& group, const std::string& variable, const std::string& name,
+                            const std::string& value) {
+  file_.text_attribute(join(group, variable), name, value);
 }
 
 void NetcdfWriter::close() {

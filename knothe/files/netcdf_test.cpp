@@ -47,6 +47,31 @@ TEST(Netcdf, ScalesAreAttachedAndNamedAsTheLibraryExpects) {
   EXPECT_EQ(file.text_attribute("/", "Conventions"), "arviz");
 }
 
+TEST(Netcdf, CoordinatesMayBeIntegersAndTexts) {
+  const TestFolder folder;
+  {
+    NetcdfWriter file(folder.file("a.nc"));
+    file.add_dimension("g", "draw", std::vector<std::int64_t>{0, 10, 20}, {"", "draw"});
+    file.add_dimension("g", "sensor", Names{"x0", "ü1"}, {"", "sensor"});
+    file.add_variable("g", "u", Names{"draw", "sensor"},
+                      SinglePrecision{std::vector<double>{1, 2, 3, 4, 5, 6}}, {"m", "u"});
+    file.add_number("g", "u", "reference", 216);
+    file.add_text("g", "u", "reference_units", "J/m3");
+    EXPECT_THAT(
+        [&] {
+          file.add_variable("g", "names", Names{"draw", "sensor"}, Names(6), {});
+        },
+        ::testing::ThrowsMessage<UsageError>(HasSubstr("texts have one dimension")));
+    file.close();
+  }
+  const Hdf5Reader file(folder.file("a.nc"));
+  EXPECT_THAT(file.read_integers("/g/draw"), ElementsAre(0, 10, 20));
+  EXPECT_THAT(file.read("/g/u", {3, 2}), ElementsAre(1, 2, 3, 4, 5, 6));
+  EXPECT_EQ(file.number_attribute("/g/u", "reference"), 216);
+  EXPECT_EQ(file.text_attribute("/g/u", "reference_units"), "J/m3");
+  EXPECT_EQ(file.shape("/g/sensor"), Shape{2});
+}
+
 TEST(Netcdf, AttachedScalesAreSeenByTheHdf5Library) {
   const TestFolder folder;
   write_example(folder.file("a.nc"));

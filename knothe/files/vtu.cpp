@@ -41,11 +41,17 @@ class AppendedData {
   /// The DataArray element that refers to the block it adds.
   template <class T>
   std::string add(const char* type, const std::string& name, std::size_t components,
-                  std::span<const T> values) {
+                  std::span<const T> values, const std::string& units = {}) {
+    const std::string key = units.empty()
+                                ? "/>"
+                                : fmt::format(
+                                      "><InformationKey name=\"UNITS_LABEL\" location=\"vtkDataArray\">{}"
+                                      "</InformationKey></DataArray>",
+                                      escape_xml(units));
     const std::string element = fmt::format(
         "        <DataArray type=\"{}\" Name=\"{}\" NumberOfComponents=\"{}\" format=\"appended\" "
-        "offset=\"{}\"/>\n",
-        type, escape_xml(name), components, bytes_.size());
+        "offset=\"{}\"{}\n",
+        type, escape_xml(name), components, bytes_.size(), key);
     const std::uint64_t length = values.size_bytes();
     bytes_.append(reinterpret_cast<const char*>(&length), sizeof length);
     bytes_.append(reinterpret_cast<const char*>(values.data()), length);
@@ -71,7 +77,8 @@ std::string add_fields(const std::vector<VtuField>& fields, std::size_t entries,
                                      i / field.components, i % field.components));
       }
     }
-    xml += data.add("Float64", field.name, field.components, std::span<const double>(field.values));
+    xml +=
+        data.add("Float64", field.name, field.components, std::span<const double>(field.values), field.units);
   }
   return xml;
 }

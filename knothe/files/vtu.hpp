@@ -13,6 +13,7 @@ struct VtuField {
   std::string name;
   std::size_t components = 1;
   std::vector<double> values;  ///< [n, components]
+  std::string units = {};      ///< where VTK looks for it, the key UNITS_LABEL; empty: not said
 };
 
 /// An unstructured grid of cells of one type.

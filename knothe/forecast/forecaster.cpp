@@ -77,9 +77,8 @@ ScalarForecast moved(ScalarForecast forecast, double by) {
 
 Forecaster::Forecaster(const SeparatedModel& model, const reduction::Dofs& seen,
                        const std::vector<ForecastSpecification>& specifications)
-    : functions_(model.functions()) {
+    : specifications_(specifications), functions_(model.functions()) {
   for (const ForecastSpecification& specification : specifications) {
-    order_.push_back(specification.name);
     switch (specification.quantity) {
       case Quantity::crack_length:
         add_crack(model, seen, specification);
@@ -172,12 +171,22 @@ std::vector<NamedForecast> Forecaster::update(const Eigen::Ref<const Eigen::Matr
                                              : scalar.quantity.update(points, weights),
                          std::nullopt});
   }
+  complete(forecasts);
+  return forecasts;
+}
+
+void Forecaster::complete(std::vector<NamedForecast>& forecasts) const {
   const auto place = [&](const NamedForecast& forecast) {
-    return std::find(order_.begin(), order_.end(), forecast.name) - order_.begin();
+    return std::find_if(specifications_.begin(), specifications_.end(),
+                        [&](const ForecastSpecification& s) { return s.name == forecast.name; });
   };
+  for (NamedForecast& forecast : forecasts) {
+    const ForecastSpecification& s = *place(forecast);
+    forecast.horizon = s.horizon;
+    forecast.threshold = s.threshold.value_or(s.quantity == Quantity::crack_length ? s.prior_mean : 0);
+  }
   std::sort(forecasts.begin(), forecasts.end(),
             [&](const NamedForecast& a, const NamedForecast& b) { return place(a) < place(b); });
-  return forecasts;
 }
 
 std::vector<NamedForecast> Forecaster::direct(const Eigen::Ref<const Eigen::MatrixXd>& points,
@@ -193,6 +202,7 @@ std::vector<NamedForecast> Forecaster::direct(const Eigen::Ref<const Eigen::Matr
     forecasts.push_back(
         {crack.name, "m", moved(crack.bridge.direct(batch_.value, equal), crack.offset), std::nullopt});
   }
+  complete(forecasts);
   return forecasts;
 }
 

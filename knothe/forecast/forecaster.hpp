@@ -51,6 +51,8 @@ struct NamedForecast {
   ScalarForecast forecast;
   std::optional<double>
       bridge_residual_rms;  ///< m, crack length only: how far the best elastic crack is from the field
+  double horizon = 0;       ///< model time
+  double threshold = 0;     ///< in its units, that of the probabilities
 };
 
 /// Forecasts by name. Everything that does not depend on the posterior is computed once.
@@ -86,9 +88,11 @@ class Forecaster {
                  const ForecastSpecification& specification);
   void add_displacement(const reduction::SeparatedModel& model, const ForecastSpecification& specification);
   void add_output(const reduction::SeparatedModel& model, const ForecastSpecification& specification);
+  /// Puts them in the project's order, each with its horizon and threshold.
+  void complete(std::vector<NamedForecast>& forecasts) const;
 
   std::shared_ptr<const reduction::ParameterFunctions> functions_;
-  std::vector<std::string> order_;
+  std::vector<ForecastSpecification> specifications_;
   std::vector<Crack> cracks_;
   std::vector<Scalar> scalars_;
   reduction::FunctionBatch batch_;

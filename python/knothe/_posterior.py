@@ -2,7 +2,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -93,6 +94,8 @@ class Forecast:
         In `units`.
     probability_above_threshold : float
         P(q > threshold).
+    horizon, threshold : float
+        Model time for which it is made; `threshold` in `units`.
     levels, values : ndarray
         Quantiles.
     points, density : ndarray
@@ -109,6 +112,8 @@ class Forecast:
     std: float
     maximum_a_posteriori: float
     probability_above_threshold: float
+    horizon: float
+    threshold: float
     levels: Array
     values: Array
     units: str
@@ -119,12 +124,12 @@ class Forecast:
     def of(cls, record: Mapping[str, Any]) -> "Forecast":
         density = record.get("density", {"points": [], "values": []})
         return cls(record["mean"], record["std"], record["maximum_a_posteriori"], record["probability_above_threshold"],
-                   np.array(record["levels"]), np.array(record["values"]), record["units"], np.array(density["points"]),
+                   record["horizon"], record["threshold"], np.array(record["levels"]), np.array(record["values"]), record["units"], np.array(density["points"]),
                    np.array(density["values"]))
 
     def __repr__(self) -> str:
-        return (f"<Forecast: {self.mean:.4g} ± {self.std:.2g} {self.units}, "
-                f"P(above threshold) = {self.probability_above_threshold:.3g}>")
+        return (f"<Forecast at time {self.horizon:g}: {self.mean:.4g} ± {self.std:.2g} {self.units}, "
+                f"P(above {self.threshold:g} {self.units}) = {self.probability_above_threshold:.3g}>")
 
 
 class Posterior:
@@ -223,8 +228,10 @@ class Posterior:
         return int(parameter)
 
     def draws(self, count: int = 500) -> Array:
-        """Draws that weigh the same, shape (count, d); of an assimilation those that `posterior.nc` has."""
-        return self.points[_knothe.equal_draws(self.weights, count)]
+        """Draws that weigh the same, no two of them equal, shape (count, d); of an assimilation those of `posterior.nc`."""
+        bounds = [density[:2] for density in self.densities] or [(-np.inf, np.inf)] * len(self.parameters)
+        return _knothe.distinct_draws(self.points, self.weights, count, np.array([lower for lower, _ in bounds]),
+                                      np.array([upper for _, upper in bounds]))
 
     def marginal(self, parameter: str | int) -> tuple[Array, Array]:
         """Points and marginal density of one parameter, of the weighted points."""

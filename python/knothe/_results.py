@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import xarray
 
 _GROUPS = ("posterior", "posterior_predictive", "observed_data", "constant_data", "sample_stats", "log_likelihood",
-           "weighted_posterior", "predictions")
+           "weighted_posterior", "last_posterior", "forecast")
 
 
 class Results:
@@ -79,7 +79,7 @@ class Results:
                     raise DataError(f"{self._file}: not there: the results are incomplete") from error
                 continue
             groups[group] = dataset.assign_coords({name: dataset[name].astype(np.int64) for name in ("chain", "draw", "step")
-                                                   if name in dataset.coords})
+                                                   if name in dataset.coords})  # a file of 0.1 has floating point there
         return groups
 
     def __repr__(self) -> str:

@@ -3,7 +3,8 @@ from __future__ import annotations
 
 import json
 import os
-from typing import TYPE_CHECKING, Any, Iterator, Mapping
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -248,30 +249,53 @@ class Twin:
     def to_xarray(self, draws: int = 500, predictive_draws: int = 50) -> "dict[str, xarray.Dataset]":
         """One Dataset for each of ArviZ's groups, over all steps with data.
 
-        ``posterior`` (chain, draw, step), ``posterior_predictive`` (chain, draw, step, observation; without noise),
-        ``observed_data`` (step, observation), ``sample_stats`` (step). ``arviz.InferenceData(**twin.to_xarray())`` takes them.
+        ``posterior`` (chain, draw, step), ``log_likelihood`` (chain, draw, step) of each step's last datum,
+        ``posterior_predictive`` (chain, draw, step, observation) with noise, of every so many-th draw,
+        ``observed_data`` (step, observation), ``sample_stats`` (step), ``forecast`` (step, forecast).
+        ``arviz.InferenceData(**twin.to_xarray())`` takes them.
         """
         import xarray
 
         results = [self.result(step) for step in self.steps]
         if not results:
             raise UsageError("no datum has been assimilated yet")
-        step = {"step": [r.step for r in results]}
-        values = np.stack([r.draws(draws) for r in results], axis=1)[np.newaxis]
+        step = {"step": [r.step for r in results], "time": ("step", [r.time for r in results])}
+        stride = -(-draws // max(1, predictive_draws))
+        drawn = [self._native.draws(r.step, draws, stride) for r in results]
+        values, likelihood, predicted = (np.stack([d[i] for d in drawn], axis=1)[np.newaxis] for i in range(3))
         chain = {"chain": [0], "draw": np.arange(draws), **step}
         posterior = {name: (("chain", "draw", "step"), values[..., k]) for k, name in enumerate(self.parameters)}
-        predicted = np.stack([self.predict(r.draws(predictive_draws), r.step) for r in results], axis=1)[np.newaxis]
         statistics = [statistics_of(r.record) for r in results]
         places = self._observations(predicted.shape[-1])
-        return {
+        groups = {
             "posterior": xarray.Dataset(posterior, chain),
+            "log_likelihood": xarray.Dataset({"datum": (("chain", "draw", "step"), likelihood)}, chain),
             "posterior_predictive": xarray.Dataset(
                 {"measured": (("chain", "draw", "step", "observation"), predicted)},
-                {**chain, "draw": np.arange(predictive_draws), **places}),
+                {**chain, "draw": np.arange(0, draws, stride), **places}),
             "observed_data": xarray.Dataset(
                 {"measured": (("step", "observation"), np.stack([self._native.values(r.step) for r in results]))},
                 {**step, **places}),
-            "sample_stats": xarray.Dataset({name: (("step",), [s[name] for s in statistics]) for name in statistics[0]}, step)}
+            "sample_stats": xarray.Dataset(
+                {name: (("step",), [s[name] for s in statistics]) for name in statistics[0] if name != "time"}, step)}
+        if results[-1].forecast:
+            groups["forecast"] = self._forecasts(results, step)
+        return groups
+
+    @staticmethod
+    def _forecasts(results: "list[StepResult]", step: Mapping[str, Any]) -> "xarray.Dataset":
+        """What is said of each quantity of interest, by step."""
+        import xarray
+
+        forecasts = [list(result.forecast.items()) for result in results]
+        last = [forecast for _, forecast in forecasts[-1]]
+        names = ("mean", "std", "maximum_a_posteriori", "probability_above_threshold")
+        content = {name: (("step", "forecast"), [[getattr(f, name) for _, f in row] for row in forecasts]) for name in names}
+        return xarray.Dataset(
+            {**content, "quantiles": (("step", "forecast", "level"), [[f.values for _, f in row] for row in forecasts])},
+            {**step, "forecast": [name for name, _ in forecasts[-1]], "level": last[0].levels,
+             "units": ("forecast", [f.units for f in last]), "horizon": ("forecast", [f.horizon for f in last]),
+             "threshold": ("forecast", [f.threshold for f in last])})
 
     def _observations(self, count: int) -> dict[str, Any]:
         """Coordinates on `observation`: its name, and the place where it has one."""
@@ -281,7 +305,7 @@ class Twin:
         directions = [("x", "y", "z")[c] for c in components] + [""] * (count - len(components))
         names = [f"{c}{i}" for i, c in enumerate(directions[:len(components)])] + list(scalars)
         names += [str(i) for i in range(len(names), count)]
-        return {"observation": names, "component": ("observation", directions),
+        return {"observation": names, "direction": ("observation", directions),
                 **{axis: ("observation", places[:, k]) for k, axis in enumerate("xyz")}}
 
     def __repr__(self) -> str:

@@ -1,4 +1,5 @@
 """RESULTS/ and what is made of it: posterior.nc, summary.json, fields, the forecast from it, the report."""
+import datetime
 import json
 import re
 import shutil
@@ -50,6 +51,39 @@ class Test(Case):
             root = xml.etree.ElementTree.fromstring(head + b"</VTKFile>" if mark else content)
             names = [array.get("Name") for array in root.findall(".//PointData/DataArray")]
             self.assertEqual(names, ["displacement_mean", "displacement_std"])
+
+    def test_the_fields_say_their_unit_and_time(self):
+        for step, line in enumerate(self.lines):
+            content = (self.results / "fields" / f"step_{step:04}.vtu").read_bytes()
+            root = xml.etree.ElementTree.fromstring(content.partition(b"<AppendedData")[0] + b"</VTKFile>")
+            (time,) = root.findall(".//FieldData/DataArray[@Name='TimeValue']")
+            self.assertEqual(float(time.text), line["time"])
+            keys = root.findall(".//PointData/DataArray/InformationKey[@name='UNITS_LABEL']")
+            self.assertEqual([key.text for key in keys], ["m", "m"])
+
+    def test_lines_name_their_parameters_with_physical_values_and_the_wall_clock(self):
+        before = datetime.datetime.fromisoformat("2026-01-01T00:00:00+00:00")
+        for line in self.lines:
+            self.assertEqual(line["parameters"], ["Y0", "Ad"])
+            for k, name in enumerate(line["parameters"]):
+                physical, reference = line["physical"][name], (216.0, 2.25e-3)[k]
+                self.assertEqual(list(physical), ["mean", "std"])  # this model does not say the unit of its references
+                self.assertAlmostEqual(physical["mean"] / reference, line["mean"][k], places=12)
+                self.assertAlmostEqual((physical["std"] / reference) ** 2, line["covariance"][k][k], places=12)
+            self.assertRegex(line["wall_clock"], r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z$")
+            self.assertGreater(datetime.datetime.fromisoformat(line["wall_clock"].replace("Z", "+00:00")), before)
+            for forecast, horizon, threshold in (("force", 0.75, 1150.0), ("deflection", 1.0, -3.7e-4)):
+                f = line["forecast"][forecast]
+                self.assertEqual((f["horizon"], f["threshold"]), (horizon, threshold))
+                self.assertAlmostEqual(f["probability_above_threshold"] + f["probability_below_threshold"], 1, places=12)
+
+    def test_the_console_has_digits_enough_and_says_what_a_forecast_is_for(self):
+        out = self.expect(0, "forecast", self.project_name).out
+        self.assertRegex(out, r"force at time 0\.75: \d+\.?\d* ± \d[\d.]* N, most probable .*; threshold 1150 N: P\(above\) .* %, P\(below\) .* %")
+        self.assertRegex(out, r"deflection at time 1: −0\.\d{4,} ± 0\.0*[1-9]\d? mm, .*threshold −0\.37 mm: P\(above\)")
+        self.assertNotRegex(out, r"e-\d")
+        table = self.expect(0, "assimilate", self.project_name).out
+        self.assertRegex(table, r"step  11  Y0 1\.\d+ ± 0\.\d+ .*force [\d.]+ ± [\d.]+ N")
 
     def test_a_forecast_from_the_results_is_the_last_steps(self):
         (line,) = self.expect(0, "forecast", self.project_name, "--json").lines()

@@ -250,4 +250,4 @@ class Broker:
 
 def comparable(line):
     """A line without what depends on when and how it was computed."""
-    return {k: v for k, v in line.items() if k not in ("elapsed_us", "event", "received_at", "site", "data")}
+    return {k: v for k, v in line.items() if k not in ("elapsed_us", "wall_clock", "event", "received_at", "site", "data")}

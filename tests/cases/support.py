@@ -193,9 +193,9 @@ def correlation(line):
 
 
 def without_times(value):
-    """The line without how long it took."""
+    """The line without when it was computed and how long that took."""
     if isinstance(value, dict):
-        return {key: without_times(entry) for key, entry in value.items() if not key.startswith("elapsed")}
+        return {key: without_times(entry) for key, entry in value.items() if not key.startswith("elapsed") and key != "wall_clock"}
     if isinstance(value, list):
         return [without_times(entry) for entry in value]
     return value

@@ -37,7 +37,8 @@ FieldOnMesh::FieldOnMesh(const ModelContents& contents, const std::string& where
 
 files::VtuField FieldOnMesh::vectors(const std::string& name, std::span<const double> values) const {
   assert(values.size() == position_.size());
-  files::VtuField field{name, 3, std::vector<double>(contents_.mesh->points.size(), 0.0)};
+  files::VtuField field{name, 3, std::vector<double>(contents_.mesh->points.size(), 0.0),
+                        contents_.field.units};
   for (std::size_t i = 0; i < values.size(); ++i) field.values[position_[i]] = values[i];
   return field;
 }

@@ -100,6 +100,17 @@ Plot marginals_plot(const Results& results, std::size_t d) {
   return plot;
 }
 
+Plot pair_plot(const Results& results, std::size_t row, std::size_t column) {
+  const ParameterSummary &x = results.parameters[column], &y = results.parameters[row];
+  Plot plot(pretty_name(y.name) + " against " + pretty_name(x.name) + ", last step", {pretty_name(x.name)},
+            {pretty_name(y.name)});
+  plot.scatter(results.draws[column], results.draws[row], Paint::series(0), "draws of the posterior", 1.8);
+  if (x.truth && y.truth)
+    plot.scatter(std::vector<double>{*x.truth}, std::vector<double>{*y.truth}, Paint::truth(), "true value",
+                 4.5);
+  return plot;
+}
+
 Plot convergence_plot(const Results& results, std::size_t d) {
   const ParameterSummary& parameter = results.parameters[d];
   Plot plot(pretty_name(parameter.name) + " as the data come in", {"step"}, {pretty_name(parameter.name)});

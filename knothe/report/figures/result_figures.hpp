@@ -13,6 +13,8 @@ namespace knothe::report {
 [[nodiscard]] Plot marginals_plot(const Results& results, std::size_t d);
 /// Posterior mean and 95 % band of parameter `d` over the steps.
 [[nodiscard]] Plot convergence_plot(const Results& results, std::size_t d);
+/// Draws of the last posterior, parameter `row` against parameter `column`.
+[[nodiscard]] Plot pair_plot(const Results& results, std::size_t row, std::size_t column);
 /// Order of the map as bars, time of an update as a line (Fig. 9, right).
 [[nodiscard]] Plot cost_plot(const Results& results);
 /// Load against displacement, with the steps where each parameter's standard deviation falls most.

@@ -54,6 +54,8 @@ std::string verdict(const Results& results) {
 std::vector<Figure> residual_figures(const Results& results) {
   std::vector<Figure> figures = {
       figure_of(residual_plot(results), "Residuals at the sensors over the steps")};
+  if (!results.residuals.measured.empty())
+    figures.push_back(figure_of(measured_plot(results), "Measured against predicted at the last step"));
   std::set<char> components(results.residuals.component.begin(), results.residuals.component.end());
   for (const char c : components)
     figures.push_back(
@@ -92,8 +94,29 @@ Plot residual_plot(const Results& results) {
     x.push_back(static_cast<double>(results.residuals.step[i]));
     y.push_back(1e6 * results.residuals.step_rms[i]);
   }
-  Plot plot("Datum less prediction, all sensors", {"step"}, {"root mean square (µm)", 0.0});
-  plot.line(x, y, Paint::series(1));
+  Plot plot("Measured minus predicted, all sensors", {"step"}, {"root mean square (µm)", 0.0});
+  const bool has_noise = !results.residuals.noise_rms.empty();
+  plot.line(x, y, Paint::series(1), has_noise ? "measured minus predicted" : "");
+  if (!has_noise) return plot;
+  std::vector<double> noise;
+  for (const double rms : results.residuals.noise_rms) noise.push_back(1e6 * rms);
+  plot.line(x, noise, Paint::truth(), "noise of the sensors", {1.6, "6 4", 1.0});
+  return plot;
+}
+
+Plot measured_plot(const Results& results) {
+  std::vector<double> measured, predicted;
+  // More than some thousand dots are neither seen nor quickly shown.
+  const std::size_t stride = 1 + results.residuals.measured.size() / 4000;
+  for (std::size_t i = 0; i < results.residuals.measured.size(); i += stride) {
+    measured.push_back(1e6 * results.residuals.measured[i]);
+    predicted.push_back(1e6 * results.residuals.predicted[i]);
+  }
+  const auto [low, high] = std::minmax_element(predicted.begin(), predicted.end());
+  const std::vector<double> ends = {*low, *high};
+  Plot plot("Measured against predicted, last step", {"predicted (µm)"}, {"measured (µm)"});
+  plot.line(ends, ends, Paint::faint(), "equal", {1.2});
+  plot.scatter(predicted, measured, Paint::series(0), "a sensor", 2.2);
   return plot;
 }
 

@@ -11,8 +11,11 @@ namespace knothe::report {
 [[nodiscard]] Plot evidence_plot(const Results& results);
 /// The largest of the monitor's cumulative sums against their threshold; steps at which it rang.
 [[nodiscard]] Plot alarm_plot(const Results& results);
-/// Root mean square over the sensors of datum − posterior mean prediction, µm; `results.residuals` has it.
+/// Root mean square over the sensors of datum − posterior mean prediction, µm, and that of their noise;
+/// `results.residuals` has them.
 [[nodiscard]] Plot residual_plot(const Results& results);
+/// The data of the last step against the posterior mean prediction, µm.
+[[nodiscard]] Plot measured_plot(const Results& results);
 /// Size of the discrepancy that the joint correction infers, relative to the prior's spread.
 [[nodiscard]] Plot discrepancy_plot(const Results& results);
 /// The residuals of one component at the places of the sensors (x, y), averaged over the last steps.

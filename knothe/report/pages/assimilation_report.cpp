@@ -62,6 +62,23 @@ void add_parameters(Page& page, const Results& results) {
                "Posterior mean, and the band that holds 95 % of the probability, after each step.");
 }
 
+/// Each pair of the first parameters; nothing for one parameter, or where the file has no draws.
+void add_pairs(Page& page, const Results& results) {
+  std::vector<Figure> figures;
+  const std::size_t d = std::min<std::size_t>(results.draws.size(), 5);
+  for (std::size_t row = 1; row < d; ++row)
+    for (std::size_t column = 0; column < row; ++column)
+      figures.push_back(
+          figure_of(pair_plot(results, row, column), pretty_name(results.parameters[row].name) + " against " +
+                                                         pretty_name(results.parameters[column].name)));
+  if (figures.empty()) return;
+  page.figures(
+      figures,
+      "Draws of the last posterior, pair by pair. A narrow ridge: the data determine one combination "
+      "of the two much better than each of them.");
+  if (results.draws.size() > d) page.note(fmt::format("Only the first {} parameters are drawn.", d));
+}
+
 void add_forecasts(Page& page, const Results& results) {
   page.section("Forecast");
   const auto names = results.forecast_names();
@@ -218,6 +235,7 @@ std::string assimilation_report(const Results& results, const reduction::Separat
   add_verdict(page, results);
   page.cards(headline(results));
   add_parameters(page, results);
+  add_pairs(page, results);
   add_forecasts(page, results);
   add_learning(page, results);
   add_watch(page, results);

@@ -9,16 +9,12 @@
 
 #include "knothe/files/json_line.hpp"
 #include "knothe/imaging/series/camera_drift.hpp"
+#include "knothe/report/results/forecast_text.hpp"
 #include "knothe/report/results/picture_record.hpp"
 #include "knothe/report/results/step_record.hpp"
 
 namespace knothe::report {
 namespace {
-
-std::string value_with_unit(const forecast::NamedForecast& f) {
-  if (f.units == "m") return fmt::format("{:.1f} ± {:.1f} mm", f.forecast.mean * 1e3, f.forecast.std * 1e3);
-  return fmt::format("{:.4g} ± {:.2g} {}", f.forecast.mean, f.forecast.std, f.units);
-}
 
 /// What a step's line says of its picture; the time line begins where the picture is in memory.
 void add_picture(nlohmann::ordered_json& line, const project::PictureDatum& datum,
@@ -47,8 +43,8 @@ void add_picture(nlohmann::ordered_json& line, const project::PictureDatum& datu
 
 }  // namespace
 
-AssimilationOutput::AssimilationOutput(bool json, std::vector<std::string> names, std::size_t steps)
-    : json_(json), live_(!json && isatty(STDERR_FILENO) == 1), names_(std::move(names)), steps_(steps) {}
+AssimilationOutput::AssimilationOutput(bool json, std::vector<reduction::Axis> axes, std::size_t steps)
+    : json_(json), live_(!json && isatty(STDERR_FILENO) == 1), axes_(std::move(axes)), steps_(steps) {}
 
 AssimilationOutput::~AssimilationOutput() {
   if (live_) std::fputs("\r\033[K", stderr);
@@ -91,7 +87,7 @@ void AssimilationOutput::tell_sensors(const engine::StepResult& result) {
 void AssimilationOutput::print_record(const engine::StepResult& result,
                                       const std::optional<project::PictureDatum>& picture,
                                       const project::PictureMeasurements* pictures) const {
-  auto record = step_record(result);
+  auto record = step_record(result, axes_);
   if (picture) add_picture(record, *picture, *pictures);
   fmt::print("{}\n", files::json_line(record));
   std::fflush(stdout);
@@ -101,16 +97,19 @@ void AssimilationOutput::print_record(const engine::StepResult& result,
 void AssimilationOutput::print_text(const engine::StepResult& result, double total_us) const {
   const assimilation::UpdateResult& r = result.update;
   std::string text = fmt::format("step {:3}", r.step);
-  for (std::size_t k = 0; k < names_.size(); ++k) {
+  for (std::size_t k = 0; k < axes_.size(); ++k) {
     const auto i = static_cast<Eigen::Index>(k);
-    text += fmt::format("  {} {:.3f} ± {:.3f}", names_[k], r.mean[i], std::sqrt(r.covariance(i, i)));
+    text += fmt::format("  {} {}", axes_[k].name, value_text(r.mean[i], std::sqrt(r.covariance(i, i)), "1"));
   }
   text += fmt::format("  order {}{}", r.map_order,
                       r.verdict.level == assimilation::VerdictLevel::ok        ? " "
                       : r.verdict.level == assimilation::VerdictLevel::caution ? "?"
                                                                                : "!");
-  if (!result.forecasts.empty())
-    text += fmt::format("  {} {}", result.forecasts[0].name, value_with_unit(result.forecasts[0]));
+  if (!result.forecasts.empty()) {
+    const forecast::NamedForecast& first = result.forecasts[0];
+    text +=
+        fmt::format("  {} {}", first.name, value_text(first.forecast.mean, first.forecast.std, first.units));
+  }
   text += fmt::format("  {:.0f} µs", total_us);
   if (live_) std::fprintf(stderr, "\r\033[K%s", text.c_str());
   if ((r.step + 1) % 10 != 0 && shown_ != steps_) return;

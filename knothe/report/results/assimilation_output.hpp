@@ -13,8 +13,8 @@ namespace knothe::report {
 
 class AssimilationOutput {
  public:
-  /// `names`: of the parameters; `steps`: how many there will be.
-  AssimilationOutput(bool json, std::vector<std::string> names, std::size_t steps);
+  /// `axes`: of the model's parameters; `steps`: how many there will be.
+  AssimilationOutput(bool json, std::vector<reduction::Axis> axes, std::size_t steps);
   ~AssimilationOutput();
   AssimilationOutput(const AssimilationOutput&) = delete;
   AssimilationOutput& operator=(const AssimilationOutput&) = delete;
@@ -37,7 +37,7 @@ class AssimilationOutput {
   void tell_sensors(const engine::StepResult& result);
 
   bool json_, live_;
-  std::vector<std::string> names_;
+  std::vector<reduction::Axis> axes_;
   std::size_t steps_, shown_ = 0;
   std::vector<std::size_t> untrusted_;
   assimilation::RunVerdict run_;

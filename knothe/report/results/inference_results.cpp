@@ -11,6 +11,7 @@
 #include "knothe/files/json_line.hpp"
 #include "knothe/files/netcdf.hpp"
 #include "knothe/report/results/json_values.hpp"
+#include "knothe/report/results/physical_parameters.hpp"
 #include "knothe/transport/map/map_file.hpp"
 
 namespace knothe::report {
@@ -75,9 +76,9 @@ Json figures_of(const project::InferenceSetup& setup, const InferenceResult& r) 
   return figures;
 }
 
-std::vector<double> counted(Eigen::Index n) {
-  std::vector<double> numbers(static_cast<std::size_t>(n));
-  std::iota(numbers.begin(), numbers.end(), 0.0);
+std::vector<std::int64_t> counted(Eigen::Index n) {
+  std::vector<std::int64_t> numbers(static_cast<std::size_t>(n));
+  std::iota(numbers.begin(), numbers.end(), 0);
   return numbers;
 }
 
@@ -100,21 +101,23 @@ void write_samples(const std::string& path, const project::Project& project,
     out.add_dimension("posterior", "draw", counted(r.draws.rows() / r.chains), {"1", "draw"});
     for (std::size_t k = 0; k < d; ++k) {
       const auto column = r.draws.col(static_cast<Eigen::Index>(k));
-      out.add_variable("posterior", setup.parameters[k], Names{"chain", "draw"},
-                       {column.data(), static_cast<std::size_t>(r.draws.rows() / r.chains * r.chains)},
-                       {"1", setup.parameters[k]});
+      out.add_variable(
+          "posterior", setup.parameters[k], Names{"chain", "draw"},
+          std::span(column.data(), static_cast<std::size_t>(r.draws.rows() / r.chains * r.chains)),
+          {"1", setup.parameters[k]});
     }
     out.add_dimension("weighted_posterior", "point", static_cast<std::size_t>(r.points.rows()));
-    out.add_dimension("weighted_posterior", "parameter", d);
+    out.add_dimension("weighted_posterior", "parameter", setup.parameters, {"1", "parameter"});
     out.add_variable("weighted_posterior", "points", Names{"point", "parameter"}, c_order(r.points),
                      {"1", "points"});
     out.add_variable("weighted_posterior", "weights", Names{"point"},
-                     {r.weights.data(), static_cast<std::size_t>(r.weights.size())}, {"1", "weights, sum 1"});
+                     std::span(r.weights.data(), static_cast<std::size_t>(r.weights.size())),
+                     {"1", "weights, sum 1"});
     out.add_attribute("weighted_posterior", "parameters",
                       fmt::format("{}", fmt::join(setup.parameters, ",")));
     out.add_dimension("sample_stats", "run", 1);
     const auto statistic = [&](const char* name, double value, const char* meaning) {
-      out.add_variable("sample_stats", name, Names{"run"}, {&value, 1}, {"1", meaning});
+      out.add_variable("sample_stats", name, Names{"run"}, std::span(&value, 1), {"1", meaning});
     };
     statistic("ess", r.effective_sample_size, "effective sample size as a fraction of the weighted points");
     statistic("trusted", r.trusted ? 1 : 0, "1 if trusted");
@@ -160,6 +163,7 @@ Json inference_record(const InferenceResult& r, const std::vector<std::string>& 
   Json record = {
       {"method", inference::to_text(r.method)},
       {"parameters", parameters},
+      {"wall_clock", utc_text(std::chrono::system_clock::now())},
       {"mean", to_json(r.mean)},
       {"covariance", rows_of(r.covariance)},
       {"maximum_a_posteriori", to_json(r.maximum_a_posteriori)},

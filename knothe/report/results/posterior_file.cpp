@@ -4,188 +4,354 @@
 
 #include <algorithm>
 #include <limits>
+#include <map>
+#include <nlohmann/json.hpp>
 
+#include "knothe/assimilation/noise/predictive.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/version.hpp"
 #include "knothe/files/atomic_file.hpp"
+#include "knothe/files/json_line.hpp"
 #include "knothe/files/netcdf.hpp"
+#include "knothe/numerics/statistics/distinct_draws.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
-#include "knothe/reduction/observe/observed_model.hpp"
+#include "knothe/report/results/physical_parameters.hpp"
+#include "knothe/report/results/step_record.hpp"
 
 namespace knothe::report {
 namespace {
 
 using Names = std::vector<std::string>;
-constexpr std::size_t k_draws = 500;
-constexpr std::size_t k_predictive_draws = 50;
+using files::SinglePrecision;
+constexpr Eigen::Index k_draws = 500;
+constexpr std::size_t k_predictive_draws = 50;    ///< at most; of many sensors fewer,
+constexpr std::size_t k_predictive_values = 4e6;  ///< for this many numbers (16 MB) in all
+constexpr Eigen::Index k_weighted_points = 2048;  ///< of each step but the last, at most
+constexpr double k_missing = std::numeric_limits<double>::quiet_NaN();
 
-std::vector<double> counted(std::size_t n) {
-  std::vector<double> numbers(n);
-  for (std::size_t i = 0; i < n; ++i) numbers[i] = static_cast<double>(i);
+std::vector<std::int64_t> counted(std::size_t n, std::size_t stride = 1) {
+  std::vector<std::int64_t> numbers(n);
+  for (std::size_t i = 0; i < n; ++i) numbers[i] = static_cast<std::int64_t>(i * stride);
   return numbers;
+}
+
+/// Weighted points as they are stored.
+struct WeightedPoints {
+  Eigen::MatrixXd points;
+  Eigen::VectorXd weights;
+};
+
+/// At most `count` of a posterior's points, with weights that add up to 1: those that `count` draws fall on.
+WeightedPoints thinned(const assimilation::Posterior& posterior, Eigen::Index count) {
+  if (posterior.weights.size() <= count) return {posterior.points, posterior.weights};
+  std::map<Eigen::Index, double> chosen;
+  for (const Eigen::Index i : numerics::equal_draws(posterior.weights, count))
+    chosen[i] += 1.0 / static_cast<double>(count);
+  WeightedPoints kept{Eigen::MatrixXd(static_cast<Eigen::Index>(chosen.size()), posterior.points.cols()),
+                      Eigen::VectorXd(static_cast<Eigen::Index>(chosen.size()))};
+  Eigen::Index row = 0;
+  for (const auto& [i, weight] : chosen) {
+    kept.points.row(row) = posterior.points.row(i);
+    kept.weights[row++] = weight;
+  }
+  return kept;
+}
+
+/// Appends a matrix in C order.
+void append(std::vector<double>& values, const Eigen::Ref<const Eigen::MatrixXd>& m) {
+  for (Eigen::Index i = 0; i < m.rows(); ++i)
+    for (Eigen::Index k = 0; k < m.cols(); ++k) values.push_back(m(i, k));
 }
 
 class Writer {
  public:
-  Writer(files::NetcdfWriter& out, const PosteriorFile& file, const reduction::SeparatedModel& model,
-         const assimilation::Measurements& measurements)
-      : out_(out), file_(file), model_(model), measurements_(measurements), n_steps_(file.results.size()) {
-    for (const auto* result : file.results) steps_.push_back(static_cast<double>(result->step));
+  Writer(files::NetcdfWriter& out, const PosteriorFile& file)
+      : out_(out),
+        file_(file),
+        n_steps_(file.steps.size()),
+        n_observations_(file.measurements.sensors.displacement_count()) {
+    for (const KeptStep& step : file.steps) {
+      steps_.push_back(static_cast<std::int64_t>(step.result.step));
+      times_.push_back(step.result.time);
+    }
   }
 
+  /// posterior, posterior_predictive, log_likelihood.
   void write_draws() {
-    const std::string group = "posterior";
-    add_chain(group, k_draws);
-    add_steps(group);
-    const std::size_t d = file_.parameters.size();
-    std::vector<std::vector<double>> values(d, std::vector<double>(k_draws * n_steps_));
+    const std::size_t affordable = k_predictive_values / std::max<std::size_t>(1, n_steps_ * n_observations_);
+    const std::size_t wanted = std::clamp<std::size_t>(affordable, 4, k_predictive_draws);
+    const std::size_t stride = (k_draws + wanted - 1) / wanted, n_predicted = (k_draws + stride - 1) / stride;
+    const auto observed = file_.observed ? file_.observed
+                                         : std::make_shared<const reduction::ObservedModel>(
+                                               reduction::observe(file_.model, file_.measurements.sensors));
+    const std::size_t d = file_.priors.size();
+    std::vector<std::vector<double>> draws(d, std::vector<double>(k_draws * n_steps_));
+    std::vector<double> likelihood(k_draws * n_steps_), predicted(n_predicted * n_steps_ * n_observations_);
     for (std::size_t s = 0; s < n_steps_; ++s) {
-      const auto draws = numerics::equal_draws(file_.results[s]->weights, k_draws);
+      const StepDraws here =
+          draw_step(file_.steps[s], *observed, file_.priors, static_cast<Eigen::Index>(n_observations_),
+                    k_draws, static_cast<Eigen::Index>(stride));
       for (std::size_t j = 0; j < k_draws; ++j) {
-        for (std::size_t k = 0; k < d; ++k) {
-          values[k][j * n_steps_ + s] = file_.results[s]->points(draws[j], static_cast<Eigen::Index>(k));
-        }
+        const auto row = static_cast<Eigen::Index>(j);
+        for (std::size_t k = 0; k < d; ++k)
+          draws[k][j * n_steps_ + s] = here.parameters(row, static_cast<Eigen::Index>(k));
+        likelihood[j * n_steps_ + s] = here.log_likelihood[row];
       }
+      for (std::size_t j = 0; j < n_predicted; ++j)
+        std::copy_n(here.predicted.col(static_cast<Eigen::Index>(j)).data(), n_observations_,
+                    predicted.begin() + static_cast<std::ptrdiff_t>((j * n_steps_ + s) * n_observations_));
     }
-    for (std::size_t k = 0; k < d; ++k) {
-      const auto& axis = model_.contents().axes[k];
-      out_.add_variable(group, axis.name, Names{"chain", "draw", "step"}, values[k],
-                        {axis.units, axis.long_name});
-    }
-  }
-
-  void write_predictive() {
-    const std::string group = "posterior_predictive";
-    add_chain(group, k_predictive_draws);
-    add_steps(group);
-    const auto n_obs = measurements_.sensors.displacement_count();
-    out_.add_dimension(group, "observation", n_obs);
-    const std::shared_ptr<const reduction::ObservedModel> observed =
-        file_.observed ? file_.observed
-                       : std::make_shared<const reduction::ObservedModel>(
-                             reduction::observe(model_, measurements_.sensors));
-    std::vector<double> values(k_predictive_draws * n_steps_ * n_obs);
-    for (std::size_t s = 0; s < n_steps_; ++s) {
-      const auto draws = numerics::equal_draws(file_.results[s]->weights, k_predictive_draws);
-      for (std::size_t j = 0; j < k_predictive_draws; ++j) {
-        const Eigen::VectorXd p = file_.results[s]->points.row(draws[j]);
-        const Eigen::VectorXd y = observed->predict(p, file_.time_indices[s]);
-        std::copy(y.begin(), y.begin() + static_cast<std::ptrdiff_t>(n_obs),
-                  values.begin() + static_cast<std::ptrdiff_t>((j * n_steps_ + s) * n_obs));
-      }
-    }
-    out_.add_variable(group, "displacement", Names{"chain", "draw", "step", "observation"}, values,
-                      {"m", "displacement at the observed dofs, without noise"});
+    write_posterior(draws);
+    add_draws("posterior_predictive", counted(n_predicted, stride));
+    add_observations("posterior_predictive");
+    out_.add_variable("posterior_predictive", "displacement", Names{"chain", "draw", "step", "observation"},
+                      SinglePrecision{predicted},
+                      {"m", "what the sensors would measure: model, bias where it is corrected, and noise"});
+    add_draws("log_likelihood", counted(k_draws));
+    out_.add_variable("log_likelihood", "datum", Names{"chain", "draw", "step"}, likelihood,
+                      {"1", "log density of the step's datum under the draw of that step"});
   }
 
   void write_data() {
-    const auto n_obs = measurements_.sensors.displacement_count();
     add_steps("observed_data");
-    out_.add_dimension("observed_data", "observation", n_obs);
+    add_observations("observed_data");
+    const auto& m = file_.measurements;
     out_.add_variable("observed_data", "displacement", Names{"step", "observation"},
-                      {measurements_.values.data(), n_steps_ * n_obs}, {"m", "measured displacement"});
-    for (const auto& [name, series] : measurements_.series) {
-      out_.add_variable("observed_data", name, Names{"step"}, {series.values.data(), n_steps_},
+                      std::span(m.values.data(), n_steps_ * n_observations_), {"m", "measured displacement"});
+    for (const auto& [name, series] : m.series) {
+      out_.add_variable("observed_data", name, Names{"step"}, std::span(series.values.data(), n_steps_),
                         {"1", "measured beside the displacements"});
     }
     const std::string group = "constant_data";
-    out_.add_dimension(group, "observation", n_obs);
-    out_.add_dimension(group, "axis", 3);
-    out_.add_variable(group, "points", Names{"observation", "axis"}, measurements_.sensors.points,
+    add_observations(group);
+    out_.add_dimension(group, "axis", Names{"x", "y", "z"}, {"1", "direction"});
+    out_.add_variable(group, "points", Names{"observation", "axis"}, m.sensors.points,
                       {"m", "measurement points"});
-    const std::vector<double> components(measurements_.sensors.components.begin(),
-                                         measurements_.sensors.components.end());
+    const std::vector<std::int64_t> components(m.sensors.components.begin(), m.sensors.components.end());
     out_.add_variable(group, "component", Names{"observation"}, components, {"1", "0 x, 1 y, 2 z"});
-    const Eigen::VectorXd std = measurements_.noise.standard_deviations();
-    out_.add_variable(group, "noise_std", Names{"observation"}, {std.data(), n_obs},
+    const Eigen::VectorXd std = m.noise.standard_deviations();
+    out_.add_variable(group, "noise_std", Names{"observation"}, std::span(std.data(), n_observations_),
                       {"m", "standard deviation"});
   }
 
   void write_statistics() {
     add_steps("sample_stats");
-    add_statistic("time", "1", "model time", [](const auto& r) { return r.time; });
-    add_statistic("map_order", "1", "order of the map", [](const auto& r) { return double(r.map_order); });
-    add_statistic("variance_diagnostic", "1", "verified variance diagnostic",
+    add_statistic("map_order", "order of the map", [](const auto& r) { return double(r.map_order); });
+    add_statistic("variance_diagnostic", "verified variance diagnostic",
                   [](const auto& r) { return r.variance_diagnostic; });
-    add_statistic("ess", "1", "effective sample size, fraction",
+    add_statistic("ess", "effective sample size, fraction",
                   [](const auto& r) { return r.effective_sample_size; });
-    add_statistic("trusted", "1", "1 if trusted", [](const auto& r) { return r.trusted ? 1.0 : 0.0; });
-    add_statistic("verdict", "1", "0 ok, 1 caution, 2 reject",
+    add_statistic("trusted", "1 if trusted", [](const auto& r) { return r.trusted ? 1.0 : 0.0; });
+    add_statistic("verdict", "0 ok, 1 caution, 2 reject",
                   [](const auto& r) { return static_cast<double>(r.verdict.level); });
-    add_statistic("fit_probability", "1", "of a misfit as large as that of all data so far",
+    add_statistic("fit_probability", "of a misfit as large as that of all data so far",
                   [](const auto& r) { return r.verdict.fit_probability; });
-    add_statistic("log_evidence", "1", "log p(d_0 ... d_i)", [](const auto& r) { return r.log_evidence; });
-    add_statistic("log_evidence_increment", "1", "log p(d_i | d_0 ... d_i-1)",
+    add_statistic("log_evidence", "log p(d_0 ... d_i)", [](const auto& r) { return r.log_evidence; });
+    add_statistic("log_evidence_increment", "log p(d_i | d_0 ... d_i-1)",
                   [](const auto& r) { return r.log_evidence_increment; });
+    Names reasons;
+    for (const KeptStep& step : file_.steps) {
+      Names messages;
+      for (const assimilation::VerdictReason& reason : step.result.verdict.reasons)
+        messages.push_back(fmt::format("{}: {}", to_text(reason.part), reason.message));
+      reasons.push_back(fmt::format("{}", fmt::join(messages, "; ")));
+    }
+    out_.add_variable("sample_stats", "verdict_reasons", Names{"step"}, reasons, {"", "why, where not ok"});
+  }
+
+  /// What is said of the quantities of interest.
+  void write_forecasts() {
+    const auto& last = file_.steps.back().forecasts;
+    if (last.empty()) return;
+    const std::string group = "forecast";
+    Names names, units;
+    std::vector<double> horizons, thresholds;
+    for (const forecast::NamedForecast& f : last) {
+      names.push_back(f.name), units.push_back(f.units);
+      horizons.push_back(f.horizon), thresholds.push_back(f.threshold);
+    }
+    add_steps(group);
+    out_.add_dimension(group, "forecast", names, {"", "name of the forecast"});
+    out_.add_dimension(group, "level", numerics::k_quantile_levels, {"1", "of the quantiles"});
+    out_.add_variable(group, "units", Names{"forecast"}, units, {"", "of the quantity"});
+    out_.add_variable(group, "horizon", Names{"forecast"}, horizons, {"1", "model time"});
+    out_.add_variable(group, "threshold", Names{"forecast"}, thresholds, {"", "in the quantity's units"});
+    out_.add_attribute(group, "coordinates", "time units horizon threshold");
+    using F = forecast::ScalarForecast;
+    add_forecast("mean", "mean", [](const F& f) { return f.mean; });
+    add_forecast("std", "standard deviation", [](const F& f) { return f.std; });
+    add_forecast("maximum_a_posteriori", "most probable value",
+                 [](const F& f) { return f.maximum_a_posteriori; });
+    add_forecast("probability_above_threshold", "P(q > threshold)",
+                 [](const F& f) { return f.probability_above_threshold; });
+    add_forecast("probability_below_threshold", "P(q <= threshold)",
+                 [](const F& f) { return 1 - f.probability_above_threshold; });
+    std::vector<double> quantiles;
+    for (const KeptStep& step : file_.steps)
+      for (const forecast::NamedForecast& f : step.forecasts)
+        quantiles.insert(quantiles.end(), f.forecast.values.begin(), f.forecast.values.end());
+    out_.add_variable(group, "quantiles", Names{"step", "forecast", "level"}, quantiles, {"", "quantiles"});
   }
 
   void write_weighted_points() {
+    std::vector<WeightedPoints> kept;
+    Eigen::Index n = 0;
+    for (const KeptStep& step : file_.steps) {
+      kept.push_back(thinned(step.result, k_weighted_points));
+      n = std::max(n, kept.back().weights.size());
+    }
     const std::string group = "weighted_posterior";
     add_steps(group);
-    Eigen::Index most = 0;
-    for (const auto* result : file_.results) most = std::max(most, result->weights.size());
-    const auto n = static_cast<std::size_t>(most), d = file_.parameters.size();
-    out_.add_dimension(group, "point", n);
-    out_.add_dimension(group, "parameter", d);
+    out_.add_dimension(group, "point", static_cast<std::size_t>(n));
     // Steps with fewer points are filled up with their first point at weight zero.
-    std::vector<double> points(n_steps_ * n * d), weights(n_steps_ * n, 0.0);
-    for (std::size_t s = 0; s < n_steps_; ++s) {
-      const auto& posterior = *file_.results[s];
-      for (std::size_t i = 0; i < n; ++i) {
-        const bool there = static_cast<Eigen::Index>(i) < posterior.weights.size();
-        const Eigen::Index row = there ? static_cast<Eigen::Index>(i) : 0;
-        if (there) weights[s * n + i] = posterior.weights[row];
-        for (std::size_t k = 0; k < d; ++k) {
-          points[(s * n + i) * d + k] = posterior.points(row, static_cast<Eigen::Index>(k));
-        }
-      }
+    std::vector<double> points, weights;
+    for (const WeightedPoints& step : kept) {
+      const Eigen::Index there = step.weights.size();
+      append(points, step.points);
+      append(points, step.points.row(0).replicate(n - there, 1));
+      append(weights, step.weights);
+      weights.resize(weights.size() + static_cast<std::size_t>(n - there), 0.0);
     }
-    out_.add_variable(group, "points", Names{"step", "point", "parameter"}, points, {"1", "parameters"});
-    out_.add_variable(group, "weights", Names{"step", "point"}, weights, {"1", "importance weights, sum 1"});
-    out_.add_attribute(group, "parameters", fmt::format("{}", fmt::join(file_.parameters, ",")));
+    write_points(group, {"step", "point"}, points, weights);
+    // All that the last step has: forecasts are made from these.
+    const assimilation::Posterior& last = file_.steps.back().result;
+    points.clear(), weights.clear();
+    append(points, last.points), append(weights, last.weights);
+    out_.add_dimension("last_posterior", "point", weights.size());
+    write_points("last_posterior", {"point"}, points, weights);
+    out_.add_number("last_posterior", "weights", "step", static_cast<double>(steps_.back()));
+    out_.add_number("last_posterior", "weights", "time", times_.back());
   }
 
  private:
-  void add_chain(const std::string& group, std::size_t draws) {
-    out_.add_dimension(group, "chain", counted(1), {"1", "chain"});
-    out_.add_dimension(group, "draw", counted(draws), {"1", "draw"});
+  void write_posterior(const std::vector<std::vector<double>>& draws) {
+    add_draws("posterior", counted(k_draws));
+    for (std::size_t k = 0; k < draws.size(); ++k) {
+      const auto& axis = file_.model.contents().axes[k];
+      out_.add_variable("posterior", axis.name, Names{"chain", "draw", "step"}, draws[k],
+                        {axis.units, axis.long_name});
+      out_.add_number("posterior", axis.name, "reference", axis.reference);
+      if (const std::string units = reference_units(axis); !units.empty())
+        out_.add_text("posterior", axis.name, "reference_units", units);
+    }
   }
+
+  void write_points(const std::string& group, Names dimensions, std::span<const double> points,
+                    std::span<const double> weights) {
+    const Names names = file_.model.parameter_names();
+    out_.add_variable(group, "weights", dimensions, weights, {"1", "importance weights, sum 1"});
+    dimensions.emplace_back("parameter");
+    out_.add_dimension(group, "parameter", names, {"", "parameter"});
+    out_.add_variable(group, "points", dimensions, points, {"1", "parameters"});
+    out_.add_attribute(group, "parameters", fmt::format("{}", fmt::join(names, ",")));
+  }
+
+  void add_draws(const std::string& group, const std::vector<std::int64_t>& draws) {
+    out_.add_dimension(group, "chain", counted(1), {"", "chain"});
+    out_.add_dimension(group, "draw", draws, {"", "draw"});
+    add_steps(group);
+  }
+
   void add_steps(const std::string& group) {
-    out_.add_dimension(group, "step", steps_, {"1", "assimilated step"});
+    out_.add_dimension(group, "step", steps_, {"", "assimilated step"});
+    out_.add_variable(group, "time", Names{"step"}, times_, {"1", "model time"});
+    out_.add_attribute(group, "coordinates", "time");
+  }
+
+  /// The sensors: a name, place and component of each.
+  void add_observations(const std::string& group) {
+    const reduction::Sensors& sensors = file_.measurements.sensors;
+    Names names, directions;
+    std::array<std::vector<double>, 3> places;
+    for (std::size_t i = 0; i < n_observations_; ++i) {
+      directions.emplace_back(1, "xyz"[sensors.components[i]]);
+      names.push_back(directions.back() + std::to_string(i));
+      for (std::size_t axis = 0; axis < 3; ++axis) places[axis].push_back(sensors.points[3 * i + axis]);
+    }
+    out_.add_dimension(group, "observation", names, {"", "component and number of the sensor"});
+    out_.add_variable(group, "direction", Names{"observation"}, directions, {"", "of the displacement"});
+    for (std::size_t axis = 0; axis < 3; ++axis)
+      out_.add_variable(group, std::string(1, "xyz"[axis]), Names{"observation"}, places[axis],
+                        {"m", "place of the sensor"});
+    const bool by_step = group != "constant_data";
+    out_.add_attribute(group, "coordinates", by_step ? "time direction x y z" : "direction x y z");
   }
 
   template <class Get>
-  void add_statistic(const std::string& name, const std::string& units, const std::string& meaning,
-                     const Get& get) {
+  void add_statistic(const std::string& name, const std::string& meaning, const Get& get) {
     std::vector<double> values;
-    for (const auto* result : file_.results) values.push_back(get(*result));
-    out_.add_variable("sample_stats", name, Names{"step"}, values, {units, meaning});
+    for (const KeptStep& step : file_.steps) values.push_back(get(step.result));
+    out_.add_variable("sample_stats", name, Names{"step"}, values, {"1", meaning});
+  }
+
+  template <class Get>
+  void add_forecast(const std::string& name, const std::string& meaning, const Get& get) {
+    std::vector<double> values;
+    for (const KeptStep& step : file_.steps)
+      for (const forecast::NamedForecast& f : step.forecasts) values.push_back(get(f.forecast));
+    out_.add_variable("forecast", name, Names{"step", "forecast"}, values, {"", meaning});
   }
 
   files::NetcdfWriter& out_;
   const PosteriorFile& file_;
-  const reduction::SeparatedModel& model_;
-  const assimilation::Measurements& measurements_;
-  std::size_t n_steps_;
-  std::vector<double> steps_;
+  std::size_t n_steps_, n_observations_;
+  std::vector<std::int64_t> steps_;
+  std::vector<double> times_;
 };
 
 }  // namespace
 
-void write_posterior_file(const std::string& path, const PosteriorFile& file,
-                          const reduction::SeparatedModel& model,
-                          const assimilation::Measurements& measurements) {
+KeptStep keep_step(const engine::StepResult& result, assimilation::Datum datum,
+                   const reduction::ObservedModel* observed) {
+  KeptStep kept{result.update, std::move(datum), result.forecasts, result.bias_sensors};
+  if (result.bias_functions.size() > 0 && observed != nullptr)
+    kept.bias = observed->space * (observed->core[kept.datum.time_index] * result.bias_functions);
+  for (forecast::NamedForecast& forecast : kept.forecasts)
+    forecast.forecast.points.clear(), forecast.forecast.density.clear();
+  return kept;
+}
+
+StepDraws draw_step(const KeptStep& step, const reduction::ObservedModel& observed,
+                    std::span<const assimilation::Prior> priors, Eigen::Index rows, Eigen::Index draws,
+                    Eigen::Index stride) {
+  const auto d = static_cast<Eigen::Index>(priors.size());
+  Eigen::VectorXd lower(d), upper(d);
+  for (Eigen::Index k = 0; k < d; ++k)
+    lower[k] = priors[static_cast<std::size_t>(k)].lower(),
+    upper[k] = priors[static_cast<std::size_t>(k)].upper();
+  const assimilation::UpdateResult& result = step.result;
+  StepDraws out{numerics::distinct_draws(result.points, result.weights, draws, lower, upper), {}, {}};
+  reduction::FunctionBatch batch;
+  batch.resize(draws, d, observed.functions->count(), 0);
+  observed.functions->evaluate(out.parameters, 0, batch);
+  const std::size_t t = step.datum.time_index;
+  // Forces and gauges stand behind the displacements.
+  const Eigen::Index all = std::min(observed.observations(), step.datum.values.size());
+  Eigen::MatrixXd predicted =
+      observed.space.topRows(all) * (observed.core[t] * batch.value.transpose()).eval();
+  predicted.colwise() += observed.lift.col(static_cast<Eigen::Index>(t)).head(all);
+  if (step.bias.size() > 0) predicted.topRows(step.bias.size()).colwise() += step.bias;
+  out.log_likelihood =
+      assimilation::log_likelihoods(predicted, step.datum.values.head(all), *step.datum.noise);
+  const Eigen::Index shown = (draws + stride - 1) / stride;
+  out.predicted = predicted.topRows(rows)(Eigen::all, Eigen::seqN(0, shown, stride)) +
+                  assimilation::noise_draws(*step.datum.noise, rows, shown, result.step);
+  return out;
+}
+
+void write_posterior_file(const std::string& path, const PosteriorFile& file) {
   files::write_atomically(path, [&](const std::string& temporary) {
     files::NetcdfWriter out(temporary);
-    Writer writer(out, file, model, measurements);
+    Writer writer(out, file);
     writer.write_draws();
-    writer.write_predictive();
     writer.write_data();
     writer.write_statistics();
+    writer.write_forecasts();
     writer.write_weighted_points();
     out.add_attribute("", "created_by", k_created_by);
-    out.add_attribute("", "project", file.project);
-    out.add_attribute("", "seed", std::to_string(file.seed));
+    out.add_attribute("", "project", file.project.text);
+    out.add_attribute("", "seed", std::to_string(file.project.method.seed));
+    out.add_attribute("", "verdict", files::json_line(verdict_record(file.verdict)));
     out.close();
   });
 }
@@ -198,19 +364,28 @@ assimilation::UpdateResult read_last_posterior(const std::string& path,
     throw DataError(fmt::format("{}: holds the posterior of {}, not of {}: run `knothe assimilate` again",
                                 path, names, fmt::join(parameters, ",")));
   }
-  const files::Shape shape = file.shape("/weighted_posterior/points");
-  if (shape.size() != 3 || shape[0] == 0 || shape[2] != parameters.size()) {
+  // Files before 0.2 have the last step among the others only.
+  const bool apart = file.has("/last_posterior");
+  const std::string group = apart ? "/last_posterior/" : "/weighted_posterior/";
+  const files::Shape shape = file.shape(group + "points");
+  if (shape.size() != (apart ? 2 : 3) || shape[0] == 0 || shape.back() != parameters.size())
     throw DataError(path + ": weighted_posterior/points must have the shape [step, point, parameter]");
-  }
-  const std::size_t last = shape[0] - 1;
-  const std::vector<double> points =
-      file.read_slab("/weighted_posterior/points", {last, 0, 0}, {1, shape[1], shape[2]});
-  const std::vector<double> weights = file.read_slab("/weighted_posterior/weights", {last, 0}, {1, shape[1]});
-  using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
   assimilation::UpdateResult stored;
-  stored.step = static_cast<std::size_t>(file.read("/weighted_posterior/step")[last]);
-  stored.time = file.read("/sample_stats/time")[last];
-  const auto n = static_cast<Eigen::Index>(shape[1]), d = static_cast<Eigen::Index>(shape[2]);
+  std::vector<double> points, weights;
+  if (apart) {
+    points = file.read(group + "points");
+    weights = file.read(group + "weights", files::Shape{shape[0]});
+    stored.step = static_cast<std::size_t>(file.number_attribute(group + "weights", "step"));
+    stored.time = file.number_attribute(group + "weights", "time");
+  } else {
+    const std::size_t last = shape[0] - 1;
+    points = file.read_slab(group + "points", {last, 0, 0}, {1, shape[1], shape[2]});
+    weights = file.read_slab(group + "weights", {last, 0}, {1, shape[1]});
+    stored.step = static_cast<std::size_t>(file.read(group + "step")[last]);
+    stored.time = file.read("/sample_stats/time")[last];
+  }
+  using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  const auto n = static_cast<Eigen::Index>(weights.size()), d = static_cast<Eigen::Index>(parameters.size());
   stored.points = Eigen::Map<const RowMajor>(points.data(), n, d);
   stored.weights = Eigen::Map<const Eigen::VectorXd>(weights.data(), n);
   return stored;

@@ -1,36 +1,62 @@
 #pragma once
 /// @file posterior.nc: the sequence of posteriors as NetCDF-4 in ArviZ's groups, and its reading back for
 /// forecasts.
-#include <cstdint>
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
+#include "knothe/assimilation/data/datum.hpp"
 #include "knothe/assimilation/data/measurements.hpp"
 #include "knothe/assimilation/update/sequential_update.hpp"
+#include "knothe/engine/step_result.hpp"
+#include "knothe/forecast/forecaster.hpp"
+#include "knothe/project/project_file.hpp"
 #include "knothe/reduction/model/separated_model.hpp"
 #include "knothe/reduction/observe/observed_model.hpp"
 
 namespace knothe::report {
 
-/// What goes into the file; pointers are to one entry per step.
-struct PosteriorFile {
-  std::vector<std::string> parameters;
-  std::string project;
-  std::uint64_t seed = 1;
-  std::vector<const assimilation::UpdateResult*> results;
-  std::vector<std::size_t> time_indices;  ///< model time of each step, of `observed`
-  /// The model at the observed dofs (its first rows) and times; null: the model's own times.
-  std::shared_ptr<const reduction::ObservedModel> observed;
+/// What is kept of a step until the files are written.
+struct KeptStep {
+  assimilation::UpdateResult result;
+  assimilation::Datum datum;  ///< the last of the step, with the noise that it was measured with
+  std::vector<forecast::NamedForecast> forecasts;  ///< without their densities
+  Eigen::VectorXd bias;  ///< m, of the model at the sensors, to be added to it; empty: not corrected
 };
 
-/// Groups: `posterior` (equally weighted draws, [chain, draw, step]), `posterior_predictive` (displacements
-/// at the observed dofs under some of the draws, [chain, draw, step, observation]), `observed_data`,
-/// `constant_data`, `sample_stats` ([step]), and `weighted_posterior` (points [step, point, parameter] and
-/// weights [step, point], from which forecasts are made). Atomic; IoError.
-void write_posterior_file(const std::string& path, const PosteriorFile& file,
-                          const reduction::SeparatedModel& model,
-                          const assimilation::Measurements& measurements);
+/// `datum`: the last of the step, with the noise that it was measured with; `observed`: the model at the
+/// sensors.
+[[nodiscard]] KeptStep keep_step(const engine::StepResult& result, assimilation::Datum datum,
+                                 const reduction::ObservedModel* observed);
+
+/// What goes into the file.
+struct PosteriorFile {
+  const project::Project& project;
+  const reduction::SeparatedModel& model;
+  const assimilation::Measurements& measurements;
+  std::span<const assimilation::Prior> priors;  ///< in the order of the model's parameters
+  std::span<const KeptStep> steps;              ///< at least one
+  /// The model at the observed dofs (its first rows) and times; null: the model's own times.
+  std::shared_ptr<const reduction::ObservedModel> observed;
+  assimilation::Verdict verdict;  ///< of the run
+};
+
+/// What `draw_step` draws for a step.
+struct StepDraws {
+  Eigen::MatrixXd parameters;      ///< draws × d, no two the same
+  Eigen::VectorXd log_likelihood;  ///< of the step's datum, by draw
+  Eigen::MatrixXd predicted;       ///< n_obs × every `stride`-th draw, m, with noise; NaN where not measured
+};
+
+/// Draws that weigh the same from a step's posterior, and what `observed` with its bias and the noise of the
+/// datum says of each, at its first `rows` sensors. The same for the same step.
+[[nodiscard]] StepDraws draw_step(const KeptStep& step, const reduction::ObservedModel& observed,
+                                  std::span<const assimilation::Prior> priors, Eigen::Index rows,
+                                  Eigen::Index draws, Eigen::Index stride);
+
+/// Groups as listed in docs/reference/formats.md, "Results folder". Atomic; IoError.
+void write_posterior_file(const std::string& path, const PosteriorFile& file);
 
 /// Reads the weighted points of the last step, its number and time; `parameters` must be those of the file,
 /// in this order. Errors: DataError.

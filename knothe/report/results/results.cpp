@@ -273,6 +273,9 @@ void read_residuals(const Located& summary, Residuals& r) {
   const Located entry = summary.object("residuals");
   for (const double step : entry.numbers("step")) r.step.push_back(static_cast<std::size_t>(step));
   r.step_rms = entry.numbers("step_rms", r.step.size());
+  if (entry.has("noise_rms")) r.noise_rms = entry.numbers("noise_rms", r.step.size());
+  if (entry.has("measured")) r.measured = entry.numbers("measured");
+  if (entry.has("predicted")) r.predicted = entry.numbers("predicted", r.measured.size());
   r.averaged = entry.count("averaged");
   r.x = entry.numbers("x");
   r.y = entry.numbers("y", r.x.size());
@@ -317,6 +320,9 @@ void read_summary(const std::string& path, Results& results) {
     }
   }
   read_residuals(summary, results.residuals);
+  if (summary.has("draws"))
+    for (const ParameterSummary& parameter : results.parameters)
+      results.draws.push_back(summary.object("draws").numbers(parameter.name.c_str()));
   if (summary.has("load_displacement")) {
     const Located curve = summary.object("load_displacement");
     results.displacement = curve.numbers("displacement");

@@ -43,9 +43,11 @@ struct StepModel {
 struct Residuals {
   std::vector<std::size_t> step;
   std::vector<double> step_rms;    ///< over all sensors, per step
+  std::vector<double> noise_rms;   ///< of the noise of the same values, per step; empty in files before 0.2
   std::vector<char> component;     ///< 'x', 'y', 'z', per sensor
   std::vector<double> x, y, mean;  ///< per sensor: place, and mean over the last `averaged` steps
   std::size_t averaged = 0;
+  std::vector<double> measured, predicted;  ///< m, of the last step where measured; empty before 0.2
 };
 
 /// One assimilated step as its line says it, without points; parameters in the order of the project file.
@@ -92,7 +94,8 @@ struct Results {
   std::vector<double> force;         ///< N
   std::optional<double> elapsed_s;
   std::vector<std::pair<std::string, std::string>> machine;
-  Residuals residuals;            ///< may be empty
+  Residuals residuals;                     ///< may be empty
+  std::vector<std::vector<double>> draws;  ///< of the last posterior, by parameter; empty before 0.2
   assimilation::Verdict verdict;  ///< of the run; `judged` false: written by a version that made none
   bool judged = false;
   std::optional<RefinementSummary> refinement;

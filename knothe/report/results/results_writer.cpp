@@ -9,11 +9,13 @@
 #include <thread>
 
 #include "knothe/assimilation/update/marginal_density.hpp"
+#include "knothe/base/monotonic_time.hpp"
 #include "knothe/base/version.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/files/vtu.hpp"
 #include "knothe/forecast/horizon.hpp"
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
 #include "knothe/reduction/model/field_file.hpp"
 #include "knothe/reduction/model/model_matrices.hpp"
 #include "knothe/reduction/model/time_interpolation.hpp"
@@ -57,15 +59,17 @@ ResultsWriter::ResultsWriter(const project::Project& project, const reduction::S
 }
 
 void ResultsWriter::add_step(const engine::StepResult& result,
-                             const std::vector<forecast::NamedForecast>& direct, std::size_t time_index,
-                             const Eigen::VectorXd& values) {
+                             const std::vector<forecast::NamedForecast>& direct,
+                             const assimilation::Datum& datum) {
   measurements_.values.col(static_cast<Eigen::Index>(steps_.size())) =
-      values.head(measurements_.values.rows());
-  Json record = step_record(result);
+      datum.values.head(measurements_.values.rows());
+  const auto start = monotonic_now();
+  Json record = step_record(result, model_.contents().axes);
   scores_.insert(scores_.end(), result.scores.begin(), result.scores.end());
   add_densities(record, model_.parameter_names(), priors_, result, direct);
+  record["elapsed_us"]["densities"] = microseconds_since(start);
   lines_.push_back(files::json_line(record));
-  steps_.push_back({result.update, time_index});
+  steps_.push_back(keep_step(result, datum, observed_.get()));
   run_.add(result.update.verdict);
 }
 
@@ -124,6 +128,17 @@ Json ResultsWriter::load_displacement() const {
           {"force", model_.evaluate_output("reaction_force", p).value}};
 }
 
+/// Draws of the last posterior, by parameter, for the report's pairs.
+Json ResultsWriter::last_draws() const {
+  constexpr Eigen::Index k_shown = 500;
+  const assimilation::UpdateResult& last = steps_.back().result;
+  const Eigen::MatrixXd draws = last.points(numerics::equal_draws(last.weights, k_shown), Eigen::all);
+  Json record = Json::object();
+  for (std::size_t k = 0; k < priors_.size(); ++k)
+    record[model_.contents().axes[k].name] = to_json(draws.col(static_cast<Eigen::Index>(k)));
+  return record;
+}
+
 /// What the model leaves unexplained (Rubio et al. 2019, Eq. 16): datum − E[M(p)] under the posterior that
 /// has it; per step over all sensors, and per sensor over the last steps.
 Json ResultsWriter::residuals() const {
@@ -132,10 +147,13 @@ Json ResultsWriter::residuals() const {
   const Eigen::Index n = measurements_.values.rows();
   const auto& functions = *observed_->functions;
   reduction::FunctionBatch batch;
-  Json step = Json::array(), rms = Json::array();
+  Json step = Json::array(), rms = Json::array(), noise_rms = Json::array();
+  std::vector<double> measured, predicted;
+  const Eigen::VectorXd all_noise = measurements_.noise.standard_deviations();
   Eigen::ArrayXd sum = Eigen::ArrayXd::Zero(n), count = Eigen::ArrayXd::Zero(n);
   for (std::size_t i = 0; i < steps_.size(); ++i) {
-    const auto& [posterior, time_index] = steps_[i];
+    const assimilation::UpdateResult& posterior = steps_[i].result;
+    const std::size_t time_index = steps_[i].datum.time_index;
     batch.resize(posterior.points.rows(), functions.dimension(), functions.count(), 0);
     functions.evaluate(posterior.points, 0, batch);
     const Eigen::VectorXd of_functions =
@@ -145,9 +163,19 @@ Json ResultsWriter::residuals() const {
                                     observed_->space.topRows(n) * of_functions;
     const auto present = !residual.isNaN();
     const Eigen::ArrayXd there = present.select(residual, 0.0);
+    const double number = std::max<double>(1, static_cast<double>(present.count()));
+    const assimilation::GaussianNoise& own =
+        *steps_[i].datum.noise;  // where correlated, too slow step by step
+    const Eigen::VectorXd noise_std = own.is_independent() ? own.standard_deviations() : all_noise;
+    const Eigen::ArrayXd noise = noise_std.head(n);
     step.push_back(posterior.step);
-    rms.push_back(
-        std::sqrt(there.square().sum() / std::max<double>(1, static_cast<double>(present.count()))));
+    rms.push_back(std::sqrt(there.square().sum() / number));
+    noise_rms.push_back(std::sqrt(present.select(noise, 0.0).square().sum() / number));
+    if (i + 1 == steps_.size()) {
+      const auto column = measurements_.values.col(static_cast<Eigen::Index>(i));
+      for (Eigen::Index j = 0; j < n; ++j)
+        if (present[j]) measured.push_back(column[j]), predicted.push_back(column[j] - residual[j]);
+    }
     if (i + k_averaged < steps_.size()) continue;
     sum += there;
     count += present.cast<double>();
@@ -162,6 +190,9 @@ Json ResultsWriter::residuals() const {
   }
   return {{"step", step},
           {"step_rms", rms},
+          {"noise_rms", noise_rms},
+          {"measured", measured},
+          {"predicted", predicted},
           {"averaged", std::min(k_averaged, steps_.size())},
           {"component", components},
           {"x", x},
@@ -171,7 +202,7 @@ Json ResultsWriter::residuals() const {
 
 void ResultsWriter::write_summary(const std::string& path, double elapsed_s) const {
   std::vector<std::size_t> untrusted;
-  for (const Kept& kept : steps_)
+  for (const KeptStep& kept : steps_)
     if (!kept.result.trusted) untrusted.push_back(kept.result.step);
   Json summary = {{"created_by", k_created_by},
                   {"project", project_.text},
@@ -191,6 +222,7 @@ void ResultsWriter::write_summary(const std::string& path, double elapsed_s) con
     summary["prior_marginals"][model_.contents().axes[k].name] = {{"points", prior.points},
                                                                   {"density", prior.density}};
   }
+  if (!steps_.empty()) summary["draws"] = last_draws();
   static constexpr const char* k_quantities[] = {"crack_length", "displacement", "output"};
   for (const forecast::ForecastSpecification& f : project_.forecasts) {
     Json& entry = summary["forecasts"][f.name];
@@ -210,16 +242,7 @@ void ResultsWriter::write_summary(const std::string& path, double elapsed_s) con
 }
 
 void ResultsWriter::write_posterior(const std::string& path) const {
-  PosteriorFile file;
-  file.parameters = model_.parameter_names();
-  file.project = project_.text;
-  file.seed = project_.method.seed;
-  file.observed = observed_;
-  for (const Kept& kept : steps_) {
-    file.results.push_back(&kept.result);
-    file.time_indices.push_back(kept.time_index);
-  }
-  write_posterior_file(path, file, model_, measurements_);
+  write_posterior_file(path, {project_, model_, measurements_, priors_, steps_, observed_, verdict()});
 }
 
 void ResultsWriter::write_fields(const std::string& folder) const {
@@ -229,7 +252,7 @@ void ResultsWriter::write_fields(const std::string& folder) const {
   const auto lift = reduction::lift_of(contents);
   reduction::FunctionBatch batch;
   std::vector<files::PvdEntry> series;
-  for (const Kept& kept : steps_) {
+  for (const KeptStep& kept : steps_) {
     const Eigen::MatrixXd& points = kept.result.points;
     batch.resize(points.rows(), points.cols(), model_.functions()->count(), 0);
     model_.functions()->evaluate(points, 0, batch);
@@ -250,7 +273,7 @@ void ResultsWriter::write_fields(const std::string& folder) const {
     const std::string name = fmt::format("step_{:04}.vtu", kept.result.step);
     mesh.write({mesh.vectors("displacement_mean", {mean.data(), static_cast<std::size_t>(mean.size())}),
                 mesh.vectors("displacement_std", {std.data(), static_cast<std::size_t>(std.size())})},
-               (std::filesystem::path(folder) / name).string());
+               (std::filesystem::path(folder) / name).string(), kept.result.time);
     series.push_back({kept.result.time, name});
   }
   files::write_pvd(series, (std::filesystem::path(folder) / "posterior.pvd").string());

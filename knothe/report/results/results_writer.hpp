@@ -12,6 +12,7 @@
 #include "knothe/project/project_file.hpp"
 #include "knothe/project/refinement.hpp"
 #include "knothe/reduction/model/separated_model.hpp"
+#include "knothe/report/results/posterior_file.hpp"
 
 namespace knothe::report {
 
@@ -29,10 +30,10 @@ class ResultsWriter {
                 const assimilation::Measurements& measurements, std::vector<assimilation::Prior> priors,
                 std::shared_ptr<const reduction::ObservedModel> observed = nullptr);
 
-  /// Keeps what the files need of a step. `values`: its last datum's; `time_index`: model time of the datum;
+  /// Keeps what the files need of a step. `datum`: its last, with the noise that it was measured with;
   /// `direct`: a cross-check of the forecasts.
   void add_step(const engine::StepResult& result, const std::vector<forecast::NamedForecast>& direct,
-                std::size_t time_index, const Eigen::VectorXd& values);
+                const assimilation::Datum& datum);
 
   /// The model has been refined: from now on fields and residuals, those of the steps before too, are of this
   /// one.
@@ -44,10 +45,6 @@ class ResultsWriter {
   [[nodiscard]] assimilation::Verdict verdict() const { return run_.verdict(); }
 
  private:
-  struct Kept {
-    assimilation::UpdateResult result;
-    std::size_t time_index;
-  };
   void write_steps(const std::string& path) const;
   void write_summary(const std::string& path, double elapsed_s) const;
   void write_posterior(const std::string& path) const;
@@ -55,13 +52,14 @@ class ResultsWriter {
   [[nodiscard]] nlohmann::ordered_json parameter_summaries() const;
   [[nodiscard]] nlohmann::ordered_json load_displacement() const;
   [[nodiscard]] nlohmann::ordered_json residuals() const;
+  [[nodiscard]] nlohmann::ordered_json last_draws() const;
 
   project::Project project_;
   reduction::SeparatedModel model_;
   assimilation::Measurements measurements_;
   std::vector<assimilation::Prior> priors_;
   std::shared_ptr<const reduction::ObservedModel> observed_;
-  std::vector<Kept> steps_;
+  std::vector<KeptStep> steps_;
   assimilation::RunVerdict run_;
   std::vector<std::string> lines_;
   std::vector<forecast::ScoredForecast> scores_;

@@ -5,6 +5,7 @@
 
 #include "knothe/assimilation/update/marginal_density.hpp"
 #include "knothe/report/results/json_values.hpp"
+#include "knothe/report/results/physical_parameters.hpp"
 
 namespace knothe::report {
 
@@ -19,6 +20,9 @@ Json forecast_record(std::span<const forecast::NamedForecast> forecasts, bool de
              {"std", f.std},
              {"maximum_a_posteriori", f.maximum_a_posteriori},
              {"probability_above_threshold", f.probability_above_threshold},
+             {"probability_below_threshold", 1 - f.probability_above_threshold},
+             {"horizon", named.horizon},
+             {"threshold", named.threshold},
              {"levels", numerics::k_quantile_levels},
              {"values", f.values},
              {"units", named.units}};
@@ -81,11 +85,13 @@ Json verdict_record(const assimilation::Verdict& verdict) {
           {"edge_mass", to_json(verdict.edge_mass)}};
 }
 
-Json step_record(const engine::StepResult& result) {
+Json step_record(const engine::StepResult& result, std::span<const reduction::Axis> axes) {
   const assimilation::UpdateResult& r = result.update;
   const double forecast_us = result.forecast_us;
   Json record = {{"step", r.step},
                  {"time", r.time},
+                 {"wall_clock", utc_text(result.computed_at)},
+                 {"parameters", parameter_names(axes)},
                  {"mean", to_json(r.mean)},
                  {"covariance", rows_of(r.covariance)},
                  {"maximum_a_posteriori", to_json(r.maximum_a_posteriori)},
@@ -112,6 +118,7 @@ Json step_record(const engine::StepResult& result) {
                    {"watch", r.elapsed_us.watch},
                    {"verdict", r.elapsed_us.verdict}}},
                  {"forecast", forecast_record(result.forecasts, false)}};
+  record["physical"] = physical_record(axes, r.mean, r.covariance);
   if (r.noise_level) record["noise_level"] = *r.noise_level;
   if (result.followed)
     record["monitor"] = {{"probability", r.monitor.upper_probability},

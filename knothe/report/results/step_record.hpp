@@ -15,8 +15,9 @@ namespace knothe::report {
 
 /// The line of a step: posterior, map, evidence, data used, times, forecasts; sensors that are not to be
 /// believed, scores of forecasts that came true, and models side by side where there are any. A preview is
-/// without what the monitor says.
-[[nodiscard]] nlohmann::ordered_json step_record(const engine::StepResult& result);
+/// without what the monitor says. `axes`: of the model, for names and physical values.
+[[nodiscard]] nlohmann::ordered_json step_record(const engine::StepResult& result,
+                                                 std::span<const reduction::Axis> axes);
 
 /// The forecasts alone, by name. With `densities` the density of each is there too.
 [[nodiscard]] nlohmann::ordered_json forecast_record(std::span<const forecast::NamedForecast> forecasts,

@@ -94,7 +94,7 @@ void write_results(const Opened& opened, const std::string& folder) {
   for (const std::size_t step : steps) {
     check_cancellation("nothing was written");
     const engine::StepResult result = engine.conclude(step);
-    writer.add_step(result, engine.direct_forecasts(result, 256), step, engine.last_values(step));
+    writer.add_step(result, engine.direct_forecasts(result, 256), engine.last_datum(step));
   }
   writer.write(folder, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
 }
@@ -134,7 +134,7 @@ void replay_journal(const std::string& path, const std::string& project_path, bo
     if (!result.update.trusted) untrusted.push_back(step);
     run.add(result.update.verdict);
     if (json) {
-      fmt::print("{}\n", files::json_line(report::step_record(result)));
+      fmt::print("{}\n", files::json_line(report::step_record(result, opened.setup.model.contents().axes)));
     } else {
       fmt::print("after step {}: ", step);
       for (Eigen::Index k = 0; k < result.update.mean.size(); ++k)

@@ -280,7 +280,7 @@ void Site::publish(std::shared_ptr<Line> line, bool judged) {
 std::shared_ptr<Line> Site::line_of(const engine::StepResult& step) {
   const assimilation::UpdateResult& result = step.update;
   auto line = make_line(step, setup_, engine_.last_values(result.step));
-  Json record = report::step_record(step);
+  Json record = report::step_record(step, setup_.model.contents().axes);
   for (const auto& [phase, us] : {std::pair{"projection", result.elapsed_us.projection},
                                   {"map", result.elapsed_us.map},
                                   {"correction", result.elapsed_us.correction},

@@ -1,0 +1,54 @@
+#include "knothe/report/results/physical_parameters.hpp"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <ctime>
+#include <nlohmann/json.hpp>
+
+namespace knothe::report {
+
+std::vector<std::string> parameter_names(std::span<const reduction::Axis> axes) {
+  std::vector<std::string> names;
+  for (const reduction::Axis& axis : axes) names.push_back(axis.name);
+  return names;
+}
+
+std::string reference_units(const reduction::Axis& axis) {
+  if (axis.reference == 1) return axis.units;
+  const std::string& text = axis.long_name;
+  constexpr std::string_view k_of_its = "multiple of its reference [", k_of = "multiple of ";
+  if (const auto at = text.find(k_of_its); at != std::string::npos) {
+    const std::size_t begin = at + k_of_its.size();
+    return text.substr(begin, text.find(']', begin) - begin);
+  }
+  const auto at = text.find(k_of);
+  if (at == std::string::npos) return "";
+  const auto space = text.find(' ', at + k_of.size());  // behind the number
+  return space == std::string::npos ? "" : text.substr(space + 1);
+}
+
+nlohmann::ordered_json physical_record(std::span<const reduction::Axis> axes, const Eigen::VectorXd& mean,
+                                       const Eigen::MatrixXd& covariance) {
+  auto record = nlohmann::ordered_json::object();
+  for (std::size_t k = 0; k < axes.size(); ++k) {
+    const auto i = static_cast<Eigen::Index>(k);
+    auto& entry = record[axes[k].name];
+    entry = {{"mean", axes[k].reference * mean[i]},
+             {"std", std::abs(axes[k].reference) * std::sqrt(covariance(i, i))}};
+    if (const std::string units = reference_units(axes[k]); !units.empty()) entry["units"] = units;
+  }
+  return record;
+}
+
+std::string utc_text(std::chrono::system_clock::time_point time) {
+  using std::chrono::milliseconds;
+  const auto since = std::chrono::duration_cast<milliseconds>(time.time_since_epoch()).count();
+  const std::time_t seconds = static_cast<std::time_t>(since / 1000);
+  std::tm parts{};
+  gmtime_r(&seconds, &parts);
+  return fmt::format("{:04}-{:02}-{:02}T{:02}:{:02}:{:02}.{:03}Z", parts.tm_year + 1900, parts.tm_mon + 1,
+                     parts.tm_mday, parts.tm_hour, parts.tm_min, parts.tm_sec, since % 1000);
+}
+
+}  // namespace knothe::report

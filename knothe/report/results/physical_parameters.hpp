@@ -1,0 +1,30 @@
+#pragma once
+/// @file Parameters as a person measures them: 216 J/m3 × 1.001. Parameters of a model are multiples of their
+/// reference values.
+#include <Eigen/Core>
+#include <chrono>
+#include <nlohmann/json_fwd.hpp>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "knothe/reduction/compress/snapshots.hpp"
+
+namespace knothe::report {
+
+[[nodiscard]] std::vector<std::string> parameter_names(std::span<const reduction::Axis> axes);
+
+/// The unit of an axis' reference value, "J/m3": the axis' own where its reference is 1, else what its long
+/// name ends in, "multiple of its reference [J/m3]" or "multiple of 216 J/m3". Empty where neither says it.
+[[nodiscard]] std::string reference_units(const reduction::Axis& axis);
+
+/// By name: `mean` and `std` times the reference value, and their `units` ("1" for a pure number) where they
+/// are known.
+[[nodiscard]] nlohmann::ordered_json physical_record(std::span<const reduction::Axis> axes,
+                                                     const Eigen::VectorXd& mean,
+                                                     const Eigen::MatrixXd& covariance);
+
+/// "2026-11-23T12:44:06.123Z" (ISO 8601).
+[[nodiscard]] std::string utc_text(std::chrono::system_clock::time_point time);
+
+}  // namespace knothe::report
