@@ -2,7 +2,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Mapping, Sequence, Union
+from collections.abc import Mapping, Sequence
+from typing import Union
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -92,8 +93,11 @@ class Sensors:
 
     def __init__(self, points: ArrayLike, components: str | int | Sequence[str | int]) -> None:
         self.points: Array = points_of(points, 3, "sensors")
-        one = isinstance(components, (str, int, np.integer)) and components not in ("xy", "xyz")
-        given = [components] * len(self.points) if one else list(components)  # type: ignore[arg-type]
+        given: list[str | int]
+        if isinstance(components, (str, int, np.integer)) and components not in ("xy", "xyz"):
+            given = [components] * len(self.points)
+        else:
+            given = list(components)  # type: ignore[arg-type]
         try:
             self.components: list[int] = [_COMPONENTS[c] if isinstance(c, str) else int(c) for c in given]
         except KeyError as error:

@@ -1,6 +1,7 @@
 """The examples of the package's docstrings and docs/how-to/python.md run; figures, stubs, and the package as it is installed."""
 import ast
 import doctest
+import importlib.util
 import inspect
 import os
 import pathlib
@@ -155,6 +156,18 @@ class Test(Case):
             if isinstance(entry, dict):
                 public = {m for m in vars(getattr(_knothe, name)) if not m.startswith("_")}
                 self.assertEqual(public, set(entry) - {"__init__"}, name)
+
+    def test_stubtest_finds_nothing(self):
+        """What is left out: pybind11's metaclass, and a type that only checkers import."""
+        if importlib.util.find_spec("mypy") is None:
+            self.skipTest(f"{sys.executable} has no mypy (Debian: python3-mypy)")
+        (self.folder / "mypy.ini").write_text("[mypy]\nignore_missing_imports = True\n")
+        classes = "|".join(name for name, each in vars(_knothe).items() if isinstance(each, type))
+        (self.folder / "allowed.txt").write_text(f"knothe\\._knothe\\.({classes})\nknothe\\.plot\\.Axes\n")
+        done = subprocess.run([sys.executable, "-m", "mypy.stubtest", "knothe", "--concise", "--mypy-config-file", "mypy.ini", "--allowlist",
+                               "allowed.txt"], capture_output=True, text=True, timeout=280,
+                              env={**os.environ, "MYPYPATH": os.environ.get("PYTHONPATH", "").split(os.pathsep)[0]})
+        self.assertEqual((done.returncode, done.stdout), (0, ""), done.stderr)
 
     def test_the_installed_package_is_whole(self):
         subprocess.run(["cmake", "--install", os.environ["KNOTHE_BUILD"], "--component", "python", "--prefix", self.folder / "usr"],
