@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <filesystem>
 
 #include <nlohmann/json.hpp>
 
@@ -74,6 +75,14 @@ void check_method(const project::OfflineOptions& options) {
         "LATIN-PGD solves for the built-in beam: another solver goes with method = \"snapshots\"");
 }
 
+/// The finished runs of a grid, once the model has been made of them. What else is in the folder stays.
+void remove_finished_runs(const std::string& parts) {
+  std::error_code ignored;
+  for (const auto& entry : std::filesystem::directory_iterator(parts, ignored))
+    if (entry.path().filename().string().starts_with("run-")) std::filesystem::remove(entry.path(), ignored);
+  std::filesystem::remove(parts, ignored);  // unless something is left
+}
+
 void build(const BuildOptions& build, const files::CommandOutput& output) {
   project::Project project = project::read_project(build.project);
   const std::vector<reduction::Axis> axes = parameter_axes(project);
@@ -95,6 +104,7 @@ void build(const BuildOptions& build, const files::CommandOutput& output) {
   model.off_grid = {std::max(between.relative, between.plain_relative), between.max, "full-order solutions"};
   reduction::write_model(model, reduction::truncation_error(model, solutions, off_grid), build.model);
   study_models(project, solutions, off_grid, output);
+  remove_finished_runs(parts);
   output.line({{"done", true},
                {"model", build.model},
                {"relative_error", model.relative_error},
