@@ -153,6 +153,12 @@ class Test(Case):
         for name in ("ess", "log_evidence", "variance_diagnostic", "verdict", "fit_probability", "time"):
             np.testing.assert_array_equal(stored["sample_stats"][name], groups["sample_stats"][name])
         self.assertEqual(groups["posterior_predictive"]["measured"].shape, (1, 50, 12, 24))
+        np.testing.assert_allclose(stored["posterior_predictive"]["displacement"], groups["posterior_predictive"]["measured"], rtol=1e-6, atol=1e-12)
+        np.testing.assert_array_equal(stored["log_likelihood"]["datum"], groups["log_likelihood"]["datum"])
+        for name in ("mean", "quantiles", "threshold", "probability_above_threshold"):
+            np.testing.assert_array_equal(stored["forecast"][name], groups["forecast"][name])
+        for name in ("observation", "x", "direction"):
+            np.testing.assert_array_equal(stored["observed_data"][name], groups["observed_data"][name])
         np.testing.assert_array_equal(groups["observed_data"]["measured"].sel(step=3), twin._native.values(3))
         self.refused(knothe.DataError, "steps.jsonl", call=lambda: knothe.open_results("nowhere"))
 

@@ -15,7 +15,7 @@
 #include "knothe/files/json_line.hpp"
 #include "knothe/files/vtu.hpp"
 #include "knothe/forecast/horizon.hpp"
-#include "knothe/numerics/statistics/weighted_statistics.hpp"
+#include "knothe/numerics/statistics/distinct_draws.hpp"
 #include "knothe/reduction/model/field_file.hpp"
 #include "knothe/reduction/model/model_matrices.hpp"
 #include "knothe/reduction/model/time_interpolation.hpp"
@@ -132,7 +132,13 @@ Json ResultsWriter::load_displacement() const {
 Json ResultsWriter::last_draws() const {
   constexpr Eigen::Index k_shown = 500;
   const assimilation::UpdateResult& last = steps_.back().result;
-  const Eigen::MatrixXd draws = last.points(numerics::equal_draws(last.weights, k_shown), Eigen::all);
+  const auto d = static_cast<Eigen::Index>(priors_.size());
+  Eigen::VectorXd lower(d), upper(d);
+  for (Eigen::Index k = 0; k < d; ++k) {
+    const assimilation::Prior& prior = priors_[static_cast<std::size_t>(k)];
+    lower[k] = prior.lower(), upper[k] = prior.upper();
+  }
+  const Eigen::MatrixXd draws = numerics::distinct_draws(last.points, last.weights, k_shown, lower, upper);
   Json record = Json::object();
   for (std::size_t k = 0; k < priors_.size(); ++k)
     record[model_.contents().axes[k].name] = to_json(draws.col(static_cast<Eigen::Index>(k)));
