@@ -95,7 +95,8 @@ void build(const BuildOptions& build, const files::CommandOutput& output) {
   // LATIN has all points at once: the first rank's threads do it.
   if (options.method == project::OfflineMethod::latin && !is_first) return;
   const auto solver = project_simulator(project, axes);
-  auto [solutions, off_grid] = solve(project, *solver, build.model + ".parts", output);
+  const std::string parts = build.model + ".parts";
+  auto [solutions, off_grid] = solve(project, *solver, parts, output);
   // In an MPI job all ranks have computed runs and now hold the same snapshots; the first one goes on.
   if (!is_first) return;
   reduction::ModelContents model = compressed(project, solutions);
