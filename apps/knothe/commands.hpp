@@ -105,7 +105,7 @@ int backup(const JournalArguments& arguments);
 int export_journal(const JournalArguments& arguments);
 
 /// `project`: a service that is to run here; empty: the machine alone.
-int doctor(const std::string& project);
+int doctor(const std::string& project, bool sends_alarms);
 
 /// Whether `knothe-offline` is where `run_sibling` finds it.
 [[nodiscard]] bool sibling_installed();

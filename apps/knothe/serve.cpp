@@ -50,8 +50,10 @@ int export_journal(const JournalArguments& arguments) {
   return 0;
 }
 
-int doctor(const std::string& project) {
-  return service::doctor(".", sibling_installed(), project) ? 0 : 1;
+int doctor(const std::string& project, bool sends_alarms) {
+  if (sends_alarms && project.empty())
+    throw UsageError("--test-alarms needs the project file: its [serve.notify] says where they are sent");
+  return service::doctor(".", sibling_installed(), project, sends_alarms) ? 0 : 1;
 }
 
 }  // namespace knothe::commands

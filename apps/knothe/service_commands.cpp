@@ -57,7 +57,9 @@ void add_doctor(CLI::App& app, Command& chosen) {
       app, "doctor", "What is installed, BLAS, cores, disk, permissions; and whether a service can run here.",
       "knothe doctor beam.toml");
   command.add_option("FILE", project, "project file of the service: its model, journal, port, tokens, clock");
-  command.callback([&chosen] { chosen = [] { return doctor(project); }; });
+  static bool sends_alarms = false;
+  command.add_flag("--test-alarms", sends_alarms, "send a test message by each channel of [serve.notify]");
+  command.callback([&chosen] { chosen = [] { return doctor(project, sends_alarms); }; });
 }
 
 }  // namespace

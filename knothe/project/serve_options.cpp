@@ -55,6 +55,22 @@ void add_connection_options(Section<S>& s) {
         "File with the certificates that the broker is checked by; with it, TLS is spoken.", file);
 }
 
+void add_notify_options(Section<S>& s) {
+  s.table("notify", "Where alarms are sent; `knothe doctor FILE.toml --test-alarms` tries it.");
+  s.add("notify.webhook", in(&S::notify, &NotifyOptions::webhook),
+        "Address, http://HOST[:PORT]/PATH, to which each alarm is posted as JSON.");
+  s.choice("notify.mqtt", in(&S::notify, &NotifyOptions::mqtt), "off", "on",
+           "Whether alarms are published at knothe/v1/SITE/alarm of the broker of [serve.mqtt].");
+  s.add("notify.mail", in(&S::notify, &NotifyOptions::mail), "Addresses that alarms are mailed to.");
+  s.add("notify.mail_from", in(&S::notify, &NotifyOptions::mail_from),
+        "Sender of the mail; without it, what sendmail writes.");
+  s.add("notify.sendmail", in(&S::notify, &NotifyOptions::sendmail),
+        "Program that takes the mail on its standard input, as sendmail -t -i does.", file);
+  s.add("notify.mail_rest", in(&S::notify, &NotifyOptions::mail_rest),
+        "Time between two mails at least, s: alarms that come meanwhile are mailed together.", positive);
+  s.add("notify.severity", in(&S::notify, &NotifyOptions::severity), "The lowest severity that is sent.");
+}
+
 const Section<S>& serve_section() {
   static const Section<S> k_section(
       "serve", "The online service (`knothe serve`, docs/reference/service.md).", [](Section<S>& s) {
@@ -63,6 +79,7 @@ const Section<S>& serve_section() {
               at_most(65535));
         add_data_options(s);
         add_connection_options(s);
+        add_notify_options(s);
       });
   return k_section;
 }

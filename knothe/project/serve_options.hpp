@@ -1,9 +1,12 @@
 #pragma once
 /// @file The table [serve] of a project file: the online service.
+#include <array>
 #include <map>
 #include <optional>
 #include <string>
 #include <vector>
+
+#include "knothe/base/enum_names.hpp"
 
 namespace knothe::project {
 
@@ -14,6 +17,24 @@ struct MqttOptions {
   std::string broker;  ///< HOST or HOST:PORT; empty: no MQTT
   std::string user;
   std::string password, ca;  ///< files, resolved
+};
+
+/// How much an alarm matters; the order counts.
+enum class Severity { info, warning, alarm };
+constexpr auto names_of(Severity) {
+  return std::to_array<Named<Severity>>(
+      {{Severity::info, "info"}, {Severity::warning, "warning"}, {Severity::alarm, "alarm"}});
+}
+
+/// [serve.notify]
+struct NotifyOptions {
+  std::string webhook;  ///< http://…; empty: none
+  bool mqtt = false;
+  std::vector<std::string> mail;  ///< addresses; empty: none
+  std::string mail_from;
+  std::string sendmail = "/usr/sbin/sendmail";
+  double mail_rest = 60;                  ///< s
+  Severity severity = Severity::warning;  ///< and above
 };
 
 struct ServeOptions {
@@ -35,6 +56,7 @@ struct ServeOptions {
   double timeout = 30;     ///< s
   bool log_steps = false;  ///< else starts, stops, errors and states alone
   MqttOptions mqtt;
+  NotifyOptions notify;
 };
 
 /// The table [serve]. `path` is the project file's: its stem is the site's name unless the file says

@@ -9,6 +9,7 @@ from service_support import Service
 from support import SOURCE, Case, parse_line
 
 OLD = SOURCE / "made_by_0.1.0"
+FOUR = SOURCE / "journal_of_schema_4"  # of the same model: with alarms, a quarantined datum that was withdrawn and replaced
 
 
 class Test(Case):
@@ -54,6 +55,28 @@ class Test(Case):
         self.assertEqual(service.settled()["records"], status["records"])
         self.assertEqual([line["step"] for line in service.states()], steps[:-1])
         self.assertEqual(service.get("/v1/quarantine")[1]["quarantined"], quarantined)
+
+    def test_a_journal_of_schema_4_is_read_and_goes_on(self):
+        shutil.copy(FOUR / "project.journal", self.folder / "project.journal")
+        before = (self.folder / "project.journal").read_bytes()
+        lines = self.expect(0, "replay", "project.journal", "--project", "project.toml", "--json").lines()
+        self.expect_as_then(lines, FOUR / "replayed.jsonl")
+        self.assertEqual((self.folder / "project.journal").read_bytes(), before)
+        service = Service(self.folder, "project.toml")
+        self.addCleanup(lambda: service.process and service.process.poll() is None and service.kill())
+        service.start()
+        status = service.settled()
+        self.assertEqual((status["records"], status["quarantined"]), (9, 0))
+        alarms = service.get("/v1/alarms")[1]["alarms"]
+        self.assertEqual([alarm["kind"] for alarm in alarms[:2]], ["threshold", "sensors"])
+        self.assertEqual(service.get("/v1/logbook")[1]["logbook"], [])
+        self.assertEqual(service.post(f"/v1/alarms/{alarms[0]['id']}/acknowledge", {"by": "Ada"})[0], 200)
+        self.assertEqual(service.post("/v1/sensors", {"sensor": 3, "active": False, "by": "Ada"})[0], 200)
+        service.settled()
+        self.assertEqual(service.stop(), 130)
+        again = self.expect(0, "replay", "project.journal", "--project", "project.toml", "--json").lines()
+        self.assertEqual([line["mean"] for line in again[:-2]], [line["mean"] for line in lines[:-2]])
+        self.assertEqual(again[-2]["missing"], lines[-2]["missing"] + 1)
 
     def test_the_results_folder_is_reported_and_forecast_from(self):
         self.expect(0, "report", "results", "-o", "report.html")

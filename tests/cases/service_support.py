@@ -3,6 +3,7 @@ import contextlib
 import http.client
 import json
 import os
+import queue
 import re
 import shutil
 import signal
@@ -187,6 +188,20 @@ def make_certificates(folder):
     run("x509", "-req", "-in", "broker.csr", "-CA", "ca.pem", "-CAkey", "ca.key", "-CAcreateserial", "-out", "broker.pem", "-days", "2", "-extfile", "names")
 
 
+def packet(kind, body):
+    """Of MQTT."""
+    length, left = b"", len(body)
+    while True:
+        left, digit = divmod(left, 128)[0], left % 128
+        length += bytes([digit | (0x80 if left else 0)])
+        if not left:
+            return bytes([kind]) + length + body
+
+
+def text(value):
+    return len(value).to_bytes(2, "big") + value
+
+
 class Broker:
     """Debian's Mosquitto at a free port; with `password`, of the user `gauge`, it speaks TLS with the certificates of `make_certificates`."""
 
@@ -220,17 +235,30 @@ class Broker:
             time.sleep(0.02)
         return False
 
+    def listen(self, topic):
+        """A queue of the payloads that are published at a topic from now on; of a broker without a password."""
+        one = socket.create_connection(("127.0.0.1", self.port))
+        stream = one.makefile("rb")
+        one.sendall(packet(0x10, text(b"MQTT") + b"\x04\x02\x00\x00" + text(b"listener")))
+        assert stream.read(4)[:1] == b"\x20"
+        one.sendall(packet(0x82, b"\x00\x01" + text(topic.encode()) + b"\x00"))
+        assert stream.read(5)[:1] == b"\x90"
+        payloads = queue.Queue()
+
+        def read():
+            while first := stream.read(1):
+                length, shift = 0, 0
+                while (digit := stream.read(1)[0]) & 0x80:
+                    length, shift = length | (digit & 0x7F) << shift, shift + 7
+                body = stream.read(length | digit << shift)
+                if first[0] >> 4 == 3:
+                    payloads.put(body[2 + int.from_bytes(body[:2], "big"):])
+
+        threading.Thread(target=read, daemon=True).start()
+        return payloads
+
     def publish(self, topic, payload):
         """One message of QoS 1; returns when the broker has it."""
-        def packet(kind, body):
-            length, left = b"", len(body)
-            while True:
-                left, digit = divmod(left, 128)[0], left % 128
-                length += bytes([digit | (0x80 if left else 0)])
-                if not left:
-                    return bytes([kind]) + length + body
-
-        text = lambda value: len(value).to_bytes(2, "big") + value
         answer = lambda: b"".join(one.recv(1) for _ in range(4))
         with contextlib.ExitStack() as stack:
             one = stack.enter_context(socket.create_connection(("127.0.0.1", self.port)))

@@ -39,6 +39,7 @@ struct Chains {
   Chain records, releases;
   Chain withdrawals{"withdrawals", 0};  ///< begins otherwise: no release can be taken for one
   Chain alarms{"alarms", 0};
+  Chain logbook{"logbook", 0};
 };
 
 /// The last record of a key.
@@ -144,6 +145,7 @@ struct Journal::Implementation {
     missing("release", chains.releases.count, acknowledged->releases);
     missing("withdrawal", chains.withdrawals.count, acknowledged->withdrawals);
     missing("alarm", chains.alarms.count, acknowledged->alarms);
+    missing("logbook entry", chains.logbook.count, acknowledged->entries);
     if (chains.records.count >= acknowledged->records && seal_at_mark != acknowledged->seal &&
         acknowledged->records > 0)
       lost = fmt::format("record {} and those before it as they were", acknowledged->records);
@@ -158,6 +160,7 @@ struct Journal::Implementation {
   void acknowledge() noexcept {
     told.records = chains.records.count, told.releases = chains.releases.count;
     told.withdrawals = chains.withdrawals.count, told.alarms = chains.alarms.count;
+    told.entries = chains.logbook.count;
     write_mark(mark_path, told, chains.records.seal);
     if (!log) log = file_identity(log_path);
   }
@@ -194,6 +197,17 @@ struct Journal::Implementation {
       damaged(fmt::format("record {} of the journal has the key of one before it, whose withdrawal is lost",
                           twice.integer(0)));
     if (schema_of(database) >= 4) verify_alarms();
+    verify_logbook();
+  }
+
+  void verify_logbook() {
+    Chain& chain = chains.logbook;
+    visit_logbook(database, [&](const LogbookEntry& entry, const std::string& seal) {
+      if (entry.number != chain.count + 1 || seal != entry_seal(chain.seal, entry))
+        damaged(fmt::format("entry {} of the journal's logbook is damaged", chain.count + 1));
+      chain = {seal, entry.number};
+      return true;
+    });
   }
 
   void verify_alarms() {
@@ -367,6 +381,30 @@ std::vector<Alarm> Journal::conditions() const {
                  "(SELECT max(id) FROM alarm WHERE condition <> '' GROUP BY condition) ORDER BY id");
   while (rows.step()) found.push_back(read_alarm(rows, 0));
   return found;
+}
+
+LogbookEntry Journal::add_entry(LogbookEntry entry) {
+  Implementation& i = *implementation_;
+  Chain& chain = i.chains.logbook;
+  entry.number = chain.count + 1;
+  if (entry.written_ms == 0) entry.written_ms = now_ms();
+  const std::string seal = entry_seal(chain.seal, entry), kind = to_text(entry.kind);
+  Statement row(i.database, "INSERT INTO logbook VALUES(?,?,?,?,?,?,?,?)");
+  row.bind(1, entry.number).bind(2, std::string_view(kind)).bind(3, entry.subject).bind(4, entry.time);
+  row.bind(5, std::string_view(entry.author)).bind(6, std::string_view(entry.text));
+  row.bind(7, entry.written_ms).bind_blob(8, seal);
+  row.run();
+  chain = {seal, entry.number};
+  return entry;
+}
+
+std::vector<LogbookEntry> Journal::logbook() const {
+  std::vector<LogbookEntry> entries;
+  visit_logbook(implementation_->database, [&](const LogbookEntry& entry, const std::string&) {
+    entries.push_back(entry);
+    return true;
+  });
+  return entries;
 }
 
 void Journal::rollback() noexcept {

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "knothe/service/journal/alarm.hpp"
+#include "knothe/service/journal/logbook.hpp"
 #include "knothe/service/journal/measurement.hpp"
 
 namespace knothe::service {
@@ -116,6 +117,11 @@ class Journal {
   [[nodiscard]] std::vector<Alarm> alarms(std::int64_t most) const;
   /// The last of each condition, told or its end.
   [[nodiscard]] std::vector<Alarm> conditions() const;
+
+  /// Writes an entry, inside a group: as it is on disk, with its number and time of writing.
+  LogbookEntry add_entry(LogbookEntry entry);
+  /// All entries, in order.
+  [[nodiscard]] std::vector<LogbookEntry> logbook() const;
 
   [[nodiscard]] std::int64_t count() const;        ///< of records, withdrawn ones too
   [[nodiscard]] std::int64_t withdrawals() const;  ///< how many of them are withdrawn

@@ -45,9 +45,9 @@ std::optional<Acknowledged> read_mark(const std::string& journal) {
   std::ifstream file(mark_path_of(journal));
   std::string head;
   Acknowledged a;
-  if (!(file >> head >> a.journal >> a.records >> a.releases >> a.withdrawals >> a.alarms >> a.seal) ||
-      head != "knothe-mark-1")
-    return std::nullopt;
+  file >> head >> a.journal >> a.records >> a.releases >> a.withdrawals >> a.alarms;
+  if (head == "knothe-mark-2") file >> a.entries;  // 1: of journals without a logbook
+  if (!(file >> a.seal) || (head != "knothe-mark-1" && head != "knothe-mark-2")) return std::nullopt;
   return a;
 }
 
@@ -55,8 +55,8 @@ void write_mark(const std::string& mark_path, const Acknowledged& a, std::string
   // Of one length, so that one write replaces it whole.
   std::array<char, 256> text;
   char* end = fmt::format_to_n(text.data(), text.size() - 2 * seal.size() - 1,
-                               "knothe-mark-1 {:>16} {:>19} {:>19} {:>19} {:>19} ", a.journal, a.records,
-                               a.releases, a.withdrawals, a.alarms)
+                               "knothe-mark-2 {:>16} {:>19} {:>19} {:>19} {:>19} {:>19} ", a.journal,
+                               a.records, a.releases, a.withdrawals, a.alarms, a.entries)
                   .out;
   for (const char byte : seal) {
     *end++ = "0123456789abcdef"[static_cast<unsigned char>(byte) >> 4];

@@ -41,7 +41,7 @@ class WriterLock {
 /// (NAME-wal) was damaged or lost as it was before, without a word.
 struct Acknowledged {
   std::string journal;  ///< its id
-  std::int64_t records = 0, releases = 0, withdrawals = 0, alarms = 0;
+  std::int64_t records = 0, releases = 0, withdrawals = 0, alarms = 0, entries = 0;
   std::string seal;  ///< of the last record, in hex
 };
 /// Nothing where there is no mark, or none that can be read.

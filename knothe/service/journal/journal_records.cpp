@@ -79,8 +79,39 @@ std::string alarm_seal(std::string_view previous, std::int64_t id, const Alarm& 
 
 Alarm read_alarm(const Statement& row, int first) {
   const auto text = [&](int k) { return std::string(row.text(first + k)); };
-  return {row.integer(first),    row.integer(first + 1), text(2), text(3), text(4), text(5),
-          row.integer(first + 6)};
+  return {
+      row.integer(first), row.integer(first + 1), text(2), text(3), text(4), text(5), row.integer(first + 6),
+      std::nullopt};
+}
+
+std::string entry_seal(std::string_view previous, const LogbookEntry& entry) {
+  Sha256 sum;
+  sum.add_text(previous);
+  sum.add_number(entry.number);
+  sum.add_text(to_text(entry.kind));
+  sum.add_number(entry.subject);
+  sum.add_number(entry.time);
+  sum.add_text(entry.author);
+  sum.add_text(entry.text);
+  sum.add_number(entry.written_ms);
+  const Digest digest = sum.finish();
+  return {reinterpret_cast<const char*>(digest.data()), digest.size()};
+}
+
+bool visit_logbook(Database& database,
+                   const std::function<bool(const LogbookEntry&, const std::string& seal)>& visit) {
+  if (schema_of(database) < 5) return true;
+  Statement rows(database,
+                 "SELECT id, kind, subject, time, author, text, written, seal FROM logbook ORDER BY id");
+  while (rows.step()) {
+    const auto kind = from_text<EntryKind>(rows.text(1));
+    const auto words = [&](int k) { return std::string(rows.text(k)); };
+    const LogbookEntry entry{
+        rows.integer(0), kind.value_or(EntryKind::note), rows.integer(2), rows.number(3), words(4), words(5),
+        rows.integer(6)};
+    if (!visit(entry, kind ? words(7) : std::string())) return false;
+  }
+  return true;
 }
 
 std::int64_t one_integer(Database& database, const char* sql) {

@@ -28,6 +28,12 @@ struct Record {
 [[nodiscard]] std::string alarm_seal(std::string_view previous, std::int64_t id, const Alarm& alarm);
 /// An alarm from the columns event, step, severity, kind, message, condition, raised, which begin at `first`.
 [[nodiscard]] Alarm read_alarm(const Statement& row, int first);
+/// Of an entry of the logbook.
+[[nodiscard]] std::string entry_seal(std::string_view previous, const LogbookEntry& entry);
+/// Calls `visit` for the logbook's entries and their seals, in order, until it says no: whether it never did.
+/// There are none before schema 5. An entry of an unknown kind has an empty seal: nobody has written it.
+bool visit_logbook(Database& database,
+                   const std::function<bool(const LogbookEntry&, const std::string& seal)>& visit);
 /// The first column of the first row; 0 without one.
 [[nodiscard]] std::int64_t one_integer(Database& database, const char* sql);
 

@@ -63,6 +63,25 @@ void save_alarms(Database& damaged, Journal& whole, Recovery& recovery) {
   if (!all) recovery.lost.push_back(fmt::format("alarms from {} on", number + 1));
 }
 
+/// The same of the logbook.
+void save_logbook(Database& damaged, Journal& whole, Recovery& recovery) {
+  std::string previous = "logbook";
+  std::int64_t number = 0;
+  bool all = true;
+  try {
+    all = visit_logbook(damaged, [&](const LogbookEntry& entry, const std::string& seal) {
+      if (entry.number != number + 1 || seal != entry_seal(previous, entry)) return false;
+      whole.add_entry(entry);
+      previous = seal;
+      ++number;
+      return true;
+    });
+  } catch (const DataError&) {
+    all = false;
+  }
+  if (!all) recovery.lost.push_back(fmt::format("logbook entries from {} on", number + 1));
+}
+
 }  // namespace
 
 Recovery recover_journal(const std::string& from, const std::string& to) {
@@ -120,6 +139,7 @@ Recovery recover_journal(const std::string& from, const std::string& to) {
     }
   }
   save_alarms(damaged, whole, recovery);
+  save_logbook(damaged, whole, recovery);
   whole.commit();
   return recovery;
 }

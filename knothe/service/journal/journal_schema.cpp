@@ -59,7 +59,15 @@ constexpr const char* k_to_schema_4 = R"(
   PRAGMA user_version = 4;
 )";
 
-constexpr std::array k_migrations = {k_to_schema_1, k_to_schema_2, k_to_schema_3, k_to_schema_4};
+/// The logbook.
+constexpr const char* k_to_schema_5 = R"(
+  CREATE TABLE logbook(id INTEGER PRIMARY KEY, kind TEXT NOT NULL, subject INTEGER NOT NULL, time REAL NOT NULL,
+                       author TEXT NOT NULL, text TEXT NOT NULL, written INTEGER NOT NULL, seal BLOB NOT NULL);
+  PRAGMA user_version = 5;
+)";
+
+constexpr std::array k_migrations = {k_to_schema_1, k_to_schema_2, k_to_schema_3, k_to_schema_4,
+                                     k_to_schema_5};
 
 }  // namespace
 

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <sqlite3.h>
 
+#include <cmath>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
@@ -307,7 +308,7 @@ TEST(Journal, OneOfSchema2IsReadAsItIsAndMigratedWhenItIsWritten) {
   const std::string seal = write_journal(path, 4).back();
   Database(path, Database::Mode::read_write)
       .execute(
-          "DROP TABLE withdrawal; DROP INDEX measurement_key; DROP TABLE alarm;"
+          "DROP TABLE withdrawal; DROP INDEX measurement_key; DROP TABLE alarm; DROP TABLE logbook;"
           "DELETE FROM meta WHERE key = 'journal'; PRAGMA user_version = 2;"
           "CREATE UNIQUE INDEX key ON measurement(source, session, seq);");
   EXPECT_EQ(counting_values(path).size(), 4u);
@@ -351,6 +352,74 @@ TEST(Journal, AlarmsAreKeptAndDamageOfOneIsFound) {
   const std::string saved = folder.file("saved.journal");
   EXPECT_EQ(recover_journal(copy, saved).lost, std::vector<std::string>{"alarms from 2 on"});
   EXPECT_EQ(Journal(saved, Journal::Access::read).alarms(256).size(), 1U);
+}
+
+TEST(Journal, TheLogbookIsKeptAndDamageOfAnEntryIsFound) {
+  const files::TestFolder folder;
+  const std::string path = folder.file("j.journal"), copy = folder.file("copy.journal");
+  {
+    Journal journal(path, Journal::Access::write);
+    journal.begin();
+    journal.append(datum(0));
+    EXPECT_EQ(journal.add_entry({0, EntryKind::sensor_off, 3, 0.5, "Ada", "loose", 0}).number, 1);
+    EXPECT_EQ(journal.add_entry({0, EntryKind::note, 0, 0.7, "Bo", "a crack is heard", 0}).number, 2);
+    journal.commit();
+    journal.begin();
+    journal.add_entry({0, EntryKind::note, 0, 0.8, "Bo", "never", 0});
+    journal.rollback();
+  }
+  const std::vector<LogbookEntry> entries = Journal(path, Journal::Access::read).logbook();
+  ASSERT_EQ(entries.size(), 2U);
+  EXPECT_EQ(entries[0].kind, EntryKind::sensor_off);
+  EXPECT_EQ(entries[0].subject, 3);
+  EXPECT_EQ(entries[0].time, 0.5);
+  EXPECT_EQ(entries[1].author + ": " + entries[1].text, "Bo: a crack is heard");
+  EXPECT_GT(entries[1].written_ms, 1'700'000'000'000);
+  const auto changed = [&](const char* sql) {
+    std::filesystem::copy_file(path, copy, std::filesystem::copy_options::overwrite_existing);
+    Database(copy, Database::Mode::read_write).execute(sql);
+    return refusal(copy);
+  };
+  EXPECT_NE(changed("UPDATE logbook SET kind = 'sung' WHERE id = 2").find("entry 2 of the journal's logbook"),
+            std::string::npos);
+  EXPECT_NE(changed("DELETE FROM logbook WHERE id = 1").find("entry 1 of the journal's logbook is damaged"),
+            std::string::npos);
+  EXPECT_NE(changed("UPDATE logbook SET time = 0.6 WHERE id = 2").find("entry 2 of the journal's logbook"),
+            std::string::npos);
+  const std::string saved = folder.file("saved.journal");
+  EXPECT_EQ(recover_journal(copy, saved).lost, std::vector<std::string>{"logbook entries from 2 on"});
+  EXPECT_EQ(Journal(saved, Journal::Access::read).logbook().at(0).written_ms, entries[0].written_ms);
+}
+
+TEST(SensorSwitches, WhatWasWrittenLastHoldsFromItsTimeOn) {
+  const std::vector<double> times = {0.1, 0.2, 0.3, 0.4};
+  SensorSwitches switches(times);
+  const auto add = [&](EntryKind kind, double time) {
+    return switches.add({0, kind, 1, time, "Ada", "", 0});
+  };
+  const auto off = [&] {
+    std::string steps;
+    for (std::size_t step = 0; step < times.size(); ++step) steps += switches.is_off(1, step) ? 'x' : '.';
+    return steps;
+  };
+  EXPECT_EQ(off(), "....");
+  EXPECT_EQ(add(EntryKind::sensor_off, 0.2), 1U);
+  EXPECT_EQ(off(), ".xxx");
+  add(EntryKind::note, 0.1);
+  add(EntryKind::sensor_on, 0.4);
+  EXPECT_EQ(off(), ".xx.");
+  EXPECT_EQ(switches.off_at(2), std::vector<std::int64_t>{1});
+  EXPECT_TRUE(switches.off_at(3).empty());
+  Measurement datum;
+  datum.values = {5, 6}, datum.status = {0, 0}, datum.step = 2;
+  EXPECT_TRUE(std::isnan(switches.seen(datum).effective_values()[1]));
+  EXPECT_EQ(switches.seen(datum).effective_values()[0], 5);
+  datum.step = 0;
+  EXPECT_EQ(switches.seen(datum).effective_values()[1], 6);
+  EXPECT_EQ(add(EntryKind::sensor_on, 0.15), 1U);  // of a model with other times
+  EXPECT_EQ(off(), "....");
+  EXPECT_EQ(add(EntryKind::sensor_off, 9), 4U);
+  EXPECT_EQ(off(), "....");
 }
 
 TEST(Journal, WhatWasAcknowledgedAndIsGoneIsSaid) {

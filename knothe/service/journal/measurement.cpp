@@ -13,6 +13,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/files/json_text.hpp"
 #include "knothe/files/numbers.hpp"
+#include "knothe/service/journal/logbook.hpp"
 #include "knothe/service/journal/noise_bytes.hpp"
 
 namespace knothe::service {
@@ -22,6 +23,7 @@ using Received = nlohmann::json;
 
 constexpr std::int64_t k_largest_seq = std::int64_t{1} << 53;  // what JSON numbers hold exactly
 constexpr std::size_t k_longest_name = 128;
+constexpr std::size_t k_longest_text = 4000;
 
 [[noreturn]] void malformed(const std::string& message) {
   throw RequestError(400, "Malformed", message);
@@ -62,10 +64,10 @@ std::string text_member(const Received& object, const char* name, bool required)
   return text;
 }
 
-std::int64_t checked_seq(const Received& value) {
+std::int64_t checked_index(const Received& value, const char* name) {
   const bool fits = value.is_number_unsigned() ? value.get<std::uint64_t>() <= k_largest_seq
                                                : value.is_number_integer() && value.get<std::int64_t>() >= 0;
-  if (!fits) malformed("\"seq\" must be a whole number from 0 to 2^53");
+  if (!fits) malformed(fmt::format("\"{}\" must be a whole number from 0 to 2^53", name));
   return value.get<std::int64_t>();
 }
 
@@ -82,7 +84,7 @@ Received parse_object(std::string_view body) {
 
 assimilation::DatumKey key_of(const Received& object) {
   return {text_member(object, "source", true), text_member(object, "session", true),
-          checked_seq(member(object, "seq"))};
+          checked_index(member(object, "seq"), "seq")};
 }
 
 std::uint8_t status_code(const std::string& word) {
@@ -174,6 +176,31 @@ SiteMeasurement parse_json_measurement(std::string_view body) {
   read_values(member(object, "values"), datum);
   if (object.contains("status")) read_status(object["status"], datum);
   return result;
+}
+
+EntryRequest parse_json_entry(std::string_view body) {
+  const Received object = parse_object(body);
+  EntryRequest request;
+  request.site = text_member(object, "site", false);
+  request.author = text_member(object, "by", true);
+  if (const auto it = object.find("step"); it != object.end()) request.step = checked_index(*it, "step");
+  if (const auto it = object.find("sensor"); it != object.end() && it->is_string())
+    request.sensor_name = text_member(object, "sensor", true);
+  else if (it != object.end())
+    request.sensor_index = checked_index(*it, "sensor");
+  if (const auto it = object.find("active"); it != object.end()) {
+    if (!it->is_boolean()) malformed("\"active\" must be true or false");
+    request.active = it->get<bool>();
+  }
+  for (const char* name : {"text", "comment"}) {
+    const auto it = object.find(name);
+    if (it == object.end()) continue;
+    if (!it->is_string()) malformed(fmt::format("\"{}\" must be a text", name));
+    request.text = it->get<std::string>();
+    if (request.text.size() > k_longest_text)
+      malformed(fmt::format("\"{}\" is longer than {} bytes", name, k_longest_text));
+  }
+  return request;
 }
 
 SiteKey parse_json_key(std::string_view body) {

@@ -34,6 +34,8 @@ Opened open_both(const std::string& path, const std::string& project_path) {
   project::UpdateSetup setup = project::set_up_online(project);
   Opened opened{std::move(project), std::move(setup), {}};
   const auto sensors = static_cast<std::size_t>(opened.setup.measurements.observation_count());
+  SensorSwitches switches(opened.setup.observed->time);
+  for (const LogbookEntry& entry : journal.logbook()) switches.add(entry);
   journal.for_each([&](JournalEntry entry) {
     if (!entry.counts()) return;
     if (entry.measurement.values.size() != sensors)
@@ -41,6 +43,7 @@ Opened open_both(const std::string& path, const std::string& project_path) {
                                   path, entry.id, entry.measurement.values.size(), opened.project.data,
                                   sensors));
     match_step(entry, opened.setup.observed->time, path);
+    entry.measurement = switches.seen(std::move(entry.measurement));
     opened.entries.push_back(std::move(entry));
   });
   std::stable_sort(opened.entries.begin(), opened.entries.end(),

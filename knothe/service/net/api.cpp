@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <charconv>
+#include <optional>
 
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
@@ -18,6 +20,25 @@ constexpr const char* k_page_policy =
     "img-src 'self' data: blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
 constexpr std::size_t k_small_body = 1 << 16;  // bytes; JSON of this size is read in 1 ms
+
+constexpr const char* k_acknowledge_route = "/v1/alarms/{id}/acknowledge";
+
+/// The id of "/v1/alarms/ID/acknowledge"; nothing for another path.
+std::optional<std::int64_t> alarm_of(std::string_view path) {
+  constexpr std::string_view k_first = "/v1/alarms/", k_last = "/acknowledge";
+  if (!path.starts_with(k_first) || !path.ends_with(k_last) || path.size() < k_first.size() + k_last.size())
+    return std::nullopt;
+  path = path.substr(k_first.size(), path.size() - k_first.size() - k_last.size());
+  std::int64_t id = 0;
+  const auto parsed = std::from_chars(path.data(), path.data() + path.size(), id);
+  const bool is_number = parsed.ec == std::errc() && parsed.ptr == path.data() + path.size() && id >= 0;
+  return is_number ? std::optional(id) : std::nullopt;
+}
+
+/// As it stands in the list of routes.
+std::string route_of(const std::string& path) {
+  return alarm_of(path) ? k_acknowledge_route : path;
+}
 
 struct Route {
   std::string method, path;
@@ -40,6 +61,10 @@ const std::vector<Route>& routes() {
                                               {"GET", "/v1/observations"},
                                               {"GET", "/v1/samples"},
                                               {"GET", "/v1/alarms"},
+                                              {"POST", k_acknowledge_route},
+                                              {"GET", "/v1/logbook"},
+                                              {"POST", "/v1/notes"},
+                                              {"POST", "/v1/sensors"},
                                               {"GET", "/v1/quarantine"},
                                               {"POST", "/v1/quarantine"},
                                               {"POST", "/v1/measurements"},
@@ -93,6 +118,7 @@ HttpResponse answer_of(const JournalWriter::Answer& answer) {
   if (const auto* error = std::get_if<RequestError>(&answer))
     return error_response(error->status(), error->type(), error->what());
   if (const auto* withdrawn = std::get_if<Withdrawn>(&answer)) return json_response(answer_of(*withdrawn));
+  if (const auto* entry = std::get_if<LogbookEntry>(&answer)) return json_response(json_of(*entry));
   return json_response(answer_of(std::get<Appended>(answer)));
 }
 
@@ -101,7 +127,10 @@ HttpResponse answer_of(const JournalWriter::Answer& answer) {
 class SiteEvents final : public EventSource {
  public:
   SiteEvents(std::shared_ptr<Site> site, std::int64_t seen)
-      : site_(std::move(site)), seen_(seen), alarms_seen_(seen) {}
+      : site_(std::move(site)),
+        seen_(seen),
+        alarms_seen_(seen),
+        entries_seen_(site_->logbook().last_number()) {}
   void begin_with(std::string text) { pending_ = std::move(text); }
 
   std::string next() override {
@@ -113,7 +142,11 @@ class SiteEvents final : public EventSource {
     out += std::exchange(pending_, {});  // behind the status: that says of which journal it is
     for (const Alarm& alarm : site_->alarms().after(alarms_seen_)) {
       out += "event: alarm\ndata: " + files::json_line(json_of(alarm)) + "\n\n";
-      alarms_seen_ = alarm.id;
+      alarms_seen_ = std::max(alarms_seen_, SiteAlarms::last_event(alarm));
+    }
+    for (const LogbookEntry& entry : site_->logbook().after(entries_seen_)) {
+      out += "event: logbook\ndata: " + files::json_line(json_of(entry)) + "\n\n";
+      entries_seen_ = entry.number;
     }
     while (out.size() < k_piece) {
       const auto line = site_->lines().next_line(seen_);
@@ -128,7 +161,7 @@ class SiteEvents final : public EventSource {
  private:
   static constexpr std::size_t k_piece = 1 << 16;
   std::shared_ptr<Site> site_;
-  std::int64_t seen_, alarms_seen_, state_version_ = -1;
+  std::int64_t seen_, alarms_seen_, entries_seen_, state_version_ = -1;
   std::string pending_;
 };
 
@@ -182,7 +215,7 @@ Admission Api::admit(const HttpRequest& head, HttpResponse& refusal) {
   bool path_known = false, method_known = false;
   std::string allowed;
   for (const Route& route : routes()) {
-    if (route.path != head.path) continue;
+    if (route.path != route_of(head.path)) continue;
     path_known = true;
     method_known =
         method_known || route.method == head.method || (route.method == "GET" && head.method == "HEAD");
@@ -196,8 +229,7 @@ Admission Api::admit(const HttpRequest& head, HttpResponse& refusal) {
     return Admission::refused;
   }
   if (head.path == "/" || head.path == "/livez" || head.path == "/readyz") return Admission::other;
-  const bool ingests = head.path == "/v1/measurements" || head.path == "/v1/withdraw" ||
-                       (head.path == "/v1/quarantine" && head.method == "POST");
+  const bool ingests = head.method == "POST" && head.path.starts_with("/v1/");
   const std::string& token = ingests ? options_.ingest_token : options_.read_token;
   const std::string given = head.header("authorization");
   const std::string_view bearer = "bearer ";
@@ -286,6 +318,11 @@ HttpResponse Api::read(const HttpRequest& request) {
   if (path == "/v1/observations") return json_response(observations(*site, step));
   if (path == "/v1/samples") return json_response(samples(*site, step));
   if (path == "/v1/quarantine") return json_response(site->journal().quarantine());
+  if (path == "/v1/logbook") {
+    Json list = Json::array();
+    for (const LogbookEntry& entry : site->logbook().after(0)) list.push_back(json_of(entry));
+    return json_response({{"logbook", list}});
+  }
   if (path == "/v1/alarms") {
     Json list = Json::array();
     for (const Alarm& alarm : site->alarms().after(0)) list.push_back(json_of(alarm));
@@ -308,7 +345,8 @@ HttpResponse Api::ready() const {
 void Api::take(const HttpRequest& request, const Answer& answer) {
   if (request.path == "/v1/measurements") return take_measurement(request, answer);
   if (request.path == "/v1/quarantine") return take_release(request, answer);
-  take_withdrawal(request, answer);
+  if (request.path == "/v1/withdraw") return take_withdrawal(request, answer);
+  take_entry(request, answer);
 }
 
 void Api::take_measurement(const HttpRequest& request, const Answer& answer) {
@@ -354,6 +392,16 @@ void Api::take_withdrawal(const HttpRequest& request, const Answer& answer) {
       ->journal()
       .withdraw(std::move(datum.key),
                 [answer](const JournalWriter::Answer& stored) { answer(answer_of(stored)); });
+}
+
+void Api::take_entry(const HttpRequest& request, const Answer& answer) {
+  const EntryRequest asked = parse_json_entry(request.body);
+  const auto site = site_of(asked.site.empty() ? request.parameter("site") : asked.site);
+  const auto alarm = alarm_of(request.path);
+  site->journal().enter(alarm                           ? site->acknowledgement(*alarm, asked)
+                        : request.path == "/v1/sensors" ? site->sensor_switch(asked)
+                                                        : site->note(asked),
+                        [answer](const JournalWriter::Answer& stored) { answer(answer_of(stored)); });
 }
 
 std::unique_ptr<EventSource> Api::events(const HttpRequest& request) {

@@ -41,6 +41,7 @@ class Api final : public HttpHandler {
   void take_measurement(const HttpRequest& request, const Answer& answer);
   void take_release(const HttpRequest& request, const Answer& answer);
   void take_withdrawal(const HttpRequest& request, const Answer& answer);
+  void take_entry(const HttpRequest& request, const Answer& answer);
   [[nodiscard]] HttpResponse ready() const;
   [[nodiscard]] std::shared_ptr<Site> site_of(const std::string& name) const;
   [[nodiscard]] std::vector<std::string> site_names() const;

@@ -6,30 +6,21 @@
 #include <algorithm>
 #include <atomic>
 #include <cerrno>
-#include <charconv>
 #include <chrono>
 #include <cstring>
-#include <fstream>
 #include <future>
 #include <map>
 #include <thread>
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/sha256.hpp"
+#include "knothe/service/net/mqtt_client.hpp"
 #include "knothe/service/site/log.hpp"
 
 namespace knothe::service {
 namespace {
 
 constexpr std::chrono::milliseconds k_first_pause{1000}, k_longest_pause{30'000}, k_glance{50};
-
-std::string first_line(const std::string& path) {
-  std::ifstream file(path);
-  std::string line;
-  if (!file || !std::getline(file, line))
-    throw DataError(fmt::format("{}: the file with the MQTT password cannot be read, or is empty", path));
-  return line;
-}
 
 }  // namespace
 
@@ -215,40 +206,15 @@ MqttReceiver::MqttReceiver(const project::Project& project, std::vector<std::sha
     : implementation_(std::make_unique<Implementation>(std::move(sites), metrics,
                                                        static_cast<std::size_t>(project.serve.max_body))) {
   Implementation& i = *implementation_;
-  const project::MqttOptions& options = project.serve.mqtt;
-  const auto colon = options.broker.rfind(':');
-  i.host = options.broker.substr(0, colon);
-  if (colon != std::string::npos) {
-    const char* end = options.broker.data() + options.broker.size();
-    const auto parsed = std::from_chars(options.broker.data() + colon + 1, end, i.port);
-    if (parsed.ec != std::errc() || parsed.ptr != end || i.port < 1 || i.port > 65535) i.host.clear();
-  } else if (!options.ca.empty()) {
-    i.port = 8883;
-  }
-  if (i.host.empty())
-    throw project.error_at("serve.mqtt.broker",
-                           fmt::format("\"{}\" is not HOST or HOST:PORT", options.broker));
-  mosquitto_lib_init();
+  const MqttBroker broker = mqtt_broker(project);
+  i.host = broker.host, i.port = broker.port;
   // The same name at each start: the broker keeps for it what comes meanwhile.
-  const std::string id = "knothe-" + to_hex(sha256_of(project.serve.journal)).substr(0, 12);
-  i.client.reset(mosquitto_new(id.c_str(), false, &i), mosquitto_destroy);
-  if (!i.client) throw IoError("the MQTT client could not be made");
+  i.client =
+      make_mqtt_client(project, "knothe-" + to_hex(sha256_of(project.serve.journal)).substr(0, 12), true, &i);
   mosquitto_connect_callback_set(i.client.get(), Implementation::on_connect);
   mosquitto_subscribe_callback_set(i.client.get(), Implementation::on_subscribe);
   mosquitto_disconnect_callback_set(i.client.get(), Implementation::on_disconnect);
   mosquitto_message_callback_set(i.client.get(), Implementation::on_message);
-  if (!options.user.empty()) {
-    const std::string password = options.password.empty() ? "" : first_line(options.password);
-    mosquitto_username_pw_set(i.client.get(), options.user.c_str(),
-                              password.empty() ? nullptr : password.c_str());
-  }
-  if (!options.ca.empty()) {
-    const int code =
-        mosquitto_tls_set(i.client.get(), options.ca.c_str(), nullptr, nullptr, nullptr, nullptr);
-    if (code != MOSQ_ERR_SUCCESS)
-      throw DataError(
-          fmt::format("{}: certificates cannot be used: {}", options.ca, mosquitto_strerror(code)));
-  }
   i.thread = std::thread([&i] { i.run(); });
 }
 
@@ -256,7 +222,6 @@ MqttReceiver::~MqttReceiver() {
   implementation_->stopping = true;
   if (implementation_->thread.joinable()) implementation_->thread.join();
   implementation_->client.reset();
-  mosquitto_lib_cleanup();
 }
 
 }  // namespace knothe::service

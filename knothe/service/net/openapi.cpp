@@ -152,6 +152,15 @@ std::string openapi_document() {
                                {"step", integer},
                                {"reason", words}},
                               {"source", "session", "seq", "time", "step", "reason"});
+  const Json entry = object_of({{"number", integer},
+                                {"kind", {{"type", "string"}, {"enum", words_of<EntryKind>()}}},
+                                {"time", number},
+                                {"by", words},
+                                {"text", words},
+                                {"written_at", number},
+                                {"alarm", integer},
+                                {"sensor", integer}},
+                               {"number", "kind", "time", "by", "text", "written_at"});
   const Json error = object_of(
       {{"error", object_of({{"type", words}, {"message", words}}, {"type", "message"})}}, {"error"});
   const Json line_reference = {{"$ref", "#/components/schemas/Line"}};
@@ -182,6 +191,8 @@ std::string openapi_document() {
       {"/v1/observations", get("sensors of a step", any, {step})},
       {"/v1/samples", get("draws of the posterior", any, {step})},
       {"/v1/alarms", get("the last alarms", any)},
+      {"/v1/logbook", get("acknowledgements, sensors switched off, notes",
+                          object_of({{"logbook", {{"type", "array"}, {"items", entry}}}}, {"logbook"}))},
       {"/v1/quarantine",
        get("data that came too late, or have a value beyond its limit",
            object_of({{"quarantined", {{"type", "array"}, {"items", held}}}}, {"quarantined"}))}};
@@ -190,6 +201,26 @@ std::string openapi_document() {
   paths["/v1/withdraw"]["post"] =
       post("take a datum out, as if it had never come", key_body,
            object_of({{"withdrawn", boolean}, {"step", integer}}, {"withdrawn", "step"}));
+  const auto body_of = [](const Json& schema) { return Json{{"application/json", {{"schema", schema}}}}; };
+  paths["/v1/alarms/{id}/acknowledge"]["post"] =
+      post("acknowledge an alarm",
+           body_of(object_of({{"site", words}, {"by", words}, {"comment", words}}, {"by"})), entry);
+  paths["/v1/alarms/{id}/acknowledge"]["parameters"] =
+      Json::array({{{"name", "id"}, {"in", "path"}, {"required", true}, {"schema", {{"type", "integer"}}}}});
+  paths["/v1/notes"]["post"] =
+      post("write a note",
+           body_of(object_of({{"site", words}, {"step", integer}, {"by", words}, {"text", words}},
+                             {"by", "text"})),
+           entry);
+  paths["/v1/sensors"]["post"] = post("switch a sensor off, or on again, from a step on",
+                                      body_of(object_of({{"site", words},
+                                                         {"sensor", {{"type", {"integer", "string"}}}},
+                                                         {"active", boolean},
+                                                         {"step", integer},
+                                                         {"by", words},
+                                                         {"comment", words}},
+                                                        {"sensor", "active", "by"})),
+                                      entry);
   paths["/v1/measurements"]["post"] =
       post("take a measurement; 200 when it is on disk",
            {{"application/json", {{"schema", {{"$ref", "#/components/schemas/Measurement"}}}}},

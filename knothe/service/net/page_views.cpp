@@ -248,6 +248,7 @@ Json observations(const Site& site, const std::string& step) {
   const reduction::Sensors& sensors = site.setup().measurements.sensors;
   const std::size_t places = sensors.displacement_count();
   Json status = Json::array(), reason = Json::object(), scalars = Json::object();
+  const std::vector<std::int64_t> off = site.logbook().off_at(line->step);
   for (std::size_t i = 0; i < line->missing.size(); ++i) {
     const std::string said = line->missing[i] ? "missing" : "used";
     if (i >= places) {
@@ -257,7 +258,10 @@ Json observations(const Site& site, const std::string& step) {
       continue;
     }
     status.push_back(said);
-    if (line->missing[i]) reason[std::to_string(i)] = "not measured";
+    if (line->missing[i])
+      reason[std::to_string(i)] = std::find(off.begin(), off.end(), static_cast<std::int64_t>(i)) != off.end()
+                                      ? "switched off"
+                                      : "not measured";
   }
   return {{"step", line->step},
           {"time", line->time},

@@ -24,6 +24,7 @@
 #include "knothe/service/journal/journal.hpp"
 #include "knothe/service/journal/step_matching.hpp"
 #include "knothe/service/net/http_server.hpp"
+#include "knothe/service/site/alarm_sender.hpp"
 #include "knothe/service/site/doctor.hpp"
 #include "knothe/service/site/service.hpp"
 
@@ -149,7 +150,28 @@ std::string found_clock() {
   return fmt::format("synchronised, to {:.0f} ms at worst", 1e-3 * static_cast<double>(clock.maxerror));
 }
 
-void report_service(Report& report, const std::string& path) {
+/// A message by each channel, as an alarm would go out.
+void test_alarms(Report& report, const project::Project& project) {
+  std::vector<std::unique_ptr<AlarmChannel>> channels;
+  report_found(report, "alarms", [&] {
+    channels = alarm_channels(project);
+    if (channels.empty()) throw DataError("they are sent nowhere: [serve.notify] is missing or empty");
+    return fmt::format("{} channels", channels.size());
+  });
+  const auto now = std::chrono::system_clock::now().time_since_epoch();
+  Alarm alarm;
+  alarm.severity = "info", alarm.kind = "test", alarm.message = "a test: nothing has happened";
+  alarm.raised_ms = std::chrono::duration_cast<std::chrono::milliseconds>(now).count();
+  const Json message = message_of(project.serve.site, alarm, true);
+  const std::atomic<bool> stopping{false};
+  for (const auto& channel : channels)
+    report_found(report, channel->name(), [&] {
+      (void)channel->send({&message, 1}, stopping);
+      return std::string("a test message was sent");
+    });
+}
+
+void report_service(Report& report, const std::string& path, bool sends_alarms) {
   std::optional<project::Project> project;
   report_found(report, "project", [&] {
     project = project::read_project(path);
@@ -172,11 +194,13 @@ void report_service(Report& report, const std::string& path) {
     return where + " is free";
   });
   report_found(report, "clock", found_clock);
+  if (sends_alarms) test_alarms(report, *project);
 }
 
 }  // namespace
 
-bool doctor(const std::string& folder, bool offline_installed, const std::string& project) {
+bool doctor(const std::string& folder, bool offline_installed, const std::string& project,
+            bool sends_alarms) {
   Report report;
   report.line(true, "knothe",
               fmt::format("{} (g++ {}, vectors: {})", k_version, __VERSION__, vectors_built_for()));
@@ -210,7 +234,7 @@ bool doctor(const std::string& folder, bool offline_installed, const std::string
   getrlimit(RLIMIT_NOFILE, &files);
   report.line(files.rlim_cur >= 1024, "descriptors", fmt::format("{} files may be open", files.rlim_cur),
               "ulimit -n 4096, for many viewers");
-  if (!project.empty()) report_service(report, project);
+  if (!project.empty()) report_service(report, project, sends_alarms);
   return report.all_good();
 }
 

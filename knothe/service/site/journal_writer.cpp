@@ -52,18 +52,18 @@ Json answer_of(const Withdrawn& withdrawn) {
 }
 
 JournalWriter::JournalWriter(const project::Project& project, const project::UpdateSetup& setup,
-                             Metrics& metrics, Arrived arrived, Doubted doubted,
-                             std::function<void()> changed)
+                             Metrics& metrics, Listener listener)
     : options_(project.serve),
       setup_(setup),
       sensor_std_(setup.measurements.noise.standard_deviations()),
       limits_(project::serve_limits(project, setup)),
       metrics_(metrics),
-      arrived_(std::move(arrived)),
-      doubted_(std::move(doubted)),
-      changed_(std::move(changed)),
+      listener_(std::move(listener)),
       journal_(options_.journal, Journal::Access::write),
-      id_(journal_.id()) {}
+      id_(journal_.id()),
+      switches_(setup.observed->time) {
+  for (const LogbookEntry& entry : journal_.logbook()) switches_.add(entry);
+}
 
 /// Data of all times are there in the model: an index of a step is that of the model it was recorded with.
 void JournalWriter::require_times() const {
@@ -175,13 +175,14 @@ void JournalWriter::replay() {
       const auto step = assimilation::matching_time(entry.measurement.time, setup_.observed->time);
       if (!step) return;
       entry.measurement.step = static_cast<std::int64_t>(*step);
-      past.push_back({entry.measurement, start, false, true});
+      past.push_back({entry.measurement, start, Arrival::Kind::withdrawn});
       return;
     }
     match_step(entry, setup_.observed->time, journal_.path());
+    entry.measurement = switches_.seen(std::move(entry.measurement));
     count_seq(key);
     if (entry.counts()) {
-      past.push_back({entry.measurement, start, false, false});
+      past.push_back({entry.measurement, start, Arrival::Kind::past});
     } else {
       held.push_back(entry);
     }
@@ -189,7 +190,7 @@ void JournalWriter::replay() {
   // Whoever was told before the restart may be gone; the datum is still there.
   for (const JournalEntry& entry : held)
     if (entry.quarantined.implausible)
-      doubted_(entry.measurement, reason_of({false, true}, entry.measurement));
+      listener_.doubted(entry.measurement, reason_of({false, true}, entry.measurement));
   {
     const std::lock_guard lock(mutex_);
     quarantine_ = std::move(held);
@@ -200,7 +201,7 @@ void JournalWriter::replay() {
              {"journal", journal_.path()},
              {"records", journal_.count()},
              {"elapsed_s", seconds_since(start)}});
-  arrived_(std::move(past), journal_.count());
+  listener_.arrived(std::move(past), journal_.count());
 }
 
 void JournalWriter::check_values(const Measurement& datum) const {
@@ -256,6 +257,10 @@ void JournalWriter::release(assimilation::DatumKey key, std::function<void(Answe
 
 void JournalWriter::withdraw(assimilation::DatumKey key, std::function<void(Answer)> done) {
   enqueue({Withdrawal{std::move(key)}, std::move(done), monotonic_now()});
+}
+
+void JournalWriter::enter(LogbookEntry entry, std::function<void(Answer)> done) {
+  enqueue({std::move(entry), std::move(done), monotonic_now()});
 }
 
 void JournalWriter::enqueue(Request request) {
@@ -349,6 +354,7 @@ void JournalWriter::commit(std::vector<Request>& group) {
   std::vector<Answer> answers;
   Written written;
   const auto largest_before = largest_seqs_;
+  const SensorSwitches switches_before = switches_;
   std::string trouble;
   std::deque<Alarm> alarms;
   {
@@ -365,6 +371,7 @@ void JournalWriter::commit(std::vector<Request>& group) {
     trouble = error.what();
     journal_.rollback();
     largest_seqs_ = largest_before;
+    switches_ = switches_before;
     written = {};
     answers.assign(group.size(),
                    RequestError(507, "DiskFull", fmt::format("nothing was stored: {}", trouble)));
@@ -385,10 +392,21 @@ void JournalWriter::commit(std::vector<Request>& group) {
       std::erase_if(quarantine_, [&](const JournalEntry& held) { return held.id == gone.id; });
   }
   set_trouble(trouble);
-  for (const JournalEntry& entry : written.no_longer_quarantined) doubted_(entry.measurement, "");
+  tell(written);
+  listener_.arrived(std::move(written.arrivals), journal_.count());
+  for (std::size_t i = 0; i < group.size(); ++i) {
+    count_outcome(answers[i]);
+    group[i].done(answers[i]);
+  }
+  listener_.changed();
+}
+
+/// What is on disk now, beside the data that are to be assimilated.
+void JournalWriter::tell(const Written& written) {
+  for (const JournalEntry& entry : written.no_longer_quarantined) listener_.doubted(entry.measurement, "");
   for (const JournalEntry& entry : written.quarantined)
     if (entry.quarantined.implausible)
-      doubted_(entry.measurement, reason_of({false, true}, entry.measurement));
+      listener_.doubted(entry.measurement, reason_of({false, true}, entry.measurement));
   for (const Measurement& datum : written.withdrawn)
     log_event("info", "a datum was withdrawn",
               {{"site", options_.site},
@@ -396,12 +414,11 @@ void JournalWriter::commit(std::vector<Request>& group) {
                {"session", datum.key.session},
                {"seq", datum.key.seq},
                {"step", datum.step}});
-  arrived_(std::move(written.arrivals), journal_.count());
-  for (std::size_t i = 0; i < group.size(); ++i) {
-    count_outcome(answers[i]);
-    group[i].done(answers[i]);
+  for (const LogbookEntry& entry : written.entries) {
+    log_event("info", "an entry was written into the logbook",
+              {{"site", options_.site}, {"entry", json_of(entry)}});
+    listener_.noted(entry);
   }
-  changed_();
 }
 
 void JournalWriter::count_outcome(const Answer& answer) {
@@ -410,7 +427,7 @@ void JournalWriter::count_outcome(const Answer& answer) {
     if (error->status() == 409) count("conflicts");
   } else if (const auto* withdrawn = std::get_if<Withdrawn>(&answer)) {
     if (!withdrawn->before) count("withdrawn");
-  } else {
+  } else if (std::holds_alternative<Appended>(answer)) {
     const Appended& appended = std::get<Appended>(answer);
     count(appended.outcome == Outcome::duplicate ? "duplicates"
           : appended.quarantined                 ? "quarantined"
@@ -429,7 +446,7 @@ JournalWriter::Answer JournalWriter::write(const Release& release, MonotonicTime
                         fmt::format("there is no quarantined datum of source \"{}\", session \"{}\", seq {}",
                                     release.key.source, release.key.session, release.key.seq));
   match_step(*entry, setup_.observed->time, journal_.path());
-  if (!entry->released) written.arrivals.push_back({entry->measurement, at, true, false});
+  if (!entry->released) written.arrivals.push_back({switches_.seen(entry->measurement), at});
   written.no_longer_quarantined.push_back(*entry);
   return Appended{entry->released ? Outcome::duplicate : Outcome::accepted,
                   {},
@@ -449,7 +466,7 @@ JournalWriter::Answer JournalWriter::write(const Withdrawal& withdrawal, Monoton
   if (const auto step = assimilation::matching_time(entry->measurement.time, setup_.observed->time))
     entry->measurement.step = static_cast<std::int64_t>(*step);
   if (!entry->withdrawn) {
-    if (entry->counts()) written.arrivals.push_back({entry->measurement, at, true, true});
+    if (entry->counts()) written.arrivals.push_back({entry->measurement, at, Arrival::Kind::withdrawn});
     written.no_longer_quarantined.push_back(*entry);
     written.withdrawn.push_back(entry->measurement);
     // What comes now is judged late by the data that are left: a wrong seq, far ahead, is no more in the way.
@@ -457,6 +474,21 @@ JournalWriter::Answer JournalWriter::write(const Withdrawal& withdrawal, Monoton
         journal_.largest_seqs(key.source, key.session, static_cast<std::size_t>(options_.window) + 1);
   }
   return Withdrawn{entry->measurement.step, entry->withdrawn};
+}
+
+/// A switch changes what the data from its time on say: those are assimilated anew.
+JournalWriter::Answer JournalWriter::write(const LogbookEntry& entry, MonotonicTime at, Written& written) {
+  LogbookEntry kept = journal_.add_entry(entry);
+  const std::size_t from = switches_.add(kept);
+  written.entries.push_back(kept);
+  if (kept.kind != EntryKind::sensor_off && kept.kind != EntryKind::sensor_on) return kept;
+  journal_.for_each([&](JournalEntry record) {
+    if (!record.counts()) return;
+    match_step(record, setup_.observed->time, journal_.path());
+    if (static_cast<std::size_t>(record.measurement.step) < from) return;
+    written.arrivals.push_back({switches_.seen(record.measurement), at, Arrival::Kind::replaced});
+  });
+  return kept;
 }
 
 /// The places that a datum is late are the data of its session that should have come after it and came
@@ -471,8 +503,9 @@ JournalWriter::Answer JournalWriter::write(Measurement& datum, MonotonicTime at,
   const auto& largest = largest_seqs_[{datum.key.source, datum.key.session}];
   const bool late =
       largest.size() > static_cast<std::size_t>(options_.window) && largest.back() > datum.key.seq;
-  Appended appended = journal_.append(datum, {late, !complaint(datum).empty()});
-  appended.reason = reason_of(appended.quarantined, datum);
+  Measurement seen = switches_.seen(datum);
+  Appended appended = journal_.append(datum, {late, !complaint(seen).empty()});
+  appended.reason = reason_of(appended.quarantined, seen);
   if (appended.outcome == Outcome::conflict)
     return RequestError(
         409, "Conflict",
@@ -483,11 +516,11 @@ JournalWriter::Answer JournalWriter::write(Measurement& datum, MonotonicTime at,
   count_seq(datum.key);
   if (datum.key.source == k_pictures_source || datum.key.source == k_csv_source)
     written.from_folders.push_back(datum.key);
-  datum.received_ms = appended.received_ms;
+  seen.received_ms = appended.received_ms;
   if (appended.quarantined) {
-    written.quarantined.push_back({journal_.count(), datum, appended.quarantined, false, false});
+    written.quarantined.push_back({journal_.count(), std::move(seen), appended.quarantined, false, false});
   } else {
-    written.arrivals.push_back({datum, at, true, false});
+    written.arrivals.push_back({std::move(seen), at});
   }
   return appended;
 }
@@ -504,7 +537,7 @@ void JournalWriter::probe_disk() {
     journal_.rollback();
     set_trouble(error.what());
   }
-  changed_();
+  listener_.changed();
 }
 
 }  // namespace knothe::service

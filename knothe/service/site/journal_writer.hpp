@@ -18,6 +18,7 @@
 #include "knothe/service/journal/journal.hpp"
 #include "knothe/service/site/log.hpp"
 #include "knothe/service/site/metrics.hpp"
+#include "knothe/service/site/site_logbook.hpp"
 
 namespace knothe::service {
 
@@ -28,9 +29,13 @@ inline constexpr const char* k_csv_source = "csv";
 /// A measurement in the journal that is to be assimilated, or taken out again.
 struct Arrival {
   Measurement measurement;
-  MonotonicTime at;        ///< of its request
-  bool live = true;        ///< not from the journal's past
-  bool withdrawn = false;  ///< to be taken out
+  MonotonicTime at;  ///< of its request
+  enum class Kind {
+    live,
+    past,       ///< from the journal's past
+    withdrawn,  ///< to be taken out
+    replaced    ///< to be seen otherwise than it was: a sensor was switched
+  } kind = Kind::live;
 };
 
 /// A datum that is withdrawn now.
@@ -47,12 +52,20 @@ struct Withdrawn {
 /// last, and not held while it calls others.
 class JournalWriter {
  public:
-  using Answer = std::variant<Appended, RequestError, Withdrawn>;
-  /// What is in the journal now and was not before, and the number of its records.
-  using Arrived = std::function<void(std::vector<Arrival>, std::int64_t records)>;
-  /// A datum in quarantine that has a value beyond its limit, and which, in words; empty: it is there no
-  /// more.
-  using Doubted = std::function<void(const Measurement&, const std::string& reason)>;
+  using Answer = std::variant<Appended, RequestError, Withdrawn, LogbookEntry>;
+  /// Called from the thread.
+  struct Listener {
+    /// What is in the journal now and was not before, and the number of its records: first all of the
+    /// journal's past, then after each commit, before its requests are answered.
+    std::function<void(std::vector<Arrival>, std::int64_t records)> arrived;
+    /// Before that: a datum in quarantine that has a value beyond its limit, and which, in words; empty: it
+    /// is there no more.
+    std::function<void(const Measurement&, const std::string& reason)> doubted;
+    /// Before that: an entry of the logbook that is on disk now.
+    std::function<void(const LogbookEntry&)> noted;
+    /// After requests were answered.
+    std::function<void()> changed;
+  };
   struct Tally {
     std::size_t waiting = 0;  ///< requests
     std::size_t quarantined = 0;
@@ -61,11 +74,9 @@ class JournalWriter {
     std::string trouble;                           ///< and why
   };
 
-  /// Opens the journal; errors of `Journal` and `serve_limits`. `arrived` is called from the thread: first
-  /// with all of the journal's past, then after each commit, before its requests are answered; `changed`
-  /// after that. `doubted`: before `arrived`.
+  /// Opens the journal; errors of `Journal` and `serve_limits`.
   JournalWriter(const project::Project& project, const project::UpdateSetup& setup, Metrics& metrics,
-                Arrived arrived, Doubted doubted, std::function<void()> changed);
+                Listener listener);
   ~JournalWriter() { stop(); }
 
   /// Records for what the data are; errors of `Journal`, DataError where data are of times that the model
@@ -77,6 +88,7 @@ class JournalWriter {
   /// The alarms of the journal: the last `most`, and the last of each condition. Before `start`.
   [[nodiscard]] std::vector<Alarm> alarms(std::int64_t most) const { return journal_.alarms(most); }
   [[nodiscard]] std::vector<Alarm> conditions() const { return journal_.conditions(); }
+  [[nodiscard]] std::vector<LogbookEntry> logbook() const { return journal_.logbook(); }
   /// Keeps an alarm: with the next group, by itself, or in `finish`.
   void keep(Alarm alarm);
   void start();
@@ -92,6 +104,8 @@ class JournalWriter {
   void release(assimilation::DatumKey key, std::function<void(Answer)> done);
   /// Takes a datum out. The same.
   void withdraw(assimilation::DatumKey key, std::function<void(Answer)> done);
+  /// Writes an entry into the logbook. The same.
+  void enter(LogbookEntry entry, std::function<void(Answer)> done);
   /// Whether a datum that came from a watched folder is in the journal.
   [[nodiscard]] bool holds(const assimilation::DatumKey& key) const;
   void count(const std::string& outcome);  ///< of a request that did not get so far: "malformed"
@@ -106,7 +120,7 @@ class JournalWriter {
     assimilation::DatumKey key;
   };
   struct Request {
-    std::variant<Measurement, Release, Withdrawal> what;
+    std::variant<Measurement, Release, Withdrawal, LogbookEntry> what;
     std::function<void(Answer)> done;
     MonotonicTime at;
   };
@@ -124,11 +138,14 @@ class JournalWriter {
     std::vector<JournalEntry> no_longer_quarantined;
     std::vector<assimilation::DatumKey> from_folders;
     std::vector<Measurement> withdrawn;
+    std::vector<LogbookEntry> entries;
   };
   Answer write(Request& request, Written& written);
   Answer write(Measurement& datum, MonotonicTime at, Written& written);
   Answer write(const Release& release, MonotonicTime at, Written& written);
   Answer write(const Withdrawal& withdrawal, MonotonicTime at, Written& written);
+  Answer write(const LogbookEntry& entry, MonotonicTime at, Written& written);
+  void tell(const Written& written);
   [[nodiscard]] std::string refuse_if_misplaced(std::vector<Answer>& answers) const;
   void count_outcome(const Answer& answer);
   void probe_disk();
@@ -142,9 +159,7 @@ class JournalWriter {
   Eigen::VectorXd sensor_std_;
   assimilation::PlausibleRange limits_;
   Metrics& metrics_;
-  Arrived arrived_;
-  Doubted doubted_;
-  std::function<void()> changed_;
+  Listener listener_;
   Journal journal_;  ///< of the thread
   std::string id_;
   bool checkpointed_ = true;  ///< of the thread: nothing is in the journal's log alone
@@ -152,6 +167,7 @@ class JournalWriter {
   using LargestSeqs = std::map<std::pair<std::string, std::string>, std::vector<std::int64_t>>;
   LargestSeqs largest_seqs_;
   void count_seq(const assimilation::DatumKey& key);
+  SensorSwitches switches_;  ///< of the thread
 
   mutable std::mutex mutex_;  ///< everything below
   std::condition_variable requests_there_;

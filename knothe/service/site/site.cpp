@@ -44,17 +44,25 @@ Site::Site(project::Project project, bool strict_deadline, Metrics& metrics, std
       identity_(identity_of(project_, setup_)),
       journal_(
           project_, setup_, metrics_,
-          [this](std::vector<Arrival> arrivals, std::int64_t records) {
-            arrive(std::move(arrivals), records);
-          },
-          [this](const Measurement& measurement, const std::string& reason) { doubt(measurement, reason); },
-          changed_),
+          {[this](std::vector<Arrival> arrivals, std::int64_t records) {
+             arrive(std::move(arrivals), records);
+           },
+           [this](const Measurement& measurement, const std::string& reason) { doubt(measurement, reason); },
+           [this](const LogbookEntry& entry) { note_down(entry); }, changed_}),
       engine_(project::engine_setup(project_, setup_)),
-      alarms_(project_.forecasts, next_event_, [this](const Alarm& alarm) { journal_.keep(alarm); }),
+      logbook_(setup_.observed->time, {}),
+      sender_(project_, metrics_),
+      alarms_(project_.forecasts, next_event_,
+              [this](const Alarm& alarm) {
+                journal_.keep(alarm);
+                if (!alarm.severity.empty()) sender_.enqueue(alarm);
+              }),
       pictures_(setup_.observed->time),
       health_(project_.serve, strict_deadline) {
   next_event_ = journal_.identify(identity_) * (std::int64_t{1} << 32) + 1;
   alarms_.restore(journal_.alarms(SiteAlarms::k_kept), journal_.conditions());
+  for (const LogbookEntry& entry : journal_.logbook()) note_down(entry);
+  metrics_.count("knothe_deadline_misses_total", labels(), 0);  // there from the first scrape on
   if (journal_.lost().empty()) return;
   log_event("error", "records of the journal are lost", {{"site", name()}, {"reason", journal_.lost()}});
   alarms_.raise(0, "alarm", "journal", journal_.lost());
@@ -97,7 +105,7 @@ void Site::arrive(std::vector<Arrival> arrivals, std::int64_t records) {
   {
     const std::lock_guard lock(mutex_);
     for (Arrival& arrival : arrivals) {
-      if (arrival.live && !arrival.withdrawn) health_.accept(arrival.at);
+      if (arrival.kind == Arrival::Kind::live) health_.accept(arrival.at);
       arrivals_.push_back(std::move(arrival));
     }
     records_ = records;
@@ -121,6 +129,13 @@ void Site::doubt(const Measurement& measurement, const std::string& reason) {
   const auto& key = measurement.key;
   alarms_.judge_condition(fmt::format("held {}/{}/{}", key.source, key.session, key.seq), step,
                           is_held ? "alarm" : "", "sensors", fmt::format("in quarantine: {}", reason));
+}
+
+/// The same, and at the start.
+void Site::note_down(const LogbookEntry& entry) {
+  logbook_.add(entry);
+  if (entry.kind == EntryKind::acknowledgement)
+    alarms_.acknowledge(entry.subject, {entry.author, entry.text, entry.written_ms, 0});
 }
 
 void Site::update_loop() {
@@ -161,15 +176,19 @@ void Site::update_loop() {
 }
 
 void Site::take(const std::vector<Arrival>& arrivals) {
+  using Kind = Arrival::Kind;
   for (const Arrival& arrival : arrivals) {
+    const bool comes = arrival.kind == Kind::live || arrival.kind == Kind::past;
     std::string trouble;
     try {
-      arrival.withdrawn ? withdraw(arrival.measurement) : add(arrival.measurement);
-      if (!arrival.live && !arrival.withdrawn)
+      if (arrival.kind == Kind::withdrawn) withdraw(arrival.measurement);
+      if (arrival.kind == Kind::replaced) (void)take_out(arrival.measurement);
+      if (arrival.kind != Kind::withdrawn) add(arrival.measurement);
+      if (arrival.kind == Kind::past)
         judged_from_ = std::max(judged_from_, static_cast<std::size_t>(arrival.measurement.step));
     } catch (const std::exception& error) {
       trouble = error.what();
-      log_event("error", arrival.withdrawn ? "a datum cannot be taken out" : "a datum cannot be assimilated",
+      log_event("error", comes ? "a datum cannot be assimilated" : "a datum cannot be taken out",
                 {{"site", name()},
                  {"source", arrival.measurement.key.source},
                  {"session", arrival.measurement.key.session},
@@ -181,9 +200,9 @@ void Site::take(const std::vector<Arrival>& arrivals) {
     --at_hand_;
     stale_lines_ = engine_.stale().size();
     // What failed may have failed because of the datum that is gone; if not, the next update says so again.
-    if (!trouble.empty() || arrival.withdrawn) failure_ = trouble;
-    // Nobody's measurement waits for a withdrawal: how long it takes is no missed deadline.
-    if (arrival.live && !arrival.withdrawn && trouble.empty()) health_.await(arrival.at);
+    if (!trouble.empty() || !comes) failure_ = trouble;
+    // Nobody's measurement waits for a withdrawal or a switch: how long it takes is no missed deadline.
+    if (arrival.kind == Kind::live && trouble.empty()) health_.await(arrival.at);
   }
 }
 
@@ -199,19 +218,20 @@ void Site::add(const Measurement& measurement) {
 }
 
 void Site::withdraw(const Measurement& measurement) {
+  if (take_out(measurement)) retract(static_cast<std::size_t>(measurement.step));
+}
+
+/// True if its step has no data any more.
+bool Site::take_out(const Measurement& measurement) {
   if (measurement.step < 0 || static_cast<std::size_t>(measurement.step) >= setup_.observed->time.size())
-    return;  // it never came in
+    return false;  // it never came in
   const auto step = static_cast<std::size_t>(measurement.step);
-  bool is_empty = false;
-  {
-    const std::lock_guard lock(engine_mutex_);
-    if (engine_.withdraw(step, measurement.key)) {
-      auto& received = received_ms_.at(step);
-      received.erase(received.find(measurement.received_ms));
-    }
-    is_empty = engine_.data_count(step) == 0;
+  const std::lock_guard lock(engine_mutex_);
+  if (engine_.withdraw(step, measurement.key)) {
+    auto& received = received_ms_.at(step);
+    received.erase(received.find(measurement.received_ms));
   }
-  if (is_empty) retract(step);
+  return engine_.data_count(step) == 0;
 }
 
 /// A step without data has no line, and readers are told that it is gone.
@@ -280,6 +300,8 @@ void Site::publish(std::shared_ptr<Line> line, bool judged) {
 std::shared_ptr<Line> Site::line_of(const engine::StepResult& step) {
   const assimilation::UpdateResult& result = step.update;
   auto line = make_line(step, setup_, engine_.last_values(result.step));
+  for (const std::int64_t sensor : logbook_.off_at(result.step))  // that it is silent is no news
+    std::erase(line->absent, static_cast<Eigen::Index>(sensor));
   Json record = report::step_record(step, setup_.model.contents().axes);
   for (const auto& [phase, us] : {std::pair{"projection", result.elapsed_us.projection},
                                   {"map", result.elapsed_us.map},
@@ -308,6 +330,67 @@ void Site::judge_delays() {
     metrics_.observe("knothe_phase_seconds", labels("phase=\"visible\""), delay);
     if (delay > delays.budget) metrics_.count("knothe_deadline_misses_total", labels());
   }
+}
+
+// --- The logbook -----------------------------------------------------------------------------------------
+
+/// The model time of a step; without one, of the latest.
+double Site::time_of(std::optional<std::int64_t> step) const {
+  const std::vector<double>& times = setup_.observed->time;
+  const auto latest = lines_.latest();
+  if (!step) return times[latest ? latest->step : 0];
+  if (static_cast<std::size_t>(*step) >= times.size())
+    throw RequestError(
+        400, "Malformed",
+        fmt::format("\"step\" is {}; the model has the steps 0 to {}", *step, times.size() - 1));
+  return times[static_cast<std::size_t>(*step)];
+}
+
+std::int64_t Site::sensor_of(const EntryRequest& request) const {
+  const reduction::Sensors& sensors = setup_.measurements.sensors;
+  const auto count = static_cast<std::int64_t>(sensors.displacement_count() + sensors.scalars.size());
+  if (request.sensor_index && *request.sensor_index < count) return *request.sensor_index;
+  for (std::size_t i = 0; !request.sensor_name.empty() && i < sensors.scalars.size(); ++i)
+    if (sensors.scalars[i] == request.sensor_name)
+      return static_cast<std::int64_t>(sensors.displacement_count() + i);
+  std::string names;
+  for (const std::string& name : sensors.scalars) names += fmt::format(", \"{}\"", name);
+  throw RequestError(
+      400, "UnknownSensor",
+      fmt::format("\"sensor\" must name one of this site's sensors: 0 to {}{}", count - 1, names));
+}
+
+LogbookEntry Site::note(const EntryRequest& request) const {
+  if (request.text.empty()) throw RequestError(400, "Malformed", "\"text\" must not be empty");
+  return {0, EntryKind::note, 0, time_of(request.step), request.author, request.text, 0};
+}
+
+LogbookEntry Site::sensor_switch(const EntryRequest& request) const {
+  if (!request.active)
+    throw RequestError(400, "Malformed", "\"active\" is missing: false switches the sensor off, true on");
+  return {0,
+          *request.active ? EntryKind::sensor_on : EntryKind::sensor_off,
+          sensor_of(request),
+          time_of(request.step),
+          request.author,
+          request.text,
+          0};
+}
+
+LogbookEntry Site::acknowledgement(std::int64_t id, const EntryRequest& request) const {
+  const auto alarm = alarms_.find(id);
+  if (!alarm)
+    throw RequestError(404, "UnknownAlarm",
+                       fmt::format("there is no alarm {} among the last {}", id, SiteAlarms::k_kept));
+  const auto step = static_cast<std::size_t>(std::max<std::int64_t>(alarm->step, 0));
+  const std::vector<double>& times = setup_.observed->time;
+  return {0,
+          EntryKind::acknowledgement,
+          id,
+          times[std::min(step, times.size() - 1)],
+          request.author,
+          request.text,
+          0};
 }
 
 // --- State -----------------------------------------------------------------------------------------------
@@ -343,6 +426,7 @@ bool Site::tick() {
   metrics_.set("knothe_pending_measurements", labels(), static_cast<double>(pending));
   metrics_.set("knothe_journal_records", labels(), static_cast<double>(records));
   metrics_.set("knothe_quarantined_measurements", labels(), static_cast<double>(tally.quarantined));
+  metrics_.set("knothe_unacknowledged_alarms", labels(), static_cast<double>(alarms_.unacknowledged()));
   if (step >= 0) metrics_.set("knothe_step", labels(), static_cast<double>(step));
   if (!health_.keep(state)) return false;
   log_event(state.word == "OK" ? "info" : "warning", "state",
@@ -364,6 +448,7 @@ Json Site::status() const {
     status["step"] = line.step;
     status["time"] = line.time;
     status["structure"] = to_text(line.verdict);
+    if (const auto off = logbook_.off_at(line.step); !off.empty()) status["switched_off"] = off;
     status["misfit"] = {
         {"statistic", line.misfit}, {"values", line.misfit_values}, {"probability", line.misfit_probability}};
   }
@@ -378,6 +463,7 @@ Json Site::status() const {
     status[outcome] = it == tally.outcomes.end() ? 0 : it->second;
   }
   status["quarantined"] = tally.quarantined;
+  status["unacknowledged"] = alarms_.unacknowledged();
   status["deadline_misses"] = health_.deadline_misses();
   status["read_only"] = tally.read_only;
   Json untrusted = Json::array();

@@ -5,10 +5,12 @@
 #include <set>
 
 #include "knothe/project/project_engine.hpp"
+#include "knothe/service/site/alarm_sender.hpp"
 #include "knothe/service/site/journal_writer.hpp"
 #include "knothe/service/site/line_store.hpp"
 #include "knothe/service/site/site_alarms.hpp"
 #include "knothe/service/site/site_health.hpp"
+#include "knothe/service/site/site_logbook.hpp"
 #include "knothe/service/site/watched_pictures.hpp"
 
 namespace knothe::service {
@@ -36,7 +38,14 @@ class Site {
   [[nodiscard]] const LineStore& lines() const { return lines_; }
   [[nodiscard]] SiteAlarms& alarms() { return alarms_; }
   [[nodiscard]] const SiteHealth& health() const { return health_; }
+  [[nodiscard]] const SiteLogbook& logbook() const { return logbook_; }
   [[nodiscard]] WatchedPictures& pictures() { return pictures_; }
+
+  /// Entries for the logbook, as they were asked for; `JournalWriter::enter` writes them. RequestError 400
+  /// and 404 that says what is wrong.
+  [[nodiscard]] LogbookEntry note(const EntryRequest& request) const;
+  [[nodiscard]] LogbookEntry sensor_switch(const EntryRequest& request) const;
+  [[nodiscard]] LogbookEntry acknowledgement(std::int64_t alarm, const EntryRequest& request) const;
 
   [[nodiscard]] const std::string& name() const { return project_.serve.site; }
   [[nodiscard]] const project::Project& project() const { return project_; }
@@ -49,10 +58,14 @@ class Site {
  private:
   void arrive(std::vector<Arrival> arrivals, std::int64_t records);
   void doubt(const Measurement& measurement, const std::string& reason);
+  void note_down(const LogbookEntry& entry);
   void update_loop();
   void take(const std::vector<Arrival>& arrivals);
   void add(const Measurement& measurement);
   void withdraw(const Measurement& measurement);
+  bool take_out(const Measurement& measurement);
+  [[nodiscard]] double time_of(std::optional<std::int64_t> step) const;
+  [[nodiscard]] std::int64_t sensor_of(const EntryRequest& request) const;
   void retract(std::size_t step);
   void conclude(std::size_t step, bool preview);
   void conclude_next();
@@ -77,6 +90,8 @@ class Site {
   bool previewed_ = false;        ///< updating thread; the last update was a preview
   bool newest_is_shown_ = false;  ///< the same; nothing has come since a preview
   std::atomic<std::int64_t> next_event_{1};  ///< id of the next line or alarm
+  SiteLogbook logbook_;
+  AlarmSender sender_;
   SiteAlarms alarms_;
   WatchedPictures pictures_;
 

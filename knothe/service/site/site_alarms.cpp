@@ -10,12 +10,17 @@
 namespace knothe::service {
 
 Json json_of(const Alarm& alarm) {
-  return {{"id", alarm.id},
-          {"step", alarm.step},
-          {"severity", alarm.severity},
-          {"kind", alarm.kind},
-          {"message", alarm.message},
-          {"raised_at", 1e-3 * static_cast<double>(alarm.raised_ms)}};
+  Json json = {{"id", alarm.id},
+               {"step", alarm.step},
+               {"severity", alarm.severity},
+               {"kind", alarm.kind},
+               {"message", alarm.message},
+               {"raised_at", 1e-3 * static_cast<double>(alarm.raised_ms)}};
+  if (const auto& acknowledged = alarm.acknowledged)
+    json["acknowledged"] = {{"by", acknowledged->by},
+                            {"comment", acknowledged->comment},
+                            {"at", 1e-3 * static_cast<double>(acknowledged->at_ms)}};
+  return json;
 }
 
 void SiteAlarms::restore(std::vector<Alarm> told, const std::vector<Alarm>& conditions) {
@@ -38,7 +43,7 @@ void SiteAlarms::add(Alarm alarm) {
 void SiteAlarms::raise(std::size_t step, const std::string& severity, const std::string& kind,
                        const std::string& message) {
   const std::lock_guard lock(mutex_);
-  add({0, static_cast<std::int64_t>(step), severity, kind, message, "", 0});
+  add({0, static_cast<std::int64_t>(step), severity, kind, message, "", 0, std::nullopt});
 }
 
 void SiteAlarms::judge_condition(const std::string& condition, std::size_t step, const std::string& severity,
@@ -47,7 +52,7 @@ void SiteAlarms::judge_condition(const std::string& condition, std::size_t step,
   std::string& before = severities_[condition];
   if (before == severity) return;
   before = severity;
-  add({0, static_cast<std::int64_t>(step), severity, kind, message, condition, 0});
+  add({0, static_cast<std::int64_t>(step), severity, kind, message, condition, 0, std::nullopt});
 }
 
 void SiteAlarms::judge(const Line& line) {
@@ -93,8 +98,32 @@ std::vector<Alarm> SiteAlarms::after(std::int64_t id) const {
   const std::lock_guard lock(mutex_);
   std::vector<Alarm> found;
   for (const Alarm& alarm : alarms_)
-    if (alarm.id > id) found.push_back(alarm);
+    if (last_event(alarm) > id) found.push_back(alarm);
   return found;
+}
+
+std::int64_t SiteAlarms::last_event(const Alarm& alarm) {
+  return alarm.acknowledged ? std::max(alarm.id, alarm.acknowledged->event) : alarm.id;
+}
+
+void SiteAlarms::acknowledge(std::int64_t id, Acknowledgement acknowledgement) {
+  const std::lock_guard lock(mutex_);
+  acknowledgement.event = next_event_++;
+  for (Alarm& alarm : alarms_)
+    if (alarm.id == id) alarm.acknowledged = acknowledgement;
+}
+
+std::optional<Alarm> SiteAlarms::find(std::int64_t id) const {
+  const std::lock_guard lock(mutex_);
+  const auto it = std::find_if(alarms_.begin(), alarms_.end(), [&](const Alarm& a) { return a.id == id; });
+  return it == alarms_.end() ? std::nullopt : std::optional(*it);
+}
+
+std::size_t SiteAlarms::unacknowledged() const {
+  const std::lock_guard lock(mutex_);
+  return static_cast<std::size_t>(std::count_if(alarms_.begin(), alarms_.end(), [](const Alarm& alarm) {
+    return alarm.severity != "info" && !alarm.acknowledged;
+  }));
 }
 
 }  // namespace knothe::service

@@ -34,8 +34,15 @@ class SiteAlarms {
                        const std::string& kind, const std::string& message);
   /// All conditions of a line.
   void judge(const Line& line);
-  /// Those with an id > `id`, in order.
+  /// Marks an alarm as seen to; one that is not kept any more is left alone.
+  void acknowledge(std::int64_t id, Acknowledgement acknowledgement);
+  [[nodiscard]] std::optional<Alarm> find(std::int64_t id) const;
+  /// How many warnings and alarms nobody has acknowledged.
+  [[nodiscard]] std::size_t unacknowledged() const;
+  /// Those that were raised or acknowledged by events > `id`, in the order of being raised.
   [[nodiscard]] std::vector<Alarm> after(std::int64_t id) const;
+  /// The last event that told something of an alarm.
+  [[nodiscard]] static std::int64_t last_event(const Alarm& alarm);
 
  private:
   void add(Alarm alarm);  ///< mutex_ held

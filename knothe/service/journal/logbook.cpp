@@ -1,0 +1,44 @@
+#include "knothe/service/journal/logbook.hpp"
+
+#include <algorithm>
+
+#include "knothe/assimilation/data/time_matching.hpp"
+
+namespace knothe::service {
+
+std::size_t SensorSwitches::add(const LogbookEntry& entry) {
+  // Of a model with other times: from the first that is not before.
+  const auto exact = assimilation::matching_time(entry.time, model_times_);
+  const std::size_t from =
+      exact
+          ? *exact
+          : static_cast<std::size_t>(std::lower_bound(model_times_.begin(), model_times_.end(), entry.time) -
+                                     model_times_.begin());
+  if (entry.kind == EntryKind::sensor_off || entry.kind == EntryKind::sensor_on)
+    switches_[entry.subject].push_back({from, entry.kind == EntryKind::sensor_off});
+  return from;
+}
+
+bool SensorSwitches::is_off(std::int64_t sensor, std::size_t step) const {
+  const auto it = switches_.find(sensor);
+  if (it == switches_.end()) return false;
+  const auto last = std::find_if(it->second.rbegin(), it->second.rend(),
+                                 [&](const Switch& one) { return one.from <= step; });
+  return last != it->second.rend() && last->off;
+}
+
+std::vector<std::int64_t> SensorSwitches::off_at(std::size_t step) const {
+  std::vector<std::int64_t> off;
+  for (const auto& [sensor, history] : switches_)
+    if (is_off(sensor, step)) off.push_back(sensor);
+  return off;
+}
+
+Measurement SensorSwitches::seen(Measurement datum) const {
+  for (const std::int64_t sensor : off_at(static_cast<std::size_t>(std::max<std::int64_t>(datum.step, 0))))
+    if (static_cast<std::size_t>(sensor) < datum.status.size())
+      datum.status[static_cast<std::size_t>(sensor)] = 1;
+  return datum;
+}
+
+}  // namespace knothe::service

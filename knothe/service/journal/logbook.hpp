@@ -1,0 +1,76 @@
+#pragma once
+/// @file What people did and said while a structure was watched: alarms acknowledged, sensors switched off,
+/// notes. Part of the journal, like the data.
+#include <array>
+#include <cstdint>
+#include <map>
+#include <nlohmann/json_fwd.hpp>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "knothe/base/enum_names.hpp"
+#include "knothe/service/journal/measurement.hpp"
+
+namespace knothe::service {
+
+enum class EntryKind { acknowledgement, sensor_off, sensor_on, note };
+constexpr auto names_of(EntryKind) {
+  return std::to_array<Named<EntryKind>>({{EntryKind::acknowledgement, "acknowledgement"},
+                                          {EntryKind::sensor_off, "sensor_off"},
+                                          {EntryKind::sensor_on, "sensor_on"},
+                                          {EntryKind::note, "note"}});
+}
+
+struct LogbookEntry {
+  std::int64_t number = 0;  ///< in the journal, from 1
+  EntryKind kind = EntryKind::note;
+  std::int64_t subject = 0;  ///< id of the alarm, index of the sensor; else 0
+  double time = 0;           ///< model time that it speaks of; of a sensor: from which it holds
+  std::string author, text;
+  std::int64_t written_ms = 0;  ///< Unix time
+};
+
+/// A request to write one, as it was sent. What is missing, and needed, is for its route to say.
+struct EntryRequest {
+  std::string site;
+  std::optional<std::int64_t> step;
+  std::optional<std::int64_t> sensor_index;
+  std::string sensor_name;  ///< of a series; empty: by its index
+  std::optional<bool> active;
+  std::string author;
+  std::string text;  ///< or comment
+};
+
+/// From a JSON object with `by` and, as the route needs them, `site`, `step`, `sensor`, `active`, `text` or
+/// `comment`. RequestError 400 that says which member is wrong.
+[[nodiscard]] EntryRequest parse_json_entry(std::string_view body);
+
+/// Which sensors are switched off, at which model times. Every entry holds from its time on, over those that
+/// were written before it: so sensors are on again from some time on, or "on from the first time on" takes
+/// all back.
+class SensorSwitches {
+ public:
+  explicit SensorSwitches(std::span<const double> model_times) : model_times_(model_times) {}
+
+  /// Entries of other kinds change nothing. The first step at which it holds.
+  std::size_t add(const LogbookEntry& entry);
+  [[nodiscard]] bool is_off(std::int64_t sensor, std::size_t step) const;
+  /// Indices, increasing.
+  [[nodiscard]] std::vector<std::int64_t> off_at(std::size_t step) const;
+  /// The datum as the engine is to see it: what was switched off at its step is missing.
+  [[nodiscard]] Measurement seen(Measurement datum) const;
+
+ private:
+  struct Switch {
+    std::size_t from = 0;
+    bool off = false;
+  };
+  std::span<const double> model_times_;
+  std::map<std::int64_t, std::vector<Switch>> switches_;  ///< by sensor, in the order of writing
+};
+
+}  // namespace knothe::service

@@ -1,0 +1,45 @@
+#include "knothe/service/site/site_logbook.hpp"
+
+#include <algorithm>
+
+namespace knothe::service {
+
+Json json_of(const LogbookEntry& entry) {
+  Json body = {{"number", entry.number}, {"kind", to_text(entry.kind)},
+               {"time", entry.time},     {"by", entry.author},
+               {"text", entry.text},     {"written_at", 1e-3 * static_cast<double>(entry.written_ms)}};
+  if (entry.kind == EntryKind::acknowledgement) body["alarm"] = entry.subject;
+  if (entry.kind == EntryKind::sensor_off || entry.kind == EntryKind::sensor_on)
+    body["sensor"] = entry.subject;
+  return body;
+}
+
+SiteLogbook::SiteLogbook(std::span<const double> model_times, const std::vector<LogbookEntry>& entries)
+    : switches_(model_times) {
+  for (const LogbookEntry& entry : entries) add(entry);
+}
+
+void SiteLogbook::add(const LogbookEntry& entry) {
+  const std::lock_guard lock(mutex_);
+  entries_.push_back(entry);
+  switches_.add(entry);
+}
+
+std::vector<LogbookEntry> SiteLogbook::after(std::int64_t number) const {
+  const std::lock_guard lock(mutex_);
+  const auto first = std::find_if(entries_.begin(), entries_.end(),
+                                  [&](const auto& entry) { return entry.number > number; });
+  return {first, entries_.end()};
+}
+
+std::int64_t SiteLogbook::last_number() const {
+  const std::lock_guard lock(mutex_);
+  return entries_.empty() ? 0 : entries_.back().number;
+}
+
+std::vector<std::int64_t> SiteLogbook::off_at(std::size_t step) const {
+  const std::lock_guard lock(mutex_);
+  return switches_.off_at(step);
+}
+
+}  // namespace knothe::service
