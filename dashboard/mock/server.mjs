@@ -209,8 +209,11 @@ export class MockService {
       requests: [],
       state: undefined,
       alarms: [],
+      logbook: [],
       lastAt: Date.now(),
     });
+    // Each datum came 5 s after the one before.
+    for (const line of recording.lines) line.received_at = 1.795e9 + 5 * line.step;
   }
 
   async listen(port = 0) {
@@ -262,6 +265,29 @@ export class MockService {
   raise(alarm) {
     this.alarms.push({ id: this.alarms.length, ...alarm });
     for (const reader of this.readers) reader.write(`event: alarm\ndata: ${JSON.stringify(this.alarms.at(-1))}\n\n`);
+  }
+
+  /** What a person does: `/v1/alarms/ID/acknowledge`, `/v1/notes`. */
+  write(path, body) {
+    const id = /^\/v1\/alarms\/(\d+)\/acknowledge$/.exec(path)?.[1];
+    const alarm = id === undefined ? undefined : this.alarms.find((a) => a.id === Number(id));
+    const at = Date.now() / 1000;
+    const entry = {
+      number: this.logbook.length + 1,
+      kind: alarm ? "acknowledgement" : "note",
+      time: this.known.find((line) => line.step === body.step)?.time ?? 0,
+      by: body.by,
+      text: body.text ?? body.comment,
+      written_at: at,
+      ...(alarm ? { alarm: alarm.id } : {}),
+    };
+    this.logbook.push(entry);
+    for (const reader of this.readers) reader.write(`event: logbook\ndata: ${JSON.stringify(entry)}\n\n`);
+    if (alarm) {
+      alarm.acknowledged = { by: body.by, comment: body.comment, at };
+      for (const reader of this.readers) reader.write(`event: alarm\ndata: ${JSON.stringify(alarm)}\n\n`);
+    }
+    return entry;
   }
 
   /** Ids need only increase. */
@@ -316,6 +342,12 @@ export class MockService {
     if (url.pathname === "/") return send(200, readFileSync(this.page), "text/html; charset=utf-8");
     if (this.token && request.headers.authorization !== `Bearer ${this.token}`)
       return fail(401, "Unauthorized", "a token is needed");
+    if (request.method === "POST") {
+      let body = "";
+      request.on("data", (piece) => (body += piece));
+      request.on("end", () => send(200, JSON.stringify(this.write(url.pathname, JSON.parse(body)))));
+      return;
+    }
     const json = (value, what) => (value === undefined ? fail(404, "NoState", what) : send(200, JSON.stringify(value)));
     const from = Number(url.searchParams.get("from") ?? 0);
     const step = Number(url.searchParams.get("step") ?? this.known.at(-1)?.step);
@@ -339,6 +371,8 @@ export class MockService {
         return json(this.status());
       case "/v1/alarms":
         return json({ alarms: this.alarms });
+      case "/v1/logbook":
+        return json({ logbook: this.logbook });
       case "/v1/state":
         return json(this.known.at(-1), "no datum yet");
       case "/v1/states":

@@ -1,7 +1,7 @@
 /** Talking to the service: requests with the token, and the stream of events, taken up again where it broke. */
 import { asStepLine, EventParser, isNumber, isObject, parseStates, tryJson } from "./parse";
-import type { Event, FieldsAnswer, Held, Model, SamplesAnswer, SensorsAnswer, Status, StepLine } from "./types";
-import { asAlarm, asFields, asMesh, asModel, asQuarantine, asSamples, asSensors, asStatus } from "./wire";
+import type { Entry, Event, FieldsAnswer, Held, Model, SamplesAnswer, SensorsAnswer, Status, StepLine } from "./types";
+import { asAlarm, asEntry, asFields, asMesh, asModel, asQuarantine, asSamples, asSensors, asStatus } from "./wire";
 
 export class HttpError extends Error {
   constructor(
@@ -13,6 +13,7 @@ export class HttpError extends Error {
 }
 
 const tokenKey = "knothe-token";
+const sendingTokenKey = "knothe-sending-token";
 /** The service sends at least a comment every 15 s. */
 const silence = 40000;
 const firstPause = 400;
@@ -20,6 +21,7 @@ const longestPause = 5000;
 
 export class Api {
   private token: string | undefined;
+  private sendingToken: string | undefined;
   site: string | undefined;
 
   constructor() {
@@ -30,6 +32,7 @@ export class Api {
         history.replaceState(null, "", location.pathname + location.search);
       }
       this.token = sessionStorage.getItem(tokenKey) ?? undefined;
+      this.sendingToken = sessionStorage.getItem(sendingTokenKey) ?? undefined;
     } catch {
       this.token = given?.[1];
     }
@@ -45,6 +48,33 @@ export class Api {
     }
   }
 
+  /** For what changes something: the service may want another token for it. */
+  setSendingToken(token: string): void {
+    this.sendingToken = token;
+    try {
+      sessionStorage.setItem(sendingTokenKey, token);
+    } catch {
+      // As above.
+    }
+  }
+
+  /** Asks the service to do something; its answer. */
+  private async post(path: string, body: Record<string, unknown>): Promise<unknown> {
+    const token = this.sendingToken ?? this.token;
+    const headers = { "Content-Type": "application/json", ...(token ? { Authorization: `Bearer ${token}` } : {}) };
+    return JSON.parse(
+      await textOf(path, await fetch(this.url(path), { method: "POST", headers, body: JSON.stringify(body) })),
+    ) as unknown;
+  }
+
+  async acknowledge(alarm: number, by: string, comment: string): Promise<void> {
+    await this.post(`v1/alarms/${alarm}/acknowledge`, { by, comment });
+  }
+
+  async note(step: number, by: string, text: string): Promise<void> {
+    await this.post("v1/notes", { step, by, text });
+  }
+
   private url(path: string, query: Record<string, string | number> = {}): string {
     const all = new URLSearchParams(Object.entries(query).map(([k, v]) => [k, String(v)]));
     if (this.site) all.set("site", this.site);
@@ -58,12 +88,7 @@ export class Api {
 
   private async text(path: string, query?: Record<string, string | number>): Promise<string> {
     const answer = await fetch(this.url(path, query), { headers: this.headers(), cache: "no-store" });
-    const text = await answer.text();
-    if (!answer.ok) {
-      const error = (tryJson(text) as { error?: { message?: string } } | undefined)?.error;
-      throw new HttpError(answer.status, error?.message ?? `${path}: HTTP ${answer.status}`);
-    }
-    return text;
+    return textOf(path, answer);
   }
 
   private async json(path: string, query?: Record<string, string | number>): Promise<unknown> {
@@ -86,6 +111,12 @@ export class Api {
     const answer = await this.json("v1/alarms");
     const list = isObject(answer) && Array.isArray(answer.alarms) ? answer.alarms : [];
     return list.map(asAlarm).filter((alarm): alarm is Event => alarm !== undefined);
+  }
+
+  async logbook(): Promise<Entry[]> {
+    const answer = await this.json("v1/logbook");
+    const list = isObject(answer) && Array.isArray(answer.logbook) ? answer.logbook : [];
+    return list.map(asEntry).filter((entry): entry is Entry => entry !== undefined);
   }
 
   async quarantine(): Promise<Held[]> {
@@ -161,6 +192,8 @@ export class Api {
           if (status) listener.status(status);
           const alarm = event.event === "alarm" ? asAlarm(content) : undefined;
           if (alarm) listener.alarm(alarm);
+          const entry = event.event === "logbook" ? asEntry(content) : undefined;
+          if (entry) listener.entry(entry);
         }
       }
     } finally {
@@ -212,7 +245,15 @@ export interface EventListener {
   gone(step: number): void;
   status(status: Status): void;
   alarm(alarm: Event): void;
+  entry(entry: Entry): void;
   lost(error: HttpError | undefined): void;
+}
+
+async function textOf(path: string, answer: Response): Promise<string> {
+  const text = await answer.text();
+  if (answer.ok) return text;
+  const error = (tryJson(text) as { error?: { message?: string } } | undefined)?.error;
+  throw new HttpError(answer.status, error?.message ?? `${path}: HTTP ${answer.status}`);
 }
 
 /** What a service does not have is no error. */

@@ -9,6 +9,7 @@ import { QuarantinePanel } from "./quarantine_panel";
 import { quantitiesOf } from "./field";
 import { FieldPanel } from "./field_panel";
 import { Help, TokenDialog } from "./help";
+import { LogbookPanel } from "./logbook_panel";
 import { PairPanel } from "./pair_panel";
 import { EvidencePanel, ForecastPanel, ParametersPanel, TimingPanel } from "./plot_panels";
 import { saveText } from "./png";
@@ -183,7 +184,8 @@ export function App({ store }: { store: Store }) {
           />
           <EvidencePanel {...plots} />
           <TimingPanel {...plots} />
-          <EventsPanel events={events} chosen={store.chosen} choose={(step) => store.choose(step)} />
+          <EventsPanel events={events} chosen={store.chosen} choose={(step) => store.choose(step)} api={store.api} />
+          <LogbookPanel entries={store.logbook} line={line} api={store.api} />
           <QuarantinePanel held={store.quarantine} />
         </div>
       </main>

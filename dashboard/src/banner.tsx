@@ -1,7 +1,7 @@
 /** At the top of the page, readable from across the room: the service's state, the structure's, why, and how old the last datum is. */
 import { useEffect, useState } from "preact/hooks";
 import { levelLook, stateLook } from "./colour";
-import { duration, given } from "./format";
+import { clock, duration, given } from "./format";
 import { banner as bannerOf, structure, type Structure } from "./state";
 import type { Store } from "./store";
 
@@ -34,7 +34,10 @@ export function BannerView({ store }: { store: Store }) {
       <dl>
         <div>
           <dt>last datum</dt>
-          <dd id="age">{Number.isFinite(banner.age) ? `${duration(banner.age)} ago` : "none yet"}</dd>
+          <dd id="age">
+            {Number.isFinite(banner.age) ? `${duration(banner.age)} ago` : "none yet"}
+            {latest?.received_at !== undefined && <small> {clock(latest.received_at)}</small>}
+          </dd>
         </div>
         <div>
           <dt>step</dt>
@@ -53,6 +56,16 @@ export function BannerView({ store }: { store: Store }) {
             <dd>
               <a href="#quarantine" id="quarantined">
                 {status!.quarantined}
+              </a>
+            </dd>
+          </div>
+        )}
+        {(status?.switched_off?.length ?? 0) > 0 && (
+          <div>
+            <dt>switched off</dt>
+            <dd>
+              <a href="#logbook" id="switched-off">
+                sensor {status!.switched_off!.join(", ")}
               </a>
             </dd>
           </div>

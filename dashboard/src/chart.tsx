@@ -49,6 +49,8 @@ export interface ChartSpec {
   vertical?: Mark[];
   gaps?: Gap[];
   height?: number;
+  /** What stands above a time: its step and the time of day. */
+  above?: (time: number) => string;
   /** The plot above has the same bands: its legend says what they are. */
   brief?: boolean;
   /** What else the legend says. */
@@ -109,6 +111,9 @@ export interface ChartHandle {
   png(title: string): Promise<Blob>;
 }
 
+/** px of the axis above a plot: two lines. */
+const aboveHeight = 40;
+
 interface Props {
   spec: ChartSpec;
   theme: Theme;
@@ -123,7 +128,7 @@ export function Chart({ spec, theme, selected, onSelect, handle }: Props) {
   const live = useRef({ spec, selected, onSelect, theme });
   live.current = { spec, selected, onSelect, theme };
   const [hovered, setHovered] = useState<number>();
-  const height = spec.height ?? 210;
+  const height = (spec.height ?? 210) + (spec.above ? aboveHeight : 0);
   const structure = JSON.stringify([
     theme.dark,
     height,
@@ -131,6 +136,7 @@ export function Chart({ spec, theme, selected, onSelect, handle }: Props) {
     spec.xLabel,
     spec.yLabel,
     spec.logarithmic,
+    spec.above !== undefined,
     spec.series.map((s) => [s.label, s.colour, s.bandTo, s.dash]),
   ]);
 
@@ -229,8 +235,22 @@ function options(live: Live, width: number, height: number, hover: (index: numbe
     },
     axes: [
       { ...axis, label: spec.xLabel, labelSize: 18, size: 30, space: 60 },
+      ...(spec.above
+        ? [
+            {
+              ...axis,
+              scale: "x",
+              side: 0 as const,
+              size: aboveHeight,
+              space: 90,
+              grid: { show: false },
+              values: (_u: uPlot, ticks: number[]) => ticks.map((t) => live.current.spec.above?.(t) ?? ""),
+            },
+          ]
+        : []),
       {
         ...axis,
+        scale: "y",
         label: spec.yLabel,
         labelSize: 20,
         size: 52,

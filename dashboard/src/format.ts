@@ -78,6 +78,18 @@ export function duration(seconds: number): string {
   return `${Math.round(s / 86400)} days`;
 }
 
+/** Of a Unix time in s, in the browser's time zone. */
+export function timeOfDay(unix: number): string {
+  return new Date(1000 * unix).toLocaleTimeString("en-GB");
+}
+
+/** The time of day; with the date if it is not that of `now`. */
+export function clock(unix: number, now = Date.now() / 1000): string {
+  const at = new Date(1000 * unix);
+  const time = timeOfDay(unix);
+  return at.toDateString() === new Date(1000 * now).toDateString() ? time : `${at.toLocaleDateString("en-CA")} ${time}`;
+}
+
 export function microseconds(us: number): string {
   if (!Number.isFinite(us)) return "–";
   if (us < 1000) return `${significant(us, 2)} µs`;

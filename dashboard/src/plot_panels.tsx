@@ -16,6 +16,7 @@ import {
   probabilitySpec,
   quantitiesIn,
   quantityWords,
+  stepAndClock,
   timingSpec,
 } from "./specs";
 import { stackPng } from "./png";
@@ -49,12 +50,13 @@ export function specsTable(specs: readonly ChartSpec[]): string {
 
 function Charts({ specs, props, handles }: { specs: ChartSpec[]; props: PlotProps; handles: ChartHandle[] }) {
   handles.length = specs.length;
+  const above = useMemo(() => stepAndClock(props.lines), [props.lines, props.version]);
   return (
     <>
       {specs.map((spec, k) => (
         <Chart
           key={spec.name}
-          spec={spec}
+          spec={k === 0 && above ? { ...spec, above } : spec}
           theme={props.theme}
           selected={props.selected ?? props.line?.time}
           onSelect={props.onSelect}

@@ -1,7 +1,7 @@
 /** Back in time: a slider over all steps, with what happened marked on it. */
 import { useEffect, useRef, useState } from "preact/hooks";
 import type { Theme } from "./colour";
-import { given } from "./format";
+import { clock, given } from "./format";
 import type { Event, StepLine } from "./types";
 
 interface Props {
@@ -68,13 +68,17 @@ export function Scrub({ lines, version, chosen, line, events, theme, choose, pla
       </button>
       <p>
         {past && line
-          ? `You look at step ${line.step} (t = ${given(line.time)}), ${last - line.step} steps before the latest.`
+          ? `You look at step ${line.step} (t = ${given(line.time)}${clockOf(line)}), ${last - line.step} steps before the latest.`
           : line
-            ? `Step ${line.step}, t = ${given(line.time)}: the latest.`
+            ? `Step ${line.step}, t = ${given(line.time)}${clockOf(line)}: the latest.`
             : "No step yet."}
       </p>
     </section>
   );
+}
+
+function clockOf(line: StepLine): string {
+  return line.received_at === undefined ? "" : `, ${clock(line.received_at)}`;
 }
 
 /** Used steps dark, steps without data empty; below it, marks of warnings and alarms. */

@@ -1,12 +1,33 @@
 /** From steps to plots. Pure. */
 import type { ChartSpec, LegendEntry, Mark, Series } from "./chart";
 import type { Theme } from "./colour";
-import { axisLabel, given, microseconds, probability, scaleFor, significant, withSpread, words } from "./format";
+import {
+  axisLabel,
+  given,
+  microseconds,
+  probability,
+  scaleFor,
+  significant,
+  timeOfDay,
+  withSpread,
+  words,
+} from "./format";
 import { bandsOf, column, phasesOf, timeline, type Timeline } from "./history";
 import { total } from "./events";
 import type { Model, ParameterDescription, QuantityDescription, StepLine } from "./types";
 
 export const timeLabel = "model time t [–]";
+
+/** The step and the time of day at a model time, for the axis above a plot; nothing where the lines do not say when they came. */
+export function stepAndClock(lines: readonly StepLine[]): ((time: number) => string) | undefined {
+  if (!lines.some((l) => l.received_at !== undefined)) return undefined;
+  return (time) => {
+    let best: StepLine | undefined;
+    for (const l of lines) if (!best || Math.abs(l.time - time) < Math.abs(best.time - time)) best = l;
+    if (!best) return "";
+    return best.received_at === undefined ? String(best.step) : `${best.step}\n${timeOfDay(best.received_at)}`;
+  };
+}
 
 interface Base {
   lines: readonly StepLine[];
@@ -145,6 +166,9 @@ export function forecastSpec(base: Base, q: QuantityDescription): ChartSpec {
   };
 }
 
+/** A probability is drawn on a logarithmic axis; smaller ones, which its draws cannot tell apart, at its foot. */
+const smallestShown = 1e-4;
+
 export function probabilitySpec(base: Base, q: QuantityDescription): ChartSpec {
   const { theme } = base;
   return {
@@ -153,11 +177,16 @@ export function probabilitySpec(base: Base, q: QuantityDescription): ChartSpec {
     xLabel: timeLabel,
     yLabel: "P(failure) [%]",
     factor: 100,
-    range: [-3, 103],
+    logarithmic: true,
+    range: [100 * smallestShown, 130],
     series: [
       {
         label: "P(failure) = P(q > threshold)",
-        values: column(base.line.rows, (l) => l.forecast[q.name]?.probability_above_threshold),
+        values: column(base.line.rows, (l) => {
+          const p = l.forecast[q.name]?.probability_above_threshold;
+          return p === undefined ? undefined : Math.max(p, smallestShown);
+        }),
+        said: column(base.line.rows, (l) => l.forecast[q.name]?.probability_above_threshold),
         colour: theme.red,
         points: true,
         format: probability,

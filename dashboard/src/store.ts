@@ -2,7 +2,7 @@
 import { absentIs404, Api, HttpError, type Cursor } from "./api";
 import { History } from "./history";
 import { stateEvent } from "./events";
-import type { Event, FieldsAnswer, Held, Model, SamplesAnswer, SensorsAnswer, Status, StepLine } from "./types";
+import type { Entry, Event, FieldsAnswer, Held, Model, SamplesAnswer, SensorsAnswer, Status, StepLine } from "./types";
 
 /** What belongs to one step and is fetched when it is looked at; `problem` says why there is none. */
 export interface Detail<T> {
@@ -33,6 +33,8 @@ export class Store {
   stateEvents: Event[] = [];
   /** What the service told. */
   alarms: Event[] = [];
+  /** What people did and said, in the order of writing. */
+  logbook: Entry[] = [];
   /** What is stored and not assimilated. */
   quarantine: Held[] = [];
   /** The field looked at: "displacement", "sensitivity:NAME", "residual", "bias". */
@@ -119,6 +121,10 @@ export class Store {
         alarm: (alarm) => {
           const others = this.alarms.filter((a) => alarm.id === undefined || a.id !== alarm.id);
           this.alarms = [alarm, ...others].slice(0, mostAlarms);
+          this.changed();
+        },
+        entry: (entry) => {
+          this.logbook = [...this.logbook.filter((e) => e.number !== entry.number), entry];
           this.changed();
         },
         lost: (error) => this.lost(error),
@@ -257,6 +263,7 @@ export class Store {
     this.stateEvents = [];
     this.alarms = [];
     this.quarantine = [];
+    this.logbook = [];
     this.chosen = undefined;
     this.lastDatumAt = undefined;
     for (const kind of kinds) this.detail[kind] = {};
@@ -276,6 +283,7 @@ export class Store {
         : ((await absentIs404(this.api.mesh())) ?? {});
     this.model = model && { ...model, ...(mesh ? { mesh } : {}), ...(sensors ? { sensors } : {}) };
     this.alarms = [...((await absentIs404(this.api.alarms())) ?? [])].reverse().slice(0, mostAlarms);
+    this.logbook = (await absentIs404(this.api.logbook())) ?? [];
     const from = (this.history.latest?.step ?? -1) + 1;
     if (cursor.id === undefined) {
       for (const line of (await absentIs404(this.api.states(from))) ?? []) this.take(line);

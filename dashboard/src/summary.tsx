@@ -57,7 +57,16 @@ export function Summary({ model, line, theme }: Props) {
             <h3>
               {name} <small>parameter</small>
             </h3>
-            <p class="value">{at(bands.middle)}</p>
+            <p class="value">
+              {at(bands.middle)}
+              {parameter?.reference && bands.middle !== undefined && (
+                <small>
+                  {" "}
+                  = {significant(parameter.reference.value * (values[bands.middle] ?? NaN))}{" "}
+                  {parameter.reference.units ?? ""}
+                </small>
+              )}
+            </p>
             <p class="interval">{outer ? `${outer.percent} %: ${at(outer.low)} … ${at(outer.high)}` : ""}</p>
             {parameter?.lower !== undefined && parameter.upper !== undefined && outer && (
               <Interval

@@ -32,6 +32,8 @@ export interface StepLine {
   forecast: Record<string, Forecast>;
   /** Why the step is not trusted. */
   remark?: string;
+  /** When its last datum came, Unix time, s. */
+  received_at?: number;
   verdict?: Verdict;
 }
 
@@ -50,6 +52,8 @@ export interface ParameterDescription {
   lower?: number;
   upper?: number;
   units?: string;
+  /** Physical value of 1.0, and its units. */
+  reference?: { value: number; units?: string };
   /** Quantiles of the prior. */
   levels?: number[];
   values?: number[];
@@ -116,6 +120,8 @@ export interface Status {
   journal?: string;
   /** Number of data in quarantine. */
   quarantined?: number;
+  /** Indices of the sensors that are switched off. */
+  switched_off?: number[];
   misfit?: { statistic: number; values: number; probability: number };
   version?: string;
 }
@@ -155,10 +161,33 @@ export interface Held {
   reason: string;
 }
 
+export interface Acknowledgement {
+  by: string;
+  comment: string;
+  /** Unix time, s. */
+  at?: number;
+}
+
+/** Of the logbook: what people did and said. */
+export interface Entry {
+  number: number;
+  kind: string;
+  /** Model time that it speaks of. */
+  time: number;
+  by: string;
+  text: string;
+  /** Unix time, s. */
+  written_at?: number;
+  sensor?: number;
+}
+
 /** Something that happened, with its cause. */
 export interface Event {
   /** Of the service's own alarms. */
   id?: number;
+  /** Unix time, s. */
+  raised_at?: number;
+  acknowledged?: Acknowledgement;
   step: number;
   severity: Severity;
   kind: string;

@@ -2,6 +2,8 @@
 import { asVerdictLevel, isNumber, isNumbers, isObject } from "./parse";
 import {
   stateWords,
+  type Acknowledgement,
+  type Entry,
   type FieldsAnswer,
   type Event,
   type Held,
@@ -68,6 +70,30 @@ export function asAlarm(value: unknown): Event | undefined {
     severity,
     kind: String(value.kind ?? ""),
     message: value.message.replace(/^[a-z]/, (c) => c.toUpperCase()),
+    ...(isNumber(value.raised_at) ? { raised_at: value.raised_at } : {}),
+    ...(isObject(value.acknowledged) ? { acknowledged: asAcknowledgement(value.acknowledged) } : {}),
+  };
+}
+
+function asAcknowledgement(value: Record<string, unknown>): Acknowledgement {
+  return {
+    by: String(value.by ?? ""),
+    comment: String(value.comment ?? ""),
+    ...(isNumber(value.at) ? { at: value.at } : {}),
+  };
+}
+
+/** An entry of `/v1/logbook`. */
+export function asEntry(value: unknown): Entry | undefined {
+  if (!isObject(value) || !isNumber(value.number) || !isNumber(value.time)) return undefined;
+  return {
+    number: value.number,
+    kind: String(value.kind),
+    time: value.time,
+    by: String(value.by ?? ""),
+    text: String(value.text ?? ""),
+    ...(isNumber(value.written_at) ? { written_at: value.written_at } : {}),
+    ...(isNumber(value.sensor) ? { sensor: value.sensor } : {}),
   };
 }
 

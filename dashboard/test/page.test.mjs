@@ -414,3 +414,39 @@ for (const [name, look] of [
     await page.waitForTimeout(300);
     await page.screenshot({ path: join(pictures, `${name}.png`), fullPage: true });
   });
+
+test("an alarm is acknowledged, and a note written at the step that is looked at", async (t) => {
+  const { page, service } = await open(t);
+  await page.locator("[data-parameter]").first().waitFor();
+  service.raise({ step: 40, severity: "alarm", kind: "sensors", message: "a grip has slipped", raised_at: 1.795e9 });
+  await until(page, "#events", /1 not acknowledged/);
+  await page.locator("#events .answer").click();
+  await page.getByLabel("Your name").first().fill("Ada");
+  await page.getByLabel("comment").fill("seen");
+  await page.getByRole("button", { name: "Acknowledge", exact: true }).click();
+  await until(page, "#events", /acknowledged by Ada.*: seen/);
+  assert.doesNotMatch(await text(page, "#events"), /not acknowledged/);
+  assert.equal(service.alarms[0].acknowledged.by, "Ada");
+  await page.getByRole("button", { name: /A grip has slipped/ }).dispatchEvent("click");
+  assert.equal(await page.locator("#logbook").getByLabel("Your name").inputValue(), "Ada");
+  await page.getByLabel("note at step 40").fill("a crack is heard");
+  await page.getByRole("button", { name: "Write" }).click();
+  await until(page, "#logbook", /Ada.*a crack is heard/);
+  assert.deepEqual(
+    [service.logbook[1].time, service.logbook[1].text],
+    [service.known.find((line) => line.step === 40).time, "a crack is heard"],
+  );
+  await page.screenshot({ path: join(pictures, "logbook.png"), fullPage: true });
+});
+
+test("on a phone, alarms come right below the banner", async (t) => {
+  const { page, service } = await open(t, {}, phone);
+  await page.locator("[data-parameter]").first().waitFor();
+  service.raise({ step: 40, severity: "alarm", kind: "sensors", message: "a grip has slipped" });
+  await until(page, "#events", /A grip has slipped/);
+  const top = async (name) => (await page.locator(name).boundingBox()).y;
+  assert.ok((await top(".banner")) < (await top("#events")));
+  assert.ok((await top("#events")) < (await top(".scrub")));
+  assert.ok((await top(".scrub")) < (await top("#forecast")));
+  await page.screenshot({ path: join(pictures, "phone-alarms.png") });
+});

@@ -1,7 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { asStepLine, EventParser, parseStates } from "../src/parse";
-import { asAlarm, asFields, asMesh, asModel, asQuarantine, asSamples, asSensors, asStatus } from "../src/wire";
+import { entryWords } from "../src/logbook_panel";
+import { asAlarm, asEntry, asFields, asMesh, asModel, asQuarantine, asSamples, asSensors, asStatus } from "../src/wire";
 import { stepLine } from "./support";
 
 test("a line of section 4 is taken with all its numbers, its densities left out", () => {
@@ -100,6 +101,22 @@ test("status and alarms: unknown words are no state, unknown severities are warn
     message: "Late",
   });
   assert.equal(asAlarm({ id: 3 }), undefined);
+});
+
+test("an acknowledged alarm, and the logbook", () => {
+  const alarm = asAlarm({
+    id: 3,
+    step: 7,
+    message: "x",
+    raised_at: 9,
+    acknowledged: { by: "Ada", comment: "ok", at: 10 },
+  });
+  assert.deepEqual([alarm?.raised_at, alarm?.acknowledged], [9, { by: "Ada", comment: "ok", at: 10 }]);
+  const entry = { number: 1, kind: "sensor_off", time: 0.5, by: "Ada", text: "loose", written_at: 9, sensor: 3 };
+  assert.deepEqual(asEntry({ ...entry, more: 1 }), entry);
+  assert.equal(asEntry({ number: 1, kind: "note" }), undefined);
+  assert.equal(entryWords(entry), "sensor 3 switched off from t = 0.5 on: loose");
+  assert.equal(entryWords({ ...entry, kind: "note" }), "loose");
 });
 
 test("quarantine: what is held, and why", () => {

@@ -1,9 +1,10 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { csv, sensorsTable, stepsTable } from "../src/csv";
-import { duration, given, microseconds, probability, scaleFor, significant, withSpread } from "../src/format";
+import { clock, duration, given, microseconds, probability, scaleFor, significant, withSpread } from "../src/format";
 import { banner, derived, structure } from "../src/state";
 import { eventsOf, merged, stateEvent } from "../src/events";
+import { stepAndClock } from "../src/specs";
 import { stepLine, withProbability } from "./support";
 
 test("numbers", () => {
@@ -42,6 +43,16 @@ test("units take a prefix by size; what has none stays", () => {
 test("times", () => {
   assert.deepEqual([0.04, 12.4, 300, 7300, 260000].map(duration), ["0.0 s", "12 s", "5 min", "2 h", "3 days"]);
   assert.deepEqual([32.4, 1320, 2.5e6].map(microseconds), ["32 µs", "1.32 ms", "2.50 s"]);
+});
+
+test("the time of day stands beside the step, with the date where it is another day's", () => {
+  const noon = new Date(2026, 10, 23, 12, 0, 5).getTime() / 1000;
+  assert.equal(clock(noon, noon + 60), "12:00:05");
+  assert.equal(clock(noon, noon + 86400), "2026-11-23 12:00:05");
+  assert.equal(stepAndClock([stepLine(1)]), undefined);
+  const above = stepAndClock([stepLine(1), { ...stepLine(2), received_at: noon }])!;
+  assert.match(above(stepLine(2).time), /^2\n12:00:05$/);
+  assert.equal(above(-1), "1");
 });
 
 const known = { now: 100000, connected: true, latest: stepLine(5), lastDatumAt: 99900 };

@@ -29,6 +29,14 @@ std::string units_of(const Site& site, const forecast::ForecastSpecification& sp
   return "";
 }
 
+/// What the project file says of a parameter's physical value; none where it has no offline phase.
+const project::OfflineParameter* offline_parameter(const project::Project& project, const std::string& name) {
+  if (!project.offline) return nullptr;
+  for (const project::OfflineParameter& parameter : project.offline->parameters)
+    if (parameter.name == name) return &parameter;
+  return nullptr;
+}
+
 /// "VTK_HEXAHEDRON" → "hexahedron".
 std::string cell_name(std::string type) {
   if (type.starts_with("VTK_")) type.erase(0, 4);
@@ -99,6 +107,10 @@ Json description(const Site& site, const std::vector<std::string>& sites) {
     if (std::isfinite(priors[k].lower())) parameter["lower"] = priors[k].lower();
     if (std::isfinite(priors[k].upper())) parameter["upper"] = priors[k].upper();
     parameter["units"] = "1";
+    if (const auto* offline = offline_parameter(project, project.parameters[k].name)) {
+      parameter["reference"] = {{"value", offline->reference}};
+      if (!offline->units.empty()) parameter["reference"]["units"] = offline->units;
+    }
     parameter["quantiles"] = {{"levels", numerics::k_quantile_levels}, {"values", values}};
     parameters.push_back(parameter);
   }

@@ -1,0 +1,69 @@
+/** What people did and said, newest first; a note can be added at the step that is looked at. */
+import type { Api } from "./api";
+import { csv } from "./csv";
+import { clock, given } from "./format";
+import { Panel } from "./panel";
+import { SignedForm } from "./signed_form";
+import type { Entry, StepLine } from "./types";
+
+const shown = 200;
+
+/** An entry in words, without its author. */
+export function entryWords(entry: Entry): string {
+  const why = entry.text ? `: ${entry.text}` : "";
+  if (entry.kind === "sensor_off") return `sensor ${entry.sensor} switched off from t = ${given(entry.time)} on${why}`;
+  if (entry.kind === "sensor_on") return `sensor ${entry.sensor} switched on from t = ${given(entry.time)} on${why}`;
+  return entry.text;
+}
+
+export function LogbookPanel({
+  entries,
+  line,
+  api,
+}: {
+  entries: readonly Entry[];
+  line: StepLine | undefined;
+  api: Api;
+}) {
+  // Acknowledgements stand at their alarms.
+  const listed = entries.filter((e) => e.kind !== "acknowledgement").reverse();
+  return (
+    <Panel
+      id="logbook"
+      title="Logbook"
+      note="Notes, and sensors that were switched off or on: kept with the data."
+      csv={() =>
+        csv(
+          ["number", "kind", "time", "by", "text", "written_at"],
+          entries.map((e) => [e.number, e.kind, e.time, e.by, e.text, e.written_at]),
+        )
+      }
+    >
+      {line && (
+        <SignedForm
+          api={api}
+          label={`note at step ${line.step}`}
+          needed={true}
+          button="Write"
+          send={(by, text) => api.note(line.step, by, text)}
+          done={() => undefined}
+        />
+      )}
+      <ol class="events" tabIndex={0} aria-label="Logbook, newest first">
+        {listed.slice(0, shown).map((e) => (
+          <li key={e.number}>
+            <p>
+              <b>{e.by}</b>{" "}
+              <span class="at">
+                t = {given(e.time)}
+                {e.written_at === undefined ? "" : `, ${clock(e.written_at)}`}
+              </span>{" "}
+              {entryWords(e)}
+            </p>
+          </li>
+        ))}
+        {listed.length === 0 && <li class="none">Nothing so far.</li>}
+      </ol>
+    </Panel>
+  );
+}
