@@ -88,6 +88,7 @@ int report(const ReportArguments& arguments);
 
 struct ServeArguments {
   std::string project;
+  std::string test;
   std::optional<int> port;
   bool strict_deadline = false;
 };

@@ -18,6 +18,11 @@ int serve(const ServeArguments& arguments) {
   service::ServeArguments options;
   options.port = arguments.port;
   options.strict_deadline = arguments.strict_deadline;
+  options.test = arguments.test;
+  if (options.test.find_first_not_of("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_") !=
+      std::string::npos)
+    throw UsageError(
+        fmt::format("--test \"{}\": a name has letters, digits, '-' and '_' only", options.test));
   options.listening = [](const std::string& url) {
     fmt::print("{}\n", url);
     std::fflush(stdout);

@@ -14,6 +14,8 @@ void add_serve(CLI::App& app, Command& chosen) {
   command.add_option("FILE", arguments.project, "project file")->required();
   command.add_option("--port", port, "port to listen at, 0 for a free one; overrides [serve] port")
       ->check(CLI::Range(0, 65535));
+  command.add_option("--test", arguments.test,
+                     "name of the test, which has a journal of its own: NAME.TEST.journal");
   command.add_flag("--strict-deadline", arguments.strict_deadline,
                    "stop with status 7 at the first update later than its budget");
   command.callback([&chosen] {

@@ -75,6 +75,11 @@ export class Api {
     await this.post("v1/notes", { step, by, text });
   }
 
+  /** Ends the test, or takes that back. */
+  async finish(finished: boolean, by: string, comment: string): Promise<void> {
+    await this.post(`v1/tests/${finished ? "finish" : "resume"}`, { by, comment });
+  }
+
   private url(path: string, query: Record<string, string | number> = {}): string {
     const all = new URLSearchParams(Object.entries(query).map(([k, v]) => [k, String(v)]));
     if (this.site) all.set("site", this.site);

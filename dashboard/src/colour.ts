@@ -68,6 +68,7 @@ export const stateLook: Record<StateWord, { colour: string; ink: string; sign: s
   STALE: { colour: "#5d6a79", ink: "#ffffff", sign: "◷" },
   BIASED: { colour: "#9b3f77", ink: "#ffffff", sign: "◆" },
   DIVERGED: { colour: "#b83a00", ink: "#ffffff", sign: "✕" },
+  FINISHED: { colour: "#33506e", ink: "#ffffff", sign: "■" },
 };
 
 export const levelLook: Record<VerdictLevel, (typeof stateLook)[StateWord]> = {

@@ -25,6 +25,7 @@ const stateKind: Record<StateWord, string> = {
   DEGRADED: "deadline",
   BIASED: "bias",
   DIVERGED: "trust",
+  FINISHED: "state",
 };
 const stateSeverity: Record<StateWord, Severity> = {
   OK: "info",
@@ -32,6 +33,7 @@ const stateSeverity: Record<StateWord, Severity> = {
   DEGRADED: "warning",
   BIASED: "alarm",
   DIVERGED: "alarm",
+  FINISHED: "info",
 };
 
 /** A change of the service's state, which the lines do not tell: known only to a page that was there. */

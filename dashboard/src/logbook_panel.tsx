@@ -1,4 +1,5 @@
 /** What people did and said, newest first; a note can be added at the step that is looked at. */
+import { useState } from "preact/hooks";
 import type { Api } from "./api";
 import { csv } from "./csv";
 import { clock, given } from "./format";
@@ -13,6 +14,8 @@ export function entryWords(entry: Entry): string {
   const why = entry.text ? `: ${entry.text}` : "";
   if (entry.kind === "sensor_off") return `sensor ${entry.sensor} switched off from t = ${given(entry.time)} on${why}`;
   if (entry.kind === "sensor_on") return `sensor ${entry.sensor} switched on from t = ${given(entry.time)} on${why}`;
+  if (entry.kind === "test_finished") return `finished the test${why}`;
+  if (entry.kind === "test_resumed") return `resumed the test${why}`;
   return entry.text;
 }
 
@@ -25,6 +28,9 @@ export function LogbookPanel({
   line: StepLine | undefined;
   api: Api;
 }) {
+  const [finishing, setFinishing] = useState(false);
+  const marks = entries.filter((e) => e.kind.startsWith("test_"));
+  const finished = marks[marks.length - 1]?.kind === "test_finished";
   // Acknowledgements stand at their alarms.
   const listed = entries.filter((e) => e.kind !== "acknowledgement").reverse();
   return (
@@ -48,6 +54,20 @@ export function LogbookPanel({
           send={(by, text) => api.note(line.step, by, text)}
           done={() => undefined}
         />
+      )}
+      {finishing ? (
+        <SignedForm
+          api={api}
+          label="comment"
+          needed={false}
+          button={finished ? "Resume the test" : "Finish the test"}
+          send={(by, comment) => api.finish(!finished, by, comment)}
+          done={() => setFinishing(false)}
+        />
+      ) : (
+        <button type="button" class="answer" onClick={() => setFinishing(true)}>
+          {finished ? "resume the test …" : "finish the test …"}
+        </button>
       )}
       <ol class="events" tabIndex={0} aria-label="Logbook, newest first">
         {listed.slice(0, shown).map((e) => (

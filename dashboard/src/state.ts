@@ -87,6 +87,7 @@ export const usual: Record<StateWord, string> = {
   STALE: "Data have stopped.",
   BIASED: "The last data do not fit the model, whatever its parameters: believe its numbers with care.",
   DIVERGED: "The last update failed: shown is the last state that was verified.",
+  FINISHED: "The test is finished: no more data are taken.",
 };
 
 /** Without `/v1/status`, what the line itself tells. */

@@ -103,7 +103,7 @@ export interface Model {
   sensors?: Sensors;
 }
 
-export const stateWords = ["OK", "DEGRADED", "STALE", "BIASED", "DIVERGED"] as const;
+export const stateWords = ["OK", "DEGRADED", "STALE", "BIASED", "DIVERGED", "FINISHED"] as const;
 export type StateWord = (typeof stateWords)[number];
 
 /** `/v1/status`. */

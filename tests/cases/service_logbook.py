@@ -138,6 +138,43 @@ class Test(ServiceCase):
         self.assertIn("0 to ", answer[1]["error"]["message"])
         self.assertEqual(len(service.get("/v1/logbook")[1]["logbook"]), 2)
 
+    def test_a_finished_test_takes_no_more_data_and_the_next_has_a_journal_of_its_own(self):
+        service = self.serve(extra="stale_after = 0.2\n")
+        for datum in self.data[:4]:
+            service.send(datum)
+        service.settled(4)
+        service.wait_until(lambda: service.get("/v1/status")[1]["state"] == "STALE")
+        status, entry = service.post("/v1/tests/finish", {"by": "Ada", "comment": "broken"})
+        self.assertEqual((status, entry["kind"], entry["time"]), (200, "test_finished", self.data[3]["time"]))
+        self.expect_error(service.post("/v1/tests/finish", {"by": "Ada"}), 409, "TestFinished")
+        said = service.get("/v1/status")[1]
+        self.assertEqual((said["state"], said["reason"]), ("FINISHED", "the test was finished by Ada: broken"))
+        answer = service.send(self.data[4])
+        self.expect_error(answer, 409, "TestFinished")
+        self.assertIn("the test was finished by Ada", answer[1]["error"]["message"])
+        self.expect_stored(service.send(self.data[3]), 3, duplicate=True)
+        service.kill()
+        service.start()
+        service.settled(4)
+        self.expect_error(service.send(self.data[4]), 409, "TestFinished")
+        self.assertEqual(service.post("/v1/tests/resume", {"by": "Bo"})[0], 200)
+        self.expect_error(service.post("/v1/tests/resume", {"by": "Bo"}), 409, "TestFinished")
+        self.expect_stored(service.send(self.data[4]), 4)
+        self.assertEqual(service.post("/v1/tests/finish", {"by": "Ada"})[0], 200)
+        lines = [comparable(line) for line in (service.settled(5), service.states())[1]]
+        service.stop()
+        service.arguments = ("--test", "second")
+        service.start()
+        self.assertEqual(service.settled(0)["test"], "second")
+        self.expect_stored(service.send(self.data[0]), 0)
+        self.assertEqual([comparable(line) for line in (service.settled(1), service.states())[1]], lines[:1])
+        self.assertEqual(service.get("/v1/tests")[1]["tests"],
+                         [{"name": "", "journal": "assimilation.journal", "current": False, "records": 5, "finished": True},
+                          {"name": "second", "journal": "assimilation.second.journal", "current": True, "records": 1, "finished": False}])
+        replayed = self.expect(0, "replay", "assimilation.second.journal", "--json").lines()
+        self.assertEqual([comparable(line) for line in replayed[:-1]], lines[:1])
+        self.expect(2, "serve", self.project_name, "--test", "a/b", stderr="letters, digits")
+
     def test_notes_are_kept_in_their_order(self):
         service = self.serve()
         for datum in self.data[:4]:

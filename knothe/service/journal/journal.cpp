@@ -398,6 +398,11 @@ LogbookEntry Journal::add_entry(LogbookEntry entry) {
   return entry;
 }
 
+bool Journal::holds(const assimilation::DatumKey& key) const {
+  const auto found = implementation_->find_last(key);
+  return found && !found->withdrawn;
+}
+
 std::vector<LogbookEntry> Journal::logbook() const {
   std::vector<LogbookEntry> entries;
   visit_logbook(implementation_->database, [&](const LogbookEntry& entry, const std::string&) {

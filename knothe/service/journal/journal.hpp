@@ -120,6 +120,8 @@ class Journal {
 
   /// Writes an entry, inside a group: as it is on disk, with its number and time of writing.
   LogbookEntry add_entry(LogbookEntry entry);
+  /// Whether there is a datum of that key that is not withdrawn (writers only).
+  [[nodiscard]] bool holds(const assimilation::DatumKey& key) const;
   /// All entries, in order.
   [[nodiscard]] std::vector<LogbookEntry> logbook() const;
 
@@ -139,6 +141,14 @@ class Journal {
   struct Implementation;
   std::unique_ptr<Implementation> implementation_;
 };
+
+/// What a look at a journal tells, without verifying it.
+struct JournalGlance {
+  std::int64_t records = 0;
+  bool finished = false;  ///< the test was, and was not resumed
+};
+/// Also while it is written. DataError where it is none, or damaged.
+[[nodiscard]] JournalGlance glance_at_journal(const std::string& path);
 
 /// Copies a journal as it is at one moment to a new file, also while it is written, and verifies the copy:
 /// what is in it, in words. DataError where it is damaged, UsageError where `to` is there, IoError.

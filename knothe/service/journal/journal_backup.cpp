@@ -6,6 +6,8 @@
 #include "knothe/base/error.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/service/journal/journal.hpp"
+#include "knothe/service/journal/journal_records.hpp"
+#include "knothe/service/journal/journal_schema.hpp"
 #include "knothe/service/journal/sqlite.hpp"
 
 namespace knothe::service {
@@ -22,6 +24,18 @@ void copy_pages(const std::string& from, const std::string& to) {
 }
 
 }  // namespace
+
+JournalGlance glance_at_journal(const std::string& path) {
+  Database database(path, Database::Mode::read_only);
+  check_schema(database);
+  JournalGlance glance{one_integer(database, "SELECT count(*) FROM measurement"), false};
+  visit_logbook(database, [&](const LogbookEntry& entry, const std::string&) {
+    if (entry.kind == EntryKind::test_finished) glance.finished = true;
+    if (entry.kind == EntryKind::test_resumed) glance.finished = false;
+    return true;
+  });
+  return glance;
+}
 
 std::string backup_journal(const std::string& from, const std::string& to) {
   if (!std::filesystem::exists(from)) throw DataError(fmt::format("{}: there is no such journal", from));

@@ -395,7 +395,8 @@ TEST(SensorSwitches, WhatWasWrittenLastHoldsFromItsTimeOn) {
   const std::vector<double> times = {0.1, 0.2, 0.3, 0.4};
   SensorSwitches switches(times);
   const auto add = [&](EntryKind kind, double time) {
-    return switches.add({0, kind, 1, time, "Ada", "", 0});
+    switches.add({0, kind, 1, time, "Ada", "", 0});
+    return switches.first_step(time);
   };
   const auto off = [&] {
     std::string steps;

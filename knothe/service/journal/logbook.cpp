@@ -6,17 +6,15 @@
 
 namespace knothe::service {
 
-std::size_t SensorSwitches::add(const LogbookEntry& entry) {
-  // Of a model with other times: from the first that is not before.
-  const auto exact = assimilation::matching_time(entry.time, model_times_);
-  const std::size_t from =
-      exact
-          ? *exact
-          : static_cast<std::size_t>(std::lower_bound(model_times_.begin(), model_times_.end(), entry.time) -
-                                     model_times_.begin());
+void SensorSwitches::add(const LogbookEntry& entry) {
   if (entry.kind == EntryKind::sensor_off || entry.kind == EntryKind::sensor_on)
-    switches_[entry.subject].push_back({from, entry.kind == EntryKind::sensor_off});
-  return from;
+    switches_[entry.subject].push_back({first_step(entry.time), entry.kind == EntryKind::sensor_off});
+}
+
+std::size_t SensorSwitches::first_step(double time) const {
+  if (const auto exact = assimilation::matching_time(time, model_times_)) return *exact;
+  return static_cast<std::size_t>(std::lower_bound(model_times_.begin(), model_times_.end(), time) -
+                                  model_times_.begin());
 }
 
 bool SensorSwitches::is_off(std::int64_t sensor, std::size_t step) const {

@@ -1,6 +1,6 @@
 #pragma once
 /// @file What people did and said while a structure was watched: alarms acknowledged, sensors switched off,
-/// notes. Part of the journal, like the data.
+/// notes, the end of the test. Part of the journal, like the data.
 #include <array>
 #include <cstdint>
 #include <map>
@@ -17,12 +17,14 @@
 
 namespace knothe::service {
 
-enum class EntryKind { acknowledgement, sensor_off, sensor_on, note };
+enum class EntryKind { acknowledgement, sensor_off, sensor_on, note, test_finished, test_resumed };
 constexpr auto names_of(EntryKind) {
   return std::to_array<Named<EntryKind>>({{EntryKind::acknowledgement, "acknowledgement"},
                                           {EntryKind::sensor_off, "sensor_off"},
                                           {EntryKind::sensor_on, "sensor_on"},
-                                          {EntryKind::note, "note"}});
+                                          {EntryKind::note, "note"},
+                                          {EntryKind::test_finished, "test_finished"},
+                                          {EntryKind::test_resumed, "test_resumed"}});
 }
 
 struct LogbookEntry {
@@ -56,8 +58,11 @@ class SensorSwitches {
  public:
   explicit SensorSwitches(std::span<const double> model_times) : model_times_(model_times) {}
 
-  /// Entries of other kinds change nothing. The first step at which it holds.
-  std::size_t add(const LogbookEntry& entry);
+  /// Entries of other kinds change nothing.
+  void add(const LogbookEntry& entry);
+  /// The first step at which what is switched at a model time holds; of a model with other times, the first
+  /// that is not before.
+  [[nodiscard]] std::size_t first_step(double time) const;
   [[nodiscard]] bool is_off(std::int64_t sensor, std::size_t step) const;
   /// Indices, increasing.
   [[nodiscard]] std::vector<std::int64_t> off_at(std::size_t step) const;

@@ -106,8 +106,13 @@ void write_results(const Opened& opened, const std::string& folder) {
 
 std::string project_of_journal(const std::string& journal, const std::string& project) {
   if (!project.empty()) return project;
-  const std::string beside = std::filesystem::path(journal).replace_extension(".toml").string();
-  return std::filesystem::exists(beside) ? beside : "";
+  // NAME.journal, or NAME.TEST.journal.
+  for (std::filesystem::path stem = std::filesystem::path(journal).replace_extension();;
+       stem.replace_extension()) {
+    const std::string beside = stem.string() + ".toml";
+    if (std::filesystem::exists(beside)) return beside;
+    if (!stem.has_extension()) return "";
+  }
 }
 
 void replay_journal(const std::string& path, const std::string& project_path, bool json) {

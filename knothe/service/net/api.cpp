@@ -64,6 +64,9 @@ const std::vector<Route>& routes() {
                                               {"POST", k_acknowledge_route},
                                               {"GET", "/v1/logbook"},
                                               {"POST", "/v1/notes"},
+                                              {"GET", "/v1/tests"},
+                                              {"POST", "/v1/tests/finish"},
+                                              {"POST", "/v1/tests/resume"},
                                               {"POST", "/v1/sensors"},
                                               {"GET", "/v1/quarantine"},
                                               {"POST", "/v1/quarantine"},
@@ -274,7 +277,7 @@ void Api::route(const HttpRequest& request, const Answer& answer) {
   if (UmBridge::speaks(path))
     return later(*worker_, answer, [this, request, answer] { answer(umbridge_.answer(request)); });
   if (path == "/v1/quarantine" || path == "/v1/mesh" || path == "/v1/field" || path == "/v1/picture" ||
-      path == "/v1/samples" || path == "/v1/states" || path == "/v1/description")
+      path == "/v1/samples" || path == "/v1/states" || path == "/v1/description" || path == "/v1/tests")
     return later(*worker_, answer, [this, request, answer] { answer(read(request)); });
   answer(read(request));
 }
@@ -318,6 +321,7 @@ HttpResponse Api::read(const HttpRequest& request) {
   if (path == "/v1/observations") return json_response(observations(*site, step));
   if (path == "/v1/samples") return json_response(samples(*site, step));
   if (path == "/v1/quarantine") return json_response(site->journal().quarantine());
+  if (path == "/v1/tests") return json_response({{"tests", tests_of(*site)}});
   if (path == "/v1/logbook") {
     Json list = Json::array();
     for (const LogbookEntry& entry : site->logbook().after(0)) list.push_back(json_of(entry));
@@ -398,9 +402,13 @@ void Api::take_entry(const HttpRequest& request, const Answer& answer) {
   const EntryRequest asked = parse_json_entry(request.body);
   const auto site = site_of(asked.site.empty() ? request.parameter("site") : asked.site);
   const auto alarm = alarm_of(request.path);
-  site->journal().enter(alarm                           ? site->acknowledgement(*alarm, asked)
-                        : request.path == "/v1/sensors" ? site->sensor_switch(asked)
-                                                        : site->note(asked),
+  const std::string& path = request.path;
+  LogbookEntry entry = alarm                        ? site->acknowledgement(*alarm, asked)
+                       : path == "/v1/sensors"      ? site->sensor_switch(asked)
+                       : path == "/v1/tests/finish" ? site->test_mark(asked, EntryKind::test_finished)
+                       : path == "/v1/tests/resume" ? site->test_mark(asked, EntryKind::test_resumed)
+                                                    : site->note(asked);
+  site->journal().enter(std::move(entry),
                         [answer](const JournalWriter::Answer& stored) { answer(answer_of(stored)); });
 }
 

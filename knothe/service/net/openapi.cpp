@@ -221,6 +221,11 @@ std::string openapi_document() {
                                                          {"comment", words}},
                                                         {"sensor", "active", "by"})),
                                       entry);
+  const Json signed_comment = object_of({{"site", words}, {"by", words}, {"comment", words}}, {"by"});
+  paths["/v1/tests"] = get("tests of this structure", any);
+  paths["/v1/tests/finish"]["post"] =
+      post("finish the test: no more data are taken", body_of(signed_comment), entry);
+  paths["/v1/tests/resume"]["post"] = post("take that back", body_of(signed_comment), entry);
   paths["/v1/measurements"]["post"] =
       post("take a measurement; 200 when it is on disk",
            {{"application/json", {{"schema", {{"$ref", "#/components/schemas/Measurement"}}}}},

@@ -286,6 +286,40 @@ Json observations(const Site& site, const std::string& step) {
             {"probability", line->misfit_probability}}}};
 }
 
+Json tests_of(const Site& site) {
+  namespace fs = std::filesystem;
+  const fs::path served(site.project().serve.journal);
+  const std::string& current = site.test();
+  // NAME.journal and NAME.TEST.journal.
+  const std::string extension = served.extension().string();
+  std::string name = served.stem().string();
+  if (!current.empty()) name.resize(name.size() - current.size() - 1);
+  std::vector<std::string> files;
+  std::error_code error;
+  for (const auto& entry : fs::directory_iterator(fs::absolute(served).parent_path(), error)) {
+    const std::string file = entry.path().filename().string();
+    if (file == name + extension || (file.starts_with(name + ".") && file.ends_with(extension)))
+      files.push_back(file);
+  }
+  std::sort(files.begin(), files.end());
+  Json tests = Json::array();
+  for (const std::string& file : files) {
+    const std::string middle = file.substr(name.size(), file.size() - name.size() - extension.size());
+    Json test = {{"name", middle.empty() ? middle : middle.substr(1)},
+                 {"journal", file},
+                 {"current", file == served.filename().string()}};
+    try {
+      const JournalGlance glance = glance_at_journal((served.parent_path() / file).string());
+      test["records"] = glance.records;
+      test["finished"] = glance.finished;
+    } catch (const Error&) {  // its words would tell where it lies
+      test["problem"] = "it cannot be read";
+    }
+    tests.push_back(test);
+  }
+  return tests;
+}
+
 Json samples(const Site& site, const std::string& step) {
   const auto line = line_of(site, step);
   Json points = Json::array();

@@ -62,7 +62,13 @@ JournalWriter::JournalWriter(const project::Project& project, const project::Upd
       journal_(options_.journal, Journal::Access::write),
       id_(journal_.id()),
       switches_(setup.observed->time) {
-  for (const LogbookEntry& entry : journal_.logbook()) switches_.add(entry);
+  for (const LogbookEntry& entry : journal_.logbook()) follow(entry);
+}
+
+void JournalWriter::follow(const LogbookEntry& entry) {
+  switches_.add(entry);
+  if (entry.kind == EntryKind::test_finished) finished_ = entry.author;
+  if (entry.kind == EntryKind::test_resumed) finished_.clear();
 }
 
 /// Data of all times are there in the model: an index of a step is that of the model it was recorded with.
@@ -355,6 +361,7 @@ void JournalWriter::commit(std::vector<Request>& group) {
   Written written;
   const auto largest_before = largest_seqs_;
   const SensorSwitches switches_before = switches_;
+  const std::string finished_before = finished_;
   std::string trouble;
   std::deque<Alarm> alarms;
   {
@@ -372,6 +379,7 @@ void JournalWriter::commit(std::vector<Request>& group) {
     journal_.rollback();
     largest_seqs_ = largest_before;
     switches_ = switches_before;
+    finished_ = finished_before;
     written = {};
     answers.assign(group.size(),
                    RequestError(507, "DiskFull", fmt::format("nothing was stored: {}", trouble)));
@@ -424,7 +432,7 @@ void JournalWriter::tell(const Written& written) {
 void JournalWriter::count_outcome(const Answer& answer) {
   if (const auto* error = std::get_if<RequestError>(&answer)) {
     if (error->status() == 507) count("not_stored");
-    if (error->status() == 409) count("conflicts");
+    if (error->status() == 409) count(error->type() == "TestFinished" ? "after_finish" : "conflicts");
   } else if (const auto* withdrawn = std::get_if<Withdrawn>(&answer)) {
     if (!withdrawn->before) count("withdrawn");
   } else if (std::holds_alternative<Appended>(answer)) {
@@ -479,9 +487,10 @@ JournalWriter::Answer JournalWriter::write(const Withdrawal& withdrawal, Monoton
 /// A switch changes what the data from its time on say: those are assimilated anew.
 JournalWriter::Answer JournalWriter::write(const LogbookEntry& entry, MonotonicTime at, Written& written) {
   LogbookEntry kept = journal_.add_entry(entry);
-  const std::size_t from = switches_.add(kept);
+  follow(kept);
   written.entries.push_back(kept);
   if (kept.kind != EntryKind::sensor_off && kept.kind != EntryKind::sensor_on) return kept;
+  const std::size_t from = switches_.first_step(kept.time);
   journal_.for_each([&](JournalEntry record) {
     if (!record.counts()) return;
     match_step(record, setup_.observed->time, journal_.path());
@@ -500,6 +509,11 @@ void JournalWriter::count_seq(const assimilation::DatumKey& key) {
 }
 
 JournalWriter::Answer JournalWriter::write(Measurement& datum, MonotonicTime at, Written& written) {
+  if (!finished_.empty() && !journal_.holds(datum.key))
+    return RequestError(409, "TestFinished",
+                        fmt::format("the test was finished by {}: no more data are taken. Resume it (POST "
+                                    "/v1/tests/resume), or start the next one: knothe serve --test NAME",
+                                    finished_));
   const auto& largest = largest_seqs_[{datum.key.source, datum.key.session}];
   const bool late =
       largest.size() > static_cast<std::size_t>(options_.window) && largest.back() > datum.key.seq;

@@ -168,6 +168,9 @@ class JournalWriter {
   LargestSeqs largest_seqs_;
   void count_seq(const assimilation::DatumKey& key);
   SensorSwitches switches_;  ///< of the thread
+  /// Of the thread: who has finished the test, in words; empty: it goes on.
+  std::string finished_;
+  void follow(const LogbookEntry& entry);
 
   mutable std::mutex mutex_;  ///< everything below
   std::condition_variable requests_there_;

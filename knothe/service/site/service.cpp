@@ -123,7 +123,7 @@ void serve(const project::Project& project, const ServeArguments& arguments) {
     if (server != nullptr) server->wake();
   };
   std::vector<std::shared_ptr<Site>> sites = {
-      std::make_shared<Site>(project, arguments.strict_deadline, metrics, changed)};
+      std::make_shared<Site>(project, arguments.test, arguments.strict_deadline, metrics, changed)};
   std::set<std::string> names = {sites[0]->name()};
   for (const std::string& other : options.others) {
     const project::Project next = project::read_project(other);
@@ -131,7 +131,8 @@ void serve(const project::Project& project, const ServeArguments& arguments) {
       throw next.error_at(
           "serve.site",
           fmt::format("there is another site \"{}\"; give this one a name: [serve] site", next.serve.site));
-    sites.push_back(std::make_shared<Site>(next, arguments.strict_deadline, metrics, changed));
+    sites.push_back(
+        std::make_shared<Site>(next, arguments.test, arguments.strict_deadline, metrics, changed));
   }
   Api api(sites, api_options, metrics);
   WatchedApi watched(api, sites);

@@ -15,6 +15,7 @@ namespace knothe::service {
 
 struct ServeArguments {
   std::optional<int> port;  ///< overrides the project's
+  std::string test;         ///< as of `Site`
   bool strict_deadline = false;
   std::function<void(const std::string& url)> listening;  ///< called once the address is there
 };

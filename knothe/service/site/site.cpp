@@ -4,6 +4,7 @@
 #include <malloc.h>
 
 #include <algorithm>
+#include <filesystem>
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/sha256.hpp"
@@ -29,6 +30,13 @@ std::string sensors_hash(const project::UpdateSetup& setup) {
   return to_hex(sum.finish());
 }
 
+project::Project with_journal_of(project::Project project, const std::string& test) {
+  std::filesystem::path journal(project.serve.journal);
+  const std::string extension = journal.extension().string();
+  if (!test.empty()) project.serve.journal = journal.replace_extension("." + test + extension).string();
+  return project;
+}
+
 Identity identity_of(const project::Project& project, const project::UpdateSetup& setup) {
   return {sensors_hash(setup), to_hex(sha256_of_file(project.model)), to_hex(sha256_of(project.text)),
           project.text};
@@ -36,8 +44,10 @@ Identity identity_of(const project::Project& project, const project::UpdateSetup
 
 }  // namespace
 
-Site::Site(project::Project project, bool strict_deadline, Metrics& metrics, std::function<void()> changed)
-    : project_(std::move(project)),
+Site::Site(project::Project project, std::string test, bool strict_deadline, Metrics& metrics,
+           std::function<void()> changed)
+    : test_(std::move(test)),
+      project_(with_journal_of(std::move(project), test_)),
       metrics_(metrics),
       changed_(std::move(changed)),
       setup_(project::set_up_online(project_)),
@@ -377,6 +387,14 @@ LogbookEntry Site::sensor_switch(const EntryRequest& request) const {
           0};
 }
 
+LogbookEntry Site::test_mark(const EntryRequest& request, EntryKind kind) const {
+  const bool finishes = kind == EntryKind::test_finished;
+  if (finishes == logbook_.finished().has_value())
+    throw RequestError(409, "TestFinished",
+                       finishes ? "the test is finished already" : "the test is not finished");
+  return {0, kind, 0, time_of(std::nullopt), request.author, request.text, 0};
+}
+
 LogbookEntry Site::acknowledgement(std::int64_t id, const EntryRequest& request) const {
   const auto alarm = alarms_.find(id);
   if (!alarm)
@@ -396,7 +414,12 @@ LogbookEntry Site::acknowledgement(std::int64_t id, const EntryRequest& request)
 // --- State -----------------------------------------------------------------------------------------------
 
 SiteHealth::State Site::state_of_now(const JournalWriter::Tally& tally) const {
-  return health_.state({lines_.latest(), failure_, replayed_ && !ready_, tally.read_only, tally.trouble});
+  std::string finished;
+  if (const auto entry = logbook_.finished())
+    finished = fmt::format("the test was finished by {}{}{}", entry->author, entry->text.empty() ? "" : ": ",
+                           entry->text);
+  return health_.state(
+      {lines_.latest(), failure_, replayed_ && !ready_, tally.read_only, tally.trouble, finished});
 }
 
 bool Site::tick() {
@@ -416,7 +439,7 @@ bool Site::tick() {
     latest = lines_.latest();
   }
   const std::int64_t step = latest ? static_cast<std::int64_t>(latest->step) : -1;
-  for (const char* word : {"OK", "DEGRADED", "STALE", "BIASED", "DIVERGED"})
+  for (const char* word : {"OK", "DEGRADED", "STALE", "BIASED", "DIVERGED", "FINISHED"})
     metrics_.set("knothe_state", labels(fmt::format("state=\"{}\"", word)), state.word == word ? 1 : 0);
   if (latest)
     for (const auto& level : names_of(latest->verdict))
@@ -429,7 +452,7 @@ bool Site::tick() {
   metrics_.set("knothe_unacknowledged_alarms", labels(), static_cast<double>(alarms_.unacknowledged()));
   if (step >= 0) metrics_.set("knothe_step", labels(), static_cast<double>(step));
   if (!health_.keep(state)) return false;
-  log_event(state.word == "OK" ? "info" : "warning", "state",
+  log_event(state.word == "OK" || state.word == "FINISHED" ? "info" : "warning", "state",
             {{"site", name()}, {"state", state.word}, {"reason", state.reason}, {"step", step}});
   const auto at = static_cast<std::size_t>(std::max<std::int64_t>(step, 0));
   if (state.word == "STALE" && age) alarms_.raise(at, "warning", "gap", state.reason);
@@ -443,6 +466,7 @@ Json Site::status() const {
   const SiteHealth::State state = state_of_now(tally);
   Json status = {
       {"site", name()}, {"journal", journal_.id()}, {"state", state.word}, {"reason", state.reason}};
+  if (!test_.empty()) status["test"] = test_;
   if (const auto latest = lines_.latest()) {
     const Line& line = *latest;
     status["step"] = line.step;

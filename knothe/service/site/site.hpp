@@ -18,9 +18,11 @@ namespace knothe::service {
 /// Thread-safe.
 class Site {
  public:
-  /// Reads model and sensors, opens the journal. Errors as of `knothe assimilate` and `Journal`. `changed` is
-  /// called (from any thread) when there is something new to send. Nothing runs before `start`.
-  Site(project::Project project, bool strict_deadline, Metrics& metrics, std::function<void()> changed);
+  /// Reads model and sensors, opens the journal: that of the project, NAME.journal, or NAME.TEST.journal
+  /// where `test` is not empty. Errors as of `knothe assimilate` and `Journal`. `changed` is called (from any
+  /// thread) when there is something new to send. Nothing runs before `start`.
+  Site(project::Project project, std::string test, bool strict_deadline, Metrics& metrics,
+       std::function<void()> changed);
   ~Site();
 
   void start();
@@ -45,9 +47,11 @@ class Site {
   /// and 404 that says what is wrong.
   [[nodiscard]] LogbookEntry note(const EntryRequest& request) const;
   [[nodiscard]] LogbookEntry sensor_switch(const EntryRequest& request) const;
+  [[nodiscard]] LogbookEntry test_mark(const EntryRequest& request, EntryKind kind) const;
   [[nodiscard]] LogbookEntry acknowledgement(std::int64_t alarm, const EntryRequest& request) const;
 
   [[nodiscard]] const std::string& name() const { return project_.serve.site; }
+  [[nodiscard]] const std::string& test() const { return test_; }
   [[nodiscard]] const project::Project& project() const { return project_; }
   [[nodiscard]] const project::UpdateSetup& setup() const { return setup_; }
   [[nodiscard]] const Identity& identity() const { return identity_; }
@@ -75,6 +79,7 @@ class Site {
   [[nodiscard]] SiteHealth::State state_of_now(const JournalWriter::Tally& tally) const;  ///< mutex_ held
   [[nodiscard]] std::string labels(const std::string& more = "") const { return site_labels(name(), more); }
 
+  std::string test_;
   project::Project project_;
   Metrics& metrics_;
   std::function<void()> changed_;

@@ -89,6 +89,7 @@ SiteHealth::State SiteHealth::state(const Facts& facts) const {
             fmt::format("updates are {:.0f} ms behind; what is shown is the last that was verified",
                         1e3 * oldest)};
   if (facts.replaying) return {"DEGRADED", "the journal is being replayed"};
+  if (!facts.finished.empty()) return {"FINISHED", facts.finished};
   if (!facts.latest && accepted_at_.empty()) return {"STALE", "no measurement yet"};
   if (accepted_at_.empty()) return {"STALE", "no measurement since the service was started"};
   if (stale_after && seconds_between(accepted_at_.back(), now) > *stale_after)

@@ -22,7 +22,8 @@ class SiteHealth {
     std::shared_ptr<const Line> latest;
     std::string failure;  ///< of the last update
     bool replaying = false, read_only = false;
-    std::string trouble = {};  ///< why it is read-only
+    std::string trouble = {};   ///< why it is read-only
+    std::string finished = {};  ///< who has finished the test, and why; empty: it goes on
   };
   struct Delays {
     std::vector<double> seconds;  ///< from a datum's request to its line

@@ -23,6 +23,13 @@ void SiteLogbook::add(const LogbookEntry& entry) {
   const std::lock_guard lock(mutex_);
   entries_.push_back(entry);
   switches_.add(entry);
+  if (entry.kind == EntryKind::test_finished) finished_ = entry;
+  if (entry.kind == EntryKind::test_resumed) finished_.reset();
+}
+
+std::optional<LogbookEntry> SiteLogbook::finished() const {
+  const std::lock_guard lock(mutex_);
+  return finished_;
 }
 
 std::vector<LogbookEntry> SiteLogbook::after(std::int64_t number) const {

@@ -19,6 +19,8 @@ class SiteLogbook {
   /// Those with a number > `number`, in order.
   [[nodiscard]] std::vector<LogbookEntry> after(std::int64_t number) const;
   [[nodiscard]] std::int64_t last_number() const;
+  /// The entry that finished the test, if it is.
+  [[nodiscard]] std::optional<LogbookEntry> finished() const;
   /// Sensors that are switched off at that step, increasing.
   [[nodiscard]] std::vector<std::int64_t> off_at(std::size_t step) const;
 
@@ -26,6 +28,7 @@ class SiteLogbook {
   mutable std::mutex mutex_;
   std::vector<LogbookEntry> entries_;
   SensorSwitches switches_;
+  std::optional<LogbookEntry> finished_;
 };
 
 }  // namespace knothe::service
