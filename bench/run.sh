@@ -29,7 +29,7 @@ for program in build/release/bench/*_bench; do
   if [ "$name" = update_bench ]; then
     for r in 10 30; do
       beam $r
-      "$program" out/bench/r$r/beam.toml
+      for method in auto transport; do "$program" out/bench/r$r/beam.toml 10 $method; done
     done
   else
     "$program"

@@ -71,10 +71,11 @@ int infer(const InferArguments& arguments) {
   if (!overridden && !inference::is_one_shot(project.method.kind)) {
     throw project.error_at("method.kind",
                            fmt::format("method.kind = \"{}\" is for `knothe assimilate`; one-shot inference "
-                                       "takes \"transport\", \"mcmc\", \"smc\" or \"grid\"",
+                                       "takes \"auto\", \"transport\", \"mcmc\", \"smc\" or \"grid\"",
                                        to_text(project.method.kind)));
   }
-  const Method method = overridden ? inference::method_from(arguments.method) : project.method.kind;
+  const Method method = overridden ? inference::method_from(arguments.method)
+                                   : inference::one_shot(project.method.kind);
   require_possible(project, method, overridden);
   const files::CommandOutput output(arguments.json);
   const report::InferenceRun answer = run(project, method, project.results, output);

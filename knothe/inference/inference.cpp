@@ -82,9 +82,12 @@ void by_grid(PosteriorDensity& posterior, ModelEvaluator& evaluator, const Infer
              InferenceResult& r) {
   const Phase phase("grid", evaluator, r);
   // A model may take seconds a point: 150,000 nodes are all that it is asked for.
-  const assimilation::QuadraturePosterior grid = assimilation::tensor_quadrature(
-      posterior, {.axes = assimilation::QuadratureOptions::Axes::modes, .max_nodes = 150'000});
-  r.points = posterior.parameters(grid.points);
+  static constexpr Eigen::Index k_nodes[] = {257, 65, 25};
+  const assimilation::QuadraturePosterior grid =
+      assimilation::tensor_quadrature(posterior, {.axes = assimilation::QuadratureOptions::Axes::modes,
+                                                  .coarse_nodes = k_nodes[posterior.dimension() - 1],
+                                                  .max_nodes = 150'000});
+  r.points = posterior.parameters(grid.points());
   r.weights = grid.weights;
   r.quantiles = posterior.transform().carry(grid.quantiles);
   r.log_evidence = grid.log_evidence;
@@ -158,9 +161,9 @@ Eigen::Index distinct_rows(const Eigen::MatrixXd& m) {
 
 Method method_from(const std::string& text) {
   const std::optional<Method> method = from_text<Method>(text);
-  if (method && is_one_shot(*method)) return *method;
+  if (method && is_one_shot(*method)) return one_shot(*method);
   throw UsageError(
-      fmt::format("\"{}\" is not a method of inference: there are transport, mcmc, smc and grid", text));
+      fmt::format("\"{}\" is not a method of inference: there are auto, transport, mcmc, smc and grid", text));
 }
 
 double InferenceResult::seconds() const {
@@ -172,9 +175,9 @@ double InferenceResult::seconds() const {
 InferenceResult infer(PosteriorDensity& posterior, ModelEvaluator& evaluator,
                       const InferenceOptions& options) {
   InferenceResult r;
-  r.method = options.method;
+  r.method = one_shot(options.method);
   if (posterior.is_density()) require_finite_integral(posterior, options.names);
-  switch (options.method) {
+  switch (r.method) {
     case Method::transport:
       by_transport(posterior, evaluator, options, r);
       break;
@@ -191,6 +194,8 @@ InferenceResult infer(PosteriorDensity& posterior, ModelEvaluator& evaluator,
       by_particles(posterior, options, r);
       break;
     }
+    default:
+      throw UsageError(fmt::format("\"{}\" is no method of inference at once", to_text(r.method)));
   }
   const numerics::Moments moments = numerics::moments_of(r.points, r.weights);
   r.mean = moments.mean;

@@ -19,6 +19,11 @@ constexpr bool is_one_shot(Method method) {
   return method < Method::extended_kalman;
 }
 
+/// `auto` is the map here: a black box is too dear for quadrature.
+constexpr Method one_shot(Method method) {
+  return method == Method::automatic ? Method::transport : method;
+}
+
 /// Errors: UsageError with the names there are.
 [[nodiscard]] Method method_from(const std::string& text);
 
@@ -49,7 +54,6 @@ struct MapDetails {
 
 /// The posterior of p, and how it was found.
 struct InferenceResult : assimilation::Posterior {
-  Method method = Method::transport;
   Eigen::VectorXd skewness;         ///< d: E (p − mean)³ / std³
   Eigen::VectorXd kurtosis;         ///< d: E (p − mean)⁴ / std⁴; 3 for a Gaussian
   Eigen::MatrixXd draws;            ///< equally weighted, chain after chain

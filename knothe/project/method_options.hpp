@@ -20,7 +20,7 @@ constexpr auto names_of(Verification /*verification*/) {
 }
 
 struct MethodOptions {
-  assimilation::Method kind = assimilation::Method::transport;
+  assimilation::Method kind = assimilation::Method::automatic;
   /// Form, map, bias, changes; `update_options` adds what stands below.
   assimilation::UpdateOptions update;
   transport::ModeSearchLevel mode_search = transport::ModeSearchLevel::tempered;  ///< of `knothe infer`

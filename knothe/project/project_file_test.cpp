@@ -29,7 +29,7 @@ TEST(ProjectFile, DefaultsAndPaths) {
   EXPECT_EQ(p.model, "dir/M.h5");
   EXPECT_EQ(p.data, "dir/D.h5");
   EXPECT_EQ(p.results, "dir/results/");
-  EXPECT_EQ(p.method.kind, assimilation::Method::transport);
+  EXPECT_EQ(p.method.kind, assimilation::Method::automatic);
   EXPECT_EQ(p.method.update.map.tolerance, 1e-3);
   EXPECT_EQ(p.method.update.map.max_order, 8);
   EXPECT_EQ(p.text, k_minimal);

@@ -7,7 +7,7 @@ import unittest
 import analytic_model
 from support import Case, parse_line, read_csv, without_times
 
-STEP_KEYS = ["step", "time", "mean", "covariance", "maximum_a_posteriori", "quantiles", "map_order", "variance_diagnostic",
+STEP_KEYS = ["step", "time", "mean", "covariance", "maximum_a_posteriori", "quantiles", "method", "map_order", "variance_diagnostic",
              "tolerance_reached", "ess", "verdict", "trusted", "log_evidence", "log_evidence_increment", "bias_correction", "used",
              "rejected", "missing", "elapsed_us", "forecast"]
 FORECAST_KEYS = ["mean", "std", "maximum_a_posteriori", "probability_above_threshold", "levels", "values"]

@@ -13,6 +13,13 @@ class Test(Case):
     def test_transport_agrees_with_the_grid_at_every_step(self):
         self.expect_agreement(self.assimilate(), self.assimilate("--method", "grid"))
 
+    def test_the_default_agrees_with_the_grid_at_every_step(self):
+        self.edit('kind = "transport"', "")
+        lines = self.assimilate()
+        self.assertEqual({line["method"] for line in lines}, {"grid"})
+        self.assertEqual([line["step"] for line in lines if not line["trusted"]], [])
+        self.expect_agreement(lines, self.assimilate("--method", "grid"), mean=0.002, std=0.003, evidence=1e-3, quantile=0.01)
+
     def test_every_step_is_trusted(self):
         self.assertEqual([line["step"] for line in self.assimilate() if not line["trusted"]], [])
 

@@ -88,6 +88,7 @@ class Test(Case):
 
     def test_from_values_as_from_the_project(self):
         self.edit("[forecast.deflection]", "[forecast.other]")
+        self.edit('kind = "transport"', "")  # the default, here and there
         lines, _ = self.lines_of()
         project = knothe.Twin(self.project_name)
         points, components, _ = project._native.sensors()

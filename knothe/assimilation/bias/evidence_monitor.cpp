@@ -40,24 +40,28 @@ PredictiveCheck predictive_check(const StepForm& form, const PosteriorFunctions&
   const Eigen::ArrayXd along = w.deviation.transpose() * slope;
   const Eigen::ArrayXd log_likelihood = -0.5 * (misfit - 2 * along + square + form.log_normaliser);
   const double largest = log_likelihood.maxCoeff();
-  check.log_density = largest + std::log((log_likelihood - largest).exp().mean());
+  check.log_density = largest + std::log((log_likelihood - largest).exp().matrix().dot(w.weights));
 
   const Eigen::MatrixXd directions = moving_directions(form.quadratic, w.tangent);
   const Eigen::VectorXd observed = directions.transpose() * slope;
   const Eigen::MatrixXd expected = directions.transpose() * moved;  // d × n, of each point
-  Eigen::ArrayXd weight = Eigen::ArrayXd::Constant(n, 1 / static_cast<double>(n));
+  Eigen::ArrayXd weight = w.weights;
+  // A node of a lattice stands for its cell, evenly: so much more variance along the directions.
+  Eigen::VectorXd variance = Eigen::VectorXd::Ones(d);
+  if (w.cell.size() > 0)
+    variance += (directions.transpose() * (form.quadratic * w.cell)).rowwise().squaredNorm() / 12;
   double degrees = static_cast<double>(form.used);
   for (Eigen::Index a = 0; a < d; ++a) {
     if (directions.col(a).isZero(0)) continue;
     degrees -= 1;
     const Eigen::ArrayXd miss = observed[a] - expected.row(a).transpose().array();
     double lower = 0;
-    for (Eigen::Index k = 0; k < n; ++k) lower += weight[k] * numerics::normal_cdf(miss[k]);
+    for (Eigen::Index k = 0; k < n; ++k) lower += weight[k] * numerics::normal_cdf(miss[k] / std::sqrt(variance[a]));
     check.lower_probability[a] = std::min(1.0, lower);
-    const Eigen::ArrayXd log_weight = -0.5 * miss.square();
+    const Eigen::ArrayXd log_weight = -0.5 / variance[a] * miss.square();
     weight *= (log_weight - log_weight.maxCoeff()).exp();
-    weight = weight.sum() > 0 ? Eigen::ArrayXd(weight / weight.sum())
-                              : Eigen::ArrayXd::Constant(n, 1 / static_cast<double>(n));
+    const double sum = weight.sum();
+    weight = sum > 0 ? Eigen::ArrayXd(weight / sum) : Eigen::ArrayXd(w.weights);
   }
   if (degrees < 1) return check;
   const double outside = std::max(0.0, misfit - observed.squaredNorm());

@@ -72,7 +72,7 @@ std::size_t ModelSupervision::restore(std::size_t step) {
   assert(it != saved_.end());
   state_ = it->second.state;
   points_ = it->second.points;
-  current_ = points_.size() == 0 ? prior_ : functions_at(*model_->functions, points_);
+  current_ = points_.weights.size() == 0 ? prior_ : functions_at(*model_->functions, points_);
   is_known_ = it->second.is_known;
   const std::size_t found = it->first;
   saved_.erase(it, saved_.end());
@@ -230,13 +230,13 @@ void ModelSupervision::restart_sums() {
 }
 
 void ModelSupervision::set_posterior(const Posterior& posterior) {
-  points_ = equally_likely(posterior.points, posterior.weights);
+  points_ = few_points(posterior);
   current_ = functions_at(*model_->functions, points_);
   is_known_ = true;
 }
 
 void ModelSupervision::forget_posterior() {
-  points_.resize(0, 0);
+  points_ = {};
   current_ = prior_;
   is_known_ = true;
 }

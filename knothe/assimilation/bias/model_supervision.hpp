@@ -120,11 +120,11 @@ class ModelSupervision {
   std::vector<std::pair<std::size_t, std::size_t>> by_hand_;  ///< ranges of steps to correct
   struct Saved {
     State state;
-    Eigen::MatrixXd points;  ///< that current_ was made at; empty: the prior
+    FewPoints points;  ///< that current_ was made at; empty: the prior
     bool is_known = true;
   };
   PosteriorFunctions prior_, current_;
-  Eigen::MatrixXd points_;  ///< as of `Saved`
+  FewPoints points_;        ///< as of `Saved`
   bool is_known_ = true;    ///< current_ is the posterior before the next datum
   State initial_, state_;
   std::map<std::size_t, Saved> saved_;

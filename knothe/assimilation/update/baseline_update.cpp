@@ -56,6 +56,7 @@ const UpdateResult& BaselineUpdate::update(std::size_t step, std::size_t time_in
   target_.set_form(sum_);
   const double before = log_evidence_;
   result_ = {};
+  result_.method = options_.kind;
   result_.step = step;
   result_.time = projector_.model().time[time_index];
   result_.used = form.used;

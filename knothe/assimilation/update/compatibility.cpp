@@ -25,7 +25,7 @@ const std::vector<Row>& table() {
        {F::baseline},
        "method.kind",
        "models are compared by their evidence, which this method.kind does not give exactly: with [model] "
-       "candidates it is \"transport\" or \"grid\""},
+       "candidates it is \"auto\", \"transport\" or \"grid\""},
       {F::candidates,
        {F::gate, F::student_t},
        "method",
@@ -50,11 +50,11 @@ const std::vector<Row>& table() {
        "method.kind",
        "this method.kind does without likelihood = \"student-t\", gate and noise_level = \"unknown\": these "
        "go "
-       "with \"transport\" and \"grid\""},
+       "with \"auto\", \"transport\" and \"grid\""},
       {F::changes,
        {F::baseline, F::gate, F::student_t},
        "method",
-       "forgetting, change_points and on_alarm = \"restart\" go with method transport or grid and the "
+       "forgetting, change_points and on_alarm = \"restart\" go with method auto, transport or grid and the "
        "Gaussian "
        "likelihood without a gate only"},
       {F::noise_level,
@@ -72,7 +72,7 @@ const std::vector<Row>& table() {
       {F::bias,
        {F::baseline, F::gate, F::student_t},
        "",
-       "bias_correction and --redo go with method transport or grid and the Gaussian likelihood only"},
+       "bias_correction and --redo go with method auto, transport or grid and the Gaussian likelihood only"},
       {F::bias,
        {F::lasting},
        "",

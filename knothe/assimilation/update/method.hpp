@@ -7,6 +7,7 @@
 namespace knothe::assimilation {
 
 enum class Method {
+  automatic,  ///< the cheapest verified one of `grid`, around the modes, and `transport`
   transport,
   grid,  ///< dense quadrature: the plain answer, at most 3 parameters
   markov_chain,
@@ -17,7 +18,8 @@ enum class Method {
 };
 
 constexpr auto names_of(Method /*method*/) {
-  return std::to_array<Named<Method>>({{Method::transport, "transport"},
+  return std::to_array<Named<Method>>({{Method::automatic, "auto"},
+                                       {Method::transport, "transport"},
                                        {Method::grid, "grid"},
                                        {Method::markov_chain, "mcmc"},
                                        {Method::sequential_monte_carlo, "smc"},
@@ -29,7 +31,7 @@ constexpr auto names_of(Method /*method*/) {
 /// Whether it makes a map or a grid of the posterior (`SequentialUpdate`), or is one of those that both are
 /// compared with (`BaselineUpdate`).
 constexpr bool is_baseline(Method method) {
-  return method != Method::transport && method != Method::grid;
+  return method != Method::automatic && method != Method::transport && method != Method::grid;
 }
 
 }  // namespace knothe::assimilation

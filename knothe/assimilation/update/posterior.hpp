@@ -4,16 +4,26 @@
 #include <Eigen/Core>
 #include <optional>
 #include <string>
+#include <vector>
 
+#include "knothe/assimilation/update/method.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
 
 namespace knothe::assimilation {
+
+/// A coarser rule of the same posterior, for what is asked of every datum.
+struct FewPoints {
+  Eigen::MatrixXd points;   ///< n × d, p
+  Eigen::VectorXd weights;  ///< n, sum 1
+  Eigen::MatrixXd cell;     ///< d × d: edges of the cell, in p, that each point stands for; empty: of none
+};
 
 /// A posterior of d parameters p in the order of the priors. Moments, quantiles and evidence belong to the
 /// weighted points, or are better than these where the method knows better (quadrature).
 struct Posterior {
   Eigen::MatrixXd points;   ///< n × d, p: what a forecast is made of
   Eigen::VectorXd weights;  ///< n, sum 1
+  FewPoints few;            ///< every other node of a lattice; empty without one
 
   Eigen::VectorXd mean;                  ///< d
   Eigen::MatrixXd covariance;            ///< d × d, symmetric to the bit
@@ -26,7 +36,8 @@ struct Posterior {
   double log_evidence = 0;              ///< natural logarithm, all constants included
   double log_evidence_lower_bound = 0;  ///< of the map, Eq. 24: low by the Kullback-Leibler divergence
 
-  int map_order = 0;  ///< 0 without a map
+  Method method = Method::transport;  ///< that made the points; `grid` is quadrature
+  int map_order = 0;                  ///< 0 without a map
   double variance_diagnostic =
       0;                          ///< Eq. 9, verified on points other than the training ones; 0 without a map
   bool tolerance_reached = true;  ///< without a map: converged

@@ -1,5 +1,6 @@
 #include "knothe/assimilation/update/posterior_functions.hpp"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cassert>
 #include <cmath>
@@ -12,19 +13,18 @@
 namespace knothe::assimilation {
 namespace {
 
-/// F with F Fᵀ = D Dᵀ/n up to 1e-8 of the trace, by Cholesky with the largest pivot first, on columns made
+/// F with F Fᵀ = D Dᵀ up to 1e-8 of the trace, by Cholesky with the largest pivot first, on columns made
 /// when they are wanted.
 Eigen::MatrixXd covariance_factor(const Eigen::MatrixXd& deviation) {
   const Eigen::Index r = deviation.rows();
-  const double scale = 1 / static_cast<double>(deviation.cols());
-  Eigen::VectorXd left = deviation.rowwise().squaredNorm() * scale;
+  Eigen::VectorXd left = deviation.rowwise().squaredNorm();
   const double enough = 1e-8 * left.sum();
   Eigen::MatrixXd factor(r, 0);
   while (factor.cols() < r && left.sum() > enough) {
     Eigen::Index pivot = 0;
     const double largest = left.maxCoeff(&pivot);
     if (!(largest > 0)) break;
-    Eigen::VectorXd column = scale * (deviation * deviation.row(pivot).transpose());
+    Eigen::VectorXd column = deviation * deviation.row(pivot).transpose();
     column.noalias() -= factor * factor.row(pivot).transpose();
     column /= std::sqrt(largest);
     factor.conservativeResize(Eigen::NoChange, factor.cols() + 1);
@@ -36,8 +36,8 @@ Eigen::MatrixXd covariance_factor(const Eigen::MatrixXd& deviation) {
 }
 
 /// Regression of w on p: Cov(w, p) L⁻ᵀ with L Lᵀ = Cov(p), column by column (Gram-Schmidt on p's deviations).
+/// All deviations times the roots of the weights.
 Eigen::MatrixXd regression(const Eigen::MatrixXd& deviation, Eigen::MatrixXd p) {
-  p.rowwise() -= p.colwise().mean().eval();
   const Eigen::VectorXd size = p.colwise().norm();
   Eigen::MatrixXd tangent = Eigen::MatrixXd::Zero(deviation.rows(), p.cols());
   for (Eigen::Index a = 0; a < p.cols(); ++a) {
@@ -48,9 +48,14 @@ Eigen::MatrixXd regression(const Eigen::MatrixXd& deviation, Eigen::MatrixXd p) 
       continue;
     }
     p.col(a) /= norm;
-    tangent.col(a) = deviation * p.col(a) / std::sqrt(static_cast<double>(p.rows()));
+    tangent.col(a).noalias() = deviation * p.col(a);
   }
   return tangent;
+}
+
+FewPoints all_alike(Eigen::MatrixXd points) {
+  const Eigen::Index n = points.rows();
+  return {std::move(points), Eigen::VectorXd::Constant(n, 1 / static_cast<double>(n)), {}};
 }
 
 }  // namespace
@@ -62,23 +67,37 @@ Eigen::MatrixXd equally_likely(const Eigen::Ref<const Eigen::MatrixXd>& points,
   return points(numerics::equal_draws(weights, k_prediction_points), Eigen::all);
 }
 
-PosteriorFunctions functions_at(const reduction::ParameterFunctions& functions, Eigen::MatrixXd points) {
+FewPoints few_points(const Posterior& posterior) {
+  if (posterior.few.weights.size() > 0) return posterior.few;
+  return all_alike(equally_likely(posterior.points, posterior.weights));
+}
+
+PosteriorFunctions functions_at(const reduction::ParameterFunctions& functions, FewPoints few) {
   reduction::FunctionBatch batch;
-  batch.resize(points.rows(), functions.dimension(), functions.count(), 0);
-  functions.evaluate(points, 0, batch);
+  batch.resize(few.points.rows(), functions.dimension(), functions.count(), 0);
+  functions.evaluate(few.points, 0, batch);
   PosteriorFunctions w;
   w.deviation = batch.value.transpose();
-  w.mean = w.deviation.rowwise().mean();
+  w.mean = w.deviation * few.weights;
   w.deviation.colwise() -= w.mean;
-  w.factor = covariance_factor(w.deviation);
-  w.tangent = regression(w.deviation, std::move(points));
+  const Eigen::VectorXd root = few.weights.cwiseSqrt();
+  const Eigen::MatrixXd scaled = w.deviation * root.asDiagonal();
+  const Eigen::RowVectorXd centre = few.weights.transpose() * few.points;
+  const Eigen::MatrixXd p = root.asDiagonal() * (few.points.rowwise() - centre);
+  w.factor = covariance_factor(scaled);
+  w.tangent = regression(scaled, p);
+  if (few.cell.size() > 0) {
+    const Eigen::MatrixXd square = p.transpose() * p;
+    w.cell = scaled * (p * square.ldlt().solve(few.cell));
+  }
+  w.weights = std::move(few.weights);
   return w;
 }
 
 PosteriorFunctions posterior_functions(const reduction::ParameterFunctions& functions,
                                        const Eigen::Ref<const Eigen::MatrixXd>& points,
                                        const Eigen::Ref<const Eigen::VectorXd>& weights) {
-  return functions_at(functions, equally_likely(points, weights));
+  return functions_at(functions, all_alike(equally_likely(points, weights)));
 }
 
 PosteriorFunctions prior_functions(const reduction::ParameterFunctions& functions,
@@ -86,7 +105,7 @@ PosteriorFunctions prior_functions(const reduction::ParameterFunctions& function
   Eigen::MatrixXd z = numerics::sobol_normal_points(k_prediction_points, transform.dimension(), 1);
   Eigen::MatrixXd p(z.rows(), z.cols()), none;
   transform.evaluate(z, 0, p, none, none);
-  return functions_at(functions, std::move(p));
+  return functions_at(functions, all_alike(std::move(p)));
 }
 
 }  // namespace knothe::assimilation

@@ -3,16 +3,19 @@
 #include <Eigen/Core>
 #include <memory>
 
+#include "knothe/assimilation/update/posterior.hpp"
 #include "knothe/assimilation/update/prior_transform.hpp"
 #include "knothe/reduction/observe/observed_model.hpp"
 
 namespace knothe::assimilation {
 
-/// w over a few equally likely points of a distribution of p. The prediction at time t, lift_t + (OU) C_t w,
+/// w over a few weighted points of a distribution of p. The prediction at time t, lift_t + (OU) C_t w,
 /// has mean (OU) C_t `mean` + lift_t and covariance (OU) C_t F Fᵀ C_tᵀ (OU)ᵀ with F = `factor`.
 struct PosteriorFunctions {
   Eigen::VectorXd mean;       ///< w̄, r
   Eigen::MatrixXd deviation;  ///< r × n, w(p_k) − w̄
+  Eigen::VectorXd weights;    ///< n, of the points, sum 1
+  Eigen::MatrixXd cell;       ///< r × d: edges, in w, of the cell that each point stands for; or empty
   Eigen::MatrixXd factor;     ///< r × q, F: covariance of w up to 1e-8 of its trace
   /// r × d: where w goes when a parameter increases by a standard deviation (of what those before it leave
   /// open), by regression.
@@ -28,9 +31,11 @@ inline constexpr Eigen::Index k_prediction_points = 256;
 [[nodiscard]] Eigen::MatrixXd equally_likely(const Eigen::Ref<const Eigen::MatrixXd>& points,
                                              const Eigen::Ref<const Eigen::VectorXd>& weights);
 
-/// At equally likely points, n × d.
+/// The posterior's rule of few points where it has one, else `equally_likely` points.
+[[nodiscard]] FewPoints few_points(const Posterior& posterior);
+
 [[nodiscard]] PosteriorFunctions functions_at(const reduction::ParameterFunctions& functions,
-                                              Eigen::MatrixXd points);
+                                              FewPoints few);
 
 /// From weighted points (n × d and n, sum 1), thinned by `equally_likely`.
 [[nodiscard]] PosteriorFunctions posterior_functions(const reduction::ParameterFunctions& functions,

@@ -2,10 +2,12 @@
 
 #include <fmt/format.h>
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 
 #include "knothe/assimilation/update/maximum_a_posteriori.hpp"
+#include "knothe/assimilation/update/posterior_functions.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/monotonic_time.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
@@ -21,6 +23,8 @@ constexpr double k_quadrature_below = 0.98;
 /// Of the log-evidence, of means and standard deviations in standard deviations; and of the mass left out at
 /// the border of the grid, which costs moments a few times as much.
 constexpr double k_converged = 0.01, k_border_mass = 1e-3;
+/// As many nodes as a map and its verification take time for.
+constexpr Eigen::Index k_max_quadrature_nodes = 60'000;
 /// Of the log-evidence, of a posterior by quadrature alone: quantiles to 1e-3 std.
 constexpr double k_grid_tolerance = 1e-8;
 
@@ -94,11 +98,11 @@ void PosteriorSolver::solve(const StepForm& last, Posterior& posterior, UpdateTi
 
 void PosteriorSolver::solve_collapsed(Posterior& posterior, UpdateTimes& times) {
   shares_.reset();
-  if (kind_ == Method::grid) {
-    by_grid(posterior, times);
-  } else {
-    by_collapsed_map(posterior, times);
-  }
+  posterior.few = {};
+  posterior.method = Method::transport;
+  if (kind_ == Method::grid) return by_grid(posterior, times);
+  if (kind_ == Method::automatic && by_quadrature(posterior, times)) return;
+  by_collapsed_map(posterior, times);
 }
 
 Eigen::VectorXd PosteriorSolver::component_shares(const Posterior& posterior) {
@@ -119,6 +123,47 @@ double PosteriorSolver::expected_noise_level(const Posterior& posterior) {
   return mean;
 }
 
+/// False, and nothing has been set, where it would take more nodes than a map costs.
+bool PosteriorSolver::by_quadrature(Posterior& r, UpdateTimes& times) {
+  const Eigen::Index d = transform_->dimension();
+  if (d > 3) return false;
+  const auto start = monotonic_now();
+  using Axes = QuadratureOptions::Axes;
+  const QuadraturePosterior quadrature =
+      tensor_quadrature(target_, {.axes = d < 3 ? Axes::parameters : Axes::modes,
+                                  .evidence_tolerance = k_converged,
+                                  .moment_tolerance = k_converged,
+                                  .max_nodes = k_max_quadrature_nodes},
+                        search_);
+  times.map = microseconds_since(start);
+  if (!quadrature.resolved()) return false;
+  take(quadrature, r);
+  r.map_mean = r.mean;
+  r.map_covariance = r.covariance;
+  r.log_evidence_lower_bound = r.log_evidence;
+  r.by_quadrature = true;
+  set_few_points(quadrature, r);
+  times.map = microseconds_since(start);
+  return true;
+}
+
+/// Every other node, whose rule has the moments and the evidence of all to 1 %; but those that carry little,
+/// together less than that.
+void PosteriorSolver::set_few_points(const QuadraturePosterior& quadrature, Posterior& r) {
+  std::vector<Eigen::Index> kept;
+  const double floor = 0.01 / static_cast<double>(r.weights.size());
+  for (const Eigen::Index i : quadrature.every_other)
+    if (r.weights[i] > floor) kept.push_back(i);
+  if (kept.size() > static_cast<std::size_t>(k_prediction_points)) return;
+  r.few.points = r.points(kept, Eigen::all);
+  r.few.weights = r.weights(kept);
+  r.few.weights /= r.few.weights.sum();
+  const auto width = [](const Eigen::MatrixXd& quantiles) -> Eigen::VectorXd {
+    return quantiles.rightCols<1>() - quantiles.leftCols<1>();
+  };
+  r.few.cell = width(r.quantiles).cwiseQuotient(width(quadrature.quantiles)).asDiagonal() * quadrature.cell;
+}
+
 void PosteriorSolver::by_grid(Posterior& r, UpdateTimes& times) {
   const auto start = monotonic_now();
   // The plain answer: a first look that no ridge of a crack's run slips through.
@@ -127,7 +172,8 @@ void PosteriorSolver::by_grid(Posterior& r, UpdateTimes& times) {
   const Eigen::Index d = transform_->dimension();
   const QuadraturePosterior grid = tensor_quadrature(target_, {.axes = d < 3 ? Axes::parameters : Axes::modes,
                                                                .evidence_tolerance = k_grid_tolerance,
-                                                               .coarse_nodes = k_nodes[d - 1]});
+                                                               .coarse_nodes = k_nodes[d - 1],
+                                                               .whole_range = d < 3});
   take(grid, r);
   r.map_mean = r.mean;
   r.map_covariance = r.covariance;
@@ -171,7 +217,7 @@ void PosteriorSolver::by_collapsed_map(Posterior& r, UpdateTimes& times) {
 }
 
 void PosteriorSolver::integrate(sampling::LogDensity& target, Posterior& r) {
-  const QuadraturePosterior quadrature = tensor_quadrature(target);
+  const QuadraturePosterior quadrature = tensor_quadrature(target, {}, search_);
   take(quadrature, r);
   r.by_quadrature = quadrature.evidence_change <= k_converged && quadrature.moment_change <= k_converged &&
                     quadrature.mass_at_border <= k_border_mass;
@@ -231,19 +277,20 @@ void PosteriorSolver::take(const transport::MapResult& map, Posterior& r) {
 }
 
 void PosteriorSolver::take(const QuadraturePosterior& quadrature, Posterior& r) {
-  const QuadraturePosterior::Nodes& nodes = quadrature.nodes;
-  if (nodes.runs.empty()) {
-    take(quadrature.points, quadrature.weights, quadrature.quantiles, r);
+  const QuadraturePosterior::Lattice& lattice = quadrature.lattice;
+  if (lattice.runs.empty()) {
+    take(quadrature.turned_points, quadrature.weights, quadrature.quantiles, r);
   } else {  // p(z) goes axis by axis
-    Eigen::MatrixXd axes(nodes.axes.rows(), nodes.axes.cols());
-    transform_->evaluate(nodes.axes, 0, axes, no_derivatives_, no_derivatives_);
-    r.points = reduction::nodes_of(axes, nodes.runs)(nodes.kept, Eigen::all);
+    Eigen::MatrixXd axes(lattice.axes.rows(), lattice.axes.cols());
+    transform_->evaluate(lattice.axes, 0, axes, no_derivatives_, no_derivatives_);
+    r.points = lattice.points_on(axes);
     r.weights = quadrature.weights;
     r.summarise();
     r.quantiles = transform_->carry(quadrature.quantiles);
     if (target_.component_count() > 1)
-      shares_ = target_.component_shares(nodes.axes, nodes.runs, nodes.weights);
+      shares_ = target_.component_shares(lattice.axes, lattice.runs, lattice.weights);
   }
+  r.method = Method::grid;
   r.log_evidence = quadrature.log_evidence;
 }
 

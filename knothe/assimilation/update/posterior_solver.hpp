@@ -49,6 +49,8 @@ class PosteriorSolver {
   [[nodiscard]] CollapsedLogDensity& target() { return target_; }
 
  private:
+  [[nodiscard]] bool by_quadrature(Posterior& posterior, UpdateTimes& times);
+  static void set_few_points(const QuadraturePosterior& quadrature, Posterior& posterior);
   void by_grid(Posterior& posterior, UpdateTimes& times);
   void by_collapsed_map(Posterior& posterior, UpdateTimes& times);
   void by_composed_maps(const StepForm& last, Posterior& posterior, UpdateTimes& times);
@@ -67,6 +69,7 @@ class PosteriorSolver {
   transport::ImportanceCorrection correction_;
   std::optional<MapComposition> composition_;  ///< for Form::composed
   std::optional<Eigen::VectorXd> shares_;      ///< of a mixture's parts, where quadrature has given them
+  sampling::ModeSearch search_;
   Eigen::MatrixXd no_derivatives_, map_points_;
 };
 

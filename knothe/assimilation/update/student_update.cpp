@@ -38,6 +38,7 @@ Eigen::VectorXd functions_at_medians(const reduction::ObservedModel& model, cons
 
 UpdateOptions of_all_data(UpdateOptions options) {
   options.form = UpdateOptions::Form::collapsed;
+  if (options.kind == Method::automatic) options.kind = Method::transport;
   return options;
 }
 

@@ -10,7 +10,6 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
-#include "knothe/sampling/mode_search.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -19,11 +18,15 @@ using Eigen::Index;
 using numerics::k_quantile_levels;
 using reduction::GridRun;
 
-constexpr double k_mask_depth = 24.0;  ///< log-density below the maximum at which coarse nodes count as empty
+/// Log-density below the maximum at which nodes count as empty: 2e-9 of a Gaussian's mass is beyond.
+constexpr double k_mask_depth = 20;
+/// Spacing of the first grid in standard deviations of the narrowest mode along its axes, others held. Half of
+/// it resolves a Gaussian to 1e-5 with every other node, and to rounding with all.
+constexpr double k_coarse_spacing = 1.2;
+constexpr double k_range = 8.5;  ///< of z; beyond it is less than 1e-16 of the prior
 constexpr Index k_block = 512;         ///< nodes evaluated at once
 constexpr int k_max_zooms = 8, k_max_growths = 60;
-constexpr double k_moment_tolerance = 1e-2;  ///< from every other node to all
-constexpr double k_too_coarse = 0.3;         ///< of the log-evidence on the coarse grid
+constexpr double k_no_zoom = 0.55;  ///< a window that shrinks to more than this share of its width stays
 constexpr Index k_max_refinement = 32;       ///< fine intervals in a coarse one
 constexpr double k_spread = 1.3;             ///< of a node, for quantiles, in spacings
 
@@ -32,29 +35,24 @@ struct Frame {
   Eigen::VectorXd centre;       ///< z = centre + axes u
   Eigen::MatrixXd axes;         ///< empty: z = u
   Eigen::VectorXd first, last;  ///< u, the window looked at first
-  double depth = 40;            ///< log-density below the maximum at which the window ends
-  bool may_grow = false;
-  Index coarse_nodes = 49;  ///< per axis
+  Index coarse_nodes;           ///< per axis
+  double limit;                 ///< of |u|, that the window may grow to
 
   [[nodiscard]] Eigen::MatrixXd to_z(Eigen::MatrixXd u) const {
     if (axes.size() == 0) return u;
     return (u * axes.transpose()).rowwise() + centre.transpose();
+  }
+  [[nodiscard]] Eigen::VectorXd to_u(const Eigen::VectorXd& z) const {
+    if (axes.size() == 0) return z;
+    return axes.partialPivLu().solve(z - centre);
   }
   [[nodiscard]] double log_volume() const {
     return axes.size() == 0 ? 0 : std::log(std::abs(axes.determinant()));
   }
 };
 
-Frame frame_of_parameters(Index d) {
-  static constexpr Index k_nodes[] = {257, 49, 25};
-  constexpr double k_range = 8.5;
-  return {{},
-          {},
-          Eigen::VectorXd::Constant(d, -k_range),
-          Eigen::VectorXd::Constant(d, k_range),
-          40,
-          false,
-          k_nodes[d - 1]};
+Frame frame_of_range(Index d, Index coarse_nodes) {
+  return {{}, {}, Eigen::VectorXd::Constant(d, -k_range), Eigen::VectorXd::Constant(d, k_range), coarse_nodes, k_range};
 }
 
 /// An orthogonal matrix (a reflection) whose rows have incommensurable entries. Nodes of a lattice along the
@@ -68,28 +66,34 @@ Eigen::MatrixXd turned_axes(Index d) {
   return Eigen::MatrixXd::Identity(d, d) - 2 / v.squaredNorm() * v * v.transpose();
 }
 
-/// Seven standard deviations around every mode that counts.
-Frame frame_of_modes(sampling::CheckedDensity& target) {
-  static constexpr Index k_nodes[] = {257, 65, 25};
-  constexpr double k_spreads = 7, k_negligible = 14;  ///< the latter of a mode's log-mass
+/// Six and a half standard deviations around every mode that counts.
+Frame frame_of_modes(sampling::CheckedDensity& target, const QuadratureOptions& options,
+                     sampling::ModeSearch& search) {
+  constexpr double k_spreads = 6.5, k_negligible = 14;  ///< the latter of a mode's log-mass
+  constexpr Index k_min_nodes = 13, k_max_nodes = 257;
   const Index d = target.dimension();
   std::vector<sampling::Mode> modes;
-  sampling::ModeSearch().run(target, true, modes);
-  Frame frame{modes[0].point,
-              modes[0].lower * turned_axes(d),
-              Eigen::VectorXd::Constant(d, -k_spreads),
-              Eigen::VectorXd::Constant(d, k_spreads),
-              k_mask_depth,
-              true,
-              k_nodes[d - 1]};
-  const Eigen::PartialPivLU<Eigen::MatrixXd> to_u(frame.axes);
+  search.run(target, true, modes);
+  const bool own_axes = options.axes == QuadratureOptions::Axes::parameters;
+  Frame frame{{}, {}, {}, {}, options.coarse_nodes, own_axes ? k_range : 1e300};
+  if (!own_axes) {
+    frame.centre = modes[0].point;
+    frame.axes = modes[0].lower * turned_axes(d);
+  }
+  Eigen::VectorXd narrowest = Eigen::VectorXd::Constant(d, std::numeric_limits<double>::infinity());
+  frame.first = narrowest, frame.last = -narrowest;
   for (const sampling::Mode& mode : modes) {
     if (mode.log_mass < modes[0].log_mass - k_negligible) continue;
-    const Eigen::VectorXd u = to_u.solve(mode.point - frame.centre);
-    const Eigen::VectorXd spread = to_u.solve(mode.lower).rowwise().norm();
-    frame.first = frame.first.cwiseMin(u - k_spreads * spread);
-    frame.last = frame.last.cwiseMax(u + k_spreads * spread);
+    const Eigen::VectorXd u = frame.to_u(mode.point);
+    const Eigen::MatrixXd factor = own_axes ? mode.lower : frame.axes.partialPivLu().solve(mode.lower);
+    const Eigen::VectorXd spread = factor.rowwise().norm();
+    narrowest = narrowest.cwiseMin(factor.inverse().colwise().norm().cwiseInverse().transpose());
+    frame.first = frame.first.cwiseMin(u - k_spreads * spread).cwiseMax(-frame.limit);
+    frame.last = frame.last.cwiseMax(u + k_spreads * spread).cwiseMin(frame.limit);
   }
+  if (frame.coarse_nodes > 0) return frame;
+  const double intervals = (frame.last - frame.first).cwiseQuotient(k_coarse_spacing * narrowest).maxCoeff();
+  frame.coarse_nodes = std::clamp(static_cast<Index>(std::min(intervals, 1e6)) + 2, k_min_nodes, k_max_nodes);
   return frame;
 }
 
@@ -102,6 +106,7 @@ struct Grid {
   [[nodiscard]] Index dimension() const { return first.size(); }
   [[nodiscard]] Index rows() const { return dimension() == 1 ? 1 : dimension() == 2 ? count : count * count; }
   [[nodiscard]] Index size() const { return rows() * count; }
+  [[nodiscard]] double node(Index i, Index k) const { return first[k] + static_cast<double>(i) * spacing[k]; }
   /// The nodes of each axis, count × d.
   [[nodiscard]] Eigen::MatrixXd axes() const {
     Eigen::MatrixXd nodes(count, dimension());
@@ -111,6 +116,12 @@ struct Grid {
   /// Node of axis k < d − 1 at which row `row` lies.
   [[nodiscard]] Index place(Index row, Index k) const {
     return dimension() == 3 && k == 0 ? row / count : row % count;
+  }
+  /// Whether a row lies on every `stride`-th line of all axes but the last.
+  [[nodiscard]] bool is_every(Index stride, Index row) const {
+    for (Index k = 0; k + 1 < dimension(); ++k)
+      if (place(row, k) % stride != 0) return false;
+    return true;
   }
 };
 
@@ -131,13 +142,11 @@ std::vector<GridRun> all_nodes(const Grid& grid) {
 /// The target on grids of one frame.
 class GridDensity {
  public:
-  GridDensity(sampling::LogDensity& target, const QuadratureOptions& options)
+  GridDensity(sampling::LogDensity& target, const QuadratureOptions& options, sampling::ModeSearch& search)
       : checked_(target),
         by_rows_(dynamic_cast<reduction::GridEvaluator*>(&target)),
-        frame_(options.axes == QuadratureOptions::Axes::modes ? frame_of_modes(checked_)
-                                                              : frame_of_parameters(target.dimension())) {
-    if (options.coarse_nodes > 0) frame_.coarse_nodes = options.coarse_nodes;
-  }
+        frame_(options.whole_range ? frame_of_range(target.dimension(), options.coarse_nodes)
+                                   : frame_of_modes(checked_, options, search)) {}
 
   [[nodiscard]] const Frame& frame() const { return frame_; }
   [[nodiscard]] std::int64_t evaluations() const { return evaluations_ + checked_.evaluations(); }
@@ -199,7 +208,7 @@ Grid find_window(GridDensity& target, Eigen::VectorXd& values) {
   Grid grid = make_grid(frame.first, frame.last, count);
   for (int zooms = 0, growths = 0;;) {
     values = target.evaluate(grid, all_nodes(grid));
-    const Extent extent(grid, values, values.maxCoeff() - frame.depth);
+    const Extent extent(grid, values, values.maxCoeff() - k_mask_depth);
     Eigen::VectorXd first(d), last(d);
     double shrink = 1;  // of the axis that shrinks most
     bool grown = false;
@@ -207,13 +216,14 @@ Grid find_window(GridDensity& target, Eigen::VectorXd& values) {
       const auto axis = static_cast<std::size_t>(k);
       Index from = std::max<Index>(extent.low[axis] - 1, 0);
       Index to = std::min<Index>(extent.high[axis] + 1, count - 1);
-      if (frame.may_grow && extent.low[axis] == 0) from = -count / 8, grown = true;
-      if (frame.may_grow && extent.high[axis] == count - 1) to = count - 1 + count / 8, grown = true;
-      first[k] = grid.first[k] + static_cast<double>(from) * grid.spacing[k];
-      last[k] = grid.first[k] + static_cast<double>(to) * grid.spacing[k];
+      if (extent.low[axis] == 0 && grid.first[k] > -frame.limit) from = -count / 4, grown = true;
+      if (extent.high[axis] == count - 1 && grid.node(count - 1, k) < frame.limit)
+        to = count - 1 + count / 4, grown = true;
+      first[k] = std::max(grid.node(from, k), -frame.limit);
+      last[k] = std::min(grid.node(to, k), frame.limit);
       shrink = std::min(shrink, static_cast<double>(to - from) / static_cast<double>(count - 1));
     }
-    if (grown ? ++growths > k_max_growths : shrink > 0.75 || zooms++ == k_max_zooms) return grid;
+    if (grown ? ++growths > k_max_growths : shrink > k_no_zoom || zooms++ == k_max_zooms) return grid;
     grid = make_grid(first, last, count);
   }
 }
@@ -272,9 +282,7 @@ Marginals marginals(const Grid& grid, const std::vector<GridRun>& runs, const Ei
   const Index d = grid.dimension();
   Marginals result{Eigen::MatrixXd::Zero(grid.count, d)};
   for (const GridRun& run : runs) {
-    bool taken = true;
-    for (Index k = 0; k + 1 < d; ++k) taken = taken && grid.place(run.row, k) % stride == 0;
-    if (!taken) continue;
+    if (!grid.is_every(stride, run.row)) continue;
     const Index first = (run.begin + stride - 1) / stride * stride;
     const Index n = std::max<Index>((run.end - first + stride - 1) / stride, 0);
     const auto of_run = weights(Eigen::seqN(run.at + first - run.begin, n, stride));
@@ -310,22 +318,37 @@ QuadraturePosterior integrate(const Grid& grid, const std::vector<GridRun>& runs
   return result;
 }
 
-/// The points, but those that carry nothing (together less than 1e-8 of the mass): forecasts look at every
+/// The points, but those that carry nothing (together less than 1e-6 of the mass): forecasts look at every
 /// point there is.
 void take_points(QuadraturePosterior& posterior, const Frame& frame, const Grid& grid,
-                 const std::vector<GridRun>& runs) {
-  const Eigen::MatrixXd axes = grid.axes();
-  const bool axis_by_axis = grid.dimension() == 2 && frame.axes.size() == 0;
-  if (axis_by_axis) posterior.nodes = {axes, runs, posterior.weights, {}};
-  const double floor = 1e-8 / static_cast<double>(posterior.weights.size());
+                 std::vector<GridRun> runs) {
+  const bool has_lattice = grid.dimension() == 2 && frame.axes.size() == 0;
+  Eigen::VectorXd& weights = posterior.weights;
+  const double floor = 1e-6 / static_cast<double>(weights.size());
   std::vector<Index> kept;
-  kept.reserve(static_cast<std::size_t>(posterior.weights.size()));
-  for (Index i = 0; i < posterior.weights.size(); ++i)
-    if (posterior.weights[i] > floor) kept.push_back(i);
-  posterior.weights = posterior.weights(kept).eval();
-  posterior.points = frame.to_z(reduction::nodes_of(axes, runs)(kept, Eigen::all));
-  posterior.weights /= posterior.weights.sum();
-  if (axis_by_axis) posterior.nodes.kept = std::move(kept);
+  kept.reserve(static_cast<std::size_t>(weights.size()));
+  double sum = 0;
+  for (const GridRun& run : runs) {
+    const bool is_every_other = grid.is_every(2, run.row);
+    for (Index i = run.begin, node = run.at; i < run.end; ++i, ++node) {
+      if (weights[node] <= floor) continue;
+      if (has_lattice) posterior.lattice.places.push_back({run.row, i});
+      if (is_every_other && i % 2 == 0) posterior.every_other.push_back(static_cast<Index>(kept.size()));
+      kept.push_back(node);
+      sum += weights[node];
+    }
+  }
+  Eigen::VectorXd of_points = weights(kept) / sum;
+  if (has_lattice) {
+    posterior.lattice.axes = grid.axes();
+    posterior.lattice.weights = std::move(weights);
+    posterior.lattice.runs = std::move(runs);
+  } else {
+    posterior.turned_points = frame.to_z(reduction::nodes_of(grid.axes(), runs)(kept, Eigen::all));
+  }
+  weights = std::move(of_points);
+  posterior.cell = 2 * grid.spacing.asDiagonal().toDenseMatrix();
+  if (frame.axes.size() > 0) posterior.cell = (frame.axes * posterior.cell).eval();
 }
 
 /// Marginal quantiles of z, d × levels.
@@ -338,13 +361,14 @@ Eigen::MatrixXd quantiles(const QuadraturePosterior& posterior, const Frame& fra
     return std::span(column.data(), static_cast<std::size_t>(column.size()));
   };
   const Eigen::MatrixXd lines = grid.axes();
+  const Eigen::MatrixXd& points = posterior.turned_points;
   for (Index k = 0; k < d; ++k) {
     if (frame.axes.size() == 0) {
       numerics::lattice_quantiles(span_of(lines.col(k)), span_of(all.mass.col(k)), k_spread * grid.spacing[k],
                                   k_quantile_levels, found);
     } else {
       const double spacing = (frame.axes.row(k).transpose().array() * grid.spacing.array()).matrix().norm();
-      numerics::lattice_quantiles(span_of(posterior.points.col(k)), span_of(posterior.weights),
+      numerics::lattice_quantiles(span_of(points.col(k)), span_of(posterior.weights),
                                   k_spread * spacing, k_quantile_levels, found);
     }
     result.row(k) = Eigen::Map<const Eigen::RowVectorXd>(found.data(), result.cols());
@@ -352,24 +376,28 @@ Eigen::MatrixXd quantiles(const QuadraturePosterior& posterior, const Frame& fra
   return result;
 }
 
-/// By how much finer than the coarse grid the first rule is. The trapezoidal rule gains digits exponentially
-/// on a smooth density that ends inside its window: along the parameters the coarse grid has some two nodes
-/// per standard deviation, so that one refinement mostly changes nothing. Its error at half the spacing is
-/// the fourth power or so: where leaving out every other coarse node changes much, one would not do. Along
-/// the modes the coarse grid itself mostly does.
-Index first_refinement(const Frame& frame, const QuadraturePosterior& coarse) {
-  if (frame.axes.size() == 0) return coarse.evidence_change > k_too_coarse ? 4 : 2;
-  return 1;
-}
-
 }  // namespace
 
+Eigen::MatrixXd QuadraturePosterior::Lattice::points_on(const Eigen::MatrixXd& nodes) const {
+  Eigen::MatrixXd points(static_cast<Index>(places.size()), 2);
+  for (std::size_t i = 0; i < places.size(); ++i)
+    for (std::size_t k = 0; k < 2; ++k)
+      points(static_cast<Index>(i), static_cast<Index>(k)) = nodes(places[i][k], static_cast<Index>(k));
+  return points;
+}
+
 QuadraturePosterior tensor_quadrature(sampling::LogDensity& target, const QuadratureOptions& options) {
+  sampling::ModeSearch search;
+  return tensor_quadrature(target, options, search);
+}
+
+QuadraturePosterior tensor_quadrature(sampling::LogDensity& target, const QuadratureOptions& options,
+                                      sampling::ModeSearch& search) {
   const Index d = target.dimension();
   if (d < 1 || d > 3)
     throw UsageError(
         fmt::format("a grid takes 1 to 3 parameters, not {}: use \"transport\", \"mcmc\" or \"smc\"", d));
-  GridDensity density(target, options);
+  GridDensity density(target, options, search);
   const Frame& frame = density.frame();
   Eigen::VectorXd coarse_values;
   const Grid coarse = find_window(density, coarse_values);
@@ -378,9 +406,9 @@ QuadraturePosterior tensor_quadrature(sampling::LogDensity& target, const Quadra
   Marginals all;
   QuadraturePosterior result = integrate(grid, runs, coarse_values, frame.log_volume(), all);
   const auto settled = [&] {
-    return result.evidence_change < options.evidence_tolerance && result.moment_change < k_moment_tolerance;
+    return result.evidence_change < options.evidence_tolerance && result.moment_change < options.moment_tolerance;
   };
-  for (Index factor = first_refinement(frame, result), done = 1;; factor *= 2) {
+  for (Index factor = 1, done = 1;; factor *= 2) {
     if (factor > 1) {
       grid.count = (coarse.count - 1) * factor + 1;
       grid.spacing = coarse.spacing / static_cast<double>(factor);
@@ -391,7 +419,7 @@ QuadraturePosterior tensor_quadrature(sampling::LogDensity& target, const Quadra
     const Index next = size_of(runs) << d;
     if (settled() || done == k_max_refinement || next > options.max_nodes) break;
   }
-  take_points(result, frame, grid, runs);
+  take_points(result, frame, grid, std::move(runs));
   result.quantiles = quantiles(result, frame, grid, all);
   result.evaluations = density.evaluations();
   return result;

@@ -3,33 +3,38 @@
 /// mass is: the plain answer, and what an update falls back on when no map represents the posterior well
 /// (several modes, a ridge bent against the box).
 #include <Eigen/Core>
+#include <array>
 #include <cstdint>
 #include <vector>
 
 #include "knothe/reduction/grid/grid_evaluator.hpp"
 #include "knothe/sampling/log_density.hpp"
+#include "knothe/sampling/mode_search.hpp"
 
 namespace knothe::assimilation {
 
 struct QuadratureOptions {
   enum class Axes {
-    /// Those of z, on |z| ≤ 8.5. Needs no derivatives; cheapest with one and two parameters.
+    /// Those of z, on |z| ≤ 8.5: cheapest with one and two parameters.
     parameters,
     /// z = μ + L Q u with mode μ, Laplace factor L and a turn Q, on a box of u that holds all modes found:
     /// few nodes for a narrow ridge, and the only ones that pay with three parameters.
     modes
   } axes = Axes::parameters;
-  /// Refined until leaving out every other node changes the log-evidence by less than this (and no moment by
-  /// more than 1e-2). At 1e-3 moments have converged; quantiles to 1e-3 std want 1e-8.
-  double evidence_tolerance = 1e-3;
-  /// Of each axis, in the first look; 0: few, as many as a posterior needs that is no narrow curved ridge.
+  /// Refined until leaving out every other node changes the log-evidence by less than this, and means and
+  /// standard deviations by less than `moment_tolerance` standard deviations. At 1e-3 moments have converged;
+  /// quantiles to 1e-3 std want 1e-8.
+  double evidence_tolerance = 1e-3, moment_tolerance = 1e-2;
+  /// Of each axis, in the first look; 0: as many as the narrowest mode needs.
   Eigen::Index coarse_nodes = 0;
+  /// The first look is at all |z| ≤ 8.5 with `coarse_nodes` along the parameters' axes, not around the modes
+  /// found: the plain answer.
+  bool whole_range = false;
   Eigen::Index max_nodes = 4'000'000;  ///< evaluated at once, about
 };
 
 /// Nodes in z with normalised weights, and what follows from them.
 struct QuadraturePosterior {
-  Eigen::MatrixXd points;     ///< n × d, z
   Eigen::VectorXd weights;    ///< n, sum 1
   Eigen::MatrixXd quantiles;  ///< d × levels (`k_quantile_levels`), marginal, of z
   double log_evidence = 0;
@@ -43,13 +48,22 @@ struct QuadraturePosterior {
   [[nodiscard]] bool resolved() const {
     return evidence_change <= 0.01 && moment_change <= 0.01 && mass_at_border <= 1e-5;
   }
-  /// All nodes that were looked at: two parameters along their own axes, else empty.
-  struct Nodes {
-    Eigen::MatrixXd axes;                  ///< n × 2
-    std::vector<reduction::GridRun> runs;  ///< of them
-    Eigen::VectorXd weights;               ///< sum 1
-    std::vector<Eigen::Index> kept;        ///< which of them are `points`
-  } nodes;
+  /// Two parameters along their own axes; else empty.
+  struct Lattice {
+    Eigen::MatrixXd axes;                  ///< nodes of each axis, n × 2, z
+    std::vector<reduction::GridRun> runs;  ///< all nodes looked at
+    Eigen::VectorXd weights;               ///< of all of them, sum 1
+    std::vector<std::array<Eigen::Index, 2>> places;  ///< of the points, on the axes
+    /// The points where these are the nodes of the axes.
+    [[nodiscard]] Eigen::MatrixXd points_on(const Eigen::MatrixXd& nodes) const;
+  } lattice;
+  Eigen::MatrixXd turned_points;  ///< n × d, z; empty where there is a lattice
+  std::vector<Eigen::Index> every_other;  ///< which points lie on every other line of each axis
+  Eigen::MatrixXd cell;                   ///< d × d, z: edges of the cell of one of these
+
+  [[nodiscard]] Eigen::MatrixXd points() const {
+    return lattice.runs.empty() ? turned_points : lattice.points_on(lattice.axes);
+  }
 };
 
 /// Largest number of parameters for which an update falls back on this.
@@ -62,5 +76,9 @@ inline constexpr Eigen::Index k_max_quadrature_parameters = 2;
 /// `Axes::modes`.
 [[nodiscard]] QuadraturePosterior tensor_quadrature(sampling::LogDensity& target,
                                                     const QuadratureOptions& options = {});
+/// The same with the workspace of another search, for one after the other.
+[[nodiscard]] QuadraturePosterior tensor_quadrature(sampling::LogDensity& target,
+                                                    const QuadratureOptions& options,
+                                                    sampling::ModeSearch& search);
 
 }  // namespace knothe::assimilation

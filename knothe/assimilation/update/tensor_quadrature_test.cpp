@@ -24,13 +24,16 @@ class Mixture final : public sampling::LogDensity {
   [[nodiscard]] int available_derivatives() const override { return 0; }
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int, sampling::LogDensityBatch& out) override {
     for (Eigen::Index i = 0; i < z.rows(); ++i) {
-      double sum = 0;
-      for (const Part& part : parts_) {
+      Eigen::VectorXd log_density(static_cast<Eigen::Index>(parts_.size()));
+      for (std::size_t k = 0; k < parts_.size(); ++k) {
+        const Part& part = parts_[k];
         const Eigen::VectorXd e = z.row(i).transpose() - part.mean;
-        sum += part.weight * std::exp(-0.5 * e.dot(part.covariance.inverse() * e)) /
-               std::sqrt((2 * std::numbers::pi * part.covariance).determinant());
+        log_density[static_cast<Eigen::Index>(k)] =
+            std::log(part.weight) - 0.5 * e.dot(part.covariance.inverse() * e) -
+            0.5 * std::log((2 * std::numbers::pi * part.covariance).determinant());
       }
-      out.value[i] = std::log(sum);
+      const double largest = log_density.maxCoeff();
+      out.value[i] = largest + std::log((log_density.array() - largest).exp().sum());
     }
   }
 
@@ -44,8 +47,8 @@ TEST(TensorQuadrature, NarrowCorrelatedGaussian) {
   covariance << 9e-4, 0.98 * 0.03 * 0.05, 0.98 * 0.03 * 0.05, 25e-4;
   Mixture target({{std::exp(-7.0), Eigen::Vector2d(1.7, -2.2), covariance}});
   const QuadraturePosterior q = tensor_quadrature(target);
-  const Eigen::Vector2d mean = q.points.transpose() * q.weights;
-  const Eigen::MatrixXd e = q.points.rowwise() - mean.transpose();
+  const Eigen::Vector2d mean = q.points().transpose() * q.weights;
+  const Eigen::MatrixXd e = q.points().rowwise() - mean.transpose();
   const Eigen::Matrix2d found = e.transpose() * q.weights.asDiagonal() * e;
   EXPECT_NEAR(q.log_evidence, -7.0, 1e-6);
   EXPECT_LT(q.evidence_change, 1e-3);
@@ -59,7 +62,7 @@ TEST(TensorQuadrature, SeparatedModesAreAllThere) {
   const Eigen::Matrix2d narrow = 0.01 * Eigen::Matrix2d::Identity();
   Mixture target({{0.7, Eigen::Vector2d(-2, 1), narrow}, {0.3, Eigen::Vector2d(2.5, -1), 4 * narrow}});
   const QuadraturePosterior q = tensor_quadrature(target);
-  const Eigen::Vector2d mean = q.points.transpose() * q.weights;
+  const Eigen::Vector2d mean = q.points().transpose() * q.weights;
   EXPECT_NEAR(q.log_evidence, 0, 1e-6);
   EXPECT_NEAR(mean[0], 0.7 * -2 + 0.3 * 2.5, 1e-6);
   EXPECT_NEAR(mean[1], 0.7 - 0.3, 1e-6);

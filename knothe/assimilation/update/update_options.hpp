@@ -13,8 +13,8 @@
 namespace knothe::assimilation {
 
 struct UpdateOptions {
-  /// How the posterior is computed: `transport`, or `grid`. The others are `BaselineUpdate`'s.
-  Method kind = Method::transport;
+  /// How the posterior is computed: `automatic`, `transport` or `grid`. The others are `BaselineUpdate`'s.
+  Method kind = Method::automatic;
   /// All data in one quadratic form and one map (constant cost, no accumulated error), or a composition of
   /// one low-order map per datum (Rubio et al. 2019, Eq. 10-11).
   enum class Form { collapsed, composed } form = Form::collapsed;

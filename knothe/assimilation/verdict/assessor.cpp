@@ -6,11 +6,12 @@
 #include <algorithm>
 #include <boost/math/distributions/students_t.hpp>
 #include <cmath>
+#include <utility>
+#include <vector>
 
 #include "knothe/assimilation/update/prior_of_model.hpp"
 #include "knothe/numerics/statistics/chi_squared.hpp"
 #include "knothe/numerics/statistics/normal_distribution.hpp"
-#include "knothe/numerics/statistics/weighted_statistics.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -24,6 +25,44 @@ double normal_score(double t, double degrees) {
   return std::copysign(std::max(z, -38.0), t);
 }
 
+/// The distribution of a parameter's distance from an edge, linear between the points' distances: the nodes of
+/// a lattice have few of these, and each stands for what lies half way to its neighbours.
+class WayFromEdge {
+ public:
+  WayFromEdge(const UpdateResult& update, Index parameter, double edge) {
+    const Index n = update.weights.size();
+    std::vector<std::pair<double, double>> points(static_cast<std::size_t>(n));  // distance, weight
+    for (Index i = 0; i < n; ++i)
+      points[static_cast<std::size_t>(i)] = {std::abs(update.points(i, parameter) - edge), update.weights[i]};
+    std::sort(points.begin(), points.end());
+    double before = 0;
+    for (std::size_t i = 0; i < points.size();) {
+      double here = 0;
+      const double distance = points[i].first;
+      for (; i < points.size() && points[i].first <= distance * (1 + 1e-12); ++i) here += points[i].second;
+      add(distance, before + 0.5 * here);
+      before += here;
+    }
+    add(distance_.back(), before);
+  }
+  /// Distance within which that share of the mass is.
+  [[nodiscard]] double reach(double share) const { return between(share_, distance_, share); }
+  [[nodiscard]] double share_within(double distance) const { return between(distance_, share_, distance); }
+
+ private:
+  void add(double distance, double share) {
+    distance_.push_back(distance);
+    share_.push_back(share);
+  }
+  static double between(const std::vector<double>& x, const std::vector<double>& y, double at) {
+    const auto right = static_cast<std::size_t>(std::upper_bound(x.begin(), x.end() - 1, at) - x.begin());
+    if (right == 0) return y[0];
+    const double width = x[right] - x[right - 1];
+    return width > 0 ? y[right - 1] + (at - x[right - 1]) / width * (y[right] - y[right - 1]) : y[right];
+  }
+  std::vector<double> distance_ = {0}, share_ = {0};
+};
+
 /// Of the half of the mass next to an edge, the share in the nearer half of the way, at least: 0.56 for a
 /// normal density whose mean is a standard deviation beyond the edge, 0.59 for one that only falls.
 constexpr double k_half_next_to_it = 0.565;
@@ -36,16 +75,9 @@ constexpr double k_half_next_to_it = 0.565;
 double pressure(const UpdateResult& update, Index a, double edge) {
   // A standard deviation, or 1.3, is where such a density has its mean.
   if (std::abs(update.mean[a] - edge) > 2.5 * std::sqrt(update.covariance(a, a))) return 0;
-  const Eigen::VectorXd distance = (update.points.col(a).array() - edge).abs();
-  const std::array<double, 2> shares = {0.5, 0.8};
-  std::array<double, 2> way{};
-  numerics::WeightedQuantiles quantiles;
-  quantiles.compute({distance.data(), static_cast<std::size_t>(distance.size())},
-                    {update.weights.data(), static_cast<std::size_t>(update.weights.size())}, shares, way);
-  const auto nearer = [&](std::size_t k) {
-    return (distance.array() < 0.5 * way[k]).select(update.weights.array(), 0.0).sum() / shares[k];
-  };
-  return nearer(0) < k_half_next_to_it ? 0 : nearer(1);
+  const WayFromEdge way(update, a, edge);
+  const auto nearer = [&](double share) { return way.share_within(0.5 * way.reach(share)) / share; };
+  return nearer(0.5) < k_half_next_to_it ? 0 : nearer(0.8);
 }
 
 }  // namespace

@@ -131,11 +131,16 @@ Plot convergence_plot(const Results& results, std::size_t d) {
 
 Plot cost_plot(const Results& results) {
   const auto x = results.step_numbers();
-  Plot plot("Order of the map and time per step", {"step"}, {"order of the map", 0.0});
   PlotAxis cost{"time of an update (µs)"};
   const auto update = over_steps(results, [](const Step& s) { return s.update_us; });
   const double low = *std::min_element(update.begin(), update.end());
   cost.logarithmic = low > 0.0 && *std::max_element(update.begin(), update.end()) > 8.0 * low;
+  if (!results.has_maps()) {
+    Plot plot("Time per step", {"step"}, cost);
+    plot.line(x, update, Paint::series(1), "time of an update", {1.8});
+    return plot;
+  }
+  Plot plot("Order of the map and time per step", {"step"}, {"order of the map", 0.0});
   plot.right_axis(cost);
   plot.bars(x, over_steps(results, [](const Step& s) { return static_cast<double>(s.map_order); }), 0.8,
             Paint::series(5), "order of the map");

@@ -108,15 +108,21 @@ void add_forecasts(Page& page, const Results& results) {
 
 void add_method(Page& page, const Results& results) {
   page.section("How it was computed");
-  page.figures(
-      {figure_of(cost_plot(results), "Map order and time per step", 300.0),
-       figure_of(variance_diagnostic_plot(results), "Variance diagnostic", 300.0),
-       figure_of(sample_size_plot(results), "Effective sample size", 300.0)},
-      "Bars: polynomial order that the transport map needed at each step; line: time of the update, without "
-      "the "
-      "forecast. A step is trusted if the diagnostic is at most 0.05, the effective sample size at least 90 "
-      "%, and no "
-      "second mode was found.");
+  const bool maps = results.has_maps();
+  std::vector<Figure> figures = {
+      figure_of(cost_plot(results), maps ? "Map order and time per step" : "Time per step", 300.0)};
+  if (maps) {
+    figures.push_back(figure_of(variance_diagnostic_plot(results), "Variance diagnostic", 300.0));
+    figures.push_back(figure_of(sample_size_plot(results), "Effective sample size", 300.0));
+  }
+  const std::string by_maps =
+      "Bars: polynomial order that the transport map needed at each step, 0 where quadrature did without one; "
+      "line: time of the update, without the forecast. A step with a map is trusted if the diagnostic is at "
+      "most 0.05, the effective sample size at least 90 %, and no second mode was found.";
+  const std::string by_quadrature =
+      "Time of the update, without the forecast. The posteriors are by quadrature: a step is trusted if every "
+      "other node gives the same evidence, means and standard deviations to 1 %.";
+  page.figures(figures, maps ? by_maps : by_quadrature);
   std::vector<TableRow> untrusted;
   for (const auto& s : results.steps)
     if (!s.trusted)

@@ -90,6 +90,24 @@ std::vector<Card> headline(const Results& results) {
   return cards;
 }
 
+TableRow map_order_row(const Results& results) {
+  const auto& steps = results.steps;
+  const auto highest = static_cast<std::size_t>(
+      std::max_element(steps.begin(), steps.end(),
+                       [](const Step& a, const Step& b) { return a.map_order < b.map_order; }) -
+      steps.begin());
+  std::size_t first = highest, end = highest;
+  const int floor = std::max(2, steps[highest].map_order - 1);
+  for (std::size_t i = 0; i < steps.size(); ++i)
+    if (steps[i].map_order >= floor) first = std::min(first, i), end = std::max(end, i);
+  return {{"Map order", "1, and higher in steps 30–40 (changes at 32, 36, 38, 39)",
+           fmt::format("up to {} (first reached at step {}); {} or more between steps {} and {}",
+                       steps[highest].map_order, steps[highest].step, floor, steps[first].step,
+                       steps[end].step),
+           "Here each map carries the whole posterior (all data in one quadratic form), not one step's "
+           "change as in the paper's composition; and on this mesh the crack runs in steps 19–26."}};
+}
+
 std::vector<TableRow> comparison_with_paper(const Results& results) {
   const auto index = [&](const char* name) {
     for (std::size_t d = 0; d < results.parameters.size(); ++d)
@@ -125,20 +143,7 @@ std::vector<TableRow> comparison_with_paper(const Results& results) {
           "compliance is 65–75 mm long; the paper's damage band is wider, its supports softer, or both. An "
           "earlier horizon is where the length is uncertain."}});
   }
-  std::size_t highest = 0;
-  for (std::size_t i = 0; i < results.steps.size(); ++i)
-    if (results.steps[i].map_order > results.steps[highest].map_order) highest = i;
-  std::size_t first = highest, end = highest;
-  const int floor = std::max(2, results.steps[highest].map_order - 1);
-  for (std::size_t i = 0; i < results.steps.size(); ++i)
-    if (results.steps[i].map_order >= floor) first = std::min(first, i), end = std::max(end, i);
-  rows.push_back({{"Map order", "1, and higher in steps 30–40 (changes at 32, 36, 38, 39)",
-                   fmt::format("up to {} (first reached at step {}); {} or more between steps {} and {}",
-                               results.steps[highest].map_order, results.steps[highest].step, floor,
-                               results.steps[first].step, results.steps[end].step),
-                   "Here each map carries the whole posterior (all data in one quadratic form), not one "
-                   "step's change as in "
-                   "the paper's composition; and on this mesh the crack runs in steps 19–26."}});
+  if (results.has_maps()) rows.push_back(map_order_row(results));
   rows.push_back({{"Time of a step", "less than 5 s, forecast included",
                    [&] {
                      std::vector<double> total;

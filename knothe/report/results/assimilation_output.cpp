@@ -101,8 +101,8 @@ void AssimilationOutput::print_text(const engine::StepResult& result, double tot
     const auto i = static_cast<Eigen::Index>(k);
     text += fmt::format("  {} {}", axes_[k].name, value_text(r.mean[i], std::sqrt(r.covariance(i, i)), "1"));
   }
-  text += fmt::format("  order {}{}", r.map_order,
-                      r.verdict.level == assimilation::VerdictLevel::ok        ? " "
+  if (r.map_order > 0) text += fmt::format("  order {}", r.map_order);
+  text += fmt::format("{}", r.verdict.level == assimilation::VerdictLevel::ok        ? " "
                       : r.verdict.level == assimilation::VerdictLevel::caution ? "?"
                                                                                : "!");
   if (!result.forecasts.empty()) {

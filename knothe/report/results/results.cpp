@@ -342,6 +342,10 @@ std::vector<double> Results::step_numbers() const {
   return numbers;
 }
 
+bool Results::has_maps() const {
+  return std::any_of(steps.begin(), steps.end(), [](const Step& s) { return s.map_order > 0; });
+}
+
 std::vector<std::size_t> Results::untrusted() const {
   std::vector<std::size_t> numbers;
   for (const auto& s : steps)

@@ -104,6 +104,8 @@ struct Results {
 
   [[nodiscard]] std::vector<double> step_numbers() const;
   [[nodiscard]] std::vector<std::size_t> untrusted() const;
+  /// Whether the posterior of a step was by a transport map.
+  [[nodiscard]] bool has_maps() const;
   /// Names of all forecasts that the last step has.
   [[nodiscard]] std::vector<std::string> forecast_names() const;
 };

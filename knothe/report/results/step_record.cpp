@@ -96,6 +96,7 @@ Json step_record(const engine::StepResult& result, std::span<const reduction::Ax
                  {"covariance", rows_of(r.covariance)},
                  {"maximum_a_posteriori", to_json(r.maximum_a_posteriori)},
                  {"quantiles", {{"levels", numerics::k_quantile_levels}, {"values", rows_of(r.quantiles)}}},
+                 {"method", to_text(r.method)},
                  {"map_order", r.map_order},
                  {"variance_diagnostic", r.variance_diagnostic},
                  {"tolerance_reached", r.tolerance_reached},
