@@ -162,8 +162,8 @@ Eigen::Index distinct_rows(const Eigen::MatrixXd& m) {
 Method method_from(const std::string& text) {
   const std::optional<Method> method = from_text<Method>(text);
   if (method && is_one_shot(*method)) return one_shot(*method);
-  throw UsageError(
-      fmt::format("\"{}\" is not a method of inference: there are auto, transport, mcmc, smc and grid", text));
+  throw UsageError(fmt::format(
+      "\"{}\" is not a method of inference: there are auto, transport, mcmc, smc and grid", text));
 }
 
 double InferenceResult::seconds() const {

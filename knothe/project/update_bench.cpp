@@ -1,8 +1,8 @@
 /// @file Time of one update on the beam: the claim of docs/explanation/assimilation.md.
 ///
-/// usage: update_bench PROJECT.toml [REPEATS] [METHOD]   (model and data of the project must be there; bench/run.sh
-/// makes them) Prints machine, threads, median, 99th percentile and maximum over all steps and repeats of what
-/// the engine does with a datum: posterior, monitor, verdict; forecasts apart.
+/// usage: update_bench PROJECT.toml [REPEATS] [METHOD]   (model and data of the project must be there;
+/// bench/run.sh makes them) Prints machine, threads, median, 99th percentile and maximum over all steps and
+/// repeats of what the engine does with a datum: posterior, monitor, verdict; forecasts apart.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -62,8 +62,8 @@ int main(int argc, char** argv) {
   const project::UpdateSetup setup = project::set_up(project);
   const engine::EngineSetup engine_setup = project::engine_setup(project, setup);
   const std::size_t steps = setup.measurements.time.size();
-  fmt::print("{}, 1 thread; {} form, r = {}, {} dofs, {} steps, {} repeats, method {}, tolerance {:g}\n", processor(),
-             reduction::to_text(setup.model.contents().form), setup.observed->functions->count(),
+  fmt::print("{}, 1 thread; {} form, r = {}, {} dofs, {} steps, {} repeats, method {}, tolerance {:g}\n",
+             processor(), reduction::to_text(setup.model.contents().form), setup.observed->functions->count(),
              setup.observed->observations(), steps, repeats, to_text(project.method.kind),
              project.method.update.map.tolerance);
   std::vector<double> all, processor_time, forecast, early, middle, late, posterior, watch, verdict;

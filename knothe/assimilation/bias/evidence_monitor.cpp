@@ -56,7 +56,8 @@ PredictiveCheck predictive_check(const StepForm& form, const PosteriorFunctions&
     degrees -= 1;
     const Eigen::ArrayXd miss = observed[a] - expected.row(a).transpose().array();
     double lower = 0;
-    for (Eigen::Index k = 0; k < n; ++k) lower += weight[k] * numerics::normal_cdf(miss[k] / std::sqrt(variance[a]));
+    for (Eigen::Index k = 0; k < n; ++k)
+      lower += weight[k] * numerics::normal_cdf(miss[k] / std::sqrt(variance[a]));
     check.lower_probability[a] = std::min(1.0, lower);
     const Eigen::ArrayXd log_weight = -0.5 / variance[a] * miss.square();
     weight *= (log_weight - log_weight.maxCoeff()).exp();

@@ -124,8 +124,8 @@ class ModelSupervision {
     bool is_known = true;
   };
   PosteriorFunctions prior_, current_;
-  FewPoints points_;        ///< as of `Saved`
-  bool is_known_ = true;    ///< current_ is the posterior before the next datum
+  FewPoints points_;      ///< as of `Saved`
+  bool is_known_ = true;  ///< current_ is the posterior before the next datum
   State initial_, state_;
   std::map<std::size_t, Saved> saved_;
   std::optional<std::size_t> forgotten_;  ///< the last step that was saved and is so no longer

@@ -34,8 +34,7 @@ inline constexpr Eigen::Index k_prediction_points = 256;
 /// The posterior's rule of few points where it has one, else `equally_likely` points.
 [[nodiscard]] FewPoints few_points(const Posterior& posterior);
 
-[[nodiscard]] PosteriorFunctions functions_at(const reduction::ParameterFunctions& functions,
-                                              FewPoints few);
+[[nodiscard]] PosteriorFunctions functions_at(const reduction::ParameterFunctions& functions, FewPoints few);
 
 /// From weighted points (n × d and n, sum 1), thinned by `equally_likely`.
 [[nodiscard]] PosteriorFunctions posterior_functions(const reduction::ParameterFunctions& functions,

@@ -129,12 +129,12 @@ bool PosteriorSolver::by_quadrature(Posterior& r, UpdateTimes& times) {
   if (d > 3) return false;
   const auto start = monotonic_now();
   using Axes = QuadratureOptions::Axes;
-  const QuadraturePosterior quadrature =
-      tensor_quadrature(target_, {.axes = d < 3 ? Axes::parameters : Axes::modes,
-                                  .evidence_tolerance = k_converged,
-                                  .moment_tolerance = k_converged,
-                                  .max_nodes = k_max_quadrature_nodes},
-                        search_);
+  const QuadraturePosterior quadrature = tensor_quadrature(target_,
+                                                           {.axes = d < 3 ? Axes::parameters : Axes::modes,
+                                                            .evidence_tolerance = k_converged,
+                                                            .moment_tolerance = k_converged,
+                                                            .max_nodes = k_max_quadrature_nodes},
+                                                           search_);
   times.map = microseconds_since(start);
   if (!quadrature.resolved()) return false;
   take(quadrature, r);

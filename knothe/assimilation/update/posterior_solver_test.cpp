@@ -1,4 +1,5 @@
-/// @file Quadrature (`method.kind = "grid"`, `"auto"`) against a dense tensor-product quadrature of the likelihood written out.
+/// @file Quadrature (`method.kind = "grid"`, `"auto"`) against a dense tensor-product quadrature of the
+/// likelihood written out.
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>

@@ -20,15 +20,15 @@ using reduction::GridRun;
 
 /// Log-density below the maximum at which nodes count as empty: 2e-9 of a Gaussian's mass is beyond.
 constexpr double k_mask_depth = 20;
-/// Spacing of the first grid in standard deviations of the narrowest mode along its axes, others held. Half of
-/// it resolves a Gaussian to 1e-5 with every other node, and to rounding with all.
+/// Spacing of the first grid in standard deviations of the narrowest mode along its axes, others held. Half
+/// of it resolves a Gaussian to 1e-5 with every other node, and to rounding with all.
 constexpr double k_coarse_spacing = 1.2;
 constexpr double k_range = 8.5;  ///< of z; beyond it is less than 1e-16 of the prior
-constexpr Index k_block = 512;         ///< nodes evaluated at once
+constexpr Index k_block = 512;   ///< nodes evaluated at once
 constexpr int k_max_zooms = 8, k_max_growths = 60;
-constexpr double k_no_zoom = 0.55;  ///< a window that shrinks to more than this share of its width stays
-constexpr Index k_max_refinement = 32;       ///< fine intervals in a coarse one
-constexpr double k_spread = 1.3;             ///< of a node, for quantiles, in spacings
+constexpr double k_no_zoom = 0.55;      ///< a window that shrinks to more than this share of its width stays
+constexpr Index k_max_refinement = 32;  ///< fine intervals in a coarse one
+constexpr double k_spread = 1.3;        ///< of a node, for quantiles, in spacings
 
 /// Where the grid lies, and how its window is looked for.
 struct Frame {
@@ -52,7 +52,8 @@ struct Frame {
 };
 
 Frame frame_of_range(Index d, Index coarse_nodes) {
-  return {{}, {}, Eigen::VectorXd::Constant(d, -k_range), Eigen::VectorXd::Constant(d, k_range), coarse_nodes, k_range};
+  return {{},           {},     Eigen::VectorXd::Constant(d, -k_range), Eigen::VectorXd::Constant(d, k_range),
+          coarse_nodes, k_range};
 }
 
 /// An orthogonal matrix (a reflection) whose rows have incommensurable entries. Nodes of a lattice along the
@@ -368,8 +369,8 @@ Eigen::MatrixXd quantiles(const QuadraturePosterior& posterior, const Frame& fra
                                   k_quantile_levels, found);
     } else {
       const double spacing = (frame.axes.row(k).transpose().array() * grid.spacing.array()).matrix().norm();
-      numerics::lattice_quantiles(span_of(points.col(k)), span_of(posterior.weights),
-                                  k_spread * spacing, k_quantile_levels, found);
+      numerics::lattice_quantiles(span_of(points.col(k)), span_of(posterior.weights), k_spread * spacing,
+                                  k_quantile_levels, found);
     }
     result.row(k) = Eigen::Map<const Eigen::RowVectorXd>(found.data(), result.cols());
   }
@@ -406,7 +407,8 @@ QuadraturePosterior tensor_quadrature(sampling::LogDensity& target, const Quadra
   Marginals all;
   QuadraturePosterior result = integrate(grid, runs, coarse_values, frame.log_volume(), all);
   const auto settled = [&] {
-    return result.evidence_change < options.evidence_tolerance && result.moment_change < options.moment_tolerance;
+    return result.evidence_change < options.evidence_tolerance &&
+           result.moment_change < options.moment_tolerance;
   };
   for (Index factor = 1, done = 1;; factor *= 2) {
     if (factor > 1) {

@@ -50,14 +50,14 @@ struct QuadraturePosterior {
   }
   /// Two parameters along their own axes; else empty.
   struct Lattice {
-    Eigen::MatrixXd axes;                  ///< nodes of each axis, n × 2, z
-    std::vector<reduction::GridRun> runs;  ///< all nodes looked at
-    Eigen::VectorXd weights;               ///< of all of them, sum 1
+    Eigen::MatrixXd axes;                             ///< nodes of each axis, n × 2, z
+    std::vector<reduction::GridRun> runs;             ///< all nodes looked at
+    Eigen::VectorXd weights;                          ///< of all of them, sum 1
     std::vector<std::array<Eigen::Index, 2>> places;  ///< of the points, on the axes
     /// The points where these are the nodes of the axes.
     [[nodiscard]] Eigen::MatrixXd points_on(const Eigen::MatrixXd& nodes) const;
   } lattice;
-  Eigen::MatrixXd turned_points;  ///< n × d, z; empty where there is a lattice
+  Eigen::MatrixXd turned_points;          ///< n × d, z; empty where there is a lattice
   std::vector<Eigen::Index> every_other;  ///< which points lie on every other line of each axis
   Eigen::MatrixXd cell;                   ///< d × d, z: edges of the cell of one of these
 

@@ -25,8 +25,8 @@ double normal_score(double t, double degrees) {
   return std::copysign(std::max(z, -38.0), t);
 }
 
-/// The distribution of a parameter's distance from an edge, linear between the points' distances: the nodes of
-/// a lattice have few of these, and each stands for what lies half way to its neighbours.
+/// The distribution of a parameter's distance from an edge, linear between the points' distances: the nodes
+/// of a lattice have few of these, and each stands for what lies half way to its neighbours.
 class WayFromEdge {
  public:
   WayFromEdge(const UpdateResult& update, Index parameter, double edge) {

@@ -116,11 +116,13 @@ void add_method(Page& page, const Results& results) {
     figures.push_back(figure_of(sample_size_plot(results), "Effective sample size", 300.0));
   }
   const std::string by_maps =
-      "Bars: polynomial order that the transport map needed at each step, 0 where quadrature did without one; "
+      "Bars: polynomial order that the transport map needed at each step, 0 where quadrature did without "
+      "one; "
       "line: time of the update, without the forecast. A step with a map is trusted if the diagnostic is at "
       "most 0.05, the effective sample size at least 90 %, and no second mode was found.";
   const std::string by_quadrature =
-      "Time of the update, without the forecast. The posteriors are by quadrature: a step is trusted if every "
+      "Time of the update, without the forecast. The posteriors are by quadrature: a step is trusted if "
+      "every "
       "other node gives the same evidence, means and standard deviations to 1 %.";
   page.figures(figures, maps ? by_maps : by_quadrature);
   std::vector<TableRow> untrusted;

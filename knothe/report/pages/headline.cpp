@@ -100,12 +100,12 @@ TableRow map_order_row(const Results& results) {
   const int floor = std::max(2, steps[highest].map_order - 1);
   for (std::size_t i = 0; i < steps.size(); ++i)
     if (steps[i].map_order >= floor) first = std::min(first, i), end = std::max(end, i);
-  return {{"Map order", "1, and higher in steps 30–40 (changes at 32, 36, 38, 39)",
-           fmt::format("up to {} (first reached at step {}); {} or more between steps {} and {}",
-                       steps[highest].map_order, steps[highest].step, floor, steps[first].step,
-                       steps[end].step),
-           "Here each map carries the whole posterior (all data in one quadratic form), not one step's "
-           "change as in the paper's composition; and on this mesh the crack runs in steps 19–26."}};
+  return {
+      {"Map order", "1, and higher in steps 30–40 (changes at 32, 36, 38, 39)",
+       fmt::format("up to {} (first reached at step {}); {} or more between steps {} and {}",
+                   steps[highest].map_order, steps[highest].step, floor, steps[first].step, steps[end].step),
+       "Here each map carries the whole posterior (all data in one quadratic form), not one step's "
+       "change as in the paper's composition; and on this mesh the crack runs in steps 19–26."}};
 }
 
 std::vector<TableRow> comparison_with_paper(const Results& results) {

@@ -103,8 +103,8 @@ void AssimilationOutput::print_text(const engine::StepResult& result, double tot
   }
   if (r.map_order > 0) text += fmt::format("  order {}", r.map_order);
   text += fmt::format("{}", r.verdict.level == assimilation::VerdictLevel::ok        ? " "
-                      : r.verdict.level == assimilation::VerdictLevel::caution ? "?"
-                                                                               : "!");
+                            : r.verdict.level == assimilation::VerdictLevel::caution ? "?"
+                                                                                     : "!");
   if (!result.forecasts.empty()) {
     const forecast::NamedForecast& first = result.forecasts[0];
     text +=
