@@ -139,19 +139,26 @@ void write_measurements_csv(const std::string& path, const Measurements& m) {
     throw UsageError(path + ": a CSV file holds a std for each value, no correlated noise: write HDF5");
   const Eigen::VectorXd std = rows > 0 ? m.noise.standard_deviations() : Eigen::VectorXd();
   const auto number = [](double value) { return std::isnan(value) ? "" : files::format_number(value); };
-  std::string text = "time,sensor,x,y,z,component,value,std\n";
+  const bool shared = std::any_of(m.series.begin(), m.series.end(),
+                                  [](const auto& series) { return !series.second.shared_std.empty(); });
+  std::string text = shared ? "time,sensor,x,y,z,component,value,std,shared_std\n"
+                            : "time,sensor,x,y,z,component,value,std\n";
   for (std::size_t t = 0; t < m.time.size(); ++t) {
     const std::string time = number(m.time[t]);
     for (std::size_t i = 0; i < rows; ++i) {
       const auto at = m.sensors.point(i);
       const auto row = static_cast<Eigen::Index>(i);
-      text += fmt::format("{},s{},{},{},{},{},{},{}\n", time, i, number(at[0]), number(at[1]), number(at[2]),
-                          "xyz"[m.sensors.components[i]], number(m.values(row, static_cast<Eigen::Index>(t))),
-                          number(std[row]));
+      text +=
+          fmt::format("{},s{},{},{},{},{},{},{}{}\n", time, i, number(at[0]), number(at[1]), number(at[2]),
+                      "xyz"[m.sensors.components[i]], number(m.values(row, static_cast<Eigen::Index>(t))),
+                      number(std[row]), shared ? "," : "");
     }
-    for (const auto& [name, series] : m.series)
-      text += fmt::format("{0},{1},,,,{1},{2},{3}\n", time, name, number(series.values[t]),
+    for (const auto& [name, series] : m.series) {
+      text += fmt::format("{0},{1},,,,{1},{2},{3}", time, name, number(series.values[t]),
                           series.std ? number(*series.std) : "");
+      if (shared) text += "," + (series.shared_std.empty() ? "" : number(series.shared_std[t]));
+      text += "\n";
+    }
   }
   files::write_text_atomically(path, text);
 }

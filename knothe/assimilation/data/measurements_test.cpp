@@ -110,6 +110,7 @@ TEST(Measurements, ATableIsReadAsItWasWritten) {
   m.sensors.add(std::array{0.1, 0.2, 0.0}, 0), m.sensors.add(std::array{0.3, 1.0 / 3, 0.0}, 1);
   m.noise = NoiseModel::independent(Eigen::Vector2d(1e-6, 3e-6));
   m.series["force"] = {{10, std::numeric_limits<double>::quiet_NaN()}, 0.5};
+  m.series["gauge"] = {{1, 2}, 0.5, {0.25, 0}};
   write_measurements(folder.file("d.csv"), m, "", 1);
   const Measurements read = read_measurements(folder.file("d.csv"));
   EXPECT_EQ(read.time, m.time);
@@ -121,6 +122,8 @@ TEST(Measurements, ATableIsReadAsItWasWritten) {
   EXPECT_EQ(read.noise.standard_deviations(), m.noise.standard_deviations());
   EXPECT_EQ(read.series.at("force").values[0], 10);
   EXPECT_TRUE(std::isnan(read.series.at("force").values[1]));
+  EXPECT_TRUE(read.series.at("force").shared_std.empty());
+  EXPECT_EQ(read.series.at("gauge").shared_std, m.series["gauge"].shared_std);
   write(folder.file("e.h5"), 0);
   EXPECT_NE(message_of<UsageError>([&] {
               write_measurements(folder.file("e.csv"), read_measurements(folder.file("e.h5")), "", 1);
