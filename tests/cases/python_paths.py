@@ -1,6 +1,7 @@
-"""A twin whose data are pictures: to the bit what the command prints."""
+"""Twins whose data are pictures, or whose model is refined by the full-order one: to the bit what the command prints."""
 import json
 import os
+import pathlib
 import shutil
 import sys
 import unittest
@@ -12,7 +13,7 @@ except ImportError as missing:
     print(f"skipped: {sys.executable} has no {missing.name} (Debian: python3-{missing.name})")
     sys.exit(77)
 
-from support import FIXTURES, SOURCE, Case, parse_line, without_times
+from support import FIXTURES, KNOTHE, SOURCE, Case, parse_line, without_times
 
 import knothe
 
@@ -48,6 +49,23 @@ class Test(Case):
         self.assertEqual(predicted.sizes["observation"], len(data[-1].values))
         covered = np.abs(predicted.isel(step=-1).mean(("chain", "draw")) - data[-1].values) < 4 * predicted.isel(step=-1).std(("chain", "draw"))
         self.assertGreater(float(covered.mean()), 0.95)
+
+    def test_verification(self):
+        if not (pathlib.Path(KNOTHE).parent / "knothe-offline").exists():
+            self.skipTest("knothe-offline is not built")
+        project = "refinement.toml"
+        self.begin(project)
+        self.addCleanup(os.environ.__setitem__, "PATH", os.environ["PATH"])
+        os.environ["PATH"] = f"{pathlib.Path(KNOTHE).parent}:{os.environ['PATH']}"  # where the package looks for knothe-offline
+        self.expect(0, "offline", project, "-o", "model.h5")
+        self.expect(0, "simulate", project, "-o", "data.h5", "--seed", "1")
+        lines, last = self.lines_of(project)
+        self.assertGreater(lines[-1]["model_version"], 0)
+        twin = knothe.Twin(project)
+        records = [without_times(parse_line(json.dumps(twin.assimilate(datum).record))) for datum in twin.data]
+        self.assertEqual(records, lines)
+        for reason in last["verdict"]["reasons"]:  # what is set already is no advice
+            self.assertNotIn("set method.verify", reason["message"])
 
 
 if __name__ == "__main__":
