@@ -55,6 +55,8 @@ class Test(Case):
             self.skipTest("knothe-offline is not built")
         project = "refinement.toml"
         self.begin(project)
+        file = self.folder / project
+        file.write_text(file.read_text().replace('verify = "full-order"', 'verify = "full-order"\nverify_runs = 3'))
         self.addCleanup(os.environ.__setitem__, "PATH", os.environ["PATH"])
         os.environ["PATH"] = f"{pathlib.Path(KNOTHE).parent}:{os.environ['PATH']}"  # where the package looks for knothe-offline
         self.expect(0, "offline", project, "-o", "model.h5")
