@@ -30,6 +30,7 @@ for program in build/release/bench/*_bench; do
     for r in 10 30; do
       beam $r
       for method in auto transport; do "$program" out/bench/r$r/beam.toml 10 $method; done
+      /usr/bin/python3 bench/numpy_grid.py out/bench/r$r/beam.h5 out/bench/r$r/data.h5 # the rival
     done
   else
     "$program"
