@@ -66,11 +66,12 @@ TEST(ProjectFile, WrongTypesAndValues) {
             "dir/p.toml:2:13: error: \"method.tolerance\" must be a positive number, not \"small\"");
   EXPECT_EQ(complaint("[method]\nmax_order = 0\n"),
             "dir/p.toml:2:1: error: \"method.max_order\" must be at least 1");
-  EXPECT_EQ(complaint("[method]\nkind = \"transprot\"\n"),
-            "dir/p.toml:2:8: error: \"method.kind\" must be one of \"transport\", \"grid\", \"mcmc\", "
-            "\"smc\", \"ekf\", \"ukf\", \"enkf\", not "
-            "\"transprot\" (did you mean "
-            "\"transport\"?)");
+  EXPECT_EQ(
+      complaint("[method]\nkind = \"transprot\"\n"),
+      "dir/p.toml:2:8: error: \"method.kind\" must be one of \"auto\", \"transport\", \"grid\", \"mcmc\", "
+      "\"smc\", \"ekf\", \"ukf\", \"enkf\", not "
+      "\"transprot\" (did you mean "
+      "\"transport\"?)");
   EXPECT_EQ(complaint("[parameters]\nY0 = { prior = \"normal\", mean = 1, std = -1 }\n"),
             "dir/p.toml:2:42: error: \"parameters.Y0.std\" must be a positive number, not -1");
   EXPECT_EQ(complaint("[parameters]\nY0 = { prior = \"normal\", mean = 1 }\n"),

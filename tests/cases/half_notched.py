@@ -85,7 +85,7 @@ class Test(Case):
     def test_a_run_that_cannot_be_put_on_the_axis_is_named(self):
         self.make_small()
         self.edit("displacement = 1.5e-4", "displacement = 1e-5")
-        self.expect(5, "offline", self.project, "-o", "short.h5", stderr=["full-order runs failed", "crack_mouth_opening reaches",
+        self.expect(6, "offline", self.project, "-o", "short.h5", stderr=["full-order runs failed", "crack_mouth_opening reaches",
                                                                           "m only, and [offline] time_values end at 0.0002"])
 
     def test_real_forces_up_to_the_peak(self):

@@ -210,17 +210,19 @@ class Test(ServiceCase):
             service.settled()
         told = self.alarms(service)
         self.assertTrue([a for a in told if a["severity"] == "alarm"], told)
+        # A machine that is busy raises more of those about deadlines.
+        but_new_delays = lambda alarms: [a for a in alarms if a in told or a["kind"] != "deadline"]
         for stop in (service.stop, service.kill):
-            service.wait_until(lambda: self.kept() == len(told))
+            service.wait_until(lambda: self.kept() >= len(told))
             stop()
             service.start()
             service.settled()
-            self.assertEqual(self.alarms(service), told)
+            self.assertEqual(but_new_delays(self.alarms(service)), told)
         for datum in wild[7:]:
             service.send(datum)
             service.settled()
         more = self.alarms(service)
-        self.assertEqual(more[: len(told)], told)
+        self.assertEqual(but_new_delays(more)[: len(told)], told)
         self.assertGreater(len(more), len(told))
         service.wait_until(lambda: self.kept() == len(more))
         service.kill()

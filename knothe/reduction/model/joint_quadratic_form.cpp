@@ -80,7 +80,7 @@ void JointQuadraticForm::set(const Eigen::Ref<const Eigen::MatrixXd>& a,
   std::fill_n(square_.begin(), k, -0.5);
   if (has_linear) linear_[static_cast<std::size_t>(k)] = 1;
   for (std::size_t i = 0; i < axes_.size(); ++i) strides_[i] = grid_strides_[i] * padded_;
-  std::fill(cell_.begin(), cell_.end(), Cell::not_asked);
+  std::fill(cell_.begin(), cell_.end(), Cell::unknown);
   if (used == 0) return;
   combination_.resize(count_, used);
   combination_.leftCols(k) = a.transpose();
@@ -181,13 +181,7 @@ void JointQuadraticForm::evaluate_all(const Eigen::Ref<const Eigen::MatrixXd>& p
     bool done = false;
     if constexpr (D <= 2) {
       const std::size_t cell = D == 2 ? place[0].piece * axes_[1].size() + place[1].piece : place[0].piece;
-      if (cell_[cell] < Cell::polynomial) {
-        if (cell_[cell] == Cell::asked_often) {
-          multiply_out<D>(cell, place);
-        } else {
-          cell_[cell] = static_cast<Cell>(static_cast<std::uint8_t>(cell_[cell]) + 1);
-        }
-      }
+      if (cell_[cell] == Cell::unknown) multiply_out<D>(cell, place);
       if (cell_[cell] == Cell::polynomial) {
         done = true;
         constexpr std::size_t rows = D == 2 ? k_powers : 1;
@@ -302,7 +296,7 @@ void JointQuadraticForm::evaluate_on_grid(const Eigen::Ref<const Eigen::MatrixXd
       const double* t = along_.data() + begin;
       double* out = value.data() + run.at + (static_cast<Eigen::Index>(begin) - run.begin);
       const std::size_t cell = place[0].piece * axes_[1].size() + place[1].piece;
-      if (cell_[cell] < Cell::polynomial) multiply_out<2>(cell, place);
+      if (cell_[cell] == Cell::unknown) multiply_out<2>(cell, place);
       if (cell_[cell] == Cell::squares) {
         sum_squares_in_line(place, t, n, out);
         continue;

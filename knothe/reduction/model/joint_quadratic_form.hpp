@@ -37,8 +37,7 @@ class JointQuadraticForm final : public QuadraticForm, public GridEvaluator {
                         Eigen::Ref<Eigen::VectorXd> value) override;
 
  private:
-  /// A cell is multiplied out when it has been asked for some points: for a few it does not pay.
-  enum class Cell : std::uint8_t { not_asked = 0, asked_often = 6, polynomial, squares };
+  enum class Cell : std::uint8_t { unknown, polynomial, squares };
   /// One point's ℓ − constant, gradient and packed Hessian.
   template <std::size_t D>
   struct Result {
