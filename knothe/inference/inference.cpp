@@ -82,11 +82,11 @@ void by_grid(PosteriorDensity& posterior, ModelEvaluator& evaluator, const Infer
              InferenceResult& r) {
   const Phase phase("grid", evaluator, r);
   // A model may take seconds a point: 150,000 nodes are all that it is asked for.
-  static constexpr Eigen::Index k_nodes[] = {257, 65, 25};
-  const assimilation::QuadraturePosterior grid =
-      assimilation::tensor_quadrature(posterior, {.axes = assimilation::QuadratureOptions::Axes::modes,
-                                                  .coarse_nodes = k_nodes[posterior.dimension() - 1],
-                                                  .max_nodes = 150'000});
+  static constexpr Eigen::Index k_nodes[] = {257, 65, 25, 0};  // more dimensions are refused
+  const assimilation::QuadraturePosterior grid = assimilation::tensor_quadrature(
+      posterior, {.axes = assimilation::QuadratureOptions::Axes::modes,
+                  .coarse_nodes = k_nodes[std::min<Eigen::Index>(posterior.dimension() - 1, 3)],
+                  .max_nodes = 150'000});
   r.points = posterior.parameters(grid.points());
   r.weights = grid.weights;
   r.quantiles = posterior.transform().carry(grid.quantiles);

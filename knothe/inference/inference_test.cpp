@@ -23,7 +23,7 @@ using assimilation::QuadraturePosterior;
 
 /// As `Method::grid` does it.
 QuadraturePosterior along_modes(sampling::LogDensity& target) {
-  static constexpr Eigen::Index k_nodes[] = {257, 65, 25};
+  static constexpr Eigen::Index k_nodes[] = {257, 65, 25, 0};
   return assimilation::tensor_quadrature(target, {.axes = assimilation::QuadratureOptions::Axes::modes,
                                                   .coarse_nodes = k_nodes[target.dimension() - 1],
                                                   .max_nodes = 150'000});
