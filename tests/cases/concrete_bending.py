@@ -1,27 +1,16 @@
 """Three pictures of a real concrete beam (docs/benchmarks/concrete-beam.md): fields and crack with the defaults, what they say without a model,
 and that the notched beam's model is rejected on them."""
-import functools
 import json
 import math
 import re
 import shutil
 import subprocess
-import sys
 import unittest
 
-from support import DATA, REPOSITORY, Case
+from support import DATA, REPOSITORY, Case, python_with
 
 EXAMPLE = REPOSITORY / "examples" / "concrete_bending"
 PICTURES = [DATA / "concrete_bending" / f"IMG_{number}.tif" for number in ("0155", "0160", "0179")]
-
-
-@functools.lru_cache(maxsize=None)
-def python():
-    """An interpreter with what halves.py needs, None where there is none."""
-    for program in (sys.executable, "/usr/bin/python3"):
-        if subprocess.run([program, "-c", "import h5py, numpy, scipy.optimize, PIL"], capture_output=True).returncode == 0:
-            return program
-    return None
 
 
 class Test(Case):
@@ -39,10 +28,10 @@ class Test(Case):
     def test_two_halves_about_a_hinge(self):
         """What can be known beforehand: the roller touches the upper edge; a half that is no longer held together moves as a rigid
         body, so its opening is a straight line; the crack only grows."""
-        if python() is None:
+        if python_with("h5py", "numpy", "scipy.optimize", "PIL") is None:
             self.skipTest("no python3 with h5py, numpy, scipy and PIL here: scripts/packages.txt")
         self.expect(0, "dic", *(path.name for path in PICTURES), "--crack", "-o", "fields.h5")
-        command = [python(), "halves.py", PICTURES[0].name, "fields.h5"]
+        command = [python_with("h5py", "numpy", "scipy.optimize", "PIL"), "halves.py", PICTURES[0].name, "fields.h5"]
         outcome = subprocess.run(command, cwd=self.folder, capture_output=True, text=True, timeout=280)
         self.assertEqual(outcome.returncode, 0, outcome.stderr)
         seen = json.loads(outcome.stdout)

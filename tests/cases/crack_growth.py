@@ -1,43 +1,32 @@
 """Fatigue cracks of 48 specimens (docs/benchmarks/crack-growth.md): a prior from the first 24, forecasts of the last 24 by knothe, and what
 came. Nothing but the forecasts sees a row of the last 24 beyond 12 mm."""
 import csv
-import functools
 import hashlib
 import json
 import re
 import shutil
 import subprocess
-import sys
 import unittest
 
-from support import DATA, REPOSITORY, Case
+from support import DATA, REPOSITORY, Case, python_with
 
 EXAMPLE = REPOSITORY / "examples" / "crack_growth"
 RECORDS = DATA / "virkler_crack_growth" / "virkler_specimens_01_48.csv"
 NUMBER = re.compile(r"-?\d+\.?\d*(?:e-?\d+)?")
 
 
-@functools.lru_cache(maxsize=None)
-def python():
-    """An interpreter that has numpy and scipy (Debian's packages are for /usr/bin/python3), None where there is none."""
-    for program in (sys.executable, "/usr/bin/python3"):
-        if subprocess.run([program, "-c", "import numpy, scipy.optimize"], capture_output=True).returncode == 0:
-            return program
-    return None
-
-
 class Test(Case):
     def copy_example(self):
         if not RECORDS.is_file():
             self.skipTest(f"{RECORDS} is not there: scripts/get-data.sh, or set KNOTHE_DATA to the folder of recorded data")
-        if python() is None:
+        if python_with("numpy", "scipy.optimize") is None:
             self.skipTest("no python3 with numpy and scipy here: python3-scipy of scripts/packages.txt")
         for file in EXAMPLE.iterdir():
             if file.is_file():
                 shutil.copy(file, self.folder)
 
     def run_python(self, *arguments):
-        outcome = subprocess.run([python(), *map(str, arguments)], cwd=self.folder, capture_output=True, text=True, timeout=280)
+        outcome = subprocess.run([python_with("numpy", "scipy.optimize"), *map(str, arguments)], cwd=self.folder, capture_output=True, text=True, timeout=280)
         self.assertEqual(outcome.returncode, 0, outcome.stderr)
         return outcome.stdout
 

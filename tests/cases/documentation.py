@@ -16,20 +16,11 @@ import subprocess
 import sys
 import unittest
 
-from support import KNOTHE, REPOSITORY, Case
+from support import KNOTHE, REPOSITORY, Case, python_with
 
 DOCS = REPOSITORY / "docs"
 CHROMIUM = os.environ.get("KNOTHE_CHROMIUM", "/usr/bin/chromium")
 BUILD = pathlib.Path(os.environ["KNOTHE_BUILD"])
-
-
-@functools.lru_cache(maxsize=None)
-def python_with(*modules):
-    """An interpreter that has these modules (Debian's packages are for /usr/bin/python3), None where there is none."""
-    for program in (sys.executable, "/usr/bin/python3"):
-        if subprocess.run([program, "-c", "import " + ", ".join(modules)], capture_output=True).returncode == 0:
-            return program
-    return None
 
 
 def free_port():

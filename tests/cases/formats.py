@@ -4,11 +4,10 @@ import json
 import re
 import shutil
 import subprocess
-import sys
 import unittest
 
 from dic_pictures import Speckle, write_pgm
-from support import FIXTURES, REPOSITORY, SOURCE, Case
+from support import FIXTURES, REPOSITORY, SOURCE, Case, python_with
 
 PAGE = REPOSITORY / "docs" / "reference" / "formats.md"
 PROJECT = """model = "model.h5"
@@ -28,15 +27,6 @@ with h5py.File(sys.argv[1]) as file:
 
 
 @functools.lru_cache(maxsize=None)
-def python():
-    """An interpreter that has h5py (Debian's package is for /usr/bin/python3), None where there is none."""
-    for program in (sys.executable, "/usr/bin/python3"):
-        if subprocess.run([program, "-c", "import h5py, numpy"], capture_output=True).returncode == 0:
-            return program
-    return None
-
-
-@functools.lru_cache(maxsize=None)
 def programs():
     """name.py → text, in the page's order."""
     blocks = re.findall(r"^```python\n(# (\w+\.py): .*?)^```$", PAGE.read_text(), re.MULTILINE | re.DOTALL)
@@ -50,11 +40,11 @@ def stretch(x, y):
 class Test(Case):
     def setUp(self):
         super().setUp()
-        if python() is None:
+        if python_with("h5py", "numpy") is None:
             self.skipTest("no python3 with h5py here: python3-h5py of scripts/packages.txt")
 
     def run_python(self, *arguments, **options):
-        outcome = subprocess.run([python(), *map(str, arguments)], cwd=self.folder, capture_output=True, text=True, timeout=120, **options)
+        outcome = subprocess.run([python_with("h5py", "numpy"), *map(str, arguments)], cwd=self.folder, capture_output=True, text=True, timeout=120, **options)
         self.assertEqual(outcome.returncode, 0, outcome.stderr)
         return outcome.stdout
 

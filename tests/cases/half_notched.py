@@ -1,6 +1,5 @@
 """The half-notched concrete beams of Grégoire et al. (docs/benchmarks/half-notched-beam.md): openings as the axis, real forces as data."""
 import filecmp
-import functools
 import json
 import math
 import shutil
@@ -8,19 +7,10 @@ import subprocess
 import sys
 import unittest
 
-from support import DATA, REPOSITORY, Case
+from support import DATA, REPOSITORY, Case, python_with
 
 EXAMPLE = REPOSITORY / "examples" / "half_notched"
 ENVELOPE = DATA / "gregoire_half_notched" / "load_cmod_envelope.csv"
-
-
-@functools.lru_cache(maxsize=None)
-def python():
-    """An interpreter that has what the quadrature needs, None where there is none."""
-    for program in (sys.executable, "/usr/bin/python3"):
-        if subprocess.run([program, "-c", "import h5py, numpy"], capture_output=True).returncode == 0:
-            return program
-    return None
 
 
 QUADRATURE = """
@@ -97,9 +87,9 @@ class Test(Case):
         self.expect(0, "offline", self.project, "-o", "brittle.h5")
         outcome = self.expect(0, "assimilate", self.project, "--json")
         last = [line for line in outcome.lines() if "mean" in line][-1]
-        if python() is None:
+        if python_with("h5py", "numpy") is None:
             self.skipTest("no python3 with h5py and numpy here: scripts/packages.txt")
-        seen = subprocess.run([python(), "-c", QUADRATURE, "brittle.h5", "measured.csv"], cwd=self.folder, capture_output=True, text=True)
+        seen = subprocess.run([python_with("h5py", "numpy"), "-c", QUADRATURE, "brittle.h5", "measured.csv"], cwd=self.folder, capture_output=True, text=True)
         self.assertEqual(seen.returncode, 0, seen.stderr)
         exact = json.loads(seen.stdout)
         for k in range(3):

@@ -1,7 +1,6 @@
 """Python's results are, to the bit, the commands': assimilation, inference, reduced models."""
 import itertools
 import json
-import os
 import sys
 import unittest
 
@@ -12,27 +11,16 @@ except ImportError as missing:
     print(f"skipped: {sys.executable} has no {missing.name} (Debian: python3-{missing.name})")
     sys.exit(77)
 
-from support import Case, parse_line, without_times
+from support import CaseInItsFolder, parse_line, without_times
 
 import knothe
 
 PRIORS = {"Y0": knothe.Normal(0.9, 0.4472135954999579), "Ad": knothe.Normal(1.1, 0.4472135954999579)}
 
 
-class Test(Case):
+class Test(CaseInItsFolder):
     project_name = "assimilation.toml"
     fixture = "analytic"
-
-    def setUp(self):
-        super().setUp()
-        self.addCleanup(os.chdir, os.getcwd())
-        os.chdir(self.folder)
-
-    def refused(self, kind, *texts, call):
-        with self.assertRaises(kind) as caught:
-            call()
-        for text in texts:
-            self.assertIn(text, str(caught.exception))
 
     def lines_of(self, *arguments):
         """The command's lines, as printed; the last one taken off."""

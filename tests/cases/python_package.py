@@ -14,7 +14,7 @@ except ImportError:
     print(f"skipped: {sys.executable} has no numpy (Debian: python3-numpy)")
     sys.exit(77)
 
-from support import KNOTHE, Case
+from support import KNOTHE, CaseInItsFolder
 
 import knothe
 from knothe import _knothe
@@ -56,19 +56,8 @@ class Ticks:
         self.thread.join()
 
 
-class Test(Case):
+class Test(CaseInItsFolder):
     fixture = "analytic"
-
-    def setUp(self):
-        super().setUp()
-        self.addCleanup(os.chdir, os.getcwd())
-        os.chdir(self.folder)
-
-    def refused(self, kind, *texts, call):
-        with self.assertRaises(kind) as caught:
-            call()
-        for text in texts:
-            self.assertIn(text, str(caught.exception))
 
     # The package itself
 

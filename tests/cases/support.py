@@ -6,6 +6,7 @@ KNOTHE, KNOTHE_OFFLINE (empty where it was not built), KNOTHE_CASES_FIXTURES, KN
 import contextlib
 import csv
 import fcntl
+import functools
 import json
 import math
 import os
@@ -14,6 +15,7 @@ import shutil
 import signal
 import struct
 import subprocess
+import sys
 import tempfile
 import unittest
 
@@ -23,6 +25,15 @@ SOURCE = pathlib.Path(__file__).resolve().parent
 REPOSITORY = SOURCE.parent.parent
 # Recorded data are not in the repository: a case without them is skipped and says so.
 DATA = pathlib.Path(os.environ.get("KNOTHE_DATA") or REPOSITORY.parent / "shared" / "data")
+
+
+@functools.lru_cache(maxsize=None)
+def python_with(*modules):
+    """An interpreter that has these modules (Debian's packages are for /usr/bin/python3), None where there is none."""
+    for program in (sys.executable, "/usr/bin/python3"):
+        if subprocess.run([program, "-c", "import " + ", ".join(modules)], capture_output=True).returncode == 0:
+            return program
+    return None
 
 
 class Outcome:
@@ -184,6 +195,21 @@ class Case(unittest.TestCase):
     def expect_nothing_but(self, folder, names):
         """No partial file, hidden or not, is left in `folder`."""
         self.assertEqual(sorted(p.name for p in pathlib.Path(folder).iterdir()), sorted(names))
+
+
+class CaseInItsFolder(Case):
+    """A case of the package for Python: the test's folder is the working folder."""
+
+    def setUp(self):
+        super().setUp()
+        self.addCleanup(os.chdir, os.getcwd())
+        os.chdir(self.folder)
+
+    def refused(self, kind, *texts, call):
+        with self.assertRaises(kind) as caught:
+            call()
+        for text in texts:
+            self.assertIn(text, str(caught.exception))
 
 
 def correlation(line):
