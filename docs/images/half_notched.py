@@ -10,6 +10,7 @@ import half_notched  # noqa: E402
 from panel import Panel, picture  # noqa: E402
 
 BAND, FORECAST = 'fill="#bbb" stroke="none"', 'fill="#2b6cb0" fill-opacity="0.35" stroke="none"'
+MEAN, DATUM = 'fill="none" stroke="#2b6cb0" stroke-width="2"', 'fill="#c05621"'
 
 
 def draw(rows, cases):
@@ -25,11 +26,12 @@ def draw(rows, cases):
         mm = [1e-3 * o for o in w]
         panel.path([*mm, *reversed(mm)], [*(m - 1.645 * s for m, s in zip(mean, std)),
                                           *reversed([m + 1.645 * s for m, s in zip(mean, std)])], FORECAST, " Z")
-        panel.path(mm, mean, 'fill="none" stroke="#2b6cb0" stroke-width="2"')
+        panel.path(mm, mean, MEAN)
         for o in half_notched.SEEN[:seen]:
-            panel.dot(1e-3 * o, sum(half_notched.band_at(rows, o)) / 2, 'fill="#c05621"')
+            panel.dot(1e-3 * o, sum(half_notched.band_at(rows, o)) / 2, DATUM)
         panel.axes((0, 0.05, 0.1, 0.15, 0.2), range(0, 1201, 200) if k == 0 else (),
                    f"force, N: seen up to {1e-3 * half_notched.SEEN[seen - 1]:g} mm", "crack-mouth opening, mm")
+        panel.legend([(BAND, "beams measured"), (DATUM, "data"), (MEAN, "forecast, mean"), (FORECAST, "forecast, 90 %")])
         panels.append(panel)
     return picture(panels)
 

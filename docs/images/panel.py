@@ -22,6 +22,15 @@ class Panel:
     def text(self, x, y, text, anchor="middle"):
         self.parts.append(f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{text}</text>')
 
+    def legend(self, entries):
+        """Upper right: a swatch of each style (of a filled area; a line where it fills nothing) and what it stands for."""
+        left, top, width, _ = self.box
+        for row, (style, meaning) in enumerate(entries):
+            y = top + 12 + 16 * row
+            self.parts.append(f'<path d="M{left + width - 150:.1f} {y:.1f} h18 v8 h-18 Z" {style}/>' if 'fill="none"' not in style
+                              else f'<path d="M{left + width - 150:.1f} {y + 4:.1f} h18" {style}/>')
+            self.text(left + width - 126, y + 9, meaning, "start")
+
     def axes(self, x_ticks, y_ticks, title, x_label):
         left, top, width, height = self.box
         self.parts.append(f'<rect x="{left}" y="{top}" width="{width}" height="{height}" fill="none" stroke="#555"/>')
