@@ -123,7 +123,9 @@ void expect_a_function_of_the_data(const EngineSetup& setup, const std::vector<D
   wrong.noise.reset();
   other.add(wrong);
   for (std::size_t k = data.size(); k-- > 0;) {
-    if (k == 1) EXPECT_TRUE(other.withdraw(wrong.step, wrong.key));
+    if (k == 1) {
+      EXPECT_TRUE(other.withdraw(wrong.step, wrong.key));
+    }
     other.add(data[k]);
     other.add(data[k]);  // twice is once
     Datum extra = data[k];

@@ -134,7 +134,9 @@ TEST_P(Quadrature, AgreesWithADenseQuadratureFromThePriorOn) {
     SCOPED_TRACE(t);
     EXPECT_TRUE(r.trusted) << r.remark;
     EXPECT_EQ(r.remark, "");
-    if (d < 3 || kind == Method::grid) EXPECT_EQ(r.method, Method::grid);  // else it may be dear
+    if (d < 3 || kind == Method::grid) {  // else it may be dear
+      EXPECT_EQ(r.method, Method::grid);
+    }
     EXPECT_NEAR(r.log_evidence, exact.log_evidence, of_moments);
     for (Eigen::Index k = 0; k < d; ++k) {
       const double s = std::sqrt(exact.covariance(k, k));
