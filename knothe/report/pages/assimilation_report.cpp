@@ -120,11 +120,12 @@ void add_method(Page& page, const Results& results) {
       "one; "
       "line: time of the update, without the forecast. A step with a map is trusted if the diagnostic is at "
       "most 0.05, the effective sample size at least 90 %, and no second mode was found.";
-  const std::string by_quadrature =
-      "Time of the update, without the forecast. The posteriors are by quadrature: a step is trusted if "
-      "every "
-      "other node gives the same evidence, means and standard deviations to 1 %.";
-  page.figures(figures, maps ? by_maps : by_quadrature);
+  const std::string without_maps =
+      "Time of the update, without the forecast. No step has a map. Quadrature is trusted if every other "
+      "node "
+      "gives the same evidence, means and standard deviations to 1 %, chains and particles if they have "
+      "converged.";
+  page.figures(figures, maps ? by_maps : without_maps);
   std::vector<TableRow> untrusted;
   for (const auto& s : results.steps)
     if (!s.trusted)

@@ -81,8 +81,9 @@ std::vector<Card> headline(const Results& results) {
   cards.push_back({"Is it computed well?",
                    untrusted.empty() ? fmt::format("all {} steps", n)
                                      : fmt::format("{} of {} steps", n - untrusted.size(), n),
-                   untrusted.empty() ? "map verified on other points, samples cover the posterior"
-                                     : "not trusted: " + list_of(untrusted),
+                   !untrusted.empty()   ? "not trusted: " + list_of(untrusted)
+                   : results.has_maps() ? "map verified on other points, samples cover the posterior"
+                                        : "verified without a map",
                    !untrusted.empty()});
   const auto times = update_times(results);
   cards.push_back({"Time of an update", duration(percentile(times, 0.5)) + " (median)",
