@@ -70,7 +70,7 @@ struct QuadraturePosterior {
 inline constexpr Eigen::Index k_max_quadrature_parameters = 2;
 
 /// Trapezoidal rule on the smallest window that holds the mass, evaluated only near coarse nodes whose
-/// density is within exp(−24) of the maximum, and refined as the options say (`resolved` says whether it came
+/// density is within exp(−20) of the maximum, and refined as the options say (`resolved` says whether it came
 /// to that). A target that is a `reduction::GridEvaluator` is asked row by row. Errors: UsageError for other
 /// than 1 to 3 parameters; those of `sampling::CheckedDensity`, and of `sampling::ModeSearch` for
 /// `Axes::modes`.
