@@ -20,7 +20,7 @@ SequentialMonteCarloResult sequential_monte_carlo(LogDensity& user_target,
         fmt::format("smc: the centre has {} coordinates, the density {}", options.centre.size(), d));
   CheckedDensity target(user_target);
   const Eigen::VectorXd centre = options.centre.size() == d ? options.centre : Eigen::VectorXd::Zero(d);
-  const GaussianMixture start({{1.0, centre, options.initial_spread * Eigen::MatrixXd::Identity(d, d)}});
+  const Mixture start({{1.0, centre, options.initial_spread * Eigen::MatrixXd::Identity(d, d)}});
   TemperingOptions tempering;
   tempering.particles = options.particles;
   tempering.ess_share = options.ess_share;

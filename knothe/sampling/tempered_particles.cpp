@@ -30,7 +30,7 @@ double effective_number(const Eigen::VectorXd& increments, double step) {
 
 }  // namespace
 
-TemperedParticles::TemperedParticles(CheckedDensity& target, const GaussianMixture& reference,
+TemperedParticles::TemperedParticles(CheckedDensity& target, const Mixture& reference,
                                      TemperingOptions options)
     : target_(target),
       reference_(reference),
@@ -63,6 +63,7 @@ void TemperedParticles::run() {
         "smc: the density is zero at all {} first particles; give a centre and a spread where its mass is",
         n_));
   ancestor_.resize(static_cast<std::size_t>(n_));
+  changes_.resize(static_cast<std::size_t>(d_));
   std::iota(ancestor_.begin(), ancestor_.end(), Eigen::Index{0});
   log_scale_ = std::log(2.38 / std::sqrt(2.0 * static_cast<double>(d_)));
   temperatures_.assign(1, 0.0);
@@ -141,23 +142,44 @@ double TemperedParticles::mean_squared_jump() const {
   return jump.squaredNorm() / static_cast<double>(n_);
 }
 
-double TemperedParticles::move_half(Eigen::Index begin, Eigen::Index partners) {
+/// Which coordinates a proposal changes: all, or each with probability ½ or 1/d, but at least one (Vrugt et
+/// al. 2009): parameters that the data do not couple go their own ways.
+Eigen::Index TemperedParticles::choose_coordinates(double probability) {
+  Eigen::Index count = 0;
+  for (Eigen::Index k = 0; k < d_; ++k)
+    count += changes_[static_cast<std::size_t>(k)] = random_.uniform() < probability;
+  if (count > 0) return count;
+  changes_[static_cast<std::size_t>(random_.index(d_))] = true;
+  return 1;
+}
+
+void TemperedParticles::propose(Eigen::Index begin, Eigen::Index partners, bool full) {
   const Eigen::Index half = n_ / 2;
-  // Now and then a full difference: it leads from mode to mode (ter Braak 2006, section 2).
-  const bool full = random_.uniform() < 0.15;
-  const double scale = full ? 1 : std::exp(log_scale_);
+  const double one_over_d = 1 / static_cast<double>(d_), probabilities[] = {1, 0.5, one_over_d};
+  const double probability = probabilities[random_.index(3)];
   proposal_.resize(half, d_);
   for (Eigen::Index i = 0; i < half; ++i) {
     const Eigen::Index a = random_.index(half);
     Eigen::Index b = random_.index(half - 1);
     if (b >= a) ++b;
+    const auto count = static_cast<double>(choose_coordinates(probability));
     // A little noise beside: else particles that resampling has made equal would never part.
-    const double length = scale * (1 + 0.1 * random_.normal());
-    for (Eigen::Index k = 0; k < d_; ++k)
-      proposal_(i, k) = points_(begin + i, k) +
-                        length * (points_(partners + a, k) - points_(partners + b, k)) +
-                        1e-3 * whitener_(k, k) * random_.normal();
+    const double length = (full ? 1 : std::exp(log_scale_) * std::sqrt(static_cast<double>(d_) / count)) *
+                          (1 + 0.4 * (random_.uniform() - 0.5));
+    for (Eigen::Index k = 0; k < d_; ++k) {
+      proposal_(i, k) = points_(begin + i, k);
+      if (changes_[static_cast<std::size_t>(k)])
+        proposal_(i, k) += length * (points_(partners + a, k) - points_(partners + b, k)) +
+                           3e-3 * whitener_(k, k) * (random_.uniform() - 0.5);
+    }
   }
+}
+
+double TemperedParticles::move_half(Eigen::Index begin, Eigen::Index partners) {
+  const Eigen::Index half = n_ / 2;
+  // Now and then a full difference: it leads from mode to mode (ter Braak 2006, section 2).
+  const bool full = random_.uniform() < 0.25;
+  propose(begin, partners, full);
   target_.evaluate(proposal_, 0, batch_);
   reference_.log_density(proposal_, proposal_reference_);
   double acceptance = 0;
@@ -199,6 +221,10 @@ void TemperedParticles::move() {
     if (jumps.back() >= k_far_enough * 2 * static_cast<double>(d_)) return;
     if (m >= 2 * k_look_back && jumps.back() < k_no_farther * jumps[jumps.size() - 1 - k_look_back]) return;
   }
+}
+
+void TemperedParticles::go_on(int moves) {
+  for (int m = 0; m < moves; ++m) acceptance_ = 0.5 * (move_half(0, n_ / 2) + move_half(n_ / 2, 0));
 }
 
 double TemperedParticles::effective_size() const {

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "knothe/sampling/checked_density.hpp"
-#include "knothe/sampling/gaussian_mixture.hpp"
+#include "knothe/sampling/mixture.hpp"
 
 namespace knothe::sampling {
 
@@ -21,14 +21,17 @@ struct TemperingOptions {
 /// Sequential Monte Carlo (Del Moral, Doucet, Jasra 2006): reweight, resample, move. Temperatures adapt to
 /// the effective sample size. Moves are differential evolution (ter Braak 2006): each half of the particles
 /// takes steps that are differences of two particles of the other half, hence they have the scale, the
-/// correlations and the modes of the population without anything to tune but their length.
+/// correlations and the modes of the population without anything to tune but their length; two thirds of them
+/// change some of the coordinates only.
 class TemperedParticles {
  public:
   /// Errors: UsageError for options that make no sense or another dimension.
-  TemperedParticles(CheckedDensity& target, const GaussianMixture& reference, TemperingOptions options);
+  TemperedParticles(CheckedDensity& target, const Mixture& reference, TemperingOptions options);
 
   /// To β = 1. Errors: NumericalError if the target is zero at all first particles; Interrupted.
   void run();
+  /// After `run`: the particles go on, `moves` times, as Markov chains of the target.
+  void go_on(int moves);
 
   [[nodiscard]] const Eigen::MatrixXd& points() const { return points_; }          ///< n × d, equal weights
   [[nodiscard]] const Eigen::VectorXd& log_target() const { return log_target_; }  ///< n, log π̄
@@ -47,11 +50,13 @@ class TemperedParticles {
   void reweigh_and_resample(double next);
   void estimate_error(const Eigen::VectorXd& weights);
   void move();
+  [[nodiscard]] Eigen::Index choose_coordinates(double probability);
+  void propose(Eigen::Index begin, Eigen::Index partners, bool full);
   double move_half(Eigen::Index begin, Eigen::Index partners);
   [[nodiscard]] double mean_squared_jump() const;
 
   CheckedDensity& target_;
-  const GaussianMixture& reference_;
+  const Mixture& reference_;
   TemperingOptions options_;
   RandomNumbers random_;
   Eigen::Index n_, d_;
@@ -63,6 +68,7 @@ class TemperedParticles {
   Eigen::VectorXd log_target_, log_reference_, proposal_reference_, increments_;
   Eigen::MatrixXd whitener_;            ///< L of the particles' covariance after resampling
   std::vector<Eigen::Index> ancestor_;  ///< first particle each one descends from
+  std::vector<char> changes_;           ///< which coordinates a proposal changes
   LogDensityBatch batch_;
 };
 

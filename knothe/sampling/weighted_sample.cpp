@@ -2,8 +2,13 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <functional>
+#include <vector>
+
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
+#include "knothe/sampling/random_numbers.hpp"
 
 namespace knothe::sampling {
 
@@ -27,6 +32,37 @@ Eigen::VectorXd mean_of(const WeightedSample& sample) {
 Eigen::MatrixXd covariance_of(const WeightedSample& sample) {
   require_weights(sample);
   return numerics::moments_of(sample.points, sample.weights).covariance;
+}
+
+void thin(Eigen::MatrixXd& points, Eigen::VectorXd& weights, Eigen::Index count, std::uint64_t seed) {
+  const Eigen::Index n = weights.size();
+  if (n <= count) return;
+  // c with Σ min(1, w/c) = count: the k heaviest are above it, the others share what is left.
+  std::vector<double> sorted(weights.begin(), weights.end());
+  std::sort(sorted.begin(), sorted.end(), std::greater<>());
+  double rest = weights.sum(), limit = 0;
+  for (Eigen::Index k = 0; k < count; ++k) {
+    limit = rest / static_cast<double>(count - k);
+    const double heaviest = sorted[static_cast<std::size_t>(k)];
+    if (heaviest <= limit) break;
+    rest -= heaviest;
+  }
+  std::vector<Eigen::Index> kept;
+  double cumulative = RandomNumbers(seed).uniform() * limit;
+  for (Eigen::Index i = 0; i < n; ++i) {
+    if (weights[i] > limit) {
+      kept.push_back(i);
+      continue;
+    }
+    cumulative += weights[i];
+    if (cumulative < limit) continue;
+    cumulative -= limit;
+    weights[i] = limit;
+    kept.push_back(i);
+  }
+  points = points(kept, Eigen::all).eval();
+  weights = weights(kept).eval();
+  weights /= weights.sum();
 }
 
 }  // namespace knothe::sampling

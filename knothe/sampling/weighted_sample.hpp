@@ -20,4 +20,9 @@ struct WeightedSample {
 [[nodiscard]] Eigen::VectorXd mean_of(const WeightedSample& sample);
 [[nodiscard]] Eigen::MatrixXd covariance_of(const WeightedSample& sample);
 
+/// Leaves at most `count` of the points (n × d), all different: the heavy ones keep their weights, the light
+/// ones stand for each other with one weight (Fearnhead, Clifford 2003), which changes no expectation on
+/// average. Weights: n, sum 1.
+void thin(Eigen::MatrixXd& points, Eigen::VectorXd& weights, Eigen::Index count, std::uint64_t seed);
+
 }  // namespace knothe::sampling

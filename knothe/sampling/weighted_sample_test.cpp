@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include <string>
 
 #include "knothe/base/error.hpp"
@@ -36,6 +38,35 @@ TEST(WeightedSample, BadWeightsAreRefused) {
   EXPECT_EQ(message(), "weighted sample: weights must be non-negative, with a positive sum");
   sample.weights.setZero();
   EXPECT_THROW((void)covariance_of(sample), UsageError);
+}
+
+TEST(WeightedSample, ThinningKeepsHeavyPointsAndChangesNoExpectationOnAverage) {
+  const Eigen::Index n = 500, kept = 60;
+  Eigen::MatrixXd points(n, 1);
+  Eigen::VectorXd weights(n);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    points(i, 0) = std::sin(static_cast<double>(i));
+    weights[i] = i < 3 ? 100 : 0.1 + static_cast<double>(i % 7);
+  }
+  weights /= weights.sum();
+  const double mean = points.col(0).dot(weights);
+  double sum = 0;
+  constexpr int k_seeds = 400;
+  for (int seed = 1; seed <= k_seeds; ++seed) {
+    Eigen::MatrixXd p = points;
+    Eigen::VectorXd w = weights;
+    thin(p, w, kept, static_cast<std::uint64_t>(seed));
+    ASSERT_LE(w.size(), kept + 1);
+    ASSERT_GE(w.size(), kept - 1);
+    EXPECT_NEAR(w.sum(), 1, 1e-12);
+    for (Eigen::Index i = 0; i < 3; ++i) {
+      EXPECT_EQ(p(i, 0), points(i, 0));
+      EXPECT_NEAR(w[i], weights[i], 0.02 * weights[i]);
+    }
+    for (Eigen::Index i = 1; i < p.rows(); ++i) EXPECT_NE(p(i, 0), p(i - 1, 0));
+    sum += p.col(0).dot(w);
+  }
+  EXPECT_NEAR(sum / k_seeds, mean, 0.01);
 }
 
 }  // namespace

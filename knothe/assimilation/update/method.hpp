@@ -7,7 +7,7 @@
 namespace knothe::assimilation {
 
 enum class Method {
-  automatic,  ///< the cheapest verified one of `grid`, around the modes, and `transport`
+  automatic,  ///< the cheapest verified one of `grid`, around the modes, weighted draws, and `transport`
   transport,
   grid,  ///< dense quadrature: the plain answer, at most 3 parameters
   markov_chain,

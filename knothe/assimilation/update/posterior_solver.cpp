@@ -11,6 +11,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/base/monotonic_time.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
+#include "knothe/sampling/adaptive_importance.hpp"
 #include "knothe/transport/diagnose/trust.hpp"
 
 namespace knothe::assimilation {
@@ -25,13 +26,28 @@ constexpr double k_quadrature_below = 0.98;
 constexpr double k_converged = 0.01, k_border_mass = 1e-3;
 /// As many nodes as a map and its verification take time for.
 constexpr Eigen::Index k_max_quadrature_nodes = 60'000;
+/// Beyond these particles do not find the mass; and of so many a posterior consists at most.
+constexpr Eigen::Index k_max_particle_parameters = 8, k_max_particles = 4096;
+constexpr double k_max_fallback_coefficients = 300;
 /// Of the log-evidence, of a posterior by quadrature alone: quantiles to 1e-3 std.
 constexpr double k_grid_tolerance = 1e-8;
 
+/// Of a map of total order: Σ over its components k of C(k + order, k) = C(d + order + 1, d) − 1, k = 1 … d.
+double coefficients_of(int order, Eigen::Index d) {
+  double product = 1;
+  for (Eigen::Index k = 1; k <= d; ++k)
+    product *= static_cast<double>(k + order + 1) / static_cast<double>(k);
+  return product - 1;
+}
+
 /// A datum comes every few milliseconds: where the standard way does not reach the tolerance, the importance
 /// correction answers for it, not a search among other parametrisations.
-transport::MapSolverOptions online(const UpdateOptions& options) {
+transport::MapSolverOptions online(const UpdateOptions& options, Eigen::Index d) {
   transport::MapSolverOptions map = options.map;
+  // Where draws have not converged a large map seldom does, and takes seconds.
+  if (options.kind == Method::automatic && d > k_max_quadrature_parameters)
+    while (map.max_order > map.min_order && coefficients_of(map.max_order, d) > k_max_fallback_coefficients)
+      --map.max_order;
   map.fallback = false;
   map.search_modes = options.search_modes;
   // A mixture over the sizes of a discrepancy has tails that no order of a map follows: a low one, and the
@@ -67,7 +83,7 @@ PosteriorSolver::PosteriorSolver(const reduction::ObservedModel& model,
     : kind_(options.kind),
       transform_(std::move(transform)),
       target_(model.functions, transform_, central),
-      solver_(online(options)) {
+      solver_(online(options, transform_->dimension())) {
   if (kind_ == Method::grid && transform_->dimension() > 3)
     throw ProjectError("method.kind = \"grid\" takes 1 to 3 parameters; use \"transport\" for more");
   if (options.noise_level) target_.infer_noise_level(*options.noise_level);
@@ -101,7 +117,12 @@ void PosteriorSolver::solve_collapsed(Posterior& posterior, UpdateTimes& times) 
   posterior.few = {};
   posterior.method = Method::transport;
   if (kind_ == Method::grid) return by_grid(posterior, times);
-  if (kind_ == Method::automatic && by_quadrature(posterior, times)) return;
+  if (kind_ == Method::automatic) {
+    if (by_quadrature(posterior, times)) return;
+    const Eigen::Index d = transform_->dimension();
+    if (d > k_max_quadrature_parameters && d <= k_max_particle_parameters)
+      return by_particles(posterior, times);
+  }
   by_collapsed_map(posterior, times);
 }
 
@@ -145,6 +166,50 @@ bool PosteriorSolver::by_quadrature(Posterior& r, UpdateTimes& times) {
   set_few_points(quadrature, r);
   times.map = microseconds_since(start);
   return true;
+}
+
+/// A map where the stated error of the particles is too large; the particles all the same where that is not
+/// trusted either.
+void PosteriorSolver::by_particles(Posterior& r, UpdateTimes& times) {
+  const auto start = monotonic_now();
+  sampling::AdaptiveImportanceOptions options;
+  options.seed = solver_.options().seed;
+  options.variables = [this](Eigen::MatrixXd& z) {
+    turned_ = z;
+    transform_->evaluate(turned_, 0, z, no_derivatives_, no_derivatives_);
+  };
+  const sampling::AdaptiveImportanceResult particles = sampling::adaptive_importance(target_, options);
+  if (!particles.converged) {
+    by_collapsed_map(r, times);
+    if (r.trusted) {
+      times.map = microseconds_since(start) - times.correction;
+      return;
+    }
+  }
+  take(particles, r);
+  times.map = microseconds_since(start);
+  times.correction = 0;
+}
+
+void PosteriorSolver::take(const sampling::AdaptiveImportanceResult& particles, Posterior& r) {
+  const sampling::WeightedSample& sample = particles.sample;
+  take(sample.points, sample.weights, numerics::weighted_quantiles(sample.points, sample.weights), r);
+  sampling::thin(r.points, r.weights, k_max_particles, solver_.options().seed);
+  r.method = Method::sequential_monte_carlo;
+  r.map_mean = r.mean;
+  r.map_covariance = r.covariance;
+  r.map_order = 0;
+  r.variance_diagnostic = 0;
+  r.log_evidence = r.log_evidence_lower_bound = sample.log_evidence;
+  r.effective_sample_size = sample.effective_size / static_cast<double>(sample.weights.size());
+  r.trusted = r.tolerance_reached = particles.converged;
+  r.second_mode_found = r.by_quadrature = false;
+  r.remark.clear();
+  if (!particles.converged)
+    r.remark = fmt::format(
+        "the particles state an error of {:.2f} standard deviations in a mean and of {:.0f} % in a standard "
+        "deviation, from {:.0f} effective draws of {}",
+        particles.mean_error, 100 * particles.deviation_error, sample.effective_size, sample.weights.size());
 }
 
 /// Every other node, whose rule has the moments and the evidence of all to 1 %; but those that carry little,

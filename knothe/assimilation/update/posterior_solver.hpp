@@ -1,6 +1,6 @@
 #pragma once
-/// @file Finds the posterior of data whose forms are summed up: by a grid, by one map of all data, or by
-/// composed maps; corrected by importance weights or by quadrature, and judged.
+/// @file Finds the posterior of data whose forms are summed up: by a grid, by weighted draws, by one map
+/// of all data, or by composed maps; corrected by importance weights or by quadrature, and judged.
 #include <Eigen/Core>
 #include <memory>
 #include <optional>
@@ -13,6 +13,7 @@
 #include "knothe/assimilation/update/update_options.hpp"
 #include "knothe/assimilation/update/update_result.hpp"
 #include "knothe/reduction/observe/observed_model.hpp"
+#include "knothe/sampling/adaptive_importance.hpp"
 #include "knothe/transport/solve/map_solver.hpp"
 
 namespace knothe::assimilation {
@@ -50,6 +51,7 @@ class PosteriorSolver {
 
  private:
   [[nodiscard]] bool by_quadrature(Posterior& posterior, UpdateTimes& times);
+  void by_particles(Posterior& posterior, UpdateTimes& times);
   static void set_few_points(const QuadraturePosterior& quadrature, Posterior& posterior);
   void by_grid(Posterior& posterior, UpdateTimes& times);
   void by_collapsed_map(Posterior& posterior, UpdateTimes& times);
@@ -57,6 +59,7 @@ class PosteriorSolver {
   void compose_anew();
   void take(const transport::MapResult& map, Posterior& posterior);
   void take(const QuadraturePosterior& quadrature, Posterior& posterior);
+  void take(const sampling::AdaptiveImportanceResult& particles, Posterior& posterior);
   void take(const Eigen::MatrixXd& z, const Eigen::VectorXd& weights, const Eigen::MatrixXd& z_quantiles,
             Posterior& posterior);
   [[nodiscard]] double expected_noise_level(const Posterior& posterior);
@@ -70,7 +73,7 @@ class PosteriorSolver {
   std::optional<MapComposition> composition_;  ///< for Form::composed
   std::optional<Eigen::VectorXd> shares_;      ///< of a mixture's parts, where quadrature has given them
   sampling::ModeSearch search_;
-  Eigen::MatrixXd no_derivatives_, map_points_;
+  Eigen::MatrixXd no_derivatives_, map_points_, turned_;
 };
 
 }  // namespace knothe::assimilation

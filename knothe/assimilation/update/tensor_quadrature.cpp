@@ -400,6 +400,12 @@ QuadraturePosterior tensor_quadrature(sampling::LogDensity& target, const Quadra
         fmt::format("a grid takes 1 to 3 parameters, not {}: use \"transport\", \"mcmc\" or \"smc\"", d));
   GridDensity density(target, options, search);
   const Frame& frame = density.frame();
+  if (std::pow(static_cast<double>(frame.coarse_nodes), static_cast<double>(d)) >
+      2 * static_cast<double>(options.max_nodes)) {
+    QuadraturePosterior unresolved;
+    unresolved.evidence_change = std::numeric_limits<double>::infinity();
+    return unresolved;
+  }
   Eigen::VectorXd coarse_values;
   const Grid coarse = find_window(density, coarse_values);
   Grid grid = coarse;

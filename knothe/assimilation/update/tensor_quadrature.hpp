@@ -30,7 +30,8 @@ struct QuadratureOptions {
   /// The first look is at all |z| ≤ 8.5 with `coarse_nodes` along the parameters' axes, not around the modes
   /// found: the plain answer.
   bool whole_range = false;
-  Eigen::Index max_nodes = 4'000'000;  ///< evaluated at once, about
+  Eigen::Index max_nodes = 4'000'000;  ///< evaluated at once, about; no points at all where twice as many do
+                                       ///< not see the narrowest mode
 };
 
 /// Nodes in z with normalised weights, and what follows from them.

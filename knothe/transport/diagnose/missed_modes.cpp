@@ -104,8 +104,8 @@ class Search {
 
  private:
   bool judge(const sampling::TemperedParticles& particles, const DiscountedDensity& discounted);
-  [[nodiscard]] sampling::GaussianMixture reference(double wider) const;
-  [[nodiscard]] sampling::GaussianMixture near_the_origin(double spread) const;
+  [[nodiscard]] sampling::Mixture reference(double wider) const;
+  [[nodiscard]] sampling::Mixture near_the_origin(double spread) const;
   [[nodiscard]] Eigen::MatrixXd starts_among(const sampling::TemperedParticles& particles,
                                              const std::vector<Eigen::Index>& uncovered) const;
   [[nodiscard]] std::vector<Eigen::Index> sample_of(const sampling::TemperedParticles& particles) const;
@@ -140,17 +140,17 @@ bool Search::a_mode_is_missed() {
 
 /// For parameters that come standardised: N(0, s² I); and the same around a mode that lies outside, else
 /// particles would have to come all the way to it.
-sampling::GaussianMixture Search::near_the_origin(double spread) const {
+sampling::Mixture Search::near_the_origin(double spread) const {
   const Eigen::Index d = target_.dimension();
   const Eigen::MatrixXd lower = spread * Eigen::MatrixXd::Identity(d, d);
-  std::vector<sampling::GaussianComponent> parts = {{1.0, Eigen::VectorXd::Zero(d), lower}};
+  std::vector<sampling::MixtureComponent> parts = {{1.0, Eigen::VectorXd::Zero(d), lower}};
   const Eigen::VectorXd& mode = modes_.front().point;
   if (mode.cwiseAbs().maxCoeff() > 2 * spread) parts.push_back({1.0, mode, lower});
-  return sampling::GaussianMixture(std::move(parts));
+  return sampling::Mixture(std::move(parts));
 }
 
 /// Far wider than all that is known of the target, so that what is not known is inside.
-sampling::GaussianMixture Search::reference(double wider) const {
+sampling::Mixture Search::reference(double wider) const {
   const Eigen::Index d = target_.dimension();
   if (options_.reference_spread > 0) return near_the_origin(options_.reference_spread);
   const Mode& main = modes_.front();
@@ -166,7 +166,7 @@ sampling::GaussianMixture Search::reference(double wider) const {
   Eigen::LLT<Eigen::MatrixXd> factor(covariance);
   Eigen::MatrixXd lower = wider * main.lower;
   if (factor.info() == Eigen::Success) lower = factor.matrixL();
-  return sampling::GaussianMixture({{1.0, main.point, lower}});
+  return sampling::Mixture({{1.0, main.point, lower}});
 }
 
 /// The inverse of the map costs more than a cheap density: 256 particles stand for all, and beside them the
@@ -232,7 +232,7 @@ bool Search::particles_elsewhere(int effort, double widest) {
   // Where the density is zero at all particles, as around a box, they begin nearer.
   for (const double wider : {120.0, 12.0, 2.0}) {
     if (wider > widest) continue;
-    const sampling::GaussianMixture start = reference(wider);
+    const sampling::Mixture start = reference(wider);
     DiscountedDensity discounted(target_, result_, out_.map_log_evidence);
     sampling::CheckedDensity checked(discounted);
     const sampling::CheckedDensity::Leniency lenient(checked);

@@ -86,6 +86,7 @@ void MapSolver::prepare(Eigen::Index dimension) {
   if (work.options.growth == Growth::greedy) return;
   for (int order = work.options.min_order; order <= work.options.max_order; ++order) {
     MapShape& shape = work.shapes.of_order(dimension, order, work.options.parametrisation);
+    if (shape.identity.coefficients().size() > k_last_prepared_size) return;
     work.shapes.prepare(shape, order <= k_last_prepared_broad);
   }
 }

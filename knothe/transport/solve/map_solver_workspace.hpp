@@ -102,6 +102,9 @@ inline constexpr int k_first_long = 2;
 /// Up to this order the tables of a correction's further points are made in advance. Those of higher orders
 /// and of long first variables are nine tenths of all tables and most posteriors never need them.
 inline constexpr int k_last_prepared_broad = 4;
+/// Coefficients of the largest map whose tables are made beforehand: those of order 8 in eight variables
+/// would fill any memory.
+inline constexpr Eigen::Index k_last_prepared_size = 500;
 /// From here on maps with a long first variable cost ten times more: only for what is far from the tolerance.
 inline constexpr int k_first_dear_long = 5;
 /// Dimensions in which it is tried.

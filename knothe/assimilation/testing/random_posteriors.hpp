@@ -1,0 +1,264 @@
+#pragma once
+/// @file Random separated models of three to eight parameters whose posteriors are hard: several modes,
+/// ridges, rings, funnels, edges of the box, directions that the data say nothing of.
+///
+/// A model is made of blocks of one to three parameters that the data do not couple, so that the posterior is
+/// the product of the blocks' and dense quadrature, block by block, is an exact answer in any dimension.
+#include <Eigen/Core>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "knothe/assimilation/noise/noise_model.hpp"
+#include "knothe/assimilation/testing/dense_quadrature.hpp"
+#include "knothe/assimilation/update/collapsed_posterior.hpp"
+#include "knothe/assimilation/update/datum_projector.hpp"
+#include "knothe/assimilation/update/prior_of_model.hpp"
+#include "knothe/reduction/model/spline_functions.hpp"
+#include "knothe/reduction/observe/observed_model.hpp"
+
+namespace knothe::assimilation::test {
+
+/// Σ over terms of a product of one-variable functions: one observation.
+using OneVariable = std::function<double(double)>;
+struct Term {
+  double factor;
+  std::vector<OneVariable> functions;  ///< one per parameter of the block
+};
+struct Observation {
+  std::vector<Term> terms;
+  double std;  ///< of all steps together
+};
+struct Block {
+  std::string kind;
+  bool is_hard;  ///< several modes, or far from a Gaussian
+  std::vector<double> truth;
+  std::vector<Observation> observations;
+};
+
+inline constexpr double k_half_width = 3;  ///< of the box, whose middle is 0
+
+class RandomPosterior {
+ public:
+  RandomPosterior(Eigen::Index dimension, unsigned seed, Eigen::Index steps = 6)
+      : random_(seed), steps_(steps) {
+    Eigen::Index hard = 0;
+    while (dimension_ < dimension) {
+      Block block = random_block(dimension - dimension_, hard < k_most_hard_blocks);
+      hard += block.is_hard;
+      dimension_ += static_cast<Eigen::Index>(block.truth.size());
+      name += (name.empty() ? "" : " + ") + block.kind;
+      blocks_.push_back(std::move(block));
+    }
+    draw_data();
+    model = make_model(blocks_);
+  }
+
+  std::string name;
+  std::shared_ptr<const reduction::ObservedModel> model;
+
+  [[nodiscard]] Eigen::Index steps() const { return steps_; }
+  [[nodiscard]] NoiseModel noise() const { return NoiseModel::independent(std_); }
+  [[nodiscard]] std::vector<Prior> priors() const {
+    return std::vector<Prior>(static_cast<std::size_t>(dimension_), prior());
+  }
+  [[nodiscard]] Eigen::VectorXd datum(Eigen::Index step) const { return data_.col(step); }
+
+  /// Mean, standard deviations and log-evidence of the steps 0 … step.
+  struct Answer {
+    Eigen::VectorXd mean, std;
+    double log_evidence = 0;
+    bool resolved = true;
+  };
+  [[nodiscard]] Answer exact(Eigen::Index step) const {
+    Answer answer{Eigen::VectorXd(dimension_), Eigen::VectorXd(dimension_)};
+    Eigen::Index parameter = 0, row = 0;
+    for (const Block& block : blocks_) {
+      const auto rows = static_cast<Eigen::Index>(block.observations.size());
+      const auto d = static_cast<Eigen::Index>(block.truth.size());
+      const std::vector<Block> one{block};
+      const auto part = make_model(one);
+      const std::vector<Prior> priors(static_cast<std::size_t>(d), prior());
+      const auto transform = truncated_to_box(*part, priors);
+      DatumProjector projector(part, NoiseModel::independent(std_.segment(row, rows)), medians(*transform));
+      CollapsedLogDensity target(part->functions, transform, projector.central_functions());
+      StepForm sum = StepForm::zero(part->functions->count()), form;
+      for (Eigen::Index t = 0; t <= step; ++t) {
+        projector.project(static_cast<std::size_t>(t), static_cast<std::size_t>(t),
+                          data_.col(t).segment(row, rows), form);
+        sum.add(form);
+      }
+      target.set_form(sum);
+      const DenseQuadrature grid(
+          target, [&](Eigen::Index k, double z) { return transform->prior(k).from_standard_normal(z).value; },
+          d == 1   ? 4001
+          : d == 2 ? 601
+                   : 151);
+      answer.mean.segment(parameter, d) = grid.mean;
+      answer.std.segment(parameter, d) = grid.covariance.diagonal().cwiseSqrt();
+      answer.log_evidence += grid.log_evidence;
+      answer.resolved = answer.resolved && grid.resolved;
+      parameter += d;
+      row += rows;
+    }
+    return answer;
+  }
+
+ private:
+  static constexpr Eigen::Index k_most_hard_blocks = 2, k_nodes = 41;
+  static Prior prior() { return Prior::normal(0, 1.5); }
+  double uniform(double low, double high) {
+    return std::uniform_real_distribution<double>(low, high)(random_);
+  }
+  double sign() { return uniform(0, 1) < 0.5 ? -1 : 1; }
+
+  Block random_block(Eigen::Index room, bool may_be_hard) {
+    const OneVariable one = [](double) { return 1.0; };
+    const OneVariable x = [](double v) { return v; };
+    const OneVariable square = [](double v) { return v * v; };
+    const OneVariable shrinks = [](double v) { return std::exp(-v); };
+    const auto bent = [&](double std) { return Observation{{{1, {one, x}}, {-1, {square, one}}}, std}; };
+    const std::vector<std::function<Block()>> easy = {
+        [&] {
+          return Block{"gaussian", false, {uniform(-1.5, 1.5)}, {{{{1, {x}}}, uniform(0.03, 0.5)}}};
+        },
+        [&] {
+          return Block{"edge", false, {sign() * k_half_width}, {{{{1, {x}}}, uniform(0.05, 0.5)}}};
+        },
+        [&] {
+          return Block{"unidentified", false, {uniform(-1, 1)}, {{{{0.02, {x}}}, 1}}};
+        },
+        [&] {
+          return Block{"ridge",
+                       false,
+                       {uniform(-1, 1), uniform(-1, 1)},
+                       {{{{1, {x, one}}, {1, {one, x}}}, uniform(0.02, 0.15)}}};
+        }};
+    const std::vector<std::function<Block()>> hard = {
+        [&] {
+          return Block{"two modes", true, {uniform(0.8, 2)}, {{{{1, {square}}}, uniform(0.1, 0.6)}}};
+        },
+        [&] {
+          return Block{"unequal modes",
+                       true,
+                       {uniform(0.8, 2)},
+                       {{{{1, {square}}}, uniform(0.1, 0.6)}, {{{1, {x}}}, uniform(1, 3)}}};
+        },
+        [&] {
+          return Block{"banana",
+                       true,
+                       {uniform(-1, 1), uniform(0, 1)},
+                       {{{{1, {x, one}}}, uniform(0.3, 1)}, bent(uniform(0.05, 0.3))}};
+        },
+        [&] {
+          return Block{"double banana",
+                       true,
+                       {uniform(0.8, 1.3), uniform(1, 2)},
+                       {{{{1, {square, one}}}, uniform(0.2, 0.5)}, bent(uniform(0.05, 0.3))}};
+        },
+        [&] {
+          return Block{"ring",
+                       true,
+                       {uniform(0.7, 1.4), uniform(0.7, 1.4)},
+                       {{{{1, {square, one}}, {1, {one, square}}}, uniform(0.1, 0.6)}}};
+        },
+        [&] {
+          return Block{"sphere",
+                       true,
+                       {uniform(0.6, 1.2), uniform(0.6, 1.2), uniform(0.6, 1.2)},
+                       {{{{1, {square, one, one}}, {1, {one, square, one}}, {1, {one, one, square}}},
+                         uniform(0.15, 0.6)}}};
+        },
+        [&] {
+          return Block{"funnel", true, {uniform(-1, 1), 0}, {{{{1, {shrinks, x}}}, uniform(0.2, 0.6)}}};
+        },
+        [&] {
+          return Block{"Rosenbrock", true, {1, 1}, {{{{1, {x, one}}}, 1}, bent(uniform(0.1, 0.3))}};
+        },
+        [&] {
+          return Block{
+              "product", true, {uniform(0.6, 1.5), uniform(0.6, 1.5)}, {{{{1, {x, x}}}, uniform(0.1, 0.4)}}};
+        }};
+    const auto& kinds = may_be_hard ? hard : easy;
+    for (;;) {
+      const auto k = static_cast<std::size_t>(uniform(0, static_cast<double>(kinds.size())));
+      Block block = kinds[std::min(k, kinds.size() - 1)]();
+      if (static_cast<Eigen::Index>(block.truth.size()) <= room) return block;
+    }
+  }
+
+  void draw_data() {
+    std::normal_distribution<double> normal;
+    std::vector<double> value, std;
+    for (const Block& block : blocks_) {
+      for (const Observation& o : block.observations) {
+        double sum = 0;
+        for (const Term& term : o.terms) {
+          double product = term.factor;
+          for (std::size_t a = 0; a < term.functions.size(); ++a)
+            product *= term.functions[a](block.truth[a]);
+          sum += product;
+        }
+        value.push_back(sum);
+        std.push_back(o.std * std::sqrt(static_cast<double>(steps_)));
+      }
+    }
+    std_ = Eigen::Map<Eigen::VectorXd>(std.data(), static_cast<Eigen::Index>(std.size()));
+    data_.resize(std_.size(), steps_);
+    for (Eigen::Index t = 0; t < steps_; ++t)
+      for (Eigen::Index i = 0; i < std_.size(); ++i)
+        data_(i, t) = value[static_cast<std::size_t>(i)] + std_[i] * normal(random_);
+  }
+
+  std::shared_ptr<const reduction::ObservedModel> make_model(const std::vector<Block>& blocks) const {
+    std::size_t d = 0, n = 0, r = 0;
+    for (const Block& block : blocks) {
+      d += block.truth.size(), n += block.observations.size();
+      for (const Observation& o : block.observations) r += o.terms.size();
+    }
+    std::vector<double> nodes(k_nodes);
+    for (std::size_t i = 0; i < nodes.size(); ++i)
+      nodes[i] = k_half_width * (2.0 * static_cast<double>(i) / (k_nodes - 1) - 1);
+    std::vector<std::vector<double>> values(d, std::vector<double>(r * k_nodes, 1.0));
+    auto result = std::make_shared<reduction::ObservedModel>();
+    result->space.setZero(static_cast<Eigen::Index>(n), static_cast<Eigen::Index>(r));
+    std::size_t first = 0, row = 0, k = 0;
+    for (const Block& block : blocks) {
+      for (const Observation& o : block.observations) {
+        for (const Term& term : o.terms) {
+          for (std::size_t a = 0; a < term.functions.size(); ++a)
+            for (std::size_t i = 0; i < nodes.size(); ++i)
+              values[first + a][k * k_nodes + i] = term.functions[a](nodes[i]);
+          result->space(static_cast<Eigen::Index>(row), static_cast<Eigen::Index>(k)) = term.factor;
+          ++k;
+        }
+        ++row;
+      }
+      first += block.truth.size();
+    }
+    const std::vector<std::vector<double>> axes(d, nodes);
+    result->functions =
+        std::make_shared<reduction::CanonicalFunctions>(axes, values, static_cast<Eigen::Index>(r));
+    for (std::size_t a = 0; a < d; ++a) result->parameters.push_back("p" + std::to_string(a));
+    for (Eigen::Index t = 0; t < steps_; ++t) {
+      result->time.push_back(static_cast<double>(t));
+      result->core.emplace_back(
+          Eigen::MatrixXd::Identity(static_cast<Eigen::Index>(r), static_cast<Eigen::Index>(r)));
+    }
+    result->lift.setZero(static_cast<Eigen::Index>(n), steps_);
+    return result;
+  }
+
+  std::mt19937_64 random_;
+  Eigen::Index dimension_ = 0, steps_;
+  std::vector<Block> blocks_;
+  Eigen::VectorXd std_;
+  Eigen::MatrixXd data_;
+};
+
+}  // namespace knothe::assimilation::test

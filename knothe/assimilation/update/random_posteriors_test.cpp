@@ -1,0 +1,57 @@
+// Hard posteriors of random separated models against dense quadrature, block by block: what is trusted is
+// right. A short form by default; KNOTHE_RANDOM_POSTERIORS=200 (the nightly entry) is the full count.
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+
+#include "knothe/assimilation/testing/random_posteriors.hpp"
+#include "knothe/assimilation/update/sequential_update.hpp"
+
+namespace knothe::assimilation {
+namespace {
+
+struct Tally {
+  int steps = 0, trusted = 0, wrong = 0, by_particles = 0;
+};
+
+void judge(const test::RandomPosterior& situation, Tally& tally) {
+  SequentialUpdate update(situation.model, situation.noise(), situation.priors());
+  for (Eigen::Index t = 0; t < situation.steps(); ++t) {
+    const auto step = static_cast<std::size_t>(t);
+    update.add({.step = step, .time_index = step, .values = situation.datum(t)});
+    if (t != 0 && t + 1 != situation.steps()) continue;
+    const UpdateResult& r = update.follow(step);
+    const auto exact = situation.exact(t);
+    EXPECT_TRUE(exact.resolved) << situation.name;
+    EXPECT_TRUE(r.points.allFinite() && r.mean.allFinite()) << situation.name;
+    ++tally.steps;
+    tally.by_particles += r.method == Method::sequential_monte_carlo;
+    if (!r.trusted) {
+      EXPECT_NE(r.remark, "") << situation.name;
+      continue;
+    }
+    ++tally.trusted;
+    const double mean = ((r.mean - exact.mean).array() / exact.std.array()).abs().maxCoeff();
+    const double std = (r.standard_deviations().array() / exact.std.array() - 1).abs().maxCoeff();
+    if (mean <= 0.1 && std <= 0.05) continue;
+    ++tally.wrong;
+    std::cout << situation.name << ", step " << t << ": mean off by " << mean << " std, std by " << 100 * std
+              << " %\n";
+  }
+}
+
+TEST(RandomPosteriors, WhatIsTrustedIsRight) {
+  const char* text = std::getenv("KNOTHE_RANDOM_POSTERIORS");
+  const int count = text ? std::atoi(text) : 20;
+  Tally tally;
+  for (int i = 0; i < count; ++i)
+    judge(test::RandomPosterior(3 + i % 6, 1000 + static_cast<unsigned>(i)), tally);
+  std::cout << tally.steps << " steps, " << tally.trusted << " trusted, " << tally.wrong << " of these off; "
+            << tally.by_particles << " by particles\n";
+  EXPECT_GE(tally.trusted, 0.9 * tally.steps);
+  EXPECT_LE(tally.wrong, 0.005 * tally.trusted);
+  EXPECT_GT(tally.by_particles, 0.5 * tally.steps);
+}
+
+}  // namespace
+}  // namespace knothe::assimilation

@@ -1,0 +1,196 @@
+#include "knothe/sampling/adaptive_importance.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "knothe/sampling/mixture.hpp"
+#include "knothe/sampling/mixture_fit.hpp"
+#include "knothe/sampling/tempered_particles.hpp"
+
+namespace knothe::sampling {
+namespace {
+
+/// Degrees of freedom of the mixture drawn from, and the share of the draws that come from N(0, I).
+constexpr double k_tails = 4, k_reference_share = 0.02;
+/// Points that a fit looks at.
+constexpr Eigen::Index k_fit_points = 2048;
+/// Weight of the particles in it.
+constexpr double k_particles_share = 0.5;
+/// Effective share of the draws below which a mixture is too bad a fit for its weights to tell their own
+/// error.
+constexpr double k_least_share = 0.05;
+/// Where target and mixture differ by more than this factor the mixture is too thin; and the share of the
+/// particles, beyond that of the draws, that may stand there.
+constexpr double k_too_thin = 5, k_thin_share = 0.005;
+
+Mixture reference(Eigen::Index d) {
+  return Mixture({{1.0, Eigen::VectorXd::Zero(d), Eigen::MatrixXd::Identity(d, d)}});
+}
+
+/// The mixture to draw from: heavy tails, and something everywhere.
+Mixture widened(std::vector<MixtureComponent> components) {
+  const Eigen::Index d = components.front().centre.size();
+  double total = 0;
+  for (const MixtureComponent& c : components) total += c.weight;
+  components.push_back({k_reference_share / (1 - k_reference_share) * total, Eigen::VectorXd::Zero(d),
+                        Eigen::MatrixXd::Identity(d, d)});
+  return Mixture(std::move(components), k_tails);
+}
+
+/// What a fit looks at: every so many of the draws, with weights none of which is worth more than √n, and the
+/// particles, which also stand where no draw has been.
+void choose_fit_points(const WeightedSample& sample, const Eigen::MatrixXd& particles,
+                       Eigen::MatrixXd& points, Eigen::VectorXd& weights) {
+  const Eigen::Index n = sample.points.rows(), stride = (n + k_fit_points - 1) / k_fit_points;
+  const Eigen::Index kept = (n + stride - 1) / stride;
+  const Eigen::Index particles_stride = (particles.rows() + k_fit_points - 1) / k_fit_points;
+  const Eigen::Index particles_kept = (particles.rows() + particles_stride - 1) / particles_stride;
+  points.resize(kept + particles_kept, particles.cols());
+  weights.resize(points.rows());
+  const double largest = 1 / std::sqrt(static_cast<double>(n));
+  for (Eigen::Index i = 0; i < kept; ++i) {
+    points.row(i) = sample.points.row(i * stride);
+    weights[i] = std::min(largest, sample.weights[i * stride]);
+  }
+  for (Eigen::Index i = 0; i < particles_kept; ++i)
+    points.row(kept + i) = particles.row(i * particles_stride);
+  weights.head(kept) *= (1 - k_particles_share) / weights.head(kept).sum();
+  weights.tail(particles_kept).setConstant(k_particles_share / static_cast<double>(particles_kept));
+}
+
+/// Draws from the mixture, weighted by the target; both are asked for few at a time, in the fastest memory.
+void draw(CheckedDensity& target, const Mixture& mixture, Eigen::Index n, RandomNumbers& random,
+          WeightedSample& sample) {
+  constexpr Eigen::Index k_block = 512;
+  mixture.sample(n, random, sample.points);
+  sample.weights.resize(n);
+  Eigen::VectorXd log_proposal;
+  LogDensityBatch batch;
+  for (Eigen::Index begin = 0; begin < n; begin += k_block) {
+    const Eigen::Index size = std::min(k_block, n - begin);
+    const auto points = sample.points.middleRows(begin, size);
+    mixture.log_density(points, log_proposal);
+    target.evaluate(points, 0, batch);
+    sample.weights.segment(begin, size) = batch.value - log_proposal;
+  }
+  const double largest = sample.weights.maxCoeff();
+  sample.weights = (sample.weights.array() - largest).exp().matrix();
+  const double sum = sample.weights.sum();
+  sample.log_evidence = largest + std::log(sum / static_cast<double>(n));
+  sample.weights /= sum;
+  sample.effective_size = 1 / sample.weights.squaredNorm();
+  sample.log_evidence_error =
+      std::sqrt(std::max(0.0, 1 / sample.effective_size - 1 / static_cast<double>(n)));
+  sample.has_evidence = true;
+}
+
+/// The share of the particles, beyond that of the weighted draws, at places where the mixture has far too
+/// little: mass that the draws have missed, of which their weights know nothing.
+double missed_share(const Mixture& mixture, const TemperedParticles& particles,
+                    const WeightedSample& sample) {
+  Eigen::VectorXd log_proposal;
+  mixture.log_density(particles.points(), log_proposal);
+  const double threshold = std::log(k_too_thin) + sample.log_evidence;
+  const auto thin =
+      static_cast<double>(((particles.log_target() - log_proposal).array() > threshold).count());
+  const double of_draws = (sample.weights.array() > k_too_thin / static_cast<double>(sample.weights.size()))
+                              .select(sample.weights, 0)
+                              .sum();
+  return thin / static_cast<double>(particles.points().rows()) - of_draws;
+}
+
+/// The draws of several rounds. Each round's are weighted among themselves, and the rounds by how many draws
+/// they are worth.
+class Pool {
+ public:
+  explicit Pool(const AdaptiveImportanceOptions& options) : options_(options) {}
+
+  void add(const WeightedSample& round, AdaptiveImportanceResult& r) {
+    const double before = r.sample.effective_size,
+                 share = round.effective_size / (before + round.effective_size);
+    const Eigen::Index old = r.sample.points.rows(), n = old + round.points.rows(), d = round.points.cols();
+    next_ = round.points;
+    if (options_.variables) options_.variables(next_);
+    r.sample.points.conservativeResize(n, d);
+    r.sample.points.bottomRows(n - old) = round.points;
+    variables_.conservativeResize(n, d);
+    variables_.bottomRows(n - old) = next_;
+    r.sample.weights.conservativeResize(n);
+    r.sample.weights.head(old) *= 1 - share;
+    r.sample.weights.tail(n - old) = share * round.weights;
+    r.sample.effective_size = 1 / r.sample.weights.squaredNorm();
+    r.sample.log_evidence =
+        old == 0 ? round.log_evidence
+                 : r.sample.log_evidence +
+                       std::log1p(share * std::expm1(round.log_evidence - r.sample.log_evidence));
+    r.sample.log_evidence_error =
+        std::hypot((1 - share) * r.sample.log_evidence_error, share * round.log_evidence_error);
+    r.sample.has_evidence = true;
+    state_errors(r);
+  }
+
+ private:
+  /// Four standard errors of self-normalised importance sampling, by the delta method.
+  void state_errors(AdaptiveImportanceResult& r) const {
+    constexpr double k_standard_errors = 4;
+    const Eigen::VectorXd& w = r.sample.weights;
+    double mean_error = 0, deviation_error = 0;  // squared
+    for (Eigen::Index k = 0; k < variables_.cols(); ++k) {
+      const auto x = variables_.col(k).array();
+      const double mean = x.matrix().dot(w), variance = (w.array() * (x - mean).square()).sum();
+      if (!(variance > 0)) continue;
+      mean_error = std::max(mean_error, (w.array() * (x - mean)).square().sum() / variance);
+      deviation_error =
+          std::max(deviation_error, 0.25 * (w.array() * ((x - mean).square() / variance - 1)).square().sum());
+    }
+    r.mean_error = k_standard_errors * std::sqrt(mean_error);
+    r.deviation_error = k_standard_errors * std::sqrt(deviation_error);
+    r.converged = r.mean_error <= options_.mean_tolerance &&
+                  r.deviation_error <= options_.deviation_tolerance &&
+                  r.sample.effective_size >= k_least_share * static_cast<double>(w.size());
+  }
+
+  const AdaptiveImportanceOptions& options_;
+  Eigen::MatrixXd variables_, next_;
+};
+
+}  // namespace
+
+AdaptiveImportanceResult adaptive_importance(LogDensity& user_target,
+                                             const AdaptiveImportanceOptions& options) {
+  CheckedDensity target(user_target);
+  const Mixture start = reference(target.dimension());
+  RandomNumbers random(options.seed);
+  AdaptiveImportanceResult result;
+  WeightedSample sample;
+  Eigen::MatrixXd points;
+  Eigen::VectorXd weights;
+  Pool pool(options);
+  for (int attempt = 0; attempt < options.attempts && !result.converged; ++attempt) {
+    TemperingOptions tempering;
+    tempering.particles = options.particles << (2 * attempt);
+    tempering.max_moves = options.max_moves << attempt;
+    tempering.seed = options.seed;
+    TemperedParticles particles(target, start, tempering);
+    particles.run();
+    points = particles.points();
+    weights.setConstant(points.rows(), 1 / static_cast<double>(points.rows()));
+    std::vector<MixtureComponent> components;
+    for (int round = 0; round < options.max_rounds && !result.converged; ++round) {
+      components = fit_mixture(points, weights, std::move(components));
+      result.components = components.size();
+      const Mixture mixture = widened(components);
+      draw(target, mixture, std::min(options.max_draws, options.first_draws << round), random, sample);
+      particles.go_on(2 * options.max_moves);
+      result.missed = missed_share(mixture, particles, sample);
+      if (result.missed <= k_thin_share) pool.add(sample, result);
+      choose_fit_points(sample, particles.points(), points, weights);
+    }
+  }
+  if (result.sample.points.rows() == 0) pool.add(sample, result), result.converged = false;
+  result.sample.density_evaluations = target.evaluations();
+  return result;
+}
+
+}  // namespace knothe::sampling

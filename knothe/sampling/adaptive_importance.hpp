@@ -1,0 +1,45 @@
+#pragma once
+/// @file Adaptive importance sampling: a mixture of Student's t is fitted to tempered particles, then to its
+/// own weighted draws, until the draws are good enough.
+#include <Eigen/Core>
+#include <cstdint>
+#include <functional>
+#include <string>
+
+#include "knothe/sampling/log_density.hpp"
+#include "knothe/sampling/weighted_sample.hpp"
+
+namespace knothe::sampling {
+
+struct AdaptiveImportanceOptions {
+  /// Done when the stated errors are below these.
+  double mean_tolerance = 0.1, deviation_tolerance = 0.05;
+  Eigen::Index particles = 1500;  ///< of the tempered start, which finds the modes
+  int max_moves = 4;              ///< of them at each temperature
+  int attempts = 2;               ///< of the start; each has four times as many particles, twice the moves
+  Eigen::Index first_draws = 8192, max_draws = 32768;  ///< of a round; each takes twice as many
+  int max_rounds = 6;
+  std::uint64_t seed = 1;
+  /// The variables whose means and standard deviations count, from the density's own (n × d, in place).
+  std::function<void(Eigen::MatrixXd&)> variables = {};
+};
+
+struct AdaptiveImportanceResult {
+  WeightedSample sample;  ///< of the last round
+  /// Four standard errors, the largest of all variables: of a mean in standard deviations, of a standard
+  /// deviation relative to it.
+  double mean_error = 0, deviation_error = 0;
+  double missed = 0;           ///< about: the share of the mass that the draws have missed
+  std::size_t components = 0;  ///< of the mixture drawn from
+  bool converged = false;      ///< both errors are below the tolerances, and no mass is missed
+};
+
+/// For a density relative to N(0, I), or wider than it nowhere: the particles begin there (Del Moral, Doucet,
+/// Jasra 2006), and 2 % of the draws come from there. Each round fits a mixture (Cappé, Douc, Guillin, Marin,
+/// Robert 2008) to what the last one has drawn, with truncated weights (Ionides 2008), and draws anew; the
+/// answer is of one round's draws and weights, which owe nothing to the fit but how even they are. A function
+/// of the target and the options alone. Errors: as `TemperedParticles`.
+[[nodiscard]] AdaptiveImportanceResult adaptive_importance(LogDensity& target,
+                                                           const AdaptiveImportanceOptions& options = {});
+
+}  // namespace knothe::sampling
