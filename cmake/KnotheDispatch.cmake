@@ -17,7 +17,7 @@ function(knothe_dispatch target entry name)
 
   add_library(${code} SHARED ${sources})
   target_link_libraries(${code} PRIVATE ${libraries})
-  target_link_options(${code} PRIVATE LINKER:--version-script=${exports} LINKER:--no-undefined)
+  target_link_options(${code} PRIVATE LINKER:--version-script=${exports})
   set_target_properties(${code} PROPERTIES OUTPUT_NAME ${name} LINK_DEPENDS ${exports})
   knothe_unity(${code})
 

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Manual pages and the shell's completion of the programs, made from what their --help says and nothing else.
 
-usage: help_pages.py FOLDER PROGRAM…    writes FOLDER/NAME.1 and FOLDER/NAME.bash for each program
+usage: help_pages.py FOLDER PROGRAM…    writes FOLDER/NAME.1 and FOLDER/completions/NAME for each program
 """
 import pathlib
 import re
@@ -129,12 +129,12 @@ complete -o bashdefault -o default -F {function} {program.name}
 
 def main():
     folder = pathlib.Path(sys.argv[1])
-    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "completions").mkdir(parents=True, exist_ok=True)
     for path in map(pathlib.Path, sys.argv[2:]):
         program = Command(path)
         version = subprocess.run([path, "--version"], check=True, capture_output=True, text=True).stdout.split()[-1]
         (folder / f"{program.name}.1").write_text(page_of(program, version))
-        (folder / f"{program.name}.bash").write_text(completion_of(program))
+        (folder / "completions" / program.name).write_text(completion_of(program))
 
 
 if __name__ == "__main__":

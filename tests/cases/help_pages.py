@@ -21,7 +21,7 @@ class Test(Case):
             yield from self.commands(*words, name)
 
     def completed(self, *words):
-        script = f'. "{self.folder}/knothe.bash"; COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); _knothe; echo "${{COMPREPLY[*]}}"'
+        script = f'. "{self.folder}/completions/knothe"; COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); _knothe; echo "${{COMPREPLY[*]}}"'
         done = subprocess.run(["bash", "-uc", script, "bash", "knothe", *words], check=True, capture_output=True, text=True)
         return set(done.stdout.split())
 
