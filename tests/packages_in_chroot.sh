@@ -124,7 +124,7 @@ purged() {
   quietly inside sh -c "apt-get remove -y $ours"
   [ -e "$root/var/lib/knothe/first.journal" ] && [ -e "$root/etc/knothe/first.toml" ] || fail "removing took a journal or a project file"
   [ ! -e "$root/usr/bin/knothe" ] || fail "the program is still there"
-  quietly inside sh -c "apt-get purge -y $ours"
+  quietly inside apt-get purge -y knothe
   rm -rf "$root/before" "$root/now" "$root/home/engineer"
   left=$(inside find / -xdev -iname '*knothe*' -not -path '/proc/*')
   [ -z "$left" ] || fail "left after purging: $left"
