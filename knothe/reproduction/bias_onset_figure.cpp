@@ -1,5 +1,6 @@
 /// @file When a bias begins decides what its correction is worth: the model is right until a step, from which
-/// on a field grows that it does not know; uncorrected, corrected at every step, and from the alarm on (§4.3).
+/// on a field grows that it does not know; uncorrected, corrected at every step, and from the alarm on
+/// (§4.3).
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -24,7 +25,7 @@ using report::readable;
 using Way = assimilation::BiasOptions::Way;
 
 constexpr std::array<Index, 5> k_onsets = {15, 25, 35, 50, 65};  ///< steps of 100
-constexpr Index k_ramp = 20;                                   ///< steps of 100 until the bias is there in full
+constexpr Index k_ramp = 20;  ///< steps of 100 until the bias is there in full
 constexpr double k_size = 3;  ///< times what m = 6 adds to m = 3 where that is largest
 constexpr int k_joint_draws = 10, k_quick_joint_draws = 2;  ///< the joint correction takes a second and more
 
@@ -76,7 +77,8 @@ void add(Outcomes& outcomes, const Run& run, const Eigen::VectorXd& truth, Index
   outcomes.last.push_back(std::max(run.off_by(0, truth[0]), run.off_by(1, truth[1])));
   outcomes.nats.push_back(run.last().log_evidence - uncorrected);
   const double error = run.mean(1) - truth[1];
-  outcomes.square_error += (error * error - outcomes.square_error) / static_cast<double>(outcomes.last.size());
+  outcomes.square_error +=
+      (error * error - outcomes.square_error) / static_cast<double>(outcomes.last.size());
   for (std::size_t i = 0; i < run.steps.size(); ++i) {
     if (!run.steps[i].bias_corrected) continue;
     outcomes.alarmed.push_back(static_cast<double>(run.steps[i].step));
@@ -106,8 +108,7 @@ Onsets all_runs(const Subject& subject, const StudyOptions& options) {
     const Eigen::MatrixXd many = predicted(*observed(subject.models.paper, sensors), subject.truth);
     for (std::size_t a = 0; a < k_onsets.size(); ++a) {
       const Index onset = k_onsets[a] * few.cols() / 100;
-      const assimilation::Measurements data =
-          measure(ramped(few, many, onset), sensors, model->time, seed);
+      const assimilation::Measurements data = measure(ramped(few, many, onset), sensors, model->time, seed);
       double uncorrected = 0;
       for (std::size_t b = 0; b < k_treatments.size(); ++b) {
         if (is_joint(k_treatments[b]) && i >= joint_draws(options)) continue;
@@ -167,7 +168,7 @@ Table onset_table(const Onsets& study, const StudyOptions& options) {
   table.caption = fmt::format(
       "Medians over {} draws of noise and nodes (joint: {}); in brackets the range of the middle 90 %.",
       options.repetitions, joint_draws(options));
-  table.header = {"bias from step",       "correction",      "worst after it, std", "last, std",
+  table.header = {"bias from step",       "correction",     "worst after it, std",       "last, std",
                   "error of A_d, rms, %", "evidence, nats", "came on: runs, median step"};
   for (std::size_t a = 0; a < k_onsets.size(); ++a) {
     for (std::size_t b = 0; b < k_treatments.size(); ++b) {
@@ -196,7 +197,8 @@ FigureRecord bias_onset(const Subject& subject, const StudyOptions& options) {
   record.setting = fmt::format(
       "Not in the paper. The model with m = 3 is exact until a step. From there on a field of one shape is "
       "added to the data, {:.0f} times what m = 6 adds to m = 3 where that is largest; it is there in full "
-      "after {} steps. Uncorrected; corrected at every step, to the letter of Eq. 16-20 (published), with what "
+      "after {} steps. Uncorrected; corrected at every step, to the letter of Eq. 16-20 (published), with "
+      "what "
       "the modes were off by in the covariance (linear), and jointly; and the first two from the alarm on, "
       "what was assimilated since the drift began being assimilated again (§4.3).",
       k_size, k_ramp);
@@ -209,11 +211,16 @@ FigureRecord bias_onset(const Subject& subject, const StudyOptions& options) {
     const Outcomes& o = study[onset][treatment];
     const double last = quantile(o.last, 0.5), before = quantile(study[onset][0].last, 0.5);
     record.rows.push_back(
-        {fmt::format("bias from step {}, {}: truth off by at the end", k_onsets[onset], k_treatments[treatment].name),
-         "std", "not done", readable(last, 2),
-         fmt::format("Uncorrected {}. At the worst step after the onset {}, uncorrected {}.", readable(before, 2),
-                     readable(quantile(o.worst, 0.5), 2), readable(quantile(study[onset][0].worst, 0.5), 2)),
-         {}, last});
+        {fmt::format("bias from step {}, {}: truth off by at the end", k_onsets[onset],
+                     k_treatments[treatment].name),
+         "std",
+         "not done",
+         readable(last, 2),
+         fmt::format("Uncorrected {}. At the worst step after the onset {}, uncorrected {}.",
+                     readable(before, 2), readable(quantile(o.worst, 0.5), 2),
+                     readable(quantile(study[onset][0].worst, 0.5), 2)),
+         {},
+         last});
   };
   for (const std::size_t onset : {std::size_t{1}, std::size_t{2}, std::size_t{3}})
     for (std::size_t treatment = 1; treatment < 4; ++treatment) row(onset, treatment);
