@@ -28,11 +28,12 @@ namespace {
 constexpr double k_noise_std = 1e-6;  ///< m
 constexpr std::size_t k_leads = 5;
 
-/// One truth: its parameters, what the sensors would show without noise (n × steps), and the two lengths, m.
+/// One truth: its parameters, what the sensors would show without noise (n × steps), the two lengths, and the
+/// elastic length that the reduced model has for these parameters, m.
 struct Truth {
   Eigen::VectorXd p;
   Eigen::MatrixXd exact;
-  double elastic = 0, damaged = 0;
+  double elastic = 0, damaged = 0, modelled = 0;
 };
 
 /// The beam as it is watched up to the horizon, a step of the model.
@@ -89,18 +90,32 @@ struct Watched {
   }
 };
 
-/// What the crack meant is longer by than the elastic one: mean, and standard deviation from truth to truth.
+/// What a true length is longer by than the reduced model's elastic one at the same parameters: mean, and
+/// standard deviation from truth to truth.
 struct Offset {
   double mean = 0, std = 0;
 };
 
-Offset offset_of(const std::vector<Truth>& truths) {
+Offset offset_of(const std::vector<Truth>& truths, double Truth::*length) {
   Offset offset;
   const auto n = static_cast<double>(truths.size());
-  for (const Truth& t : truths) offset.mean += (t.damaged - t.elastic) / n;
-  for (const Truth& t : truths) offset.std += std::pow(t.damaged - t.elastic - offset.mean, 2) / (n - 1);
+  for (const Truth& t : truths) offset.mean += (t.*length - t.modelled) / n;
+  for (const Truth& t : truths) offset.std += std::pow(t.*length - t.modelled - offset.mean, 2) / (n - 1);
   offset.std = std::sqrt(offset.std);
   return offset;
+}
+
+struct Offsets {
+  Offset elastic, damaged;
+};
+
+Offsets offsets_of(const std::vector<Truth>& truths) {
+  const Offsets o{offset_of(truths, &Truth::elastic), offset_of(truths, &Truth::damaged)};
+  std::printf(
+      "  longer than the model's: elastic crack of the true field %.3f ± %.3f mm, damage field %.2f ± %.2f "
+      "mm\n",
+      1e3 * o.elastic.mean, 1e3 * o.elastic.std, 1e3 * o.damaged.mean, 1e3 * o.damaged.std);
+  return o;
 }
 
 /// How many truths lie within 90 % intervals after each of the steps `asked`.
@@ -115,24 +130,26 @@ bool holds(const forecast::ScalarForecast& forecast) {
 }
 
 /// Of the elastic length and of that of the damage field, the truths as their thresholds.
-forecast::Forecaster forecaster_for(const Watched& beam, const Truth& truth, const Offset& offset) {
+forecast::Forecaster forecaster_for(const Watched& beam, const Truth& truth, const Offsets& offsets) {
   forecast::ForecastSpecification elastic = beam.length(), damaged = beam.length();
   damaged.name = "damaged";
-  damaged.length_offset = offset.mean;
-  damaged.model_error_std = offset.std;
+  elastic.length_offset = offsets.elastic.mean;
+  elastic.model_error_std = offsets.elastic.std;
+  damaged.length_offset = offsets.damaged.mean;
+  damaged.model_error_std = offsets.damaged.std;
   elastic.threshold = truth.elastic;
   damaged.threshold = truth.damaged;
   return {beam.model, beam.sensors, {elastic, damaged}};
 }
 
 Counts count(const Watched& beam, const std::vector<Truth>& truths,
-             const std::array<std::size_t, k_leads>& asked, const Offset& offset) {
+             const std::array<std::size_t, k_leads>& asked, const Offsets& offsets) {
   Counts counts;
   for (std::size_t i = 0; i < truths.size(); ++i) {
     const Truth& truth = truths[i];
     const Eigen::MatrixXd noise = numerics::monte_carlo_normal_points(truth.exact.rows(), truth.exact.cols(),
                                                                       7000 + static_cast<unsigned>(i));
-    forecast::Forecaster forecaster = forecaster_for(beam, truth, offset);
+    forecast::Forecaster forecaster = forecaster_for(beam, truth, offsets);
     assimilation::SequentialUpdate update = beam.update();
     for (std::size_t t = 0; t <= asked.back(); ++t) {
       const auto column = static_cast<Eigen::Index>(t);
@@ -173,17 +190,18 @@ TEST(CrackForecast, IntervalsHoldTruthsOfTheModelAsOftenAsTheySay) {
     const Eigen::MatrixXd scatter = 1e-3 * numerics::monte_carlo_normal_points(count, 1, seed);
     std::vector<Truth> truths;
     for (unsigned i = 0; i < count; ++i) {
-      Truth truth{beam.draw(seed + i), {}, 0, 0};
+      Truth truth{beam.draw(seed + i), {}, 0, 0, 0};
       truth.exact = predicted(*beam.seen, truth.p);
       truth.elastic = beam.elastic_length(truth.exact.col(static_cast<Eigen::Index>(beam.horizon)), imposed);
+      truth.modelled = truth.elastic;
       truth.damaged = truth.elastic + 5e-3 + scatter(static_cast<Eigen::Index>(i), 0);
       truths.push_back(std::move(truth));
     }
     return truths;
   };
-  const Offset offset = offset_of(draws(100, 4000));
+  const Offsets offsets = offsets_of(draws(100, 4000));
   const std::vector<Truth> truths = draws(150, 400);
-  const Counts counts = count(beam, truths, {1, 2, 3, 4, 5}, offset);
+  const Counts counts = count(beam, truths, {1, 2, 3, 4, 5}, offsets);
   expect_within(counts.elastic, truths.size(), 0.84, 0.96);
   expect_within(counts.damaged, truths.size(), 0.84, 0.96);
 }
@@ -214,24 +232,25 @@ TEST(CrackCoverage, LengthsOfHeldOutFullOrderRunsAreAsForecast) {
   const auto solve = [&](unsigned first, unsigned count) {
     std::vector<Truth> truths;
     for (unsigned i = 0; i < count; ++i) {
-      Truth truth{beam.draw(400 + first + i), {}, 0, 0};
+      Truth truth{beam.draw(400 + first + i), {}, 0, 0, 0};
       const mechanics::FullOrderResult run = full.run(
           mechanics::damage_parameters(problem, axes, {truth.p.data(), truth.p.data() + truth.p.size()}));
       truth.exact = operation.apply(Eigen::Map<const Eigen::MatrixXd>(
           run.displacement.data(), static_cast<Eigen::Index>(model.dof_count()), k_steps));
       truth.elastic = beam.elastic_length(truth.exact.col(k_steps - 1), problem.solver.displacement);
       truth.damaged = run.crack_length;
+      truth.modelled =
+          beam.elastic_length(predicted(*beam.seen, truth.p).col(k_steps - 1), problem.solver.displacement);
       truths.push_back(std::move(truth));
     }
     return truths;
   };
-  const Offset offset = offset_of(solve(0, k_calibration));
-  std::printf("  damage field longer than the equivalent elastic crack by %.2f mm, std %.2f mm\n",
-              1e3 * offset.mean, 1e3 * offset.std);
+  const Offsets offsets = offsets_of(solve(0, k_calibration));
   const std::vector<Truth> truths = solve(k_calibration, static_cast<unsigned>(held_out));
-  const Counts counts = count(beam, truths, {4, 14, 19, 24, 29}, offset);
-  expect_within(counts.elastic, truths.size(), 0.86, 0.94);
-  expect_within(counts.damaged, truths.size(), 0.86, 0.94);
+  const Counts counts = count(beam, truths, {4, 14, 19, 24, 29}, offsets);
+  const double slack = held_out < 600 ? 0.06 : 0.04;
+  expect_within(counts.elastic, truths.size(), 0.9 - slack, 0.9 + slack);
+  expect_within(counts.damaged, truths.size(), 0.9 - slack, 0.9 + slack);
 }
 
 }  // namespace
