@@ -18,8 +18,6 @@
 namespace knothe::commands {
 namespace {
 
-constexpr Eigen::Index k_direct_points = 256;  // a cross-check of the forecasts for the report
-
 /// FROM:TO of `--redo`.
 std::array<std::size_t, 2> redo_range(const std::string& text, std::size_t steps) {
   std::array<std::size_t, 2> range{};
@@ -79,8 +77,7 @@ int assimilate(const AssimilateArguments& arguments) {
     }
     mean = result.update.mean;
     output.show(result, item->picture, pictures);
-    results.add_step(result, engine->direct_forecasts(result, k_direct_points),
-                     engine->last_datum(datum.step));
+    results.add_step(result, engine->published_forecasts(result), engine->last_datum(datum.step));
     interrupted = cancellation_requested();
   }
   const double elapsed_s = microseconds_since(start) * 1e-6;

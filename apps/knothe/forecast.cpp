@@ -22,12 +22,13 @@ int forecast(const ForecastArguments& arguments) {
   const std::string path = (std::filesystem::path(project.results) / "posterior.nc").string();
   const assimilation::UpdateResult stored = report::read_last_posterior(path, setup.model.parameter_names());
   forecast::Forecaster forecaster = project::make_forecaster(project, setup);
-  const auto forecasts = forecaster.update(stored.points, stored.weights);
-  const auto direct = forecaster.direct(stored.points, stored.weights);
+  auto forecasts = forecaster.update(stored.points, stored.weights);
+  forecast::mark_past(forecasts, stored.time);
+  const auto published = forecaster.published(stored.points, stored.weights);
   if (arguments.json) {
     nlohmann::ordered_json line = {{"step", stored.step}, {"time", stored.time}};
     line["forecast"] = report::forecast_record(forecasts, true);
-    line["direct"] = report::forecast_record(direct, false);
+    line["published"] = report::forecast_record(published, false);
     fmt::print("{}\n", files::json_line(line));
     return 0;
   }
@@ -35,12 +36,12 @@ int forecast(const ForecastArguments& arguments) {
   for (const forecast::NamedForecast& named : forecasts) {
     fmt::print("  {}\n", report::forecast_text(named));
     if (named.bridge_residual_rms) {
-      fmt::print("    the best elastic crack differs from the predicted field by {:.2g} µm rms\n",
+      fmt::print("    the elastic crack differs from the predicted field by {:.2g} µm, sensor by sensor\n",
                  *named.bridge_residual_rms * 1e6);
     }
   }
-  for (const forecast::NamedForecast& named : direct) {
-    fmt::print("  {}, directly from each posterior point: {}\n", named.name,
+  for (const forecast::NamedForecast& named : published) {
+    fmt::print("  {} by Eq. 33, the predicted field taken for a normal one: {}\n", named.name,
                report::value_text(named.forecast.mean, named.forecast.std, "m"));
   }
   return 0;

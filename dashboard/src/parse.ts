@@ -26,7 +26,7 @@ export function asStepLine(value: unknown): StepLine | undefined {
   const forecast: Record<string, Forecast> = {};
   for (const [name, entry] of Object.entries(isObject(value.forecast) ? value.forecast : {})) {
     if (!isObject(entry) || !isNumbers(entry.levels) || !isNumbers(entry.values)) continue;
-    const { density: _density, direct: _direct, ...rest } = entry;
+    const { density: _density, published: _published, ...rest } = entry;
     forecast[name] = rest as unknown as Forecast;
   }
   const elapsed: Record<string, number> = {};

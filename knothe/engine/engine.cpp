@@ -143,14 +143,14 @@ StepResult Engine::result_of(const assimilation::UpdateResult& update) {
   if (!setup_.forecaster) return result;
   const auto start = monotonic_now();
   result.forecasts = setup_.forecaster->update(result.update.points, result.update.weights);
+  forecast::mark_past(result.forecasts, result.update.time);
   result.forecast_us = microseconds_since(start);
   return result;
 }
 
-std::vector<forecast::NamedForecast> Engine::direct_forecasts(const StepResult& result,
-                                                              Eigen::Index max_points) {
+std::vector<forecast::NamedForecast> Engine::published_forecasts(const StepResult& result) {
   if (!setup_.forecaster) return {};
-  return setup_.forecaster->direct(result.update.points, result.update.weights, max_points);
+  return setup_.forecaster->published(result.update.points, result.update.weights);
 }
 
 void Engine::watch_sensors(std::size_t step, StepResult& result) {

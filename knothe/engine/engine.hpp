@@ -67,10 +67,8 @@ class Engine {
   /// The posterior alone, at once, whatever is stale before it. `step` stays stale.
   StepResult preview(std::size_t step);
 
-  /// A cross-check of a result's forecasts of crack lengths: the best-fitting length for each of at most
-  /// `max_points` points (Rubio et al. 2019, Eq. 14).
-  [[nodiscard]] std::vector<forecast::NamedForecast> direct_forecasts(const StepResult& result,
-                                                                      Eigen::Index max_points);
+  /// Beside a result's forecasts of crack lengths: those of Eq. 33 with the predicted field as a normal one.
+  [[nodiscard]] std::vector<forecast::NamedForecast> published_forecasts(const StepResult& result);
 
   [[nodiscard]] std::vector<std::size_t> steps() const;  ///< with data, increasing
   [[nodiscard]] std::optional<std::size_t> last_step() const;

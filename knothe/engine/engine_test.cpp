@@ -199,7 +199,8 @@ TEST(Engine, OneDatumPerStepIsTheSequentialUpdate) {
 /// Data that drift away: the correction comes on, and takes steps out and puts them back. Whatever came late,
 /// and whatever was shown before, each step ends as it does when all come in order.
 TEST(Engine, ACorrectionThatRedoesStepsIsAFunctionOfTheData) {
-  for (const auto way : {assimilation::BiasOptions::Way::joint, assimilation::BiasOptions::Way::modes}) {
+  using Way = assimilation::BiasOptions::Way;
+  for (const auto way : {Way::joint, Way::modes, Way::published}) {
     EngineSetup setup = independent_setup();
     setup.update.bias_correction = assimilation::BiasCorrectionMode::automatic;
     setup.update.bias.way = way;

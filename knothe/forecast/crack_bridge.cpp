@@ -17,10 +17,6 @@ constexpr int k_parts_per_spacing = 4;  // points of the first pass per distance
 
 void check(const CrackMetaModel& meta_model, const LinearPrediction& prediction, double imposed_displacement,
            const CrackBridgeOptions& options) {
-  if (!(options.discrepancy_std > 0.0) || !std::isfinite(options.discrepancy_std))
-    throw ProjectError(
-        fmt::format("crack length: discrepancy_std = {} must be positive, in m (1e-6 is usual)",
-                    options.discrepancy_std));
   if (!(options.prior_std > 0.0) || !std::isfinite(options.prior_std) || !std::isfinite(options.prior_mean))
     throw ProjectError(
         fmt::format("crack length: prior = {{ mean = {}, std = {} }}: both finite, std positive",
@@ -107,7 +103,30 @@ CrackBridge::CrackBridge(CrackMetaModel meta_model, const LinearPrediction& pred
   base_fields_ = crack_factor_ * base_values_;
 }
 
-CrackForecast CrackBridge::update(const FunctionMoments& moments) const {
+CrackForecast CrackBridge::update(const Eigen::Ref<const reduction::RowMatrix>& functions,
+                                  const Eigen::Ref<const Eigen::VectorXd>& weights) const {
+  // Points without weight cost as much as the others.
+  const double least = 1e-12 * weights.sum();
+  std::vector<Eigen::Index> kept;
+  for (Eigen::Index i = 0; i < weights.size(); ++i)
+    if (!(weights[i] >= 0.0 && weights[i] <= least)) kept.push_back(i);
+  const reduction::RowMatrix of_kept = functions(kept, Eigen::all);
+  const Eigen::VectorXd weight = weights(kept), lengths = best_lengths(of_kept);
+  CrackForecast forecast;
+  forecast.length = forecast_of_samples(lengths, weight, options_.threshold, options_.error_std);
+  const Eigen::MatrixXd misfit = crack_ * meta_model_.coordinates({lengths.data(), kept.size()}) -
+                                 ((modes_ * of_kept.transpose()).colwise() + lift_);
+  const double square = misfit.colwise().squaredNorm().dot(weight) / weight.sum();
+  // One of the dofs' worth is spent on the length.
+  forecast.discrepancy_std =
+      std::sqrt(square / static_cast<double>(std::max<Eigen::Index>(observations_ - 1, 1)));
+  return forecast;
+}
+
+ScalarForecast CrackBridge::published(const FunctionMoments& moments, double discrepancy_std) const {
+  if (!(discrepancy_std > 0.0) || !std::isfinite(discrepancy_std))
+    throw NumericalError(
+        fmt::format("crack length: a discrepancy of {} m: must be positive and finite", discrepancy_std));
   if (moments.mean.size() != modes_.cols() || moments.covariance.rows() != modes_.cols() ||
       moments.covariance.cols() != modes_.cols())
     throw NumericalError("crack length: moments of another number of functions than the model has");
@@ -116,11 +135,9 @@ CrackForecast CrackBridge::update(const FunctionMoments& moments) const {
   // S = C Cov[w] Cᵀ + δ² I in the coordinates of the basis, S = L Lᵀ.
   const Eigen::MatrixXd covariance =
       modes_ * moments.covariance.selfadjointView<Eigen::Lower>() * modes_.transpose();
-  const Eigen::MatrixXd root =
-      square_root(0.5 * (covariance + covariance.transpose()), options_.discrepancy_std);
+  const Eigen::MatrixXd root = square_root(0.5 * (covariance + covariance.transpose()), discrepancy_std);
   const auto lower = root.triangularView<Eigen::Lower>();
-  const Eigen::VectorXd expected = lift_ + modes_ * moments.mean;
-  const Eigen::VectorXd target = lower.solve(expected);
+  const Eigen::VectorXd target = lower.solve(lift_ + modes_ * moments.mean);
   // |L⁻¹(crack_ v − E[u])|² = |R v − t|² + a number that does not depend on l.
   const Reduced reduced = reduce(lower.solve(crack_), target);
 
@@ -138,12 +155,7 @@ CrackForecast CrackBridge::update(const FunctionMoments& moments) const {
       out[i] = -0.5 * (prior * prior + (field - reduced.target).squaredNorm());
     }
   };
-  CrackForecast forecast;
-  forecast.length =
-      forecast_of_density(base_, {base_log.data(), base_.size()}, log_density, options_.threshold);
-  meta_model_.evaluate(forecast.length.maximum_a_posteriori, value);
-  forecast.residual_rms = (crack_ * value - expected).norm() / std::sqrt(static_cast<double>(observations_));
-  return forecast;
+  return forecast_of_density(base_, {base_log.data(), base_.size()}, log_density, options_.threshold);
 }
 
 double CrackBridge::nearest_length(const Eigen::VectorXd& target, Eigen::Index start) const {
@@ -195,11 +207,6 @@ Eigen::VectorXd CrackBridge::best_lengths(const Eigen::Ref<const reduction::RowM
     lengths[i] = nearest_length(target, best);
   }
   return lengths;
-}
-
-ScalarForecast CrackBridge::direct(const Eigen::Ref<const reduction::RowMatrix>& functions,
-                                   const Eigen::Ref<const Eigen::VectorXd>& weights) const {
-  return forecast_of_samples(best_lengths(functions), weights, options_.threshold);
 }
 
 }  // namespace knothe::forecast

@@ -1,6 +1,6 @@
 #pragma once
-/// @file From damage to a crack: the density of the crack length at the horizon (Rubio et al. 2019, §6.3.2,
-/// Eq. 33).
+/// @file From damage to a crack: the distribution of the crack length at the horizon (Rubio et al. 2019,
+/// §6.3.2, Eq. 14 and 33).
 #include <Eigen/Core>
 
 #include "knothe/forecast/crack_meta_model.hpp"
@@ -11,24 +11,23 @@ namespace knothe::forecast {
 
 struct CrackBridgeOptions {
   double prior_mean =
-      0.04;  ///< m; the paper's prior on l_T is N(0.04, 0.013²), here truncated to the lengths
-  double prior_std = 0.013;       ///< m
-  double discrepancy_std = 1e-6;  ///< m; how far an elastic crack may be from the damaged beam, dof by dof
-  double threshold = 0.04;        ///< m; P(l_T > threshold) is reported
+      0.04;  ///< m; of Eq. 33: the paper's prior on l_T is N(0.04, 0.013²), here truncated to the lengths
+  double prior_std = 0.013;  ///< m
+  double threshold = 0.04;   ///< m; P(l_T > threshold) is reported
+  double error_std = 0.0;    ///< m; how far the crack that is meant may be from the elastic one
 };
 
 struct CrackForecast {
   ScalarForecast length;  ///< m
-  double residual_rms =
-      0.0;  ///< m; distance of u_SVD(l) at the most probable l from E[u], root mean square over the dofs
+  /// m; how far the elastic crack is from the predicted field, dof by dof: δ of greatest evidence, the length
+  /// integrated out. Root mean square over the posterior.
+  double discrepancy_std = 0.0;
 };
 
-/// π(l_T) ∝ N(u_imp u_SVD(l); E[u], Cov[u] + discrepancy_std² I) π₀(l), with the moments of u = lift + A w(p)
-/// under the posterior of p. Everything that does not depend on the posterior is done once: one orthonormal
-/// basis of span{σ_k u_k, lift, A} turns all observed fields into at most N_SVD + r + 1 coordinates, in which
-/// the covariance is C Cov[w] Cᵀ + discrepancy_std² I, and outside of which it is discrepancy_std² I and the
-/// misfit is zero. (This is Woodbury's identity without its cancellation.) The cost of an update does not
-/// depend on the number of dofs.
+/// The elastic crack that moves the sensors as the damaged beam does, u_imp u_SVD(l) ≈ u = lift + A w(p).
+/// Everything that does not depend on the posterior is done once: one orthonormal basis of
+/// span{σ_k u_k, lift, A} turns all observed fields into at most N_SVD + r + 1 coordinates. The cost of an
+/// update does not depend on the number of dofs.
 class CrackBridge {
  public:
   /// `imposed_displacement` is u_imp(T) [m], by which the unit solutions are multiplied.
@@ -37,14 +36,19 @@ class CrackBridge {
   CrackBridge(CrackMetaModel meta_model, const LinearPrediction& prediction, double imposed_displacement,
               const CrackBridgeOptions& options = {});
 
-  /// Eq. 33 from the moments of w (r, r × r). Errors: NumericalError for moments that are not finite.
-  [[nodiscard]] CrackForecast update(const FunctionMoments& moments) const;
+  /// The forecast: the posterior carried through p ↦ l(p), the length whose field is nearest (Eq. 14), plus
+  /// an independent N(0, error_std²). `functions`: w at the posterior's points, n × r. No second prior, on
+  /// the length, enters: that of the parameters already says how likely each length is. Errors:
+  /// NumericalError for weights that are negative or add up to nothing.
+  [[nodiscard]] CrackForecast update(const Eigen::Ref<const reduction::RowMatrix>& functions,
+                                     const Eigen::Ref<const Eigen::VectorXd>& weights) const;
 
-  /// The direct forecast, a cross-check: the best-fitting length of every posterior sample (Eq. 14) and their
-  /// weighted kernel density. `functions`: w at the samples, n × r; no prior on the length and no discrepancy
-  /// enter.
-  [[nodiscard]] ScalarForecast direct(const Eigen::Ref<const reduction::RowMatrix>& functions,
-                                      const Eigen::Ref<const Eigen::VectorXd>& weights) const;
+  /// Eq. 33 with a normal π_u: π(l_T) ∝ N(u_imp u_SVD(l); E[u], Cov[u] + discrepancy_std² I) π₀(l), from the
+  /// moments of w (r, r × r). In the coordinates the covariance is C Cov[w] Cᵀ + discrepancy_std² I; outside
+  /// of them it is discrepancy_std² I and the misfit is zero. (This is Woodbury's identity without its
+  /// cancellation.) Right only where u is close to normal: docs/explanation/forecast.md.
+  /// Errors: NumericalError for moments that are not finite, or a discrepancy that is not positive.
+  [[nodiscard]] ScalarForecast published(const FunctionMoments& moments, double discrepancy_std) const;
 
   /// The length whose elastic field is nearest to each sample's field, n, in m.
   [[nodiscard]] Eigen::VectorXd best_lengths(const Eigen::Ref<const reduction::RowMatrix>& functions) const;

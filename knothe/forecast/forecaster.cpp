@@ -18,6 +18,9 @@ using reduction::ObservedModel;
 using reduction::SeparatedModel;
 using Quantity = ForecastSpecification::Quantity;
 
+constexpr double k_least_discrepancy = 1e-12;  ///< m; where the predicted fields are those of cracks
+constexpr double k_same_time = 1e-9;
+
 LinearPrediction at_step(const ObservedModel& model, std::size_t step) {
   return {model.lift.col(static_cast<Eigen::Index>(step)), model.space * model.core[step]};
 }
@@ -62,6 +65,15 @@ double imposed_displacement(const SeparatedModel& model, const ForecastSpecifica
   return output_at_horizon(model, find_output(model, "imposed_displacement", specification.name),
                            specification)
       .front();
+}
+
+/// δ, from few draws: it varies little from one point of a posterior to the next.
+double estimated_discrepancy(const CrackBridge& bridge, const reduction::RowMatrix& functions,
+                             const Eigen::Ref<const Eigen::VectorXd>& weights) {
+  constexpr Eigen::Index k_draws = 64;
+  const Eigen::Index n = std::min(k_draws, functions.rows());
+  const reduction::RowMatrix drawn = functions(numerics::equal_draws(weights, n), Eigen::all);
+  return std::max(bridge.update(drawn, Eigen::VectorXd::Ones(n)).discrepancy_std, k_least_discrepancy);
 }
 
 /// The forecast of q + by.
@@ -115,14 +127,14 @@ void Forecaster::add_crack(const SeparatedModel& model, const reduction::Dofs& s
   CrackBridgeOptions options;
   options.prior_mean = specification.prior_mean;
   options.prior_std = specification.prior_std;
-  options.discrepancy_std = specification.discrepancy_std;
+  options.error_std = specification.model_error_std;
   options.threshold =
       specification.threshold.value_or(specification.prior_mean) - specification.length_offset;
   cracks_.push_back({specification.name,
                      CrackBridge(CrackMetaModel(crack.length, solutions),
                                  at_horizon(reduction::observe(model, seen), specification),
                                  imposed_displacement(model, specification), options),
-                     specification.length_offset});
+                     specification.length_offset, specification.discrepancy_std});
 }
 
 void Forecaster::add_displacement(const SeparatedModel& model, const ForecastSpecification& specification) {
@@ -157,13 +169,10 @@ std::vector<NamedForecast> Forecaster::update(const Eigen::Ref<const Eigen::Matr
   const auto is_of_model = [&](const Scalar& scalar) { return scalar.quantity.is_of(*functions_); };
   if (!cracks_.empty() || std::any_of(scalars_.begin(), scalars_.end(), is_of_model))
     evaluate_functions(points);  // once for all of them
-  if (!cracks_.empty()) {
-    const FunctionMoments moments = moments_of_functions(batch_.value, weights);
-    for (const Crack& crack : cracks_) {
-      CrackForecast forecast = crack.bridge.update(moments);
-      forecasts.push_back(
-          {crack.name, "m", moved(std::move(forecast.length), crack.offset), forecast.residual_rms});
-    }
+  for (const Crack& crack : cracks_) {
+    CrackForecast forecast = crack.bridge.update(batch_.value, weights);
+    forecasts.push_back(
+        {crack.name, "m", moved(std::move(forecast.length), crack.offset), forecast.discrepancy_std});
   }
   for (const Scalar& scalar : scalars_) {
     forecasts.push_back({scalar.name, scalar.units,
@@ -189,21 +198,25 @@ void Forecaster::complete(std::vector<NamedForecast>& forecasts) const {
             [&](const NamedForecast& a, const NamedForecast& b) { return place(a) < place(b); });
 }
 
-std::vector<NamedForecast> Forecaster::direct(const Eigen::Ref<const Eigen::MatrixXd>& points,
-                                              const Eigen::Ref<const Eigen::VectorXd>& weights,
-                                              Eigen::Index max_points) {
+std::vector<NamedForecast> Forecaster::published(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                                                 const Eigen::Ref<const Eigen::VectorXd>& weights) {
   std::vector<NamedForecast> forecasts;
   if (cracks_.empty()) return forecasts;
-  const Eigen::Index n = std::min(max_points, points.rows());
-  const Eigen::MatrixXd drawn = points(numerics::equal_draws(weights, n), Eigen::all);
-  evaluate_functions(drawn);
-  const Eigen::VectorXd equal = Eigen::VectorXd::Constant(n, 1.0 / static_cast<double>(n));
+  evaluate_functions(points);
+  const FunctionMoments moments = moments_of_functions(batch_.value, weights);
   for (const Crack& crack : cracks_) {
+    const double discrepancy = crack.discrepancy_std
+                                   ? *crack.discrepancy_std
+                                   : estimated_discrepancy(crack.bridge, batch_.value, weights);
     forecasts.push_back(
-        {crack.name, "m", moved(crack.bridge.direct(batch_.value, equal), crack.offset), std::nullopt});
+        {crack.name, "m", moved(crack.bridge.published(moments, discrepancy), crack.offset), discrepancy});
   }
   complete(forecasts);
   return forecasts;
+}
+
+void mark_past(std::vector<NamedForecast>& forecasts, double time) {
+  for (NamedForecast& forecast : forecasts) forecast.is_past = forecast.horizon < time - k_same_time;
 }
 
 }  // namespace knothe::forecast

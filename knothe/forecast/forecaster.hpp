@@ -25,12 +25,12 @@ struct ForecastSpecification {
   double horizon = 0;                           ///< model time
   std::optional<double> threshold;              ///< in the unit of the quantity; absent: the prior mean, or 0
   double prior_mean = 0.04, prior_std = 0.013;  ///< crack length, m
-  double discrepancy_std = 1e-6;                ///< m
+  std::optional<double> discrepancy_std;        ///< m, of Eq. 33; absent: estimated with the length
   /// m; what the crack that is meant is longer by than the elastic one that moves the sensors as the beam
   /// does (docs/explanation/forecast.md). The prior is that of the elastic one.
   double length_offset = 0;
-  /// Displacement, output: standard deviation of what the model leaves out at the horizon, in the unit of the
-  /// quantity; independent of the data.
+  /// Standard deviation of what the model leaves out at the horizon (of a crack length: of what its offset
+  /// varies by), in the unit of the quantity; independent of the data.
   double model_error_std = 0;
   std::array<double, 3> point{};  ///< displacement, m
   int component = 0;              ///< displacement
@@ -50,10 +50,14 @@ struct NamedForecast {
   std::string units;
   ScalarForecast forecast;
   std::optional<double>
-      bridge_residual_rms;  ///< m, crack length only: how far the best elastic crack is from the field
+      bridge_residual_rms;  ///< m, crack length only: how far the elastic crack is from the field, dof by dof
   double horizon = 0;       ///< model time
+  bool is_past = false;     ///< the horizon is before the last datum: what is told has been
   double threshold = 0;     ///< in its units, that of the probabilities
 };
+
+/// Sets `is_past` of forecasts made after a datum at model time `time`.
+void mark_past(std::vector<NamedForecast>& forecasts, double time);
 
 /// Forecasts by name. Everything that does not depend on the posterior is computed once.
 class Forecaster {
@@ -67,17 +71,17 @@ class Forecaster {
   [[nodiscard]] std::vector<NamedForecast> update(const Eigen::Ref<const Eigen::MatrixXd>& points,
                                                   const Eigen::Ref<const Eigen::VectorXd>& weights);
 
-  /// The direct forecasts of the crack lengths (each posterior point's best-fitting length, Eq. 14), a
-  /// cross-check of `update`, from at most `max_points` equally weighted draws from the points.
-  [[nodiscard]] std::vector<NamedForecast> direct(const Eigen::Ref<const Eigen::MatrixXd>& points,
-                                                  const Eigen::Ref<const Eigen::VectorXd>& weights,
-                                                  Eigen::Index max_points = 1024);
+  /// The crack lengths by Eq. 33 with the predicted field as a normal one, beside those of `update`; with the
+  /// discrepancy that is stated, else estimated.
+  [[nodiscard]] std::vector<NamedForecast> published(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                                                     const Eigen::Ref<const Eigen::VectorXd>& weights);
 
  private:
   struct Crack {
     std::string name;
     CrackBridge bridge;
     double offset;
+    std::optional<double> discrepancy_std;
   };
   struct Scalar {
     std::string name, units;

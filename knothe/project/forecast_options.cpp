@@ -17,16 +17,18 @@ const Section<F>& forecast_section() {
     s.table("prior", "Prior of a crack length: `{ mean = …, std = … }`, m.");
     s.add("prior.mean", &F::prior_mean, "Prior mean of the crack length, m.", required);
     s.add("prior.std", &F::prior_std, "Prior standard deviation of the crack length, m.", positive, required);
-    s.add("discrepancy_std", &F::discrepancy_std, "Discrepancy between damage model and elastic crack, m.",
+    s.add("discrepancy_std", &F::discrepancy_std,
+          "Discrepancy between damage model and elastic crack, sensor by sensor, for Eq. 33, m; left out: "
+          "estimated with the length.",
           positive);
     s.add("length_offset", &F::length_offset,
           "What the crack meant is longer by than the equivalent elastic one, m "
           "(docs/explanation/forecast.md).");
-    s.add("model_error_std", &F::model_error_std,
-          "Standard deviation of what the model leaves out of a displacement or an output at the horizon, in "
-          "its "
-          "unit; added to the forecast.",
-          non_negative);
+    s.add(
+        "model_error_std", &F::model_error_std,
+        "Standard deviation of what the model leaves out of the quantity at the horizon (of a crack length: "
+        "of what its offset varies by), in its unit; added to the forecast.",
+        non_negative);
     s.add("point", &F::point, "Where a displacement is forecast: x, y, z, m.", of_shape("[x, y, z]"),
           no_default);
     s.choice("component", &F::component, k_components, "Component of a displacement.", no_default);
@@ -43,10 +45,6 @@ F read_forecast(Values& values, const std::string& name) {
     if (f.quantity == quantity && values.has(path + ".quantity") && !values.has(path + "." + key))
       values.complain(path, fmt::format("[{}] needs \"{}\"{}", path, key, text));
   };
-  if (f.quantity == F::Quantity::crack_length && f.model_error_std > 0)
-    values.complain(path + ".model_error_std",
-                    "\"model_error_std\" is that of a displacement or an output: a crack length has "
-                    "\"discrepancy_std\"");
   need(F::Quantity::displacement, "point", " = [x, y, z]");
   need(F::Quantity::displacement, "component", "");
   need(F::Quantity::output, "output", ", the name of one of the model's outputs");

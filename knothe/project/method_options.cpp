@@ -65,6 +65,7 @@ void add_bias_options(Section<M>& s) {
   static constexpr auto k_ways =
       std::to_array<Named<Way>>({{{Bias::Way::joint, Extrapolation::polynomial}, "joint"},
                                  {{Bias::Way::modes, Extrapolation::polynomial}, "linear"},
+                                 {{Bias::Way::published, Extrapolation::polynomial}, "published"},
                                  {{Bias::Way::modes, Extrapolation::damped_trend}, "damped-trend"},
                                  {{Bias::Way::modes, Extrapolation::gaussian_process}, "gaussian-process"},
                                  {{Bias::Way::pointwise, Extrapolation::polynomial}, "pointwise"}});
@@ -76,7 +77,9 @@ void add_bias_options(Section<M>& s) {
       k_ways,
       "How the bias goes on to the next time: unknown together with the parameters and integrated out "
       "(`joint`), or as the last residual, its time modes along a polynomial (`linear`), a damped trend, a "
-      "Gaussian process; or each sensor by itself along a line through its last two residuals.");
+      "Gaussian process, each with what the modes were off by lately added to the covariance; along the "
+      "polynomial without that addition, as the paper has it (`published`); or each sensor by itself along "
+      "a line through its last two residuals.");
   s.add("bias_memory", in(&M::update, &U::bias, &Bias::memory),
         "`joint`: number of steps after which the bias has forgotten itself.", positive);
   s.add("bias_rank", in(&M::update, &U::bias, &Bias::rank),

@@ -4,11 +4,19 @@
 
 namespace knothe::reproduction {
 
+assimilation::UpdateOptions corrected_options(assimilation::BiasCorrectionMode mode,
+                                              assimilation::BiasOptions::Way way, std::uint64_t seed) {
+  assimilation::UpdateOptions options = default_options(seed);
+  options.bias_correction = mode;
+  options.bias.way = way;
+  return options;
+}
+
 BiasRuns bias_runs(const reduction::SeparatedModel& paper, const reduction::SeparatedModel& few,
                    const Sensors& sensors, const assimilation::Measurements& data, std::uint64_t seed,
                    bool marginals, bool with_joint) {
   using assimilation::BiasCorrectionMode;
-  using assimilation::BiasOptions;
+  using Way = assimilation::BiasOptions::Way;
   const auto model = observed(few, sensors);
   RunOptions options;
   options.update = default_options(seed);
@@ -18,14 +26,14 @@ BiasRuns bias_runs(const reduction::SeparatedModel& paper, const reduction::Sepa
   runs.reference = assimilate(observed(paper, sensors), data, options);
   options.label = marginals ? "m = 3" : "";
   runs.biased = assimilate(model, data, options);
-  options.update.bias_correction = BiasCorrectionMode::on;
-  options.update.bias.way = BiasOptions::Way::modes;
-  options.label = marginals ? "m = 3, corrected" : "";
-  runs.corrected = assimilate(model, data, options);
-  if (!with_joint) return runs;
-  options.update.bias.way = BiasOptions::Way::joint;
-  options.label = marginals ? "m = 3, joint correction" : "";
-  runs.joint = assimilate(model, data, options);
+  const auto corrected = [&](Way way, const char* label) {
+    options.update = corrected_options(BiasCorrectionMode::on, way, seed);
+    options.label = marginals ? label : "";
+    return assimilate(model, data, options);
+  };
+  runs.published = corrected(Way::published, "m = 3, corrected as published");
+  runs.corrected = corrected(Way::modes, "m = 3, corrected");
+  if (with_joint) runs.joint = corrected(Way::joint, "m = 3, joint correction");
   return runs;
 }
 

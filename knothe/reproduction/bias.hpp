@@ -7,13 +7,19 @@
 
 namespace knothe::reproduction {
 
-/// The same data, from m = 6, assimilated in four ways.
+/// The same data, from m = 6, assimilated in five ways.
 struct BiasRuns {
   Run reference;  ///< with m = 6
   Run biased;     ///< with m = 3
-  Run corrected;  ///< with m = 3, corrected as in the paper: two modes, extrapolated by a line (Eq. 16-20)
+  Run published;  ///< with m = 3, Eq. 16-20 to the letter: two modes, extrapolated by a line
+  Run corrected;  ///< the same, and what the modes were off by lately added to the covariance ("linear")
   Run joint;      ///< with m = 3, the discrepancy unknown together with the parameters (knothe's default)
 };
+
+/// An update with a correction of model bias, two modes and a line where it is extrapolated.
+[[nodiscard]] assimilation::UpdateOptions corrected_options(assimilation::BiasCorrectionMode mode,
+                                                            assimilation::BiasOptions::Way way,
+                                                            std::uint64_t seed);
 
 /// `with_joint`: also the last one, which takes the longest. `marginals`: for plots.
 [[nodiscard]] BiasRuns bias_runs(const reduction::SeparatedModel& paper, const reduction::SeparatedModel& few,

@@ -160,6 +160,7 @@ Run assimilate(const std::shared_ptr<const reduction::ObservedModel>& model,
       const double forecast_start = cpu_ms();
       run.forecasts.push_back(options.forecaster->update(posterior.points, posterior.weights));
       run.forecast_ms.push_back(cpu_ms() - forecast_start);
+      run.published.push_back(options.forecaster->published(posterior.points, posterior.weights));
     }
     progress.advance_to(run.steps.size());
   }

@@ -47,7 +47,8 @@ struct Run {
   std::vector<assimilation::UpdateResult> steps;
   std::vector<std::vector<assimilation::MarginalDensity>> marginals;  ///< step × parameter, if asked for
   std::vector<std::vector<forecast::NamedForecast>> forecasts;        ///< step × forecast, if asked for
-  std::vector<double> update_ms, forecast_ms;                         ///< CPU time of each step
+  std::vector<std::vector<forecast::NamedForecast>> published;  ///< crack lengths by Eq. 33, beside them
+  std::vector<double> update_ms, forecast_ms;                   ///< CPU time of each step
 
   [[nodiscard]] const assimilation::UpdateResult& last() const { return steps.back(); }
   [[nodiscard]] double mean(Eigen::Index k) const { return last().mean[k]; }

@@ -1,5 +1,6 @@
 /// @file The parts of the study on a coarse beam; the whole of it is a nightly test
 /// (tests/cases/reproduce.py).
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -197,21 +198,44 @@ TEST_F(CoarseBeam, TheSameSeedGivesTheSameRunAndTheTruthIsFound) {
   EXPECT_GE(run.worst_off(subject_->truth).std, run.off_by(1, 1.0));
 }
 
+/// Before the onset the model is exact and all treatments but the corrected see the same data; what the rows
+/// say is what the series hold.
+TEST_F(CoarseBeam, TheOnsetStudyHasAMedianForEveryOnsetAndTreatment) {
+  StudyOptions options = StudyOptions::quickly();
+  options.repetitions = 3;
+  const FigureRecord record = bias_onset(*subject_, options);
+  expect_complete(record);
+  EXPECT_EQ(series(record, "onset"), (std::vector<double>{15, 25, 35, 50, 65}));
+  for (const char* name : {"uncorrected", "published", "linear", "joint", "linear, from the alarm"}) {
+    const auto &low = series(record, fmt::format("last_low_{}", name)),
+               &median = series(record, fmt::format("last_median_{}", name)),
+               &high = series(record, fmt::format("last_high_{}", name));
+    const auto& worst = series(record, fmt::format("worst_median_{}", name));
+    ASSERT_EQ(median.size(), 5U);
+    for (std::size_t i = 0; i < 5; ++i) {
+      EXPECT_LE(low[i], median[i]) << name;
+      EXPECT_LE(median[i], high[i]) << name;
+      EXPECT_LE(median[i], worst[i]) << name;
+    }
+  }
+  EXPECT_EQ(record.tables[0].rows.size(), 30U);
+}
+
 TEST_F(CoarseBeam, FiguresAreCompleteAndTheFilesHoldThem) {
   StudyOptions options = StudyOptions::quickly();
   options.reference = coarse_case();
   options.repetitions = 1;
   Study study;
   study.figures = {figure_5(coarse_case()), figures_6_7(*subject_), figures_10_12(*subject_),
-                   figures_16_17(*subject_, options)};
+                   bias_onset(*subject_, options), figures_16_17(*subject_, options)};
   for (const FigureRecord& figure : study.figures) expect_complete(figure);
   const auto record = study_record(study, options);
-  EXPECT_EQ(record["figures"].size(), 4U);
+  EXPECT_EQ(record["figures"].size(), 5U);
   EXPECT_EQ(record["seed"], 1);
   EXPECT_NO_THROW((void)files::json_line(record));
   const std::string page = study_page(study, options);
-  for (const char* text :
-       {"Fig. 5.", "Fig. 6-7.", "Fig. 10-12.", "Fig. 16-17.", "why they differ", "</html>"})
+  for (const char* text : {"Fig. 5.", "Fig. 6-7.", "Fig. 10-12.", "When the bias begins", "Fig. 16-17.",
+                           "why they differ", "</html>"})
     EXPECT_NE(page.find(text), std::string::npos) << text;
   for (const char* outside : {"<script", "<link", "src=", "url("})
     EXPECT_EQ(page.find(outside), std::string::npos) << outside;

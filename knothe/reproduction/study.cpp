@@ -40,6 +40,7 @@ Study run_study(const StudyOptions& options, const std::function<void(const Figu
   add(figures_10_12(subject));
   add(figure_13(subject, soft, options));
   add(figures_14_15(subject, options));
+  add(bias_onset(subject, options));
   add(figures_16_17(subject, options));
   add(figure_18(subject, options));
   add(other_choices(subject, soft, options));

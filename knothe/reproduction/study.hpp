@@ -53,6 +53,8 @@ struct Subject {
 [[nodiscard]] FigureRecord figure_13(const Subject& subject, const Subject& soft,
                                      const StudyOptions& options);
 [[nodiscard]] FigureRecord figures_14_15(const Subject& subject, const StudyOptions& options);
+/// Beyond the paper: a bias that begins at some step, and what each correction makes of it.
+[[nodiscard]] FigureRecord bias_onset(const Subject& subject, const StudyOptions& options);
 [[nodiscard]] FigureRecord figures_16_17(const Subject& subject, const StudyOptions& options);
 [[nodiscard]] FigureRecord figure_18(const Subject& subject, const StudyOptions& options);
 /// Every conclusion again under other choices of what the paper leaves open.

@@ -17,7 +17,8 @@ using Json = nlohmann::ordered_json;
 namespace {
 
 std::string heading(const FigureRecord& figure) {
-  return figure.number == "choices" ? figure.title : fmt::format("Fig. {}. {}", figure.number, figure.title);
+  const bool is_of_the_paper = figure.number != "choices" && figure.number != "onset";
+  return is_of_the_paper ? fmt::format("Fig. {}. {}", figure.number, figure.title) : figure.title;
 }
 
 const Row* row_of(const Study& study, const std::string& number, const std::string& begins) {

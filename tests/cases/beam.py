@@ -62,7 +62,7 @@ class Test(Case):
         self.assertAlmostEqual(math.sqrt(variance), crack["std"], delta=0.05 * crack["std"])
         self.assertEqual(crack["values"], sorted(crack["values"]))
         self.assertAlmostEqual(crack["probability_above_threshold"], integral(lambda l: 1.0 if l > 0.04 else 0.0), delta=0.02)
-        self.assertIn("crack", line["direct"])
+        self.assertIn("crack", line["published"])
 
     def test_the_report_shows_beam_and_crack(self):
         self.assimilate()

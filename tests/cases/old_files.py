@@ -29,6 +29,8 @@ class Test(Case):
                 self.assertAlmostEqual(now["covariance"][k][k] ** 0.5, std, delta=0.01 * std)
             self.assertAlmostEqual(now["log_evidence"], before["log_evidence"], delta=0.01)
             for forecast, f in before["forecast"].items():
+                if "bridge_residual_rms" in f:
+                    continue  # a crack length was Eq. 33, which is `published` now (below)
                 self.assertAlmostEqual(now["forecast"][forecast]["mean"], f["mean"], delta=0.02 * f["std"])
 
     def test_the_model_and_the_measurements_give_the_posterior_that_they_gave(self):
@@ -83,7 +85,7 @@ class Test(Case):
         (line,) = self.expect(0, "forecast", "project.toml", "--json").lines()
         last = parse_line((OLD / "assimilated.jsonl").read_text().splitlines()[-2])
         self.assertEqual(line["step"], last["step"])
-        self.assertAlmostEqual(line["forecast"]["crack"]["mean"], last["forecast"]["crack"]["mean"], delta=1e-4)
+        self.assertAlmostEqual(line["published"]["crack"]["mean"], last["forecast"]["crack"]["mean"], delta=1e-4)
 
 
 if __name__ == "__main__":

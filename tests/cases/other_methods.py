@@ -88,6 +88,15 @@ class Test(Case):
         self.edit(joint, linear)
         self.assertIn("on", {line["bias_correction"] for line in self.assimilate()})
 
+    def test_the_correction_as_published_is_another_than_with_the_modes_error(self):
+        self.edit("[method]\n", '[method]\nbias_correction = "on"\nbias_extrapolation = "linear"\n')
+        linear = self.assimilate()
+        self.edit('"linear"', '"published"')
+        published = self.assimilate()
+        self.assertEqual({line["bias_correction"] for line in published}, {"off", "on"})  # nothing learnt before the first
+        self.assertEqual(linear[0]["mean"], published[0]["mean"])
+        self.assertNotEqual(linear[-1]["mean"], published[-1]["mean"])
+
 
 if __name__ == "__main__":
     unittest.main()

@@ -66,10 +66,6 @@ class Test(Case):
     def test_a_required_key_is_asked_for(self):
         self.expect_error('quantity = "crack_length"\n', "", "[forecast.crack]", "forecast.crack", "quantity")
 
-    def test_a_crack_length_has_no_model_error(self):
-        self.expect_error('quantity = "crack_length"\n', 'quantity = "crack_length"\nmodel_error_std = 1e-3\n', "model_error_std",
-                          'a crack length has "discrepancy_std"')
-
     def test_broken_toml_is_told_by_position(self):
         self.edit("seed = 1", "seed = = 1")
         outcome = self.expect(3, "check", self.project_name, stderr="not valid TOML")

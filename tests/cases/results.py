@@ -74,12 +74,12 @@ class Test(Case):
             self.assertGreater(datetime.datetime.fromisoformat(line["wall_clock"].replace("Z", "+00:00")), before)
             for forecast, horizon, threshold in (("force", 0.75, 1150.0), ("deflection", 1.0, -3.7e-4)):
                 f = line["forecast"][forecast]
-                self.assertEqual((f["horizon"], f["threshold"]), (horizon, threshold))
+                self.assertEqual((f["horizon"], f["threshold"], f["past"]), (horizon, threshold, horizon < line["time"]))
                 self.assertAlmostEqual(f["probability_above_threshold"] + f["probability_below_threshold"], 1, places=12)
 
     def test_the_console_has_digits_enough_and_says_what_a_forecast_is_for(self):
         out = self.expect(0, "forecast", self.project_name).out
-        self.assertRegex(out, r"force at time 0\.75: \d+\.?\d* ± \d[\d.]* N, most probable .*; threshold 1150 N: P\(above\) .* %, P\(below\) .* %")
+        self.assertRegex(out, r"force at time 0\.75 \(past: no forecast any more\): \d+\.?\d* ± \d[\d.]* N, most probable .*; threshold 1150 N: P\(above\) .* %, P\(below\) .* %")
         self.assertRegex(out, r"deflection at time 1: −0\.\d{4,} ± 0\.0*[1-9]\d? mm, .*threshold −0\.37 mm: P\(above\)")
         self.assertNotRegex(out, r"e-\d")
         table = self.expect(0, "assimilate", self.project_name).out

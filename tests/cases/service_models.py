@@ -40,7 +40,7 @@ class Test(ServiceCase):
 
     def test_the_corrected_bias_is_a_field_that_explains_the_data_better(self):
         original = self.project.read_text()
-        for extrapolation, location in (("joint", "nodes"), ("linear", "sensors")):
+        for extrapolation, location in (("joint", "nodes"), ("linear", "sensors"), ("published", "sensors")):
             self.edit('kind = "transport"', f'kind = "transport"\nbias_correction = "on"\nbias_extrapolation = "{extrapolation}"')
             service = self.serve(extra=f'journal = "{extrapolation}.journal"\n')
             self.assertIn("bias", service.get("/v1/description")[1]["fields"])

@@ -110,8 +110,8 @@ std::optional<BiasCorrection> ModelBias::extrapolate(double time) const {
   correction.mean = next.mean.cwiseProduct(noise_std_);
   // π_B̂ contains the measurement noise: never less than that.
   correction.scale = next.std.cwiseMax(1.0);
-  const Eigen::Index k = next.coefficients.size();
-  correction.factor.setZero(noise_std_.size(), error_weight_ > 0 ? k : 0);
+  const bool adds_error = options_.way == BiasOptions::Way::modes && error_weight_ > 0;
+  correction.factor.setZero(noise_std_.size(), adds_error ? next.coefficients.size() : 0);
   for (Eigen::Index j = 0; j < correction.factor.cols(); ++j) {
     // What a mode was off by beyond the measurement noise in its own coordinate.
     const double variance = std::max(0.0, error_(j, j) / error_weight_ - 1);

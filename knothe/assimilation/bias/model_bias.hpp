@@ -24,8 +24,9 @@ constexpr auto names_of(BiasCorrectionMode /*mode*/) {
 struct BiasOptions {
   /// How the bias goes on to the next time: unknown together with the parameters, and integrated out
   /// (`JointDiscrepancy`); as the residual of the last posterior, through the time modes of the residuals'
-  /// singular value decomposition (Eq. 20); or sensor by sensor, the paper's baseline.
-  enum class Way { joint, modes, pointwise } way = Way::joint;
+  /// singular value decomposition (Eq. 20), with what the modes were off by lately added to the covariance;
+  /// the same without that addition, Eq. 18-20 to the letter; or sensor by sensor, the paper's baseline.
+  enum class Way { joint, modes, published, pointwise } way = Way::joint;
   /// Joint: sizes κ of the discrepancy that are weighed against each other and against none, by the evidence.
   std::vector<double> sizes = {0.1, 0.3, 1.0};
   double memory = 20;  ///< joint: steps after which the discrepancy has forgotten itself
@@ -40,7 +41,7 @@ struct BiasOptions {
 struct BiasCorrection {
   Eigen::VectorXd mean;    ///< n, m
   Eigen::VectorXd scale;   ///< n, ≥ 1: standard deviation of B̂ over that of the measurement
-  Eigen::MatrixXd factor;  ///< n × k, F, m: how uncertain the extrapolated modes are
+  Eigen::MatrixXd factor;  ///< n × k, F, m: how uncertain the extrapolated modes are; k = 0 as published
 };
 
 /// The residuals B(x, t_i) = d_i − e − M(x, t_i, p) of Eq. 16, as they come: their means and standard

@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <Eigen/SVD>
 #include <cmath>
 
 #include "knothe/assimilation/bias/model_selection.hpp"
@@ -63,7 +65,7 @@ TEST(ModelBias, LinearModesGoOnLinearly) {
   const Eigen::Index n = 12;
   const Eigen::MatrixXd shapes = numerics::monte_carlo_normal_points(n, 2, 1);
   const Eigen::VectorXd noise = Eigen::VectorXd::LinSpaced(n, 0.5, 2);
-  for (const auto way : {BiasOptions::Way::modes, BiasOptions::Way::pointwise}) {
+  for (const auto way : {BiasOptions::Way::modes, BiasOptions::Way::published, BiasOptions::Way::pointwise}) {
     BiasOptions options;
     options.way = way;
     ModelBias bias(noise, options);
@@ -79,6 +81,99 @@ TEST(ModelBias, LinearModesGoOnLinearly) {
     for (Eigen::Index i = 0; i < n; ++i)
       EXPECT_NEAR(next.scale[i], std::sqrt(1 + 0.09 / (noise[i] * noise[i])), 1e-9);
   }
+}
+
+/// Eq. 19-20: the columns' singular value decomposition, cut after `rank` modes, whose time modes go on along
+/// the line through their last two values.
+Eigen::VectorXd next_by_modes(const Eigen::MatrixXd& columns, const std::vector<double>& times, double time,
+                              Eigen::Index rank) {
+  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(columns, Eigen::ComputeThinU | Eigen::ComputeThinV);
+  const Eigen::Index last = columns.cols() - 1;
+  Eigen::VectorXd next = Eigen::VectorXd::Zero(columns.rows());
+  for (Eigen::Index k = 0; k < std::min(rank, svd.singularValues().size()); ++k) {
+    double v = svd.matrixV()(last, k);
+    if (last > 0) {
+      const double before = times[times.size() - 2], here = times.back();
+      v += (time - here) / (here - before) * (v - svd.matrixV()(last - 1, k));
+    }
+    next += svd.matrixU().col(k) * svd.singularValues()[k] * v;
+  }
+  return next;
+}
+
+/// Eq. 16-20 written out, densely and in the data's own units, for a model that is linear in p with normal
+/// priors, whose posterior is a conjugate formula.
+TEST(ModelBias, ThePublishedCorrectionIsEquations16To20WrittenOut) {
+  const Eigen::Index n = 5, d = 2, n_t = 14;
+  const auto model = random_model(std::make_shared<LinearFunctions>(d), n, 4, n_t, 19);
+  const double noise = 0.3;
+  const Eigen::VectorXd std = Eigen::VectorXd::Constant(n, noise);
+  Eigen::MatrixXd data = synthetic_data(*model, Eigen::Vector2d(0.4, -0.7), std, 5);
+  const Eigen::VectorXd shape = numerics::monte_carlo_normal_points(n, 1, 6);
+  for (Eigen::Index t = 5; t < n_t; ++t) data.col(t) += static_cast<double>(t - 4) * shape;
+  UpdateOptions options;
+  options.bias_correction = BiasCorrectionMode::on;
+  options.bias.way = BiasOptions::Way::published;
+  SequentialUpdate update(model, NoiseModel::independent(std), {Prior::normal(0, 1), Prior::normal(0, 1)},
+                          options);
+
+  Eigen::MatrixXd information = Eigen::MatrixXd::Identity(d, d), means(n, 0), stds(n, 0);
+  Eigen::VectorXd weighted = Eigen::VectorXd::Zero(d);
+  double log_evidence = 0;
+  std::vector<double> times;
+  int above_the_noise = 0;
+  for (Eigen::Index t = 0; t < n_t; ++t) {
+    const auto step = static_cast<std::size_t>(t);
+    const Eigen::MatrixXd seen = model->space * model->core[step];
+    Eigen::VectorXd bias = Eigen::VectorXd::Zero(n), spread = std;
+    if (t > 0) {
+      bias = next_by_modes(means, times, model->time[step], 2);
+      spread = next_by_modes(stds, times, model->time[step], 2);
+      above_the_noise += (spread.array() > noise).all();
+      spread = spread.cwiseMax(noise);  // std(B)² = std(e)² + std(M)² cannot be less
+    }
+    const Eigen::VectorXd rest = data.col(t) - model->lift.col(t) - bias;  // Eq. 17-18
+    const Eigen::MatrixXd before = information.inverse();
+    Eigen::MatrixXd predictive = seen * before * seen.transpose();
+    predictive.diagonal() += spread.cwiseAbs2();
+    log_evidence += normal_log_density(rest - seen * before * weighted, predictive);
+    const Eigen::MatrixXd scaled = spread.cwiseAbs2().cwiseInverse().asDiagonal() * seen;
+    information += seen.transpose() * scaled;
+    weighted += scaled.transpose() * rest;
+    const Eigen::MatrixXd covariance = information.inverse();
+    const Eigen::VectorXd mean = covariance * weighted;
+
+    const UpdateResult& result = update.update(step, step, data.col(t));
+    EXPECT_EQ(result.bias_corrected, t > 0);
+    for (Eigen::Index a = 0; a < d; ++a)
+      EXPECT_NEAR(result.mean[a], mean[a], 0.01 * std::sqrt(covariance(a, a))) << t;
+    EXPECT_LT((result.covariance - covariance).norm(), 0.01 * covariance.norm()) << t;
+    EXPECT_NEAR(result.log_evidence, log_evidence, 0.01 * static_cast<double>(t + 1)) << t;
+
+    means.conservativeResize(Eigen::NoChange, t + 1);
+    stds.conservativeResize(Eigen::NoChange, t + 1);
+    means.col(t) = data.col(t) - model->lift.col(t) - seen * mean;  // Eq. 16, 19
+    stds.col(t) = (noise * noise + (seen * covariance * seen.transpose()).diagonal().array()).sqrt();
+    times.push_back(model->time[step]);
+  }
+  EXPECT_GT(above_the_noise, 3);  // the bound is not what is tested
+}
+
+TEST(ModelBias, LinearAndPublishedDifferByTheModesErrorAlone) {
+  const Eigen::Index n = 6;
+  const Eigen::VectorXd noise = Eigen::VectorXd::Constant(n, 0.5);
+  ModelBias linear(noise, {.way = BiasOptions::Way::modes}),
+      published(noise, {.way = BiasOptions::Way::published});
+  const Eigen::MatrixXd residuals = 3 * numerics::monte_carlo_normal_points(n, 8, 3);
+  for (int i = 0; i < 8; ++i)
+    for (ModelBias* bias : {&linear, &published})
+      bias->add(i, residuals.col(i), Eigen::VectorXd::Constant(n, 0.3));
+  const BiasCorrection a = *linear.extrapolate(8), b = *published.extrapolate(8);
+  EXPECT_EQ(a.mean, b.mean);
+  EXPECT_EQ(a.scale, b.scale);
+  EXPECT_GT(a.factor.norm(), 0);
+  EXPECT_EQ(b.factor.cols(), 0);
+  EXPECT_EQ(*linear.latest(), *published.latest());
 }
 
 TEST(ModelBias, TheStandardDeviationIsNeverBelowThatOfTheMeasurement) {
@@ -307,7 +402,7 @@ TEST(ModelBias, RedoneOrSwitchedOnByItselfIsAReplayFromScratchBitByBit) {
     for (Eigen::Index t = 0; t < steps; ++t)
       update.update(static_cast<std::size_t>(t), static_cast<std::size_t>(t), data.col(t));
   };
-  for (const auto way : {BiasOptions::Way::joint, BiasOptions::Way::modes}) {
+  for (const auto way : {BiasOptions::Way::joint, BiasOptions::Way::modes, BiasOptions::Way::published}) {
     UpdateOptions options;
     options.bias.way = way;
     options.learn_bias = true;

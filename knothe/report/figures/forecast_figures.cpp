@@ -81,7 +81,7 @@ Plot forecast_densities_plot(const Results& results, const std::string& name) {
 
 Plot forecast_convergence_plot(const Results& results, const std::string& name) {
   const ForecastScale scale = forecast_scale(results, name);
-  std::vector<double> x, mean, low, high, most, direct_x, direct_low, direct_high;
+  std::vector<double> x, mean, low, high, most, published_x, published_low, published_high;
   for (const auto& s : results.steps) {
     const auto found = s.forecast.find(name);
     if (found == s.forecast.end()) continue;
@@ -92,18 +92,18 @@ Plot forecast_convergence_plot(const Results& results, const std::string& name) 
     const bool quantiles = !f.values.empty() && f.levels.front() < 0.03 && f.levels.back() > 0.97;
     low.push_back(scale.factor * (quantiles ? f.values.front() : f.mean - 1.96 * f.std));
     high.push_back(scale.factor * (quantiles ? f.values.back() : f.mean + 1.96 * f.std));
-    if (f.direct.empty()) continue;
-    direct_x.push_back(x.back());
-    direct_low.push_back(scale.factor * f.direct.front());
-    direct_high.push_back(scale.factor * f.direct.back());
+    if (f.published.empty()) continue;
+    published_x.push_back(x.back());
+    published_low.push_back(scale.factor * f.published.front());
+    published_high.push_back(scale.factor * f.published.back());
   }
   Plot plot(scale.quantity + " as the data come in", {"step"}, {scale.label()});
   plot.band(x, low, high, Paint::series(1), "95 % of the probability");
   plot.line(x, mean, Paint::series(1), "mean", {2.2});
   plot.line(x, most, Paint::ink(), "most probable", {1.3, "3 3", 1.0});
-  if (!direct_x.empty()) {
-    plot.line(direct_x, direct_low, Paint::series(0), "95 %, best length of each sample", {1.3, "5 3", 1.0});
-    plot.line(direct_x, direct_high, Paint::series(0), "", {1.3, "5 3", 1.0});
+  if (!published_x.empty()) {
+    plot.line(published_x, published_low, Paint::series(0), "95 %, Eq. 33 (normal field)", {1.3, "5 3", 1.0});
+    plot.line(published_x, published_high, Paint::series(0), "", {1.3, "5 3", 1.0});
   }
   if (const auto f = results.forecasts.find(name); f != results.forecasts.end() && f->second.threshold)
     plot.horizontal(scale.factor * *f->second.threshold, Paint::faint(), "threshold");

@@ -98,9 +98,8 @@ void add_forecasts(Page& page, const Results& results) {
         fmt::format("Forecast “{}”: what the posterior after each step predicts for the horizon.", name);
     if (const auto residual = results.steps.back().forecast.at(name).bridge_residual_rms)
       caption += fmt::format(
-          " The elastic beam with the most probable crack differs from the displacements predicted at the "
-          "sensors by {} µm "
-          "(root mean square).",
+          " The elastic beam with that crack differs from the displacements predicted at the sensors by {} "
+          "µm (root mean square over sensors and posterior).",
           readable(1e6 * *residual, 2));
     page.figures(figures, caption);
   }

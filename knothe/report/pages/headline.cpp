@@ -66,7 +66,10 @@ Card forecast_card(const Results& results, const std::string& name) {
   std::string above = "the threshold";
   if (summary != results.forecasts.end() && summary->second.threshold)
     above = plain(scale.factor * *summary->second.threshold) + (scale.unit.empty() ? "" : " " + scale.unit);
-  card.remark = fmt::format("above {} with probability {}", above, percent(f.probability_above_threshold));
+  card.remark =
+      fmt::format("above {} with probability {}, below with {}", above,
+                  percent(f.probability_above_threshold), percent(1 - f.probability_above_threshold));
+  if (f.is_past) card.remark += "; its horizon is past: no forecast any more";
   return card;
 }
 

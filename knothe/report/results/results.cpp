@@ -100,7 +100,8 @@ StepForecast forecast_of(const Located& f) {
   out.bridge_residual_rms = f.optional_number("bridge_residual_rms");
   out.levels = f.numbers("levels");
   out.values = f.numbers("values", out.levels.size());
-  if (f.has("direct")) out.direct = f.object("direct").numbers("values", out.levels.size());
+  if (f.has("published")) out.published = f.object("published").numbers("values", out.levels.size());
+  out.is_past = f.has("past") && f.at("past") == true;
   if (f.has("density")) out.density = f.object("density").density("points", "values");
   return out;
 }

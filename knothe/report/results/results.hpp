@@ -27,11 +27,12 @@ struct StepForecast {
   double probability_above_threshold = 0.0;
   std::string units;  ///< empty if not said
   std::optional<double>
-      bridge_residual_rms;  ///< m; how far the best elastic crack is from the predicted field
+      bridge_residual_rms;  ///< m; how far the elastic crack is from the predicted field, dof by dof
   std::vector<double> levels;
   std::vector<double> values;
-  std::vector<double> direct;  ///< quantiles of each sample's best length (crack length only); may be empty
-  Density density;             ///< empty if not written
+  std::vector<double> published;  ///< quantiles by Eq. 33 (crack length only); may be empty
+  bool is_past = false;           ///< the horizon was before the step's time
+  Density density;                ///< empty if not written
 };
 
 /// One of several models run side by side, after a step.

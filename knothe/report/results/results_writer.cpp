@@ -59,14 +59,14 @@ ResultsWriter::ResultsWriter(const project::Project& project, const reduction::S
 }
 
 void ResultsWriter::add_step(const engine::StepResult& result,
-                             const std::vector<forecast::NamedForecast>& direct,
+                             const std::vector<forecast::NamedForecast>& published,
                              const assimilation::Datum& datum) {
   measurements_.values.col(static_cast<Eigen::Index>(steps_.size())) =
       datum.values.head(measurements_.values.rows());
   const auto start = monotonic_now();
   Json record = step_record(result, model_.contents().axes);
   scores_.insert(scores_.end(), result.scores.begin(), result.scores.end());
-  add_densities(record, model_.parameter_names(), priors_, result, direct);
+  add_densities(record, model_.parameter_names(), priors_, result, published);
   record["elapsed_us"]["densities"] = microseconds_since(start);
   lines_.push_back(files::json_line(record));
   steps_.push_back(keep_step(result, datum, observed_.get()));

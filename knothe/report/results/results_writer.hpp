@@ -31,8 +31,8 @@ class ResultsWriter {
                 std::shared_ptr<const reduction::ObservedModel> observed = nullptr);
 
   /// Keeps what the files need of a step. `datum`: its last, with the noise that it was measured with;
-  /// `direct`: a cross-check of the forecasts.
-  void add_step(const engine::StepResult& result, const std::vector<forecast::NamedForecast>& direct,
+  /// `published`: the crack lengths by Eq. 33, beside the forecasts.
+  void add_step(const engine::StepResult& result, const std::vector<forecast::NamedForecast>& published,
                 const assimilation::Datum& datum);
 
   /// The model has been refined: from now on fields and residuals, those of the steps before too, are of this

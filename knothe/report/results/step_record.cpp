@@ -22,6 +22,7 @@ Json forecast_record(std::span<const forecast::NamedForecast> forecasts, bool de
              {"probability_above_threshold", f.probability_above_threshold},
              {"probability_below_threshold", 1 - f.probability_above_threshold},
              {"horizon", named.horizon},
+             {"past", named.is_past},
              {"threshold", named.threshold},
              {"levels", numerics::k_quantile_levels},
              {"values", f.values},
@@ -151,7 +152,7 @@ Json score_records(std::span<const forecast::ScoredForecast> scores) {
 
 void add_densities(Json& record, const std::vector<std::string>& parameters,
                    const std::vector<assimilation::Prior>& priors, const engine::StepResult& result,
-                   std::span<const forecast::NamedForecast> direct) {
+                   std::span<const forecast::NamedForecast> published) {
   const assimilation::Posterior& posterior = result.update;
   for (std::size_t k = 0; k < parameters.size(); ++k) {
     const auto marginal = assimilation::marginal_density(posterior.points.col(static_cast<Eigen::Index>(k)),
@@ -159,11 +160,11 @@ void add_densities(Json& record, const std::vector<std::string>& parameters,
     record["marginals"][parameters[k]] = {{"points", marginal.points}, {"density", marginal.density}};
   }
   record["forecast"] = forecast_record(result.forecasts, true);
-  for (const forecast::NamedForecast& named : direct) {
-    record["forecast"][named.name]["direct"] = {{"mean", named.forecast.mean},
-                                                {"std", named.forecast.std},
-                                                {"levels", numerics::k_quantile_levels},
-                                                {"values", named.forecast.values}};
+  for (const forecast::NamedForecast& named : published) {
+    record["forecast"][named.name]["published"] = {{"mean", named.forecast.mean},
+                                                   {"std", named.forecast.std},
+                                                   {"levels", numerics::k_quantile_levels},
+                                                   {"values", named.forecast.values}};
   }
 }
 

@@ -29,9 +29,9 @@ namespace knothe::report {
 [[nodiscard]] nlohmann::ordered_json score_records(std::span<const forecast::ScoredForecast> scores);
 
 /// Beside the fixed keys, for figures: marginal densities of the parameters (`marginals`), densities of the
-/// forecasts, and the direct forecasts of crack lengths (quantiles at the same levels).
+/// forecasts, and the crack lengths by Eq. 33 (`published`, quantiles at the same levels).
 void add_densities(nlohmann::ordered_json& record, const std::vector<std::string>& parameters,
                    const std::vector<assimilation::Prior>& priors, const engine::StepResult& result,
-                   std::span<const forecast::NamedForecast> direct);
+                   std::span<const forecast::NamedForecast> published);
 
 }  // namespace knothe::report

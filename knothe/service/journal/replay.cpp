@@ -97,7 +97,7 @@ void write_results(const Opened& opened, const std::string& folder) {
   for (const std::size_t step : steps) {
     check_cancellation("nothing was written");
     const engine::StepResult result = engine.conclude(step);
-    writer.add_step(result, engine.direct_forecasts(result, 256), engine.last_datum(step));
+    writer.add_step(result, engine.published_forecasts(result), engine.last_datum(step));
   }
   writer.write(folder, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
 }

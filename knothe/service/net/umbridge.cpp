@@ -280,8 +280,6 @@ void UmBridge::evaluate_predict(Call& call) {
   const Eigen::VectorXd one = Eigen::VectorXd::Ones(1);
   std::map<std::string, double> values;
   for (const auto& named : forecaster->update(point, one)) values[named.name] = named.forecast.mean;
-  for (const auto& named : forecaster->direct(point, one, 1))
-    values[named.name] = named.forecast.mean;  // cracks
   call.value.resize(static_cast<Eigen::Index>(values.size()));
   Eigen::Index i = 0;
   for (const auto& specification : site.project().forecasts) call.value[i++] = values.at(specification.name);
