@@ -28,6 +28,8 @@ CLI::App& add_command(CLI::App& parent, BuildArguments& arguments) {
       ->check(CLI::IsMember(words_of<project::OfflineMethod>()));
   command.add_option("--refine", arguments.refine,
                      "results folder: makes the project's model finer around its last posterior");
+  command.add_flag("--study", arguments.study,
+                   "also the errors that other numbers of modes would have, in both forms; takes longer");
   command.add_flag("--json", arguments.json, "JSON lines on stdout");
   return command;
 }

@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <filesystem>
+#include <fstream>
 
 #include "knothe/base/error.hpp"
 #include "knothe/files/atomic_file.hpp"
@@ -153,12 +154,21 @@ bool begins_with(const std::string& bytes, const std::string& magic) {
   return bytes.compare(0, magic.size(), magic) == 0;
 }
 
+/// Which libtiff reads from the file itself.
+bool is_tiff(const std::string& path) {
+  std::string magic(4, '\0');
+  std::ifstream(path, std::ios::binary).read(magic.data(), 4);
+  return begins_with(magic, {"II*\0", 4}) || begins_with(magic, {"MM\0*", 4}) ||
+         begins_with(magic, {"II+\0", 4}) || begins_with(magic, {"MM\0+", 4});
+}
+
 }  // namespace
 
 Picture read_picture(const std::string& path, Colour colour) {
   std::error_code failure;
   if (!std::filesystem::exists(path, failure)) fail(path, "there is no such picture");
   if (std::filesystem::is_directory(path, failure)) fail(path, "this is a folder, not a picture");
+  if (is_tiff(path)) return read_tiff(path, std::filesystem::file_size(path), colour);
   std::string bytes;
   try {
     bytes = read_text(path);
@@ -167,9 +177,6 @@ Picture read_picture(const std::string& path, Colour colour) {
   }
   if (bytes.size() < 8)
     fail(path, bytes.empty() ? "the file is empty" : "the file is too short for a picture");
-  if (begins_with(bytes, {"II*\0", 4}) || begins_with(bytes, {"MM\0*", 4}) ||
-      begins_with(bytes, {"II+\0", 4}) || begins_with(bytes, {"MM\0+", 4}))
-    return read_tiff(path, bytes.size(), colour);
   if (begins_with(bytes, "\x89PNG")) return read_png(path, bytes, colour);
   if (begins_with(bytes, "\xFF\xD8\xFF")) return read_jpeg(path, bytes, colour);
   if (begins_with(bytes, "BM")) return read_bmp(path, bytes, colour);

@@ -104,7 +104,7 @@ void build(const BuildOptions& build, const files::CommandOutput& output) {
   const reduction::ModelError between = reduction::off_grid_error(model, off_grid);
   model.off_grid = {std::max(between.relative, between.plain_relative), between.max, "full-order solutions"};
   reduction::write_model(model, reduction::truncation_error(model, solutions, off_grid), build.model);
-  study_models(project, solutions, off_grid, output);
+  if (build.study) study_models(project, solutions, off_grid, output);
   remove_finished_runs(parts);
   output.line({{"done", true},
                {"model", build.model},

@@ -1,13 +1,15 @@
 """`knothe dic`: displacements from pictures, against the motion with which the pictures were drawn."""
 import csv
 import functools
+import json
 import math
 import pathlib
 import re
+import subprocess
 import unittest
 
 from dic_pictures import Speckle, write_pgm, write_tiff16
-from support import DATA, Case
+from support import DATA, KNOTHE, Case, python_with
 
 KEYS = ["picture", "iterations", "converged", "residual_rms", "nodes", "elements_rejected", "elapsed_ms", "noise_std_px"]
 REAL = DATA / "concrete_bending"
@@ -281,7 +283,7 @@ class Test(Case):
         self.assertTrue(3 < line["speckle_size_px"][0] < 9, line)
         self.assertTrue(0.002 < line["noise_std_px"] < line["largest_std_px"] < 0.05, line)
         self.assertEqual((self.folder / "maps" / "pattern.png").read_bytes()[:4], b"\x89PNG")
-        self.assertIn("cubic B-spline", (self.folder / "table.html").read_text())
+        self.assertIn("quintic B-spline", (self.folder / "table.html").read_text())
         text = self.expect(0, "dic", "reference.pgm", "--pattern", "--roi", ROI).out
         self.assertIn("the noise is assumed", text)
 
@@ -304,6 +306,24 @@ class Test(Case):
         squares = [(m[4] + row[2]) ** 2 + (m[5] + row[3]) ** 2 for m, row in zip(moved, self.table("back.csv")) if row[4] == 1]
         self.assertGreater(len(squares), 0.95 * len(points))
         self.assertLess(math.sqrt(sum(squares) / (2 * len(squares))), 0.01)
+
+    def test_the_real_pair_is_measured_without_bias(self):
+        """Pictures made from the reference with known displacements, and subsets that are correlated by themselves
+        (known_displacements.py)."""
+        first, second = self.real("0155", "0160")
+        python = python_with("numpy", "scipy", "PIL")
+        if python is None:
+            self.skipTest("no python3 with numpy, scipy and PIL here: scripts/packages.txt")
+        command = [python, pathlib.Path(__file__).parent / "known_displacements.py", KNOTHE, first, second, self.folder]
+        outcome = subprocess.run(command, capture_output=True, text=True, timeout=280)
+        self.assertEqual(outcome.returncode, 0, outcome.stderr)
+        seen = json.loads(outcome.stdout)
+        for bias in seen["shifts"] + seen["noisy"] + [seen["field"]["mean"]]:
+            for component in bias:
+                self.assertLess(abs(component), 3e-4, seen)
+        for bias, std in zip(seen["pair"]["mean"], seen["pair"]["mean_std"]):
+            self.assertLess(abs(bias), 3e-4 + 2 * std, seen)
+        self.assertGreater(seen["pair"]["points"], 500)
 
     def test_the_real_pictures_converge_with_the_defaults(self):
         """The beam is found before the dark background, without the roller; its aliased speckle is filtered."""

@@ -34,6 +34,6 @@ else:
     project = folder / "paper.toml"
     project.write_text(re.sub(r"(?m)^modes = .*", "modes = 30", example).replace('model = "beam.h5"', 'model = "model.h5"'))
     with open(folder / "study.jsonl", "w") as study:
-        run(KNOTHE, "offline", project, "-o", folder / "model.h5", "--json", stdout=study)
+        run(KNOTHE, "offline", project, "-o", folder / "model.h5", "--study", "--json", stdout=study)
 run(KNOTHE, "simulate", project, "--model", folder / "model.h5", "-o", folder / "data.h5")
 run(os.environ["KNOTHE_DATA_TO_CSV"], folder / "data.h5", folder / "data.csv")

@@ -59,7 +59,11 @@ class Test(Case):
         self.assertEqual([run["resumed"] for run in runs], 9 * [False])
         self.assertTrue(all(run["steps_without_equilibrium"] == [] for run in runs))
         self.assertEqual((lines[-1]["done"], lines[-1]["model"]), (True, "model.h5"))
-        self.assertTrue({"canonical", "tree"} <= {line["form"] for line in lines if "form" in line})
+        self.assertEqual([line for line in lines if "form" in line], [])
+
+    def test_other_numbers_of_modes_are_studied_on_request(self):
+        lines = self.build("model.h5", "--study", "--json").lines()
+        self.assertEqual({line["form"] for line in lines if "form" in line}, {"canonical", "tree"})
 
     def test_latin_gives_the_model_that_snapshots_give(self):
         """Two ways to the same solutions: the same forces and openings at the same parameters, but for micrometres and newtons."""
@@ -195,7 +199,7 @@ class Test(Case):
         self.assertEqual(self.parts(), [])  # told before anything is computed
         text += '\n[parameters]\nY0 = { prior = "normal", mean = 1.0, std = 0.1 }\nAd = { prior = "normal", mean = 1.0, std = 0.1 }\n'
         self.project.write_text(text)
-        built = self.build("model.h5", "--json")
+        built = self.build("model.h5", "--study", "--json")
         tried = [(int(m), float(shift)) for m, shift in re.findall(r"(\d+) modes: posterior shift ([0-9.]+) std", built.err)]
         self.assertTrue(tried[-1][1] <= 0.2 and all(shift > 0.2 for _, shift in tried[:-1]), built.err)
         (info,) = self.expect(0, "model", "info", "model.h5", "--json").lines()

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <vector>
 
@@ -14,28 +15,29 @@ namespace knothe::imaging {
 
 namespace {
 
-/// Cubic B-spline.
-double b_spline(double x) {
-  x = std::abs(x);
-  return x < 1 ? 2.0 / 3 - x * x + x * x * x / 2 : x < 2 ? (2 - x) * (2 - x) * (2 - x) / 6 : 0;
-}
+constexpr int k_reach = 60;  // px, where nothing is left of spline_response
 
-/// η(x) = Σ_k √3 z^|k| β³(x − k).
-double cardinal_spline(double x) {
-  const double z = std::sqrt(3.0) - 2;
-  double sum = 0;
-  const int centre = static_cast<int>(std::floor(x));
-  for (int k = centre - 1; k <= centre + 2; ++k)
-    sum += std::sqrt(3.0) * std::pow(z, std::abs(k)) * b_spline(x - k);
-  return sum;
+/// Σ_k c_k c_{k+m}, m = 0 … 5, c = spline_response.
+const std::array<double, 6>& response_correlation() {
+  static const std::array<double, 6> made = [] {
+    std::array<double, 6> r{};
+    for (int k = -k_reach; k <= k_reach; ++k)
+      for (int m = 0; m < 6; ++m)
+        r[static_cast<std::size_t>(m)] += spline_response(k) * spline_response(k + m);
+    return r;
+  }();
+  return made;
 }
 
 }  // namespace
 
 double interpolated_noise_variance(double t) {
-  t -= std::floor(t);
+  // η(t − k) = Σ_a w_a c_{a−k} with the spline's weights w, hence Σ_k η² = Σ_ab w_a w_b Σ_k c_k c_{k+b−a}.
+  const auto weight = spline_weights(t - std::floor(t));
   double sum = 0;
-  for (int k = -24; k <= 25; ++k) sum += std::pow(cardinal_spline(t - k), 2);
+  for (std::size_t a = 0; a < 6; ++a)
+    for (std::size_t b = 0; b < 6; ++b)
+      sum += weight[a] * weight[b] * response_correlation()[a < b ? b - a : a - b];
   return sum;
 }
 
@@ -93,24 +95,23 @@ double noise_from_repeat(const files::Picture& first, const files::Picture& seco
   return std::sqrt(std::max(0.0, difference) / (1 + gain * gain));
 }
 
-double prefilter_noise_factor(const files::Picture& reference, const Region& region, double sigma) {
+double prefilter_noise_factor(const ReferenceRows& reference, int height, const Region& region,
+                              double sigma) {
   if (!(sigma > 0)) return 1;
-  std::vector<float> value, dx, dy, smooth_x(reference.pixels.size()), smooth_y(reference.pixels.size());
-  SplineImage(reference, sigma).at_pixels(value, dx, dy);
-  const auto taps = gaussian_taps(sigma);
-  filter_picture(dx.data(), reference.width, reference.height, taps, smooth_x.data(),
-                 static_cast<std::size_t>(reference.width), 1);
-  filter_picture(dy.data(), reference.width, reference.height, taps, smooth_y.data(),
-                 static_cast<std::size_t>(reference.width), 1);
+  const int width = static_cast<int>(reference.stride);
+  std::vector<float> smooth(reference.stride * static_cast<std::size_t>(height));
   double before = 0, after = 0;
-  for (int y = std::max(0, static_cast<int>(region.y0));
-       y <= std::min(reference.height - 1, static_cast<int>(region.y1)); ++y)
-    for (int x = std::max(0, static_cast<int>(region.x0));
-         x <= std::min(reference.width - 1, static_cast<int>(region.x1)); ++x) {
-      const std::size_t i = reference.index(x, y);
-      before += static_cast<double>(dx[i] * dx[i] + dy[i] * dy[i]),
-          after += static_cast<double>(smooth_x[i] * smooth_x[i] + smooth_y[i] * smooth_y[i]);
-    }
+  for (const float* slope : {reference.dx, reference.dy}) {
+    filter_picture(slope, width, height, gaussian_taps(sigma), smooth.data(), reference.stride, 1);
+    for (int y = std::max(0, static_cast<int>(region.y0));
+         y <= std::min(height - 1, static_cast<int>(region.y1)); ++y)
+      for (int x = std::max(0, static_cast<int>(region.x0));
+           x <= std::min(width - 1, static_cast<int>(region.x1)); ++x) {
+        const std::size_t i = static_cast<std::size_t>(y) * reference.stride + static_cast<std::size_t>(x);
+        before += static_cast<double>(slope[i] * slope[i]);
+        after += static_cast<double>(smooth[i] * smooth[i]);
+      }
+  }
   return before > 0 ? after / before : 1;
 }
 
@@ -123,38 +124,59 @@ double gradient_noise_variance(double sigma) {
     for (std::size_t k = taps.size(); k-- > 1;) smooth.push_back(static_cast<double>(taps[k]));
     for (const float tap : taps) smooth.push_back(static_cast<double>(tap));
   }
-  const int radius = static_cast<int>(smooth.size() / 2), reach = radius + 24;
-  const auto slope = [](double x) { return (cardinal_spline(x + 1e-5) - cardinal_spline(x - 1e-5)) / 2e-5; };
+  const int radius = static_cast<int>(smooth.size() / 2), reach = radius + k_reach / 2;
+  std::vector<double> slopes;
+  for (int k = -reach - radius; k <= reach + radius; ++k) slopes.push_back(slope_response(k));
   double along = 0, across = 0;
   for (int k = -reach; k <= reach; ++k) {
     double sum = 0;
     for (int j = -radius; j <= radius; ++j)
-      sum += smooth[static_cast<std::size_t>(j + radius)] * slope(k - j);
+      sum += smooth[static_cast<std::size_t>(j + radius)] *
+             slopes[static_cast<std::size_t>(k - j + reach + radius)];
     along += sum * sum;
   }
   for (const double tap : smooth) across += tap * tap;
   return along * across;
 }
 
-double DisplacementPrecision::mean_std() const {
+double mean_std(const Eigen::VectorXd& std) {
   const auto count = (std.array() > 0).count();
   return count > 0 ? std.sum() / static_cast<double>(count) : 0;
+}
+
+namespace {
+
+/// `of` the noise, or of next to none, for which the correction for the gradient's noise is nothing, where it
+/// has no meaning.
+template <class Of>
+auto corrected_if_possible(double gamma, const Of& of) {
+  try {
+    return of(gamma);
+  } catch (const NumericalError&) {
+    return of(1e-6 * gamma);
+  }
+}
+
+}  // namespace
+
+Eigen::VectorXd displacement_std(const ImageCorrelation& correlation, const std::vector<char>& element_valid,
+                                 double gamma, double reference_count, double gain) {
+  return corrected_if_possible(gamma, [&](double noise) -> Eigen::VectorXd {
+    return correlation.displacement_std(element_valid, noise, reference_count, gain) * (gamma / noise);
+  });
 }
 
 DisplacementPrecision displacement_precision(const ImageCorrelation& correlation,
                                              const std::vector<char>& element_valid, double gamma,
                                              double reference_count, double gain) {
-  const auto of = [&](double noise) {
+  return corrected_if_possible(gamma, [&](double noise) {
     const double ratio = gamma / noise;
-    return DisplacementPrecision{
-        correlation.precision(element_valid, noise, reference_count, gain) / (ratio * ratio),
+    DisplacementPrecision made{
+        correlation.precision(element_valid, noise, reference_count, gain),
         correlation.displacement_std(element_valid, noise, reference_count, gain) * ratio};
-  };
-  try {
-    return of(gamma);
-  } catch (const NumericalError&) {
-    return of(1e-6 * gamma);  // of which the correction is nothing
-  }
+    made.matrix /= ratio * ratio;
+    return made;
+  });
 }
 
 Eigen::VectorXd displacement_std(const Eigen::SparseMatrix<double>& matrix) {

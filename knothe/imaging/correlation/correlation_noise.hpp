@@ -12,8 +12,8 @@
 
 namespace knothe::imaging {
 
-/// Variance of white noise after cubic B-spline interpolation at fraction t between two pixels, relative to
-/// before: Σ_k η(t − k)², η the cardinal spline: 1 at a pixel, 0.62 half-way.
+/// Variance of white noise after quintic B-spline interpolation at fraction t between two pixels, relative to
+/// before: Σ_k η(t − k)², η the cardinal spline: 1 at a pixel, 0.84 half-way.
 [[nodiscard]] double interpolated_noise_variance(double t);
 
 /// γ (grey levels of one picture, before any prefilter) from the residual of a correlation: its mean square
@@ -30,7 +30,7 @@ namespace knothe::imaging {
 
 /// What a Gaussian prefilter leaves of the noise in Σ N ∇f e, relative to unfiltered white noise: Σ|G * ∇f|²
 /// / Σ|∇f|². The precision is M / (2 γ² factor). 1 without a prefilter.
-[[nodiscard]] double prefilter_noise_factor(const files::Picture& reference, const Region& region,
+[[nodiscard]] double prefilter_noise_factor(const ReferenceRows& reference, int height, const Region& region,
                                             double sigma);
 
 /// Variance of one component of the gradient, at a pixel, of the interpolant of unit white noise, smoothed by
@@ -40,14 +40,20 @@ namespace knothe::imaging {
 /// Standard deviation of every nodal displacement from its precision: √(P⁻¹)_kk; 0 at nodes without a valid
 /// element.
 [[nodiscard]] Eigen::VectorXd displacement_std(const Eigen::SparseMatrix<double>& precision);
+/// Mean over the nodes that are measured; 0 if none is.
+[[nodiscard]] double mean_std(const Eigen::VectorXd& std);
 
 /// How exactly displacements are known.
 struct DisplacementPrecision {
   Eigen::SparseMatrix<double> matrix;  ///< 1/px², both triangles; empty rows at nodes without a valid element
   Eigen::VectorXd std;                 ///< px, one per displacement; 0 at those nodes
-  [[nodiscard]] double mean_std() const;  ///< over the nodes that are measured; 0 if none is
 };
 
+/// The `std` of displacement_precision alone, which costs nothing for the next picture with the same
+/// elements.
+[[nodiscard]] Eigen::VectorXd displacement_std(const ImageCorrelation& correlation,
+                                               const std::vector<char>& element_valid, double gamma,
+                                               double reference_count = 1, double gain = 1);
 /// Of the displacements of a result, for noise γ. Where the noise is so strong against the texture that the
 /// correction for the gradient's own noise has no meaning, without it.
 [[nodiscard]] DisplacementPrecision displacement_precision(const ImageCorrelation& correlation,

@@ -66,11 +66,25 @@ TEST(CorrelationNoise, StandardDeviationsAreThoseOfTheDenseInverse) {
   for (Eigen::Index k = 0; k < std.size(); ++k) EXPECT_NEAR(std[k], std::sqrt(inverse(k, k)), 1e-9);
 }
 
+TEST(CorrelationNoise, StandardDeviationsForAnyNoiseAreThoseOfThePrecision) {
+  // A weak, coarse speckle, where the noise of the gradient counts most.
+  const SpecklePattern weak({.width = 320, .height = 256, .dot_radius = 3.5});
+  ImageCorrelation correlation(weak.render({}, {.noise = 2}), structured_mesh(k_region, 25),
+                               {.prefilter_sigma = 1});
+  std::vector<char> valid(correlation.mesh().elements.size(), 1);
+  valid[0] = 0;
+  for (const double noise : {0.3, 1.1, 1.7, 2.3, 1.1}) {
+    const auto std = correlation.displacement_std(valid, noise, 2, 1.2);
+    const auto exact = displacement_std(correlation.precision(valid, noise, 2, 1.2));
+    ASSERT_EQ(std.size(), exact.size());
+    for (Eigen::Index k = 0; k < std.size(); ++k) EXPECT_NEAR(std[k], exact[k], 1e-4 * exact[k]) << noise;
+  }
+}
+
 TEST(CorrelationNoise, GradientOfNoiseHasTheVarianceTold) {
   const SpecklePattern flat({.width = 300, .height = 300, .coverage = 1e-9});
   for (const double sigma : {0.0, 1.0}) {
-    std::vector<float> value, dx, dy;
-    SplineImage(flat.render({}, {.noise = 5, .quantise = false}), sigma).at_pixels(value, dx, dy);
+    const auto dx = pixel_gradients(flat.render({}, {.noise = 5, .quantise = false}), sigma, 1).dx;
     double squares = 0;
     for (const float g : dx) squares += static_cast<double>(g * g);
     EXPECT_NEAR(squares / static_cast<double>(dx.size()) / 25, gradient_noise_variance(sigma),

@@ -33,15 +33,43 @@ CorrelationStage::CorrelationStage(ReferenceField reference, ImageMesh mesh,
       pixels_(mesh_, reference_.width, reference_.height),
       options_(options) {
   make_constants();
+  make_pattern();
   sums_.resize(mesh_.elements.size());
+  rights_.assign(mesh_.elements.size(), Eigen::Matrix<double, 8, 1>::Zero());
   element_brightness_.assign(mesh_.elements.size(), {1.0F, 0.0F});
   element_step_.assign(mesh_.elements.size(), {0.0, 0.0});
 }
 
+/// Rows 2a and 2a + 1 stand side by side in columns 2b and 2b + 1, which have the same pattern.
+void CorrelationStage::make_pattern() {
+  std::vector<Eigen::Triplet<double>> entries;
+  entries.reserve(64 * mesh_.elements.size());
+  for (const auto& nodes : mesh_.elements)
+    for (int a = 0; a < 2 * ImageMesh::nodes_of(nodes); ++a)
+      for (int b = 0; b < 2 * ImageMesh::nodes_of(nodes); ++b)
+        entries.emplace_back(2 * nodes[static_cast<std::size_t>(a / 2)] + a % 2,
+                             2 * nodes[static_cast<std::size_t>(b / 2)] + b % 2, 0.0);
+  pattern_.resize(2 * mesh_.node_count(), 2 * mesh_.node_count());
+  pattern_.setFromTriplets(entries.begin(), entries.end());
+  const int *begin = pattern_.outerIndexPtr(), *row = pattern_.innerIndexPtr();
+  places_.resize(mesh_.elements.size());
+  for (std::size_t e = 0; e < places_.size(); ++e) {
+    const auto& nodes = mesh_.elements[e];
+    const auto count = static_cast<std::size_t>(ImageMesh::nodes_of(nodes));
+    for (std::size_t a = 0; a < count; ++a)
+      for (std::size_t b = 0; b < count; ++b) {
+        const int column = 2 * nodes[b];
+        places_[e][4 * a + b] = static_cast<int>(
+            std::lower_bound(row + begin[column], row + begin[column + 1], 2 * nodes[a]) - row);
+      }
+  }
+}
+
 Eigen::SparseMatrix<double> CorrelationStage::assemble(const std::vector<char>& valid, bool for_solving,
                                                        double mass) const {
-  std::vector<Eigen::Triplet<double>> entries;
-  entries.reserve(64 * mesh_.elements.size() + mesh_.x.size());
+  Eigen::SparseMatrix<double> result = pattern_;
+  double* const values = result.valuePtr();
+  const int* const begin = result.outerIndexPtr();
   for (std::size_t e = 0; e < mesh_.elements.size(); ++e) {
     if (valid[e] == 0) continue;
     const auto& nodes = mesh_.elements[e];
@@ -49,35 +77,34 @@ Eigen::SparseMatrix<double> CorrelationStage::assemble(const std::vector<char>& 
     Eigen::Matrix<double, 8, 8> matrix = c.matrix;
     if (for_solving && per_element())
       matrix -= c.brightness * c.brightness_matrix.inverse() * c.brightness.transpose();
-    for (int a = 0; a < 4; ++a)
-      for (int b = 0; b < 4; ++b)
-        for (int i = 0; i < 2; ++i) matrix(2 * a + i, 2 * b + i) += mass * c.mass(a, b);
-    for (int a = 0; a < ImageMesh::nodes_of(nodes); ++a) {
-      for (int b = 0; b < ImageMesh::nodes_of(nodes); ++b)
-        for (int i = 0; i < 2; ++i)
-          for (int j = 0; j < 2; ++j)
-            entries.emplace_back(2 * nodes[static_cast<std::size_t>(a)] + i,
-                                 2 * nodes[static_cast<std::size_t>(b)] + j, matrix(2 * a + i, 2 * b + j));
+    for (int b = 0; b < ImageMesh::nodes_of(nodes); ++b) {
+      const int column = 2 * nodes[static_cast<std::size_t>(b)], length = begin[column + 1] - begin[column];
+      for (int a = 0; a < ImageMesh::nodes_of(nodes); ++a) {
+        double* const at = values + places_[e][static_cast<std::size_t>(4 * a + b)];
+        at[0] += matrix(2 * a, 2 * b) + mass * c.mass(a, b), at[1] += matrix(2 * a + 1, 2 * b);
+        at[length] += matrix(2 * a, 2 * b + 1);
+        at[length + 1] += matrix(2 * a + 1, 2 * b + 1) + mass * c.mass(a, b);
+      }
     }
   }
-  Eigen::SparseMatrix<double> result(2 * mesh_.node_count(), 2 * mesh_.node_count());
-  result.setFromTriplets(entries.begin(), entries.end());
   return result;
 }
 
 Eigen::SparseMatrix<double> CorrelationStage::matrix(const std::vector<char>& valid, double mass) const {
-  return assemble(valid, false, mass);
+  Eigen::SparseMatrix<double> result = assemble(valid, false, mass);
+  if (std::find(valid.begin(), valid.end(), 0) != valid.end()) result.prune(0.0, 0.0);
+  return result;
 }
 
 /// Nodes that nothing holds get a row of their own.
-void CorrelationStage::factorise_or_shift(Eigen::SparseMatrix<double>& matrix, Solver& solver) const {
+void CorrelationStage::factorise_or_shift(Eigen::SparseMatrix<double>& matrix, Solver& solver) {
   for (int i = 0; i < matrix.rows(); ++i)
     if (matrix.coeff(i, i) == 0) matrix.coeffRef(i, i) = 1;
-  solver.compute(matrix);
+  solver.factorize(matrix);
   if (solver.info() == Eigen::Success) return;
   const double shift = 1e-9 * matrix.diagonal().maxCoeff();  // a node held by too little texture
   for (int i = 0; i < matrix.rows(); ++i) matrix.coeffRef(i, i) += shift;
-  solver.compute(matrix);
+  solver.factorize(matrix);
   if (solver.info() != Eigen::Success)
     throw NumericalError(
         "image correlation: the matrix of the mesh is singular; choose larger elements, or regularisation");
@@ -88,11 +115,13 @@ void CorrelationStage::remove_regularisation(const SplineImage& deformed, Correl
   if (!(penalty_ > 0) || !result.converged) return;
   if (plain_for_ != result.element_valid) {
     Eigen::SparseMatrix<double> matrix = assemble(result.element_valid, true, 0);
+    if (plain_for_.empty()) plain_.analyzePattern(matrix);
     factorise_or_shift(matrix, plain_);
     plain_for_ = result.element_valid;
   }
   CorrelationResult free = result;
   for (int k = 0; k < k_plain_steps; ++k) {
+    look_at_all_anew();
     sum_residuals(deformed, free);
     (void)assemble_right(free);
     step_ = plain_.solve(right_);
@@ -107,6 +136,7 @@ void CorrelationStage::factorise(const std::vector<char>& valid) {
   Eigen::SparseMatrix<double> matrix = assemble(valid, true, 0);
   penalty_matrix_ = penalty(valid);
   if (penalty_ > 0) matrix += penalty_matrix_;
+  if (penalty_ > 0 || factorised_for_.empty()) solver_.analyzePattern(matrix);
   factorise_or_shift(matrix, solver_);
   factorised_for_ = valid;
   if (options_.brightness != Brightness::global) return;
@@ -230,6 +260,8 @@ int CorrelationStage::readmit(const SplineImage& deformed, CorrelationResult& re
                               std::vector<char>& tried) {
   if (result.element_valid == usable_) return 0;
   extrapolate(result);
+  for (std::size_t e = 0; e < moved_.size(); ++e)
+    if (result.element_valid[e] == 0) moved_[e] = std::numeric_limits<double>::infinity();
   sum_residuals(deformed, result);
   const std::vector<double> rms = element_rms();
   const double limit = residual_limit(result, rms);
@@ -246,7 +278,7 @@ int CorrelationStage::readmit(const SplineImage& deformed, CorrelationResult& re
 void CorrelationStage::start_brightness(const CorrelationResult& result) {
   std::fill(element_brightness_.begin(), element_brightness_.end(),
             std::array<float, 2>{static_cast<float>(result.gain), static_cast<float>(result.offset)});
-  sums_current_ = false;
+  look_at_all_anew();
   brightness_step_.setZero();
 }
 

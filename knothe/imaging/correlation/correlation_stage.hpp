@@ -74,17 +74,19 @@ class CorrelationStage {
 
   void make_constants();
   void factorise(const std::vector<char>& valid);
+  /// Of the elements that moved by more than half of the tolerance since they were last looked at.
   void sum_residuals(const SplineImage& deformed, const CorrelationResult& result);
+  void look_at_all_anew();
   void start_brightness(const CorrelationResult& result);
-  /// What the sums of r, r² and r f become by the last step, to first order of it: no pass over the pixels.
+  /// What the sums become by the last step, to first order of it: no pass over the pixels.
   void continue_sums(const CorrelationResult& result);
-  [[nodiscard]] Eigen::Matrix<double, 8, 1> element_right(std::size_t element) const;
   /// Σ N ∇f r into right_, the brightness's right-hand side into the result.
   [[nodiscard]] Eigen::Vector2d assemble_right(const CorrelationResult& result);
   /// One step of Gauss and Newton; `last` is the one before (empty: none), `lengthening` what steps are
   /// multiplied by.
   double step(CorrelationResult& result, Eigen::VectorXd& last, double& lengthening);
-  void factorise_or_shift(Eigen::SparseMatrix<double>& matrix, Solver& solver) const;
+  /// Of a matrix with the pattern that the solver has analysed.
+  static void factorise_or_shift(Eigen::SparseMatrix<double>& matrix, Solver& solver);
   void iterate(const SplineImage& deformed, CorrelationResult& result);
   int reject(CorrelationResult& result, bool restless) const;
   void reject_restless(CorrelationResult& result, const std::vector<double>& rms) const;
@@ -92,6 +94,8 @@ class CorrelationStage {
   void extrapolate(CorrelationResult& result) const;
   [[nodiscard]] std::vector<double> element_rms() const;
   [[nodiscard]] double residual_limit(const CorrelationResult& result, const std::vector<double>& rms) const;
+  void make_pattern();
+  /// Of all elements' pattern, with zeros where only elements that are not valid would be.
   [[nodiscard]] Eigen::SparseMatrix<double> assemble(const std::vector<char>& valid, bool for_solving,
                                                      double mass) const;
   [[nodiscard]] bool per_element() const { return options_.brightness == Brightness::per_element; }
@@ -105,6 +109,8 @@ class CorrelationStage {
   std::vector<char> usable_;
   double penalty_ = 0;  ///< weight of the regularisation, from its wavelength; 0: none
 
+  Eigen::SparseMatrix<double> pattern_;      ///< of M with all elements; zeros
+  std::vector<std::array<int, 16>> places_;  ///< entry (2a, 2b) of each element in its values, 4 a + b
   std::vector<char> factorised_for_;
   Solver solver_;
   Eigen::SparseMatrix<double> penalty_matrix_;  ///< R, of the elements factorised for
@@ -113,7 +119,8 @@ class CorrelationStage {
   Eigen::MatrixXd coupling_, solved_coupling_;  ///< 2n × 2: C and M⁻¹ C of a global brightness
   Eigen::Matrix2d brightness_schur_;
   std::vector<ResidualSums> sums_;
-  bool sums_current_ = false;                                  ///< they are those of the result as it is
+  std::vector<Eigen::Matrix<double, 8, 1>> rights_;            ///< Σ N ∇f r of each element
+  std::vector<double> moved_;                                  ///< px, since its pixels were looked at
   Eigen::Vector2d brightness_step_ = Eigen::Vector2d::Zero();  ///< of the last step, where global
   std::vector<std::array<float, 2>> element_brightness_;       ///< α, β
   std::vector<std::array<double, 2>> element_step_;            ///< and what the last step changed of them

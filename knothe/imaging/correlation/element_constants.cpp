@@ -70,7 +70,8 @@ ReferenceField reference_field(const files::Picture& reference, const files::Pic
                                double prefilter_sigma, double saturation, int threads) {
   ReferenceField field;
   field.width = reference.width, field.height = reference.height;
-  SplineImage(reference, prefilter_sigma, threads).at_pixels(field.value, field.dx, field.dy);
+  PixelGradients found = pixel_gradients(reference, prefilter_sigma, threads);
+  field.value = std::move(found.value), field.dx = std::move(found.dx), field.dy = std::move(found.dy);
   field.use.assign(reference.pixels.size(), 1.0F);
   const double limit = saturation > 0 ? saturation : static_cast<double>(reference.maximum);
   for (int y = 0; y < reference.height; ++y)

@@ -4,6 +4,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "knothe/base/threads.hpp"
 #include "knothe/imaging/correlation/correlation_stage.hpp"
@@ -14,38 +15,47 @@ namespace {
 
 constexpr double k_longest_step = 1.25;  // times that of Gauss and Newton
 constexpr double k_small_step = 0.01;    // px, after which the residual need not be looked at again
+constexpr double k_continued = 0.5;  // of the tolerance: an element that moved less is not looked at again
+
+/// Σ N ∇f r of one element.
+Eigen::Matrix<double, 8, 1> right_of(const ElementPixels& element, const ResidualSums& sums) {
+  Eigen::Matrix<double, 8, 1> b = Eigen::Matrix<double, 8, 1>::Zero();
+  for (std::size_t a = 0; a < 4; ++a)
+    for (std::size_t m = 0; m < 4; ++m) {
+      b[static_cast<Eigen::Index>(2 * a)] += element.coefficients[a][m] * sums.x[m];
+      b[static_cast<Eigen::Index>(2 * a + 1)] += element.coefficients[a][m] * sums.y[m];
+    }
+  return b;
+}
 
 }  // namespace
 
 void CorrelationStage::sum_residuals(const SplineImage& deformed, const CorrelationResult& result) {
   constexpr std::size_t k_chunk = 32;  // elements per task
-  const std::size_t count = mesh_.elements.size();
-  parallel_for((count + k_chunk - 1) / k_chunk, static_cast<std::size_t>(options_.threads),
-               [&](std::size_t chunk) {
-                 for (std::size_t e = chunk * k_chunk; e < std::min(count, (chunk + 1) * k_chunk); ++e)
-                   sums_[e] = usable_[e] != 0 ? residual_sums(pixels_, pixels_.elements()[e],
-                                                              reference_.rows(), deformed, motion(e, result))
-                                              : ResidualSums{};
-               });
-  sums_current_ = true;
-}
-
-/// Σ N ∇f r of one element.
-Eigen::Matrix<double, 8, 1> CorrelationStage::element_right(std::size_t e) const {
-  Eigen::Matrix<double, 8, 1> b;
-  const auto& c = pixels_.elements()[e].coefficients;
-  for (int a = 0; a < 4; ++a) {
-    b[2 * a] = b[2 * a + 1] = 0;
-    for (std::size_t m = 0; m < 4; ++m) {
-      b[2 * a] += c[static_cast<std::size_t>(a)][m] * sums_[e].x[m];
-      b[2 * a + 1] += c[static_cast<std::size_t>(a)][m] * sums_[e].y[m];
-    }
+  std::vector<std::size_t> stale;
+  for (std::size_t e = 0; e < moved_.size(); ++e) {
+    if (moved_[e] <= k_continued * options_.tolerance) continue;
+    moved_[e] = 0;
+    if (usable_[e] != 0) stale.push_back(e);
   }
-  return b;
+  parallel_for((stale.size() + k_chunk - 1) / k_chunk, static_cast<std::size_t>(options_.threads),
+               [&](std::size_t chunk) {
+                 for (std::size_t i = chunk * k_chunk; i < std::min(stale.size(), (chunk + 1) * k_chunk);
+                      ++i) {
+                   const std::size_t e = stale[i];
+                   const ElementPixels& element = pixels_.elements()[e];
+                   sums_[e] = residual_sums(pixels_, element, reference_.rows(), deformed, motion(e, result));
+                   rights_[e] = right_of(element, sums_[e]);
+                 }
+               });
 }
 
-/// r − (N ∇f)ᵀ δ − (f, 1) c instead of r. The last step is below the tolerance, a thousandth of a pixel: what
-/// this leaves out is of its second order, a millionth of the residual.
+void CorrelationStage::look_at_all_anew() {
+  moved_.assign(mesh_.elements.size(), std::numeric_limits<double>::infinity());
+}
+
+/// r − (N ∇f)ᵀ δ − (f, 1) c instead of r. What this leaves out is of second order: of a step δ the part by
+/// which the gradients of the two pictures differ, i.e. their noise.
 void CorrelationStage::continue_sums(const CorrelationResult& result) {
   for (std::size_t e = 0; e < mesh_.elements.size(); ++e) {
     if (usable_[e] == 0) continue;
@@ -56,15 +66,17 @@ void CorrelationStage::continue_sums(const CorrelationResult& result) {
     const Eigen::Vector2d change = result.element_valid[e] != 0 && per_element()
                                        ? Eigen::Vector2d(element_step_[e][0], element_step_[e][1])
                                        : brightness_step_;
+    // A gain's change of a thousandth is as much as a displacement of a thousandth of a pixel.
+    moved_[e] += d.cwiseAbs().maxCoeff() + std::abs(change[0]);
     ResidualSums& s = sums_[e];
     const Eigen::Vector2d before(s.r_reference, s.r);
     const Eigen::Vector2d known = k.brightness.transpose() * d + k.brightness_matrix * change;
-    s.r_squared += -2 * (element_right(e).dot(d) + before.dot(change)) + d.dot(k.matrix * d) +
-                   2 * d.dot(k.brightness * change) + change.dot(k.brightness_matrix * change);
+    const Eigen::Matrix<double, 8, 1> explained = k.matrix * d + k.brightness * change;
+    s.r_squared += -2 * (rights_[e].dot(d) + before.dot(change)) + d.dot(explained) + change.dot(known);
     s.r_squared = std::max(0.0, s.r_squared);
     s.r_reference -= known[0], s.r -= known[1];
+    rights_[e] -= explained;
   }
-  sums_current_ = false;
 }
 
 Eigen::Vector2d CorrelationStage::assemble_right(const CorrelationResult& result) {
@@ -73,7 +85,7 @@ Eigen::Vector2d CorrelationStage::assemble_right(const CorrelationResult& result
   for (std::size_t e = 0; e < mesh_.elements.size(); ++e) {
     if (result.element_valid[e] == 0) continue;
     const auto& nodes = mesh_.elements[e];
-    Eigen::Matrix<double, 8, 1> b = element_right(e);
+    Eigen::Matrix<double, 8, 1> b = rights_[e];
     const Eigen::Vector2d s(sums_[e].r_reference, sums_[e].r);
     brightness += s;
     if (per_element()) b -= constants_[e].brightness * (constants_[e].brightness_matrix.inverse() * s);
@@ -121,7 +133,6 @@ double CorrelationStage::step(CorrelationResult& result, Eigen::VectorXd& last, 
   last = step_;
   step_ *= lengthening;
   result.displacement += step_;
-  sums_current_ = false;
   return step_.cwiseAbs().maxCoeff();
 }
 
@@ -132,7 +143,8 @@ void CorrelationStage::iterate(const SplineImage& deformed, CorrelationResult& r
   Eigen::VectorXd last;
   double lengthening = 1;
   for (int k = 0; k < std::min(k_iterations_per_round, options_.max_iterations) && !result.converged; ++k) {
-    if (!sums_current_) sum_residuals(deformed, result);
+    sum_residuals(deformed, result);
+    const double before = result.last_step;
     result.last_step = step(result, last, lengthening);
     ++result.iterations;
     if (!std::isfinite(result.last_step) || result.displacement.cwiseAbs().maxCoeff() > far) {
@@ -141,12 +153,15 @@ void CorrelationStage::iterate(const SplineImage& deformed, CorrelationResult& r
           "the iteration diverged: the pictures do not show the same surface, or moved too far between them";
       return;
     }
-    result.converged = result.last_step < options_.tolerance;
-  }
-  if (result.converged && result.last_step < k_small_step)
     continue_sums(result);
-  else
-    sum_residuals(deformed, result);
+    // Steps shrink by the same factor ρ each: what is left, ρ + ρ² + … = ρ/(1 − ρ) of this one, need not be
+    // made.
+    double left = result.last_step;
+    if (k > 0 && result.last_step < std::min(before, k_small_step))
+      left = std::min(left, result.last_step * result.last_step / (before - result.last_step));
+    result.converged = left < options_.tolerance;
+  }
+  if (!result.converged || result.last_step >= k_small_step) sum_residuals(deformed, result);
   result.message.clear();
   if (!result.converged)
     result.message = fmt::format(

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <map>
 #include <optional>
 
 #include "knothe/base/error.hpp"
@@ -20,6 +21,7 @@ namespace {
 constexpr double k_coarsest = 64;        // px: size of the region in the smallest picture, at most twice that
 constexpr double k_coarse_element = 16;  // px of the coarse picture, at least
 constexpr double k_same_start = 0.1;     // px: starts nearer than that are as good as each other
+constexpr double k_per_octave = 2;       // of the squared noise, for which variances are found
 constexpr double k_coarse_smoothing = 3;  // cut-off wavelength of coarse stages, in elements
 
 /// Pixels of the mesh, as a mask.
@@ -38,6 +40,13 @@ void require_same_size(const files::Picture& picture, int width, int height, con
     throw UsageError(fmt::format(
         "{} has {} × {} pixels, the reference picture {} × {}: all pictures of a series must be of one size",
         what, picture.width, picture.height, width, height));
+}
+
+void require_noise(double gamma) {
+  if (!(gamma > 0))
+    throw UsageError(fmt::format(
+        "precision of displacements: the noise of the pictures is {} grey levels; it must be positive",
+        gamma));
 }
 
 }  // namespace
@@ -83,9 +92,14 @@ struct ImageCorrelation::Work {
   CorrelationOptions options;
   CorrelationStage fine;
   SplineImage deformed;
-  std::vector<PyramidLevel> reference_pyramid;
+  PyramidLevel coarsest;               ///< of the reference
   std::vector<CoarseStage> coarse;     ///< from the coarsest on; made when first needed
   std::optional<double> noise_factor;  ///< of the prefilter; made when first needed
+  /// 1 / diag (M − 2aΣN Nᵀ)⁻¹ for a = 2^(index/2), of the elements that were asked for last.
+  struct InverseDiagonals {
+    std::vector<char> valid;
+    std::map<int, Eigen::ArrayXd> at;
+  } inverse_diagonals;
 
   Work(const files::Picture& f, const files::Picture& m, ImageMesh mesh, const CorrelationOptions& o)
       : reference(f),
@@ -93,16 +107,27 @@ struct ImageCorrelation::Work {
         options(o),
         fine(reference_field(f, m, o.prefilter_sigma, o.saturation, o.threads), std::move(mesh), o) {}
 
+  const Eigen::ArrayXd& inverse_diagonal(const std::vector<char>& valid, int index);
   void make_coarse_stages();
   void search(const files::Picture& picture, CorrelationResult& result);
 };
 
+/// 0 where nothing was measured.
+const Eigen::ArrayXd& ImageCorrelation::Work::inverse_diagonal(const std::vector<char>& valid, int index) {
+  if (inverse_diagonals.valid != valid) inverse_diagonals = {valid, {}};
+  auto& known = inverse_diagonals.at;
+  if (const auto found = known.find(index); found != known.end()) return found->second;
+  const Eigen::ArrayXd std =
+      imaging::displacement_std(fine.matrix(valid, -2 * std::exp2(index / k_per_octave))).array();
+  return known[index] = (std > 0).select(std.square().inverse(), 0.0);
+}
+
 void ImageCorrelation::Work::make_coarse_stages() {
-  if (!reference_pyramid.empty()) return;
+  if (!coarsest.picture.pixels.empty()) return;
   const Region bounds = fine.mesh().bounds();
   const double size = std::max(bounds.width(), bounds.height());
   const int top = std::clamp(static_cast<int>(std::floor(std::log2(size / k_coarsest))), 0, 6);
-  reference_pyramid = picture_pyramid(reference, mesh_mask(fine.pixels(), fine.reference()), top);
+  auto reference_pyramid = picture_pyramid(reference, mesh_mask(fine.pixels(), fine.reference()), top);
   const double fine_element = std::sqrt(bounds.width() * bounds.height() / fine.mesh().element_count());
   CorrelationOptions coarse_options = options;
   coarse_options.reject_elements = false;
@@ -110,7 +135,8 @@ void ImageCorrelation::Work::make_coarse_stages() {
   coarse_options.brightness = options.brightness == Brightness::none ? Brightness::none : Brightness::global;
   coarse_options.tolerance = 0.02;
   coarse_options.max_iterations = 30;
-  for (int level = top; level >= 0; --level) {
+  // Level 0 has no stage: it is the measurement itself.
+  for (int level = top; level >= std::min(1, top); --level) {
     const auto& at = reference_pyramid[static_cast<std::size_t>(level)];
     const auto shrink = [&](double x, int limit) { return std::clamp(to_level(x, level), 0.0, limit - 1.0); };
     const Region region{shrink(bounds.x0, at.picture.width), shrink(bounds.y0, at.picture.height),
@@ -134,11 +160,13 @@ void ImageCorrelation::Work::make_coarse_stages() {
       }
     }
   }
+  coarsest =
+      std::move(reference_pyramid[static_cast<std::size_t>(coarse.empty() ? top : coarse.front().level)]);
 }
 
 void ImageCorrelation::Work::search(const files::Picture& picture, CorrelationResult& result) {
   make_coarse_stages();
-  const auto pyramid = picture_pyramid(picture, {}, static_cast<int>(reference_pyramid.size()) - 1);
+  const auto pyramid = picture_pyramid(picture, {}, coarse.empty() ? 0 : coarse.front().level);
   CorrelationResult last;
   const CoarseStage* before = nullptr;
   SplineImage image;
@@ -150,8 +178,7 @@ void ImageCorrelation::Work::search(const files::Picture& picture, CorrelationRe
     const auto& nodes = stage.mesh();
     now.displacement.setZero(2 * nodes.node_count());
     if (before == nullptr) {
-      const auto shift = best_shift(reference_pyramid[static_cast<std::size_t>(level)],
-                                    pyramid[static_cast<std::size_t>(level)].picture);
+      const auto shift = best_shift(coarsest, pyramid[static_cast<std::size_t>(level)].picture);
       for (int a = 0; a < nodes.node_count(); ++a)
         now.displacement[2 * a] = shift[0], now.displacement[2 * a + 1] = shift[1];
     } else {
@@ -196,10 +223,7 @@ Eigen::SparseMatrix<double> ImageCorrelation::matrix() const {
 }
 Eigen::SparseMatrix<double> ImageCorrelation::precision(const std::vector<char>& element_valid, double gamma,
                                                         double reference_count, double gain) const {
-  if (!(gamma > 0))
-    throw UsageError(fmt::format(
-        "precision of displacements: the noise of the pictures is {} grey levels; it must be positive",
-        gamma));
+  require_noise(gamma);
   const double reference_variance = gamma * gamma / reference_count;
   return work_->fine.matrix(element_valid, -2 * reference_variance *
                                                gradient_noise_variance(work_->options.prefilter_sigma)) /
@@ -207,8 +231,8 @@ Eigen::SparseMatrix<double> ImageCorrelation::precision(const std::vector<char>&
 }
 Eigen::VectorXd ImageCorrelation::displacement_std(const std::vector<char>& element_valid, double gamma,
                                                    double reference_count, double gain) const {
+  if (!(work_->options.regularisation > 0)) return plain_std(element_valid, gamma, reference_count, gain);
   const Eigen::SparseMatrix<double> p = precision(element_valid, gamma, reference_count, gain);
-  if (!(work_->options.regularisation > 0)) return imaging::displacement_std(p);
   // M and A in units of the precision; P = (M − 2D)/v, so that A_t = M − D + R = (M + v P)/2 + R.
   const double v = difference_variance(gamma, reference_count, gain);
   const Eigen::SparseMatrix<double> m = matrix(element_valid) / v,
@@ -224,10 +248,25 @@ Eigen::VectorXd ImageCorrelation::displacement_std(const std::vector<char>& elem
     if (measured[static_cast<std::size_t>(n)] == 0) std.segment<2>(2 * n).setZero();
   return std;
 }
+/// Between two noises 1/(P⁻¹)_kk goes linearly with γ² to 1e-5 of it (exactly, if nodes did not share
+/// elements), so that it need not be found anew for every picture; the two are from a fixed list, so that it
+/// does not matter which pictures there were before.
+Eigen::VectorXd ImageCorrelation::plain_std(const std::vector<char>& element_valid, double gamma,
+                                            double reference_count, double gain) const {
+  require_noise(gamma);
+  const double a = gamma * gamma / reference_count * gradient_noise_variance(work_->options.prefilter_sigma);
+  const int below = static_cast<int>(std::floor(k_per_octave * std::log2(a)));
+  const double left = std::exp2(below / k_per_octave), right = std::exp2((below + 1) / k_per_octave),
+               share = (a - left) / (right - left);
+  const Eigen::ArrayXd inverse = (1 - share) * work_->inverse_diagonal(element_valid, below) +
+                                 share * work_->inverse_diagonal(element_valid, below + 1);
+  const double variance = difference_variance(gamma, reference_count, gain);
+  return (inverse > 0).select((variance / inverse).sqrt(), 0.0).matrix();
+}
 double ImageCorrelation::difference_variance(double gamma, double reference_count, double gain) const {
   if (!work_->noise_factor)
-    work_->noise_factor =
-        prefilter_noise_factor(work_->reference, mesh().bounds(), work_->options.prefilter_sigma);
+    work_->noise_factor = prefilter_noise_factor(reference_rows(), work_->reference.height, mesh().bounds(),
+                                                 work_->options.prefilter_sigma);
   return gamma * gamma * (1 / reference_count + gain * gain) * *work_->noise_factor;
 }
 ReferenceRows ImageCorrelation::reference_rows() const {

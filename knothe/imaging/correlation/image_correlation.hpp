@@ -127,6 +127,9 @@ class ImageCorrelation {
   [[nodiscard]] std::vector<float> residual_picture(const CorrelationResult& result) const;
 
  private:
+  /// The same without regularisation.
+  [[nodiscard]] Eigen::VectorXd plain_std(const std::vector<char>& element_valid, double gamma,
+                                          double reference_count, double gain) const;
   struct Work;
   std::unique_ptr<Work> work_;
 };

@@ -26,11 +26,11 @@ files::Picture halved(const files::Picture& picture, bool is_mask) {
 
 std::vector<PyramidLevel> picture_pyramid(const files::Picture& picture, const files::Picture& mask,
                                           int top) {
-  std::vector<PyramidLevel> levels{{picture, mask}};
+  std::vector<PyramidLevel> levels(1);
+  if (top == 0) levels.front() = {picture, mask};
   for (int level = 1; level <= top; ++level) {
-    const PyramidLevel& finer = levels.back();
-    PyramidLevel coarser{halved(finer.picture, false), {}};
-    if (!mask.pixels.empty()) coarser.mask = halved(finer.mask, true);
+    PyramidLevel coarser{halved(level == 1 ? picture : levels.back().picture, false), {}};
+    if (!mask.pixels.empty()) coarser.mask = halved(level == 1 ? mask : levels.back().mask, true);
     levels.push_back(std::move(coarser));
   }
   return levels;

@@ -27,7 +27,7 @@ struct PyramidLevel {
   return scale * x + 0.5 * (scale - 1);
 }
 
-/// Levels 0 … top.
+/// Levels 0 … top; level 0, the pictures themselves, is left empty where there are coarser ones.
 [[nodiscard]] std::vector<PyramidLevel> picture_pyramid(const files::Picture& picture,
                                                         const files::Picture& mask, int top);
 

@@ -1,6 +1,7 @@
 #include "knothe/imaging/correlation/residual_kernel.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <experimental/simd>
 #include <limits>
@@ -19,19 +20,51 @@ Lanes load(const float* from) {
   return Lanes(from, stdx::element_aligned);
 }
 
-/// Weights of the cubic B-spline at fraction t.
-[[gnu::always_inline]] inline void weights(const Lanes& t, Lanes w[4]) {
-  const Lanes s = 1.0F - t, t2 = t * t, s2 = s * s;
-  w[0] = s2 * s * (1.0F / 6);
-  w[3] = t2 * t * (1.0F / 6);
-  w[1] = 2.0F / 3 - t2 + 3.0F * w[3];
-  w[2] = 2.0F / 3 - s2 + 3.0F * w[0];
+/// Σ over 6 × 6 coefficients from `first` on, each lane with its own fractions.
+[[gnu::always_inline]] inline Lanes interpolated(const float* first, std::size_t stride, const Lanes& t_u,
+                                                 const Lanes& t_v) {
+  const auto wx = spline_weights(t_u), wy = spline_weights(t_v);
+  Lanes sum = 0.0F;
+  for (std::size_t b = 0; b < 6; ++b, first += stride) {
+    Lanes row = wx[0] * load(first);
+    for (std::size_t a = 1; a < 6; ++a) row += wx[a] * load(first + a);
+    sum += wy[b] * row;
+  }
+  return sum;
 }
 
 /// One row of an element: displacement u_0 + u_1 X along it.
 struct RowMotion {
   float u0, u1, v0, v1;
 };
+
+constexpr float k_level = 2e-3F;    // slope of v along a row, up to which it is interpolated along its path
+constexpr int k_longest_row = 112;  // px, of such a row
+using RowBuffer = std::array<float, k_longest_row + 2 * k_lanes>;
+
+/// The coefficients of a row of `count` pixels and five more, interpolated down the columns: what is left is
+/// to interpolate along the row, 12 loads for a vector of pixels instead of 36. Column j is taken where the
+/// row's path y + v crosses it, `v_first` + v_slope j above the coefficients' third line: exact for a path
+/// along the pixels; on a slope of v_slope pixels see neighbouring columns at neighbouring heights, which to
+/// first order adds a multiple of v_slope ∂²g/∂x∂y: as much to one side of a speckle as to the other.
+[[gnu::always_inline]] inline void interpolate_columns(const float* first, std::size_t stride, int count,
+                                                       float v_first, float v_slope, const Lanes& lane,
+                                                       RowBuffer& out) {
+  for (int k = 0; k < count + 5; k += k_lanes) {
+    const auto weight = spline_weights(Lanes(v_first + v_slope * (lane + static_cast<float>(k))));
+    const float* from = first + k;
+    Lanes sum = weight[0] * load(from);
+    for (std::size_t b = 1; b < 6; ++b) sum += weight[b] * load(from += stride);
+    sum.copy_to(out.data() + k, stdx::element_aligned);
+  }
+}
+
+[[gnu::always_inline]] inline Lanes interpolated_along(const float* columns, const Lanes& t_u) {
+  const auto weight = spline_weights(t_u);
+  Lanes sum = weight[0] * load(columns);
+  for (std::size_t a = 1; a < 6; ++a) sum += weight[a] * load(columns + a);
+  return sum;
+}
 
 /// g at pixels (x … x + lanes − 1, y) displaced by (u, v); `seen` tells where the picture reaches.
 Lanes deformed(const SplineImage& g, int x, int y, const Lanes& u, const Lanes& v, int count,
@@ -42,9 +75,6 @@ Lanes deformed(const SplineImage& g, int x, int y, const Lanes& u, const Lanes& 
          px <= static_cast<float>(g.width() - 1) && py <= static_cast<float>(g.height() - 1);
   Lanes value = 0.0F;
   if (stdx::none_of(seen)) return value;
-  Lanes wx[4], wy[4];
-  weights(u - floor_u, wx);
-  weights(v - floor_v, wy);
   Mask left = seen;
   // Displacements are smooth: nearly always one pass, two where the integer part changes.
   while (stdx::any_of(left)) {
@@ -52,32 +82,16 @@ Lanes deformed(const SplineImage& g, int x, int y, const Lanes& u, const Lanes& 
     const float du = floor_u[first], dv = floor_v[first];
     const Mask now = left && floor_u == du && floor_v == dv;
     left = left && !now;
-    const float* row = g.coefficient(x + static_cast<int>(du) - 1, y + static_cast<int>(dv) - 1);
-    Lanes sum = 0.0F;
-    for (int b = 0; b < 4; ++b, row += g.stride())
-      sum +=
-          wy[b] * (wx[0] * load(row) + wx[1] * load(row + 1) + wx[2] * load(row + 2) + wx[3] * load(row + 3));
+    const Lanes sum = interpolated(g.coefficient(x + static_cast<int>(du) - 2, y + static_cast<int>(dv) - 2),
+                                   g.stride(), u - floor_u, v - floor_v);
     stdx::where(now, value) = sum;
   }
   return value;
 }
 
-/// The same where the integer part of the displacement is one for all of a row and everything is seen: no
-/// search for it from vector to vector, so that one need not wait for the other.
-[[gnu::always_inline]] inline Lanes deformed_at(const float* first, std::size_t stride, const Lanes& t_u,
-                                                const Lanes& t_v) {
-  Lanes wx[4], wy[4];
-  weights(t_u, wx);
-  weights(t_v, wy);
-  Lanes sum = 0.0F;
-  for (int b = 0; b < 4; ++b, first += stride)
-    sum += wy[b] * (wx[0] * load(first) + wx[1] * load(first + 1) + wx[2] * load(first + 2) +
-                    wx[3] * load(first + 3));
-  return sum;
-}
-
 /// Integer part of the displacement of a row of pixels; `common` if it is one for all of them, and the
-/// picture reaches there.
+/// picture reaches there: then nothing need be searched for from vector to vector, and one need not wait for
+/// the other.
 struct RowShift {
   bool common = false;
   float u = 0, v = 0;
@@ -139,6 +153,7 @@ ResidualSums sums_of(const PixelTable& table, const ElementPixels& element, cons
   Lanes x0 = 0.0F, x1 = 0.0F, x2 = 0.0F, x3 = 0.0F, y0 = 0.0F, y1 = 0.0F, y2 = 0.0F, y3 = 0.0F;
   Lanes sum = 0.0F, squares = 0.0F, with_reference = 0.0F, used = 0.0F;
   const Lanes lane = lane_numbers();
+  RowBuffer columns{};  // finite also where lanes beyond the row read it
   [[maybe_unused]] const MotionRange range = natural ? motion_range(motion) : MotionRange{};
   for (const auto& row : table.rows(element)) {
     const double y = row.y - element.y_origin;
@@ -154,9 +169,17 @@ ResidualSums sums_of(const PixelTable& table, const ElementPixels& element, cons
                   vb = m.v0 + m.v1 * last;
       return row_shift(g, row, std::min(ua, ub), std::max(ua, ub), std::min(va, vb), std::max(va, vb));
     }();
-    const float* coefficients = shift.common ? g.coefficient(row.x + static_cast<int>(shift.u) - 1,
-                                                             row.y + static_cast<int>(shift.v) - 1)
+    const float* coefficients = shift.common ? g.coefficient(row.x + static_cast<int>(shift.u) - 2,
+                                                             row.y + static_cast<int>(shift.v) - 2)
                                              : nullptr;
+    const bool level = !natural && shift.common && std::abs(m.v1) <= k_level && row.count <= k_longest_row;
+    if (level) {
+      const auto x_first = static_cast<float>(row.x - element.x_origin);
+      // The path crosses column j where X + u₀ + u₁ X is the column's place.
+      const float slope = m.v1 / (1 + m.u1), x_column = x_first + shift.u - 2 - m.u0;
+      interpolate_columns(coefficients, g.stride(), row.count, m.v0 + slope * x_column - shift.v, slope, lane,
+                          columns);
+    }
     for (int k = 0; k < row.count; k += k_lanes) {
       Pixels p;
       if constexpr (natural) {
@@ -167,8 +190,9 @@ ResidualSums sums_of(const PixelTable& table, const ElementPixels& element, cons
       }
       const Lanes& x = p.x;
       Mask seen = lane < static_cast<float>(row.count - k);
-      const Lanes value = shift.common
-                              ? deformed_at(coefficients + k, g.stride(), p.u - shift.u, p.v - shift.v)
+      const Lanes value = level ? interpolated_along(columns.data() + k, p.u - shift.u)
+                          : shift.common
+                              ? interpolated(coefficients + k, g.stride(), p.u - shift.u, p.v - shift.v)
                               : deformed(g, row.x + k, row.y, p.u, p.v, row.count - k, lane, seen);
       const std::size_t i = at + static_cast<std::size_t>(k);
       const Lanes reference = load(f.value + i);

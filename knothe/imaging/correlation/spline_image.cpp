@@ -24,31 +24,53 @@ int reflected(int i, int n) {
   return i < n ? i : period - i;
 }
 
-/// √3 z^k, the impulse response of the inverse of (1/6, 4/6, 1/6).
-const std::vector<float>& spline_taps() {
-  static const std::vector<float> taps = [] {
-    std::vector<float> made;
-    const double z = std::sqrt(3.0) - 2;
-    for (int k = 0; k <= 14; ++k) made.push_back(static_cast<float>(std::sqrt(3.0) * std::pow(z, k)));
-    return made;
-  }();
-  return taps;
+constexpr int k_spline_reach = 22;       // px: by then the impulse response is 3e-8
+constexpr double k_smallest_tap = 5e-8;  // smaller ones at the end are left out
+
+/// c_k of the cubic spline, √3 z^|k| with z = √3 − 2.
+double cubic_response(int k) {
+  return std::sqrt(3.0) * std::pow(std::sqrt(3.0) - 2, std::abs(k));
 }
 
-/// The four weights of the cubic B-spline at fraction t, and their derivatives.
-void weights(float t, float w[4], float dw[4]) {
-  const float s = 1 - t;
-  w[0] = s * s * s / 6;
-  w[1] = 2.0F / 3 - t * t + t * t * t / 2;
-  w[2] = 2.0F / 3 - s * s + s * s * s / 2;
-  w[3] = t * t * t / 6;
-  dw[0] = -s * s / 2;
-  dw[1] = -2 * t + 1.5F * t * t;
-  dw[2] = 2 * s - 1.5F * s * s;
-  dw[3] = t * t / 2;
+/// From pixels, smoothed or not, to spline coefficients in one filter.
+std::vector<float> coefficient_taps(double prefilter_sigma, double (*response)(int)) {
+  const std::vector<float> smooth =
+      prefilter_sigma > 0 ? gaussian_taps(prefilter_sigma) : std::vector<float>{1};
+  const int radius = static_cast<int>(smooth.size()) - 1;
+  std::vector<double> taps;
+  for (int k = 0; k <= radius + k_spline_reach; ++k) {
+    double sum = 0;
+    for (int j = -radius; j <= radius; ++j)
+      sum += static_cast<double>(smooth[static_cast<std::size_t>(std::abs(j))]) * response(k - j);
+    taps.push_back(sum);
+  }
+  while (std::abs(taps.back()) < k_smallest_tap) taps.pop_back();
+  return {taps.begin(), taps.end()};
+}
+
+/// d/dt of spline_weights.
+std::array<float, 6> spline_slopes(float t) {
+  const float p = t * t - t, w = t - 0.5F, dp = 2 * w, r = p * (p - 3), dr = (2 * p - 3) * dp;
+  const float even = (2 * p - 5) * dp / 24, odd = -(r + 4 + w * dr) / 12, outer_even = -dr / 16,
+              outer_odd = (p * p - p - 5 + w * (2 * p - 1) * dp) / 24, last = t * t * t * t / 24;
+  return {dp * (1 + 2 * p) / 24 - last,
+          outer_even + outer_odd,
+          even + odd,
+          even - odd,
+          outer_even - outer_odd,
+          last};
 }
 
 }  // namespace
+
+double spline_response(int k) {
+  // The roots of z⁴ + 26 z³ + 66 z² + 26 z + 1 within the unit circle, and partial fractions.
+  static const double z1 = std::sqrt(67.5 - std::sqrt(4436.25)) + std::sqrt(26.25) - 6.5,
+                      z2 = std::sqrt(67.5 + std::sqrt(4436.25)) - std::sqrt(26.25) - 6.5;
+  const double scale = 120 * z1 * z2 / ((1 - z1 * z2) * (z1 - z2));
+  const int n = std::abs(k);
+  return scale * (z1 / (1 - z1 * z1) * std::pow(z1, n) - z2 / (1 - z2 * z2) * std::pow(z2, n));
+}
 
 std::vector<float> gaussian_taps(double sigma) {
   const int radius = static_cast<int>(std::ceil(4 * sigma));
@@ -133,6 +155,10 @@ SplineImage::SplineImage(const files::Picture& picture, double prefilter_sigma, 
 }
 
 void SplineImage::assign(const files::Picture& picture, double prefilter_sigma, int threads) {
+  assign_filtered(picture, coefficient_taps(prefilter_sigma, spline_response), threads);
+}
+
+void SplineImage::assign_filtered(const files::Picture& picture, std::span<const float> taps, int threads) {
   if (picture.width < 4 || picture.height < 4)
     throw UsageError(
         fmt::format("a picture of {} × {} pixels is too small to interpolate: at least 4 × 4 are needed",
@@ -144,16 +170,10 @@ void SplineImage::assign(const files::Picture& picture, double prefilter_sigma, 
   stride_ = (w + 2 * k_border + 31) / 16 * 16;
   const std::size_t size = stride_ * (h + 2 * k_border) + 2 * k_pad;
   if (coefficients_.size() != size) coefficients_.assign(size, 0.0F);
-  const float* pixels = picture.pixels.data();
-  if (prefilter_sigma > 0) {
-    smoothed_.resize(w * h);
-    filter_picture(pixels, width_, height_, gaussian_taps(prefilter_sigma), smoothed_.data(), w, threads);
-    pixels = smoothed_.data();
-  }
   const auto row_of = [&](int j) {
     return coefficients_.data() + k_pad + static_cast<std::size_t>(j + k_border) * stride_ + k_border;
   };
-  filter_picture(pixels, width_, height_, spline_taps(), row_of(0), stride_, threads);
+  filter_picture(picture.pixels.data(), width_, height_, taps, row_of(0), stride_, threads);
   for (int j = 0; j < height_; ++j) {
     float* row = row_of(j);
     for (int k = 1; k <= k_border; ++k)
@@ -167,37 +187,44 @@ void SplineImage::assign(const files::Picture& picture, double prefilter_sigma, 
 SplineImage::Value SplineImage::at(double x, double y) const {
   const int i = std::clamp(static_cast<int>(std::floor(x)), 0, width_ - 1),
             j = std::clamp(static_cast<int>(std::floor(y)), 0, height_ - 1);
-  float wx[4], wy[4], dx[4], dy[4];
-  weights(static_cast<float>(x - i), wx, dx);
-  weights(static_cast<float>(y - j), wy, dy);
+  const auto tx = static_cast<float>(x - i), ty = static_cast<float>(y - j);
+  const auto wx = spline_weights(tx), wy = spline_weights(ty), dx = spline_slopes(tx), dy = spline_slopes(ty);
   Value result{0, 0, 0};
-  for (int b = 0; b < 4; ++b) {
-    const float* row = coefficient(i - 1, j - 1 + b);
-    const float value = wx[0] * row[0] + wx[1] * row[1] + wx[2] * row[2] + wx[3] * row[3];
-    const float slope = dx[0] * row[0] + dx[1] * row[1] + dx[2] * row[2] + dx[3] * row[3];
-    result.value += wy[b] * value;
-    result.dx += wy[b] * slope;
-    result.dy += dy[b] * value;
+  for (int b = 0; b < 6; ++b) {
+    const float* row = coefficient(i - 2, j - 2 + b);
+    const auto r = static_cast<std::size_t>(b);
+    float value = 0, slope = 0;
+    for (std::size_t a = 0; a < 6; ++a) value += wx[a] * row[a], slope += dx[a] * row[a];
+    result.value += wy[r] * value;
+    result.dx += wy[r] * slope;
+    result.dy += dy[r] * value;
   }
   return result;
 }
 
-void SplineImage::at_pixels(std::vector<float>& value, std::vector<float>& dx, std::vector<float>& dy) const {
-  const auto w = static_cast<std::size_t>(width_);
-  value.resize(w * static_cast<std::size_t>(height_)), dx.resize(value.size()), dy.resize(value.size());
-  for (int y = 0; y < height_; ++y) {
-    const float *up = coefficient(0, y - 1), *here = coefficient(0, y), *down = coefficient(0, y + 1);
-    float* v = value.data() + w * static_cast<std::size_t>(y);
-    float* gx = dx.data() + w * static_cast<std::size_t>(y);
-    float* gy = dy.data() + w * static_cast<std::size_t>(y);
+double slope_response(int k) {
+  return (cubic_response(k + 1) - cubic_response(k - 1)) / 2;
+}
+
+PixelGradients pixel_gradients(const files::Picture& picture, double prefilter_sigma, int threads) {
+  SplineImage cubic;
+  cubic.assign_filtered(picture, coefficient_taps(prefilter_sigma, cubic_response), threads);
+  PixelGradients made;
+  for (auto* values : {&made.value, &made.dx, &made.dy}) values->resize(picture.pixels.size());
+  for (int y = 0; y < picture.height; ++y) {
+    const float *up = cubic.coefficient(0, y - 1), *here = cubic.coefficient(0, y),
+                *down = cubic.coefficient(0, y + 1);
+    float *v = made.value.data() + picture.index(0, y), *gx = made.dx.data() + picture.index(0, y),
+          *gy = made.dy.data() + picture.index(0, y);
     const auto down_sum = [&](std::ptrdiff_t x) { return (up[x] + 4 * here[x] + down[x]) / 6; };
     const auto down_slope = [&](std::ptrdiff_t x) { return (down[x] - up[x]) / 2; };
-    for (std::ptrdiff_t x = 0; x < width_; ++x) {
+    for (std::ptrdiff_t x = 0; x < picture.width; ++x) {
       v[x] = (down_sum(x - 1) + 4 * down_sum(x) + down_sum(x + 1)) / 6;
       gx[x] = (down_sum(x + 1) - down_sum(x - 1)) / 2;
       gy[x] = (down_slope(x - 1) + 4 * down_slope(x) + down_slope(x + 1)) / 6;
     }
   }
+  return made;
 }
 
 }  // namespace knothe::imaging

@@ -298,7 +298,7 @@ void write_at_points(const std::string& path, const ImageMesh& mesh, const Pictu
 }
 
 void write_displacement_vtu(const std::string& path, const PictureSeries& series, const PictureResult& result,
-                            const std::optional<PictureFrame>& frame) {
+                            const Eigen::VectorXd& std, const std::optional<PictureFrame>& frame) {
   const ImageMesh& mesh = series.correlation().mesh();
   const CorrelationResult& c = result.correlation;
   const PictureFrame upright = frame.value_or(PictureFrame{});
@@ -306,9 +306,6 @@ void write_displacement_vtu(const std::string& path, const PictureSeries& series
   const auto measured = measured_nodes(mesh, c.element_valid);
   const Eigen::VectorXd u = upright.to_model(c.displacement);
   const Eigen::MatrixXd strain = nodal_strains(mesh, c.displacement, c.element_valid);
-  const Eigen::VectorXd std = result.noise > 0
-                                  ? series.precision(result, result.noise, c.gain).std * upright.scale()
-                                  : Eigen::VectorXd(Eigen::VectorXd::Zero(c.displacement.size()));
   std::vector<double> points, displacement, deviation, strains, seen;
   for (int a = 0; a < mesh.node_count(); ++a) {
     const auto i = static_cast<std::size_t>(a);
@@ -317,7 +314,8 @@ void write_displacement_vtu(const std::string& path, const PictureSeries& series
     std::array<double, 3> field{}, spread{};
     for (int k = 0; k < 2 && measured[i] != 0; ++k) {
       field[static_cast<std::size_t>(components[static_cast<std::size_t>(k)])] = u[2 * a + k];
-      spread[static_cast<std::size_t>(components[static_cast<std::size_t>(k)])] = std[2 * a + k];
+      spread[static_cast<std::size_t>(components[static_cast<std::size_t>(k)])] =
+          std[2 * a + k] * upright.scale();
     }
     displacement.insert(displacement.end(), field.begin(), field.end());
     deviation.insert(deviation.end(), spread.begin(), spread.end());

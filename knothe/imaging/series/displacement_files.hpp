@@ -50,9 +50,9 @@ void write_displacements(const std::string& path, const PictureSeries& series,
 void write_at_points(const std::string& path, const ImageMesh& mesh, const PictureResult& result,
                      const Eigen::MatrixXd& points);
 
-/// Displacement, its standard deviation, strains, residual and validity of one picture for ParaView; y points
-/// up, in px or, with a frame, in m. Errors: IoError.
+/// Displacement, its standard deviation (`std`, px), strains, residual and validity of one picture for
+/// ParaView; y points up, in px or, with a frame, in m. Errors: IoError.
 void write_displacement_vtu(const std::string& path, const PictureSeries& series, const PictureResult& result,
-                            const std::optional<PictureFrame>& frame);
+                            const Eigen::VectorXd& std, const std::optional<PictureFrame>& frame);
 
 }  // namespace knothe::imaging

@@ -134,8 +134,8 @@ PatternReport pattern_report(const PictureSeries& series) {
   r.speckle = speckle_size(picture, bounds);
   r.noise_is_assumed = !(series.known_noise() > 0);
   r.noise = r.noise_is_assumed ? k_assumed_noise * (maximum + 1) / k_full_range : series.known_noise();
-  const DisplacementPrecision precision = series.precision(correlation.usable_elements(), r.noise);
-  r.std = precision.std, r.mean_std = precision.mean_std();
+  r.std = displacement_std(correlation, correlation.usable_elements(), r.noise, series.reference_count());
+  r.mean_std = mean_std(r.std);
   r.largest_std = r.std.size() > 0 ? r.std.maxCoeff() : 0;
   give_advice(r, std::sqrt(pixels / std::max(1, r.elements)));
   return r;
@@ -182,7 +182,7 @@ std::vector<ReportRow> reporting_table(const PictureSeries& series, const std::o
                               correlation.mesh().node_count()));
   row("Element size", fmt::format("{:.4g}", element), "px");
   if (frame) row("Element size", fmt::format("{:.4g}", scale * element), "mm");
-  row("Interpolant", "cubic B-spline");
+  row("Interpolant", "quintic B-spline");
   row("Criterion", options.brightness == Brightness::none ? "sum of squared differences"
                    : options.brightness == Brightness::global
                        ? "sum of squared differences, gain and offset fitted"

@@ -56,7 +56,9 @@ TEST(PatternReport, SaysHowExactlyItWillMeasure) {
   // Against what correlation of a picture then says: the same noise, averaged over the same nodes.
   const auto result = series.next();
   ASSERT_FALSE(result.missing);
-  EXPECT_NEAR(r.mean_std, series.precision(result.correlation.element_valid, result.noise, 1).mean_std(),
+  EXPECT_NEAR(r.mean_std,
+              mean_std(displacement_std(series.correlation(), result.correlation.element_valid, result.noise,
+                                        series.reference_count())),
               1e-9 * r.mean_std);
   // And against the errors that are made: the shift is known.
   double squares = 0;
@@ -105,7 +107,7 @@ TEST(PatternReport, TheTableIsWrittenInThreeForms) {
   for (const char* name : {"t.txt", "t.json", "t.html"}) {
     const std::string text = text_of(name);
     for (const char* word :
-         {"Field of view", "20 × 16", "cubic B-spline", "bilinear quadrilaterals", "noise floor"})
+         {"Field of view", "20 × 16", "quintic B-spline", "bilinear quadrilaterals", "noise floor"})
       EXPECT_THAT(text, HasSubstr(word)) << name;
   }
   EXPECT_THROW(write_reporting_table("t.pdf", rows), UsageError);

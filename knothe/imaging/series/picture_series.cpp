@@ -88,7 +88,8 @@ PictureSeries::PictureSeries(SeriesOptions options) : options_(std::move(options
     references.push_back(references.empty() ? std::move(picture)
                                             : with_levels_of(references.front(), std::move(picture), path));
   }
-  const files::Picture reference = averaged(references, options_.references);
+  const files::Picture reference =
+      references.size() == 1 ? std::move(references.front()) : averaged(references, options_.references);
   files::Picture mask;
   if (!options_.mask.empty()) mask = files::read_picture(options_.mask);
   if (!mask.pixels.empty() && (mask.width != reference.width || mask.height != reference.height))
@@ -159,8 +160,9 @@ void PictureSeries::find_prefilter(const files::Picture& reference, const Region
 /// bits stored in 16) is multiplied by a power of two.
 files::Picture PictureSeries::with_levels_of(const files::Picture& reference, files::Picture picture,
                                              const std::string& name) {
+  if (picture.bit_depth == reference.bit_depth) return picture;
   const double spread = spread_of(picture);
-  if (picture.bit_depth == reference.bit_depth || !(spread > 0)) return picture;
+  if (!(spread > 0)) return picture;
   const double power = std::round(std::log2(spread_of(reference) / spread));
   if (std::abs(power) < k_least_depth) return picture;
   const auto factor = static_cast<float>(std::exp2(power));
@@ -207,10 +209,10 @@ std::string PictureSeries::fault(const files::Picture& picture, const std::strin
   if (std::all_of(picture.pixels.begin(), picture.pixels.end(), [&](float v) { return v == level; }))
     return fmt::format("{}: error: the picture is {} (every pixel is {:.0f}): nothing can be followed in it",
                        name, level > 0 ? "uniform" : "black", static_cast<double>(level));
-  if (picture.pixels == last_pixels_)
+  if (picture.pixels == latest_.pixels)
     return fmt::format(
         "{}: error: the picture is the same as {}, pixel by pixel: a camera never takes that; it is a copy",
-        name, last_name_);
+        name, latest_name_);
   return {};
 }
 
@@ -325,13 +327,13 @@ PictureResult PictureSeries::correlate(files::Picture picture, const std::string
   remark(picture.remark);
   picture = with_levels_of(correlation_->reference(), std::move(picture), name);
   if (const std::string reason = fault(picture, name); !reason.empty()) throw DataError(reason);
-  last_pixels_ = picture.pixels, last_name_ = name;
+  latest_ = std::move(picture), latest_name_ = name;
   const auto begin = std::chrono::steady_clock::now();
   PictureResult result;
   result.picture = name;
   CorrelationResult& best = result.correlation;
-  best = track(picture);
-  if (options_.reference_update > 0) try_other_reference(picture, best);
+  best = track(latest_);
+  if (options_.reference_update > 0) try_other_reference(latest_, best);
   if (best.converged && is_foreign(best)) {
     best.converged = false;
     best.message = fmt::format(
@@ -352,7 +354,7 @@ PictureResult PictureSeries::correlate(files::Picture picture, const std::string
   note_noise(result);
   if (options_.reference_update > 0) {
     if (!(first_residual_ > 0)) first_residual_ = best.residual_rms, first_rejected_ = best.elements_rejected;
-    last_picture_ = picture, last_good_ = result;
+    last_picture_ = latest_, last_good_ = result;
   }
   if (options_.crack) {
     const auto start = std::chrono::steady_clock::now();
@@ -366,6 +368,13 @@ PictureResult PictureSeries::correlate(files::Picture picture, const std::string
 DisplacementPrecision PictureSeries::precision(const std::vector<char>& element_valid, double gamma,
                                                double gain) const {
   return displacement_precision(*correlation_, element_valid, gamma, reference_count(), gain);
+}
+
+Eigen::VectorXd PictureSeries::displacement_std(const PictureResult& result) const {
+  if (result.missing) return {};
+  if (result.accumulated) return result.accumulated->std * (result.noise / result.accumulated->gamma);
+  return imaging::displacement_std(*correlation_, result.correlation.element_valid, result.noise,
+                                   reference_count(), result.correlation.gain);
 }
 
 DisplacementPrecision PictureSeries::precision(const PictureResult& result, double gamma, double gain) const {

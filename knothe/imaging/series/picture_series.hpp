@@ -115,6 +115,8 @@ class PictureSeries {
   /// The same of a picture, whatever its reference.
   [[nodiscard]] DisplacementPrecision precision(const PictureResult& result, double gamma,
                                                 double gain = 1) const;
+  /// Standard deviation of a picture's displacements for its own noise, px; empty for a missing one.
+  [[nodiscard]] Eigen::VectorXd displacement_std(const PictureResult& result) const;
 
  private:
   [[nodiscard]] CorrelationResult track(const files::Picture& picture);
@@ -138,15 +140,15 @@ class PictureSeries {
   std::future<files::Picture> reading_;
   Eigen::VectorXd start_, prediction_;
   std::vector<char> start_valid_;
-  std::vector<float> last_pixels_;
-  std::string last_name_;
+  files::Picture latest_;
+  std::string latest_name_;
   double last_residual_ = 0;
   int last_rejected_ = 0;
   std::unique_ptr<MovedReference> moved_;  ///< where the reference has been replaced
   std::string moved_name_;
-  double sharing_ = 0;  ///< pictures that share its error
-  files::Picture last_picture_;
-  PictureResult last_good_;  ///< in it; its displacement is empty before the first
+  double sharing_ = 0;           ///< pictures that share its error
+  files::Picture last_picture_;  ///< of the good ones
+  PictureResult last_good_;      ///< in it; its displacement is empty before the first
   double first_residual_ = 0;
   int first_rejected_ = 0;
 };

@@ -69,7 +69,9 @@ class PictureOutput {
     if (!files.maps.empty()) files::require_writable_folder(files.maps);
   }
 
-  void add(const imaging::PictureSeries& series, const PictureResult& r, double noise_std) {
+  /// `std` of the displacements, px, and their mean.
+  void add(const imaging::PictureSeries& series, const PictureResult& r, const Eigen::VectorXd& std,
+           double noise_std) {
     noise_std_.push_back(noise_std);
     const fs::path output = files_.output;
     if (!files_.maps.empty() && r.correlation.iterations > 0)  // also to see why it did not converge
@@ -80,10 +82,10 @@ class PictureOutput {
       const fs::path path = several() ? output / (stems_[r.index] + ".csv") : output;
       imaging::write_at_points(path.string(), series.correlation().mesh(), r, points_);
     } else if (has_ending(".vtu")) {
-      imaging::write_displacement_vtu(files_.output, series, r, task_.frame);
+      imaging::write_displacement_vtu(files_.output, series, r, std, task_.frame);
     } else if (has_ending(".pvd")) {
       const std::string name = output.stem().string() + "_" + stems_[r.index] + ".vtu";
-      imaging::write_displacement_vtu((output.parent_path() / name).string(), series, r, task_.frame);
+      imaging::write_displacement_vtu((output.parent_path() / name).string(), series, r, std, task_.frame);
       const auto& times = series.options().times;
       entries_.push_back({times.empty() ? static_cast<double>(r.index) : times[r.index], name});
       files::write_pvd(entries_, files_.output);
@@ -191,9 +193,10 @@ int measure_pictures(const PictureTask& task, const PictureFiles& files, const f
       const PictureResult& r = results.back();
       show_remarks(series, remarks);
       if (r.missing) fmt::print(stderr, "{}\n", r.message);
-      const double noise_std = r.missing ? 0 : series.precision(r, r.noise, r.correlation.gain).mean_std();
+      const Eigen::VectorXd std = series.displacement_std(r);
+      const double noise_std = imaging::mean_std(std);
       output.line(picture_record(series, r, noise_std, task.frame), picture_text(r, noise_std, task.frame));
-      written.add(series, r, noise_std);
+      written.add(series, r, std, noise_std);
       progress.advance_to(results.size());
       // A long series must not be lost with the machine's power.
       if (std::chrono::steady_clock::now() - saved > k_save_every) {
