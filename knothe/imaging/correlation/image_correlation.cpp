@@ -248,7 +248,7 @@ Eigen::VectorXd ImageCorrelation::displacement_std(const std::vector<char>& elem
     if (measured[static_cast<std::size_t>(n)] == 0) std.segment<2>(2 * n).setZero();
   return std;
 }
-/// Between two noises 1/(P⁻¹)_kk goes linearly with γ² to 1e-5 of it (exactly, if nodes did not share
+/// Between two noises 1/(P⁻¹)_kk goes linearly with γ² to 1e-4 of it (exactly, if nodes did not share
 /// elements), so that it need not be found anew for every picture; the two are from a fixed list, so that it
 /// does not matter which pictures there were before.
 Eigen::VectorXd ImageCorrelation::plain_std(const std::vector<char>& element_valid, double gamma,
