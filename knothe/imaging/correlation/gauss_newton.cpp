@@ -15,7 +15,9 @@ namespace {
 
 constexpr double k_longest_step = 1.25;  // times that of Gauss and Newton
 constexpr double k_small_step = 0.01;    // px, after which the residual need not be looked at again
-constexpr double k_continued = 0.5;  // of the tolerance: an element that moved less is not looked at again
+// Of the tolerance: an element that moved less is not looked at again, and steps that are left and come to
+// less are not made. So little that a field does not depend on where its search began.
+constexpr double k_continued = 0.005;
 
 /// Σ N ∇f r of one element.
 Eigen::Matrix<double, 8, 1> right_of(const ElementPixels& element, const ResidualSums& sums) {
@@ -156,10 +158,10 @@ void CorrelationStage::iterate(const SplineImage& deformed, CorrelationResult& r
     continue_sums(result);
     // Steps shrink by the same factor ρ each: what is left, ρ + ρ² + … = ρ/(1 − ρ) of this one, need not be
     // made.
-    double left = result.last_step;
+    double left = std::numeric_limits<double>::infinity();
     if (k > 0 && result.last_step < std::min(before, k_small_step))
-      left = std::min(left, result.last_step * result.last_step / (before - result.last_step));
-    result.converged = left < options_.tolerance;
+      left = result.last_step * result.last_step / (before - result.last_step);
+    result.converged = result.last_step < options_.tolerance || left < k_continued * options_.tolerance;
   }
   if (!result.converged || result.last_step >= k_small_step) sum_residuals(deformed, result);
   result.message.clear();
