@@ -1,11 +1,13 @@
 # make demo        installs what the programs need, builds them, and runs the main job
 # make demo-live   the same with the online service, a simulated camera, and its page
 # make docs        the documentation as pages for a browser: build/docs/index.html
+# make packages    Debian packages of all of it, for any machine: build/packages/*.deb
+# make release     those, the source archive, what is in them, checksums: build/release-VERSION/
 # make test        everything in release and its tests; the last line is `N passed, N failed`
 # make check       address and undefined-behaviour sanitizers on the online rooms, and fuzzers on the parsers; likewise
 # make test-all    both with full counts and every check, and the thread sanitizer: hours, for the night
 # Each installs what it needs itself (scripts/packages.txt).
-.PHONY: demo demo-live docs test check test-all bench build dependencies dashboard dashboard-test format tidy install clean
+.PHONY: demo demo-live docs packages release test check test-all bench build dependencies dashboard dashboard-test format tidy install clean
 
 JOBS ?= $(shell nproc)
 
@@ -21,6 +23,14 @@ docs:
 	/usr/bin/python3 -m sphinx -b html -W --keep-going -q -d build/docs.cache docs build/docs
 	@echo "Open $(CURDIR)/build/docs/index.html"
 
+packages:
+	@scripts/install-dependencies.sh build package
+	scripts/packages.sh
+
+release:
+	@scripts/install-dependencies.sh build package
+	scripts/release.sh
+
 test:
 	@scripts/install-dependencies.sh build test
 	scripts/test.sh release
@@ -29,7 +39,7 @@ check:
 	@scripts/install-dependencies.sh build check
 	scripts/test.sh asan fuzz
 
-test-all:
+test-all: packages
 	@scripts/install-dependencies.sh build test check
 	scripts/test.sh --full release asan-all tsan fuzz
 

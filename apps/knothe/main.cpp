@@ -30,7 +30,8 @@ std::string unknown_command(const CLI::App& app, int argc, char** argv) {
 
 }  // namespace
 
-int main(int argc, char** argv) {
+// Visible, because in packages it is entered from outside: cmake/KnotheDispatch.cmake.
+[[gnu::visibility("default")]] int main(int argc, char** argv) {
   CLI::App app(
       "Real-time Bayesian data assimilation: measurements in, posterior and forecast out.\n"
       "Start with examples/beam/quick.toml, or `make demo`.",

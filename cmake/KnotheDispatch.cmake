@@ -1,0 +1,35 @@
+# knothe_dispatch(TARGET ENTRY NAME): where KNOTHE_DISPATCH is on, the code of a program or of Python's module goes into a shared
+# library of its own, libNAME.so in a folder that is knothe's alone, and TARGET becomes a shell that is linked to it; ENTRY, which is all
+# that the library shows, is where it is entered: `main`, `PyInit_…`. Beside the library for any machine there may be variants for newer
+# instruction sets, in glibc-hwcaps/KNOTHE_ARCH, and the loader takes the best that the machine can run: as for libknothe.so.
+include(GNUInstallDirs)
+function(knothe_dispatch target entry name)
+  if(NOT KNOTHE_DISPATCH)
+    return()
+  endif()
+  get_target_property(sources ${target} SOURCES)
+  get_target_property(libraries ${target} LINK_LIBRARIES)
+  set(code ${target}_code)
+  set(empty ${CMAKE_CURRENT_BINARY_DIR}/shell_of_${target}.cpp)
+  set(exports ${CMAKE_CURRENT_BINARY_DIR}/exports_of_${target}.map)
+  file(CONFIGURE OUTPUT ${empty} CONTENT "// Nothing: see lib${name}.so.\n")
+  file(CONFIGURE OUTPUT ${exports} CONTENT "{ global: ${entry}; local: *; };\n")
+
+  add_library(${code} SHARED ${sources})
+  target_link_libraries(${code} PRIVATE ${libraries})
+  target_link_options(${code} PRIVATE LINKER:--version-script=${exports})
+  set_target_properties(${code} PROPERTIES OUTPUT_NAME ${name} LINK_DEPENDS ${exports})
+  knothe_unity(${code})
+
+  set_target_properties(${target} PROPERTIES SOURCES ${empty} LINK_LIBRARIES "")
+  target_link_libraries(${target} PRIVATE ${code})
+  target_link_options(${target} PRIVATE LINKER:--no-as-needed)
+  if(KNOTHE_INSTALL)
+    set(folder ${CMAKE_INSTALL_LIBDIR}/knothe)
+    set_target_properties(${target} PROPERTIES INSTALL_RPATH ${CMAKE_INSTALL_FULL_LIBDIR}/knothe)
+    if(KNOTHE_ARCH)
+      string(APPEND folder /glibc-hwcaps/${KNOTHE_ARCH})
+    endif()
+    install(TARGETS ${code} LIBRARY DESTINATION ${folder})
+  endif()
+endfunction()
