@@ -3,7 +3,9 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <functional>
+#include <utility>
 #include <vector>
 
 #include "knothe/base/error.hpp"
@@ -63,6 +65,31 @@ void thin(Eigen::MatrixXd& points, Eigen::VectorXd& weights, Eigen::Index count,
   points = points(kept, Eigen::all).eval();
   weights = weights(kept).eval();
   weights /= weights.sum();
+}
+
+void sort_along_curve(Eigen::MatrixXd& points, Eigen::VectorXd& weights) {
+  const Eigen::Index n = points.rows(), d = points.cols(), bits = std::min<Eigen::Index>(64 / d, 16);
+  const Eigen::RowVectorXd mean = weights.transpose() * points;
+  const Eigen::RowVectorXd spread =
+      (weights.transpose() * (points.rowwise() - mean).cwiseAbs2()).cwiseSqrt().cwiseMax(1e-300);
+  std::vector<std::pair<std::uint64_t, Eigen::Index>> keys(static_cast<std::size_t>(n));
+  for (Eigen::Index i = 0; i < n; ++i) {
+    std::uint64_t key = 0;
+    for (Eigen::Index k = 0; k < d; ++k) {
+      const double t = (points(i, k) - mean[k]) / spread[k];
+      const double place = 0.5 * (1 + t / (1 + std::abs(t)));  // in [0, 1]
+      const auto cell =
+          static_cast<std::uint64_t>(std::min(place, 0.9999999) * std::exp2(static_cast<double>(bits)));
+      for (Eigen::Index b = 0; b < bits; ++b) key |= (cell >> b & 1U) << (b * d + k);
+    }
+    keys[static_cast<std::size_t>(i)] = {key, i};
+  }
+  std::sort(keys.begin(), keys.end());
+  std::vector<Eigen::Index> order;
+  order.reserve(keys.size());
+  for (const auto& [key, i] : keys) order.push_back(i);
+  points = points(order, Eigen::all).eval();
+  weights = weights(order).eval();
 }
 
 }  // namespace knothe::sampling

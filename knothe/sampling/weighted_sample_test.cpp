@@ -3,10 +3,10 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-
 #include <string>
 
 #include "knothe/base/error.hpp"
+#include "knothe/sampling/random_numbers.hpp"
 
 namespace knothe::sampling {
 namespace {
@@ -67,6 +67,25 @@ TEST(WeightedSample, ThinningKeepsHeavyPointsAndChangesNoExpectationOnAverage) {
     sum += p.col(0).dot(w);
   }
   EXPECT_NEAR(sum / k_seeds, mean, 0.01);
+}
+
+TEST(WeightedSample, PointsAlongACurveAreSpreadEvenly) {
+  // Every 16th of points of a square along the curve: their mean is far nearer that of all than 64 random
+  // ones.
+  RandomNumbers random(4);
+  Eigen::MatrixXd points(1024, 2);
+  for (Eigen::Index i = 0; i < points.rows(); ++i) points.row(i) << random.uniform(), random.uniform();
+  Eigen::VectorXd weights = Eigen::VectorXd::Constant(1024, 1.0 / 1024);
+  weights[7] = 0;
+  const Eigen::RowVectorXd heavy = points.row(7), mean = points.colwise().mean();
+  sort_along_curve(points, weights);
+  EXPECT_LT((points.colwise().mean() - mean).norm(), 1e-12);
+  Eigen::Index at = 0;
+  weights.minCoeff(&at);
+  EXPECT_EQ(points.row(at), heavy) << "weights go with their points";
+  const Eigen::MatrixXd some = points(Eigen::seqN(8, 64, 16), Eigen::all);
+  const Eigen::RowVectorXd of_some = some.colwise().mean();
+  EXPECT_LT((of_some - mean).norm(), 0.25 * std::sqrt(2.0 / 12 / 64));
 }
 
 }  // namespace

@@ -195,6 +195,7 @@ void PosteriorSolver::take(const sampling::AdaptiveImportanceResult& particles, 
   const sampling::WeightedSample& sample = particles.sample;
   take(sample.points, sample.weights, numerics::weighted_quantiles(sample.points, sample.weights), r);
   sampling::thin(r.points, r.weights, k_max_particles, solver_.options().seed);
+  sampling::sort_along_curve(r.points, r.weights);  // the alarm predicts from some of them
   r.method = Method::sequential_monte_carlo;
   r.map_mean = r.mean;
   r.map_covariance = r.covariance;
