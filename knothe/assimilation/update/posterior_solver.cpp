@@ -27,7 +27,7 @@ constexpr double k_converged = 0.01, k_border_mass = 1e-3;
 /// As many nodes as a map and its verification take time for.
 constexpr Eigen::Index k_max_quadrature_nodes = 60'000;
 /// Beyond these particles do not find the mass; and of so many a posterior consists at most.
-constexpr Eigen::Index k_max_particle_parameters = 8, k_max_particles = 4096;
+constexpr Eigen::Index k_max_particle_parameters = 8, k_max_particles = 4096, k_max_map_first = 3;
 constexpr double k_max_fallback_coefficients = 300;
 /// Of the log-evidence, of a posterior by quadrature alone: quantiles to 1e-3 std.
 constexpr double k_grid_tolerance = 1e-8;
@@ -168,10 +168,16 @@ bool PosteriorSolver::by_quadrature(Posterior& r, UpdateTimes& times) {
   return true;
 }
 
-/// A map where the stated error of the particles is too large; the particles all the same where that is not
-/// trusted either.
+/// With three parameters a map, where it is trusted, is cheap and more accurate, and comes first; with more it
+/// comes where the stated error of the particles is too large. The particles all the same where no map is
+/// trusted.
 void PosteriorSolver::by_particles(Posterior& r, UpdateTimes& times) {
   const auto start = monotonic_now();
+  const bool map_first = transform_->dimension() <= k_max_map_first;
+  if (map_first) {
+    by_collapsed_map(r, times);
+    if (r.trusted) return;
+  }
   sampling::AdaptiveImportanceOptions options;
   options.seed = solver_.options().seed;
   options.variables = [this](Eigen::MatrixXd& z) {
@@ -179,7 +185,7 @@ void PosteriorSolver::by_particles(Posterior& r, UpdateTimes& times) {
     transform_->evaluate(turned_, 0, z, no_derivatives_, no_derivatives_);
   };
   const sampling::AdaptiveImportanceResult particles = sampling::adaptive_importance(target_, options);
-  if (!particles.converged) {
+  if (!particles.converged && !map_first) {
     by_collapsed_map(r, times);
     if (r.trusted) {
       times.map = microseconds_since(start) - times.correction;
