@@ -1,7 +1,7 @@
 /// @file Updates of random separated models with hard posteriors (several modes, rings, funnels): time, what
 /// is trusted, and how far off it is from dense quadrature. Prints machine, threads, median, p99.
 ///
-/// Usage: random_posteriors_bench [models per number of parameters] [first seed] [-v]
+/// Usage: random_posteriors_bench [models per number of parameters] [first seed] [first number] [-v]
 #include <fmt/format.h>
 
 #include <algorithm>
