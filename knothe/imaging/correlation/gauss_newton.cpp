@@ -15,8 +15,8 @@ namespace {
 
 constexpr double k_longest_step = 1.25;  // times that of Gauss and Newton
 constexpr double k_small_step = 0.01;    // px, after which the residual need not be looked at again
-// Of the tolerance: an element that moved less is not looked at again, and steps that are left and come to
-// less are not made. So little that a field does not depend on where its search began.
+// Of the tolerance: an element that moved less is not looked at again. So little that a field does not depend
+// on where its search began.
 constexpr double k_continued = 0.005;
 
 /// Σ N ∇f r of one element.
@@ -146,7 +146,6 @@ void CorrelationStage::iterate(const SplineImage& deformed, CorrelationResult& r
   double lengthening = 1;
   for (int k = 0; k < std::min(k_iterations_per_round, options_.max_iterations) && !result.converged; ++k) {
     sum_residuals(deformed, result);
-    const double before = result.last_step;
     result.last_step = step(result, last, lengthening);
     ++result.iterations;
     if (!std::isfinite(result.last_step) || result.displacement.cwiseAbs().maxCoeff() > far) {
@@ -156,12 +155,7 @@ void CorrelationStage::iterate(const SplineImage& deformed, CorrelationResult& r
       return;
     }
     continue_sums(result);
-    // Steps shrink by the same factor ρ each: what is left, ρ + ρ² + … = ρ/(1 − ρ) of this one, need not be
-    // made.
-    double left = std::numeric_limits<double>::infinity();
-    if (k > 0 && result.last_step < std::min(before, k_small_step))
-      left = result.last_step * result.last_step / (before - result.last_step);
-    result.converged = result.last_step < options_.tolerance || left < k_continued * options_.tolerance;
+    result.converged = result.last_step < options_.tolerance;
   }
   if (!result.converged || result.last_step >= k_small_step) sum_residuals(deformed, result);
   result.message.clear();
