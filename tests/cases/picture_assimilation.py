@@ -62,7 +62,9 @@ class Test(Case):
         self.assertTrue((self.folder / "results" / "displacements.h5").exists())
 
     def test_displacements_first_and_then_the_posterior_give_the_same(self):
-        """`knothe dic -o u.h5` and assimilating that file, against pictures straight away: one noise, known from two references."""
+        """`knothe dic -o u.h5` and assimilating that file, against pictures straight away: one noise, known from two references.
+        Searches begin at other displacements (the model's, the last picture's): the iteration goes on to 1e-5 px."""
+        self.edit('mesh = "model"', 'mesh = "model"\ntolerance = 1e-5')
         self.draw()
         at_once = self.assimilate()
         self.expect(0, "dic", self.project_name, "-o", "u.h5")

@@ -74,7 +74,7 @@ class CorrelationStage {
 
   void make_constants();
   void factorise(const std::vector<char>& valid);
-  /// Of the elements that moved by more than half of the tolerance since they were last looked at.
+  /// Of the elements that moved since they were last looked at.
   void sum_residuals(const SplineImage& deformed, const CorrelationResult& result);
   void look_at_all_anew();
   void start_brightness(const CorrelationResult& result);
