@@ -168,8 +168,8 @@ bool PosteriorSolver::by_quadrature(Posterior& r, UpdateTimes& times) {
   return true;
 }
 
-/// With three parameters a map, where it is trusted, is cheap and more accurate, and comes first; with more it
-/// comes where the stated error of the particles is too large. The particles all the same where no map is
+/// With three parameters a map, where it is trusted, is cheap and more accurate, and comes first; with more
+/// it comes where the stated error of the particles is too large. The particles all the same where no map is
 /// trusted.
 void PosteriorSolver::by_particles(Posterior& r, UpdateTimes& times) {
   const auto start = monotonic_now();
