@@ -6,6 +6,7 @@
 
 #include "knothe/sampling/mixture.hpp"
 #include "knothe/sampling/mixture_fit.hpp"
+#include "knothe/sampling/mixture_product.hpp"
 #include "knothe/sampling/tempered_particles.hpp"
 
 namespace knothe::sampling {
@@ -13,6 +14,8 @@ namespace {
 
 /// Degrees of freedom of the mixture drawn from, and the share of the draws that come from N(0, I).
 constexpr double k_tails = 4, k_reference_share = 0.02;
+/// Share of the draws that come from a mixture fitted to the flattened target, ρ^{1−β} π̄^β with this β.
+constexpr double k_flat_share = 0.2, k_flat = 0.5;
 /// Points that a fit looks at.
 constexpr Eigen::Index k_fit_points = 2048;
 /// Weight of the particles in it.
@@ -28,15 +31,57 @@ Mixture reference(Eigen::Index d) {
   return Mixture({{1.0, Eigen::VectorXd::Zero(d), Eigen::MatrixXd::Identity(d, d)}});
 }
 
-/// The mixture to draw from: heavy tails, and something everywhere.
-Mixture widened(std::vector<MixtureComponent> components) {
-  const Eigen::Index d = components.front().centre.size();
-  double total = 0;
-  for (const MixtureComponent& c : components) total += c.weight;
-  components.push_back({k_reference_share / (1 - k_reference_share) * total, Eigen::VectorXd::Zero(d),
-                        Eigen::MatrixXd::Identity(d, d)});
-  return Mixture(std::move(components), k_tails);
-}
+/// What is drawn from: for each group of coordinates that depend on each other a mixture, with heavy tails, a
+/// share of the flattened target's, and something everywhere.
+class Proposal {
+ public:
+  /// To weighted points, in the groups of the particles and of the flattened ones, which show modes of little
+  /// weight.
+  void fit(const TemperedParticles& particles, const Eigen::MatrixXd& points,
+           const Eigen::VectorXd& weights) {
+    const Eigen::MatrixXd& flat = particles.points_at_kept();
+    if (auto groups = dependent_groups({particles.points(), flat}); groups != groups_) {
+      groups_ = std::move(groups);
+      components_.assign(groups_.size(), {});
+      flattened_.clear();
+      const Eigen::VectorXd equal =
+          Eigen::VectorXd::Constant(flat.rows(), 1 / static_cast<double>(flat.rows()));
+      for (const auto& group : groups_) flattened_.push_back(fit_mixture(columns_of(flat, group), equal));
+    }
+    for (std::size_t g = 0; g < groups_.size(); ++g)
+      components_[g] = fit_mixture(columns_of(points, groups_[g]), weights, std::move(components_[g]));
+  }
+
+  [[nodiscard]] std::size_t components() const {
+    std::size_t n = 0;
+    for (const auto& c : components_) n += c.size();
+    return n;
+  }
+
+  [[nodiscard]] MixtureProduct mixtures() const {
+    std::vector<MixtureProduct::Factor> factors;
+    for (std::size_t g = 0; g < groups_.size(); ++g) {
+      const auto d = static_cast<Eigen::Index>(groups_[g].size());
+      std::vector<MixtureComponent> all = {
+          {k_reference_share, Eigen::VectorXd::Zero(d), Eigen::MatrixXd::Identity(d, d)}};
+      append(components_[g], 1 - k_reference_share - k_flat_share, all);
+      append(flattened_[g], k_flat_share, all);
+      factors.push_back({groups_[g], Mixture(std::move(all), k_tails)});
+    }
+    return MixtureProduct(std::move(factors));
+  }
+
+ private:
+  static void append(const std::vector<MixtureComponent>& some, double share,
+                     std::vector<MixtureComponent>& all) {
+    double total = 0;
+    for (const MixtureComponent& c : some) total += c.weight;
+    for (const MixtureComponent& c : some) all.push_back({c.weight * share / total, c.centre, c.lower});
+  }
+
+  std::vector<std::vector<Eigen::Index>> groups_;
+  std::vector<std::vector<MixtureComponent>> components_, flattened_;
+};
 
 /// What a fit looks at: every so many of the draws, with weights none of which is worth more than √n, and the
 /// particles, which also stand where no draw has been.
@@ -60,7 +105,7 @@ void choose_fit_points(const WeightedSample& sample, const Eigen::MatrixXd& part
 }
 
 /// Draws from the mixture, weighted by the target; both are asked for few at a time, in the fastest memory.
-void draw(CheckedDensity& target, const Mixture& mixture, Eigen::Index n, RandomNumbers& random,
+void draw(CheckedDensity& target, const MixtureProduct& mixture, Eigen::Index n, RandomNumbers& random,
           WeightedSample& sample) {
   constexpr Eigen::Index k_block = 512;
   mixture.sample(n, random, sample.points);
@@ -87,7 +132,7 @@ void draw(CheckedDensity& target, const Mixture& mixture, Eigen::Index n, Random
 
 /// The share of the particles, beyond that of the weighted draws, at places where the mixture has far too
 /// little: mass that the draws have missed, of which their weights know nothing.
-double missed_share(const Mixture& mixture, const TemperedParticles& particles,
+double missed_share(const MixtureProduct& mixture, const TemperedParticles& particles,
                     const WeightedSample& sample) {
   Eigen::VectorXd log_proposal;
   mixture.log_density(particles.points(), log_proposal);
@@ -172,15 +217,16 @@ AdaptiveImportanceResult adaptive_importance(LogDensity& user_target,
     tempering.particles = options.particles << (2 * attempt);
     tempering.max_moves = options.max_moves << attempt;
     tempering.seed = options.seed;
+    tempering.kept = k_flat;
     TemperedParticles particles(target, start, tempering);
     particles.run();
+    Proposal proposal;
     points = particles.points();
     weights.setConstant(points.rows(), 1 / static_cast<double>(points.rows()));
-    std::vector<MixtureComponent> components;
     for (int round = 0; round < options.max_rounds && !result.converged; ++round) {
-      components = fit_mixture(points, weights, std::move(components));
-      result.components = components.size();
-      const Mixture mixture = widened(components);
+      proposal.fit(particles, points, weights);
+      result.components = proposal.components();
+      const MixtureProduct mixture = proposal.mixtures();
       draw(target, mixture, std::min(options.max_draws, options.first_draws << round), random, sample);
       particles.go_on(2 * options.max_moves);
       result.missed = missed_share(mixture, particles, sample);

@@ -14,9 +14,9 @@ namespace knothe::sampling {
 struct AdaptiveImportanceOptions {
   /// Done when the stated errors are below these.
   double mean_tolerance = 0.1, deviation_tolerance = 0.05;
-  Eigen::Index particles = 1500;  ///< of the tempered start, which finds the modes
-  int max_moves = 4;              ///< of them at each temperature
-  int attempts = 2;               ///< of the start; each has four times as many particles, twice the moves
+  Eigen::Index particles = 800;  ///< of the tempered start, which finds the modes
+  int max_moves = 12;            ///< of them at each temperature
+  int attempts = 2;              ///< of the start; each has four times as many particles, twice the moves
   Eigen::Index first_draws = 8192, max_draws = 32768;  ///< of a round; each takes twice as many
   int max_rounds = 6;
   std::uint64_t seed = 1;
@@ -35,10 +35,13 @@ struct AdaptiveImportanceResult {
 };
 
 /// For a density relative to N(0, I), or wider than it nowhere: the particles begin there (Del Moral, Doucet,
-/// Jasra 2006), and 2 % of the draws come from there. Each round fits a mixture (Cappé, Douc, Guillin, Marin,
-/// Robert 2008) to what the last one has drawn, with truncated weights (Ionides 2008), and draws anew; the
-/// answer is of one round's draws and weights, which owe nothing to the fit but how even they are. A function
-/// of the target and the options alone. Errors: as `TemperedParticles`.
+/// Jasra 2006), and 2 % of the draws come from there. Each round fits mixtures (Cappé, Douc, Guillin, Marin,
+/// Robert 2008) to what the last one has drawn, with truncated weights (Ionides 2008), one for each group of
+/// coordinates that depend on each other, and draws anew. A fifth of the draws comes from mixtures fitted to
+/// the target's flattened form, the square root of it and the reference: they reach the ends of ridges, which
+/// a fit to the target thins out (defensive sampling, Hesterberg 1995). The answer owes nothing to fit and
+/// groups but how even its weights are. A function of the target and the options alone. Errors: as
+/// `TemperedParticles`.
 [[nodiscard]] AdaptiveImportanceResult adaptive_importance(LogDensity& target,
                                                            const AdaptiveImportanceOptions& options = {});
 

@@ -71,6 +71,7 @@ void TemperedParticles::run() {
   while (beta_ < 1) {
     reweigh_and_resample(next_temperature());
     move();
+    if (beta_ == options_.kept) points_at_kept_ = points_;
     report();
   }
 }
@@ -79,8 +80,9 @@ void TemperedParticles::run() {
 double TemperedParticles::next_temperature() {
   increments_ = log_target_ - log_reference_;
   const auto alive = static_cast<double>((increments_.array() > -k_infinity).count());
-  const double rest = 1 - beta_, wanted = (1 - 1e-9) * std::max(1.0, options_.ess_share * alive);
-  if (effective_number(increments_, rest) >= wanted) return 1;
+  const double goal = beta_ < options_.kept ? options_.kept : 1, rest = goal - beta_,
+               wanted = (1 - 1e-9) * std::max(1.0, options_.ess_share * alive);
+  if (effective_number(increments_, rest) >= wanted) return goal;
   // Bisection on the logarithm: a density far narrower than the reference needs very small first steps.
   double low = std::log(rest) - 300, high = std::log(rest);
   for (int i = 0; i < 50; ++i) {

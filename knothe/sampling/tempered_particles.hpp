@@ -13,6 +13,7 @@ struct TemperingOptions {
   Eigen::Index particles = 2000;     ///< raised to an even number, at least 16
   double ess_share = 0.5;            ///< the next β keeps this effective share of the particles
   int max_moves = 50;                ///< Metropolis moves per temperature, at most
+  double kept = 0;                   ///< a β at which `points_at_kept` is taken; 0: none
   std::int64_t max_evaluations = 0;  ///< moves are left out beyond these; 0: no limit
   std::uint64_t seed = 1;
   std::function<bool(double)> progress = {};  ///< with β; false interrupts
@@ -35,6 +36,9 @@ class TemperedParticles {
 
   [[nodiscard]] const Eigen::MatrixXd& points() const { return points_; }          ///< n × d, equal weights
   [[nodiscard]] const Eigen::VectorXd& log_target() const { return log_target_; }  ///< n, log π̄
+  [[nodiscard]] const Eigen::MatrixXd& points_at_kept() const {
+    return points_at_kept_;
+  }  ///< where they were at the kept β
   [[nodiscard]] double log_evidence() const { return log_evidence_; }
   /// Standard error of the log-evidence from the genealogy of the particles (Lee, Whiteley 2018): particles
   /// that descend from one are not independent. Not below what the weights of each temperature say by
@@ -64,7 +68,7 @@ class TemperedParticles {
   double beta_ = 0, log_evidence_ = 0, log_evidence_error_ = 0, log_scale_ = 0, acceptance_ = 0;
   double step_variances_ = 0;  ///< Σ over temperatures of the relative variance of the mean weight
   std::vector<double> temperatures_;
-  Eigen::MatrixXd points_, before_, proposal_;
+  Eigen::MatrixXd points_, before_, proposal_, points_at_kept_;
   Eigen::VectorXd log_target_, log_reference_, proposal_reference_, increments_;
   Eigen::MatrixXd whitener_;            ///< L of the particles' covariance after resampling
   std::vector<Eigen::Index> ancestor_;  ///< first particle each one descends from

@@ -57,6 +57,29 @@ class DenseQuadrature {
     return low;
   }
 
+  /// Given each node of the first axis: mass (sum 1), and mass times mean and mean square of f(z_k), n × d.
+  struct ByFirst {
+    Eigen::VectorXd mass;
+    Eigen::MatrixXd first, second;
+  };
+  [[nodiscard]] ByFirst by_first(const Transform& transform) const {
+    ByFirst r{Eigen::VectorXd::Zero(n_), Eigen::MatrixXd::Zero(n_, d_), Eigen::MatrixXd::Zero(n_, d_)};
+    Eigen::MatrixXd value(n_, d_);
+    for (Eigen::Index k = 0; k < d_; ++k)
+      for (Eigen::Index i = 0; i < n_; ++i) value(i, k) = transform(k, node(k, i));
+    for_each_node([&](const std::array<Eigen::Index, 3>& index, double log_density) {
+      const double weight = std::exp(log_density - maximum_) / total_;
+      const Eigen::Index row = index[0];
+      r.mass[row] += weight;
+      for (Eigen::Index k = 0; k < d_; ++k) {
+        const double f = value(index[static_cast<std::size_t>(k)], k);
+        r.first(row, k) += weight * f;
+        r.second(row, k) += weight * f * f;
+      }
+    });
+    return r;
+  }
+
   /// Σ f(z) π(z) cell, for any f of a point.
   [[nodiscard]] double expectation(const std::function<double(const Eigen::VectorXd&)>& f) const {
     double sum = 0;

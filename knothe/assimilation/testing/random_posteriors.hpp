@@ -2,8 +2,10 @@
 /// @file Random separated models of three to eight parameters whose posteriors are hard: several modes,
 /// ridges, rings, funnels, edges of the box, directions that the data say nothing of.
 ///
-/// A model is made of blocks of one to three parameters that the data do not couple, so that the posterior is
-/// the product of the blocks' and dense quadrature, block by block, is an exact answer in any dimension.
+/// A model is a chain of blocks of one to three parameters. Of half of the neighbours in it the data also
+/// measure the sum of their first parameters; without that the data do not couple blocks. So the posterior of
+/// a block is, but for factors of its first parameter, that of its own data: dense quadrature block by block,
+/// and sums along the chain, are an exact answer in any dimension.
 #include <Eigen/Core>
 #include <array>
 #include <cmath>
@@ -52,11 +54,14 @@ class RandomPosterior {
       Block block = random_block(dimension - dimension_, hard < k_most_hard_blocks);
       hard += block.is_hard;
       dimension_ += static_cast<Eigen::Index>(block.truth.size());
-      name += (name.empty() ? "" : " + ") + block.kind;
       blocks_.push_back(std::move(block));
     }
+    for (std::size_t b = 0; b < blocks_.size(); ++b) {
+      if (b > 0) links_.push_back(uniform(0, 1) < 0.5 ? uniform(0.1, 1) : 0);
+      name += (b == 0 ? "" : links_.back() > 0 ? " with " : " + ") + blocks_[b].kind;
+    }
     draw_data();
-    model = make_model(blocks_);
+    model = make_model(blocks_, links_);
   }
 
   std::string name;
@@ -77,36 +82,47 @@ class RandomPosterior {
   };
   [[nodiscard]] Answer exact(Eigen::Index step) const {
     Answer answer{Eigen::VectorXd(dimension_), Eigen::VectorXd(dimension_)};
-    Eigen::Index parameter = 0, row = 0;
+    std::vector<Part> parts;
+    Eigen::Index row = 0;
     for (const Block& block : blocks_) {
       const auto rows = static_cast<Eigen::Index>(block.observations.size());
-      const auto d = static_cast<Eigen::Index>(block.truth.size());
-      const std::vector<Block> one{block};
-      const auto part = make_model(one);
-      const std::vector<Prior> priors(static_cast<std::size_t>(d), prior());
-      const auto transform = truncated_to_box(*part, priors);
-      DatumProjector projector(part, NoiseModel::independent(std_.segment(row, rows)), medians(*transform));
-      CollapsedLogDensity target(part->functions, transform, projector.central_functions());
-      StepForm sum = StepForm::zero(part->functions->count()), form;
-      for (Eigen::Index t = 0; t <= step; ++t) {
-        projector.project(static_cast<std::size_t>(t), static_cast<std::size_t>(t),
-                          data_.col(t).segment(row, rows), form);
-        sum.add(form);
-      }
-      target.set_form(sum);
-      const DenseQuadrature grid(
-          target, [&](Eigen::Index k, double z) { return transform->prior(k).from_standard_normal(z).value; },
-          d == 1   ? 4001
-          : d == 2 ? 601
-                   : 151);
-      answer.mean.segment(parameter, d) = grid.mean;
-      answer.std.segment(parameter, d) = grid.covariance.diagonal().cwiseSqrt();
-      answer.log_evidence += grid.log_evidence;
-      answer.resolved = answer.resolved && grid.resolved;
-      parameter += d;
+      parts.push_back(part(block, row, step, answer));
       row += rows;
     }
+    // What the blocks before (after) tell of each one's first parameter.
+    for (std::size_t b = 0; b + 1 < parts.size(); ++b)
+      parts[b + 1].before = links_[b] > 0 ? Eigen::VectorXd(link(b, parts, step).transpose() *
+                                                            parts[b].before.cwiseProduct(parts[b].own.mass))
+                                          : scaled(parts[b + 1].own.mass, parts[b].total_before());
+    for (std::size_t b = parts.size() - 1; b > 0; --b)
+      parts[b - 1].after =
+          links_[b - 1] > 0
+              ? Eigen::VectorXd(link(b - 1, parts, step) * parts[b].after.cwiseProduct(parts[b].own.mass))
+              : scaled(parts[b - 1].own.mass, parts[b].total_after());
+    Eigen::Index parameter = 0;
+    for (const Part& p : parts) {
+      const Eigen::VectorXd others = p.before.cwiseProduct(p.after);
+      const double total = others.dot(p.own.mass);
+      const Eigen::Index d = p.own.first.cols();
+      const Eigen::VectorXd mean = p.own.first.transpose() * others / total;
+      answer.mean.segment(parameter, d) = mean;
+      answer.std.segment(parameter, d) =
+          (p.own.second.transpose() * others / total - mean.cwiseAbs2()).cwiseSqrt();
+      parameter += d;
+    }
+    answer.log_evidence += std::log(parts.back().total_before());
     return answer;
+  }
+
+  /// The same on one grid over all parameters, of which there are three at most.
+  [[nodiscard]] Answer exact_on_one_grid(Eigen::Index step) const {
+    const auto transform = truncated_to_box(*model, priors());
+    const auto value = [&](Eigen::Index k, double z) {
+      return transform->prior(k).from_standard_normal(z).value;
+    };
+    auto target = target_of(model, transform, 0, step);
+    const DenseQuadrature grid(*target, value, dimension_ == 1 ? 4001 : dimension_ == 2 ? 601 : 151);
+    return {grid.mean, grid.covariance.diagonal().cwiseSqrt(), grid.log_evidence, grid.resolved};
   }
 
  private:
@@ -115,6 +131,68 @@ class RandomPosterior {
   double uniform(double low, double high) {
     return std::uniform_real_distribution<double>(low, high)(random_);
   }
+  /// Posterior of a block by its own data, along its first parameter, and what the other blocks tell of that.
+  struct Part {
+    Eigen::VectorXd at;  ///< the first parameter
+    DenseQuadrature::ByFirst own;
+    Eigen::VectorXd before, after;
+    [[nodiscard]] double total_before() const { return before.dot(own.mass); }
+    [[nodiscard]] double total_after() const { return after.dot(own.mass); }
+  };
+  static Eigen::VectorXd scaled(const Eigen::VectorXd& like, double value) {
+    return Eigen::VectorXd::Constant(like.size(), value);
+  }
+
+  /// The collapsed posterior of a model of the rows from `row` on, given the data of steps 0 … step.
+  std::unique_ptr<CollapsedLogDensity> target_of(const std::shared_ptr<const reduction::ObservedModel>& some,
+                                                 const std::shared_ptr<const PriorTransform>& transform,
+                                                 Eigen::Index row, Eigen::Index step) const {
+    const Eigen::Index rows = some->space.rows();
+    DatumProjector projector(some, NoiseModel::independent(std_.segment(row, rows)), medians(*transform));
+    auto target =
+        std::make_unique<CollapsedLogDensity>(some->functions, transform, projector.central_functions());
+    StepForm sum = StepForm::zero(some->functions->count()), form;
+    for (Eigen::Index t = 0; t <= step; ++t) {
+      projector.project(static_cast<std::size_t>(t), static_cast<std::size_t>(t),
+                        data_.col(t).segment(row, rows), form);
+      sum.add(form);
+    }
+    target->set_form(sum);
+    return target;
+  }
+
+  Part part(const Block& block, Eigen::Index row, Eigen::Index step, Answer& answer) const {
+    const auto d = static_cast<Eigen::Index>(block.truth.size());
+    const auto model_of_block = make_model({block}, {});
+    const auto transform =
+        truncated_to_box(*model_of_block, std::vector<Prior>(static_cast<std::size_t>(d), prior()));
+    const auto target = target_of(model_of_block, transform, row, step);
+    const auto value = [&](Eigen::Index k, double z) {
+      return transform->prior(k).from_standard_normal(z).value;
+    };
+    const Eigen::Index nodes = d == 1 ? 4001 : d == 2 ? 601 : 151;
+    const DenseQuadrature grid(*target, value, nodes);
+    answer.log_evidence += grid.log_evidence;
+    answer.resolved = answer.resolved && grid.resolved;
+    Part p{Eigen::VectorXd(nodes), grid.by_first(value), Eigen::VectorXd::Ones(nodes),
+           Eigen::VectorXd::Ones(nodes)};
+    for (Eigen::Index i = 0; i < nodes; ++i) p.at[i] = value(0, grid.node(0, i));
+    return p;
+  }
+
+  /// Likelihood of the data on the sum of the first parameters of blocks b (rows) and b + 1 (columns).
+  Eigen::MatrixXd link(std::size_t b, const std::vector<Part>& parts, Eigen::Index step) const {
+    Eigen::Index row = std_.size();
+    for (std::size_t l = links_.size(); l-- > b;) row -= links_[l] > 0;
+    const Eigen::ArrayXd data = data_.row(row).head(step + 1).transpose();
+    const double n = static_cast<double>(step + 1), std = std_[row];
+    const double scatter = (data - data.mean()).square().sum();
+    const double constant = -0.5 * scatter / (std * std) - n * std::log(std * std::sqrt(2 * M_PI));
+    const Eigen::ArrayXXd sum = parts[b].at.replicate(1, parts[b + 1].at.size()).array() +
+                                parts[b + 1].at.transpose().replicate(parts[b].at.size(), 1).array();
+    return (constant - 0.5 * n * ((sum - data.mean()) / std).square()).exp().matrix();
+  }
+
   double sign() { return uniform(0, 1) < 0.5 ? -1 : 1; }
 
   Block random_block(Eigen::Index room, bool may_be_hard) {
@@ -195,6 +273,10 @@ class RandomPosterior {
   void draw_data() {
     std::normal_distribution<double> normal;
     std::vector<double> value, std;
+    const auto add = [&](double exact, double std_of_all) {
+      value.push_back(exact);
+      std.push_back(std_of_all * std::sqrt(static_cast<double>(steps_)));
+    };
     for (const Block& block : blocks_) {
       for (const Observation& o : block.observations) {
         double sum = 0;
@@ -204,10 +286,11 @@ class RandomPosterior {
             product *= term.functions[a](block.truth[a]);
           sum += product;
         }
-        value.push_back(sum);
-        std.push_back(o.std * std::sqrt(static_cast<double>(steps_)));
+        add(sum, o.std);
       }
     }
+    for (std::size_t b = 0; b < links_.size(); ++b)
+      if (links_[b] > 0) add(blocks_[b].truth[0] + blocks_[b + 1].truth[0], links_[b]);
     std_ = Eigen::Map<Eigen::VectorXd>(std.data(), static_cast<Eigen::Index>(std.size()));
     data_.resize(std_.size(), steps_);
     for (Eigen::Index t = 0; t < steps_; ++t)
@@ -215,31 +298,42 @@ class RandomPosterior {
         data_(i, t) = value[static_cast<std::size_t>(i)] + std_[i] * normal(random_);
   }
 
-  std::shared_ptr<const reduction::ObservedModel> make_model(const std::vector<Block>& blocks) const {
+  /// One row for each observation of each block, then one for each link.
+  std::shared_ptr<const reduction::ObservedModel> make_model(const std::vector<Block>& blocks,
+                                                             const std::vector<double>& links) const {
     std::size_t d = 0, n = 0, r = 0;
     for (const Block& block : blocks) {
       d += block.truth.size(), n += block.observations.size();
       for (const Observation& o : block.observations) r += o.terms.size();
     }
+    for (const double link : links)
+      if (link > 0) n += 1, r += 2;
     std::vector<double> nodes(k_nodes);
     for (std::size_t i = 0; i < nodes.size(); ++i)
       nodes[i] = k_half_width * (2.0 * static_cast<double>(i) / (k_nodes - 1) - 1);
     std::vector<std::vector<double>> values(d, std::vector<double>(r * k_nodes, 1.0));
     auto result = std::make_shared<reduction::ObservedModel>();
     result->space.setZero(static_cast<Eigen::Index>(n), static_cast<Eigen::Index>(r));
-    std::size_t first = 0, row = 0, k = 0;
+    std::size_t row = 0, k = 0;
+    const auto add = [&](const Term& term, std::size_t parameter) {
+      for (std::size_t a = 0; a < term.functions.size(); ++a)
+        for (std::size_t i = 0; i < nodes.size(); ++i)
+          values[parameter + a][k * k_nodes + i] = term.functions[a](nodes[i]);
+      result->space(static_cast<Eigen::Index>(row), static_cast<Eigen::Index>(k++)) = term.factor;
+    };
+    std::vector<std::size_t> first{0};
     for (const Block& block : blocks) {
       for (const Observation& o : block.observations) {
-        for (const Term& term : o.terms) {
-          for (std::size_t a = 0; a < term.functions.size(); ++a)
-            for (std::size_t i = 0; i < nodes.size(); ++i)
-              values[first + a][k * k_nodes + i] = term.functions[a](nodes[i]);
-          result->space(static_cast<Eigen::Index>(row), static_cast<Eigen::Index>(k)) = term.factor;
-          ++k;
-        }
+        for (const Term& term : o.terms) add(term, first.back());
         ++row;
       }
-      first += block.truth.size();
+      first.push_back(first.back() + block.truth.size());
+    }
+    const Term itself{1, {[](double v) { return v; }}};
+    for (std::size_t b = 0; b < links.size(); ++b) {
+      if (!(links[b] > 0)) continue;
+      add(itself, first[b]), add(itself, first[b + 1]);
+      ++row;
     }
     const std::vector<std::vector<double>> axes(d, nodes);
     result->functions =
@@ -257,6 +351,7 @@ class RandomPosterior {
   std::mt19937_64 random_;
   Eigen::Index dimension_ = 0, steps_;
   std::vector<Block> blocks_;
+  std::vector<double> links_;  ///< between block b and the next: std of what is measured; 0: nothing is
   Eigen::VectorXd std_;
   Eigen::MatrixXd data_;
 };
