@@ -266,6 +266,12 @@ class Test(ServiceCase):
         self.assertEqual(sorted({line["sent"] for line in spooled if "sent" in line}), data)
         if records < data[-1] - data[0] + 1:  # while the bridge was dead nobody asked; that is said
             self.assertIn("nothing was measured", self.bridge_said())
+        # Killed before it had noted that all of it was stored, it sends all of it again.
+        kept = [line for line in spooled if "sent" not in line]
+        (self.folder / "spool" / f"{session}.jsonl").write_text("".join(json.dumps(line) + "\n" for line in kept))
+        self.assertEqual(self.bridge().wait(60), 0, self.bridge_said())
+        status = service.settled()
+        self.assertEqual((status["records"], status["duplicates"] >= records), (records, True))
         return self.series(f"assimilation.{session}.journal"), data
 
     def test_each_datum_of_a_modbus_server_is_stored_once(self):
@@ -295,6 +301,11 @@ class Test(ServiceCase):
         for index, value in ((3, -123e-12), (4, 65535e-12), (5, 4294967295e-15)):
             self.assertEqual({round(read, 18) for _, read in found[names[index]]}, {round(value, 18)})
         self.assertFalse({names[6], names[7]} & set(found))
+
+    def test_samples_become_data_as_they_should(self):
+        done = subprocess.run(["node", "--test", PLANT / "test" / "assembly.test.mjs"], capture_output=True, text=True, timeout=60)
+        self.assertEqual(done.returncode, 0, done.stdout)
+        self.assertRegex(done.stdout, "pass [1-9]")
 
     def test_what_libmodbus_serves_is_read(self):
         try:
