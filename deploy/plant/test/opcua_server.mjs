@@ -14,14 +14,17 @@ import { join } from "node:path";
 
 const DELAY_MS = 300;
 const [port, folder] = process.argv.slice(2);
+const keys = (name) =>
+  new certificate_manager.OPCUACertificateManager({
+    rootFolder: join(folder, name),
+    automaticallyAcceptUnknownCertificate: true,
+  });
 const server = new opcua_server.OPCUAServer({
   port: Number(port),
   hostname: "127.0.0.1",
   nodeset_filename: [opcua_nodesets.nodesets.standard],
-  serverCertificateManager: new certificate_manager.OPCUACertificateManager({
-    rootFolder: join(folder, "server-pki"),
-    automaticallyAcceptUnknownCertificate: true,
-  }),
+  serverCertificateManager: keys("server-pki"),
+  userCertificateManager: keys("user-pki"),
   userManager: { isValidUser: (user, password) => user === "gauge" && password === "correct horse" },
 });
 await server.start();
