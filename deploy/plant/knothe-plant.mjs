@@ -40,7 +40,12 @@ function taker(assembly, spool, instants, layout) {
 async function read_all(configuration, assembly, take) {
   const { read } = await import(configuration.opcua ? "./opcua.mjs" : "./modbus.mjs");
   while (!assembly.done) {
-    await read(configuration, { since: (name) => assembly.since(name), take, log }).catch((error) => {
+    await read(configuration, {
+      since: (name) => assembly.since(name),
+      gap: (name, stamp) => assembly.gap(name, stamp),
+      take,
+      log,
+    }).catch((error) => {
       if (error instanceof ConfigurationError) throw error;
       log(`${configuration.opcua?.endpoint ?? configuration.modbus.address}: ${error.message}; tried again`);
     });

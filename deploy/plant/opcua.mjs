@@ -58,7 +58,7 @@ async function connect({ endpoint, security, user, password }, spool) {
   return { client, session: await client.createSession(identity) };
 }
 
-/** What the server remembers of a channel since then; nothing where it keeps no history. */
+/** What the server remembers of a channel since then; null where it keeps no history. */
 async function history(session, name, channel, since, log) {
   const samples = [];
   for (let from = since; ;) {
@@ -70,7 +70,7 @@ async function history(session, name, channel, since, log) {
     if (statusCode.value >>> 30 === 2) {
       const lost = "what it measured while nobody listened is missing";
       log(`channels.${name}: the server keeps no history (${statusCode.name}): ${lost}`);
-      return [];
+      return null;
     }
     const found = (historyData?.dataValues ?? [])
       .filter((value) => value.sourceTimestamp)
@@ -115,28 +115,40 @@ async function subscribe(session, channels, take) {
 }
 
 /** Runs until the connection is lost, which it throws. */
-export async function read({ opcua, channels, spool }, { since, take, log }) {
+export async function read({ opcua, channels, spool }, { since, gap, take, log }) {
   const { client, session } = await connect(opcua, spool);
-  let alive = Date.now(),
-    watchdog;
-  try {
-    let listening = [];
-    const subscription = await subscribe(session, channels, (one) => (listening ? listening.push(one) : take(one)));
-    const lost = new Promise((_, reject) => {
-      const fail = (event) => reject(new Error(`the connection is lost (${event.replaceAll("_", " ")})`));
-      for (const event of ["connection_lost", "close"]) client.on(event, () => fail(event));
-      for (const event of ["keepalive", "received_notifications"]) subscription.on(event, () => (alive = Date.now()));
-      subscription.on("terminated", () => fail("subscription_terminated"));
-      watchdog = setInterval(() => Date.now() - alive > SILENCE_MS && fail("silence"), 1000);
-    });
-    lost.catch(() => {}); // it is waited for below
-    // The past of all channels together first, in its order; what came meanwhile behind it.
+  let waiting = []; // samples that came while the history is read: it goes first
+  let remembers = false;
+
+  /** What the server remembers of all channels together, in its order, then what came meanwhile; how much that is. */
+  async function catch_up() {
     const since_then = ([name, channel]) => history(session, name, channel, since(name), log);
-    const past = (await Promise.all(Object.entries(channels).map(since_then))).flat();
-    log(`${opcua.endpoint}: connected; ${past.length} samples of its history`);
-    const first = [...past.sort((a, b) => a.stamp - b.stamp), ...listening];
-    listening = null;
-    first.forEach(take);
+    const past = await Promise.all(Object.entries(channels).map(since_then));
+    remembers = past.some((samples) => samples !== null);
+    const samples = past.flatMap((samples) => samples ?? []).sort((a, b) => a.stamp - b.stamp);
+    const all = [...samples, ...waiting];
+    waiting = null;
+    all.forEach(take);
+    return samples.length;
+  }
+
+  let alive = Date.now();
+  let watchdog, reject;
+  const lost = new Promise((_, rejects) => (reject = rejects));
+  lost.catch(() => {}); // it is waited for below
+  const fail = (event) => reject(new Error(`the connection is lost (${event.replaceAll("_", " ")})`));
+  try {
+    for (const event of ["connection_lost", "close"]) client.on(event, () => fail(event));
+    const subscription = await subscribe(session, channels, (one) => {
+      if (waiting) return waiting.push(one);
+      if (!remembers || !gap(one.name, one.stamp)) return take(one);
+      waiting = [one]; // the server was too busy to tell all that it has
+      catch_up().catch(reject);
+    });
+    for (const event of ["keepalive", "received_notifications"]) subscription.on(event, () => (alive = Date.now()));
+    subscription.on("terminated", () => fail("subscription_terminated"));
+    watchdog = setInterval(() => Date.now() - alive > SILENCE_MS && fail("silence"), 1000);
+    log(`${opcua.endpoint}: connected; ${await catch_up()} samples of its history`);
     await lost;
   } finally {
     clearInterval(watchdog);

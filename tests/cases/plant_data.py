@@ -173,14 +173,20 @@ class Test(ServiceCase):
 
     def opcua_server(self):
         """The simulated server, which takes its nodes' signals as a line, and its port."""
-        port = free_port()
-        with open(self.folder / "opcua.log", "w") as log:
-            server = subprocess.Popen(["node", PLANT / "test" / "opcua_server.mjs", str(port), self.folder], stdin=subprocess.PIPE, stdout=log, stderr=log)
-        self.addCleanup(lambda: (server.kill(), server.wait(), server.stdin.close()))
-        self.wait_until(lambda: "listening" in (self.folder / "opcua.log").read_text())
-        return server, port
+        said = self.folder / "opcua.log"
+        for port in (free_port() for _ in range(5)):  # one that was free may be taken meanwhile
+            with open(said, "w") as log:
+                server = subprocess.Popen(["node", PLANT / "test" / "opcua_server.mjs", str(port), self.folder], stdin=subprocess.PIPE, stdout=log, stderr=log)
+            self.addCleanup(lambda server=server: (server.kill(), server.wait(), server.stdin.close()))
+            end = time.monotonic() + 40
+            while server.poll() is None and time.monotonic() < end and "listening" not in said.read_text():
+                time.sleep(0.02)
+            if "listening" in said.read_text():
+                return server, port
+            server.kill()
+        self.fail(said.read_text()[-4000:])
 
-    def run_with_kills(self, service, port, between=lambda: None):
+    def run_with_kills(self, service, port, between=lambda: None, meanwhile=lambda: time.sleep(1)):
         """The bridge is killed with -9 at a third of the test (at night five times), the service at a half; both come back."""
         bridge = self.bridge()
         for share in (0.1, 0.15, 0.2, 0.25, 1 / 3) if STEPS > 12 else (1 / 3,):
@@ -191,7 +197,7 @@ class Test(ServiceCase):
             bridge = self.bridge()
         self.wait_until(lambda: bridge.poll() is not None or service.get("/v1/status")[1]["records"] >= STEPS // 2)
         service.kill()
-        time.sleep(1)
+        meanwhile()
         service.start(port=port)
         self.assertEqual(bridge.wait(120 + self.seconds), 0, self.bridge_said())
         return service.settled()
@@ -215,7 +221,13 @@ class Test(ServiceCase):
             self.configuration["opcua"] |= {"security": "sign_and_encrypt", "user": "gauge", "password": str(self.folder / "password")}
             self.write_configuration()
 
-        status = self.run_with_kills(service, port, encrypt)
+        def freeze():  # the server, which then tells what is newest: the rest is in its history
+            server.send_signal(signal.SIGSTOP)
+            time.sleep(0.7)
+            server.send_signal(signal.SIGCONT)
+            time.sleep(0.5)
+
+        status = self.run_with_kills(service, port, encrypt, freeze)
         self.assertEqual(status["records"], STEPS, self.bridge_said())
         found = self.series()
         # The history tells what was measured while the bridge was dead: nothing is missing, nothing twice.
@@ -233,6 +245,7 @@ class Test(ServiceCase):
             self.assertAlmostEqual(value, GAUGE[0] + GAUGE[1] * (self.instants[step] - self.start), delta=1e-6 * GAUGE[1])
         self.assertTrue([step for step in range(STEPS) if inside(step) and sure(step, 0.05)])
         self.assertIn("channels.gauge: missing (BadSensorFailure", self.bridge_said())
+        self.assertNotIn("no sample for", self.bridge_said())
 
     def modbus_registers(self, code, address, count):
         now = time.time() - self.start
