@@ -1,4 +1,4 @@
-"""deploy/: the unit is one that systemd accepts, the container is made of the package, and the Grafana page asks for metrics that there are.
+"""deploy/: the units are ones that systemd accepts, the container is made of the package, and the Grafana page asks for metrics that there are.
 
 usage: check_deploy.py SOURCE PROGRAM
 """
@@ -15,19 +15,20 @@ wrong = []
 
 if shutil.which("systemd-analyze"):
     with tempfile.TemporaryDirectory() as folder:
-        # The program need not be installed to look at the unit.
-        unit = (source / "deploy/knothe@.service").read_text().replace("ExecStart=knothe ", f"ExecStart={program.resolve()} ")
-        path = pathlib.Path(folder) / "knothe@beam.service"
-        path.write_text(unit)
-        done = subprocess.run(["systemd-analyze", "verify", "--man=no", path], capture_output=True, text=True)
-        said = [line for line in done.stderr.splitlines() if path.name in line]
-        wrong += said if done.returncode or said else []
-        # 0 is safest, 100 is open to all; what is left is the network, and that it may read what all may.
-        done = subprocess.run(["systemd-analyze", "security", "--offline=yes", "--threshold=30", "--no-pager", path], capture_output=True, text=True)
-        if done.returncode:
-            wrong.append(f"{path.name}: {(done.stdout + done.stderr).strip().splitlines()[-1]}")
+        # The programs need not be installed to look at the units.
+        for name, start in (("knothe@", "knothe"), ("knothe-plant@", "/usr/bin/node")):
+            unit = (source / f"deploy/{name}.service").read_text().replace(f"ExecStart={start} ", f"ExecStart={program.resolve()} ")
+            path = pathlib.Path(folder) / f"{name}beam.service"
+            path.write_text(unit)
+            done = subprocess.run(["systemd-analyze", "verify", "--man=no", path], capture_output=True, text=True)
+            said = [line for line in done.stderr.splitlines() if path.name in line]
+            wrong += said if done.returncode or said else []
+            # 0 is safest, 100 is open to all; what is left is the network, and that it may read what all may.
+            done = subprocess.run(["systemd-analyze", "security", "--offline=yes", "--threshold=30", "--no-pager", path], capture_output=True, text=True)
+            if done.returncode:
+                wrong.append(f"{path.name}: {(done.stdout + done.stderr).strip().splitlines()[-1]}")
 else:
-    print("no systemd-analyze here: the unit is not looked at")
+    print("no systemd-analyze here: the units are not looked at")
 
 image = (source / "deploy/Containerfile").read_text()
 if "apt-get install" not in image or "/knothe_*.deb" not in image:

@@ -140,7 +140,9 @@ Json description(const Site& site, const std::vector<std::string>& sites) {
                  {"model", std::filesystem::path(project.model).filename().string()},
                  {"steps", contents.time.size()},
                  {"times", contents.time},
-                 {"time", {{"label", "model time"}, {"units", ""}}}};
+                 {"time", {{"label", "model time"}, {"units", ""}}},
+                 {"displacements", site.setup().measurements.sensors.displacement_count()},
+                 {"scalars", site.setup().measurements.sensors.scalars}};
   if (const auto period = site.health().period_s()) answer["period_s"] = *period;
   answer["budget_us"] = 1e6 * site.health().budget_s();
   if (const auto stale = site.health().stale_after_s()) answer["stale_after_s"] = *stale;

@@ -1,0 +1,71 @@
+// The service's HTTP (docs/reference/service.md): asked until it answers.
+import { setTimeout as sleep } from "node:timers/promises";
+
+import { ConfigurationError, secret } from "./configuration.mjs";
+
+/** The service will not have it, now or later: the bridge ends with status 4. */
+export class Refusal extends Error {}
+
+export class Service {
+  constructor({ address, site, read_token, ingest_token }, log) {
+    Object.assign(this, { address, site, log, read_token: secret(read_token), ingest_token: secret(ingest_token) });
+  }
+
+  async ask(path, token, body) {
+    const headers = {
+      ...(token && { Authorization: `Bearer ${token}` }),
+      ...(body && { "Content-Type": "application/json" }),
+    };
+    for (let pause = 100; ; pause = Math.min(2 * pause, 5000)) {
+      let reason;
+      try {
+        const answer = await fetch(this.address + path, {
+          method: body ? "POST" : "GET",
+          headers,
+          body,
+          signal: AbortSignal.timeout(30000),
+        });
+        const content = await answer.json();
+        if (answer.ok) return content;
+        reason = `${answer.status}: ${content.error?.message}`;
+        if (answer.status < 500) throw new Refusal(`${this.address}${path}: ${reason}`);
+      } catch (error) {
+        if (error instanceof Refusal) throw error;
+        reason ??= error.cause?.message ?? error.message;
+      }
+      this.log(`${this.address}: ${reason}; is asked again until it answers`);
+      await sleep(pause);
+    }
+  }
+
+  /** What `values` are made of, and the model's times. */
+  async layout() {
+    const { displacements, scalars, times } = await this.ask(
+      `/v1/description${this.site ? `?site=${this.site}` : ""}`,
+      this.read_token,
+    );
+    return { displacements, scalars, times };
+  }
+
+  store(datum) {
+    return this.ask("/v1/measurements", this.ingest_token, JSON.stringify(datum));
+  }
+}
+
+/** Where each channel is in `values`: a force or a gauge by its name, a displacement by its index. */
+export function places(names, { displacements, scalars }) {
+  return Object.fromEntries(
+    names.map((name) => {
+      const place = /^\d+$/.test(name)
+        ? Number(name)
+        : scalars.includes(name)
+          ? displacements + scalars.indexOf(name)
+          : NaN;
+      if (place < displacements + scalars.length) return [name, place];
+      throw new ConfigurationError(
+        `error: channels.${name}: the project's data file has no such sensor; it has the displacements 0 to ` +
+          `${displacements - 1}${scalars.length ? " and " + scalars.join(", ") : " and no force or gauge"}`,
+      );
+    }),
+  );
+}
