@@ -27,27 +27,16 @@ constexpr double k_converged = 0.01, k_border_mass = 1e-3;
 /// As many nodes as a map and its verification take time for.
 constexpr Eigen::Index k_max_quadrature_nodes = 60'000;
 /// Beyond these particles do not find the mass; and of so many a posterior consists at most.
-constexpr Eigen::Index k_max_particle_parameters = 8, k_max_particles = 4096, k_max_map_first = 3;
-constexpr double k_max_fallback_coefficients = 300;
+constexpr Eigen::Index k_max_particle_parameters = 8, k_max_particles = 4096;
+/// With more, maps cost many times what draws do.
+constexpr Eigen::Index k_max_map_parameters = 3;
 /// Of the log-evidence, of a posterior by quadrature alone: quantiles to 1e-3 std.
 constexpr double k_grid_tolerance = 1e-8;
 
-/// Of a map of total order: Σ over its components k of C(k + order, k) = C(d + order + 1, d) − 1, k = 1 … d.
-double coefficients_of(int order, Eigen::Index d) {
-  double product = 1;
-  for (Eigen::Index k = 1; k <= d; ++k)
-    product *= static_cast<double>(k + order + 1) / static_cast<double>(k);
-  return product - 1;
-}
-
 /// A datum comes every few milliseconds: where the standard way does not reach the tolerance, the importance
 /// correction answers for it, not a search among other parametrisations.
-transport::MapSolverOptions online(const UpdateOptions& options, Eigen::Index d) {
+transport::MapSolverOptions online(const UpdateOptions& options) {
   transport::MapSolverOptions map = options.map;
-  // Where draws have not converged a large map seldom does, and takes seconds.
-  if (options.kind == Method::automatic && d > k_max_quadrature_parameters)
-    while (map.max_order > map.min_order && coefficients_of(map.max_order, d) > k_max_fallback_coefficients)
-      --map.max_order;
   map.fallback = false;
   map.search_modes = options.search_modes;
   // A mixture over the sizes of a discrepancy has tails that no order of a map follows: a low one, and the
@@ -59,6 +48,13 @@ transport::MapSolverOptions online(const UpdateOptions& options, Eigen::Index d)
     map.long_first_variable = false;
   }
   return map;
+}
+
+/// Of a mean to within some standard deviations, of standard deviations to within a share of them.
+bool agree(const Posterior& a, const Posterior& b, double of_means, double of_deviations) {
+  const Eigen::ArrayXd deviation = b.standard_deviations().array();
+  return ((a.mean - b.mean).array().abs() <= of_means * deviation).all() &&
+         ((a.standard_deviations().array() - deviation).abs() <= of_deviations * deviation).all();
 }
 
 /// The decision and, in `remark`, why: the tolerance missed, then what speaks against trust.
@@ -83,7 +79,7 @@ PosteriorSolver::PosteriorSolver(const reduction::ObservedModel& model,
     : kind_(options.kind),
       transform_(std::move(transform)),
       target_(model.functions, transform_, central),
-      solver_(online(options, transform_->dimension())) {
+      solver_(online(options)) {
   if (kind_ == Method::grid && transform_->dimension() > 3)
     throw ProjectError("method.kind = \"grid\" takes 1 to 3 parameters; use \"transport\" for more");
   if (options.noise_level) target_.infer_noise_level(*options.noise_level);
@@ -168,15 +164,16 @@ bool PosteriorSolver::by_quadrature(Posterior& r, UpdateTimes& times) {
   return true;
 }
 
-/// With three parameters a map, where it is trusted, is cheap and more accurate, and comes first; with more
-/// it comes where the stated error of the particles is too large. The particles all the same where no map is
-/// trusted.
+/// With three parameters a map is the more accurate, and is taken where it is trusted and the draws do not
+/// contradict it: a mode of little weight that the map has not seen shows in them.
 void PosteriorSolver::by_particles(Posterior& r, UpdateTimes& times) {
   const auto start = monotonic_now();
-  const bool map_first = transform_->dimension() <= k_max_map_first;
-  if (map_first) {
+  times.correction = 0;
+  Posterior map;
+  map.trusted = false;
+  if (transform_->dimension() <= k_max_map_parameters) {
     by_collapsed_map(r, times);
-    if (r.trusted) return;
+    map = r;
   }
   sampling::AdaptiveImportanceOptions options;
   options.seed = solver_.options().seed;
@@ -185,16 +182,9 @@ void PosteriorSolver::by_particles(Posterior& r, UpdateTimes& times) {
     transform_->evaluate(turned_, 0, z, no_derivatives_, no_derivatives_);
   };
   const sampling::AdaptiveImportanceResult particles = sampling::adaptive_importance(target_, options);
-  if (!particles.converged && !map_first) {
-    by_collapsed_map(r, times);
-    if (r.trusted) {
-      times.map = microseconds_since(start) - times.correction;
-      return;
-    }
-  }
   take(particles, r);
-  times.map = microseconds_since(start);
-  times.correction = 0;
+  if (map.trusted && agree(map, r, particles.mean_error, particles.deviation_error)) r = std::move(map);
+  times.map = microseconds_since(start) - times.correction;
 }
 
 void PosteriorSolver::take(const sampling::AdaptiveImportanceResult& particles, Posterior& r) {
