@@ -11,11 +11,12 @@
 #include <arv.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cstdio>
-#include <cstring>
 #include <exception>
 #include <filesystem>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "knothe/files/picture.hpp"
@@ -70,6 +71,18 @@ void fill(ArvBuffer* buffer, void* data, guint32, guint32, ArvPixelFormat) {
           static_cast<unsigned char>(picture.at(x, y));
 }
 
+/// Aravis' camera hears software triggers alone: a line is one of them, as soon as the reader waits for it.
+void pull_line(const std::stop_token& stop, ArvFakeCamera* camera, double hertz) {
+  while (!stop.stop_requested()) {
+    std::this_thread::sleep_for(std::chrono::duration<double>(1 / hertz));
+    guint32 waits = 0;
+    arv_fake_camera_read_register(camera, ARV_FAKE_CAMERA_REGISTER_TRIGGER_MODE, &waits);
+    if (waits != 1) continue;
+    arv_fake_camera_write_register(camera, ARV_FAKE_CAMERA_REGISTER_TRIGGER_SOURCE, 1);
+    arv_fake_camera_write_register(camera, ARV_FAKE_CAMERA_REGISTER_TRIGGER_SOFTWARE, 1);
+  }
+}
+
 }  // namespace
 
 int main(int argc, char** argv) try {
@@ -84,11 +97,12 @@ int main(int argc, char** argv) try {
   g_random_set_seed(1);  // which packets are lost
   show.camera = arv_gv_fake_camera_new("127.0.0.1", argv[1]);
   ArvFakeCamera* camera = arv_gv_fake_camera_get_fake_camera(show.camera);
+  std::jthread line;
   for (int i = 3; i < argc; ++i) {
     const std::string option = argv[i];
     if (option == "--start") show.start_us = std::stoll(argv[++i]);
     if (option == "--rate" || option == "--trigger") show.rate_hz = std::stod(argv[++i]);
-    if (option == "--trigger") arv_fake_camera_set_trigger_frequency(camera, show.rate_hz);
+    if (option == "--trigger") line = std::jthread(pull_line, camera, show.rate_hz);
     if (option == "--heartbeat")
       arv_fake_camera_write_register(camera, k_heartbeat_register,
                                      static_cast<guint32>(std::stoi(argv[++i])));
@@ -100,6 +114,7 @@ int main(int argc, char** argv) try {
   std::fflush(stdout);
   while (std::getchar() != EOF) {
   }
+  line = {};
   g_object_unref(show.camera);
 } catch (const std::exception& error) {
   std::fprintf(stderr, "fake_camera: %s\n", error.what());

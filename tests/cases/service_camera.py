@@ -7,6 +7,7 @@ import pathlib
 import re
 import shutil
 import subprocess
+import sys
 import tempfile
 import unittest
 
@@ -55,6 +56,7 @@ class Test(ServiceCase):
         self.addCleanup(lock.close)
         fcntl.flock(lock, fcntl.LOCK_EX)
         self.edit("every = 3", "every = 1")
+        self.edit('kind = "transport"', 'kind = "auto"')  # keeps up with a camera on a loaded machine
         self.live = self.folder / "live"
 
     def draw(self, steps=12):
@@ -156,7 +158,7 @@ class Test(ServiceCase):
 
     @needs_aravis
     def test_a_line_triggers(self):
-        self.triggered_frames_become_the_lines_of_assimilate('trigger = "hardware"\n', "--trigger", "10")
+        self.triggered_frames_become_the_lines_of_assimilate('trigger = "hardware"\ntrigger_line = "Line0"\n', "--trigger", "10")
 
     def expect_gap(self, service, steps):
         """One gap was reported, and nothing else is missing or was taken twice: every frame that is there is the picture of its
@@ -191,16 +193,16 @@ class Test(ServiceCase):
 
     @needs_aravis
     def test_a_camera_that_was_away_is_read_again(self):
-        self.draw(80)
+        self.draw(70)
         camera = self.camera()
-        service = self.serve_camera('serial = "KN1"\nframe_rate = 10\n')
+        service = self.serve_camera('serial = "KN1"\nframe_rate = 5\n')
         self.wait_for_step(service, 6)
         start = camera.started()
         camera.kill()
         service.wait_until(lambda: self.metric(service, "connected") == 0)
         self.assertTrue(any("the camera is away: " in message for message in self.messages(service)))
         camera.start("--start", start)
-        self.expect_gap(service, 80)
+        self.expect_gap(service, 70)
         self.assertEqual(self.metric(service, "reconnects_total"), 1)
         self.assertEqual(self.metric(service, "connected"), 1)
 
@@ -251,4 +253,5 @@ trigger = "software"
 
 
 if __name__ == "__main__":
-    unittest.main()
+    result = unittest.main(exit=False).result
+    sys.exit(77 if result.skipped and result.wasSuccessful() else 0 if result.wasSuccessful() else 1)

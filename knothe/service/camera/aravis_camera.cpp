@@ -7,12 +7,12 @@
 #include <atomic>
 #include <chrono>
 #include <condition_variable>
-#include <cstring>
 #include <map>
 #include <mutex>
 #include <thread>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/monotonic_time.hpp"
 
 namespace knothe::service {
 namespace {
@@ -21,6 +21,8 @@ constexpr std::size_t k_buffer_memory = std::size_t{256} << 20;  // bytes
 /// Of the socket, bytes: the system cuts it to net.core.rmem_max. Aravis' own choice, one frame, is too small
 /// where a frame comes in one burst.
 constexpr int k_socket_buffer = 16 << 20;
+/// A camera that is silent for so long, and so many periods, is gone.
+constexpr double k_silence = 2, k_silent_periods = 5;  // s, 1
 constexpr std::size_t k_fewest_buffers = 8, k_most_buffers = 128;
 
 /// Of GObject.
@@ -219,6 +221,9 @@ class AravisCamera final : public FrameSource {
     ArvCamera* camera = camera_.get();
     Attempt unasked(""), serial("the serial number");
     arv_camera_stop_acquisition(camera, unasked);  // of a reader before
+    // Through a packet socket, which root would have, whole seconds of frames were lost now and then.
+    if (arv_camera_is_gv_device(camera))
+      arv_camera_gv_set_stream_options(camera, ARV_GV_STREAM_OPTION_PACKET_SOCKET_DISABLED);
     if (options.packet_size && arv_camera_is_gv_device(camera)) {
       Attempt size("serve.camera.packet_size");
       arv_camera_gv_set_packet_size(camera, static_cast<gint>(*options.packet_size), size);
@@ -226,6 +231,7 @@ class AravisCamera final : public FrameSource {
     }
     set_image(camera, options);
     period_s_ = set_trigger(camera, options);
+    is_steady_ = options.trigger != project::CameraTrigger::hardware;
     const char* number = arv_camera_get_device_serial_number(camera, serial);
     serial.require();
     serial_ = number != nullptr ? number : "camera";
@@ -245,10 +251,12 @@ class AravisCamera final : public FrameSource {
         arv_stream_timeout_pop_buffer(stream_.get(), static_cast<guint64>(1e6 * seconds)),
         BackInto{stream_.get()});
     if (!buffer) {
-      if (lost_) throw IoError(fmt::format("the camera {} does not answer any more", serial_));
+      require_life();
       return std::nullopt;
     }
+    last_came_ = monotonic_now();
     const ArvBufferStatus status = arv_buffer_get_status(buffer.get());
+    if (status == ARV_BUFFER_STATUS_CLEARED || status == ARV_BUFFER_STATUS_ABORTED) return std::nullopt;
     if (status != ARV_BUFFER_STATUS_SUCCESS) {
       ++incomplete_.count;
       incomplete_.reason = words_of(status);
@@ -288,6 +296,15 @@ class AravisCamera final : public FrameSource {
     g_signal_connect(arv_camera_get_device(camera_.get()), "control-lost", G_CALLBACK(on_control_lost), this);
     arv_camera_start_acquisition(camera_.get(), attempt);
     attempt.require();
+    last_came_ = monotonic_now();
+  }
+
+  /// A camera that runs by itself, or that we trigger, sends something: its silence is noticed sooner than
+  /// that its heartbeat fails.
+  void require_life() {
+    const double silent = seconds_since(last_came_);
+    if (is_steady_ && silent > std::max(k_silence, k_silent_periods * *period_s_)) lost_ = true;
+    if (lost_) throw IoError(fmt::format("the camera {} does not answer any more", serial_));
   }
 
   static void on_control_lost(ArvDevice*, gpointer self) { static_cast<AravisCamera*>(self)->lost_ = true; }
@@ -296,6 +313,8 @@ class AravisCamera final : public FrameSource {
   Owned<ArvStream> stream_;
   std::string serial_;
   std::optional<double> period_s_;
+  bool is_steady_ = true;
+  MonotonicTime last_came_;
   Incomplete incomplete_;
   std::atomic<bool> lost_{false};
   std::optional<SoftwareTrigger> trigger_;

@@ -77,7 +77,6 @@ void CameraWatch::connect() {
   source_ = open_(options_);
   if (was_connected_) count("reconnects");
   was_connected_ = true;
-  said_.clear();
   numbers_.begin(source_->serial(), source_->period_s());
   metrics_.set("knothe_camera_connected", site_labels(site_->name()), 1);
   site_->alarms().judge_condition(k_away, intake_.latest_step(), "", "sensors", "");
@@ -85,15 +84,16 @@ void CameraWatch::connect() {
             {{"site", site_->name()}, {"serial", source_->serial()}, {"camera", source_->description()}});
 }
 
+/// Says so before it lets go of the camera, which may take seconds where it does not answer.
 void CameraWatch::lose(const std::string& reason) {
-  source_.reset();
   metrics_.set("knothe_camera_connected", site_labels(site_->name()), 0);
-  if (reason == said_) return;
+  if (reason != said_)
+    log_event("error", "the camera is away: it is tried again and again",
+              {{"site", site_->name()}, {"reason", reason}});
   said_ = reason;
-  log_event("error", "the camera is away: it is tried again and again",
-            {{"site", site_->name()}, {"reason", reason}});
   site_->alarms().judge_condition(k_away, intake_.latest_step(), "warning", "sensors",
                                   "the camera is away: " + reason);
+  source_.reset();
 }
 
 void CameraWatch::receive() {
@@ -108,6 +108,7 @@ void CameraWatch::receive() {
   count("frames");
   take(*frame);
   incomplete_.clear();
+  said_.clear();
 }
 
 // --- Numbers and times -----------------------------------------------------------------------------------

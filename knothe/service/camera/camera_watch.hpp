@@ -56,7 +56,7 @@ class CameraWatch {
   std::unique_ptr<FrameSource> source_;
   FrameNumbers numbers_{std::nullopt};
   bool was_connected_ = false, is_over_ = false;
-  std::string said_;        ///< why it could not be connected
+  std::string said_;        ///< why it is away
   std::string incomplete_;  ///< what was wrong with the last incomplete frame since a whole one
   std::mutex mutex_;
   std::condition_variable end_;

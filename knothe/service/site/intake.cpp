@@ -17,7 +17,7 @@ namespace knothe::service {
 Intake::Intake(std::shared_ptr<Site> site, std::function<bool(double)> wait)
     : site_(std::move(site)), wait_(std::move(wait)) {}
 
-Measurement Intake::missing(const PictureStamp& stamp) const {
+Measurement Intake::without_values(const PictureStamp& stamp) const {
   const auto sensors = static_cast<std::size_t>(site_->setup().measurements.observation_count());
   Measurement datum;
   datum.key = stamp.key;
@@ -27,13 +27,20 @@ Measurement Intake::missing(const PictureStamp& stamp) const {
   return datum;
 }
 
+Measurement Intake::missing(const PictureStamp& stamp) {
+  pictured_ = {{pictured_[1], step_of(stamp.time)}};
+  site_->setup().pictures->skip();
+  return without_values(stamp);
+}
+
 Intake::Measured Intake::measure(const PictureStamp& stamp, const files::Picture& picture) {
-  Measured result{missing(stamp), ""};
+  Measured result{without_values(stamp), ""};
   Measurement& datum = result.datum;
   try {
     const auto step = step_of(stamp.time);
-    const auto measured = site_->setup().pictures->measure(picture, stamp.name, increment_to(step));
+    Eigen::VectorXd increment = increment_to(step);
     pictured_ = {{pictured_[1], step}};
+    const auto measured = site_->setup().pictures->measure(picture, stamp.name, std::move(increment));
     if (measured.picture.missing) result.trouble = measured.picture.message;
     std::copy_n(measured.values.data(), datum.values.size(), datum.values.begin());
     if (measured.noise) datum.noise = noise_bytes(*measured.noise);

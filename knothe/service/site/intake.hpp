@@ -34,8 +34,8 @@ class Intake {
   /// Measures as `knothe assimilate` does where pictures come in order: a picture starts from the last one,
   /// or where the model predicts it by the parameters known after the picture before the last.
   [[nodiscard]] Measured measure(const PictureStamp& stamp, const files::Picture& picture);
-  /// A picture that cannot be measured.
-  [[nodiscard]] Measurement missing(const PictureStamp& stamp) const;
+  /// A picture that cannot be read, or did not come.
+  [[nodiscard]] Measurement missing(const PictureStamp& stamp);
   /// Waits until the datum is on disk, or is refused.
   Outcome store(Measurement measurement, const std::string& name);
   /// Says why something was not taken, in the log and as an alarm.
@@ -44,12 +44,13 @@ class Intake {
   [[nodiscard]] std::size_t latest_step() const;
 
  private:
+  [[nodiscard]] Measurement without_values(const PictureStamp& stamp) const;
   [[nodiscard]] std::optional<std::size_t> step_of(double time) const;
   [[nodiscard]] Eigen::VectorXd increment_to(std::optional<std::size_t> step);
 
   std::shared_ptr<Site> site_;
   std::function<bool(double)> wait_;
-  std::array<std::optional<std::size_t>, 2> pictured_;  ///< steps of the last two pictures
+  std::array<std::optional<std::size_t>, 2> pictured_;  ///< steps of the last two pictures, missing or not
 };
 
 }  // namespace knothe::service
