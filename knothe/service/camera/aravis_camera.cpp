@@ -21,6 +21,8 @@ constexpr std::size_t k_buffer_memory = std::size_t{256} << 20;  // bytes
 /// Of the socket, bytes: the system cuts it to net.core.rmem_max. Aravis' own choice, one frame, is too small
 /// where a frame comes in one burst.
 constexpr int k_socket_buffer = 16 << 20;
+/// How long a frame may wait for its packets on a loaded machine; the frames behind it wait with it, µs.
+constexpr guint k_packet_patience_us = 500'000;
 /// A camera that is silent for so long, and so many periods, is gone.
 constexpr double k_silence = 2, k_silent_periods = 5;  // s, 1
 constexpr std::size_t k_fewest_buffers = 8, k_most_buffers = 128;
@@ -289,7 +291,7 @@ class AravisCamera final : public FrameSource {
     attempt.require();
     if (ARV_IS_GV_STREAM(stream_.get()))
       g_object_set(stream_.get(), "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_FIXED, "socket-buffer-size",
-                   k_socket_buffer, nullptr);
+                   k_socket_buffer, "frame-retention", k_packet_patience_us, nullptr);
     const std::size_t fit = k_buffer_memory / std::max<std::size_t>(payload, 1);
     for (std::size_t i = 0; i < std::clamp(fit, k_fewest_buffers, k_most_buffers); ++i)
       arv_stream_push_buffer(stream_.get(), arv_buffer_new_allocate(payload));
