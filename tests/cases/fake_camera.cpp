@@ -48,7 +48,7 @@ std::int64_t next_number(Show& show, double period_us) {
   return show.last;
 }
 
-void fill(ArvBuffer* buffer, void* data, guint32, guint32, ArvPixelFormat) {
+void fill(ArvBuffer* buffer, void* data, guint32, guint32, ArvPixelFormat format) {
   Show& show = *static_cast<Show*>(data);
   guint32 period = 0;
   arv_fake_camera_read_register(arv_gv_fake_camera_get_fake_camera(show.camera),
@@ -65,10 +65,15 @@ void fill(ArvBuffer* buffer, void* data, guint32, guint32, ArvPixelFormat) {
   size_t size = 0;
   auto* out = static_cast<unsigned char*>(const_cast<void*>(arv_buffer_get_image_data(buffer, &size)));
   const int width = arv_buffer_get_image_width(buffer), height = arv_buffer_get_image_height(buffer);
+  const std::size_t bytes = format == ARV_PIXEL_FORMAT_MONO_16 ? 2 : 1;
   for (int y = 0; y < std::min(height, picture.height); ++y)
-    for (int x = 0; x < std::min(width, picture.width); ++x)
-      out[static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x)] =
-          static_cast<unsigned char>(picture.at(x, y));
+    for (int x = 0; x < std::min(width, picture.width); ++x) {
+      const auto at =
+          static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x);
+      const auto level = static_cast<unsigned>(picture.at(x, y));
+      out[bytes * at] = static_cast<unsigned char>(level & 255U);
+      if (bytes == 2) out[2 * at + 1] = static_cast<unsigned char>(level >> 8U);
+    }
 }
 
 /// Aravis' camera hears software triggers alone: a line is one of them, as soon as the reader waits for it.

@@ -154,7 +154,9 @@ class Test(ServiceCase):
 
     @needs_aravis
     def test_the_service_triggers(self):
-        self.triggered_frames_become_the_lines_of_assimilate('trigger = "software"\nframe_rate = 10\n', "--rate", "10")
+        """With pictures of 12 bits."""
+        self.edit("noise = 1\n", "noise = 1\nbit_depth = 12\n")
+        self.triggered_frames_become_the_lines_of_assimilate('trigger = "software"\nframe_rate = 10\npixel_format = "Mono16"\n', "--rate", "10")
 
     @needs_aravis
     def test_a_line_triggers(self):

@@ -7,7 +7,6 @@
 #include <atomic>
 #include <chrono>
 #include <condition_variable>
-#include <map>
 #include <mutex>
 #include <thread>
 
@@ -136,30 +135,27 @@ std::optional<double> set_trigger(ArvCamera* camera, const project::CameraOption
   return options.frame_rate ? std::optional(1 / *options.frame_rate) : std::nullopt;
 }
 
-/// Grey levels of a whole buffer. IoError for another format.
+/// Grey levels of a whole buffer, as the file would have them in which it is kept: of 8 or 16 bits. IoError
+/// for another format.
 files::Picture picture_of(ArvBuffer* buffer) {
-  static const std::map<ArvPixelFormat, int> k_bits = {{ARV_PIXEL_FORMAT_MONO_8, 8},
-                                                       {ARV_PIXEL_FORMAT_MONO_10, 10},
-                                                       {ARV_PIXEL_FORMAT_MONO_12, 12},
-                                                       {ARV_PIXEL_FORMAT_MONO_14, 14},
-                                                       {ARV_PIXEL_FORMAT_MONO_16, 16}};
   const ArvPixelFormat format = arv_buffer_get_image_pixel_format(buffer);
-  const auto bits = k_bits.find(format);
-  if (bits == k_bits.end())
-    throw IoError(fmt::format(
-        "the camera sends pixels of format 0x{:08x}, which are not grey levels of 8 or 16 bits: set "
-        "serve.camera.pixel_format to Mono8, Mono10, Mono12, Mono14 or Mono16",
-        format));
+  const bool deep = format == ARV_PIXEL_FORMAT_MONO_10 || format == ARV_PIXEL_FORMAT_MONO_12 ||
+                    format == ARV_PIXEL_FORMAT_MONO_14 || format == ARV_PIXEL_FORMAT_MONO_16;
+  if (!deep && format != ARV_PIXEL_FORMAT_MONO_8)
+    throw IoError(
+        fmt::format("the camera sends pixels of format 0x{:08x}, which are not grey levels of 8 or 16 bits: "
+                    "set serve.camera.pixel_format to Mono8, Mono10, Mono12, Mono14 or Mono16",
+                    format));
   files::Picture picture;
   picture.width = arv_buffer_get_image_width(buffer);
   picture.height = arv_buffer_get_image_height(buffer);
-  picture.bit_depth = bits->second;
-  picture.maximum = static_cast<float>((1 << bits->second) - 1);
+  picture.bit_depth = deep ? 16 : 8;
+  picture.maximum = deep ? 65535 : 255;
   const auto width = static_cast<std::size_t>(picture.width),
              height = static_cast<std::size_t>(picture.height);
   gint padding = 0, below = 0;
   arv_buffer_get_image_padding(buffer, &padding, &below);
-  const std::size_t bytes = bits->second > 8 ? 2 : 1;
+  const std::size_t bytes = deep ? 2 : 1;
   const std::size_t stride = bytes * width + static_cast<std::size_t>(padding);
   std::size_t size = 0;
   const auto* data = static_cast<const std::uint8_t*>(arv_buffer_get_image_data(buffer, &size));

@@ -16,8 +16,9 @@ namespace {
 
 constexpr double k_look_every = 0.1, k_try_every = 1;  // s
 constexpr const char* k_times = "pictures.csv";
-/// Of the alarm that holds while the camera is away.
+/// Of alarms that hold until it is over.
 constexpr const char* k_away = "camera is away";
+constexpr const char* k_not_kept = "frames are not kept";
 
 std::string range(std::int64_t first, std::int64_t count) {
   return count == 1 ? fmt::format("frame {}", first)
@@ -130,7 +131,7 @@ std::optional<FrameNumbers::Numbered> CameraWatch::last_in_journal() const {
 
 std::optional<Intake::PictureStamp> CameraWatch::stamp_of(const FrameNumbers::Numbered& frame) {
   const std::int64_t index = frame.number - site_->project().serve.first_picture;
-  if (index < 0) return std::nullopt;
+  if (index < 0 || site_->logbook().finished()) return std::nullopt;
   if (static_cast<std::size_t>(index) < times().size())
     return Intake::PictureStamp{
         {k_camera_source, frame.session, frame.camera_us},
@@ -238,8 +239,10 @@ void CameraWatch::keep(const Intake::PictureStamp& stamp, const files::Picture& 
     options_.keep_format == project::FrameFormat::png ? files::write_png(path, picture)
                                                       : files::write_tiff(path, picture);
     site_->pictures().show(stamp.time, path);
+    site_->alarms().judge_condition(k_not_kept, intake_.latest_step(), "", "sensors", "");
   } catch (const Error& error) {
-    intake_.refuse(stamp.name, fmt::format("the frame is measured but not kept: {}", error.what()));
+    site_->alarms().judge_condition(k_not_kept, intake_.latest_step(), "warning", "sensors",
+                                    fmt::format("frames are measured but not kept: {}", error.what()));
   }
 }
 

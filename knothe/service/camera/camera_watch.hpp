@@ -39,7 +39,7 @@ class CameraWatch {
   void store(Measurement datum, const Intake::PictureStamp& stamp);
   [[nodiscard]] std::optional<FrameNumbers::Numbered> last_in_journal() const;
   [[nodiscard]] const std::vector<double>& times() const;
-  /// Nothing for a frame before the first or behind the last time.
+  /// Nothing for a frame before the first or behind the last time, or when the test is finished.
   [[nodiscard]] std::optional<Intake::PictureStamp> stamp_of(const FrameNumbers::Numbered& frame);
   void begin_to_keep();
   void keep(const Intake::PictureStamp& stamp, const files::Picture& picture);
