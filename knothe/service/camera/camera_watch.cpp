@@ -200,8 +200,7 @@ void CameraWatch::take_picture(const FrameNumbers::Numbered& frame, const files:
   keep(*stamp, picture);
   Intake::Measured measured = intake_.measure(*stamp, picture);
   store(std::move(measured.datum), *stamp);
-  if (!measured.trouble.empty())
-    intake_.refuse(stamp->name, fmt::format("missing: {}: {}", stamp->name, measured.trouble));
+  if (!measured.trouble.empty()) intake_.refuse(stamp->name, "missing: " + measured.trouble);
 }
 
 /// Until it is on disk, or it is time to end: then it is one of those that were not seen.
