@@ -223,6 +223,7 @@ void PictureMeasurements::predict_next(const imaging::PictureResult& last) {
 PictureDatum PictureMeasurements::measure(const files::Picture& picture, const std::string& name,
                                           Eigen::VectorXd increment) {
   increment_ = std::move(increment);
+  series_->set_prediction({});
   if (last_live_) predict_next(*last_live_);
   last_live_.reset();  // what cannot be correlated predicts nothing
   return as_datum(last_live_.emplace(series_->correlate(picture, name)));

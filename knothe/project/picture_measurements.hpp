@@ -71,6 +71,8 @@ class PictureMeasurements {
   /// DataError where it cannot be of this series.
   [[nodiscard]] PictureDatum measure(const files::Picture& picture, const std::string& name,
                                      Eigen::VectorXd increment = {});
+  /// In place of `measure`: the picture is missing, so the next one is not predicted from it.
+  void skip() { last_live_.reset(); }
 
  private:
   void read_series(const Project& project, const reduction::ModelContents& contents);

@@ -334,13 +334,14 @@ imaging::SeriesOptions live_series_options(const Project& project) {
   for (const std::string& name : p.references)
     series.references.push_back(
         p.folder.empty() ? name : (std::filesystem::path(p.folder) / name).lexically_normal().string());
-  if (series.references.empty()) series.references = imaging::list_references(project.serve.watch_pictures);
+  const std::string& folder = project.serve.picture_folder();
+  if (series.references.empty()) series.references = imaging::list_references(folder);
   if (series.references.empty())
     throw project.error_at(
-        "serve.watch_pictures",
-        fmt::format("{} has no picture whose name begins with `reference`: take one or more of the unloaded "
+        project.serve.camera.wanted ? "serve.camera" : "serve.watch_pictures",
+        fmt::format("{} no picture whose name begins with `reference`: take one or more of the unloaded "
                     "surface, or name them in [dic] references",
-                    project.serve.watch_pictures));
+                    folder.empty() ? "[serve.camera] keeps no frames, and there is" : folder + " has"));
   return series;
 }
 

@@ -45,7 +45,8 @@ struct PictureOptions {
 /// The series with its pictures looked up. Errors: ProjectError where the project names none, DataError for
 /// the folder.
 [[nodiscard]] imaging::SeriesOptions series_options(const Project& project);
-/// Without pictures: they will come in the folder that the service watches. The same errors.
+/// Without pictures: they will come in the folder that the service watches, or from its camera. The same
+/// errors.
 [[nodiscard]] imaging::SeriesOptions live_series_options(const Project& project);
 
 }  // namespace knothe::project

@@ -30,7 +30,8 @@ void add_data_options(Section<S>& s) {
         "`reference`.",
         file);
   s.add("first_picture", &S::first_picture,
-        "Number, in its name, of the picture of the first time, where no `pictures.csv` gives the times.");
+        "Number of the picture of the first time: in its name, where no `pictures.csv` gives the times; of a "
+        "camera's frames, which count from 0.");
   s.add("watch_csv", &S::watch_csv,
         "Folder in which CSV files of measurements are left: each new one is taken in.", file);
   s.add("settle", &S::settle, "A file in a watched folder is read when it has not changed for so long, s.",
@@ -53,6 +54,42 @@ void add_connection_options(Section<S>& s) {
   s.add("mqtt.password", in(&S::mqtt, &MqttOptions::password), "File with the password.", file);
   s.add("mqtt.ca", in(&S::mqtt, &MqttOptions::ca),
         "File with the certificates that the broker is checked by; with it, TLS is spoken.", file);
+}
+
+void add_camera_options(Section<S>& s) {
+  s.table("camera",
+          "A GigE or USB3 camera (by Aravis) whose frames are measured as watched pictures are; without "
+          "address and serial, the first that is found.");
+  s.add("camera.address", in(&S::camera, &CameraOptions::address),
+        "Network address of the camera, or its identifier as `arv-tool-0.8` prints it.");
+  s.add("camera.serial", in(&S::camera, &CameraOptions::serial), "Serial number of the camera.");
+  s.add("camera.frame_rate", in(&S::camera, &CameraOptions::frame_rate),
+        "Frames per second; without it, what the camera is set to. Of a hardware trigger, the rate at which "
+        "it comes; without it, frames are counted.",
+        positive);
+  s.add("camera.exposure", in(&S::camera, &CameraOptions::exposure),
+        "Exposure time, s; without it, what the camera is set to.", positive);
+  s.add("camera.gain", in(&S::camera, &CameraOptions::gain),
+        "Gain in the camera's unit, mostly dB; without it, what the camera is set to.", non_negative);
+  s.add("camera.region", in(&S::camera, &CameraOptions::region),
+        "Region of the sensor that is read, pixels; without it, what the camera is set to.",
+        of_shape("four integers, [x, y, width, height]"), no_default);
+  s.add("camera.pixel_format", in(&S::camera, &CameraOptions::pixel_format),
+        "Mono8, Mono10, Mono12, Mono14 or Mono16; without it, what the camera is set to.");
+  s.add("camera.packet_size", in(&S::camera, &CameraOptions::packet_size),
+        "Bytes in a packet of a GigE camera: up to the network's MTU; without it, what the camera is set to.",
+        between(576, 65000));
+  s.add("camera.trigger", in(&S::camera, &CameraOptions::trigger),
+        "What makes the camera take a frame: its own clock, the service at `frame_rate`, or a line.");
+  s.add("camera.trigger_line", in(&S::camera, &CameraOptions::trigger_line),
+        "The line of a hardware trigger, as the camera calls it.");
+  s.add(
+      "camera.keep", in(&S::camera, &CameraOptions::keep),
+      "Folder in which frames are kept, with a table `pictures.csv` of their times; without it they are not "
+      "kept. References may be there, as in `watch_pictures`.",
+      file);
+  s.add("camera.keep_format", in(&S::camera, &CameraOptions::keep_format),
+        "Format of the frames that are kept, of 8 or 16 bits as the camera's.");
 }
 
 void add_notify_options(Section<S>& s) {
@@ -78,6 +115,7 @@ const Section<S>& serve_section() {
         s.add("port", &S::port, "Port to listen at, 0 for a free one; `--port` overrides it.",
               at_most(65535));
         add_data_options(s);
+        add_camera_options(s);
         add_connection_options(s);
         add_notify_options(s);
       });
@@ -90,6 +128,24 @@ bool is_name(const std::string& site) {
              std::string::npos;
 }
 
+void check_camera(Values& values, const ServeOptions& serve) {
+  const CameraOptions& camera = serve.camera;
+  const auto complain_if = [&](bool when, const std::string& key, const std::string& text) {
+    if (when) values.complain("serve.camera." + key, text);
+  };
+  complain_if(!camera.address.empty() && !camera.serial.empty(), "serial",
+              "[serve.camera] has both \"address\" and \"serial\": give one");
+  complain_if(
+      !camera.region.empty() && (camera.region.size() != 4 || camera.region[2] * camera.region[3] == 0),
+      "region", "\"serve.camera.region\" must be four integers, [x, y, width, height], with a positive size");
+  complain_if(camera.trigger == CameraTrigger::software && !camera.frame_rate, "trigger",
+              "[serve.camera]: a software trigger needs \"frame_rate\", at which the service triggers, Hz");
+  if (camera.wanted && !serve.watch_pictures.empty())
+    values.complain(
+        "serve.watch_pictures",
+        "\"serve.watch_pictures\" and [serve.camera] both say where pictures come from: give one");
+}
+
 }  // namespace
 
 std::vector<Option> serve_option_table() {
@@ -99,6 +155,8 @@ std::vector<Option> serve_option_table() {
 ServeOptions read_serve(Values& values, const std::string& path) {
   const std::string stem = std::filesystem::path(path).stem().string();
   ServeOptions serve = serve_section().read(values);
+  serve.camera.wanted = values.has_table("serve.camera");
+  check_camera(values, serve);
   if (serve.site.empty()) serve.site = stem;
   if (!is_name(serve.site)) {
     if (values.has("serve.site"))

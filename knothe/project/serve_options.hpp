@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "knothe/base/enum_names.hpp"
+#include "knothe/project/camera_options.hpp"
 
 namespace knothe::project {
 
@@ -57,6 +58,14 @@ struct ServeOptions {
   bool log_steps = false;  ///< else starts, stops, errors and states alone
   MqttOptions mqtt;
   NotifyOptions notify;
+  CameraOptions camera;
+
+  /// Whether data are pictures that are still to come, in a folder or from a camera.
+  [[nodiscard]] bool takes_pictures() const { return !watch_pictures.empty() || camera.wanted; }
+  /// Where those pictures are, or are kept; empty: nowhere.
+  [[nodiscard]] const std::string& picture_folder() const {
+    return watch_pictures.empty() ? camera.keep : watch_pictures;
+  }
 };
 
 /// The table [serve]. `path` is the project file's: its stem is the site's name unless the file says

@@ -171,10 +171,11 @@ UpdateSetup set_up(const Project& project, assimilation::Features features, bool
   const reduction::SeparatedModel whole = load_whole_model(project);
   std::vector<assimilation::Prior> priors;
   for (const NamedPrior& parameter : project.parameters) priors.push_back(parameter.prior);
-  if (live && !project.data.empty())
+  if (live && !project.data.empty()) {
+    const char* const key = project.serve.camera.wanted ? "serve.camera" : "serve.watch_pictures";
     throw project.error_at(
-        "serve.watch_pictures",
-        "\"serve.watch_pictures\" and \"data.file\" both say where the sensors are: give one");
+        key, fmt::format("\"{}\" and \"data.file\" both say where the sensors are: give one", key));
+  }
   if (project.data.empty() && !pictures)
     pictures = std::make_shared<PictureMeasurements>(project, whole, live);
   assimilation::Measurements measurements =
@@ -211,7 +212,7 @@ UpdateSetup set_up_again(const Project& project, std::shared_ptr<PictureMeasurem
 UpdateSetup set_up_online(const Project& project) {
   assimilation::Features features;
   add(features, assimilation::Feature::service);
-  return set_up(project, features, !project.serve.watch_pictures.empty());
+  return set_up(project, features, project.serve.takes_pictures());
 }
 
 forecast::Forecaster make_forecaster(const Project& project, const UpdateSetup& setup) {

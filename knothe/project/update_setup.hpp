@@ -38,7 +38,7 @@ struct UpdateSetup {
 [[nodiscard]] UpdateSetup set_up_again(const Project& project, std::shared_ptr<PictureMeasurements> pictures);
 
 /// The same for the service: ProjectError for what it cannot do (a measured clock, forces, gauges). With
-/// [serve] watch_pictures the sensors are those of pictures that are still to come.
+/// [serve] watch_pictures or [serve.camera] the sensors are those of pictures that are still to come.
 [[nodiscard]] UpdateSetup set_up_online(const Project& project);
 
 /// The separated model with its parameters in the project file's order. ProjectError where they are not the

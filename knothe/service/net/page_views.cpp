@@ -149,7 +149,7 @@ Json description(const Site& site, const std::vector<std::string>& sites) {
   answer["parameters"] = parameters;
   answer["forecasts"] = forecasts;
   answer["fields"] = fields;
-  if (site.setup().pictures && !project.serve.watch_pictures.empty())
+  if (site.setup().pictures && !project.serve.picture_folder().empty())
     answer["picture"] = {{"corners", picture_corners(*site.setup().pictures)}};
   answer["method"] = {{"kind", to_text(project.method.kind)},
                       {"form", to_text(project.method.update.form)},

@@ -21,6 +21,7 @@
 #include "knothe/base/version.hpp"
 #include "knothe/project/project_engine.hpp"
 #include "knothe/project/update_setup.hpp"
+#include "knothe/service/camera/aravis_camera.hpp"
 #include "knothe/service/journal/journal.hpp"
 #include "knothe/service/journal/step_matching.hpp"
 #include "knothe/service/net/http_server.hpp"
@@ -150,6 +151,17 @@ std::string found_clock() {
   return fmt::format("synchronised, to {:.0f} ms at worst", 1e-3 * static_cast<double>(clock.maxerror));
 }
 
+std::string found_camera(const project::CameraOptions& options) {
+  const auto camera = open_aravis_camera(options);
+  for (double waited = 0; waited < 5; waited += 0.5)
+    if (const auto frame = camera->next(0.5))
+      return fmt::format("{} ({}): frames of {} × {} pixels, {} bits", camera->description(),
+                         camera->serial(), frame->picture.width, frame->picture.height,
+                         frame->picture.bit_depth);
+  throw IoError(
+      fmt::format("{} ({}): no whole frame came within 5 s", camera->description(), camera->serial()));
+}
+
 /// A message by each channel, as an alarm would go out.
 void test_alarms(Report& report, const project::Project& project) {
   std::vector<std::unique_ptr<AlarmChannel>> channels;
@@ -194,6 +206,8 @@ void report_service(Report& report, const std::string& path, bool sends_alarms) 
     return where + " is free";
   });
   report_found(report, "clock", found_clock);
+  if (project->serve.camera.wanted)
+    report_found(report, "camera", [&] { return found_camera(project->serve.camera); });
   if (sends_alarms) test_alarms(report, *project);
 }
 

@@ -6,7 +6,6 @@
 #include <array>
 #include <charconv>
 #include <cmath>
-#include <future>
 #include <limits>
 
 #include "knothe/assimilation/data/measurements_csv.hpp"
@@ -16,7 +15,6 @@
 #include "knothe/files/csv.hpp"
 #include "knothe/files/picture.hpp"
 #include "knothe/imaging/series/picture_folder.hpp"
-#include "knothe/service/journal/noise_bytes.hpp"
 #include "knothe/service/site/log.hpp"
 
 namespace knothe::service {
@@ -61,7 +59,8 @@ bool FolderWatch::is_wanted(const project::Project& project) {
   return !project.serve.watch_pictures.empty() || !project.serve.watch_csv.empty();
 }
 
-FolderWatch::FolderWatch(std::shared_ptr<Site> site) : site_(std::move(site)) {
+FolderWatch::FolderWatch(std::shared_ptr<Site> site)
+    : site_(std::move(site)), intake_(site_, [this](double seconds) { return wait(seconds); }) {
   const project::ServeOptions& options = site_->project().serve;
   if (!options.watch_pictures.empty())
     pictures_.emplace(options.watch_pictures, options.settle, is_live_picture);
@@ -118,12 +117,6 @@ bool FolderWatch::patient(const SettledFiles& files, const std::string& name) co
   return files.rest(name, SettledFiles::Clock::now()) < k_patience * site_->project().serve.settle;
 }
 
-void FolderWatch::refuse(const std::string& name, const std::string& reason) {
-  log_event("warning", "a file was not taken", {{"site", site_->name()}, {"file", name}, {"reason", reason}});
-  const auto line = site_->lines().latest();
-  site_->alarms().raise(line ? line->step : 0, "warning", "sensors", reason);
-}
-
 // --- Pictures --------------------------------------------------------------------------------------------
 
 /// The picture's number and model time. DataError where neither the table of times nor its name tells.
@@ -152,69 +145,34 @@ FolderWatch::Place FolderWatch::place_of(const std::string& name) const {
 }
 
 FolderWatch::Outcome FolderWatch::take_picture(const std::string& name) {
-  Measurement measurement;
+  Intake::PictureStamp stamp;
   try {
     const Place place = place_of(name);
-    measurement.key = {k_pictures_source,
-                       std::filesystem::path(pictures_->folder()).lexically_normal().filename().string(),
-                       place.seq};
-    if (measurement.key.session.empty()) measurement.key.session = "pictures";
-    measurement.time = place.time;
+    stamp.key = {k_pictures_source,
+                 std::filesystem::path(pictures_->folder()).lexically_normal().filename().string(),
+                 place.seq};
+    if (stamp.key.session.empty()) stamp.key.session = "pictures";
+    stamp.time = place.time, stamp.name = name;
     site_->pictures().show(place.time, pictures_->path(name));
   } catch (const DataError& error) {
     if (patient(*pictures_, name)) return Outcome::again;  // its line in the table may still come
-    refuse(name, error.what());
+    intake_.refuse(name, error.what());
     return Outcome::done;
   }
-  if (site_->journal().holds(measurement.key)) return Outcome::done;
-  const auto sensors = static_cast<std::size_t>(site_->setup().measurements.observation_count());
-  measurement.values.assign(sensors, std::numeric_limits<double>::quiet_NaN());
-  std::string trouble;
-  files::Picture picture;
+  if (site_->journal().holds(stamp.key)) return Outcome::done;
+  Intake::Measured measured;
   try {
-    picture = files::read_picture(pictures_->path(name), site_->setup().pictures->series().options().colour);
+    measured = intake_.measure(
+        stamp,
+        files::read_picture(pictures_->path(name), site_->setup().pictures->series().options().colour));
   } catch (const DataError& error) {
     if (patient(*pictures_, name)) return Outcome::again;
-    trouble = error.what();
+    measured = {intake_.missing(stamp), error.what()};
   }
-  try {
-    if (trouble.empty()) {
-      const auto step = step_of(measurement.time);
-      const auto measured = site_->setup().pictures->measure(picture, name, increment_to(step));
-      pictured_ = {{pictured_[1], step}};
-      if (measured.picture.missing) trouble = measured.picture.message;
-      std::copy_n(measured.values.data(), sensors, measurement.values.begin());
-      if (measured.noise) measurement.noise = noise_bytes(*measured.noise);
-    }
-  } catch (const Error& error) {
-    trouble = error.what();
-  }
-  measurement.status.assign(sensors, 0);
-  for (std::size_t i = 0; i < sensors; ++i) measurement.status[i] = std::isnan(measurement.values[i]) ? 1 : 0;
-  const Outcome outcome = store(std::move(measurement), name);
-  if (outcome == Outcome::done && !trouble.empty()) refuse(name, "missing: " + trouble);
+  const Outcome outcome = intake_.store(std::move(measured.datum), name);
+  if (outcome == Outcome::done && !measured.trouble.empty())
+    intake_.refuse(name, "missing: " + measured.trouble);
   return outcome;
-}
-
-std::optional<std::size_t> FolderWatch::step_of(double time) const {
-  try {
-    return assimilation::match_times({&time, 1}, site_->setup().observed->time, "the picture")[0];
-  } catch (const DataError&) {
-    return std::nullopt;  // it will be refused
-  }
-}
-
-/// What the model says that displacements change by since the last picture, as `knothe assimilate` has it
-/// when it correlates one picture ahead: by the parameters known after the picture before the last.
-Eigen::VectorXd FolderWatch::increment_to(std::optional<std::size_t> step) {
-  const auto [before, last] = pictured_;
-  if (!step || !last || !before) return {};
-  while (!site_->settled() && !site_->lines().line(*before) && wait(0.001)) {
-  }
-  const auto line = site_->lines().line(*before);
-  if (!line) return {};
-  const reduction::ObservedModel& model = *site_->setup().observed;
-  return model.predict(line->mean, *step) - model.predict(line->mean, *last);
 }
 
 // --- CSV -------------------------------------------------------------------------------------------------
@@ -262,32 +220,11 @@ FolderWatch::Outcome FolderWatch::take_table(const std::string& name) {
     }
   } catch (const DataError& error) {
     if (patient(*tables_, name)) return Outcome::again;
-    refuse(name, error.what());
+    intake_.refuse(name, error.what());
     return Outcome::done;
   }
   for (Measurement& measurement : data)
-    if (store(std::move(measurement), name) == Outcome::again) return Outcome::again;
-  return Outcome::done;
-}
-
-// --- Into the journal ------------------------------------------------------------------------------------
-
-/// Waits until the datum is on disk, or is refused.
-FolderWatch::Outcome FolderWatch::store(Measurement measurement, const std::string& name) {
-  const auto promise = std::make_shared<std::promise<JournalWriter::Answer>>();
-  auto answer = promise->get_future();
-  try {
-    site_->journal().ingest(std::move(measurement),
-                            [promise](const JournalWriter::Answer& stored) { promise->set_value(stored); });
-    const JournalWriter::Answer stored = answer.get();
-    const auto* error = std::get_if<RequestError>(&stored);
-    if (error == nullptr) return Outcome::done;
-    if (error->status() == 507) return Outcome::again;
-    refuse(name, fmt::format("{}: {}", name, error->what()));
-  } catch (const RequestError& error) {
-    if (error.status() == 503) return Outcome::again;
-    refuse(name, fmt::format("{}: {}", name, error.what()));
-  }
+    if (intake_.store(std::move(measurement), name) == Outcome::again) return Outcome::again;
   return Outcome::done;
 }
 

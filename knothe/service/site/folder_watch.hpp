@@ -9,6 +9,7 @@
 #include <optional>
 #include <thread>
 
+#include "knothe/service/site/intake.hpp"
 #include "knothe/service/site/settled_files.hpp"
 #include "knothe/service/site/site.hpp"
 
@@ -32,8 +33,7 @@ class FolderWatch {
     std::int64_t seq = 0;
     double time = 0;
   };
-  /// What became of a file: taken (or refused for good), or to be tried again.
-  enum class Outcome { done, again };
+  using Outcome = Intake::Outcome;  ///< of a file
 
   void run();
   void take_pictures();
@@ -41,18 +41,14 @@ class FolderWatch {
   [[nodiscard]] Place place_of(const std::string& name) const;
   Outcome take_picture(const std::string& name);
   Outcome take_table(const std::string& name);
-  [[nodiscard]] std::optional<std::size_t> step_of(double time) const;
-  [[nodiscard]] Eigen::VectorXd increment_to(std::optional<std::size_t> step);
-  Outcome store(Measurement datum, const std::string& name);
-  void refuse(const std::string& name, const std::string& reason);
   [[nodiscard]] bool patient(const SettledFiles& files, const std::string& name) const;
   /// False when it is time to end.
   bool wait(double seconds);
 
   std::shared_ptr<Site> site_;
+  Intake intake_;
   std::optional<SettledFiles> pictures_, tables_;
   std::map<std::array<double, 4>, std::size_t> sensor_at_;  ///< x, y, z, component → index
-  std::array<std::optional<std::size_t>, 2> pictured_;      ///< steps of the last two pictures
   std::mutex mutex_;
   std::condition_variable end_;
   bool ending_ = false;

@@ -147,6 +147,11 @@ bool JournalWriter::holds(const assimilation::DatumKey& key) const {
   return from_folders_.contains(key);
 }
 
+std::optional<Measurement> JournalWriter::last_frame() const {
+  const std::lock_guard lock(mutex_);
+  return last_frame_;
+}
+
 JournalWriter::Tally JournalWriter::tally() const {
   const std::lock_guard lock(mutex_);
   return {requests_.size(), quarantine_.size(), outcomes_, !trouble_.empty(), trouble_};
@@ -172,8 +177,11 @@ void JournalWriter::replay() {
   std::vector<Arrival> past;
   std::vector<JournalEntry> held;
   std::set<assimilation::DatumKey> from_folders;
+  std::optional<Measurement> last_frame;
   journal_.for_each([&](JournalEntry entry) {
     const assimilation::DatumKey& key = entry.measurement.key;
+    if (key.source == k_camera_source && (!last_frame || last_frame->time < entry.measurement.time))
+      last_frame = {key, entry.measurement.time, {}, {}, {}, 0, entry.measurement.received_ms};
     // Of a withdrawn datum too: its file is still there, and would bring it back.
     if (key.source == k_pictures_source || key.source == k_csv_source) from_folders.insert(key);
     if (entry.withdrawn) {
@@ -201,6 +209,7 @@ void JournalWriter::replay() {
     const std::lock_guard lock(mutex_);
     quarantine_ = std::move(held);
     from_folders_ = std::move(from_folders);
+    last_frame_ = std::move(last_frame);
   }
   log_event("info", "journal opened",
             {{"site", options_.site},

@@ -5,6 +5,7 @@
 #include <functional>
 #include <map>
 #include <mutex>
+#include <optional>
 #include <set>
 #include <string>
 #include <thread>
@@ -22,9 +23,10 @@
 
 namespace knothe::service {
 
-/// Sources of data that come from watched folders.
+/// Sources of data that come from watched folders, and from a camera.
 inline constexpr const char* k_pictures_source = "pictures";
 inline constexpr const char* k_csv_source = "csv";
+inline constexpr const char* k_camera_source = "camera";
 
 /// A measurement in the journal that is to be assimilated, or taken out again.
 struct Arrival {
@@ -108,6 +110,8 @@ class JournalWriter {
   void enter(LogbookEntry entry, std::function<void(Answer)> done);
   /// Whether a datum that came from a watched folder is in the journal.
   [[nodiscard]] bool holds(const assimilation::DatumKey& key) const;
+  /// The last datum of a camera that was in the journal at the start, without its values.
+  [[nodiscard]] std::optional<Measurement> last_frame() const;
   void count(const std::string& outcome);  ///< of a request that did not get so far: "malformed"
   [[nodiscard]] Tally tally() const;
   [[nodiscard]] Json quarantine() const;
@@ -181,6 +185,7 @@ class JournalWriter {
   std::vector<JournalEntry> quarantine_;
   std::map<std::string, std::int64_t> outcomes_;
   std::set<assimilation::DatumKey> from_folders_;
+  std::optional<Measurement> last_frame_;
 
   std::thread thread_;
 };

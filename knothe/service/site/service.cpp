@@ -14,6 +14,8 @@
 #include <set>
 
 #include "knothe/base/error.hpp"
+#include "knothe/service/camera/aravis_camera.hpp"
+#include "knothe/service/camera/camera_watch.hpp"
 #include "knothe/service/net/api.hpp"
 #include "knothe/service/net/mqtt.hpp"
 #include "knothe/service/site/folder_watch.hpp"
@@ -102,10 +104,17 @@ class WatchedApi final : public HttpHandler {
   bool told_ = false;
 };
 
+/// ProjectError where the project wants a camera and the program was built without.
+void require_cameras(const project::Project& project) {
+  if (const std::string lacks = what_cameras_need(); project.serve.camera.wanted && !lacks.empty())
+    throw project.error_at("serve.camera", lacks);
+}
+
 }  // namespace
 
 void serve(const project::Project& project, const ServeArguments& arguments) {
   std::signal(SIGPIPE, SIG_IGN);
+  require_cameras(project);
   const project::ServeOptions& options = project.serve;
   const bool loopback = is_loopback(options.address);
   ApiOptions api_options{loopback, read_token(project, "read_token", options.read_token),
@@ -127,6 +136,7 @@ void serve(const project::Project& project, const ServeArguments& arguments) {
   std::set<std::string> names = {sites[0]->name()};
   for (const std::string& other : options.others) {
     const project::Project next = project::read_project(other);
+    require_cameras(next);
     if (!names.insert(next.serve.site).second)
       throw next.error_at(
           "serve.site",
@@ -156,7 +166,12 @@ void serve(const project::Project& project, const ServeArguments& arguments) {
   std::vector<std::unique_ptr<FolderWatch>> folders;
   for (const auto& site : sites)
     if (FolderWatch::is_wanted(site->project())) folders.push_back(std::make_unique<FolderWatch>(site));
+  std::vector<std::unique_ptr<CameraWatch>> cameras;
+  for (const auto& site : sites)
+    if (site->project().serve.camera.wanted)
+      cameras.push_back(std::make_unique<CameraWatch>(site, metrics, open_aravis_camera));
   http.run();
+  cameras.clear();
   folders.clear();
   mqtt.reset();
   for (const auto& site : sites) site->stop();
