@@ -145,6 +145,13 @@ double missed_share(const MixtureProduct& mixture, const TemperedParticles& part
   return thin / static_cast<double>(particles.points().rows()) - of_draws;
 }
 
+/// Rounds go on until the stated errors are this much below the tolerances: they are estimates themselves.
+bool is_done(const AdaptiveImportanceResult& r, const AdaptiveImportanceOptions& options) {
+  constexpr double k_margin = 0.8;
+  return r.converged && r.mean_error <= k_margin * options.mean_tolerance &&
+         r.deviation_error <= k_margin * options.deviation_tolerance;
+}
+
 /// The draws of several rounds. Each round's are weighted among themselves, and the rounds by how many draws
 /// they are worth.
 class Pool {
@@ -223,7 +230,7 @@ AdaptiveImportanceResult adaptive_importance(LogDensity& user_target,
     Proposal proposal;
     points = particles.points();
     weights.setConstant(points.rows(), 1 / static_cast<double>(points.rows()));
-    for (int round = 0; round < options.max_rounds && !result.converged; ++round) {
+    for (int round = 0; round < options.max_rounds && !is_done(result, options); ++round) {
       proposal.fit(particles, points, weights);
       result.components = proposal.components();
       const MixtureProduct mixture = proposal.mixtures();
