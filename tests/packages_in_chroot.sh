@@ -100,10 +100,10 @@ readme_session() {
   local block
   block=$(sed -n '/^```bash/,/^```/p' "$tree/README.md" | sed '/^```/d')
   quietly inside sh -c "cd /now && $(head -1 <<<"$block" | sed 's/ install/ install -y --no-install-recommends/; s/sudo //')"
-  inside useradd --create-home engineer
-  tail -n +2 <<<"$block" >"$root/home/engineer/session"
+  inside useradd --create-home --home-dir /srv/engineer engineer
+  tail -n +2 <<<"$block" >"$root/srv/engineer/session"
   quietly inside_as engineer sh -c 'cd ~engineer && HOME=$PWD sh -e session'
-  grep -q "<svg" "$root/home/engineer/report.html" || fail "README's session leaves no report"
+  grep -q "<svg" "$root/srv/engineer/report.html" || fail "README's session leaves no report"
 }
 
 instruction_sets() {
@@ -125,7 +125,7 @@ purged() {
   [ -e "$root/var/lib/knothe/first.journal" ] && [ -e "$root/etc/knothe/first.toml" ] || fail "removing took a journal or a project file"
   [ ! -e "$root/usr/bin/knothe" ] || fail "the program is still there"
   quietly inside apt-get purge -y knothe
-  rm -rf "$root/before" "$root/now" "$root/home/engineer"
+  rm -rf "$root/before" "$root/now" "$root/srv/engineer"
   left=$(inside find / -xdev -iname '*knothe*' -not -path '/proc/*')
   [ -z "$left" ] || fail "left after purging: $left"
   ! inside dpkg-query -W -f '${Package}\n' 2>/dev/null | grep knothe || fail "dpkg still knows them"
