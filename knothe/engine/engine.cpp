@@ -191,7 +191,7 @@ void Engine::assess(std::size_t step, StepResult& result) {
     data = data.subspan(update->changes().count_forgotten(steps));
     assessor_.forget_from(0);
   } else if (update != nullptr) {
-    posterior.all_data = &update->summed_form();
+    posterior.all_data = &update->sums();
   }
   result.update.verdict = assessor_.assess(posterior, data);
   result.update.elapsed_us.verdict = microseconds_since(start);

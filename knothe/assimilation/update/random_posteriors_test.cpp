@@ -11,7 +11,7 @@ namespace knothe::assimilation {
 namespace {
 
 struct Tally {
-  int steps = 0, trusted = 0, wrong = 0, by_particles = 0;
+  int steps = 0, trusted = 0, wrong = 0;
 };
 
 void judge(const test::RandomPosterior& situation, Tally& tally) {
@@ -25,7 +25,7 @@ void judge(const test::RandomPosterior& situation, Tally& tally) {
     EXPECT_TRUE(exact.resolved) << situation.name;
     EXPECT_TRUE(r.points.allFinite() && r.mean.allFinite()) << situation.name;
     ++tally.steps;
-    tally.by_particles += r.method == Method::sequential_monte_carlo;
+    if (r.mean.size() > 3) EXPECT_EQ(r.method, Method::sequential_monte_carlo) << situation.name;
     if (!r.trusted) {
       EXPECT_NE(r.remark, "") << situation.name;
       continue;
@@ -64,11 +64,9 @@ TEST(RandomPosteriors, WhatIsTrustedIsRight) {
   Tally tally;
   for (int i = 0; i < count; ++i)
     judge(test::RandomPosterior(3 + i % 6, 1000 + static_cast<unsigned>(i)), tally);
-  std::cout << tally.steps << " steps, " << tally.trusted << " trusted, " << tally.wrong << " of these off; "
-            << tally.by_particles << " by particles\n";
+  std::cout << tally.steps << " steps, " << tally.trusted << " trusted, " << tally.wrong << " of these off\n";
   EXPECT_GE(tally.trusted, 0.9 * tally.steps);
   EXPECT_LE(tally.wrong, 0.005 * tally.trusted);
-  EXPECT_GT(tally.by_particles, 0.5 * tally.steps);
 }
 
 }  // namespace

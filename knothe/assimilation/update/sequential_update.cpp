@@ -233,7 +233,7 @@ void SequentialUpdate::forget(std::size_t step) {
   if (changes_.before(step)) supervision_.restart_sums();
   if (!summed_ || power == 1) return;
   sums_.forgotten = *store_.steps().at(*summed_).log_evidence;  // log Z(S), and what was forgotten before
-  sums_.form.raise(power);
+  sums_.raise(power);
   if (power == 0) {
     supervision_.forget_posterior();
     return;

@@ -84,10 +84,10 @@ class SequentialUpdate {
   [[nodiscard]] const ModelBias* bias() const { return supervision_.bias(); }
   /// Changes of the structure, known or found so far.
   [[nodiscard]] const StructureChanges& changes() const { return changes_; }
-  /// After `follow`: w over that posterior, and the form of all its data (as they were assimilated: with a
-  /// correction, or grown old, it is another than `form_up_to`).
+  /// After `follow`: w over that posterior, and the forms of all its data (as they were assimilated: with a
+  /// correction, or grown old, their sum is another than `form_up_to`).
   [[nodiscard]] const PosteriorFunctions& functions() const { return supervision_.functions(); }
-  [[nodiscard]] const StepForm& summed_form() const { return sums_.form; }
+  [[nodiscard]] const FormSums& sums() const { return sums_; }
   /// Whether any of the steps up to that of `result` was assimilated with the corrected model.
   [[nodiscard]] bool is_corrected() const;
   /// Which of the assimilated steps were corrected.

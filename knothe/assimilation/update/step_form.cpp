@@ -1,5 +1,7 @@
 #include "knothe/assimilation/update/step_form.hpp"
 
+#include <utility>
+
 namespace knothe::assimilation {
 
 StepForm StepForm::zero(Eigen::Index r) {
@@ -23,6 +25,24 @@ void StepForm::raise(double power) {
   linear *= power;
   constant *= power;
   log_normaliser *= power;
+}
+
+void FormBlocks::add(const StepForm& form) {
+  if (!forms_.empty() && steps_in_last_ < steps_per_block_) {
+    forms_.back().add(form);
+    ++steps_in_last_;
+    return;
+  }
+  if (forms_.size() == k_max_blocks) {
+    for (std::size_t k = 0; k < k_max_blocks / 2; ++k) {
+      if (k > 0) forms_[k] = std::move(forms_[2 * k]);
+      forms_[k].add(forms_[2 * k + 1]);
+    }
+    forms_.resize(k_max_blocks / 2);
+    steps_per_block_ *= 2;
+  }
+  forms_.push_back(form);
+  steps_in_last_ = 1;
 }
 
 }  // namespace knothe::assimilation

@@ -1,6 +1,8 @@
 #pragma once
 /// @file What one datum says about w: a quadratic form.
 #include <Eigen/Core>
+#include <cstddef>
+#include <vector>
 
 namespace knothe::assimilation {
 
@@ -18,6 +20,21 @@ struct StepForm {
   void add(const StepForm& other);
   /// The likelihood to the power `power`; the counts stay.
   void raise(double power);
+};
+
+/// The forms of successive steps, summed up in blocks of equally many steps (the last may have fewer): the
+/// data before a time can be compared with those after it, at a cost that does not grow with their number.
+class FormBlocks {
+ public:
+  static constexpr std::size_t k_max_blocks = 16;  ///< then two each become one
+
+  void add(const StepForm& form);
+  [[nodiscard]] const std::vector<StepForm>& forms() const { return forms_; }  ///< in the order of the steps
+  [[nodiscard]] std::size_t steps_per_block() const { return steps_per_block_; }
+
+ private:
+  std::vector<StepForm> forms_;
+  std::size_t steps_per_block_ = 1, steps_in_last_ = 0;
 };
 
 /// The form of a datum given those before it where steps share an error and the model has a discrepancy, as a

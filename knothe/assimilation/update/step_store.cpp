@@ -38,6 +38,12 @@ void FormSums::add(const StoredStep& step) {
   for (std::size_t k = 0; k < levels.size(); ++k)
     levels[k].add(step.levels.empty() ? step.form : step.levels[k]);
   form.add(step.assimilated());
+  blocks.add(step.assimilated());
+}
+
+void FormSums::raise(double power) {
+  form.raise(power);
+  blocks = {};
 }
 
 StepStore::StepStore(std::shared_ptr<const reduction::ObservedModel> model, NoiseModel noise,

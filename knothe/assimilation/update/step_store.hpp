@@ -49,11 +49,14 @@ struct StoredStep {
 struct FormSums {
   StepForm form;
   std::vector<StepForm> levels;  ///< per size of a discrepancy; empty while there is none
+  FormBlocks blocks;             ///< of the steps since the likelihood of those before was raised
   double forgotten = 0;          ///< log-evidence of what is no longer in the sums
 
   /// Of r functions, no steps.
-  [[nodiscard]] static FormSums zero(Eigen::Index r) { return {StepForm::zero(r), {}, 0}; }
+  [[nodiscard]] static FormSums zero(Eigen::Index r) { return {StepForm::zero(r), {}, {}, 0}; }
   void add(const StoredStep& step);
+  /// The likelihood of all steps so far to the power `power`.
+  void raise(double power);
 };
 
 class StepStore {

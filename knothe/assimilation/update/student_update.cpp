@@ -177,7 +177,7 @@ StepForm StudentUpdate::linearised(const PosteriorFunctions& about) const {
 void StudentUpdate::solve(StepForm form) {
   form_ = std::move(form);
   UpdateTimes times;
-  solver_.set({form_, {}, 0}, {});
+  solver_.set({form_, {}, {}, 0}, {});
   solver_.solve_collapsed(result_, times);
   result_.elapsed_us.map += times.map;
   result_.elapsed_us.correction += times.correction;

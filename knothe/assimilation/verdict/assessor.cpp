@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "knothe/assimilation/update/prior_of_model.hpp"
+#include "knothe/assimilation/verdict/parameter_change.hpp"
 #include "knothe/numerics/statistics/chi_squared.hpp"
 #include "knothe/numerics/statistics/normal_distribution.hpp"
 
@@ -138,14 +139,33 @@ ResidualReport Assessor::examine(const AssessedPosterior& posterior, std::span<c
   }
   if (posterior.all_data == nullptr) return report;
   // All data, also those whose residuals are no longer looked at, and errors that steps share eliminated.
-  const StepForm& all = *posterior.all_data;
+  const StepForm& all = posterior.all_data->form;
   const Eigen::VectorXd v = posterior.functions.mean - central_;
+  const double level = posterior.update.noise_level.value_or(1.0);
   report.misfit = all.constant - 2 * all.linear.dot(v) + v.dot(all.quadratic * v);
-  report.misfit = std::max(0.0, report.misfit) / posterior.update.noise_level.value_or(1.0);
+  report.misfit = std::max(0.0, report.misfit) / level;
   report.values = all.used;
-  report.probability[static_cast<std::size_t>(ResidualTest::total)] =
-      report.values == 0 ? 1 : numerics::chi_squared_upper(report.misfit, static_cast<double>(report.values));
+  report.set(ResidualTest::total,
+             report.values == 0
+                 ? 1
+                 : numerics::chi_squared_upper(report.misfit, static_cast<double>(report.values)));
   return report;
+}
+
+/// `data`: all.
+void Assessor::test_constancy(const AssessedPosterior& posterior, std::span<const ExaminedDatum> data,
+                              ResidualReport& report) const {
+  if (posterior.all_data == nullptr) return;
+  const ParameterChange change =
+      find_parameter_change(posterior.all_data->blocks, posterior.functions.mean - central_,
+                            posterior.functions.tangent, posterior.update.noise_level.value_or(1.0));
+  std::size_t first = 0;  // datum after the change
+  for (std::size_t steps = 0; first < data.size(); ++first) {
+    const bool is_new = first == 0 || data[first].step != data[first - 1].step;
+    if (is_new && steps++ == change.after) break;
+  }
+  if (first < data.size())
+    report.set(ResidualTest::constancy, change.probability, static_cast<Index>(data[first].step));
 }
 
 std::string Assessor::misfit_in_words(const ResidualReport& report,
@@ -179,6 +199,11 @@ std::string Assessor::misfit_in_words(const ResidualReport& report,
                              ? " (they are correlated from step to step: the model is wrong, or the noise is "
                                "not independent)"
                              : "");
+    case ResidualTest::constancy:
+      return fmt::format(
+          "the data before step {} and those from it on ask for different parameters: the structure changed "
+          "(method.change_points = [{}] forgets what was before), or the model is wrong",
+          at, at);
     case ResidualTest::time_neighbours:
       return "residuals that follow each other are correlated: the noise is not independent from step to "
              "step as stated, or something slow is not in the model; the intervals are too narrow";
@@ -198,7 +223,8 @@ void Assessor::assess_fit(const AssessedPosterior& posterior, std::span<const Ex
                           Verdict& verdict) {
   if (posterior.corrected || data.empty()) return;  // what is left over is learnt, not explained
   const auto examined = data.last(std::min(options_.examined, data.size()));
-  const ResidualReport report = examine(posterior, examined);
+  ResidualReport report = examine(posterior, examined);
+  test_constancy(posterior, data, report);
   verdict.fit_probability = report.of(ResidualTest::total);
   if (!report.fails(options_.fit_caution)) return;
   const ResidualTest worst = report.worst(options_.fit_caution);

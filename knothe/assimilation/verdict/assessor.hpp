@@ -8,7 +8,7 @@
 
 #include "knothe/assimilation/update/posterior_functions.hpp"
 #include "knothe/assimilation/update/robust_update.hpp"
-#include "knothe/assimilation/update/step_form.hpp"
+#include "knothe/assimilation/update/step_store.hpp"
 #include "knothe/assimilation/update/update_result.hpp"
 #include "knothe/assimilation/verdict/misfit_diagnosis.hpp"
 #include "knothe/assimilation/verdict/residual_tests.hpp"
@@ -31,9 +31,9 @@ struct VerdictOptions {
 struct AssessedPosterior {
   const UpdateResult& update;
   const PosteriorFunctions& functions;  ///< w over the posterior
-  /// The form of all data that the posterior is of, where it is made of forms and nothing in them is
+  /// The forms of all data that the posterior is of, where it is made of forms and nothing in them is
   /// corrected or forgotten; null otherwise.
-  const StepForm* all_data = nullptr;
+  const FormSums* all_data = nullptr;
   bool corrected = false;  ///< some of the data were assimilated with the corrected model
   std::span<const Eigen::Index> stuck = {};
 };
@@ -56,6 +56,8 @@ class Assessor {
   void assess_fit(const AssessedPosterior& posterior, std::span<const ExaminedDatum> data, Verdict& verdict);
   [[nodiscard]] ResidualReport examine(const AssessedPosterior& posterior,
                                        std::span<const ExaminedDatum> data);
+  void test_constancy(const AssessedPosterior& posterior, std::span<const ExaminedDatum> data,
+                      ResidualReport& report) const;
   [[nodiscard]] std::string misfit_in_words(const ResidualReport& report,
                                             std::span<const ExaminedDatum> data) const;
   void assess_range(const UpdateResult& update, Verdict& verdict) const;

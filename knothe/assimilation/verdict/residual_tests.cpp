@@ -32,21 +32,14 @@ class LargestChiSquare {
   }
   void tell(ResidualReport& report, ResidualTest test) const {
     if (count_ == 0) return;
-    const auto k = static_cast<std::size_t>(test);
-    report.probability[k] =
-        std::min(1.0, numerics::chi_squared_upper(x_, degrees_) * static_cast<double>(count_));
-    report.at[k] = at_;
+    report.set(test, std::min(1.0, numerics::chi_squared_upper(x_, degrees_) * static_cast<double>(count_)),
+               at_);
   }
 
  private:
   double score_ = 0, x_ = 0, degrees_ = 1;
   Index at_ = 0, count_ = 0;
 };
-
-void set(ResidualReport& report, ResidualTest test, double p, Index at = 0) {
-  report.probability[static_cast<std::size_t>(test)] = p;
-  report.at[static_cast<std::size_t>(test)] = at;
-}
 
 double two_sided(double z) {
   return 2 * numerics::normal_cdf(-std::abs(z));
@@ -203,11 +196,11 @@ ResidualReport ResidualTests::examine(std::span<const ExaminedDatum> data, const
     if (present > 0) steps.see(misfit, static_cast<double>(present), k);
     if (k > 0 && present > parameters && datum.values->size() > 1 &&
         (*datum.values - *data[static_cast<std::size_t>(k - 1)].values).isZero(0))
-      set(report, ResidualTest::repeated, 0, k);
+      report.set(ResidualTest::repeated, 0, k);
   }
   const auto values = static_cast<double>(report.values);
   if (report.values == 0) return report;
-  set(report, ResidualTest::total, numerics::chi_squared_upper(report.misfit, values));
+  report.set(ResidualTest::total, numerics::chi_squared_upper(report.misfit, values));
   if (noise_.has_step_errors()) return report;  // R is not all the noise there is
   if (noise_.links_steps()) {
     // What is given here is one step's noise: of many steps only single values are what they seem.
@@ -217,7 +210,7 @@ ResidualReport ResidualTests::examine(std::span<const ExaminedDatum> data, const
   steps.tell(report, ResidualTest::step);
   const double degrees = values - static_cast<double>(parameters);
   if (degrees >= 1 && !own)
-    set(report, ResidualTest::too_small, 1 - numerics::chi_squared_upper(report.misfit, degrees));
+    report.set(ResidualTest::too_small, 1 - numerics::chi_squared_upper(report.misfit, degrees));
   test_extremes(report);
   if (noise_.is_independent()) test_independent(report, parameters);
   if (all_in_modes) test_modes(residuals, report);
@@ -247,10 +240,10 @@ ResidualReport ResidualTests::examine_scores(Eigen::MatrixXd scores, Index param
   report.scores = std::move(scores);
   const auto values = static_cast<double>(report.values);
   if (report.values == 0) return report;
-  set(report, ResidualTest::total, numerics::chi_squared_upper(report.misfit, values));
+  report.set(ResidualTest::total, numerics::chi_squared_upper(report.misfit, values));
   if (report.values > parameters)
-    set(report, ResidualTest::too_small,
-        1 - numerics::chi_squared_upper(report.misfit, values - static_cast<double>(parameters)));
+    report.set(ResidualTest::too_small,
+               1 - numerics::chi_squared_upper(report.misfit, values - static_cast<double>(parameters)));
   LargestChiSquare steps;
   for (Index k = 0; k < report.scores.cols(); ++k) {
     const auto present = (report.scores.col(k).array() != 0).count();
@@ -275,10 +268,10 @@ void ResidualTests::test_extremes(ResidualReport& report) const {
     if (here > largest) largest = here, at = k * z.rows() + i;
   }
   const auto of_many = [](double z, double count) { return std::min(1.0, two_sided(z) * count); };
-  set(report, ResidualTest::value, of_many(largest, static_cast<double>(report.values)), at);
+  report.set(ResidualTest::value, of_many(largest, static_cast<double>(report.values)), at);
   if (noise_.links_steps()) return;
   const double mean = z.rowwise().sum().cwiseAbs().maxCoeff(&at) / std::sqrt(static_cast<double>(z.cols()));
-  set(report, ResidualTest::sensor_mean, of_many(mean, static_cast<double>(z.rows())), at);
+  report.set(ResidualTest::sensor_mean, of_many(mean, static_cast<double>(z.rows())), at);
 }
 
 /// What takes independent noise.
@@ -311,32 +304,32 @@ void ResidualTests::test_independent(ResidualReport& report, Index parameters) c
   };
   const double in_time = static_cast<double>(n) * static_cast<double>(m - 1);
   if (m > parameters && in_time >= k_least_products)
-    set(report, ResidualTest::time_neighbours,
-        above(z.leftCols(m - 1).cwiseProduct(z.rightCols(m - 1)).sum(), in_time));
+    report.set(ResidualTest::time_neighbours,
+               above(z.leftCols(m - 1).cwiseProduct(z.rightCols(m - 1)).sum(), in_time));
   const double in_space = static_cast<double>(neighbours_.size()) * static_cast<double>(m);
   if (in_space < k_least_products) return;
   double sum = 0;
   for (Index k = 0; k < m; ++k)
     for (const auto& [i, j] : neighbours_) sum += z(i, k) * z(j, k);
-  set(report, ResidualTest::space_neighbours, above(sum, in_space));
+  report.set(ResidualTest::space_neighbours, above(sum, in_space));
 }
 
 void ResidualTests::test_modes(const Eigen::MatrixXd& residuals, ResidualReport& report) const {
   const Index k = modal_.rows(), m = residuals.cols();
   if (k == 0) return;
   const Eigen::MatrixXd q = modal_ * residuals;
-  set(report, ResidualTest::modes,
-      numerics::chi_squared_upper(q.squaredNorm(), static_cast<double>(k) * static_cast<double>(m)));
-  set(report, ResidualTest::modes_mean,
-      numerics::chi_squared_upper(q.rowwise().sum().squaredNorm() / static_cast<double>(m),
-                                  static_cast<double>(k)));
+  report.set(ResidualTest::modes,
+             numerics::chi_squared_upper(q.squaredNorm(), static_cast<double>(k) * static_cast<double>(m)));
+  report.set(ResidualTest::modes_mean,
+             numerics::chi_squared_upper(q.rowwise().sum().squaredNorm() / static_cast<double>(m),
+                                         static_cast<double>(k)));
   if (m < 2 * k_parts) return;
   double slow = 0;
   for (Index part = 0; part < k_parts; ++part) {
     const Index from = part * m / k_parts, to = (part + 1) * m / k_parts;
     slow += q.middleCols(from, to - from).rowwise().sum().squaredNorm() / static_cast<double>(to - from);
   }
-  set(report, ResidualTest::modes_slow, numerics::chi_squared_upper(slow, static_cast<double>(k * k_parts)));
+  report.set(ResidualTest::modes_slow, numerics::chi_squared_upper(slow, static_cast<double>(k * k_parts)));
 }
 
 }  // namespace knothe::assimilation

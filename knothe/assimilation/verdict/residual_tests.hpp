@@ -37,9 +37,10 @@ enum class ResidualTest {
   modes_slow,        ///< its means over successive eighths of the data
   time_neighbours,   ///< correlation of residuals that follow each other
   space_neighbours,  ///< correlation of residuals of the same component next to each other
+  constancy,         ///< the parameters before a time and after it (parameter_change.hpp)
   repeated           ///< a datum that is, to the last digit, the one before
 };
-inline constexpr std::size_t k_residual_tests = 13;
+inline constexpr std::size_t k_residual_tests = 14;
 
 /// Tests whose failure alone says that the noise is not what was stated, not that the model is wrong.
 [[nodiscard]] constexpr bool is_about_noise(ResidualTest test) {
@@ -51,12 +52,16 @@ struct ResidualReport {
   Eigen::Index values = 0;  ///< that are not missing
   double misfit = 0;        ///< χ² of all values
   std::array<double, k_residual_tests> probability{};
-  std::array<Eigen::Index, k_residual_tests> at{};  ///< which group, sensor, value, datum; else 0
+  std::array<Eigen::Index, k_residual_tests> at{};  ///< which group, sensor, value, datum, step; else 0
   /// n × m, one column per datum examined: residual over its standard deviation given the other sensors
   /// (independent noise: the standard deviation); 0 where missing.
   Eigen::MatrixXd scores;
 
   [[nodiscard]] double of(ResidualTest test) const { return probability[static_cast<std::size_t>(test)]; }
+  void set(ResidualTest test, double p, Eigen::Index where = 0) {
+    probability[static_cast<std::size_t>(test)] = p;
+    at[static_cast<std::size_t>(test)] = where;
+  }
   /// The test of the smallest probability: of those that do not only ask whether the noise is what it is said
   /// to be (`is_about_noise`) where one is below `limit`. A repeated datum comes before all.
   [[nodiscard]] ResidualTest worst(double limit) const;

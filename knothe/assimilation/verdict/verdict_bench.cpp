@@ -58,7 +58,7 @@ int main(int count, char** arguments) {
     update.update(t, t, values.back());
     const auto start = knothe::monotonic_now();
     const Verdict verdict =
-        assessor.assess({update.result(), update.functions(), &update.summed_form(), false, {}}, data);
+        assessor.assess({update.result(), update.functions(), &update.sums(), false, {}}, data);
     if (t >= k_times / 2) us.push_back(knothe::microseconds_since(start));
     ok = ok && verdict.level == VerdictLevel::ok;
   }

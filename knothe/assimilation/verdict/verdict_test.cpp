@@ -92,7 +92,7 @@ struct Bench {
       examined.push_back({step, times[step], &columns.back(), nullptr});
     }
     Assessor assessor(model, noise, priors, sensors, robust, std::move(errors), {});
-    return assessor.assess({update.result(), update.functions(), &update.summed_form(), false, {}}, examined);
+    return assessor.assess({update.result(), update.functions(), &update.sums(), false, {}}, examined);
   }
 
   [[nodiscard]] std::optional<MisfitCause> cause() const {
@@ -241,7 +241,7 @@ TEST(Verdict, ShiftByTheModelsErrorIsThatOfTheConjugateFormula) {
                                 .cwiseSqrt()
                                 .cwiseQuotient(covariance.diagonal().cwiseSqrt());
   Assessor assessor(made, noise, priors, {}, {}, errors, {});
-  const AssessedPosterior posterior{update.result(), update.functions(), &update.summed_form(), false, {}};
+  const AssessedPosterior posterior{update.result(), update.functions(), &update.sums(), false, {}};
   const VectorXd found = assessor.assess(posterior, examined).model_shift_std;
   // By the 256 points that stand for the posterior.
   for (Index a = 0; a < d; ++a) EXPECT_NEAR(found[a], expected[a], 0.1 * expected.maxCoeff()) << a;

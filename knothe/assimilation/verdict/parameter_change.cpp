@@ -1,0 +1,54 @@
+#include "knothe/assimilation/verdict/parameter_change.hpp"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <vector>
+
+#include "knothe/numerics/statistics/chi_squared.hpp"
+
+namespace knothe::assimilation {
+namespace {
+
+using Eigen::Index;
+
+/// In units of the posterior's information. What a part of the data says of a direction counts from about
+/// here on: where it is less, a difference is one of the model's curvature, and would not move the answer.
+constexpr double k_least_information = 1e-3;
+
+}  // namespace
+
+ParameterChange find_parameter_change(const FormBlocks& blocks, const Eigen::VectorXd& w,
+                                      const Eigen::MatrixXd& tangent, double level) {
+  const std::size_t count = blocks.forms().size();
+  if (count < k_min_blocks) return {};
+  const Index d = tangent.cols();
+  Eigen::MatrixXd directions(w.size(), d + 1);
+  directions << tangent, w;
+  // Of the blocks up to each: d × d information, and score in the last column.
+  std::vector<Eigen::MatrixXd> up_to(count);
+  for (std::size_t k = 0; k < count; ++k) {
+    const StepForm& form = blocks.forms()[k];
+    up_to[k] = tangent.transpose() * (form.quadratic * directions);
+    up_to[k].col(d) = tangent.transpose() * form.linear - up_to[k].col(d);
+    if (k > 0) up_to[k] += up_to[k - 1];
+  }
+  const Eigen::MatrixXd least = k_least_information * level * Eigen::MatrixXd::Identity(d, d);
+  const Eigen::LLT<Eigen::MatrixXd> all(up_to.back().leftCols(d) + 1e-3 * least);
+  if (all.info() != Eigen::Success) return {};
+  const Eigen::VectorXd answer = all.solve(up_to.back().col(d));
+  ParameterChange found;
+  double largest = 0;
+  for (std::size_t k = 0; k + 1 < count; ++k) {
+    const auto information = up_to[k].leftCols(d);
+    const Eigen::VectorXd score = up_to[k].col(d) - information * answer;
+    const Eigen::LLT<Eigen::MatrixXd> variance(information - information * all.solve(information) + least);
+    if (variance.info() != Eigen::Success) continue;
+    const double x = score.dot(variance.solve(score)) / level;
+    if (x > largest) largest = x, found.after = (k + 1) * blocks.steps_per_block();
+  }
+  found.probability = std::min(
+      1.0, static_cast<double>(count - 1) * numerics::chi_squared_upper(largest, static_cast<double>(d)));
+  return found;
+}
+
+}  // namespace knothe::assimilation

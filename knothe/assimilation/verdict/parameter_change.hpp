@@ -1,0 +1,33 @@
+#pragma once
+/// @file Are the parameters that the data ask for the same before and after a time?
+#include <Eigen/Core>
+#include <cstddef>
+
+#include "knothe/assimilation/update/step_form.hpp"
+
+namespace knothe::assimilation {
+
+struct ParameterChange {
+  double probability = 1;  ///< that chance makes as large a difference, at the time where it is least likely
+  std::size_t after = 0;   ///< steps before that time
+};
+
+/// The score test of a change of the parameters at an unknown time (Andrews, Econometrica 61, 1993; Hansen,
+/// J. Policy Modeling 14, 1992). With S_k and I_k the score and the information of the data before time k in
+/// the directions of the parameters, both at the posterior mean,
+///
+///   S_k − I_k I_n⁻¹ S_n ~ N(0, I_k − I_k I_n⁻¹ I_k)
+///
+/// if they stay the same: χ² of d degrees, the largest over the borders of the blocks, each counted. It has
+/// power where tests of the residuals have none: the misfit of a compromise between two sets of parameters
+/// lies in d of the n m directions of the data.
+///
+/// `w`: posterior mean of the functions, centred as the forms are, r. `tangent`: r × d, where w goes when a
+/// parameter increases by a posterior standard deviation. `level`: factor of all variances. Less than
+/// `k_min_blocks` blocks: no test. Cost: O(r² d) per block.
+[[nodiscard]] ParameterChange find_parameter_change(const FormBlocks& blocks, const Eigen::VectorXd& w,
+                                                    const Eigen::MatrixXd& tangent, double level);
+
+inline constexpr std::size_t k_min_blocks = FormBlocks::k_max_blocks / 2;
+
+}  // namespace knothe::assimilation
