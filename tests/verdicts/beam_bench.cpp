@@ -106,8 +106,11 @@ const Reduced& BeamBench::reduced(const Structure& structure, int nodes, std::si
   result.errors.space = Eigen::MatrixXd::Identity(n, n);
   const auto points = offline::points_in_box(axes_, 8, 271);
   result.errors.coefficients.assign(k_steps, Eigen::MatrixXd(n, static_cast<Index>(points.size())));
+  result.errors.points.resize(static_cast<Index>(points.size()), 2);
+  result.errors.reach.setZero(static_cast<Index>(points.size()), 2);
   for (std::size_t k = 0; k < points.size(); ++k) {
     const Eigen::Vector2d p(points[k][0], points[k][1]);
+    result.errors.points.row(static_cast<Index>(k)) = p.transpose();
     const History exact = history(structure, p);
     for (std::size_t t = 0; t < k_steps; ++t)
       result.errors.coefficients[t].col(static_cast<Index>(k)) =

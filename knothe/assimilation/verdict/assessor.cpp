@@ -98,6 +98,7 @@ Assessor::Assessor(std::shared_ptr<const reduction::ObservedModel> model, NoiseM
   model_->functions->evaluate(medians(priors_).transpose(), 0, centre);
   central_ = centre.value.row(0).transpose();
   if (errors_.count() == 0) return;
+  if (errors_.points.size() > 0) shift_.emplace(*model_, errors_, priors_);
   const Eigen::MatrixXd weighted = model_->space.transpose() * tests_.noise().apply(errors_.space);
   for (std::size_t t = 0; t < model_->core.size(); ++t)
     projected_.push_back(model_->core[t].transpose() * (weighted * errors_.coefficients[t]));
@@ -273,12 +274,17 @@ void Assessor::assess_range(const UpdateResult& update, Verdict& verdict) const 
   }
 }
 
+/// Of the values that are there; with correlated noise, as if all were.
 Eigen::MatrixXd Assessor::projected_errors(const ExaminedDatum& datum) const {
   const bool own = datum.noise != nullptr || tests_.noise().has_step(datum.step);
-  if (!own) return projected_[datum.time_index];
   const GaussianNoise& noise = datum.noise != nullptr ? *datum.noise : tests_.noise().at_step(datum.step);
-  return model_->core[datum.time_index].transpose() *
-         ((model_->space.transpose() * noise.apply(errors_.space)) * errors_.coefficients[datum.time_index]);
+  const bool complete = !noise.is_independent() || !datum.values->hasNaN();
+  if (complete && !own) return projected_[datum.time_index];
+  Eigen::MatrixXd errors = errors_.space * errors_.coefficients[datum.time_index];
+  if (!complete)
+    for (Eigen::Index i = 0; i < errors.rows(); ++i)
+      if (std::isnan((*datum.values)[i])) errors.row(i).setZero();
+  return model_->core[datum.time_index].transpose() * (model_->space.transpose() * noise.apply(errors));
 }
 
 void Assessor::forget_from(std::size_t step) {
@@ -309,7 +315,8 @@ Eigen::VectorXd Assessor::relevance_of_errors(const UpdateResult& update) const 
 
 /// The exact log-likelihood differs from the reduced model's by a constant − w(p)ᵀ h, h = Σ (U C_t)ᵀ R⁻¹
 /// e(t), as far as e does not change over the posterior: the mean moves by −Cov(p, w) h. With the regression
-/// Cov(w, p) L⁻ᵀ = T, L Lᵀ = Cov(p), that is −L Tᵀ h.
+/// Cov(w, p) L⁻ᵀ = T, L Lᵀ = Cov(p), that is −L Tᵀ h. Where it is known at which parameters each error was
+/// found, and the data are forms, the model is fitted to the solutions instead (`ModelShift`).
 void Assessor::assess_model(const AssessedPosterior& posterior, std::span<const ExaminedDatum> data,
                             Verdict& verdict) {
   if (errors_.count() == 0 || data.empty()) return;
@@ -319,13 +326,17 @@ void Assessor::assess_model(const AssessedPosterior& posterior, std::span<const 
     sum_.errors += projected_errors(data[sum_.data]);
     sum_.last_step = data[sum_.data].step;
   }
-  const Eigen::MatrixXd& covariance = posterior.update.covariance;
-  const Eigen::LLT<Eigen::MatrixXd> factor(covariance);
-  if (factor.info() != Eigen::Success) return;
-  const Eigen::MatrixXd shifts = factor.matrixL() * (posterior.functions.tangent.transpose() * sum_.errors);
-  const Eigen::VectorXd std = posterior.update.standard_deviations();
-  verdict.model_shift_std =
-      (shifts.cwiseAbs2() * relevance_of_errors(posterior.update)).cwiseSqrt().cwiseQuotient(std);
+  Eigen::MatrixXd shifts;  // d × k, in standard deviations
+  if (shift_ && posterior.all_data != nullptr) {
+    const double level = posterior.update.noise_level.value_or(1.0);
+    shifts = shift_->of(posterior.all_data->form.quadratic / level, sum_.errors / level);
+  } else {
+    const Eigen::LLT<Eigen::MatrixXd> factor(posterior.update.covariance);
+    if (factor.info() != Eigen::Success) return;
+    shifts = posterior.update.standard_deviations().cwiseInverse().asDiagonal() *
+             (factor.matrixL() * (posterior.functions.tangent.transpose() * sum_.errors));
+  }
+  verdict.model_shift_std = (shifts.cwiseAbs2() * relevance_of_errors(posterior.update)).cwiseSqrt();
   Index worst = 0;
   const double shift = verdict.model_shift_std.maxCoeff(&worst);
   if (shift < options_.model_caution) return;

@@ -11,6 +11,7 @@
 #include "knothe/assimilation/update/step_store.hpp"
 #include "knothe/assimilation/update/update_result.hpp"
 #include "knothe/assimilation/verdict/misfit_diagnosis.hpp"
+#include "knothe/assimilation/verdict/model_shift.hpp"
 #include "knothe/assimilation/verdict/residual_tests.hpp"
 #include "knothe/assimilation/verdict/verdict.hpp"
 #include "knothe/reduction/model/truncation_error.hpp"
@@ -19,7 +20,7 @@ namespace knothe::assimilation {
 
 struct VerdictOptions {
   double fit_caution = 3e-5, fit_reject = 1e-12;  ///< probabilities of a residual test
-  double model_caution = 0.6, model_reject = 2;   ///< shift by the model's own error, in standard deviations
+  double model_caution = 1, model_reject = 3;     ///< shift by the model's own error, in standard deviations
   /// How steeply a marginal falls from an edge of the box (assessor.cpp, `pressure`): 0.65 for a normal
   /// density whose mean is a standard deviation beyond it, 0.69 for one that falls exponentially.
   double edge_caution = 0.672, edge_reject = 0.68;
@@ -78,6 +79,7 @@ class Assessor {
   MonitorOptions monitor_;
   VerdictOptions options_;
   ResidualTests tests_;
+  std::optional<ModelShift> shift_;         ///< where it is known of which parameters the errors are
   std::vector<Eigen::MatrixXd> projected_;  ///< per model time: (U C_t)ᵀ R⁻¹ e(t), r × k, of complete data
   struct Sum {
     std::size_t data = 0, last_step = 0;
