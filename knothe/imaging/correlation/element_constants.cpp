@@ -84,8 +84,10 @@ ReferenceField reference_field(const files::Picture& reference, const files::Pic
   if (!mask.pixels.empty())
     for (std::size_t i = 0; i < field.use.size(); ++i)
       if (!(mask.pixels[i] > 0)) field.use[i] = 0;
-  for (auto* values : {&field.value, &field.dx, &field.dy, &field.use})
+  for (auto* values : {&field.value, &field.dx, &field.dy, &field.use}) {
+    values->reserve(reference.pixels.size() + k_padding);  // not twice as much
     values->resize(reference.pixels.size() + k_padding, 0.0F);
+  }
   return field;
 }
 

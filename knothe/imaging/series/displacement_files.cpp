@@ -35,6 +35,42 @@ void write_matrix(files::Hdf5Writer& file, const std::string& name, const Sparse
   file.write_integers(name + "/indptr", rows, {rows.size()}, {"1", "first entry of each row"});
 }
 
+/// The inverse covariance of the values in a file: of a picture with every usable element, and of each
+/// picture whose valid elements are others, in which rows of dofs that were not measured are empty. One
+/// matrix at a time: they are larger than everything else in the file.
+void write_precisions(files::Hdf5Writer& file, const PictureSeries& series,
+                      const std::vector<PictureResult>& results, const std::optional<PictureFrame>& frame,
+                      const std::vector<double>& points, const std::vector<std::int64_t>& component) {
+  const SeriesOptions& options = series.options();
+  const std::string units = frame ? "1/m2" : "1/px2";
+  const double noise = std::max(k_quantisation_noise, series_noise(series, results));
+  const auto precision_of = [&](const auto& picture) {
+    const Sparse in_pixels = series.precision(picture, noise).matrix;
+    return with_drift(frame ? frame->to_model(in_pixels) : in_pixels, options.drift, points, component,
+                      options.drift_std * (frame ? frame->scale() : 1));
+  };
+  const std::vector<char>& usable = series.correlation().usable_elements();
+  write_matrix(file, "/noise/precision", precision_of(usable), units);
+  file.integer_attribute("/noise/precision", "shared_reference",
+                         static_cast<std::int64_t>(series.reference_count()));
+  file.number_attribute("/noise/precision", "noise_grey_levels", noise);
+  if (frame && frame->relative_scale_std > 0)
+    file.number_attribute("/noise/precision", "relative_scale_std", frame->relative_scale_std);
+  // The last rows are the camera's motions, never measured: see camera_drift.hpp.
+  if (options.drift != Drift::none)
+    file.integer_attribute("/noise/precision", "drift_modes", drift_modes(options.drift));
+  Sparse last;
+  const std::vector<char>* last_valid = nullptr;
+  for (std::size_t t = 0; t < results.size(); ++t) {
+    const std::vector<char>& valid = results[t].correlation.element_valid;
+    const bool accumulated = results[t].accumulated.has_value();
+    if (results[t].missing || (valid == usable && !accumulated)) continue;
+    if (accumulated || last_valid == nullptr || valid != *last_valid) last = precision_of(results[t]);
+    last_valid = accumulated ? nullptr : &valid;
+    write_matrix(file, fmt::format("/noise/precision_steps/{}", t), last, units);
+  }
+}
+
 /// Cells with four nodes where all are rectangles, otherwise triangles (rectangles cut in two).
 struct Cells {
   std::vector<std::int64_t> nodes;
@@ -182,50 +218,25 @@ Eigen::VectorXd observed_values(const ImageMesh& mesh, const PictureResult& resu
   return values;
 }
 
-DisplacementObservations observations(const PictureSeries& series, const std::vector<PictureResult>& results,
-                                      const std::optional<PictureFrame>& frame) {
-  const ImageMesh& mesh = series.correlation().mesh();
-  DisplacementObservations o;
-  observation_places(mesh, frame, o.points, o.component);
-  const Drift drift = series.options().drift;
-  const double drift_std = series.options().drift_std * (frame ? frame->scale() : 1);
-  o.noise = std::max(k_quantisation_noise, series_noise(series, results));
-  const auto precision_of = [&](const auto& picture) {
-    const Sparse in_pixels = series.precision(picture, o.noise).matrix;
-    return with_drift(frame ? frame->to_model(in_pixels) : in_pixels, drift, o.points, o.component,
-                      drift_std);
-  };
-  const std::vector<char>& usable = series.correlation().usable_elements();
-  o.precision = precision_of(usable);
-  const std::vector<char>* last_valid = &usable;
-  for (std::size_t t = 0; t < results.size(); ++t) {
-    const Eigen::VectorXd values = observed_values(mesh, results[t], frame);
-    o.values.insert(o.values.end(), values.begin(), values.end());
-    o.values.insert(o.values.end(), static_cast<std::size_t>(drift_modes(drift)), k_nan);
-    const std::vector<char>& valid = results[t].correlation.element_valid;
-    const bool accumulated = results[t].accumulated.has_value();
-    if (results[t].missing || (valid == usable && !accumulated)) continue;
-    const bool as_last = !o.precision_steps.empty() && valid == *last_valid && !accumulated;
-    o.precision_steps.emplace_back(t, as_last ? o.precision_steps.back().second : precision_of(results[t]));
-    last_valid = &valid;
-  }
-  add_drift_places(drift, o.points, o.component);
-  return o;
-}
-
 void write_displacements(const std::string& path, const PictureSeries& series,
                          const std::vector<PictureResult>& results, const std::optional<PictureFrame>& frame,
                          const std::string& project) {
   const ImageMesh& mesh = series.correlation().mesh();
-  const DisplacementObservations o = observations(series, results, frame);
-  const std::string unit = frame ? "m" : "px", inverse = frame ? "1/m2" : "1/px2";
-  const std::size_t n_obs = o.component.size(), n_t = results.size(), n = mesh.x.size();
+  const std::string unit = frame ? "m" : "px";
+  const std::size_t n_t = results.size(), n = mesh.x.size();
+  const Drift drift = series.options().drift;
+  std::vector<double> places, values;
+  std::vector<std::int64_t> component;
+  observation_places(mesh, frame, places, component);
   std::vector<double> time = series.options().times, nodes, in_pixels, unregularised;
   time.resize(n_t);
   if (series.options().times.empty())
     for (std::size_t t = 0; t < n_t; ++t) time[t] = static_cast<double>(t);
   for (std::size_t a = 0; a < n; ++a) nodes.insert(nodes.end(), {mesh.x[a], mesh.y[a]});
   for (std::size_t t = 0; t < n_t; ++t) {
+    const Eigen::VectorXd observed = observed_values(mesh, results[t], frame);
+    values.insert(values.end(), observed.begin(), observed.end());
+    values.insert(values.end(), static_cast<std::size_t>(drift_modes(drift)), k_nan);
     const auto measured = measured_nodes(mesh, results[t].correlation.element_valid);
     for (std::size_t i = 0; i < 2 * n; ++i)
       in_pixels.push_back(
@@ -237,28 +248,20 @@ void write_displacements(const std::string& path, const PictureSeries& series,
   }
   std::vector<double> points;
   for (std::size_t a = 0; a < n; ++a)
-    points.insert(points.end(), o.points.begin() + 6 * static_cast<std::ptrdiff_t>(a),
-                  o.points.begin() + 6 * static_cast<std::ptrdiff_t>(a) + 3);
+    points.insert(points.end(), places.begin() + 6 * static_cast<std::ptrdiff_t>(a),
+                  places.begin() + 6 * static_cast<std::ptrdiff_t>(a) + 3);
   const Cells cells = cells_of(mesh);
   files::write_atomically(path, [&](const std::string& temporary) {
     files::Hdf5Writer file(temporary);
     file.write("/time", time, {n_t},
                {"1", series.options().times.empty() ? "index of the picture" : "model time"});
-    file.write("/values", o.values, {n_t, n_obs}, {unit, "measured displacement"});
-    file.write("/dofs/points", o.points, {n_obs, 3}, {unit, "nodes of the correlation mesh"});
-    file.write_integers("/dofs/component", o.component, {n_obs},
+    write_precisions(file, series, results, frame, places, component);
+    add_drift_places(drift, places, component);
+    const std::size_t n_obs = component.size();
+    file.write("/values", values, {n_t, n_obs}, {unit, "measured displacement"});
+    file.write("/dofs/points", places, {n_obs, 3}, {unit, "nodes of the correlation mesh"});
+    file.write_integers("/dofs/component", component, {n_obs},
                         {"1", "displacement component: 0 x, 1 y, 2 z"});
-    write_matrix(file, "/noise/precision", o.precision, inverse);
-    file.integer_attribute("/noise/precision", "shared_reference",
-                           static_cast<std::int64_t>(series.reference_count()));
-    file.number_attribute("/noise/precision", "noise_grey_levels", o.noise);
-    if (frame && frame->relative_scale_std > 0)
-      file.number_attribute("/noise/precision", "relative_scale_std", frame->relative_scale_std);
-    // The last rows are the camera's motions, never measured: see camera_drift.hpp.
-    if (series.options().drift != Drift::none)
-      file.integer_attribute("/noise/precision", "drift_modes", drift_modes(series.options().drift));
-    for (const auto& [step, matrix] : o.precision_steps)
-      write_matrix(file, fmt::format("/noise/precision_steps/{}", step), matrix, inverse);
     file.write("/mesh/points", points, {n, 3}, {unit, "nodes"});
     file.write_integers("/mesh/cells", cells.nodes, {cells.element.size(), cells.nodes_per_cell},
                         {"1", "nodes of each cell"});

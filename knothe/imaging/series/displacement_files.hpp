@@ -14,26 +14,12 @@ namespace knothe::imaging {
 /// 0 if no picture was measured.
 [[nodiscard]] double series_noise(const PictureSeries& series, const std::vector<PictureResult>& results);
 
-/// Displacements in model units and frame, ready to be observations; without a frame in px, v downwards.
-struct DisplacementObservations {
-  std::vector<double> points;             ///< [n_obs, 3]: m, or px
-  std::vector<std::int64_t> component;    ///< [n_obs]: 0 x, 1 y, 2 z
-  std::vector<double> values;             ///< [n_t, n_obs]; NaN where nothing was measured
-  Eigen::SparseMatrix<double> precision;  ///< of a picture with every usable element, both triangles
-  /// Of pictures whose valid elements are others, by the picture's index. Rows of dofs that were not
-  /// measured are empty.
-  std::vector<std::pair<std::size_t, Eigen::SparseMatrix<double>>> precision_steps;
-  double noise = 0;  ///< γ behind the precision, grey levels
-};
 /// Where each dof of the mesh is, m (px without a frame), and its component.
 void observation_places(const ImageMesh& mesh, const std::optional<PictureFrame>& frame,
                         std::vector<double>& points, std::vector<std::int64_t>& component);
 /// Values of one picture, m or px; NaN where nothing was measured.
 [[nodiscard]] Eigen::VectorXd observed_values(const ImageMesh& mesh, const PictureResult& result,
                                               const std::optional<PictureFrame>& frame);
-[[nodiscard]] DisplacementObservations observations(const PictureSeries& series,
-                                                    const std::vector<PictureResult>& results,
-                                                    const std::optional<PictureFrame>& frame);
 
 /// HDF5 in the form of measurements (docs/reference/formats.md), with the mesh and a record of each picture
 /// beside them. `project` is the project file's text. Errors: IoError.
