@@ -313,10 +313,15 @@ Eigen::VectorXd Assessor::relevance_of_errors(const UpdateResult& update) const 
   return density / density.sum();
 }
 
-/// The exact log-likelihood differs from the reduced model's by a constant − w(p)ᵀ h, h = Σ (U C_t)ᵀ R⁻¹
-/// e(t), as far as e does not change over the posterior: the mean moves by −Cov(p, w) h. With the regression
-/// Cov(w, p) L⁻ᵀ = T, L Lᵀ = Cov(p), that is −L Tᵀ h. Where it is known at which parameters each error was
-/// found, and the data are forms, the model is fitted to the solutions instead (`ModelShift`).
+/// Of d × k shifts by each known error, in standard deviations, the root mean square that counts here.
+Eigen::VectorXd Assessor::mean_shift(const Eigen::MatrixXd& shifts, const UpdateResult& update) const {
+  return (shifts.cwiseAbs2() * relevance_of_errors(update)).cwiseSqrt();
+}
+
+/// Two looks. An error carried to the posterior: the exact log-likelihood differs from the reduced model's by
+/// a constant − w(p)ᵀ h, h = Σ (U C_t)ᵀ R⁻¹ e(t), as far as e does not change over the posterior, and the
+/// mean moves by −Cov(p, w) h; with the regression Cov(w, p) L⁻ᵀ = T, L Lᵀ = Cov(p), that is −L Tᵀ h. And
+/// where it is known at which parameters each error was found: the model fitted there (`ModelShift`).
 void Assessor::assess_model(const AssessedPosterior& posterior, std::span<const ExaminedDatum> data,
                             Verdict& verdict) {
   if (errors_.count() == 0 || data.empty()) return;
@@ -326,29 +331,40 @@ void Assessor::assess_model(const AssessedPosterior& posterior, std::span<const 
     sum_.errors += projected_errors(data[sum_.data]);
     sum_.last_step = data[sum_.data].step;
   }
-  Eigen::MatrixXd shifts;  // d × k, in standard deviations
-  if (shift_ && posterior.all_data != nullptr) {
-    const double level = posterior.update.noise_level.value_or(1.0);
-    shifts = shift_->of(posterior.all_data->form.quadratic / level, sum_.errors / level);
+  const UpdateResult& update = posterior.update;
+  const double level = update.noise_level.value_or(1.0);
+  const Eigen::MatrixXd errors = sum_.errors / level;
+  const Eigen::LLT<Eigen::MatrixXd> factor(update.covariance);
+  if (factor.info() != Eigen::Success) return;
+  const Eigen::VectorXd carried =
+      mean_shift(factor.matrixL() * (posterior.functions.tangent.transpose() * errors), update)
+          .cwiseQuotient(update.standard_deviations());
+  const Eigen::VectorXd fitted =
+      shift_ && posterior.all_data != nullptr
+          ? mean_shift(shift_->of(posterior.all_data->form.quadratic / level, errors), update)
+          : Eigen::VectorXd::Zero(carried.size());
+  verdict.model_shift_std = carried.cwiseMax(fitted);
+  if (fitted.maxCoeff() / options_.fitted_caution > carried.maxCoeff() / options_.carried_caution) {
+    add_model_reason(fitted, options_.fitted_caution, options_.fitted_reject, verdict);
   } else {
-    const Eigen::LLT<Eigen::MatrixXd> factor(posterior.update.covariance);
-    if (factor.info() != Eigen::Success) return;
-    shifts = posterior.update.standard_deviations().cwiseInverse().asDiagonal() *
-             (factor.matrixL() * (posterior.functions.tangent.transpose() * sum_.errors));
+    add_model_reason(carried, options_.carried_caution, options_.carried_reject, verdict);
   }
-  verdict.model_shift_std = (shifts.cwiseAbs2() * relevance_of_errors(posterior.update)).cwiseSqrt();
+}
+
+void Assessor::add_model_reason(const Eigen::VectorXd& shift, double caution, double reject,
+                                Verdict& verdict) const {
   Index worst = 0;
-  const double shift = verdict.model_shift_std.maxCoeff(&worst);
-  if (shift < options_.model_caution) return;
+  const double largest = shift.maxCoeff(&worst);
+  if (largest < caution) return;
   verdict.add(
       {VerdictPart::model,
-       shift > options_.model_reject ? VerdictLevel::reject : VerdictLevel::caution,
-       shift,
-       options_.model_caution,
+       largest > reject ? VerdictLevel::reject : VerdictLevel::caution,
+       largest,
+       caution,
        fmt::format("the reduced model's own error moves {} by {:.2g} standard deviations (known from {} "
                    "full-order runs off its grid): set method.verify = \"full-order\" (or "
                    "truncation_error = \"on\"), or make a finer model",
-                   name_of_parameter(worst), shift, errors_.count()),
+                   name_of_parameter(worst), largest, errors_.count()),
        {}});
 }
 

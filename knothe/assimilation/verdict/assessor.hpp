@@ -20,7 +20,9 @@ namespace knothe::assimilation {
 
 struct VerdictOptions {
   double fit_caution = 3e-5, fit_reject = 1e-12;  ///< probabilities of a residual test
-  double model_caution = 1, model_reject = 3;     ///< shift by the model's own error, in standard deviations
+  /// Shift by the model's own error, in standard deviations: of errors carried to the posterior, and of fits
+  /// to the known solutions, which see more.
+  double carried_caution = 0.6, carried_reject = 2, fitted_caution = 1, fitted_reject = 3;
   /// How steeply a marginal falls from an edge of the box (assessor.cpp, `pressure`): 0.65 for a normal
   /// density whose mean is a standard deviation beyond it, 0.69 for one that falls exponentially.
   double edge_caution = 0.672, edge_reject = 0.68;
@@ -64,6 +66,8 @@ class Assessor {
   void assess_range(const UpdateResult& update, Verdict& verdict) const;
   void assess_model(const AssessedPosterior& posterior, std::span<const ExaminedDatum> data,
                     Verdict& verdict);
+  [[nodiscard]] Eigen::VectorXd mean_shift(const Eigen::MatrixXd& shifts, const UpdateResult& update) const;
+  void add_model_reason(const Eigen::VectorXd& shift, double caution, double reject, Verdict& verdict) const;
   void assess_sensors(const AssessedPosterior& posterior, Verdict& verdict) const;
   [[nodiscard]] Eigen::VectorXd relevance_of_errors(const UpdateResult& update) const;
   [[nodiscard]] Eigen::MatrixXd projected_errors(const ExaminedDatum& datum) const;

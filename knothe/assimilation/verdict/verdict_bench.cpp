@@ -44,6 +44,8 @@ int main(int count, char** arguments) {
   knothe::reduction::ObservedErrors errors;
   errors.space = draws(n, 20);
   for (Index t = 0; t < k_times; ++t) errors.coefficients.emplace_back(1e-3 * draws(20, 8));
+  errors.points = (0.8 * MatrixXd::Random(8, 2).array() / 2 + 1).matrix();
+  errors.reach = MatrixXd::Zero(8, 2);
   SequentialUpdate update(model, noise, priors);
   Assessor assessor(model, noise, priors, sensors, {}, errors, {});
   const VectorXd truth = VectorXd::Ones(2);
