@@ -26,9 +26,11 @@ ParameterChange find_parameter_change(const FormBlocks& blocks, const Eigen::Vec
   directions << tangent, w;
   // Of the blocks up to each: d × d information, and score in the last column.
   std::vector<Eigen::MatrixXd> up_to(count);
+  Eigen::MatrixXd curved(w.size(), d + 1);
   for (std::size_t k = 0; k < count; ++k) {
     const StepForm& form = blocks.forms()[k];
-    up_to[k] = tangent.transpose() * (form.quadratic * directions);
+    curved.noalias() = form.quadratic.lazyProduct(directions);  // few columns: no packing
+    up_to[k].noalias() = tangent.transpose().lazyProduct(curved);
     up_to[k].col(d) = tangent.transpose() * form.linear - up_to[k].col(d);
     if (k > 0) up_to[k] += up_to[k - 1];
   }
