@@ -13,8 +13,10 @@ from knothe import _knothe
 from knothe._errors import UsageError
 from knothe._values import Array, Precision, points_of
 
+Picture = NDArray[np.float32]
 
-def read_picture(path: "str | os.PathLike[str]") -> NDArray[np.float32]:
+
+def read_picture(path: "str | os.PathLike[str]") -> Picture:
     """Grey levels of a TIFF, PNG, BMP or PGM of 8 or 16 bits, shape (height, width), from the top.
 
     Examples
@@ -28,7 +30,7 @@ def read_picture(path: "str | os.PathLike[str]") -> NDArray[np.float32]:
     return _knothe.read_picture(os.fspath(path))[0]
 
 
-def _picture(picture: "ArrayLike | str | os.PathLike[str]") -> tuple[NDArray[np.float32], float]:
+def _picture(picture: "ArrayLike | str | os.PathLike[str]") -> tuple[Picture, float]:
     """Grey levels, and that of a saturated pixel: of integers the largest of their type."""
     if isinstance(picture, (str, os.PathLike)):
         return _knothe.read_picture(os.fspath(picture))
