@@ -107,7 +107,7 @@ class Test(Case):
         self.build("joint.h5", "--method", "latin")
         full = text.replace('method = "snapshots"', 'method = "latin"\nlatin = { separation = "full", accuracy = 5e-7 }')
         self.project.write_text(full)
-        self.expect(3, "offline", self.project_name, "-o", "full.h5", stderr='it goes with form = "canonical"')
+        self.expect(3, "offline", self.project_name, "-o", "full.h5", stderr='it needs form = "canonical"')
         full = full.replace('form = "tree"', 'form = "canonical"').replace("modes = 6", "modes = 60")
         self.project.write_text(full)
         out = self.build("full.h5", "--json").lines()

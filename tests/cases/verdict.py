@@ -96,7 +96,7 @@ class Test(Case):
     def test_check_tells_what_the_data_say_nothing_of(self):
         self.use(lambda row: row.update(std="1.0"))
         message = self.expect(0, "check", self.project_name).err
-        self.assertIn("warning: the data say next to nothing of Y0", message)
+        self.assertIn("warning: the data carry almost no information on Y0", message)
 
     def test_check_finds_what_assimilate_would_refuse(self):
         self.edit("horizon = 0.75", "horizon = 2.5")
