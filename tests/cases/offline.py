@@ -236,7 +236,7 @@ class Test(Case):
         self.assertIn("9 full-order runs, 5 of them kept", risen.out)
         self.assertIn("more than [offline.adaptive] runs = 9", risen.err)
         self.project.write_text(text.replace('method = "snapshots"', 'method = "latin"\nsparse_level = 1', 1))
-        self.expect(3, "offline", self.project_name, "-o", "model.h5", stderr="goes with method")
+        self.expect(3, "offline", self.project_name, "-o", "model.h5", stderr="needs method")
 
     def test_five_parameters_are_assimilated(self):
         """examples/beam_five on elements of 20 mm: the model says what the truth was, and its correlations are told."""

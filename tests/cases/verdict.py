@@ -78,7 +78,7 @@ class Test(Case):
         out = self.expect(0, "check", self.project_name).out
         self.assertIn("model: 2 parameters, 12 times", out)
         self.assertIn("data: 24 sensors at 12 times, inside the model", out)
-        self.assertIn("Y0: the data can make its prior about ", out)
+        self.assertIn("Y0: the data can narrow its prior by a factor of about ", out)
         self.assertTrue(out.endswith("assimilation.toml: valid\n"), out)
 
     def test_check_of_files_that_are_not_there_is_of_the_syntax_only(self):
