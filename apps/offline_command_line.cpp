@@ -27,7 +27,7 @@ CLI::App& add_command(CLI::App& parent, BuildArguments& arguments) {
   command.add_option("--method", arguments.method, "how: snapshots or latin (default: the project's)")
       ->check(CLI::IsMember(words_of<project::OfflineMethod>()));
   command.add_option("--refine", arguments.refine,
-                     "results folder: makes the project's model finer around its last posterior");
+                     "results folder: refines the project's model around its last posterior");
   command.add_flag("--study", arguments.study,
                    "also the errors that other numbers of modes would have, in both forms; takes longer");
   command.add_flag("--json", arguments.json, "JSON lines on stdout");
@@ -75,16 +75,20 @@ CLI::App& add_command(CLI::App& parent, FullOrderArguments& arguments) {
       "knothe model full-order examples/beam/beam.toml -o beam.vtu\n"
       "  mpirun -np 2 knothe-offline full-order examples/beam/beam.toml --refinements 1 --elastic");
   command.add_option("FILE", arguments.project, "project file with [offline]")->required();
-  command.add_option("--refinements", arguments.refinements, "divide each cell into 8, so often (0 to 6)")
+  command
+      .add_option("--refinements", arguments.refinements,
+                  "number of refinements, each dividing every cell into 8 (0 to 6)")
       ->capture_default_str();
   command.add_option("--steps", arguments.steps, "load steps (default: the project's)")
       ->check(CLI::PositiveNumber);
   command.add_flag("--elastic", arguments.elastic, "the elastic solution alone");
   command
-      .add_option("--tolerance", arguments.tolerance, "of the elastic solution: residual / right-hand side")
+      .add_option("--tolerance", arguments.tolerance,
+                  "tolerance of the elastic solution: residual / right-hand side")
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
-  command.add_option("--iterations", arguments.max_iterations, "of conjugate gradients, at most")
+  command
+      .add_option("--iterations", arguments.max_iterations, "maximum number of conjugate-gradient iterations")
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
   command.add_option("-o,--output", arguments.output, "displacement and damage of the last step (.vtu)");
@@ -106,7 +110,7 @@ CLI::App& add_command(CLI::App& parent, SolveArguments& arguments) {
 CLI::App& add_command(CLI::App& parent, ReproduceArguments& arguments) {
   CLI::App& command = add_command(
       parent, "reproduce",
-      "The published study, figure by figure, beside its published values (runs knothe-offline).",
+      "The published study, figure by figure, compared with its published values (runs knothe-offline).",
       "knothe reproduce --quick -o reproduction/\n"
       "writes reproduction/reproduce.html (open it in a browser) and reproduction/reproduce.json;\n"
       "models are kept in reproduction/models/ and used again.");

@@ -5,6 +5,7 @@ The pages work from a folder (file://) and ask nothing of the network: MathJax i
 import pathlib
 import re
 import shutil
+import sys
 
 HERE = pathlib.Path(__file__).resolve().parent
 MATHJAX = pathlib.Path("/usr/share/javascript/mathjax")
@@ -15,13 +16,30 @@ project_copyright = author
 # The same line that `knothe --version` comes from.
 version = release = re.search(r"project\(knothe VERSION ([\d.]+)", (HERE.parent / "CMakeLists.txt").read_text())[1]
 
-extensions = ["myst_parser", "sphinx.ext.mathjax"]
+sys.path.insert(0, str(HERE))
+extensions = ["myst_parser", "sphinx.ext.mathjax", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "api"]
 source_suffix = {".md": "markdown"}
 root_doc = "index"
 exclude_patterns = ["_static"]
 myst_enable_extensions = ["dollarmath", "deflist"]
 myst_dmath_allow_space = False
 myst_heading_anchors = 4
+
+# The reference of Python and of C++ (api.py).
+napoleon_google_docstring = False
+napoleon_use_rtype = False
+napoleon_use_ivar = True
+autodoc_mock_imports = ["numpy"]  # the docstrings need no more than its name
+python_use_unqualified_type_names = True
+autodoc_member_order = "bysource"
+autodoc_preserve_defaults = True
+autodoc_type_aliases = {name: name for name in ("Array", "ArrayLike", "Axes", "Picture", "Prior", "Steps")}
+autodoc_typehints_format = "short"
+add_module_names = False
+default_role = "py:obj"
+breathe_default_project = "knothe"
+breathe_default_members = ("members", "undoc-members")
+breathe_show_include = False
 
 html_theme = "furo"
 html_title = f"knothe {version}"

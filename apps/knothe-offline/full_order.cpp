@@ -58,8 +58,9 @@ void write_field(const mechanics::HexahedronMesh& mesh, std::span<const double> 
   files::VtuGrid grid;
   grid.points = mesh.points;
   grid.cells = mesh.cells;
-  grid.point_fields.push_back({"displacement", 3, {displacement.begin(), displacement.end()}});
-  if (!damage.empty()) grid.cell_fields.push_back({"damage", 1, damage});
+  grid.point_fields.push_back({"displacement", 3, {displacement.begin(), displacement.end()}, "m"});
+  if (!damage.empty()) grid.cell_fields.push_back({"damage", 1, damage, "1"});
+  grid.time = 1.0;  // the model time of the last step
   files::write_vtu(grid, path);
 }
 

@@ -17,7 +17,7 @@ struct DicArguments {
   bool crack = false;                             ///< look for a crack in every picture
   std::string mask, mesh;                         ///< files
   report::PictureFiles files;                     ///< to write
-  bool grey = false;                              ///< take the luminance of pictures in colour
+  bool grey = false;                              ///< use the luminance of colour pictures
   bool json = false;
 };
 
@@ -85,17 +85,17 @@ void add_dic(CLI::App& app, Command& chosen) {
                   "Gaussian on all pictures, px; default: 1 where the speckle is aliased")
       ->check(CLI::NonNegativeNumber);
   command.add_option("--at", files.at, "CSV x,y: points of the reference picture to give displacements at");
-  command.add_flag("--grey", arguments.grey, "take the luminance of pictures in colour");
+  command.add_flag("--grey", arguments.grey, "use the luminance of colour pictures");
   command.add_option("-o,--output", files.output,
                      ".h5, .vtu or .pvd; with --at a CSV file, or a folder for several pictures");
   command.add_option("--maps", files.maps, "folder for maps over the picture (.png)");
-  command.add_flag(
-      "--pattern", arguments.pattern,
-      "before a test: is the speckle of the reference picture good enough, and how exactly will it measure?");
+  command.add_flag("--pattern", arguments.pattern,
+                   "before a test: is the speckle of the reference picture good enough, and how accurate "
+                   "will the measurement be?");
   command.add_option("--table", files.table,
                      "file (.txt, .json, .html) for the settings and noise floor that a report should hold");
   command.add_flag("--resume", files.resume,
-                   "go on with the pictures that the output file (.h5) does not hold yet");
+                   "continue with the pictures that are not in the output file (.h5) yet");
   command.add_flag("--crack", arguments.crack, "path, opening and tip of a crack in every picture");
   command.add_flag("--json", arguments.json, "one line of JSON per picture on stdout");
 }

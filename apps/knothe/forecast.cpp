@@ -41,7 +41,7 @@ int forecast(const ForecastArguments& arguments) {
     }
   }
   for (const forecast::NamedForecast& named : published) {
-    fmt::print("  {} by Eq. 33, the predicted field taken for a normal one: {}\n", named.name,
+    fmt::print("  {} by Eq. 33, the predicted field treated as normal: {}\n", named.name,
                report::value_text(named.forecast.mean, named.forecast.std, "m"));
   }
   return 0;

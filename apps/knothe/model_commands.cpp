@@ -33,7 +33,8 @@ void add_model_commands(CLI::App& app, Command& chosen) {
   static ModelArguments info;
   static EvaluateArguments evaluate;
   static ImportArguments import;
-  CLI::App& model = *app.add_subcommand("model", "Looks at, evaluates, makes and verifies separated models.");
+  CLI::App& model =
+      *app.add_subcommand("model", "Inspects, evaluates, imports and verifies separated models.");
   model.require_subcommand(1);
 
   CLI::App& info_command =

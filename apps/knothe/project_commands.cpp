@@ -29,8 +29,9 @@ void add_assimilate(CLI::App& app, Command& chosen) {
   command.add_option("FILE", arguments.project, "project file")->required();
   command.add_option("--method", arguments.method, "transport, grid, mcmc, smc, ekf, ukf or enkf")
       ->check(CLI::IsMember(words_of<assimilation::Method>()));
-  command.add_option("--redo", arguments.redo,
-                     "FROM:TO: these steps with the model corrected for its bias, later ones as they follow");
+  command.add_option(
+      "--redo", arguments.redo,
+      "FROM:TO: assimilate these steps again with the model corrected for its bias, and then the later ones");
   command.add_flag("--json", arguments.json, "one line of JSON per step on stdout");
   command.add_option("-o,--output", arguments.results, "folder for results");
 }
@@ -38,7 +39,7 @@ void add_assimilate(CLI::App& app, Command& chosen) {
 void add_select(CLI::App& app, Command& chosen) {
   static SelectArguments arguments;
   CLI::App& command = add(app, chosen, arguments, commands::select, "select",
-                          "Data selection: which dofs tell most about the parameters.",
+                          "Data selection: the dofs that are most informative about the parameters.",
                           "knothe select examples/beam/quick.toml");
   command.add_option("FILE", arguments.project, "project file")->required();
   command.add_flag("--json", arguments.json, "JSON lines on stdout");

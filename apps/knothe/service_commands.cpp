@@ -17,7 +17,7 @@ void add_serve(CLI::App& app, Command& chosen) {
   command.add_option("--test", arguments.test,
                      "name of the test, which has a journal of its own: NAME.TEST.journal");
   command.add_flag("--strict-deadline", arguments.strict_deadline,
-                   "stop with status 7 at the first update later than its budget");
+                   "stop with status 7 at the first update that exceeds its budget");
   command.callback([&chosen] {
     chosen = [] {
       if (port >= 0) arguments.port = port;
@@ -31,7 +31,7 @@ void add_journal(CLI::App& app, Command& chosen) {
   CLI::App& replay_command =
       add_command(app, "replay", "Verifies a journal and computes the posterior that it gives.",
                   "knothe replay beam.journal --project beam.toml --json");
-  CLI::App& recover_command = add_command(app, "recover", "Saves the whole records of a damaged journal.",
+  CLI::App& recover_command = add_command(app, "recover", "Saves the intact records of a damaged journal.",
                                           "knothe recover beam.journal -o saved.journal");
   CLI::App& backup_command = add_command(app, "backup", "Copies a journal, also while the service writes it.",
                                          "knothe backup beam.journal -o beam-monday.journal");

@@ -246,7 +246,7 @@ export interface Cursor {
 export interface EventListener {
   opened(): void;
   line(line: StepLine): void;
-  /** All data of a step were withdrawn: it has no line any more. */
+  /** All data of a step were withdrawn: it no longer has a line. */
   gone(step: number): void;
   status(status: Status): void;
   alarm(alarm: Event): void;

@@ -81,6 +81,7 @@ class VtuReader {
       if (array.attribute("NumberOfComponents"))
         field.components =
             static_cast<std::size_t>(std::clamp<std::int64_t>(attribute(array, "NumberOfComponents"), 1, 9));
+      field.units = array.find_child_by_attribute("InformationKey", "name", "UNITS_LABEL").text().get();
       field.values = numbers<double>(array, "values");
       if (field.values.size() != grid.points.size() / 3 * field.components)
         fail(array, fmt::format("{} has {} values for {} points of {} components", field.name,

@@ -19,7 +19,7 @@ const std::vector<std::int64_t> k_cells{0, 1, 2, 3};
 void write_tetrahedron(const std::string& path, double size) {
   VtuGrid grid{k_points, k_cells, 4, "VTK_TETRA", {}, {}, 0.5};
   grid.point_fields.push_back({"temperature", 1, {1, 2, 3, size}});
-  grid.point_fields.push_back({"displacement", 3, {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, size}});
+  grid.point_fields.push_back({"displacement", 3, {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, size}, "mm"});
   write_vtu(grid, path);
 }
 
@@ -34,6 +34,8 @@ TEST(VtuReader, ReadsFieldsCellsAndTimeOfRawData) {
   ASSERT_EQ(grid.point_fields.size(), 2u);
   EXPECT_EQ(grid.point_fields[1].name, "displacement");
   EXPECT_EQ(grid.point_fields[1].components, 3u);
+  EXPECT_EQ(grid.point_fields[0].units, "");
+  EXPECT_EQ(grid.point_fields[1].units, "mm");
   EXPECT_EQ(grid.point_fields[1].values[11], 12);
 }
 
@@ -54,6 +56,9 @@ std::string one_point(const std::string& attributes, const std::string& u) {
 TEST(VtuReader, ReadsTextBase64AndCompressedData) {
   for (const auto& [attributes, u] :
        {std::pair<std::string, std::string>{"", "format=\"ascii\">1 2 3"},
+        {"",
+         "format=\"ascii\"><InformationKey name=\"UNITS_LABEL\" "
+         "location=\"vtkDataArray\">m</InformationKey>\n1 2 3"},
         {"header_type=\"UInt32\"", "format=\"binary\">GAAAAAAAAAAAAPA/AAAAAAAAAEAAAAAAAAAIQA=="},
         {"header_type=\"UInt32\" compressor=\"vtkZLibDataCompressor\"",
          "format=\"binary\">AQAAABgAAAAAAAAAFAAAAA==eJxjYACBD/YMEOAAoTgcABe3Abg="}}) {

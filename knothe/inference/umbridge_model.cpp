@@ -52,7 +52,7 @@ struct UmbridgeModel::Protocol {
   [[nodiscard]] Json ask(const std::string& route, Json request) const {
     if (!point.allFinite())  // JSON has no word for it
       throw NumericalError(
-          fmt::format("the search for the posterior left the numbers there are, at {}: are the priors' "
+          fmt::format("the search for the posterior overflowed, at {}: are the priors' "
                       "scales under [parameters] right?",
                       model.describe(point)));
     request["name"] = model.settings_.name;
@@ -105,7 +105,7 @@ void UmbridgeModel::ask_info() {
   const Json& version = umbridge::member(info, "protocolVersion", where);
   if (!version.is_number() || version.get<double>() != 1.0)
     throw DataError(
-        fmt::format("{}: the server speaks version {} of the UM-Bridge protocol; knothe speaks 1.0", where,
+        fmt::format("{}: the server uses version {} of the UM-Bridge protocol; knothe supports 1.0", where,
                     version.dump()));
   std::vector<std::string> names;
   for (const Json& name : umbridge::member(info, "models", where))

@@ -31,14 +31,14 @@ struct Noise {
   [[nodiscard]] bool empty() const { return std.empty() && precision.row_begin.empty(); }
 };
 
-/// What the sensors say at one time.
+/// The measurements of all sensors at one time.
 struct Datum {
   std::size_t step = 0;        ///< index of its time in the model's
   std::vector<double> values;  ///< n, m; NaN: missing
-  Noise noise = {};            ///< its own; empty: that of the assimilation
+  Noise noise = {};            ///< of this datum; empty: that of the assimilation
 };
 
-/// What is believed of a parameter before any datum. Every prior is truncated to the model's box and
+/// The prior density of a parameter. Every prior is truncated to the model's parameter box and
 /// renormalised.
 struct Prior {
   enum class Family { normal, uniform, lognormal };
@@ -79,14 +79,15 @@ class KNOTHE_EXPORT Assimilation {
 
   [[nodiscard]] std::vector<double> times() const;       ///< the model's
   [[nodiscard]] std::vector<std::size_t> steps() const;  ///< assimilated, increasing
-  /// What the sensors would say without noise at parameters p (d) and a step. Errors: UsageError outside the
-  /// box.
+  /// The noise-free values of the sensors, n, at parameters p (d) and a step. Errors: UsageError outside the
+  /// parameter box.
   [[nodiscard]] std::vector<double> predict(std::span<const double> p, std::size_t step) const;
 
-  /// The posterior of all data so far. Errors: UsageError for a step that is there already or that the model
-  /// does not have, and for another number of values than of sensors.
+  /// Adds a datum; the posterior given all data so far. Errors: UsageError for a step that has a datum
+  /// already or that the model does not have, and where the numbers of values and of sensors differ.
   Posterior assimilate(const Datum& datum);
-  /// The posterior without the datum of this step. Errors: UsageError for a step that is not there.
+  /// Removes the datum of this step; the posterior given the others. Errors: UsageError for a step without
+  /// one.
   Posterior withdraw(std::size_t step);
 
  private:

@@ -36,11 +36,11 @@ struct CorrelationSettings {
 struct Displacements {
   std::vector<double> u, v;          ///< m; NaN at nodes where nothing could be measured
   std::vector<double> std_u, std_v;  ///< m, px: from the noise of the pictures; 0 at those nodes
-  /// Of (u_0, v_0, u_1, …), in 1/px²: what a likelihood wants; empty rows at those nodes.
+  /// Of (u_0, v_0, u_1, …), in 1/px²: the noise of a likelihood; empty rows at those nodes.
   Noise::Precision precision;
   bool converged = false;
   int iterations = 0;
-  int elements_rejected = 0;  ///< their residual says that they do not move as elements do: a crack
+  int elements_rejected = 0;  ///< by their residual, which no displacement of an element explains: a crack
   double residual_rms = 0;    ///< grey levels
   double picture_noise = 0;   ///< standard deviation of one picture's noise, from the residual; grey levels
   std::string message;        ///< why it did not converge; empty if it did
@@ -58,7 +58,8 @@ class KNOTHE_EXPORT Correlation {
 
   [[nodiscard]] std::vector<double> node_x() const;  ///< m, px
   [[nodiscard]] std::vector<double> node_y() const;
-  /// Begins where the last picture ended. Errors: UsageError for a picture of another size.
+  /// The displacements of a picture; the iteration starts from those of the last one. Errors: UsageError for
+  /// a picture of another size.
   [[nodiscard]] Displacements correlate(const GreyPicture& deformed);
   /// u, v (k × 2) of the last picture at points (k × 2); NaN outside the mesh.
   [[nodiscard]] std::vector<double> at(std::span<const double> points) const;

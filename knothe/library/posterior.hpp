@@ -1,5 +1,5 @@
 #pragma once
-/// @file What is known of the parameters, as numbers.
+/// @file The posterior of the parameters, as numbers.
 #include <cmath>
 #include <cstddef>
 #include <string>
@@ -7,7 +7,7 @@
 
 namespace knothe {
 
-/// May an answer be used (docs/explanation/verdict.md)?
+/// Whether an answer may be used (docs/explanation/verdict.md).
 struct Verdict {
   enum class Level { ok, caution, reject } level = Level::ok;
   struct Reason {
@@ -19,7 +19,7 @@ struct Verdict {
 };
 
 /// A posterior of d parameters: n weighted points and what follows from them. Moments, quantiles and evidence
-/// are importance-corrected: right also where the map is only nearly so.
+/// are importance-corrected: correct also where the map is an approximation.
 struct Posterior {
   std::vector<double> mean;                  ///< d
   std::vector<double> covariance;            ///< d × d
@@ -36,8 +36,8 @@ struct Posterior {
   double effective_sample_size = 1;  ///< of the weights, as a fraction of n
   bool tolerance_reached = true;     ///< variance_diagnostic is within the tolerance asked for
   bool trusted = true;  ///< diagnostic ≤ 0.05, effective sample size ≥ 0.9, no second mode found
-  std::string remark;   ///< why not, else empty
-  Verdict verdict;      ///< of an assimilation: of the answer, not of the map
+  std::string remark;   ///< why it is not trusted, or the tolerance not reached; else empty
+  Verdict verdict;      ///< of an assimilation; it rates the answer, not the map
 
   [[nodiscard]] std::size_t dimension() const { return mean.size(); }
   /// Standard deviation of parameter k.

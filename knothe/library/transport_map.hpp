@@ -18,7 +18,7 @@ struct Density {
   std::size_t dimension = 0;
   /// log density at a point (d); −∞ where the density is zero.
   std::function<double(std::span<const double> point)> log_value;
-  /// Its gradient, into d numbers. May be empty: then the solver does without, at more evaluations.
+  /// Its gradient, into d numbers. May be empty; the solver then needs more evaluations.
   std::function<void(std::span<const double> point, std::span<double> gradient)> gradient = {};
 };
 
@@ -26,11 +26,11 @@ struct MapOptions {
   double tolerance = 1e-3;  ///< on the variance diagnostic
   int max_order = 8;        ///< 1 … 8
   std::uint64_t seed = 1;
-  /// Parameters come standardised: roughly N(0, I) before the data. Else nothing is supposed about their
-  /// scale.
+  /// The parameters are standardised: roughly N(0, I) before the data. If false, nothing is assumed about
+  /// their scale.
   bool standardised = true;
-  /// The map is triangular in the given order of the variables: `conditional_sample` needs that. Else it may
-  /// be turned to the principal axes, which often takes a lower order.
+  /// The map is triangular in the given order of the variables: `conditional_sample` needs that. If
+  /// false, it may be rotated to the principal axes, where a lower order is often enough.
   bool triangular = false;
 };
 
@@ -66,7 +66,7 @@ class KNOTHE_EXPORT TransportMap {
   /// The map of such a file, bit-identical. Errors: DataError, naming file and data set, for a file that is
   /// missing, damaged or of another kind.
   [[nodiscard]] static TransportMap load(const std::string& path);
-  /// For a person: what the map is made of.
+  /// For people: the parts of the map, their orders and numbers of coefficients.
   [[nodiscard]] std::string describe() const;
 
   struct Implementation;
@@ -77,15 +77,15 @@ class KNOTHE_EXPORT TransportMap {
   std::shared_ptr<const Implementation> implementation_;
 };
 
-/// What solving gives: the map, and the posterior that follows from it.
+/// The result of `solve_map`: the map, and the posterior computed with it.
 struct MapSolution {
   TransportMap map;
   Posterior posterior;
 };
 
 /// Finds the mode, then maps of rising order until one is good on points that were not used to train it, then
-/// weights. The density need not be normalised; its integral is the evidence. Errors: UsageError for a
-/// density without dimension or value, NumericalError for one that gives NaN or is zero wherever it was
+/// weights its points. The density need not be normalised; its integral is the evidence. Errors: UsageError
+/// for a density without dimension or value, NumericalError for one that gives NaN or is zero wherever it was
 /// tried.
 [[nodiscard]] KNOTHE_EXPORT MapSolution solve_map(const Density& density, const MapOptions& options = {});
 

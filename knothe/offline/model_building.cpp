@@ -68,11 +68,10 @@ SolvedGrid solve(const project::Project& project, simulator::Simulator& solver, 
 void check_method(const project::OfflineOptions& options) {
   if (options.method != project::OfflineMethod::latin) return;
   if (options.adaptive_grid_error || options.adaptive_grid_shift)
-    throw ProjectError(fmt::format("\"{}\" adds full-order runs: it goes with method = \"snapshots\"",
+    throw ProjectError(fmt::format("\"{}\" adds full-order runs: it needs method = \"snapshots\"",
                                    options.adaptive_grid_shift ? "grid_shift" : "grid_error"));
   if (!options.is_beam())
-    throw ProjectError(
-        "LATIN-PGD solves for the built-in beam: another solver goes with method = \"snapshots\"");
+    throw ProjectError("LATIN-PGD solves for the built-in beam: another solver needs method = \"snapshots\"");
 }
 
 /// The finished runs of a grid, once the model has been made of them. What else is in the folder stays.

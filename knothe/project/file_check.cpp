@@ -78,14 +78,13 @@ void check_sensitivity(const UpdateSetup& setup, const PriorAnswers& answers, Fi
     const double factor = std::sqrt(1 + answers.information[a]);
     const std::string& name = setup.observed->parameters[static_cast<std::size_t>(a)];
     if (factor < 1.5)
-      check.warnings.push_back(
-          fmt::format("the data say next to nothing of {}: all of them together make its prior {:.2g} times "
-                      "narrower; measure "
-                      "where it moves the structure (`knothe select`), or more exactly",
-                      name, factor));
+      check.warnings.push_back(fmt::format(
+          "the data carry almost no information on {}: together they narrow its prior by a factor of {:.2g}; "
+          "measure where it moves the structure (`knothe select`), or more accurately",
+          name, factor));
     else
       check.facts.push_back(
-          fmt::format("{}: the data can make its prior about {:.0f} times narrower", name, factor));
+          fmt::format("{}: the data can narrow its prior by a factor of about {:.0f}", name, factor));
   }
 }
 

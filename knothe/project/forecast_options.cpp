@@ -14,21 +14,21 @@ const Section<F>& forecast_section() {
     s.add("quantity", &F::quantity, "What is forecast.", required);
     s.add("horizon", &F::horizon, "Model time for which it is forecast.", required);
     s.add("threshold", &F::threshold, "P(q > threshold) is reported (unit of q).");
-    s.table("prior", "Prior of a crack length: `{ mean = …, std = … }`, m.");
-    s.add("prior.mean", &F::prior_mean, "Prior mean of the crack length, m.", required);
-    s.add("prior.std", &F::prior_std, "Prior standard deviation of the crack length, m.", positive, required);
+    s.table("prior", "Prior of an equivalent elastic crack length: `{ mean = …, std = … }`, m.");
+    s.add("prior.mean", &F::prior_mean, "Prior mean of the equivalent elastic crack length, m.", required);
+    s.add("prior.std", &F::prior_std, "Prior standard deviation of the equivalent elastic crack length, m.",
+          positive, required);
     s.add("discrepancy_std", &F::discrepancy_std,
           "Discrepancy between damage model and elastic crack, sensor by sensor, for Eq. 33, m; left out: "
           "estimated with the length.",
           positive);
     s.add("length_offset", &F::length_offset,
-          "What the crack meant is longer by than the equivalent elastic one, m "
+          "Length of the crack of interest minus that of the equivalent elastic crack, m "
           "(docs/explanation/forecast.md).");
-    s.add(
-        "model_error_std", &F::model_error_std,
-        "Standard deviation of what the model leaves out of the quantity at the horizon (of a crack length: "
-        "of what its offset varies by), in its unit; added to the forecast.",
-        non_negative);
+    s.add("model_error_std", &F::model_error_std,
+          "Standard deviation of the model's error in the quantity at the horizon (for a crack length: of "
+          "its offset), in its unit; added to the forecast.",
+          non_negative);
     s.add("point", &F::point, "Where a displacement is forecast: x, y, z, m.", of_shape("[x, y, z]"),
           no_default);
     s.choice("component", &F::component, k_components, "Component of a displacement.", no_default);

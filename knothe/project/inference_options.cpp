@@ -101,9 +101,10 @@ UmbridgeOptions read_umbridge(Values& values) {
   if (!o.url.empty() && values.has("model.separated"))
     values.complain("model.umbridge", "[model] has both \"umbridge\" and \"separated\": choose one");
   if (o.density && values.has_table("observations"))
-    values.complain("observations",
-                    "[observations] does not go with model.kind = \"density\": the server's number is the "
-                    "complete log posterior density");
+    values.complain(
+        "observations",
+        "[observations] cannot be combined with model.kind = \"density\": the server's number is the "
+        "complete log posterior density");
   if (o.density && o.url.empty())
     values.complain("model.kind", "model.kind = \"density\" needs \"umbridge\", the server's address");
   return o;

@@ -15,15 +15,16 @@ using Bias = assimilation::BiasOptions;
 
 void add_noise_options(Section<M>& s) {
   s.choice("likelihood", &M::student_t, "gaussian", "student-t",
-           "Noise of each sensor in `knothe assimilate`: Gaussian, or Student-t, to which outliers do little "
+           "Noise of each sensor in `knothe assimilate`: Gaussian, or Student-t, which is robust to outliers "
            "(independent noise only).");
-  s.add("degrees_of_freedom", &M::degrees_of_freedom, "Of the Student-t likelihood.", positive);
+  s.add("degrees_of_freedom", &M::degrees_of_freedom, "Degrees of freedom of the Student-t likelihood.",
+        positive);
   s.add("gate", &M::gate,
-        "Values whose innovation is more than so many of its standard deviations are rejected; 0: none.",
+        "Values whose innovation exceeds this many of its standard deviations are rejected; 0: none.",
         non_negative);
   s.choice("noise_level", &M::unknown_noise_level, "known", "unknown",
-           "Whether the noise of the data file is right, or one factor of all its variances is inferred with "
-           "the parameters.");
+           "Whether the noise of the data file is known, or a common factor of all its variances is inferred "
+           "with the parameters.");
   s.add("noise_level_shape", &M::noise_level_shape, "Shape a of that factor's inverse-gamma prior.",
         positive);
   s.add("noise_level_scale", &M::noise_level_scale, "Scale b of it; the prior's mean is b/(a − 1).",
@@ -37,10 +38,10 @@ void add_noise_options(Section<M>& s) {
 
 void add_verification_options(Section<M>& s) {
   s.add("verify", &M::verify,
-        "`knothe assimilate`: whether the full-order model of [offline] is asked where the posterior is, and "
-        "the "
-        "reduced model made finer there.");
-  s.add("verify_runs", &M::verify_runs, "Full-order runs that this may take, at least 1.", at_least(1));
+        "`knothe assimilate`: whether the full-order model of [offline] is run at the posterior and the "
+        "reduced model refined there.");
+  s.add("verify_runs", &M::verify_runs, "Maximum number of full-order runs for this, at least 1.",
+        at_least(1));
 }
 
 void add_change_options(Section<M>& s) {
@@ -52,11 +53,12 @@ void add_change_options(Section<M>& s) {
         "Steps before which the structure changed: data before them count by `change_retention` only.",
         of_shape("steps, 0, 1, 2 …"));
   s.add("change_retention", in(&M::update, &U::change_retention),
-        "Power to which the likelihood of the data before a change is raised; 0: the posterior begins anew.",
+        "Power to which the likelihood of the data before a change is raised; 0: the posterior restarts from "
+        "the prior.",
         non_negative, between(0, 1));
   s.choice(
       "on_alarm", in(&M::update, &U::restart_on_alarm), "none", "restart",
-      "Whether an alarm of the evidence monitor is taken for a change of the structure, from when it began.");
+      "Whether an alarm of the evidence monitor is treated as a change of the structure, from its onset.");
 }
 
 void add_bias_options(Section<M>& s) {
@@ -75,15 +77,15 @@ void add_bias_options(Section<M>& s) {
   s.choice(
       "bias_extrapolation", [](M& m) { return std::tie(m.update.bias.way, m.update.bias.extrapolation); },
       k_ways,
-      "How the bias goes on to the next time: unknown together with the parameters and integrated out "
-      "(`joint`), or as the last residual, its time modes along a polynomial (`linear`), a damped trend, a "
-      "Gaussian process, each with what the modes were off by lately added to the covariance; along the "
-      "polynomial without that addition, as the paper has it (`published`); or each sensor by itself along "
-      "a line through its last two residuals.");
+      "How the bias is extrapolated to the next time: inferred together with the parameters and integrated "
+      "out (`joint`); as the last residual; its time modes by a polynomial (`linear`), a damped trend or a "
+      "Gaussian process, the recent errors of these modes added to the covariance; by the polynomial without "
+      "that addition, as in the paper (`published`); or each sensor by itself along a line through its last "
+      "two residuals.");
   s.add("bias_memory", in(&M::update, &U::bias, &Bias::memory),
-        "`joint`: number of steps after which the bias has forgotten itself.", positive);
+        "`joint`: correlation length of the bias, in steps.", positive);
   s.add("bias_rank", in(&M::update, &U::bias, &Bias::rank),
-        "Modes of the bias that are kept, 1 to 20 (not `joint`).", between(1, 20));
+        "Number of modes of the bias that are kept, 1 to 20 (not `joint`).", between(1, 20));
   s.add("bias_order", in(&M::update, &U::bias, &Bias::order), "Degree of the polynomial, 0 to 3.",
         between(0, 3));
   s.add("bias_window", in(&M::update, &U::bias, &Bias::window),

@@ -17,19 +17,21 @@ using P = OfflineParameter;
 void add_latin_options(Section<O>& s) {
   s.table("latin", "Options of LATIN-PGD.");
   s.add("latin.accuracy", &O::latin_accuracy,
-        "Largest displacement that the out-of-balance forces left may be worth, m; 1e-7, fully separated "
+        "Tolerance on the remaining out-of-balance forces, as the displacement that they would cause, m; "
+        "1e-7, fully separated "
         "1e-6.",
         positive);
-  s.add("latin.window", &O::latin_window, "Load steps that are iterated together.", at_least(1));
+  s.add("latin.window", &O::latin_window, "Number of load steps that are iterated together.", at_least(1));
   s.add(
       "latin.start", &O::latin_start,
       "Reduced model to start from, of the same mesh, steps and material, e.g. one of snapshots on a coarser "
       "grid of parameters (hybrid); otherwise the elastic solution.",
       file);
   s.choice("latin.separation", &O::latin_full, "joint", "full",
-           "Space modes with joint functions of time and parameters; or every variable separated from every "
-           "other while it iterates (form = \"canonical\").");
-  s.add("latin.terms", &O::latin_terms, "Fully separated: terms at most while it iterates.", at_least(1));
+           "Space modes with joint functions of time and parameters; or all variables separated from each "
+           "other during the iteration (form = \"canonical\").");
+  s.add("latin.terms", &O::latin_terms, "Fully separated: maximum number of terms during the iteration.",
+        at_least(1));
 }
 
 void add_body_options(Section<O>& s) {
@@ -69,7 +71,7 @@ void add_reduction_options(Section<O>& s) {
   s.add("sparse_level", &O::sparse_level,
         "Full-order runs at the points of a sparse grid of this level only (for four parameters and more); "
         "the others of the tensor grid are interpolated. Default: all points.");
-  s.table("adaptive", "Sizes of the reduced model found by its error, not given.");
+  s.table("adaptive", "Sizes of the reduced model chosen by its error instead of given.");
   s.add("adaptive.error", &O::adaptive_error,
         "Modes are added until no observed dof is off by more at any grid point and step, m; `modes` is not "
         "used.",
@@ -83,7 +85,7 @@ void add_reduction_options(Section<O>& s) {
         "full-order runs off the grid to this on the observed dofs, m.",
         positive);
   s.add("adaptive.grid_shift", &O::adaptive_grid_shift,
-        "Full-order runs are chosen one round after the other, until what is not known of the parameters "
+        "Full-order runs are chosen one round after the other, until the error of the model between them "
         "moves the posterior of the planned sensors by less, in its standard deviation "
         "(docs/explanation/adaptive-runs.md; needs [parameters] and [simulate]); `nodes` is not used.",
         positive);
@@ -120,7 +122,7 @@ const Section<simulator::CommandOptions>& command_section() {
         s.add("units", in(&C::result, &R::units), "`.npy`: unit of each of these.");
         s.add("points", in(&C::result, &R::points),
               "`.npy`: CSV file `x,y,z,component` with the place of each column, instead of names.", file);
-        s.add("time_limit", &C::time_limit_s, "After so many seconds an attempt is ended; 0: never.",
+        s.add("time_limit", &C::time_limit_s, "Seconds after which an attempt is ended; 0: never.",
               non_negative);
         s.add("retries", &C::retries, "Further attempts at a run that has failed.");
       });
@@ -231,7 +233,7 @@ void check_grid_shift(Values& values, const OfflineOptions& o) {
   refuse(o.sparse_level.has_value(), "sparse_level",
          "\"sparse_level\" says which runs to make, and so does \"grid_shift\": leave one away");
   refuse(o.method == OfflineMethod::latin, "adaptive.grid_shift",
-         "\"grid_shift\" chooses full-order runs: it goes with method = \"snapshots\"");
+         "\"grid_shift\" chooses full-order runs: it needs method = \"snapshots\"");
   refuse(o.parameters.size() > 8, "adaptive.grid_shift",
          "\"grid_shift\" chooses runs for at most 8 parameters");
 }
@@ -242,7 +244,7 @@ void check_own_solver(Values& values, const OfflineOptions& o) {
     values.complain("offline", "[offline.parameters] has no parameter: one table for each of the program's");
   if (o.method == OfflineMethod::latin)
     values.complain("offline.method",
-                    "LATIN-PGD solves for the built-in beam: another solver goes with method = "
+                    "LATIN-PGD solves for the built-in beam: another solver needs method = "
                     "\"snapshots\"");
   for (const char* key : {"mesh", "damage", "latin", "steps", "displacement", "young_modulus",
                           "poisson_ratio", "left_support", "crack_lengths"}) {
@@ -270,23 +272,22 @@ void check_latin(Values& values, const OfflineOptions& o) {
   const auto refuse = [&](bool when, const char* key, const char* text) {
     if (when) values.complain(std::string("offline.") + key, text);
   };
-  refuse(
-      o.latin_full && o.form != reduction::Form::canonical, "latin.separation",
-      "separation = \"full\" finds the solution in the canonical form: it goes with form = \"canonical\" in "
-      "[offline]; for the tree form leave it away");
+  refuse(o.latin_full && o.form != reduction::Form::canonical, "latin.separation",
+         "separation = \"full\" finds the solution in the canonical form: it needs form = \"canonical\" in "
+         "[offline]; for the tree form leave it away");
   if (o.method != OfflineMethod::latin) return;
   refuse(!o.time.output.empty(), "time",
-         "LATIN-PGD solves for all parameters at the same load steps: \"time\" goes with method = "
+         "LATIN-PGD solves for all parameters at the same load steps: \"time\" needs method = "
          "\"snapshots\"");
   refuse(o.law != SofteningLaw::brittle, "damage.law",
-         "LATIN-PGD has the brittle law only: the exponential one goes with method = \"snapshots\"");
+         "LATIN-PGD has the brittle law only: the exponential one needs method = \"snapshots\"");
   refuse(o.regularisation == DamageRegularisation::gradient, "damage",
          "LATIN-PGD cannot do gradient damage, which couples all points: take method = \"snapshots\", "
          "or regularisation = \"crack-band\"");
   refuse(o.sparse_level.has_value(), "sparse_level",
-         "\"sparse_level\" leaves out full-order runs: it goes with method = \"snapshots\"");
+         "\"sparse_level\" leaves out full-order runs: it needs method = \"snapshots\"");
   refuse(o.adaptive_grid_error.has_value(), "adaptive.grid_error",
-         "\"grid_error\" adds full-order runs: it goes with method = \"snapshots\"");
+         "\"grid_error\" adds full-order runs: it needs method = \"snapshots\"");
   refuse(o.parameters.size() > 2, "method",
          "LATIN-PGD solves for Y0 and Ad, on one elastic body: other parameters take method = \"snapshots\"");
 }

@@ -60,8 +60,8 @@ void add_picture_options(Section<G>& s) {
       "Unit of that file: pixels of the reference picture (y down), or metres in the model's frame (needs "
       "a scale).");
   s.add("outline_margin", in(&G::series, &Series::outline_margin),
-        "Pixels along the outline of the model's mesh, or a file's, that are not looked at: the edge of the "
-        "body.",
+        "Width of the band along the outline of the model's mesh, or a file's, that is not used, px: the "
+        "edge of the body.",
         non_negative);
   s.add("element_size", in(&G::series, &Series::element_size),
         "Size of the elements, px; adjusted to divide the region.", positive,
@@ -77,7 +77,7 @@ void add_correlation_options(Section<G>& s) {
       "smaller than 3 px (aliased), else 0.",
       non_negative, no_default);
   s.add("colour", in(&G::series, &Series::colour),
-        "What is done with a picture in colour: it is refused, or its luminance is taken (`grey`).");
+        "What is done with a colour picture: it is refused, or its luminance is used (`grey`).");
   s.add("brightness", correlation(&Correlation::brightness),
         "Brightness and contrast that may change from picture to picture.");
   s.add("saturation", correlation(&Correlation::saturation),
@@ -88,30 +88,31 @@ void add_correlation_options(Section<G>& s) {
   s.add("regularisation", correlation(&Correlation::regularisation),
         "Regularisation of the displacement: its cut-off wavelength, px; 0 for none.", non_negative);
   s.add("regularisation_kind", correlation(&Correlation::regularisation_kind),
-        "What is regularised: the gradient, or the forces that are missing for equilibrium in an elastic "
+        "What is regularised: the gradient, or the forces that are missing for equilibrium of an elastic "
         "sheet (elastic fields pass unchanged).");
   s.add("poisson_ratio", correlation(&Correlation::poisson_ratio),
         "Poisson's ratio of that sheet, −1 to 0.5.",
         check([](double v) { return v > -1 && v <= 0.5; }, "\"{}\" is above -1 and at most 0.5"));
   s.add("reference_update", in(&G::series, &Series::reference_update),
-        "A picture that does not converge, or whose residual is so many times the first's (2 is usual), is "
+        "A picture that does not converge, or whose residual exceeds this multiple of the first one's (2 is "
+        "usual), is "
         "measured against the last good picture, which becomes the reference; 0: never.",
         non_negative,
         check([](double v) { return v == 0 || v >= 1; },
               "\"{}\" is a factor of the residual, above 1 (2 is usual), or 0"));
   s.add("rejection_factor", correlation(&Correlation::rejection_factor),
-        "Elements whose residual is so many times the median are taken out (cracks); 0: never.",
+        "Elements whose residual exceeds this multiple of the median are rejected (cracks); 0: never.",
         non_negative);
   s.add("tolerance", correlation(&Correlation::tolerance),
         "Largest change of a displacement at convergence, px.", positive);
-  s.add("max_iterations", correlation(&Correlation::max_iterations), "Most iterations per picture.",
-        at_least(1));
+  s.add("max_iterations", correlation(&Correlation::max_iterations),
+        "Maximum number of iterations per picture.", at_least(1));
 }
 
 void add_crack_and_drift_options(Section<G>& s) {
   s.choice("crack", &G::look_for_crack, "off", "on", "Path, opening and tip of a crack in every picture.");
   s.add("crack_gap", in(&G::crack, &imaging::CrackSearchOptions::gap),
-        "Pixels on either side of the crack that are not looked at; 0: 3 px, on the model's mesh half an "
+        "Width on either side of the crack that is not used, px; 0: 3 px, on the model's mesh half an "
         "element and 2 px.",
         non_negative);
   s.add("crack_origin", in(&G::crack, &imaging::CrackSearchOptions::origin),
@@ -122,7 +123,7 @@ void add_crack_and_drift_options(Section<G>& s) {
         "Motion of the camera against the body, of each picture by itself, that the likelihood leaves out: a "
         "shift, or a shift and a turn (rigid).");
   s.add("drift_std", in(&G::series, &Series::drift_std),
-        "Standard deviation of such a motion before anything is measured, px; a large one carries no "
+        "Prior standard deviation of such a motion, px; a large one carries no "
         "information."
         "",
         positive);
@@ -151,7 +152,7 @@ void add_registration_options(Section<G>& s) {
         of_shape(k_points));
   s.add("points", &G::points, "… and where they are on the model's face, [[right, up], …], m.",
         of_shape(k_points));
-  s.add("point_std", &G::point_std, "How exactly such a point was found, px.", positive);
+  s.add("point_std", &G::point_std, "Standard deviation of such a point, px.", positive);
   s.add("view", &G::view,
         "Face that the camera sees: side (right is x, up is y), bottom (right is x, up is z).");
   s.add("plane", &G::plane,
@@ -257,7 +258,7 @@ void complete_series(Values& values, Given& g) {
   s.crack = g.crack;
   if (s.reference_update > 0)
     values.complain("dic.reference_update",
-                    "\"dic.reference_update\" does not go together with \"dic.crack\": a crack is measured "
+                    "\"dic.reference_update\" cannot be combined with \"dic.crack\": a crack is measured "
                     "against the reference");
 }
 

@@ -225,7 +225,7 @@ upper = 1.4
   EXPECT_NE(complaint("[offline]\nmethod = \"latin\"\n" + tables).find("LATIN-PGD cannot do gradient damage"),
             std::string::npos);
   EXPECT_NE(complaint("[offline]\nmethod = \"latin\"\nlatin = { separation = \"full\" }\n")
-                .find("it goes with form = \"canonical\" in [offline]"),
+                .find("it needs form = \"canonical\" in [offline]"),
             std::string::npos);
 }
 

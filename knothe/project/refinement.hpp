@@ -1,6 +1,6 @@
 #pragma once
-/// @file The full-order model asked while the test runs: the reduced model is made finer where the posterior
-/// is (docs/explanation/verdict.md, "The full-order model asked").
+/// @file Full-order runs while the test goes on: the reduced model is refined at the posterior
+/// (docs/explanation/verdict.md, "Running the full-order model at the posterior").
 #include <memory>
 #include <optional>
 #include <string>

@@ -14,8 +14,8 @@ void add_data_options(Section<S>& s) {
   s.add("others", &S::others, "Project files of further structures, served beside this one.", file);
   s.add("journal", &S::journal, "The journal; without it, NAME.journal beside NAME.toml.", file);
   s.add("window", &S::window,
-        "By how many places a datum may come late and still be put in its place; later, it is quarantined.");
-  s.table("limits", "Values that cannot be: a datum with a larger one is quarantined, with an alarm.");
+        "By how many steps a datum may be late and still be assimilated; a later one is quarantined.");
+  s.table("limits", "Implausible values: a datum with a larger one is quarantined, with an alarm.");
   s.add("limits.*", &S::limits,
         "Largest absolute value that is assimilated, of `displacement` in m or of the series of that name in "
         "its unit; without it, 100 times the largest answer of the model in its box.",
@@ -25,17 +25,17 @@ void add_data_options(Section<S>& s) {
   s.add("stale_after", &S::stale_after,
         "Age of the last datum from which the state is STALE, s; without it, 5 periods.", positive);
   s.add("watch_pictures", &S::watch_pictures,
-        "Folder in which a camera leaves its pictures: each new one is measured against the references and "
-        "taken in. References are [dic] references, or the pictures there whose names begin with "
+        "Folder to which a camera writes its pictures: each new one is measured against the references and "
+        "assimilated. References are [dic] references, or the pictures there whose names begin with "
         "`reference`.",
         file);
   s.add("first_picture", &S::first_picture,
         "Number of the picture of the first time: in its name, where no `pictures.csv` gives the times; of a "
         "camera's frames, which count from 0.");
   s.add("watch_csv", &S::watch_csv,
-        "Folder in which CSV files of measurements are left: each new one is taken in.", file);
-  s.add("settle", &S::settle, "A file in a watched folder is read when it has not changed for so long, s.",
-        positive);
+        "Folder to which CSV files of measurements are written: each new one is assimilated.", file);
+  s.add("settle", &S::settle,
+        "Time for which a file in a watched folder must not have changed before it is read, s.", positive);
 }
 
 void add_connection_options(Section<S>& s) {
@@ -53,7 +53,7 @@ void add_connection_options(Section<S>& s) {
   s.add("mqtt.user", in(&S::mqtt, &MqttOptions::user), "User name at the broker.");
   s.add("mqtt.password", in(&S::mqtt, &MqttOptions::password), "File with the password.", file);
   s.add("mqtt.ca", in(&S::mqtt, &MqttOptions::ca),
-        "File with the certificates that the broker is checked by; with it, TLS is spoken.", file);
+        "File with the certificates that the broker is checked by; with it, TLS is used.", file);
 }
 
 void add_camera_options(Section<S>& s) {
@@ -104,7 +104,7 @@ void add_notify_options(Section<S>& s) {
   s.add("notify.sendmail", in(&S::notify, &NotifyOptions::sendmail),
         "Program that takes the mail on its standard input, as sendmail -t -i does.", file);
   s.add("notify.mail_rest", in(&S::notify, &NotifyOptions::mail_rest),
-        "Time between two mails at least, s: alarms that come meanwhile are mailed together.", positive);
+        "Minimum time between two mails, s: alarms in between are mailed together.", positive);
   s.add("notify.severity", in(&S::notify, &NotifyOptions::severity), "The lowest severity that is sent.");
 }
 

@@ -42,13 +42,13 @@ const Section<CameraSimulation>& camera_section() {
               check(in_range, "a picture's width must be from 64 to 20000 px"), required);
         s.add("height", &C::height, "Height of the pictures, px.",
               check(in_range, "a picture's height must be from 64 to 20000 px"), required);
-        s.add("bit_depth", &C::bit_depth, "Bits a pixel, 8 to 16.", between(8, 16));
+        s.add("bit_depth", &C::bit_depth, "Bits per pixel, 8 to 16.", between(8, 16));
         s.add("noise", &C::noise, "Standard deviation of a pixel's noise, in grey levels of 8 bits.",
               non_negative);
         s.add("dot_radius", &C::dot_radius, "Radius of the speckle's dots, px.", positive);
-        s.add("gain", &C::gain, "Brightness of the deformed pictures against the reference.", positive);
+        s.add("gain", &C::gain, "Brightness of the deformed pictures relative to the reference.", positive);
         s.add("references", &C::references, "Number of pictures of the unloaded surface.", at_least(1));
-        s.add("every", &C::every, "A picture at every so many model times.", at_least(1));
+        s.add("every", &C::every, "A picture every this many model times.", at_least(1));
         s.add("supersampling", &C::supersampling,
               "Points per pixel in each direction, over which its light is integrated.", at_least(1));
       });
@@ -62,9 +62,10 @@ const Section<SelectOptions>& select_section() {
   static const Section<S> k_section("select", "Which dofs to measure (`knothe select`).", [](Section<S>& s) {
     s.add("criterion", &S::criterion,
           "The paper's criteria on the sensitivity fields (`product`, `minimum`, `maximum`), or greedy "
-          "choices: least posterior covariance at one point, or most expected information over the prior.");
+          "choices: minimum posterior covariance at one point, or maximum expected information over the "
+          "prior.");
     s.add("count", &S::count, "Number of dofs to choose.", at_least(1));
-    s.add("min_distance", &S::min_distance, "Least distance between any two of them, m.", non_negative);
+    s.add("min_distance", &S::min_distance, "Minimum distance between any two of them, m.", non_negative);
     s.choice("candidates", &S::from_model, k_candidates,
              "The dofs of the data file with their noise (default where the project names data), or those of "
              "the model (on the face and in the range of `[simulate.dofs]`, if given).");

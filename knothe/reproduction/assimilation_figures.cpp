@@ -258,15 +258,14 @@ FigureRecord figures_8_9(const Subject& subject, const Subject& soft, const Stud
   double apart = 0;
   for (Index k = 0; k < 2; ++k)
     apart = std::max(apart, std::abs(run.mean(k) - collapsed.mean(k)) / collapsed.std(k));
-  record.rows.push_back(
-      {"composed maps against all data in one map, last means",
-       "std",
-       "composed maps only",
-       readable(apart, 2),
-       "The same posterior computed in two ways; the composition is checked against it and begun "
-       "anew where errors of many maps have added up.",
-       {},
-       apart});
+  record.rows.push_back({"composed maps against all data in one map, last means",
+                         "std",
+                         "composed maps only",
+                         readable(apart, 2),
+                         "The same posterior computed in two ways; the composition is checked against it and "
+                         "restarted where errors of many maps have added up.",
+                         {},
+                         apart});
   record.rows.push_back(
       {"27 pictures (3·10⁻³ mm/s, one every 5 s) in place of 100 steps: Y₀, A_d",
        "1",

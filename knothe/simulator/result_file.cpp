@@ -146,6 +146,17 @@ const files::VtuField& field_of(const files::VtuContents& grid, const ResultOpti
       names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", "))));
 }
 
+/// What its values are to be multiplied by to be in m: where the file says a unit, it is one of length.
+double factor_to_metres(const files::VtuField& field, const std::string& path) {
+  if (field.units.empty()) return 1;
+  const auto unit = files::unit_of(field.units);
+  if (unit && unit->si == "m") return unit->factor;
+  throw DataError(
+      fmt::format("{}: the field {} is in \"{}\" (key UNITS_LABEL): a displacement in m, or in "
+                  "another unit of length, is needed",
+                  path, field.name, field.units));
+}
+
 /// Between the points of a mesh of one kind of cells values are interpolated.
 std::optional<reduction::Mesh> mesh_of(const files::VtuContents& grid) {
   if (grid.types.empty()) return std::nullopt;
@@ -169,7 +180,8 @@ void add_vtu(const ResultOptions& options, const std::string& path, double time,
     throw DataError(fmt::format("{}: {} values, the first file has {}: the mesh must stay the same", path,
                                 field.values.size(), solution.dofs.components.size()));
   solution.time.push_back(time);
-  solution.values.insert(solution.values.end(), field.values.begin(), field.values.end());
+  const double factor = factor_to_metres(field, path);
+  for (const double value : field.values) solution.values.push_back(factor * value);
 }
 
 Snapshots from_vtu(const ResultOptions& options, const std::string& path) {

@@ -86,27 +86,28 @@ def infer(model: "str | os.PathLike[str] | Callable[[Array], ArrayLike]", parame
     Parameters
     ----------
     model : path or callable
-        A project file, as of ``knothe infer``: then only `method` and `results` may be given besides. Or the model itself: its
-        m outputs at parameters of shape (d,). Without `observed` it is the complete log posterior density, one number.
+        A project file, as for ``knothe infer``, with which only `method` and `results` may be given. Or the model itself: its m
+        outputs at parameters of shape (d,). Without `observed` it is the complete log posterior density, one number.
     parameters : mapping of name to Normal, Uniform or Lognormal
-        Priors; their order is that of the parameters. Of a density they only say where the parameters lie, and on which scale.
+        Priors; their order is that of the parameters. For a density they only give the region and scale of the parameters.
     observed : array_like, shape (m,), optional
     std : float or array_like, shape (m,)
         Standard deviations of the observations' noise; or
     covariance : array_like, shape (m, m)
         its covariance.
     jacobian : callable, optional
-        Derivatives of the outputs by the parameters, shape (m, d); else they are differenced.
+        Derivatives of the outputs with respect to the parameters, shape (m, d); finite differences without it.
     vectorized : bool
-        `model` and `jacobian` take n points at once: (n, d) to (n, m) and (n, m, d).
+        `model` and `jacobian` are called with n points at once: (n, d) to (n, m) and (n, m, d).
     method : {"transport", "mcmc", "smc", "grid"}, optional
     tolerance, max_order : float, int
         Of maps.
     samples : int
-        Draws.
+        Number of draws.
     seed : int
+        Of the random numbers.
     results : path, optional
-        Where a project's results go, in place of the project's own.
+        Folder for a project's results, in place of the project's own.
 
     Returns
     -------

@@ -61,7 +61,7 @@ class TransportMap:
     def condition(self, given: ArrayLike, count: int, seed: int = 1) -> Array:
         """Draws of all coordinates with the first ones equal to `given`, shape (count, d).
 
-        Of a map of samples of (data, parameters): samples of the posterior of the parameters, without a likelihood.
+        For a map of samples of (data, parameters) these are samples of the posterior of the parameters, without a likelihood.
         `UsageError` for a map that is not triangular (`fit` with ``triangular=True``).
 
         Examples
@@ -80,7 +80,7 @@ class TransportMap:
 
     @classmethod
     def load(cls, path: "str | os.PathLike[str]") -> "TransportMap":
-        """The map of such a file, bit-identical.
+        """The map from such a file, bit-identical.
 
         Examples
         --------
@@ -128,14 +128,14 @@ def fit(log_density: Callable[[Array], float], dimension: int, *, gradient: Call
     dimension : int
         d.
     gradient : callable, optional
-        Its gradient, shape (d,); without it the solver does with differences.
+        Its gradient, shape (d,); without it the solver uses finite differences.
     tolerance : float
         On the variance diagnostic.
     max_order : int
         1 to 8.
     seed : int
     standardised : bool
-        The density is roughly that of N(0, I), or within some units of it; else nothing is supposed of its scale.
+        The density is roughly that of N(0, I), or within some units of it; if false, nothing is assumed about its scale.
     triangular : bool
         The map is triangular in the given order of the variables, as `TransportMap.condition` needs it.
 

@@ -39,7 +39,7 @@ class ObservedModel:
         self._steps = native.steps()
 
     def __call__(self, at: ArrayLike | Mapping[str, float], step: int) -> Array:
-        """What the sensors would say without noise.
+        """The noise-free values of the sensors.
 
         Parameters
         ----------
@@ -57,7 +57,7 @@ class ObservedModel:
         return values[0] if one else values
 
     def jacobian(self, at: ArrayLike | Mapping[str, float], step: int) -> Array:
-        """Derivatives by the parameters, shape (sensors, d) or (n, sensors, d)."""
+        """Derivatives with respect to the parameters, shape (sensors, d) or (n, sensors, d)."""
         points, one = _parameter_points(at, self.parameters)
         jacobian = self._native.predict(points, step_of(step, self._steps), True)[1]
         return jacobian[0] if one else jacobian
@@ -75,7 +75,7 @@ class Model:
     times : ndarray
         Model times.
     points, components : ndarray, shapes (dofs, 3) and (dofs,)
-        Place (m) and direction of each dof; empty where they are no displacements.
+        Place (m) and direction of each dof; empty if the field is not a displacement.
 
     Examples
     --------
@@ -107,7 +107,7 @@ class Model:
         step : int
             Time step; negative ones count from the end.
         dofs : sequence of int, optional
-            Which; all by default.
+            Indices of the dofs; all by default.
 
         Returns
         -------
@@ -126,7 +126,7 @@ class Model:
         return [] if dofs is None else [int(dof) for dof in dofs]
 
     def jacobian(self, at: ArrayLike | Mapping[str, float], step: int, dofs: Sequence[int] | None = None) -> Array:
-        """Exact derivatives of the field by the parameters, shape (dofs, d) or (n, dofs, d)."""
+        """Exact derivatives of the field with respect to the parameters, shape (dofs, d) or (n, dofs, d)."""
         points, one = _parameter_points(at, self.parameters)
         jacobian = self._native.evaluate(points, step_of(step, len(self.times)), self._dofs(dofs), True)[1]
         return jacobian[0] if one else jacobian
@@ -138,7 +138,7 @@ class Model:
         return values[0] if one else values
 
     def observe(self, points: ArrayLike | Sensors, components: str | int | Sequence[str | int] = "y") -> ObservedModel:
-        """The model at places that need not be dofs: the element's shape functions interpolate.
+        """The model at arbitrary points, interpolated by the elements' shape functions.
 
         Parameters
         ----------
@@ -183,14 +183,14 @@ def offline(function: Callable[..., ArrayLike], parameters: Mapping[str, ArrayLi
             snapshots: "str | os.PathLike[str] | None" = None) -> Model:
     """Makes a reduced model of your own solver: solutions on a grid of parameters, separated.
 
-    The way of ``knothe model import``: the solutions go to a file of snapshots, and that becomes a model.
+    The same as ``knothe model import``: the solutions are written to a file of snapshots, from which the model is made.
 
     Parameters
     ----------
     function : callable
         ``function(p_1, ..., p_d)``: the solution at these parameters, shape (times, dofs).
     parameters : mapping of name to array_like
-        Nodes of the grid, strictly increasing; the model holds between the first and the last.
+        Nodes of the grid, strictly increasing; the model is defined between the first and the last.
     time : array_like
         Model times, strictly increasing.
     output : path
@@ -200,7 +200,7 @@ def offline(function: Callable[..., ArrayLike], parameters: Mapping[str, ArrayLi
     components : as of `Sensors`
         Direction of each dof.
     quantities : mapping of name to unit, optional
-        Dofs that have names in place of places.
+        Names and units of the dofs, if they have no place.
     units : str
         Of the field.
     form : {"tree", "canonical"}

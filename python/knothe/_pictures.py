@@ -13,8 +13,10 @@ from knothe import _knothe
 from knothe._errors import UsageError
 from knothe._values import Array, Precision, points_of
 
+Picture = NDArray[np.float32]
 
-def read_picture(path: "str | os.PathLike[str]") -> NDArray[np.float32]:
+
+def read_picture(path: "str | os.PathLike[str]") -> Picture:
     """Grey levels of a TIFF, PNG, BMP or PGM of 8 or 16 bits, shape (height, width), from the top.
 
     Examples
@@ -28,7 +30,7 @@ def read_picture(path: "str | os.PathLike[str]") -> NDArray[np.float32]:
     return _knothe.read_picture(os.fspath(path))[0]
 
 
-def _picture(picture: "ArrayLike | str | os.PathLike[str]") -> tuple[NDArray[np.float32], float]:
+def _picture(picture: "ArrayLike | str | os.PathLike[str]") -> tuple[Picture, float]:
     """Grey levels, and that of a saturated pixel: of integers the largest of their type."""
     if isinstance(picture, (str, os.PathLike)):
         return _knothe.read_picture(os.fspath(picture))
@@ -40,7 +42,7 @@ def _picture(picture: "ArrayLike | str | os.PathLike[str]") -> tuple[NDArray[np.
 
 @dataclass(frozen=True)
 class Displacements:
-    """How the nodes moved, px, positive to the right and down.
+    """Displacements of the nodes, px, positive to the right and down.
 
     Attributes
     ----------
@@ -53,7 +55,7 @@ class Displacements:
         Why it did not converge.
     iterations : int
     elements_rejected : int
-        Those that do not move as elements do: a crack.
+        By their residual, which no displacement of an element explains: a crack.
     residual_rms, picture_noise : float
         Grey levels.
 
@@ -77,11 +79,11 @@ class Displacements:
 
     @property
     def values(self) -> Array:
-        """u and v in turn, (u_0, v_0, u_1, ...), as data want them once they are scaled to metres."""
+        """u and v in turn, (u_0, v_0, u_1, ...): values of a `Datum` once they are scaled to metres."""
         return np.column_stack([self.u, self.v]).ravel()
 
     def precision(self) -> Precision:
-        """Inverse covariance of `values`, 1/px²: of data in metres, `scaled` by (px/m)²."""
+        """Inverse covariance of `values`, 1/px²; for data in metres, `scaled` by (px/m)²."""
         return Precision(*self._precision)
 
 
@@ -106,7 +108,7 @@ class Correlation:
     Attributes
     ----------
     x, y : ndarray, shape (nodes,)
-        Places of the nodes, px.
+        Coordinates of the nodes, px.
 
     Examples
     --------
@@ -135,7 +137,7 @@ class Correlation:
         self.x, self.y = self._native.nodes()
 
     def correlate(self, deformed: "ArrayLike | str | os.PathLike[str]") -> Displacements:
-        """Displacements of the nodes in a deformed picture; begins where the last picture ended."""
+        """Displacements of the nodes in a deformed picture; the iteration starts from those of the last one."""
         pixels, maximum = _picture(deformed)
         found = self._native.correlate(pixels, maximum)
         return Displacements(_precision=found.pop("precision"), **found)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Reason:
-    """Why an answer should be used with care, or not at all.
+    """A reason to use an answer with care, or not at all.
 
     Attributes
     ----------
@@ -28,7 +28,7 @@ class Reason:
     message : str
         What it is, and what to do.
     value, limit : float
-        What was found, and from where on it is a reason.
+        The value found, and the limit beyond which it is a reason.
     cause : str or None
         Of a misfit: ``sign``, ``scale``, ``time_shift`` ...
 
@@ -48,7 +48,7 @@ class Reason:
 
 @dataclass(frozen=True)
 class Verdict:
-    """May an answer be used?
+    """Whether an answer may be used.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Verdict:
     reasons : list of Reason
         None where the level is ``ok``.
     fit_probability : float
-        Of a misfit as large as that of all data so far, if the model is right.
+        Of a misfit as large as that of all data so far, if the model is correct.
     edge_mass : ndarray, shape (d,)
         Posterior mass in the outer 2 % of the model's box, at either side.
     model_shift_std : ndarray, shape (d,)
@@ -86,7 +86,7 @@ class Verdict:
 
 @dataclass(frozen=True, repr=False)
 class Forecast:
-    """What is said of one quantity of interest.
+    """The forecast of one quantity of interest.
 
     Attributes
     ----------
@@ -176,7 +176,7 @@ class Posterior:
 
     @property
     def maximum_a_posteriori(self) -> Array:
-        """Where the density of the parameters is largest, shape (d,)."""
+        """The maximum of the density of the parameters, shape (d,)."""
         return np.array(self.record["maximum_a_posteriori"])
 
     @property
@@ -211,16 +211,16 @@ class Posterior:
 
     @property
     def trusted(self) -> bool:
-        """Whether the computation is to be trusted; of the answer itself, `Verdict` speaks."""
+        """Whether the computation is accurate; `Verdict` rates the answer itself."""
         return bool(self.record["trusted"])
 
     @property
     def remark(self) -> str:
-        """Why the tolerance was not reached, or the computation is not to be trusted; else empty."""
+        """Why the tolerance was not reached, or the computation is not trusted; else empty."""
         return str(self.record.get("remark", ""))
 
     def index(self, parameter: str | int) -> int:
-        """The place of a parameter, by name or place."""
+        """The index of a parameter, by name or index."""
         if isinstance(parameter, str):
             if parameter not in self.parameters:
                 raise UsageError(f"there is no parameter \"{parameter}\"; there are {', '.join(self.parameters)}")
@@ -228,13 +228,13 @@ class Posterior:
         return int(parameter)
 
     def draws(self, count: int = 500) -> Array:
-        """Draws that weigh the same, no two of them equal, shape (count, d); of an assimilation those of `posterior.nc`."""
+        """Equally weighted draws, no two of them equal, shape (count, d); for an assimilation those of `posterior.nc`."""
         bounds = [density[:2] for density in self.densities] or [(-np.inf, np.inf)] * len(self.parameters)
         return _knothe.distinct_draws(self.points, self.weights, count, np.array([lower for lower, _ in bounds]),
                                       np.array([upper for _, upper in bounds]))
 
     def marginal(self, parameter: str | int) -> tuple[Array, Array]:
-        """Points and marginal density of one parameter, of the weighted points."""
+        """Points and marginal density of one parameter, from the weighted points."""
         k = self.index(parameter)
         lower, upper = self.densities[k][:2] if self.densities else (-np.inf, np.inf)
         return _knothe.marginal_density(self.points[:, k], self.weights, lower, upper)

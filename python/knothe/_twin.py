@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class Datum:
-    """What all sensors said at one time.
+    """The measurements of all sensors at one time.
 
     Parameters
     ----------
@@ -29,11 +29,11 @@ class Datum:
     values : array_like, shape (sensors,)
         In the units of the sensors, m for displacements; NaN where missing.
     std : float or array_like, optional
-        Standard deviations of its own noise; by default the sensors'.
+        Standard deviations of this datum's noise; by default those of the sensors.
     precision : Precision, optional
-        Inverse covariance of its own noise.
+        Inverse covariance of this datum's noise.
     source, session : str
-        Who measured, for data of one step that come from several.
+        Who measured, where several deliver data of one step.
     seq : int, optional
         Number of the datum at its source; the step by default.
 
@@ -60,7 +60,7 @@ class Datum:
 
     @property
     def step(self) -> int:
-        """Index of its time."""
+        """Index of its time step."""
         return self._native.step
 
     @property
@@ -70,7 +70,7 @@ class Datum:
 
     @property
     def std(self) -> Array | None:
-        """Standard deviations of its own noise; None where it has the sensors'."""
+        """Standard deviations of this datum's noise; None where the sensors' apply."""
         return self._native.std
 
     def __repr__(self) -> str:
@@ -103,7 +103,7 @@ class StepResult(Posterior):
 
     @property
     def verdict(self) -> Verdict:
-        """May the answer be used?"""
+        """Whether the answer may be used."""
         return Verdict.of(self.record["verdict"])
 
     @property
@@ -143,7 +143,7 @@ class Twin:
     precision : Precision
         its inverse covariance.
     parameters : mapping of name to Normal, Uniform or Lognormal
-        A prior for each parameter of the model; their order is that of results.
+        A prior for each parameter of the model; their order is that of the results.
     forecasts : mapping of name to mapping
         The tables ``[forecast.NAME]`` of a project file.
     tolerance : float
@@ -151,6 +151,7 @@ class Twin:
     max_order : int
         Of maps.
     seed : int
+        Of the random numbers.
 
     Examples
     --------
@@ -202,12 +203,12 @@ class Twin:
     def assimilate(self, datum: Datum) -> StepResult:
         """Adds a datum: the posterior of all data up to its step.
 
-        `UsageError` for a datum of the wrong size or time, or one that is there already: nothing has changed then.
+        `UsageError` for a datum of the wrong size or time, or one that is there already; nothing has changed then.
         """
         return StepResult(self._native.assimilate(datum._native), self.parameters)
 
     def withdraw(self, step: int, source: str = "", session: str = "", seq: int | None = None) -> None:
-        """Takes a datum out: from then on everything is, to the bit, as if it had never come."""
+        """Withdraws a datum: everything is then, to the bit, as if it had never been assimilated."""
         step = step_of(step, len(self.times))
         self._native.withdraw(step, source, session, step if seq is None else seq)
 
@@ -237,11 +238,11 @@ class Twin:
 
     @property
     def verdict(self) -> Verdict:
-        """May the answer be used? As the last line of ``knothe assimilate`` says of the whole run."""
+        """Whether the answer may be used, as in the last line of ``knothe assimilate``, for the whole run."""
         return Verdict.of(json.loads(self._native.run_verdict()))
 
     def predict(self, at: ArrayLike | Mapping[str, float], step: int) -> Array:
-        """What the sensors would say without noise, shape (sensors,) or (n, sensors)."""
+        """The noise-free values of the sensors, shape (sensors,) or (n, sensors)."""
         points, one = _parameter_points(at, self.parameters)
         values, _ = self._native.predict(points, step_of(step, len(self.times)), False)
         return values[0] if one else values

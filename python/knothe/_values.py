@@ -16,7 +16,7 @@ _COMPONENTS = {"x": 0, "y": 1, "z": 2}
 
 @dataclass(frozen=True)
 class Normal:
-    """Normal prior N(mean, std²). Of a reduced model's parameter it is truncated to the model's box and renormalised.
+    """Normal prior N(mean, std²). For a reduced model it is truncated to the model's box and renormalised.
 
     Examples
     --------
@@ -60,7 +60,7 @@ Prior = Union[Normal, Uniform, Lognormal]
 
 
 def prior_values(parameters: Mapping[str, Prior]) -> list[tuple[str, str, float, float]]:
-    """As the module wants them; the order is that of the mapping."""
+    """In the form that the module needs; the order is that of the mapping."""
     values = []
     for name, prior in parameters.items():
         if isinstance(prior, Normal):
@@ -111,7 +111,7 @@ class Sensors:
 
 @dataclass(frozen=True)
 class Precision:
-    """Inverse covariance of correlated noise, n x n, both triangles: compressed sparse rows, as of `scipy.sparse.csr_matrix`.
+    """Inverse covariance of correlated noise, n x n, both triangles: compressed sparse rows, as in `scipy.sparse.csr_matrix`.
 
     Parameters
     ----------

@@ -7,6 +7,7 @@ import pathlib
 import re
 import subprocess
 import unittest
+import xml.etree.ElementTree
 
 from dic_pictures import Speckle, write_pgm, write_tiff16
 from support import DATA, KNOTHE, Case, python_with
@@ -125,11 +126,27 @@ class Test(Case):
         for name in ("fields_a.vtu", "fields_b.vtu"):
             self.assertIn(name, series)
             self.assertIn(b"displacement_std", (self.folder / name).read_bytes())
+        # With a scale in the project displacements are in m, and the times are the project's.
+        self.assertEqual(re.findall(r'timestep="(.*?)"', series), ["0.5", "1"])
+        time, units = self.time_and_units("fields_a.vtu")
+        self.assertEqual(time, 0.5)
+        self.assertEqual(units, {"displacement": "m", "displacement_std": "m", "strain_xx_yy_xy": "1", "measured": None,
+                                 "residual_grey_levels": "grey levels", "valid": None})
+        self.expect(0, "dic", "reference.pgm", "b.pgm", "--element-size", 15, "--roi", ROI, "-o", "b.vtu")
+        time, units = self.time_and_units("b.vtu")
+        self.assertEqual((time, units["displacement"], units["displacement_std"]), (0, "px", "px"))
         page = (self.folder / "maps" / "index.html").read_text()
         for text in ("a.pgm", "b.pgm", 'src="a.png"', "noise of a displacement, px"):
             self.assertIn(text, page)
         for name in ("a.png", "b.png"):
             self.assertEqual((self.folder / "maps" / name).read_bytes()[:8], b"\x89PNG\r\n\x1a\n")
+
+    def time_and_units(self, name):
+        """Of a field file, as VTK stores them."""
+        root = xml.etree.ElementTree.fromstring((self.folder / name).read_bytes().partition(b"<AppendedData")[0] + b"</VTKFile>")
+        (time,) = root.findall(".//FieldData/DataArray[@Name='TimeValue']")
+        arrays = root.findall(".//PointData/DataArray") + root.findall(".//CellData/DataArray")
+        return float(time.text), {array.get("Name"): array.findtext("InformationKey[@name='UNITS_LABEL']") for array in arrays}
 
     def test_a_bad_picture_is_named_and_the_series_goes_on(self):
         self.draw("reference", "a", "b")

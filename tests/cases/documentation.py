@@ -51,10 +51,14 @@ def exit_status(result):
 
 
 class Test(Case):
-    def build_pages(self):
+    def python_of_sphinx(self):
         python = python_with("sphinx", "myst_parser", "furo")
         if python is None:
             self.skipTest("no python3 with Sphinx, MyST and furo here: `scripts/install-dependencies.sh docs` installs them")
+        return python
+
+    def build_pages(self):
+        python = self.python_of_sphinx()
         if not pathlib.Path("/usr/share/javascript/mathjax/MathJax.js").exists():
             self.skipTest("no libjs-mathjax here: `scripts/install-dependencies.sh docs` installs it")
         done = subprocess.run([python, "-m", "sphinx", "-b", "html", "-W", "--keep-going", "-q", "-d", self.folder / "cache", DOCS,
@@ -73,6 +77,30 @@ class Test(Case):
         # What the browser asks for on its own account has no initiator.
         return done.stdout, re.findall(r'"initiator":"(?!not an origin)[^"]*".{0,400}?"url":"(https?://[^"]*)"', log.read_text())
 
+    def check_reference_of_interfaces(self, pages):
+        """All that is public is on the pages of Python and, where Doxygen was there, of C++."""
+        package = (REPOSITORY / "python/knothe/__init__.py").read_text()
+        names = set(re.findall(r'"(\w+)"', package.split("__all__ = [")[1])) - {"__version__"}
+        names |= {f"plot.{name}" for name in re.findall(r"^def ([a-z]\w*)", (REPOSITORY / "python/knothe/plot.py").read_text(), re.MULTILINE)}
+        page = (pages / "python.html").read_text()
+        self.assertEqual([name for name in sorted(names) if f'id="knothe.{name}"' not in page], [])
+        page = (pages / "cpp.html").read_text()
+        if "left out here" in page:
+            return
+        for header in re.findall(r'#include "(knothe/(?:library/|base/error).*)"', (REPOSITORY / "knothe/knothe.hpp").read_text()):
+            declared = re.findall(r"^(?:class|struct|enum class) (?:KNOTHE_EXPORT )?(\w+)", (REPOSITORY / header).read_text(), re.MULTILINE)
+            declared += re.findall(r"KNOTHE_EXPORT \w+ (\w+)\(", (REPOSITORY / header).read_text())
+            self.assertEqual([name for name in declared if f'id="_CPPv4N6knothe{len(name)}{name}E' not in page], [], header)
+
+    def test_without_doxygen_the_page_of_cpp_says_what_is_left_out(self):
+        python = self.python_of_sphinx()
+        done = subprocess.run([python, "-m", "sphinx", "-b", "text", "-q", "-d", self.folder / "cache", "-D", "exclude_patterns=_static,"
+                               "benchmarks,explanation,how-to,notes,tutorials,reference/[!ci]*", DOCS, self.folder / "text",
+                               DOCS / "reference/cpp.md"], capture_output=True, text=True, timeout=280, env={**os.environ, "PATH": ""})
+        self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+        page = (self.folder / "text/reference/cpp.txt").read_text()
+        self.assertRegex(page, r"knothe::TransportMap: left out here; Debian's doxygen and\s+python3-breathe were not installed")
+
     def test_the_pages_build_without_a_warning_and_work_without_a_network(self):
         html = self.build_pages()
         version = self.expect(0, "--version").out.split()[1]
@@ -82,10 +110,15 @@ class Test(Case):
             loads = re.findall(r"<(?:script|img|iframe)\b[^>]*\bsrc=\"(?:https?:)?//[^\"]*|<link\b[^>]*\bhref=\"(?:https?:)?//[^\"]*|"
                                r"(?:url\(|@import)\s*['\"]?(?:https?:)?//[^)]*", page.read_text())
             self.assertEqual(loads, [], page)
+        self.check_reference_of_interfaces(html / "reference")
         if not os.path.exists(CHROMIUM):
             self.skipTest(f"{CHROMIUM} is not installed: search and equations were not looked at")
         found, asked = self.shown(f"file://{html}/search.html?q=effective+sample+size")
         self.assertTrue(re.search(r"href=\"explanation/assimilation\.html", found), "the search does not find the page")
+        for name in ("Twin", "TransportMap"):
+            found, asked_for_it = self.shown(f"file://{html}/search.html?q={name}")
+            self.assertTrue(re.search(rf"href=\"reference/python\.html#knothe\.{name}\"", found), f"the search does not find {name}")
+            self.assertEqual(asked_for_it, [])
         equations, asked_too = self.shown(f"file://{html}/explanation/method.html")
         self.assertTrue(re.search(r"<svg [^>]*role=\"img\"", equations), "equations are not drawn")
         self.assertFalse(re.search(r"Math Processing Error|class=\"merror", equations), "an equation is wrong")

@@ -87,7 +87,7 @@ class Test(InferCase):
 
     def test_a_density_with_observations(self):
         self.edit('name = "forward"', 'name = "forward"\nkind = "density"')
-        self.expect_project_refused("[observations] does not go with", key="[observations]")
+        self.expect_project_refused("[observations] cannot be combined with", key="[observations]")
 
     def test_a_covariance_that_is_not_symmetric(self):
         self.set_observations("values = [1.0, 2.0]", "covariance = [[1.0, 0.5], [0.4, 1.0]]")

@@ -263,7 +263,7 @@ coefficients = [2.0, -0.5]
         for k in (0, 1):
             self.assertAlmostEqual(changed["mean"][k], alone["mean"][k], places=12)
         for text, message in (('forgetting = 1.5', "at most 1"), ('change_points = [1.5]', "must be steps"),
-                              ('forgetting = 0.9\nbias_correction = "on"', "do not go together with bias_correction")):
+                              ('forgetting = 0.9\nbias_correction = "on"', "cannot be combined with bias_correction")):
             self.edit("[method]\n", f"[method]\n{text}\n")
             self.expect(2 if "bias" in text else 3, "assimilate", self.project_name, stderr=message)
             self.edit(f"[method]\n{text}\n", "[method]\n")

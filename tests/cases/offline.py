@@ -107,7 +107,7 @@ class Test(Case):
         self.build("joint.h5", "--method", "latin")
         full = text.replace('method = "snapshots"', 'method = "latin"\nlatin = { separation = "full", accuracy = 5e-7 }')
         self.project.write_text(full)
-        self.expect(3, "offline", self.project_name, "-o", "full.h5", stderr='it goes with form = "canonical"')
+        self.expect(3, "offline", self.project_name, "-o", "full.h5", stderr='it needs form = "canonical"')
         full = full.replace('form = "tree"', 'form = "canonical"').replace("modes = 6", "modes = 60")
         self.project.write_text(full)
         out = self.build("full.h5", "--json").lines()
@@ -236,7 +236,7 @@ class Test(Case):
         self.assertIn("9 full-order runs, 5 of them kept", risen.out)
         self.assertIn("more than [offline.adaptive] runs = 9", risen.err)
         self.project.write_text(text.replace('method = "snapshots"', 'method = "latin"\nsparse_level = 1', 1))
-        self.expect(3, "offline", self.project_name, "-o", "model.h5", stderr="goes with method")
+        self.expect(3, "offline", self.project_name, "-o", "model.h5", stderr="needs method")
 
     def test_five_parameters_are_assimilated(self):
         """examples/beam_five on elements of 20 mm: the model says what the truth was, and its correlations are told."""

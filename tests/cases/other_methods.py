@@ -61,7 +61,7 @@ class Test(Case):
     def test_every_combination_with_bias_correction_works_or_is_refused_in_words(self):
         """noise_level, likelihood, gate, offsets, form and method beside bias_correction; the gate beside noise_level."""
         joint, linear = 'bias_correction = "on"\n', 'bias_correction = "on"\nbias_extrapolation = "linear"\n'
-        one_by_one = "go with method auto, transport or grid and the Gaussian likelihood only"
+        one_by_one = "need method auto, transport or grid and the Gaussian likelihood only"
         for options, words in (
                 (joint + "gate = 6.0\n", one_by_one),
                 (joint + 'likelihood = "student-t"\n', one_by_one),

@@ -181,7 +181,7 @@ class Test(ServiceCase):
         self.assertNotEqual(status["journal"], journal)
         events.close()
         (alarm,) = [a for a in self.alarms(service) if a["kind"] == "journal"]
-        self.assertEqual(alarm["message"], "the journal that had this name, with 12 records, is not there any more")
+        self.assertEqual(alarm["message"], "the journal that had this name, with 12 records, no longer exists")
 
     def test_a_journal_is_copied_while_it_is_written(self):
         service = self.serve()

@@ -120,7 +120,7 @@ class Test(ServiceCase):
         service = self.serve_camera(options)
         self.camera()
         self.expect_equal(self.wait_for_step(service, steps - 1), expected)
-        service.wait_until(lambda: "the camera goes on behind the last time" in service.logged())
+        service.wait_until(lambda: "the last model time has passed" in service.logged())
         self.expect_kept(range(steps))
         self.assertEqual([self.metric(service, f"{name}_total") for name in ("incomplete_frames", "lost_frames", "reconnects")], [0, 0, 0])
         self.assertGreaterEqual(self.metric(service, "frames_total"), steps)

@@ -78,7 +78,7 @@ class Test(Case):
         out = self.expect(0, "check", self.project_name).out
         self.assertIn("model: 2 parameters, 12 times", out)
         self.assertIn("data: 24 sensors at 12 times, inside the model", out)
-        self.assertIn("Y0: the data can make its prior about ", out)
+        self.assertIn("Y0: the data can narrow its prior by a factor of about ", out)
         self.assertTrue(out.endswith("assimilation.toml: valid\n"), out)
 
     def test_check_of_files_that_are_not_there_is_of_the_syntax_only(self):
@@ -96,7 +96,7 @@ class Test(Case):
     def test_check_tells_what_the_data_say_nothing_of(self):
         self.use(lambda row: row.update(std="1.0"))
         message = self.expect(0, "check", self.project_name).err
-        self.assertIn("warning: the data say next to nothing of Y0", message)
+        self.assertIn("warning: the data carry almost no information on Y0", message)
 
     def test_check_finds_what_assimilate_would_refuse(self):
         self.edit("horizon = 0.75", "horizon = 2.5")

@@ -72,11 +72,10 @@ ClockReading read_clock(const reduction::SeparatedModel& model, const std::strin
   for (std::size_t i = 0; i < measured.values.size(); ++i) {
     const double raw = measured.values[i], value = clock.sign * raw;
     if (std::isnan(raw)) {
-      throw DataError(
-          fmt::format("{}: outputs/{}[{}] is missing: without the clock nobody knows when the datum was "
-                      "measured; leave out "
-                      "the time, or fill in the reading",
-                      where, name, i));
+      throw DataError(fmt::format(
+          "{}: outputs/{}[{}] is missing: without the clock the time of the datum is unknown; leave out "
+          "the time, or fill in the reading",
+          where, name, i));
     }
     if (value < largest - std::sqrt(2.0) * slack) {
       throw DataError(fmt::format(

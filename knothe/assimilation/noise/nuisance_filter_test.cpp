@@ -434,7 +434,7 @@ TEST(ScaleError, DoesNotGoWithACorrection) {
     FAIL() << "a correction of data whose scale is unknown was taken";
   } catch (const UsageError& error) {
     EXPECT_STREQ(error.what(),
-                 "bias_correction does not go together with a scale that is not known exactly "
+                 "bias_correction cannot be combined with a scale that is not known exactly "
                  "(relative_scale_std, dic.scale_std): leave out one of them");
   }
 }

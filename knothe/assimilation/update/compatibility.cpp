@@ -49,12 +49,11 @@ const std::vector<Row>& table() {
        {F::gate, F::student_t, F::noise_level},
        "method.kind",
        "this method.kind does without likelihood = \"student-t\", gate and noise_level = \"unknown\": these "
-       "go "
-       "with \"auto\", \"transport\" and \"grid\""},
+       "need \"auto\", \"transport\" or \"grid\""},
       {F::changes,
        {F::baseline, F::gate, F::student_t},
        "method",
-       "forgetting, change_points and on_alarm = \"restart\" go with method auto, transport or grid and the "
+       "forgetting, change_points and on_alarm = \"restart\" need method auto, transport or grid and the "
        "Gaussian "
        "likelihood without a gate only"},
       {F::noise_level,
@@ -72,34 +71,34 @@ const std::vector<Row>& table() {
       {F::bias,
        {F::baseline, F::gate, F::student_t},
        "",
-       "bias_correction and --redo go with method auto, transport or grid and the Gaussian likelihood only"},
+       "bias_correction and --redo need method auto, transport or grid and the Gaussian likelihood only"},
       {F::bias,
        {F::lasting},
        "",
-       "bias_correction does not go together with {}: data cannot tell a bias from such an error"},
+       "bias_correction cannot be combined with {}: data cannot tell a bias from such an error"},
       {F::noise_level,
        {F::lasting},
        "",
-       "noise_level = \"unknown\" does not go together with {}: one factor cannot be that of both errors"},
+       "noise_level = \"unknown\" cannot be combined with {}: one factor cannot be that of both errors"},
       {F::bias,
        {F::noise_level},
        "",
-       "bias_correction does not go together with noise_level = \"unknown\": data cannot tell a bias from "
+       "bias_correction cannot be combined with noise_level = \"unknown\": data cannot tell a bias from "
        "noise"},
       {F::bias,
        {F::scale},
        "",
-       "bias_correction does not go together with a scale that is not known exactly (relative_scale_std, "
+       "bias_correction cannot be combined with a scale that is not known exactly (relative_scale_std, "
        "dic.scale_std): leave out one of them"},
       {F::extrapolated_bias,
        {F::reference, F::offsets},
        "",
-       "an extrapolated bias does not go together with noise that steps share (shared_reference, "
+       "an extrapolated bias cannot be combined with noise that steps share (shared_reference, "
        "offset_std): its likelihood replaces the noise of each step; take bias_extrapolation = \"joint\""},
       {F::joint_bias,
        {F::lasting_clock},
        "",
-       "bias_correction does not go together with a clock or a known parameter that has a std beside noise "
+       "bias_correction cannot be combined with a clock or a known parameter that has a std beside noise "
        "that steps share (shared_reference, offset_std): the estimate of each clock would depend on the "
        "bias; leave out one of them"},
       {F::joint_bias,
@@ -111,7 +110,7 @@ const std::vector<Row>& table() {
       {F::changes,
        {F::noise_level, F::composed, F::bias, F::reference, F::offsets, F::scale, F::lasting},
        "",
-       "forgetting, change_points and on_alarm = \"restart\" do not go together with {}: these count on data "
+       "forgetting, change_points and on_alarm = \"restart\" cannot be combined with {}: these count on data "
        "that do not grow old"},
       {F::student_t,
        {F::correlated, F::reference, F::offsets, F::scale, F::lasting},
@@ -233,7 +232,7 @@ void require_compatible(const Features& features) {
 }
 
 std::string compatibility_table() {
-  std::string text = "| what | does not go with | what is said |\n| --- | --- | --- |\n";
+  std::string text = "| what | cannot be combined with | message |\n| --- | --- | --- |\n";
   for (const Row& row : table()) {
     std::string others;
     for (const Feature other : row.others) {

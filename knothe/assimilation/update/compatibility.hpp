@@ -1,5 +1,5 @@
 #pragma once
-/// @file What does not go together: one table, with the reasons.
+/// @file What cannot be combined: one table, with the reasons.
 #include <bitset>
 #include <string>
 #include <string_view>

@@ -23,7 +23,7 @@ TEST(Compatibility, AConflictIsNamedWithItsReasonAndTheOtherOne) {
   const Conflict found = find_conflict(both(Feature::changes, Feature::offsets));
   EXPECT_EQ(found.key, "");
   EXPECT_EQ(found.message,
-            "forgetting, change_points and on_alarm = \"restart\" do not go together with errors that steps "
+            "forgetting, change_points and on_alarm = \"restart\" cannot be combined with errors that steps "
             "share (offset_std): these count on data that do not grow old");
   EXPECT_EQ(find_conflict(both(Feature::noise_level, Feature::student_t)).key, "method.noise_level");
   EXPECT_THROW(require_compatible(both(Feature::changes, Feature::offsets)), UsageError);
@@ -43,7 +43,7 @@ TEST(Compatibility, TheDocumentationHasTheTableAsItIs) {
   std::stringstream text;
   text << file.rdbuf();
   EXPECT_NE(text.str().find(compatibility_table()), std::string::npos)
-      << "docs/explanation/assimilation.md, \"What does not go together\", should have:\n"
+      << "docs/explanation/assimilation.md, \"What cannot be combined\", should have:\n"
       << compatibility_table();
 }
 

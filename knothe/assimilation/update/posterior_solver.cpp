@@ -309,7 +309,7 @@ void PosteriorSolver::by_composed_maps(const StepForm& last, Posterior& r, Updat
     by_collapsed_map(r, times);
     compose_anew();
     r.remark +=
-        fmt::format("{}the composition was begun anew: its effective sample size had come to {:.0f} %",
+        fmt::format("{}the composition was restarted: its effective sample size had fallen to {:.0f} %",
                     r.remark.empty() ? "" : "; ", 100 * pushed.effective_sample_size);
     return;
   }

@@ -59,7 +59,8 @@ std::vector<std::size_t> SequentialUpdate::corrected_steps() const {
 const UpdateResult& SequentialUpdate::update(std::size_t step, std::size_t time_index,
                                              const Eigen::Ref<const Eigen::VectorXd>& values) {
   if (store_.steps().contains(step))
-    throw UsageError(fmt::format("step {} is assimilated already: take it out before putting it back", step));
+    throw UsageError(
+        fmt::format("step {} is assimilated already: withdraw it before assimilating it again", step));
   const auto start = monotonic_now();
   add({{}, step, time_index, values, std::nullopt});
   take_changes();
@@ -260,9 +261,8 @@ void SequentialUpdate::correct_since_drift(std::size_t step, const ModelSupervis
   assimilate_from(from, step);
   tell(alarm);
   result_.notice = fmt::format(
-      "{}; correction of model bias switched on, and steps {} to {} taken out and put back with the "
-      "corrected "
-      "model{}{}",
+      "{}; correction of model bias switched on, and steps {} to {} withdrawn and assimilated again with the "
+      "corrected model{}{}",
       alarm.notice, from, step, result_.notice.empty() ? "" : "; ", result_.notice);
 }
 
@@ -286,7 +286,7 @@ bool SequentialUpdate::restart_at_change(std::size_t step, const ModelSupervisio
   assimilate_from(from, step);
   tell(alarm);
   result_.notice = fmt::format(
-      "{}; taken for a change of the structure at step {}: the data before it count {}{}{}", alarm.notice,
+      "{}; treated as a change of the structure at step {}: the data before it count {}{}{}", alarm.notice,
       onset, changes_.retention_in_words(), result_.notice.empty() ? "" : "; ", result_.notice);
   return true;
 }

@@ -73,7 +73,7 @@ void StepStore::add(const Datum& datum) {
 void StepStore::withdraw(std::size_t index, const DatumKey& key) {
   const auto it = steps_.find(index);
   if (it == steps_.end() || it->second.data.erase(key) == 0)
-    throw UsageError(fmt::format("step {} is not assimilated: there is nothing to take out", index));
+    throw UsageError(fmt::format("step {} is not assimilated: there is nothing to withdraw", index));
   StoredStep& step = it->second;
   step.form.quadratic.resize(0, 0);
   step.moved.reset();

@@ -81,7 +81,7 @@ TEST_F(StepStoreTest, RefusesWhatIsNotThereAndWhatCannotBe) {
   StepStore store = make(false);
   add(store, 2);
   EXPECT_EQ(message([&] { store.withdraw(1, {}); }),
-            "step 1 is not assimilated: there is nothing to take out");
+            "step 1 is not assimilated: there is nothing to withdraw");
   EXPECT_EQ(message([&] { (void)store.find(1); }), "step 1 is not assimilated: there is no posterior of it");
   EXPECT_THROW(store.add({{}, 3, 3, Eigen::VectorXd::Constant(n, 1e200), std::nullopt}), DataError);
   EXPECT_EQ(store.steps().size(), 1u);

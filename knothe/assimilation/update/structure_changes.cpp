@@ -42,7 +42,7 @@ std::size_t StructureChanges::count_forgotten(std::span<const std::size_t> steps
 
 std::string StructureChanges::retention_in_words() const {
   return retention_ > 0 ? fmt::format("with the power {:g}", retention_)
-                        : "no more, the posterior began anew from the prior";
+                        : "no longer, the posterior restarted from the prior";
 }
 
 void StructureChanges::restart() {

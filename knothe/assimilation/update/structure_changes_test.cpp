@@ -116,7 +116,7 @@ TEST(ChangingStructure, AnAlarmIsTakenForAChangeWhereTheDriftBegan) {
   ASSERT_FALSE(update.changes().found().empty());
   EXPECT_LE(update.changes().found().size(), 2u) << words;
   EXPECT_NEAR(static_cast<double>(update.changes().found().back()), 15, 1);
-  EXPECT_NE(words.find("taken for a change of the structure at step"), std::string::npos) << words;
+  EXPECT_NE(words.find("treated as a change of the structure at step"), std::string::npos) << words;
   const auto distance = [&](const UpdateResult& r) {
     const Eigen::VectorXd miss = r.mean - after;
     return std::sqrt(miss.dot(Eigen::LLT<Eigen::MatrixXd>(r.covariance).solve(miss)));
@@ -149,7 +149,7 @@ TEST(ChangingStructure, WhatDoesNotGoTogetherIsNamed) {
   biased.bias_correction = BiasCorrectionMode::on;
   level.noise_level = NoiseLevel(2, 1);
   composed.form = UpdateOptions::Form::composed;
-  EXPECT_NE(refused(biased, noise).find("do not go together with bias_correction"), std::string::npos);
+  EXPECT_NE(refused(biased, noise).find("cannot be combined with bias_correction"), std::string::npos);
   EXPECT_NE(refused(level, noise).find("noise_level"), std::string::npos);
   EXPECT_NE(refused(composed, noise).find("composed"), std::string::npos);
   EXPECT_NE(refused({}, noise.with_offsets(0.1)).find("errors that steps share"), std::string::npos);

@@ -262,15 +262,14 @@ void Assessor::assess_range(const UpdateResult& update, Verdict& verdict) const 
     const double low = pressure(update, a, lower), high = pressure(update, a, upper);
     const double edge = low > high ? lower : upper, found = std::max(low, high);
     if (found < options_.edge_caution) continue;
-    verdict.add(
-        {VerdictPart::range,
-         found > options_.edge_reject ? VerdictLevel::reject : VerdictLevel::caution,
-         found,
-         options_.edge_caution,
-         fmt::format("{} is pressed against the {} end of the model's range, {:.4g}: the data ask for "
-                     "more; make the model with a wider range, or see why the data ask for that",
-                     name_of_parameter(a), low > high ? "lower" : "upper", edge),
-         {}});
+    verdict.add({VerdictPart::range,
+                 found > options_.edge_reject ? VerdictLevel::reject : VerdictLevel::caution,
+                 found,
+                 options_.edge_caution,
+                 fmt::format("{} is pressed against the {} end of the model's range, {:.4g}: the data ask "
+                             "for more; make the model with a wider range, or see why the data ask for that",
+                             name_of_parameter(a), low > high ? "lower" : "upper", edge),
+                 {}});
   }
 }
 
@@ -375,7 +374,7 @@ void Assessor::assess_sensors(const AssessedPosterior& posterior, Verdict& verdi
                  VerdictLevel::caution,
                  update.monitor.cumulative_sum,
                  update.monitor.threshold,
-                 fmt::format("the model does not predict the data: an alarm that a right model rings once in "
+                 fmt::format("the model does not predict the data: a correct model raises this alarm once in "
                              "{:.0f} steps; bias_correction = \"auto\" allows for it",
                              monitor_.average_run_length),
                  {}});

@@ -136,10 +136,11 @@ class Diagnostician {
       std::string names = tests_.name_of(sensors[0]);
       for (std::size_t k = 1; k < std::min<std::size_t>(sensors.size(), 5); ++k)
         names += ", " + tests_.name_of(sensors[k]);
-      return Diagnosis{MisfitCause::single_sensor,
-                       fmt::format("{} sensors do not fit, all others do: {}{}: leave them out, or mend them",
-                                   sensors.size(), names, sensors.size() > 5 ? ", …" : ""),
-                       1};
+      return Diagnosis{
+          MisfitCause::single_sensor,
+          fmt::format("{} sensors do not fit, all others do: {}{}: leave them out, or repair them",
+                      sensors.size(), names, sensors.size() > 5 ? ", …" : ""),
+          1};
     }
     if (sensors.size() == 1 && tests_.is_scalar(sensors[0]))
       return Diagnosis{
@@ -149,10 +150,10 @@ class Diagnostician {
                       tests_.name_of(sensors[0])),
           1};
     if (sensors.size() == 1)
-      return Diagnosis{
-          MisfitCause::single_sensor,
-          fmt::format("{} does not fit, all others do: leave it out, or mend it", tests_.name_of(sensors[0])),
-          1};
+      return Diagnosis{MisfitCause::single_sensor,
+                       fmt::format("{} does not fit, all others do: leave it out, or repair it",
+                                   tests_.name_of(sensors[0])),
+                       1};
     if (values == 1)
       return Diagnosis{MisfitCause::single_sensor,
                        fmt::format("one value of {}, at step {}, does not fit, all others do: withdraw or "

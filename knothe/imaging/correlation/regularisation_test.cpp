@@ -236,7 +236,7 @@ TEST(ReferenceUpdate, DoesNotGoWithACrackOrAResumedSeries) {
   SeriesOptions options = series.options();
   options.crack = CrackSearchOptions{};
   EXPECT_THAT(files::message_of<UsageError>([&] { const PictureSeries refused(options); }),
-              HasSubstr("does not go together with another reference"));
+              HasSubstr("cannot be combined with another reference"));
 }
 
 /// The region in general quadrilaterals, as Gmsh 2.2 writes them; coordinates times `scale`, y times `up`.

@@ -212,8 +212,8 @@ PictureFrame outline_start(const files::Picture& picture, const Outline& outline
   const auto part = largest_part(p, threshold[kind][0]);
   const auto cells = static_cast<double>(p.value.size());
   const std::string remedy =
-      "give \"dic.scale\" and \"dic.origin\", or \"dic.pixels\" and \"dic.points\", right to some 20 px, to "
-      "begin with";
+      "give \"dic.scale\" and \"dic.origin\", or \"dic.pixels\" and \"dic.points\", accurate to about 20 px, "
+      "as initial values";
   if (threshold[kind][1] < k_separation || static_cast<double>(part.size()) < k_smallest_body * cells)
     throw DataError(fmt::format("{}: error: no body stands out from what is behind it: {}", name, remedy));
   double xx = 0, xy = 0, yy = 0;

@@ -77,10 +77,11 @@ Geometry geometry_of(const files::Picture& picture, const Outline& outline, cons
     }
   }
   if (!(total > 0))
-    throw DataError(fmt::format(
-        "{}: error: the outline lies outside the picture; it must begin right to some 20 px (\"dic.scale\", "
-        "\"dic.origin\")",
-        name));
+    throw DataError(
+        fmt::format("{}: error: the outline lies outside the picture; its initial position must be accurate "
+                    "to about 20 px (\"dic.scale\", "
+                    "\"dic.origin\")",
+                    name));
   Geometry g;
   for (const auto& [z, length] : seen) g.centre += z * (length / total);
   for (const auto& [z, length] : seen) g.radius += std::norm(z - g.centre) * (length / total);
@@ -289,8 +290,8 @@ OutlineFit fit_outline(const files::Picture& picture, const Outline& outline, co
         static_cast<double>(places.size()) < k_min_share * in_view)
       throw DataError(
           fmt::format("{}: error: no edge of the body near its outline: {} of {} places along it show one; "
-                      "the outline must "
-                      "begin right to {:.0f} px (\"dic.scale\", \"dic.origin\"), and the body be brighter, "
+                      "the initial outline must be accurate to {:.0f} px (\"dic.scale\", \"dic.origin\"), "
+                      "and the body be brighter, "
                       "darker or more "
                       "textured than what is behind it",
                       name, places.size(), in_view, reach));
@@ -319,8 +320,8 @@ OutlineFit fit_outline(const files::Picture& picture, const Outline& outline, co
   if (fit.misfit > k_worst_misfit || fit.used < k_min_share * in_view)
     throw DataError(
         fmt::format("{}: error: the edges that were found do not lie on the outline: {} of {} agree, within "
-                    "{:.1f} px; it must "
-                    "begin right to some 20 px (\"dic.scale\", \"dic.origin\"), and be that of this body",
+                    "{:.1f} px; its initial position must be accurate to about 20 px (\"dic.scale\", "
+                    "\"dic.origin\"), and be that of this body",
                     name, fit.used, in_view, fit.misfit));
   const Matrix4 covariance =
       covariance_of(places, normal, scale_precision, std::max(1.0, robust_scale(normalised)),

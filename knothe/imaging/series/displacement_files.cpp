@@ -218,6 +218,11 @@ Eigen::VectorXd observed_values(const ImageMesh& mesh, const PictureResult& resu
   return values;
 }
 
+double time_of(const PictureSeries& series, std::size_t picture) {
+  const std::vector<double>& times = series.options().times;
+  return times.empty() ? static_cast<double>(picture) : times[picture];
+}
+
 void write_displacements(const std::string& path, const PictureSeries& series,
                          const std::vector<PictureResult>& results, const std::optional<PictureFrame>& frame,
                          const std::string& project) {
@@ -228,10 +233,8 @@ void write_displacements(const std::string& path, const PictureSeries& series,
   std::vector<double> places, values;
   std::vector<std::int64_t> component;
   observation_places(mesh, frame, places, component);
-  std::vector<double> time = series.options().times, nodes, in_pixels, unregularised;
-  time.resize(n_t);
-  if (series.options().times.empty())
-    for (std::size_t t = 0; t < n_t; ++t) time[t] = static_cast<double>(t);
+  std::vector<double> time, nodes, in_pixels, unregularised;
+  for (std::size_t t = 0; t < n_t; ++t) time.push_back(time_of(series, t));
   for (std::size_t a = 0; a < n; ++a) nodes.insert(nodes.end(), {mesh.x[a], mesh.y[a]});
   for (std::size_t t = 0; t < n_t; ++t) {
     const Eigen::VectorXd observed = observed_values(mesh, results[t], frame);
@@ -332,12 +335,13 @@ void write_displacement_vtu(const std::string& path, const PictureSeries& series
   files::VtuGrid grid{
       points, cells.nodes, cells.nodes_per_cell, cells.nodes_per_cell == 4 ? "VTK_QUAD" : "VTK_TRIANGLE",
       {},     {}};
-  grid.point_fields = {{"displacement", 3, displacement},
-                       {"displacement_std", 3, deviation},
-                       {"strain_xx_yy_xy", 3, strains},
+  const std::string unit = frame ? "m" : "px";
+  grid.point_fields = {{"displacement", 3, displacement, unit},
+                       {"displacement_std", 3, deviation, unit},
+                       {"strain_xx_yy_xy", 3, strains, "1"},
                        {"measured", 1, seen}};
-  grid.cell_fields = {{"residual_grey_levels", 1, residual}, {"valid", 1, valid}};
-  if (!series.options().times.empty()) grid.time = series.options().times[result.index];
+  grid.cell_fields = {{"residual_grey_levels", 1, residual, "grey levels"}, {"valid", 1, valid}};
+  grid.time = time_of(series, result.index);
   files::write_vtu(grid, path);
 }
 

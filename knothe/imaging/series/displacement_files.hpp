@@ -21,6 +21,9 @@ void observation_places(const ImageMesh& mesh, const std::optional<PictureFrame>
 [[nodiscard]] Eigen::VectorXd observed_values(const ImageMesh& mesh, const PictureResult& result,
                                               const std::optional<PictureFrame>& frame);
 
+/// Model time of a picture; where the series has no times, its index.
+[[nodiscard]] double time_of(const PictureSeries& series, std::size_t picture);
+
 /// HDF5 in the form of measurements (docs/reference/formats.md), with the mesh and a record of each picture
 /// beside them. `project` is the project file's text. Errors: IoError.
 void write_displacements(const std::string& path, const PictureSeries& series,
@@ -37,7 +40,7 @@ void write_at_points(const std::string& path, const ImageMesh& mesh, const Pictu
                      const Eigen::MatrixXd& points);
 
 /// Displacement, its standard deviation (`std`, px), strains, residual and validity of one picture for
-/// ParaView; y points up, in px or, with a frame, in m. Errors: IoError.
+/// ParaView; y points up, in px or, with a frame, in m. Units are in VTK's key UNITS_LABEL. Errors: IoError.
 void write_displacement_vtu(const std::string& path, const PictureSeries& series, const PictureResult& result,
                             const Eigen::VectorXd& std, const std::optional<PictureFrame>& frame);
 

@@ -77,7 +77,7 @@ PictureSeries::PictureSeries(SeriesOptions options) : options_(std::move(options
         fmt::format("{} times for {} pictures", options_.times.size(), options_.pictures.size()));
   if (options_.reference_update > 0 && options_.crack)
     throw UsageError(
-        "a crack is measured against the reference picture: it does not go together with another reference "
+        "a crack is measured against the reference picture: it cannot be combined with another reference "
         "in "
         "between (reference_update)");
   if (options_.correlation.threads <= 0) options_.correlation.threads = static_cast<int>(default_threads());
@@ -224,7 +224,8 @@ void PictureSeries::resume(std::size_t index, const CorrelationResult& last) {
         options_.pictures.size(), correlation_->mesh().node_count(), index, last.displacement.size()));
   if (options_.reference_update > 0 && index > 0)
     throw UsageError(
-        "a series with a reference that may be replaced (reference_update) cannot be resumed: start it anew");
+        "a series with a reference that may be replaced (reference_update) cannot be resumed: start it "
+        "again");
   if (reading_.valid()) reading_.wait();
   next_ = index;
   start_ = last.displacement, start_valid_ = last.element_valid;

@@ -208,10 +208,10 @@ void LatinSeparated::record_stage(const SeparatedStageResult& result, double cor
                              static_cast<int>(basis_.size()), result.energy_error, result.residual.maxCoeff(),
                              correction, indicator_, relaxation_, cpu_seconds()});
   if (!result.residual.allFinite())
-    throw NumericalError(fmt::format(
-        "LATIN-PGD, fully separated: the iterate is not finite any more (steps 0 to {}, stage {}, "
-        "{} terms); take the joint form: leave [offline.latin] separation away",
-        steps() - 1, result_.history.size(), terms_.count()));
+    throw NumericalError(
+        fmt::format("LATIN-PGD, fully separated: the iterate is no longer finite (steps 0 to {}, stage {}, "
+                    "{} terms); take the joint form: leave [offline.latin] separation away",
+                    steps() - 1, result_.history.size(), terms_.count()));
 }
 
 bool LatinSeparated::is_accurate() {

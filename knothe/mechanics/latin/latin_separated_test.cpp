@@ -193,7 +193,7 @@ TEST(LatinSeparated, AnIterateThatIsNotFiniteIsNotHandedOver) {
     (void)solve_latin_separated(structure, problem.solver, grid.axes, grid.parameters, options);
     ADD_FAILURE() << "it was handed over";
   } catch (const NumericalError& error) {
-    EXPECT_THAT(error.what(), HasSubstr("the iterate is not finite any more (steps 0 to 5, stage 1, "));
+    EXPECT_THAT(error.what(), HasSubstr("the iterate is no longer finite (steps 0 to 5, stage 1, "));
     EXPECT_THAT(error.what(), HasSubstr("take the joint form: leave [offline.latin] separation away"));
   }
 }

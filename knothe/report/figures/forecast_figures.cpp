@@ -44,7 +44,7 @@ ForecastScale forecast_scale(const Results& results, const std::string& name) {
     summary.unit = last->second.units;
   ForecastScale scale;
   scale.crack = summary.quantity == "crack_length" || (summary.quantity.empty() && name.find("crack") == 0);
-  scale.quantity = scale.crack ? "Crack length" : with_capital(name);
+  scale.quantity = scale.crack ? "Equivalent elastic crack length" : with_capital(name);
   scale.title = scale.quantity;
   if (summary.horizon)
     scale.title += " at time " + plain(*summary.horizon);
@@ -60,8 +60,12 @@ Plot forecast_densities_plot(const Results& results, const std::string& name) {
   const ForecastScale scale = forecast_scale(results, name);
   PlotAxis x{scale.label()};
   limit_to_mass(results, name, scale.factor, x);
-  Plot plot(scale.title, x,
-            {scale.unit.empty() ? "probability density" : "probability density (1/" + scale.unit + ")", 0.0});
+  std::vector<double> peaks;
+  for (const Step& s : results.steps)
+    if (const auto found = s.forecast.find(name); found != s.forecast.end() && !found->second.density.empty())
+      peaks.push_back(std::ranges::max(found->second.density.values) / scale.factor);
+  const PlotAxis y = density_axis(scale.unit.empty() ? "" : "1/" + scale.unit, peaks);
+  Plot plot(scale.title, x, y);
   const double first = static_cast<double>(results.steps.front().step);
   const double span = std::max(static_cast<double>(results.steps.back().step) - first, 1.0);
   for (std::size_t i = 0; i < results.steps.size(); ++i) {
@@ -69,7 +73,8 @@ Plot forecast_densities_plot(const Results& results, const std::string& name) {
     if (found == results.steps[i].forecast.end() || found->second.density.empty()) continue;
     const Density& density = found->second.density;
     const bool last = i + 1 == results.steps.size();
-    plot.line(scaled(density.points, scale.factor), scaled(density.values, 1.0 / scale.factor),
+    plot.line(scaled(density.points, scale.factor),
+              density_values(scaled(density.values, 1.0 / scale.factor), y),
               Paint::time((static_cast<double>(results.steps[i].step) - first) / span),
               last ? "last step" : "", {last ? 2.8 : 1.2, {}, 1.0});
   }

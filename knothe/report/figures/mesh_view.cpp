@@ -81,6 +81,16 @@ std::vector<std::ptrdiff_t> dofs_of_face(const OuterFace& face, const reduction:
   return found;
 }
 
+std::vector<std::array<std::array<double, 2>, 2>> outline(const OuterFace& face) {
+  std::map<std::pair<std::size_t, std::size_t>, int> cells_at;
+  for (const auto& cell : face.cells)
+    for (std::size_t k = 0; k < 4; ++k) ++cells_at[std::minmax({cell[k], cell[(k + 1) % 4]})];
+  std::vector<std::array<std::array<double, 2>, 2>> edges;
+  for (const auto& [nodes, count] : cells_at)
+    if (count == 1) edges.push_back({face.points[nodes.first], face.points[nodes.second]});
+  return edges;
+}
+
 double plot_height_of(const OuterFace& face, double plot_width) {
   double low = INFINITY, high = -INFINITY, bottom = INFINITY, top = -INFINITY;
   for (const auto& point : face.points) {

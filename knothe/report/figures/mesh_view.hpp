@@ -25,6 +25,10 @@ struct OuterFace {
 [[nodiscard]] std::vector<std::ptrdiff_t> dofs_of_face(const OuterFace& face, const reduction::Dofs& dofs,
                                                        std::int64_t component);
 
+/// The edges of the face that one cell alone has: its boundary, a notch and holes included. Two points each,
+/// m.
+[[nodiscard]] std::vector<std::array<std::array<double, 2>, 2>> outline(const OuterFace& face);
+
 /// Height (px) of a plot of that width that shows the face without distortion, with room for title and colour
 /// bar.
 [[nodiscard]] double plot_height_of(const OuterFace& face, double plot_width);

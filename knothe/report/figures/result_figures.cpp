@@ -79,21 +79,46 @@ std::vector<std::size_t> learning_steps(const Results& results, std::size_t d, s
   return order;
 }
 
+PlotAxis density_axis(const std::string& unit, const std::vector<double>& peaks) {
+  const double low = peaks.empty() ? 0 : std::ranges::min(peaks),
+               high = peaks.empty() ? 0 : std::ranges::max(peaks);
+  const bool logarithmic = low > 0 && high > 20 * low;
+  return {fmt::format("probability density{}{}", unit.empty() ? "" : fmt::format(" ({})", unit),
+                      logarithmic ? ", logarithmic" : ""),
+          logarithmic ? 1e-2 * low : 0.0,
+          {},
+          logarithmic};
+}
+
+std::vector<double> density_values(const std::vector<double>& values, const PlotAxis& axis) {
+  std::vector<double> shown(values);
+  if (axis.logarithmic)
+    for (double& v : shown) v = std::max(v, 0.1 * *axis.low);
+  return shown;
+}
+
 Plot marginals_plot(const Results& results, std::size_t d) {
   const ParameterSummary& parameter = results.parameters[d];
   PlotAxis x{pretty_name(parameter.name) + " (1 = reference)"};
   if (!parameter.reference) x.label = pretty_name(parameter.name);
   x.low = parameter.lower;
   x.high = parameter.upper;
-  Plot plot("Posterior of " + pretty_name(parameter.name), x, {"probability density", 0.0});
+  std::vector<double> peaks;
+  for (const Step& s : results.steps)
+    if (const auto found = s.marginals.find(parameter.name);
+        found != s.marginals.end() && !found->second.empty())
+      peaks.push_back(std::ranges::max(found->second.values));
+  const PlotAxis y = density_axis("", peaks);
+  Plot plot("Posterior of " + pretty_name(parameter.name), x, y);
   if (const auto prior = results.prior_marginals.find(parameter.name); prior != results.prior_marginals.end())
-    plot.line(prior->second.points, prior->second.values, Paint::ink(), "prior", {2.2, "2 3", 1.0});
+    plot.line(prior->second.points, density_values(prior->second.values, y), Paint::ink(), "prior",
+              {2.2, "2 3", 1.0});
   for (std::size_t i = 0; i < results.steps.size(); ++i) {
     const auto found = results.steps[i].marginals.find(parameter.name);
     if (found == results.steps[i].marginals.end()) continue;
     const bool last = i + 1 == results.steps.size();
-    plot.line(found->second.points, found->second.values, Paint::time(fraction(results, i)),
-              last ? "last step" : "", {last ? 2.8 : 1.2, {}, 1.0});
+    plot.line(found->second.points, density_values(found->second.values, y),
+              Paint::time(fraction(results, i)), last ? "last step" : "", {last ? 2.8 : 1.2, {}, 1.0});
   }
   if (parameter.truth) plot.vertical(*parameter.truth, Paint::truth(), "true value");
   plot.colour_bar(step_bar(results));
@@ -174,7 +199,7 @@ Plot information_plot(const Results& results) {
     x.push_back(static_cast<double>(results.steps[i].step));
     gain.push_back(0.5 * (log_determinant(results.steps[i - 1]) - log_determinant(results.steps[i])));
   }
-  Plot plot("Information gained per step", {"step"}, {"entropy lost (nats)"});
+  Plot plot("Information gained per step", {"step"}, {"entropy reduction (nats)"});
   if (!x.empty()) plot.bars(x, gain, 0.8, Paint::series(2), {}, Side::left, 0.8);
   return plot;
 }
@@ -185,8 +210,8 @@ Plot variance_diagnostic_plot(const Results& results) {
   const auto y = over_steps(results, [](const Step& s) { return std::max(s.variance_diagnostic, 1e-6); });
   PlotAxis axis{"variance diagnostic (Eq. 9), at least 10⁻⁶"};
   axis.logarithmic = true;
-  Plot plot("How far the map is from exact", {"step"}, axis);
-  plot.line(x, y, Paint::series(0), "verified on other points");
+  Plot plot("Accuracy of the map", {"step"}, axis);
+  plot.line(x, y, Paint::series(0), "verified on points not used to train the map");
   plot.horizontal(0.05, Paint::faint(), "limit for “trusted”");
   mark_untrusted(plot, results, y);
   return plot;

@@ -15,6 +15,13 @@ namespace knothe::report {
 [[nodiscard]] Plot convergence_plot(const Results& results, std::size_t d);
 /// Draws of the last posterior, parameter `row` against parameter `column`.
 [[nodiscard]] Plot pair_plot(const Results& results, std::size_t row, std::size_t column);
+/// The vertical axis of successive densities with these peaks: logarithmic from a hundredth of the lowest
+/// peak upwards where the highest is more than twenty times that, else early steps would vanish next to late
+/// ones.
+[[nodiscard]] PlotAxis density_axis(const std::string& unit, const std::vector<double>& peaks);
+/// A density as a line on that axis: where it is logarithmic, lines leave it at its lower end.
+[[nodiscard]] std::vector<double> density_values(const std::vector<double>& values, const PlotAxis& axis);
+
 /// Order of the map as bars, time of an update as a line (Fig. 9, right).
 [[nodiscard]] Plot cost_plot(const Results& results);
 /// Load against displacement, with the steps where each parameter's standard deviation falls most.

@@ -69,8 +69,10 @@ class Plot {
 
   Plot& right_axis(PlotAxis axis) { return right_ = std::move(axis), *this; }
   Plot& colour_bar(ColourBar bar) { return bar_ = std::move(bar), *this; }
-  /// Same scale in both directions, no axes: for meshes.
-  Plot& as_map() { return map_ = true, *this; }
+  /// Same scale in both directions.
+  Plot& equal_scales() { return equal_scales_ = true, *this; }
+  /// The same without axes: for meshes.
+  Plot& as_map() { return equal_scales_ = map_ = true, *this; }
 
   /// SVG elements for a plot whose upper left corner is (left, top), of the given size in px.
   [[nodiscard]] std::string render(double left, double top, double width, double height) const;
@@ -93,7 +95,7 @@ class Plot {
   PlotAxis x_, y_;
   std::optional<PlotAxis> right_;
   std::optional<ColourBar> bar_;
-  bool map_ = false;
+  bool equal_scales_ = false, map_ = false;
   std::vector<Series> series_;
   std::vector<Cell> cells_;
 };

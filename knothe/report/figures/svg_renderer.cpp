@@ -143,7 +143,7 @@ class PlotRenderer {
     for (const auto& cell : plot_.cells_)
       for (const auto& corner : cell.corners) x.include(corner[0]), y.include(corner[1]);
     x_ = scale_of(plot_.x_, x, false);
-    if (!plot_.x_.logarithmic && x.low < x.high && !plot_.map_) {  // no air beside the data along x
+    if (!plot_.x_.logarithmic && x.low < x.high && !plot_.equal_scales_) {  // no air beside the data along x
       x_.low = plot_.x_.low.value_or(x.low);
       x_.high = plot_.x_.high.value_or(x.high);
       if (!(x_.high > x_.low)) x_.high = x_.low + 1.0;
@@ -162,11 +162,7 @@ class PlotRenderer {
     box_top_ = top_ + header + 6.0;
     box_bottom_ = top_ + height_ - (plot_.map_ ? 4.0 : plot_.x_.label.empty() ? 24.0 : 42.0);
     double left = 0.0, right = 14.0;  // half of the last label along x
-    if (!plot_.map_) {
-      y_ticks_ = y_.ticks(vertical_ticks());
-      for (const auto& label : y_ticks_.labels) left = std::max(left, text_width(label));
-      left += 10.0;
-    }
+    if (!plot_.map_) left = room_for_y_ticks();
     if (plot_.right_) {
       right_ticks_ = right_.ticks(vertical_ticks());
       right = 0.0;
@@ -181,7 +177,8 @@ class PlotRenderer {
     }
     box_left_ = left_ + left;
     box_right_ = left_ + width_ - right;
-    if (plot_.map_) keep_aspect();
+    if (plot_.equal_scales_) keep_aspect();
+    if (plot_.equal_scales_ && !plot_.map_) box_left_ = left_ + room_for_y_ticks(), keep_aspect();
     x_.from = box_left_, x_.to = box_right_;
     y_.from = box_bottom_, y_.to = box_top_;
     right_.from = box_bottom_, right_.to = box_top_;
@@ -199,6 +196,14 @@ class PlotRenderer {
     const double half_x = 0.5 * per * (box_right_ - box_left_), half_y = 0.5 * per * (box_bottom_ - box_top_);
     x_.low = x_middle - half_x, x_.high = x_middle + half_x;
     y_.low = y_middle - half_y, y_.high = y_middle + half_y;
+  }
+
+  /// Chooses the ticks; the width of their labels.
+  [[nodiscard]] double room_for_y_ticks() {
+    y_ticks_ = y_.ticks(vertical_ticks());
+    double width = 0.0;
+    for (const auto& label : y_ticks_.labels) width = std::max(width, text_width(label));
+    return width + 10.0;
   }
 
   struct LegendEntry {

@@ -7,6 +7,8 @@
 #include <cmath>
 #include <set>
 
+#include "knothe/report/figures/mesh_view.hpp"
+#include "knothe/report/figures/model_figures.hpp"
 #include "knothe/report/figures/svg_text.hpp"
 
 namespace knothe::report {
@@ -51,15 +53,33 @@ std::string verdict(const Results& results) {
       100 * nearest);
 }
 
-std::vector<Figure> residual_figures(const Results& results) {
+/// What of an axis is shown where the sensors have these coordinates (m), in mm: they and a margin.
+PlotAxis axis_around(const std::string& label, const std::vector<double>& sensors, double margin) {
+  return {label, 1e3 * std::ranges::min(sensors) - margin, 1e3 * std::ranges::max(sensors) + margin};
+}
+
+/// Largest extent of the sensors along x and y, mm.
+double extent_of_sensors(const Residuals& r) {
+  return 1e3 * std::max({std::ranges::max(r.x) - std::ranges::min(r.x),
+                         std::ranges::max(r.y) - std::ranges::min(r.y), 1e-9});
+}
+
+/// A height at which a map of 460 px is filled by its sensors.
+double map_height(const Residuals& r) {
+  const double high = 1e3 * (std::ranges::max(r.y) - std::ranges::min(r.y)) / extent_of_sensors(r);
+  return std::clamp(90.0 + 330.0 * (high + 0.2), 190.0, 420.0);
+}
+
+std::vector<Figure> residual_figures(const Results& results, const reduction::SeparatedModel* model) {
   std::vector<Figure> figures = {
       figure_of(residual_plot(results), "Residuals at the sensors over the steps")};
   if (!results.residuals.measured.empty())
     figures.push_back(figure_of(measured_plot(results), "Measured against predicted at the last step"));
   std::set<char> components(results.residuals.component.begin(), results.residuals.component.end());
   for (const char c : components)
-    figures.push_back(
-        figure_of(residual_map(results, c), fmt::format("Residuals of u_{} at the sensors", c)));
+    figures.push_back(figure_of(residual_map(results, c, model),
+                                fmt::format("Residuals of u_{} at the sensors", c),
+                                map_height(results.residuals)));
   return figures;
 }
 
@@ -121,32 +141,34 @@ Plot measured_plot(const Results& results) {
 }
 
 Plot discrepancy_plot(const Results& results) {
-  Plot plot("How wrong the model is inferred to be", {"step"}, {"size of the discrepancy", 0.0});
+  Plot plot("Inferred size of the model discrepancy", {"step"}, {"size of the discrepancy", 0.0});
   plot.line(results.step_numbers(), over_steps(results, [](const Step& s) { return s.monitor.discrepancy; }),
             Paint::series(1));
   return plot;
 }
 
-Plot residual_map(const Results& results, char component) {
+Plot residual_map(const Results& results, char component, const reduction::SeparatedModel* model) {
   const Residuals& r = results.residuals;
-  double top = 0, left = 1e300, right = -1e300, low = 1e300, high = -1e300;
-  for (std::size_t i = 0; i < r.x.size(); ++i) {
-    left = std::min(left, r.x[i]), right = std::max(right, r.x[i]);
-    low = std::min(low, r.y[i]), high = std::max(high, r.y[i]);
+  double top = 0;
+  for (std::size_t i = 0; i < r.x.size(); ++i)
     if (r.component[i] == component) top = std::max(top, std::abs(r.mean[i]));
-  }
-  const double half = 0.008 * std::max({right - left, high - low, 1e-9});
+  const double extent = extent_of_sensors(r), half = 0.01 * extent, margin = 0.1 * extent;
   // More than some thousand squares are neither seen nor quickly shown.
   const std::size_t stride = 1 + r.x.size() / 4000;
   std::vector<Cell> cells;
   for (std::size_t i = 0; i < r.x.size(); i += stride) {
     if (r.component[i] != component) continue;
-    const double x = r.x[i], y = r.y[i];
+    const double x = 1e3 * r.x[i], y = 1e3 * r.y[i];
     cells.push_back({{{x - half, y - half}, {x + half, y - half}, {x + half, y + half}, {x - half, y + half}},
                      blue_white_red(top > 0 ? 0.5 + 0.5 * r.mean[i] / top : 0.5)});
   }
-  Plot plot(fmt::format("u_{}: mean residual of the last {} steps", component, r.averaged), {}, {});
-  plot.cells(std::move(cells)).as_map();
+  Plot plot(fmt::format("u_{}: mean residual of the last {} steps", component, r.averaged),
+            axis_around("x (mm)", r.x, margin), axis_around("y (mm)", r.y, margin));
+  plot.cells(std::move(cells)).equal_scales();
+  if (model != nullptr && can_be_drawn(*model))
+    for (const auto& [from, to] : outline(outer_face(*model->contents().mesh)))
+      plot.line(std::array{1e3 * from[0], 1e3 * to[0]}, std::array{1e3 * from[1], 1e3 * to[1]},
+                Paint::faint(), {}, {1.2});
   plot.colour_bar({"µm", -1e6 * top, 1e6 * top, ColourBar::Map::blue_white_red});
   return plot;
 }
@@ -167,7 +189,7 @@ Plot model_probability_plot(const Results& results) {
   return plot;
 }
 
-void add_watch(Page& page, const Results& results) {
+void add_watch(Page& page, const Results& results, const reduction::SeparatedModel* model) {
   page.section("Does the model fit the data?");
   if (!results.monitored) {
     page.note("These results hold no record of the evidence monitor.");
@@ -182,16 +204,13 @@ void add_watch(Page& page, const Results& results) {
   if (joint) figures.push_back(figure_of(discrepancy_plot(results), "Size of the discrepancy"));
   if (!results.steps.back().models.empty())
     figures.push_back(figure_of(model_probability_plot(results), "Posterior probability of each model"));
-  page.figures(
-      figures,
-      fmt::format("The evidence of a step is the log-probability that the model gave to its data "
-                  "beforehand. Scores of how "
-                  "each datum was predicted are summed up; a right model passes the threshold once in "
-                  "17,280 steps.{}",
-                  joint ? " Size of the discrepancy: posterior mean of κ, the model's error relative to "
-                          "all that its parameters "
-                          "can do under the prior."
-                        : ""));
+  page.figures(figures,
+               fmt::format("The evidence of a step is the log-probability that the model gave its data "
+                           "before they were assimilated. The monitor sums a score of each prediction; a "
+                           "correct model exceeds the threshold once in 17,280 steps on average.{}",
+                           joint ? " Size of the discrepancy: posterior mean of κ, the model's error "
+                                   "relative to the prior standard deviation of its prediction."
+                                 : ""));
   std::vector<TableRow> notices;
   for (const Step& s : results.steps)
     if (!s.notice.empty()) notices.push_back({{std::to_string(s.step), s.notice}});
@@ -204,12 +223,10 @@ void add_watch(Page& page, const Results& results) {
     page.table({"model", "probability", "log-evidence", "log Bayes factor of the best over it"}, rows);
   }
   if (results.residuals.step.empty()) return;
-  page.figures(
-      residual_figures(results),
-      "What the model leaves unexplained: datum less the mean prediction of the posterior that has "
-      "it. Noise alone "
-      "gives a level line and a map without pattern. (A motion of the camera, where one is taken out "
-      "of pictures, is still in it.)");
+  page.figures(residual_figures(results, model),
+               "Residuals: measured values minus the posterior mean prediction at the same step. Noise alone "
+               "gives a level line and a map without pattern. (Camera motion that is removed from pictures "
+               "is still contained in the residuals.)");
 }
 
 }  // namespace knothe::report

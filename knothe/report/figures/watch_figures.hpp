@@ -1,6 +1,7 @@
 #pragma once
-/// @file The figures that tell whether the model is to be believed: evidence, alarm, what it leaves
-/// unexplained, and how probable other models are.
+/// @file The figures that tell whether the model fits the data: evidence, alarm, residuals, and the
+/// probability of other models.
+#include "knothe/reduction/model/separated_model.hpp"
 #include "knothe/report/figures/svg_figure.hpp"
 #include "knothe/report/pages/page.hpp"
 #include "knothe/report/results/results.hpp"
@@ -18,12 +19,14 @@ namespace knothe::report {
 [[nodiscard]] Plot measured_plot(const Results& results);
 /// Size of the discrepancy that the joint correction infers, relative to the prior's spread.
 [[nodiscard]] Plot discrepancy_plot(const Results& results);
-/// The residuals of one component at the places of the sensors (x, y), averaged over the last steps.
-[[nodiscard]] Plot residual_map(const Results& results, char component);
+/// The residuals of one component at the places of the sensors (x, y), averaged over the last steps, with the
+/// outline of the model's outer face (null, or no mesh of hexahedra: without).
+[[nodiscard]] Plot residual_map(const Results& results, char component,
+                                const reduction::SeparatedModel* model = nullptr);
 /// Posterior probability of each model.
 [[nodiscard]] Plot model_probability_plot(const Results& results);
 
 /// The section of the page that they make, with what happened in words.
-void add_watch(Page& page, const Results& results);
+void add_watch(Page& page, const Results& results, const reduction::SeparatedModel* model);
 
 }  // namespace knothe::report

@@ -151,7 +151,7 @@ void add_learning(Page& page, const Results& results) {
   page.figures(
       figures,
       "Dots: the five steps where the standard deviation of a parameter falls by the largest factor. Bars: "
-      "how much entropy the posterior loses at each step.");
+      "entropy reduction of the posterior at each step.");
 }
 
 /// The last posterior mean, moved into the model's box, in the model's order of parameters; the box's middle
@@ -246,7 +246,7 @@ std::string assimilation_report(const Results& results, const reduction::Separat
   add_pairs(page, results);
   add_forecasts(page, results);
   add_learning(page, results);
-  add_watch(page, results);
+  add_watch(page, results, model);
   add_method(page, results);
   if (model != nullptr) {
     add_model(page, results, *model);

@@ -47,7 +47,7 @@ TEST(AssimilationReport, ShowsEverySection) {
   EXPECT_NE(html.find("99 of 100 steps"), std::string::npos);
   EXPECT_NE(html.find("not trusted: 22"), std::string::npos);
   EXPECT_NE(html.find("true value 1, 0.6 standard"), std::string::npos);
-  EXPECT_NE(html.find("Crack length at time 0.3"), std::string::npos);
+  EXPECT_NE(html.find("Equivalent elastic crack length at time 0.3"), std::string::npos);
   EXPECT_NE(html.find("37.2 mm (mean), 37.6 mm"), std::string::npos);
   EXPECT_NE(html.find("the order no longer helps"), std::string::npos);
   EXPECT_NE(html.find("at the sensors by 2.5 µm"), std::string::npos);
@@ -56,8 +56,8 @@ TEST(AssimilationReport, ShowsEverySection) {
   EXPECT_NE(html.find("# &lt;a comment&gt; &amp; &quot;quotes&quot;"), std::string::npos);
   for (const char* watch :
        {">Does the model fit the data?</h2>", "The alarm was raised at step 60: from some steps before on",
-        "the model does not explain the data", "How wrong the model is inferred to be", ">m10.h5<",
-        "u_y: mean residual of the last 2 steps"})
+        "the model does not explain the data", "Inferred size of the model discrepancy", ">m10.h5<",
+        "u_y: mean residual of the last 2 steps", "y (mm)"})
     EXPECT_NE(html.find(watch), std::string::npos) << watch;
   EXPECT_LT(html.size(), 4u << 20);
 }
@@ -124,7 +124,7 @@ TEST(AssimilationReport, OverviewIsAPictureOfItsOwn) {
   EXPECT_EQ(test::xml_fault(svg), "");
   EXPECT_EQ(svg.find("<?xml"), 0u);
   EXPECT_NE(svg.find("Posterior of A_d"), std::string::npos);
-  EXPECT_NE(svg.find("Crack length at time 0.3"), std::string::npos);
+  EXPECT_NE(svg.find("Equivalent elastic crack length at time 0.3"), std::string::npos);
 }
 
 }  // namespace

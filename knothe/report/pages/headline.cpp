@@ -69,7 +69,7 @@ Card forecast_card(const Results& results, const std::string& name) {
   card.remark =
       fmt::format("above {} with probability {}, below with {}", above,
                   percent(f.probability_above_threshold), percent(1 - f.probability_above_threshold));
-  if (f.is_past) card.remark += "; its horizon is past: no forecast any more";
+  if (f.is_past) card.remark += "; its horizon has passed, so it is no longer a forecast";
   return card;
 }
 
@@ -81,12 +81,13 @@ std::vector<Card> headline(const Results& results) {
   for (const auto& name : results.forecast_names()) cards.push_back(forecast_card(results, name));
   const auto untrusted = results.untrusted();
   const std::size_t n = results.steps.size();
-  cards.push_back({"Is it computed well?",
+  cards.push_back({"Is the computation reliable?",
                    untrusted.empty() ? fmt::format("all {} steps", n)
                                      : fmt::format("{} of {} steps", n - untrusted.size(), n),
-                   !untrusted.empty()   ? "not trusted: " + list_of(untrusted)
-                   : results.has_maps() ? "map verified on other points, samples cover the posterior"
-                                        : "verified without a map",
+                   !untrusted.empty() ? "not trusted: " + list_of(untrusted)
+                   : results.has_maps()
+                       ? "map verified on points not used to train it, samples cover the posterior"
+                       : "verified without a map",
                    !untrusted.empty()});
   const auto times = update_times(results);
   cards.push_back({"Time of an update", duration(percentile(times, 0.5)) + " (median)",

@@ -171,7 +171,7 @@ void add_orders(Page& page, const Json& content, const Content& c) {
   plot.scatter(order, shown, Paint::series(0));
   plot.scatter(Numbers{content.at("map_order").get<double>()},
                Numbers{std::max(content.at("variance_diagnostic").get<double>(), 1e-16)}, Paint::series(1),
-               "verified on other points", 5.0);
+               "verified on points not used to train the map", 5.0);
   plot.horizontal(content.at("tolerance").get<double>(), Paint::truth(), "tolerance");
   figures.push_back(figure_of(std::move(plot), "Variance diagnostic by order"));
   if (c.figures->contains("objective_by_order")) {

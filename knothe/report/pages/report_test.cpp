@@ -1,13 +1,17 @@
 // Text, ticks, colours and figures.
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <limits>
+#include <map>
+#include <regex>
 #include <set>
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/report/figures/mesh_view.hpp"
+#include "knothe/report/figures/result_figures.hpp"
 #include "knothe/report/figures/svg_figure.hpp"
 #include "knothe/report/figures/svg_text.hpp"
 #include "knothe/report/pages/page.hpp"
@@ -185,6 +189,41 @@ TEST(MeshView, FindsTheOuterFaceAndItsDofs) {
   EXPECT_EQ(test::xml_fault(svg), "");
   EXPECT_NE(svg.find(blue_white_red(0.0)), std::string::npos);
   EXPECT_THROW((void)mesh_plot("x", face, std::vector<double>(3), {}, "m"), DataError);
+}
+
+TEST(MeshView, OutlineIsTheBoundaryWithItsNotch) {
+  const auto contents = test::small_beam(reduction::Form::tree);
+  const OuterFace face = outer_face(*contents.mesh);
+  // 42 × 5 elements: around it 2 (42 + 5) edges; the missing element of the lower edge gives three for one.
+  const auto edges = outline(face);
+  EXPECT_EQ(edges.size(), 2u * (42 + 5) + 2);
+  std::map<std::array<double, 2>, int> ends;
+  for (const auto& edge : edges) ++ends[edge[0]], ++ends[edge[1]];
+  for (const auto& [point, count] : ends) EXPECT_EQ(count, 2) << point[0] << ", " << point[1];  // closed
+}
+
+TEST(SvgFigure, EqualScalesKeepTheirAspectBesideTheirAxes) {
+  Plot plot("", {"x (mm)"}, {"y (mm)"});
+  plot.scatter(std::vector{0.0, 300.0}, std::vector{0.0, 100.0}, Paint::ink()).equal_scales();
+  const std::string svg = plot.render(0, 0, 460, 300);
+  std::smatch first, second;
+  const std::regex circle("cx=\"([0-9.]+)\" cy=\"([0-9.]+)\"");
+  ASSERT_TRUE(std::regex_search(svg, first, circle));
+  const std::string rest = first.suffix();
+  ASSERT_TRUE(std::regex_search(rest, second, circle));
+  EXPECT_NEAR(std::stod(second[1]) - std::stod(first[1]), 3 * (std::stod(first[2]) - std::stod(second[2])),
+              0.5);
+}
+
+TEST(ResultFigures, DensitiesAreLogarithmicWhereEarlyStepsWouldVanish) {
+  EXPECT_FALSE(density_axis("", {1.0, 20.0}).logarithmic);
+  EXPECT_EQ(density_axis("1/mm", {1.0, 20.0}).label, "probability density (1/mm)");
+  const PlotAxis axis = density_axis("", {1.0, 21.0});
+  EXPECT_TRUE(axis.logarithmic);
+  EXPECT_EQ(axis.label, "probability density, logarithmic");
+  EXPECT_EQ(axis.low, 0.01);
+  EXPECT_THAT(density_values({0.0, 0.5}, axis), testing::ElementsAre(0.001, 0.5));
+  EXPECT_FALSE(density_axis("", {}).logarithmic);
 }
 
 TEST(Page, EscapesAndStaysWellFormed) {

@@ -44,7 +44,7 @@ std::string forecast_text(const forecast::NamedForecast& named) {
   const double above = f.probability_above_threshold;
   return fmt::format(
       "{} at time {:g}{}: {}, most probable {}, 95 % in [{}, {}]; threshold {}{}: P(above) {}, P(below) {}",
-      named.name, named.horizon, named.is_past ? " (past: no forecast any more)" : "",
+      named.name, named.horizon, named.is_past ? " (past: no longer a forecast)" : "",
       value_text(f.mean, f.std, named.units), number(f.maximum_a_posteriori), number(f.values.front()),
       number(f.values.back()), plain(factor * named.threshold), unit, probability_text(above),
       probability_text(1 - above));

@@ -86,8 +86,7 @@ class PictureOutput {
     } else if (has_ending(".pvd")) {
       const std::string name = output.stem().string() + "_" + stems_[r.index] + ".vtu";
       imaging::write_displacement_vtu((output.parent_path() / name).string(), series, r, std, task_.frame);
-      const auto& times = series.options().times;
-      entries_.push_back({times.empty() ? static_cast<double>(r.index) : times[r.index], name});
+      entries_.push_back({imaging::time_of(series, r.index), name});
       files::write_pvd(entries_, files_.output);
     }
   }

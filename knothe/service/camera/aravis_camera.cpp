@@ -302,7 +302,7 @@ class AravisCamera final : public FrameSource {
   void require_life() {
     const double silent = seconds_since(last_came_);
     if (is_steady_ && silent > std::max(k_silence, k_silent_periods * *period_s_)) lost_ = true;
-    if (lost_) throw IoError(fmt::format("the camera {} does not answer any more", serial_));
+    if (lost_) throw IoError(fmt::format("the camera {} no longer answers", serial_));
   }
 
   static void on_control_lost(ArvDevice*, gpointer self) { static_cast<AravisCamera*>(self)->lost_ = true; }

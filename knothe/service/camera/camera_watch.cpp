@@ -89,7 +89,7 @@ void CameraWatch::connect() {
 void CameraWatch::lose(const std::string& reason) {
   metrics_.set("knothe_camera_connected", site_labels(site_->name()), 0);
   if (reason != said_)
-    log_event("error", "the camera is away: it is tried again and again",
+    log_event("error", "the camera does not respond: the connection is retried",
               {{"site", site_->name()}, {"reason", reason}});
   said_ = reason;
   site_->alarms().judge_condition(k_away, intake_.latest_step(), "warning", "sensors",
@@ -139,7 +139,7 @@ std::optional<Intake::PictureStamp> CameraWatch::stamp_of(const FrameNumbers::Nu
         fmt::format("frame_{:06}.{}", frame.number,
                     options_.keep_format == project::FrameFormat::png ? "png" : "tif")};
   if (!is_over_)
-    log_event("info", "the camera goes on behind the last time: its frames are not taken any more",
+    log_event("info", "the last model time has passed: frames of the camera are no longer assimilated",
               {{"site", site_->name()}, {"number", frame.number}, {"times", times().size()}});
   is_over_ = true;
   return std::nullopt;
@@ -168,7 +168,7 @@ void CameraWatch::report_gap(const FrameNumbers::Place& place, const FrameNumber
     said = fmt::format("{} were not seen: the camera or the service was away",
                        range(before.number + 1, place.absent));
   if (place.by == By::host_clock)
-    said += fmt::format("{}the camera's clock began anew, so the number {} is by the clock of this machine",
+    said += fmt::format("{}the camera's clock was reset, so the number {} is by the clock of this machine",
                         said.empty() ? "" : "; ", place.frame.number);
   if (!source_->period_s())
     said += fmt::format("{}frames may have been triggered while nobody saw them: numbers go on at {}",

@@ -131,7 +131,7 @@ struct Journal::Implementation {
     if (acknowledged->journal != id) {
       // With other records in it somebody has put it there.
       if (!id.empty() && acknowledged->records > 0 && chains.records.count == 0)
-        lost = fmt::format("the journal that had this name, with {} records, is not there any more",
+        lost = fmt::format("the journal that had this name, with {} records, no longer exists",
                            acknowledged->records);
       return;
     }
@@ -167,7 +167,7 @@ struct Journal::Implementation {
 
   [[noreturn]] void damaged(const std::string& what) const {
     throw DataError(
-        fmt::format("{}: {}; `knothe recover {} -o NEW` saves the whole records", path, what, path));
+        fmt::format("{}: {}; `knothe recover {} -o NEW` saves the intact records", path, what, path));
   }
 
   void verify() {

@@ -116,7 +116,7 @@ struct MqttReceiver::Implementation {
       if (stopping) break;
       const std::string reason = code == MOSQ_ERR_ERRNO ? std::strerror(errno) : mosquitto_strerror(code);
       if (!connected && reason != said && code != MOSQ_ERR_CONN_REFUSED)
-        log_event("error", "the MQTT broker cannot be reached: it is tried again and again",
+        log_event("error", "the MQTT broker cannot be reached: the connection is retried",
                   {{"broker", host}, {"port", port}, {"reason", reason}});
       said = reason;
       connected = false;

@@ -91,7 +91,7 @@ bool AlarmSender::send(Route& route) {
     count(route, "sent", sent);
   } catch (const std::exception& error) {
     if (stopping_) return false;
-    log_event("error", "an alarm could not be sent: it is tried again and again",
+    log_event("error", "an alarm could not be sent: sending is retried",
               {{"site", options_.site}, {"channel", route.channel->name()}, {"reason", error.what()}});
     count(route, "failed", 1);
     return false;

@@ -42,8 +42,8 @@ void require(const Eigen::Ref<const Eigen::MatrixXd>& samples, const Eigen::Vect
   for (Eigen::Index k = 0; k < d; ++k)
     for (Eigen::Index i = 0; i < n; ++i)
       if (!std::isfinite(samples(i, k)))
-        throw DataError(fmt::format("map from samples: sample {}, coordinate {} is {}; remove or mend it", i,
-                                    k, samples(i, k)));
+        throw DataError(fmt::format("map from samples: sample {}, coordinate {} is {}; remove or correct it",
+                                    i, k, samples(i, k)));
   if (weights.size() > 0 &&
       (!(weights.minCoeff() >= 0) || !(weights.sum() > 0) || !std::isfinite(weights.sum())))
     throw DataError("map from samples: the weights must be finite and not negative, and not all zero");
