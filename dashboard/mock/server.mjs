@@ -210,6 +210,7 @@ export class MockService {
       state: undefined,
       alarms: [],
       logbook: [],
+      tests: [{ name: "", journal: "beam.journal", current: true, records: 0, finished: false }],
       lastAt: Date.now(),
     });
     // Each datum came 5 s after the one before.
@@ -267,6 +268,33 @@ export class MockService {
     for (const reader of this.readers) reader.write(`event: alarm\ndata: ${JSON.stringify(this.alarms.at(-1))}\n\n`);
   }
 
+  get test() {
+    return this.tests.find((test) => test.current).name;
+  }
+
+  /** Another specimen: `/v1/tests`, `/v1/tests/resume`. What the mock shows begins anew. */
+  change(path, body) {
+    const [before, there] = [this.tests.find((t) => t.current), this.tests.find((t) => t.name === body.name)];
+    if (path === "/v1/tests" && there) return;
+    Object.assign(before, { current: false, finished: true, records: this.count, followed_by: body.name });
+    if (there) Object.assign(there, { current: true, finished: false });
+    else
+      this.tests.push({
+        name: body.name,
+        journal: `beam.${body.name}.journal`,
+        current: true,
+        records: 0,
+        finished: false,
+        begun_at: Date.now() / 1000,
+      });
+    this.count = 0;
+    this.logbook = [];
+    const entry = this.write("", { by: body.by, text: body.comment });
+    entry.kind = there ? "test_resumed" : "test_begun";
+    for (const reader of this.readers) reader.write(this.statusEvent());
+    return entry;
+  }
+
   /** What a person does: `/v1/alarms/ID/acknowledge`, `/v1/notes`. */
   write(path, body) {
     const id = /^\/v1\/alarms\/(\d+)\/acknowledge$/.exec(path)?.[1];
@@ -303,6 +331,8 @@ export class MockService {
     const line = this.known.at(-1);
     const shown = {
       site: "beam",
+      journal: `journal of ${this.test}`,
+      test: this.test,
       period_s: this.rate > 0 ? 1 / this.rate : this.period,
       budget_us: budget,
       pending: 0,
@@ -345,7 +375,11 @@ export class MockService {
     if (request.method === "POST") {
       let body = "";
       request.on("data", (piece) => (body += piece));
-      request.on("end", () => send(200, JSON.stringify(this.write(url.pathname, JSON.parse(body)))));
+      request.on("end", () => {
+        const changes = url.pathname === "/v1/tests" || url.pathname === "/v1/tests/resume";
+        const done = changes ? this.change(url.pathname, JSON.parse(body)) : this.write(url.pathname, JSON.parse(body));
+        return done ? send(200, JSON.stringify(done)) : fail(409, "TestExists", "there is a test of this name already");
+      });
       return;
     }
     const json = (value, what) => (value === undefined ? fail(404, "NoState", what) : send(200, JSON.stringify(value)));
@@ -358,6 +392,9 @@ export class MockService {
       case "/v1/description":
         return json({
           ...this.recording.description(),
+          run: `${this.recording.description().run} ${this.test}`,
+          journal: this.status().journal,
+          test: this.test,
           period_s: this.status().period_s,
           ...(this.picture ? { picture: { corners: this.recording.corners } } : {}),
         });
@@ -371,6 +408,8 @@ export class MockService {
         return json(this.status());
       case "/v1/alarms":
         return json({ alarms: this.alarms });
+      case "/v1/tests":
+        return json({ tests: this.tests });
       case "/v1/logbook":
         return json({ logbook: this.logbook });
       case "/v1/state":

@@ -1,7 +1,29 @@
 /** Talking to the service: requests with the token, and the stream of events, taken up again where it broke. */
 import { asStepLine, EventParser, isNumber, isObject, parseStates, tryJson } from "./parse";
-import type { Entry, Event, FieldsAnswer, Held, Model, SamplesAnswer, SensorsAnswer, Status, StepLine } from "./types";
-import { asAlarm, asEntry, asFields, asMesh, asModel, asQuarantine, asSamples, asSensors, asStatus } from "./wire";
+import type {
+  Entry,
+  Event,
+  FieldsAnswer,
+  Held,
+  Model,
+  SamplesAnswer,
+  SensorsAnswer,
+  Status,
+  StepLine,
+  TestRecord,
+} from "./types";
+import {
+  asAlarm,
+  asEntry,
+  asFields,
+  asMesh,
+  asModel,
+  asQuarantine,
+  asSamples,
+  asSensors,
+  asStatus,
+  asTests,
+} from "./wire";
 
 export class HttpError extends Error {
   constructor(
@@ -80,6 +102,16 @@ export class Api {
     await this.post(`v1/tests/${finished ? "finish" : "resume"}`, { by, comment });
   }
 
+  /** Begins another test, from the prior; the one that runs is finished. */
+  async begin(name: string, by: string, comment: string): Promise<void> {
+    await this.post("v1/tests", { name, by, comment });
+  }
+
+  /** Goes back to an earlier test. */
+  async goBack(name: string, by: string, comment: string): Promise<void> {
+    await this.post("v1/tests/resume", { name, by, comment });
+  }
+
   private url(path: string, query: Record<string, string | number> = {}): string {
     const all = new URLSearchParams(Object.entries(query).map(([k, v]) => [k, String(v)]));
     if (this.site) all.set("site", this.site);
@@ -122,6 +154,10 @@ export class Api {
     const answer = await this.json("v1/logbook");
     const list = isObject(answer) && Array.isArray(answer.logbook) ? answer.logbook : [];
     return list.map(asEntry).filter((entry): entry is Entry => entry !== undefined);
+  }
+
+  async tests(): Promise<TestRecord[]> {
+    return asTests(await this.json("v1/tests"));
   }
 
   async quarantine(): Promise<Held[]> {

@@ -17,6 +17,7 @@ import { Scrub } from "./scrub";
 import { parameterNames, quantitiesIn } from "./specs";
 import type { Store } from "./store";
 import { Summary } from "./summary";
+import { TestsPanel } from "./tests_panel";
 import { useTheme } from "./theme";
 
 const panels = ["forecast", "parameters", "field", "pairs", "evidence", "timing"];
@@ -186,6 +187,7 @@ export function App({ store }: { store: Store }) {
           <TimingPanel {...plots} />
           <EventsPanel events={events} chosen={store.chosen} choose={(step) => store.choose(step)} api={store.api} />
           <LogbookPanel entries={store.logbook} line={line} api={store.api} />
+          <TestsPanel tests={store.tests} api={store.api} />
           <QuarantinePanel held={store.quarantine} />
         </div>
       </main>

@@ -5,6 +5,7 @@ import { csv } from "./csv";
 import { clock, given } from "./format";
 import { Panel } from "./panel";
 import { SignedForm } from "./signed_form";
+import { testWords } from "./tests_panel";
 import type { Entry, StepLine } from "./types";
 
 const shown = 200;
@@ -16,6 +17,8 @@ export function entryWords(entry: Entry): string {
   if (entry.kind === "sensor_on") return `sensor ${entry.sensor} switched on from t = ${given(entry.time)} on${why}`;
   if (entry.kind === "test_finished") return `finished the test${why}`;
   if (entry.kind === "test_resumed") return `resumed the test${why}`;
+  if (entry.kind === "test_begun") return `began this test${why}`;
+  if (entry.kind === "test_followed") return `went on to ${testWords(entry.text)}`;
   return entry.text;
 }
 

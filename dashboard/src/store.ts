@@ -2,7 +2,18 @@
 import { absentIs404, Api, HttpError, type Cursor } from "./api";
 import { History } from "./history";
 import { stateEvent } from "./events";
-import type { Entry, Event, FieldsAnswer, Held, Model, SamplesAnswer, SensorsAnswer, Status, StepLine } from "./types";
+import type {
+  Entry,
+  Event,
+  FieldsAnswer,
+  Held,
+  Model,
+  SamplesAnswer,
+  SensorsAnswer,
+  Status,
+  StepLine,
+  TestRecord,
+} from "./types";
 
 /** What belongs to one step and is fetched when it is looked at; `problem` says why there is none. */
 export interface Detail<T> {
@@ -35,6 +46,8 @@ export class Store {
   alarms: Event[] = [];
   /** What people did and said, in the order of writing. */
   logbook: Entry[] = [];
+  /** All tests of this structure, as they were when the page connected. */
+  tests: TestRecord[] = [];
   /** What is stored and not assimilated. */
   quarantine: Held[] = [];
   /** The field looked at: "displacement", "sensitivity:NAME", "residual", "bias". */
@@ -284,6 +297,7 @@ export class Store {
     this.model = model && { ...model, ...(mesh ? { mesh } : {}), ...(sensors ? { sensors } : {}) };
     this.alarms = [...((await absentIs404(this.api.alarms())) ?? [])].reverse().slice(0, mostAlarms);
     this.logbook = (await absentIs404(this.api.logbook())) ?? [];
+    this.tests = (await absentIs404(this.api.tests())) ?? [];
     const from = (this.history.latest?.step ?? -1) + 1;
     if (cursor.id === undefined) {
       for (const line of (await absentIs404(this.api.states(from))) ?? []) this.take(line);

@@ -439,6 +439,37 @@ test("an alarm is acknowledged, and a note written at the step that is looked at
   await page.screenshot({ path: join(pictures, "logbook.png"), fullPage: true });
 });
 
+test("the next specimen's test is begun, after a question, and the page begins anew", async (t) => {
+  const { page, service } = await open(t, { start: 60 });
+  await page.locator("[data-parameter]").first().waitFor();
+  await until(page, "#tests", /\(without a name\) runs now/);
+  await page.getByRole("button", { name: "begin the next specimen's test" }).click();
+  await page.getByLabel("Name of the next test").fill("b 2");
+  await page.locator("#tests").getByLabel("Your name").fill("Ada");
+  await page.getByRole("button", { name: "Begin the next test" }).click();
+  assert.equal(await page.locator(".confirm").count(), 0, "a name with a blank is refused by the form");
+  await page.getByLabel("Name of the next test").fill("b-2");
+  await page.getByRole("button", { name: "Begin the next test" }).click();
+  await until(page, ".confirm", /Is the next specimen in place\? The test without a name is finished, .*test "b-2"/);
+  await page.screenshot({ path: join(pictures, "next-test.png"), fullPage: true });
+  await page.getByRole("button", { name: "No", exact: true }).click();
+  assert.equal(service.test, "");
+  await page.getByRole("button", { name: "Begin the next test" }).click();
+  await page.getByRole("button", { name: "Yes: begin the next test" }).click();
+  await until(page, "#test", /^b-2$/);
+  await until(page, "#step", /^–/);
+  await until(page, "#tests", /\(without a name\) 60 data, finished.*b-2 begun .*runs now/);
+  await until(page, "#logbook", /Ada.* began this test/);
+  service.advance();
+  await until(page, "#step", /^0\b/);
+  await page.getByRole("button", { name: "go back to it" }).click();
+  await page.getByRole("button", { name: "Go back", exact: true }).click();
+  await until(page, ".confirm", /Test "b-2" is left/);
+  await page.getByRole("button", { name: "Yes: go back" }).click();
+  await page.waitForFunction(() => !document.querySelector("#test"));
+  await page.screenshot({ path: join(pictures, "gone-back.png"), fullPage: true });
+});
+
 test("on a phone, alarms come right below the banner", async (t) => {
   const { page, service } = await open(t, {}, phone);
   await page.locator("[data-parameter]").first().waitFor();

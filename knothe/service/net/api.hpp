@@ -7,7 +7,7 @@
 
 #include "knothe/service/net/http_server.hpp"
 #include "knothe/service/net/umbridge.hpp"
-#include "knothe/service/site/site.hpp"
+#include "knothe/service/site/served_site.hpp"
 #include "knothe/service/site/worker.hpp"
 
 namespace knothe::service {
@@ -20,7 +20,7 @@ struct ApiOptions {
 
 class Api final : public HttpHandler {
  public:
-  Api(std::vector<std::shared_ptr<Site>> sites, ApiOptions options, Metrics& metrics);
+  Api(std::vector<std::shared_ptr<ServedSite>> sites, ApiOptions options, Metrics& metrics);
 
   Admission admit(const HttpRequest& head, HttpResponse& refusal) override;
   void handle(HttpRequest request, Answer answer) override;
@@ -43,10 +43,14 @@ class Api final : public HttpHandler {
   void take_withdrawal(const HttpRequest& request, const Answer& answer);
   void take_entry(const HttpRequest& request, const Answer& answer);
   [[nodiscard]] HttpResponse ready() const;
-  [[nodiscard]] std::shared_ptr<Site> site_of(const std::string& name) const;
+  void take_test(const HttpRequest& request, const Answer& answer);
+  [[nodiscard]] std::shared_ptr<ServedSite> served(const std::string& name) const;
+  [[nodiscard]] std::shared_ptr<Site> site_of(const std::string& name) const {
+    return served(name)->current();
+  }
   [[nodiscard]] std::vector<std::string> site_names() const;
 
-  std::vector<std::shared_ptr<Site>> sites_;
+  std::vector<std::shared_ptr<ServedSite>> sites_;
   ApiOptions options_;
   Metrics& metrics_;
   UmBridge umbridge_;  ///< of the worker
