@@ -268,6 +268,21 @@ export class MockService {
     for (const reader of this.readers) reader.write(`event: alarm\ndata: ${JSON.stringify(this.alarms.at(-1))}\n\n`);
   }
 
+  /** Lines of an earlier test: a stiffer specimen, every second step. */
+  earlier() {
+    const scaled = (values) => values.map((v) => 0.93 * v);
+    return this.recording.lines
+      .filter((line) => line.step % 2 === 0 && line.step <= 70)
+      .map((line) => ({
+        ...line,
+        mean: scaled(line.mean),
+        quantiles: { ...line.quantiles, values: line.quantiles.values.map(scaled) },
+        forecast: Object.fromEntries(
+          Object.entries(line.forecast).map(([name, f]) => [name, { ...f, values: scaled(f.values) }]),
+        ),
+      }));
+  }
+
   get test() {
     return this.tests.find((test) => test.current).name;
   }
@@ -415,6 +430,7 @@ export class MockService {
       case "/v1/state":
         return json(this.known.at(-1), "no datum yet");
       case "/v1/states":
+        if (url.searchParams.has("test")) return json(this.earlier(), "no such test");
         return json(this.known.filter((line) => line.step >= from));
       case "/v1/field":
         return json(

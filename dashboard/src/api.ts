@@ -164,6 +164,11 @@ export class Api {
     return asQuarantine(await this.json("v1/quarantine"));
   }
 
+  /** The lines of a test that does not run now. */
+  async statesOf(test: string): Promise<StepLine[]> {
+    return parseStates(await this.text("v1/states", { test }));
+  }
+
   async states(from: number): Promise<StepLine[]> {
     return parseStates(await this.text("v1/states", { from }));
   }

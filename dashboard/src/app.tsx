@@ -11,6 +11,7 @@ import { FieldPanel } from "./field_panel";
 import { Help, TokenDialog } from "./help";
 import { LogbookPanel } from "./logbook_panel";
 import { PairPanel } from "./pair_panel";
+import { ComparisonPanel } from "./comparison_panel";
 import { EvidencePanel, ForecastPanel, ParametersPanel, TimingPanel } from "./plot_panels";
 import { saveText } from "./png";
 import { Scrub } from "./scrub";
@@ -103,6 +104,10 @@ export function App({ store }: { store: Store }) {
     return () => removeEventListener("keydown", key);
   }, [key]);
 
+  const compare = (name: string): void => {
+    void store.compare(name);
+    requestAnimationFrame(() => document.getElementById("comparison")?.scrollIntoView({ block: "start" }));
+  };
   const plots = {
     lines,
     version,
@@ -187,8 +192,14 @@ export function App({ store }: { store: Store }) {
           <TimingPanel {...plots} />
           <EventsPanel events={events} chosen={store.chosen} choose={(step) => store.choose(step)} api={store.api} />
           <LogbookPanel entries={store.logbook} line={line} api={store.api} />
-          <TestsPanel tests={store.tests} api={store.api} />
+          <TestsPanel tests={store.tests} api={store.api} compare={compare} />
           <QuarantinePanel held={store.quarantine} />
+          <ComparisonPanel
+            comparison={store.comparison}
+            close={() => void store.compare(undefined)}
+            props={plots}
+            theme={theme}
+          />
         </div>
       </main>
       <Help open={help} close={() => setHelp(false)} version={model?.version ?? status?.version} />

@@ -8,7 +8,8 @@ import { composePng } from "./png";
 
 export interface Series {
   label: string;
-  values: (number | null)[];
+  /** `null` is a gap, `undefined` is none: the time is another series' alone. */
+  values: (number | null | undefined)[];
   colour: string;
   width?: number;
   dash?: number[];
@@ -22,7 +23,7 @@ export interface Series {
   format?: (value: number) => string;
   points?: boolean;
   /** What the legend and a table say, where it is not what is drawn (stacked bars). */
-  said?: (number | null)[];
+  said?: (number | null | undefined)[];
 }
 
 export interface Mark {
@@ -203,7 +204,9 @@ function nearestIndex(times: readonly number[], time: number | undefined): numbe
 
 function data(spec: ChartSpec): uPlot.AlignedData {
   const f = spec.factor ?? 1;
-  const scaled = spec.series.map((s) => (f === 1 ? s.values : s.values.map((v) => (v === null ? null : v * f))));
+  const scaled = spec.series.map((s) =>
+    f === 1 ? s.values : s.values.map((v) => (v === null || v === undefined ? v : v * f)),
+  );
   return [spec.times, ...scaled];
 }
 

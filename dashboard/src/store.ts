@@ -35,6 +35,13 @@ const hiddenInterval = 500;
 /** ms per step drawn: 20,000 steps are drawn once a second. */
 const drawingInterval = 0.05;
 
+/** An earlier test beside the one that runs. */
+export interface Comparison {
+  name: string;
+  lines?: StepLine[];
+  problem?: string;
+}
+
 export class Store {
   readonly api = new Api();
   readonly history = new History();
@@ -48,6 +55,7 @@ export class Store {
   logbook: Entry[] = [];
   /** All tests of this structure, as they were when the page connected. */
   tests: TestRecord[] = [];
+  comparison: Comparison | undefined;
   /** What is stored and not assimilated. */
   quarantine: Held[] = [];
   /** The field looked at: "displacement", "sensitivity:NAME", "residual", "bias". */
@@ -188,6 +196,23 @@ export class Store {
     this.fetchDetails();
   }
 
+  /** Sets a test beside the one that runs; `undefined`: none any more. */
+  async compare(name: string | undefined): Promise<void> {
+    const asked: Comparison | undefined = name === undefined ? undefined : { name };
+    this.comparison = asked;
+    this.changed();
+    if (!asked) return;
+    const answer = await this.api.statesOf(asked.name).then(
+      (lines) => ({ lines }),
+      (error: unknown) => ({
+        problem: error instanceof HttpError ? error.message : "No contact with the service.",
+      }),
+    );
+    if (this.comparison !== asked) return;
+    this.comparison = { ...asked, ...answer };
+    this.changed();
+  }
+
   /** Looks `steps` further, backward if negative; past the end is live again. */
   move(steps: number): void {
     const { lines } = this.history;
@@ -277,6 +302,7 @@ export class Store {
     this.alarms = [];
     this.quarantine = [];
     this.logbook = [];
+    this.comparison = undefined;
     this.chosen = undefined;
     this.lastDatumAt = undefined;
     for (const kind of kinds) this.detail[kind] = {};

@@ -14,14 +14,21 @@ export function testWords(name: string): string {
 export function testState(test: TestRecord): string {
   if (test.problem) return test.problem;
   const begun = test.begun_at === undefined ? [] : [`begun ${clock(test.begun_at)}`];
-  const held = test.current || test.records === undefined ? [] : [`${test.records} data`];
+  const held =
+    test.current || test.records === undefined ? [] : [test.records === 1 ? "1 datum" : `${test.records} data`];
   const state = test.current ? (test.finished ? "finished" : "runs now") : test.finished ? "finished" : "not finished";
   return [...begun, ...held, state].join(", ");
 }
 
 const letters = "[A-Za-z0-9_\\-]{1,64}";
 
-export function TestsPanel({ tests, api }: { tests: readonly TestRecord[]; api: Api }) {
+interface Props {
+  tests: readonly TestRecord[];
+  api: Api;
+  compare: (name: string) => void;
+}
+
+export function TestsPanel({ tests, api, compare }: Props) {
   const [beginning, setBeginning] = useState(false);
   const [back, setBack] = useState<string>();
   const [name, setName] = useState("");
@@ -66,9 +73,14 @@ export function TestsPanel({ tests, api }: { tests: readonly TestRecord[]; api: 
               <b>{test.name || "(without a name)"}</b> <span class="at">{testState(test)}</span>
             </p>
             {!test.current && !test.problem && back !== test.name && (
-              <button type="button" class="answer" onClick={() => setBack(test.name)}>
-                go back to it …
-              </button>
+              <>
+                <button type="button" class="answer" onClick={() => compare(test.name)}>
+                  compare
+                </button>
+                <button type="button" class="answer" onClick={() => setBack(test.name)}>
+                  go back to it …
+                </button>
+              </>
             )}
             {back === test.name && (
               <SignedForm

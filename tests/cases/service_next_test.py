@@ -76,6 +76,44 @@ class Test(ServiceCase):
         again.wait_for(lambda e: len(e.steps()) == 4)
         again.close()
 
+    def test_an_earlier_test_is_set_beside_the_one_that_runs(self):
+        service = self.serve()
+        for datum in self.data[:6]:
+            service.send(datum)
+        service.post("/v1/withdraw", {"source": "camera", "session": "s", "seq": 4})
+        service.post("/v1/sensors", {"sensor": 2, "active": False, "step": 3, "by": "Ada"})
+        service.settled(6)
+        lines = {line["step"]: line for line in service.states()}
+        self.begin(service, "second")
+        for datum in self.data[:3]:
+            service.send(datum)
+        service.settled(3)
+        status, earlier = service.get("/v1/states?test=")
+        self.assertEqual((status, [line["step"] for line in earlier]), (200, [0, 1, 2, 3, 5]))
+        for line in earlier:
+            same = comparable(lines[line["step"]])
+            same.pop("marginals", None)
+            for forecast in same["forecast"].values():
+                forecast.pop("density", None)
+            self.assertEqual(comparable(line), same)
+        self.assertEqual([line["step"] for line in service.get("/v1/states?test=&from=3")[1]], [3, 5])
+        self.assertEqual(service.get("/v1/states?test=second")[1], service.states())
+        self.expect_error(service.get("/v1/states?test=third"), 404, "UnknownTest")
+        self.expect_error(service.get("/v1/states?test=../second"), 404, "UnknownTest")
+        # What changes in an earlier test is seen: gone back to, and left again.
+        service.post("/v1/tests/resume", {"name": "", "by": "Ada"})
+        service.send(self.data[6])
+        service.settled(7)
+        service.post("/v1/tests/resume", {"name": "second", "by": "Ada"})
+        self.assertEqual([line["step"] for line in service.get("/v1/states?test=")[1]], [0, 1, 2, 3, 5, 6])
+        with open(self.folder / "assimilation.journal", "r+b") as journal:
+            journal.seek(6000)
+            journal.write(bytes(4000))
+        answer = service.get("/v1/states?test=")
+        self.expect_error(answer, 409, "NotComparable")
+        self.assertIn("damaged", answer[1]["error"]["message"])
+        self.assertEqual(service.get("/v1/states?test=second")[0], 200)
+
     def test_what_cannot_be_begun_is_refused_and_the_test_goes_on(self):
         service = self.serve()
         service.send(self.data[0])

@@ -291,6 +291,8 @@ void Api::route(const HttpRequest& request, const Answer& answer) {
   // What takes longer than a look: not on the thread of HTTP.
   if (UmBridge::speaks(path))
     return later(*worker_, answer, [this, request, answer] { answer(umbridge_.answer(request)); });
+  if (path == "/v1/states" && request.query.contains("test"))
+    return later(*slow_worker_, answer, [this, request, answer] { answer(states_of_test(request)); });
   if (path == "/v1/quarantine" || path == "/v1/mesh" || path == "/v1/field" || path == "/v1/picture" ||
       path == "/v1/samples" || path == "/v1/states" || path == "/v1/description" || path == "/v1/tests")
     return later(*worker_, answer, [this, request, answer] { answer(read(request)); });
@@ -309,6 +311,14 @@ void Api::later(Worker& worker, const Answer& answer, std::function<void()> what
     }
   });
   if (!taken) throw RequestError(503, "Busy", "too many requests are waiting");
+}
+
+HttpResponse Api::states_of_test(const HttpRequest& request) {
+  const auto site = served(request.parameter("site"));
+  const std::string from = request.parameter("from"), test = request.parameter("test");
+  if (test == site->current()->test()) return read(request);
+  return {200, "application/json",
+          test_lines_.lines_of(*site, test, from.empty() ? 0 : parse_index(from, "from"))};
 }
 
 HttpResponse Api::read(const HttpRequest& request) {

@@ -8,6 +8,7 @@
 #include "knothe/service/net/http_server.hpp"
 #include "knothe/service/net/umbridge.hpp"
 #include "knothe/service/site/served_site.hpp"
+#include "knothe/service/site/test_lines.hpp"
 #include "knothe/service/site/worker.hpp"
 
 namespace knothe::service {
@@ -30,12 +31,14 @@ class Api final : public HttpHandler {
   void finish() {
     worker_.reset();
     ingest_worker_.reset();
+    slow_worker_.reset();
   }
 
  private:
   void route(const HttpRequest& request, const Answer& answer);
   [[nodiscard]] std::unique_ptr<EventSource> make_events(const HttpRequest& request) const;
   HttpResponse read(const HttpRequest& request);
+  HttpResponse states_of_test(const HttpRequest& request);
   static void later(Worker& worker, const Answer& answer, std::function<void()> what);
   void take(const HttpRequest& request, const Answer& answer);
   void take_measurement(const HttpRequest& request, const Answer& answer);
@@ -53,9 +56,12 @@ class Api final : public HttpHandler {
   std::vector<std::shared_ptr<ServedSite>> sites_;
   ApiOptions options_;
   Metrics& metrics_;
-  UmBridge umbridge_;  ///< of the worker
+  UmBridge umbridge_;     ///< of the worker
+  TestLines test_lines_;  ///< of the worker for what takes minutes
   /// Last: what they do uses the others. The second is for data alone: no reader's question holds them up.
-  std::unique_ptr<Worker> worker_ = std::make_unique<Worker>(), ingest_worker_ = std::make_unique<Worker>();
+  /// The third computes what nobody waits for in time: other tests from their journals.
+  std::unique_ptr<Worker> worker_ = std::make_unique<Worker>(), ingest_worker_ = std::make_unique<Worker>(),
+                          slow_worker_ = std::make_unique<Worker>();
 };
 
 /// Whether two texts are equal, in a time that depends on their lengths alone.
