@@ -210,6 +210,7 @@ export class MockService {
       state: undefined,
       alarms: [],
       logbook: [],
+      off: [],
       tests: [{ name: "", journal: "beam.journal", current: true, records: 0, finished: false }],
       lastAt: Date.now(),
     });
@@ -315,16 +316,20 @@ export class MockService {
     const id = /^\/v1\/alarms\/(\d+)\/acknowledge$/.exec(path)?.[1];
     const alarm = id === undefined ? undefined : this.alarms.find((a) => a.id === Number(id));
     const at = Date.now() / 1000;
+    const switches = path === "/v1/sensors";
+    if (switches) this.off = [...this.off.filter((k) => k !== body.sensor), ...(body.active ? [] : [body.sensor])];
     const entry = {
       number: this.logbook.length + 1,
-      kind: alarm ? "acknowledgement" : "note",
+      kind: alarm ? "acknowledgement" : switches ? `sensor_${body.active ? "on" : "off"}` : "note",
       time: this.known.find((line) => line.step === body.step)?.time ?? 0,
       by: body.by,
       text: body.text ?? body.comment,
       written_at: at,
       ...(alarm ? { alarm: alarm.id } : {}),
+      ...(switches ? { sensor: body.sensor } : {}),
     };
     this.logbook.push(entry);
+    if (switches) for (const reader of this.readers) reader.write(this.statusEvent());
     for (const reader of this.readers) reader.write(`event: logbook\ndata: ${JSON.stringify(entry)}\n\n`);
     if (alarm) {
       alarm.acknowledged = { by: body.by, comment: body.comment, at };
@@ -368,6 +373,7 @@ export class MockService {
       step: line.step,
       time: line.time,
       data_age_s: (Date.now() - this.lastAt) / 1000,
+      ...(this.off.length ? { switched_off: this.off } : {}),
       ...(residuals.length
         ? { misfit: { statistic, values: residuals.length, probability: chiSquaredTail(statistic, residuals.length) } }
         : {}),

@@ -97,6 +97,15 @@ export class Api {
     await this.post("v1/notes", { step, by, text });
   }
 
+  /** Switches a sensor, from a step on. */
+  async switchSensor(
+    what: { sensor: number | string; active: boolean; step: number },
+    by: string,
+    comment: string,
+  ): Promise<void> {
+    await this.post("v1/sensors", { ...what, by, comment });
+  }
+
   /** Ends the test, or takes that back. */
   async finish(finished: boolean, by: string, comment: string): Promise<void> {
     await this.post(`v1/tests/${finished ? "finish" : "resume"}`, { by, comment });

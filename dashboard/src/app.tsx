@@ -9,7 +9,7 @@ import { QuarantinePanel } from "./quarantine_panel";
 import { quantitiesOf } from "./field";
 import { FieldPanel } from "./field_panel";
 import { Help, TokenDialog } from "./help";
-import { LogbookPanel } from "./logbook_panel";
+import { LogbookPanel, notesIn } from "./logbook_panel";
 import { PairPanel } from "./pair_panel";
 import { ComparisonPanel } from "./comparison_panel";
 import { EvidencePanel, ForecastPanel, ParametersPanel, TimingPanel } from "./plot_panels";
@@ -64,6 +64,7 @@ export function App({ store }: { store: Store }) {
     return merged(store.alarms, [...store.stateEvents, ...found]);
   }, [version, model, budget, store.stateEvents, store.alarms]);
   const fields = quantitiesOf(names);
+  const notes = useMemo(() => notesIn(store.logbook), [store.logbook]);
 
   const key = useCallback(
     (event: KeyboardEvent) => {
@@ -114,6 +115,7 @@ export function App({ store }: { store: Store }) {
     model,
     status,
     line,
+    notes,
     theme,
     selected: store.chosen === undefined ? undefined : line?.time,
     onSelect: (time: number) => {
@@ -191,7 +193,13 @@ export function App({ store }: { store: Store }) {
           <EvidencePanel {...plots} />
           <TimingPanel {...plots} />
           <EventsPanel events={events} chosen={store.chosen} choose={(step) => store.choose(step)} api={store.api} />
-          <LogbookPanel entries={store.logbook} line={line} api={store.api} />
+          <LogbookPanel
+            entries={store.logbook}
+            line={line}
+            api={store.api}
+            model={model}
+            off={status?.switched_off ?? []}
+          />
           <TestsPanel tests={store.tests} api={store.api} compare={compare} />
           <QuarantinePanel held={store.quarantine} />
           <ComparisonPanel

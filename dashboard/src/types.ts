@@ -92,6 +92,9 @@ export interface Model {
   sites?: string[];
   /** Number of model times. */
   steps?: number;
+  /** What a measurement holds: so many displacements, then these series. */
+  displacements?: number;
+  scalars?: string[];
   time?: { label?: string; units?: string };
   period_s?: number;
   budget_us?: number;

@@ -436,7 +436,31 @@ test("an alarm is acknowledged, and a note written at the step that is looked at
     [service.logbook[1].time, service.logbook[1].text],
     [service.known.find((line) => line.step === 40).time, "a crack is heard"],
   );
+  // It is marked in the plots, and its words are in the legend of its time.
+  await until(page, "#parameters .legend", /✎ Ada: a crack is heard/);
+  await page.locator(".scrub input").fill("44");
+  await page.waitForFunction(() => !/✎/.test(document.querySelector("#parameters .legend").textContent));
+  // A sensor is switched off from the step that is looked at, then on again as if it had never been off.
+  await page.getByRole("button", { name: "switch a sensor off" }).click();
+  await page.locator("#logbook").getByLabel("Sensor", { exact: true }).fill("12");
+  await page.locator("#logbook").getByLabel("why").fill("came loose");
+  await page.screenshot({ path: join(pictures, "sensor-form.png"), fullPage: true });
+  await page.getByRole("button", { name: "Switch off", exact: true }).click();
+  await until(page, "#switched-off", /^sensor 12$/);
+  await until(page, "#logbook", /sensor 12 switched off from t = .* on: came loose/);
+  await until(page, "#parameters .legend", /✎ Ada: sensor 12 off: came loose/);
+  await page.keyboard.press("l");
   await page.screenshot({ path: join(pictures, "logbook.png"), fullPage: true });
+  await page.getByRole("button", { name: "switch it on" }).click();
+  await page.getByRole("button", { name: "Switch on", exact: true }).click();
+  await page.waitForFunction(() => !document.querySelector("#switched-off"));
+  assert.deepEqual(
+    service.logbook.slice(2).map((e) => [e.kind, e.sensor, e.time]),
+    [
+      ["sensor_off", 12, service.known.find((line) => line.step === 44).time],
+      ["sensor_on", 12, service.known[0].time],
+    ],
+  );
 });
 
 test("the next specimen's test is begun, after a question, and the page begins anew", async (t) => {
