@@ -8,6 +8,7 @@
 #include "knothe/project/project_file.hpp"
 #include "knothe/service/journal/journal.hpp"
 #include "knothe/service/journal/replay.hpp"
+#include "knothe/service/journal/test_journals.hpp"
 #include "knothe/service/site/doctor.hpp"
 #include "knothe/service/site/service.hpp"
 
@@ -19,10 +20,9 @@ int serve(const ServeArguments& arguments) {
   options.port = arguments.port;
   options.strict_deadline = arguments.strict_deadline;
   options.test = arguments.test;
-  if (options.test.find_first_not_of("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_") !=
-      std::string::npos)
-    throw UsageError(
-        fmt::format("--test \"{}\": a name has letters, digits, '-' and '_' only", options.test));
+  if (const std::string objection = service::objection_to_test_name(options.test);
+      !options.test.empty() && !objection.empty())
+    throw UsageError(fmt::format("--test: {}", objection));
   options.listening = [](const std::string& url) {
     fmt::print("{}\n", url);
     std::fflush(stdout);

@@ -210,6 +210,8 @@ export class MockService {
       state: undefined,
       alarms: [],
       logbook: [],
+      off: [],
+      tests: [{ name: "", journal: "beam.journal", current: true, records: 0, finished: false }],
       lastAt: Date.now(),
     });
     // Each datum came 5 s after the one before.
@@ -267,21 +269,67 @@ export class MockService {
     for (const reader of this.readers) reader.write(`event: alarm\ndata: ${JSON.stringify(this.alarms.at(-1))}\n\n`);
   }
 
+  /** Lines of an earlier test: a stiffer specimen, every second step. */
+  earlier() {
+    const scaled = (values) => values.map((v) => 0.93 * v);
+    return this.recording.lines
+      .filter((line) => line.step % 2 === 0 && line.step <= 70)
+      .map((line) => ({
+        ...line,
+        mean: scaled(line.mean),
+        quantiles: { ...line.quantiles, values: line.quantiles.values.map(scaled) },
+        forecast: Object.fromEntries(
+          Object.entries(line.forecast).map(([name, f]) => [name, { ...f, values: scaled(f.values) }]),
+        ),
+      }));
+  }
+
+  get test() {
+    return this.tests.find((test) => test.current).name;
+  }
+
+  /** Another specimen: `/v1/tests`, `/v1/tests/resume`. What the mock shows begins anew. */
+  change(path, body) {
+    const [before, there] = [this.tests.find((t) => t.current), this.tests.find((t) => t.name === body.name)];
+    if (path === "/v1/tests" && there) return;
+    Object.assign(before, { current: false, finished: true, records: this.count, followed_by: body.name });
+    if (there) Object.assign(there, { current: true, finished: false });
+    else
+      this.tests.push({
+        name: body.name,
+        journal: `beam.${body.name}.journal`,
+        current: true,
+        records: 0,
+        finished: false,
+        begun_at: Date.now() / 1000,
+      });
+    this.count = 0;
+    this.logbook = [];
+    const entry = this.write("", { by: body.by, text: body.comment });
+    entry.kind = there ? "test_resumed" : "test_begun";
+    for (const reader of this.readers) reader.write(this.statusEvent());
+    return entry;
+  }
+
   /** What a person does: `/v1/alarms/ID/acknowledge`, `/v1/notes`. */
   write(path, body) {
     const id = /^\/v1\/alarms\/(\d+)\/acknowledge$/.exec(path)?.[1];
     const alarm = id === undefined ? undefined : this.alarms.find((a) => a.id === Number(id));
     const at = Date.now() / 1000;
+    const switches = path === "/v1/sensors";
+    if (switches) this.off = [...this.off.filter((k) => k !== body.sensor), ...(body.active ? [] : [body.sensor])];
     const entry = {
       number: this.logbook.length + 1,
-      kind: alarm ? "acknowledgement" : "note",
+      kind: alarm ? "acknowledgement" : switches ? `sensor_${body.active ? "on" : "off"}` : "note",
       time: this.known.find((line) => line.step === body.step)?.time ?? 0,
       by: body.by,
       text: body.text ?? body.comment,
       written_at: at,
       ...(alarm ? { alarm: alarm.id } : {}),
+      ...(switches ? { sensor: body.sensor } : {}),
     };
     this.logbook.push(entry);
+    if (switches) for (const reader of this.readers) reader.write(this.statusEvent());
     for (const reader of this.readers) reader.write(`event: logbook\ndata: ${JSON.stringify(entry)}\n\n`);
     if (alarm) {
       alarm.acknowledged = { by: body.by, comment: body.comment, at };
@@ -303,6 +351,8 @@ export class MockService {
     const line = this.known.at(-1);
     const shown = {
       site: "beam",
+      journal: `journal of ${this.test}`,
+      test: this.test,
       period_s: this.rate > 0 ? 1 / this.rate : this.period,
       budget_us: budget,
       pending: 0,
@@ -323,6 +373,7 @@ export class MockService {
       step: line.step,
       time: line.time,
       data_age_s: (Date.now() - this.lastAt) / 1000,
+      ...(this.off.length ? { switched_off: this.off } : {}),
       ...(residuals.length
         ? { misfit: { statistic, values: residuals.length, probability: chiSquaredTail(statistic, residuals.length) } }
         : {}),
@@ -345,7 +396,11 @@ export class MockService {
     if (request.method === "POST") {
       let body = "";
       request.on("data", (piece) => (body += piece));
-      request.on("end", () => send(200, JSON.stringify(this.write(url.pathname, JSON.parse(body)))));
+      request.on("end", () => {
+        const changes = url.pathname === "/v1/tests" || url.pathname === "/v1/tests/resume";
+        const done = changes ? this.change(url.pathname, JSON.parse(body)) : this.write(url.pathname, JSON.parse(body));
+        return done ? send(200, JSON.stringify(done)) : fail(409, "TestExists", "there is a test of this name already");
+      });
       return;
     }
     const json = (value, what) => (value === undefined ? fail(404, "NoState", what) : send(200, JSON.stringify(value)));
@@ -358,6 +413,9 @@ export class MockService {
       case "/v1/description":
         return json({
           ...this.recording.description(),
+          run: `${this.recording.description().run} ${this.test}`,
+          journal: this.status().journal,
+          test: this.test,
           period_s: this.status().period_s,
           ...(this.picture ? { picture: { corners: this.recording.corners } } : {}),
         });
@@ -371,11 +429,14 @@ export class MockService {
         return json(this.status());
       case "/v1/alarms":
         return json({ alarms: this.alarms });
+      case "/v1/tests":
+        return json({ tests: this.tests });
       case "/v1/logbook":
         return json({ logbook: this.logbook });
       case "/v1/state":
         return json(this.known.at(-1), "no datum yet");
       case "/v1/states":
+        if (url.searchParams.has("test")) return json(this.earlier(), "no such test");
         return json(this.known.filter((line) => line.step >= from));
       case "/v1/field":
         return json(

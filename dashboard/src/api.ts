@@ -1,7 +1,29 @@
 /** Talking to the service: requests with the token, and the stream of events, taken up again where it broke. */
 import { asStepLine, EventParser, isNumber, isObject, parseStates, tryJson } from "./parse";
-import type { Entry, Event, FieldsAnswer, Held, Model, SamplesAnswer, SensorsAnswer, Status, StepLine } from "./types";
-import { asAlarm, asEntry, asFields, asMesh, asModel, asQuarantine, asSamples, asSensors, asStatus } from "./wire";
+import type {
+  Entry,
+  Event,
+  FieldsAnswer,
+  Held,
+  Model,
+  SamplesAnswer,
+  SensorsAnswer,
+  Status,
+  StepLine,
+  TestRecord,
+} from "./types";
+import {
+  asAlarm,
+  asEntry,
+  asFields,
+  asMesh,
+  asModel,
+  asQuarantine,
+  asSamples,
+  asSensors,
+  asStatus,
+  asTests,
+} from "./wire";
 
 export class HttpError extends Error {
   constructor(
@@ -75,9 +97,28 @@ export class Api {
     await this.post("v1/notes", { step, by, text });
   }
 
+  /** Switches a sensor, from a step on. */
+  async switchSensor(
+    what: { sensor: number | string; active: boolean; step: number },
+    by: string,
+    comment: string,
+  ): Promise<void> {
+    await this.post("v1/sensors", { ...what, by, comment });
+  }
+
   /** Ends the test, or takes that back. */
   async finish(finished: boolean, by: string, comment: string): Promise<void> {
     await this.post(`v1/tests/${finished ? "finish" : "resume"}`, { by, comment });
+  }
+
+  /** Begins another test, from the prior; the one that runs is finished. */
+  async begin(name: string, by: string, comment: string): Promise<void> {
+    await this.post("v1/tests", { name, by, comment });
+  }
+
+  /** Goes back to an earlier test. */
+  async goBack(name: string, by: string, comment: string): Promise<void> {
+    await this.post("v1/tests/resume", { name, by, comment });
   }
 
   private url(path: string, query: Record<string, string | number> = {}): string {
@@ -124,8 +165,17 @@ export class Api {
     return list.map(asEntry).filter((entry): entry is Entry => entry !== undefined);
   }
 
+  async tests(): Promise<TestRecord[]> {
+    return asTests(await this.json("v1/tests"));
+  }
+
   async quarantine(): Promise<Held[]> {
     return asQuarantine(await this.json("v1/quarantine"));
+  }
+
+  /** The lines of a test that does not run now. */
+  async statesOf(test: string): Promise<StepLine[]> {
+    return parseStates(await this.text("v1/states", { test }));
   }
 
   async states(from: number): Promise<StepLine[]> {

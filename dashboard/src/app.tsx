@@ -9,14 +9,16 @@ import { QuarantinePanel } from "./quarantine_panel";
 import { quantitiesOf } from "./field";
 import { FieldPanel } from "./field_panel";
 import { Help, TokenDialog } from "./help";
-import { LogbookPanel } from "./logbook_panel";
+import { LogbookPanel, notesIn } from "./logbook_panel";
 import { PairPanel } from "./pair_panel";
+import { ComparisonPanel } from "./comparison_panel";
 import { EvidencePanel, ForecastPanel, ParametersPanel, TimingPanel } from "./plot_panels";
 import { saveText } from "./png";
 import { Scrub } from "./scrub";
 import { parameterNames, quantitiesIn } from "./specs";
 import type { Store } from "./store";
 import { Summary } from "./summary";
+import { TestsPanel } from "./tests_panel";
 import { useTheme } from "./theme";
 
 const panels = ["forecast", "parameters", "field", "pairs", "evidence", "timing"];
@@ -62,6 +64,7 @@ export function App({ store }: { store: Store }) {
     return merged(store.alarms, [...store.stateEvents, ...found]);
   }, [version, model, budget, store.stateEvents, store.alarms]);
   const fields = quantitiesOf(names);
+  const notes = useMemo(() => notesIn(store.logbook), [store.logbook]);
 
   const key = useCallback(
     (event: KeyboardEvent) => {
@@ -102,12 +105,17 @@ export function App({ store }: { store: Store }) {
     return () => removeEventListener("keydown", key);
   }, [key]);
 
+  const compare = (name: string): void => {
+    void store.compare(name);
+    requestAnimationFrame(() => document.getElementById("comparison")?.scrollIntoView({ block: "start" }));
+  };
   const plots = {
     lines,
     version,
     model,
     status,
     line,
+    notes,
     theme,
     selected: store.chosen === undefined ? undefined : line?.time,
     onSelect: (time: number) => {
@@ -185,8 +193,21 @@ export function App({ store }: { store: Store }) {
           <EvidencePanel {...plots} />
           <TimingPanel {...plots} />
           <EventsPanel events={events} chosen={store.chosen} choose={(step) => store.choose(step)} api={store.api} />
-          <LogbookPanel entries={store.logbook} line={line} api={store.api} />
+          <LogbookPanel
+            entries={store.logbook}
+            line={line}
+            api={store.api}
+            model={model}
+            off={status?.switched_off ?? []}
+          />
+          <TestsPanel tests={store.tests} api={store.api} compare={compare} />
           <QuarantinePanel held={store.quarantine} />
+          <ComparisonPanel
+            comparison={store.comparison}
+            close={() => void store.compare(undefined)}
+            props={plots}
+            theme={theme}
+          />
         </div>
       </main>
       <Help open={help} close={() => setHelp(false)} version={model?.version ?? status?.version} />

@@ -19,8 +19,8 @@ export function BannerView({ store }: { store: Store }) {
   const steps = model?.steps;
   const banner = bannerOf({ now: performance.now(), connected, lostAt, lastDatumAt, status, latest, model });
   useEffect(() => {
-    document.title = `${banner.state} · ${model?.site ?? "knothe"}`;
-  }, [banner.state, model?.site]);
+    document.title = `${banner.state} · ${[model?.site ?? "knothe", model?.test].filter(Boolean).join(" · ")}`;
+  }, [banner.state, model?.site, model?.test]);
   const look = stateLook[banner.state];
   const verdict = structure(status, latest);
   return (
@@ -32,6 +32,16 @@ export function BannerView({ store }: { store: Store }) {
         {banner.reason}
       </p>
       <dl>
+        {model?.test && (
+          <div>
+            <dt>test</dt>
+            <dd>
+              <a href="#tests" id="test">
+                {model.test}
+              </a>
+            </dd>
+          </div>
+        )}
         <div>
           <dt>last datum</dt>
           <dd id="age">

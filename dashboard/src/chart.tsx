@@ -8,7 +8,8 @@ import { composePng } from "./png";
 
 export interface Series {
   label: string;
-  values: (number | null)[];
+  /** `null` is a gap, `undefined` is none: the time is another series' alone. */
+  values: (number | null | undefined)[];
   colour: string;
   width?: number;
   dash?: number[];
@@ -22,7 +23,7 @@ export interface Series {
   format?: (value: number) => string;
   points?: boolean;
   /** What the legend and a table say, where it is not what is drawn (stacked bars). */
-  said?: (number | null)[];
+  said?: (number | null | undefined)[];
 }
 
 export interface Mark {
@@ -32,6 +33,13 @@ export interface Mark {
   dash?: number[];
   /** The axis is stretched to show it. */
   include?: boolean;
+}
+
+/** What somebody wrote at a time. */
+export interface Note {
+  at: number;
+  by: string;
+  text: string;
 }
 
 export interface ChartSpec {
@@ -53,6 +61,9 @@ export interface ChartSpec {
   above?: (time: number) => string;
   /** The plot above has the same bands: its legend says what they are. */
   brief?: boolean;
+  notes?: readonly Note[];
+  /** Their lines alone: the plot above has their words. */
+  briefNotes?: boolean;
   /** What else the legend says. */
   legend?: LegendEntry[];
 }
@@ -82,7 +93,15 @@ export function legendOf(spec: ChartSpec, index: number | undefined, theme: Them
     ];
   });
   const gaps: LegendEntry[] = spec.gaps?.length ? [{ label: "no data", colour: theme.gap, look: "bar" }] : [];
-  return [...own, ...(spec.legend ?? []), ...gaps];
+  return [...own, ...(spec.legend ?? []), ...gaps, ...notesAt(spec, index, theme)];
+}
+
+/** The notes of the time that is looked at, in full. */
+function notesAt(spec: ChartSpec, index: number | undefined, theme: Theme): LegendEntry[] {
+  const time = index === undefined || spec.briefNotes ? undefined : spec.times[index];
+  return (spec.notes ?? [])
+    .filter((note) => time !== undefined && nearestIndex(spec.times, note.at) === index)
+    .map((note) => ({ label: `✎ ${note.by}: ${note.text}`, colour: theme.faint, look: "dash" as const }));
 }
 
 export function Legend({ entries, theme }: { entries: LegendEntry[]; theme: Theme }) {
@@ -203,7 +222,9 @@ function nearestIndex(times: readonly number[], time: number | undefined): numbe
 
 function data(spec: ChartSpec): uPlot.AlignedData {
   const f = spec.factor ?? 1;
-  const scaled = spec.series.map((s) => (f === 1 ? s.values : s.values.map((v) => (v === null ? null : v * f))));
+  const scaled = spec.series.map((s) =>
+    f === 1 ? s.values : s.values.map((v) => (v === null || v === undefined ? v : v * f)),
+  );
   return [spec.times, ...scaled];
 }
 
@@ -354,11 +375,39 @@ function drawMarks(u: uPlot, { spec, theme, selected }: Live["current"]): void {
     // At the foot: at the top is where thresholds have their names.
     write(ctx, mark.label, x + (right ? -5 : 5) * px, bbox.top + bbox.height - 7 * px, theme, px);
   }
+  drawNotes(u, spec, theme);
   if (selected !== undefined) {
     const x = u.valToPos(selected, "x", true);
     line(ctx, x, bbox.top, x, bbox.top + bbox.height, { colour: theme.text }, px);
   }
   ctx.restore();
+}
+
+const noteRows = 3;
+const longestNote = 26;
+
+/** At the top, one below the other where they are close; words that find no room are in the legend of their time. */
+function drawNotes(u: uPlot, spec: ChartSpec, theme: Theme): void {
+  const { ctx, bbox } = u;
+  const px = devicePixelRatio;
+  const ends: number[] = Array.from({ length: noteRows }, () => -Infinity);
+  ctx.font = `${11 * px}px system-ui, sans-serif`;
+  for (const note of [...(spec.notes ?? [])].sort((a, b) => a.at - b.at)) {
+    const x = u.valToPos(note.at, "x", true);
+    if (x < bbox.left - 1 || x > bbox.left + bbox.width + 1) continue;
+    line(ctx, x, bbox.top, x, bbox.top + bbox.height, { colour: theme.faint, dash: [1, 2] }, px);
+    if (spec.briefNotes) continue;
+    const words = `✎ ${note.text.length > longestNote ? `${note.text.slice(0, longestNote - 1)}…` : note.text}`;
+    const width = ctx.measureText(words).width + 8 * px;
+    const right = x + width > bbox.left + bbox.width;
+    const begin = right ? x - width : x;
+    const row = ends.findIndex((end) => end <= begin);
+    if (row < 0) continue;
+    ends[row] = begin + width;
+    ctx.textAlign = right ? "right" : "left";
+    ctx.fillStyle = theme.text;
+    write(ctx, words, x + (right ? -4 : 4) * px, bbox.top + (12 + 14 * row) * px, theme, px);
+  }
 }
 
 /** With a rim in the panel's colour: readable on lines and bands. */

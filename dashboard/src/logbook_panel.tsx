@@ -1,11 +1,14 @@
 /** What people did and said, newest first; a note can be added at the step that is looked at. */
 import { useState } from "preact/hooks";
 import type { Api } from "./api";
+import type { Note } from "./chart";
 import { csv } from "./csv";
 import { clock, given } from "./format";
 import { Panel } from "./panel";
+import { SensorForm } from "./sensor_form";
 import { SignedForm } from "./signed_form";
-import type { Entry, StepLine } from "./types";
+import { testWords } from "./tests_panel";
+import type { Entry, Model, StepLine } from "./types";
 
 const shown = 200;
 
@@ -16,17 +19,37 @@ export function entryWords(entry: Entry): string {
   if (entry.kind === "sensor_on") return `sensor ${entry.sensor} switched on from t = ${given(entry.time)} on${why}`;
   if (entry.kind === "test_finished") return `finished the test${why}`;
   if (entry.kind === "test_resumed") return `resumed the test${why}`;
+  if (entry.kind === "test_begun") return `began this test${why}`;
+  if (entry.kind === "test_followed") return `went on to ${testWords(entry.text)}`;
   return entry.text;
+}
+
+/** What is marked in the plots: notes, and what was switched. */
+export function notesIn(entries: readonly Entry[]): Note[] {
+  return entries
+    .filter((e) => e.kind === "note" || e.kind === "sensor_off" || e.kind === "sensor_on")
+    .map((e) => ({ at: e.time, by: e.by, text: markWords(e) }));
+}
+
+function markWords(entry: Entry): string {
+  if (entry.kind === "note") return entry.text.replace(/\s+/g, " ");
+  const why = entry.text ? `: ${entry.text}` : "";
+  return `sensor ${entry.sensor} ${entry.kind === "sensor_off" ? "off" : "on"}${why}`;
 }
 
 export function LogbookPanel({
   entries,
   line,
   api,
+  model,
+  off,
 }: {
   entries: readonly Entry[];
   line: StepLine | undefined;
   api: Api;
+  model: Model | undefined;
+  /** Sensors that are switched off. */
+  off: readonly number[];
 }) {
   const [finishing, setFinishing] = useState(false);
   const marks = entries.filter((e) => e.kind.startsWith("test_"));
@@ -37,7 +60,7 @@ export function LogbookPanel({
     <Panel
       id="logbook"
       title="Logbook"
-      note="Notes, and sensors that were switched off or on: kept with the data."
+      note="Notes, and sensors that were switched off or on: kept with the data, and marked in the plots."
       csv={() =>
         csv(
           ["number", "kind", "time", "by", "text", "written_at"],
@@ -55,6 +78,7 @@ export function LogbookPanel({
           done={() => undefined}
         />
       )}
+      {line && <SensorForm api={api} model={model} off={off} step={line.step} />}
       {finishing ? (
         <SignedForm
           api={api}

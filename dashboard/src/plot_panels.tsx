@@ -1,7 +1,7 @@
 /** Panels whose content are plots over time. */
 import type { ComponentChildren } from "preact";
 import { useMemo, useRef } from "preact/hooks";
-import { Chart, type ChartHandle, type ChartSpec } from "./chart";
+import { Chart, type ChartHandle, type ChartSpec, type Note } from "./chart";
 import type { Theme } from "./colour";
 import { csv } from "./csv";
 import { given, microseconds, probability, significant } from "./format";
@@ -31,6 +31,8 @@ export interface PlotProps {
   /** Time of the step looked at, where it is not the latest. */
   selected: number | undefined;
   theme: Theme;
+  /** What people wrote. */
+  notes: readonly Note[];
   onSelect: (time: number) => void;
 }
 
@@ -51,12 +53,17 @@ export function specsTable(specs: readonly ChartSpec[]): string {
 function Charts({ specs, props, handles }: { specs: ChartSpec[]; props: PlotProps; handles: ChartHandle[] }) {
   handles.length = specs.length;
   const above = useMemo(() => stepAndClock(props.lines), [props.lines, props.version]);
+  const { notes } = props;
+  const shown = useMemo(
+    () => specs.map((spec, k) => ({ ...spec, notes, briefNotes: k > 0, ...(k === 0 && above ? { above } : {}) })),
+    [specs, notes, above],
+  );
   return (
     <>
-      {specs.map((spec, k) => (
+      {shown.map((spec, k) => (
         <Chart
           key={spec.name}
-          spec={k === 0 && above ? { ...spec, above } : spec}
+          spec={spec}
           theme={props.theme}
           selected={props.selected ?? props.line?.time}
           onSelect={props.onSelect}

@@ -1,4 +1,5 @@
 /** A short form for what changes something at the service: who asks, what they say, and the token where one is needed. */
+import type { ComponentChildren } from "preact";
 import { useState } from "preact/hooks";
 import { HttpError, type Api } from "./api";
 
@@ -18,16 +19,21 @@ export interface SignedFormProps {
   label: string;
   needed: boolean;
   button: string;
+  /** What else there is to fill in, in front. */
+  children?: ComponentChildren;
+  /** What will happen, in words: asked for before it does. */
+  confirm?: string;
   send: (by: string, text: string) => Promise<void>;
   done: () => void;
 }
 
-export function SignedForm({ api, label, needed, button, send, done }: SignedFormProps) {
+export function SignedForm({ api, label, needed, button, children, confirm, send, done }: SignedFormProps) {
   const [typed, setBy] = useState<string>();
   const by = typed ?? rememberedName(); // what another form has learnt meanwhile counts here too
   const [text, setText] = useState("");
   const [token, setToken] = useState<string>();
   const [problem, setProblem] = useState("");
+  const [asking, setAsking] = useState(false);
   const submit = async (): Promise<void> => {
     if (token !== undefined) api.setSendingToken(token.trim());
     try {
@@ -41,12 +47,26 @@ export function SignedForm({ api, label, needed, button, send, done }: SignedFor
       setProblem("");
       done();
     } catch (error) {
+      setAsking(false);
       if (error instanceof HttpError && error.status === 401) setToken((t) => t ?? "");
       setProblem(error instanceof HttpError ? error.message : "No contact with the service.");
     }
   };
+  if (asking)
+    return (
+      <form class="signed" onSubmit={(e) => (e.preventDefault(), void submit())}>
+        <p class="confirm" role="alert">
+          {confirm}
+        </p>
+        <button class="primary">Yes: {button.toLowerCase()}</button>
+        <button type="button" onClick={() => setAsking(false)}>
+          No
+        </button>
+      </form>
+    );
   return (
-    <form class="signed" onSubmit={(e) => (e.preventDefault(), void submit())}>
+    <form class="signed" onSubmit={(e) => (e.preventDefault(), confirm ? setAsking(true) : void submit())}>
+      {children}
       <input
         aria-label="Your name"
         placeholder="your name"

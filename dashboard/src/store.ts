@@ -2,7 +2,18 @@
 import { absentIs404, Api, HttpError, type Cursor } from "./api";
 import { History } from "./history";
 import { stateEvent } from "./events";
-import type { Entry, Event, FieldsAnswer, Held, Model, SamplesAnswer, SensorsAnswer, Status, StepLine } from "./types";
+import type {
+  Entry,
+  Event,
+  FieldsAnswer,
+  Held,
+  Model,
+  SamplesAnswer,
+  SensorsAnswer,
+  Status,
+  StepLine,
+  TestRecord,
+} from "./types";
 
 /** What belongs to one step and is fetched when it is looked at; `problem` says why there is none. */
 export interface Detail<T> {
@@ -24,6 +35,13 @@ const hiddenInterval = 500;
 /** ms per step drawn: 20,000 steps are drawn once a second. */
 const drawingInterval = 0.05;
 
+/** An earlier test beside the one that runs. */
+export interface Comparison {
+  name: string;
+  lines?: StepLine[];
+  problem?: string;
+}
+
 export class Store {
   readonly api = new Api();
   readonly history = new History();
@@ -35,6 +53,9 @@ export class Store {
   alarms: Event[] = [];
   /** What people did and said, in the order of writing. */
   logbook: Entry[] = [];
+  /** All tests of this structure, as they were when the page connected. */
+  tests: TestRecord[] = [];
+  comparison: Comparison | undefined;
   /** What is stored and not assimilated. */
   quarantine: Held[] = [];
   /** The field looked at: "displacement", "sensitivity:NAME", "residual", "bias". */
@@ -175,6 +196,23 @@ export class Store {
     this.fetchDetails();
   }
 
+  /** Sets a test beside the one that runs; `undefined`: none. */
+  async compare(name: string | undefined): Promise<void> {
+    const asked: Comparison | undefined = name === undefined ? undefined : { name };
+    this.comparison = asked;
+    this.changed();
+    if (!asked) return;
+    const answer = await this.api.statesOf(asked.name).then(
+      (lines) => ({ lines }),
+      (error: unknown) => ({
+        problem: error instanceof HttpError ? error.message : "No contact with the service.",
+      }),
+    );
+    if (this.comparison !== asked) return;
+    this.comparison = { ...asked, ...answer };
+    this.changed();
+  }
+
   /** Looks `steps` further, backward if negative; past the end is live again. */
   move(steps: number): void {
     const { lines } = this.history;
@@ -264,6 +302,7 @@ export class Store {
     this.alarms = [];
     this.quarantine = [];
     this.logbook = [];
+    this.comparison = undefined;
     this.chosen = undefined;
     this.lastDatumAt = undefined;
     for (const kind of kinds) this.detail[kind] = {};
@@ -284,6 +323,7 @@ export class Store {
     this.model = model && { ...model, ...(mesh ? { mesh } : {}), ...(sensors ? { sensors } : {}) };
     this.alarms = [...((await absentIs404(this.api.alarms())) ?? [])].reverse().slice(0, mostAlarms);
     this.logbook = (await absentIs404(this.api.logbook())) ?? [];
+    this.tests = (await absentIs404(this.api.tests())) ?? [];
     const from = (this.history.latest?.step ?? -1) + 1;
     if (cursor.id === undefined) {
       for (const line of (await absentIs404(this.api.states(from))) ?? []) this.take(line);

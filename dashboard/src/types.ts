@@ -85,11 +85,16 @@ export interface Model {
   run?: string;
   /** The journal's number, which the stream of events carries too. */
   journal?: string;
+  /** Name of the test; empty: it has none. */
+  test?: string;
   version?: string;
   site?: string;
   sites?: string[];
   /** Number of model times. */
   steps?: number;
+  /** What a measurement holds: so many displacements, then these series. */
+  displacements?: number;
+  scalars?: string[];
   time?: { label?: string; units?: string };
   period_s?: number;
   budget_us?: number;
@@ -179,6 +184,20 @@ export interface Entry {
   /** Unix time, s. */
   written_at?: number;
   sensor?: number;
+}
+
+/** A test of this structure, with a journal of its own. */
+export interface TestRecord {
+  name: string;
+  current: boolean;
+  /** Number of data in its journal. */
+  records?: number;
+  finished?: boolean;
+  /** Unix time, s; of a test that was begun while the service ran. */
+  begun_at?: number;
+  followed_by?: string;
+  /** Why nothing more is known of it. */
+  problem?: string;
 }
 
 /** Something that happened, with its cause. */

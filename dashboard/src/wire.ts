@@ -14,6 +14,7 @@ import {
   type SensorsAnswer,
   type Severity,
   type Status,
+  type TestRecord,
 } from "./types";
 
 /** `/v1/description`. Names of parameters are needed; the rest may be absent. */
@@ -59,6 +60,14 @@ export function asStatus(value: unknown): Status | undefined {
   const { structure: said, ...rest } = value;
   const structure = asVerdictLevel(said);
   return { ...(rest as unknown as Status), state, ...(structure ? { structure } : {}) };
+}
+
+/** `/v1/tests`. */
+export function asTests(value: unknown): TestRecord[] {
+  const list = isObject(value) && Array.isArray(value.tests) ? value.tests.filter(isObject) : [];
+  return list.flatMap((test) =>
+    typeof test.name === "string" ? [{ ...(test as unknown as TestRecord), current: test.current === true }] : [],
+  );
 }
 
 export function asAlarm(value: unknown): Event | undefined {

@@ -436,7 +436,76 @@ test("an alarm is acknowledged, and a note written at the step that is looked at
     [service.logbook[1].time, service.logbook[1].text],
     [service.known.find((line) => line.step === 40).time, "a crack is heard"],
   );
+  // It is marked in the plots, and its words are in the legend of its time.
+  await until(page, "#parameters .legend", /✎ Ada: a crack is heard/);
+  await page.locator(".scrub input").fill("44");
+  await page.waitForFunction(() => !/✎/.test(document.querySelector("#parameters .legend").textContent));
+  // A sensor is switched off from the step that is looked at, then on again as if it had never been off.
+  await page.getByRole("button", { name: "switch a sensor off" }).click();
+  await page.locator("#logbook").getByLabel("Sensor", { exact: true }).fill("12");
+  await page.locator("#logbook").getByLabel("why").fill("came loose");
+  await page.screenshot({ path: join(pictures, "sensor-form.png"), fullPage: true });
+  await page.getByRole("button", { name: "Switch off", exact: true }).click();
+  await until(page, "#switched-off", /^sensor 12$/);
+  await until(page, "#logbook", /sensor 12 switched off from t = .* on: came loose/);
+  await until(page, "#parameters .legend", /✎ Ada: sensor 12 off: came loose/);
+  await page.keyboard.press("l");
   await page.screenshot({ path: join(pictures, "logbook.png"), fullPage: true });
+  await page.getByRole("button", { name: "switch it on" }).click();
+  await page.getByRole("button", { name: "Switch on", exact: true }).click();
+  await page.waitForFunction(() => !document.querySelector("#switched-off"));
+  assert.deepEqual(
+    service.logbook.slice(2).map((e) => [e.kind, e.sensor, e.time]),
+    [
+      ["sensor_off", 12, service.known.find((line) => line.step === 44).time],
+      ["sensor_on", 12, service.known[0].time],
+    ],
+  );
+});
+
+test("the next specimen's test is begun, after a question, and the page begins anew", async (t) => {
+  const { page, service } = await open(t, { start: 60 });
+  await page.locator("[data-parameter]").first().waitFor();
+  await until(page, "#tests", /\(without a name\) runs now/);
+  await page.getByRole("button", { name: "begin the next specimen's test" }).click();
+  await page.getByLabel("Name of the next test").fill("b 2");
+  await page.locator("#tests").getByLabel("Your name").fill("Ada");
+  await page.getByRole("button", { name: "Begin the next test" }).click();
+  assert.equal(await page.locator(".confirm").count(), 0, "a name with a blank is refused by the form");
+  await page.getByLabel("Name of the next test").fill("b-2");
+  await page.getByRole("button", { name: "Begin the next test" }).click();
+  await until(page, ".confirm", /Is the next specimen in place\? The test without a name is finished, .*test "b-2"/);
+  await page.screenshot({ path: join(pictures, "next-test.png"), fullPage: true });
+  await page.getByRole("button", { name: "No", exact: true }).click();
+  assert.equal(service.test, "");
+  await page.getByRole("button", { name: "Begin the next test" }).click();
+  await page.getByRole("button", { name: "Yes: begin the next test" }).click();
+  await until(page, "#test", /^b-2$/);
+  await until(page, "#step", /^–/);
+  await until(page, "#tests", /\(without a name\) 60 data, finished.*b-2 begun .*runs now/);
+  await until(page, "#logbook", /Ada.* began this test/);
+  service.advance();
+  await until(page, "#step", /^0\b/);
+  for (let k = 0; k < 40; k += 1) service.advance();
+  await page.getByRole("button", { name: "compare" }).click();
+  await until(page, "#comparison h2", /Comparison with the test without a name/);
+  await until(page, "#comparison", /b-2: median [\d.]+[^]*without a name: median [\d.]+/);
+  assert.equal(await page.locator("#comparison .chart").count(), 5, "two parameters, three forecasts");
+  await page.waitForTimeout(500);
+  await page.locator("#comparison").screenshot({ path: join(pictures, "comparison.png") });
+  await page.setViewportSize({ width: 390, height: 844 });
+  await page.waitForTimeout(500);
+  assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), "no scrolling sideways");
+  await page.locator("#comparison").screenshot({ path: join(pictures, "comparison-phone.png") });
+  await page.setViewportSize({ width: 1440, height: 900 });
+  await page.locator("#comparison").getByRole("button", { name: "close" }).click();
+  await page.waitForFunction(() => !document.querySelector("#comparison"));
+  await page.getByRole("button", { name: "go back to it" }).click();
+  await page.getByRole("button", { name: "Go back", exact: true }).click();
+  await until(page, ".confirm", /Test "b-2" is left/);
+  await page.getByRole("button", { name: "Yes: go back" }).click();
+  await page.waitForFunction(() => !document.querySelector("#test"));
+  await page.screenshot({ path: join(pictures, "gone-back.png"), fullPage: true });
 });
 
 test("on a phone, alarms come right below the banner", async (t) => {

@@ -151,6 +151,20 @@ test("the page on the real service", async (t) => {
   await until(page, "#quarantined", /^1$/);
   await until(page, "#quarantine li", /gauges, test, 29 \(step 29\): sensor 3, .* is 1 m, beyond the limit/);
 
+  // The next specimen's test, begun on the page: it begins anew, and the one before is set beside it.
+  await page.getByRole("button", { name: "begin the next specimen's test" }).click();
+  await page.getByLabel("Name of the next test").fill("second");
+  await page.locator("#tests").getByLabel("Your name").fill("Ada");
+  await page.getByRole("button", { name: "Begin the next test" }).click();
+  await page.getByRole("button", { name: "Yes: begin the next test" }).click();
+  await until(page, "#test", /^second$/);
+  await until(page, "#tests", /\(without a name\) 29 data, finished/);
+  for (const datum of data.slice(0, 5)) await post(datum);
+  await shown(4);
+  await page.getByRole("button", { name: "compare" }).click();
+  await until(page, "#comparison", /second: median [\d.]+[^]*without a name: median [\d.]+/);
+  assert.equal((await get("v1/states?test=")).length, lines.length);
+
   // Another specimen under the page that was left open: nothing of the one before stays.
   await service.stop("SIGINT");
   for (const part of ["", "-wal", "-shm"]) rmSync(project.replace(/\.toml$/, `.journal${part}`), { force: true });

@@ -137,6 +137,33 @@ class Test(ServiceCase):
         self.frames_become_the_lines_of_assimilate(12, 'serial = "KN1"\nframe_rate = 10\nexposure = 0.004\ngain = 2\n')
 
     @needs_aravis
+    def test_another_test_begins_with_frame_0_in_a_folder_of_its_own(self):
+        self.draw()
+        self.camera()
+        service = self.serve_camera('serial = "KN1"\nframe_rate = 10\n')
+        self.wait_for_step(service, 11)
+        begin = lambda: service.post("/v1/tests", {"name": "second", "by": "Ada"})
+        answer = begin()
+        self.expect_error(answer, 409, "NotBegun")
+        self.assertIn("reference", answer[1]["error"]["message"])
+        self.assertEqual(service.get("/v1/status")[1]["step"], 11)
+        (self.live / "second").mkdir()
+        for name in ("reference_1.tif", "reference_2.tif"):
+            shutil.copy(self.live / name, self.live / "second" / name)
+        status, entry = begin()
+        self.assertEqual((status, entry.get("name")), (200, "second"), entry)
+        self.wait_for_step(service, 3)
+        self.assertEqual([line["step"] for line in service.states()][:4], [0, 1, 2, 3])
+        self.assertEqual([message for message in self.messages(service) if "not seen" in message or "clock" in message], [])
+        self.assertEqual(self.metric(service, "connected"), 1)
+        service.stop()
+        self.expect_kept(range(12))
+        # The camera shows its last picture for ever.
+        self.live = self.live / "second"
+        self.assertEqual(self.kept()[:4], [f"frame_{number:06}.tif" for number in range(4)])
+        self.assertEqual((self.live / "frame_000000.tif").read_bytes(), self.pictures[11].read_bytes())
+
+    @needs_aravis
     def test_a_hundred_frames_at_10_hz(self):
         self.frames_become_the_lines_of_assimilate(100, 'address = "127.0.0.1"\nframe_rate = 10\n')
 

@@ -308,6 +308,15 @@ std::int64_t Journal::starts() const {
   return implementation_->starts;
 }
 
+void Journal::raise_starts(std::int64_t least) {
+  Implementation& i = *implementation_;
+  if (i.starts >= least) return;
+  Statement row(i.database, "UPDATE meta SET value = ? WHERE key = 'starts'");
+  row.bind(1, least);
+  row.run();
+  i.starts = least;
+}
+
 void Journal::begin() {
   Implementation& i = *implementation_;
   i.before.reset();  // what cannot be remembered cannot be gone back to

@@ -81,6 +81,9 @@ class Journal {
 
   /// Starts counted so far, this one included (writers only).
   [[nodiscard]] std::int64_t starts() const;
+  /// From now on they are counted from `least` at least: events are numbered by them, and go on increasing
+  /// where one journal takes the place of another.
+  void raise_starts(std::int64_t least);
 
   /// In hex, made at random with the journal: that of no other. Empty before schema 4.
   [[nodiscard]] const std::string& id() const;
@@ -145,9 +148,13 @@ class Journal {
 /// What a look at a journal tells, without verifying it.
 struct JournalGlance {
   std::int64_t records = 0;
-  bool finished = false;  ///< the test was, and was not resumed
+  bool finished = false;                   ///< the test was, and was not resumed
+  std::optional<std::string> followed_by;  ///< the test that took its place, unless it was resumed
+  std::int64_t begun_ms = 0;               ///< Unix time, of a test that was begun in a running service
+  bool is_used = false;                    ///< there is more in it than that the test was begun
 };
-/// Also while it is written. DataError where it is none, or damaged.
+/// Also while it is written. An empty file is a journal without records. DataError where it is none, or
+/// damaged.
 [[nodiscard]] JournalGlance glance_at_journal(const std::string& path);
 
 /// Copies a journal as it is at one moment to a new file, also while it is written, and verifies the copy:

@@ -27,13 +27,20 @@ void copy_pages(const std::string& from, const std::string& to) {
 
 JournalGlance glance_at_journal(const std::string& path) {
   Database database(path, Database::Mode::read_only);
+  JournalGlance glance;
+  if (is_empty(database)) return glance;  // who began it died before it was one
   check_schema(database);
-  JournalGlance glance{one_integer(database, "SELECT count(*) FROM measurement"), false};
+  glance.records = one_integer(database, "SELECT count(*) FROM measurement");
+  glance.is_used = glance.records > 0;
+  TestCourse course;
   visit_logbook(database, [&](const LogbookEntry& entry, const std::string&) {
-    if (entry.kind == EntryKind::test_finished) glance.finished = true;
-    if (entry.kind == EntryKind::test_resumed) glance.finished = false;
+    course.add(entry);
+    glance.is_used = glance.is_used || entry.kind != EntryKind::test_begun;
     return true;
   });
+  glance.finished = course.end().has_value();
+  glance.followed_by = course.followed_by();
+  glance.begun_ms = course.begun_ms();
   return glance;
 }
 

@@ -17,14 +17,27 @@
 
 namespace knothe::service {
 
-enum class EntryKind { acknowledgement, sensor_off, sensor_on, note, test_finished, test_resumed };
+/// `test_begun` is the first of a test that was begun in a running service; `test_followed` is the last of
+/// the one before: it is finished, and the test that its text names has taken its place.
+enum class EntryKind {
+  acknowledgement,
+  sensor_off,
+  sensor_on,
+  note,
+  test_finished,
+  test_resumed,
+  test_begun,
+  test_followed
+};
 constexpr auto names_of(EntryKind) {
   return std::to_array<Named<EntryKind>>({{EntryKind::acknowledgement, "acknowledgement"},
                                           {EntryKind::sensor_off, "sensor_off"},
                                           {EntryKind::sensor_on, "sensor_on"},
                                           {EntryKind::note, "note"},
                                           {EntryKind::test_finished, "test_finished"},
-                                          {EntryKind::test_resumed, "test_resumed"}});
+                                          {EntryKind::test_resumed, "test_resumed"},
+                                          {EntryKind::test_begun, "test_begun"},
+                                          {EntryKind::test_followed, "test_followed"}});
 }
 
 struct LogbookEntry {
@@ -43,13 +56,38 @@ struct EntryRequest {
   std::optional<std::int64_t> sensor_index;
   std::string sensor_name;  ///< of a series; empty: by its index
   std::optional<bool> active;
+  std::optional<std::string> test;  ///< name
   std::string author;
   std::string text;  ///< or comment
 };
 
-/// From a JSON object with `by` and, as the route needs them, `site`, `step`, `sensor`, `active`, `text` or
-/// `comment`. RequestError 400 that says which member is wrong.
+/// From a JSON object with `by` and, as the route needs them, `site`, `step`, `sensor`, `active`, `name` (of
+/// a test), `text` or `comment`. RequestError 400 that says which member is wrong.
 [[nodiscard]] EntryRequest parse_json_entry(std::string_view body);
+
+/// How a test goes: begun, finished, resumed, followed by another.
+class TestCourse {
+ public:
+  /// In the order of writing; entries of other kinds change nothing.
+  void add(const LogbookEntry& entry);
+  /// The entry that finished the test, or by which another took its place; none: it goes on.
+  [[nodiscard]] const std::optional<LogbookEntry>& end() const { return end_; }
+  /// Name of the test that has taken its place.
+  [[nodiscard]] std::optional<std::string> followed_by() const;
+  /// When it was begun in a running service, Unix time; 0: it was begun with the program.
+  [[nodiscard]] std::int64_t begun_ms() const { return begun_ms_; }
+  /// Whether this test had its turn then: what arrived at another time is of another specimen.
+  [[nodiscard]] bool had_turn_at(std::int64_t unix_ms) const;
+
+ private:
+  struct Turn {
+    std::int64_t from_ms = 0;
+    bool begins = false;
+  };
+  std::optional<LogbookEntry> end_;
+  std::int64_t begun_ms_ = 0;
+  std::vector<Turn> turns_;
+};
 
 /// Which sensors are switched off, at which model times. Every entry holds from its time on, over those that
 /// were written before it: so sensors are on again from some time on, or "on from the first time on" takes

@@ -192,6 +192,7 @@ EntryRequest parse_json_entry(std::string_view body) {
     if (!it->is_boolean()) malformed("\"active\" must be true or false");
     request.active = it->get<bool>();
   }
+  if (object.contains("name")) request.test = text_member(object, "name", false);
   for (const char* name : {"text", "comment"}) {
     const auto it = object.find(name);
     if (it == object.end()) continue;

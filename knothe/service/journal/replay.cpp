@@ -28,30 +28,34 @@ struct Opened {
   std::vector<JournalEntry> entries;  ///< that count, by step and key
 };
 
+/// The data that count, by step and key, as the engine is to see them.
+std::vector<JournalEntry> counting_entries(const Journal& journal, const project::UpdateSetup& setup) {
+  const auto sensors = static_cast<std::size_t>(setup.measurements.observation_count());
+  SensorSwitches switches(setup.observed->time);
+  for (const LogbookEntry& entry : journal.logbook()) switches.add(entry);
+  std::vector<JournalEntry> entries;
+  journal.for_each([&](JournalEntry entry) {
+    if (!entry.counts()) return;
+    if (entry.measurement.values.size() != sensors)
+      throw DataError(fmt::format("{}: record {} has {} values; the project has {} sensors", journal.path(),
+                                  entry.id, entry.measurement.values.size(), sensors));
+    match_step(entry, setup.observed->time, journal.path());
+    entry.measurement = switches.seen(std::move(entry.measurement));
+    entries.push_back(std::move(entry));
+  });
+  std::stable_sort(entries.begin(), entries.end(), [](const JournalEntry& a, const JournalEntry& b) {
+    return a.measurement.step != b.measurement.step ? a.measurement.step < b.measurement.step
+                                                    : a.measurement.key < b.measurement.key;
+  });
+  return entries;
+}
+
 Opened open_both(const std::string& path, const std::string& project_path) {
   const Journal journal(path, Journal::Access::read);
   project::Project project = project::read_project(project_path);
   project::UpdateSetup setup = project::set_up_online(project);
-  Opened opened{std::move(project), std::move(setup), {}};
-  const auto sensors = static_cast<std::size_t>(opened.setup.measurements.observation_count());
-  SensorSwitches switches(opened.setup.observed->time);
-  for (const LogbookEntry& entry : journal.logbook()) switches.add(entry);
-  journal.for_each([&](JournalEntry entry) {
-    if (!entry.counts()) return;
-    if (entry.measurement.values.size() != sensors)
-      throw DataError(fmt::format("{}: record {} has {} values; the project's data file {} has {} sensors",
-                                  path, entry.id, entry.measurement.values.size(), opened.project.data,
-                                  sensors));
-    match_step(entry, opened.setup.observed->time, path);
-    entry.measurement = switches.seen(std::move(entry.measurement));
-    opened.entries.push_back(std::move(entry));
-  });
-  std::stable_sort(opened.entries.begin(), opened.entries.end(),
-                   [](const JournalEntry& a, const JournalEntry& b) {
-                     return a.measurement.step != b.measurement.step ? a.measurement.step < b.measurement.step
-                                                                     : a.measurement.key < b.measurement.key;
-                   });
-  return opened;
+  std::vector<JournalEntry> entries = counting_entries(journal, setup);
+  return {std::move(project), std::move(setup), std::move(entries)};
 }
 
 std::string csv_of(const Opened& opened) {
@@ -103,6 +107,18 @@ void write_results(const Opened& opened, const std::string& folder) {
 }
 
 }  // namespace
+
+void for_each_result(const Journal& journal, const project::Project& project,
+                     const project::UpdateSetup& setup,
+                     const std::function<void(const engine::StepResult&)>& visit) {
+  engine::Engine engine(project::engine_setup(project, setup));
+  for (const JournalEntry& entry : counting_entries(journal, setup)) engine.add(entry.measurement.datum());
+  const std::vector<std::size_t> steps(engine.stale().begin(), engine.stale().end());
+  for (const std::size_t step : steps) {
+    check_cancellation("a replay changes nothing");
+    visit(engine.conclude(step));
+  }
+}
 
 std::string project_of_journal(const std::string& journal, const std::string& project) {
   if (!project.empty()) return project;

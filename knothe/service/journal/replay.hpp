@@ -1,13 +1,23 @@
 #pragma once
 /// @file A journal without its service: what it holds, and the posterior that it gives.
+#include <functional>
 #include <string>
 
+#include "knothe/engine/step_result.hpp"
 #include "knothe/project/project_file.hpp"
+#include "knothe/project/update_setup.hpp"
+#include "knothe/service/journal/journal.hpp"
 
 namespace knothe::service {
 
 /// `FILE.toml` beside `FILE.journal`, unless `project` says otherwise.
 [[nodiscard]] std::string project_of_journal(const std::string& journal, const std::string& project);
+
+/// Calls `visit` for the posterior of every step of a journal, in order, by this setup. DataError where the
+/// data are not of its sensors or times; Interrupted.
+void for_each_result(const Journal& journal, const project::Project& project,
+                     const project::UpdateSetup& setup,
+                     const std::function<void(const engine::StepResult&)>& visit);
 
 /// Verifies the journal; prints what it holds and, with the project, the posterior of every step (with `json`
 /// as the lines of `knothe assimilate --json`).

@@ -65,6 +65,7 @@ const std::vector<Route>& routes() {
                                               {"GET", "/v1/logbook"},
                                               {"POST", "/v1/notes"},
                                               {"GET", "/v1/tests"},
+                                              {"POST", "/v1/tests"},
                                               {"POST", "/v1/tests/finish"},
                                               {"POST", "/v1/tests/resume"},
                                               {"POST", "/v1/sensors"},
@@ -125,18 +126,32 @@ HttpResponse answer_of(const JournalWriter::Answer& answer) {
   return json_response(answer_of(std::get<Appended>(answer)));
 }
 
-/// One reader: lines, alarms and states that it has not seen. It holds no queue: a line that was replaced
-/// before it was sent is sent once, as it is now.
+/// One reader of a site: lines, alarms and states that it has not seen. It holds no queue: a line that was
+/// replaced before it was sent is sent once, as it is now.
 class SiteEvents final : public EventSource {
  public:
-  SiteEvents(std::shared_ptr<Site> site, std::int64_t seen)
-      : site_(std::move(site)),
+  SiteEvents(std::shared_ptr<ServedSite> served, std::shared_ptr<Site> site, std::int64_t seen)
+      : served_(std::move(served)),
+        site_(std::move(site)),
         seen_(seen),
         alarms_seen_(seen),
         entries_seen_(site_->logbook().last_number()) {}
   void begin_with(std::string text) { pending_ = std::move(text); }
 
+  /// Where another test has taken its place: what is left of the one before, then all of the other. A
+  /// status, which says of which journal it is, comes first.
   std::string next() override {
+    std::string out = next_of_site();
+    auto current = served_->current();
+    if (!out.empty() || current == site_) return out;
+    site_ = std::move(current);
+    entries_seen_ = 0;
+    state_version_ = -1;
+    return next_of_site();
+  }
+
+ private:
+  std::string next_of_site() {
     std::string out;
     if (const std::int64_t version = site_->health().state_version(); version != state_version_) {
       state_version_ = version;
@@ -161,9 +176,9 @@ class SiteEvents final : public EventSource {
     return out;
   }
 
- private:
   static constexpr std::size_t k_piece = 1 << 16;
-  std::shared_ptr<Site> site_;
+  std::shared_ptr<ServedSite> served_;
+  std::shared_ptr<Site> site_;  ///< the test that is read
   std::int64_t seen_, alarms_seen_, entries_seen_, state_version_ = -1;
   std::string pending_;
 };
@@ -183,7 +198,7 @@ bool equal_in_constant_time(std::string_view a, std::string_view b) {
   return difference == 0;
 }
 
-Api::Api(std::vector<std::shared_ptr<Site>> sites, ApiOptions options, Metrics& metrics)
+Api::Api(std::vector<std::shared_ptr<ServedSite>> sites, ApiOptions options, Metrics& metrics)
     : sites_(std::move(sites)), options_(std::move(options)), metrics_(metrics), umbridge_(sites_) {}
 
 std::vector<std::string> Api::site_names() const {
@@ -192,7 +207,7 @@ std::vector<std::string> Api::site_names() const {
   return names;
 }
 
-std::shared_ptr<Site> Api::site_of(const std::string& name) const {
+std::shared_ptr<ServedSite> Api::served(const std::string& name) const {
   if (name.empty()) return sites_.front();
   for (const auto& site : sites_)
     if (site->name() == name) return site;
@@ -276,6 +291,8 @@ void Api::route(const HttpRequest& request, const Answer& answer) {
   // What takes longer than a look: not on the thread of HTTP.
   if (UmBridge::speaks(path))
     return later(*worker_, answer, [this, request, answer] { answer(umbridge_.answer(request)); });
+  if (path == "/v1/states" && request.query.contains("test"))
+    return later(*slow_worker_, answer, [this, request, answer] { answer(states_of_test(request)); });
   if (path == "/v1/quarantine" || path == "/v1/mesh" || path == "/v1/field" || path == "/v1/picture" ||
       path == "/v1/samples" || path == "/v1/states" || path == "/v1/description" || path == "/v1/tests")
     return later(*worker_, answer, [this, request, answer] { answer(read(request)); });
@@ -294,6 +311,14 @@ void Api::later(Worker& worker, const Answer& answer, std::function<void()> what
     }
   });
   if (!taken) throw RequestError(503, "Busy", "too many requests are waiting");
+}
+
+HttpResponse Api::states_of_test(const HttpRequest& request) {
+  const auto site = served(request.parameter("site"));
+  const std::string from = request.parameter("from"), test = request.parameter("test");
+  if (test == site->current()->test()) return read(request);
+  return {200, "application/json",
+          test_lines_.lines_of(*site, test, from.empty() ? 0 : parse_index(from, "from"))};
 }
 
 HttpResponse Api::read(const HttpRequest& request) {
@@ -321,7 +346,7 @@ HttpResponse Api::read(const HttpRequest& request) {
   if (path == "/v1/observations") return json_response(observations(*site, step));
   if (path == "/v1/samples") return json_response(samples(*site, step));
   if (path == "/v1/quarantine") return json_response(site->journal().quarantine());
-  if (path == "/v1/tests") return json_response({{"tests", tests_of(*site)}});
+  if (path == "/v1/tests") return json_response({{"tests", tests_of(*served(request.parameter("site")))}});
   if (path == "/v1/logbook") {
     Json list = Json::array();
     for (const LogbookEntry& entry : site->logbook().after(0)) list.push_back(json_of(entry));
@@ -339,7 +364,7 @@ HttpResponse Api::ready() const {
   Json sites = Json::object();
   bool all = true;
   for (const auto& site : sites_) {
-    const bool ready = site->journal().ready();
+    const bool ready = site->current()->journal().ready();
     all = all && ready;
     sites[site->name()] = ready ? "ready" : "replaying its journal, or stopping";
   }
@@ -350,11 +375,14 @@ void Api::take(const HttpRequest& request, const Answer& answer) {
   if (request.path == "/v1/measurements") return take_measurement(request, answer);
   if (request.path == "/v1/quarantine") return take_release(request, answer);
   if (request.path == "/v1/withdraw") return take_withdrawal(request, answer);
+  // Opens a journal and waits for the disk: not on the thread of HTTP.
+  if (request.path == "/v1/tests" || request.path == "/v1/tests/resume")
+    return later(*worker_, answer, [this, request, answer] { take_test(request, answer); });
   take_entry(request, answer);
 }
 
 void Api::take_measurement(const HttpRequest& request, const Answer& answer) {
-  std::shared_ptr<Site> site = sites_.front();
+  std::shared_ptr<Site> site = sites_.front()->current();
   try {
     SiteMeasurement datum;
     if (media_type(request) == "application/x-npy") {
@@ -412,6 +440,20 @@ void Api::take_entry(const HttpRequest& request, const Answer& answer) {
                         [answer](const JournalWriter::Answer& stored) { answer(answer_of(stored)); });
 }
 
+/// Another test is begun or gone back to, or the one that runs is resumed.
+void Api::take_test(const HttpRequest& request, const Answer& answer) {
+  const EntryRequest asked = parse_json_entry(request.body);
+  const auto site = served(asked.site.empty() ? request.parameter("site") : asked.site);
+  const bool begins = request.path == "/v1/tests";
+  if (begins && !asked.test)
+    throw RequestError(400, "Malformed", "\"name\" is missing: of the test to be begun");
+  if (!begins && !asked.test) return take_entry(request, answer);
+  Json body = json_of(begins ? site->begin_test(asked) : site->resume_test(asked));
+  body["name"] = site->current()->test();
+  body["journal"] = site->current()->journal().id();
+  answer(json_response(body));
+}
+
 std::unique_ptr<EventSource> Api::events(const HttpRequest& request) {
   if (request.path != "/v1/events") return nullptr;
   try {
@@ -422,7 +464,8 @@ std::unique_ptr<EventSource> Api::events(const HttpRequest& request) {
 }
 
 std::unique_ptr<EventSource> Api::make_events(const HttpRequest& request) const {
-  const auto site = site_of(request.parameter("site"));
+  const auto from_site = served(request.parameter("site"));
+  const auto site = from_site->current();
   std::string last = request.header("last-event-id");
   if (last.empty()) last = request.parameter("last_event_id");
   std::int64_t seen = site->lines().last_event();
@@ -440,14 +483,15 @@ std::unique_ptr<EventSource> Api::make_events(const HttpRequest& request) const 
   } else if (const auto line = site->lines().latest()) {
     begin = fmt::format("id: {}\nevent: step\ndata: {}\n\n", seen, line->json);
   }
-  auto source = std::make_unique<SiteEvents>(site, seen);
+  auto source = std::make_unique<SiteEvents>(from_site, site, seen);
   source->begin_with(std::move(begin));
   return source;
 }
 
 bool Api::tick() {
   if (cancellation_requested()) return false;
-  for (const auto& site : sites_) {
+  for (const auto& served : sites_) {
+    const auto site = served->current();
     site->tick();
     if (options_.strict_deadline && site->health().missed_strict_deadline()) return false;
   }

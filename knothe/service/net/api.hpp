@@ -7,7 +7,8 @@
 
 #include "knothe/service/net/http_server.hpp"
 #include "knothe/service/net/umbridge.hpp"
-#include "knothe/service/site/site.hpp"
+#include "knothe/service/site/served_site.hpp"
+#include "knothe/service/site/test_lines.hpp"
 #include "knothe/service/site/worker.hpp"
 
 namespace knothe::service {
@@ -20,7 +21,7 @@ struct ApiOptions {
 
 class Api final : public HttpHandler {
  public:
-  Api(std::vector<std::shared_ptr<Site>> sites, ApiOptions options, Metrics& metrics);
+  Api(std::vector<std::shared_ptr<ServedSite>> sites, ApiOptions options, Metrics& metrics);
 
   Admission admit(const HttpRequest& head, HttpResponse& refusal) override;
   void handle(HttpRequest request, Answer answer) override;
@@ -30,12 +31,14 @@ class Api final : public HttpHandler {
   void finish() {
     worker_.reset();
     ingest_worker_.reset();
+    slow_worker_.reset();
   }
 
  private:
   void route(const HttpRequest& request, const Answer& answer);
   [[nodiscard]] std::unique_ptr<EventSource> make_events(const HttpRequest& request) const;
   HttpResponse read(const HttpRequest& request);
+  HttpResponse states_of_test(const HttpRequest& request);
   static void later(Worker& worker, const Answer& answer, std::function<void()> what);
   void take(const HttpRequest& request, const Answer& answer);
   void take_measurement(const HttpRequest& request, const Answer& answer);
@@ -43,15 +46,22 @@ class Api final : public HttpHandler {
   void take_withdrawal(const HttpRequest& request, const Answer& answer);
   void take_entry(const HttpRequest& request, const Answer& answer);
   [[nodiscard]] HttpResponse ready() const;
-  [[nodiscard]] std::shared_ptr<Site> site_of(const std::string& name) const;
+  void take_test(const HttpRequest& request, const Answer& answer);
+  [[nodiscard]] std::shared_ptr<ServedSite> served(const std::string& name) const;
+  [[nodiscard]] std::shared_ptr<Site> site_of(const std::string& name) const {
+    return served(name)->current();
+  }
   [[nodiscard]] std::vector<std::string> site_names() const;
 
-  std::vector<std::shared_ptr<Site>> sites_;
+  std::vector<std::shared_ptr<ServedSite>> sites_;
   ApiOptions options_;
   Metrics& metrics_;
-  UmBridge umbridge_;  ///< of the worker
+  UmBridge umbridge_;     ///< of the worker
+  TestLines test_lines_;  ///< of the worker for what takes minutes
   /// Last: what they do uses the others. The second is for data alone: no reader's question holds them up.
-  std::unique_ptr<Worker> worker_ = std::make_unique<Worker>(), ingest_worker_ = std::make_unique<Worker>();
+  /// The third computes what nobody waits for in time: other tests from their journals.
+  std::unique_ptr<Worker> worker_ = std::make_unique<Worker>(), ingest_worker_ = std::make_unique<Worker>(),
+                          slow_worker_ = std::make_unique<Worker>();
 };
 
 /// Whether two texts are equal, in a time that depends on their lengths alone.

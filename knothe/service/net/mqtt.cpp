@@ -25,7 +25,7 @@ constexpr std::chrono::milliseconds k_first_pause{1000}, k_longest_pause{30'000}
 }  // namespace
 
 struct MqttReceiver::Implementation {
-  std::vector<std::shared_ptr<Site>> sites;
+  std::vector<std::shared_ptr<ServedSite>> sites;
   Metrics& metrics;
   std::string host;
   int port = 1883;
@@ -36,7 +36,7 @@ struct MqttReceiver::Implementation {
   std::shared_ptr<mosquitto> client;
   std::thread thread;
 
-  Implementation(std::vector<std::shared_ptr<Site>> s, Metrics& m, std::size_t body)
+  Implementation(std::vector<std::shared_ptr<ServedSite>> s, Metrics& m, std::size_t body)
       : sites(std::move(s)), metrics(m), max_body(body) {}
 
   /// What became of a message, as the body of an answer of HTTP; nothing if it is to come again.
@@ -51,24 +51,27 @@ struct MqttReceiver::Implementation {
                                      static_cast<std::size_t>(message.payloadlen));
       if (topic.ends_with("/withdraw")) {
         const SiteKey datum = parse_mqtt_key(topic, payload);
-        JournalWriter& journal = journal_of(datum.site);
-        return answer(datum.key.seq, store([&](auto done) { journal.withdraw(datum.key, std::move(done)); }));
+        return answer(datum.key.seq, store([&](auto done) {
+                        site_of(datum.site)->journal().withdraw(datum.key, std::move(done));
+                      }));
       }
       const SiteMeasurement datum = parse_mqtt_measurement(topic, payload);
-      JournalWriter& journal = journal_of(datum.site);
-      return answer(datum.measurement.key.seq,
-                    store([&](auto done) { journal.ingest(datum.measurement, std::move(done)); }));
+      return answer(datum.measurement.key.seq, store([&](auto done) {
+                      site_of(datum.site)->journal().ingest(datum.measurement, std::move(done));
+                    }));
     } catch (const RequestError& error) {
       log_event("warning", "a message was refused",
                 {{"topic", message.topic}, {"type", error.type()}, {"reason", error.what()}});
-      if (error.status() == 400 || error.status() == 413) sites.front()->journal().count("malformed");
+      if (error.status() == 400 || error.status() == 413)
+        sites.front()->current()->journal().count("malformed");
       return Json{{"error", {{"type", error.type()}, {"message", error.what()}}}};
     }
   }
 
-  [[nodiscard]] JournalWriter& journal_of(const std::string& name) const {
+  /// The test that runs now: another may have taken its place when a message is tried again.
+  [[nodiscard]] std::shared_ptr<Site> site_of(const std::string& name) const {
     for (const auto& site : sites)
-      if (site->name() == name) return site->journal();
+      if (site->name() == name) return site->current();
     throw RequestError(400, "UnknownSite", fmt::format("there is no site \"{}\"", name));
   }
 
@@ -92,7 +95,7 @@ struct MqttReceiver::Implementation {
         ask([promise](const JournalWriter::Answer& stored) { promise->set_value(stored); });
         JournalWriter::Answer stored = answer.get();
         const auto* error = std::get_if<RequestError>(&stored);
-        if (error == nullptr || error->status() != 507) return stored;
+        if (error == nullptr || (error->status() != 507 && error->status() != 503)) return stored;
       } catch (const RequestError& error) {
         if (error.status() != 503) throw;
       }
@@ -201,7 +204,7 @@ struct MqttReceiver::Implementation {
   }
 };
 
-MqttReceiver::MqttReceiver(const project::Project& project, std::vector<std::shared_ptr<Site>> sites,
+MqttReceiver::MqttReceiver(const project::Project& project, std::vector<std::shared_ptr<ServedSite>> sites,
                            Metrics& metrics)
     : implementation_(std::make_unique<Implementation>(std::move(sites), metrics,
                                                        static_cast<std::size_t>(project.serve.max_body))) {

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "knothe/project/serve_options.hpp"
-#include "knothe/service/site/site.hpp"
+#include "knothe/service/site/served_site.hpp"
 
 namespace knothe::service {
 
@@ -18,7 +18,8 @@ namespace knothe::service {
 class MqttReceiver {
  public:
   /// Begins to connect. ProjectError for an address that is none, DataError for a file that cannot be used.
-  MqttReceiver(const project::Project& project, std::vector<std::shared_ptr<Site>> sites, Metrics& metrics);
+  MqttReceiver(const project::Project& project, std::vector<std::shared_ptr<ServedSite>> sites,
+               Metrics& metrics);
   ~MqttReceiver();
 
  private:

@@ -159,7 +159,9 @@ std::string openapi_document() {
                                 {"text", words},
                                 {"written_at", number},
                                 {"alarm", integer},
-                                {"sensor", integer}},
+                                {"sensor", integer},
+                                {"name", words},
+                                {"journal", words}},
                                {"number", "kind", "time", "by", "text", "written_at"});
   const Json error = object_of(
       {{"error", object_of({{"type", words}, {"message", words}}, {"type", "message"})}}, {"error"});
@@ -171,7 +173,8 @@ std::string openapi_document() {
       {"/metrics", get("Prometheus metrics", words, {}, "text/plain")},
       {"/v1/state", get("line of the latest step", line_reference)},
       {"/v1/states", get("lines of all steps from one on", {{"type", "array"}, {"items", line_reference}},
-                         {parameter("from", "integer", "first step")})},
+                         {parameter("from", "integer", "first step"),
+                          parameter("test", "string", "name of an earlier test")})},
       {"/v1/events", get("lines, states and alarms as server-sent events", words,
                          {parameter("from", "integer", "first step"),
                           parameter("last_event_id", "integer", "as the header Last-Event-ID")},
@@ -223,9 +226,16 @@ std::string openapi_document() {
                                       entry);
   const Json signed_comment = object_of({{"site", words}, {"by", words}, {"comment", words}}, {"by"});
   paths["/v1/tests"] = get("tests of this structure", any);
+  const Json named = object_of({{"site", words}, {"name", words}, {"by", words}, {"comment", words}}, {"by"});
+  paths["/v1/tests"]["post"] =
+      post("begin another test, with a journal of its own; the one that runs is finished",
+           body_of(object_of({{"site", words}, {"name", words}, {"by", words}, {"comment", words}},
+                             {"name", "by"})),
+           entry);
   paths["/v1/tests/finish"]["post"] =
       post("finish the test: no more data are taken", body_of(signed_comment), entry);
-  paths["/v1/tests/resume"]["post"] = post("take that back", body_of(signed_comment), entry);
+  paths["/v1/tests/resume"]["post"] =
+      post("take that back, or go back to an earlier test", body_of(named), entry);
   paths["/v1/measurements"]["post"] =
       post("take a measurement; 200 when it is on disk",
            {{"application/json", {{"schema", {{"$ref", "#/components/schemas/Measurement"}}}}},

@@ -12,6 +12,7 @@
 #include "knothe/numerics/statistics/normal_distribution.hpp"
 #include "knothe/reduction/model/field_file.hpp"
 #include "knothe/reduction/model/model_matrices.hpp"
+#include "knothe/service/journal/test_journals.hpp"
 
 namespace knothe::service {
 namespace {
@@ -135,6 +136,7 @@ Json description(const Site& site, const std::vector<std::string>& sites) {
                  {"journal", site.journal().id()},
                  {"version", k_version},
                  {"site", site.name()},
+                 {"test", site.test()},
                  {"sites", sites},
                  {"project", std::filesystem::path(project.path).filename().string()},
                  {"model", std::filesystem::path(project.model).filename().string()},
@@ -288,32 +290,21 @@ Json observations(const Site& site, const std::string& step) {
             {"probability", line->misfit_probability}}}};
 }
 
-Json tests_of(const Site& site) {
-  namespace fs = std::filesystem;
-  const fs::path served(site.project().serve.journal);
-  const std::string& current = site.test();
-  // NAME.journal and NAME.TEST.journal.
-  const std::string extension = served.extension().string();
-  std::string name = served.stem().string();
-  if (!current.empty()) name.resize(name.size() - current.size() - 1);
-  std::vector<std::string> files;
-  std::error_code error;
-  for (const auto& entry : fs::directory_iterator(fs::absolute(served).parent_path(), error)) {
-    const std::string file = entry.path().filename().string();
-    if (file == name + extension || (file.starts_with(name + ".") && file.ends_with(extension)))
-      files.push_back(file);
-  }
-  std::sort(files.begin(), files.end());
+Json tests_of(const ServedSite& served) {
+  const std::string& journal = served.project().serve.journal;
+  const std::string current = served.current()->test();
   Json tests = Json::array();
-  for (const std::string& file : files) {
-    const std::string middle = file.substr(name.size(), file.size() - name.size() - extension.size());
-    Json test = {{"name", middle.empty() ? middle : middle.substr(1)},
-                 {"journal", file},
-                 {"current", file == served.filename().string()}};
+  for (const std::string& name : tests_beside(journal)) {
+    const std::string path = journal_of_test(journal, name);
+    Json test = {{"name", name},
+                 {"journal", std::filesystem::path(path).filename().string()},
+                 {"current", name == current}};
     try {
-      const JournalGlance glance = glance_at_journal((served.parent_path() / file).string());
+      const JournalGlance glance = glance_at_journal(path);
       test["records"] = glance.records;
       test["finished"] = glance.finished;
+      if (glance.begun_ms > 0) test["begun_at"] = 1e-3 * static_cast<double>(glance.begun_ms);
+      if (glance.followed_by) test["followed_by"] = *glance.followed_by;
     } catch (const Error&) {  // its words would tell where it lies
       test["problem"] = "it cannot be read";
     }

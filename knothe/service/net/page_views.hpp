@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "knothe/service/site/site.hpp"
+#include "knothe/service/site/served_site.hpp"
 
 namespace knothe::service {
 
@@ -19,7 +19,7 @@ inline constexpr int k_picture_width = 1000;
 [[nodiscard]] std::string picture(Site& site, const std::string& step);
 [[nodiscard]] Json observations(const Site& site, const std::string& step);
 /// The journals of this structure's tests, as they are beside the one that is served.
-[[nodiscard]] Json tests_of(const Site& site);
+[[nodiscard]] Json tests_of(const ServedSite& served);
 [[nodiscard]] Json samples(const Site& site, const std::string& step);
 
 /// The line of that step. RequestError 404 NoState, 400 Malformed.

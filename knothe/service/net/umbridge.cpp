@@ -69,6 +69,7 @@ bool is_name(const std::string& name) {
 struct UmBridge::Call {
   std::string name;
   SiteModels* models = nullptr;
+  std::shared_ptr<Site> site;
   const Received& request;
   Eigen::VectorXd p;
   std::optional<std::size_t> step;  ///< none: there are no data
@@ -78,8 +79,8 @@ struct UmBridge::Call {
   Eigen::MatrixXd hessian;          ///< d × d, of sensitivity · value
 };
 
-UmBridge::UmBridge(const std::vector<std::shared_ptr<Site>>& sites) {
-  for (const auto& site : sites) models_.push_back({site, nullptr, nullptr});
+UmBridge::UmBridge(const std::vector<std::shared_ptr<ServedSite>>& sites) {
+  for (const auto& site : sites) models_.push_back({site, {}, nullptr, nullptr});
 }
 
 bool UmBridge::speaks(const std::string& path) {
@@ -105,7 +106,7 @@ UmBridge::SiteModels& UmBridge::models_of(const nlohmann::json& config) {
   if (it == config.end()) return models_.front();
   if (it->is_string())
     for (SiteModels& models : models_)
-      if (models.site->name() == it->get<std::string>()) return models;
+      if (models.served->name() == it->get<std::string>()) return models;
   invalid_input("config.site: there is no such site");
 }
 
@@ -117,10 +118,13 @@ Json UmBridge::respond(const HttpRequest& request) {
   const Received& name = member(body, "name");
   if (!name.is_string() || !is_name(name.get<std::string>()))
     throw RequestError(400, "ModelNotFound", fmt::format("Model {} not found!", name.dump().substr(0, 100)));
-  Call call{name.get<std::string>(), nullptr, body, {}, {}, true, {}, {}, {}};
+  Call call{name.get<std::string>(), nullptr, nullptr, body, {}, {}, true, {}, {}, {}};
   const Received config = body.value("config", Received::object());
   call.models = &models_of(config);
-  const Site& site = *call.models->site;
+  call.site = call.models->served->current();
+  if (call.models->site.lock() != call.site)
+    *call.models = {call.models->served, call.site, nullptr, nullptr};
+  const Site& site = *call.site;
   const auto d = static_cast<Eigen::Index>(site.setup().priors.size());
   const bool derivatives = call.name != "predict";
   if (request.path == "/ModelInfo")
@@ -200,7 +204,7 @@ Json UmBridge::apply_hessian(Call& call) {
   require_block(call.request, "inWrt1");
   require_block(call.request, "inWrt2");
   const bool forward = call.name == "forward";
-  const Eigen::Index m = forward ? call.models->site->setup().observed->observations() : 1;
+  const Eigen::Index m = forward ? call.site->setup().observed->observations() : 1;
   const Eigen::VectorXd sensitivity = read_vector(member(call.request, "sens"), m, "sens");
   const Eigen::VectorXd vec = read_vector(member(call.request, "vec"), call.p.size(), "vec");
   if (forward) {
@@ -213,7 +217,7 @@ Json UmBridge::apply_hessian(Call& call) {
 }
 
 void UmBridge::evaluate_forward(Call& call, int derivatives, const Eigen::VectorXd& sensitivity) {
-  const reduction::ObservedModel& observed = *call.models->site->setup().observed;
+  const reduction::ObservedModel& observed = *call.site->setup().observed;
   const Eigen::Index d = call.p.size(), m = observed.observations();
   inference::SeparatedForwardModel model(observed, {call.step.value_or(observed.time.size() - 1)}, "forward");
   if (derivatives == 0) {
@@ -232,7 +236,7 @@ void UmBridge::evaluate_forward(Call& call, int derivatives, const Eigen::Vector
 }
 
 void UmBridge::evaluate_posterior(Call& call, int derivatives) {
-  Site& site = *call.models->site;
+  Site& site = *call.site;
   const Eigen::Index d = call.p.size();
   call.value = Eigen::VectorXd::Constant(1, std::numeric_limits<double>::lowest());
   call.jacobian = Eigen::MatrixXd::Zero(1, d);
@@ -271,7 +275,7 @@ void UmBridge::evaluate_posterior(Call& call, int derivatives) {
 }
 
 void UmBridge::evaluate_predict(Call& call) {
-  const Site& site = *call.models->site;
+  const Site& site = *call.site;
   auto& forecaster = call.models->forecaster;
   if (!forecaster)
     forecaster =

@@ -10,14 +10,14 @@
 #include "knothe/assimilation/update/collapsed_posterior.hpp"
 #include "knothe/forecast/forecaster.hpp"
 #include "knothe/service/net/http_server.hpp"
-#include "knothe/service/site/site.hpp"
+#include "knothe/service/site/served_site.hpp"
 
 namespace knothe::service {
 
 /// Use from one thread.
 class UmBridge {
  public:
-  explicit UmBridge(const std::vector<std::shared_ptr<Site>>& sites);
+  explicit UmBridge(const std::vector<std::shared_ptr<ServedSite>>& sites);
   /// Whether the path is one of the protocol's eight.
   [[nodiscard]] static bool speaks(const std::string& path);
   /// The answer to a request of such a path; never an empty error, never null or NaN.
@@ -25,7 +25,8 @@ class UmBridge {
 
  private:
   struct SiteModels {
-    std::shared_ptr<Site> site;
+    std::shared_ptr<ServedSite> served;
+    std::weak_ptr<Site> site;  ///< the test that the others are of
     std::unique_ptr<assimilation::CollapsedLogDensity> density;
     std::unique_ptr<forecast::Forecaster> forecaster;
   };

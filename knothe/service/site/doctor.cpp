@@ -24,6 +24,7 @@
 #include "knothe/service/camera/aravis_camera.hpp"
 #include "knothe/service/journal/journal.hpp"
 #include "knothe/service/journal/step_matching.hpp"
+#include "knothe/service/journal/test_journals.hpp"
 #include "knothe/service/net/http_server.hpp"
 #include "knothe/service/site/alarm_sender.hpp"
 #include "knothe/service/site/doctor.hpp"
@@ -198,7 +199,10 @@ void report_service(Report& report, const std::string& path, bool sends_alarms) 
                        times.size(), setup.measurements.observation_count());
   });
   if (!times.empty())
-    report_found(report, "journal", [&] { return found_journal(project->serve.journal, times); });
+    report_found(report, "journal", [&] {
+      const std::string& journal = project->serve.journal;
+      return found_journal(journal_of_test(journal, last_to_follow(journal, "")), times);
+    });
   report_found(report, "tokens", [&] { return found_tokens(*project); });
   const std::string where = fmt::format("{}:{}", project->serve.address, project->serve.port);
   report_found(report, "address", [&] {

@@ -7,6 +7,7 @@
 #include <charconv>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "knothe/assimilation/data/measurements_csv.hpp"
 #include "knothe/assimilation/data/time_matching.hpp"
@@ -24,6 +25,8 @@ constexpr double k_look_every = 0.1;  // s
 /// A file that cannot be read may still be being written: so many times `settle` it may rest before it counts
 /// as bad.
 constexpr double k_patience = 10;
+
+constexpr std::int64_t k_coarse_clock_ms = 20;  // a file's time is that of the last tick of the system
 
 constexpr const char* k_times = "pictures.csv";
 
@@ -101,16 +104,27 @@ void FolderWatch::run() {
 
 void FolderWatch::take_pictures() {
   for (const std::string& name : pictures_->look(SettledFiles::Clock::now())) {
-    if (take_picture(name) == Outcome::done) pictures_->done(name);
+    if (is_of_another_test(*pictures_, name) || take_picture(name) == Outcome::done) pictures_->done(name);
     if (!wait(0)) return;
   }
 }
 
 void FolderWatch::take_tables() {
   for (const std::string& name : tables_->look(SettledFiles::Clock::now())) {
-    if (take_table(name) == Outcome::done) tables_->done(name);
+    if (is_of_another_test(*tables_, name) || take_table(name) == Outcome::done) tables_->done(name);
     if (!wait(0)) return;
   }
+}
+
+/// A file that came while another test had its turn shows another specimen.
+bool FolderWatch::is_of_another_test(const SettledFiles& files, const std::string& name) {
+  const std::int64_t arrival = files.arrival_ms(name);
+  const SiteLogbook& logbook = site_->logbook();
+  if (logbook.had_turn_at(arrival) || logbook.had_turn_at(arrival + k_coarse_clock_ms)) return false;
+  if (!std::exchange(told_of_others_, true))
+    log_event("info", "files that came while another test had its turn are left alone",
+              {{"site", site_->name()}, {"folder", files.folder()}, {"first", name}});
+  return true;
 }
 
 bool FolderWatch::patient(const SettledFiles& files, const std::string& name) const {
@@ -193,8 +207,8 @@ FolderWatch::Outcome FolderWatch::take_table(const std::string& name) {
     const std::vector<std::string>& scalars = site_->setup().measurements.sensors.scalars;
     const std::size_t behind = site_->setup().measurements.sensors.displacement_count();
     const std::vector<std::string>& unused = site_->setup().unused;
-    const auto among = [](const std::vector<std::string>& names, const std::string& name) {
-      return std::find(names.begin(), names.end(), name) != names.end();
+    const auto among = [](const std::vector<std::string>& names, const std::string& series) {
+      return std::find(names.begin(), names.end(), series) != names.end();
     };
     for (const auto& [series, values] : table.series)
       if (!among(scalars, series) && !among(unused, series))

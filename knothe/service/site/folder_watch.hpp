@@ -41,6 +41,7 @@ class FolderWatch {
   [[nodiscard]] Place place_of(const std::string& name) const;
   Outcome take_picture(const std::string& name);
   Outcome take_table(const std::string& name);
+  [[nodiscard]] bool is_of_another_test(const SettledFiles& files, const std::string& name);
   [[nodiscard]] bool patient(const SettledFiles& files, const std::string& name) const;
   /// False when it is time to end.
   bool wait(double seconds);
@@ -49,6 +50,7 @@ class FolderWatch {
   Intake intake_;
   std::optional<SettledFiles> pictures_, tables_;
   std::map<std::array<double, 4>, std::size_t> sensor_at_;  ///< x, y, z, component → index
+  bool told_of_others_ = false;
   std::mutex mutex_;
   std::condition_variable end_;
   bool ending_ = false;

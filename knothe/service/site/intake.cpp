@@ -81,7 +81,7 @@ Intake::Outcome Intake::store(Measurement measurement, const std::string& name) 
     const JournalWriter::Answer stored = answer.get();
     const auto* error = std::get_if<RequestError>(&stored);
     if (error == nullptr) return Outcome::done;
-    if (error->status() == 507) return Outcome::again;
+    if (error->status() == 507 || error->status() == 503) return Outcome::again;
     refuse(name, fmt::format("{}: {}", name, error->what()));
   } catch (const RequestError& error) {
     if (error.status() == 503) return Outcome::again;

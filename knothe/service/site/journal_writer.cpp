@@ -67,8 +67,7 @@ JournalWriter::JournalWriter(const project::Project& project, const project::Upd
 
 void JournalWriter::follow(const LogbookEntry& entry) {
   switches_.add(entry);
-  if (entry.kind == EntryKind::test_finished) finished_ = entry.author;
-  if (entry.kind == EntryKind::test_resumed) finished_.clear();
+  course_.add(entry);
 }
 
 /// Data of all times are there in the model: an index of a step is that of the model it was recorded with.
@@ -78,7 +77,7 @@ void JournalWriter::require_times() const {
   });
 }
 
-std::int64_t JournalWriter::identify(const Identity& identity) {
+void JournalWriter::identify(const Identity& identity) {
   const auto before = journal_.identity();
   if (!before || before->sensors == identity.sensors) require_times();
   if (journal_.identify(identity))
@@ -86,6 +85,10 @@ std::int64_t JournalWriter::identify(const Identity& identity) {
         "warning",
         "the model or the project file is another than before: all data are assimilated with the new one",
         {{"site", options_.site}, {"journal", journal_.path()}});
+}
+
+std::int64_t JournalWriter::count_start(std::int64_t least) {
+  journal_.raise_starts(least);
   return journal_.starts();
 }
 
@@ -370,7 +373,7 @@ void JournalWriter::commit(std::vector<Request>& group) {
   Written written;
   const auto largest_before = largest_seqs_;
   const SensorSwitches switches_before = switches_;
-  const std::string finished_before = finished_;
+  const TestCourse course_before = course_;
   std::string trouble;
   std::deque<Alarm> alarms;
   {
@@ -388,7 +391,7 @@ void JournalWriter::commit(std::vector<Request>& group) {
     journal_.rollback();
     largest_seqs_ = largest_before;
     switches_ = switches_before;
-    finished_ = finished_before;
+    course_ = course_before;
     written = {};
     answers.assign(group.size(),
                    RequestError(507, "DiskFull", fmt::format("nothing was stored: {}", trouble)));
@@ -509,6 +512,17 @@ JournalWriter::Answer JournalWriter::write(const LogbookEntry& entry, MonotonicT
   return kept;
 }
 
+/// Why a test that was finished takes no new datum.
+RequestError JournalWriter::refusal_after(const LogbookEntry& end) {
+  if (end.kind == EntryKind::test_followed)
+    return {503, "NotReady",
+            fmt::format("the test \"{}\" is taking the place of this one: send it again", end.text)};
+  return {409, "TestFinished",
+          fmt::format("the test was finished by {}: no more data are taken. Resume it (POST "
+                      "/v1/tests/resume), or begin the next one (POST /v1/tests)",
+                      end.author)};
+}
+
 /// The places that a datum is late are the data of its session that should have come after it and came
 /// before: one wrong seq, however far ahead, is one of them.
 void JournalWriter::count_seq(const assimilation::DatumKey& key) {
@@ -518,11 +532,7 @@ void JournalWriter::count_seq(const assimilation::DatumKey& key) {
 }
 
 JournalWriter::Answer JournalWriter::write(Measurement& datum, MonotonicTime at, Written& written) {
-  if (!finished_.empty() && !journal_.holds(datum.key))
-    return RequestError(409, "TestFinished",
-                        fmt::format("the test was finished by {}: no more data are taken. Resume it (POST "
-                                    "/v1/tests/resume), or start the next one: knothe serve --test NAME",
-                                    finished_));
+  if (course_.end() && !journal_.holds(datum.key)) return refusal_after(*course_.end());
   const auto& largest = largest_seqs_[{datum.key.source, datum.key.session}];
   const bool late =
       largest.size() > static_cast<std::size_t>(options_.window) && largest.back() > datum.key.seq;

@@ -82,8 +82,10 @@ class JournalWriter {
   ~JournalWriter() { stop(); }
 
   /// Records for what the data are; errors of `Journal`, DataError where data are of times that the model
-  /// does not have. Number of starts, this one included.
-  std::int64_t identify(const Identity& identity);
+  /// does not have.
+  void identify(const Identity& identity);
+  /// Number of starts, this one included, counted from `least` at least. Before `start`.
+  std::int64_t count_start(std::int64_t least);
   /// Of `Journal`: its id, and what was acknowledged and is gone.
   [[nodiscard]] const std::string& id() const { return id_; }
   [[nodiscard]] const std::string& lost() const { return journal_.lost(); }
@@ -149,6 +151,7 @@ class JournalWriter {
   Answer write(const Release& release, MonotonicTime at, Written& written);
   Answer write(const Withdrawal& withdrawal, MonotonicTime at, Written& written);
   Answer write(const LogbookEntry& entry, MonotonicTime at, Written& written);
+  [[nodiscard]] static RequestError refusal_after(const LogbookEntry& end);
   void tell(const Written& written);
   [[nodiscard]] std::string refuse_if_misplaced(std::vector<Answer>& answers) const;
   void count_outcome(const Answer& answer);
@@ -172,8 +175,7 @@ class JournalWriter {
   LargestSeqs largest_seqs_;
   void count_seq(const assimilation::DatumKey& key);
   SensorSwitches switches_;  ///< of the thread
-  /// Of the thread: who has finished the test, in words; empty: it goes on.
-  std::string finished_;
+  TestCourse course_;        ///< of the thread
   void follow(const LogbookEntry& entry);
 
   mutable std::mutex mutex_;  ///< everything below

@@ -116,6 +116,14 @@ void Metrics::observe(const std::string& name, const std::string& labels, double
   histograms_[name][labels].observe(seconds);
 }
 
+void Metrics::forget(const std::string& name, const std::string& labels) {
+  const std::lock_guard lock(mutex_);
+  const auto gauge = gauges_.find(name);
+  if (gauge == gauges_.end()) return;
+  gauge->second.erase(labels);
+  if (gauge->second.empty()) gauges_.erase(gauge);
+}
+
 double Metrics::value(const std::string& name, const std::string& labels) const {
   const std::lock_guard lock(mutex_);
   for (const auto* family : {&counters_, &gauges_}) {

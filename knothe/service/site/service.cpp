@@ -68,7 +68,7 @@ void allow_descriptors(std::size_t count) {
 /// Tells systemd that the service is there and well, as often as its watchdog wants.
 class WatchedApi final : public HttpHandler {
  public:
-  WatchedApi(Api& api, const std::vector<std::shared_ptr<Site>>& sites) : api_(api), sites_(sites) {
+  WatchedApi(Api& api, const std::vector<std::shared_ptr<ServedSite>>& sites) : api_(api), sites_(sites) {
     if (const char* us = std::getenv("WATCHDOG_USEC"))
       interval_ = std::chrono::microseconds(std::atoll(us) / 3);
   }
@@ -85,7 +85,7 @@ class WatchedApi final : public HttpHandler {
       return false;
     }
     bool ready = true;
-    for (const auto& site : sites_) ready = ready && site->journal().ready();
+    for (const auto& site : sites_) ready = ready && site->current()->journal().ready();
     if (ready && !told_) notify_systemd("READY=1");
     told_ = told_ || ready;
     const auto now = monotonic_now();
@@ -98,11 +98,20 @@ class WatchedApi final : public HttpHandler {
 
  private:
   Api& api_;
-  const std::vector<std::shared_ptr<Site>>& sites_;
+  const std::vector<std::shared_ptr<ServedSite>>& sites_;
   std::chrono::microseconds interval_{0};
   MonotonicTime last_ = monotonic_now();
   bool told_ = false;
 };
+
+/// What brings data of a test by itself.
+ServedSite::Watches watches_of(const std::shared_ptr<Site>& site, Metrics& metrics) {
+  ServedSite::Watches watches;
+  if (FolderWatch::is_wanted(site->project())) watches.push_back(std::make_shared<FolderWatch>(site));
+  if (site->project().serve.camera.wanted)
+    watches.push_back(std::make_shared<CameraWatch>(site, metrics, open_aravis_camera));
+  return watches;
+}
 
 /// ProjectError where the project wants a camera and the program was built without.
 void require_cameras(const project::Project& project) {
@@ -131,8 +140,10 @@ void serve(const project::Project& project, const ServeArguments& arguments) {
   const auto changed = [&server] {
     if (server != nullptr) server->wake();
   };
-  std::vector<std::shared_ptr<Site>> sites = {
-      std::make_shared<Site>(project, arguments.test, arguments.strict_deadline, metrics, changed)};
+  const ServedSite::Settings settings{
+      arguments.test, arguments.strict_deadline, changed,
+      [&metrics](const std::shared_ptr<Site>& site) { return watches_of(site, metrics); }};
+  std::vector<std::shared_ptr<ServedSite>> sites = {std::make_shared<ServedSite>(project, settings, metrics)};
   std::set<std::string> names = {sites[0]->name()};
   for (const std::string& other : options.others) {
     const project::Project next = project::read_project(other);
@@ -141,8 +152,7 @@ void serve(const project::Project& project, const ServeArguments& arguments) {
       throw next.error_at(
           "serve.site",
           fmt::format("there is another site \"{}\"; give this one a name: [serve] site", next.serve.site));
-    sites.push_back(
-        std::make_shared<Site>(next, arguments.test, arguments.strict_deadline, metrics, changed));
+    sites.push_back(std::make_shared<ServedSite>(next, settings, metrics));
   }
   Api api(sites, api_options, metrics);
   WatchedApi watched(api, sites);
@@ -163,24 +173,15 @@ void serve(const project::Project& project, const ServeArguments& arguments) {
   std::unique_ptr<MqttReceiver> mqtt;
   if (!options.mqtt.broker.empty()) mqtt = std::make_unique<MqttReceiver>(project, sites, metrics);
   for (const auto& site : sites) site->start();
-  std::vector<std::unique_ptr<FolderWatch>> folders;
-  for (const auto& site : sites)
-    if (FolderWatch::is_wanted(site->project())) folders.push_back(std::make_unique<FolderWatch>(site));
-  std::vector<std::unique_ptr<CameraWatch>> cameras;
-  for (const auto& site : sites)
-    if (site->project().serve.camera.wanted)
-      cameras.push_back(std::make_unique<CameraWatch>(site, metrics, open_aravis_camera));
   http.run();
-  cameras.clear();
-  folders.clear();
   mqtt.reset();
   for (const auto& site : sites) site->stop();
   api.finish();
   http.finish();
   log_event("info", "stopped", {{"url", url}});
   end_log();
-  for (const auto& site : sites)
-    if (site->health().missed_strict_deadline())
+  for (const auto& served : sites)
+    if (const auto site = served->current(); site->health().missed_strict_deadline())
       throw Error(ExitStatus::deadline,
                   fmt::format("site {}: an update was later than its budget of {:.3g} ms (--strict-deadline)",
                               site->name(), 1e3 * site->health().budget_s()));

@@ -1,6 +1,9 @@
 #include "knothe/service/site/settled_files.hpp"
 
+#include <sys/stat.h>
+
 #include <algorithm>
+#include <limits>
 #include <utility>
 
 #include "knothe/imaging/series/picture_folder.hpp"
@@ -38,6 +41,12 @@ std::vector<std::string> SettledFiles::look(Clock::time_point now) {
 
 double SettledFiles::rest(const std::string& name, Clock::time_point now) const {
   return std::chrono::duration<double>(now - files_.at(name).since).count();
+}
+
+std::int64_t SettledFiles::arrival_ms(const std::string& name) const {
+  struct stat found {};
+  if (::stat(path(name).c_str(), &found) != 0) return std::numeric_limits<std::int64_t>::max() / 2;
+  return 1000 * static_cast<std::int64_t>(found.st_ctim.tv_sec) + found.st_ctim.tv_nsec / 1'000'000;
 }
 
 std::string SettledFiles::path(const std::string& name) const {

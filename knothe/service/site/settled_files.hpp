@@ -25,6 +25,9 @@ class SettledFiles {
   void done(const std::string& name) { files_.at(name).done = true; }
   /// How long the file has not changed, s.
   [[nodiscard]] double rest(const std::string& name, Clock::time_point now) const;
+  /// When it came, by the clock of the file system, Unix time: a copy that keeps the time of its original
+  /// has come when it was made. For ever ahead for a file that has gone.
+  [[nodiscard]] std::int64_t arrival_ms(const std::string& name) const;
   [[nodiscard]] std::string path(const std::string& name) const;
   [[nodiscard]] const std::string& folder() const { return folder_; }
 

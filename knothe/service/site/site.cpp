@@ -11,6 +11,7 @@
 #include "knothe/base/version.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/report/results/step_record.hpp"
+#include "knothe/service/journal/test_journals.hpp"
 
 namespace knothe::service {
 namespace {
@@ -30,10 +31,11 @@ std::string sensors_hash(const project::UpdateSetup& setup) {
   return to_hex(sum.finish());
 }
 
-project::Project with_journal_of(project::Project project, const std::string& test) {
-  std::filesystem::path journal(project.serve.journal);
-  const std::string extension = journal.extension().string();
-  if (!test.empty()) project.serve.journal = journal.replace_extension("." + test + extension).string();
+/// The project with what is a test's own: its journal, and the folder of the frames that are kept.
+project::Project of_test(project::Project project, const std::string& test) {
+  project.serve.journal = journal_of_test(project.serve.journal, test);
+  std::string& keep = project.serve.camera.keep;
+  if (!keep.empty() && !test.empty()) keep = (std::filesystem::path(keep) / test).string();
   return project;
 }
 
@@ -44,12 +46,10 @@ Identity identity_of(const project::Project& project, const project::UpdateSetup
 
 }  // namespace
 
-Site::Site(project::Project project, std::string test, bool strict_deadline, Metrics& metrics,
-           std::function<void()> changed)
-    : test_(std::move(test)),
-      project_(with_journal_of(std::move(project), test_)),
+Site::Site(project::Project project, SiteSettings settings, Metrics& metrics)
+    : settings_(std::move(settings)),
+      project_(of_test(std::move(project), settings_.test)),
       metrics_(metrics),
-      changed_(std::move(changed)),
       setup_(project::set_up_online(project_)),
       identity_(identity_of(project_, setup_)),
       journal_(
@@ -58,18 +58,19 @@ Site::Site(project::Project project, std::string test, bool strict_deadline, Met
              arrive(std::move(arrivals), records);
            },
            [this](const Measurement& measurement, const std::string& reason) { doubt(measurement, reason); },
-           [this](const LogbookEntry& entry) { note_down(entry); }, changed_}),
+           [this](const LogbookEntry& entry) { note_down(entry); }, settings_.changed}),
       engine_(project::engine_setup(project_, setup_)),
       logbook_(setup_.observed->time, {}),
-      sender_(project_, metrics_),
       alarms_(project_.forecasts, next_event_,
               [this](const Alarm& alarm) {
                 journal_.keep(alarm);
-                if (!alarm.severity.empty()) sender_.enqueue(alarm);
+                if (!alarm.severity.empty()) settings_.send(alarm);
               }),
       pictures_(setup_.observed->time),
-      health_(project_.serve, strict_deadline) {
-  next_event_ = journal_.identify(identity_) * (std::int64_t{1} << 32) + 1;
+      health_(project_.serve, settings_.strict_deadline) {
+  journal_.identify(identity_);
+  starts_ = journal_.count_start(settings_.least_start);
+  next_event_ = starts_ * (std::int64_t{1} << 32) + 1;
   alarms_.restore(journal_.alarms(SiteAlarms::k_kept), journal_.conditions());
   for (const LogbookEntry& entry : journal_.logbook()) note_down(entry);
   metrics_.count("knothe_deadline_misses_total", labels(), 0);  // there from the first scrape on
@@ -181,7 +182,7 @@ void Site::update_loop() {
       }
     }
     judge_delays();
-    changed_();
+    settings_.changed();
   }
 }
 
@@ -416,8 +417,10 @@ LogbookEntry Site::acknowledgement(std::int64_t id, const EntryRequest& request)
 SiteHealth::State Site::state_of_now(const JournalWriter::Tally& tally) const {
   std::string finished;
   if (const auto entry = logbook_.finished())
-    finished = fmt::format("the test was finished by {}{}{}", entry->author, entry->text.empty() ? "" : ": ",
-                           entry->text);
+    finished = entry->kind == EntryKind::test_followed
+                   ? fmt::format("the test \"{}\" has taken the place of this one", entry->text)
+                   : fmt::format("the test was finished by {}{}{}", entry->author,
+                                 entry->text.empty() ? "" : ": ", entry->text);
   return health_.state(
       {lines_.latest(), failure_, replayed_ && !ready_, tally.read_only, tally.trouble, finished});
 }
@@ -460,13 +463,21 @@ bool Site::tick() {
   return true;
 }
 
+void Site::forget_gauges() {
+  for (const char* name : {"knothe_step", "knothe_log_evidence", "knothe_effective_sample_size_ratio",
+                           "knothe_data_age_seconds"})
+    metrics_.forget(name, labels());
+  for (const auto& level : names_of(assimilation::VerdictLevel()))
+    metrics_.forget("knothe_structure", labels(fmt::format("level=\"{}\"", level.word)));
+}
+
 Json Site::status() const {
   const std::lock_guard lock(mutex_);
   const JournalWriter::Tally tally = journal_.tally();
   const SiteHealth::State state = state_of_now(tally);
   Json status = {
       {"site", name()}, {"journal", journal_.id()}, {"state", state.word}, {"reason", state.reason}};
-  if (!test_.empty()) status["test"] = test_;
+  if (!test().empty()) status["test"] = test();
   if (const auto latest = lines_.latest()) {
     const Line& line = *latest;
     status["step"] = line.step;

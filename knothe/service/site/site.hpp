@@ -5,7 +5,6 @@
 #include <set>
 
 #include "knothe/project/project_engine.hpp"
-#include "knothe/service/site/alarm_sender.hpp"
 #include "knothe/service/site/journal_writer.hpp"
 #include "knothe/service/site/line_store.hpp"
 #include "knothe/service/site/site_alarms.hpp"
@@ -15,14 +14,21 @@
 
 namespace knothe::service {
 
+/// What a site is told beside its project.
+struct SiteSettings {
+  std::string test = {};  ///< name; empty: the one without a name
+  bool strict_deadline = false;
+  std::int64_t least_start = 0;           ///< its starts are counted from here at least, and events by them
+  std::function<void()> changed = [] {};  ///< from any thread: there is something to send
+  std::function<void(const Alarm&)> send = [](const Alarm&) {};  ///< takes an alarm on its way out
+};
+
 /// Thread-safe.
 class Site {
  public:
-  /// Reads model and sensors, opens the journal: that of the project, NAME.journal, or NAME.TEST.journal
-  /// where `test` is not empty. Errors as of `knothe assimilate` and `Journal`. `changed` is called (from any
-  /// thread) when there is something new to send. Nothing runs before `start`.
-  Site(project::Project project, std::string test, bool strict_deadline, Metrics& metrics,
-       std::function<void()> changed);
+  /// Reads model and sensors, opens the test's journal: that of the project, NAME.journal, or
+  /// NAME.TEST.journal. Errors as of `knothe assimilate` and `Journal`. Nothing runs before `start`.
+  Site(project::Project project, SiteSettings settings, Metrics& metrics);
   ~Site();
 
   void start();
@@ -34,6 +40,8 @@ class Site {
   [[nodiscard]] Json status() const;
   /// Looks at the clock: ages, states, gauges. True if the state has changed since.
   bool tick();
+  /// Forgets the gauges of its latest line, which another test of this name does not have yet.
+  void forget_gauges();
 
   [[nodiscard]] JournalWriter& journal() { return journal_; }
   [[nodiscard]] const JournalWriter& journal() const { return journal_; }
@@ -51,7 +59,8 @@ class Site {
   [[nodiscard]] LogbookEntry acknowledgement(std::int64_t alarm, const EntryRequest& request) const;
 
   [[nodiscard]] const std::string& name() const { return project_.serve.site; }
-  [[nodiscard]] const std::string& test() const { return test_; }
+  [[nodiscard]] const std::string& test() const { return settings_.test; }
+  [[nodiscard]] std::int64_t starts() const { return starts_; }  ///< of its journal, this one included
   [[nodiscard]] const project::Project& project() const { return project_; }
   [[nodiscard]] const project::UpdateSetup& setup() const { return setup_; }
   [[nodiscard]] const Identity& identity() const { return identity_; }
@@ -79,10 +88,9 @@ class Site {
   [[nodiscard]] SiteHealth::State state_of_now(const JournalWriter::Tally& tally) const;  ///< mutex_ held
   [[nodiscard]] std::string labels(const std::string& more = "") const { return site_labels(name(), more); }
 
-  std::string test_;
+  SiteSettings settings_;
   project::Project project_;
   Metrics& metrics_;
-  std::function<void()> changed_;
   project::UpdateSetup setup_;
   Identity identity_;
   JournalWriter journal_;
@@ -94,9 +102,9 @@ class Site {
   std::size_t judged_from_ = 0;   ///< the same; alarms of the steps before it were raised before the restart
   bool previewed_ = false;        ///< updating thread; the last update was a preview
   bool newest_is_shown_ = false;  ///< the same; nothing has come since a preview
+  std::int64_t starts_ = 0;
   std::atomic<std::int64_t> next_event_{1};  ///< id of the next line or alarm
   SiteLogbook logbook_;
-  AlarmSender sender_;
   SiteAlarms alarms_;
   WatchedPictures pictures_;
 

@@ -23,13 +23,22 @@ void SiteLogbook::add(const LogbookEntry& entry) {
   const std::lock_guard lock(mutex_);
   entries_.push_back(entry);
   switches_.add(entry);
-  if (entry.kind == EntryKind::test_finished) finished_ = entry;
-  if (entry.kind == EntryKind::test_resumed) finished_.reset();
+  course_.add(entry);
 }
 
 std::optional<LogbookEntry> SiteLogbook::finished() const {
   const std::lock_guard lock(mutex_);
-  return finished_;
+  return course_.end();
+}
+
+bool SiteLogbook::had_turn_at(std::int64_t unix_ms) const {
+  const std::lock_guard lock(mutex_);
+  return course_.had_turn_at(unix_ms);
+}
+
+std::int64_t SiteLogbook::begun_ms() const {
+  const std::lock_guard lock(mutex_);
+  return course_.begun_ms();
 }
 
 std::vector<LogbookEntry> SiteLogbook::after(std::int64_t number) const {

@@ -1,0 +1,62 @@
+#include "knothe/service/site/test_lines.hpp"
+
+#include <fmt/format.h>
+
+#include <filesystem>
+
+#include "knothe/base/error.hpp"
+#include "knothe/files/json_line.hpp"
+#include "knothe/report/results/step_record.hpp"
+#include "knothe/service/journal/replay.hpp"
+#include "knothe/service/journal/test_journals.hpp"
+
+namespace knothe::service {
+namespace {
+
+/// What the lines of a journal depend on.
+std::string fingerprint(const Journal& journal, const Identity& identity) {
+  const auto last = [](const auto& entries) { return entries.empty() ? 0 : entries.back().number; };
+  return fmt::format("{} {} {} {} {}", journal.seal(), journal.withdrawals(), journal.quarantined().size(),
+                     last(journal.logbook()), identity.model + identity.configuration);
+}
+
+}  // namespace
+
+std::string TestLines::lines_of(const ServedSite& served, const std::string& test, std::size_t from) {
+  const std::string path = journal_of_test(served.project().serve.journal, test);
+  const bool is_name = test.empty() || objection_to_test_name(test).empty();
+  if (!is_name || !std::filesystem::exists(path))
+    throw RequestError(404, "UnknownTest",
+                       fmt::format("there is no test \"{}\"; GET /v1/tests lists them", test));
+  const auto site = served.current();
+  Kept& kept = kept_[{served.name(), test}];
+  try {
+    const Journal journal(path, Journal::Access::read);
+    const auto identity = journal.identity();
+    if (identity && identity->sensors != site->identity().sensors)
+      throw DataError("its data are of other sensors than those of the test that runs");
+    if (const std::string now = fingerprint(journal, site->identity()); kept.of != now) {
+      kept.lines.clear();
+      for_each_result(journal, site->project(), site->setup(), [&](const engine::StepResult& result) {
+        Json line = report::step_record(result, site->setup().model.contents().axes);
+        line.erase("marginals");
+        for (auto& forecast : line["forecast"]) forecast.erase("density");
+        kept.lines.emplace_back(result.update.step, files::json_line(line));
+      });
+      kept.of = now;
+    }
+  } catch (const DataError& error) {
+    kept_.erase({served.name(), test});
+    throw RequestError(409, "NotComparable",
+                       fmt::format("the test \"{}\" cannot be shown: {}", test, error.what()));
+  }
+  std::string body = "[";
+  for (const auto& [step, line] : kept.lines)
+    if (step >= from) body += (body.size() > 1 ? ",\n" : "") + line;
+  if (kept_.size() > k_most)
+    kept_.erase(kept_.begin()->first == std::pair(served.name(), test) ? std::next(kept_.begin())
+                                                                       : kept_.begin());
+  return body + "]";
+}
+
+}  // namespace knothe::service
