@@ -16,6 +16,7 @@ project_copyright = author
 # The same line that `knothe --version` comes from.
 version = release = re.search(r"project\(knothe VERSION ([\d.]+)", (HERE.parent / "CMakeLists.txt").read_text())[1]
 
+sys.dont_write_bytecode = True  # nothing is left in the sources
 sys.path.insert(0, str(HERE))
 extensions = ["myst_parser", "sphinx.ext.mathjax", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "api"]
 source_suffix = {".md": "markdown"}
