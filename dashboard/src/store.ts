@@ -146,6 +146,7 @@ export class Store {
         },
         entry: (entry) => {
           this.logbook = [...this.logbook.filter((e) => e.number !== entry.number), entry];
+          if (entry.kind.startsWith("test_")) void this.fetchTests();
           this.changed();
         },
         lost: (error) => this.lost(error),
@@ -255,6 +256,18 @@ export class Store {
       if (identity(model) !== identity(this.model)) this.start();
     } catch {
       // The stream of events notices when the service is gone.
+    }
+  }
+
+  private async fetchTests(): Promise<void> {
+    const { epoch } = this;
+    try {
+      const tests = (await absentIs404(this.api.tests())) ?? [];
+      if (epoch !== this.epoch) return;
+      this.tests = tests;
+      this.changed();
+    } catch {
+      // The next connection asks again.
     }
   }
 

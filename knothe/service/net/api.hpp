@@ -31,6 +31,7 @@ class Api final : public HttpHandler {
   void finish() {
     worker_.reset();
     ingest_worker_.reset();
+    test_lines_.stop();
     slow_worker_.reset();
   }
 

@@ -126,11 +126,11 @@ LogbookEntry ServedSite::resume_test(const EntryRequest& asked) {
 }
 
 /// The journal of a test has one writer: the one that was left just now must be gone.
-void ServedSite::await_departure() {
+void ServedSite::await_departure(const std::string& test) {
   const auto end = std::chrono::steady_clock::now() + k_longest_departure;
-  while (!before_.expired() && !stopping_) {
+  while (!left_[test].expired() && !stopping_) {
     if (std::chrono::steady_clock::now() > end)
-      throw RequestError(503, "NotReady", "the test before is still being read: ask again");
+      throw RequestError(503, "NotReady", "the test is still being read by those who saw it run: ask again");
     std::this_thread::sleep_for(k_glance);
   }
 }
@@ -154,7 +154,7 @@ std::shared_ptr<Site> ServedSite::open_ready(const std::string& test, std::int64
 /// the moment between that and the change is refused as not ready (503): it comes again, to the new one.
 LogbookEntry ServedSite::change_to(const std::string& test, LogbookEntry first) {
   const auto before = current();
-  await_departure();
+  await_departure(test);
   if (stopping_ || !before->journal().ready())
     throw RequestError(503, "NotReady",
                        stopping_ ? "the service is stopping" : "the journal is being replayed");
@@ -181,7 +181,7 @@ LogbookEntry ServedSite::change_to(const std::string& test, LogbookEntry first) 
     current_ = next;
   }
   watches_ = settings_.watch(next);
-  before_ = before;
+  left_[before->test()] = before;
   before->stop();
   if (!next->lines().latest()) next->forget_gauges();
   settings_.changed();

@@ -6,6 +6,7 @@
 /// runs now, and holds it for as long as the answer takes.
 #include <atomic>
 #include <functional>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <string>
@@ -53,15 +54,15 @@ class ServedSite {
   [[nodiscard]] std::shared_ptr<Site> open(const std::string& test, std::int64_t least_start);
   [[nodiscard]] std::shared_ptr<Site> open_ready(const std::string& test, std::int64_t least_start);
   LogbookEntry change_to(const std::string& test, LogbookEntry first);
-  void await_departure();
+  void await_departure(const std::string& test);
 
   project::Project project_;
   Settings settings_;
   Metrics& metrics_;
   AlarmSender sender_;  ///< outlives the tests: what waits to be sent is sent
   std::atomic<bool> stopping_{false};
-  std::mutex changing_;         ///< one change at a time; everything below but `current_` is under it
-  std::weak_ptr<Site> before_;  ///< readers may still hold it
+  std::mutex changing_;  ///< one change at a time; everything below but `current_` is under it
+  std::map<std::string, std::weak_ptr<Site>> left_;  ///< tests that ran before: readers may still hold them
   Watches watches_;
   mutable std::mutex mutex_;
   std::shared_ptr<Site> current_;  ///< under mutex_

@@ -163,6 +163,8 @@ TEST_F(ServedSiteTest, TheTestBeforeIsThereForThoseWhoStillReadIt) {
   // Its journal has one writer: this reader must go first.
   EXPECT_EQ(refusal([&] { served_->resume_test(asked("")); }), "NotReady");
   EXPECT_EQ(served_->current()->test(), "second");
+  served_->begin_test(asked("third"));  // it holds up no other
+  EXPECT_EQ(refusal([&] { served_->resume_test(asked("")); }), "NotReady");
   before.reset();
   served_->resume_test(asked(""));
   EXPECT_EQ(served_->current()->lines().latest()->step, 0U);

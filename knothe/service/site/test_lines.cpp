@@ -29,15 +29,18 @@ std::string TestLines::lines_of(const ServedSite& served, const std::string& tes
     throw RequestError(404, "UnknownTest",
                        fmt::format("there is no test \"{}\"; GET /v1/tests lists them", test));
   const auto site = served.current();
-  Kept& kept = kept_[{served.name(), test}];
+  const std::pair key(served.name(), test);
+  if (kept_.size() >= k_most && !kept_.contains(key)) kept_.clear();  // what is asked for again is made again
+  Kept& kept = kept_[key];
   try {
     const Journal journal(path, Journal::Access::read);
     const auto identity = journal.identity();
     if (identity && identity->sensors != site->identity().sensors)
       throw DataError("its data are of other sensors than those of the test that runs");
     if (const std::string now = fingerprint(journal, site->identity()); kept.of != now) {
-      kept.lines.clear();
+      kept = {};
       for_each_result(journal, site->project(), site->setup(), [&](const engine::StepResult& result) {
+        if (stopping_) throw RequestError(503, "NotReady", "the service is stopping");
         Json line = report::step_record(result, site->setup().model.contents().axes);
         line.erase("marginals");
         for (auto& forecast : line["forecast"]) forecast.erase("density");
@@ -46,16 +49,13 @@ std::string TestLines::lines_of(const ServedSite& served, const std::string& tes
       kept.of = now;
     }
   } catch (const DataError& error) {
-    kept_.erase({served.name(), test});
+    kept_.erase(key);
     throw RequestError(409, "NotComparable",
                        fmt::format("the test \"{}\" cannot be shown: {}", test, error.what()));
   }
   std::string body = "[";
   for (const auto& [step, line] : kept.lines)
     if (step >= from) body += (body.size() > 1 ? ",\n" : "") + line;
-  if (kept_.size() > k_most)
-    kept_.erase(kept_.begin()->first == std::pair(served.name(), test) ? std::next(kept_.begin())
-                                                                       : kept_.begin());
   return body + "]";
 }
 

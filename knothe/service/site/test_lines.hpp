@@ -1,5 +1,6 @@
 #pragma once
 /// @file The lines of tests that do not run now: their journals, seen by the model of the one that does.
+#include <atomic>
 #include <map>
 #include <string>
 #include <utility>
@@ -12,6 +13,8 @@ namespace knothe::service {
 /// For one thread.
 class TestLines {
  public:
+  /// From any thread: what is being computed ends soon.
+  void stop() { stopping_ = true; }
   /// The lines of the steps ≥ `from` (docs/reference/formats.md, without densities) as a JSON array. Computed
   /// once, until its journal or the model changes. RequestError 404 where there is no such test, 409 where
   /// its data are of other sensors or times, or its journal is damaged.
@@ -22,6 +25,7 @@ class TestLines {
     std::string of;                                          ///< what they were computed from
     std::vector<std::pair<std::size_t, std::string>> lines;  ///< by step
   };
+  std::atomic<bool> stopping_{false};
   static constexpr std::size_t k_most = 8;                    ///< tests kept
   std::map<std::pair<std::string, std::string>, Kept> kept_;  ///< by site and test
 };
