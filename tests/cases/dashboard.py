@@ -36,7 +36,7 @@ def run_part(case, part, **environment):
     if missing:
         case.skipTest(missing)
     done = subprocess.run(["node", "test/all.mjs", part], cwd=DASHBOARD, env={**os.environ, **environment}, capture_output=True, text=True,
-                          timeout=380)
+                          timeout=900)
     case.assertEqual(done.returncode, 0, done.stdout[-6000:] + done.stderr[-2000:])
     return done.stdout
 
