@@ -55,7 +55,8 @@ Eigen::VectorXd ModelShift::shift(const Point& known, const Eigen::MatrixXd& qua
   double value = 0;
   for (int k = 0; k < k_steps; ++k) {
     const Eigen::VectorXd away = here.p - known.p;
-    Eigen::MatrixXd information = here.slope.transpose() * (quadratic * here.slope);
+    const Eigen::MatrixXd curved = quadratic.lazyProduct(here.slope);  // few columns: no packing
+    Eigen::MatrixXd information = here.slope.transpose().lazyProduct(curved);
     information.diagonal() += prior_precision_;
     const Eigen::LLT<Eigen::MatrixXd> factor(information);
     const Eigen::MatrixXd covariance = factor.solve(Eigen::MatrixXd::Identity(away.size(), away.size()));
