@@ -207,7 +207,8 @@ class Test(ServiceCase):
             self.assertIn(now, (name,) if answers == [200] else (running, name))
             if now != name:
                 self.assertEqual(service.settled()["records"], kept[running])
-                self.assertEqual(self.begin(service, name)[0], 200)
+                status, answer = self.begin(service, name)
+                self.assertEqual(status, 200, answer)
             self.assertEqual(service.settled(0)["test"], name)
             running, kept[name] = name, 0
         tests = self.known(service)

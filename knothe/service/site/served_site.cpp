@@ -36,6 +36,16 @@ bool is_followed(const Site& site) {
   return end && end->kind == EntryKind::test_followed;
 }
 
+/// A program that died while it made a journal may have left what only a writer can put in order.
+JournalGlance glance_repaired(const std::string& path) {
+  try {
+    return glance_at_journal(path);
+  } catch (const Error&) {
+    (void)Journal(path, Journal::Access::write);
+    return glance_at_journal(path);
+  }
+}
+
 /// RequestError where something is in the way of a new test of this name.
 void require_unused(const std::string& journal, const std::string& test) {
   const std::string path = journal_of_test(journal, test);
@@ -43,7 +53,7 @@ void require_unused(const std::string& journal, const std::string& test) {
   const std::string file = std::filesystem::path(path).filename().string();
   JournalGlance glance;
   try {
-    glance = glance_at_journal(path);
+    glance = glance_repaired(path);
   } catch (const Error&) {
     throw RequestError(409, "TestExists",
                        fmt::format("{} is there, and cannot be read: choose another name", file));

@@ -54,8 +54,11 @@ std::string TestLines::lines_of(const ServedSite& served, const std::string& tes
                        fmt::format("the test \"{}\" cannot be shown: {}", test, error.what()));
   }
   std::string body = "[";
-  for (const auto& [step, line] : kept.lines)
-    if (step >= from) body += (body.size() > 1 ? ",\n" : "") + line;
+  for (const auto& [step, line] : kept.lines) {
+    if (step < from) continue;
+    if (body.size() > 1) body += ",\n";
+    body += line;
+  }
   return body + "]";
 }
 
