@@ -5,7 +5,7 @@ import { readFileSync } from "node:fs";
 import { createServer } from "node:net";
 import { chromium } from "playwright-core";
 
-const patience = 20000; // on a busy machine; an idle one needs a tenth
+const patience = 60000; // on a busy machine; an idle one needs a thirtieth
 const pause = () => new Promise((done) => setTimeout(done, 50));
 
 export function launch() {
