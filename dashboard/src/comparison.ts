@@ -1,9 +1,9 @@
 /** Two tests in one plot: bands and medians of both over the model's time. Pure. */
-import type { ChartSpec, Mark, Series } from "./chart";
+import type { ChartSpec, Series } from "./chart";
 import type { Theme } from "./colour";
-import { axisLabel, given, scaleFor, significant } from "./format";
+import { axisLabel, scaleFor, significant } from "./format";
 import { bandsOf, medianPeriod, type Row } from "./history";
-import { parameterNames, quantityWords, timeLabel } from "./specs";
+import { parameterNames, quantityWords, thresholdMarks, timeLabel } from "./specs";
 import type { Model, QuantityDescription, StepLine } from "./types";
 
 /** A test, as it is compared: `label` stands in the legend. */
@@ -119,17 +119,7 @@ export function forecastComparison(sides: readonly [Side, Side], q: QuantityDesc
   const times = commonTimes(both);
   const sizes = sides.flatMap((side) => side.lines[side.lines.length - 1]?.forecast[q.name]?.values ?? []);
   const scale = scaleFor(q.units, Math.max(0, ...sizes.map(Math.abs)));
-  const threshold: Mark[] =
-    q.threshold === undefined
-      ? []
-      : [
-          {
-            at: q.threshold,
-            label: `threshold ${given(q.threshold * scale.factor)} ${scale.units}`,
-            colour: theme.threshold,
-            dash: [8, 4],
-          },
-        ];
+  const threshold = thresholdMarks(q, scale, theme);
   return {
     name: `comparison ${q.name}`,
     times,

@@ -127,6 +127,13 @@ export function parameterSpec(
   };
 }
 
+/** The threshold of a forecast, a line across its plot; none where it has none. */
+export function thresholdMarks(q: QuantityDescription, scale: ReturnType<typeof scaleFor>, theme: Theme): Mark[] {
+  if (q.threshold === undefined) return [];
+  const label = `threshold ${given(q.threshold * scale.factor)} ${scale.units}`;
+  return [{ at: q.threshold, label, colour: theme.threshold, dash: [8, 4], include: true }];
+}
+
 export function forecastSpec(base: Base, q: QuantityDescription): ChartSpec {
   const { theme } = base;
   const latest = base.lines[base.lines.length - 1]?.forecast[q.name];
@@ -140,18 +147,7 @@ export function forecastSpec(base: Base, q: QuantityDescription): ChartSpec {
     theme.orange,
     format,
   );
-  const horizontal: Mark[] =
-    q.threshold === undefined
-      ? []
-      : [
-          {
-            at: q.threshold,
-            label: `threshold ${given(q.threshold * scale.factor)} ${scale.units}`,
-            colour: theme.threshold,
-            dash: [8, 4],
-            include: true,
-          },
-        ];
+  const horizontal = thresholdMarks(q, scale, theme);
   return {
     name: `forecast ${q.name}`,
     times: base.line.rows.map((r) => r.time),
