@@ -48,6 +48,11 @@ case picture_chain_bench in *"${1:-}"*)
   python3 bench/picture_chain_bench.py "$knothe" "$folder/beam_pictures.toml"
 esac
 
+case inference_calls in *"${1:-}"*)
+  echo "== inference_calls"
+  python3 bench/inference_calls.py "$knothe"
+esac
+
 case real_pictures_bench in *"${1:-}"*)
   echo "== real_pictures_bench"
   /usr/bin/python3 bench/real_pictures_bench.py "$knothe"

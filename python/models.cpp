@@ -320,12 +320,6 @@ py::dict dictionary_of(const inference::InferenceResult& r, const std::vector<st
                   "densities"_a = densities_of(priors));
 }
 
-/// Samplers pay for derivatives with evaluations unless the model has its own (report/results/inference_run).
-int highest_derivative(inference::Method method, const inference::ForwardModel& model) {
-  if (method == inference::Method::transport || method == inference::Method::grid) return 2;
-  return model.has_jacobian() ? 1 : 0;
-}
-
 struct InferenceValues {
   std::vector<assimilation::Prior> densities;  ///< the priors
   std::vector<double> observed, std, covariance;
@@ -345,8 +339,9 @@ std::optional<inference::Observations> observations_of(const InferenceValues& va
 inference::InferenceResult infer(CallableModel& model, InferenceValues& values) {
   constexpr double k_step = 1e-4;  // of differences, as a project's default
   inference::ModelEvaluator evaluator(model, values.densities, k_step);
-  inference::PosteriorDensity posterior(evaluator, values.densities, observations_of(values),
-                                        highest_derivative(values.options.method, model));
+  inference::PosteriorDensity posterior(
+      evaluator, values.densities, observations_of(values),
+      inference::useful_derivatives(values.options.method, model.has_jacobian()));
   values.options.progress = [](double) { return !cancellation_requested(); };
   return inference::infer(posterior, evaluator, values.options);
 }

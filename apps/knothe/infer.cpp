@@ -74,8 +74,7 @@ int infer(const InferArguments& arguments) {
                                        "takes \"auto\", \"transport\", \"mcmc\", \"smc\" or \"grid\"",
                                        to_text(project.method.kind)));
   }
-  const Method method =
-      overridden ? inference::method_from(arguments.method) : inference::one_shot(project.method.kind);
+  const Method method = overridden ? inference::method_from(arguments.method) : project.method.kind;
   require_possible(project, method, overridden);
   const files::CommandOutput output(arguments.json);
   const report::InferenceRun answer = run(project, method, project.results, output);

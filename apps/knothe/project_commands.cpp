@@ -52,8 +52,8 @@ void add_infer(CLI::App& app, Command& chosen) {
                           "One-shot inference for any forward model (UM-Bridge server, separated model).",
                           "knothe infer examples/umbridge/infer.toml --compare transport,mcmc");
   command.add_option("FILE", arguments.project, "project file")->required();
-  command.add_option("--method", arguments.method, "transport, mcmc, smc or grid")
-      ->check(CLI::IsMember({"transport", "mcmc", "smc", "grid"}));
+  command.add_option("--method", arguments.method, "auto, transport, mcmc, smc or grid")
+      ->check(CLI::IsMember({"auto", "transport", "mcmc", "smc", "grid"}));
   command.add_option("--compare", arguments.compare, "two methods, e.g. transport,smc: their differences");
   command.add_flag("--json", arguments.json, "one line of JSON on stdout");
   command.add_option("-o,--output", arguments.results, "folder for results");

@@ -161,7 +161,7 @@ Eigen::Index distinct_rows(const Eigen::MatrixXd& m) {
 
 Method method_from(const std::string& text) {
   const std::optional<Method> method = from_text<Method>(text);
-  if (method && is_one_shot(*method)) return one_shot(*method);
+  if (method && is_one_shot(*method)) return *method;
   throw UsageError(fmt::format(
       "\"{}\" is not a method of inference: there are auto, transport, mcmc, smc and grid", text));
 }
@@ -175,7 +175,7 @@ double InferenceResult::seconds() const {
 InferenceResult infer(PosteriorDensity& posterior, ModelEvaluator& evaluator,
                       const InferenceOptions& options) {
   InferenceResult r;
-  r.method = one_shot(options.method);
+  r.method = one_shot(options.method, posterior.dimension());
   if (posterior.is_density()) require_finite_integral(posterior, options.names);
   switch (r.method) {
     case Method::transport:
@@ -190,8 +190,8 @@ InferenceResult infer(PosteriorDensity& posterior, ModelEvaluator& evaluator,
       break;
     }
     case Method::sequential_monte_carlo: {
-      const Phase phase("particles", evaluator, r);
-      by_particles(posterior, options, r);
+      const Phase phase("weighted draws", evaluator, r);
+      by_weighted_draws(posterior, options, r);
       break;
     }
     default:

@@ -19,18 +19,28 @@ constexpr bool is_one_shot(Method method) {
   return method < Method::extended_kalman;
 }
 
-/// `auto` is the map here: a black box is too dear for quadrature.
-constexpr Method one_shot(Method method) {
-  return method == Method::automatic ? Method::transport : method;
+/// What `auto` is for so many parameters: the map up to three, beyond that weighted draws, which ask a black
+/// box for a few thousand values and not for millions.
+constexpr Method one_shot(Method method, Eigen::Index parameters) {
+  if (method != Method::automatic) return method;
+  return parameters <= 3 ? Method::transport : Method::sequential_monte_carlo;
+}
+
+/// Up to which order a method is given derivatives. Chains would ask for them at every step: only those that
+/// the model has of its own.
+constexpr int useful_derivatives(Method method, bool model_has_gradient) {
+  if (method != Method::markov_chain) return 2;
+  return model_has_gradient ? 1 : 0;
 }
 
 /// Errors: UsageError with the names there are.
 [[nodiscard]] Method method_from(const std::string& text);
 
 struct InferenceOptions {
-  Method method = Method::transport;
+  Method method = Method::automatic;
   transport::MapSolverOptions map;  ///< tolerance, orders, seed, verification points
-  Eigen::Index samples = 10000;     ///< draws left in the result; particles and kept draws of the samplers
+  Eigen::Index samples =
+      10000;  ///< draws left in the result; kept draws of chains; half the evaluations of smc
   std::uint64_t seed = 1;
   std::vector<std::string> names;  ///< of the parameters, for messages
   /// Called with the share of the work done where a method knows it (mcmc, smc); false interrupts.
@@ -69,7 +79,7 @@ struct InferenceResult : assimilation::Posterior {
   Eigen::VectorXd effective_sizes;   ///< d, of mcmc
   Eigen::VectorXd std_errors;        ///< d, of mcmc: relative standard errors of the standard deviations
   std::vector<double> temperatures;  ///< of smc
-  double acceptance = 0;             ///< of mcmc and smc
+  double acceptance = 0;             ///< of mcmc
 
   ModelCalls calls;
   std::vector<PhaseTime> phases;

@@ -4,7 +4,7 @@
 #include "knothe/inference/verdict.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
 #include "knothe/sampling/adaptive_metropolis.hpp"
-#include "knothe/sampling/sequential_monte_carlo.hpp"
+#include "knothe/sampling/recycled_importance.hpp"
 
 namespace knothe::inference {
 namespace {
@@ -38,23 +38,21 @@ void by_markov_chains(PosteriorDensity& posterior, const InferenceOptions& optio
   r.verdict = verdict(chains);
 }
 
-void by_particles(PosteriorDensity& posterior, const InferenceOptions& options, InferenceResult& r) {
-  sampling::SequentialMonteCarloOptions particle_options;
-  particle_options.seed = options.seed;
-  particle_options.progress = options.progress;
-  const sampling::SequentialMonteCarloResult particles =
-      sampling::sequential_monte_carlo(posterior, particle_options);
-  r.points = posterior.parameters(particles.sample.points);
-  r.weights = particles.sample.weights;
-  r.temperatures = particles.temperatures;
-  r.acceptance = particles.acceptance;
-  r.effective_sample_size =
-      std::min(1.0, particles.sample.effective_size / static_cast<double>(r.points.rows()));
-  r.log_evidence = particles.sample.log_evidence;
-  r.log_evidence_error = particles.sample.log_evidence_error;
-  r.trusted = r.tolerance_reached = particles.acceptance >= 0.05 && particles.sample.effective_size >= 400 &&
-                                    particles.sample.log_evidence_error <= 0.2;
-  r.verdict = verdict(particles, r.trusted);
+void by_weighted_draws(PosteriorDensity& posterior, const InferenceOptions& options, InferenceResult& r) {
+  sampling::RecycledImportanceOptions draw_options;
+  draw_options.max_evaluations = std::max(draw_options.max_evaluations, 2 * options.samples);
+  draw_options.seed = options.seed;
+  draw_options.progress = options.progress;
+  draw_options.variables = [&](const Eigen::MatrixXd& z) { return posterior.parameters(z); };
+  const sampling::RecycledImportanceResult draws = sampling::recycled_importance(posterior, draw_options);
+  r.points = posterior.parameters(draws.sample.points);
+  r.weights = draws.sample.weights;
+  r.temperatures = draws.temperatures;
+  r.effective_sample_size = draws.sample.effective_size / static_cast<double>(r.points.rows());
+  r.log_evidence = draws.sample.log_evidence;
+  r.log_evidence_error = draws.sample.log_evidence_error;
+  r.trusted = r.tolerance_reached = draws.converged;
+  r.verdict = verdict(draws);
   r.draws = numerics::resample(r.points, r.weights, options.samples, options.seed);
 }
 

@@ -6,7 +6,7 @@ namespace knothe::inference {
 
 /// Fills what adaptive_metropolis gives, and the evidence by bridge sampling.
 void by_markov_chains(PosteriorDensity& posterior, const InferenceOptions& options, InferenceResult& r);
-/// Fills what sequential_monte_carlo gives.
-void by_particles(PosteriorDensity& posterior, const InferenceOptions& options, InferenceResult& r);
+/// Fills what recycled_importance gives.
+void by_weighted_draws(PosteriorDensity& posterior, const InferenceOptions& options, InferenceResult& r);
 
 }  // namespace knothe::inference

@@ -68,16 +68,21 @@ std::string verdict(const sampling::MetropolisResult& chains) {
   return fmt::format("Not trusted: the chains have not converged: {}; raise [method] samples.", facts);
 }
 
-std::string verdict(const sampling::SequentialMonteCarloResult& particles, bool trusted) {
+std::string verdict(const sampling::RecycledImportanceResult& draws) {
+  const double beta = draws.temperatures.back();
   const std::string facts = fmt::format(
-      "{} particles went to the posterior in {} temperatures, the last moves were accepted in {:.0f} % of "
-      "the cases "
-      "(at least 5 %), the effective sample size is {:.0f} (at least 400) and the standard error of the "
-      "log-evidence "
-      "{:.2g} (at most 0.2)",
-      particles.sample.points.rows(), particles.temperatures.size(), 100 * particles.acceptance,
-      particles.sample.effective_size, particles.sample.log_evidence_error);
-  return fmt::format("{}: {}.", trusted ? "Trusted" : "Not trusted", facts);
+      "{} weighted draws of {} rounds are worth {:.0f}; a mean is off by at most {:.2f} std (limit 0.1) and "
+      "a "
+      "standard deviation by {:.1f} % (limit 5 %), four standard errors each",
+      draws.sample.points.rows(), draws.temperatures.size(), draws.sample.effective_size, draws.mean_error,
+      100 * draws.deviation_error);
+  if (draws.converged) return fmt::format("Trusted: {}.", facts);
+  if (beta < 1)
+    return fmt::format(
+        "Not trusted: the draws did not get to the posterior: after {} rounds they are at temperature {:.2g} "
+        "of 1; use --method mcmc.",
+        draws.temperatures.size(), beta);
+  return fmt::format("Not trusted: {}; raise [method] samples, or use --method mcmc.", facts);
 }
 
 }  // namespace knothe::inference

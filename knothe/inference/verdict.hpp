@@ -5,7 +5,7 @@
 #include "knothe/assimilation/update/prior_transform.hpp"
 #include "knothe/assimilation/update/tensor_quadrature.hpp"
 #include "knothe/sampling/adaptive_metropolis.hpp"
-#include "knothe/sampling/sequential_monte_carlo.hpp"
+#include "knothe/sampling/recycled_importance.hpp"
 #include "knothe/transport/solve/map_solver.hpp"
 
 namespace knothe::inference {
@@ -15,6 +15,6 @@ namespace knothe::inference {
                                   const assimilation::PriorTransform& transform);
 [[nodiscard]] std::string verdict(const assimilation::QuadraturePosterior& grid);
 [[nodiscard]] std::string verdict(const sampling::MetropolisResult& chains);
-[[nodiscard]] std::string verdict(const sampling::SequentialMonteCarloResult& particles, bool trusted);
+[[nodiscard]] std::string verdict(const sampling::RecycledImportanceResult& draws);
 
 }  // namespace knothe::inference

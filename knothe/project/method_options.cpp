@@ -119,8 +119,8 @@ const Section<M>& method_section() {
     s.add(
         "kind", &M::kind,
         "`auto`: the cheapest way whose accuracy is verified: quadrature around the modes (up to 3 "
-        "parameters), weighted draws (3 to 8), else the transport map, which `knothe infer` and `form = "
-        "\"composed\"` always take. "
+        "parameters), weighted draws (3 to 8), else the transport map, which `form = \"composed\"` always "
+        "takes; for `knothe infer` the map up to 3 parameters, weighted draws beyond. "
         "Transport map; dense quadrature on a grid (at most 3 parameters); Markov chain and sequential Monte "
         "Carlo; for `knothe assimilate` also the extended, unscented and ensemble Kalman filter.");
     add_map_options(s);

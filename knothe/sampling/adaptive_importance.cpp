@@ -4,18 +4,16 @@
 #include <cmath>
 #include <limits>
 
+#include "knothe/sampling/importance_proposal.hpp"
 #include "knothe/sampling/mixture.hpp"
-#include "knothe/sampling/mixture_fit.hpp"
-#include "knothe/sampling/mixture_product.hpp"
 #include "knothe/sampling/tempered_particles.hpp"
 
 namespace knothe::sampling {
 namespace {
 
-/// Degrees of freedom of the mixture drawn from, and the share of the draws that come from N(0, I).
-constexpr double k_tails = 4, k_reference_share = 0.02;
-/// Share of the draws that come from a mixture fitted to the flattened target, ρ^{1−β} π̄^β with this β.
-constexpr double k_flat_share = 0.2, k_flat = 0.5;
+/// Degrees of freedom of the mixture drawn from, the share of the draws that come from a mixture fitted to
+/// the flattened target, and its β in ρ^{1−β} π̄^β.
+constexpr double k_tails = 4, k_flat_share = 0.2, k_flat = 0.5;
 /// Points that a fit looks at.
 constexpr Eigen::Index k_fit_points = 2048;
 /// Weight of the particles in it.
@@ -31,62 +29,15 @@ Mixture reference(Eigen::Index d) {
   return Mixture({{1.0, Eigen::VectorXd::Zero(d), Eigen::MatrixXd::Identity(d, d)}});
 }
 
-/// What is drawn from: for each group of coordinates that depend on each other a mixture, with heavy tails, a
-/// share of the flattened target's, and something everywhere.
-class Proposal {
- public:
-  /// To weighted points, in the groups of the particles and of the flattened ones, which show modes of little
-  /// weight.
-  void fit(const TemperedParticles& particles, const Eigen::MatrixXd& points,
-           const Eigen::VectorXd& weights) {
-    const Eigen::MatrixXd& flat = particles.points_at_kept();
-    if (auto groups = dependent_groups({particles.points(), flat}); groups != groups_) {
-      groups_ = std::move(groups);
-      components_.assign(groups_.size(), {});
-      flattened_.clear();
-      const Eigen::VectorXd equal =
-          Eigen::VectorXd::Constant(flat.rows(), 1 / static_cast<double>(flat.rows()));
-      for (const auto& group : groups_) flattened_.push_back(fit_mixture(columns_of(flat, group), equal));
-    }
-    for (std::size_t g = 0; g < groups_.size(); ++g)
-      components_[g] = fit_mixture(columns_of(points, groups_[g]), weights, std::move(components_[g]));
-  }
-
-  [[nodiscard]] std::size_t components() const {
-    std::size_t n = 0;
-    for (const auto& c : components_) n += c.size();
-    return n;
-  }
-
-  [[nodiscard]] MixtureProduct mixtures() const {
-    std::vector<MixtureProduct::Factor> factors;
-    for (std::size_t g = 0; g < groups_.size(); ++g) {
-      const auto d = static_cast<Eigen::Index>(groups_[g].size());
-      std::vector<MixtureComponent> all = {
-          {k_reference_share, Eigen::VectorXd::Zero(d), Eigen::MatrixXd::Identity(d, d)}};
-      append(components_[g], 1 - k_reference_share - k_flat_share, all);
-      append(flattened_[g], k_flat_share, all);
-      factors.push_back({groups_[g], Mixture(std::move(all), k_tails)});
-    }
-    return MixtureProduct(std::move(factors));
-  }
-
- private:
-  static void append(const std::vector<MixtureComponent>& some, double share,
-                     std::vector<MixtureComponent>& all) {
-    double total = 0;
-    for (const MixtureComponent& c : some) total += c.weight;
-    for (const MixtureComponent& c : some) all.push_back({c.weight * share / total, c.centre, c.lower});
-  }
-
-  std::vector<std::vector<Eigen::Index>> groups_;
-  std::vector<std::vector<MixtureComponent>> components_, flattened_;
-};
+WeightedPoints equally_weighted(const Eigen::MatrixXd& points) {
+  return {points, Eigen::VectorXd::Constant(points.rows(), 1 / static_cast<double>(points.rows()))};
+}
 
 /// What a fit looks at: every so many of the draws, with weights none of which is worth more than √n, and the
 /// particles, which also stand where no draw has been.
 void choose_fit_points(const WeightedSample& sample, const Eigen::MatrixXd& particles,
-                       Eigen::MatrixXd& points, Eigen::VectorXd& weights) {
+                       WeightedPoints& fitted) {
+  auto& [points, weights] = fitted;
   const Eigen::Index n = sample.points.rows(), stride = (n + k_fit_points - 1) / k_fit_points;
   const Eigen::Index kept = (n + stride - 1) / stride;
   const Eigen::Index particles_stride = (particles.rows() + k_fit_points - 1) / k_fit_points;
@@ -183,24 +134,14 @@ class Pool {
   }
 
  private:
-  /// Four standard errors of self-normalised importance sampling, by the delta method.
+  /// Four standard errors.
   void state_errors(AdaptiveImportanceResult& r) const {
-    constexpr double k_standard_errors = 4;
-    const Eigen::VectorXd& w = r.sample.weights;
-    double mean_error = 0, deviation_error = 0;  // squared
-    for (Eigen::Index k = 0; k < variables_.cols(); ++k) {
-      const auto x = variables_.col(k).array();
-      const double mean = x.matrix().dot(w), variance = (w.array() * (x - mean).square()).sum();
-      if (!(variance > 0)) continue;
-      mean_error = std::max(mean_error, (w.array() * (x - mean)).square().sum() / variance);
-      deviation_error =
-          std::max(deviation_error, 0.25 * (w.array() * ((x - mean).square() / variance - 1)).square().sum());
-    }
-    r.mean_error = k_standard_errors * std::sqrt(mean_error);
-    r.deviation_error = k_standard_errors * std::sqrt(deviation_error);
+    const MomentErrors errors = standard_errors(variables_, r.sample.weights);
+    r.mean_error = 4 * errors.mean;
+    r.deviation_error = 4 * errors.deviation;
     r.converged = r.mean_error <= options_.mean_tolerance &&
                   r.deviation_error <= options_.deviation_tolerance &&
-                  r.sample.effective_size >= k_least_share * static_cast<double>(w.size());
+                  r.sample.effective_size >= k_least_share * static_cast<double>(r.sample.weights.size());
   }
 
   const AdaptiveImportanceOptions& options_;
@@ -216,8 +157,7 @@ AdaptiveImportanceResult adaptive_importance(LogDensity& user_target,
   RandomNumbers random(options.seed);
   AdaptiveImportanceResult result;
   WeightedSample sample;
-  Eigen::MatrixXd points;
-  Eigen::VectorXd weights;
+  WeightedPoints fitted;
   Pool pool(options);
   for (int attempt = 0; attempt < options.attempts && !result.converged; ++attempt) {
     TemperingOptions tempering;
@@ -227,18 +167,18 @@ AdaptiveImportanceResult adaptive_importance(LogDensity& user_target,
     tempering.kept = k_flat;
     TemperedParticles particles(target, start, tempering);
     particles.run();
-    Proposal proposal;
-    points = particles.points();
-    weights.setConstant(points.rows(), 1 / static_cast<double>(points.rows()));
+    ImportanceProposal proposal(k_tails, k_flat_share);
+    fitted = equally_weighted(particles.points());
+    const WeightedPoints flattened = equally_weighted(particles.points_at_kept());
     for (int round = 0; round < options.max_rounds && !is_done(result, options); ++round) {
-      proposal.fit(particles, points, weights);
+      proposal.fit(dependent_groups({particles.points(), flattened.points}), fitted, flattened);
       result.components = proposal.components();
       const MixtureProduct mixture = proposal.mixtures();
       draw(target, mixture, std::min(options.max_draws, options.first_draws << round), random, sample);
       particles.go_on(2 * options.max_moves);
       result.missed = missed_share(mixture, particles, sample);
       if (result.missed <= k_thin_share) pool.add(sample, result);
-      choose_fit_points(sample, particles.points(), points, weights);
+      choose_fit_points(sample, particles.points(), fitted);
     }
   }
   if (result.sample.points.rows() == 0) pool.add(sample, result), result.converged = false;

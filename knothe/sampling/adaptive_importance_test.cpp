@@ -3,41 +3,13 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <numbers>
 
-#include "knothe/sampling/mixture.hpp"
+#include "knothe/sampling/testing/known_mixture.hpp"
 
 namespace knothe::sampling {
 namespace {
 
-/// exp(log_evidence) times a mixture whose moments are known.
-class KnownMixture final : public LogDensity {
- public:
-  KnownMixture(std::vector<MixtureComponent> parts, double log_evidence)
-      : mixture(std::move(parts)), log_evidence_(log_evidence) {}
-  [[nodiscard]] Eigen::Index dimension() const override { return mixture.dimension(); }
-  [[nodiscard]] int available_derivatives() const override { return 0; }
-  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int /*derivatives*/,
-                LogDensityBatch& out) override {
-    mixture.log_density(points, out.value);
-    out.value.array() += log_evidence_;
-  }
-  [[nodiscard]] Eigen::VectorXd mean() const {
-    Eigen::VectorXd m = Eigen::VectorXd::Zero(dimension());
-    for (const auto& part : mixture.components()) m += part.weight * part.centre;
-    return m;
-  }
-  [[nodiscard]] Eigen::VectorXd variance() const {
-    Eigen::VectorXd v = Eigen::VectorXd::Zero(dimension());
-    for (const auto& part : mixture.components())
-      v += part.weight * (part.lower.rowwise().squaredNorm() + (part.centre - mean()).cwiseAbs2());
-    return v;
-  }
-  Mixture mixture;
-
- private:
-  double log_evidence_;
-};
+using targets::KnownMixture;
 
 void expect_right(KnownMixture& target, double log_evidence, const AdaptiveImportanceOptions& options = {}) {
   const AdaptiveImportanceResult r = adaptive_importance(target, options);
@@ -99,19 +71,8 @@ TEST(AdaptiveImportance, StatedErrorsAreFourStandardErrors) {
   EXPECT_GT(squares / stated, 0.3);
 }
 
-/// A thin shell in eight dimensions: no mixture of a few components follows it.
-class Shell final : public LogDensity {
- public:
-  [[nodiscard]] Eigen::Index dimension() const override { return 8; }
-  [[nodiscard]] int available_derivatives() const override { return 0; }
-  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int /*derivatives*/,
-                LogDensityBatch& out) override {
-    out.value = -0.5 * ((points.rowwise().norm().array() - 2) / 0.01).square().matrix();
-  }
-};
-
 TEST(AdaptiveImportance, SaysThatItHasNotConverged) {
-  Shell shell;
+  targets::Shell shell;
   AdaptiveImportanceOptions options;
   options.particles = 200;
   options.attempts = 1;

@@ -36,6 +36,19 @@ Eigen::MatrixXd covariance_of(const WeightedSample& sample) {
   return numerics::moments_of(sample.points, sample.weights).covariance;
 }
 
+MomentErrors standard_errors(const Eigen::MatrixXd& variables, const Eigen::VectorXd& weights) {
+  MomentErrors squared;
+  for (Eigen::Index k = 0; k < variables.cols(); ++k) {
+    const auto x = variables.col(k).array();
+    const double mean = x.matrix().dot(weights), variance = (weights.array() * (x - mean).square()).sum();
+    if (!(variance > 0)) continue;
+    squared.mean = std::max(squared.mean, (weights.array() * (x - mean)).square().sum() / variance);
+    squared.deviation = std::max(
+        squared.deviation, 0.25 * (weights.array() * ((x - mean).square() / variance - 1)).square().sum());
+  }
+  return {std::sqrt(squared.mean), std::sqrt(squared.deviation)};
+}
+
 void thin(Eigen::MatrixXd& points, Eigen::VectorXd& weights, Eigen::Index count, std::uint64_t seed) {
   const Eigen::Index n = weights.size();
   if (n <= count) return;

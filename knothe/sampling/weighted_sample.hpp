@@ -20,6 +20,15 @@ struct WeightedSample {
 [[nodiscard]] Eigen::VectorXd mean_of(const WeightedSample& sample);
 [[nodiscard]] Eigen::MatrixXd covariance_of(const WeightedSample& sample);
 
+/// Standard errors of self-normalised importance sampling, by the delta method: of a mean in standard
+/// deviations, of a standard deviation relative to it.
+struct MomentErrors {
+  double mean = 0, deviation = 0;
+};
+
+/// The largest of all columns of `variables` (n × k). Weights: n, sum 1.
+[[nodiscard]] MomentErrors standard_errors(const Eigen::MatrixXd& variables, const Eigen::VectorXd& weights);
+
 /// Leaves at most `count` of the points (n × d), all different: the heavy ones keep their weights, the light
 /// ones stand for each other with one weight (Fearnhead, Clifford 2003), which changes no expectation on
 /// average. Weights: n, sum 1.

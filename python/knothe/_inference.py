@@ -99,7 +99,8 @@ def infer(model: "str | os.PathLike[str] | Callable[[Array], ArrayLike]", parame
         Derivatives of the outputs with respect to the parameters, shape (m, d); finite differences without it.
     vectorized : bool
         `model` and `jacobian` are called with n points at once: (n, d) to (n, m) and (n, m, d).
-    method : {"transport", "mcmc", "smc", "grid"}, optional
+    method : {"auto", "transport", "mcmc", "smc", "grid"}, optional
+        `auto`, the default: a map up to three parameters, weighted draws (`smc`) beyond.
     tolerance, max_order : float, int
         Of maps.
     samples : int
@@ -138,4 +139,4 @@ def infer(model: "str | os.PathLike[str] | Callable[[Array], ArrayLike]", parame
     over_points = (lambda function: function) if vectorized else _over_points
     return InferenceResult(_knothe.infer_callable(
         over_points(model), None if jacobian is None else over_points(jacobian), prior_values(parameters), values, deviations,
-        matrix, method or "transport", tolerance, max_order, samples, seed))
+        matrix, method or "auto", tolerance, max_order, samples, seed))

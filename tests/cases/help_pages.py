@@ -33,7 +33,7 @@ class Test(Case):
         self.assertGreater(seen, 20)
         self.assertEqual(self.completed("assi"), {"assimilate"})
         self.assertEqual(self.completed("model", "ev"), {"evaluate"})
-        self.assertEqual(self.completed("infer", "--method", ""), {"transport", "mcmc", "smc", "grid"})
+        self.assertEqual(self.completed("infer", "--method", ""), {"auto", "transport", "mcmc", "smc", "grid"})
         self.assertEqual(self.completed("assimilate", "--json", ""), set())  # a file: the shell completes that
 
     def test_the_page_has_all_of_it_and_groff_is_content(self):

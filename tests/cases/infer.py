@@ -3,7 +3,7 @@ import math
 import unittest
 
 from infer_support import InferCase, conjugate, diagonal, quadrature
-from umbridge_server import Density, Linear, Linear3
+from umbridge_server import Density, EightSchools, Growth, Linear, Linear3
 
 KEYS = ["method", "parameters", "wall_clock", "mean", "covariance", "maximum_a_posteriori", "quantiles", "skewness", "kurtosis", "map_order",
         "variance_diagnostic", "tolerance_reached", "ess", "trusted", "verdict", "log_evidence", "log_evidence_error",
@@ -114,6 +114,62 @@ class Test(InferCase):
         self.serve("linear")
         line = self.infer("--method", "smc")
         self.expect_linear(line, mean_tolerance=0.12, std_tolerance=0.1, evidence_tolerance=0.25)
+
+    def expect_few_calls(self, line, mean, std):
+        """Right within what is stated, and with at most 20,000 calls of all kinds, as the server counts them."""
+        self.assertEqual((line["method"], line["trusted"]), ("smc", True), line["verdict"])
+        for k, (exact, sigma) in enumerate(zip(mean, std)):
+            self.assertAlmostEqual(line["mean"][k], exact, delta=0.1 * sigma)
+            self.assertAlmostEqual(math.sqrt(line["covariance"][k][k]), sigma, delta=0.05 * sigma)
+        calls = self.server_calls()
+        made = sum(calls.get(route, 0) for route in ("/Evaluate", "/Gradient", "/ApplyJacobian", "/ApplyHessian"))
+        self.assertEqual(made, sum(line["model_calls"].values()))
+        self.assertLess(made, 20000)
+
+    def test_ten_parameters_cost_less_than_20000_calls(self):
+        """Eight schools. Given the first two coordinates the others are Gaussian: mean and std of those by a grid."""
+        self.serve("eightschools+gradient")
+        self.set_priors(*(f'z{k} = {{ prior = "normal", mean = 0.0, std = 1.0 }}' for k in range(10)))
+        self.edit('name = "forward"', 'name = "posterior"\nkind = "density"')
+        self.set_observations()
+        sums = [[0.0] * 3 for _ in range(2)]
+        n = 160
+        for i in range(n):
+            for j in range(n):
+                z = (-5 + 10 * (i + 0.5) / n, -6 + 9 * (j + 0.5) / n)
+                tau = math.exp(1 + z[1])
+                value = -0.5 * (z[0] ** 2 + z[1] ** 2)
+                for y, s in zip(EightSchools.effects, EightSchools.errors):
+                    variance = s * s + tau * tau
+                    value -= 0.5 * ((y - 5 * z[0]) ** 2 / variance + math.log(variance))
+                for k in range(2):
+                    for power in range(3):
+                        sums[k][power] += math.exp(value) * z[k] ** power
+        mean = [s[1] / s[0] for s in sums]
+        self.expect_few_calls(self.infer("--method", "auto"), mean, [math.sqrt(s[2] / s[0] - m * m) for s, m in zip(sums, mean)])
+
+    def test_four_parameters_from_values_alone_cost_less_than_20000_calls(self):
+        """y = a (1 − e^{−b t}) + c + d t: given b linear in the others, hence one integral over b."""
+        truth, std = [2.0, 0.8, 0.3, 0.1], 0.05
+        values = Growth().value(truth, {})
+        self.serve("growth")
+        self.set_priors('a = { prior = "normal", mean = 1.5, std = 1.0 }', 'b = { prior = "lognormal", mu = 0.0, sigma = 0.5 }',
+                        'c = { prior = "normal", mean = 0.0, std = 0.5 }', 'd = { prior = "normal", mean = 0.0, std = 0.3 }')
+        self.set_observations(f"values = {values}", f"std = {[std] * 8}")
+        total, first, second = 0.0, [0.0] * 4, [0.0] * 4
+        for i in range(400):
+            z = -5 + 10 * (i + 0.5) / 400
+            b = math.exp(0.5 * z)
+            matrix = [[1 - math.exp(-b * t), 1.0, t] for t in Growth.times]
+            mean, covariance, evidence = conjugate(matrix, values, diagonal([std] * 8), [1.5, 0.0, 0.0], [1.0, 0.5, 0.3])
+            weight = math.exp(evidence - 0.5 * z * z)
+            total += weight
+            means, squares = [mean[0], b, mean[1], mean[2]], [covariance[0][0], 0.0, covariance[1][1], covariance[2][2]]
+            for k in range(4):
+                first[k] += weight * means[k]
+                second[k] += weight * (squares[k] + means[k] ** 2)
+        mean = [x / total for x in first]
+        self.expect_few_calls(self.infer("--method", "auto"), mean, [math.sqrt(x / total - m * m) for x, m in zip(second, mean)])
 
     def test_a_full_covariance_of_the_noise(self):
         self.serve("linear")

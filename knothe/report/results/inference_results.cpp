@@ -194,10 +194,7 @@ Json inference_record(const InferenceResult& r, const std::vector<std::string>& 
     record["std_errors"] = to_json(r.std_errors);
     record["acceptance"] = r.acceptance;
   }
-  if (!r.temperatures.empty()) {
-    record["temperatures"] = r.temperatures;
-    record["acceptance"] = r.acceptance;
-  }
+  if (!r.temperatures.empty()) record["temperatures"] = r.temperatures;
   if (!r.map.empty())
     record["map_file"] = (std::filesystem::path(samples_file).parent_path() / k_map_file).string();
   if (!r.warnings.empty()) record["warnings"] = r.warnings;

@@ -85,13 +85,9 @@ InferenceResult infer_by(const project::Project& project, Method method, project
   std::vector<std::string> warnings;
   if (is_server) warnings = inference::check_derivatives(evaluator, setup.priors, setup.parameters);
   for (const std::string& warning : warnings) fmt::print(stderr, "knothe: warning: {}\n", warning);
-  // Samplers pay for every derivative with model evaluations unless the model has gradients of its own.
-  const bool map = method == Method::transport || method == Method::grid;
-  const bool own_gradient = evaluator.has_gradient() || !is_server;
-  inference::PosteriorDensity posterior(evaluator, setup.priors, setup.observations,
-                                        map            ? 2
-                                        : own_gradient ? 1
-                                                       : 0);
+  inference::PosteriorDensity posterior(
+      evaluator, setup.priors, setup.observations,
+      inference::useful_derivatives(method, evaluator.has_gradient() || !is_server));
   inference::InferenceOptions options = project::inference_options(project, method);
   EvaluationCounter counter(inference::to_text(method));
   evaluator.progress = [&](const inference::ModelCalls& calls) { counter.show(calls); };
@@ -107,9 +103,10 @@ InferenceResult infer_by(const project::Project& project, Method method, project
 
 }  // namespace
 
-InferenceRun run_inference(const project::Project& project, Method method, const std::string& folder) {
+InferenceRun run_inference(const project::Project& project, Method asked, const std::string& folder) {
   InferenceRun run{project::set_up_inference(project), {}, folder};
   project::InferenceSetup& setup = run.setup;
+  const Method method = inference::one_shot(asked, static_cast<Eigen::Index>(setup.priors.size()));
   files::require_writable_folder(folder);
   inference::EvaluationJournal journal((std::filesystem::path(folder) / "evaluations.jsonl").string(),
                                        setup.model->where() + "\n" + project.umbridge.config);

@@ -1,0 +1,215 @@
+#include "knothe/sampling/recycled_importance.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+
+#include "knothe/base/error.hpp"
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
+#include "knothe/sampling/checked_density.hpp"
+#include "knothe/sampling/importance_proposal.hpp"
+#include "knothe/sampling/mode_search.hpp"
+
+namespace knothe::sampling {
+namespace {
+
+constexpr double k_infinity = std::numeric_limits<double>::infinity();
+constexpr double k_tails = 8, k_flat_share = 0.15;
+/// The flattened target is that of this share of β.
+constexpr double k_flat = 0.5;
+/// Ascents are made after so many rounds, from so many draws; draws around a mode are wider than its Laplace
+/// approximation by this.
+constexpr std::size_t k_rounds_before_ascents = 8;
+constexpr Eigen::Index k_ascents = 4;
+constexpr double k_widened = 1.2;
+/// Points that a fit looks at, and those that dependence of coordinates is judged by.
+constexpr Eigen::Index k_fit_points = 2048, k_group_points = 1024;
+/// Rounds go on until the stated errors are this much below the tolerances: they are estimates themselves.
+constexpr double k_margin = 0.8;
+
+double log_sum(double a, double b) {
+  const double largest = std::max(a, b);
+  return largest == -k_infinity ? largest : largest + std::log1p(std::exp(-std::abs(a - b)));
+}
+
+Mixture reference(Eigen::Index d) {
+  return Mixture({{1.0, Eigen::VectorXd::Zero(d), Eigen::MatrixXd::Identity(d, d)}});
+}
+
+MixtureProduct of_all(const Mixture& mixture) {
+  std::vector<Eigen::Index> all(static_cast<std::size_t>(mixture.dimension()));
+  std::iota(all.begin(), all.end(), Eigen::Index{0});
+  return MixtureProduct({{all, mixture}});
+}
+
+Mixture around(const std::vector<Mode>& modes) {
+  constexpr double k_least_weight = 0.01;
+  std::vector<MixtureComponent> components;
+  for (const Mode& m : modes)
+    components.push_back({std::max(k_least_weight, std::exp(m.log_mass - modes.front().log_mass)), m.point,
+                          k_widened * m.lower});
+  return Mixture(std::move(components), k_tails);
+}
+
+/// All draws so far, as draws from the mixture of all proposals so far.
+class Draws {
+ public:
+  explicit Draws(Eigen::Index d) : points_(0, d), reference_(reference(d)) {}
+
+  void add(CheckedDensity& target, MixtureProduct proposal, Eigen::Index n, RandomNumbers& random) {
+    const double log_n = std::log(static_cast<double>(n));
+    proposal.log_density(points_, part_);
+    for (Eigen::Index i = 0; i < size(); ++i) log_drawn_[i] = log_sum(log_drawn_[i], log_n + part_[i]);
+    proposals_.push_back({std::move(proposal), log_n});
+    proposals_.back().density.sample(n, random, fresh_);
+    target.evaluate(fresh_, 0, batch_);
+    append(fresh_, points_);
+    append(batch_.value, log_target_);
+    reference_.log_density(fresh_, part_);
+    append(part_, log_reference_);
+    Eigen::VectorXd sum = Eigen::VectorXd::Constant(n, -k_infinity);
+    for (const Proposal& p : proposals_) {
+      p.density.log_density(fresh_, part_);
+      for (Eigen::Index i = 0; i < n; ++i) sum[i] = log_sum(sum[i], p.log_draws + part_[i]);
+    }
+    append(sum, log_drawn_);
+  }
+
+  [[nodiscard]] Eigen::Index size() const { return points_.rows(); }
+  [[nodiscard]] const Eigen::MatrixXd& points() const { return points_; }
+  [[nodiscard]] bool are_all_outside() const {
+    return !(log_target_.maxCoeff() > CheckedDensity::k_min_log_density);
+  }
+
+  /// Normalised weights for ρ^{1−β} π̄^β, the log of their sum before and their effective number.
+  struct Weights {
+    Eigen::VectorXd values;
+    double log_sum = 0, effective_size = 0;
+  };
+  [[nodiscard]] Weights weigh(double beta) const {
+    Weights w;
+    w.values = (beta * log_target_ + (1 - beta) * log_reference_ - log_drawn_).cwiseMax(-1e300);
+    const double largest = w.values.maxCoeff();
+    w.values = (w.values.array() - largest).exp().matrix();
+    const double sum = w.values.sum();
+    w.log_sum = largest + std::log(sum);
+    w.values /= sum;
+    w.effective_size = 1 / w.values.squaredNorm();
+    return w;
+  }
+
+  /// The largest β, not below `lowest`, whose weights are worth `enough` draws.
+  [[nodiscard]] double next_temperature(double lowest, double enough) const {
+    if (weigh(1).effective_size >= enough) return 1;
+    double low = lowest, high = 1;
+    for (int i = 0; i < 60; ++i) {
+      const double middle = low > 0 ? std::sqrt(low * high) : 0.5 * (low + high);
+      (weigh(middle).effective_size >= enough ? low : high) = middle;
+    }
+    return low > 0 ? low : high;
+  }
+
+  /// At most `count` points for ρ^{1−β} π̄^β, with weights none of which is worth more than √n (Ionides 2008).
+  [[nodiscard]] WeightedPoints at(double beta, Eigen::Index count, std::uint64_t seed) const {
+    WeightedPoints some{points_, weigh(beta).values.cwiseMin(1 / std::sqrt(static_cast<double>(size())))};
+    some.weights /= some.weights.sum();
+    thin(some.points, some.weights, count, seed);
+    some.weights /= some.weights.sum();
+    return some;
+  }
+
+ private:
+  struct Proposal {
+    MixtureProduct density;
+    double log_draws;
+  };
+
+  template <class Matrix>
+  static void append(const Matrix& more, Matrix& all) {
+    all.conservativeResize(all.rows() + more.rows(), more.cols());
+    all.bottomRows(more.rows()) = more;
+  }
+
+  Eigen::MatrixXd points_, fresh_;
+  Mixture reference_;
+  Eigen::VectorXd log_target_, log_reference_, part_;
+  Eigen::VectorXd log_drawn_;  ///< log Σ n_r q_r, of all proposals
+  std::vector<Proposal> proposals_;
+  LogDensityBatch batch_;
+};
+
+MixtureProduct fitted(const Draws& draws, double beta, std::uint64_t seed) {
+  const WeightedPoints target = draws.at(beta, k_fit_points, seed),
+                       flat = draws.at(k_flat * beta, k_fit_points, seed);
+  ImportanceProposal proposal(k_tails, k_flat_share);
+  const Eigen::MatrixXd even = numerics::resample(target.points, target.weights, k_group_points, seed),
+                        even_flat = numerics::resample(flat.points, flat.weights, k_group_points, seed);
+  proposal.fit(dependent_groups({even, even_flat}), target, flat);
+  return proposal.mixtures();
+}
+
+void state(const Draws& draws, const RecycledImportanceOptions& options, RecycledImportanceResult& r) {
+  const Draws::Weights weights = draws.weigh(1);
+  r.sample.points = draws.points();
+  r.sample.weights = weights.values;
+  r.sample.effective_size = weights.effective_size;
+  r.sample.log_evidence = weights.log_sum;
+  r.sample.log_evidence_error =
+      std::sqrt(std::max(0.0, 1 / weights.effective_size - 1 / static_cast<double>(draws.size())));
+  r.sample.has_evidence = true;
+  const MomentErrors errors =
+      standard_errors(options.variables ? options.variables(draws.points()) : draws.points(), weights.values);
+  r.mean_error = 4 * errors.mean;
+  r.deviation_error = 4 * errors.deviation;
+  r.converged = r.temperatures.back() == 1 && r.mean_error <= options.mean_tolerance &&
+                r.deviation_error <= options.deviation_tolerance;
+}
+
+bool is_done(const RecycledImportanceResult& r, const RecycledImportanceOptions& options) {
+  return r.converged && r.mean_error <= k_margin * options.mean_tolerance &&
+         r.deviation_error <= k_margin * options.deviation_tolerance;
+}
+
+}  // namespace
+
+RecycledImportanceResult recycled_importance(LogDensity& user_target,
+                                             const RecycledImportanceOptions& options) {
+  CheckedDensity target(user_target);
+  const Eigen::Index d = target.dimension();
+  const double enough = std::max(150.0, 20.0 * static_cast<double>(d));
+  RandomNumbers random(options.seed);
+  Draws draws(d);
+  const auto report = [&] {
+    const double share =
+        static_cast<double>(target.evaluations()) / static_cast<double>(options.max_evaluations);
+    if (options.progress && !options.progress(std::min(1.0, share)))
+      throw Interrupted(fmt::format("smc: interrupted after {} draws", draws.size()));
+  };
+  report();
+  draws.add(target, of_all(reference(d)), options.draws, random);
+  if (draws.are_all_outside())
+    throw NumericalError(
+        fmt::format("smc: the density is zero at all {} first draws from N(0, I)", draws.size()));
+  RecycledImportanceResult result;
+  std::vector<Mode> modes;
+  for (double beta = 0;;) {
+    beta = draws.next_temperature(beta, enough);
+    result.temperatures.push_back(beta);
+    state(draws, options, result);
+    if (is_done(result, options) || target.evaluations() + options.draws > options.max_evaluations) break;
+    report();
+    if (beta < 1 && modes.empty() && result.temperatures.size() >= k_rounds_before_ascents) {
+      ModeSearch().ascend_from(target, draws.at(beta, k_ascents, options.seed).points, modes);
+      draws.add(target, of_all(around(modes)), options.draws, random);
+    } else {
+      draws.add(target, fitted(draws, beta, options.seed), options.draws, random);
+    }
+  }
+  result.sample.density_evaluations = target.evaluations();
+  return result;
+}
+
+}  // namespace knothe::sampling

@@ -1,0 +1,46 @@
+#pragma once
+/// @file Importance sampling that recycles all its draws: for densities that cost so much that each
+/// evaluation has to count.
+#include <Eigen/Core>
+#include <cstdint>
+#include <functional>
+#include <vector>
+
+#include "knothe/sampling/log_density.hpp"
+#include "knothe/sampling/weighted_sample.hpp"
+
+namespace knothe::sampling {
+
+struct RecycledImportanceOptions {
+  /// Converged when the stated errors are below these; done when they are a fifth below.
+  double mean_tolerance = 0.1, deviation_tolerance = 0.05;
+  Eigen::Index draws = 1000;  ///< of a round
+  std::int64_t max_evaluations = 20000;
+  std::uint64_t seed = 1;
+  /// From the density's own variables to those whose means and standard deviations count (n × d); empty: the
+  /// same.
+  std::function<Eigen::MatrixXd(const Eigen::MatrixXd&)> variables = {};
+  std::function<bool(double)> progress = {};  ///< with the share of `max_evaluations`; false interrupts
+};
+
+struct RecycledImportanceResult {
+  WeightedSample sample;             ///< all draws of all rounds, with evidence
+  std::vector<double> temperatures;  ///< β of each round
+  /// Four standard errors, the largest of all variables: of a mean in standard deviations, of a standard
+  /// deviation relative to it.
+  double mean_error = 0, deviation_error = 0;
+  bool converged = false;
+};
+
+/// Adaptive multiple importance sampling (Cornuet, Marin, Mira, Robert 2012) along ρ^{1−β} π̄^β, ρ = N(0, I).
+/// All draws so far, whichever proposal they come from, are weighted as draws from the mixture of all
+/// proposals so far; β is the largest for which the weights are worth enough draws; the next proposal is
+/// fitted to them (`ImportanceProposal`). Draws at low β keep sight of modes far away. Where β is still below
+/// 1 after eight rounds, the mass is far away or small: then draws come from Laplace approximations as well,
+/// at the modes found by ascent from four draws, for which alone derivatives are asked for. A function of the
+/// target and the options alone. Errors: NumericalError if the target is zero at all first draws;
+/// Interrupted; those of the target.
+[[nodiscard]] RecycledImportanceResult recycled_importance(LogDensity& target,
+                                                           const RecycledImportanceOptions& options = {});
+
+}  // namespace knothe::sampling
