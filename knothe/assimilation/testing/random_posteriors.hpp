@@ -170,8 +170,11 @@ class RandomPosterior {
     const auto value = [&](Eigen::Index k, double z) {
       return transform->prior(k).from_standard_normal(z).value;
     };
-    const Eigen::Index nodes = d == 1 ? 4001 : d == 2 ? 601 : 151;
-    const DenseQuadrature grid(*target, value, nodes);
+    Eigen::Index nodes = d == 1 ? 4001 : d == 2 ? 601 : 151;
+    auto quadrature = std::make_unique<DenseQuadrature>(*target, value, nodes);
+    for (int finer = 0; finer < 2 && !quadrature->resolved; ++finer)
+      quadrature = std::make_unique<DenseQuadrature>(*target, value, nodes = nodes * 3 / 2);
+    const DenseQuadrature& grid = *quadrature;
     answer.log_evidence += grid.log_evidence;
     answer.resolved = answer.resolved && grid.resolved;
     Part p{Eigen::VectorXd(nodes), grid.by_first(value), Eigen::VectorXd::Ones(nodes),

@@ -4,6 +4,7 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
+#include <array>
 #include <boost/math/distributions/students_t.hpp>
 #include <cmath>
 #include <utility>
@@ -31,18 +32,20 @@ double normal_score(double t, double degrees) {
 class WayFromEdge {
  public:
   WayFromEdge(const UpdateResult& update, Index parameter, double edge) {
-    const Index n = update.weights.size();
-    std::vector<std::pair<double, double>> points(static_cast<std::size_t>(n));  // distance, weight
-    for (Index i = 0; i < n; ++i)
-      points[static_cast<std::size_t>(i)] = {std::abs(update.points(i, parameter) - edge), update.weights[i]};
-    std::sort(points.begin(), points.end());
+    const double bins_per_unit =
+        k_bins / (k_deviations * std::sqrt(update.covariance(parameter, parameter)));
+    std::array<double, k_bins + 1> mass{}, moment{};  // what is farther away is in the last
+    for (Index i = 0; i < update.weights.size(); ++i) {
+      const double distance = std::abs(update.points(i, parameter) - edge);
+      const auto bin = static_cast<std::size_t>(std::min<double>(k_bins, distance * bins_per_unit));
+      mass[bin] += update.weights[i];
+      moment[bin] += update.weights[i] * distance;
+    }
     double before = 0;
-    for (std::size_t i = 0; i < points.size();) {
-      double here = 0;
-      const double distance = points[i].first;
-      for (; i < points.size() && points[i].first <= distance * (1 + 1e-12); ++i) here += points[i].second;
-      add(distance, before + 0.5 * here);
-      before += here;
+    for (std::size_t bin = 0; bin <= k_bins; ++bin) {
+      if (!(mass[bin] > 0)) continue;
+      add(moment[bin] / mass[bin], before + 0.5 * mass[bin]);
+      before += mass[bin];
     }
     add(distance_.back(), before);
   }
@@ -61,6 +64,9 @@ class WayFromEdge {
     const double width = x[right] - x[right - 1];
     return width > 0 ? y[right - 1] + (at - x[right - 1]) / width * (y[right] - y[right - 1]) : y[right];
   }
+  /// Points are counted in bins; the edge is within 2.5 standard deviations of the mean.
+  static constexpr std::size_t k_bins = 512;
+  static constexpr double k_deviations = 8;
   std::vector<double> distance_ = {0}, share_ = {0};
 };
 

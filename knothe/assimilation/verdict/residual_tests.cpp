@@ -26,9 +26,11 @@ constexpr Index k_sought_neighbours = 512;  // sensors: looking for neighbours c
 class LargestChiSquare {
  public:
   void see(double x, double degrees, Index at) {
+    ++count_;
+    if (degrees == degrees_ && x <= x_) return;
     const double variance = 2 / (9 * degrees);
     const double score = (std::cbrt(x / degrees) - (1 - variance)) / std::sqrt(variance);
-    if (count_++ == 0 || score > score_) score_ = score, x_ = x, degrees_ = degrees, at_ = at;
+    if (count_ == 1 || score > score_) score_ = score, x_ = x, degrees_ = degrees, at_ = at;
   }
   void tell(ResidualReport& report, ResidualTest test) const {
     if (count_ == 0) return;
@@ -37,7 +39,7 @@ class LargestChiSquare {
   }
 
  private:
-  double score_ = 0, x_ = 0, degrees_ = 1;
+  double score_ = 0, x_ = 0, degrees_ = 0;
   Index at_ = 0, count_ = 0;
 };
 
@@ -160,14 +162,13 @@ ResidualReport ResidualTests::examine(std::span<const ExaminedDatum> data, const
     const ExaminedDatum& datum = data[static_cast<std::size_t>(k)];
     auto residual = residuals.col(k);
     residual += *datum.values - model_->lift.col(static_cast<Index>(datum.time_index));
-    Index present = 0;
-    for (Index i = 0; i < n; ++i) {
-      if (std::isnan(residual[i])) {
-        residual[i] = 0;
-      } else if (inverse_std_[i] > 0) {
-        ++present;
-      }
-    }
+    Index present = measured_;
+    if (std::isnan(residual.sum()))
+      for (Index i = 0; i < n; ++i)
+        if (std::isnan(residual[i])) {
+          residual[i] = 0;
+          present -= inverse_std_[i] > 0;
+        }
     if (present == 0) continue;  // a picture that is gone
     residual *= scale;
     const GaussianNoise& noise = datum.noise != nullptr ? *datum.noise : noise_.at_step(datum.step);
@@ -175,9 +176,8 @@ ResidualReport ResidualTests::examine(std::span<const ExaminedDatum> data, const
     own = own || is_own;
     double misfit = 0;
     if (noise.is_independent()) {
-      report.scores.col(k) =
-          is_own ? Eigen::VectorXd(residual.cwiseProduct(noise.inverse_variance().cwiseSqrt()))
-                 : Eigen::VectorXd(residual.cwiseProduct(inverse_std_));
+      report.scores.col(k) = residual.cwiseProduct(inverse_std_);
+      if (is_own) report.scores.col(k) = residual.cwiseProduct(noise.inverse_variance().cwiseSqrt());
       misfit = report.scores.col(k).squaredNorm();
     } else if (present == measured_ || !is_own) {
       const Eigen::VectorXd weighted = present == measured_ ? Eigen::VectorXd(noise.apply(residual))
@@ -261,16 +261,19 @@ ResidualReport ResidualTests::examine_scores(Eigen::MatrixXd scores, Index param
 void ResidualTests::test_extremes(ResidualReport& report) const {
   const Eigen::MatrixXd& z = report.scores;
   double largest = 0;
-  Index at = 0;
+  Index step = 0, sensor = 0, at = 0;
+  Eigen::VectorXd sums = Eigen::VectorXd::Zero(z.rows());
   for (Index k = 0; k < z.cols(); ++k) {
-    Index i = 0;
-    const double here = z.col(k).cwiseAbs().maxCoeff(&i);
-    if (here > largest) largest = here, at = k * z.rows() + i;
+    sums += z.col(k);
+    const double here = z.col(k).lpNorm<Eigen::Infinity>();
+    if (here > largest) largest = here, step = k;
   }
-  const auto of_many = [](double z, double count) { return std::min(1.0, two_sided(z) * count); };
-  report.set(ResidualTest::value, of_many(largest, static_cast<double>(report.values)), at);
+  z.col(step).cwiseAbs().maxCoeff(&sensor);
+  const auto of_many = [](double score, double count) { return std::min(1.0, two_sided(score) * count); };
+  report.set(ResidualTest::value, of_many(largest, static_cast<double>(report.values)),
+             step * z.rows() + sensor);
   if (noise_.links_steps()) return;
-  const double mean = z.rowwise().sum().cwiseAbs().maxCoeff(&at) / std::sqrt(static_cast<double>(z.cols()));
+  const double mean = sums.cwiseAbs().maxCoeff(&at) / std::sqrt(static_cast<double>(z.cols()));
   report.set(ResidualTest::sensor_mean, of_many(mean, static_cast<double>(z.rows())), at);
 }
 
@@ -281,18 +284,15 @@ void ResidualTests::test_independent(ResidualReport& report, Index parameters) c
   const auto groups = static_cast<Index>(group_names_.size());
   LargestChiSquare sensors, of_groups;
   Eigen::VectorXd misfit = Eigen::VectorXd::Zero(groups), count = misfit;
-  Eigen::VectorXd squares = Eigen::VectorXd::Zero(n),
-                  presents = squares;  // column by column: as it is stored
-  for (Index k = 0; k < m; ++k) {
-    squares += z.col(k).cwiseAbs2();
-    presents.array() += (z.col(k).array() != 0).cast<double>();
-  }
+  const Eigen::MatrixXd in_time_order = z.transpose();  // a sensor's are contiguous
   for (Index i = 0; i < n; ++i) {
-    const double present = presents[i];
+    const auto of_sensor = in_time_order.col(i);
+    const double square = of_sensor.squaredNorm();
+    const auto present = static_cast<double>((of_sensor.array() != 0).count());
     if (present == 0) continue;
-    sensors.see(squares[i], present, i);
+    sensors.see(square, present, i);
     if (groups == 0) continue;
-    misfit[groups_[static_cast<std::size_t>(i)]] += squares[i];
+    misfit[groups_[static_cast<std::size_t>(i)]] += square;
     count[groups_[static_cast<std::size_t>(i)]] += present;
   }
   sensors.tell(report, ResidualTest::sensor);
@@ -302,15 +302,14 @@ void ResidualTests::test_independent(ResidualReport& report, Index parameters) c
   const auto above = [](double sum, double products) {
     return numerics::normal_cdf(-sum / std::sqrt(products));
   };
-  const double in_time = static_cast<double>(n) * static_cast<double>(m - 1);
-  if (m > parameters && in_time >= k_least_products)
+  const double following = static_cast<double>(n) * static_cast<double>(m - 1);
+  if (m > parameters && following >= k_least_products)
     report.set(ResidualTest::time_neighbours,
-               above(z.leftCols(m - 1).cwiseProduct(z.rightCols(m - 1)).sum(), in_time));
+               above(z.leftCols(m - 1).cwiseProduct(z.rightCols(m - 1)).sum(), following));
   const double in_space = static_cast<double>(neighbours_.size()) * static_cast<double>(m);
   if (in_space < k_least_products) return;
   double sum = 0;
-  for (Index k = 0; k < m; ++k)
-    for (const auto& [i, j] : neighbours_) sum += z(i, k) * z(j, k);
+  for (const auto& [i, j] : neighbours_) sum += in_time_order.col(i).dot(in_time_order.col(j));
   report.set(ResidualTest::space_neighbours, above(sum, in_space));
 }
 
