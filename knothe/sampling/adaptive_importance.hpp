@@ -24,14 +24,10 @@ struct AdaptiveImportanceOptions {
   std::function<void(Eigen::MatrixXd&)> variables = {};
 };
 
-struct AdaptiveImportanceResult {
-  WeightedSample sample;  ///< of the last round
-  /// Four standard errors, the largest of all variables: of a mean in standard deviations, of a standard
-  /// deviation relative to it.
-  double mean_error = 0, deviation_error = 0;
+/// Converged: no mass is missed, either.
+struct AdaptiveImportanceResult : ImportanceResult {
   double missed = 0;           ///< about: the share of the mass that the draws have missed
   std::size_t components = 0;  ///< of the mixture drawn from
-  bool converged = false;      ///< both errors are below the tolerances, and no mass is missed
 };
 
 /// For a density relative to N(0, I), or wider than it nowhere: the particles begin there (Del Moral, Doucet,

@@ -23,13 +23,8 @@ struct RecycledImportanceOptions {
   std::function<bool(double)> progress = {};  ///< with the share of `max_evaluations`; false interrupts
 };
 
-struct RecycledImportanceResult {
-  WeightedSample sample;             ///< all draws of all rounds, with evidence
+struct RecycledImportanceResult : ImportanceResult {
   std::vector<double> temperatures;  ///< β of each round
-  /// Four standard errors, the largest of all variables: of a mean in standard deviations, of a standard
-  /// deviation relative to it.
-  double mean_error = 0, deviation_error = 0;
-  bool converged = false;
 };
 
 /// Adaptive multiple importance sampling (Cornuet, Marin, Mira, Robert 2012) along ρ^{1−β} π̄^β, ρ = N(0, I).

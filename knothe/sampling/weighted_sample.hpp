@@ -26,6 +26,15 @@ struct MomentErrors {
   double mean = 0, deviation = 0;
 };
 
+/// What importance sampling gives.
+struct ImportanceResult {
+  WeightedSample sample;
+  /// Four standard errors, the largest of all variables: of a mean in standard deviations, of a standard
+  /// deviation relative to it.
+  double mean_error = 0, deviation_error = 0;
+  bool converged = false;  ///< both are below the tolerances
+};
+
 /// The largest of all columns of `variables` (n × k). Weights: n, sum 1.
 [[nodiscard]] MomentErrors standard_errors(const Eigen::MatrixXd& variables, const Eigen::VectorXd& weights);
 

@@ -12,6 +12,7 @@
 #include "knothe/base/monotonic_time.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
 #include "knothe/sampling/adaptive_importance.hpp"
+#include "knothe/sampling/recycled_importance.hpp"
 #include "knothe/transport/diagnose/trust.hpp"
 
 namespace knothe::assimilation {
@@ -187,8 +188,19 @@ void PosteriorSolver::by_particles(Posterior& r, UpdateTimes& times) {
   times.map = microseconds_since(start) - times.correction;
 }
 
-void PosteriorSolver::take(const sampling::AdaptiveImportanceResult& particles, Posterior& r) {
-  const sampling::WeightedSample& sample = particles.sample;
+void PosteriorSolver::draw(sampling::LogDensity& target, Posterior& r) {
+  sampling::RecycledImportanceOptions options;
+  options.seed = solver_.options().seed;
+  options.variables = [this](const Eigen::MatrixXd& z) {
+    Eigen::MatrixXd p(z.rows(), z.cols());
+    transform_->evaluate(z, 0, p, no_derivatives_, no_derivatives_);
+    return p;
+  };
+  take(sampling::recycled_importance(target, options), r);
+}
+
+void PosteriorSolver::take(const sampling::ImportanceResult& draws, Posterior& r) {
+  const sampling::WeightedSample& sample = draws.sample;
   take(sample.points, sample.weights, numerics::weighted_quantiles(sample.points, sample.weights), r);
   sampling::thin(r.points, r.weights, k_max_particles, solver_.options().seed);
   sampling::sort_along_curve(r.points, r.weights);  // the alarm predicts from some of them
@@ -199,14 +211,14 @@ void PosteriorSolver::take(const sampling::AdaptiveImportanceResult& particles, 
   r.variance_diagnostic = 0;
   r.log_evidence = r.log_evidence_lower_bound = sample.log_evidence;
   r.effective_sample_size = sample.effective_size / static_cast<double>(sample.weights.size());
-  r.trusted = r.tolerance_reached = particles.converged;
+  r.trusted = r.tolerance_reached = draws.converged;
   r.second_mode_found = r.by_quadrature = false;
   r.remark.clear();
-  if (!particles.converged)
+  if (!draws.converged)
     r.remark = fmt::format(
-        "the particles state an error of {:.2f} standard deviations in a mean and of {:.0f} % in a standard "
+        "the draws state an error of {:.2f} standard deviations in a mean and of {:.0f} % in a standard "
         "deviation, from {:.0f} effective draws of {}",
-        particles.mean_error, 100 * particles.deviation_error, sample.effective_size, sample.weights.size());
+        draws.mean_error, 100 * draws.deviation_error, sample.effective_size, sample.weights.size());
 }
 
 /// Every other node, whose rule has the moments and the evidence of all to 1 %; but those that carry little,

@@ -40,6 +40,8 @@ class PosteriorSolver {
   /// Points, moments, quantiles and evidence by quadrature of another target in the same z, of at most
   /// `k_max_quadrature_parameters`; `by_quadrature` says whether it has converged.
   void integrate(sampling::LogDensity& target, Posterior& posterior);
+  /// The same by weighted draws, of few evaluations, in any dimension; `trusted` says whether they converged.
+  void draw(sampling::LogDensity& target, Posterior& posterior);
   /// Of a mixture: how probable each of its parts is under that posterior.
   [[nodiscard]] Eigen::VectorXd component_shares(const Posterior& posterior);
 
@@ -59,7 +61,7 @@ class PosteriorSolver {
   void compose_anew();
   void take(const transport::MapResult& map, Posterior& posterior);
   void take(const QuadraturePosterior& quadrature, Posterior& posterior);
-  void take(const sampling::AdaptiveImportanceResult& particles, Posterior& posterior);
+  void take(const sampling::ImportanceResult& draws, Posterior& posterior);
   void take(const Eigen::MatrixXd& z, const Eigen::VectorXd& weights, const Eigen::MatrixXd& z_quantiles,
             Posterior& posterior);
   [[nodiscard]] double expected_noise_level(const Posterior& posterior);

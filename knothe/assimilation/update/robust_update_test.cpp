@@ -117,30 +117,36 @@ class StudentDensity final : public sampling::LogDensity {
   double nu_;
 };
 
+/// By how much an answer may be off: in standard deviations, relative, and of the log-evidence.
+struct Tolerance {
+  double mean = 0.02, std = 0.02, quantile = 0.1, evidence = 0.01;
+};
+
 /// Moments, quantiles and evidence at every step against dense quadrature.
 void expect_exact_student(RobustUpdate& update, const reduction::ObservedModel& model,
                           const Eigen::MatrixXd& data, const Eigen::VectorXd& std,
-                          const std::vector<Prior>& priors, double nu, Eigen::Index nodes) {
+                          const std::vector<Prior>& priors, double nu, Eigen::Index nodes,
+                          const Tolerance& tolerance = {}) {
   double before = 0;
-  for (std::size_t t = 0; t < k_steps; ++t) {
+  for (std::size_t t = 0; t < static_cast<std::size_t>(data.cols()); ++t) {
     SCOPED_TRACE(t);
     const UpdateResult& r = update.update(t, t, data.col(static_cast<Eigen::Index>(t)));
     StudentDensity exact(model, data.leftCols(static_cast<Eigen::Index>(t) + 1), std, priors, nu);
     const test::DenseQuadrature grid(
         exact, [&](Eigen::Index k, double z) { return exact.parameter(k, z); }, nodes);
-    for (Eigen::Index k = 0; k < 2; ++k) {
+    for (Eigen::Index k = 0; k < exact.dimension(); ++k) {
       const double s = std::sqrt(grid.covariance(k, k)), middle = grid.quantile(k, 0.5);
       // The rule is exact to rounding at three nodes per standard deviation.
       ASSERT_LT(exact.parameter(k, middle + grid.spacing(k)) - exact.parameter(k, middle), s / 3);
-      EXPECT_LT(std::abs(r.mean[k] - grid.mean[k]), 0.02 * s);
-      EXPECT_NEAR(std::sqrt(r.covariance(k, k)) / s, 1, 0.02);
+      EXPECT_LT(std::abs(r.mean[k] - grid.mean[k]), tolerance.mean * s);
+      EXPECT_NEAR(std::sqrt(r.covariance(k, k)) / s, 1, tolerance.std);
       for (Eigen::Index j = 0; j < r.quantiles.cols(); ++j) {
         const double z = grid.quantile(k, numerics::k_quantile_levels[static_cast<std::size_t>(j)]);
-        EXPECT_LT(std::abs(r.quantiles(k, j) - exact.parameter(k, z)), 0.1 * s) << j;
+        EXPECT_LT(std::abs(r.quantiles(k, j) - exact.parameter(k, z)), tolerance.quantile * s) << j;
       }
     }
-    EXPECT_NEAR(r.log_evidence, grid.log_evidence, 0.01);
-    EXPECT_NEAR(r.log_evidence_increment, grid.log_evidence - before, 0.01);
+    EXPECT_NEAR(r.log_evidence, grid.log_evidence, tolerance.evidence);
+    EXPECT_NEAR(r.log_evidence_increment, grid.log_evidence - before, 2 * tolerance.evidence);
     EXPECT_LE(r.log_evidence_lower_bound, r.log_evidence + 1e-9);
     EXPECT_TRUE(r.trusted) << r.remark;
     before = grid.log_evidence;
@@ -172,6 +178,21 @@ TEST_F(Robust, WithFewValuesAStudentPosteriorIsByQuadrature) {
     RobustUpdate update(model, NoiseModel::independent(std), priors_, {}, {0, 2});
     expect_exact_student(update, *model, data, std, priors, 2, 501);
   }
+}
+
+TEST_F(Robust, WithThreeParametersAndFewValuesAStudentPosteriorIsByWeightedDraws) {
+  const auto model = random_model(std::make_shared<test::LinearFunctions>(3), 5, 4, 3, 35);
+  const Eigen::VectorXd std = 2 * std_.head(5);
+  const std::vector<Prior> priors(3, Prior::normal(0, 1));
+  Eigen::MatrixXd data = synthetic_data(*model, Eigen::Vector3d(0.5, -0.5, 1), std, 3);
+  data(1, 0) += 6 * std[1], data(2, 0) -= 4 * std[2], data(3, 2) -= 5 * std[3], data(2, 1) = k_nan;
+  RobustUpdate update(model, NoiseModel::independent(std), priors, {}, {0, 1});
+  RobustUpdate first(model, NoiseModel::independent(std), priors, {}, {0, 1});
+  expect_exact_student(update, *model, data, std, priors, 1, 141, {0.05, 0.04, 0.15, 0.06});
+  const UpdateResult& r = first.update(0, 0, data.col(0));
+  EXPECT_EQ(r.method, Method::sequential_monte_carlo);
+  EXPECT_NE(r.remark.find("moments, quantiles and evidence are by weighted draws"), std::string::npos)
+      << r.remark;
 }
 
 TEST_F(Robust, TheMostProbablePointOfAStudentPosteriorIsItsMaximum) {

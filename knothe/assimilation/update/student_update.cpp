@@ -226,15 +226,8 @@ void StudentUpdate::correct() {
   batch.resize(result_.points.rows(), result_.points.cols(), central_.size(), 0);
   model_->functions->evaluate(result_.points, 0, batch);
   const double share = weigh(left_out(batch.value.transpose().colwise() - functions_.mean));
-  if (share < k_quadrature_below && result_.points.cols() <= k_max_quadrature_parameters) {
-    integrate(share);
-  } else if (share < transport::k_trusted_effective_sample_size) {
-    result_.trusted = false;
-    result_.remark += fmt::format(
-        "{}no quadratic form stands for the Student-t values: {:.0f} % of the points "
-        "are left by their weights",
-        result_.remark.empty() ? "" : "; ", 100 * share);
-  }
+  const bool few = result_.points.cols() <= k_max_quadrature_parameters;
+  if (share < (few ? k_quadrature_below : transport::k_trusted_effective_sample_size)) replace(few, share);
   functions_ = posterior_functions(*model_->functions, result_.points, result_.weights);
 }
 
@@ -256,15 +249,21 @@ double StudentUpdate::weigh(const Eigen::VectorXd& left_out) {
   return share;
 }
 
-void StudentUpdate::integrate(double share) {
+/// By the exact density itself.
+void StudentUpdate::replace(bool by_quadrature, double share) {
   ExactDensity exact(likelihood_, *model_->functions, *transform_, central_);
-  solver_.integrate(exact, result_);
-  result_.trusted = result_.by_quadrature;
+  if (by_quadrature) {
+    solver_.integrate(exact, result_);
+    result_.trusted = result_.by_quadrature;
+  } else {
+    solver_.draw(exact, result_);
+  }
   result_.log_evidence_lower_bound = std::min(result_.log_evidence_lower_bound, result_.log_evidence);
   result_.remark = fmt::format(
-      "no quadratic form stands for the Student-t values yet ({:.0f} % effective sample size); moments, "
-      "quantiles and evidence are by quadrature at {} points",
-      100 * share, result_.weights.size());
+      "{}no quadratic form stands for the Student-t values yet ({:.0f} % effective sample size); moments, "
+      "quantiles and evidence are by {} {} points",
+      result_.remark.empty() || by_quadrature ? "" : result_.remark + "; ", 100 * share,
+      by_quadrature ? "quadrature at" : "weighted draws,", result_.weights.size());
 }
 
 void StudentUpdate::set_most_probable() {

@@ -17,7 +17,7 @@ namespace knothe::assimilation {
 ///  2. put back: the points of the posterior that the form has are weighted by what it leaves out, exp(ℓ −
 ///     form). Moments, quantiles and evidence are those of the exact t posterior; the effective sample size
 ///     says how far the form was off. Where that is much, quadrature of the exact density takes over with few
-///     parameters, and with more the result is not trusted.
+///     parameters, and weighted draws from it with more.
 /// A posterior is a function of the data up to it. The cost of a step grows with the number of values.
 class StudentUpdate {
  public:
@@ -42,7 +42,7 @@ class StudentUpdate {
   void approach();
   void correct();
   double weigh(const Eigen::VectorXd& left_out);
-  void integrate(double share);
+  void replace(bool by_quadrature, double share);
   void set_most_probable();
   void watch(std::size_t step);
 

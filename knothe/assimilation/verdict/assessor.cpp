@@ -32,8 +32,7 @@ double normal_score(double t, double degrees) {
 class WayFromEdge {
  public:
   WayFromEdge(const UpdateResult& update, Index parameter, double edge) {
-    const double bins_per_unit =
-        k_bins / (k_deviations * std::sqrt(update.covariance(parameter, parameter)));
+    const double bins_per_unit = k_bins / (k_deviations * std::sqrt(update.covariance(parameter, parameter)));
     std::array<double, k_bins + 1> mass{}, moment{};  // what is farther away is in the last
     for (Index i = 0; i < update.weights.size(); ++i) {
       const double distance = std::abs(update.points(i, parameter) - edge);
