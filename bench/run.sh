@@ -37,6 +37,11 @@ for program in build/release/bench/*_bench; do
   fi
 done
 
+case start_bench in *"${1:-}"*)
+  echo "== start_bench"
+  python3 bench/start_bench.py "$(dirname "$knothe")"
+esac
+
 # From picture file to forecast: model, pictures (drawn once), all 100 assimilated three times.
 case picture_chain_bench in *"${1:-}"*)
   echo "== picture_chain_bench"

@@ -2,13 +2,16 @@
 set(CMAKE_CXX_STANDARD 20)
 set(CMAKE_CXX_STANDARD_REQUIRED ON)
 set(CMAKE_CXX_EXTENSIONS OFF)
-if(KNOTHE_LIBRARY) # the rooms go into libknothe.so, and nothing of them is seen from outside
+if(KNOTHE_LIBRARY OR KNOTHE_OFFLINE) # the rooms go into libraries, and nothing of them is seen from outside
   set(CMAKE_POSITION_INDEPENDENT_CODE ON)
   set(CMAKE_CXX_VISIBILITY_PRESET hidden)
   set(CMAKE_VISIBILITY_INLINES_HIDDEN ON)
 endif()
 set(CMAKE_EXPORT_COMPILE_COMMANDS ON)
 set(CMAKE_RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/bin)
+if(KNOTHE_OFFLINE)
+  set(CMAKE_BUILD_RPATH ${CMAKE_RUNTIME_OUTPUT_DIRECTORY}) # of the library that is opened (knothe/mechanics)
+endif()
 if(PROJECT_IS_TOP_LEVEL AND NOT CMAKE_BUILD_TYPE)
   set(CMAKE_BUILD_TYPE Release CACHE STRING "" FORCE)
 endif()

@@ -132,7 +132,7 @@ DistributedModel::DistributedModel(const HexahedronMesh& mesh, const ElasticCons
                     body.ranks.size, elastic.cells));
   body.elements = evaluate_finite_elements(body.part.mesh.points, body.part.mesh.cells);
   prescribe(body);
-  body.system = std::make_unique<DistributedSystem>(body.part, body.prescribed);
+  body.system = make_distributed_system(body.part, body.prescribed);
   body.system->set_symmetric(
       [&](std::int64_t cell, CellMatrix& matrix) { body.secant_matrix(cell, {}, matrix); });
   elastic.set_up_seconds = body.ranks.max(1e-6 * microseconds_since(start));

@@ -60,9 +60,7 @@ class Handle {
 using Matrix = Handle<Mat, MatDestroy>;
 using Vector = Handle<Vec, VecDestroy>;
 
-}  // namespace
-
-struct DistributedSystem::Implementation {
+struct PetscSystem final : DistributedSystem {
   const MeshPart& part;
   std::vector<char> prescribed;
   Matrix symmetric, general;
@@ -70,10 +68,19 @@ struct DistributedSystem::Implementation {
   Handle<KSP, KSPDestroy> solver;
   Mat current = nullptr;
 
-  Implementation(const MeshPart& mesh_part, std::span<const char> prescribed_dofs)
+  PetscSystem(const MeshPart& mesh_part, std::span<const char> prescribed_dofs)
       : part(mesh_part), prescribed(prescribed_dofs.begin(), prescribed_dofs.end()) {
     start_petsc();
+    make_vectors();
+    make_matrix(symmetric);
+    give_rigid_body_modes();
   }
+
+  void set_symmetric(const CellMatrices& matrices) override;
+  void set_general(const CellMatrices& matrices) override;
+  LinearSolve solve(std::span<const double> b, std::span<double> x, double tolerance,
+                    int max_iterations) override;
+  void update_ghosts(std::span<double> values) override;
 
   [[nodiscard]] PetscInt rows() const { return static_cast<PetscInt>(3 * part.owned_nodes); }
 
@@ -222,78 +229,72 @@ struct DistributedSystem::Implementation {
   }
 };
 
-DistributedSystem::DistributedSystem(const MeshPart& part, std::span<const char> prescribed)
-    : implementation_(std::make_unique<Implementation>(part, prescribed)) {
-  implementation_->make_vectors();
-  implementation_->make_matrix(implementation_->symmetric);
-  implementation_->give_rigid_body_modes();
+void PetscSystem::set_symmetric(const CellMatrices& matrices) {
+  const double scale = fill(symmetric, matrices);
+  if (solver.get() == nullptr) make_solver(scale);
+  check(MatSetOption(symmetric.get(), MAT_SPD, PETSC_TRUE), "set an option");
+  check(KSPSetReusePreconditioner(solver.get(), PETSC_FALSE), "let the preconditioner go");
+  use(symmetric.get(), KSPCG);
+  check(KSPSetUp(solver.get()), "set the multigrid up");
 }
 
-DistributedSystem::~DistributedSystem() = default;
-
-void DistributedSystem::set_symmetric(const CellMatrices& matrices) {
-  auto& self = *implementation_;
-  const double scale = self.fill(self.symmetric, matrices);
-  if (self.solver.get() == nullptr) self.make_solver(scale);
-  check(MatSetOption(self.symmetric.get(), MAT_SPD, PETSC_TRUE), "set an option");
-  check(KSPSetReusePreconditioner(self.solver.get(), PETSC_FALSE), "let the preconditioner go");
-  self.use(self.symmetric.get(), KSPCG);
-  check(KSPSetUp(self.solver.get()), "set the multigrid up");
+void PetscSystem::set_general(const CellMatrices& matrices) {
+  if (general.get() == nullptr) make_matrix(general);
+  (void)fill(general, matrices);
+  check(KSPSetReusePreconditioner(solver.get(), PETSC_TRUE), "keep the preconditioner");
+  use(general.get(), KSPGMRES);
 }
 
-void DistributedSystem::set_general(const CellMatrices& matrices) {
-  auto& self = *implementation_;
-  if (self.general.get() == nullptr) self.make_matrix(self.general);
-  (void)self.fill(self.general, matrices);
-  check(KSPSetReusePreconditioner(self.solver.get(), PETSC_TRUE), "keep the preconditioner");
-  self.use(self.general.get(), KSPGMRES);
-}
-
-LinearSolve DistributedSystem::solve(std::span<const double> b, std::span<double> x, double tolerance,
-                                     int max_iterations) {
-  auto& self = *implementation_;
+LinearSolve PetscSystem::solve(std::span<const double> b, std::span<double> x, double tolerance,
+                               int max_iterations) {
   double* values = nullptr;
-  check(VecGetArray(self.right.get(), &values), "open a vector");
-  std::copy_n(b.begin(), self.rows(), values);
-  check(VecRestoreArray(self.right.get(), &values), "close a vector");
-  check(KSPSetTolerances(self.solver.get(), tolerance, 0.0, 1e10, max_iterations), "set the tolerance");
-  check(KSPSolve(self.solver.get(), self.right.get(), self.solution.get()), "solve");
+  check(VecGetArray(right.get(), &values), "open a vector");
+  std::copy_n(b.begin(), rows(), values);
+  check(VecRestoreArray(right.get(), &values), "close a vector");
+  check(KSPSetTolerances(solver.get(), tolerance, 0.0, 1e10, max_iterations), "set the tolerance");
+  check(KSPSolve(solver.get(), right.get(), solution.get()), "solve");
 
   LinearSolve result;
   PetscInt iterations = 0;
   KSPConvergedReason reason = KSP_CONVERGED_ITERATING;
-  check(KSPGetIterationNumber(self.solver.get(), &iterations), "count its iterations");
-  check(KSPGetConvergedReason(self.solver.get(), &reason), "say how it ended");
+  check(KSPGetIterationNumber(solver.get(), &iterations), "count its iterations");
+  check(KSPGetConvergedReason(solver.get(), &reason), "say how it ended");
   result.iterations = static_cast<int>(iterations);
   result.converged = reason > 0;
-  check(MatMult(self.current, self.solution.get(), self.residual.get()), "multiply");
-  check(VecAYPX(self.residual.get(), -1.0, self.right.get()), "subtract");
+  check(MatMult(current, solution.get(), residual.get()), "multiply");
+  check(VecAYPX(residual.get(), -1.0, right.get()), "subtract");
   double left = 0, scale = 0;
-  check(VecNorm(self.residual.get(), NORM_2, &left), "take a norm");
-  check(VecNorm(self.right.get(), NORM_2, &scale), "take a norm");
+  check(VecNorm(residual.get(), NORM_2, &left), "take a norm");
+  check(VecNorm(right.get(), NORM_2, &scale), "take a norm");
   result.residual = scale > 0 ? left / scale : left;
   const double* solved = nullptr;
-  check(VecGetArrayRead(self.solution.get(), &solved), "open a vector");
-  std::copy_n(solved, self.rows(), x.begin());
-  check(VecRestoreArrayRead(self.solution.get(), &solved), "close a vector");
+  check(VecGetArrayRead(solution.get(), &solved), "open a vector");
+  std::copy_n(solved, rows(), x.begin());
+  check(VecRestoreArrayRead(solution.get(), &solved), "close a vector");
   return result;
 }
 
-void DistributedSystem::update_ghosts(std::span<double> values) {
-  auto& self = *implementation_;
+void PetscSystem::update_ghosts(std::span<double> values) {
   double* open = nullptr;
-  check(VecGetArray(self.ghosted.get(), &open), "open a vector");
-  std::copy_n(values.begin(), self.rows(), open);
-  check(VecRestoreArray(self.ghosted.get(), &open), "close a vector");
-  check(VecGhostUpdateBegin(self.ghosted.get(), INSERT_VALUES, SCATTER_FORWARD), "send to ghosts");
-  check(VecGhostUpdateEnd(self.ghosted.get(), INSERT_VALUES, SCATTER_FORWARD), "send to ghosts");
+  check(VecGetArray(ghosted.get(), &open), "open a vector");
+  std::copy_n(values.begin(), rows(), open);
+  check(VecRestoreArray(ghosted.get(), &open), "close a vector");
+  check(VecGhostUpdateBegin(ghosted.get(), INSERT_VALUES, SCATTER_FORWARD), "send to ghosts");
+  check(VecGhostUpdateEnd(ghosted.get(), INSERT_VALUES, SCATTER_FORWARD), "send to ghosts");
   Vec local = nullptr;
-  check(VecGhostGetLocalForm(self.ghosted.get(), &local), "open a vector");
+  check(VecGhostGetLocalForm(ghosted.get(), &local), "open a vector");
   const double* read = nullptr;
   check(VecGetArrayRead(local, &read), "open a vector");
   std::copy_n(read, values.size(), values.begin());
   check(VecRestoreArrayRead(local, &read), "close a vector");
-  check(VecGhostRestoreLocalForm(self.ghosted.get(), &local), "close a vector");
+  check(VecGhostRestoreLocalForm(ghosted.get(), &local), "close a vector");
+}
+
+}  // namespace
+
+std::unique_ptr<DistributedSystem> make_distributed_system(const MeshPart& part,
+                                                           std::span<const char> prescribed) {
+  return std::make_unique<PetscSystem>(part, prescribed);
 }
 
 }  // namespace knothe::mechanics

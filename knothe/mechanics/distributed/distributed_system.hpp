@@ -24,26 +24,25 @@ class DistributedSystem {
   /// Matrix of a cell; both owned and ghost cells are asked for.
   using CellMatrices = std::function<void(std::int64_t cell, CellMatrix& matrix)>;
 
-  /// `prescribed[3 n + c]` of local node n: 1 where component c is prescribed. `part` must outlive the
-  /// object.
-  DistributedSystem(const MeshPart& part, std::span<const char> prescribed);
-  ~DistributedSystem();
+  DistributedSystem() = default;
+  virtual ~DistributedSystem() = default;
   DistributedSystem(const DistributedSystem&) = delete;
   DistributedSystem& operator=(const DistributedSystem&) = delete;
 
   /// Values of a symmetric positive definite matrix: conjugate gradients, multigrid of this matrix.
-  void set_symmetric(const CellMatrices& matrices);
+  virtual void set_symmetric(const CellMatrices& matrices) = 0;
   /// Values of any matrix: GMRES, with the multigrid of the last `set_symmetric`, which must have come before
   /// and be near.
-  void set_general(const CellMatrices& matrices);
+  virtual void set_general(const CellMatrices& matrices) = 0;
   /// A x = b to ‖b − A x‖ ≤ tolerance ‖b‖; values of owned nodes, 3 each. Not converged: the best x.
-  LinearSolve solve(std::span<const double> b, std::span<double> x, double tolerance, int max_iterations);
+  virtual LinearSolve solve(std::span<const double> b, std::span<double> x, double tolerance,
+                            int max_iterations) = 0;
   /// From the owners to the ghosts: `values` has 3 of each local node.
-  void update_ghosts(std::span<double> values);
-
- private:
-  struct Implementation;
-  std::unique_ptr<Implementation> implementation_;
+  virtual void update_ghosts(std::span<double> values) = 0;
 };
+
+/// `prescribed[3 n + c]` of local node n: 1 where component c is prescribed. `part` must outlive the system.
+[[nodiscard]] std::unique_ptr<DistributedSystem> make_distributed_system(const MeshPart& part,
+                                                                         std::span<const char> prescribed);
 
 }  // namespace knothe::mechanics
