@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Manual pages and the shell's completion of the programs, made from what their --help says and nothing else.
+"""Manual pages and the shells' completion of the programs, made from what their --help says and nothing else.
 
-usage: help_pages.py FOLDER PROGRAM…    writes FOLDER/NAME.1 and FOLDER/completions/NAME for each program
+usage: help_pages.py FOLDER PROGRAM…    writes FOLDER/NAME.1, FOLDER/completions/NAME (bash) and /_NAME (zsh) for each program
 """
 import pathlib
 import re
@@ -30,8 +30,12 @@ class Command:
         joined = re.sub(r"\n {20,}", "  ", self.sections.get(section, ""))
         return [tuple((re.split(r"  +", line.strip(), maxsplit=1) + [""])[:2]) for line in joined.splitlines() if line.strip()]
 
+    def described_options(self):
+        for what, text in self.entries("Options"):
+            yield from ((name, text) for name in what.split(" ")[0].split(",") if name.startswith("--"))
+
     def options(self):
-        return [name for what, _ in self.entries("Options") for name in what.split(" ")[0].split(",") if name.startswith("--")]
+        return [name for name, _ in self.described_options()]
 
     def choices(self):
         """--method: transport, grid, …"""
@@ -127,6 +131,47 @@ complete -o bashdefault -o default -F {function} {program.name}
 """
 
 
+def zsh_words(described):
+    """'name:what it is' …, as _describe has them."""
+    return " ".join("'" + f"{name}:{text}".replace("'", "'\\''") + "'" for name, text in described)
+
+
+def zsh_completion_of(program):
+    """The same for zsh, which also shows what each word means."""
+    function = "_" + program.name.replace("-", "_")
+    cases, values = [], []
+    for command in program.all():
+        words = " ".join(command.words)
+        cases.append(f'    "{words}") commands=({zsh_words(command.entries("Subcommands"))})\n'
+                     f'      options=({zsh_words(command.described_options())}) ;;')
+        values += [f'    "{" ".join((*command.words, option))}") values=({" ".join(choices)}) ;;' for option, choices in command.choices()]
+    known = "|".join(f'"{" ".join(command.words)}"' for command in program.all() if command.words)
+    return f"""#compdef {program.name}
+# zsh completion of {program.name}: made from its --help
+{function}() {{
+  local command="" word
+  local -a commands options values
+  for word in "${{(@)words[2,CURRENT-1]}}"; do
+    case "${{command:+$command }}$word" in
+      ({known}) command="${{command:+$command }}$word" ;;
+    esac
+  done
+  case "$command" in
+{chr(10).join(cases)}
+  esac
+  case "${{command:+$command }}${{words[CURRENT-1]}}" in
+{chr(10).join(values) or "    *) ;;"}
+  esac
+  if (( $#values )); then _describe value values
+  elif [[ "${{words[CURRENT]}}" == -* ]]; then _describe option options
+  elif (( $#commands )); then _describe command commands
+  else _files
+  fi
+}}
+{function} "$@"
+"""
+
+
 def main():
     folder = pathlib.Path(sys.argv[1])
     (folder / "completions").mkdir(parents=True, exist_ok=True)
@@ -135,6 +180,7 @@ def main():
         version = subprocess.run([path, "--version"], check=True, capture_output=True, text=True).stdout.split()[-1]
         (folder / f"{program.name}.1").write_text(page_of(program, version))
         (folder / "completions" / program.name).write_text(completion_of(program))
+        (folder / "completions" / f"_{program.name}").write_text(zsh_completion_of(program))
 
 
 if __name__ == "__main__":

@@ -36,6 +36,28 @@ class Test(Case):
         self.assertEqual(self.completed("infer", "--method", ""), {"auto", "transport", "mcmc", "smc", "grid"})
         self.assertEqual(self.completed("assimilate", "--json", ""), set())  # a file: the shell completes that
 
+    def completed_by_zsh(self, *words):
+        """What zsh would offer: _describe and _files, zsh's own, are told apart by what they print."""
+        script = f"""
+          _describe() {{ print -rl -- "${{(@P)2}}" }}
+          _files() {{ print -r -- FILES }}
+          compdef() {{ }}
+          words=("$@"); CURRENT=$#
+          . "{self.folder}/completions/_knothe" """
+        done = subprocess.run(["zsh", "-fc", script, "zsh", "knothe", *words], check=True, capture_output=True, text=True)
+        self.assertEqual(done.stderr, "")
+        return dict(line.partition(":")[::2] for line in done.stdout.splitlines())
+
+    @unittest.skipUnless(shutil.which("zsh"), "no zsh")
+    def test_zsh_has_the_same_with_what_they_mean(self):
+        for words, options in self.commands():
+            self.assertEqual(set(self.completed_by_zsh(*words, "--")), options, words)
+        commands = self.completed_by_zsh("")
+        self.assertEqual(set(commands), self.completed("") - {"--help", "--version"})
+        self.assertIn("assimilation", commands["assimilate"])
+        self.assertEqual(set(self.completed_by_zsh("infer", "--method", "")), {"transport", "mcmc", "smc", "grid"})
+        self.assertEqual(set(self.completed_by_zsh("assimilate", "--json", "")), {"FILES"})
+
     def test_the_page_has_all_of_it_and_groff_is_content(self):
         page = (self.folder / "knothe.1").read_text()
         plain = page.replace("\\-", "-")
