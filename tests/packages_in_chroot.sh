@@ -146,7 +146,13 @@ install_packages /now ./knothe_*.deb
 read_by_the_newer_ones
 step "upgraded: the journals read the same"
 inside systemd-analyze verify --man=no knothe@beam.service || fail "the unit"
-step "systemd-analyze verify has nothing to say of the unit"
+quietly inside apt-get install -y --no-install-recommends nodejs
+inside systemd-analyze verify --man=no knothe-plant@beam.service || fail "the unit of the bridge"
+step "systemd-analyze verify has nothing to say of the units"
+status=0
+inside node /usr/share/knothe/plant/knothe-plant.mjs /dev/null >"$root.log" 2>&1 || status=$?
+[ $status -eq 3 ] || { cat "$root.log"; fail "the bridge, without a configuration, ends with $status"; }
+step "the bridge runs"
 instruction_sets
 step "each instruction set has its code"
 readme_session
@@ -157,6 +163,8 @@ quietly inside sh -c 'cd /tmp && g++ -std=c++20 /usr/share/doc/libknothe-dev/exa
 grep -q trusted "$root.log" || fail "the program of the library"
 inside test -f /usr/share/doc/knothe/html/index.html || fail "no documentation"
 inside bash -c '. /usr/share/bash-completion/completions/knothe; COMP_WORDS=(knothe assi); COMP_CWORD=1; _knothe; [ "${COMPREPLY[*]}" = assimilate ]' || fail "completion"
+quietly inside apt-get install -y --no-install-recommends zsh
+inside zsh -fc 'autoload -Uz compinit && compinit && (( $+_comps[knothe] )) && (( $+_comps[knothe-offline] ))' || fail "zsh does not find the completion"
 step "Python, a program of the library, pages, completion"
 purged
 step "removed: journals stay; purged: nothing stays but the user"
