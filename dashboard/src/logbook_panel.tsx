@@ -20,6 +20,7 @@ export function entryWords(entry: Entry): string {
   if (entry.kind === "test_finished") return `finished the test${why}`;
   if (entry.kind === "test_resumed") return `resumed the test${why}`;
   if (entry.kind === "test_begun") return `began this test${why}`;
+  if (entry.kind === "verification_asked") return `asked the full-order model${why}`;
   if (entry.kind === "test_followed") return `went on to ${testWords(entry.text)}`;
   return entry.text;
 }

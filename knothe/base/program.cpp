@@ -59,8 +59,20 @@ class SpawnPlan {
   posix_spawnattr_t attributes_{};
 };
 
-/// The whole group, so that what a shell has started goes too.
+constexpr double k_grace_s = 2;  // for a program that has to end others
+
+/// The whole group, so that what a shell has started goes too. A program that has made groups of its own ends
+/// them when it is asked to stop.
 void end_group(pid_t process) {
+  ::kill(-process, SIGTERM);
+  const auto asked = monotonic_now();
+  while (seconds_since(asked) < k_grace_s) {
+    if (::waitpid(process, nullptr, WNOHANG) == process) {
+      ::kill(-process, SIGKILL);
+      return;
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  }
   ::kill(-process, SIGKILL);
   while (::waitpid(process, nullptr, 0) < 0 && errno == EINTR) {
   }
@@ -84,7 +96,7 @@ ProgramEnd run_program(const ProgramCall& call) {
       end_group(process);
       return {128 + SIGKILL, true};
     }
-    if (cancellation_requested()) {
+    if (cancellation_requested() || call.stop.stop_requested()) {
       end_group(process);
       throw Interrupted(fmt::format("interrupted while {} was running", call.words.front()));
     }

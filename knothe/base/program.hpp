@@ -1,5 +1,6 @@
 #pragma once
 /// @file Other programs, run and waited for.
+#include <stop_token>
 #include <string>
 #include <vector>
 
@@ -10,7 +11,8 @@ struct ProgramCall {
   std::vector<std::string> words;  ///< program (a path, or a name on the PATH) and its arguments
   std::string folder;              ///< to run in; empty: the present one
   std::string log;                 ///< file for its stdout and stderr, replaced; empty: they are dropped
-  double time_limit_s = 0;         ///< after which it and its children are killed; 0: none
+  double time_limit_s = 0;         ///< after which it and its children are ended; 0: none
+  std::stop_token stop;            ///< ends it too
 };
 
 /// How it ended.
@@ -20,7 +22,8 @@ struct ProgramEnd {
 };
 
 /// Runs a program in a process group of its own, with no input, and waits for it. Safe from several threads.
-/// IoError if it cannot be started; Interrupted when the user asks to stop: it is ended then.
+/// IoError if it cannot be started; Interrupted when the user or `stop` asks to stop: it is ended then,
+/// by SIGTERM, and where that does not help by SIGKILL.
 [[nodiscard]] ProgramEnd run_program(const ProgramCall& call);
 
 /// The program of that name beside this one, or else `name` itself, to be found on the PATH.

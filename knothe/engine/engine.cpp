@@ -42,9 +42,7 @@ Engine Engine::with_setup(EngineSetup setup) const {
   setup.update = setup_.update;
   setup.corrected_steps = setup_.corrected_steps;
   Engine other(std::move(setup));
-  for (const auto& [number, step] : steps_)
-    for (const auto& [key, kept] : step.data)
-      other.add({key, number, step.time_index, kept.values, kept.noise});
+  for (const Datum& datum : data()) other.add(datum);
   return other;
 }
 
@@ -205,6 +203,14 @@ void Engine::compare_models(std::size_t step, StepResult& result) {
     evidences.push_back(candidates_[k]->conclude(step).log_evidence);
   }
   result.models = assimilation::compare_models(names, evidences);
+}
+
+std::vector<Datum> Engine::data() const {
+  std::vector<Datum> all;
+  for (const auto& [number, step] : steps_)
+    for (const auto& [key, kept] : step.data)
+      all.push_back({key, number, step.time_index, kept.values, kept.noise});
+  return all;
 }
 
 std::vector<std::size_t> Engine::steps() const {

@@ -70,7 +70,8 @@ class Engine {
   /// Beside a result's forecasts of crack lengths: those of Eq. 33 with the predicted field as a normal one.
   [[nodiscard]] std::vector<forecast::NamedForecast> published_forecasts(const StepResult& result);
 
-  [[nodiscard]] std::vector<std::size_t> steps() const;  ///< with data, increasing
+  [[nodiscard]] std::vector<assimilation::Datum> data() const;  ///< all, by step and key
+  [[nodiscard]] std::vector<std::size_t> steps() const;         ///< with data, increasing
   [[nodiscard]] std::optional<std::size_t> last_step() const;
   [[nodiscard]] std::size_t data_count(std::size_t step) const;
   /// The values of the last datum of a step (by key): NaN where missing. Empty without data.

@@ -2,47 +2,32 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
-#include "knothe/base/error.hpp"
 #include "knothe/base/progress.hpp"
-#include "knothe/base/text.hpp"
 #include "knothe/offline/problem.hpp"
 #include "knothe/project/refinement.hpp"
 #include "knothe/reduction/grid/local_refinement.hpp"
 #include "knothe/reduction/model/parameter_order.hpp"
 #include "knothe/report/results/results.hpp"
+#include "knothe/simulator/kept_solutions.hpp"
 
 namespace knothe::offline {
 namespace {
 
-using reduction::Snapshots;
-
 /// The solutions at `points`, and those that the folder has of other points.
-std::vector<Snapshots> solutions_at(simulator::Simulator& simulator,
-                                    const std::vector<std::vector<double>>& points,
-                                    const std::filesystem::path& folder) {
+std::vector<reduction::Snapshots> solutions_at(simulator::Simulator& simulator,
+                                               const std::vector<std::vector<double>>& points,
+                                               const std::string& folder) {
   std::filesystem::create_directories(folder);
   Progress progress("full-order runs at the posterior", points.size());
   for (std::size_t i = 0; i < points.size(); ++i) {
-    const std::string file = folder / fmt::format("solution-{:016x}.h5", fnv1a(simulator.key(points[i])));
+    const std::string file = simulator::solution_file(folder, simulator.key(points[i]));
     if (!std::filesystem::exists(file)) reduction::write_snapshots(simulator.solve(points[i]), file);
     progress.advance_to(i + 1);
   }
-  std::vector<std::filesystem::path> files;
-  for (const auto& entry : std::filesystem::directory_iterator(folder))
-    if (entry.path().extension() == ".h5") files.push_back(entry.path());
-  std::sort(files.begin(), files.end());
-  std::vector<Snapshots> solutions;
-  for (const auto& file : files) {
-    solutions.push_back(reduction::read_solution(file));
-    const std::string expected =
-        fmt::format("solution-{:016x}.h5", fnv1a(simulator.key(solutions.back().parameters_at(0))));
-    if (file.filename() != expected) solutions.pop_back();  // of another mesh, loading …
-  }
-  return solutions;
+  return simulator::kept_solutions(simulator, folder);
 }
 
 }  // namespace
@@ -57,7 +42,7 @@ void refine_model(const RefineOptions& options, const files::CommandOutput& outp
       reduction::with_parameter_order(reduction::read_model(project.model), names);
   const report::Step& last = results.steps.back();
   const auto simulator = project_simulator(project, base.axes);
-  const std::vector<Snapshots> solutions = solutions_at(
+  const std::vector<reduction::Snapshots> solutions = solutions_at(
       *simulator, project::points_around(last.mean, last.covariance, base.axes), options.model + ".parts");
   const reduction::RefinedModel fine = reduction::refined(
       base, reduction::read_truncation_error(project.model), solutions, {last.mean, last.covariance});

@@ -38,8 +38,8 @@ void add_noise_options(Section<M>& s) {
 
 void add_verification_options(Section<M>& s) {
   s.add("verify", &M::verify,
-        "`knothe assimilate`: whether the full-order model of [offline] is run at the posterior and the "
-        "reduced model refined there.");
+        "Whether the full-order model of [offline] is run at the posterior and the reduced model refined "
+        "there, by `knothe assimilate` and, beside the updates, by `knothe serve`.");
   s.add("verify_runs", &M::verify_runs, "Maximum number of full-order runs for this, at least 1.",
         at_least(1));
 }

@@ -58,7 +58,8 @@ std::vector<std::vector<double>> points_around(const VectorXd& mean, const Eigen
   return points;
 }
 
-std::unique_ptr<simulator::Simulator> full_order_simulator(const Project& project) {
+std::unique_ptr<simulator::Simulator> full_order_simulator(const Project& project, std::string keep,
+                                                           std::stop_token stop) {
   project.require(project.offline.has_value(),
                   "the table [offline] that the model was made from, to ask its full-order model");
   simulator::SolverProcessOptions options;
@@ -66,6 +67,8 @@ std::unique_ptr<simulator::Simulator> full_order_simulator(const Project& projec
   options.names = names_of(project);
   options.identity = project.text;
   options.processes = static_cast<std::size_t>(project.offline->processes);
+  options.keep = std::move(keep);
+  options.stop = std::move(stop);
   return std::make_unique<simulator::SolverProcess>(std::move(options));
 }
 
@@ -100,13 +103,22 @@ PosteriorMove move_between(const Posterior& before, const Posterior& after) {
 }
 
 Refinement::Refinement(const Project& project, std::shared_ptr<PictureMeasurements> pictures,
-                       std::unique_ptr<simulator::Simulator> simulator, std::string folder)
+                       std::unique_ptr<simulator::Simulator> simulator, std::string folder,
+                       RefinementStart start)
     : project_(project),
       base_(reduction::with_parameter_order(reduction::read_model(project.model), names_of(project))),
       base_error_(reduction::read_truncation_error(project.model)),
       pictures_(std::move(pictures)),
       simulator_(std::move(simulator)),
-      folder_(std::move(folder)) {}
+      folder_(std::move(folder)),
+      solutions_(std::move(start.solutions)),
+      used_(start.used),
+      version_(start.version),
+      quiet_(start.quiet) {}
+
+std::string refined_model(const std::string& folder, std::size_t version) {
+  return fmt::format("{}/model-{}.h5", folder, version);
+}
 
 /// The mean, unless a solution is near; then, if `thorough`, where within the posterior's bulk the solutions
 /// are farthest: two at a time, since what they tell moves the posterior.
@@ -153,7 +165,7 @@ bool Refinement::covers(const Posterior& posterior) const {
 }
 
 void Refinement::solve(const std::vector<std::vector<double>>& points) {
-  Progress progress("full-order runs at the posterior", points.size());
+  Progress progress("full-order runs at the posterior", points.size(), quiet_);
   for (reduction::Snapshots& solution :
        simulator_->solve_all(points, [&](std::size_t done) { progress.advance_to(done); }))
     solutions_.push_back(std::move(solution));
@@ -165,10 +177,11 @@ std::unique_ptr<engine::Engine> Refinement::with_refined_model(const engine::Eng
       reduction::refined(base_, base_error_, solutions_, {posterior.mean, posterior.covariance});
   fine.model.project = project_.text;
   std::filesystem::create_directories(folder_);
-  const std::string file = fmt::format("{}/model-{}.h5", folder_, version_ + 1);
+  const std::string file = refined_model(folder_, version_ + 1);
   reduction::write_model(fine.model, fine.error, file);
   project_.model = file;
   ++version_;
+  used_ = solutions_.size();
   setup_ = set_up_again(project_, pictures_);
   engine::EngineSetup refined = engine_setup(project_, *setup_);
   refined.model_version = version_;
@@ -180,10 +193,10 @@ bool Refinement::refine(std::unique_ptr<engine::Engine>& engine, engine::StepRes
   const Posterior first = result.update;
   const std::size_t version = version_;
   int settled = 0;  // rounds in a row
-  while (solutions_.size() < runs) {
+  while (true) {
     std::vector<std::vector<double>> points = points_to_ask(result.update, thorough);
-    if (points.empty()) break;
-    points.resize(std::min(points.size(), runs - solutions_.size()));
+    points.resize(std::min(points.size(), runs - std::min(runs, solutions_.size())));
+    if (points.empty() && used_ == solutions_.size()) break;
     solve(points);
     engine = with_refined_model(*engine, result.update);
     engine::StepResult next = engine->conclude(result.update.step);
@@ -196,46 +209,41 @@ bool Refinement::refine(std::unique_ptr<engine::Engine>& engine, engine::StepRes
   return version_ != version;
 }
 
-namespace {
-
-/// A reason that still stands after the full-order model was asked has other advice than to ask it.
-void advise_more_runs(assimilation::Verdict& verdict, std::size_t runs) {
+void tell_what_was_asked(assimilation::Verdict& verdict, std::size_t runs, const std::string& trouble) {
+  using assimilation::VerdictPart;
   for (assimilation::VerdictReason& reason : verdict.reasons) {
     const auto advice = reason.message.find(": set method.verify");
-    if (reason.part != assimilation::VerdictPart::model || advice == std::string::npos) continue;
+    if (runs == 0 || reason.part != VerdictPart::model || advice == std::string::npos) continue;
     reason.message = fmt::format(
         "{}, and {} runs at the posterior (method.verify) did not settle it: raise method.verify_runs, or "
-        "make "
-        "a finer model (more nodes and modes under [offline])",
+        "make a finer model (more nodes and modes under [offline])",
         reason.message.substr(0, advice), runs);
   }
+  if (trouble.empty()) return;
+  verdict.add({VerdictPart::model,
+               assimilation::VerdictLevel::caution,
+               0,
+               0,
+               "the full-order model could not be asked, and what it would say is not known: " + trouble,
+               {}});
 }
 
-}  // namespace
+bool doubts_model(const assimilation::Verdict& verdict) {
+  return std::any_of(verdict.reasons.begin(), verdict.reasons.end(),
+                     [](const auto& reason) { return reason.part == assimilation::VerdictPart::model; });
+}
 
 bool Refinement::refine_if_needed(std::unique_ptr<engine::Engine>& engine, engine::StepResult& result,
                                   bool is_last) {
   const auto all = static_cast<std::size_t>(project_.method.verify_runs);
-  const auto& reasons = result.update.verdict.reasons;
-  const bool doubted =
-      std::any_of(reasons.begin(), reasons.end(), [](const assimilation::VerdictReason& reason) {
-        return reason.part == assimilation::VerdictPart::model;
-      });
+  const bool doubted = doubts_model(result.update.verdict);
   const std::size_t version = version_;
   try {
     if (trouble_.empty() && (is_last || doubted)) refine(engine, result, is_last ? all : all / 2, is_last);
   } catch (const Error& error) {  // whatever it is, the answer without it is kept
     trouble_ = error.what();
   }
-  if (runs() > 0) advise_more_runs(result.update.verdict, runs());
-  if (is_last && !trouble_.empty())
-    result.update.verdict.add(
-        {assimilation::VerdictPart::model,
-         assimilation::VerdictLevel::caution,
-         0,
-         0,
-         "the full-order model could not be asked, and what it would say is not known: " + trouble_,
-         {}});
+  tell_what_was_asked(result.update.verdict, runs(), is_last ? trouble_ : std::string());
   return version_ != version;
 }
 

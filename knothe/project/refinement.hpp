@@ -3,6 +3,7 @@
 /// (docs/explanation/verdict.md, "Running the full-order model at the posterior").
 #include <memory>
 #include <optional>
+#include <stop_token>
 #include <string>
 #include <vector>
 
@@ -12,8 +13,10 @@
 namespace knothe::project {
 
 /// The full-order model of the project's table [offline], in processes of `knothe-offline`. ProjectError
-/// where the project has no such table.
-[[nodiscard]] std::unique_ptr<simulator::Simulator> full_order_simulator(const Project& project);
+/// where the project has no such table. `keep`, `stop`: of `SolverProcessOptions`.
+[[nodiscard]] std::unique_ptr<simulator::Simulator> full_order_simulator(const Project& project,
+                                                                         std::string keep = {},
+                                                                         std::stop_token stop = {});
 
 /// The mean of a posterior, then one and a half standard deviations to both sides of it along its principal
 /// axes; inside the box.
@@ -35,13 +38,31 @@ struct RefinementGoal {
   double std = 0.05;
 };
 
+/// Where a refinement goes on, that was begun by another process.
+struct RefinementStart {
+  std::vector<reduction::Snapshots> solutions;  ///< made so far
+  std::size_t used = 0;                         ///< how many of them the present model was made from
+  std::size_t version = 0;                      ///< of that model
+  bool quiet = false;                           ///< shows no progress
+};
+
+/// Says in a verdict what `runs` full-order runs leave open: a doubt of the reduced model has other advice
+/// then than to ask for them. `trouble`: why the full-order model could not be asked; empty: it could.
+void tell_what_was_asked(assimilation::Verdict& verdict, std::size_t runs, const std::string& trouble);
+
+/// Whether a verdict doubts the reduced model.
+[[nodiscard]] bool doubts_model(const assimilation::Verdict& verdict);
+
+/// File of a refined model in the folder of a `Refinement`.
+[[nodiscard]] std::string refined_model(const std::string& folder, std::size_t version);
+
 /// What a project's model has become by the full-order solutions asked so far.
 class Refinement {
  public:
-  /// `folder`: where refined models go, `model-1.h5`, `model-2.h5` …. The project's model is the one that is
-  /// refined. ProjectError, UsageError for what does not go together with it.
+  /// `folder`: where refined models go (`refined_model`). The project's model is the one that is refined.
+  /// ProjectError, UsageError for what does not go together with it.
   Refinement(const Project& project, std::shared_ptr<PictureMeasurements> pictures,
-             std::unique_ptr<simulator::Simulator> simulator, std::string folder);
+             std::unique_ptr<simulator::Simulator> simulator, std::string folder, RefinementStart start = {});
 
   /// Makes the model finer around the posterior of `result`, the engine's last, and the engine that of the
   /// refined model with the same data, again and again until the posterior moves no more, or `runs`
@@ -57,6 +78,7 @@ class Refinement {
   [[nodiscard]] std::size_t runs() const { return solutions_.size(); }
   [[nodiscard]] std::size_t version() const { return version_; }            ///< 0: the project's own model
   [[nodiscard]] const std::string& file() const { return project_.model; }  ///< of this version
+  [[nodiscard]] const std::string& trouble() const { return trouble_; }     ///< why it could not be asked
   [[nodiscard]] const std::optional<UpdateSetup>& setup() const { return setup_; }  ///< of it, unless it is 0
   /// By the last refinement of the last `refine`, and from its beginning to its end.
   [[nodiscard]] const PosteriorMove& last_move() const { return last_move_; }
@@ -77,7 +99,9 @@ class Refinement {
   std::unique_ptr<simulator::Simulator> simulator_;
   std::string folder_;
   std::vector<reduction::Snapshots> solutions_;
-  std::size_t version_ = 0;
+  std::size_t used_;  ///< how many of them the model is made from
+  std::size_t version_;
+  bool quiet_;
   std::optional<UpdateSetup> setup_;
   std::string trouble_;  ///< why the full-order model is not asked any more
   PosteriorMove last_move_, whole_move_;

@@ -236,6 +236,26 @@ TEST_F(RefinementTest, TheDoubtOfTheVerdictMakesItAsk) {
   EXPECT_EQ(refinement.runs(), 4u);
 }
 
+TEST_F(RefinementTest, SolutionsThatWereMadeBeforeAreUsedAndNotAskedAgain) {
+  write_data({0.87, 1.13}, 3);
+  const Project project = this->project();
+  UpdateSetup setup = set_up(project);
+  auto engine = std::make_unique<engine::Engine>(engine_setup(project, setup));
+  RecordedData data(std::move(setup));
+  engine::StepResult result;
+  while (auto item = data.next({})) result = engine->assimilate(item->datum);
+  const std::vector<double> mean = {result.update.mean[0], result.update.mean[1]};
+  RefinementStart start{{FrontSimulator().solve(mean)}, 0, 3, true};
+  Refinement refinement(project, nullptr, std::make_unique<FrontSimulator>(), folder_ + "refined",
+                        std::move(start));
+  ASSERT_TRUE(refinement.refine(engine, result, 1, true));  // it is all that is allowed
+  EXPECT_EQ(refinement.runs(), 1u);
+  EXPECT_EQ(refinement.version(), 4u);
+  EXPECT_EQ(refinement.file(), refined_model(folder_ + "refined", 4));
+  EXPECT_EQ(result.model_version, 4u);
+  EXPECT_FALSE(refinement.refine(engine, result, 1, true));
+}
+
 TEST_F(RefinementTest, ASolverThatCannotBeRunCostsNothingButTheVerdict) {
   class Missing final : public simulator::Simulator {
    public:

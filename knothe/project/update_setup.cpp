@@ -163,7 +163,8 @@ UpdateSetup set_up(const Project& project, assimilation::Features features, bool
   features |= features_of(project);
   refuse_conflicts(project, features);
   project.require(!project.model.empty(), "a model: `model = \"MODEL.h5\"`");
-  const bool from_pictures = live || !project.pictures.folder.empty() || !project.pictures.pictures.empty();
+  const bool from_pictures =
+      pictures || live || !project.pictures.folder.empty() || !project.pictures.pictures.empty();
   project.require(!project.data.empty() || from_pictures,
                   "data: `data = \"DATA.h5\"`, or `[data] pictures = \"FOLDER\"`");
   project.require(!project.parameters.empty(),

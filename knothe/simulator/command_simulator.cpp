@@ -164,7 +164,7 @@ reduction::Snapshots CommandSimulator::attempt(std::span<const double> parameter
     files::write_text_atomically(folder + "/" + name,
                                  filled(templates_[i], options_.templates[i], parameters));
   }
-  ProgramCall call{{}, folder, folder + "/run.log", options_.time_limit_s};
+  ProgramCall call{{}, folder, folder + "/run.log", options_.time_limit_s, {}};
   for (const std::string& word : options_.run)
     call.words.push_back(filled(word, "offline.command.run", parameters));
   const ProgramEnd end = run_program(call);

@@ -10,6 +10,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/base/program.hpp"
 #include "knothe/base/threads.hpp"
+#include "knothe/simulator/kept_solutions.hpp"
 
 namespace knothe::simulator {
 namespace {
@@ -31,7 +32,9 @@ std::string make_folder() {
 }  // namespace
 
 SolverProcess::SolverProcess(SolverProcessOptions options)
-    : options_(std::move(options)), folder_(make_folder()) {}
+    : options_(std::move(options)), folder_(make_folder()) {
+  if (!options_.keep.empty()) std::filesystem::create_directories(options_.keep);
+}
 
 SolverProcess::~SolverProcess() {
   std::error_code ignored;
@@ -43,21 +46,35 @@ std::string SolverProcess::key(std::span<const double> parameters) const {
 }
 
 reduction::Snapshots SolverProcess::solve(std::span<const double> parameters, const std::string& file) const {
-  const std::string at = point_argument(options_.names, parameters);
-  ProgramCall call{options_.words, {}, file + ".log", options_.time_limit_s};
-  call.words.insert(call.words.end(), {"--at", at, "-o", file});
-  const ProgramEnd end = run_program(call);
-  if (end.status != 0) {
-    const std::string said = last_lines(call.log);
-    throw NumericalError(fmt::format(
-        "the full-order model at {} {}{}{}", describe(options_.names, parameters),
-        end.timed_out
-            ? fmt::format("was not solved within {:g} s", options_.time_limit_s)
-            : fmt::format("was not solved ({} ended with status {})", options_.words.front(), end.status),
-        said.empty() ? "" : ": ", said));
-  }
-  reduction::Snapshots solution = reduction::read_solution(file);
+  const std::string kept =
+      options_.keep.empty() ? std::string() : solution_file(options_.keep, key(parameters));
+  if (!kept.empty() && std::filesystem::exists(kept)) try {
+      return read(parameters, kept);
+    } catch (const DataError&) {  // damaged: it is made again
+    }
+  run(parameters, file);
+  reduction::Snapshots solution = read(parameters, file);
   std::filesystem::remove(file);
+  if (!kept.empty()) reduction::write_snapshots(solution, kept);
+  return solution;
+}
+
+void SolverProcess::run(std::span<const double> parameters, const std::string& file) const {
+  ProgramCall call{options_.words, {}, file + ".log", options_.time_limit_s, options_.stop};
+  call.words.insert(call.words.end(), {"--at", point_argument(options_.names, parameters), "-o", file});
+  const ProgramEnd end = run_program(call);
+  if (end.status == 0) return;
+  const std::string said = last_lines(call.log);
+  throw NumericalError(fmt::format(
+      "the full-order model at {} {}{}{}", describe(options_.names, parameters),
+      end.timed_out
+          ? fmt::format("was not solved within {:g} s", options_.time_limit_s)
+          : fmt::format("was not solved ({} ended with status {})", options_.words.front(), end.status),
+      said.empty() ? "" : ": ", said));
+}
+
+reduction::Snapshots SolverProcess::read(std::span<const double> parameters, const std::string& file) const {
+  reduction::Snapshots solution = reduction::read_solution(file);
   if (solution.grid_size() != 1 || solution.axes.size() != parameters.size())
     throw DataError(fmt::format(
         "the full-order model at {}: its file holds a grid of {} points of {} parameters, "

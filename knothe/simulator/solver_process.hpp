@@ -1,6 +1,6 @@
 #pragma once
 /// @file A full-order model in a program of its own, which is run for each solution.
-#include <memory>
+#include <stop_token>
 
 #include "knothe/simulator/simulator.hpp"
 
@@ -14,10 +14,13 @@ struct SolverProcessOptions {
   std::string identity;            ///< what its solutions depend on besides them, for the key
   std::size_t processes = 1;       ///< at the same time
   double time_limit_s = 0;         ///< of a solution; 0: none
+  std::string keep;                ///< folder for solutions (kept_solutions.hpp); empty: they are not kept
+  std::stop_token stop;            ///< ends the programs; Interrupted
 };
 
 /// `knothe-offline solve`, for programs that link no mechanics; or any program that understands the same
-/// arguments. Files go to a folder of its own that is removed with it.
+/// arguments. Files go to a folder of its own that is removed with it, or are kept: a solution that is there
+/// is not made again.
 class SolverProcess final : public Simulator {
  public:
   explicit SolverProcess(SolverProcessOptions options);
@@ -29,6 +32,8 @@ class SolverProcess final : public Simulator {
 
  private:
   [[nodiscard]] reduction::Snapshots solve(std::span<const double> parameters, const std::string& file) const;
+  void run(std::span<const double> parameters, const std::string& file) const;
+  [[nodiscard]] reduction::Snapshots read(std::span<const double> parameters, const std::string& file) const;
 
   SolverProcessOptions options_;
   std::string folder_;

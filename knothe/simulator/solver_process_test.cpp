@@ -3,8 +3,15 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <thread>
+
 #include "knothe/base/error.hpp"
 #include "knothe/files/testing/test_folder.hpp"
+#include "knothe/simulator/kept_solutions.hpp"
 
 namespace knothe::simulator {
 namespace {
@@ -95,6 +102,50 @@ TEST_F(SolverProcessTest, AFileOfSeveralPointsIsRefused) {
                 (void)process.solve(std::vector{1.25, -0.5});
               }),
               HasSubstr("a grid of 2 points of 2 parameters, not one solution of 2"));
+}
+
+TEST_F(SolverProcessTest, WhatIsKeptIsNotSolvedAgain) {
+  SolverProcessOptions options;
+  options.words = {"sh", "-c", "echo run >> " + folder_ + "runs; cp " + folder_ + "solution.h5 \"$4\"",
+                   "solver"};
+  options.names = {"b", "a"};  // not the file's order
+  options.identity = "two dofs";
+  options.keep = folder_ + "kept";
+  const std::vector<double> point = {-0.5, 1.25};
+  const auto runs = [&] {
+    std::ifstream file(folder_ + "runs");
+    return std::count(std::istreambuf_iterator<char>(file), {}, '\n');
+  };
+  EXPECT_EQ(SolverProcess(options).solve(point).parameters_at(0), point);
+  SolverProcess again(options);
+  EXPECT_EQ(again.solve_all(std::vector<std::vector<double>>{point}, {}).front().values,
+            (std::vector<double>{1, 2, 3, 4, 5, 6}));
+  EXPECT_EQ(runs(), 1);
+  const auto kept = kept_solutions(again, options.keep);
+  ASSERT_EQ(kept.size(), 1u);
+  EXPECT_EQ(kept.front().parameters_at(0), point);
+  // Of another solver it is no solution, and what cannot be read is none of anybody.
+  options.identity = "three dofs";
+  EXPECT_TRUE(kept_solutions(SolverProcess(options), options.keep).empty());
+  EXPECT_TRUE(kept_solutions(again, folder_ + "nowhere").empty());
+  std::ofstream(solution_file(options.keep, again.key(point))) << "not what it was";
+  EXPECT_TRUE(kept_solutions(again, options.keep).empty());
+  EXPECT_EQ(again.solve(point).parameters_at(0), point);
+  EXPECT_EQ(runs(), 2);
+}
+
+TEST_F(SolverProcessTest, ItIsEndedByWhoeverStartedIt) {
+  std::stop_source stop;
+  SolverProcessOptions options;
+  options.words = {"sh", "-c", "touch " + folder_ + "begun; sleep 60", "solver"};
+  options.names = {"a"};
+  options.stop = stop.get_token();
+  SolverProcess process(options);
+  std::jthread other([&] {
+    while (!std::filesystem::exists(folder_ + "begun")) std::this_thread::yield();
+    stop.request_stop();
+  });
+  EXPECT_THROW((void)process.solve(std::vector{1.0}), Interrupted);
 }
 
 }  // namespace

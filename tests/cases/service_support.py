@@ -20,13 +20,13 @@ from support import KNOTHE, Case, parse_line, read_csv
 class Service:
     """`knothe serve PROJECT` at a free port, or a given one; restarted with the same journal by `start` again."""
 
-    def __init__(self, folder, project, *arguments, **options):
-        self.folder, self.project, self.arguments, self.options = folder, project, arguments, options
+    def __init__(self, folder, project, *arguments, program=KNOTHE, **options):
+        self.folder, self.project, self.arguments, self.program, self.options = folder, project, arguments, program, options
         self.process = None
 
     def start(self, wait=True, port=0):
         self.log = open(self.folder / "serve.log", "ab")
-        self.process = subprocess.Popen([KNOTHE, "serve", self.project, "--port", str(port), *self.arguments], cwd=self.folder,
+        self.process = subprocess.Popen([self.program, "serve", self.project, "--port", str(port), *self.arguments], cwd=self.folder,
                                         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=self.log, **self.options)
         line = self.process.stdout.readline().decode()
         if not line:

@@ -32,7 +32,7 @@ const std::vector<Row>& table() {
        "{0} judges the data by the model: models that are compared would see other data; leave out {0} or "
        "[model] candidates"},
       {F::verified,
-       {F::known, F::candidates, F::truncation, F::service},
+       {F::known, F::candidates, F::truncation},
        "method.verify",
        "verify = \"full-order\" refines one model of the parameters that are inferred, by the full-order "
        "model: "

@@ -18,7 +18,8 @@
 namespace knothe::service {
 
 /// `test_begun` is the first of a test that was begun in a running service; `test_followed` is the last of
-/// the one before: it is finished, and the test that its text names has taken its place.
+/// the one before: it is finished, and the test that its text names has taken its place. `verification` is
+/// what the full-order model said (verification.hpp).
 enum class EntryKind {
   acknowledgement,
   sensor_off,
@@ -27,7 +28,9 @@ enum class EntryKind {
   test_finished,
   test_resumed,
   test_begun,
-  test_followed
+  test_followed,
+  verification_asked,
+  verification
 };
 constexpr auto names_of(EntryKind) {
   return std::to_array<Named<EntryKind>>({{EntryKind::acknowledgement, "acknowledgement"},
@@ -37,7 +40,9 @@ constexpr auto names_of(EntryKind) {
                                           {EntryKind::test_finished, "test_finished"},
                                           {EntryKind::test_resumed, "test_resumed"},
                                           {EntryKind::test_begun, "test_begun"},
-                                          {EntryKind::test_followed, "test_followed"}});
+                                          {EntryKind::test_followed, "test_followed"},
+                                          {EntryKind::verification_asked, "verification_asked"},
+                                          {EntryKind::verification, "verification"}});
 }
 
 struct LogbookEntry {

@@ -9,13 +9,14 @@
 
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/base/sha256.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/files/numbers.hpp"
-#include "knothe/project/project_engine.hpp"
 #include "knothe/report/results/results_writer.hpp"
 #include "knothe/report/results/step_record.hpp"
 #include "knothe/service/journal/journal.hpp"
+#include "knothe/service/journal/served_model.hpp"
 #include "knothe/service/journal/step_matching.hpp"
 
 namespace knothe::service {
@@ -23,10 +24,15 @@ namespace {
 
 /// A journal with the setup that it was written under, checked to fit.
 struct Opened {
-  project::Project project;
-  project::UpdateSetup setup;
+  ServedModel model;
   std::vector<JournalEntry> entries;  ///< that count, by step and key
 };
+
+ServedModel model_of(const Journal& journal, const project::Project& project,
+                     const project::UpdateSetup& setup) {
+  return served_model(project, setup, journal.path(),
+                      last_verification(journal.logbook(), to_hex(sha256_of_file(project.model))));
+}
 
 /// The data that count, by step and key, as the engine is to see them.
 std::vector<JournalEntry> counting_entries(const Journal& journal, const project::UpdateSetup& setup) {
@@ -52,15 +58,14 @@ std::vector<JournalEntry> counting_entries(const Journal& journal, const project
 
 Opened open_both(const std::string& path, const std::string& project_path) {
   const Journal journal(path, Journal::Access::read);
-  project::Project project = project::read_project(project_path);
-  project::UpdateSetup setup = project::set_up_online(project);
-  std::vector<JournalEntry> entries = counting_entries(journal, setup);
-  return {std::move(project), std::move(setup), std::move(entries)};
+  const project::Project project = project::read_project(project_path);
+  const project::UpdateSetup setup = project::set_up_online(project);
+  return {model_of(journal, project, setup), counting_entries(journal, setup)};
 }
 
 std::string csv_of(const Opened& opened) {
   std::string text = "time,sensor,x,y,z,component,value,std\n";
-  const auto& setup = opened.setup;
+  const auto& setup = opened.model.setup;
   const reduction::Sensors& sensors = setup.measurements.sensors;
   const Eigen::VectorXd std = setup.measurements.noise.standard_deviations();
   for (const JournalEntry& entry : opened.entries) {
@@ -82,7 +87,7 @@ std::string csv_of(const Opened& opened) {
 }
 
 engine::Engine engine_of(const Opened& opened) {
-  engine::Engine engine(project::engine_setup(opened.project, opened.setup));
+  engine::Engine engine(opened.model.engine_setup());
   for (const JournalEntry& entry : opened.entries) engine.add(entry.measurement.datum());
   return engine;
 }
@@ -92,15 +97,16 @@ void write_results(const Opened& opened, const std::string& folder) {
   engine::Engine engine = engine_of(opened);
   const std::vector<std::size_t> steps(engine.stale().begin(), engine.stale().end());
   // The data as a file has them: one column per step, the last datum of each.
-  assimilation::Measurements measurements = opened.setup.measurements;
+  assimilation::Measurements measurements = opened.model.setup.measurements;
   measurements.time.clear();
-  for (const std::size_t step : steps) measurements.time.push_back(opened.setup.observed->time[step]);
+  for (const std::size_t step : steps) measurements.time.push_back(opened.model.setup.observed->time[step]);
   measurements.values.resize(measurements.values.rows(), static_cast<Eigen::Index>(steps.size()));
-  report::ResultsWriter writer(opened.project, opened.setup.model, measurements, engine.priors());
+  report::ResultsWriter writer(opened.model.project, opened.model.setup.model, measurements, engine.priors());
   const auto start = std::chrono::steady_clock::now();
   for (const std::size_t step : steps) {
     check_cancellation("nothing was written");
-    const engine::StepResult result = engine.conclude(step);
+    engine::StepResult result = engine.conclude(step);
+    opened.model.amend(result);
     writer.add_step(result, engine.published_forecasts(result), engine.last_datum(step));
   }
   writer.write(folder, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
@@ -111,12 +117,15 @@ void write_results(const Opened& opened, const std::string& folder) {
 void for_each_result(const Journal& journal, const project::Project& project,
                      const project::UpdateSetup& setup,
                      const std::function<void(const engine::StepResult&)>& visit) {
-  engine::Engine engine(project::engine_setup(project, setup));
+  const ServedModel model = model_of(journal, project, setup);
+  engine::Engine engine(model.engine_setup());
   for (const JournalEntry& entry : counting_entries(journal, setup)) engine.add(entry.measurement.datum());
   const std::vector<std::size_t> steps(engine.stale().begin(), engine.stale().end());
   for (const std::size_t step : steps) {
     check_cancellation("a replay changes nothing");
-    visit(engine.conclude(step));
+    engine::StepResult result = engine.conclude(step);
+    model.amend(result);
+    visit(result);
   }
 }
 
@@ -154,15 +163,17 @@ void replay_journal(const std::string& path, const std::string& project_path, bo
   if (!json && !steps.empty()) steps = {steps.back()};
   for (const std::size_t step : steps) {
     check_cancellation("a replay changes nothing");
-    const engine::StepResult result = json ? engine.conclude(step) : engine.preview(step);
+    engine::StepResult result = json ? engine.conclude(step) : engine.preview(step);
+    opened.model.amend(result);
     if (!result.update.trusted) untrusted.push_back(step);
     run.add(result.update.verdict);
     if (json) {
-      fmt::print("{}\n", files::json_line(report::step_record(result, opened.setup.model.contents().axes)));
+      fmt::print("{}\n",
+                 files::json_line(report::step_record(result, opened.model.setup.model.contents().axes)));
     } else {
       fmt::print("after step {}: ", step);
       for (Eigen::Index k = 0; k < result.update.mean.size(); ++k)
-        fmt::print(" {} {:.4g} ± {:.2g}", opened.project.parameters[static_cast<std::size_t>(k)].name,
+        fmt::print(" {} {:.4g} ± {:.2g}", opened.model.project.parameters[static_cast<std::size_t>(k)].name,
                    result.update.mean[k], std::sqrt(result.update.covariance(k, k)));
       fmt::print("  log-evidence {:.6g}\n", result.update.log_evidence);
     }

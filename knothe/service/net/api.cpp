@@ -69,6 +69,7 @@ const std::vector<Route>& routes() {
                                               {"POST", "/v1/tests/finish"},
                                               {"POST", "/v1/tests/resume"},
                                               {"POST", "/v1/sensors"},
+                                              {"POST", "/v1/verify"},
                                               {"GET", "/v1/quarantine"},
                                               {"POST", "/v1/quarantine"},
                                               {"POST", "/v1/measurements"},
@@ -433,6 +434,7 @@ void Api::take_entry(const HttpRequest& request, const Answer& answer) {
   const std::string& path = request.path;
   LogbookEntry entry = alarm                        ? site->acknowledgement(*alarm, asked)
                        : path == "/v1/sensors"      ? site->sensor_switch(asked)
+                       : path == "/v1/verify"       ? site->verification_request(asked)
                        : path == "/v1/tests/finish" ? site->test_mark(asked, EntryKind::test_finished)
                        : path == "/v1/tests/resume" ? site->test_mark(asked, EntryKind::test_resumed)
                                                     : site->note(asked);

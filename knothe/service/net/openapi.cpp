@@ -160,6 +160,10 @@ std::string openapi_document() {
                                 {"written_at", number},
                                 {"alarm", integer},
                                 {"sensor", integer},
+                                {"version", integer},
+                                {"full_order_runs", integer},
+                                {"moved_std", number},
+                                {"model", words},
                                 {"name", words},
                                 {"journal", words}},
                                {"number", "kind", "time", "by", "text", "written_at"});
@@ -225,6 +229,8 @@ std::string openapi_document() {
                                                         {"sensor", "active", "by"})),
                                       entry);
   const Json signed_comment = object_of({{"site", words}, {"by", words}, {"comment", words}}, {"by"});
+  paths["/v1/verify"]["post"] =
+      post("ask the full-order model at the latest posterior", body_of(signed_comment), entry);
   paths["/v1/tests"] = get("tests of this structure", any);
   const Json named = object_of({{"site", words}, {"name", words}, {"by", words}, {"comment", words}}, {"by"});
   paths["/v1/tests"]["post"] =

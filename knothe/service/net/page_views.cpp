@@ -99,7 +99,7 @@ Json description(const Site& site, const std::vector<std::string>& sites) {
   const project::Project& project = site.project();
   const auto& contents = site.setup().model.contents();
   Json parameters = Json::array();
-  const auto& priors = site.engine().priors();
+  const auto& priors = site.priors();
   for (std::size_t k = 0; k < priors.size(); ++k) {
     std::vector<double> values;
     for (const double level : numerics::k_quantile_levels)
@@ -218,7 +218,8 @@ Json field(const Site& site, const std::string& name, const std::string& step, c
     throw RequestError(
         404, "NoField",
         fmt::format("there is no field \"{}\"; there are displacement, sensitivity, residual, bias", name));
-  const auto& contents = site.setup().model.contents();
+  const reduction::SeparatedModel& model = line->model->setup.model;
+  const auto& contents = model.contents();
   if (!contents.mesh || contents.dofs.empty()) throw RequestError(404, "NoMesh", "the model has no mesh");
   answer["location"] = "nodes";
   const reduction::FieldOnMesh on_mesh(contents, "model");
@@ -231,9 +232,9 @@ Json field(const Site& site, const std::string& name, const std::string& step, c
   for (std::size_t k = 0; k < p.size(); ++k)
     p[k] = std::clamp(p[k], contents.axes[k].nodes.front(), contents.axes[k].nodes.back());
   const bool sensitivity = name == "sensitivity";
-  auto found = site.setup().model.evaluate(p, line->step, {}, sensitivity ? 1 : 0);
+  auto found = model.evaluate(p, line->step, {}, sensitivity ? 1 : 0);
   if (sensitivity) {
-    const auto names = site.setup().model.parameter_names();
+    const auto names = model.parameter_names();
     const auto it = std::find(names.begin(), names.end(), parameter.empty() ? names.front() : parameter);
     if (it == names.end())
       throw RequestError(400, "Malformed", fmt::format("there is no parameter \"{}\"", parameter));

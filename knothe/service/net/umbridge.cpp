@@ -80,7 +80,7 @@ struct UmBridge::Call {
 };
 
 UmBridge::UmBridge(const std::vector<std::shared_ptr<ServedSite>>& sites) {
-  for (const auto& site : sites) models_.push_back({site, {}, nullptr, nullptr});
+  for (const auto& site : sites) models_.push_back({site, {}, nullptr, nullptr, nullptr});
 }
 
 bool UmBridge::speaks(const std::string& path) {
@@ -110,6 +110,14 @@ UmBridge::SiteModels& UmBridge::models_of(const nlohmann::json& config) {
   invalid_input("config.site: there is no such site");
 }
 
+/// Another model has other functions.
+void UmBridge::SiteModels::use(std::shared_ptr<const ServedModel> other) {
+  if (model == other) return;
+  model = std::move(other);
+  density.reset();
+  forecaster.reset();
+}
+
 Json UmBridge::respond(const HttpRequest& request) {
   if (request.path == "/Info")
     return {{"protocolVersion", 1.0}, {"models", {"forward", "posterior", "predict"}}};
@@ -123,7 +131,8 @@ Json UmBridge::respond(const HttpRequest& request) {
   call.models = &models_of(config);
   call.site = call.models->served->current();
   if (call.models->site.lock() != call.site)
-    *call.models = {call.models->served, call.site, nullptr, nullptr};
+    *call.models = {call.models->served, call.site, nullptr, nullptr, nullptr};
+  call.models->use(call.site->model());
   const Site& site = *call.site;
   const auto d = static_cast<Eigen::Index>(site.setup().priors.size());
   const bool derivatives = call.name != "predict";
@@ -217,7 +226,7 @@ Json UmBridge::apply_hessian(Call& call) {
 }
 
 void UmBridge::evaluate_forward(Call& call, int derivatives, const Eigen::VectorXd& sensitivity) {
-  const reduction::ObservedModel& observed = *call.site->setup().observed;
+  const reduction::ObservedModel& observed = *call.models->model->setup.observed;
   const Eigen::Index d = call.p.size(), m = observed.observations();
   inference::SeparatedForwardModel model(observed, {call.step.value_or(observed.time.size() - 1)}, "forward");
   if (derivatives == 0) {
@@ -242,24 +251,25 @@ void UmBridge::evaluate_posterior(Call& call, int derivatives) {
   call.jacobian = Eigen::MatrixXd::Zero(1, d);
   call.hessian = Eigen::MatrixXd::Zero(d, d);
   if (!call.inside) return;
-  const auto& priors = site.engine().priors();
+  const auto& priors = site.priors();
   double log_prior = 0;
   for (Eigen::Index k = 0; k < d; ++k)
     log_prior += priors[static_cast<std::size_t>(k)].log_density(call.p[k]);
   if (!std::isfinite(log_prior)) return;
-  auto& density = call.models->density;
-  if (!density) {
-    const auto& functions = site.setup().observed->functions;
-    reduction::FunctionBatch batch;
-    batch.resize(1, d, functions->count(), 0);
-    functions->evaluate(site.engine().centre().transpose(), 0, batch);
-    density = std::make_unique<assimilation::CollapsedLogDensity>(
-        functions, std::make_shared<const assimilation::PriorTransform>(priors), batch.value.row(0));
-  }
-  const auto form = site.form_up_to(call.step.value_or(0));
+  auto [model, form] = site.form_up_to(call.step.value_or(0));
   if (!form)
     throw RequestError(400, "UnsupportedFeature",
                        "this site's method has no posterior density in closed form");
+  call.models->use(std::move(model));
+  auto& density = call.models->density;
+  if (!density) {
+    const auto& functions = call.models->model->setup.observed->functions;
+    reduction::FunctionBatch batch;
+    batch.resize(1, d, functions->count(), 0);
+    functions->evaluate(site.centre().transpose(), 0, batch);
+    density = std::make_unique<assimilation::CollapsedLogDensity>(
+        functions, std::make_shared<const assimilation::PriorTransform>(priors), batch.value.row(0));
+  }
   density->set_form(*form);
   sampling::LogDensityBatch batch;
   batch.resize(1, d, derivatives);
@@ -278,8 +288,8 @@ void UmBridge::evaluate_predict(Call& call) {
   const Site& site = *call.site;
   auto& forecaster = call.models->forecaster;
   if (!forecaster)
-    forecaster =
-        std::make_unique<forecast::Forecaster>(project::make_forecaster(site.project(), site.setup()));
+    forecaster = std::make_unique<forecast::Forecaster>(
+        project::make_forecaster(site.project(), call.models->model->setup));
   const Eigen::MatrixXd point = call.p.transpose();
   const Eigen::VectorXd one = Eigen::VectorXd::Ones(1);
   std::map<std::string, double> values;

@@ -26,7 +26,9 @@ class UmBridge {
  private:
   struct SiteModels {
     std::shared_ptr<ServedSite> served;
-    std::weak_ptr<Site> site;  ///< the test that the others are of
+    std::weak_ptr<Site> site;                  ///< the test that the others are of
+    std::shared_ptr<const ServedModel> model;  ///< and its model
+    void use(std::shared_ptr<const ServedModel> other);
     std::unique_ptr<assimilation::CollapsedLogDensity> density;
     std::unique_ptr<forecast::Forecaster> forecaster;
   };

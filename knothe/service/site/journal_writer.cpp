@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cmath>
 #include <functional>
+#include <future>
 #include <nlohmann/json.hpp>
 
 #include "knothe/assimilation/data/time_matching.hpp"
@@ -279,6 +280,15 @@ void JournalWriter::withdraw(assimilation::DatumKey key, std::function<void(Answ
 
 void JournalWriter::enter(LogbookEntry entry, std::function<void(Answer)> done) {
   enqueue({std::move(entry), std::move(done), monotonic_now()});
+}
+
+LogbookEntry JournalWriter::enter(LogbookEntry entry) {
+  const auto promise = std::make_shared<std::promise<Answer>>();
+  auto answer = promise->get_future();
+  enter(std::move(entry), [promise](const Answer& written) { promise->set_value(written); });
+  const Answer written = answer.get();
+  if (const auto* error = std::get_if<RequestError>(&written)) throw RequestError(*error);
+  return std::get<LogbookEntry>(written);
 }
 
 void JournalWriter::enqueue(Request request) {

@@ -110,6 +110,8 @@ class JournalWriter {
   void withdraw(assimilation::DatumKey key, std::function<void(Answer)> done);
   /// Writes an entry into the logbook. The same.
   void enter(LogbookEntry entry, std::function<void(Answer)> done);
+  /// The same, and waits until it is on disk: as it is there. RequestError where it is not.
+  LogbookEntry enter(LogbookEntry entry);
   /// Whether a datum that came from a watched folder is in the journal.
   [[nodiscard]] bool holds(const assimilation::DatumKey& key) const;
   /// The last datum of a camera that was in the journal at the start, without its values.

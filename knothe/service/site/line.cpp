@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "knothe/project/refinement.hpp"
+
 namespace knothe::service {
 namespace {
 
@@ -39,8 +41,9 @@ std::string message_of(const assimilation::Verdict& verdict) {
 
 }  // namespace
 
-std::shared_ptr<Line> make_line(const engine::StepResult& step, const project::UpdateSetup& setup,
+std::shared_ptr<Line> make_line(const engine::StepResult& step, std::shared_ptr<const ServedModel> model,
                                 const Eigen::VectorXd& values) {
+  const project::UpdateSetup& setup = model->setup;
   const assimilation::UpdateResult& result = step.update;
   auto line = std::make_shared<Line>();
   line->step = result.step;
@@ -52,6 +55,7 @@ std::shared_ptr<Line> make_line(const engine::StepResult& step, const project::U
   line->remark = result.remark;
   line->verdict = result.verdict.level;
   line->verdict_message = message_of(result.verdict);
+  line->model_doubted = project::doubts_model(result.verdict);
   line->monitor_alarm = result.monitor.alarm;
   line->bias_corrected = result.bias_corrected;
   line->notice = result.notice;
@@ -76,6 +80,7 @@ std::shared_ptr<Line> make_line(const engine::StepResult& step, const project::U
   line->misfit_probability = chi_squared_tail(line->misfit, static_cast<double>(line->misfit_values));
   for (const forecast::NamedForecast& named : step.forecasts)
     line->above_threshold[named.name] = named.forecast.probability_above_threshold;
+  line->model = std::move(model);
   return line;
 }
 

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "knothe/engine/step_result.hpp"
-#include "knothe/project/update_setup.hpp"
+#include "knothe/service/journal/served_model.hpp"
 
 namespace knothe::service {
 
@@ -35,6 +35,8 @@ struct Line {
   /// The correction of the model's bias, where it is on: as what is to be added to the model's functions w (a
   /// field), or at the sensors, m. Else empty.
   Eigen::VectorXd bias_functions, bias_sensors;
+  bool model_doubted = false;                ///< the verdict doubts the reduced model
+  std::shared_ptr<const ServedModel> model;  ///< that it was made with
 
   /// Whether the last datum does not fit the model, and nothing corrects for it.
   [[nodiscard]] bool is_biased() const { return !bias_corrected && misfit_probability < 1e-4; }
@@ -42,7 +44,7 @@ struct Line {
 
 /// The line of a result, without event and JSON; `values` are those of the step's last datum (NaN: missing).
 [[nodiscard]] std::shared_ptr<Line> make_line(const engine::StepResult& step,
-                                              const project::UpdateSetup& setup,
+                                              std::shared_ptr<const ServedModel> model,
                                               const Eigen::VectorXd& values);
 
 }  // namespace knothe::service

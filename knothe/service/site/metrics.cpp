@@ -34,6 +34,8 @@ const std::map<std::string, std::string>& meanings() {
       {"knothe_journal_records", "Records in the journal."},
       {"knothe_quarantined_measurements", "Measurements in quarantine."},
       {"knothe_unacknowledged_alarms", "Warnings and alarms that nobody has acknowledged."},
+      {"knothe_full_order_runs", "Runs of the full-order model at the posterior."},
+      {"knothe_model_version", "How often the reduced model has been refined; 0: never."},
       {"knothe_alarms_sent_total",
        "Alarms by channel and what became of them: sent, failed (tried again), lost."},
       {"knothe_alarms_unsent", "Alarms that wait for their channel."},

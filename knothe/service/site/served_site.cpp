@@ -4,10 +4,10 @@
 
 #include <chrono>
 #include <filesystem>
-#include <future>
 #include <thread>
 
 #include "knothe/base/error.hpp"
+#include "knothe/service/journal/sqlite.hpp"
 #include "knothe/service/journal/test_journals.hpp"
 
 namespace knothe::service {
@@ -15,17 +15,6 @@ namespace {
 
 constexpr std::chrono::milliseconds k_glance{2};
 constexpr std::chrono::seconds k_longest_departure{2};
-
-/// Writes an entry and waits until it is on disk. RequestError where it is not.
-LogbookEntry write(Site& site, LogbookEntry entry) {
-  const auto promise = std::make_shared<std::promise<JournalWriter::Answer>>();
-  auto answer = promise->get_future();
-  site.journal().enter(std::move(entry),
-                       [promise](const JournalWriter::Answer& written) { promise->set_value(written); });
-  const JournalWriter::Answer written = answer.get();
-  if (const auto* error = std::get_if<RequestError>(&written)) throw RequestError(*error);
-  return std::get<LogbookEntry>(written);
-}
 
 std::string quoted(const std::string& test) {
   return test.empty() ? "the test without a name" : fmt::format("the test \"{}\"", test);
@@ -130,7 +119,7 @@ LogbookEntry ServedSite::resume_test(const EntryRequest& asked) {
     throw RequestError(404, "UnknownTest",
                        fmt::format("there is no test \"{}\"; GET /v1/tests lists them", test));
   if (test == current()->test())
-    return write(*current(), current()->test_mark(asked, EntryKind::test_resumed));
+    return current()->journal().enter(current()->test_mark(asked, EntryKind::test_resumed));
   return change_to(test, {0, EntryKind::test_resumed, 0, current()->setup().observed->time.front(),
                           asked.author, asked.text, 0});
 }
@@ -170,11 +159,12 @@ LogbookEntry ServedSite::change_to(const std::string& test, LogbookEntry first) 
                        stopping_ ? "the service is stopping" : "the journal is being replayed");
   const auto next = open_ready(test, before->starts() + 1);
   const std::string author = first.author;
-  const LogbookEntry written = write(*next, std::move(first));
+  const LogbookEntry written = next->journal().enter(std::move(first));
   watches_.clear();
   const auto follow = [&](Site& left, const std::string& by) {
     const auto latest = left.lines().latest();
-    write(left, {0, EntryKind::test_followed, 0, latest ? latest->time : written.time, author, by, 0});
+    left.journal().enter(
+        {0, EntryKind::test_followed, 0, latest ? latest->time : written.time, author, by, 0});
   };
   try {
     follow(*before, test);

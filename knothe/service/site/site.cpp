@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <utility>
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/sha256.hpp"
@@ -17,6 +18,7 @@ namespace knothe::service {
 namespace {
 
 constexpr std::size_t k_newest_first_from = 16;  // stale lines
+constexpr double k_moved_std = 0.5;              // of a posterior that is asked about again
 
 /// What the data mean: where the sensors are, and their noise as the likelihood sees it.
 std::string sensors_hash(const project::UpdateSetup& setup) {
@@ -59,7 +61,6 @@ Site::Site(project::Project project, SiteSettings settings, Metrics& metrics)
            },
            [this](const Measurement& measurement, const std::string& reason) { doubt(measurement, reason); },
            [this](const LogbookEntry& entry) { note_down(entry); }, settings_.changed}),
-      engine_(project::engine_setup(project_, setup_)),
       logbook_(setup_.observed->time, {}),
       alarms_(project_.forecasts, next_event_,
               [this](const Alarm& alarm) {
@@ -73,6 +74,7 @@ Site::Site(project::Project project, SiteSettings settings, Metrics& metrics)
   next_event_ = starts_ * (std::int64_t{1} << 32) + 1;
   alarms_.restore(journal_.alarms(SiteAlarms::k_kept), journal_.conditions());
   for (const LogbookEntry& entry : journal_.logbook()) note_down(entry);
+  restore_model();
   metrics_.count("knothe_deadline_misses_total", labels(), 0);  // there from the first scrape on
   if (journal_.lost().empty()) return;
   log_event("error", "records of the journal are lost", {{"site", name()}, {"reason", journal_.lost()}});
@@ -83,12 +85,41 @@ Site::~Site() {
   stop();
 }
 
+/// The model of the journal, and who asks the full-order one.
+void Site::restore_model() {
+  const std::vector<LogbookEntry> entries = logbook_.after(0);
+  const Verification own = last_verification({}, identity_.model);
+  try {
+    model_ = std::make_shared<const ServedModel>(
+        served_model(project_, setup_, project_.serve.journal, last_verification(entries, identity_.model)));
+  } catch (const DataError& error) {
+    const std::string trouble = fmt::format("{}; the project's own model is used", error.what());
+    log_event("error", "a refined model is lost", {{"site", name()}, {"reason", trouble}});
+    alarms_.raise(0, "alarm", "journal", trouble);
+    model_ = std::make_shared<const ServedModel>(ServedModel{project_, setup_, own});
+  }
+  engine_ = std::make_unique<engine::Engine>(model_->engine_setup());
+  verification_ = model_->verification;
+  priors_ = engine_->priors();
+  centre_ = engine_->centre();
+  if (project_.method.verify == project::Verification::off) return;
+  verification_wanted_ = awaits_verification(entries);
+  verifier_ = std::make_unique<Verifier>(
+      project_, project_.serve.journal,
+      Verifier::Listener{[this](const Verification& verification) { return keep(verification); },
+                         [this] {
+                           { const std::lock_guard lock(mutex_); }
+                           arrivals_there_.notify_one();
+                         }});
+}
+
 void Site::start() {
   journal_.start();
   updater_ = std::thread([this] { update_loop(); });
 }
 
 void Site::stop() {
+  if (verifier_) verifier_->stop();
   journal_.stop();
   {
     const std::lock_guard lock(mutex_);
@@ -104,9 +135,14 @@ bool Site::settled() const {
   return journal_.tally().waiting == 0 && arrivals_.empty() && at_hand_ == 0 && stale_lines_ == 0;
 }
 
-std::optional<assimilation::StepForm> Site::form_up_to(std::size_t step) {
+Site::Form Site::form_up_to(std::size_t step) {
   const std::lock_guard lock(engine_mutex_);
-  return engine_.form_up_to(step);
+  return {model_, engine_->form_up_to(step)};
+}
+
+std::shared_ptr<const ServedModel> Site::model() const {
+  const std::lock_guard lock(engine_mutex_);
+  return model_;
 }
 
 // --- Journal → lines -------------------------------------------------------------------------------------
@@ -147,6 +183,13 @@ void Site::note_down(const LogbookEntry& entry) {
   logbook_.add(entry);
   if (entry.kind == EntryKind::acknowledgement)
     alarms_.acknowledge(entry.subject, {entry.author, entry.text, entry.written_ms, 0});
+  if (!verifier_) return;  // there is none yet at the start
+  {
+    const std::lock_guard lock(mutex_);
+    const bool asks = entry.kind == EntryKind::test_finished || entry.kind == EntryKind::verification_asked;
+    verification_wanted_ = asks || (verification_wanted_ && entry.kind != EntryKind::test_resumed);
+  }
+  arrivals_there_.notify_one();
 }
 
 void Site::update_loop() {
@@ -156,7 +199,8 @@ void Site::update_loop() {
     {
       std::unique_lock lock(mutex_);
       arrivals_there_.wait(lock, [&] {
-        return !arrivals_.empty() || no_more_arrivals_ || (replayed_ && (!ready_ || stale_lines_ > 0));
+        return !arrivals_.empty() || no_more_arrivals_ || (replayed_ && (!ready_ || stale_lines_ > 0)) ||
+               has_verification_to_do();
       });
       // Stopping: what is accepted is in the journal, and the next start computes it; the step at hand is
       // done.
@@ -169,7 +213,9 @@ void Site::update_loop() {
     take(arrivals);
     if (!arrivals.empty()) newest_is_shown_ = false;
     conclude_next();
-    const auto& stale = engine_.stale();
+    take_over();
+    ask_full_order_model();
+    const auto& stale = engine_->stale();
     {
       const std::lock_guard lock(mutex_);
       stale_lines_ = stale.size();
@@ -209,7 +255,7 @@ void Site::take(const std::vector<Arrival>& arrivals) {
     }
     const std::lock_guard lock(mutex_);
     --at_hand_;
-    stale_lines_ = engine_.stale().size();
+    stale_lines_ = engine_->stale().size();
     // What failed may have failed because of the datum that is gone; if not, the next update says so again.
     if (!trouble.empty() || !comes) failure_ = trouble;
     // Nobody's measurement waits for a withdrawal or a switch: how long it takes is no missed deadline.
@@ -223,7 +269,8 @@ void Site::add(const Measurement& measurement) {
   const assimilation::Datum datum = measurement.datum();
   const std::lock_guard lock(engine_mutex_);
   const auto start = monotonic_now();
-  engine_.add(datum);
+  engine_->add(datum);
+  if (verifier_) verifier_->note({datum, true});
   adding_us_[datum.step] += 1e6 * seconds_since(start);
   received_ms_[datum.step].insert(measurement.received_ms);
 }
@@ -238,11 +285,12 @@ bool Site::take_out(const Measurement& measurement) {
     return false;  // it never came in
   const auto step = static_cast<std::size_t>(measurement.step);
   const std::lock_guard lock(engine_mutex_);
-  if (engine_.withdraw(step, measurement.key)) {
+  if (engine_->withdraw(step, measurement.key)) {
+    if (verifier_) verifier_->note({{measurement.key, step, 0, {}, {}}, false});
     auto& received = received_ms_.at(step);
     received.erase(received.find(measurement.received_ms));
   }
-  return engine_.data_count(step) == 0;
+  return engine_->data_count(step) == 0;
 }
 
 /// A step without data has no line, and readers are told that it is gone.
@@ -269,7 +317,7 @@ void Site::retract(std::size_t step) {
 /// is shown first, without the monitor; but not twice in a row, or data that keep coming would keep the
 /// others waiting.
 void Site::conclude_next() {
-  const auto& stale = engine_.stale();
+  const auto& stale = engine_->stale();
   if (stale.empty()) return;
   previewed_ = stale.size() >= k_newest_first_from && !newest_is_shown_ && !previewed_;
   newest_is_shown_ = newest_is_shown_ || previewed_;
@@ -282,9 +330,11 @@ void Site::conclude(std::size_t step, bool preview) {
   try {
     // Sums of steps are brought up to date here: who reads them (`form_up_to`) waits for one update.
     const std::lock_guard lock(engine_mutex_);
-    engine::StepResult result = preview ? engine_.preview(step) : engine_.conclude(step);
+    engine::StepResult result = preview ? engine_->preview(step) : engine_->conclude(step);
+    model_->amend(result);
     if (const auto added = adding_us_.extract(step)) result.update.elapsed_us.projection += added.mapped();
-    line = line_of(result);
+    observe_phases(result);
+    line = line_of(result, model_);
   } catch (const std::exception& error) {
     trouble = error.what();
     log_event("error", "an update failed", {{"site", name()}, {"step", step}, {"reason", trouble}});
@@ -308,25 +358,98 @@ void Site::publish(std::shared_ptr<Line> line, bool judged) {
   lines_.publish(std::move(line));
 }
 
-std::shared_ptr<Line> Site::line_of(const engine::StepResult& step) {
+void Site::observe_phases(const engine::StepResult& step) {
+  const auto& elapsed = step.update.elapsed_us;
+  for (const auto& [phase, us] : {std::pair{"projection", elapsed.projection},
+                                  {"map", elapsed.map},
+                                  {"correction", elapsed.correction},
+                                  {"forecast", step.forecast_us}})
+    metrics_.observe("knothe_phase_seconds", labels(fmt::format("phase=\"{}\"", phase)), 1e-6 * us);
+}
+
+std::shared_ptr<Line> Site::line_of(const engine::StepResult& step,
+                                    std::shared_ptr<const ServedModel> model) {
   const assimilation::UpdateResult& result = step.update;
-  auto line = make_line(step, setup_, engine_.last_values(result.step));
+  auto line = make_line(step, std::move(model), engine_->last_values(result.step));
   for (const std::int64_t sensor : logbook_.off_at(result.step))  // that it is silent is no news
     std::erase(line->absent, static_cast<Eigen::Index>(sensor));
   Json record = report::step_record(step, setup_.model.contents().axes);
-  for (const auto& [phase, us] : {std::pair{"projection", result.elapsed_us.projection},
-                                  {"map", result.elapsed_us.map},
-                                  {"correction", result.elapsed_us.correction},
-                                  {"forecast", step.forecast_us}})
-    metrics_.observe("knothe_phase_seconds", labels(fmt::format("phase=\"{}\"", phase)), 1e-6 * us);
   metrics_.set("knothe_effective_sample_size_ratio", labels(), result.effective_sample_size);
   metrics_.set("knothe_log_evidence", labels(), result.log_evidence);
   record["site"] = name();
-  record["data"] = engine_.data_count(result.step);
+  record["data"] = engine_->data_count(result.step);
   record["received_at"] = 1e-3 * static_cast<double>(*received_ms_.at(result.step).rbegin());
   record["event"] = line->event = next_event_++;
   line->json = files::json_line(record);
   return line;
+}
+
+// --- The full-order model --------------------------------------------------------------------------------
+
+/// mutex_ is held.
+bool Site::has_verification_to_do() const {
+  return verifier_ && ready_ && (verifier_->has_news() || (verification_wanted_ && !verifier_->is_busy()));
+}
+
+/// What the verifier has found, where no datum waits: one line at a time, then its engine.
+void Site::take_over() {
+  if (!verifier_ || !engine_->stale().empty()) return;
+  if (auto next = verifier_->next_result()) {
+    const std::size_t step = next->result.update.step;
+    // A step whose data were withdrawn meanwhile has no line.
+    if (engine_->data_count(step) > 0)
+      publish(line_of(next->result, std::move(next->model)), step >= judged_from_);
+    return;
+  }
+  auto handover = verifier_->handover();
+  if (!handover) return;
+  if (handover->model->verification.version != model_->verification.version)
+    log_event("info", "another model is used",
+              {{"site", name()}, {"reason", text_of(handover->model->verification)}});
+  apply_changes(handover->changes, *handover->engine);
+  {
+    const std::lock_guard lock(engine_mutex_);
+    engine_.swap(handover->engine);
+    model_ = handover->model;
+  }
+  verifier_->discard(std::move(handover->engine));
+  const std::lock_guard lock(mutex_);
+  verification_ = model_->verification;
+}
+
+/// Where the verdict doubts the model, with half of the runs; with all of them on request, and at the end of
+/// the test. One question at a time.
+void Site::ask_full_order_model() {
+  if (!verifier_ || verifier_->is_busy() || !engine_->stale().empty()) return;
+  const auto latest = lines_.latest();
+  bool thorough = false;
+  {
+    const std::lock_guard lock(mutex_);
+    if (!ready_ || !arrivals_.empty()) return;
+    thorough = std::exchange(verification_wanted_, false);
+  }
+  if (!latest) return;
+  const Verification& last = model_->verification;
+  const bool has_moved =
+      asked_mean_.size() == 0 ||
+      ((latest->mean - asked_mean_).cwiseQuotient(latest->std)).cwiseAbs().maxCoeff() > k_moved_std;
+  const bool doubted = latest->model_doubted && last.trouble.empty() && has_moved &&
+                       last.runs < static_cast<std::size_t>(project_.method.verify_runs / 2);
+  if (!thorough && !doubted) return;
+  asked_mean_ = latest->mean;
+  verifier_->ask({engine_->data(), latest->step, thorough, model_});
+}
+
+/// From the verifier's thread.
+bool Site::keep(const Verification& verification) {
+  try {
+    journal_.enter(entry_of(verification));
+    return true;
+  } catch (const RequestError& error) {
+    log_event("error", "what the full-order model said could not be kept",
+              {{"site", name()}, {"reason", error.what()}});
+    return false;
+  }
 }
 
 /// Live data whose line is published now: were they in time?
@@ -412,6 +535,15 @@ LogbookEntry Site::acknowledgement(std::int64_t id, const EntryRequest& request)
           0};
 }
 
+LogbookEntry Site::verification_request(const EntryRequest& request) const {
+  if (!verifier_)
+    throw RequestError(409, "NotVerified",
+                       "the full-order model is not asked here: set verify = \"full-order\" under [method]");
+  if (!lines_.latest())
+    throw RequestError(409, "NoState", "there are no data yet: there is no posterior to ask at");
+  return {0, EntryKind::verification_asked, 0, time_of(std::nullopt), request.author, request.text, 0};
+}
+
 // --- State -----------------------------------------------------------------------------------------------
 
 SiteHealth::State Site::state_of_now(const JournalWriter::Tally& tally) const {
@@ -432,8 +564,10 @@ bool Site::tick() {
   std::size_t pending = 0;
   std::int64_t records = 0;
   std::shared_ptr<const Line> latest;
+  Verification verification;
   {
     const std::lock_guard lock(mutex_);
+    verification = verification_;
     tally = journal_.tally();
     state = state_of_now(tally);
     age = health_.data_age_s();
@@ -453,6 +587,10 @@ bool Site::tick() {
   metrics_.set("knothe_journal_records", labels(), static_cast<double>(records));
   metrics_.set("knothe_quarantined_measurements", labels(), static_cast<double>(tally.quarantined));
   metrics_.set("knothe_unacknowledged_alarms", labels(), static_cast<double>(alarms_.unacknowledged()));
+  if (verifier_) {
+    metrics_.set("knothe_full_order_runs", labels(), static_cast<double>(verification.runs));
+    metrics_.set("knothe_model_version", labels(), static_cast<double>(verification.version));
+  }
   if (step >= 0) metrics_.set("knothe_step", labels(), static_cast<double>(step));
   if (!health_.keep(state)) return false;
   log_event(state.word == "OK" || state.word == "FINISHED" ? "info" : "warning", "state",
@@ -489,6 +627,13 @@ Json Site::status() const {
   }
   if (const auto age = health_.data_age_s()) status["data_age_s"] = *age;
   if (const auto period = health_.period_s()) status["period_s"] = *period;
+  if (verifier_) {
+    status["refinement"] = {{"version", verification_.version},
+                            {"full_order_runs", verification_.runs},
+                            {"moved_std", verification_.moved_std},
+                            {"asking", verifier_->is_busy()}};
+    if (!verification_.trouble.empty()) status["refinement"]["trouble"] = verification_.trouble;
+  }
   status["budget_us"] = 1e6 * health_.budget_s();
   status["pending"] = health_.awaited() + arrivals_.size() + at_hand_;
   status["behind"] = stale_lines_;

@@ -10,6 +10,7 @@
 #include "knothe/service/site/site_alarms.hpp"
 #include "knothe/service/site/site_health.hpp"
 #include "knothe/service/site/site_logbook.hpp"
+#include "knothe/service/site/verifier.hpp"
 #include "knothe/service/site/watched_pictures.hpp"
 
 namespace knothe::service {
@@ -57,16 +58,26 @@ class Site {
   [[nodiscard]] LogbookEntry sensor_switch(const EntryRequest& request) const;
   [[nodiscard]] LogbookEntry test_mark(const EntryRequest& request, EntryKind kind) const;
   [[nodiscard]] LogbookEntry acknowledgement(std::int64_t alarm, const EntryRequest& request) const;
+  [[nodiscard]] LogbookEntry verification_request(const EntryRequest& request) const;
 
   [[nodiscard]] const std::string& name() const { return project_.serve.site; }
   [[nodiscard]] const std::string& test() const { return settings_.test; }
   [[nodiscard]] std::int64_t starts() const { return starts_; }  ///< of its journal, this one included
   [[nodiscard]] const project::Project& project() const { return project_; }
+  /// By the project's own model: sensors, times and priors are those of every refined one.
   [[nodiscard]] const project::UpdateSetup& setup() const { return setup_; }
+  /// The model that is used now.
+  [[nodiscard]] std::shared_ptr<const ServedModel> model() const;
   [[nodiscard]] const Identity& identity() const { return identity_; }
-  [[nodiscard]] const engine::Engine& engine() const { return engine_; }
-  /// Of `Engine`, at any time.
-  [[nodiscard]] std::optional<assimilation::StepForm> form_up_to(std::size_t step);
+  /// Truncated to the model's box, and their medians.
+  [[nodiscard]] const std::vector<assimilation::Prior>& priors() const { return priors_; }
+  [[nodiscard]] const Eigen::VectorXd& centre() const { return centre_; }
+  /// `Engine::form_up_to`, with the model that it is of.
+  struct Form {
+    std::shared_ptr<const ServedModel> model;
+    std::optional<assimilation::StepForm> form;
+  };
+  [[nodiscard]] Form form_up_to(std::size_t step);
 
  private:
   void arrive(std::vector<Arrival> arrivals, std::int64_t records);
@@ -83,8 +94,15 @@ class Site {
   void conclude(std::size_t step, bool preview);
   void conclude_next();
   void publish(std::shared_ptr<Line> line, bool judged);
-  [[nodiscard]] std::shared_ptr<Line> line_of(const engine::StepResult& result);
+  [[nodiscard]] std::shared_ptr<Line> line_of(const engine::StepResult& result,
+                                              std::shared_ptr<const ServedModel> model);
+  void observe_phases(const engine::StepResult& result);
   void judge_delays();
+  void restore_model();
+  void ask_full_order_model();
+  void take_over();
+  [[nodiscard]] bool has_verification_to_do() const;
+  [[nodiscard]] bool keep(const Verification& verification);
   [[nodiscard]] SiteHealth::State state_of_now(const JournalWriter::Tally& tally) const;  ///< mutex_ held
   [[nodiscard]] std::string labels(const std::string& more = "") const { return site_labels(name(), more); }
 
@@ -94,8 +112,11 @@ class Site {
   project::UpdateSetup setup_;
   Identity identity_;
   JournalWriter journal_;
-  engine::Engine engine_;  ///< of the updating thread; its steps under engine_mutex_
+  std::shared_ptr<const ServedModel> model_;  ///< changed by the updating thread, under engine_mutex_
+  std::unique_ptr<engine::Engine> engine_;    ///< the same; of `model_`
   mutable std::mutex engine_mutex_;
+  std::vector<assimilation::Prior> priors_;
+  Eigen::VectorXd centre_;
   std::map<std::size_t, std::multiset<std::int64_t>> received_ms_;  ///< when a step's data arrived, Unix time
   std::map<std::size_t, double>
       adding_us_;                 ///< updating thread; what the data of a step have cost since its line
@@ -121,6 +142,11 @@ class Site {
   std::size_t stale_lines_ = 0;
   std::string failure_;  ///< of the last update
   MonotonicTime started_ = monotonic_now();
+
+  std::unique_ptr<Verifier> verifier_;  ///< null where the full-order model is not asked
+  bool verification_wanted_ = false;    ///< a thorough one, under mutex_
+  Verification verification_;           ///< of `model_`, under mutex_
+  Eigen::VectorXd asked_mean_;          ///< updating thread; of the posterior it was asked at last
 
   std::thread updater_;
 };

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "knothe/service/journal/verification.hpp"
+
 namespace knothe::service {
 
 Json json_of(const LogbookEntry& entry) {
@@ -11,6 +13,13 @@ Json json_of(const LogbookEntry& entry) {
   if (entry.kind == EntryKind::acknowledgement) body["alarm"] = entry.subject;
   if (entry.kind == EntryKind::sensor_off || entry.kind == EntryKind::sensor_on)
     body["sensor"] = entry.subject;
+  if (const auto v = verification_of(entry)) {
+    body["text"] = text_of(*v);
+    body["version"] = v->version;
+    body["full_order_runs"] = v->runs;
+    body["moved_std"] = v->moved_std;
+    body["model"] = v->model;
+  }
   return body;
 }
 
