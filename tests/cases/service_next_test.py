@@ -4,6 +4,7 @@ import threading
 import time
 import unittest
 
+from service_logbook import Webhook
 from service_support import Broker, Events, ServiceCase, comparable
 
 
@@ -158,6 +159,30 @@ class Test(ServiceCase):
         self.assertNotIn("test", service.get("/v1/status")[1])
         status, _ = service.post("/v1/tests", {"name": "second", "by": "Ada"}, Authorization="Bearer a secret of sixteen characters")
         self.assertEqual(status, 200)
+
+    def test_a_datum_of_another_specimen_is_refused(self):
+        service = self.serve()
+        self.expect_stored(service.send(self.data[0] | {"test": ""}), step=0)
+        self.begin(service, "second")
+        late = self.data[1] | {"test": ""}
+        self.expect_error(service.send(late), 409, "OtherTest")
+        self.assertIn('the datum is for the test without a name, and the test "second" runs', service.send(late)[1]["error"]["message"])
+        self.expect_error(service.send(late | {"test": "third"}), 409, "OtherTest")
+        self.expect_error(service.send(late | {"test": 2}), 400, "Malformed")
+        self.expect_stored(service.send(self.data[1] | {"test": "second"}), step=1)
+        self.expect_stored(service.send(self.data[2]), step=2)
+        self.assertEqual(service.settled(2)["test"], "second")
+        outcomes = service.get("/metrics")[1].decode()
+        self.assertIn('outcome="other_test"} 3', outcomes)
+
+    def test_an_alarm_that_is_sent_names_its_test(self):
+        hook = Webhook()
+        self.addCleanup(hook.stop)
+        service = self.serve("--test", "second", extra=f'[serve.notify]\nwebhook = "{hook.url}"\n')
+        service.send(self.data[0] | {"values": [value + 0.05 for value in self.data[0]["values"]]})
+        service.wait_until(lambda: hook.accepted)
+        body = hook.accepted[0][1]
+        self.assertEqual((body["site"], body["test"], body["test_name"]), ("assimilation", False, "second"))
 
     def test_a_test_begun_by_mistake_is_gone_back_from(self):
         service = self.serve()

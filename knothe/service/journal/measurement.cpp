@@ -169,6 +169,7 @@ SiteMeasurement parse_json_measurement(std::string_view body) {
   SiteMeasurement result;
   Measurement& datum = result.measurement;
   result.site = text_member(object, "site", false);
+  if (object.contains("test")) result.test = text_member(object, "test", false);
   datum.key = key_of(object);
   const Received& time = member(object, "time");
   if (!time.is_number() || !std::isfinite(time.get<double>())) malformed("\"time\" must be a finite number");
@@ -303,6 +304,7 @@ SiteMeasurement parse_npy_measurement(std::string_view body, const NpyHeaders& h
     return text;
   };
   result.site = checked(headers.site, "site", true);
+  if (!headers.test.empty()) result.test = checked(headers.test, "test", true);
   datum.key.source = checked(headers.source, "source", false);
   datum.key.session = checked(headers.session, "session", false);
   const char* end = headers.seq.data() + headers.seq.size();

@@ -46,9 +46,10 @@ class RequestError : public std::runtime_error {
   std::string type_;
 };
 
-/// A measurement and the site it is for (may be empty).
+/// A measurement, the site it is for (may be empty), and the test, if it says so.
 struct SiteMeasurement {
   std::string site;
+  std::optional<std::string> test;  ///< name; empty: the test without one
   Measurement measurement;
 };
 
@@ -73,6 +74,7 @@ struct SiteKey {
 /// The key and time of a datum whose values come as npy: texts of HTTP headers.
 struct NpyHeaders {
   std::string site, source, session, seq, time, status;
+  std::string test = {};  ///< empty: it does not say
 };
 [[nodiscard]] SiteMeasurement parse_npy_measurement(std::string_view body, const NpyHeaders& headers);
 

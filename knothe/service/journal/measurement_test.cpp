@@ -177,6 +177,21 @@ TEST(Token, ComparisonIsExact) {
   EXPECT_FALSE(equal_in_constant_time("x", ""));
 }
 
+TEST(Measurement, MayNameItsTest) {
+  const auto test_of = [](const std::string& member) {
+    return parse_json_measurement(R"({"source":"a","session":"b","seq":0,"time":1,"values":[1])" + member +
+                                  "}")
+        .test;
+  };
+  EXPECT_EQ(test_of(""), std::nullopt);
+  EXPECT_EQ(test_of(R"(,"test":"")"), "");
+  EXPECT_EQ(test_of(R"(,"test":"second")"), "second");
+  EXPECT_THROW((void)test_of(R"(,"test":null)"), RequestError);
+  const std::string body = npy("<f8", "(1,)", bytes_of<double>({1}));
+  EXPECT_EQ(parse_npy_measurement(body, {"", "a", "b", "0", "1", ""}).test, std::nullopt);
+  EXPECT_EQ(parse_npy_measurement(body, {"", "a", "b", "0", "1", "", "second"}).test, "second");
+}
+
 TEST(Measurement, ANameOfAHeaderIsUtf8) {
   const std::string body = npy("<f8", "(1,)", bytes_of<double>({1}));
   EXPECT_EQ(parse_npy_measurement(body, {"", "Brücke", "s", "0", "0.5", ""}).measurement.key.source,

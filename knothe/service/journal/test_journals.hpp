@@ -10,6 +10,9 @@ namespace knothe::service {
 /// Why a test cannot have this name, in words; empty: it can.
 [[nodiscard]] std::string objection_to_test_name(std::string_view name);
 
+/// The test "NAME", or the test without a name.
+[[nodiscard]] std::string test_in_words(const std::string& name);
+
 /// In all that follows `journal` is that of the test without a name, as [serve] journal has it.
 [[nodiscard]] std::string journal_of_test(const std::string& journal, const std::string& test);
 

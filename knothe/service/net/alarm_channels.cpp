@@ -155,8 +155,10 @@ class Mail final : public AlarmChannel {
         "Auto-Submitted: auto-generated\n\n";
     for (const Json& one : alarms) {
       const Json& alarm = one.at("alarm");
-      text += fmt::format("{} ({}) at step {}: {}\n", alarm.at("severity").get<std::string>(),
-                          alarm.at("kind").get<std::string>(), alarm.at("step").get<std::int64_t>(),
+      const std::string of_test =
+          one.contains("test_name") ? fmt::format(" of test {}", one.at("test_name").get<std::string>()) : "";
+      text += fmt::format("{} ({}) at step {}{}: {}\n", alarm.at("severity").get<std::string>(),
+                          alarm.at("kind").get<std::string>(), alarm.at("step").get<std::int64_t>(), of_test,
                           alarm.at("message").get<std::string>());
     }
     return text;

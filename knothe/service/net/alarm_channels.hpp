@@ -17,7 +17,7 @@ class AlarmChannel {
  public:
   virtual ~AlarmChannel() = default;
   [[nodiscard]] virtual std::string name() const = 0;
-  /// Sends the first or more of `alarms` (not empty), each `{"site","test","alarm":{…}}`: how many. Waits for
+  /// Sends the first or more of `alarms` (not empty), each as `message_of` makes it: how many. Waits for
   /// the other side's word, at most some 10 s, and less where `stopping`. DataError, IoError: none was sent,
   /// and why.
   virtual std::size_t send(std::span<const Json> alarms, const std::atomic<bool>& stopping) = 0;

@@ -391,8 +391,9 @@ void Api::take_measurement(const HttpRequest& request, const Answer& answer) {
         const std::string plain = request.header(name);
         return plain.empty() ? request.header("x-knothe-" + name) : plain;
       };
-      datum = parse_npy_measurement(request.body, {either("site"), either("source"), either("session"),
-                                                   either("seq"), either("time"), either("status")});
+      datum = parse_npy_measurement(
+          request.body, {either("site"), either("source"), either("session"), either("seq"), either("time"),
+                         either("status"), either("test")});
     } else {
       datum = parse_json_measurement(request.body);
     }
@@ -403,10 +404,13 @@ void Api::take_measurement(const HttpRequest& request, const Answer& answer) {
     } catch (const RequestError& error) {
       throw RequestError(400, error.type(), error.what());
     }
+    site->require_test(datum.test);
     site->journal().ingest(std::move(datum.measurement),
                            [answer](const JournalWriter::Answer& stored) { answer(answer_of(stored)); });
   } catch (const RequestError& error) {
-    site->journal().count(error.status() == 400 ? "malformed" : "not_ready");
+    site->journal().count(error.status() == 400   ? "malformed"
+                          : error.status() == 409 ? "other_test"
+                                                  : "not_ready");
     throw;
   }
 }

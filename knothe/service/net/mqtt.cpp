@@ -57,7 +57,9 @@ struct MqttReceiver::Implementation {
       }
       const SiteMeasurement datum = parse_mqtt_measurement(topic, payload);
       return answer(datum.measurement.key.seq, store([&](auto done) {
-                      site_of(datum.site)->journal().ingest(datum.measurement, std::move(done));
+                      const auto site = site_of(datum.site);
+                      site->require_test(datum.test);
+                      site->journal().ingest(datum.measurement, std::move(done));
                     }));
     } catch (const RequestError& error) {
       log_event("warning", "a message was refused",

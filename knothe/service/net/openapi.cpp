@@ -134,7 +134,8 @@ std::string openapi_document() {
                                 {"seq", {{"type", "integer"}, {"minimum", 0}}},
                                 {"time", number},
                                 {"values", {{"type", "array"}, {"items", {{"type", {"number", "null"}}}}}},
-                                {"status", {{"type", "array"}, {"items", words}}}},
+                                {"status", {{"type", "array"}, {"items", words}}},
+                                {"test", words}},
                                {"source", "session", "seq", "time", "values"});
   const Json stored = object_of({{"accepted", boolean},
                                  {"duplicate", boolean},

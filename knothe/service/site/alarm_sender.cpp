@@ -16,8 +16,10 @@ constexpr milliseconds k_first_pause{1000}, k_longest_pause{60'000};
 
 }  // namespace
 
-Json message_of(const std::string& site, const Alarm& alarm, bool test) {
-  return {{"site", site}, {"test", test}, {"alarm", json_of(alarm)}};
+Json message_of(const AlarmOrigin& origin, const Alarm& alarm, bool trial) {
+  Json message = {{"site", origin.site}, {"test", trial}, {"alarm", json_of(alarm)}};
+  if (!origin.test.empty()) message["test_name"] = origin.test;  // "test" was taken
+  return message;
 }
 
 AlarmSender::AlarmSender(const project::Project& project, Metrics& metrics)
@@ -45,10 +47,10 @@ AlarmSender::~AlarmSender() {
           {{"site", options_.site}, {"channel", route->channel->name()}, {"alarms", route->waiting.size()}});
 }
 
-void AlarmSender::enqueue(const Alarm& alarm) {
+void AlarmSender::enqueue(const Alarm& alarm, const std::string& test) {
   const auto severity = from_text<project::Severity>(alarm.severity);
   if (!severity || *severity < options_.notify.severity) return;
-  const Json message = message_of(options_.site, alarm);
+  const Json message = message_of({options_.site, test}, alarm);
   {
     const std::lock_guard lock(mutex_);
     for (const auto& route : routes_) {

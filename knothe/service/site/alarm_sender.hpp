@@ -15,8 +15,12 @@
 
 namespace knothe::service {
 
-/// What a channel sends of an alarm.
-[[nodiscard]] Json message_of(const std::string& site, const Alarm& alarm, bool test = false);
+/// Of which site and test (name; empty: the one without) an alarm is.
+struct AlarmOrigin {
+  std::string site, test;
+};
+/// What a channel sends of an alarm; `trial`: to see whether it arrives.
+[[nodiscard]] Json message_of(const AlarmOrigin& origin, const Alarm& alarm, bool trial = false);
 
 /// One thread for each channel, so that one that is away holds up no other. What cannot be sent is tried
 /// again, after 1 s at first and then twice as long each time, up to a minute. `enqueue` is thread-safe.
@@ -29,8 +33,8 @@ class AlarmSender {
   AlarmSender(const AlarmSender&) = delete;
   AlarmSender& operator=(const AlarmSender&) = delete;
 
-  /// For the channels, if it is severe enough.
-  void enqueue(const Alarm& alarm);
+  /// For the channels, if it is severe enough; `test`: name of the one that it is of.
+  void enqueue(const Alarm& alarm, const std::string& test);
 
  private:
   struct Route {

@@ -175,7 +175,7 @@ void test_alarms(Report& report, const project::Project& project) {
   Alarm alarm;
   alarm.severity = "info", alarm.kind = "test", alarm.message = "a test: nothing has happened";
   alarm.raised_ms = std::chrono::duration_cast<std::chrono::milliseconds>(now).count();
-  const Json message = message_of(project.serve.site, alarm, true);
+  const Json message = message_of({project.serve.site, {}}, alarm, true);
   const std::atomic<bool> stopping{false};
   for (const auto& channel : channels)
     report_found(report, channel->name(), [&] {

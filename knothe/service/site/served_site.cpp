@@ -16,10 +16,6 @@ namespace {
 constexpr std::chrono::milliseconds k_glance{2};
 constexpr std::chrono::seconds k_longest_departure{2};
 
-std::string quoted(const std::string& test) {
-  return test.empty() ? "the test without a name" : fmt::format("the test \"{}\"", test);
-}
-
 bool is_followed(const Site& site) {
   const auto end = site.logbook().finished();
   return end && end->kind == EntryKind::test_followed;
@@ -52,7 +48,7 @@ void require_unused(const std::string& journal, const std::string& test) {
     throw RequestError(409, "TestExists",
                        fmt::format("{} is there already, with {} records ({}): choose another name, or go on "
                                    "with it (POST /v1/tests/resume)",
-                                   quoted(test), glance.records, file));
+                                   test_in_words(test), glance.records, file));
 }
 
 }  // namespace
@@ -73,10 +69,11 @@ ServedSite::~ServedSite() {
 }
 
 std::shared_ptr<Site> ServedSite::open(const std::string& test, std::int64_t least_start) {
-  return std::make_shared<Site>(project_,
-                                SiteSettings{test, settings_.strict_deadline, least_start, settings_.changed,
-                                             [this](const Alarm& alarm) { sender_.enqueue(alarm); }},
-                                metrics_);
+  return std::make_shared<Site>(
+      project_,
+      SiteSettings{test, settings_.strict_deadline, least_start, settings_.changed,
+                   [this, test](const Alarm& alarm) { sender_.enqueue(alarm, test); }},
+      metrics_);
 }
 
 void ServedSite::start() {
@@ -105,7 +102,7 @@ LogbookEntry ServedSite::begin_test(const EntryRequest& asked) {
     throw RequestError(400, "Malformed", fmt::format("\"name\": {}", objection));
   const std::lock_guard lock(changing_);
   if (test == current()->test())
-    throw RequestError(409, "TestExists", fmt::format("{} is the one that runs", quoted(test)));
+    throw RequestError(409, "TestExists", fmt::format("{} is the one that runs", test_in_words(test)));
   require_unused(project_.serve.journal, test);
   return change_to(test, {0, EntryKind::test_begun, 0, current()->setup().observed->time.front(),
                           asked.author, asked.text, 0});

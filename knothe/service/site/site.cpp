@@ -494,6 +494,15 @@ std::int64_t Site::sensor_of(const EntryRequest& request) const {
       fmt::format("\"sensor\" must name one of this site's sensors: 0 to {}{}", count - 1, names));
 }
 
+void Site::require_test(const std::optional<std::string>& asked) const {
+  if (!asked || *asked == test()) return;
+  throw RequestError(
+      409, "OtherTest",
+      fmt::format("the datum is for {}, and {} runs: it was not taken. Resume the one that it is "
+                  "for (POST /v1/tests/resume), or leave \"test\" out",
+                  test_in_words(*asked), test_in_words(test())));
+}
+
 LogbookEntry Site::note(const EntryRequest& request) const {
   if (request.text.empty()) throw RequestError(400, "Malformed", "\"text\" must not be empty");
   return {0, EntryKind::note, 0, time_of(request.step), request.author, request.text, 0};

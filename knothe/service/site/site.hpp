@@ -52,6 +52,8 @@ class Site {
   [[nodiscard]] const SiteLogbook& logbook() const { return logbook_; }
   [[nodiscard]] WatchedPictures& pictures() { return pictures_; }
 
+  /// RequestError 409 where a datum names another test than this one: it is of another specimen.
+  void require_test(const std::optional<std::string>& test) const;
   /// Entries for the logbook, as they were asked for; `JournalWriter::enter` writes them. RequestError 400
   /// and 404 that says what is wrong.
   [[nodiscard]] LogbookEntry note(const EntryRequest& request) const;
