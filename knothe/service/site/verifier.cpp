@@ -21,18 +21,25 @@ constexpr std::size_t k_results_at_once = 64;  // what waits to be shown: memory
 std::unique_ptr<engine::Engine> engine_of(const ServedModel& model,
                                           const std::vector<assimilation::Datum>& data) {
   auto engine = std::make_unique<engine::Engine>(model.engine_setup());
-  for (const assimilation::Datum& datum : data) engine->add(datum);
+  std::vector<DataChange> changes;
+  for (const assimilation::Datum& datum : data) changes.push_back({datum, true});
+  apply_changes(changes, *engine);
   return engine;
 }
 
 }  // namespace
 
 void apply_changes(const std::vector<DataChange>& changes, engine::Engine& engine) {
-  for (const DataChange& change : changes) {
-    if (change.comes) {
-      engine.add(change.datum);
-    } else {
-      engine.withdraw(change.datum.step, change.datum.key);
+  for (const auto& [datum, comes] : changes) {
+    try {
+      comes ? engine.add(datum) : (void)engine.withdraw(datum.step, datum.key);
+    } catch (const Error& error) {
+      log_event("error", "a datum cannot be assimilated",
+                {{"source", datum.key.source},
+                 {"session", datum.key.session},
+                 {"seq", datum.key.seq},
+                 {"step", datum.step},
+                 {"reason", error.what()}});
     }
   }
 }
@@ -180,9 +187,12 @@ std::shared_ptr<const ServedModel> Verifier::refine(const Question& question) {
       return std::make_shared<const ServedModel>(
           ServedModel{std::move(project), *refinement.setup(), std::move(v)});
     }
-  } catch (const Error& error) {  // whatever it is, the answer without it is kept
+  } catch (const std::exception& error) {  // whatever it is, the answer without it is kept
     v.trouble = error.what();
   }
+  // The same trouble as before: what is shown stays, and is the same after a restart.
+  const Verification& before = question.model->verification;
+  if (!v.trouble.empty() && v.trouble == before.trouble) v.time = before.time;
   return std::make_shared<const ServedModel>(
       ServedModel{question.model->project, question.model->setup, std::move(v)});
 }

@@ -23,6 +23,7 @@ struct DataChange {
   assimilation::Datum datum;  ///< of one that went, its key and step
   bool comes = true;
 };
+/// What cannot be assimilated is said in the log.
 void apply_changes(const std::vector<DataChange>& changes, engine::Engine& engine);
 
 /// The updating thread asks, notes what changes, and takes what there is; all else is done by the thread.
