@@ -34,7 +34,8 @@ if(KNOTHE_SANITIZE)
   target_compile_options(knothe_flags_portable INTERFACE
     -fsanitize=${KNOTHE_SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer -g1
     ${KNOTHE_SANITIZE_LESS})
-  target_link_options(knothe_flags_portable INTERFACE -fsanitize=${KNOTHE_SANITIZE})
+  # RPATH in place of RUNPATH: dlopen is the sanitizer's own then, which does not see the program's RUNPATH.
+  target_link_options(knothe_flags_portable INTERFACE -fsanitize=${KNOTHE_SANITIZE} LINKER:--disable-new-dtags)
 endif()
 
 add_library(knothe_flags INTERFACE)
