@@ -95,13 +95,13 @@ SampleObjective::SampleObjective(const TriangularMap& map, Eigen::Index k,
   }
   psi_ = tabulate(basis, true, own_, degree);
   IntegrationRule rule;
-  Values value{}, first{}, second{};
+  Values value{};
   for (Eigen::Index i = 0; i < n; ++i) {
     rule_begin_.push_back(rule_weight_.size());
     basis.integration_rule(own_[i], degree, rule);
     for (std::size_t q = 0; q < rule.weight.size(); ++q) {
       rule_weight_.push_back(rule.weight[q]);
-      basis.monotone(rule.node[q], degree, value, first, second);
+      basis.monotone(rule.node[q], degree, value);
       rule_psi_.insert(rule_psi_.end(), value.begin(), value.begin() + degrees_);
     }
   }

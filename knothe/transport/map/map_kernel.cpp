@@ -184,14 +184,14 @@ void MapKernel::integrate_tail(Eigen::Index k, int lane, int at, bool gradients,
   const int n = structure_.components[sk].degree;
   const OneVariableBasis& basis = structure_.basis;
   const double x = work.x[sk].lane[lane][at], sign = x < 0 ? -1 : 1, length = std::abs(x);
-  OneVariableBasis::Values functions{}, first{}, second{};
+  OneVariableBasis::Values functions{};
   double from = 0;
   bool outside = false;  // the first piece is done
   for (const OneVariableBasis::Piece& piece : basis.pieces(n)) {
     const double width = std::min(length, piece.end) - from;
     const UnitRule& rule = unit_rule(piece.nodes);
     for (std::size_t q = 0; outside && q < rule.node.size(); ++q) {
-      basis.monotone(sign * (from + width * rule.node[q]), n, functions, first, second);
+      basis.monotone(sign * (from + width * rule.node[q]), n, functions);
       double h = 0;
       for (std::size_t j = 0; j <= static_cast<std::size_t>(n); ++j)
         h += work.b[j].lane[lane][at] * functions[j];

@@ -117,6 +117,13 @@ void OneVariableBasis::constant(double x, int n, Values& value, Values& first, V
     hermite_.tangent(x, n, value, first, second);
 }
 
+void OneVariableBasis::monotone(double x, int n, Values& value) const {
+  if (parametrisation_.tails == Tails::bent && parametrisation_.basis == BasisFamily::hermite)
+    return hermite_.level(x, n, value);
+  Values first, second;
+  monotone(x, n, value, first, second);
+}
+
 void OneVariableBasis::monotone(double x, int n, Values& value, Values& first, Values& second) const {
   if (parametrisation_.tails != Tails::bent) {
     constant(x, n, value, first, second);

@@ -45,6 +45,7 @@ class OneVariableBasis {
   void constant(double x, int n, Values& value, Values& first, Values& second) const;
   /// Those of Φ_e.
   void monotone(double x, int n, Values& value, Values& first, Values& second) const;
+  void monotone(double x, int n, Values& value) const;
 
   /// The pieces on which r(h(θ)), h spanned by the monotone functions 0 … degree, is integrated, for θ > 0;
   /// those for θ < 0 mirror them. Exact for the square of the Hermite families' polynomials. Otherwise the

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "knothe/sampling/log_density.hpp"
 #include "knothe/transport/map/rectifier.hpp"
@@ -91,7 +92,7 @@ void PointEvaluation::derivatives(Eigen::Index k, bool with_second, Derivatives&
   const int kk = static_cast<int>(k), n = structure_.components[static_cast<std::size_t>(k)].degree;
   const auto sk = static_cast<std::size_t>(k);
   const Rectifier rectifier = structure_.basis.parametrisation().rectifier;
-  Values b{}, functions{}, first{}, second{};
+  Values b{}, functions{};
   std::vector<Values> b_a(sk), b_ab(with_second ? sk * (sk + 1) / 2 : 0);
   std::vector<double> h_a(sk);
   out.first.assign(sk + 1, 0);
@@ -112,7 +113,7 @@ void PointEvaluation::derivatives(Eigen::Index k, bool with_second, Derivatives&
   }
   structure_.basis.integration_rule(x_[sk], n, rule_);
   for (std::size_t q = 0; q < rule_.node.size(); ++q) {
-    structure_.basis.monotone(rule_.node[q], n, functions, first, second);
+    structure_.basis.monotone(rule_.node[q], n, functions);
     const Rectified r = rectify(rectifier, dot(b, functions, n));
     const double w = rule_.weight[q];
     out.value += w * r.value;
@@ -143,13 +144,13 @@ void PointEvaluation::coefficient_gradients(Eigen::Index k, std::vector<double>&
   const MapComponent& c = structure_.components[sk];
   const int n = c.degree;
   const Rectifier rectifier = structure_.basis.parametrisation().rectifier;
-  Values b{}, g{}, functions{}, first{}, second{};
+  Values b{}, g{}, functions{};
   value.assign(c.constant.size() + c.monotone.size(), 0);
   log_slope.assign(value.size(), 0);
   collapse(k, b);
   structure_.basis.integration_rule(x_[sk], n, rule_);
   for (std::size_t q = 0; q < rule_.node.size(); ++q) {
-    structure_.basis.monotone(rule_.node[q], n, functions, first, second);
+    structure_.basis.monotone(rule_.node[q], n, functions);
     const double slope = rule_.weight[q] * rectify(rectifier, dot(b, functions, n)).first;
     for (std::size_t j = 0; j <= static_cast<std::size_t>(n); ++j) g[j] += slope * functions[j];
   }
@@ -166,11 +167,11 @@ void PointEvaluation::coefficient_gradients(Eigen::Index k, std::vector<double>&
 double PointEvaluation::solve(Eigen::Index k, double target) {
   const int n = structure_.components[static_cast<std::size_t>(k)].degree;
   const Rectifier rectifier = structure_.basis.parametrisation().rectifier;
-  Values b{}, functions{}, first{}, second{};
+  Values b{}, functions{};
   collapse(k, b);
   const double constant = constant_part(k);
   const auto rectified = [&](double t) {
-    structure_.basis.monotone(t, n, functions, first, second);
+    structure_.basis.monotone(t, n, functions);
     return rectify(rectifier, dot(b, functions, n)).value;
   };
   const auto residual = [&](double t) {
@@ -180,21 +181,22 @@ double PointEvaluation::solve(Eigen::Index k, double target) {
     return sum;
   };
   const double accuracy = 1e-15 * (1 + std::abs(target) + std::abs(constant));
-  const double start = constant - target, direction = start > 0 ? -1 : 1;
-  if (start == 0) return 0;
-  double near = 0, far = direction;
-  while (residual(far) * direction < 0 && std::abs(far) < 1e100) {
-    near = far;
-    far *= 2;
-  }
-  double low = std::min(near, far), high = std::max(near, far), t = 0.5 * (low + high);
-  for (int iteration = 0; iteration < 400; ++iteration) {
+  // From where a map near the identity has it. Newton's steps, while no bracket is known not too long.
+  constexpr double k_infinity = std::numeric_limits<double>::infinity();
+  double low = -k_infinity, high = k_infinity, t = target - constant;
+  for (int iteration = 0; iteration < 400 && std::abs(t) < 1e100; ++iteration) {
     const double r = residual(t);
     if (std::abs(r) <= accuracy) break;
     (r < 0 ? low : high) = t;
-    const double slope = rectified(t), newton = t - r / slope;
-    const double next = slope > 0 && newton > low && newton < high ? newton : 0.5 * (low + high);
-    if (next == t || high - low <= 4e-16 * (std::abs(low) + std::abs(high))) break;
+    const double slope = rectified(t), newton = t - r / slope, longest = 4 * (1 + std::abs(t));
+    double next = newton;
+    if (high - low < k_infinity) {
+      if (!(slope > 0 && newton > low && newton < high)) next = 0.5 * (low + high);
+      if (high - low <= 4e-16 * (std::abs(low) + std::abs(high))) break;
+    } else if (!(slope > 0 && std::abs(newton - t) < longest)) {
+      next = t + (r < 0 ? longest : -longest);
+    }
+    if (next == t) break;
     t = next;
   }
   return t;

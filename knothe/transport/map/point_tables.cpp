@@ -153,7 +153,7 @@ void PointTables::tabulate_integrals(const OneVariableBasis& basis, Eigen::Index
   const TailedHermite bent(p.radii);
   std::vector<double> sums(static_cast<std::size_t>(packed));
   IntegrationRule rule;
-  OneVariableBasis::Values values{}, first{}, second{};
+  OneVariableBasis::Values values{};
   for_each_coordinate(
       points_.col(k),
       [&](Eigen::Index i, double x) {
@@ -163,7 +163,7 @@ void PointTables::tabulate_integrals(const OneVariableBasis& basis, Eigen::Index
           std::fill(sums.begin(), sums.end(), 0.0);
           basis.integration_rule(x, degree, rule);
           for (std::size_t q = 0; q < rule.node.size(); ++q) {
-            basis.monotone(rule.node[q], degree, values, first, second);
+            basis.monotone(rule.node[q], degree, values);
             std::size_t at = 0;
             for (std::size_t j = 0; j < static_cast<std::size_t>(degrees); ++j)
               for (std::size_t l = 0; l <= j; ++l) sums[at++] += rule.weight[q] * values[j] * values[l];
@@ -176,7 +176,7 @@ void PointTables::tabulate_integrals(const OneVariableBasis& basis, Eigen::Index
 
 void PointTables::tabulate_pieces(const OneVariableBasis& basis, Eigen::Index k, Eigen::Index degrees) {
   const int degree = static_cast<int>(degrees) - 1;
-  OneVariableBasis::Values values{}, first{}, second{};
+  OneVariableBasis::Values values{};
   double from = 0;
   for (const OneVariableBasis::Piece& stretch : basis.pieces(degree)) {
     Piece piece;
@@ -196,7 +196,7 @@ void PointTables::tabulate_pieces(const OneVariableBasis& basis, Eigen::Index k,
           const double sign = at < 0 ? -1 : 1, width = std::min(std::abs(at), stretch.end) - from;
           for (Eigen::Index q = 0; q < piece.nodes; ++q) {
             const auto sq = static_cast<std::size_t>(q);
-            basis.monotone(sign * (from + width * unit.node[sq]), degree, values, first, second);
+            basis.monotone(sign * (from + width * unit.node[sq]), degree, values);
             piece.weight(r, q) = sign * width * unit.weight[sq];
             for (Eigen::Index j = 0; j < degrees; ++j)
               piece.psi(r, q * degrees + j) = values[static_cast<std::size_t>(j)];

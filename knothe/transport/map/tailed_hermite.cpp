@@ -24,11 +24,21 @@ const std::vector<numerics::Quadrature>& unit_rules() {
 /// ĥ and its first two derivatives at x.
 void hermite(double x, int n, TailedHermite::Values& value, TailedHermite::Values& first,
              TailedHermite::Values& second) {
+  struct Roots {
+    TailedHermite::Values of_degree{}, of_two{};  ///< √j, √(j (j − 1))
+  };
+  static const Roots roots = [] {
+    Roots made;
+    for (std::size_t j = 1; j < made.of_degree.size(); ++j) {
+      const auto degree = static_cast<double>(j);
+      made.of_degree[j] = std::sqrt(degree), made.of_two[j] = std::sqrt(degree * (degree - 1));
+    }
+    return made;
+  }();
   numerics::normalised_hermite(x, std::span<double>(value.data(), static_cast<std::size_t>(n) + 1));
-  for (int j = 0; j <= n; ++j) {
-    const auto i = static_cast<std::size_t>(j);
-    first[i] = j >= 1 ? std::sqrt(j) * value[i - 1] : 0;
-    second[i] = j >= 2 ? std::sqrt(j * (j - 1.0)) * value[i - 2] : 0;
+  for (std::size_t i = 0; i <= static_cast<std::size_t>(n); ++i) {
+    first[i] = i >= 1 ? roots.of_degree[i] * value[i - 1] : 0;
+    second[i] = i >= 2 ? roots.of_two[i] * value[i - 2] : 0;
   }
 }
 
@@ -64,6 +74,11 @@ void TailedHermite::level(double x, int n, Values& value, Values& first, Values&
     second[i] = second[i] * tau.first * tau.first + first[i] * tau.second;
     first[i] *= tau.first;
   }
+}
+
+void TailedHermite::level(double x, int n, Values& value) const {
+  const BentCoordinate tau(x, radii_);
+  numerics::normalised_hermite(tau.value, std::span<double>(value.data(), static_cast<std::size_t>(n) + 1));
 }
 
 SquareRule::SquareRule(double x, int n, const TailRadii& radii) {

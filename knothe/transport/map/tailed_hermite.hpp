@@ -42,8 +42,9 @@ class TailedHermite {
 
   /// ψ_0(x) … ψ_n(x), n ≤ k_max_order, with first and second derivatives.
   void tangent(double x, int n, Values& value, Values& first, Values& second) const;
-  /// χ_0(x) … χ_n(x) with first and second derivatives.
+  /// χ_0(x) … χ_n(x), with first and second derivatives if they are wanted.
   void level(double x, int n, Values& value, Values& first, Values& second) const;
+  void level(double x, int n, Values& value) const;
   /// ∫₀ˣ χ_i χ_j dθ for 0 ≤ j ≤ i ≤ n, at `sampling::packed_index(i, j)`; exact, see SquareRule.
   void product_integrals(double x, int n, std::span<double> packed) const;
 
