@@ -97,6 +97,19 @@ ExactPosterior exact_posterior(const assimilation::Measurements& data) {
   return {mean, std};
 }
 
+/// All data of a project, and the result of the last.
+struct Assimilated {
+  std::unique_ptr<engine::Engine> engine;
+  engine::StepResult result;
+};
+Assimilated assimilate(const Project& project) {
+  UpdateSetup setup = set_up(project);
+  Assimilated all{std::make_unique<engine::Engine>(engine_setup(project, setup)), {}};
+  RecordedData data(std::move(setup));
+  while (auto item = data.next({})) all.result = all.engine->assimilate(item->datum);
+  return all;
+}
+
 class RefinementTest : public testing::Test {
  protected:
   void SetUp() override {
@@ -239,11 +252,7 @@ TEST_F(RefinementTest, TheDoubtOfTheVerdictMakesItAsk) {
 TEST_F(RefinementTest, SolutionsThatWereMadeBeforeAreUsedAndNotAskedAgain) {
   write_data({0.87, 1.13}, 3);
   const Project project = this->project();
-  UpdateSetup setup = set_up(project);
-  auto engine = std::make_unique<engine::Engine>(engine_setup(project, setup));
-  RecordedData data(std::move(setup));
-  engine::StepResult result;
-  while (auto item = data.next({})) result = engine->assimilate(item->datum);
+  auto [engine, result] = assimilate(project);
   const std::vector<double> mean = {result.update.mean[0], result.update.mean[1]};
   RefinementStart start{{FrontSimulator().solve(mean)}, 0, 3, true};
   Refinement refinement(project, nullptr, std::make_unique<FrontSimulator>(), folder_ + "refined",
@@ -266,11 +275,7 @@ TEST_F(RefinementTest, ASolverThatCannotBeRunCostsNothingButTheVerdict) {
   };
   write_data({0.87, 1.13}, 3);
   const Project project = this->project();
-  UpdateSetup setup = set_up(project);
-  auto engine = std::make_unique<engine::Engine>(engine_setup(project, setup));
-  RecordedData data(std::move(setup));
-  engine::StepResult result;
-  while (auto item = data.next({})) result = engine->assimilate(item->datum);
+  auto [engine, result] = assimilate(project);
   const VectorXd mean = result.update.mean;
   Refinement refinement(project, nullptr, std::make_unique<Missing>(), folder_ + "refined");
   EXPECT_FALSE(refinement.refine_if_needed(engine, result, true));

@@ -4,7 +4,7 @@
 
 #include <cmath>
 
-#include "knothe/sampling/testing/known_mixture.hpp"
+#include "knothe/sampling/testing/importance_checks.hpp"
 
 namespace knothe::sampling {
 namespace {
@@ -42,33 +42,15 @@ TEST(AdaptiveImportance, TwoModesOfUnequalWeightFarApart) {
 }
 
 TEST(AdaptiveImportance, TheSameTargetGivesTheSameDrawsAndAnotherSeedOthers) {
-  KnownMixture target({{1.0, Eigen::VectorXd::Zero(3), 0.3 * Eigen::MatrixXd::Identity(3, 3)}}, 0);
-  AdaptiveImportanceOptions options;
-  const auto first = adaptive_importance(target, options), again = adaptive_importance(target, options);
-  EXPECT_EQ(first.sample.points, again.sample.points);
-  EXPECT_EQ(first.sample.weights, again.sample.weights);
-  options.seed = 2;
-  EXPECT_NE(first.sample.points, adaptive_importance(target, options).sample.points);
+  targets::expect_a_function_of_target_and_seed<AdaptiveImportanceOptions>(adaptive_importance);
 }
 
 TEST(AdaptiveImportance, StatedErrorsAreFourStandardErrors) {
-  // Over many seeds: the error of the mean in units of what is stated.
-  KnownMixture target({{0.6, Eigen::Vector3d(1, 0, 0), 0.3 * Eigen::MatrixXd::Identity(3, 3)},
-                       {0.4, Eigen::Vector3d(-1, 0.5, 0), 0.4 * Eigen::MatrixXd::Identity(3, 3)}},
-                      0);
-  const Eigen::VectorXd deviation = target.variance().cwiseSqrt();
   AdaptiveImportanceOptions options;
   options.particles = 400;
-  double squares = 0, stated = 0;
-  constexpr int k_seeds = 60;
-  for (int seed = 1; seed <= k_seeds; ++seed) {
-    options.seed = static_cast<std::uint64_t>(seed);
-    const auto r = adaptive_importance(target, options);
-    squares += ((mean_of(r.sample) - target.mean()).array() / deviation.array()).square().mean();
-    stated += std::pow(r.mean_error / 4, 2);
-  }
-  EXPECT_LT(squares / stated, 1.3);
-  EXPECT_GT(squares / stated, 0.3);
+  const double ratio = targets::errors_in_units_of_those_stated(adaptive_importance, options);
+  EXPECT_LT(ratio, 1.3);
+  EXPECT_GT(ratio, 0.3);
 }
 
 TEST(AdaptiveImportance, SaysThatItHasNotConverged) {
