@@ -84,7 +84,7 @@ assimilation::Measurements measured_series(const Project& project, const Simulat
       Eigen::Map<const Eigen::VectorXd>(std.data(), static_cast<Eigen::Index>(std.size())), seed);
   for (std::size_t i = 0; i < chosen.size(); ++i) {
     const Eigen::VectorXd series = m.values.row(static_cast<Eigen::Index>(i));
-    m.series[simulated.quantities[chosen[i]].name] = {{series.begin(), series.end()}, std[i]};
+    m.series[simulated.quantities[chosen[i]].name] = {{series.begin(), series.end()}, std[i], {}};
   }
   m.values.resize(0, m.values.cols());
   m.noise = assimilation::NoiseModel::independent(Eigen::VectorXd());
