@@ -1,3 +1,5 @@
+#include <malloc.h>
+
 #include <optional>
 
 #include "apps/knothe/command_line.hpp"
@@ -58,6 +60,9 @@ report::PictureTask task_of(const DicArguments& a) {
 int dic(const DicArguments& arguments) {
   if (!arguments.files.table.empty()) imaging::require_table_name(arguments.files.table);
   const report::PictureTask task = task_of(arguments);
+  // Pictures are read by a thread: with a heap of its own it would keep the memory of the largest it has
+  // read.
+  mallopt(M_ARENA_MAX, 1);
   const files::CommandOutput output(arguments.json);
   if (!arguments.pattern) return report::measure_pictures(task, arguments.files, output);
   report::assess_pattern(task, arguments.files, output);

@@ -95,19 +95,19 @@ double noise_from_repeat(const files::Picture& first, const files::Picture& seco
   return std::sqrt(std::max(0.0, difference) / (1 + gain * gain));
 }
 
-double prefilter_noise_factor(const ReferenceRows& reference, int height, const Region& region,
-                              double sigma) {
+double prefilter_noise_factor(const ReferenceRows& reference, const Region& region, double sigma) {
   if (!(sigma > 0)) return 1;
-  const int width = static_cast<int>(reference.stride);
+  const auto [first, end] = reference.rows;
+  const int width = static_cast<int>(reference.stride), height = end - first;
   std::vector<float> smooth(reference.stride * static_cast<std::size_t>(height));
   double before = 0, after = 0;
   for (const float* slope : {reference.dx, reference.dy}) {
     filter_picture(slope, width, height, gaussian_taps(sigma), smooth.data(), reference.stride, 1);
-    for (int y = std::max(0, static_cast<int>(region.y0));
-         y <= std::min(height - 1, static_cast<int>(region.y1)); ++y)
+    for (int y = std::max(first, static_cast<int>(region.y0));
+         y <= std::min(end - 1, static_cast<int>(region.y1)); ++y)
       for (int x = std::max(0, static_cast<int>(region.x0));
            x <= std::min(width - 1, static_cast<int>(region.x1)); ++x) {
-        const std::size_t i = static_cast<std::size_t>(y) * reference.stride + static_cast<std::size_t>(x);
+        const std::size_t i = reference.index(x, y);
         before += static_cast<double>(slope[i] * slope[i]);
         after += static_cast<double>(smooth[i] * smooth[i]);
       }

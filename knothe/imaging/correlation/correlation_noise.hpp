@@ -30,7 +30,7 @@ namespace knothe::imaging {
 
 /// What a Gaussian prefilter leaves of the noise in Σ N ∇f e, relative to unfiltered white noise: Σ|G * ∇f|²
 /// / Σ|∇f|². The precision is M / (2 γ² factor). 1 without a prefilter.
-[[nodiscard]] double prefilter_noise_factor(const ReferenceRows& reference, int height, const Region& region,
+[[nodiscard]] double prefilter_noise_factor(const ReferenceRows& reference, const Region& region,
                                             double sigma);
 
 /// Variance of one component of the gradient, at a pixel, of the interpolant of unit white noise, smoothed by

@@ -10,18 +10,21 @@
 
 namespace knothe::imaging {
 
-/// The reference picture where it is looked at: value, gradient, and which pixels count.
+/// The reference picture where it is looked at, and its gradient; values that do not count are NaN.
 struct ReferenceField {
-  std::vector<float> value, dx, dy, use;
-  int width = 0, height = 0;
-  [[nodiscard]] ReferenceRows rows() const {
-    return {value.data(), dx.data(), dy.data(), use.data(), static_cast<std::size_t>(width)};
+  PixelGradients pixels;
+  PixelRows rows;
+  int width = 0, height = 0;  ///< of the picture
+  [[nodiscard]] ReferenceRows view() const {
+    return {pixels.value.data(), pixels.dx.data(), pixels.dy.data(), static_cast<std::size_t>(width), rows};
   }
 };
-/// `mask` may be empty. Pixels at or above `saturation` and their neighbours (which the interpolation mixes
-/// with them) do not count.
+/// The rows of `region` and those near it, where the side of a crack or a filter may reach. `mask` may be
+/// empty. Pixels at or above `saturation` and their neighbours (which the interpolation mixes with them) do
+/// not count.
 [[nodiscard]] ReferenceField reference_field(const files::Picture& reference, const files::Picture& mask,
-                                             double prefilter_sigma, double saturation, int threads);
+                                             const Region& region, double prefilter_sigma, double saturation,
+                                             int threads);
 
 /// Share of an element's pixels that must be seen and not masked.
 inline constexpr double k_min_pixel_share = 0.5;

@@ -3,6 +3,7 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include "knothe/base/error.hpp"
@@ -20,7 +21,7 @@ double median_of(std::vector<double> values) {
 
 namespace {
 
-constexpr std::size_t k_padding = 16;        // floats that a vector may read beyond the last pixel
+constexpr double k_rows_beside = 32;         // px of the reference that are kept above and below the mesh
 constexpr double k_smallest_texture = 1e-4;  // of the median of the elements', for the weaker direction
 constexpr int k_fewest_pixels = 9;           // of an element
 
@@ -33,7 +34,7 @@ struct Moments {
   double count = 0, f = 0, f_squared = 0;
 };
 
-Moments moments(const PixelTable& table, const ElementPixels& element, const ReferenceField& field) {
+Moments moments(const PixelTable& table, const ElementPixels& element, const ReferenceRows& field) {
   Moments m;
   using Along = std::array<std::array<double, 8>, 3>;  // Σ X^p q over pixels of one Y
   const auto add = [&m](Along& along, double y) {
@@ -46,9 +47,8 @@ Moments moments(const PixelTable& table, const ElementPixels& element, const Ref
   for (const auto& row : table.rows(element)) {
     Along along{};
     for (int k = 0; k < row.count; ++k) {
-      const std::size_t i = static_cast<std::size_t>(row.y) * static_cast<std::size_t>(field.width) +
-                            static_cast<std::size_t>(row.x + k);
-      if (!(field.use[i] > 0)) continue;
+      const std::size_t i = field.index(row.x + k, row.y);
+      if (!field.counts(i)) continue;
       const auto [x, y] = table.coordinates(element, row, k);
       const double f = static_cast<double>(field.value[i]), fx = static_cast<double>(field.dx[i]),
                    fy = static_cast<double>(field.dy[i]);
@@ -67,27 +67,25 @@ Moments moments(const PixelTable& table, const ElementPixels& element, const Ref
 }  // namespace
 
 ReferenceField reference_field(const files::Picture& reference, const files::Picture& mask,
-                               double prefilter_sigma, double saturation, int threads) {
+                               const Region& region, double prefilter_sigma, double saturation, int threads) {
+  const double beside = k_rows_beside + std::ceil(4 * prefilter_sigma);  // as far as gaussian_taps reach
   ReferenceField field;
   field.width = reference.width, field.height = reference.height;
-  PixelGradients found = pixel_gradients(reference, prefilter_sigma, threads);
-  field.value = std::move(found.value), field.dx = std::move(found.dx), field.dy = std::move(found.dy);
-  field.use.assign(reference.pixels.size(), 1.0F);
+  const auto row = [&](double y) { return static_cast<int>(std::clamp<double>(y, 0, field.height)); };
+  field.rows = {row(std::floor(region.y0) - beside), row(std::ceil(region.y1) + beside + 1)};
+  field.pixels = pixel_gradients(reference, prefilter_sigma, field.rows, threads);
+  const auto view = field.view();
+  const auto leave_out = [&](int x, int y) {
+    if (view.contains(x, y)) field.pixels.value[view.index(x, y)] = std::numeric_limits<float>::quiet_NaN();
+  };
   const double limit = saturation > 0 ? saturation : static_cast<double>(reference.maximum);
-  for (int y = 0; y < reference.height; ++y)
-    for (int x = 0; x < reference.width; ++x) {
+  for (int y = std::max(0, field.rows.first - 1); y < std::min(field.height, field.rows.end + 1); ++y)
+    for (int x = 0; x < field.width; ++x) {
+      if (!mask.pixels.empty() && !(mask.at(x, y) > 0)) leave_out(x, y);
       if (static_cast<double>(reference.at(x, y)) < limit) continue;
-      for (int j = std::max(0, y - 1); j <= std::min(reference.height - 1, y + 1); ++j)
-        for (int i = std::max(0, x - 1); i <= std::min(reference.width - 1, x + 1); ++i)
-          field.use[reference.index(i, j)] = 0;
+      for (int j = y - 1; j <= y + 1; ++j)
+        for (int i = x - 1; i <= x + 1; ++i) leave_out(i, j);
     }
-  if (!mask.pixels.empty())
-    for (std::size_t i = 0; i < field.use.size(); ++i)
-      if (!(mask.pixels[i] > 0)) field.use[i] = 0;
-  for (auto* values : {&field.value, &field.dx, &field.dy, &field.use}) {
-    values->reserve(reference.pixels.size() + k_padding);  // not twice as much
-    values->resize(reference.pixels.size() + k_padding, 0.0F);
-  }
   return field;
 }
 
@@ -98,7 +96,7 @@ void CorrelationStage::make_constants() {
   double squares = 0, pixels = 0;
   for (std::size_t e = 0; e < count; ++e) {
     const ElementPixels& element = pixels_.elements()[e];
-    const Moments m = moments(pixels_, element, reference_);
+    const Moments m = moments(pixels_, element, reference_.view());
     Constants& c = constants_[e];
     c.matrix.setZero(), c.brightness.setZero(), c.mass.setZero();
     for (int a = 0; a < 4; ++a)

@@ -46,7 +46,7 @@ void CorrelationStage::sum_residuals(const SplineImage& deformed, const Correlat
                       ++i) {
                    const std::size_t e = stale[i];
                    const ElementPixels& element = pixels_.elements()[e];
-                   sums_[e] = residual_sums(pixels_, element, reference_.rows(), deformed, motion(e, result));
+                   sums_[e] = residual_sums(pixels_, element, reference_.view(), deformed, motion(e, result));
                    rights_[e] = right_of(element, sums_[e]);
                  }
                });

@@ -26,13 +26,70 @@ constexpr double k_coarse_smoothing = 3;  // cut-off wavelength of coarse stages
 
 /// Pixels of the mesh, as a mask.
 files::Picture mesh_mask(const PixelTable& pixels, const ReferenceField& field) {
+  const ReferenceRows reference = field.view();
   files::Picture mask;
   mask.width = field.width, mask.height = field.height;
   mask.pixels.assign(static_cast<std::size_t>(field.width) * static_cast<std::size_t>(field.height), 0.0F);
   for (const auto& element : pixels.elements())
     for (const auto& row : pixels.rows(element))
-      for (int k = 0; k < row.count; ++k) mask.at(row.x + k, row.y) = field.use[mask.index(row.x + k, row.y)];
+      for (int x = row.x; x < row.x + row.count; ++x)
+        if (reference.counts(reference.index(x, row.y))) mask.at(x, row.y) = 1;
   return mask;
+}
+
+/// A mesh on a picture of half, quarter … size that helps to find the start.
+struct CoarseMesh {
+  int level;
+  double element;  ///< px of the level
+  ImageMesh mesh;
+};
+/// From the coarsest on. On level 0 there is one only where no picture is coarser: the measurement itself is
+/// there.
+std::vector<CoarseMesh> coarse_meshes(const ImageMesh& fine, int width, int height) {
+  const Region bounds = fine.bounds();
+  const double size = std::max(bounds.width(), bounds.height()),
+               fine_element = std::sqrt(bounds.width() * bounds.height() / fine.element_count());
+  const int top = std::clamp(static_cast<int>(std::floor(std::log2(size / k_coarsest))), 0, 6);
+  std::vector<CoarseMesh> meshes;
+  for (int level = top; level >= std::min(1, top); --level) {
+    const auto shrink = [level](double x, int pixels) {
+      return std::clamp(to_level(x, level), 0.0, (pixels >> level) - 1.0);
+    };
+    const Region region{shrink(bounds.x0, width), shrink(bounds.y0, height), shrink(bounds.x1, width),
+                        shrink(bounds.y1, height)};
+    const double least = std::min(region.width(), region.height());
+    if (least < 6) continue;
+    // The coarsest picture first by one element, which is nearly an affine motion; then ever finer ones.
+    std::vector<double> sizes;
+    if (level == top) sizes.push_back(std::max(region.width(), region.height()));
+    if (level > 0) sizes.push_back(std::max(k_coarse_element, fine_element / std::pow(2.0, level)));
+    for (const double element : sizes)
+      meshes.push_back({level, element, structured_mesh(region, std::min(element, least))});
+  }
+  return meshes;
+}
+
+CorrelationOptions coarse_options(CorrelationOptions options, double element) {
+  options.reject_elements = false;
+  options.regularisation_kind = DisplacementRegularisation::tikhonov;
+  options.regularisation = k_coarse_smoothing * element;
+  if (options.brightness != Brightness::none) options.brightness = Brightness::global;
+  options.tolerance = 0.02;
+  options.max_iterations = 30;
+  return options;
+}
+
+/// Nothing where no texture is left at that scale: the finer ones must do.
+std::unique_ptr<CorrelationStage> coarse_stage(const PyramidLevel& reference, const CoarseMesh& coarse,
+                                               const CorrelationOptions& options) {
+  try {
+    return std::make_unique<CorrelationStage>(
+        reference_field(reference.picture, reference.mask, coarse.mesh.bounds(), 0,
+                        std::numeric_limits<double>::max(), options.threads),
+        coarse.mesh, coarse_options(options, coarse.element));
+  } catch (const UsageError&) {
+    return nullptr;
+  }
 }
 
 void require_same_size(const files::Picture& picture, int width, int height, const char* what) {
@@ -81,19 +138,11 @@ std::vector<char> measured_nodes(const ImageMesh& mesh, const std::vector<char>&
   return measured;
 }
 
-/// A stage on a picture of half, quarter … size that helps to find the start.
-struct CoarseStage {
-  int level;
-  std::unique_ptr<CorrelationStage> stage;
-};
-
 struct ImageCorrelation::Work {
-  files::Picture reference, mask;
+  files::Picture reference;
   CorrelationOptions options;
   CorrelationStage fine;
   SplineImage deformed;
-  PyramidLevel coarsest;               ///< of the reference
-  std::vector<CoarseStage> coarse;     ///< from the coarsest on; made when first needed
   std::optional<double> noise_factor;  ///< of the prefilter; made when first needed
   /// 1 / diag (M − 2aΣN Nᵀ)⁻¹ for a = 2^(index/2), of the elements that were asked for last.
   struct InverseDiagonals {
@@ -101,15 +150,19 @@ struct ImageCorrelation::Work {
     std::map<int, Eigen::ArrayXd> at;
   } inverse_diagonals;
 
-  Work(const files::Picture& f, const files::Picture& m, ImageMesh mesh, const CorrelationOptions& o)
-      : reference(f),
-        mask(m),
+  // In braces: the field is made before the mesh is moved away.
+  Work(files::Picture f, const files::Picture& mask, ImageMesh mesh, const CorrelationOptions& o)
+      : reference(std::move(f)),
         options(o),
-        fine(reference_field(f, m, o.prefilter_sigma, o.saturation, o.threads), std::move(mesh), o) {}
+        fine{reference_field(reference, mask, mesh.bounds(), o.prefilter_sigma, o.saturation, o.threads),
+             std::move(mesh), o} {}
 
   const Eigen::ArrayXd& inverse_diagonal(const std::vector<char>& valid, int index);
-  void make_coarse_stages();
-  void search(const files::Picture& picture, CorrelationResult& result);
+  void look_at(const files::Picture& picture) {
+    deformed.assign(picture, options.prefilter_sigma, options.threads);
+  }
+  /// The motion, from coarse to fine pictures; to begin with, so it leaves nothing behind.
+  void search(const files::Picture& picture, CorrelationResult& result) const;
 };
 
 /// 0 where nothing was measured.
@@ -122,88 +175,46 @@ const Eigen::ArrayXd& ImageCorrelation::Work::inverse_diagonal(const std::vector
   return known[index] = (std > 0).select(std.square().inverse(), 0.0);
 }
 
-void ImageCorrelation::Work::make_coarse_stages() {
-  if (!coarsest.picture.pixels.empty()) return;
-  const Region bounds = fine.mesh().bounds();
-  const double size = std::max(bounds.width(), bounds.height());
-  const int top = std::clamp(static_cast<int>(std::floor(std::log2(size / k_coarsest))), 0, 6);
-  auto reference_pyramid = picture_pyramid(reference, mesh_mask(fine.pixels(), fine.reference()), top);
-  const double fine_element = std::sqrt(bounds.width() * bounds.height() / fine.mesh().element_count());
-  CorrelationOptions coarse_options = options;
-  coarse_options.reject_elements = false;
-  coarse_options.regularisation_kind = DisplacementRegularisation::tikhonov;
-  coarse_options.brightness = options.brightness == Brightness::none ? Brightness::none : Brightness::global;
-  coarse_options.tolerance = 0.02;
-  coarse_options.max_iterations = 30;
-  // Level 0 has no stage: it is the measurement itself.
-  for (int level = top; level >= std::min(1, top); --level) {
-    const auto& at = reference_pyramid[static_cast<std::size_t>(level)];
-    const auto shrink = [&](double x, int limit) { return std::clamp(to_level(x, level), 0.0, limit - 1.0); };
-    const Region region{shrink(bounds.x0, at.picture.width), shrink(bounds.y0, at.picture.height),
-                        shrink(bounds.x1, at.picture.width), shrink(bounds.y1, at.picture.height)};
-    if (std::min(region.width(), region.height()) < 6) continue;
-    // The coarsest picture first by one element, which is nearly an affine motion; then ever finer ones.
-    std::vector<double> sizes;
-    if (level == top) sizes.push_back(std::max(region.width(), region.height()));
-    if (level > 0) sizes.push_back(std::max(k_coarse_element, fine_element / std::pow(2.0, level)));
-    for (const double element : sizes) {
-      coarse_options.regularisation = k_coarse_smoothing * element;
-      try {
-        coarse.push_back(
-            {level,
-             std::make_unique<CorrelationStage>(
-                 reference_field(at.picture, at.mask, 0, std::numeric_limits<double>::max(), options.threads),
-                 structured_mesh(region, std::min({element, region.width(), region.height()})),
-                 coarse_options)});
-      } catch (const UsageError&) {
-        // No texture left at this scale: the finer ones must do.
-      }
-    }
-  }
-  coarsest =
-      std::move(reference_pyramid[static_cast<std::size_t>(coarse.empty() ? top : coarse.front().level)]);
-}
-
-void ImageCorrelation::Work::search(const files::Picture& picture, CorrelationResult& result) {
-  make_coarse_stages();
-  const auto pyramid = picture_pyramid(picture, {}, coarse.empty() ? 0 : coarse.front().level);
+void ImageCorrelation::Work::search(const files::Picture& picture, CorrelationResult& result) const {
+  const auto meshes = coarse_meshes(fine.mesh(), reference.width, reference.height);
+  const int top = meshes.empty() ? 0 : meshes.front().level;
+  const auto before = picture_pyramid(reference, mesh_mask(fine.pixels(), fine.reference()), top),
+             after = picture_pyramid(picture, {}, top);
   CorrelationResult last;
-  const CoarseStage* before = nullptr;
+  const CoarseMesh* coarser = nullptr;
   SplineImage image;
   int image_level = -1;
-  for (auto& current : coarse) {
-    const int level = current.level;
-    CorrelationStage& stage = *current.stage;
+  for (const CoarseMesh& coarse : meshes) {
+    const auto& reference_level = before[static_cast<std::size_t>(coarse.level)];
+    const auto& picture_level = after[static_cast<std::size_t>(coarse.level)].picture;
+    const auto stage = coarse_stage(reference_level, coarse, options);
+    if (!stage) continue;
     CorrelationResult now;
-    const auto& nodes = stage.mesh();
-    now.displacement.setZero(2 * nodes.node_count());
-    if (before == nullptr) {
-      const auto shift = best_shift(coarsest, pyramid[static_cast<std::size_t>(level)].picture);
-      for (int a = 0; a < nodes.node_count(); ++a)
-        now.displacement[2 * a] = shift[0], now.displacement[2 * a + 1] = shift[1];
+    if (coarser == nullptr) {
+      const auto shift = best_shift(reference_level, picture_level);
+      now.displacement = Eigen::Vector2d(shift[0], shift[1]).replicate(coarse.mesh.node_count(), 1);
     } else {
-      transfer(before->stage->mesh(), last.displacement, before->level, nodes, level, now.displacement);
+      transfer(coarser->mesh, last.displacement, coarser->level, coarse.mesh, coarse.level, now.displacement);
       now.gain = last.gain, now.offset = last.offset;
     }
-    if (image_level != level)
-      image.assign(pyramid[static_cast<std::size_t>(level)].picture, 0, options.threads), image_level = level;
+    if (image_level != coarse.level)
+      image.assign(picture_level, 0, options.threads), image_level = coarse.level;
     const Eigen::VectorXd start = now.displacement;
-    stage.correlate(image, now);
+    stage->correlate(image, now);
     if (!now.displacement.allFinite() || now.displacement.isZero(0))
       now.displacement = start;  // did not help
-    before = &current;
+    coarser = &coarse;
     last = std::move(now);
   }
-  if (before != nullptr) {
-    transfer(before->stage->mesh(), last.displacement, before->level, fine.mesh(), 0, result.displacement);
-    result.gain = last.gain, result.offset = last.offset;
-  }
+  if (coarser == nullptr) return;
+  transfer(coarser->mesh, last.displacement, coarser->level, fine.mesh(), 0, result.displacement);
+  result.gain = last.gain, result.offset = last.offset;
 }
 
-ImageCorrelation::ImageCorrelation(const files::Picture& reference, ImageMesh mesh,
-                                   CorrelationOptions options, const files::Picture& mask) {
+ImageCorrelation::ImageCorrelation(files::Picture reference, ImageMesh mesh, CorrelationOptions options,
+                                   const files::Picture& mask) {
   if (!mask.pixels.empty()) require_same_size(mask, reference.width, reference.height, "the mask");
-  work_ = std::make_unique<Work>(reference, mask, std::move(mesh), options);
+  work_ = std::make_unique<Work>(std::move(reference), mask, std::move(mesh), options);
 }
 ImageCorrelation::~ImageCorrelation() = default;
 ImageCorrelation::ImageCorrelation(ImageCorrelation&&) noexcept = default;
@@ -265,12 +276,12 @@ Eigen::VectorXd ImageCorrelation::plain_std(const std::vector<char>& element_val
 }
 double ImageCorrelation::difference_variance(double gamma, double reference_count, double gain) const {
   if (!work_->noise_factor)
-    work_->noise_factor = prefilter_noise_factor(reference_rows(), work_->reference.height, mesh().bounds(),
-                                                 work_->options.prefilter_sigma);
+    work_->noise_factor =
+        prefilter_noise_factor(reference_rows(), mesh().bounds(), work_->options.prefilter_sigma);
   return gamma * gamma * (1 / reference_count + gain * gain) * *work_->noise_factor;
 }
 ReferenceRows ImageCorrelation::reference_rows() const {
-  return work_->fine.reference().rows();
+  return work_->fine.reference().view();
 }
 const SplineImage& ImageCorrelation::deformed_image() const {
   return work_->deformed;
@@ -315,8 +326,8 @@ CorrelationResult ImageCorrelation::correlate(const files::Picture& deformed, co
     result.elements_rejected = mesh().element_count();
     return result;
   }
-  work_->deformed.assign(deformed, work_->options.prefilter_sigma, work_->options.threads);
   if (start.size() != 0) {
+    work_->look_at(deformed);
     if (start_valid.size() == mesh().elements.size()) result.element_valid = start_valid;
     if (prediction.size() != 0 && (prediction - start).cwiseAbs().maxCoeff() > k_same_start) {
       const double misfit = work_->fine.misfit(work_->deformed, result);
@@ -333,13 +344,15 @@ CorrelationResult ImageCorrelation::correlate(const files::Picture& deformed, co
   }
   work_->search(deformed, result);
   result.searched = true;
+  if (start.size() == 0)
+    work_->look_at(deformed);  // after the search, which has pictures of its own in memory
   work_->fine.correlate(work_->deformed, result);
   work_->fine.remove_regularisation(work_->deformed, result);
   return result;
 }
 
 void ImageCorrelation::set_deformed(const files::Picture& deformed) {
-  work_->deformed.assign(deformed, work_->options.prefilter_sigma, work_->options.threads);
+  work_->look_at(deformed);
 }
 
 std::vector<float> ImageCorrelation::residual_picture(const CorrelationResult& result) const {
@@ -348,7 +361,7 @@ std::vector<float> ImageCorrelation::residual_picture(const CorrelationResult& r
   std::vector<float> residual(width * static_cast<std::size_t>(fine.reference().height),
                               std::numeric_limits<float>::quiet_NaN());
   for (std::size_t e = 0; e < fine.mesh().elements.size(); ++e)
-    residual_pixels(fine.pixels(), fine.pixels().elements()[e], fine.reference().rows(), work_->deformed,
+    residual_pixels(fine.pixels(), fine.pixels().elements()[e], fine.reference().view(), work_->deformed,
                     fine.motion(e, result), residual.data(), width);
   return residual;
 }

@@ -69,7 +69,7 @@ class ImageCorrelation {
   /// `mask` (may be empty): only pixels that are not 0 there are used. Errors: UsageError for a mesh outside
   /// the picture, a mask of another size, and for elements without texture (with the element's number and
   /// place).
-  ImageCorrelation(const files::Picture& reference, ImageMesh mesh, CorrelationOptions options = {},
+  ImageCorrelation(files::Picture reference, ImageMesh mesh, CorrelationOptions options = {},
                    const files::Picture& mask = {});
   ~ImageCorrelation();
   ImageCorrelation(ImageCorrelation&&) noexcept;

@@ -63,14 +63,15 @@ void spline_coefficients(benchmark::State& state) {
 BENCHMARK(spline_coefficients)->Unit(benchmark::kMillisecond)->Repetitions(3);
 
 void one_pass_over_the_residual(benchmark::State& state) {
-  const CorrelationStage stage(reference_field(scene().reference, {}, 0, 0, 1), scene().mesh, {});
+  const CorrelationStage stage(reference_field(scene().reference, {}, scene().mesh.bounds(), 0, 0, 1),
+                               scene().mesh, {});
   const SplineImage image(scene().after);
   CorrelationResult result;
   result.displacement.setConstant(2 * scene().mesh.node_count(), 0.45);
   for (auto _ : state)
     for (std::size_t e = 0; e < scene().mesh.elements.size(); ++e)
       benchmark::DoNotOptimize(residual_sums(stage.pixels(), stage.pixels().elements()[e],
-                                             stage.reference().rows(), image, stage.motion(e, result)));
+                                             stage.reference().view(), image, stage.motion(e, result)));
 }
 BENCHMARK(one_pass_over_the_residual)->Unit(benchmark::kMillisecond)->Repetitions(3);
 
@@ -113,15 +114,16 @@ void print_summary() {
   CorrelationResult start, last;
   const double cold = best_of(5, [&] { start = correlation.correlate(scene().before); });
   const double warm = best_of(20, [&] { last = correlation.correlate(scene().after, start.displacement); });
-  const CorrelationStage stage(reference_field(scene().reference, {}, 0, 0, 1), scene().mesh, {});
+  const CorrelationStage stage(reference_field(scene().reference, {}, scene().mesh.bounds(), 0, 0, 1),
+                               scene().mesh, {});
   SplineImage image;
   const double spline = best_of(20, [&] { image.assign(scene().after); });
   const double pass = best_of(20, [&] {
     for (std::size_t e = 0; e < scene().mesh.elements.size(); ++e)
       benchmark::DoNotOptimize(residual_sums(stage.pixels(), stage.pixels().elements()[e],
-                                             stage.reference().rows(), image, stage.motion(e, last)));
+                                             stage.reference().view(), image, stage.motion(e, last)));
   });
-  constexpr double k_bytes = 20;  // a pixel: value, gradient and use of the reference, one coefficient
+  constexpr double k_bytes = 16;  // a pixel: value and gradient of the reference, one coefficient
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
   std::printf("%.2f Mpx, %d nodes, one thread, processor time of the best of several runs\n", megapixels,

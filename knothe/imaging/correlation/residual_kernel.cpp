@@ -141,6 +141,27 @@ MotionRange motion_range(const ElementMotion& m) {
   return {u[0], u[1], v[0], v[1]};
 }
 
+/// A row is a few cache lines in four places, and the next lies elsewhere: unless they are asked for some
+/// rows before they are needed the loop waits for memory most of its time.
+constexpr std::size_t k_rows_ahead = 4;
+constexpr int k_line = 16;  // floats in a cache line
+
+/// Whole pixels that the middle of an element is displaced by; 0 where it makes no sense.
+std::array<int, 2> whole_pixels(const ElementMotion& m) {
+  const auto whole = [](double u) { return std::abs(u) < 1e6 ? static_cast<int>(std::floor(u)) : 0; };
+  return {whole(m.u[0]), whole(m.v[0])};
+}
+
+[[gnu::always_inline]] inline void fetch(const ElementPixels::Row& row, const ReferenceRows& f,
+                                         const SplineImage& g, const std::array<int, 2>& shift) {
+  const std::size_t at = f.index(row.x, row.y);
+  const float* last =  // of the six rows of coefficients, the one that the rows before did not read
+      g.coefficient(std::clamp(row.x + shift[0] - 2, 0, g.width() - 1),
+                    std::clamp(row.y + shift[1] + 3, 0, g.height() - 1));
+  for (int k = 0; k < row.count + k_line; k += k_line)
+    for (const float* from : {f.value + at, f.dx + at, f.dy + at, last}) __builtin_prefetch(from + k);
+}
+
 /// 0, 1, 2 …
 Lanes lane_numbers() {
   return Lanes([](auto i) { return static_cast<float>(i); });
@@ -155,11 +176,13 @@ ResidualSums sums_of(const PixelTable& table, const ElementPixels& element, cons
   const Lanes lane = lane_numbers();
   RowBuffer columns{};  // finite also where lanes beyond the row read it
   [[maybe_unused]] const MotionRange range = natural ? motion_range(motion) : MotionRange{};
+  const auto whole = whole_pixels(motion);
   for (const auto& row : table.rows(element)) {
+    fetch(table.row_ahead(row, k_rows_ahead), f, g, whole);
     const double y = row.y - element.y_origin;
     const RowMotion m = row_motion(motion, y);
     const auto yy = static_cast<float>(y);
-    const std::size_t at = static_cast<std::size_t>(row.y) * f.stride + static_cast<std::size_t>(row.x);
+    const std::size_t at = f.index(row.x, row.y);
     const RowShift shift = [&] {
       if constexpr (natural)
         return row_shift(g, row, range.u_least, range.u_most, range.v_least, range.v_most);
@@ -195,10 +218,9 @@ ResidualSums sums_of(const PixelTable& table, const ElementPixels& element, cons
                               ? interpolated(coefficients + k, g.stride(), p.u - shift.u, p.v - shift.v)
                               : deformed(g, row.x + k, row.y, p.u, p.v, row.count - k, lane, seen);
       const std::size_t i = at + static_cast<std::size_t>(k);
-      const Lanes reference = load(f.value + i);
-      Lanes use = load(f.use + i);
-      stdx::where(!seen, use) = 0.0F;
-      const Lanes r = use * (reference - motion.gain * value - motion.offset);
+      Lanes reference = load(f.value + i), r = reference - motion.gain * value - motion.offset, use = 1.0F;
+      const Mask out = !seen || reference != reference;
+      stdx::where(out, reference) = 0.0F, stdx::where(out, r) = 0.0F, stdx::where(out, use) = 0.0F;
       const Lanes gx = r * load(f.dx + i), gy = r * load(f.dy + i), gxx = gx * x, gyx = gy * x;
       x0 += gx, x1 += gxx, y0 += gy, y1 += gyx;
       if constexpr (natural)
@@ -245,12 +267,12 @@ void residual_pixels(const PixelTable& table, const ElementPixels& element, cons
       }
       Mask seen;
       const Lanes value = deformed(g, row.x + k, row.y, u, v, row.count - k, lane, seen);
-      const std::size_t i = static_cast<std::size_t>(row.y) * f.stride + static_cast<std::size_t>(row.x + k);
+      const std::size_t i = f.index(row.x + k, row.y);
       for (int l = 0; l < std::min(k_lanes, row.count - k); ++l) {
         const auto s = static_cast<std::size_t>(l);
         out[static_cast<std::size_t>(row.y) * stride + static_cast<std::size_t>(row.x + k + l)] =
-            seen[s] && f.use[i + s] > 0 ? f.value[i + s] - motion.gain * value[s] - motion.offset
-                                        : std::numeric_limits<float>::quiet_NaN();
+            seen[s] ? f.value[i + s] - motion.gain * value[s] - motion.offset
+                    : std::numeric_limits<float>::quiet_NaN();
       }
     }
   }

@@ -2,17 +2,27 @@
 /// @file The hot loop of image correlation: one element's residual f(x) − α g(x + u(x)) − β and what
 /// Gauss–Newton needs of it, several pixels at a time.
 #include <array>
+#include <cmath>
 
 #include "knothe/imaging/correlation/spline_image.hpp"
 #include "knothe/imaging/mesh/image_mesh.hpp"
 
 namespace knothe::imaging {
 
-/// Reference picture at its pixels, rows of `stride` floats; where a pixel is masked the gradient is zero and
-/// `use` is 0.
+/// Some rows of the reference picture, `stride` floats each; the value of a pixel that does not count
+/// (masked, saturated) is NaN.
 struct ReferenceRows {
-  const float *value, *dx, *dy, *use;
+  const float *value, *dx, *dy;
   std::size_t stride;
+  PixelRows rows;
+  /// Of a pixel of the picture.
+  [[nodiscard]] std::size_t index(int x, int y) const {
+    return static_cast<std::size_t>(y - rows.first) * stride + static_cast<std::size_t>(x);
+  }
+  [[nodiscard]] bool contains(int x, int y) const {
+    return x >= 0 && static_cast<std::size_t>(x) < stride && y >= rows.first && y < rows.end;
+  }
+  [[nodiscard]] bool counts(std::size_t i) const { return !std::isnan(value[i]); }
 };
 
 /// Sums over the pixels of an element, r the residual in grey levels; monomials 1, X, Y, XY of ElementPixels.

@@ -206,16 +206,19 @@ double slope_response(int k) {
   return (cubic_response(k + 1) - cubic_response(k - 1)) / 2;
 }
 
-PixelGradients pixel_gradients(const files::Picture& picture, double prefilter_sigma, int threads) {
+PixelGradients pixel_gradients(const files::Picture& picture, double prefilter_sigma, const PixelRows& rows,
+                               int threads) {
   SplineImage cubic;
   cubic.assign_filtered(picture, coefficient_taps(prefilter_sigma, cubic_response), threads);
   PixelGradients made;
-  for (auto* values : {&made.value, &made.dx, &made.dy}) values->resize(picture.pixels.size());
-  for (int y = 0; y < picture.height; ++y) {
+  const auto width = static_cast<std::size_t>(picture.width);
+  for (auto* values : {&made.value, &made.dx, &made.dy})
+    values->resize(width * static_cast<std::size_t>(rows.end - rows.first) + k_vector_padding);
+  for (int y = rows.first; y < rows.end; ++y) {
     const float *up = cubic.coefficient(0, y - 1), *here = cubic.coefficient(0, y),
                 *down = cubic.coefficient(0, y + 1);
-    float *v = made.value.data() + picture.index(0, y), *gx = made.dx.data() + picture.index(0, y),
-          *gy = made.dy.data() + picture.index(0, y);
+    const std::size_t at = width * static_cast<std::size_t>(y - rows.first);
+    float *v = made.value.data() + at, *gx = made.dx.data() + at, *gy = made.dy.data() + at;
     const auto down_sum = [&](std::ptrdiff_t x) { return (up[x] + 4 * here[x] + down[x]) / 6; };
     const auto down_slope = [&](std::ptrdiff_t x) { return (down[x] - up[x]) / 2; };
     for (std::ptrdiff_t x = 0; x < picture.width; ++x) {

@@ -43,6 +43,7 @@ template <class Number>
 }
 
 struct PixelGradients;
+struct PixelRows;
 
 /// Spline coefficients of a picture, with a border so that a 6 × 6 neighbourhood read a vector at a time
 /// never leaves the memory.
@@ -74,7 +75,8 @@ class SplineImage {
   [[nodiscard]] std::size_t stride() const { return stride_; }
 
  private:
-  friend PixelGradients pixel_gradients(const files::Picture& picture, double prefilter_sigma, int threads);
+  friend PixelGradients pixel_gradients(const files::Picture& picture, double prefilter_sigma,
+                                        const PixelRows& rows, int threads);
   void assign_filtered(const files::Picture& picture, std::span<const float> taps, int threads);
 
   static constexpr int k_border = 3;
@@ -84,14 +86,20 @@ class SplineImage {
   std::vector<float> coefficients_;
 };
 
-/// A picture at its pixels, after any prefilter, and its gradient there, rows of `width` each.
+/// Rows first … end − 1 of a picture.
+struct PixelRows {
+  int first = 0, end = 0;
+};
+/// Some rows of a picture, after any prefilter, and its gradient there; behind the last pixel there are zeros
+/// for k_vector_padding more.
 struct PixelGradients {
   std::vector<float> value, dx, dy;  ///< grey levels, grey levels per px
 };
+inline constexpr std::size_t k_vector_padding = 16;  ///< that a vector may read beyond the last pixel
 /// The gradient is that of the cubic spline, (c_{k+1} − c_{k−1})/2 across and (1, 4, 1)/6 along: as a weight
 /// in Gauss–Newton it need not be exact, and it lets through less of the noise than the quintic one's.
 [[nodiscard]] PixelGradients pixel_gradients(const files::Picture& picture, double prefilter_sigma,
-                                             int threads);
+                                             const PixelRows& rows, int threads);
 /// dx of pixel_gradients at pixel k of a row that is 0 but for a pixel of 1 at 0; no prefilter.
 [[nodiscard]] double slope_response(int k);
 

@@ -46,8 +46,9 @@ std::optional<Edge> edge_of(const CrackScene& scene, const RoughPath& path, doub
     const double near = edge + sign * gap, far = edge + sign * (gap + reach);
     for (int t = static_cast<int>(std::ceil(std::min(near, far))); t <= std::max(near, far); ++t) {
       wanted += 1;
-      if (!scene.inside(t, s) || !(scene.reference.use[scene.index(t, s)] > 0)) continue;
+      if (!scene.inside(t, s)) continue;
       const std::size_t i = scene.index(t, s);
+      if (!scene.reference.counts(i)) continue;
       const auto gradient = scene.view.swap(static_cast<double>(scene.reference.dx[i]),
                                             static_cast<double>(scene.reference.dy[i]));
       pixels.push_back({t, s, (t - edge) / reach, gradient[0], gradient[1]});

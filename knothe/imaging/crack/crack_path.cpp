@@ -73,7 +73,7 @@ std::vector<double> stretches(const ImageCorrelation& correlation, const Correla
 std::optional<double> CrackScene::residual(int t, int s, const std::array<double, 2>& motion) const {
   if (!inside(t, s)) return std::nullopt;
   const std::size_t i = index(t, s);
-  if (!(reference.use[i] > 0)) return std::nullopt;
+  if (!reference.counts(i)) return std::nullopt;
   const auto at = view.swap(t + motion[0], s + motion[1]);
   if (!deformed->contains(at[0], at[1])) return std::nullopt;
   return static_cast<double>(reference.value[i]) -
@@ -108,7 +108,6 @@ CrackScene crack_scene(const ImageCorrelation& correlation, const CorrelationRes
   const ImageMesh& mesh = correlation.mesh();
   scene.mesh = &mesh, scene.result = &result;
   scene.reference = correlation.reference_rows(), scene.deformed = &correlation.deformed_image();
-  scene.width = correlation.reference().width, scene.height = correlation.reference().height;
   scene.view.across = across;
   std::vector<double> sizes;
   for (const auto& e : correlation.pixels().elements()) sizes.push_back(std::sqrt(e.pixel_count));

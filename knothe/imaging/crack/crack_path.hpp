@@ -36,18 +36,15 @@ struct CrackScene {
   const CorrelationResult* result = nullptr;
   ReferenceRows reference{};
   const SplineImage* deformed = nullptr;
-  int width = 0, height = 0;
   CrackView view;
   double element = 0;                        ///< size, px
   std::vector<std::array<double, 4>> nodes;  ///< t, s, u_t, u_s of those that are measured
 
   [[nodiscard]] bool inside(int t, int s) const {
-    const int x = view.across ? s : t, y = view.across ? t : s;
-    return x >= 0 && y >= 0 && x < width && y < height;
+    return view.across ? reference.contains(s, t) : reference.contains(t, s);
   }
   [[nodiscard]] std::size_t index(int t, int s) const {
-    return view.across ? static_cast<std::size_t>(t) * reference.stride + static_cast<std::size_t>(s)
-                       : static_cast<std::size_t>(s) * reference.stride + static_cast<std::size_t>(t);
+    return view.across ? reference.index(s, t) : reference.index(t, s);
   }
   /// f − α g(x + u) − β at a pixel; nothing where it is masked or has left the picture.
   [[nodiscard]] std::optional<double> residual(int t, int s, const std::array<double, 2>& motion) const;

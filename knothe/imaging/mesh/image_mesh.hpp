@@ -1,6 +1,7 @@
 #pragma once
 /// @file Finite-element meshes over a picture: nodes in pixel coordinates, triangles and convex
 /// quadrilaterals, and the pixels that belong to each element.
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <span>
@@ -73,6 +74,10 @@ class PixelTable {
   [[nodiscard]] const std::vector<ElementPixels>& elements() const { return elements_; }
   [[nodiscard]] std::span<const ElementPixels::Row> rows(const ElementPixels& e) const {
     return {rows_.data() + e.first_row, e.row_count};
+  }
+  /// The row `count` further on in this table, or its last.
+  [[nodiscard]] const ElementPixels::Row& row_ahead(const ElementPixels::Row& row, std::size_t count) const {
+    return rows_[std::min(static_cast<std::size_t>(&row - rows_.data()) + count, rows_.size() - 1)];
   }
   /// X and Y of the k-th pixel of a row.
   [[nodiscard]] std::array<double, 2> coordinates(const ElementPixels& e, const ElementPixels::Row& row,

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <functional>
+#include <string_view>
 #include <utility>
 
 #include "knothe/base/error.hpp"
@@ -44,6 +46,12 @@ double spread_of(const files::Picture& picture) {
     sum += static_cast<double>(level), squares += static_cast<double>(level) * static_cast<double>(level);
   const auto count = static_cast<double>(picture.pixels.size());
   return std::sqrt(std::max(0.0, squares / count - std::pow(sum / count, 2)));
+}
+
+/// Of its pixels; another in another process.
+std::size_t mark_of(const files::Picture& picture) {
+  return std::hash<std::string_view>()(
+      {reinterpret_cast<const char*>(picture.pixels.data()), picture.pixels.size() * sizeof(float)});
 }
 
 bool is_better(const CorrelationResult& a, const CorrelationResult& b) {
@@ -88,7 +96,7 @@ PictureSeries::PictureSeries(SeriesOptions options) : options_(std::move(options
     references.push_back(references.empty() ? std::move(picture)
                                             : with_levels_of(references.front(), std::move(picture), path));
   }
-  const files::Picture reference =
+  files::Picture reference =
       references.size() == 1 ? std::move(references.front()) : averaged(references, options_.references);
   files::Picture mask;
   if (!options_.mask.empty()) mask = files::read_picture(options_.mask);
@@ -113,7 +121,8 @@ PictureSeries::PictureSeries(SeriesOptions options) : options_(std::move(options
   if (options_.mesh && options_.outline_margin > 0)
     mask = without_outline(MeshField(*options_.mesh), reference.width, reference.height,
                            options_.outline_margin, mask);
-  correlation_ = std::make_unique<ImageCorrelation>(reference, std::move(mesh), options_.correlation, mask);
+  correlation_ =
+      std::make_unique<ImageCorrelation>(std::move(reference), std::move(mesh), options_.correlation, mask);
   contrast_ = correlation_->contrast();
   if (options_.crack && options_.mesh && options_.crack->gap == 0) {
     const Region bounds = correlation_->mesh().bounds();
@@ -198,7 +207,8 @@ void PictureSeries::prefetch(std::size_t index) {
 }
 
 /// What makes a picture unusable before it is looked at closely; empty if nothing does.
-std::string PictureSeries::fault(const files::Picture& picture, const std::string& name) const {
+std::string PictureSeries::fault(const files::Picture& picture, std::size_t mark,
+                                 const std::string& name) const {
   const files::Picture& reference = correlation_->reference();
   if (picture.width != reference.width || picture.height != reference.height)
     return fmt::format(
@@ -209,7 +219,7 @@ std::string PictureSeries::fault(const files::Picture& picture, const std::strin
   if (std::all_of(picture.pixels.begin(), picture.pixels.end(), [&](float v) { return v == level; }))
     return fmt::format("{}: error: the picture is {} (every pixel is {:.0f}): nothing can be followed in it",
                        name, level > 0 ? "uniform" : "black", static_cast<double>(level));
-  if (picture.pixels == latest_.pixels)
+  if (!latest_name_.empty() && mark == latest_mark_)
     return fmt::format(
         "{}: error: the picture is the same as {}, pixel by pixel: a camera never takes that; it is a copy",
         name, latest_name_);
@@ -327,14 +337,15 @@ void PictureSeries::note_noise(PictureResult& result) {
 PictureResult PictureSeries::correlate(files::Picture picture, const std::string& name) {
   remark(picture.remark);
   picture = with_levels_of(correlation_->reference(), std::move(picture), name);
-  if (const std::string reason = fault(picture, name); !reason.empty()) throw DataError(reason);
-  latest_ = std::move(picture), latest_name_ = name;
+  const std::size_t mark = mark_of(picture);
+  if (const std::string reason = fault(picture, mark, name); !reason.empty()) throw DataError(reason);
+  latest_mark_ = mark, latest_name_ = name;
   const auto begin = std::chrono::steady_clock::now();
   PictureResult result;
   result.picture = name;
   CorrelationResult& best = result.correlation;
-  best = track(latest_);
-  if (options_.reference_update > 0) try_other_reference(latest_, best);
+  best = track(picture);
+  if (options_.reference_update > 0) try_other_reference(picture, best);
   if (best.converged && is_foreign(best)) {
     best.converged = false;
     best.message = fmt::format(
@@ -355,7 +366,7 @@ PictureResult PictureSeries::correlate(files::Picture picture, const std::string
   note_noise(result);
   if (options_.reference_update > 0) {
     if (!(first_residual_ > 0)) first_residual_ = best.residual_rms, first_rejected_ = best.elements_rejected;
-    last_picture_ = latest_, last_good_ = result;
+    last_picture_ = std::move(picture), last_good_ = result;
   }
   if (options_.crack) {
     const auto start = std::chrono::steady_clock::now();

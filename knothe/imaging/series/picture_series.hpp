@@ -1,6 +1,7 @@
 #pragma once
 /// @file Many pictures of one test: each is correlated with the reference, started from the one before; a bad
 /// one is named, marked missing, and the series goes on.
+#include <cstddef>
 #include <future>
 #include <memory>
 #include <optional>
@@ -130,7 +131,8 @@ class PictureSeries {
   [[nodiscard]] files::Picture with_levels_of(const files::Picture& reference, files::Picture picture,
                                               const std::string& name);
   [[nodiscard]] std::string what_to_try() const;
-  [[nodiscard]] std::string fault(const files::Picture& picture, const std::string& name) const;
+  [[nodiscard]] std::string fault(const files::Picture& picture, std::size_t mark,
+                                  const std::string& name) const;
 
   SeriesOptions options_;
   std::vector<std::string> remarks_;
@@ -140,14 +142,14 @@ class PictureSeries {
   std::future<files::Picture> reading_;
   Eigen::VectorXd start_, prediction_;
   std::vector<char> start_valid_;
-  files::Picture latest_;
+  std::size_t latest_mark_ = 0;  ///< of the last picture's pixels: a copy is told by it
   std::string latest_name_;
   double last_residual_ = 0;
   int last_rejected_ = 0;
   std::unique_ptr<MovedReference> moved_;  ///< where the reference has been replaced
   std::string moved_name_;
   double sharing_ = 0;           ///< pictures that share its error
-  files::Picture last_picture_;  ///< of the good ones
+  files::Picture last_picture_;  ///< of the good ones; kept where it may become the reference
   PictureResult last_good_;      ///< in it; its displacement is empty before the first
   double first_residual_ = 0;
   int first_rejected_ = 0;
