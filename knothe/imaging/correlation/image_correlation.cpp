@@ -161,7 +161,7 @@ struct ImageCorrelation::Work {
   void look_at(const files::Picture& picture) {
     deformed.assign(picture, options.prefilter_sigma, options.threads);
   }
-  /// The motion, from coarse to fine pictures; to begin with, so it leaves nothing behind.
+  /// The motion, from coarse to fine pictures; seldom needed, so that nothing of it is kept.
   void search(const files::Picture& picture, CorrelationResult& result) const;
 };
 
