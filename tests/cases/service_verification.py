@@ -198,6 +198,16 @@ class Test(Case):
         self.assertEqual([comparable(line) for line in replayed], lines)
         self.service.stop()
         self.assertEqual(self.runs(), runs)
+        # A copy of the journal takes its refinement with it, and says the same.
+        (self.folder / "storeys.refinement" / ".solution.part").touch()
+        self.expect(0, "backup", "storeys.journal", "-o", "copy/storeys.journal")
+        self.expect(0, "recover", "storeys.journal", "-o", "recovered.journal")
+        self.assertFalse((self.folder / "copy" / "storeys.refinement" / ".solution.part").exists())
+        for copy in "copy/storeys.journal", "recovered.journal":
+            replayed = self.expect(0, "replay", copy, "--project", "storeys.toml", "--json").lines()[:-1]
+            self.assertEqual([comparable(line) for line in replayed], lines)
+        (self.folder / "other.refinement").mkdir()
+        self.expect(2, "backup", "storeys.journal", "-o", "other.journal", stderr="other.refinement: is there already, of another journal")
         # A refined model that was lost is told, and nothing is guessed.
         (model,) = (self.folder / "storeys.refinement").glob(f"*/model-{lines[-1]['model_version']}.h5")
         model.unlink()

@@ -158,7 +158,8 @@ struct JournalGlance {
 [[nodiscard]] JournalGlance glance_at_journal(const std::string& path);
 
 /// Copies a journal as it is at one moment to a new file, also while it is written, and verifies the copy:
-/// what is in it, in words. DataError where it is damaged, UsageError where `to` is there, IoError.
+/// what is in it, in words. So its refinement (verification.hpp). DataError where it is damaged, UsageError
+/// where `to` is there, IoError.
 [[nodiscard]] std::string backup_journal(const std::string& from, const std::string& to);
 
 /// Copies every whole record of a damaged journal to a new one. What was lost.

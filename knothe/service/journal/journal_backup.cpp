@@ -9,6 +9,7 @@
 #include "knothe/service/journal/journal_records.hpp"
 #include "knothe/service/journal/journal_schema.hpp"
 #include "knothe/service/journal/sqlite.hpp"
+#include "knothe/service/journal/verification.hpp"
 
 namespace knothe::service {
 namespace {
@@ -47,12 +48,14 @@ JournalGlance glance_at_journal(const std::string& path) {
 std::string backup_journal(const std::string& from, const std::string& to) {
   if (!std::filesystem::exists(from)) throw DataError(fmt::format("{}: there is no such journal", from));
   if (std::filesystem::exists(to)) throw UsageError(fmt::format("{}: is there already; give a new name", to));
+  require_no_refinement(from, to);
   std::string said;
   files::write_atomically(to, [&](const std::string& temporary) {
     copy_pages(from, temporary);
     const Journal copy(temporary, Journal::Access::read);  // verifies every seal
     said = fmt::format("{} records, whole; seal {}", copy.count(), copy.seal());
   });
+  copy_refinement(from, to);  // after the journal: a model is on disk before its entry is
   return said;
 }
 

@@ -8,6 +8,7 @@
 #include "knothe/service/journal/journal_records.hpp"
 #include "knothe/service/journal/journal_schema.hpp"
 #include "knothe/service/journal/sqlite.hpp"
+#include "knothe/service/journal/verification.hpp"
 
 namespace knothe::service {
 namespace {
@@ -88,6 +89,7 @@ Recovery recover_journal(const std::string& from, const std::string& to) {
   if (!std::filesystem::exists(from)) throw DataError(fmt::format("{}: there is no such journal", from));
   if (std::filesystem::exists(to))
     throw UsageError(fmt::format("{}: is there already; recover into a new file", to));
+  require_no_refinement(from, to);
   Recovery recovery;
   Database damaged(from, Database::Mode::read_only);
   Journal whole(to, Journal::Access::write);
@@ -141,6 +143,7 @@ Recovery recover_journal(const std::string& from, const std::string& to) {
   save_alarms(damaged, whole, recovery);
   save_logbook(damaged, whole, recovery);
   whole.commit();
+  copy_refinement(from, to);
   return recovery;
 }
 

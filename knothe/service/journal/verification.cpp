@@ -5,7 +5,19 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include "knothe/base/error.hpp"
+#include "knothe/files/atomic_file.hpp"
+
 namespace knothe::service {
+namespace fs = std::filesystem;
+
+namespace {
+
+fs::path refinement_of(const std::string& journal) {
+  return fs::path(journal).replace_extension(".refinement");
+}
+
+}  // namespace
 
 LogbookEntry entry_of(const Verification& v) {
   const nlohmann::json text = {{"version", v.version},     {"base", v.base},   {"runs", v.runs},
@@ -67,7 +79,24 @@ bool awaits_verification(std::span<const LogbookEntry> entries) {
 }
 
 std::string refinement_folder(const std::string& journal, const std::string& base) {
-  return (std::filesystem::path(journal).replace_extension(".refinement") / base.substr(0, 16)).string();
+  return (refinement_of(journal) / base.substr(0, 16)).string();
+}
+
+void require_no_refinement(const std::string& from, const std::string& to) {
+  const fs::path target = refinement_of(to);
+  if (fs::exists(refinement_of(from)) && fs::exists(target) && !fs::equivalent(refinement_of(from), target))
+    throw UsageError(
+        fmt::format("{}: is there already, of another journal; give a new name", target.string()));
+}
+
+void copy_refinement(const std::string& from, const std::string& to) {
+  const fs::path source = refinement_of(from), target = refinement_of(to);
+  if (!fs::exists(source) || (fs::exists(target) && fs::equivalent(source, target))) return;
+  for (const auto& file : fs::recursive_directory_iterator(source)) {
+    if (!file.is_regular_file() || file.path().extension() == ".part") continue;  // still being written
+    files::write_atomically(target / file.path().lexically_relative(source),
+                            [&](const std::string& temporary) { fs::copy_file(file, temporary); });
+  }
 }
 
 }  // namespace knothe::service

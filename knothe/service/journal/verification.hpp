@@ -40,4 +40,10 @@ struct Verification {
 /// one for each model (`base`, its SHA-256) that was refined.
 [[nodiscard]] std::string refinement_folder(const std::string& journal, const std::string& base);
 
+/// Before a journal is copied to a new name. UsageError if there is a NAME.refinement of another journal.
+void require_no_refinement(const std::string& from, const std::string& to);
+/// Copies what is in the NAME.refinement of a journal, if it has one, to that of its copy, also while it is
+/// written: what the copy names is there. IoError.
+void copy_refinement(const std::string& from, const std::string& to);
+
 }  // namespace knothe::service
