@@ -302,10 +302,11 @@ TEST(CollapsedLogDensity, AMixtureOnAGridIsWhatItIsAtItsPoints) {
     at_points.resize(16, 2, 0);
     density.evaluate(z, 0, at_points);
     Eigen::VectorXd on_grid(16);
-    density.evaluate_on_grid(axes, runs, on_grid);
+    density.set_grid(axes);
+    density.evaluate_runs(runs, on_grid);
     EXPECT_LT((on_grid - at_points.value).cwiseAbs().maxCoeff(), 1e-11);
     const Eigen::VectorXd weights = Eigen::VectorXd::LinSpaced(16, 1, 2) / 24;
-    const Eigen::VectorXd shares = density.component_shares(axes, runs, weights);
+    const Eigen::VectorXd shares = density.component_shares(runs, weights);
     EXPECT_LT((shares - density.component_shares(p, weights)).norm(), 1e-12);
     EXPECT_NEAR(shares.sum(), 1, 1e-14);  // all three parts, felt or not
   }

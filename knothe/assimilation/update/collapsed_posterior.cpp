@@ -144,47 +144,44 @@ Eigen::VectorXd CollapsedLogDensity::component_shares(const Eigen::Ref<const Eig
   return shares_of(std::move(value), weights);
 }
 
-Eigen::VectorXd CollapsedLogDensity::component_shares(const Eigen::Ref<const Eigen::MatrixXd>& axes,
-                                                      std::span<const reduction::GridRun> runs,
+Eigen::VectorXd CollapsedLogDensity::component_shares(std::span<const reduction::GridRun> runs,
                                                       const Eigen::Ref<const Eigen::VectorXd>& weights) {
   const auto count = static_cast<Eigen::Index>(count_);
-  const Eigen::MatrixXd p = axes_in_p(axes);
   Eigen::ArrayXXd value(weights.size(), count);
   for (Eigen::Index k = 0; k < count; ++k)
-    evaluate_component(components_[static_cast<std::size_t>(k)], p, runs, value.col(k).matrix());
+    evaluate_component(components_[static_cast<std::size_t>(k)], runs, value.col(k).matrix());
   return shares_of(std::move(value), weights);
 }
 
-Eigen::MatrixXd CollapsedLogDensity::axes_in_p(const Eigen::Ref<const Eigen::MatrixXd>& axes) const {
-  Eigen::MatrixXd p(axes.rows(), axes.cols()), none;
-  transform_->evaluate(axes, 0, p, none, none);
-  return p;
+void CollapsedLogDensity::set_grid(const Eigen::Ref<const Eigen::MatrixXd>& axes) {
+  assert(axes.cols() == dimension());
+  Eigen::MatrixXd none;
+  axes_.resize(axes.rows(), axes.cols());
+  transform_->evaluate(axes, 0, axes_, none, none);
+  prior_ = 0.5 * (axes.array().square() + k_log_2_pi);
+  for (std::size_t k = 0; k < count_; ++k)
+    if (auto* on_grid = dynamic_cast<reduction::GridEvaluator*>(components_[k].likelihood.get());
+        on_grid != nullptr && on_grid->has_grid())
+      on_grid->set_grid(axes_);
 }
 
-void CollapsedLogDensity::evaluate_component(Component& component, const Eigen::MatrixXd& axes,
-                                             std::span<const reduction::GridRun> runs,
+void CollapsedLogDensity::evaluate_component(Component& component, std::span<const reduction::GridRun> runs,
                                              Eigen::Ref<Eigen::VectorXd> value) {
-  if (auto* on_grid = dynamic_cast<reduction::GridEvaluator*>(component.likelihood.get())) {
-    on_grid->evaluate_on_grid(axes, runs, value);
-  } else {
-    Eigen::MatrixXd none;
-    component.likelihood->evaluate(reduction::nodes_of(axes, runs), 0, value, none, none);
-  }
+  auto* on_grid = dynamic_cast<reduction::GridEvaluator*>(component.likelihood.get());
+  if (on_grid != nullptr && on_grid->has_grid()) return on_grid->evaluate_runs(runs, value);
+  Eigen::MatrixXd none;
+  component.likelihood->evaluate(reduction::nodes_of(axes_, runs), 0, value, none, none);
 }
 
-void CollapsedLogDensity::evaluate_on_grid(const Eigen::Ref<const Eigen::MatrixXd>& axes,
-                                           std::span<const reduction::GridRun> runs,
-                                           Eigen::Ref<Eigen::VectorXd> value) {
-  assert(dimension() == 2 && axes.cols() == 2);
-  const Eigen::MatrixXd p = axes_in_p(axes);
-  Eigen::VectorXd next;
+void CollapsedLogDensity::evaluate_runs(std::span<const reduction::GridRun> runs,
+                                        Eigen::Ref<Eigen::VectorXd> value) {
   std::size_t k = first_felt();
-  evaluate_component(components_[k], p, runs, value);
+  evaluate_component(components_[k], runs, value);
   for (++k; k < count_; ++k) {
     if (!components_[k].contributes) continue;
-    next.resize(value.size());
-    evaluate_component(components_[k], p, runs, next);
-    add_in_logarithms(value.array(), next.array());
+    next_values_.resize(value.size());
+    evaluate_component(components_[k], runs, next_values_);
+    add_in_logarithms(value.array(), next_values_.array());
   }
   if (noise_level_) {
     sampling::LogDensityBatch batch;
@@ -192,10 +189,13 @@ void CollapsedLogDensity::evaluate_on_grid(const Eigen::Ref<const Eigen::MatrixX
     noise_level_->marginalise(0, batch);
     value = batch.value;
   }
-  const Eigen::ArrayXXd prior = 0.5 * (axes.array().square() + k_log_2_pi);
+  const Eigen::Index last = dimension() - 1;
   for (const reduction::GridRun& run : runs) {
     const Eigen::Index n = run.end - run.begin;
-    value.segment(run.at, n).array() -= prior(run.row, 0) + prior.col(1).segment(run.begin, n);
+    double of_row = 0;
+    for (Eigen::Index i = last - 1, rest = run.row; i >= 0; --i, rest /= prior_.rows())
+      of_row += prior_(rest % prior_.rows(), i);
+    value.segment(run.at, n).array() -= of_row + prior_.col(last).segment(run.begin, n);
   }
 }
 

@@ -47,9 +47,8 @@ class CollapsedLogDensity final : public sampling::LogDensity, public reduction:
   /// 1).
   [[nodiscard]] Eigen::VectorXd component_shares(const Eigen::Ref<const Eigen::MatrixXd>& p,
                                                  const Eigen::Ref<const Eigen::VectorXd>& weights);
-  /// The same at nodes of a grid of z.
-  [[nodiscard]] Eigen::VectorXd component_shares(const Eigen::Ref<const Eigen::MatrixXd>& axes,
-                                                 std::span<const reduction::GridRun> runs,
+  /// The same at nodes of the grid.
+  [[nodiscard]] Eigen::VectorXd component_shares(std::span<const reduction::GridRun> runs,
                                                  const Eigen::Ref<const Eigen::VectorXd>& weights);
   /// How many parts the likelihood has.
   [[nodiscard]] std::size_t component_count() const { return count_; }
@@ -57,9 +56,9 @@ class CollapsedLogDensity final : public sampling::LogDensity, public reduction:
   [[nodiscard]] Eigen::Index dimension() const override { return transform_->dimension(); }
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int derivatives,
                 sampling::LogDensityBatch& out) override;
-  /// log π̄ on a grid of z, two parameters.
-  void evaluate_on_grid(const Eigen::Ref<const Eigen::MatrixXd>& axes,
-                        std::span<const reduction::GridRun> runs, Eigen::Ref<Eigen::VectorXd> value) override;
+  /// log π̄ on a grid of z.
+  void set_grid(const Eigen::Ref<const Eigen::MatrixXd>& axes) override;
+  void evaluate_runs(std::span<const reduction::GridRun> runs, Eigen::Ref<Eigen::VectorXd> value) override;
 
   /// The log-likelihood alone as a function of z: what a composed map is made for (Rubio et al. 2019, Eq.
   /// 11).
@@ -84,9 +83,8 @@ class CollapsedLogDensity final : public sampling::LogDensity, public reduction:
   };
   Workspace& workspace(Eigen::Index n);
   void set_component(Component& component, const StepForm& form, double log_weight);
-  [[nodiscard]] Eigen::MatrixXd axes_in_p(const Eigen::Ref<const Eigen::MatrixXd>& axes) const;
-  void evaluate_component(Component& component, const Eigen::MatrixXd& axes,
-                          std::span<const reduction::GridRun> runs, Eigen::Ref<Eigen::VectorXd> value);
+  void evaluate_component(Component& component, std::span<const reduction::GridRun> runs,
+                          Eigen::Ref<Eigen::VectorXd> value);
   [[nodiscard]] std::size_t first_felt() const;
   void evaluate_mixture(const Eigen::Ref<const Eigen::MatrixXd>& p, int derivatives,
                         sampling::LogDensityBatch& out);
@@ -98,6 +96,9 @@ class CollapsedLogDensity final : public sampling::LogDensity, public reduction:
   std::vector<Component> components_;
   std::size_t count_ = 1;  ///< components in use, the first ones
   std::optional<NoiseLevel> noise_level_;
+  Eigen::MatrixXd axes_;                          ///< of the grid, p
+  Eigen::ArrayXXd prior_;                         ///< −log N(z; 0, 1) there
+  Eigen::VectorXd next_values_;                   ///< of a mixture's next part
   std::map<Eigen::Index, Workspace> workspaces_;  ///< by number of points: few sizes occur, over and over
 };
 

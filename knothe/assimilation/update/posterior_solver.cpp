@@ -25,12 +25,10 @@ constexpr double k_quadrature_below = 0.98;
 /// Of the log-evidence, of means and standard deviations in standard deviations; and of the mass left out at
 /// the border of the grid, which costs moments a few times as much.
 constexpr double k_converged = 0.01, k_border_mass = 1e-3;
-/// As many nodes as a map and its verification take time for.
-constexpr Eigen::Index k_max_quadrature_nodes = 60'000;
+/// As many nodes as another way takes time for.
+constexpr Eigen::Index k_max_quadrature_nodes = 600'000;
 /// Beyond these particles do not find the mass; and of so many a posterior consists at most.
 constexpr Eigen::Index k_max_particle_parameters = 8, k_max_particles = 4096;
-/// With more, maps cost many times what draws do.
-constexpr Eigen::Index k_max_map_parameters = 3;
 /// Of the log-evidence, of a posterior by quadrature alone: quantiles to 1e-3 std.
 constexpr double k_grid_tolerance = 1e-8;
 
@@ -49,13 +47,6 @@ transport::MapSolverOptions online(const UpdateOptions& options) {
     map.long_first_variable = false;
   }
   return map;
-}
-
-/// Of a mean to within some standard deviations, of standard deviations to within a share of them.
-bool agree(const Posterior& a, const Posterior& b, double of_means, double of_deviations) {
-  const Eigen::ArrayXd deviation = b.standard_deviations().array();
-  return ((a.mean - b.mean).array().abs() <= of_means * deviation).all() &&
-         ((a.standard_deviations().array() - deviation).abs() <= of_deviations * deviation).all();
 }
 
 /// The decision and, in `remark`, why: the tolerance missed, then what speaks against trust.
@@ -141,15 +132,12 @@ double PosteriorSolver::expected_noise_level(const Posterior& posterior) {
   return mean;
 }
 
-/// False, and nothing has been set, where it would take more nodes than a map costs.
+/// False, and nothing has been set, where it would take too many nodes.
 bool PosteriorSolver::by_quadrature(Posterior& r, UpdateTimes& times) {
-  const Eigen::Index d = transform_->dimension();
-  if (d > 3) return false;
+  if (transform_->dimension() > 3) return false;
   const auto start = monotonic_now();
-  using Axes = QuadratureOptions::Axes;
   const QuadraturePosterior quadrature = tensor_quadrature(target_,
-                                                           {.axes = d < 3 ? Axes::parameters : Axes::modes,
-                                                            .evidence_tolerance = k_converged,
+                                                           {.evidence_tolerance = k_converged,
                                                             .moment_tolerance = k_converged,
                                                             .max_nodes = k_max_quadrature_nodes},
                                                            search_);
@@ -161,31 +149,22 @@ bool PosteriorSolver::by_quadrature(Posterior& r, UpdateTimes& times) {
   r.log_evidence_lower_bound = r.log_evidence;
   r.by_quadrature = true;
   set_few_points(quadrature, r);
+  sampling::thin(r.points, r.weights, k_max_particles, solver_.options().seed);
   times.map = microseconds_since(start);
   return true;
 }
 
-/// With three parameters a map is the more accurate, and is taken where it is trusted and the draws do not
-/// contradict it: a mode of little weight that the map has not seen shows in them.
 void PosteriorSolver::by_particles(Posterior& r, UpdateTimes& times) {
   const auto start = monotonic_now();
-  times.correction = 0;
-  Posterior map;
-  map.trusted = false;
-  if (transform_->dimension() <= k_max_map_parameters) {
-    by_collapsed_map(r, times);
-    map = r;
-  }
   sampling::AdaptiveImportanceOptions options;
   options.seed = solver_.options().seed;
   options.variables = [this](Eigen::MatrixXd& z) {
     turned_ = z;
     transform_->evaluate(turned_, 0, z, no_derivatives_, no_derivatives_);
   };
-  const sampling::AdaptiveImportanceResult particles = sampling::adaptive_importance(target_, options);
-  take(particles, r);
-  if (map.trusted && agree(map, r, particles.mean_error, particles.deviation_error)) r = std::move(map);
-  times.map = microseconds_since(start) - times.correction;
+  take(sampling::adaptive_importance(target_, options), r);
+  times.map = microseconds_since(start);
+  times.correction = 0;
 }
 
 void PosteriorSolver::draw(sampling::LogDensity& target, Posterior& r) {
@@ -241,13 +220,11 @@ void PosteriorSolver::set_few_points(const QuadraturePosterior& quadrature, Post
 void PosteriorSolver::by_grid(Posterior& r, UpdateTimes& times) {
   const auto start = monotonic_now();
   // The plain answer: a first look that no ridge of a crack's run slips through.
-  using Axes = QuadratureOptions::Axes;
-  static constexpr Eigen::Index k_nodes[] = {257, 301, 25};
-  const Eigen::Index d = transform_->dimension();
-  const QuadraturePosterior grid = tensor_quadrature(target_, {.axes = d < 3 ? Axes::parameters : Axes::modes,
-                                                               .evidence_tolerance = k_grid_tolerance,
-                                                               .coarse_nodes = k_nodes[d - 1],
-                                                               .whole_range = d < 3});
+  static constexpr Eigen::Index k_nodes[] = {257, 301, 49};
+  const QuadraturePosterior grid =
+      tensor_quadrature(target_, {.evidence_tolerance = k_grid_tolerance,
+                                  .coarse_nodes = k_nodes[transform_->dimension() - 1],
+                                  .whole_range = true});
   take(grid, r);
   r.map_mean = r.mean;
   r.map_covariance = r.covariance;
@@ -361,8 +338,7 @@ void PosteriorSolver::take(const QuadraturePosterior& quadrature, Posterior& r) 
     r.weights = quadrature.weights;
     r.summarise();
     r.quantiles = transform_->carry(quadrature.quantiles);
-    if (target_.component_count() > 1)
-      shares_ = target_.component_shares(lattice.axes, lattice.runs, lattice.weights);
+    if (target_.component_count() > 1) shares_ = target_.component_shares(lattice.runs, lattice.weights);
   }
   r.method = Method::grid;
   r.log_evidence = quadrature.log_evidence;

@@ -68,6 +68,25 @@ TEST(TensorQuadrature, SeparatedModesAreAllThere) {
   EXPECT_NEAR(mean[1], 0.7 - 0.3, 1e-6);
 }
 
+TEST(TensorQuadrature, ThreeParametersTwoModes) {
+  // A ridge a fifth as wide as it is long, and a small mode away from it.
+  Eigen::Matrix3d ridge;
+  ridge << 4e-2, 3.8e-2, 0, 3.8e-2, 4e-2, -0.005, 0, -0.005, 1e-2;
+  const Eigen::Vector3d at(0.5, -1, 2), away(-2, 1.5, -1);
+  Mixture target({{0.9, at, ridge}, {0.1, away, 0.01 * Eigen::Matrix3d::Identity()}});
+  const QuadraturePosterior q = tensor_quadrature(target);
+  const Eigen::Vector3d mean = q.points().transpose() * q.weights, exact = 0.9 * at + 0.1 * away;
+  const Eigen::MatrixXd e = q.points().rowwise() - mean.transpose();
+  const Eigen::Matrix3d found = e.transpose() * q.weights.asDiagonal() * e;
+  const Eigen::Matrix3d covariance =
+      0.9 * ridge + 0.001 * Eigen::Matrix3d::Identity() + 0.09 * (at - away) * (at - away).transpose();
+  EXPECT_TRUE(q.resolved());
+  EXPECT_NEAR(q.log_evidence, 0, 1e-4);
+  EXPECT_LT((mean - exact).norm(), 1e-4);
+  EXPECT_LT((found - covariance).cwiseAbs().maxCoeff(), 1e-3);
+  EXPECT_LT(q.evaluations, 200'000);
+}
+
 TEST(TensorQuadrature, OneParameter) {
   Mixture target({{1.0, Eigen::VectorXd::Constant(1, 0.4), Eigen::MatrixXd::Constant(1, 1, 1e-4)}});
   const QuadraturePosterior q = tensor_quadrature(target);

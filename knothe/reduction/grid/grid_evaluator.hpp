@@ -1,5 +1,5 @@
 #pragma once
-/// @file Functions of two variables on the nodes of a tensor grid: much of the work is common to a row.
+/// @file Functions of few variables on the nodes of a tensor grid: much of the work is common to a row.
 #include <Eigen/Core>
 #include <span>
 
@@ -11,14 +11,16 @@ struct GridRun {
   Eigen::Index row, begin, end, at;
 };
 
-/// A real function of two variables that is cheaper on a tensor grid than point by point.
+/// A real function of one to three variables that is cheaper on a tensor grid than point by point.
 class GridEvaluator {
  public:
   virtual ~GridEvaluator() = default;
-  /// `axes`: n × 2, the nodes of each axis, increasing. Fills `value`, in which the runs lie one after the
-  /// other.
-  virtual void evaluate_on_grid(const Eigen::Ref<const Eigen::MatrixXd>& axes, std::span<const GridRun> runs,
-                                Eigen::Ref<Eigen::VectorXd> value) = 0;
+  /// Whether it is: for as many variables as it has.
+  [[nodiscard]] virtual bool has_grid() const { return true; }
+  /// The grid from now on, for the function as it is. `axes`: n × d, the nodes of each axis, increasing.
+  virtual void set_grid(const Eigen::Ref<const Eigen::MatrixXd>& axes) = 0;
+  /// Fills `value`, in which the runs lie one after the other. What a node gets depends on no other node.
+  virtual void evaluate_runs(std::span<const GridRun> runs, Eigen::Ref<Eigen::VectorXd> value) = 0;
 
  protected:
   GridEvaluator() = default;

@@ -243,73 +243,103 @@ void JointQuadraticForm::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& point
   evaluate_in<4>(points, derivatives, out);
 }
 
-/// Where the terms of a cell's polynomial are too large: s as cubics in t along the row, squared and summed.
-void JointQuadraticForm::sum_squares_in_line(const std::array<SplineAxis::Place, 2>& place, const double* t,
+/// Where there is no polynomial of a cell, or its terms are too large: s as cubics in t along the row,
+/// squared and summed.
+template <std::size_t D>
+void JointQuadraticForm::sum_squares_in_line(const std::array<SplineAxis::Place, D>& place, const double* t,
                                              Eigen::Index n, double* value) {
-  Local outer;
-  axes_[0].evaluate<0>(place[0], outer);
-  const auto& inner = axes_[1].piece(place[1].piece);
-  const double* start =
-      table_.data() + outer.first * strides_[0] + static_cast<std::ptrdiff_t>(place[1].piece) * strides_[1];
+  std::array<Local, D - 1> outer;
+  std::array<int, D - 1> active;
+  const double* start = table_.data() + static_cast<std::ptrdiff_t>(place[D - 1].piece) * strides_[D - 1];
+  for (std::size_t i = 0; i + 1 < D; ++i) {
+    axes_[i].template evaluate<0>(place[i], outer[i]);
+    active[i] = axes_[i].active();
+    start += outer[i].first * strides_[i];
+  }
+  const auto& inner = axes_[D - 1].piece(place[D - 1].piece);
   line_.resize(static_cast<std::size_t>(4 * padded_));
   for (Eigen::Index k = 0; k < padded_; k += k_lane_count) {
     std::array<Lanes, 4> power{};
-    for (int g = 0; g < axes_[1].active(); ++g) {
-      Lanes c{};
-      for (int f = 0; f < axes_[0].active(); ++f)
-        c += outer.value[f] * load(start + k + f * strides_[0] + g * strides_[1]);
+    for (int g = 0; g < axes_[D - 1].active(); ++g) {
+      const Lanes c =
+          contract<D - 1, 0>(start + k + g * strides_[D - 1], outer.data(), strides_.data(), active.data())
+              .value;
       for (std::size_t q = 0; q < 4; ++q) power[q] += inner[q][g] * c;
     }
     for (std::size_t q = 0; q < 4; ++q)
       store(line_.data() + static_cast<Eigen::Index>(q) * padded_ + k, power[q], k_lane_count);
   }
-  std::fill_n(value, n, constant_);
-  for (Eigen::Index k = 0; k < padded_; ++k) {
-    const double c0 = line_[k], c1 = line_[padded_ + k], c2 = line_[2 * padded_ + k],
-                 c3 = line_[3 * padded_ + k];
-    const double square = square_[k], one = linear_[k];
-    if (square == 0 && one == 0) continue;
-    for (Eigen::Index i = 0; i < n; ++i) {
-      const double s = c0 + t[i] * (c1 + t[i] * (c2 + t[i] * c3));
-      value[i] += s * (square * s + one);
+  for (Eigen::Index i = 0; i < n; i += k_lane_count) {
+    const Lanes x = load(t + i);
+    Lanes total = Lanes{} + constant_;
+    for (Eigen::Index k = 0; k < padded_; ++k) {
+      const double square = square_[k], one = linear_[k];
+      if (square == 0 && one == 0) continue;
+      const Lanes s =
+          line_[k] + x * (line_[padded_ + k] + x * (line_[2 * padded_ + k] + x * line_[3 * padded_ + k]));
+      total += s * (square * s + one);
     }
+    store(value + i, total, n - i);
   }
 }
 
-void JointQuadraticForm::evaluate_on_grid(const Eigen::Ref<const Eigen::MatrixXd>& axes,
-                                          std::span<const GridRun> runs, Eigen::Ref<Eigen::VectorXd> value) {
-  assert(axes_.size() == 2 && axes.cols() == 2);
+void JointQuadraticForm::set_grid(const Eigen::Ref<const Eigen::MatrixXd>& axes) {
+  const std::size_t last = axes_.size() - 1;
+  assert(has_grid() && axes.cols() == static_cast<Eigen::Index>(axes_.size()));
+  places_.resize(last);
+  for (std::size_t i = 0; i < last; ++i) {
+    places_[i].resize(static_cast<std::size_t>(axes.rows()));
+    for (std::size_t j = 0; j < places_[i].size(); ++j)
+      places_[i][j] = axes_[i].locate(axes(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(i)));
+  }
   piece_.resize(static_cast<std::size_t>(axes.rows()));
   along_.assign(piece_.size() + k_lanes, 0.0);  // the last lanes may be loaded beyond the axis
   for (std::size_t j = 0; j < piece_.size(); ++j) {
-    const SplineAxis::Place place = axes_[1].locate(axes(static_cast<Eigen::Index>(j), 1));
+    const SplineAxis::Place place =
+        axes_[last].locate(axes(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(last)));
     along_[j] = place.t;
     piece_[j] = place.piece;
   }
-  for (const GridRun& run : runs) {
-    std::array<SplineAxis::Place, 2> place{axes_[0].locate(axes(run.row, 0)), {}};
-    const auto last = static_cast<std::size_t>(run.end);
-    for (auto begin = static_cast<std::size_t>(run.begin), end = begin; begin < last; begin = end) {
-      while (end < last && piece_[end] == piece_[begin]) ++end;
-      place[1].piece = piece_[begin];
-      const auto n = static_cast<Eigen::Index>(end - begin);
-      const double* t = along_.data() + begin;
-      double* out = value.data() + run.at + (static_cast<Eigen::Index>(begin) - run.begin);
+}
+
+template <std::size_t D>
+void JointQuadraticForm::evaluate_run(const GridRun& run, double* value) {
+  const auto row = static_cast<std::size_t>(run.row), count = piece_.size();
+  std::array<SplineAxis::Place, D> place{};
+  for (std::size_t i = D - 1, rest = row; i-- > 0; rest /= count) place[i] = places_[i][rest % count];
+  const auto last = static_cast<std::size_t>(run.end);
+  for (auto begin = static_cast<std::size_t>(run.begin), end = begin; begin < last; begin = end) {
+    while (end < last && piece_[end] == piece_[begin]) ++end;
+    place[D - 1].piece = piece_[begin];
+    const auto n = static_cast<Eigen::Index>(end - begin);
+    const double* t = along_.data() + begin;
+    double* out = value + run.at + (static_cast<Eigen::Index>(begin) - run.begin);
+    if constexpr (D == 2) {
       const std::size_t cell = place[0].piece * axes_[1].size() + place[1].piece;
       if (cell_[cell] == Cell::unknown) multiply_out<2>(cell, place);
-      if (cell_[cell] == Cell::squares) {
-        sum_squares_in_line(place, t, n, out);
+      if (cell_[cell] == Cell::polynomial) {
+        const double* c = polynomial_.data() + cell * k_powers * k_lanes;
+        Lanes line = load(c + (k_powers - 1) * k_lanes);
+        for (std::size_t p = k_powers - 1; p-- > 0;) line = line * place[0].t + load(c + p * k_lanes);
+        const double c0 = line[0] + constant_, c1 = line[1], c2 = line[2], c3 = line[3], c4 = line[4],
+                     c5 = line[5], c6 = line[6];
+        for (Eigen::Index i = 0; i < n; i += k_lane_count) {
+          const Lanes x = load(t + i);
+          store(out + i, c0 + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * (c5 + x * c6))))), n - i);
+        }
         continue;
       }
-      const double* c = polynomial_.data() + cell * k_powers * k_lanes;
-      Lanes row = load(c + (k_powers - 1) * k_lanes);
-      for (std::size_t p = k_powers - 1; p-- > 0;) row = row * place[0].t + load(c + p * k_lanes);
-      const double c0 = row[0] + constant_, c1 = row[1], c2 = row[2], c3 = row[3], c4 = row[4], c5 = row[5],
-                   c6 = row[6];
-      for (Eigen::Index i = 0; i < n; i += k_lane_count) {
-        const Lanes x = load(t + i);
-        store(out + i, c0 + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * (c5 + x * c6))))), n - i);
-      }
+    }
+    sum_squares_in_line<D>(place, t, n, out);
+  }
+}
+
+void JointQuadraticForm::evaluate_runs(std::span<const GridRun> runs, Eigen::Ref<Eigen::VectorXd> value) {
+  for (const GridRun& run : runs) {
+    if (axes_.size() == 2) {
+      evaluate_run<2>(run, value.data());
+    } else {
+      evaluate_run<3>(run, value.data());
     }
   }
 }

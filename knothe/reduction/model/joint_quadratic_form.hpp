@@ -17,8 +17,8 @@ namespace knothe::reduction {
 /// For one and two parameters ℓ is, on each cell of the grid, a polynomial of degree 6 in each of them: it is
 /// multiplied out when a point first falls into the cell. Its rounding error is that of the largest term in
 /// the cell; where this could be felt (see `k_largest_polynomial`), and for three and four parameters, s is
-/// evaluated and squared. On a grid of two parameters the polynomials, or the splines s, are contracted to
-/// those of one variable per row and cell.
+/// evaluated and squared. On a grid of two or three parameters the polynomials, or the splines s, are
+/// contracted to those of one variable per row and cell.
 class JointQuadraticForm final : public QuadraticForm, public GridEvaluator {
  public:
   static constexpr std::size_t k_max_parameters = 4;
@@ -32,9 +32,10 @@ class JointQuadraticForm final : public QuadraticForm, public GridEvaluator {
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
                 Eigen::Ref<Eigen::VectorXd> value, Eigen::Ref<Eigen::MatrixXd> gradient,
                 Eigen::Ref<Eigen::MatrixXd> hessian) override;
-  /// With two parameters (asserted).
-  void evaluate_on_grid(const Eigen::Ref<const Eigen::MatrixXd>& axes, std::span<const GridRun> runs,
-                        Eigen::Ref<Eigen::VectorXd> value) override;
+  /// With two and three parameters.
+  [[nodiscard]] bool has_grid() const override { return axes_.size() == 2 || axes_.size() == 3; }
+  void set_grid(const Eigen::Ref<const Eigen::MatrixXd>& axes) override;
+  void evaluate_runs(std::span<const GridRun> runs, Eigen::Ref<Eigen::VectorXd> value) override;
 
  private:
   enum class Cell : std::uint8_t { unknown, polynomial, squares };
@@ -59,8 +60,11 @@ class JointQuadraticForm final : public QuadraticForm, public GridEvaluator {
   void evaluate_all(const Eigen::Ref<const Eigen::MatrixXd>& points, const Output& out);
   template <std::size_t D, int Derivatives>
   void sum_squares(const std::array<SplineAxis::Place, D>& place, Result<D>& result) const;
-  void sum_squares_in_line(const std::array<SplineAxis::Place, 2>& place, const double* t, Eigen::Index n,
+  template <std::size_t D>
+  void sum_squares_in_line(const std::array<SplineAxis::Place, D>& place, const double* t, Eigen::Index n,
                            double* value);
+  template <std::size_t D>
+  void evaluate_run(const GridRun& run, double* value);
   template <std::size_t D>
   void multiply_out(std::size_t cell, const std::array<SplineAxis::Place, D>& place);
 
@@ -76,8 +80,9 @@ class JointQuadraticForm final : public QuadraticForm, public GridEvaluator {
   std::vector<double> square_, linear_;  ///< per function: −½ and 0 for s, 0 and 1 for q, 0 and 0 for padding
   std::vector<double> polynomial_;       ///< per cell: coefficients [7, 8] or [8] in t, the last of 8 zero
   std::vector<Cell> cell_;
-  std::vector<double> line_;   ///< of one row in one cell: s in the powers of t, [4, padded]
-  std::vector<double> along_;  ///< t of each node of the second axis
+  std::vector<double> line_;  ///< of one row in one cell: s in the powers of t, [4, padded]
+  std::vector<std::vector<SplineAxis::Place>> places_;  ///< of the grid's nodes, but on the last axis:
+  std::vector<double> along_;                           ///< t of each node there
   std::vector<std::size_t> piece_;
 };
 

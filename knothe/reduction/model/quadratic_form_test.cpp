@@ -102,18 +102,12 @@ TEST(QuadraticForm, OfATensorGridIsThatOfItsFunctions) {
   }
 }
 
-TEST(QuadraticForm, OnAGridOfNodesIsThatAtItsPoints) {
-  const Nodes& nodes = k_grids[2];
-  const JointFunctions functions(nodes, random_values(nodes, 11), 11);
-  const auto form = functions.make_quadratic_form();
-  auto* const on_grid = dynamic_cast<GridEvaluator*>(form.get());
-  ASSERT_NE(on_grid, nullptr);
-  Eigen::MatrixXd axes(23, 2);  // a little beyond the box too, where a prior's quantile may be by rounding
-  axes.col(0).setLinSpaced(23, 0.5 - 1e-9, 1.5);
-  axes.col(1).setLinSpaced(23, -1, 6 + 1e-9);
+/// Runs of 23 nodes to an axis, one or two in each row that is not left out.
+std::vector<GridRun> some_runs(Eigen::Index d) {
   std::vector<GridRun> runs;
   Eigen::Index at = 0;
-  for (Eigen::Index row = 0; row < 23; ++row) {
+  const Eigen::Index rows = d == 1 ? 1 : d == 2 ? 23 : 23 * 23;
+  for (Eigen::Index row = 0; row < rows; row += d == 3 ? 7 : 1) {
     for (const auto& [begin, end] :
          {std::pair{row % 5, 9 + row % 7}, std::pair{Eigen::Index{17}, 17 + row % 7}}) {
       if (begin == end) continue;
@@ -121,15 +115,41 @@ TEST(QuadraticForm, OnAGridOfNodesIsThatAtItsPoints) {
       at += end - begin;
     }
   }
+  return runs;
+}
+
+void expect_on_grid_as_at_points(const ParameterFunctions& functions, const Nodes& nodes) {
+  const auto d = static_cast<Eigen::Index>(nodes.size());
+  const auto form = functions.make_quadratic_form();
+  auto* const on_grid = dynamic_cast<GridEvaluator*>(form.get());
+  ASSERT_NE(on_grid, nullptr);
+  ASSERT_TRUE(on_grid->has_grid());
+  Eigen::MatrixXd axes(23, d);  // a little beyond the box too, where a prior's quantile may be by rounding
+  for (Eigen::Index k = 0; k < d; ++k) {
+    const auto& axis = nodes[static_cast<std::size_t>(k)];
+    axes.col(k).setLinSpaced(23, axis.front() - (k == 0 ? 1e-9 : 0), axis.back() + (k == 0 ? 0 : 1e-9));
+  }
+  const std::vector<GridRun> runs = some_runs(d);
   const Eigen::MatrixXd points = nodes_of(axes, runs);
-  ASSERT_EQ(points.rows(), at);
   for (const double size : {1.0, 1e4}) {  // the large one has cells where squares are summed
     form->set(size * random_matrix(7, 11, 1), size * random_matrix(7, 1, 2), size * random_matrix(11, 1, 3),
               -3.25);
     const Eigen::VectorXd expected = evaluate(*form, points, 0).value;
-    Eigen::VectorXd got(at);
-    on_grid->evaluate_on_grid(axes, runs, got);
+    Eigen::VectorXd got(points.rows());
+    on_grid->set_grid(axes);
+    on_grid->evaluate_runs(runs, got);
     EXPECT_LE((got - expected).cwiseAbs().maxCoeff(), 1e-12 * expected.cwiseAbs().maxCoeff());
+  }
+}
+
+TEST(QuadraticForm, OnAGridOfNodesIsThatAtItsPoints) {
+  for (const std::size_t grid : {2, 3, 4})
+    expect_on_grid_as_at_points(JointFunctions(k_grids[grid], random_values(k_grids[grid], 11), 11),
+                                k_grids[grid]);
+  for (const std::size_t grid : {0, 2, 4}) {
+    std::vector<std::vector<double>> values;
+    for (const auto& axis : k_grids[grid]) values.push_back(random_values({axis}, 11));
+    expect_on_grid_as_at_points(CanonicalFunctions(k_grids[grid], values, 11), k_grids[grid]);
   }
 }
 

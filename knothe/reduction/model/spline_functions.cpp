@@ -6,6 +6,7 @@
 #include <cassert>
 
 #include "knothe/base/error.hpp"
+#include "knothe/reduction/model/canonical_quadratic_form.hpp"
 #include "knothe/reduction/model/joint_quadratic_form.hpp"
 #include "knothe/reduction/model/spline_contraction.hpp"
 #include "knothe/reduction/model/tensor_product.hpp"
@@ -142,6 +143,29 @@ void CanonicalFunctions::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& point
       }
     }
   }
+}
+
+RowMatrix CanonicalFunctions::axis_values(std::size_t axis,
+                                          const Eigen::Ref<const Eigen::VectorXd>& nodes) const {
+  RowMatrix values = RowMatrix::Zero(nodes.size(), count_);
+  const auto ends = bases_[axis].nodes();
+  for (Eigen::Index j = 0; j < nodes.size(); ++j) {
+    const Local local = bases_[axis].evaluate(std::clamp(nodes[j], ends.front(), ends.back()));
+    for (Eigen::Index f = 0; f < bases_[axis].active(); ++f)
+      values.row(j) += local.value[static_cast<std::size_t>(f)] *
+                       Eigen::Map<const Eigen::RowVectorXd>(
+                           coefficients_[axis].data() + (local.first + f) * padded_, count_);
+  }
+  return values;
+}
+
+std::unique_ptr<QuadraticForm> CanonicalFunctions::make_quadratic_form() const {
+  if (dimension() > 3) return ParameterFunctions::make_quadratic_form();
+  return std::make_unique<CanonicalQuadraticForm>(
+      ParameterFunctions::make_quadratic_form(), dimension(),
+      [this](Eigen::Index axis, const Eigen::Ref<const Eigen::VectorXd>& nodes) {
+        return axis_values(static_cast<std::size_t>(axis), nodes);
+      });
 }
 
 JointFunctions::JointFunctions(std::span<const std::vector<double>> nodes, std::span<const double> values,

@@ -40,8 +40,11 @@ class CanonicalFunctions final : public SplineFunctions {
                      Eigen::Index count);
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
                 FunctionBatch& out) const override;
+  [[nodiscard]] std::unique_ptr<QuadraticForm> make_quadratic_form() const override;
 
  private:
+  [[nodiscard]] RowMatrix axis_values(std::size_t axis, const Eigen::Ref<const Eigen::VectorXd>& nodes) const;
+
   /// Per axis: B-spline coefficients [nᵢ + 3, padded r]; the extra rows are zeros that short axes may touch.
   std::vector<std::vector<double>> coefficients_;
 };
