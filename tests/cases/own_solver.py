@@ -17,7 +17,7 @@ import unittest
 import urllib.request
 
 from dashboard import exit_status
-from support import REPOSITORY, Case, python_with, write_csv
+from support import KNOTHE, REPOSITORY, Case, python_with, write_csv
 
 EXAMPLES = REPOSITORY / "examples"
 
@@ -171,6 +171,69 @@ class Test(Case):
         self.assertEqual(len(list((self.folder / "work").iterdir())), 3)
         outcome = self.expect(0, *build, env={**environment, "MENDED": "1"})
         self.assertIn("9 full-order runs, 6 of them kept", outcome.out)
+
+    def use_coarse_storeys(self, condition):
+        """Nine runs, of which those fail that `condition` (of the shell) is false for."""
+        self.copy_example("command")
+        self.edit("nodes = 13", "nodes = 3")
+        self.edit("nodes = 7", "nodes = 3")
+        self.edit("retries = 1", "retries = 0")
+        self.edit('run = ["python3", "storeys.py", "{{k1}}", "{{damping}}"]',
+                  f"""run = ["sh", "-c", 'echo run >> "$RUNS"; {condition} || exit 3; exec python3 storeys.py {{{{k1}}}} {{{{damping}}}}']""")
+        os.environ["RUNS"] = str(self.folder / "runs.log")
+        (self.folder / "work").mkdir()
+        os.environ["TMPDIR"] = str(self.folder / "work")
+
+    def runs_made(self):
+        return len((self.folder / "runs.log").read_text().splitlines())
+
+    def test_runs_that_fail_are_left_out_where_that_is_asked_for(self):
+        """One corner of the box has no solution: the grid is left without the nodes at that end of one axis."""
+        self.use_coarse_storeys("""test "$MENDED" || test {{k1}} != 850000 || test {{damping}} != 3500""")
+        self.edit("[offline]\n", '[offline]\nfailed_runs = "leave-out"\n')
+        self.expect(0, "offline", self.project_name, "-o", "storeys.h5", stderr=[
+            "1 of 9 full-order runs failed and is left out:\n  run 3 (k1 = 850000, damping = 3500): sh ended with status 3",
+            "the grid is left without k1 = 850000: it has 2 nodes from 950000 to 1.05e+06",
+            "the model is made without 1 failed run(s); the others are kept in storeys.h5.parts"])
+        (info,) = self.expect(0, "model", "info", "storeys.h5", "--json").lines()
+        self.assertEqual([(p["lower"], p["upper"]) for p in info["parameters"]], [(950000, 1050000), (900, 3500)])
+        program = load_program(self.folder / "storeys.py")
+        (line,) = self.expect(0, "model", "evaluate", "storeys.h5", "--at", "k1=1.05e6,damping=2200", "--step", "59", "--json").lines()
+        for value, exact in zip(line["values"], program.solve(1.05e6, 2200)[59][1:]):
+            self.assertAlmostEqual(value, exact, delta=1e-6 * max(1, abs(exact)))
+        before = self.runs_made()
+        os.environ["MENDED"] = "1"
+        self.addCleanup(os.environ.pop, "MENDED")
+        self.expect(0, "offline", self.project_name, "-o", "storeys.h5")
+        (info,) = self.expect(0, "model", "info", "storeys.h5", "--json").lines()
+        self.assertEqual(info["parameters"][0]["lower"], 850000)
+        self.assertFalse((self.folder / "storeys.h5.parts").exists())
+        self.assertLessEqual(self.runs_made() - before, 1 + 8)  # that run, and off the grid in the larger box
+
+    def test_too_many_failures_are_an_error_all_the_same(self):
+        self.use_coarse_storeys("test {{k1}} = 850000")
+        self.edit("[offline]\n", '[offline]\nfailed_runs = "leave-out"\n')
+        self.expect(6, "offline", self.project_name, "-o", "storeys.h5", stderr="6 of the grid's runs failed, too many to do without")
+
+    def test_an_array_of_jobs_makes_the_runs_and_one_more_the_model(self):
+        self.use_coarse_storeys("true")
+        self.expect(0, "offline", self.project_name, "-o", "whole.h5")
+        in_one_go = self.runs_made()
+        script = REPOSITORY / "examples" / "slurm" / "array.sbatch"
+        environment = {**os.environ, "PATH": os.path.dirname(KNOTHE) + os.pathsep + os.environ["PATH"], "SLURM_ARRAY_TASK_COUNT": "3"}
+        for task in (2, 0, 1, 0):
+            done = subprocess.run(["bash", str(script), self.project_name, "model.h5"], cwd=self.folder, capture_output=True, text=True,
+                                  env={**environment, "SLURM_ARRAY_TASK_ID": str(task)})
+            self.assertEqual(done.returncode, 0, done.stderr)
+            self.assertRegex(done.stdout, rf"share {task}/3: [56] of 17 runs, \d of them kept from before")
+        self.assertEqual(self.runs_made(), 2 * in_one_go)
+        outcome = self.expect(0, "offline", self.project_name, "-o", "model.h5")
+        self.assertIn("9 full-order runs, 9 of them kept", outcome.out)
+        self.assertEqual(self.runs_made(), 2 * in_one_go)
+        at = "--at", "k1=0.9e6,damping=1500", "--step", "40", "--json"
+        values = [self.expect(0, "model", "evaluate", model, *at).lines()[0]["values"] for model in ("whole.h5", "model.h5")]
+        self.assertEqual(*values)
+        self.expect(2, "offline", self.project_name, "-o", "model.h5", "--share", "3/3", stderr="share I of N, counted from 0")
 
     def serve(self, package, model):
         """Serves a Python file as the tutorial page says; evaluate(*parameters) → all outputs, by the server."""
