@@ -21,6 +21,7 @@ struct BuildArguments {
   std::string method;  ///< overrides the project's
   std::string
       refine;  ///< results folder, around whose last posterior the project's model is refined; or empty
+  std::string share;   ///< "I/N": the runs of share I of N alone; or empty
   bool study = false;  ///< also what other numbers of modes, in both forms, would cost
   bool json = false;
 };

@@ -16,12 +16,18 @@ import urllib.request
 SERVER = pathlib.Path(__file__).resolve().parents[1] / "tests" / "cases" / "umbridge_server.py"
 KINDS = ("Evaluate", "Gradient", "ApplyJacobian", "ApplyHessian")
 NORMALS = "\n".join(f'z{k} = {{ prior = "normal", mean = 0.0, std = 1.0 }}' for k in range(10))
+GROWTH = "[observations]\nvalues = [0.86, 1.42, 1.92, 2.20, 2.74, 2.96, 3.22, 3.36]\nstd = [0.05, 0.05, 0.05, 0.05, 0.05, 0.05, 0.05, 0.05]"
 PROBLEMS = {
     "banana": ("banana", 'name = "forward"', "[observations]\nvalues = [0.5, -0.3]\nstd = [1.0, 0.1]",
                'x = { prior = "normal", mean = 0.0, std = 1.0 }\ny = { prior = "normal", mean = 0.0, std = 1.0 }'),
+    "two modes": ("twomodes", 'name = "forward"', "[observations]\nvalues = [2.0, 0.0]\nstd = [0.3, 0.5]",
+                  'x = { prior = "normal", mean = 0.0, std = 1.0 }\ny = { prior = "normal", mean = 0.0, std = 1.0 }'),
+    "growth, one parameter": ("growth1", 'name = "forward"', GROWTH, 'b = { prior = "lognormal", mu = 0.0, sigma = 0.5 }'),
+    "growth, three parameters": ("growth3", 'name = "forward"', GROWTH,
+                                 'a = { prior = "normal", mean = 1.5, std = 1.0 }\nb = { prior = "lognormal", mu = 0.0, sigma = 0.5 }\n'
+                                 'c = { prior = "normal", mean = 0.0, std = 0.5 }'),
     "growth": ("growth", 'name = "forward"',
-               "[observations]\nvalues = [0.86, 1.42, 1.92, 2.20, 2.74, 2.96, 3.22, 3.36]\nstd = [0.05, 0.05, 0.05, 0.05, 0.05, 0.05, 0.05, 0.05]",
-               'a = { prior = "normal", mean = 1.5, std = 1.0 }\nb = { prior = "lognormal", mu = 0.0, sigma = 0.5 }\n'
+               GROWTH, 'a = { prior = "normal", mean = 1.5, std = 1.0 }\nb = { prior = "lognormal", mu = 0.0, sigma = 0.5 }\n'
                'c = { prior = "normal", mean = 0.0, std = 0.5 }\nd = { prior = "normal", mean = 0.0, std = 0.3 }'),
     "eight schools, gradients": ("eightschools+gradient", 'name = "posterior"\nkind = "density"', "", NORMALS),
     "eight schools, values alone": ("eightschools", 'name = "posterior"\nkind = "density"', "", NORMALS),

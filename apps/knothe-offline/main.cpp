@@ -18,7 +18,7 @@ int offline_build(const BuildArguments& a) {
     offline::refine_model({a.project, a.refine, a.output}, CommandOutput(a.json));
     return 0;
   }
-  offline::build_model({a.project, a.output, a.method, a.study}, CommandOutput(a.json));
+  offline::build_model({a.project, a.output, a.method, a.study, a.share}, CommandOutput(a.json));
   return 0;
 }
 

@@ -46,35 +46,39 @@ RunSelectionOptions selection_options(const project::OfflineOptions& options) {
 /// The project's solver as a function of points, and the runs it has made.
 class ObservedRuns {
  public:
-  ObservedRuns(const project::Project& project, simulator::Simulator& solver, std::string parts_folder,
-               const std::vector<reduction::Axis>& axes, const files::CommandOutput& output)
+  ObservedRuns(const project::Project& project, simulator::Simulator& solver, const std::string& parts_folder,
+               const files::CommandOutput& output)
       : project_(project),
         solver_(solver),
         output_(output),
         share_(mechanics::share_of_ranks()),
-        grid_{.axes = axes,
-              .parts_folder = std::move(parts_folder),
-              .processes = project.offline->processes,
-              .quiet = !is_first()} {}
+        grid_(run_grid_of(project, parts_folder)) {}
 
   [[nodiscard]] bool is_first() const { return share_.rank == 0; }
   [[nodiscard]] std::size_t computed() const { return computed_; }
 
-  /// Predictions at the points in units of their noise, n × (n_t n_obs).
+  /// Predictions at the points in units of their noise, n × (n_t n_obs); NaN where a run has failed.
   MatrixXd operator()(const std::vector<std::vector<double>>& points) {
     const simulator::PointRuns found = solve(points);
-    computed_ += found.computed.size();
-    MatrixXd result;
+    const auto is_in = [](const std::vector<std::size_t>& some, std::size_t n) {
+      return std::binary_search(some.begin(), some.end(), n);
+    };
+    computed_ += found.computed.size() + found.failed.size();
+    const auto count = static_cast<Index>(points.size());
+    MatrixXd result = MatrixXd::Constant(count, std::max<Index>(columns_, 1), std::nan(""));
     for (std::size_t n = 0; n < points.size(); ++n) {
+      if (is_in(found.failed, n)) continue;
       const simulator::FinishedRun run = simulator::read_run(found.runs[n]);
-      const bool is_new = std::binary_search(found.computed.begin(), found.computed.end(), n);
-      if (is_first()) report_run({points[n], !is_new, run.record}, output_);
+      if (is_first()) report_run({points[n], !is_in(found.computed, n), run.record}, output_);
       if (!problem_) set_frame(run.solution);
       const VectorXd row = observed(run.solution, found.runs[n].file);
-      if (n == 0) result.resize(static_cast<Index>(points.size()), row.size());
+      if (columns_ == 0) {
+        columns_ = row.size();
+        result.setConstant(count, columns_, std::nan(""));
+      }
       result.row(static_cast<Index>(n)) = row.transpose();
+      runs_.push_back(found.runs[n]);
     }
-    runs_.insert(runs_.end(), found.runs.begin(), found.runs.end());
     return result;
   }
 
@@ -138,6 +142,7 @@ class ObservedRuns {
   std::optional<SyntheticProblem> problem_;
   Snapshots frame_;
   std::size_t size_ = 0;
+  Index columns_ = 0;
 };
 
 std::string duration(double seconds) {
@@ -243,8 +248,8 @@ void check_grid_shift(const project::Project& project, const std::vector<reducti
         options.runs, least, axes.size(), options.held_out));
 }
 
-AdaptiveSolutions solve_adaptive_grid(const project::Project& project, simulator::Simulator& solver,
-                                      const std::string& parts_folder, const files::CommandOutput& output) {
+SolvedGrid solve_adaptive_grid(const project::Project& project, simulator::Simulator& solver,
+                               const std::string& parts_folder, const files::CommandOutput& output) {
   const std::vector<reduction::Axis> axes = parameter_axes(project);
   const std::vector<Prior> priors = priors_of(project, axes);
   const RunSelectionOptions options = selection_options(*project.offline);
@@ -253,23 +258,23 @@ AdaptiveSolutions solve_adaptive_grid(const project::Project& project, simulator
     lower[static_cast<Index>(i)] = axes[i].nodes.front();
     upper[static_cast<Index>(i)] = axes[i].nodes.back();
   }
-  ObservedRuns runs(project, solver, parts_folder, axes, output);
+  ObservedRuns runs(project, solver, parts_folder, output);
   const SelectedRuns selected =
       select_runs(priors, lower, upper, options, std::ref(runs), RoundReport(options, runs, output));
-  AdaptiveSolutions result;
+  SolvedGrid result;
+  result.failed = selected.failed;
   if (!runs.is_first()) return result;
   warn_if_missed(selected, options);
   const std::size_t held_out = selected.held_out_points.size();
-  output.text(fmt::format("{} full-order runs, {} of them kept from before",
-                          selected.points.size() + held_out,
-                          selected.points.size() + held_out - runs.computed()));
+  const std::size_t made = selected.points.size() + held_out + selected.failed;
+  output.text(fmt::format("{} full-order runs, {} of them kept from before", made, made - runs.computed()));
   Snapshots frame = runs.frame();
   frame.axes = model_axes(selected, priors, axes, options.shift);
   const std::vector<Snapshots> solutions = runs.solutions(held_out, selected.points.size());
   require_small(frame, solutions.front());
   result.solutions = interpolate_on_grid(selected.interpolation, std::move(frame), solutions);
   reduction::validate(result.solutions.snapshots, "full-order runs");
-  result.held_out = simulator::fields_of(runs.solutions(0, held_out));
+  result.off_grid = simulator::fields_of(runs.solutions(0, held_out));
   return result;
 }
 

@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "knothe/files/command_output.hpp"
+#include "knothe/offline/grid_solving.hpp"
 #include "knothe/project/project_file.hpp"
-#include "knothe/reduction/grid/grid_solutions.hpp"
 #include "knothe/simulator/simulator.hpp"
 
 namespace knothe::offline {
@@ -14,18 +14,14 @@ namespace knothe::offline {
 /// Before anything is computed: what `grid_shift` asks of the project. ProjectError.
 void check_grid_shift(const project::Project& project, const std::vector<reduction::Axis>& axes);
 
-struct AdaptiveSolutions {
-  reduction::GridSolutions solutions;                ///< interpolated on a grid that splines follow
-  std::vector<reduction::OffGridSolution> held_out;  ///< runs that these are not made from
-};
 /// Makes runs where they are worth most until the posterior shift is as wanted, or no more are allowed, which
 /// is a warning. Runs are kept in `parts_folder`; each round tells on stderr what it has reached and how long
-/// the rest may take, and to `output` as JSON. Call it on every rank of an MPI job. Errors: as
+/// the rest may take, and to `output` as JSON. The solutions are interpolated on a grid that splines follow;
+/// runs that these are not made from are the off-grid ones. Call it on every rank of an MPI job. Errors: as
 /// simulator::run_points; ProjectError where [simulate] measures nothing, NumericalError where the grid that
 /// the model's splines need does not fit in memory.
-[[nodiscard]] AdaptiveSolutions solve_adaptive_grid(const project::Project& project,
-                                                    simulator::Simulator& solver,
-                                                    const std::string& parts_folder,
-                                                    const files::CommandOutput& output);
+[[nodiscard]] SolvedGrid solve_adaptive_grid(const project::Project& project, simulator::Simulator& solver,
+                                             const std::string& parts_folder,
+                                             const files::CommandOutput& output);
 
 }  // namespace knothe::offline

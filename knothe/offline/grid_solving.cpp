@@ -22,38 +22,21 @@ namespace {
 using project::OfflineOptions;
 using reduction::GridSolutions;
 
-/// A tensor grid, or the sparse grid of a level in it.
-struct ParameterGrid {
-  std::vector<reduction::Axis> axes;
-  int sparse_level = -1;  ///< −1: all points
-
-  [[nodiscard]] std::size_t runs() const {
-    return reduction::sparse_grid(axes, sparse_level < 0 ? reduction::finest_level(axes) : sparse_level)
-        .points.size();
-  }
-};
-
-GridSolutions run_grid(const OfflineOptions& options, simulator::Simulator& solver, const ParameterGrid& grid,
-                       const std::string& parts_folder, const files::CommandOutput& output) {
+SolvedGrid run_grid(simulator::Simulator& solver, const simulator::RunGrid& grid,
+                    const files::CommandOutput& output) {
   const simulator::JobShare share = mechanics::share_of_ranks();
-  const bool first = share.rank == 0;
-  simulator::GridRuns runs = simulator::run_grid(solver,
-                                                 {.axes = grid.axes,
-                                                  .parts_folder = parts_folder,
-                                                  .sparse_level = grid.sparse_level,
-                                                  .processes = options.processes,
-                                                  .quiet = !first},
-                                                 share);
-  GridSolutions solutions;
-  solutions.snapshots = std::move(runs.snapshots);
-  if (!first) return solutions;
+  simulator::GridRuns runs = simulator::run_grid(solver, grid, share);
+  SolvedGrid solved;
+  solved.failed = runs.failed;
+  solved.solutions.snapshots = std::move(runs.snapshots);
+  if (share.rank != 0) return solved;
   std::size_t resumed = 0;
   for (const simulator::RunSummary& run : runs.runs) {
     resumed += run.resumed ? 1 : 0;
     report_run(run, output);
   }
   output.text(fmt::format("{} full-order runs, {} of them kept from before", runs.runs.size(), resumed));
-  return solutions;
+  return solved;
 }
 
 /// What both forms of LATIN-PGD take from a project.
@@ -147,8 +130,9 @@ double interpolation_error(const GridSolutions& solutions, const std::vector<std
 }
 
 /// The next level of a sparse grid, whose runs stay; else the grid with nodes beside its weakest one.
-ParameterGrid finer(ParameterGrid grid, const reduction::Snapshots& snapshots,
-                    const std::vector<std::size_t>& dofs) {
+simulator::RunGrid finer(simulator::RunGrid grid, const reduction::Snapshots& snapshots,
+                         const std::vector<std::size_t>& dofs) {
+  grid.axes = snapshots.axes;  // without the nodes whose runs have failed
   if (grid.sparse_level >= 0 && grid.sparse_level < reduction::finest_level(grid.axes)) {
     ++grid.sparse_level;
     return grid;
@@ -159,6 +143,17 @@ ParameterGrid finer(ParameterGrid grid, const reduction::Snapshots& snapshots,
   grid.axes = reduction::refined(grid.axes, *weak);
   if (grid.sparse_level >= 0) grid.sparse_level = reduction::finest_level(grid.axes);
   return grid;
+}
+
+/// Leaves out the solutions at points that are not in the box of these axes.
+void keep_inside(const std::vector<reduction::Axis>& axes,
+                 std::vector<reduction::OffGridSolution>& solutions) {
+  std::erase_if(solutions, [&](const reduction::OffGridSolution& solution) {
+    for (std::size_t i = 0; i < axes.size(); ++i)
+      if (solution.parameters[i] < axes[i].nodes.front() || solution.parameters[i] > axes[i].nodes.back())
+        return true;
+    return false;
+  });
 }
 
 }  // namespace
@@ -184,40 +179,63 @@ GridSolutions solve_latin(const project::Project& project, const std::string& pa
       options, beam_problem(project), parameter_axes(project), parts_folder, output);
 }
 
-GridSolutions solve_project_grid(const project::Project& project, simulator::Simulator& solver,
-                                 const std::string& parts_folder,
-                                 const std::vector<reduction::OffGridSolution>& off_grid,
-                                 const files::CommandOutput& output) {
+simulator::RunGrid run_grid_of(const project::Project& project, const std::string& parts_folder) {
   const OfflineOptions& options = *project.offline;
-  ParameterGrid grid{parameter_axes(project), options.sparse_level.value_or(-1)};
+  return {.axes = parameter_axes(project),
+          .parts_folder = parts_folder,
+          .sparse_level = options.sparse_level.value_or(-1),
+          .processes = options.processes,
+          .quiet = mechanics::share_of_ranks().rank != 0,
+          .leave_out_failed = options.leave_out_failed};
+}
+
+SolvedGrid solve_project_grid(const project::Project& project, simulator::Simulator& solver,
+                              const std::string& parts_folder, const files::CommandOutput& output) {
+  const OfflineOptions& options = *project.offline;
+  simulator::RunGrid grid = run_grid_of(project, parts_folder);
+  // The off-grid runs judge an adaptive grid; without one they come last, when the grid's runs are safe.
+  std::vector<reduction::OffGridSolution> off_grid;
+  if (options.adaptive_grid_error) off_grid = solve_off_grid(solver, grid, mechanics::share_of_ranks());
   while (true) {
-    GridSolutions solutions = run_grid(options, solver, grid, parts_folder, output);
-    if (!options.adaptive_grid_error) return solutions;
+    SolvedGrid solved = run_grid(solver, grid, output);
+    if (!options.adaptive_grid_error) return solved;
+    const GridSolutions& solutions = solved.solutions;
+    keep_inside(solutions.snapshots.axes, off_grid);
+    solved.off_grid = off_grid;
     const std::vector<std::size_t> dofs =
         judged_dofs(project, solutions.dofs(), solutions.snapshots.quantities);
     const double error = interpolation_error(solutions, dofs, off_grid);
     fmt::print(stderr, "parameter grid of {} points: off the grid at most {:.3f} µm on the observed dofs\n",
                solutions.snapshots.grid_size(), 1e6 * error);
-    if (error <= *options.adaptive_grid_error) return solutions;
-    ParameterGrid next = finer(grid, solutions.snapshots, dofs);
-    if (const std::size_t runs = next.runs(); runs > static_cast<std::size_t>(options.adaptive_runs)) {
+    if (error <= *options.adaptive_grid_error) return solved;
+    simulator::RunGrid next = finer(grid, solutions.snapshots, dofs);
+    if (const std::size_t runs = points_of(next).size();
+        runs > static_cast<std::size_t>(options.adaptive_runs)) {
       fmt::print(stderr,
                  "knothe: warning: grid_error {:g} m is not met ({:g} m), and a finer grid would have {} "
                  "points, more than [offline.adaptive] runs = {}\n",
                  *options.adaptive_grid_error, error, runs, options.adaptive_runs);
-      return solutions;
+      return solved;
     }
     grid = std::move(next);
   }
 }
 
-std::vector<reduction::OffGridSolution> solve_off_grid(simulator::Simulator& simulator,
-                                                       const std::vector<reduction::Axis>& axes) {
+std::vector<std::vector<double>> off_grid_points(const std::vector<reduction::Axis>& axes) {
   constexpr int k_points = 8;
   constexpr std::uint64_t k_seed = 271;  // not that of `model verify`, whose points must be new
-  Progress progress("off-grid runs", k_points);
-  return simulator::fields_of(simulator.solve_all(points_in_box(axes, k_points, k_seed),
-                                                  [&](std::size_t done) { progress.advance_to(done); }));
+  return points_in_box(axes, k_points, k_seed);
+}
+
+std::vector<reduction::OffGridSolution> solve_off_grid(simulator::Simulator& solver, simulator::RunGrid grid,
+                                                       const simulator::JobShare& share) {
+  grid.label = "off-grid runs";
+  const simulator::PointRuns found = run_points(solver, grid, off_grid_points(grid.axes), share);
+  std::vector<reduction::Snapshots> solutions;
+  for (std::size_t i = 0; i < found.runs.size(); ++i)
+    if (!std::binary_search(found.failed.begin(), found.failed.end(), i))
+      solutions.push_back(simulator::read_run(found.runs[i]).solution);
+  return simulator::fields_of(std::move(solutions));
 }
 
 }  // namespace knothe::offline

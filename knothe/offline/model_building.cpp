@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cstdio>
 #include <filesystem>
 
 #include <nlohmann/json.hpp>
@@ -45,24 +46,51 @@ reduction::ModelContents compressed(const project::Project& project,
   return model;
 }
 
-struct SolvedGrid {
-  reduction::GridSolutions solutions;
-  std::vector<reduction::OffGridSolution> off_grid;  ///< where they were needed already
-};
-
 SolvedGrid solve(const project::Project& project, simulator::Simulator& solver, const std::string& parts,
                  const files::CommandOutput& output) {
   const project::OfflineOptions& options = *project.offline;
-  if (options.method == project::OfflineMethod::latin) return {solve_latin(project, parts, output), {}};
-  if (options.adaptive_grid_shift) {
-    AdaptiveSolutions chosen = solve_adaptive_grid(project, solver, parts, output);
-    return {std::move(chosen.solutions), std::move(chosen.held_out)};
-  }
-  // The off-grid runs judge an adaptive grid; without one they come last, when the grid's runs are safe.
-  std::vector<reduction::OffGridSolution> off_grid;
-  if (options.adaptive_grid_error) off_grid = solve_off_grid(solver, parameter_axes(project));
-  reduction::GridSolutions solutions = solve_project_grid(project, solver, parts, off_grid, output);
-  return {std::move(solutions), std::move(off_grid)};
+  if (options.method == project::OfflineMethod::latin) return {solve_latin(project, parts, output), {}, 0};
+  if (options.adaptive_grid_shift) return solve_adaptive_grid(project, solver, parts, output);
+  SolvedGrid solved = solve_project_grid(project, solver, parts, output);
+  if (!solved.off_grid.empty()) return solved;
+  simulator::RunGrid grid = run_grid_of(project, parts);
+  grid.axes = solved.solutions.snapshots.axes;
+  solved.off_grid = solve_off_grid(solver, std::move(grid), mechanics::share_of_ranks());
+  return solved;
+}
+
+/// "I/N" → I, N.
+simulator::JobShare parse_share(const std::string& text) {
+  simulator::JobShare share;
+  int end = 0;
+  if (std::sscanf(text.c_str(), "%d/%d%n", &share.rank, &share.size, &end) != 2 ||
+      static_cast<std::size_t>(end) != text.size() || share.rank < 0 || share.rank >= share.size)
+    throw UsageError(fmt::format(
+        "--share {}: it is I/N, share I of N, counted from 0: 0/4, 1/4, 2/4 and 3/4 are all runs", text));
+  return share;
+}
+
+/// The runs of one share alone: which these are depends on the project only, not on what is there.
+void make_share(const project::Project& project, simulator::Simulator& solver, const BuildOptions& options,
+                const std::string& parts, const files::CommandOutput& output) {
+  const simulator::JobShare share = parse_share(options.share);
+  if (project.offline->method == project::OfflineMethod::latin || project.offline->adaptive_grid_error ||
+      project.offline->adaptive_grid_shift)
+    throw UsageError(
+        "--share: the runs must be known beforehand, those of a grid; LATIN-PGD, grid_error and grid_shift "
+        "take MPI (mpirun, srun)");
+  simulator::RunGrid grid = run_grid_of(project, parts);
+  std::vector<std::vector<double>> points = points_of(grid), own;
+  for (auto& point : off_grid_points(grid.axes)) points.push_back(std::move(point));
+  for (auto i = static_cast<std::size_t>(share.rank); i < points.size();
+       i += static_cast<std::size_t>(share.size))
+    own.push_back(points[i]);
+  std::size_t computed = 0;
+  if (!own.empty()) computed = simulator::run_points(solver, grid, own).computed.size();
+  output.line({{"done", true}, {"share", options.share}, {"runs", own.size()}, {"computed", computed}},
+              fmt::format("share {}: {} of {} runs, {} of them kept from before. After all shares the same "
+                          "command without --share makes the model",
+                          options.share, own.size(), points.size(), own.size() - computed));
 }
 
 void check_method(const project::OfflineOptions& options) {
@@ -95,16 +123,24 @@ void build(const BuildOptions& build, const files::CommandOutput& output) {
   if (options.method == project::OfflineMethod::latin && !is_first) return;
   const auto solver = project_simulator(project, axes);
   const std::string parts = build.model + ".parts";
-  auto [solutions, off_grid] = solve(project, *solver, parts, output);
+  if (!build.share.empty()) return make_share(project, *solver, build, parts, output);
+  auto [solutions, off_grid, failed] = solve(project, *solver, parts, output);
   // In an MPI job all ranks have computed runs and now hold the same snapshots; the first one goes on.
   if (!is_first) return;
   reduction::ModelContents model = compressed(project, solutions);
-  if (off_grid.empty()) off_grid = solve_off_grid(*solver, axes);
+  if (off_grid.empty()) off_grid = solve_off_grid(*solver, run_grid_of(project, parts));
   const reduction::ModelError between = reduction::off_grid_error(model, off_grid);
   model.off_grid = {std::max(between.relative, between.plain_relative), between.max, "full-order solutions"};
   reduction::write_model(model, reduction::truncation_error(model, solutions, off_grid), build.model);
   if (build.study) study_models(project, solutions, off_grid, output);
-  remove_finished_runs(parts);
+  if (failed == 0)
+    remove_finished_runs(parts);
+  else
+    fmt::print(
+        stderr,
+        "knothe: warning: the model is made without {} failed run(s); the others are kept in {}: the same "
+        "command tries those that failed once more\n",
+        failed, parts);
   output.line({{"done", true},
                {"model", build.model},
                {"relative_error", model.relative_error},

@@ -120,7 +120,7 @@ const Section<M>& method_section() {
         "kind", &M::kind,
         "`auto`: the cheapest way whose accuracy is verified: quadrature around the modes (up to 3 "
         "parameters), weighted draws (3 to 8), else the transport map, which `form = \"composed\"` always "
-        "takes; for `knothe infer` the map up to 3 parameters, weighted draws beyond. "
+        "takes; for `knothe infer` weighted draws, but of a reduced model with up to 3 parameters the map. "
         "Transport map; dense quadrature on a grid (at most 3 parameters); Markov chain and sequential Monte "
         "Carlo; for `knothe assimilate` also the extended, unscented and ensemble Kalman filter.");
     add_map_options(s);

@@ -66,6 +66,9 @@ void add_body_options(Section<O>& s) {
 
 void add_reduction_options(Section<O>& s) {
   s.add("processes", &O::processes, "Processes that compute full-order runs side by side.", at_least(1));
+  s.choice("failed_runs", &O::leave_out_failed, "stop", "leave-out",
+           "Where a full-order run fails: no model is made; or that run is told and left out, with the nodes "
+           "of the grid that it needs, or with the degrees of `grid_shift` that build on it.");
   s.add("form", &O::form, "Form of the separated model.");
   s.add("modes", &O::modes, "Number of modes (tree: r, canonical: m).", at_least(1));
   s.add("sparse_level", &O::sparse_level,
@@ -256,6 +259,18 @@ void check_own_solver(Values& values, const OfflineOptions& o) {
   }
 }
 
+void check_failed_runs(Values& values, const OfflineOptions& o) {
+  if (!o.leave_out_failed) return;
+  if (o.sparse_level)
+    values.complain("offline.failed_runs",
+                    "[offline] failed_runs = \"leave-out\" does not go with \"sparse_level\": a sparse grid "
+                    "needs all its runs");
+  if (o.method == OfflineMethod::latin)
+    values.complain(
+        "offline.failed_runs",
+        "[offline] failed_runs = \"leave-out\" needs method = \"snapshots\": LATIN-PGD has no runs");
+}
+
 void check_time(Values& values, const simulator::TimeAxis& time) {
   if (time.output.empty() != time.values.empty())
     values.complain(time.output.empty() ? "offline.time_values" : "offline.time",
@@ -305,6 +320,7 @@ OfflineOptions read_offline(Values& values) {
   if (o.command && o.umbridge)
     values.complain("offline.umbridge", "[offline] has both \"command\" and \"umbridge\": choose one");
   check_time(values, o.time);
+  check_failed_runs(values, o);
   const bool is_own = !o.is_beam();
   for (const std::string& name : values.children_of("offline.parameters"))
     o.parameters.push_back((is_own ? read_own_parameter : read_parameter)(values, name));

@@ -103,6 +103,7 @@ struct OfflineOptions {
   LeftSupport left_support = LeftSupport::support_line;
   simulator::TimeAxis time;  ///< no output: the solver's own times
   int processes = 2;
+  bool leave_out_failed = false;  ///< runs that fail; else they are an error
   reduction::Form form = reduction::Form::tree;
   int modes = 30;
   std::optional<int> sparse_level;            ///< else the whole tensor grid

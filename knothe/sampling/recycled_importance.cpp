@@ -112,9 +112,13 @@ class Draws {
     return low > 0 ? low : high;
   }
 
-  /// At most `count` points for ρ^{1−β} π̄^β, with weights none of which is worth more than √n (Ionides 2008).
-  [[nodiscard]] WeightedPoints at(double beta, Eigen::Index count, std::uint64_t seed) const {
-    WeightedPoints some{points_, weigh(beta).values.cwiseMin(1 / std::sqrt(static_cast<double>(size())))};
+  /// At most `count` points for `factor` [n] times ρ^{1−β} π̄^β, with weights none of which is worth more than
+  /// √n (Ionides 2008).
+  [[nodiscard]] WeightedPoints at(double beta, const Eigen::VectorXd& factor, Eigen::Index count,
+                                  std::uint64_t seed) const {
+    WeightedPoints some{points_, weigh(beta).values.cwiseProduct(factor)};
+    some.weights /= some.weights.sum();
+    some.weights = some.weights.cwiseMin(1 / std::sqrt(static_cast<double>(size())));
     some.weights /= some.weights.sum();
     thin(some.points, some.weights, count, seed);
     some.weights /= some.weights.sum();
@@ -141,9 +145,32 @@ class Draws {
   LogDensityBatch batch_;
 };
 
-MixtureProduct fitted(const Draws& draws, double beta, std::uint64_t seed) {
-  const WeightedPoints target = draws.at(beta, k_fit_points, seed),
-                       flat = draws.at(k_flat * beta, k_fit_points, seed);
+Eigen::MatrixXd variables_of(const Draws& draws, const RecycledImportanceOptions& options) {
+  return options.variables ? options.variables(draws.points()) : draws.points();
+}
+
+/// 1 + r²/d, r: distance of each draw from the mean in standard deviations of the variables. Errors of
+/// standard deviations are made far out, where a fit to the target itself has few draws; to sample |f| π̄ is
+/// best for the mean of f.
+Eigen::VectorXd emphasis(const Eigen::MatrixXd& variables, const Eigen::VectorXd& weights) {
+  Eigen::VectorXd factor = Eigen::VectorXd::Ones(variables.rows());
+  for (Eigen::Index k = 0; k < variables.cols(); ++k) {
+    const Eigen::ArrayXd squares = (variables.col(k).array() - variables.col(k).dot(weights)).square();
+    const double variance = squares.matrix().dot(weights);
+    if (variance > 0) factor.array() += squares / (variance * static_cast<double>(variables.cols()));
+  }
+  return factor;
+}
+
+/// `enough`: what the weights of the flattened target have to be worth, else there is none: behind a prior
+/// far away it may be where no draws are.
+MixtureProduct fitted(const Draws& draws, double beta, double enough,
+                      const RecycledImportanceOptions& options) {
+  const std::uint64_t seed = options.seed;
+  const double flat_beta = draws.weigh(k_flat * beta).effective_size >= enough ? k_flat * beta : beta;
+  const Eigen::VectorXd factor = emphasis(variables_of(draws, options), draws.weigh(beta).values);
+  const WeightedPoints target = draws.at(beta, factor, k_fit_points, seed),
+                       flat = draws.at(flat_beta, Eigen::VectorXd::Ones(draws.size()), k_fit_points, seed);
   ImportanceProposal proposal(k_tails, k_flat_share);
   const Eigen::MatrixXd even = numerics::resample(target.points, target.weights, k_group_points, seed),
                         even_flat = numerics::resample(flat.points, flat.weights, k_group_points, seed);
@@ -160,8 +187,7 @@ void state(const Draws& draws, const RecycledImportanceOptions& options, Recycle
   r.sample.log_evidence_error =
       std::sqrt(std::max(0.0, 1 / weights.effective_size - 1 / static_cast<double>(draws.size())));
   r.sample.has_evidence = true;
-  const MomentErrors errors =
-      standard_errors(options.variables ? options.variables(draws.points()) : draws.points(), weights.values);
+  const MomentErrors errors = standard_errors(variables_of(draws, options), weights.values);
   r.mean_error = 4 * errors.mean;
   r.deviation_error = 4 * errors.deviation;
   r.converged = r.temperatures.back() == 1 && r.mean_error <= options.mean_tolerance &&
@@ -202,10 +228,12 @@ RecycledImportanceResult recycled_importance(LogDensity& user_target,
     if (is_done(result, options) || target.evaluations() + options.draws > options.max_evaluations) break;
     report();
     if (beta < 1 && modes.empty() && result.temperatures.size() >= k_rounds_before_ascents) {
-      ModeSearch().ascend_from(target, draws.at(beta, k_ascents, options.seed).points, modes);
+      const Eigen::VectorXd evenly = Eigen::VectorXd::Ones(draws.size());
+      ModeSearch().ascend_from(target, draws.at(beta, evenly, k_ascents, options.seed).points, modes);
+      if (target.evaluations() + options.draws > options.max_evaluations) break;
       draws.add(target, of_all(around(modes)), options.draws, random);
     } else {
-      draws.add(target, fitted(draws, beta, options.seed), options.draws, random);
+      draws.add(target, fitted(draws, beta, enough / 3, options), options.draws, random);
     }
   }
   result.sample.density_evaluations = target.evaluations();

@@ -30,11 +30,11 @@ struct RecycledImportanceResult : ImportanceResult {
 /// Adaptive multiple importance sampling (Cornuet, Marin, Mira, Robert 2012) along ρ^{1−β} π̄^β, ρ = N(0, I).
 /// All draws so far, whichever proposal they come from, are weighted as draws from the mixture of all
 /// proposals so far; β is the largest for which the weights are worth enough draws; the next proposal is
-/// fitted to them (`ImportanceProposal`). Draws at low β keep sight of modes far away. Where β is still below
-/// 1 after eight rounds, the mass is far away or small: then draws come from Laplace approximations as well,
-/// at the modes found by ascent from four draws, for which alone derivatives are asked for. A function of the
-/// target and the options alone. Errors: NumericalError if the target is zero at all first draws;
-/// Interrupted; those of the target.
+/// fitted to them (`ImportanceProposal`), those far from the mean counted more. Draws at low β keep sight of
+/// modes far away. Where β is still below 1 after eight rounds, the mass is far away or small: then draws
+/// come from Laplace approximations as well, at the modes found by ascent from four draws, for which alone
+/// derivatives are asked for. A function of the target and the options alone. Errors: NumericalError if the
+/// target is zero at all first draws; Interrupted; those of the target.
 [[nodiscard]] RecycledImportanceResult recycled_importance(LogDensity& target,
                                                            const RecycledImportanceOptions& options = {});
 

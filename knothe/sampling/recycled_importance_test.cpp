@@ -3,10 +3,12 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <numbers>
 
 #include "knothe/base/error.hpp"
 #include "knothe/sampling/testing/importance_checks.hpp"
 #include "knothe/sampling/testing/model_targets.hpp"
+#include "knothe/sampling/testing/test_targets.hpp"
 
 namespace knothe::sampling {
 namespace {
@@ -41,6 +43,50 @@ TEST(RecycledImportance, ANarrowCorrelatedGaussian) {
 TEST(RecycledImportance, FarFromTheReference) {
   KnownMixture target({{1.0, Eigen::Vector4d(40, -70, 0, 1), 0.1 * Eigen::MatrixXd::Identity(4, 4)}}, 3);
   expect_right(recycled_importance(target), target, 3);
+}
+
+/// A prior N(0, I), and data a hundred of its deviations away: half the likelihood lies elsewhere altogether.
+TEST(RecycledImportance, DataFarFromThePrior) {
+  Eigen::MatrixXd a(3, 2);
+  a << 1 / 0.3, 1 / 0.3, 0.3 / 0.5, -2 / 0.5, 1 / 0.4, 4 / 0.4;
+  const Eigen::Vector3d data(400, 8, 2.5);
+  const Eigen::MatrixXd covariance = (a.transpose() * a + Eigen::Matrix2d::Identity()).inverse();
+  KnownMixture target({{1.0, covariance * a.transpose() * data, covariance.llt().matrixL()}}, -7000);
+  expect_right(recycled_importance(target), target, -7000);
+}
+
+/// x = 0.5 ± 1 and y − x² = −0.3 ± s observed, with a prior N(0, I). The end of the ridge decides about the
+/// deviation of y. Given x the density of y is Gaussian: one integral is left.
+TEST(RecycledImportance, Bananas) {
+  for (const double s : {0.1, 0.03}) {
+    targets::Planar target(
+        [s](double x, double y, double* r) {
+          r[0] = -0.5 * (std::pow((y - x * x + 0.3) / s, 2) + std::pow(x - 0.5, 2) + x * x + y * y);
+        },
+        0);
+    constexpr int k_nodes = 4000;
+    const double variance = s * s / (1 + s * s);
+    double sum = 0;
+    Eigen::Vector2d mean = Eigen::Vector2d::Zero(), square = mean;
+    for (int i = 0; i < k_nodes; ++i) {
+      const double x = -6 + 12 * (i + 0.5) / k_nodes, ridge = x * x - 0.3, y = ridge / (1 + s * s);
+      const double weight = std::exp(-0.5 * (std::pow(x - 0.5, 2) + x * x + ridge * y)) * 12 / k_nodes;
+      sum += weight;
+      mean += weight * Eigen::Vector2d(x, y);
+      square += weight * Eigen::Vector2d(x * x, y * y + variance);
+    }
+    mean /= sum;
+    const Eigen::Vector2d deviation = (square / sum - mean.cwiseAbs2()).cwiseSqrt();
+    const double log_evidence = std::log(sum) + 0.5 * std::log(2 * std::numbers::pi * variance);
+    for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+      RecycledImportanceOptions options;
+      options.seed = seed;
+      SCOPED_TRACE(testing::Message() << "s " << s << ", seed " << seed);
+      const RecycledImportanceResult r = recycled_importance(target, options);
+      expect_right(r, mean, deviation, log_evidence);
+      EXPECT_LE(r.sample.density_evaluations, 10000);
+    }
+  }
 }
 
 TEST(RecycledImportance, TwoModesOfUnequalWeightFarApart) {

@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <iterator>
+#include <numeric>
 
 #include "knothe/base/progress.hpp"
 #include "knothe/base/text.hpp"
@@ -29,6 +31,8 @@ void check_axes(const RunGrid& grid) {
   if (grid.processes < 1)
     throw ProjectError(fmt::format("processes is {}; it must be at least 1", grid.processes));
   if (grid.parts_folder.empty()) throw ProjectError("no folder is given for the finished runs");
+  if (grid.leave_out_failed && grid.sparse_level >= 0)
+    throw ProjectError("a sparse grid needs all its runs: those that fail cannot be left out");
 }
 
 /// The runs of one grid, those that are kept and those that are not.
@@ -51,10 +55,38 @@ class Runs {
 
   [[nodiscard]] const std::vector<Run>& all() const { return runs_; }
 
-  /// Solves for `missing`, which are some of those that are not there.
-  void solve(const std::vector<std::size_t>& missing, std::size_t there) {
-    Progress progress("full-order runs", runs_.size(), grid_.quiet);
-    progress.advance_to(there);
+  /// Solves for `missing`, which are some of those that are not there. Failures are an error, or told.
+  void solve(std::vector<std::size_t> missing, std::size_t there) {
+    Progress progress(grid_.label, runs_.size(), grid_.quiet);
+    std::vector<RunFailure> failures;
+    while (!missing.empty()) {
+      progress.advance_to(there);
+      std::vector<RunFailure> failed = attempt(missing, there, progress);
+      if (failed.empty()) break;
+      // A solver may stop at the first failure: the others are still to be done.
+      std::vector<std::size_t> left;
+      for (const std::size_t i : missing) {
+        const bool has_failed =
+            std::any_of(failed.begin(), failed.end(), [&](const RunFailure& f) { return f.run == i; });
+        if (is_there(runs_[i]))
+          ++there;
+        else if (!has_failed)
+          left.push_back(i);
+      }
+      missing = std::move(left);
+      failures.insert(failures.end(), std::make_move_iterator(failed.begin()),
+                      std::make_move_iterator(failed.end()));
+      const bool is_fatal = failures.back().status == ExitStatus::io;
+      if (is_fatal || !grid_.leave_out_failed) complain_of(failures);
+    }
+    if (!failures.empty())
+      fmt::print(stderr, "knothe: warning: {} of {} {} failed and {} left out:{}\n", failures.size(),
+                 runs_.size(), grid_.label, failures.size() == 1 ? "is" : "are", listed(failures));
+  }
+
+ private:
+  [[nodiscard]] std::vector<RunFailure> attempt(const std::vector<std::size_t>& missing, std::size_t there,
+                                                Progress& progress) {
     std::vector<Run> wanted;
     for (const std::size_t i : missing) wanted.push_back(runs_[i]);
     std::vector<RunFailure> failures;
@@ -65,31 +97,37 @@ class Runs {
       throw Interrupted("interrupted; " + kept());
     }
     for (RunFailure& failure : failures) failure.run = missing[failure.run];
-    if (!failures.empty()) complain_of(failures);
+    return failures;
   }
 
- private:
   [[nodiscard]] std::string kept() const {
     return fmt::format("{} of {} runs are kept in {}; the same command goes on from there",
                        std::count_if(runs_.begin(), runs_.end(), is_there), runs_.size(), grid_.parts_folder);
   }
   [[nodiscard]] std::string at(std::size_t run) const { return describe(names_, runs_[run].parameters); }
 
-  [[noreturn]] void complain_of(const std::vector<RunFailure>& failures) const {
+  /// A line for each of the first of them.
+  [[nodiscard]] std::string listed(const std::vector<RunFailure>& failures) const {
     constexpr std::size_t k_shown = 20;
+    std::string lines;
+    for (std::size_t i = 0; i < std::min(failures.size(), k_shown); ++i)
+      lines +=
+          fmt::format("\n  run {} ({}): {}", failures[i].run + 1, at(failures[i].run), failures[i].message);
+    if (failures.size() > k_shown) lines += fmt::format("\n  and {} more", failures.size() - k_shown);
+    return lines;
+  }
+
+  [[noreturn]] void complain_of(const std::vector<RunFailure>& failures) const {
     std::string what;
     if (failures.size() == 1) {
       const std::size_t run = failures[0].run;
       what = fmt::format("full-order run {} of {} ({}) failed: {}; {}", run + 1, runs_.size(), at(run),
                          failures[0].message, kept());
     } else {
-      what = fmt::format("{} of {} full-order runs failed; {}:", failures.size(), runs_.size(), kept());
-      for (std::size_t i = 0; i < std::min(failures.size(), k_shown); ++i)
-        what +=
-            fmt::format("\n  run {} ({}): {}", failures[i].run + 1, at(failures[i].run), failures[i].message);
-      if (failures.size() > k_shown) what += fmt::format("\n  and {} more", failures.size() - k_shown);
+      what = fmt::format("{} of {} {} failed; {}:{}", failures.size(), runs_.size(), grid_.label, kept(),
+                         listed(failures));
     }
-    if (failures[0].status == ExitStatus::io) throw IoError(what);
+    if (failures.back().status == ExitStatus::io) throw IoError(what);
     throw NumericalError(what);
   }
 
@@ -154,6 +192,11 @@ class Gathering {
   std::size_t dofs_ = 0;
 };
 
+reduction::SparseGrid plan_of(const RunGrid& grid) {
+  return reduction::sparse_grid(
+      grid.axes, grid.sparse_level < 0 ? reduction::finest_level(grid.axes) : grid.sparse_level);
+}
+
 /// Every `size`-th of the missing runs.
 std::vector<std::size_t> share_of(const std::vector<std::size_t>& missing, const JobShare& share) {
   std::vector<std::size_t> own;
@@ -178,30 +221,117 @@ PointRuns run_points(Simulator& simulator, const RunGrid& grid, std::span<const 
   const std::vector<std::size_t> own = share_of(missing, share);
   if (!own.empty()) runs.solve(own, points.size() - missing.size());
   share.wait();
-  return {runs.all(), missing};
+  PointRuns result{runs.all(), {}, {}};
+  for (const std::size_t i : missing)
+    (grid.leave_out_failed && !is_there(runs.all()[i]) ? result.failed : result.computed).push_back(i);
+  return result;
 }
 
-GridRuns run_grid(Simulator& simulator, const RunGrid& grid, const JobShare& share) {
+std::vector<std::vector<double>> points_of(const RunGrid& grid) {
   check_axes(grid);
-  GridRuns result;
-  result.snapshots.axes = grid.axes;
-  const reduction::SparseGrid plan = reduction::sparse_grid(
-      grid.axes, grid.sparse_level < 0 ? reduction::finest_level(grid.axes) : grid.sparse_level);
+  reduction::Snapshots frame;
+  frame.axes = grid.axes;
   std::vector<std::vector<double>> points;
-  for (const std::size_t point : plan.points) points.push_back(result.snapshots.parameters_at(point));
+  for (const std::size_t point : plan_of(grid).points) points.push_back(frame.parameters_at(point));
+  return points;
+}
+
+std::vector<std::vector<std::size_t>> grid_without(std::span<const std::size_t> shape,
+                                                   std::span<const std::size_t> failed) {
+  std::vector<std::vector<std::size_t>> kept;
+  for (const std::size_t nodes : shape) {
+    kept.emplace_back(nodes);
+    std::iota(kept.back().begin(), kept.back().end(), std::size_t{0});
+  }
+  std::vector<std::vector<std::size_t>> holes;  // as node of each axis
+  for (std::size_t point : failed) {
+    holes.emplace_back(shape.size());
+    for (std::size_t i = shape.size(); i-- > 0; point /= shape[i]) holes.back()[i] = point % shape[i];
+  }
+  while (!holes.empty()) {
+    std::size_t axis = 0, node = 0;
+    double best =
+        -1;  // failed points taken × nodes of the axis: each node holds the same share of the points
+    for (std::size_t i = 0; i < shape.size(); ++i)
+      for (const std::size_t n : kept[i]) {
+        const auto taken =
+            std::count_if(holes.begin(), holes.end(), [&](const auto& hole) { return hole[i] == n; });
+        const double worth = static_cast<double>(taken) * static_cast<double>(kept[i].size());
+        if (taken > 0 && worth > best) {
+          best = worth;
+          axis = i;
+          node = n;
+        }
+      }
+    std::erase(kept[axis], node);
+    std::erase_if(holes, [&](const auto& hole) { return hole[axis] == node; });
+    if (kept[axis].size() < 2 || 2 * kept[axis].size() < shape[axis])
+      throw NumericalError(fmt::format(
+          "{} of the grid's runs failed, too many to do without: more than half of the nodes of parameter {} "
+          "would have to go. Make the box smaller (finished runs are kept)",
+          failed.size(), axis + 1));
+  }
+  return kept;
+}
+
+namespace {
+
+/// The grid that is left without the failed runs, with `points` the places of its points in the whole one.
+struct Rest {
+  std::vector<reduction::Axis> axes;
+  std::vector<std::size_t> points;
+};
+
+Rest rest_of(const RunGrid& grid, const std::vector<std::size_t>& failed) {
+  std::vector<std::size_t> shape;
+  for (const reduction::Axis& axis : grid.axes) shape.push_back(axis.nodes.size());
+  const auto kept = grid_without(shape, failed);
+  Rest rest{grid.axes, {0}};
+  for (std::size_t i = 0; i < kept.size(); ++i) {
+    std::vector<double> left_out;
+    for (std::size_t n = 0; n < shape[i]; ++n)
+      if (!std::binary_search(kept[i].begin(), kept[i].end(), n)) left_out.push_back(grid.axes[i].nodes[n]);
+    if (!left_out.empty() && !grid.quiet)
+      fmt::print(stderr,
+                 "knothe: warning: the grid is left without {} = {:g}: it has {} nodes from {:g} to {:g}\n",
+                 grid.axes[i].name, fmt::join(left_out, ", "), kept[i].size(),
+                 grid.axes[i].nodes[kept[i].front()], grid.axes[i].nodes[kept[i].back()]);
+    rest.axes[i].nodes.clear();
+    std::vector<std::size_t> points;
+    for (const std::size_t n : kept[i]) rest.axes[i].nodes.push_back(grid.axes[i].nodes[n]);
+    for (const std::size_t before : rest.points)
+      for (const std::size_t n : kept[i]) points.push_back(before * shape[i] + n);
+    rest.points = std::move(points);
+  }
+  return rest;
+}
+
+}  // namespace
+
+GridRuns run_grid(Simulator& simulator, const RunGrid& grid, const JobShare& share) {
+  const std::vector<std::vector<double>> points = points_of(grid);
+  const reduction::SparseGrid plan = plan_of(grid);
   const PointRuns finished_runs = run_points(simulator, grid, points, share);
-  result.runs.resize(points.size());
-  for (RunSummary& run : result.runs) run.resumed = true;
-  for (const std::size_t i : finished_runs.computed) result.runs[i].resumed = false;
-  Gathering gathering(grid.axes, simulator.frame());
-  for (std::size_t i = 0; i < points.size(); ++i) {
+  // Where none failed that is the grid itself, or all points of the sparse one.
+  Rest rest{grid.axes, {}};
+  if (!finished_runs.failed.empty()) rest = rest_of(grid, finished_runs.failed);
+  if (finished_runs.failed.empty()) {
+    rest.points.resize(points.size());
+    std::iota(rest.points.begin(), rest.points.end(), std::size_t{0});
+  }
+  GridRuns result;
+  result.failed = finished_runs.failed.size();
+  Gathering gathering(rest.axes, simulator.frame());
+  for (std::size_t k = 0; k < rest.points.size(); ++k) {
+    const std::size_t i = rest.points[k];
     FinishedRun finished = read_run(finished_runs.runs[i]);
-    gathering.add(plan.points[i], finished_runs.runs[i], std::move(finished.solution));
-    result.runs[i].parameters = std::move(points[i]);
-    result.runs[i].record = std::move(finished.record);
+    gathering.add(finished_runs.failed.empty() ? plan.points[i] : k, finished_runs.runs[i],
+                  std::move(finished.solution));
+    const bool is_new = std::binary_search(finished_runs.computed.begin(), finished_runs.computed.end(), i);
+    result.runs.push_back({points[i], !is_new, std::move(finished.record)});
   }
   result.snapshots = gathering.take();
-  reduction::interpolate_others(plan, result.snapshots);
+  if (finished_runs.failed.empty()) reduction::interpolate_others(plan, result.snapshots);
   reduction::validate(result.snapshots, "full-order runs");
   return result;
 }

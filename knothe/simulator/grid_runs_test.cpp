@@ -114,6 +114,75 @@ TEST(GridRuns, ThoseThatFailAreListedAndTheOthersAreKept) {
   EXPECT_EQ(formula.solved, 8);  // 6, and the two once more
 }
 
+TEST(GridRuns, ThoseThatFailAreLeftOutWithTheirNodesWhereThatIsAskedFor) {
+  const files::TestFolder folder;
+  Formula formula;
+  formula.fails_at = {5};
+  RunGrid grid = grid_in(folder.file("parts"));
+  grid.leave_out_failed = true;
+  const GridRuns runs = run_grid(formula, grid);
+  EXPECT_EQ(runs.failed, 2u);
+  EXPECT_EQ(runs.snapshots.axes[1].nodes, (std::vector<double>{3, 4}));
+  EXPECT_EQ(runs.snapshots.axes[0].nodes, (std::vector<double>{1, 2}));
+  const auto solution = runs.snapshots.solution(3);  // a = 2, b = 4
+  EXPECT_EQ(std::vector<double>(solution.begin(), solution.end()),
+            (std::vector<double>{2, 20, 6, 60, 10, 100}));
+  ASSERT_EQ(runs.runs.size(), 4u);
+  EXPECT_EQ(runs.runs[3].parameters, (std::vector<double>{2, 4}));
+  // Once it is mended, the whole grid, and only those two are run again.
+  formula.fails_at.clear();
+  formula.solved = 0;
+  EXPECT_EQ(run_grid(formula, grid).snapshots.grid_size(), 6u);
+  EXPECT_EQ(formula.solved, 2);
+  grid.sparse_level = 1;
+  EXPECT_THAT(message_of<ProjectError>([&] { (void)run_grid(formula, grid); }),
+              HasSubstr("a sparse grid needs all its runs"));
+}
+
+/// Stops at the first failure, as the beam does.
+class Stopping final : public Simulator {
+ public:
+  Formula formula;
+  [[nodiscard]] std::string key(std::span<const double> p) const override { return formula.key(p); }
+  [[nodiscard]] reduction::Snapshots solve(std::span<const double> p) override { return formula.solve(p); }
+  [[nodiscard]] std::vector<RunFailure> solve_to_files(
+      std::span<const Run> runs, int processes, const std::function<void(std::size_t)>& finished) override {
+    for (std::size_t i = 0; i < runs.size(); ++i) {
+      std::vector<RunFailure> failed = Simulator::solve_to_files(runs.subspan(i, 1), processes, finished);
+      if (!failed.empty()) return {{i, failed[0].status, failed[0].message}};
+    }
+    return {};
+  }
+};
+
+TEST(PointRuns, ASolverThatStopsAtAFailureIsAskedForTheOthers) {
+  const files::TestFolder folder;
+  Stopping stopping;
+  stopping.formula.fails_at = {3};
+  RunGrid grid = grid_in(folder.file("parts"));
+  grid.leave_out_failed = true;
+  const PointRuns found =
+      run_points(stopping, grid, std::vector<std::vector<double>>{{1, 3}, {1, 4}, {2, 3}, {2, 5}});
+  EXPECT_EQ(found.failed, (std::vector<std::size_t>{0, 2}));
+  EXPECT_EQ(found.computed, (std::vector<std::size_t>{1, 3}));
+  EXPECT_TRUE(is_there(found.runs[3]));
+  EXPECT_EQ(stopping.formula.solved, 4);
+}
+
+TEST(GridWithout, LosesAsFewPointsAsItCan) {
+  using Kept = std::vector<std::vector<std::size_t>>;
+  const std::vector<std::size_t> shape = {5, 3};
+  // A corner: a row of three points goes, not a column of five.
+  EXPECT_EQ(grid_without(shape, std::vector<std::size_t>{14}), (Kept{{0, 1, 2, 3}, {0, 1, 2}}));
+  // Three of a column of five: the column goes, which is five points and not nine.
+  EXPECT_EQ(grid_without(shape, std::vector<std::size_t>{1, 4, 10}), (Kept{{0, 1, 2, 3, 4}, {0, 2}}));
+  EXPECT_EQ(grid_without(shape, std::vector<std::size_t>{}), (Kept{{0, 1, 2, 3, 4}, {0, 1, 2}}));
+  EXPECT_THAT(message_of<NumericalError>([&] {
+                (void)grid_without(shape, std::vector<std::size_t>{0, 4, 8});
+              }),
+              HasSubstr("3 of the grid's runs failed, too many to do without"));
+}
+
 TEST(GridRuns, SolutionsThatDoNotBelongTogetherAreRefused) {
   class Growing final : public Simulator {
    public:

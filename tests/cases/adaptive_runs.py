@@ -116,6 +116,23 @@ class Test(Case):
         self.assertLessEqual(self.runs_made(), 20)
         self.assertIn("runs more", outcome.err)
 
+    def test_runs_that_fail_are_left_out_where_that_is_asked_for(self):
+        """No solution where rate and drift are both at the end of their axes: their common term is not in the model."""
+        self.edit("exec python3 -S formula.py", "test {{rate}}/{{drift}} != 1.4/1 || exit 3; exec python3 -S formula.py")
+        build = "offline", self.project_name, "-o", "model.h5", "--json"
+        stopped = self.run_knothe(*build)
+        self.assertEqual(stopped.status, 6, str(stopped))
+        self.assertIn("failed: sh ended with status 3", stopped.err)
+        self.edit("[offline]\n", '[offline]\nfailed_runs = "leave-out"\n')
+        outcome = self.expect(0, *build, stderr=["full-order runs failed and is left out:\n", "rate = 1.4, drift = 1): sh ended with status 3",
+                                                 "the model is made without 1 failed run(s)"])
+        rounds = [line for line in outcome.lines() if "expected_shift" in line]
+        self.assertLessEqual(max(rounds[-1]["expected_shift"], rounds[-1]["held_out_shift"]), 0.1)
+        # The formula has no such term.
+        (line,) = self.expect(0, "model", "evaluate", "model.h5", "--at", "amplitude=1.7,rate=1.3,drift=0.8", "--step", "9", "--json").lines()
+        for value, exact in zip(line["values"], self.solve(1.7, 1.3, 0.8)[9][1:]):
+            self.assertAlmostEqual(value, exact, delta=0.3 * STD)
+
     def test_what_does_not_go_with_it_is_refused_before_the_first_run(self):
         build = "offline", self.project_name, "-o", "model.h5"
         text = self.project.read_text()
@@ -127,6 +144,7 @@ class Test(Case):
 
         refused("runs = 80", "runs = 14", "runs is 14: grid_shift needs 15 at least for 3 parameters, 8 held out to judge by")
         refused("runs = 80", "grid_error = 1e-6", 'give "grid_error" or "grid_shift", not both')
+        refused("modes = 20", 'sparse_level = 3\nfailed_runs = "leave-out"', '"leave-out" does not go with "sparse_level"')
         refused("modes = 20", "sparse_level = 3", '"sparse_level" says which runs to make, and so does "grid_shift"')
         refused("grid_shift = 0.1", "grid_shift = 0", "must be a positive number, not 0")
         refused("drift = { prior", "# drift = { prior", "a prior for each axis: offline.adaptive.grid_shift asks")

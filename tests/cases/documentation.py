@@ -185,6 +185,11 @@ class Test(Case):
             self.skipTest("no python3 with numpy here")
         self.run_page(DOCS / "tutorials/own-pictures.md")
 
+    def test_the_tutorial_of_solver(self):
+        self.need_offline()
+        self.run_page(DOCS / "tutorials/own-solver.md")
+        self.assertTrue((self.folder / "report.html").exists())
+
     def test_the_tutorial_of_a_black_box(self):
         self.run_page(DOCS / "tutorials/own-black-box.md")
 

@@ -148,28 +148,72 @@ class Test(InferCase):
         mean = [s[1] / s[0] for s in sums]
         self.expect_few_calls(self.infer("--method", "auto"), mean, [math.sqrt(s[2] / s[0] - m * m) for s, m in zip(sums, mean)])
 
-    def test_four_parameters_from_values_alone_cost_less_than_20000_calls(self):
-        """y = a (1 − e^{−b t}) + c + d t: given b linear in the others, hence one integral over b."""
-        truth, std = [2.0, 0.8, 0.3, 0.1], 0.05
-        values = Growth().value(truth, {})
-        self.serve("growth")
-        self.set_priors('a = { prior = "normal", mean = 1.5, std = 1.0 }', 'b = { prior = "lognormal", mu = 0.0, sigma = 0.5 }',
-                        'c = { prior = "normal", mean = 0.0, std = 0.5 }', 'd = { prior = "normal", mean = 0.0, std = 0.3 }')
+    def expect_growth(self, model, truth, priors):
+        """y = a (1 − e^{−b t}) + c + d t: given b linear in the others, hence one integral over b. `priors` [mean, std] of the others."""
+        std, size = 0.05, len(truth)
+        values = Growth().value([*truth, 0.0, 0.0, 0.0][:4], {})
+        self.serve(model)
+        b_prior = 'b = { prior = "lognormal", mu = 0.0, sigma = 0.5 }'
+        lines = [f'{name} = {{ prior = "normal", mean = {mean}, std = {s} }}' for name, (mean, s) in zip("acd", priors)]
+        self.set_priors(lines[0], b_prior, *lines[1:])
         self.set_observations(f"values = {values}", f"std = {[std] * 8}")
-        total, first, second = 0.0, [0.0] * 4, [0.0] * 4
+        total, first, second = 0.0, [0.0] * size, [0.0] * size
         for i in range(400):
             z = -5 + 10 * (i + 0.5) / 400
             b = math.exp(0.5 * z)
-            matrix = [[1 - math.exp(-b * t), 1.0, t] for t in Growth.times]
-            mean, covariance, evidence = conjugate(matrix, values, diagonal([std] * 8), [1.5, 0.0, 0.0], [1.0, 0.5, 0.3])
+            matrix = [[1 - math.exp(-b * t), 1.0, t][:size - 1] for t in Growth.times]
+            mean, covariance, evidence = conjugate(matrix, values, diagonal([std] * 8), [m for m, _ in priors], [s for _, s in priors])
             weight = math.exp(evidence - 0.5 * z * z)
             total += weight
-            means, squares = [mean[0], b, mean[1], mean[2]], [covariance[0][0], 0.0, covariance[1][1], covariance[2][2]]
-            for k in range(4):
+            means = [mean[0], b, *mean[1:]]
+            squares = [covariance[0][0], 0.0, *(covariance[k][k] for k in range(1, size - 1))]
+            for k in range(size):
                 first[k] += weight * means[k]
                 second[k] += weight * (squares[k] + means[k] ** 2)
         mean = [x / total for x in first]
         self.expect_few_calls(self.infer("--method", "auto"), mean, [math.sqrt(x / total - m * m) for x, m in zip(second, mean)])
+
+    def test_four_parameters_from_values_alone_cost_less_than_20000_calls(self):
+        self.expect_growth("growth", [2.0, 0.8, 0.3, 0.1], [(1.5, 1.0), (0.0, 0.5), (0.0, 0.3)])
+
+    def test_three_parameters_from_values_alone_cost_less_than_20000_calls(self):
+        self.expect_growth("growth3", [2.0, 0.8, 0.3], [(1.5, 1.0), (0.0, 0.5)])
+
+    def expect_few_calls_in_the_plane(self, model, values, std, log_density, box):
+        """Two parameters with the priors N(0, 1)."""
+        self.serve(model)
+        self.set_priors('x = { prior = "normal", mean = 0.0, std = 1.0 }', 'y = { prior = "normal", mean = 0.0, std = 1.0 }')
+        self.set_observations(f"values = {values}", f"std = {std}")
+        _, mean, covariance = quadrature(lambda x, y: log_density(x, y) - 0.5 * x * x - 0.5 * y * y, box, 800)
+        line = self.infer("--method", "auto")
+        self.expect_few_calls(line, mean, [math.sqrt(covariance[k][k]) for k in (0, 1)])
+        return line
+
+    def test_a_banana_from_values_alone_costs_less_than_20000_calls(self):
+        self.expect_few_calls_in_the_plane("banana", [0.5, -0.3], [1.0, 0.1],
+                                           lambda x, y: -0.5 * (x - 0.5) ** 2 - 50 * (y - x * x + 0.3) ** 2, ((-3, 3), (-2, 5)))
+
+    def test_both_of_two_modes_cost_less_than_20000_calls(self):
+        line = self.expect_few_calls_in_the_plane("twomodes", [2.0, 0.0], [0.3, 0.5],
+                                                  lambda x, y: -0.5 * ((x * x - 2) / 0.3) ** 2 - 2 * y * y, ((-3, 3), (-4, 4)))
+        self.assertGreater(line["quantiles"]["values"][0][3], 1.2)
+        self.assertLess(line["quantiles"]["values"][0][1], -1.2)
+
+    def test_one_parameter_costs_less_than_20000_calls(self):
+        values, std = Growth().value([2.0, 0.8, 0.3, 0.0], {}), 0.2
+        self.serve("growth1")
+        self.set_priors('b = { prior = "lognormal", mu = 0.0, sigma = 0.5 }')
+        self.set_observations(f"values = {values}", f"std = {[std] * 8}")
+        sums = [0.0] * 3
+        for i in range(4000):
+            z = -6 + 12 * (i + 0.5) / 4000
+            b = math.exp(0.5 * z)
+            predicted = Growth().value([2.0, b, 0.3, 0.0], {})
+            weight = math.exp(-0.5 * z * z - 0.5 * sum(((y - p) / std) ** 2 for y, p in zip(values, predicted)))
+            for power in range(3):
+                sums[power] += weight * b ** power
+        mean = sums[1] / sums[0]
+        self.expect_few_calls(self.infer("--method", "auto"), [mean], [math.sqrt(sums[2] / sums[0] - mean * mean)])
 
     def test_a_full_covariance_of_the_noise(self):
         self.serve("linear")

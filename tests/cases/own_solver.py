@@ -2,16 +2,22 @@
 dense quadrature over direct runs of the solver, which shares neither the reduced model nor any of knothe's code."""
 import http.server
 import importlib.util
+import json
 import math
 import os
 import random
 import re
 import shutil
+import socket
 import subprocess
+import sys
 import threading
+import time
 import unittest
+import urllib.request
 
-from support import REPOSITORY, Case, write_csv
+from dashboard import exit_status
+from support import KNOTHE, REPOSITORY, Case, python_with, write_csv
 
 EXAMPLES = REPOSITORY / "examples"
 
@@ -72,6 +78,19 @@ class Test(Case):
             print(f"{name}: mean and std {about[k]}, by quadrature {exact[k]}")
             self.assertLess(abs(about[k][1] / exact[k][1] - 1), 0.2, f"{name}: {about[k]}, exact {exact[k]}")
 
+    def expect_forecast(self, line, name, quantity):
+        """Mean and std of a forecast by direct runs at the mean and half a std beside it: the posterior is narrow, so linear is enough."""
+        mean, covariance, slope = line["mean"], line["covariance"], []
+        for k in (0, 1):
+            step = 0.5 * math.sqrt(covariance[k][k])
+            ends = [quantity(*(m + sign * step * (i == k) for i, m in enumerate(mean))) for sign in (-1, 1)]
+            slope.append((ends[1] - ends[0]) / (2 * step))
+        std = math.sqrt(sum(slope[i] * covariance[i][j] * slope[j] for i in (0, 1) for j in (0, 1)))
+        said = line["forecast"][name]
+        print(f"forecast {said['mean']} ± {said['std']}, by direct runs {quantity(*mean)} ± {std}")
+        self.assertLess(abs(said["mean"] - quantity(*mean)), 0.2 * std)
+        self.assertLess(abs(said["std"] / std - 1), 0.2)
+
     def test_sensors_without_a_mesh_from_any_program(self):
         self.copy_example("command")
         program = load_program(self.folder / "storeys.py")
@@ -94,7 +113,7 @@ class Test(Case):
         lines = self.assimilate()
         self.assertEqual(len(lines), 60)
         self.expect_posterior(lines[-1], log_likelihood, ["k1", "damping"])
-        self.assertIn("drift", lines[-1]["forecast"])
+        self.expect_forecast(lines[-1], "drift", lambda k1, damping: program.solve(k1, damping)[49][3])
 
     def write_storeys_data(self, program, rows, stds):
         """Noisy data of a direct run, written by other means than `knothe simulate`; their log-likelihood by direct runs."""
@@ -152,6 +171,138 @@ class Test(Case):
         self.assertEqual(len(list((self.folder / "work").iterdir())), 3)
         outcome = self.expect(0, *build, env={**environment, "MENDED": "1"})
         self.assertIn("9 full-order runs, 6 of them kept", outcome.out)
+
+    def use_coarse_storeys(self, condition):
+        """Nine runs, of which those fail that `condition` (of the shell) is false for."""
+        self.copy_example("command")
+        self.edit("nodes = 13", "nodes = 3")
+        self.edit("nodes = 7", "nodes = 3")
+        self.edit("retries = 1", "retries = 0")
+        self.edit('run = ["python3", "storeys.py", "{{k1}}", "{{damping}}"]',
+                  f"""run = ["sh", "-c", 'echo run >> "$RUNS"; {condition} || exit 3; exec python3 storeys.py {{{{k1}}}} {{{{damping}}}}']""")
+        os.environ["RUNS"] = str(self.folder / "runs.log")
+        (self.folder / "work").mkdir()
+        os.environ["TMPDIR"] = str(self.folder / "work")
+
+    def runs_made(self):
+        return len((self.folder / "runs.log").read_text().splitlines())
+
+    def test_runs_that_fail_are_left_out_where_that_is_asked_for(self):
+        """One corner of the box has no solution: the grid is left without the nodes at that end of one axis."""
+        self.use_coarse_storeys("""test "$MENDED" || test {{k1}} != 850000 || test {{damping}} != 3500""")
+        self.edit("[offline]\n", '[offline]\nfailed_runs = "leave-out"\n')
+        self.expect(0, "offline", self.project_name, "-o", "storeys.h5", stderr=[
+            "1 of 9 full-order runs failed and is left out:\n  run 3 (k1 = 850000, damping = 3500): sh ended with status 3",
+            "the grid is left without k1 = 850000: it has 2 nodes from 950000 to 1.05e+06",
+            "the model is made without 1 failed run(s); the others are kept in storeys.h5.parts"])
+        (info,) = self.expect(0, "model", "info", "storeys.h5", "--json").lines()
+        self.assertEqual([(p["lower"], p["upper"]) for p in info["parameters"]], [(950000, 1050000), (900, 3500)])
+        program = load_program(self.folder / "storeys.py")
+        (line,) = self.expect(0, "model", "evaluate", "storeys.h5", "--at", "k1=1.05e6,damping=2200", "--step", "59", "--json").lines()
+        for value, exact in zip(line["values"], program.solve(1.05e6, 2200)[59][1:]):
+            self.assertAlmostEqual(value, exact, delta=1e-6 * max(1, abs(exact)))
+        before = self.runs_made()
+        os.environ["MENDED"] = "1"
+        self.addCleanup(os.environ.pop, "MENDED")
+        self.expect(0, "offline", self.project_name, "-o", "storeys.h5")
+        (info,) = self.expect(0, "model", "info", "storeys.h5", "--json").lines()
+        self.assertEqual(info["parameters"][0]["lower"], 850000)
+        self.assertFalse((self.folder / "storeys.h5.parts").exists())
+        self.assertLessEqual(self.runs_made() - before, 1 + 8)  # that run, and off the grid in the larger box
+
+    def test_too_many_failures_are_an_error_all_the_same(self):
+        self.use_coarse_storeys("test {{k1}} = 850000")
+        self.edit("[offline]\n", '[offline]\nfailed_runs = "leave-out"\n')
+        self.expect(6, "offline", self.project_name, "-o", "storeys.h5", stderr="6 of the grid's runs failed, too many to do without")
+
+    def test_an_array_of_jobs_makes_the_runs_and_one_more_the_model(self):
+        self.use_coarse_storeys("true")
+        self.expect(0, "offline", self.project_name, "-o", "whole.h5")
+        in_one_go = self.runs_made()
+        script = REPOSITORY / "examples" / "slurm" / "array.sbatch"
+        environment = {**os.environ, "PATH": os.path.dirname(KNOTHE) + os.pathsep + os.environ["PATH"], "SLURM_ARRAY_TASK_COUNT": "3"}
+        for task in (2, 0, 1, 0):
+            done = subprocess.run(["bash", str(script), self.project_name, "model.h5"], cwd=self.folder, capture_output=True, text=True,
+                                  env={**environment, "SLURM_ARRAY_TASK_ID": str(task)})
+            self.assertEqual(done.returncode, 0, done.stderr)
+            self.assertRegex(done.stdout, rf"share {task}/3: [56] of 17 runs, \d of them kept from before")
+        self.assertEqual(self.runs_made(), 2 * in_one_go)
+        outcome = self.expect(0, "offline", self.project_name, "-o", "model.h5")
+        self.assertIn("9 full-order runs, 9 of them kept", outcome.out)
+        self.assertEqual(self.runs_made(), 2 * in_one_go)
+        at = "--at", "k1=0.9e6,damping=1500", "--step", "40", "--json"
+        values = [self.expect(0, "model", "evaluate", model, *at).lines()[0]["values"] for model in ("whole.h5", "model.h5")]
+        self.assertEqual(*values)
+        self.expect(2, "offline", self.project_name, "-o", "model.h5", "--share", "3/3", stderr="share I of N, counted from 0")
+
+    def serve(self, package, model):
+        """Serves a Python file as the tutorial page says; evaluate(*parameters) → all outputs, by the server."""
+        python = python_with(package)
+        if python is None:
+            self.skipTest(f"python3-{package} is not installed")
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            port = free.getsockname()[1]
+        log = open(self.folder / "server.log", "w")
+        self.addCleanup(log.close)
+        server = subprocess.Popen([python, str(EXAMPLES / "umbridge" / "server.py"), str(port), model], cwd=self.folder, stdout=log, stderr=log)
+        self.addCleanup(server.wait)
+        self.addCleanup(server.kill)
+        self.edit(":4242", f":{port}")
+
+        def evaluate(*parameters):
+            question = json.dumps({"name": "forward", "input": [parameters]}).encode()
+            while True:
+                try:
+                    with urllib.request.urlopen(f"http://127.0.0.1:{port}/Evaluate", question) as answer:
+                        return json.load(answer)["output"][0]
+                except urllib.error.HTTPError:
+                    raise
+                except urllib.error.URLError:  # it has not begun yet
+                    self.assertIsNone(server.poll(), (self.folder / "server.log").read_text())
+                    time.sleep(0.1)
+
+        return evaluate
+
+    def expect_twin(self, evaluate, truth, std, names, sensors, forecast):
+        """From the solver to the forecast: a model, whose stated error is checked against direct runs, data of a direct run off the
+        grid, their posterior against quadrature over direct runs, and the forecast against the direct runs too."""
+        direct = evaluate(*truth.values())  # waits for the server
+        self.expect(0, "offline", self.project_name, "-o", "model.h5")
+        self.edit(re.search(r'^model = .*', self.project.read_text(), re.M)[0], 'model = "model.h5"')
+        (info,) = self.expect(0, "model", "info", "model.h5", "--json").lines()
+        self.assertEqual([q["name"] for q in info["quantities"]], sensors)
+        verified = self.expect(0, "model", "verify", self.project_name, "model.h5", "--points", "4", "--json").lines()[-1]
+        self.assertLess(verified["relative_error"], 0.01)
+        self.expect(0, "simulate", self.project_name, "-o", "data.h5")
+        noise, data = random.Random(11), []
+        times = [float(t) for t in re.search(r"^times = \[(.*?)\]", self.project.read_text(), re.M | re.S)[1].split(",")]
+        for i, value in enumerate(direct):
+            name = sensors[i % len(sensors)]
+            data.append({"time": repr(times[i // len(sensors)]), "sensor": name, "x": "", "y": "", "z": "", "component": name,
+                         "value": repr(value + noise.gauss(0, std)), "std": std})
+        write_csv(self.folder / "data.csv", data)
+        self.edit('data = "data.h5"', 'data = "data.csv"')
+        line = self.assimilate()[-1]
+
+        def log_likelihood(*parameters):
+            return sum(-0.5 * ((float(entry["value"]) - value) / std) ** 2 for entry, value in zip(data, evaluate(*parameters)))
+
+        self.expect_posterior(line, log_likelihood, names)
+        name, output = forecast
+        place = len(direct) - len(sensors) + sensors.index(output)
+        self.expect_forecast(line, name, lambda *parameters: evaluate(*parameters)[place])
+
+    def test_a_function_of_numpy_behind_a_server(self):
+        self.copy_example("numpy")
+        evaluate = self.serve("numpy", "tower.py")
+        self.expect_twin(evaluate, {"k": 1.37e8, "zeta": 0.033}, 2e-3, ["k", "zeta"], ["floor_5", "floor_10"], ("sway", "floor_10"))
+
+    def test_finite_elements_of_fenics_behind_a_server(self):
+        self.copy_example("dolfinx")
+        evaluate = self.serve("dolfinx", "wall.py")
+        self.expect_twin(evaluate, {"conductivity": 1.43, "transfer": 27.3}, 5.0, ["conductivity", "transfer"],
+                         ["at_10_mm", "at_30_mm", "at_60_mm"], ("steel", "at_30_mm"))
 
     def test_what_is_of_the_beam_alone_is_refused_beside_a_command(self):
         self.copy_example("command")
@@ -221,7 +372,8 @@ class Test(Case):
                        for i, entry in enumerate(data))
 
         self.expect_posterior(lines[-1], log_likelihood, ["yield_stress", "flow_stress"])
-        self.assertIn("tip", lines[-1]["forecast"])
+        tip = points.index((0.12, 0.02, 0.01))
+        self.expect_forecast(lines[-1], "tip", lambda *parameters: self.direct_run(*parameters)[19][3 * tip + 1])
 
     def points(self):
         return [tuple(float(v) for v in line.split(",")[1:]) for line in (self.folder / "bracket.inp").read_text().splitlines()
@@ -243,4 +395,4 @@ class Test(Case):
 
 
 if __name__ == "__main__":
-    unittest.main()
+    sys.exit(exit_status(unittest.main(exit=False).result))

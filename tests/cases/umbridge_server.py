@@ -162,6 +162,24 @@ class Growth(Model):
         return [a * (1 - math.exp(-b * t)) + c + d * t for t in self.times]
 
 
+class Growth3(Growth):
+    """The same without the drift, d = 0."""
+
+    inputs = [3]
+
+    def value(self, p, config):
+        return super().value([*p, 0.0], config)
+
+
+class Growth1(Growth):
+    """Of b alone: 2 (1 - exp(-b t)) + 0.3."""
+
+    inputs = [1]
+
+    def value(self, p, config):
+        return super().value([2.0, p[0], 0.3, 0.0], config)
+
+
 class WrongSlope(Banana):
     """A sign forgotten in the derivative."""
 
@@ -169,7 +187,7 @@ class WrongSlope(Banana):
         return [[1.0, 0.0], [2 * p[0], 1.0]]
 
 
-MODELS = {cls.__name__.lower(): cls for cls in (Linear, Linear3, Banana, Identity, TwoModes, Density, Exponential, Improper, EightSchools, Growth, WrongSlope)}
+MODELS = {cls.__name__.lower(): cls for cls in (Linear, Linear3, Banana, Identity, TwoModes, Density, Exponential, Improper, EightSchools, Growth, Growth3, Growth1, WrongSlope)}
 DERIVATIVES = {"gradient": ["Gradient"], "jacobian": ["ApplyJacobian"], "hessian": ["Gradient", "ApplyJacobian", "ApplyHessian"]}
 
 

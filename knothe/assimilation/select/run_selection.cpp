@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/functions/degree_growth.hpp"
@@ -60,6 +61,60 @@ double held_out_shift(const SelectedRuns& selected, const ExpectedShift& shift, 
   return worst;
 }
 
+/// Keeps the points that have a solution, and their rows; how many have none.
+std::size_t keep_solved(std::vector<std::vector<double>>& points, MatrixXd& rows) {
+  std::size_t kept = 0;
+  for (std::size_t n = 0; n < points.size(); ++n) {
+    if (!rows.row(static_cast<Index>(n)).allFinite()) continue;
+    rows.row(static_cast<Index>(kept)) = rows.row(static_cast<Index>(n));
+    points[kept++] = points[n];
+  }
+  const std::size_t failed = points.size() - kept;
+  points.resize(kept);
+  rows.conservativeResize(static_cast<Index>(kept), rows.cols());
+  return failed;
+}
+
+/// What nothing can be made without: the middle of the box, and the first end of each axis.
+void require_beginning(const numerics::MultiIndex& failed) {
+  const int total = std::accumulate(failed.begin(), failed.end(), 0);
+  if (total > 1) return;
+  const auto i = std::find(failed.begin(), failed.end(), 1) - failed.begin();
+  throw NumericalError(
+      total == 0 ? std::string("there is no solution in the middle of the box: nothing can be built on it")
+                 : fmt::format("there is no solution at the upper end of parameter {} (the others in the "
+                               "middle), and all that the model knows of it is built on that: make the box "
+                               "smaller (finished runs are kept)",
+                               i + 1));
+}
+
+/// The runs of the indices that are new, each with its place in the interpolation; indices without a solution
+/// are left out.
+void add_round(numerics::DegreeGrowth& growth, const Predictions& predictions, SelectedRuns& selected,
+               MatrixXd& values) {
+  const std::size_t first = selected.points.size();
+  numerics::SparseInterpolation with_all = selected.interpolation;
+  std::vector<std::vector<double>> asked;
+  for (std::size_t n = first; n < growth.indices().size(); ++n) {
+    with_all.add(growth.indices()[n]);
+    asked.push_back(as_vector(with_all.node(growth.indices()[n])));
+  }
+  MatrixXd found = predictions(asked);
+  for (std::size_t n = 0, place = first; n < asked.size(); ++n) {
+    const numerics::MultiIndex index = growth.indices()[place];
+    if (found.row(static_cast<Index>(n)).allFinite()) {
+      selected.interpolation.add(index);
+      ++place;
+    } else {
+      require_beginning(index);
+      growth.leave_out(place);
+    }
+  }
+  selected.failed += keep_solved(asked, found);
+  append_rows(values, found);
+  selected.points.insert(selected.points.end(), asked.begin(), asked.end());
+}
+
 /// Where the held-out runs are missed by so much more than is expected, the expectation is blind.
 constexpr double k_contradiction = 5;
 
@@ -74,24 +129,24 @@ SelectedRuns select_runs(const std::vector<Prior>& priors, const VectorXd& lower
                          const std::function<void(const SelectedRuns&)>& told) {
   check(options, priors.size());
   ExpectedShift shift(priors);
-  SelectedRuns selected{{lower, upper}, {}, held_out_points(shift, options.held_out), {}, {}, false};
-  const MatrixXd held_out = predictions(selected.held_out_points);
+  SelectedRuns selected{{lower, upper}, {}, held_out_points(shift, options.held_out), {}, {}};
+  MatrixXd held_out = predictions(selected.held_out_points);
+  selected.failed = keep_solved(selected.held_out_points, held_out);
+  if (2 * selected.held_out_points.size() < static_cast<std::size_t>(options.held_out))
+    throw NumericalError(
+        fmt::format("only {} of {} held-out runs have a solution, too few to judge by: make the box smaller "
+                    "(finished runs are kept)",
+                    selected.held_out_points.size(), options.held_out));
   numerics::DegreeGrowth growth(static_cast<int>(priors.size()), options.largest_degree);
   MatrixXd values(0, held_out.cols());
   while (true) {
-    std::vector<std::vector<double>> asked;
-    for (std::size_t n = selected.points.size(); n < growth.indices().size(); ++n) {
-      selected.interpolation.add(growth.indices()[n]);
-      asked.push_back(as_vector(selected.interpolation.node(growth.indices()[n])));
-    }
-    append_rows(values, predictions(asked));
-    selected.points.insert(selected.points.end(), asked.begin(), asked.end());
+    add_round(growth, predictions, selected, values);
     selected.surpluses = selected.interpolation.surpluses(values);
     shift.set(selected.interpolation, selected.surpluses);
     const VectorXd indicator = shift.of_each();
     std::vector<bool> active(growth.indices().size());
     for (std::size_t n = 0; n < active.size(); ++n) active[n] = growth.is_active(n);
-    const RunSelectionStep step{selected.points.size() + selected.held_out_points.size(),
+    const RunSelectionStep step{selected.points.size() + selected.held_out_points.size() + selected.failed,
                                 shift.of_all(active), held_out_shift(selected, shift, held_out)};
     selected.history.push_back(step);
     // The first rounds, a constant and a slope in each parameter, know no curvature.

@@ -19,13 +19,14 @@ struct RunSelectionOptions {
 
 /// Where the selection stands after some runs.
 struct RunSelectionStep {
-  std::size_t runs = 0;  ///< with those held out
+  std::size_t runs = 0;  ///< with those held out and those that failed
   double expected = 0;   ///< shift if the last degrees were missing, by the interpolation itself
   double held_out = 0;   ///< largest shift by the errors at the held-out runs
   [[nodiscard]] double shift() const { return std::max(expected, held_out); }
 };
 
-/// The predictions of all sensors at all times in units of their noise: a row for each point, n × N.
+/// The predictions of all sensors at all times in units of their noise: a row for each point, n × N; NaN
+/// where there is no solution.
 using Predictions = std::function<Eigen::MatrixXd(const std::vector<std::vector<double>>& points)>;
 
 struct SelectedRuns {
@@ -34,7 +35,8 @@ struct SelectedRuns {
   std::vector<std::vector<double>> held_out_points;  ///< runs made before all others
   Eigen::MatrixXd surpluses;                         ///< of the predictions, |Λ| × N
   std::vector<RunSelectionStep> history;
-  bool reached = false;  ///< the shift that was wanted
+  bool reached = false;    ///< the shift that was wanted
+  std::size_t failed = 0;  ///< points without a solution, which are none of these
 };
 
 /// The held-out runs, and three values of each parameter.
@@ -44,8 +46,10 @@ struct SelectedRuns {
 /// ExpectedShift::of_each as indicators; they grow evenly where the held-out runs contradict the expectation
 /// (a surplus may vanish at a node and nowhere else). What is asked next depends on the predictions alone:
 /// the same runs give the same selection to the bit. `priors` are truncated to the box; `told`, if any, is
-/// called after each round. UsageError for a shift that is not positive, or fewer runs than the held-out
-/// ones and two for each parameter.
+/// called after each round. A point without a solution is left out, and so are the degrees that build on it.
+/// UsageError for a shift that is not positive, or fewer runs than the held-out ones and two for each
+/// parameter; NumericalError where there is no solution at half of the held-out points, in the middle of the
+/// box or at the end of an axis that begins in the middle.
 [[nodiscard]] SelectedRuns select_runs(const std::vector<Prior>& priors, const Eigen::VectorXd& lower,
                                        const Eigen::VectorXd& upper, const RunSelectionOptions& options,
                                        const Predictions& predictions,

@@ -186,5 +186,57 @@ TEST(RunSelection, EstimatesTheRunsToGoFromAPower) {
   EXPECT_EQ(runs_to_go(history, {.shift = 0.01, .runs = 400}), 350U);
 }
 
+/// Signals without a term of both parameters, in units of the noise; no solution near one corner of the box.
+VectorXd sum_of_two(const VectorXd& p) {
+  VectorXd y(12);
+  for (Index t = 0; t < y.size(); ++t)
+    y[t] = 40 * std::exp(-(0.3 + 0.5 * p[1]) * 0.3 * static_cast<double>(t)) +
+           20 * std::sin(p[0]) * static_cast<double>(t);
+  if (p[0] > 0.9 && p[1] > 0.9) y.setConstant(std::nan(""));
+  return y;
+}
+
+TEST(RunSelection, APointWithoutASolutionIsLeftOutWithAllThatBuildsOnIt) {
+  std::size_t asked = 0;
+  const SelectedRuns selected = select_runs(uniform_priors(2), VectorXd::Zero(2), VectorXd::Ones(2),
+                                            {.shift = 0.05, .runs = 200}, from(sum_of_two, &asked));
+  EXPECT_TRUE(selected.reached);
+  EXPECT_GE(selected.failed, 1u);
+  EXPECT_EQ(selected.points.size() + selected.held_out_points.size() + selected.failed, asked);
+  EXPECT_EQ(asked, selected.history.back().runs);
+  for (const numerics::MultiIndex& index : selected.interpolation.indices())
+    EXPECT_TRUE(index[0] == 0 || index[1] == 0);
+  // What is left is right wherever there is a solution.
+  for (const auto& [a, b] : {std::pair{0.3, 0.8}, {0.85, 0.1}, {0.95, 0.5}}) {
+    const VectorXd p = Eigen::Vector2d(a, b);
+    EXPECT_LT((selected.surpluses.transpose() * selected.interpolation.basis(p) - sum_of_two(p)).norm(),
+              0.05);
+  }
+}
+
+TEST(RunSelection, WithoutTheMiddleOrAnEndOfAnAxisThereIsNothingToBuildOn) {
+  const auto without = [](const Function& fails) {
+    const Function f = [fails](const VectorXd& p) {
+      VectorXd y = decay(p);
+      if (fails(p)[0] > 0) y.setConstant(std::nan(""));
+      return y;
+    };
+    try {
+      (void)select_runs(uniform_priors(2), VectorXd::Zero(2), VectorXd::Ones(2), {.shift = 0.1, .runs = 50},
+                        from(f));
+    } catch (const NumericalError& error) {
+      return std::string(error.what());
+    }
+    return std::string();
+  };
+  const auto flag = [](bool yes) { return VectorXd::Constant(1, yes ? 1.0 : 0.0); };
+  EXPECT_THAT(without([&](const VectorXd& p) -> VectorXd { return flag(p[0] == 0.5 && p[1] == 0.5); }),
+              testing::HasSubstr("no solution in the middle of the box"));
+  EXPECT_THAT(without([&](const VectorXd& p) -> VectorXd { return flag(p[1] == 1); }),
+              testing::HasSubstr("no solution at the upper end of parameter 2"));
+  EXPECT_THAT(without([&](const VectorXd& p) -> VectorXd { return flag(p[1] > 0.3); }),
+              testing::HasSubstr("of 8 held-out runs have a solution, too few to judge by"));
+}
+
 }  // namespace
 }  // namespace knothe::assimilation

@@ -84,4 +84,11 @@ void DegreeGrowth::expand(std::span<const double> indicator, bool evenly, std::s
   }
 }
 
+void DegreeGrowth::leave_out(std::size_t place) {
+  if (place >= indices_.size() || !active_[place])
+    throw UsageError("growth of degrees: only an active index can be left out");
+  indices_.erase(indices_.begin() + static_cast<std::ptrdiff_t>(place));  // it stays known
+  active_.erase(active_.begin() + static_cast<std::ptrdiff_t>(place));
+}
+
 }  // namespace knothe::numerics

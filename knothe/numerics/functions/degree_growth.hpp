@@ -25,6 +25,8 @@ class DegreeGrowth {
   /// is something new: indices with nothing above them become old on the way. Adds at most `room` indices,
   /// of the largest indicators first; an index that had no room above it stays active.
   void expand(std::span<const double> indicator, bool evenly, std::size_t room);
+  /// Takes out an active index for good, and with it all above it. UsageError if it is not active.
+  void leave_out(std::size_t place);
 
  private:
   [[nodiscard]] std::vector<std::size_t> chosen(std::span<const double> indicator, bool evenly) const;

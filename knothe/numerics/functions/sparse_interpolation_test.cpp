@@ -212,5 +212,17 @@ TEST(DegreeGrowth, EvenlyIsByTotalDegree) {
   }
 }
 
+TEST(DegreeGrowth, WhatIsLeftOutDoesNotComeBackNorWhatIsAboveIt) {
+  DegreeGrowth growth(2, 4);
+  for (int round = 0; round < 6; ++round) {
+    growth.expand(std::vector<double>(growth.indices().size(), 0.0), true, 1000);
+    for (std::size_t n = growth.indices().size(); n-- > 0;)
+      if (growth.indices()[n] == MultiIndex{1, 1}) growth.leave_out(n);
+  }
+  EXPECT_EQ(growth.indices().size(), 9u);  // the two axes: 0 and 1 to 4 of each
+  for (const MultiIndex& index : growth.indices()) EXPECT_TRUE(index[0] == 0 || index[1] == 0);
+  EXPECT_THROW(growth.leave_out(0), UsageError);
+}
+
 }  // namespace
 }  // namespace knothe::numerics

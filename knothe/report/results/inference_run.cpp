@@ -106,12 +106,12 @@ InferenceResult infer_by(const project::Project& project, Method method, project
 InferenceRun run_inference(const project::Project& project, Method asked, const std::string& folder) {
   InferenceRun run{project::set_up_inference(project), {}, folder};
   project::InferenceSetup& setup = run.setup;
-  const Method method = inference::one_shot(asked, static_cast<Eigen::Index>(setup.priors.size()));
+  const bool is_server = !project.umbridge.url.empty();
+  const Method method = inference::one_shot(asked, static_cast<Eigen::Index>(setup.priors.size()), is_server);
   files::require_writable_folder(folder);
   inference::EvaluationJournal journal((std::filesystem::path(folder) / "evaluations.jsonl").string(),
                                        setup.model->where() + "\n" + project.umbridge.config);
   inference::ModelEvaluator evaluator(*setup.model, setup.priors, project.umbridge.difference_step);
-  const bool is_server = !project.umbridge.url.empty();
   if (is_server) reuse_calls(journal, evaluator);
   try {
     run.result = infer_by(project, method, setup, evaluator);
