@@ -15,7 +15,7 @@ std::string verdict(const transport::MapResult& map, const transport::Importance
         "0.05), its weights an effective sample size of {:.1f} % (at least 90 %), and no second mode was "
         "found{}{}.",
         map.order, map.verified_diagnostic, 100 * answer.ess,
-        map.missed.tempered_done
+        map.missed.tempered_done || map.missed.scanned
             ? ""
             : " by ascents from several starts (mode_search = \"tempered\" looks further)",
         map.tolerance_reached ? "" : fmt::format("; the tolerance was missed, though: {}", map.reason));

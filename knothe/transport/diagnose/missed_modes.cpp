@@ -9,6 +9,8 @@
 #include <numeric>
 
 #include "knothe/base/error.hpp"
+#include "knothe/numerics/linear/symmetric_eigen.hpp"
+#include "knothe/sampling/polar_scan.hpp"
 #include "knothe/sampling/tempered_particles.hpp"
 #include "knothe/transport/solve/map_solver.hpp"
 
@@ -99,15 +101,19 @@ class Search {
 
   /// True if the map has next to no density at a mode that has mass.
   bool a_mode_is_missed();
+  /// In one and two dimensions: true if scans around the main mode, with the map, account for all mass (or
+  /// find a mode that is missed). If not, it is for particles to say.
+  bool scans_suffice();
   /// True if the particles say that the map leaves mass out.
   bool particles_elsewhere(int effort, double widest);
 
  private:
+  [[nodiscard]] std::vector<sampling::PolarScan> scans() const;
   bool judge(const sampling::TemperedParticles& particles, const DiscountedDensity& discounted);
   [[nodiscard]] sampling::Mixture reference(double wider) const;
   [[nodiscard]] sampling::Mixture near_the_origin(double spread) const;
-  [[nodiscard]] Eigen::MatrixXd starts_among(const sampling::TemperedParticles& particles,
-                                             const std::vector<Eigen::Index>& uncovered) const;
+  [[nodiscard]] Eigen::MatrixXd starts_among(const Eigen::MatrixXd& points,
+                                             const Eigen::VectorXd& values) const;
   [[nodiscard]] std::vector<Eigen::Index> sample_of(const sampling::TemperedParticles& particles) const;
 
   sampling::CheckedDensity& target_;
@@ -188,33 +194,83 @@ std::vector<Eigen::Index> Search::sample_of(const sampling::TemperedParticles& p
   return chosen;
 }
 
-/// Up to 12, far from each other: first the one of the highest density, then always the one farthest from
-/// those chosen.
-Eigen::MatrixXd Search::starts_among(const sampling::TemperedParticles& particles,
-                                     const std::vector<Eigen::Index>& uncovered) const {
-  constexpr std::size_t k_most = 12;
-  const auto m = static_cast<Eigen::Index>(uncovered.size());
-  Eigen::MatrixXd points(m, target_.dimension());
+/// Up to 12 of the points, far from each other: first the one of the highest density, then always the one
+/// farthest from those chosen.
+Eigen::MatrixXd Search::starts_among(const Eigen::MatrixXd& points, const Eigen::VectorXd& values) const {
+  constexpr Eigen::Index k_most = 12;
   Eigen::Index best = 0;
-  for (Eigen::Index i = 0; i < m; ++i) {
-    const auto particle = uncovered[static_cast<std::size_t>(i)];
-    points.row(i) = particles.points().row(particle);
-    if (particles.log_target()[particle] > particles.log_target()[uncovered[static_cast<std::size_t>(best)]])
-      best = i;
-  }
+  values.maxCoeff(&best);
   const Eigen::MatrixXd scaled =
       modes_.front().lower.triangularView<Eigen::Lower>().solve(points.transpose()).transpose();
-  Eigen::VectorXd nearest = Eigen::VectorXd::Constant(m, std::numeric_limits<double>::max());
+  Eigen::VectorXd nearest = Eigen::VectorXd::Constant(points.rows(), std::numeric_limits<double>::max());
   std::vector<Eigen::Index> chosen;
-  while (chosen.size() < std::min(k_most, uncovered.size())) {
+  while (static_cast<Eigen::Index>(chosen.size()) < std::min(k_most, points.rows())) {
     chosen.push_back(best);
     nearest = nearest.cwiseMin((scaled.rowwise() - scaled.row(best)).rowwise().squaredNorm());
     nearest.maxCoeff(&best);
   }
-  Eigen::MatrixXd starts(static_cast<Eigen::Index>(chosen.size()), points.cols());
-  for (std::size_t i = 0; i < chosen.size(); ++i)
-    starts.row(static_cast<Eigen::Index>(i)) = points.row(chosen[i]);
-  return starts;
+  return points(chosen, Eigen::all);
+}
+
+/// In the metric of the main mode, and, where that is narrow, in one that is not: another mode need not lie
+/// along the ridge of this one. As far as particles would come from.
+std::vector<sampling::PolarScan> Search::scans() const {
+  constexpr double k_first = 0.5, k_far = 300, k_narrow = 0.5, k_farthest = 1e5, k_standard_far = 2;
+  const Mode& main = modes_.front();
+  Eigen::VectorXd unit = main.lower.rowwise().norm();
+  double reach = k_far;
+  if (options_.reference_spread > 0) {
+    unit.setConstant(unit.maxCoeff());
+    reach = std::clamp((k_standard_far * options_.reference_spread + main.point.norm()) / unit[0], 12.0,
+                       k_farthest);
+  }
+  const Eigen::MatrixXd shape = unit.cwiseInverse().asDiagonal() * main.lower;
+  const Eigen::VectorXd squared = numerics::SymmetricEigen(shape * shape.transpose()).eigenvalues();
+  const bool is_narrow = squared.minCoeff() < k_narrow * k_narrow * squared.maxCoeff();
+  const double spacing = unit.size() == 1 ? 0.03 : 0.15;
+  const double across = std::sqrt(std::max(squared.minCoeff(), 1e-300));
+  std::vector<sampling::PolarScan> scans;
+  scans.emplace_back(target_, main.point, main.lower, k_first,
+                     options_.reference_spread > 0 ? std::min(reach / across, k_farthest) : reach, spacing);
+  if (is_narrow)
+    scans.emplace_back(target_, main.point, Eigen::MatrixXd(unit.asDiagonal()), k_first * across, reach,
+                       spacing);
+  return scans;
+}
+
+bool Search::scans_suffice() {
+  // Shares and evidences as those of particles, below.
+  constexpr double k_far_above = 2, k_evidence_apart = 0.3, k_missed_share = 0.05;
+  constexpr Eigen::Index k_sample = 256;
+  const std::vector<sampling::PolarScan> around = scans();
+  const auto is_uncovered = [&](const Eigen::MatrixXd& points, const Eigen::VectorXd& values) {
+    const Eigen::ArrayXd above = values - result_.log_density(points);
+    return (above > out_.map_log_evidence + k_far_above).eval();
+  };
+  for (const auto& scan : around) {
+    std::vector<Eigen::Index> maxima = scan.local_maxima();
+    if (maxima.empty()) continue;
+    const auto uncovered = is_uncovered(scan.points()(maxima, Eigen::all), scan.values()(maxima));
+    std::size_t kept = 0;
+    for (std::size_t i = 0; i < maxima.size(); ++i)
+      if (uncovered[static_cast<Eigen::Index>(i)]) maxima[kept++] = maxima[i];
+    maxima.resize(kept);
+    if (maxima.empty()) continue;
+    ascents_.ascend_from(target_, starts_among(scan.points()(maxima, Eigen::all), scan.values()(maxima)),
+                         modes_);
+  }
+  if (a_mode_is_missed()) return true;
+  // The scan in the mode's own metric has to find the mass that is known, the other one no more than that.
+  const double tolerance = k_evidence_apart + 3 * out_.map_log_evidence_error;
+  if (std::abs(around.front().log_evidence() - out_.map_log_evidence) > tolerance) return false;
+  for (const auto& scan : around) {
+    if (scan.log_evidence() > out_.map_log_evidence + tolerance) return false;
+    const std::vector<Eigen::Index> sample = scan.sample(k_sample);
+    const auto uncovered = is_uncovered(scan.points()(sample, Eigen::all), scan.values()(sample)).count();
+    if (static_cast<double>(uncovered) > k_missed_share * static_cast<double>(k_sample)) return false;
+  }
+  out_.scanned = true;
+  return true;
 }
 
 bool Search::particles_elsewhere(int effort, double widest) {
@@ -279,7 +335,9 @@ bool Search::judge(const sampling::TemperedParticles& particles, const Discounte
     if (i < even) share += stands_for[sample[i]] / static_cast<double>(even);
   }
   if (!uncovered.empty()) {
-    ascents_.ascend_from(target_, starts_among(particles, uncovered), modes_);
+    ascents_.ascend_from(
+        target_, starts_among(particles.points()(uncovered, Eigen::all), particles.log_target()(uncovered)),
+        modes_);
     if (a_mode_is_missed()) return true;
   }
   const double excess = out_.tempered_log_evidence - out_.map_log_evidence;
@@ -320,6 +378,7 @@ MissedModes look_for_missed_modes(sampling::CheckedDensity& target, const MapRes
   Search look(target, result, search, modes, options, out);
   if (look.a_mode_is_missed() || options.level == ModeSearchLevel::multi_start) return out;
   const sampling::CheckedDensity::Leniency lenient(target);
+  if (target.dimension() <= sampling::PolarScan::k_max_dimension && look.scans_suffice()) return out;
   // Particles that came from too far and lost their way find less mass than the map has: once more, more of
   // them, from nearer.
   if (!look.particles_elsewhere(1, 120) && !out.tempered_conclusive) (void)look.particles_elsewhere(4, 12);

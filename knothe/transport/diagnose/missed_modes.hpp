@@ -45,6 +45,8 @@ struct MissedModes {
   /// The particles found as much mass as the map has; if not, even with four times as many, they prove
   /// nothing.
   bool tempered_conclusive = false;
+  /// Scans on rings around the main mode found all mass to be the map's, so that no particles were needed.
+  bool scanned = false;
 };
 
 /// `modes` are those of the solve's own search, main mode first; those found here are added.
