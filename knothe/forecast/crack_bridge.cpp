@@ -9,11 +9,18 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/linear/symmetric_eigen.hpp"
+#include "knothe/numerics/statistics/random.hpp"
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
+#include "knothe/transport/extras/sample_map.hpp"
 
 namespace knothe::forecast {
 namespace {
 
 constexpr int k_parts_per_spacing = 4;  // points of the first pass per distance of two snapshots
+// Of the map of the predicted field.
+constexpr Eigen::Index k_max_mapped_axes = 4, k_max_samples = 1024;
+constexpr double k_least_share = 0.1;  // of δ²: variance of the posterior along an axis that is mapped
+constexpr unsigned k_seed = 1;
 
 void check(const CrackMetaModel& meta_model, const LinearPrediction& prediction, double imposed_displacement,
            const CrackBridgeOptions& options) {
@@ -35,6 +42,12 @@ void check(const CrackMetaModel& meta_model, const LinearPrediction& prediction,
     throw ProjectError(
         "crack length: the imposed displacement at the horizon is 0, so the crack cannot be seen; choose "
         "a later horizon");
+}
+
+void require_discrepancy(double discrepancy_std) {
+  if (!(discrepancy_std > 0.0) || !std::isfinite(discrepancy_std))
+    throw NumericalError(
+        fmt::format("crack length: a discrepancy of {} m: must be positive and finite", discrepancy_std));
 }
 
 /// C such that C Cᵀ = covariance + floor² I; by eigenvalues where rounding spoils Cholesky's factorisation.
@@ -123,10 +136,48 @@ CrackForecast CrackBridge::update(const Eigen::Ref<const reduction::RowMatrix>& 
   return forecast;
 }
 
+ScalarForecast CrackBridge::published_by_map(const Eigen::Ref<const reduction::RowMatrix>& functions,
+                                             const Eigen::Ref<const Eigen::VectorXd>& weights,
+                                             double discrepancy_std) const {
+  require_discrepancy(discrepancy_std);
+  const FunctionMoments moments = moments_of_functions(functions, weights);
+  const numerics::SymmetricEigen spread(modes_ * moments.covariance * modes_.transpose());
+  const double noise = discrepancy_std * discrepancy_std;
+  const Eigen::Index k = spread.eigenvalues().size();
+  Eigen::Index mapped = 0;  // axes along which the posterior is wider than a part of δ
+  while (mapped < std::min(k, k_max_mapped_axes) &&
+         spread.eigenvalues()[k - 1 - mapped] > k_least_share * noise)
+    ++mapped;
+  if (mapped == 0) return published(moments, discrepancy_std);
+
+  const Eigen::MatrixXd axes = spread.eigenvectors().rightCols(mapped);
+  const Eigen::VectorXd mean = lift_ + modes_ * moments.mean;
+  const Eigen::Index n = std::min(k_max_samples, functions.rows());
+  const reduction::RowMatrix drawn = functions(numerics::equal_draws(weights, n), Eigen::all);
+  const Eigen::MatrixXd centred =
+      (drawn.rowwise() - moments.mean.transpose()) * (axes.transpose() * modes_).transpose();
+  const transport::SampleMap map = transport::map_from_samples(
+      centred + discrepancy_std * numerics::monte_carlo_normal_points(n, mapped, k_seed));
+  const Eigen::MatrixXd others = spread.eigenvectors().leftCols(k - mapped).transpose();
+  const Eigen::VectorXd precision =
+      (spread.eigenvalues().head(k - mapped).cwiseMax(0.0).array() + noise).inverse();
+  const auto log_density = [&](std::span<const double> lengths, std::span<double> out) {
+    const Eigen::MatrixXd fields = (crack_ * meta_model_.coordinates(lengths)).colwise() - mean;
+    const Eigen::VectorXd log_mapped = map.log_density((axes.transpose() * fields).transpose());
+    const Eigen::VectorXd rest = (others * fields).cwiseAbs2().transpose() * precision;
+    for (std::size_t i = 0; i < lengths.size(); ++i) {
+      const double prior = (lengths[i] - options_.prior_mean) / options_.prior_std;
+      const auto row = static_cast<Eigen::Index>(i);
+      out[i] = log_mapped[row] - 0.5 * (rest[row] + prior * prior);
+    }
+  };
+  std::vector<double> base_log(base_.size());
+  log_density(base_, base_log);
+  return forecast_of_density(base_, base_log, log_density, options_.threshold);
+}
+
 ScalarForecast CrackBridge::published(const FunctionMoments& moments, double discrepancy_std) const {
-  if (!(discrepancy_std > 0.0) || !std::isfinite(discrepancy_std))
-    throw NumericalError(
-        fmt::format("crack length: a discrepancy of {} m: must be positive and finite", discrepancy_std));
+  require_discrepancy(discrepancy_std);
   if (moments.mean.size() != modes_.cols() || moments.covariance.rows() != modes_.cols() ||
       moments.covariance.cols() != modes_.cols())
     throw NumericalError("crack length: moments of another number of functions than the model has");

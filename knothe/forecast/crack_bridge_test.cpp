@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/LU>
+#include <Eigen/QR>
 #include <cmath>
 #include <random>
 #include <string>
@@ -331,6 +332,69 @@ TEST(CrackBridge, TheForecastIsThePosteriorCarriedThroughTheNearestLength) {
       CrackBridge(meta, prediction, imposed, {0.04, 0.013, 0.04, 0.002}).update(functions, weights);
   EXPECT_NEAR(meant.length.mean, mean, 1e-9);
   EXPECT_NEAR(meant.length.std, std::hypot(std::sqrt(variance), 0.002), 1e-9);
+}
+
+/// A field that is linear in a skewed number, beside a spread that no crack has: with the points at hand π_u
+/// is a mixture of normal densities, which a trapezoid rule integrates. The map must find that, and the
+/// normal form must not.
+TEST(CrackBridge, TheInverseMapOfASkewedFieldIsTheMixtureOfItsPoints) {
+  const auto lengths = millimetres();
+  constexpr int n = 20, samples = 4000;
+  constexpr double imposed = 1e-4, delta = 2e-7;
+  const Eigen::MatrixXd directions =
+      Eigen::HouseholderQR<Eigen::MatrixXd>(random_matrix(n, 2, 3)).householderQ() *
+      Eigen::MatrixXd::Identity(n, 2);
+  Eigen::MatrixXd solutions(80, n);
+  for (Eigen::Index i = 0; i < 80; ++i)
+    solutions.row(i) = lengths[static_cast<std::size_t>(i)] * directions.col(0).transpose();
+  const Eigen::VectorXd h = imposed * directions.col(0);
+  LinearPrediction prediction{0.03 * h, Eigen::MatrixXd(n, 2)};
+  prediction.modes << 0.008 * h, 5e-7 * directions.col(1);
+  reduction::RowMatrix functions = random_matrix(samples, 2, 6);
+  functions.col(0) = (0.6 * functions.col(0)).array().exp();
+  const Eigen::VectorXd weights = Eigen::VectorXd::Ones(samples);
+  const CrackBridgeOptions options{0.04, 0.03, 0.045};
+  const CrackBridge bridge(CrackMetaModel(lengths, solutions), prediction, imposed, options);
+  const ScalarForecast mapped = bridge.published_by_map(functions, weights, delta);
+  const ScalarForecast normal = bridge.published(moments_of_functions(functions, weights), delta);
+
+  double total = 0, mean = 0, square = 0, above = 0;
+  for (int i = 0; i <= 2000; ++i) {
+    const double l = 0.079 * i / 2000;
+    double density = 0;
+    for (Eigen::Index k = 0; k < samples; ++k) {
+      const double along = imposed * (l - 0.03 - 0.008 * functions(k, 0)), across = 5e-7 * functions(k, 1);
+      density += std::exp(-0.5 * (along * along + across * across) / (delta * delta));
+    }
+    density *= std::exp(-0.5 * std::pow((l - 0.04) / 0.03, 2)) * (i == 0 || i == 2000 ? 0.5 : 1.0);
+    total += density, mean += density * l, square += density * l * l;
+    above += l > 0.045 ? density : 0.0;
+  }
+  mean /= total;
+  const double std = std::sqrt(square / total - mean * mean), probability = above / total;
+  EXPECT_NEAR(mapped.mean, mean, 0.05 * std);
+  EXPECT_NEAR(mapped.std, std, 0.05 * std);
+  EXPECT_NEAR(mapped.probability_above_threshold, probability, 0.02);
+  EXPECT_GT(std::abs(normal.probability_above_threshold - probability), 0.05);
+}
+
+/// Where the field is normal both forms of Eq. 33 are the same; without any spread to the last digit.
+TEST(CrackBridge, TheInverseMapOfANormalFieldIsTheNormalForm) {
+  const auto lengths = millimetres();
+  const Eigen::MatrixXd solutions = smooth_solutions(lengths, 25);
+  const LinearPrediction prediction{1e-4 * solutions.row(45).transpose(), 1e-7 * random_matrix(25, 2, 5)};
+  const CrackBridge bridge(CrackMetaModel(lengths, solutions), prediction, 1e-4);
+  const reduction::RowMatrix functions = random_matrix(4000, 2, 8);
+  const Eigen::VectorXd weights = Eigen::VectorXd::Ones(4000);
+  const ScalarForecast normal = bridge.published(moments_of_functions(functions, weights), 1e-7);
+  const ScalarForecast mapped = bridge.published_by_map(functions, weights, 1e-7);
+  EXPECT_NEAR(mapped.mean, normal.mean, 0.1 * normal.std);
+  EXPECT_NEAR(mapped.std, normal.std, 0.1 * normal.std);
+  const reduction::RowMatrix same = reduction::RowMatrix::Zero(10, 2);
+  const Eigen::VectorXd few = Eigen::VectorXd::Ones(10);
+  EXPECT_EQ(bridge.published_by_map(same, few, 1e-7).mean,
+            bridge.published(moments_of_functions(same, few), 1e-7).mean);
+  EXPECT_THROW((void)bridge.published_by_map(same, few, 0.0), NumericalError);
 }
 
 /// δ of greatest evidence, the length integrated out under a flat prior, for fields that are cracks with

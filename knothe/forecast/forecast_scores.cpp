@@ -53,7 +53,8 @@ void ForecastScores::wait_for(const std::string& name, const std::string& units,
        time_index,
        model.time[time_index],
        std,
-       {}});
+       {},
+       std::nullopt});
 }
 
 std::vector<ScoredForecast> ForecastScores::look(std::size_t step, std::size_t time_index,

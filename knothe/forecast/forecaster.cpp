@@ -91,7 +91,7 @@ ScalarForecast moved(ScalarForecast forecast, double by) {
 
 Forecaster::Forecaster(const SeparatedModel& model, const reduction::Dofs& seen,
                        const std::vector<ForecastSpecification>& specifications)
-    : specifications_(specifications), functions_(model.functions()) {
+    : functions_(model.functions()), specifications_(specifications) {
   for (const ForecastSpecification& specification : specifications) {
     switch (specification.quantity) {
       case Quantity::crack_length:
@@ -205,7 +205,8 @@ void Forecaster::complete(std::vector<NamedForecast>& forecasts) const {
 }
 
 std::vector<NamedForecast> Forecaster::published(const Eigen::Ref<const Eigen::MatrixXd>& points,
-                                                 const Eigen::Ref<const Eigen::VectorXd>& weights) {
+                                                 const Eigen::Ref<const Eigen::VectorXd>& weights,
+                                                 FieldDensity density) {
   std::vector<NamedForecast> forecasts;
   if (cracks_.empty()) return forecasts;
   evaluate_functions(points);
@@ -214,8 +215,10 @@ std::vector<NamedForecast> Forecaster::published(const Eigen::Ref<const Eigen::M
     const double discrepancy = crack.discrepancy_std
                                    ? *crack.discrepancy_std
                                    : estimated_discrepancy(crack.bridge, batch_.value, weights);
-    forecasts.push_back(
-        {crack.name, "m", moved(crack.bridge.published(moments, discrepancy), crack.offset), discrepancy});
+    ScalarForecast length = density == FieldDensity::normal
+                                ? crack.bridge.published(moments, discrepancy)
+                                : crack.bridge.published_by_map(batch_.value, weights, discrepancy);
+    forecasts.push_back({crack.name, "m", moved(std::move(length), crack.offset), discrepancy});
   }
   complete(forecasts);
   return forecasts;

@@ -71,10 +71,16 @@ class Forecaster {
   [[nodiscard]] std::vector<NamedForecast> update(const Eigen::Ref<const Eigen::MatrixXd>& points,
                                                   const Eigen::Ref<const Eigen::VectorXd>& weights);
 
-  /// The crack lengths by Eq. 33 with the predicted field as a normal one, beside those of `update`; with the
-  /// discrepancy that is stated, else estimated.
+  /// What Eq. 33 takes the predicted field for.
+  enum class FieldDensity {
+    normal,       ///< of its moments
+    inverse_map,  ///< ρ(S(u)) |det ∇S(u)| of its inverse transport map S (§6.3.2); tenths of a second
+  };
+  /// The crack lengths by Eq. 33, beside those of `update`; with the discrepancy that is stated, else
+  /// estimated.
   [[nodiscard]] std::vector<NamedForecast> published(const Eigen::Ref<const Eigen::MatrixXd>& points,
-                                                     const Eigen::Ref<const Eigen::VectorXd>& weights);
+                                                     const Eigen::Ref<const Eigen::VectorXd>& weights,
+                                                     FieldDensity density = FieldDensity::normal);
 
  private:
   struct Crack {

@@ -36,18 +36,20 @@ std::string law_of(const mechanics::DamageRegularisationOptions& law) {
 std::string description(const BeamCase& c, const std::string& form) {
   const mechanics::BeamOptions& b = c.problem.beam;
   const mechanics::SolverOptions& s = c.problem.solver;
+  const std::string spring =
+      c.machine_stiffness == 0 ? "" : fmt::format("behind a spring of {} N/m\n", c.machine_stiffness);
   return fmt::format(
       "{}, knothe reproduce: {}\nbeam {} x {} x {} m, element {}, layers {}, notch {} x {}, support {}, load "
       "{}, "
       "refined {}, protected {} x {}, growth {}, largest {}, {}\nE {} nu {} Y0 {} Ad {}\n{} steps to {} m, "
-      "tolerance {}, {}\n{} x {} parameter grid on [0.5, 1.5]^2\n{}, seed {}\n",
+      "tolerance {}, {}\n{} x {} parameter grid on [0.5, 1.5]^2\n{}{}, seed {}\n",
       k_created_by, c.what, b.length, b.height, 2 * b.half_thickness, b.element, b.layers, b.notch_width,
       b.notch_depth, b.support, b.load_half_width, b.refined_half_width, b.protected_half_width,
       b.protected_depth, b.growth, b.largest_element,
       b.left_support == mechanics::LeftSupport::left_face ? "left face" : "support line",
       c.problem.elastic.young_modulus, c.problem.elastic.poisson_ratio, c.problem.reference.threshold,
       c.problem.reference.brittleness, s.steps, s.displacement, s.tolerance, law_of(s.regularisation),
-      c.nodes, c.nodes, form, k_seed);
+      c.nodes, c.nodes, spring, form, k_seed);
 }
 
 /// The model of that file, if it is there, whole, and of this description.
@@ -70,21 +72,7 @@ reduction::SeparatedModel keep(reduction::ModelContents contents, const std::str
 }
 
 std::string parts_folder(const BeamCase& chosen, const std::string& folder) {
-  return (fs::path(folder) / (chosen.name + ".parts")).string();
-}
-
-reduction::Snapshots runs_of(const BeamCase& chosen, const std::string& folder, int processes) {
-  simulator::RunGrid grid;
-  grid.axes = axes_of(chosen);
-  grid.parts_folder = parts_folder(chosen, folder);
-  grid.processes = processes;
-  simulator::GridRuns runs = mechanics::run_snapshots(chosen.problem, grid);
-  for (const simulator::RunSummary& run : runs.runs) {
-    if (run.record.steps_without_equilibrium.empty()) continue;
-    fmt::print(stderr, "knothe: {}: at ({:g}) {} steps are not in equilibrium to 1e-8\n", chosen.what,
-               fmt::join(run.parameters, ", "), run.record.steps_without_equilibrium.size());
-  }
-  return std::move(runs.snapshots);
+  return (fs::path(folder) / ((chosen.runs_of.empty() ? chosen.name : chosen.runs_of) + ".parts")).string();
 }
 
 /// values −= lift + the one mode of the model.
@@ -102,13 +90,6 @@ void take_out(const reduction::ModelContents& mode, reduction::Snapshots& snapsh
       for (std::size_t i = 0; i < n; ++i) u[i] -= lift[i] + amplitude * mode.space[i];
     }
   }
-}
-
-/// Crack solutions as modes (Eq. 32): all 80 lengths are kept, in the coordinates of a basis made of
-/// themselves.
-reduction::CrackSolutions crack_solutions(const BeamCase& chosen, const reduction::Dofs& dofs) {
-  const mechanics::CrackTable table = mechanics::crack_table(chosen.problem, {}, dofs);
-  return reduction::crack_modes(table.lengths, table.values);
 }
 
 }  // namespace
@@ -141,6 +122,86 @@ std::vector<BeamCase> other_cases() {
   mechanics::BeamOptions& fine = add("elements_2", "elements and notch 2.5 mm");
   fine.element = fine.notch_width = 0.0025;
   return cases;
+}
+
+reduction::Snapshots runs_of(const BeamCase& chosen, const std::string& folder, int processes) {
+  simulator::RunGrid grid;
+  grid.axes = axes_of(chosen);
+  grid.parts_folder = parts_folder(chosen, folder);
+  grid.processes = processes;
+  simulator::GridRuns runs = mechanics::run_snapshots(chosen.problem, grid);
+  for (const simulator::RunSummary& run : runs.runs) {
+    if (run.record.steps_without_equilibrium.empty()) continue;
+    fmt::print(stderr, "knothe: {}: at ({:g}) {} steps are not in equilibrium to 1e-8\n", chosen.what,
+               fmt::join(run.parameters, ", "), run.record.steps_without_equilibrium.size());
+  }
+  if (chosen.machine_stiffness == 0) return std::move(runs.snapshots);
+  return behind_spring(std::move(runs.snapshots), chosen.machine_stiffness);
+}
+
+BeamCase with_series_spring(BeamCase chosen, double peak) {
+  mechanics::FullOrderModel model = mechanics::make_full_order_model(chosen.problem);
+  const mechanics::FullOrderResult run = model.run(chosen.problem.reference);
+  const auto at_peak = std::max_element(run.steps.begin(), run.steps.end(), [](const auto& a, const auto& b) {
+    return a.reaction_force < b.reaction_force;
+  });
+  const double left = peak * chosen.problem.solver.displacement - at_peak->imposed_displacement;
+  if (!(left > 0))
+    throw NumericalError(fmt::format("{}: the load peaks at {:.3g} m, later than {:.3g} of the loading",
+                                     chosen.what, at_peak->imposed_displacement, peak));
+  chosen.machine_stiffness = at_peak->reaction_force / left;
+  chosen.runs_of = chosen.name;
+  chosen.name += "_spring";
+  chosen.what += fmt::format(", a spring of {:.3g} N/m in series", chosen.machine_stiffness);
+  return chosen;
+}
+
+reduction::Snapshots behind_spring(reduction::Snapshots runs, double stiffness) {
+  const std::size_t n = runs.dof_count(), steps = runs.time.size();
+  const auto output = [&](const char* name) {
+    for (const reduction::SnapshotOutput& o : runs.outputs)
+      if (o.name == name) return o.values;
+    throw DataError(fmt::format("the runs have no output {}", name));
+  };
+  const std::vector<double> imposed = output("imposed_displacement"), force = output("reaction_force");
+  for (std::size_t g = 0; g < runs.grid_size(); ++g) {
+    const double *u = &imposed[g * steps], *f = &force[g * steps];
+    const auto machine = [&](std::size_t i) { return u[i] + f[i] / stiffness; };
+    // Between which steps of the beam each imposed displacement is reached first; before step 0 all is 0.
+    std::vector<std::size_t> upper(steps);
+    std::vector<double> fraction(steps);
+    for (std::size_t t = 0, i = 0; t < steps; ++t) {
+      while (i + 1 < steps && machine(i) < u[t]) ++i;
+      const double low = i == 0 ? 0.0 : machine(i - 1);
+      upper[t] = i;
+      fraction[t] = std::clamp((u[t] - low) / (machine(i) - low), 0.0, 1.0);
+    }
+    const auto move_along = [&](double* series, std::size_t width) {
+      const std::vector<double> before(series, series + steps * width);
+      for (std::size_t t = 0; t < steps; ++t)
+        for (std::size_t k = 0; k < width; ++k) {
+          const double low = upper[t] == 0 ? 0.0 : before[(upper[t] - 1) * width + k];
+          series[t * width + k] = low + fraction[t] * (before[upper[t] * width + k] - low);
+        }
+    };
+    move_along(&runs.values[g * steps * n], n);
+    for (reduction::SnapshotOutput& o : runs.outputs)
+      if (o.name != "imposed_displacement") move_along(&o.values[g * steps], 1);
+  }
+  const double elastic = force[0] / imposed[0];  // of the uncracked beam, whatever its parameters
+  for (double& v : runs.lift) v *= stiffness / (stiffness + elastic);
+  return runs;
+}
+
+reduction::CrackSolutions crack_solutions(const BeamCase& chosen, const reduction::Dofs& dofs) {
+  // As modes: all lengths are kept, in the coordinates of a basis made of themselves.
+  mechanics::CrackTable table = mechanics::crack_table(chosen.problem, {}, dofs);
+  for (std::size_t i = 0; i < table.lengths.size() && chosen.machine_stiffness > 0; ++i) {
+    const double share = chosen.machine_stiffness / (chosen.machine_stiffness + table.stiffness[i]);
+    for (std::size_t k = 0; k < dofs.components.size(); ++k)
+      table.values[i * dofs.components.size() + k] *= share;
+  }
+  return reduction::crack_modes(table.lengths, table.values);
 }
 
 std::vector<reduction::Axis> axes_of(const BeamCase& chosen) {
@@ -177,15 +238,23 @@ BeamModels prepare(const BeamCase& chosen, const std::string& folder, int proces
       keep(std::move(studied[0].model), path("m3_best"), best_text), false};
 }
 
-reduction::SeparatedModel prepare_accurate(const BeamCase& chosen, const std::string& folder, int processes) {
-  const std::string path = (fs::path(folder) / (chosen.name + "_tree.h5")).string();
-  const std::string text = description(chosen, "tree, 50 modes");
+reduction::SeparatedModel kept_or_built(const BeamCase& chosen, const std::string& folder,
+                                        const std::string& name, const std::string& form,
+                                        const std::function<reduction::ModelContents()>& contents) {
+  const std::string path = (fs::path(folder) / fmt::format("{}_{}.h5", chosen.name, name)).string();
+  const std::string text = description(chosen, form);
   if (auto kept = kept_model(path, text)) return std::move(*kept);
-  const reduction::Snapshots snapshots = runs_of(chosen, folder, processes);
-  reduction::CompressionOptions options;
-  options.modes = std::min<std::size_t>(50, snapshots.grid_size() - 1);
-  options.seed = k_seed;
-  return keep(reduction::compress(snapshots, options), path, text);
+  return keep(contents(), path, text);
+}
+
+reduction::SeparatedModel prepare_accurate(const BeamCase& chosen, const std::string& folder, int processes) {
+  return kept_or_built(chosen, folder, "tree", "tree, 50 modes", [&] {
+    const reduction::Snapshots snapshots = runs_of(chosen, folder, processes);
+    reduction::CompressionOptions options;
+    options.modes = std::min<std::size_t>(50, snapshots.grid_size() - 1);
+    options.seed = k_seed;
+    return reduction::compress(snapshots, options);
+  });
 }
 
 reduction::ModelContents mode_by_mode(reduction::Snapshots snapshots, std::size_t modes, std::uint64_t seed) {

@@ -8,8 +8,10 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "knothe/base/error.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/files/testing/test_folder.hpp"
+#include "knothe/mechanics/full_order/offline.hpp"
 #include "knothe/reproduction/bias.hpp"
 #include "knothe/reproduction/picture_selection.hpp"
 #include "knothe/reproduction/study.hpp"
@@ -131,6 +133,86 @@ TEST(LiftAsMode, IsTheSameFunction) {
     const auto before = model.evaluate(p, t).value, after = all.evaluate(p, t).value;
     for (std::size_t i = 0; i < before.size(); ++i) EXPECT_NEAR(after[i], before[i], 1e-10);
   }
+}
+
+/// One dof that shows the beam's own displacement u, loads f, steps of 0.1 mm.
+reduction::Snapshots beam_with_loads(const std::vector<double>& loads) {
+  reduction::Snapshots s;
+  s.axes.emplace_back();
+  s.axes.back().name = "Y0";
+  s.axes.back().nodes = {0.5, 1.5};
+  s.dofs.points = {0, 0, 0};
+  s.dofs.components = {1};
+  s.outputs = {{"imposed_displacement", {}, {}}, {"reaction_force", {}, {}}};
+  for (int g = 0; g < 2; ++g)
+    for (std::size_t t = 0; t < loads.size(); ++t) {
+      const double u = 1e-4 * static_cast<double>(t + 1);
+      s.values.push_back(u);
+      s.outputs[0].values.push_back(u);
+      s.outputs[1].values.push_back(loads[t]);
+      if (g == 0) s.time.push_back(u), s.lift.push_back(u);
+    }
+  return s;
+}
+
+TEST(BehindSpring, AnElasticBeamGetsItsShare) {
+  const reduction::Snapshots softer = behind_spring(beam_with_loads({3, 6, 9, 12}), 1e4);
+  for (std::size_t t = 0; t < 4; ++t) {
+    const double share = 1e4 / (1e4 + 3e4), u = 1e-4 * static_cast<double>(t + 1);
+    EXPECT_NEAR(softer.solution(1)[t], share * u, 1e-16);
+    EXPECT_NEAR(softer.lift[t], share * u, 1e-16);
+    EXPECT_NEAR(softer.outputs[1].values[4 + t], share * 3e4 * u, 1e-12);
+    EXPECT_EQ(softer.outputs[0].values[4 + t], u);
+  }
+}
+
+/// u + F/k is 0.2, 0.4, 0.32, 0.45, 0.55 and 0.6 mm: beyond 0.4 mm the beam goes on behind its fourth state.
+TEST(BehindSpring, WhereTheLoadFallsFasterThanTheSpringTheBeamJumps) {
+  const reduction::Snapshots jumped = behind_spring(beam_with_loads({1, 2, 0.2, 0.5, 0.5, 0}), 1e4);
+  const double expected[] = {0.5e-4, 1e-4, 1.5e-4, 2e-4, 4.5e-4, 6e-4};
+  for (std::size_t t = 0; t < 6; ++t) EXPECT_NEAR(jumped.solution(0)[t], expected[t], 1e-15) << t;
+}
+
+/// Springs under the supports are in the finite elements; two of half the stiffness are one in series.
+TEST(BehindSpring, IsWhatFiniteElementsSayOfSpringsUnderTheSupports) {
+  BeamCase chosen = coarse_case();
+  chosen.problem.solver.steps = 200;
+  chosen.problem.solver.displacement = 3e-4;
+  constexpr double k_stiffness = 1e8;
+  const auto run = [](const mechanics::BeamProblem& problem) {
+    mechanics::FullOrderModel model = mechanics::make_full_order_model(problem);
+    return mechanics::as_snapshots(problem, model.structure(), model.run(problem.reference));
+  };
+  const reduction::Snapshots rigid = run(chosen.problem), softer = behind_spring(rigid, k_stiffness);
+  chosen.problem.beam.support_stiffness = 0.5 * k_stiffness;
+  const reduction::Snapshots springs = run(chosen.problem);
+  double peak = 0, moved = 0, off = 0;
+  for (const reduction::SnapshotOutput& output : springs.outputs) {
+    if (output.name != "reaction_force") continue;
+    const auto i = static_cast<std::size_t>(&output - springs.outputs.data());
+    for (std::size_t t = 0; t < 200; ++t) {
+      peak = std::max(peak, output.values[t]);
+      moved = std::max(moved, std::abs(rigid.outputs[i].values[t] - output.values[t]));
+      off = std::max(off, std::abs(softer.outputs[i].values[t] - output.values[t]));
+    }
+  }
+  EXPECT_GT(moved, 0.1 * peak);
+  EXPECT_LT(off, 0.005 * peak);
+}
+
+TEST(SeriesSpring, ItsStiffnessPutsThePeakOfTheLoadWhereItWasAskedFor) {
+  BeamCase chosen = coarse_case();
+  chosen.problem.solver.steps = 100;
+  const BeamCase soft = with_series_spring(chosen, 0.5);
+  mechanics::FullOrderModel model = mechanics::make_full_order_model(chosen.problem);
+  const reduction::Snapshots run = behind_spring(
+      mechanics::as_snapshots(chosen.problem, model.structure(), model.run({})), soft.machine_stiffness);
+  for (const reduction::SnapshotOutput& output : run.outputs) {
+    if (output.name != "reaction_force") continue;
+    const auto peak = std::max_element(output.values.begin(), output.values.end()) - output.values.begin();
+    EXPECT_NEAR(run.time[static_cast<std::size_t>(peak)], 0.5, 0.011);
+  }
+  EXPECT_THROW((void)with_series_spring(chosen, 0.05), NumericalError);
 }
 
 TEST_F(CoarseBeam, ModelsAreKeptAndThoseOfAnotherCaseAreNot) {
