@@ -180,6 +180,11 @@ class Test(Case):
         self.run_page(DOCS / "tutorials/beam.md")
         self.assertTrue((self.folder / "report.html").exists())
 
+    def test_the_tutorial_of_own_solver(self):
+        self.need_offline()
+        self.run_page(DOCS / "tutorials/own-solver.md")
+        self.assertTrue((self.folder / "report.html").exists())
+
     def test_the_tutorial_of_pictures(self):
         if python_with("numpy") is None:
             self.skipTest("no python3 with numpy here")
