@@ -102,7 +102,7 @@ function data(line: StepLine, before: StepLine | undefined, limit: number, add: 
     );
   }
   if (line.used === 0 && (!before || before.used > 0))
-    add("warning", "gap", "No usable value from any sensor: the posterior stands still");
+    add("warning", "gap", "No usable value from any sensor: the posterior is unchanged");
   if (line.used > 0 && before?.used === 0) add("info", "gap", "Sensors are back");
   if (line.rejected > (before?.rejected ?? 0))
     add("warning", "sensors", `${line.rejected} of ${total(line)} values rejected: they do not fit the others`);

@@ -26,7 +26,7 @@ export function EventsPanel({ events, chosen, choose, api }: Props) {
     <Panel
       id="events"
       title="Alarms and their causes"
-      note={`${alarms} alarms, ${warnings} warnings so far${open > 0 ? `, ${open} not acknowledged` : ""}. Choose one to look at its step.`}
+      note={`${counted(alarms, "alarm")}, ${counted(warnings, "warning")} so far${open > 0 ? `, ${open} not acknowledged` : ""}. Choose one to look at its step.`}
       csv={() =>
         csv(
           ["step", "severity", "kind", "message", "raised_at", "acknowledged_by", "comment"],
@@ -83,6 +83,10 @@ export function EventsPanel({ events, chosen, choose, api }: Props) {
       </ol>
     </Panel>
   );
+}
+
+function counted(count: number, what: string): string {
+  return `${count} ${what}${count === 1 ? "" : "s"}`;
 }
 
 /** An alarm or warning of the service that nobody has acknowledged. */

@@ -172,7 +172,7 @@ export function EvidencePanel(props: PlotProps) {
       title="Evidence and data"
       specs={specs}
       props={props}
-      note={`How well each datum was foretold: a drop means that the model does not explain it. ${latest ?? ""}`}
+      note={`How well each datum was predicted: a drop means that the model does not explain it. ${latest ?? ""}`}
     />
   );
 }

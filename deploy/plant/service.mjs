@@ -28,7 +28,7 @@ export class Service {
         const content = await answer.json();
         if (answer.ok) return content;
         reason = `${answer.status}: ${content.error?.message}`;
-        if (answer.status < 500) throw new Refusal(`${this.address}${path}: ${reason}`);
+        if (answer.status < 500 || answer.status === 501) throw new Refusal(`${this.address}${path}: ${reason}`);
       } catch (error) {
         if (error instanceof Refusal) throw error;
         reason ??= error.cause?.message ?? error.message;

@@ -1,11 +1,13 @@
 """What docs/how-to/send-measurements.md shows, against a running service: the block for Crappy, on a stand-in for its base class
 (Crappy itself is not needed), and LabVIEW's request and function."""
+import http.server
 import json
 import math
 import os
 import re
 import socket
 import sys
+import threading
 import types
 import unittest
 
@@ -117,6 +119,43 @@ class Test(ServiceCase):
         self.service.start(port=self.port)
         self.assertEqual(store(self.address, *datum), "stored")
         self.assertEqual(self.stored(), {"gauge": [(0.5, None)], "reaction_force": [(0.5, 900.0)]})
+
+    def test_only_what_may_succeed_is_sent_again(self):
+        """The page's rule, and that both functions follow it: 501 is of the request, as 400 to 499 are."""
+        if python_with("numpy") is None:
+            self.skipTest("no python3 with numpy here")
+        rule = dict(re.findall(r"^   \| (.*?) \| (.*?) \|$", PAGE.read_text(), re.M))
+        self.assertIn("rejected", rule["400 to 499, or 501"])
+        self.assertIn("again", rule["none, or 500 to 599, but not 501"])
+
+        class Refusing(http.server.BaseHTTPRequestHandler):
+            def do_POST(self):
+                self.rfile.read(int(self.headers["Content-Length"]))
+                body = b'{"error":{"type":"X","message":"no"}}'
+                self.send_response(self.server.status)
+                self.send_header("Content-Length", str(len(body)))
+                self.end_headers()
+                self.wfile.write(body)
+
+            def log_message(self, *_):
+                pass
+
+        server = http.server.HTTPServer(("127.0.0.1", 0), Refusing)
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        self.addCleanup(server.shutdown)
+        sys.modules["crappy"] = types.SimpleNamespace(blocks=types.SimpleNamespace(Block=Block))
+        store, address = module_of("knothe_labview.py").store, f"http://127.0.0.1:{server.server_port}"
+        block = module_of("knothe_block.py").Knothe(self.address, "beam-1", 6.0, {"gauge": "e"})
+        block.prepare()
+        block.address, block.links = address, [{"t(s)": [0.0, 1.0], "e": [0.0, 1.0]}]
+        for server.status in (400, 409, 411, 415, 501):
+            self.assertEqual(store(address, "", "s", 0, 0.5, [0.0, 0.0]), "refused: no")
+            with self.assertRaises(RuntimeError):
+                block.loop()
+        for server.status in (500, 502, 503, 504, 507):
+            self.assertEqual(store(address, "", "s", 0, 0.5, [0.0, 0.0]), "again: no")
+            block.loop()
+            self.assertEqual(block.seq, 0)
 
 
 def blocks_of_all(page):

@@ -272,6 +272,52 @@ class Test(ServiceCase):
         self.assertEqual(answer[2]["error"]["message"], '"source" is not UTF-8')
         self.assertEqual(service.get("/v1/quarantine"), (200, {"quarantined": []}))
 
+    def test_what_is_no_file_is_no_journal(self):
+        os.mkfifo(self.folder / "pipe.journal")
+        self.project.write_text(self.project.read_text() + '\n[serve]\njournal = "pipe.journal"\n')
+        self.expect(4, "serve", self.project_name, "--port", "0", stderr="pipe.journal: is not a file")
+
+    def test_what_is_no_table_in_a_watched_folder_holds_up_nothing(self):
+        """Files that are no files, never end, or have a name or content that is no text, before one that is right."""
+        header, *rows = (self.folder / "data.csv").read_text().splitlines()
+        tables = self.folder / "tables"
+        tables.mkdir()
+        (tables / "a.csv").symlink_to("/dev/zero")
+        os.mkfifo(tables / "b.csv")
+        (tables / "c.csv").mkdir()
+        (tables / "d.csv").symlink_to("d.csv")
+        (tables / "e.csv").touch()
+        os.truncate(tables / "e.csv", 100 << 30)  # of which nothing is on the disk
+        (tables / "f.csv").write_bytes("\n".join([header, *rows[:24]]).encode("utf-16"))
+        pathlib.Path(os.fsdecode(os.fsencode(tables) + b"/g\xff.csv")).write_text("\n".join([header, *rows[:24]]) + "\n")
+        (tables / "h.csv").write_text("\n".join([header, *rows[24:48]]) + "\n")
+        service = self.serve(extra='watch_csv = "tables/"\nsettle = 0.1\n')
+        service.settled(1)
+        self.assertEqual([line["step"] for line in service.states()], [1])
+        told = lambda: [alarm["message"] for alarm in self.alarms(service) if alarm["kind"] == "sensors"]
+        service.wait_until(lambda: len(told()) >= 3)
+        for said in ("e.csv: the file has 102400 MB; at most 64 are read", "f.csv", "its name is not UTF-8"):
+            self.assertIn(said, "\n".join(told()))
+        self.assertEqual((service.get("/v1/quarantine")[0], service.stop()), (200, 130))
+
+    def test_what_takes_the_place_of_the_mark_is_neither_waited_for_nor_written(self):
+        for replacement in ("pipe", "link"):
+            with self.subTest(replacement):
+                self.setUp()
+                service = self.serve()
+                self.expect_stored(service.send(self.data[0]), 0)
+                self.journal("-mark").unlink()
+                other = self.folder / "other"
+                other.write_text("another file of the same user\n")
+                os.mkfifo(self.journal("-mark")) if replacement == "pipe" else self.journal("-mark").symlink_to(other)
+                self.expect_stored(service.send(self.data[1]), 1)
+                self.assertEqual(other.read_text(), "another file of the same user\n")
+                service.stop()
+                if replacement == "pipe":
+                    service.start()
+                    self.assertEqual(service.settled(2)["records"], 2)
+                    service.stop()
+
     # Broker and log
 
     def test_a_broker_that_comes_later_is_found(self):
@@ -287,6 +333,9 @@ class Test(ServiceCase):
             with open(self.folder / "mosquitto.log", "w") as log:
                 first.process = subprocess.Popen([program, "-c", str(self.folder / "mosquitto.conf")], stdout=log, stderr=log)
             service.wait_until(lambda: len(re.findall("subscribed at the MQTT broker.*/data", service.logged())) == attempt + 1)
+            answers = first.listen("knothe/v1/assimilation/camera/answer")
+            first.publish("knothe/v1/assimilation/camera/data", b'{"source":"\xff"}')
+            self.assertEqual(json.loads(answers.get(timeout=60))["error"]["type"], "Malformed")  # though it quotes what is no text
             first.publish("knothe/v1/assimilation/camera/data", json.dumps(self.data[attempt]).encode())
             service.settled(attempt + 1)
             first.stop()

@@ -124,7 +124,8 @@ class Test(ServiceCase):
         service = self.serve()
         for host in ("LOCALHOST", "LocalHost:1", "[::1]:1"):
             self.assertIn(b" 200 OK", self.raw(service, f"GET /livez HTTP/1.0\r\nHost: {host}\r\n\r\n".encode()))
-        self.assertIn(b" 403 ", self.raw(service, b"GET /livez HTTP/1.0\r\nHost: localhost.example\r\n\r\n"))
+        for host in ("localhost.example", "localhost:1@evil.example", "localhost@evil.example", "localhost, evil.example", "[::1", "[::1]evil.example"):
+            self.assertIn(b" 403 ", self.raw(service, f"GET /livez HTTP/1.0\r\nHost: {host}\r\n\r\n".encode()), host)
         answer = self.raw(service, self.request("HEAD", "/v1/events"), wait=5)
         self.assertTrue(answer.startswith(b"HTTP/1.1 200 ") and answer.endswith(b"\r\n\r\n"), answer)
         self.assertIn(b"text/event-stream", answer)

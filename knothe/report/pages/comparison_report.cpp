@@ -67,7 +67,7 @@ std::string page_of(const Json& comparison, const Json& first, const Json& secon
                                     std::max(1e-6, c.at("log_evidence_error").get<double>())),
                    fmt::format("{} minus {}", b, a)});
   page.cards(cards);
-  page.section("What each says of itself");
+  page.section("Diagnostics of each method");
   for (const Json* one : {&first, &second})
     page.paragraph(
         fmt::format("{}: {}", one->at("method").get<std::string>(), one->at("verdict").get<std::string>()));
@@ -88,8 +88,7 @@ std::string page_of(const Json& comparison, const Json& first, const Json& secon
   std::vector<Figure> figures;
   for (std::size_t k = 0; k < std::min<std::size_t>(parameters.size(), 6); ++k)
     figures.push_back(marginals(first, second, k));
-  page.figures(figures,
-               "Where the lines lie on each other, two methods that know nothing of each other agree.");
+  page.figures(figures, "Where the curves coincide, two independent methods agree.");
   page.section("Provenance");
   page.table({}, {{{"Program", first.at("created_by").get<std::string>()}},
                   {{"Model", first.at("model").get<std::string>()}}});

@@ -117,8 +117,7 @@ void add_parameters(Page& page, const Content& c) {
   std::vector<Figure> figures;
   for (std::size_t k = 0; k < std::min<std::size_t>(c.parameters.size(), 6); ++k)
     figures.push_back(figure_of(prior_plot(c, k), "Prior and posterior of " + c.parameters[k], 260.0));
-  page.figures(figures,
-               "What was known before, and after. Skewness and kurtosis are 0 and 3 for a Gaussian.");
+  page.figures(figures, "Prior and posterior. Skewness and kurtosis are 0 and 3 for a Gaussian.");
 }
 
 void add_pull_back(Page& page, const Content& c) {
@@ -187,9 +186,9 @@ void add_orders(Page& page, const Json& content, const Content& c) {
   if (const auto method = c.figures->value("map_method", std::string()); !method.empty())
     page.paragraph("The map: " + method + ".");
   page.figures(figures,
-               "How far the map's density is from the posterior, order by order. The training rule is too "
-               "kind to high "
-               "orders; the verified figure counts. The objective falls towards minus the log-evidence.");
+               "How far the map's density is from the posterior, order by order. At high "
+               "orders the training rule underestimates it; the verified figure counts. The objective falls "
+               "towards minus the log-evidence.");
 }
 
 void add_phases(Page& page, const Json& content) {

@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include <array>
+#include <filesystem>
 #include <fstream>
 
 #include "knothe/base/error.hpp"
@@ -42,6 +43,8 @@ std::string mark_path_of(const std::string& journal) {
 }
 
 std::optional<Acknowledged> read_mark(const std::string& journal) {
+  std::error_code ignored;
+  if (!std::filesystem::is_regular_file(mark_path_of(journal), ignored)) return std::nullopt;
   std::ifstream file(mark_path_of(journal));
   std::string head;
   Acknowledged a;
@@ -63,7 +66,9 @@ void write_mark(const std::string& mark_path, const Acknowledged& a, std::string
     *end++ = "0123456789abcdef"[static_cast<unsigned char>(byte) & 15];
   }
   *end++ = '\n';
-  const int descriptor = ::open(mark_path.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0644);
+  // What has taken the mark's place, a pipe or a link to another file, is neither waited for nor written.
+  const int descriptor =
+      ::open(mark_path.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC | O_NONBLOCK | O_NOFOLLOW, 0644);
   if (descriptor < 0) return;
   [[maybe_unused]] const auto written =
       ::pwrite(descriptor, text.data(), static_cast<std::size_t>(end - text.data()), 0);

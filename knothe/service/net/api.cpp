@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <deque>
 #include <optional>
 
 #include "knothe/base/cancellation.hpp"
@@ -105,10 +106,16 @@ std::string lower_case(std::string text) {
   return text;
 }
 
-/// "localhost:8080" → "localhost"; "[::1]:8080" → "::1". Names of hosts are the same in either case.
+/// "localhost:8080" → "localhost"; "[::1]:8080" → "::1"; empty where it is not HOST or HOST:PORT. Names of
+/// hosts are the same in either case.
 std::string host_name(const std::string& host) {
-  if (host.starts_with("[")) return lower_case(host.substr(1, host.find(']') - 1));
-  return lower_case(host.substr(0, host.find(':')));
+  const bool brackets = host.starts_with("[");
+  const auto end = std::min(brackets ? host.find(']') : host.find(':'), host.size());
+  if (brackets && end == host.size()) return "";
+  const std::string port = host.substr(brackets ? end + 1 : end);
+  if (!port.empty() && (port[0] != ':' || port.find_first_not_of("0123456789", 1) != std::string::npos))
+    return "";
+  return lower_case(brackets ? host.substr(1, end - 1) : host.substr(0, end));
 }
 
 /// "application/json; charset=utf-8" → "application/json".
@@ -137,7 +144,9 @@ class SiteEvents final : public EventSource {
         seen_(seen),
         alarms_seen_(seen),
         entries_seen_(site_->logbook().last_number()) {}
-  void begin_with(std::string text) { pending_ = std::move(text); }
+  /// Lines that come first, each with its id.
+  using First = std::deque<std::pair<std::int64_t, std::shared_ptr<const Line>>>;
+  void begin_with(First lines) { first_ = std::move(lines); }
 
   /// Where another test has taken its place: what is left of the one before, then all of the other. A
   /// status, which says of which journal it is, comes first.
@@ -158,7 +167,10 @@ class SiteEvents final : public EventSource {
       state_version_ = version;
       out += "event: status\ndata: " + files::json_line(site_->status()) + "\n\n";
     }
-    out += std::exchange(pending_, {});  // behind the status: that says of which journal it is
+    // Behind the status: that says of which journal they are.
+    for (; out.size() < k_piece && !first_.empty(); first_.pop_front())
+      out += event_of(first_.front().first, *first_.front().second);
+    if (!first_.empty()) return out;
     for (const Alarm& alarm : site_->alarms().after(alarms_seen_)) {
       out += "event: alarm\ndata: " + files::json_line(json_of(alarm)) + "\n\n";
       alarms_seen_ = std::max(alarms_seen_, SiteAlarms::last_event(alarm));
@@ -171,17 +183,21 @@ class SiteEvents final : public EventSource {
       const auto line = site_->lines().next_line(seen_);
       if (!line) break;
       seen_ = line->event;
-      out += fmt::format("id: {}\nevent: {}\ndata: {}\n\n", line->event,
-                         line->withdrawn ? "withdrawn" : "step", line->json);
+      out += event_of(line->event, *line);
     }
     return out;
+  }
+
+  static std::string event_of(std::int64_t id, const Line& line) {
+    return fmt::format("id: {}\nevent: {}\ndata: {}\n\n", id, line.withdrawn ? "withdrawn" : "step",
+                       line.json);
   }
 
   static constexpr std::size_t k_piece = 1 << 16;
   std::shared_ptr<ServedSite> served_;
   std::shared_ptr<Site> site_;  ///< the test that is read
   std::int64_t seen_, alarms_seen_, entries_seen_, state_version_ = -1;
-  std::string pending_;
+  First first_;
 };
 
 }  // namespace
@@ -475,7 +491,7 @@ std::unique_ptr<EventSource> Api::make_events(const HttpRequest& request) const 
   std::string last = request.header("last-event-id");
   if (last.empty()) last = request.parameter("last_event_id");
   std::int64_t seen = site->lines().last_event();
-  std::string begin;
+  SiteEvents::First first;
   if (!last.empty()) {
     // An event that has not been is one of another journal: all of this one is new to its reader.
     const std::size_t told = parse_index(last, "Last-Event-ID");
@@ -483,14 +499,14 @@ std::unique_ptr<EventSource> Api::make_events(const HttpRequest& request) const 
   } else if (const std::string from = request.parameter("from"); !from.empty()) {
     // The lines as they are, in the order of the steps; then what changes.
     for (const auto& line : site->lines().lines(parse_index(from, "from"))) {
-      begin += fmt::format("id: {}\nevent: step\ndata: {}\n\n", line->event, line->json);
+      first.emplace_back(line->event, line);
       seen = std::max(seen, line->event);
     }
   } else if (const auto line = site->lines().latest()) {
-    begin = fmt::format("id: {}\nevent: step\ndata: {}\n\n", seen, line->json);
+    first.emplace_back(seen, line);
   }
   auto source = std::make_unique<SiteEvents>(from_site, site, seen);
-  source->begin_with(std::move(begin));
+  source->begin_with(std::move(first));
   return source;
 }
 

@@ -14,6 +14,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/sha256.hpp"
+#include "knothe/files/json_line.hpp"
 #include "knothe/service/net/mqtt_client.hpp"
 #include "knothe/service/site/log.hpp"
 
@@ -197,7 +198,7 @@ struct MqttReceiver::Implementation {
       }
       std::string topic = message->topic;
       topic.replace(topic.rfind('/') + 1, std::string::npos, "answer");
-      const std::string text = answer->dump();
+      const std::string text = files::json_line(*answer);
       mosquitto_publish(client, nullptr, topic.c_str(), static_cast<int>(text.size()), text.data(), 0, false);
     } catch (const std::exception& error) {
       log_event("error", "a message could not be taken",

@@ -115,7 +115,7 @@ void report_found(Report& report, const std::string& what, const std::function<s
 }
 
 std::string found_journal(const std::string& path, const std::vector<double>& model_times) {
-  if (!std::filesystem::exists(path)) return fmt::format("{} is made at the start", path);
+  if (!std::filesystem::exists(path)) return fmt::format("{} will be created at the start", path);
   const Journal journal(path, Journal::Access::read);
   if (!journal.lost().empty()) throw DataError(fmt::format("{}: {}", path, journal.lost()));
   journal.for_each([&](JournalEntry entry) {
@@ -168,7 +168,7 @@ void test_alarms(Report& report, const project::Project& project) {
   std::vector<std::unique_ptr<AlarmChannel>> channels;
   report_found(report, "alarms", [&] {
     channels = alarm_channels(project);
-    if (channels.empty()) throw DataError("they are sent nowhere: [serve.notify] is missing or empty");
+    if (channels.empty()) throw DataError("no channel is configured: [serve.notify] is missing or empty");
     return fmt::format("{} channels", channels.size());
   });
   const auto now = std::chrono::system_clock::now().time_since_epoch();

@@ -6,6 +6,8 @@
 #include <array>
 #include <charconv>
 #include <cmath>
+#include <cstdint>
+#include <filesystem>
 #include <limits>
 #include <utility>
 
@@ -29,6 +31,16 @@ constexpr double k_patience = 10;
 constexpr std::int64_t k_coarse_clock_ms = 20;  // a file's time is that of the last tick of the system
 
 constexpr const char* k_times = "pictures.csv";
+
+// A file that never ends, a log that is copied here say, must not take the memory, nor keep others waiting.
+constexpr std::uintmax_t k_largest_table = 64 << 20, k_largest_picture = 512 << 20;  // bytes
+
+void require_size(const std::string& path, std::uintmax_t most) {
+  std::error_code gone;
+  const auto size = std::filesystem::file_size(path, gone);
+  if (!gone && size > most)
+    throw DataError(fmt::format("{}: the file has {} MB; at most {} are read", path, size >> 20, most >> 20));
+}
 
 bool is_live_picture(const std::string& name) {
   return imaging::is_picture_name(name) && !name.starts_with("reference");
@@ -138,6 +150,7 @@ FolderWatch::Place FolderWatch::place_of(const std::string& name) const {
   const std::string table = pictures_->path(k_times);
   std::error_code failure;
   if (std::filesystem::exists(table, failure)) {
+    require_size(table, k_largest_table);
     const auto times = files::CsvTable::read(table);
     const auto names = times.texts("file");
     const auto it = std::find(names.begin(), names.end(), name);
@@ -153,7 +166,7 @@ FolderWatch::Place FolderWatch::place_of(const std::string& name) const {
   const std::vector<double>& times = given.empty() ? site_->setup().observed->time : given;
   if (index < 0 || static_cast<std::size_t>(index) >= times.size())
     throw DataError(
-        fmt::format("{}: picture number {} would be the {}. of {} times (serve.first_picture is {})", name,
+        fmt::format("{}: picture number {} would have time number {} of {} (serve.first_picture is {})", name,
                     *number, index + 1, times.size(), site_->project().serve.first_picture));
   return {*number, times[static_cast<std::size_t>(index)]};
 }
@@ -176,6 +189,7 @@ FolderWatch::Outcome FolderWatch::take_picture(const std::string& name) {
   if (site_->journal().holds(stamp.key)) return Outcome::done;
   Intake::Measured measured;
   try {
+    require_size(pictures_->path(name), k_largest_picture);
     measured = intake_.measure(
         stamp,
         files::read_picture(pictures_->path(name), site_->setup().pictures->series().options().colour));
@@ -194,6 +208,7 @@ FolderWatch::Outcome FolderWatch::take_picture(const std::string& name) {
 FolderWatch::Outcome FolderWatch::take_table(const std::string& name) {
   std::vector<Measurement> data;
   try {
+    require_size(tables_->path(name), k_largest_table);
     const assimilation::Measurements table = assimilation::read_measurements_csv(tables_->path(name));
     std::vector<std::size_t> place;
     for (std::size_t i = 0; i < table.sensors.displacement_count(); ++i) {

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <future>
 #include <limits>
+#include <nlohmann/json.hpp>
 
 #include "knothe/assimilation/data/time_matching.hpp"
 #include "knothe/base/error.hpp"
@@ -76,6 +77,9 @@ Intake::Outcome Intake::store(Measurement measurement, const std::string& name) 
   const auto promise = std::make_shared<std::promise<JournalWriter::Answer>>();
   auto answer = promise->get_future();
   try {
+    // What no request can name could never be withdrawn or released.
+    const assimilation::DatumKey& key = measurement.key;
+    (void)parse_json_key(Json{{"source", key.source}, {"session", key.session}, {"seq", key.seq}}.dump());
     site_->journal().ingest(std::move(measurement),
                             [promise](const JournalWriter::Answer& stored) { promise->set_value(stored); });
     const JournalWriter::Answer stored = answer.get();
@@ -86,6 +90,8 @@ Intake::Outcome Intake::store(Measurement measurement, const std::string& name) 
   } catch (const RequestError& error) {
     if (error.status() == 503) return Outcome::again;
     refuse(name, fmt::format("{}: {}", name, error.what()));
+  } catch (const Json::exception&) {
+    refuse(name, fmt::format("{}: its name is not UTF-8", name));
   }
   return Outcome::done;
 }

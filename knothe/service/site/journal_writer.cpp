@@ -82,10 +82,9 @@ void JournalWriter::identify(const Identity& identity) {
   const auto before = journal_.identity();
   if (!before || before->sensors == identity.sensors) require_times();
   if (journal_.identify(identity))
-    log_event(
-        "warning",
-        "the model or the project file is another than before: all data are assimilated with the new one",
-        {{"site", options_.site}, {"journal", journal_.path()}});
+    log_event("warning",
+              "the model or the project file has changed: all data are assimilated with the new one",
+              {{"site", options_.site}, {"journal", journal_.path()}});
 }
 
 std::int64_t JournalWriter::count_start(std::int64_t least) {

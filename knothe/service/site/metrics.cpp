@@ -16,7 +16,7 @@ namespace {
 /// What each metric means; a name that is not here is a mistake of ours.
 const std::map<std::string, std::string>& meanings() {
   static const std::map<std::string, std::string> k_meanings = {
-      {"knothe_measurements_total", "Measurements by what became of them."},
+      {"knothe_measurements_total", "Measurements by outcome."},
       {"knothe_requests_total", "HTTP requests by status."},
       {"knothe_connections", "Open HTTP connections."},
       {"knothe_event_streams", "Open event streams."},
@@ -36,8 +36,7 @@ const std::map<std::string, std::string>& meanings() {
       {"knothe_unacknowledged_alarms", "Warnings and alarms that nobody has acknowledged."},
       {"knothe_full_order_runs", "Runs of the full-order model at the posterior."},
       {"knothe_model_version", "How often the reduced model has been refined; 0: never."},
-      {"knothe_alarms_sent_total",
-       "Alarms by channel and what became of them: sent, failed (tried again), lost."},
+      {"knothe_alarms_sent_total", "Alarms by channel and outcome: sent, failed (retried), lost."},
       {"knothe_alarms_unsent", "Alarms that wait for their channel."},
       {"knothe_camera_connected", "1 while the camera is connected."},
       {"knothe_camera_frames_total", "Whole frames that came from the camera."},

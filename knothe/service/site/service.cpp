@@ -10,6 +10,7 @@
 #include <csignal>
 #include <cstdlib>
 #include <cstring>
+#include <filesystem>
 #include <fstream>
 #include <set>
 
@@ -119,11 +120,20 @@ void require_cameras(const project::Project& project) {
     throw project.error_at("serve.camera", lacks);
 }
 
+/// SQLite would wait for ever for what a pipe says.
+void require_journal_file(const project::Project& project) {
+  std::error_code ignored;
+  const auto there = std::filesystem::status(project.serve.journal, ignored);
+  if (std::filesystem::exists(there) && !std::filesystem::is_regular_file(there))
+    throw DataError(fmt::format("{}: is not a file: no journal can be kept there", project.serve.journal));
+}
+
 }  // namespace
 
 void serve(const project::Project& project, const ServeArguments& arguments) {
   std::signal(SIGPIPE, SIG_IGN);
   require_cameras(project);
+  require_journal_file(project);
   const project::ServeOptions& options = project.serve;
   const bool loopback = is_loopback(options.address);
   ApiOptions api_options{loopback, read_token(project, "read_token", options.read_token),
@@ -148,6 +158,7 @@ void serve(const project::Project& project, const ServeArguments& arguments) {
   for (const std::string& other : options.others) {
     const project::Project next = project::read_project(other);
     require_cameras(next);
+    require_journal_file(next);
     if (!names.insert(next.serve.site).second)
       throw next.error_at(
           "serve.site",

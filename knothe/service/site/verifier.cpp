@@ -135,7 +135,7 @@ void Verifier::run() {
       answer(*question);
     } catch (const std::exception& error) {
       if (!stopping())
-        log_event("error", "the full-order model was asked in vain",
+        log_event("error", "the request to the full-order model failed",
                   {{"site", project_.serve.site}, {"reason", error.what()}});
     }
     {
