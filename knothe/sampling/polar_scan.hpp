@@ -8,9 +8,9 @@
 
 namespace knothe::sampling {
 
-/// In one dimension points to both sides of the centre, in two points on rings, whose radii grow by a constant
-/// factor: neighbours are a fixed share of their distance from the centre apart. The points of each ring lie
-/// between those of the one before it, hence six neighbours.
+/// In one dimension points to both sides of the centre, in two points on rings, whose radii grow by a
+/// constant factor: neighbours are a fixed share of their distance from the centre apart. The points of each
+/// ring lie between those of the one before it, hence six neighbours.
 class PolarScan {
  public:
   static constexpr Eigen::Index k_max_dimension = 2;

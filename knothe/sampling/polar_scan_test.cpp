@@ -34,8 +34,6 @@ TEST(PolarScan, TheEvidenceOfAGaussianAtAnyScale) {
   EXPECT_TRUE(scan.local_maxima().empty());
 }
 
-
-
 TEST(PolarScan, TheSampleHasTheMomentsOfTheTarget) {
   const Eigen::MatrixXd c = covariance(1, 2, 0.5);
   Mixture user({{1, Eigen::Vector2d(0.4, -0.3), c.inverse()}});
@@ -56,7 +54,8 @@ TEST(PolarScan, AModeATenthAsWideHasAPointInItsBasin) {
   for (int trial = 0; trial < 200; ++trial) {
     const Eigen::Index d = 1 + trial % 2;
     const Eigen::MatrixXd unit = Eigen::MatrixXd::Identity(d, d);
-    const Eigen::VectorXd other = std::pow(10.0, 1 + 1.3 * random.uniform()) * random.normals(d, 1).col(0).normalized();
+    const Eigen::VectorXd other =
+        std::pow(10.0, 1 + 1.3 * random.uniform()) * random.normals(d, 1).col(0).normalized();
     Mixture user({{0.98, Eigen::VectorXd::Zero(d), unit}, {0.02, other, 100 * unit}});
     CheckedDensity target(user);
     const PolarScan scan(target, Eigen::VectorXd::Zero(d), unit, 0.5, 300, d == 1 ? 0.03 : 0.15);

@@ -9,13 +9,14 @@
 
 namespace knothe::reduction {
 
-/// ℓ(p) = constant − ½ |A w(p) + b|² + c·w(p), w_k(p) = Π_i α_k^i(p_i), of one to three parameters. On a grid the
-/// α are tabulated axis by axis; what the outer parameters make of A and c is common to a row.
+/// ℓ(p) = constant − ½ |A w(p) + b|² + c·w(p), w_k(p) = Π_i α_k^i(p_i), of one to three parameters. On a grid
+/// the α are tabulated axis by axis; what the outer parameters make of A and c is common to a row.
 class CanonicalQuadraticForm final : public QuadraticForm, public GridEvaluator {
  public:
   /// `generic`: evaluates point by point. `axis_values(i, nodes)`: α of axis i at the nodes, n × r.
   using AxisValues = std::function<RowMatrix(Eigen::Index, const Eigen::Ref<const Eigen::VectorXd>&)>;
-  CanonicalQuadraticForm(std::unique_ptr<QuadraticForm> generic, Eigen::Index dimension, AxisValues axis_values)
+  CanonicalQuadraticForm(std::unique_ptr<QuadraticForm> generic, Eigen::Index dimension,
+                         AxisValues axis_values)
       : generic_(std::move(generic)), dimension_(dimension), axis_values_(std::move(axis_values)) {}
 
   void set(const Eigen::Ref<const Eigen::MatrixXd>& a, const Eigen::Ref<const Eigen::VectorXd>& b,
