@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "knothe/assimilation/update/filled_quadrature.hpp"
 #include "knothe/assimilation/update/maximum_a_posteriori.hpp"
 #include "knothe/assimilation/update/posterior_functions.hpp"
 #include "knothe/base/error.hpp"
@@ -26,7 +27,7 @@ constexpr double k_quadrature_below = 0.98;
 /// the border of the grid, which costs moments a few times as much.
 constexpr double k_converged = 0.01, k_border_mass = 1e-3;
 /// As many nodes as another way takes time for.
-constexpr Eigen::Index k_max_quadrature_nodes = 600'000;
+constexpr Eigen::Index k_max_quadrature_nodes = 60'000, k_max_nodes_of_three = 600'000;
 /// Beyond these particles do not find the mass; and of so many a posterior consists at most.
 constexpr Eigen::Index k_max_particle_parameters = 8, k_max_particles = 4096;
 /// Of the log-evidence, of a posterior by quadrature alone: quantiles to 1e-3 std.
@@ -136,11 +137,11 @@ double PosteriorSolver::expected_noise_level(const Posterior& posterior) {
 bool PosteriorSolver::by_quadrature(Posterior& r, UpdateTimes& times) {
   if (transform_->dimension() > 3) return false;
   const auto start = monotonic_now();
-  const QuadraturePosterior quadrature = tensor_quadrature(target_,
-                                                           {.evidence_tolerance = k_converged,
-                                                            .moment_tolerance = k_converged,
-                                                            .max_nodes = k_max_quadrature_nodes},
-                                                           search_);
+  QuadratureOptions options{.evidence_tolerance = k_converged, .moment_tolerance = k_converged};
+  const bool three = transform_->dimension() == 3;
+  options.max_nodes = three ? k_max_nodes_of_three : k_max_quadrature_nodes;
+  const QuadraturePosterior quadrature =
+      three ? filled_quadrature(target_, options, search_) : tensor_quadrature(target_, options, search_);
   times.map = microseconds_since(start);
   if (!quadrature.resolved()) return false;
   take(quadrature, r);
@@ -149,7 +150,7 @@ bool PosteriorSolver::by_quadrature(Posterior& r, UpdateTimes& times) {
   r.log_evidence_lower_bound = r.log_evidence;
   r.by_quadrature = true;
   set_few_points(quadrature, r);
-  sampling::thin(r.points, r.weights, k_max_particles, solver_.options().seed);
+  if (three) sampling::thin(r.points, r.weights, k_max_particles, solver_.options().seed);
   times.map = microseconds_since(start);
   return true;
 }
@@ -220,11 +221,13 @@ void PosteriorSolver::set_few_points(const QuadraturePosterior& quadrature, Post
 void PosteriorSolver::by_grid(Posterior& r, UpdateTimes& times) {
   const auto start = monotonic_now();
   // The plain answer: a first look that no ridge of a crack's run slips through.
-  static constexpr Eigen::Index k_nodes[] = {257, 301, 49};
-  const QuadraturePosterior grid =
-      tensor_quadrature(target_, {.evidence_tolerance = k_grid_tolerance,
-                                  .coarse_nodes = k_nodes[transform_->dimension() - 1],
-                                  .whole_range = true});
+  using Axes = QuadratureOptions::Axes;
+  static constexpr Eigen::Index k_nodes[] = {257, 301, 25};
+  const Eigen::Index d = transform_->dimension();
+  const QuadraturePosterior grid = tensor_quadrature(target_, {.axes = d < 3 ? Axes::parameters : Axes::modes,
+                                                               .evidence_tolerance = k_grid_tolerance,
+                                                               .coarse_nodes = k_nodes[d - 1],
+                                                               .whole_range = d < 3});
   take(grid, r);
   r.map_mean = r.mean;
   r.map_covariance = r.covariance;

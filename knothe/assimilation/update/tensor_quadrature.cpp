@@ -7,7 +7,6 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <optional>
 
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
@@ -21,28 +20,23 @@ using reduction::GridRun;
 
 /// Log-density below the maximum at which nodes count as empty: 2e-9 of a Gaussian's mass is beyond.
 constexpr double k_mask_depth = 20;
-/// Spacing of the first grid in standard deviations of the narrowest mode along its axes, others held. With
-/// one and two parameters it resolves a Gaussian to rounding with all nodes, to 1e-5 with every other, and
-/// quantiles; with three, evidence and moments to 1e-8 and, with every other node of a chequerboard, 1e-3.
-constexpr double k_first_spacing = 0.5, k_first_spacing_of_three = 1;
-constexpr double k_range = 8.5;    ///< of z; beyond it is less than 1e-16 of the prior
-constexpr Index k_block = 512;     ///< nodes evaluated at once
-constexpr Index k_segment = 8;     ///< nodes along a row that are evaluated together where that is cheap
-constexpr Index k_scan_every = 4;  ///< lines of the grid between those that are looked at for modes not found
-constexpr Index k_max_places = 1 << 26;  ///< segments that a window may have
-constexpr int k_max_growths = 60, k_max_refinements = 12;
-constexpr double k_line_change = 0.03;     ///< of `Marginals::line_change`
-constexpr double k_least_deviation = 0.8;  ///< of a marginal, in spacings
-constexpr double k_spread = 1.3;           ///< of a node, for quantiles, in spacings
+/// Spacing of the first grid in standard deviations of the narrowest mode along its axes, others held. Half
+/// of it resolves a Gaussian to 1e-5 with every other node, and to rounding with all.
+constexpr double k_coarse_spacing = 1.2;
+constexpr double k_range = 8.5;  ///< of z; beyond it is less than 1e-16 of the prior
+constexpr Index k_block = 512;   ///< nodes evaluated at once
+constexpr int k_max_zooms = 8, k_max_growths = 60;
+constexpr double k_no_zoom = 0.55;      ///< a window that shrinks to more than this share of its width stays
+constexpr Index k_max_refinement = 32;  ///< fine intervals in a coarse one
+constexpr double k_spread = 1.3;        ///< of a node, for quantiles, in spacings
 
-/// Where the grid lies, and where its mass is looked for.
+/// Where the grid lies, and how its window is looked for.
 struct Frame {
-  Eigen::VectorXd centre;              ///< z = centre + axes u
-  Eigen::MatrixXd axes;                ///< empty: z = u
-  Eigen::VectorXd first, last;         ///< u, the window looked at first
-  Eigen::VectorXd spacing;             ///< u, of the first grid
-  double limit;                        ///< of |u|, that the window may grow to
-  std::vector<Eigen::VectorXd> modes;  ///< u
+  Eigen::VectorXd centre;       ///< z = centre + axes u
+  Eigen::MatrixXd axes;         ///< empty: z = u
+  Eigen::VectorXd first, last;  ///< u, the window looked at first
+  Index coarse_nodes;           ///< per axis
+  double limit;                 ///< of |u|, that the window may grow to
 
   [[nodiscard]] Eigen::MatrixXd to_z(Eigen::MatrixXd u) const {
     if (axes.size() == 0) return u;
@@ -57,6 +51,11 @@ struct Frame {
   }
 };
 
+Frame frame_of_range(Index d, Index coarse_nodes) {
+  return {{},           {},     Eigen::VectorXd::Constant(d, -k_range), Eigen::VectorXd::Constant(d, k_range),
+          coarse_nodes, k_range};
+}
+
 /// An orthogonal matrix (a reflection) whose rows have incommensurable entries. Nodes of a lattice along the
 /// axes of the parameters share coordinates, and a marginal quantile of such a lattice is one of its few
 /// values; seen along this one's axes every node has coordinates of its own. Moments do not mind the turn.
@@ -68,13 +67,16 @@ Eigen::MatrixXd turned_axes(Index d) {
   return Eigen::MatrixXd::Identity(d, d) - 2 / v.squaredNorm() * v * v.transpose();
 }
 
-/// Seven and a half standard deviations around every mode that counts: the mass, `k_mask_depth` deep, and a
-/// node.
-Frame frame_of_modes(const std::vector<sampling::Mode>& modes, const QuadratureOptions& options) {
-  constexpr double k_spreads = 7.5, k_negligible = 14;  ///< the latter of a mode's log-mass
-  const Index d = modes[0].point.size();
+/// Six and a half standard deviations around every mode that counts.
+Frame frame_of_modes(sampling::CheckedDensity& target, const QuadratureOptions& options,
+                     sampling::ModeSearch& search) {
+  constexpr double k_spreads = 6.5, k_negligible = 14;  ///< the latter of a mode's log-mass
+  constexpr Index k_min_nodes = 13, k_max_nodes = 257;
+  const Index d = target.dimension();
+  std::vector<sampling::Mode> modes;
+  search.run(target, true, modes);
   const bool own_axes = options.axes == QuadratureOptions::Axes::parameters;
-  Frame frame{{}, {}, {}, {}, {}, own_axes ? k_range : 1e300, {}};
+  Frame frame{{}, {}, {}, {}, options.coarse_nodes, own_axes ? k_range : 1e300};
   if (!own_axes) {
     frame.centre = modes[0].point;
     frame.axes = modes[0].lower * turned_axes(d);
@@ -89,296 +91,178 @@ Frame frame_of_modes(const std::vector<sampling::Mode>& modes, const QuadratureO
     narrowest = narrowest.cwiseMin(factor.inverse().colwise().norm().cwiseInverse().transpose());
     frame.first = frame.first.cwiseMin(u - k_spreads * spread).cwiseMax(-frame.limit);
     frame.last = frame.last.cwiseMax(u + k_spreads * spread).cwiseMin(frame.limit);
-    frame.modes.push_back(u);
   }
-  const Eigen::VectorXd width = frame.last - frame.first;
-  // Few parameters: as many nodes along each axis.
-  frame.spacing = d == 3
-                      ? Eigen::VectorXd(k_first_spacing_of_three * narrowest)
-                      : Eigen::VectorXd(width / width.cwiseQuotient(k_first_spacing * narrowest).maxCoeff());
-  if (options.coarse_nodes > 0)
-    frame.spacing = frame.spacing.cwiseMin(width / static_cast<double>(options.coarse_nodes - 1));
+  if (frame.coarse_nodes > 0) return frame;
+  const double intervals = (frame.last - frame.first).cwiseQuotient(k_coarse_spacing * narrowest).maxCoeff();
+  frame.coarse_nodes = std::clamp(static_cast<Index>(std::min(intervals, 1e6)) + 2, k_min_nodes, k_max_nodes);
   return frame;
 }
 
-/// A uniform grid of u; a row lies along the last axis.
+/// A uniform grid of `count`^d nodes of u; node numbers have the last coordinate fastest. A row lies along
+/// the last axis.
 struct Grid {
   Eigen::VectorXd first, spacing;
-  std::array<Index, 3> nodes{1, 1, 1};  ///< of each axis
-  Index count = 0;                      ///< the largest of them: rows are numbered as if all axes had so many
+  Index count = 0;
 
-  Grid(const Eigen::VectorXd& from, const Eigen::VectorXd& to, const Eigen::VectorXd& step)
-      : first(from), spacing(step) {
-    for (Index k = 0; k < dimension(); ++k) {
-      const double intervals = std::ceil(std::min((to[k] - from[k]) / step[k], 1e9) - 1e-9);
-      nodes[static_cast<std::size_t>(k)] = static_cast<Index>(intervals) + 1;
-      count = std::max(count, nodes[static_cast<std::size_t>(k)]);
-    }
-    count = (count + k_segment - 1) / k_segment * k_segment;
-  }
   [[nodiscard]] Index dimension() const { return first.size(); }
+  [[nodiscard]] Index rows() const { return dimension() == 1 ? 1 : dimension() == 2 ? count : count * count; }
+  [[nodiscard]] Index size() const { return rows() * count; }
+  [[nodiscard]] double node(Index i, Index k) const { return first[k] + static_cast<double>(i) * spacing[k]; }
   /// The nodes of each axis, count × d.
   [[nodiscard]] Eigen::MatrixXd axes() const {
-    Eigen::MatrixXd result(count, dimension());
-    for (Index i = 0; i < count; ++i) result.row(i) = (first + static_cast<double>(i) * spacing).transpose();
-    return result;
+    Eigen::MatrixXd nodes(count, dimension());
+    for (Index i = 0; i < count; ++i) nodes.row(i) = (first + static_cast<double>(i) * spacing).transpose();
+    return nodes;
   }
   /// Node of axis k < d − 1 at which row `row` lies.
   [[nodiscard]] Index place(Index row, Index k) const {
     return dimension() == 3 && k == 0 ? row / count : row % count;
   }
-  /// The first node of the row that belongs to every other of all nodes, if any does; the next ones follow
-  /// two by two. With three axes these are the black squares of a chequerboard, else every other line of each
-  /// axis.
-  [[nodiscard]] std::optional<Index> every_other(Index row) const {
-    if (dimension() == 3) return (place(row, 0) + place(row, 1)) % 2;
-    if (dimension() == 2 && row % 2 != 0) return std::nullopt;
-    return 0;
+  /// Whether a row lies on every `stride`-th line of all axes but the last.
+  [[nodiscard]] bool is_every(Index stride, Index row) const {
+    for (Index k = 0; k + 1 < dimension(); ++k)
+      if (place(row, k) % stride != 0) return false;
+    return true;
   }
-  /// How many nodes there are for one of these.
-  [[nodiscard]] double every_other_share() const { return dimension() == 2 ? 4 : 2; }
 };
+
+Grid make_grid(const Eigen::VectorXd& first, const Eigen::VectorXd& last, Index count) {
+  return {first, (last - first) / static_cast<double>(count - 1), count};
+}
 
 Index size_of(const std::vector<GridRun>& runs) {
   return runs.empty() ? 0 : runs.back().at + runs.back().end - runs.back().begin;
+}
+
+std::vector<GridRun> all_nodes(const Grid& grid) {
+  std::vector<GridRun> runs;
+  for (Index row = 0; row < grid.rows(); ++row) runs.push_back({row, 0, grid.count, row * grid.count});
+  return runs;
 }
 
 /// The target on grids of one frame.
 class GridDensity {
  public:
   GridDensity(sampling::LogDensity& target, const QuadratureOptions& options, sampling::ModeSearch& search)
-      : checked_(target) {
-    auto* on_grid = dynamic_cast<reduction::GridEvaluator*>(&target);
-    const bool own_axes = options.axes == QuadratureOptions::Axes::parameters;
-    if (on_grid != nullptr && on_grid->has_grid() && own_axes) by_rows_ = on_grid;
-    std::vector<sampling::Mode> modes;
-    search.run(checked_, true, modes);
-    if (by_rows_ != nullptr && target.dimension() == 3) look_for_more(search, modes);
-    frame_ = frame_of_modes(modes, options);
-  }
+      : checked_(target),
+        by_rows_(dynamic_cast<reduction::GridEvaluator*>(&target)),
+        frame_(options.whole_range ? frame_of_range(target.dimension(), options.coarse_nodes)
+                                   : frame_of_modes(checked_, options, search)) {}
 
   [[nodiscard]] const Frame& frame() const { return frame_; }
   [[nodiscard]] std::int64_t evaluations() const { return evaluations_ + checked_.evaluations(); }
-  /// Nodes that are evaluated together at little more than the cost of one.
-  [[nodiscard]] Index segment() const { return by_rows_ != nullptr ? k_segment : 1; }
 
-  void set_grid(const Eigen::MatrixXd& axes) {
-    axes_ = axes;
-    if (by_rows_ != nullptr) by_rows_->set_grid(axes);
-  }
   /// Log-density at these nodes, where the target knows no rows block by block.
-  void evaluate(const std::vector<GridRun>& runs, Eigen::VectorXd& values) {
-    values.resize(size_of(runs));
-    if (by_rows_ != nullptr) {
+  [[nodiscard]] Eigen::VectorXd evaluate(const Grid& grid, const std::vector<GridRun>& runs) {
+    Eigen::VectorXd values(size_of(runs));
+    const Eigen::MatrixXd axes = grid.axes();
+    if (by_rows_ != nullptr && grid.dimension() == 2 && frame_.axes.size() == 0) {
+      by_rows_->set_grid(axes);
       by_rows_->evaluate_runs(runs, values);
       evaluations_ += values.size();
-      return;
+      return values;
     }
-    const Eigen::MatrixXd points = frame_.to_z(reduction::nodes_of(axes_, runs));
+    const Eigen::MatrixXd points = frame_.to_z(reduction::nodes_of(axes, runs));
     // Few sizes of blocks: a target may keep workspace for each.
     for (Index begin = 0, block = k_block; begin < values.size(); begin += block) {
       while (block > values.size() - begin) block /= 2;
       checked_.evaluate(points.middleRows(begin, block), 0, batch_);
       values.segment(begin, block) = batch_.value;
     }
+    return values;
   }
 
  private:
-  /// Ascents from the local maxima of a coarse lattice of the prior's range: three dimensions hide more modes
-  /// than the search's own starts find.
-  void look_for_more(sampling::ModeSearch& search, std::vector<sampling::Mode>& modes) {
-    constexpr Index k_nodes = 16, k_max_starts = 24;
-    constexpr double k_reach = 4.5;
-    set_grid(Eigen::VectorXd::LinSpaced(k_nodes, -k_reach, k_reach).replicate(1, 3));
-    std::vector<GridRun> runs;
-    for (Index row = 0; row < k_nodes * k_nodes; ++row) runs.push_back({row, 0, k_nodes, row * k_nodes});
-    Eigen::VectorXd values;
-    evaluate(runs, values);
-    std::vector<Index> maxima;
-    for (Index node = 0; node < values.size(); ++node)
-      if (is_local_maximum(values, node, k_nodes)) maxima.push_back(node);
-    const auto kept = std::min<std::ptrdiff_t>(std::ssize(maxima), k_max_starts);
-    std::partial_sort(maxima.begin(), maxima.begin() + kept, maxima.end(), [&](Index a, Index b) {
-      return values[a] > values[b] || (values[a] == values[b] && a < b);
-    });
-    maxima.resize(static_cast<std::size_t>(kept));
-    search.ascend_from(checked_, reduction::nodes_of(axes_, runs)(maxima, Eigen::all), modes);
-  }
-  static bool is_local_maximum(const Eigen::VectorXd& values, Index node, Index n) {
-    const std::array<Index, 3> at{node / (n * n), node / n % n, node % n};
-    for (Index a = std::max<Index>(at[0] - 1, 0); a <= std::min(at[0] + 1, n - 1); ++a)
-      for (Index b = std::max<Index>(at[1] - 1, 0); b <= std::min(at[1] + 1, n - 1); ++b)
-        for (Index c = std::max<Index>(at[2] - 1, 0); c <= std::min(at[2] + 1, n - 1); ++c)
-          if (values[(a * n + b) * n + c] > values[node]) return false;
-    return true;
-  }
-
   sampling::CheckedDensity checked_;
+  reduction::GridEvaluator* by_rows_;
   Frame frame_;
-  reduction::GridEvaluator* by_rows_ = nullptr;
   std::int64_t evaluations_ = 0;
-  Eigen::MatrixXd axes_;
   sampling::LogDensityBatch batch_;
 };
 
-/// The nodes of a grid that hold the mass: from seeds on, neighbour by neighbour, as long as the log-density
-/// is within `k_mask_depth` of the maximum. Nodes are looked at in segments of a row.
-class Fill {
- public:
-  Fill(GridDensity& target, const Grid& grid, Index max_nodes)
-      : target_(target),
-        grid_(grid),
-        max_nodes_(max_nodes),
-        length_(target.segment()),
-        planes_(grid.dimension() == 3 ? grid.nodes[0] : 1),
-        lines_(grid.dimension() == 1 ? 1 : grid.nodes[static_cast<std::size_t>(grid.dimension() - 2)]),
-        segments_((grid.nodes[static_cast<std::size_t>(grid.dimension() - 1)] + length_ - 1) / length_) {
-    if (static_cast<double>(planes_) * static_cast<double>(lines_) * static_cast<double>(segments_) >
-        static_cast<double>(k_max_places)) {
-      too_many_ = true;
-      return;
-    }
-    seen_.assign(static_cast<std::size_t>(planes_ * lines_ * segments_), 0);
-    target_.set_grid(grid.axes());
-  }
+/// First and last node, of each axis, whose log-density is above `floor`.
+struct Extent {
+  std::array<Index, 3> low, high{};
 
-  /// The node nearest to `u`.
-  void add_seed(const Eigen::Ref<const Eigen::VectorXd>& u) {
-    if (too_many_) return;
-    const Index d = grid_.dimension();
-    std::array<Index, 3> at{};
-    for (Index k = 0; k < d; ++k) {
-      const auto axis = static_cast<std::size_t>(3 - d + k);
-      const double i = std::round((u[k] - grid_.first[k]) / grid_.spacing[k]);
-      at[axis] = std::clamp<Index>(static_cast<Index>(i), 0, grid_.nodes[static_cast<std::size_t>(k)] - 1);
-    }
-    want(at[0], at[1], at[2] / length_);
-  }
-  void run() {
-    while (!wanted_.empty() && !too_many_) look();
-    if (!too_many_) gather();
-  }
-
-  /// In which mass comes up to a face of the window.
-  struct Faces {
-    std::array<bool, 3> low{}, high{};
-  };
-  [[nodiscard]] const Faces& touched() const { return touched_; }
-  [[nodiscard]] bool too_many() const { return too_many_; }
-  [[nodiscard]] std::vector<GridRun>& runs() { return runs_; }
-  [[nodiscard]] Eigen::VectorXd& values() { return values_; }
-
- private:
-  struct Found {
-    Index id, at;  ///< number of the segment, place of its values
-  };
-
-  void want(Index plane, Index line, Index segment) {
-    const Index id = (plane * lines_ + line) * segments_ + segment;
-    char& seen = seen_[static_cast<std::size_t>(id)];
-    if (seen != 0) return;
-    seen = 1;
-    wanted_.push_back(id);
-  }
-  [[nodiscard]] GridRun run_of(Index id, Index at) const {
-    const Index row = id / segments_, begin = id % segments_ * length_;
-    return {row / lines_ * (planes_ > 1 ? grid_.count : 0) + row % lines_, begin, begin + length_, at};
-  }
-
-  /// Evaluates what is wanted, and wants its neighbours.
-  void look() {
-    std::sort(wanted_.begin(), wanted_.end());
-    wave_.swap(wanted_);
-    wanted_.clear();
-    runs_.clear();
-    for (const Index id : wave_) append(run_of(id, size_of(runs_)));
-    target_.evaluate(runs_, values_);
-    top_ = std::max(top_, values_.maxCoeff());
-    const auto old = static_cast<Index>(all_values_.size());
-    all_values_.insert(all_values_.end(), values_.data(), values_.data() + values_.size());
-    for (std::size_t i = 0; i < wave_.size(); ++i) {
-      const Index at = old + static_cast<Index>(i) * length_;
-      found_.push_back({wave_[i], at});
-      want_neighbours(wave_[i], all_values_.data() + at);
-    }
-    too_many_ = static_cast<Index>(all_values_.size()) > max_nodes_;
-  }
-  void want_neighbours(Index id, const double* value) {
-    const double floor = top_ - k_mask_depth;
-    if (*std::max_element(value, value + length_) <= floor) return;
-    const Index segment = id % segments_, line = id / segments_ % lines_, plane = id / segments_ / lines_;
-    // Outside the mass a segment is one node too long at most.
-    const Index from = value[0] > floor ? -1 : 0, to = value[length_ - 1] > floor ? 1 : 0;
-    const auto d = static_cast<std::size_t>(grid_.dimension());
-    for (Index a = d == 3 ? -1 : 0; a <= (d == 3 ? 1 : 0); ++a) {
-      if (!inside(plane + a, planes_, 0)) continue;
-      for (Index b = d == 1 ? 0 : -1; b <= (d == 1 ? 0 : 1); ++b) {
-        if (!inside(line + b, lines_, d - 2)) continue;
-        for (Index c = from; c <= to; ++c)
-          if (inside(segment + c, segments_, d - 1)) want(plane + a, line + b, segment + c);
+  Extent(const Grid& grid, const Eigen::VectorXd& values, double floor) {
+    low.fill(grid.count - 1);
+    const Index d = grid.dimension();
+    const auto widen = [&](Index axis, Index at) {
+      const auto k = static_cast<std::size_t>(axis);
+      low[k] = std::min(low[k], at);
+      high[k] = std::max(high[k], at);
+    };
+    for (Index row = 0, node = 0; row < grid.rows(); ++row) {
+      for (Index i = 0; i < grid.count; ++i, ++node) {
+        if (!(values[node] > floor)) continue;
+        for (Index k = 0; k + 1 < d; ++k) widen(k, grid.place(row, k));
+        widen(d - 1, i);
       }
     }
   }
-  bool inside(Index i, Index n, std::size_t axis) {
-    if (i < 0) touched_.low[axis] = true;
-    if (i >= n) touched_.high[axis] = true;
-    return i >= 0 && i < n;
-  }
-  void append(const GridRun& run) {
-    if (!runs_.empty() && runs_.back().row == run.row && runs_.back().end == run.begin) {
-      runs_.back().end = run.end;
-    } else {
-      runs_.push_back(run);
-    }
-  }
-  /// All segments in their order.
-  void gather() {
-    std::sort(found_.begin(), found_.end(), [](const Found& a, const Found& b) { return a.id < b.id; });
-    runs_.clear();
-    values_.resize(static_cast<Index>(found_.size()) * length_);
-    for (Index at = 0; const Found& f : found_) {
-      append(run_of(f.id, at));
-      std::copy_n(all_values_.data() + f.at, length_, values_.data() + at);
-      at += length_;
-    }
-  }
-
-  GridDensity& target_;
-  const Grid& grid_;
-  Index max_nodes_, length_, planes_, lines_, segments_;
-  std::vector<char> seen_;
-  std::vector<Index> wanted_, wave_;
-  std::vector<Found> found_;
-  std::vector<double> all_values_;
-  std::vector<GridRun> runs_;
-  Eigen::VectorXd values_;
-  double top_ = -std::numeric_limits<double>::infinity();
-  Faces touched_;
-  bool too_many_ = false;
 };
 
-/// Places within `k_mask_depth` of the highest of a coarse look at a window, u.
-std::vector<Eigen::VectorXd> scan(GridDensity& target, const Grid& grid) {
-  const Eigen::MatrixXd axes = grid.axes();
-  target.set_grid(axes);
-  const Index d = grid.dimension(), n = grid.nodes[static_cast<std::size_t>(d - 1)];
-  std::vector<GridRun> runs;
-  for (Index a = 0; a < (d == 3 ? grid.nodes[0] : 1); ++a)
-    for (Index b = 0; b < (d == 1 ? 1 : grid.nodes[static_cast<std::size_t>(d - 2)]); ++b)
-      runs.push_back({a * grid.count + b, 0, n, size_of(runs)});
-  Eigen::VectorXd values;
-  target.evaluate(runs, values);
+/// A coarse grid as large as the mass, and its values: grown where the mass comes up to a face, then zoomed
+/// in.
+Grid find_window(GridDensity& target, Eigen::VectorXd& values) {
+  const Frame& frame = target.frame();
+  const Index d = frame.first.size(), count = frame.coarse_nodes;
+  Grid grid = make_grid(frame.first, frame.last, count);
+  for (int zooms = 0, growths = 0;;) {
+    values = target.evaluate(grid, all_nodes(grid));
+    const Extent extent(grid, values, values.maxCoeff() - k_mask_depth);
+    Eigen::VectorXd first(d), last(d);
+    double shrink = 1;  // of the axis that shrinks most
+    bool grown = false;
+    for (Index k = 0; k < d; ++k) {
+      const auto axis = static_cast<std::size_t>(k);
+      Index from = std::max<Index>(extent.low[axis] - 1, 0);
+      Index to = std::min<Index>(extent.high[axis] + 1, count - 1);
+      if (extent.low[axis] == 0 && grid.first[k] > -frame.limit) from = -count / 4, grown = true;
+      if (extent.high[axis] == count - 1 && grid.node(count - 1, k) < frame.limit)
+        to = count - 1 + count / 4, grown = true;
+      first[k] = std::max(grid.node(from, k), -frame.limit);
+      last[k] = std::min(grid.node(to, k), frame.limit);
+      shrink = std::min(shrink, static_cast<double>(to - from) / static_cast<double>(count - 1));
+    }
+    if (grown ? ++growths > k_max_growths : shrink > k_no_zoom || zooms++ == k_max_zooms) return grid;
+    grid = make_grid(first, last, count);
+  }
+}
+
+/// Nodes of the fine grid (`factor` times as many intervals) within one coarse interval of a coarse node that
+/// is not empty.
+std::vector<GridRun> nodes_near_mass(const Grid& coarse, const Eigen::VectorXd& values, const Grid& fine,
+                                     Index factor) {
   const double floor = values.maxCoeff() - k_mask_depth;
-  std::vector<Eigen::VectorXd> places;
-  for (const GridRun& run : runs) {
-    for (Index i = 0; i < n; ++i) {
-      if (!(values[run.at + i] > floor)) continue;
-      Eigen::VectorXd& u = places.emplace_back(d);
-      for (Index k = 0; k + 1 < d; ++k) u[k] = axes(grid.place(run.row, k), k);
-      u[d - 1] = axes(i, d - 1);
+  const Index d = coarse.dimension();
+  const auto low = [&](Index i) { return std::max<Index>((i - 1) * factor, 0); };
+  const auto high = [&](Index i) { return std::min((i + 1) * factor, fine.count - 1); };
+  std::vector<char> wanted(static_cast<std::size_t>(fine.size()), 0);
+  for (Index row = 0, node = 0; row < coarse.rows(); ++row) {
+    // One plane and one row where there are no such axes.
+    const Index plane = d == 3 ? coarse.place(row, 0) : 0, line = coarse.place(row, 1);
+    for (Index i = 0; i < coarse.count; ++i, ++node) {
+      if (!(values[node] > floor)) continue;
+      for (Index a = d == 3 ? low(plane) : 0; a <= (d == 3 ? high(plane) : 0); ++a)
+        for (Index b = d == 1 ? 0 : low(line); b <= (d == 1 ? 0 : high(line)); ++b) {
+          const auto begin = wanted.begin() + (a * fine.count + b) * fine.count;
+          std::fill(begin + low(i), begin + high(i) + 1, char{1});
+        }
     }
   }
-  return places;
+  std::vector<GridRun> runs;
+  Index at = 0;
+  for (Index row = 0; row < fine.rows(); ++row) {
+    const auto begin = wanted.begin() + row * fine.count, end = begin + fine.count;
+    for (auto from = std::find(begin, end, char{1}); from != end;) {
+      const auto to = std::find(from, end, char{0});
+      runs.push_back({row, from - begin, to - begin, at});
+      at += to - from;
+      from = std::find(to, end, char{1});
+    }
+  }
+  return runs;
 }
 
 /// Weights of nodes gathered at the lines of each axis (count × d), and their sum.
@@ -392,29 +276,16 @@ struct Marginals {
     const double mean = (mass.col(k).array() * at).sum() / sum;
     return {mean, std::sqrt((mass.col(k).array() * (at - mean).square()).sum() / sum)};
   }
-  /// How much even lines of axis k differ from all: in mass and, a fifth of it, in mean and standard
-  /// deviation (in standard deviations). Of a Gaussian less than one per cent with a spacing of its standard
-  /// deviation; its fourth power or so is what the whole grid errs by along this axis.
-  [[nodiscard]] double line_change(Index k) const {
-    Marginals even{Eigen::MatrixXd::Zero(mass.rows(), 1)};
-    for (Index i = 0; i < mass.rows(); i += 2) even.sum += even.mass(i, 0) = mass(i, k);
-    const auto [mean, deviation] = moments(k);
-    const auto [even_mean, even_deviation] = even.moments(0);
-    if (deviation < k_least_deviation) return 1;
-    return std::max({std::abs(2 * even.sum / sum - 1), 0.2 * std::abs(even_mean - mean) / deviation,
-                     0.2 * std::abs(even_deviation / deviation - 1)});
-  }
 };
 
-/// Of every node, or of every other.
+/// Of every `stride`-th node along each axis.
 Marginals marginals(const Grid& grid, const std::vector<GridRun>& runs, const Eigen::VectorXd& weights,
-                    bool all) {
-  const Index d = grid.dimension(), stride = all ? 1 : 2;
+                    Index stride) {
+  const Index d = grid.dimension();
   Marginals result{Eigen::MatrixXd::Zero(grid.count, d)};
   for (const GridRun& run : runs) {
-    const std::optional<Index> every_other = grid.every_other(run.row);
-    if (!all && !every_other) continue;
-    const Index first = all ? run.begin : run.begin + (run.begin + *every_other) % 2;
+    if (!grid.is_every(stride, run.row)) continue;
+    const Index first = (run.begin + stride - 1) / stride * stride;
     const Index n = std::max<Index>((run.end - first + stride - 1) / stride, 0);
     const auto of_run = weights(Eigen::seqN(run.at + first - run.begin, n, stride));
     result.mass.col(d - 1)(Eigen::seqN(first, n, stride)) += of_run;
@@ -432,66 +303,54 @@ QuadraturePosterior integrate(const Grid& grid, const std::vector<GridRun>& runs
   const Index d = grid.dimension();
   const double top = values.maxCoeff();
   result.weights = (values.array() - top).exp();
-  all = marginals(grid, runs, result.weights, true);
-  const Marginals half = marginals(grid, runs, result.weights, false);
-  result.weights /= all.sum;
-  result.log_evidence = top + std::log(all.sum) + grid.spacing.array().log().sum() + log_volume;
-  result.evidence_change = std::abs(std::log(grid.every_other_share() * half.sum / all.sum));
+  const double sum = result.weights.sum();
+  all = marginals(grid, runs, result.weights, 1);
+  const Marginals half = marginals(grid, runs, result.weights, 2);
+  result.weights /= sum;
+  result.log_evidence = top + std::log(sum) + grid.spacing.array().log().sum() + log_volume;
+  result.evidence_change = std::abs(std::log(half.sum * std::pow(2.0, static_cast<double>(d)) / sum));
   for (Index k = 0; k < d; ++k) {
     const auto [mean, deviation] = all.moments(k);
     const auto [half_mean, half_deviation] = half.moments(k);
     result.moment_change = std::max({result.moment_change, std::abs(half_mean - mean) / deviation,
                                      std::abs(half_deviation / deviation - 1)});
-    result.line_change = std::max(result.line_change, all.line_change(k));
-    result.mass_at_border +=
-        (all.mass(0, k) + all.mass(grid.nodes[static_cast<std::size_t>(k)] - 1, k)) / all.sum;
+    result.mass_at_border += (all.mass(0, k) + all.mass(grid.count - 1, k)) / sum;
   }
-  result.per_axis = *std::max_element(grid.nodes.begin(), grid.nodes.end());
+  result.per_axis = grid.count;
   return result;
-}
-
-/// Edges of the cell of one of every other node.
-Eigen::MatrixXd cell_of(const Grid& grid) {
-  if (grid.dimension() < 3) return 2 * grid.spacing.asDiagonal().toDenseMatrix();
-  const Eigen::Matrix3d steps{{1, 1, 0}, {1, 0, 1}, {0, 1, 1}};
-  return grid.spacing.asDiagonal() * steps;
 }
 
 /// The points, but those that carry nothing (together less than 1e-6 of the mass): forecasts look at every
 /// point there is.
 void take_points(QuadraturePosterior& posterior, const Frame& frame, const Grid& grid,
                  std::vector<GridRun> runs) {
-  const Index d = grid.dimension();
+  const bool has_lattice = grid.dimension() == 2 && frame.axes.size() == 0;
   Eigen::VectorXd& weights = posterior.weights;
   const double floor = 1e-6 / static_cast<double>(weights.size());
   std::vector<Index> kept;
   kept.reserve(static_cast<std::size_t>(weights.size()));
   double sum = 0;
   for (const GridRun& run : runs) {
-    const std::optional<Index> every_other = grid.every_other(run.row);
+    const bool is_every_other = grid.is_every(2, run.row);
     for (Index i = run.begin, node = run.at; i < run.end; ++i, ++node) {
       if (weights[node] <= floor) continue;
-      auto& place = posterior.lattice.places.emplace_back();
-      for (Index k = 0; k + 1 < d; ++k) place[static_cast<std::size_t>(k)] = grid.place(run.row, k);
-      place[static_cast<std::size_t>(d - 1)] = i;
-      if (every_other && (i + *every_other) % 2 == 0)
-        posterior.every_other.push_back(static_cast<Index>(kept.size()));
+      if (has_lattice) posterior.lattice.places.push_back({run.row, i, 0});
+      if (is_every_other && i % 2 == 0) posterior.every_other.push_back(static_cast<Index>(kept.size()));
       kept.push_back(node);
       sum += weights[node];
     }
   }
   Eigen::VectorXd of_points = weights(kept) / sum;
-  posterior.lattice.axes = grid.axes();
-  posterior.cell = cell_of(grid);
-  if (frame.axes.size() == 0) {
+  if (has_lattice) {
+    posterior.lattice.axes = grid.axes();
     posterior.lattice.weights = std::move(weights);
     posterior.lattice.runs = std::move(runs);
   } else {
-    posterior.turned_points = frame.to_z(posterior.lattice.points_on(posterior.lattice.axes));
-    posterior.lattice = {};
-    posterior.cell = (frame.axes * posterior.cell).eval();
+    posterior.turned_points = frame.to_z(reduction::nodes_of(grid.axes(), runs)(kept, Eigen::all));
   }
   weights = std::move(of_points);
+  posterior.cell = 2 * grid.spacing.asDiagonal().toDenseMatrix();
+  if (frame.axes.size() > 0) posterior.cell = (frame.axes * posterior.cell).eval();
 }
 
 /// Marginal quantiles of z, d × levels.
@@ -542,53 +401,35 @@ QuadraturePosterior tensor_quadrature(sampling::LogDensity& target, const Quadra
         fmt::format("a grid takes 1 to 3 parameters, not {}: use \"transport\", \"mcmc\" or \"smc\"", d));
   GridDensity density(target, options, search);
   const Frame& frame = density.frame();
-  Eigen::VectorXd first = frame.first, last = frame.last, spacing = frame.spacing;
-  std::vector<Eigen::VectorXd> seeds = frame.modes;
-  if (options.whole_range) {
-    const Eigen::VectorXd range = Eigen::VectorXd::Constant(d, k_range);
-    const Grid whole(-range, range, 2 * range / static_cast<double>(options.coarse_nodes - 1));
-    std::ranges::move(scan(density, whole), std::back_inserter(seeds));
-    for (const Eigen::VectorXd& u : seeds) first = first.cwiseMin(u), last = last.cwiseMax(u);
-  } else {
-    std::ranges::move(scan(density, Grid(first, last, k_scan_every * spacing)), std::back_inserter(seeds));
+  if (std::pow(static_cast<double>(frame.coarse_nodes), static_cast<double>(d)) >
+      2 * static_cast<double>(options.max_nodes)) {
+    QuadraturePosterior unresolved;
+    unresolved.evidence_change = std::numeric_limits<double>::infinity();
+    return unresolved;
   }
-  QuadraturePosterior result;
-  result.evidence_change = std::numeric_limits<double>::infinity();
-  for (int growths = 0, refinements = 0;;) {
-    const Grid grid(first, last, spacing);
-    Fill fill(density, grid, options.max_nodes);
-    for (const Eigen::VectorXd& u : seeds) fill.add_seed(u);
-    fill.run();
-    if (fill.too_many()) break;
-    // Where mass comes up to a face of the window it grows by half.
-    bool grown = false;
-    const Eigen::VectorXd width = last - first;
-    for (Index k = 0; k < d; ++k) {
-      const auto axis = static_cast<std::size_t>(k);
-      const double from =
-          fill.touched().low[axis] ? std::max(first[k] - width[k] / 2, -frame.limit) : first[k];
-      const double to = fill.touched().high[axis] ? std::min(last[k] + width[k] / 2, frame.limit) : last[k];
-      grown = grown || from < first[k] || to > last[k];
-      first[k] = from, last[k] = to;
+  Eigen::VectorXd coarse_values;
+  const Grid coarse = find_window(density, coarse_values);
+  Grid grid = coarse;
+  std::vector<GridRun> runs = all_nodes(coarse);
+  Marginals all;
+  QuadraturePosterior result = integrate(grid, runs, coarse_values, frame.log_volume(), all);
+  const auto settled = [&] {
+    return result.evidence_change < options.evidence_tolerance &&
+           result.moment_change < options.moment_tolerance;
+  };
+  for (Index factor = 1, done = 1;; factor *= 2) {
+    if (factor > 1) {
+      grid.count = (coarse.count - 1) * factor + 1;
+      grid.spacing = coarse.spacing / static_cast<double>(factor);
+      runs = nodes_near_mass(coarse, coarse_values, grid, factor);
+      result = integrate(grid, runs, density.evaluate(grid, runs), frame.log_volume(), all);
+      done = factor;
     }
-    if (grown && growths++ < k_max_growths) continue;
-    Marginals all;
-    result = integrate(grid, fill.runs(), fill.values(), frame.log_volume(), all);
-    const bool settled = result.evidence_change < options.evidence_tolerance &&
-                         result.moment_change < options.moment_tolerance &&
-                         result.line_change < k_line_change;
-    if (!settled && refinements++ < k_max_refinements) {
-      // Finer along the axes that the grid's error comes from.
-      Eigen::VectorXd change(d);
-      for (Index k = 0; k < d; ++k) change[k] = all.line_change(k);
-      const double finer = std::min(k_line_change, 0.5 * change.maxCoeff());
-      spacing = (change.array() >= finer).select(spacing / 2, spacing);
-      continue;
-    }
-    take_points(result, frame, grid, std::move(fill.runs()));
-    result.quantiles = quantiles(result, frame, grid, all);
-    break;
+    const Index next = size_of(runs) << d;
+    if (settled() || done == k_max_refinement || next > options.max_nodes) break;
   }
+  take_points(result, frame, grid, std::move(runs));
+  result.quantiles = quantiles(result, frame, grid, all);
   result.evaluations = density.evaluations();
   return result;
 }

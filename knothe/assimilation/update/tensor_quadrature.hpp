@@ -15,7 +15,7 @@ namespace knothe::assimilation {
 
 struct QuadratureOptions {
   enum class Axes {
-    /// Those of z, on |z| ≤ 8.5.
+    /// Those of z, on |z| ≤ 8.5: cheapest with one and two parameters.
     parameters,
     /// z = μ + L Q u with mode μ, Laplace factor L and a turn Q: fewest nodes for a narrow ridge, where each
     /// costs much.
@@ -25,12 +25,12 @@ struct QuadratureOptions {
   /// standard deviations by less than `moment_tolerance` standard deviations. At 1e-3 moments have converged;
   /// quantiles to 1e-3 std want 1e-8.
   double evidence_tolerance = 1e-3, moment_tolerance = 1e-2;
-  /// Of each axis of the first window, at least; 0: as many as the narrowest mode needs.
+  /// Of each axis, in the first look; 0: as many as the narrowest mode needs.
   Eigen::Index coarse_nodes = 0;
-  /// Mass is looked for at all |z| ≤ 8.5 with `coarse_nodes` along the parameters' axes, not around the modes
-  /// found alone: the plain answer.
+  /// The first look is at all |z| ≤ 8.5 with `coarse_nodes` along the parameters' axes, not around the modes
+  /// found: the plain answer.
   bool whole_range = false;
-  Eigen::Index max_nodes = 4'000'000;  ///< evaluated at once, about; no points at all where that is too few
+  Eigen::Index max_nodes = 4'000'000;  ///< evaluated at once, about; none where twice as many are too few
 };
 
 /// Nodes in z with normalised weights, and what follows from them.
@@ -51,10 +51,10 @@ struct QuadraturePosterior {
   [[nodiscard]] bool resolved() const {
     return evidence_change <= 0.01 && moment_change <= 0.01 && line_change <= 0.1 && mass_at_border <= 1e-5;
   }
-  /// Along the parameters' own axes; else empty.
+  /// Two or three parameters along their own axes; else empty.
   struct Lattice {
     Eigen::MatrixXd axes;                             ///< nodes of each axis, n × d, z
-    std::vector<reduction::GridRun> runs;             ///< all nodes with mass
+    std::vector<reduction::GridRun> runs;             ///< all nodes looked at
     Eigen::VectorXd weights;                          ///< of all of them, sum 1
     std::vector<std::array<Eigen::Index, 3>> places;  ///< of the points, on the axes
     /// The points where these are the nodes of the axes.
@@ -73,11 +73,11 @@ struct QuadraturePosterior {
 /// Largest number of parameters for which an update falls back on this.
 inline constexpr Eigen::Index k_max_quadrature_parameters = 2;
 
-/// Trapezoidal rule on the nodes whose density is within exp(−20) of the maximum, found from the modes and
-/// from a coarse look between them, neighbour by neighbour, and refined along the axes that need it as the
-/// options say (`resolved` says whether it came to that). A target that is a `reduction::GridEvaluator` is
-/// asked row by row. Errors: UsageError for other than 1 to 3 parameters; those of
-/// `sampling::CheckedDensity`, and of `sampling::ModeSearch` for `Axes::modes`.
+/// Trapezoidal rule on the smallest window that holds the mass, evaluated only near coarse nodes whose
+/// density is within exp(−20) of the maximum, and refined as the options say (`resolved` says whether it came
+/// to that). Of three parameters along their own axes `filled_quadrature` is cheaper. A target that is a
+/// `reduction::GridEvaluator` is asked row by row. Errors: UsageError for other than 1 to 3 parameters;
+/// those of `sampling::CheckedDensity`, and of `sampling::ModeSearch` for `Axes::modes`.
 [[nodiscard]] QuadraturePosterior tensor_quadrature(sampling::LogDensity& target,
                                                     const QuadratureOptions& options = {});
 /// The same with the workspace of another search, for one after the other.

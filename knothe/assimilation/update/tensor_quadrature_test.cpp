@@ -6,6 +6,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "knothe/assimilation/update/filled_quadrature.hpp"
 #include "knothe/numerics/statistics/normal_distribution.hpp"
 
 namespace knothe::assimilation {
@@ -68,13 +69,14 @@ TEST(TensorQuadrature, SeparatedModesAreAllThere) {
   EXPECT_NEAR(mean[1], 0.7 - 0.3, 1e-6);
 }
 
-TEST(TensorQuadrature, ThreeParametersTwoModes) {
+TEST(FilledQuadrature, ARidgeAndASmallModeAwayFromIt) {
   // A ridge a fifth as wide as it is long, and a small mode away from it.
   Eigen::Matrix3d ridge;
   ridge << 4e-2, 3.8e-2, 0, 3.8e-2, 4e-2, -0.005, 0, -0.005, 1e-2;
   const Eigen::Vector3d at(0.5, -1, 2), away(-2, 1.5, -1);
   Mixture target({{0.9, at, ridge}, {0.1, away, 0.01 * Eigen::Matrix3d::Identity()}});
-  const QuadraturePosterior q = tensor_quadrature(target);
+  sampling::ModeSearch search;
+  const QuadraturePosterior q = filled_quadrature(target, {}, search);
   const Eigen::Vector3d mean = q.points().transpose() * q.weights, exact = 0.9 * at + 0.1 * away;
   const Eigen::MatrixXd e = q.points().rowwise() - mean.transpose();
   const Eigen::Matrix3d found = e.transpose() * q.weights.asDiagonal() * e;
