@@ -116,13 +116,12 @@ void add_map_options(Section<M>& s) {
 
 const Section<M>& method_section() {
   static const Section<M> k_section("method", "How the posterior is computed.", [](Section<M>& s) {
-    s.add(
-        "kind", &M::kind,
-        "`auto`: the cheapest way whose accuracy is verified: quadrature around the modes (up to 3 "
-        "parameters), weighted draws (3 to 8), else the transport map, which `form = \"composed\"` always "
-        "takes; for `knothe infer` the map up to 3 parameters, weighted draws beyond. "
-        "Transport map; dense quadrature on a grid (at most 3 parameters); Markov chain and sequential Monte "
-        "Carlo; for `knothe assimilate` also the extended, unscented and ensemble Kalman filter.");
+    s.add("kind", &M::kind,
+          "`auto`: the cheapest way whose accuracy is verified: quadrature around the modes (up to 3 "
+          "parameters), weighted draws (3 to 8), else the transport map, which `form = \"composed\"` always "
+          "takes; for `knothe infer` the map up to 3 parameters, weighted draws beyond. Transport map; dense "
+          "quadrature on a grid (at most 3 parameters); Markov chain and sequential Monte Carlo; for `knothe "
+          "assimilate` also the extended, unscented and ensemble Kalman filter.");
     add_map_options(s);
     add_noise_options(s);
     add_verification_options(s);
