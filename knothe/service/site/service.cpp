@@ -121,7 +121,7 @@ void require_cameras(const project::Project& project) {
 
 }  // namespace
 
-void serve(const project::Project& project, const ServeArguments& arguments) {
+void serve(const project::Project& project, const ServiceOptions& arguments) {
   std::signal(SIGPIPE, SIG_IGN);
   require_cameras(project);
   const project::ServeOptions& options = project.serve;
