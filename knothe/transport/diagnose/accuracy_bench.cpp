@@ -6,7 +6,7 @@
 
 #include <cstdlib>
 
-#include "knothe/transport/diagnose/accuracy_calibration.hpp"
+#include "knothe/transport/testing/accuracy_calibration.hpp"
 #include "knothe/transport/testing/accuracy_support.hpp"
 
 namespace {

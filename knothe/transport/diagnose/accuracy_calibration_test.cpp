@@ -1,4 +1,4 @@
-#include "knothe/transport/diagnose/accuracy_calibration.hpp"
+#include "knothe/transport/testing/accuracy_calibration.hpp"
 
 #include <gtest/gtest.h>
 

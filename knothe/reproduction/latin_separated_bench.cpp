@@ -2,7 +2,7 @@
 /// (docs/explanation/latin.md, "Full separation"): error of the field and shift of the posterior, both judged
 /// by the joint form itself.
 ///
-///   build/release/bench/latin_separated_study [KEY=VALUE …]
+///   build/release/bench/latin_separated_bench [KEY=VALUE …]
 ///
 /// Keys: element (m), nodes, steps, judge (accuracy of the joint form, m), from_joint, from_elastic (largest
 /// number of terms in those columns; 0: none), terms (that number alone; 0: all), accuracy (that one of
@@ -123,7 +123,7 @@ int main(int argc, char** argv) {
     const std::size_t at = word.find('=');
     if (at == std::string::npos || !keys.contains(word.substr(0, at))) {
       std::fprintf(stderr,
-                   "latin_separated_study [KEY=VALUE …]: see the head of latin_separated_study.cpp\n");
+                   "latin_separated_bench [KEY=VALUE …]: see the head of latin_separated_bench.cpp\n");
       return 2;
     }
     keys[word.substr(0, at)] = std::atof(word.c_str() + at + 1);

@@ -1,7 +1,7 @@
 /// Mesh and step-size study of docs/explanation/mechanics.md: prints its table in Markdown.
 ///
-///   build/release/bench/mechanics_study            elements of 10, 5 and 2.5 mm; 20, 40 and 100 steps (about
-///   30 s) build/release/bench/mechanics_study --fine     and three columns in the notch (5/3 mm elements)
+///   build/release/bench/mechanics_bench            elements of 10, 5 and 2.5 mm; 20, 40 and 100 steps (about
+///   30 s) build/release/bench/mechanics_bench --fine     and three columns in the notch (5/3 mm elements)
 #include <algorithm>
 #include <cstdio>
 #include <ctime>

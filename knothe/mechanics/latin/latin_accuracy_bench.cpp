@@ -1,7 +1,7 @@
 /// How far the reduced model that LATIN-PGD gives is from full-order runs at the reference and off the
 /// parameter grid, and which part of that is LATIN, interpolation or compression (docs/explanation/latin.md).
 ///
-///   build/release/bench/latin_accuracy_study [KEY=VALUE …]
+///   build/release/bench/latin_accuracy_bench [KEY=VALUE …]
 ///
 /// Keys: element (m), lower, upper (of the box), steps, accuracy (m), points (off the grid, besides the
 /// reference), snapshots (grids with at most so many points are computed by full-order runs, too, which tells
@@ -204,7 +204,7 @@ int main(int argc, char** argv) {
   bool understood = true;
   for (int i = 1; i < argc; ++i) understood = understood && take(study, argv[i]);
   if (!understood) {
-    std::fprintf(stderr, "latin_accuracy_study [KEY=VALUE …]: see the head of latin_accuracy_study.cpp\n");
+    std::fprintf(stderr, "latin_accuracy_bench [KEY=VALUE …]: see the head of latin_accuracy_bench.cpp\n");
     return 2;
   }
   if (study.nodes.empty()) study.nodes = {7, 13};

@@ -1,9 +1,9 @@
 /// LATIN-PGD beside full-order runs on the same grid (docs/explanation/latin.md): errors, modes, CPU time,
 /// memory.
 ///
-///   build/release/bench/latin_study table [KEY=VALUE …]   3, 5, 7 and 9 nodes for each parameter
-///   build/release/bench/latin_study case [KEY=VALUE …]    one case
-///   build/release/bench/latin_study directions            search directions, all steps in one window
+///   build/release/bench/latin_bench table [KEY=VALUE …]   3, 5, 7 and 9 nodes for each parameter
+///   build/release/bench/latin_bench case [KEY=VALUE …]    one case
+///   build/release/bench/latin_bench directions            search directions, all steps in one window
 ///
 /// Keys: element (m), layers, band (1: crack band of 5 mm, the notch one element wide), nodes, steps,
 /// accuracy (m), window, judges (grid points at which the full-order model is run; 0: all), start (nodes for
@@ -237,7 +237,7 @@ int main(int argc, char** argv) {
   for (int i = 2; i < argc; ++i) understood = understood && take(study, argv[i]);
   if (!understood) {
     std::fprintf(stderr,
-                 "latin_study table|case|directions [KEY=VALUE …]: see the head of latin_study.cpp\n");
+                 "latin_bench table|case|directions [KEY=VALUE …]: see the head of latin_bench.cpp\n");
     return 2;
   }
   if (what == "directions") {
