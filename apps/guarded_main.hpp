@@ -4,7 +4,6 @@
 #include <exception>
 #include <functional>
 #include <new>
-#include <string>
 #include <string_view>
 #include <system_error>
 

@@ -1,4 +1,3 @@
-#include <fmt/format.h>
 
 #include "apps/knothe-offline/commands.hpp"
 #include "knothe/base/error.hpp"

@@ -1,7 +1,5 @@
 #include "knothe/assimilation/data/synthetic_measurements.hpp"
 
-#include <fmt/format.h>
-
 #include "apps/knothe/commands.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/files/atomic_file.hpp"

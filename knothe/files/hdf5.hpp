@@ -1,9 +1,7 @@
 #pragma once
 /// @file HDF5 files, every return value checked; a message names the file, the data set and the index.
-#include <array>
 #include <cstdint>
 #include <memory>
-#include <optional>
 #include <span>
 #include <string>
 #include <vector>

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <new>
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"

@@ -5,11 +5,9 @@
 /// ("posterior", "observed_data", …) has dimensions of its own.
 #include <cstdint>
 #include <map>
-#include <memory>
 #include <span>
 #include <string>
 #include <variant>
-#include <vector>
 
 #include "knothe/files/hdf5.hpp"
 

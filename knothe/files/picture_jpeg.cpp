@@ -1,6 +1,5 @@
 #include <fmt/format.h>
 
-#include <algorithm>
 #include <cstdio>
 // After <cstdio>: the header of libjpeg does not include what it needs.
 #include <jpeglib.h>

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <memory>
 
 #include "knothe/base/error.hpp"
 #include "knothe/files/atomic_file.hpp"

@@ -6,7 +6,6 @@
 #include <bit>
 #include <cctype>
 #include <cmath>
-#include <cstring>
 #include <utility>
 
 #include "knothe/base/error.hpp"

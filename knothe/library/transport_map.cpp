@@ -1,7 +1,5 @@
 #include "knothe/library/transport_map.hpp"
 
-#include <cmath>
-#include <optional>
 #include <utility>
 
 #include "knothe/library/plain.hpp"

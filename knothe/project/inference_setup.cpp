@@ -2,8 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <numeric>
-
 #include "knothe/assimilation/data/measurements.hpp"
 #include "knothe/assimilation/data/time_matching.hpp"
 #include "knothe/assimilation/update/prior_of_model.hpp"

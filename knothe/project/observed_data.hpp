@@ -1,6 +1,5 @@
 #pragma once
 /// @file Measurements of every kind, as rows of one observed model at the times of the data.
-#include <cstdint>
 #include <memory>
 #include <string>
 #include <vector>

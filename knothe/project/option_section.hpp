@@ -2,10 +2,8 @@
 /// @file The options of one struct: each entry binds path, member, meaning and rules, so that reading,
 /// checking and the printed default come from it alone. Private to this room.
 #include <array>
-#include <cmath>
 #include <concepts>
 #include <functional>
-#include <map>
 #include <string>
 #include <type_traits>
 #include <utility>

@@ -6,7 +6,6 @@
 
 #include "knothe/imaging/mesh/outline_registration.hpp"
 #include "knothe/project/project_file.hpp"
-#include "knothe/reduction/model/separated_model.hpp"
 
 namespace knothe::project {
 

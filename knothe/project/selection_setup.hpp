@@ -1,6 +1,5 @@
 #pragma once
 /// @file From a project file to the candidates of a data selection.
-#include <memory>
 #include <vector>
 
 #include "knothe/assimilation/select/selection_study.hpp"

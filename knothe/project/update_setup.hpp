@@ -1,6 +1,5 @@
 #pragma once
 /// @file From a project file to everything a sequential update needs.
-#include <cstdint>
 #include <memory>
 #include <optional>
 #include <vector>

@@ -1,7 +1,6 @@
 #include "knothe/assimilation/bias/evidence_monitor.hpp"
 
 #include <algorithm>
-#include <cassert>
 #include <cmath>
 
 #include "knothe/numerics/statistics/chi_squared.hpp"

@@ -2,10 +2,8 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <limits>
 
 #include "knothe/assimilation/data/measurements_csv.hpp"
 #include "knothe/base/error.hpp"

@@ -1,7 +1,5 @@
 #include "knothe/assimilation/select/data_selection.hpp"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <cassert>
 #include <cmath>

@@ -1,8 +1,6 @@
 #include "knothe/assimilation/select/sensitivity.hpp"
 
 #include <algorithm>
-#include <cassert>
-#include <cmath>
 #include <numeric>
 
 namespace knothe::assimilation {

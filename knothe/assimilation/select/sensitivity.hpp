@@ -1,7 +1,6 @@
 #pragma once
 /// @file Sensitivity fields of a separated model and the criteria of Rubio et al. 2019, §5.2, made of them.
 #include <Eigen/Core>
-#include <string>
 #include <vector>
 
 #include "knothe/assimilation/noise/noise_model.hpp"

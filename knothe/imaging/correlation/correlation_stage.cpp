@@ -1,7 +1,5 @@
 #include "knothe/imaging/correlation/correlation_stage.hpp"
 
-#include <fmt/format.h>
-
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>

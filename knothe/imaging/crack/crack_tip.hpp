@@ -3,7 +3,6 @@
 /// to the room.
 #include <array>
 #include <span>
-#include <vector>
 
 namespace knothe::imaging {
 

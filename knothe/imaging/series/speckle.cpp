@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
-#include <random>
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/threads.hpp"

@@ -1,7 +1,6 @@
 #pragma once
 /// @file A mesh that is refined and distributed over the ranks of an MPI job (deal.II with p4est).
 #include <cstdint>
-#include <span>
 #include <utility>
 #include <vector>
 

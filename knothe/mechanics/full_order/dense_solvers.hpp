@@ -1,7 +1,6 @@
 #pragma once
 /// @file Dense factorisations (LAPACK), column-major, for the condensed problem.
 #include <span>
-#include <vector>
 
 namespace knothe::mechanics {
 

@@ -1,8 +1,6 @@
 #include "knothe/mechanics/full_order/equilibrium_system.hpp"
 
 #include <algorithm>
-#include <cassert>
-#include <numeric>
 #include <tuple>
 
 #include "knothe/base/error.hpp"

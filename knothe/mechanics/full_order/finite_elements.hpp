@@ -1,7 +1,6 @@
 #pragma once
 /// @file What the solver needs of the finite elements: shape-function gradients and quadrature weights
 /// (deal.II).
-#include <array>
 #include <cstdint>
 #include <span>
 #include <vector>

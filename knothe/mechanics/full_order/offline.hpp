@@ -1,7 +1,5 @@
 #pragma once
 /// @file The offline phase in a few calls, for the program knothe-offline.
-#include <functional>
-#include <memory>
 #include <span>
 #include <string>
 #include <vector>

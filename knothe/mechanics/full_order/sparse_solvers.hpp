@@ -1,6 +1,5 @@
 #pragma once
 /// @file Sparse matrices and their direct solvers: CHOLMOD (symmetric), UMFPACK (unsymmetric).
-#include <cstdint>
 #include <memory>
 #include <span>
 #include <vector>

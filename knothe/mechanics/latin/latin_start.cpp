@@ -8,7 +8,6 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
-#include "knothe/mechanics/full_order/run_key.hpp"
 #include "knothe/reduction/compress/low_rank.hpp"
 #include "knothe/reduction/model/model_matrices.hpp"
 #include "knothe/reduction/model/parameter_functions.hpp"

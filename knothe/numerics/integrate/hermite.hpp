@@ -1,6 +1,5 @@
 #pragma once
 /// @file Probabilists' Hermite polynomials, orthonormal under the standard normal distribution.
-#include <Eigen/Core>
 #include <span>
 
 namespace knothe::numerics {

@@ -1,6 +1,5 @@
 #pragma once
 /// @file Those entries of the inverse of a sparse matrix that lie on the pattern of its Cholesky factor.
-#include <Eigen/SparseCholesky>
 #include <Eigen/SparseCore>
 
 namespace knothe::numerics {

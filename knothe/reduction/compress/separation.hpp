@@ -1,7 +1,6 @@
 #pragma once
 /// @file The two separations of u − u_lift, as models with any number of modes. Private to this room.
 #include <Eigen/Core>
-#include <memory>
 
 #include "knothe/reduction/compress/compression.hpp"
 #include "knothe/reduction/compress/cp_als.hpp"

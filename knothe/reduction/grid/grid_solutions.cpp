@@ -1,7 +1,6 @@
 #include "knothe/reduction/grid/grid_solutions.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <numeric>
 
 #include "knothe/base/error.hpp"

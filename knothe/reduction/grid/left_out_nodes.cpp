@@ -4,7 +4,6 @@
 #include <cmath>
 #include <complex>
 #include <numbers>
-#include <numeric>
 #include <random>
 
 #include "knothe/numerics/functions/cubic_spline.hpp"

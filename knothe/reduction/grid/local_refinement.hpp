@@ -3,7 +3,6 @@
 /// there (docs/explanation/reduction.md, "Refined where the posterior is").
 #include <Eigen/Core>
 #include <span>
-#include <vector>
 
 #include "knothe/reduction/compress/snapshots.hpp"
 #include "knothe/reduction/model/truncation_error.hpp"

@@ -1,6 +1,5 @@
 #include "knothe/reduction/model/parameter_functions.hpp"
 
-#include <algorithm>
 #include <cassert>
 #include <limits>
 

@@ -4,9 +4,7 @@
 
 #include <Eigen/Core>
 #include <algorithm>
-#include <cassert>
 #include <map>
-#include <numeric>
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"

@@ -1,6 +1,5 @@
 #pragma once
 /// @file The two kinds of parameter functions of a separated model, both made of not-a-knot cubic splines.
-#include <array>
 #include <span>
 #include <vector>
 

@@ -1,6 +1,5 @@
 #pragma once
 /// @file The model between its times.
-#include <Eigen/Core>
 #include <span>
 #include <vector>
 

@@ -2,7 +2,6 @@
 /// @file What a reduced model leaves out, as a covariance that a likelihood can add
 /// (docs/explanation/reduction.md, "The model's own error").
 #include <Eigen/Core>
-#include <cstdint>
 #include <span>
 #include <string>
 #include <vector>

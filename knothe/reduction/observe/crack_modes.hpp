@@ -1,7 +1,6 @@
 #pragma once
 /// @file Crack solutions as modes, for the model's file (Rubio et al. 2019, Eq. 32).
 #include <span>
-#include <vector>
 
 #include "knothe/reduction/model/model_file.hpp"
 

@@ -1,7 +1,6 @@
 #pragma once
 /// @file Where observations are in a model: rows of weights on the dofs.
 #include <Eigen/Core>
-#include <cstdint>
 #include <span>
 #include <string>
 #include <vector>

@@ -1,7 +1,6 @@
 #pragma once
 /// @file The model at the observed dofs: y_t(p) = lift_t + (O U) C_t w(p).
 #include <Eigen/Core>
-#include <cstdint>
 #include <memory>
 #include <span>
 #include <string>

@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cmath>
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"

@@ -1,6 +1,5 @@
 #pragma once
 /// @file What a structure is measured with.
-#include <span>
 #include <string>
 #include <vector>
 

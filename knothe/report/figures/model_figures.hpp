@@ -1,7 +1,6 @@
 #pragma once
 /// @file Figures of a reduced model: its modes (Fig. 6 and 7), a displacement field, crack solutions (Fig.
 /// 10).
-#include <optional>
 #include <span>
 #include <vector>
 

@@ -1,7 +1,6 @@
 #pragma once
 /// @file Text, numbers and ticks of figures and pages.
 #include <string>
-#include <string_view>
 #include <vector>
 
 namespace knothe::report {

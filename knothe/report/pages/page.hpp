@@ -1,7 +1,6 @@
 #pragma once
 /// @file A page that needs nothing but itself: no network, light and dark, small screens, paper.
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "knothe/report/figures/svg_figure.hpp"

@@ -2,10 +2,8 @@
 /// @file `knothe dic`: pictures are correlated one by one, and what was asked for is written.
 #include <optional>
 #include <string>
-#include <vector>
 
 #include "knothe/files/command_output.hpp"
-#include "knothe/files/vtu.hpp"
 #include "knothe/imaging/mesh/outline_registration.hpp"
 #include "knothe/imaging/mesh/registration.hpp"
 #include "knothe/imaging/series/picture_series.hpp"

@@ -1,7 +1,6 @@
 #pragma once
 /// @file The results folder of an assimilation: steps.jsonl, summary.json, posterior.nc, fields/ for
 /// ParaView.
-#include <cstdint>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <string>

@@ -1,7 +1,6 @@
 #pragma once
 /// @file What the full-order model said of a test when it was asked
 /// (docs/explanation/verdict.md, "In the service"): an entry of the logbook.
-#include <cstdint>
 #include <optional>
 #include <span>
 #include <string>

@@ -2,10 +2,8 @@
 /// @file Measurements by MQTT (libmosquitto): topic knothe/v1/SITE/SOURCE/data, QoS 1, the JSON of
 /// `POST /v1/measurements`. No mosquitto in this header.
 #include <memory>
-#include <string>
 #include <vector>
 
-#include "knothe/project/serve_options.hpp"
 #include "knothe/service/site/served_site.hpp"
 
 namespace knothe::service {

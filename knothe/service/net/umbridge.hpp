@@ -1,9 +1,7 @@
 #pragma once
 /// @file The service as a UM-Bridge 1.0 server: models `forward`, `posterior`, `predict`. Private to this
 /// room.
-#include <map>
 #include <memory>
-#include <optional>
 #include <string>
 #include <vector>
 
