@@ -31,7 +31,7 @@ TypeFacts facts_of(std::int64_t type) {
                                                         {"prism", 3, 6},
                                                         {"pyramid", 3, 5}}};
   if (type == 15) return {"point", 0, 1};
-  return type > 0 && type < 8 ? k_types[static_cast<std::size_t>(type)] : TypeFacts{};
+  return type > 0 && type < 8 ? k_types[type] : TypeFacts{};
 }
 
 /// A file's words, one after the other.
@@ -158,7 +158,7 @@ class GmshReader {
     std::array<std::int64_t, 4> counts{};
     for (auto& count : counts) count = words_.integer("the number of entities", 0);
     for (int dimension = 0; dimension < 4; ++dimension)
-      for (std::int64_t i = counts[static_cast<std::size_t>(dimension)]; i > 0; --i) {
+      for (std::int64_t i = counts[dimension]; i > 0; --i) {
         const auto tag = static_cast<int>(words_.integer("an entity's tag"));
         for (int k = dimension == 0 ? 3 : 6; k > 0; --k) (void)words_.number("an entity's position");
         auto& groups = entity_groups_[{dimension, tag}];

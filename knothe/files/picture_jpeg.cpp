@@ -54,7 +54,7 @@ Picture picture_formats::read_jpeg(const std::string& path, const std::string& b
     JSAMPROW out = row.data();
     jpeg_read_scanlines(&jpeg, &out, 1);
     for (int x = 0; x < picture.width; ++x) {
-      const auto sample = [&](int k) { return static_cast<float>(row[static_cast<std::size_t>(k)]); };
+      const auto sample = [&](int k) { return static_cast<float>(row[k]); };
       picture.at(x, y) =
           grey ? sample(x) : grey_of(path, colour, sample(3 * x), sample(3 * x + 1), sample(3 * x + 2));
     }

@@ -121,7 +121,7 @@ std::string encoded(const std::string& path, const Picture& picture) {
           throw UsageError(fmt::format("write picture: pixel ({}, {}) is not finite", x, y));
         const auto level = static_cast<unsigned>(std::clamp(std::round(value), 0.0F, top));
         if (bits == 8) {
-          row[static_cast<std::size_t>(x)] = static_cast<unsigned char>(level);
+          row[x] = static_cast<unsigned char>(level);
         } else {
           row[2 * static_cast<std::size_t>(x)] = static_cast<unsigned char>(level / 256);
           row[2 * static_cast<std::size_t>(x) + 1] = static_cast<unsigned char>(level % 256);

@@ -14,7 +14,7 @@ SurfaceMesh with_used_points(const std::vector<double>& points,
   std::vector<std::int64_t> number(points.size() / 3, -1);
   for (const auto& cell : cells)
     for (const std::int64_t node : cell)
-      if (node >= 0) number[static_cast<std::size_t>(node)] = 0;
+      if (node >= 0) number[node] = 0;
   SurfaceMesh mesh{{}, std::move(cells)};
   std::int64_t next = 0;
   for (std::size_t i = 0; i < number.size(); ++i) {
@@ -24,7 +24,7 @@ SurfaceMesh with_used_points(const std::vector<double>& points,
   }
   for (auto& cell : mesh.cells)
     for (std::int64_t& node : cell)
-      if (node >= 0) node = number[static_cast<std::size_t>(node)];
+      if (node >= 0) node = number[node];
   return mesh;
 }
 

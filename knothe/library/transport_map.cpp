@@ -109,7 +109,7 @@ class FunctionDensity final : public sampling::LogDensity {
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
                 sampling::LogDensityBatch& out) override {
     for (Eigen::Index i = 0; i < points.rows(); ++i) {
-      for (Eigen::Index k = 0; k < dimension(); ++k) point_[static_cast<std::size_t>(k)] = points(i, k);
+      for (Eigen::Index k = 0; k < dimension(); ++k) point_[k] = points(i, k);
       out.value[i] = density_->log_value(point_);
       if (derivatives < 1) continue;
       density_->gradient(point_, slope_);

@@ -35,8 +35,8 @@ PriorAnswers answers_of(const UpdateSetup& setup) {
   answers.largest = Eigen::VectorXd::Zero(model.observations());
   for (std::size_t k = 0; k < setup.time_indices.size(); ++k) {
     const std::size_t t = setup.time_indices[k];
-    auto mean = answers.mean.col(static_cast<Index>(k));
-    mean = model.lift.col(static_cast<Index>(t)) + model.space * (model.core[t] * w.mean);
+    auto mean = answers.mean.col(k);
+    mean = model.lift.col(t) + model.space * (model.core[t] * w.mean);
     const Eigen::MatrixXd change = model.space * (model.core[t] * w.tangent);
     const Eigen::VectorXd spread = (model.space * (model.core[t] * w.factor)).rowwise().norm();
     answers.largest = answers.largest.cwiseMax(mean.cwiseAbs() + 2 * spread);
@@ -76,7 +76,7 @@ void compare_magnitudes(const UpdateSetup& setup, const PriorAnswers& answers, F
 void check_sensitivity(const UpdateSetup& setup, const PriorAnswers& answers, FileCheck& check) {
   for (Index a = 0; a < answers.information.size(); ++a) {
     const double factor = std::sqrt(1 + answers.information[a]);
-    const std::string& name = setup.observed->parameters[static_cast<std::size_t>(a)];
+    const std::string& name = setup.observed->parameters[a];
     if (factor < 1.5)
       check.warnings.push_back(fmt::format(
           "the data carry almost no information on {}: together they narrow its prior by a factor of {:.2g}; "

@@ -22,7 +22,7 @@ std::optional<Eigen::Index> row_of(const forecast::ForecastSpecification& f, con
   for (Eigen::Index j = 0; j < displacements; ++j) {
     const auto x = sensors.point(static_cast<std::size_t>(j));
     const double distance = std::hypot(x[0] - f.point[0], x[1] - f.point[1], x[2] - f.point[2]);
-    if (distance <= 1e-6 && sensors.components[static_cast<std::size_t>(j)] == f.component) return j;
+    if (distance <= 1e-6 && sensors.components[j] == f.component) return j;
   }
   return std::nullopt;
 }

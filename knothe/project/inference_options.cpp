@@ -65,8 +65,7 @@ void check_covariance(Values& values, const std::vector<std::vector<double>>& ro
   const auto m = static_cast<Eigen::Index>(n);
   Eigen::MatrixXd c(m, m);
   for (Eigen::Index i = 0; i < m; ++i)
-    for (Eigen::Index j = 0; j < m; ++j)
-      c(i, j) = rows[static_cast<std::size_t>(i)][static_cast<std::size_t>(j)];
+    for (Eigen::Index j = 0; j < m; ++j) c(i, j) = rows[i][j];
   for (Eigen::Index i = 0; i < m; ++i) {
     if (!(c(i, i) > 0)) {
       values.complain(

@@ -22,8 +22,7 @@ Observations observations_of(const ObservationOptions& o) {
     return {values, GaussianNoise::independent(Eigen::Map<const Eigen::VectorXd>(o.std.data(), n))};
   Eigen::MatrixXd covariance(n, n);
   for (Eigen::Index i = 0; i < n; ++i)
-    covariance.row(i) =
-        Eigen::Map<const Eigen::RowVectorXd>(o.covariance[static_cast<std::size_t>(i)].data(), n);
+    covariance.row(i) = Eigen::Map<const Eigen::RowVectorXd>(o.covariance[i].data(), n);
   return {values, GaussianNoise::of_covariance(0.5 * (covariance + covariance.transpose()))};
 }
 

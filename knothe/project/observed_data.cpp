@@ -82,7 +82,7 @@ void add_series(const Project& project, const reduction::SeparatedModel& model, 
   const Eigen::Index n = m.values.rows(), count = static_cast<Eigen::Index>(sensors.size());
   m.values.conservativeResize(n + count, Eigen::NoChange);
   for (Eigen::Index i = 0; i < count; ++i) {
-    const std::vector<double>& values = m.series.at(m.sensors.scalars[static_cast<std::size_t>(i)]).values;
+    const std::vector<double>& values = m.series.at(m.sensors.scalars[i]).values;
     m.values.row(n + i) = Eigen::Map<const Eigen::RowVectorXd>(values.data(), m.values.cols());
   }
   m.noise = m.noise.with_scalars(Eigen::Map<const Eigen::VectorXd>(std.data(), count));

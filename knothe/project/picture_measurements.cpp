@@ -202,7 +202,7 @@ PictureDatum PictureMeasurements::next() {
   const double wait_us = microseconds_since(wait_start);
   PictureDatum datum = as_datum(results_[next_]);
   datum.wait_us = wait_us;
-  measurements_.values.col(static_cast<Eigen::Index>(next_)) = datum.values;
+  measurements_.values.col(next_) = datum.values;
   predict_next(datum.picture);
   ++next_;
   correlate_ahead();

@@ -42,8 +42,7 @@ class FaceDisplacement {
   [[nodiscard]] Eigen::VectorXd at(std::size_t step, const DisplacementField& field) const {
     const std::vector<double> values = field(step, dofs_);
     Eigen::VectorXd u = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(count_));
-    for (std::size_t k = 0; k < rows_.size(); ++k)
-      u[static_cast<Eigen::Index>(rows_[k].first)] += rows_[k].second * values[k];
+    for (std::size_t k = 0; k < rows_.size(); ++k) u[rows_[k].first] += rows_[k].second * values[k];
     // T is its own inverse but for the scale.
     const Eigen::Matrix2d to_pixels = frame_.displacement_matrix() / (frame_.scale() * frame_.scale());
     for (Eigen::Index a = 0; a < u.size(); a += 2) u.segment<2>(a) = (to_pixels * u.segment<2>(a)).eval();

@@ -37,7 +37,7 @@ Eigen::VectorXd reference_point(const Project& project, const reduction::Separat
                              fmt::format("select.at.{} = {} lies outside the model's box, {} to {}", names[k],
                                          value, nodes.front(), nodes.back()));
     }
-    at[static_cast<Eigen::Index>(k)] = value;
+    at[k] = value;
   }
   return at;
 }

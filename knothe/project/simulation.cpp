@@ -57,7 +57,7 @@ Eigen::MatrixXd exact_values(const SimulatedField& simulated, const std::vector<
                         static_cast<Eigen::Index>(simulated.time.size()));
   for (std::size_t t = 0; t < simulated.time.size(); ++t) {
     const std::vector<double> values = simulated.field(t, chosen);
-    std::copy(values.begin(), values.end(), exact.col(static_cast<Eigen::Index>(t)).data());
+    std::copy(values.begin(), values.end(), exact.col(t).data());
   }
   return exact;
 }
@@ -83,7 +83,7 @@ assimilation::Measurements measured_series(const Project& project, const Simulat
       simulated.time, exact_values(simulated, chosen),
       Eigen::Map<const Eigen::VectorXd>(std.data(), static_cast<Eigen::Index>(std.size())), seed);
   for (std::size_t i = 0; i < chosen.size(); ++i) {
-    const Eigen::VectorXd series = m.values.row(static_cast<Eigen::Index>(i));
+    const Eigen::VectorXd series = m.values.row(i);
     m.series[simulated.quantities[chosen[i]].name] = {{series.begin(), series.end()}, std[i], {}};
   }
   m.values.resize(0, m.values.cols());

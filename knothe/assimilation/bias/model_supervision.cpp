@@ -147,8 +147,8 @@ bool ModelSupervision::take_scores(const PredictiveCheck& check) {
   bool alarm = state_.sums[0].add(-predictive_score(check.upper_probability, options_.largest_score));
   for (Eigen::Index a = 0; a < check.lower_probability.size(); ++a) {
     const double z = predictive_score(check.lower_probability[a], options_.largest_score);
-    alarm = state_.sums[static_cast<std::size_t>(2 * a + 1)].add(z) || alarm;
-    alarm = state_.sums[static_cast<std::size_t>(2 * a + 2)].add(-z) || alarm;
+    alarm = state_.sums[2 * a + 1].add(z) || alarm;
+    alarm = state_.sums[2 * a + 2].add(-z) || alarm;
   }
   const auto largest = std::max_element(state_.sums.begin(), state_.sums.end(),
                                         [](const Cusum& a, const Cusum& b) { return a.value() < b.value(); });
@@ -164,8 +164,7 @@ std::optional<ModelSupervision::Alarm> ModelSupervision::judge(std::size_t step,
   if (!is_known_) return {};
   Eigen::Index likeliest = 0;  // size of the discrepancy
   if (!stored.levels.empty()) state_.shares.maxCoeff(&likeliest);
-  const StepForm& used =
-      likeliest == 0 ? stored.assimilated() : stored.levels[static_cast<std::size_t>(likeliest - 1)];
+  const StepForm& used = likeliest == 0 ? stored.assimilated() : stored.levels[likeliest - 1];
   const PredictiveCheck check = predictive_check(used, current_, central);
   const bool before = state_.report.alarm;
   bool alarm = take_scores(check);
@@ -212,7 +211,7 @@ void ModelSupervision::learn_residual(const StoredStep& stored) {
   // Eq. 16 and 19: mean of d − M(p), and standard deviation of M(p), under the posterior.
   const Eigen::MatrixXd& core = model_->core[stored.time_index];
   const Eigen::VectorXd predicted =
-      model_->lift.col(static_cast<Eigen::Index>(stored.time_index)) + model_->space * (core * current_.mean);
+      model_->lift.col(stored.time_index) + model_->space * (core * current_.mean);
   const Eigen::MatrixXd factor = core * current_.factor;
   Eigen::VectorXd spread(stored.values()->size());
   constexpr Eigen::Index k_block = 512;  // rows that stay in the cache

@@ -21,8 +21,8 @@ double polynomial(int order, int window, Series times, Series series, double tim
   const double unit = n > 1 ? times.back() - times.front() : 1;
   Eigen::ArrayXd x(n), y(n);
   for (std::size_t i = 0; i < n; ++i) {
-    x[static_cast<Eigen::Index>(i)] = (times[i] - times.back()) / unit;
-    y[static_cast<Eigen::Index>(i)] = series[i];
+    x[i] = (times[i] - times.back()) / unit;
+    y[i] = series[i];
   }
   const double ahead = (time - times.back()) / unit;
   Eigen::ArrayXd before = Eigen::ArrayXd::Zero(x.size()), here = Eigen::ArrayXd::Ones(x.size());

@@ -108,8 +108,7 @@ NoiseModel with_clock_error(const NoiseModel& noise, const reduction::ObservedMo
   NoiseModel result = noise;
   for (std::size_t i = 0; i < std.size(); ++i) {
     if (!(std[i] > 0)) continue;
-    const Eigen::VectorXd mean =
-        rates.lift.col(static_cast<Eigen::Index>(i)) + rates.space * (rates.core[i] * prior.mean);
+    const Eigen::VectorXd mean = rates.lift.col(i) + rates.space * (rates.core[i] * prior.mean);
     const Eigen::Index q = std::min(prior.factor.cols(), k_max_spread);
     const Eigen::MatrixXd spread = rates.space * (rates.core[i] * prior.factor.leftCols(q));
     Eigen::MatrixXd factor(noise.size(), 1 + q);

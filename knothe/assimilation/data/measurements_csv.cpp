@@ -42,14 +42,13 @@ int component_of(const files::CsvTable& table, std::size_t row, const std::strin
 /// A row of a series: its value joins those before it.
 void add_to_series(const files::CsvTable& table, std::size_t row, Eigen::Index t, double value, double std,
                    double shared_std, std::vector<bool>& filled, MeasuredSeries& series, bool is_new) {
-  if (filled[static_cast<std::size_t>(t)])
-    table.fail(row, "time", "a second value of this series at this time");
-  filled[static_cast<std::size_t>(t)] = true;
-  series.values[static_cast<std::size_t>(t)] = value;
+  if (filled[t]) table.fail(row, "time", "a second value of this series at this time");
+  filled[t] = true;
+  series.values[t] = value;
   if (!std::isnan(shared_std)) {
     if (!(shared_std >= 0)) table.fail(row, "shared_std", "a standard deviation is not negative");
     series.shared_std.resize(series.values.size(), 0.0);
-    series.shared_std[static_cast<std::size_t>(t)] = shared_std;
+    series.shared_std[t] = shared_std;
   }
   if (!std::isnan(std) && !(std > 0)) table.fail(row, "std", "a standard deviation is positive");
   const std::optional<double> given = std::isnan(std) ? std::nullopt : std::optional(std);

@@ -58,7 +58,7 @@ double largest_answer(const reduction::ObservedModel& model, const Rows& rows, c
   const Eigen::MatrixXd space = model.space(rows, Eigen::all), lift = model.lift(rows, Eigen::all);
   double largest = 0;
   for (std::size_t t = 0; t < model.core.size(); ++t) {
-    const Eigen::MatrixXd answers = (space * (model.core[t] * w)).colwise() + lift.col(static_cast<Index>(t));
+    const Eigen::MatrixXd answers = (space * (model.core[t] * w)).colwise() + lift.col(t);
     largest = std::max(largest, answers.cwiseAbs().maxCoeff());
   }
   return largest;
@@ -86,11 +86,11 @@ PlausibleRange::PlausibleRange(const reduction::ObservedModel& model, const redu
 }
 
 void PlausibleRange::limit_displacements(double limit) {
-  limits_.head(static_cast<Index>(sensors_.displacement_count())).setConstant(limit);
+  limits_.head(sensors_.displacement_count()).setConstant(limit);
 }
 
 void PlausibleRange::limit_scalar(std::size_t k, double limit) {
-  limits_[static_cast<Index>(sensors_.displacement_count() + k)] = limit;
+  limits_[sensors_.displacement_count() + k] = limit;
 }
 
 std::string PlausibleRange::words_for(Index i, double value) const {

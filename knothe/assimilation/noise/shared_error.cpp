@@ -263,12 +263,11 @@ SharedError::Information SharedError::prior_information() {
     for (int i = 0; i < sensors; ++i) {
       if (prior.coeff(i, i) == 0) continue;  // not measured
       places.emplace_back(size, i, 1.0);
-      place[static_cast<std::size_t>(i)] = size++;
+      place[i] = size++;
     }
     for (int j = 0; j < sensors; ++j) {
       for (Sparse::InnerIterator it(prior, j); it; ++it) {
-        const int row = place[static_cast<std::size_t>(it.row())],
-                  column = place[static_cast<std::size_t>(j)];
+        const int row = place[it.row()], column = place[j];
         if (row >= 0 && column >= 0) entries.emplace_back(row, column, it.value());
       }
     }
@@ -297,11 +296,11 @@ SharedError::Information SharedError::with(Information information, Kind& kind, 
   const GaussianNoise& whole = kind.of_one_step ? noise_.at_step(kind.step) : noise_;
   const Eigen::Index n = noise_.size();
   std::vector<bool> is_kept(static_cast<std::size_t>(n), false);
-  for (const Eigen::Index i : kind.kept) is_kept[static_cast<std::size_t>(i)] = true;
+  for (const Eigen::Index i : kind.kept) is_kept[i] = true;
   const bool is_coupled = !whole.is_independent();
   std::vector<Eigen::Triplet<double>> entries;
   for (int i = 0; i < n; ++i) {
-    if (!is_coupled && !is_kept[static_cast<std::size_t>(i)]) continue;
+    if (!is_coupled && !is_kept[i]) continue;
     for (Sparse::InnerIterator it(parts_, i); it; ++it) entries.emplace_back(it.row(), i, 1.0);
   }
   Eigen::Index size = information.matrix.rows();
@@ -309,7 +308,7 @@ SharedError::Information SharedError::with(Information information, Kind& kind, 
   Eigen::Index missing = 0;
   double log_own = 0;
   for (Eigen::Index i = 0; is_coupled && i < n; ++i) {
-    if (is_kept[static_cast<std::size_t>(i)] || !whole.is_measured(i)) continue;
+    if (is_kept[i] || !whole.is_measured(i)) continue;
     entries.emplace_back(static_cast<int>(first + missing++), static_cast<int>(i), 1.0);
     log_own += std::log(own_[i]);
   }
@@ -339,7 +338,7 @@ Eigen::MatrixXd SharedError::gathered(const Kind& kind, const Eigen::MatrixXd& w
   for (std::size_t j = 0; j < kind.kept.size(); ++j) {
     bool has_part = kind.kept[j] >= noise_.size() - noise_.scalar_count();
     for (Sparse::InnerIterator it(parts_, kind.kept[j]); it; ++it) {
-      right.row(it.row()) = weighted.row(static_cast<Eigen::Index>(j));
+      right.row(it.row()) = weighted.row(j);
       has_part = true;
     }
     if (!has_part) {

@@ -222,14 +222,13 @@ Selection SensorDesign::choose(std::size_t count, double min_distance) const {
     const Eigen::VectorXd gain = progress.gains();
     Eigen::Index best = -1;
     for (Eigen::Index k = 0; k < gain.size(); ++k) {
-      if (free[static_cast<std::size_t>(k)] && (best < 0 || gain[k] > gain[best])) best = k;
+      if (free[k] && (best < 0 || gain[k] > gain[best])) best = k;
     }
     if (best < 0) break;
-    free[static_cast<std::size_t>(best)] = false;
+    free[best] = false;
     if (min_distance > 0) {
       for (Eigen::Index k = 0; k < gain.size(); ++k) {
-        if ((positions_.row(k) - positions_.row(best)).norm() < min_distance * (1 - 1e-9))
-          free[static_cast<std::size_t>(k)] = false;
+        if ((positions_.row(k) - positions_.row(best)).norm() < min_distance * (1 - 1e-9)) free[k] = false;
       }
     }
     selection.dofs.push_back(best);
@@ -259,8 +258,7 @@ Eigen::MatrixXd prior_points(const std::vector<Prior>& priors, Eigen::Index coun
   Eigen::MatrixXd z = Eigen::MatrixXd::Zero(count, d);
   if (count > 1) z.bottomRows(count - 1) = numerics::halton_normal_points(count - 1, d, 1);
   for (Eigen::Index i = 0; i < count; ++i) {
-    for (Eigen::Index k = 0; k < d; ++k)
-      z(i, k) = priors[static_cast<std::size_t>(k)].from_standard_normal(z(i, k)).value;
+    for (Eigen::Index k = 0; k < d; ++k) z(i, k) = priors[k].from_standard_normal(z(i, k)).value;
   }
   return z;
 }

@@ -32,8 +32,8 @@ ExpectedShift::ExpectedShift(std::vector<Prior> priors, Index truths, std::uint6
   constexpr Index k_samples = 4096;  // of a scrambled net in one dimension: the variance to some digits
   const MatrixXd z = numerics::sobol_normal_points(k_samples, 1, seed);
   for (Index i = 0; i < variance_.size(); ++i) {
-    const VectorXd p = z.col(0).unaryExpr(
-        [&](double value) { return priors_[static_cast<std::size_t>(i)].from_standard_normal(value).value; });
+    const VectorXd p =
+        z.col(0).unaryExpr([&](double value) { return priors_[i].from_standard_normal(value).value; });
     variance_[i] = (p.array() - p.mean()).square().mean();
   }
   const MatrixXd points = draw(truths, seed);
@@ -43,8 +43,7 @@ ExpectedShift::ExpectedShift(std::vector<Prior> priors, Index truths, std::uint6
 MatrixXd ExpectedShift::draw(Index n, std::uint64_t seed) const {
   MatrixXd points = numerics::sobol_normal_points(n, variance_.size(), seed);
   for (Index i = 0; i < points.cols(); ++i)
-    for (Index k = 0; k < n; ++k)
-      points(k, i) = priors_[static_cast<std::size_t>(i)].from_standard_normal(points(k, i)).value;
+    for (Index k = 0; k < n; ++k) points(k, i) = priors_[i].from_standard_normal(points(k, i)).value;
   return points;
 }
 
@@ -74,7 +73,7 @@ double ExpectedShift::of_all(const std::vector<bool>& chosen) const {
   for (const Truth& truth : truths_) {
     VectorXd factors = truth.basis;
     for (Index n = 0; n < factors.size(); ++n)
-      if (!chosen[static_cast<std::size_t>(n)]) factors[n] = 0;
+      if (!chosen[n]) factors[n] = 0;
     sum += linear_posterior_shift(truth.information, variance_, truth.pull * factors).squaredNorm();
   }
   return std::sqrt(sum / static_cast<double>(truths_.size()));

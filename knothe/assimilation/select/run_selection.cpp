@@ -54,8 +54,8 @@ double held_out_shift(const SelectedRuns& selected, const ExpectedShift& shift, 
   double worst = 0;
   for (std::size_t k = 0; k < selected.held_out_points.size(); ++k) {
     const VectorXd p = as_eigen(selected.held_out_points[k]);
-    const VectorXd error = exact.row(static_cast<Index>(k)).transpose() -
-                           selected.surpluses.transpose() * selected.interpolation.basis(p);
+    const VectorXd error =
+        exact.row(k).transpose() - selected.surpluses.transpose() * selected.interpolation.basis(p);
     worst = std::max(worst, shift.at(p, error));
   }
   return worst;

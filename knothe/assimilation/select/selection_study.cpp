@@ -30,8 +30,7 @@ SelectionCurve curve_of(const std::string& name, const Selection& selection,
                         const Eigen::VectorXd& prior_std) {
   SelectionCurve curve{name, Eigen::MatrixXd(selection.information.size(), prior_std.size())};
   for (std::size_t i = 0; i < selection.information.size(); ++i)
-    curve.posterior_std.row(static_cast<Eigen::Index>(i)) =
-        posterior_std(selection.information[i], prior_std).transpose();
+    curve.posterior_std.row(i) = posterior_std(selection.information[i], prior_std).transpose();
   return curve;
 }
 
@@ -98,7 +97,7 @@ RankedDof describe(const reduction::ObservedModel& model, const Eigen::VectorXd&
     for (Eigen::Index j = 0; j < at.size(); ++j) {
       if (std::abs(s[j]) <= ranked.sensitivity[j]) continue;
       ranked.sensitivity[j] = std::abs(s[j]);
-      ranked.when[static_cast<std::size_t>(j)] = t;
+      ranked.when[j] = t;
     }
   }
   ranked.signal_to_noise = ranked.sensitivity / noise_std;
@@ -178,17 +177,16 @@ std::string explain(const SelectionStudy& study, std::size_t rank, const std::ve
   Eigen::Index most = 0;
   double largest = -1;
   for (Eigen::Index j = 0; j < before.size(); ++j) {
-    const auto name = names[static_cast<std::size_t>(j)];
-    moved += fmt::format("{}{:.3g} µm ({:.2g} times its noise, step {}) for one prior std of {}",
-                         moved.empty() ? "" : ", ", 1e6 * r.sensitivity[j], r.signal_to_noise[j],
-                         r.when[static_cast<std::size_t>(j)], name);
+    const auto name = names[j];
+    moved +=
+        fmt::format("{}{:.3g} µm ({:.2g} times its noise, step {}) for one prior std of {}",
+                    moved.empty() ? "" : ", ", 1e6 * r.sensitivity[j], r.signal_to_noise[j], r.when[j], name);
     const double fall = 1 - r.posterior_std[j] / before[j];
     if (fall > largest) largest = fall, most = j;
     gained +=
         fmt::format("{}{} {:.3g} to {:.3g}", gained.empty() ? "" : ", ", name, before[j], r.posterior_std[j]);
   }
-  return fmt::format("tells most about {}: it moves by {}; the std of {}",
-                     names[static_cast<std::size_t>(most)], moved, gained);
+  return fmt::format("tells most about {}: it moves by {}; the std of {}", names[most], moved, gained);
 }
 
 }  // namespace knothe::assimilation

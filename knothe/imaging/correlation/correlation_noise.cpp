@@ -22,8 +22,7 @@ const std::array<double, 6>& response_correlation() {
   static const std::array<double, 6> made = [] {
     std::array<double, 6> r{};
     for (int k = -k_reach; k <= k_reach; ++k)
-      for (int m = 0; m < 6; ++m)
-        r[static_cast<std::size_t>(m)] += spline_response(k) * spline_response(k + m);
+      for (int m = 0; m < 6; ++m) r[m] += spline_response(k) * spline_response(k + m);
     return r;
   }();
   return made;
@@ -50,7 +49,7 @@ double noise_from_residual(const ImageCorrelation& correlation, const Correlatio
     double u = 0, v = 0;
     const int n = ImageMesh::nodes_of(mesh.elements[e]);
     for (int a = 0; a < n; ++a) {
-      const int node = mesh.elements[e][static_cast<std::size_t>(a)];
+      const int node = mesh.elements[e][a];
       u += result.displacement[2 * node] / n, v += result.displacement[2 * node + 1] / n;
     }
     kappa += interpolated_noise_variance(u) * interpolated_noise_variance(v), elements += 1;
@@ -130,9 +129,7 @@ double gradient_noise_variance(double sigma) {
   double along = 0, across = 0;
   for (int k = -reach; k <= reach; ++k) {
     double sum = 0;
-    for (int j = -radius; j <= radius; ++j)
-      sum += smooth[static_cast<std::size_t>(j + radius)] *
-             slopes[static_cast<std::size_t>(k - j + reach + radius)];
+    for (int j = -radius; j <= radius; ++j) sum += smooth[j + radius] * slopes[k - j + reach + radius];
     along += sum * sum;
   }
   for (const double tap : smooth) across += tap * tap;
@@ -184,12 +181,11 @@ Eigen::VectorXd displacement_std(const Eigen::SparseMatrix<double>& matrix) {
   std::vector<int> number(static_cast<std::size_t>(matrix.rows()), -1);
   int count = 0;
   for (int i = 0; i < matrix.rows(); ++i)
-    if (matrix.coeff(i, i) > 0) number[static_cast<std::size_t>(i)] = count++;
+    if (matrix.coeff(i, i) > 0) number[i] = count++;
   std::vector<Eigen::Triplet<double>> entries;
   for (int column = 0; column < matrix.outerSize(); ++column)
     for (Eigen::SparseMatrix<double>::InnerIterator it(matrix, column); it; ++it) {
-      const int i = number[static_cast<std::size_t>(it.row())],
-                j = number[static_cast<std::size_t>(it.col())];
+      const int i = number[it.row()], j = number[it.col()];
       if (i >= 0 && j >= 0) entries.emplace_back(i, j, it.value());
     }
   Eigen::VectorXd result = Eigen::VectorXd::Zero(matrix.rows());
@@ -198,8 +194,7 @@ Eigen::VectorXd displacement_std(const Eigen::SparseMatrix<double>& matrix) {
   active.setFromTriplets(entries.begin(), entries.end());
   const numerics::SelectedInverse inverse(active);
   for (int i = 0; i < matrix.rows(); ++i)
-    if (const int at = number[static_cast<std::size_t>(i)]; at >= 0)
-      result[i] = std::sqrt(inverse.diagonal()[at]);
+    if (const int at = number[i]; at >= 0) result[i] = std::sqrt(inverse.diagonal()[at]);
   return result;
 }
 

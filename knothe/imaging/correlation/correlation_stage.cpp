@@ -45,8 +45,7 @@ void CorrelationStage::make_pattern() {
   for (const auto& nodes : mesh_.elements)
     for (int a = 0; a < 2 * ImageMesh::nodes_of(nodes); ++a)
       for (int b = 0; b < 2 * ImageMesh::nodes_of(nodes); ++b)
-        entries.emplace_back(2 * nodes[static_cast<std::size_t>(a / 2)] + a % 2,
-                             2 * nodes[static_cast<std::size_t>(b / 2)] + b % 2, 0.0);
+        entries.emplace_back(2 * nodes[a / 2] + a % 2, 2 * nodes[b / 2] + b % 2, 0.0);
   pattern_.resize(2 * mesh_.node_count(), 2 * mesh_.node_count());
   pattern_.setFromTriplets(entries.begin(), entries.end());
   const int *begin = pattern_.outerIndexPtr(), *row = pattern_.innerIndexPtr();
@@ -76,9 +75,9 @@ Eigen::SparseMatrix<double> CorrelationStage::assemble(const std::vector<char>& 
     if (for_solving && per_element())
       matrix -= c.brightness * c.brightness_matrix.inverse() * c.brightness.transpose();
     for (int b = 0; b < ImageMesh::nodes_of(nodes); ++b) {
-      const int column = 2 * nodes[static_cast<std::size_t>(b)], length = begin[column + 1] - begin[column];
+      const int column = 2 * nodes[b], length = begin[column + 1] - begin[column];
       for (int a = 0; a < ImageMesh::nodes_of(nodes); ++a) {
-        double* const at = values + places_[e][static_cast<std::size_t>(4 * a + b)];
+        double* const at = values + places_[e][4 * a + b];
         at[0] += matrix(2 * a, 2 * b) + mass * c.mass(a, b), at[1] += matrix(2 * a + 1, 2 * b);
         at[length] += matrix(2 * a, 2 * b + 1);
         at[length + 1] += matrix(2 * a + 1, 2 * b + 1) + mass * c.mass(a, b);
@@ -144,8 +143,7 @@ void CorrelationStage::factorise(const std::vector<char>& valid) {
     if (valid[e] == 0) continue;
     brightness += constants_[e].brightness_matrix;
     for (int a = 0; a < ImageMesh::nodes_of(mesh_.elements[e]); ++a)
-      coupling_.middleRows(2 * mesh_.elements[e][static_cast<std::size_t>(a)], 2) +=
-          constants_[e].brightness.middleRows(2 * a, 2);
+      coupling_.middleRows(2 * mesh_.elements[e][a], 2) += constants_[e].brightness.middleRows(2 * a, 2);
   }
   solved_coupling_ = solver_.solve(coupling_);
   brightness_schur_ = brightness - coupling_.transpose() * solved_coupling_;
@@ -187,7 +185,7 @@ int CorrelationStage::reject(CorrelationResult& result, bool restless) const {
   for (std::size_t e = 0; e < sums_.size(); ++e) {
     if (result.element_valid[e] == 0) continue;
     for (int a = 0; a < ImageMesh::nodes_of(mesh_.elements[e]); ++a) {
-      double& largest = around[static_cast<std::size_t>(mesh_.elements[e][static_cast<std::size_t>(a)])];
+      double& largest = around[mesh_.elements[e][a]];
       largest = std::max(largest, rms[e]);
     }
   }
@@ -198,8 +196,7 @@ int CorrelationStage::reject(CorrelationResult& result, bool restless) const {
     // another chance.
     double worst_neighbour = 0;
     for (int a = 0; a < ImageMesh::nodes_of(mesh_.elements[e]); ++a)
-      worst_neighbour = std::max(
-          worst_neighbour, around[static_cast<std::size_t>(mesh_.elements[e][static_cast<std::size_t>(a)])]);
+      worst_neighbour = std::max(worst_neighbour, around[mesh_.elements[e][a]]);
     const bool unseen = sums_[e].count < k_min_pixel_share * pixels_.elements()[e].pixel_count;
     const bool bad =
         options_.reject_elements && rms[e] > limit && rms[e] > k_share_of_worst * worst_neighbour;
@@ -215,19 +212,18 @@ void CorrelationStage::reject_restless(CorrelationResult& result, const std::vec
   std::vector<int> worst(mesh_.x.size(), -1);
   int count = 0;
   for (int n = 0; n < mesh_.node_count(); ++n)
-    if (step_.segment<2>(2 * n).cwiseAbs().maxCoeff() > options_.tolerance)
-      worst[static_cast<std::size_t>(n)] = -2, ++count;
+    if (step_.segment<2>(2 * n).cwiseAbs().maxCoeff() > options_.tolerance) worst[n] = -2, ++count;
   const double nodes = mesh_.node_count();
   if (count > std::max(k_max_restless * nodes, k_restless_rows * std::sqrt(nodes))) return;
   for (std::size_t e = 0; e < sums_.size(); ++e) {
     if (result.element_valid[e] == 0) continue;
     for (int a = 0; a < ImageMesh::nodes_of(mesh_.elements[e]); ++a) {
-      int& at = worst[static_cast<std::size_t>(mesh_.elements[e][static_cast<std::size_t>(a)])];
-      if (at == -2 || (at >= 0 && rms[e] > rms[static_cast<std::size_t>(at)])) at = static_cast<int>(e);
+      int& at = worst[mesh_.elements[e][a]];
+      if (at == -2 || (at >= 0 && rms[e] > rms[at])) at = static_cast<int>(e);
     }
   }
   for (const int e : worst)
-    if (e >= 0) result.element_valid[static_cast<std::size_t>(e)] = 0;
+    if (e >= 0) result.element_valid[e] = 0;
 }
 
 /// Nodes without a valid element take what their neighbours' displacements and gradients say.
@@ -239,7 +235,7 @@ void CorrelationStage::extrapolate(CorrelationResult& result) const {
   for (const auto& nodes : mesh_.elements)
     for (int a = 0; a < ImageMesh::nodes_of(nodes); ++a)
       for (int b = 0; b < ImageMesh::nodes_of(nodes); ++b) {
-        const int to = nodes[static_cast<std::size_t>(a)], from = nodes[static_cast<std::size_t>(b)];
+        const int to = nodes[a], from = nodes[b];
         const auto p = static_cast<std::size_t>(to), q = static_cast<std::size_t>(from);
         if (measured[p] != 0 || measured[q] == 0) continue;
         const double dx = mesh_.x[p] - mesh_.x[q], dy = mesh_.y[p] - mesh_.y[q];

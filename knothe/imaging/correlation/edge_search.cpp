@@ -44,9 +44,7 @@ struct Grid {
   int lines = 0, samples = 0;
   double step = 1, first = 0;  // px: of the samples, and where the first is
   std::vector<double> level;
-  [[nodiscard]] double at(int line, int k) const {
-    return level[static_cast<std::size_t>(line * samples + k)];
-  }
+  [[nodiscard]] double at(int line, int k) const { return level[line * samples + k]; }
   [[nodiscard]] double place(double k) const { return first + step * k; }
 };
 
@@ -80,8 +78,7 @@ int change_point(const Grid& g) {
   const double floor = std::pow(std::max(0.3, 0.005 * (high - low)), 2);
   const auto cost = [&](int a, int b) {  // of samples a … b − 1
     const double n = static_cast<double>(b - a) * g.lines;
-    const double s = sum[static_cast<std::size_t>(b)] - sum[static_cast<std::size_t>(a)],
-                 q = squares[static_cast<std::size_t>(b)] - squares[static_cast<std::size_t>(a)];
+    const double s = sum[b] - sum[a], q = squares[b] - squares[a];
     return n * std::log(std::max(floor, q / n - (s / n) * (s / n)));
   };
   const int least = std::max(2, static_cast<int>(k_min_side / g.step));

@@ -101,17 +101,16 @@ void CorrelationStage::make_constants() {
     c.matrix.setZero(), c.brightness.setZero(), c.mass.setZero();
     for (int a = 0; a < 4; ++a)
       for (std::size_t p = 0; p < 4; ++p) {
-        const double ca = element.coefficients[static_cast<std::size_t>(a)][p];
+        const double ca = element.coefficients[a][p];
         if (ca == 0) continue;
-        const auto& one =
-            m.sum[static_cast<std::size_t>(k_degrees[p][0])][static_cast<std::size_t>(k_degrees[p][1])];
+        const auto& one = m.sum[k_degrees[p][0]][k_degrees[p][1]];
         c.brightness(2 * a, 0) += ca * one[3], c.brightness(2 * a + 1, 0) += ca * one[4];
         c.brightness(2 * a, 1) += ca * one[5], c.brightness(2 * a + 1, 1) += ca * one[6];
         for (int b = 0; b < 4; ++b)
           for (std::size_t q = 0; q < 4; ++q) {
-            const double f = ca * element.coefficients[static_cast<std::size_t>(b)][q];
+            const double f = ca * element.coefficients[b][q];
             if (f == 0) continue;
-            const auto& s = m.sum[static_cast<std::size_t>(k_degrees[p][0] + k_degrees[q][0])]
+            const auto& s = m.sum[k_degrees[p][0] + k_degrees[q][0]]
                                  [static_cast<std::size_t>(k_degrees[p][1] + k_degrees[q][1])];
             c.matrix(2 * a, 2 * b) += f * s[0], c.matrix(2 * a + 1, 2 * b + 1) += f * s[2];
             c.matrix(2 * a, 2 * b + 1) += f * s[1], c.matrix(2 * a + 1, 2 * b) += f * s[1];

@@ -24,8 +24,8 @@ Eigen::Matrix<double, 8, 1> right_of(const ElementPixels& element, const Residua
   Eigen::Matrix<double, 8, 1> b = Eigen::Matrix<double, 8, 1>::Zero();
   for (std::size_t a = 0; a < 4; ++a)
     for (std::size_t m = 0; m < 4; ++m) {
-      b[static_cast<Eigen::Index>(2 * a)] += element.coefficients[a][m] * sums.x[m];
-      b[static_cast<Eigen::Index>(2 * a + 1)] += element.coefficients[a][m] * sums.y[m];
+      b[2 * a] += element.coefficients[a][m] * sums.x[m];
+      b[2 * a + 1] += element.coefficients[a][m] * sums.y[m];
     }
   return b;
 }
@@ -64,7 +64,7 @@ void CorrelationStage::continue_sums(const CorrelationResult& result) {
     const Constants& k = constants_[e];
     Eigen::Matrix<double, 8, 1> d = Eigen::Matrix<double, 8, 1>::Zero();
     for (int a = 0; a < ImageMesh::nodes_of(mesh_.elements[e]); ++a)
-      d.segment<2>(2 * a) = step_.segment<2>(2 * mesh_.elements[e][static_cast<std::size_t>(a)]);
+      d.segment<2>(2 * a) = step_.segment<2>(2 * mesh_.elements[e][a]);
     const Eigen::Vector2d change = result.element_valid[e] != 0 && per_element()
                                        ? Eigen::Vector2d(element_step_[e][0], element_step_[e][1])
                                        : brightness_step_;
@@ -92,7 +92,7 @@ Eigen::Vector2d CorrelationStage::assemble_right(const CorrelationResult& result
     brightness += s;
     if (per_element()) b -= constants_[e].brightness * (constants_[e].brightness_matrix.inverse() * s);
     for (int a = 0; a < ImageMesh::nodes_of(nodes); ++a)
-      right_.segment<2>(2 * nodes[static_cast<std::size_t>(a)]) += b.segment<2>(2 * a);
+      right_.segment<2>(2 * nodes[a]) += b.segment<2>(2 * a);
   }
   return brightness;
 }
@@ -114,7 +114,7 @@ double CorrelationStage::step(CorrelationResult& result, Eigen::VectorXd& last, 
       if (result.element_valid[e] == 0) continue;
       Eigen::Matrix<double, 8, 1> du = Eigen::Matrix<double, 8, 1>::Zero();
       for (int a = 0; a < ImageMesh::nodes_of(mesh_.elements[e]); ++a)
-        du.segment<2>(2 * a) = step_.segment<2>(2 * mesh_.elements[e][static_cast<std::size_t>(a)]);
+        du.segment<2>(2 * a) = step_.segment<2>(2 * mesh_.elements[e][a]);
       const Eigen::Vector2d change =
           constants_[e].brightness_matrix.inverse() *
           (Eigen::Vector2d(sums_[e].r_reference, sums_[e].r) - constants_[e].brightness.transpose() * du);

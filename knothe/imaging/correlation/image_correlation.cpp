@@ -116,12 +116,10 @@ Eigen::MatrixXd interpolate(const ImageMesh& mesh, const Eigen::VectorXd& displa
   for (Eigen::Index i = 0; i < points.rows(); ++i) {
     const auto place = locator.find(points(i, 0), points(i, 1));
     result.row(i).setConstant(std::numeric_limits<double>::quiet_NaN());
-    if (place.element < 0 ||
-        (!element_valid.empty() && element_valid[static_cast<std::size_t>(place.element)] == 0))
-      continue;
-    inside[static_cast<std::size_t>(i)] = 1;
+    if (place.element < 0 || (!element_valid.empty() && element_valid[place.element] == 0)) continue;
+    inside[i] = 1;
     result.row(i).setZero();
-    const auto& nodes = mesh.elements[static_cast<std::size_t>(place.element)];
+    const auto& nodes = mesh.elements[place.element];
     for (std::size_t a = 0; a < static_cast<std::size_t>(ImageMesh::nodes_of(nodes)); ++a)
       for (int k = 0; k < 2; ++k) result(i, k) += place.shape[a] * displacement[2 * nodes[a] + k];
   }
@@ -132,8 +130,7 @@ std::vector<char> measured_nodes(const ImageMesh& mesh, const std::vector<char>&
   std::vector<char> measured(mesh.x.size(), 0);
   for (std::size_t e = 0; e < mesh.elements.size(); ++e)
     if (element_valid[e] != 0)
-      for (int a = 0; a < ImageMesh::nodes_of(mesh.elements[e]); ++a)
-        measured[static_cast<std::size_t>(mesh.elements[e][static_cast<std::size_t>(a)])] = 1;
+      for (int a = 0; a < ImageMesh::nodes_of(mesh.elements[e]); ++a) measured[mesh.elements[e][a]] = 1;
   return measured;
 }
 
@@ -184,8 +181,8 @@ void ImageCorrelation::Work::search(const files::Picture& picture, CorrelationRe
   SplineImage image;
   int image_level = -1;
   for (const CoarseMesh& coarse : meshes) {
-    const auto& reference_level = before[static_cast<std::size_t>(coarse.level)];
-    const auto& picture_level = after[static_cast<std::size_t>(coarse.level)].picture;
+    const auto& reference_level = before[coarse.level];
+    const auto& picture_level = after[coarse.level].picture;
     const auto stage = coarse_stage(reference_level, coarse, options);
     if (!stage) continue;
     CorrelationResult now;
@@ -255,7 +252,7 @@ Eigen::VectorXd ImageCorrelation::displacement_std(const std::vector<char>& elem
       ((less.array().square() - more.array().square()) / (2 * k_step)).max(0.0).sqrt().matrix();
   const auto measured = measured_nodes(mesh(), element_valid);
   for (int n = 0; n < mesh().node_count(); ++n)
-    if (measured[static_cast<std::size_t>(n)] == 0) std.segment<2>(2 * n).setZero();
+    if (measured[n] == 0) std.segment<2>(2 * n).setZero();
   return std;
 }
 /// Between two noises 1/(P⁻¹)_kk goes linearly with γ² to 1e-4 of it (exactly, if nodes did not share

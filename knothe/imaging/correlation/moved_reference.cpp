@@ -76,8 +76,8 @@ CorrelationResult MovedReference::correlate(const files::Picture& deformed, cons
   result.element_valid.assign(elements_, 0);
   result.element_residual.assign(elements_, 0);
   for (std::size_t e = 0; e < element_.size(); ++e) {
-    result.element_valid[static_cast<std::size_t>(element_[e])] = last_.element_valid[e];
-    result.element_residual[static_cast<std::size_t>(element_[e])] = last_.element_residual[e];
+    result.element_valid[element_[e]] = last_.element_valid[e];
+    result.element_residual[element_[e]] = last_.element_residual[e];
   }
   result.elements_rejected =
       static_cast<int>(std::count(result.element_valid.begin(), result.element_valid.end(), 0));
@@ -92,9 +92,7 @@ MovedReference::Noise MovedReference::noise_of_last(double gamma) const {
   Noise noise;
   const auto [own, own_std] =
       displacement_precision(*correlation_, last_.element_valid, gamma, 1, last_.gain);
-  const auto dof = [this](Eigen::Index i) {
-    return 2 * node_[static_cast<std::size_t>(i / 2)] + static_cast<int>(i % 2);
-  };
+  const auto dof = [this](Eigen::Index i) { return 2 * node_[i / 2] + static_cast<int>(i % 2); };
   std::vector<Eigen::Triplet<double>> entries;
   for (int column = 0; column < own.outerSize(); ++column)
     for (Eigen::SparseMatrix<double>::InnerIterator it(own, column); it; ++it)

@@ -88,7 +88,7 @@ void transfer(const ImageMesh& from, const Eigen::VectorXd& displacement, int fr
                                 bounds.y1);
     const auto place = locator.find(x, y);
     if (place.element < 0) continue;
-    const auto& nodes = from.elements[static_cast<std::size_t>(place.element)];
+    const auto& nodes = from.elements[place.element];
     for (std::size_t n = 0; n < static_cast<std::size_t>(ImageMesh::nodes_of(nodes)); ++n)
       for (int k = 0; k < 2; ++k) out[2 * a + k] += scale * place.shape[n] * displacement[2 * nodes[n] + k];
   }

@@ -29,18 +29,18 @@ std::vector<char> inner_nodes(const ImageMesh& mesh, const std::vector<char>& ca
       const auto& nodes = mesh.elements[e];
       const int n = ImageMesh::nodes_of(nodes);
       for (int a = 0; a < n && carries[e] != 0; ++a) {
-        const int p = nodes[static_cast<std::size_t>(a)], q = nodes[static_cast<std::size_t>((a + 1) % n)];
+        const int p = nodes[a], q = nodes[(a + 1) % n];
         visit(std::array<int, 2>{std::min(p, q), std::max(p, q)});
       }
     }
   };
   each_edge([&](const std::array<int, 2>& edge) {
     ++edges[edge];
-    for (const int node : edge) inside[static_cast<std::size_t>(node)] = 1;
+    for (const int node : edge) inside[node] = 1;
   });
   for (const auto& [edge, count] : edges)
     if (count == 1)
-      for (const int node : edge) inside[static_cast<std::size_t>(node)] = 0;
+      for (const int node : edge) inside[node] = 0;
   return inside;
 }
 
@@ -72,11 +72,10 @@ Sparse equilibrium_gap_penalty(const ImageMesh& mesh, const std::vector<char>& c
     const auto& nodes = mesh.elements[e];
     const auto n = static_cast<std::size_t>(ImageMesh::nodes_of(nodes));
     const ShapeFunctions shape = shape_of(mesh, nodes);
-    for (std::size_t a = 0; a < n; ++a)
-      area[static_cast<std::size_t>(nodes[a])] += shape.area() / static_cast<double>(n);
+    for (std::size_t a = 0; a < n; ++a) area[nodes[a]] += shape.area() / static_cast<double>(n);
     for (const auto& point : shape.integration_points())
       for (std::size_t a = 0; a < n; ++a) {
-        if (inside[static_cast<std::size_t>(nodes[a])] == 0) continue;  // no equation of this node
+        if (inside[nodes[a]] == 0) continue;  // no equation of this node
         for (std::size_t b = 0; b < n; ++b) {
           const auto [ax, ay] = point.gradients[a];
           const auto [bx, by] = point.gradients[b];
@@ -92,8 +91,7 @@ Sparse equilibrium_gap_penalty(const ImageMesh& mesh, const std::vector<char>& c
   const Sparse stiffness = matrix_of(entries, 2 * mesh.node_count());
   Eigen::VectorXd weight = Eigen::VectorXd::Zero(2 * mesh.node_count());
   for (int a = 0; a < mesh.node_count(); ++a)
-    if (area[static_cast<std::size_t>(a)] > 0)
-      weight.segment<2>(2 * a).setConstant(1 / area[static_cast<std::size_t>(a)]);
+    if (area[a] > 0) weight.segment<2>(2 * a).setConstant(1 / area[a]);
   const Sparse weighted = weight.asDiagonal() * stiffness;
   return stiffness.transpose() * weighted;
 }

@@ -232,7 +232,7 @@ ResidualSums sums_of(const PixelTable& table, const ElementPixels& element, cons
   }
   const auto total = [](const Lanes& lanes) {
     double all = 0;
-    for (int i = 0; i < k_lanes; ++i) all += static_cast<double>(lanes[static_cast<std::size_t>(i)]);
+    for (int i = 0; i < k_lanes; ++i) all += static_cast<double>(lanes[i]);
     return all;
   };
   return {{total(x0), total(x1), total(x2), total(x3)},

@@ -48,8 +48,8 @@ std::vector<double> stretches(const ImageCorrelation& correlation, const Correla
     for (std::size_t a = 0; a < static_cast<std::size_t>(n); ++a)
       for (int k = 0; k < 2; ++k) {
         const double u = result.displacement[2 * nodes[a] + k];
-        g[static_cast<std::size_t>(2 * k)] += gradients[a][0] * u;
-        g[static_cast<std::size_t>(2 * k + 1)] += gradients[a][1] * u;
+        g[2 * k] += gradients[a][0] * u;
+        g[2 * k + 1] += gradients[a][1] * u;
       }
     stretch[e] = size * (0.5 * (g[0] + g[3]) + std::hypot(0.5 * (g[0] - g[3]), 0.5 * (g[1] + g[2])));
     seen.push_back(stretch[e]);
@@ -162,8 +162,7 @@ OtherOpenings other_openings(const ImageCorrelation& correlation, const CrackSce
     open[first] = 0;
     for (std::size_t k = 0; k < members.size(); ++k)
       for (int a = 0; a < ImageMesh::nodes_of(mesh.elements[members[k]]); ++a)
-        for (const std::size_t e :
-             around[static_cast<std::size_t>(mesh.elements[members[k]][static_cast<std::size_t>(a)])])
+        for (const std::size_t e : around[mesh.elements[members[k]][a]])
           if (open[e] != 0) open[e] = 0, members.push_back(e);
     double low_t = 1e300, high_t = -1e300, low_s = 1e300, high_s = -1e300;
     for (const std::size_t e : members) {
@@ -199,10 +198,8 @@ RoughPath stretched_path(const ImageCorrelation& correlation, const CrackScene& 
       int origin = i;
       for (int k = std::max(0, i - k_max_sideways); j > 0 && k <= std::min(columns - 1, i + k_max_sideways);
            ++k)
-        if (const double s = best[static_cast<std::size_t>(k)] - k_sideways * std::abs(k - i); s > score)
-          score = s, origin = k;
-      next[static_cast<std::size_t>(i)] =
-          score + (element < 0 ? 0 : stretch[static_cast<std::size_t>(element)]);
+        if (const double s = best[k] - k_sideways * std::abs(k - i); s > score) score = s, origin = k;
+      next[i] = score + (element < 0 ? 0 : stretch[element]);
       from[static_cast<std::size_t>(j) * best.size() + static_cast<std::size_t>(i)] = origin;
     }
     std::swap(best, next);
@@ -211,9 +208,9 @@ RoughPath stretched_path(const ImageCorrelation& correlation, const CrackScene& 
   path.first = low[1] + 0.5 * ds, path.step = ds;
   path.t.resize(static_cast<std::size_t>(rows));
   auto at = static_cast<int>(std::max_element(best.begin(), best.end()) - best.begin());
-  path.score = best[static_cast<std::size_t>(at)];
+  path.score = best[at];
   for (int j = rows - 1; j >= 0; --j) {
-    path.t[static_cast<std::size_t>(j)] = low[0] + (at + 0.5) * dt;
+    path.t[j] = low[0] + (at + 0.5) * dt;
     at = from[static_cast<std::size_t>(j) * best.size() + static_cast<std::size_t>(at)];
   }
   return path;
@@ -240,7 +237,7 @@ std::vector<double> change_costs(const CrackScene& scene, double from, double to
       const auto l = scene.residual(t, s, left->at(t, s)), r = scene.residual(t, s, right->at(t, s));
       if (l && r) sum += 0.5 * (std::min(*l * *l, limit) - std::min(*r * *r, limit)) / variance;
     }
-    cost[static_cast<std::size_t>(k + 1)] = sum;  // the crack between pixel k and k + 1
+    cost[k + 1] = sum;  // the crack between pixel k and k + 1
   }
   return cost;
 }
@@ -276,7 +273,7 @@ std::vector<int> most_probable(const Bands& bands) {
   }
   std::vector<int> path(bands.cost.size());
   path.back() = static_cast<int>(std::min_element(cost.begin(), cost.end()) - cost.begin());
-  for (std::size_t b = path.size(); b-- > 1;) path[b - 1] = from[b][static_cast<std::size_t>(path[b])];
+  for (std::size_t b = path.size(); b-- > 1;) path[b - 1] = from[b][path[b]];
   return path;
 }
 

@@ -64,8 +64,7 @@ class Profile {
     // (ξ/length)^(q+k).
     const double ratio = std::max(1e-3, (tip - data_.front().along) / length_);
     Basis prior_std;
-    for (int k = 0; k < k_terms; ++k)
-      prior_std[k] = k_prior_width[static_cast<std::size_t>(k)] * scale_ / std::pow(ratio, power + k);
+    for (int k = 0; k < k_terms; ++k) prior_std[k] = k_prior_width[k] * scale_ / std::pow(ratio, power + k);
     const Matrix scaled = prior_std.asDiagonal() * gram * prior_std.asDiagonal();
     const Basis scaled_right = prior_std.cwiseProduct(right);
     const Eigen::LLT<Matrix> factor(Matrix::Identity() + scaled);
@@ -132,7 +131,7 @@ TipPosterior crack_tip(std::span<const OpeningDatum> data) {
       const double top = *std::max_element(each.begin(), each.end());
       double sum = 0;
       for (const double e : each) sum += std::exp(e - top);
-      log_density[static_cast<std::size_t>(i)] = top + std::log(sum / static_cast<double>(each.size()));
+      log_density[i] = top + std::log(sum / static_cast<double>(each.size()));
     }
     return best;
   };
@@ -145,7 +144,7 @@ TipPosterior crack_tip(std::span<const OpeningDatum> data) {
   const double top = *std::max_element(log_density.begin(), log_density.end());
   double mass = 0, mean = 0, square = 0, beyond = 0;
   for (int i = 0; i < count; ++i) {
-    const double p = std::exp(log_density[static_cast<std::size_t>(i)] - top), tip = tip_at(i);
+    const double p = std::exp(log_density[i] - top), tip = tip_at(i);
     mass += p, mean += p * tip, square += p * tip * tip;
     if (tip > last) beyond += p;
   }
@@ -159,7 +158,7 @@ TipPosterior crack_tip(std::span<const OpeningDatum> data) {
   const auto quantile = [&](double level) {
     sum = 0;
     for (int i = 0; i < count; ++i) {
-      const double p = std::exp(log_density[static_cast<std::size_t>(i)] - top) / mass;
+      const double p = std::exp(log_density[i] - top) / mass;
       if (sum + p >= level) return first + step * (i + (level - sum) / p);
       sum += p;
     }

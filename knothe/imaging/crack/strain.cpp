@@ -16,7 +16,7 @@ struct ElementGradient {
 ElementGradient gradient_at(const ImageMesh& mesh, const Eigen::VectorXd& displacement,
                             const std::array<int, 4>& nodes, int at) {
   const int n = ImageMesh::nodes_of(nodes);
-  const auto node = [&](int a) { return nodes[static_cast<std::size_t>((a + n) % n)]; };
+  const auto node = [&](int a) { return nodes[(a + n) % n]; };
   const auto edge = [&](int a) {
     const auto p = static_cast<std::size_t>(node(at)), q = static_cast<std::size_t>(node(a));
     return std::array<double, 4>{mesh.x[q] - mesh.x[p], mesh.y[q] - mesh.y[p],
@@ -44,8 +44,8 @@ Eigen::MatrixXd nodal_gradients(const ImageMesh& mesh, const Eigen::VectorXd& di
     if (element_valid[e] == 0) continue;
     for (int a = 0; a < ImageMesh::nodes_of(mesh.elements[e]); ++a) {
       const auto g = gradient_at(mesh, displacement, mesh.elements[e], a);
-      const int node = mesh.elements[e][static_cast<std::size_t>(a)];
-      for (int k = 0; k < 4; ++k) gradient(node, k) += g.area * g.gradient[static_cast<std::size_t>(k)];
+      const int node = mesh.elements[e][a];
+      for (int k = 0; k < 4; ++k) gradient(node, k) += g.area * g.gradient[k];
       area[node] += g.area;
     }
   }

@@ -21,8 +21,7 @@ bool row_interval(const ImageMesh& mesh, const std::array<int, 4>& element, doub
   const int n = ImageMesh::nodes_of(element);
   left = std::numeric_limits<double>::infinity(), right = -left;
   for (int a = 0; a < n; ++a) {
-    const auto p = static_cast<std::size_t>(element[static_cast<std::size_t>(a)]),
-               q = static_cast<std::size_t>(element[static_cast<std::size_t>((a + 1) % n)]);
+    const auto p = static_cast<std::size_t>(element[a]), q = static_cast<std::size_t>(element[(a + 1) % n]);
     const double ya = mesh.y[p], yb = mesh.y[q];
     if (y < std::min(ya, yb) - k_rounding || y > std::max(ya, yb) + k_rounding) continue;
     if (std::abs(ya - yb) < k_rounding) {
@@ -42,7 +41,7 @@ Box box_of(const ImageMesh& mesh, const std::array<int, 4>& element) {
   const double far = std::numeric_limits<double>::infinity();
   Box b{far, far, -far, -far};
   for (int a = 0; a < ImageMesh::nodes_of(element); ++a) {
-    const auto p = static_cast<std::size_t>(element[static_cast<std::size_t>(a)]);
+    const auto p = static_cast<std::size_t>(element[a]);
     b.x0 = std::min(b.x0, mesh.x[p]), b.x1 = std::max(b.x1, mesh.x[p]);
     b.y0 = std::min(b.y0, mesh.y[p]), b.y1 = std::max(b.y1, mesh.y[p]);
   }
@@ -61,8 +60,8 @@ ShapeFunctions ImageMesh::shape_functions(const std::array<int, 4>& element, dou
   std::array<double, 4> at_x{}, at_y{};
   const auto n = static_cast<std::size_t>(nodes_of(element));
   for (std::size_t a = 0; a < n; ++a) {
-    at_x[a] = x[static_cast<std::size_t>(element[a])];
-    at_y[a] = y[static_cast<std::size_t>(element[a])];
+    at_x[a] = x[element[a]];
+    at_y[a] = y[element[a]];
   }
   return {std::span(at_x).first(n), std::span(at_y).first(n), x0, y0};
 }
@@ -113,11 +112,11 @@ ImageMesh part_of(const ImageMesh& mesh, const std::vector<char>& wanted) {
     std::array<int, 4> element = mesh.elements[e];
     for (int& node : element) {
       if (node < 0) continue;
-      int& mine = number[static_cast<std::size_t>(node)];
+      int& mine = number[node];
       if (mine < 0) {
         mine = kept.node_count();
-        kept.x.push_back(mesh.x[static_cast<std::size_t>(node)]);
-        kept.y.push_back(mesh.y[static_cast<std::size_t>(node)]);
+        kept.x.push_back(mesh.x[node]);
+        kept.y.push_back(mesh.y[node]);
       }
       node = mine;
     }
@@ -255,8 +254,8 @@ PointLocator::PointLocator(const ImageMesh& mesh) : mesh_(&mesh), bounds_(mesh.b
   rows_ = static_cast<int>(bounds_.height() / cell_) + 1;
   cells_.resize(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_));
   for (int e = 0; e < mesh.element_count(); ++e) {
-    const Box box = box_of(mesh, mesh.elements[static_cast<std::size_t>(e)]);
-    shapes_.push_back(mesh.shape_functions(mesh.elements[static_cast<std::size_t>(e)], box.x0, box.y0));
+    const Box box = box_of(mesh, mesh.elements[e]);
+    shapes_.push_back(mesh.shape_functions(mesh.elements[e], box.x0, box.y0));
     extents_.push_back({box.x0, box.y0, box.x1, box.y1});
     const auto column = [&](double x) {
       return std::clamp(static_cast<int>((x - bounds_.x0) / cell_), 0, columns_ - 1);
@@ -266,7 +265,7 @@ PointLocator::PointLocator(const ImageMesh& mesh) : mesh_(&mesh), bounds_(mesh.b
     };
     for (int j = row(box.y0 - 1e-6); j <= row(box.y1 + 1e-6); ++j)
       for (int i = column(box.x0 - 1e-6); i <= column(box.x1 + 1e-6); ++i)
-        cells_[static_cast<std::size_t>(j * columns_ + i)].push_back(e);
+        cells_[j * columns_ + i].push_back(e);
   }
 }
 
@@ -278,13 +277,12 @@ PointLocator::Place PointLocator::find(double x, double y) const {
     return place;
   const int i = std::clamp(static_cast<int>((x - bounds_.x0) / cell_), 0, columns_ - 1),
             j = std::clamp(static_cast<int>((y - bounds_.y0) / cell_), 0, rows_ - 1);
-  for (const int e : cells_[static_cast<std::size_t>(j * columns_ + i)]) {
-    const Extent& box = extents_[static_cast<std::size_t>(e)];
+  for (const int e : cells_[j * columns_ + i]) {
+    const Extent& box = extents_[e];
     if (x < box.x0 - k_slack || x > box.x1 + k_slack || y < box.y0 - k_slack || y > box.y1 + k_slack)
       continue;
-    place.shape = shapes_[static_cast<std::size_t>(e)].values(x, y);
-    const auto count =
-        static_cast<std::ptrdiff_t>(ImageMesh::nodes_of(mesh_->elements[static_cast<std::size_t>(e)]));
+    place.shape = shapes_[e].values(x, y);
+    const auto count = static_cast<std::ptrdiff_t>(ImageMesh::nodes_of(mesh_->elements[e]));
     const bool inside =
         std::all_of(place.shape.begin(), place.shape.begin() + count, [](double n) { return n > -1e-7; });
     if (!inside) continue;

@@ -105,9 +105,7 @@ class PointLocator {
     std::array<double, 4> shape{};
   };
   [[nodiscard]] Place find(double x, double y) const;
-  [[nodiscard]] const ShapeFunctions& shape(int element) const {
-    return shapes_[static_cast<std::size_t>(element)];
-  }
+  [[nodiscard]] const ShapeFunctions& shape(int element) const { return shapes_[element]; }
 
  private:
   struct Extent {

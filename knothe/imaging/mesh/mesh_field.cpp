@@ -21,7 +21,7 @@ MeshField::MeshField(ImageMesh mesh)
   for (const auto& nodes : mesh_.elements) {
     const int n = ImageMesh::nodes_of(nodes);
     for (int a = 0; a < n; ++a) {
-      const int p = nodes[static_cast<std::size_t>(a)], q = nodes[static_cast<std::size_t>((a + 1) % n)];
+      const int p = nodes[a], q = nodes[(a + 1) % n];
       ++count[{std::min(p, q), std::max(p, q)}];
     }
   }
@@ -42,8 +42,7 @@ MeshField::MeshField(ImageMesh mesh)
     const int j0 = cell(std::min(mesh_.y[p], mesh_.y[q]) - k_reach, bounds_.y0, rows_ - 1),
               j1 = cell(std::max(mesh_.y[p], mesh_.y[q]) + k_reach, bounds_.y0, rows_ - 1);
     for (int j = j0; j <= j1; ++j)
-      for (int i = i0; i <= i1; ++i)
-        cells_[static_cast<std::size_t>(j * columns_ + i)].push_back(static_cast<int>(e));
+      for (int i = i0; i <= i1; ++i) cells_[j * columns_ + i].push_back(static_cast<int>(e));
   }
 }
 
@@ -52,9 +51,8 @@ MeshField::Nearest MeshField::nearest_edge(double x, double y) const {
   if (!(x >= bounds_.x0 && x <= bounds_.x1 && y >= bounds_.y0 && y <= bounds_.y1)) return best;
   const int i = std::min(static_cast<int>((x - bounds_.x0) / k_cell), columns_ - 1),
             j = std::min(static_cast<int>((y - bounds_.y0) / k_cell), rows_ - 1);
-  for (const int e : cells_[static_cast<std::size_t>(j * columns_ + i)]) {
-    const auto p = static_cast<std::size_t>(edges_[static_cast<std::size_t>(e)][0]),
-               q = static_cast<std::size_t>(edges_[static_cast<std::size_t>(e)][1]);
+  for (const int e : cells_[j * columns_ + i]) {
+    const auto p = static_cast<std::size_t>(edges_[e][0]), q = static_cast<std::size_t>(edges_[e][1]);
     const double dx = mesh_.x[q] - mesh_.x[p], dy = mesh_.y[q] - mesh_.y[p];
     const double along =
         std::clamp(((x - mesh_.x[p]) * dx + (y - mesh_.y[p]) * dy) / (dx * dx + dy * dy), 0.0, 1.0);
@@ -70,14 +68,14 @@ Displacement MeshField::at(double x, double y) const {
   if (place.element < 0) {
     const Nearest near = nearest_edge(x, y);
     if (near.edge < 0) return d;
-    const auto& edge = edges_[static_cast<std::size_t>(near.edge)];
+    const auto& edge = edges_[near.edge];
     const auto value = [&](int k) {
       return (1 - near.along) * displacement_[2 * edge[0] + k] + near.along * displacement_[2 * edge[1] + k];
     };
     d.u = value(0), d.v = value(1);
     return d;
   }
-  const auto& nodes = mesh_.elements[static_cast<std::size_t>(place.element)];
+  const auto& nodes = mesh_.elements[place.element];
   const auto gradients = locator_.shape(place.element).gradients(x, y);
   for (std::size_t a = 0; a < static_cast<std::size_t>(ImageMesh::nodes_of(nodes)); ++a) {
     const double u = displacement_[2 * nodes[a]], v = displacement_[2 * nodes[a] + 1];

@@ -116,9 +116,7 @@ std::array<double, 2> threshold_of(std::vector<double> values) {
 /// The largest connected part of the cells that differ from the border; empty if there is none.
 std::vector<std::array<int, 2>> largest_part(const Property& p, double threshold) {
   int above = 0, border = 0;
-  const auto is_high = [&](int i, int j) {
-    return p.value[static_cast<std::size_t>(j * p.width + i)] > threshold;
-  };
+  const auto is_high = [&](int i, int j) { return p.value[j * p.width + i] > threshold; };
   for (int i = 0; i < p.width; ++i) above += is_high(i, 0) + is_high(i, p.height - 1), border += 2;
   for (int j = 0; j < p.height; ++j) above += is_high(0, j) + is_high(p.width - 1, j), border += 2;
   const bool body_is_high = 2 * above < border;
@@ -126,15 +124,15 @@ std::vector<std::array<int, 2>> largest_part(const Property& p, double threshold
   std::vector<std::array<int, 2>> best;
   for (int j = 0; j < p.height; ++j)
     for (int i = 0; i < p.width; ++i) {
-      if (seen[static_cast<std::size_t>(j * p.width + i)] != 0 || is_high(i, j) != body_is_high) continue;
+      if (seen[j * p.width + i] != 0 || is_high(i, j) != body_is_high) continue;
       std::vector<std::array<int, 2>> part{{i, j}};
-      seen[static_cast<std::size_t>(j * p.width + i)] = 1;
+      seen[j * p.width + i] = 1;
       for (std::size_t k = 0; k < part.size(); ++k)
         for (const auto& [di, dj] :
              {std::array{1, 0}, std::array{-1, 0}, std::array{0, 1}, std::array{0, -1}}) {
           const int a = part[k][0] + di, b = part[k][1] + dj;
           if (a < 0 || b < 0 || a >= p.width || b >= p.height) continue;
-          char& there = seen[static_cast<std::size_t>(b * p.width + a)];
+          char& there = seen[b * p.width + a];
           if (there == 0 && is_high(a, b) == body_is_high) there = 1, part.push_back({a, b});
         }
       if (part.size() > best.size()) best = std::move(part);
@@ -164,7 +162,7 @@ Outline outline_of(const ImageMesh& mesh) {
   for (const auto& nodes : mesh.elements) {
     const int n = ImageMesh::nodes_of(nodes);
     for (int a = 0; a < n; ++a) {
-      const int p = nodes[static_cast<std::size_t>(a)], q = nodes[static_cast<std::size_t>((a + 1) % n)];
+      const int p = nodes[a], q = nodes[(a + 1) % n];
       ++count[{std::min(p, q), std::max(p, q)}];
     }
   }
@@ -175,12 +173,11 @@ Outline outline_of(const ImageMesh& mesh) {
     const int n = ImageMesh::nodes_of(nodes);
     double area = 0;
     for (int a = 0; a < n; ++a) {
-      const auto p = static_cast<std::size_t>(nodes[static_cast<std::size_t>(a)]),
-                 q = static_cast<std::size_t>(nodes[static_cast<std::size_t>((a + 1) % n)]);
+      const auto p = static_cast<std::size_t>(nodes[a]), q = static_cast<std::size_t>(nodes[(a + 1) % n]);
       area += mesh.x[p] * mesh.y[q] - mesh.x[q] * mesh.y[p];
     }
     for (int a = 0; a < n; ++a) {
-      const int p = nodes[static_cast<std::size_t>(a)], q = nodes[static_cast<std::size_t>((a + 1) % n)];
+      const int p = nodes[a], q = nodes[(a + 1) % n];
       if (count[{std::min(p, q), std::max(p, q)}] != 1) continue;
       if (area > 0)
         next.emplace(q, p);
@@ -193,7 +190,7 @@ Outline outline_of(const ImageMesh& mesh) {
     std::vector<std::array<double, 2>> corners;
     int node = next.begin()->first;
     for (auto at = next.find(node); at != next.end(); at = next.find(node)) {
-      corners.push_back({mesh.x[static_cast<std::size_t>(node)], -mesh.y[static_cast<std::size_t>(node)]});
+      corners.push_back({mesh.x[node], -mesh.y[node]});
       node = at->second;
       next.erase(at);
     }

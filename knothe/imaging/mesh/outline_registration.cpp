@@ -241,11 +241,11 @@ void require_determined(const std::vector<Place>& places, const Matrix4& normal,
   constexpr std::array<const char*, 4> k_names{"the scale", "the turn", "the place to the right",
                                                "the place upwards"};
   for (int k = 0; k < 4; ++k)
-    if (!(std::sqrt(inverse(k, k)) < limit)) open.emplace_back(k_names[static_cast<std::size_t>(k)]);
+    if (!(std::sqrt(inverse(k, k)) < limit)) open.emplace_back(k_names[k]);
   if (open.empty()) return;
   std::array<bool, 4> seen{};
   for (const Place& p : places)
-    if (p.weight > 0) seen[static_cast<std::size_t>(direction_of(p.n))] = true;
+    if (p.weight > 0) seen[direction_of(p.n)] = true;
   std::vector<std::string> sides;
   for (std::size_t k = 0; k < 4; ++k)
     if (seen[k]) sides.emplace_back(k_directions[k]);

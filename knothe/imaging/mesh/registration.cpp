@@ -46,7 +46,7 @@ Eigen::VectorXd PictureFrame::to_model(const Eigen::VectorXd& displacement) cons
 Eigen::SparseMatrix<double> PictureFrame::to_model(const Eigen::SparseMatrix<double>& precision) const {
   const Eigen::Matrix2d inverse = displacement_matrix() / std::norm(slope);
   std::vector<Eigen::Triplet<double>> entries;
-  entries.reserve(static_cast<std::size_t>(precision.rows()));
+  entries.reserve(precision.rows());
   for (int a = 0; a < precision.rows(); a += 2)
     for (int i = 0; i < 2; ++i)
       for (int j = 0; j < 2; ++j) entries.emplace_back(a + i, a + j, inverse(i, j));

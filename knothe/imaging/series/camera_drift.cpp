@@ -22,7 +22,7 @@ Eigen::MatrixXd motions(Drift drift, const std::vector<double>& points,
     squares += std::pow(at(i, first) - middle[0], 2) + std::pow(at(i, second) - middle[1], 2);
   const double radius = std::sqrt(squares / static_cast<double>(n));
   for (Eigen::Index i = 0; i < n; ++i) {
-    const bool is_first = static_cast<std::size_t>(component[static_cast<std::size_t>(i)]) == first;
+    const bool is_first = static_cast<std::size_t>(component[i]) == first;
     b(i, is_first ? 0 : 1) = 1;
     if (b.cols() == 3)
       b(i, 2) = (is_first ? -(at(i, second) - middle[1]) : at(i, first) - middle[0]) / radius;
@@ -54,7 +54,7 @@ Eigen::SparseMatrix<double> with_drift(const Eigen::SparseMatrix<double>& precis
   Eigen::MatrixXd block = b.transpose() * weighted;
   block.diagonal().array() += 1 / (std * std);
   std::vector<Eigen::Triplet<double>> entries;
-  entries.reserve(static_cast<std::size_t>(precision.nonZeros() + 2 * modes * n));
+  entries.reserve(precision.nonZeros() + 2 * modes * n);
   for (int column = 0; column < precision.outerSize(); ++column)
     for (Eigen::SparseMatrix<double>::InnerIterator it(precision, column); it; ++it)
       entries.emplace_back(static_cast<int>(it.row()), static_cast<int>(it.col()), it.value());

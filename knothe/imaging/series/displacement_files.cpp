@@ -214,7 +214,7 @@ Eigen::VectorXd observed_values(const ImageMesh& mesh, const PictureResult& resu
   Eigen::VectorXd values = frame ? frame->to_model(u) : u;
   const auto measured = measured_nodes(mesh, c.element_valid);
   for (int a = 0; a < mesh.node_count(); ++a)
-    if (measured[static_cast<std::size_t>(a)] == 0) values.segment<2>(2 * a).setConstant(k_nan);
+    if (measured[a] == 0) values.segment<2>(2 * a).setConstant(k_nan);
   return values;
 }
 
@@ -242,12 +242,10 @@ void write_displacements(const std::string& path, const PictureSeries& series,
     values.insert(values.end(), static_cast<std::size_t>(drift_modes(drift)), k_nan);
     const auto measured = measured_nodes(mesh, results[t].correlation.element_valid);
     for (std::size_t i = 0; i < 2 * n; ++i)
-      in_pixels.push_back(
-          measured[i / 2] != 0 ? results[t].correlation.displacement[static_cast<Eigen::Index>(i)] : k_nan);
+      in_pixels.push_back(measured[i / 2] != 0 ? results[t].correlation.displacement[i] : k_nan);
     const Eigen::VectorXd& free = results[t].correlation.unregularised;
     for (std::size_t i = 0; i < 2 * n; ++i)
-      unregularised.push_back(measured[i / 2] != 0 && free.size() > 0 ? free[static_cast<Eigen::Index>(i)]
-                                                                      : k_nan);
+      unregularised.push_back(measured[i / 2] != 0 && free.size() > 0 ? free[i] : k_nan);
   }
   std::vector<double> points;
   for (std::size_t a = 0; a < n; ++a)
@@ -299,7 +297,7 @@ void write_at_points(const std::string& path, const ImageMesh& mesh, const Pictu
   files::CsvWriter csv(header);
   for (Eigen::Index i = 0; i < points.rows(); ++i)
     csv.add_row(std::array<double, 5>{points(i, 0), points(i, 1), at(i, 0), at(i, 1),
-                                      static_cast<double>(inside[static_cast<std::size_t>(i)])});
+                                      static_cast<double>(inside[i])});
   csv.write(path);
 }
 
@@ -319,9 +317,8 @@ void write_displacement_vtu(const std::string& path, const PictureSeries& series
     points.insert(points.end(), point.begin(), point.end());
     std::array<double, 3> field{}, spread{};
     for (int k = 0; k < 2 && measured[i] != 0; ++k) {
-      field[static_cast<std::size_t>(components[static_cast<std::size_t>(k)])] = u[2 * a + k];
-      spread[static_cast<std::size_t>(components[static_cast<std::size_t>(k)])] =
-          std[2 * a + k] * upright.scale();
+      field[components[k]] = u[2 * a + k];
+      spread[components[k]] = std[2 * a + k] * upright.scale();
     }
     displacement.insert(displacement.end(), field.begin(), field.end());
     deviation.insert(deviation.end(), spread.begin(), spread.end());

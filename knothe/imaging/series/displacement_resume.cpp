@@ -81,12 +81,10 @@ std::vector<PictureResult> read_results(const std::string& path, const PictureSe
     CorrelationResult& c = r.correlation;
     c.displacement.setZero(static_cast<Eigen::Index>(2 * nodes));
     for (std::size_t i = 0; i < 2 * nodes; ++i)
-      if (const double u = displacement[2 * nodes * t + i]; !std::isnan(u))
-        c.displacement[static_cast<Eigen::Index>(i)] = u;
+      if (const double u = displacement[2 * nodes * t + i]; !std::isnan(u)) c.displacement[i] = u;
     if (regularised) c.unregularised = c.displacement;
     for (std::size_t i = 0; regularised && i < 2 * nodes; ++i)
-      if (const double u = free[2 * nodes * t + i]; !std::isnan(u))
-        c.unregularised[static_cast<Eigen::Index>(i)] = u;
+      if (const double u = free[2 * nodes * t + i]; !std::isnan(u)) c.unregularised[i] = u;
     c.converged = converged[t] != 0, c.iterations = static_cast<int>(iterations[t]), c.residual_rms = rms[t];
     c.gain = gain[t], c.offset = offset[t], c.elements_rejected = static_cast<int>(rejected[t]);
     for (std::size_t e = 0; e < elements; ++e) {

@@ -99,7 +99,7 @@ std::array<double, 2> speckle_size(const files::Picture& picture, const Region& 
     for (int lag = 1; lag <= k_longest_lag; ++lag) {
       const double now = covariance(picture, box, mean, axis == 0 ? lag : 0, axis == 0 ? 0 : lag) / variance;
       if (now < 0.5) {
-        size[static_cast<std::size_t>(axis)] = 2 * (lag - 1 + (before - 0.5) / (before - now));
+        size[axis] = 2 * (lag - 1 + (before - 0.5) / (before - now));
         break;
       }
       before = now;

@@ -73,7 +73,7 @@ SpecklePattern::SpecklePattern(SpeckleOptions options) : options_(options) {
     };
     for (int j = cell(dot.y - k_reach * s, rows_ - 1); j <= cell(dot.y + k_reach * s, rows_ - 1); ++j)
       for (int i = cell(dot.x - k_reach * s, columns_ - 1); i <= cell(dot.x + k_reach * s, columns_ - 1); ++i)
-        cells_[static_cast<std::size_t>(j * columns_ + i)].push_back(dot);
+        cells_[j * columns_ + i].push_back(dot);
   }
 }
 
@@ -82,7 +82,7 @@ double SpecklePattern::at(double x, double y) const {
   const int i = std::clamp(static_cast<int>(px / cell_), 0, columns_ - 1),
             j = std::clamp(static_cast<int>(py / cell_), 0, rows_ - 1);
   double sum = 0;
-  for (const Dot& dot : cells_[static_cast<std::size_t>(j * columns_ + i)]) {
+  for (const Dot& dot : cells_[j * columns_ + i]) {
     const double dx = px - dot.x, dy = py - dot.y, q = (dx * dx + dy * dy) * dot.inverse_two_variance;
     // The tail is brought to zero smoothly, so that a dot has no edge where its cell ends.
     if (q < 0.5 * k_reach * k_reach)

@@ -71,7 +71,7 @@ void fill_holes(Blocks& textured) {
       for (int y = std::max(0, row - 1); y <= std::min(before.rows - 1, row + 1); ++y)
         for (int x = std::max(0, column - 1); x <= std::min(before.columns - 1, column + 1); ++x)
           around += before.at(x, y), all += 1;
-      if (around > 0.6 * all) textured.value[static_cast<std::size_t>(row * before.columns + column)] = 1;
+      if (around > 0.6 * all) textured.value[row * before.columns + column] = 1;
     }
 }
 
@@ -87,8 +87,8 @@ Rectangle largest_rectangle(const Blocks& textured) {
     std::vector<char> open(static_cast<std::size_t>(textured.columns), 1);
     for (int y1 = y0; y1 < textured.rows; ++y1)
       for (int x = 0, begin = 0; x < textured.columns; ++x) {
-        open[static_cast<std::size_t>(x)] &= static_cast<char>(textured.at(x, y1) > 0);
-        if (open[static_cast<std::size_t>(x)] == 0) {
+        open[x] &= static_cast<char>(textured.at(x, y1) > 0);
+        if (open[x] == 0) {
           begin = x + 1;
           continue;
         }

@@ -17,16 +17,16 @@ constexpr int k_many_linear_iterations = 40;  ///< more: the multigrid is made a
 
 CellVector DistributedBody::gather(std::span<const double> values, std::int64_t cell) const {
   CellVector u;
-  const std::int64_t* nodes = &part.mesh.cells[static_cast<std::size_t>(8 * cell)];
+  const std::int64_t* nodes = &part.mesh.cells[8 * cell];
   for (int a = 0; a < k_nodes_per_cell; ++a)
-    for (int c = 0; c < 3; ++c) u[8 * c + a] = values[static_cast<std::size_t>(3 * nodes[a] + c)];
+    for (int c = 0; c < 3; ++c) u[8 * c + a] = values[3 * nodes[a] + c];
   return u;
 }
 
 void DistributedBody::scatter(const CellVector& values, std::int64_t cell, std::span<double> sum) const {
-  const std::int64_t* nodes = &part.mesh.cells[static_cast<std::size_t>(8 * cell)];
+  const std::int64_t* nodes = &part.mesh.cells[8 * cell];
   for (int a = 0; a < k_nodes_per_cell; ++a)
-    for (int c = 0; c < 3; ++c) sum[static_cast<std::size_t>(3 * nodes[a] + c)] += values[8 * c + a];
+    for (int c = 0; c < 3; ++c) sum[3 * nodes[a] + c] += values[8 * c + a];
 }
 
 void DistributedBody::secant_matrix(std::int64_t cell, std::span<const double> damage,
@@ -64,14 +64,14 @@ DistributedStepping::DistributedStepping(DistributedBody& body, const SolverOpti
 
 MaterialResponse DistributedStepping::respond_at(std::int64_t cell, int point, const CellVector& u) const {
   const Voigt strain = strain_at(body_.elements.gradient(cell, point), u);
-  if (body_.part.mesh.elastic[static_cast<std::size_t>(cell)] != 0) {
+  if (body_.part.mesh.elastic[cell] != 0) {
     MaterialResponse response;
     response.stress = elastic_stress(strain, body_.elastic.lambda(), body_.elastic.mu());
     response.tangent = elastic_matrix(body_.elastic);
     return response;
   }
-  return respond(strain, history_[static_cast<std::size_t>(k_points_per_cell * cell + point)], body_.elastic,
-                 parameters_, ratios_[static_cast<std::size_t>(cell)]);
+  return respond(strain, history_[k_points_per_cell * cell + point], body_.elastic, parameters_,
+                 ratios_[cell]);
 }
 
 double DistributedStepping::evaluate(double imposed) {
@@ -81,7 +81,7 @@ double DistributedStepping::evaluate(double imposed) {
     CellVector force{};
     for (int point = 0; point < k_points_per_cell; ++point) {
       const MaterialResponse response = respond_at(cell, point, u);
-      trial_[static_cast<std::size_t>(k_points_per_cell * cell + point)] = response.damage;
+      trial_[k_points_per_cell * cell + point] = response.damage;
       add_internal_force(body_.elements.gradient(cell, point), response.stress,
                          body_.elements.weight(cell, point), force);
     }
@@ -212,8 +212,8 @@ StepRecord DistributedStepping::advance(double target) {
       [&](double next) { commit(next, record); });
   const HexahedronMesh& mesh = body_.part.mesh;
   double opening = 0;  // each mouth node is on one rank
-  if (mesh.mouth_right >= 0) opening += state_.displacement[static_cast<std::size_t>(3 * mesh.mouth_right)];
-  if (mesh.mouth_left >= 0) opening -= state_.displacement[static_cast<std::size_t>(3 * mesh.mouth_left)];
+  if (mesh.mouth_right >= 0) opening += state_.displacement[3 * mesh.mouth_right];
+  if (mesh.mouth_left >= 0) opening -= state_.displacement[3 * mesh.mouth_left];
   record.crack_mouth_opening = body_.ranks.sum(opening);
   return record;
 }

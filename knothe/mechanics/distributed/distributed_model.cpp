@@ -26,14 +26,14 @@ void prescribe(DistributedBody& body) {
   body.prescribed.assign(dofs, 0);
   body.unit_prescribed.assign(dofs, 0.0);
   const auto hold = [&](const NodeSet& nodes, int component) {
-    for (const auto node : nodes) body.prescribed[static_cast<std::size_t>(3 * node + component)] = 1;
+    for (const auto node : nodes) body.prescribed[3 * node + component] = 1;
   };
   hold(mesh.support_left, 1);
   hold(mesh.support_right, 1);
   hold(mesh.left_support == LeftSupport::left_face ? mesh.left_face : mesh.support_left, 0);
   hold(mesh.symmetry, 2);
   hold(mesh.load, 1);
-  for (const auto node : mesh.load) body.unit_prescribed[static_cast<std::size_t>(3 * node + 1)] = -1.0;
+  for (const auto node : mesh.load) body.unit_prescribed[3 * node + 1] = -1.0;
 }
 
 /// K u with the elastic stiffness.
@@ -65,8 +65,7 @@ struct DistributedModel::Implementation {
   [[nodiscard]] std::vector<double> at_coarse_nodes(std::span<const double> values) const {
     std::vector<double> result(coarse.points.size(), 0.0);
     for (const auto& [number, node] : body.part.coarse_nodes)
-      for (int c = 0; c < 3; ++c)
-        result[static_cast<std::size_t>(3 * number + c)] = values[static_cast<std::size_t>(3 * node + c)];
+      for (int c = 0; c < 3; ++c) result[3 * number + c] = values[3 * node + c];
     body.ranks.sum(result.data(), static_cast<int>(result.size()));
     return result;
   }
@@ -76,8 +75,7 @@ struct DistributedModel::Implementation {
     std::vector<double> result(cells, 0.0);
     const double share = static_cast<double>(cells) / static_cast<double>(body.part.total_cells);
     for (std::int64_t cell = 0; cell < body.part.owned_cells; ++cell)
-      result[static_cast<std::size_t>(body.part.coarse_cell[static_cast<std::size_t>(cell)])] +=
-          share * values[static_cast<std::size_t>(cell)];
+      result[body.part.coarse_cell[cell]] += share * values[cell];
     body.ranks.sum(result.data(), static_cast<int>(cells));
     return result;
   }

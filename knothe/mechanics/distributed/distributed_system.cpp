@@ -87,7 +87,7 @@ struct PetscSystem final : DistributedSystem {
   void make_vectors() {
     std::vector<PetscInt> ghosts;
     for (std::int64_t n = part.owned_nodes; n < part.node_count(); ++n)
-      ghosts.push_back(static_cast<PetscInt>(part.global_node[static_cast<std::size_t>(n)]));
+      ghosts.push_back(static_cast<PetscInt>(part.global_node[n]));
     check(VecCreateGhostBlock(PETSC_COMM_WORLD, 3, rows(), PETSC_DETERMINE,
                               static_cast<PetscInt>(ghosts.size()), ghosts.data(), ghosted.out()),
           "make a vector");
@@ -103,7 +103,7 @@ struct PetscSystem final : DistributedSystem {
     std::vector<std::size_t> start(owned + 1, 0);
     const auto visit = [&](const auto& take) {
       for (std::int64_t cell = 0; cell < part.mesh.cell_count(); ++cell) {
-        const std::int64_t* nodes = &part.mesh.cells[static_cast<std::size_t>(8 * cell)];
+        const std::int64_t* nodes = &part.mesh.cells[8 * cell];
         for (int a = 0; a < 8; ++a)
           if (nodes[a] < part.owned_nodes) take(static_cast<std::size_t>(nodes[a]), cell);
       }
@@ -165,11 +165,10 @@ struct PetscSystem final : DistributedSystem {
     std::array<PetscInt, 24> columns{};
     for (std::int64_t cell = 0; cell < part.mesh.cell_count(); ++cell) {
       cell_matrices(cell, values);
-      const std::int64_t* nodes = &part.mesh.cells[static_cast<std::size_t>(8 * cell)];
+      const std::int64_t* nodes = &part.mesh.cells[8 * cell];
       for (int b = 0; b < 8; ++b)
         for (int c = 0; c < 3; ++c)
-          columns[3 * b + c] =
-              static_cast<PetscInt>(3 * part.global_node[static_cast<std::size_t>(nodes[b])] + c);
+          columns[3 * b + c] = static_cast<PetscInt>(3 * part.global_node[nodes[b]] + c);
       for (int a = 0; a < 8; ++a) {
         if (nodes[a] >= part.owned_nodes) continue;
         const std::array<PetscInt, 3> rows_of_node = {columns[3 * a], columns[3 * a + 1], columns[3 * a + 2]};
@@ -188,7 +187,7 @@ struct PetscSystem final : DistributedSystem {
     for (std::int64_t n = 0; n < part.owned_nodes; ++n)
       for (int c = 0; c < 3; ++c)
         if (is_prescribed(n, c)) {
-          const auto row = static_cast<PetscInt>(3 * part.global_node[static_cast<std::size_t>(n)] + c);
+          const auto row = static_cast<PetscInt>(3 * part.global_node[n] + c);
           check(MatSetValue(m, row, row, scale, ADD_VALUES), "set a value of a matrix");
         }
     check(MatAssemblyBegin(m, MAT_FINAL_ASSEMBLY), "assemble a matrix");
@@ -197,7 +196,7 @@ struct PetscSystem final : DistributedSystem {
   }
 
   [[nodiscard]] bool is_prescribed(std::int64_t node, int component) const {
-    return prescribed[static_cast<std::size_t>(3 * node + component)] != 0;
+    return prescribed[3 * node + component] != 0;
   }
 
   /// Symmetric Gauss–Seidel smoothing, four times, and weak couplings left out of the aggregates: half the

@@ -66,13 +66,12 @@ class SetBits {
  public:
   explicit SetBits(const HexahedronMesh& mesh) : bits_(static_cast<std::size_t>(mesh.node_count()), 0) {
     for (std::size_t set = 0; set < k_sets.size(); ++set)
-      for (const std::int64_t node : mesh.*k_sets[set]) bits_[static_cast<std::size_t>(node)] |= 1U << set;
+      for (const std::int64_t node : mesh.*k_sets[set]) bits_[node] |= 1U << set;
   }
 
   [[nodiscard]] unsigned of(const Ancestor& ancestor, const Reference& place) const {
     unsigned result = ~0U;
-    visit_supports(ancestor, place,
-                   [&](std::int64_t node) { result &= bits_[static_cast<std::size_t>(node)]; });
+    visit_supports(ancestor, place, [&](std::int64_t node) { result &= bits_[node]; });
     return result;
   }
 
@@ -95,8 +94,7 @@ class LocalNumbers {
     part.owned_nodes = static_cast<std::int64_t>(owned.n_elements());
     part.first_owned = owned.n_elements() > 0 ? static_cast<std::int64_t>(owned.nth_index_in_set(0)) : 0;
     part.global_node.resize(static_cast<std::size_t>(part.owned_nodes));
-    for (std::int64_t n = 0; n < part.owned_nodes; ++n)
-      part.global_node[static_cast<std::size_t>(n)] = part.first_owned + n;
+    for (std::int64_t n = 0; n < part.owned_nodes; ++n) part.global_node[n] = part.first_owned + n;
     seen_.assign(static_cast<std::size_t>(part.owned_nodes), 0);
     part.mesh.points.resize(static_cast<std::size_t>(3 * part.owned_nodes));
   }
@@ -105,8 +103,8 @@ class LocalNumbers {
   std::pair<std::int64_t, bool> number(std::int64_t global) {
     const std::int64_t place = global - part_.first_owned;
     if (place >= 0 && place < part_.owned_nodes) {
-      const bool fresh = seen_[static_cast<std::size_t>(place)] == 0;
-      seen_[static_cast<std::size_t>(place)] = 1;
+      const bool fresh = seen_[place] == 0;
+      seen_[place] = 1;
       return {place, fresh};
     }
     const auto [found, fresh] =
@@ -133,7 +131,7 @@ void add_cell(const HexahedronMesh& coarse, const SetBits& sets, const Cell& cel
     const auto [node, fresh] = numbers.number(static_cast<std::int64_t>(cell->vertex_dof_index(v, 0)));
     nodes[k_vtk_of_lexicographic[v]] = node;
     if (!fresh) continue;
-    for (unsigned k = 0; k < 3; ++k) mesh.points[static_cast<std::size_t>(3 * node + k)] = cell->vertex(v)[k];
+    for (unsigned k = 0; k < 3; ++k) mesh.points[3 * node + k] = cell->vertex(v)[k];
     SetBits::add(node, sets.of(ancestor, ancestor.vertices[v]), mesh);
     if (node >= part.owned_nodes) continue;
     int supports = 0;

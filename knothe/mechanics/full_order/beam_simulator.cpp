@@ -82,7 +82,7 @@ std::vector<simulator::RunFailure> BeamSimulator::solve_to_files(
     if (!same_body(body, problem_)) own = make_full_order_model(body);
     FullOrderModel& model = own ? *own : model_;
     const auto compute = [&](int job) {
-      const std::size_t i = now[static_cast<std::size_t>(job)];
+      const std::size_t i = now[job];
       const FullOrderResult result = model.run(problems[i].reference);
       reduction::Snapshots solution = part_of(as_snapshots(problems[i], structure(), result));
       solution.axes = axes_at(axes_, runs[i].parameters);
@@ -99,7 +99,7 @@ std::vector<simulator::RunFailure> BeamSimulator::solve_to_files(
           status == ExitStatus::io
               ? ""
               : " (killed by signal 9 usually means that memory ran out: use fewer processes)";
-      return {{now[static_cast<std::size_t>(failure.job)], status, failure.message + hint}};
+      return {{now[failure.job], status, failure.message + hint}};
     }
     done += now.size();
   }

@@ -226,7 +226,7 @@ CrackedBeam::Place CrackedBeam::locate(const double* point) const {
         if (i < 0 || j < 0 || k < 0) continue;
         const auto rows = static_cast<std::ptrdiff_t>(planes_[1].size()) - 1,
                    layers = static_cast<std::ptrdiff_t>(planes_[2].size()) - 1;
-        const std::int64_t cell = cell_at_[static_cast<std::size_t>((i * rows + j) * layers + k)];
+        const std::int64_t cell = cell_at_[(i * rows + j) * layers + k];
         if (cell < 0) continue;
         const double a = (point[0] - planes_[0][i]) / (planes_[0][i + 1] - planes_[0][i]);
         const double b = (point[1] - planes_[1][j]) / (planes_[1][j + 1] - planes_[1][j]);

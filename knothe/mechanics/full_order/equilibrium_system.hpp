@@ -48,7 +48,7 @@ class Flexibility {
   /// Entries of column `place`, for all places.
   [[nodiscard]] std::span<const double> column(int place);
   /// Column `place` will not be wanted again: its memory is given back.
-  void release(int place) { columns_[static_cast<std::size_t>(place)] = {}; }
+  void release(int place) { columns_[place] = {}; }
 
  private:
   const Structure& structure_;

@@ -46,7 +46,7 @@ void GradientStepping::number() {
     cells_.push_back(cell);
     for (const int dof : structure_.cell_dofs(cell)) places_.push_back(structure_.free_index(dof));
     for (int a = 0; a < k_nodes_per_cell; ++a) {
-      int& place = average[static_cast<std::size_t>(mesh.cells[8 * cell + a])];
+      int& place = average[mesh.cells[8 * cell + a]];
       if (place < 0) place = average_count_++;
       places_.push_back(structure_.free_count() + place);
     }
@@ -308,7 +308,7 @@ std::vector<double> GradientStepping::cell_damage() const {
   std::vector<double> mean(static_cast<std::size_t>(structure_.mesh().cell_count()), 0.0);
   for (std::size_t index = 0; index < cells_.size(); ++index)
     for (int point = 0; point < k_points_per_cell; ++point)
-      mean[static_cast<std::size_t>(cells_[index])] +=
+      mean[cells_[index]] +=
           damage(rate_of(committed_[k_points_per_cell * index + point], structure_.elastic().young_modulus),
                  parameters_) /
           k_points_per_cell;

@@ -87,8 +87,8 @@ bool LoadStepping::evaluate_cell(std::size_t index, const CellVector& u, Stiffne
     const Voigt effective = elastic_stress(strain, lambda, mu);
     if (energy_release_rate_bound(strain, lambda, mu) > parameters_.threshold) {
       const PrincipalStrains principal = principal_strains(strain);
-      const BandDamage current = band_damage(energy_release_rate(principal, structure_.elastic()),
-                                             parameters_, ratios_[static_cast<std::size_t>(cell)]);
+      const BandDamage current =
+          band_damage(energy_release_rate(principal, structure_.elastic()), parameters_, ratios_[cell]);
       if (current.damage > d) {
         d = current.damage;
         if (stiffness == Stiffness::tangent) {

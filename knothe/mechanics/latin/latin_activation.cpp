@@ -18,7 +18,7 @@ Activation find_activation(const LatinBody& body, const MatrixXd& expanded, cons
   // d / (1 - d) = Y / Y₀ - fraction.
   VectorXd threshold = VectorXd::Constant(lanes, k_never), brittleness = VectorXd::Zero(lanes);
   for (Index i = 0; i < count; ++i) {
-    const double y0 = thresholds[static_cast<std::size_t>(i)];
+    const double y0 = thresholds[i];
     threshold[i] = fraction * y0;
     brittleness[i] = 1 / std::max(y0, 1e-300);
   }

@@ -108,7 +108,7 @@ void LatinBasis::project(Index mode) {
   const double lambda = body_.structure().elastic().lambda(), mu = body_.structure().elastic().mu();
   for (Index g = 0; g < points; ++g) {
     Voigt strain;
-    for (Index i = 0; i < 6; ++i) strain[static_cast<std::size_t>(i)] = strains_(mode, 6 * g + i);
+    for (Index i = 0; i < 6; ++i) strain[i] = strains_(mode, 6 * g + i);
     Voigt stress = elastic_stress(strain, lambda, mu);
     for (double& value : stress) value *= body_.weights()[g];
     const Eigen::Map<const Eigen::Matrix<double, 6, 1>> s(stress.data());

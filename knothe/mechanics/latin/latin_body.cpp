@@ -39,11 +39,10 @@ void LatinBody::join(std::span<const std::int64_t> cells) {
   const Index known = flexibility_matrix_.rows(), n = dof_count();
   flexibility_matrix_.conservativeResize(n, n);
   for (Index j = known; j < n; ++j) {
-    const int place = flexibility_.place(dofs_[static_cast<std::size_t>(j)]);
+    const int place = flexibility_.place(dofs_[j]);
     const auto column = flexibility_.column(place);
     for (Index i = 0; i <= j; ++i)
-      flexibility_matrix_(i, j) = flexibility_matrix_(j, i) =
-          column[static_cast<std::size_t>(flexibility_.place(dofs_[static_cast<std::size_t>(i)]))];
+      flexibility_matrix_(i, j) = flexibility_matrix_(j, i) = column[flexibility_.place(dofs_[i])];
     flexibility_.release(place);
   }
   weights_.resize(point_count());
@@ -138,8 +137,8 @@ bool LatinBody::correct(std::span<const VoigtMatrix> lost, const VectorXd& resid
     damaged.push_back(c);
     for (int i = 0; i < k_cell_dofs; ++i) {
       const int place = places_[k_cell_dofs * c + static_cast<std::size_t>(i)];
-      if (place < 0 || unknown[static_cast<std::size_t>(place)] >= 0) continue;
-      unknown[static_cast<std::size_t>(place)] = static_cast<int>(touched.size());
+      if (place < 0 || unknown[place] >= 0) continue;
+      unknown[place] = static_cast<int>(touched.size());
       touched.push_back(place);
     }
   }
@@ -149,23 +148,23 @@ bool LatinBody::correct(std::span<const VoigtMatrix> lost, const VectorXd& resid
   MatrixXd flexibility(n, n), matrix = MatrixXd::Identity(n, n), columns(n, k_cell_dofs);
   VectorXd x(n);
   for (Index j = 0; j < n; ++j) {
-    x[j] = elastic[touched[static_cast<std::size_t>(j)]];
-    const auto column = flexibility_matrix_.col(touched[static_cast<std::size_t>(j)]);
-    for (Index i = 0; i < n; ++i) flexibility(i, j) = column[touched[static_cast<std::size_t>(i)]];
+    x[j] = elastic[touched[j]];
+    const auto column = flexibility_matrix_.col(touched[j]);
+    for (Index i = 0; i < n; ++i) flexibility(i, j) = column[touched[i]];
   }
   const auto unknowns_of = [&](std::size_t k) {
     std::array<int, k_cell_dofs> result{};
     for (std::size_t i = 0; i < result.size(); ++i) {
       const int place = places_[k_cell_dofs * damaged[k] + i];
-      result[i] = place >= 0 ? unknown[static_cast<std::size_t>(place)] : -1;
+      result[i] = place >= 0 ? unknown[place] : -1;
     }
     return result;
   };
   for (std::size_t k = 0; k < damaged.size(); ++k) {
     const auto unknowns = unknowns_of(k);
     for (int i = 0; i < k_cell_dofs; ++i) {
-      if (unknowns[static_cast<std::size_t>(i)] >= 0)
-        columns.col(i) = flexibility.col(unknowns[static_cast<std::size_t>(i)]);
+      if (unknowns[i] >= 0)
+        columns.col(i) = flexibility.col(unknowns[i]);
       else
         columns.col(i).setZero();
     }
@@ -173,8 +172,7 @@ bool LatinBody::correct(std::span<const VoigtMatrix> lost, const VectorXd& resid
         matrices[k].data());
     const MatrixXd product = columns * cell;
     for (int j = 0; j < k_cell_dofs; ++j)
-      if (unknowns[static_cast<std::size_t>(j)] >= 0)
-        matrix.col(unknowns[static_cast<std::size_t>(j)]) -= product.col(j);
+      if (unknowns[j] >= 0) matrix.col(unknowns[j]) -= product.col(j);
   }
   if (!solve_dense({matrix.data(), static_cast<std::size_t>(n * n)}, {x.data(), static_cast<std::size_t>(n)}))
     return false;
@@ -182,14 +180,12 @@ bool LatinBody::correct(std::span<const VoigtMatrix> lost, const VectorXd& resid
   for (std::size_t k = 0; k < damaged.size(); ++k) {
     const auto unknowns = unknowns_of(k);
     for (int i = 0; i < k_cell_dofs; ++i) {
-      const int row = unknowns[static_cast<std::size_t>(i)];
+      const int row = unknowns[i];
       if (row < 0) continue;
       double sum = 0;
       for (int j = 0; j < k_cell_dofs; ++j)
-        if (unknowns[static_cast<std::size_t>(j)] >= 0)
-          sum += matrices[k][static_cast<std::size_t>(k_cell_dofs * i + j)] *
-                 x[unknowns[static_cast<std::size_t>(j)]];
-      force[touched[static_cast<std::size_t>(row)]] += sum;
+        if (unknowns[j] >= 0) sum += matrices[k][k_cell_dofs * i + j] * x[unknowns[j]];
+      force[touched[row]] += sum;
     }
   }
   displacement = flexibility_matrix_ * force;

@@ -46,9 +46,7 @@ class LatinBody {
   /// w_g: quadrature weights, m³.
   [[nodiscard]] const Eigen::VectorXd& weights() const { return weights_; }
   /// r of the cell that active point g is in (crack band, else 1).
-  [[nodiscard]] double band_ratio(Eigen::Index g) const {
-    return ratios_[static_cast<std::size_t>(cells_[static_cast<std::size_t>(g / k_points_per_cell)])];
-  }
+  [[nodiscard]] double band_ratio(Eigen::Index g) const { return ratios_[cells_[g / k_points_per_cell]]; }
   [[nodiscard]] std::span<const double> band_ratios() const { return ratios_; }  ///< of all cells
 
   /// q of many states: `lost` is d C ε, lanes × 6 n_g; lanes × n_a. `reaction` (lanes) gets - u_lift · q over

@@ -114,8 +114,7 @@ LatinModel model_of(LatinSolution found, GridProblem grid) {
   std::vector<MatrixXd> coordinates(grid.parameters.size(), MatrixXd(modes.cols(), steps));
   for (std::size_t point = 0; point < coordinates.size(); ++point)
     for (Index step = 0; step < steps; ++step)
-      coordinates[point].col(step) =
-          solution.coordinates[static_cast<std::size_t>(step)].col(static_cast<Index>(point));
+      coordinates[point].col(step) = solution.coordinates[step].col(point);
   MatrixXd lift = MatrixXd::Zero(modes.cols(), steps);
   lift.row(0) = coordinates.front().row(0);
 

@@ -95,8 +95,7 @@ LatinPgd::LatinPgd(std::shared_ptr<const Structure> structure, const SolverOptio
 
 LaneBatch LatinPgd::make_batch(std::span<const int> points) const {
   LaneBatch batch = make_lanes(points, parameters_, body_.point_count());
-  for (Index i = 0; i < batch.size(); ++i)
-    batch.history.row(i) = history_.row(batch.points[static_cast<std::size_t>(i)]);
+  for (Index i = 0; i < batch.size(); ++i) batch.history.row(i) = history_.row(batch.points[i]);
   return batch;
 }
 
@@ -120,7 +119,7 @@ std::vector<LatinStageResult> LatinPgd::global_stage(const std::vector<int>& poi
 void LatinPgd::record_stage(const std::vector<LatinStageResult>& results, LatinIteration& record) {
   double change = 0, size = 0;
   for (int step = first_; step < last_; ++step) {
-    MatrixXd& stored = solution_.coordinates[static_cast<std::size_t>(step)];
+    MatrixXd& stored = solution_.coordinates[step];
     const Index before = stored.rows(), rows = basis_.archived() + 1;
     stored.conservativeResize(rows, Eigen::NoChange);
     stored.bottomRows(rows - before).setZero();
@@ -128,7 +127,7 @@ void LatinPgd::record_stage(const std::vector<LatinStageResult>& results, LatinI
     for (const LatinStageResult& result : results) {
       const MatrixXd now = basis_.to_archive(result.coordinates[column]);
       for (Index i = 0; i < now.cols(); ++i) {
-        const Index point = result.points[static_cast<std::size_t>(i)];
+        const Index point = result.points[i];
         change += (now.col(i) - stored.col(point)).tail(rows - 1).squaredNorm();
         size += now.col(i).tail(rows - 1).squaredNorm();
         stored.col(point) = now.col(i);
@@ -140,8 +139,7 @@ void LatinPgd::record_stage(const std::vector<LatinStageResult>& results, LatinI
   }
   for (const LatinStageResult& result : results) {
     solution_.local_points += result.local_points;
-    for (std::size_t i = 0; i < result.points.size(); ++i)
-      end_.row(result.points[i]) = result.history.row(static_cast<Index>(i));
+    for (std::size_t i = 0; i < result.points.size(); ++i) end_.row(result.points[i]) = result.history.row(i);
   }
   record.indicator = size > 0 ? std::sqrt(change / size) : 0;
 }
@@ -155,7 +153,7 @@ std::vector<int> LatinPgd::enrich(const std::vector<LatinStageResult>& results, 
   std::vector<Lane> lanes;
   for (const LatinStageResult& result : results)
     for (std::size_t i = 0; i < result.points.size(); ++i) {
-      const double residual = result.residual.row(static_cast<Index>(i)).maxCoeff();
+      const double residual = result.residual.row(i).maxCoeff();
       lanes.push_back({&result.candidates[i], result.points[i],
                        result.solved[i] == 0 || !(residual <= options_.tolerance)});
     }
@@ -198,7 +196,7 @@ std::vector<int> LatinPgd::enrich(const std::vector<LatinStageResult>& results, 
 MatrixXd LatinPgd::archived_states(int first, int last) const {
   MatrixXd states = MatrixXd::Zero(basis_.archived() + 1, points_ * (last - first));
   for (int step = first; step < last; ++step) {
-    const MatrixXd& stored = solution_.coordinates[static_cast<std::size_t>(step)];
+    const MatrixXd& stored = solution_.coordinates[step];
     states.block(0, points_ * (step - first), stored.rows(), points_) = stored;
   }
   return states;
@@ -231,7 +229,7 @@ void LatinPgd::join(std::span<const std::int64_t> cells) {
 
 void LatinPgd::apply_prediction() {
   if (!prediction_) return;
-  const double imposed = solution_.coordinates[static_cast<std::size_t>(last_ - 1)](0, 0);
+  const double imposed = solution_.coordinates[last_ - 1](0, 0);
   const auto cells = prediction_->joining(body_, last_ - 1, imposed, thresholds_, options_.activation);
   if (!cells.empty()) join(cells);
   const MatrixXd forces = prediction_->forces(body_, first_, last_, options_.accuracy);

@@ -13,8 +13,7 @@ namespace {
 /// Rows of the active dofs.
 MatrixXd on_active(const LatinBody& body, const MatrixXd& fields) {
   MatrixXd result(body.dof_count(), fields.cols());
-  for (Index i = 0; i < result.rows(); ++i)
-    result.row(i) = fields.row(body.dofs()[static_cast<std::size_t>(i)]);
+  for (Index i = 0; i < result.rows(); ++i) result.row(i) = fields.row(body.dofs()[i]);
   return result;
 }
 
@@ -32,7 +31,7 @@ std::vector<std::int64_t> LatinPrediction::joining(const LatinBody& body, int st
                                                    std::span<const double> thresholds,
                                                    double fraction) const {
   if (body.waiting().empty()) return {};
-  const MatrixXd& values = start_.coordinates[static_cast<std::size_t>(step)];
+  const MatrixXd& values = start_.coordinates[step];
   MatrixXd states(values.rows() + 1, values.cols());
   states.row(0).setConstant(imposed);
   states.bottomRows(values.rows()) = values;
@@ -44,7 +43,7 @@ MatrixXd LatinPrediction::forces(const LatinBody& body, int first, int last, dou
   MatrixXd gram = MatrixXd::Zero(l, l);
   Index count = 0;
   for (int step = first; step < last; ++step) {
-    const MatrixXd& values = start_.coordinates[static_cast<std::size_t>(step)];
+    const MatrixXd& values = start_.coordinates[step];
     gram.noalias() += values * values.transpose();
     count += values.cols();
   }
@@ -58,7 +57,7 @@ MatrixXd LatinPrediction::forces(const LatinBody& body, int first, int last, dou
 MatrixXd LatinPrediction::expected(const LatinBody& body, const LatinBasis& basis, int step) const {
   const MatrixXd onto = basis.forces().transpose() * on_active(body, start_.space);
   if (step < 0) return MatrixXd::Zero(onto.rows(), start_.coordinates.front().cols());
-  return onto * start_.coordinates[static_cast<std::size_t>(step)];
+  return onto * start_.coordinates[step];
 }
 
 }  // namespace knothe::mechanics

@@ -176,8 +176,7 @@ bool LatinSeparated::activate(int first) {
   const MatrixXd expanded = body_.expand(basis_.forces());
   bool joined = false;
   for (int step = first; step < steps(); ++step) {
-    const Activation found = find_activation(body_, expanded, states[static_cast<std::size_t>(step)],
-                                             thresholds_, options_.activation);
+    const Activation found = find_activation(body_, expanded, states[step], thresholds_, options_.activation);
     if (found.joining.empty()) continue;
     basis_.join(body_, found.joining);
     joined = true;
@@ -294,7 +293,7 @@ void LatinSeparated::recompress() {
   const std::vector<MatrixXd> states = stage().states();
   MatrixXd all(basis_.size() + 1, grid_.points() * steps());
   for (int step = 0; step < steps(); ++step)
-    all.middleCols(grid_.points() * step, grid_.points()) = states[static_cast<std::size_t>(step)];
+    all.middleCols(grid_.points() * step, grid_.points()) = states[step];
   const MatrixXd archived = basis_.directions() * terms_.space;
   basis_.recompress(basis_.to_archive(all), options_.recompression * options_.accuracy);
   terms_.space = basis_.directions().transpose() * archived;

@@ -56,8 +56,8 @@ void LatinSeparatedStage::march(const Visit& visit) const {
     LaneBatch lanes = make_batch(b);
     LatinLocalResult local(body, basis);
     for (int step = 0; step < steps(); ++step) {
-      const MatrixXd coordinates = all[static_cast<std::size_t>(step)].middleCols(
-          static_cast<Index>(b * k_lanes_of_a_batch), lanes.size());
+      const MatrixXd coordinates =
+          all[step].middleCols(static_cast<Index>(b * k_lanes_of_a_batch), lanes.size());
       local.evaluate(lanes, coordinates, false);
       visit(b, step, lanes, coordinates, local);
       lanes.history = local.damage();
@@ -84,7 +84,7 @@ SeparatedStageResult LatinSeparatedStage::run() const {
     const MatrixXd elastic = forces * body.flexibility();
     const auto t = static_cast<std::size_t>(step);
     for (Index i = 0; i < lanes.size(); ++i) {
-      const Index p = lanes.points[static_cast<std::size_t>(i)];
+      const Index p = lanes.points[i];
       const MatrixXd stiffness = local.stiffness(i, SearchDirection::secant);
       result.projection.stiffness[t].col(p) = stiffness.reshaped();
       result.projection.load[t].col(p) = stiffness * c.col(i).tail(r) - local.residual(i, c);
@@ -95,7 +95,7 @@ SeparatedStageResult LatinSeparatedStage::run() const {
       sums[b].energy += weight * std::max(0.0, forces.row(i).dot(elastic.row(i)));
       sums[b].size += weight * c.col(i).tail(r).squaredNorm();
       const double error = body.dof_count() > 0 ? elastic.row(i).cwiseAbs().maxCoeff() : 0.0;
-      LatinCandidate& candidate = result.worst[static_cast<std::size_t>(p)];
+      LatinCandidate& candidate = result.worst[p];
       if (error > candidate.elastic_error)
         candidate = {error, step, forces.row(i).transpose(), lanes.only({i}), c.col(i)};
     }
@@ -139,7 +139,7 @@ RankOne LatinSeparatedStage::functions_for(const VectorXd& mode) const {
   VectorXd weighted = strain.row(0).transpose(), own(n_g);
   for (Index g = 0; g < n_g; ++g) {
     Voigt e;
-    for (Index i = 0; i < 6; ++i) e[static_cast<std::size_t>(i)] = strain(0, 6 * g + i);
+    for (Index i = 0; i < 6; ++i) e[i] = strain(0, 6 * g + i);
     const Voigt s = elastic_stress(e, elastic.lambda(), elastic.mu());
     double sum = 0;
     for (std::size_t i = 0; i < 6; ++i) sum += s[i] * e[i];
@@ -152,7 +152,7 @@ RankOne LatinSeparatedStage::functions_for(const VectorXd& mode) const {
     const VectorXd softer = local.damage().topRows(lanes.size()) * own;
     const VectorXd lost = local.lost_stress(lanes.size()) * weighted;
     for (Index i = 0; i < lanes.size(); ++i) {
-      const Index p = lanes.points[static_cast<std::size_t>(i)];
+      const Index p = lanes.points[i];
       a(step, p) = 1 - softer[i];
       b(step, p) = lost[i] - (basis.size() > 0 ? onto.dot(c.col(i).tail(basis.size())) : 0.0);
     }
@@ -168,7 +168,7 @@ bool LatinSeparatedStage::solve_space(const MatrixXd& values, NewTerm& term) con
   march([&](std::size_t batch, int step, const LaneBatch& lanes, const MatrixXd& c, LatinLocalResult& local) {
     VectorXd once(lanes.size()), twice(lanes.size());
     for (Index i = 0; i < lanes.size(); ++i) {
-      const Index p = lanes.points[static_cast<std::size_t>(i)];
+      const Index p = lanes.points[i];
       once[i] = weights[p] * values(step, p);
       twice[i] = once[i] * values(step, p);
     }
@@ -191,7 +191,7 @@ bool LatinSeparatedStage::solve_space(const MatrixXd& values, NewTerm& term) con
   std::vector<VoigtMatrix> material(static_cast<std::size_t>(n_g));
   for (Index g = 0; g < n_g; ++g) {
     const double d = damage[0][g] / all;
-    VoigtMatrix& matrix = material[static_cast<std::size_t>(g)];
+    VoigtMatrix& matrix = material[g];
     for (std::size_t i = 0; i < 3; ++i) {
       for (std::size_t j = 0; j < 3; ++j)
         matrix[6 * i + j] = d * (elastic.lambda() + (i == j ? 2 * elastic.mu() : 0.0));

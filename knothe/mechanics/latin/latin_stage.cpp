@@ -26,10 +26,10 @@ LatinCorrection correct(const LatinBody& body, const LatinBasis& basis, const La
 MatrixXd LatinStage::states(int step, const LatinStageResult& result) const {
   if (step < 0) return MatrixXd::Zero(basis.size() + 1, static_cast<Index>(result.points.size()));
   if (step >= first && step - first < static_cast<int>(result.coordinates.size()))
-    return result.coordinates[static_cast<std::size_t>(step - first)];
-  const MatrixXd& all = found[static_cast<std::size_t>(step)];
+    return result.coordinates[step - first];
+  const MatrixXd& all = found[step];
   MatrixXd mine(all.rows(), static_cast<Index>(result.points.size()));
-  for (Index i = 0; i < mine.cols(); ++i) mine.col(i) = all.col(result.points[static_cast<std::size_t>(i)]);
+  for (Index i = 0; i < mine.cols(); ++i) mine.col(i) = all.col(result.points[i]);
   return basis.to_working(mine);
 }
 
@@ -39,7 +39,7 @@ MatrixXd LatinStage::guess(int step, const LatinStageResult& result) const {
   if (fresh && !expected.empty()) {
     const auto now = static_cast<std::size_t>(step - first) + 1;
     for (Index i = 0; i < coordinates.cols(); ++i) {
-      const Index point = result.points[static_cast<std::size_t>(i)];
+      const Index point = result.points[i];
       coordinates.col(i).tail(basis.size()) += expected[now].col(point) - expected[now - 1].col(point);
     }
   }
@@ -65,7 +65,7 @@ void LatinStage::balance(LatinStep& stepper, const LaneBatch& batch, int step,
     result.residual(i, column) = forces.row(i).norm() / scale;
     result.reaction(i, column) = 2 * reaction[i];
     const double error = body.dof_count() > 0 ? elastic.row(i).cwiseAbs().maxCoeff() : 0.0;
-    LatinCandidate& candidate = result.candidates[static_cast<std::size_t>(i)];
+    LatinCandidate& candidate = result.candidates[i];
     if (error > candidate.elastic_error)
       candidate = {error, step, forces.row(i).transpose(), batch.only({i}), coordinates.col(i)};
   }
@@ -75,21 +75,21 @@ void LatinStage::retry(LatinStep& stepper, LaneBatch& batch, int step, MatrixXd&
                        MatrixXd& damage, std::vector<char>& converged, LatinStageResult& result) const {
   std::vector<Index> failed;
   for (Index i = 0; i < batch.size(); ++i)
-    if (converged[static_cast<std::size_t>(i)] == 0) failed.push_back(i);
+    if (converged[i] == 0) failed.push_back(i);
   if (failed.empty()) return;
   const MatrixXd before = states(step - 1, result);
   const auto count = static_cast<Index>(failed.size());
   const LaneBatch part = batch.only(failed);
   MatrixXd start(before.rows(), count), end(before.rows(), count), end_damage(part.padded(), damage.cols());
   for (Index k = 0; k < count; ++k) {
-    start.col(k) = before.col(failed[static_cast<std::size_t>(k)]);
-    end.col(k) = coordinates.col(failed[static_cast<std::size_t>(k)]);
-    end_damage.row(k) = damage.row(failed[static_cast<std::size_t>(k)]);
+    start.col(k) = before.col(failed[k]);
+    end.col(k) = coordinates.col(failed[k]);
+    end_damage.row(k) = damage.row(failed[k]);
   }
   const auto done = stepper.solve_from(part, start, end, end_damage);
   for (Index k = 0; k < count; ++k) {
-    const Index i = failed[static_cast<std::size_t>(k)];
-    bool solved = done[static_cast<std::size_t>(k)] != 0;
+    const Index i = failed[k];
+    bool solved = done[k] != 0;
     if (!solved && rescue) {
       LaneBatch alone = batch.only({i});
       MatrixXd last = coordinates.col(i);
@@ -102,8 +102,8 @@ void LatinStage::retry(LatinStep& stepper, LaneBatch& batch, int step, MatrixXd&
     }
     coordinates.col(i) = end.col(k);
     damage.row(i) = end_damage.row(k);
-    converged[static_cast<std::size_t>(i)] = solved ? 1 : 0;
-    if (!solved) result.solved[static_cast<std::size_t>(i)] = 0;
+    converged[i] = solved ? 1 : 0;
+    if (!solved) result.solved[i] = 0;
   }
 }
 

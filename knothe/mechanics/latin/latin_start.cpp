@@ -57,8 +57,7 @@ VectorXd nearest_point(const std::vector<reduction::Axis>& axes, const DamagePar
   VectorXd point(static_cast<Index>(axes.size()));
   for (std::size_t i = 0; i < axes.size(); ++i) {
     const double value = axes[i].name == "Y0" ? parameters.threshold : parameters.brittleness;
-    point[static_cast<Index>(i)] =
-        std::clamp(value / axes[i].reference, axes[i].nodes.front(), axes[i].nodes.back());
+    point[i] = std::clamp(value / axes[i].reference, axes[i].nodes.front(), axes[i].nodes.back());
   }
   return point;
 }

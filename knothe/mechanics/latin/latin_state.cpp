@@ -40,8 +40,8 @@ MatrixXd history_matrix(const std::vector<LatinIteration>& history) {
   MatrixXd result(10, static_cast<Index>(history.size()));
   for (std::size_t k = 0; k < history.size(); ++k) {
     const LatinIteration& it = history[k];
-    result.col(static_cast<Index>(k)) << it.first_step, it.last_step, it.round, it.working_modes,
-        it.archived_modes, it.lanes, it.residual, it.correction, it.indicator, it.cpu_seconds;
+    result.col(k) << it.first_step, it.last_step, it.round, it.working_modes, it.archived_modes, it.lanes,
+        it.residual, it.correction, it.indicator, it.cpu_seconds;
   }
   return result;
 }
@@ -61,8 +61,8 @@ MatrixXd history_matrix(const std::vector<SeparatedIteration>& history) {
   MatrixXd result(10, static_cast<Index>(history.size()));
   for (std::size_t k = 0; k < history.size(); ++k) {
     const SeparatedIteration& it = history[k];
-    result.col(static_cast<Index>(k)) << it.steps, it.round, it.terms, it.space_modes, it.energy_error,
-        it.residual, it.correction, it.indicator, it.relaxation, it.cpu_seconds;
+    result.col(k) << it.steps, it.round, it.terms, it.space_modes, it.energy_error, it.residual,
+        it.correction, it.indicator, it.relaxation, it.cpu_seconds;
   }
   return result;
 }

@@ -31,7 +31,7 @@ LaneBatch make_lanes(std::span<const int> points, std::span<const DamageParamete
   batch.brittleness = VectorXd::Zero(batch.padded());
   batch.history = MatrixXd::Zero(batch.padded(), gauss_points);
   for (Index i = 0; i < batch.size(); ++i) {
-    const auto point = static_cast<std::size_t>(batch.points[static_cast<std::size_t>(i)]);
+    const auto point = static_cast<std::size_t>(batch.points[i]);
     batch.threshold[i] = parameters[point].threshold;
     batch.brittleness[i] = parameters[point].brittleness;
   }
@@ -40,20 +40,19 @@ LaneBatch make_lanes(std::span<const int> points, std::span<const DamageParamete
 
 LaneBatch LaneBatch::only(const std::vector<Index>& kept) const {
   LaneBatch part;
-  for (const Index lane : kept) part.points.push_back(points[static_cast<std::size_t>(lane)]);
+  for (const Index lane : kept) part.points.push_back(points[lane]);
   const Index rows = part.padded();
   part.threshold = VectorXd::Constant(rows, k_never);
   part.brittleness = VectorXd::Zero(rows);
   part.history.resize(rows, history.cols());
   part.history.bottomRows(rows - part.size()).setZero();
   for (Index i = 0; i < part.size(); ++i) {
-    const Index lane = kept[static_cast<std::size_t>(i)];
+    const Index lane = kept[i];
     part.threshold[i] = threshold[lane];
     part.brittleness[i] = brittleness[lane];
   }
   for (Index g = 0; g < history.cols(); ++g)
-    for (Index i = 0; i < part.size(); ++i)
-      part.history(i, g) = history(kept[static_cast<std::size_t>(i)], g);
+    for (Index i = 0; i < part.size(); ++i) part.history(i, g) = history(kept[i], g);
   return part;
 }
 
@@ -84,8 +83,8 @@ void LatinLocalResult::project() {
   gathered_.resize(rows, count);
   gathered_damage_.resize(damage_.rows(), count);
   for (Index k = 0; k < count; ++k) {
-    gathered_.col(k) = basis_.projected().col(damaged[static_cast<std::size_t>(k)]).head(rows);
-    gathered_damage_.col(k) = damage_.col(damaged[static_cast<std::size_t>(k)]);
+    gathered_.col(k) = basis_.projected().col(damaged[k]).head(rows);
+    gathered_damage_.col(k) = damage_.col(damaged[k]);
   }
   projected_.noalias() = gathered_ * gathered_damage_.transpose();
 }
@@ -105,7 +104,7 @@ VectorXd LatinLocalResult::residual(Index lane, const MatrixXd& coordinates) con
 
 Voigt LatinLocalResult::strain(Index lane, Index point) const {
   Voigt e;
-  for (Index i = 0; i < 6; ++i) e[static_cast<std::size_t>(i)] = strain_(lane, 6 * point + i);
+  for (Index i = 0; i < 6; ++i) e[i] = strain_(lane, 6 * point + i);
   return e;
 }
 
@@ -128,7 +127,7 @@ MatrixXd LatinLocalResult::stiffness(Index lane, SearchDirection direction) cons
   const double lambda = body_.structure().elastic().lambda(), mu = body_.structure().elastic().mu();
   MatrixXd stress(r, n), rate(r, n);
   for (Index k = 0; k < n; ++k) {
-    const Index g = growing[static_cast<std::size_t>(k)];
+    const Index g = growing[k];
     const Voigt effective = elastic_stress(strain(lane, g), lambda, mu);
     const auto e = basis_.strains().block(1, 6 * g, r, 6);
     const Eigen::Map<const Eigen::Matrix<double, 6, 1>> s(effective.data());
@@ -164,7 +163,7 @@ std::vector<VoigtMatrix> LatinLocalResult::lost_material(Index lane, SearchDirec
   std::vector<VoigtMatrix> result(static_cast<std::size_t>(damage_.cols()));
   if (direction == SearchDirection::elastic) return result;
   for (Index g = 0; g < damage_.cols(); ++g) {
-    VoigtMatrix& lost = result[static_cast<std::size_t>(g)];
+    VoigtMatrix& lost = result[g];
     const double d = damage_(lane, g);
     for (std::size_t i = 0; i < 3; ++i) {
       for (std::size_t j = 0; j < 3; ++j) lost[6 * i + j] = d * (lambda + (i == j ? 2 * mu : 0.0));
@@ -185,7 +184,7 @@ std::vector<char> LatinStep::solve(const LaneBatch& batch, MatrixXd& coordinates
   damage.setZero(batch.padded(),
                  batch.history.cols());  // padding too: what counts as damaged must not be chance
   std::vector<Index> alive(batch.points.size());
-  for (Index i = 0; i < batch.size(); ++i) alive[static_cast<std::size_t>(i)] = i;
+  for (Index i = 0; i < batch.size(); ++i) alive[i] = i;
   std::vector<double> best(alive.size(), std::numeric_limits<double>::infinity());
   LaneBatch working = batch;
   MatrixXd trial = coordinates;
@@ -195,14 +194,14 @@ std::vector<char> LatinStep::solve(const LaneBatch& batch, MatrixXd& coordinates
     local_.project();
     std::vector<Index> kept;  // positions in `working`
     for (Index i = 0; i < working.size(); ++i) {
-      const auto lane = static_cast<std::size_t>(alive[static_cast<std::size_t>(i)]);
+      const auto lane = static_cast<std::size_t>(alive[i]);
       VectorXd g = local_.residual(i, trial);
       const double size = g.norm(), scale = trial.col(i).tail(r).norm();
       const bool finite = std::isfinite(size);
       if (finite && (size < best[lane] || !options_.best)) {
         best[lane] = size;
-        coordinates.col(alive[static_cast<std::size_t>(i)]) = trial.col(i);
-        damage.row(alive[static_cast<std::size_t>(i)]) = local_.damage().row(i);
+        coordinates.col(alive[i]) = trial.col(i);
+        damage.row(alive[i]) = local_.damage().row(i);
       }
       if (finite && size <= options_.tolerance * scale) {
         converged[lane] = 1;
@@ -217,8 +216,8 @@ std::vector<char> LatinStep::solve(const LaneBatch& batch, MatrixXd& coordinates
     MatrixXd rest(r + 1, static_cast<Index>(kept.size()));
     std::vector<Index> still;
     for (std::size_t k = 0; k < kept.size(); ++k) {
-      rest.col(static_cast<Index>(k)) = trial.col(kept[k]);
-      still.push_back(alive[static_cast<std::size_t>(kept[k])]);
+      rest.col(k) = trial.col(kept[k]);
+      still.push_back(alive[kept[k]]);
     }
     working = working.only(kept);
     trial = std::move(rest);
@@ -251,9 +250,9 @@ std::vector<char> LatinStep::solve_from(const LaneBatch& batch, const MatrixXd& 
     const auto done = solve(working, end, end_damage);
     std::vector<Index> kept, still;
     for (Index i = 0; i < working.size(); ++i) {
-      const Index lane = alive[static_cast<std::size_t>(i)];
-      if (done[static_cast<std::size_t>(i)] != 0) {
-        converged[static_cast<std::size_t>(lane)] = 1;
+      const Index lane = alive[i];
+      if (done[i] != 0) {
+        converged[lane] = 1;
         coordinates.col(lane) = end.col(i);
         damage.row(lane) = end_damage.row(i);
       } else {
@@ -262,7 +261,7 @@ std::vector<char> LatinStep::solve_from(const LaneBatch& batch, const MatrixXd& 
       }
     }
     MatrixXd rest(r + 1, static_cast<Index>(kept.size()));
-    for (std::size_t k = 0; k < kept.size(); ++k) rest.col(static_cast<Index>(k)) = trial.col(kept[k]);
+    for (std::size_t k = 0; k < kept.size(); ++k) rest.col(k) = trial.col(kept[k]);
     working = working.only(kept);
     trial = std::move(rest);
     alive = std::move(still);

@@ -66,10 +66,10 @@ void update_time(const TermProjection& problem, const VectorXd& weights, LatinTe
   parallel_for(problem.stiffness.size(), threads, [&](std::size_t t) {
     MatrixXd matrix = MatrixXd::Zero(m, m);
     VectorXd right_side = VectorXd::Zero(m);
-    const VectorXd now = terms.time.row(static_cast<Index>(t));
+    const VectorXd now = terms.time.row(t);
     for (Index p = 0; p < weights.size(); ++p)
       add(problem, t, p, weights[p], functions.row(p), now, matrix, right_side);
-    terms.time.row(static_cast<Index>(t)) += relaxation * solve(std::move(matrix), right_side).transpose();
+    terms.time.row(t) += relaxation * solve(std::move(matrix), right_side).transpose();
   });
 }
 
@@ -82,15 +82,14 @@ void update_axis(const TermProjection& problem, const VectorXd& weights, LatinTe
   parallel_for(static_cast<std::size_t>(mine.rows()), threads, [&](std::size_t node) {
     MatrixXd matrix = MatrixXd::Zero(m, m);
     VectorXd right_side = VectorXd::Zero(m);
-    const VectorXd now = mine.row(static_cast<Index>(node));
+    const VectorXd now = mine.row(node);
     for (Index p = 0; p < weights.size(); ++p) {
-      if (nodes[static_cast<std::size_t>(p)] != static_cast<Index>(node)) continue;
+      if (nodes[p] != static_cast<Index>(node)) continue;
       for (std::size_t t = 0; t < problem.stiffness.size(); ++t)
-        add(problem, t, p, weights[p],
-            others.row(p).cwiseProduct(terms.time.row(static_cast<Index>(t))).transpose(), now, matrix,
+        add(problem, t, p, weights[p], others.row(p).cwiseProduct(terms.time.row(t)).transpose(), now, matrix,
             right_side);
     }
-    mine.row(static_cast<Index>(node)) += relaxation * solve(std::move(matrix), right_side).transpose();
+    mine.row(node) += relaxation * solve(std::move(matrix), right_side).transpose();
   });
 }
 
@@ -131,8 +130,7 @@ MatrixXd LatinTerms::on_grid(std::size_t left_out) const {
   for (std::size_t i = 0; i < parameters.size(); ++i) {
     if (i == left_out) continue;
     const std::vector<Index> nodes = grid.nodes(i);
-    for (Index p = 0; p < result.rows(); ++p)
-      result.row(p).array() *= parameters[i].row(nodes[static_cast<std::size_t>(p)]).array();
+    for (Index p = 0; p < result.rows(); ++p) result.row(p).array() *= parameters[i].row(nodes[p]).array();
   }
   return result;
 }
@@ -248,8 +246,8 @@ RankOne rank_one_functions(const MatrixXd& a, const MatrixXd& b, const LatinGrid
       const std::vector<Index> nodes = grid.nodes(axis);
       VectorXd top = VectorXd::Zero(grid.sizes[axis]), bottom = top;
       for (Index p = 0; p < weights.size(); ++p) {
-        top[nodes[static_cast<std::size_t>(p)]] += b_at[p];
-        bottom[nodes[static_cast<std::size_t>(p)]] += a_at[p];
+        top[nodes[p]] += b_at[p];
+        bottom[nodes[p]] += a_at[p];
       }
       term.parameters[axis] = divide(top, bottom);
     }

@@ -36,8 +36,7 @@ std::vector<double> band_ratios(const HexahedronMesh& mesh, const FiniteElements
   std::vector<double> ratios(static_cast<std::size_t>(mesh.cell_count()), 1.0);
   if (options.kind != DamageRegularisation::crack_band) return ratios;
   for (std::int64_t cell = 0; cell < mesh.cell_count(); ++cell)
-    if (mesh.elastic[cell] == 0)
-      ratios[static_cast<std::size_t>(cell)] = options.reference_size / band_width(elements, cell);
+    if (mesh.elastic[cell] == 0) ratios[cell] = options.reference_size / band_width(elements, cell);
   return ratios;
 }
 
@@ -64,11 +63,11 @@ double crack_length(const HexahedronMesh& mesh, const FiniteElements& elements,
   for (std::int64_t cell = 0; cell < mesh.cell_count(); ++cell) {
     const auto centre = mesh.cell_centre(cell);
     auto& row = rows[std::lround(centre[1] * 1e6)];
-    row = std::max(row, damage[static_cast<std::size_t>(cell)]);
+    row = std::max(row, damage[cell]);
     // The notch's tip is the lowest face of the cells at mid-span.
     if (std::abs(centre[0]) > 1.01 * band_width(elements, cell) / 2) continue;
     for (int a = 0; a < k_nodes_per_cell; ++a)
-      notch = std::min(notch, mesh.points[static_cast<std::size_t>(3 * mesh.cells[8 * cell + a] + 1)]);
+      notch = std::min(notch, mesh.points[3 * mesh.cells[8 * cell + a] + 1]);
   }
   double tip = notch, above = 0, below = 0, height = 0;
   bool open = false;

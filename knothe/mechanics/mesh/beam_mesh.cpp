@@ -135,8 +135,8 @@ namespace {
 void shift_load(HexahedronMesh& mesh, const BeamOptions& options) {
   const double whole_width = std::min(0.02, 0.5 * options.refined_half_width), none = 0.6 * options.height;
   for (std::int64_t node = 0; node < mesh.node_count(); ++node) {
-    double& x = mesh.points[static_cast<std::size_t>(3 * node)];
-    const double y = mesh.points[static_cast<std::size_t>(3 * node + 1)];
+    double& x = mesh.points[3 * node];
+    const double y = mesh.points[3 * node + 1];
     const double along = std::clamp(
         (options.refined_half_width - std::abs(x)) / (options.refined_half_width - whole_width), 0.0, 1.0);
     x += options.load_offset * along * std::clamp((y - none) / (options.height - none), 0.0, 1.0);

@@ -83,7 +83,7 @@ class Builder {
   void find_mouth() {
     const NodeSet gauge = group("crack_mouth", false);
     if (gauge.empty()) return find_crack_mouth(mesh_);
-    const auto x = [&](std::int64_t node) { return mesh_.points[static_cast<std::size_t>(3 * node)]; };
+    const auto x = [&](std::int64_t node) { return mesh_.points[3 * node]; };
     if (gauge.size() != 2 || x(gauge[0]) == x(gauge[1]))
       throw DataError(fmt::format(
           "{}: the physical group \"crack_mouth\" has {} point(s) of the mesh: it takes two, one on either "

@@ -38,9 +38,9 @@ std::array<std::array<double, 4>, 4> pieces_on(const std::vector<double>& knots,
       const std::size_t i = j + static_cast<std::size_t>(m) + 1 - static_cast<std::size_t>(p);
       const double low = knots[i], high = knots[i + static_cast<std::size_t>(p)], width = high - low;
       for (std::size_t k = 0; k < 4; ++k) {
-        const double c = basis[static_cast<std::size_t>(m)][k] / width;
+        const double c = basis[m][k] / width;
         auto& rising = next[static_cast<std::size_t>(m) + 1];
-        auto& falling = next[static_cast<std::size_t>(m)];
+        auto& falling = next[m];
         rising[k] += (left - low) * c;
         falling[k] += (high - left) * c;
         if (k < 3) {
@@ -80,7 +80,7 @@ CubicSplineBasis::CubicSplineBasis(std::span<const double> nodes) : nodes_(nodes
   for (std::size_t i = 0; i < n; ++i) {
     const Local local = evaluate(nodes[i]);
     for (int f = 0; f < active(); ++f)
-      collocation(static_cast<Eigen::Index>(i), local.first + f) = local.value[static_cast<std::size_t>(f)];
+      collocation(static_cast<Eigen::Index>(i), local.first + f) = local.value[f];
   }
   from_values_ = collocation.partialPivLu().inverse();
 }
@@ -91,7 +91,7 @@ std::size_t CubicSplineBasis::interval_of(double x) const {
   const double guess = (x - breaks_.front()) * inverse_mean_width_;
   auto j =
       guess > 0 ? static_cast<std::ptrdiff_t>(std::min(guess, static_cast<double>(last))) : std::ptrdiff_t{0};
-  while (j > 0 && x < breaks_[static_cast<std::size_t>(j)]) --j;
+  while (j > 0 && x < breaks_[j]) --j;
   while (j < last && x >= breaks_[static_cast<std::size_t>(j) + 1]) ++j;
   return static_cast<std::size_t>(j);
 }
@@ -116,8 +116,7 @@ Eigen::VectorXd CubicSplineBasis::cardinal_weights(double x, int derivative) con
                   : derivative == 1 ? local.first_derivative
                                     : local.second_derivative;
   Eigen::VectorXd weights = Eigen::VectorXd::Zero(size());
-  for (int f = 0; f < active(); ++f)
-    weights += b[static_cast<std::size_t>(f)] * from_values_.row(local.first + f).transpose();
+  for (int f = 0; f < active(); ++f) weights += b[f] * from_values_.row(local.first + f).transpose();
   return weights;
 }
 

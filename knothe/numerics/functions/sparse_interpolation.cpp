@@ -96,7 +96,7 @@ void SparseInterpolation::add(const MultiIndex& index) {
 VectorXd SparseInterpolation::node(const MultiIndex& index) const {
   VectorXd p(dimension());
   for (Index i = 0; i < dimension(); ++i) {
-    const double x = nodes_[static_cast<std::size_t>(index[static_cast<std::size_t>(i)])];
+    const double x = nodes_[index[i]];
     p[i] = std::clamp(0.5 * ((1 - x) * lower_[i] + (1 + x) * upper_[i]), lower_[i], upper_[i]);
   }
   return p;
@@ -109,9 +109,9 @@ MatrixXd SparseInterpolation::factors_with_slope(Index i, double x) const {
   MatrixXd result(n, 2);
   for (int k = 0; k < n; ++k) {
     double value = 1, slope = 0;
-    const double own = nodes_[static_cast<std::size_t>(k)];
+    const double own = nodes_[k];
     for (int j = 0; j < k; ++j) {
-      const double other = nodes_[static_cast<std::size_t>(j)], width = own - other;
+      const double other = nodes_[j], width = own - other;
       slope = (slope * (t - other) + value) / width;
       value *= (t - other) / width;
     }
@@ -129,8 +129,7 @@ VectorXd SparseInterpolation::basis(const VectorXd& p) const {
   VectorXd result = VectorXd::Ones(count());
   for (Index i = 0; i < dimension(); ++i) {
     const VectorXd factor = factors_with_slope(i, p[i]).col(0);
-    for (Index n = 0; n < count(); ++n)
-      result[n] *= factor[indices_[static_cast<std::size_t>(n)][static_cast<std::size_t>(i)]];
+    for (Index n = 0; n < count(); ++n) result[n] *= factor[indices_[n][i]];
   }
   return result;
 }
@@ -140,7 +139,7 @@ MatrixXd SparseInterpolation::basis_gradient(const VectorXd& p) const {
   for (Index i = 0; i < dimension(); ++i) {
     const MatrixXd factor = factors_with_slope(i, p[i]);
     for (Index n = 0; n < count(); ++n) {
-      const int k = indices_[static_cast<std::size_t>(n)][static_cast<std::size_t>(i)];
+      const int k = indices_[n][i];
       for (Index j = 0; j < dimension(); ++j) result(n, j) *= factor(k, i == j ? 1 : 0);
     }
   }

@@ -43,7 +43,7 @@ class SparseInterpolation {
   /// H_k(x), k = 0 … `degree`, of variable `i`.
   [[nodiscard]] Eigen::VectorXd factors(Eigen::Index i, double x, int degree) const;
   /// Largest degree in variable `i`.
-  [[nodiscard]] int degree(Eigen::Index i) const { return degree_[static_cast<std::size_t>(i)]; }
+  [[nodiscard]] int degree(Eigen::Index i) const { return degree_[i]; }
 
   /// s_ν from the values at the nodes in their order, |Λ| × any number of functions. The first rows are those
   /// of a part of the values.

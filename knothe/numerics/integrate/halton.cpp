@@ -41,8 +41,7 @@ std::vector<double> digit_values(std::uint32_t base, std::uint64_t seed, Eigen::
     std::iota(permutation.begin(), permutation.end(), 0u);
     if (seed != 0)
       for (std::uint32_t i = base - 1; i > 0; --i)
-        std::swap(permutation[i],
-                  permutation[static_cast<std::size_t>((split_mix(state) >> 32) * (i + 1) >> 32)]);
+        std::swap(permutation[i], permutation[(split_mix(state) >> 32) * (i + 1) >> 32]);
     for (const std::uint32_t digit : permutation) values.push_back(digit * unit);
   }
   return values;
@@ -58,7 +57,7 @@ Eigen::MatrixXd halton_points(Eigen::Index n, Eigen::Index d, std::uint64_t seed
   Eigen::MatrixXd points(n, d);
   std::vector<double> tail;
   for (Eigen::Index k = 0; k < d; ++k) {
-    const std::uint32_t base = primes[static_cast<std::size_t>(k)];
+    const std::uint32_t base = primes[k];
     std::size_t positions = 0;
     const std::vector<double> values = digit_values(base, seed, k, positions);
     // tail[p]: what positions p, p + 1, … are worth when their digits are zero (not 0 once permuted).

@@ -26,7 +26,7 @@ Quadrature gauss_hermite(int n) {
     double x = solver.eigenvalues()[i];
     for (int step = 0; step < 3; ++step) {
       normalised_hermite(x, h);
-      x -= h[static_cast<std::size_t>(n)] / (std::sqrt(n) * h[static_cast<std::size_t>(n) - 1]);
+      x -= h[n] / (std::sqrt(n) * h[static_cast<std::size_t>(n) - 1]);
     }
     rule.nodes[i] = x;
   }
@@ -34,7 +34,7 @@ Quadrature gauss_hermite(int n) {
   for (int i = 0; i < n; ++i) {
     normalised_hermite(rule.nodes[i], h);
     double sum = 0;
-    for (int k = 0; k < n; ++k) sum += h[static_cast<std::size_t>(k)] * h[static_cast<std::size_t>(k)];
+    for (int k = 0; k < n; ++k) sum += h[k] * h[k];
     rule.weights[i] = 1 / sum;
   }
   return rule;
@@ -94,9 +94,7 @@ PointRule tensor_rule(const std::vector<Quadrature>& rules, double drop) {
   PointRule result{Eigen::MatrixXd(static_cast<Eigen::Index>(weights.size()), d),
                    Eigen::Map<Eigen::VectorXd>(weights.data(), static_cast<Eigen::Index>(weights.size()))};
   for (Eigen::Index p = 0; p < result.points.rows(); ++p)
-    for (Eigen::Index k = 0; k < d; ++k)
-      result.points(p, k) =
-          rules[static_cast<std::size_t>(k)].nodes[kept[static_cast<std::size_t>(p * d + k)]];
+    for (Eigen::Index k = 0; k < d; ++k) result.points(p, k) = rules[k].nodes[kept[p * d + k]];
   result.weights *= total / result.weights.sum();
   return result;
 }

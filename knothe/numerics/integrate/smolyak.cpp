@@ -62,7 +62,7 @@ class Combination {
     for (const auto& [point, weight] : weights_) {
       for (const auto& [k, id] : point) {
         const int half = id / 1024, node = id % 1024;
-        rule.points(row, k) = rules_[static_cast<std::size_t>(half)].nodes[node];
+        rule.points(row, k) = rules_[half].nodes[node];
       }
       rule.weights[row++] = weight;
     }
@@ -87,7 +87,7 @@ class Combination {
       return;
     }
     const auto& [k, half] = rule[at];
-    const Quadrature& nodes = rules_[static_cast<std::size_t>(half)];
+    const Quadrature& nodes = rules_[half];
     for (int j = 0; j < nodes.nodes.size(); ++j) {
       Sparse next = point;
       if (j != half) next.emplace_back(k, half * 1024 + j);  // the middle node is 0, shared by all rules

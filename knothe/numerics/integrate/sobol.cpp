@@ -25,7 +25,7 @@ using Directions = std::array<std::uint32_t, k_bits>;
 Directions directions_of(Eigen::Index dimension) {
   Directions v{};
   if (dimension == 0) {
-    for (int b = 0; b < k_bits; ++b) v[static_cast<std::size_t>(b)] = 1u << (31 - b);
+    for (int b = 0; b < k_bits; ++b) v[b] = 1u << (31 - b);
     return v;
   }
   const auto row = static_cast<std::size_t>(dimension - 1);
@@ -76,7 +76,7 @@ Eigen::MatrixXd sobol_points(Eigen::Index n, Eigen::Index d, std::uint64_t seed)
     }
     for (Eigen::Index i = 0; i < n; ++i) {
       points(i, k) = (x + 0.5) * 0x1p-32;
-      x ^= v[static_cast<std::size_t>(std::countr_one(static_cast<std::uint32_t>(i)))];  // Gray code order
+      x ^= v[std::countr_one(static_cast<std::uint32_t>(i))];  // Gray code order
     }
   }
   return points;

@@ -47,17 +47,17 @@ void invert_block(const Sparse& lower, int start, int end, double* z, Workspace&
   work.found.noalias() = work.inverse.transpose() * work.inverse;
   if (m > 0) {
     // Z₂₂: every entry (i, k), i ≥ k, is in column k, as the factor's pattern is closed.
-    for (int a = 0; a < m; ++a) work.place[static_cast<std::size_t>(rows[a])] = a;
+    for (int a = 0; a < m; ++a) work.place[rows[a]] = a;
     work.of_rows.resize(m, m);
     for (int a = 0; a < m; ++a) {
       const int k = rows[a];
       double* const column = work.of_rows.col(a).data();
       for (int q = begin[k]; q < begin[k + 1]; ++q) {
-        const int b = work.place[static_cast<std::size_t>(row[q])];
+        const int b = work.place[row[q]];
         if (b >= 0) column[b] = z[q];
       }
     }
-    for (int a = 0; a < m; ++a) work.place[static_cast<std::size_t>(rows[a])] = -1;
+    for (int a = 0; a < m; ++a) work.place[rows[a]] = -1;
     const Eigen::MatrixXd moved = work.below * work.inverse;
     work.below.noalias() = -(work.of_rows.selfadjointView<Eigen::Lower>() * moved);
     work.found.noalias() -= moved.transpose() * work.below;

@@ -130,8 +130,8 @@ std::vector<double> kernel_density(std::span<const double> values, std::span<con
                      [&](std::size_t a, std::size_t b) { return values[a] < values[b]; });
   Eigen::ArrayXd sorted(static_cast<Eigen::Index>(values.size())), share(sorted.size());
   for (Eigen::Index i = 0; i < sorted.size(); ++i) {
-    sorted[i] = values[order[static_cast<std::size_t>(i)]];
-    share[i] = weights[order[static_cast<std::size_t>(i)]];
+    sorted[i] = values[order[i]];
+    share[i] = weights[order[i]];
   }
   const double* begin_of_all = sorted.data();
   const double* end_of_all = begin_of_all + sorted.size();

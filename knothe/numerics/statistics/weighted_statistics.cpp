@@ -116,7 +116,7 @@ void WeightedQuantiles::compute(std::span<const double> values, std::span<const 
   const auto bin_of = [&](double x) { return std::min(k_bins - 1, static_cast<int>((x - low) * scale)); };
   for (std::size_t i = 0; i < values.size(); ++i)
     if (weights[i] > 0) {
-      Bin& bin = bins_[static_cast<std::size_t>(bin_of(values[i]))];
+      Bin& bin = bins_[bin_of(values[i])];
       bin.weight += weights[i];
       ++bin.count;
     }
@@ -124,9 +124,7 @@ void WeightedQuantiles::compute(std::span<const double> values, std::span<const 
   for (Bin& bin : bins_) bin.begin = bin.fill = begin, begin += bin.count;
   entries_.resize(static_cast<std::size_t>(begin));
   for (std::size_t i = 0; i < values.size(); ++i)
-    if (weights[i] > 0)
-      entries_[static_cast<std::size_t>(bins_[static_cast<std::size_t>(bin_of(values[i]))].fill++)] = {
-          values[i], weights[i] / total};
+    if (weights[i] > 0) entries_[bins_[bin_of(values[i])].fill++] = {values[i], weights[i] / total};
 
   const auto sort_bin = [&](Bin& bin) {
     if (bin.sorted) return;
@@ -155,7 +153,7 @@ void WeightedQuantiles::compute(std::span<const double> values, std::span<const 
     for (std::size_t k = first; k < bins_.size() && !found; ++k) {
       sort_bin(bins_[k]);
       for (int e = bins_[k].begin; e < bins_[k].begin + bins_[k].count; ++e) {
-        const Entry& entry = entries_[static_cast<std::size_t>(e)];
+        const Entry& entry = entries_[e];
         const double c = cumulative + 0.5 * entry.weight;
         if (c >= levels[q]) {
           result = !have_previous ? entry.value
@@ -256,7 +254,7 @@ std::vector<Eigen::Index> equal_draws(const Eigen::Ref<const Eigen::VectorXd>& w
   const std::vector<Eigen::Index> order = reversed_bits(weights.size());
   const double share = weights.sum() / static_cast<double>(count);
   std::vector<Eigen::Index> chosen;
-  chosen.reserve(static_cast<std::size_t>(count));
+  chosen.reserve(count);
   std::size_t i = 0;
   double passed = weights[order[0]];
   for (Eigen::Index k = 0; k < count; ++k) {

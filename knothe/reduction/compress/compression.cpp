@@ -30,7 +30,7 @@ double squared_norm(const Snapshots& snapshots, const Deviation& deviation) {
     const Eigen::Map<const Eigen::MatrixXd> u(snapshots.solution(g).data(), deviation.dofs(),
                                               deviation.times());
     const Eigen::VectorXd by_time = u.colwise().squaredNorm();
-    sum += deviation.grid_weights()[static_cast<Eigen::Index>(g)] * deviation.time_weights().dot(by_time);
+    sum += deviation.grid_weights()[g] * deviation.time_weights().dot(by_time);
   }
   return sum;
 }

@@ -28,8 +28,7 @@ double surplus_at(const Snapshots& snapshots, std::size_t axis, std::size_t node
         double miss = snapshots.solution(point)[step * n_dof + dof];
         for (std::size_t k = 0; k < others.size(); ++k) {
           const std::size_t other = k < node ? k : k + 1;
-          miss -= weights[static_cast<Eigen::Index>(k)] *
-                  snapshots.solution(first + other * stride)[step * n_dof + dof];
+          miss -= weights[k] * snapshots.solution(first + other * stride)[step * n_dof + dof];
         }
         largest = std::max(largest, std::abs(miss));
       }

@@ -59,8 +59,7 @@ double size_of(const MatrixXd& matrix, const Eigen::VectorXcd& wave) {
 
 Eigen::VectorXcd wave_at(std::span<const double> places, double number) {
   Eigen::VectorXcd wave(static_cast<Index>(places.size()));
-  for (Index i = 0; i < wave.size(); ++i)
-    wave[i] = std::polar(1.0, number * places[static_cast<std::size_t>(i)]);
+  for (Index i = 0; i < wave.size(); ++i) wave[i] = std::polar(1.0, number * places[i]);
   return wave;
 }
 
@@ -121,7 +120,7 @@ LeftOutNodes::LeftOutNodes(const ModelContents& model) : model_(model) {
     points *= axis.nodes.size();
   }
   MatrixXd w(static_cast<Index>(points), r);  // each function contiguous over the grid
-  for (std::size_t g = 0; g < points; ++g) w.row(static_cast<Index>(g)) = functions_at_node(model, g);
+  for (std::size_t g = 0; g < points; ++g) w.row(g) = functions_at_node(model, g);
   shares_.setZero(r, d);
   strides_.assign(model.axes.size(), 1);
   for (std::size_t i = model.axes.size(); i-- > 0;) {
@@ -160,7 +159,7 @@ VectorXd LeftOutNodes::functions_error(std::size_t index, std::uint64_t seed) co
     VectorXd missed = VectorXd::Zero(error.size());
     for (std::size_t k = 0; k < n; ++k)
       missed += misses(row, static_cast<Index>(k)) * functions_at_node(model_, first + k * strides_[i]);
-    error += shares_.col(static_cast<Index>(i)).cwiseProduct(missed);
+    error += shares_.col(i).cwiseProduct(missed);
   }
   return error;
 }

@@ -110,9 +110,8 @@ MatrixXd output_errors(const SeparatedModel& model, const std::string& name,
     if (found == outputs.end())
       throw DataError(
           fmt::format("a full-order solution does not fit the reduced model: it has no output \"{}\"", name));
-    errors.col(static_cast<Index>(i)) =
-        as_vector(found->values) -
-        as_vector(model.evaluate_output(name, solutions[i].parameters_at(0)).value);
+    errors.col(i) = as_vector(found->values) -
+                    as_vector(model.evaluate_output(name, solutions[i].parameters_at(0)).value);
   }
   return errors;
 }
@@ -135,7 +134,7 @@ KnownErrors errors_of(const SeparatedModel& model, const ModelContents& base,
   known.points.resize(k, static_cast<Index>(base.axes.size()));
   MatrixXd all(dofs, k * times);
   for (Index i = 0; i < k; ++i) {
-    const Snapshots& solution = solutions[static_cast<std::size_t>(i)];
+    const Snapshots& solution = solutions[i];
     require_same_shape(base, solution);
     const std::vector<double> p = solution.parameters_at(0);
     known.points.row(i) = as_vector(p).transpose();
@@ -187,16 +186,14 @@ ScatteredInterpolation best_interpolation(std::span<const Axis> axes, const Know
   const Index k = known.points.rows(), d = known.points.cols();
   VectorXd width(d);
   for (Index a = 0; a < d; ++a) {
-    const std::vector<double>& nodes = axes[static_cast<std::size_t>(a)].nodes;
+    const std::vector<double>& nodes = axes[a].nodes;
     const std::size_t left = interval_of(nodes, at.mean[a]);
     width[a] = nodes[left + 1] - nodes[left];
   }
   MatrixXd products(k, k);
   for (Index i = 0; i < k; ++i)
     for (Index j = 0; j <= i; ++j)
-      products(i, j) = products(j, i) = known.fields[static_cast<std::size_t>(i)]
-                                            .cwiseProduct(known.fields[static_cast<std::size_t>(j)])
-                                            .sum();
+      products(i, j) = products(j, i) = known.fields[i].cwiseProduct(known.fields[j]).sum();
   const VectorXd weight = nearness(known.points, at);
   const MatrixXd zeros = corners_around(axes, known.points);
   InterpolationKernel kernel{0.7 * width, (2 * at.std()).cwiseMax(0.15 * width), 1e-10};
@@ -279,8 +276,7 @@ void refine_field(const SeparatedModel& model, const KnownErrors& known, const M
   for (std::size_t t = 0; t < base.time.size(); ++t) {
     RowMatrix core = RowMatrix::Zero(static_cast<Index>(base.space_modes) + q, r + k);
     core.topLeftCorner(static_cast<Index>(base.space_modes), r) = core_of(base, t);
-    for (Index i = 0; i < k; ++i)
-      core.col(r + i).tail(q) = known.fields[static_cast<std::size_t>(i)].col(static_cast<Index>(t));
+    for (Index i = 0; i < k; ++i) core.col(r + i).tail(q) = known.fields[i].col(t);
     result.temporal.insert(result.temporal.end(), core.data(), core.data() + core.size());
   }
 }
@@ -322,7 +318,7 @@ TruncationError error_of(const TruncationError& base, std::span<const Axis> axes
   std::vector<MatrixXd> errors;  // in [V, Q]
   const auto correction = [&](const Eigen::RowVectorXd& weights) {
     MatrixXd sum = MatrixXd::Zero(known.space.cols(), times);
-    for (Index i = 0; i < k; ++i) sum += weights[i] * known.fields[static_cast<std::size_t>(i)];
+    for (Index i = 0; i < k; ++i) sum += weights[i] * known.fields[i];
     return sum;
   };
   TruncationError result;
@@ -337,7 +333,7 @@ TruncationError error_of(const TruncationError& base, std::span<const Axis> axes
     MatrixXd error = MatrixXd::Zero(both.cols(), times);
     error.bottomRows(known.space.cols()) =
         (missed / interpolation.left_out_std()[i]) * correction(interpolation.leave_one_out().row(i)) +
-        outside * known.fields[static_cast<std::size_t>(i)];
+        outside * known.fields[i];
     errors.push_back(std::move(error));
     const VectorXd p = known.points.row(i).transpose();
     append(result.off_grid_points, p);
@@ -349,10 +345,10 @@ TruncationError error_of(const TruncationError& base, std::span<const Axis> axes
     error.topRows(b) = Eigen::Map<const MatrixXd>(base.off_grid.data() + j * times * b, b, times);
     VectorXd p(d);
     for (Index a = 0; a < d; ++a) {
-      const Axis& axis = axes[static_cast<std::size_t>(a)];  // the file may have them in another order
+      const Axis& axis = axes[a];  // the file may have them in another order
       const auto in_file = std::find(base.parameters.begin(), base.parameters.end(), axis.name);
       const auto column = in_file - base.parameters.begin();
-      p[a] = placed ? base.off_grid_points[static_cast<std::size_t>(j * d + column)] : axis.nodes.front();
+      p[a] = placed ? base.off_grid_points[j * d + column] : axis.nodes.front();
     }
     if (placed)
       error.bottomRows(known.space.cols()) = -correction(interpolation.functions(p.transpose()).row(0));

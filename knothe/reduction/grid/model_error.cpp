@@ -35,13 +35,13 @@ VectorXd functions_at_node(const ModelContents& contents, std::size_t index) {
   if (contents.form == Form::tree) {
     const Eigen::Map<const RowMatrix> joint(contents.joint.data(), r,
                                             static_cast<Index>(contents.joint.size()) / r);
-    return joint.col(static_cast<Index>(index));
+    return joint.col(index);
   }
   VectorXd w = VectorXd::Ones(r);
   for (std::size_t i = contents.axes.size(); i-- > 0;) {
     const std::size_t n = contents.axes[i].nodes.size();
     const Eigen::Map<const RowMatrix> alpha(contents.parameters[i].data(), r, static_cast<Index>(n));
-    w.array() *= alpha.col(static_cast<Index>(index % n)).array();
+    w.array() *= alpha.col(index % n).array();
     index /= n;
   }
   return w;
@@ -94,7 +94,7 @@ double ratio(double part, double whole) {
 ModelError total(std::span<const Sums> sums, const VectorXd& weights) {
   Sums all;
   for (std::size_t i = 0; i < sums.size(); ++i) {
-    const double weight = weights[static_cast<Eigen::Index>(i)];
+    const double weight = weights[i];
     all.solution += weight * sums[i].solution;
     all.deviation += weight * sums[i].deviation;
     all.error += weight * sums[i].error;

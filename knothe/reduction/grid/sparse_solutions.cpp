@@ -30,8 +30,7 @@ VectorXd missed_by_splines(const numerics::SparseInterpolation& interpolation, I
   for (Index j = 0; j < p.size(); ++j) {
     const VectorXd factor =
         j == i ? VectorXd(exact - splines) : interpolation.factors(j, p[j], interpolation.degree(j));
-    for (Index n = 0; n < missed.size(); ++n)
-      missed[n] *= factor[interpolation.indices()[static_cast<std::size_t>(n)][static_cast<std::size_t>(j)]];
+    for (Index n = 0; n < missed.size(); ++n) missed[n] *= factor[interpolation.indices()[n][j]];
   }
   return missed;
 }
@@ -57,8 +56,7 @@ MatrixXd rows_of(std::span<const Snapshots> solutions, const Values& values) {
     if (row.size() != size)
       throw DataError(fmt::format("run {} has {} values, the first one {}: all must have the same", n + 1,
                                   row.size(), size));
-    result.row(static_cast<Index>(n)) =
-        Eigen::Map<const Eigen::RowVectorXd>(row.data(), static_cast<Index>(size));
+    result.row(n) = Eigen::Map<const Eigen::RowVectorXd>(row.data(), static_cast<Index>(size));
   }
   return result;
 }
@@ -92,8 +90,7 @@ GridSolutions interpolate_in_basis(const numerics::SparseInterpolation& interpol
   };
   const auto runs = static_cast<Index>(solutions.size());
   MatrixXd all = MatrixXd::Zero(dofs, (runs + 1) * times);
-  for (Index n = 0; n < runs; ++n)
-    all.middleCols(n * times, times) = field(solutions[static_cast<std::size_t>(n)].values);
+  for (Index n = 0; n < runs; ++n) all.middleCols(n * times, times) = field(solutions[n].values);
   if (!frame.lift.empty()) all.rightCols(times) = field(frame.lift);
   const MatrixXd modes = dominant_space(all, k_resolved * k_resolved * all.squaredNorm(), 1, 0).basis;
   const MatrixXd coordinates = modes.transpose() * all;
@@ -134,8 +131,7 @@ void choose_nodes(const numerics::SparseInterpolation& interpolation, const Spli
       const numerics::CubicSplineBasis spline(axes[axis].nodes);
       MatrixXd at_nodes(interpolation.degree(i) + 1, count);
       for (int n = 0; n < count; ++n)
-        at_nodes.col(n) =
-            interpolation.factors(i, axes[axis].nodes[static_cast<std::size_t>(n)], interpolation.degree(i));
+        at_nodes.col(n) = interpolation.factors(i, axes[axis].nodes[n], interpolation.degree(i));
       const double error = accuracy.error(
           [&](const VectorXd& p) { return missed_by_splines(interpolation, i, spline, at_nodes, p); });
       if (error <= accuracy.allowed) break;

@@ -11,7 +11,7 @@ Eigen::VectorXd trapezoid_weights(std::span<const double> nodes) {
   const auto n = static_cast<Eigen::Index>(nodes.size());
   Eigen::VectorXd weights = Eigen::VectorXd::Constant(n, n == 1 ? 1.0 : 0.0);
   for (Eigen::Index i = 0; i + 1 < n; ++i) {
-    const double half = 0.5 * (nodes[static_cast<std::size_t>(i) + 1] - nodes[static_cast<std::size_t>(i)]);
+    const double half = 0.5 * (nodes[static_cast<std::size_t>(i) + 1] - nodes[i]);
     weights[i] += half;
     weights[i + 1] += half;
   }

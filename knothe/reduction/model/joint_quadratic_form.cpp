@@ -78,7 +78,7 @@ void JointQuadraticForm::set(const Eigen::Ref<const Eigen::MatrixXd>& a,
   square_.assign(static_cast<std::size_t>(padded_), 0.0);
   linear_.assign(static_cast<std::size_t>(padded_), 0.0);
   std::fill_n(square_.begin(), k, -0.5);
-  if (has_linear) linear_[static_cast<std::size_t>(k)] = 1;
+  if (has_linear) linear_[k] = 1;
   for (std::size_t i = 0; i < axes_.size(); ++i) strides_[i] = grid_strides_[i] * padded_;
   std::fill(cell_.begin(), cell_.end(), Cell::unknown);
   if (used == 0) return;

@@ -15,8 +15,7 @@ std::vector<double> contracted(std::span<const double> values, const Eigen::Vect
   std::vector<double> result(values.size() / n, 0.0);
   for (std::size_t b = 0; b < values.size() / (n * after); ++b) {
     for (std::size_t j = 0; j < n; ++j) {
-      for (std::size_t a = 0; a < after; ++a)
-        result[b * after + a] += c[static_cast<Eigen::Index>(j)] * values[(b * n + j) * after + a];
+      for (std::size_t a = 0; a < after; ++a) result[b * after + a] += c[j] * values[(b * n + j) * after + a];
     }
   }
   return result;
@@ -31,7 +30,7 @@ Eigen::MatrixXd grid_points(std::span<const Axis> axes) {
     Eigen::Index rest = g;
     for (std::size_t a = axes.size(); a-- > 0;) {
       const auto n = static_cast<Eigen::Index>(axes[a].nodes.size());
-      points(g, static_cast<Eigen::Index>(a)) = axes[a].nodes[static_cast<std::size_t>(rest % n)];
+      points(g, static_cast<Eigen::Index>(a)) = axes[a].nodes[rest % n];
       rest /= n;
     }
   }

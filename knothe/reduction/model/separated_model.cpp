@@ -101,12 +101,11 @@ FieldDerivatives assemble(const FunctionBatch& w, std::size_t d, int derivatives
   if (derivatives >= 2) result.hessian.resize(result.count * d * d);
   for (std::size_t a = 0; derivatives >= 1 && a < d; ++a) {
     const Eigen::VectorXd slope = map(w.first[a]);
-    for (std::size_t i = 0; i < result.count; ++i)
-      result.gradient[i * d + a] = slope[static_cast<Eigen::Index>(i)];
+    for (std::size_t i = 0; i < result.count; ++i) result.gradient[i * d + a] = slope[i];
     for (std::size_t b = 0; derivatives >= 2 && b <= a; ++b) {
       const Eigen::VectorXd curvature = map(w.second[a * (a + 1) / 2 + b]);
       for (std::size_t i = 0; i < result.count; ++i) {
-        const double entry = curvature[static_cast<Eigen::Index>(i)];
+        const double entry = curvature[i];
         result.hessian[(i * d + a) * d + b] = result.hessian[(i * d + b) * d + a] = entry;
       }
     }
@@ -239,7 +238,7 @@ FieldDerivatives SeparatedModel::evaluate(std::span<const double> p, std::size_t
   const FunctionBatch w = evaluate_functions(*functions(), point_in_box(p, model), derivatives);
   const Eigen::MatrixXd core = core_of(model, step);
   const auto space = space_of(model);
-  const auto lift = lift_of(model).col(static_cast<Eigen::Index>(step));
+  const auto lift = lift_of(model).col(step);
   if (dofs.empty()) {
     return assemble(w, dimension(), derivatives, lift, [&](const RowMatrix& row) -> Eigen::VectorXd {
       const Eigen::VectorXd coefficients = core * row.transpose();

@@ -17,8 +17,7 @@ ObservedModel combined(const ObservedModel& model, std::span<const double> times
       const double weight = (w.*kind)[k];
       if (weight == 0) continue;
       core += weight * model.core[w.index[k]];
-      result.lift.col(static_cast<Eigen::Index>(i)) +=
-          weight * model.lift.col(static_cast<Eigen::Index>(w.index[k]));
+      result.lift.col(i) += weight * model.lift.col(w.index[k]);
     }
     result.core.push_back(std::move(core));
   }

@@ -154,7 +154,7 @@ TruncationError covariance_of(const KnownErrors& errors, const ModelContents& co
   set_moments(coefficients, weights, result);
   for (std::size_t i = 0; i < errors.count(); ++i)
     for (Index t = 0; t < times; ++t)
-      result.variance[static_cast<std::size_t>(t)] += weights[i] * left[i][t] / static_cast<double>(dofs);
+      result.variance[t] += weights[i] * left[i][t] / static_cast<double>(dofs);
   for (std::size_t i = errors.grid_count(); i < errors.count(); ++i) {
     result.off_grid.insert(result.off_grid.end(), coefficients[i].data(),
                            coefficients[i].data() + coefficients[i].size());
@@ -238,8 +238,8 @@ ObservedErrors observe_off_grid(const TruncationError& error, const ModelContent
   for (const double time : times) {
     const auto above = std::lower_bound(model.time.begin(), model.time.end(), time) - model.time.begin();
     const Index right = std::clamp<Index>(above, 0, n_t - 1), left = std::max<Index>(0, right - 1);
-    const double first = model.time[static_cast<std::size_t>(left)];
-    const double last = model.time[static_cast<std::size_t>(right)];
+    const double first = model.time[left];
+    const double last = model.time[right];
     const double share = last > first ? std::clamp((time - first) / (last - first), 0.0, 1.0) : 1.0;
     known.coefficients.push_back((1 - share) * at(left) + share * at(right));
   }
@@ -249,8 +249,7 @@ ObservedErrors observe_off_grid(const TruncationError& error, const ModelContent
   known.points.resize(m, d);
   known.reach.resize(m, d);
   for (Index a = 0; a < d; ++a) {
-    const auto found = std::find(error.parameters.begin(), error.parameters.end(),
-                                 model.axes[static_cast<std::size_t>(a)].name);
+    const auto found = std::find(error.parameters.begin(), error.parameters.end(), model.axes[a].name);
     for (Index j = 0; j < m; ++j) {
       const auto entry = static_cast<std::size_t>(j * all_d + (found - error.parameters.begin()));
       known.points(j, a) = error.off_grid_points[entry];

@@ -81,8 +81,7 @@ std::optional<Location> locate(const Mesh& mesh, const ReferenceElement& element
   for (std::size_t cell = 0; cell < mesh.cell_count(); ++cell) {
     const auto vertices = std::span(mesh.cells).subspan(cell * mesh.nodes_per_cell, mesh.nodes_per_cell);
     for (Eigen::Index i = 0; i < k; ++i) {
-      x.col(i) =
-          Eigen::Map<const Eigen::Vector3d>(mesh.points.data() + 3 * vertices[static_cast<std::size_t>(i)]);
+      x.col(i) = Eigen::Map<const Eigen::Vector3d>(mesh.points.data() + 3 * vertices[i]);
     }
     if (auto weights = element.weights_at(x, point, k_match_distance)) {
       return Location{{vertices.begin(), vertices.end()}, std::move(*weights)};
@@ -93,8 +92,8 @@ std::optional<Location> locate(const Mesh& mesh, const ReferenceElement& element
 
 /// "observation 3 (x component at (0.1, 0.2, 0.05))".
 std::string describe(std::size_t i, const Eigen::Vector3d& point, std::int64_t component) {
-  return fmt::format("observation {} ({} component at ({}, {}, {}))", i,
-                     k_component_names[static_cast<std::size_t>(component)], point.x(), point.y(), point.z());
+  return fmt::format("observation {} ({} component at ({}, {}, {}))", i, k_component_names[component],
+                     point.x(), point.y(), point.z());
 }
 
 ReferenceElement element_of(const Mesh& mesh, const std::string& where, const std::string& observation) {
@@ -147,7 +146,7 @@ ObservationOperator::ObservationOperator(const Dofs& dofs, const std::optional<M
     }
     auto& row = rows_.emplace_back();
     for (std::size_t k = 0; k < location->vertices.size(); ++k) {
-      const double weight = location->weights[static_cast<Eigen::Index>(k)];
+      const double weight = location->weights[k];
       if (weight == 0.0) continue;
       const std::int64_t vertex = location->vertices[k];
       const auto dof =
@@ -168,8 +167,8 @@ ObservationOperator::ObservationOperator(std::span<const std::size_t> dofs) {
 Eigen::MatrixXd ObservationOperator::apply(const Eigen::Ref<const Eigen::MatrixXd>& fields) const {
   Eigen::MatrixXd observed = Eigen::MatrixXd::Zero(rows(), fields.cols());
   for (Eigen::Index i = 0; i < rows(); ++i) {
-    for (const Entry& entry : rows_[static_cast<std::size_t>(i)]) {
-      observed.row(i) += entry.weight * fields.row(static_cast<Eigen::Index>(entry.dof));
+    for (const Entry& entry : rows_[i]) {
+      observed.row(i) += entry.weight * fields.row(entry.dof);
     }
   }
   return observed;

@@ -50,10 +50,10 @@ ObservedModel observe_by(const Snapshots& snapshots, const ObservationOperator& 
     const auto solution = snapshots.solution(static_cast<std::size_t>(g));
     const Eigen::MatrixXd seen =
         operation.apply(Eigen::Map<const Eigen::MatrixXd>(solution.data(), dofs, times));
-    for (Eigen::Index t = 0; t < times; ++t) observed.core[static_cast<std::size_t>(t)].col(g) = seen.col(t);
+    for (Eigen::Index t = 0; t < times; ++t) observed.core[t].col(g) = seen.col(t);
   }
   for (Eigen::Index t = 0; t < times; ++t) {
-    Eigen::MatrixXd& core = observed.core[static_cast<std::size_t>(t)];
+    Eigen::MatrixXd& core = observed.core[t];
     observed.lift.col(t) = core.rowwise().mean();
     core.colwise() -= observed.lift.col(t);
   }
@@ -67,7 +67,7 @@ Eigen::VectorXd ObservedModel::predict(const Eigen::Ref<const Eigen::VectorXd>& 
   w.resize(1, functions->dimension(), functions->count(), 0);
   functions->evaluate(p.transpose(), 0, w);
   const Eigen::VectorXd coefficients = core[step] * w.value.transpose();
-  return lift.col(static_cast<Eigen::Index>(step)) + space * coefficients;
+  return lift.col(step) + space * coefficients;
 }
 
 ObservedModel observe(const SeparatedModel& model, const Dofs& places) {
@@ -105,7 +105,7 @@ ObservedModel at_steps(const ObservedModel& model, std::span<const std::size_t> 
     }
     part.time.push_back(model.time[step]);
     part.core.push_back(model.core[step]);
-    part.lift.col(column++) = model.lift.col(static_cast<Eigen::Index>(step));
+    part.lift.col(column++) = model.lift.col(step);
   }
   return part;
 }

@@ -63,7 +63,7 @@ ObservedModel with_scalars(const ObservedModel& observed, const SeparatedModel& 
   result.space.bottomRows(m).setZero();
   result.lift.conservativeResize(n + m, times);
   for (Eigen::Index i = 0; i < m; ++i) {
-    const ScalarObservation& sensor = sensors[static_cast<std::size_t>(i)];
+    const ScalarObservation& sensor = sensors[i];
     if (const auto dof = model.quantity(sensor.output)) {
       const auto row = static_cast<Eigen::Index>(*dof);
       result.space.row(n + i) = space_of(model.contents()).row(row);
@@ -96,7 +96,7 @@ ObservedModel with_scalars(const ObservedModel& observed, const SeparatedModel& 
   values.conservativeResize(r + added, values.cols());
   Eigen::Index at = r;
   for (Eigen::Index k = 0; k < count; ++k) {
-    const auto& [row, output] = outputs[static_cast<std::size_t>(k)];
+    const auto& [row, output] = outputs[k];
     const Eigen::Index rank = output.basis.cols();
     // As large as the model's own functions: newtons beside metres would bury these where a covariance of
     // functions is truncated.
@@ -104,7 +104,7 @@ ObservedModel with_scalars(const ObservedModel& observed, const SeparatedModel& 
     const double scale = own > 0 && size > 0 ? own / size : 1;
     result.space(n + row, l + k) = 1;
     for (Eigen::Index t = 0; t < times; ++t)
-      result.core[static_cast<std::size_t>(t)].row(l + k).segment(at, rank) = output.basis.row(t) / scale;
+      result.core[t].row(l + k).segment(at, rank) = output.basis.row(t) / scale;
     values.middleRows(at, rank) = scale * output.functions;
     at += rank;
   }

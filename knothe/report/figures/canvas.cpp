@@ -92,8 +92,7 @@ void Canvas::text(int x, int y, const std::string& words, Rgb colour, int size) 
     const auto& rows = rows_of(letter);
     for (int j = 0; j < 8; ++j)
       for (int i = 0; i < 5; ++i)
-        if ((rows[static_cast<std::size_t>(j)] >> (4 - i) & 1) != 0)
-          fill(x + i * size, y + j * size, size, size, colour);
+        if ((rows[j] >> (4 - i) & 1) != 0) fill(x + i * size, y + j * size, size, size, colour);
     x += k_advance * size;
   }
 }

@@ -133,8 +133,7 @@ void draw_axes(Canvas& canvas, int left, int top, const View& view,
     if (!in_mm) return std::array<double, 2>{x, y};
     const auto p = frame->model_point(x, y);
     const auto c = frame->components();
-    return std::array<double, 2>{1e3 * p[static_cast<std::size_t>(c[0])],
-                                 1e3 * p[static_cast<std::size_t>(c[1])]};
+    return std::array<double, 2>{1e3 * p[c[0]], 1e3 * p[c[1]]};
   };
   const auto from = place(view.x0, view.y0), to = place(x1, y1);
   const char* axes = "xyz";
@@ -188,7 +187,7 @@ void draw_map(Canvas& canvas, int left, int top, const View& view,
     if (valid[e] != 0) continue;
     const int n = ImageMesh::nodes_of(mesh.elements[e]);
     const auto place = [&](int a) {
-      const auto node = static_cast<std::size_t>(mesh.elements[e][static_cast<std::size_t>(a % n)]);
+      const auto node = static_cast<std::size_t>(mesh.elements[e][a % n]);
       return std::array<double, 2>{left + (mesh.x[node] - view.x0) * view.scale,
                                    top + (mesh.y[node] - view.y0) * view.scale};
     };
@@ -310,8 +309,7 @@ void write_displacement_maps(const std::string& path, const imaging::PictureSeri
       imaging::nodal_strains(correlation.mesh(), result.correlation.displacement, valid);
   const char* axes = "xyz";
   const auto title = [&](int k) {
-    if (frame)
-      return fmt::format("displacement {}, um", axes[frame->components()[static_cast<std::size_t>(k)]]);
+    if (frame) return fmt::format("displacement {}, um", axes[frame->components()[k]]);
     return std::string(k == 0 ? "displacement u (right), px" : "displacement v (down), px");
   };
   std::vector<Map> maps;
@@ -325,9 +323,9 @@ void write_displacement_maps(const std::string& path, const imaging::PictureSeri
   Canvas canvas = canvas_for(view, 2, 2);
   canvas.text(k_gap, k_gap, head_of(series, result, noise_std, frame), k_ink);
   for (int m = 0; m < 4; ++m) {
-    set_range(maps[static_cast<std::size_t>(m)]);
+    set_range(maps[m]);
     const auto [left, top] = corner_of(view, m % 2, m / 2);
-    draw_map(canvas, left, top, view, correlation, valid, maps[static_cast<std::size_t>(m)], frame);
+    draw_map(canvas, left, top, view, correlation, valid, maps[m], frame);
     if (result.crack && result.crack->found) draw_crack(canvas, left, top, view, *result.crack);
   }
   int line = canvas.height() - k_foot;
@@ -346,8 +344,7 @@ void write_deviation_maps(const std::string& path, const imaging::PictureSeries&
     Map map{k == 0 ? "std of u (right), px" : "std of v (down), px",
             over_pixels(correlation, usable, [&](int a) { return std[2 * a + k]; })};
     if (frame) {
-      map.title =
-          fmt::format("std of displacement {}, um", "xyz"[frame->components()[static_cast<std::size_t>(k)]]);
+      map.title = fmt::format("std of displacement {}, um", "xyz"[frame->components()[k]]);
       for (float& v : map.values) v *= static_cast<float>(1e6 * frame->scale());
     }
     set_range(map);

@@ -34,7 +34,7 @@ FaceDofs face_of(const reduction::SeparatedModel& model) {
 /// movement is 6 % of the face's length at most, or not at all where the model lacks a component.
 Figure field_figure(const std::string& title, const FaceDofs& f, std::span<const double> field, double scale,
                     const std::string& label) {
-  const auto at = [&](std::ptrdiff_t dof) { return dof < 0 ? 0.0 : field[static_cast<std::size_t>(dof)]; };
+  const auto at = [&](std::ptrdiff_t dof) { return dof < 0 ? 0.0 : field[dof]; };
   std::vector<double> value;
   double largest = 0.0, low = INFINITY, high = -INFINITY;
   for (std::size_t i = 0; i < f.face.points.size(); ++i) {
@@ -66,7 +66,7 @@ double largest_magnitude(std::span<const double> values) {
 Eigen::VectorXd functions_at(const reduction::SeparatedModel& model, std::span<const double> p) {
   const auto& functions = *model.functions();
   Eigen::MatrixXd point(1, functions.dimension());
-  for (Eigen::Index i = 0; i < point.cols(); ++i) point(0, i) = p[static_cast<std::size_t>(i)];
+  for (Eigen::Index i = 0; i < point.cols(); ++i) point(0, i) = p[i];
   reduction::FunctionBatch batch;
   batch.resize(1, point.cols(), functions.count(), 0);
   functions.evaluate(point, 0, batch);
@@ -77,11 +77,10 @@ Eigen::VectorXd functions_at(const reduction::SeparatedModel& model, std::span<c
 double amplitude(const reduction::ModelContents& contents, std::size_t k, std::size_t t,
                  const Eigen::VectorXd& w) {
   if (contents.form == reduction::Form::canonical)
-    return contents.temporal[k * contents.time.size() + t] * w[static_cast<Eigen::Index>(k)];
+    return contents.temporal[k * contents.time.size() + t] * w[k];
   const std::size_t l = contents.space_modes, r = contents.parameter_modes;
   double sum = 0.0;
-  for (std::size_t j = 0; j < r; ++j)
-    sum += contents.temporal[(t * l + k) * r + j] * w[static_cast<Eigen::Index>(j)];
+  for (std::size_t j = 0; j < r; ++j) sum += contents.temporal[(t * l + k) * r + j] * w[j];
   return sum;
 }
 
@@ -89,7 +88,7 @@ double amplitude(const reduction::ModelContents& contents, std::size_t k, std::s
 Figure mode_figure(const std::string& title, const FaceDofs& face, std::span<const double> mode) {
   double largest = 0.0;
   for (std::ptrdiff_t dof : face.x)
-    if (dof >= 0) largest = std::max(largest, std::abs(mode[static_cast<std::size_t>(dof)]));
+    if (dof >= 0) largest = std::max(largest, std::abs(mode[dof]));
   return field_figure(title, face, mode, largest > 0.0 ? 1.0 / largest : 1.0, "x component");
 }
 
@@ -149,13 +148,13 @@ Plot parameter_functions_plot(const reduction::SeparatedModel& model, std::size_
   }
   const auto& functions = *model.functions();
   Eigen::MatrixXd points(k_line_points, functions.dimension());
-  for (Eigen::Index i = 0; i < points.cols(); ++i) points.col(i).setConstant(p[static_cast<std::size_t>(i)]);
-  points.col(static_cast<Eigen::Index>(axis)) = Eigen::Map<const Eigen::VectorXd>(x.data(), k_line_points);
+  for (Eigen::Index i = 0; i < points.cols(); ++i) points.col(i).setConstant(p[i]);
+  points.col(axis) = Eigen::Map<const Eigen::VectorXd>(x.data(), k_line_points);
   reduction::FunctionBatch batch;
   batch.resize(points.rows(), points.cols(), functions.count(), 0);
   functions.evaluate(points, 0, batch);
   for (std::size_t k = 0; k < shown; ++k) {
-    const Eigen::VectorXd y = batch.value.col(static_cast<Eigen::Index>(k));
+    const Eigen::VectorXd y = batch.value.col(k);
     plot.line(x, std::span<const double>(y.data(), x.size()), Paint::series(static_cast<int>(k)),
               fmt::format("mode {}", k + 1));
   }

@@ -38,9 +38,9 @@ std::string document(const Figure& figure, bool standalone) {
   svg += "<title>" + escape_xml(figure.title) + "</title>";
   if (standalone) svg += R"(<rect width="100%" height="100%" fill="#ffffff"/>)";
   for (int i = 0; i < count; ++i)
-    svg += figure.plots[static_cast<std::size_t>(i)].render(
-        margin + (i % columns) * (figure.plot_width + gap),
-        margin + (i / columns) * (figure.plot_height + gap), figure.plot_width, figure.plot_height);
+    svg += figure.plots[i].render(margin + (i % columns) * (figure.plot_width + gap),
+                                  margin + (i / columns) * (figure.plot_height + gap), figure.plot_width,
+                                  figure.plot_height);
   return svg + "</svg>\n";
 }
 

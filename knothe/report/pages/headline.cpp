@@ -122,10 +122,7 @@ std::vector<TableRow> comparison_with_paper(const Results& results) {
   const int y0 = index("Y0"), ad = index("Ad");
   if (results.parameters.size() != 2 || y0 < 0 || ad < 0) return {};
   const Step& last = results.steps.back();
-  const auto found = [&](int d) {
-    return with_uncertainty(last.mean[static_cast<std::size_t>(d)],
-                            last.standard_deviations()[static_cast<std::size_t>(d)]);
-  };
+  const auto found = [&](int d) { return with_uncertainty(last.mean[d], last.standard_deviations()[d]); };
   std::vector<TableRow> rows;
   rows.push_back(
       {{"Y₀ at the end", "1.04 ± 0.041", found(y0),

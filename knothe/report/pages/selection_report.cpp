@@ -18,7 +18,7 @@ constexpr const char* k_letters[] = {"x", "y", "z"};
 
 ordered_json by_name(const std::vector<std::string>& names, const Eigen::VectorXd& values) {
   ordered_json object = ordered_json::object();
-  for (std::size_t k = 0; k < names.size(); ++k) object[names[k]] = values[static_cast<Eigen::Index>(k)];
+  for (std::size_t k = 0; k < names.size(); ++k) object[names[k]] = values[k];
   return object;
 }
 
@@ -47,12 +47,12 @@ Figure field_figure(const project::SelectionSetup& setup, const assimilation::Se
     for (int component = 0; component < 2; ++component) {
       const std::string name = setup.model.parameter_names()[k];
       const auto values = field_on_face(setup.model, face, component, static_cast<Eigen::Index>(k),
-                                        setup.problem.at, study.prior_std[static_cast<Eigen::Index>(k)]);
+                                        setup.problem.at, study.prior_std[k]);
       Plot plot = mesh_plot(fmt::format("{}, {} displacement", name, k_letters[component]), face, values, {},
                             "root of the sum over time, µm per prior std");
       std::vector<double> x, y;
       for (const assimilation::RankedDof& r : study.ranked) {
-        if (setup.sensors.components[static_cast<std::size_t>(r.dof)] != component) continue;
+        if (setup.sensors.components[r.dof] != component) continue;
         x.push_back(setup.problem.positions(r.dof, 0));
         y.push_back(setup.problem.positions(r.dof, 1));
       }
@@ -100,11 +100,11 @@ std::vector<ordered_json> selection_records(const project::Project& project,
   for (std::size_t i = 0; i < study.ranked.size(); ++i) {
     const assimilation::RankedDof& r = study.ranked[i];
     const auto& x = setup.problem.positions;
-    dofs.push_back(setup.candidates[static_cast<std::size_t>(r.dof)]);
+    dofs.push_back(setup.candidates[r.dof]);
     records.push_back({{"rank", i},
                        {"dof", dofs.back()},
                        {"point", {x(r.dof, 0), x(r.dof, 1), x(r.dof, 2)}},
-                       {"component", setup.sensors.components[static_cast<std::size_t>(r.dof)]},
+                       {"component", setup.sensors.components[r.dof]},
                        {"score", r.score},
                        {"sensitivity", by_name(names, r.sensitivity)},
                        {"signal_to_noise", by_name(names, r.signal_to_noise)},

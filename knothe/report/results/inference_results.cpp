@@ -36,8 +36,7 @@ Json marginals_of(const Eigen::MatrixXd& points, const Eigen::VectorXd& weights,
                   const std::vector<assimilation::Prior>& priors) {
   Json all = Json::array();
   for (Eigen::Index k = 0; k < points.cols(); ++k)
-    all.push_back(density_of(
-        assimilation::marginal_density(points.col(k), weights, priors[static_cast<std::size_t>(k)])));
+    all.push_back(density_of(assimilation::marginal_density(points.col(k), weights, priors[k])));
   return all;
 }
 
@@ -85,7 +84,7 @@ std::vector<std::int64_t> counted(Eigen::Index n) {
 /// n × d to C order.
 std::vector<double> c_order(const Eigen::MatrixXd& m) {
   std::vector<double> out;
-  out.reserve(static_cast<std::size_t>(m.size()));
+  out.reserve(m.size());
   for (Eigen::Index i = 0; i < m.rows(); ++i)
     for (Eigen::Index k = 0; k < m.cols(); ++k) out.push_back(m(i, k));
   return out;
@@ -100,7 +99,7 @@ void write_samples(const std::string& path, const project::Project& project,
     out.add_dimension("posterior", "chain", counted(r.chains), {"1", "chain"});
     out.add_dimension("posterior", "draw", counted(r.draws.rows() / r.chains), {"1", "draw"});
     for (std::size_t k = 0; k < d; ++k) {
-      const auto column = r.draws.col(static_cast<Eigen::Index>(k));
+      const auto column = r.draws.col(k);
       out.add_variable(
           "posterior", setup.parameters[k], Names{"chain", "draw"},
           std::span(column.data(), static_cast<std::size_t>(r.draws.rows() / r.chains * r.chains)),

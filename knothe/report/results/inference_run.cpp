@@ -137,9 +137,8 @@ std::string inference_text(const InferenceRun& run) {
   const Eigen::VectorXd std = r.standard_deviations();
   for (Eigen::Index k = 0; k < std.size(); ++k)
     text += fmt::format("{:<16} {:>12.5g} {:>12.4g} {:>13.5g} {:>12.5g} {:>12.5g} {:>9.3f} {:>9.3f}\n",
-                        run.setup.parameters[static_cast<std::size_t>(k)], r.mean[k], std[k],
-                        r.maximum_a_posteriori[k], r.quantiles(k, 0), r.quantiles(k, 4), r.skewness[k],
-                        r.kurtosis[k]);
+                        run.setup.parameters[k], r.mean[k], std[k], r.maximum_a_posteriori[k],
+                        r.quantiles(k, 0), r.quantiles(k, 4), r.skewness[k], r.kurtosis[k]);
   double model_seconds = 0;
   for (const auto& phase : r.phases) model_seconds += phase.model_seconds;
   return text + fmt::format(
@@ -157,8 +156,8 @@ std::string comparison_text(const InferenceRun& first, const InferenceRun& secon
   for (const double level : numerics::k_quantile_levels)
     text += fmt::format(" {:>8}", fmt::format("{:g} %", 100 * level));
   for (Eigen::Index k = 0; k < c.mean_difference.size(); ++k) {
-    text += fmt::format("\n{:<16} {:>9.4f} {:>10.4f}", first.setup.parameters[static_cast<std::size_t>(k)],
-                        c.mean_difference[k], c.std_ratio[k]);
+    text += fmt::format("\n{:<16} {:>9.4f} {:>10.4f}", first.setup.parameters[k], c.mean_difference[k],
+                        c.std_ratio[k]);
     for (Eigen::Index l = 0; l < c.quantile_difference.cols(); ++l)
       text += fmt::format(" {:>8.4f}", c.quantile_difference(k, l));
   }

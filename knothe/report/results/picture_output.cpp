@@ -54,7 +54,7 @@ class PictureOutput {
       const files::CsvTable table = files::CsvTable::read(files.at);
       const auto x = table.numbers("x"), y = table.numbers("y");
       points_.resize(static_cast<Eigen::Index>(x.size()), 2);
-      for (std::size_t i = 0; i < x.size(); ++i) points_.row(static_cast<Eigen::Index>(i)) << x[i], y[i];
+      for (std::size_t i = 0; i < x.size(); ++i) points_.row(i) << x[i], y[i];
       if (several()) files::require_writable_folder(files.output);
     } else if (!files.output.empty() && !has_ending(".h5") && !has_ending(".vtu") && !has_ending(".pvd")) {
       throw UsageError(

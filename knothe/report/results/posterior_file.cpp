@@ -98,7 +98,7 @@ class Writer {
         likelihood[j * n_steps_ + s] = here.log_likelihood[row];
       }
       for (std::size_t j = 0; j < n_predicted; ++j)
-        std::copy_n(here.predicted.col(static_cast<Eigen::Index>(j)).data(), n_observations_,
+        std::copy_n(here.predicted.col(j).data(), n_observations_,
                     predicted.begin() + static_cast<std::ptrdiff_t>((j * n_steps_ + s) * n_observations_));
     }
     write_posterior(draws);
@@ -316,9 +316,7 @@ StepDraws draw_step(const KeptStep& step, const reduction::ObservedModel& observ
                     Eigen::Index stride) {
   const auto d = static_cast<Eigen::Index>(priors.size());
   Eigen::VectorXd lower(d), upper(d);
-  for (Eigen::Index k = 0; k < d; ++k)
-    lower[k] = priors[static_cast<std::size_t>(k)].lower(),
-    upper[k] = priors[static_cast<std::size_t>(k)].upper();
+  for (Eigen::Index k = 0; k < d; ++k) lower[k] = priors[k].lower(), upper[k] = priors[k].upper();
   const assimilation::UpdateResult& result = step.result;
   StepDraws out{numerics::distinct_draws(result.points, result.weights, draws, lower, upper), {}, {}};
   reduction::FunctionBatch batch;
@@ -329,7 +327,7 @@ StepDraws draw_step(const KeptStep& step, const reduction::ObservedModel& observ
   const Eigen::Index all = std::min(observed.observations(), step.datum.values.size());
   Eigen::MatrixXd predicted =
       observed.space.topRows(all) * (observed.core[t] * batch.value.transpose()).eval();
-  predicted.colwise() += observed.lift.col(static_cast<Eigen::Index>(t)).head(all);
+  predicted.colwise() += observed.lift.col(t).head(all);
   if (step.bias.size() > 0) predicted.topRows(step.bias.size()).colwise() += step.bias;
   out.log_likelihood =
       assimilation::log_likelihoods(predicted, step.datum.values.head(all), *step.datum.noise);

@@ -54,15 +54,13 @@ ResultsWriter::ResultsWriter(const project::Project& project, const reduction::S
       priors_(std::move(priors)),
       observed_(std::move(observed)) {
   // Rows behind the displacements are in `series` too.
-  measurements_.values =
-      measurements.values.topRows(static_cast<Eigen::Index>(measurements.sensors.displacement_count()));
+  measurements_.values = measurements.values.topRows(measurements.sensors.displacement_count());
 }
 
 void ResultsWriter::add_step(const engine::StepResult& result,
                              const std::vector<forecast::NamedForecast>& published,
                              const assimilation::Datum& datum) {
-  measurements_.values.col(static_cast<Eigen::Index>(steps_.size())) =
-      datum.values.head(measurements_.values.rows());
+  measurements_.values.col(steps_.size()) = datum.values.head(measurements_.values.rows());
   const auto start = monotonic_now();
   Json record = step_record(result, model_.contents().axes);
   scores_.insert(scores_.end(), result.scores.begin(), result.scores.end());
@@ -135,13 +133,13 @@ Json ResultsWriter::last_draws() const {
   const auto d = static_cast<Eigen::Index>(priors_.size());
   Eigen::VectorXd lower(d), upper(d);
   for (Eigen::Index k = 0; k < d; ++k) {
-    const assimilation::Prior& prior = priors_[static_cast<std::size_t>(k)];
+    const assimilation::Prior& prior = priors_[k];
     lower[k] = prior.lower(), upper[k] = prior.upper();
   }
   const Eigen::MatrixXd draws = numerics::distinct_draws(last.points, last.weights, k_shown, lower, upper);
   Json record = Json::object();
   for (std::size_t k = 0; k < priors_.size(); ++k)
-    record[model_.contents().axes[k].name] = to_json(draws.col(static_cast<Eigen::Index>(k)));
+    record[model_.contents().axes[k].name] = to_json(draws.col(k));
   return record;
 }
 
@@ -164,8 +162,7 @@ Json ResultsWriter::residuals() const {
     functions.evaluate(posterior.points, 0, batch);
     const Eigen::VectorXd of_functions =
         observed_->core[time_index] * (batch.value.transpose() * posterior.weights).eval();
-    const Eigen::ArrayXd residual = measurements_.values.col(static_cast<Eigen::Index>(i)) -
-                                    observed_->lift.col(static_cast<Eigen::Index>(time_index)).head(n) -
+    const Eigen::ArrayXd residual = measurements_.values.col(i) - observed_->lift.col(time_index).head(n) -
                                     observed_->space.topRows(n) * of_functions;
     const auto present = !residual.isNaN();
     const Eigen::ArrayXd there = present.select(residual, 0.0);
@@ -178,7 +175,7 @@ Json ResultsWriter::residuals() const {
     rms.push_back(std::sqrt(there.square().sum() / number));
     noise_rms.push_back(std::sqrt(present.select(noise, 0.0).square().sum() / number));
     if (i + 1 == steps_.size()) {
-      const auto column = measurements_.values.col(static_cast<Eigen::Index>(i));
+      const auto column = measurements_.values.col(i);
       for (Eigen::Index j = 0; j < n; ++j)
         if (present[j]) measured.push_back(column[j]), predicted.push_back(column[j] - residual[j]);
     }
@@ -190,7 +187,7 @@ Json ResultsWriter::residuals() const {
   std::string components;
   std::vector<double> x, y;
   for (Eigen::Index j = 0; j < n; ++j) {
-    components.push_back("xyz"[measurements_.sensors.components[static_cast<std::size_t>(j)]]);
+    components.push_back("xyz"[measurements_.sensors.components[j]]);
     x.push_back(measurements_.sensors.point(static_cast<std::size_t>(j))[0]);
     y.push_back(measurements_.sensors.point(static_cast<std::size_t>(j))[1]);
   }
@@ -270,7 +267,7 @@ void ResultsWriter::write_fields(const std::string& folder) const {
     for (std::size_t k = 0; k < weights.index.size(); ++k) {
       if (weights.value[k] == 0) continue;
       core += weights.value[k] * reduction::core_of(contents, weights.index[k]);
-      mean += weights.value[k] * lift.col(static_cast<Eigen::Index>(weights.index[k]));
+      mean += weights.value[k] * lift.col(weights.index[k]);
     }
     mean += space * (core * moments.mean);
     // Cov[u] = U (C Cov[w] Cᵀ) Uᵀ: only its diagonal is wanted.

@@ -155,8 +155,8 @@ void add_densities(Json& record, const std::vector<std::string>& parameters,
                    std::span<const forecast::NamedForecast> published) {
   const assimilation::Posterior& posterior = result.update;
   for (std::size_t k = 0; k < parameters.size(); ++k) {
-    const auto marginal = assimilation::marginal_density(posterior.points.col(static_cast<Eigen::Index>(k)),
-                                                         posterior.weights, priors[k]);
+    const auto marginal =
+        assimilation::marginal_density(posterior.points.col(k), posterior.weights, priors[k]);
     record["marginals"][parameters[k]] = {{"points", marginal.points}, {"density", marginal.density}};
   }
   record["forecast"] = forecast_record(result.forecasts, true);
