@@ -53,11 +53,10 @@ CLI::App& add_command(CLI::App& parent, VerifyArguments& arguments) {
 }
 
 CLI::App& add_command(CLI::App& parent, MeshStudyArguments& arguments) {
-  CLI::App& command =
-      add_command(parent, "mesh-study",
-                  "Load, energy and crack length of the full-order model on several meshes, by damage law "
-                  "(runs knothe-offline).",
-                  "knothe model mesh-study examples/beam/beam.toml -o mesh-study.svg");
+  CLI::App& command = add_command(parent, "mesh-study",
+                                  "Load, energy and crack length of the full-order model on several meshes, "
+                                  "by damage law (runs knothe-offline).",
+                                  "knothe model mesh-study examples/beam/beam.toml -o mesh-study.svg");
   command.add_option("FILE", arguments.project, "project file with [offline]")->required();
   command.add_option("--elements", arguments.elements, "element sizes, m (default: 5e-3,2.5e-3,1.25e-3)")
       ->delimiter(',')

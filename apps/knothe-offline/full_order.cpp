@@ -16,23 +16,22 @@ using mechanics::DistributedElastic;
 using mechanics::StepRecord;
 
 void report(const DistributedElastic& elastic, const files::CommandOutput& output) {
-  output.line({{"dofs", elastic.dofs},
-               {"cells", elastic.cells},
-               {"ranks", elastic.ranks},
-               {"iterations", elastic.iterations},
-               {"residual", elastic.residual},
-               {"stiffness_N_per_m", elastic.unit_reaction},
-               {"set_up_seconds", elastic.set_up_seconds},
-               {"solve_seconds", elastic.solve_seconds},
-               {"memory_MiB", elastic.memory_of_all},
-               {"largest_memory_MiB", elastic.largest_memory}},
-              fmt::format("{} dofs, {} cells, {} rank{}\nelastic solution: {} iterations, residual {:.1e}; "
-                          "{:.1f} s to set up, "
-                          "{:.1f} s "
-                          "to solve; {:.0f} MiB ({:.0f} on one rank)\nstiffness {:.4f} kN/mm",
-                          elastic.dofs, elastic.cells, elastic.ranks, elastic.ranks == 1 ? "" : "s",
-                          elastic.iterations, elastic.residual, elastic.set_up_seconds, elastic.solve_seconds,
-                          elastic.memory_of_all, elastic.largest_memory, 1e-6 * elastic.unit_reaction));
+  output.line(
+      {{"dofs", elastic.dofs},
+       {"cells", elastic.cells},
+       {"ranks", elastic.ranks},
+       {"iterations", elastic.iterations},
+       {"residual", elastic.residual},
+       {"stiffness_N_per_m", elastic.unit_reaction},
+       {"set_up_seconds", elastic.set_up_seconds},
+       {"solve_seconds", elastic.solve_seconds},
+       {"memory_MiB", elastic.memory_of_all},
+       {"largest_memory_MiB", elastic.largest_memory}},
+      fmt::format("{} dofs, {} cells, {} rank{}\nelastic solution: {} iterations, residual {:.1e}; {:.1f} s "
+                  "to set up, {:.1f} s to solve; {:.0f} MiB ({:.0f} on one rank)\nstiffness {:.4f} kN/mm",
+                  elastic.dofs, elastic.cells, elastic.ranks, elastic.ranks == 1 ? "" : "s",
+                  elastic.iterations, elastic.residual, elastic.set_up_seconds, elastic.solve_seconds,
+                  elastic.memory_of_all, elastic.largest_memory, 1e-6 * elastic.unit_reaction));
 }
 
 void report(int number, const StepRecord& step, const files::CommandOutput& output) {

@@ -38,8 +38,7 @@ report::PictureTask task_of(const DicArguments& a) {
     if (a.inputs.size() < 2 && !(a.pattern && !a.inputs.empty()))
       throw UsageError(
           "dic takes a project file (.toml), or a reference picture and at least one deformed one; --pattern "
-          "takes "
-          "the reference alone");
+          "takes the reference alone");
     // Several pictures to be assessed are several of the unloaded surface: their differences tell the noise.
     series.find_prefilter = true;
     series.references.assign(a.inputs.begin(), a.pattern ? a.inputs.end() : a.inputs.begin() + 1);

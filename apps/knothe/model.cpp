@@ -61,12 +61,11 @@ int model_import(const ImportArguments& arguments) {
   reduction::write_model(model, truncation, arguments.output);
   files::CommandOutput(arguments.json)
       .line(report::import_record(arguments.output, model),
-            fmt::format(
-                "{}: {} form, {} space modes, {} parameter modes, error on the grid {:.2g} (relative), {}; "
-                "off the grid {}",
-                arguments.output, arguments.form, model.space_modes, model.parameter_modes,
-                model.relative_error, reduction::largest_error(model.max_error_m, model.quantities),
-                off_grid_text(model)));
+            fmt::format("{}: {} form, {} space modes, {} parameter modes, error on the grid {:.2g} "
+                        "(relative), {}; off the grid {}",
+                        arguments.output, arguments.form, model.space_modes, model.parameter_modes,
+                        model.relative_error, reduction::largest_error(model.max_error_m, model.quantities),
+                        off_grid_text(model)));
   if (arguments.tolerance > 0 && model.relative_error > arguments.tolerance)
     fmt::print(stderr, "note: --modes {} is too few for --tolerance {:g}\n", arguments.modes,
                arguments.tolerance);

@@ -39,12 +39,11 @@ int run_sibling(const std::vector<std::string>& words) {
   std::fflush(nullptr);
   execvp(program.c_str(), arguments.data());
   if (errno != ENOENT) throw system_error("could not run", program);
-  throw Error(ExitStatus::internal, fmt::format("`knothe {}` is done by knothe-offline, which is not "
-                                                "installed: install the package of that name, or "
-                                                "build it with -DKNOTHE_OFFLINE=ON (needs libdeal.ii-dev; "
-                                                "`make build` does both) and put it beside "
-                                                "knothe",
-                                                words.front()));
+  throw Error(ExitStatus::internal,
+              fmt::format("`knothe {}` is done by knothe-offline, which is not installed: install the "
+                          "package of that name, or build it with -DKNOTHE_OFFLINE=ON (needs libdeal.ii-dev; "
+                          "`make build` does both) and put it beside knothe",
+                          words.front()));
 }
 
 }  // namespace knothe::commands

@@ -45,8 +45,7 @@ Picture picture_formats::read_jpeg(const std::string& path, const std::string& b
   Picture picture = sized(path, jpeg.image_width, jpeg.image_height, 8, bytes.size());
   picture.remark = fmt::format(
       "{}: a JPEG: its compression has changed the grey levels that displacements are measured by, and its "
-      "noise is "
-      "not white; save TIFF or PNG where the camera can",
+      "noise is not white; save TIFF or PNG where the camera can",
       path);
   jpeg_start_decompress(&jpeg);
   std::vector<unsigned char> row(static_cast<std::size_t>(picture.width) * (grey ? 1 : 3));

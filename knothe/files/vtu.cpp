@@ -41,12 +41,11 @@ class AppendedData {
   template <class T>
   std::string add(const char* type, const std::string& name, std::size_t components,
                   std::span<const T> values, const std::string& units = {}) {
-    const std::string key = units.empty()
-                                ? "/>"
-                                : fmt::format(
-                                      "><InformationKey name=\"UNITS_LABEL\" location=\"vtkDataArray\">{}"
-                                      "</InformationKey></DataArray>",
-                                      escape_xml(units));
+    const std::string key = units.empty() ? "/>"
+                                          : fmt::format(
+                                                "><InformationKey name=\"UNITS_LABEL\" "
+                                                "location=\"vtkDataArray\">{}</InformationKey></DataArray>",
+                                                escape_xml(units));
     const std::string element = fmt::format(
         "        <DataArray type=\"{}\" Name=\"{}\" NumberOfComponents=\"{}\" format=\"appended\" "
         "offset=\"{}\"{}\n",

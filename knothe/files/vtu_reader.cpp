@@ -380,10 +380,9 @@ std::vector<PvdEntry> read_pvd(const std::string& path) {
                    [](const PvdEntry& a, const PvdEntry& b) { return a.time < b.time; });
   for (std::size_t i = 1; i < entries.size(); ++i)
     if (entries[i].time == entries[i - 1].time)
-      throw DataError(
-          fmt::format("{}: error: two files for the time {}: append the parts into one (ParaView: "
-                      "Merge Blocks)",
-                      path, entries[i].time));
+      throw DataError(fmt::format(
+          "{}: error: two files for the time {}: append the parts into one (ParaView: Merge Blocks)", path,
+          entries[i].time));
   if (entries.empty()) throw DataError(path + ": error: the series has no DataSet");
   return entries;
 }

@@ -60,11 +60,10 @@ const Section<ParameterOptions>& parameter_section() {
                                                           {std::nullopt, "known"}});
   static const Section<P> k_section(
       "parameters.*", "Prior of the parameter of that name.", [](Section<P>& s) {
-        s.choice(
-            "prior", &P::family, k_priors,
-            "Family of the prior; or a parameter that is not inferred (`known`), a temperature say: the data "
-            "file has its value at each time as a series of its name (`knothe assimilate`).",
-            required);
+        s.choice("prior", &P::family, k_priors,
+                 "Family of the prior; or a parameter that is not inferred (`known`), a temperature say: the "
+                 "data file has its value at each time as a series of its name (`knothe assimilate`).",
+                 required);
         s.add("value", &P::value,
               "Known parameter: its value for forecasts and fields; without it, the last one measured.");
         s.add("mean", &P::mean, "Mean of a normal prior, before truncation to the model's box.", no_default);

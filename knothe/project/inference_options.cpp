@@ -83,10 +83,9 @@ void check_covariance(Values& values, const std::vector<std::vector<double>>& ro
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(scale.asDiagonal() * c * scale.asDiagonal(),
                                                              Eigen::EigenvaluesOnly);
   if (const double least = eigen.eigenvalues().minCoeff(); !(least > 1e-14 * static_cast<double>(m)))
-    values.complain(path,
-                    fmt::format("\"{}\" is {}: the smallest eigenvalue of its correlations is {:.3g}; a "
-                                "covariance must be positive definite",
-                                path, least < -1e-12 ? "indefinite" : "singular", least));
+    values.complain(path, fmt::format("\"{}\" is {}: the smallest eigenvalue of its correlations is {:.3g}; "
+                                      "a covariance must be positive definite",
+                                      path, least < -1e-12 ? "indefinite" : "singular", least));
 }
 
 }  // namespace
@@ -100,10 +99,9 @@ UmbridgeOptions read_umbridge(Values& values) {
   if (!o.url.empty() && values.has("model.separated"))
     values.complain("model.umbridge", "[model] has both \"umbridge\" and \"separated\": choose one");
   if (o.density && values.has_table("observations"))
-    values.complain(
-        "observations",
-        "[observations] cannot be combined with model.kind = \"density\": the server's number is the "
-        "complete log posterior density");
+    values.complain("observations",
+                    "[observations] cannot be combined with model.kind = \"density\": the server's number is "
+                    "the complete log posterior density");
   if (o.density && o.url.empty())
     values.complain("model.kind", "model.kind = \"density\" needs \"umbridge\", the server's address");
   return o;
@@ -123,10 +121,9 @@ ObservationOptions read_observations(Values& values) {
                                                     o.std.size(), o.values.size()));
   for (std::size_t i = 0; i < o.std.size(); ++i) {
     if (o.std[i] > 0) continue;
-    values.complain("observations.std",
-                    fmt::format("\"observations.std\": entry {} is {}; a standard deviation "
-                                "is positive",
-                                i, o.std[i]));
+    values.complain(
+        "observations.std",
+        fmt::format("\"observations.std\": entry {} is {}; a standard deviation is positive", i, o.std[i]));
     break;
   }
   if (has_covariance && !o.covariance.empty()) check_covariance(values, o.covariance, o.values.size());

@@ -33,10 +33,9 @@ void set_up_server(const Project& project, InferenceSetup& setup) {
                     "a table [observations] (only a model of kind = \"density\" does without)");
   if (project.observations && (!project.observations->dofs.empty() || !project.observations->steps.empty() ||
                                !project.observations->output.empty()))
-    throw project.error_at(
-        "observations",
-        "\"dofs\", \"steps\" and \"output\" choose from a separated model; all outputs of a "
-        "UM-Bridge model are observed, in their order");
+    throw project.error_at("observations",
+                           "\"dofs\", \"steps\" and \"output\" choose from a separated model; all outputs of "
+                           "a UM-Bridge model are observed, in their order");
   inference::UmbridgeSettings settings = o;
   settings.parameters = setup.parameters;
   std::unique_ptr<inference::UmbridgeModel> model;
@@ -53,8 +52,7 @@ void set_up_server(const Project& project, InferenceSetup& setup) {
   if (o.density && model->output_count() != 1)
     throw project.error_at(
         "model.kind",
-        fmt::format("model.kind = \"density\" means one number, but {} returns {} "
-                    "(output sizes {})",
+        fmt::format("model.kind = \"density\" means one number, but {} returns {} (output sizes {})",
                     model->where(), model->output_count(), fmt::join(model->output_sizes(), ", ")));
   setup.model_name = model->name();
   setup.model = std::move(model);
@@ -65,8 +63,7 @@ void set_up_chosen(const Project& project, const reduction::SeparatedModel& mode
   const ObservationOptions& o = *project.observations;
   if (o.steps.empty())
     throw project.error_at("observations",
-                           "[observations] of a separated model needs \"steps\", the time steps "
-                           "observed");
+                           "[observations] of a separated model needs \"steps\", the time steps observed");
   if (o.dofs.empty() && o.output.empty())
     throw project.error_at(
         "observations",

@@ -131,10 +131,9 @@ void give_last(const std::string& name, std::span<const reduction::Axis> axes,
   for (std::size_t i = 0; i < series.values.size(); ++i) {
     const double value = series.values[i];
     if (std::isnan(value)) {
-      throw DataError(
-          fmt::format("{}: outputs/{}[{}] is missing: the parameter is known, so its value is needed at "
-                      "each time",
-                      source, name, i));
+      throw DataError(fmt::format(
+          "{}: outputs/{}[{}] is missing: the parameter is known, so its value is needed at each time",
+          source, name, i));
     }
     if (!(value >= nodes.front() && value <= nodes.back())) {
       throw DataError(fmt::format("{}: outputs/{}[{}] = {} is outside the model's axis, {} to {}", source,

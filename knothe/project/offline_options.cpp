@@ -18,15 +18,13 @@ void add_latin_options(Section<O>& s) {
   s.table("latin", "Options of LATIN-PGD.");
   s.add("latin.accuracy", &O::latin_accuracy,
         "Tolerance on the remaining out-of-balance forces, as the displacement that they would cause, m; "
-        "1e-7, fully separated "
-        "1e-6.",
+        "1e-7, fully separated 1e-6.",
         positive);
   s.add("latin.window", &O::latin_window, "Number of load steps that are iterated together.", at_least(1));
-  s.add(
-      "latin.start", &O::latin_start,
-      "Reduced model to start from, of the same mesh, steps and material, e.g. one of snapshots on a coarser "
-      "grid of parameters (hybrid); otherwise the elastic solution.",
-      file);
+  s.add("latin.start", &O::latin_start,
+        "Reduced model to start from, of the same mesh, steps and material, e.g. one of snapshots on a "
+        "coarser grid of parameters (hybrid); otherwise the elastic solution.",
+        file);
   s.choice("latin.separation", &O::latin_full, "joint", "full",
            "Space modes with joint functions of time and parameters; or all variables separated from each "
            "other during the iteration (form = \"canonical\").");
@@ -137,9 +135,8 @@ const Section<UmbridgeSource>& umbridge_section() {
   static const Section<U> k_section(
       "offline.umbridge",
       "A model of a UM-Bridge 1.0 server as full-order model, instead of the beam "
-      "(docs/tutorials/own-solver.md). The "
-      "physical parameters fill its inputs; its outputs are all quantities at the first time, at the second, "
-      "…",
+      "(docs/tutorials/own-solver.md). The physical parameters fill its inputs; its outputs are all "
+      "quantities at the first time, at the second, …",
       [](Section<U>& s) {
         s.add("url", &U::url, "Address of the server, `\"http://HOST:PORT\"`.", required);
         s.add("name", &U::name, "Name of the model, where the server has several.");
@@ -161,20 +158,18 @@ const Section<O>& offline_section() {
     add_reduction_options(s);
     s.table("parameters",
             "One table per parameter: `Y0` and `Ad` of the damage law (`Y0` and `Gf` of the exponential "
-            "one); `E`, `support_stiffness`, `load_offset` "
-            "if wanted.");
+            "one); `E`, `support_stiffness`, `load_offset` if wanted.");
   });
   return k_section;
 }
 
 const Section<P>& parameter_section() {
   static const Section<P> k_section("offline.parameters.*", "Axis of the parameter grid.", [](Section<P>& s) {
-    s.add(
-        "reference", &P::reference,
-        "Physical value of 1.0 (Y0: J/m³, Ad: m³/J, Gf: J/m², E: Pa, support_stiffness: N/m of each support, "
-        "load_offset: m, at most 0.01 in all). With another solver 1 is the default: the axis, and with it "
-        "priors and truth, are then in the parameter's own unit.",
-        positive, no_default);
+    s.add("reference", &P::reference,
+          "Physical value of 1.0 (Y0: J/m³, Ad: m³/J, Gf: J/m², E: Pa, support_stiffness: N/m of each "
+          "support, load_offset: m, at most 0.01 in all). With another solver 1 is the default: the axis, "
+          "and with it priors and truth, are then in the parameter's own unit.",
+          positive, no_default);
     s.add("lower", &P::lower,
           "Lower end of the axis, in multiples of the reference; positive, but for load_offset and with "
           "another solver.",
@@ -247,8 +242,7 @@ void check_own_solver(Values& values, const OfflineOptions& o) {
     values.complain("offline", "[offline.parameters] has no parameter: one table for each of the program's");
   if (o.method == OfflineMethod::latin)
     values.complain("offline.method",
-                    "LATIN-PGD solves for the built-in beam: another solver needs method = "
-                    "\"snapshots\"");
+                    "LATIN-PGD solves for the built-in beam: another solver needs method = \"snapshots\"");
   for (const char* key : {"mesh", "damage", "latin", "steps", "displacement", "young_modulus",
                           "poisson_ratio", "left_support", "crack_lengths"}) {
     const std::string path = std::string("offline.") + key;
@@ -292,8 +286,7 @@ void check_latin(Values& values, const OfflineOptions& o) {
          "[offline]; for the tree form leave it away");
   if (o.method != OfflineMethod::latin) return;
   refuse(!o.time.output.empty(), "time",
-         "LATIN-PGD solves for all parameters at the same load steps: \"time\" needs method = "
-         "\"snapshots\"");
+         "LATIN-PGD solves for all parameters at the same load steps: \"time\" needs method = \"snapshots\"");
   refuse(o.law != SofteningLaw::brittle, "damage.law",
          "LATIN-PGD has the brittle law only: the exponential one needs method = \"snapshots\"");
   refuse(o.regularisation == DamageRegularisation::gradient, "damage",
@@ -326,11 +319,10 @@ OfflineOptions read_offline(Values& values) {
     o.parameters.push_back((is_own ? read_own_parameter : read_parameter)(values, name));
   if (o.regularisation == DamageRegularisation::gradient && o.gmsh.empty() &&
       o.internal_length < 1.999 * o.element)
-    values.complain(
-        "offline.damage",
-        fmt::format("gradient damage: \"internal_length\" is {:g} m, less than two elements of {:g} m: "
-                    "the averaged strain cannot be resolved",
-                    o.internal_length, o.element));
+    values.complain("offline.damage",
+                    fmt::format("gradient damage: \"internal_length\" is {:g} m, less than two elements of "
+                                "{:g} m: the averaged strain cannot be resolved",
+                                o.internal_length, o.element));
   if (o.adaptive_error && o.adaptive_shift)
     values.complain("offline.adaptive",
                     "[offline.adaptive]: give \"error\" or \"posterior_shift\", not both");

@@ -68,10 +68,9 @@ imaging::ImageMesh surface_mesh(const reduction::Mesh& mesh, const imaging::Pict
   imaging::ImageMesh face;
   std::map<std::int64_t, int> number;
   if (mesh.nodes_per_cell != 8)
-    throw project.error_at("dic.mesh",
-                           fmt::format("the model's mesh is of {} cells; a surface mesh is made of hexahedra "
-                                       "only: use \"dic.mesh\" = \"region\"",
-                                       mesh.type));
+    throw project.error_at("dic.mesh", fmt::format("the model's mesh is of {} cells; a surface mesh is made "
+                                                   "of hexahedra only: use \"dic.mesh\" = \"region\"",
+                                                   mesh.type));
   for (std::size_t c = 0; c < mesh.cell_count(); ++c)
     for (const auto& vertices : k_faces) {
       std::array<int, 4> nodes{};
@@ -150,20 +149,18 @@ PictureMeasurements::PictureMeasurements(const Project& given, const reduction::
   registration_ = register_pictures(project, contents.mesh, live);
   frame_ = picture_frame_of(project, contents.mesh);
   if (live && project.pictures.series.reference_update > 0)
-    throw project.error_at(
-        "dic.reference_update",
-        "\"dic.reference_update\" needs to know how many pictures will share the errors of "
-        "another reference: it is for recorded pictures, not for `serve`");
+    throw project.error_at("dic.reference_update",
+                           "\"dic.reference_update\" needs to know how many pictures will share the errors "
+                           "of another reference: it is for recorded pictures, not for `serve`");
   if (live) {
     imaging::SeriesOptions options = live_series_options(project);
     options.mesh = mesh_of(project, contents.mesh);
     series_ = std::make_unique<imaging::PictureSeries>(std::move(options));
     gamma_ = series_->known_noise();
     if (!(gamma_ > 0))
-      throw project.error_at(
-          "dic",
-          "the noise of pictures that are still to come must be known: give \"dic.noise\", or "
-          "two reference pictures or more");
+      throw project.error_at("dic",
+                             "the noise of pictures that are still to come must be known: give "
+                             "\"dic.noise\", or two reference pictures or more");
   } else {
     read_series(project, contents);
   }

@@ -55,10 +55,9 @@ void add_picture_options(Section<G>& s) {
         "Mesh of linear triangles and quadrilaterals to correlate on: Gmsh (.msh, ASCII, 4.1 or 2.2) or VTK "
         "(.vtu).",
         file);
-  s.choice(
-      "mesh_unit", &G::mesh_in_metres, "px", "m",
-      "Unit of that file: pixels of the reference picture (y down), or metres in the model's frame (needs "
-      "a scale).");
+  s.choice("mesh_unit", &G::mesh_in_metres, "px", "m",
+           "Unit of that file: pixels of the reference picture (y down), or metres in the model's frame "
+           "(needs a scale).");
   s.add("outline_margin", in(&G::series, &Series::outline_margin),
         "Width of the band along the outline of the model's mesh, or a file's, that is not used, px: the "
         "edge of the body.",
@@ -71,11 +70,10 @@ void add_picture_options(Section<G>& s) {
 
 void add_correlation_options(Section<G>& s) {
   const auto correlation = [](auto member) { return in(&G::series, &Series::correlation, member); };
-  s.add(
-      "prefilter", correlation(&Correlation::prefilter_sigma),
-      "Standard deviation of a Gaussian on all pictures, px; default: 1 where speckles of the reference are "
-      "smaller than 3 px (aliased), else 0.",
-      non_negative, no_default);
+  s.add("prefilter", correlation(&Correlation::prefilter_sigma),
+        "Standard deviation of a Gaussian on all pictures, px; default: 1 where speckles of the reference "
+        "are smaller than 3 px (aliased), else 0.",
+        non_negative, no_default);
   s.add("colour", in(&G::series, &Series::colour),
         "What is done with a colour picture: it is refused, or its luminance is used (`grey`).");
   s.add("brightness", correlation(&Correlation::brightness),
@@ -95,8 +93,7 @@ void add_correlation_options(Section<G>& s) {
         check([](double v) { return v > -1 && v <= 0.5; }, "\"{}\" is above -1 and at most 0.5"));
   s.add("reference_update", in(&G::series, &Series::reference_update),
         "A picture that does not converge, or whose residual exceeds this multiple of the first one's (2 is "
-        "usual), is "
-        "measured against the last good picture, which becomes the reference; 0: never.",
+        "usual), is measured against the last good picture, which becomes the reference; 0: never.",
         non_negative,
         check([](double v) { return v == 0 || v >= 1; },
               "\"{}\" is a factor of the residual, above 1 (2 is usual), or 0"));
@@ -123,10 +120,7 @@ void add_crack_and_drift_options(Section<G>& s) {
         "Motion of the camera against the body, of each picture by itself, that the likelihood leaves out: a "
         "shift, or a shift and a turn (rigid).");
   s.add("drift_std", in(&G::series, &Series::drift_std),
-        "Prior standard deviation of such a motion, px; a large one carries no "
-        "information."
-        "",
-        positive);
+        "Prior standard deviation of such a motion, px; a large one carries no information.", positive);
 }
 
 void add_registration_options(Section<G>& s) {
@@ -315,9 +309,7 @@ imaging::SeriesOptions series_options(const Project& project) {
   } else {
     if (p.references.empty() || p.pictures.empty())
       throw project.error_at(
-          "dic",
-          "no pictures: give `[data] pictures = \"FOLDER\"`, or `references` and `pictures` "
-          "in [dic]");
+          "dic", "no pictures: give `[data] pictures = \"FOLDER\"`, or `references` and `pictures` in [dic]");
     series.references = p.references, series.pictures = p.pictures;
   }
   if (!p.times.empty()) {

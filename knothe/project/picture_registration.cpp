@@ -44,8 +44,7 @@ std::string registration_text(const imaging::OutlineFit& fit) {
   const double degrees = 180 / std::numbers::pi, scale = 1e3 * fit.frame.scale();
   return fmt::format(
       "registered by the outline: {:.6g} ± {:.1g} mm/px, turned by {:.3f} ± {:.3f}°, in place to {:.2f} and "
-      "{:.2f} "
-      "px; {} of {} edges used, {:.2f} px about it",
+      "{:.2f} px; {} of {} edges used, {:.2f} px about it",
       scale, scale * fit.frame.relative_scale_std, degrees * std::arg(fit.frame.slope),
       degrees * fit.angle_std, fit.place_std[0], fit.place_std[1], fit.used, fit.places, fit.misfit);
 }

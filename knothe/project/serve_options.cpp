@@ -83,11 +83,10 @@ void add_camera_options(Section<S>& s) {
         "What makes the camera take a frame: its own clock, the service at `frame_rate`, or a line.");
   s.add("camera.trigger_line", in(&S::camera, &CameraOptions::trigger_line),
         "The line of a hardware trigger, as the camera calls it.");
-  s.add(
-      "camera.keep", in(&S::camera, &CameraOptions::keep),
-      "Folder in which frames are kept, with a table `pictures.csv` of their times; without it they are not "
-      "kept. References may be there, as in `watch_pictures`.",
-      file);
+  s.add("camera.keep", in(&S::camera, &CameraOptions::keep),
+        "Folder in which frames are kept, with a table `pictures.csv` of their times; without it they are "
+        "not kept. References may be there, as in `watch_pictures`.",
+        file);
   s.add("camera.keep_format", in(&S::camera, &CameraOptions::keep_format),
         "Format of the frames that are kept, of 8 or 16 bits as the camera's.");
 }

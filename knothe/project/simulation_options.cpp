@@ -71,10 +71,9 @@ const Section<SelectOptions>& select_section() {
              "the model (on the face and in the range of `[simulate.dofs]`, if given).");
     s.table("at", "Parameters at which the model is linearised; the middle of its box otherwise.");
     s.add("at.*", &S::at, "Value of the parameter of that name.");
-    s.add(
-        "step", &S::step,
-        "Model time step of the sensitivity fields of the paper's criteria; the middle one otherwise. Greedy "
-        "choices sum over all steps.");
+    s.add("step", &S::step,
+          "Model time step of the sensitivity fields of the paper's criteria; the middle one otherwise. "
+          "Greedy choices sum over all steps.");
     s.add("noise_std", &S::noise_std,
           "Standard deviation of the noise of candidates of the model, m; that of `[simulate]`, or 1e-6, "
           "otherwise.",

@@ -72,8 +72,7 @@ NoiseModel with_scale_error(const Hdf5Reader& file, const std::string& name, con
   const double std = file.number_attribute(name, "relative_scale_std");
   if (!(std >= 0 && std < 1))
     throw DataError(
-        fmt::format("{}: the attribute relative_scale_std of {} is {}: it is a share of the scale, "
-                    "below 1",
+        fmt::format("{}: the attribute relative_scale_std of {} is {}: it is a share of the scale, below 1",
                     file.path(), name.substr(1), std));
   return noise.with_scale_error(std);
 }

@@ -138,9 +138,8 @@ void CorrelationStage::make_constants() {
     const ElementPixels& element = pixels_.elements()[example];
     throw UsageError(
         fmt::format("{} of {} elements have no texture (or are masked or saturated), e.g. the one around "
-                    "pixel ({:.0f}, {:.0f}): image "
-                    "correlation needs a speckle with several dots per element; look at the picture, choose "
-                    "larger elements or another region",
+                    "pixel ({:.0f}, {:.0f}): image correlation needs a speckle with several dots per "
+                    "element; look at the picture, choose larger elements or another region",
                     without, count, element.x_origin, element.y_origin));
   }
   if (options_.regularisation > 0) {

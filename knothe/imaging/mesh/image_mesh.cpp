@@ -159,8 +159,7 @@ ImageMesh elements_inside(const ImageMesh& mesh, const Region& region, const Reg
                            mesh.shape_functions(mesh.elements[e], box.x0, box.y0).area() < 9 * half))
       throw UsageError(
           fmt::format("element {} of the mesh is {:.1f} × {:.1f} px: at least 3 × 3 pixels are needed; take "
-                      "a closer picture, or a "
-                      "coarser mesh",
+                      "a closer picture, or a coarser mesh",
                       e, box.x1 - box.x0, box.y1 - box.y0));
   }
   ImageMesh kept = part_of(mesh, wanted);

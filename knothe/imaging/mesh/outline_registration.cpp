@@ -79,8 +79,7 @@ Geometry geometry_of(const files::Picture& picture, const Outline& outline, cons
   if (!(total > 0))
     throw DataError(
         fmt::format("{}: error: the outline lies outside the picture; its initial position must be accurate "
-                    "to about 20 px (\"dic.scale\", "
-                    "\"dic.origin\")",
+                    "to about 20 px (\"dic.scale\", \"dic.origin\")",
                     name));
   Geometry g;
   for (const auto& [z, length] : seen) g.centre += z * (length / total);
@@ -249,13 +248,12 @@ void require_determined(const std::vector<Place>& places, const Matrix4& normal,
   std::vector<std::string> sides;
   for (std::size_t k = 0; k < 4; ++k)
     if (seen[k]) sides.emplace_back(k_directions[k]);
-  throw DataError(fmt::format(
-      "{}: error: the outline does not tell {}: edges were found on the {} side{} only; three sides must be "
-      "in "
-      "view (two that are parallel tell the scale across them, not the place along them), or register with "
-      "\"dic.pixels\" and \"dic.points\"{}",
-      name, listed(open, " and "), listed(sides, " and "), sides.size() > 1 ? "s" : "",
-      inverse(0, 0) > limit * limit ? ", or give \"dic.scale\" with \"dic.scale_std\"" : ""));
+  throw DataError(
+      fmt::format("{}: error: the outline does not tell {}: edges were found on the {} side{} only; three "
+                  "sides must be in view (two that are parallel tell the scale across them, not the place "
+                  "along them), or register with \"dic.pixels\" and \"dic.points\"{}",
+                  name, listed(open, " and "), listed(sides, " and "), sides.size() > 1 ? "s" : "",
+                  inverse(0, 0) > limit * limit ? ", or give \"dic.scale\" with \"dic.scale_std\"" : ""));
 }
 
 bool is_mask(const files::Picture& picture) {
@@ -291,9 +289,7 @@ OutlineFit fit_outline(const files::Picture& picture, const Outline& outline, co
       throw DataError(
           fmt::format("{}: error: no edge of the body near its outline: {} of {} places along it show one; "
                       "the initial outline must be accurate to {:.0f} px (\"dic.scale\", \"dic.origin\"), "
-                      "and the body be brighter, "
-                      "darker or more "
-                      "textured than what is behind it",
+                      "and the body be brighter, darker or more textured than what is behind it",
                       name, places.size(), in_view, reach));
     const double radius = std::abs(pose.a) * g.radius;  // px
     if (options.scale_std > 0) scale_precision = 1 / std::pow(options.scale_std * radius, 2);
@@ -329,9 +325,8 @@ OutlineFit fit_outline(const files::Picture& picture, const Outline& outline, co
   if (!(std::sqrt(covariance.diagonal().maxCoeff()) < k_undetermined))
     throw DataError(
         fmt::format("{}: error: the edges lie {:.1f} px about the outline, which tells scale and place to "
-                    "{:.1f} px only; some of "
-                    "its sides are not where it says, or not to be seen: look at it, or give \"dic.pixels\" "
-                    "and \"dic.points\"",
+                    "{:.1f} px only; some of its sides are not where it says, or not to be seen: look at it, "
+                    "or give \"dic.pixels\" and \"dic.points\"",
                     name, fit.misfit, std::sqrt(covariance.diagonal().maxCoeff())));
   const double radius = std::abs(pose.a) * g.radius;
   fit.frame = start;

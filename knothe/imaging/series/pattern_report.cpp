@@ -71,8 +71,7 @@ void give_advice(PatternReport& r, double element) {
   if (smallest > 0 && smallest < k_aliased_speckle)
     say(
         fmt::format("speckles of {:.1f} px are aliased: a prefilter of 1 px (--prefilter 1), coarser "
-                    "speckle, or a closer "
-                    "camera; 3 to 5 px are best",
+                    "speckle, or a closer camera; 3 to 5 px are best",
                     smallest));
   if (largest > k_large_speckle)
     say(fmt::format("speckles of {:.1f} px are coarse: finer ones would measure better and finer", largest));
@@ -84,8 +83,7 @@ void give_advice(PatternReport& r, double element) {
                     r.elements_without_texture, r.elements));
   if (r.noise_is_assumed)
     say("the noise is assumed: take two or more pictures of the unloaded surface and give them as "
-        "references, then it is "
-        "measured");
+        "references, then it is measured");
 }
 
 }  // namespace

@@ -118,8 +118,7 @@ PictureFolder list_pictures(const std::string& folder, const std::vector<std::st
   if (result.pictures.empty())
     throw DataError(
         fmt::format("{}: error: the folder holds {} pictures (.tif, .tiff, .png, .bmp, .pgm): a reference "
-                    "and at least one "
-                    "deformed picture are needed",
+                    "and at least one deformed picture are needed",
                     folder, names.size()));
   return result;
 }

@@ -85,8 +85,7 @@ PictureSeries::PictureSeries(SeriesOptions options) : options_(std::move(options
         fmt::format("{} times for {} pictures", options_.times.size(), options_.pictures.size()));
   if (options_.reference_update > 0 && options_.crack)
     throw UsageError(
-        "a crack is measured against the reference picture: it cannot be combined with another reference "
-        "in "
+        "a crack is measured against the reference picture: it cannot be combined with another reference in "
         "between (reference_update)");
   if (options_.correlation.threads <= 0) options_.correlation.threads = static_cast<int>(default_threads());
   std::vector<files::Picture> references;
@@ -350,8 +349,7 @@ PictureResult PictureSeries::correlate(files::Picture picture, const std::string
     best.converged = false;
     best.message = fmt::format(
         "the residual of {:.3g} grey levels is nearly the contrast of the reference, {:.3g}: the picture "
-        "does not "
-        "show its surface, or moved farther than the search reaches",
+        "does not show its surface, or moved farther than the search reaches",
         best.residual_rms, contrast_);
   }
   result.elapsed_ms =

@@ -89,12 +89,11 @@ struct DistributedModel::Implementation {
     lift.assign(body.unit_prescribed.size(), 0.0);
     const LinearSolve solve = body.system->solve(right, lift, linear.tolerance, linear.max_iterations);
     if (!solve.converged)
-      throw NumericalError(fmt::format(
-          "distributed model: after {} iterations of conjugate gradients the elastic solution leaves {:.2g} "
-          "of its "
-          "right-hand side, {:.2g} was asked for: elements that are long and thin hurt multigrid; take more "
-          "layers, or allow more iterations",
-          solve.iterations, solve.residual, linear.tolerance));
+      throw NumericalError(
+          fmt::format("distributed model: after {} iterations of conjugate gradients the elastic solution "
+                      "leaves {:.2g} of its right-hand side, {:.2g} was asked for: elements that are long "
+                      "and thin hurt multigrid; take more layers, or allow more iterations",
+                      solve.iterations, solve.residual, linear.tolerance));
     for (std::size_t dof = 0; dof < owned; ++dof) lift[dof] += body.unit_prescribed[dof];
     body.system->update_ghosts(lift);
     body.unit_reaction = body.reaction(elastic_force(body, lift));

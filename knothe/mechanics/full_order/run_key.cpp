@@ -38,8 +38,7 @@ std::string run_key(const BeamProblem& problem) {
   if (p.law == SofteningLaw::exponential) law += " | exponential";
   return fmt::format(
       "version {} | {} | left {} | E {:a} nu {:a} | Y0 {:a} Ad {:a} | {} steps {:a} m | tolerance {:a} {:a} "
-      "| {} {} "
-      "{} {:a} {}{}",
+      "| {} {} {} {:a} {}{}",
       k_results_version, mesh, static_cast<int>(beam.left_support), problem.elastic.young_modulus,
       problem.elastic.poisson_ratio, p.threshold, p.brittleness, solver.steps, solver.displacement,
       solver.tolerance, solver.acceptance, solver.newton_iterations, solver.cuts, solver.secant_iterations,

@@ -43,10 +43,9 @@ void check_start(const reduction::ModelContents& model, const std::string& where
   const VectorXd last = problem.solver.displacement * unit;
   const double difference = (lift.col(lift.cols() - 1) - last).norm() / last.norm();
   if (!(difference < 1e-6))
-    refuse(
-        fmt::format("its elastic solution differs by {:.1g} (relative): other supports, another material "
-                    "or displacement",
-                    difference));
+    refuse(fmt::format(
+        "its elastic solution differs by {:.1g} (relative): other supports, another material or displacement",
+        difference));
   for (const reduction::Axis& axis : model.axes)
     if (axis.name != "Y0" && axis.name != "Ad")
       refuse(fmt::format("it has a parameter {}, and LATIN-PGD has Y0 and Ad", axis.name));

@@ -49,9 +49,8 @@ void check_cell(const HexahedronMesh& mesh, std::int64_t cell, const std::string
       const auto centre = mesh.cell_centre(cell);
       throw DataError(fmt::format(
           "{}: element {} (centre x = {:.6g}, y = {:.6g}, z = {:.6g} m) is {}: its Jacobian is not positive "
-          "at corner {}; "
-          "its nodes must go counter-clockwise round the lower face seen from inside, then round the upper "
-          "one",
+          "at corner {}; its nodes must go counter-clockwise round the lower face seen from inside, then "
+          "round the upper one",
           source, name, centre[0], centre[1], centre[2], quality < -1e-8 ? "inverted" : "flat", corner));
     }
   }
@@ -92,8 +91,7 @@ void check_connected(const HexahedronMesh& mesh, const std::string& source) {
   const auto centre = mesh.cell_centre(other);
   throw DataError(fmt::format(
       "{}: the mesh is in {} parts that share no face: element {} (centre x = {:.6g}, y = {:.6g}, z = {:.6g} "
-      "m) is "
-      "not connected with element {}; nodes at the same place must be one node (in Gmsh: Coherence)",
+      "m) is not connected with element {}; nodes at the same place must be one node (in Gmsh: Coherence)",
       source, parts, mesh.names.empty() ? other : mesh.names[other], centre[0], centre[1], centre[2],
       mesh.names.empty() ? 0 : mesh.names[0]));
 }

@@ -201,8 +201,7 @@ std::vector<MatrixXd> observe_truncation(const TruncationError& error, const Mod
   if (error.count == 0)
     throw DataError(
         fmt::format("{}: the model's file has no /truncation: make the model again with this version of "
-                    "`knothe offline` or "
-                    "`knothe model import`, or leave method.truncation_error off",
+                    "`knothe offline` or `knothe model import`, or leave method.truncation_error off",
                     where));
   const auto k = static_cast<Index>(error.count);
   const ObservationOperator operation(model.dofs, model.mesh, where, places);

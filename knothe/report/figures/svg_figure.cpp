@@ -133,9 +133,8 @@ std::string standalone_svg(const Figure& figure) {
 }
 
 std::string figure_css() {
-  return "svg.figure{display:block;width:100%;height:auto}"
-         "svg.figure .txt{fill:var(--ink)}svg.figure .sub{fill:var(--muted)}"
-         "svg.figure .grid{stroke:var(--grid)}svg.figure .axis{stroke:var(--muted)}" +
+  return "svg.figure{display:block;width:100%;height:auto}svg.figure .txt{fill:var(--ink)}svg.figure "
+         ".sub{fill:var(--muted)}svg.figure .grid{stroke:var(--grid)}svg.figure .axis{stroke:var(--muted)}" +
          paint_css();
 }
 

@@ -49,11 +49,10 @@ void add_parameters(Page& page, const Results& results) {
         figure_of(convergence_plot(results, d), "Posterior mean and 95 % band of " + name, 280.0));
   }
   if (any) {
-    page.figures(
-        marginals,
-        "Successive posterior marginals, coloured by step. A flat curve means that the data so far "
-        "do not determine the parameter, a narrow one that they do. Moments, quantiles and densities are "
-        "importance-corrected.");
+    page.figures(marginals,
+                 "Successive posterior marginals, coloured by step. A flat curve means that the data so far "
+                 "do not determine the parameter, a narrow one that they do. Moments, quantiles and "
+                 "densities are importance-corrected.");
   } else {
     page.note("The results hold no marginal densities, so their figure is left out.");
   }
@@ -71,10 +70,9 @@ void add_pairs(Page& page, const Results& results) {
           figure_of(pair_plot(results, row, column), pretty_name(results.parameters[row].name) + " against " +
                                                          pretty_name(results.parameters[column].name)));
   if (figures.empty()) return;
-  page.figures(
-      figures,
-      "Draws of the last posterior, pair by pair. A narrow ridge: the data determine one combination "
-      "of the two much better than each of them.");
+  page.figures(figures,
+               "Draws of the last posterior, pair by pair. A narrow ridge: the data determine one "
+               "combination of the two much better than each of them.");
   if (results.draws.size() > d) page.note(fmt::format("Only the first {} parameters are drawn.", d));
 }
 
@@ -115,13 +113,11 @@ void add_method(Page& page, const Results& results) {
   }
   const std::string by_maps =
       "Bars: polynomial order that the transport map needed at each step, 0 where quadrature did without "
-      "one; "
-      "line: time of the update, without the forecast. A step with a map is trusted if the diagnostic is at "
-      "most 0.05, the effective sample size at least 90 %, and no second mode was found.";
+      "one; line: time of the update, without the forecast. A step with a map is trusted if the diagnostic "
+      "is at most 0.05, the effective sample size at least 90 %, and no second mode was found.";
   const std::string without_maps =
       "Time of the update, without the forecast. No step has a map. Quadrature is trusted if every other "
-      "node "
-      "gives the same evidence, means and standard deviations to 1 %, chains and particles if they have "
+      "node gives the same evidence, means and standard deviations to 1 %, chains and particles if they have "
       "converged.";
   page.figures(figures, maps ? by_maps : without_maps);
   std::vector<TableRow> untrusted;
@@ -147,10 +143,9 @@ void add_learning(Page& page, const Results& results) {
     figures.push_back(
         figure_of(load_plot(results), "Load–displacement curve and the most informative steps", 330.0));
   figures.push_back(figure_of(information_plot(results), "Information gained per step", 330.0));
-  page.figures(
-      figures,
-      "Dots: the five steps where the standard deviation of a parameter falls by the largest factor. Bars: "
-      "entropy reduction of the posterior at each step.");
+  page.figures(figures,
+               "Dots: the five steps where the standard deviation of a parameter falls by the largest "
+               "factor. Bars: entropy reduction of the posterior at each step.");
 }
 
 /// The last posterior mean, moved into the model's box, in the model's order of parameters; the box's middle
@@ -171,8 +166,7 @@ void add_model(Page& page, const Results& results, const reduction::SeparatedMod
   page.section("The reduced model");
   page.paragraph(fmt::format(
       "Separated in the {} form: {} space modes, {} parameter functions, {} time steps, {} degrees of "
-      "freedom. Error on its "
-      "training grid: {} relative, {} µm at the worst place.",
+      "freedom. Error on its training grid: {} relative, {} µm at the worst place.",
       reduction::to_text(contents.form), contents.space_modes, contents.parameter_modes, contents.time.size(),
       contents.dof_count(), readable(contents.relative_error, 2), readable(1e6 * contents.max_error_m, 2)));
   const std::vector<double> p = drawing_point(results, model);
@@ -193,8 +187,7 @@ void add_model(Page& page, const Results& results, const reduction::SeparatedMod
                contents.form == reduction::Form::canonical
                    ? "Time functions at the posterior mean, and parameter functions, of the first modes."
                    : "Time functions at the posterior mean, and the joint parameter functions along lines "
-                     "through it, of the "
-                     "first modes.");
+                     "through it, of the first modes.");
   if (can_be_drawn(model) && !contents.crack.empty()) {
     const std::vector<double> lengths = {0.0, 0.025, 0.05, 0.075};
     page.figures(crack_figures(model, lengths),

@@ -124,26 +124,23 @@ std::vector<TableRow> comparison_with_paper(const Results& results) {
   const Step& last = results.steps.back();
   const auto found = [&](int d) { return with_uncertainty(last.mean[d], last.standard_deviations()[d]); };
   std::vector<TableRow> rows;
-  rows.push_back(
-      {{"Y₀ at the end", "1.04 ± 0.041", found(y0),
-        "Other noise, other sensors, another mesh. The paper's data come from its own reduced model, so its "
-        "posterior shows no error of the model; Y₀ moves the sensors by less than 1 µm, and only while "
-        "the crack starts."}});
-  rows.push_back(
-      {{"A_d at the end", "1.00 ± 0.022", found(ad),
-        "A_d moves the sensors by up to 12 µm from the peak load on; the long tail of the test keeps "
-        "narrowing it."}});
+  rows.push_back({{"Y₀ at the end", "1.04 ± 0.041", found(y0),
+                   "Other noise, other sensors, another mesh. The paper's data come from its own reduced "
+                   "model, so its posterior shows no error of the model; Y₀ moves the sensors by less than 1 "
+                   "µm, and only while the crack starts."}});
+  rows.push_back({{"A_d at the end", "1.00 ± 0.022", found(ad),
+                   "A_d moves the sensors by up to 12 µm from the peak load on; the long tail of the test "
+                   "keeps narrowing it."}});
   for (const auto& name : results.forecast_names()) {
     const ForecastScale scale = forecast_scale(results, name);
     if (!scale.crack) continue;
     const StepForecast& f = last.forecast.at(name);
-    rows.push_back(
-        {{scale.title, "37.2 mm (mean), 37.6 mm (most probable), at the final time",
-          fmt::format("{} mm, most probable {} mm", with_uncertainty(1e3 * f.mean, 1e3 * f.std),
-                      readable(1e3 * f.maximum_a_posteriori, 3)),
-          "At the final 0.4 mm this mesh has lost 98 % of its stiffness, and an elastic crack of equal "
-          "compliance is 65–75 mm long; the paper's damage band is wider, its supports softer, or both. An "
-          "earlier horizon is where the length is uncertain."}});
+    rows.push_back({{scale.title, "37.2 mm (mean), 37.6 mm (most probable), at the final time",
+                     fmt::format("{} mm, most probable {} mm", with_uncertainty(1e3 * f.mean, 1e3 * f.std),
+                                 readable(1e3 * f.maximum_a_posteriori, 3)),
+                     "At the final 0.4 mm this mesh has lost 98 % of its stiffness, and an elastic crack of "
+                     "equal compliance is 65–75 mm long; the paper's damage band is wider, its supports "
+                     "softer, or both. An earlier horizon is where the length is uncertain."}});
   }
   if (results.has_maps()) rows.push_back(map_order_row(results));
   rows.push_back({{"Time of a step", "less than 5 s, forecast included",

@@ -93,12 +93,10 @@ void add_pairs(Page& page, const Content& c) {
       figures.push_back(i == j
                             ? figure_of(marginal_plot(c, i), "Marginal of " + c.parameters[i])
                             : figure_of(pair_plot(c, i, j), c.parameters[i] + " against " + c.parameters[j]));
-  page.figures(
-      figures,
-      c.has_map()
-          ? "Blue: the posterior, importance-corrected. Vermilion: what the map alone would say. Where both "
-            "differ, the correction was needed."
-          : "Draws of the posterior, pair by pair, and the density of each parameter.");
+  page.figures(figures, c.has_map()
+                            ? "Blue: the posterior, importance-corrected. Vermilion: what the map alone "
+                              "would say. Where both differ, the correction was needed."
+                            : "Draws of the posterior, pair by pair, and the density of each parameter.");
   if (c.parameters.size() > d) page.note(fmt::format("Only the first {} parameters are drawn.", d));
 }
 
@@ -151,8 +149,7 @@ void add_pull_back(Page& page, const Content& c) {
   }
   page.figures(figures,
                "The posterior seen through the map. If the map is exact this is a standard normal; a "
-               "shoulder or a bend "
-               "is what the map has missed.");
+               "shoulder or a bend is what the map has missed.");
 }
 
 void add_orders(Page& page, const Json& content, const Content& c) {

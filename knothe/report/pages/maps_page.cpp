@@ -42,8 +42,7 @@ void write_maps_page(const std::string& folder, const imaging::PictureSeries& se
       escape_xml(registration));
   page += fmt::format(
       "</th><th>iterations</th><th>residual, grey levels</th><th>noise of a displacement, "
-      "px</th><th>gain</th>"
-      "<th>elements out</th>{}<th>remark</th></tr>\n",
+      "px</th><th>gain</th><th>elements out</th>{}<th>remark</th></tr>\n",
       series.options().crack ? fmt::format("<th>crack, {}</th>", length) : "");
   for (const auto& p : pictures) {
     const imaging::PictureResult& r = *p.result;

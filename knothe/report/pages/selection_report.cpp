@@ -140,10 +140,9 @@ std::string selection_page(const project::Project& project, const project::Selec
   }
   page.cards(cards);
   page.section("Posterior standard deviation against number of dofs");
-  page.figure(
-      curve_figure(setup, study),
-      "Linearised at one point of the box; information of all steps. The same number of dofs, chosen in "
-      "different ways, and all of them.");
+  page.figure(curve_figure(setup, study),
+              "Linearised at one point of the box; information of all steps. The same number of dofs, chosen "
+              "in different ways, and all of them.");
   page.section("Sensitivity fields");
   if (can_be_drawn(setup.model)) {
     page.figure(field_figure(setup, study), "What each parameter moves, and the chosen dofs.");

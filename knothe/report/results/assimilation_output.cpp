@@ -122,9 +122,8 @@ void AssimilationOutput::tell(const project::Refinement& refinement) {
   run_.forget_model();
   const project::PosteriorMove& move = refinement.whole_move();
   fmt::print(stderr,
-             "{}step {}: the full-order model was run ({} runs so far): the reduced model's error was "
-             "{:.2g} standard "
-             "deviations; refined model: {}\n",
+             "{}step {}: the full-order model was run ({} runs so far): the reduced model's error was {:.2g} "
+             "standard deviations; refined model: {}\n",
              live_ ? "\r\033[K" : "", shown_, refinement.runs(), move.mean, refinement.file());
 }
 

@@ -57,10 +57,9 @@ class PictureOutput {
       for (std::size_t i = 0; i < x.size(); ++i) points_.row(i) << x[i], y[i];
       if (several()) files::require_writable_folder(files.output);
     } else if (!files.output.empty() && !has_ending(".h5") && !has_ending(".vtu") && !has_ending(".pvd")) {
-      throw UsageError(
-          fmt::format("-o {}: without --at it takes an HDF5 file (.h5), a field file (.vtu), or a "
-                      "series of them (.pvd)",
-                      files.output));
+      throw UsageError(fmt::format(
+          "-o {}: without --at it takes an HDF5 file (.h5), a field file (.vtu), or a series of them (.pvd)",
+          files.output));
     } else if (has_ending(".vtu") && several()) {
       throw UsageError("-o: several pictures need a series, .pvd");
     }

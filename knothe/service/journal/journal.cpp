@@ -283,8 +283,7 @@ bool Journal::identify(const Identity& identity) {
   if (last && last->sensors != identity.sensors)
     throw DataError(
         fmt::format("{}: its data are of other sensors (points, components or noise differ); give the data "
-                    "file that it was "
-                    "begun with, or begin another journal ([serve] journal)",
+                    "file that it was begun with, or begin another journal ([serve] journal)",
                     path()));
   Database& database = implementation_->database;
   Statement insert(database,
@@ -373,10 +372,9 @@ void Journal::add_alarm(const Alarm& alarm) {
 std::vector<Alarm> Journal::alarms(std::int64_t most) const {
   std::vector<Alarm> found;
   if (schema_of(implementation_->database) < 4) return found;
-  Statement rows(
-      implementation_->database,
-      "SELECT event, step, severity, kind, message, condition, raised FROM alarm WHERE severity <> '' "
-      "ORDER BY id DESC LIMIT ?");
+  Statement rows(implementation_->database,
+                 "SELECT event, step, severity, kind, message, condition, raised FROM alarm WHERE severity "
+                 "<> '' ORDER BY id DESC LIMIT ?");
   rows.bind(1, most);
   while (rows.step()) found.push_back(read_alarm(rows, 0));
   return {found.rbegin(), found.rend()};

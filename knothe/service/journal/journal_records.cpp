@@ -11,8 +11,7 @@ std::string select_records(Database& database, const char* condition) {
   const std::int64_t schema = schema_of(database);
   return fmt::format(
       "SELECT m.id, m.source, m.session, m.seq, m.time, m.step, m.payload, m.quarantined, m.received, "
-      "m.seal, r.id, {}, {} "
-      "FROM measurement m LEFT JOIN release r ON r.measurement = m.id {} {}",
+      "m.seal, r.id, {}, {} FROM measurement m LEFT JOIN release r ON r.measurement = m.id {} {}",
       schema < 2 ? "NULL" : "m.noise", schema < 3 ? "NULL" : "w.id",
       schema < 3 ? "" : "LEFT JOIN withdrawal w ON w.measurement = m.id", condition);
 }

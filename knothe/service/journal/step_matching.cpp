@@ -11,12 +11,11 @@ void match_step(JournalEntry& entry, std::span<const double> model_times, const 
   Measurement& datum = entry.measurement;
   const auto step = assimilation::matching_time(datum.time, model_times);
   if (!step)
-    throw DataError(fmt::format(
-        "{}: record {} (source \"{}\", session \"{}\", seq {}) is of time {}, which the model does not have: "
-        "it "
-        "was recorded with a model of other time steps. Put that model back, or begin another journal "
-        "([serve] journal)",
-        journal, entry.id, datum.key.source, datum.key.session, datum.key.seq, datum.time));
+    throw DataError(
+        fmt::format("{}: record {} (source \"{}\", session \"{}\", seq {}) is of time {}, which the model "
+                    "does not have: it was recorded with a model of other time steps. Put that model back, "
+                    "or begin another journal ([serve] journal)",
+                    journal, entry.id, datum.key.source, datum.key.session, datum.key.seq, datum.time));
   datum.step = static_cast<std::int64_t>(*step);
 }
 
