@@ -15,20 +15,9 @@ namespace knothe::engine {
 using assimilation::Datum;
 using assimilation::DatumKey;
 
-namespace {
-
-std::vector<assimilation::Prior> truncated(const EngineSetup& setup) {
-  const auto transform = assimilation::truncated_to_box(*setup.model, setup.priors);
-  std::vector<assimilation::Prior> priors;
-  for (Eigen::Index k = 0; k < transform->dimension(); ++k) priors.push_back(transform->prior(k));
-  return priors;
-}
-
-}  // namespace
-
 Engine::Engine(EngineSetup setup)
     : setup_(std::move(setup)),
-      priors_(truncated(setup_)),
+      priors_(assimilation::truncated_to_box(*setup_.model, setup_.priors)->priors()),
       centre_(assimilation::medians(assimilation::PriorTransform(priors_))),
       method_(make_method(setup_)),
       watch_(setup_.noise),

@@ -1,10 +1,33 @@
 #include "knothe/engine/method.hpp"
 
 #include "knothe/assimilation/update/compatibility.hpp"
-#include "knothe/engine/form_method.hpp"
 #include "knothe/engine/ordered_method.hpp"
 
 namespace knothe::engine {
+namespace {
+
+/// By quadratic forms, in any order: a datum that comes late, or is withdrawn, costs the steps from it on.
+class FormMethod final : public Method {
+ public:
+  explicit FormMethod(const MethodSetup& setup)
+      : update_(setup.model, setup.noise, setup.priors, setup.update) {
+    if (setup.corrected_steps) update_.redo((*setup.corrected_steps)[0], (*setup.corrected_steps)[1]);
+  }
+
+  void add(const assimilation::Datum& datum) override { update_.add(datum); }
+  void withdraw(std::size_t step, const assimilation::DatumKey& key) override { update_.withdraw(step, key); }
+  const assimilation::UpdateResult& conclude(std::size_t step) override { return update_.follow(step); }
+  const assimilation::UpdateResult& preview(std::size_t step) override { return update_.preview(step); }
+  [[nodiscard]] std::optional<assimilation::StepForm> form_up_to(std::size_t step) override {
+    return update_.form_up_to(step);
+  }
+  [[nodiscard]] const assimilation::SequentialUpdate* update() const override { return &update_; }
+
+ private:
+  assimilation::SequentialUpdate update_;
+};
+
+}  // namespace
 
 std::unique_ptr<Method> make_method(const MethodSetup& setup) {
   using assimilation::Feature;

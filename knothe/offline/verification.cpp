@@ -13,7 +13,7 @@
 #include "knothe/offline/model_study.hpp"
 #include "knothe/offline/posterior_judge.hpp"
 #include "knothe/offline/problem.hpp"
-#include "knothe/project/truncation_noise.hpp"
+#include "knothe/project/update_setup.hpp"
 #include "knothe/reduction/compress/quantity_scales.hpp"
 #include "knothe/reduction/model/truncation_error.hpp"
 

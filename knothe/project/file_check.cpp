@@ -8,7 +8,6 @@
 
 #include "knothe/assimilation/update/posterior_functions.hpp"
 #include "knothe/assimilation/update/prior_of_model.hpp"
-#include "knothe/project/serve_limits.hpp"
 #include "knothe/project/update_setup.hpp"
 
 namespace knothe::project {

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 
 #include "knothe/assimilation/update/compatibility.hpp"
@@ -9,7 +10,6 @@
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/project/observed_data.hpp"
-#include "knothe/project/truncation_noise.hpp"
 #include "knothe/reduction/model/known_parameter.hpp"
 #include "knothe/reduction/model/parameter_order.hpp"
 #include "knothe/reduction/model/truncation_error.hpp"
@@ -224,6 +224,37 @@ forecast::Forecaster make_forecaster(const Project& project, const UpdateSetup& 
     const std::string text = error.what();
     throw project.error_at(text.starts_with("[") ? text.substr(1, text.find(']') - 1) : "forecast", text);
   }
+}
+
+assimilation::PlausibleRange serve_limits(const Project& project, const UpdateSetup& setup) {
+  const reduction::Sensors& sensors = setup.measurements.sensors;
+  assimilation::PlausibleRange range(*setup.observed, sensors,
+                                     setup.measurements.noise.standard_deviations());
+  std::vector<std::string> names = {"displacement"};
+  names.insert(names.end(), sensors.scalars.begin(), sensors.scalars.end());
+  for (const auto& [name, limit] : project.serve.limits) {
+    const auto place = static_cast<std::size_t>(std::find(names.begin(), names.end(), name) - names.begin());
+    if (place == names.size())
+      throw project.error_at("serve.limits." + name,
+                             fmt::format("\"{}\" in [serve.limits] is not measured{}; there are: {}", name,
+                                         did_you_mean(name, names), fmt::join(names, ", ")));
+    place == 0 ? range.limit_displacements(limit) : range.limit_scalar(place - 1, limit);
+  }
+  return range;
+}
+
+assimilation::NoiseModel with_truncation(const assimilation::NoiseModel& noise,
+                                         std::span<const Eigen::MatrixXd> added) {
+  assimilation::NoiseModel result = noise;
+  const Eigen::MatrixXd identity = Eigen::MatrixXd::Identity(noise.size(), noise.size());
+  for (std::size_t i = 0; i < added.size(); ++i) {
+    const Eigen::MatrixXd precision = noise.at_step(i).precision();
+    const Eigen::MatrixXd covariance = precision.llt().solve(identity) + added[i];
+    const Eigen::MatrixXd sum = covariance.llt().solve(identity);
+    const Eigen::MatrixXd symmetric = 0.5 * (sum + sum.transpose());
+    result = result.with_step(i, assimilation::NoiseModel::correlated(symmetric.sparseView(0.0, 0.0)));
+  }
+  return result;
 }
 
 }  // namespace knothe::project

@@ -1,10 +1,14 @@
 #pragma once
 /// @file From a project file to everything a sequential update needs.
+#include <Eigen/Core>
 #include <memory>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "knothe/assimilation/data/measurements.hpp"
+#include "knothe/assimilation/data/plausible_range.hpp"
+#include "knothe/assimilation/noise/noise_model.hpp"
 #include "knothe/assimilation/update/baseline_update.hpp"
 #include "knothe/assimilation/update/robust_update.hpp"
 #include "knothe/assimilation/update/sequential_update.hpp"
@@ -47,5 +51,14 @@ struct UpdateSetup {
 /// The forecasts that the project asks for. ProjectError, at the table of the forecast, where the file is to
 /// blame; DataError for what the model lacks.
 [[nodiscard]] forecast::Forecaster make_forecaster(const Project& project, const UpdateSetup& setup);
+
+/// Which values the service takes for measurements: from [serve.limits], and the model where that says
+/// nothing. ProjectError where it names a series that is not measured.
+[[nodiscard]] assimilation::PlausibleRange serve_limits(const Project& project, const UpdateSetup& setup);
+
+/// Noise of covariance R_i + `added`[i] at each step i of the data (m²), R_i that of `noise`; R_i may be
+/// correlated, but every dof must be measured.
+[[nodiscard]] assimilation::NoiseModel with_truncation(const assimilation::NoiseModel& noise,
+                                                       std::span<const Eigen::MatrixXd> added);
 
 }  // namespace knothe::project

@@ -73,4 +73,8 @@ struct CrackTable {
 [[nodiscard]] CrackTable crack_table(const BeamProblem& problem, const CrackedBeamOptions& options,
                                      const reduction::Dofs& dofs);
 
+/// Everything the result of a run depends on. Numbers of processes, names of axes and references are not in
+/// it: what counts is the physical value.
+[[nodiscard]] std::string run_key(const BeamProblem& problem);
+
 }  // namespace knothe::mechanics

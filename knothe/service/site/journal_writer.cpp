@@ -11,7 +11,7 @@
 
 #include "knothe/assimilation/data/time_matching.hpp"
 #include "knothe/base/error.hpp"
-#include "knothe/project/serve_limits.hpp"
+#include "knothe/project/update_setup.hpp"
 #include "knothe/service/journal/sqlite.hpp"
 #include "knothe/service/journal/step_matching.hpp"
 
@@ -60,7 +60,7 @@ JournalWriter::JournalWriter(const project::Project& project, const project::Upd
       limits_(project::serve_limits(project, setup)),
       metrics_(metrics),
       listener_(std::move(listener)),
-      journal_(options_.journal, Journal::Access::write),
+      journal_(options_.journal),
       id_(journal_.id()),
       switches_(setup.observed->time) {
   for (const LogbookEntry& entry : journal_.logbook()) follow(entry);
