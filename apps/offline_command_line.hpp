@@ -77,11 +77,4 @@ CLI::App& add_command(CLI::App& parent, FullOrderArguments& arguments);
 CLI::App& add_command(CLI::App& parent, SolveArguments& arguments);
 CLI::App& add_command(CLI::App& parent, ReproduceArguments& arguments);
 
-/// "NAME=V,NAME=V" → the values in the order of `names`. UsageError for a name or number that is none, or
-/// missing.
-[[nodiscard]] std::vector<double> parse_point(const std::string& text, const std::vector<std::string>& names);
-
-/// The same command with all of its arguments that were given, as another program's command line.
-[[nodiscard]] std::vector<std::string> command_words(const CLI::App& command);
-
 }  // namespace knothe

@@ -7,6 +7,7 @@
 #include "knothe/offline/problem.hpp"
 #include "knothe/offline/results_refinement.hpp"
 #include "knothe/offline/verification.hpp"
+#include "knothe/reduction/model/parameter_order.hpp"
 
 namespace {
 
@@ -34,7 +35,7 @@ int mesh_study(const MeshStudyArguments& a) {
 
 int solve(const SolveArguments& a) {
   const project::Project project = project::read_project(a.project);
-  const std::vector<double> point = parse_point(a.at, offline::parameter_names(project));
+  const std::vector<double> point = reduction::point_at(a.at, offline::parameter_names(project));
   const auto simulator = offline::project_simulator(project, offline::parameter_axes(project));
   reduction::write_snapshots(simulator->solve(point), a.output);
   return 0;

@@ -1,4 +1,6 @@
 /// @file The commands that make and look at models; those of the offline phase are done by `knothe-offline`.
+#include <fmt/format.h>
+
 #include "apps/knothe/command_line.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/reduction/model/form_names.hpp"
@@ -6,6 +8,18 @@
 namespace knothe::commands {
 
 namespace {
+
+/// The same command with all of its arguments that were given, as another program's command line.
+std::vector<std::string> command_words(const CLI::App& command) {
+  std::vector<std::string> words = {command.get_name()};
+  for (const CLI::Option* option : command.get_options()) {
+    if (option->count() == 0) continue;
+    if (!option->get_positional()) words.push_back(option->get_name());
+    if (option->get_items_expected_max() > 0)  // no flag
+      words.push_back(fmt::format("{}", fmt::join(option->results(), ",")));
+  }
+  return words;
+}
 
 /// Passes the command that reads `Arguments` on, as it was typed.
 template <typename Arguments>

@@ -7,6 +7,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/json_line.hpp"
+#include "knothe/reduction/model/parameter_order.hpp"
 #include "knothe/reduction/model/separated_model.hpp"
 
 namespace knothe::commands {
@@ -15,7 +16,7 @@ using reduction::SeparatedModel;
 
 int model_evaluate(const EvaluateArguments& arguments) {
   const auto model = SeparatedModel::load(arguments.model);
-  const std::vector<double> point = parse_point(arguments.at, model.parameter_names());
+  const std::vector<double> point = reduction::point_at(arguments.at, model.parameter_names());
   if (arguments.step < 0 || static_cast<std::size_t>(arguments.step) >= model.step_count()) {
     throw UsageError(
         fmt::format("--step {}: the model has steps 0 to {}", arguments.step, model.step_count() - 1));

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cstdlib>
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
@@ -79,6 +80,35 @@ ModelContents with_parameter_order(ModelContents contents, std::span<const std::
     if (contents.form == Form::canonical) contents.parameters[k] = before.parameters[order[k]];
   }
   return contents;
+}
+
+std::vector<double> point_at(const std::string& text, const std::vector<std::string>& names) {
+  std::vector<double> values(names.size());
+  std::vector<bool> given(names.size(), false);
+  for (std::size_t begin = 0; begin < text.size();) {
+    const std::size_t end = std::min(text.find(',', begin), text.size());
+    const std::string item = text.substr(begin, end - begin);
+    const std::size_t equals = item.find('=');
+    const std::string name = item.substr(0, equals);
+    const auto it = std::find(names.begin(), names.end(), name);
+    if (it == names.end() || equals == std::string::npos) {
+      throw UsageError(fmt::format("--at {}: the model has no parameter \"{}\"{}; it has {}", text, name,
+                                   did_you_mean(name, names), fmt::join(names, ", ")));
+    }
+    char* rest = nullptr;
+    const std::string number = item.substr(equals + 1);
+    const auto k = static_cast<std::size_t>(it - names.begin());
+    values[k] = std::strtod(number.c_str(), &rest);
+    if (number.empty() || *rest != '\0')
+      throw UsageError(fmt::format("--at {}: \"{}\" is not a number", text, number));
+    if (given[k]) throw UsageError(fmt::format("--at {}: \"{}\" is given twice", text, name));
+    given[k] = true;
+    begin = end + 1;
+  }
+  for (std::size_t k = 0; k < names.size(); ++k) {
+    if (!given[k]) throw UsageError(fmt::format("--at {}: the value of \"{}\" is missing", text, names[k]));
+  }
+  return values;
 }
 
 }  // namespace knothe::reduction

@@ -1,8 +1,8 @@
 #pragma once
-/// @file The same model with its parameters in another order: the project file's order is the order
-/// everywhere.
+/// @file A model's parameters by their names: the project file's order is the order everywhere.
 #include <span>
 #include <string>
+#include <vector>
 
 #include "knothe/reduction/model/model_file.hpp"
 
@@ -11,5 +11,9 @@ namespace knothe::reduction {
 /// `contents` with axes in the order of `names`, which must be the names of its parameters: else ProjectError
 /// that says which is missing or unknown.
 [[nodiscard]] ModelContents with_parameter_order(ModelContents contents, std::span<const std::string> names);
+
+/// A point as a command line has it, "NAME=V,NAME=V" after --at → the values in the order of `names`.
+/// UsageError for a name or number that is none, is missing or comes twice.
+[[nodiscard]] std::vector<double> point_at(const std::string& text, const std::vector<std::string>& names);
 
 }  // namespace knothe::reduction
