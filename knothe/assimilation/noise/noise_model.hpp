@@ -66,10 +66,6 @@ class NoiseModel : public GaussianNoise {
   }
   /// B_t of step `step`, where `lasting_count` is not 0.
   [[nodiscard]] const Eigen::MatrixXd& lasting_error(std::size_t step) const { return lasting_->at(step); }
-  /// Steps share an error: what one says depends on those before it.
-  [[nodiscard]] bool links_steps() const {
-    return shared_reference_ > 0 || offset_std_ > 0 || scale_std_ > 0 || lasting_count() > 0;
-  }
   [[nodiscard]] bool has_step_errors() const { return !step_errors_.empty(); }
   /// F of step `step`; null where there is none.
   [[nodiscard]] const Eigen::MatrixXd* step_error(std::size_t step) const;
@@ -85,5 +81,11 @@ class NoiseModel : public GaussianNoise {
   std::map<std::size_t, std::shared_ptr<const Eigen::MatrixXd>> step_errors_;
   std::map<std::size_t, std::shared_ptr<const GaussianNoise>> steps_;
 };
+
+/// Steps share an error: what one says depends on those before it.
+[[nodiscard]] inline bool links_steps(const NoiseModel& noise) {
+  return noise.shared_reference() > 0 || noise.offset_std() > 0 || noise.scale_std() > 0 ||
+         noise.lasting_count() > 0;
+}
 
 }  // namespace knothe::assimilation

@@ -375,7 +375,7 @@ TEST(LastingError, IndependentNoiseBesideIt) {
   const NoiseModel noise = NoiseModel::independent(Eigen::VectorXd::LinSpaced(k_dofs, 0.2, 0.5))
                                .with_lasting_errors(lasting_errors());
   expect_is_the_joint_gaussian(noise, data, model);
-  EXPECT_TRUE(noise.links_steps());
+  EXPECT_TRUE(links_steps(noise));
   EXPECT_EQ(noise.restricted({1, 4}).lasting_error(2).row(1), noise.lasting_error(2).row(4));
 }
 

@@ -27,7 +27,7 @@ class DatumProjector {
   [[nodiscard]] Eigen::Index observation_count() const { return predicted_.rows(); }
   /// Whether a form depends on the data before it: then data are projected anew (`restart`) where one of them
   /// is taken out or comes late.
-  [[nodiscard]] bool depends_on_order() const { return noise_.links_steps(); }
+  [[nodiscard]] bool depends_on_order() const { return links_steps(noise_); }
   void restart();
   /// The noise of step `step` from now on (of as many dofs).
   void set_noise_of(std::size_t step, GaussianNoise noise);

@@ -120,7 +120,7 @@ TEST_P(Quadrature, AgreesWithADenseQuadratureFromThePriorOn) {
   UpdateOptions options;
   options.kind = kind;
   SequentialUpdate update(model, NoiseModel::independent(Eigen::VectorXd::Constant(n, std)), priors, options);
-  priors = update.priors();
+  priors = update.transform().priors();
   const Eigen::VectorXd direction = Eigen::VectorXd::LinSpaced(d, 1.0, -0.5);
   Eigen::MatrixXd measured = data.rightCols(3);
   auto later = std::make_shared<reduction::ObservedModel>(*model);

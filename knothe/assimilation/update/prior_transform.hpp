@@ -18,6 +18,7 @@ class PriorTransform {
   explicit PriorTransform(std::vector<Prior> priors);
 
   [[nodiscard]] Eigen::Index dimension() const { return static_cast<Eigen::Index>(priors_.size()); }
+  [[nodiscard]] const std::vector<Prior>& priors() const { return priors_; }
   [[nodiscard]] const Prior& prior(Eigen::Index k) const { return priors_[k]; }
 
   /// Fills `p` and, for derivatives ≥ 1 and 2, `first` and `second`, all n × d and resized by the caller.

@@ -31,7 +31,7 @@ RobustUpdate::RobustUpdate(std::shared_ptr<const reduction::ObservedModel> model
   } else {
     gaussian_.emplace(model, noise, std::move(priors), std::move(options));
   }
-  prior_.points = prior_points(student_ ? student_->priors() : gaussian_->priors(), 512);
+  prior_.points = prior_points(student_ ? student_->priors() : gaussian_->transform().priors(), 512);
   prior_.weights = Eigen::VectorXd::Constant(512, 1.0 / 512);
 }
 

@@ -26,16 +26,6 @@ SequentialUpdate::SequentialUpdate(std::shared_ptr<const reduction::ObservedMode
   restart_sums();
 }
 
-Eigen::VectorXd SequentialUpdate::centre() const {
-  return medians(*transform_);
-}
-
-std::vector<Prior> SequentialUpdate::priors() const {
-  std::vector<Prior> priors;
-  for (Eigen::Index k = 0; k < transform_->dimension(); ++k) priors.push_back(transform_->prior(k));
-  return priors;
-}
-
 Eigen::VectorXd SequentialUpdate::discrepancy() const {
   return supervision_.is_joint() ? supervision_.expected_discrepancy(store_.projector().central_functions())
                                  : Eigen::VectorXd();

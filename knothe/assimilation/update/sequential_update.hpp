@@ -66,15 +66,13 @@ class SequentialUpdate {
   /// data are not kept (`UpdateOptions::learn_bias`), and for an empty range.
   const UpdateResult& redo(std::size_t from, std::size_t to);
 
-  /// The quadratic form of all data of steps ≤ `step`, of functions centred at `centre` (the priors'
-  /// medians).
+  /// The quadratic form of all data of steps ≤ `step`, of functions centred at the priors'
+  /// medians.
   [[nodiscard]] StepForm form_up_to(std::size_t step);
-  [[nodiscard]] Eigen::VectorXd centre() const;
 
   [[nodiscard]] const UpdateResult& result() const { return result_; }
   [[nodiscard]] const Posterior& posterior() const { return result_; }
-  [[nodiscard]] std::vector<Prior> priors() const;  ///< truncated
-  [[nodiscard]] const PriorTransform& transform() const { return *transform_; }
+  [[nodiscard]] const PriorTransform& transform() const { return *transform_; }  ///< of the truncated priors
   /// The target of the last map, in z; evaluates the whole posterior.
   [[nodiscard]] CollapsedLogDensity& target() { return solver_.target(); }
   /// Where the bias is unknown together with the parameters, after the last step: what is to be added to w(p)

@@ -185,8 +185,8 @@ TEST(SequentialUpdate, CurvedPosteriorAgreesWithDenseQuadratureAtEveryStep) {
   SequentialUpdate update(model, NoiseModel::independent(std), papers_priors());
   for (std::size_t t = 0; t < model->time.size(); ++t) {
     const UpdateResult& r = update.update(t, t, data.col(static_cast<Eigen::Index>(t)));
-    DirectLogDensity direct(*model, data, std, update.priors(), static_cast<Eigen::Index>(t) + 1);
-    const auto priors = update.priors();
+    DirectLogDensity direct(*model, data, std, update.transform().priors(), static_cast<Eigen::Index>(t) + 1);
+    const auto priors = update.transform().priors();
     const test::DenseQuadrature exact(
         direct, [&](Eigen::Index k, double z) { return priors[k].from_standard_normal(z).value; });
     expect_agrees(r, exact, priors);
@@ -315,9 +315,9 @@ TEST(SequentialUpdate, TheComposedTargetHasExactDerivatives) {
   transport::MapSolver solver;
   const transport::MapResult first = solver.solve(update.target());
   const transport::ComposedMap map = first.composed();
-  ComposedStepDensity density(CollapsedLogDensity(model->functions,
-                                                  std::make_shared<PriorTransform>(update.priors()),
-                                                  Eigen::VectorXd::Zero(model->functions->count())));
+  ComposedStepDensity density(
+      CollapsedLogDensity(model->functions, std::make_shared<PriorTransform>(update.transform().priors()),
+                          Eigen::VectorXd::Zero(model->functions->count())));
   StepForm form = StepForm::zero(model->functions->count());
   form.quadratic.setIdentity();
   form.linear.setLinSpaced(-1, 1);

@@ -133,10 +133,8 @@ StudentUpdate::StudentUpdate(std::shared_ptr<const reduction::ObservedModel> mod
   require_compatible(features);
 }
 
-std::vector<Prior> StudentUpdate::priors() const {
-  std::vector<Prior> priors;
-  for (Eigen::Index k = 0; k < transform_->dimension(); ++k) priors.push_back(transform_->prior(k));
-  return priors;
+const std::vector<Prior>& StudentUpdate::priors() const {
+  return transform_->priors();
 }
 
 const UpdateResult& StudentUpdate::update(std::size_t step, std::size_t time_index,

@@ -31,7 +31,7 @@ class StudentUpdate {
                              const Eigen::Ref<const Eigen::VectorXd>& values,
                              const Eigen::Ref<const Eigen::VectorXd>& scale);
   [[nodiscard]] const UpdateResult& result() const { return result_; }
-  [[nodiscard]] std::vector<Prior> priors() const;  ///< truncated
+  [[nodiscard]] const std::vector<Prior>& priors() const;  ///< truncated
   /// Expected precision factors of the last datum's values, n; NaN where missing.
   [[nodiscard]] const Eigen::VectorXd& precision_factors() const { return precision_factors_; }
 

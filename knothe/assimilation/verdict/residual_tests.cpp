@@ -202,7 +202,7 @@ ResidualReport ResidualTests::examine(std::span<const ExaminedDatum> data, const
   if (report.values == 0) return report;
   report.set(ResidualTest::total, numerics::chi_squared_upper(report.misfit, values));
   if (noise_.has_step_errors()) return report;  // R is not all the noise there is
-  if (noise_.links_steps()) {
+  if (links_steps(noise_)) {
     // What is given here is one step's noise: of many steps only single values are what they seem.
     test_extremes(report);
     return report;
@@ -272,7 +272,7 @@ void ResidualTests::test_extremes(ResidualReport& report) const {
   const auto of_many = [](double score, double count) { return std::min(1.0, two_sided(score) * count); };
   report.set(ResidualTest::value, of_many(largest, static_cast<double>(report.values)),
              step * z.rows() + sensor);
-  if (noise_.links_steps()) return;
+  if (links_steps(noise_)) return;
   const double mean = sums.cwiseAbs().maxCoeff(&at) / std::sqrt(static_cast<double>(z.cols()));
   report.set(ResidualTest::sensor_mean, of_many(mean, static_cast<double>(z.rows())), at);
 }
