@@ -8,7 +8,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::string& path = knothe::fuzz::write_scratch(data, size);
   const std::string saved = path + ".saved";
   knothe::fuzz::refuse_or_accept([&] {
-    const Journal journal(path, Journal::Access::read);
+    const JournalReader journal(path);
     std::int64_t count = 0;
     journal.for_each([&](const JournalEntry& entry) {
       count += entry.measurement.values.size() == entry.measurement.status.size() ? 1 : 0;
@@ -20,7 +20,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   for (const char* tail : {"", ".lock", "-wal", "-shm"}) std::remove((saved + tail).c_str());
   knothe::fuzz::refuse_or_accept([&] {
     const Recovery recovery = recover_journal(path, saved);
-    if (Journal(saved, Journal::Access::read).count() != recovery.saved) std::abort();
+    if (JournalReader(saved).count() != recovery.saved) std::abort();
   });
   for (const char* tail : {".saved", ".saved.lock", ".saved-wal", ".saved-shm", "-wal", "-shm"})
     std::remove((path + tail).c_str());

@@ -6,7 +6,6 @@
 
 #include "knothe/mechanics/distributed/ranks.hpp"
 #include "knothe/mechanics/full_order/child_processes.hpp"
-#include "knothe/mechanics/full_order/offline.hpp"
 #include "knothe/mechanics/law/regularisation.hpp"
 
 namespace knothe::mechanics {

@@ -6,7 +6,6 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
-#include "knothe/mechanics/full_order/offline.hpp"
 #include "knothe/mechanics/law/regularisation.hpp"
 
 namespace knothe::mechanics {

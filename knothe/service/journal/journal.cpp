@@ -53,7 +53,7 @@ struct Found {
 
 }  // namespace
 
-struct Journal::Implementation {
+struct JournalReader::Implementation {
   std::string path;
   std::optional<Acknowledged>
       acknowledged;  ///< read first: a reader beside a writer then sees at least that much
@@ -266,7 +266,7 @@ struct Journal::Implementation {
   }
 };
 
-Journal::Journal(const std::string& path, Access access) {
+JournalReader::JournalReader(const std::string& path, Access access) {
   if (access == Access::read && !std::filesystem::exists(path))
     throw DataError(fmt::format("{}: there is no such journal", path));
   const auto folder = std::filesystem::path(path).parent_path();
@@ -274,8 +274,8 @@ Journal::Journal(const std::string& path, Access access) {
   if (access == Access::write && !folder.empty()) std::filesystem::create_directories(folder, error);
   implementation_ = std::make_unique<Implementation>(path, access);
 }
-Journal::~Journal() = default;
-Journal::Journal(Journal&&) noexcept = default;
+JournalReader::~JournalReader() = default;
+JournalReader::JournalReader(JournalReader&&) noexcept = default;
 
 bool Journal::identify(const Identity& identity) {
   const auto last = this->identity();
@@ -295,7 +295,7 @@ bool Journal::identify(const Identity& identity) {
   return last.has_value();
 }
 
-std::optional<Identity> Journal::identity() const {
+std::optional<Identity> JournalReader::identity() const {
   Statement last(implementation_->database,
                  "SELECT sensors, model, configuration, project FROM identity ORDER BY id DESC LIMIT 1");
   if (!last.step()) return std::nullopt;
@@ -336,11 +336,11 @@ void Journal::commit() {
   i.acknowledge();
 }
 
-const std::string& Journal::id() const {
+const std::string& JournalReader::id() const {
   return implementation_->id;
 }
 
-const std::string& Journal::lost() const {
+const std::string& JournalReader::lost() const {
   return implementation_->lost;
 }
 
@@ -369,7 +369,7 @@ void Journal::add_alarm(const Alarm& alarm) {
   chain = {seal, chain.count + 1};
 }
 
-std::vector<Alarm> Journal::alarms(std::int64_t most) const {
+std::vector<Alarm> JournalReader::alarms(std::int64_t most) const {
   std::vector<Alarm> found;
   if (schema_of(implementation_->database) < 4) return found;
   Statement rows(implementation_->database,
@@ -380,7 +380,7 @@ std::vector<Alarm> Journal::alarms(std::int64_t most) const {
   return {found.rbegin(), found.rend()};
 }
 
-std::vector<Alarm> Journal::conditions() const {
+std::vector<Alarm> JournalReader::conditions() const {
   std::vector<Alarm> found;
   if (schema_of(implementation_->database) < 4) return found;
   Statement rows(implementation_->database,
@@ -410,7 +410,7 @@ bool Journal::holds(const assimilation::DatumKey& key) const {
   return found && !found->withdrawn;
 }
 
-std::vector<LogbookEntry> Journal::logbook() const {
+std::vector<LogbookEntry> JournalReader::logbook() const {
   std::vector<LogbookEntry> entries;
   visit_logbook(implementation_->database, [&](const LogbookEntry& entry, const std::string&) {
     entries.push_back(entry);
@@ -484,11 +484,11 @@ std::optional<JournalEntry> Journal::withdraw(const assimilation::DatumKey& key)
   return entry;
 }
 
-std::int64_t Journal::count() const {
+std::int64_t JournalReader::count() const {
   return implementation_->chains.records.count;
 }
 
-std::int64_t Journal::withdrawals() const {
+std::int64_t JournalReader::withdrawals() const {
   return implementation_->chains.withdrawals.count;
 }
 
@@ -507,13 +507,13 @@ std::vector<std::int64_t> Journal::largest_seqs(const std::string& source, const
   return seqs;
 }
 
-void Journal::for_each(const std::function<void(const JournalEntry&)>& visit) const {
+void JournalReader::for_each(const std::function<void(const JournalEntry&)>& visit) const {
   Statement rows(implementation_->database,
                  select_records(implementation_->database, "ORDER BY m.id").c_str());
   while (rows.step()) visit(read_record(rows).entry);
 }
 
-std::vector<JournalEntry> Journal::quarantined() const {
+std::vector<JournalEntry> JournalReader::quarantined() const {
   std::vector<JournalEntry> entries;
   Statement rows(
       implementation_->database,
@@ -524,11 +524,11 @@ std::vector<JournalEntry> Journal::quarantined() const {
   return entries;
 }
 
-const std::string& Journal::path() const {
+const std::string& JournalReader::path() const {
   return implementation_->path;
 }
 
-std::string Journal::seal() const {
+std::string JournalReader::seal() const {
   return hex_of(implementation_->chains.records.seal);
 }
 

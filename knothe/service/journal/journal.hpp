@@ -62,34 +62,60 @@ struct Appended {
   std::string reason;        ///< of the quarantine, in words; for those who know the limits
 };
 
-class Journal {
+/// A journal as it is read, also while another process writes it.
+class JournalReader {
  public:
-  enum class Access {
-    write,  ///< one at a time (it locks the file); made if it is not there
-    read    ///< beside a writer, if need be
-  };
-  /// Opens, migrates to the present schema, verifies everything. DataError where it is damaged (names the
-  /// record and says how to recover), of a newer schema, or written by another process; IoError.
-  Journal(const std::string& path, Access access);
-  ~Journal();
-  Journal(Journal&&) noexcept;
+  /// Opens and verifies everything. DataError where it is not there, is damaged (names the record and says
+  /// how to recover) or of a newer schema; IoError.
+  explicit JournalReader(const std::string& path) : JournalReader(path, Access::read) {}
+  ~JournalReader();
+  JournalReader(JournalReader&&) noexcept;
+
+  [[nodiscard]] const std::string& path() const;
+  /// In hex, made at random with the journal: that of no other. Empty before schema 4.
+  [[nodiscard]] const std::string& id() const;
+  [[nodiscard]] std::optional<Identity> identity() const;
+  /// What was acknowledged and is not there, in words; empty: nothing.
+  [[nodiscard]] const std::string& lost() const;
+  /// The seal of the last record, in hex: two journals with the same seal hold the same records.
+  [[nodiscard]] std::string seal() const;
+
+  [[nodiscard]] std::int64_t count() const;        ///< of records, withdrawn ones too
+  [[nodiscard]] std::int64_t withdrawals() const;  ///< how many of them are withdrawn
+  /// Calls `visit` for every record, in the order of their writing.
+  void for_each(const std::function<void(const JournalEntry&)>& visit) const;
+  [[nodiscard]] std::vector<JournalEntry> quarantined() const;
+  /// The last `most` alarms that were told, in order.
+  [[nodiscard]] std::vector<Alarm> alarms(std::int64_t most) const;
+  /// The last of each condition, told or its end.
+  [[nodiscard]] std::vector<Alarm> conditions() const;
+  /// All entries, in order.
+  [[nodiscard]] std::vector<LogbookEntry> logbook() const;
+
+ protected:
+  enum class Access { write, read };
+  JournalReader(const std::string& path, Access access);
+  struct Implementation;
+  std::unique_ptr<Implementation> implementation_;
+};
+
+/// A journal that is written, by one process at a time: it locks the file.
+class Journal : public JournalReader {
+ public:
+  /// Makes it if it is not there, and migrates it to the present schema. Errors as of JournalReader;
+  /// DataError where another process writes it.
+  explicit Journal(const std::string& path) : JournalReader(path, Access::write) {}
 
   /// Records for what the data are from now on. True if that differs from what was recorded last. DataError
   /// where the sensors differ: the values of this journal would mean something else.
   bool identify(const Identity& identity);
-  [[nodiscard]] std::optional<Identity> identity() const;
-
-  /// Starts counted so far, this one included (writers only).
+  /// Starts counted so far, this one included.
   [[nodiscard]] std::int64_t starts() const;
   /// From now on they are counted from `least` at least: events are numbered by them, and go on increasing
   /// where one journal takes the place of another.
   void raise_starts(std::int64_t least);
 
-  /// In hex, made at random with the journal: that of no other. Empty before schema 4.
-  [[nodiscard]] const std::string& id() const;
-  /// What was acknowledged and is not there, in words; empty: nothing.
-  [[nodiscard]] const std::string& lost() const;
-  /// Whether the file that is written is still the one that has the journal's name. Of a writer.
+  /// Whether the file that is written is still the one that has the journal's name.
   [[nodiscard]] bool in_place() const;
   /// DiskFullError where it is not.
   void require_in_place() const;
@@ -113,36 +139,16 @@ class Journal {
   /// Takes a datum out, inside a group: its record before, which says whether it had been withdrawn already.
   /// Nothing if there is none of that key.
   std::optional<JournalEntry> withdraw(const assimilation::DatumKey& key);
-
   /// Keeps an alarm, inside a group.
   void add_alarm(const Alarm& alarm);
-  /// The last `most` that were told, in order.
-  [[nodiscard]] std::vector<Alarm> alarms(std::int64_t most) const;
-  /// The last of each condition, told or its end.
-  [[nodiscard]] std::vector<Alarm> conditions() const;
-
   /// Writes an entry, inside a group: as it is on disk, with its number and time of writing.
   LogbookEntry add_entry(LogbookEntry entry);
-  /// Whether there is a datum of that key that is not withdrawn (writers only).
-  [[nodiscard]] bool holds(const assimilation::DatumKey& key) const;
-  /// All entries, in order.
-  [[nodiscard]] std::vector<LogbookEntry> logbook() const;
 
-  [[nodiscard]] std::int64_t count() const;        ///< of records, withdrawn ones too
-  [[nodiscard]] std::int64_t withdrawals() const;  ///< how many of them are withdrawn
-  /// The `most` largest of the records that are not withdrawn, the largest first (writers only).
+  /// Whether there is a datum of that key that is not withdrawn.
+  [[nodiscard]] bool holds(const assimilation::DatumKey& key) const;
+  /// The `most` largest of the records that are not withdrawn, the largest first.
   [[nodiscard]] std::vector<std::int64_t> largest_seqs(const std::string& source, const std::string& session,
                                                        std::size_t most) const;
-  /// Calls `visit` for every record, in the order of their writing.
-  void for_each(const std::function<void(const JournalEntry&)>& visit) const;
-  [[nodiscard]] std::vector<JournalEntry> quarantined() const;
-  [[nodiscard]] const std::string& path() const;
-  /// The seal of the last record, in hex: two journals with the same seal hold the same records.
-  [[nodiscard]] std::string seal() const;
-
- private:
-  struct Implementation;
-  std::unique_ptr<Implementation> implementation_;
 };
 
 /// What a look at a journal tells, without verifying it.

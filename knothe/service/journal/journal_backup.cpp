@@ -52,7 +52,7 @@ std::string backup_journal(const std::string& from, const std::string& to) {
   std::string said;
   files::write_atomically(to, [&](const std::string& temporary) {
     copy_pages(from, temporary);
-    const Journal copy(temporary, Journal::Access::read);  // verifies every seal
+    const JournalReader copy(temporary);  // verifies every seal
     said = fmt::format("{} records, whole; seal {}", copy.count(), copy.seal());
   });
   copy_refinement(from, to);  // after the journal: a model is on disk before its entry is

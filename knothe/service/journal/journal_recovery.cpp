@@ -92,7 +92,7 @@ Recovery recover_journal(const std::string& from, const std::string& to) {
   require_no_refinement(from, to);
   Recovery recovery;
   Database damaged(from, Database::Mode::read_only);
-  Journal whole(to, Journal::Access::write);
+  Journal whole(to);
   whole.begin();
   std::string previous;
   std::int64_t expected = 1;

@@ -52,7 +52,7 @@ int variants(int by_default) {
 
 /// Seals after 0, 1, … records of a journal that is then closed.
 std::vector<std::string> write_journal(const std::string& path, int records) {
-  Journal journal(path, Journal::Access::write);
+  Journal journal(path);
   std::vector<std::string> seals = {journal.seal()};
   for (int i = 0; i < records; ++i) {
     append(journal, datum(i, 0.5 * i));
@@ -66,11 +66,11 @@ TEST(Journal, WhatIsAppendedIsThereToTheBitAfterReopening) {
   const std::string path = folder.file("j.journal");
   std::string seal;
   {
-    Journal journal(path, Journal::Access::write);
+    Journal journal(path);
     for (int i = 0; i < 5; ++i) append(journal, datum(i, 0.1 * i));
     seal = journal.seal();
   }
-  const Journal journal(path, Journal::Access::read);
+  const JournalReader journal(path);
   EXPECT_EQ(journal.seal(), seal);
   std::int64_t n = 0;
   journal.for_each([&](const JournalEntry& entry) {
@@ -85,7 +85,7 @@ TEST(Journal, WhatIsAppendedIsThereToTheBitAfterReopening) {
 
 TEST(Journal, ADuplicateIsKnownAndAConflictLeavesWhatIsThere) {
   const files::TestFolder folder;
-  Journal journal(folder.file("j.journal"), Journal::Access::write);
+  Journal journal(folder.file("j.journal"));
   journal.begin();
   EXPECT_EQ(journal.append(datum(3)).outcome, Outcome::accepted);
   EXPECT_EQ(journal.append(datum(3)).outcome, Outcome::duplicate);  // inside one group
@@ -107,7 +107,7 @@ TEST(Journal, AGroupThatIsRolledBackLeavesNothing) {
   const files::TestFolder folder;
   const std::string path = folder.file("j.journal");
   {
-    Journal journal(path, Journal::Access::write);
+    Journal journal(path);
     append(journal, datum(0));
     const std::string seal = journal.seal();
     journal.begin();
@@ -116,14 +116,14 @@ TEST(Journal, AGroupThatIsRolledBackLeavesNothing) {
     EXPECT_EQ(journal.seal(), seal);
     append(journal, datum(2));
   }
-  EXPECT_EQ(Journal(path, Journal::Access::read).count(), 2);
+  EXPECT_EQ(JournalReader(path).count(), 2);
 }
 
 TEST(Journal, QuarantinedDataAreReleasedOnce) {
   const files::TestFolder folder;
   const std::string path = folder.file("j.journal");
   {
-    Journal journal(path, Journal::Access::write);
+    Journal journal(path);
     journal.begin();
     EXPECT_TRUE(journal.append(datum(7), k_late).quarantined);
     EXPECT_TRUE(journal.append(datum(7)).quarantined);
@@ -136,7 +136,7 @@ TEST(Journal, QuarantinedDataAreReleasedOnce) {
     EXPECT_FALSE(journal.append(datum(7)).quarantined);
     journal.commit();
   }
-  const Journal journal(path, Journal::Access::read);
+  const JournalReader journal(path);
   EXPECT_TRUE(journal.quarantined().empty());
   journal.for_each([](const JournalEntry& entry) { EXPECT_TRUE(entry.quarantined && entry.released); });
 }
@@ -151,7 +151,7 @@ std::optional<JournalEntry> withdraw(Journal& journal, const assimilation::Datum
 /// Values of the data that count, in the order of their records.
 std::vector<double> counting_values(const std::string& path) {
   std::vector<double> values;
-  Journal(path, Journal::Access::read).for_each([&](const JournalEntry& entry) {
+  JournalReader(path).for_each([&](const JournalEntry& entry) {
     if (entry.counts()) values.push_back(entry.measurement.values[0]);
   });
   return values;
@@ -159,7 +159,7 @@ std::vector<double> counting_values(const std::string& path) {
 
 std::string refusal(const std::string& path) {
   try {
-    const Journal journal(path, Journal::Access::read);
+    const JournalReader journal(path);
   } catch (const DataError& error) {
     return error.what();
   }
@@ -170,7 +170,7 @@ TEST(Journal, AWithdrawnDatumStaysOutAndMayComeAgain) {
   const files::TestFolder folder;
   const std::string path = folder.file("j.journal");
   {
-    Journal journal(path, Journal::Access::write);
+    Journal journal(path);
     for (int i = 0; i < 3; ++i) append(journal, datum(i, 10 + i));
     EXPECT_FALSE(withdraw(journal, datum(7).key));
     EXPECT_FALSE(withdraw(journal, datum(1).key)->withdrawn);
@@ -183,7 +183,7 @@ TEST(Journal, AWithdrawnDatumStaysOutAndMayComeAgain) {
   }
   EXPECT_EQ(counting_values(path), std::vector<double>({10}));
   {
-    Journal journal(path, Journal::Access::write);
+    Journal journal(path);
     journal.begin();
     const Appended again = journal.append(datum(1, 21));
     EXPECT_EQ(again.outcome, Outcome::accepted);
@@ -195,12 +195,12 @@ TEST(Journal, AWithdrawnDatumStaysOutAndMayComeAgain) {
     withdraw(journal, datum(2).key);
   }
   EXPECT_EQ(counting_values(path), std::vector<double>({10, 21}));
-  EXPECT_EQ(Journal(path, Journal::Access::read).count(), 5);
+  EXPECT_EQ(JournalReader(path).count(), 5);
 }
 
 TEST(Journal, AReplacementIsLateOnlyIfWhatItReplacesWas) {
   const files::TestFolder folder;
-  Journal journal(folder.file("j.journal"), Journal::Access::write);
+  Journal journal(folder.file("j.journal"));
   append(journal, datum(0));
   journal.begin();
   journal.append(datum(1), k_late);
@@ -221,7 +221,7 @@ TEST(Journal, AReplacementIsLateOnlyIfWhatItReplacesWas) {
 
 TEST(Journal, AnImplausibleReplacementIsHeldWhateverItReplaces) {
   const files::TestFolder folder;
-  Journal journal(folder.file("j.journal"), Journal::Access::write);
+  Journal journal(folder.file("j.journal"));
   append(journal, datum(0));
   journal.begin();
   journal.append(datum(1), k_implausible);
@@ -239,7 +239,7 @@ TEST(Journal, TheReasonOfAQuarantineIsKept) {
   const files::TestFolder folder;
   const std::string path = folder.file("j.journal"), copy = folder.file("copy.journal");
   {
-    Journal journal(path, Journal::Access::write);
+    Journal journal(path);
     journal.begin();
     for (std::int64_t code = 0; code < 4; ++code) journal.append(datum(code), Quarantine::of_code(code));
     EXPECT_EQ(journal.append(datum(2)).quarantined.code(), 2);
@@ -247,7 +247,7 @@ TEST(Journal, TheReasonOfAQuarantineIsKept) {
   }
   EXPECT_EQ(recover_journal(path, copy).saved, 4);
   for (const std::string& file : {path, copy}) {
-    const Journal journal(file, Journal::Access::read);
+    const JournalReader journal(file);
     EXPECT_EQ(journal.quarantined().size(), 3u);
     journal.for_each([](const JournalEntry& entry) {
       EXPECT_EQ(entry.quarantined.code(), entry.measurement.key.seq);
@@ -260,7 +260,7 @@ TEST(Journal, AWithdrawalThatIsRolledBackLeavesNothing) {
   const files::TestFolder folder;
   const std::string path = folder.file("j.journal");
   {
-    Journal journal(path, Journal::Access::write);
+    Journal journal(path);
     append(journal, datum(0));
     journal.begin();
     journal.withdraw(datum(0).key);
@@ -276,7 +276,7 @@ TEST(Journal, ADamagedOrLostWithdrawalIsFoundAndRecoverySavesTheOthers) {
   const files::TestFolder folder;
   const std::string path = folder.file("j.journal");
   {
-    Journal journal(path, Journal::Access::write);
+    Journal journal(path);
     for (int i = 0; i < 3; ++i) append(journal, datum(i, i));
     withdraw(journal, datum(0).key);
     withdraw(journal, datum(1).key);
@@ -312,8 +312,8 @@ TEST(Journal, OneOfSchema2IsReadAsItIsAndMigratedWhenItIsWritten) {
           "DELETE FROM meta WHERE key = 'journal'; PRAGMA user_version = 2;"
           "CREATE UNIQUE INDEX key ON measurement(source, session, seq);");
   EXPECT_EQ(counting_values(path).size(), 4u);
-  EXPECT_EQ(Journal(path, Journal::Access::read).seal(), seal);
-  Journal journal(path, Journal::Access::write);
+  EXPECT_EQ(JournalReader(path).seal(), seal);
+  Journal journal(path);
   EXPECT_EQ(journal.seal(), seal);
   withdraw(journal, datum(3).key);
   append(journal, datum(3, 8));
@@ -324,7 +324,7 @@ TEST(Journal, AlarmsAreKeptAndDamageOfOneIsFound) {
   const files::TestFolder folder;
   const std::string path = folder.file("j.journal"), copy = folder.file("copy.journal");
   {
-    Journal journal(path, Journal::Access::write);
+    Journal journal(path);
     journal.begin();
     journal.append(datum(0));
     journal.add_alarm({7, 3, "alarm", "bias", "it does not fit", "bias", 123});
@@ -335,7 +335,7 @@ TEST(Journal, AlarmsAreKeptAndDamageOfOneIsFound) {
     journal.add_alarm({10, 6, "alarm", "bias", "again", "bias", 126});
     journal.rollback();
   }
-  const Journal journal(path, Journal::Access::read);
+  const JournalReader journal(path);
   ASSERT_EQ(journal.alarms(256).size(), 2U);
   EXPECT_EQ(journal.alarms(256)[0].message, "it does not fit");
   EXPECT_EQ(journal.alarms(1).at(0).id, 9);
@@ -351,14 +351,14 @@ TEST(Journal, AlarmsAreKeptAndDamageOfOneIsFound) {
   EXPECT_NE(refusal(copy).find("alarm 2 of the journal is damaged"), std::string::npos);
   const std::string saved = folder.file("saved.journal");
   EXPECT_EQ(recover_journal(copy, saved).lost, std::vector<std::string>{"alarms from 2 on"});
-  EXPECT_EQ(Journal(saved, Journal::Access::read).alarms(256).size(), 1U);
+  EXPECT_EQ(JournalReader(saved).alarms(256).size(), 1U);
 }
 
 TEST(Journal, TheLogbookIsKeptAndDamageOfAnEntryIsFound) {
   const files::TestFolder folder;
   const std::string path = folder.file("j.journal"), copy = folder.file("copy.journal");
   {
-    Journal journal(path, Journal::Access::write);
+    Journal journal(path);
     journal.begin();
     journal.append(datum(0));
     EXPECT_EQ(journal.add_entry({0, EntryKind::sensor_off, 3, 0.5, "Ada", "loose", 0}).number, 1);
@@ -368,7 +368,7 @@ TEST(Journal, TheLogbookIsKeptAndDamageOfAnEntryIsFound) {
     journal.add_entry({0, EntryKind::note, 0, 0.8, "Bo", "never", 0});
     journal.rollback();
   }
-  const std::vector<LogbookEntry> entries = Journal(path, Journal::Access::read).logbook();
+  const std::vector<LogbookEntry> entries = JournalReader(path).logbook();
   ASSERT_EQ(entries.size(), 2U);
   EXPECT_EQ(entries[0].kind, EntryKind::sensor_off);
   EXPECT_EQ(entries[0].subject, 3);
@@ -388,7 +388,7 @@ TEST(Journal, TheLogbookIsKeptAndDamageOfAnEntryIsFound) {
             std::string::npos);
   const std::string saved = folder.file("saved.journal");
   EXPECT_EQ(recover_journal(copy, saved).lost, std::vector<std::string>{"logbook entries from 2 on"});
-  EXPECT_EQ(Journal(saved, Journal::Access::read).logbook().at(0).written_ms, entries[0].written_ms);
+  EXPECT_EQ(JournalReader(saved).logbook().at(0).written_ms, entries[0].written_ms);
 }
 
 TEST(SensorSwitches, WhatWasWrittenLastHoldsFromItsTimeOn) {
@@ -427,36 +427,35 @@ TEST(Journal, WhatWasAcknowledgedAndIsGoneIsSaid) {
   const files::TestFolder folder;
   const std::string path = folder.file("j.journal"), old = folder.file("old.journal");
   {
-    Journal journal(path, Journal::Access::write);
+    Journal journal(path);
     append(journal, datum(0));
     EXPECT_TRUE(journal.checkpoint());
     std::filesystem::copy_file(path, old);
     append(journal, datum(1));
     append(journal, datum(2));
   }
-  EXPECT_EQ(Journal(path, Journal::Access::read).lost(), "");
+  EXPECT_EQ(JournalReader(path).lost(), "");
   std::filesystem::copy_file(old, path, std::filesystem::copy_options::overwrite_existing);
-  EXPECT_TRUE(
-      Journal(path, Journal::Access::read).lost().starts_with("acknowledged and gone: records 2 to 3;"));
+  EXPECT_TRUE(JournalReader(path).lost().starts_with("acknowledged and gone: records 2 to 3;"));
   {
-    Journal journal(path, Journal::Access::write);
+    Journal journal(path);
     EXPECT_TRUE(journal.lost().starts_with("acknowledged and gone: records 2 to 3;"));
     for (int k = 3; k < 6; ++k) append(journal, datum(k));
   }
-  EXPECT_EQ(Journal(path, Journal::Access::write).lost(), "");
+  EXPECT_EQ(Journal(path).lost(), "");
 }
 
 TEST(Journal, AJournalHasOneWriterAndManyReaders) {
   const files::TestFolder folder;
   const std::string path = folder.file("j.journal");
-  Journal writer(path, Journal::Access::write);
+  Journal writer(path);
   append(writer, datum(0));
-  const Journal reader(path, Journal::Access::read);
+  const JournalReader reader(path);
   EXPECT_EQ(reader.count(), 1);
   std::filesystem::create_symlink(path, folder.file("link.journal"));
   for (const char* name : {"j.journal", "link.journal"}) {
     try {
-      Journal second(folder.file(name), Journal::Access::write);
+      Journal second(folder.file(name));
       FAIL();
     } catch (const DataError& error) {
       EXPECT_NE(std::string(error.what()).find("another process writes this journal"), std::string::npos);
@@ -466,7 +465,7 @@ TEST(Journal, AJournalHasOneWriterAndManyReaders) {
 
 TEST(Journal, OtherSensorsAreRefusedOtherModelsRecorded) {
   const files::TestFolder folder;
-  Journal journal(folder.file("j.journal"), Journal::Access::write);
+  Journal journal(folder.file("j.journal"));
   EXPECT_FALSE(journal.identify({"sensors", "model", "configuration", "text"}));
   EXPECT_FALSE(journal.identify({"sensors", "model", "configuration", "text"}));
   EXPECT_TRUE(journal.identify({"sensors", "another model", "configuration", "text"}));
@@ -476,32 +475,33 @@ TEST(Journal, OtherSensorsAreRefusedOtherModelsRecorded) {
 
 TEST(Journal, WhatIsNoJournalIsRefusedByName) {
   const files::TestFolder folder;
-  const auto message = [&](const std::string& path, Journal::Access access) -> std::string {
+  const auto message = [](const auto& open) -> std::string {
     try {
-      Journal journal(path, access);
+      (void)open();
     } catch (const Error& error) {
       EXPECT_EQ(error.status(), ExitStatus::data);
       return error.what();
     }
     return "";
   };
-  EXPECT_NE(message(folder.file("none"), Journal::Access::read).find("there is no such journal"),
+  EXPECT_NE(message([&] { return JournalReader(folder.file("none")); }).find("there is no such journal"),
             std::string::npos);
   write_bytes(folder.file("text"),
               "This is a text that is no database, and long enough to be read as one.\n");
-  EXPECT_NE(message(folder.file("text"), Journal::Access::read).find("not a database"), std::string::npos);
+  EXPECT_NE(message([&] { return JournalReader(folder.file("text")); }).find("not a database"),
+            std::string::npos);
   {
     Database other(folder.file("other"), Database::Mode::create);
     other.execute("CREATE TABLE t(x)");
   }
-  EXPECT_NE(message(folder.file("other"), Journal::Access::write).find("not a journal of knothe"),
+  EXPECT_NE(message([&] { return Journal(folder.file("other")); }).find("not a journal of knothe"),
             std::string::npos);
   write_journal(folder.file("newer"), 1);
   {
     Database newer(folder.file("newer"), Database::Mode::read_write);
     newer.execute("PRAGMA user_version = 99");
   }
-  EXPECT_NE(message(folder.file("newer"), Journal::Access::read).find("use a newer knothe"),
+  EXPECT_NE(message([&] { return JournalReader(folder.file("newer")); }).find("use a newer knothe"),
             std::string::npos);
 }
 
@@ -515,7 +515,7 @@ TEST(Journal, AChangedRecordIsNamedAndTheOthersAreRecovered) {
         "UPDATE measurement SET time = time + 1 WHERE id = 4; DELETE FROM measurement WHERE id = 8;");
   }
   try {
-    Journal journal(path, Journal::Access::write);
+    Journal journal(path);
     FAIL();
   } catch (const DataError& error) {
     EXPECT_NE(std::string(error.what()).find("record 4"), std::string::npos) << error.what();
@@ -526,7 +526,7 @@ TEST(Journal, AChangedRecordIsNamedAndTheOthersAreRecovered) {
   ASSERT_EQ(recovery.lost.size(), 2u);
   EXPECT_NE(recovery.lost[0].find("record 4"), std::string::npos);
   EXPECT_NE(recovery.lost[1].find("record 8"), std::string::npos);
-  EXPECT_EQ(Journal(folder.file("new"), Journal::Access::read).count(), 8);
+  EXPECT_EQ(JournalReader(folder.file("new")).count(), 8);
   EXPECT_THROW((void)recover_journal(path, folder.file("new")), UsageError);
 }
 
@@ -548,7 +548,7 @@ TEST(Journal, ATornLogOpensAtTheLastCompleteRecord) {
   std::vector<std::string> seals;
   std::string database, log;
   {
-    Journal journal(path, Journal::Access::write);
+    Journal journal(path);
     seals.push_back(journal.seal());
     for (int i = 0; i < 12; ++i) {
       append(journal, datum(i));
@@ -568,7 +568,7 @@ TEST(Journal, ATornLogOpensAtTheLastCompleteRecord) {
     if (k % 2 == 1 && !part.empty()) part[random() % part.size()] ^= static_cast<char>(1 << random() % 8);
     write_bytes(torn + "-wal", part);
     try {
-      const Journal journal(torn, Journal::Access::write);
+      const Journal journal(torn);
       const auto n = static_cast<std::size_t>(journal.count());
       ASSERT_LE(n, 12u);
       ASSERT_EQ(journal.seal(), seals[n]);
@@ -594,7 +594,7 @@ TEST(Journal, AFlippedBitIsFoundOrHarmless) {
     bytes[random() % bytes.size()] ^= static_cast<char>(1 << random() % 8);
     write_bytes(flipped, bytes);
     try {
-      const Journal journal(flipped, Journal::Access::read);
+      const JournalReader journal(flipped);
       ASSERT_EQ(journal.count(), 30);
       ASSERT_EQ(journal.seal(), seal);
     } catch (const DataError& error) {
@@ -618,7 +618,7 @@ TEST(Journal, WhicheverWriteFailsWhatWasCommittedStaysAndNothingElse) {
     std::vector<Measurement> committed;
     files.fail_from(n);
     try {
-      Journal journal(path, Journal::Access::write);
+      Journal journal(path);
       for (int i = 0; i < 6; ++i) {
         try {
           journal.begin();
@@ -639,7 +639,7 @@ TEST(Journal, WhicheverWriteFailsWhatWasCommittedStaysAndNothingElse) {
     files.fail_from(0);
     ++tried;
     if (!std::filesystem::exists(path) || committed.empty()) continue;
-    const Journal journal(path, Journal::Access::write);
+    const Journal journal(path);
     std::vector<std::string> found;
     journal.for_each([&](const JournalEntry& entry) { found.push_back(entry.measurement.payload()); });
     ASSERT_EQ(found.size(), committed.size()) << "with the write " << n << " failing";

@@ -28,14 +28,14 @@ struct Opened {
   std::vector<JournalEntry> entries;  ///< that count, by step and key
 };
 
-ServedModel model_of(const Journal& journal, const project::Project& project,
+ServedModel model_of(const JournalReader& journal, const project::Project& project,
                      const project::UpdateSetup& setup) {
   return served_model(project, setup, journal.path(),
                       last_verification(journal.logbook(), to_hex(sha256_of_file(project.model))));
 }
 
 /// The data that count, by step and key, as the engine is to see them.
-std::vector<JournalEntry> counting_entries(const Journal& journal, const project::UpdateSetup& setup) {
+std::vector<JournalEntry> counting_entries(const JournalReader& journal, const project::UpdateSetup& setup) {
   const auto sensors = static_cast<std::size_t>(setup.measurements.observation_count());
   SensorSwitches switches(setup.observed->time);
   for (const LogbookEntry& entry : journal.logbook()) switches.add(entry);
@@ -57,7 +57,7 @@ std::vector<JournalEntry> counting_entries(const Journal& journal, const project
 }
 
 Opened open_both(const std::string& path, const std::string& project_path) {
-  const Journal journal(path, Journal::Access::read);
+  const JournalReader journal(path);
   const project::Project project = project::read_project(project_path);
   const project::UpdateSetup setup = project::set_up_online(project);
   return {model_of(journal, project, setup), counting_entries(journal, setup)};
@@ -114,7 +114,7 @@ void write_results(const Opened& opened, const std::string& folder) {
 
 }  // namespace
 
-void for_each_result(const Journal& journal, const project::Project& project,
+void for_each_result(const JournalReader& journal, const project::Project& project,
                      const project::UpdateSetup& setup,
                      const std::function<void(const engine::StepResult&)>& visit) {
   const ServedModel model = model_of(journal, project, setup);
@@ -143,7 +143,7 @@ std::string project_of_journal(const std::string& journal, const std::string& pr
 void replay_journal(const std::string& path, const std::string& project_path, bool json) {
   const auto start = std::chrono::steady_clock::now();
   if (!json) {
-    const Journal journal(path, Journal::Access::read);
+    const JournalReader journal(path);
     const auto identity = journal.identity();
     fmt::print("{}: {} records, {} in quarantine, {} withdrawn, whole; seal {}\n", path, journal.count(),
                journal.quarantined().size(), journal.withdrawals(), journal.seal());

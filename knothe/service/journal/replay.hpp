@@ -15,7 +15,7 @@ namespace knothe::service {
 
 /// Calls `visit` for the posterior of every step of a journal, in order, by this setup. DataError where the
 /// data are not of its sensors or times; Interrupted.
-void for_each_result(const Journal& journal, const project::Project& project,
+void for_each_result(const JournalReader& journal, const project::Project& project,
                      const project::UpdateSetup& setup,
                      const std::function<void(const engine::StepResult&)>& visit);
 

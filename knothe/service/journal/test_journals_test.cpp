@@ -12,7 +12,7 @@ namespace knothe::service {
 namespace {
 
 void write(const std::string& path, EntryKind kind, const std::string& text = "") {
-  Journal journal(path, Journal::Access::write);
+  Journal journal(path);
   journal.begin();
   journal.add_entry({0, kind, 0, 0.5, "Ada", text, 0});
   journal.commit();
@@ -112,14 +112,14 @@ TEST(TestJournals, StartsGoOnFromThoseOfAnotherJournal) {
   const files::TestFolder folder;
   const std::string path = folder.file("j.journal");
   {
-    Journal journal(path, Journal::Access::write);
+    Journal journal(path);
     EXPECT_EQ(journal.starts(), 1);
     journal.raise_starts(7);
     EXPECT_EQ(journal.starts(), 7);
     journal.raise_starts(3);
     EXPECT_EQ(journal.starts(), 7);
   }
-  EXPECT_EQ(Journal(path, Journal::Access::write).starts(), 8);
+  EXPECT_EQ(Journal(path).starts(), 8);
 }
 
 }  // namespace

@@ -20,14 +20,14 @@ TEST(Verification, IsAnEntryOfTheLogbook) {
   said.trouble = "\"quoted\", ü and \xff";
   said.time = 1.0 / 3;
   {
-    Journal journal(folder.file("j"), Journal::Access::write);
+    Journal journal(folder.file("j"));
     journal.begin();
     journal.add_entry({0, EntryKind::verification_asked, 0, 0.1, "Ada", "", 0});
     journal.add_entry(entry_of(said));
     journal.add_entry({0, EntryKind::verification, 4, 0.2, "knothe", "not what is written here", 0});
     journal.commit();
   }
-  const auto entries = Journal(folder.file("j"), Journal::Access::read).logbook();
+  const auto entries = JournalReader(folder.file("j")).logbook();
   const Verification read = last_verification(entries, said.base);
   EXPECT_EQ(read.version, 3u);
   EXPECT_EQ(read.model, said.model);

@@ -452,13 +452,13 @@ void Api::take_entry(const HttpRequest& request, const Answer& answer) {
   const auto site = site_of(asked.site.empty() ? request.parameter("site") : asked.site);
   const auto alarm = alarm_of(request.path);
   const std::string& path = request.path;
-  LogbookEntry entry = alarm                        ? site->acknowledgement(*alarm, asked)
-                       : path == "/v1/sensors"      ? site->sensor_switch(asked)
-                       : path == "/v1/verify"       ? site->verification_request(asked)
-                       : path == "/v1/tests/finish" ? site->test_mark(asked, EntryKind::test_finished)
-                       : path == "/v1/tests/resume" ? site->test_mark(asked, EntryKind::test_resumed)
-                                                    : site->note(asked);
-  site->journal().enter(std::move(entry),
+  const EntryKind kind = alarm                        ? EntryKind::acknowledgement
+                         : path == "/v1/sensors"      ? EntryKind::sensor_on  // or off, as is asked
+                         : path == "/v1/verify"       ? EntryKind::verification_asked
+                         : path == "/v1/tests/finish" ? EntryKind::test_finished
+                         : path == "/v1/tests/resume" ? EntryKind::test_resumed
+                                                      : EntryKind::note;
+  site->journal().enter(site->entry(kind, asked, alarm.value_or(0)),
                         [answer](const JournalWriter::Answer& stored) { answer(answer_of(stored)); });
 }
 

@@ -82,7 +82,7 @@ TEST(Allocation, TheParserOfNpySaysSo) {
 TEST(Allocation, TheJournalKeepsWhatWasCommittedAndNothingElse) {
   const files::TestFolder folder;
   const std::string path = folder.file("j.journal");
-  Journal journal(path, Journal::Access::write);
+  Journal journal(path);
   std::int64_t committed = 0;
   std::string seal = journal.seal();
   const int allocations = fail_each(
@@ -110,7 +110,7 @@ TEST(Allocation, TheJournalKeepsWhatWasCommittedAndNothingElse) {
       });
   EXPECT_GT(allocations, 5);
   EXPECT_EQ(committed, 2);
-  EXPECT_EQ(Journal(path, Journal::Access::read).count(), 2);
+  EXPECT_EQ(JournalReader(path).count(), 2);
 }
 
 }  // namespace

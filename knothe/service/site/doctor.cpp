@@ -116,7 +116,7 @@ void report_found(Report& report, const std::string& what, const std::function<s
 
 std::string found_journal(const std::string& path, const std::vector<double>& model_times) {
   if (!std::filesystem::exists(path)) return fmt::format("{} will be created at the start", path);
-  const Journal journal(path, Journal::Access::read);
+  const JournalReader journal(path);
   if (!journal.lost().empty()) throw DataError(fmt::format("{}: {}", path, journal.lost()));
   journal.for_each([&](JournalEntry entry) {
     if (!entry.withdrawn) match_step(entry, model_times, path);

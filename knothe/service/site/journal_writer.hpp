@@ -86,13 +86,9 @@ class JournalWriter {
   void identify(const Identity& identity);
   /// Number of starts, this one included, counted from `least` at least. Before `start`.
   std::int64_t count_start(std::int64_t least);
-  /// Of `Journal`: its id, and what was acknowledged and is gone.
-  [[nodiscard]] const std::string& id() const { return id_; }
-  [[nodiscard]] const std::string& lost() const { return journal_.lost(); }
-  /// The alarms of the journal: the last `most`, and the last of each condition. Before `start`.
-  [[nodiscard]] std::vector<Alarm> alarms(std::int64_t most) const { return journal_.alarms(most); }
-  [[nodiscard]] std::vector<Alarm> conditions() const { return journal_.conditions(); }
-  [[nodiscard]] std::vector<LogbookEntry> logbook() const { return journal_.logbook(); }
+  [[nodiscard]] const std::string& id() const { return id_; }  ///< of the journal
+  /// What is in the journal. Before `start`.
+  [[nodiscard]] const JournalReader& records() const { return journal_; }
   /// Keeps an alarm: with the next group, by itself, or in `finish`.
   void keep(Alarm alarm);
   void start();

@@ -26,7 +26,7 @@ JournalGlance glance_repaired(const std::string& path) {
   try {
     return glance_at_journal(path);
   } catch (const Error&) {
-    (void)Journal(path, Journal::Access::write);
+    (void)Journal(path);
     return glance_at_journal(path);
   }
 }
@@ -116,7 +116,7 @@ LogbookEntry ServedSite::resume_test(const EntryRequest& asked) {
     throw RequestError(404, "UnknownTest",
                        fmt::format("there is no test \"{}\"; GET /v1/tests lists them", test));
   if (test == current()->test())
-    return current()->journal().enter(current()->test_mark(asked, EntryKind::test_resumed));
+    return current()->journal().enter(current()->entry(EntryKind::test_resumed, asked));
   return change_to(test, {0, EntryKind::test_resumed, 0, current()->setup().observed->time.front(),
                           asked.author, asked.text, 0});
 }

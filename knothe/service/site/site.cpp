@@ -4,11 +4,9 @@
 #include <malloc.h>
 
 #include <algorithm>
-#include <filesystem>
 #include <utility>
 
 #include "knothe/base/error.hpp"
-#include "knothe/base/sha256.hpp"
 #include "knothe/base/version.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/report/results/step_record.hpp"
@@ -20,40 +18,12 @@ namespace {
 constexpr std::size_t k_newest_first_from = 16;  // stale lines
 constexpr double k_moved_std = 0.5;              // of a posterior that is asked about again
 
-/// What the data mean: where the sensors are, and their noise as the likelihood sees it.
-std::string sensors_hash(const project::UpdateSetup& setup) {
-  Sha256 sum;
-  for (const double x : setup.measurements.sensors.points) sum.add_number(x);
-  for (const std::int64_t c : setup.measurements.sensors.components) sum.add_number(c);
-  for (const std::string& name : setup.measurements.sensors.scalars) sum.add_text(name);
-  const auto& noise = setup.measurements.noise;
-  const Eigen::VectorXd std = noise.standard_deviations();
-  for (const double s : std) sum.add_number(s);
-  sum.add_number(noise.log_determinant());
-  return to_hex(sum.finish());
-}
-
-/// The project with what is a test's own: its journal, and the folder of the frames that are kept.
-project::Project of_test(project::Project project, const std::string& test) {
-  project.serve.journal = journal_of_test(project.serve.journal, test);
-  std::string& keep = project.serve.camera.keep;
-  if (!keep.empty() && !test.empty()) keep = (std::filesystem::path(keep) / test).string();
-  return project;
-}
-
-Identity identity_of(const project::Project& project, const project::UpdateSetup& setup) {
-  return {sensors_hash(setup), to_hex(sha256_of_file(project.model)), to_hex(sha256_of(project.text)),
-          project.text};
-}
-
 }  // namespace
 
 Site::Site(project::Project project, SiteSettings settings, Metrics& metrics)
-    : settings_(std::move(settings)),
-      project_(of_test(std::move(project), settings_.test)),
+    : SiteFacts(std::move(project), settings.test),
+      settings_(std::move(settings)),
       metrics_(metrics),
-      setup_(project::set_up_online(project_)),
-      identity_(identity_of(project_, setup_)),
       journal_(
           project_, setup_, metrics_,
           {[this](std::vector<Arrival> arrivals, std::int64_t records) {
@@ -72,13 +42,14 @@ Site::Site(project::Project project, SiteSettings settings, Metrics& metrics)
   journal_.identify(identity_);
   starts_ = journal_.count_start(settings_.least_start);
   next_event_ = starts_ * (std::int64_t{1} << 32) + 1;
-  alarms_.restore(journal_.alarms(SiteAlarms::k_kept), journal_.conditions());
-  for (const LogbookEntry& entry : journal_.logbook()) note_down(entry);
+  const JournalReader& records = journal_.records();
+  alarms_.restore(records.alarms(SiteAlarms::k_kept), records.conditions());
+  for (const LogbookEntry& entry : records.logbook()) note_down(entry);
   restore_model();
   metrics_.count("knothe_deadline_misses_total", labels(), 0);  // there from the first scrape on
-  if (journal_.lost().empty()) return;
-  log_event("error", "records of the journal are lost", {{"site", name()}, {"reason", journal_.lost()}});
-  alarms_.raise(0, "alarm", "journal", journal_.lost());
+  if (records.lost().empty()) return;
+  log_event("error", "records of the journal are lost", {{"site", name()}, {"reason", records.lost()}});
+  alarms_.raise(0, "alarm", "journal", records.lost());
 }
 
 Site::~Site() {
@@ -502,54 +473,48 @@ void Site::require_test(const std::optional<std::string>& asked) const {
                                  test_in_words(*asked), test_in_words(test())));
 }
 
-LogbookEntry Site::note(const EntryRequest& request) const {
-  if (request.text.empty()) throw RequestError(400, "Malformed", "\"text\" must not be empty");
-  return {0, EntryKind::note, 0, time_of(request.step), request.author, request.text, 0};
-}
-
-LogbookEntry Site::sensor_switch(const EntryRequest& request) const {
-  if (!request.active)
-    throw RequestError(400, "Malformed", "\"active\" is missing: false switches the sensor off, true on");
-  return {0,
-          *request.active ? EntryKind::sensor_on : EntryKind::sensor_off,
-          sensor_of(request),
-          time_of(request.step),
-          request.author,
-          request.text,
-          0};
-}
-
-LogbookEntry Site::test_mark(const EntryRequest& request, EntryKind kind) const {
-  const bool finishes = kind == EntryKind::test_finished;
-  if (finishes == logbook_.finished().has_value())
-    throw RequestError(409, "TestFinished",
-                       finishes ? "the test is finished already" : "the test is not finished");
-  return {0, kind, 0, time_of(std::nullopt), request.author, request.text, 0};
-}
-
-LogbookEntry Site::acknowledgement(std::int64_t id, const EntryRequest& request) const {
-  const auto alarm = alarms_.find(id);
-  if (!alarm)
-    throw RequestError(404, "UnknownAlarm",
-                       fmt::format("there is no alarm {} among the last {}", id, SiteAlarms::k_kept));
-  const auto step = static_cast<std::size_t>(std::max<std::int64_t>(alarm->step, 0));
-  const std::vector<double>& times = setup_.observed->time;
-  return {0,
-          EntryKind::acknowledgement,
-          id,
-          times[std::min(step, times.size() - 1)],
-          request.author,
-          request.text,
-          0};
-}
-
-LogbookEntry Site::verification_request(const EntryRequest& request) const {
-  if (!verifier_)
-    throw RequestError(409, "NotVerified",
-                       "the full-order model is not asked here: set verify = \"full-order\" under [method]");
-  if (!lines_.latest())
-    throw RequestError(409, "NoState", "there are no data yet: there is no posterior to ask at");
-  return {0, EntryKind::verification_asked, 0, time_of(std::nullopt), request.author, request.text, 0};
+LogbookEntry Site::entry(EntryKind kind, const EntryRequest& request, std::int64_t alarm) const {
+  LogbookEntry entry{0, kind, 0, 0, request.author, request.text, 0};
+  switch (kind) {
+    case EntryKind::note:
+      if (request.text.empty()) throw RequestError(400, "Malformed", "\"text\" must not be empty");
+      entry.time = time_of(request.step);
+      break;
+    case EntryKind::sensor_on:
+    case EntryKind::sensor_off:
+      if (!request.active)
+        throw RequestError(400, "Malformed", "\"active\" is missing: false switches the sensor off, true on");
+      entry.kind = *request.active ? EntryKind::sensor_on : EntryKind::sensor_off;
+      entry.subject = sensor_of(request);
+      entry.time = time_of(request.step);
+      break;
+    case EntryKind::acknowledgement: {
+      const auto found = alarms_.find(alarm);
+      if (!found)
+        throw RequestError(404, "UnknownAlarm",
+                           fmt::format("there is no alarm {} among the last {}", alarm, SiteAlarms::k_kept));
+      const auto step = static_cast<std::size_t>(std::max<std::int64_t>(found->step, 0));
+      entry.subject = alarm;
+      entry.time = setup_.observed->time[std::min(step, setup_.observed->time.size() - 1)];
+      break;
+    }
+    case EntryKind::verification_asked:
+      if (!verifier_)
+        throw RequestError(
+            409, "NotVerified",
+            "the full-order model is not asked here: set verify = \"full-order\" under [method]");
+      if (!lines_.latest())
+        throw RequestError(409, "NoState", "there are no data yet: there is no posterior to ask at");
+      entry.time = time_of(std::nullopt);
+      break;
+    default:  // the test is finished or resumed
+      const bool finishes = kind == EntryKind::test_finished;
+      if (finishes == logbook_.finished().has_value())
+        throw RequestError(409, "TestFinished",
+                           finishes ? "the test is finished already" : "the test is not finished");
+      entry.time = time_of(std::nullopt);
+  }
+  return entry;
 }
 
 // --- State -----------------------------------------------------------------------------------------------

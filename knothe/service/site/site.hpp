@@ -8,6 +8,7 @@
 #include "knothe/service/site/journal_writer.hpp"
 #include "knothe/service/site/line_store.hpp"
 #include "knothe/service/site/site_alarms.hpp"
+#include "knothe/service/site/site_facts.hpp"
 #include "knothe/service/site/site_health.hpp"
 #include "knothe/service/site/site_logbook.hpp"
 #include "knothe/service/site/verifier.hpp"
@@ -25,10 +26,9 @@ struct SiteSettings {
 };
 
 /// Thread-safe.
-class Site {
+class Site : public SiteFacts {
  public:
-  /// Reads model and sensors, opens the test's journal: that of the project, NAME.journal, or
-  /// NAME.TEST.journal. Errors as of `knothe assimilate` and `Journal`. Nothing runs before `start`.
+  /// Opens the test's journal. Errors as of `SiteFacts` and `Journal`. Nothing runs before `start`.
   Site(project::Project project, SiteSettings settings, Metrics& metrics);
   ~Site();
 
@@ -54,23 +54,13 @@ class Site {
 
   /// RequestError 409 where a datum names another test than this one: it is of another specimen.
   void require_test(const std::optional<std::string>& test) const;
-  /// Entries for the logbook, as they were asked for; `JournalWriter::enter` writes them. RequestError 400
-  /// and 404 that says what is wrong.
-  [[nodiscard]] LogbookEntry note(const EntryRequest& request) const;
-  [[nodiscard]] LogbookEntry sensor_switch(const EntryRequest& request) const;
-  [[nodiscard]] LogbookEntry test_mark(const EntryRequest& request, EntryKind kind) const;
-  [[nodiscard]] LogbookEntry acknowledgement(std::int64_t alarm, const EntryRequest& request) const;
-  [[nodiscard]] LogbookEntry verification_request(const EntryRequest& request) const;
+  /// The entry for the logbook that is asked for; `JournalWriter::enter` writes it. `alarm` is acknowledged.
+  /// RequestError 400, 404 or 409 that says what is wrong.
+  [[nodiscard]] LogbookEntry entry(EntryKind kind, const EntryRequest& request, std::int64_t alarm = 0) const;
 
-  [[nodiscard]] const std::string& name() const { return project_.serve.site; }
-  [[nodiscard]] const std::string& test() const { return settings_.test; }
   [[nodiscard]] std::int64_t starts() const { return starts_; }  ///< of its journal, this one included
-  [[nodiscard]] const project::Project& project() const { return project_; }
-  /// By the project's own model: sensors, times and priors are those of every refined one.
-  [[nodiscard]] const project::UpdateSetup& setup() const { return setup_; }
   /// The model that is used now.
   [[nodiscard]] std::shared_ptr<const ServedModel> model() const;
-  [[nodiscard]] const Identity& identity() const { return identity_; }
   /// Truncated to the model's box, and their medians.
   [[nodiscard]] const std::vector<assimilation::Prior>& priors() const { return priors_; }
   [[nodiscard]] const Eigen::VectorXd& centre() const { return centre_; }
@@ -109,10 +99,7 @@ class Site {
   [[nodiscard]] std::string labels(const std::string& more = "") const { return site_labels(name(), more); }
 
   SiteSettings settings_;
-  project::Project project_;
   Metrics& metrics_;
-  project::UpdateSetup setup_;
-  Identity identity_;
   JournalWriter journal_;
   std::shared_ptr<const ServedModel> model_;  ///< changed by the updating thread, under engine_mutex_
   std::unique_ptr<engine::Engine> engine_;    ///< the same; of `model_`

@@ -14,7 +14,7 @@ namespace knothe::service {
 namespace {
 
 /// What the lines of a journal depend on.
-std::string fingerprint(const Journal& journal, const Identity& identity) {
+std::string fingerprint(const JournalReader& journal, const Identity& identity) {
   const auto last = [](const auto& entries) { return entries.empty() ? 0 : entries.back().number; };
   return fmt::format("{} {} {} {} {}", journal.seal(), journal.withdrawals(), journal.quarantined().size(),
                      last(journal.logbook()), identity.model + identity.configuration);
@@ -33,7 +33,7 @@ std::string TestLines::lines_of(const ServedSite& served, const std::string& tes
   if (kept_.size() >= k_most && !kept_.contains(key)) kept_.clear();  // what is asked for again is made again
   Kept& kept = kept_[key];
   try {
-    const Journal journal(path, Journal::Access::read);
+    const JournalReader journal(path);
     const auto identity = journal.identity();
     if (identity && identity->sensors != site->identity().sensors)
       throw DataError("its data are of other sensors than those of the test that runs");
