@@ -16,7 +16,7 @@ namespace knothe::commands {
 
 int serve(const ServeArguments& arguments) {
   const project::Project project = project::read_project(arguments.project);
-  service::ServeArguments options;
+  service::ServiceOptions options;
   options.port = arguments.port;
   options.strict_deadline = arguments.strict_deadline;
   options.test = arguments.test;

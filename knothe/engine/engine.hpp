@@ -109,8 +109,8 @@ class Engine {
   EngineSetup setup_;
   std::vector<assimilation::Prior> priors_;
   Eigen::VectorXd centre_;
-  std::unique_ptr<Method> method_;
-  std::vector<std::unique_ptr<Method>> candidates_;
+  std::unique_ptr<PosteriorMethod> method_;
+  std::vector<std::unique_ptr<PosteriorMethod>> candidates_;
   std::map<std::size_t, Step> steps_;
   std::set<std::size_t> stale_;
   assimilation::SensorWatch watch_;

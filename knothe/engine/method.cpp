@@ -7,7 +7,7 @@ namespace knothe::engine {
 namespace {
 
 /// By quadratic forms, in any order: a datum that comes late, or is withdrawn, costs the steps from it on.
-class FormMethod final : public Method {
+class FormMethod final : public PosteriorMethod {
  public:
   explicit FormMethod(const MethodSetup& setup)
       : update_(setup.model, setup.noise, setup.priors, setup.update) {
@@ -29,7 +29,7 @@ class FormMethod final : public Method {
 
 }  // namespace
 
-std::unique_ptr<Method> make_method(const MethodSetup& setup) {
+std::unique_ptr<PosteriorMethod> make_method(const MethodSetup& setup) {
   using assimilation::Feature;
   assimilation::Features features = features_of(setup.update);
   add(features, Feature::baseline, setup.baseline.has_value());

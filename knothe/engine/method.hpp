@@ -12,9 +12,9 @@
 namespace knothe::engine {
 
 /// A posterior as a function of a set of data: the order in which they were added never matters, to the bit.
-class Method {
+class PosteriorMethod {
  public:
-  virtual ~Method() = default;
+  virtual ~PosteriorMethod() = default;
   /// A datum that is not there yet. DataError for one that cannot be assimilated: nothing has changed then.
   virtual void add(const assimilation::Datum& datum) = 0;
   /// Takes a datum out that is there.
@@ -44,6 +44,6 @@ struct MethodSetup {
 };
 
 /// UsageError for options that do not go together.
-[[nodiscard]] std::unique_ptr<Method> make_method(const MethodSetup& setup);
+[[nodiscard]] std::unique_ptr<PosteriorMethod> make_method(const MethodSetup& setup);
 
 }  // namespace knothe::engine

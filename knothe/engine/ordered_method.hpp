@@ -7,7 +7,7 @@
 namespace knothe::engine {
 
 /// A datum that comes late, or is withdrawn, makes the method begin again from the first: n updates.
-class OrderedMethod : public Method {
+class OrderedMethod : public PosteriorMethod {
  public:
   explicit OrderedMethod(const MethodSetup& setup);
 

@@ -12,11 +12,11 @@ namespace knothe::project {
 struct Values;
 
 /// Whether the full-order model is asked where the posterior is.
-enum class Verification { off, full_order };
+enum class ModelVerification { off, full_order };
 
-constexpr auto names_of(Verification /*verification*/) {
-  return std::to_array<Named<Verification>>(
-      {{Verification::off, "off"}, {Verification::full_order, "full-order"}});
+constexpr auto names_of(ModelVerification /*verification*/) {
+  return std::to_array<Named<ModelVerification>>(
+      {{ModelVerification::off, "off"}, {ModelVerification::full_order, "full-order"}});
 }
 
 struct MethodOptions {
@@ -31,7 +31,7 @@ struct MethodOptions {
   double noise_level_shape = 2, noise_level_scale = 1;
   double offset_std = 0;          ///< m
   bool truncation_error = false;  ///< the model's own error is added to the noise
-  Verification verify = Verification::off;
+  ModelVerification verify = ModelVerification::off;
   int verify_runs = 14;  ///< at most
   int samples = 10000;
   int verification_points = 1024;  ///< of `knothe infer`

@@ -74,7 +74,7 @@ void simulate_pictures(const Project& project, const reduction::Mesh& mesh, cons
   const auto motion = [&](double x, double y) { return surface.at(x, y); };
   const auto draw = [&](const std::string& name, std::size_t number, bool moved) {
     // Each picture has noise of its own: seeds far apart, since a picture uses one number a pixel.
-    const imaging::CameraOptions options{.bit_depth = camera.bit_depth,
+    const imaging::SpeckleCamera options{.bit_depth = camera.bit_depth,
                                          .noise = camera.noise,
                                          .gain = moved ? camera.gain : 1,
                                          .supersampling = camera.supersampling,

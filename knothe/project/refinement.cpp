@@ -74,7 +74,7 @@ std::unique_ptr<simulator::Simulator> full_order_simulator(const Project& projec
 
 std::unique_ptr<Refinement> make_refinement(const Project& project,
                                             std::shared_ptr<PictureMeasurements> pictures) {
-  if (project.method.verify == Verification::off) return nullptr;
+  if (project.method.verify == ModelVerification::off) return nullptr;
   return std::make_unique<Refinement>(project, std::move(pictures), full_order_simulator(project),
                                       (std::filesystem::path(project.results) / "refinement").string());
 }

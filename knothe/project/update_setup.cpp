@@ -80,7 +80,7 @@ assimilation::Features features_of(const Project& project) {
   add(features, Feature::clock, !project.clock.empty());
   add(features, Feature::known, !project.known.empty());
   add(features, Feature::candidates, !project.candidates.empty());
-  add(features, Feature::verified, project.method.verify == Verification::full_order);
+  add(features, Feature::verified, project.method.verify == ModelVerification::full_order);
   return features;
 }
 

@@ -91,7 +91,7 @@ double SpecklePattern::at(double x, double y) const {
   return 0.5 + 0.42 * std::tanh(sum);  // smooth, and never saturated
 }
 
-files::Picture SpecklePattern::render(const DisplacementField& displacement, const CameraOptions& camera,
+files::Picture SpecklePattern::render(const DisplacementField& displacement, const SpeckleCamera& camera,
                                       int threads, const BodyShape& body) const {
   files::Picture picture;
   picture.width = options_.width, picture.height = options_.height, picture.bit_depth = camera.bit_depth;

@@ -32,7 +32,7 @@ struct SpeckleOptions {
   std::uint64_t seed = 1;
 };
 
-struct CameraOptions {
+struct SpeckleCamera {
   int bit_depth = 8;
   double noise = 0;             ///< standard deviation, grey levels of an 8-bit camera scaled to the depth
   double gain = 1, offset = 0;  ///< brightness and contrast; offset in 8-bit levels
@@ -54,7 +54,7 @@ class SpecklePattern {
   /// crack's opening) the pixel is black. `body` (empty: everywhere): beside it there is a dark background.
   /// Errors: UsageError for a field that is not finite.
   [[nodiscard]] files::Picture render(const DisplacementField& displacement = {},
-                                      const CameraOptions& camera = {}, int threads = 1,
+                                      const SpeckleCamera& camera = {}, int threads = 1,
                                       const BodyShape& body = {}) const;
 
  private:

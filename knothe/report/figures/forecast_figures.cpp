@@ -19,7 +19,7 @@ void limit_to_mass(const Results& results, const std::string& name, double facto
   for (const auto& s : results.steps) {
     const auto found = s.forecast.find(name);
     if (found == s.forecast.end() || found->second.density.empty()) continue;
-    const Density& density = found->second.density;
+    const DensityCurve& density = found->second.density;
     const double peak = *std::max_element(density.values.begin(), density.values.end());
     for (std::size_t i = 0; i < density.points.size(); ++i)
       if (density.values[i] > 2e-3 * peak)
@@ -71,7 +71,7 @@ Plot forecast_densities_plot(const Results& results, const std::string& name) {
   for (std::size_t i = 0; i < results.steps.size(); ++i) {
     const auto found = results.steps[i].forecast.find(name);
     if (found == results.steps[i].forecast.end() || found->second.density.empty()) continue;
-    const Density& density = found->second.density;
+    const DensityCurve& density = found->second.density;
     const bool last = i + 1 == results.steps.size();
     plot.line(scaled(density.points, scale.factor),
               density_values(scaled(density.values, 1.0 / scale.factor), y),

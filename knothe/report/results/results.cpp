@@ -77,8 +77,8 @@ class Located {
     const json& v = at(key);
     return v.is_string() ? v.get<std::string>() : v.dump();
   }
-  [[nodiscard]] Density density(const char* points, const char* values) const {
-    Density d{numbers(points), {}};
+  [[nodiscard]] DensityCurve density(const char* points, const char* values) const {
+    DensityCurve d{numbers(points), {}};
     d.values = numbers(values, d.points.size());
     return d;
   }

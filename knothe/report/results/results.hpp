@@ -13,7 +13,7 @@
 namespace knothe::report {
 
 /// A density of one number on increasing points.
-struct Density {
+struct DensityCurve {
   std::vector<double> points;
   std::vector<double> values;
   [[nodiscard]] bool empty() const { return points.empty(); }
@@ -32,7 +32,7 @@ struct StepForecast {
   std::vector<double> values;
   std::vector<double> published;  ///< quantiles by Eq. 33 (crack length only); may be empty
   bool is_past = false;           ///< the horizon was before the step's time
-  Density density;                ///< empty if not written
+  DensityCurve density;           ///< empty if not written
 };
 
 /// One of several models run side by side, after a step.
@@ -56,8 +56,8 @@ struct Step : assimilation::UpdateResult {
   std::vector<double> levels;               ///< of the quantiles
   std::map<std::string, StepModel> models;  ///< by file; empty without candidates
   double update_us = 0.0, forecast_us = 0.0, total_us = 0.0;
-  std::map<std::string, Density> marginals;      ///< by parameter; may be empty
-  std::map<std::string, StepForecast> forecast;  ///< by the forecast's name
+  std::map<std::string, DensityCurve> marginals;  ///< by parameter; may be empty
+  std::map<std::string, StepForecast> forecast;   ///< by the forecast's name
 };
 
 struct ParameterSummary {
@@ -88,7 +88,7 @@ struct Results {
   std::string created_by, project, model, data;
   std::string seed;
   std::vector<ParameterSummary> parameters;
-  std::map<std::string, Density> prior_marginals;
+  std::map<std::string, DensityCurve> prior_marginals;
   std::map<std::string, ForecastSummary> forecasts;  ///< by name; may be empty
   std::vector<double> curve_time;    ///< model times of the load–displacement curve; may be empty
   std::vector<double> displacement;  ///< m, of the load–displacement curve; may be empty

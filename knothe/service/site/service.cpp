@@ -130,7 +130,7 @@ void require_journal_file(const project::Project& project) {
 
 }  // namespace
 
-void serve(const project::Project& project, const ServeArguments& arguments) {
+void serve(const project::Project& project, const ServiceOptions& arguments) {
   std::signal(SIGPIPE, SIG_IGN);
   require_cameras(project);
   require_journal_file(project);

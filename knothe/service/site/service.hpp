@@ -13,7 +13,7 @@ namespace knothe::service {
 [[nodiscard]] std::string read_token(const project::Project& project, const std::string& key,
                                      const std::string& path);
 
-struct ServeArguments {
+struct ServiceOptions {
   std::optional<int> port;  ///< overrides the project's
   std::string test;         ///< as of `Site`
   bool strict_deadline = false;
@@ -22,6 +22,6 @@ struct ServeArguments {
 
 /// Serves until the user stops it. Throws Interrupted (130) then, an Error of status 7 where a deadline was
 /// missed under `strict_deadline`, and what `Site` and `HttpServer` throw.
-[[noreturn]] void serve(const project::Project& project, const ServeArguments& arguments);
+[[noreturn]] void serve(const project::Project& project, const ServiceOptions& arguments);
 
 }  // namespace knothe::service

@@ -73,7 +73,7 @@ void Site::restore_model() {
   verification_ = model_->verification;
   priors_ = engine_->priors();
   centre_ = engine_->centre();
-  if (project_.method.verify == project::Verification::off) return;
+  if (project_.method.verify == project::ModelVerification::off) return;
   verification_wanted_ = awaits_verification(entries);
   verifier_ = std::make_unique<Verifier>(
       project_, project_.serve.journal,
