@@ -1,5 +1,6 @@
 #pragma once
 /// @file HDF5 files, every return value checked; a message names the file, the data set and the index.
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <span>

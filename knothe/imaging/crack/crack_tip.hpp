@@ -3,6 +3,7 @@
 /// to the room.
 #include <array>
 #include <span>
+#include <vector>
 
 namespace knothe::imaging {
 

@@ -1,6 +1,7 @@
 #pragma once
 /// @file Dense factorisations (LAPACK), column-major, for the condensed problem.
 #include <span>
+#include <vector>
 
 namespace knothe::mechanics {
 

@@ -1,6 +1,7 @@
 #pragma once
 /// @file Where the frames of a camera come from. What is behind it (Aravis, GLib) is nobody else's business.
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <string>
 

@@ -1,6 +1,7 @@
 #pragma once
 /// @file A measurement as it is sent: its key, its payload, and its parsing from JSON and npy.
 #include <cstdint>
+#include <limits>
 #include <stdexcept>
 #include <string>
 #include <string_view>
