@@ -220,13 +220,21 @@ ScatteredInterpolation best_interpolation(std::span<const Axis> axes, const Know
   return {known.points, zeros, kernel};
 }
 
-/// More nodes where the posterior is, by 1.5 standard deviations, and on the way to the old ones; not next to
-/// one that is there.
-std::vector<Axis> with_nodes_around(std::vector<Axis> axes, const Neighbourhood& at) {
-  const std::vector<double> steps = axes.size() <= 2   ? std::vector<double>{-9, -3, -1.5, 0, 1.5, 3, 9}
-                                    : axes.size() == 3 ? std::vector<double>{-3, -1.5, 0, 1.5, 3}
-                                    : axes.size() <= 5 ? std::vector<double>{-2, 0, 2}
-                                                       : std::vector<double>{0};
+/// Nodes, with cells between `lower` and `upper` divided into equal parts of at most `spacing`.
+std::vector<double> divided(const std::vector<double>& nodes, double lower, double upper, double spacing) {
+  std::vector<double> result = {nodes.front()};
+  for (std::size_t i = 1; i < nodes.size(); ++i) {
+    const double left = nodes[i - 1], width = nodes[i] - left;
+    const double parts = left < upper && nodes[i] > lower ? std::ceil(width / spacing) : 1;
+    for (double part = 1; part < parts; ++part) result.push_back(left + width * part / parts);
+    result.push_back(nodes[i]);
+  }
+  return result;
+}
+
+/// More nodes where the posterior is, and on the way to the old ones; not next to one that is there.
+std::vector<Axis> with_few_nodes_around(std::vector<Axis> axes, const Neighbourhood& at) {
+  const std::vector<double> steps = axes.size() <= 5 ? std::vector<double>{-2, 0, 2} : std::vector<double>{0};
   for (std::size_t k = 0; k < axes.size(); ++k) {
     std::vector<double>& nodes = axes[k].nodes;
     const auto a = static_cast<Index>(k);
@@ -239,6 +247,33 @@ std::vector<Axis> with_nodes_around(std::vector<Axis> axes, const Neighbourhood&
     }
   }
   return axes;
+}
+
+/// Nodes so close that the splines through them are φ, wherever it is not zero: it varies over the kernel's
+/// lengths, and over its reach where the window closes. With more than three parameters there would be too
+/// many: a few around the posterior then.
+std::vector<Axis> with_nodes_for(const std::vector<Axis>& axes, const MatrixXd& points,
+                                 const InterpolationKernel& kernel, const Neighbourhood& at) {
+  constexpr double k_spacing = 0.4, k_reach = 4;  // of a length or reach; of a reach
+  constexpr std::size_t k_max_points = 32768;     // of the grid; a base may have more
+  if (axes.size() > 3) return with_few_nodes_around(axes, at);
+  const auto count = [](const std::vector<Axis>& grid) {
+    std::size_t product = 1;
+    for (const Axis& axis : grid) product *= axis.nodes.size();
+    return product;
+  };
+  const std::size_t allowed = std::max(k_max_points, count(axes));
+  const VectorXd spacing = k_spacing * kernel.lengths.cwiseMin(kernel.reach);
+  for (double coarser = 1;; coarser *= 1.2) {
+    std::vector<Axis> finer = axes;
+    for (std::size_t k = 0; k < axes.size(); ++k) {
+      const auto a = static_cast<Index>(k);
+      const double beyond = k_reach * kernel.reach[a];
+      finer[k].nodes = divided(axes[k].nodes, points.col(a).minCoeff() - beyond,
+                               points.col(a).maxCoeff() + beyond, coarser * spacing[a]);
+    }
+    if (count(finer) <= allowed) return finer;
+  }
 }
 
 /// All points of the tensor grid, last axis fastest.
@@ -381,7 +416,7 @@ RefinedModel refined(const ModelContents& base, const TruncationError& error,
   const KnownErrors known = errors_of(model, base, solutions);
   const ScatteredInterpolation interpolation = best_interpolation(base.axes, known, at);
   RefinedModel result{base, error_of(error, base.axes, known, interpolation, at)};
-  result.model.axes = with_nodes_around(base.axes, at);
+  result.model.axes = with_nodes_for(base.axes, known.points, interpolation.kernel(), at);
   const MatrixXd points = points_of(result.model.axes);
   const MatrixXd phi = interpolation.functions(points);
   refine_field(model, known, points, phi, result.model);

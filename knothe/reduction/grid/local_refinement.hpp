@@ -32,6 +32,7 @@ class ScatteredInterpolation {
   /// `points` k × d, `zeros` z × d.
   ScatteredInterpolation(const Eigen::MatrixXd& points, const Eigen::MatrixXd& zeros,
                          InterpolationKernel kernel);
+  [[nodiscard]] const InterpolationKernel& kernel() const { return kernel_; }
   /// φ at `at` (n × d): n × k.
   [[nodiscard]] Eigen::VectorXd window(const Eigen::Ref<const Eigen::MatrixXd>& at) const;  ///< n
   [[nodiscard]] Eigen::MatrixXd functions(const Eigen::Ref<const Eigen::MatrixXd>& at) const;

@@ -90,6 +90,21 @@ TEST_P(LocalRefinement, MeetsTheFullOrderModelAroundThePosterior) {
   EXPECT_LT(after, before / 50);
 }
 
+TEST_P(LocalRefinement, MeetsEachSolutionWhereverItIs) {
+  const Base base = base_model(GetParam());
+  std::mt19937_64 random(4);
+  std::normal_distribution<double> normal;
+  std::vector<std::vector<double>> places = {k_mean};
+  std::vector<Snapshots> solutions = {front_at(k_mean)};
+  for (int i = 0; i < 9; ++i) {
+    places.push_back(beside(1.3 * normal(random), 1.3 * normal(random)));
+    solutions.push_back(front_at(places.back()));
+  }
+  const RefinedModel fine = refined(base.model, base.error, solutions, k_at);
+  for (const std::vector<double>& p : places)
+    EXPECT_LT(error_at(fine.model, p), 2e-3 * error_at(base.model, k_mean)) << p[0] << " " << p[1];
+}
+
 TEST_P(LocalRefinement, TheOutputsAreRefinedToo) {
   const Base base = base_model(GetParam());
   const RefinedModel fine = refined(base.model, base.error, nine_solutions(), k_at);
