@@ -1,6 +1,7 @@
 """`knothe serve` with a GigE camera: Aravis' own fake camera on this machine (fake_camera.cpp) shows drawn pictures. Judged by
 `knothe assimilate` on the same pictures. Skipped where the program is built without Aravis."""
 import fcntl
+import json
 import math
 import os
 import pathlib
@@ -11,7 +12,8 @@ import sys
 import tempfile
 import unittest
 
-from service_support import ServiceCase
+from service_support import Broker, Events, ServiceCase
+from support import SOURCE
 
 BUILD = pathlib.Path(os.environ["KNOTHE_BUILD"])
 FAKE_CAMERA = BUILD / "tests/cases/fake_camera"
@@ -166,6 +168,55 @@ class Test(ServiceCase):
     @needs_aravis
     def test_a_hundred_frames_at_10_hz(self):
         self.frames_become_the_lines_of_assimilate(100, 'address = "127.0.0.1"\nframe_rate = 10\n')
+
+    @needs_aravis
+    def test_a_camera_a_broker_and_viewers_for_days(self):
+        """The soak: a structure with a camera, whose specimens change, beside one with a broker and a sender by HTTP, and viewers
+        of both that come and go; 10⁵ data at night."""
+        count, parts = int(os.environ.get("KNOTHE_SOAK", "400")), 10
+        self.draw()
+        self.edit("[dic]", '[dic]\nreferences = ["live/reference_1.tif", "live/reference_2.tif"]')
+        shutil.copy(SOURCE / "assimilation.toml", self.folder)
+        broker = Broker(self.folder)
+        self.addCleanup(broker.stop)
+        self.camera()
+        service = self.serve(extra=f'others = ["assimilation.toml"]\nmqtt = {{ broker = "127.0.0.1:{broker.port}" }}\nperiod = 60.0\n'
+                                   '[serve.camera]\nserial = "KN1"\nkeep = "live/"\nregion = [0, 0, 640, 290]\npacket_size = 60000\nframe_rate = 10\n')
+        service.wait_until(lambda: service.logged().count("subscribed at the MQTT broker") == 4)
+        beside = lambda: service.get("/v1/status?site=assimilation")[1]
+        of_process = lambda name: int(re.search(rf"^{name}:\s+(\d+)", pathlib.Path(f"/proc/{service.process.pid}/status").read_text(), re.M)[1])
+        descriptors = lambda: len(os.listdir(f"/proc/{service.process.pid}/fd"))
+        connection, sent, by_broker, memory = service.connection(), 0, 0, None
+        for part in range(parts):
+            if part > 0:
+                self.assertEqual(service.post("/v1/tests", {"name": f"specimen-{part}", "by": "Ada"})[0], 200)
+            viewers = [Events(service, f"?site={site}") for site in ("picture_assimilation", "assimilation") for _ in range(4)]
+            for _ in range(count // parts):
+                datum = {**self.data[sent % 12], "site": "assimilation", "session": f"day {sent // 1200}", "seq": sent}
+                self.assertEqual(service.send(datum, connection)[0], 200)
+                sent += 1
+                if sent % 20 == 0:
+                    datum = {**datum, "source": "gauge", "session": "broker", "seq": by_broker}
+                    broker.publish("knothe/v1/assimilation/gauge/data", json.dumps(datum).encode())
+                    by_broker += 1
+            self.wait_for_step(service, 11)
+            service.wait_until(lambda: (s := beside())["records"] == sent + by_broker and s["pending"] == s["behind"] == 0, 100 + count / 100)
+            for viewer in viewers:
+                viewer.wait_for(lambda v: v.steps())
+                viewer.close()
+            service.wait_until(lambda: "knothe_event_streams 0\n" in service.get("/metrics")[1].decode())
+            if part == 1:
+                memory, taken, open_files, threads = of_process("VmRSS"), sent + by_broker, descriptors(), of_process("Threads")
+        service.wait_until(lambda: descriptors() <= open_files + 1 and of_process("Threads") <= threads)
+        connection.close()
+        tests = service.get("/v1/tests")[1]["tests"]
+        self.assertEqual(sorted(test["name"] for test in tests), ["", *(f"specimen-{part}" for part in range(1, parts))])
+        self.assertGreaterEqual(self.metric(service, "frames_total"), 12 * parts)
+        self.assertEqual((beside()["quarantined"], beside()["conflicts"], beside()["malformed"]), (0, 0, 0))
+        if "KNOTHE_SANITIZED" not in os.environ:
+            grown = 1024 * (of_process("VmRSS") - memory)
+            self.assertLess(grown, 16e6 + 1000 * (sent + by_broker - taken), f"{grown} bytes for {sent + by_broker - taken} data")
+        self.assertEqual(service.stop(), 130)
 
     def triggered_frames_become_the_lines_of_assimilate(self, options, *camera, **size):
         """Not kept, of the first camera that is found."""

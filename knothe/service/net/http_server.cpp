@@ -34,11 +34,12 @@ namespace {
 constexpr milliseconds k_tick{50};
 constexpr std::chrono::seconds k_heartbeat{10};
 constexpr std::size_t k_drained = 1 << 20;  // bytes read and thrown away after a refusal, so that it arrives
+constexpr std::size_t k_small_answer = 1 << 14;  // bytes; less is always sent
 constexpr const char* k_stream_head =
     "HTTP/1.1 200 OK\r\nServer: knothe\r\nContent-Type: text/event-stream\r\nCache-Control: no-store\r\n"
     "X-Content-Type-Options: nosniff\r\nX-Accel-Buffering: no\r\nConnection: close\r\n\r\n";
 
-/// Bytes of a request's body, of the room that all share.
+/// Bytes of a request's body, or of an answer, of the room that all share.
 class BodyRoom {
  public:
   explicit BodyRoom(std::shared_ptr<std::atomic<std::size_t>> used) : used_(std::move(used)) {}
@@ -51,6 +52,7 @@ class BodyRoom {
     bytes_ = bytes;
     return all <= limit;
   }
+  [[nodiscard]] std::size_t bytes() const { return bytes_; }
 
  private:
   std::shared_ptr<std::atomic<std::size_t>> used_;
@@ -70,6 +72,7 @@ struct HttpServer::Implementation : std::enable_shared_from_this<Implementation>
   asio::steady_timer timer{context};
   std::set<Session*> sessions;
   std::shared_ptr<std::atomic<std::size_t>> body_bytes = std::make_shared<std::atomic<std::size_t>>(0);
+  std::shared_ptr<std::atomic<std::size_t>> answer_bytes = std::make_shared<std::atomic<std::size_t>>(0);
   std::atomic<bool> wake_posted{false};
   bool stopping = false;
   std::optional<std::chrono::steady_clock::time_point> stop_by;
@@ -81,6 +84,7 @@ struct HttpServer::Implementation : std::enable_shared_from_this<Implementation>
   void tick();
   void wake_streams();
   void make_room();
+  void make_room_for_answer(const Session& its);
   [[nodiscard]] std::size_t stream_count() const;
   /// What a fault ends is the connection it was in, not the service.
   template <class Work>
@@ -104,6 +108,14 @@ class Session : public std::enable_shared_from_this<Session> {
   /// Since when the client has kept us waiting; nothing while we work for it, or it is a reader of events.
   [[nodiscard]] std::optional<std::chrono::steady_clock::time_point> waiting_since() const {
     return waiting_since_;
+  }
+  /// It has a large answer that its client has not read.
+  [[nodiscard]] bool holds_answer() const {
+    return waiting_since_ && answer_room_ && answer_room_->bytes() > k_small_answer;
+  }
+  void give_up_answer() {
+    answer_room_.reset();
+    close();
   }
   [[nodiscard]] bool ingests() const { return admission_ == Admission::ingest; }
 
@@ -132,7 +144,7 @@ class Session : public std::enable_shared_from_this<Session> {
   std::unique_ptr<EventSource> source_;
   std::string out_, sink_;
   std::chrono::steady_clock::time_point last_sent_;
-  std::shared_ptr<BodyRoom> room_;
+  std::shared_ptr<BodyRoom> room_, answer_room_;
   std::optional<std::chrono::steady_clock::time_point> waiting_since_;
   Admission admission_ = Admission::other;
   bool writing_ = false, answered_ = true, head_request_ = false;
@@ -231,6 +243,7 @@ std::optional<HttpResponse> Session::objection() const {
   if (encodings == 1 && head.version() < 11)
     return error_response(400, "NotHttp", "HTTP/1.0 knows no Transfer-Encoding");
   const bool posts = head.method() == http::verb::post;
+  if (head.count(http::field::host) > 1) return error_response(400, "NotHttp", "there is more than one Host");
   if (posts && encodings == 0 && !has_length)
     return error_response(411, "LengthRequired", "the body has no Content-Length");
   if (!posts && (encodings > 0 || parser_->content_length().value_or(0) > 0))
@@ -278,6 +291,11 @@ void Session::dispatch() {
 
 void Session::respond(HttpResponse response, bool close) {
   close = close || server_->stopping;
+  const HttpServerOptions& options = server_->options;
+  answer_room_ = std::make_shared<BodyRoom>(server_->answer_bytes);
+  const std::size_t sent_bytes = head_request_ ? 0 : response.body.size();
+  if (!answer_room_->grow_to(sent_bytes, options.max_bodies * options.max_body))
+    server_->make_room_for_answer(*this);
   server_->metrics.count("knothe_requests_total", fmt::format("status=\"{}\"", response.status));
   response_.emplace(static_cast<http::status>(response.status), 11);
   response_->set(http::field::server, "knothe");
@@ -290,6 +308,8 @@ void Session::respond(HttpResponse response, bool close) {
   expire(server_->options.timeout);
   waiting_since_ = std::chrono::steady_clock::now();
   const auto sent = [self = shared_from_this(), close](ErrorCode error, std::size_t) {
+    std::string().swap(self->response_->body());  // a connection may stay idle for long
+    self->answer_room_.reset();
     if (error) return;
     if (!close) return self->read_head();
     ErrorCode ignored;
@@ -437,6 +457,21 @@ void HttpServer::Implementation::make_room() {
   if (longest == nullptr) return;
   sessions.erase(longest);  // it lives on until the operation that it waits for has ended
   longest->shared_from_this()->close();
+}
+
+/// Closes the connections whose clients have kept us waiting longest with a large answer, until all that is
+/// left, with this one's, has room; one answer by itself may be of any size.
+void HttpServer::Implementation::make_room_for_answer(const Session& its) {
+  while (*answer_bytes > options.max_bodies * options.max_body) {
+    Session* longest = nullptr;
+    for (Session* session : sessions)
+      if (session != &its && session->holds_answer() &&
+          (longest == nullptr || *session->waiting_since() < *longest->waiting_since()))
+        longest = session;
+    if (longest == nullptr) return;
+    sessions.erase(longest);
+    longest->shared_from_this()->give_up_answer();
+  }
 }
 
 std::size_t HttpServer::Implementation::stream_count() const {

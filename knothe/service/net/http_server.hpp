@@ -68,7 +68,8 @@ struct HttpServerOptions {
   unsigned short port = 0;         ///< 0: any free one
   std::size_t max_header = 16384;  ///< bytes
   std::size_t max_body = 8 << 20;  ///< bytes
-  std::size_t max_bodies = 8;      ///< times `max_body`: of all requests together; half of it brings no data
+  std::size_t max_bodies = 8;      ///< times `max_body`: of all requests together; half of it brings no data;
+                                   ///< and of all answers that are not yet read
   std::size_t max_connections = 1024;
   double timeout = 30;       ///< s that head and body of a request may take, and that the client may not read
   double idle_timeout = 75;  ///< s between two requests of a connection
