@@ -15,8 +15,7 @@ namespace {
 
 void show(const reproduction::FigureRecord& figure, const files::CommandOutput& output) {
   for (const nlohmann::ordered_json& row : reproduction::row_records(figure)) output.record(row);
-  output.text(
-      fmt::format("{}{}: {}", figure.number == "choices" ? "" : "Fig. ", figure.number, figure.title));
+  output.text(reproduction::heading(figure));
   for (const reproduction::Row& row : figure.rows)
     output.text(fmt::format("  {}{}\n    paper: {}\n    here:  {}", row.quantity,
                             row.unit == "1" ? "" : ", " + row.unit, row.paper, row.here));

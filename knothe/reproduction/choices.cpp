@@ -1,13 +1,10 @@
-/// @file What the paper leaves open: its conclusions again under other choices, and with data that its own
-/// model did not make.
+/// @file What the paper leaves open: its conclusions again under other choices.
 #include <fmt/format.h>
 
 #include <cmath>
 
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/progress.hpp"
-#include "knothe/mechanics/full_order/offline.hpp"
-#include "knothe/reduction/observe/observation_operator.hpp"
 #include "knothe/report/figures/svg_text.hpp"
 #include "knothe/reproduction/bias.hpp"
 #include "knothe/reproduction/figure_parts.hpp"
@@ -61,12 +58,7 @@ Conclusions conclude(const Subject& subject, const StudyOptions& options) {
   c.corrected = runs.corrected.worst_off(subject.truth).std;
   c.evidence_lost = runs.reference.last().log_evidence - runs.biased.last().log_evidence;
 
-  forecast::ForecastSpecification crack;
-  crack.name = "length";
-  crack.horizon = 1.0;
-  crack.prior_mean = published::k_length_prior[0];
-  crack.prior_std = published::k_length_prior[1];
-  forecast::Forecaster forecaster(model, subject.sensors, {crack});
+  forecast::Forecaster forecaster(model, subject.sensors, {crack_length("length", 1.0)});
   RunOptions with_forecast;
   with_forecast.update = default_options(options.seed);
   with_forecast.forecaster = &forecaster;
@@ -137,53 +129,6 @@ void count(FigureRecord& record, const std::vector<Conclusions>& all, const std:
                          static_cast<double>(n)});
 }
 
-/// The beam itself, not a separated model of it, makes the data.
-Table full_order_table(const Subject& subject, const reduction::SeparatedModel& accurate,
-                       const StudyOptions& options, FigureRecord& record) {
-  const BeamCase& chosen = subject.models.chosen;
-  mechanics::FullOrderModel model = mechanics::make_full_order_model(chosen.problem);
-  const std::vector<reduction::Axis> axes = axes_of(chosen);
-  const std::vector<double> p(subject.truth.begin(), subject.truth.end());
-  const mechanics::FullOrderResult run = model.run(mechanics::damage_parameters(chosen.problem, axes, p));
-  const reduction::ModelContents& c = subject.models.paper.contents();
-  const reduction::ObservationOperator operation(c.dofs, c.mesh, "the beam", subject.sensors);
-  const Eigen::MatrixXd exact = operation.apply(Eigen::Map<const Eigen::MatrixXd>(
-      run.displacement.data(), static_cast<Index>(c.dof_count()), static_cast<Index>(c.time.size())));
-  const assimilation::Measurements data = measure(exact, subject.sensors, c.time, options.seed);
-  Table table;
-  table.caption =
-      "Data of the full-order model at (1, 1) in place of data of m = 6: what truncation does to a real "
-      "assimilation, "
-      "which the paper's own test cannot show. The same 60 dofs, the same noise.";
-  table.header = {"model that assimilates", "Y₀", "A_d", "truth off by, std", "log-evidence"};
-  const auto add = [&](const std::string& name, const reduction::SeparatedModel& separated) {
-    RunOptions run_options;
-    run_options.update = default_options(options.seed);
-    const Run r = assimilate(observed(separated, subject.sensors), data, run_options);
-    table.rows.push_back({name, with_uncertainty(r.mean(0), r.std(0)), with_uncertainty(r.mean(1), r.std(1)),
-                          readable(worst(r, subject.truth), 2),
-                          fmt::format("{:.1f}", r.last().log_evidence)});
-    return r;
-  };
-  add("m = 3", subject.models.three);
-  add("m = 3, two best modes", subject.models.three_best);
-  const Run six = add("m = 6", subject.models.paper);
-  const Run best = add("tree form, 50 modes", accurate);
-  record.rows.push_back(
-      {"data of the beam itself, assimilated with m = 6: truth off by",
-       "std",
-       "not done: data of the same m = 6",
-       readable(worst(six, subject.truth), 2),
-       fmt::format("Evidence {} nats below that of the tree form with 50 modes, which is "
-                   "off by {} std. Six canonical "
-                   "modes are too few for real data at 1 µm (docs/explanation/reduction.md).",
-                   readable(best.last().log_evidence - six.last().log_evidence),
-                   readable(worst(best, subject.truth), 2)),
-       {},
-       worst(six, subject.truth)});
-  return table;
-}
-
 }  // namespace
 
 FigureRecord other_choices(const Subject& subject, const Subject& soft, const StudyOptions& options) {
@@ -200,8 +145,6 @@ FigureRecord other_choices(const Subject& subject, const Subject& soft, const St
                            options));
     progress.advance_to(all.size() - 2, other.what);
   }
-  const reduction::SeparatedModel accurate =
-      prepare_accurate(subject.models.chosen, options.models_folder, options.processes);
   record.tables.push_back(table_of(all));
   count(record, all, "the truth is within 2.5 std of the means", "close to the reference values",
         "The data come from the model that assimilates them.",
@@ -227,7 +170,6 @@ FigureRecord other_choices(const Subject& subject, const Subject& soft, const St
   count(record, all, "30 selected dofs tell more than 30 random ones about Y₀", "faster convergence",
         "The mean time, at which they are selected, is after the crack has run.",
         [](const Conclusions& c) { return c.ratio[0] < 1; });
-  record.tables.push_back(full_order_table(subject, accurate, options, record));
   return record;
 }
 

@@ -10,7 +10,6 @@
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/progress.hpp"
 #include "knothe/engine/engine.hpp"
-#include "knothe/reproduction/published.hpp"
 
 namespace knothe::reproduction {
 
@@ -27,14 +26,17 @@ double cpu_ms() {
 
 }  // namespace
 
-Sensors random_nodes(const reduction::SeparatedModel& model, std::uint64_t seed) {
+std::vector<std::size_t> random_dofs(const reduction::Dofs& dofs, std::uint64_t seed) {
   assimilation::DofSelection selection;
   selection.nodes = published::k_nodes;
   selection.x_range = {-0.12, 0.12};
+  return assimilation::choose_dofs(dofs, selection, seed);
+}
+
+Sensors random_nodes(const reduction::SeparatedModel& model, std::uint64_t seed) {
   const reduction::Dofs& dofs = model.contents().dofs;
   Sensors sensors;
-  for (const std::size_t dof : assimilation::choose_dofs(dofs, selection, seed))
-    sensors.add(dofs.point(dof), dofs.components[dof]);
+  for (const std::size_t dof : random_dofs(dofs, seed)) sensors.add(dofs.point(dof), dofs.components[dof]);
   return sensors;
 }
 
@@ -53,10 +55,10 @@ std::shared_ptr<const reduction::ObservedModel> observed(const reduction::Separa
 }
 
 assimilation::Measurements measure(const Eigen::MatrixXd& exact, const Sensors& sensors,
-                                   const std::vector<double>& time, std::uint64_t seed) {
+                                   const std::vector<double>& time, std::uint64_t seed, double noise_std) {
   std::vector<std::size_t> all(sensors.size());
   std::iota(all.begin(), all.end(), std::size_t{0});
-  return assimilation::add_noise(sensors, all, time, exact, published::k_noise_std, seed);
+  return assimilation::add_noise(sensors, all, time, exact, noise_std, seed);
 }
 
 Eigen::MatrixXd predicted(const reduction::ObservedModel& model, const Eigen::VectorXd& p) {
@@ -161,6 +163,9 @@ Run assimilate(const std::shared_ptr<const reduction::ObservedModel>& model,
       run.forecasts.push_back(options.forecaster->update(posterior.points, posterior.weights));
       run.forecast_ms.push_back(cpu_ms() - forecast_start);
       run.published.push_back(options.forecaster->published(posterior.points, posterior.weights));
+      if (t == steps.front() || t == steps.back())
+        run.published_by_map.push_back(options.forecaster->published(
+            posterior.points, posterior.weights, forecast::Forecaster::FieldDensity::inverse_map));
     }
     progress.advance_to(run.steps.size());
   }

@@ -14,6 +14,7 @@
 #include "knothe/reduction/model/separated_model.hpp"
 #include "knothe/reduction/observe/observed_model.hpp"
 #include "knothe/report/results/results.hpp"
+#include "knothe/reproduction/published.hpp"
 
 namespace knothe::reproduction {
 
@@ -22,14 +23,17 @@ using reduction::Sensors;
 /// 30 nodes drawn at random from the outer face with |x| ≤ 120 mm, x and y components (§6.3.1: "in the
 /// central part of the beam"): 60 dofs.
 [[nodiscard]] Sensors random_nodes(const reduction::SeparatedModel& model, std::uint64_t seed);
+/// The same as numbers of the model's dofs.
+[[nodiscard]] std::vector<std::size_t> random_dofs(const reduction::Dofs& dofs, std::uint64_t seed);
 /// The sensors with these numbers.
 [[nodiscard]] Sensors part_of(const Sensors& sensors, std::span<const Eigen::Index> numbers);
 [[nodiscard]] std::shared_ptr<const reduction::ObservedModel> observed(const reduction::SeparatedModel& model,
                                                                        const Sensors& sensors);
 
-/// What the sensors show of `exact` (n × n_t), with white noise of 1 µm.
+/// What the sensors show of `exact` (n × n_t), with white noise.
 [[nodiscard]] assimilation::Measurements measure(const Eigen::MatrixXd& exact, const Sensors& sensors,
-                                                 const std::vector<double>& time, std::uint64_t seed);
+                                                 const std::vector<double>& time, std::uint64_t seed,
+                                                 double noise_std = published::k_noise_std);
 /// The displacements that a model predicts at parameters `p`, n × n_t.
 [[nodiscard]] Eigen::MatrixXd predicted(const reduction::ObservedModel& model, const Eigen::VectorXd& p);
 
@@ -48,7 +52,9 @@ struct Run {
   std::vector<std::vector<assimilation::MarginalDensity>> marginals;  ///< step × parameter, if asked for
   std::vector<std::vector<forecast::NamedForecast>> forecasts;        ///< step × forecast, if asked for
   std::vector<std::vector<forecast::NamedForecast>> published;  ///< crack lengths by Eq. 33, beside them
-  std::vector<double> update_ms, forecast_ms;                   ///< CPU time of each step
+  /// And with inverse maps of the field, after the first and the last step.
+  std::vector<std::vector<forecast::NamedForecast>> published_by_map;
+  std::vector<double> update_ms, forecast_ms;  ///< CPU time of each step
 
   [[nodiscard]] const assimilation::UpdateResult& last() const { return steps.back(); }
   [[nodiscard]] double mean(Eigen::Index k) const { return last().mean[k]; }

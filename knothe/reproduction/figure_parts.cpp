@@ -6,6 +6,7 @@
 
 #include "knothe/report/figures/mesh_view.hpp"
 #include "knothe/report/figures/result_figures.hpp"
+#include "knothe/reproduction/published.hpp"
 
 namespace knothe::reproduction {
 
@@ -94,6 +95,26 @@ Figure surface_figure(const Surface& surface, const std::string& title, const st
   Figure figure = report::figure_of(std::move(plot), title, 320.0);
   figure.plot_height = report::plot_height_of(face, figure.plot_width);
   return figure;
+}
+
+forecast::ForecastSpecification crack_length(const std::string& name, double horizon) {
+  forecast::ForecastSpecification f;
+  f.name = name;
+  f.horizon = horizon;
+  f.threshold = published::k_length_prior[0];
+  f.prior_mean = published::k_length_prior[0];
+  f.prior_std = published::k_length_prior[1];
+  return f;
+}
+
+Run forecast_run(const Subject& subject, const std::vector<forecast::ForecastSpecification>& forecasts,
+                 std::uint64_t seed, const std::string& label) {
+  forecast::Forecaster forecaster(subject.models.paper, subject.sensors, forecasts);
+  RunOptions run;
+  run.update = paper_options(seed);
+  run.forecaster = &forecaster;
+  run.label = label;
+  return assimilate(observed(subject.models.paper, subject.sensors), subject.data, run);
 }
 
 double median(std::vector<double> values) {

@@ -4,9 +4,8 @@
 #include <vector>
 
 #include "knothe/report/figures/svg_figure.hpp"
-#include "knothe/reproduction/experiment.hpp"
-#include "knothe/reproduction/figure_record.hpp"
 #include "knothe/reproduction/picture_selection.hpp"
+#include "knothe/reproduction/study.hpp"
 
 namespace knothe::reproduction {
 
@@ -27,6 +26,12 @@ namespace knothe::reproduction {
 [[nodiscard]] report::Figure surface_figure(const Surface& surface, const std::string& title,
                                             const std::vector<double>& value, const std::string& unit,
                                             const std::vector<Eigen::Index>& chosen);
+/// The crack length at a model time, with the prior that the paper has for Eq. 33.
+[[nodiscard]] forecast::ForecastSpecification crack_length(const std::string& name, double horizon);
+/// The subject's data, assimilated by composed maps as in the paper, with these forecasts at each step.
+[[nodiscard]] Run forecast_run(const Subject& subject,
+                               const std::vector<forecast::ForecastSpecification>& forecasts,
+                               std::uint64_t seed, const std::string& label);
 [[nodiscard]] double median(std::vector<double> values);
 
 }  // namespace knothe::reproduction

@@ -35,7 +35,7 @@ struct Table {
 
 /// One figure of the paper, or a group that belongs together.
 struct FigureRecord {
-  std::string number;   ///< of the paper: "5", "6-7", …; "onset" and "choices" for what it leaves open
+  std::string number;   ///< of the paper: "5", "6-7", …; a word for what it leaves open
   std::string title;    ///< what it shows
   std::string setting;  ///< what was computed here, and what was chosen
   std::vector<Panel> panels;

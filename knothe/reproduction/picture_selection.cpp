@@ -1,5 +1,6 @@
 #include "knothe/reproduction/picture_selection.hpp"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -12,6 +13,7 @@
 #include "knothe/imaging/correlation/image_correlation.hpp"
 #include "knothe/imaging/mesh/registration.hpp"
 #include "knothe/imaging/series/speckle.hpp"
+#include "knothe/numerics/statistics/random.hpp"
 #include "knothe/reproduction/published.hpp"
 
 namespace knothe::reproduction {
@@ -81,8 +83,22 @@ PublishedSelection select_as_published(const reduction::SeparatedModel& model, c
   return selection;
 }
 
+assimilation::NoiseModel white_noise(const Surface& surface) {
+  return assimilation::NoiseModel::independent(
+      Eigen::VectorXd::Constant(static_cast<Index>(surface.sensors.size()), published::k_noise_std));
+}
+
+assimilation::NoiseModel correlation_noise(const Surface& surface) {
+  // In units of the largest entry, so that no threshold of a factorisation is met.
+  const Eigen::SparseMatrix<double> matrix = surface.matrix / surface.matrix.diagonal().maxCoeff();
+  Eigen::VectorXd std = assimilation::NoiseModel::correlated(matrix).standard_deviations();
+  const auto middle = std.begin() + std.size() / 2;
+  std::nth_element(std.begin(), middle, std.end());
+  return assimilation::NoiseModel::correlated(matrix * std::pow(*middle / published::k_noise_std, 2));
+}
+
 std::vector<Index> select_d_optimal(const reduction::SeparatedModel& model, const Surface& surface,
-                                    const Eigen::VectorXd& p) {
+                                    const Eigen::VectorXd& p, const assimilation::NoiseModel& noise) {
   const auto seen = observed(model, surface.sensors);
   const auto n = static_cast<Index>(surface.sensors.size());
   Eigen::VectorXd prior_std(p.size());
@@ -90,9 +106,7 @@ std::vector<Index> select_d_optimal(const reduction::SeparatedModel& model, cons
   for (Index k = 0; k < p.size(); ++k) prior_std[k] = assimilation::standard_deviation(priors->prior(k));
   const Eigen::Map<const Eigen::Matrix<double, 3, Eigen::Dynamic>> points(surface.sensors.points.data(), 3,
                                                                           n);
-  const assimilation::SensorDesign design(
-      *seen, assimilation::NoiseModel::independent(Eigen::VectorXd::Constant(n, published::k_noise_std)),
-      prior_std, p.transpose(), points.transpose());
+  const assimilation::SensorDesign design(*seen, noise, prior_std, p.transpose(), points.transpose());
   return design.choose(k_chosen).dofs;
 }
 
@@ -125,6 +139,25 @@ Run assimilate_chosen(const reduction::SeparatedModel& model, const Sensors& cho
   options.update = default_options(seed);
   options.marginals = marginals;
   return assimilate(seen, measure(predicted(*seen, truth), chosen, seen->time, seed), options);
+}
+
+Run assimilate_chosen(const reduction::SeparatedModel& model, const Surface& surface, std::vector<Index> dofs,
+                      const Eigen::VectorXd& truth, const assimilation::NoiseModel& noise,
+                      std::uint64_t seed) {
+  std::sort(dofs.begin(), dofs.end());
+  const Sensors chosen = part_of(surface.sensors, dofs);
+  const auto seen = observed(model, chosen);
+  assimilation::Measurements data = measure(predicted(*seen, truth), chosen, seen->time, seed);
+  data.noise = noise.restricted(dofs);
+  // R⁻¹ = L Lᵀ: L⁻ᵀ z has the covariance R.
+  const Index n = seen->observations();
+  const Eigen::LLT<Eigen::MatrixXd> precision(data.noise.apply(Eigen::MatrixXd::Identity(n, n)));
+  data.values =
+      predicted(*seen, truth) + precision.matrixU().solve(numerics::monte_carlo_normal_points(
+                                    n, static_cast<Index>(seen->time.size()), static_cast<unsigned>(seed)));
+  RunOptions options;
+  options.update = default_options(seed);
+  return assimilate(seen, data, options);
 }
 
 }  // namespace knothe::reproduction

@@ -31,9 +31,14 @@ struct PublishedSelection {
 [[nodiscard]] PublishedSelection select_as_published(const reduction::SeparatedModel& model,
                                                      const Surface& surface, const Eigen::VectorXd& p,
                                                      std::size_t step);
-/// 30 dofs chosen greedily by the information of all steps about the parameters, white noise of 1 µm.
+/// Noise of the surface's dofs: white, 1 µm.
+[[nodiscard]] assimilation::NoiseModel white_noise(const Surface& surface);
+/// That of image correlation, N(0, 2γ² M_DIC⁻¹), with the γ for which the median std is 1 µm.
+[[nodiscard]] assimilation::NoiseModel correlation_noise(const Surface& surface);
+/// 30 dofs chosen greedily by the information of all steps about the parameters, with this noise.
 [[nodiscard]] std::vector<Eigen::Index> select_d_optimal(const reduction::SeparatedModel& model,
-                                                         const Surface& surface, const Eigen::VectorXd& p);
+                                                         const Surface& surface, const Eigen::VectorXd& p,
+                                                         const assimilation::NoiseModel& noise);
 /// 30 dofs at random, each at most once.
 [[nodiscard]] std::vector<Eigen::Index> select_at_random(const Surface& surface, std::uint64_t seed);
 
@@ -46,5 +51,10 @@ struct WhereChosen {
 /// Assimilates what `model` predicts at `truth` at the chosen dofs, with noise of 1 µm.
 [[nodiscard]] Run assimilate_chosen(const reduction::SeparatedModel& model, const Sensors& chosen,
                                     const Eigen::VectorXd& truth, std::uint64_t seed, bool marginals);
+/// The same at these dofs of the surface, with the correlated `noise` of all of them in the data and in the
+/// likelihood.
+[[nodiscard]] Run assimilate_chosen(const reduction::SeparatedModel& model, const Surface& surface,
+                                    std::vector<Eigen::Index> dofs, const Eigen::VectorXd& truth,
+                                    const assimilation::NoiseModel& noise, std::uint64_t seed);
 
 }  // namespace knothe::reproduction

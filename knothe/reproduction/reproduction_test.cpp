@@ -12,6 +12,7 @@
 #include "knothe/files/json_line.hpp"
 #include "knothe/files/testing/test_folder.hpp"
 #include "knothe/mechanics/full_order/offline.hpp"
+#include "knothe/reduction/observe/observation_operator.hpp"
 #include "knothe/reproduction/bias.hpp"
 #include "knothe/reproduction/picture_selection.hpp"
 #include "knothe/reproduction/study.hpp"
@@ -301,6 +302,53 @@ TEST_F(CoarseBeam, TheOnsetStudyHasAMedianForEveryOnsetAndTreatment) {
     }
   }
   EXPECT_EQ(record.tables[0].rows.size(), 30U);
+}
+
+/// The uncompressed snapshots have no error at a node, and between them that of the splines alone.
+TEST_F(CoarseBeam, DecompositionsAreJudgedByTheUncompressedSnapshots) {
+  StudyOptions options = StudyOptions::quickly();
+  options.models_folder = folder_->file("");
+  const FigureRecord record = decompositions(*subject_, options);
+  expect_complete(record);
+  EXPECT_EQ(series(record, "truth_is_node"), (std::vector<double>{1, 0, 0}));
+  const auto snapshots =
+      reduction::observe_snapshots(runs_of(coarse_case(), folder_->file(""), 2), subject_->sensors);
+  mechanics::FullOrderModel model = mechanics::make_full_order_model(coarse_case().problem);
+  const reduction::ModelContents& c = subject_->models.paper.contents();
+  const reduction::ObservationOperator operation(c.dofs, c.mesh, "the beam", subject_->sensors);
+  const auto& errors = series(record, "error_um, uncompressed snapshots");
+  const Eigen::Vector2d truths[] = {{1, 1}, {0.9375, 1.0625}, {1.1875, 0.8125}};
+  for (std::size_t i = 0; i < 3; ++i) {
+    const mechanics::FullOrderResult run = model.run(mechanics::damage_parameters(
+        coarse_case().problem, axes_of(coarse_case()), {truths[i].data(), truths[i].data() + 2}));
+    const Eigen::MatrixXd exact = operation.apply(Eigen::Map<const Eigen::MatrixXd>(
+        run.displacement.data(), static_cast<Eigen::Index>(c.dof_count()), 12));
+    const double error = 1e6 * (predicted(snapshots, truths[i]) - exact).cwiseAbs().maxCoeff();
+    EXPECT_NEAR(errors[i], error, 1e-5);
+    EXPECT_EQ(error < 1e-6, i == 0) << error;
+  }
+  for (const double shift : series(record, "worst_shift_std, uncompressed snapshots")) EXPECT_EQ(shift, 0);
+  for (const double shift : series(record, "worst_shift_std, m = 3")) EXPECT_GT(shift, 0);
+}
+
+TEST_F(CoarseBeam, NoiseOfImageCorrelationIsThatOfTheMatrixThatSelects) {
+  const Surface surface = surface_of(coarse_case(), 1);
+  const assimilation::NoiseModel noise = correlation_noise(surface);
+  const Eigen::MatrixXd covariance = Eigen::MatrixXd(noise.precision()).inverse();
+  std::vector<double> std;
+  for (Eigen::Index i = 0; i < covariance.rows(); ++i) std.push_back(std::sqrt(covariance(i, i)));
+  std::nth_element(std.begin(), std.begin() + static_cast<std::ptrdiff_t>(std.size() / 2), std.end());
+  EXPECT_NEAR(std[std.size() / 2], 1e-6, 1e-12);
+  const double factor = noise.precision().coeff(0, 0) / surface.matrix.coeff(0, 0);
+  EXPECT_LT((noise.precision() - factor * surface.matrix).norm(), 1e-12 * noise.precision().norm());
+  // The truth is found with it, and the same seed gives the same data.
+  const auto dofs = select_at_random(surface, 3);
+  const auto run = assimilate_chosen(subject_->models.paper, surface, dofs, subject_->truth, noise, 3);
+  const auto again = assimilate_chosen(subject_->models.paper, surface, dofs, subject_->truth, noise, 3);
+  for (Eigen::Index k = 0; k < 2; ++k) {
+    EXPECT_LT(run.off_by(k, 1.0), 4);
+    EXPECT_EQ(run.mean(k), again.mean(k));
+  }
 }
 
 TEST_F(CoarseBeam, FiguresAreCompleteAndTheFilesHoldThem) {

@@ -43,6 +43,8 @@ Study run_study(const StudyOptions& options, const std::function<void(const Figu
   add(bias_onset(subject, options));
   add(figures_16_17(subject, options));
   add(figure_18(subject, options));
+  add(decompositions(subject, options));
+  add(supports_and_loading(subject, soft, options));
   add(other_choices(subject, soft, options));
   study.elapsed_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return study;

@@ -57,6 +57,13 @@ struct Subject {
 [[nodiscard]] FigureRecord bias_onset(const Subject& subject, const StudyOptions& options);
 [[nodiscard]] FigureRecord figures_16_17(const Subject& subject, const StudyOptions& options);
 [[nodiscard]] FigureRecord figure_18(const Subject& subject, const StudyOptions& options);
+/// Beyond the paper: data of the beam itself, at parameters on the grid and off it, assimilated with the
+/// uncompressed snapshots and with several models of six modes.
+[[nodiscard]] FigureRecord decompositions(const Subject& subject, const StudyOptions& options);
+/// What the paper leaves open of supports and loading: a spring in series in place of a share of the
+/// displacement, and loading that ends near the peak.
+[[nodiscard]] FigureRecord supports_and_loading(const Subject& subject, const Subject& soft,
+                                                const StudyOptions& options);
 /// Every conclusion again under other choices of what the paper leaves open.
 [[nodiscard]] FigureRecord other_choices(const Subject& subject, const Subject& soft,
                                          const StudyOptions& options);

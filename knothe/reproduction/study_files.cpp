@@ -16,11 +16,6 @@ using Json = nlohmann::ordered_json;
 
 namespace {
 
-std::string heading(const FigureRecord& figure) {
-  const bool is_of_the_paper = figure.number != "choices" && figure.number != "onset";
-  return is_of_the_paper ? fmt::format("Fig. {}. {}", figure.number, figure.title) : figure.title;
-}
-
 const Row* row_of(const Study& study, const std::string& number, const std::string& begins) {
   for (const FigureRecord& figure : study.figures)
     for (const Row& row : figure.rows)
@@ -44,6 +39,11 @@ std::vector<report::Card> cards(const Study& study) {
 }
 
 }  // namespace
+
+std::string heading(const FigureRecord& figure) {
+  const bool is_of_the_paper = figure.number.find_first_not_of("0123456789-") == std::string::npos;
+  return is_of_the_paper ? fmt::format("Fig. {}. {}", figure.number, figure.title) : figure.title;
+}
 
 std::vector<Json> row_records(const FigureRecord& figure) {
   std::vector<Json> records;

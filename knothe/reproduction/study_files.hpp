@@ -8,6 +8,9 @@
 
 namespace knothe::reproduction {
 
+/// "Fig. 13. The crack length …"; the title alone where it is no figure of the paper.
+[[nodiscard]] std::string heading(const FigureRecord& figure);
+
 /// The rows of a figure, one record each: figure, quantity, unit, paper, here, why, and paper_value and
 /// here_value where they are numbers.
 [[nodiscard]] std::vector<nlohmann::ordered_json> row_records(const FigureRecord& figure);

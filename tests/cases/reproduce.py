@@ -44,7 +44,7 @@ class Test(Case):
         lines = self.expect(0, "reproduce", "--quick", "--json", "-o", "study", timeout=1700).lines()
         last = lines.pop()
         self.assertIs(last["done"], True)
-        figures = ["5", "6-7", "8-9", "10-12", "13", "14-15", "onset", "16-17", "18", "choices"]
+        figures = ["5", "6-7", "8-9", "10-12", "13", "14-15", "onset", "16-17", "18", "models", "supports", "choices"]
         self.assertEqual(list(dict.fromkeys(line["figure"] for line in lines)), figures)
         for line in lines:
             for key in ("quantity", "unit", "paper", "here", "why"):
