@@ -2,13 +2,16 @@
 
 usage: half_notched.py mesh [FILE]               writes half_notched.msh (format 2.2 of Gmsh)
        half_notched.py data ENVELOPE.csv         writes measured.csv, up to an opening of 0.05 mm, and peak.csv with its peak.toml
-       half_notched.py score ENVELOPE.csv FOLDER of results…   compares their forecasts with the measured band
+       half_notched.py laws                      writes a project for each other law: LAW.toml, and LAW_peak.toml up to the peak
+       half_notched.py score ENVELOPE.csv FOLDER of results…   compares their forecasts with the measured band, and how probable
+                                                 each is beside the others of the same data
 
 ENVELOPE.csv: opening (mm), lowest and highest load (N) of the repeated tests (scripts/get-data.sh).
 docs/benchmarks/half-notched-beam.md explains.
 """
 import csv
 import json
+import math
 import pathlib
 import sys
 
@@ -107,6 +110,27 @@ def write_data(rows):
             raise SystemExit(f"half_notched.toml: the scatter at {last} µm is {scatter}")
 
 
+def write_laws():
+    """The same project with the laws of stress against opening, the fracture energy in place of A_d."""
+    for law in ("exponential", "bilinear"):
+        for source, name in (("half_notched.toml", law), ("peak.toml", f"{law}_peak")):
+            text = pathlib.Path(source).read_text(encoding="utf-8")
+            for old, new in (("damage = { ", f'damage = {{ law = "{law}", '), ("\nAd = { prior", "\nGf = { prior"),
+                             ("Ad = { reference = 2.5e-3", "Gf = { reference = 70"), ("brittle.h5", f"{law}.h5"),
+                             ('results = "', f'results = "{law}_')):
+                if old not in text:
+                    raise SystemExit(f"{source}: there is no {old!r}")
+                text = text.replace(old, new)
+            pathlib.Path(f"{name}.toml").write_text(text, encoding="utf-8")
+
+
+def probabilities(log_evidence):
+    """Of models that are equally probable before the data."""
+    best = max(log_evidence.values())
+    weight = {name: math.exp(value - best) for name, value in log_evidence.items()}
+    return {name: round(value / sum(weight.values()), 6) for name, value in weight.items()}
+
+
 def last_forecast(folder):
     """The line of the last datum, and (mean, std) by opening in µm of its forecasts."""
     lines = (pathlib.Path(folder) / "steps.jsonl").read_text(encoding="utf-8").splitlines()
@@ -153,14 +177,21 @@ if __name__ == "__main__":
         pathlib.Path(rest[0] if rest else "half_notched.msh").write_text(text_of(*mesh()), encoding="utf-8")
     elif command == "data":
         write_data(read_band(rest[0]))
+    elif command == "laws":
+        write_laws()
     else:
         rows = read_band(rest[0])
         first = (2, sum(band_at(rows, 2)) / 2)
+        evidence = {}
         for folder in rest[1:]:
             line, forecast = last_forecast(folder)
             held, wide = score(rows, forecast)
             mean, std = forecast[200]
+            evidence.setdefault(SEEN[line["step"]], {})[folder] = line["log_evidence"]
             print(json.dumps({"results": folder, "up_to_um": SEEN[line["step"]], "verdict": line["verdict"]["level"],
                               "log_evidence": round(line["log_evidence"], 2), "held": round(held, 3), "width": round(wide, 3),
                               "crack_mm": [crack_at(200, mean + 1.645 * sign * std, first) for sign in (1, 0, -1)],
                               "measured_crack_mm": [crack_at(200, force, first) for force in reversed(band_at(rows, 200))]}))
+        for last, of_folder in evidence.items():
+            if len(of_folder) > 1:
+                print(json.dumps({"up_to_um": last, "probability": probabilities(of_folder)}))

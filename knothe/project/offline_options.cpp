@@ -40,7 +40,8 @@ void add_body_options(Section<O>& s) {
   s.table("damage", "The damage law, and what makes it independent of the mesh.");
   s.add("damage.law", &O::law,
         "Brittle as in the paper, with the parameters `Y0` and `Ad`: stress falls like 1 / opening; or "
-        "exponentially, `Y0` and `Gf`, with regularisation = \"crack-band\" (not with LATIN-PGD).");
+        "exponentially or along two straight lines (Petersson), `Y0` and `Gf`, with regularisation = "
+        "\"crack-band\" (not with LATIN-PGD).");
   s.add("damage.regularisation", &O::regularisation,
         "The law as it is (the element size is then a material parameter); inelastic strain scaled by "
         "reference size / element size, which keeps stress against opening; or a strain averaged over an "
@@ -157,8 +158,8 @@ const Section<O>& offline_section() {
     add_body_options(s);
     add_reduction_options(s);
     s.table("parameters",
-            "One table per parameter: `Y0` and `Ad` of the damage law (`Y0` and `Gf` of the exponential "
-            "one); `E`, `support_stiffness`, `load_offset` if wanted.");
+            "One table per parameter: `Y0` and `Ad` of the damage law (`Y0` and `Gf` of the others); "
+            "`E`, `support_stiffness`, `load_offset` if wanted.");
   });
   return k_section;
 }
@@ -288,7 +289,7 @@ void check_latin(Values& values, const OfflineOptions& o) {
   refuse(!o.time.output.empty(), "time",
          "LATIN-PGD solves for all parameters at the same load steps: \"time\" needs method = \"snapshots\"");
   refuse(o.law != SofteningLaw::brittle, "damage.law",
-         "LATIN-PGD has the brittle law only: the exponential one needs method = \"snapshots\"");
+         "LATIN-PGD has the brittle law only: the others need method = \"snapshots\"");
   refuse(o.regularisation == DamageRegularisation::gradient, "damage",
          "LATIN-PGD cannot do gradient damage, which couples all points: take method = \"snapshots\", "
          "or regularisation = \"crack-band\"");
@@ -335,15 +336,15 @@ OfflineOptions read_offline(Values& values) {
     return std::any_of(o.parameters.begin(), o.parameters.end(),
                        [&](const auto& p) { return p.name == name; });
   };
-  const bool is_exponential = o.law == SofteningLaw::exponential;
-  const char *second = is_exponential ? "Gf" : "Ad", *other = is_exponential ? "Ad" : "Gf";
+  const bool is_of_opening = o.law != SofteningLaw::brittle;
+  const char *second = is_of_opening ? "Gf" : "Ad", *other = is_of_opening ? "Ad" : "Gf";
   if (!has("Y0") || !has(second) || has(other))
     values.complain(
         "offline",
         fmt::format("[offline.parameters] must have both parameters of the damage law, Y0 and {}", second));
-  if (is_exponential && o.regularisation != DamageRegularisation::crack_band)
+  if (is_of_opening && o.regularisation != DamageRegularisation::crack_band)
     values.complain("offline.damage.law",
-                    "the exponential law is one of stress against opening: it needs [offline] damage = { "
+                    "the law is one of stress against opening: it needs [offline] damage = { "
                     "regularisation = \"crack-band\" }");
   check_latin(values, o);
   return o;

@@ -37,13 +37,15 @@ constexpr auto names_of(DamageRegularisation /*regularisation*/) {
 
 /// How the stress falls while a crack opens.
 enum class SofteningLaw {
-  brittle,     ///< Rubio et al. 2019, Eq. 29: like 1 / opening
-  exponential  ///< f_t exp(-f_t w / G_f), of a crack band
+  brittle,      ///< Rubio et al. 2019, Eq. 29: like 1 / opening
+  exponential,  ///< f_t exp(-f_t w / G_f), of a crack band
+  bilinear      ///< two straight lines (Petersson 1981), of a crack band
 };
 
 constexpr auto names_of(SofteningLaw /*law*/) {
-  return std::to_array<Named<SofteningLaw>>(
-      {{SofteningLaw::brittle, "brittle"}, {SofteningLaw::exponential, "exponential"}});
+  return std::to_array<Named<SofteningLaw>>({{SofteningLaw::brittle, "brittle"},
+                                             {SofteningLaw::exponential, "exponential"},
+                                             {SofteningLaw::bilinear, "bilinear"}});
 }
 
 /// What holds the beam in x.

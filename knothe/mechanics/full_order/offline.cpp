@@ -194,6 +194,7 @@ std::string run_key(const BeamProblem& problem) {
   else if (regularisation.kind == DamageRegularisation::gradient)
     law = fmt::format(" | gradient {:a}", regularisation.internal_length);
   if (p.law == SofteningLaw::exponential) law += " | exponential";
+  if (p.law == SofteningLaw::bilinear) law += " | bilinear";
   return fmt::format(
       "version {} | {} | left {} | E {:a} nu {:a} | Y0 {:a} Ad {:a} | {} steps {:a} m | tolerance {:a} {:a} "
       "| {} {} {} {:a} {}{}",

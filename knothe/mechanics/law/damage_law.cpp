@@ -200,9 +200,30 @@ BandDamage exponential_damage(double rate, const DamageParameters& parameters, d
   return {x / s, (growth - x / s) / s / (2 * s * parameters.threshold)};
 }
 
+/// A straight line of the bilinear law: stress / f_t = at_0 - fall v, v = f_t w / G_f, up to v = end.
+struct SofteningLine {
+  double at_0, fall, end;
+};
+constexpr SofteningLine k_petersson[] = {{1, 5.0 / 6, 0.8}, {3.0 / 7, 5.0 / 42, 3.6}};
+
+/// `band_damage` of the bilinear law: the root of s - x = at_0 - fall q x, of the line on which it lies.
+BandDamage bilinear_damage(double rate, const DamageParameters& parameters, double r) {
+  constexpr double k_most = 1 - 1e-9;  // an element that bears nothing has no stiffness either
+  if (!(rate > parameters.threshold) || !(parameters.threshold > 0)) return {};
+  const double s = std::sqrt(rate / parameters.threshold);
+  const double q = parameters.brittleness * parameters.threshold / r;
+  for (const SofteningLine& line : k_petersson) {
+    const double growth = 1 / (1 - line.fall * q), x = (s - line.at_0) * growth;  // growth: dx/ds
+    if (q * x > line.end || x > k_most * s) continue;
+    return {x / s, (growth - x / s) / s / (2 * s * parameters.threshold)};
+  }
+  return {k_most, 0};
+}
+
 }  // namespace
 
 BandDamage band_damage(double rate, const DamageParameters& parameters, double r) {
+  if (parameters.law == SofteningLaw::bilinear) return bilinear_damage(rate, parameters, r);
   if (parameters.law == SofteningLaw::exponential) return exponential_damage(rate, parameters, r);
   const double first = parameters.brittleness * (rate - parameters.threshold);
   if (!(first > 0)) return {};
@@ -237,6 +258,7 @@ double smallest_band_ratio(const DamageParameters& parameters) {
   // g(a) = d(d ε_r)/dε_r = (a² + 3 a + 2 b) / (1 + a)², a = A_d (Y - Y₀), b = A_d Y₀; largest at a = 3 - 4 b.
   const double b = parameters.brittleness * parameters.threshold;
   if (parameters.law == SofteningLaw::exponential) return b;
+  if (parameters.law == SofteningLaw::bilinear) return k_petersson[0].fall * b;
   const double a = std::max(3 - 4 * b, 0.0);
   return 1 - (1 + a) * (1 + a) / (a * a + 3 * a + 2 * b);
 }

@@ -34,7 +34,7 @@ using project::SofteningLaw;
 /// The two parameters of the law; defaults are the paper's reference values.
 struct DamageParameters {
   double threshold = 216.0;  ///< Y₀, J/m³: energy release rate at which damage starts
-  /// A_d, m³/J: drives the post-peak behaviour. Of the exponential law 2 h_r / G_f (`brittleness_of`).
+  /// A_d, m³/J: drives the post-peak behaviour. Of the laws of stress against opening 2 h_r / G_f.
   double brittleness = 2.25e-3;
   SofteningLaw law = SofteningLaw::brittle;
 
@@ -42,7 +42,8 @@ struct DamageParameters {
   void validate() const;
 };
 
-/// A_d that the exponential law has in place of its fracture energy G_f [J/m²], `reference_size` h_r in m.
+/// A_d that the exponential and the bilinear law have in place of its fracture energy G_f [J/m²],
+/// `reference_size` h_r in m.
 [[nodiscard]] inline double brittleness_of(double fracture_energy, double reference_size) {
   return 2 * reference_size / fracture_energy;
 }
@@ -83,7 +84,8 @@ struct BandDamage {
 ///
 /// Exponential law: σ = f_t exp(-f_t w / G_f) with f_t = √(2 E Y₀) and the opening w = h D ε. With ε in units
 /// of its onset, s = √(Y/Y₀), the inelastic strain x = D s is the root of s - x = exp(-q x), q = 2 h Y₀ / G_f
-/// = A_d Y₀ / r: Young's modulus drops out.
+/// = A_d Y₀ / r: Young's modulus drops out. Bilinear law (Petersson 1981): the stress falls from f_t to f_t/3
+/// at w = 0.8 G_f / f_t, then to 0 at 3.6 G_f / f_t, so that exp(-q x) becomes two straight lines in q x.
 ///
 /// `ratio` must be at least `smallest_band_ratio(parameters)`, or there is no unique solution.
 [[nodiscard]] BandDamage band_damage(double energy_release_rate, const DamageParameters& parameters,
@@ -94,7 +96,7 @@ struct BandDamage {
 }
 /// Below this r the strain of the scaled law would have to fall back while the crack opens: 1 - 1/g, with g
 /// the largest slope of the inelastic strain d ε_r of the reference law (its stress falls at most with g - 1
-/// times the elastic slope). Exponential law: A_d Y₀, where q = 1.
+/// times the elastic slope). Exponential law: A_d Y₀, where q = 1; bilinear 5/6 of it.
 [[nodiscard]] double smallest_band_ratio(const DamageParameters& parameters);
 
 /// C : ε.

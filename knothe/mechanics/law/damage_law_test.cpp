@@ -199,6 +199,41 @@ TEST(ExponentialLaw, the_stress_falls_exponentially_with_the_opening_on_elements
   EXPECT_NEAR(reference_size / smallest_band_ratio(p), fracture_energy / (2 * threshold), 1e-12);
 }
 
+/// Petersson (1981): f_t/3 at 0.8 G_f/f_t, nothing from 3.6 G_f/f_t on; the area below is G_f.
+TEST(BilinearLaw, the_stress_falls_along_two_lines_on_elements_of_any_size) {
+  const double modulus = 37e9, strength = 3.9e6, fracture_energy = 80, reference_size = 0.005;
+  const double threshold = strength * strength / (2 * modulus), unit = fracture_energy / strength;
+  const DamageParameters p{threshold, brittleness_of(fracture_energy, reference_size),
+                           SofteningLaw::bilinear};
+  const auto expected = [&](double opening) {
+    const double v = opening / unit;
+    return v < 0.8 ? strength * (1 - v * (2.0 / 3) / 0.8)
+                   : std::max(strength / 3 * (3.6 - v) / (3.6 - 0.8), 0.0);
+  };
+  double energy = 0;
+  for (int i = 0; i < 3600; ++i) energy += 1e-3 * unit * expected((i + 0.5) * 1e-3 * unit);
+  EXPECT_NEAR(energy, fracture_energy, 1e-5 * fracture_energy);
+  for (const double size : {0.00125, 0.005, 0.02}) {
+    EXPECT_EQ(band_damage(0.999 * threshold, p, reference_size / size).damage, 0.0);
+    for (const double v : {1e-4, 0.1, 0.5, 0.79, 0.81, 1.5, 3.0, 3.59}) {
+      const double opening = v * unit, stress = expected(opening);
+      const double strain = stress / modulus + opening / size, rate = 0.5 * modulus * strain * strain;
+      const BandDamage d = band_damage(rate, p, reference_size / size);
+      EXPECT_NEAR((1 - d.damage) * modulus * strain, stress, 1e-9 * modulus * strain) << v;
+      EXPECT_NEAR(d.damage * strain * size, opening, 1e-10 * opening + 1e-18) << v;
+      const double h = 1e-6 * rate, next = band_damage(rate + h, p, reference_size / size).damage,
+                   before = band_damage(rate - h, p, reference_size / size).damage;
+      if (v > 1e-3) EXPECT_NEAR(d.slope, (next - before) / (2 * h), 1e-5 * d.slope + 1e-9 / rate) << v;
+    }
+    const double broken = 0.5 * modulus * std::pow(4 * unit / size, 2);
+    EXPECT_NEAR(band_damage(broken, p, reference_size / size).damage, 1, 1e-8);
+    EXPECT_LT(band_damage(broken, p, reference_size / size).damage, 1);
+    EXPECT_EQ(band_damage(broken, p, reference_size / size).slope, 0);
+  }
+  // The strain would have to go back where 2 h Y₀ > 6/5 G_f.
+  EXPECT_NEAR(reference_size / smallest_band_ratio(p), 1.2 * fracture_energy / (2 * threshold), 1e-12);
+}
+
 TEST(DamageLaw, senseless_constants_are_refused_with_the_reason) {
   const auto message = [](auto constants) -> std::string {
     try {

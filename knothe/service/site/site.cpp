@@ -467,10 +467,11 @@ std::int64_t Site::sensor_of(const EntryRequest& request) const {
 
 void Site::require_test(const std::optional<std::string>& asked) const {
   if (!asked || *asked == test()) return;
-  throw RequestError(409, "OtherTest",
-                     fmt::format("the datum is for {}, and {} runs: it was not stored. Resume the one that it "
-                                 "is for (POST /v1/tests/resume), or leave \"test\" out",
-                                 test_in_words(*asked), test_in_words(test())));
+  throw RequestError(
+      409, "OtherTest",
+      fmt::format("the datum is for {}, and {} runs: it was not stored. Resume the one that it "
+                  "is for (POST /v1/tests/resume), or leave \"test\" out",
+                  test_in_words(*asked), test_in_words(test())));
 }
 
 LogbookEntry Site::entry(EntryKind kind, const EntryRequest& request, std::int64_t alarm) const {
