@@ -7,12 +7,14 @@
 #include <cstdio>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <vector>
 
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/progress.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/csv.hpp"
+#include "knothe/files/vtu.hpp"
 #include "knothe/imaging/series/displacement_files.hpp"
 #include "knothe/imaging/series/pattern_report.hpp"
 #include "knothe/project/picture_measurements.hpp"
