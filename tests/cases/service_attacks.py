@@ -120,12 +120,33 @@ class Test(ServiceCase):
         self.assertIn("x-npy", service.request("POST", "/v1/measurements", "{}", {"Content-Type": "text/csv"})[2]["error"]["message"])
         self.expect_error(service.request("POST", "/v1/withdraw", "{}", {"Content-Type": "application/x-npy"})[::2], 415, "UnsupportedType")
 
+    def test_answers_that_nobody_reads_are_bounded(self):
+        soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, 4096), hard))
+        self.addCleanup(resource.setrlimit, resource.RLIMIT_NOFILE, (soft, hard))
+        service = self.serve(preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (4096, hard)))
+        before, silent = self.memory(service), []
+        page = len(service.request("GET", "/")[2])
+        for _ in range(1000):
+            one = socket.socket()
+            one.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            one.connect(("127.0.0.1", service.port))
+            one.sendall(20 * self.request("GET", "/"))
+            silent.append(one)
+        service.wait_until(lambda: service.get("/livez")[0] == 200)
+        self.assertEqual(len(service.request("GET", "/")[2]), page)
+        if "KNOTHE_SANITIZED" not in os.environ:
+            self.assertLess(self.memory(service) - before, 100e6)
+        for one in silent:
+            one.close()
+
     def test_heads_are_read_as_http_means_them(self):
         service = self.serve()
         for host in ("LOCALHOST", "LocalHost:1", "[::1]:1"):
             self.assertIn(b" 200 OK", self.raw(service, f"GET /livez HTTP/1.0\r\nHost: {host}\r\n\r\n".encode()))
         for host in ("localhost.example", "localhost:1@evil.example", "localhost@evil.example", "localhost, evil.example", "[::1", "[::1]evil.example"):
             self.assertIn(b" 403 ", self.raw(service, f"GET /livez HTTP/1.0\r\nHost: {host}\r\n\r\n".encode()), host)
+        self.assertIn(b" 400 ", self.raw(service, self.request("GET", "/livez", "Host: localhost")))
         answer = self.raw(service, self.request("HEAD", "/v1/events"), wait=5)
         self.assertTrue(answer.startswith(b"HTTP/1.1 200 ") and answer.endswith(b"\r\n\r\n"), answer)
         self.assertIn(b"text/event-stream", answer)
