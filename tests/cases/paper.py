@@ -17,7 +17,7 @@ class Test(Case):
     def test_every_step_agrees_with_dense_quadrature(self):
         lines = self.assimilate()
         self.assertEqual(len(lines), 100)
-        self.expect_agreement(lines, self.assimilate("--method", "grid"))
+        self.expect_agreement(lines, self.assimilate("--method", "grid", timeout=1100))
 
     def test_the_maps_follow_the_posterior_while_the_crack_runs(self):
         # The verified diagnostic is on other points than the map was trained on.

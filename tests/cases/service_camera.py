@@ -175,7 +175,6 @@ class Test(ServiceCase):
         of both that come and go; 10⁵ data at night."""
         count, parts = int(os.environ.get("KNOTHE_SOAK", "400")), 10
         self.draw()
-        self.edit("[dic]", '[dic]\nreferences = ["live/reference_1.tif", "live/reference_2.tif"]')
         shutil.copy(SOURCE / "assimilation.toml", self.folder)
         broker = Broker(self.folder)
         self.addCleanup(broker.stop)
