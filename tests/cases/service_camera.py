@@ -173,7 +173,7 @@ class Test(ServiceCase):
     def test_a_camera_a_broker_and_viewers_for_days(self):
         """The soak: a structure with a camera, whose specimens change, beside one with a broker and a sender by HTTP, and viewers
         of both that come and go; 10⁵ data at night."""
-        count, parts = int(os.environ.get("KNOTHE_SOAK", "400")), 10
+        count, parts = int(os.environ.get("KNOTHE_SOAK", "100")), 10
         self.draw()
         shutil.copy(SOURCE / "assimilation.toml", self.folder)
         broker = Broker(self.folder)
@@ -188,7 +188,12 @@ class Test(ServiceCase):
         connection, sent, by_broker, memory = service.connection(), 0, 0, None
         for part in range(parts):
             if part > 0:
-                self.assertEqual(service.post("/v1/tests", {"name": f"specimen-{part}", "by": "Ada"})[0], 200)
+                specimen = self.live / f"specimen-{part}"
+                specimen.mkdir()
+                for reference in self.live.glob("reference_*.tif"):
+                    shutil.copy(reference, specimen)
+                answer = service.post("/v1/tests", {"name": specimen.name, "by": "Ada"})
+                self.assertEqual(answer[0], 200, answer)
             viewers = [Events(service, f"?site={site}") for site in ("picture_assimilation", "assimilation") for _ in range(4)]
             for _ in range(count // parts):
                 datum = {**self.data[sent % 12], "site": "assimilation", "session": f"day {sent // 1200}", "seq": sent}
