@@ -72,6 +72,12 @@ class Test(Case):
         self.script("mesh", "again.msh")
         self.assertTrue(filecmp.cmp(self.folder / "again.msh", EXAMPLE / "half_notched.msh", shallow=False))
 
+    def test_projects_of_the_other_laws_are_valid(self):
+        self.make_data()
+        self.script("laws")
+        for name in ("exponential", "exponential_peak", "bilinear", "bilinear_peak"):
+            self.expect(0, "check", f"{name}.toml")
+
     def test_a_run_that_cannot_be_put_on_the_axis_is_named(self):
         self.make_small()
         self.edit("displacement = 1.5e-4", "displacement = 1e-5")
