@@ -146,7 +146,11 @@ class Test(ServiceCase):
             self.assertIn(b" 200 OK", self.raw(service, f"GET /livez HTTP/1.0\r\nHost: {host}\r\n\r\n".encode()))
         for host in ("localhost.example", "localhost:1@evil.example", "localhost@evil.example", "localhost, evil.example", "[::1", "[::1]evil.example"):
             self.assertIn(b" 403 ", self.raw(service, f"GET /livez HTTP/1.0\r\nHost: {host}\r\n\r\n".encode()), host)
-        self.assertIn(b" 400 ", self.raw(service, self.request("GET", "/livez", "Host: localhost")))
+        for head in self.request("GET", "/livez", "Host: localhost"), b"GET /livez HTTP/1.1\r\n\r\n":  # two, none
+            answer = self.raw(service, head)
+            self.assertIn(b" 400 ", answer)
+            self.assertIn(b"has one Host: header", answer)
+        self.assertIn(b" 200 ", self.raw(service, b"GET /livez HTTP/1.0\r\n\r\n"))
         answer = self.raw(service, self.request("HEAD", "/v1/events"), wait=5)
         self.assertTrue(answer.startswith(b"HTTP/1.1 200 ") and answer.endswith(b"\r\n\r\n"), answer)
         self.assertIn(b"text/event-stream", answer)

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "knothe/assimilation/update/lattice_rule.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
 
@@ -13,29 +14,23 @@ namespace knothe::assimilation {
 namespace {
 
 using Eigen::Index;
-using numerics::k_quantile_levels;
 using reduction::GridRun;
 
-/// Log-density below the maximum at which nodes count as empty: 2e-9 of a Gaussian's mass is beyond.
-constexpr double k_mask_depth = 20;
 /// Spacing of the first grid in standard deviations of the narrowest mode along its axes, others held:
 /// evidence and moments of a Gaussian to 1e-8 and, with every other node of a chequerboard, 1e-3.
 constexpr double k_first_spacing = 1;
-constexpr double k_range = 8.5;    ///< of z; beyond it is less than 1e-16 of the prior
-constexpr Index k_block = 512;     ///< nodes evaluated at once
 constexpr Index k_segment = 8;     ///< nodes along a row that are evaluated together where that is cheap
 constexpr Index k_scan_every = 4;  ///< lines of the grid between those that are looked at for modes not found
 constexpr Index k_max_places = 1 << 26;  ///< segments that a window may have
 constexpr int k_max_growths = 60, k_max_refinements = 12;
 constexpr double k_line_change = 0.03;     ///< of `Marginals::line_change`
 constexpr double k_least_deviation = 0.8;  ///< of a marginal, in spacings
-constexpr double k_spread = 1.3;           ///< of a node, for quantiles, in spacings
 
 /// Where the grid lies, and where its mass is looked for.
 struct Frame {
   Eigen::Vector3d first, last;         ///< z, the window looked at first
   Eigen::Vector3d spacing;             ///< of the first grid
-  std::vector<Eigen::VectorXd> modes;  ///< z
+  std::vector<Eigen::Vector3d> modes;  ///< z
 };
 
 /// Seven and a half standard deviations around every mode that counts: the mass, `k_mask_depth` deep, and a
@@ -48,8 +43,8 @@ Frame frame_of_modes(const std::vector<sampling::Mode>& modes) {
     if (mode.log_mass < modes[0].log_mass - k_negligible) continue;
     const Eigen::Vector3d spread = mode.lower.rowwise().norm();
     narrowest = narrowest.cwiseMin(mode.lower.inverse().colwise().norm().cwiseInverse().transpose());
-    frame.first = frame.first.cwiseMin(mode.point - k_spreads * spread).cwiseMax(-k_range);
-    frame.last = frame.last.cwiseMax(mode.point + k_spreads * spread).cwiseMin(k_range);
+    frame.first = frame.first.cwiseMin(mode.point - k_spreads * spread).cwiseMax(-k_lattice_range);
+    frame.last = frame.last.cwiseMax(mode.point + k_spreads * spread).cwiseMin(k_lattice_range);
     frame.modes.push_back(mode.point);
   }
   frame.spacing = k_first_spacing * narrowest;
@@ -58,38 +53,31 @@ Frame frame_of_modes(const std::vector<sampling::Mode>& modes) {
 
 /// A uniform grid of z; a row lies along the last axis.
 struct Grid {
-  Eigen::VectorXd first, spacing;
+  Eigen::Vector3d first, spacing;
   std::array<Index, 3> nodes{1, 1, 1};  ///< of each axis
   Index count = 0;                      ///< the largest of them: rows are numbered as if all axes had so many
 
-  Grid(const Eigen::VectorXd& from, const Eigen::VectorXd& to, const Eigen::VectorXd& step)
+  Grid(const Eigen::Vector3d& from, const Eigen::Vector3d& to, const Eigen::Vector3d& step)
       : first(from), spacing(step) {
-    for (Index k = 0; k < dimension(); ++k) {
+    for (Index k = 0; k < 3; ++k) {
       const double intervals = std::ceil(std::min((to[k] - from[k]) / step[k], 1e9) - 1e-9);
       nodes[static_cast<std::size_t>(k)] = static_cast<Index>(intervals) + 1;
       count = std::max(count, nodes[static_cast<std::size_t>(k)]);
     }
     count = (count + k_segment - 1) / k_segment * k_segment;
   }
-  [[nodiscard]] Index dimension() const { return first.size(); }
-  /// The nodes of each axis, count × d.
+  /// The nodes of each axis, count × 3.
   [[nodiscard]] Eigen::MatrixXd axes() const {
-    Eigen::MatrixXd result(count, dimension());
+    Eigen::MatrixXd result(count, 3);
     for (Index i = 0; i < count; ++i) result.row(i) = (first + static_cast<double>(i) * spacing).transpose();
     return result;
   }
-  /// Node of axis k < d − 1 at which row `row` lies.
-  [[nodiscard]] Index place(Index row, Index k) const {
-    return dimension() == 3 && k == 0 ? row / count : row % count;
-  }
+  /// Nodes of the first two axes at which row `row` lies.
+  [[nodiscard]] std::array<Index, 2> places(Index row) const { return {row / count, row % count}; }
   /// 0 or 1, the first node of the row that belongs to every other of all, as the black squares of a
   /// chequerboard; the next ones follow two by two.
-  [[nodiscard]] Index every_other(Index row) const { return (place(row, 0) + place(row, 1)) % 2; }
+  [[nodiscard]] Index every_other(Index row) const { return (row / count + row % count) % 2; }
 };
-
-Index size_of(const std::vector<GridRun>& runs) {
-  return runs.empty() ? 0 : runs.back().at + runs.back().end - runs.back().begin;
-}
 
 /// The target on grids of one frame.
 class GridDensity {
@@ -120,13 +108,7 @@ class GridDensity {
       evaluations_ += values.size();
       return;
     }
-    const Eigen::MatrixXd points = reduction::nodes_of(axes_, runs);
-    // Few sizes of blocks: a target may keep workspace for each.
-    for (Index begin = 0, block = k_block; begin < values.size(); begin += block) {
-      while (block > values.size() - begin) block /= 2;
-      checked_.evaluate(points.middleRows(begin, block), 0, batch_);
-      values.segment(begin, block) = batch_.value;
-    }
+    evaluate_in_blocks(checked_, reduction::nodes_of(axes_, runs), batch_, values);
   }
 
  private:
@@ -176,9 +158,9 @@ class Fill {
         grid_(grid),
         max_nodes_(max_nodes),
         length_(target.segment()),
-        planes_(grid.dimension() == 3 ? grid.nodes[0] : 1),
-        lines_(grid.dimension() == 1 ? 1 : grid.nodes[static_cast<std::size_t>(grid.dimension() - 2)]),
-        segments_((grid.nodes[static_cast<std::size_t>(grid.dimension() - 1)] + length_ - 1) / length_) {
+        planes_(grid.nodes[0]),
+        lines_(grid.nodes[1]),
+        segments_((grid.nodes[2] + length_ - 1) / length_) {
     if (static_cast<double>(planes_) * static_cast<double>(lines_) * static_cast<double>(segments_) >
         static_cast<double>(k_max_places)) {
       too_many_ = true;
@@ -188,15 +170,14 @@ class Fill {
     target_.set_grid(grid.axes());
   }
 
-  /// The node nearest to `u`.
-  void add_seed(const Eigen::Ref<const Eigen::VectorXd>& u) {
+  /// The node nearest to z.
+  void add_seed(const Eigen::Vector3d& z) {
     if (too_many_) return;
-    const Index d = grid_.dimension();
     std::array<Index, 3> at{};
-    for (Index k = 0; k < d; ++k) {
-      const auto axis = static_cast<std::size_t>(3 - d + k);
-      const double i = std::round((u[k] - grid_.first[k]) / grid_.spacing[k]);
-      at[axis] = std::clamp<Index>(static_cast<Index>(i), 0, grid_.nodes[static_cast<std::size_t>(k)] - 1);
+    for (Index k = 0; k < 3; ++k) {
+      const auto axis = static_cast<std::size_t>(k);
+      const double i = std::round((z[k] - grid_.first[k]) / grid_.spacing[k]);
+      at[axis] = std::clamp<Index>(static_cast<Index>(i), 0, grid_.nodes[axis] - 1);
     }
     want(at[0], at[1], at[2] / length_);
   }
@@ -228,7 +209,7 @@ class Fill {
   }
   [[nodiscard]] GridRun run_of(Index id, Index at) const {
     const Index row = id / segments_, begin = id % segments_ * length_;
-    return {row / lines_ * (planes_ > 1 ? grid_.count : 0) + row % lines_, begin, begin + length_, at};
+    return {row / lines_ * grid_.count + row % lines_, begin, begin + length_, at};
   }
 
   /// Evaluates what is wanted, and wants its neighbours.
@@ -255,13 +236,12 @@ class Fill {
     const Index segment = id % segments_, line = id / segments_ % lines_, plane = id / segments_ / lines_;
     // Outside the mass a segment is one node too long at most.
     const Index from = value[0] > floor ? -1 : 0, to = value[length_ - 1] > floor ? 1 : 0;
-    const auto d = static_cast<std::size_t>(grid_.dimension());
-    for (Index a = d == 3 ? -1 : 0; a <= (d == 3 ? 1 : 0); ++a) {
+    for (Index a = -1; a <= 1; ++a) {
       if (!inside(plane + a, planes_, 0)) continue;
-      for (Index b = d == 1 ? 0 : -1; b <= (d == 1 ? 0 : 1); ++b) {
-        if (!inside(line + b, lines_, d - 2)) continue;
+      for (Index b = -1; b <= 1; ++b) {
+        if (!inside(line + b, lines_, 1)) continue;
         for (Index c = from; c <= to; ++c)
-          if (inside(segment + c, segments_, d - 1)) want(plane + a, line + b, segment + c);
+          if (inside(segment + c, segments_, 2)) want(plane + a, line + b, segment + c);
       }
     }
   }
@@ -303,80 +283,57 @@ class Fill {
   bool too_many_ = false;
 };
 
-/// Places within `k_mask_depth` of the highest of a coarse look at a window, u.
-std::vector<Eigen::VectorXd> scan(GridDensity& target, const Grid& grid) {
+/// Places within `k_mask_depth` of the highest of a coarse look at a window, z.
+std::vector<Eigen::Vector3d> scan(GridDensity& target, const Grid& grid) {
   const Eigen::MatrixXd axes = grid.axes();
   target.set_grid(axes);
-  const Index d = grid.dimension(), n = grid.nodes[static_cast<std::size_t>(d - 1)];
   std::vector<GridRun> runs;
-  for (Index a = 0; a < (d == 3 ? grid.nodes[0] : 1); ++a)
-    for (Index b = 0; b < (d == 1 ? 1 : grid.nodes[static_cast<std::size_t>(d - 2)]); ++b)
-      runs.push_back({a * grid.count + b, 0, n, size_of(runs)});
+  for (Index a = 0; a < grid.nodes[0]; ++a)
+    for (Index b = 0; b < grid.nodes[1]; ++b)
+      runs.push_back({a * grid.count + b, 0, grid.nodes[2], size_of(runs)});
   Eigen::VectorXd values;
   target.evaluate(runs, values);
   const double floor = values.maxCoeff() - k_mask_depth;
-  std::vector<Eigen::VectorXd> places;
+  std::vector<Eigen::Vector3d> places;
   for (const GridRun& run : runs) {
-    for (Index i = 0; i < n; ++i) {
-      if (!(values[run.at + i] > floor)) continue;
-      Eigen::VectorXd& u = places.emplace_back(d);
-      for (Index k = 0; k + 1 < d; ++k) u[k] = axes(grid.place(run.row, k), k);
-      u[d - 1] = axes(i, d - 1);
-    }
+    const auto [plane, line] = grid.places(run.row);
+    for (Index i = 0; i < grid.nodes[2]; ++i)
+      if (values[run.at + i] > floor) places.emplace_back(axes(plane, 0), axes(line, 1), axes(i, 2));
   }
   return places;
 }
 
 /// The window grows by half where mass comes up to a face of it; whether it did.
-bool grow(const Fill::Faces& touched, Eigen::VectorXd& first, Eigen::VectorXd& last) {
-  const Eigen::VectorXd from = first, to = last, step = (last - first) / 2;
-  for (Index k = 0; k < first.size(); ++k) {
+bool grow(const Fill::Faces& touched, Eigen::Vector3d& first, Eigen::Vector3d& last) {
+  const Eigen::Vector3d from = first, to = last, step = (last - first) / 2;
+  for (Index k = 0; k < 3; ++k) {
     const auto axis = static_cast<std::size_t>(k);
-    if (touched.low[axis]) first[k] = std::max(from[k] - step[k], -k_range);
-    if (touched.high[axis]) last[k] = std::min(to[k] + step[k], k_range);
+    if (touched.low[axis]) first[k] = std::max(from[k] - step[k], -k_lattice_range);
+    if (touched.high[axis]) last[k] = std::min(to[k] + step[k], k_lattice_range);
   }
   return first != from || last != to;
 }
 
-/// Weights of nodes gathered at the lines of each axis (count × d), and their sum.
-struct Marginals {
-  Eigen::MatrixXd mass;
-  double sum = 0;
-
-  /// Mean and standard deviation along axis k, in spacings.
-  [[nodiscard]] std::array<double, 2> moments(Index k) const {
-    const Eigen::ArrayXd at = Eigen::ArrayXd::LinSpaced(mass.rows(), 0, static_cast<double>(mass.rows() - 1));
-    const double mean = (mass.col(k).array() * at).sum() / sum;
-    return {mean, std::sqrt((mass.col(k).array() * (at - mean).square()).sum() / sum)};
-  }
-  /// How much even lines of axis k differ from all: in mass and, a fifth of it, in mean and standard
-  /// deviation (in standard deviations). Of a Gaussian less than one per cent with a spacing of its standard
-  /// deviation; its fourth power or so is what the whole grid errs by along this axis.
-  [[nodiscard]] double line_change(Index k) const {
-    Marginals even{Eigen::MatrixXd::Zero(mass.rows(), 1)};
-    for (Index i = 0; i < mass.rows(); i += 2) even.sum += even.mass(i, 0) = mass(i, k);
-    const auto [mean, deviation] = moments(k);
-    const auto [even_mean, even_deviation] = even.moments(0);
-    if (deviation < k_least_deviation) return 1;
-    return std::max({std::abs(2 * even.sum / sum - 1), 0.2 * std::abs(even_mean - mean) / deviation,
-                     0.2 * std::abs(even_deviation / deviation - 1)});
-  }
-};
+/// How much even lines of axis k differ from all: in mass and, a fifth of it, in mean and standard deviation
+/// (in standard deviations). Of a Gaussian less than one per cent with a spacing of its standard deviation;
+/// its fourth power or so is what the whole grid errs by along this axis.
+double line_change(const Marginals& all, Index k) {
+  Marginals even(all.mass.rows(), 1);
+  for (Index i = 0; i < all.mass.rows(); i += 2) even.sum += even.mass(i, 0) = all.mass(i, k);
+  const auto [mean, deviation] = all.moments(k);
+  const auto [even_mean, even_deviation] = even.moments(0);
+  if (deviation < k_least_deviation) return 1;
+  return std::max({std::abs(2 * even.sum / all.sum - 1), 0.2 * std::abs(even_mean - mean) / deviation,
+                   0.2 * std::abs(even_deviation / deviation - 1)});
+}
 
 /// Of every node, or of every other.
 Marginals marginals(const Grid& grid, const std::vector<GridRun>& runs, const Eigen::VectorXd& weights,
                     bool all) {
-  const Index d = grid.dimension(), stride = all ? 1 : 2;
-  Marginals result{Eigen::MatrixXd::Zero(grid.count, d)};
-  for (const GridRun& run : runs) {
-    const Index first = all ? run.begin : run.begin + (run.begin + grid.every_other(run.row)) % 2;
-    const Index n = std::max<Index>((run.end - first + stride - 1) / stride, 0);
-    const auto of_run = weights(Eigen::seqN(run.at + first - run.begin, n, stride));
-    result.mass.col(d - 1)(Eigen::seqN(first, n, stride)) += of_run;
-    const double row = of_run.sum();
-    for (Index k = 0; k + 1 < d; ++k) result.mass(grid.place(run.row, k), k) += row;
-    result.sum += row;
-  }
+  Marginals result(grid.count, 3);
+  for (const GridRun& run : runs)
+    result.add(run, weights, all ? run.begin : run.begin + (run.begin + grid.every_other(run.row)) % 2,
+               all ? 1 : 2, grid.places(run.row));
   return result;
 }
 
@@ -384,7 +341,6 @@ Marginals marginals(const Grid& grid, const std::vector<GridRun>& runs, const Ei
 QuadraturePosterior integrate(const Grid& grid, const std::vector<GridRun>& runs,
                               const Eigen::VectorXd& values, Marginals& all) {
   QuadraturePosterior result;
-  const Index d = grid.dimension();
   const double top = values.maxCoeff();
   result.weights = (values.array() - top).exp();
   all = marginals(grid, runs, result.weights, true);
@@ -392,12 +348,9 @@ QuadraturePosterior integrate(const Grid& grid, const std::vector<GridRun>& runs
   result.weights /= all.sum;
   result.log_evidence = top + std::log(all.sum) + grid.spacing.array().log().sum();
   result.evidence_change = std::abs(std::log(2 * half.sum / all.sum));
-  for (Index k = 0; k < d; ++k) {
-    const auto [mean, deviation] = all.moments(k);
-    const auto [half_mean, half_deviation] = half.moments(k);
-    result.moment_change = std::max({result.moment_change, std::abs(half_mean - mean) / deviation,
-                                     std::abs(half_deviation / deviation - 1)});
-    result.line_change = std::max(result.line_change, all.line_change(k));
+  for (Index k = 0; k < 3; ++k) {
+    result.moment_change = std::max(result.moment_change, all.change_from(half, k));
+    result.line_change = std::max(result.line_change, line_change(all, k));
     result.mass_at_border +=
         (all.mass(0, k) + all.mass(grid.nodes[static_cast<std::size_t>(k)] - 1, k)) / all.sum;
   }
@@ -408,19 +361,17 @@ QuadraturePosterior integrate(const Grid& grid, const std::vector<GridRun>& runs
 /// The points, but those that carry nothing (together less than 1e-6 of the mass): forecasts look at every
 /// point there is.
 void take_points(QuadraturePosterior& posterior, const Grid& grid, std::vector<GridRun> runs) {
-  const Index d = grid.dimension();
   Eigen::VectorXd& weights = posterior.weights;
   const double floor = 1e-6 / static_cast<double>(weights.size());
   std::vector<Index> kept;
   kept.reserve(static_cast<std::size_t>(weights.size()));
   double sum = 0;
   for (const GridRun& run : runs) {
+    const auto [plane, line] = grid.places(run.row);
     const Index every_other = grid.every_other(run.row);
     for (Index i = run.begin, node = run.at; i < run.end; ++i, ++node) {
       if (weights[node] <= floor) continue;
-      auto& place = posterior.lattice.places.emplace_back();
-      for (Index k = 0; k + 1 < d; ++k) place[static_cast<std::size_t>(k)] = grid.place(run.row, k);
-      place[static_cast<std::size_t>(d - 1)] = i;
+      posterior.lattice.places.push_back({plane, line, i});
       if ((i + every_other) % 2 == 0) posterior.every_other.push_back(static_cast<Index>(kept.size()));
       kept.push_back(node);
       sum += weights[node];
@@ -435,23 +386,6 @@ void take_points(QuadraturePosterior& posterior, const Grid& grid, std::vector<G
   weights = std::move(of_points);
 }
 
-/// Marginal quantiles of z, d × levels.
-Eigen::MatrixXd quantiles(const Grid& grid, const Marginals& all) {
-  const Index d = grid.dimension();
-  Eigen::MatrixXd result(d, static_cast<Index>(k_quantile_levels.size()));
-  std::array<double, k_quantile_levels.size()> found{};
-  const auto span_of = [](const auto& column) {
-    return std::span(column.data(), static_cast<std::size_t>(column.size()));
-  };
-  const Eigen::MatrixXd lines = grid.axes();
-  for (Index k = 0; k < d; ++k) {
-    numerics::lattice_quantiles(span_of(lines.col(k)), span_of(all.mass.col(k)), k_spread * grid.spacing[k],
-                                k_quantile_levels, found);
-    result.row(k) = Eigen::Map<const Eigen::RowVectorXd>(found.data(), result.cols());
-  }
-  return result;
-}
-
 }  // namespace
 
 QuadraturePosterior filled_quadrature(sampling::LogDensity& target, const QuadratureOptions& options,
@@ -459,19 +393,19 @@ QuadraturePosterior filled_quadrature(sampling::LogDensity& target, const Quadra
   if (target.dimension() != 3) throw UsageError("filled_quadrature takes three parameters");
   GridDensity density(target, search);
   const Frame& frame = density.frame();
-  Eigen::VectorXd first = frame.first, last = frame.last, spacing = frame.spacing;
-  std::vector<Eigen::VectorXd> seeds = frame.modes;
+  Eigen::Vector3d first = frame.first, last = frame.last, spacing = frame.spacing;
+  std::vector<Eigen::Vector3d> seeds = frame.modes;
   std::ranges::move(scan(density, Grid(first, last, k_scan_every * spacing)), std::back_inserter(seeds));
   QuadraturePosterior result;
   result.evidence_change = std::numeric_limits<double>::infinity();
   for (int growths = 0, refinements = 0;;) {
     const Grid grid(first, last, spacing);
     Fill fill(density, grid, options.max_nodes);
-    for (const Eigen::VectorXd& u : seeds) fill.add_seed(u);
+    for (const Eigen::Vector3d& z : seeds) fill.add_seed(z);
     fill.run();
     if (fill.too_many()) break;
     if (grow(fill.touched(), first, last) && growths++ < k_max_growths) continue;
-    Marginals all;
+    Marginals all(0, 3);
     result = integrate(grid, fill.runs(), fill.values(), all);
     const bool settled = result.evidence_change < options.evidence_tolerance &&
                          result.moment_change < options.moment_tolerance &&
@@ -479,13 +413,15 @@ QuadraturePosterior filled_quadrature(sampling::LogDensity& target, const Quadra
     if (!settled && refinements++ < k_max_refinements) {
       // Finer along the axes that the grid's error comes from.
       Eigen::Array3d change;
-      for (Index k = 0; k < 3; ++k) change[k] = all.line_change(k);
+      for (Index k = 0; k < 3; ++k) change[k] = line_change(all, k);
       const double finer = std::min(k_line_change, 0.5 * change.maxCoeff());
       spacing = (change >= finer).select(spacing / 2, spacing).eval();
       continue;
     }
     take_points(result, grid, std::move(fill.runs()));
-    result.quantiles = quantiles(grid, all);
+    result.quantiles.resize(3, static_cast<Index>(numerics::k_quantile_levels.size()));
+    const Eigen::MatrixXd axes = grid.axes();
+    for (Index k = 0; k < 3; ++k) result.quantiles.row(k) = all.quantiles(k, axes.col(k));
     break;
   }
   result.evaluations = density.evaluations();

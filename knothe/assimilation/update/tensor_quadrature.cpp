@@ -8,6 +8,7 @@
 #include <cmath>
 #include <limits>
 
+#include "knothe/assimilation/update/lattice_rule.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
 
@@ -18,17 +19,12 @@ using Eigen::Index;
 using numerics::k_quantile_levels;
 using reduction::GridRun;
 
-/// Log-density below the maximum at which nodes count as empty: 2e-9 of a Gaussian's mass is beyond.
-constexpr double k_mask_depth = 20;
 /// Spacing of the first grid in standard deviations of the narrowest mode along its axes, others held. Half
 /// of it resolves a Gaussian to 1e-5 with every other node, and to rounding with all.
 constexpr double k_coarse_spacing = 1.2;
-constexpr double k_range = 8.5;  ///< of z; beyond it is less than 1e-16 of the prior
-constexpr Index k_block = 512;   ///< nodes evaluated at once
 constexpr int k_max_zooms = 8, k_max_growths = 60;
 constexpr double k_no_zoom = 0.55;      ///< a window that shrinks to more than this share of its width stays
 constexpr Index k_max_refinement = 32;  ///< fine intervals in a coarse one
-constexpr double k_spread = 1.3;        ///< of a node, for quantiles, in spacings
 
 /// Where the grid lies, and how its window is looked for.
 struct Frame {
@@ -52,8 +48,12 @@ struct Frame {
 };
 
 Frame frame_of_range(Index d, Index coarse_nodes) {
-  return {{},           {},     Eigen::VectorXd::Constant(d, -k_range), Eigen::VectorXd::Constant(d, k_range),
-          coarse_nodes, k_range};
+  return {{},
+          {},
+          Eigen::VectorXd::Constant(d, -k_lattice_range),
+          Eigen::VectorXd::Constant(d, k_lattice_range),
+          coarse_nodes,
+          k_lattice_range};
 }
 
 /// An orthogonal matrix (a reflection) whose rows have incommensurable entries. Nodes of a lattice along the
@@ -76,7 +76,7 @@ Frame frame_of_modes(sampling::CheckedDensity& target, const QuadratureOptions& 
   std::vector<sampling::Mode> modes;
   search.run(target, true, modes);
   const bool own_axes = options.axes == QuadratureOptions::Axes::parameters;
-  Frame frame{{}, {}, {}, {}, options.coarse_nodes, own_axes ? k_range : 1e300};
+  Frame frame{{}, {}, {}, {}, options.coarse_nodes, own_axes ? k_lattice_range : 1e300};
   if (!own_axes) {
     frame.centre = modes[0].point;
     frame.axes = modes[0].lower * turned_axes(d);
@@ -130,10 +130,6 @@ Grid make_grid(const Eigen::VectorXd& first, const Eigen::VectorXd& last, Index 
   return {first, (last - first) / static_cast<double>(count - 1), count};
 }
 
-Index size_of(const std::vector<GridRun>& runs) {
-  return runs.empty() ? 0 : runs.back().at + runs.back().end - runs.back().begin;
-}
-
 std::vector<GridRun> all_nodes(const Grid& grid) {
   std::vector<GridRun> runs;
   for (Index row = 0; row < grid.rows(); ++row) runs.push_back({row, 0, grid.count, row * grid.count});
@@ -162,13 +158,7 @@ class GridDensity {
       evaluations_ += values.size();
       return values;
     }
-    const Eigen::MatrixXd points = frame_.to_z(reduction::nodes_of(axes, runs));
-    // Few sizes of blocks: a target may keep workspace for each.
-    for (Index begin = 0, block = k_block; begin < values.size(); begin += block) {
-      while (block > values.size() - begin) block /= 2;
-      checked_.evaluate(points.middleRows(begin, block), 0, batch_);
-      values.segment(begin, block) = batch_.value;
-    }
+    evaluate_in_blocks(checked_, frame_.to_z(reduction::nodes_of(axes, runs)), batch_, values);
     return values;
   }
 
@@ -265,33 +255,17 @@ std::vector<GridRun> nodes_near_mass(const Grid& coarse, const Eigen::VectorXd& 
   return runs;
 }
 
-/// Weights of nodes gathered at the lines of each axis (count × d), and their sum.
-struct Marginals {
-  Eigen::MatrixXd mass;
-  double sum = 0;
-
-  /// Mean and standard deviation along axis k, in spacings.
-  [[nodiscard]] std::array<double, 2> moments(Index k) const {
-    const Eigen::ArrayXd at = Eigen::ArrayXd::LinSpaced(mass.rows(), 0, static_cast<double>(mass.rows() - 1));
-    const double mean = (mass.col(k).array() * at).sum() / sum;
-    return {mean, std::sqrt((mass.col(k).array() * (at - mean).square()).sum() / sum)};
-  }
-};
-
 /// Of every `stride`-th node along each axis.
 Marginals marginals(const Grid& grid, const std::vector<GridRun>& runs, const Eigen::VectorXd& weights,
                     Index stride) {
   const Index d = grid.dimension();
-  Marginals result{Eigen::MatrixXd::Zero(grid.count, d)};
+  Marginals result(grid.count, d);
+  std::array<Index, 3> row{};
   for (const GridRun& run : runs) {
     if (!grid.is_every(stride, run.row)) continue;
-    const Index first = (run.begin + stride - 1) / stride * stride;
-    const Index n = std::max<Index>((run.end - first + stride - 1) / stride, 0);
-    const auto of_run = weights(Eigen::seqN(run.at + first - run.begin, n, stride));
-    result.mass.col(d - 1)(Eigen::seqN(first, n, stride)) += of_run;
-    const double row = of_run.sum();
-    for (Index k = 0; k + 1 < d; ++k) result.mass(grid.place(run.row, k), k) += row;
-    result.sum += row;
+    for (Index k = 0; k + 1 < d; ++k) row[static_cast<std::size_t>(k)] = grid.place(run.row, k);
+    result.add(run, weights, (run.begin + stride - 1) / stride * stride, stride,
+               {row.data(), static_cast<std::size_t>(d - 1)});
   }
   return result;
 }
@@ -303,17 +277,14 @@ QuadraturePosterior integrate(const Grid& grid, const std::vector<GridRun>& runs
   const Index d = grid.dimension();
   const double top = values.maxCoeff();
   result.weights = (values.array() - top).exp();
-  const double sum = result.weights.sum();
   all = marginals(grid, runs, result.weights, 1);
   const Marginals half = marginals(grid, runs, result.weights, 2);
+  const double sum = all.sum;
   result.weights /= sum;
   result.log_evidence = top + std::log(sum) + grid.spacing.array().log().sum() + log_volume;
   result.evidence_change = std::abs(std::log(half.sum * std::pow(2.0, static_cast<double>(d)) / sum));
   for (Index k = 0; k < d; ++k) {
-    const auto [mean, deviation] = all.moments(k);
-    const auto [half_mean, half_deviation] = half.moments(k);
-    result.moment_change = std::max({result.moment_change, std::abs(half_mean - mean) / deviation,
-                                     std::abs(half_deviation / deviation - 1)});
+    result.moment_change = std::max(result.moment_change, all.change_from(half, k));
     result.mass_at_border += (all.mass(0, k) + all.mass(grid.count - 1, k)) / sum;
   }
   result.per_axis = grid.count;
@@ -358,22 +329,16 @@ Eigen::MatrixXd quantiles(const QuadraturePosterior& posterior, const Frame& fra
                           const Marginals& all) {
   const Index d = grid.dimension();
   Eigen::MatrixXd result(d, static_cast<Index>(k_quantile_levels.size()));
-  std::array<double, k_quantile_levels.size()> found{};
-  const auto span_of = [](const auto& column) {
-    return std::span(column.data(), static_cast<std::size_t>(column.size()));
-  };
   const Eigen::MatrixXd lines = grid.axes();
-  const Eigen::MatrixXd& points = posterior.turned_points;
+  const auto n = static_cast<std::size_t>(posterior.weights.size());
   for (Index k = 0; k < d; ++k) {
     if (frame.axes.size() == 0) {
-      numerics::lattice_quantiles(span_of(lines.col(k)), span_of(all.mass.col(k)), k_spread * grid.spacing[k],
-                                  k_quantile_levels, found);
+      result.row(k) = all.quantiles(k, lines.col(k));
     } else {
       const double spacing = (frame.axes.row(k).transpose().array() * grid.spacing.array()).matrix().norm();
-      numerics::lattice_quantiles(span_of(points.col(k)), span_of(posterior.weights), k_spread * spacing,
-                                  k_quantile_levels, found);
+      result.row(k) = quantiles_of_nodes({posterior.turned_points.col(k).data(), n},
+                                         {posterior.weights.data(), n}, spacing);
     }
-    result.row(k) = Eigen::Map<const Eigen::RowVectorXd>(found.data(), result.cols());
   }
   return result;
 }
@@ -411,7 +376,7 @@ QuadraturePosterior tensor_quadrature(sampling::LogDensity& target, const Quadra
   const Grid coarse = find_window(density, coarse_values);
   Grid grid = coarse;
   std::vector<GridRun> runs = all_nodes(coarse);
-  Marginals all;
+  Marginals all(0, d);
   QuadraturePosterior result = integrate(grid, runs, coarse_values, frame.log_volume(), all);
   const auto settled = [&] {
     return result.evidence_change < options.evidence_tolerance &&

@@ -243,7 +243,8 @@ std::optional<HttpResponse> Session::objection() const {
   if (encodings == 1 && head.version() < 11)
     return error_response(400, "NotHttp", "HTTP/1.0 knows no Transfer-Encoding");
   const bool posts = head.method() == http::verb::post;
-  if (head.count(http::field::host) > 1) return error_response(400, "NotHttp", "there is more than one Host");
+  if (const auto hosts = head.count(http::field::host); hosts > 1 || (hosts == 0 && head.version() >= 11))
+    return error_response(400, "NotHttp", "a request of HTTP/1.1 has one Host: header");
   if (posts && encodings == 0 && !has_length)
     return error_response(411, "LengthRequired", "the body has no Content-Length");
   if (!posts && (encodings > 0 || parser_->content_length().value_or(0) > 0))

@@ -1,0 +1,52 @@
+#pragma once
+/// @file What `tensor_quadrature` and `filled_quadrature` have in common: the target on the nodes of a
+/// lattice, and the marginals of the trapezoidal rule there.
+#include <Eigen/Core>
+#include <array>
+#include <span>
+#include <vector>
+
+#include "knothe/reduction/grid/grid_evaluator.hpp"
+#include "knothe/sampling/checked_density.hpp"
+#include "knothe/sampling/log_density.hpp"
+
+namespace knothe::assimilation {
+
+/// Log-density below the maximum at which nodes count as empty: 2e-9 of a Gaussian's mass is beyond.
+inline constexpr double k_mask_depth = 20;
+inline constexpr double k_lattice_range = 8.5;  ///< of z; beyond it is less than 1e-16 of the prior
+
+/// Number of nodes of the runs.
+[[nodiscard]] inline Eigen::Index size_of(const std::vector<reduction::GridRun>& runs) {
+  return runs.empty() ? 0 : runs.back().at + runs.back().end - runs.back().begin;
+}
+
+/// Log-density at the points (n × d), block by block: into `values`.
+void evaluate_in_blocks(sampling::CheckedDensity& target, const Eigen::MatrixXd& points,
+                        sampling::LogDensityBatch& workspace, Eigen::VectorXd& values);
+
+/// Weights of nodes gathered at the lines of each axis (nodes × d), and their sum.
+struct Marginals {
+  Eigen::MatrixXd mass;
+  double sum = 0;
+
+  Marginals(Eigen::Index nodes, Eigen::Index dimension) : mass(Eigen::MatrixXd::Zero(nodes, dimension)) {}
+  /// Every `stride`-th node of a run (weights of all nodes) from node `first` on; `row`: its nodes of the
+  /// other axes.
+  void add(const reduction::GridRun& run, const Eigen::VectorXd& weights, Eigen::Index first,
+           Eigen::Index stride, std::span<const Eigen::Index> row);
+  /// Mean and standard deviation along axis k, in spacings.
+  [[nodiscard]] std::array<double, 2> moments(Eigen::Index k) const;
+  /// The larger change, from `coarser` to these, of mean and standard deviation along axis k, in standard
+  /// deviations.
+  [[nodiscard]] double change_from(const Marginals& coarser, Eigen::Index k) const;
+  /// Quantiles (`numerics::k_quantile_levels`) of axis k, whose nodes are `line`.
+  [[nodiscard]] Eigen::RowVectorXd quantiles(Eigen::Index k,
+                                             const Eigen::Ref<const Eigen::VectorXd>& line) const;
+};
+
+/// Marginal quantiles (`numerics::k_quantile_levels`) of weighted nodes that lie `spacing` apart on average.
+[[nodiscard]] Eigen::RowVectorXd quantiles_of_nodes(std::span<const double> nodes,
+                                                    std::span<const double> weights, double spacing);
+
+}  // namespace knothe::assimilation
