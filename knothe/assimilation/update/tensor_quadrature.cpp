@@ -23,7 +23,8 @@ using reduction::GridRun;
 /// of it resolves a Gaussian to 1e-5 with every other node, and to rounding with all.
 constexpr double k_coarse_spacing = 1.2;
 constexpr int k_max_zooms = 8, k_max_growths = 60;
-constexpr double k_no_zoom = 0.55;      ///< a window that shrinks to more than this share of its width stays
+constexpr double k_no_zoom = 0.55;  ///< a window that shrinks to more than this share of its width stays
+constexpr Index k_enough_points = 40'000;
 constexpr Index k_max_refinement = 32;  ///< fine intervals in a coarse one
 
 /// Where the grid lies, and how its window is looked for.
@@ -291,22 +292,40 @@ QuadraturePosterior integrate(const Grid& grid, const std::vector<GridRun>& runs
   return result;
 }
 
-/// The points, but those that carry nothing (together less than 1e-6 of the mass): forecasts look at every
-/// point there is.
+/// Nodes along each axis from a point to the next: forecasts look at every point there is. More than one
+/// where there are more than enough nodes and the rule on the points says the same as that on all.
+Index stride_of_points(const Grid& grid, const std::vector<GridRun>& runs, const Eigen::VectorXd& weights,
+                       const Marginals& all) {
+  constexpr double k_same = 1e-6;  ///< log-evidence; moments in standard deviations
+  const Index d = grid.dimension();
+  Index stride = 1;
+  for (Index nodes = size_of(runs); nodes > k_enough_points; nodes >>= d, stride *= 2) {
+    const Marginals coarser = marginals(grid, runs, weights, 2 * stride);
+    const double cell = std::pow(static_cast<double>(2 * stride), static_cast<double>(d));
+    bool same = std::abs(std::log(coarser.sum * cell)) < k_same;
+    for (Index k = 0; k < d && same; ++k) same = all.change_from(coarser, k) < k_same;
+    if (!same) break;
+  }
+  return stride;
+}
+
+/// Every `stride`-th node as a point, but those that carry nothing (together less than 1e-6 of the mass).
 void take_points(QuadraturePosterior& posterior, const Frame& frame, const Grid& grid,
-                 std::vector<GridRun> runs) {
+                 std::vector<GridRun> runs, Index stride) {
   const bool has_lattice = grid.dimension() == 2 && frame.axes.size() == 0;
   Eigen::VectorXd& weights = posterior.weights;
   const double floor = 1e-6 / static_cast<double>(weights.size());
   std::vector<Index> kept;
-  kept.reserve(static_cast<std::size_t>(weights.size()));
   double sum = 0;
   for (const GridRun& run : runs) {
-    const bool is_every_other = grid.is_every(2, run.row);
-    for (Index i = run.begin, node = run.at; i < run.end; ++i, ++node) {
+    if (!grid.is_every(stride, run.row)) continue;
+    const bool is_every_other = grid.is_every(2 * stride, run.row);
+    for (Index i = (run.begin + stride - 1) / stride * stride; i < run.end; i += stride) {
+      const Index node = run.at + i - run.begin;
       if (weights[node] <= floor) continue;
       if (has_lattice) posterior.lattice.places.push_back({run.row, i, 0});
-      if (is_every_other && i % 2 == 0) posterior.every_other.push_back(static_cast<Index>(kept.size()));
+      if (is_every_other && i % (2 * stride) == 0)
+        posterior.every_other.push_back(static_cast<Index>(kept.size()));
       kept.push_back(node);
       sum += weights[node];
     }
@@ -320,7 +339,7 @@ void take_points(QuadraturePosterior& posterior, const Frame& frame, const Grid&
     posterior.turned_points = frame.to_z(reduction::nodes_of(grid.axes(), runs)(kept, Eigen::all));
   }
   weights = std::move(of_points);
-  posterior.cell = 2 * grid.spacing.asDiagonal().toDenseMatrix();
+  posterior.cell = static_cast<double>(2 * stride) * grid.spacing.asDiagonal().toDenseMatrix();
   if (frame.axes.size() > 0) posterior.cell = (frame.axes * posterior.cell).eval();
 }
 
@@ -335,7 +354,7 @@ Eigen::MatrixXd quantiles(const QuadraturePosterior& posterior, const Frame& fra
     if (frame.axes.size() == 0) {
       result.row(k) = all.quantiles(k, lines.col(k));
     } else {
-      const double spacing = (frame.axes.row(k).transpose().array() * grid.spacing.array()).matrix().norm();
+      const double spacing = 0.5 * posterior.cell.row(k).norm();
       result.row(k) = quantiles_of_nodes({posterior.turned_points.col(k).data(), n},
                                          {posterior.weights.data(), n}, spacing);
     }
@@ -393,7 +412,8 @@ QuadraturePosterior tensor_quadrature(sampling::LogDensity& target, const Quadra
     const Index next = size_of(runs) << d;
     if (settled() || done == k_max_refinement || next > options.max_nodes) break;
   }
-  take_points(result, frame, grid, std::move(runs));
+  const Index stride = stride_of_points(grid, runs, result.weights, all);
+  take_points(result, frame, grid, std::move(runs), stride);
   result.quantiles = quantiles(result, frame, grid, all);
   result.evaluations = density.evaluations();
   return result;

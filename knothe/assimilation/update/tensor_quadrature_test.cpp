@@ -69,6 +69,21 @@ TEST(TensorQuadrature, SeparatedModesAreAllThere) {
   EXPECT_NEAR(mean[1], 0.7 - 0.3, 1e-6);
 }
 
+TEST(TensorQuadrature, OfAFineGridNoMorePointsAreTakenThanCarryTheRule) {
+  Eigen::Matrix2d covariance;
+  covariance << 9e-4, 0.5 * 0.03 * 0.05, 0.5 * 0.03 * 0.05, 25e-4;
+  Mixture target({{1, Eigen::Vector2d(1.7, -2.2), covariance}});
+  const QuadraturePosterior q = tensor_quadrature(target, {.coarse_nodes = 301, .whole_range = true});
+  const Eigen::Vector2d mean = q.points().transpose() * q.weights;
+  const Eigen::MatrixXd e = q.points().rowwise() - mean.transpose();
+  EXPECT_GT(q.evaluations, 90'000);
+  EXPECT_LT(q.weights.size(), 40'000);
+  EXPECT_NEAR(q.weights.sum(), 1, 1e-12);
+  EXPECT_NEAR(q.weights(q.every_other).sum(), 0.25, 1e-3);
+  EXPECT_LT((mean - Eigen::Vector2d(1.7, -2.2)).norm(), 1e-6);
+  EXPECT_LT((e.transpose() * q.weights.asDiagonal() * e - covariance).cwiseAbs().maxCoeff(), 1e-5 * 25e-4);
+}
+
 TEST(FilledQuadrature, ARidgeAndASmallModeAwayFromIt) {
   // A ridge a fifth as wide as it is long, and a small mode away from it.
   Eigen::Matrix3d ridge;
