@@ -226,6 +226,12 @@ void CameraWatch::begin_to_keep() {
     const auto seen = table.numbers("time");
     for (std::size_t i = 0; i < names.size(); ++i)
       site_->pictures().show(seen[i], (folder / names[i]).string());
+    // Killed between the journal and the table: the last frame has no line yet.
+    const auto last = numbers_.last() ? stamp_of(*numbers_.last()) : std::nullopt;
+    if (!last || (names.empty() ? !std::filesystem::exists(folder / last->name) : names.back() == last->name))
+      return;
+    note_kept(*last);
+    site_->pictures().show(last->time, (folder / last->name).string());
   } catch (const std::exception& error) {
     intake_.refuse(options_.keep, fmt::format("frames cannot be kept: {}", error.what()));
   }
