@@ -60,8 +60,9 @@ def quadrature(log_likelihood, parameters, mean, covariance, nodes=17):
 
 
 def moments(weights, quantity):
-    """Mean and std of a function of the parameters; points of less than 1e-5 are left out."""
-    values = [(w, quantity(*point)) for point, w in weights.items() if w > 1e-5]
+    """Mean and std of a function of the parameters; points of less than 1e-4 of the highest density are left out."""
+    least = 1e-4 * max(weights.values())
+    values = [(w, quantity(*point)) for point, w in weights.items() if w > least]
     total = sum(w for w, _ in values)
     centre = sum(w * value for w, value in values) / total
     return centre, math.sqrt(sum(w * (value - centre) ** 2 for w, value in values) / total)
@@ -337,7 +338,7 @@ class Test(Case):
 
         # Nearly the whole box, whose edges cut the density off: a fine grid.
         box = [(0, 1e9, 0.4, 1.2), (0, 1e9, 0.01, 0.61)]
-        exact = quadrature(log_likelihood, box, [0.8, 0.31], [[0.01, 0], [0, 0.0036]], nodes=401)
+        exact, _ = quadrature(log_likelihood, box, [0.8, 0.31], [[0.01, 0], [0, 0.0036]], nodes=401)
         for k in (0, 1):
             self.assertLess(abs(line["mean"][k] - exact[k][0]), 0.2 * exact[k][1])
             self.assertLess(abs(math.sqrt(line["covariance"][k][k]) / exact[k][1] - 1), 0.2)
