@@ -44,7 +44,7 @@ CLI::App& add_command(CLI::App& parent, BuildArguments& arguments) {
   command.add_option("--refine", arguments.refine,
                      "results folder: refines the project's model around its last posterior");
   command.add_option("--share", arguments.share,
-                     "I/N: only the runs of share I (from 0) of N, an array of jobs; then without it");
+                     "I/N: compute only share I (from 0) of N, for a job array; then run once without it");
   command.add_flag("--study", arguments.study,
                    "also the errors that other numbers of modes would have, in both forms; takes longer");
   command.add_flag("--json", arguments.json, "JSON lines on stdout");

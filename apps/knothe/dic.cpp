@@ -94,7 +94,9 @@ void add_dic(CLI::App& app, Command& chosen) {
       .add_option("--saturation", arguments.saturation,
                   "grey level from which a pixel is left out; default: the highest of the pictures")
       ->check(positive_number());
-  command.add_option("--at", files.at, "CSV x,y: points of the reference picture to give displacements at");
+  command.add_option("--at", files.at,
+                     "CSV file (header x,y): points of the reference picture at which to output "
+                     "displacements");
   command.add_flag("--grey", arguments.grey, "use the luminance of colour pictures");
   command.add_option("-o,--output", files.output,
                      ".h5, .vtu or .pvd; with --at a CSV file, or a folder for several pictures");
@@ -102,8 +104,9 @@ void add_dic(CLI::App& app, Command& chosen) {
   command.add_flag("--pattern", arguments.pattern,
                    "before a test: is the speckle of the reference picture good enough, and how accurate "
                    "will the measurement be?");
-  command.add_option("--table", files.table,
-                     "file (.txt, .json, .html) for the settings and noise floor that a report should hold");
+  command.add_option(
+      "--table", files.table,
+      "file (.txt, .json, .html) for the settings and noise floor to include in a test report");
   command.add_flag("--resume", files.resume,
                    "continue with the pictures that are not in the output file (.h5) yet");
   command.add_flag("--crack", arguments.crack, "path, opening and tip of a crack in every picture");

@@ -36,13 +36,15 @@ int forecast(const ForecastArguments& arguments) {
   for (const forecast::NamedForecast& named : forecasts) {
     fmt::print("  {}\n", report::forecast_text(named));
     if (named.bridge_residual_rms) {
-      fmt::print("    the elastic crack differs from the predicted field by {:.2g} µm, sensor by sensor\n",
-                 *named.bridge_residual_rms * 1e6);
+      fmt::print(
+          "    rms difference between the elastic crack and the predicted displacements at the sensors: "
+          "{:.2g} µm\n",
+          *named.bridge_residual_rms * 1e6);
     }
   }
   for (const forecast::NamedForecast& named : published) {
-    fmt::print("  {} by Eq. 33, the predicted field treated as normal: {}\n", named.name,
-               report::value_text(named.forecast.mean, named.forecast.std, "m"));
+    fmt::print("  {} by Eq. 33 of the paper (Gaussian approximation of the predicted field): {}\n",
+               named.name, report::value_text(named.forecast.mean, named.forecast.std, "m"));
   }
   return 0;
 }

@@ -64,9 +64,10 @@ void add_model_commands(CLI::App& app, Command& chosen) {
   evaluate_command.add_option("MODEL", evaluate.model, "model file")->required();
   evaluate_command.add_option("--at", evaluate.at, "NAME=VALUE,… for every parameter")->required();
   evaluate_command.add_option("--step", evaluate.step, "index of the time step, from 0")->required();
-  evaluate_command.add_option("--dofs", evaluate.dofs, "indices of dofs; all without it")->delimiter(',');
+  evaluate_command.add_option("--dofs", evaluate.dofs, "indices of dofs (default: all)")->delimiter(',');
   evaluate_command.add_flag("--derivatives", evaluate.derivatives, "gradient and Hessian too");
-  evaluate_command.add_flag("--json", evaluate.json, "one line of JSON");
+  evaluate_command.add_flag("--json", evaluate.json,
+                            "print the line of JSON with -o too (without -o it is always printed)");
   evaluate_command.add_option("-o,--output", evaluate.output, "field file to write (.vtu)");
 
   CLI::App& import_command =

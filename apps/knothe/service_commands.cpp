@@ -15,9 +15,9 @@ void add_serve(CLI::App& app, Command& chosen) {
   command.add_option("--port", port, "port to listen at, 0 for a free one; overrides [serve] port")
       ->check(CLI::Range(0, 65535));
   command.add_option("--test", arguments.test,
-                     "name of the test to begin with, or to go on with: letters, digits, - and _; its "
-                     "journal is NAME.TEST.journal. Default: the one without a name. Where another has "
-                     "followed it in a running service (POST /v1/tests), that one is served");
+                     "name of the test to start or resume: letters, digits, - and _; its journal is "
+                     "NAME.TEST.journal. Default: the one without a name. If the running service has since "
+                     "moved on to another test (POST /v1/tests), that test is served");
   command.add_flag("--strict-deadline", arguments.strict_deadline,
                    "stop with status 7 at the first update that exceeds its budget");
   command.callback([&chosen] {

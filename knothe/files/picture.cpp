@@ -181,7 +181,7 @@ Picture read_picture(const std::string& path, Colour colour) {
   if (begins_with(bytes, "BM")) return read_bmp(path, bytes, colour);
   for (const char* kind : {"P2", "P3", "P5", "P6"})
     if (begins_with(bytes, kind)) return read_pgm(path, bytes, colour);
-  fail(path, "not a picture that can be read: TIFF, PNG, JPEG, BMP and PGM are");
+  fail(path, "unsupported picture format; TIFF, PNG, JPEG, BMP and PGM can be read");
 }
 
 }  // namespace knothe::files

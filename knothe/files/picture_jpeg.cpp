@@ -44,8 +44,8 @@ Picture picture_formats::read_jpeg(const std::string& path, const std::string& b
   jpeg.out_color_space = grey ? JCS_GRAYSCALE : JCS_RGB;
   Picture picture = sized(path, jpeg.image_width, jpeg.image_height, 8, bytes.size());
   picture.remark = fmt::format(
-      "{}: a JPEG: its compression has changed the grey levels that displacements are measured by, and its "
-      "noise is not white; save TIFF or PNG where the camera can",
+      "{}: a JPEG: compression has altered the grey levels that the correlation uses, so the stated noise is "
+      "unreliable; save TIFF or PNG if the camera can",
       path);
   jpeg_start_decompress(&jpeg);
   std::vector<unsigned char> row(static_cast<std::size_t>(picture.width) * (grey ? 1 : 3));

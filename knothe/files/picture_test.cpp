@@ -213,7 +213,7 @@ TEST(Picture, JpegIsReadWithARemark) {
     ASSERT_EQ(p.pixels.size(), 256U);
     for (int y = 0; y < 16; ++y)
       for (int x = 0; x < 16; ++x) EXPECT_NEAR(p.at(x, y), 100 + 4 * x + 3 * y, 2) << components;
-    EXPECT_THAT(p.remark, HasSubstr("a.jpg: a JPEG: its compression has changed the grey levels"));
+    EXPECT_THAT(p.remark, HasSubstr("a.jpg: a JPEG: compression has altered the grey levels"));
   }
   write_jpeg(path, 3, 60);
   EXPECT_THAT(reason(path), HasSubstr("a picture in colour"));
@@ -233,7 +233,7 @@ TEST(Picture, SaysWhyAFileCannotBeRead) {
   EXPECT_THAT(reason(folder.file("empty.tif")), EndsWith("the file is empty"));
   write_text_atomically(folder.file("text.tif"), "this is not a picture at all");
   EXPECT_THAT(reason(folder.file("text.tif")),
-              EndsWith("not a picture that can be read: TIFF, PNG, JPEG, BMP and PGM are"));
+              EndsWith("unsupported picture format; TIFF, PNG, JPEG, BMP and PGM can be read"));
   write_text_atomically(folder.file("colour.pgm"), "P6\n1 1\n255\nabc");
   EXPECT_THAT(reason(folder.file("colour.pgm")),
               HasSubstr("a picture in colour; image correlation needs grey levels"));

@@ -267,7 +267,8 @@ SolvedGrid solve_adaptive_grid(const project::Project& project, simulator::Simul
   warn_if_missed(selected, options);
   const std::size_t held_out = selected.held_out_points.size();
   const std::size_t made = selected.points.size() + held_out + selected.failed;
-  output.text(fmt::format("{} full-order runs, {} of them kept from before", made, made - runs.computed()));
+  output.text(
+      fmt::format("{} full-order runs ({} reused from an earlier call)", made, made - runs.computed()));
   Snapshots frame = runs.frame();
   frame.axes = model_axes(selected, priors, axes, options.shift);
   const std::vector<Snapshots> solutions = runs.solutions(held_out, selected.points.size());

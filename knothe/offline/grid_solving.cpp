@@ -35,7 +35,7 @@ SolvedGrid run_grid(simulator::Simulator& solver, const simulator::RunGrid& grid
     resumed += run.resumed ? 1 : 0;
     report_run(run, output);
   }
-  output.text(fmt::format("{} full-order runs, {} of them kept from before", runs.runs.size(), resumed));
+  output.text(fmt::format("{} full-order runs ({} reused from an earlier call)", runs.runs.size(), resumed));
   return solved;
 }
 

@@ -88,8 +88,8 @@ void make_share(const project::Project& project, simulator::Simulator& solver, c
   std::size_t computed = 0;
   if (!own.empty()) computed = simulator::run_points(solver, grid, own).computed.size();
   output.line({{"done", true}, {"share", options.share}, {"runs", own.size()}, {"computed", computed}},
-              fmt::format("share {}: {} of {} runs, {} of them kept from before. After all shares the same "
-                          "command without --share makes the model",
+              fmt::format("share {}: {} of {} runs ({} reused from an earlier call). After all shares, run "
+                          "the same command without --share to make the model",
                           options.share, own.size(), points.size(), own.size() - computed));
 }
 

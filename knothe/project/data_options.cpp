@@ -30,8 +30,8 @@ const Section<SensorOptions>& sensor_section() {
   using S = SensorOptions;
   static const Section<S> k_section("data.sensors.*", "A sensor of that name.", [](Section<S>& s) {
     s.add("kind", &S::kind,
-          "How far two points move apart: by their distance (`strain`), in metres (`opening`); or a sum of "
-          "displacements (`combination`).",
+          "Relative displacement of two points along the line between them, divided by their distance "
+          "(`strain`) or in metres (`opening`); or a weighted sum of displacements (`combination`).",
           required);
     s.add("from", &S::from, "First point of a strain gauge or an opening, [x, y, z], m.");
     s.add("to", &S::to, "Second point of it.");
@@ -60,10 +60,11 @@ const Section<ParameterOptions>& parameter_section() {
                                                           {std::nullopt, "known"}});
   static const Section<P> k_section(
       "parameters.*", "Prior of the parameter of that name.", [](Section<P>& s) {
-        s.choice("prior", &P::family, k_priors,
-                 "Family of the prior; or a parameter that is not inferred (`known`), a temperature say: the "
-                 "data file has its value at each time as a series of its name (`knothe assimilate`).",
-                 required);
+        s.choice(
+            "prior", &P::family, k_priors,
+            "Family of the prior; or `known`: a parameter that is not inferred, for example a temperature, "
+            "whose value at each time is the series of its name in the data file (`knothe assimilate`).",
+            required);
         s.add("value", &P::value,
               "Known parameter: its value for forecasts and fields; without it, the last one measured.");
         s.add("mean", &P::mean, "Mean of a normal prior, before truncation to the model's box.", no_default);
@@ -166,8 +167,8 @@ Prior prior_of(Values& values, const ParameterOptions& o, const std::string& pat
 std::vector<Option> data_option_table() {
   return joined(
       Section<SensorOptions>("data.sensors",
-                             "Sensors made of displacements; the data file has their values as a "
-                             "series of the same name."),
+                             "Sensors that are combinations of displacements; the data file has their values "
+                             "as a series of the same name."),
       sensor_section(),
       Section<ParameterOptions>("parameters",
                                 "One table per parameter of the model; their order is the order everywhere."),

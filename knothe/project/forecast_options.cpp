@@ -19,7 +19,7 @@ const Section<F>& forecast_section() {
     s.add("prior.std", &F::prior_std, "Prior standard deviation of the equivalent elastic crack length, m.",
           positive, required);
     s.add("discrepancy_std", &F::discrepancy_std,
-          "Discrepancy between damage model and elastic crack, sensor by sensor, for Eq. 33, m; left out: "
+          "Discrepancy between damage model and elastic crack at each sensor, for Eq. 33, m; without it, "
           "estimated with the length.",
           positive);
     s.add("length_offset", &F::length_offset,

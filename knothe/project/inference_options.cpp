@@ -18,13 +18,13 @@ const Section<UmbridgeOptions>& umbridge_section() {
     s.add("name", &U::name, "Name of the server's model; not needed if it has only one.");
     s.add("config", &U::config, "Passed through to the server with every request.", free_table);
     s.add("timeout", &U::timeout, "Longest time that a request may take, s.", positive);
-    s.add("connections", &U::connections, "Requests made side by side, 1 to 64.", at_least(1), at_most(64));
+    s.add("connections", &U::connections, "Number of parallel requests, 1 to 64.", at_least(1), at_most(64));
     s.choice("kind", &U::density, "forward", "density",
              "Predictions of the observations, or one number: the complete log posterior density.");
     s.choice("derivatives", &U::derivatives, k_derivatives,
-             "Derivatives to ask the server for, of those that it says it has.");
+             "Which of the derivatives that the server offers are requested.");
     s.add("difference_step", &U::difference_step,
-          "Step of central differences, in units of the prior's scale, where the server has no derivatives.",
+          "Step of central differences, in units of the prior's scale, if the server has no derivatives.",
           positive, check([](double v) { return v < 0.1; }, "\"{}\" must be below 0.1"));
   });
   return k_section;

@@ -46,11 +46,11 @@ void add_verification_options(Section<M>& s) {
 
 void add_change_options(Section<M>& s) {
   s.add("forgetting", in(&M::update, &U::forgetting),
-        "A structure that changes: before each datum the likelihood of those before it is raised to this "
-        "power, at most 1.",
+        "For a structure that changes: before each datum the likelihood of the earlier data is raised to "
+        "this power, at most 1.",
         positive, at_most(1, ", which forgets nothing"));
   s.add("change_points", in(&M::update, &U::change_points),
-        "Steps before which the structure changed: data before them count by `change_retention` only.",
+        "Steps before which the structure changed: earlier data count only to the power `change_retention`.",
         of_shape("steps, 0, 1, 2 …"));
   s.add("change_retention", in(&M::update, &U::change_retention),
         "Power to which the likelihood of the data before a change is raised; 0: the posterior restarts from "
@@ -72,16 +72,16 @@ void add_bias_options(Section<M>& s) {
                                  {{Bias::Way::modes, Extrapolation::gaussian_process}, "gaussian-process"},
                                  {{Bias::Way::pointwise, Extrapolation::polynomial}, "pointwise"}});
   s.add("bias_correction", in(&M::update, &U::bias_correction),
-        "Correction of model bias: never, at every step, or from when the evidence monitor finds that the "
-        "model does not explain the data until it does again.");
+        "Correction of model bias: never; at every step; or from the step at which the evidence monitor "
+        "finds that the model does not explain the data, until it does again.");
   s.choice(
       "bias_extrapolation", [](M& m) { return std::tie(m.update.bias.way, m.update.bias.extrapolation); },
       k_ways,
       "How the bias is extrapolated to the next time: inferred together with the parameters and integrated "
-      "out (`joint`); as the last residual; its time modes by a polynomial (`linear`), a damped trend or a "
-      "Gaussian process, the recent errors of these modes added to the covariance; by the polynomial without "
-      "that addition, as in the paper (`published`); or each sensor by itself along a line through its last "
-      "two residuals.");
+      "out (`joint`); or from the last residuals: their time modes by a polynomial (`linear`), a damped "
+      "trend or a Gaussian process, with the recent errors of these modes added to the covariance; by the "
+      "polynomial without that addition, as in the paper (`published`); or each sensor separately along a "
+      "line through its last two residuals (`pointwise`).");
   s.add("bias_memory", in(&M::update, &U::bias, &Bias::memory),
         "`joint`: correlation length of the bias, in steps.", positive);
   s.add("bias_rank", in(&M::update, &U::bias, &Bias::rank),
@@ -102,27 +102,27 @@ void add_map_options(Section<M>& s) {
         at_least(1), at_most(23));
   s.add("minimiser", in(&M::update, &U::map, &Map::minimiser),
         "Minimiser of the Kullback-Leibler divergence.");
-  s.add("samples", &M::samples, "Draws that `knothe infer` leaves, at least 100.", at_least(100));
+  s.add("samples", &M::samples, "Number of draws that `knothe infer` writes, at least 100.", at_least(100));
   s.add("verification_points", &M::verification_points,
         "`knothe infer`: points on which a map is verified and corrected, at least 64; each is an evaluation "
         "of the model.",
         at_least(64));
   s.add("mode_search", &M::mode_search,
-        "How far `knothe infer` looks for mass that its map misses: particles that come from three times the "
-        "priors' width (some thousands of evaluations of the model), or ascents from several starts alone "
-        "(hundreds).");
+        "How `knothe infer` searches for probability mass that its map misses: by particles that start from "
+        "three times the priors' width (a few thousand model evaluations), or only by ascents from several "
+        "starting points (hundreds).");
   s.add("seed", &M::seed, "Seed of quasi-random points, chains and particles.");
 }
 
 const Section<M>& method_section() {
   static const Section<M> k_section("method", "How the posterior is computed.", [](Section<M>& s) {
-    s.add(
-        "kind", &M::kind,
-        "`auto`: the cheapest way whose accuracy is verified: quadrature around the modes (up to 3 "
-        "parameters), weighted draws (3 to 8), else the transport map, which `form = \"composed\"` always "
-        "takes; for `knothe infer` weighted draws, but of a reduced model with up to 3 parameters the map. "
-        "Transport map; dense quadrature on a grid (at most 3 parameters); Markov chain and sequential Monte "
-        "Carlo; for `knothe assimilate` also the extended, unscented and ensemble Kalman filter.");
+    s.add("kind", &M::kind,
+          "`auto`: the cheapest method whose accuracy is verified: quadrature around the modes (up to 3 "
+          "parameters), weighted draws (3 to 8), otherwise the transport map, which is always used with "
+          "`form = \"composed\"`; for `knothe infer` weighted draws, but the map for a reduced model with up "
+          "to 3 parameters. Transport map; dense quadrature on a grid (at most 3 parameters); Markov chain "
+          "and sequential Monte Carlo; for `knothe assimilate` also the extended, unscented and ensemble "
+          "Kalman filter.");
     add_map_options(s);
     add_noise_options(s);
     add_verification_options(s);

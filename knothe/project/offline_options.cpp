@@ -51,8 +51,8 @@ void add_body_options(Section<O>& s) {
   s.add("damage.internal_length", &O::internal_length,
         "Gradient: length over which strain is averaged, m; at least two elements.", positive);
   s.add("time", in(&O::time, &simulator::TimeAxis::output),
-        "Output of the solver that takes the place of time, e.g. `\"crack_mouth_opening\"`: it must grow in "
-        "every run, which is then resampled at `time_values` (docs/explanation/mechanics.md).");
+        "Output of the solver that replaces time, e.g. `\"crack_mouth_opening\"`: it must grow in every run, "
+        "which is then resampled at `time_values` (docs/explanation/mechanics.md).");
   s.add("time_values", in(&O::time, &simulator::TimeAxis::values),
         "Values of that output that are the model's times, increasing, in its unit (SI).");
   s.add("steps", &O::steps, "Number of load steps.", at_least(1));
@@ -64,35 +64,38 @@ void add_body_options(Section<O>& s) {
 }
 
 void add_reduction_options(Section<O>& s) {
-  s.add("processes", &O::processes, "Processes that compute full-order runs side by side.", at_least(1));
+  s.add("processes", &O::processes, "Number of processes that compute full-order runs in parallel.",
+        at_least(1));
   s.choice("failed_runs", &O::leave_out_failed, "stop", "leave-out",
-           "Where a full-order run fails: no model is made; or that run is told and left out, with the nodes "
-           "of the grid that it needs, or with the degrees of `grid_shift` that build on it.");
+           "What happens if a full-order run fails: no model is made; or the run is reported and left out, "
+           "together with the grid nodes that depend on it, or with the degrees of `grid_shift` that build "
+           "on it.");
   s.add("form", &O::form, "Form of the separated model.");
   s.add("modes", &O::modes, "Number of modes (tree: r, canonical: m).", at_least(1));
   s.add("sparse_level", &O::sparse_level,
         "Full-order runs at the points of a sparse grid of this level only (for four parameters and more); "
         "the others of the tensor grid are interpolated. Default: all points.");
-  s.table("adaptive", "Sizes of the reduced model chosen by its error instead of given.");
+  s.table("adaptive", "Sizes of the reduced model chosen by its error instead of being given.");
   s.add("adaptive.error", &O::adaptive_error,
-        "Modes are added until no observed dof is off by more at any grid point and step, m; `modes` is not "
-        "used.",
+        "Modes are added until no observed dof is off by more than this at any grid point and step, m; "
+        "`modes` is not used.",
         positive);
   s.add("adaptive.posterior_shift", &O::adaptive_shift,
-        "Modes are added until the posterior mean of synthetic data moves by less at every step, in its "
-        "standard deviation, at three truths (needs [parameters] and [simulate]); `modes` is not used.",
+        "Modes are added until the error of the model shifts the posterior mean of synthetic data by less "
+        "than this at every step, in posterior standard deviations, for three sets of true parameters (needs "
+        "[parameters] and [simulate]); `modes` is not used.",
         positive);
   s.add("adaptive.grid_error", &O::adaptive_grid_error,
-        "The level of a sparse grid rises, then nodes are added to the parameter grid, until it meets four "
-        "full-order runs off the grid to this on the observed dofs, m.",
+        "The level of a sparse grid rises, then nodes are added to the parameter grid, until the model "
+        "agrees with four full-order runs off the grid to within this value at the observed dofs, m.",
         positive);
   s.add("adaptive.grid_shift", &O::adaptive_grid_shift,
-        "Full-order runs are chosen one round after the other, until the error of the model between them "
-        "moves the posterior of the planned sensors by less, in its standard deviation "
+        "Full-order runs are chosen in rounds, until the error of the model between them shifts the "
+        "posterior of the planned sensors by less than this, in posterior standard deviations "
         "(docs/explanation/adaptive-runs.md; needs [parameters] and [simulate]); `nodes` is not used.",
         positive);
   s.add("adaptive.runs", &O::adaptive_runs,
-        "Largest number of grid points then; with `grid_shift`, of runs in all.");
+        "With `grid_error`, maximum number of grid points; with `grid_shift`, maximum number of runs.");
   s.add("crack_lengths", &O::crack_lengths, "Elastic crack solutions, 1 mm apart from 0; 0 for none.",
         check([](double v) { return v <= 80; }, "the ligament is 80 mm high: at most 80 lengths"));
 }
@@ -104,27 +107,29 @@ const Section<simulator::CommandOptions>& command_section() {
       "offline.command",
       "Another program as full-order model, instead of the beam (docs/tutorials/own-solver.md).",
       [](Section<C>& s) {
-        s.add(
-            "run", &C::run,
-            "Program and arguments, run in a working folder of its own for each solution. In these words and "
-            "in the templates `{{NAME}}` is the parameter's physical value, `{{NAME:.8e}}` that in a format.",
-            required);
-        s.add("templates", &C::templates, "Files that are filled and put into the working folder.", file);
+        s.add("run", &C::run,
+              "Program and arguments, run in a separate working folder for each solution. In these words and "
+              "in the templates `{{NAME}}` is replaced by the parameter's physical value, `{{NAME:.8e}}` by "
+              "the same in that format.",
+              required);
+        s.add("templates", &C::templates,
+              "Files whose placeholders are filled in and that are then put into the working folder.", file);
         s.add("files", &C::files, "Files that are linked into the working folder as they are.", file);
         s.add("field", in(&C::result, &R::field),
-              "File that the run leaves its solution in: `.csv` (a column `time`, one for each quantity), "
+              "File in which the run leaves its solution: `.csv` (a column `time`, one for each quantity), "
               "`.npy` [times, dofs] or `.h5` (snapshots of one point).",
               required);
         s.add("quantity", in(&C::result, &R::quantity),
-              "Field of that file, where it has several; the displacement otherwise.");
+              "Field to be read, if the file has several; the displacement otherwise.");
         s.add("outputs", in(&C::result, &R::outputs),
-              "CSV file that the run leaves further scalars in: a column `time`, one for each.");
-        s.add("times", in(&C::result, &R::times), "Model times, where the file has none.");
-        s.add("names", in(&C::result, &R::names), "`.npy`: name of each column, a quantity without a place.");
+              "CSV file in which the run leaves further scalars: a column `time`, one for each.");
+        s.add("times", in(&C::result, &R::times), "Model times, if the file has none.");
+        s.add("names", in(&C::result, &R::names),
+              "`.npy`: name of each column, a quantity without a position.");
         s.add("units", in(&C::result, &R::units), "`.npy`: unit of each of these.");
         s.add("points", in(&C::result, &R::points),
-              "`.npy`: CSV file `x,y,z,component` with the place of each column, instead of names.", file);
-        s.add("time_limit", &C::time_limit_s, "Seconds after which an attempt is ended; 0: never.",
+              "`.npy`: CSV file `x,y,z,component` with the position of each column, instead of names.", file);
+        s.add("time_limit", &C::time_limit_s, "Seconds after which an attempt is killed; 0: no limit.",
               non_negative);
         s.add("retries", &C::retries, "Further attempts at a run that has failed.");
       });
@@ -140,9 +145,9 @@ const Section<UmbridgeSource>& umbridge_section() {
       "quantities at the first time, at the second, …",
       [](Section<U>& s) {
         s.add("url", &U::url, "Address of the server, `\"http://HOST:PORT\"`.", required);
-        s.add("name", &U::name, "Name of the model, where the server has several.");
+        s.add("name", &U::name, "Name of the model, if the server has several.");
         s.add("config", &U::config, "Passed through to the model.", free_table);
-        s.add("timeout", &U::timeout, "Seconds after which a request has failed.", positive);
+        s.add("timeout", &U::timeout, "Seconds after which a request counts as failed.", positive);
         s.add("times", &U::times, "Model times of the outputs.", required);
         s.add("names", &U::names, "Name of each quantity.", required);
         s.add("units", &U::units, "Unit of each quantity.");
@@ -172,13 +177,13 @@ const Section<P>& parameter_section() {
           "and with it priors and truth, are then in the parameter's own unit.",
           positive, no_default);
     s.add("lower", &P::lower,
-          "Lower end of the axis, in multiples of the reference; positive, but for load_offset and with "
+          "Lower end of the axis, in multiples of the reference; positive, except for load_offset and with "
           "another solver.",
           required);
     s.add("upper", &P::upper, "Upper end of the axis, likewise.", required);
     s.add("nodes", &P::nodes, "Nodes of the axis, evenly spaced, at least 2.", at_least(2));
     s.add("units", &P::units, "Another solver: unit of the parameter, \"N/m\".");
-    s.add("long_name", &P::long_name, "Another solver: what the parameter is, in words.");
+    s.add("long_name", &P::long_name, "Another solver: description of the parameter.");
   });
   return k_section;
 }

@@ -40,13 +40,14 @@ constexpr const char* k_points = "points of two numbers each, [[x, y], [x, y]]";
 
 void add_picture_options(Section<G>& s) {
   s.add("references", &G::references,
-        "Pictures of the unloaded surface; several are averaged, and their differences tell the noise.");
-  s.add("pictures", &G::pictures, "Deformed pictures, where there is no `[data] pictures`.");
+        "Pictures of the unloaded surface; several are averaged, and the noise is estimated from their "
+        "differences.");
+  s.add("pictures", &G::pictures, "Deformed pictures, if there is no `[data] pictures`.");
   s.add("mask", in(&G::series, &Series::mask), "Picture that is 0 where the surface is not to be measured.",
         file);
   s.add("roi", &G::roi,
-        "Two opposite corners of the mesh, [x0, y0, x1, y1], px, inclusive; default: the mask's, or the "
-        "largest rectangle that has a pattern, or the picture less 10 px.",
+        "Two opposite corners of the mesh, [x0, y0, x1, y1], px, inclusive; default: those of the mask, or "
+        "of the largest rectangle that has a pattern, or of the picture less a margin of 10 px.",
         of_shape("two opposite corners, [x0, y0, x1, y1], px"), no_default);
   s.choice("mesh", &G::model_mesh, "region", "model",
            "Elements over the region, or the model's own surface mesh (needs the model and a scale): the "
@@ -59,8 +60,8 @@ void add_picture_options(Section<G>& s) {
            "Unit of that file: pixels of the reference picture (y down), or metres in the model's frame "
            "(needs a scale).");
   s.add("outline_margin", in(&G::series, &Series::outline_margin),
-        "Width of the band along the outline of the model's mesh, or a file's, that is not used, px: the "
-        "edge of the body.",
+        "Width of the band along the outline of the model's mesh, or of a mesh file, that is not used "
+        "because it shows the edge of the body, px.",
         non_negative);
   s.add("element_size", in(&G::series, &Series::element_size),
         "Size of the elements, px; adjusted to divide the region.", positive,
@@ -117,30 +118,32 @@ void add_crack_and_drift_options(Section<G>& s) {
         "the mesh.",
         of_shape(k_pair));
   s.add("drift", in(&G::series, &Series::drift),
-        "Motion of the camera against the body, of each picture by itself, that the likelihood leaves out: a "
-        "shift, or a shift and a turn (rigid).");
+        "Motion of the camera relative to the body, separate for each picture, that the likelihood leaves "
+        "out: a shift, or a shift and a rotation (rigid).");
   s.add("drift_std", in(&G::series, &Series::drift_std),
         "Prior standard deviation of such a motion, px; a large one carries no information.", positive);
 }
 
 void add_registration_options(Section<G>& s) {
-  s.choice("registration", &G::by_outline, "given", "outline",
-           "Where the picture is in the model: given, by scale and origin or pixels and points, or fitted to "
-           "the body's outline, beginning there; with nothing given the body must be wholly in view.");
+  s.choice(
+      "registration", &G::by_outline, "given", "outline",
+      "Position of the picture in the model: given by scale and origin or by pixels and points; or fitted to "
+      "the body's outline, starting from these values. If none are given, the whole body must be in view.");
   s.add("outline", in(&G::fit, &OutlineRegistration::corners),
         "Corners of the body's face, [[right, up], …], m, one after the other; default: the model's face.",
         of_shape(k_points));
-  s.add("outline_picture", in(&G::fit, &OutlineRegistration::picture),
-        "Picture in which the outline is looked for, e.g. a mask of the body; default: the first reference.",
-        file);
+  s.add(
+      "outline_picture", in(&G::fit, &OutlineRegistration::picture),
+      "Picture in which the outline is searched for, e.g. a mask of the body; default: the first reference.",
+      file);
   s.add("scale", &G::scale, "Metres per pixel: displacements are then in metres, in the model's frame.",
         positive);
   s.add("scale_std", &G::scale_std,
-        "Standard deviation of the scale, metres per pixel; with an outline, the scale counts as measured to "
-        "that.",
+        "Standard deviation of the scale, metres per pixel; with an outline, the scale counts as a "
+        "measurement with this standard deviation.",
         non_negative);
-  s.add("origin", &G::origin, "Pixel in which the model's origin is seen, [x, y].", of_shape(k_pair));
-  s.add("angle", &G::angle, "Angle by which the picture is turned against the model, degrees.");
+  s.add("origin", &G::origin, "Pixel at which the model's origin appears, [x, y].", of_shape(k_pair));
+  s.add("angle", &G::angle, "Angle by which the picture is rotated relative to the model, degrees.");
   s.add("pixels", &G::pixels,
         "Instead of scale, origin and angle: points found in the reference picture, [[x, y], …], px …",
         of_shape(k_points));

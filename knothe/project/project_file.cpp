@@ -23,14 +23,14 @@ const Section<Project>& project_section() {
     s.add("model.separated", &P::model,
           "Reduced model file made by `knothe offline` or `knothe model import`.", file);
     s.add("model.candidates", &P::candidates,
-          "Further reduced models that `knothe assimilate` runs side by side with it on the same data: how "
-          "probable each is comes with every step.",
+          "Further reduced models that `knothe assimilate` runs in parallel on the same data; every step "
+          "gives the probability of each model.",
           file);
     s.table("data", "The measurements; `data = \"D.h5\"` is short for `[data] file = \"D.h5\"`.");
     s.add("data.file", &P::data, "Measurements, HDF5 (`.h5`) or CSV (`.csv`).", file);
     s.add("data.clock", &P::clock,
-          "Output of the model whose measured series tells the model time of each datum, e.g. "
-          "`\"imposed_displacement\"`; the times of the data file are then only an order "
+          "Output of the model whose measured series gives the model time of each datum, e.g. "
+          "`\"imposed_displacement\"`; the times in the data file then only give the order "
           "(docs/explanation/assimilation.md).");
     s.add("results", &P::results, "Folder for results; `-o` overrides it.", file);
   });

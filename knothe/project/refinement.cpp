@@ -224,7 +224,8 @@ void tell_what_was_asked(assimilation::Verdict& verdict, std::size_t runs, const
                assimilation::VerdictLevel::caution,
                0,
                0,
-               "the full-order model could not be asked, and what it would say is not known: " + trouble,
+               "the full-order model could not be used, so the error of the reduced model is not verified: " +
+                   trouble,
                {}});
 }
 

@@ -283,7 +283,8 @@ TEST_F(RefinementTest, ASolverThatCannotBeRunCostsNothingButTheVerdict) {
   EXPECT_NE(result.update.verdict.level, assimilation::VerdictLevel::ok);
   EXPECT_THAT(
       assimilation::verdict_text(result.update.verdict),
-      testing::HasSubstr("could not be asked, and what it would say is not known: cannot run the solver"));
+      testing::HasSubstr(
+          "could not be used, so the error of the reduced model is not verified: cannot run the solver"));
 }
 
 TEST_F(RefinementTest, WhatDoesNotGoTogetherIsRefused) {

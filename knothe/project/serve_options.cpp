@@ -15,10 +15,10 @@ void add_data_options(Section<S>& s) {
   s.add("journal", &S::journal, "The journal; without it, NAME.journal beside NAME.toml.", file);
   s.add("window", &S::window,
         "By how many steps a datum may be late and still be assimilated; a later one is quarantined.");
-  s.table("limits", "Implausible values: a datum with a larger one is quarantined, with an alarm.");
+  s.table("limits", "Limits of plausible values: a datum with a larger value is quarantined, with an alarm.");
   s.add("limits.*", &S::limits,
         "Largest absolute value that is assimilated, of `displacement` in m or of the series of that name in "
-        "its unit; without it, 100 times the largest answer of the model in its box.",
+        "its unit; without it, 100 times the largest prediction of the model in its box.",
         positive);
   s.add("period", &S::period, "Time between two data, s; without it, the median of the last ones.", positive);
   s.add("budget", &S::budget, "Time that an update may take, s; without it, one period.", positive);
@@ -30,8 +30,8 @@ void add_data_options(Section<S>& s) {
         "`reference`.",
         file);
   s.add("first_picture", &S::first_picture,
-        "Number of the picture of the first time: in its name, where no `pictures.csv` gives the times; of a "
-        "camera's frames, which count from 0.");
+        "Number of the picture that belongs to the first time: the number in its name, if no `pictures.csv` "
+        "gives the times; for a camera, the number of the frame, counted from 0.");
   s.add("watch_csv", &S::watch_csv,
         "Folder to which CSV files of measurements are written: each new one is assimilated.", file);
   s.add("settle", &S::settle,
@@ -53,7 +53,7 @@ void add_connection_options(Section<S>& s) {
   s.add("mqtt.user", in(&S::mqtt, &MqttOptions::user), "User name at the broker.");
   s.add("mqtt.password", in(&S::mqtt, &MqttOptions::password), "File with the password.", file);
   s.add("mqtt.ca", in(&S::mqtt, &MqttOptions::ca),
-        "File with the certificates that the broker is checked by; with it, TLS is used.", file);
+        "File with the certificates that verify the broker; with it, TLS is used.", file);
 }
 
 void add_camera_options(Section<S>& s) {
@@ -64,20 +64,20 @@ void add_camera_options(Section<S>& s) {
         "Network address of the camera, or its identifier as `arv-tool-0.8` prints it.");
   s.add("camera.serial", in(&S::camera, &CameraOptions::serial), "Serial number of the camera.");
   s.add("camera.frame_rate", in(&S::camera, &CameraOptions::frame_rate),
-        "Frames per second; without it, what the camera is set to. Of a hardware trigger, the rate at which "
-        "it comes; without it, frames are counted.",
+        "Frames per second; without it, the camera's setting. For a hardware trigger, the rate of its "
+        "signal; without it, frames are counted.",
         positive);
   s.add("camera.exposure", in(&S::camera, &CameraOptions::exposure),
-        "Exposure time, s; without it, what the camera is set to.", positive);
+        "Exposure time, s; without it, the camera's setting.", positive);
   s.add("camera.gain", in(&S::camera, &CameraOptions::gain),
-        "Gain in the camera's unit, mostly dB; without it, what the camera is set to.", non_negative);
+        "Gain in the camera's unit, mostly dB; without it, the camera's setting.", non_negative);
   s.add("camera.region", in(&S::camera, &CameraOptions::region),
-        "Region of the sensor that is read, pixels; without it, what the camera is set to.",
+        "Region of the sensor that is read, pixels; without it, the camera's setting.",
         of_shape("four integers, [x, y, width, height]"), no_default);
   s.add("camera.pixel_format", in(&S::camera, &CameraOptions::pixel_format),
-        "Mono8, Mono10, Mono12, Mono14 or Mono16; without it, what the camera is set to.");
+        "Mono8, Mono10, Mono12, Mono14 or Mono16; without it, the camera's setting.");
   s.add("camera.packet_size", in(&S::camera, &CameraOptions::packet_size),
-        "Bytes in a packet of a GigE camera: up to the network's MTU; without it, what the camera is set to.",
+        "Bytes in a packet of a GigE camera: up to the network's MTU; without it, the camera's setting.",
         between(576, 65000));
   s.add("camera.trigger", in(&S::camera, &CameraOptions::trigger),
         "What makes the camera take a frame: its own clock, the service at `frame_rate`, or a line.");
@@ -92,7 +92,7 @@ void add_camera_options(Section<S>& s) {
 }
 
 void add_notify_options(Section<S>& s) {
-  s.table("notify", "Where alarms are sent; `knothe doctor FILE.toml --test-alarms` tries it.");
+  s.table("notify", "Where alarms are sent; `knothe doctor FILE.toml --test-alarms` sends a test message.");
   s.add("notify.webhook", in(&S::notify, &NotifyOptions::webhook),
         "Address, http://HOST[:PORT]/PATH, to which each alarm is posted as JSON.");
   s.choice("notify.mqtt", in(&S::notify, &NotifyOptions::mqtt), "off", "on",

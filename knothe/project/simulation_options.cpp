@@ -24,7 +24,7 @@ const Section<SimulateOptions>& simulate_section() {
         s.add("dofs.components", in(&S::dofs, &Dofs::components), "Components observed at each node.",
               of_shape(k_component_words));
         s.add("noise_std", &S::noise_std, "Standard deviation of the noise, m.", positive);
-        s.table("noise", "Which quantities without a place are measured (models with names for dofs).");
+        s.table("noise", "Which quantities without a position are measured (models whose dofs have names).");
         s.add("noise.*", &S::noise,
               "Standard deviation of the noise of the quantity of that name, in its unit.", positive);
         s.add("seed", &S::seed, "Seed of nodes and noise; `--seed` overrides it.");
@@ -35,7 +35,7 @@ const Section<SimulateOptions>& simulate_section() {
 const Section<CameraSimulation>& camera_section() {
   using C = CameraSimulation;
   static const Section<C> k_section(
-      "simulate.camera", "The camera of `knothe simulate --images`; where it looks is in [dic].",
+      "simulate.camera", "The camera of `knothe simulate --images`; its view is described in [dic].",
       [](Section<C>& s) {
         const auto in_range = [](double v) { return v >= 64 && v <= 20000; };
         s.add("width", &C::width, "Width of the pictures, px.",

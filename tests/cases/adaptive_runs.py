@@ -104,7 +104,7 @@ class Test(Case):
         before = self.runs_made()
         outcome = self.expect(0, "offline", self.project_name, "-o", "model.h5")
         self.assertEqual(self.runs_made() - before, in_one_go - kept)
-        self.assertIn(f"{in_one_go} full-order runs, {kept} of them kept from before", outcome.out)
+        self.assertIn(f"{in_one_go} full-order runs ({kept} reused from an earlier call)", outcome.out)
         for at in ("amplitude=1.234,rate=0.567,drift=0.1", "amplitude=2.9,rate=1.3,drift=-0.9"):
             values = [self.expect(0, "model", "evaluate", model, "--at", at, "--step", "9", "--json").out for model in ("whole.h5", "model.h5")]
             self.assertEqual(json.dumps(values[0]).replace("whole", "model"), json.dumps(values[1]))

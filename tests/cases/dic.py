@@ -302,8 +302,9 @@ class Test(Case):
         for key in ("picture", "iterations", "residual_rms", "elements_rejected"):
             self.assertEqual(line[key], whole[2][key])
         self.expect(4, "dic", "reference.pgm", *names, "--roi", ROI, "--element-size", 20, "-o", "u.h5", "--resume",
-                    stderr="u.h5: error: its mesh is another")
-        self.expect(4, "dic", "reference.pgm", "b.pgm", *common, "-o", "u.h5", "--resume", stderr="its pictures are others")
+                    stderr="u.h5: error: it holds the mesh of another series")
+        self.expect(4, "dic", "reference.pgm", "b.pgm", *common, "-o", "u.h5", "--resume",
+                    stderr="it holds the pictures of another series")
 
     def test_a_pattern_is_judged_before_the_test(self):
         self.draw("reference")

@@ -233,7 +233,7 @@ class Test(Case):
         self.assertLess(self.expect(0, "model", "verify", self.project_name, "model.h5", "--points", "2", "--json").lines()[-1]["relative_error"], 0.1)
         self.project.write_text(text.replace("[offline]", "[offline]\nsparse_level = 1\nadaptive = { grid_error = 1e-9, runs = 9 }", 1))
         risen = self.build("model.h5")
-        self.assertIn("9 full-order runs, 5 of them kept", risen.out)
+        self.assertIn("9 full-order runs (5 reused from an earlier call)", risen.out)
         self.assertIn("more than [offline.adaptive] runs = 9", risen.err)
         self.project.write_text(text.replace('method = "snapshots"', 'method = "latin"\nsparse_level = 1', 1))
         self.expect(3, "offline", self.project_name, "-o", "model.h5", stderr="needs method")
@@ -298,7 +298,7 @@ class Test(Case):
         self.assertIn("killed", message.lower())
         there = len(self.parts())
         self.assertGreater(there, 0)
-        kept = int(re.search(r"9 full-order runs, (\d+) of them kept", self.build("model.h5").out).group(1))
+        kept = int(re.search(r"9 full-order runs \((\d+) reused", self.build("model.h5").out).group(1))
         self.assertTrue(there <= kept <= 9, (there, kept))  # a process of the other rank may have ended its run a moment later
 
     def test_one_model_on_two_ranks_is_that_on_one(self):
@@ -323,10 +323,10 @@ class Test(Case):
 
     def test_interrupted_it_says_what_is_kept_and_goes_on_from_there(self):
         whole = self.build("whole.h5")
-        self.assertIn("9 full-order runs, 0 of them kept", whole.out)
+        self.assertIn("9 full-order runs (0 reused", whole.out)
         kept = int(self.interrupt(lambda: len(self.parts()) >= 2, r"interrupted; ([2-8]) of 9 runs are kept in model.h5.parts").group(1))
         self.assertEqual(kept, len(self.parts()))
-        self.assertIn(f"9 full-order runs, {kept} of them kept from before", self.build().out)
+        self.assertIn(f"9 full-order runs ({kept} reused from an earlier call)", self.build().out)
         self.assertEqual((self.folder / "model.h5").read_bytes(), (self.folder / "whole.h5").read_bytes())
         for name in ("model.h5", "whole.h5"):  # made, and the runs are no longer needed
             self.assertFalse((self.folder / f"{name}.parts").exists())
@@ -340,7 +340,7 @@ class Test(Case):
         kept = int(self.interrupt(lambda: len(self.parts()) >= 3, r"interrupted; ([3-8]) of 9 runs are kept").group(1))
         part = self.parts()[0]
         part.write_bytes(part.read_bytes()[:1000])
-        self.assertIn(f"{kept - 1} of them kept", self.build().out)
+        self.assertIn(f"({kept - 1} reused", self.build().out)
         self.assertEqual((self.folder / "model.h5").read_bytes(), (self.folder / "whole.h5").read_bytes())
 
     def test_the_number_of_processes_does_not_matter(self):

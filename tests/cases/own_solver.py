@@ -172,7 +172,7 @@ class Test(Case):
         self.assertEqual(outcome.err.count("its folder is kept"), 3)
         self.assertEqual(len(list((self.folder / "work").iterdir())), 3)
         outcome = self.expect(0, *build, env={**environment, "MENDED": "1"})
-        self.assertIn("9 full-order runs, 6 of them kept", outcome.out)
+        self.assertIn("9 full-order runs (6 reused", outcome.out)
 
     def use_coarse_storeys(self, condition):
         """Nine runs, of which those fail that `condition` (of the shell) is false for."""
@@ -227,10 +227,10 @@ class Test(Case):
             done = subprocess.run(["bash", str(script), self.project_name, "model.h5"], cwd=self.folder, capture_output=True, text=True,
                                   env={**environment, "SLURM_ARRAY_TASK_ID": str(task)})
             self.assertEqual(done.returncode, 0, done.stderr)
-            self.assertRegex(done.stdout, rf"share {task}/3: [56] of 17 runs, \d of them kept from before")
+            self.assertRegex(done.stdout, rf"share {task}/3: [56] of 17 runs \(\d reused from an earlier call\)")
         self.assertEqual(self.runs_made(), 2 * in_one_go)
         outcome = self.expect(0, "offline", self.project_name, "-o", "model.h5")
-        self.assertIn("9 full-order runs, 9 of them kept", outcome.out)
+        self.assertIn("9 full-order runs (9 reused", outcome.out)
         self.assertEqual(self.runs_made(), 2 * in_one_go)
         at = "--at", "k1=0.9e6,damping=1500", "--step", "40", "--json"
         values = [self.expect(0, "model", "evaluate", model, *at).lines()[0]["values"] for model in ("whole.h5", "model.h5")]

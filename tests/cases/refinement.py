@@ -88,7 +88,7 @@ class Test(Case):
         self.project.write_text(other)
         last = self.assimilate(self.project_name, "results/")[0][-1]
         said = " ".join(r["message"] for r in last["verdict"]["reasons"] if r["code"] == "model")
-        self.assertIn("the full-order model could not be asked", said)
+        self.assertIn("the full-order model could not be used", said)
         self.assertIn("a full-order solution does not fit the reduced model: it has", said)
 
 

@@ -225,7 +225,7 @@ class Test(Case):
             self.service.send(datum)
         self.service.settled(20)
         self.ask()
-        said = "the full-order model could not be asked, and what it would say is not known: "
+        said = "the full-order model could not be used, so the error of the reduced model is not verified: "
         self.service.wait_until(lambda: said in self.reasons())
         self.verified()
         self.assertIn("the licence server does not answer", self.refinement()["trouble"])

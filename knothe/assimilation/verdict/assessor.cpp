@@ -365,9 +365,9 @@ void Assessor::add_model_reason(const Eigen::VectorXd& shift, double caution, do
        largest > reject ? VerdictLevel::reject : VerdictLevel::caution,
        largest,
        caution,
-       fmt::format("the reduced model's own error moves {} by {:.2g} standard deviations (known from {} "
-                   "full-order runs off its grid): set method.verify = \"full-order\" (or "
-                   "truncation_error = \"on\"), or make a finer model",
+       fmt::format("the error of the reduced model shifts {} by about {:.2g} posterior standard deviations "
+                   "(estimated from its errors at {} points off the grid): set method.verify = "
+                   "\"full-order\" (or truncation_error = \"on\"), or build a finer model",
                    name_of_parameter(worst), largest, errors_.count()),
        {}});
 }

@@ -14,8 +14,7 @@ namespace {
 
 [[noreturn]] void refuse(const std::string& path, const std::string& what) {
   throw DataError(fmt::format(
-      "{}: error: its {}: it was written by another series; give another file, or leave --resume away", path,
-      what));
+      "{}: error: it holds the {} of another series; give another file, or omit --resume", path, what));
 }
 
 void read_crack(const files::Hdf5Reader& file, std::size_t t, PictureResult& r) {
@@ -51,16 +50,15 @@ std::vector<PictureResult> read_results(const std::string& path, const PictureSe
   const auto names = file.texts_attribute("/pictures", "names"),
              messages = file.texts_attribute("/pictures", "messages");
   const std::size_t n_t = names.size();
-  if (file.texts_attribute("/", "references") != series.options().references)
-    refuse(path, "reference is another");
+  if (file.texts_attribute("/", "references") != series.options().references) refuse(path, "reference");
   const auto& pictures = series.options().pictures;
   if (n_t > pictures.size() || !std::equal(names.begin(), names.end(), pictures.begin()))
-    refuse(path, "pictures are others");
+    refuse(path, "pictures");
   const auto places = file.read("/picture_frame/nodes");
   bool same = places.size() == 2 * nodes && file.shape("/elements/valid")[1] == elements;
   for (std::size_t a = 0; same && a < nodes; ++a)
     same = std::abs(places[2 * a] - mesh.x[a]) < 1e-6 && std::abs(places[2 * a + 1] - mesh.y[a]) < 1e-6;
-  if (!same) refuse(path, "mesh is another");
+  if (!same) refuse(path, "mesh");
   const auto displacement = file.read("/picture_frame/displacement", files::Shape{n_t, nodes, 2}, true);
   const bool regularised = file.has("/picture_frame/unregularised");
   const auto free = regularised ? file.read("/picture_frame/unregularised", files::Shape{n_t, nodes, 2}, true)

@@ -142,10 +142,10 @@ TEST(ReadResults, ASeriesGoesOnWhereItStopped) {
     }
     return "no DataError";
   };
-  EXPECT_THAT(message_of(other), HasSubstr("its mesh is another"));
+  EXPECT_THAT(message_of(other), HasSubstr("it holds the mesh of another series"));
   other = scene.options;
   std::swap(other.pictures[0], other.pictures[1]);
-  EXPECT_THAT(message_of(other), HasSubstr("its pictures are others"));
+  EXPECT_THAT(message_of(other), HasSubstr("it holds the pictures of another series"));
   EXPECT_THROW(series.resume(9, {}), UsageError);
 }
 

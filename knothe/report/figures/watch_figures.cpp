@@ -205,9 +205,9 @@ void add_watch(Page& page, const Results& results, const reduction::SeparatedMod
   if (!results.steps.back().models.empty())
     figures.push_back(figure_of(model_probability_plot(results), "Posterior probability of each model"));
   page.figures(figures,
-               fmt::format("The evidence of a step is the log-probability that the model gave its data "
-                           "before they were assimilated. The monitor sums a score of each prediction; a "
-                           "correct model exceeds the threshold once in 17,280 steps on average.{}",
+               fmt::format("The evidence of a step is the log-probability density that the model assigned to "
+                           "its data before assimilating them. The monitor sums a score of each prediction; "
+                           "a correct model exceeds the threshold once in 17,280 steps on average.{}",
                            joint ? " Size of the discrepancy: posterior mean of κ, the model's error "
                                    "relative to the prior standard deviation of its prediction."
                                  : ""));
@@ -224,9 +224,9 @@ void add_watch(Page& page, const Results& results, const reduction::SeparatedMod
   }
   if (results.residuals.step.empty()) return;
   page.figures(residual_figures(results, model),
-               "Residuals: measured values minus the posterior mean prediction at the same step. Noise alone "
-               "gives a level line and a map without pattern. (Camera motion that is removed from pictures "
-               "is still contained in the residuals.)");
+               "Residuals: measured values minus the posterior mean prediction at the same step. If only "
+               "noise is left, the curve is flat and the map shows no pattern. (Camera motion that is "
+               "removed from pictures is still contained in the residuals.)");
 }
 
 }  // namespace knothe::report

@@ -246,7 +246,7 @@ std::string assimilation_report(const Results& results, const reduction::Separat
     page.section("The reduced model").note("The figures of the model are left out: " + model_problem);
   }
   if (const auto rows = comparison_with_paper(results); !rows.empty()) {
-    page.section("Beside the paper");
+    page.section("Comparison with the paper");
     page.paragraph(
         "Rubio, Chamoin and Louf, Comptes Rendus Mécanique 347 (2019), §6.3, with synthetic data of their "
         "own.");

@@ -42,7 +42,7 @@ TEST(AssimilationReport, ShowsEverySection) {
   expect_sound(html);
   for (const char* heading :
        {"What the data say about the parameters", "Forecast", "Which steps carry information",
-        "How it was computed", "The reduced model", "Beside the paper", "Provenance"})
+        "How it was computed", "The reduced model", "Comparison with the paper", "Provenance"})
     EXPECT_NE(html.find(std::string(">") + heading + "</h2>"), std::string::npos) << heading;
   EXPECT_NE(html.find("99 of 100 steps"), std::string::npos);
   EXPECT_NE(html.find("not trusted: 22"), std::string::npos);
@@ -83,7 +83,7 @@ TEST(AssimilationReport, SaysWhatIsMissing) {
   EXPECT_NE(html.find("The figures of the model are left out"), std::string::npos);
   EXPECT_NE(html.find("none.h5"), std::string::npos);
   EXPECT_NE(html.find("no load–displacement curve"), std::string::npos);
-  EXPECT_EQ(html.find("Beside the paper</h2>"), std::string::npos);
+  EXPECT_EQ(html.find("Comparison with the paper</h2>"), std::string::npos);
 }
 
 TEST(AssimilationReport, BrokenResultsLeaveNoPage) {

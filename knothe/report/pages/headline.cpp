@@ -91,7 +91,7 @@ std::vector<Card> headline(const Results& results) {
                    !untrusted.empty()});
   const auto times = update_times(results);
   cards.push_back({"Time of an update", duration(percentile(times, 0.5)) + " (median)",
-                   fmt::format("99 % below {}", duration(percentile(times, 0.99)))});
+                   fmt::format("without forecasts; 99 % below {}", duration(percentile(times, 0.99)))});
   return cards;
 }
 
@@ -143,7 +143,7 @@ std::vector<TableRow> comparison_with_paper(const Results& results) {
                      "softer, or both. An earlier horizon is where the length is uncertain."}});
   }
   if (results.has_maps()) rows.push_back(map_order_row(results));
-  rows.push_back({{"Time of a step", "less than 5 s, forecast included",
+  rows.push_back({{"Time of a step, with forecasts", "less than 5 s",
                    [&] {
                      std::vector<double> total;
                      for (const auto& s : results.steps) total.push_back(s.total_us);

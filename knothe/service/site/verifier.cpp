@@ -154,7 +154,7 @@ void Verifier::answer(const Question& question) {
   const bool is_other = now.version != before.version || now.trouble != before.trouble;
   if (!is_other && !question.thorough) return;
   if (!now.trouble.empty())
-    log_event("warning", "the full-order model could not be asked",
+    log_event("warning", "the full-order model could not be used",
               {{"site", project_.serve.site}, {"step", question.step}, {"reason", now.trouble}});
   // First on disk, then in use: after a restart it is what was shown.
   if (listener_.keep(now) && is_other) hand_over(engine_of(*model, question.data), model);
