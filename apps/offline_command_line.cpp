@@ -1,30 +1,9 @@
 #include "apps/offline_command_line.hpp"
 
-#include <fmt/format.h>
-
+#include "apps/number_checks.hpp"
 #include "knothe/project/offline_options.hpp"
 
 namespace knothe {
-namespace {
-
-CLI::Validator number(const char* name, const char* wanted, bool (*fits)(double)) {
-  const auto check = [wanted, fits](const std::string& text) {
-    double value = 0;
-    return CLI::detail::lexical_cast(text, value) && fits(value)
-               ? std::string()
-               : fmt::format("must be a {} number, not {}", wanted, text);
-  };
-  return {check, name};
-}
-
-}  // namespace
-
-CLI::Validator positive_number() {
-  return number("POSITIVE", "positive", [](double x) { return x > 0; });
-}
-CLI::Validator number_from_zero() {
-  return number("NONNEGATIVE", "non-negative", [](double x) { return x >= 0; });
-}
 
 CLI::App& add_command(CLI::App& parent, const std::string& name, const std::string& meaning,
                       const std::string& example) {

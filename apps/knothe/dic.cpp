@@ -3,6 +3,7 @@
 #include <optional>
 
 #include "apps/knothe/command_line.hpp"
+#include "apps/number_checks.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/imaging/mesh/mesh_file.hpp"
 #include "knothe/imaging/series/pattern_report.hpp"

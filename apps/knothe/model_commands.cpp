@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include "apps/knothe/command_line.hpp"
+#include "apps/number_checks.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/reduction/model/form_names.hpp"
 
