@@ -1,8 +1,30 @@
 #include "apps/offline_command_line.hpp"
 
+#include <fmt/format.h>
+
 #include "knothe/project/offline_options.hpp"
 
 namespace knothe {
+namespace {
+
+CLI::Validator number(const char* name, const char* wanted, bool (*fits)(double)) {
+  const auto check = [wanted, fits](const std::string& text) {
+    double value = 0;
+    return CLI::detail::lexical_cast(text, value) && fits(value)
+               ? std::string()
+               : fmt::format("must be a {} number, not {}", wanted, text);
+  };
+  return {check, name};
+}
+
+}  // namespace
+
+CLI::Validator positive_number() {
+  return number("POSITIVE", "positive", [](double x) { return x > 0; });
+}
+CLI::Validator number_from_zero() {
+  return number("NONNEGATIVE", "non-negative", [](double x) { return x >= 0; });
+}
 
 CLI::App& add_command(CLI::App& parent, const std::string& name, const std::string& meaning,
                       const std::string& example) {
@@ -36,7 +58,7 @@ CLI::App& add_command(CLI::App& parent, VerifyArguments& arguments) {
   command.add_option("FILE", arguments.project, "project file with [offline]")->required();
   command.add_option("MODEL", arguments.model, "model file")->required();
   command.add_option("--points", arguments.points, "number of parameter points not used to build the model")
-      ->check(CLI::PositiveNumber)
+      ->check(positive_number())
       ->capture_default_str();
   command.add_option("--seed", arguments.seed, "seed of the points")->capture_default_str();
   command.add_flag("--json", arguments.json, "JSON lines on stdout");
@@ -51,12 +73,12 @@ CLI::App& add_command(CLI::App& parent, MeshStudyArguments& arguments) {
   command.add_option("FILE", arguments.project, "project file with [offline]")->required();
   command.add_option("--elements", arguments.elements, "element sizes, m (default: 5e-3,2.5e-3,1.25e-3)")
       ->delimiter(',')
-      ->check(CLI::PositiveNumber);
+      ->check(positive_number());
   command.add_option("--laws", arguments.laws, "regularisations (default: none,crack-band,gradient)")
       ->delimiter(',')
       ->check(CLI::IsMember(words_of<project::DamageRegularisation>()));
   command.add_option("--steps", arguments.steps, "load steps (default: the project's)")
-      ->check(CLI::PositiveNumber);
+      ->check(positive_number());
   command.add_option("-o,--output", arguments.output, "figure to write (.svg)");
   command.add_flag("--json", arguments.json, "JSON lines on stdout");
   return command;
@@ -74,16 +96,16 @@ CLI::App& add_command(CLI::App& parent, FullOrderArguments& arguments) {
                   "number of refinements, each dividing every cell into 8 (0 to 6)")
       ->capture_default_str();
   command.add_option("--steps", arguments.steps, "load steps (default: the project's)")
-      ->check(CLI::PositiveNumber);
+      ->check(positive_number());
   command.add_flag("--elastic", arguments.elastic, "the elastic solution alone");
   command
       .add_option("--tolerance", arguments.tolerance,
                   "tolerance of the elastic solution: residual / right-hand side")
-      ->check(CLI::PositiveNumber)
+      ->check(positive_number())
       ->capture_default_str();
   command
       .add_option("--iterations", arguments.max_iterations, "maximum number of conjugate-gradient iterations")
-      ->check(CLI::PositiveNumber)
+      ->check(positive_number())
       ->capture_default_str();
   command.add_option("-o,--output", arguments.output, "displacement and damage of the last step (.vtu)");
   command.add_flag("--json", arguments.json, "JSON lines on stdout");

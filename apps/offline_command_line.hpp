@@ -15,6 +15,11 @@ using Command = std::function<int()>;
 CLI::App& add_command(CLI::App& parent, const std::string& name, const std::string& meaning,
                       const std::string& example);
 
+/// Checks of options that are numbers: > 0, ≥ 0. What is said of another one: "must be a positive number, not
+/// -1".
+CLI::Validator positive_number();
+CLI::Validator number_from_zero();
+
 struct BuildArguments {
   std::string project;
   std::string output;

@@ -14,6 +14,7 @@ namespace {
 struct DicArguments {
   std::vector<std::string> inputs;                ///< a project file, or reference and deformed pictures
   std::optional<double> element_size, prefilter;  ///< px; override the project's
+  std::optional<double> saturation;               ///< grey level
   std::vector<double> region;                     ///< x0, y0, x1, y1, px
   bool pattern = false;                           ///< only assess the reference picture, before a test
   bool crack = false;                             ///< look for a crack in every picture
@@ -52,6 +53,7 @@ report::PictureTask task_of(const DicArguments& a) {
   if (a.pattern) series.pictures.clear(), series.times.clear();
   if (a.prefilter) series.correlation.prefilter_sigma = *a.prefilter;
   if (a.prefilter) series.find_prefilter = false;
+  if (a.saturation) series.correlation.saturation = *a.saturation;
   if (a.grey) series.colour = files::Colour::grey;
   return task;
 }
@@ -77,8 +79,8 @@ void add_dic(CLI::App& app, Command& chosen) {
       add(app, chosen, arguments, dic, "dic", "Image correlation: displacements from pictures.",
           "knothe dic reference.tif a.tif b.tif --roi 100,60,1100,900 --element-size 25 -o u.h5");
   command.add_option("FILES", arguments.inputs, "project file, or REFERENCE DEFORMED…")->required();
-  command.add_option("--element-size", arguments.element_size, "size of the elements, px")
-      ->check(CLI::PositiveNumber);
+  command.add_option("--element-size", arguments.element_size, "size of the elements, px (default: 25)")
+      ->check(positive_number());
   command.add_option("--roi", arguments.region, "X0,Y0,X1,Y1: two opposite corners of the mesh, px")
       ->delimiter(',');
   command.add_option("--mask", arguments.mask, "picture that is 0 where the surface is not to be measured");
@@ -87,7 +89,11 @@ void add_dic(CLI::App& app, Command& chosen) {
   command
       .add_option("--prefilter", arguments.prefilter,
                   "Gaussian on all pictures, px; default: 1 where the speckle is aliased")
-      ->check(CLI::NonNegativeNumber);
+      ->check(number_from_zero());
+  command
+      .add_option("--saturation", arguments.saturation,
+                  "grey level from which a pixel is left out; default: the highest of the pictures")
+      ->check(positive_number());
   command.add_option("--at", files.at,
                      "CSV file (header x,y): points of the reference picture at which to output "
                      "displacements");

@@ -79,8 +79,8 @@ void add_model_commands(CLI::App& app, Command& chosen) {
   import_command.add_option("--form", import.form, "canonical or tree")
       ->check(CLI::IsMember(words_of<reduction::Form>()))
       ->capture_default_str();
-  import_command.add_option("--modes", import.modes, "number of modes")->check(CLI::PositiveNumber);
-  import_command.add_option("--tolerance", import.tolerance, "relative L² error")->check(CLI::PositiveNumber);
+  import_command.add_option("--modes", import.modes, "number of modes")->check(positive_number());
+  import_command.add_option("--tolerance", import.tolerance, "relative L² error")->check(positive_number());
   import_command.add_flag("--json", import.json, "one line of JSON");
   forward<VerifyArguments>(model, chosen);
   forward<MeshStudyArguments>(model, chosen);

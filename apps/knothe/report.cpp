@@ -9,6 +9,9 @@
 namespace knothe::commands {
 
 int report(const ReportArguments& arguments) {
+  if (!arguments.output.ends_with(".html") && !arguments.output.ends_with(".svg"))
+    throw UsageError(
+        fmt::format("-o {}: a report is a page (.html) or its overview alone (.svg)", arguments.output));
   const bool compared = report::holds_comparison(arguments.results);
   if (compared || report::holds_inference(arguments.results)) {
     if (arguments.output.ends_with(".svg"))

@@ -17,8 +17,8 @@ namespace knothe::forecast {
 namespace {
 
 constexpr int k_parts_per_spacing = 4;  // points of the first pass per distance of two snapshots
-// Of the map of the predicted field.
-constexpr Eigen::Index k_max_mapped_axes = 4, k_max_samples = 1024;
+constexpr Eigen::Index k_max_samples = 1024;
+constexpr Eigen::Index k_max_mapped_axes = 4;  // of the map of the predicted field
 constexpr double k_least_share = 0.1;  // of δ²: variance of the posterior along an axis that is mapped
 constexpr unsigned k_seed = 1;
 
@@ -114,10 +114,15 @@ CrackBridge::CrackBridge(CrackMetaModel meta_model, const LinearPrediction& pred
   crack_factor_ = crack_qr.matrixQR().topRows(rows).triangularView<Eigen::Upper>();
   crack_basis_ = crack_qr.householderQ() * Eigen::MatrixXd::Identity(crack_.rows(), rows);
   base_fields_ = crack_factor_ * base_values_;
+  base_half_norms_ = 0.5 * base_fields_.colwise().squaredNorm().transpose();
 }
 
 CrackForecast CrackBridge::update(const Eigen::Ref<const reduction::RowMatrix>& functions,
                                   const Eigen::Ref<const Eigen::VectorXd>& weights) const {
+  if (functions.rows() > k_max_samples) {
+    const auto drawn = numerics::equal_draws_along(along_crack(functions, weights), weights, k_max_samples);
+    return update(functions(drawn, Eigen::all), Eigen::VectorXd::Ones(k_max_samples));
+  }
   // Points without weight cost as much as the others.
   const double least = 1e-12 * weights.sum();
   std::vector<Eigen::Index> kept;
@@ -249,15 +254,28 @@ Eigen::VectorXd CrackBridge::best_lengths(const Eigen::Ref<const reduction::RowM
     throw NumericalError("crack length: samples of another number of functions than the model has");
   const Eigen::MatrixXd to_crack = crack_basis_.transpose() * modes_;
   const Eigen::VectorXd lift = crack_basis_.transpose() * lift_;
-  const Eigen::VectorXd half_norms = 0.5 * base_fields_.colwise().squaredNorm().transpose();
   Eigen::VectorXd lengths(functions.rows());
   for (Eigen::Index i = 0; i < functions.rows(); ++i) {
     const Eigen::VectorXd target = lift + to_crack * functions.row(i).transpose();
-    Eigen::Index best = 0;
-    (half_norms - base_fields_.transpose() * target).minCoeff(&best);
-    lengths[i] = nearest_length(target, best);
+    lengths[i] = nearest_length(target, nearest_base(target));
   }
   return lengths;
+}
+
+Eigen::Index CrackBridge::nearest_base(const Eigen::VectorXd& target) const {
+  Eigen::Index best = 0;
+  (base_half_norms_ - base_fields_.transpose() * target).minCoeff(&best);
+  return best;
+}
+
+Eigen::VectorXd CrackBridge::along_crack(const Eigen::Ref<const reduction::RowMatrix>& functions,
+                                         const Eigen::Ref<const Eigen::VectorXd>& weights) const {
+  const Eigen::VectorXd mean = functions.transpose() * weights / weights.sum();
+  const Eigen::Index best = nearest_base(crack_basis_.transpose() * (lift_ + modes_ * mean));
+  const Eigen::Index after = std::min(best + k_parts_per_spacing, base_fields_.cols() - 1);
+  const Eigen::Index before = std::max<Eigen::Index>(best - k_parts_per_spacing, 0);
+  const Eigen::VectorXd tangent = base_fields_.col(after) - base_fields_.col(before);
+  return functions * (modes_.transpose() * (crack_basis_ * tangent));
 }
 
 }  // namespace knothe::forecast

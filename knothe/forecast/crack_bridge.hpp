@@ -38,7 +38,8 @@ class CrackBridge {
 
   /// The forecast: the posterior carried through p ↦ l(p), the length whose field is nearest (Eq. 14), plus
   /// an independent N(0, error_std²). `functions`: w at the posterior's points, n × r. No second prior, on
-  /// the length, enters: that of the parameters already says how likely each length is. Errors:
+  /// the length, enters: that of the parameters already says how likely each length is. Of more than 1,024
+  /// points so many draws are taken, in the order of their length to first order about the mean. Errors:
   /// NumericalError for weights that are negative or add up to nothing.
   [[nodiscard]] CrackForecast update(const Eigen::Ref<const reduction::RowMatrix>& functions,
                                      const Eigen::Ref<const Eigen::VectorXd>& weights) const;
@@ -67,6 +68,11 @@ class CrackBridge {
 
  private:
   [[nodiscard]] double nearest_length(const Eigen::VectorXd& target, Eigen::Index start) const;
+  /// Which of `base_` has the field nearest to `target` (coordinates in `crack_basis_`).
+  [[nodiscard]] Eigen::Index nearest_base(const Eigen::VectorXd& target) const;
+  /// Each sample's length to first order about that of the mean field, but for a factor and a shift.
+  [[nodiscard]] Eigen::VectorXd along_crack(const Eigen::Ref<const reduction::RowMatrix>& functions,
+                                            const Eigen::Ref<const Eigen::VectorXd>& weights) const;
 
   CrackMetaModel meta_model_;
   CrackBridgeOptions options_;
@@ -79,9 +85,10 @@ class CrackBridge {
   Eigen::MatrixXd base_values_;  ///< v(l) at `base_`, N_SVD × n
   Eigen::VectorXd base_prior_;   ///< log π₀ at `base_`
   // For the direct forecast: crack_ = Q R, hence |crack_ v − y|² = |R v − Qᵀ y|² + rest.
-  Eigen::MatrixXd crack_basis_;   ///< Q, k × N
-  Eigen::MatrixXd crack_factor_;  ///< R, N × N_SVD
-  Eigen::MatrixXd base_fields_;   ///< R v at `base_`, N × n
+  Eigen::MatrixXd crack_basis_;      ///< Q, k × N
+  Eigen::MatrixXd crack_factor_;     ///< R, N × N_SVD
+  Eigen::MatrixXd base_fields_;      ///< R v at `base_`, N × n
+  Eigen::VectorXd base_half_norms_;  ///< |R v|²/2 there
 };
 
 }  // namespace knothe::forecast

@@ -20,8 +20,6 @@ using Quantity = ForecastSpecification::Quantity;
 
 constexpr double k_least_discrepancy = 1e-12;  ///< m; where the predicted fields are those of cracks
 constexpr double k_same_time = 1e-9;
-/// Each point's nearest crack is looked for: of more points, so many equally likely ones.
-constexpr Eigen::Index k_max_crack_points = 1024;
 
 LinearPrediction at_step(const ObservedModel& model, std::size_t step) {
   return {model.lift.col(static_cast<Eigen::Index>(step)), model.space * model.core[step]};
@@ -171,12 +169,8 @@ std::vector<NamedForecast> Forecaster::update(const Eigen::Ref<const Eigen::Matr
   const auto is_of_model = [&](const Scalar& scalar) { return scalar.quantity.is_of(*functions_); };
   if (!cracks_.empty() || std::any_of(scalars_.begin(), scalars_.end(), is_of_model))
     evaluate_functions(points);  // once for all of them
-  const bool are_many = !cracks_.empty() && points.rows() > k_max_crack_points;
-  reduction::RowMatrix drawn;
-  if (are_many) drawn = batch_.value(numerics::equal_draws(weights, k_max_crack_points), Eigen::all);
   for (const Crack& crack : cracks_) {
-    CrackForecast forecast = are_many ? crack.bridge.update(drawn, Eigen::VectorXd::Ones(drawn.rows()))
-                                      : crack.bridge.update(batch_.value, weights);
+    CrackForecast forecast = crack.bridge.update(batch_.value, weights);
     forecasts.push_back(
         {crack.name, "m", moved(std::move(forecast.length), crack.offset), forecast.discrepancy_std});
   }

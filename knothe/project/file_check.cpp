@@ -91,9 +91,14 @@ void check_sensitivity(const UpdateSetup& setup, const PriorAnswers& answers, Fi
 
 FileCheck check_files(const Project& project) {
   FileCheck check;
-  for (const std::string& file : {project.model, project.data})
+  const PictureOptions& pictures = project.pictures;
+  std::vector<std::string> files = {project.model, project.data, pictures.folder, pictures.series.mask};
+  if (pictures.folder.empty())
+    for (const auto* list : {&pictures.references, &pictures.pictures})
+      files.insert(files.end(), list->begin(), list->end());
+  for (const std::string& file : files)
     if (!file.empty() && !std::filesystem::exists(file)) check.missing.push_back(file);
-  // Pictures are as many files as they like: they are looked at when they are correlated.
+  // Pictures are looked at when they are correlated.
   if (project.model.empty() || project.data.empty() || !check.missing.empty()) return check;
   const UpdateSetup setup = set_up(project);
   (void)make_forecaster(project, setup);

@@ -46,8 +46,8 @@ class Datum:
 
     def __init__(self, step: int, values: ArrayLike, std: ArrayLike | None = None, precision: Precision | None = None,
                  source: str = "", session: str = "", seq: int | None = None) -> None:
-        if step < 0:
-            raise UsageError(f"step {step}: steps of data count from 0")
+        if not isinstance(step, (int, np.integer)) or step < 0:
+            raise UsageError(f"step {step}: steps of data are whole numbers and count from 0")
         numbers = np.ascontiguousarray(values, float).ravel()
         deviations, rows = noise_values(std, precision, len(numbers))
         self._native = _knothe.Datum(step, numbers, deviations, rows, source, session, step if seq is None else seq)
@@ -196,7 +196,10 @@ class Twin:
 
     @property
     def data(self) -> Iterator[Datum]:
-        """The recorded data of the project file that are still to come, one by one; pictures are correlated meanwhile."""
+        """The recorded data of the project file that are still to come, one by one; pictures are correlated meanwhile.
+
+        An iterator: each datum comes once. ``list(twin.data)`` keeps them.
+        """
         while (native := self._native.next()) is not None:
             yield Datum._of(native)
 
@@ -205,6 +208,8 @@ class Twin:
 
         `UsageError` for a datum of the wrong size or time, or one that is there already; nothing has changed then.
         """
+        if not isinstance(datum, Datum):
+            raise UsageError(f"assimilate takes a Datum, not {type(datum).__name__}: knothe.Datum(step, values)")
         return StepResult(self._native.assimilate(datum._native), self.parameters)
 
     def withdraw(self, step: int, source: str = "", session: str = "", seq: int | None = None) -> None:

@@ -22,7 +22,7 @@ class Test(Case):
 
     def test_a_missing_model_is_named(self):
         (self.folder / "model.h5").unlink()
-        self.expect_refused("No such file")
+        self.expect_refused("there is no such model: `knothe offline PROJECT.toml -o")
 
     def test_a_file_that_is_not_hdf5_is_told(self):
         (self.folder / "model.h5").unlink()

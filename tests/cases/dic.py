@@ -4,6 +4,7 @@ import functools
 import json
 import math
 import pathlib
+import random
 import re
 import subprocess
 import unittest
@@ -112,6 +113,8 @@ class Test(Case):
         self.expect_motion("u/b.csv", shift, rms=0.03, bias=0.005)
 
     def test_a_project_gives_a_file_in_metres(self):
+        out = self.expect(0, "check", "dic.toml").out
+        self.assertIn("reference.pgm, a.pgm, b.pgm are missing so far", out.replace(f"{self.folder}/", ""))
         self.draw("reference", "a", "b")
         lines = self.expect(0, "dic", "dic.toml", "-o", "u.h5", "--json").lines()
         self.assertEqual([line["converged"] for line in lines], [True, True])
@@ -191,10 +194,12 @@ class Test(Case):
         self.expect(2, "dic", *both, "--roi", "12,12,200,107", stderr="outside the picture of 160 × 120 px")
         self.expect(2, "dic", *both, "--element-size", 2, stderr="at least 3 × 3 pixels")
         self.expect(2, "dic", *both, "-o", "u.txt", stderr="HDF5 file (.h5)")
-        self.expect(2, "dic", *both, "--element-size", "0")
+        self.expect(2, "dic", *both, "--element-size", "-1", stderr="--element-size: must be a positive number, not -1")
+        self.expect(2, "dic", *both, "--prefilter", "x", stderr="--prefilter: must be a non-negative number, not x")
         self.write_points()
         self.expect(2, "dic", *both, "--at", "points.csv", stderr="--at needs -o")
         (self.folder / "wrong.csv").write_text("x,z\n1,2\n")
+        self.expect(2, "dic", *both, "a.pgm", "--at", "points.csv", "-o", "u.csv", stderr="it takes a folder, whose name has no ending")
         self.expect(4, "dic", *both, "--at", "wrong.csv", "-o", "u.csv", stderr="wrong.csv:1")
         write_pgm(self.folder / "mask.pgm", [[255] * 20] * 20)
         self.expect(2, "dic", *both, "--mask", "mask.pgm", stderr="the mask mask.pgm has 20 × 20 pixels")
@@ -206,6 +211,16 @@ class Test(Case):
         self.expect(2, "dic", *both, "--table", "t.pdf", stderr="must end in .txt, .json or .html")
         write_pgm(self.folder / "flat.pgm", [[90] * 160] * 120)
         self.expect(2, "dic", "flat.pgm", "a.pgm", stderr="no texture")
+
+    def test_a_pattern_of_black_and_white_is_measured_where_white_is_no_saturation(self):
+        for name in ("reference", "a"):
+            rows = drawn(name)
+            write_pgm(self.folder / f"{name}.pgm", [[255 if level > 127 else 0 for level in row] for row in rows])
+        both = ["dic", "reference.pgm", "a.pgm", "--element-size", 15, "--roi", ROI]
+        self.expect(2, *both, stderr="where white belongs to the pattern set another level (--saturation, dic.saturation)")
+        outcome = self.run_knothe(*both, "--saturation", 300)
+        self.assertEqual(outcome.status, 0, str(outcome))
+        self.assertIn("the fields are not kept: -o FILE.h5", outcome.err)
 
     def test_mistakes_in_the_project_are_placed(self):
         self.draw("reference", "a", "b")
@@ -304,6 +319,16 @@ class Test(Case):
         self.assertIn("quintic B-spline", (self.folder / "table.html").read_text())
         text = self.expect(0, "dic", "reference.pgm", "--pattern", "--roi", ROI).out
         self.assertIn("the noise is assumed", text)
+        # A loaded surface is no repeat; and noise is no pattern.
+        self.draw("a")
+        outcome = self.run_knothe("dic", "reference.pgm", "a.pgm", "--pattern", "--roi", ROI)
+        self.assertEqual(outcome.status, 0, str(outcome))
+        self.assertIn("a.pgm: the surface has moved since reference.pgm", outcome.err)
+        self.assertNotIn("moved", self.run_knothe("dic", "reference.pgm", "repeat.pgm", "--pattern", "--roi", ROI).err)
+        for name in "no_pattern", "again":
+            noise = random.Random(name)
+            write_pgm(self.folder / f"{name}.pgm", [[round(128 + noise.gauss(0, 2)) for _ in range(160)] for _ in range(120)])
+        self.expect(4, "dic", "no_pattern.pgm", "again.pgm", "--pattern", "--roi", ROI, stderr="there is no pattern to follow")
 
     def real(self, *names):
         if not REAL.exists():

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -92,6 +93,42 @@ double noise_from_repeat(const files::Picture& first, const files::Picture& seco
   const double gain = variance_g > 0 ? std::sqrt(variance_f / variance_g) : 1;
   const double difference = variance_f + gain * gain * variance_g - 2 * gain * covariance;
   return std::sqrt(std::max(0.0, difference) / (1 + gain * gain));
+}
+
+double share_of_motion(const files::Picture& first, const files::Picture& second, const Region& region) {
+  constexpr int k_square = 32;
+  double all = 0, moved = 0;
+  const auto level = [](const files::Picture& picture, int x, int y) {
+    return static_cast<double>(picture.at(x, y));
+  };
+  for (int top = std::max(1, static_cast<int>(std::ceil(region.y0)));
+       top + k_square < std::min(first.height, static_cast<int>(region.y1)); top += k_square)
+    for (int left = std::max(1, static_cast<int>(std::ceil(region.x0)));
+         left + k_square < std::min(first.width, static_cast<int>(region.x1)); left += k_square) {
+      // The difference by the gradient and the brightness (gain and offset), least squares.
+      Eigen::Matrix4d normal = Eigen::Matrix4d::Zero();
+      Eigen::Vector4d right = Eigen::Vector4d::Zero();
+      double squares = 0;
+      for (int y = top; y < top + k_square; ++y)
+        for (int x = left; x < left + k_square; ++x) {
+          // Of both pictures: a difference of one alone would be correlated with its own noise.
+          const auto slope = [&](int dx, int dy) {
+            return 0.25 * (level(first, x + dx, y + dy) - level(first, x - dx, y - dy) +
+                           level(second, x + dx, y + dy) - level(second, x - dx, y - dy));
+          };
+          const double d = level(second, x, y) - level(first, x, y);
+          const Eigen::Vector4d g(1, level(first, x, y) + level(second, x, y), slope(1, 0), slope(0, 1));
+          normal += g * g.transpose(), right += d * g, squares += d * d;
+        }
+      const auto left_over = [&](Eigen::Index unknowns) {
+        const Eigen::VectorXd fit =
+            normal.topLeftCorner(unknowns, unknowns).ldlt().solve(right.head(unknowns));
+        return squares - fit.dot(right.head(unknowns));
+      };
+      const double at_rest = left_over(2);
+      all += at_rest, moved += at_rest - left_over(4);
+    }
+  return all > 0 ? moved / all : 0;
 }
 
 double prefilter_noise_factor(const ReferenceRows& reference, const Region& region, double sigma) {

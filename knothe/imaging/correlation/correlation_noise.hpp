@@ -28,6 +28,11 @@ namespace knothe::imaging {
 [[nodiscard]] double noise_from_repeat(const files::Picture& first, const files::Picture& second,
                                        const Region& region);
 
+/// How much of the variance of the difference of two pictures, brightness taken out, is that of a motion of
+/// each square of 32 px: for pictures of a surface at rest some 0.003. Sizes must be equal.
+[[nodiscard]] double share_of_motion(const files::Picture& first, const files::Picture& second,
+                                     const Region& region);
+
 /// What a Gaussian prefilter leaves of the noise in Σ N ∇f e, relative to unfiltered white noise: Σ|G * ∇f|²
 /// / Σ|∇f|². The precision is M / (2 γ² factor). 1 without a prefilter.
 [[nodiscard]] double prefilter_noise_factor(const ReferenceRows& reference, const Region& region,

@@ -57,6 +57,20 @@ TEST(CorrelationNoise, IsFoundFromTheResidualAndFromARepeat) {
     }
 }
 
+TEST(CorrelationNoise, PicturesThatMovedAreToldFromPicturesAtRest) {
+  const auto moved_by = [](double pixels, std::uint64_t seed) {
+    return pattern().render(
+        [pixels](double, double) {
+          return Displacement{pixels, 0.5 * pixels, {}};
+        },
+        {.noise = 2, .gain = 1 + 0.1 * pixels, .seed = seed});
+  };
+  const files::Picture reference = moved_by(0, 1);
+  EXPECT_LT(share_of_motion(reference, moved_by(0, 2), k_region), 0.006);
+  EXPECT_GT(share_of_motion(reference, moved_by(0.1, 3), k_region), 0.1);
+  EXPECT_GT(share_of_motion(reference, moved_by(0.6, 4), k_region), 0.5);
+}
+
 TEST(CorrelationNoise, StandardDeviationsAreThoseOfTheDenseInverse) {
   ImageCorrelation correlation(pattern().render(), structured_mesh(k_region, 40));
   const Eigen::SparseMatrix<double> precision =

@@ -130,12 +130,19 @@ void CorrelationStage::make_constants() {
     weakest[e] = texture.selfadjointView<Eigen::Lower>().eigenvalues()[0] / m.count;
   }
   const double usual = median_of(weakest);
+  const auto hidden = static_cast<std::size_t>(std::count(usable_.begin(), usable_.end(), 0));
   std::size_t without = 0, example = 0;
   for (std::size_t e = 0; e < count; ++e)
     if (!(weakest[e] > k_smallest_texture * usual) || !(usual > 1e-12))
       usable_[e] = 0, ++without, example = e;
   if (2 * without > count) {
     const ElementPixels& element = pixels_.elements()[example];
+    if (2 * hidden > count)
+      throw UsageError(fmt::format(
+          "{} of {} elements have hardly a pixel that can be used: pixels at the highest grey level, and "
+          "their neighbours, count as saturated; where white belongs to the pattern set another level "
+          "(--saturation, dic.saturation), else less light; or see the mask",
+          hidden, count));
     throw UsageError(
         fmt::format("{} of {} elements have no texture (or are masked or saturated), e.g. the one around "
                     "pixel ({:.0f}, {:.0f}): image correlation needs a speckle with several dots per "

@@ -133,6 +133,12 @@ PatternReport pattern_report(const PictureSeries& series) {
   r.noise_is_assumed = !(series.known_noise() > 0);
   r.noise = r.noise_is_assumed ? k_assumed_noise * (maximum + 1) / k_full_range : series.known_noise();
   r.std = displacement_std(correlation, correlation.usable_elements(), r.noise, series.reference_count());
+  if (!(r.std.size() > 0 && r.std.maxCoeff() > 0))
+    throw DataError(
+        fmt::format("{}: there is no pattern to follow: grey levels vary by {:.2g} of {:.0f} from pixel to "
+                    "pixel, no more "
+                    "than by the noise of the pictures ({:.2g})",
+                    series.options().references.front(), r.contrast * maximum, maximum + 1, r.noise));
   r.mean_std = mean_std(r.std);
   r.largest_std = r.std.size() > 0 ? r.std.maxCoeff() : 0;
   give_advice(r, std::sqrt(pixels / std::max(1, r.elements)));

@@ -22,8 +22,9 @@ namespace {
 
 constexpr double k_margin = 10;      // px left free around the default region, for motions out of the picture
 constexpr double k_least_depth = 3;  // bits between a picture and the reference, by which it is multiplied
-constexpr double k_residual_growth = 2;      // from one picture to the next, that makes a warm start doubtful
-constexpr double k_rejected_growth = 0.1;    // of the elements, the same
+constexpr double k_residual_growth = 2;    // from one picture to the next, that makes a warm start doubtful
+constexpr double k_rejected_growth = 0.1;  // of the elements, the same
+constexpr double k_moved = 0.05;  // of the variance of the difference of two references: `share_of_motion`
 constexpr double k_foreign_residual = 0.75;  // of the contrast: the picture shows another surface
 
 Region region_of(const files::Picture& mask) {
@@ -131,8 +132,14 @@ PictureSeries::PictureSeries(SeriesOptions options) : options_(std::move(options
   known_noise_ = options_.noise;
   if (!(known_noise_ > 0) && references.size() > 1) {
     double squares = 0;
-    for (std::size_t i = 1; i < references.size(); ++i)
+    for (std::size_t i = 1; i < references.size(); ++i) {
       squares += std::pow(noise_from_repeat(references[i - 1], references[i], *options_.region), 2);
+      if (share_of_motion(references[i - 1], references[i], *options_.region) > k_moved)
+        remark(fmt::format(
+            "{}: the surface has moved since {}: the noise that their difference tells is too large; "
+            "references must all show the surface at rest, without load",
+            options_.references[i], options_.references[i - 1]));
+    }
     known_noise_ =
         std::max(k_quantisation_noise, std::sqrt(squares / static_cast<double>(references.size() - 1)));
   }
@@ -191,6 +198,8 @@ std::string PictureSeries::what_to_try() const {
   advice.emplace_back("a region or mask that holds the surface only (--roi, --mask; --maps shows it)");
   if (options_.correlation.regularisation == 0)
     advice.emplace_back("regularisation of some elements' size (dic.regularisation)");
+  advice.emplace_back(
+      "pictures in between, if the surface turned by more than 4° or moved by tens of pixels");
   return fmt::format("try {}", fmt::join(advice, ", or "));
 }
 

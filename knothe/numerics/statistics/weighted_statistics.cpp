@@ -6,6 +6,7 @@
 #include <cassert>
 #include <cmath>
 #include <numbers>
+#include <numeric>
 #include <random>
 
 #include "knothe/base/error.hpp"
@@ -52,6 +53,22 @@ class SpreadMass {
   static constexpr std::size_t k_count = 2 * 9 * k_per_unit + 1;
   std::array<std::pair<double, double>, k_count> nodes_;  ///< M, and M′ per interval
 };
+
+/// The points at the cumulative weights (k + ½)/count, in this order of the points.
+std::vector<Eigen::Index> draws_in_order(const Eigen::Ref<const Eigen::VectorXd>& weights,
+                                         const std::vector<Eigen::Index>& order, Eigen::Index count) {
+  const double share = weights.sum() / static_cast<double>(count);
+  std::vector<Eigen::Index> chosen;
+  chosen.reserve(count);
+  std::size_t i = 0;
+  double passed = weights[order[0]];
+  for (Eigen::Index k = 0; k < count; ++k) {
+    while (passed < (static_cast<double>(k) + 0.5) * share && i + 1 < order.size())
+      passed += weights[order[++i]];
+    chosen.push_back(order[i]);
+  }
+  return chosen;
+}
 
 }  // namespace
 
@@ -251,18 +268,29 @@ void lattice_quantiles(std::span<const double> nodes, std::span<const double> we
 }
 
 std::vector<Eigen::Index> equal_draws(const Eigen::Ref<const Eigen::VectorXd>& weights, Eigen::Index count) {
-  const std::vector<Eigen::Index> order = reversed_bits(weights.size());
-  const double share = weights.sum() / static_cast<double>(count);
-  std::vector<Eigen::Index> chosen;
-  chosen.reserve(count);
-  std::size_t i = 0;
-  double passed = weights[order[0]];
-  for (Eigen::Index k = 0; k < count; ++k) {
-    while (passed < (static_cast<double>(k) + 0.5) * share && i + 1 < order.size())
-      passed += weights[order[++i]];
-    chosen.push_back(order[i]);
-  }
-  return chosen;
+  return draws_in_order(weights, reversed_bits(weights.size()), count);
+}
+
+std::vector<Eigen::Index> equal_draws_along(const Eigen::Ref<const Eigen::VectorXd>& values,
+                                            const Eigen::Ref<const Eigen::VectorXd>& weights,
+                                            Eigen::Index count) {
+  // Sorted into bins: 256 to a standard deviation.
+  constexpr std::size_t k_bins = 4096;
+  constexpr double k_deviations = 8;
+  const double mean = weights.dot(values) / weights.sum();
+  const double deviation =
+      std::sqrt((weights.array() * (values.array() - mean).square()).sum() / weights.sum());
+  const double low = mean - k_deviations * deviation, per_unit = k_bins / (2 * k_deviations * deviation);
+  const auto bin_of = [&](Eigen::Index i) {
+    const double place = (values[i] - low) * per_unit;
+    return place > 0 ? static_cast<std::size_t>(std::min(place, k_bins - 1.0)) : 0;
+  };
+  std::vector<std::size_t> next(k_bins + 1, 0);
+  for (Eigen::Index i = 0; i < values.size(); ++i) ++next[bin_of(i) + 1];
+  std::partial_sum(next.begin(), next.end(), next.begin());
+  std::vector<Eigen::Index> order(static_cast<std::size_t>(values.size()));
+  for (Eigen::Index i = 0; i < values.size(); ++i) order[next[bin_of(i)]++] = i;
+  return draws_in_order(weights, order, count);
 }
 
 Eigen::MatrixXd resample(const Eigen::Ref<const Eigen::MatrixXd>& points,

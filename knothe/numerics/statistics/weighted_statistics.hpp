@@ -79,6 +79,11 @@ void lattice_quantiles(std::span<const double> nodes, std::span<const double> we
 /// k-th point of a low-discrepancy sequence would lie in one part of the first coordinate.
 [[nodiscard]] std::vector<Eigen::Index> equal_draws(const Eigen::Ref<const Eigen::VectorXd>& weights,
                                                     Eigen::Index count);
+/// The same with the points taken in the order of `values` (n, one for each): of what hardly depends on more
+/// than these the draws have the distribution of all points.
+[[nodiscard]] std::vector<Eigen::Index> equal_draws_along(const Eigen::Ref<const Eigen::VectorXd>& values,
+                                                          const Eigen::Ref<const Eigen::VectorXd>& weights,
+                                                          Eigen::Index count);
 
 /// Those draws, count × d, shuffled by the seed, so that any part of them is a sample too.
 [[nodiscard]] Eigen::MatrixXd resample(const Eigen::Ref<const Eigen::MatrixXd>& points,

@@ -4,6 +4,7 @@
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <filesystem>
 #include <map>
 
 #include "knothe/base/error.hpp"
@@ -178,6 +179,9 @@ SeparatedModel::SeparatedModel(ModelContents contents, const std::string& where)
 }
 
 SeparatedModel SeparatedModel::load(const std::string& path) {
+  if (!std::filesystem::exists(path))
+    throw DataError(fmt::format("{}: there is no such model: `knothe offline PROJECT.toml -o {}` makes it",
+                                path, std::filesystem::path(path).filename().string()));
   return SeparatedModel(read_model(path), path);
 }
 

@@ -102,15 +102,14 @@ void AssimilationOutput::print_text(const engine::StepResult& result, double tot
     text += fmt::format("  {} {}", axes_[k].name, value_text(r.mean[i], std::sqrt(r.covariance(i, i)), "1"));
   }
   if (r.map_order > 0) text += fmt::format("  order {}", r.map_order);
-  text += fmt::format("{}", r.verdict.level == assimilation::VerdictLevel::ok        ? " "
-                            : r.verdict.level == assimilation::VerdictLevel::caution ? "?"
-                                                                                     : "!");
   if (!result.forecasts.empty()) {
     const forecast::NamedForecast& first = result.forecasts[0];
     text +=
         fmt::format("  {} {}", first.name, value_text(first.forecast.mean, first.forecast.std, first.units));
   }
   text += fmt::format("  {:.0f} µs", total_us);
+  if (r.verdict.level != assimilation::VerdictLevel::ok)
+    text += fmt::format("  {}", to_text(r.verdict.level));
   if (live_) std::fprintf(stderr, "\r\033[K%s", text.c_str());
   if ((r.step + 1) % 10 != 0 && shown_ != steps_) return;
   if (live_) std::fputs("\r\033[K", stderr);

@@ -57,6 +57,10 @@ class PictureOutput {
       const auto x = table.numbers("x"), y = table.numbers("y");
       points_.resize(static_cast<Eigen::Index>(x.size()), 2);
       for (std::size_t i = 0; i < x.size(); ++i) points_.row(i) << x[i], y[i];
+      if (several() && fs::path(files.output).has_extension() && !fs::is_directory(files.output))
+        throw UsageError(
+            fmt::format("-o {}: with --at and several pictures it takes a folder, whose name has no ending",
+                        files.output));
       if (several()) files::require_writable_folder(files.output);
     } else if (!files.output.empty() && !has_ending(".h5") && !has_ending(".vtu") && !has_ending(".pvd")) {
       throw UsageError(fmt::format(
@@ -206,6 +210,9 @@ int measure_pictures(const PictureTask& task, const PictureFiles& files, const f
     }
   }
   const int status = exit_status(results);
+  if (status == 0 && files.output.empty() && files.maps.empty() && !output.json())
+    fmt::print(stderr,
+               "the fields are not kept: -o FILE.h5, .vtu or .pvd writes them, --maps FOLDER draws them\n");
   if (status == 0 || cancellation_requested()) written.finish(series, results);
   if (status == 0 && !files.table.empty()) {
     const double noise = std::max(imaging::k_quantisation_noise, imaging::series_noise(series, results));
