@@ -61,7 +61,7 @@ class Verdict:
     edge_mass : ndarray, shape (d,)
         Posterior mass in the outer 2 % of the model's box, at either side.
     model_shift_std : ndarray, shape (d,)
-        How far the reduced model's own error moves each mean, in its standard deviation; empty where it is not known.
+        How far the error of the reduced model shifts each mean, in posterior standard deviations; empty if it is not known.
 
     Examples
     --------
