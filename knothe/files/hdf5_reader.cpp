@@ -108,7 +108,9 @@ Hdf5Reader::Hdf5Reader(std::string path) : implementation_(std::make_unique<Impl
   struct stat status {};
   if (::stat(name.c_str(), &status) != 0)
     throw DataError(system_error("could not open the file", name).what());
-  if (S_ISDIR(status.st_mode)) throw DataError(fmt::format("{}: is a folder, an HDF5 file is needed", name));
+  if (!S_ISREG(status.st_mode))
+    throw DataError(fmt::format("{}: is {}, an HDF5 file is needed", name,
+                                S_ISDIR(status.st_mode) ? "a folder" : "a pipe or device"));
   if (H5Fis_hdf5(name.c_str()) == 0) {
     throw DataError(fmt::format("{}: not an HDF5 file{}", name, status.st_size == 0 ? " (it is empty)" : ""));
   }

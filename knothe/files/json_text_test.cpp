@@ -33,6 +33,14 @@ TEST(JsonText, IsReadAsItIsWritten) {
   EXPECT_EQ(parse_json("3"), 3);
 }
 
+/// In a time that goes with their number: compared each with all others they would take an hour.
+TEST(JsonText, ManyObjectsSideBySideAreRead) {
+  EXPECT_EQ(parse_json("[" + repeated("{},", 500'000) + "1]").size(), 500'001);
+  std::string object = "{";
+  for (int i = 0; i < 200'000; ++i) object += "\"" + std::to_string(i) + "\":{},";
+  EXPECT_EQ(parse_json(object + "\"z\":[{}]}").size(), 200'001);
+}
+
 TEST(JsonText, IsRefusedWhereItIsNestedTooDeep) {
   for (const auto& [open, inside, close] : {std::array{"[", "", "]"}, {"{\"a\":", "1", "}"}}) {
     const auto nested = [&](int depth) { return repeated(open, depth) + inside + repeated(close, depth); };

@@ -106,7 +106,7 @@ void seal(const std::string& path) {
 
 SealState state_of_seal(const std::string& path) {
   struct stat status {};
-  if (::stat(path.c_str(), &status) != 0 || S_ISDIR(status.st_mode)) return SealState::none;
+  if (::stat(path.c_str(), &status) != 0 || !S_ISREG(status.st_mode)) return SealState::none;
   const File file(std::fopen(path.c_str(), "rb"), std::fclose);
   if (!file) throw DataError(system_error("could not open the file", path).what());
   std::string block(k_block, '\0');

@@ -1,4 +1,5 @@
 """Model and snapshot files that are missing, damaged or of another kind: exit status 4, file and data set named."""
+import os
 import shutil
 import struct
 import unittest
@@ -23,6 +24,11 @@ class Test(Case):
     def test_a_missing_model_is_named(self):
         (self.folder / "model.h5").unlink()
         self.expect_refused("there is no such model: `knothe offline PROJECT.toml -o")
+
+    def test_a_pipe_in_the_place_of_a_model_is_not_waited_for(self):
+        (self.folder / "model.h5").unlink()
+        os.mkfifo(self.folder / "model.h5")
+        self.expect_refused("is a pipe or device, an HDF5 file is needed")
 
     def test_a_file_that_is_not_hdf5_is_told(self):
         (self.folder / "model.h5").unlink()

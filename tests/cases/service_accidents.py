@@ -113,13 +113,19 @@ class Test(ServiceCase):
                 service.stop()
 
     def test_a_journal_that_is_deleted_or_renamed_takes_no_more(self):
-        for accident in ("renamed", "deleted", "replaced", "log deleted"):
+        for accident in ("renamed", "deleted", "replaced", "truncated", "copied over", "log deleted"):
             with self.subTest(accident):
                 self.setUp()
                 service = self.serve()
                 self.expect_stored(service.send(self.data[0]), 0)
                 if accident == "log deleted":
                     self.journal("-wal").unlink()
+                elif accident == "truncated":
+                    with open(self.journal(), "r+b") as journal:
+                        journal.truncate(0)
+                elif accident == "copied over":
+                    with open(self.journal(), "r+b") as journal:
+                        journal.write(b"another journal")
                 else:
                     shutil.copy(self.journal(), self.folder / "copy")
                     self.journal().rename(self.folder / "elsewhere")
@@ -127,15 +133,16 @@ class Test(ServiceCase):
                     (self.folder / "copy").rename(self.journal())
                 answer = service.send(self.data[1])
                 self.expect_error(answer, 507, "DiskFull")
-                self.assertIn("deleted, renamed or replaced", answer[1]["error"]["message"])
+                self.assertIn("deleted, renamed, replaced or overwritten", answer[1]["error"]["message"])
                 status = service.get("/v1/status")[1]
                 self.assertEqual((status["state"], status["read_only"], status["records"]), ("DEGRADED", True, 1))
-                self.assertIn("deleted, renamed or replaced", status["reason"])
+                self.assertIn("deleted, renamed, replaced or overwritten", status["reason"])
                 if accident == "renamed":
                     (self.folder / "elsewhere").rename(self.journal())
                     service.wait_until(lambda: not service.get("/v1/status")[1]["read_only"])
                     self.expect_stored(service.send(self.data[1]), 1)
                 service.stop()
+                self.assertEqual("every acknowledged measurement is in the journal" in service.logged(), accident == "renamed")
 
     def test_a_journal_that_goes_while_nothing_comes_is_noticed(self):
         service = self.serve()

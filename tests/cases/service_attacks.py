@@ -44,6 +44,15 @@ class Test(ServiceCase):
                 self.assertRegex(answer["error"]["message"], "nested deeper than")
         self.assertEqual(service.get("/livez")[0], 200)
 
+    def test_many_small_objects_hold_up_nothing(self):
+        """In a time that goes with their number. Compared each with all others, as the JSON library does, they would take hours."""
+        service = self.serve()
+        many = '{"name":"forward","input":[' + "{}," * 2_000_000 + "{}]}"
+        status, answer = service.post("/Evaluate", many)
+        self.assertEqual(status, 400, answer)
+        self.expect_error(service.post("/v1/measurements", "[" + "{}," * 20_000 + "{}]"), 400, "Malformed")
+        self.expect_stored(service.send(self.data[0]), 0)
+
     def test_a_key_that_comes_twice_is_refused(self):
         service = self.serve()
         key = '"source":"camera","session":"s","seq":0'

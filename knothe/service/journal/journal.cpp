@@ -63,6 +63,7 @@ struct JournalReader::Implementation {
   std::string mark_path = mark_path_of(path), log_path;
   Acknowledged told;                ///< what the mark says next
   std::optional<FileIdentity> log;  ///< NAME-wal, once something was written
+  std::optional<FileHead> head;     ///< of the file, as this writer left it
   Chains chains;
   std::optional<Chains> before;  ///< at `begin`
   std::int64_t starts = 0;
@@ -110,19 +111,28 @@ struct JournalReader::Implementation {
       whole = statement.step() && statement.integer(0) == 0;
     }
     sqlite3_busy_timeout(database.handle(), k_busy_timeout_ms);
+    head = lock.head();
     return whole;
   }
 
   [[nodiscard]] bool in_place() const {
-    return file_identity(path) == lock.file() && (!log || file_identity(log_path) == log);
+    return file_identity(path) == lock.file() && (!log || file_identity(log_path) == log) && is_as_left();
+  }
+
+  /// Whether nobody else has written into the file: truncated it, or copied another journal over it.
+  [[nodiscard]] bool is_as_left() const {
+    if (!head) return true;
+    const auto now = lock.head();
+    return now && now->size >= head->size && now->first_page == head->first_page;
   }
 
   void require_in_place() const {
     if (!in_place())
-      throw DiskFullError(fmt::format(
-          "{}: the journal was deleted, renamed or replaced while it is written; put it back, or restart the "
-          "service to begin another",
-          path));
+      throw DiskFullError(
+          fmt::format("{}: the journal was deleted, renamed, replaced or overwritten while it is written; "
+                      "put it back, or "
+                      "restart the service to begin another",
+                      path));
   }
 
   /// Before the first write: the mark is then replaced.
@@ -163,6 +173,7 @@ struct JournalReader::Implementation {
     told.entries = chains.logbook.count;
     write_mark(mark_path, told, chains.records.seal);
     if (!log) log = file_identity(log_path);
+    head = lock.head();
   }
 
   [[noreturn]] void damaged(const std::string& what) const {

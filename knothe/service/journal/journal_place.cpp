@@ -9,6 +9,7 @@
 #include <array>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 
 #include "knothe/base/error.hpp"
 
@@ -32,6 +33,15 @@ WriterLock::WriterLock(const std::string& journal) {
         fmt::format("{}: another process writes this journal; a journal has one writer", journal));
   }
   file_ = {found.st_dev, found.st_ino};
+}
+
+std::optional<FileHead> WriterLock::head() const noexcept {
+  std::array<char, 4096> page;
+  struct stat found {};
+  const ssize_t read = ::pread(descriptor_, page.data(), page.size(), 0);
+  if (read < 0 || ::fstat(descriptor_, &found) != 0) return std::nullopt;
+  return FileHead{found.st_size,
+                  std::hash<std::string_view>()({page.data(), static_cast<std::size_t>(read)})};
 }
 
 WriterLock::~WriterLock() {

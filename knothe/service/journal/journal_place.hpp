@@ -18,6 +18,12 @@ struct FileIdentity {
 /// Of the file at `path`, symbolic links followed; nothing if there is none.
 [[nodiscard]] std::optional<FileIdentity> file_identity(const std::string& path) noexcept;
 
+/// What SQLite changes only when it moves its log into the file.
+struct FileHead {
+  std::int64_t size = 0;
+  std::size_t first_page = 0;  ///< hash of the first 4 kB
+};
+
 /// The lock that makes a writer the only one: on the journal itself, so neither another name for it nor a
 /// deleted lock file lets a second one in. It goes with the process, however that ends.
 class WriterLock {
@@ -31,6 +37,8 @@ class WriterLock {
 
   [[nodiscard]] bool held() const { return descriptor_ >= 0; }
   [[nodiscard]] FileIdentity file() const { return file_; }
+  /// Nothing where it cannot be read.
+  [[nodiscard]] std::optional<FileHead> head() const noexcept;
 
  private:
   int descriptor_ = -1;

@@ -30,6 +30,13 @@ std::string scalars_last(const reduction::Sensors& sensors) {
                      fmt::join(sensors.scalars, ", "));
 }
 
+/// As the engine sees them.
+bool same_values(const Measurement& a, const Measurement& b) {
+  const std::vector<double> left = a.effective_values(), right = b.effective_values();
+  return std::equal(left.begin(), left.end(), right.begin(), right.end(),
+                    [](double x, double y) { return x == y || (std::isnan(x) && std::isnan(y)); });
+}
+
 std::string units_of(const reduction::Sensors& sensors, std::size_t i) {
   return i < sensors.displacement_count() ? "values are in metres"
                                           : "of " + sensors.scalars[i - sensors.displacement_count()];
@@ -508,6 +515,7 @@ JournalWriter::Answer JournalWriter::write(const Withdrawal& withdrawal, Monoton
 /// A switch changes what the data from its time on say: those are assimilated anew.
 JournalWriter::Answer JournalWriter::write(const LogbookEntry& entry, MonotonicTime at, Written& written) {
   LogbookEntry kept = journal_.add_entry(entry);
+  const SensorSwitches before = switches_;
   follow(kept);
   written.entries.push_back(kept);
   if (kept.kind != EntryKind::sensor_off && kept.kind != EntryKind::sensor_on) return kept;
@@ -516,7 +524,9 @@ JournalWriter::Answer JournalWriter::write(const LogbookEntry& entry, MonotonicT
     if (!record.counts()) return;
     match_step(record, setup_.observed->time, journal_.path());
     if (static_cast<std::size_t>(record.measurement.step) < from) return;
-    written.arrivals.push_back({switches_.seen(record.measurement), at, Arrival::Kind::replaced});
+    Measurement seen = switches_.seen(record.measurement);
+    if (!same_values(seen, before.seen(record.measurement)))
+      written.arrivals.push_back({std::move(seen), at, Arrival::Kind::replaced});
   });
   return kept;
 }

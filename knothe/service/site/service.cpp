@@ -132,6 +132,7 @@ void require_journal_file(const project::Project& project) {
 
 void serve(const project::Project& project, const ServiceOptions& arguments) {
   std::signal(SIGPIPE, SIG_IGN);
+  std::signal(SIGXFSZ, SIG_IGN);  // a write beyond the limit fails, as on a full disk
   require_cameras(project);
   require_journal_file(project);
   const project::ServeOptions& options = project.serve;
@@ -196,6 +197,10 @@ void serve(const project::Project& project, const ServiceOptions& arguments) {
       throw Error(ExitStatus::deadline,
                   fmt::format("site {}: an update was later than its budget of {:.3g} ms (--strict-deadline)",
                               site->name(), 1e3 * site->health().budget_s()));
+  for (const auto& served : sites)
+    if (const auto tally = served->current()->journal().tally(); tally.read_only)
+      throw Interrupted(fmt::format("stopped; site {} refused measurements in the end: {}",
+                                    served->current()->name(), tally.trouble));
   throw Interrupted("stopped; every acknowledged measurement is in the journal");
 }
 

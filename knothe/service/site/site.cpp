@@ -18,6 +18,13 @@ namespace {
 constexpr std::size_t k_newest_first_from = 16;  // stale lines
 constexpr double k_moved_std = 0.5;              // of a posterior that is asked about again
 
+/// Of "a/b" and "c", and of "a" and "b/c", one string each.
+std::string escaped(const std::string& name) {
+  std::string text;
+  for (const char c : name) text += c == '/' ? "%2F" : c == '%' ? "%25" : std::string(1, c);
+  return text;
+}
+
 }  // namespace
 
 Site::Site(project::Project project, SiteSettings settings, Metrics& metrics)
@@ -43,7 +50,7 @@ Site::Site(project::Project project, SiteSettings settings, Metrics& metrics)
   starts_ = journal_.count_start(settings_.least_start);
   next_event_ = starts_ * (std::int64_t{1} << 32) + 1;
   const JournalReader& records = journal_.records();
-  alarms_.restore(records.alarms(SiteAlarms::k_kept), records.conditions());
+  alarms_.restore(records.alarms(8 * SiteAlarms::k_kept), records.conditions());
   for (const LogbookEntry& entry : records.logbook()) note_down(entry);
   restore_model();
   metrics_.count("knothe_deadline_misses_total", labels(), 0);  // there from the first scrape on
@@ -145,8 +152,8 @@ void Site::doubt(const Measurement& measurement, const std::string& reason) {
                {"reason", reason}});
   const auto step = static_cast<std::size_t>(std::max<std::int64_t>(measurement.step, 0));
   const auto& key = measurement.key;
-  alarms_.judge_condition(fmt::format("held {}/{}/{}", key.source, key.session, key.seq), step,
-                          is_held ? "alarm" : "", "sensors", fmt::format("in quarantine: {}", reason));
+  alarms_.judge_condition(fmt::format("held {}/{}/{}", escaped(key.source), escaped(key.session), key.seq),
+                          step, is_held ? "alarm" : "", "sensors", fmt::format("in quarantine: {}", reason));
 }
 
 /// The same, and at the start.
@@ -539,9 +546,11 @@ bool Site::tick() {
   std::int64_t records = 0;
   std::shared_ptr<const Line> latest;
   Verification verification;
+  bool replaying = false;  // a restart is no delay of the data
   {
     const std::lock_guard lock(mutex_);
     verification = verification_;
+    replaying = replayed_ && !ready_;
     tally = journal_.tally();
     state = state_of_now(tally);
     age = health_.data_age_s();
@@ -571,7 +580,7 @@ bool Site::tick() {
             {{"site", name()}, {"state", state.word}, {"reason", state.reason}, {"step", step}});
   const auto at = static_cast<std::size_t>(std::max<std::int64_t>(step, 0));
   if (state.word == "STALE" && age) alarms_.raise(at, "warning", "gap", state.reason);
-  if (state.word == "DEGRADED") alarms_.raise(at, "warning", "deadline", state.reason);
+  if (state.word == "DEGRADED" && !replaying) alarms_.raise(at, "warning", "deadline", state.reason);
   return true;
 }
 

@@ -5,7 +5,9 @@
 #include <algorithm>
 #include <chrono>
 #include <iterator>
+#include <map>
 #include <nlohmann/json.hpp>
+#include <string_view>
 
 namespace knothe::service {
 
@@ -26,7 +28,17 @@ Json json_of(const Alarm& alarm) {
 void SiteAlarms::restore(std::vector<Alarm> told, const std::vector<Alarm>& conditions) {
   const std::lock_guard lock(mutex_);
   alarms_.assign(std::make_move_iterator(told.begin()), std::make_move_iterator(told.end()));
+  while (alarms_.size() > k_kept) drop_one();
   for (const Alarm& alarm : conditions) severities_[alarm.condition] = alarm.severity;
+}
+
+void SiteAlarms::drop_one() {
+  std::map<std::string_view, std::size_t> count;
+  for (const Alarm& alarm : alarms_) ++count[alarm.kind];
+  const auto most = std::max_element(count.begin(), count.end(),
+                                     [](const auto& a, const auto& b) { return a.second < b.second; });
+  alarms_.erase(std::find_if(alarms_.begin(), alarms_.end(),
+                             [&](const Alarm& alarm) { return alarm.kind == most->first; }));
 }
 
 void SiteAlarms::add(Alarm alarm) {
@@ -37,7 +49,7 @@ void SiteAlarms::add(Alarm alarm) {
   keep_(alarm);
   if (alarm.severity.empty()) return;
   alarms_.push_back(std::move(alarm));
-  if (alarms_.size() > k_kept) alarms_.pop_front();
+  if (alarms_.size() > k_kept) drop_one();
 }
 
 void SiteAlarms::raise(std::size_t step, const std::string& severity, const std::string& kind,

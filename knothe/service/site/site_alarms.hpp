@@ -14,7 +14,8 @@ namespace knothe::service {
 /// As readers are told it.
 [[nodiscard]] Json json_of(const Alarm& alarm);
 
-/// The last alarms. Thread-safe; its mutex is taken last but for the journal's.
+/// The last alarms; where there are too many, the oldest of the most frequent kind goes: a loose plug does
+/// not push out what the structure had to say. Thread-safe; its mutex is taken last but for the journal's.
 class SiteAlarms {
  public:
   static constexpr std::size_t k_kept = 256;
@@ -46,6 +47,7 @@ class SiteAlarms {
 
  private:
   void add(Alarm alarm);  ///< mutex_ held
+  void drop_one();
 
   const std::vector<forecast::ForecastSpecification>& forecasts_;
   std::atomic<std::int64_t>& next_event_;

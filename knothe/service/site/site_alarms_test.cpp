@@ -38,6 +38,27 @@ TEST(SiteAlarms, AConditionIsToldWhenItBeginsAndIdsAreSharedWithLines) {
   EXPECT_EQ(alarms.after(7).size(), 1U);
 }
 
+TEST(SiteAlarms, ALoosePlugDoesNotPushOutWhatTheStructureHadToSay) {
+  std::atomic<std::int64_t> next_event{1};
+  const std::vector<forecast::ForecastSpecification> forecasts;
+  std::vector<Alarm> kept;
+  SiteAlarms alarms(forecasts, next_event, [&](const Alarm& alarm) { kept.push_back(alarm); });
+  alarms.raise(0, "alarm", "verdict", "reject");
+  alarms.raise(1, "warning", "threshold", "P is 0.1");
+  for (std::size_t step = 2; step < 1000; ++step) alarms.raise(step, "alarm", "sensors", "in quarantine");
+  alarms.raise(1000, "alarm", "bias", "the model does not explain the data");
+  SiteAlarms again(forecasts, next_event, [](const Alarm&) {});
+  again.restore(kept, {});
+  for (const SiteAlarms* site : {&alarms, &again}) {
+    const auto told = site->after(0);
+    ASSERT_EQ(told.size(), SiteAlarms::k_kept);
+    EXPECT_EQ(told[0].kind, "verdict");
+    EXPECT_EQ(told[1].kind, "threshold");
+    EXPECT_EQ(told[2].step, 1000 - static_cast<std::int64_t>(SiteAlarms::k_kept) + 3);
+    EXPECT_EQ(told.back().kind, "bias");
+  }
+}
+
 TEST(SiteAlarms, TheVerdictIsToldWhenItsLevelChangesForTheWorse) {
   std::atomic<std::int64_t> next_event{1};
   const std::vector<forecast::ForecastSpecification> forecasts;
