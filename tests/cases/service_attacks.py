@@ -5,6 +5,7 @@ import pathlib
 import re
 import resource
 import socket
+import struct
 import threading
 import time
 import unittest
@@ -72,6 +73,26 @@ class Test(ServiceCase):
         for head in (b"GET /" + b"x" * 70_000 + b" HTTP/1.1\r\n\r\n", b"GET / HTTP/1.1\r\n" + b"y" * 70_000 + b": 1\r\n\r\n"):
             self.assertRegex(self.raw(service, head), rb"^HTTP/1.1 431 ")
         self.assertEqual(service.get("/livez")[0], 200)
+
+    def test_what_is_said_twice_or_behind_the_body_is_not_taken(self):
+        """Of an array whose time, number and source are headers."""
+        service = self.serve()
+        values = self.data[0]["values"]
+        text = f"{{'descr': '<f8', 'fortran_order': False, 'shape': ({len(values)},), }}"
+        text += " " * (-(len(text) + 11) % 64) + "\n"
+        array = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text.encode() + struct.pack(f"<{len(values)}d", *values)
+        head = ("Content-Type: application/x-npy", "source: camera", "session: s", "seq: 0")
+        times = [f"time: {self.data[step]['time']}" for step in (0, 1)]
+
+        def send(*more, trailer=b""):
+            body = b"%x\r\n%s\r\n0\r\n%s\r\n" % (len(array), array, trailer)
+            return self.raw(service, self.request("POST", "/v1/measurements", "Transfer-Encoding: chunked", *head, *more, body=body), wait=2)
+
+        self.assertIn(b" 400 ", send(*times))
+        self.assertIn(b"the headers seq and X-Knothe-seq say", send(times[0], "X-Knothe-Seq: 1"))
+        self.assertEqual(service.get("/v1/status")[1]["records"], 0)
+        self.assertIn(b'"step":0', send(times[0], trailer=times[1].encode() + b"\r\nseq: 7\r\n"))
+        self.assertIn(b'"duplicate":true', send(times[0]))
 
     def test_a_transfer_encoding_that_is_not_known_ends_the_connection(self):
         service = self.serve()

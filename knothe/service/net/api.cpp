@@ -404,8 +404,12 @@ void Api::take_measurement(const HttpRequest& request, const Answer& answer) {
     SiteMeasurement datum;
     if (media_type(request) == "application/x-npy") {
       const auto either = [&](const std::string& name) {
-        const std::string plain = request.header(name);
-        return plain.empty() ? request.header("x-knothe-" + name) : plain;
+        const std::string plain = request.header(name), own = request.header("x-knothe-" + name);
+        if (!plain.empty() && !own.empty() && plain != own)
+          throw RequestError(
+              400, "Malformed",
+              fmt::format("the headers {0} and X-Knothe-{0} say \"{1}\" and \"{2}\"", name, plain, own));
+        return plain.empty() ? own : plain;
       };
       datum = parse_npy_measurement(
           request.body, {either("site"), either("source"), either("session"), either("seq"), either("time"),

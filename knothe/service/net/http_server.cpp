@@ -140,6 +140,7 @@ class Session : public std::enable_shared_from_this<Session> {
   beast::tcp_stream stream_;
   beast::flat_buffer buffer_;  ///< bounded: trailers are read whole, and have no limit of their own
   std::optional<Parser> parser_;
+  HttpRequest head_;  ///< as it was admitted: trailers, which come behind the body, change nothing
   std::optional<http::response<http::string_body>> response_;
   std::unique_ptr<EventSource> source_;
   std::string out_, sink_;
@@ -187,9 +188,9 @@ void Session::head_read(ErrorCode error) {
       error == http::error::partial_message)
     return;  // closed, or too slow: nobody listens
   if (error) return refuse(error_response(400, "NotHttp", "the request is not HTTP/1.1: " + error.message()));
-  const HttpRequest head = request_of(parser_->get());
+  head_ = request_of(parser_->get());
   HttpResponse refusal;
-  const Admission admission = server_->handler.admit(head, refusal);
+  const Admission admission = server_->handler.admit(head_, refusal);
   if (admission == Admission::refused) return refuse(std::move(refusal));
   admission_ = admission;
   if (auto why = objection()) return refuse(std::move(*why));
@@ -200,7 +201,7 @@ void Session::head_read(ErrorCode error) {
         fmt::format("the body has {} bytes; at most {} are taken", *length, server_->options.max_body)));
   expire(server_->options.timeout);
   if (parser_->is_done()) return dispatch();
-  if (!beast::iequals(head.header("expect"), "100-continue")) return read_body();
+  if (!beast::iequals(head_.header("expect"), "100-continue")) return read_body();
   out_ = "HTTP/1.1 100 Continue\r\n\r\n";
   asio::async_write(stream_, asio::buffer(out_), [self = shared_from_this()](ErrorCode failed, std::size_t) {
     if (!failed) self->read_body();
@@ -260,14 +261,16 @@ HttpRequest Session::request_of(const http::request<http::string_body>& message)
   for (const auto& field : message) {
     std::string name(field.name_string());
     for (char& c : name) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
-    request.headers[name] = std::string(field.value());
+    // Fields of one name are a list (RFC 9110, 5.3): no reader takes one of them for all.
+    const auto [place, is_new] = request.headers.try_emplace(name, std::string(field.value()));
+    if (!is_new) place->second += ", " + std::string(field.value());
   }
   return request;
 }
 
 void Session::dispatch() {
   const bool keep_alive = parser_->get().keep_alive();
-  HttpRequest request = request_of(parser_->get());
+  HttpRequest request = std::exchange(head_, {});
   request.body = std::move(parser_->get().body());
   request.body_room = std::exchange(room_, nullptr);
   waiting_since_.reset();
