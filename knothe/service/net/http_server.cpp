@@ -189,6 +189,9 @@ void Session::head_read(ErrorCode error) {
       error == http::error::partial_message)
     return;  // closed, or too slow: nobody listens
   if (error) return refuse(error_response(400, "NotHttp", "the request is not HTTP/1.1: " + error.message()));
+  const auto hosts = parser_->get().count(http::field::host);
+  if (hosts > 1 || (hosts == 0 && parser_->get().version() >= 11))
+    return refuse(error_response(400, "NotHttp", "a request of HTTP/1.1 has one Host: header"));
   head_ = request_of(parser_->get());
   HttpResponse refusal;
   const Admission admission = server_->handler.admit(head_, refusal);
@@ -245,8 +248,6 @@ std::optional<HttpResponse> Session::objection() const {
   if (encodings == 1 && head.version() < 11)
     return error_response(400, "NotHttp", "HTTP/1.0 knows no Transfer-Encoding");
   const bool posts = head.method() == http::verb::post;
-  if (const auto hosts = head.count(http::field::host); hosts > 1 || (hosts == 0 && head.version() >= 11))
-    return error_response(400, "NotHttp", "a request of HTTP/1.1 has one Host: header");
   if (posts && encodings == 0 && !has_length)
     return error_response(411, "LengthRequired", "the body has no Content-Length");
   if (!posts && (encodings > 0 || parser_->content_length().value_or(0) > 0))
