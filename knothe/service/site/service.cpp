@@ -32,6 +32,12 @@ std::string read_token(const project::Project& project, const std::string& key, 
     throw project.error_at("serve." + key,
                            fmt::format("the token file {} cannot be read, or is empty", path));
   while (!token.empty() && (token.back() == '\r' || token.back() == ' ')) token.pop_back();
+  if (!std::all_of(token.begin(), token.end(), [](char c) { return c > ' ' && c < '\x7f'; }))
+    throw project.error_at(
+        "serve." + key,
+        fmt::format("the token in {} has blanks, or characters that are not ASCII (UTF-16, a byte-order "
+                    "mark?): no client can send it",
+                    path));
   if (token.size() < 16)
     throw project.error_at(
         "serve." + key,
