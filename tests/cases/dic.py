@@ -162,7 +162,7 @@ class Test(Case):
         (self.folder / "colour.ppm").write_bytes(b"P6\n2 2\n255\n" + bytes(range(12)))
         (self.folder / "text.tif").write_text("this is no picture at all")
         bad = {"black.pgm": "black", "grey.pgm": "uniform", "small.pgm": "2 × 2 pixels", "cut.pgm": "truncated",
-               "colour.ppm": "colour", "text.tif": "not a picture", "gone.tif": "no such picture", "copy.pgm": "the same as a.pgm",
+               "colour.ppm": "colour", "text.tif": "unsupported picture format", "gone.tif": "no such picture", "copy.pgm": "the same as a.pgm",
                "other.pgm": "not converged"}
         names = ["black.pgm", "grey.pgm", "small.pgm", "a.pgm", "copy.pgm", "cut.pgm", "colour.ppm", "text.tif", "gone.tif",
                  "other.pgm", "b.pgm"]
