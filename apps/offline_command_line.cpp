@@ -20,8 +20,7 @@ CLI::App& add_command(CLI::App& parent, BuildArguments& arguments) {
   command.add_option("-o,--output", arguments.output, "model file to write")->required();
   command.add_option("--method", arguments.method, "how: snapshots or latin (default: the project's)")
       ->check(CLI::IsMember(words_of<project::OfflineMethod>()));
-  command.add_option("--refine", arguments.refine,
-                     "results folder: refines the project's model around its last posterior");
+  command.add_option("--refine", arguments.refine, "results folder: refines the model around its posterior");
   command.add_option("--share", arguments.share,
                      "I/N: compute only share I (from 0) of N, for a job array; then run once without it");
   command.add_flag("--study", arguments.study,
