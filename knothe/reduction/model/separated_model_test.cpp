@@ -229,7 +229,8 @@ TEST(ModelFile, ForeignOtherSchemaAndTruncatedFilesAreRefused) {
   const auto load = [&](const std::string& name) {
     return message_of<DataError>([&] { (void)SeparatedModel::load(folder.file(name)); });
   };
-  EXPECT_THAT(load("none.h5"), HasSubstr("none.h5: No such file"));
+  EXPECT_THAT(load("none.h5"),
+              HasSubstr("none.h5: there is no such model: `knothe offline PROJECT.toml -o none.h5`"));
   {
     files::Hdf5Writer file(folder.file("foreign.h5"));
     file.write("/snapshots", std::vector<double>{1.0}, {1}, {});
