@@ -518,7 +518,7 @@ class Test(ServiceCase):
         self.project.write_text(self.project.read_text() + '\n[serve]\nread_token = "token"\n')
         for content in (b"\xef\xbb\xbf0123456789abcdef", "0123456789abcdef".encode("utf-16"), b"0123456789 abcdef", b"\t0123456789abcdef"):
             (self.folder / "token").write_bytes(content + b"\n")
-            self.expect(3, "serve", self.project_name, "--port", "0", stderr=["serve.read_token", "no client can send it"])
+            self.expect(3, "serve", self.project_name, "--port", "0", stderr=["assimilation.toml:", "no client can send it"])
 
     def test_a_port_in_use_is_said(self):
         service = self.serve()
