@@ -75,11 +75,11 @@ class Test(Case):
             if file.suffix == ".toml":
                 self.project_name = file.name
 
-    def expect_posterior(self, line, log_likelihood, names):
+    def expect_posterior(self, line, log_likelihood, names, nodes=17):
         text = self.project.read_text()
         parameters = [values_of(text, name) for name in names]
         about = [(line["mean"][k], math.sqrt(line["covariance"][k][k])) for k in (0, 1)]
-        exact, weights = quadrature(log_likelihood, parameters, line["mean"], line["covariance"])
+        exact, weights = quadrature(log_likelihood, parameters, line["mean"], line["covariance"], nodes)
         for k, name in enumerate(names):
             self.assertLess(abs(about[k][0] - exact[k][0]), 0.2 * exact[k][1], f"{name}: {about[k]}, exact {exact[k]}")
             print(f"{name}: mean and std {about[k]}, by quadrature {exact[k]}")
@@ -373,7 +373,8 @@ class Test(Case):
             return sum(-0.5 * ((float(entry["value"]) - solution[i // 6][3 * (nodes[i % 6] - 1) + 1]) / std) ** 2
                        for i, entry in enumerate(data))
 
-        weights = self.expect_posterior(lines[-1], log_likelihood, ["yield_stress", "flow_stress"])
+        # 121 runs: with nodes 1.1 standard deviations apart the rule is off by 1e-7 for a normal density.
+        weights = self.expect_posterior(lines[-1], log_likelihood, ["yield_stress", "flow_stress"], nodes=11)
         tip = points.index((0.12, 0.02, 0.01))
         self.expect_forecast(lines[-1], "tip", lambda *parameters: self.direct_run(*parameters)[19][3 * tip + 1], weights)
 
