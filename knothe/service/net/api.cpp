@@ -310,8 +310,10 @@ void Api::route(const HttpRequest& request, const Answer& answer) {
     return later(*worker_, answer, [this, request, answer] { answer(umbridge_.answer(request)); });
   if (path == "/v1/states" && request.query.contains("test"))
     return later(*slow_worker_, answer, [this, request, answer] { answer(states_of_test(request)); });
+  if (path == "/v1/tests")  // opens the journal of each
+    return later(*slow_worker_, answer, [this, request, answer] { answer(read(request)); });
   if (path == "/v1/quarantine" || path == "/v1/mesh" || path == "/v1/field" || path == "/v1/picture" ||
-      path == "/v1/samples" || path == "/v1/states" || path == "/v1/description" || path == "/v1/tests")
+      path == "/v1/samples" || path == "/v1/states" || path == "/v1/description" || path == "/v1/logbook")
     return later(*worker_, answer, [this, request, answer] { answer(read(request)); });
   answer(read(request));
 }
