@@ -129,8 +129,15 @@ void build(const BuildOptions& build, const files::CommandOutput& output) {
   if (!is_first) return;
   reduction::ModelContents model = compressed(project, solutions);
   if (off_grid.empty()) off_grid = solve_off_grid(*solver, run_grid_of(project, parts));
-  const reduction::ModelError between = reduction::off_grid_error(model, off_grid);
-  model.off_grid = {std::max(between.relative, between.plain_relative), between.max, "full-order solutions"};
+  if (off_grid.empty()) {
+    fmt::print(stderr,
+               "knothe: warning: all runs off the grid failed: the model's error there is not known\n");
+  } else {
+    const reduction::ModelError between = reduction::off_grid_error_in_scales(
+        solutions.snapshots, model, off_grid.size(), [&](std::size_t i) { return off_grid[i]; });
+    model.off_grid = {std::max(between.relative, between.plain_relative), between.max,
+                      "full-order solutions"};
+  }
   reduction::write_model(model, reduction::truncation_error(model, solutions, off_grid), build.model);
   if (build.study) study_models(project, solutions, off_grid, output);
   if (failed == 0)

@@ -54,6 +54,17 @@ TEST(ProjectFile, LongAndShortFormsOfModelAndData) {
   EXPECT_EQ(p.data, "/abs/D.csv");
 }
 
+TEST(ProjectFile, NamesOfQuantitiesMayHaveDots) {
+  const Project p = parse_project(
+      "[simulate]\ntruth = { a = 1.5 }\n[simulate.noise]\n\"TIP.81.vy\" = 3e-5\ndrift = 2e-3\n", "p.toml");
+  ASSERT_TRUE(p.simulate.has_value());
+  ASSERT_EQ(p.simulate->noise.size(), 2u);
+  EXPECT_EQ(p.simulate->noise.begin()->first, "TIP.81.vy");
+  EXPECT_EQ(p.simulate->noise.begin()->second, 3e-5);
+  EXPECT_EQ(complaint("[simulate]\ntruth = { a = 1 }\n[simulate.noise]\n\"TIP.81.vy\" = -1\n"),
+            "dir/p.toml:4:1: error: \"simulate.noise.TIP.81.vy\" must be a positive number, not -1");
+}
+
 TEST(ProjectFile, MisspeltKeyGetsASuggestion) {
   EXPECT_EQ(complaint("[method]\ntolerence = 1e-3\n"),
             "dir/p.toml:2:1: error: unknown key \"tolerence\" in [method] (did you mean \"tolerance\"?)");

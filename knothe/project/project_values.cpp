@@ -32,9 +32,16 @@ bool matches(std::string_view pattern, std::string_view path) {
   return pattern.empty() && path.empty();
 }
 
+/// Whether the option is a value of any name ("simulate.noise.*"): a name may have dots ("TIP.81.vy").
+bool is_named_value(const Option& option, const std::string& path) {
+  const std::string_view pattern = option.path;
+  return option.kind != ValueKind::table && option.kind != ValueKind::free_table && pattern.ends_with(".*") &&
+         path.starts_with(pattern.substr(0, pattern.size() - 1));
+}
+
 const Option* find_option(const std::string& path) {
   for (const Option& option : option_table()) {
-    if (matches(option.path, path)) return &option;
+    if (matches(option.path, path) || is_named_value(option, path)) return &option;
   }
   return nullptr;
 }

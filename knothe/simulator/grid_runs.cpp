@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <iterator>
+#include <map>
 #include <numeric>
 
 #include "knothe/base/progress.hpp"
@@ -79,12 +80,64 @@ class Runs {
       const bool is_fatal = failures.back().status == ExitStatus::io;
       if (is_fatal || !grid_.leave_out_failed) complain_of(failures);
     }
-    if (!failures.empty())
-      fmt::print(stderr, "knothe: warning: {} of {} {} failed and {} left out:{}\n", failures.size(),
-                 runs_.size(), grid_.label, failures.size() == 1 ? "is" : "are", listed(failures));
+    if (!failures.empty()) warn_of(failures);
+  }
+
+  /// A solver that stops early may say that all is well: a solution with other dofs, times or outputs than
+  /// most is a run that failed.
+  void reject_unlike(const JobShare& share) {
+    std::map<Shape, std::vector<std::size_t>> of_shape;
+    for (std::size_t i = 0; i < runs_.size(); ++i)
+      if (is_there(runs_[i])) of_shape[Shape(read_run(runs_[i]).solution)].push_back(i);
+    share.wait();  // all have seen them
+    if (of_shape.size() < 2) return;
+    const auto usual = std::max_element(of_shape.begin(), of_shape.end(), [](const auto& a, const auto& b) {
+      return std::pair(a.second.size(), a.first.time.size()) <
+             std::pair(b.second.size(), b.first.time.size());
+    });
+    std::vector<RunFailure> failures;
+    for (auto it = of_shape.begin(); it != of_shape.end(); ++it) {
+      if (it == usual) continue;
+      for (const std::size_t i : it->second) {
+        failures.push_back({i, ExitStatus::numerical, it->first.against(usual->first)});
+        std::error_code ignored;
+        std::filesystem::remove(runs_[i].file, ignored);
+      }
+    }
+    std::sort(failures.begin(), failures.end(), [](const auto& a, const auto& b) { return a.run < b.run; });
+    if (!grid_.leave_out_failed) complain_of(failures);
+    if (share.rank == 0) warn_of(failures);
   }
 
  private:
+  /// What all solutions of a grid have in common.
+  struct Shape {
+    std::size_t dofs;
+    std::vector<double> time;
+    std::vector<std::string> outputs;
+
+    explicit Shape(const reduction::Snapshots& solution) : dofs(solution.dof_count()), time(solution.time) {
+      for (const reduction::SnapshotOutput& output : solution.outputs) outputs.push_back(output.name);
+    }
+    auto operator<=>(const Shape&) const = default;
+    [[nodiscard]] std::string against(const Shape& usual) const {
+      if (dofs != usual.dofs) return fmt::format("it has {} dofs, others {}", dofs, usual.dofs);
+      if (time.size() != usual.time.size())
+        return fmt::format("it has {} times, up to {:g}, others {}, up to {:g}", time.size(),
+                           time.empty() ? 0 : time.back(), usual.time.size(), usual.time.back());
+      if (outputs != usual.outputs)
+        return fmt::format("it has the outputs {}, others {}", fmt::join(outputs, ", "),
+                           fmt::join(usual.outputs, ", "));
+      std::size_t i = 0;
+      while (time[i] == usual.time[i]) ++i;
+      return fmt::format("its time {} is {:g}, that of others {:g}", i + 1, time[i], usual.time[i]);
+    }
+  };
+
+  void warn_of(const std::vector<RunFailure>& failures) const {
+    fmt::print(stderr, "knothe: warning: {} of {} {} failed and {} left out:{}\n", failures.size(),
+               runs_.size(), grid_.label, failures.size() == 1 ? "is" : "are", listed(failures));
+  }
   [[nodiscard]] std::vector<RunFailure> attempt(const std::vector<std::size_t>& missing, std::size_t there,
                                                 Progress& progress) {
     std::vector<Run> wanted;
@@ -221,9 +274,15 @@ PointRuns run_points(Simulator& simulator, const RunGrid& grid, std::span<const 
   const std::vector<std::size_t> own = share_of(missing, share);
   if (!own.empty()) runs.solve(own, points.size() - missing.size());
   share.wait();
+  if (!simulator.frame()) runs.reject_unlike(share);
+  share.wait();
   PointRuns result{runs.all(), {}, {}};
-  for (const std::size_t i : missing)
-    (grid.leave_out_failed && !is_there(runs.all()[i]) ? result.failed : result.computed).push_back(i);
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (grid.leave_out_failed && !is_there(runs.all()[i]))
+      result.failed.push_back(i);
+    else if (std::binary_search(missing.begin(), missing.end(), i))
+      result.computed.push_back(i);
+  }
   return result;
 }
 

@@ -16,6 +16,7 @@ using testing::HasSubstr;
 class Formula final : public Simulator {
  public:
   std::vector<double> fails_at;  ///< values of b
+  std::vector<double> stops_at;  ///< the same: ends without a word, before the last time
   int solved = 0;
 
   [[nodiscard]] std::string key(std::span<const double> p) const override {
@@ -28,10 +29,12 @@ class Formula final : public Simulator {
     reduction::Snapshots solution;
     solution.axes = {{"a", {p[0]}, "1", ""}, {"b", {p[1]}, "1", ""}};
     solution.time = {0, 1, 2};
+    for (const double b : stops_at)
+      if (p[1] == b) solution.time.pop_back();
     for (const double t : solution.time)
       for (const double factor : {1.0, 10.0}) solution.values.push_back(factor * (p[0] + p[1] * t));
     solution.quantities = {{"one", "m"}, {"ten", "m"}};
-    solution.outputs = {{"sum", {"1", "a + b"}, {p[0] + p[1], p[0] + p[1], p[0] + p[1]}}};
+    solution.outputs = {{"sum", {"1", "a + b"}, std::vector<double>(solution.time.size(), p[0] + p[1])}};
     return solution;
   }
 };
@@ -98,6 +101,25 @@ TEST(GridRuns, AreSharedByTheMembersOfAJob) {
   EXPECT_EQ(one.solved, 3);
   EXPECT_EQ(other.solved, 3);
   EXPECT_EQ(runs.snapshots.grid_size(), 6u);
+}
+
+TEST(GridRuns, ASolutionThatEndsEarlyIsAFailureAndIsMadeAgain) {
+  const files::TestFolder folder;
+  Formula formula;
+  formula.stops_at = {3};  // the first run is one of them: the others are not blamed
+  RunGrid grid = grid_in(folder.file("parts"));
+  const std::string said = message_of<NumericalError>([&] { (void)run_grid(formula, grid); });
+  EXPECT_THAT(said, HasSubstr("2 of 6 full-order runs failed; 4 of 6 runs are kept in"));
+  EXPECT_THAT(said, HasSubstr("\n  run 1 (a = 1, b = 3): it has 2 times, up to 1, others 3, up to 2"));
+  EXPECT_THAT(said, HasSubstr("\n  run 4 (a = 2, b = 3): "));
+  grid.leave_out_failed = true;
+  const GridRuns rest = run_grid(formula, grid);
+  EXPECT_EQ(rest.failed, 2u);
+  EXPECT_EQ(rest.snapshots.axes[1].nodes, (std::vector<double>{4, 5}));
+  formula.stops_at.clear();
+  formula.solved = 0;
+  EXPECT_EQ(run_grid(formula, grid).snapshots.grid_size(), 6u);
+  EXPECT_EQ(formula.solved, 2);
 }
 
 TEST(GridRuns, ThoseThatFailAreListedAndTheOthersAreKept) {

@@ -73,6 +73,20 @@ void QuantityScales::restore(ModelContents& model) const {
   scale_rows(model.lift, scales_, false);
 }
 
+ModelError off_grid_error_in_scales(const Snapshots& snapshots, const ModelContents& model, std::size_t count,
+                                    const std::function<OffGridSolution(std::size_t)>& solution,
+                                    std::size_t threads) {
+  // Fields of many dofs are kept in a basis: they have one unit.
+  if (model.quantities.empty() || snapshots.dof_count() != model.quantities.size())
+    return off_grid_error(model, count, solution, threads);
+  const QuantityScales scales(snapshots);
+  const auto scaled = [&](std::size_t i) {
+    const OffGridSolution at = solution(i);
+    return scales.scaled({&at, 1}).front();
+  };
+  return off_grid_error(scales.scaled(model), count, scaled, threads);
+}
+
 std::string largest_error(double error, const std::vector<Quantity>& quantities) {
   if (quantities.empty()) return fmt::format("at most {:.3g} µm on any dof", error * 1e6);
   return fmt::format("at most {:.2g} of how a quantity varies (root mean square)", error);

@@ -1,5 +1,7 @@
 #pragma once
 /// @file Quantities of several units (Snapshots::quantities) before and after separation.
+#include <functional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -25,6 +27,13 @@ class QuantityScales {
  private:
   std::vector<double> scales_;  ///< [n_dof]
 };
+
+/// `off_grid_error`, of quantities relative to their scales in the snapshots that the model is made of, as
+/// `max_error_m` is.
+[[nodiscard]] ModelError off_grid_error_in_scales(const Snapshots& snapshots, const ModelContents& model,
+                                                  std::size_t count,
+                                                  const std::function<OffGridSolution(std::size_t)>& solution,
+                                                  std::size_t threads = 0);
 
 /// "at most 0.12 µm on any dof", or in terms of the quantities' scales. `error`: in m, or relative to them.
 [[nodiscard]] std::string largest_error(double error, const std::vector<Quantity>& quantities);

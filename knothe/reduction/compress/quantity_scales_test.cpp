@@ -63,6 +63,18 @@ TEST(Quantities, HaveTheSameErrorsWhateverTheirUnit) {
   EXPECT_GT(one.relative_error, 0);
   EXPECT_NEAR(one.relative_error / two.relative_error, 1, 1e-6);
   EXPECT_NEAR(one.max_error_m / two.max_error_m, 1, 1e-6);
+  // Off the grid too: the model of half of the nodes, judged at a point between them.
+  const auto off_grid = [](Snapshots snapshots, const ModelContents& model) {
+    OffGridSolution at{snapshots.parameters_at(0), {}};
+    at.parameters[0] += 0.01;
+    const auto solution = snapshots.solution(0);
+    at.values.assign(solution.begin(), solution.end());
+    return off_grid_error_in_scales(snapshots, model, 1, [&](std::size_t) { return at; });
+  };
+  const ModelError first = off_grid(quantities(), one), second = off_grid(other, two);
+  EXPECT_GT(first.max, 1e-4);
+  EXPECT_NEAR(first.max / second.max, 1, 1e-6);
+  EXPECT_NEAR(first.relative / second.relative, 1, 1e-6);
   EXPECT_THAT(largest_error(0.01, one.quantities), HasSubstr("0.01 of how a quantity varies"));
   EXPECT_EQ(largest_error(1.5e-6, {}), "at most 1.5 µm on any dof");
 }

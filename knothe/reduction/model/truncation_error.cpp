@@ -8,6 +8,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/base/threads.hpp"
 #include "knothe/reduction/compress/low_rank.hpp"
+#include "knothe/reduction/compress/quantity_scales.hpp"
 #include "knothe/reduction/grid/grid_solutions.hpp"
 #include "knothe/reduction/grid/left_out_nodes.hpp"
 #include "knothe/reduction/grid/solutions_file.hpp"
@@ -267,7 +268,8 @@ ImportedModel import_model_and_error(const std::string& path, const CompressionO
   if (left_out.known()) {
     constexpr std::size_t k_stored = 8, k_judged = 256;
     const auto solution = [&](std::size_t i) { return left_out.solution(solutions, 1 + i); };
-    const ModelError error = off_grid_error(result.model, k_judged, solution, options.threads);
+    const ModelError error =
+        off_grid_error_in_scales(solutions.snapshots, result.model, k_judged, solution, options.threads);
     // No better off the grid than on it, where all points are looked at.
     result.model.off_grid = {std::max({error.relative, error.plain_relative, result.model.relative_error}),
                              std::max(error.max, result.model.max_error_m), "left-out nodes"};
