@@ -516,7 +516,7 @@ class Test(ServiceCase):
 
     def test_a_token_that_no_client_can_send_is_refused(self):
         self.project.write_text(self.project.read_text() + '\n[serve]\nread_token = "token"\n')
-        for content in (b"\xef\xbb\xbf0123456789abcdef", "0123456789abcdef".encode("utf-16"), b"0123456789 abcdef", b"\t0123456789abcdef"):
+        for content in (b"\xef\xbb\xbf0123456789abcdef", "0123456789abcdef".encode("utf-16"), b" 0123456789abcdef", b"\t0123456789abcdef"):
             (self.folder / "token").write_bytes(content + b"\n")
             self.expect(3, "serve", self.project_name, "--port", "0", stderr=["assimilation.toml:", "no client can send it"])
 

@@ -32,11 +32,12 @@ std::string read_token(const project::Project& project, const std::string& key, 
     throw project.error_at("serve." + key,
                            fmt::format("the token file {} cannot be read, or is empty", path));
   while (!token.empty() && (token.back() == '\r' || token.back() == ' ')) token.pop_back();
-  if (!std::all_of(token.begin(), token.end(), [](char c) { return c > ' ' && c < '\x7f'; }))
+  const auto is_printable = [](char c) { return c >= ' ' && c < '\x7f'; };
+  if (token.starts_with(' ') || !std::all_of(token.begin(), token.end(), is_printable))
     throw project.error_at(
         "serve." + key,
-        fmt::format("the token in {} has blanks, or characters that are not ASCII (UTF-16, a byte-order "
-                    "mark?): no client can send it",
+        fmt::format("the token in {} begins with a blank, or has characters that are not printable ASCII "
+                    "(UTF-16, a byte-order mark?): no client can send it",
                     path));
   if (token.size() < 16)
     throw project.error_at(
