@@ -62,7 +62,7 @@ TEST(ProjectFile, NamesOfQuantitiesMayHaveDots) {
   EXPECT_EQ(p.simulate->noise.begin()->first, "TIP.81.vy");
   EXPECT_EQ(p.simulate->noise.begin()->second, 3e-5);
   EXPECT_EQ(complaint("[simulate]\ntruth = { a = 1 }\n[simulate.noise]\n\"TIP.81.vy\" = -1\n"),
-            "dir/p.toml:4:1: error: \"simulate.noise.TIP.81.vy\" must be a positive number, not -1");
+            "dir/p.toml:4:15: error: \"simulate.noise.TIP.81.vy\" must be a positive number, not -1");
 }
 
 TEST(ProjectFile, MisspeltKeyGetsASuggestion) {

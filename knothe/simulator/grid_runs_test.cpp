@@ -221,8 +221,8 @@ TEST(GridRuns, SolutionsThatDoNotBelongTogetherAreRefused) {
   Growing growing;
   RunGrid grid = grid_in(folder.file("parts"));
   grid.axes = {{"a", {1, 2}, "1", ""}};
-  EXPECT_THAT(message_of<DataError>([&] { (void)run_grid(growing, grid); }),
-              HasSubstr("this solution has 2 dofs at 1 times"));
+  EXPECT_THAT(message_of<NumericalError>([&] { (void)run_grid(growing, grid); }),
+              HasSubstr("full-order run 2 of 2 (a = 2) failed: it has 2 dofs, others 1"));
 }
 
 }  // namespace

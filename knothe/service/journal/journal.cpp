@@ -111,7 +111,7 @@ struct JournalReader::Implementation {
       whole = statement.step() && statement.integer(0) == 0;
     }
     sqlite3_busy_timeout(database.handle(), k_busy_timeout_ms);
-    head = lock.head();
+    note_head();
     return whole;
   }
 
@@ -124,6 +124,12 @@ struct JournalReader::Implementation {
     if (!head) return true;
     const auto now = lock.head();
     return now && now->size >= head->size && now->first_page == head->first_page;
+  }
+
+  /// What this writer leaves only grows: a file that has shrunk meanwhile is somebody else's work.
+  void note_head() noexcept {
+    const auto now = lock.head();
+    if (now && (!head || now->size >= head->size)) head = now;
   }
 
   void require_in_place() const {
@@ -173,7 +179,7 @@ struct JournalReader::Implementation {
     told.entries = chains.logbook.count;
     write_mark(mark_path, told, chains.records.seal);
     if (!log) log = file_identity(log_path);
-    head = lock.head();
+    note_head();
   }
 
   [[noreturn]] void damaged(const std::string& what) const {
