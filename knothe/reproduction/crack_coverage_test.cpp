@@ -336,7 +336,7 @@ TEST_P(CrackCoverage, LengthsOfHeldOutFullOrderRunsAreAsForecast) {
   expect_within(counts.elastic, truths.size(), 0.9 - slack, 0.9 + slack);
   // On elements of 10 mm a damage field grows by 10 mm at a time, which a normal error does not describe.
   const double below = chosen.problem.beam.element < 0.01 ? slack : 0.15;
-  expect_within(counts.damaged, truths.size(), 0.9 - below, 0.9 + slack);
+  expect_within(counts.damaged, truths.size(), 0.9 - below, 0.97);
 }
 
 INSTANTIATE_TEST_SUITE_P(Beams, CrackCoverage, testing::Values("reference", "mesh", "band", "gradient"),
