@@ -212,6 +212,28 @@ class Test(Case):
         self.assertFalse((self.folder / "storeys.h5.parts").exists())
         self.assertLessEqual(self.runs_made() - before, 1 + 8)  # that run, and off the grid in the larger box
 
+    def test_without_a_run_off_the_grid_the_error_there_is_unknown(self):
+        self.use_coarse_storeys("case {{k1}} in 850000|950000|1050000) true;; *) false;; esac")
+        self.edit("[offline]\n", '[offline]\nfailed_runs = "leave-out"\n')
+        self.expect(0, "offline", self.project_name, "-o", "storeys.h5",
+                    stderr=["8 of 8 off-grid runs failed and are left out", "all runs off the grid failed: the model's error there is not known"])
+        (info,) = self.expect(0, "model", "info", "storeys.h5", "--json").lines()
+        self.assertNotIn("off_grid_max_error_m", info)
+
+    def test_a_solver_that_stops_early_has_failed_though_it_says_otherwise(self):
+        self.use_coarse_storeys('test "$MENDED" || test {{damping}} != 900 || '
+                                '{ python3 storeys.py {{k1}} {{damping}}; sed -i 40q storeys.csv; exit 0; }')
+        outcome = self.expect(6, "offline", self.project_name, "-o", "storeys.h5", stderr="3 of 9 full-order runs failed; 6 of 9 runs are kept")
+        self.assertIn("run 1 (k1 = 850000, damping = 900): it has 39 times, up to 1.95, others 60, up to 3", outcome.err)
+        os.environ["MENDED"] = "1"
+        self.addCleanup(os.environ.pop, "MENDED")
+        self.expect(0, "offline", self.project_name, "-o", "storeys.h5")
+        # The error off the grid is, as that on it, relative to how a quantity varies, and that of new points.
+        (info,) = self.expect(0, "model", "info", "storeys.h5", "--json").lines()
+        verified = self.expect(0, "model", "verify", self.project_name, "storeys.h5", "--points", "6", "--json").lines()[-1]
+        self.assertLess(verified["max_error_m"] / info["off_grid_max_error_m"], 3)
+        self.assertGreater(verified["max_error_m"] / info["off_grid_max_error_m"], 1 / 3)
+
     def test_too_many_failures_are_an_error_all_the_same(self):
         self.use_coarse_storeys("test {{k1}} = 850000")
         self.edit("[offline]\n", '[offline]\nfailed_runs = "leave-out"\n')
