@@ -193,9 +193,12 @@ bool Refinement::refine(std::unique_ptr<engine::Engine>& engine, engine::StepRes
   const Posterior first = result.update;
   const std::size_t version = version_;
   int settled = 0;  // rounds in a row
+  settled_ = true;
   while (true) {
     std::vector<std::vector<double>> points = points_to_ask(result.update, thorough);
-    points.resize(std::min(points.size(), runs - std::min(runs, solutions_.size())));
+    const std::size_t left = runs - std::min(runs, solutions_.size());
+    settled_ = points.size() <= left;  // what follows may say that it is
+    points.resize(std::min(points.size(), left));
     if (points.empty() && used_ == solutions_.size()) break;
     solve(points);
     engine = with_refined_model(*engine, result.update);
@@ -203,7 +206,8 @@ bool Refinement::refine(std::unique_ptr<engine::Engine>& engine, engine::StepRes
     last_move_ = move_between(result.update, next.update);
     result = std::move(next);
     settled = last_move_.mean < goal.mean && last_move_.std < goal.std ? settled + 1 : 0;
-    if (settled > 0 && (!thorough || (settled > 1 && covers(result.update)))) break;
+    settled_ = settled > 0 && (!thorough || (settled > 1 && covers(result.update)));
+    if (settled_) break;
   }
   if (version_ != version) whole_move_ = move_between(first, result.update);
   return version_ != version;
@@ -219,14 +223,12 @@ void tell_what_was_asked(assimilation::Verdict& verdict, std::size_t runs, const
         "make a finer model (more nodes and modes under [offline])",
         reason.message.substr(0, advice), runs);
   }
-  if (trouble.empty()) return;
-  verdict.add({VerdictPart::model,
-               assimilation::VerdictLevel::caution,
-               0,
-               0,
-               "the full-order model could not be used, so the error of the reduced model is not verified: " +
-                   trouble,
-               {}});
+  if (!trouble.empty())
+    verdict.add({VerdictPart::model, assimilation::VerdictLevel::caution, 0, 0, trouble, {}});
+}
+
+std::string not_verified(const std::string& why) {
+  return "the full-order model could not be used, so the error of the reduced model is not verified: " + why;
 }
 
 bool doubts_model(const assimilation::Verdict& verdict) {
@@ -242,8 +244,14 @@ bool Refinement::refine_if_needed(std::unique_ptr<engine::Engine>& engine, engin
   try {
     if (trouble_.empty() && (is_last || doubted)) refine(engine, result, is_last ? all : all / 2, is_last);
   } catch (const Error& error) {  // whatever it is, the answer without it is kept
-    trouble_ = error.what();
+    trouble_ = not_verified(error.what());
   }
+  if (is_last && trouble_.empty() && !settled_)
+    trouble_ = fmt::format(
+        "{} full-order runs at the posterior did not settle it: the last refinement moved a mean by {:.2g} "
+        "standard deviations and a standard deviation by {:.2g} %; raise method.verify_runs, or make a finer "
+        "model (more nodes under [offline])",
+        runs(), last_move_.mean, 100 * last_move_.std);
   tell_what_was_asked(result.update.verdict, runs(), is_last ? trouble_ : std::string());
   return version_ != version;
 }

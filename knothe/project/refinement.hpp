@@ -47,8 +47,11 @@ struct RefinementStart {
 };
 
 /// Says in a verdict what `runs` full-order runs leave open: a doubt of the reduced model has other advice
-/// then than to ask for them. `trouble`: why the full-order model could not be asked; empty: it could.
+/// then than to ask for them. `trouble`: a sentence on why the error of the model is not verified; empty: it
+/// is.
 void tell_what_was_asked(assimilation::Verdict& verdict, std::size_t runs, const std::string& trouble);
+/// That sentence where the full-order model could not be asked.
+[[nodiscard]] std::string not_verified(const std::string& why);
 
 /// Whether a verdict doubts the reduced model.
 [[nodiscard]] bool doubts_model(const assimilation::Verdict& verdict);
@@ -78,7 +81,8 @@ class Refinement {
   [[nodiscard]] std::size_t runs() const { return solutions_.size(); }
   [[nodiscard]] std::size_t version() const { return version_; }            ///< 0: the project's own model
   [[nodiscard]] const std::string& file() const { return project_.model; }  ///< of this version
-  [[nodiscard]] const std::string& trouble() const { return trouble_; }     ///< why it could not be asked
+  /// Why the model's error is not verified: the full-order model failed, or the runs allowed were too few.
+  [[nodiscard]] const std::string& trouble() const { return trouble_; }
   [[nodiscard]] const std::optional<UpdateSetup>& setup() const { return setup_; }  ///< of it, unless it is 0
   /// By the last refinement of the last `refine`, and from its beginning to its end.
   [[nodiscard]] const PosteriorMove& last_move() const { return last_move_; }
@@ -104,6 +108,7 @@ class Refinement {
   bool quiet_;
   std::optional<UpdateSetup> setup_;
   std::string trouble_;  ///< why the full-order model is not asked any more
+  bool settled_ = true;  ///< by the last `refine`: the posterior moved no more, before the runs were used up
   PosteriorMove last_move_, whole_move_;
 };
 

@@ -53,11 +53,13 @@ class Test(Case):
             (mean, std), (exact, exact_std) = self.moments(last), self.judged(last)
             off = [abs(m - e) / s for m, e, s in zip(mean, exact, exact_std)]
             wide = [abs(s / e - 1) for s, e in zip(std, exact_std)]
-            print(truth, "mean off by", off, "std by", wide, run["verdict"]["level"])
+            level = run["verdict"]["level"]
+            print(truth, "mean off by", off, "std by", wide, level)
             farthest = max(farthest, summary["refinement"]["moved_std"])
             close.append(max(off) < 0.1)
-            self.assertLess(max(off), 0.5, truth)
-            self.assertLess(max(wide), 0.4, truth)
+            # Where the runs allowed were too few the verdict says so.
+            self.assertLess(max(off), 0.3 if level == "ok" else 1.5, truth)
+            self.assertLess(max(wide), 0.25 if level == "ok" else 0.6, truth)
         self.assertGreater(farthest, 0.2)  # or there was nothing to refine
         # Where a model is off by many standard deviations the runs allowed are spent on the way.
         self.assertGreaterEqual(sum(close), 0.4 * TRUTHS)

@@ -53,7 +53,7 @@ std::optional<Verification> verification_of(const LogbookEntry& entry) {
 }
 
 std::string text_of(const Verification& v) {
-  if (!v.trouble.empty()) return "the full-order model could not be used: " + v.trouble;
+  if (!v.trouble.empty()) return v.trouble;
   const std::string runs = fmt::format("{} full-order run{}", v.runs, v.runs == 1 ? "" : "s");
   if (v.version == 0) return "the full-order model had nothing to add";
   return fmt::format("{}: model version {}; this moved the means by at most {:.2g} standard deviations", runs,

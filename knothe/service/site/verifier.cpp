@@ -154,7 +154,7 @@ void Verifier::answer(const Question& question) {
   const bool is_other = now.version != before.version || now.trouble != before.trouble;
   if (!is_other && !question.thorough) return;
   if (!now.trouble.empty())
-    log_event("warning", "the full-order model could not be used",
+    log_event("warning", "the model is not verified",
               {{"site", project_.serve.site}, {"step", question.step}, {"reason", now.trouble}});
   // First on disk, then in use: after a restart it is what was shown.
   if (listener_.keep(now) && is_other) hand_over(engine_of(*model, question.data), model);
@@ -188,7 +188,7 @@ std::shared_ptr<const ServedModel> Verifier::refine(const Question& question) {
           ServedModel{std::move(project), *refinement.setup(), std::move(v)});
     }
   } catch (const std::exception& error) {  // whatever it is, the answer without it is kept
-    v.trouble = error.what();
+    v.trouble = project::not_verified(error.what());
   }
   // The same trouble as before: what is shown stays, and is the same after a restart.
   const Verification& before = question.model->verification;
