@@ -196,9 +196,7 @@ bool Refinement::refine(std::unique_ptr<engine::Engine>& engine, engine::StepRes
   settled_ = true;
   while (true) {
     std::vector<std::vector<double>> points = points_to_ask(result.update, thorough);
-    const std::size_t left = runs - std::min(runs, solutions_.size());
-    settled_ = points.size() <= left;  // what follows may say that it is
-    points.resize(std::min(points.size(), left));
+    points.resize(std::min(points.size(), runs - std::min(runs, solutions_.size())));
     if (points.empty() && used_ == solutions_.size()) break;
     solve(points);
     engine = with_refined_model(*engine, result.update);
@@ -206,8 +204,8 @@ bool Refinement::refine(std::unique_ptr<engine::Engine>& engine, engine::StepRes
     last_move_ = move_between(result.update, next.update);
     result = std::move(next);
     settled = last_move_.mean < goal.mean && last_move_.std < goal.std ? settled + 1 : 0;
-    settled_ = settled > 0 && (!thorough || (settled > 1 && covers(result.update)));
-    if (settled_) break;
+    settled_ = settled > 0;
+    if (settled > 0 && (!thorough || (settled > 1 && covers(result.update)))) break;
   }
   if (version_ != version) whole_move_ = move_between(first, result.update);
   return version_ != version;

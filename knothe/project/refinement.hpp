@@ -108,7 +108,7 @@ class Refinement {
   bool quiet_;
   std::optional<UpdateSetup> setup_;
   std::string trouble_;  ///< why the full-order model is not asked any more
-  bool settled_ = true;  ///< by the last `refine`: the posterior moved no more, before the runs were used up
+  bool settled_ = true;  ///< the last round of the last `refine` moved the posterior by less than the goal
   PosteriorMove last_move_, whole_move_;
 };
 

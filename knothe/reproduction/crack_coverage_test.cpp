@@ -13,6 +13,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "knothe/assimilation/update/prior_transform.hpp"
@@ -299,7 +300,8 @@ TEST_P(CrackCoverage, LengthsOfHeldOutFullOrderRunsAreAsForecast) {
   const files::TestFolder own;
   const char* kept = std::getenv("KNOTHE_CRACK_MODELS");
   const std::string folder = kept != nullptr ? kept : own.file("");
-  const BeamCase chosen = coverage_case(GetParam());
+  const std::string name = GetParam();
+  const BeamCase chosen = coverage_case(name);
   reduction::ModelContents contents = prepare_accurate(chosen, folder, 1).contents();
   contents.crack = crack_solutions(chosen, contents.dofs);
   const reduction::SeparatedModel model(std::move(contents));
@@ -334,8 +336,9 @@ TEST_P(CrackCoverage, LengthsOfHeldOutFullOrderRunsAreAsForecast) {
   const Counts counts = count(beam, truths, k_asked, offsets);
   const double slack = held_out < 600 ? 0.06 : 0.04;
   expect_within(counts.elastic, truths.size(), 0.9 - slack, 0.9 + slack);
-  // On elements of 10 mm a damage field grows by 10 mm at a time, which a normal error does not describe.
-  const double below = chosen.problem.beam.element < 0.01 ? slack : 0.15;
+  // On elements of 10 mm, and with a crack band, what the damage field is longer varies with the parameters
+  // by more than a normal error describes.
+  const double below = name == "reference" ? slack : 0.15;
   expect_within(counts.damaged, truths.size(), 0.9 - below, 0.97);
 }
 
