@@ -24,7 +24,7 @@ void add_verdict(Page& page, const Results& results) {
                level == Level::ok        ? "The data fit the model and its noise; nothing speaks against it."
                : level == Level::caution ? "Use it knowing the reasons below."
                                          : "Do not use it, for the reasons below.",
-               level != Level::ok}});
+               level == Level::reject, level == Level::caution}});
   std::vector<TableRow> rows;
   for (const assimilation::VerdictReason& reason : results.verdict.reasons)
     rows.push_back({{to_text(reason.part), to_text(reason.level), reason.message}});

@@ -9,8 +9,8 @@ namespace knothe::report {
 namespace {
 
 constexpr const char* k_style = R"css(
-:root{--paper:#ffffff;--card:#f5f7f9;--ink:#1c2530;--muted:#5d6873;--grid:#dfe3e7;--line:#d5dade;--accent:#00629b;--warn:#b3261e;color-scheme:light dark}
-@media screen and (prefers-color-scheme:dark){:root{--paper:#14181d;--card:#1d232a;--ink:#e4e8ec;--muted:#9ea8b2;--grid:#2d343c;--line:#38414a;--accent:#7cc4f5;--warn:#ff8a80}}
+:root{--paper:#ffffff;--card:#f5f7f9;--ink:#1c2530;--muted:#5d6873;--grid:#dfe3e7;--line:#d5dade;--accent:#00629b;--warn:#b3261e;--caution:#b26a00;color-scheme:light dark}
+@media screen and (prefers-color-scheme:dark){:root{--paper:#14181d;--card:#1d232a;--ink:#e4e8ec;--muted:#9ea8b2;--grid:#2d343c;--line:#38414a;--accent:#7cc4f5;--warn:#ff8a80;--caution:#ffb74d}}
 *{box-sizing:border-box}
 body{margin:0;background:var(--paper);color:var(--ink);font:16px/1.55 system-ui,-apple-system,"Segoe UI",Roboto,"Helvetica Neue",Arial,sans-serif}
 main{max-width:1080px;margin:0 auto;padding:24px 18px 64px}
@@ -24,6 +24,7 @@ a{color:var(--accent)}
 .cards{display:grid;grid-template-columns:repeat(auto-fit,minmax(178px,1fr));gap:12px;margin:1.2em 0}
 .card{background:var(--card);border-radius:8px;padding:12px 14px;border-left:4px solid var(--accent)}
 .card.warning{border-color:var(--warn)}
+.card.caution{border-color:var(--caution)}
 .card b{display:block;font-size:.85rem;font-weight:600;color:var(--muted)}
 .card span{display:block;font-size:1.35rem;font-weight:650;line-height:1.3}
 .card small{color:var(--muted);font-size:.85rem}
@@ -67,8 +68,10 @@ Page& Page::cards(const std::vector<Card>& cards) {
   body_ += "<div class=\"cards\">";
   for (const auto& card : cards)
     body_ += fmt::format("<div class=\"card{}\"><b>{}</b><span>{}</span><small>{}</small></div>",
-                         card.warning ? " warning" : "", escape_xml(card.name), escape_xml(card.value),
-                         escape_xml(card.remark));
+                         card.warning   ? " warning"
+                         : card.caution ? " caution"
+                                        : "",
+                         escape_xml(card.name), escape_xml(card.value), escape_xml(card.remark));
   body_ += "</div>\n";
   return *this;
 }

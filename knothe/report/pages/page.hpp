@@ -12,7 +12,7 @@ struct Card {
   std::string name;
   std::string value;
   std::string remark;
-  bool warning = false;
+  bool warning = false, caution = false;
 };
 
 struct TableRow {
