@@ -1,3 +1,6 @@
+#include <fmt/format.h>
+
+#include <cstdio>
 
 #include "apps/knothe-offline/commands.hpp"
 #include "knothe/base/error.hpp"
@@ -13,6 +16,8 @@ int simulate(const SimulateArguments& arguments) {
   const reduction::Snapshots solution =
       offline::project_simulator(project, offline::parameter_axes(project))
           ->solve(project::simulated_truth(project, offline::parameter_names(project)));
+  for (const std::string& warning : project::truth_outside_box(project))
+    fmt::print(stderr, "warning: {}\n", warning);
   const std::size_t n_dof = solution.dof_count();
   const auto field = [&](std::size_t step, std::span<const std::size_t> dofs) {
     std::vector<double> values;

@@ -65,12 +65,14 @@ HttpAddress HttpAddress::parse(const std::string& text) {
 struct HttpConnection::Implementation {
   HttpAddress address;
   double timeout;
+  std::string table;
   asio::io_context context;
   std::optional<beast::tcp_stream> stream;
   beast::flat_buffer buffer;
   Clock::time_point deadline;
 
-  Implementation(HttpAddress a, double t) : address(std::move(a)), timeout(t) {}
+  Implementation(HttpAddress a, double t, std::string of)
+      : address(std::move(a)), timeout(t), table(std::move(of)) {}
 
   /// Runs the operation that `start` begins (it gets a handler for its error code) to its end or the
   /// deadline.
@@ -119,7 +121,7 @@ struct HttpConnection::Implementation {
     stream.reset();
     throw DataError(
         connected == beast::error::timeout
-            ? fmt::format("{}: no connection within {:g} s ([model] timeout)", address.text, timeout)
+            ? fmt::format("{}: no connection within {:g} s ({} timeout)", address.text, timeout, table)
         : again
             ? fmt::format("{}: the server closed the connection and takes no new one ({}): it may have died",
                           address.text, connected.message())
@@ -167,7 +169,7 @@ struct HttpConnection::Implementation {
   [[noreturn]] void fail(const std::string& target, const ErrorCode& error) const {
     const std::string where = address.text + target;
     if (error == beast::error::timeout)
-      throw DataError(fmt::format("{}: no answer within {:g} s ([model] timeout)", where, timeout));
+      throw DataError(fmt::format("{}: no answer within {:g} s ({} timeout)", where, timeout, table));
     if (error == http::error::end_of_stream || error == http::error::partial_message ||
         error == asio::error::connection_reset || error == asio::error::eof ||
         error == asio::error::broken_pipe)
@@ -177,8 +179,8 @@ struct HttpConnection::Implementation {
   }
 };
 
-HttpConnection::HttpConnection(HttpAddress address, double timeout)
-    : implementation_(std::make_unique<Implementation>(std::move(address), timeout)) {}
+HttpConnection::HttpConnection(HttpAddress address, double timeout, std::string table)
+    : implementation_(std::make_unique<Implementation>(std::move(address), timeout, std::move(table))) {}
 HttpConnection::~HttpConnection() = default;
 HttpConnection::HttpConnection(HttpConnection&&) noexcept = default;
 HttpConnection& HttpConnection::operator=(HttpConnection&&) noexcept = default;

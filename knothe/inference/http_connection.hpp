@@ -26,8 +26,8 @@ struct HttpAnswer {
 class HttpConnection {
  public:
   /// Connects at the first request. `timeout`: seconds that a request may take from first to last, connecting
-  /// included.
-  HttpConnection(HttpAddress address, double timeout);
+  /// included; `table` of the project file says it, for messages.
+  HttpConnection(HttpAddress address, double timeout, std::string table = "[model]");
   ~HttpConnection();
   HttpConnection(HttpConnection&&) noexcept;
   HttpConnection& operator=(HttpConnection&&) noexcept;

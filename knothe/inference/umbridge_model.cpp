@@ -82,7 +82,8 @@ struct UmbridgeModel::Protocol {
 
 UmbridgeModel::UmbridgeModel(UmbridgeSettings settings)
     : settings_(std::move(settings)), address_(HttpAddress::parse(settings_.url)) {
-  for (int i = 0; i < settings_.connections; ++i) connections_.emplace_back(address_, settings_.timeout);
+  for (int i = 0; i < settings_.connections; ++i)
+    connections_.emplace_back(address_, settings_.timeout, settings_.table);
   ask_info();
   ask_model_info();
   input_sizes_ = ask_sizes("/InputSizes", "inputSizes");
@@ -114,8 +115,8 @@ void UmbridgeModel::ask_info() {
   const std::string listed = fmt::format("\"{}\"", fmt::join(names, "\", \""));
   if (settings_.name.empty()) {
     if (names.size() > 1)
-      throw DataError(fmt::format("{}: the server has several models: {}; choose one by `name` under [model]",
-                                  address_.text, listed));
+      throw DataError(fmt::format("{}: the server has several models: {}; choose one by `name` under {}",
+                                  address_.text, listed, settings_.table));
     settings_.name = names[0];
   }
   if (std::find(names.begin(), names.end(), settings_.name) == names.end())

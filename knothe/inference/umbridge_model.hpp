@@ -20,6 +20,7 @@ struct UmbridgeSettings {
   /// ApplyHessian too.
   int derivatives = 2;
   bool density = false;                 ///< one output, a log-density, for which −∞ is a value
+  std::string table = "[model]";        ///< of the project file, for messages
   std::vector<std::string> parameters;  ///< names, for messages; in the order in which the inputs are filled
 };
 

@@ -5,6 +5,7 @@
 #include <Eigen/Core>
 
 #include "knothe/base/error.hpp"
+#include "knothe/simulator/result_file.hpp"
 
 namespace knothe::offline {
 namespace {
@@ -17,6 +18,7 @@ inference::UmbridgeSettings settings_of(const project::UmbridgeSource& source,
   settings.config = source.config;
   settings.timeout = source.timeout;
   settings.derivatives = 0;
+  settings.table = "[offline.umbridge]";
   for (const reduction::Axis& axis : axes) settings.parameters.push_back(axis.name);
   return settings;
 }
@@ -57,6 +59,7 @@ reduction::Snapshots UmbridgeSimulator::solve(std::span<const double> parameters
   for (std::size_t k = 0; k < source_.names.size(); ++k)
     solution.quantities.push_back(
         {source_.names[k], k < source_.units.size() ? source_.units[k] : std::string("1")});
+  simulator::convert_to_si(solution);
   return solution;
 }
 

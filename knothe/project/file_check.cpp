@@ -8,7 +8,9 @@
 
 #include "knothe/assimilation/update/posterior_functions.hpp"
 #include "knothe/assimilation/update/prior_of_model.hpp"
+#include "knothe/project/simulation.hpp"
 #include "knothe/project/update_setup.hpp"
+#include "knothe/simulator/command_simulator.hpp"
 
 namespace knothe::project {
 namespace {
@@ -87,10 +89,21 @@ void check_sensitivity(const UpdateSetup& setup, const PriorAnswers& answers, Fi
   }
 }
 
+/// What the runs of another program need: its files, and a place for each parameter.
+void check_command(const Project& project) {
+  if (!project.offline || !project.offline->command) return;
+  std::vector<reduction::Axis> axes;
+  for (const OfflineParameter& p : project.offline->parameters)
+    axes.push_back({p.name, {p.lower, p.upper}, p.units, p.long_name, p.reference});
+  (void)simulator::CommandSimulator(*project.offline->command, std::move(axes));
+}
+
 }  // namespace
 
 FileCheck check_files(const Project& project) {
   FileCheck check;
+  check_command(project);
+  check.warnings = truth_outside_box(project);
   const PictureOptions& pictures = project.pictures;
   std::vector<std::string> files = {project.model, project.data, pictures.folder, pictures.series.mask};
   if (pictures.folder.empty())

@@ -15,8 +15,9 @@ struct FileCheck {
 
 /// Opens model and data as `assimilate` does: names, times, units, points inside the mesh, priors inside the
 /// model's box, horizons inside its time. Then compares them: does each parameter move the sensors by more
-/// than their noise; are the data as large as the model's answers over the prior? Errors: those of `set_up`
-/// and `make_forecaster`.
+/// than their noise; are the data as large as the model's answers over the prior? Of a full-order model that
+/// is another program: its templates and files. Errors: those of `set_up`, `make_forecaster` and
+/// `CommandSimulator`.
 [[nodiscard]] FileCheck check_files(const Project& project);
 
 }  // namespace knothe::project

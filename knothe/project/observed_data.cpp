@@ -11,6 +11,7 @@
 #include "knothe/assimilation/update/prior_of_model.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
+#include "knothe/files/units.hpp"
 #include "knothe/reduction/model/known_parameter.hpp"
 #include "knothe/reduction/model/time_interpolation.hpp"
 #include "knothe/reduction/observe/scalar_observations.hpp"
@@ -23,8 +24,9 @@ using assimilation::MeasuredSeries;
 /// What a series is measured of: a sensor of the project, else an output of the model.
 reduction::ScalarObservation sensor_of(const Project& project, const reduction::SeparatedModel& model,
                                        const std::string& name, const std::string& source) {
+  for (const reduction::SnapshotOutput& output : model.contents().outputs)
+    if (output.name == name) return {name, name, {}, {}, {}, output.labels.units};
   std::vector<std::string> known = model.output_names();
-  if (std::find(known.begin(), known.end(), name) != known.end()) return {name, name, {}, {}, {}};
   for (const reduction::ScalarObservation& sensor : project.sensors) {
     if (sensor.name == name) return sensor;
     known.push_back(sensor.name);
@@ -32,6 +34,23 @@ reduction::ScalarObservation sensor_of(const Project& project, const reduction::
   throw DataError(
       fmt::format("{}: \"{}\" is measured, but it is neither an output of {} nor a table [data.sensors.{}]{}",
                   source, name, model.where(), name, did_you_mean(name, known)));
+}
+
+/// Puts a series into the unit of its sensor, which it has if it says none. A force is no displacement:
+/// DataError.
+void settle_units(const reduction::ScalarObservation& sensor, const std::string& source,
+                  MeasuredSeries& series) {
+  const auto measured = files::unit_of(series.units), modelled = files::unit_of(sensor.units);
+  if (measured && modelled) {
+    if (measured->si != modelled->si)
+      throw DataError(fmt::format("{}: \"{}\" is in {}, in the model in {}", source, sensor.name,
+                                  series.units, sensor.units));
+    const double factor = measured->factor / modelled->factor;
+    for (std::vector<double>* values : {&series.values, &series.shared_std})
+      for (double& value : *values) value *= factor;
+    if (series.std) *series.std *= factor;
+  }
+  if (measured || series.units.empty() || series.units == "1") series.units = sensor.units;
 }
 
 /// The noise with the errors that observed series have at all times.
@@ -65,11 +84,12 @@ void add_series(const Project& project, const reduction::SeparatedModel& model, 
   }
   std::vector<reduction::ScalarObservation> sensors;
   std::vector<double> std;
-  for (const auto& [name, series] : m.series) {
+  for (auto& [name, series] : m.series) {
     const bool is_known = std::any_of(project.known.begin(), project.known.end(),
                                       [&](const KnownParameter& known) { return known.name == name; });
     if (name == project.clock || is_known) continue;
     const reduction::ScalarObservation sensor = sensor_of(project, model, name, source);
+    settle_units(sensor, source, series);
     if (!series.std) {
       data.unused.push_back(name);
       continue;

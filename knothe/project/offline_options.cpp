@@ -125,8 +125,10 @@ const Section<simulator::CommandOptions>& command_section() {
               "CSV file in which the run leaves further scalars: a column `time`, one for each.");
         s.add("times", in(&C::result, &R::times), "Model times, if the file has none.");
         s.add("names", in(&C::result, &R::names),
-              "`.npy`: name of each column, a quantity without a position.");
-        s.add("units", in(&C::result, &R::units), "`.npy`: unit of each of these.");
+              "`.npy`: name of each column, a quantity without a position; `.dat`: the quantities to be "
+              "taken, all of them if there are no names.");
+        s.add("units", in(&C::result, &R::units),
+              "Unit of each of these names; known ones (`mm`, `kN`, …) are converted to SI.");
         s.add("points", in(&C::result, &R::points),
               "`.npy`: CSV file `x,y,z,component` with the position of each column, instead of names.", file);
         s.add("time_limit", &C::time_limit_s, "Seconds after which an attempt is killed; 0: no limit.",

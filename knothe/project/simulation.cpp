@@ -31,6 +31,18 @@ std::vector<double> simulated_truth(const Project& project, const std::vector<st
   return truth;
 }
 
+std::vector<std::string> truth_outside_box(const Project& project) {
+  std::vector<std::string> warnings;
+  if (!project.simulate || !project.offline) return warnings;
+  for (const OfflineParameter& p : project.offline->parameters)
+    if (const auto it = project.simulate->truth.find(p.name); it != project.simulate->truth.end())
+      if (it->second < p.lower || it->second > p.upper)
+        warnings.push_back(fmt::format(
+            "simulate.truth.{} = {:g} is outside the model's bounds {:g} ... {:g}: no posterior can reach it",
+            p.name, it->second, p.lower, p.upper));
+  return warnings;
+}
+
 MeasuredQuantities measured_quantities(const Project& project,
                                        const std::vector<reduction::Quantity>& quantities) {
   std::vector<std::string> names;
@@ -84,7 +96,8 @@ assimilation::Measurements measured_series(const Project& project, const Simulat
       Eigen::Map<const Eigen::VectorXd>(std.data(), static_cast<Eigen::Index>(std.size())), seed);
   for (std::size_t i = 0; i < chosen.size(); ++i) {
     const Eigen::VectorXd series = m.values.row(i);
-    m.series[simulated.quantities[chosen[i]].name] = {{series.begin(), series.end()}, std[i], {}};
+    const reduction::Quantity& quantity = simulated.quantities[chosen[i]];
+    m.series[quantity.name] = {{series.begin(), series.end()}, std[i], {}, quantity.units};
   }
   m.values.resize(0, m.values.cols());
   m.noise = assimilation::NoiseModel::independent(Eigen::VectorXd());

@@ -16,6 +16,9 @@ namespace knothe::project {
 [[nodiscard]] std::vector<double> simulated_truth(const Project& project,
                                                   const std::vector<std::string>& names);
 
+/// A warning for each parameter whose truth is outside its bounds under [offline.parameters].
+[[nodiscard]] std::vector<std::string> truth_outside_box(const Project& project);
+
 /// Displacements at time step `step` at the dofs asked for, m.
 using DisplacementField =
     std::function<std::vector<double>(std::size_t step, std::span<const std::size_t> dofs)>;

@@ -6,6 +6,7 @@
 #include <filesystem>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/text.hpp"
 #include "knothe/files/calculix.hpp"
 #include "knothe/files/csv.hpp"
 #include "knothe/files/npy.hpp"
@@ -230,13 +231,25 @@ Snapshots from_frd(const ResultOptions& options, const std::string& path) {
   return solution;
 }
 
-Snapshots from_dat(const std::string& path) {
+/// All series of the file, or those that `names` asks for.
+Snapshots from_dat(const ResultOptions& options, const std::string& path) {
   const files::DatContents contents = files::read_dat(path);
+  std::vector<std::string> there;
+  for (const files::DatSeries& series : contents.series) there.push_back(series.name);
+  const std::vector<std::string>& wanted = options.names.empty() ? there : options.names;
+  std::vector<const files::DatSeries*> chosen;
   Snapshots solution;
   solution.time = contents.time;
-  for (const files::DatSeries& series : contents.series) solution.quantities.push_back({series.name, "1"});
+  for (std::size_t i = 0; i < wanted.size(); ++i) {
+    const auto found = std::find(there.begin(), there.end(), wanted[i]);
+    if (found == there.end())
+      throw DataError(fmt::format("{}: there is no \"{}\" of [offline.command] \"names\"{}", path, wanted[i],
+                                  did_you_mean(wanted[i], there)));
+    chosen.push_back(&contents.series[static_cast<std::size_t>(found - there.begin())]);
+    solution.quantities.push_back({wanted[i], i < options.units.size() ? options.units[i] : "1"});
+  }
   for (std::size_t t = 0; t < contents.time.size(); ++t)
-    for (const files::DatSeries& series : contents.series) solution.values.push_back(series.values[t]);
+    for (const files::DatSeries* series : chosen) solution.values.push_back(series->values[t]);
   return solution;
 }
 
@@ -258,7 +271,7 @@ Snapshots read_field(const ResultOptions& options, const std::string& path) {
   if (path.ends_with(".vtu")) return from_vtu(options, path);
   if (path.ends_with(".pvd")) return from_pvd(options, path);
   if (path.ends_with(".frd")) return from_frd(options, path);
-  if (path.ends_with(".dat")) return from_dat(path);
+  if (path.ends_with(".dat")) return from_dat(options, path);
   throw ProjectError(
       fmt::format("[offline.command]: field = \"{}\": the ending of the file is .csv, .npy, .h5, .vtu, .pvd, "
                   ".frd or .dat",
@@ -267,11 +280,23 @@ Snapshots read_field(const ResultOptions& options, const std::string& path) {
 
 }  // namespace
 
+void convert_to_si(Snapshots& solution) {
+  const std::size_t n = solution.quantities.size();
+  for (std::size_t k = 0; k < n; ++k) {
+    const auto unit = files::unit_of(solution.quantities[k].units);
+    if (!unit) continue;
+    solution.quantities[k].units = unit->si;
+    if (unit->factor == 1) continue;
+    for (std::size_t i = k; i < solution.values.size(); i += n) solution.values[i] *= unit->factor;
+  }
+}
+
 Snapshots read_result(const ResultOptions& options, const std::string& folder) {
   const std::string path = (std::filesystem::path(folder) / options.field).string();
   if (!std::filesystem::exists(path))
     throw DataError(fmt::format("the run has ended well but left no {}", options.field));
   Snapshots solution = read_field(options, path);
+  convert_to_si(solution);
   if (!options.outputs.empty())
     add_outputs((std::filesystem::path(folder) / options.outputs).string(), solution);
   return solution;

@@ -17,13 +17,16 @@ struct ResultOptions {
   /// Further scalars: a CSV file with a column time and one for each; empty: none.
   std::string outputs;
   std::vector<double> times;       ///< where the file has none
-  std::vector<std::string> names;  ///< .npy: of its columns
-  std::vector<std::string> units;  ///< .npy: of each name; none: "1"
+  std::vector<std::string> names;  ///< .npy: of its columns; .dat: those to be taken, all if there are none
+  std::vector<std::string> units;  ///< of each name; none: "1"
   std::string points;              ///< .npy: CSV file x,y,z,component of each column, instead of names
 };
 
-/// The solution that a run has left in `folder`, without axes. A quantity's name may have its unit behind it
-/// ("force [kN]"); it is then converted to SI where it is a known one. DataError names file and place.
+/// Quantities of a single solution in known units (mm, kN, …) are put in SI.
+void convert_to_si(reduction::Snapshots& solution);
+
+/// The solution that a run has left in `folder`, without axes, in SI where its units are known. In CSV a
+/// quantity's name may have its unit behind it ("force [kN]"). DataError names file and place.
 [[nodiscard]] reduction::Snapshots read_result(const ResultOptions& options, const std::string& folder);
 
 }  // namespace knothe::simulator

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "knothe/base/error.hpp"
+#include "knothe/files/atomic_file.hpp"
 #include "knothe/files/testing/test_folder.hpp"
 #include "knothe/files/vtu.hpp"
 
@@ -43,6 +44,56 @@ TEST(ResultFile, AFieldInAnotherUnitThanOfLengthIsRefused) {
       HasSubstr(
           "the field displacement is in \"m/s\" (key UNITS_LABEL): a displacement in m, or in another unit "
           "of length, is needed"));
+}
+
+constexpr const char* k_dat = R"(
+ displacements (vx,vy,vz) for set TIP and time  0.5000000E+00
+
+         7  1.0  0.0 -2.0
+
+ total force (fx,fy,fz) for set BOTTOM and time  0.5000000E+00
+
+       0.0 0.0 20.0
+
+ displacements (vx,vy,vz) for set TIP and time  0.1000000E+01
+
+         7  1.5  0.0 -4.0
+
+ total force (fx,fy,fz) for set BOTTOM and time  0.1000000E+01
+
+       0.0 0.0 40.0
+)";
+
+TEST(ResultFile, PrintedTablesOfCalculixAreChosenByNameAndConverted) {
+  const files::TestFolder folder;
+  files::write_text_atomically(folder.file("job.dat"), k_dat);
+  EXPECT_EQ(read_result({.field = "job.dat"}, folder.file("")).quantities.size(), 6u);
+  ResultOptions options{.field = "job.dat", .names = {"BOTTOM.fz", "TIP.7.vz"}, .units = {"kN", "mm"}};
+  const reduction::Snapshots solution = read_result(options, folder.file(""));
+  EXPECT_THAT(solution.time, ElementsAre(0.5, 1.0));
+  EXPECT_THAT(solution.values, ElementsAre(20e3, -2e-3, 40e3, -4e-3));
+  EXPECT_EQ(solution.quantities[0].units, "N");
+  EXPECT_EQ(solution.quantities[1].name, "TIP.7.vz");
+  EXPECT_EQ(solution.quantities[1].units, "m");
+  options.names = {"BOTTOM.f_z"};
+  EXPECT_THAT(
+      message_of<DataError>([&] { (void)read_result(options, folder.file("")); }),
+      HasSubstr("there is no \"BOTTOM.f_z\" of [offline.command] \"names\" (did you mean \"BOTTOM.fz\"?)"));
+}
+
+TEST(ResultFile, SnapshotsOfOnePointAreASolution) {
+  const files::TestFolder folder;
+  reduction::Snapshots written;
+  written.axes = {{"a", {1.5}}};
+  written.time = {1, 2};
+  written.values = {3, 4, 5, 6};
+  written.field = {"1", "quantities"};
+  written.quantities = {{"opening", "mm"}, {"load", "kN"}};
+  reduction::write_snapshots(written, folder.file("solution.h5"));
+  const reduction::Snapshots solution = read_result({.field = "solution.h5"}, folder.file(""));
+  EXPECT_THAT(solution.values, ElementsAre(3e-3, 4e3, 5e-3, 6e3));
+  EXPECT_EQ(solution.quantities[0].units, "m");
+  EXPECT_EQ(solution.quantities[1].units, "N");
 }
 
 }  // namespace

@@ -150,6 +150,50 @@ class Test(Case):
         self.expect_described(FIXTURES / "analytic" / "data.h5", "HDF5")
         self.expect_described(FIXTURES / "analytic" / "model.h5", "Reduced model")
 
+    def words(self, *sections):
+        """What the named sections of this page and of report.md have in code."""
+        text = PAGE.read_text() + PAGE.with_name("report.md").read_text()
+        found = set()
+        for heading in sections:
+            section = re.search(rf"^(#+) {heading}\n(.*?)(?=^#{{1,2}} |\Z)", text, re.MULTILINE | re.DOTALL)[2]
+            for code in re.findall(r"```(.*?)```|`([^`]+)`", section, re.DOTALL):
+                found.update(re.findall(r"\w+", " ".join(code)))
+            found.update(re.findall(r"\w+", " ".join(re.findall(r"\(([^()]*)\)", section))))
+        return found
+
+    def keys(self, value, named=False):
+        """All keys of a JSON value, without those that are the names of somebody's quantities."""
+        if isinstance(value, list):
+            return set().union(*(self.keys(one) for one in value[:3]))
+        if not isinstance(value, dict):
+            return set()
+        own = set() if named else set(value)
+        maps = {"physical", "forecast", "forecasts", "models", "scores", "marginals", "prior_marginals", "draws", "series", "machine"}
+        return own.union(*(self.keys(one, not named and key in maps) for key, one in value.items()))
+
+    def test_every_key_of_the_lines_is_on_the_page(self):
+        shutil.copytree(FIXTURES / "analytic", self.folder, dirs_exist_ok=True)
+        project = (SOURCE / "assimilation.toml").read_text()
+        method = re.search(r"\[method\].*?(?=\n\n)", project, re.DOTALL)[0]
+        variants = {"plain": project,
+                    "gate": project.replace(method, "[method]\ngate = 5"),
+                    "student_t": project.replace(method, '[method]\nlikelihood = "student-t"'),
+                    "joint": project.replace(method, '[method]\nbias_correction = "on"'),
+                    "models": project.replace('model = "model.h5"', 'model = { separated = "model.h5", candidates = ["./model.h5"] }')}
+        seen = set()
+        for name, text in variants.items():
+            (self.folder / f"{name}.toml").write_text(text)
+            lines = self.expect(0, "assimilate", f"{name}.toml", "--json", "-o", name).lines()
+            seen |= self.keys(lines)
+            kept = [json.loads(line) for line in (self.folder / name / "steps.jsonl").read_text().splitlines()]
+            seen |= self.keys(kept)
+        page = self.words("Line of a step", "Verdict", "Results folder")
+        self.assertEqual(sorted(seen - page), [])
+        self.assertIn("monitor", seen)
+        self.assertIn("test_ratio", seen)
+        summary = self.keys(json.loads((self.folder / "plain" / "summary.json").read_text()))
+        self.assertEqual(sorted(summary - page - self.words("What it reads")), [])
+
     def test_what_the_page_does_not_name_is_found(self):
         self.run_python("-c", programs()["write_snapshots.py"])
         self.run_python("-c", 'import h5py; h5py.File("snapshots.h5", "a")["colour"] = 1')

@@ -147,6 +147,68 @@ class Test(Case):
         self.assertGreater(last["model_version"], 0)
         self.expect_posterior(last, log_likelihood, ["k1", "damping"])
 
+    def test_units_of_quantities_go_through_to_the_results(self):
+        """From the program's table into the data, the results and the report; a series in mm or in an unfitting unit."""
+        if python_with("h5py", "numpy") is None:
+            self.skipTest("no python3 with h5py here: python3-h5py of scripts/packages.txt")
+        self.copy_example("command")
+        self.edit("nodes = 13", "nodes = 5")
+        self.edit("nodes = 7", "nodes = 3")
+        self.expect(0, "offline", self.project_name, "-o", "storeys.h5")
+        self.expect(0, "simulate", self.project_name, "--model", "storeys.h5", "-o", "data.h5")
+        mean = self.assimilate()[-1]["mean"]
+        program = """
+import h5py, json
+with h5py.File("data.h5") as f:
+    units = {name: f["outputs"][name].attrs["units"].decode() for name in f["outputs"]}
+with h5py.File("results/posterior.nc") as f:
+    predicted, observed = f["posterior_predictive"], f["observed_data"]
+    assert "displacement" not in predicted and "displacement" not in observed
+    of_results = {name: predicted[name].attrs["units"].decode() for name in units}
+    assert of_results == units == {name: observed[name].attrs["units"].decode() for name in units}, of_results
+    # With noise: the data lie in the predictive distribution of their own step.
+    z = [((observed[n][:] - predicted[n][0].mean(0)) / predicted[n][0].std(0)) for n in units]
+    spread = [float((one ** 2).mean()) for one in z]
+print(json.dumps([units, spread]))
+with h5py.File("data.h5", "a") as f:
+    for name in ("drift",):
+        f["outputs"][name][:] *= 1e3
+        f["outputs"][name].attrs["std"] *= 1e3
+        f["outputs"][name].attrs["units"] = "mm"
+"""
+        run = lambda text: subprocess.run([python_with("h5py", "numpy"), "-c", text], cwd=self.folder, capture_output=True, text=True)
+        done = run(program)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        units, spread = json.loads(done.stdout)
+        self.assertEqual(units, {"acceleration_1": "m/s2", "acceleration_2": "m/s2", "drift": "m"})
+        for mean_square in spread:  # of 60 numbers that are about standard normal
+            self.assertGreater(mean_square, 0.5)
+            self.assertLess(mean_square, 1.7)
+        summary = json.loads((self.folder / "results" / "summary.json").read_text())
+        self.assertEqual(summary["residuals"]["series"]["drift"]["units"], "m")
+        self.expect(0, "report", "results", "-o", "report.html")
+        page = (self.folder / "report.html").read_text()
+        for text in ("k1 (N/m)", "drift (mm)", "acceleration_1 (m/s²)"):
+            self.assertIn(text, page)
+        self.assertNotIn("µm", page)
+        again = self.assimilate()[-1]["mean"]
+        for value, other in zip(mean, again):
+            self.assertAlmostEqual(value, other, delta=1e-9 * abs(value))
+        run('import h5py; h5py.File("data.h5", "a")["outputs/drift"].attrs["units"] = "kN"')
+        self.expect(4, "assimilate", self.project_name, stderr='data.h5: "drift" is in N, in the model in m')
+
+    def test_check_looks_at_what_the_runs_need(self):
+        self.copy_example("command")
+        self.expect(0, "check", self.project_name)
+        self.edit("damping = 1730", "damping = 4000")
+        warning = "warning: simulate.truth.damping = 4000 is outside the model's bounds 900 ... 3500: no posterior can reach it"
+        self.expect(0, "check", self.project_name, stderr=warning)
+        self.expect(0, "simulate", self.project_name, "-o", "data.h5", stderr=warning)
+        self.edit("{{damping}}", "{{dampings}}")
+        self.expect(3, "check", self.project_name, stderr="offline.command.run: line 1: {{dampings}} is no parameter (did you mean \"damping\"?)")
+        self.edit('files = ["storeys.py"]', 'files = ["storey.py"]')
+        self.expect(3, "check", self.project_name, stderr=["[offline.command]: there is no file", "storey.py: the run needs it"])
+
     def test_synthetic_measurements_of_quantities(self):
         self.copy_example("command")
         self.expect(0, "simulate", self.project_name, "-o", "data.h5")
@@ -299,6 +361,15 @@ class Test(Case):
         verified = self.expect(0, "model", "verify", self.project_name, "model.h5", "--points", "4", "--json").lines()[-1]
         self.assertLess(verified["relative_error"], 0.01)
         self.expect(0, "simulate", self.project_name, "-o", "data.h5")
+        log_likelihood = self.write_twin_data(evaluate, direct, std, sensors)
+        line = self.assimilate()[-1]
+        weights = self.expect_posterior(line, log_likelihood, names)
+        name, output = forecast
+        place = len(direct) - len(sensors) + sensors.index(output)
+        self.expect_forecast(line, name, lambda *parameters: evaluate(*parameters)[place], weights)
+
+    def write_twin_data(self, evaluate, direct, std, sensors):
+        """Noisy data of a direct run, written by other means than `knothe simulate`; their log-likelihood by direct runs."""
         noise, data = random.Random(11), []
         times = [float(t) for t in re.search(r"^times = \[(.*?)\]", self.project.read_text(), re.M | re.S)[1].split(",")]
         for i, value in enumerate(direct):
@@ -307,20 +378,31 @@ class Test(Case):
                          "value": repr(value + noise.gauss(0, std)), "std": std})
         write_csv(self.folder / "data.csv", data)
         self.edit('data = "data.h5"', 'data = "data.csv"')
-        line = self.assimilate()[-1]
 
         def log_likelihood(*parameters):
             return sum(-0.5 * ((float(entry["value"]) - value) / std) ** 2 for entry, value in zip(data, evaluate(*parameters)))
 
-        weights = self.expect_posterior(line, log_likelihood, names)
-        name, output = forecast
-        place = len(direct) - len(sensors) + sensors.index(output)
-        self.expect_forecast(line, name, lambda *parameters: evaluate(*parameters)[place], weights)
+        return log_likelihood
 
     def test_a_function_of_numpy_behind_a_server(self):
         self.copy_example("numpy")
         evaluate = self.serve("numpy", "tower.py")
         self.expect_twin(evaluate, {"k": 1.37e8, "zeta": 0.033}, 2e-3, ["k", "zeta"], ["floor_5", "floor_10"], ("sway", "floor_10"))
+
+    def test_a_model_that_is_too_coarse_is_refined_by_the_server(self):
+        self.copy_example("numpy")
+        evaluate = self.serve("numpy", "tower.py")
+        self.edit("nodes = 15", "nodes = 5")
+        self.edit("nodes = 7", "nodes = 3")
+        self.edit("[offline]\n", '[method]\nverify = "full-order"\n\n[offline]\n')
+        direct = evaluate(1.37e8, 0.033)  # waits for the server
+        self.expect(0, "offline", self.project_name, "-o", "tower.h5")
+        log_likelihood = self.write_twin_data(evaluate, direct, 2e-3, ["floor_5", "floor_10"])
+        last = self.assimilate()[-1]
+        self.assertGreater(last["model_version"], 0)
+        self.expect_posterior(last, log_likelihood, ["k", "zeta"])
+        self.edit("[offline.umbridge]\n", "[offline.umbridge]\ntimeout = 1e-6\n")
+        self.expect(4, "simulate", self.project_name, "-o", "data.h5", stderr="within 1e-06 s ([offline.umbridge] timeout)")
 
     def test_finite_elements_of_fenics_behind_a_server(self):
         self.copy_example("dolfinx")

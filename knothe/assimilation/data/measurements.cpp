@@ -136,9 +136,10 @@ MeasuredSeries read_series(const Hdf5Reader& file, const std::string& name, std:
                                   name.substr(1), t));
     }
   }
-  // Of a unit that is not known the model's own is taken.
-  const auto unit = files::unit_of(file.labels(name).units);
+  series.units = file.labels(name).units;
+  const auto unit = files::unit_of(series.units);
   const double factor = unit ? unit->factor : 1;
+  if (unit) series.units = unit->si;
   for (double& value : series.values) value *= factor;
   if (const std::string shared = "/shared_std/" + name.substr(std::string("/outputs/").size());
       file.has(shared)) {
@@ -281,10 +282,11 @@ void write_measurements(const std::string& path, const Measurements& m, const st
     file.write("/time", m.time, {n_t}, {"1", "model time"});
     if (n_obs > 0) write_displacements(file, m);
     for (const auto& [name, series] : m.series) {
-      file.write("/outputs/" + name, series.values, {n_t}, {"1", "measured beside the displacements"});
+      file.write("/outputs/" + name, series.values, {n_t}, {series.units, "measured"});
       if (series.std) file.number_attribute("/outputs/" + name, "std", *series.std);
       if (!series.shared_std.empty())
-        file.write("/shared_std/" + name, series.shared_std, {n_t}, {"1", "std of an error of all times"});
+        file.write("/shared_std/" + name, series.shared_std, {n_t},
+                   {series.units, "std of an error of all times"});
     }
     for (const auto& [name, value] : m.truth)
       file.write("/truth/" + name, {&value, 1}, {1}, {"1", "true value"});

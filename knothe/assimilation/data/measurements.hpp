@@ -18,6 +18,7 @@ struct MeasuredSeries {
   /// n_t, or empty: standard deviation of an error besides that is one standard normal number, the same at
   /// all times, times this: the scatter of specimens about the curve, a calibration.
   std::vector<double> shared_std;
+  std::string units;  ///< of the values; empty: not said
 };
 
 /// What a data file holds (docs/interfaces of the project, section 4). SI units.

@@ -16,6 +16,7 @@ ScalarObservation ScalarObservation::elongation(const std::string& name, std::sp
   }
   ScalarObservation sensor;
   sensor.name = name;
+  sensor.units = strain ? "1" : "m";
   for (std::size_t c = 0; c < 3; ++c) {
     const double direction = (to[c] - from[c]) / length / (strain ? length : 1);
     if (direction == 0) continue;

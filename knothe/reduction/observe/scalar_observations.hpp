@@ -16,6 +16,7 @@ struct ScalarObservation {
   std::vector<double> points;            ///< [k, 3], m
   std::vector<std::int64_t> components;  ///< [k], 0 x, 1 y, 2 z
   std::vector<double> coefficients;      ///< [k]
+  std::string units;                     ///< of the number; "1" without a dimension
 
   /// (u(to) − u(from))·e, e the unit vector from `from` to `to`: how far two points move apart; divided by
   /// their distance where `strain`. UsageError where they are the same point.

@@ -50,9 +50,8 @@ ForecastScale forecast_scale(const Results& results, const std::string& name) {
     scale.title += " at time " + plain(*summary.horizon);
   else if (scale.crack && name != "crack")
     scale.title += " (" + name + ")";
-  scale.unit = summary.unit == "1" ? "" : summary.unit;
-  if (scale.crack || summary.unit == "m") scale.unit = "mm", scale.factor = 1e3;
-  if (summary.unit == "N") scale.unit = "kN", scale.factor = 1e-3;
+  const UnitScale shown = unit_scale(scale.crack ? "m" : summary.unit);
+  scale.unit = shown.unit, scale.factor = shown.factor;
   return scale;
 }
 

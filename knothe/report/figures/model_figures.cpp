@@ -114,9 +114,11 @@ Plot time_functions_plot(const reduction::SeparatedModel& model, std::span<const
                          std::size_t count) {
   const auto& contents = model.contents();
   const Eigen::VectorXd w = functions_at(model, p);
-  Plot plot("Time functions", {"model time"}, {"largest displacement by the mode (µm)"});
+  const bool is_displacement = contents.quantities.empty() && contents.field.units == "m";
+  Plot plot("Time functions", {"model time"},
+            {is_displacement ? "largest displacement by the mode (µm)" : "largest value of the mode"});
   for (std::size_t k = 0; k < std::min(count, contents.space_modes); ++k) {
-    const double scale = 1e6 * largest_magnitude(space_mode(contents, k));
+    const double scale = (is_displacement ? 1e6 : 1) * largest_magnitude(space_mode(contents, k));
     std::vector<double> y;
     for (std::size_t t = 0; t < contents.time.size(); ++t) y.push_back(scale * amplitude(contents, k, t, w));
     plot.line(contents.time, y, Paint::series(static_cast<int>(k)), fmt::format("mode {}", k + 1));

@@ -4,6 +4,7 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 
 #include "knothe/report/figures/svg_text.hpp"
@@ -62,6 +63,32 @@ std::string pretty_name(const std::string& name) {
   return name;
 }
 
+std::string pretty_units(const std::string& units) {
+  std::string text;
+  for (std::size_t i = 0; i < units.size(); ++i) {
+    const bool is_power = i > 0 && std::isalpha(static_cast<unsigned char>(units[i - 1])) != 0;
+    if (is_power && (units[i] == '2' || units[i] == '3'))
+      text += units[i] == '2' ? "²" : "³";
+    else
+      text += units[i];
+  }
+  return text == "1" ? "" : text;
+}
+
+std::string axis_label(const ParameterSummary& parameter) {
+  const std::string units = pretty_units(parameter.units);
+  std::string meaning = units;
+  if (parameter.reference && *parameter.reference != 1)
+    meaning = fmt::format("1 = {}{}{}", plain(*parameter.reference), units.empty() ? "" : " ", units);
+  return pretty_name(parameter.name) + (meaning.empty() ? "" : fmt::format(" ({})", meaning));
+}
+
+UnitScale unit_scale(const std::string& units) {
+  if (units == "m") return {"mm", 1e3};
+  if (units == "N") return {"kN", 1e-3};
+  return {pretty_units(units)};
+}
+
 std::vector<std::size_t> learning_steps(const Results& results, std::size_t d, std::size_t count) {
   std::vector<std::size_t> order;
   std::vector<double> fall(results.steps.size(), 0.0);
@@ -98,8 +125,7 @@ std::vector<double> density_values(const std::vector<double>& values, const Plot
 
 Plot marginals_plot(const Results& results, std::size_t d) {
   const ParameterSummary& parameter = results.parameters[d];
-  PlotAxis x{pretty_name(parameter.name) + " (1 = reference)"};
-  if (!parameter.reference) x.label = pretty_name(parameter.name);
+  PlotAxis x{axis_label(parameter)};
   x.low = parameter.lower;
   x.high = parameter.upper;
   std::vector<double> peaks;
@@ -126,8 +152,8 @@ Plot marginals_plot(const Results& results, std::size_t d) {
 
 Plot pair_plot(const Results& results, std::size_t row, std::size_t column) {
   const ParameterSummary &x = results.parameters[column], &y = results.parameters[row];
-  Plot plot(pretty_name(y.name) + " against " + pretty_name(x.name) + ", last step", {pretty_name(x.name)},
-            {pretty_name(y.name)});
+  Plot plot(pretty_name(y.name) + " against " + pretty_name(x.name) + ", last step", {axis_label(x)},
+            {axis_label(y)});
   plot.scatter(results.draws[column], results.draws[row], Paint::series(0), "draws of the posterior", 1.8);
   if (x.truth && y.truth)
     plot.scatter(std::vector<double>{*x.truth}, std::vector<double>{*y.truth}, Paint::truth(), "true value",
@@ -137,7 +163,7 @@ Plot pair_plot(const Results& results, std::size_t row, std::size_t column) {
 
 Plot convergence_plot(const Results& results, std::size_t d) {
   const ParameterSummary& parameter = results.parameters[d];
-  Plot plot(pretty_name(parameter.name) + " as the data come in", {"step"}, {pretty_name(parameter.name)});
+  Plot plot(pretty_name(parameter.name) + " as the data come in", {"step"}, {axis_label(parameter)});
   const auto x = results.step_numbers();
   const auto level = [&](double wanted, double sigmas) {
     return over_steps(results, [&](const Step& s) {

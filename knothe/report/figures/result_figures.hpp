@@ -32,6 +32,13 @@ namespace knothe::report {
 [[nodiscard]] Plot variance_diagnostic_plot(const Results& results);
 [[nodiscard]] Plot sample_size_plot(const Results& results);
 
+/// How numbers in `units` are shown: metres in mm, newtons in kN.
+struct UnitScale {
+  std::string unit;  ///< empty: none
+  double factor = 1.0;
+};
+[[nodiscard]] UnitScale unit_scale(const std::string& units);
+
 /// How a forecast is shown: its name for people, unit, and the factor from the file's numbers to that unit.
 struct ForecastScale {
   std::string title;     ///< "Crack length at time 0.3"
@@ -53,5 +60,9 @@ struct ForecastScale {
 
 /// Name of a parameter as it is written in figures: "Y0" → "Y₀".
 [[nodiscard]] std::string pretty_name(const std::string& name);
+/// "N/m3" → "N/m³"; "1" → "".
+[[nodiscard]] std::string pretty_units(const std::string& units);
+/// What the axis of a parameter is called: "Y₀ (1 = 216 J/m³)", "k1 (N/m)".
+[[nodiscard]] std::string axis_label(const ParameterSummary& parameter);
 
 }  // namespace knothe::report

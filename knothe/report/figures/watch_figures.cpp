@@ -9,6 +9,7 @@
 
 #include "knothe/report/figures/mesh_view.hpp"
 #include "knothe/report/figures/model_figures.hpp"
+#include "knothe/report/figures/result_figures.hpp"
 #include "knothe/report/figures/svg_text.hpp"
 
 namespace knothe::report {
@@ -70,7 +71,21 @@ double map_height(const Residuals& r) {
   return std::clamp(90.0 + 330.0 * (high + 0.2), 190.0, 420.0);
 }
 
+constexpr std::size_t k_shown_series = 8;
+
+std::vector<Figure> series_figures(const Results& results) {
+  std::vector<Figure> figures;
+  for (const auto& [name, fit] : results.residuals.series) {
+    if (figures.size() == k_shown_series) break;
+    figures.push_back(figure_of(series_plot(name, fit), name + " as measured and as predicted"));
+  }
+  if (!figures.empty())
+    figures.push_back(figure_of(series_residual_plot(results), "Residuals of the series over the steps"));
+  return figures;
+}
+
 std::vector<Figure> residual_figures(const Results& results, const reduction::SeparatedModel* model) {
+  if (results.residuals.step.empty()) return {};
   std::vector<Figure> figures = {
       figure_of(residual_plot(results), "Residuals at the sensors over the steps")};
   if (!results.residuals.measured.empty())
@@ -81,6 +96,20 @@ std::vector<Figure> residual_figures(const Results& results, const reduction::Se
                                 fmt::format("Residuals of u_{} at the sensors", c),
                                 map_height(results.residuals)));
   return figures;
+}
+
+void add_residuals(Page& page, const Results& results, const reduction::SeparatedModel* model) {
+  if (const auto figures = residual_figures(results, model); !figures.empty())
+    page.figures(figures,
+                 "Residuals: measured values minus the posterior mean prediction at the same step. If only "
+                 "noise is left, the curve is flat and the map shows no pattern. (Camera motion that is "
+                 "removed from pictures is still contained in the residuals.)");
+  if (const auto figures = series_figures(results); !figures.empty())
+    page.figures(figures,
+                 "Predicted: the mean over the posterior that has the datum. If only noise is left, most "
+                 "residuals are within ±2 and have no trend.");
+  if (results.residuals.series.size() > k_shown_series)
+    page.note(fmt::format("Only the first {} series are drawn.", k_shown_series));
 }
 
 }  // namespace
@@ -137,6 +166,33 @@ Plot measured_plot(const Results& results) {
   Plot plot("Measured against predicted, last step", {"predicted (µm)"}, {"measured (µm)"});
   plot.line(ends, ends, Paint::faint(), "equal", {1.2});
   plot.scatter(predicted, measured, Paint::series(0), "a sensor", 2.2);
+  return plot;
+}
+
+Plot series_plot(const std::string& name, const SeriesFit& fit) {
+  const UnitScale scale = unit_scale(fit.units);
+  const auto shown = [&](std::vector<double> values) {
+    for (double& value : values) value *= scale.factor;
+    return values;
+  };
+  Plot plot(name + ", measured and predicted", {"step"},
+            {scale.unit.empty() ? name : fmt::format("{} ({})", name, scale.unit)});
+  plot.line(fit.step, shown(fit.predicted), Paint::series(0), "posterior mean prediction");
+  plot.scatter(fit.step, shown(fit.measured), Paint::series(1), "measured", 2.2);
+  return plot;
+}
+
+Plot series_residual_plot(const Results& results) {
+  Plot plot("Measured minus predicted", {"step"}, {"in standard deviations of the noise"});
+  int colour = 0;
+  for (const auto& [name, fit] : results.residuals.series) {
+    if (colour == static_cast<int>(k_shown_series) || !(fit.std > 0)) continue;
+    std::vector<double> y;
+    for (std::size_t i = 0; i < fit.step.size(); ++i)
+      y.push_back((fit.measured[i] - fit.predicted[i]) / fit.std);
+    plot.line(fit.step, y, Paint::series(colour++), name, {1.4});
+  }
+  for (const double limit : {-2.0, 2.0}) plot.horizontal(limit, Paint::faint(), "±2");
   return plot;
 }
 
@@ -222,11 +278,7 @@ void add_watch(Page& page, const Results& results, const reduction::SeparatedMod
           {{name, readable(m.probability, 3), readable(m.log_evidence, 8), readable(m.log_bayes_factor, 3)}});
     page.table({"model", "probability", "log-evidence", "log Bayes factor of the best over it"}, rows);
   }
-  if (results.residuals.step.empty()) return;
-  page.figures(residual_figures(results, model),
-               "Residuals: measured values minus the posterior mean prediction at the same step. If only "
-               "noise is left, the curve is flat and the map shows no pattern. (Camera motion that is "
-               "removed from pictures is still contained in the residuals.)");
+  add_residuals(page, results, model);
 }
 
 }  // namespace knothe::report

@@ -17,6 +17,10 @@ namespace knothe::report {
 [[nodiscard]] Plot residual_plot(const Results& results);
 /// The data of the last step against the posterior mean prediction, µm.
 [[nodiscard]] Plot measured_plot(const Results& results);
+/// A series as measured and as expected of the posterior that has it; and all of them, measured minus
+/// predicted, in standard deviations of their noise.
+[[nodiscard]] Plot series_plot(const std::string& name, const SeriesFit& fit);
+[[nodiscard]] Plot series_residual_plot(const Results& results);
 /// Size of the discrepancy that the joint correction infers, relative to the prior's spread.
 [[nodiscard]] Plot discrepancy_plot(const Results& results);
 /// The residuals of one component at the places of the sensors (x, y), averaged over the last steps, with the

@@ -137,15 +137,18 @@ void add_method(Page& page, const Results& results) {
 void add_learning(Page& page, const Results& results) {
   page.section("Which steps carry information");
   std::vector<Figure> figures;
-  if (results.displacement.empty())
-    page.note("The results hold no load–displacement curve, so it is left out.");
-  else
+  if (!results.displacement.empty())
     figures.push_back(
         figure_of(load_plot(results), "Load–displacement curve and the most informative steps", 330.0));
+  else if (results.residuals.series.empty())
+    page.note("The results hold no load–displacement curve, so it is left out.");
   figures.push_back(figure_of(information_plot(results), "Information gained per step", 330.0));
   page.figures(figures,
-               "Dots: the five steps where the standard deviation of a parameter falls by the largest "
-               "factor. Bars: entropy reduction of the posterior at each step.");
+               fmt::format("{}Bars: entropy reduction of the posterior at each step.",
+                           results.displacement.empty()
+                               ? ""
+                               : "Dots: the five steps where the standard deviation of a parameter falls by "
+                                 "the largest factor. "));
 }
 
 /// The last posterior mean, moved into the model's box, in the model's order of parameters; the box's middle
@@ -164,11 +167,17 @@ std::vector<double> drawing_point(const Results& results, const reduction::Separ
 void add_model(Page& page, const Results& results, const reduction::SeparatedModel& model) {
   const auto& contents = model.contents();
   page.section("The reduced model");
+  const bool is_displacement = contents.quantities.empty() && contents.field.units == "m";
+  const std::string largest =
+      is_displacement ? readable(1e6 * contents.max_error_m, 2) + " µm"
+      : contents.quantities.empty()
+          ? readable(contents.max_error_m, 2) + " " + pretty_units(contents.field.units)
+          : readable(contents.max_error_m, 2) + " of how much the quantity varies (root mean square)";
   page.paragraph(fmt::format(
       "Separated in the {} form: {} space modes, {} parameter functions, {} time steps, {} degrees of "
-      "freedom. Error on its training grid: {} relative, {} µm at the worst place.",
+      "freedom. Error on its training grid: {} relative, at most {}.",
       reduction::to_text(contents.form), contents.space_modes, contents.parameter_modes, contents.time.size(),
-      contents.dof_count(), readable(contents.relative_error, 2), readable(1e6 * contents.max_error_m, 2)));
+      contents.dof_count(), readable(contents.relative_error, 2), largest));
   const std::vector<double> p = drawing_point(results, model);
   if (can_be_drawn(model)) {
     const std::size_t last = contents.time.size() - 1;
@@ -177,7 +186,7 @@ void add_model(Page& page, const Results& results, const reduction::SeparatedMod
     page.figures(space_mode_figures(model),
                  "The first space modes on the outer face (horizontal component, largest value 1, "
                  "deformed shape exaggerated).");
-  } else {
+  } else if (contents.quantities.empty()) {
     page.note("The model file has no mesh of hexahedra with displacement dofs, so its fields are not drawn.");
   }
   std::vector<Figure> functions = {figure_of(time_functions_plot(model, p), "Time functions", 300.0)};
@@ -216,7 +225,9 @@ void add_provenance(Page& page, const Results& results) {
     if (!p.prior.empty()) {
       std::string prior = p.prior;
       if (p.lower && p.upper) prior += fmt::format(", on {} … {}", plain(*p.lower), plain(*p.upper));
-      if (p.reference) prior += fmt::format("; 1 means {} in SI units", plain(*p.reference));
+      if (p.reference && *p.reference != 1)
+        prior += fmt::format("; 1 means {} {}", plain(*p.reference),
+                             p.units.empty() || p.units == "1" ? "in SI units" : pretty_units(p.units));
       add("Prior of " + pretty_name(p.name), prior);
     }
   for (const auto& [name, value] : results.machine) add("Machine: " + name, value);

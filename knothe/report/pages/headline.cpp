@@ -43,6 +43,9 @@ Card parameter_card(const Results& results, std::size_t d) {
   const ParameterSummary& p = results.parameters[d];
   const Step& last = results.steps.back();
   Card card{pretty_name(p.name), with_uncertainty(last.mean[d], last.standard_deviations()[d]), {}};
+  const bool is_physical = !p.reference || *p.reference == 1;
+  if (const std::string units = pretty_units(p.units); is_physical && !units.empty())
+    card.value += " " + units;
   if (p.truth) {
     const double distance = last.standard_deviations()[d] > 0.0
                                 ? std::abs(last.mean[d] - *p.truth) / last.standard_deviations()[d]

@@ -99,7 +99,9 @@ void AssimilationOutput::print_text(const engine::StepResult& result, double tot
   std::string text = fmt::format("step {:3}", r.step);
   for (std::size_t k = 0; k < axes_.size(); ++k) {
     const auto i = static_cast<Eigen::Index>(k);
-    text += fmt::format("  {} {}", axes_[k].name, value_text(r.mean[i], std::sqrt(r.covariance(i, i)), "1"));
+    text += fmt::format(
+        "  {} {}", axes_[k].name,
+        value_text(r.mean[i], std::sqrt(r.covariance(i, i)), axes_[k].reference == 1 ? axes_[k].units : "1"));
   }
   if (r.map_order > 0) text += fmt::format("  order {}", r.map_order);
   if (!result.forecasts.empty()) {

@@ -6,6 +6,7 @@
 #include <limits>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "knothe/assimilation/noise/predictive.hpp"
 #include "knothe/base/error.hpp"
@@ -57,6 +58,13 @@ WeightedPoints thinned(const assimilation::Posterior& posterior, Eigen::Index co
   return kept;
 }
 
+/// What a series is called in a group that has names of its own.
+std::string variable_of(const std::string& series) {
+  static const std::set<std::string> k_taken = {"chain",     "draw", "step", "time", "observation",
+                                                "direction", "x",    "y",    "z",    "displacement"};
+  return k_taken.contains(series) ? "series_" + series : series;
+}
+
 /// Appends a matrix in C order.
 void append(std::vector<double>& values, const Eigen::Ref<const Eigen::MatrixXd>& m) {
   for (Eigen::Index i = 0; i < m.rows(); ++i)
@@ -78,7 +86,9 @@ class Writer {
 
   /// posterior, posterior_predictive, log_likelihood.
   void write_draws() {
-    const std::size_t affordable = k_predictive_values / std::max<std::size_t>(1, n_steps_ * n_observations_);
+    const std::vector<std::string>& scalars = file_.measurements.sensors.scalars;
+    const std::size_t n_rows = n_observations_ + scalars.size();
+    const std::size_t affordable = k_predictive_values / std::max<std::size_t>(1, n_steps_ * n_rows);
     const std::size_t wanted = std::clamp<std::size_t>(affordable, 4, k_predictive_draws);
     const std::size_t stride = (k_draws + wanted - 1) / wanted, n_predicted = (k_draws + stride - 1) / stride;
     const auto observed = file_.observed ? file_.observed
@@ -87,26 +97,38 @@ class Writer {
     const std::size_t d = file_.priors.size();
     std::vector<std::vector<double>> draws(d, std::vector<double>(k_draws * n_steps_));
     std::vector<double> likelihood(k_draws * n_steps_), predicted(n_predicted * n_steps_ * n_observations_);
+    std::vector<std::vector<double>> series(scalars.size(), std::vector<double>(n_predicted * n_steps_));
     for (std::size_t s = 0; s < n_steps_; ++s) {
       const StepDraws here =
-          draw_step(file_.steps[s], *observed, file_.priors, static_cast<Eigen::Index>(n_observations_),
-                    k_draws, static_cast<Eigen::Index>(stride));
+          draw_step(file_.steps[s], *observed, file_.priors, static_cast<Eigen::Index>(n_rows), k_draws,
+                    static_cast<Eigen::Index>(stride));
       for (std::size_t j = 0; j < k_draws; ++j) {
         const auto row = static_cast<Eigen::Index>(j);
         for (std::size_t k = 0; k < d; ++k)
           draws[k][j * n_steps_ + s] = here.parameters(row, static_cast<Eigen::Index>(k));
         likelihood[j * n_steps_ + s] = here.log_likelihood[row];
       }
-      for (std::size_t j = 0; j < n_predicted; ++j)
-        std::copy_n(here.predicted.col(j).data(), n_observations_,
+      for (std::size_t j = 0; j < n_predicted; ++j) {
+        const auto column = here.predicted.col(static_cast<Eigen::Index>(j));
+        std::copy_n(column.data(), n_observations_,
                     predicted.begin() + static_cast<std::ptrdiff_t>((j * n_steps_ + s) * n_observations_));
+        for (std::size_t k = 0; k < scalars.size(); ++k)
+          series[k][j * n_steps_ + s] = column[static_cast<Eigen::Index>(n_observations_ + k)];
+      }
     }
     write_posterior(draws);
     add_draws("posterior_predictive", counted(n_predicted, stride));
-    add_observations("posterior_predictive");
-    out_.add_variable("posterior_predictive", "displacement", Names{"chain", "draw", "step", "observation"},
-                      SinglePrecision{predicted},
-                      {"m", "what the sensors would measure: model, bias where it is corrected, and noise"});
+    const std::string meaning =
+        "what the sensors would measure: model, bias where it is corrected, and noise";
+    if (n_observations_ > 0) {
+      add_observations("posterior_predictive");
+      out_.add_variable("posterior_predictive", "displacement", Names{"chain", "draw", "step", "observation"},
+                        SinglePrecision{predicted}, {"m", meaning});
+    }
+    for (std::size_t k = 0; k < scalars.size(); ++k)
+      out_.add_variable("posterior_predictive", variable_of(scalars[k]), Names{"chain", "draw", "step"},
+                        SinglePrecision{series[k]},
+                        {file_.measurements.series.at(scalars[k]).units, meaning});
     add_draws("log_likelihood", counted(k_draws));
     out_.add_variable("log_likelihood", "datum", Names{"chain", "draw", "step"}, likelihood,
                       {"1", "log density of the step's datum under the draw of that step"});
@@ -114,14 +136,16 @@ class Writer {
 
   void write_data() {
     add_steps("observed_data");
-    add_observations("observed_data");
     const auto& m = file_.measurements;
+    for (const auto& [name, series] : m.series) {
+      out_.add_variable("observed_data", variable_of(name), Names{"step"},
+                        std::span(series.values.data(), n_steps_), {series.units, "measured"});
+      if (series.std) out_.add_number("observed_data", variable_of(name), "std", *series.std);
+    }
+    if (n_observations_ == 0) return;
+    add_observations("observed_data");
     out_.add_variable("observed_data", "displacement", Names{"step", "observation"},
                       std::span(m.values.data(), n_steps_ * n_observations_), {"m", "measured displacement"});
-    for (const auto& [name, series] : m.series) {
-      out_.add_variable("observed_data", name, Names{"step"}, std::span(series.values.data(), n_steps_),
-                        {"1", "measured beside the displacements"});
-    }
     const std::string group = "constant_data";
     add_observations(group);
     out_.add_dimension(group, "axis", Names{"x", "y", "z"}, {"1", "direction"});
@@ -332,8 +356,10 @@ StepDraws draw_step(const KeptStep& step, const reduction::ObservedModel& observ
   out.log_likelihood =
       assimilation::log_likelihoods(predicted, step.datum.values.head(all), *step.datum.noise);
   const Eigen::Index shown = (draws + stride - 1) / stride;
-  out.predicted = predicted.topRows(rows)(Eigen::all, Eigen::seqN(0, shown, stride)) +
-                  assimilation::noise_draws(*step.datum.noise, rows, shown, result.step);
+  const Eigen::Index there = std::min(rows, all);
+  out.predicted.setConstant(rows, shown, k_missing);
+  out.predicted.topRows(there) = predicted.topRows(there)(Eigen::all, Eigen::seqN(0, shown, stride)) +
+                                 assimilation::noise_draws(*step.datum.noise, there, shown, result.step);
   return out;
 }
 

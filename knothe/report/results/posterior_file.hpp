@@ -46,7 +46,7 @@ struct PosteriorFile {
 struct StepDraws {
   Eigen::MatrixXd parameters;      ///< draws × d, no two the same
   Eigen::VectorXd log_likelihood;  ///< of the step's datum, by draw
-  Eigen::MatrixXd predicted;       ///< n_obs × every `stride`-th draw, m, with noise; NaN where not measured
+  Eigen::MatrixXd predicted;  ///< n_obs × every `stride`-th draw, SI, with noise; NaN where not measured
 };
 
 /// Draws that weigh the same from a step's posterior, and what `observed` with its bias and the noise of the

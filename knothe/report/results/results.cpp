@@ -265,13 +265,26 @@ void read_parameters(const Located& summary, Results& results) {
     const Located p = summary.member("parameters", entry);
     results.parameters.push_back({p.text_or("name"), prior_in_words(p), p.optional_number("lower"),
                                   p.optional_number("upper"), p.optional_number("reference"),
-                                  p.optional_number("truth")});
+                                  p.text_or("units"), p.optional_number("truth")});
   }
 }
 
 void read_residuals(const Located& summary, Residuals& r) {
   if (!summary.has("residuals")) return;
   const Located entry = summary.object("residuals");
+  if (entry.has("series")) {
+    const Located list = entry.object("series");
+    for (const auto& [name, value] : list.value().items()) {
+      const Located fit = list.member(name, value);
+      SeriesFit& series = r.series[name];
+      series.units = fit.text_or("units");
+      series.std = fit.number("std");
+      series.step = fit.numbers("step");
+      series.measured = fit.numbers("measured", series.step.size());
+      series.predicted = fit.numbers("predicted", series.step.size());
+    }
+  }
+  if (!entry.has("step")) return;
   for (const double step : entry.numbers("step")) r.step.push_back(static_cast<std::size_t>(step));
   r.step_rms = entry.numbers("step_rms", r.step.size());
   if (entry.has("noise_rms")) r.noise_rms = entry.numbers("noise_rms", r.step.size());
@@ -376,7 +389,7 @@ Results read_results(const std::string& folder) {
     throw DataError(fmt::format("{}: error: {} parameters, but steps.jsonl has {}",
                                 (base / "summary.json").string(), results.parameters.size(), d));
   for (std::size_t i = results.parameters.size(); i < d; ++i)
-    results.parameters.push_back({fmt::format("parameter {}", i), {}, {}, {}, {}, {}});
+    results.parameters.push_back({fmt::format("parameter {}", i), {}, {}, {}, {}, {}, {}});
   return results;
 }
 

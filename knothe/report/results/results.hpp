@@ -40,8 +40,17 @@ struct StepModel {
   double probability = 0.0, log_evidence = 0.0, log_bayes_factor = 0.0;
 };
 
+/// A scalar series and what the posterior that has it predicts in the mean, in `units`.
+struct SeriesFit {
+  std::string units;
+  double std = 0.0;          ///< of its noise
+  std::vector<double> step;  ///< where it was measured
+  std::vector<double> measured, predicted;
+};
+
 /// Data less the mean prediction of the posterior that has them, m.
 struct Residuals {
+  std::map<std::string, SeriesFit> series;  ///< by name; the rest is about displacements, empty without
   std::vector<std::size_t> step;
   std::vector<double> step_rms;    ///< over all sensors, per step
   std::vector<double> noise_rms;   ///< of the noise of the same values, per step; empty in files before 0.2
@@ -65,6 +74,7 @@ struct ParameterSummary {
   std::string prior;  ///< in words: "normal(0.9, 0.447)"; empty if unknown
   std::optional<double> lower, upper;
   std::optional<double> reference;  ///< physical value of 1.0
+  std::string units;                ///< of the physical value; "1" or empty: none
   std::optional<double> truth;      ///< of synthetic data
 };
 

@@ -20,6 +20,7 @@
 #include "knothe/reduction/model/model_matrices.hpp"
 #include "knothe/reduction/model/time_interpolation.hpp"
 #include "knothe/report/results/json_values.hpp"
+#include "knothe/report/results/physical_parameters.hpp"
 #include "knothe/report/results/posterior_file.hpp"
 #include "knothe/report/results/step_record.hpp"
 
@@ -104,7 +105,7 @@ Json ResultsWriter::parameter_summaries() const {
   for (std::size_t k = 0; k < axes.size(); ++k) {
     Json entry = {{"name", axes[k].name},           {"prior", priors_[k].describe()},
                   {"lower", axes[k].nodes.front()}, {"upper", axes[k].nodes.back()},
-                  {"reference", axes[k].reference}, {"units", axes[k].units}};
+                  {"reference", axes[k].reference}, {"units", reference_units(axes[k])}};
     if (const auto it = measurements_.truth.find(axes[k].name); it != measurements_.truth.end()) {
       entry["truth"] = it->second;
     }
@@ -143,6 +144,23 @@ Json ResultsWriter::last_draws() const {
   return record;
 }
 
+/// Of each scalar series: its datum, and what is expected of it.
+void ResultsWriter::add_series(Json& record, const KeptStep& step, const Eigen::VectorXd& expected) const {
+  const reduction::Sensors& sensors = measurements_.sensors;
+  const auto n = static_cast<Eigen::Index>(sensors.displacement_count());
+  for (std::size_t k = 0; k < sensors.scalars.size(); ++k) {
+    const Eigen::Index row = n + static_cast<Eigen::Index>(k);
+    if (row >= step.datum.values.size() || row >= expected.size()) return;
+    if (std::isnan(step.datum.values[row])) continue;
+    const assimilation::MeasuredSeries& measured = measurements_.series.at(sensors.scalars[k]);
+    Json& entry = record[sensors.scalars[k]];
+    if (entry.is_null()) entry = {{"units", measured.units}, {"std", measured.std.value_or(0)}};
+    entry["step"].push_back(step.result.step);
+    entry["measured"].push_back(step.datum.values[row]);
+    entry["predicted"].push_back(expected[row]);
+  }
+}
+
 /// What the model leaves unexplained (Rubio et al. 2019, Eq. 16): datum − E[M(p)] under the posterior that
 /// has it; per step over all sensors, and per sensor over the last steps.
 Json ResultsWriter::residuals() const {
@@ -153,6 +171,7 @@ Json ResultsWriter::residuals() const {
   reduction::FunctionBatch batch;
   Json step = Json::array(), rms = Json::array(), noise_rms = Json::array();
   std::vector<double> measured, predicted;
+  Json series = Json::object();
   const Eigen::VectorXd all_noise = measurements_.noise.standard_deviations();
   Eigen::ArrayXd sum = Eigen::ArrayXd::Zero(n), count = Eigen::ArrayXd::Zero(n);
   for (std::size_t i = 0; i < steps_.size(); ++i) {
@@ -162,8 +181,9 @@ Json ResultsWriter::residuals() const {
     functions.evaluate(posterior.points, 0, batch);
     const Eigen::VectorXd of_functions =
         observed_->core[time_index] * (batch.value.transpose() * posterior.weights).eval();
-    const Eigen::ArrayXd residual = measurements_.values.col(i) - observed_->lift.col(time_index).head(n) -
-                                    observed_->space.topRows(n) * of_functions;
+    const Eigen::VectorXd expected = observed_->lift.col(time_index) + observed_->space * of_functions;
+    add_series(series, steps_[i], expected);
+    const Eigen::ArrayXd residual = measurements_.values.col(i) - expected.head(n);
     const auto present = !residual.isNaN();
     const Eigen::ArrayXd there = present.select(residual, 0.0);
     const double number = std::max<double>(1, static_cast<double>(present.count()));
@@ -183,6 +203,9 @@ Json ResultsWriter::residuals() const {
     sum += there;
     count += present.cast<double>();
   }
+  Json record = Json::object();
+  if (!series.empty()) record["series"] = std::move(series);
+  if (n == 0) return record;
   const Eigen::VectorXd mean = sum / count.max(1);
   std::string components;
   std::vector<double> x, y;
@@ -191,16 +214,17 @@ Json ResultsWriter::residuals() const {
     x.push_back(measurements_.sensors.point(static_cast<std::size_t>(j))[0]);
     y.push_back(measurements_.sensors.point(static_cast<std::size_t>(j))[1]);
   }
-  return {{"step", step},
-          {"step_rms", rms},
-          {"noise_rms", noise_rms},
-          {"measured", measured},
-          {"predicted", predicted},
-          {"averaged", std::min(k_averaged, steps_.size())},
-          {"component", components},
-          {"x", x},
-          {"y", y},
-          {"mean", to_json(mean)}};
+  record.update({{"step", step},
+                 {"step_rms", rms},
+                 {"noise_rms", noise_rms},
+                 {"measured", measured},
+                 {"predicted", predicted},
+                 {"averaged", std::min(k_averaged, steps_.size())},
+                 {"component", components},
+                 {"x", x},
+                 {"y", y},
+                 {"mean", to_json(mean)}});
+  return record;
 }
 
 void ResultsWriter::write_summary(const std::string& path, double elapsed_s) const {

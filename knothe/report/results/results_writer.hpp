@@ -51,6 +51,8 @@ class ResultsWriter {
   [[nodiscard]] nlohmann::ordered_json parameter_summaries() const;
   [[nodiscard]] nlohmann::ordered_json load_displacement() const;
   [[nodiscard]] nlohmann::ordered_json residuals() const;
+  void add_series(nlohmann::ordered_json& record, const KeptStep& step,
+                  const Eigen::VectorXd& expected) const;
   [[nodiscard]] nlohmann::ordered_json last_draws() const;
 
   project::Project project_;
