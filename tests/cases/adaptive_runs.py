@@ -8,7 +8,7 @@ import subprocess
 import time
 import unittest
 
-from support import KNOTHE, Case, write_csv
+from support import KNOTHE, Case, python_with, write_csv
 
 FORMULA = """import math, sys
 
@@ -28,6 +28,46 @@ if __name__ == "__main__":
             file.write(",".join(map(repr, row)) + "\\n")
 """
 STD = 0.02
+
+# Four signals that decay, of five parameters, each half as influential as the one before.
+MANY = """import math, sys
+
+
+def solve(p, exp=math.exp, cos=math.cos):
+    rows = []
+    for k in range(1, 11):
+        t = 0.3 * k
+        rows.append((t,) + tuple(sum(exp(-(0.5 + 0.3 * i) * t * (1 + 0.4 * 0.5**i * x)) * cos(0.7 * i * s + 0.3 * s * t)
+                                     for i, x in enumerate(p)) for s in range(4)))
+    return rows
+
+
+if __name__ == "__main__":
+    with open("formula.csv", "w") as file:
+        file.write("time,a,b,c,d\\n")
+        for row in solve(list(map(float, sys.argv[1:]))):
+            file.write(",".join(map(repr, row)) + "\\n")
+"""
+# Uniform priors on [-1, 1]; Student-t draws about the posterior to be judged, each with its own weight.
+IMPORTANCE = """
+import json, sys, numpy as np
+sys.path.insert(0, ".")
+import formula
+data, mean, covariance = map(np.array, json.load(open("judge.json")))
+d, n = len(mean), 400000
+random = np.random.default_rng(1)
+factor = np.linalg.cholesky(1.5 * covariance)
+normal, chi = random.standard_normal((n, d)), random.chisquare(5, n) / 5
+points = mean + (normal / np.sqrt(chi)[:, None]) @ factor.T
+log_proposal = -0.5 * (5 + d) * np.log1p((normal**2).sum(1) / chi / 5)
+predicted = np.stack([v for row in formula.solve(points.T, np.exp, np.cos) for v in row[1:]])
+log = -0.5 * (((predicted - data[:, None]) / STD) ** 2).sum(0) - log_proposal
+log[np.abs(points).max(1) > 1] = -np.inf
+w = np.exp(log - log.max())
+w /= w.sum()
+centre = w @ points
+print(json.dumps([list(centre), list(np.sqrt(w @ (points - centre) ** 2)), 1 / (w**2).sum()]))
+"""
 
 
 class Test(Case):
@@ -87,6 +127,48 @@ class Test(Case):
             centre = sum(w * point[k] for point, w in weights.items()) / total
             result.append((centre, math.sqrt(sum(w * (point[k] - centre) ** 2 for point, w in weights.items()) / total)))
         return result
+
+    def test_five_parameters(self):
+        """A tenth of a grid's runs; the posterior is that of weighted draws over the formula itself."""
+        python = python_with("numpy")
+        if python is None:
+            self.skipTest("no python3 with numpy here: python3-numpy of scripts/packages.txt")
+        (self.folder / "formula.py").write_text(MANY)
+        names = [f"p{i}" for i in range(5)]
+        text = ['model = "model.h5"', 'data = "data.csv"', 'results = "results/"', "[parameters]"]
+        text += [f'{name} = {{ prior = "uniform", lower = -1, upper = 1 }}' for name in names]
+        text += ["[offline]", "modes = 30", "processes = 2", "adaptive = { grid_shift = 0.1, runs = 120 }", "[offline.command]",
+                 'run = ["python3", "-S", "formula.py", ' + ", ".join(f'"{{{{{name}}}}}"' for name in names) + "]",
+                 'files = ["formula.py"]', 'field = "formula.csv"']
+        for name in names:
+            text += [f"[offline.parameters.{name}]", "lower = -1", "upper = 1"]
+        truth = [0.4, -0.3, 0.5, -0.2, 0.1]
+        text += ["[simulate]", "truth = { " + ", ".join(f"{n} = {v}" for n, v in zip(names, truth)) + " }", "[simulate.noise]"]
+        text += [f"{sensor} = {STD}" for sensor in "abcd"]
+        self.project.write_text("\n".join(text) + "\n")
+        lines = self.expect(0, "offline", self.project_name, "-o", "model.h5", "--json").lines()
+        last = [line for line in lines if "expected_shift" in line][-1]
+        self.assertLessEqual(max(last["expected_shift"], last["held_out_shift"]), 0.1)
+        self.assertLess(last["runs"], 100)  # 4**5 = 1,024
+        names = {}
+        exec(MANY.split("if __name__")[0], names)  # noqa: S102
+        noise, data = random.Random(7), []
+        for t, *values in names["solve"](truth):
+            for name, value in zip("abcd", values):
+                data.append({"time": repr(t), "sensor": name, "x": "", "y": "", "z": "", "component": name,
+                             "value": repr(value + noise.gauss(0, STD)), "std": STD})
+        write_csv(self.folder / "data.csv", data)
+        line = self.assimilate()[-1]
+        (self.folder / "judge.json").write_text(json.dumps([[float(entry["value"]) for entry in data], line["mean"], line["covariance"]]))
+        judged = subprocess.run([python, "-c", IMPORTANCE.replace("STD", str(STD))], cwd=self.folder, capture_output=True, text=True)
+        self.assertEqual(judged.returncode, 0, judged.stderr)
+        mean, std, effective = json.loads(judged.stdout)
+        self.assertGreater(effective, 10_000)
+        for k in range(5):
+            self.assertLess(abs(line["mean"][k] - mean[k]), 0.2 * std[k])
+            self.assertLess(abs(math.sqrt(line["covariance"][k][k]) / std[k] - 1), 0.1)
+        verified = self.expect(0, "model", "verify", self.project_name, "model.h5", "--points", "2", "--json").lines()[-1]
+        self.assertLess(verified["posterior_shift"]["worst"], 0.1)
 
     def test_an_interrupted_selection_goes_on_to_the_same_model(self):
         self.expect(0, "offline", self.project_name, "-o", "whole.h5")

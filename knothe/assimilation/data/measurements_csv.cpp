@@ -24,9 +24,9 @@ struct Sensor {
 
 constexpr double k_nan = std::numeric_limits<double>::quiet_NaN();
 
-/// The name of a series rather than a direction: two letters at least.
+/// The name of a series rather than a direction: it has a letter, and is not x, y or z.
 bool is_series(const std::string& component) {
-  return component.size() > 1 &&
+  return component != "x" && component != "y" && component != "z" &&
          std::any_of(component.begin(), component.end(), [](char c) { return std::isalpha(c) != 0; });
 }
 

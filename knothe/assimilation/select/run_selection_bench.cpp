@@ -223,13 +223,13 @@ std::string cell(const Outcome& outcome) {
 int main(int argc, char** argv) {
   const int most = argc > 1 ? std::atoi(argv[1]) : 8;
   fmt::print(
-      "| d | chosen | shift | s | grid of the model | plain sparse grid | shift | tensor grid | shift | "
+      "| d | chosen | shift | ms | grid of the model | plain sparse grid | shift | tensor grid | shift | "
       "random points | shift |\n"
       "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n");
   for (int d = 2; d <= most; ++d) {
     const Judge judge(d);
     const Outcome chosen = chosen_runs(d, judge);
-    fmt::print("| {} | {} | {:.2f} | {} | {} | {} | {} |\n", d, cell(chosen), chosen.seconds, chosen.grid,
+    fmt::print("| {} | {} | {:.1f} | {} | {} | {} | {} |\n", d, cell(chosen), 1e3 * chosen.seconds, chosen.grid,
                cell(plain_sparse_grid(d, judge)), cell(tensor_grid(d, judge)), cell(random_points(d, judge)));
     std::fflush(stdout);
   }

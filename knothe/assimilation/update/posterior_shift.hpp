@@ -19,7 +19,9 @@ struct PosteriorShift {
 
 /// Assimilates `data` (n_obs × n_t, one column per model time) with both models and compares the posteriors
 /// after every step. Both models observe the same dofs at the same times. `kind`: by transport maps (moments
-/// good to 0.02 std, a second in all) or by dense quadrature (exact, slow, at most 3 parameters).
+/// good to 0.02 std, a second in all) or by dense quadrature (exact, slow, at most 3 parameters). Beyond
+/// three parameters after five steps only, the last among them, by weighted points of the judge's posterior.
+/// Interrupted.
 [[nodiscard]] std::vector<PosteriorShift> posterior_shift(
     std::shared_ptr<const reduction::ObservedModel> model,
     std::shared_ptr<const reduction::ObservedModel> judge, const Eigen::MatrixXd& data,
