@@ -12,6 +12,7 @@
 #include "knothe/reduction/model/separated_model.hpp"
 #include "knothe/reduction/model/truncation_error.hpp"
 #include "knothe/report/results/model_record.hpp"
+#include "knothe/report/results/physical_parameters.hpp"
 
 namespace knothe::commands {
 
@@ -35,10 +36,13 @@ int model_info(const ModelArguments& arguments) {
       arguments.model, reduction::to_text(c.form), c.space_modes, c.parameter_modes, c.created_by,
       model.dof_count(), c.field.units, model.step_count(), c.time.front(), c.time.back(),
       c.mesh ? c.mesh->cell_count() : 0);
-  for (const reduction::Axis& axis : c.axes)
-    text += fmt::format("  {}: {:g} … {:g}, {} nodes; 1.0 = {:g}{}\n", axis.name, axis.nodes.front(),
-                        axis.nodes.back(), axis.nodes.size(), axis.reference,
-                        axis.units == "1" ? "" : " " + axis.units);
+  for (const reduction::Axis& axis : c.axes) {
+    const std::string units = report::reference_units(axis);
+    const std::string unit = units.empty() || units == "1" ? "" : " " + units;
+    text += fmt::format("  {}: {:g} … {:g}{}, {} nodes{}\n", axis.name, axis.nodes.front(), axis.nodes.back(),
+                        axis.reference == 1 ? unit : "", axis.nodes.size(),
+                        axis.reference == 1 ? "" : fmt::format("; 1.0 = {:g}{}", axis.reference, unit));
+  }
   for (const reduction::Quantity& quantity : c.quantities)
     text += fmt::format("  dof {} [{}]\n", quantity.name, quantity.units);
   text += fmt::format(

@@ -3,6 +3,8 @@
 #include <atomic>
 #include <cerrno>
 #include <chrono>
+#include <csignal>
+#include <cstdlib>
 #include <numeric>
 #include <thread>
 #include <vector>
@@ -72,6 +74,20 @@ TEST(Text, NearMissSuggestsOnlyWhatIsNear) {
   const std::vector<std::string> keys = {"tolerance", "max_order", "seed"};
   EXPECT_EQ(did_you_mean("tolerence", keys), " (did you mean \"tolerance\"?)");
   EXPECT_EQ(did_you_mean("colour", keys), "");
+}
+
+/// 0 after the signal has asked to stop, 1 where it was ignored; a program that it kills has no status.
+[[noreturn]] void raise_with_handlers(int number, void (*before)(int)) {
+  std::signal(number, before);
+  install_signal_handlers();
+  std::raise(number);
+  std::_Exit(cancellation_requested() ? 0 : 1);
+}
+
+TEST(Cancellation, SignalsAskToStop) {
+  for (const int number : {SIGINT, SIGTERM, SIGHUP})
+    EXPECT_EXIT(raise_with_handlers(number, SIG_DFL), testing::ExitedWithCode(0), "");
+  EXPECT_EXIT(raise_with_handlers(SIGHUP, SIG_IGN), testing::ExitedWithCode(1), "");  // of nohup
 }
 
 TEST(Cancellation, CheckThrowsOnceAsked) {

@@ -1,4 +1,5 @@
 """What people do while a structure is watched: alarms acknowledged and sent out, sensors switched off, notes."""
+import concurrent.futures
 import http.server
 import json
 import os
@@ -160,7 +161,9 @@ class Test(ServiceCase):
         self.assertEqual(service.post("/v1/tests/resume", {"by": "Bo"})[0], 200)
         self.expect_error(service.post("/v1/tests/resume", {"by": "Bo"}), 409, "TestFinished")
         self.expect_stored(service.send(self.data[4]), 4)
-        self.assertEqual(service.post("/v1/tests/finish", {"by": "Ada"})[0], 200)
+        with concurrent.futures.ThreadPoolExecutor(20) as people:  # all at once: one of them finishes it
+            answers = list(people.map(lambda k: service.post("/v1/tests/finish", {"by": f"person {k}"})[0], range(40)))
+        self.assertEqual(sorted(answers), [200] + 39 * [409])
         lines = [comparable(line) for line in (service.settled(5), service.states())[1]]
         service.stop()
         service.arguments = ("--test", "second")

@@ -229,8 +229,9 @@ int main(int argc, char** argv) {
   for (int d = 2; d <= most; ++d) {
     const Judge judge(d);
     const Outcome chosen = chosen_runs(d, judge);
-    fmt::print("| {} | {} | {:.1f} | {} | {} | {} | {} |\n", d, cell(chosen), 1e3 * chosen.seconds, chosen.grid,
-               cell(plain_sparse_grid(d, judge)), cell(tensor_grid(d, judge)), cell(random_points(d, judge)));
+    fmt::print("| {} | {} | {:.1f} | {} | {} | {} | {} |\n", d, cell(chosen), 1e3 * chosen.seconds,
+               chosen.grid, cell(plain_sparse_grid(d, judge)), cell(tensor_grid(d, judge)),
+               cell(random_points(d, judge)));
     std::fflush(stdout);
   }
 }

@@ -514,6 +514,10 @@ JournalWriter::Answer JournalWriter::write(const Withdrawal& withdrawal, Monoton
 
 /// A switch changes what the data from its time on say: those are assimilated anew.
 JournalWriter::Answer JournalWriter::write(const LogbookEntry& entry, MonotonicTime at, Written& written) {
+  const bool finishes = entry.kind == EntryKind::test_finished;
+  if ((finishes || entry.kind == EntryKind::test_resumed) && finishes == course_.end().has_value())
+    return RequestError(409, "TestFinished",
+                        finishes ? "the test is finished already" : "the test is not finished");
   LogbookEntry kept = journal_.add_entry(entry);
   const SensorSwitches before = switches_;
   follow(kept);
