@@ -107,12 +107,13 @@ readme_session() {
 }
 
 instruction_sets() {
-  local mask expected found loader=/lib64/ld-linux-x86-64.so.2
+  local mask expected found supported loader=/lib64/ld-linux-x86-64.so.2
   for expected in "x86-64-v4 AVX-512" "x86-64-v3 AVX2" "none SSE2"; do
     mask=${expected% *}
     if [ "$mask" != none ]; then
       ls -d "$root"/usr/lib/*/knothe/glibc-hwcaps/"$mask" >/dev/null 2>&1 || { echo "          the packages have no $mask"; continue; }
-      inside $loader --help | grep -q "$mask (supported" || { echo "          this machine has no $mask"; continue; }
+      supported=$(inside $loader --help)
+      grep -q "$mask (supported" <<<"$supported" || { echo "          this machine has no $mask"; continue; }
     fi
     found=$(inside $loader --glibc-hwcaps-mask "$mask" /usr/bin/knothe doctor | head -1) || true
     grep -q "${expected#* }" <<<"$found" || fail "with $mask not ${expected#* }: $found"
@@ -130,6 +131,19 @@ purged() {
   [ -z "$left" ] || fail "left after purging: $left"
   ! inside dpkg-query -W -f '${Package}\n' 2>/dev/null | grep knothe || fail "dpkg still knows them"
   inside id knothe >/dev/null || fail "the user is gone"
+}
+
+# As docs/tutorials/notebooks.md says it: those of the package, without a browser.
+notebooks() {
+  local notebook
+  install_packages /now ./knothe-offline_*.deb
+  quietly inside apt-get install -y --no-install-recommends jupyter-nbconvert python3-ipykernel python3-matplotlib python3-xarray python3-h5netcdf
+  inside sh -c 'mkdir -p /tmp/examples && cp -r /usr/share/doc/knothe/examples/. /tmp/examples'
+  for notebook in "$tree"/examples/notebooks/*.ipynb; do
+    quietly inside sh -c "cd /tmp/examples/notebooks && python3 -m nbconvert --to notebook --execute --output-dir /tmp $(basename "$notebook")"
+    step "$(basename "$notebook")"
+  done
+  inside sh -c 'rm -rf /tmp/*'
 }
 
 trap stop EXIT
@@ -166,6 +180,7 @@ inside bash -c '. /usr/share/bash-completion/completions/knothe; COMP_WORDS=(kno
 quietly inside apt-get install -y --no-install-recommends zsh
 inside zsh -fc 'autoload -Uz compinit && compinit && (( $+_comps[knothe] )) && (( $+_comps[knothe-offline] ))' || fail "zsh does not find the completion"
 step "Python, a program of the library, pages, completion"
+notebooks
 purged
 step "removed: journals stay; purged: nothing stays but the user"
 umount "$root/proc" "$root/dev/shm"

@@ -10,6 +10,7 @@
 #include <boost/beast/core.hpp>
 #include <boost/beast/http.hpp>
 #include <chrono>
+#include <limits>
 #include <optional>
 
 #include "knothe/base/cancellation.hpp"
@@ -129,7 +130,8 @@ struct HttpConnection::Implementation {
                           connected.message()));
   }
 
-  HttpAnswer request(http::verb verb, const std::string& target, const std::string& body) {
+  HttpAnswer request(http::verb verb, const std::string& target, const std::string& body,
+                     bool reads_body = true) {
     deadline =
         Clock::now() + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(timeout));
     http::request<http::string_body> message(verb, address.base + target, 11);
@@ -147,17 +149,21 @@ struct HttpConnection::Implementation {
       if (!stream) connect(again);
       stream->expires_at(deadline);
       http::response_parser<http::string_body> parser;
-      parser.body_limit(std::uint64_t{1} << 30);
+      parser.body_limit(reads_body ? std::uint64_t{1} << 30 : std::numeric_limits<std::uint64_t>::max());
       ErrorCode error = run([&](auto done) {
         http::async_write(*stream, message, [done](ErrorCode e, std::size_t) { done(e); });
       });
       if (!error)
         error = run([&](auto done) {
-          http::async_read(*stream, buffer, parser, [done](ErrorCode e, std::size_t) { done(e); });
+          const auto ended = [done](ErrorCode e, std::size_t) { done(e); };
+          if (reads_body)
+            http::async_read(*stream, buffer, parser, ended);
+          else
+            http::async_read_header(*stream, buffer, parser, ended);
         });
       if (!error) {
         auto answer = parser.release();
-        if (!answer.keep_alive()) stream.reset();
+        if (!answer.keep_alive() || !reads_body) stream.reset();
         return {static_cast<int>(answer.result_int()), std::move(answer.body())};
       }
       stream.reset();
@@ -190,6 +196,9 @@ HttpAnswer HttpConnection::get(const std::string& target) {
 }
 HttpAnswer HttpConnection::post(const std::string& target, const std::string& body) {
   return implementation_->request(http::verb::post, target, body);
+}
+int HttpConnection::post_for_status(const std::string& target, const std::string& body) {
+  return implementation_->request(http::verb::post, target, body, false).status;
 }
 
 }  // namespace knothe::inference

@@ -36,6 +36,8 @@ class HttpConnection {
   /// DataError (no connection, time over, connection lost, not HTTP), Interrupted if the user asked to stop.
   [[nodiscard]] HttpAnswer get(const std::string& target);
   [[nodiscard]] HttpAnswer post(const std::string& target, const std::string& body);
+  /// The status alone: of an answer, however long, only the head is read. Closes the connection.
+  [[nodiscard]] int post_for_status(const std::string& target, const std::string& body);
 
  private:
   struct Implementation;

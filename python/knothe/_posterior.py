@@ -128,8 +128,10 @@ class Forecast:
                    np.array(density["values"]))
 
     def __repr__(self) -> str:
+        p = self.probability_above_threshold  # of draws: none above is not impossible
+        shown = "< 0.1 %" if p < 0.001 else "> 99.9 %" if p > 0.999 else f"{100 * p:.3g} %"
         return (f"<Forecast at time {self.horizon:g}: {self.mean:.4g} ± {self.std:.2g} {self.units}, "
-                f"P(above {self.threshold:g} {self.units}) = {self.probability_above_threshold:.3g}>")
+                f"P(above {self.threshold:g} {self.units}): {shown}>")
 
 
 class Posterior:

@@ -14,6 +14,11 @@ Array = NDArray[np.float64]
 _COMPONENTS = {"x": 0, "y": 1, "z": 2}
 
 
+def _require(holds: bool, prior: object, rule: str) -> None:
+    if not holds:
+        raise UsageError(f"{prior!r}: {rule}")
+
+
 @dataclass(frozen=True)
 class Normal:
     """Normal prior N(mean, std²). For a reduced model it is truncated to the model's box and renormalised.
@@ -26,6 +31,9 @@ class Normal:
 
     mean: float
     std: float
+
+    def __post_init__(self) -> None:
+        _require(np.isfinite(self.mean) and 0 < self.std < np.inf, self, "the mean is a finite number, the std a positive one")
 
 
 @dataclass(frozen=True)
@@ -41,6 +49,9 @@ class Uniform:
     lower: float
     upper: float
 
+    def __post_init__(self) -> None:
+        _require(-np.inf < self.lower < self.upper < np.inf, self, "the bounds are finite, the lower one below the upper one")
+
 
 @dataclass(frozen=True)
 class Lognormal:
@@ -54,6 +65,9 @@ class Lognormal:
 
     mu: float
     sigma: float
+
+    def __post_init__(self) -> None:
+        _require(np.isfinite(self.mu) and 0 < self.sigma < np.inf, self, "mu is a finite number, sigma a positive one")
 
 
 Prior = Union[Normal, Uniform, Lognormal]

@@ -89,6 +89,10 @@ class Test(CaseInItsFolder):
         self.refused(knothe.IoError, "could not make the folder: file", call=lambda: knothe.fit(lambda p: -0.5 * p @ p, 1).map.save("file/map.h5"))
         self.refused(knothe.NumericalError, "the log-density is nan at", call=lambda: knothe.fit(lambda p: float("nan"), 2))
         self.refused(knothe.UsageError, "dimension", call=lambda: knothe.fit(lambda p: 0.0, 0))
+        for prior, values, rule in ((knothe.Normal, (1, -1), "Normal(mean=1, std=-1): the mean is a finite number, the std a positive one"),
+                                    (knothe.Uniform, (2, 1), "Uniform(lower=2, upper=1): the bounds are finite"),
+                                    (knothe.Lognormal, (float("nan"), 1), "Lognormal(mu=nan, sigma=1): mu is a finite number")):
+            self.refused(knothe.UsageError, rule, call=lambda prior=prior, values=values: prior(*values))
         statuses = {name: getattr(knothe, name).status for name in
                     ("Error", "UsageError", "ProjectError", "DataError", "IoError", "NumericalError", "Interrupted")}
         self.assertEqual(list(statuses.values()), [1, 2, 3, 4, 5, 6, 130])

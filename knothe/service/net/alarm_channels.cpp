@@ -32,10 +32,10 @@ class Webhook final : public AlarmChannel {
       : address_(inference::HttpAddress::parse(url)), slash_(url.ends_with("/") || address_.base.empty()) {}
   [[nodiscard]] std::string name() const override { return "webhook"; }
   std::size_t send(std::span<const Json> alarms, const std::atomic<bool>&) override {
-    inference::HttpConnection connection(address_, k_patience);
-    const auto answer = connection.post(slash_ ? "/" : "", files::json_line(alarms.front()));
-    if (answer.status < 200 || answer.status > 299)
-      throw DataError(fmt::format("{}:{} answered {}", address_.host, address_.port, answer.status));
+    inference::HttpConnection connection(address_, k_patience, "webhook");
+    const int status = connection.post_for_status(slash_ ? "/" : "", files::json_line(alarms.front()));
+    if (status < 200 || status > 299)
+      throw DataError(fmt::format("{}:{} answered {}", address_.host, address_.port, status));
     return 1;
   }
 
