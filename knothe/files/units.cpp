@@ -33,6 +33,11 @@ std::optional<Unit> unit_of(std::string_view name) {
   return it->second;
 }
 
+double time_factor(const Hdf5Reader& file, const std::string& name) {
+  const auto unit = unit_of(file.labels(name).units);
+  return unit && unit->si == "s" ? unit->factor : 1;
+}
+
 double factor_to_si(const Hdf5Reader& file, const std::string& name, std::string_view si) {
   const std::string stated = file.labels(name).units;
   if (stated.empty()) return 1;

@@ -20,4 +20,7 @@ struct Unit {
 /// DataError for a unit of another kind, or one that is not known.
 [[nodiscard]] double factor_to_si(const Hdf5Reader& file, const std::string& name, std::string_view si);
 
+/// What times are to be multiplied by to be in s; 1 for a unit that is none of time.
+[[nodiscard]] double time_factor(const Hdf5Reader& file, const std::string& name);
+
 }  // namespace knothe::files

@@ -18,6 +18,7 @@ TEST(Units, OfADataSetAreHonouredOrRefused) {
     file.write("/none", values, {2}, {"", "no unit"});
     file.write("/millimetres", values, {2}, {"mm", "a length"});
     file.write("/force", values, {2}, {"kN", "a force"});
+    file.write("/minutes", values, {2}, {"min", "times"});
     file.write("/feet", values, {2}, {"ft", "a length"});
     file.close();
   }
@@ -25,6 +26,9 @@ TEST(Units, OfADataSetAreHonouredOrRefused) {
   EXPECT_EQ(factor_to_si(file, "/none", "m"), 1);
   EXPECT_EQ(factor_to_si(file, "/millimetres", "m"), 1e-3);
   EXPECT_EQ(factor_to_si(file, "/force", "N"), 1e3);
+  EXPECT_EQ(time_factor(file, "/minutes"), 60);
+  EXPECT_EQ(time_factor(file, "/none"), 1);
+  EXPECT_EQ(time_factor(file, "/millimetres"), 1);  // a displacement that stands for time
   const auto refusal = [&](const std::string& name) {
     try {
       (void)factor_to_si(file, name, "m");

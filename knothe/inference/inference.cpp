@@ -191,7 +191,7 @@ InferenceResult infer(PosteriorDensity& posterior, ModelEvaluator& evaluator,
     }
     case Method::sequential_monte_carlo: {
       const Phase phase("weighted draws", evaluator, r);
-      by_weighted_draws(posterior, options, r);
+      by_weighted_draws(posterior, evaluator.model(), options, r);
       break;
     }
     default:

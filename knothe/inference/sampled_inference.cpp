@@ -38,9 +38,16 @@ void by_markov_chains(PosteriorDensity& posterior, const InferenceOptions& optio
   r.verdict = verdict(chains);
 }
 
-void by_weighted_draws(PosteriorDensity& posterior, const InferenceOptions& options, InferenceResult& r) {
+void by_weighted_draws(PosteriorDensity& posterior, const ForwardModel& model,
+                       const InferenceOptions& options, InferenceResult& r) {
+  constexpr std::int64_t k_most_probable = 750;  // calls that finding that point takes afterwards, at most
   sampling::RecycledImportanceOptions draw_options;
-  draw_options.max_evaluations = std::max(draw_options.max_evaluations, 2 * options.samples);
+  draw_options.max_evaluations =
+      std::max(draw_options.max_evaluations, 2 * options.samples) - k_most_probable;
+  draw_options.spent = [&] {
+    const ModelCalls& calls = model.calls();
+    return calls.evaluations + calls.gradients + calls.jacobians + calls.hessians;
+  };
   draw_options.seed = options.seed;
   draw_options.progress = options.progress;
   draw_options.variables = [&](const Eigen::MatrixXd& z) { return posterior.parameters(z); };

@@ -6,7 +6,8 @@ namespace knothe::inference {
 
 /// Fills what adaptive_metropolis gives, and the evidence by bridge sampling.
 void by_markov_chains(PosteriorDensity& posterior, const InferenceOptions& options, InferenceResult& r);
-/// Fills what recycled_importance gives.
-void by_weighted_draws(PosteriorDensity& posterior, const InferenceOptions& options, InferenceResult& r);
+/// Fills what recycled_importance gives. All calls of `model` count.
+void by_weighted_draws(PosteriorDensity& posterior, const ForwardModel& model,
+                       const InferenceOptions& options, InferenceResult& r);
 
 }  // namespace knothe::inference

@@ -43,9 +43,9 @@ engine::EngineSetup observe(const std::string& file, const Sensors& sensors,
   const reduction::Dofs places{sensors.points, {sensors.components.begin(), sensors.components.end()}};
   engine::EngineSetup setup;
   setup.sensors = reduction::Sensors(places);
-  setup.known_errors =
-      reduction::observe_off_grid(reduction::read_truncation_error(file), model.contents(), file, places,
-                                  model.contents().time, static_cast<Eigen::Index>(sensors.size()));
+  setup.known_errors = reduction::observe_off_grid(reduction::read_truncation_error(file), model.contents(),
+                                                   file, setup.sensors, {}, model.contents().time,
+                                                   static_cast<Eigen::Index>(sensors.size()));
   setup.model = std::make_shared<reduction::ObservedModel>(reduction::observe(model, places));
   return setup;
 }

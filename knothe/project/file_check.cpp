@@ -98,11 +98,18 @@ void check_command(const Project& project) {
   (void)simulator::CommandSimulator(*project.offline->command, std::move(axes));
 }
 
+/// What [simulate] measures, where the model that says what there is to measure has been made.
+void check_simulation(const Project& project) {
+  if (!project.simulate || project.simulate->noise.empty() || !std::filesystem::exists(project.model)) return;
+  (void)measured_quantities(project, reduction::SeparatedModel::load(project.model).contents().quantities);
+}
+
 }  // namespace
 
 FileCheck check_files(const Project& project) {
   FileCheck check;
   check_command(project);
+  check_simulation(project);
   check.warnings = truth_outside_box(project);
   const PictureOptions& pictures = project.pictures;
   std::vector<std::string> files = {project.model, project.data, pictures.folder, pictures.series.mask};

@@ -3,10 +3,10 @@
 #include <fmt/format.h>
 
 #include "knothe/assimilation/data/measurements.hpp"
-#include "knothe/assimilation/data/time_matching.hpp"
 #include "knothe/assimilation/update/prior_of_model.hpp"
 #include "knothe/inference/separated_forward_model.hpp"
 #include "knothe/inference/umbridge_model.hpp"
+#include "knothe/project/observed_data.hpp"
 #include "knothe/project/update_setup.hpp"
 
 namespace knothe::project {
@@ -83,18 +83,26 @@ void set_up_chosen(const Project& project, const reduction::SeparatedModel& mode
   }
 }
 
-/// All values of a data file, step after step, missing ones left out.
+/// All values of a data file, displacements and series, step after step.
 void set_up_recorded(const Project& project, const reduction::SeparatedModel& model, InferenceSetup& setup) {
-  const assimilation::Measurements data = assimilation::read_measurements(project.data);
-  if (!data.noise.is_independent())
+  if (!project.clock.empty())
+    throw project.error_at("data.clock", "data.clock: `knothe assimilate` takes such data, infer does not");
+  assimilation::Measurements recorded = assimilation::read_measurements(project.data);
+  Project inferred = project;  // what is known is in the model
+  for (const KnownParameter& known : project.known) recorded.series.erase(known.name);
+  inferred.known.clear();
+  const ObservedData all = observe_data(inferred, model, setup.priors, std::move(recorded), project.data);
+  const assimilation::Measurements& data = all.measurements;
+  if (!data.noise.is_independent() || assimilation::links_steps(data.noise))
     throw DataError(project.data +
                     ": the noise is correlated; `knothe assimilate` takes such data, infer does not");
   if (!data.values.allFinite())
     throw DataError(project.data +
                     ": values are missing; `knothe assimilate` takes such data, infer does not");
-  const reduction::ObservedModel observed = reduction::observe(model, data.sensors);
-  setup.model = std::make_unique<inference::SeparatedForwardModel>(
-      observed, assimilation::match_times(data.time, observed.time, project.data), model.where());
+  if (data.values.size() == 0)
+    throw DataError(project.data + ": nothing is measured of what the model predicts: no value with a std");
+  setup.model =
+      std::make_unique<inference::SeparatedForwardModel>(*all.observed, all.time_indices, model.where());
   setup.observations = Observations{
       data.values.reshaped(),
       GaussianNoise::independent(data.noise.standard_deviations().replicate(data.values.cols(), 1))};

@@ -48,7 +48,7 @@ engine::EngineSetup engine_setup(const Project& project, const UpdateSetup& setu
   engine.sensors = setup.measurements.sensors;
   engine.known_errors = reduction::observe_off_grid(
       reduction::read_truncation_error(project.model), setup.model.contents(), project.model,
-      setup.measurements.sensors, setup.observed->time, setup.observed->observations());
+      setup.measurements.sensors, project.sensors, setup.observed->time, setup.observed->observations());
   engine.watches_sensors = !setup.pictures && setup.measurements.noise.is_independent();
   engine.name = name_of(project.model, project);
   for (const std::string& file : project.candidates)

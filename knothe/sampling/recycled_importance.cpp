@@ -208,9 +208,10 @@ RecycledImportanceResult recycled_importance(LogDensity& user_target,
   const double enough = std::max(150.0, 20.0 * static_cast<double>(d));
   RandomNumbers random(options.seed);
   Draws draws(d);
+  const auto spent = [&] { return options.spent ? options.spent() : target.evaluations(); };
+  const auto affordable = [&] { return spent() + options.draws <= options.max_evaluations; };
   const auto report = [&] {
-    const double share =
-        static_cast<double>(target.evaluations()) / static_cast<double>(options.max_evaluations);
+    const double share = static_cast<double>(spent()) / static_cast<double>(options.max_evaluations);
     if (options.progress && !options.progress(std::min(1.0, share)))
       throw Interrupted(fmt::format("smc: interrupted after {} draws", draws.size()));
   };
@@ -225,12 +226,12 @@ RecycledImportanceResult recycled_importance(LogDensity& user_target,
     beta = draws.next_temperature(beta, enough);
     result.temperatures.push_back(beta);
     state(draws, options, result);
-    if (is_done(result, options) || target.evaluations() + options.draws > options.max_evaluations) break;
+    if (is_done(result, options) || !affordable()) break;
     report();
     if (beta < 1 && modes.empty() && result.temperatures.size() >= k_rounds_before_ascents) {
       const Eigen::VectorXd evenly = Eigen::VectorXd::Ones(draws.size());
       ModeSearch().ascend_from(target, draws.at(beta, evenly, k_ascents, options.seed).points, modes);
-      if (target.evaluations() + options.draws > options.max_evaluations) break;
+      if (!affordable()) break;
       draws.add(target, of_all(around(modes)), options.draws, random);
     } else {
       draws.add(target, fitted(draws, beta, enough / 3, options), options.draws, random);

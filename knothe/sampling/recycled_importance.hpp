@@ -16,6 +16,8 @@ struct RecycledImportanceOptions {
   double mean_tolerance = 0.1, deviation_tolerance = 0.05;
   Eigen::Index draws = 1000;  ///< of a round
   std::int64_t max_evaluations = 20000;
+  /// What counts towards `max_evaluations`, derivatives too; empty: the evaluations made here.
+  std::function<std::int64_t()> spent = {};
   std::uint64_t seed = 1;
   /// From the density's own variables to those whose means and standard deviations count (n × d); empty: the
   /// same.

@@ -12,6 +12,7 @@
 #include "knothe/files/npy.hpp"
 #include "knothe/files/units.hpp"
 #include "knothe/files/vtu_reader.hpp"
+#include "knothe/reduction/grid/validation.hpp"
 
 namespace knothe::simulator {
 namespace {
@@ -280,8 +281,9 @@ Snapshots read_field(const ResultOptions& options, const std::string& path) {
 
 }  // namespace
 
-void convert_to_si(Snapshots& solution) {
+void settle_quantities(Snapshots& solution, const std::string& where) {
   const std::size_t n = solution.quantities.size();
+  reduction::Validation(where).quantities(solution.quantities, n);
   for (std::size_t k = 0; k < n; ++k) {
     const auto unit = files::unit_of(solution.quantities[k].units);
     if (!unit) continue;
@@ -296,7 +298,7 @@ Snapshots read_result(const ResultOptions& options, const std::string& folder) {
   if (!std::filesystem::exists(path))
     throw DataError(fmt::format("the run has ended well but left no {}", options.field));
   Snapshots solution = read_field(options, path);
-  convert_to_si(solution);
+  settle_quantities(solution, path);
   if (!options.outputs.empty())
     add_outputs((std::filesystem::path(folder) / options.outputs).string(), solution);
   return solution;

@@ -146,6 +146,39 @@ class Test(Case):
         last = self.assimilate()[-1]
         self.assertGreater(last["model_version"], 0)
         self.expect_posterior(last, log_likelihood, ["k1", "damping"])
+        # Without asking it, the verdict says that the model is not good enough, and by about how much.
+        self.edit('verify = "full-order"', "")
+        coarse = self.run_knothe("assimilate", self.project_name, "--json").lines()[-2]
+        moved = max(abs(coarse["mean"][k] - last["mean"][k]) / math.sqrt(last["covariance"][k][k]) for k in (0, 1))
+        stated = max(coarse["verdict"]["model_shift_std"])
+        print(f"the coarse model's posterior is off by {moved:.2g} std, stated {stated:.2g}")
+        self.assertGreater(moved, 0.6)
+        self.assertGreater(stated, moved / 3)
+        self.assertIn("model", [reason["code"] for reason in coarse["verdict"]["reasons"]])
+        self.assertNotEqual(coarse["verdict"]["level"], "ok")
+
+    def test_inference_uses_all_series_of_the_data(self):
+        """`knothe infer` gives the posterior that `assimilate` ends with, whatever is measured."""
+        self.copy_example("command")
+        self.edit("nodes = 13", "nodes = 7")
+        self.edit("nodes = 7\n\n[simulate]", "nodes = 5\n\n[simulate]")
+        self.expect(0, "offline", self.project_name, "-o", "storeys.h5")
+        self.expect(0, "simulate", self.project_name, "--model", "storeys.h5", "-o", "data.h5")
+        last = self.assimilate()[-1]
+        (line,) = self.expect(0, "infer", self.project_name, "--method", "grid", "-o", "inferred", "--json").lines()
+        for k in (0, 1):
+            std = math.sqrt(last["covariance"][k][k])
+            self.assertLess(abs(line["mean"][k] - last["mean"][k]), 0.01 * std)
+            self.assertLess(abs(math.sqrt(line["covariance"][k][k]) / std - 1), 0.01)
+        write_csv(self.folder / "none.csv", [{"time": "0.05", "sensor": "g", "x": "", "y": "", "z": "", "component": "drift", "value": "1e-3", "std": ""}])
+        self.edit('data = "data.h5"', 'data = "none.csv"')
+        self.expect(4, "infer", self.project_name, stderr="none.csv: nothing is measured of what the model predicts: no value with a std")
+
+    def test_a_name_that_no_file_can_hold_is_refused_at_the_first_run(self):
+        self.copy_example("command")
+        program = self.folder / "storeys.py"
+        program.write_text(program.read_text().replace("drift [mm]", "drift/2 [mm]"))
+        self.expect(4, "simulate", self.project_name, "-o", "data.h5", stderr='the quantity "drift/2" needs another name')
 
     def test_units_of_quantities_go_through_to_the_results(self):
         """From the program's table into the data, the results and the report; a series in mm or in an unfitting unit."""
@@ -247,6 +280,8 @@ with h5py.File("data.h5", "a") as f:
         os.environ["RUNS"] = str(self.folder / "runs.log")
         (self.folder / "work").mkdir()
         os.environ["TMPDIR"] = str(self.folder / "work")
+        for name in ("RUNS", "TMPDIR"):
+            self.addCleanup(os.environ.pop, name, None)
 
     def runs_made(self):
         return len((self.folder / "runs.log").read_text().splitlines())

@@ -142,7 +142,7 @@ class Diagnostician {
                       sensors.size(), names, sensors.size() > 5 ? ", …" : ""),
           1};
     }
-    if (sensors.size() == 1 && tests_.is_scalar(sensors[0]))
+    if (sensors.size() == 1 && tests_.is_scalar(sensors[0]) && tests_.sensors().displacement_count() > 0)
       return Diagnosis{
           MisfitCause::single_sensor,
           fmt::format("{} does not fit, the displacements do: check its calibration, and what the "
@@ -167,7 +167,8 @@ class Diagnostician {
                      1};
   }
 
-  void try_factor(const Eigen::VectorXd& rows, const std::string& what, const std::string& axis) {
+  void try_factor(const Eigen::VectorXd& rows, const std::string& what, const std::string& axis,
+                  bool is_displacement) {
     const WhatIfAnswer answer = fits_.fit({.order = {}, .scaled = rows, .shifted = false, .robust = false});
     const double f = answer.factor;
     if (std::abs(f - 1) < 1e-3) return;
@@ -180,8 +181,9 @@ class Diagnostician {
     const bool is_unit = power != 0 && std::abs(std::log10(std::abs(f)) - power) < 0.05;
     tried_.push_back(
         {MisfitCause::scale, answer.misfit,
-         is_unit ? fmt::format("{} look like the model's times {}: check their unit (m is expected)", what,
-                               f < 0 ? fmt::format("−10^{:.0f}", power) : fmt::format("10^{:.0f}", power))
+         is_unit ? fmt::format("{} look like the model's times {}: check their unit{}", what,
+                               f < 0 ? fmt::format("−10^{:.0f}", power) : fmt::format("10^{:.0f}", power),
+                               is_displacement ? " (m is expected)" : "")
                  : fmt::format("{} look like the model's times {:.4g}: check unit, scale and calibration",
                                what, f)});
   }
@@ -193,7 +195,7 @@ class Diagnostician {
     if (displacements > 0) {
       Eigen::VectorXd rows = Eigen::VectorXd::Zero(n);
       rows.head(displacements).setOnes();
-      try_factor(rows, displacements == n ? "the data" : "the displacements", "the axes");
+      try_factor(rows, displacements == n ? "the data" : "the displacements", "the axes", true);
     }
     const auto& names = tests_.group_names();
     if (names.size() < 2) return;
@@ -203,7 +205,7 @@ class Diagnostician {
         rows[i] = tests_.groups()[static_cast<std::size_t>(i)] == static_cast<Index>(g) ? 1 : 0;
       const bool is_component = names[g].size() == 1;
       try_factor(rows, is_component ? "displacements along " + names[g] : "values of \"" + names[g] + "\"",
-                 is_component ? "the " + names[g] + " axis" : "\"" + names[g] + "\"");
+                 is_component ? "the " + names[g] + " axis" : "\"" + names[g] + "\"", is_component);
     }
   }
 

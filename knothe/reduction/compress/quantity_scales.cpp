@@ -69,8 +69,12 @@ ModelContents QuantityScales::scaled(ModelContents model) const {
 }
 
 void QuantityScales::restore(ModelContents& model) const {
-  scale_rows(model.space, scales_, false);
-  scale_rows(model.lift, scales_, false);
+  restore(model.space);
+  restore(model.lift);
+}
+
+void QuantityScales::restore(std::vector<double>& rows) const {
+  scale_rows(rows, scales_, false);
 }
 
 ModelError off_grid_error_in_scales(const Snapshots& snapshots, const ModelContents& model, std::size_t count,

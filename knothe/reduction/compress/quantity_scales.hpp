@@ -23,6 +23,8 @@ class QuantityScales {
   /// A model of scaled snapshots becomes one of the quantities themselves; its errors stay relative to the
   /// scales.
   void restore(ModelContents& model) const;
+  /// Rows of n_dof values each, in the quantities' own units again.
+  void restore(std::vector<double>& rows) const;
 
  private:
   std::vector<double> scales_;  ///< [n_dof]

@@ -77,7 +77,8 @@ std::size_t interval_of(std::span<const double> nodes, double x) {
 /// The solutions as the base sees them.
 struct KnownErrors {
   MatrixXd points;                ///< k × d
-  MatrixXd space;                 ///< n_dof × q, orthonormal in the rows' scales
+  VectorXd scales;                ///< n_dof, of the rows
+  MatrixXd space;                 ///< n_dof × q, orthonormal in these scales
   std::vector<MatrixXd> fields;   ///< per solution: q × n_t, in `space`
   std::vector<MatrixXd> outputs;  ///< per output of the model: n_t × k
 };
@@ -141,7 +142,7 @@ KnownErrors errors_of(const SeparatedModel& model, const ModelContents& base,
     all.middleCols(i * times, times) =
         Eigen::Map<const MatrixXd>(solution.values.data(), dofs, times) - field_at(model, p);
   }
-  const VectorXd scales = scales_of(all, base.quantities.empty());
+  const VectorXd& scales = known.scales = scales_of(all, base.quantities.empty());
   all = scales.cwiseInverse().asDiagonal() * all;
   constexpr double k_left_out = 1e-10;  // of the errors' squared norm
   const double allowed = k_left_out * all.squaredNorm();
@@ -391,11 +392,12 @@ TruncationError error_of(const TruncationError& base, std::span<const Axis> axes
     append(result.off_grid_points, p);
     append(result.off_grid_reach, VectorXd::Zero(d));
   }
-  // An orthonormal basis for all of them, the first k of which make the covariance.
+  // A basis for all of them, orthonormal in the rows' scales, the first k of which make the covariance.
+  both = known.scales.cwiseInverse().asDiagonal() * both;
   const MatrixXd basis = orthonormal_basis(both);
   const MatrixXd change = basis.transpose() * both;
   result.count = static_cast<std::size_t>(basis.cols());
-  append(result.space, basis);
+  append(result.space, known.scales.asDiagonal() * basis);
   for (MatrixXd& error : errors) {
     error = change * error;
     append(result.off_grid, error);

@@ -7,6 +7,7 @@
 #include <set>
 
 #include "knothe/base/error.hpp"
+#include "knothe/files/units.hpp"
 
 namespace knothe::reduction {
 
@@ -84,6 +85,9 @@ void Validation::quantities(std::span<const Quantity> quantities, std::size_t do
   std::set<std::string> names;
   for (const Quantity& quantity : quantities) {
     require(!quantity.name.empty(), "attribute names of /dofs has an empty name");
+    require(
+        quantity.name.find('/') == std::string::npos && quantity.name != "." && quantity.name != "..",
+        fmt::format("the quantity \"{}\" needs another name: \"/\" separates groups in HDF5", quantity.name));
     require(names.insert(quantity.name).second,
             fmt::format("attribute names of /dofs has \"{}\" twice", quantity.name));
   }
@@ -148,7 +152,9 @@ std::vector<double> read_time(const files::Hdf5Reader& file) {
   const files::Shape shape = file.shape("/time");
   Validation(file.path())
       .require(shape.size() == 1, fmt::format("data set /time has {} dimensions, expected 1", shape.size()));
-  return file.read("/time");
+  std::vector<double> time = file.read("/time");
+  for (double& t : time) t *= files::time_factor(file, "/time");
+  return time;
 }
 
 Dofs read_dofs(const files::Hdf5Reader& file) {

@@ -187,12 +187,23 @@ TruncationError truncation_error(const ModelContents& contents, const Snapshots&
                                  std::span<const OffGridSolution> off_grid, std::size_t modes,
                                  std::size_t threads) {
   const MatrixXd none;
-  return covariance_of({contents, snapshots, none, off_grid}, contents, modes, threads);
+  if (contents.quantities.empty())
+    return covariance_of({contents, snapshots, none, off_grid}, contents, modes, threads);
+  // Of several units: none of them is small.
+  const QuantityScales scales{SeparatedModel(contents)};
+  const ModelContents model = scales.scaled(contents);
+  const Snapshots scaled = scales.scaled(snapshots);
+  const std::vector<OffGridSolution> solutions = scales.scaled(off_grid);
+  TruncationError result = covariance_of({model, scaled, none, solutions}, model, modes, threads);
+  scales.restore(result.space);
+  return result;
 }
 
 TruncationError truncation_error(const ModelContents& contents, const GridSolutions& solutions,
                                  std::span<const OffGridSolution> off_grid, std::size_t modes,
                                  std::size_t threads) {
+  if (solutions.basis.size() == 0)
+    return truncation_error(contents, solutions.snapshots, off_grid, modes, threads);
   return covariance_of({contents, solutions.snapshots, solutions.basis, off_grid}, contents, modes, threads);
 }
 
@@ -222,17 +233,42 @@ std::vector<MatrixXd> observe_truncation(const TruncationError& error, const Mod
   return result;
 }
 
+/// V at the sensors, a row for each; zero for those of which no error is known.
+static MatrixXd observed_space(const TruncationError& error, const ModelContents& model,
+                               const std::string& where, const Sensors& sensors,
+                               std::span<const ScalarObservation> scalars) {
+  const auto q = static_cast<Index>(error.count);
+  const Eigen::Map<const MatrixXd> space(error.space.data(), static_cast<Index>(model.dof_count()), q);
+  const ObservationOperator operation(model.dofs, model.mesh, where, sensors);
+  MatrixXd observed = MatrixXd::Zero(static_cast<Index>(sensors.size()), q);
+  observed.topRows(operation.rows()) = operation.apply(space);
+  for (std::size_t k = 0; k < sensors.scalars.size(); ++k) {
+    auto row = observed.row(operation.rows() + static_cast<Index>(k));
+    const auto is_named = [&](const auto& other) { return other.name == sensors.scalars[k]; };
+    if (const auto quantity = std::find_if(model.quantities.begin(), model.quantities.end(), is_named);
+        quantity != model.quantities.end())
+      row = space.row(quantity - model.quantities.begin());
+    else if (const auto scalar = std::find_if(scalars.begin(), scalars.end(), is_named);
+             scalar != scalars.end())
+      row = Eigen::Map<const Eigen::RowVectorXd>(scalar->coefficients.data(),
+                                                 static_cast<Index>(scalar->coefficients.size())) *
+            ObservationOperator(model.dofs, model.mesh, where, {scalar->points, scalar->components})
+                .apply(space);
+  }
+  return observed;
+}
+
 ObservedErrors observe_off_grid(const TruncationError& error, const ModelContents& model,
-                                const std::string& where, const Dofs& places, std::span<const double> times,
+                                const std::string& where, const Sensors& sensors,
+                                std::span<const ScalarObservation> scalars, std::span<const double> times,
                                 Index observations) {
   ObservedErrors known;
   if (error.off_grid_count() == 0) return known;
   const auto q = static_cast<Index>(error.count), m = static_cast<Index>(error.off_grid_count());
   const auto n_t = static_cast<Index>(error.variance.size());
-  const ObservationOperator operation(model.dofs, model.mesh, where, places);
   known.space.setZero(observations, q);
-  known.space.topRows(operation.rows()) = operation.apply(
-      Eigen::Map<const MatrixXd>(error.space.data(), static_cast<Index>(model.dof_count()), q));
+  known.space.topRows(static_cast<Index>(sensors.size())) =
+      observed_space(error, model, where, sensors, scalars);
   const Eigen::Map<const MatrixXd> all(error.off_grid.data(), q, n_t * m);
   const auto at = [&](Index t) -> MatrixXd { return all(Eigen::all, Eigen::seqN(t, m, n_t)); };
   for (const double time : times) {

@@ -7,14 +7,16 @@
 #include <vector>
 
 #include "knothe/reduction/compress/compression.hpp"
+#include "knothe/reduction/observe/scalar_observations.hpp"
+#include "knothe/reduction/observe/sensors.hpp"
 
 namespace knothe::reduction {
 
 /// Covariance of e = u − û over the parameters, at each step: Σ_t = V S_t Vᵀ + v_t I. Without the bias of a
 /// mean: S_t are second moments about zero.
 struct TruncationError {
-  std::size_t count = 0;           ///< k space modes
-  std::vector<double> space;       ///< [k, n_dof], V: orthonormal
+  std::size_t count = 0;      ///< k space modes
+  std::vector<double> space;  ///< [k, n_dof], V: orthonormal; of quantities in several units, in their scales
   std::vector<double> covariance;  ///< [n_t, k, k], S_t, m²
   std::vector<double> variance;    ///< [n_t], v_t: what V leaves out, per dof, m²
   /// τ = 1 + 2 Σ_k ρ_k, ρ_k the correlation of the errors of steps k apart (up to the first below 0.05): n
@@ -69,11 +71,12 @@ struct ObservedErrors {
   [[nodiscard]] Eigen::Index count() const { return coefficients.empty() ? 0 : coefficients[0].cols(); }
 };
 
-/// Of the off-grid solutions, at `places` (as in `observe`) and these times; between two times of the model
-/// linear. `observations`: rows to fill up with zeros, of forces and gauges, whose error is not known. Empty
-/// where the file has no such solutions.
+/// Of the off-grid solutions, at the sensors (places as in `observe`; a scalar is a quantity of the model, or
+/// one of `scalars`) and these times; between two times of the model linear. Rows of other outputs, whose
+/// error is not known, and those up to `observations` are zero. Empty where the file has no such solutions.
 [[nodiscard]] ObservedErrors observe_off_grid(const TruncationError& error, const ModelContents& model,
-                                              const std::string& where, const Dofs& places,
+                                              const std::string& where, const Sensors& sensors,
+                                              std::span<const ScalarObservation> scalars,
                                               std::span<const double> times, Eigen::Index observations);
 
 /// `knothe model import`, with the error that is known at the grid points.

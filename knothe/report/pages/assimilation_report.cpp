@@ -167,17 +167,22 @@ std::vector<double> drawing_point(const Results& results, const reduction::Separ
 void add_model(Page& page, const Results& results, const reduction::SeparatedModel& model) {
   const auto& contents = model.contents();
   page.section("The reduced model");
-  const bool is_displacement = contents.quantities.empty() && contents.field.units == "m";
-  const std::string largest =
-      is_displacement ? readable(1e6 * contents.max_error_m, 2) + " µm"
-      : contents.quantities.empty()
-          ? readable(contents.max_error_m, 2) + " " + pretty_units(contents.field.units)
-          : readable(contents.max_error_m, 2) + " of how much the quantity varies (root mean square)";
+  const auto error = [&](double relative, double largest) {
+    const bool is_displacement = contents.quantities.empty() && contents.field.units == "m";
+    return fmt::format("{} relative, at most {}", readable(relative, 2),
+                       is_displacement ? readable(1e6 * largest, 2) + " µm"
+                       : contents.quantities.empty()
+                           ? readable(largest, 2) + " " + pretty_units(contents.field.units)
+                           : readable(largest, 2) + " of how much the quantity varies (root mean square)");
+  };
+  const auto& between = contents.off_grid;
   page.paragraph(fmt::format(
       "Separated in the {} form: {} space modes, {} parameter functions, {} time steps, {} degrees of "
-      "freedom. Error on its training grid: {} relative, at most {}.",
+      "freedom. Error on its training grid: {}. Off the grid: {}.",
       reduction::to_text(contents.form), contents.space_modes, contents.parameter_modes, contents.time.size(),
-      contents.dof_count(), readable(contents.relative_error, 2), largest));
+      contents.dof_count(), error(contents.relative_error, contents.max_error_m),
+      between ? error(between->relative_error, between->max_error_m) + " (" + between->source + ")"
+              : "not known"));
   const std::vector<double> p = drawing_point(results, model);
   if (can_be_drawn(model)) {
     const std::size_t last = contents.time.size() - 1;
