@@ -154,14 +154,16 @@ std::vector<std::vector<double>> Refinement::points_to_ask(const Posterior& post
   return points;
 }
 
-/// Enough solutions in the bulk to know how the error changes over it.
+/// Enough solutions in the bulk to know how the error changes over it: two for each parameter; of many
+/// parameters few matter.
 bool Refinement::covers(const Posterior& posterior) const {
+  constexpr Index k_enough = 6;
   const Standardised scale(posterior);
   const auto inside =
       std::count_if(solutions_.begin(), solutions_.end(), [&](const reduction::Snapshots& solution) {
         return scale(as_vector(solution.parameters_at(0))).norm() < k_bulk + 0.3;
       });
-  return inside > 2 * posterior.mean.size();
+  return inside > std::min(2 * posterior.mean.size(), k_enough);
 }
 
 void Refinement::solve(const std::vector<std::vector<double>>& points) {

@@ -269,6 +269,7 @@ ObservedErrors observe_off_grid(const TruncationError& error, const ModelContent
   known.space.setZero(observations, q);
   known.space.topRows(static_cast<Index>(sensors.size())) =
       observed_space(error, model, where, sensors, scalars);
+  if (known.space.isZero(0)) return {};
   const Eigen::Map<const MatrixXd> all(error.off_grid.data(), q, n_t * m);
   const auto at = [&](Index t) -> MatrixXd { return all(Eigen::all, Eigen::seqN(t, m, n_t)); };
   for (const double time : times) {

@@ -73,7 +73,8 @@ struct ObservedErrors {
 
 /// Of the off-grid solutions, at the sensors (places as in `observe`; a scalar is a quantity of the model, or
 /// one of `scalars`) and these times; between two times of the model linear. Rows of other outputs, whose
-/// error is not known, and those up to `observations` are zero. Empty where the file has no such solutions.
+/// error is not known, and those up to `observations` are zero. Empty where the file has no such solutions,
+/// or none of the sensors' errors is known.
 [[nodiscard]] ObservedErrors observe_off_grid(const TruncationError& error, const ModelContents& model,
                                               const std::string& where, const Sensors& sensors,
                                               std::span<const ScalarObservation> scalars,
