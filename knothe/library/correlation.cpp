@@ -94,17 +94,22 @@ Displacements Correlation::correlate(const GreyPicture& deformed) {
   result.residual_rms = last.residual_rms;
   result.message = last.message;
   result.picture_noise = imaging::noise_from_residual(correlation, last);
-  const auto precision =
-      imaging::displacement_precision(correlation, last.element_valid, result.picture_noise, 1, last.gain);
-  result.precision = rows_of(precision.matrix);
+  // A picture that has nothing in common with the reference may leave no noise to speak of.
+  const bool has_noise = result.picture_noise > 0 && std::isfinite(result.picture_noise);
+  imaging::DisplacementPrecision precision;
+  if (has_noise) {
+    precision =
+        imaging::displacement_precision(correlation, last.element_valid, result.picture_noise, 1, last.gain);
+    result.precision = rows_of(precision.matrix);
+  }
   const std::vector<char> measured = imaging::measured_nodes(correlation.mesh(), last.element_valid);
   for (std::size_t a = 0; a < measured.size(); ++a) {
     const auto dof = static_cast<Eigen::Index>(2 * a);
     const double nothing = std::numeric_limits<double>::quiet_NaN();
     result.u.push_back(measured[a] ? last.displacement[dof] : nothing);
     result.v.push_back(measured[a] ? last.displacement[dof + 1] : nothing);
-    result.std_u.push_back(precision.std[dof]);
-    result.std_v.push_back(precision.std[dof + 1]);
+    result.std_u.push_back(has_noise ? precision.std[dof] : nothing);
+    result.std_v.push_back(has_noise ? precision.std[dof + 1] : nothing);
   }
   return result;
 }

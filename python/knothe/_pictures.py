@@ -84,6 +84,8 @@ class Displacements:
 
     def precision(self) -> Precision:
         """Inverse covariance of `values`, 1/px²; for data in metres, `scaled` by (px/m)²."""
+        if len(self._precision[2]) == 0:
+            raise UsageError("the picture has no noise that could be estimated: it may show something else than the reference")
         return Precision(*self._precision)
 
 

@@ -256,7 +256,7 @@ class Twin:
         """One Dataset for each of ArviZ's groups, over all steps with data.
 
         ``posterior`` (chain, draw, step), ``log_likelihood`` (chain, draw, step) of each step's last datum,
-        ``posterior_predictive`` (chain, draw, step, observation) with noise, of every so many-th draw,
+        ``posterior_predictive`` (chain, draw, step, observation) with noise, of every 10th draw (fewer with many sensors),
         ``observed_data`` (step, observation), ``sample_stats`` (step), ``forecast`` (step, forecast).
         ``arviz.InferenceData(**twin.to_xarray())`` takes them.
         """

@@ -172,6 +172,8 @@ def points_of(values: ArrayLike, dimension: int, what: str) -> Array:
 
 def step_of(step: int, count: int) -> int:
     """A step among `count`; negative ones count from the end."""
+    if not hasattr(step, "__index__"):
+        raise UsageError(f"step {step!r}: a step is a whole number")
     if not -count <= step < count:
         raise UsageError(f"step {step}: there are steps 0 to {count - 1}")
     return int(step) % count

@@ -89,6 +89,7 @@ class Test(CaseInItsFolder):
         self.refused(knothe.IoError, "could not make the folder: file", call=lambda: knothe.fit(lambda p: -0.5 * p @ p, 1).map.save("file/map.h5"))
         self.refused(knothe.NumericalError, "the log-density is nan at", call=lambda: knothe.fit(lambda p: float("nan"), 2))
         self.refused(knothe.UsageError, "dimension", call=lambda: knothe.fit(lambda p: 0.0, 0))
+        self.refused(knothe.UsageError, "step 1.5: a step is a whole number", call=lambda: knothe._values.step_of(1.5, 3))
         for prior, values, rule in ((knothe.Normal, (1, -1), "Normal(mean=1, std=-1): the mean is a finite number, the std a positive one"),
                                     (knothe.Uniform, (2, 1), "Uniform(lower=2, upper=1): the bounds are finite"),
                                     (knothe.Lognormal, (float("nan"), 1), "Lognormal(mu=nan, sigma=1): mu is a finite number")):
@@ -144,6 +145,18 @@ class Test(CaseInItsFolder):
         self.assertLessEqual(len(calls), 21)
         self.assertTrue(knothe.fit(ridge, 2, gradient=ridge_gradient).trusted, "the next call is not cancelled")
 
+    def test_ctrl_c_while_a_map_is_evaluated(self):
+        fitted = knothe.fit(ridge, 2, gradient=ridge_gradient).map
+        points = np.tile([0.3, 0.2], (400_000, 1))
+        thread = threading.Timer(0.2, lambda: os.kill(os.getpid(), signal.SIGINT))
+        thread.start()
+        with self.assertRaises(knothe.Interrupted) as caught:
+            while True:  # however fast the machine is
+                fitted.inverse(points)
+        thread.join()
+        self.assertIn("nothing is kept of the points so far", str(caught.exception))
+        self.assertEqual(fitted.inverse(points[:1]).shape, (1, 2))
+
     def test_ctrl_c_in_a_long_call(self):
         (self.folder / "long.toml").write_text(
             'model = "model.h5"\ndata = "data.h5"\n[parameters]\nY0 = { prior = "normal", mean = 0.9, std = 0.45 }\n'
@@ -180,6 +193,13 @@ class Test(CaseInItsFolder):
             self.assertLess(np.max(abs(moved.u - 0.2)), 0.05)
 
     # Memory
+
+    def test_a_picture_of_something_else_has_not_converged(self):
+        correlation = knothe.Correlation(speckle(0, 0), element_size=16)
+        found = correlation.correlate(np.zeros((96, 96)))
+        self.assertFalse(found.converged)
+        self.assertTrue(found.message)
+        self.refused(knothe.UsageError, "the picture has no noise that could be estimated", call=found.precision)
 
     def test_points_are_read_where_they_are(self):
         points = np.random.default_rng(1).standard_normal((7, 3))

@@ -245,8 +245,13 @@ void add_provenance(Page& page, const Results& results) {
 std::string assimilation_report(const Results& results, const reduction::SeparatedModel* model,
                                 const std::string& model_problem) {
   const Step& last = results.steps.back();
+  // "2026-11-25T16:02:11.123Z" to the minute.
+  const std::string& at = results.computed_at;
+  const std::string date =
+      at.size() < 16 ? "" : fmt::format("{} {} UTC. ", at.substr(0, 10), at.substr(11, 5));
   Page page("What the measurements say",
-            fmt::format("{} steps assimilated, up to model time {}. {} values used at the last one.",
+            fmt::format("{}{}{} steps assimilated, up to model time {}. {} values used at the last one.",
+                        results.project_file.empty() ? "" : results.project_file + ", ", date,
                         results.steps.size(), plain(last.time), last.used));
   add_verdict(page, results);
   page.cards(headline(results));

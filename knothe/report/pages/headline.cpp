@@ -44,8 +44,8 @@ Card parameter_card(const Results& results, std::size_t d) {
   const Step& last = results.steps.back();
   Card card{pretty_name(p.name), with_uncertainty(last.mean[d], last.standard_deviations()[d]), {}};
   const bool is_physical = !p.reference || *p.reference == 1;
-  if (const std::string units = pretty_units(p.units); is_physical && !units.empty())
-    card.value += " " + units;
+  const std::string units = pretty_units(p.units);
+  if (is_physical && !units.empty()) card.value += " " + units;
   if (p.truth) {
     const double distance = last.standard_deviations()[d] > 0.0
                                 ? std::abs(last.mean[d] - *p.truth) / last.standard_deviations()[d]
@@ -55,6 +55,11 @@ Card parameter_card(const Results& results, std::size_t d) {
   } else {
     card.remark = fmt::format("most probable: {}", readable(last.maximum_a_posteriori[d], 4));
   }
+  if (!is_physical && !units.empty())
+    card.remark = fmt::format(
+        "{} {}; {}",
+        with_uncertainty(*p.reference * last.mean[d], std::abs(*p.reference) * last.standard_deviations()[d]),
+        units, card.remark);
   return card;
 }
 

@@ -224,7 +224,7 @@ json parse(const std::string& text, const std::string& where) {
   }
 }
 
-std::vector<Step> read_steps(const std::string& path) {
+std::vector<Step> read_steps(const std::string& path, std::string& computed_at) {
   std::ifstream file(path);
   if (!file)
     throw DataError(path + ": error: cannot be read; `knothe assimilate PROJECT.toml -o RESULTS/` writes it");
@@ -237,6 +237,7 @@ std::vector<Step> read_steps(const std::string& path) {
     const Located line(value, where);
     if (line.has("done")) continue;
     steps.push_back(step_of(line));
+    computed_at = line.text_or("wall_clock");
     if (steps.back().mean.size() != steps.front().mean.size())
       line.fail(fmt::format("{} parameters, but the lines above have {}", steps.back().mean.size(),
                             steps.front().mean.size()));
@@ -309,6 +310,7 @@ void read_summary(const std::string& path, Results& results) {
   results.summary_found = true;
   results.created_by = summary.text_or("created_by");
   results.project = summary.text_or("project");
+  results.project_file = summary.text_or("project_file");
   results.model = summary.text_or("model");
   results.data = summary.text_or("data");
   results.seed = summary.text_or("seed");
@@ -380,7 +382,7 @@ Results read_results(const std::string& folder) {
   const std::filesystem::path base(folder);
   Results results;
   results.folder = folder;
-  results.steps = read_steps((base / "steps.jsonl").string());
+  results.steps = read_steps((base / "steps.jsonl").string(), results.computed_at);
   results.monitored = std::all_of(results.steps.begin(), results.steps.end(),
                                   [](const Step& s) { return s.monitor.threshold > 0; });
   read_summary((base / "summary.json").string(), results);

@@ -95,7 +95,8 @@ struct RefinementSummary {
 struct Results {
   std::string folder;
   bool summary_found = false;
-  std::string created_by, project, model, data;
+  std::string created_by, project, project_file, model, data;
+  std::string computed_at;  ///< of the last step: UTC, ISO 8601; empty in files before 0.2
   std::string seed;
   std::vector<ParameterSummary> parameters;
   std::map<std::string, DensityCurve> prior_marginals;

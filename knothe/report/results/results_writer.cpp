@@ -233,6 +233,7 @@ void ResultsWriter::write_summary(const std::string& path, double elapsed_s) con
     if (!kept.result.trusted) untrusted.push_back(kept.result.step);
   Json summary = {{"created_by", k_created_by},
                   {"project", project_.text},
+                  {"project_file", project_.path},
                   {"model", project_.model},
                   {"data", project_.data},
                   {"seed", project_.method.seed},

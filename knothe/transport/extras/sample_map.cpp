@@ -8,6 +8,7 @@
 #include <limits>
 #include <numeric>
 
+#include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/optimise/trust_region.hpp"
 #include "knothe/numerics/statistics/random.hpp"
@@ -152,6 +153,7 @@ class ComponentFit {
   Eigen::VectorXd cross_validate(SampleObjective& objective) {
     Eigen::VectorXd result(weights_.size()), a;
     for (int f = 0; f < options_.folds; ++f) {
+      check_cancellation("the map of samples is not finished");
       Eigen::VectorXd training = weights_;
       for (Eigen::Index i = 0; i < training.size(); ++i)
         if (fold_[static_cast<std::size_t>(i)] == f) training[i] = 0;
