@@ -43,6 +43,8 @@ double poisson_mean(double half, const std::vector<double>& upper) {
 }  // namespace
 
 double upper_gamma(double a, double x) {
+  // Boost 1.74 asks for Γ(a + 1) where x is tiny, which overflows. P(a, x) is below 1e-60 here.
+  if (a > 100 && x < 0.1 * a) return 1;
   return boost::math::gamma_q(a, x, Policy());
 }
 

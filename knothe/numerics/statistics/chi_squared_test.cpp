@@ -27,6 +27,18 @@ TEST(ChiSquared, EvenDegreesAreAFiniteSum) {
   }
 }
 
+/// Data that fit exactly: P(a, x) < x^a e^−x / Γ(a + 1) · 1/(1 − x/(a + 1)) is nothing beside 1.
+TEST(ChiSquared, ExactDataOverflowNothing) {
+  for (const double a : {0.5, 30.0, 99.0, 101.0, 171.0, 500.0, 1e5})
+    for (const double x : {0.0, 1e-300, 1e-30, 1e-12, 1e-4}) {
+      const double upper = upper_gamma(a, x);
+      EXPECT_LE(upper, 1) << a << " " << x;
+      EXPECT_GE(upper, 1 - 2 * std::exp(a * std::log(std::max(x, 1e-300)) - x - std::lgamma(a + 1)) - 1e-15)
+          << a << " " << x;
+    }
+  EXPECT_EQ(upper_gamma(150, 14.9), 1);
+}
+
 TEST(ChiSquared, OneDegreeIsTheNormalDistribution) {
   for (const double x : {1e-6, 0.3, 1.0, 4.0, 25.0, 100.0})
     EXPECT_NEAR(chi_squared_upper(x, 1) / std::erfc(std::sqrt(0.5 * x)), 1, 1e-12) << x;
