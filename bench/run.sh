@@ -63,6 +63,11 @@ case real_pictures_bench in *"${1:-}"*)
   /usr/bin/python3 bench/real_pictures_bench.py "$knothe"
 esac
 
+case many_parameters in *"${1:-}"*)
+  echo "== many_parameters"
+  python3 bench/many_parameters.py "$knothe"
+esac
+
 case service_bench in *"${1:-}"*)
   echo "== service_bench"
   beam 30

@@ -49,8 +49,9 @@ void settle_units(const reduction::ScalarObservation& sensor, const std::string&
     for (std::vector<double>* values : {&series.values, &series.shared_std})
       for (double& value : *values) value *= factor;
     if (series.std) *series.std *= factor;
+    series.units = sensor.units;
   }
-  if (measured || series.units.empty() || series.units == "1") series.units = sensor.units;
+  if (series.units.empty() || series.units == "1") series.units = sensor.units;
 }
 
 /// The noise with the errors that observed series have at all times.

@@ -191,7 +191,8 @@ Measurements read_hdf5(const std::string& path) {
   const Hdf5Reader file(path);
   Measurements m;
   m.time = file.read("/time");
-  for (double& t : m.time) t *= files::time_factor(file, "/time");
+  const double seconds = files::time_factor(file, "/time");
+  for (double& t : m.time) t *= seconds;
   check_times(m.time, path);
   // Quantities alone; snapshots and models, which have outputs too, are no data.
   if (!file.has("/values") && file.has("/outputs") && !file.has("/parameters")) {

@@ -153,7 +153,8 @@ std::vector<double> read_time(const files::Hdf5Reader& file) {
   Validation(file.path())
       .require(shape.size() == 1, fmt::format("data set /time has {} dimensions, expected 1", shape.size()));
   std::vector<double> time = file.read("/time");
-  for (double& t : time) t *= files::time_factor(file, "/time");
+  const double seconds = files::time_factor(file, "/time");
+  for (double& t : time) t *= seconds;
   return time;
 }
 

@@ -233,10 +233,11 @@ std::vector<MatrixXd> observe_truncation(const TruncationError& error, const Mod
   return result;
 }
 
+namespace {
+
 /// V at the sensors, a row for each; zero for those of which no error is known.
-static MatrixXd observed_space(const TruncationError& error, const ModelContents& model,
-                               const std::string& where, const Sensors& sensors,
-                               std::span<const ScalarObservation> scalars) {
+MatrixXd observed_space(const TruncationError& error, const ModelContents& model, const std::string& where,
+                        const Sensors& sensors, std::span<const ScalarObservation> scalars) {
   const auto q = static_cast<Index>(error.count);
   const Eigen::Map<const MatrixXd> space(error.space.data(), static_cast<Index>(model.dof_count()), q);
   const ObservationOperator operation(model.dofs, model.mesh, where, sensors);
@@ -257,6 +258,8 @@ static MatrixXd observed_space(const TruncationError& error, const ModelContents
   }
   return observed;
 }
+
+}  // namespace
 
 ObservedErrors observe_off_grid(const TruncationError& error, const ModelContents& model,
                                 const std::string& where, const Sensors& sensors,
