@@ -18,24 +18,54 @@ py::array_t<double> copy_of(std::span<const double> point) {
   return py::array_t<double>(static_cast<py::ssize_t>(point.size()), point.data());
 }
 
-/// The caller's functions, which are called with the interpreter's lock.
+/// What a function of the caller has given. UsageError for something else.
+template <class T>
+T cast_of(const py::object& given, const char* what, const char* wanted) {
+  try {
+    return given.cast<T>();
+  } catch (const std::exception&) {  // cast_error, or Python's own
+    throw UsageError(std::string("fit: ") + what + " gave " + py::repr(given).cast<std::string>() + ", not " +
+                     wanted);
+  }
+}
+
+/// The caller's functions of Python, which are called with the interpreter's lock.
 Density density_of(std::size_t dimension, py::function log_density, std::optional<py::function> gradient) {
   Density density{.dimension = dimension, .log_value = {}};
   density.log_value = [function = std::move(log_density)](std::span<const double> point) {
     check_cancellation("the map is not solved");
     const py::gil_scoped_acquire hold;
-    return function(copy_of(point)).cast<double>();
+    return cast_of<double>(function(copy_of(point)), "the log-density", "a number");
   };
   if (gradient)
     density.gradient = [function = *std::move(gradient)](std::span<const double> point,
                                                          std::span<double> slope) {
       const py::gil_scoped_acquire hold;
-      const auto values = function(copy_of(point)).cast<Doubles>();
+      const auto values = cast_of<Doubles>(function(copy_of(point)), "the gradient", "numbers");
       if (static_cast<std::size_t>(values.size()) != slope.size())
         throw UsageError("fit: the gradient has " + std::to_string(values.size()) + " values for " +
                          std::to_string(slope.size()) + " variables");
       std::copy_n(values.data(), slope.size(), slope.data());
     };
+  return density;
+}
+
+/// The caller's compiled functions (addresses; 0: no gradient): without the lock, so threads fit side by
+/// side.
+Density density_of(std::size_t dimension, std::uintptr_t log_density, std::uintptr_t gradient) {
+  // NOLINTBEGIN(performance-no-int-to-ptr): ctypes gives addresses as numbers
+  Density density{.dimension = dimension, .log_value = {}};
+  density.log_value = [function = reinterpret_cast<double (*)(const double*, std::size_t)>(log_density)](
+                          std::span<const double> point) {
+    check_cancellation("the map is not solved");
+    return function(point.data(), point.size());
+  };
+  if (gradient != 0)
+    density.gradient = [function = reinterpret_cast<void (*)(const double*, std::size_t, double*)>(gradient)](
+                           std::span<const double> point, std::span<double> slope) {
+      function(point.data(), point.size(), slope.data());
+    };
+  // NOLINTEND(performance-no-int-to-ptr)
   return density;
 }
 
@@ -97,18 +127,22 @@ void bind_maps(py::module_& module) {
         });
       },
       arg("samples"), arg("dimension"), arg("max_order"), arg("folds"), arg("seed"));
-  module.def(
-      "solve_map",
-      [](py::function log_density, std::size_t dimension, std::optional<py::function> gradient,
-         double tolerance, int max_order, std::uint64_t seed, bool standardised, bool triangular) {
-        const Density density = density_of(dimension, std::move(log_density), std::move(gradient));
-        MapSolution solution = long_call([&] {
-          return solve_map(density, {tolerance, max_order, seed, standardised, triangular});
-        });
-        return py::make_tuple(std::move(solution.map), dictionary_of(std::move(solution.posterior)));
-      },
-      arg("log_density"), arg("dimension"), arg("gradient"), arg("tolerance"), arg("max_order"), arg("seed"),
-      arg("standardised"), arg("triangular"));
+  const auto solve = [](auto log_density, auto gradient) {
+    return [](std::size_t dimension, decltype(log_density) function, decltype(gradient) slope,
+              double tolerance, int max_order, std::uint64_t seed, bool standardised, bool triangular) {
+      const Density density = density_of(dimension, std::move(function), std::move(slope));
+      MapSolution solution = long_call([&] {
+        return solve_map(density, {tolerance, max_order, seed, standardised, triangular});
+      });
+      return py::make_tuple(std::move(solution.map), dictionary_of(std::move(solution.posterior)));
+    };
+  };
+  module.def("solve_map", solve(py::function(), std::optional<py::function>()), arg("dimension"),
+             arg("log_density"), arg("gradient"), arg("tolerance"), arg("max_order"), arg("seed"),
+             arg("standardised"), arg("triangular"));
+  module.def("solve_compiled", solve(std::uintptr_t(), std::uintptr_t()), arg("dimension"),
+             arg("log_density"), arg("gradient"), arg("tolerance"), arg("max_order"), arg("seed"),
+             arg("standardised"), arg("triangular"));
 }
 
 GreyPicture picture_of(const py::array_t<float, py::array::c_style | py::array::forcecast>& pixels,
@@ -135,6 +169,30 @@ py::dict dictionary_of(Displacements moved) {
                   "message"_a = moved.message);
 }
 
+using Corners = py::array_t<int, py::array::c_style | py::array::forcecast>;
+
+/// Nodes n × 2 and elements m × 4, which Python has checked.
+PictureMesh mesh_of(const Doubles& nodes, const Corners& elements) {
+  PictureMesh mesh;
+  for (py::ssize_t i = 0; i < nodes.size() / 2; ++i) {
+    mesh.x.push_back(nodes.data()[2 * i]);
+    mesh.y.push_back(nodes.data()[2 * i + 1]);
+  }
+  for (py::ssize_t i = 0; i < elements.size(); i += 4) {
+    const int* corner = elements.data() + i;
+    mesh.elements.push_back({corner[0], corner[1], corner[2], corner[3]});
+  }
+  return mesh;
+}
+/// x, y, elements.
+py::tuple arrays_of_mesh(PictureMesh mesh) {
+  std::vector<int> corners;
+  for (const auto& element : mesh.elements) corners.insert(corners.end(), element.begin(), element.end());
+  const auto count = static_cast<py::ssize_t>(mesh.elements.size());
+  return py::make_tuple(array_of(std::move(mesh.x)), array_of(std::move(mesh.y)),
+                        array_of(std::move(corners), {count, 4}));
+}
+
 /// A correlation that one thread uses at a time.
 struct GuardedCorrelation {
   Correlation correlation;
@@ -145,21 +203,24 @@ void bind_pictures(py::module_& module) {
   using Guarded = GuardedCorrelation;
   using Pixels = py::array_t<float, py::array::c_style | py::array::forcecast>;
   py::class_<Guarded>(module, "Correlation")
-      .def(py::init([](const Pixels& reference, float maximum, double element_size,
-                       std::array<double, 4> region, double prefilter_sigma, int max_iterations,
-                       double tolerance, int threads) {
+      .def(py::init([](const Pixels& reference, float maximum, const Doubles& nodes, const Corners& elements,
+                       double element_size, std::array<double, 4> region, double prefilter_sigma,
+                       int max_iterations, double tolerance, int threads) {
              const GreyPicture picture = picture_of(reference, maximum);
+             const PictureMesh mesh = mesh_of(nodes, elements);
              return long_call([&] {
-               return std::unique_ptr<Guarded>(new Guarded{Correlation(
-                   picture, {element_size, region, prefilter_sigma, max_iterations, tolerance, threads})});
+               return std::unique_ptr<Guarded>(
+                   new Guarded{Correlation(picture, {element_size, region, prefilter_sigma, max_iterations,
+                                                     tolerance, threads, mesh})});
              });
            }),
-           arg("reference"), arg("maximum"), arg("element_size"), arg("region"), arg("prefilter_sigma"),
-           arg("max_iterations"), arg("tolerance"), arg("threads"))
-      .def("nodes",
-           [](const Guarded& c) {
-             return py::make_tuple(array_of(c.correlation.node_x()), array_of(c.correlation.node_y()));
-           })
+           arg("reference"), arg("maximum"), arg("nodes"), arg("elements"), arg("element_size"),
+           arg("region"), arg("prefilter_sigma"), arg("max_iterations"), arg("tolerance"), arg("threads"))
+      .def(
+          "mesh",
+          [](const Guarded& c) {
+            return arrays_of_mesh({c.correlation.node_x(), c.correlation.node_y(), c.correlation.elements()});
+          })
       .def(
           "correlate",
           [](Guarded& c, const Pixels& deformed, float maximum) {
@@ -174,6 +235,12 @@ void bind_pictures(py::module_& module) {
             return rows_of(long_call(c.mutex, [&] { return c.correlation.at(span); }), 2);
           },
           arg("points"));
+  module.def(
+      "read_mesh",
+      [](const std::string& path) {
+        return arrays_of_mesh(long_call([&] { return read_picture_mesh(path); }));
+      },
+      arg("path"));
   module.def(
       "read_picture",
       [](const std::string& path) {

@@ -213,8 +213,9 @@ reduction::Snapshots snapshots_of(const py::dict& parts) {
   for (const auto& [name, units] :
        parts["quantities"].cast<std::vector<std::pair<std::string, std::string>>>())
     s.quantities.push_back({name, units});
-  for (const auto& [name, values] : parts["outputs"].cast<std::vector<std::pair<std::string, Doubles>>>())
-    s.outputs.push_back({name, {"1", name}, vector_of(values)});
+  for (const auto& [name, units, values] :
+       parts["outputs"].cast<std::vector<std::tuple<std::string, std::string, Doubles>>>())
+    s.outputs.push_back({name, {units, name}, vector_of(values)});
   return s;
 }
 

@@ -144,7 +144,7 @@ def check_phrases():
     phrases = [line for line in (ROOT / "tests/forbidden_phrases.txt").read_text().splitlines() if line and not line.startswith("#")]
     rules = [(phrase, better, re.compile(r"(?<![\w-])" + r"\s+".join(map(re.escape, phrase.split())) + r"(?![\w-])", re.I))
              for phrase, _, better in (line.partition(" -> ") for line in phrases)]
-    read = tracked("*.md", "docs/*", "knothe/*.cpp", "knothe/*.hpp", "apps/*.cpp", "apps/*.hpp", "dashboard/src/*", "examples/*", "scripts/*")
+    read = tracked("*.md", "docs/*", "knothe/*.cpp", "knothe/*.hpp", "python/*.py", "python/*.cpp", "python/*.hpp", "apps/*.cpp", "apps/*.hpp", "dashboard/src/*", "examples/*", "scripts/*")
     for path in read:
         if path.suffix in (".png", ".svg") or path.name.endswith("_test.cpp"):
             continue

@@ -192,6 +192,7 @@ void Forecaster::complete(std::vector<NamedForecast>& forecasts) const {
   for (NamedForecast& forecast : forecasts) {
     const ForecastSpecification& s = *place(forecast);
     forecast.horizon = s.horizon;
+    forecast.threshold_stated = s.threshold.has_value();
     forecast.threshold = s.threshold.value_or(s.quantity == Quantity::crack_length ? s.prior_mean : 0);
   }
   std::sort(forecasts.begin(), forecasts.end(),

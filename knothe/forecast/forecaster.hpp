@@ -54,6 +54,7 @@ struct NamedForecast {
   double horizon = 0;       ///< model time
   bool is_past = false;     ///< the horizon is before the last datum: what is told has been
   double threshold = 0;     ///< in its units, that of the probabilities
+  bool threshold_stated = true;  ///< false: it is a default, of no interest to people
 };
 
 /// Sets `is_past` of forecasts made after a datum at model time `time`.

@@ -1,11 +1,14 @@
 #include "knothe/library/correlation.hpp"
 
+#include <algorithm>
+#include <cmath>
 #include <limits>
 #include <utility>
 
 #include "knothe/files/picture.hpp"
 #include "knothe/imaging/correlation/correlation_noise.hpp"
 #include "knothe/imaging/correlation/image_correlation.hpp"
+#include "knothe/imaging/mesh/mesh_file.hpp"
 #include "knothe/library/plain.hpp"
 
 namespace knothe {
@@ -26,7 +29,29 @@ files::Picture picture_of(const GreyPicture& picture) {
   return result;
 }
 
+imaging::ImageMesh mesh_of(const PictureMesh& given) {
+  const std::size_t nodes = given.x.size();
+  if (given.y.size() != nodes)
+    throw UsageError("mesh: " + std::to_string(nodes) + " x and " + std::to_string(given.y.size()) +
+                     " y of its nodes");
+  std::vector<char> used(nodes, 0);
+  for (const auto& element : given.elements)
+    for (int a = 0; a < imaging::ImageMesh::nodes_of(element); ++a) {
+      const int node = element[static_cast<std::size_t>(a)];
+      if (node < 0 || static_cast<std::size_t>(node) >= nodes)
+        throw UsageError("mesh: element " + std::to_string(&element - given.elements.data()) +
+                         " has the node " + std::to_string(node) + "; there are " + std::to_string(nodes) +
+                         " nodes, counted from 0");
+      used[static_cast<std::size_t>(node)] = 1;
+    }
+  if (const auto lone = std::find(used.begin(), used.end(), 0); lone != used.end())
+    throw UsageError("mesh: node " + std::to_string(lone - used.begin()) +
+                     " belongs to no element; leave it out");
+  return {given.x, given.y, given.elements};
+}
+
 imaging::ImageMesh mesh_of(const GreyPicture& reference, const CorrelationSettings& settings) {
+  if (!settings.mesh.elements.empty()) return mesh_of(settings.mesh);
   const auto& r = settings.region;
   imaging::Region region{r[0], r[1], r[2], r[3]};
   if (region.width() == 0 && region.height() == 0) {
@@ -65,6 +90,11 @@ GreyPicture read_grey_picture(const std::string& path) {
   return {picture.width, picture.height, std::move(picture.pixels), picture.maximum};
 }
 
+PictureMesh read_picture_mesh(const std::string& path) {
+  imaging::ImageMesh mesh = imaging::read_image_mesh(path, std::nullopt);
+  return {std::move(mesh.x), std::move(mesh.y), std::move(mesh.elements)};
+}
+
 struct Correlation::Implementation {
   imaging::ImageCorrelation correlation;
   imaging::CorrelationResult last = {};
@@ -82,6 +112,10 @@ std::vector<double> Correlation::node_x() const {
 }
 std::vector<double> Correlation::node_y() const {
   return implementation_->correlation.mesh().y;
+}
+
+std::vector<std::array<int, 4>> Correlation::elements() const {
+  return implementation_->correlation.mesh().elements;
 }
 
 Displacements Correlation::correlate(const GreyPicture& deformed) {

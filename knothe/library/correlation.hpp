@@ -22,6 +22,17 @@ struct GreyPicture {
 /// A TIFF, PNG, BMP or PGM of 8 or 16 bits. Errors: DataError naming the file and the reason.
 [[nodiscard]] KNOTHE_EXPORT GreyPicture read_grey_picture(const std::string& path);
 
+/// Finite elements over the reference picture.
+struct PictureMesh {
+  std::vector<double> x, y;  ///< m nodes, px
+  /// Nodes of each element, from 0: four that go round it, or the three of a triangle and −1.
+  std::vector<std::array<int, 4>> elements;
+};
+
+/// The triangles and quadrilaterals of a file of Gmsh (.msh) or VTK (.vtu), whose x and y are pixels. Errors:
+/// DataError naming the file and what to save differently.
+[[nodiscard]] KNOTHE_EXPORT PictureMesh read_picture_mesh(const std::string& path);
+
 struct CorrelationSettings {
   double element_size = 32;  ///< px, adjusted to divide the region evenly
   std::array<double, 4> region =
@@ -30,6 +41,8 @@ struct CorrelationSettings {
   int max_iterations = 50;
   double tolerance = 1e-3;  ///< on the largest change of a displacement, px
   int threads = 1;
+  PictureMesh mesh =
+      {};  ///< if it has elements, in place of the rectangles of `element_size` over the region
 };
 
 /// Displacements of the mesh's m nodes, px, positive right and down.
@@ -49,8 +62,8 @@ struct Displacements {
 /// One reference picture and its mesh, many deformed pictures.
 class KNOTHE_EXPORT Correlation {
  public:
-  /// Errors: UsageError for a region outside the picture or without texture, and for settings that make no
-  /// sense.
+  /// Errors: UsageError for a mesh or region outside the picture or without texture, a mesh whose elements
+  /// name nodes that are not there or have no area, and for settings that make no sense.
   explicit Correlation(const GreyPicture& reference, const CorrelationSettings& settings = {});
   ~Correlation();
   Correlation(Correlation&&) noexcept;
@@ -58,6 +71,7 @@ class KNOTHE_EXPORT Correlation {
 
   [[nodiscard]] std::vector<double> node_x() const;  ///< m, px
   [[nodiscard]] std::vector<double> node_y() const;
+  [[nodiscard]] std::vector<std::array<int, 4>> elements() const;  ///< as of PictureMesh
   /// The displacements of a picture; the iteration starts from those of the last one. Errors: UsageError for
   /// a picture of another size.
   [[nodiscard]] Displacements correlate(const GreyPicture& deformed);

@@ -215,6 +215,15 @@ TEST(FacadeOfCorrelation, MistakesAreExplainedAndPlacesFound) {
               (void)correlation.at(std::vector{40.0, 40.0});
             }).find("correlate a picture first"),
             std::string::npos);
+  for (const auto& [node, text] : {std::pair{4, "element 0 has the node 4; there are 4 nodes"},
+                                   std::pair{2, "node 3 belongs to no element; leave it out"}}) {
+    const PictureMesh mesh{{10, 70, 70, 10}, {10, 10, 70, 70}, {{0, 1, node, -1}}};
+    EXPECT_NE(message_of([&] { Correlation(speckle(0, 0), {.mesh = mesh}); }).find(text), std::string::npos);
+  }
+  const PictureMesh triangles{{10, 70, 70, 10}, {10, 10, 70, 70}, {{0, 1, 2, -1}, {0, 2, 3, -1}}};
+  Correlation on_triangles(speckle(0, 0), {.mesh = triangles});
+  EXPECT_EQ(on_triangles.elements(), triangles.elements);
+  EXPECT_NEAR(on_triangles.correlate(speckle(0.4, -0.2)).u[2], 0.4, 0.02);
   const Displacements displacements = correlation.correlate(speckle(0.4, -0.2));
   ASSERT_TRUE(displacements.converged) << displacements.message;
   EXPECT_EQ(displacements.precision.row_begin.size(), 2 * displacements.u.size() + 1);

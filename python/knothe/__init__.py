@@ -1,6 +1,6 @@
 """Bayesian assimilation of measurements with transport maps and reduced models, for numpy and xarray.
 
-The same engine as the program `knothe`: what a call here gives is, to the bit, what the command prints.
+The same engine as the program `knothe`: a result here is identical, to the bit, to what the command prints.
 
 ============================  ==============================================================================
 `Twin`                        data in, one by one; posterior, forecasts and verdict out
@@ -8,13 +8,16 @@ The same engine as the program `knothe`: what a call here gives is, to the bit, 
 `fit`, `fit_samples`          transport maps of a density or of samples: `TransportMap`
 `infer`                       one-shot inference for any model
 `Correlation`                 displacements from pictures
-`open_results`                what the commands have left in a folder
+`open_results`                the results folder of a command
 `knothe.plot`                 figures (matplotlib)
 ============================  ==============================================================================
 
 Points are n x d arrays in C order (double precision); such arrays are read where they are, without a copy. Long calls let other
 threads of Python go on, and Ctrl-C ends them. All quantities are in SI units, as in the files.
 """
+import importlib
+from typing import Any
+
 from knothe._version import __version__
 from knothe import _knothe
 
@@ -31,6 +34,14 @@ from knothe._posterior import Forecast, Posterior, Reason, Verdict
 from knothe._results import Results, open_results
 from knothe._twin import Datum, StepResult, Twin
 from knothe._values import Lognormal, Normal, Precision, Sensors, Uniform
+
+
+def __getattr__(name: str) -> Any:
+    """`knothe.plot` without an import of its own; matplotlib is loaded by the first figure."""
+    if name == "plot":
+        return importlib.import_module("knothe.plot")
+    raise AttributeError(f"module 'knothe' has no attribute {name!r}")
+
 
 __all__ = [
     "Correlation", "DataError", "Datum", "Displacements", "Error", "Fit", "Forecast", "InferenceResult", "Interrupted",

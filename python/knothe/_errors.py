@@ -1,4 +1,4 @@
-"""Errors of the library, as Python has them: each class mirrors one of knothe/base/error.hpp."""
+"""Exceptions; each mirrors a class of the C++ library (knothe/base/error.hpp)."""
 
 
 class Error(Exception):

@@ -1,6 +1,7 @@
 """Transport maps."""
 from __future__ import annotations
 
+import ctypes
 import os
 from collections.abc import Callable
 from typing import Any
@@ -11,7 +12,9 @@ from numpy.typing import ArrayLike
 from knothe import _knothe
 from knothe._errors import UsageError
 from knothe._posterior import Posterior
-from knothe._values import Array, points_of
+from knothe._values import Array, count_of, points_of
+
+_COMPILED: Any = ctypes.CFUNCTYPE(None).__base__  # the class of all functions of ctypes
 
 
 class TransportMap:
@@ -40,7 +43,14 @@ class TransportMap:
         return self._native.evaluate(points_of(reference, self.dimension, "points of the reference"))
 
     def inverse(self, points: ArrayLike) -> Array:
-        """T⁻¹(z), shape (n, d)."""
+        """T⁻¹(z), shape (n, d).
+
+        Examples
+        --------
+        >>> transport = knothe.fit(lambda p: -0.125 * p @ p, dimension=2).map  # N(0, 2²)
+        >>> transport.inverse([[2.0, 4.0]]).round(6)
+        array([[1., 2.]])
+        """
         return self._native.inverse(points_of(points, self.dimension, "points"))
 
     def log_density(self, points: ArrayLike) -> Array:
@@ -55,8 +65,14 @@ class TransportMap:
         return self._native.log_density(points_of(points, self.dimension, "points"))
 
     def sample(self, count: int, seed: int = 1) -> Array:
-        """Independent draws, shape (count, d)."""
-        return self._native.sample(count, seed)
+        """Independent draws, shape (count, d).
+
+        Examples
+        --------
+        >>> knothe.fit(lambda p: -0.5 * p @ p, dimension=2).map.sample(100).shape
+        (100, 2)
+        """
+        return self._native.sample(count_of(count, "draws"), seed)
 
     def condition(self, given: ArrayLike, count: int, seed: int = 1) -> Array:
         """Draws of all coordinates with the first ones equal to `given`, shape (count, d).
@@ -72,10 +88,17 @@ class TransportMap:
         >>> bool(abs(posterior[:, 1].mean() - 1.0) < 0.1)
         True
         """
-        return self._native.conditional_sample(np.ascontiguousarray(given, float).ravel(), count, seed)
+        return self._native.conditional_sample(np.ascontiguousarray(given, float).ravel(), count_of(count, "draws"), seed)
 
     def save(self, path: "str | os.PathLike[str]") -> None:
-        """Writes the map to a file (HDF5), whole or not at all."""
+        """Writes the map to a file (HDF5), whole or not at all; folders that are missing are made.
+
+        Examples
+        --------
+        >>> knothe.fit(lambda p: -0.5 * p @ p, dimension=2).map.save("gaussian.h5")
+        >>> knothe.TransportMap.load("gaussian.h5").dimension
+        2
+        """
         self._native.save(os.fspath(path))
 
     @classmethod
@@ -115,6 +138,17 @@ class Fit(Posterior):
         self.map = TransportMap(native)
 
 
+def _address(function: Any, what: str, result: Any, arguments: int) -> int:
+    """Of a compiled function, whose declared types are those that `fit` calls it with."""
+    if not isinstance(function, _COMPILED):
+        raise UsageError(f"fit: {what} is a function of Python and log_density compiled: give two of a kind")
+    declared = function.argtypes
+    if function.restype is not result or declared is not None and len(declared) != arguments:
+        said = "double f(const double *p, size_t d)" if arguments == 2 else "void f(const double *p, size_t d, double *gradient)"
+        raise UsageError(f"fit: the compiled {what} has to be {said}: set its restype and argtypes so")
+    return ctypes.cast(function, ctypes.c_void_p).value or 0
+
+
 def fit(log_density: Callable[[Array], float], dimension: int, *, gradient: Callable[[Array], ArrayLike] | None = None,
         tolerance: float = 1e-3, max_order: int = 8, seed: int = 1, standardised: bool = True, triangular: bool = False) -> Fit:
     """A transport map of a density, and what follows from it.
@@ -125,10 +159,12 @@ def fit(log_density: Callable[[Array], float], dimension: int, *, gradient: Call
     ----------
     log_density : callable
         The logarithm of the density at a point, shape (d,), up to a constant; ``-inf`` where the density is zero.
+        Or a compiled function by `ctypes` (or `numba.cfunc(...).ctypes`), ``double f(const double *p, size_t d)``.
     dimension : int
         d.
     gradient : callable, optional
-        Its gradient, shape (d,); without it the solver uses finite differences.
+        Its gradient, shape (d,); without it the solver uses finite differences. Compiled:
+        ``void f(const double *p, size_t d, double *gradient)``.
     tolerance : float
         On the variance diagnostic.
     max_order : int
@@ -156,7 +192,16 @@ def fit(log_density: Callable[[Array], float], dimension: int, *, gradient: Call
     >>> found.trusted, bool(abs(found.log_evidence - np.log(np.pi)) < 2e-3)
     (True, True)
     """
-    native, found = _knothe.solve_map(log_density, dimension, gradient, tolerance, max_order, seed, standardised, triangular)
+    if isinstance(dimension, bool) or not isinstance(dimension, (int, np.integer)) or dimension < 1:
+        raise UsageError(f"dimension {dimension!r}: a density has at least one variable")
+    options = (tolerance, max_order, seed, standardised, triangular)
+    if isinstance(log_density, _COMPILED):
+        slope = 0 if gradient is None else _address(gradient, "gradient", None, 3)
+        native, found = _knothe.solve_compiled(dimension, _address(log_density, "log_density", ctypes.c_double, 2), slope, *options)
+    elif isinstance(gradient, _COMPILED):
+        raise UsageError("fit: log_density is a function of Python and the gradient compiled: give two of a kind")
+    else:
+        native, found = _knothe.solve_map(dimension, log_density, gradient, *options)
     return Fit(native, found)
 
 

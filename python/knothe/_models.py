@@ -57,7 +57,14 @@ class ObservedModel:
         return values[0] if one else values
 
     def jacobian(self, at: ArrayLike | Mapping[str, float], step: int) -> Array:
-        """Derivatives with respect to the parameters, shape (sensors, d) or (n, sensors, d)."""
+        """Derivatives with respect to the parameters, shape (sensors, d) or (n, sensors, d).
+
+        Examples
+        --------
+        >>> seen = knothe.Model.load("model.h5").observe([[0.4, 0.0, 0.0]], "y")
+        >>> seen.jacobian([[1.0, 1.0], [1.0, 1.2]], step=4).shape
+        (2, 1, 2)
+        """
         points, one = _parameter_points(at, self.parameters)
         jacobian = self._native.predict(points, step_of(step, self._steps), True)[1]
         return jacobian[0] if one else jacobian
@@ -94,7 +101,13 @@ class Model:
 
     @classmethod
     def load(cls, path: "str | os.PathLike[str]") -> "Model":
-        """Reads a file. `DataError` names what is missing or damaged in it."""
+        """Reads a file. `DataError` names what is missing or damaged in it.
+
+        Examples
+        --------
+        >>> knothe.Model.load("model.h5")
+        <Model model.h5: parameters E, F, 5 steps>
+        """
         return cls(_knothe.Model.load(os.fspath(path)), os.fspath(path))
 
     def __call__(self, at: ArrayLike | Mapping[str, float], step: int, dofs: Sequence[int] | None = None) -> Array:
@@ -123,16 +136,33 @@ class Model:
         """As the module wants them: none stands for all."""
         if dofs is not None and len(dofs) == 0:
             raise UsageError("dofs: none is named; leave it out for all")
+        if dofs is not None and min(dofs) < 0:
+            raise UsageError(f"dofs: {min(dofs)}: they count from 0")
         return [] if dofs is None else [int(dof) for dof in dofs]
 
     def jacobian(self, at: ArrayLike | Mapping[str, float], step: int, dofs: Sequence[int] | None = None) -> Array:
-        """Exact derivatives of the field with respect to the parameters, shape (dofs, d) or (n, dofs, d)."""
+        """Exact derivatives of the field with respect to the parameters, shape (dofs, d) or (n, dofs, d).
+
+        Examples
+        --------
+        >>> knothe.Model.load("model.h5").jacobian([1.0, 1.0], step=4, dofs=[0, 4]).shape
+        (2, 2)
+        """
         points, one = _parameter_points(at, self.parameters)
         jacobian = self._native.evaluate(points, step_of(step, len(self.times)), self._dofs(dofs), True)[1]
         return jacobian[0] if one else jacobian
 
     def output(self, name: str, at: ArrayLike | Mapping[str, float]) -> Array:
-        """A further output (reaction force ...) at all time steps, shape (steps,) or (n, steps)."""
+        """A further output (reaction force ...) at all time steps, shape (steps,) or (n, steps), in the unit that `info` gives.
+
+        Examples
+        --------
+        >>> nodes, t = np.linspace(0.5, 1.5, 5), np.array([1.0, 2.0])
+        >>> spring = knothe.offline(lambda k: (t[:, np.newaxis] / k, {"force": t}), {"k": nodes}, t, "spring.h5",
+        ...                         points=[[0, 0, 0]], outputs={"force": "N"})
+        >>> spring.output("force", [1.0]).round(6)
+        array([1., 2.])
+        """
         points, one = _parameter_points(at, self.parameters)
         values, _ = self._native.evaluate_output(name, points, False)
         return values[0] if one else values
@@ -144,26 +174,48 @@ class Model:
         ----------
         points : array_like, shape (n, 3), m, or Sensors
         components : as of `Sensors`
+
+        Returns
+        -------
+        ObservedModel
+
+        Examples
+        --------
+        >>> seen = knothe.Model.load("model.h5").observe([[0.4, 0.0, 0.0], [1.0, 0.0, 0.0]], "y")
+        >>> seen([1.0, 1.0], step=4).round(7)
+        array([0.00104, 0.002  ])
         """
         sensors = points if isinstance(points, Sensors) else Sensors(points, components)
         return ObservedModel(self._native.observe(sensors.points, sensors.components), self.parameters)
 
     @property
     def info(self) -> dict[str, Any]:
-        """What `knothe model info --json` prints."""
+        """What `knothe model info --json` prints.
+
+        Examples
+        --------
+        >>> [axis["name"] for axis in knothe.Model.load("model.h5").info["parameters"]]
+        ['E', 'F']
+        """
         return json.loads(self._native.info_json())
 
     def __repr__(self) -> str:
         return f"<Model {self.path}: parameters {', '.join(self.parameters)}, {len(self.times)} steps>"
 
 
-def _solutions(function: Callable[..., ArrayLike], axes: Mapping[str, Array], time: Array) -> Array:
-    """The function at all grid points, [n_1, ..., n_d, n_t, n_dof]."""
+def _solutions(function: Callable[..., Any], axes: Mapping[str, Array], time: Array, outputs: Sequence[str]
+               ) -> tuple[Array, dict[str, Array]]:
+    """The function at all grid points, [n_1, ..., n_d, n_t, n_dof], and its further outputs, [n_1, ..., n_d, n_t]."""
     shape = tuple(len(nodes) for nodes in axes.values())
     values: Array | None = None
+    further = {name: np.empty((*shape, len(time))) for name in outputs}
     for index in np.ndindex(*shape):
         point = [float(nodes[i]) for nodes, i in zip(axes.values(), index)]
-        solution = np.asarray(function(*point), float)
+        found = function(*point)
+        if outputs and not (isinstance(found, tuple) and len(found) == 2 and isinstance(found[1], Mapping)):
+            raise UsageError(f"offline: at {tuple(point)} the function gave no outputs; it has to return the solution and a mapping "
+                             f"with {', '.join(outputs)}")
+        solution = np.asarray(found[0] if outputs else found, float)
         if solution.ndim != 2 or len(solution) != len(time):
             raise UsageError(f"offline: at {tuple(point)} the function gave an array of shape {solution.shape}; it has to be "
                              f"[{len(time)} times, dofs]")
@@ -172,13 +224,17 @@ def _solutions(function: Callable[..., ArrayLike], axes: Mapping[str, Array], ti
         if solution.shape != values.shape[len(shape):]:
             raise UsageError(f"offline: at {tuple(point)} the function gave {solution.shape[1]} dofs, elsewhere {values.shape[-1]}")
         values[index] = solution
+        for name, series in further.items():
+            if np.shape(found[1].get(name)) != (len(time),):
+                raise UsageError(f"offline: at {tuple(point)} the output {name} has to be one number for each of the {len(time)} times")
+            series[index] = found[1][name]
     assert values is not None
-    return values
+    return values, further
 
 
-def offline(function: Callable[..., ArrayLike], parameters: Mapping[str, ArrayLike], time: ArrayLike,
+def offline(function: Callable[..., Any], parameters: Mapping[str, ArrayLike], time: ArrayLike,
             output: "str | os.PathLike[str]", *, points: ArrayLike | None = None,
-            components: str | int | Sequence[str | int] = "y", quantities: Mapping[str, str] | None = None, units: str = "m",
+            components: str | int | Sequence[str | int] = "y", quantities: Mapping[str, str] | None = None, outputs: Mapping[str, str] | None = None, units: str = "m",
             form: str = "tree", modes: int = 0, tolerance: float | None = None,
             snapshots: "str | os.PathLike[str] | None" = None) -> Model:
     """Makes a reduced model of your own solver: solutions on a grid of parameters, separated.
@@ -188,7 +244,8 @@ def offline(function: Callable[..., ArrayLike], parameters: Mapping[str, ArrayLi
     Parameters
     ----------
     function : callable
-        ``function(p_1, ..., p_d)``: the solution at these parameters, shape (times, dofs).
+        ``function(p_1, ..., p_d)``: the solution at these parameters, shape (times, dofs); with `outputs` that and a mapping of
+        each of their names to its values, shape (times,).
     parameters : mapping of name to array_like
         Nodes of the grid, strictly increasing; the model is defined between the first and the last.
     time : array_like
@@ -201,6 +258,8 @@ def offline(function: Callable[..., ArrayLike], parameters: Mapping[str, ArrayLi
         Direction of each dof.
     quantities : mapping of name to unit, optional
         Names and units of the dofs, if they have no place.
+    outputs : mapping of name to unit, optional
+        Further results of the solver, one number a time: a reaction force ...
     units : str
         Of the field.
     form : {"tree", "canonical"}
@@ -226,14 +285,21 @@ def offline(function: Callable[..., ArrayLike], parameters: Mapping[str, ArrayLi
     >>> model = knothe.offline(bar, {"E": nodes, "F": nodes}, t, "model.h5", points=np.c_[x, 0 * x, 0 * x])
     >>> bool(np.allclose(model([0.9, 1.1], step=4), bar(0.9, 1.1)[4], atol=3e-7))
     True
+
+    With the force of the load, 200 N at F = 1 in the end:
+
+    >>> model = knothe.offline(lambda E, F: (bar(E, F), {"load": 200 * F * t}), {"E": nodes, "F": nodes}, t, "loaded.h5",
+    ...                        points=np.c_[x, 0 * x, 0 * x], outputs={"load": "N"})
+    >>> model.output("load", [0.9, 1.1]).round(3)
+    array([ 44.,  88., 132., 176., 220.])
     """
     axes = {name: np.asarray(nodes, float) for name, nodes in parameters.items()}
     times = np.asarray(time, float)
-    values = _solutions(function, axes, times)
+    values, further = _solutions(function, axes, times, list(outputs or ()))
     places = Sensors(np.zeros((0, 3)) if points is None else points, [] if points is None else components)
     parts = {"axes": [(name, list(nodes)) for name, nodes in axes.items()], "time": list(times), "values": values,
              "units": units, "long_name": "displacement" if points is not None else "field", "points": places.points,
-             "components": places.components, "quantities": list((quantities or {}).items()), "outputs": []}
+             "components": places.components, "quantities": list((quantities or {}).items()), "outputs": [(name, unit, further[name]) for name, unit in (outputs or {}).items()]}
     with tempfile.TemporaryDirectory(prefix="knothe-") as folder:
         file = os.path.join(folder, "snapshots.h5") if snapshots is None else os.fspath(snapshots)
         _knothe.write_snapshots(parts, file)

@@ -40,6 +40,21 @@ def _picture(picture: "ArrayLike | str | os.PathLike[str]") -> tuple[Picture, fl
     return np.ascontiguousarray(pixels, np.float32), 65535.0 if pixels.size and pixels.max() > 255 else 255.0
 
 
+def _mesh(mesh: "str | os.PathLike[str] | tuple[ArrayLike, ArrayLike] | None") -> tuple[Array, NDArray[np.int32]]:
+    """Nodes n x 2 and elements m x 4, -1 as a triangle's fourth node; none at all where no mesh is given."""
+    if mesh is None:
+        return np.zeros((0, 2)), np.zeros((0, 4), np.int32)
+    if isinstance(mesh, (str, os.PathLike)):
+        x, y, elements = _knothe.read_mesh(os.fspath(mesh))
+        return np.column_stack([x, y]), elements
+    nodes, given = points_of(mesh[0], 2, "nodes of a mesh"), np.asarray(mesh[1])
+    if given.ndim != 2 or given.shape[1] not in (3, 4) or len(given) == 0 or given.dtype.kind not in "iu":
+        raise UsageError(f"mesh: elements of shape {given.shape} and type {given.dtype}: give whole numbers, m x 3 or m x 4")
+    rows = np.full((len(given), 4), -1, np.int32)
+    rows[:, :given.shape[1]] = given
+    return nodes, rows
+
+
 @dataclass(frozen=True)
 class Displacements:
     """Displacements of the nodes, px, positive to the right and down.
@@ -79,11 +94,24 @@ class Displacements:
 
     @property
     def values(self) -> Array:
-        """u and v in turn, (u_0, v_0, u_1, ...): values of a `Datum` once they are scaled to metres."""
+        """u and v in turn, (u_0, v_0, u_1, ...): values of a `Datum` once they are scaled to metres.
+
+        Examples
+        --------
+        >>> bool(np.all(moved.values[::2] == moved.u))
+        True
+        """
         return np.column_stack([self.u, self.v]).ravel()
 
     def precision(self) -> Precision:
-        """Inverse covariance of `values`, 1/px²; for data in metres, `scaled` by (px/m)²."""
+        """Inverse covariance of `values`, 1/px²; for data in metres, `scaled` by (px/m)².
+
+        Examples
+        --------
+        >>> covariance = np.linalg.inv(moved.precision().toarray())
+        >>> bool(np.allclose(np.sqrt(np.diag(covariance))[::2], moved.std_u))
+        True
+        """
         if len(self._precision[2]) == 0:
             raise UsageError("the picture has no noise that could be estimated: it may show something else than the reference")
         return Precision(*self._precision)
@@ -98,6 +126,10 @@ class Correlation:
         Grey levels; pixel centres are at integer coordinates, x to the right, y down.
     roi : (x0, y0, x1, y1), optional
         Opposite corners of the mesh, inclusive, px; by default the picture less a margin.
+    mesh : path or (nodes, elements), optional
+        In place of `roi` and `element_size`: a file of Gmsh (.msh) or VTK (.vtu) whose x and y are pixels, or nodes, shape (n, 2),
+        px, and for each element its nodes from 0, shape (m, 3) or (m, 4): triangles, or quadrilaterals (a fourth node of -1: a
+        triangle).
     element_size : float
         px, adjusted to divide the region evenly.
     prefilter : float
@@ -111,6 +143,8 @@ class Correlation:
     ----------
     x, y : ndarray, shape (nodes,)
         Coordinates of the nodes, px.
+    elements : ndarray, shape (elements, 4)
+        Their nodes; the fourth of a triangle is -1.
 
     Examples
     --------
@@ -125,25 +159,48 @@ class Correlation:
     >>> moved = correlation.correlate(picture(0.3))
     >>> moved.converged, bool(np.max(abs(moved.u - 0.3)) < 0.05)
     (True, True)
+
+    The same on two triangles of one's own:
+
+    >>> mesh = ([[10, 10], [80, 10], [80, 80], [10, 80]], [[0, 1, 2], [0, 2, 3]])
+    >>> knothe.Correlation(picture(0), mesh=mesh).correlate(picture(0.3)).u.round(1)
+    array([0.3, 0.3, 0.3, 0.3])
     """
 
     def __init__(self, reference: "ArrayLike | str | os.PathLike[str]", roi: Sequence[float] | None = None, *,
-                 element_size: float = 32, prefilter: float = 0, max_iterations: int = 50, tolerance: float = 1e-3,
+                 mesh: "str | os.PathLike[str] | tuple[ArrayLike, ArrayLike] | None" = None, element_size: float = 32, prefilter: float = 0, max_iterations: int = 50, tolerance: float = 1e-3,
                  threads: int = 1) -> None:
         if roi is not None and len(roi) != 4:
             raise UsageError(f"roi: {len(roi)} numbers; give x0, y0, x1, y1, two opposite corners in px")
+        if roi is not None and mesh is not None:
+            raise UsageError("Correlation: a mesh has its own region; leave out roi")
+        nodes, elements = _mesh(mesh)
         pixels, maximum = _picture(reference)
         self._maximum = maximum
         region: Any = [0.0] * 4 if roi is None else [float(value) for value in roi]
-        self._native = _knothe.Correlation(pixels, maximum, element_size, region, prefilter, max_iterations, tolerance, threads)
-        self.x, self.y = self._native.nodes()
+        self._native = _knothe.Correlation(pixels, maximum, nodes, elements, element_size, region, prefilter, max_iterations,
+                                           tolerance, threads)
+        self.x, self.y, self.elements = self._native.mesh()
 
     def correlate(self, deformed: "ArrayLike | str | os.PathLike[str]") -> Displacements:
-        """Displacements of the nodes in a deformed picture; the iteration starts from those of the last one."""
+        """Displacements of the nodes in a deformed picture; the iteration starts from those of the last one.
+
+        Examples
+        --------
+        >>> bool(np.max(abs(correlation.correlate(picture(0.1)).u - 0.1)) < 0.05)
+        True
+        """
         pixels, maximum = _picture(deformed)
         found = self._native.correlate(pixels, maximum)
         return Displacements(_precision=found.pop("precision"), **found)
 
     def at(self, points: ArrayLike) -> Array:
-        """u, v of the last picture at points, shape (k, 2), px; NaN outside the mesh."""
+        """u, v of the last picture at points, shape (k, 2), px; NaN outside the mesh.
+
+        Examples
+        --------
+        >>> moved = correlation.correlate(picture(0.3))
+        >>> correlation.at([[48.0, 48.0], [-5.0, 48.0]])[:, 0].round(1)
+        array([0.3, nan])
+        """
         return self._native.at(points_of(points, 2, "points of a picture"))

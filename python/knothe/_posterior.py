@@ -1,4 +1,4 @@
-"""What is known of the parameters, as numbers: what all answers have in common."""
+"""Posteriors, verdicts and forecasts: what the results of all functions have in common."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import numpy as np
 
 from knothe import _knothe
 from knothe._errors import UsageError
-from knothe._values import Array
+from knothe._values import Array, count_of
 
 if TYPE_CHECKING:
     import xarray
@@ -77,6 +77,13 @@ class Verdict:
 
     @classmethod
     def of(cls, record: Mapping[str, Any]) -> "Verdict":
+        """From the entry ``verdict`` of a line of JSON.
+
+        Examples
+        --------
+        >>> knothe.Verdict.of(result.record["verdict"]).level
+        'ok'
+        """
         return cls(record["level"], [Reason(**reason) for reason in record["reasons"]], record["fit_probability"],
                    np.array(record["edge_mass"]), np.array(record["model_shift_std"]))
 
@@ -94,6 +101,8 @@ class Forecast:
         In `units`.
     probability_above_threshold : float
         P(q > threshold).
+    probability_below_threshold : float
+        P(q < threshold).
     horizon, threshold : float
         Model time for which it is made; `threshold` in `units`.
     levels, values : ndarray
@@ -112,6 +121,7 @@ class Forecast:
     std: float
     maximum_a_posteriori: float
     probability_above_threshold: float
+    probability_below_threshold: float
     horizon: float
     threshold: float
     levels: Array
@@ -122,10 +132,17 @@ class Forecast:
 
     @classmethod
     def of(cls, record: Mapping[str, Any]) -> "Forecast":
+        """From an entry of ``forecast`` in a line of JSON.
+
+        Examples
+        --------
+        >>> knothe.Forecast.of(result.record["forecast"]["tip"]).units
+        'm'
+        """
         density = record.get("density", {"points": [], "values": []})
         return cls(record["mean"], record["std"], record["maximum_a_posteriori"], record["probability_above_threshold"],
-                   record["horizon"], record["threshold"], np.array(record["levels"]), np.array(record["values"]), record["units"], np.array(density["points"]),
-                   np.array(density["values"]))
+                   record["probability_below_threshold"], record["horizon"], record["threshold"], np.array(record["levels"]),
+                   np.array(record["values"]), record["units"], np.array(density["points"]), np.array(density["values"]))
 
     def __repr__(self) -> str:
         p = self.probability_above_threshold  # of draws: none above is not impossible
@@ -163,66 +180,146 @@ class Posterior:
 
     @property
     def mean(self) -> Array:
-        """Mean, shape (d,)."""
+        """Mean, shape (d,).
+
+        Examples
+        --------
+        >>> bool(np.all(abs(result.mean - [0.9, 1.1]) < 3 * result.std))
+        True
+        """
         return np.array(self.record["mean"])
 
     @property
     def covariance(self) -> Array:
-        """Covariance, shape (d, d)."""
+        """Covariance, shape (d, d).
+
+        Examples
+        --------
+        >>> bool(result.covariance[0, 1] == result.covariance[1, 0])
+        True
+        """
         return np.array(self.record["covariance"])
 
     @property
     def std(self) -> Array:
-        """Standard deviations, shape (d,)."""
+        """Standard deviations, shape (d,).
+
+        Examples
+        --------
+        >>> bool(np.all(result.std < 0.05))  # of the prior 0.3
+        True
+        """
         return np.sqrt(np.diag(self.covariance))
 
     @property
     def maximum_a_posteriori(self) -> Array:
-        """The maximum of the density of the parameters, shape (d,)."""
+        """The maximum of the density of the parameters, shape (d,).
+
+        Examples
+        --------
+        >>> bool(np.all(abs(result.maximum_a_posteriori - result.mean) < result.std))
+        True
+        """
         return np.array(self.record["maximum_a_posteriori"])
 
     @property
     def levels(self) -> Array:
-        """Levels of the quantiles."""
+        """Levels of the quantiles.
+
+        Examples
+        --------
+        >>> result.levels
+        array([0.025, 0.25 , 0.5  , 0.75 , 0.975])
+        """
         return np.array(self.record["quantiles"]["levels"])
 
     @property
     def quantiles(self) -> Array:
-        """Marginal quantiles, shape (d, number of levels)."""
+        """Marginal quantiles, shape (d, number of levels).
+
+        Examples
+        --------
+        >>> lower, upper = result.quantiles[result.index("E")][[0, -1]]  # 95 %
+        >>> bool(lower < 0.9 < upper)
+        True
+        """
         return np.array(self.record["quantiles"]["values"])
 
     @property
     def log_evidence(self) -> float:
-        """Natural logarithm of the evidence."""
+        """Natural logarithm of the evidence.
+
+        Examples
+        --------
+        >>> found = knothe.fit(lambda p: -0.5 * p @ p, dimension=1)
+        >>> bool(abs(found.log_evidence - 0.5 * np.log(2 * np.pi)) < 1e-6)
+        True
+        """
         return float(self.record["log_evidence"])
 
     @property
     def map_order(self) -> int:
-        """Order of the transport map; 0 where there is none."""
+        """Order of the transport map; 0 where there is none.
+
+        Examples
+        --------
+        >>> knothe.fit(lambda p: -0.5 * p @ p, dimension=1).map_order
+        1
+        """
         return int(self.record["map_order"])
 
     @property
     def variance_diagnostic(self) -> float:
-        """Of the map, on points other than the training ones (Rubio et al. 2019, Eq. 9)."""
+        """Of the map, on points other than the training ones (Rubio et al. 2019, Eq. 9).
+
+        Examples
+        --------
+        >>> knothe.fit(lambda p: -0.5 * p @ p, dimension=1).variance_diagnostic < 1e-3
+        True
+        """
         return float(self.record["variance_diagnostic"])
 
     @property
     def ess(self) -> float:
-        """Effective sample size of the weights, as a fraction of their number."""
+        """Effective sample size of the weights, as a fraction of their number.
+
+        Examples
+        --------
+        >>> 0 < result.ess <= 1
+        True
+        """
         return float(self.record["ess"])
 
     @property
     def trusted(self) -> bool:
-        """Whether the computation is accurate; `Verdict` rates the answer itself."""
+        """Whether the computation is accurate; `Verdict` rates the answer itself.
+
+        Examples
+        --------
+        >>> result.trusted
+        True
+        """
         return bool(self.record["trusted"])
 
     @property
     def remark(self) -> str:
-        """Why the tolerance was not reached, or the computation is not trusted; else empty."""
+        """Why the tolerance was not reached, or the computation is not trusted; else empty.
+
+        Examples
+        --------
+        >>> result.remark
+        ''
+        """
         return str(self.record.get("remark", ""))
 
     def index(self, parameter: str | int) -> int:
-        """The index of a parameter, by name or index."""
+        """The index of a parameter, by name or index.
+
+        Examples
+        --------
+        >>> result.index("F")
+        1
+        """
         if isinstance(parameter, str):
             if parameter not in self.parameters:
                 raise UsageError(f"there is no parameter \"{parameter}\"; there are {', '.join(self.parameters)}")
@@ -230,13 +327,26 @@ class Posterior:
         return int(parameter)
 
     def draws(self, count: int = 500) -> Array:
-        """Equally weighted draws, no two of them equal, shape (count, d); for an assimilation those of `posterior.nc`."""
+        """Equally weighted draws, no two of them equal, shape (count, d); for an assimilation those of `posterior.nc`.
+
+        Examples
+        --------
+        >>> result.draws(100).shape
+        (100, 2)
+        """
         bounds = [density[:2] for density in self.densities] or [(-np.inf, np.inf)] * len(self.parameters)
-        return _knothe.distinct_draws(self.points, self.weights, count, np.array([lower for lower, _ in bounds]),
+        return _knothe.distinct_draws(self.points, self.weights, count_of(count, "draws"), np.array([lower for lower, _ in bounds]),
                                       np.array([upper for _, upper in bounds]))
 
     def marginal(self, parameter: str | int) -> tuple[Array, Array]:
-        """Points and marginal density of one parameter, from the weighted points."""
+        """Points and marginal density of one parameter, from the weighted points.
+
+        Examples
+        --------
+        >>> points, density = result.marginal("E")
+        >>> round(float(np.trapz(density, points)), 3)
+        1.0
+        """
         k = self.index(parameter)
         lower, upper = self.densities[k][:2] if self.densities else (-np.inf, np.inf)
         return _knothe.marginal_density(self.points[:, k], self.weights, lower, upper)
@@ -244,6 +354,12 @@ class Posterior:
     def to_xarray(self, draws: int = 500) -> "dict[str, xarray.Dataset]":
         """One Dataset for each of ArviZ's groups: ``posterior`` (chain, draw), ``weighted_posterior`` (point) and
         ``sample_stats``.
+
+        Examples
+        --------
+        >>> groups = result.to_xarray(draws=100)
+        >>> sorted(groups), groups["posterior"]["E"].shape
+        (['posterior', 'sample_stats', 'weighted_posterior'], (1, 100))
         """
         import xarray
 

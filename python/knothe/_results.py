@@ -55,19 +55,37 @@ class Results:
 
     @property
     def parameters(self) -> list[str]:
-        """Names, in the order of `steps`."""
+        """Names, in the order of `steps`.
+
+        Examples
+        --------
+        >>> knothe.open_results("results").parameters
+        ['E', 'F']
+        """
         found = self.summary["parameters"]
         return [entry["name"] if isinstance(entry, dict) else entry for entry in found]
 
     @property
     def verdict(self) -> Verdict:
-        """Of the run of an assimilation."""
+        """Of the run of an assimilation.
+
+        Examples
+        --------
+        >>> knothe.open_results("results").verdict.level
+        'ok'
+        """
         if not isinstance(self.summary.get("verdict"), dict):
             raise DataError(f"{self.folder}: the results of an inference have no verdict but `trusted`")
         return Verdict.of(self.summary["verdict"])
 
     def to_xarray(self) -> "dict[str, xarray.Dataset]":
-        """One Dataset for each of ArviZ's groups, read from the file where it is needed; dims (chain, draw, ...)."""
+        """One Dataset for each of ArviZ's groups, read from the file where it is needed; dims (chain, draw, ...).
+
+        Examples
+        --------
+        >>> knothe.open_results("results").to_xarray()["observed_data"]["displacement"].dims
+        ('step', 'observation')
+        """
         import xarray
 
         groups = {}

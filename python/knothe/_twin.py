@@ -60,17 +60,37 @@ class Datum:
 
     @property
     def step(self) -> int:
-        """Index of its time step."""
+        """Index of its time step.
+
+        Examples
+        --------
+        >>> knothe.Datum(3, [1.2e-3]).step
+        3
+        """
         return self._native.step
 
     @property
     def values(self) -> Array:
-        """Shape (sensors,); NaN where missing."""
+        """Shape (sensors,); NaN where missing.
+
+        Examples
+        --------
+        >>> knothe.Datum(3, [1.2e-3, np.nan]).values
+        array([0.0012,    nan])
+        """
         return self._native.values
 
     @property
     def std(self) -> Array | None:
-        """Standard deviations of this datum's noise; None where the sensors' apply."""
+        """Standard deviations of this datum's noise; None where the sensors' apply.
+
+        Examples
+        --------
+        >>> knothe.Datum(3, [1.2e-3], std=1e-5).std
+        array([1.e-05])
+        >>> knothe.Datum(3, [1.2e-3]).std is None
+        True
+        """
         return self._native.std
 
     def __repr__(self) -> str:
@@ -103,12 +123,24 @@ class StepResult(Posterior):
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the answer may be used."""
+        """Whether the answer may be used.
+
+        Examples
+        --------
+        >>> result.verdict.level
+        'ok'
+        """
         return Verdict.of(self.record["verdict"])
 
     @property
     def forecast(self) -> dict[str, Forecast]:
-        """Forecasts by name, with their densities."""
+        """Forecasts by name, with their densities.
+
+        Examples
+        --------
+        >>> result.forecast["tip"].horizon
+        1.0
+        """
         return {name: Forecast.of(record) for name, record in json.loads(self._native.forecasts_json()).items()}
 
 
@@ -199,6 +231,11 @@ class Twin:
         """The recorded data of the project file that are still to come, one by one; pictures are correlated meanwhile.
 
         An iterator: each datum comes once. ``list(twin.data)`` keeps them.
+
+        Examples
+        --------
+        >>> [datum.step for datum in knothe.Twin("project.toml").data]
+        [0, 1, 2, 3, 4]
         """
         while (native := self._native.next()) is not None:
             yield Datum._of(native)
@@ -207,47 +244,105 @@ class Twin:
         """Adds a datum: the posterior of all data up to its step.
 
         `UsageError` for a datum of the wrong size or time, or one that is there already; nothing has changed then.
+
+        Examples
+        --------
+        >>> project = knothe.Twin("project.toml")
+        >>> project.assimilate(next(project.data)).step
+        0
         """
         if not isinstance(datum, Datum):
             raise UsageError(f"assimilate takes a Datum, not {type(datum).__name__}: knothe.Datum(step, values)")
         return StepResult(self._native.assimilate(datum._native), self.parameters)
 
     def withdraw(self, step: int, source: str = "", session: str = "", seq: int | None = None) -> None:
-        """Withdraws a datum: everything is then, to the bit, as if it had never been assimilated."""
+        """Withdraws a datum: everything is then, to the bit, as if it had never been assimilated.
+
+        Examples
+        --------
+        >>> project = knothe.Twin("project.toml")
+        >>> for datum in project.data:
+        ...     last = project.assimilate(datum)
+        >>> project.withdraw(3)
+        >>> project.steps
+        [0, 1, 2, 4]
+        """
         step = step_of(step, len(self.times))
         self._native.withdraw(step, source, session, step if seq is None else seq)
 
     def result(self, step: int) -> StepResult:
-        """The posterior of all data up to a step."""
+        """The posterior of all data up to a step.
+
+        Examples
+        --------
+        >>> twin.result(0).std[0] > twin.result(4).std[0]
+        True
+        """
         return self._result(self._native.result(step_of(step, len(self.times))))
 
     @property
     def steps(self) -> list[int]:
-        """Steps with data."""
+        """Steps with data.
+
+        Examples
+        --------
+        >>> twin.steps
+        [0, 1, 2, 3, 4]
+        """
         return self._native.steps()
 
     @property
     def last(self) -> StepResult:
-        """The posterior of all data."""
+        """The posterior of all data.
+
+        Examples
+        --------
+        >>> twin.last.step
+        4
+        """
         return self._result(self._native.last())
 
     @property
     def posterior(self) -> "xarray.Dataset":
-        """Draws from the posterior of all data, dims (chain, draw), a variable for each parameter."""
+        """Draws from the posterior of all data, dims (chain, draw), a variable for each parameter.
+
+        Examples
+        --------
+        >>> dict(twin.posterior.sizes)
+        {'chain': 1, 'draw': 500}
+        """
         return self.last.to_xarray()["posterior"]
 
     @property
     def forecast(self) -> dict[str, Forecast]:
-        """Forecasts from all data, by name."""
+        """Forecasts from all data, by name.
+
+        Examples
+        --------
+        >>> twin.forecast["tip"].units
+        'm'
+        """
         return self.last.forecast
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the answer may be used, as in the last line of ``knothe assimilate``, for the whole run."""
+        """Whether the answer may be used, as in the last line of ``knothe assimilate``, for the whole run.
+
+        Examples
+        --------
+        >>> twin.verdict.level
+        'ok'
+        """
         return Verdict.of(json.loads(self._native.run_verdict()))
 
     def predict(self, at: ArrayLike | Mapping[str, float], step: int) -> Array:
-        """The noise-free values of the sensors, shape (sensors,) or (n, sensors)."""
+        """The noise-free values of the sensors, shape (sensors,) or (n, sensors).
+
+        Examples
+        --------
+        >>> twin.predict(twin.last.mean, step=4).shape
+        (5,)
+        """
         points, one = _parameter_points(at, self.parameters)
         values, _ = self._native.predict(points, step_of(step, len(self.times)), False)
         return values[0] if one else values
@@ -257,8 +352,14 @@ class Twin:
 
         ``posterior`` (chain, draw, step), ``log_likelihood`` (chain, draw, step) of each step's last datum,
         ``posterior_predictive`` (chain, draw, step, observation) with noise, of every 10th draw (fewer with many sensors),
-        ``observed_data`` (step, observation), ``sample_stats`` (step), ``forecast`` (step, forecast).
-        ``arviz.InferenceData(**twin.to_xarray())`` takes them.
+        ``observed_data`` (step, observation), ``sample_stats`` (step), ``forecast`` (step, forecast). The measured values are
+        `displacement`; scalar series have their own names. ``arviz.InferenceData(**twin.to_xarray())`` takes them.
+
+        Examples
+        --------
+        >>> groups = twin.to_xarray()
+        >>> groups["observed_data"]["displacement"].dims, groups["forecast"]["mean"].shape
+        (('step', 'observation'), (5, 1))
         """
         import xarray
 
@@ -269,19 +370,25 @@ class Twin:
         stride = -(-draws // max(1, predictive_draws))
         drawn = [self._native.draws(r.step, draws, stride) for r in results]
         values, likelihood, predicted = (np.stack([d[i] for d in drawn], axis=1)[np.newaxis] for i in range(3))
+        measured = np.stack([self._native.values(r.step) for r in results])
         chain = {"chain": [0], "draw": np.arange(draws), **step}
         posterior = {name: (("chain", "draw", "step"), values[..., k]) for k, name in enumerate(self.parameters)}
         statistics = [statistics_of(r.record) for r in results]
-        places = self._observations(predicted.shape[-1])
+        scalars = self._native.sensors()[2]
+        count = measured.shape[1] - len(scalars)  # scalar series come last
+        places = self._observations(count)
+
+        def observations(data: Array, dims: tuple[str, ...]) -> dict[str, Any]:
+            series = {name: (dims, data[..., count + k]) for k, name in enumerate(scalars)}
+            return {"displacement": ((*dims, "observation"), data[..., :count]), **series} if count else series
+
         groups = {
             "posterior": xarray.Dataset(posterior, chain),
             "log_likelihood": xarray.Dataset({"datum": (("chain", "draw", "step"), likelihood)}, chain),
             "posterior_predictive": xarray.Dataset(
-                {"measured": (("chain", "draw", "step", "observation"), predicted)},
-                {**chain, "draw": np.arange(0, draws, stride), **places}),
+                observations(predicted, ("chain", "draw", "step")), {**chain, "draw": np.arange(0, draws, stride), **places}),
             "observed_data": xarray.Dataset(
-                {"measured": (("step", "observation"), np.stack([self._native.values(r.step) for r in results]))},
-                {**step, **places}),
+                observations(measured, ("step",)), {**step, **places}),
             "sample_stats": xarray.Dataset(
                 {name: (("step",), [s[name] for s in statistics]) for name in statistics[0] if name != "time"}, step)}
         if results[-1].forecast:
@@ -295,7 +402,7 @@ class Twin:
 
         forecasts = [list(result.forecast.items()) for result in results]
         last = [forecast for _, forecast in forecasts[-1]]
-        names = ("mean", "std", "maximum_a_posteriori", "probability_above_threshold")
+        names = ("mean", "std", "maximum_a_posteriori", "probability_above_threshold", "probability_below_threshold")
         content = {name: (("step", "forecast"), [[getattr(f, name) for _, f in row] for row in forecasts]) for name in names}
         return xarray.Dataset(
             {**content, "quantiles": (("step", "forecast", "level"), [[f.values for _, f in row] for row in forecasts])},
@@ -305,13 +412,12 @@ class Twin:
 
     def _observations(self, count: int) -> dict[str, Any]:
         """Coordinates on `observation`: its name, and the place where it has one."""
-        points, components, scalars = self._native.sensors()
+        points, components, _ = self._native.sensors()
         places = np.full((count, 3), np.nan)
         places[:len(points)] = points
-        directions = [("x", "y", "z")[c] for c in components] + [""] * (count - len(components))
-        names = [f"{c}{i}" for i, c in enumerate(directions[:len(components)])] + list(scalars)
-        names += [str(i) for i in range(len(names), count)]
-        return {"observation": names, "direction": ("observation", directions),
+        directions = ["xyz"[c] for c in components] + [""] * (count - len(components))
+        return {"observation": [f"{direction}{i}" for i, direction in enumerate(directions)],
+                "direction": ("observation", directions),
                 **{axis: ("observation", places[:, k]) for k, axis in enumerate("xyz")}}
 
     def __repr__(self) -> str:

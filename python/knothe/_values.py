@@ -144,10 +144,24 @@ class Precision:
     indptr: ArrayLike
 
     def rows(self) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
+        """`data`, `indices` and `indptr` as arrays.
+
+        Examples
+        --------
+        >>> knothe.Precision([4.0, 4.0], [0, 1], [0, 1, 2]).rows()[2]
+        array([0, 1, 2])
+        """
         return (np.asarray(self.data, float), np.asarray(self.indices, np.int64), np.asarray(self.indptr, np.int64))
 
     def toarray(self) -> Array:
-        """Dense, n x n: for few sensors."""
+        """Dense, n x n: for few sensors.
+
+        Examples
+        --------
+        >>> knothe.Precision([4.0, 1.0], [0, 1], [0, 1, 2]).toarray()
+        array([[4., 0.],
+               [0., 1.]])
+        """
         data, indices, indptr = self.rows()
         n = len(indptr) - 1
         dense = np.zeros((n, n))
@@ -155,7 +169,13 @@ class Precision:
         return dense
 
     def scaled(self, factor: float) -> "Precision":
-        """The precision of values in another unit: of metres, (px/m)² times that of pixels."""
+        """The precision of values in another unit: of metres, (px/m)² times that of pixels.
+
+        Examples
+        --------
+        >>> knothe.Precision([4.0], [0], [0, 1]).scaled(1e4**2).data
+        array([4.e+08])
+        """
         data, indices, indptr = self.rows()
         return Precision(data * factor, indices, indptr)
 
@@ -168,6 +188,13 @@ def points_of(values: ArrayLike, dimension: int, what: str) -> Array:
     if points.ndim != 2 or points.shape[1] != dimension:
         raise UsageError(f"{what}: an array of shape {np.shape(values)} is not n points of {dimension} coordinates")
     return points
+
+
+def count_of(count: int, what: str) -> int:
+    """A number of things: a whole one, not negative."""
+    if not hasattr(count, "__index__") or count < 0:
+        raise UsageError(f"{count!r} {what}: give a whole number that is not negative")
+    return int(count)
 
 
 def step_of(step: int, count: int) -> int:

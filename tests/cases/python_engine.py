@@ -143,14 +143,14 @@ class Test(CaseInItsFolder):
             self.assertEqual(stored["posterior"][coordinate].dtype, np.int64)
         for name in ("ess", "log_evidence", "variance_diagnostic", "verdict", "fit_probability", "time"):
             np.testing.assert_array_equal(stored["sample_stats"][name], groups["sample_stats"][name])
-        self.assertEqual(groups["posterior_predictive"]["measured"].shape, (1, 50, 12, 24))
-        np.testing.assert_allclose(stored["posterior_predictive"]["displacement"], groups["posterior_predictive"]["measured"], rtol=1e-6, atol=1e-12)
+        self.assertEqual(groups["posterior_predictive"]["displacement"].shape, (1, 50, 12, 24))
+        np.testing.assert_allclose(stored["posterior_predictive"]["displacement"], groups["posterior_predictive"]["displacement"], rtol=1e-6, atol=1e-12)
         np.testing.assert_array_equal(stored["log_likelihood"]["datum"], groups["log_likelihood"]["datum"])
-        for name in ("mean", "quantiles", "threshold", "probability_above_threshold"):
+        for name in ("mean", "quantiles", "threshold", "probability_above_threshold", "probability_below_threshold"):
             np.testing.assert_array_equal(stored["forecast"][name], groups["forecast"][name])
         for name in ("observation", "x", "direction"):
             np.testing.assert_array_equal(stored["observed_data"][name], groups["observed_data"][name])
-        np.testing.assert_array_equal(groups["observed_data"]["measured"].sel(step=3), twin._native.values(3))
+        np.testing.assert_array_equal(groups["observed_data"]["displacement"].sel(step=3), twin._native.values(3))
         self.refused(knothe.DataError, "steps.jsonl", call=lambda: knothe.open_results("nowhere"))
 
     def test_the_line_of_infer(self):
@@ -192,6 +192,14 @@ class Test(CaseInItsFolder):
         np.testing.assert_allclose(model(at, 4), [bar(*p)[4] for p in at], atol=3e-6)
         self.expect(0, "model", "import", "bar_snapshots.h5", "-o", "command.h5", "--tolerance", "1e-6")
         np.testing.assert_array_equal(knothe.Model.load("command.h5")(at, 4), model(at, 4))
+        loaded = {"points": np.c_[x, 0 * x, 0 * x], "outputs": {"load": "N"}}
+        model = knothe.offline(lambda e, f: (bar(e, f), {"load": 200 * f * t}), {"E": nodes, "F": nodes}, t, "loaded.h5", **loaded)
+        np.testing.assert_allclose(model.output("load", at), 200 * np.outer(at[:, 1], t), rtol=1e-6)
+        self.assertEqual(model.info["output_units"], {"load": "N"})
+        for function, text in ((bar, "the function gave no outputs; it has to return the solution and a mapping with load"),
+                               (lambda e, f: (bar(e, f), {"load": 1.0}), "the output load has to be one number for each of the 6 times")):
+            self.refused(knothe.UsageError, text, call=lambda function=function: knothe.offline(
+                function, {"E": nodes, "F": nodes}, t, "x.h5", **loaded))
         self.refused(knothe.UsageError, "[6 times, dofs]", call=lambda: knothe.offline(lambda e: [e], {"E": nodes}, t, "x.h5"))
         self.refused(knothe.DataError, "snapshots", call=lambda: knothe.offline(
             lambda e: np.full((6, 2), np.nan), {"E": nodes}, t, "x.h5", quantities={"a": "1", "b": "1"}))

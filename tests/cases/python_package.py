@@ -1,6 +1,8 @@
 """The package for Python: errors, threads, Ctrl-C, memory, maps, inference and pictures against exact answers."""
+import ctypes
 import os
 import pathlib
+import shutil
 import signal
 import subprocess
 import sys
@@ -80,6 +82,11 @@ class Test(CaseInItsFolder):
         self.assertIn(f"ImportError: the package knothe is of version 9.9.9, but its library is of version {knothe.__version__}",
                       done.stderr)
 
+    def test_figures_need_no_import_of_their_own(self):
+        done = subprocess.run([sys.executable, "-c", "import knothe, sys; assert 'matplotlib' not in sys.modules; knothe.plot.fan; knothe.plott"],
+                              capture_output=True, text=True, env=os.environ)
+        self.assertIn("AttributeError: module 'knothe' has no attribute 'plott'", done.stderr)
+
     def test_errors_mirror_the_librarys(self):
         self.refused(knothe.DataError, "nowhere.h5", call=lambda: knothe.Model.load("nowhere.h5"))
         self.refused(knothe.ProjectError, "nowhere.toml", call=lambda: knothe.Twin("nowhere.toml"))
@@ -89,6 +96,12 @@ class Test(CaseInItsFolder):
         self.refused(knothe.IoError, "could not make the folder: file", call=lambda: knothe.fit(lambda p: -0.5 * p @ p, 1).map.save("file/map.h5"))
         self.refused(knothe.NumericalError, "the log-density is nan at", call=lambda: knothe.fit(lambda p: float("nan"), 2))
         self.refused(knothe.UsageError, "dimension", call=lambda: knothe.fit(lambda p: 0.0, 0))
+        self.refused(knothe.UsageError, "dimension 2.0", call=lambda: knothe.fit(lambda p: 0.0, 2.0))
+        self.refused(knothe.UsageError, "the log-density gave 'high', not a number", call=lambda: knothe.fit(lambda p: "high", 2))
+        self.refused(knothe.UsageError, "the gradient gave 'steep', not numbers",
+                     call=lambda: knothe.fit(ridge, 2, gradient=lambda p: "steep"))
+        self.refused(knothe.UsageError, "-1 draws: give a whole number", call=lambda: knothe.fit(ridge, 2).map.sample(-1))
+        self.refused(knothe.UsageError, "dofs: -1: they count from 0", call=lambda: knothe.Model.load("model.h5")([1, 1], 0, dofs=[0, -1]))
         self.refused(knothe.UsageError, "step 1.5: a step is a whole number", call=lambda: knothe._values.step_of(1.5, 3))
         for prior, values, rule in ((knothe.Normal, (1, -1), "Normal(mean=1, std=-1): the mean is a finite number, the std a positive one"),
                                     (knothe.Uniform, (2, 1), "Uniform(lower=2, upper=1): the bounds are finite"),
@@ -156,6 +169,15 @@ class Test(CaseInItsFolder):
         thread.join()
         self.assertIn("nothing is kept of the points so far", str(caught.exception))
         self.assertEqual(fitted.inverse(points[:1]).shape, (1, 2))
+
+    def test_ctrl_c_in_conditional_draws(self):
+        fitted = knothe.fit_samples(np.random.default_rng(1).standard_normal((2000, 2)), max_order=3)
+        thread = threading.Timer(0.2, lambda: os.kill(os.getpid(), signal.SIGINT))
+        thread.start()
+        with self.assertRaises(knothe.Interrupted):
+            while True:
+                fitted.condition([0.3], 1_000_000)
+        thread.join()
 
     def test_ctrl_c_in_a_long_call(self):
         (self.folder / "long.toml").write_text(
@@ -246,6 +268,57 @@ class Test(CaseInItsFolder):
             np.testing.assert_array_equal(read.sample(10, 3), each.sample(10, 3))
             np.testing.assert_array_equal(read.condition([0.5], 10, 3), each.condition([0.5], 10, 3))
 
+    def compiled(self):
+        """The ridge in C, as a library of functions without declared types."""
+        if shutil.which("cc") is None:
+            self.skipTest("no C compiler here")
+        (self.folder / "ridge.c").write_text("""#include <stddef.h>
+double value(const double *p, size_t d) {
+  double r = (p[1] - 0.5 * (p[0] * p[0])) / 0.5;
+  return -0.5 * (p[0] * p[0] + r * r);
+}
+void slope(const double *p, size_t d, double *out) {
+  double r = (p[1] - 0.5 * (p[0] * p[0])) / 0.25;
+  out[0] = -p[0] + r * p[0];
+  out[1] = -r;
+}
+""")
+        subprocess.run(["cc", "-O1", "-ffp-contract=off", "-shared", "-fPIC", "ridge.c", "-o", "ridge.so"], cwd=self.folder, check=True)
+        return ctypes.CDLL(str(self.folder / "ridge.so"))
+
+    def test_the_map_of_a_compiled_density(self):
+        library = self.compiled()
+        self.refused(knothe.UsageError, "double f(const double *p, size_t d): set its restype", call=lambda: knothe.fit(library.value, 2))
+        library.value.restype = ctypes.c_double
+        self.refused(knothe.UsageError, "void f(const double *p, size_t d, double *gradient): set its restype",
+                     call=lambda: knothe.fit(library.value, 2, gradient=library.slope))
+        library.slope.restype = None
+        self.refused(knothe.UsageError, "give two of a kind", call=lambda: knothe.fit(library.value, 2, gradient=ridge_gradient))
+        self.refused(knothe.UsageError, "give two of a kind", call=lambda: knothe.fit(ridge, 2, gradient=library.slope))
+        for gradient, same in ((None, None), (library.slope, ridge_gradient)):
+            found, python = knothe.fit(library.value, 2, gradient=gradient), knothe.fit(ridge, 2, gradient=same)
+            self.assertTrue(found.trusted, found.remark)
+            np.testing.assert_allclose(found.points, python.points, rtol=1e-9, atol=1e-9)
+            self.assertAlmostEqual(found.log_evidence, python.log_evidence, delta=1e-9)
+        wrapped = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.POINTER(ctypes.c_double), ctypes.c_size_t)(
+            lambda p, d: -0.5 * sum(p[k] ** 2 for k in range(d)))
+        self.assertAlmostEqual(knothe.fit(wrapped, 2).log_evidence, np.log(2 * np.pi), delta=1e-6)
+
+    def test_compiled_densities_need_no_lock(self):
+        """Fits of a compiled density in threads give what they give alone."""
+        library = self.compiled()
+        library.value.restype = ctypes.c_double
+        alone = knothe.fit(library.value, 2)
+        found = []
+        threads = [threading.Thread(target=lambda: found.append(knothe.fit(library.value, 2))) for _ in range(3)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        for each in found:
+            np.testing.assert_array_equal(each.points, alone.points)
+        self.assertEqual(len(found), 3)
+
     def test_sizes_of_points_are_checked(self):
         transport = knothe.fit(lambda p: -0.5 * p @ p, 2).map
         self.refused(knothe.UsageError, "(3, 5)", "2 coordinates", call=lambda: transport(np.zeros((3, 5))))
@@ -313,6 +386,31 @@ class Test(CaseInItsFolder):
         np.testing.assert_allclose(correlation.at([[48.0, 48.0]]), [[0.7, -0.3]], atol=0.03)
         inner = knothe.Correlation(speckle(0, 0), roi=(10, 20, 70, 80), element_size=20)
         self.assertEqual((inner.x.min(), inner.x.max(), inner.y.min(), inner.y.max()), (10, 70, 20, 80))
+
+    def test_a_mesh_of_ones_own(self):
+        """Triangles and a quadrilateral that shear: a field that the mesh can follow is found, from arrays and from Gmsh's file."""
+        nodes = np.array([[8, 8], [48, 10], [86, 8], [10, 88], [50, 84], [88, 86]], float)
+        elements = [[0, 1, 4, 3], [1, 2, 5, -1], [1, 5, 4, -1]]
+        reference, deformed = speckle(0, 0), speckle(0.4, -0.2)
+        correlation = knothe.Correlation(reference, mesh=(nodes, elements))
+        np.testing.assert_array_equal(np.column_stack([correlation.x, correlation.y]), nodes)
+        np.testing.assert_array_equal(correlation.elements, elements)
+        moved = correlation.correlate(deformed)
+        np.testing.assert_allclose(moved.u, 0.4, atol=0.03)
+        np.testing.assert_allclose(moved.v, -0.2, atol=0.03)
+        lines = [f"{i + 1} {x} {y} 0" for i, (x, y) in enumerate(nodes)]
+        cells = ["1 3 2 0 1 1 2 5 4", "2 2 2 0 1 2 3 6", "3 2 2 0 1 2 6 5"]
+        (self.folder / "mesh.msh").write_text("\n".join(["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$Nodes", "6", *lines, "$EndNodes",
+                                                         "$Elements", "3", *cells, "$EndElements"]) + "\n")
+        by_file = knothe.Correlation(reference, mesh="mesh.msh")  # numbers nodes in the order of the elements
+        order = [int(np.flatnonzero((nodes == place).all(1))[0]) for place in np.column_stack([by_file.x, by_file.y])]
+        np.testing.assert_allclose(by_file.correlate(deformed).u, moved.u[order], atol=1e-9)
+        for mesh, text in (((nodes, [[0, 1, 9]]), "element 0 has the node 9; there are 6 nodes"),
+                           ((nodes, [[0, 1, 4]]), "node 2 belongs to no element; leave it out"),
+                           ((nodes, [[0.5, 1, 4]]), "give whole numbers, m x 3 or m x 4"),
+                           ((nodes * 2, elements), "outside the picture of 96"), ("nowhere.msh", "nowhere.msh")):
+            self.refused(knothe.Error, text, call=lambda mesh=mesh: knothe.Correlation(reference, mesh=mesh))
+        self.refused(knothe.UsageError, "leave out roi", call=lambda: knothe.Correlation(reference, (0, 0, 50, 50), mesh=(nodes, elements)))
 
     def test_pictures_of_integers_and_files_are_the_same(self):
         pixels = np.clip(speckle(0, 0), 0, 255).astype(np.uint8)

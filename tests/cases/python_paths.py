@@ -45,7 +45,7 @@ class Test(Case):
             twin.assimilate(datum)
         self.assertEqual([without_times(parse_line(json.dumps(twin.result(step).record))) for step in twin.steps], lines)
         self.assertEqual(twin.verdict.level, last["verdict"]["level"])
-        predicted = twin.to_xarray()["posterior_predictive"]["measured"]
+        predicted = twin.to_xarray()["posterior_predictive"]["displacement"]
         self.assertEqual(predicted.sizes["observation"], len(data[-1].values))
         covered = np.abs(predicted.isel(step=-1).mean(("chain", "draw")) - data[-1].values) < 4 * predicted.isel(step=-1).std(("chain", "draw"))
         self.assertGreater(float(covered.mean()), 0.95)

@@ -2,6 +2,7 @@
 compared with `knothe assimilate`, which asks the same."""
 import os
 import random
+import re
 import shutil
 import sys
 import unittest
@@ -109,7 +110,9 @@ class Test(Case):
         return " ".join(reason["message"] for reason in self.lines()[-1]["verdict"]["reasons"])
 
     def ask(self):
-        status, entry = self.service.post("/v1/verify", {"by": "Ada"})
+        """As docs/how-to/read-a-verdict.md has it."""
+        request = re.search(r"^curl .*?/v1/verify .*? -d '(.*?)'$", (REPOSITORY / "docs/how-to/read-a-verdict.md").read_text(), re.M)
+        status, entry = self.service.post("/v1/verify", request[1])
         self.assertEqual((status, entry["kind"], entry["by"]), (200, "verification_asked", "Ada"), entry)
 
     def test_the_end_of_a_test_gives_what_assimilate_gives(self):

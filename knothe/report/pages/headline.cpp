@@ -71,13 +71,15 @@ Card forecast_card(const Results& results, const std::string& name) {
             with_uncertainty(scale.factor * f.mean, scale.factor * f.std) +
                 (scale.unit.empty() ? "" : " " + scale.unit),
             {}};
-  std::string above = "the threshold";
+  const std::string unit = scale.unit.empty() ? "" : " " + scale.unit;
   if (summary != results.forecasts.end() && summary->second.threshold)
-    above = plain(scale.factor * *summary->second.threshold) + (scale.unit.empty() ? "" : " " + scale.unit);
-  card.remark =
-      fmt::format("above {} with probability {}, below with {}", above,
-                  percent(f.probability_above_threshold), percent(1 - f.probability_above_threshold));
-  if (f.is_past) card.remark += "; its horizon has passed, so it is no longer a forecast";
+    card.remark = fmt::format(
+        "above {}{} with probability {}, below with {}", plain(scale.factor * *summary->second.threshold),
+        unit, percent(f.probability_above_threshold), percent(1 - f.probability_above_threshold));
+  else if (!f.values.empty())
+    card.remark = fmt::format("95 % in [{}, {}]{}", plain(scale.factor * f.values.front()),
+                              plain(scale.factor * f.values.back()), unit);
+  if (f.is_past) card.remark += "; the horizon has passed, so it is no longer a forecast";
   return card;
 }
 

@@ -42,12 +42,14 @@ std::string forecast_text(const forecast::NamedForecast& named) {
     return digits[0] == '-' ? "−" + digits.substr(1) : digits;
   };
   const double above = f.probability_above_threshold;
-  return fmt::format(
-      "{} at time {:g}{}: {}, most probable {}, 95 % in [{}, {}]; threshold {}{}: P(above) {}, P(below) {}",
-      named.name, named.horizon, named.is_past ? " (past: no longer a forecast)" : "",
-      value_text(f.mean, f.std, named.units), number(f.maximum_a_posteriori), number(f.values.front()),
-      number(f.values.back()), plain(factor * named.threshold), unit, probability_text(above),
-      probability_text(1 - above));
+  std::string text = fmt::format("{} at time {:g}{}: {}, most probable {}, 95 % in [{}, {}]", named.name,
+                                 named.horizon, named.is_past ? " (past: no longer a forecast)" : "",
+                                 value_text(f.mean, f.std, named.units), number(f.maximum_a_posteriori),
+                                 number(f.values.front()), number(f.values.back()));
+  if (named.threshold_stated)
+    text += fmt::format("; threshold {}{}: P(above) {}, P(below) {}", plain(factor * named.threshold), unit,
+                        probability_text(above), probability_text(1 - above));
+  return text;
 }
 
 }  // namespace knothe::report

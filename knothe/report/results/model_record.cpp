@@ -42,6 +42,8 @@ nlohmann::ordered_json model_record(const reduction::SeparatedModel& model) {
   for (const reduction::Quantity& quantity : c.quantities)
     info["quantities"].push_back({{"name", quantity.name}, {"units", quantity.units}});
   info["outputs"] = model.output_names();
+  for (const reduction::SnapshotOutput& output : c.outputs)
+    info["output_units"][output.name] = output.labels.units;
   info["crack_lengths"] = c.crack.length.size();
   add_errors(c, info);
   info["created_by"] = c.created_by;
