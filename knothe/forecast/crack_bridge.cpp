@@ -5,6 +5,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/QR>
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "knothe/base/error.hpp"
@@ -83,23 +84,29 @@ Reduced reduce(const Eigen::MatrixXd& a, const Eigen::VectorXd& b) {
   return reduced;
 }
 
+/// u_imp σ_k u_k, lift and A in an orthonormal basis of their span, of which the first vectors span the
+/// cracks.
+Eigen::MatrixXd coordinates_of(const CrackMetaModel& meta_model, const LinearPrediction& prediction,
+                               double imposed_displacement, const CrackBridgeOptions& options) {
+  check(meta_model, prediction, imposed_displacement, options);
+  Eigen::MatrixXd all(meta_model.observations(), meta_model.modes() + 1 + prediction.modes.cols());
+  all << imposed_displacement * meta_model.space(), prediction.lift, prediction.modes;
+  // Columns differ by orders of magnitude; without pivoting QR keeps each column's own relative accuracy.
+  const Eigen::HouseholderQR<Eigen::MatrixXd> qr(all);
+  return qr.matrixQR().topRows(std::min(all.rows(), all.cols())).triangularView<Eigen::Upper>();
+}
+
 }  // namespace
 
 CrackBridge::CrackBridge(CrackMetaModel meta_model, const LinearPrediction& prediction,
                          double imposed_displacement, const CrackBridgeOptions& options)
-    : meta_model_(std::move(meta_model)), options_(options), observations_(meta_model_.observations()) {
-  check(meta_model_, prediction, imposed_displacement, options_);
-  const Eigen::Index crack_modes = meta_model_.modes(), r = prediction.modes.cols();
-  Eigen::MatrixXd all(observations_, crack_modes + 1 + r);
-  all << imposed_displacement * meta_model_.space(), prediction.lift, prediction.modes;
-  // Columns differ by orders of magnitude; without pivoting QR keeps each column's own relative accuracy.
-  const Eigen::HouseholderQR<Eigen::MatrixXd> qr(all);
-  const Eigen::Index k = std::min(all.rows(), all.cols());
-  const Eigen::MatrixXd coordinates = qr.matrixQR().topRows(k).triangularView<Eigen::Upper>();
-  crack_ = coordinates.leftCols(crack_modes);
-  lift_ = coordinates.col(crack_modes);
-  modes_ = coordinates.rightCols(r);
-
+    : meta_model_(std::move(meta_model)),
+      options_(options),
+      coordinates_(coordinates_of(meta_model_, prediction, imposed_displacement, options)),
+      crack_(coordinates_.leftCols(meta_model_.modes())),
+      lift_(coordinates_.col(meta_model_.modes())),
+      modes_(coordinates_.rightCols(prediction.modes.cols())),
+      nearest_(meta_model_, crack_.topRows(crack_rows())) {
   const auto lengths = meta_model_.lengths();
   for (std::size_t i = 0; i + 1 < lengths.size(); ++i)
     for (int part = 0; part < k_parts_per_spacing; ++part)
@@ -108,13 +115,6 @@ CrackBridge::CrackBridge(CrackMetaModel meta_model, const LinearPrediction& pred
   base_values_ = meta_model_.coordinates(base_);
   const Eigen::Map<const Eigen::ArrayXd> base(base_.data(), static_cast<Eigen::Index>(base_.size()));
   base_prior_ = -0.5 * ((base - options_.prior_mean) / options_.prior_std).square();
-
-  const Eigen::HouseholderQR<Eigen::MatrixXd> crack_qr(crack_);
-  const Eigen::Index rows = std::min(crack_.rows(), crack_.cols());
-  crack_factor_ = crack_qr.matrixQR().topRows(rows).triangularView<Eigen::Upper>();
-  crack_basis_ = crack_qr.householderQ() * Eigen::MatrixXd::Identity(crack_.rows(), rows);
-  base_fields_ = crack_factor_ * base_values_;
-  base_half_norms_ = 0.5 * base_fields_.colwise().squaredNorm().transpose();
 }
 
 CrackForecast CrackBridge::update(const Eigen::Ref<const reduction::RowMatrix>& functions,
@@ -132,12 +132,13 @@ CrackForecast CrackBridge::update(const Eigen::Ref<const reduction::RowMatrix>& 
   const Eigen::VectorXd weight = weights(kept), lengths = best_lengths(of_kept);
   CrackForecast forecast;
   forecast.length = forecast_of_samples(lengths, weight, options_.threshold, options_.error_std);
-  const Eigen::MatrixXd misfit = crack_ * meta_model_.coordinates({lengths.data(), kept.size()}) -
-                                 ((modes_ * of_kept.transpose()).colwise() + lift_);
+  Eigen::MatrixXd misfit = (modes_ * of_kept.transpose()).colwise() + lift_;
+  misfit.topRows(crack_rows()) -=
+      crack_.topRows(crack_rows()) * meta_model_.coordinates({lengths.data(), kept.size()});
   const double square = misfit.colwise().squaredNorm().dot(weight) / weight.sum();
   // One of the dofs' worth is spent on the length.
   forecast.discrepancy_std =
-      std::sqrt(square / static_cast<double>(std::max<Eigen::Index>(observations_ - 1, 1)));
+      std::sqrt(square / static_cast<double>(std::max<Eigen::Index>(meta_model_.observations() - 1, 1)));
   return forecast;
 }
 
@@ -214,68 +215,23 @@ ScalarForecast CrackBridge::published(const FunctionMoments& moments, double dis
   return forecast_of_density(base_, {base_log.data(), base_.size()}, log_density, options_.threshold);
 }
 
-double CrackBridge::nearest_length(const Eigen::VectorXd& target, Eigen::Index start) const {
-  // Root of the derivative of ½|R v(l) − t|² between the neighbours of the best point of the first pass, by
-  // regula falsi with the Illinois rule: the derivative is continuous but only piecewise smooth.
-  const auto last = static_cast<Eigen::Index>(base_.size()) - 1;
-  double low = base_[static_cast<std::size_t>(std::max<Eigen::Index>(start - 1, 0))];
-  double high = base_[static_cast<std::size_t>(std::min(start + 1, last))];
-  Eigen::VectorXd value(meta_model_.modes()), slope(meta_model_.modes());
-  const auto derivative = [&](double length) {
-    meta_model_.evaluate(length, value, slope);
-    return (crack_factor_ * value - target).dot(crack_factor_ * slope);
-  };
-  double at_low = derivative(low), at_high = derivative(high);
-  if (at_low >= 0.0) return low;
-  if (at_high <= 0.0) return high;
-  int side = 0;
-  for (int k = 0; k < 60 && high - low > 1e-12; ++k) {
-    const double root = (low * at_high - high * at_low) / (at_high - at_low);
-    const double middle = root > low && root < high ? root : 0.5 * (low + high);
-    const double at_middle = derivative(middle);
-    if (at_middle == 0.0) return middle;
-    if (at_middle < 0.0) {
-      if (std::abs(middle - low) < 1e-13) return middle;
-      low = middle, at_low = at_middle;
-      if (side < 0) at_high *= 0.5;
-      side = -1;
-    } else {
-      if (std::abs(high - middle) < 1e-13) return middle;
-      high = middle, at_high = at_middle;
-      if (side > 0) at_low *= 0.5;
-      side = 1;
-    }
-  }
-  return 0.5 * (low + high);
-}
-
 Eigen::VectorXd CrackBridge::best_lengths(const Eigen::Ref<const reduction::RowMatrix>& functions) const {
   if (functions.cols() != modes_.cols())
     throw NumericalError("crack length: samples of another number of functions than the model has");
-  const Eigen::MatrixXd to_crack = crack_basis_.transpose() * modes_;
-  const Eigen::VectorXd lift = crack_basis_.transpose() * lift_;
-  Eigen::VectorXd lengths(functions.rows());
-  for (Eigen::Index i = 0; i < functions.rows(); ++i) {
-    const Eigen::VectorXd target = lift + to_crack * functions.row(i).transpose();
-    lengths[i] = nearest_length(target, nearest_base(target));
-  }
-  return lengths;
-}
-
-Eigen::Index CrackBridge::nearest_base(const Eigen::VectorXd& target) const {
-  Eigen::Index best = 0;
-  (base_half_norms_ - base_fields_.transpose() * target).minCoeff(&best);
-  return best;
+  const Eigen::Index rows = crack_rows();
+  return nearest_.lengths((modes_.topRows(rows) * functions.transpose()).colwise() + lift_.head(rows));
 }
 
 Eigen::VectorXd CrackBridge::along_crack(const Eigen::Ref<const reduction::RowMatrix>& functions,
                                          const Eigen::Ref<const Eigen::VectorXd>& weights) const {
-  const Eigen::VectorXd mean = functions.transpose() * weights / weights.sum();
-  const Eigen::Index best = nearest_base(crack_basis_.transpose() * (lift_ + modes_ * mean));
-  const Eigen::Index after = std::min(best + k_parts_per_spacing, base_fields_.cols() - 1);
-  const Eigen::Index before = std::max<Eigen::Index>(best - k_parts_per_spacing, 0);
-  const Eigen::VectorXd tangent = base_fields_.col(after) - base_fields_.col(before);
-  return functions * (modes_.transpose() * (crack_basis_ * tangent));
+  const Eigen::RowVectorXd mean = weights.transpose() * functions / weights.sum();
+  const double length = best_lengths(reduction::RowMatrix(mean))[0];
+  const auto lengths = meta_model_.lengths();
+  const double spacing = (lengths.back() - lengths.front()) / static_cast<double>(lengths.size() - 1);
+  const Eigen::MatrixXd sides = meta_model_.coordinates(std::array{length - spacing, length + spacing});
+  const Eigen::Index rows = crack_rows();
+  const Eigen::VectorXd tangent = crack_.topRows(rows) * (sides.col(1) - sides.col(0));
+  return functions * (modes_.topRows(rows).transpose() * tangent);
 }
 
 }  // namespace knothe::forecast

@@ -2,9 +2,11 @@
 /// @file From damage to a crack: the distribution of the crack length at the horizon (Rubio et al. 2019,
 /// §6.3.2, Eq. 14 and 33).
 #include <Eigen/Core>
+#include <algorithm>
 
 #include "knothe/forecast/crack_meta_model.hpp"
 #include "knothe/forecast/horizon.hpp"
+#include "knothe/forecast/nearest_crack.hpp"
 #include "knothe/forecast/scalar_forecast.hpp"
 
 namespace knothe::forecast {
@@ -67,28 +69,22 @@ class CrackBridge {
   [[nodiscard]] const CrackBridgeOptions& options() const { return options_; }
 
  private:
-  [[nodiscard]] double nearest_length(const Eigen::VectorXd& target, Eigen::Index start) const;
-  /// Which of `base_` has the field nearest to `target` (coordinates in `crack_basis_`).
-  [[nodiscard]] Eigen::Index nearest_base(const Eigen::VectorXd& target) const;
+  /// Rows of `crack_` that are not zero.
+  [[nodiscard]] Eigen::Index crack_rows() const { return std::min(crack_.rows(), crack_.cols()); }
   /// Each sample's length to first order about that of the mean field, but for a factor and a shift.
   [[nodiscard]] Eigen::VectorXd along_crack(const Eigen::Ref<const reduction::RowMatrix>& functions,
                                             const Eigen::Ref<const Eigen::VectorXd>& weights) const;
 
   CrackMetaModel meta_model_;
   CrackBridgeOptions options_;
-  Eigen::Index observations_;
-  Eigen::MatrixXd crack_;  ///< coordinates of u_imp σ_k u_k, k × N_SVD
-  Eigen::VectorXd lift_;   ///< coordinates of lift, k
-  Eigen::MatrixXd modes_;  ///< coordinates of A, k × r
-  std::vector<double>
-      base_;  ///< lengths of the first pass, four intervals of two halves a millimetre for 1 mm spacing
-  Eigen::MatrixXd base_values_;  ///< v(l) at `base_`, N_SVD × n
-  Eigen::VectorXd base_prior_;   ///< log π₀ at `base_`
-  // For the direct forecast: crack_ = Q R, hence |crack_ v − y|² = |R v − Qᵀ y|² + rest.
-  Eigen::MatrixXd crack_basis_;      ///< Q, k × N
-  Eigen::MatrixXd crack_factor_;     ///< R, N × N_SVD
-  Eigen::MatrixXd base_fields_;      ///< R v at `base_`, N × n
-  Eigen::VectorXd base_half_norms_;  ///< |R v|²/2 there
+  Eigen::MatrixXd coordinates_;  ///< upper triangular, k × (N_SVD + 1 + r)
+  Eigen::MatrixXd crack_;        ///< coordinates of u_imp σ_k u_k, k × N_SVD
+  Eigen::VectorXd lift_;         ///< coordinates of lift, k
+  Eigen::MatrixXd modes_;        ///< coordinates of A, k × r
+  NearestCrack nearest_;
+  std::vector<double> base_;     ///< lengths at which Eq. 33 is looked at first: four for each snapshot
+  Eigen::MatrixXd base_values_;  ///< v(l) there, N_SVD × n
+  Eigen::VectorXd base_prior_;   ///< log π₀ there
 };
 
 }  // namespace knothe::forecast

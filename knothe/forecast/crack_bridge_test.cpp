@@ -100,13 +100,31 @@ TEST(CrackMetaModel, ReproducesSnapshotsAndCubicsBetweenThem) {
   for (double l : {0.0, 0.00031, 0.0404, 0.07875, 0.079}) {
     const Eigen::VectorXd u = meta.space() * meta.coordinates({&l, 1});
     EXPECT_LT((u - (powers(l) * a).transpose()).cwiseAbs().maxCoeff(), 1e-11);
-    Eigen::VectorXd value(4), slope(4), ahead(4), behind(4), unused(4);
-    meta.evaluate(l, value, slope);
-    const double h = 1e-7, up = std::min(l + h, 0.079), down = std::max(l - h, 0.0);
-    meta.evaluate(up, ahead, unused);
-    meta.evaluate(down, behind, unused);
-    EXPECT_LT((slope - (ahead - behind) / (up - down)).cwiseAbs().maxCoeff(),
-              1e-4 * (1 + slope.cwiseAbs().maxCoeff()));
+  }
+}
+
+TEST(NearestCrack, IsTheBestOfATenThousandLengths) {
+  const auto lengths = millimetres();
+  const CrackMetaModel meta(lengths, smooth_solutions(lengths, 60));
+  const Eigen::MatrixXd factor = meta.space();
+  const NearestCrack nearest(meta, factor);
+  std::vector<double> fine;
+  for (int i = 0; i <= 10000; ++i) fine.push_back(0.079 * i / 10000);
+  const Eigen::MatrixXd cracks = factor * meta.coordinates(fine);
+  // Fields of cracks, and between and beside them: with one minimum, several, or the best at an end.
+  std::mt19937_64 engine(3);
+  std::uniform_real_distribution<double> uniform;
+  Eigen::MatrixXd targets(60, 300);
+  for (Eigen::Index i = 0; i < targets.cols(); ++i) {
+    const auto pick = [&] { return cracks.col(static_cast<Eigen::Index>(10000 * uniform(engine))); };
+    const double share = 1.6 * uniform(engine) - 0.3;
+    targets.col(i) = share * pick() + (1 - share) * pick();
+  }
+  const Eigen::VectorXd found = nearest.lengths(targets);
+  for (Eigen::Index i = 0; i < targets.cols(); ++i) {
+    const double least = (cracks.colwise() - targets.col(i)).colwise().squaredNorm().minCoeff();
+    const double here = (factor * meta.coordinates({&found[i], 1}) - targets.col(i)).squaredNorm();
+    EXPECT_LE(here, least + 1e-12 * targets.col(i).squaredNorm()) << i << ": " << found[i];
   }
 }
 

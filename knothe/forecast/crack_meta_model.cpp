@@ -71,12 +71,4 @@ void CrackMetaModel::evaluate(double length, Eigen::Ref<Eigen::VectorXd> value) 
       coefficients_.middleCols<4>(local.first) * Eigen::Map<const Eigen::Vector4d>(local.value.data());
 }
 
-void CrackMetaModel::evaluate(double length, Eigen::Ref<Eigen::VectorXd> value,
-                              Eigen::Ref<Eigen::VectorXd> slope) const {
-  const auto local = basis_.evaluate(std::clamp(length, lengths_.front(), lengths_.back()));
-  const auto columns = coefficients_.middleCols<4>(local.first);
-  value.noalias() = columns * Eigen::Map<const Eigen::Vector4d>(local.value.data());
-  slope.noalias() = columns * Eigen::Map<const Eigen::Vector4d>(local.first_derivative.data());
-}
-
 }  // namespace knothe::forecast

@@ -24,6 +24,9 @@ class CrackMetaModel {
   [[nodiscard]] std::span<const double> lengths() const { return lengths_; }
   /// σ_k u_k at the observed dofs, n_obs × N_SVD.
   [[nodiscard]] const Eigen::MatrixXd& space() const { return space_; }
+  /// v = `coefficients` (N_SVD × number of lengths) times the functions of `basis`.
+  [[nodiscard]] const numerics::CubicSplineBasis& basis() const { return basis_; }
+  [[nodiscard]] const Eigen::MatrixXd& coefficients() const { return coefficients_; }
   /// All singular values, the neglected ones too.
   [[nodiscard]] const Eigen::VectorXd& singular_values() const { return singular_values_; }
   /// Largest error at any snapshot and dof [m per m of imposed displacement].
@@ -31,9 +34,8 @@ class CrackMetaModel {
 
   /// v(l), one column per length: N_SVD × number of lengths. Lengths outside the range are moved to its ends.
   [[nodiscard]] Eigen::MatrixXd coordinates(std::span<const double> lengths) const;
-  /// v(l) at one length, and its slope dv/dl, each N_SVD.
+  /// v(l) at one length, N_SVD.
   void evaluate(double length, Eigen::Ref<Eigen::VectorXd> value) const;
-  void evaluate(double length, Eigen::Ref<Eigen::VectorXd> value, Eigen::Ref<Eigen::VectorXd> slope) const;
 
  private:
   std::vector<double> lengths_;
@@ -41,7 +43,7 @@ class CrackMetaModel {
   Eigen::VectorXd singular_values_;
   double max_error_ = 0.0;
   numerics::CubicSplineBasis basis_;
-  Eigen::MatrixXd coefficients_;  ///< of v in the basis, N_SVD × number of lengths
+  Eigen::MatrixXd coefficients_;
 };
 
 }  // namespace knothe::forecast

@@ -1,5 +1,7 @@
 #include <algorithm>
+#include <boost/math/tools/toms748_solve.hpp>
 #include <cmath>
+#include <cstdint>
 
 #include "knothe/base/error.hpp"
 #include "knothe/forecast/scalar_forecast.hpp"
@@ -26,18 +28,18 @@ std::vector<double> even_points(double low, double high, int count) {
   return points;
 }
 
-/// Many samples as few: their weights shared out linearly over even points (what is lost is far below the
-/// kernel's width).
+/// Many samples as few: their weights shared out linearly over even points, a twentieth of the kernel's width
+/// apart (the mean stays, the variance rises by less than 1/1600 of the kernel's).
 struct Binned {
   std::vector<double> points, weights;
 };
-Binned bin(std::span<const double> x, std::span<const double> w, double low, double high) {
-  constexpr int k_bins = 1024;
-  Binned binned{even_points(low, high, k_bins), std::vector<double>(k_bins, 0.0)};
-  const double scale = high > low ? (k_bins - 1) / (high - low) : 0.0;
+Binned bin(std::span<const double> x, std::span<const double> w, double low, double high, double width) {
+  const int bins = static_cast<int>(std::clamp(20 * (high - low) / width, 2.0, 1024.0));
+  Binned binned{even_points(low, high, bins), std::vector<double>(static_cast<std::size_t>(bins), 0.0)};
+  const double scale = high > low ? (bins - 1) / (high - low) : 0.0;
   for (std::size_t i = 0; i < x.size(); ++i) {
     const double place = (x[i] - low) * scale;
-    const int left = std::min(static_cast<int>(place), k_bins - 2);
+    const int left = std::min(static_cast<int>(place), bins - 2);
     const double share = std::clamp(place - left, 0.0, 1.0);  // rounding
     binned.weights[left] += (1 - share) * w[i];
     binned.weights[left + 1] += share * w[i];
@@ -55,17 +57,19 @@ double probability_below(double value, const Binned& samples, double total, doub
   return std::clamp(sum / total, 0.0, 1.0);
 }
 
-/// Standard deviation, quantiles and probability of the samples plus an error N(0, std²). A quantile is found
-/// by bisection: the probability only rises.
+/// Standard deviation, quantiles and probability of the samples plus an error N(0, std²).
 void add_error(const Binned& samples, double total, double std, double threshold, ScalarForecast& forecast) {
   constexpr double k_tails = 9.0;
   forecast.std = std::hypot(forecast.std, std);
   for (std::size_t k = 0; k < k_quantile_levels.size(); ++k) {
-    double low = samples.points.front() - k_tails * std, high = samples.points.back() + k_tails * std;
-    for (int halving = 0; halving < 40; ++halving) {
-      const double middle = 0.5 * (low + high);
-      (probability_below(middle, samples, total, std) < k_quantile_levels[k] ? low : high) = middle;
-    }
+    const auto excess = [&](double value) {
+      return probability_below(value, samples, total, std) - k_quantile_levels[k];
+    };
+    std::uintmax_t evaluations = 60;
+    const auto [low, high] = boost::math::tools::toms748_solve(
+        excess, samples.points.front() - k_tails * std, samples.points.back() + k_tails * std,
+        -k_quantile_levels[k], 1 - k_quantile_levels[k],
+        [&](double a, double b) { return b - a < 1e-9 * std; }, evaluations);
     forecast.values[k] = 0.5 * (low + high);
   }
   forecast.probability_above_threshold = 1.0 - probability_below(threshold, samples, total, std);
@@ -107,8 +111,9 @@ ScalarForecast forecast_of_samples(const Eigen::Ref<const Eigen::VectorXd>& valu
   const double width = std::hypot(kernel, error_std);
   result.points =
       even_points(values.minCoeff() - 3.5 * width, values.maxCoeff() + 3.5 * width, k_density_points);
-  const Binned binned = bin(x, w, values.minCoeff(), values.maxCoeff());
-  if (error_std > 0.0) add_error(binned, total, error_std, threshold, result);
+  const auto binned_for = [&](double std) { return bin(x, w, values.minCoeff(), values.maxCoeff(), std); };
+  if (error_std > 0.0) add_error(binned_for(error_std), total, error_std, threshold, result);
+  const Binned binned = binned_for(width);
   result.density = numerics::kernel_density(binned.points, binned.weights, width, result.points);
   const auto best = std::max_element(result.density.begin(), result.density.end()) - result.density.begin();
   const double spacing = result.points[1] - result.points[0];
