@@ -131,7 +131,8 @@ CrackForecast CrackBridge::update(const Eigen::Ref<const reduction::RowMatrix>& 
   const reduction::RowMatrix of_kept = functions(kept, Eigen::all);
   const Eigen::VectorXd weight = weights(kept), lengths = best_lengths(of_kept);
   CrackForecast forecast;
-  forecast.length = forecast_of_samples(lengths, weight, options_.threshold, options_.error_std);
+  const Eigen::VectorXd meant = lengths.unaryExpr([&](double length) { return options_.curve(length); });
+  forecast.length = forecast_of_samples(meant, weight, options_.threshold, options_.error_std);
   Eigen::MatrixXd misfit = (modes_ * of_kept.transpose()).colwise() + lift_;
   misfit.topRows(crack_rows()) -=
       crack_.topRows(crack_rows()) * meta_model_.coordinates({lengths.data(), kept.size()});
@@ -179,7 +180,8 @@ ScalarForecast CrackBridge::published_by_map(const Eigen::Ref<const reduction::R
   };
   std::vector<double> base_log(base_.size());
   log_density(base_, base_log);
-  return forecast_of_density(base_, base_log, log_density, options_.threshold);
+  return options_.curve(
+      forecast_of_density(base_, base_log, log_density, options_.curve.inverse(options_.threshold)));
 }
 
 ScalarForecast CrackBridge::published(const FunctionMoments& moments, double discrepancy_std) const {
@@ -212,7 +214,8 @@ ScalarForecast CrackBridge::published(const FunctionMoments& moments, double dis
       out[i] = -0.5 * (prior * prior + (field - reduced.target).squaredNorm());
     }
   };
-  return forecast_of_density(base_, {base_log.data(), base_.size()}, log_density, options_.threshold);
+  return options_.curve(forecast_of_density(base_, {base_log.data(), base_.size()}, log_density,
+                                            options_.curve.inverse(options_.threshold)));
 }
 
 Eigen::VectorXd CrackBridge::best_lengths(const Eigen::Ref<const reduction::RowMatrix>& functions) const {

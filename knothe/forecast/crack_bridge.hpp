@@ -6,6 +6,7 @@
 
 #include "knothe/forecast/crack_meta_model.hpp"
 #include "knothe/forecast/horizon.hpp"
+#include "knothe/forecast/length_curve.hpp"
 #include "knothe/forecast/nearest_crack.hpp"
 #include "knothe/forecast/scalar_forecast.hpp"
 
@@ -15,8 +16,9 @@ struct CrackBridgeOptions {
   double prior_mean =
       0.04;  ///< m; of Eq. 33: the paper's prior on l_T is N(0.04, 0.013²), here truncated to the lengths
   double prior_std = 0.013;  ///< m
-  double threshold = 0.04;   ///< m; P(l_T > threshold) is reported
-  double error_std = 0.0;    ///< m; how far the crack that is meant may be from the elastic one
+  double threshold = 0.04;   ///< m, of the crack that is meant; P(l_T > threshold) is reported
+  double error_std = 0.0;    ///< m; how far the crack that is meant may be from the curve
+  LengthCurve curve = {};    ///< from the elastic crack to the one that is meant
 };
 
 struct CrackForecast {
@@ -38,11 +40,11 @@ class CrackBridge {
   CrackBridge(CrackMetaModel meta_model, const LinearPrediction& prediction, double imposed_displacement,
               const CrackBridgeOptions& options = {});
 
-  /// The forecast: the posterior carried through p ↦ l(p), the length whose field is nearest (Eq. 14), plus
-  /// an independent N(0, error_std²). `functions`: w at the posterior's points, n × r. No second prior, on
-  /// the length, enters: that of the parameters already says how likely each length is. Of more than 1,024
-  /// points so many draws are taken, in the order of their length to first order about the mean. Errors:
-  /// NumericalError for weights that are negative or add up to nothing.
+  /// The forecast: the posterior carried through p ↦ l(p), the length whose field is nearest (Eq. 14), and
+  /// the curve, plus an independent N(0, error_std²). `functions`: w at the posterior's points, n × r. No
+  /// second prior, on the length, enters: that of the parameters already says how likely each length is. Of
+  /// more than 1,024 points so many draws are taken, in the order of their length to first order about the
+  /// mean. Errors: NumericalError for weights that are negative or add up to nothing.
   [[nodiscard]] CrackForecast update(const Eigen::Ref<const reduction::RowMatrix>& functions,
                                      const Eigen::Ref<const Eigen::VectorXd>& weights) const;
 

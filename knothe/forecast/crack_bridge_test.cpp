@@ -13,6 +13,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/forecast/forecaster.hpp"
 #include "knothe/numerics/functions/cubic_spline.hpp"
+#include "knothe/numerics/statistics/normal_distribution.hpp"
 #include "knothe/reduction/testing/test_models.hpp"
 
 namespace knothe::forecast {
@@ -508,6 +509,58 @@ TEST(Forecaster, ALengthOffsetMovesTheCrackAndNothingElse) {
     EXPECT_EQ(b.density, a.density);
     EXPECT_NEAR(b.probability_above_threshold, a.probability_above_threshold, 1e-9);
   }
+}
+
+TEST(LengthCurve, IsLinearBetweenPointsAndMovesWhatIsBeyond) {
+  const LengthCurve curve({{0.01, 0.012}, {0.02, 0.03}, {0.04, 0.035}});
+  for (const auto& [elastic, meant] : {std::pair{0.004, 0.006},
+                                       {0.01, 0.012},
+                                       {0.015, 0.021},
+                                       {0.02, 0.03},
+                                       {0.03, 0.0325},
+                                       {0.05, 0.045}}) {
+    EXPECT_NEAR(curve(elastic), meant, 1e-15);
+    EXPECT_NEAR(curve.inverse(meant), elastic, 1e-15);
+  }
+  EXPECT_EQ(LengthCurve()(0.03), 0.03);
+  for (const LengthCurve::Points& points :
+       {LengthCurve::Points{{0.01, 0.02}, {0.01, 0.03}}, {{0.01, 0.02}, {0.02, 0.02}}})
+    try {
+      const LengthCurve wrong(points);
+      FAIL();
+    } catch (const ProjectError& error) {
+      EXPECT_NE(std::string(error.what()).find("length_curve[1] = [0.0"), std::string::npos) << error.what();
+      EXPECT_NE(std::string(error.what()).find("increase from point to point"), std::string::npos);
+    }
+}
+
+TEST(LengthCurve, CarriesAForecastAsItCarriesItsSamples) {
+  // A normal elastic length of 30 ± 3 mm, kinked at 31 mm: density and samples give the same forecast.
+  const LengthCurve curve({{0.0, 0.004}, {0.031, 0.036}, {0.08, 0.06}});
+  std::vector<double> base, log_base;
+  const auto log_density = [](std::span<const double> l, std::span<double> out) {
+    for (std::size_t i = 0; i < l.size(); ++i) out[i] = -0.5 * std::pow((l[i] - 0.03) / 0.003, 2);
+  };
+  for (int i = 0; i <= 160; ++i) base.push_back(0.0005 * i);
+  log_base.resize(base.size());
+  log_density(base, log_base);
+  const double threshold = 0.035;
+  const ScalarForecast carried =
+      curve(forecast_of_density(base, log_base, log_density, curve.inverse(threshold)));
+  constexpr Eigen::Index n = 20001;
+  Eigen::VectorXd samples(n);
+  for (Eigen::Index i = 0; i < n; ++i)
+    samples[i] = curve(0.03 + 0.003 * numerics::normal_quantile((static_cast<double>(i) + 0.5) / n));
+  const ScalarForecast sampled = forecast_of_samples(samples, Eigen::VectorXd::Ones(n), threshold);
+  EXPECT_NEAR(carried.mean, sampled.mean, 6e-6);  // a quarter per cent of the standard deviation
+  EXPECT_NEAR(carried.std, sampled.std, 6e-6);
+  EXPECT_NEAR(carried.probability_above_threshold, sampled.probability_above_threshold, 1e-3);
+  for (std::size_t k = 0; k < carried.values.size(); ++k)
+    EXPECT_NEAR(carried.values[k], sampled.values[k], 2e-6);
+  double mass = 0;
+  for (std::size_t i = 0; i + 1 < carried.points.size(); ++i)
+    mass += 0.5 * (carried.density[i] + carried.density[i + 1]) * (carried.points[i + 1] - carried.points[i]);
+  EXPECT_NEAR(mass, 1, 0.01);
 }
 
 TEST(CrackBridge, SaysWhatIsWrongWithItsOptions) {

@@ -128,6 +128,7 @@ void Forecaster::add_crack(const SeparatedModel& model, const reduction::Dofs& s
   options.prior_mean = specification.prior_mean;
   options.prior_std = specification.prior_std;
   options.error_std = specification.model_error_std;
+  options.curve = LengthCurve(specification.length_curve);
   options.threshold =
       specification.threshold.value_or(specification.prior_mean) - specification.length_offset;
   cracks_.push_back({specification.name,

@@ -20,7 +20,8 @@ NearestCrack::NearestCrack(const CrackMetaModel& meta_model, const Eigen::Ref<co
       const double share = static_cast<double>(k) / 3, s = share * (breaks[j + 1] - breaks[j]);
       const auto& c = basis_.pieces()[j];
       for (std::size_t f = 0; f < 4; ++f)
-        interval.basis(k, static_cast<Eigen::Index>(f)) = c[0][f] + s * (c[1][f] + s * (c[2][f] + s * c[3][f]));
+        interval.basis(k, static_cast<Eigen::Index>(f)) =
+            c[0][f] + s * (c[1][f] + s * (c[2][f] + s * c[3][f]));
       interval.length[k] = k == 3 ? breaks[j + 1] : breaks[j] + s;
       interval.half_square[k] =
           0.5 * (fields_.middleCols<4>(first) * interval.basis.row(k).transpose()).squaredNorm();
@@ -49,9 +50,9 @@ double NearestCrack::nearest(const double* products) const {
   }
   const auto& here = intervals_[best].length;
   const double low = place > 0 ? here[place - 1] : best > 0 ? intervals_[best - 1].length[2] : here[0];
-  const double high = place < 3                       ? here[place + 1]
+  const double high = place < 3                      ? here[place + 1]
                       : best + 1 < intervals_.size() ? intervals_[best + 1].length[1]
-                                                      : here[3];
+                                                     : here[3];
   return root(products, low, high);
 }
 

@@ -1,6 +1,6 @@
 /// @file Do crack lengths come out as they were forecast? Truths from the prior, at five lead times: the
 /// elastic crack that is equivalent to the true field, which no reduced model is asked for, and the length of
-/// the true damage field, whose offset from it is learnt from further truths.
+/// the true damage field, whose curve over it is learnt from further truths.
 ///
 /// The short test draws its truths from a coarse beam's reduced model. The nightly ones solve each by the
 /// full-order model, of the reference beam, of another mesh, with a crack band and with damage of a gradient:
@@ -93,32 +93,49 @@ struct Watched {
   }
 };
 
-/// What a true length is longer by than the reduced model's elastic one at the same parameters: mean, and
-/// standard deviation from truth to truth.
-struct Offset {
-  double mean = 0, std = 0;
+/// A true length against the reduced model's elastic one at the same parameters: a curve through the means of
+/// `parts` equal shares of the truths in the order of the latter (of one: an offset), and what is left.
+struct Relation {
+  forecast::LengthCurve::Points curve;
+  double std = 0;
 };
 
-Offset offset_of(const std::vector<Truth>& truths, double Truth::*length) {
-  Offset offset;
-  const auto n = static_cast<double>(truths.size());
-  for (const Truth& t : truths) offset.mean += (t.*length - t.modelled) / n;
-  for (const Truth& t : truths) offset.std += std::pow(t.*length - t.modelled - offset.mean, 2) / (n - 1);
-  offset.std = std::sqrt(offset.std);
-  return offset;
+Relation relation_of(std::vector<Truth> truths, double Truth::*length, std::size_t parts) {
+  std::sort(truths.begin(), truths.end(),
+            [](const Truth& a, const Truth& b) { return a.modelled < b.modelled; });
+  Relation relation;
+  const std::size_t n = truths.size();
+  for (std::size_t part = 0; part < parts; ++part) {
+    const std::size_t first = part * n / parts, end = (part + 1) * n / parts;
+    std::array<double, 2> mean{};
+    for (std::size_t i = first; i < end; ++i) {
+      mean[0] += truths[i].modelled / static_cast<double>(end - first);
+      mean[1] += truths[i].*length / static_cast<double>(end - first);
+    }
+    if (relation.curve.empty() || (mean[0] > relation.curve.back()[0] && mean[1] > relation.curve.back()[1]))
+      relation.curve.push_back(mean);
+  }
+  const forecast::LengthCurve curve(relation.curve);
+  for (const Truth& t : truths)
+    relation.std += std::pow(t.*length - curve(t.modelled), 2) / static_cast<double>(n - parts);
+  relation.std = std::sqrt(relation.std);
+  return relation;
 }
 
-struct Offsets {
-  Offset elastic, damaged;
+struct Relations {
+  Relation elastic, damaged;
 };
 
-Offsets offsets_of(const std::vector<Truth>& truths) {
-  const Offsets o{offset_of(truths, &Truth::elastic), offset_of(truths, &Truth::damaged)};
+Relations relations_of(const std::vector<Truth>& truths) {
+  constexpr std::size_t k_parts = 10;
+  Relations r{relation_of(truths, &Truth::elastic, 1), relation_of(truths, &Truth::damaged, k_parts)};
   std::printf(
-      "  longer than the model's: elastic crack of the true field %.3f ± %.3f mm, damage field %.2f ± %.2f "
-      "mm\n",
-      1e3 * o.elastic.mean, 1e3 * o.elastic.std, 1e3 * o.damaged.mean, 1e3 * o.damaged.std);
-  return o;
+      "  of the model's elastic crack that of the true field is off by %.3f ± %.3f mm; the damage field's:",
+      1e3 * (r.elastic.curve[0][1] - r.elastic.curve[0][0]), 1e3 * r.elastic.std);
+  for (const auto& [elastic, damaged] : r.damaged.curve)
+    std::printf(" %.1f at %.1f,", 1e3 * damaged, 1e3 * elastic);
+  std::printf(" ± %.2f mm\n", 1e3 * r.damaged.std);
+  return r;
 }
 
 /// How many truths lie within 90 % intervals after each of the steps `asked`.
@@ -127,14 +144,14 @@ struct Counts {
   std::array<double, k_leads> width{};  ///< mean std of the elastic length, m
 };
 
-/// What is asked of a forecast of one truth: offset and error of both lengths, the truths as thresholds.
-forecast::Forecaster forecaster_for(const Watched& beam, const Truth& truth, const Offsets& offsets) {
+/// What is asked of a forecast of one truth: curve and error of both lengths, the truths as thresholds.
+forecast::Forecaster forecaster_for(const Watched& beam, const Truth& truth, const Relations& relations) {
   forecast::ForecastSpecification elastic = beam.length(), damaged = beam.length();
   damaged.name = "damaged";
-  elastic.length_offset = offsets.elastic.mean;
-  elastic.model_error_std = offsets.elastic.std;
-  damaged.length_offset = offsets.damaged.mean;
-  damaged.model_error_std = offsets.damaged.std;
+  elastic.length_curve = relations.elastic.curve;
+  elastic.model_error_std = relations.elastic.std;
+  damaged.length_curve = relations.damaged.curve;
+  damaged.model_error_std = relations.damaged.std;
   elastic.threshold = truth.elastic;
   damaged.threshold = truth.damaged;
   return {beam.model, beam.sensors, {elastic, damaged}};
@@ -159,14 +176,14 @@ void watch(const Watched& beam, const Truth& truth, unsigned seed,
 /// What is left of the model's error once the data up to each of the steps `asked` are known: near the
 /// horizon they show part of it. The s for which the calibration's errors are most probable,
 /// Σ log N(e; 0, s² + std²), at most what the lengths differ by without data.
-std::array<Offsets, k_leads> errors_left(const Watched& beam, const std::vector<Truth>& calibration,
-                                         const std::array<std::size_t, k_leads>& asked,
-                                         const Offsets& offsets) {
+std::array<Relations, k_leads> errors_left(const Watched& beam, const std::vector<Truth>& calibration,
+                                           const std::array<std::size_t, k_leads>& asked,
+                                           const Relations& relations) {
   struct Error {
     double error, std;
   };
   std::array<std::vector<Error>, k_leads> elastic, damaged;
-  const Offsets exact{{offsets.elastic.mean, 0}, {offsets.damaged.mean, 0}};
+  const Relations exact{{relations.elastic.curve, 0}, {relations.damaged.curve, 0}};
   for (std::size_t i = 0; i < calibration.size(); ++i) {
     const Truth& truth = calibration[i];
     forecast::Forecaster forecaster = forecaster_for(beam, truth, exact);
@@ -192,10 +209,10 @@ std::array<Offsets, k_leads> errors_left(const Watched& beam, const std::vector<
     }
     return best;
   };
-  std::array<Offsets, k_leads> left;
+  std::array<Relations, k_leads> left;
   for (std::size_t lead = 0; lead < k_leads; ++lead)
-    left[lead] = {{offsets.elastic.mean, most_probable(elastic[lead], offsets.elastic.std)},
-                  {offsets.damaged.mean, most_probable(damaged[lead], offsets.damaged.std)}};
+    left[lead] = {{relations.elastic.curve, most_probable(elastic[lead], relations.elastic.std)},
+                  {relations.damaged.curve, most_probable(damaged[lead], relations.damaged.std)}};
   return left;
 }
 
@@ -205,12 +222,12 @@ bool holds(const forecast::ScalarForecast& forecast) {
 }
 
 Counts count(const Watched& beam, const std::vector<Truth>& truths,
-             const std::array<std::size_t, k_leads>& asked, const std::array<Offsets, k_leads>& offsets) {
+             const std::array<std::size_t, k_leads>& asked, const std::array<Relations, k_leads>& relations) {
   Counts counts;
   for (std::size_t i = 0; i < truths.size(); ++i) {
     watch(beam, truths[i], 7000 + static_cast<unsigned>(i), asked,
           [&](std::size_t lead, const assimilation::Posterior& posterior) {
-            forecast::Forecaster forecaster = forecaster_for(beam, truths[i], offsets[lead]);
+            forecast::Forecaster forecaster = forecaster_for(beam, truths[i], relations[lead]);
             const auto forecasts = forecaster.update(posterior.points, posterior.weights);
             counts.elastic[lead] += holds(forecasts[0].forecast);
             counts.damaged[lead] += holds(forecasts[1].forecast);
@@ -224,7 +241,7 @@ Counts count(const Watched& beam, const std::vector<Truth>& truths,
         "  after step %zu: elastic %d, damage field %d of %zu in 90 %% (std %.2f mm; error left %.3f and "
         "%.3f mm); Eq. 33: %d\n",
         asked[lead], counts.elastic[lead], counts.damaged[lead], truths.size(), 1e3 * counts.width[lead],
-        1e3 * offsets[lead].elastic.std, 1e3 * offsets[lead].damaged.std, counts.published[lead]);
+        1e3 * relations[lead].elastic.std, 1e3 * relations[lead].damaged.std, counts.published[lead]);
   return counts;
 }
 
@@ -259,7 +276,7 @@ TEST(CrackForecast, IntervalsHoldTruthsOfTheModelAsOftenAsTheySay) {
   constexpr std::array<std::size_t, k_leads> k_asked = {1, 2, 3, 4, 5};
   const std::vector<Truth> calibration = draws(100, 4000), truths = draws(150, 400);
   const Counts counts =
-      count(beam, truths, k_asked, errors_left(beam, calibration, k_asked, offsets_of(calibration)));
+      count(beam, truths, k_asked, errors_left(beam, calibration, k_asked, relations_of(calibration)));
   expect_within(counts.elastic, truths.size(), 0.84, 0.96);
   expect_within(counts.damaged, truths.size(), 0.84, 0.96);
 }
@@ -330,9 +347,9 @@ TEST_P(CrackCoverage, LengthsOfHeldOutFullOrderRunsAreAsForecast) {
   };
   constexpr std::array<std::size_t, k_leads> k_asked = {4, 14, 19, 24, 29};
   const std::vector<Truth> calibration = solve(0, k_calibration);
-  const auto offsets = errors_left(beam, calibration, k_asked, offsets_of(calibration));
+  const auto relations = errors_left(beam, calibration, k_asked, relations_of(calibration));
   const std::vector<Truth> truths = solve(k_calibration, static_cast<unsigned>(held_out));
-  const Counts counts = count(beam, truths, k_asked, offsets);
+  const Counts counts = count(beam, truths, k_asked, relations);
   const double slack = held_out < 600 ? 0.06 : 0.04;
   expect_within(counts.elastic, truths.size(), 0.9 - slack, 0.9 + slack);
   expect_within(counts.damaged, truths.size(), 0.9 - slack, 0.9 + slack);
