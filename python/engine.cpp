@@ -1,4 +1,4 @@
-/// @file The engine of the program (docs/explanation/architecture.md, "The way of a datum").
+/// @file The engine of the program (docs/explanation/architecture.md).
 #include "knothe/engine/engine.hpp"
 
 #include <pybind11/stl.h>
@@ -33,8 +33,8 @@ py::tuple marginal_density(const Doubles& values, const Doubles& weights, double
   const auto prior = below && above ? assimilation::Prior::uniform(lower, upper)
                      : below        ? assimilation::Prior::lognormal(0, 1)
                                     : assimilation::Prior::normal(0, 1);
-  const auto density = assimilation::marginal_density(library::vector_of(span_of(values)),
-                                                      library::vector_of(span_of(weights)), prior);
+  const Eigen::VectorXd x = library::vector_of(span_of(values)), w = library::vector_of(span_of(weights));
+  const auto density = long_call([&] { return assimilation::marginal_density(x, w, prior); });
   return py::make_tuple(array_of(density.points), array_of(density.density));
 }
 
@@ -84,7 +84,14 @@ class Twin {
     engine_->add(datum);
     keys_.insert(place);
     forget_stale();
-    Result result{engine_->conclude(datum.step), priors_, axes_};
+    std::optional<engine::StepResult> concluded;
+    try {
+      concluded = engine_->conclude(datum.step);
+    } catch (...) {  // interrupted, or an error: as if the datum had not come
+      withdraw(datum.step, datum.key);
+      throw;
+    }
+    Result result{*std::move(concluded), priors_, axes_};
     const bool is_last = datum.step + 1 == time_indices_.size();
     if (refinement_ && refinement_->refine_if_needed(engine_, result.step, is_last)) results_.clear();
     return results_[datum.step] = std::make_shared<Result>(std::move(result));
@@ -203,9 +210,11 @@ void bind_results(py::module_& module) {
          const Doubles& upper) {
         const auto n = static_cast<Eigen::Index>(weights.size());
         const Eigen::Map<const reduction::RowMatrix> rows(points.data(), n, points.size() / n);
+        const Eigen::VectorXd w = library::vector_of(span_of(weights)),
+                              low = library::vector_of(span_of(lower)),
+                              high = library::vector_of(span_of(upper));
         const Eigen::MatrixXd draws =
-            numerics::distinct_draws(rows, library::vector_of(span_of(weights)), count,
-                                     library::vector_of(span_of(lower)), library::vector_of(span_of(upper)));
+            long_call([&] { return numerics::distinct_draws(rows, w, count, low, high); });
         return rows_of(plain(draws), static_cast<std::size_t>(draws.cols()));
       },
       arg("points"), arg("weights"), arg("count"), arg("lower"), arg("upper"));

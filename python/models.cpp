@@ -73,6 +73,8 @@ std::size_t count_points(std::span<const double> points, std::size_t dimension) 
 
 namespace {
 
+constexpr const char* k_nothing_kept = "nothing is kept";
+
 void require_step(std::size_t step, std::size_t count) {
   if (step >= count)
     throw UsageError("step " + std::to_string(step) + ": the model has the steps 0 to " +
@@ -100,6 +102,7 @@ Prediction predict(const reduction::ObservedModel& model, std::span<const double
   Prediction out{n, static_cast<std::size_t>(model.observations()), d, {}, {}};
   // Point by point, as everything else that predicts: the same bits.
   for (Eigen::Index i = 0; i < p.rows(); ++i) {
+    check_cancellation(k_nothing_kept);
     const Eigen::VectorXd y = model.predict(p.row(i).transpose(), step);
     out.values.insert(out.values.end(), y.begin(), y.end());
   }
@@ -132,6 +135,7 @@ Prediction evaluate(const Model& model, std::span<const double> points, std::siz
   const std::size_t d = model.dimension(), n = count_points(points, d);
   Prediction out{n, dofs.empty() ? model.dof_count() : dofs.size(), d, {}, {}};
   for (std::size_t i = 0; i < n; ++i) {
+    check_cancellation(k_nothing_kept);
     const auto at = model.evaluate(points.subspan(i * d, d), step, dofs, jacobian ? 1 : 0);
     out.values.insert(out.values.end(), at.value.begin(), at.value.end());
     out.jacobian.insert(out.jacobian.end(), at.gradient.begin(), at.gradient.end());
@@ -144,6 +148,7 @@ Prediction evaluate_output(const Model& model, const std::string& name, std::spa
   const std::size_t d = model.dimension(), n = count_points(points, d);
   Prediction out{n, model.step_count(), d, {}, {}};
   for (std::size_t i = 0; i < n; ++i) {
+    check_cancellation(k_nothing_kept);
     const auto at = model.evaluate_output(name, points.subspan(i * d, d), jacobian ? 1 : 0);
     out.values.insert(out.values.end(), at.value.begin(), at.value.end());
     out.jacobian.insert(out.jacobian.end(), at.gradient.begin(), at.gradient.end());
@@ -293,7 +298,7 @@ class CallableModel final : public inference::ForwardModel {
   /// `size` numbers for each point into the columns of `out`.
   void call(const py::function& function, const char* what, const Eigen::Ref<const Eigen::MatrixXd>& points,
             Eigen::Index size, Eigen::Ref<Eigen::MatrixXd> out) const {
-    check_cancellation("nothing is kept");
+    check_cancellation(k_nothing_kept);
     const py::gil_scoped_acquire hold;
     const Eigen::MatrixXd columns = points;  // a column each: n × d in C order, for the function to keep
     const auto n = static_cast<py::ssize_t>(points.cols());

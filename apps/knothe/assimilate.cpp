@@ -65,27 +65,29 @@ int assimilate(const AssimilateArguments& arguments) {
   const auto refinement = project::make_refinement(project, data.setup().pictures);
   report::AssimilationOutput output(arguments.json, data.setup().model.contents().axes, data.size());
   const auto start = monotonic_now();
-  bool interrupted = false;
   Eigen::VectorXd mean;
-  while (const auto item = interrupted ? std::nullopt : data.next(mean)) {
-    const assimilation::Datum& datum = item->datum;
-    engine::StepResult result = engine->assimilate(datum);
-    const bool is_last = datum.step + 1 == data.size();
-    if (refinement && refinement->refine_if_needed(engine, result, is_last)) {
-      output.tell(*refinement);
-      results.use(*refinement);
+  try {
+    while (const auto item = cancellation_requested() ? std::nullopt : data.next(mean)) {
+      const assimilation::Datum& datum = item->datum;
+      engine::StepResult result = engine->assimilate(datum);
+      const bool is_last = datum.step + 1 == data.size();
+      if (refinement && refinement->refine_if_needed(engine, result, is_last)) {
+        output.tell(*refinement);
+        results.use(*refinement);
+      }
+      mean = result.update.mean;
+      output.show(result, item->picture, pictures);
+      results.add_step(result, engine->published_forecasts(result), engine->last_datum(datum.step));
     }
-    mean = result.update.mean;
-    output.show(result, item->picture, pictures);
-    results.add_step(result, engine->published_forecasts(result), engine->last_datum(datum.step));
-    interrupted = cancellation_requested();
+  } catch (const Interrupted&) {  // within a step: those before it are kept
+    if (output.shown() == 0) throw;
   }
   const double elapsed_s = microseconds_since(start) * 1e-6;
   results.write(project.results, elapsed_s);
   if (pictures != nullptr)
     imaging::write_displacements((std::filesystem::path(project.results) / "displacements.h5").string(),
                                  pictures->series(), pictures->results(), pictures->frame(), project.text);
-  if (interrupted) {
+  if (cancellation_requested() && output.shown() < data.size()) {
     throw Interrupted(fmt::format("interrupted after {} of {} steps; their results are in {}", output.shown(),
                                   data.size(), project.results));
   }

@@ -111,7 +111,12 @@ def write_data(rows):
 
 
 def write_laws():
-    """The same project with the laws of stress against opening, the fracture energy in place of A_d."""
+    """The same project with the laws of stress against opening, the fracture energy in place of A_d; and with the gradient's."""
+    band = 'regularisation = "crack-band", reference_size = 0.02'
+    for source, name in (("half_notched.toml", "gradient"), ("peak.toml", "gradient_peak")):
+        text = pathlib.Path(source).read_text(encoding="utf-8")
+        text = text.replace(band, 'regularisation = "gradient", internal_length = 0.005').replace("brittle.h5", "gradient.h5")
+        pathlib.Path(f"{name}.toml").write_text(text.replace('results = "', 'results = "gradient_'), encoding="utf-8")
     for law in ("exponential", "bilinear"):
         for source, name in (("half_notched.toml", law), ("peak.toml", f"{law}_peak")):
             text = pathlib.Path(source).read_text(encoding="utf-8")

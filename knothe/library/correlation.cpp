@@ -67,6 +67,7 @@ imaging::CorrelationOptions options_of(const CorrelationSettings& settings) {
   options.max_iterations = settings.max_iterations;
   options.tolerance = settings.tolerance;
   options.threads = settings.threads;
+  options.interruptible = true;
   return options;
 }
 

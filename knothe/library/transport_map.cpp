@@ -1,7 +1,9 @@
 #include "knothe/library/transport_map.hpp"
 
+#include <algorithm>
 #include <utility>
 
+#include "knothe/base/cancellation.hpp"
 #include "knothe/library/plain.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
 #include "knothe/transport/extras/map_distribution.hpp"
@@ -35,36 +37,62 @@ std::size_t TransportMap::dimension() const {
   return implementation_->dimension();
 }
 
+namespace {
+
+/// What `call` gives of the points, block by block: Ctrl-C is heard in between, and no more than a block is
+/// copied.
+template <class Call>
+std::vector<double> by_blocks(std::span<const double> points, std::size_t dimension, const char* what,
+                              const Call& call) {
+  constexpr std::size_t k_points = 1 << 14;
+  if (points.size() % dimension != 0) (void)rows_of(points, dimension, what);  // says so
+  std::vector<double> result;
+  result.reserve(points.size());
+  for (std::size_t at = 0; at < points.size(); at += k_points * dimension) {
+    check_cancellation("nothing is kept of the points so far");
+    const auto block = points.subspan(at, std::min(k_points * dimension, points.size() - at));
+    const std::vector<double> values = plain(call(rows_of(block, dimension, what)));
+    result.insert(result.end(), values.begin(), values.end());
+  }
+  return result;
+}
+
+}  // namespace
+
 std::vector<double> TransportMap::evaluate(std::span<const double> reference) const {
-  const Eigen::MatrixXd x = rows_of(reference, dimension(), "points of the reference");
   const auto* forward = std::get_if<transport::MapDistribution>(&implementation_->map);
-  return plain(forward ? forward->map().evaluate(x) : std::get<1>(implementation_->map).map.inverse(x));
+  return by_blocks(reference, dimension(), "points of the reference", [&](const Eigen::MatrixXd& x) {
+    return forward ? forward->map().evaluate(x) : std::get<1>(implementation_->map).map.inverse(x);
+  });
 }
 
 std::vector<double> TransportMap::inverse(std::span<const double> points) const {
-  const Eigen::MatrixXd z = rows_of(points, dimension(), "points");
   const auto* forward = std::get_if<transport::MapDistribution>(&implementation_->map);
-  return plain(forward ? forward->map().inverse(z) : std::get<1>(implementation_->map).map.evaluate(z));
+  return by_blocks(points, dimension(), "points", [&](const Eigen::MatrixXd& z) {
+    return forward ? forward->map().inverse(z) : std::get<1>(implementation_->map).map.evaluate(z);
+  });
 }
 
 std::vector<double> TransportMap::log_density(std::span<const double> points) const {
-  const Eigen::MatrixXd z = rows_of(points, dimension(), "points");
-  return plain(std::visit([&](const auto& map) -> Eigen::VectorXd { return map.log_density(z); },
-                          implementation_->map));
+  return by_blocks(points, dimension(), "points", [&](const Eigen::MatrixXd& z) {
+    return std::visit([&](const auto& map) -> Eigen::VectorXd { return map.log_density(z); },
+                      implementation_->map);
+  });
 }
 
 std::vector<double> TransportMap::sample(std::size_t count, std::uint64_t seed) const {
-  return plain(std::visit([&](const auto& map) { return map.sample(static_cast<Eigen::Index>(count), seed); },
-                          implementation_->map));
+  return conditional_sample({}, count, seed);
 }
 
 std::vector<double> TransportMap::conditional_sample(std::span<const double> given, std::size_t count,
                                                      std::uint64_t seed) const {
-  return plain(std::visit(
-      [&](const auto& map) {
-        return map.conditional_sample(vector_of(given), static_cast<Eigen::Index>(count), seed);
-      },
-      implementation_->map));
+  const auto reference = [&](const auto& map) {
+    return plain(map.conditional_reference(vector_of(given), static_cast<Eigen::Index>(count), seed));
+  };
+  std::vector<double> draws = evaluate(std::visit(reference, implementation_->map));
+  for (std::size_t i = 0; i < count; ++i)  // to the bit
+    std::copy(given.begin(), given.end(), draws.begin() + static_cast<std::ptrdiff_t>(i * dimension()));
+  return draws;
 }
 
 namespace {

@@ -24,7 +24,7 @@ struct Density {
 
 struct MapOptions {
   double tolerance = 1e-3;  ///< on the variance diagnostic
-  int max_order = 8;        ///< 1 … 8
+  int max_order = 8;        ///< 1 … 23
   std::uint64_t seed = 1;
   /// The parameters are standardised: roughly N(0, I) before the data. If false, nothing is assumed about
   /// their scale.

@@ -292,7 +292,7 @@ TEST_F(RefinementTest, WhatDoesNotGoTogetherIsRefused) {
   EXPECT_THAT(files::message_of<ProjectError>([&] {
                 (void)set_up(project("[method]\nverify = \"full-order\"\ntruncation_error = \"on\"\n"));
               }),
-              testing::HasSubstr("it does without truncation_error = \"on\""));
+              testing::HasSubstr("it cannot be combined with truncation_error = \"on\""));
   EXPECT_THAT(files::message_of<ProjectError>(
                   [&] { (void)full_order_simulator(project("[method]\nverify = \"full-order\"\n")); }),
               testing::HasSubstr("the table [offline] that the model was made from"));

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
 
 namespace knothe::sampling {
@@ -83,6 +84,7 @@ void CheckedDensity::excuse(int derivatives, LogDensityBatch& out) const {
 
 void CheckedDensity::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
                               LogDensityBatch& out) {
+  check_cancellation("the posterior is not computed");
   out.resize(points.rows(), points.cols(), derivatives);
   constexpr double k_poison = std::numeric_limits<double>::quiet_NaN();
   out.value.setConstant(k_poison);

@@ -17,8 +17,9 @@ class CheckedDensity {
 
   /// Resizes `out` and fills it with what the target itself can give. Errors: NumericalError, with the point,
   /// for a value of NaN or +∞, a gradient or Hessian that is not finite, an entry not written; UsageError for
-  /// buffers that come back with another size. What the target throws comes through as it is. A value below
-  /// `k_min_log_density` is a density of zero: its derivatives, which overflow there, are not asked for.
+  /// buffers that come back with another size; Interrupted where the user asked to stop. What the target
+  /// throws comes through as it is. A value below `k_min_log_density` is a density of zero: its derivatives,
+  /// which overflow there, are not asked for.
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives, LogDensityBatch& out);
 
   /// The same up to second derivatives, those that the target lacks by central differences of those that it

@@ -23,7 +23,7 @@ class Error(Exception):
 
 
 class UsageError(Error, ValueError):
-    """Arguments that make no sense, or do not fit together."""
+    """Invalid or inconsistent arguments."""
 
     status = 2
 
@@ -47,7 +47,7 @@ class IoError(Error, OSError):
 
 
 class NumericalError(Error):
-    """A computation that could not be done."""
+    """Numerical failure."""
 
     status = 6
 

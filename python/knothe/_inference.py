@@ -12,14 +12,14 @@ from numpy.typing import ArrayLike
 from knothe import _knothe
 from knothe._errors import UsageError
 from knothe._posterior import Posterior
-from knothe._values import Array, Prior, noise_values, prior_values
+from knothe._values import Array, Prior, count_of, noise_values, prior_values
 
 if TYPE_CHECKING:
     import xarray
 
 
 class InferenceResult(Posterior):
-    """What `infer` gives: the posterior (`Posterior`), and
+    """The result of `infer`: a `Posterior` with further attributes.
 
     Attributes
     ----------
@@ -167,4 +167,4 @@ def infer(model: "str | os.PathLike[str] | Callable[[Array], ArrayLike]", parame
     over_points = (lambda function: function) if vectorized else _over_points
     return InferenceResult(_knothe.infer_callable(
         over_points(model), None if jacobian is None else over_points(jacobian), prior_values(parameters), values, deviations,
-        matrix, method or "auto", tolerance, max_order, samples, seed))
+        matrix, method or "auto", tolerance, max_order, count_of(samples, "samples"), count_of(seed, "as seed")))

@@ -72,7 +72,7 @@ class TransportMap:
         >>> knothe.fit(lambda p: -0.5 * p @ p, dimension=2).map.sample(100).shape
         (100, 2)
         """
-        return self._native.sample(count_of(count, "draws"), seed)
+        return self._native.sample(count_of(count, "draws"), count_of(seed, "as seed"))
 
     def condition(self, given: ArrayLike, count: int, seed: int = 1) -> Array:
         """Draws of all coordinates with the first ones equal to `given`, shape (count, d).
@@ -88,7 +88,8 @@ class TransportMap:
         >>> bool(abs(posterior[:, 1].mean() - 1.0) < 0.1)
         True
         """
-        return self._native.conditional_sample(np.ascontiguousarray(given, float).ravel(), count_of(count, "draws"), seed)
+        return self._native.conditional_sample(np.ascontiguousarray(given, float).ravel(), count_of(count, "draws"),
+                                               count_of(seed, "as seed"))
 
     def save(self, path: "str | os.PathLike[str]") -> None:
         """Writes the map to a file (HDF5), whole or not at all; folders that are missing are made.
@@ -119,7 +120,7 @@ class TransportMap:
 
 
 class Fit(Posterior):
-    """What `fit` gives: the posterior (`Posterior`), and
+    """The result of `fit`: a `Posterior` with further attributes.
 
     Attributes
     ----------
@@ -168,7 +169,7 @@ def fit(log_density: Callable[[Array], float], dimension: int, *, gradient: Call
     tolerance : float
         On the variance diagnostic.
     max_order : int
-        1 to 8.
+        1 to 23.
     seed : int
     standardised : bool
         The density is roughly that of N(0, I), or within some units of it; if false, nothing is assumed about its scale.
@@ -194,7 +195,7 @@ def fit(log_density: Callable[[Array], float], dimension: int, *, gradient: Call
     """
     if isinstance(dimension, bool) or not isinstance(dimension, (int, np.integer)) or dimension < 1:
         raise UsageError(f"dimension {dimension!r}: a density has at least one variable")
-    options = (tolerance, max_order, seed, standardised, triangular)
+    options = (tolerance, max_order, count_of(seed, "as seed"), standardised, triangular)
     if isinstance(log_density, _COMPILED):
         slope = 0 if gradient is None else _address(gradient, "gradient", None, 3)
         native, found = _knothe.solve_compiled(dimension, _address(log_density, "log_density", ctypes.c_double, 2), slope, *options)

@@ -1,6 +1,7 @@
 """Reduced models."""
 from __future__ import annotations
 
+import inspect
 import json
 import os
 import tempfile
@@ -215,6 +216,8 @@ def _solutions(function: Callable[..., Any], axes: Mapping[str, Array], time: Ar
         if outputs and not (isinstance(found, tuple) and len(found) == 2 and isinstance(found[1], Mapping)):
             raise UsageError(f"offline: at {tuple(point)} the function gave no outputs; it has to return the solution and a mapping "
                              f"with {', '.join(outputs)}")
+        if not outputs and isinstance(found, tuple):
+            raise UsageError("offline: the function gave a tuple; name its further outputs, outputs={name: unit}")
         solution = np.asarray(found[0] if outputs else found, float)
         if solution.ndim != 2 or len(solution) != len(time):
             raise UsageError(f"offline: at {tuple(point)} the function gave an array of shape {solution.shape}; it has to be "
@@ -232,6 +235,17 @@ def _solutions(function: Callable[..., Any], axes: Mapping[str, Array], time: Ar
     return values, further
 
 
+def _check_order(function: Callable[..., Any], names: Sequence[str]) -> None:
+    """Arguments go by position: those of the same names have to be in the same order."""
+    try:
+        arguments = [name for name, p in inspect.signature(function).parameters.items() if p.default is p.empty]
+    except (TypeError, ValueError):  # a compiled function
+        return
+    if arguments != list(names) and sorted(arguments) == sorted(names):
+        raise UsageError(f"offline: the function takes {', '.join(arguments)}, in this order, and the parameters are {', '.join(names)}: "
+                         "give them in the function's order")
+
+
 def offline(function: Callable[..., Any], parameters: Mapping[str, ArrayLike], time: ArrayLike,
             output: "str | os.PathLike[str]", *, points: ArrayLike | None = None,
             components: str | int | Sequence[str | int] = "y", quantities: Mapping[str, str] | None = None, outputs: Mapping[str, str] | None = None, units: str = "m",
@@ -247,7 +261,8 @@ def offline(function: Callable[..., Any], parameters: Mapping[str, ArrayLike], t
         ``function(p_1, ..., p_d)``: the solution at these parameters, shape (times, dofs); with `outputs` that and a mapping of
         each of their names to its values, shape (times,).
     parameters : mapping of name to array_like
-        Nodes of the grid, strictly increasing; the model is defined between the first and the last.
+        Nodes of the grid, strictly increasing, in the order of the function's arguments; the model is defined between the first and
+        the last.
     time : array_like
         Model times, strictly increasing.
     output : path
@@ -295,6 +310,7 @@ def offline(function: Callable[..., Any], parameters: Mapping[str, ArrayLike], t
     """
     axes = {name: np.asarray(nodes, float) for name, nodes in parameters.items()}
     times = np.asarray(time, float)
+    _check_order(function, list(axes))
     values, further = _solutions(function, axes, times, list(outputs or ()))
     places = Sensors(np.zeros((0, 3)) if points is None else points, [] if points is None else components)
     parts = {"axes": [(name, list(nodes)) for name, nodes in axes.items()], "time": list(times), "values": values,

@@ -70,7 +70,7 @@ class Displacements:
         Why it did not converge.
     iterations : int
     elements_rejected : int
-        By their residual, which no displacement of an element explains: a crack.
+        Number of elements rejected for a residual that no displacement explains, e.g. at a crack.
     residual_rms, picture_noise : float
         Grey levels.
 

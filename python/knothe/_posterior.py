@@ -55,9 +55,9 @@ class Verdict:
     level : str
         ``ok``, ``caution`` or ``reject``.
     reasons : list of Reason
-        None where the level is ``ok``.
+        Empty if the level is ``ok``.
     fit_probability : float
-        Of a misfit as large as that of all data so far, if the model is correct.
+        Probability, under a correct model, of a misfit at least as large as observed.
     edge_mass : ndarray, shape (d,)
         Posterior mass in the outer 2 % of the model's box, at either side.
     model_shift_std : ndarray, shape (d,)
@@ -154,7 +154,7 @@ class Forecast:
 class Posterior:
     """A posterior of d parameters: n weighted points, and what follows from them.
 
-    Moments, quantiles and evidence are importance-corrected: right also where a map is only nearly so.
+    Moments, quantiles and evidence are importance-corrected: accurate even where the map is only approximate.
 
     Attributes
     ----------

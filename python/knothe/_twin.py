@@ -13,7 +13,7 @@ from knothe import _knothe
 from knothe._errors import UsageError
 from knothe._models import Model, _parameter_points
 from knothe._posterior import Forecast, Posterior, Verdict, statistics_of
-from knothe._values import Array, Precision, Prior, Sensors, noise_values, prior_values, step_of
+from knothe._values import Array, Precision, Prior, Sensors, count_of, noise_values, prior_values, step_of
 
 if TYPE_CHECKING:
     import xarray
@@ -33,7 +33,7 @@ class Datum:
     precision : Precision, optional
         Inverse covariance of this datum's noise.
     source, session : str
-        Who measured, where several deliver data of one step.
+        Identify the source if several deliver data for one step.
     seq : int, optional
         Number of the datum at its source; the step by default.
 
@@ -98,7 +98,7 @@ class Datum:
 
 
 class StepResult(Posterior):
-    """The posterior of all data up to a step, and what follows from it: `Posterior`, and
+    """The result of a step: the posterior of all data up to it, a `Posterior` with further attributes.
 
     Attributes
     ----------
@@ -179,11 +179,11 @@ class Twin:
     forecasts : mapping of name to mapping
         The tables ``[forecast.NAME]`` of a project file.
     tolerance : float
-        On the variance diagnostic of maps.
+        Tolerance on the variance diagnostic of maps.
     max_order : int
-        Of maps.
+        Highest order of maps.
     seed : int
-        Of the random numbers.
+        Seed of the random numbers.
 
     Examples
     --------
@@ -217,7 +217,7 @@ class Twin:
             text = "".join(f"[forecast.{json.dumps(name)}]\n" + "".join(f"{key} = {_toml(value)}\n" for key, value in table.items())
                            for name, table in (forecasts or {}).items())
             self._native = _knothe.Twin.of_values(path, sensors.points, sensors.components, deviations, rows,
-                                                  prior_values(parameters), tolerance, max_order, seed, text)
+                                                  prior_values(parameters), tolerance, max_order, count_of(seed, "as seed"), text)
         self.parameters: list[str] = self._native.parameters()
         self.times: Array = self._native.times()
 
@@ -333,6 +333,8 @@ class Twin:
         >>> twin.verdict.level
         'ok'
         """
+        if not self.steps:
+            raise UsageError("no datum has been assimilated yet")
         return Verdict.of(json.loads(self._native.run_verdict()))
 
     def predict(self, at: ArrayLike | Mapping[str, float], step: int) -> Array:

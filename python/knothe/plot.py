@@ -126,6 +126,8 @@ def _records(steps: Steps) -> tuple[list[str], list[dict[str, Any]]]:
     if isinstance(steps, Twin):
         return steps.parameters, [steps.result(step).record for step in steps.steps]
     if isinstance(steps, Results):
+        if "time" not in steps.steps[0]:
+            raise UsageError(f"{steps.folder}: the results of an inference have no steps over time")
         return steps.parameters, steps.steps
     results = list(steps)
     if not results:
@@ -146,7 +148,7 @@ def _quantiles(records: list[dict[str, Any]], parameters: list[str], what: str) 
 
 
 def fan(steps: Steps, what: str, *, truth: float | None = None, axes: "Axes | None" = None) -> "Axes":
-    """How a parameter or a forecast becomes known: its median and intervals of 50 % and 95 % over time.
+    """Evolution of a parameter or forecast: median, 50 % and 95 % intervals over time.
 
     Parameters
     ----------

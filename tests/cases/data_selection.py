@@ -79,7 +79,7 @@ class Test(Case):
     def test_information_gain_and_words(self):
         self.choose('criterion = "information-gain"\ncount = 4\n')
         text = self.expect(0, "select", self.project_name).out
-        self.assertIn("tells most about", text)
+        self.assertIn("most informative about", text)
         self.assertIn("4 of 24 dofs by information-gain", text)
 
     def test_mistakes_are_named(self):

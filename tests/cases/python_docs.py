@@ -108,6 +108,8 @@ class Test(CaseInItsFolder):
         self.make_project()
         page = (REPOSITORY / "docs/how-to/python.md").read_text()
         blocks = re.findall(r"^```py\n(.*?)^```", page, re.M | re.S)
+        (self.folder / "density.c").write_text(re.search(r"^```c\n(.*?)^```", page, re.M | re.S)[1])
+        subprocess.run(["cc", "-O2", "-shared", "-fPIC", "density.c", "-o", "density.so"], cwd=self.folder, check=True)
         self.assertGreater(len(blocks), 8)
         done = subprocess.run([sys.executable, "-c", "\n".join(blocks)], capture_output=True, text=True, timeout=250)
         self.assertEqual(done.returncode, 0, done.stderr[-3000:])

@@ -200,6 +200,10 @@ class Test(CaseInItsFolder):
                                (lambda e, f: (bar(e, f), {"load": 1.0}), "the output load has to be one number for each of the 6 times")):
             self.refused(knothe.UsageError, text, call=lambda function=function: knothe.offline(
                 function, {"E": nodes, "F": nodes}, t, "x.h5", **loaded))
+        self.refused(knothe.UsageError, "the function takes f, e, in this order, and the parameters are e, f", call=lambda: knothe.offline(
+            lambda f, e: bar(e, f), {"e": nodes, "f": nodes}, t, "x.h5", points=np.c_[x, 0 * x, 0 * x]))
+        self.refused(knothe.UsageError, "name its further outputs", call=lambda: knothe.offline(
+            lambda e, f: (bar(e, f), {}), {"e": nodes, "f": nodes}, t, "x.h5"))
         self.refused(knothe.UsageError, "[6 times, dofs]", call=lambda: knothe.offline(lambda e: [e], {"E": nodes}, t, "x.h5"))
         self.refused(knothe.DataError, "snapshots", call=lambda: knothe.offline(
             lambda e: np.full((6, 2), np.nan), {"E": nodes}, t, "x.h5", quantities={"a": "1", "b": "1"}))

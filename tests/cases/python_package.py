@@ -101,6 +101,9 @@ class Test(CaseInItsFolder):
         self.refused(knothe.UsageError, "the gradient gave 'steep', not numbers",
                      call=lambda: knothe.fit(ridge, 2, gradient=lambda p: "steep"))
         self.refused(knothe.UsageError, "-1 draws: give a whole number", call=lambda: knothe.fit(ridge, 2).map.sample(-1))
+        self.refused(knothe.UsageError, "-1 as seed: give a whole number", call=lambda: knothe.fit(ridge, 2).map.sample(3, seed=-1))
+        self.refused(knothe.UsageError, "-5 samples: give a whole number",
+                     call=lambda: knothe.infer(lambda p: p, {"a": knothe.Normal(0, 1)}, observed=[1.0], std=1.0, samples=-5))
         self.refused(knothe.UsageError, "dofs: -1: they count from 0", call=lambda: knothe.Model.load("model.h5")([1, 1], 0, dofs=[0, -1]))
         self.refused(knothe.UsageError, "step 1.5: a step is a whole number", call=lambda: knothe._values.step_of(1.5, 3))
         for prior, values, rule in ((knothe.Normal, (1, -1), "Normal(mean=1, std=-1): the mean is a finite number, the std a positive one"),
@@ -178,6 +181,37 @@ class Test(CaseInItsFolder):
             while True:
                 fitted.condition([0.3], 1_000_000)
         thread.join()
+
+    def test_ctrl_c_in_a_correlation_and_in_a_model(self):
+        model, correlation = knothe.Model.load("model.h5"), knothe.Correlation(speckle(0, 0, 400), element_size=16, tolerance=1e-12)
+        points, deformed = np.tile([1.0, 1.0], (200_000, 1)), speckle(0.4, 0.2, 400)
+        for name, call in (("model", lambda: model(points, 3, dofs=[0])), ("jacobian", lambda: model.jacobian(points, 3, dofs=[0])),
+                           ("output", lambda: model.output("reaction_force", points)),
+                           ("correlation", lambda: correlation.correlate(deformed))):
+            with self.subTest(name):
+                thread = threading.Timer(0.1, lambda: os.kill(os.getpid(), signal.SIGINT))
+                thread.start()
+                with self.assertRaises(knothe.Interrupted) as caught:
+                    while True:
+                        call()
+                thread.join()
+                self.assertRegex(str(caught.exception), "nothing is kept|is not correlated")
+
+    def test_ctrl_c_in_an_update_leaves_the_twin_as_it_was(self):
+        model = knothe.Model.load("model.h5")
+        (self.folder / "long.toml").write_text(
+            'model = "model.h5"\ndata = "data.h5"\n[parameters]\nY0 = { prior = "normal", mean = 0.9, std = 0.45 }\n'
+            'Ad = { prior = "normal", mean = 1.1, std = 0.45 }\n[method]\nkind = "mcmc"\nsamples = 100000000\n')
+        twin = knothe.Twin("long.toml")
+        first = next(twin.data)
+        thread = threading.Timer(0.5, lambda: os.kill(os.getpid(), signal.SIGINT))
+        thread.start()
+        with self.assertRaises(knothe.Interrupted) as caught:
+            twin.assimilate(first)
+        thread.join()
+        self.assertIn("the posterior is not computed", str(caught.exception))
+        self.assertEqual(twin.steps, [])
+        self.assertEqual(model.parameters, twin.parameters)
 
     def test_ctrl_c_in_a_long_call(self):
         (self.folder / "long.toml").write_text(

@@ -185,9 +185,9 @@ std::optional<ModelSupervision::Alarm> ModelSupervision::judge(std::size_t step,
   state_.report.alarm = alarm;
   if (!alarm || before) return {};
   state_.notice = fmt::format(
-      "the model{} does not explain the data: for {} steps they have not been what it predicts (cumulative "
-      "sum {:.1f}, threshold {:.1f}: one false alarm in {:.0f} steps)",
-      stored.corrected ? ", corrected," : "", state_.drift, state_.report.cumulative_sum,
+      "the {}model does not fit the data: its predictions have drifted for {} steps (cumulative sum {:.1f}, "
+      "threshold {:.1f}: one false alarm in {:.0f} steps)",
+      stored.corrected ? "corrected " : "", state_.drift, state_.report.cumulative_sum,
       state_.report.threshold, options_.average_run_length);
   return Alarm{state_.drift, state_.notice, state_.report};
 }

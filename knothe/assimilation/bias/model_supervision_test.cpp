@@ -71,7 +71,7 @@ TEST(ModelSupervision, RingsWhenTheDataLeaveTheModelAndThenAsksForCorrection) {
   EXPECT_LE(alarm->steps, 4);
   EXPECT_EQ(alarm->notice, s.result.notice);
   EXPECT_TRUE(s.result.monitor.alarm);
-  EXPECT_EQ(s.result.notice.rfind("the model does not explain the data: for ", 0), 0u) << s.result.notice;
+  EXPECT_EQ(s.result.notice.rfind("the model does not fit the data: ", 0), 0u) << s.result.notice;
   EXPECT_FALSE(s.result.bias_corrected);
   EXPECT_TRUE(s.supervision.asks_for_correction(step));
   EXPECT_EQ(s.supervision.begin_correction(6, step), 6u);

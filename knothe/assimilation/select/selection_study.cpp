@@ -186,7 +186,7 @@ std::string explain(const SelectionStudy& study, std::size_t rank, const std::ve
     gained +=
         fmt::format("{}{} {:.3g} to {:.3g}", gained.empty() ? "" : ", ", name, before[j], r.posterior_std[j]);
   }
-  return fmt::format("tells most about {}: it moves by {}; the std of {}", names[most], moved, gained);
+  return fmt::format("most informative about {}: changes by {}; std of {}", names[most], moved, gained);
 }
 
 }  // namespace knothe::assimilation

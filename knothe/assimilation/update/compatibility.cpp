@@ -36,11 +36,11 @@ const std::vector<Row>& table() {
        "method.verify",
        "verify = \"full-order\" refines one model of the parameters that are inferred, by the full-order "
        "model: "
-       "it does without {} (`knothe offline --refine` makes a finer model of the results)"},
+       "it cannot be combined with {} (`knothe offline --refine` makes a finer model of the results)"},
       {F::service,
        {F::clock},
        "data.clock",
-       "data.clock is for `knothe assimilate`: data that come one by one bring model times"},
+       "data.clock is for `knothe assimilate`: streamed data must carry model times"},
       {F::service,
        {F::known},
        "parameters",
@@ -110,8 +110,8 @@ const std::vector<Row>& table() {
       {F::changes,
        {F::noise_level, F::composed, F::bias, F::reference, F::offsets, F::scale, F::lasting},
        "",
-       "forgetting, change_points and on_alarm = \"restart\" cannot be combined with {}: these count on data "
-       "that do not grow old"},
+       "forgetting, change_points and on_alarm = \"restart\" cannot be combined with {}: these require "
+       "that old data keep their full weight"},
       {F::student_t,
        {F::correlated, F::reference, F::offsets, F::scale, F::lasting},
        "",

@@ -24,7 +24,7 @@ TEST(Compatibility, AConflictIsNamedWithItsReasonAndTheOtherOne) {
   EXPECT_EQ(found.key, "");
   EXPECT_EQ(found.message,
             "forgetting, change_points and on_alarm = \"restart\" cannot be combined with errors that steps "
-            "share (offset_std): these count on data that do not grow old");
+            "share (offset_std): these require that old data keep their full weight");
   EXPECT_EQ(find_conflict(both(Feature::noise_level, Feature::student_t)).key, "method.noise_level");
   EXPECT_THROW(require_compatible(both(Feature::changes, Feature::offsets)), UsageError);
 }

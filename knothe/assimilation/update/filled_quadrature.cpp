@@ -41,13 +41,14 @@ Frame frame_of_modes(const std::vector<sampling::Mode>& modes) {
   Frame frame{narrowest, -narrowest, {}, {}};
   for (const sampling::Mode& mode : modes) {
     if (mode.log_mass < modes[0].log_mass - k_negligible) continue;
-    const Eigen::Vector3d spread = mode.lower.rowwise().norm();
+    const Eigen::Vector3d spread = mode.lower.rowwise().norm().cwiseMax(k_min_spread);
+    const Eigen::Vector3d at = mode.point.cwiseMax(-k_lattice_range).cwiseMin(k_lattice_range);
     narrowest = narrowest.cwiseMin(mode.lower.inverse().colwise().norm().cwiseInverse().transpose());
-    frame.first = frame.first.cwiseMin(mode.point - k_spreads * spread).cwiseMax(-k_lattice_range);
-    frame.last = frame.last.cwiseMax(mode.point + k_spreads * spread).cwiseMin(k_lattice_range);
-    frame.modes.push_back(mode.point);
+    frame.first = frame.first.cwiseMin(at - k_spreads * spread).cwiseMax(-k_lattice_range);
+    frame.last = frame.last.cwiseMax(at + k_spreads * spread).cwiseMin(k_lattice_range);
+    frame.modes.push_back(at);
   }
-  frame.spacing = k_first_spacing * narrowest;
+  frame.spacing = k_first_spacing * narrowest.cwiseMax(k_min_spread);
   return frame;
 }
 
@@ -231,7 +232,7 @@ class Fill {
     too_many_ = static_cast<Index>(all_values_.size()) > max_nodes_;
   }
   void want_neighbours(Index id, const double* value) {
-    const double floor = top_ - k_mask_depth;
+    const double floor = mask_floor(top_);
     if (*std::max_element(value, value + length_) <= floor) return;
     const Index segment = id % segments_, line = id / segments_ % lines_, plane = id / segments_ / lines_;
     // Outside the mass a segment is one node too long at most.
@@ -293,7 +294,7 @@ std::vector<Eigen::Vector3d> scan(GridDensity& target, const Grid& grid) {
       runs.push_back({a * grid.count + b, 0, grid.nodes[2], size_of(runs)});
   Eigen::VectorXd values;
   target.evaluate(runs, values);
-  const double floor = values.maxCoeff() - k_mask_depth;
+  const double floor = mask_floor(values.maxCoeff());
   std::vector<Eigen::Vector3d> places;
   for (const GridRun& run : runs) {
     const auto [plane, line] = grid.places(run.row);

@@ -2,7 +2,10 @@
 /// @file What `tensor_quadrature` and `filled_quadrature` have in common: the target on the nodes of a
 /// lattice, and the marginals of the trapezoidal rule there.
 #include <Eigen/Core>
+#include <algorithm>
 #include <array>
+#include <cmath>
+#include <limits>
 #include <span>
 #include <vector>
 
@@ -14,6 +17,12 @@ namespace knothe::assimilation {
 
 /// Log-density below the maximum at which nodes count as empty: 2e-9 of a Gaussian's mass is beyond.
 inline constexpr double k_mask_depth = 20;
+/// That of nodes that count is above it. Of a log-density so far from zero that rounding hides the depth the
+/// maximum itself still is: data that are wrong by 10⁸ of their standard deviations.
+[[nodiscard]] inline double mask_floor(double maximum) {
+  return std::min(maximum - k_mask_depth, std::nextafter(maximum, -std::numeric_limits<double>::infinity()));
+}
+inline constexpr double k_min_spread = 1e-11;   ///< of a mode, z: below it rounding leaves no room for nodes
 inline constexpr double k_lattice_range = 8.5;  ///< of z; beyond it is less than 1e-16 of the prior
 
 /// Number of nodes of the runs.

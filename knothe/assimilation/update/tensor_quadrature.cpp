@@ -86,9 +86,9 @@ Frame frame_of_modes(sampling::CheckedDensity& target, const QuadratureOptions& 
   frame.first = narrowest, frame.last = -narrowest;
   for (const sampling::Mode& mode : modes) {
     if (mode.log_mass < modes[0].log_mass - k_negligible) continue;
-    const Eigen::VectorXd u = frame.to_u(mode.point);
+    const Eigen::VectorXd u = frame.to_u(mode.point).cwiseMax(-frame.limit).cwiseMin(frame.limit);
     const Eigen::MatrixXd factor = own_axes ? mode.lower : frame.axes.partialPivLu().solve(mode.lower);
-    const Eigen::VectorXd spread = factor.rowwise().norm();
+    const Eigen::VectorXd spread = factor.rowwise().norm().cwiseMax(k_min_spread);
     narrowest = narrowest.cwiseMin(factor.inverse().colwise().norm().cwiseInverse().transpose());
     frame.first = frame.first.cwiseMin(u - k_spreads * spread).cwiseMax(-frame.limit);
     frame.last = frame.last.cwiseMax(u + k_spreads * spread).cwiseMin(frame.limit);
@@ -193,6 +193,13 @@ struct Extent {
   }
 };
 
+/// Whether so many nodes, and those of a finer grid between them, are numbers of their own.
+bool has_room(const Eigen::VectorXd& first, const Eigen::VectorXd& last, Index count) {
+  const Eigen::ArrayXd rounding =
+      std::numeric_limits<double>::epsilon() * first.cwiseAbs().cwiseMax(last.cwiseAbs()).array();
+  return ((last - first).array() > 4.0 * k_max_refinement * static_cast<double>(count) * rounding).all();
+}
+
 /// A coarse grid as large as the mass, and its values: grown where the mass comes up to a face, then zoomed
 /// in.
 Grid find_window(GridDensity& target, Eigen::VectorXd& values) {
@@ -201,7 +208,7 @@ Grid find_window(GridDensity& target, Eigen::VectorXd& values) {
   Grid grid = make_grid(frame.first, frame.last, count);
   for (int zooms = 0, growths = 0;;) {
     values = target.evaluate(grid, all_nodes(grid));
-    const Extent extent(grid, values, values.maxCoeff() - k_mask_depth);
+    const Extent extent(grid, values, mask_floor(values.maxCoeff()));
     Eigen::VectorXd first(d), last(d);
     double shrink = 1;  // of the axis that shrinks most
     bool grown = false;
@@ -217,6 +224,7 @@ Grid find_window(GridDensity& target, Eigen::VectorXd& values) {
       shrink = std::min(shrink, static_cast<double>(to - from) / static_cast<double>(count - 1));
     }
     if (grown ? ++growths > k_max_growths : shrink > k_no_zoom || zooms++ == k_max_zooms) return grid;
+    if (!grown && !has_room(first, last, count)) return grid;
     grid = make_grid(first, last, count);
   }
 }
@@ -225,7 +233,7 @@ Grid find_window(GridDensity& target, Eigen::VectorXd& values) {
 /// is not empty.
 std::vector<GridRun> nodes_near_mass(const Grid& coarse, const Eigen::VectorXd& values, const Grid& fine,
                                      Index factor) {
-  const double floor = values.maxCoeff() - k_mask_depth;
+  const double floor = mask_floor(values.maxCoeff());
   const Index d = coarse.dimension();
   const auto low = [&](Index i) { return std::max<Index>((i - 1) * factor, 0); };
   const auto high = [&](Index i) { return std::min((i + 1) * factor, fine.count - 1); };

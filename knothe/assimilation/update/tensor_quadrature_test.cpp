@@ -104,6 +104,32 @@ TEST(FilledQuadrature, ARidgeAndASmallModeAwayFromIt) {
   EXPECT_LT(q.evaluations, 200'000);
 }
 
+/// What data say that are 10⁹ standard deviations from anything that the model can give.
+class Absurd final : public sampling::LogDensity {
+ public:
+  explicit Absurd(Eigen::Index dimension) : dimension_(dimension) {}
+  [[nodiscard]] Eigen::Index dimension() const override { return dimension_; }
+  [[nodiscard]] int available_derivatives() const override { return 0; }
+  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int,
+                sampling::LogDensityBatch& out) override {
+    out.value = -1e18 * (1 + 1e-3 * ((points.array() - 30).square().rowwise().sum()));
+  }
+
+ private:
+  Eigen::Index dimension_;
+};
+
+TEST(TensorQuadrature, AMaximumWhoseDepthRoundingHidesIsStillFound) {
+  for (const bool filled : {false, true}) {
+    Absurd target(filled ? 3 : 2);
+    sampling::ModeSearch search;
+    const QuadraturePosterior q = filled ? filled_quadrature(target, {}, search) : tensor_quadrature(target);
+    ASSERT_GT(q.weights.size(), 0) << filled;
+    EXPECT_TRUE(q.points().allFinite() && q.weights.allFinite()) << filled;
+    EXPECT_NEAR(q.weights.sum(), 1, 1e-9) << filled;
+  }
+}
+
 TEST(TensorQuadrature, OneParameter) {
   Mixture target({{1.0, Eigen::VectorXd::Constant(1, 0.4), Eigen::MatrixXd::Constant(1, 1, 1e-4)}});
   const QuadraturePosterior q = tensor_quadrature(target);

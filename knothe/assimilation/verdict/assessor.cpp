@@ -380,16 +380,16 @@ void Assessor::assess_sensors(const AssessedPosterior& posterior, Verdict& verdi
                  update.monitor.cumulative_sum,
                  update.monitor.threshold,
                  fmt::format("the model does not predict the data: a correct model raises this alarm once in "
-                             "{:.0f} steps; bias_correction = \"auto\" allows for it",
-                             monitor_.average_run_length),
+                             "{:.0f} steps{}",
+                             monitor_.average_run_length,
+                             posterior.corrected ? "" : "; bias_correction = \"auto\" allows for it"),
                  {}});
   if (posterior.corrected)
     verdict.add({VerdictPart::bias,
                  VerdictLevel::caution,
                  update.monitor.discrepancy,
                  0,
-                 "the model alone does not explain the data: some were assimilated with a correction of its "
-                 "bias",
+                 "the model alone does not explain the data: bias correction was applied at some steps",
                  {}});
   const auto reported = static_cast<double>(update.used + update.rejected);
   const double share = reported > 0 ? static_cast<double>(update.rejected) / reported : 0;

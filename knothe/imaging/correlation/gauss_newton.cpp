@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "knothe/base/cancellation.hpp"
 #include "knothe/base/threads.hpp"
 #include "knothe/imaging/correlation/correlation_stage.hpp"
 
@@ -145,6 +146,7 @@ void CorrelationStage::iterate(const SplineImage& deformed, CorrelationResult& r
   Eigen::VectorXd last;
   double lengthening = 1;
   for (int k = 0; k < std::min(k_iterations_per_round, options_.max_iterations) && !result.converged; ++k) {
+    if (options_.interruptible) check_cancellation("the picture is not correlated");
     sum_residuals(deformed, result);
     result.last_step = step(result, last, lengthening);
     ++result.iterations;

@@ -41,6 +41,7 @@ struct CorrelationOptions {
   bool reject_elements = true;  ///< take out elements whose residual says that their kinematics do not hold
   double rejection_factor = 4;  ///< … when it is so many robust standard deviations above that of the others
   int threads = 1;
+  bool interruptible = false;  ///< Ctrl-C ends it between two iterations, by Interrupted
 };
 
 struct CorrelationResult {

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <numeric>
 #include <random>
@@ -229,6 +230,10 @@ void lattice_quantiles(std::span<const double> nodes, std::span<const double> we
     node.before = total;
     total += node.weight;
   }
+  // Nodes that rounding has nearly made one are spread over what it leaves.
+  width = std::max(width, 4 * std::numeric_limits<double>::epsilon() *
+                                  std::max(std::abs(sorted.front().at), std::abs(sorted.back().at)) +
+                              std::numeric_limits<double>::min());
   static const SpreadMass spread_mass;
   const double reach = SpreadMass::k_reach * width;
   const auto excess_below = [&](double x, double mass) {

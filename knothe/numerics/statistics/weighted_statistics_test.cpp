@@ -110,6 +110,10 @@ TEST(LatticeQuantiles, OfANormalDensityFromFewNodes) {
   std::vector<double> one(1);
   lattice_quantiles(std::vector<double>{7}, std::vector<double>{2}, 0.1, std::vector<double>{0.5}, one);
   EXPECT_NEAR(one[0], 7, 1e-9);
+  for (const double width : {0.0, 1e-300, 1e-17}) {  // nothing of it is left beside the node
+    lattice_quantiles(std::vector<double>{7}, std::vector<double>{2}, width, std::vector<double>{0.975}, one);
+    EXPECT_NEAR(one[0], 7, 1e-12) << width;
+  }
   EXPECT_THROW(lattice_quantiles(std::vector<double>{7}, std::vector<double>{0}, 0.1, levels, one),
                UsageError);
 }

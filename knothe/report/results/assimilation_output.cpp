@@ -57,6 +57,7 @@ void AssimilationOutput::show(const engine::StepResult& result,
   if (!result.update.trusted) untrusted_.push_back(result.update.step);
   run_.add(result.update.verdict);
   models_ = result.models;
+  forecasts_ = result.forecasts;
   if (picture && picture->picture.missing) fmt::print(stderr, "{}\n", picture->picture.message);
   tell_sensors(result);
   if (json_) print_record(result, picture, pictures);
@@ -140,6 +141,7 @@ void AssimilationOutput::finish(double elapsed_s, const std::string& results_fol
   }
   fmt::print("{} steps in {:.2f} s, untrusted: {}; results in {}\n", shown_, elapsed_s,
              untrusted_.empty() ? "none" : fmt::format("{}", fmt::join(untrusted_, ", ")), results_folder);
+  for (const forecast::NamedForecast& forecast : forecasts_) fmt::print("{}\n", forecast_text(forecast));
   if (!models_.empty()) fmt::print("{}\n", assimilation::comparison_text(models_));
   fmt::print("{}\n", verdict_text(verdict()));
 }

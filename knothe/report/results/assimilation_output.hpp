@@ -44,6 +44,7 @@ class AssimilationOutput {
   assimilation::VerdictLevel told_level_ = assimilation::VerdictLevel::ok;
   std::set<Eigen::Index> told_;  ///< sensors that stopped
   std::vector<assimilation::ComparedModel> models_;
+  std::vector<forecast::NamedForecast> forecasts_;  ///< of the last step
 };
 
 }  // namespace knothe::report

@@ -180,8 +180,7 @@ void Site::update_loop() {
         return !arrivals_.empty() || no_more_arrivals_ || (replayed_ && (!ready_ || stale_lines_ > 0)) ||
                has_verification_to_do();
       });
-      // Stopping: what is accepted is in the journal, and the next start computes it; the step at hand is
-      // done.
+      // Stopping: what is accepted is in the journal, and the next start computes it.
       if (no_more_arrivals_) return;
       arrivals.assign(std::make_move_iterator(arrivals_.begin()), std::make_move_iterator(arrivals_.end()));
       arrivals_.clear();
@@ -313,6 +312,8 @@ void Site::conclude(std::size_t step, bool preview) {
     if (const auto added = adding_us_.extract(step)) result.update.elapsed_us.projection += added.mapped();
     observe_phases(result);
     line = line_of(result, model_);
+  } catch (const Interrupted&) {  // the service stops, and the next start computes the step
+    return;
   } catch (const std::exception& error) {
     trouble = error.what();
     log_event("error", "an update failed", {{"site", name()}, {"step", step}, {"reason", trouble}});

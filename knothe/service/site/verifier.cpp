@@ -216,6 +216,7 @@ void Verifier::hand_over(std::unique_ptr<engine::Engine> engine,
       model->amend(result);
       show({std::move(result), model});
     } catch (const Error& error) {
+      if (stopping()) return;
       log_event("error", "an update failed",
                 {{"site", project_.serve.site}, {"step", step}, {"reason", error.what()}});
     }

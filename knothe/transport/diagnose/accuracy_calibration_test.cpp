@@ -7,7 +7,7 @@
 namespace knothe::transport::accuracy {
 namespace {
 
-// One seed in twenty leaves a 95 % band; which did is in docs/explanation/transport.md, "The accuracy suite".
+// One seed in twenty leaves a 95 % band; which did is in docs/benchmarks/transport.md.
 // A hundred data sets tell a posterior from one twice as wide, a thousand from one 1.3 times as wide.
 struct Study {
   int data_sets = 100;

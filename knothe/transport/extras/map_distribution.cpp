@@ -104,17 +104,22 @@ Eigen::VectorXd MapDistribution::conditional_log_density(
   return log_density(z).array() - block.log_density(given.transpose())[0];
 }
 
-Eigen::MatrixXd MapDistribution::conditional_sample(const Eigen::VectorXd& given, Eigen::Index n,
-                                                    std::uint64_t seed) const {
+Eigen::MatrixXd MapDistribution::conditional_reference(const Eigen::VectorXd& given, Eigen::Index n,
+                                                       std::uint64_t seed) const {
   const Eigen::Index m = given.size(), d = dimension();
-  if (m == 0) return sample(n, seed);
+  if (m == 0) return numerics::monte_carlo_normal_points(n, d, seed);
   if (!given.allFinite()) throw UsageError("conditional samples: a given value is not finite");
   const Eigen::RowVectorXd leading_reference = leading(m).map().inverse(given.transpose());
   Eigen::MatrixXd x(n, d);
   x.leftCols(m) = leading_reference.replicate(n, 1);
   x.rightCols(d - m) = numerics::monte_carlo_normal_points(n, d - m, seed);
-  Eigen::MatrixXd z = map_.evaluate(x);
-  z.leftCols(m) = given.transpose().replicate(n, 1);  // to the bit
+  return x;
+}
+
+Eigen::MatrixXd MapDistribution::conditional_sample(const Eigen::VectorXd& given, Eigen::Index n,
+                                                    std::uint64_t seed) const {
+  Eigen::MatrixXd z = map_.evaluate(conditional_reference(given, n, seed));
+  z.leftCols(given.size()) = given.transpose().replicate(n, 1);  // to the bit
   return z;
 }
 

@@ -48,6 +48,9 @@ class MapDistribution {
   /// inverted, the other reference variables are drawn.
   [[nodiscard]] Eigen::MatrixXd conditional_sample(const Eigen::VectorXd& given, Eigen::Index n,
                                                    std::uint64_t seed) const;
+  /// The points of the reference that these draws are the images of.
+  [[nodiscard]] Eigen::MatrixXd conditional_reference(const Eigen::VectorXd& given, Eigen::Index n,
+                                                      std::uint64_t seed) const;
   /// The same with the coordinates named (from 0). Errors: UsageError, with what to do, if they are not the
   /// leading ones in some order: a triangular map has no other exact conditionals.
   [[nodiscard]] Eigen::MatrixXd conditional_sample(std::span<const Eigen::Index> coordinates,

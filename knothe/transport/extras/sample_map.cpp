@@ -285,10 +285,10 @@ Eigen::VectorXd SampleMap::conditional_log_density(const Eigen::VectorXd& given,
   return log_density(z).array() - marginal;
 }
 
-Eigen::MatrixXd SampleMap::conditional_sample(const Eigen::VectorXd& given, Eigen::Index n,
-                                              std::uint64_t seed) const {
+Eigen::MatrixXd SampleMap::conditional_reference(const Eigen::VectorXd& given, Eigen::Index n,
+                                                 std::uint64_t seed) const {
   const Eigen::Index m = given.size(), d = dimension();
-  if (m == 0) return sample(n, seed);
+  if (m == 0) return numerics::monte_carlo_normal_points(n, d, seed);
   if (m > d || !given.allFinite())
     throw UsageError(
         fmt::format("conditional samples: {} values given, finite ones for the first of {} coordinates are "
@@ -298,8 +298,13 @@ Eigen::MatrixXd SampleMap::conditional_sample(const Eigen::VectorXd& given, Eige
   Eigen::MatrixXd reference(n, d);
   reference.leftCols(m) = leading.replicate(n, 1);
   reference.rightCols(d - m) = numerics::monte_carlo_normal_points(n, d - m, seed);
-  Eigen::MatrixXd z = map.inverse(reference);
-  z.leftCols(m) = given.transpose().replicate(n, 1);  // to the bit
+  return reference;
+}
+
+Eigen::MatrixXd SampleMap::conditional_sample(const Eigen::VectorXd& given, Eigen::Index n,
+                                              std::uint64_t seed) const {
+  Eigen::MatrixXd z = map.inverse(conditional_reference(given, n, seed));
+  z.leftCols(given.size()) = given.transpose().replicate(n, 1);  // to the bit
   return z;
 }
 

@@ -65,6 +65,9 @@ class SampleMap {
   /// data that were measured: samples of the posterior.
   [[nodiscard]] Eigen::MatrixXd conditional_sample(const Eigen::VectorXd& given, Eigen::Index n,
                                                    std::uint64_t seed) const;
+  /// The points of the reference that these draws are the images of.
+  [[nodiscard]] Eigen::MatrixXd conditional_reference(const Eigen::VectorXd& given, Eigen::Index n,
+                                                      std::uint64_t seed) const;
 };
 
 /// From `samples` (n × d) with `weights` (n, ≥ 0; empty: equal). Errors: UsageError for options that make no

@@ -2,11 +2,9 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
 #include <cmath>
 #include <type_traits>
 
-#include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/sampling/log_density.hpp"
 
@@ -104,37 +102,16 @@ void ComposedMap::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int 
   }
 }
 
-namespace {
-
-/// What `call` gives of the points; of very many block by block, so that Ctrl-C is heard in between.
-template <class Call>
-Eigen::MatrixXd by_blocks(const Eigen::Ref<const Eigen::MatrixXd>& points, const Call& call) {
-  constexpr Eigen::Index k_points = 1 << 14;
-  if (points.rows() <= k_points) return call(points);
-  Eigen::MatrixXd result(points.rows(), points.cols());
-  for (Eigen::Index at = 0; at < points.rows(); at += k_points) {
-    check_cancellation("nothing is kept of the points so far");
-    const Eigen::Index count = std::min(k_points, points.rows() - at);
-    result.middleRows(at, count) = call(points.middleRows(at, count));
-  }
-  return result;
-}
-
-}  // namespace
-
 Eigen::MatrixXd ComposedMap::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points) const {
-  return by_blocks(points, [&](const Eigen::Ref<const Eigen::MatrixXd>& x) {
-    MapBatch batch;
-    evaluate(x, 0, batch);
-    return std::move(batch.value);
-  });
+  MapBatch batch;
+  evaluate(points, 0, batch);
+  return std::move(batch.value);
 }
 
 Eigen::MatrixXd ComposedMap::inverse(const Eigen::Ref<const Eigen::MatrixXd>& z) const {
-  return by_blocks(z, [&](Eigen::MatrixXd x) {
-    for (const Part& part : parts_) x = std::visit([&](const auto& map) { return map.inverse(x); }, part);
-    return x;
-  });
+  Eigen::MatrixXd x = z;
+  for (const Part& part : parts_) x = std::visit([&](const auto& map) { return map.inverse(x); }, part);
+  return x;
 }
 
 Eigen::VectorXd ComposedMap::log_density(const Eigen::Ref<const Eigen::MatrixXd>& z) const {
