@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# The packages in an empty Debian 12, as who installs them has them: the older ones installed, journals written, upgraded, README's
-# session, Python, a program of the library, the instruction sets, removed, purged. Needs root, debootstrap and a mirror, and some
-# minutes; 77 where one of them is missing.
+# The packages in an empty Debian 12, as who installs them has them: the older ones installed, journals written, upgraded, the session
+# of docs/how-to/install.md, Python, a program of the library, the instruction sets, removed, purged. Needs root, debootstrap and a
+# mirror, and some minutes; 77 where one of them is missing.
 #
 # usage: packages_in_chroot.sh [FOLDER_OF_PACKAGES [FOLDER_OF_THE_CHROOT]]
 set -euo pipefail
@@ -96,14 +96,14 @@ read_by_the_newer_ones() {
   done
 }
 
-readme_session() {
+installed_session() {
   local block
-  block=$(sed -n '/^```bash/,/^```/p' "$tree/README.md" | sed '/^```/d')
+  block=$(sed -n '/^```bash/,/^```/p;/^```$/q' "$tree/docs/how-to/install.md" | sed '/^```/d')
   quietly inside sh -c "cd /now && $(head -1 <<<"$block" | sed 's/ install/ install -y --no-install-recommends/; s/sudo //')"
   inside useradd --create-home --home-dir /srv/engineer engineer
   tail -n +2 <<<"$block" >"$root/srv/engineer/session"
   quietly inside_as engineer sh -c 'cd ~engineer && HOME=$PWD sh -e session'
-  grep -q "<svg" "$root/srv/engineer/report.html" || fail "README's session leaves no report"
+  grep -q "<svg" "$root/srv/engineer/report.html" || fail "the session of docs/how-to/install.md leaves no report"
 }
 
 instruction_sets() {
@@ -169,8 +169,8 @@ inside node /usr/share/knothe/plant/knothe-plant.mjs /dev/null >"$root.log" 2>&1
 step "the bridge runs"
 instruction_sets
 step "each instruction set has its code"
-readme_session
-step "README's session"
+installed_session
+step "the session of docs/how-to/install.md"
 install_packages /now ./python3-knothe_*.deb ./libknothe0_*.deb ./libknothe-dev_*.deb ./knothe-doc_*.deb g++ pkg-config
 inside python3 -c 'import knothe; found = knothe.infer(lambda p: [p[0]], {"a": knothe.Normal(0, 1)}, observed=[1.0], std=1.0); print("         ", found)'
 quietly inside sh -c 'cd /tmp && g++ -std=c++20 /usr/share/doc/libknothe-dev/examples/map_of_a_density.cpp -o map $(pkg-config --cflags --libs knothe) && ./map'

@@ -92,7 +92,7 @@ KeptCalls EvaluationJournal::open(ModelEvaluator& evaluator) {
   std::vector<ModelCall> calls;
   std::error_code none;
   if (std::filesystem::exists(path_, none)) read(evaluator, calls, out.refused);
-  // What was taken is written anew beside the old file: a torn line is left behind, and nothing is lost.
+  // What was taken is written again beside the old file: a torn line is left behind, and nothing is lost.
   const std::string fresh = path_ + ".new";
   file_.open(fresh, std::ios::trunc);
   file_ << Json{{"kind", k_kind}, {"schema_version", k_schema_version}, {"identity", identity_}}.dump()

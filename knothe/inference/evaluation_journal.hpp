@@ -22,9 +22,9 @@ class EvaluationJournal {
   EvaluationJournal(std::string path, std::string identity);
 
   /// Reads what there is into `evaluator`, then writes all that its model answers from now on. Three of the
-  /// points are evaluated anew: where the model answers otherwise than it did (by more than 1e-9 of the
+  /// points are evaluated again: where the model answers otherwise than it did (by more than 1e-9 of the
   /// largest value), or the identity is another, or the file is none of these, nothing is taken and the file
-  /// begins anew. `evaluator` asks nothing once this is gone. Errors: IoError.
+  /// begins again. `evaluator` asks nothing once this is gone. Errors: IoError.
   [[nodiscard]] KeptCalls open(ModelEvaluator& evaluator);
   /// Calls in the file.
   [[nodiscard]] Eigen::Index calls() const { return calls_; }

@@ -63,7 +63,7 @@ void tell_what_was_asked(assimilation::Verdict& verdict, std::size_t runs, const
 class Refinement {
  public:
   /// `folder`: where refined models go (`refined_model`). The project's model is the one that is refined.
-  /// ProjectError, UsageError for what does not go together with it.
+  /// ProjectError, UsageError for what cannot be combined with it.
   Refinement(const Project& project, std::shared_ptr<PictureMeasurements> pictures,
              std::unique_ptr<simulator::Simulator> simulator, std::string folder, RefinementStart start = {});
 
@@ -107,7 +107,7 @@ class Refinement {
   std::size_t version_;
   bool quiet_;
   std::optional<UpdateSetup> setup_;
-  std::string trouble_;  ///< why the full-order model is not asked any more
+  std::string trouble_;  ///< why the full-order model is no longer asked
   bool settled_ = true;  ///< the last round of the last `refine` moved the posterior by less than the goal
   PosteriorMove last_move_, whole_move_;
 };

@@ -60,7 +60,7 @@ std::optional<reduction::SeparatedModel> kept_model(const std::string& path, con
     if (contents.project != text) return std::nullopt;
     return reduction::SeparatedModel(std::move(contents), path);
   } catch (const DataError&) {
-    return std::nullopt;  // of another version, or spoilt: it is built anew
+    return std::nullopt;  // of another version, or spoilt: it is built again
   }
 }
 

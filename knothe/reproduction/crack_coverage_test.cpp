@@ -1,6 +1,6 @@
 /// @file Do crack lengths come out as they were forecast? Truths from the prior, at five lead times: the
 /// elastic crack that is equivalent to the true field, which no reduced model is asked for, and the length of
-/// the true damage field, whose curve over it is learnt from further truths.
+/// the true damage field, whose curve over it is identified from further truths.
 ///
 /// The short test draws its truths from a coarse beam's reduced model. The nightly ones solve each by the
 /// full-order model, of the reference beam, of another mesh, with a crack band and with damage of a gradient:
@@ -309,7 +309,7 @@ BeamCase coverage_case(const std::string& name) {
 class CrackCoverage : public testing::TestWithParam<const char*> {};
 
 TEST_P(CrackCoverage, LengthsOfHeldOutFullOrderRunsAreAsForecast) {
-  constexpr unsigned k_calibration = 100;  // further truths, which offset and error are learnt from
+  constexpr unsigned k_calibration = 100;  // further truths, which offset and error are identified from
   const char* number = std::getenv("KNOTHE_CRACKS");
   if (number == nullptr) GTEST_SKIP() << "full-order runs for minutes: set KNOTHE_CRACKS=600";
   const int held_out = std::atoi(number);

@@ -114,7 +114,7 @@ TEST(ModeByMode, FindsOrthogonalTermsOneByOne) {
   const reduction::Snapshots snapshots = two_terms();
   const reduction::SeparatedModel two(mode_by_mode(snapshots, 2, 1), "two");
   const reduction::SeparatedModel one(mode_by_mode(snapshots, 1, 1), "one");
-  // Alternating least squares stop when nothing is gained any more, and squares lose half the digits.
+  // Alternating least squares stop when nothing more is gained, and squares lose half the digits.
   EXPECT_LT(two.contents().max_error_m, 1e-6);
   EXPECT_LT(two.contents().relative_error, 1e-7);
   EXPECT_EQ(two.contents().parameter_modes, 2U);

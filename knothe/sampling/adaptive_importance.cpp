@@ -33,7 +33,7 @@ WeightedPoints equally_weighted(const Eigen::MatrixXd& points) {
   return {points, Eigen::VectorXd::Constant(points.rows(), 1 / static_cast<double>(points.rows()))};
 }
 
-/// What a fit looks at: every so many of the draws, with weights none of which is worth more than √n, and the
+/// What a fit looks at: every N-th of the draws, with weights none of which is worth more than √n, and the
 /// particles, which also stand where no draw has been.
 void choose_fit_points(const WeightedSample& sample, const Eigen::MatrixXd& particles,
                        WeightedPoints& fitted) {

@@ -33,7 +33,7 @@ struct AdaptiveImportanceResult : ImportanceResult {
 /// For a density relative to N(0, I), or wider than it nowhere: the particles begin there (Del Moral, Doucet,
 /// Jasra 2006), and 2 % of the draws come from there. Each round fits mixtures (Cappé, Douc, Guillin, Marin,
 /// Robert 2008) to what the last one has drawn, with truncated weights (Ionides 2008), one for each group of
-/// coordinates that depend on each other, and draws anew. A fifth of the draws comes from mixtures fitted to
+/// coordinates that depend on each other, and draws again. A fifth of the draws comes from mixtures fitted to
 /// the target's flattened form, the square root of it and the reference: they reach the ends of ridges, which
 /// a fit to the target thins out (defensive sampling, Hesterberg 1995). The answer owes nothing to fit and
 /// groups but how even its weights are. A function of the target and the options alone. Errors: as

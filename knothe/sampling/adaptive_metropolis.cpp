@@ -19,8 +19,8 @@ namespace knothe::sampling {
 
 namespace {
 
-/// Shares of the warm-up at which a new covariance is learnt, from the draws since the one before. The rest
-/// of it tunes the scale alone.
+/// Shares of the warm-up at which a new covariance is identified, from the draws since the one before. The
+/// rest of it tunes the scale alone.
 constexpr std::array k_learning_ends = {0.05, 0.1, 0.2, 0.35, 0.55, 0.85};
 
 void require(const MetropolisOptions& o) {

@@ -43,7 +43,7 @@ struct ImportanceResult {
 /// average. Weights: n, sum 1.
 void thin(Eigen::MatrixXd& points, Eigen::VectorXd& weights, Eigen::Index count, std::uint64_t seed);
 
-/// Puts points (n × d, d ≤ 32) in the order of a space-filling curve (Morton's), so that every so many of
+/// Puts points (n × d, d ≤ 32) in the order of a space-filling curve (Morton's), so that every N-th of
 /// them, or systematic draws, are spread evenly.
 void sort_along_curve(Eigen::MatrixXd& points, Eigen::VectorXd& weights);
 

@@ -83,6 +83,11 @@ class InferenceResult(Posterior):
     def to_xarray(self, draws: int = 500) -> "dict[str, xarray.Dataset]":
         """One Dataset for each of ArviZ's groups; the draws of ``posterior`` are `chains`.
 
+        Parameters
+        ----------
+        draws : int
+            Not used.
+
         Examples
         --------
         >>> found = knothe.infer(lambda p: p, {"a": knothe.Normal(0, 1)}, observed=[1.0], std=1.0)

@@ -39,11 +39,21 @@ class TransportMap:
         self.dimension: int = native.dimension
 
     def __call__(self, reference: ArrayLike) -> Array:
-        """T(x) at points of the reference, shape (n, d)."""
+        """T(x) at points of the reference, shape (n, d).
+
+        Parameters
+        ----------
+        reference : array_like, shape (n, d) or (d,)
+        """
         return self._native.evaluate(points_of(reference, self.dimension, "points of the reference"))
 
     def inverse(self, points: ArrayLike) -> Array:
         """T⁻¹(z), shape (n, d).
+
+        Parameters
+        ----------
+        points : array_like, shape (n, d) or (d,)
+            z.
 
         Examples
         --------
@@ -56,6 +66,10 @@ class TransportMap:
     def log_density(self, points: ArrayLike) -> Array:
         """log of the density of T(x), shape (n,).
 
+        Parameters
+        ----------
+        points : array_like, shape (n, d) or (d,)
+
         Examples
         --------
         >>> transport = knothe.fit(lambda p: -0.5 * p @ p, dimension=2).map
@@ -66,6 +80,11 @@ class TransportMap:
 
     def sample(self, count: int, seed: int = 1) -> Array:
         """Independent draws, shape (count, d).
+
+        Parameters
+        ----------
+        count : int
+        seed : int
 
         Examples
         --------
@@ -79,6 +98,13 @@ class TransportMap:
 
         For a map of samples of (data, parameters) these are samples of the posterior of the parameters, without a likelihood.
         `UsageError` for a map that is not triangular (`fit` with ``triangular=True``).
+
+        Parameters
+        ----------
+        given : array_like, shape (m,)
+            Values of the first m coordinates.
+        count : int
+        seed : int
 
         Examples
         --------
@@ -94,6 +120,10 @@ class TransportMap:
     def save(self, path: "str | os.PathLike[str]") -> None:
         """Writes the map to a file (HDF5), whole or not at all; folders that are missing are made.
 
+        Parameters
+        ----------
+        path : path
+
         Examples
         --------
         >>> knothe.fit(lambda p: -0.5 * p @ p, dimension=2).map.save("gaussian.h5")
@@ -105,6 +135,10 @@ class TransportMap:
     @classmethod
     def load(cls, path: "str | os.PathLike[str]") -> "TransportMap":
         """The map from such a file, bit-identical.
+
+        Parameters
+        ----------
+        path : path
 
         Examples
         --------

@@ -60,6 +60,12 @@ class ObservedModel:
     def jacobian(self, at: ArrayLike | Mapping[str, float], step: int) -> Array:
         """Derivatives with respect to the parameters, shape (sensors, d) or (n, sensors, d).
 
+        Parameters
+        ----------
+        at : array_like, shape (d,) or (n, d), or mapping
+            Parameters, inside the model's box.
+        step : int
+
         Examples
         --------
         >>> seen = knothe.Model.load("model.h5").observe([[0.4, 0.0, 0.0]], "y")
@@ -104,6 +110,10 @@ class Model:
     def load(cls, path: "str | os.PathLike[str]") -> "Model":
         """Reads a file. `DataError` names what is missing or damaged in it.
 
+        Parameters
+        ----------
+        path : path
+
         Examples
         --------
         >>> knothe.Model.load("model.h5")
@@ -144,6 +154,13 @@ class Model:
     def jacobian(self, at: ArrayLike | Mapping[str, float], step: int, dofs: Sequence[int] | None = None) -> Array:
         """Exact derivatives of the field with respect to the parameters, shape (dofs, d) or (n, dofs, d).
 
+        Parameters
+        ----------
+        at : array_like, shape (d,) or (n, d), or mapping
+            Parameters, inside the model's box.
+        step : int
+        dofs : sequence of int, optional
+
         Examples
         --------
         >>> knothe.Model.load("model.h5").jacobian([1.0, 1.0], step=4, dofs=[0, 4]).shape
@@ -155,6 +172,11 @@ class Model:
 
     def output(self, name: str, at: ArrayLike | Mapping[str, float]) -> Array:
         """A further output (reaction force ...) at all time steps, shape (steps,) or (n, steps), in the unit that `info` gives.
+
+        Parameters
+        ----------
+        name : str
+        at : array_like, shape (d,) or (n, d), or mapping
 
         Examples
         --------

@@ -19,6 +19,10 @@ Picture = NDArray[np.float32]
 def read_picture(path: "str | os.PathLike[str]") -> Picture:
     """Grey levels of a TIFF, PNG, BMP or PGM of 8 or 16 bits, shape (height, width), from the top.
 
+    Parameters
+    ----------
+    path : path
+
     Examples
     --------
     >>> with open("grey.pgm", "wb") as file:
@@ -185,6 +189,10 @@ class Correlation:
     def correlate(self, deformed: "ArrayLike | str | os.PathLike[str]") -> Displacements:
         """Displacements of the nodes in a deformed picture; the iteration starts from those of the last one.
 
+        Parameters
+        ----------
+        deformed : array_like, shape (height, width), or path
+
         Examples
         --------
         >>> bool(np.max(abs(correlation.correlate(picture(0.1)).u - 0.1)) < 0.05)
@@ -196,6 +204,10 @@ class Correlation:
 
     def at(self, points: ArrayLike) -> Array:
         """u, v of the last picture at points, shape (k, 2), px; NaN outside the mesh.
+
+        Parameters
+        ----------
+        points : array_like, shape (k, 2), px
 
         Examples
         --------

@@ -79,6 +79,10 @@ class Verdict:
     def of(cls, record: Mapping[str, Any]) -> "Verdict":
         """From the entry ``verdict`` of a line of JSON.
 
+        Parameters
+        ----------
+        record : mapping
+
         Examples
         --------
         >>> knothe.Verdict.of(result.record["verdict"]).level
@@ -133,6 +137,10 @@ class Forecast:
     @classmethod
     def of(cls, record: Mapping[str, Any]) -> "Forecast":
         """From an entry of ``forecast`` in a line of JSON.
+
+        Parameters
+        ----------
+        record : mapping
 
         Examples
         --------
@@ -315,6 +323,10 @@ class Posterior:
     def index(self, parameter: str | int) -> int:
         """The index of a parameter, by name or index.
 
+        Parameters
+        ----------
+        parameter : str or int
+
         Examples
         --------
         >>> result.index("F")
@@ -329,6 +341,10 @@ class Posterior:
     def draws(self, count: int = 500) -> Array:
         """Equally weighted draws, no two of them equal, shape (count, d); for an assimilation those of `posterior.nc`.
 
+        Parameters
+        ----------
+        count : int
+
         Examples
         --------
         >>> result.draws(100).shape
@@ -340,6 +356,10 @@ class Posterior:
 
     def marginal(self, parameter: str | int) -> tuple[Array, Array]:
         """Points and marginal density of one parameter, from the weighted points.
+
+        Parameters
+        ----------
+        parameter : str or int
 
         Examples
         --------
@@ -354,6 +374,11 @@ class Posterior:
     def to_xarray(self, draws: int = 500) -> "dict[str, xarray.Dataset]":
         """One Dataset for each of ArviZ's groups: ``posterior`` (chain, draw), ``weighted_posterior`` (point) and
         ``sample_stats``.
+
+        Parameters
+        ----------
+        draws : int
+            Number of draws.
 
         Examples
         --------

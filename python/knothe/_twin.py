@@ -245,6 +245,10 @@ class Twin:
 
         `UsageError` for a datum of the wrong size or time, or one that is there already; nothing has changed then.
 
+        Parameters
+        ----------
+        datum : Datum
+
         Examples
         --------
         >>> project = knothe.Twin("project.toml")
@@ -257,6 +261,13 @@ class Twin:
 
     def withdraw(self, step: int, source: str = "", session: str = "", seq: int | None = None) -> None:
         """Withdraws a datum: everything is then, to the bit, as if it had never been assimilated.
+
+        Parameters
+        ----------
+        step : int
+        source, session : str
+        seq : int, optional
+            The step by default.
 
         Examples
         --------
@@ -272,6 +283,10 @@ class Twin:
 
     def result(self, step: int) -> StepResult:
         """The posterior of all data up to a step.
+
+        Parameters
+        ----------
+        step : int
 
         Examples
         --------
@@ -340,6 +355,12 @@ class Twin:
     def predict(self, at: ArrayLike | Mapping[str, float], step: int) -> Array:
         """The noise-free values of the sensors, shape (sensors,) or (n, sensors).
 
+        Parameters
+        ----------
+        at : array_like, shape (d,) or (n, d), or mapping
+            Parameters, inside the model's box.
+        step : int
+
         Examples
         --------
         >>> twin.predict(twin.last.mean, step=4).shape
@@ -355,7 +376,14 @@ class Twin:
         ``posterior`` (chain, draw, step), ``log_likelihood`` (chain, draw, step) of each step's last datum,
         ``posterior_predictive`` (chain, draw, step, observation) with noise, of every 10th draw (fewer with many sensors),
         ``observed_data`` (step, observation), ``sample_stats`` (step), ``forecast`` (step, forecast). The measured values are
-        `displacement`; scalar series have their own names. ``arviz.InferenceData(**twin.to_xarray())`` takes them.
+        `displacement`; scalar series have their own names.
+
+        Parameters
+        ----------
+        draws : int
+            Number of draws of each step.
+        predictive_draws : int
+            Of how many of them data are predicted.
 
         Examples
         --------

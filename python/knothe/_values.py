@@ -171,6 +171,10 @@ class Precision:
     def scaled(self, factor: float) -> "Precision":
         """The precision of values in another unit: of metres, (px/m)² times that of pixels.
 
+        Parameters
+        ----------
+        factor : float
+
         Examples
         --------
         >>> knothe.Precision([4.0], [0], [0, 1]).scaled(1e4**2).data

@@ -199,6 +199,38 @@ class Test(Case):
             self.skipTest("no python3 with h5py here")
         self.run_page(DOCS / "tutorials/live.md")
 
+    # What the C++ blocks of a page of the explanation take for granted: headers, and the arguments that each block stands among.
+    CPP = {"transport": ("transport/solve/map_solver.hpp transport/solve/kl_objective.hpp transport/extras/map_distribution.hpp "
+                         "numerics/optimise/trust_region.hpp", "transport",
+                         ("sampling::LogDensity& target",
+                          "const std::vector<std::pair<int, int>>& edges, const Eigen::VectorXd& a, const Eigen::MatrixXd& x, "
+                          "const Eigen::MatrixXd& z",
+                          "sampling::LogDensity& target, const Eigen::MatrixXd& leading_directions, const Eigen::MatrixXd& rest, int r, "
+                          "Eigen::VectorXd& a",
+                          "MapResult& result, int seed, const Eigen::MatrixXd& z, const numerics::PointRule& rule, "
+                          "const Eigen::VectorXd& given, const Eigen::MatrixXd& rest")),
+           "imaging": ("files/picture.hpp imaging/correlation/correlation_noise.hpp imaging/correlation/image_correlation.hpp", "imaging",
+                       ("",))}
+
+    def test_the_cpp_of_the_explanation_compiles(self):
+        compiler = shutil.which("c++")
+        if compiler is None:
+            self.skipTest("no C++ compiler here")
+        for page, (headers, room, arguments) in self.CPP.items():
+            blocks = [text for language, text in blocks_of(DOCS / f"explanation/{page}.md") if language == "cpp"]
+            self.assertEqual(len(blocks), len(arguments), page)
+            text = "#include <iostream>\n" + "".join(f'#include "knothe/{header}"\n' for header in headers.split())
+            text += f"using namespace knothe;\nusing namespace knothe::{room};\n"
+            text += "".join(f"void block_{k}({given}) {{\n{block}}}\n" for k, (block, given) in enumerate(zip(blocks, arguments)))
+            (self.folder / f"{page}.cpp").write_text(text)
+            done = subprocess.run([compiler, "-std=c++20", "-fsyntax-only", "-I", REPOSITORY, "-isystem", "/usr/include/eigen3",
+                                   self.folder / f"{page}.cpp"], capture_output=True, text=True, timeout=200)
+            self.assertEqual(done.returncode, 0, done.stderr[:3000])
+
+    def test_all_cpp_of_the_explanation_is_compiled(self):
+        pages = {page.stem for page in (DOCS / "explanation").glob("*.md") if any(language == "cpp" for language, _ in blocks_of(page))}
+        self.assertEqual(pages, set(self.CPP))
+
     @functools.lru_cache(maxsize=None)
     def help_of(self, *command):
         return self.expect(0, *command, "--help").out

@@ -27,8 +27,8 @@ class JointDiscrepancy {
   void restart();
   /// The form of the next datum given those before it; takes the datum in.
   [[nodiscard]] StepForm condition(const StepForm& form);
-  /// The same where the steps share an error: what that error is, is learnt from the data before, which had
-  /// discrepancies u_i = κ C_i F ξ_i too; their sums per group are further states. `core`: C_i, s × r.
+  /// The same where the steps share an error: what that error is, is identified from the data before, which
+  /// had discrepancies u_i = κ C_i F ξ_i too; their sums per group are further states. `core`: C_i, s × r.
   [[nodiscard]] StepForm condition(const MovedForm& moved, const Eigen::MatrixXd& core);
   /// κ F E[ξ_i | v, data up to the last], r: what is to be added to w, where w = w₀ + v.
   [[nodiscard]] Eigen::VectorXd expected(const Eigen::VectorXd& v) const {

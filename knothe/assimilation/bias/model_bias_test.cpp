@@ -453,7 +453,7 @@ TEST(ModelBias, TheAlarmAndWhatIsDoneAboutItAreSaidInWords) {
       EXPECT_TRUE(r.bias_corrected);
     }
   }
-  EXPECT_TRUE(words.find("the model does not explain the data") != std::string::npos || words.empty());
+  EXPECT_TRUE(words.find("the model does not fit the data") != std::string::npos || words.empty());
 }
 
 }  // namespace

@@ -66,7 +66,7 @@ NoiseModel with_shared_reference(const Hdf5Reader& file, const std::string& name
   return noise.with_shared_reference(static_cast<int>(pictures));
 }
 
-/// Its attribute `relative_scale_std`: how exactly the metres per pixel are known.
+/// Its attribute `relative_scale_std`: how accurately the metres per pixel are known.
 NoiseModel with_scale_error(const Hdf5Reader& file, const std::string& name, const NoiseModel& noise) {
   if (!file.has_attribute(name, "relative_scale_std")) return noise;
   const double std = file.number_attribute(name, "relative_scale_std");

@@ -343,7 +343,7 @@ TEST_P(SharedError, WithADiscrepancyAndOffsetsTheyAreToo) {
 
 INSTANTIATE_TEST_SUITE_P(ReferencePictures, SharedError, ::testing::Values(0, 1, 4));
 
-/// Ellipsoids of 95 % of v from pictures with a scale that is off by a factor drawn anew for each test.
+/// Ellipsoids of 95 % of v from pictures with a scale that is off by a factor drawn again for each test.
 /// Two errors of other sizes at each step and sensor.
 std::vector<Eigen::MatrixXd> lasting_errors() {
   std::vector<Eigen::MatrixXd> factors;

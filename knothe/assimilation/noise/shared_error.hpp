@@ -49,7 +49,7 @@ struct ProjectedDatum {
 ///   before it a datum is Gaussian with residual r_n − Σ_{i<n} r_i/(k + n − 1) and precision
 ///   Q (k + n − 1)/(k + n): no factorisation, no cancellation;
 /// - independent noise: sensors one by one;
-/// - else the information matrix of the two parts of s is factorised anew for each datum. It is sparse: the
+/// - else the information matrix of the two parts of s is factorised again for each datum. It is sparse: the
 ///   own errors of missing dofs stay as variables, so that their Schur complements are never formed.
 class SharedError {
  public:

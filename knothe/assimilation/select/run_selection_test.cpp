@@ -182,7 +182,7 @@ TEST(RunSelection, EstimatesTheRunsToGoFromAPower) {
   // 100 n⁻² = 0.01 at n = 100.
   EXPECT_NEAR(static_cast<double>(runs_to_go(history, {.shift = 0.01, .runs = 400})), 50, 1);
   EXPECT_EQ(runs_to_go(history, {.shift = 0.01, .runs = 60}), 10U);
-  history.back().held_out = 1;  // it does not fall any more
+  history.back().held_out = 1;  // it no longer falls
   EXPECT_EQ(runs_to_go(history, {.shift = 0.01, .runs = 400}), 350U);
 }
 

@@ -25,8 +25,8 @@ class DatumProjector {
   [[nodiscard]] const NoiseModel& noise() const { return noise_; }
   [[nodiscard]] const Eigen::VectorXd& central_functions() const { return central_; }  ///< w₀, r
   [[nodiscard]] Eigen::Index observation_count() const { return predicted_.rows(); }
-  /// Whether a form depends on the data before it: then data are projected anew (`restart`) where one of them
-  /// is taken out or comes late.
+  /// Whether a form depends on the data before it: then data are projected again (`restart`) where one of
+  /// them is taken out or comes late.
   [[nodiscard]] bool depends_on_order() const { return links_steps(noise_); }
   void restart();
   /// The noise of step `step` from now on (of as many dofs).

@@ -297,7 +297,7 @@ void PosteriorSolver::by_composed_maps(const StepForm& last, Posterior& r, Updat
   composition.map.evaluate(map_.verification.reference, 0, composition.batch);
   const PushedPoints pushed = push_forward(target_, map_.verification.reference, composition.batch);
   if (pushed.effective_sample_size < 0.9) {
-    // Errors of a hundred maps add up: begin anew with one map of the whole posterior, which is at hand.
+    // Errors of a hundred maps add up: begin again with one map of the whole posterior, which is at hand.
     by_collapsed_map(r, times);
     compose_anew();
     r.remark +=

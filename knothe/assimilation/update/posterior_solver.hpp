@@ -46,7 +46,7 @@ class PosteriorSolver {
   [[nodiscard]] Eigen::VectorXd component_shares(const Posterior& posterior);
 
   [[nodiscard]] bool is_composed() const { return composition_.has_value(); }
-  /// Composed maps begin anew.
+  /// Composed maps begin again.
   void restart();
   /// The target, in z.
   [[nodiscard]] CollapsedLogDensity& target() { return target_; }

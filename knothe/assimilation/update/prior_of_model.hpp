@@ -18,7 +18,7 @@ namespace knothe::assimilation {
 [[nodiscard]] std::shared_ptr<const PriorTransform> truncated_to_box(const reduction::ObservedModel& model,
                                                                      std::vector<Prior> priors);
 
-/// The priors' medians, d: a point in the middle of what is believed.
+/// The priors' medians, d: a point in the middle of the prior.
 [[nodiscard]] Eigen::VectorXd medians(const PriorTransform& transform);
 
 }  // namespace knothe::assimilation

@@ -11,7 +11,7 @@
 namespace knothe::assimilation {
 namespace {
 
-/// A sum that is to be made anew has no G.
+/// A sum that is to be made again has no G.
 bool is_summed(const StoredStep& step) {
   return step.form.quadratic.size() > 0;
 }
@@ -133,8 +133,8 @@ void StepStore::keep(StoredStep& step, const DatumKey& key, Projected projected,
                      const Eigen::VectorXd& values, const std::optional<GaussianNoise>& noise) {
   StepForm& form = projected.form;
   step.moved = std::move(projected.moved);
-  // The sum goes on where the datum comes last; otherwise it is made anew when it is asked for: a replay of n
-  // data in any order costs n additions, not n²/2.
+  // The sum goes on where the datum comes last; otherwise it is made again when it is asked for: a replay of
+  // n data in any order costs n additions, not n²/2.
   if (step.data.empty()) {
     step.form = form;
   } else if (step.data.rbegin()->first < key && is_summed(step)) {

@@ -1,6 +1,6 @@
 #pragma once
 /// @file The data of a sequential update, each as a quadratic form: added in any order, withdrawn without a
-/// trace, projected anew where one depends on those before it.
+/// trace, projected again where one depends on those before it.
 #include <Eigen/Core>
 #include <cstddef>
 #include <map>

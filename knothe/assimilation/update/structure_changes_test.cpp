@@ -85,7 +85,7 @@ TEST(ChangingStructure, AfterAKnownChangeThePosteriorIsThatOfTheLaterDataAlone) 
   EXPECT_EQ(both.result().mean, late.result().mean);
   EXPECT_EQ(both.result().covariance, late.result().covariance);
   EXPECT_NEAR(both.result().log_evidence, early.result().log_evidence + late.result().log_evidence, 1e-9);
-  // A step taken out and put back leaves no trace, before the change or after it.
+  // A step withdrawn and assimilated again leaves no trace, before the change or after it.
   const Eigen::VectorXd mean = both.result().mean;
   const double log_evidence = both.result().log_evidence;
   for (const std::size_t t : {3, 8, 9}) {

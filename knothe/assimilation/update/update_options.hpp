@@ -29,7 +29,7 @@ struct UpdateOptions {
   MonitorOptions monitor;
   /// A structure that changes (docs/explanation/assimilation.md). Before each datum the likelihood of those
   /// before it is raised to the power `forgetting`, in (0, 1]; before the steps `change_points` to the power
-  /// `change_retention`, in [0, 1]: with 0 the posterior begins anew from the prior.
+  /// `change_retention`, in [0, 1]: with 0 the posterior begins again from the prior.
   double forgetting = 1;
   std::vector<std::size_t> change_points;
   double change_retention = 0;

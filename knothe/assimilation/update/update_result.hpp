@@ -32,7 +32,7 @@ struct UpdateResult : Posterior {
   bool bias_corrected = false;  ///< this datum was assimilated with the corrected model
   MonitorReport monitor;        ///< how well the data before predicted this one
   /// What the monitor found or did at this step, in words: the alarm, correction switched on or off, steps
-  /// that were taken out and put back. Mostly empty.
+  /// that were withdrawn and assimilated again. Mostly empty.
   std::string notice;
   Verdict verdict;  ///< may it be used, and why not; made by the engine
   UpdateTimes elapsed_us;

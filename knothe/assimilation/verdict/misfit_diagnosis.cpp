@@ -58,19 +58,23 @@ class Diagnostician {
         parameters_(p.size()) {}
 
   [[nodiscard]] Diagnosis diagnose(const ResidualReport& report) {
-    if (auto found = other_noise_level(report.scores)) return *found;
     const WhatIfAnswer plain = fits_.fit({});
     base_ = plain.misfit;
-    if (auto found = other_noise_level(plain.scores)) return *found;
-    if (auto found = few_sensors()) return *found;
+    auto noise = other_noise_level(report.scores);
+    if (!noise) noise = other_noise_level(plain.scores);
+    if (noise && noise->factor < 1) return *noise;
+    if (!noise)
+      if (auto found = few_sensors()) return *found;
     try_factors();
     try_shift();
     try_swapped_components();
-    try_sensor_order(plain);
-    // The first that explains the data where the model alone does not, or else what takes most away.
+    if (!noise) try_sensor_order(plain);
+    // The first that explains the data where the model alone does not, or else what takes most away. More
+    // noise would explain whatever else is small: it comes last.
     auto best = tried_.end();
     if (!explains(base_))
       best = std::find_if(tried_.begin(), tried_.end(), [&](const Tried& t) { return explains(t.misfit); });
+    if (noise && best == tried_.end()) return *noise;
     if (best == tried_.end())
       best = std::min_element(tried_.begin(), tried_.end(),
                               [](const Tried& a, const Tried& b) { return a.misfit < b.misfit; });
@@ -206,6 +210,10 @@ class Diagnostician {
       const bool is_component = names[g].size() == 1;
       try_factor(rows, is_component ? "displacements along " + names[g] : "values of \"" + names[g] + "\"",
                  is_component ? "the " + names[g] + " axis" : "\"" + names[g] + "\"", is_component);
+      // Series of one unit, a force beside them.
+      if (names.size() > 2)
+        try_factor(Eigen::VectorXd::Ones(n) - rows, "all values but those of \"" + names[g] + "\"",
+                   "all but \"" + names[g] + "\"", false);
     }
   }
 
@@ -213,11 +221,10 @@ class Diagnostician {
     const WhatIfAnswer answer = fits_.fit({.order = {}, .scaled = {}, .shifted = true, .robust = false});
     const double steps = answer.shift;
     if (std::abs(steps) < 0.05) return;
-    tried_.push_back(
-        {MisfitCause::time_shift, answer.misfit,
-         fmt::format("the data look like the model's {:.2g} steps {}: check the clock, and where "
-                     "the test begins",
-                     std::abs(steps), steps > 0 ? "later" : "earlier")});
+    tried_.push_back({MisfitCause::time_shift, answer.misfit,
+                      fmt::format("the data match the model {:.2g} steps {}: check the clock, and where "
+                                  "the test begins",
+                                  std::abs(steps), steps > 0 ? "later" : "earlier")});
   }
 
   /// The other component at the same point.
@@ -274,10 +281,11 @@ class Diagnostician {
     for (Index i = 0; i < n; ++i) moved += best[static_cast<std::size_t>(i)] != i ? 1 : 0;
     if (moved < 2) return;
     const WhatIfAnswer answer = fits_.fit({.order = best, .scaled = {}, .shifted = false, .robust = false});
-    tried_.push_back({MisfitCause::sensor_order, answer.misfit,
-                      fmt::format("{} of {} sensors read like another one's place: check the order of the "
-                                  "columns, and the places of the sensors",
-                                  moved, n)});
+    tried_.push_back(
+        {MisfitCause::sensor_order, answer.misfit,
+         fmt::format("{} of {} sensors fit better at another sensor's position: check the order of the "
+                     "columns, and the places of the sensors",
+                     moved, n)});
   }
 
   const ResidualTests& tests_;

@@ -18,10 +18,11 @@ struct Diagnosis {
   double factor = 1;    ///< of a noise level: true over stated standard deviation
 };
 
-/// Of data whose residuals fail `report` (made at the posterior mean `p`, d). Tried are, in this order: a
-/// level of the noise, single sensors or values, a factor (of all displacements, of a component), a shift in
-/// time, swapped components, the order of the sensors. Named is the one that explains the data, or else takes
-/// most of the misfit away. Some ten least-squares fits: milliseconds.
+/// Of data whose residuals fail `report` (made at the posterior mean `p`, d). Tried are, in this order:
+/// single sensors or values, a factor (of all displacements, of a component or a series, of all but one), a
+/// shift in time, swapped components, the order of the sensors. Named is the one that explains the data, or
+/// else a level of the noise if the residuals are white, or else what takes most of the misfit away. Some ten
+/// least-squares fits: milliseconds.
 [[nodiscard]] Diagnosis diagnose(const reduction::ObservedModel& model, const ResidualTests& tests,
                                  const PriorTransform& priors, std::span<const ExaminedDatum> data,
                                  const Eigen::VectorXd& p, const ResidualReport& report, double limit);

@@ -48,7 +48,7 @@ namespace knothe::imaging {
 /// Mean over the nodes that are measured; 0 if none is.
 [[nodiscard]] double mean_std(const Eigen::VectorXd& std);
 
-/// How exactly displacements are known.
+/// How accurately displacements are known.
 struct DisplacementPrecision {
   Eigen::SparseMatrix<double> matrix;  ///< 1/px², both triangles; empty rows at nodes without a valid element
   Eigen::VectorXd std;                 ///< px, one per displacement; 0 at those nodes

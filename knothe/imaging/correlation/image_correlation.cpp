@@ -256,7 +256,7 @@ Eigen::VectorXd ImageCorrelation::displacement_std(const std::vector<char>& elem
   return std;
 }
 /// Between two noises 1/(P⁻¹)_kk goes linearly with γ² to 1e-4 of it (exactly, if nodes did not share
-/// elements), so that it need not be found anew for every picture; the two are from a fixed list, so that it
+/// elements), so that it need not be found again for every picture; the two are from a fixed list, so that it
 /// does not matter which pictures there were before.
 Eigen::VectorXd ImageCorrelation::plain_std(const std::vector<char>& element_valid, double gamma,
                                             double reference_count, double gain) const {

@@ -41,8 +41,8 @@ struct PictureFrame {
 
 /// The frame that fits points found in the picture (n × 2, px) to their places on the model's face (n × 2, m:
 /// right, up), by least squares (two points: exactly). The scale's relative standard deviation is
-/// σ/√Σ|w − w̄|², with `point_std` (px) for how exactly a point was found, or what the fit says where that is
-/// more and there are at least three points. Errors: UsageError for fewer than two points, or all in one
+/// σ/√Σ|w − w̄|², with `point_std` (px) for how accurately a point was found, or what the fit says where that
+/// is more and there are at least three points. Errors: UsageError for fewer than two points, or all in one
 /// place.
 [[nodiscard]] PictureFrame fit_picture_frame(const std::vector<std::array<double, 2>>& pixels,
                                              const std::vector<std::array<double, 2>>& points,

@@ -58,7 +58,7 @@ TEST(CameraDrift, TheMarginalIsTheDenseFormulaAndKnowsNothingOfRigidMotions) {
     const Eigen::MatrixXd covariance =
         Eigen::MatrixXd(scene.precision).inverse() + std * std * used * used.transpose();
     EXPECT_LT((marginal * covariance - Eigen::MatrixXd::Identity(n, n)).norm(), 1e-6);
-    // What a shift of 0.1 px weighs: next to nothing, where it weighed much.
+    // What a shift of 0.1 px weighs: almost nothing, where it weighed much.
     const Eigen::VectorXd shifted = 0.1 * b.col(0);
     EXPECT_GT(shifted.dot(scene.precision * shifted), 100);
     EXPECT_LT(shifted.dot(marginal * shifted), 0.01);

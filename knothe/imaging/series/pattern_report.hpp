@@ -1,6 +1,6 @@
 #pragma once
-/// @file Is a speckle pattern good enough, and how exactly will displacements be known? Before a test, from
-/// the reference picture alone; and the table of settings that a report on a measurement should hold.
+/// @file Is a speckle pattern good enough, and how accurately will displacements be known? Before a test,
+/// from the reference picture alone; and the table of settings that a report on a measurement should hold.
 #include <Eigen/Core>
 #include <array>
 #include <optional>

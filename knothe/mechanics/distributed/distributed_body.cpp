@@ -11,7 +11,7 @@ namespace {
 
 constexpr double k_linear_tolerance = 1e-5;  ///< of a Newton correction
 constexpr int k_max_linear_iterations = 400;
-constexpr int k_many_linear_iterations = 40;  ///< more: the multigrid is made anew
+constexpr int k_many_linear_iterations = 40;  ///< more: the multigrid is made again
 
 }  // namespace
 

@@ -43,7 +43,7 @@ void advance_by_increments(double from, double target, int max_cuts, const Newto
 
 enum class NewtonVerdict { go_on, converged, failed };
 /// Of the relative residuals of Newton's iterations so far, at least one. At the rounding floor, well below
-/// the acceptance, a residual that does not fall any more has converged.
+/// the acceptance, a residual that no longer falls has converged.
 [[nodiscard]] NewtonVerdict newton_verdict(std::span<const double> residuals, const SolverOptions& options);
 
 /// Of the half body that is solved for, at the end of an increment.

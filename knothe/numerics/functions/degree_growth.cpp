@@ -77,7 +77,7 @@ void DegreeGrowth::expand(std::span<const double> indicator, bool evenly, std::s
         known_.insert(index);
       }
     }
-    // Nothing fits any more: whoever asks for more room may go on from here.
+    // Nothing fits now: whoever asks for more room may go on from here.
     if (indices_.size() == before &&
         std::any_of(now.begin(), now.end(), [&](std::size_t n) { return active_[n]; }))
       return;

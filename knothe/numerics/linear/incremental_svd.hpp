@@ -7,7 +7,7 @@ namespace knothe::numerics {
 /// Leading singular triplets of A = [a_1 … a_i], A ≈ U diag(s) Vᵀ, brought up to date when a column arrives:
 /// the sequential Karhunen-Loève algorithm of A. Levy, M. Lindenbaum, IEEE Trans. Image Process. 9 (2000).
 /// The new column is split by Gram-Schmidt (twice) into its part in the span of U and a new direction q (the
-/// QR decomposition of [U diag(s), a]), and the small matrix [diag(s) Uᵀa; 0 ρ] is decomposed anew. A column
+/// QR decomposition of [U diag(s), a]), and the small matrix [diag(s) Uᵀa; 0 ρ] is decomposed again. A column
 /// costs O(n k + n k² + W k²), whatever the number of columns before: of V only the rows of the last W
 /// columns are kept.
 ///

@@ -35,7 +35,7 @@ Json forecast_record(std::span<const forecast::NamedForecast> forecasts, bool de
 
 namespace {
 
-/// Innovation and test ratio of the sensors that reported, and those that are not to be believed.
+/// Innovation and test ratio of the sensors that reported, and those that are not reliable.
 Json sensor_record(const assimilation::SensorReport& sensors) {
   Json record = {{"indices", Json::array()},
                  {"innovation", Json::array()},

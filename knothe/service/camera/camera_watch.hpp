@@ -21,7 +21,7 @@ class CameraWatch {
  public:
   using Open = std::function<std::unique_ptr<FrameSource>(const project::CameraOptions&)>;
 
-  /// `open` connects, IoError where it cannot; it is tried again and again.
+  /// `open` connects, IoError where it cannot; it is retried.
   CameraWatch(std::shared_ptr<Site> site, Metrics& metrics, Open open);
   ~CameraWatch();
   CameraWatch(const CameraWatch&) = delete;

@@ -9,14 +9,14 @@ namespace knothe::service {
 
 /// Counts the frames of a camera, those that never came included. Where they come at a known rate a frame's
 /// number follows from the camera's clock, whose drift does not add up because only the time since the last
-/// frame counts; else from its id. After an interruption the camera's clock is believed as long as it agrees
+/// frame counts; else from its id. After an interruption the camera's clock is used as long as it agrees
 /// with this machine's; else (it was switched off meanwhile, or is another camera) this machine's clock
 /// counts.
 class FrameNumbers {
  public:
   struct Numbered {
     std::int64_t number = 0;
-    /// Serial number of the camera; where its clock began anew, with the number of the first frame since.
+    /// Serial number of the camera; where its clock began again, with the number of the first frame since.
     std::string session;
     std::int64_t camera_us = 0, host_us = 0;
   };

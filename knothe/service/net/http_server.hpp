@@ -86,7 +86,7 @@ class HttpServer {
   /// Serves until `tick` says no; then takes no more connections, finishes what is being answered (for at
   /// most two seconds), and returns.
   void run();
-  /// After `run`, when nobody answers any more: closes what is still open.
+  /// After `run`, when nobody answers: closes what is still open.
   void finish();
   /// There may be something new for readers of events. From any thread.
   void wake();

@@ -512,7 +512,7 @@ JournalWriter::Answer JournalWriter::write(const Withdrawal& withdrawal, Monoton
   return Withdrawn{entry->measurement.step, entry->withdrawn};
 }
 
-/// A switch changes what the data from its time on say: those are assimilated anew.
+/// A switch changes what the data from its time on say: those are assimilated again.
 JournalWriter::Answer JournalWriter::write(const LogbookEntry& entry, MonotonicTime at, Written& written) {
   const bool finishes = entry.kind == EntryKind::test_finished;
   if ((finishes || entry.kind == EntryKind::test_resumed) && finishes == course_.end().has_value())

@@ -16,7 +16,7 @@ struct Line {
   std::int64_t event = 0;  ///< id, increasing for ever
   std::size_t step = 0;
   double time = 0;
-  bool withdrawn = false;                     ///< no line: its step has no datum any more
+  bool withdrawn = false;                     ///< no line: its step no longer has a datum
   std::string json;                           ///< the line of a step (docs/reference/formats.md)
   Eigen::VectorXd mean, std;                  ///< d
   Eigen::MatrixXd samples;                    ///< at most 400 × d, equally weighted

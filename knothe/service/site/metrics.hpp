@@ -28,7 +28,7 @@ class Metrics {
   void count(const std::string& name, const std::string& labels, double by = 1);
   void set(const std::string& name, const std::string& labels, double value);
   void observe(const std::string& name, const std::string& labels, double seconds);
-  /// A gauge that has no value any more.
+  /// A gauge that no longer has a value.
   void forget(const std::string& name, const std::string& labels);
   [[nodiscard]] double value(const std::string& name, const std::string& labels) const;
   /// The whole text, with what the process itself uses (memory, processor time, descriptors).

@@ -256,7 +256,7 @@ void Site::withdraw(const Measurement& measurement) {
   if (take_out(measurement)) retract(static_cast<std::size_t>(measurement.step));
 }
 
-/// True if its step has no data any more.
+/// True if its step no longer has data.
 bool Site::take_out(const Measurement& measurement) {
   if (measurement.step < 0 || static_cast<std::size_t>(measurement.step) >= setup_.observed->time.size())
     return false;  // it never came in

@@ -35,7 +35,7 @@ class SiteAlarms {
                        const std::string& kind, const std::string& message);
   /// All conditions of a line.
   void judge(const Line& line);
-  /// Marks an alarm as seen to; one that is not kept any more is left alone.
+  /// Marks an alarm as seen to; one that is no longer kept is left alone.
   void acknowledge(std::int64_t id, Acknowledgement acknowledgement);
   [[nodiscard]] std::optional<Alarm> find(std::int64_t id) const;
   /// How many warnings and alarms nobody has acknowledged.

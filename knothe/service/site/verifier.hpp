@@ -67,7 +67,7 @@ class Verifier {
   /// Results first, in the order of their steps.
   [[nodiscard]] std::optional<Result> next_result();
   [[nodiscard]] std::optional<Handover> handover();
-  /// Destroys an engine that is not needed any more.
+  /// Destroys an engine that is no longer needed.
   void discard(std::unique_ptr<engine::Engine> engine);
 
  private:

@@ -63,7 +63,7 @@ TEST(MapSolver, TheBananaIsExactAtOrderTwo) {
   const Eigen::MatrixXd z = result.evaluate((Eigen::MatrixXd(2, 2) << 1.3, -0.4, -2.1, 0.9).finished());
   EXPECT_NEAR(z(0, 1), -0.4 + 1.3 * 1.3, 1e-6);
   EXPECT_NEAR(z(1, 1), 0.9 + 2.1 * 2.1, 1e-6);
-  MapSolver standard;  // and with the standard radii the tails cost next to nothing
+  MapSolver standard;  // and with the standard radii the tails cost almost nothing
   EXPECT_LT(standard.solve(target).verified_diagnostic, 1e-5);
 }
 
