@@ -111,18 +111,14 @@ def write_data(rows):
 
 
 def write_laws():
-    """The same project with the laws of stress against opening, the fracture energy in place of A_d; and with the gradient's."""
-    band = 'regularisation = "crack-band", reference_size = 0.02'
-    for source, name in (("half_notched.toml", "gradient"), ("peak.toml", "gradient_peak")):
-        text = pathlib.Path(source).read_text(encoding="utf-8")
-        text = text.replace(band, 'regularisation = "gradient", internal_length = 0.005').replace("brittle.h5", "gradient.h5")
-        pathlib.Path(f"{name}.toml").write_text(text.replace('results = "', 'results = "gradient_'), encoding="utf-8")
-    for law in ("exponential", "bilinear"):
+    """The same project with the gradient, and with the laws of stress against opening: the fracture energy in place of A_d."""
+    energy = [("\nAd = { prior", "\nGf = { prior"), ("Ad = { reference = 2.5e-3", "Gf = { reference = 70")]
+    laws = {"gradient": [('regularisation = "crack-band", reference_size = 0.02', 'regularisation = "gradient", internal_length = 0.005')],
+            **{law: [("damage = { ", f'damage = {{ law = "{law}", '), *energy] for law in ("exponential", "bilinear")}}
+    for law, changes in laws.items():
         for source, name in (("half_notched.toml", law), ("peak.toml", f"{law}_peak")):
             text = pathlib.Path(source).read_text(encoding="utf-8")
-            for old, new in (("damage = { ", f'damage = {{ law = "{law}", '), ("\nAd = { prior", "\nGf = { prior"),
-                             ("Ad = { reference = 2.5e-3", "Gf = { reference = 70"), ("brittle.h5", f"{law}.h5"),
-                             ('results = "', f'results = "{law}_')):
+            for old, new in [*changes, ("brittle.h5", f"{law}.h5"), ('results = "', f'results = "{law}_')]:
                 if old not in text:
                     raise SystemExit(f"{source}: there is no {old!r}")
                 text = text.replace(old, new)

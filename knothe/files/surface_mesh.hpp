@@ -23,7 +23,7 @@ struct SurfaceMesh {
 [[nodiscard]] SurfaceMesh parse_gmsh(const std::string& text, const std::string& path);
 [[nodiscard]] SurfaceMesh parse_vtu(const std::string& text, const std::string& path);
 
-/// Keeps of `points` [n, 3] those that the cells use, in their order, and numbers them again.
+/// Keeps of `points` [n, 3] those that the cells use, in their order, and renumbers them.
 [[nodiscard]] SurfaceMesh with_used_points(const std::vector<double>& points,
                                            std::vector<std::array<std::int64_t, 4>> cells);
 

@@ -100,12 +100,16 @@ Eigen::MatrixXd coordinates_of(const CrackMetaModel& meta_model, const LinearPre
 
 CrackBridge::CrackBridge(CrackMetaModel meta_model, const LinearPrediction& prediction,
                          double imposed_displacement, const CrackBridgeOptions& options)
+    : CrackBridge(std::move(meta_model),
+                  coordinates_of(meta_model, prediction, imposed_displacement, options), options) {}
+
+CrackBridge::CrackBridge(CrackMetaModel&& meta_model, const Eigen::MatrixXd& coordinates,
+                         const CrackBridgeOptions& options)
     : meta_model_(std::move(meta_model)),
       options_(options),
-      coordinates_(coordinates_of(meta_model_, prediction, imposed_displacement, options)),
-      crack_(coordinates_.leftCols(meta_model_.modes())),
-      lift_(coordinates_.col(meta_model_.modes())),
-      modes_(coordinates_.rightCols(prediction.modes.cols())),
+      crack_(coordinates.leftCols(meta_model_.modes())),
+      lift_(coordinates.col(meta_model_.modes())),
+      modes_(coordinates.rightCols(coordinates.cols() - meta_model_.modes() - 1)),
       nearest_(meta_model_, crack_.topRows(crack_rows())) {
   const auto lengths = meta_model_.lengths();
   for (std::size_t i = 0; i + 1 < lengths.size(); ++i)

@@ -71,6 +71,9 @@ class CrackBridge {
   [[nodiscard]] const CrackBridgeOptions& options() const { return options_; }
 
  private:
+  /// `coordinates`: upper triangular, k × (N_SVD + 1 + r).
+  CrackBridge(CrackMetaModel&& meta_model, const Eigen::MatrixXd& coordinates,
+              const CrackBridgeOptions& options);
   /// Rows of `crack_` that are not zero.
   [[nodiscard]] Eigen::Index crack_rows() const { return std::min(crack_.rows(), crack_.cols()); }
   /// Each sample's length to first order about that of the mean field, but for a factor and a shift.
@@ -79,10 +82,9 @@ class CrackBridge {
 
   CrackMetaModel meta_model_;
   CrackBridgeOptions options_;
-  Eigen::MatrixXd coordinates_;  ///< upper triangular, k × (N_SVD + 1 + r)
-  Eigen::MatrixXd crack_;        ///< coordinates of u_imp σ_k u_k, k × N_SVD
-  Eigen::VectorXd lift_;         ///< coordinates of lift, k
-  Eigen::MatrixXd modes_;        ///< coordinates of A, k × r
+  Eigen::MatrixXd crack_;  ///< coordinates of u_imp σ_k u_k, k × N_SVD
+  Eigen::VectorXd lift_;   ///< coordinates of lift, k
+  Eigen::MatrixXd modes_;  ///< coordinates of A, k × r
   NearestCrack nearest_;
   std::vector<double> base_;     ///< lengths at which Eq. 33 is looked at first: four for each snapshot
   Eigen::MatrixXd base_values_;  ///< v(l) there, N_SVD × n

@@ -29,7 +29,7 @@ struct ForecastSpecification {
   /// m; what the crack that is meant is longer by than the elastic one that moves the sensors as the beam
   /// does (docs/explanation/forecast.md). The prior is that of the elastic one.
   double length_offset = 0;
-  LengthCurve::Points length_curve;  ///< in place of the offset where that depends on the length
+  LengthCurve::Points length_curve;  ///< before the offset: what depends on the length
   /// Standard deviation of what the model leaves out at the horizon (of a crack length: of what its offset
   /// varies by), in the unit of the quantity; independent of the data.
   double model_error_std = 0;

@@ -1,5 +1,6 @@
 #include "knothe/forecast/nearest_crack.hpp"
 
+#include <cmath>
 #include <limits>
 
 namespace knothe::forecast {
@@ -15,16 +16,12 @@ NearestCrack::NearestCrack(const CrackMetaModel& meta_model, const Eigen::Ref<co
   const auto breaks = basis_.breaks();
   for (std::size_t j = 0; j + 1 < breaks.size(); ++j) {
     Interval interval;
-    const auto first = static_cast<Eigen::Index>(j);
     for (Eigen::Index k = 0; k < 4; ++k) {
-      const double share = static_cast<double>(k) / 3, s = share * (breaks[j + 1] - breaks[j]);
-      const auto& c = basis_.pieces()[j];
-      for (std::size_t f = 0; f < 4; ++f)
-        interval.basis(k, static_cast<Eigen::Index>(f)) =
-            c[0][f] + s * (c[1][f] + s * (c[2][f] + s * c[3][f]));
-      interval.length[k] = k == 3 ? breaks[j + 1] : breaks[j] + s;
+      interval.length[k] = std::lerp(breaks[j], breaks[j + 1], (static_cast<double>(k) + 0.5) / 4);
+      const auto local = basis_.evaluate(interval.length[k]);
+      interval.basis.row(k) = Eigen::Map<const Eigen::RowVector4d>(local.value.data());
       interval.half_square[k] =
-          0.5 * (fields_.middleCols<4>(first) * interval.basis.row(k).transpose()).squaredNorm();
+          0.5 * (fields_.middleCols<4>(local.first) * interval.basis.row(k).transpose()).squaredNorm();
     }
     intervals_.push_back(interval);
   }
@@ -49,10 +46,12 @@ double NearestCrack::nearest(const double* products) const {
     best = j;
   }
   const auto& here = intervals_[best].length;
-  const double low = place > 0 ? here[place - 1] : best > 0 ? intervals_[best - 1].length[2] : here[0];
+  const double low = place > 0  ? here[place - 1]
+                     : best > 0 ? intervals_[best - 1].length[3]
+                                : basis_.breaks().front();
   const double high = place < 3                      ? here[place + 1]
-                      : best + 1 < intervals_.size() ? intervals_[best + 1].length[1]
-                                                     : here[3];
+                      : best + 1 < intervals_.size() ? intervals_[best + 1].length[0]
+                                                     : basis_.breaks().back();
   return root(products, low, high);
 }
 

@@ -19,7 +19,7 @@ class NearestCrack {
   [[nodiscard]] Eigen::VectorXd lengths(const Eigen::Ref<const Eigen::MatrixXd>& targets) const;
 
  private:
-  /// Points of the first pass in one interval of the spline, from end to end.
+  /// Points of the first pass in one interval of the spline.
   struct Interval {
     Eigen::Vector4d length, half_square;  ///< l and |R v(l)|²/2
     Eigen::Matrix4d basis;                ///< b(l), a row for each

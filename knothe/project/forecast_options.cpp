@@ -26,8 +26,9 @@ const Section<F>& forecast_section() {
           "Length of the crack of interest minus that of the equivalent elastic crack, m "
           "(docs/explanation/forecast.md).");
     s.add("length_curve", &F::length_curve,
-          "In place of `length_offset` where it depends on the length: `[[elastic, length], …]`, m, both "
-          "increasing; linear in between.",
+          "Length of the crack of interest at lengths of the equivalent elastic crack: `[[elastic, length], "
+          "…]`, "
+          "m, both increasing; linear in between. `length_offset` is added to it.",
           of_shape("a list of pairs, [[elastic, length], …], m"), no_default);
     s.add("model_error_std", &F::model_error_std,
           "Standard deviation of the model's error in the quantity at the horizon (for a crack length: of "
@@ -51,10 +52,6 @@ F read_forecast(Values& values, const std::string& name) {
   };
   need(F::Quantity::displacement, "point", " = [x, y, z]");
   need(F::Quantity::displacement, "component", "");
-  if (!f.length_curve.empty() && f.length_offset != 0)
-    values.complain(path + ".length_curve", fmt::format("[{}] has \"length_curve\" and \"length_offset\": "
-                                                        "give one",
-                                                        path));
   need(F::Quantity::output, "output", ", the name of one of the model's outputs");
   return f;
 }

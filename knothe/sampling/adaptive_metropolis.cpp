@@ -19,7 +19,7 @@ namespace knothe::sampling {
 
 namespace {
 
-/// Shares of the warm-up at which a new covariance is identified, from the draws since the one before. The
+/// Shares of the warm-up at which a new covariance is estimated, from the draws since the one before. The
 /// rest of it tunes the scale alone.
 constexpr std::array k_learning_ends = {0.05, 0.1, 0.2, 0.35, 0.55, 0.85};
 

@@ -14,7 +14,8 @@ The same engine as the program `knothe`: a result here is identical, to the bit,
 
 Points are n x d arrays in C order (double precision); such arrays are read where they are, without a copy. Long calls let other
 threads of Python go on, and Ctrl-C ends them. The examples import knothe, and numpy as np; model.h5 is that of the example of
-`offline`, and project.toml, `twin`, `result` and `moved` are what `Twin`, its `assimilate` and `Correlation.correlate` give. All quantities are in SI units, as in the files.
+`offline`, and project.toml, `twin`, `result` and `moved` are what `Twin`, its `assimilate` and `Correlation.correlate` give.
+All quantities are in SI units, as in the files.
 """
 import importlib
 from typing import Any

@@ -16,13 +16,14 @@ from knothe._errors import UsageError
 from knothe._values import Array, Sensors, points_of, step_of
 
 
-def _parameter_points(at: ArrayLike | Mapping[str, float], parameters: Sequence[str]) -> tuple[Array, bool]:
-    """Points n x d, and whether one alone was given (d numbers, or a number by name)."""
+def _at_points(call: Callable[[Array], Array], at: ArrayLike | Mapping[str, float], parameters: Sequence[str]) -> Array:
+    """What `call` gives of points n x d; of one alone (d numbers, or a number by name) without the first index."""
     if isinstance(at, Mapping):
         if set(at) != set(parameters):
             raise UsageError(f"parameters {', '.join(at)}: the model has {', '.join(parameters)}")
         at = [float(at[name]) for name in parameters]
-    return points_of(at, len(parameters), "parameters"), np.ndim(at) == 1
+    values = call(points_of(at, len(parameters), "parameters"))
+    return values[0] if np.ndim(at) == 1 else values
 
 
 class ObservedModel:
@@ -53,18 +54,15 @@ class ObservedModel:
         -------
         ndarray, shape (sensors,) or (n, sensors), m
         """
-        points, one = _parameter_points(at, self.parameters)
-        values, _ = self._native.predict(points, step_of(step, self._steps), False)
-        return values[0] if one else values
+        index = step_of(step, self._steps)
+        return _at_points(lambda points: self._native.predict(points, index, False)[0], at, self.parameters)
 
     def jacobian(self, at: ArrayLike | Mapping[str, float], step: int) -> Array:
         """Derivatives with respect to the parameters, shape (sensors, d) or (n, sensors, d).
 
         Parameters
         ----------
-        at : array_like, shape (d,) or (n, d), or mapping
-            Parameters, inside the model's box.
-        step : int
+        at, step : as of the call
 
         Examples
         --------
@@ -72,9 +70,8 @@ class ObservedModel:
         >>> seen.jacobian([[1.0, 1.0], [1.0, 1.2]], step=4).shape
         (2, 1, 2)
         """
-        points, one = _parameter_points(at, self.parameters)
-        jacobian = self._native.predict(points, step_of(step, self._steps), True)[1]
-        return jacobian[0] if one else jacobian
+        index = step_of(step, self._steps)
+        return _at_points(lambda points: self._native.predict(points, index, True)[1], at, self.parameters)
 
 
 class Model:
@@ -138,9 +135,8 @@ class Model:
         ndarray, shape (dofs,) or (n, dofs)
             In the field's unit, m for displacements.
         """
-        points, one = _parameter_points(at, self.parameters)
-        values, _ = self._native.evaluate(points, step_of(step, len(self.times)), self._dofs(dofs), False)
-        return values[0] if one else values
+        index, chosen = step_of(step, len(self.times)), self._dofs(dofs)
+        return _at_points(lambda points: self._native.evaluate(points, index, chosen, False)[0], at, self.parameters)
 
     @staticmethod
     def _dofs(dofs: Sequence[int] | None) -> list[int]:
@@ -166,9 +162,8 @@ class Model:
         >>> knothe.Model.load("model.h5").jacobian([1.0, 1.0], step=4, dofs=[0, 4]).shape
         (2, 2)
         """
-        points, one = _parameter_points(at, self.parameters)
-        jacobian = self._native.evaluate(points, step_of(step, len(self.times)), self._dofs(dofs), True)[1]
-        return jacobian[0] if one else jacobian
+        index, chosen = step_of(step, len(self.times)), self._dofs(dofs)
+        return _at_points(lambda points: self._native.evaluate(points, index, chosen, True)[1], at, self.parameters)
 
     def output(self, name: str, at: ArrayLike | Mapping[str, float]) -> Array:
         """A further output (reaction force ...) at all time steps, shape (steps,) or (n, steps), in the unit that `info` gives.
@@ -186,9 +181,7 @@ class Model:
         >>> spring.output("force", [1.0]).round(6)
         array([1., 2.])
         """
-        points, one = _parameter_points(at, self.parameters)
-        values, _ = self._native.evaluate_output(name, points, False)
-        return values[0] if one else values
+        return _at_points(lambda points: self._native.evaluate_output(name, points, False)[0], at, self.parameters)
 
     def observe(self, points: ArrayLike | Sensors, components: str | int | Sequence[str | int] = "y") -> ObservedModel:
         """The model at arbitrary points, interpolated by the elements' shape functions.

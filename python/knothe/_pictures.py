@@ -172,7 +172,8 @@ class Correlation:
     """
 
     def __init__(self, reference: "ArrayLike | str | os.PathLike[str]", roi: Sequence[float] | None = None, *,
-                 mesh: "str | os.PathLike[str] | tuple[ArrayLike, ArrayLike] | None" = None, element_size: float = 32, prefilter: float = 0, max_iterations: int = 50, tolerance: float = 1e-3,
+                 mesh: "str | os.PathLike[str] | tuple[ArrayLike, ArrayLike] | None" = None, element_size: float = 32,
+                 prefilter: float = 0, max_iterations: int = 50, tolerance: float = 1e-3,
                  threads: int = 1) -> None:
         if roi is not None and len(roi) != 4:
             raise UsageError(f"roi: {len(roi)} numbers; give x0, y0, x1, y1, two opposite corners in px")

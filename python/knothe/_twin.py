@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from knothe import _knothe
 from knothe._errors import UsageError
-from knothe._models import Model, _parameter_points
+from knothe._models import Model, _at_points
 from knothe._posterior import Forecast, Posterior, Verdict, statistics_of
 from knothe._values import Array, Precision, Prior, Sensors, count_of, noise_values, prior_values, step_of
 
@@ -357,18 +357,15 @@ class Twin:
 
         Parameters
         ----------
-        at : array_like, shape (d,) or (n, d), or mapping
-            Parameters, inside the model's box.
-        step : int
+        at, step : as of `ObservedModel`
 
         Examples
         --------
         >>> twin.predict(twin.last.mean, step=4).shape
         (5,)
         """
-        points, one = _parameter_points(at, self.parameters)
-        values, _ = self._native.predict(points, step_of(step, len(self.times)), False)
-        return values[0] if one else values
+        index = step_of(step, len(self.times))
+        return _at_points(lambda points: self._native.predict(points, index, False)[0], at, self.parameters)
 
     def to_xarray(self, draws: int = 500, predictive_draws: int = 50) -> "dict[str, xarray.Dataset]":
         """One Dataset for each of ArviZ's groups, over all steps with data.
@@ -404,9 +401,9 @@ class Twin:
         chain = {"chain": [0], "draw": np.arange(draws), **step}
         posterior = {name: (("chain", "draw", "step"), values[..., k]) for k, name in enumerate(self.parameters)}
         statistics = [statistics_of(r.record) for r in results]
-        scalars = self._native.sensors()[2]
-        count = measured.shape[1] - len(scalars)  # scalar series come last
-        places = self._observations(count)
+        _, components, scalars = self._native.sensors()
+        count = len(components)  # scalar series come last
+        places = self._observations()
 
         def observations(data: Array, dims: tuple[str, ...]) -> dict[str, Any]:
             series = {name: (dims, data[..., count + k]) for k, name in enumerate(scalars)}
@@ -440,12 +437,10 @@ class Twin:
              "units": ("forecast", [f.units for f in last]), "horizon": ("forecast", [f.horizon for f in last]),
              "threshold": ("forecast", [f.threshold for f in last])})
 
-    def _observations(self, count: int) -> dict[str, Any]:
-        """Coordinates on `observation`: its name, and the place where it has one."""
-        points, components, _ = self._native.sensors()
-        places = np.full((count, 3), np.nan)
-        places[:len(points)] = points
-        directions = ["xyz"[c] for c in components] + [""] * (count - len(components))
+    def _observations(self) -> dict[str, Any]:
+        """Coordinates on `observation`: its name, and the place."""
+        places, components, _ = self._native.sensors()
+        directions = ["xyz"[c] for c in components]
         return {"observation": [f"{direction}{i}" for i, direction in enumerate(directions)],
                 "direction": ("observation", directions),
                 **{axis: ("observation", places[:, k]) for k, axis in enumerate("xyz")}}

@@ -33,7 +33,7 @@ class ModelSupervision {
   ModelSupervision(std::shared_ptr<const reduction::ObservedModel> model, const NoiseModel& noise,
                    std::shared_ptr<const PriorTransform> transform, const UpdateOptions& options);
 
-  /// Whether residuals are identified from, without which nothing can be corrected.
+  /// Whether the bias is estimated from residuals, without which nothing can be corrected.
   [[nodiscard]] bool learns() const { return learns_; }
   /// The bias is unknown together with the parameters (`JointDiscrepancy`).
   [[nodiscard]] bool is_joint() const { return learns_ && is_joint_; }

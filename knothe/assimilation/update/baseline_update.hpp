@@ -19,8 +19,9 @@ struct BaselineOptions {
 /// Kalman filters report their own Gaussian of z, carried to p by the priors' transform: moments, quantiles
 /// and evidence are theirs, uncorrected. `variance_diagnostic` and `effective_sample_size` compare it with
 /// the exact posterior, so that `trusted` means the same as for a map. Monte Carlo methods sample the exact
-/// collapsed posterior again at each step; their effective sample size is that of the draws, trusted means
-/// that they converged. The evidence of a chain is an importance estimate from the Gaussian of its draws.
+/// collapsed posterior from scratch at each step; their effective sample size is that of the draws, trusted
+/// means that they converged. The evidence of a chain is an importance estimate from the Gaussian of its
+/// draws.
 class BaselineUpdate {
  public:
   /// As SequentialUpdate's.

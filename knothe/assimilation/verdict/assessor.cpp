@@ -227,7 +227,7 @@ std::string Assessor::misfit_in_words(const ResidualReport& report,
 
 void Assessor::assess_fit(const AssessedPosterior& posterior, std::span<const ExaminedDatum> data,
                           Verdict& verdict) {
-  if (posterior.corrected || data.empty()) return;  // what is left over is identified, not explained
+  if (posterior.corrected || data.empty()) return;  // the correction takes up what is left over
   const auto examined = data.last(std::min(options_.examined, data.size()));
   ResidualReport report = examine(posterior, examined);
   test_constancy(posterior, data, report);

@@ -127,7 +127,7 @@ double CorrelationStage::step(CorrelationResult& result, Eigen::VectorXd& last, 
     }
   }
   // The noise of the reference is in M twice, so every step is too short by one share of it: by what is left
-  // for the next one to do, (1 − ρ)⁻¹ is identified (Aitken), and a picture takes three steps instead of
+  // for the next one to do, (1 − ρ)⁻¹ is estimated (Aitken), and a picture takes three steps instead of
   // four.
   if (last.size() != 0) {
     const double left = last.dot(step_) / last.squaredNorm();
