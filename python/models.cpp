@@ -316,11 +316,11 @@ class CallableModel final : public inference::ForwardModel {
   Eigen::Index dimension_, outputs_;
 };
 
-py::dict dictionary_of(const inference::InferenceResult& r, const std::vector<std::string>& parameters,
+py::dict dictionary_of(const inference::InferenceResult& r, std::span<const reduction::Axis> axes,
                        const std::vector<assimilation::Prior>& priors, const std::string& samples_file) {
   using namespace py::literals;
   const auto d = static_cast<std::size_t>(r.draws.cols());
-  return py::dict("json"_a = files::json_line(report::inference_record(r, parameters, samples_file)),
+  return py::dict("json"_a = files::json_line(report::inference_record(r, axes, samples_file)),
                   "draws"_a = rows_of(plain(r.draws), d), "chains"_a = r.chains,
                   "points"_a = rows_of(plain(r.points), d), "weights"_a = array_of(plain(r.weights)),
                   "densities"_a = densities_of(priors));
@@ -372,7 +372,9 @@ py::dict infer_callable(py::function function, std::optional<py::function> jacob
   CallableModel model(std::move(function), std::move(jacobian), static_cast<Eigen::Index>(names.size()),
                       outputs);
   const inference::InferenceResult result = long_call([&] { return infer(model, values); });
-  return dictionary_of(result, names, values.densities, "");
+  std::vector<reduction::Axis> axes;
+  for (const std::string& name : names) axes.push_back({name, {}, "", "", 1});
+  return dictionary_of(result, axes, values.densities, "");
 }
 
 py::dict infer_project(const std::string& path, const std::string& method, const std::string& results) {
@@ -382,7 +384,7 @@ py::dict infer_project(const std::string& path, const std::string& method, const
     return report::run_inference(
         project, method.empty() ? project.method.kind : inference::method_from(method), folder);
   });
-  return dictionary_of(run.result, run.setup.parameters, run.setup.priors, report::samples_path(run.folder));
+  return dictionary_of(run.result, run.setup.axes, run.setup.priors, report::samples_path(run.folder));
 }
 
 void bind_inference(py::module_& module) {

@@ -28,7 +28,7 @@ void require_possible(const project::Project& project, Method method, bool overr
 report::InferenceRun run(const project::Project& project, Method method, const std::string& folder,
                          const files::CommandOutput& output) {
   report::InferenceRun run = report::run_inference(project, method, folder);
-  output.line(report::inference_record(run.result, run.setup.parameters, report::samples_path(folder)),
+  output.line(report::inference_record(run.result, run.setup.axes, report::samples_path(folder)),
               report::inference_text(run));
   return run;
 }

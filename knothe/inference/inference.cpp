@@ -14,6 +14,7 @@
 #include "knothe/inference/sampled_inference.hpp"
 #include "knothe/inference/verdict.hpp"
 #include "knothe/numerics/integrate/sobol.hpp"
+#include "knothe/numerics/statistics/distinct_draws.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
 
 namespace knothe::inference {
@@ -67,8 +68,7 @@ void by_transport(PosteriorDensity& posterior, ModelEvaluator& evaluator, const 
   r.tolerance_reached = details.map.tolerance_reached;
   r.trusted = correction.trusted;
   r.verdict = verdict(details.map, correction, posterior.transform());
-  const Phase phase("draws", evaluator, r);
-  r.draws = numerics::resample(r.points, r.weights, options.samples, options.seed);
+  const Phase phase("draws of the map", evaluator, r);
   details.pulled_back = details.map.verification.reference;
   const Eigen::VectorXd& log_weight = details.map.verification.log_weight;
   details.weights = (log_weight.array() - log_weight.maxCoeff()).exp();
@@ -94,7 +94,6 @@ void by_grid(PosteriorDensity& posterior, ModelEvaluator& evaluator, const Infer
   r.log_evidence_error = grid.evidence_change;
   r.trusted = r.tolerance_reached = grid.resolved();
   r.verdict = verdict(grid);
-  r.draws = numerics::resample(r.points, r.weights, options.samples, options.seed);
 }
 
 /// Skewness and kurtosis with the map as a control variate: E_π f = E_ρ f∘T + Σ (w_i − 1/n) f(T(x_i)). The
@@ -144,6 +143,17 @@ Eigen::VectorXd most_probable(PosteriorDensity& posterior, const ModelEvaluator&
   return assimilation::maximum_a_posteriori(
       [&](const auto& p, int derivatives, auto& out) { posterior.log_likelihood(p, derivatives, out); },
       posterior.transform(), r.points.row(best).transpose(), evaluator.has_hessian() ? 1e-12 : 1e-7);
+}
+
+/// `samples` that weigh the same, of the weighted points.
+Eigen::MatrixXd draws_of(const InferenceResult& r, const assimilation::PriorTransform& transform,
+                         Eigen::Index samples) {
+  Eigen::VectorXd lower(r.points.cols()), upper(r.points.cols());
+  for (Eigen::Index k = 0; k < r.points.cols(); ++k) {
+    lower[k] = transform.prior(k).lower();
+    upper[k] = transform.prior(k).upper();
+  }
+  return numerics::distinct_draws(r.points, r.weights, samples, lower, upper);
 }
 
 Eigen::Index distinct_rows(const Eigen::MatrixXd& m) {
@@ -207,6 +217,10 @@ InferenceResult infer(PosteriorDensity& posterior, ModelEvaluator& evaluator,
   {
     const Phase phase("most probable point", evaluator, r);
     r.maximum_a_posteriori = most_probable(posterior, evaluator, r);
+  }
+  if (r.draws.size() == 0) {
+    const Phase phase("draws", evaluator, r);
+    r.draws = draws_of(r, posterior.transform(), options.samples);
   }
   r.distinct_draws = distinct_rows(r.draws);
   r.calls = evaluator.model().calls();

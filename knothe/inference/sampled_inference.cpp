@@ -2,7 +2,6 @@
 
 #include "knothe/inference/bridge_sampling.hpp"
 #include "knothe/inference/verdict.hpp"
-#include "knothe/numerics/statistics/weighted_statistics.hpp"
 #include "knothe/sampling/adaptive_metropolis.hpp"
 #include "knothe/sampling/recycled_importance.hpp"
 
@@ -60,7 +59,6 @@ void by_weighted_draws(PosteriorDensity& posterior, const ForwardModel& model,
   r.log_evidence_error = draws.sample.log_evidence_error;
   r.trusted = r.tolerance_reached = draws.converged;
   r.verdict = verdict(draws);
-  r.draws = numerics::resample(r.points, r.weights, options.samples, options.seed);
 }
 
 }  // namespace knothe::inference

@@ -54,6 +54,7 @@ void set_up_server(const Project& project, InferenceSetup& setup) {
         "model.kind",
         fmt::format("model.kind = \"density\" means one number, but {} returns {} (output sizes {})",
                     model->where(), model->output_count(), fmt::join(model->output_sizes(), ", ")));
+  for (const std::string& name : setup.parameters) setup.axes.push_back({name, {}, "", "", 1});
   setup.model_name = model->name();
   setup.model = std::move(model);
 }
@@ -110,6 +111,7 @@ void set_up_recorded(const Project& project, const reduction::SeparatedModel& mo
 
 void set_up_separated(const Project& project, InferenceSetup& setup) {
   const reduction::SeparatedModel model = load_model(project);
+  setup.axes = model.contents().axes;
   setup.priors = assimilation::truncated_to_box(model.contents().axes, std::move(setup.priors));
   if (project.observations)
     set_up_chosen(project, model, setup);

@@ -12,6 +12,7 @@ namespace knothe::project {
 struct InferenceSetup {
   std::vector<std::string> parameters;
   std::vector<assimilation::Prior> priors;  ///< of a separated model: truncated to its box
+  std::vector<reduction::Axis> axes;        ///< what 1 means and in which units; of a server: 1, not known
   std::unique_ptr<inference::ForwardModel> model;
   std::optional<inference::Observations> observations;  ///< none: the model is a log posterior density
   std::string model_name;                               ///< of a UM-Bridge server's model

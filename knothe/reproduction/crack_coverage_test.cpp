@@ -94,19 +94,20 @@ struct Watched {
 };
 
 /// A true length against the reduced model's elastic one at the same parameters: a curve through the means of
-/// `parts` equal shares of the truths in the order of the latter (of one: an offset), and what is left.
+/// ten equal shares of the truths in the order of the latter, and what is left.
 struct Relation {
   forecast::LengthCurve::Points curve;
   double std = 0;
 };
 
-Relation relation_of(std::vector<Truth> truths, double Truth::*length, std::size_t parts) {
+Relation relation_of(std::vector<Truth> truths, double Truth::*length) {
+  constexpr std::size_t k_parts = 10;
   std::sort(truths.begin(), truths.end(),
             [](const Truth& a, const Truth& b) { return a.modelled < b.modelled; });
   Relation relation;
   const std::size_t n = truths.size();
-  for (std::size_t part = 0; part < parts; ++part) {
-    const std::size_t first = part * n / parts, end = (part + 1) * n / parts;
+  for (std::size_t part = 0; part < k_parts; ++part) {
+    const std::size_t first = part * n / k_parts, end = (part + 1) * n / k_parts;
     std::array<double, 2> mean{};
     for (std::size_t i = first; i < end; ++i) {
       mean[0] += truths[i].modelled / static_cast<double>(end - first);
@@ -117,7 +118,7 @@ Relation relation_of(std::vector<Truth> truths, double Truth::*length, std::size
   }
   const forecast::LengthCurve curve(relation.curve);
   for (const Truth& t : truths)
-    relation.std += std::pow(t.*length - curve(t.modelled), 2) / static_cast<double>(n - parts);
+    relation.std += std::pow(t.*length - curve(t.modelled), 2) / static_cast<double>(n - k_parts);
   relation.std = std::sqrt(relation.std);
   return relation;
 }
@@ -127,14 +128,15 @@ struct Relations {
 };
 
 Relations relations_of(const std::vector<Truth>& truths) {
-  constexpr std::size_t k_parts = 10;
-  Relations r{relation_of(truths, &Truth::elastic, 1), relation_of(truths, &Truth::damaged, k_parts)};
-  std::printf(
-      "  of the model's elastic crack that of the true field is off by %.3f ± %.3f mm; the damage field's:",
-      1e3 * (r.elastic.curve[0][1] - r.elastic.curve[0][0]), 1e3 * r.elastic.std);
-  for (const auto& [elastic, damaged] : r.damaged.curve)
-    std::printf(" %.1f at %.1f,", 1e3 * damaged, 1e3 * elastic);
-  std::printf(" ± %.2f mm\n", 1e3 * r.damaged.std);
+  const auto print = [](const char* name, const Relation& r) {
+    std::printf("  %s, mm at mm of the model's elastic crack:", name);
+    for (const auto& [modelled, length] : r.curve)
+      std::printf(" %.2f at %.2f,", 1e3 * length, 1e3 * modelled);
+    std::printf(" ± %.3f mm\n", 1e3 * r.std);
+  };
+  const Relations r{relation_of(truths, &Truth::elastic), relation_of(truths, &Truth::damaged)};
+  print("elastic crack", r.elastic);
+  print("damage field", r.damaged);
   return r;
 }
 

@@ -28,6 +28,10 @@ class Test(Case):
         line = self.infer()
         self.assertTrue(line["trusted"], line["verdict"])
         self.expect_same(line, last)
+        for name, k in (("Y0", 0), ("Ad", 1)):
+            self.assertEqual(list(line["physical"][name]), list(last["physical"][name]))
+            reference = last["physical"][name]["mean"] / last["mean"][k]
+            self.assertAlmostEqual(line["physical"][name]["mean"] / line["mean"][k] / reference, 1, delta=1e-12)
         self.expect_same(self.infer("--method", "grid"), last)
 
     def use_observations(self, *lines):

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <numeric>
 #include <set>
 #include <vector>
 
@@ -19,6 +21,46 @@ double reflected(double value, double lower, double upper) {
   return std::clamp(value, lower, upper);
 }
 
+/// The points (n × d) in coordinates in which `covariance` is the unit matrix; directions without spread are
+/// left out.
+Eigen::MatrixXd whitened(const Eigen::MatrixXd& points, const Eigen::MatrixXd& covariance) {
+  const SymmetricEigen axes(covariance);
+  const double most = axes.eigenvalues().maxCoeff();
+  const Eigen::VectorXd scale = axes.eigenvalues().unaryExpr(
+      [&](double variance) { return variance > 1e-14 * most ? 1 / std::sqrt(variance) : 0.0; });
+  return points * axes.eigenvectors() * scale.asDiagonal();
+}
+
+/// From each of the draws `repeated` a normal step of the covariance that the nearest of the draws `distinct`
+/// have about their mean. Shortened, all alike, so that the steps add at most 1 % to the variance.
+Eigen::MatrixXd local_steps(const Eigen::MatrixXd& draws, const std::vector<Eigen::Index>& distinct,
+                            const std::vector<Eigen::Index>& repeated, const Eigen::MatrixXd& covariance) {
+  constexpr double k_added_variance = 0.01;
+  const Eigen::Index d = draws.cols();
+  const auto m = static_cast<Eigen::Index>(distinct.size());
+  const Eigen::Index neighbours = std::min(m, 2 * d + 2);
+  const Eigen::MatrixXd positions = draws(distinct, Eigen::all), near = whitened(positions, covariance),
+                        from = whitened(draws(repeated, Eigen::all), covariance);
+  const Eigen::MatrixXd normal = monte_carlo_normal_points(from.rows(), static_cast<unsigned>(neighbours), 1);
+  std::vector<Eigen::Index> order(distinct.size());
+  Eigen::MatrixXd steps(from.rows(), d);
+  double variance = 0;  // of a step, mean over steps and whitened coordinates
+  for (Eigen::Index i = 0; i < from.rows(); ++i) {
+    const Eigen::VectorXd distance = (near.rowwise() - from.row(i)).rowwise().squaredNorm();
+    std::iota(order.begin(), order.end(), Eigen::Index{0});
+    std::nth_element(order.begin(), order.begin() + (neighbours - 1), order.end(),
+                     [&](Eigen::Index a, Eigen::Index b) { return distance[a] < distance[b]; });
+    const auto nearest =
+        Eigen::Map<const Eigen::Matrix<Eigen::Index, Eigen::Dynamic, 1>>(order.data(), neighbours);
+    const Eigen::VectorXd factors = (normal.row(i).array() - normal.row(i).mean()).matrix().transpose() /
+                                    std::sqrt(static_cast<double>(std::max<Eigen::Index>(1, neighbours - 1)));
+    steps.row(i) = factors.transpose() * positions(nearest, Eigen::all);
+    variance += (factors.transpose() * near(nearest, Eigen::all)).squaredNorm();
+  }
+  variance /= static_cast<double>(steps.size());
+  return steps * std::min(1.0, std::sqrt(k_added_variance / std::max(variance, 1e-300)));
+}
+
 }  // namespace
 
 Eigen::MatrixXd distinct_draws(const Eigen::Ref<const Eigen::MatrixXd>& points,
@@ -29,25 +71,16 @@ Eigen::MatrixXd distinct_draws(const Eigen::Ref<const Eigen::MatrixXd>& points,
   Eigen::MatrixXd draws = points(chosen, Eigen::all);
   // By value: a chain that stayed has the same point several times.
   std::set<std::vector<double>> seen;
-  std::vector<Eigen::Index> repeated;
+  std::vector<Eigen::Index> distinct, repeated;
   for (Eigen::Index j = 0; j < count; ++j)
-    if (!seen.emplace(draws.row(j).begin(), draws.row(j).end()).second) repeated.push_back(j);
+    (seen.emplace(draws.row(j).begin(), draws.row(j).end()).second ? distinct : repeated).push_back(j);
   if (repeated.empty()) return draws;
-  const Eigen::Index d = points.cols();
-  const Moments moments = moments_of(points, weights);
-  const SymmetricEigen axes(moments.covariance);
-  const Eigen::MatrixXd root = axes.eigenvectors() * axes.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal();
-  // Silverman 1986, Eq. 4.14; less than 1, so that something is left of the point.
-  const double dimension = static_cast<double>(d);
-  const double width =
-      std::min(0.5, std::pow(4 / ((dimension + 2) * static_cast<double>(seen.size())), 1 / (dimension + 4)));
-  const double shrinkage = std::sqrt(1 - width * width);
-  const Eigen::MatrixXd normal = monte_carlo_normal_points(count, d, 1);
-  for (const Eigen::Index j : repeated) {
-    const Eigen::VectorXd point = draws.row(j).transpose();
-    const Eigen::VectorXd moved =
-        moments.mean + shrinkage * (point - moments.mean) + width * (root * normal.row(j).transpose());
-    for (Eigen::Index k = 0; k < d; ++k) draws(j, k) = reflected(moved[k], lower[k], upper[k]);
+  const Eigen::MatrixXd steps =
+      local_steps(draws, distinct, repeated, moments_of(points, weights).covariance);
+  for (std::size_t j = 0; j < repeated.size(); ++j) {
+    for (Eigen::Index k = 0; k < draws.cols(); ++k)
+      draws(repeated[j], k) =
+          reflected(draws(repeated[j], k) + steps(static_cast<Eigen::Index>(j), k), lower[k], upper[k]);
   }
   return draws;
 }

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <limits>
 #include <set>
 
@@ -41,6 +42,21 @@ TEST(DistinctDraws, KeepMeanAndCovarianceOfFewPoints) {
   EXPECT_LT((found.mean - expected.mean).norm(), 0.02);
   EXPECT_LT((found.covariance - expected.covariance).norm(), 0.02);
   EXPECT_LT((found.mean - Eigen::Vector2d(0.5, 0)).norm(), 0.1);
+}
+
+TEST(DistinctDraws, StayInTheirModeAndOnItsCurve) {
+  // Two arcs of radius 1, 10 apart, as thin as 0.01: a kernel of the whole covariance would fill the plane.
+  Eigen::MatrixXd points(1000, 2);
+  const Eigen::MatrixXd u = monte_carlo_points(1000, 2, 9);
+  for (Eigen::Index i = 0; i < points.rows(); ++i) {
+    const double angle = 3 * u(i, 0), radius = 1 + 0.01 * u(i, 1);
+    points.row(i) << (i % 2 == 0 ? -5 : 5) + radius * std::cos(angle), radius * std::sin(angle);
+  }
+  const Eigen::Vector2d none(k_infinity, k_infinity);
+  const Eigen::MatrixXd draws = distinct_draws(points, Eigen::VectorXd::Ones(1000), 10000, -none, none);
+  EXPECT_EQ(distinct_rows(draws), 10000u);
+  for (Eigen::Index i = 0; i < draws.rows(); ++i)
+    EXPECT_NEAR(std::hypot(draws(i, 0) - (draws(i, 0) < 0 ? -5 : 5), draws(i, 1)), 1.005, 0.06) << i;
 }
 
 TEST(DistinctDraws, StayInTheSupport) {

@@ -100,10 +100,9 @@ void write_samples(const std::string& path, const project::Project& project,
     out.add_dimension("posterior", "draw", counted(r.draws.rows() / r.chains), {"1", "draw"});
     for (std::size_t k = 0; k < d; ++k) {
       const auto column = r.draws.col(k);
-      out.add_variable(
-          "posterior", setup.parameters[k], Names{"chain", "draw"},
-          std::span(column.data(), static_cast<std::size_t>(r.draws.rows() / r.chains * r.chains)),
-          {"1", setup.parameters[k]});
+      add_draws_of(setup.axes[k], {"chain", "draw"},
+                   std::span(column.data(), static_cast<std::size_t>(r.draws.rows() / r.chains * r.chains)),
+                   out);
     }
     out.add_dimension("weighted_posterior", "point", static_cast<std::size_t>(r.points.rows()));
     out.add_dimension("weighted_posterior", "parameter", setup.parameters, {"1", "parameter"});
@@ -155,13 +154,13 @@ void write_map(const std::string& path, const project::Project& project, const p
 
 }  // namespace
 
-Json inference_record(const InferenceResult& r, const std::vector<std::string>& parameters,
+Json inference_record(const InferenceResult& r, std::span<const reduction::Axis> axes,
                       const std::string& samples_file) {
   double model_seconds = 0;
   for (const inference::PhaseTime& phase : r.phases) model_seconds += phase.model_seconds;
   Json record = {
       {"method", inference::to_text(r.method)},
-      {"parameters", parameters},
+      {"parameters", parameter_names(axes)},
       {"wall_clock", utc_text(std::chrono::system_clock::now())},
       {"mean", to_json(r.mean)},
       {"covariance", rows_of(r.covariance)},
@@ -186,7 +185,8 @@ Json inference_record(const InferenceResult& r, const std::vector<std::string>& 
       {"elapsed_us",
        {{"update", r.seconds() * 1e6}, {"total", r.seconds() * 1e6}, {"model", model_seconds * 1e6}}},
       {"samples_file", samples_file},
-      {"distinct_draws", r.distinct_draws}};
+      {"distinct_draws", r.distinct_draws},
+      {"physical", physical_record(axes, r.mean, r.covariance)}};
   if (r.r_hat.size() > 0) {
     record["r_hat"] = to_json(r.r_hat);
     record["effective_sizes"] = to_json(r.effective_sizes);
@@ -220,7 +220,7 @@ void write_inference(const std::string& folder, const project::Project& project,
   const std::string samples = samples_path(folder);
   write_samples(samples, project, setup, r);
   write_map((std::filesystem::path(folder) / k_map_file).string(), project, setup, r);
-  Json content = inference_record(r, setup.parameters, samples);
+  Json content = inference_record(r, setup.axes, samples);
   content["created_by"] = k_created_by;
   content["project"] = project.text;
   content["seed"] = project.method.seed;

@@ -11,9 +11,10 @@
 namespace knothe::report {
 
 /// The line of `knothe infer --json`: the keys of a step of an assimilation that make sense for one step, and
-/// skewness, kurtosis, model_evaluations, samples_file, verdict.
+/// skewness, kurtosis, model_evaluations, samples_file, verdict. `axes`: of the parameters, for their names
+/// and physical values.
 [[nodiscard]] nlohmann::ordered_json inference_record(const inference::InferenceResult& result,
-                                                      const std::vector<std::string>& parameters,
+                                                      std::span<const reduction::Axis> axes,
                                                       const std::string& samples_file);
 
 [[nodiscard]] nlohmann::ordered_json comparison_record(const inference::Comparison& comparison,

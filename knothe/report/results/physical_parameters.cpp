@@ -41,6 +41,16 @@ nlohmann::ordered_json physical_record(std::span<const reduction::Axis> axes, co
   return record;
 }
 
+void add_draws_of(const reduction::Axis& axis, const std::vector<std::string>& dimensions,
+                  std::span<const double> draws, files::NetcdfWriter& out) {
+  out.add_variable(
+      "posterior", axis.name, dimensions, draws,
+      {axis.units.empty() ? "1" : axis.units, axis.long_name.empty() ? axis.name : axis.long_name});
+  out.add_number("posterior", axis.name, "reference", axis.reference);
+  if (const std::string units = reference_units(axis); !units.empty())
+    out.add_text("posterior", axis.name, "reference_units", units);
+}
+
 std::string utc_text(std::chrono::system_clock::time_point time) {
   using std::chrono::milliseconds;
   const auto since = std::chrono::duration_cast<milliseconds>(time.time_since_epoch()).count();

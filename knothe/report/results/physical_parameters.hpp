@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "knothe/files/netcdf.hpp"
 #include "knothe/reduction/compress/snapshots.hpp"
 
 namespace knothe::report {
@@ -23,6 +24,11 @@ namespace knothe::report {
 [[nodiscard]] nlohmann::ordered_json physical_record(std::span<const reduction::Axis> axes,
                                                      const Eigen::VectorXd& mean,
                                                      const Eigen::MatrixXd& covariance);
+
+/// Draws of a parameter into the group `posterior` of a results file, with its unit, and as attributes
+/// `reference` and `reference_units`, the physical value of 1, if they are known.
+void add_draws_of(const reduction::Axis& axis, const std::vector<std::string>& dimensions,
+                  std::span<const double> draws, files::NetcdfWriter& out);
 
 /// "2026-11-23T12:44:06.123Z" (ISO 8601).
 [[nodiscard]] std::string utc_text(std::chrono::system_clock::time_point time);

@@ -250,14 +250,8 @@ class Writer {
  private:
   void write_posterior(const std::vector<std::vector<double>>& draws) {
     add_draws("posterior", counted(k_draws));
-    for (std::size_t k = 0; k < draws.size(); ++k) {
-      const auto& axis = file_.model.contents().axes[k];
-      out_.add_variable("posterior", axis.name, Names{"chain", "draw", "step"}, draws[k],
-                        {axis.units, axis.long_name});
-      out_.add_number("posterior", axis.name, "reference", axis.reference);
-      if (const std::string units = reference_units(axis); !units.empty())
-        out_.add_text("posterior", axis.name, "reference_units", units);
-    }
+    for (std::size_t k = 0; k < draws.size(); ++k)
+      add_draws_of(file_.model.contents().axes[k], {"chain", "draw", "step"}, draws[k], out_);
   }
 
   void write_points(const std::string& group, Names dimensions, std::span<const double> points,
