@@ -25,10 +25,16 @@ export function Summary({ model, line, theme }: Props) {
         const at = (i: number | undefined): string =>
           i === undefined ? "–" : withSpread(f.values[i]! * scale.factor, f.std * scale.factor);
         const p = f.probability_above_threshold;
+        const below = f.probability_below_threshold;
+        const threshold = given((q.threshold ?? 0) * scale.factor);
         return (
           <article key={`forecast ${q.name}`} data-forecast={q.name}>
             <h3>
-              {q.name} <small>{quantityWords(q)}</small>
+              {q.name}{" "}
+              <small>
+                {quantityWords(q)}
+                {f.past ? " (past)" : ""}
+              </small>
             </h3>
             <p class="value">
               {at(middle)} <small>{scale.units}</small>
@@ -40,8 +46,13 @@ export function Summary({ model, line, theme }: Props) {
               <p class="failure">
                 <meter class="p" min={0} max={1} value={p} aria-label={`P(${q.name} above threshold)`} />
                 <b>
-                  P(&gt; {given(q.threshold * scale.factor)} {scale.units}) {probability(p).replace(/^(?=\d)/, "= ")}
+                  P(&gt; {threshold} {scale.units}) {probability(p).replace(/^(?=\d)/, "= ")}
                 </b>
+                {below !== undefined && (
+                  <small>
+                    P(&lt; {threshold} {scale.units}) {probability(below).replace(/^(?=\d)/, "= ")}
+                  </small>
+                )}
               </p>
             )}
           </article>

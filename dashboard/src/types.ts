@@ -5,6 +5,8 @@ export interface Forecast {
   std: number;
   maximum_a_posteriori: number;
   probability_above_threshold?: number;
+  probability_below_threshold?: number;
+  past?: boolean; // the horizon is before this step
   levels: number[];
   values: number[];
   units?: string;

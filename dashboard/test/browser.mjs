@@ -98,10 +98,16 @@ async function compareNow(page, line) {
     const interval = (await card.locator(".interval").innerText()).split(":")[1].split("…");
     agree(interval[0], forecast.values[0] * factor, `lower end of ${name}`);
     agree(interval[1], forecast.values.at(-1) * factor, `upper end of ${name}`);
-    const failure = (await card.locator(".failure b").innerText()).split(")")[1];
-    if (failure.includes("<")) assert.ok(forecast.probability_above_threshold < 1e-3);
-    else if (failure.includes("> 99.9")) assert.ok(forecast.probability_above_threshold > 0.999);
-    else agree(failure, 100 * forecast.probability_above_threshold, `P of ${name}`);
+    for (const [side, p] of [
+      ["b", forecast.probability_above_threshold],
+      ["small", forecast.probability_below_threshold],
+    ]) {
+      const failure = (await card.locator(`.failure ${side}`).innerText()).split(")")[1];
+      if (failure.includes("<")) assert.ok(p < 1e-3);
+      else if (failure.includes("> 99.9")) assert.ok(p > 0.999);
+      else agree(failure, 100 * p, `P of ${name}`);
+    }
+    assert.equal((await card.locator("h3").innerText()).includes("(past)"), forecast.past);
   }
   const parameters = await page.locator("[data-parameter]").all();
   assert.equal(parameters.length, line.mean.length);

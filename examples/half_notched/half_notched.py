@@ -5,6 +5,9 @@ usage: half_notched.py mesh [FILE]               writes half_notched.msh (format
        half_notched.py laws                      writes a project for each other law: LAW.toml, and LAW_peak.toml up to the peak
        half_notched.py score ENVELOPE.csv FOLDER of results…   compares their forecasts with the measured band, and how probable
                                                  each is beside the others of the same data
+       half_notched.py evidence ENVELOPE.csv MODEL.h5…   the posterior from peak.csv and from measured.csv by dense quadrature over
+                                                 the outputs of each model, beside knothe: least misfit, forecast of the law
+                                                 alone, dissipated work (needs numpy and h5py)
 
 ENVELOPE.csv: opening (mm), lowest and highest load (N) of the repeated tests (scripts/get-data.sh).
 docs/benchmarks/half-notched-beam.md explains.
@@ -172,6 +175,99 @@ def crack_at(opening, force, first):
     return round(equivalent_crack(opening / force / (first[0] / first[1])), 1) if force > 0 else 50.0
 
 
+def cardinal_splines(nodes, x):
+    """Values at x of the cubic splines (not-a-knot; of three nodes the parabola) that are one at a node, len(x) × len(nodes)."""
+    import numpy as np
+
+    def powers(points):
+        t = (np.asarray(points) - nodes[0]) / (nodes[-1] - nodes[0])
+        knots = (nodes[2:-2] - nodes[0]) / (nodes[-1] - nodes[0])
+        return np.stack([*(t**k for k in range(min(4, len(nodes)))), *(np.maximum(t - knot, 0) ** 3 for knot in knots)], axis=-1)
+    return powers(x) @ np.linalg.inv(powers(nodes))
+
+
+class Outputs:
+    """Outputs of a model on a dense grid over its box."""
+
+    def __init__(self, path, nodes=41):
+        import h5py
+        import numpy as np
+        with h5py.File(path) as file:
+            axes = [file["parameters/" + name][:] for name in ("E", "Y0", "Ad" if "Ad" in file["parameters"] else "Gf")]
+            self.time = file["time"][:]
+            self.force, self.displacement = (file["outputs/" + name][:] for name in ("reaction_force", "imposed_displacement"))
+        fine = [np.linspace(a[0], a[-1], nodes) for a in axes]
+        for k, (a, x) in enumerate(zip(axes, fine)):
+            splines = cardinal_splines(a, x)
+            self.force, self.displacement = (np.moveaxis(np.tensordot(values, splines, (k, 1)), -1, k)
+                                             for values in (self.force, self.displacement))
+        self.force, self.displacement = (values.reshape(-1, len(self.time)) for values in (self.force, self.displacement))
+        self.points = np.stack(np.meshgrid(*fine, indexing="ij"), axis=-1).reshape(-1, 3)
+        ends = np.r_[0.5, np.ones(nodes - 2), 0.5] / (nodes - 1)
+        self.prior = np.einsum("i,j,k->ijk", ends, ends, ends).ravel()
+
+    def at(self, micrometres):
+        return int(abs(self.time - 1e-6 * micrometres).argmin())
+
+    def dissipated(self):
+        """Work of the force less the elastic energy that unloading to the origin gives back, J, by time; the beam is whole here."""
+        import numpy as np
+        steps = 0.5 * (self.force[:, 1:] + self.force[:, :-1]) * np.diff(self.displacement, axis=1)
+        first = 0.5 * self.force[:, :1] * self.displacement[:, :1]
+        return np.hstack([first, first + np.cumsum(steps, axis=1)]) - 0.5 * self.force * self.displacement
+
+
+def posterior(outputs, path, gauge, scatter):
+    """Weights of the points, log-evidence, and the misfit where it is least; the errors of the file times `gauge` and `scatter`."""
+    import numpy as np
+    with open(path, encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    at = [outputs.at(1e6 * float(row["time"])) for row in rows]
+    value, std, shared = (np.array([float(row[key]) for row in rows]) for key in ("value", "std", "shared_std"))
+    std, shared = gauge * std, scatter * shared
+    factor = np.linalg.cholesky(np.diag(std**2) + np.outer(shared, shared))
+    square = (np.linalg.solve(factor, (value - outputs.force[:, at]).T) ** 2).sum(axis=0)
+    log = -0.5 * square - np.log(np.diag(factor)).sum() - 0.5 * len(rows) * np.log(2 * np.pi)
+    weight = outputs.prior * np.exp(log - log.max())
+    best = int(square.argmin())
+    residual = value - outputs.force[best, at]
+    common = (shared / std**2) @ residual / (1 + (shared / std) @ (shared / std))
+    return (weight / weight.sum(), log.max() + np.log(weight.sum()), square[best],
+            {round(1e6 * float(row["time"])): round(float(r), 1) for row, r in zip(rows, residual - common * shared)})
+
+
+def by_quadrature(rows, model):
+    import numpy as np
+    outputs = Outputs(model)
+    work = outputs.dissipated()[:, outputs.at(200)]
+    for last, path in ((20, "peak.csv"), (50, "measured.csv")):
+        low, high = band_at(rows, last)
+        line = {"model": model, "up_to_um": last}
+        for name, gauge, scatter in (("", 1, 1), (" gauge 20 N", 2, 1), (" half width 1.645 std", 1, 1 / 1.645)):
+            weight, evidence, least, residual = posterior(outputs, path, gauge, scatter)
+            law, beam = {}, {}
+            for opening in (50, *AHEAD):
+                force = outputs.force[:, outputs.at(opening)]
+                mean = weight @ force
+                variance = weight @ (force - mean) ** 2
+                law[opening] = mean, math.sqrt(variance)
+                beam[opening] = mean, math.sqrt(variance + (0.5 * scatter * (high - low)) ** 2)
+            line |= {"log_evidence" + name: round(evidence, 2), "least_chi2" + name: round(float(least), 1), "of": len(residual),
+                     "held, width" + name: [round(x, 3) for x in score(rows, beam)]}
+            if not name:
+                mean = weight @ outputs.points
+                line |= {"mean": list(mean), "std": list(np.sqrt(weight @ (outputs.points - mean) ** 2)), "force_200": law[200][0],
+                         "held, width of the law alone": [round(x, 3) for x in score(rows, law)], "measured minus law, N": residual,
+                         "dissipated, J": round(weight @ work, 4)}
+        yield line
+
+
+def exponents(rows):
+    """Of the fall of the middle of the band."""
+    middle = {opening: sum(band_at(rows, opening)) / 2 for opening in (50, 100, 200)}
+    return {f"{a} to {b} um": round(math.log2(middle[a] / middle[b]), 2) for a, b in ((50, 100), (100, 200))}
+
+
 if __name__ == "__main__":
     command, *rest = sys.argv[1:]
     if command == "mesh":
@@ -180,6 +276,12 @@ if __name__ == "__main__":
         write_data(read_band(rest[0]))
     elif command == "laws":
         write_laws()
+    elif command == "evidence":
+        rows = read_band(rest[0])
+        print(json.dumps({"measured falls like the power": exponents(rows)}))
+        for model in rest[1:]:
+            for line in by_quadrature(rows, model):
+                print(json.dumps(line))
     else:
         rows = read_band(rest[0])
         first = (2, sum(band_at(rows, 2)) / 2)

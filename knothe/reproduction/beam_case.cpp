@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -11,6 +12,7 @@
 #include "knothe/base/version.hpp"
 #include "knothe/mechanics/full_order/beam_simulator.hpp"
 #include "knothe/reduction/compress/compression.hpp"
+#include "knothe/reduction/model/parameter_functions.hpp"
 #include "knothe/reduction/observe/crack_modes.hpp"
 #include "knothe/reproduction/published.hpp"
 
@@ -284,6 +286,49 @@ reduction::ModelContents mode_by_mode(reduction::Snapshots snapshots, std::size_
   for (const double u : snapshots.values) rest += u * u, largest = std::max(largest, std::abs(u));
   model.relative_error = std::sqrt(rest / size);
   model.max_error_m = largest;
+  return model;
+}
+
+reduction::ModelContents fitted_to_beginning(const reduction::Snapshots& snapshots, std::size_t steps,
+                                             std::size_t modes, std::uint64_t seed) {
+  using Eigen::Index;
+  const std::size_t n = snapshots.dof_count(), all = snapshots.time.size(), grid = snapshots.grid_size();
+  reduction::Snapshots beginning = snapshots;
+  beginning.outputs.clear();
+  beginning.time.resize(steps);
+  beginning.lift.resize(steps * n);
+  beginning.values.clear();
+  for (std::size_t g = 0; g < grid; ++g) {
+    const double* first = &snapshots.values[g * all * n];
+    beginning.values.insert(beginning.values.end(), first, first + steps * n);
+  }
+  reduction::CompressionOptions options;
+  options.form = reduction::Form::canonical;
+  options.modes = modes;
+  options.seed = seed;
+  reduction::ModelContents model = reduction::compress(beginning, options);
+  model.time = snapshots.time;
+  model.lift = snapshots.lift;
+  // The modes' products of space and parameters, grid × dofs each: their time functions where they fit best.
+  const auto m = static_cast<Index>(modes), dofs = static_cast<Index>(n);
+  const Eigen::Map<const reduction::RowMatrix> space(model.space.data(), m, dofs);
+  const files::Shape shape = snapshots.grid_shape();
+  Eigen::MatrixXd factors = Eigen::MatrixXd::Ones(m, static_cast<Index>(grid));
+  for (std::size_t g = 0; g < grid; ++g)
+    for (std::size_t a = shape.size(), rest = g; a-- > 0; rest /= shape[a])
+      for (std::size_t k = 0; k < modes; ++k)
+        factors(static_cast<Index>(k), static_cast<Index>(g)) *=
+            model.parameters[a][k * shape[a] + rest % shape[a]];
+  const Eigen::MatrixXd gram = (space * space.transpose()).cwiseProduct(factors * factors.transpose());
+  Eigen::MatrixXd projected = Eigen::MatrixXd::Zero(m, static_cast<Index>(all));
+  for (std::size_t g = 0; g < grid; ++g) {
+    const Eigen::Map<const reduction::RowMatrix> u(&snapshots.values[g * all * n], static_cast<Index>(all),
+                                                   dofs),
+        lift(snapshots.lift.data(), static_cast<Index>(all), dofs);
+    projected += factors.col(static_cast<Index>(g)).asDiagonal() * (space * (u - lift).transpose());
+  }
+  const reduction::RowMatrix temporal = gram.ldlt().solve(projected);
+  model.temporal.assign(temporal.data(), temporal.data() + temporal.size());
   return model;
 }
 

@@ -80,6 +80,12 @@ struct BeamModels {
 [[nodiscard]] reduction::ModelContents mode_by_mode(reduction::Snapshots snapshots, std::size_t modes,
                                                     std::uint64_t seed);
 
+/// `modes` canonical modes beside the lift, fitted to the first `steps` steps; over the others only their
+/// time functions are, by least squares. Errors of the model are those of the first steps.
+[[nodiscard]] reduction::ModelContents fitted_to_beginning(const reduction::Snapshots& snapshots,
+                                                           std::size_t steps, std::size_t modes,
+                                                           std::uint64_t seed);
+
 /// The same function with the lift as first mode, normalised like the others: Eq. 30 to the letter. For a
 /// lift that grows with time without changing its shape.
 [[nodiscard]] reduction::SeparatedModel with_lift_as_mode(const reduction::SeparatedModel& canonical);

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "knothe/assimilation/bias/model_bias.hpp"
+
 namespace knothe::reproduction {
 
 assimilation::UpdateOptions corrected_options(assimilation::BiasCorrectionMode mode,
@@ -35,6 +37,21 @@ BiasRuns bias_runs(const reduction::SeparatedModel& paper, const reduction::Sepa
   runs.corrected = corrected(Way::modes, "m = 3, corrected");
   if (with_joint) runs.joint = corrected(Way::joint, "m = 3, joint correction");
   return runs;
+}
+
+assimilation::Measurements less_true_residual(const reduction::ObservedModel& model,
+                                              const Eigen::VectorXd& truth, const Eigen::MatrixXd& exact,
+                                              assimilation::Measurements data) {
+  assimilation::BiasOptions options;
+  options.way = assimilation::BiasOptions::Way::published;
+  assimilation::ModelBias bias(data.noise.standard_deviations(), options);
+  const Eigen::MatrixXd residual = exact - predicted(model, truth);
+  for (Eigen::Index t = 0; t < exact.cols(); ++t) {
+    const double time = model.time[static_cast<std::size_t>(t)];
+    if (const auto correction = bias.extrapolate(time)) data.values.col(t) -= correction->mean;
+    bias.add(time, residual.col(t), Eigen::VectorXd::Zero(exact.rows()));
+  }
+  return data;
 }
 
 std::vector<double> evidence_increments(const Run& run) {

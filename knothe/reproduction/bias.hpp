@@ -26,6 +26,13 @@ struct BiasRuns {
                                  const Sensors& sensors, const assimilation::Measurements& data,
                                  std::uint64_t seed, bool marginals, bool with_joint);
 
+/// The data less what Eq. 17-20 (`published`) extrapolate to each from the residuals that the model has at
+/// the true parameters without noise, `exact` (n × n_t) being what the sensors would show.
+[[nodiscard]] assimilation::Measurements less_true_residual(const reduction::ObservedModel& model,
+                                                            const Eigen::VectorXd& truth,
+                                                            const Eigen::MatrixXd& exact,
+                                                            assimilation::Measurements data);
+
 /// Increments of the log-evidence, step by step.
 [[nodiscard]] std::vector<double> evidence_increments(const Run& run);
 /// Moving average over `width` values around each; fewer at the ends.

@@ -77,14 +77,15 @@ std::vector<Candidate> candidates(const Subject& subject, const StudyOptions& op
   all.push_back({"m = 6, best of four starts", subject.models.paper});
   for (std::uint64_t start = 1; start <= (options.quick ? 2 : 4); ++start) {
     check_cancellation("the models that were built are kept: the same command goes on from there");
-    all.push_back({fmt::format("m = 6, start {}", start),
+    all.push_back({fmt::format("m = 6, random start {}", start),
                    built(fmt::format("m6_start_{}", start),
-                         fmt::format("canonical, lift and 5 modes, start {}", start), [&] {
+                         fmt::format("canonical, lift and 5 modes, random start {}", start), [&] {
                            reduction::CompressionOptions one;
                            one.form = reduction::Form::canonical;
                            one.modes = modes;
                            one.seed = 100 * start;
-                           one.random_starts = 0;
+                           one.grown_start = false;
+                           one.random_starts = 1;
                            return reduction::compress(runs(), one);
                          })});
   }

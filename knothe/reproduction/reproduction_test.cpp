@@ -126,6 +126,35 @@ TEST(ModeByMode, FindsOrthogonalTermsOneByOne) {
   }
 }
 
+TEST(FittedToBeginning, LaterStepsHaveTheTimeFunctionsThatFitBest) {
+  const reduction::Snapshots snapshots = two_terms();
+  // Two terms describe all four steps: what is found in the first three is right in the last too.
+  const reduction::SeparatedModel two(fitted_to_beginning(snapshots, 3, 2, 1), "two");
+  for (std::size_t t = 0; t < 4; ++t)
+    for (std::size_t g = 0; g < snapshots.grid_size(); ++g) {
+      const auto field = two.evaluate(snapshots.parameters_at(g), t).value;
+      for (std::size_t i = 0; i < 6; ++i) EXPECT_NEAR(field[i], snapshots.solution(g)[t * 6 + i], 1e-6);
+    }
+}
+
+TEST(LessTrueResidual, TakesAwayABiasThatGrowsAlongALine) {
+  const reduction::SeparatedModel model(mode_by_mode(two_terms(), 2, 1), "two");
+  Sensors sensors;
+  for (std::size_t i = 0; i < 6; ++i)
+    sensors.add(model.contents().dofs.point(i), model.contents().dofs.components[i]);
+  const auto seen = observed(model, sensors);
+  const Eigen::Vector2d truth(1, 1);
+  const Eigen::MatrixXd right = predicted(*seen, truth);
+  Eigen::MatrixXd exact = right;
+  for (Eigen::Index t = 0; t < exact.cols(); ++t)
+    exact.col(t).array() += 1e-3 * (1 + seen->time[static_cast<std::size_t>(t)]);
+  const assimilation::Measurements data = measure(exact, sensors, seen->time, 1, 1e-9);
+  const assimilation::Measurements less = less_true_residual(*seen, truth, exact, data);
+  EXPECT_EQ(less.values.col(0), data.values.col(0));  // nothing learnt before the first
+  for (Eigen::Index t = 2; t < exact.cols(); ++t)
+    EXPECT_LT((less.values.col(t) - right.col(t)).cwiseAbs().maxCoeff(), 1e-7) << t;
+}
+
 TEST(LiftAsMode, IsTheSameFunction) {
   const reduction::SeparatedModel model(mode_by_mode(two_terms(), 2, 1), "two");
   const reduction::SeparatedModel all = with_lift_as_mode(model);
@@ -328,6 +357,10 @@ TEST_F(CoarseBeam, DecompositionsAreJudgedByTheUncompressedSnapshots) {
     EXPECT_NEAR(errors[i], error, 1e-5);
     EXPECT_EQ(error < 1e-6, i == 0) << error;
   }
+  // The starts are random, and end elsewhere.
+  const auto &first = series(record, "error_um, m = 6, random start 1"),
+             &second = series(record, "error_um, m = 6, random start 2");
+  EXPECT_GT(std::abs(first[0] - second[0]), 1e-3 * first[0]);
   for (const double shift : series(record, "worst_shift_std, uncompressed snapshots")) EXPECT_EQ(shift, 0);
   for (const double shift : series(record, "worst_shift_std, m = 3")) EXPECT_GT(shift, 0);
 }

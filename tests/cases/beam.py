@@ -1,4 +1,5 @@
 """The notched beam end to end: transport against quadrature through the crack run, the two forms, the crack forecast."""
+import json
 import math
 import os
 import unittest
@@ -63,6 +64,15 @@ class Test(Case):
         self.assertEqual(crack["values"], sorted(crack["values"]))
         self.assertAlmostEqual(crack["probability_above_threshold"], integral(lambda l: 1.0 if l > 0.04 else 0.0), delta=0.02)
         self.assertIn("crack", line["published"])
+
+    def test_eq_33_is_marked_where_it_says_what_the_points_say(self):
+        self.assimilate()
+        steps = [json.loads(text) for text in (self.folder / "results" / "steps.jsonl").read_text().splitlines()]
+        for crack in (step["forecast"]["crack"] for step in steps):
+            published = crack["published"]
+            near = abs(published["mean"] - crack["mean"]) <= crack["std"] / 2
+            self.assertEqual(published["agrees"], near and 0.5 <= published["std"] / crack["std"] <= 2)
+        self.assertEqual({step["forecast"]["crack"]["published"]["agrees"] for step in steps}, {False, True})
 
     def test_the_report_shows_beam_and_crack(self):
         self.assimilate()

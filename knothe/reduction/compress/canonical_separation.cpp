@@ -58,13 +58,15 @@ CanonicalSeparation::CanonicalSeparation(const Deviation& deviation, const Param
 
 const CpFactors& CanonicalSeparation::decompose(std::size_t m) {
   const auto modes = static_cast<Eigen::Index>(m);
-  while (grown_.factors.empty() || grown_.modes() < modes) {
+  best_ = {};
+  best_.error = std::numeric_limits<double>::infinity();
+  while (options_.grown_start && (grown_.factors.empty() || grown_.modes() < modes)) {
     check_cancellation("nothing of the compression is kept; start it again");
     const std::uint64_t seed =
         options_.seed + (grown_.factors.empty() ? 0 : static_cast<std::uint64_t>(grown_.modes()));
     grown_ = als(core_, with_one_more_mode(core_, grown_, seed), k_growth_sweeps);
   }
-  best_ = als(core_, grown_, options_.sweeps);
+  if (options_.grown_start) best_ = als(core_, grown_, options_.sweeps);
   for (std::size_t i = 0; i < options_.random_starts; ++i) {
     check_cancellation("nothing of the compression is kept; start it again");
     const std::uint64_t seed = options_.seed + 7919 * (i + 1) + m;

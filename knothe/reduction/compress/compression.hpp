@@ -19,9 +19,10 @@ struct CompressionOptions {
   Form form = Form::tree;
   std::size_t modes = 0;  ///< m (canonical) or r (tree); 0: as many as `tolerance` needs
   double tolerance = 1e-4;  ///< on ‖u − û‖ / ‖u‖ over the grid, both plain and weighted by quadrature
-  std::size_t max_modes = 60;     ///< canonical form: the search by tolerance stops here
-  std::uint64_t seed = 1;         ///< of the random starts
-  std::size_t random_starts = 3;  ///< canonical form: tried besides the start grown mode by mode
+  std::size_t max_modes = 60;  ///< canonical form: the search by tolerance stops here
+  std::uint64_t seed = 1;      ///< of the random starts
+  bool grown_start = true;     ///< canonical form: a start whose modes are found one after the other is tried
+  std::size_t random_starts = 3;  ///< and so many random ones; at least one start is needed
   std::size_t sweeps = 1500;      ///< canonical form: most ALS sweeps from each start
   std::size_t threads = 0;        ///< 0: all
   ParameterNorm parameter_norm = ParameterNorm::spline;  ///< tree form; the canonical one takes `nodes`

@@ -96,7 +96,7 @@ Plot forecast_convergence_plot(const Results& results, const std::string& name) 
     const bool quantiles = !f.values.empty() && f.levels.front() < 0.03 && f.levels.back() > 0.97;
     low.push_back(scale.factor * (quantiles ? f.values.front() : f.mean - 1.96 * f.std));
     high.push_back(scale.factor * (quantiles ? f.values.back() : f.mean + 1.96 * f.std));
-    if (f.published.empty()) continue;
+    if (f.published.empty() || !f.published_agrees) continue;
     published_x.push_back(x.back());
     published_low.push_back(scale.factor * f.published.front());
     published_high.push_back(scale.factor * f.published.back());
@@ -106,7 +106,8 @@ Plot forecast_convergence_plot(const Results& results, const std::string& name) 
   plot.line(x, mean, Paint::series(1), "mean", {2.2});
   plot.line(x, most, Paint::ink(), "most probable", {1.3, "3 3", 1.0});
   if (!published_x.empty()) {
-    plot.line(published_x, published_low, Paint::series(0), "95 %, Eq. 33 (normal field)", {1.3, "5 3", 1.0});
+    plot.line(published_x, published_low, Paint::series(0), "95 %, Eq. 33 (normal field), where it agrees",
+              {1.3, "5 3", 1.0});
     plot.line(published_x, published_high, Paint::series(0), "", {1.3, "5 3", 1.0});
   }
   if (const auto f = results.forecasts.find(name); f != results.forecasts.end() && f->second.threshold)

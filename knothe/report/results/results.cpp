@@ -100,7 +100,11 @@ StepForecast forecast_of(const Located& f) {
   out.bridge_residual_rms = f.optional_number("bridge_residual_rms");
   out.levels = f.numbers("levels");
   out.values = f.numbers("values", out.levels.size());
-  if (f.has("published")) out.published = f.object("published").numbers("values", out.levels.size());
+  if (f.has("published")) {
+    out.published = f.object("published").numbers("values", out.levels.size());
+    const auto& published = f.at("published");  // older files do not say whether they agree
+    out.published_agrees = !published.contains("agrees") || published.at("agrees") == true;
+  }
   out.is_past = f.has("past") && f.at("past") == true;
   if (f.has("density")) out.density = f.object("density").density("points", "values");
   return out;

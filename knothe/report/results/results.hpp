@@ -31,6 +31,7 @@ struct StepForecast {
   std::vector<double> levels;
   std::vector<double> values;
   std::vector<double> published;  ///< quantiles by Eq. 33 (crack length only); may be empty
+  bool published_agrees = true;   ///< they say what the forecast says
   bool is_past = false;           ///< the horizon was before the step's time
   DensityCurve density;           ///< empty if not written
 };

@@ -150,6 +150,11 @@ Json score_records(std::span<const forecast::ScoredForecast> scores) {
   return records;
 }
 
+/// Whether a forecast says what the one of `mean` and `std` says.
+bool agree(const forecast::ScalarForecast& other, double mean, double std) {
+  return std::abs(other.mean - mean) <= 0.5 * std && other.std <= 2 * std && std <= 2 * other.std;
+}
+
 void add_densities(Json& record, const std::vector<std::string>& parameters,
                    const std::vector<assimilation::Prior>& priors, const engine::StepResult& result,
                    std::span<const forecast::NamedForecast> published) {
@@ -161,10 +166,12 @@ void add_densities(Json& record, const std::vector<std::string>& parameters,
   }
   record["forecast"] = forecast_record(result.forecasts, true);
   for (const forecast::NamedForecast& named : published) {
-    record["forecast"][named.name]["published"] = {{"mean", named.forecast.mean},
-                                                   {"std", named.forecast.std},
-                                                   {"levels", numerics::k_quantile_levels},
-                                                   {"values", named.forecast.values}};
+    Json& headline = record["forecast"][named.name];
+    headline["published"] = {{"mean", named.forecast.mean},
+                             {"std", named.forecast.std},
+                             {"agrees", agree(named.forecast, headline.at("mean"), headline.at("std"))},
+                             {"levels", numerics::k_quantile_levels},
+                             {"values", named.forecast.values}};
   }
 }
 
