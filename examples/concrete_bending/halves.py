@@ -55,6 +55,19 @@ def rigid_motion(points, displacement):
     return motion, float(np.sqrt((left[use] ** 2).mean()))
 
 
+def turn_std(points, displacement, parts=8):
+    """Of the turn of a rigid motion: what is left of it is no noise, so by leaving out one strip of the columns at a time."""
+    strip = np.minimum((np.argsort(np.argsort(points[:, 0])) * parts) // len(points), parts - 1)
+    turns = np.array([rigid_motion(points[strip != k], displacement[strip != k])[0][2] for k in range(parts)])
+    return float(np.sqrt((parts - 1) / parts * ((turns - turns.mean()) ** 2).sum()))
+
+
+def on_path(path, length):
+    """Point of a crack's path, from the mouth on, at this length along it."""
+    along = np.r_[0, np.cumsum(np.hypot(*np.diff(path[:, :2], axis=0).T))]
+    return [float(np.interp(length, along, path[:, k])) for k in (0, 1)]
+
+
 def halves(file, picture, lower_edge):
     """The two halves of a picture's beam as rigid bodies that turn about a hinge."""
     nodes, displacement = file["picture_frame/nodes"][:], file["picture_frame/displacement"][picture]
@@ -67,9 +80,11 @@ def halves(file, picture, lower_edge):
     motions, rests = zip(*(rigid_motion(nodes[side], displacement[side]) for side in sides))
     jump = motions[1] - motions[0]
     opening = path[np.isfinite(path[:, 4])]
-    return {"rotation": float(-jump[2]), "hinge_y": float(jump[0] / jump[2]), "opening_at_lower_edge": float(jump[0] - jump[2] * lower_edge),
-            "rest": list(rests), "tip": file["crack/tip"][picture].tolist(), "length": float(file["crack/length"][picture]),
-            "length_std": float(file["crack/length_std"][picture]), "path": path[:, :2].tolist(),
+    length, length_std = float(file["crack/length"][picture]), float(file["crack/length_std"][picture])
+    return {"rotation": float(-jump[2]), "rotation_std": float(np.hypot(*(turn_std(nodes[side], displacement[side]) for side in sides))),
+            "hinge_y": float(jump[0] / jump[2]), "opening_at_lower_edge": float(jump[0] - jump[2] * lower_edge),
+            "rest": list(rests), "tip": file["crack/tip"][picture].tolist(), "length": length, "length_std": length_std,
+            "tip_interval": [on_path(path, length + 1.96 * sign * length_std) for sign in (-1, 1)], "path": path[:, :2].tolist(),
             "openings": opening[:, [1, 4, 5]].tolist()}
 
 
@@ -80,8 +95,9 @@ def look(reference, fields):
     support = circle(outline(picture, range(lower + 8, len(picture) - 2, 3), (1300, picture.shape[1])), [1590, lower + 250, 260])
     with h5py.File(fields) as file:
         pictures = [halves(file, k, lower) for k in range(len(file["time"]))]
+    ratio = pictures[1]["rotation"] / pictures[0]["rotation"]
     return {"edges": [upper, lower], "roller": roller.tolist(), "support": support.tolist(), "pictures": pictures,
-            "rotation_ratio": pictures[1]["rotation"] / pictures[0]["rotation"]}
+            "rotation_ratio": ratio, "rotation_ratio_std": ratio * float(np.hypot(*(p["rotation_std"] / p["rotation"] for p in pictures)))}
 
 
 if __name__ == "__main__":

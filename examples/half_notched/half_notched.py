@@ -114,10 +114,15 @@ def write_data(rows):
 
 
 def write_laws():
-    """The same project with the gradient, and with the laws of stress against opening: the fracture energy in place of A_d."""
+    """The same project with other laws, each in a box of its own: stress against opening, with the fracture energy in place of
+    A_d; the gradient; and the brittle law with other widths of its band, which A_d grows with."""
     energy = [("\nAd = { prior", "\nGf = { prior"), ("Ad = { reference = 2.5e-3", "Gf = { reference = 70")]
-    laws = {"gradient": [('regularisation = "crack-band", reference_size = 0.02', 'regularisation = "gradient", internal_length = 0.005')],
-            **{law: [("damage = { ", f'damage = {{ law = "{law}", '), *energy] for law in ("exponential", "bilinear")}}
+    band = "regularisation = \"crack-band\", reference_size = 0.02"
+    laws = {"gradient": [(band, 'regularisation = "gradient", internal_length = 0.005'),
+                         ("Y0 = { reference = 200", "Y0 = { reference = 60"), ("Ad = { reference = 2.5e-3", "Ad = { reference = 1e-2")],
+            **{law: [("damage = { ", f'damage = {{ law = "{law}", '), *energy] for law in ("exponential", "bilinear")},
+            **{f"band{width}": [("reference_size = 0.02", f"reference_size = {1e-3 * width:g}"),
+                                ("Ad = { reference = 2.5e-3", f"Ad = {{ reference = {2.5e-3 * width / 20:g}")] for width in (10, 40)}}
     for law, changes in laws.items():
         for source, name in (("half_notched.toml", law), ("peak.toml", f"{law}_peak")):
             text = pathlib.Path(source).read_text(encoding="utf-8")

@@ -39,6 +39,10 @@ class Test(Case):
         self.assertAlmostEqual(y + radius, seen["edges"][0], delta=5)
         first, second = seen["pictures"]
         self.assertGreater(second["length"] - first["length"], 3 * math.hypot(first["length_std"], second["length_std"]))
+        for p in (first, second):
+            self.assertTrue(0 < p["rotation_std"] < 0.05 * p["rotation"], p["rotation_std"])
+            (_, least), (_, most) = p["tip_interval"]
+            self.assertTrue(most < p["tip"][1] < least, p["tip_interval"])
         for p, rest in ((first, 0.03), (second, 0.1)):
             self.assertTrue(all(r < rest for r in p["rest"]), p["rest"])
         about_hinge = [opening - second["rotation"] * (y - second["hinge_y"]) for y, opening, _ in second["openings"]]
