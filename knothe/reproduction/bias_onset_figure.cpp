@@ -281,8 +281,9 @@ FigureRecord bias_onset(const Subject& subject, const StudyOptions& options) {
        "not done",
        fmt::format("{} and {}", readable(quantile(early[0].last, 0.5), 2),
                    readable(quantile(early[1].last, 0.5), 2)),
-       fmt::format("At the worst step after it {} and {}. The parameters are identified before the model fails.",
-                   readable(quantile(early[0].worst, 0.5), 2), readable(quantile(early[1].worst, 0.5), 2)),
+       fmt::format(
+           "At the worst step after it {} and {}. The parameters are identified before the model fails.",
+           readable(quantile(early[0].worst, 0.5), 2), readable(quantile(early[1].worst, 0.5), 2)),
        {},
        quantile(early[1].last, 0.5)});
   for (const std::size_t onset : {std::size_t{1}, std::size_t{2}, std::size_t{3}})

@@ -43,7 +43,7 @@ std::vector<RunFailure> Simulator::solve_to_files(std::span<const Run> runs, int
 std::vector<reduction::OffGridSolution> fields_of(std::vector<reduction::Snapshots> solutions) {
   std::vector<reduction::OffGridSolution> fields;
   for (reduction::Snapshots& solution : solutions)
-    fields.push_back({solution.parameters_at(0), std::move(solution.values)});
+    fields.push_back({solution.parameters_at(0), std::move(solution.values), std::move(solution.outputs)});
   return fields;
 }
 

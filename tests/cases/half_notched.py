@@ -66,13 +66,16 @@ class Test(Case):
         for file in ("measured.csv", "peak.csv"):
             (self.folder / file).write_text("\n".join([table[0], *table[3:]]) + "\n")
         self.expect(0, "offline", self.project, "-o", "brittle.h5")
-        outcome = self.expect(0, "assimilate", self.project, "--json")
+        outcome = self.expect(8, "assimilate", self.project, "--json")
         last = [line for line in outcome.lines() if "mean" in line][-1]
         exact = self.by_quadrature("brittle.h5")[-1]
         for k in range(3):
             self.assertAlmostEqual(last["mean"][k], exact["mean"][k], delta=0.05 * exact["std"][k])
             self.assertAlmostEqual(math.sqrt(last["covariance"][k][k]), exact["std"][k], delta=0.05 * exact["std"][k])
         self.assertAlmostEqual(last["log_evidence"], exact["log_evidence"], delta=0.05)
+        # Of three nodes an axis: the error of the reduced model in the force, the only datum, is known, and rejects it.
+        self.assertIn(("model", "reject"), [(reason["code"], reason["level"]) for reason in last["verdict"]["reasons"]])
+        self.assertGreater(min(last["verdict"]["model_shift_std"]), 1)
         self.assertAlmostEqual(last["forecast"]["force_200"]["mean"], exact["force_200"], delta=3)
 
     def by_quadrature(self, *models):

@@ -40,12 +40,18 @@ ParameterChange find_parameter_change(const FormBlocks& blocks, const Eigen::Vec
   const Eigen::VectorXd answer = all.solve(up_to.back().col(d));
   ParameterChange found;
   double largest = 0;
+  Eigen::MatrixXd half(d, d), variance(d, d);
+  Eigen::VectorXd score(d);
   for (std::size_t k = 0; k + 1 < count; ++k) {
     const auto information = up_to[k].leftCols(d);
-    const Eigen::VectorXd score = up_to[k].col(d) - information * answer;
-    const Eigen::LLT<Eigen::MatrixXd> variance(information - information * all.solve(information) + least);
-    if (variance.info() != Eigen::Success) continue;
-    const double x = score.dot(variance.solve(score)) / level;
+    half = information;
+    all.matrixL().solveInPlace(half);
+    variance = information + least - half.transpose().lazyProduct(half);
+    score = up_to[k].col(d) - information.lazyProduct(answer);
+    const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> factor(variance);
+    if (factor.info() != Eigen::Success) continue;
+    factor.matrixL().solveInPlace(score);
+    const double x = score.squaredNorm() / level;
     if (x > largest) largest = x, found.after = (k + 1) * blocks.steps_per_block();
   }
   found.probability = std::min(

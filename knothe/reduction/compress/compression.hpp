@@ -34,8 +34,9 @@ struct CompressionOptions {
 
 /// A full-order solution at parameters that are no grid point.
 struct OffGridSolution {
-  std::vector<double> parameters;  ///< [d]
-  std::vector<double> values;      ///< [n_t, n_dof]
+  std::vector<double> parameters;            ///< [d]
+  std::vector<double> values;                ///< [n_t, n_dof]
+  std::vector<SnapshotOutput> outputs = {};  ///< [n_t] each; those that are known
 };
 
 /// How far a model û is from solutions u. Norms are over all dofs, times (trapezoid weights) and solutions

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <set>
 
 #include "knothe/base/error.hpp"
@@ -346,12 +347,21 @@ MatrixXd points_in(const Neighbourhood& at) {
 
 /// What is known of the refined model's error: what the solutions miss of each other, by as much as all of
 /// them together miss less, and at the base's own off-grid solutions what the correction leaves.
-TruncationError error_of(const TruncationError& base, std::span<const Axis> axes, const KnownErrors& known,
+TruncationError error_of(const TruncationError& base, const ModelContents& contents, const KnownErrors& known,
                          const ScatteredInterpolation& interpolation, const Neighbourhood& at) {
+  const std::span<const Axis> axes = contents.axes;
   const Index k = known.points.rows(), d = known.points.cols(), dofs = known.space.rows();
   const Index times = known.fields.front().cols();
   const auto old = static_cast<Index>(base.off_grid_count()), b = static_cast<Index>(base.count);
   std::vector<MatrixXd> errors;  // in [V, Q]
+  // Of the outputs, by solution: n_t × outputs; of those of which the base knows none, not a number.
+  const auto outputs = static_cast<Index>(contents.outputs.size());
+  std::vector<MatrixXd> output_errors;
+  const auto output_correction = [&](const Eigen::RowVectorXd& weights) {
+    MatrixXd sum(times, outputs);
+    for (Index o = 0; o < outputs; ++o) sum.col(o) = known.outputs[o] * weights.transpose();
+    return sum;
+  };
   const auto correction = [&](const Eigen::RowVectorXd& weights) {
     MatrixXd sum = MatrixXd::Zero(known.space.cols(), times);
     for (Index i = 0; i < k; ++i) sum += weights[i] * known.fields[i];
@@ -371,6 +381,9 @@ TruncationError error_of(const TruncationError& base, std::span<const Axis> axes
         (missed / interpolation.left_out_std()[i]) * correction(interpolation.leave_one_out().row(i)) +
         outside * known.fields[i];
     errors.push_back(std::move(error));
+    output_errors.push_back((missed / interpolation.left_out_std()[i]) *
+                                output_correction(interpolation.leave_one_out().row(i)) +
+                            outside * output_correction(Eigen::RowVectorXd::Unit(k, i)));
     const VectorXd p = known.points.row(i).transpose();
     append(result.off_grid_points, p);
     append(result.off_grid_reach, at.std());
@@ -386,9 +399,18 @@ TruncationError error_of(const TruncationError& base, std::span<const Axis> axes
       const auto column = in_file - base.parameters.begin();
       p[a] = placed ? base.off_grid_points[j * d + column] : axis.nodes.front();
     }
-    if (placed)
-      error.bottomRows(known.space.cols()) = -correction(interpolation.functions(p.transpose()).row(0));
+    MatrixXd of_outputs = MatrixXd::Constant(times, outputs, std::numeric_limits<double>::quiet_NaN());
+    for (Index o = 0; o < outputs; ++o)
+      if (const auto found = base.off_grid_outputs.find(contents.outputs[o].name);
+          found != base.off_grid_outputs.end())
+        of_outputs.col(o) = Eigen::Map<const VectorXd>(&found->second[j * times], times);
+    if (placed) {
+      const Eigen::RowVectorXd functions = interpolation.functions(p.transpose()).row(0);
+      error.bottomRows(known.space.cols()) = -correction(functions);
+      of_outputs -= output_correction(functions);
+    }
     errors.push_back(std::move(error));
+    output_errors.push_back(std::move(of_outputs));
     append(result.off_grid_points, p);
     append(result.off_grid_reach, VectorXd::Zero(d));
   }
@@ -401,6 +423,12 @@ TruncationError error_of(const TruncationError& base, std::span<const Axis> axes
   for (MatrixXd& error : errors) {
     error = change * error;
     append(result.off_grid, error);
+  }
+  for (Index o = 0; o < outputs; ++o) {
+    std::vector<double> values;
+    for (const MatrixXd& error : output_errors) append(values, error.col(o));
+    if (std::none_of(values.begin(), values.end(), [](double e) { return std::isnan(e); }))
+      result.off_grid_outputs[contents.outputs[o].name] = std::move(values);
   }
   errors.resize(static_cast<std::size_t>(k));
   VectorXd weights = nearness(known.points, at);
@@ -417,7 +445,7 @@ RefinedModel refined(const ModelContents& base, const TruncationError& error,
   const SeparatedModel model(base);
   const KnownErrors known = errors_of(model, base, solutions);
   const ScatteredInterpolation interpolation = best_interpolation(base.axes, known, at);
-  RefinedModel result{base, error_of(error, base.axes, known, interpolation, at)};
+  RefinedModel result{base, error_of(error, base, known, interpolation, at)};
   result.model.axes = with_nodes_for(base.axes, known.points, interpolation.kernel(), at);
   const MatrixXd points = points_of(result.model.axes);
   const MatrixXd phi = interpolation.functions(points);

@@ -3,9 +3,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <random>
 
 #include "knothe/base/error.hpp"
+#include "knothe/files/testing/test_folder.hpp"
 #include "knothe/reduction/model/model_matrices.hpp"
 #include "knothe/reduction/testing/test_models.hpp"
 
@@ -62,7 +64,7 @@ Base base_model(Form form) {
   Base base{compress(snapshots, options), {}};
   std::vector<OffGridSolution> off_grid;
   for (const auto& p : {std::vector{0.61, 1.41}, std::vector{1.37, 0.66}, std::vector{0.83, 0.91}})
-    off_grid.push_back({p, front_at(p).values});
+    off_grid.push_back({p, front_at(p).values, front_at(p).outputs});
   base.error = truncation_error(base.model, snapshots, off_grid);
   return base;
 }
@@ -117,6 +119,54 @@ TEST_P(LocalRefinement, TheOutputsAreRefinedToo) {
     return largest;
   };
   EXPECT_LT(worst(fine.model), worst(base.model) / 100);
+}
+
+/// Errors of the force at the base's off-grid solutions, in order: by evaluating the model there.
+std::vector<double> errors_of_force(const ModelContents& model) {
+  std::vector<double> errors;
+  for (const auto& p : {std::vector{0.61, 1.41}, std::vector{1.37, 0.66}, std::vector{0.83, 0.91}}) {
+    const std::vector<double> exact = front_at(p).outputs[0].values,
+                              value = SeparatedModel(model).evaluate_output("force", p).value;
+    for (std::size_t t = 0; t < exact.size(); ++t) errors.push_back(exact[t] - value[t]);
+  }
+  return errors;
+}
+
+TEST_P(LocalRefinement, TheErrorsOfTheOutputsAreKnownBeforeAndAfter) {
+  const Base base = base_model(GetParam());
+  const std::vector<double> before = errors_of_force(base.model);
+  EXPECT_EQ(base.error.off_grid_outputs.at("force"), before);
+  const files::TestFolder folder;
+  write_model(base.model, base.error, folder.file("m.h5"));
+  EXPECT_EQ(read_truncation_error(folder.file("m.h5")).off_grid_outputs, base.error.off_grid_outputs);
+
+  // Among observations of which nothing else is known, and between two times of the model linear.
+  Sensors sensors;
+  sensors.scalars = {"other", "cell"};
+  ScalarObservation cell;
+  cell.name = "cell", cell.output = "force";
+  const std::vector<double>& time = base.model.time;
+  const double times[] = {time[2], 0.5 * (time[2] + time[3])};
+  const ObservedErrors seen = observe_off_grid(base.error, base.model, "m", sensors, {&cell, 1}, times, 2);
+  ASSERT_EQ(seen.count(), 3);
+  for (Eigen::Index j = 0; j < 3; ++j) {
+    const double* of_solution = &before[static_cast<std::size_t>(6 * j)];
+    const double expected[] = {of_solution[2], 0.5 * (of_solution[2] + of_solution[3])};
+    for (std::size_t t = 0; t < 2; ++t) {
+      const Eigen::VectorXd e = seen.space * seen.coefficients[t].col(j);
+      EXPECT_EQ(e[0], 0);
+      EXPECT_NEAR(e[1], expected[t], 1e-12 * std::abs(expected[t]));
+    }
+  }
+
+  const RefinedModel fine = refined(base.model, base.error, nine_solutions(), k_at);
+  const std::vector<double> after = errors_of_force(fine.model),
+                            &told = fine.error.off_grid_outputs.at("force");
+  ASSERT_EQ(told.size(), 9 * 6 + after.size());  // the refinement's solutions first
+  const double scale = *std::max_element(before.begin(), before.end());
+  for (std::size_t i = 0; i < after.size(); ++i) EXPECT_NEAR(told[9 * 6 + i], after[i], 1e-3 * scale) << i;
+  // Around the posterior little is left.
+  for (std::size_t i = 0; i < 9 * 6; ++i) EXPECT_LT(std::abs(told[i]), 0.1 * scale) << i;
 }
 
 TEST_P(LocalRefinement, AwayFromItLittleChanges) {

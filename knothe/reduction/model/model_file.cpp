@@ -135,6 +135,9 @@ void write_rest(files::Hdf5Writer& file, const ModelContents& model) {
   }
 }
 
+/// Group of the outputs' errors.
+const std::string k_output_errors = "/truncation/off_grid_outputs/";
+
 void validate_truncation(const TruncationError& error, std::size_t times, std::size_t dofs,
                          const Validation& check) {
   if (error.count == 0) return;
@@ -143,6 +146,8 @@ void validate_truncation(const TruncationError& error, std::size_t times, std::s
   check.array("/truncation/variance", error.variance, {times});
   if (!error.off_grid.empty())
     check.array("/truncation/off_grid", error.off_grid, {error.off_grid_count(), times, error.count});
+  for (const auto& [name, errors] : error.off_grid_outputs)
+    check.array(k_output_errors + name, errors, {error.off_grid_count(), times});
   if (error.off_grid_points.empty()) return;
   const files::Shape shape = {error.off_grid_count(), error.parameters.size()};
   check.array("/truncation/off_grid_points", error.off_grid_points, shape);
@@ -162,6 +167,9 @@ void write_truncation(files::Hdf5Writer& file, const TruncationError& error, std
   if (!error.off_grid.empty())
     file.write("/truncation/off_grid", error.off_grid, {error.off_grid_count(), times, error.count},
                {"m", "coefficients of the errors at solutions that the model was not made from"});
+  for (const auto& [name, errors] : error.off_grid_outputs)
+    file.write(k_output_errors + name, errors, {error.off_grid_count(), times},
+               {"", "errors of the output at those solutions, in its unit"});
   if (error.off_grid_points.empty()) return;
   const files::Shape shape = {error.off_grid_count(), error.parameters.size()};
   file.write("/truncation/off_grid_points", error.off_grid_points, shape,
@@ -187,6 +195,9 @@ TruncationError read_sound_truncation_error(const std::string& path) {
   error.covariance = file.read("/truncation/covariance", {error.variance.size(), error.count, error.count});
   error.persistence = file.number_attribute("/truncation/covariance", "persistence");
   if (file.has("/truncation/off_grid")) error.off_grid = file.read("/truncation/off_grid");
+  if (file.has("/truncation/off_grid_outputs"))
+    for (const std::string& name : file.members("/truncation/off_grid_outputs"))
+      error.off_grid_outputs[name] = file.read(k_output_errors + name);
   if (file.has("/truncation/off_grid_points")) {
     for (const Axis& axis : read_axes(file)) error.parameters.push_back(axis.name);
     error.off_grid_points = file.read("/truncation/off_grid_points");

@@ -167,6 +167,27 @@ TruncationError covariance_of(const KnownErrors& errors, const ModelContents& co
   return result;
 }
 
+/// Errors of those outputs that all the solutions have.
+std::map<std::string, std::vector<double>> output_errors(const ModelContents& contents,
+                                                         std::span<const OffGridSolution> solutions) {
+  std::map<std::string, std::vector<double>> errors;
+  if (contents.outputs.empty() || solutions.empty()) return errors;
+  const SeparatedModel model(contents);
+  for (const SnapshotOutput& output : contents.outputs) {
+    std::vector<double> of_output;
+    for (const OffGridSolution& solution : solutions)
+      for (const SnapshotOutput& exact : solution.outputs) {
+        if (exact.name != output.name) continue;
+        const std::vector<double> predicted = model.evaluate_output(output.name, solution.parameters).value;
+        for (std::size_t t = 0; t < predicted.size(); ++t)
+          of_output.push_back(exact.values[t] - predicted[t]);
+      }
+    if (of_output.size() == solutions.size() * contents.time.size())
+      errors[output.name] = std::move(of_output);
+  }
+  return errors;
+}
+
 }  // namespace
 
 void set_moments(std::span<const MatrixXd> coefficients, std::span<const double> weights,
@@ -187,14 +208,19 @@ TruncationError truncation_error(const ModelContents& contents, const Snapshots&
                                  std::span<const OffGridSolution> off_grid, std::size_t modes,
                                  std::size_t threads) {
   const MatrixXd none;
-  if (contents.quantities.empty())
-    return covariance_of({contents, snapshots, none, off_grid}, contents, modes, threads);
+  TruncationError result;
+  if (contents.quantities.empty()) {
+    result = covariance_of({contents, snapshots, none, off_grid}, contents, modes, threads);
+    result.off_grid_outputs = output_errors(contents, off_grid);
+    return result;
+  }
   // Of several units: none of them is small.
   const QuantityScales scales{SeparatedModel(contents)};
   const ModelContents model = scales.scaled(contents);
   const Snapshots scaled = scales.scaled(snapshots);
   const std::vector<OffGridSolution> solutions = scales.scaled(off_grid);
-  TruncationError result = covariance_of({model, scaled, none, solutions}, model, modes, threads);
+  result = covariance_of({model, scaled, none, solutions}, model, modes, threads);
+  result.off_grid_outputs = output_errors(contents, off_grid);
   scales.restore(result.space);
   return result;
 }
@@ -204,7 +230,10 @@ TruncationError truncation_error(const ModelContents& contents, const GridSoluti
                                  std::size_t threads) {
   if (solutions.basis.size() == 0)
     return truncation_error(contents, solutions.snapshots, off_grid, modes, threads);
-  return covariance_of({contents, solutions.snapshots, solutions.basis, off_grid}, contents, modes, threads);
+  TruncationError result =
+      covariance_of({contents, solutions.snapshots, solutions.basis, off_grid}, contents, modes, threads);
+  result.off_grid_outputs = output_errors(contents, off_grid);
+  return result;
 }
 
 std::vector<MatrixXd> observe_truncation(const TruncationError& error, const ModelContents& model,
@@ -259,6 +288,25 @@ MatrixXd observed_space(const TruncationError& error, const ModelContents& model
   return observed;
 }
 
+/// An output of the model among the observations, whose errors are known.
+struct SeenOutput {
+  Index row;
+  const std::vector<double>* errors;  ///< [m, n_t]
+};
+
+std::vector<SeenOutput> seen_outputs(const TruncationError& error, const Sensors& sensors,
+                                     std::span<const ScalarObservation> scalars) {
+  std::vector<SeenOutput> seen;
+  for (std::size_t k = 0; k < sensors.scalars.size(); ++k) {
+    std::string name = sensors.scalars[k];
+    for (const ScalarObservation& scalar : scalars)
+      if (scalar.name == name && !scalar.output.empty()) name = scalar.output;
+    if (const auto found = error.off_grid_outputs.find(name); found != error.off_grid_outputs.end())
+      seen.push_back({static_cast<Index>(sensors.displacement_count() + k), &found->second});
+  }
+  return seen;
+}
+
 }  // namespace
 
 ObservedErrors observe_off_grid(const TruncationError& error, const ModelContents& model,
@@ -269,12 +317,24 @@ ObservedErrors observe_off_grid(const TruncationError& error, const ModelContent
   if (error.off_grid_count() == 0) return known;
   const auto q = static_cast<Index>(error.count), m = static_cast<Index>(error.off_grid_count());
   const auto n_t = static_cast<Index>(error.variance.size());
-  known.space.setZero(observations, q);
-  known.space.topRows(static_cast<Index>(sensors.size())) =
+  const std::vector<SeenOutput> outputs = seen_outputs(error, sensors, scalars);
+  const Index all = q + static_cast<Index>(outputs.size());
+  known.space.setZero(observations, all);
+  known.space.topLeftCorner(static_cast<Index>(sensors.size()), q) =
       observed_space(error, model, where, sensors, scalars);
+  // An output is a direction of its own.
+  for (Index k = q; k < all; ++k) known.space(outputs[static_cast<std::size_t>(k - q)].row, k) = 1;
   if (known.space.isZero(0)) return {};
-  const Eigen::Map<const MatrixXd> all(error.off_grid.data(), q, n_t * m);
-  const auto at = [&](Index t) -> MatrixXd { return all(Eigen::all, Eigen::seqN(t, m, n_t)); };
+  const Eigen::Map<const MatrixXd> fields(error.off_grid.data(), q, n_t * m);
+  const auto at = [&](Index t) -> MatrixXd {
+    MatrixXd coefficients(all, m);
+    coefficients.topRows(q) = fields(Eigen::all, Eigen::seqN(t, m, n_t));
+    for (Index k = q; k < all; ++k) {
+      const std::vector<double>& errors = *outputs[static_cast<std::size_t>(k - q)].errors;
+      for (Index j = 0; j < m; ++j) coefficients(k, j) = errors[static_cast<std::size_t>(j * n_t + t)];
+    }
+    return coefficients;
+  };
   for (const double time : times) {
     const auto above = std::lower_bound(model.time.begin(), model.time.end(), time) - model.time.begin();
     const Index right = std::clamp<Index>(above, 0, n_t - 1), left = std::max<Index>(0, right - 1);

@@ -2,6 +2,7 @@
 /// @file What a reduced model leaves out, as a covariance that a likelihood can add
 /// (docs/explanation/reduction.md, "The model's own error").
 #include <Eigen/Core>
+#include <map>
 #include <span>
 #include <string>
 #include <vector>
@@ -29,6 +30,9 @@ struct TruncationError {
   /// errors speak for others, as a standard deviation: 0 for the whole box. Empty in files of before: the
   /// whole box.
   std::vector<double> off_grid_points, off_grid_reach;
+  /// [m, n_t] by name: errors of the model's outputs at those solutions, in the outputs' units. Of an output
+  /// that one of them does not have nothing is known.
+  std::map<std::string, std::vector<double>> off_grid_outputs;
   std::vector<std::string> parameters;  ///< the file's, in its order
   [[nodiscard]] std::size_t off_grid_count() const {
     return off_grid.empty() ? 0 : off_grid.size() / (count * variance.size());
@@ -71,9 +75,9 @@ struct ObservedErrors {
   [[nodiscard]] Eigen::Index count() const { return coefficients.empty() ? 0 : coefficients[0].cols(); }
 };
 
-/// Of the off-grid solutions, at the sensors (places as in `observe`; a scalar is a quantity of the model, or
-/// one of `scalars`) and these times; between two times of the model linear. Rows of other outputs, whose
-/// error is not known, and those up to `observations` are zero. Empty where the file has no such solutions,
+/// Of the off-grid solutions, at the sensors (places as in `observe`; a scalar is a quantity or an output of
+/// the model, or one of `scalars`) and these times; between two times of the model linear. Rows of which no
+/// error is known, and those up to `observations`, are zero. Empty where the file has no such solutions,
 /// or none of the sensors' errors is known.
 [[nodiscard]] ObservedErrors observe_off_grid(const TruncationError& error, const ModelContents& model,
                                               const std::string& where, const Sensors& sensors,
