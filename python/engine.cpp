@@ -233,11 +233,12 @@ void add_forecasts(const std::string& text, const reduction::SeparatedModel& mod
 }
 
 std::unique_ptr<Twin> twin_of_values(const std::string& model, const Doubles& points,
-                                     const std::vector<int>& components, const Doubles& std,
+                                     const std::vector<int>& components,
+                                     const std::vector<std::string>& series, const Doubles& std,
                                      const std::optional<SparseRows>& precision,
                                      const std::vector<PriorValues>& priors, double tolerance, int max_order,
                                      std::uint64_t seed, const std::string& forecasts) {
-  const Sensors sensors{vector_of(points), components};
+  const Sensors sensors{vector_of(points), components, series};
   const Noise noise = noise_of(std, precision);
   const std::vector<Prior> named = priors_of(priors);
   return long_call([&] {
@@ -260,9 +261,9 @@ void bind_twin(py::module_& module) {
             return long_call([&] { return Twin::of_project(path, kind); });
           },
           arg("path"), arg("kind"))
-      .def_static("of_values", &twin_of_values, arg("model"), arg("points"), arg("components"), arg("std"),
-                  arg("precision"), arg("priors"), arg("tolerance"), arg("max_order"), arg("seed"),
-                  arg("forecasts"))
+      .def_static("of_values", &twin_of_values, arg("model"), arg("points"), arg("components"), arg("series"),
+                  arg("std"), arg("precision"), arg("priors"), arg("tolerance"), arg("max_order"),
+                  arg("seed"), arg("forecasts"))
       .def(
           "assimilate",
           [](Twin& twin, const assimilation::Datum& datum) {

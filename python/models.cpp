@@ -188,14 +188,12 @@ void bind_reduced_models(py::module_& module) {
           arg("name"), arg("points"), arg("jacobian"))
       .def(
           "observe",
-          [](const Model& model, const Doubles& points, const std::vector<std::int64_t>& components) {
-            const reduction::Dofs places{vector_of(points), components};
-            if (places.points.size() != 3 * components.size())
-              throw UsageError("observe: each of the " + std::to_string(components.size()) +
-                               " components needs a point x, y, z");
-            return long_call([&] { return reduction::observe(model, places); });
+          [](const Model& model, const Doubles& points, const std::vector<int>& components,
+             const std::vector<std::string>& series) {
+            const Sensors sensors{vector_of(points), components, series};
+            return long_call([&] { return library::observed(model, sensors); });
           },
-          arg("points"), arg("components"))
+          arg("points"), arg("components"), arg("series"))
       .def("parameters", &Model::parameter_names)
       .def("times", [](const Model& model) { return array_of(model.contents().time); })
       .def("dofs",
@@ -208,8 +206,9 @@ void bind_reduced_models(py::module_& module) {
 
 reduction::Snapshots snapshots_of(const py::dict& parts) {
   reduction::Snapshots s;
-  const auto axes = parts["axes"].cast<std::vector<std::pair<std::string, std::vector<double>>>>();
-  for (const auto& [name, nodes] : axes) s.axes.push_back({name, nodes, "1", name, 1});
+  using Axis = std::tuple<std::string, std::vector<double>, std::string, std::string, double>;
+  for (const auto& [name, nodes, units, long_name, reference] : parts["axes"].cast<std::vector<Axis>>())
+    s.axes.push_back({name, nodes, units, long_name, reference});
   s.time = parts["time"].cast<std::vector<double>>();
   s.values = vector_of(parts["values"].cast<Doubles>());
   s.field = {parts["units"].cast<std::string>(), parts["long_name"].cast<std::string>()};

@@ -13,11 +13,14 @@
 
 namespace knothe {
 
-/// Where displacements are measured, n sensors.
+/// What is measured: n displacements, and series behind them.
 struct Sensors {
   std::vector<double> points;   ///< n × 3, m
   std::vector<int> components;  ///< n: 0 x, 1 y, 2 z
-  [[nodiscard]] std::size_t size() const { return components.size(); }
+  /// Outputs or quantities of the model, by name (a reaction force, a temperature), in their units.
+  std::vector<std::string> series = {};
+  /// Number of values of a datum.
+  [[nodiscard]] std::size_t size() const { return components.size() + series.size(); }
 };
 
 /// Gaussian noise of the n values of a datum: independent, or correlated as that of image correlation.

@@ -7,6 +7,7 @@
 #include "knothe/library/plain.hpp"
 #include "knothe/reduction/model/parameter_order.hpp"
 #include "knothe/reduction/model/truncation_error.hpp"
+#include "knothe/reduction/observe/scalar_observations.hpp"
 
 namespace knothe::library {
 namespace {
@@ -29,24 +30,28 @@ Eigen::SparseMatrix<double> matrix_of(const Noise::Precision& precision) {
   return matrix;
 }
 
+reduction::Dofs places_of(const Sensors& sensors) {
+  if (sensors.size() == 0 || sensors.points.size() != 3 * sensors.components.size())
+    throw UsageError(fmt::format("{} sensors with {} coordinates: each has a component and a point x, y, z",
+                                 sensors.components.size(), sensors.points.size()));
+  return {sensors.points, {sensors.components.begin(), sensors.components.end()}};
+}
+
 /// An engine without noise and priors: the model at the sensors, its parameters in the order of the priors,
 /// and its own error there.
 engine::EngineSetup observe(const std::string& file, const Sensors& sensors,
                             const std::vector<Prior>& priors) {
-  if (sensors.size() == 0 || sensors.points.size() != 3 * sensors.size())
-    throw UsageError(fmt::format("{} sensors with {} coordinates: each has a component and a point x, y, z",
-                                 sensors.size(), sensors.points.size()));
+  const reduction::Sensors places(places_of(sensors), sensors.series);
   std::vector<std::string> names;
   for (const Prior& prior : priors) names.push_back(prior.parameter);
   const reduction::SeparatedModel model(reduction::with_parameter_order(reduction::read_model(file), names),
                                         file);
-  const reduction::Dofs places{sensors.points, {sensors.components.begin(), sensors.components.end()}};
   engine::EngineSetup setup;
-  setup.sensors = reduction::Sensors(places);
+  setup.model = std::make_shared<reduction::ObservedModel>(observed(model, sensors));
+  setup.sensors = places;
   setup.known_errors = reduction::observe_off_grid(reduction::read_truncation_error(file), model.contents(),
                                                    file, setup.sensors, {}, model.contents().time,
                                                    static_cast<Eigen::Index>(sensors.size()));
-  setup.model = std::make_shared<reduction::ObservedModel>(reduction::observe(model, places));
   return setup;
 }
 
@@ -59,6 +64,16 @@ assimilation::UpdateOptions settings_of(const AssimilationOptions& options) {
 }
 
 }  // namespace
+
+reduction::ObservedModel observed(const reduction::SeparatedModel& model, const Sensors& sensors) {
+  reduction::ObservedModel seen = reduction::observe(model, places_of(sensors));
+  std::vector<reduction::ScalarObservation> series;
+  for (const std::string& name : sensors.series) {
+    series.emplace_back();
+    series.back().name = series.back().output = name;
+  }
+  return series.empty() ? seen : reduction::with_scalars(seen, model, series);
+}
 
 assimilation::Prior prior_of(const Prior& prior) {
   switch (prior.family) {

@@ -11,6 +11,11 @@ namespace knothe::library {
 
 [[nodiscard]] assimilation::Prior prior_of(const Prior& prior);
 
+/// The model at the sensors. Errors: UsageError for sensors without a point each, for none at all, and for a
+/// series that the model does not have; DataError for points outside it.
+[[nodiscard]] reduction::ObservedModel observed(const reduction::SeparatedModel& model,
+                                                const Sensors& sensors);
+
 /// Of n = `sensors` values. UsageError unless there is one standard deviation for each, or their precision.
 [[nodiscard]] assimilation::GaussianNoise noise_of(const Noise& noise, std::size_t sensors);
 

@@ -103,6 +103,30 @@ TEST_F(FacadeOfAssimilation, ADatumBringsItsNoise) {
   EXPECT_NEAR(correlated.assimilate(same).mean[0], wide.mean[0], 1e-9);
 }
 
+TEST_F(FacadeOfAssimilation, SeriesStandBehindTheDisplacementsOrAlone) {
+  // An output of the model, whose values at the nodes of the grid are known: exact there.
+  const reduction::SeparatedModel model(reduction::read_model(path_), path_);
+  const std::vector<Prior> priors = {Prior::uniform("Ad", 0.6, 1.4), Prior::normal("Y0", 1.0, 0.2)};
+  Sensors both = sensors_;
+  both.series = {"force"};
+  Assimilation with(path_, both, {.std = std::vector<double>(9, 0.5)}, priors);
+  Assimilation alone(path_, {.series = {"force"}}, {.std = {0.5}}, priors);
+  const std::vector<double> p = {0.9, 1.1}, in_model = {1.1, 0.9};  // Ad, Y0 and the file's order
+  for (const std::size_t step : {0, 3}) {
+    const double force = model.evaluate_output("force", in_model).value[step];
+    ASSERT_EQ(with.predict(p, step).size(), 9U);
+    EXPECT_NEAR(with.predict(p, step)[8], force, 1e-6 * std::abs(force));
+    EXPECT_NEAR(alone.predict(p, step)[0], force, 1e-6 * std::abs(force));
+  }
+  EXPECT_TRUE(alone.assimilate({1, alone.predict(p, 1)}).trusted);
+  try {
+    Assimilation unknown(path_, {.series = {"farce"}}, {.std = {0.5}}, priors);
+    FAIL();
+  } catch (const UsageError& error) {
+    EXPECT_NE(std::string(error.what()).find("did you mean \"force\"?"), std::string::npos) << error.what();
+  }
+}
+
 TEST_F(FacadeOfAssimilation, MistakesAreExplained) {
   Assimilation assimilation = make();
   const auto says = [](const std::string& message, const char* part) {

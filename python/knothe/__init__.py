@@ -35,7 +35,7 @@ from knothe._pictures import Correlation, Displacements, read_picture
 from knothe._posterior import Forecast, Posterior, Reason, Verdict
 from knothe._results import Results, open_results
 from knothe._twin import Datum, StepResult, Twin
-from knothe._values import Lognormal, Normal, Precision, Sensors, Uniform
+from knothe._values import Axis, Lognormal, Normal, Precision, Sensors, Uniform
 
 
 def __getattr__(name: str) -> Any:
@@ -46,7 +46,7 @@ def __getattr__(name: str) -> Any:
 
 
 __all__ = [
-    "Correlation", "DataError", "Datum", "Displacements", "Error", "Fit", "Forecast", "InferenceResult", "Interrupted",
+    "Axis", "Correlation", "DataError", "Datum", "Displacements", "Error", "Fit", "Forecast", "InferenceResult", "Interrupted",
     "IoError", "Lognormal", "Model", "Normal", "NumericalError", "ObservedModel", "Posterior", "Precision", "ProjectError",
     "Reason", "Results", "Sensors", "StepResult", "TransportMap", "Twin", "Uniform", "UsageError", "Verdict", "__version__",
     "fit", "fit_samples", "infer", "offline", "open_results", "read_picture",

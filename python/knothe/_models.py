@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from knothe import _knothe
 from knothe._errors import UsageError
-from knothe._values import Array, Sensors, points_of, step_of
+from knothe._values import Array, Axis, Sensors, points_of, step_of
 
 
 def _at_points(call: Callable[[Array], Array], at: ArrayLike | Mapping[str, float], parameters: Sequence[str]) -> Array:
@@ -202,7 +202,7 @@ class Model:
         array([0.00104, 0.002  ])
         """
         sensors = points if isinstance(points, Sensors) else Sensors(points, components)
-        return ObservedModel(self._native.observe(sensors.points, sensors.components), self.parameters)
+        return ObservedModel(self._native.observe(sensors.points, sensors.components, sensors.series), self.parameters)
 
     @property
     def info(self) -> dict[str, Any]:
@@ -241,6 +241,9 @@ def _solutions(function: Callable[..., Any], axes: Mapping[str, Array], time: Ar
             values = np.empty(shape + solution.shape)
         if solution.shape != values.shape[len(shape):]:
             raise UsageError(f"offline: at {tuple(point)} the function gave {solution.shape[1]} dofs, elsewhere {values.shape[-1]}")
+        if not np.isfinite(solution).all():
+            raise UsageError(f"offline: at {tuple(point)} the function gave a value that is not finite, at time "
+                             f"{time[np.argwhere(~np.isfinite(solution))[0][0]]:g}")
         values[index] = solution
         for name, series in further.items():
             if np.shape(found[1].get(name)) != (len(time),):
@@ -261,7 +264,7 @@ def _check_order(function: Callable[..., Any], names: Sequence[str]) -> None:
                          "give them in the function's order")
 
 
-def offline(function: Callable[..., Any], parameters: Mapping[str, ArrayLike], time: ArrayLike,
+def offline(function: Callable[..., Any], parameters: Mapping[str, ArrayLike | Axis], time: ArrayLike,
             output: "str | os.PathLike[str]", *, points: ArrayLike | None = None,
             components: str | int | Sequence[str | int] = "y", quantities: Mapping[str, str] | None = None, outputs: Mapping[str, str] | None = None, units: str = "m",
             form: str = "tree", modes: int = 0, tolerance: float | None = None,
@@ -275,9 +278,9 @@ def offline(function: Callable[..., Any], parameters: Mapping[str, ArrayLike], t
     function : callable
         ``function(p_1, ..., p_d)``: the solution at these parameters, shape (times, dofs); with `outputs` that and a mapping of
         each of their names to its values, shape (times,).
-    parameters : mapping of name to array_like
+    parameters : mapping of name to array_like or Axis
         Nodes of the grid, strictly increasing, in the order of the function's arguments; the model is defined between the first and
-        the last.
+        the last. An `Axis` has units too.
     time : array_like
         Model times, strictly increasing.
     output : path
@@ -323,12 +326,17 @@ def offline(function: Callable[..., Any], parameters: Mapping[str, ArrayLike], t
     >>> model.output("load", [0.9, 1.1]).round(3)
     array([ 44.,  88., 132., 176., 220.])
     """
-    axes = {name: np.asarray(nodes, float) for name, nodes in parameters.items()}
+    if not isinstance(parameters, Mapping):
+        raise UsageError("offline: give the parameters as a mapping, {name: nodes of its grid}")
+    if points is not None and quantities is not None:
+        raise UsageError("offline: points and quantities exclude each other: a dof is a displacement at a point, or has a name")
+    labelled = [(nodes if isinstance(nodes, Axis) else Axis(nodes))._labels(name) for name, nodes in parameters.items()]
+    axes = {name: np.array(nodes) for name, nodes, *_ in labelled}
     times = np.asarray(time, float)
     _check_order(function, list(axes))
     values, further = _solutions(function, axes, times, list(outputs or ()))
     places = Sensors(np.zeros((0, 3)) if points is None else points, [] if points is None else components)
-    parts = {"axes": [(name, list(nodes)) for name, nodes in axes.items()], "time": list(times), "values": values,
+    parts = {"axes": labelled, "time": list(times), "values": values,
              "units": units, "long_name": "displacement" if points is not None else "field", "points": places.points,
              "components": places.components, "quantities": list((quantities or {}).items()), "outputs": [(name, unit, further[name]) for name, unit in (outputs or {}).items()]}
     with tempfile.TemporaryDirectory(prefix="knothe-") as folder:

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from knothe import _knothe
 from knothe._errors import UsageError
-from knothe._values import Array, Precision, points_of
+from knothe._twin import Datum
+from knothe._values import Array, Precision, Sensors, points_of
 
 Picture = NDArray[np.float32]
 
@@ -39,6 +40,10 @@ def _picture(picture: "ArrayLike | str | os.PathLike[str]") -> tuple[Picture, fl
     if isinstance(picture, (str, os.PathLike)):
         return _knothe.read_picture(os.fspath(picture))
     pixels = np.asarray(picture)
+    if pixels.dtype.kind == "f" and pixels.ndim == 2 and not np.isfinite(pixels).all():
+        row, column = np.argwhere(~np.isfinite(pixels))[0]
+        raise UsageError(f"a picture of {pixels.shape[0]} x {pixels.shape[1]} pixels is not finite at row {row}, column {column}; "
+                         "give grey levels everywhere, and leave parts out by roi or mesh")
     if pixels.dtype.kind == "u":
         return np.ascontiguousarray(pixels, np.float32), float(np.iinfo(pixels.dtype).max)
     return np.ascontiguousarray(pixels, np.float32), 65535.0 if pixels.size and pixels.max() > 255 else 255.0
@@ -98,7 +103,7 @@ class Displacements:
 
     @property
     def values(self) -> Array:
-        """u and v in turn, (u_0, v_0, u_1, ...): values of a `Datum` once they are scaled to metres.
+        """u and v in turn, (u_0, v_0, u_1, ...), px, v down; `datum` has them in metres and in the frame of a model.
 
         Examples
         --------
@@ -108,7 +113,7 @@ class Displacements:
         return np.column_stack([self.u, self.v]).ravel()
 
     def precision(self) -> Precision:
-        """Inverse covariance of `values`, 1/px²; for data in metres, `scaled` by (px/m)².
+        """Inverse covariance of `values`, 1/px².
 
         Examples
         --------
@@ -119,6 +124,26 @@ class Displacements:
         if len(self._precision[2]) == 0:
             raise UsageError("the picture has no noise that could be estimated: it may show something else than the reference")
         return Precision(*self._precision)
+
+    def datum(self, step: int, scale: float) -> Datum:
+        """What a model of y up measures here: values and noise in metres, v positive upwards, for `Correlation.sensors`.
+
+        Parameters
+        ----------
+        step : int
+            As of `Datum`.
+        scale : float
+            m per px.
+
+        Examples
+        --------
+        >>> bool(np.allclose(moved.datum(3, scale=1e-4).values[1::2], -1e-4 * moved.v))
+        True
+        """
+        up = np.where(np.arange(2 * len(self.u)) % 2 == 0, scale, -scale)  # of u and v
+        data, indices, indptr = self.precision().rows()
+        rows = np.repeat(np.arange(len(up)), np.diff(indptr))
+        return Datum(step, up * self.values, precision=Precision(data / (up[rows] * up[indices]), indices, indptr))
 
 
 class Correlation:
@@ -202,6 +227,25 @@ class Correlation:
         pixels, maximum = _picture(deformed)
         found = self._native.correlate(pixels, maximum)
         return Displacements(_precision=found.pop("precision"), **found)
+
+    def sensors(self, scale: float, origin: Sequence[float] = (0, 0)) -> Sensors:
+        """The nodes as sensors of a model of y up: u and v of each in turn, as `Displacements.datum` gives them.
+
+        Parameters
+        ----------
+        scale : float
+            m per px.
+        origin : sequence of 2
+            Pixel at which the model's origin appears.
+
+        Examples
+        --------
+        >>> sensors = correlation.sensors(scale=1e-4, origin=(0, 90))
+        >>> len(sensors) == 2 * len(correlation.x), bool(np.allclose(sensors.points[::2, 1], 1e-4 * (90 - correlation.y)))
+        (True, True)
+        """
+        places = np.column_stack([scale * (self.x - origin[0]), -scale * (self.y - origin[1]), 0 * self.x])
+        return Sensors(np.repeat(places, 2, axis=0), ["x", "y"] * len(places))
 
     def at(self, points: ArrayLike) -> Array:
         """u, v of the last picture at points, shape (k, 2), px; NaN outside the mesh.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from knothe._errors import DataError
-from knothe._posterior import Verdict
+from knothe._posterior import Posterior, Verdict
 
 if TYPE_CHECKING:
     import xarray
@@ -78,6 +78,24 @@ class Results:
             raise DataError(f"{self.folder}: the results of an inference have no verdict but `trusted`")
         return Verdict.of(self.summary["verdict"])
 
+    @property
+    def posterior(self) -> Posterior:
+        """The posterior of the last step, or of the inference: its weighted points.
+
+        Examples
+        --------
+        >>> last = knothe.open_results("results").posterior
+        >>> last.draws(100).shape
+        (100, 2)
+        """
+        groups = self.to_xarray()
+        weighted = groups["last_posterior" if "last_posterior" in groups else "weighted_posterior"]
+        nothing = np.zeros(0)
+        densities = [(entry["lower"], entry["upper"], nothing, nothing) for entry in self.summary["parameters"]
+                     if isinstance(entry, dict)]
+        record = [step for step in self.steps if "mean" in step][-1]
+        return Posterior(record, self.parameters, weighted["points"].values, weighted["weights"].values, densities)
+
     def to_xarray(self) -> "dict[str, xarray.Dataset]":
         """One Dataset for each of ArviZ's groups, read from the file where it is needed; dims (chain, draw, ...).
 
@@ -105,7 +123,7 @@ class Results:
 
 
 def open_results(folder: "str | os.PathLike[str]") -> Results:
-    """What a command has left in a folder.
+    """Open a results folder written by a command.
 
     Parameters
     ----------

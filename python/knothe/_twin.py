@@ -169,7 +169,7 @@ class Twin:
     model : path or Model
         Without a project: the reduced model.
     sensors : Sensors
-        Where displacements are measured.
+        What is measured.
     std : float or array_like
         Standard deviation of the noise of each sensor, m; or
     precision : Precision
@@ -216,7 +216,7 @@ class Twin:
             deviations, rows = noise_values(std, precision, len(sensors))
             text = "".join(f"[forecast.{json.dumps(name)}]\n" + "".join(f"{key} = {_toml(value)}\n" for key, value in table.items())
                            for name, table in (forecasts or {}).items())
-            self._native = _knothe.Twin.of_values(path, sensors.points, sensors.components, deviations, rows,
+            self._native = _knothe.Twin.of_values(path, sensors.points, sensors.components, sensors.series, deviations, rows,
                                                   prior_values(parameters), tolerance, max_order, count_of(seed, "as seed"), text)
         self.parameters: list[str] = self._native.parameters()
         self.times: Array = self._native.times()

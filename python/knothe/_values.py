@@ -88,25 +88,41 @@ def prior_values(parameters: Mapping[str, Prior]) -> list[tuple[str, str, float,
     return values
 
 
+def _require_numbers(points: object) -> None:
+    """No names where places are meant."""
+    if isinstance(points, str) or (isinstance(points, (list, tuple)) and any(isinstance(p, str) for p in points)):
+        raise UsageError(f"Sensors: {points!r} are no points; names of outputs or quantities are given as series=[...]")
+
+
 class Sensors:
-    """Where displacements are measured.
+    """What is measured: displacements at points, and series by name behind them.
 
     Parameters
     ----------
-    points : array_like, shape (n, 3)
-        Places, m.
+    points : array_like, shape (n, 3), optional
+        Places where displacements are measured, m.
     components : sequence of n
         Direction of each: ``"x"``, ``"y"``, ``"z"`` or 0, 1, 2; one alone stands for all.
+    series : sequence of str
+        Outputs or quantities of the model: a reaction force, a temperature.
 
     Examples
     --------
     >>> sensors = knothe.Sensors([[0.5, 0.0, 0.0], [1.0, 0.0, 0.0]], "y")
     >>> len(sensors), sensors.components
     (2, [1, 1])
+    >>> len(knothe.Sensors(series=["reaction_force"]))
+    1
     """
 
-    def __init__(self, points: ArrayLike, components: str | int | Sequence[str | int]) -> None:
-        self.points: Array = points_of(points, 3, "sensors")
+    def __init__(self, points: ArrayLike | None = None, components: str | int | Sequence[str | int] = "y", *,
+                 series: Sequence[str] = ()) -> None:
+        if isinstance(series, str) or (points is None and not len(series)):
+            raise UsageError(f"Sensors: series={series!r}: give a list of names" if isinstance(series, str) else
+                             "Sensors: give points, or series, names of outputs or quantities of the model")
+        self.series: list[str] = [str(name) for name in series]
+        _require_numbers(points)
+        self.points: Array = np.zeros((0, 3)) if points is None else points_of(points, 3, "sensors")
         given: list[str | int]
         if isinstance(components, (str, int, np.integer)) and components not in ("xy", "xyz"):
             given = [components] * len(self.points)
@@ -120,7 +136,41 @@ class Sensors:
             raise UsageError(f"{len(self.points)} places of sensors with {len(self.components)} components: give one for each")
 
     def __len__(self) -> int:
-        return len(self.components)
+        return len(self.components) + len(self.series)
+
+    def __repr__(self) -> str:
+        series = f", series {', '.join(self.series)}" if self.series else ""
+        return f"<Sensors: {len(self.components)} displacements{series}>"
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A parameter of `offline`: the nodes of its grid, and what they mean.
+
+    Parameters
+    ----------
+    nodes : array_like
+        Strictly increasing; the function is called with them.
+    units : str
+        Of the parameter, or of its reference.
+    reference : float
+        The physical value of 1, in `units`; then the nodes are multiples of it.
+
+    Examples
+    --------
+    >>> stiffness = knothe.Axis(np.linspace(0.8, 1.2, 5), units="N/m", reference=2e4)
+    """
+
+    nodes: ArrayLike
+    units: str = "1"
+    reference: float = 1.0
+
+    def _labels(self, name: str) -> tuple[str, list[float], str, str, float]:
+        """In the form that the module needs."""
+        nodes = [float(node) for node in np.atleast_1d(np.asarray(self.nodes, float))]
+        if self.reference == 1:
+            return name, nodes, self.units, name, 1.0
+        return name, nodes, "1", f"{name}, multiple of its reference [{self.units}]", float(self.reference)
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Union
 import numpy as np
 
 from knothe._errors import UsageError
+from knothe._pictures import Correlation
 from knothe._posterior import Posterior
 from knothe._results import Results
 from knothe._twin import StepResult, Twin
@@ -41,7 +42,7 @@ def _draw_marginal(axes: "Axes", posterior: Posterior, k: int, truth: Mapping[st
     points, density = posterior.marginal(k)
     axes.fill_between(points, density, color=_BLUE, alpha=0.25, linewidth=0)
     axes.plot(points, density, color=_BLUE, label="posterior")
-    if posterior.densities:
+    if posterior.densities and len(posterior.densities[k][2]):
         axes.plot(*posterior.densities[k][2:], color=_GREY, linestyle="--", label="prior")
     name = posterior.parameters[k]
     if name in truth:
@@ -53,13 +54,22 @@ def _draw_marginal(axes: "Axes", posterior: Posterior, k: int, truth: Mapping[st
     axes.set_xlabel(name)
 
 
-def marginals(posterior: Posterior, *, truth: Mapping[str, float] | None = None, axes: "Sequence[Axes] | None" = None
+def _posterior(given: Any) -> Posterior:
+    if isinstance(given, Results):
+        return given.posterior
+    if isinstance(given, Posterior):
+        return given
+    raise UsageError(f"{type(given).__name__}: give a StepResult, an InferenceResult, a Fit or Results")
+
+
+def marginals(posterior: "Posterior | Results", *, truth: Mapping[str, float] | None = None, axes: "Sequence[Axes] | None" = None
               ) -> "list[Axes]":
     """The marginal density of each parameter, beside its prior.
 
     Parameters
     ----------
-    posterior : StepResult, InferenceResult or Fit
+    posterior : StepResult, InferenceResult, Fit or Results
+        Of Results the last step.
     truth : mapping of parameter to value, optional
     axes : sequence of d Axes, optional
 
@@ -69,6 +79,7 @@ def marginals(posterior: Posterior, *, truth: Mapping[str, float] | None = None,
     >>> [a.get_xlabel() for a in axes]
     ['E', 'F']
     """
+    posterior = _posterior(posterior)
     known = _truths(posterior, truth)
     d = len(posterior.parameters)
     drawn = list(_figure(1, d, 2.8 * d + 1.2, 2.4)[0]) if axes is None else list(axes)
@@ -79,12 +90,13 @@ def marginals(posterior: Posterior, *, truth: Mapping[str, float] | None = None,
     return drawn
 
 
-def pair(posterior: Posterior, *, truth: Mapping[str, float] | None = None, draws: int = 700) -> "list[list[Axes]]":
+def pair(posterior: "Posterior | Results", *, truth: Mapping[str, float] | None = None, draws: int = 700) -> "list[list[Axes]]":
     """Each parameter against each other: draws below the diagonal, marginal densities on it.
 
     Parameters
     ----------
-    posterior : StepResult, InferenceResult or Fit
+    posterior : StepResult, InferenceResult, Fit or Results
+        Of Results the last step.
     truth : mapping of parameter to value, optional
     draws : int
         How many are shown.
@@ -95,6 +107,7 @@ def pair(posterior: Posterior, *, truth: Mapping[str, float] | None = None, draw
     >>> rows[1][0].get_xlabel(), rows[1][0].get_ylabel()
     ('E', 'F')
     """
+    posterior = _posterior(posterior)
     known = _truths(posterior, truth)
     names, d = posterior.parameters, len(posterior.parameters)
     shown = posterior.draws(draws)
@@ -121,9 +134,13 @@ def pair(posterior: Posterior, *, truth: Mapping[str, float] | None = None, draw
     return [list(row) for row in rows]
 
 
-def _records(steps: Steps) -> tuple[list[str], list[dict[str, Any]]]:
+def _records(steps: Any) -> tuple[list[str], list[dict[str, Any]]]:
     """Names of the parameters, and the lines of the steps."""
+    if isinstance(steps, Posterior):
+        raise UsageError(f"{type(steps).__name__}: one posterior has no steps over time; give a Twin, Results or a list of StepResult")
     if isinstance(steps, Twin):
+        if not steps.steps:
+            raise UsageError("there are no steps to draw: the twin has no data yet")
         return steps.parameters, [steps.result(step).record for step in steps.steps]
     if isinstance(steps, Results):
         if "time" not in steps.steps[0]:
@@ -214,16 +231,17 @@ def verdict(steps: Steps, *, axes: "Axes | None" = None) -> "Axes":
 
 
 def field(model: Any, values: Any, *, component: str = "y", plane: str = "xy", axes: "Axes | None" = None) -> "Axes":
-    """One component of a displacement field at the dofs of a model, seen along an axis.
+    """One component of a displacement field at the dofs of a model, seen along an axis; or at the nodes of a correlation.
 
     Parameters
     ----------
-    model : Model
-    values : array_like, shape (dofs,)
-        As ``model(at, step)`` gives it, m.
+    model : Model or Correlation
+    values : array_like, shape (dofs,) or (nodes,)
+        As ``model(at, step)`` gives it, m; or one component of `Displacements`, px.
     component : {"x", "y", "z"}
+        Of a model.
     plane : str
-        Two of the axes: where the dofs are drawn.
+        Two of the axes: where the dofs of a model are drawn.
     axes : Axes, optional
 
     Examples
@@ -231,7 +249,18 @@ def field(model: Any, values: Any, *, component: str = "y", plane: str = "xy", a
     >>> model = knothe.Model.load("model.h5")
     >>> knothe.plot.field(model, model([1.0, 1.0], step=4)).get_xlabel()
     'x [m]'
+    >>> knothe.plot.field(correlation, moved.u).get_xlabel()
+    'x [px]'
     """
+    if isinstance(model, Correlation):
+        drawn = _figure(1, 1, 6, 3)[0][0] if axes is None else axes
+        shown = drawn.scatter(model.x, model.y, c=np.asarray(values), cmap="viridis", s=18)
+        drawn.figure.colorbar(shown, ax=drawn, label="displacement [px]")
+        drawn.set_xlabel("x [px]")
+        drawn.set_ylabel("y [px]")
+        drawn.set_aspect("equal", adjustable="datalim")
+        drawn.invert_yaxis()
+        return drawn
     chosen = np.asarray(model.components) == "xyz".index(component)
     if not chosen.any():
         raise UsageError(f"the model has no displacements in direction {component}")

@@ -78,7 +78,7 @@ class Test(CaseInItsFolder):
         faults, count = [], 0
         for name, each in self.examples():
             shared = dict(given)
-            if name.startswith(("Displacements", "Correlation.")):
+            if name.startswith(("Displacements", "Correlation.", "plot.field")):
                 shared["picture"] = self.speckle
                 shared["correlation"] = knothe.Correlation(self.speckle(0), element_size=24)
                 shared["moved"] = shared["correlation"].correlate(self.speckle(0.3))

@@ -152,6 +152,22 @@ class Test(CaseInItsFolder):
             np.testing.assert_array_equal(stored["observed_data"][name], groups["observed_data"][name])
         np.testing.assert_array_equal(groups["observed_data"]["displacement"].sel(step=3), twin._native.values(3))
         self.refused(knothe.DataError, "steps.jsonl", call=lambda: knothe.open_results("nowhere"))
+        last, live = results.posterior, twin.result(twin.steps[-1])
+        np.testing.assert_array_equal(last.draws(50), live.draws(50))
+        np.testing.assert_array_equal(last.marginal("Ad"), live.marginal("Ad"))
+        draws = np.stack([stored["posterior"][name] for name in PRIORS])[..., -1].reshape(2, -1)
+        self.assertEqual([len(set(values)) for values in draws], [500, 500])  # also of each parameter alone
+        for k in range(2):  # and not in order: those that follow each other have nothing in common
+            x = draws[k] - draws[k].mean()
+            self.assertLess(abs(np.mean(x[1:] * x[:-1])), 4 / np.sqrt(500) * np.mean(x * x))
+        try:
+            import matplotlib  # noqa: F401
+        except ImportError:
+            return
+        self.assertEqual(len(knothe.plot.pair(results)), 2)
+        self.refused(knothe.UsageError, "give a StepResult, an InferenceResult, a Fit or Results", call=lambda: knothe.plot.marginals(twin))
+        self.refused(knothe.UsageError, "the twin has no data yet", call=lambda: knothe.plot.fan(knothe.Twin(self.project_name), "Ad"))
+        self.refused(knothe.UsageError, "one posterior has no steps over time", call=lambda: knothe.plot.verdict(last))
 
     def test_the_line_of_infer(self):
         line = self.expect(0, "infer", self.project_name, "--json", "-o", "a").lines()[0]
@@ -205,8 +221,46 @@ class Test(CaseInItsFolder):
         self.refused(knothe.UsageError, "name its further outputs", call=lambda: knothe.offline(
             lambda e, f: (bar(e, f), {}), {"e": nodes, "f": nodes}, t, "x.h5"))
         self.refused(knothe.UsageError, "[6 times, dofs]", call=lambda: knothe.offline(lambda e: [e], {"E": nodes}, t, "x.h5"))
-        self.refused(knothe.DataError, "snapshots", call=lambda: knothe.offline(
+        self.refused(knothe.UsageError, "offline: at (0.5,) the function gave a value that is not finite, at time 0.1", call=lambda: knothe.offline(
             lambda e: np.full((6, 2), np.nan), {"E": nodes}, t, "x.h5", quantities={"a": "1", "b": "1"}))
+        self.refused(knothe.UsageError, "as a mapping", call=lambda: knothe.offline(bar, [nodes], t, "x.h5"))
+        self.refused(knothe.UsageError, "points and quantities exclude each other", call=lambda: knothe.offline(
+            bar, {"E": nodes, "F": nodes}, t, "x.h5", points=np.c_[x, 0 * x, 0 * x], quantities={"a": "1"}))
+
+    def test_a_solver_whose_results_have_no_place(self):
+        """A damped oscillator: own function, model of named quantities, twin; against dense quadrature with the function itself."""
+        t = np.linspace(0.05, 1, 20)
+
+        def oscillator(stiffness, damping):
+            rate, decay = 2 * np.pi * np.sqrt(stiffness), 2 * damping
+            return np.c_[np.exp(-decay * t) * np.cos(rate * t), stiffness * np.exp(-decay * t) * np.cos(rate * t)]
+
+        axes = {"stiffness": knothe.Axis(np.linspace(0.8, 1.2, 9), units="N/m", reference=2e4), "damping": np.linspace(0.5, 1.5, 9)}
+        model = knothe.offline(oscillator, axes, t, "oscillator.h5", quantities={"deflection": "m", "force": "N"}, tolerance=1e-7)
+        sensors = knothe.Sensors(series=["deflection", "force"])
+        self.assertEqual(repr(sensors), "<Sensors: 0 displacements, series deflection, force>")
+        np.testing.assert_allclose(model.observe(sensors)([0.97, 1.1], 3), oscillator(0.97, 1.1)[3], atol=1e-4)
+        twin = knothe.Twin(model=model, sensors=sensors, std=0.05, parameters={"stiffness": knothe.Uniform(0.8, 1.2),
+                                                                               "damping": knothe.Uniform(0.5, 1.5)})
+        noise = 0.05 * np.random.default_rng(4).standard_normal((20, 2))
+        data = oscillator(0.97, 1.1) + noise
+        for step in range(20):
+            result = twin.assimilate(knothe.Datum(step, data[step]))
+        stiffness, damping = np.meshgrid(np.linspace(0.8, 1.2, 201), np.linspace(0.5, 1.5, 201), indexing="ij")
+        misfit = np.array([[np.sum((oscillator(k, c) - data) ** 2) for k, c in zip(*row)] for row in zip(stiffness, damping)]) / 0.05**2
+        weight = np.exp(-0.5 * (misfit - misfit.min()))
+        weight /= weight.sum()
+        for k, values in enumerate((stiffness, damping)):
+            mean = np.sum(weight * values)
+            std = np.sqrt(np.sum(weight * (values - mean) ** 2))
+            self.assertAlmostEqual(result.mean[k], mean, delta=0.05 * std)
+            self.assertAlmostEqual(result.std[k], std, delta=0.03 * std)
+        physical = result.record["physical"]["stiffness"]
+        self.assertEqual(physical["units"], "N/m")
+        self.assertAlmostEqual(physical["mean"], 2e4 * result.mean[0])
+        self.refused(knothe.UsageError, "are no points; names of outputs or quantities are given as series", call=lambda: knothe.Sensors(["deflection"], "x"))
+        self.refused(knothe.UsageError, "give points, or series", call=knothe.Sensors)
+        self.refused(knothe.UsageError, 'did you mean "deflection"?', call=lambda: model.observe(knothe.Sensors(series=["deflexion"])))
 
 
 if __name__ == "__main__":

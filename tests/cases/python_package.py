@@ -257,6 +257,14 @@ class Test(CaseInItsFolder):
         self.assertTrue(found.message)
         self.refused(knothe.UsageError, "the picture has no noise that could be estimated", call=found.precision)
 
+    def test_a_picture_with_a_hole_is_refused(self):
+        pixels = speckle(0, 0)
+        pixels[7, 3] = np.nan
+        text = "a picture of 96 x 96 pixels is not finite at row 7, column 3; give grey levels everywhere, and leave parts out by roi or mesh"
+        self.refused(knothe.UsageError, text, call=lambda: knothe.Correlation(pixels))
+        correlation = knothe.Correlation(speckle(0, 0), element_size=24)
+        self.refused(knothe.UsageError, text, call=lambda: correlation.correlate(pixels))
+
     def test_points_are_read_where_they_are(self):
         points = np.random.default_rng(1).standard_normal((7, 3))
         self.assertEqual(_knothe.address(points), points.ctypes.data)

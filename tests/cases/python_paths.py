@@ -5,6 +5,7 @@ import pathlib
 import shutil
 import sys
 import unittest
+import unittest.mock
 
 try:
     import numpy as np
@@ -47,8 +48,31 @@ class Test(Case):
         self.assertEqual(twin.verdict.level, last["verdict"]["level"])
         predicted = twin.to_xarray()["posterior_predictive"]["displacement"]
         self.assertEqual(predicted.sizes["observation"], len(data[-1].values))
+        self.the_frame_of_the_model_is_that_of_the_command(project)
         covered = np.abs(predicted.isel(step=-1).mean(("chain", "draw")) - data[-1].values) < 4 * predicted.isel(step=-1).std(("chain", "draw"))
         self.assertGreater(float(covered.mean()), 0.95)
+
+    def the_frame_of_the_model_is_that_of_the_command(self, project):
+        """Pictures have y down: `sensors` and `datum` beside what `knothe dic` writes with a scale."""
+        import h5py
+
+        self.expect(0, "dic", project, "-o", "fields.h5")
+        with h5py.File("fields.h5") as file:
+            nodes, cells = file["picture_frame/nodes"][:], file["mesh/cells"][:]
+            points, components, values = (file[name][:] for name in ("dofs/points", "dofs/component", "values"))
+        correlation = knothe.Correlation("pictures/reference_1.tif", mesh=(nodes, cells))
+        moved = correlation.correlate("pictures/picture_0012.tif")
+        sensors, datum = correlation.sensors(4e-4, origin=(320, 270)), moved.datum(0, 4e-4)
+        np.testing.assert_allclose(sensors.points[:, :2], points[:, :2], atol=1e-12)  # the surface is at z = 0.05
+        np.testing.assert_array_equal(sensors.components, components)
+        far = np.abs(values[-1]) > 0.2 * 4e-4  # 0.2 px
+        self.assertGreater(far[components == 1].sum(), 5)
+        np.testing.assert_allclose(datum.values[far], values[-1][far], rtol=0.2)
+        with unittest.mock.patch("knothe._pictures.Datum") as made:
+            moved.datum(0, 4e-4)
+        px, m = moved.precision().toarray(), made.call_args.kwargs["precision"].toarray()
+        signs = np.where(np.arange(len(px)) % 2 == 0, 1, -1)
+        np.testing.assert_allclose(m, px * np.outer(signs, signs) / 4e-4**2, rtol=1e-12)
 
     def test_verification(self):
         if not (pathlib.Path(KNOTHE).parent / "knothe-offline").exists():

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <random>
 #include <set>
 #include <vector>
 
@@ -61,6 +62,34 @@ Eigen::MatrixXd local_steps(const Eigen::MatrixXd& draws, const std::vector<Eige
   return steps * std::min(1.0, std::sqrt(k_added_variance / std::max(variance, 1e-300)));
 }
 
+/// Values of one coordinate, which the nodes of a lattice share: each is moved within its cell, which ends
+/// half-way to the nearer neighbour.
+void move_in_cells(Eigen::Ref<Eigen::VectorXd> values, const Eigen::Ref<const Eigen::VectorXd>& uniform) {
+  std::vector<double> nodes(values.begin(), values.end());
+  std::sort(nodes.begin(), nodes.end());
+  nodes.erase(std::unique(nodes.begin(), nodes.end()), nodes.end());
+  for (Eigen::Index j = 0; j < values.size(); ++j) {
+    const auto node = std::lower_bound(nodes.begin(), nodes.end(), values[j]);
+    double width = std::numeric_limits<double>::infinity();
+    if (node != nodes.begin()) width = *node - *(node - 1);
+    if (node + 1 != nodes.end()) width = std::min(width, *(node + 1) - *node);
+    if (std::isfinite(width)) values[j] += (uniform[j] - 0.5) * width;
+  }
+}
+
+std::size_t distinct_values(const Eigen::Ref<const Eigen::VectorXd>& values) {
+  return std::set<double>(values.begin(), values.end()).size();
+}
+
+void shuffle(Eigen::MatrixXd& draws) {
+  std::mt19937_64 random(1);
+  std::vector<Eigen::Index> order(static_cast<std::size_t>(draws.rows()));
+  std::iota(order.begin(), order.end(), Eigen::Index{0});
+  // Not std::shuffle, whose order is the library's affair.
+  for (std::size_t k = order.size(); k > 1; --k) std::swap(order[k - 1], order[random() % k]);
+  draws = draws(order, Eigen::all).eval();
+}
+
 }  // namespace
 
 Eigen::MatrixXd distinct_draws(const Eigen::Ref<const Eigen::MatrixXd>& points,
@@ -74,14 +103,19 @@ Eigen::MatrixXd distinct_draws(const Eigen::Ref<const Eigen::MatrixXd>& points,
   std::vector<Eigen::Index> distinct, repeated;
   for (Eigen::Index j = 0; j < count; ++j)
     (seen.emplace(draws.row(j).begin(), draws.row(j).end()).second ? distinct : repeated).push_back(j);
-  if (repeated.empty()) return draws;
-  const Eigen::MatrixXd steps =
-      local_steps(draws, distinct, repeated, moments_of(points, weights).covariance);
-  for (std::size_t j = 0; j < repeated.size(); ++j) {
-    for (Eigen::Index k = 0; k < draws.cols(); ++k)
-      draws(repeated[j], k) =
-          reflected(draws(repeated[j], k) + steps(static_cast<Eigen::Index>(j), k), lower[k], upper[k]);
+  if (!repeated.empty())
+    draws(repeated, Eigen::all) +=
+        local_steps(draws, distinct, repeated, moments_of(points, weights).covariance);
+  const Eigen::MatrixXd uniform = monte_carlo_points(count, static_cast<unsigned>(draws.cols()), 1);
+  for (Eigen::Index k = 0; k < draws.cols(); ++k) {
+    const Eigen::VectorXd nodes = points(chosen, k);
+    if (2 * distinct_values(nodes) < seen.size()) {
+      draws.col(k) = nodes;
+      move_in_cells(draws.col(k), uniform.col(k));
+    }
+    for (double& value : draws.col(k)) value = reflected(value, lower[k], upper[k]);
   }
+  shuffle(draws);
   return draws;
 }
 

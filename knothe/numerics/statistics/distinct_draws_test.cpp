@@ -2,10 +2,12 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <set>
 
+#include "knothe/numerics/statistics/normal_distribution.hpp"
 #include "knothe/numerics/statistics/random.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
 
@@ -24,7 +26,54 @@ TEST(DistinctDraws, AreThePointsThemselvesWhereNoneIsDrawnTwice) {
   const Eigen::MatrixXd points = monte_carlo_normal_points(1000, 2, 3);
   const Eigen::VectorXd weights = Eigen::VectorXd::Constant(1000, 1e-3),
                         none = Eigen::Vector2d(k_infinity, k_infinity);
-  EXPECT_EQ(distinct_draws(points, weights, 500, -none, none), points(equal_draws(weights, 500), Eigen::all));
+  const auto sorted = [](Eigen::MatrixXd m) {
+    std::vector<std::vector<double>> rows;
+    for (Eigen::Index i = 0; i < m.rows(); ++i) rows.emplace_back(m.row(i).begin(), m.row(i).end());
+    std::sort(rows.begin(), rows.end());
+    return rows;
+  };
+  const Eigen::MatrixXd draws = distinct_draws(points, weights, 500, -none, none);
+  EXPECT_EQ(sorted(draws), sorted(points(equal_draws(weights, 500), Eigen::all)));
+}
+
+TEST(DistinctDraws, AreInRandomOrder) {
+  // Points in the order of their first coordinate: draws that follow each other must not be alike.
+  Eigen::MatrixXd points = monte_carlo_normal_points(1000, 1, 3);
+  std::sort(points.data(), points.data() + points.size());
+  const Eigen::VectorXd none = Eigen::VectorXd::Constant(1, k_infinity);
+  for (const Eigen::Index count : {500, 4000}) {
+    const Eigen::VectorXd x = distinct_draws(points, Eigen::VectorXd::Ones(1000), count, -none, none).col(0);
+    const double mean = x.mean(), variance = (x.array() - mean).square().mean();
+    const double product = ((x.head(count - 1).array() - mean) * (x.tail(count - 1).array() - mean)).mean();
+    EXPECT_LT(std::abs(product), 4 / std::sqrt(static_cast<double>(count)) * variance);
+  }
+}
+
+TEST(DistinctDraws, OfALatticeFillItsCells) {
+  // A correlated normal density on 15 × 61 nodes: the draws have as many values of each variable as there
+  // are draws, and its marginal distribution.
+  Eigen::MatrixXd points(15 * 61, 2);
+  Eigen::VectorXd weights(points.rows());
+  for (Eigen::Index i = 0; i < 15; ++i)
+    for (Eigen::Index j = 0; j < 61; ++j) {
+      const double x = -3.5 + 0.5 * static_cast<double>(i), z = -4 + 8.0 / 60 * static_cast<double>(j);
+      points.row(61 * i + j) << x, z;
+      weights[61 * i + j] = std::exp(-0.5 * (x * x - 2 * 0.6 * x * z + z * z) / (1 - 0.36));
+    }
+  const Eigen::Vector2d none(k_infinity, k_infinity);
+  const Eigen::MatrixXd draws = distinct_draws(points, weights, 4000, -none, none);
+  for (Eigen::Index k = 0; k < 2; ++k) {
+    std::vector<double> values(draws.col(k).begin(), draws.col(k).end());
+    std::sort(values.begin(), values.end());
+    EXPECT_EQ(std::unique(values.begin(), values.end()) - values.begin(), 4000);
+    double distance = 0;  // of Kolmogorov and Smirnov; 0.026 at a probability of 0.01
+    for (std::size_t i = 0; i < values.size(); ++i)
+      distance = std::max(distance, std::abs(normal_cdf(values[i]) - (static_cast<double>(i) + 0.5) / 4000));
+    EXPECT_LT(distance, 0.026) << k;
+  }
+  const Moments found = moments_of(draws, Eigen::VectorXd::Ones(4000));
+  EXPECT_NEAR(found.covariance(0, 1), 0.6, 0.02);
+  EXPECT_NEAR(found.covariance(0, 0), 1, 0.05);
 }
 
 TEST(DistinctDraws, KeepMeanAndCovarianceOfFewPoints) {

@@ -8,6 +8,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/integrate/sobol.hpp"
+#include "knothe/sampling/differenced_density.hpp"
 #include "knothe/transport/solve/map_solver_workspace.hpp"
 
 namespace knothe::transport {
@@ -25,6 +26,13 @@ void require(const MapSolverOptions& o) {
   if (o.verification_points < 16)
     throw UsageError(
         fmt::format("map solver: {} verification points; at least 16 are needed", o.verification_points));
+}
+
+/// Of N(0, L Lᵀ), each variable with all others held.
+Eigen::VectorXd conditional_std(const Eigen::MatrixXd& lower) {
+  const Eigen::MatrixXd inverse =
+      lower.triangularView<Eigen::Lower>().solve(Eigen::MatrixXd::Identity(lower.rows(), lower.cols()));
+  return inverse.colwise().norm().cwiseInverse().transpose();
 }
 
 }  // namespace
@@ -103,8 +111,8 @@ void MapSolver::solve(sampling::LogDensity& user_target, MapResult& result) {
   if (user_target.dimension() < 1 || user_target.dimension() > numerics::k_sobol_max_dimension)
     throw UsageError(fmt::format("map solver: a density in {} dimensions; 1 to {} are possible",
                                  user_target.dimension(), numerics::k_sobol_max_dimension));
-  sampling::CheckedDensity target(user_target);
-  work.mode_search.run(target, options.search_modes != ModeSearchLevel::none, work.modes, options.scan);
+  sampling::CheckedDensity searched(user_target);
+  work.mode_search.run(searched, options.search_modes != ModeSearchLevel::none, work.modes, options.scan);
   const sampling::Mode& main = work.modes.front();
   result.mode = main.point;
   result.mode_log_density = main.value;
@@ -113,6 +121,12 @@ void MapSolver::solve(sampling::LogDensity& user_target, MapResult& result) {
   AffineMap laplace;
   laplace.shift = main.point;
   laplace.lower = main.lower;
+  // By differences a map takes a thousandth of the values that it takes without derivatives.
+  sampling::DifferencedDensity differenced(user_target, conditional_std(main.lower));
+  const bool by_differences =
+      user_target.available_derivatives() == 0 && options.minimiser != MinimiserKind::nelder_mead;
+  sampling::LogDensity& trained = by_differences ? differenced : user_target;
+  sampling::CheckedDensity target(trained);
   result.iterations = 0;
   work.tried = 0;
   work.tempered_evaluations = 0;
@@ -120,7 +134,7 @@ void MapSolver::solve(sampling::LogDensity& user_target, MapResult& result) {
 
   Workspace::Climb climb;
   if (options.tempered)
-    climb = work.climb_tempered(user_target, target, result, laplace);
+    climb = work.climb_tempered(trained, target, result, laplace);
   else if (options.growth == Growth::greedy)
     climb = work.grow_greedily(target, result, laplace);
   else
@@ -131,11 +145,10 @@ void MapSolver::solve(sampling::LogDensity& user_target, MapResult& result) {
                             options.orientation == Orientation::given ? laplace : principal_axes(laplace));
   }
   const bool falls_back = !climb.reached && options.fallback;
-  if (falls_back) (void)work.fall_back(user_target, target, result, laplace);
+  if (falls_back) (void)work.fall_back(trained, target, result, laplace);
 
   auto& candidate = work.candidates[work.choose(target)];
   work.report(candidate, result);
-  result.density_evaluations = target.evaluations() + work.tempered_evaluations;
   result.reason.clear();
   if (!result.tolerance_reached)
     result.reason = fmt::format(
@@ -152,9 +165,9 @@ void MapSolver::solve(sampling::LogDensity& user_target, MapResult& result) {
                                  result.verified_diagnostic < work.standard_diagnostic
                                      ? "this is the best of the others tried"
                                      : "none of the others tried did better");
-  const auto before = target.evaluations();
-  work.look_at_other_modes(target, result);
-  result.density_evaluations += target.evaluations() - before;
+  work.look_at_other_modes(searched, result);
+  result.density_evaluations = searched.evaluations() + work.tempered_evaluations +
+                               (by_differences ? differenced.evaluations() : target.evaluations());
 }
 
 void MapSolver::Workspace::report(Candidate& candidate, MapResult& result) {

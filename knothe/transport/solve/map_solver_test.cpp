@@ -89,6 +89,39 @@ TEST(MapSolver, MinimisersAgree) {
   EXPECT_NEAR(MapSolver(options).solve(values_only).training_objective, newton, 1e-5);
 }
 
+/// A Gaussian bent into a sine, in units of 1e7 and 1e-5: values alone.
+class BentValues final : public sampling::LogDensity {
+ public:
+  [[nodiscard]] Eigen::Index dimension() const override { return 2; }
+  [[nodiscard]] int available_derivatives() const override { return 0; }
+  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int /*derivatives*/,
+                sampling::LogDensityBatch& out) override {
+    count += points.rows();
+    for (Eigen::Index i = 0; i < points.rows(); ++i) {
+      const double x = (points(i, 0) - 5e9) / 1e7, y = (points(i, 1) / 1e-5 - std::sin(x)) / 0.4;
+      out.value[i] = -0.5 * (x * x + y * y);
+    }
+  }
+  std::int64_t count = 0;
+};
+
+TEST(MapSolver, ValuesAloneAreDifferencedInTheUnitsOfTheMode) {
+  BentValues target;
+  MapSolverOptions options;
+  options.scan = sampling::ScanReach::wide;
+  MapSolver solver(options);
+  const MapResult result = solver.solve(target);
+  EXPECT_EQ(result.density_evaluations, target.count);
+  EXPECT_LT(target.count, 200'000);  // by the simplex method 30 millions
+  const ImportanceCorrection corrected = solver.correct(target, result);
+  EXPECT_TRUE(corrected.trusted) << corrected.trust_reason;
+  EXPECT_NEAR(corrected.log_evidence, std::log(2 * std::numbers::pi * 1e7 * 0.4e-5), 2e-3);
+  EXPECT_NEAR(corrected.mean[0], 5e9, 1e5);
+  EXPECT_NEAR(corrected.mean[1], 0, 1e-7);
+  // Var y = E sin² x + 0.4² = (1 − e⁻²)/2 + 0.16.
+  EXPECT_NEAR(corrected.covariance(1, 1) / 1e-10, 0.5 * (1 - std::exp(-2.0)) + 0.16, 0.01);
+}
+
 TEST(MapSolver, ASpuriousMinimumIsNotReported) {
   // Concave slope of log π over most of the line: an unguarded Newton step from the identity changes the sign
   // of h (notes.md).
