@@ -122,7 +122,7 @@ def write_laws():
                          ("Y0 = { reference = 200", "Y0 = { reference = 60"), ("Ad = { reference = 2.5e-3", "Ad = { reference = 1e-2")],
             **{law: [("damage = { ", f'damage = {{ law = "{law}", '), *energy] for law in ("exponential", "bilinear")},
             **{f"band{width}": [("reference_size = 0.02", f"reference_size = {1e-3 * width:g}"),
-                                ("Ad = { reference = 2.5e-3", f"Ad = {{ reference = {2.5e-3 * width / 20:g}")] for width in (10, 40)}}
+                                ("Ad = { reference = 2.5e-3", f"Ad = {{ reference = {2.5e-3 * width / 20:g}")] for width in (10, 40, 80)}}
     for law, changes in laws.items():
         for source, name in (("half_notched.toml", law), ("peak.toml", f"{law}_peak")):
             text = pathlib.Path(source).read_text(encoding="utf-8")

@@ -10,7 +10,7 @@ import unittest
 from support import DATA, REPOSITORY, Case, python_with
 
 EXAMPLE = REPOSITORY / "examples" / "half_notched"
-OTHER_LAWS = ("exponential", "bilinear", "gradient", "band10", "band40")
+OTHER_LAWS = ("exponential", "bilinear", "gradient", "band10", "band40", "band80")
 ENVELOPE = DATA / "gregoire_half_notched" / "load_cmod_envelope.csv"
 
 
@@ -107,6 +107,20 @@ class Test(Case):
         self.assertEqual(later["verdict"], "reject")
         for seen, exact in zip((peak, later), self.by_quadrature("brittle.h5")):
             self.assertAlmostEqual(seen["log_evidence"], exact["log_evidence"], delta=0.1)
+
+    def test_the_whole_example_with_each_other_law(self):
+        """The evidences on the page, by knothe and by quadrature. Nightly."""
+        stated = {"band10": -159.0, "band40": -111.1, "band80": -115.5, "exponential": -132.6, "bilinear": -131.6, "gradient": -253.6}
+        self.make_data()
+        self.script("laws")
+        for law, evidence in stated.items():
+            self.expect(0, "offline", f"{law}.toml", "-o", f"{law}.h5")
+            self.expect(8, "assimilate", f"{law}.toml")
+            (seen,) = self.script("score", ENVELOPE, f"{law}_results")
+            self.assertAlmostEqual(seen["log_evidence"], evidence, delta=0.2, msg=law)
+            self.assertEqual(seen["verdict"], "reject")
+            exact = self.by_quadrature(f"{law}.h5")[1]
+            self.assertAlmostEqual(seen["log_evidence"], exact["log_evidence"], delta=2.5 if law == "gradient" else 0.1, msg=law)
 
 
 if __name__ == "__main__":
