@@ -14,6 +14,7 @@
 #include "knothe/inference/sampled_inference.hpp"
 #include "knothe/inference/verdict.hpp"
 #include "knothe/numerics/integrate/sobol.hpp"
+#include "knothe/numerics/statistics/chi_squared.hpp"
 #include "knothe/numerics/statistics/distinct_draws.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
 
@@ -145,6 +146,32 @@ Eigen::VectorXd most_probable(PosteriorDensity& posterior, const ModelEvaluator&
       posterior.transform(), r.points.row(best).transpose(), evaluator.has_hessian() ? 1e-12 : 1e-7);
 }
 
+/// Whether the observations fit at all, and whether the posterior is pressed against an end of a prior.
+void examine_answer(PosteriorDensity& posterior, const std::vector<std::string>& names, InferenceResult& r) {
+  r.edge_mass = Eigen::VectorXd::Zero(r.points.cols());
+  for (Eigen::Index k = 0; k < r.points.cols(); ++k) {
+    const double lower = posterior.transform().prior(k).lower(),
+                 upper = posterior.transform().prior(k).upper();
+    if (!std::isfinite(upper - lower)) continue;
+    const double outer = 0.02 * (upper - lower);
+    const auto share = [&](const auto& inside) {
+      return r.weights.dot(inside.template cast<double>().matrix());
+    };
+    const double low = share(r.points.col(k).array() < lower + outer),
+                 high = share(r.points.col(k).array() > upper - outer);
+    r.edge_mass[k] = std::max(low, high);
+    if (r.edge_mass[k] > 0.5)
+      r.verdict +=
+          pressed(static_cast<std::size_t>(k) < names.size() ? names[k] : fmt::format("parameter {}", k),
+                  r.edge_mass[k], low > high ? lower : upper);
+  }
+  const auto misfit = posterior.misfit(r.maximum_a_posteriori);
+  if (!misfit) return;
+  r.fit_probability =
+      numerics::chi_squared_upper(std::max(0.0, misfit->chi_squared), static_cast<double>(misfit->count));
+  if (*r.fit_probability < 3e-5) r.verdict += does_not_fit(misfit->chi_squared, misfit->count);
+}
+
 /// `samples` that weigh the same, of the weighted points.
 Eigen::MatrixXd draws_of(const InferenceResult& r, const assimilation::PriorTransform& transform,
                          Eigen::Index samples) {
@@ -218,6 +245,7 @@ InferenceResult infer(PosteriorDensity& posterior, ModelEvaluator& evaluator,
     const Phase phase("most probable point", evaluator, r);
     r.maximum_a_posteriori = most_probable(posterior, evaluator, r);
   }
+  examine_answer(posterior, options.names, r);
   if (r.draws.size() == 0) {
     const Phase phase("draws", evaluator, r);
     r.draws = draws_of(r, posterior.transform(), options.samples);

@@ -1,6 +1,7 @@
 #pragma once
 /// @file One-shot inference by four methods with the same output, so that each can check the others.
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -72,7 +73,12 @@ struct InferenceResult : assimilation::Posterior {
 
   double log_evidence_error = 0;
   std::vector<std::string> warnings;  ///< sentences: what was wrong with the model and how it was got round
-  std::string verdict;                ///< trusted or not, and why: one sentence
+  /// Trusted or not, and why; then what speaks against the answer itself.
+  std::string verdict;
+  /// Probability of a misfit as large as that of the observations at the most probable parameters; nothing
+  /// without observations.
+  std::optional<double> fit_probability;
+  Eigen::VectorXd edge_mass;  ///< d: posterior mass in the outer 2 % of a bounded prior, the larger side
 
   std::vector<MapDetails> map;       ///< one for transport
   Eigen::VectorXd r_hat;             ///< d, of mcmc

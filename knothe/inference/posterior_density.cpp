@@ -37,6 +37,17 @@ PosteriorDensity::PosteriorDensity(ModelEvaluator& evaluator, std::vector<assimi
                                  observations_->noise.size(), m));
 }
 
+std::optional<PosteriorDensity::Misfit> PosteriorDensity::misfit(const Eigen::VectorXd& p) {
+  if (!observations_) return std::nullopt;
+  sampling::LogDensityBatch batch;
+  batch.resize(1, dimension(), 0);
+  log_likelihood(p.transpose(), 0, batch);
+  const Eigen::Index m = observations_->values.size();
+  const double constant =
+      0.5 * observations_->noise.log_determinant() + 0.5 * static_cast<double>(m) * k_log_2_pi;
+  return Misfit{-2 * (batch.value[0] + constant), m};
+}
+
 Eigen::MatrixXd PosteriorDensity::parameters(const Eigen::Ref<const Eigen::MatrixXd>& z) const {
   Eigen::MatrixXd p(z.rows(), z.cols()), unused;
   transform_.evaluate(z, 0, p, unused, unused);

@@ -41,6 +41,13 @@ class PosteriorDensity final : public sampling::LogDensity {
   void log_likelihood(const Eigen::Ref<const Eigen::MatrixXd>& p, int derivatives,
                       sampling::LogDensityBatch& out);
 
+  /// χ² = (y − f(p))ᵀ R⁻¹ (y − f(p)) and the number of observations; nothing without observations.
+  struct Misfit {
+    double chi_squared;
+    Eigen::Index count;
+  };
+  [[nodiscard]] std::optional<Misfit> misfit(const Eigen::VectorXd& p);
+
   /// p(z), n × d.
   [[nodiscard]] Eigen::MatrixXd parameters(const Eigen::Ref<const Eigen::MatrixXd>& z) const;
   [[nodiscard]] const assimilation::PriorTransform& transform() const { return transform_; }

@@ -85,4 +85,18 @@ std::string verdict(const sampling::RecycledImportanceResult& draws) {
   return fmt::format("Not trusted: {}; raise [method] samples, or use --method mcmc.", facts);
 }
 
+std::string does_not_fit(double chi_squared, Eigen::Index count) {
+  return fmt::format(
+      " But the observations do not fit the model: at the most probable parameters χ² is {:.4g} for {} "
+      "values; check model, units and noise.",
+      chi_squared, count);
+}
+
+std::string pressed(const std::string& parameter, double share, double end) {
+  return fmt::format(
+      " But {:.0f} % of the posterior of {} lies next to the end of its prior, {:.4g}: the observations ask "
+      "for more; check the prior, or see why.",
+      100 * share, parameter, end);
+}
+
 }  // namespace knothe::inference

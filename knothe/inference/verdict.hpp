@@ -1,5 +1,5 @@
 #pragma once
-/// @file The sentence at the end: trusted or not, and why.
+/// @file The sentences at the end: trusted or not, and why; and what speaks against the answer itself.
 #include <string>
 
 #include "knothe/assimilation/update/prior_transform.hpp"
@@ -16,5 +16,10 @@ namespace knothe::inference {
 [[nodiscard]] std::string verdict(const assimilation::QuadraturePosterior& grid);
 [[nodiscard]] std::string verdict(const sampling::MetropolisResult& chains);
 [[nodiscard]] std::string verdict(const sampling::RecycledImportanceResult& draws);
+
+/// What to add where the observations do not fit at the most probable parameters; where this share of the
+/// posterior is next to an end of a prior.
+[[nodiscard]] std::string does_not_fit(double chi_squared, Eigen::Index count);
+[[nodiscard]] std::string pressed(const std::string& parameter, double share, double end);
 
 }  // namespace knothe::inference

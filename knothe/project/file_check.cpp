@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -20,8 +21,8 @@ using Eigen::Index;
 /// The model's answers over the prior at the times of the data.
 struct PriorAnswers {
   Eigen::MatrixXd mean;  ///< n_obs × n_t
-  /// Per parameter, Σ over sensors and times of (change per standard deviation of the prior / noise)².
-  Eigen::VectorXd information;
+  /// d × d: Σ over sensors and times of products of changes per standard deviation of the prior, over noise².
+  Eigen::MatrixXd information;
   Eigen::VectorXd largest;  ///< n_obs: of |y|, mean and two standard deviations
 };
 
@@ -32,7 +33,7 @@ PriorAnswers answers_of(const UpdateSetup& setup) {
   const Eigen::VectorXd std = setup.measurements.noise.standard_deviations();
   PriorAnswers answers;
   answers.mean.resize(model.observations(), static_cast<Index>(setup.time_indices.size()));
-  answers.information = Eigen::VectorXd::Zero(w.tangent.cols());
+  answers.information = Eigen::MatrixXd::Zero(w.tangent.cols(), w.tangent.cols());
   answers.largest = Eigen::VectorXd::Zero(model.observations());
   for (std::size_t k = 0; k < setup.time_indices.size(); ++k) {
     const std::size_t t = setup.time_indices[k];
@@ -42,7 +43,7 @@ PriorAnswers answers_of(const UpdateSetup& setup) {
     const Eigen::VectorXd spread = (model.space * (model.core[t] * w.factor)).rowwise().norm();
     answers.largest = answers.largest.cwiseMax(mean.cwiseAbs() + 2 * spread);
     for (Index i = 0; i < change.rows() && i < std.size(); ++i)
-      if (std[i] > 0) answers.information += change.row(i).cwiseAbs2().transpose() / (std[i] * std[i]);
+      if (std[i] > 0) answers.information += change.row(i).transpose() * change.row(i) / (std[i] * std[i]);
   }
   return answers;
 }
@@ -75,8 +76,12 @@ void compare_magnitudes(const UpdateSetup& setup, const PriorAnswers& answers, F
 }
 
 void check_sensitivity(const UpdateSetup& setup, const PriorAnswers& answers, FileCheck& check) {
-  for (Index a = 0; a < answers.information.size(); ++a) {
-    const double factor = std::sqrt(1 + answers.information[a]);
+  const Index d = answers.information.rows();
+  const Eigen::MatrixXd identity = Eigen::MatrixXd::Identity(d, d);
+  // Of the parameters together: what several explain alike is known of none.
+  const Eigen::MatrixXd covariance = (identity + answers.information).llt().solve(identity);
+  for (Index a = 0; a < d; ++a) {
+    const double factor = 1 / std::sqrt(covariance(a, a));
     const std::string& name = setup.observed->parameters[a];
     if (factor < 1.5)
       check.warnings.push_back(fmt::format(

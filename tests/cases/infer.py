@@ -6,8 +6,8 @@ from infer_support import InferCase, conjugate, diagonal, quadrature
 from umbridge_server import Density, EightSchools, Growth, Linear, Linear3
 
 KEYS = ["method", "parameters", "wall_clock", "mean", "covariance", "maximum_a_posteriori", "quantiles", "skewness", "kurtosis", "map_order",
-        "variance_diagnostic", "tolerance_reached", "ess", "trusted", "verdict", "log_evidence", "log_evidence_error",
-        "model_evaluations", "model_calls", "elapsed_us", "samples_file", "distinct_draws", "physical"]
+        "variance_diagnostic", "tolerance_reached", "ess", "trusted", "verdict", "edge_mass", "log_evidence", "log_evidence_error",
+        "model_evaluations", "model_calls", "elapsed_us", "samples_file", "distinct_draws", "physical", "fit_probability"]
 MAP_KEYS = KEYS + ["map_file"]
 LINEAR = conjugate(Linear.matrix, [1.2, 0.4, 0.1], diagonal([0.3, 0.5, 0.4]), [0.5, -0.5], [1.0, 2.0])
 
@@ -87,6 +87,25 @@ class Test(InferCase):
                                ("apply_hessian", "/ApplyHessian")):
                 self.assertEqual(said[key], after.get(route, 0) - before.get(route, 0), (method, key))
         self.assertRegex(self.expect(0, "infer", self.project_name).out, r"\d+ model evaluations, \d+ gradients, \d+ Jacobian products, ")
+
+    def test_observations_that_do_not_fit_are_named(self):
+        """Trusted speaks of the computation: the sentence says what speaks against the answer."""
+        self.serve("linear")
+        self.set_observations("values = [1.2, 40.0, -35.0]", "std = [0.3, 0.5, 0.4]")
+        line = self.infer()
+        self.assertTrue(line["trusted"], line["verdict"])
+        self.assertIn("But the observations do not fit the model: at the most probable parameters χ² is ", line["verdict"])
+        self.assertLess(line["fit_probability"], 1e-9)
+        self.set_observations("values = [1.2, 0.4, 0.1]", "std = [0.3, 0.5, 0.4]")
+        self.assertGreater(self.infer()["fit_probability"], 0.01)
+
+    def test_a_prior_that_ends_before_the_answer_is_named(self):
+        self.serve("linear")
+        self.set_priors('a = { prior = "uniform", lower = -100.0, upper = -2.0 }', 'b = { prior = "normal", mean = -0.5, std = 2.0 }')
+        line = self.infer("--method", "smc")
+        self.assertGreater(line["edge_mass"][0], 0.9)
+        self.assertRegex(line["verdict"], r"But \d+ % of the posterior of a lies next to the end of its prior, -2: ")
+        self.assertEqual(line["edge_mass"][1], 0)  # a prior without ends
 
     def test_all_draws_are_distinct(self):
         self.serve("linear")

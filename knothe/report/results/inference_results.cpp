@@ -174,6 +174,7 @@ Json inference_record(const InferenceResult& r, std::span<const reduction::Axis>
       {"ess", r.effective_sample_size},
       {"trusted", r.trusted},
       {"verdict", r.verdict},
+      {"edge_mass", to_json(r.edge_mass)},
       {"log_evidence", r.log_evidence},
       {"log_evidence_error", r.log_evidence_error},
       {"model_evaluations", r.calls.evaluations},
@@ -187,6 +188,7 @@ Json inference_record(const InferenceResult& r, std::span<const reduction::Axis>
       {"samples_file", samples_file},
       {"distinct_draws", r.distinct_draws},
       {"physical", physical_record(axes, r.mean, r.covariance)}};
+  if (r.fit_probability) record["fit_probability"] = *r.fit_probability;
   if (r.r_hat.size() > 0) {
     record["r_hat"] = to_json(r.r_hat);
     record["effective_sizes"] = to_json(r.effective_sizes);
