@@ -292,7 +292,7 @@ def offline(function: Callable[..., Any], parameters: Mapping[str, ArrayLike | A
     quantities : mapping of name to unit, optional
         Names and units of the dofs, if they have no place.
     outputs : mapping of name to unit, optional
-        Further results of the solver, one number a time: a reaction force ...
+        Further results of the solver, one value per time: a reaction force ...
     units : str
         Of the field.
     form : {"tree", "canonical"}

@@ -380,7 +380,7 @@ class Twin:
         draws : int
             Number of draws of each step.
         predictive_draws : int
-            Of how many of them data are predicted.
+            Number of draws for which data are predicted.
 
         Examples
         --------

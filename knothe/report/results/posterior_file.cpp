@@ -290,7 +290,7 @@ class Writer {
     out_.add_variable(group, "direction", Names{"observation"}, directions, {"", "of the displacement"});
     for (std::size_t axis = 0; axis < 3; ++axis)
       out_.add_variable(group, std::string(1, "xyz"[axis]), Names{"observation"}, places[axis],
-                        {"m", "place of the sensor"});
+                        {"m", "position of the sensor"});
     const bool by_step = group != "constant_data";
     out_.add_attribute(group, "coordinates", by_step ? "time direction x y z" : "direction x y z");
   }
