@@ -203,6 +203,7 @@ void bind_results(py::module_& module) {
            })
       .def("points", points)
       .def("weights", [](const Result& result) { return array_of(plain(result.step.update.weights)); })
+      .def("labels", [](const Result& result) { return labels_of(*result.axes); })
       .def("densities", [](const Result& result) { return densities_of(*result.priors); });
   module.def(
       "distinct_draws",
@@ -299,7 +300,9 @@ void bind_twin(py::module_& module) {
       .def("sensors",
            [](const Twin& twin) {
              const reduction::Sensors& s = twin.sensors();
-             return py::make_tuple(rows_of(s.points, 3), array_of(s.components), s.scalars);
+             std::vector<std::string> names;
+             for (std::size_t i = 0; i < s.displacement_count(); ++i) names.push_back(s.label(i));
+             return py::make_tuple(rows_of(s.points, 3), array_of(s.components), s.scalars, names);
            })
       .def(
           "draws",

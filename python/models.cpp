@@ -14,6 +14,7 @@
 #include "knothe/report/results/inference_results.hpp"
 #include "knothe/report/results/inference_run.hpp"
 #include "knothe/report/results/model_record.hpp"
+#include "knothe/report/results/physical_parameters.hpp"
 #include "python/bindings.hpp"
 #include "python/interruption.hpp"
 #include "python/values.hpp"
@@ -45,6 +46,19 @@ std::vector<Prior> priors_of(const std::vector<PriorValues>& priors) {
       throw UsageError("prior of " + name + ": \"" + family + "\" is not normal, uniform or lognormal");
   }
   return result;
+}
+
+py::dict labels_of(std::span<const reduction::Axis> axes) {
+  using namespace py::literals;
+  py::dict labels;
+  for (const reduction::Axis& axis : axes) {
+    const files::Labels file = report::labels_of(axis);
+    py::dict of_axis("units"_a = file.units, "long_name"_a = file.long_name, "reference"_a = axis.reference);
+    if (const std::string units = report::reference_units(axis); !units.empty())
+      of_axis["reference_units"] = units;
+    labels[axis.name.c_str()] = of_axis;
+  }
+  return labels;
 }
 
 py::list densities_of(const std::vector<assimilation::Prior>& priors) {
@@ -322,7 +336,7 @@ py::dict dictionary_of(const inference::InferenceResult& r, std::span<const redu
   return py::dict("json"_a = files::json_line(report::inference_record(r, axes, samples_file)),
                   "draws"_a = rows_of(plain(r.draws), d), "chains"_a = r.chains,
                   "points"_a = rows_of(plain(r.points), d), "weights"_a = array_of(plain(r.weights)),
-                  "densities"_a = densities_of(priors));
+                  "densities"_a = densities_of(priors), "labels"_a = labels_of(axes));
 }
 
 struct InferenceValues {

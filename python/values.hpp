@@ -2,6 +2,7 @@
 /// @file What the package gives to the engine as plain values, and what models say at parameter points.
 #include <array>
 #include <optional>
+#include <span>
 #include <string>
 #include <tuple>
 #include <vector>
@@ -26,6 +27,10 @@ using PriorValues = std::tuple<std::string, std::string, double, double>;
 
 /// Of each prior its support (lower, upper), and its density at points: what figures want.
 [[nodiscard]] py::list densities_of(const std::vector<assimilation::Prior>& priors);
+
+/// Attributes of a parameter's variable as results files have them, by name: units, long_name, reference and
+/// reference_units.
+[[nodiscard]] py::dict labels_of(std::span<const reduction::Axis> axes);
 
 /// Numbers at n parameter points: m each, and their derivatives by d parameters.
 struct Prediction {

@@ -39,7 +39,8 @@ class InferenceResult(Posterior):
 
     def __init__(self, found: dict[str, Any]) -> None:
         record = json.loads(found["json"])
-        super().__init__(record, record["parameters"], found["points"], found["weights"], found["densities"])
+        super().__init__(record, record["parameters"], found["points"], found["weights"], found["densities"],
+                         found["labels"])
         draws = found["draws"]
         count = len(draws) // found["chains"]
         self.chains: Array = draws[:count * found["chains"]].reshape(found["chains"], count, -1)
@@ -99,7 +100,7 @@ class InferenceResult(Posterior):
         groups = super().to_xarray(draws)
         chains, count, _ = self.chains.shape
         groups["posterior"] = xarray.Dataset(
-            {name: (("chain", "draw"), self.chains[..., k]) for k, name in enumerate(self.parameters)},
+            {name: (("chain", "draw"), self.chains[..., k], self._labels[name]) for k, name in enumerate(self.parameters)},
             {"chain": np.arange(chains), "draw": np.arange(count)})
         return groups
 

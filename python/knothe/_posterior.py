@@ -182,9 +182,11 @@ class Posterior:
     """
 
     def __init__(self, record: dict[str, Any], parameters: Sequence[str], points: Array, weights: Array,
-                 densities: Sequence[tuple[float, float, Array, Array]] = ()) -> None:
+                 densities: Sequence[tuple[float, float, Array, Array]] = (),
+                 labels: Mapping[str, Mapping[str, Any]] | None = None) -> None:
         self.record, self.parameters, self.points, self.weights = record, list(parameters), points, weights
         self.densities = list(densities)
+        self._labels = dict(labels or {})  # of the parameters: attributes as in the files of the command
 
     @property
     def mean(self) -> Array:
@@ -390,10 +392,10 @@ class Posterior:
 
         values = self.draws(draws)
         chain = {"chain": [0], "draw": np.arange(len(values))}
-        posterior = {name: (("chain", "draw"), values[np.newaxis, :, k]) for k, name in enumerate(self.parameters)}
-        weighted = {name: (("point",), self.points[:, k]) for k, name in enumerate(self.parameters)}
-        weighted["weight"] = (("point",), self.weights)
-        return {"posterior": xarray.Dataset(posterior, chain), "weighted_posterior": xarray.Dataset(weighted),
+        posterior = {name: (("chain", "draw"), values[np.newaxis, :, k], self._labels.get(name)) for k, name in enumerate(self.parameters)}
+        weighted = {"points": (("point", "parameter"), self.points), "weights": (("point",), self.weights)}
+        return {"posterior": xarray.Dataset(posterior, chain),
+                "weighted_posterior": xarray.Dataset(weighted, {"parameter": self.parameters}),
                 "sample_stats": xarray.Dataset(statistics_of(self.record))}
 
     def __repr__(self) -> str:

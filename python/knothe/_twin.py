@@ -116,7 +116,8 @@ class StepResult(Posterior):
     """
 
     def __init__(self, native: _knothe.Result, parameters: list[str]) -> None:
-        super().__init__(json.loads(native.json()), parameters, native.points(), native.weights(), native.densities())
+        super().__init__(json.loads(native.json()), parameters, native.points(), native.weights(), native.densities(),
+                         native.labels())
         self._native = native
         self.step: int = self.record["step"]
         self.time: float = self.record["time"]
@@ -399,15 +400,16 @@ class Twin:
         values, likelihood, predicted = (np.stack([d[i] for d in drawn], axis=1)[np.newaxis] for i in range(3))
         measured = np.stack([self._native.values(r.step) for r in results])
         chain = {"chain": [0], "draw": np.arange(draws), **step}
-        posterior = {name: (("chain", "draw", "step"), values[..., k]) for k, name in enumerate(self.parameters)}
+        labels = results[-1]._labels
+        posterior = {name: (("chain", "draw", "step"), values[..., k], labels[name]) for k, name in enumerate(self.parameters)}
         statistics = [statistics_of(r.record) for r in results]
-        _, components, scalars = self._native.sensors()
+        _, components, scalars, _ = self._native.sensors()
         count = len(components)  # scalar series come last
         places = self._observations()
 
         def observations(data: Array, dims: tuple[str, ...]) -> dict[str, Any]:
             series = {name: (dims, data[..., count + k]) for k, name in enumerate(scalars)}
-            return {"displacement": ((*dims, "observation"), data[..., :count]), **series} if count else series
+            return {"displacement": ((*dims, "observation"), data[..., :count], {"units": "m"}), **series} if count else series
 
         groups = {
             "posterior": xarray.Dataset(posterior, chain),
@@ -439,9 +441,11 @@ class Twin:
 
     def _observations(self) -> dict[str, Any]:
         """Coordinates on `observation`: its name, and the place."""
-        places, components, _ = self._native.sensors()
+        places, components, _, names = self._native.sensors()
+        if not names:
+            return {}
         directions = ["xyz"[c] for c in components]
-        return {"observation": [f"{direction}{i}" for i, direction in enumerate(directions)],
+        return {"observation": names,
                 "direction": ("observation", directions),
                 **{axis: ("observation", places[:, k]) for k, axis in enumerate("xyz")}}
 

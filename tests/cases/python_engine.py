@@ -79,7 +79,7 @@ class Test(CaseInItsFolder):
         self.edit('kind = "transport"', "")  # the default, here and there
         lines, _ = self.lines_of()
         project = knothe.Twin(self.project_name)
-        points, components, _ = project._native.sensors()
+        points, components, _, _ = project._native.sensors()
         twin = knothe.Twin(
             model="model.h5", sensors=knothe.Sensors(points, components), std=3e-6, parameters=PRIORS,
             forecasts={"force": {"quantity": "output", "output": "reaction_force", "horizon": 0.75, "threshold": 1150.0},
@@ -91,7 +91,7 @@ class Test(CaseInItsFolder):
 
     def test_a_datum_brings_its_noise(self):
         project = knothe.Twin(self.project_name)
-        points, components, _ = project._native.sensors()
+        points, components, _, _ = project._native.sensors()
         datum, n = next(project.data), len(components)
         twins = [knothe.Twin(model="model.h5", sensors=knothe.Sensors(points, components), std=std, parameters=PRIORS) for std in (5e-6, 1e-6)]
         one = twins[0].assimilate(knothe.Datum(0, datum.values))
@@ -139,6 +139,8 @@ class Test(CaseInItsFolder):
         for name in PRIORS:
             self.assertEqual(stored["posterior"][name].dims, ("chain", "draw", "step"))
             np.testing.assert_array_equal(stored["posterior"][name], groups["posterior"][name])
+            self.assertEqual(dict(stored["posterior"][name].attrs), groups["posterior"][name].attrs)
+            self.assertIn("reference", groups["posterior"][name].attrs)
         for coordinate in ("chain", "draw", "step"):
             self.assertEqual(stored["posterior"][coordinate].dtype, np.int64)
         for name in ("ess", "log_evidence", "variance_diagnostic", "verdict", "fit_probability", "time"):
@@ -174,7 +176,11 @@ class Test(CaseInItsFolder):
         found = knothe.infer(self.project_name, results="a")
         self.assertEqual(without_times(parse_line(json.dumps(found.record))), without_times(line))
         results = knothe.open_results("a")
-        np.testing.assert_array_equal(results.to_xarray()["posterior"]["Ad"], found.to_xarray()["posterior"]["Ad"])
+        stored, groups = results.to_xarray(), found.to_xarray()
+        np.testing.assert_array_equal(stored["posterior"]["Ad"], groups["posterior"]["Ad"])
+        self.assertEqual(dict(stored["posterior"]["Ad"].attrs), groups["posterior"]["Ad"].attrs)
+        for name in ("points", "weights", "parameter"):
+            np.testing.assert_array_equal(stored["weighted_posterior"][name], groups["weighted_posterior"][name])
         self.assertEqual(results.parameters, found.parameters)
 
     def test_the_model_as_the_command_evaluates_it(self):

@@ -13,7 +13,7 @@ except ImportError as missing:
     sys.exit(77)
 
 import analytic_model
-from support import Case, parse_line
+from support import Case, parse_line, read_csv, write_csv
 
 NAMES, NOISE, AXES = ("Y0", "Ad"), 3e-6, "xyz"
 
@@ -48,6 +48,26 @@ class Test(Case):
         draws = self.group("posterior")["Y0"]
         self.assertEqual((draws.attrs["units"], float(draws.attrs["reference"])), ("1", 216.0))
 
+    def test_sensors_have_the_names_that_the_data_give_them(self):
+        rows = read_csv(self.folder / "data.csv")
+        first = rows[0]["sensor"]
+        for row in rows:
+            row["sensor"] = "gauge A" if row["sensor"] == first else f"point {row['sensor']}"
+            row["value"] = "1.0" if row["sensor"] == "gauge A" and row["component"] == "x" else row["value"]
+        write_csv(self.folder / "data.csv", rows)
+        self.edit('data = "data.h5"', 'data = "data.csv"')
+        message = self.assimilate(status=8)[-1]["verdict"]["reasons"][0]["message"]
+        names = list(self.group("observed_data").observation.values)
+        self.assertIn(names[0], ("gauge A", "gauge A x"))
+        self.assertEqual(len(set(names)), 24)
+        self.assertIn(f'sensor "{names[0]}" (x at ', message)
+
+    def test_groups_say_what_they_are(self):
+        self.assimilate()
+        self.assertIn("has nothing to do with draw n of another", self.group("posterior").attrs["description"])
+        for name in ("posterior_predictive", "log_likelihood", "observed_data", "sample_stats", "weighted_posterior", "last_posterior"):
+            self.assertTrue(self.group(name).attrs["description"], name)
+
     def test_draws_are_distinct_and_have_the_moments_of_the_lines(self):
         for method in ("transport", "grid", "mcmc"):
             with self.subTest(method):
@@ -56,6 +76,8 @@ class Test(Case):
                 draws = np.stack([posterior[name].values[0] for name in NAMES], axis=-1)  # [draw, step, parameter]
                 for step, line in enumerate(lines):
                     self.assertEqual(len(np.unique(draws[:, step], axis=0)), 500)
+                    if method != "mcmc":  # a chain stays where it is; its first return is moved in all parameters
+                        self.assertEqual([len(np.unique(draws[:, step, k])) for k in range(2)], [500, 500])
                     std = np.sqrt(np.diag(line["covariance"]))
                     self.assertLess(np.max(abs(draws[:, step].mean(0) - line["mean"]) / std), 0.25)
                     self.assertTrue(np.all(abs(draws[:, step].std(0) / std - 1) < 0.2))

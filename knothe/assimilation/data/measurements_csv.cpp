@@ -56,6 +56,23 @@ void add_to_series(const files::CsvTable& table, std::size_t row, Eigen::Index t
   if (series.std != given) table.fail(row, "std", "this series had another std before: one per series");
 }
 
+/// By index; a sensor of several components has one name for each. Empty where all are numbers, "7" or "s7".
+std::vector<std::string> names_of(const std::map<std::pair<std::string, int>, Sensor>& sensors) {
+  std::map<std::string, int> components;
+  bool are_numbers = true;
+  for (const auto& [key, sensor] : sensors) {
+    ++components[key.first];
+    are_numbers = are_numbers &&
+                  key.first.find_first_not_of("0123456789", key.first.starts_with('s')) == std::string::npos;
+  }
+  std::vector<std::string> names(are_numbers ? 0 : sensors.size());
+  for (const auto& [key, sensor] : sensors)
+    if (!are_numbers)
+      names[static_cast<std::size_t>(sensor.index)] =
+          components[key.first] == 1 ? key.first : fmt::format("{} {}", key.first, "xyz"[key.second]);
+  return names;
+}
+
 }  // namespace
 
 Measurements read_measurements_csv(const std::string& path) {
@@ -129,6 +146,7 @@ Measurements read_measurements_csv(const std::string& path) {
     deviations[sensor->index] = sensor->std;
   }
   m.noise = NoiseModel::independent(deviations);
+  m.sensors.names = names_of(sensors);
   return m;
 }
 

@@ -135,8 +135,10 @@ std::string ResidualTests::name_of(Index sensor) const {
   if (i >= sensors_.displacement_count())
     return fmt::format("\"{}\"", sensors_.scalars[i - sensors_.displacement_count()]);
   const auto at = sensors_.point(i);
-  return fmt::format("sensor {} ({} at {:.4g}, {:.4g}, {:.4g} m)", sensor,
-                     "xyz"[static_cast<std::size_t>(sensors_.components[i])], at[0], at[1], at[2]);
+  return fmt::format(
+      "sensor {} ({} at {:.4g}, {:.4g}, {:.4g} m)",
+      sensors_.names.empty() ? std::to_string(sensor) : fmt::format("\"{}\"", sensors_.label(i)),
+      "xyz"[static_cast<std::size_t>(sensors_.components[i])], at[0], at[1], at[2]);
 }
 
 ResidualReport ResidualTests::examine(std::span<const ExaminedDatum> data, const Eigen::VectorXd& w,

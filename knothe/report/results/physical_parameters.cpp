@@ -41,11 +41,13 @@ nlohmann::ordered_json physical_record(std::span<const reduction::Axis> axes, co
   return record;
 }
 
+files::Labels labels_of(const reduction::Axis& axis) {
+  return {axis.units.empty() ? "1" : axis.units, axis.long_name.empty() ? axis.name : axis.long_name};
+}
+
 void add_draws_of(const reduction::Axis& axis, const std::vector<std::string>& dimensions,
                   std::span<const double> draws, files::NetcdfWriter& out) {
-  out.add_variable(
-      "posterior", axis.name, dimensions, draws,
-      {axis.units.empty() ? "1" : axis.units, axis.long_name.empty() ? axis.name : axis.long_name});
+  out.add_variable("posterior", axis.name, dimensions, draws, labels_of(axis));
   out.add_number("posterior", axis.name, "reference", axis.reference);
   if (const std::string units = reference_units(axis); !units.empty())
     out.add_text("posterior", axis.name, "reference_units", units);

@@ -25,6 +25,9 @@ namespace knothe::report {
                                                      const Eigen::VectorXd& mean,
                                                      const Eigen::MatrixXd& covariance);
 
+/// Unit and name in words of a parameter's variable in a results file.
+[[nodiscard]] files::Labels labels_of(const reduction::Axis& axis);
+
 /// Draws of a parameter into the group `posterior` of a results file, with its unit, and as attributes
 /// `reference` and `reference_units`, the physical value of 1, if they are known.
 void add_draws_of(const reduction::Axis& axis, const std::vector<std::string>& dimensions,

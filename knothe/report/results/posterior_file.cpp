@@ -208,7 +208,7 @@ class Writer {
                  [](const F& f) { return f.maximum_a_posteriori; });
     add_forecast("probability_above_threshold", "P(q > threshold)",
                  [](const F& f) { return f.probability_above_threshold; });
-    add_forecast("probability_below_threshold", "P(q <= threshold)",
+    add_forecast("probability_below_threshold", "P(q < threshold)",
                  [](const F& f) { return 1 - f.probability_above_threshold; });
     std::vector<double> quantiles;
     for (const KeptStep& step : file_.steps)
@@ -247,6 +247,23 @@ class Writer {
     out_.add_number("last_posterior", "weights", "time", times_.back());
   }
 
+  /// What each group is, for those who open the file without this page.
+  void describe_groups() {
+    using Text = std::pair<const char*, const char*>;
+    for (const auto& [group, text] :
+         {Text{"posterior",
+               "draws at each step from the posterior of all data up to it; draw n of one step "
+               "has nothing to do with draw n of another"},
+          Text{"posterior_predictive",
+               "what the sensors would measure at the step under draws of its posterior, noise included"},
+          Text{"log_likelihood", "log density of the last datum of the step given the draw"},
+          Text{"observed_data", "measured values"},
+          Text{"sample_stats", "of the computation and the verdict, by step"},
+          Text{"weighted_posterior", "weighted points of each step's posterior, at most 2048"},
+          Text{"last_posterior", "all weighted points of the last step's posterior"}})
+      out_.add_attribute(group, "description", text);
+  }
+
  private:
   void write_posterior(const std::vector<std::vector<double>>& draws) {
     add_draws("posterior", counted(k_draws));
@@ -283,10 +300,10 @@ class Writer {
     std::array<std::vector<double>, 3> places;
     for (std::size_t i = 0; i < n_observations_; ++i) {
       directions.emplace_back(1, "xyz"[sensors.components[i]]);
-      names.push_back(directions.back() + std::to_string(i));
+      names.push_back(sensors.label(i));
       for (std::size_t axis = 0; axis < 3; ++axis) places[axis].push_back(sensors.points[3 * i + axis]);
     }
-    out_.add_dimension(group, "observation", names, {"", "component and number of the sensor"});
+    out_.add_dimension(group, "observation", names, {"", "name of the sensor, or its component and number"});
     out_.add_variable(group, "direction", Names{"observation"}, directions, {"", "of the displacement"});
     for (std::size_t axis = 0; axis < 3; ++axis)
       out_.add_variable(group, std::string(1, "xyz"[axis]), Names{"observation"}, places[axis],
@@ -366,6 +383,7 @@ void write_posterior_file(const std::string& path, const PosteriorFile& file) {
     writer.write_statistics();
     writer.write_forecasts();
     writer.write_weighted_points();
+    writer.describe_groups();
     out.add_attribute("", "created_by", k_created_by);
     out.add_attribute("", "project", file.project.text);
     out.add_attribute("", "seed", std::to_string(file.project.method.seed));
