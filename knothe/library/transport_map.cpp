@@ -1,10 +1,14 @@
 #include "knothe/library/transport_map.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 #include "knothe/base/cancellation.hpp"
 #include "knothe/library/plain.hpp"
+#include "knothe/numerics/statistics/random.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
 #include "knothe/transport/extras/map_distribution.hpp"
 #include "knothe/transport/extras/sample_map.hpp"
@@ -151,6 +155,43 @@ class FunctionDensity final : public sampling::LogDensity {
   std::vector<double> point_, slope_;
 };
 
+/// A forgotten sign or factor, at points of N(0, I): a wrong gradient is not met by any map, after minutes.
+/// Errors: UsageError with the point and both slopes.
+void check_gradient(const Density& density) {
+  constexpr int k_points = 5;
+  constexpr double k_step = 1e-5, k_tolerance = 0.02;
+  const Eigen::MatrixXd points =
+      numerics::monte_carlo_normal_points(k_points, static_cast<unsigned>(density.dimension), 1);
+  std::vector<double> point(density.dimension), slope(density.dimension);
+  for (Eigen::Index i = 0; i < k_points; ++i) {
+    std::copy(points.row(i).begin(), points.row(i).end(), point.begin());
+    const double value = density.log_value(point);
+    if (!std::isfinite(value)) continue;
+    density.gradient(point, slope);
+    const double steepest = std::abs(*std::max_element(
+        slope.begin(), slope.end(), [](double a, double b) { return std::abs(a) < std::abs(b); }));
+    for (std::size_t k = 0; k < point.size(); ++k) {
+      const double at = point[k];
+      double difference[2];  // of the step and of twice the step: their difference is their error
+      for (const int twice : {0, 1}) {
+        const double h = (1 + twice) * k_step;
+        point[k] = at + h;
+        const double up = density.log_value(point);
+        point[k] = at - h;
+        difference[twice] = (up - density.log_value(point)) / (2 * h);
+      }
+      point[k] = at;
+      const double error = std::abs(difference[0] - difference[1]) + 1e-14 * std::abs(value) / k_step;
+      if (std::abs(slope[k] - difference[0]) >
+          k_tolerance * std::max(std::abs(difference[0]), 0.05 * steepest) + 10 * error + 1e-8)
+        throw UsageError(fmt::format(
+            "the gradient is not that of the log-density: at ({:.4g}) its component {} is {:.6g}, and by "
+            "differences of the log-density {:.6g}",
+            fmt::join(point, ", "), k, slope[k], difference[0]));
+    }
+  }
+}
+
 Posterior posterior_of(const transport::MapResult& solved, const transport::ImportanceCorrection& corrected) {
   Posterior posterior;
   posterior.mean = plain(corrected.mean);
@@ -175,6 +216,7 @@ Posterior posterior_of(const transport::MapResult& solved, const transport::Impo
 MapSolution solve_map(const Density& density, const MapOptions& options) {
   if (density.dimension == 0 || !density.log_value)
     throw UsageError("solve_map: a density needs a dimension of at least 1 and the function log_value");
+  if (density.gradient && options.standardised) check_gradient(density);
   transport::MapSolverOptions settings;
   settings.tolerance = options.tolerance;
   settings.max_order = options.max_order;

@@ -296,6 +296,25 @@ class Test(CaseInItsFolder):
         self.assertAlmostEqual(knothe.fit(ridge, 2).log_evidence, np.log(np.pi), delta=2e-3)
         np.testing.assert_allclose(np.average(found.points, axis=0, weights=found.weights), found.mean, atol=1e-12)
 
+    def test_a_gradient_of_another_function_is_named(self):
+        for wrong in (lambda p: -np.array(ridge_gradient(p)), lambda p: [ridge_gradient(p)[0], 2 * ridge_gradient(p)[1]], lambda p: p):
+            self.refused(knothe.UsageError, "the gradient is not that of the log-density: at (", call=lambda wrong=wrong: knothe.fit(
+                ridge, 2, gradient=wrong))
+        cut = knothe.fit(lambda p: -p @ p / 2 if p[0] > -9 else -np.inf, 2, gradient=lambda p: -p)
+        self.assertTrue(cut.trusted, cut.remark)
+
+    def test_a_density_without_gradient_takes_thousands_of_values(self):
+        calls = 0
+
+        def bent(p):
+            nonlocal calls
+            calls += 1
+            return -0.5 * p[0] ** 2 - 0.5 * ((p[1] - np.sin(p[0])) / 0.4) ** 2
+        found = knothe.fit(bent, 2)
+        self.assertTrue(found.trusted, found.remark)
+        self.assertAlmostEqual(found.log_evidence, np.log(2 * np.pi * 0.4), delta=2e-3)
+        self.assertLess(calls, 200_000)
+
     def test_the_map_of_samples_and_its_conditionals(self):
         draws = np.random.default_rng(2).standard_normal((5000, 2))
         draws[:, 1] = 0.8 * draws[:, 0] + 0.6 * draws[:, 1]
