@@ -7,6 +7,7 @@
 #include <iterator>
 #include <map>
 #include <numeric>
+#include <regex>
 
 #include "knothe/base/progress.hpp"
 #include "knothe/base/text.hpp"
@@ -159,14 +160,21 @@ class Runs {
   }
   [[nodiscard]] std::string at(std::size_t run) const { return describe(names_, runs_[run].parameters); }
 
-  /// A line for each of the first of them.
+  /// A line each, of those that failed alike, whatever the folder of the run, for the first three.
   [[nodiscard]] std::string listed(const std::vector<RunFailure>& failures) const {
-    constexpr std::size_t k_shown = 20;
+    constexpr std::size_t k_shown = 20, k_alike = 3;
+    static const std::regex folder("run-[A-Za-z0-9]{6}");
+    std::map<std::string, std::size_t> alike;
     std::string lines;
-    for (std::size_t i = 0; i < std::min(failures.size(), k_shown); ++i)
-      lines +=
-          fmt::format("\n  run {} ({}): {}", failures[i].run + 1, at(failures[i].run), failures[i].message);
-    if (failures.size() > k_shown) lines += fmt::format("\n  and {} more", failures.size() - k_shown);
+    std::size_t shown = 0;
+    for (const RunFailure& failure : failures) {
+      if (++alike[std::regex_replace(failure.message, folder, "")] > k_alike || shown == k_shown) continue;
+      lines += fmt::format("\n  run {} ({}): {}", failure.run + 1, at(failure.run), failure.message);
+      ++shown;
+    }
+    if (shown < failures.size())
+      lines += fmt::format("\n  and {} more{}", failures.size() - shown,
+                           alike.size() == 1 ? " in the same way" : "");
     return lines;
   }
 

@@ -131,9 +131,16 @@ TEST(GridRuns, ThoseThatFailAreListedAndTheOthersAreKept) {
   EXPECT_THAT(both, HasSubstr("2 of 6 full-order runs failed; 4 of 6 runs are kept in"));
   EXPECT_THAT(both, HasSubstr("\n  run 2 (a = 1, b = 4): b is too much"));
   EXPECT_THAT(both, HasSubstr("\n  run 5 (a = 2, b = 4): b is too much"));
+  EXPECT_EQ(both.find("more"), std::string::npos);
+  formula.fails_at = {3, 4, 5};  // all
+  const std::string all =
+      message_of<NumericalError>([&] { (void)run_grid(formula, grid_in(folder.file("x"))); });
+  EXPECT_EQ(std::count(all.begin(), all.end(), '\n'), 4);
+  EXPECT_THAT(all, HasSubstr("\n  and 3 more in the same way"));
   formula.fails_at.clear();
+  formula.solved = 0;
   run();
-  EXPECT_EQ(formula.solved, 8);  // 6, and the two once more
+  EXPECT_EQ(formula.solved, 2);  // the two once more
 }
 
 TEST(GridRuns, ThoseThatFailAreLeftOutWithTheirNodesWhereThatIsAskedFor) {
