@@ -44,6 +44,13 @@ class TransportMap:
         Parameters
         ----------
         reference : array_like, shape (n, d) or (d,)
+
+        Examples
+        --------
+        >>> transport = knothe.fit(lambda p: -0.5 * ((p[0] - 3) / 2) ** 2, dimension=1).map
+        >>> transport([[0.0], [1.0]]).round(3)
+        array([[3.],
+               [5.]])
         """
         return self._native.evaluate(points_of(reference, self.dimension, "points of the reference"))
 

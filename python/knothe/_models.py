@@ -53,6 +53,12 @@ class ObservedModel:
         Returns
         -------
         ndarray, shape (sensors,) or (n, sensors), m
+
+        Examples
+        --------
+        >>> seen = knothe.Model.load("model.h5").observe([[1.0, 0.0, 0.0]], "y")
+        >>> seen({"E": 1.0, "F": 1.0}, step=-1).round(7)
+        array([0.002])
         """
         index = step_of(step, self._steps)
         return _at_points(lambda points: self._native.predict(points, index, False)[0], at, self.parameters)
@@ -134,6 +140,11 @@ class Model:
         -------
         ndarray, shape (dofs,) or (n, dofs)
             In the field's unit, m for displacements.
+
+        Examples
+        --------
+        >>> knothe.Model.load("model.h5")([1.0, 1.0], step=-1, dofs=[4]).round(7)
+        array([0.002])
         """
         index, chosen = step_of(step, len(self.times)), self._dofs(dofs)
         return _at_points(lambda points: self._native.evaluate(points, index, chosen, False)[0], at, self.parameters)

@@ -125,6 +125,12 @@ class Displacements:
             raise UsageError("the picture has no noise that could be estimated: it may show something else than the reference")
         return Precision(*self._precision)
 
+    def __repr__(self) -> str:
+        state = "" if self.converged else f"; not converged: {self.message}"
+        return (f"<Displacements of {len(self.u)} nodes: u {np.nanmin(self.u):.3g} to {np.nanmax(self.u):.3g} px, "
+                f"v {np.nanmin(self.v):.3g} to {np.nanmax(self.v):.3g} px{state}>" if np.isfinite(self.u).any() else
+                f"<Displacements of {len(self.u)} nodes: nothing measured{state}>")
+
     def datum(self, step: int, scale: float) -> Datum:
         """What a model of y up measures here: values and noise in metres, v positive upwards, for `Correlation.sensors`.
 
@@ -227,6 +233,9 @@ class Correlation:
         pixels, maximum = _picture(deformed)
         found = self._native.correlate(pixels, maximum)
         return Displacements(_precision=found.pop("precision"), **found)
+
+    def __repr__(self) -> str:
+        return f"<Correlation: {len(self.x)} nodes, {len(self.elements)} elements>"
 
     def sensors(self, scale: float, origin: Sequence[float] = (0, 0)) -> Sensors:
         """The nodes as sensors of a model of y up: u and v of each in turn, as `Displacements.datum` gives them.

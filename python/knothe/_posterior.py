@@ -400,7 +400,7 @@ class Posterior:
 
     def __repr__(self) -> str:
         numbers = ", ".join(f"{name} = {m:.4g} ± {s:.2g}" for name, m, s in zip(self.parameters, self.mean, self.std))
-        return f"<{type(self).__name__}: {numbers}{'' if self.trusted else '; not trusted: ' + self.remark}>"
+        return f"<{type(self).__name__}: {numbers}{'' if self.trusted else '; ' + ('' if self.remark.startswith('Not trusted') else 'not trusted: ') + self.remark}>"
 
 
 _LEVELS = {"ok": 0, "caution": 1, "reject": 2}

@@ -203,6 +203,9 @@ class Precision:
         """
         return (np.asarray(self.data, float), np.asarray(self.indices, np.int64), np.asarray(self.indptr, np.int64))
 
+    def __repr__(self) -> str:
+        return f"<Precision: {len(np.asarray(self.indptr)) - 1} values, {np.size(self.data)} entries>"
+
     def toarray(self) -> Array:
         """Dense, n x n: for few sensors.
 

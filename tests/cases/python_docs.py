@@ -62,7 +62,7 @@ class Test(CaseInItsFolder):
         for name, each in objects:
             yield name, each
             if isinstance(each, type):
-                members = ((k, getattr(each, k)) for k in vars(each) if not k.startswith("_"))
+                members = ((k, getattr(each, k)) for k in vars(each) if not k.startswith("_") or k == "__call__")
                 yield from ((f"{name}.{k}", member) for k, member in members if callable(member) or isinstance(member, property))
 
     def test_every_example_of_the_docstrings_runs(self):

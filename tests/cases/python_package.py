@@ -135,10 +135,15 @@ class Test(CaseInItsFolder):
         (self.folder / "mcmc.toml").write_text(
             f'model = "{model}"\ndata = "data.h5"\n[parameters]\nY0 = {{ prior = "normal", mean = 0.9, std = 0.45 }}\n'
             'Ad = { prior = "normal", mean = 1.1, std = 0.45 }\n[method]\nkind = "mcmc"\nsamples = 20000\n')
+        known, inside = knothe.Model.load("model.h5"), np.random.default_rng(2).uniform(0.6, 1.4, (40000, 2))
+        found, reference = knothe.fit(ridge, 2).map, np.random.default_rng(3).standard_normal((400000, 2))
+        joint = knothe.fit_samples(samples[:2000, :2])
         calls = {"samples": lambda: knothe.fit_samples(samples, max_order=3),
                  "pictures": lambda: knothe.Correlation(picture, element_size=16).correlate(picture),
                  "import": lambda: _knothe.import_model("snapshots.h5", "again.h5", "canonical", 6, 0.0),
-                 "infer": lambda: knothe.infer("mcmc.toml")}
+                 "infer": lambda: knothe.infer("mcmc.toml"),
+                 "model": lambda: known(inside, 5), "map": lambda: found(reference), "inverse": lambda: found.inverse(reference),
+                 "conditional draws": lambda: joint.condition([0.3], 400000)}
         for name, call in calls.items():
             with self.subTest(name), Ticks() as ticks:
                 while ticks.count == 0:
@@ -256,6 +261,14 @@ class Test(CaseInItsFolder):
         self.assertFalse(found.converged)
         self.assertTrue(found.message)
         self.refused(knothe.UsageError, "the picture has no noise that could be estimated", call=found.precision)
+
+    def test_objects_are_a_line_each(self):
+        correlation = knothe.Correlation(speckle(0, 0), element_size=24)
+        moved = correlation.correlate(speckle(0.3, 0))
+        for each, text in ((correlation, "<Correlation: "), (moved, "<Displacements of "), (moved.precision(), "<Precision: "),
+                           (knothe.infer(lambda p: p, {"a": knothe.Normal(0, 1)}, observed=[1.0], std=1.0), "<InferenceResult: a = ")):
+            self.assertTrue(repr(each).startswith(text) and len(repr(each)) < 200, repr(each))
+        self.assertIn("not converged: ", repr(correlation.correlate(np.zeros((96, 96)))))
 
     def test_a_picture_with_a_hole_is_refused(self):
         pixels = speckle(0, 0)
