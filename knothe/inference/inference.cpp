@@ -160,10 +160,11 @@ void examine_answer(PosteriorDensity& posterior, const std::vector<std::string>&
     const double low = share(r.points.col(k).array() < lower + outer),
                  high = share(r.points.col(k).array() > upper - outer);
     r.edge_mass[k] = std::max(low, high);
-    if (r.edge_mass[k] > 0.5)
+    const double end = low > high ? lower : upper;
+    if (r.edge_mass[k] > 0.5 && std::abs(r.mean[k] - end) < 3 * std::sqrt(r.covariance(k, k)))
       r.verdict +=
           pressed(static_cast<std::size_t>(k) < names.size() ? names[k] : fmt::format("parameter {}", k),
-                  r.edge_mass[k], low > high ? lower : upper);
+                  r.edge_mass[k], end);
   }
   const auto misfit = posterior.misfit(r.maximum_a_posteriori);
   if (!misfit) return;

@@ -68,7 +68,7 @@ struct InferenceResult : assimilation::Posterior {
   Eigen::VectorXd skewness;         ///< d: E (p − mean)³ / std³
   Eigen::VectorXd kurtosis;         ///< d: E (p − mean)⁴ / std⁴; 3 for a Gaussian
   Eigen::MatrixXd draws;            ///< equally weighted, chain after chain
-  Eigen::Index distinct_draws = 0;  ///< fewer than draws where they are resampled from weighted points
+  Eigen::Index distinct_draws = 0;  ///< fewer than draws only for mcmc, whose chains stay where they are
   int chains = 1;
 
   double log_evidence_error = 0;

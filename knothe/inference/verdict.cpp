@@ -39,7 +39,7 @@ std::string verdict(const transport::MapResult& map, const transport::Importance
         fmt::format("the effective sample size of its weights is {:.1f} %, below 90 %", 100 * answer.ess));
   if (reasons.empty())
     reasons.push_back(map.reason.empty() ? "the solver's checks did not pass" : map.reason);
-  return fmt::format("Not trusted: {}; cross-check with --method smc or mcmc.", fmt::join(reasons, ", and "));
+  return fmt::format("Not trusted: {}; cross-check by method smc or mcmc.", fmt::join(reasons, ", and "));
 }
 
 std::string verdict(const assimilation::QuadraturePosterior& grid) {
@@ -54,7 +54,7 @@ std::string verdict(const assimilation::QuadraturePosterior& grid) {
       "all of "
       "them the log-evidence changes by {:.2g} and moments by {:.2g} std, and {:.1g} of the mass lies at its "
       "border; "
-      "use --method transport or smc.",
+      "use method transport or smc.",
       grid.per_axis, grid.evidence_change, grid.moment_change, grid.mass_at_border);
 }
 
@@ -65,7 +65,7 @@ std::string verdict(const sampling::MetropolisResult& chains) {
       chains.chains, chains.r_hat.maxCoeff(), chains.effective_sizes.minCoeff(), chains.sample.points.rows(),
       100 * chains.std_errors.maxCoeff());
   if (chains.converged) return fmt::format("Trusted: {}.", facts);
-  return fmt::format("Not trusted: the chains have not converged: {}; raise [method] samples.", facts);
+  return fmt::format("Not trusted: the chains have not converged: {}; raise the number of samples.", facts);
 }
 
 std::string verdict(const sampling::RecycledImportanceResult& draws) {
@@ -80,9 +80,9 @@ std::string verdict(const sampling::RecycledImportanceResult& draws) {
   if (beta < 1)
     return fmt::format(
         "Not trusted: the draws did not get to the posterior: after {} rounds they are at temperature {:.2g} "
-        "of 1; use --method mcmc.",
+        "of 1; use method mcmc.",
         draws.temperatures.size(), beta);
-  return fmt::format("Not trusted: {}; raise [method] samples, or use --method mcmc.", facts);
+  return fmt::format("Not trusted: {}; raise the number of samples, or use method mcmc.", facts);
 }
 
 std::string does_not_fit(double chi_squared, Eigen::Index count) {
@@ -94,8 +94,9 @@ std::string does_not_fit(double chi_squared, Eigen::Index count) {
 
 std::string pressed(const std::string& parameter, double share, double end) {
   return fmt::format(
-      " But {:.0f} % of the posterior of {} lies next to the end of its prior, {:.4g}: the observations ask "
-      "for more; check the prior, or see why.",
+      " But {:.0f} % of the posterior of {} lies next to the end of its prior, {:.4g}, and would go on "
+      "beyond: "
+      "widen the prior, or see why.",
       100 * share, parameter, end);
 }
 

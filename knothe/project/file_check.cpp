@@ -2,13 +2,13 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
 
 #include "knothe/assimilation/update/posterior_functions.hpp"
 #include "knothe/assimilation/update/prior_of_model.hpp"
+#include "knothe/numerics/linear/symmetric_eigen.hpp"
 #include "knothe/project/simulation.hpp"
 #include "knothe/project/update_setup.hpp"
 #include "knothe/simulator/command_simulator.hpp"
@@ -77,11 +77,12 @@ void compare_magnitudes(const UpdateSetup& setup, const PriorAnswers& answers, F
 
 void check_sensitivity(const UpdateSetup& setup, const PriorAnswers& answers, FileCheck& check) {
   const Index d = answers.information.rows();
-  const Eigen::MatrixXd identity = Eigen::MatrixXd::Identity(d, d);
-  // Of the parameters together: what several explain alike is known of none.
-  const Eigen::MatrixXd covariance = (identity + answers.information).llt().solve(identity);
+  // Of the parameters together: what several explain alike is known of none. (I + information)⁻¹, which
+  // keeps the I however large the rest.
+  const numerics::SymmetricEigen axes(answers.information);
+  const Eigen::VectorXd variance = (1 + axes.eigenvalues().array().max(0)).inverse();
   for (Index a = 0; a < d; ++a) {
-    const double factor = 1 / std::sqrt(covariance(a, a));
+    const double factor = 1 / std::sqrt(axes.eigenvectors().row(a).cwiseAbs2().dot(variance));
     const std::string& name = setup.observed->parameters[a];
     if (factor < 1.5)
       check.warnings.push_back(fmt::format(

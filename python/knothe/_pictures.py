@@ -64,6 +64,11 @@ def _mesh(mesh: "str | os.PathLike[str] | tuple[ArrayLike, ArrayLike] | None") -
     return nodes, rows
 
 
+def _require_scale(scale: float) -> None:
+    if not 0 < scale < np.inf:
+        raise UsageError(f"scale {scale}: give metres per pixel, a positive number")
+
+
 @dataclass(frozen=True)
 class Displacements:
     """Displacements of the nodes, px, positive to the right and down.
@@ -146,6 +151,7 @@ class Displacements:
         >>> bool(np.allclose(moved.datum(3, scale=1e-4).values[1::2], -1e-4 * moved.v))
         True
         """
+        _require_scale(scale)
         up = np.where(np.arange(2 * len(self.u)) % 2 == 0, scale, -scale)  # of u and v
         data, indices, indptr = self.precision().rows()
         rows = np.repeat(np.arange(len(up)), np.diff(indptr))
@@ -237,7 +243,7 @@ class Correlation:
     def __repr__(self) -> str:
         return f"<Correlation: {len(self.x)} nodes, {len(self.elements)} elements>"
 
-    def sensors(self, scale: float, origin: Sequence[float] = (0, 0)) -> Sensors:
+    def sensors(self, scale: float, origin: Sequence[float] = (0, 0), *, z: float = 0) -> Sensors:
         """The nodes as sensors of a model of y up: u and v of each in turn, as `Displacements.datum` gives them.
 
         Parameters
@@ -246,6 +252,8 @@ class Correlation:
             m per px.
         origin : sequence of 2
             Pixel at which the model's origin appears.
+        z : float
+            Of the surface that the camera sees, m.
 
         Examples
         --------
@@ -253,7 +261,8 @@ class Correlation:
         >>> len(sensors) == 2 * len(correlation.x), bool(np.allclose(sensors.points[::2, 1], 1e-4 * (90 - correlation.y)))
         (True, True)
         """
-        places = np.column_stack([scale * (self.x - origin[0]), -scale * (self.y - origin[1]), 0 * self.x])
+        _require_scale(scale)
+        places = np.column_stack([scale * (self.x - origin[0]), -scale * (self.y - origin[1]), 0 * self.x + z])
         return Sensors(np.repeat(places, 2, axis=0), ["x", "y"] * len(places))
 
     def at(self, points: ArrayLike) -> Array:

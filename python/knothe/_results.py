@@ -90,11 +90,16 @@ class Results:
         """
         groups = self.to_xarray()
         weighted = groups["last_posterior" if "last_posterior" in groups else "weighted_posterior"]
+        entries = self.summary["parameters"]
+        supports = self.summary.get("supports", [entry.get("support", [None, None]) for entry in entries if isinstance(entry, dict)])
         nothing = np.zeros(0)
-        densities = [(entry["lower"], entry["upper"], nothing, nothing) for entry in self.summary["parameters"]
-                     if isinstance(entry, dict)]
-        record = [step for step in self.steps if "mean" in step][-1]
-        return Posterior(record, self.parameters, weighted["points"].values, weighted["weights"].values, densities)
+        densities = [(-np.inf if lower is None else lower, np.inf if upper is None else upper, nothing, nothing)
+                     for lower, upper in supports]
+        record = dict([step for step in self.steps if "mean" in step][-1])
+        if isinstance(record.get("verdict"), str):  # of an inference
+            record["remark"] = record["verdict"]
+        labels = {name: dict(groups["posterior"][name].attrs) for name in self.parameters}
+        return Posterior(record, self.parameters, weighted["points"].values, weighted["weights"].values, densities, labels)
 
     def to_xarray(self) -> "dict[str, xarray.Dataset]":
         """One Dataset for each of ArviZ's groups, read from the file where it is needed; dims (chain, draw, ...).

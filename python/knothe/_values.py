@@ -90,7 +90,7 @@ def prior_values(parameters: Mapping[str, Prior]) -> list[tuple[str, str, float,
 
 def _require_numbers(points: object) -> None:
     """No names where places are meant."""
-    if isinstance(points, str) or (isinstance(points, (list, tuple)) and any(isinstance(p, str) for p in points)):
+    if points is not None and np.asarray(points).dtype.kind in "US":
         raise UsageError(f"Sensors: {points!r} are no points; names of outputs or quantities are given as series=[...]")
 
 
@@ -117,10 +117,13 @@ class Sensors:
 
     def __init__(self, points: ArrayLike | None = None, components: str | int | Sequence[str | int] = "y", *,
                  series: Sequence[str] = ()) -> None:
-        if isinstance(series, str) or (points is None and not len(series)):
-            raise UsageError(f"Sensors: series={series!r}: give a list of names" if isinstance(series, str) else
-                             "Sensors: give points, or series, names of outputs or quantities of the model")
-        self.series: list[str] = [str(name) for name in series]
+        if isinstance(series, str):
+            raise UsageError(f"Sensors: series={series!r}: give a list of names")
+        self.series: list[str] = [str(name) for name in series or ()]
+        if points is None and not self.series:
+            raise UsageError("Sensors: give points, or series, names of outputs or quantities of the model")
+        if len(set(self.series)) < len(self.series):
+            raise UsageError(f"Sensors: a series is named twice in {self.series}")
         _require_numbers(points)
         self.points: Array = np.zeros((0, 3)) if points is None else points_of(points, 3, "sensors")
         given: list[str | int]
@@ -164,6 +167,9 @@ class Axis:
     nodes: ArrayLike
     units: str = "1"
     reference: float = 1.0
+
+    def __post_init__(self) -> None:
+        _require(np.isfinite(self.reference) and self.reference != 0, self, "the reference is a finite number other than 0")
 
     def _labels(self, name: str) -> tuple[str, list[float], str, str, float]:
         """In the form that the module needs."""

@@ -247,6 +247,31 @@ class Test(Case):
                 checked += 1
         self.assertGreater(checked, 40)
 
+    def test_the_projects_on_pages_are_valid(self):
+        """`knothe check` of every `toml` block: as it stands, or as part of a project that has what it leaves out."""
+        if not (pathlib.Path(KNOTHE).parent / "knothe-offline").exists():
+            self.skipTest("knothe-offline is not built")
+        priors = "[parameters]\n" + "".join(f'{name} = {{ prior = "normal", mean = 1.0, std = 0.2 }}\n' for name in ("Y0", "Ad"))
+        grid = "\n[offline.parameters]\n" + "".join(f"{name} = {{ reference = {value}, lower = 0.5, upper = 1.5, nodes = 5 }}\n"
+                                                    for name, value in (("Y0", 216), ("Ad", 2e-3)))
+        own = "[offline.parameters]\np = { reference = 1, lower = 0.5, upper = 1.5, nodes = 5 }\n"
+        files = 'model = "m.h5"\ndata = "d.h5"\n'
+        around = (("", ""), (files + priors, ""), (priors, ""), ("", grid), (own, ""), (files, ""))
+        project, checked = self.folder / "project.toml", 0
+        for page in [REPOSITORY / "README.md", *DOCS.rglob("*.md")]:
+            for text in (text for language, text in blocks_of(page) if language == "toml"):
+                faults = []
+                for before, behind in around:
+                    project.write_text(before + text + behind)
+                    outcome = self.run_knothe("check", project)
+                    if outcome.status == 0 or "there is no file" in outcome.err:  # of the solver on that page
+                        break
+                    faults.append(outcome.err)
+                else:
+                    self.fail(f"{page.name}: no project:\n{text}\n{chr(10).join(faults)}")
+                checked += 1
+        self.assertGreater(checked, 15)
+
 
 if __name__ == "__main__":
     program = unittest.main(exit=False)

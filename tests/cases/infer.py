@@ -104,8 +104,14 @@ class Test(InferCase):
         self.set_priors('a = { prior = "uniform", lower = -100.0, upper = -2.0 }', 'b = { prior = "normal", mean = -0.5, std = 2.0 }')
         line = self.infer("--method", "smc")
         self.assertGreater(line["edge_mass"][0], 0.9)
-        self.assertRegex(line["verdict"], r"But \d+ % of the posterior of a lies next to the end of its prior, -2: ")
+        self.assertRegex(line["verdict"], r"But \d+ % of the posterior of a lies next to the end of its prior, -2, and would go on beyond: ")
         self.assertEqual(line["edge_mass"][1], 0)  # a prior without ends
+        # In the outer 2 % of a wide prior, and yet many standard deviations from its end.
+        self.set_priors('a = { prior = "uniform", lower = 0.0, upper = 1000.0 }', 'b = { prior = "normal", mean = -0.5, std = 2.0 }')
+        self.set_observations("values = [3.2, 2.4, 2.1]", "std = [0.03, 0.05, 0.04]")
+        line = self.infer("--method", "smc")
+        self.assertGreater(line["edge_mass"][0], 0.9)
+        self.assertNotIn("next to the end", line["verdict"])
 
     def test_all_draws_are_distinct(self):
         self.serve("linear")

@@ -155,6 +155,7 @@ class Test(CaseInItsFolder):
         np.testing.assert_array_equal(groups["observed_data"]["displacement"].sel(step=3), twin._native.values(3))
         self.refused(knothe.DataError, "steps.jsonl", call=lambda: knothe.open_results("nowhere"))
         last, live = results.posterior, twin.result(twin.steps[-1])
+        self.assertEqual([support[:2] for support in last.densities], [support[:2] for support in live.densities])
         np.testing.assert_array_equal(last.draws(50), live.draws(50))
         np.testing.assert_array_equal(last.marginal("Ad"), live.marginal("Ad"))
         draws = np.stack([stored["posterior"][name] for name in PRIORS])[..., -1].reshape(2, -1)
@@ -179,6 +180,8 @@ class Test(CaseInItsFolder):
         stored, groups = results.to_xarray(), found.to_xarray()
         np.testing.assert_array_equal(stored["posterior"]["Ad"], groups["posterior"]["Ad"])
         self.assertEqual(dict(stored["posterior"]["Ad"].attrs), groups["posterior"]["Ad"].attrs)
+        np.testing.assert_array_equal(results.posterior.draws(50), knothe.Posterior.draws(found, 50))
+        self.assertEqual(results.posterior.remark, found.remark)
         for name in ("points", "weights", "parameter"):
             np.testing.assert_array_equal(stored["weighted_posterior"][name], groups["weighted_posterior"][name])
         self.assertEqual(results.parameters, found.parameters)

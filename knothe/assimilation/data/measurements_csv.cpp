@@ -62,8 +62,9 @@ std::vector<std::string> names_of(const std::map<std::pair<std::string, int>, Se
   bool are_numbers = true;
   for (const auto& [key, sensor] : sensors) {
     ++components[key.first];
-    are_numbers = are_numbers &&
-                  key.first.find_first_not_of("0123456789", key.first.starts_with('s')) == std::string::npos;
+    const std::string number = key.first.substr(key.first.starts_with('s') ? 1 : 0);
+    are_numbers =
+        are_numbers && !number.empty() && number.find_first_not_of("0123456789") == std::string::npos;
   }
   std::vector<std::string> names(are_numbers ? 0 : sensors.size());
   for (const auto& [key, sensor] : sensors)

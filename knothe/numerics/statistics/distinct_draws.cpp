@@ -23,17 +23,22 @@ double reflected(double value, double lower, double upper) {
 }
 
 /// The points (n × d) in coordinates in which `covariance` is the unit matrix; directions without spread are
-/// left out.
+/// left out. By way of the correlations: one coordinate may be in pascals and another a pure number.
 Eigen::MatrixXd whitened(const Eigen::MatrixXd& points, const Eigen::MatrixXd& covariance) {
-  const SymmetricEigen axes(covariance);
-  const double most = axes.eigenvalues().maxCoeff();
-  const Eigen::VectorXd scale = axes.eigenvalues().unaryExpr(
-      [&](double variance) { return variance > 1e-14 * most ? 1 / std::sqrt(variance) : 0.0; });
-  return points * axes.eigenvectors() * scale.asDiagonal();
+  const auto inverse_root = [](double variance, double least) {
+    return variance > least ? 1 / std::sqrt(variance) : 0.0;
+  };
+  const Eigen::VectorXd scale =
+      covariance.diagonal().unaryExpr([&](double variance) { return inverse_root(variance, 0); });
+  const SymmetricEigen axes(scale.asDiagonal() * covariance * scale.asDiagonal());
+  const Eigen::VectorXd of_axes =
+      axes.eigenvalues().unaryExpr([&](double variance) { return inverse_root(variance, 1e-12); });
+  return points * scale.asDiagonal() * axes.eigenvectors() * of_axes.asDiagonal();
 }
 
 /// From each of the draws `repeated` a normal step of the covariance that the nearest of the draws `distinct`
-/// have about their mean. Shortened, all alike, so that the steps add at most 1 % to the variance.
+/// have about their mean. Shortened, all alike, so that the steps add at most 1 % to the variance of any
+/// axis.
 Eigen::MatrixXd local_steps(const Eigen::MatrixXd& draws, const std::vector<Eigen::Index>& distinct,
                             const std::vector<Eigen::Index>& repeated, const Eigen::MatrixXd& covariance) {
   constexpr double k_added_variance = 0.01;
@@ -45,7 +50,7 @@ Eigen::MatrixXd local_steps(const Eigen::MatrixXd& draws, const std::vector<Eige
   const Eigen::MatrixXd normal = monte_carlo_normal_points(from.rows(), static_cast<unsigned>(neighbours), 1);
   std::vector<Eigen::Index> order(distinct.size());
   Eigen::MatrixXd steps(from.rows(), d);
-  double variance = 0;  // of a step, mean over steps and whitened coordinates
+  Eigen::VectorXd variance = Eigen::VectorXd::Zero(d);  // of a step, by whitened coordinate
   for (Eigen::Index i = 0; i < from.rows(); ++i) {
     const Eigen::VectorXd distance = (near.rowwise() - from.row(i)).rowwise().squaredNorm();
     std::iota(order.begin(), order.end(), Eigen::Index{0});
@@ -56,16 +61,16 @@ Eigen::MatrixXd local_steps(const Eigen::MatrixXd& draws, const std::vector<Eige
     const Eigen::VectorXd factors = (normal.row(i).array() - normal.row(i).mean()).matrix().transpose() /
                                     std::sqrt(static_cast<double>(std::max<Eigen::Index>(1, neighbours - 1)));
     steps.row(i) = factors.transpose() * positions(nearest, Eigen::all);
-    variance += (factors.transpose() * near(nearest, Eigen::all)).squaredNorm();
+    variance += (factors.transpose() * near(nearest, Eigen::all)).cwiseAbs2().transpose();
   }
-  variance /= static_cast<double>(steps.size());
-  return steps * std::min(1.0, std::sqrt(k_added_variance / std::max(variance, 1e-300)));
+  const double most = variance.maxCoeff() / static_cast<double>(steps.rows());
+  return steps * std::min(1.0, std::sqrt(k_added_variance / std::max(most, 1e-300)));
 }
 
-/// Values of one coordinate, which the nodes of a lattice share: each is moved within its cell, which ends
-/// half-way to the nearer neighbour.
-void move_in_cells(Eigen::Ref<Eigen::VectorXd> values, const Eigen::Ref<const Eigen::VectorXd>& uniform) {
-  std::vector<double> nodes(values.begin(), values.end());
+/// Values of one coordinate of a lattice: each is moved within its cell, which ends half-way to the nearer of
+/// the neighbours that it has among all `nodes`.
+void move_in_cells(Eigen::Ref<Eigen::VectorXd> values, std::vector<double> nodes,
+                   const Eigen::Ref<const Eigen::VectorXd>& uniform) {
   std::sort(nodes.begin(), nodes.end());
   nodes.erase(std::unique(nodes.begin(), nodes.end()), nodes.end());
   for (Eigen::Index j = 0; j < values.size(); ++j) {
@@ -111,7 +116,7 @@ Eigen::MatrixXd distinct_draws(const Eigen::Ref<const Eigen::MatrixXd>& points,
     const Eigen::VectorXd nodes = points(chosen, k);
     if (2 * distinct_values(nodes) < seen.size()) {
       draws.col(k) = nodes;
-      move_in_cells(draws.col(k), uniform.col(k));
+      move_in_cells(draws.col(k), {points.col(k).begin(), points.col(k).end()}, uniform.col(k));
     }
     for (double& value : draws.col(k)) value = reflected(value, lower[k], upper[k]);
   }

@@ -108,6 +108,36 @@ TEST(DistinctDraws, StayInTheirModeAndOnItsCurve) {
     EXPECT_NEAR(std::hypot(draws(i, 0) - (draws(i, 0) < 0 ? -5 : 5), draws(i, 1)), 1.005, 0.06) << i;
 }
 
+TEST(DistinctDraws, DoNotDependOnUnits) {
+  // Pascals beside a number of two narrow modes: the same draws as in units of one.
+  Eigen::MatrixXd points = monte_carlo_normal_points(1000, 2, 9);
+  for (Eigen::Index i = 0; i < points.rows(); ++i) points(i, 1) = (i % 2 == 0 ? -1 : 1) + 0.02 * points(i, 1);
+  const Eigen::Vector2d none(k_infinity, k_infinity);
+  const Eigen::VectorXd weights = Eigen::VectorXd::Ones(1000);
+  const Eigen::MatrixXd expected = distinct_draws(points, weights, 5000, -none, none);
+  const Eigen::Vector2d units(1e10, 1e-2);
+  const Eigen::MatrixXd draws = distinct_draws(points * units.asDiagonal(), weights, 5000, -none, none);
+  for (Eigen::Index k = 0; k < 2; ++k)
+    EXPECT_LT((draws.col(k) / units[k] - expected.col(k)).cwiseAbs().maxCoeff(), 1e-9);
+  EXPECT_GT(expected.col(1).cwiseAbs().minCoeff(), 0.8);
+}
+
+TEST(DistinctDraws, OfALatticeStayInTheirMode) {
+  // 61 × 61 nodes, all mass within half a spacing of x = ±1: cells are those of the lattice, not of the
+  // draws.
+  Eigen::MatrixXd points(61 * 61, 2);
+  Eigen::VectorXd weights(points.rows());
+  for (Eigen::Index i = 0; i < 61; ++i)
+    for (Eigen::Index j = 0; j < 61; ++j) {
+      const double x = -3 + 0.1 * static_cast<double>(i), z = -3 + 0.1 * static_cast<double>(j);
+      points.row(61 * i + j) << x, z;
+      weights[61 * i + j] = std::exp(-0.5 * std::pow((std::abs(x) - 1) / 0.01, 2) - 0.5 * z * z);
+    }
+  const Eigen::Vector2d none(k_infinity, k_infinity);
+  const Eigen::MatrixXd draws = distinct_draws(points, weights, 2000, -none, none);
+  EXPECT_LT((draws.col(0).cwiseAbs().array() - 1).abs().maxCoeff(), 0.0501);
+}
+
 TEST(DistinctDraws, StayInTheSupport) {
   const Eigen::MatrixXd points = monte_carlo_points(50, 3, 7);
   const Eigen::VectorXd lower = Eigen::VectorXd::Zero(3), upper = Eigen::VectorXd::Ones(3);

@@ -3,6 +3,7 @@
 #include <numeric>
 
 #include "knothe/base/cancellation.hpp"
+#include "knothe/base/error.hpp"
 #include "knothe/reduction/compress/separation.hpp"
 
 namespace knothe::reduction {
@@ -57,6 +58,8 @@ CanonicalSeparation::CanonicalSeparation(const Deviation& deviation, const Param
 }
 
 const CpFactors& CanonicalSeparation::decompose(std::size_t m) {
+  if (!options_.grown_start && options_.random_starts == 0)
+    throw UsageError("canonical form: no start is asked for, neither grown nor random");
   const auto modes = static_cast<Eigen::Index>(m);
   best_ = {};
   best_.error = std::numeric_limits<double>::infinity();

@@ -22,7 +22,7 @@ struct CompressionOptions {
   std::size_t max_modes = 60;  ///< canonical form: the search by tolerance stops here
   std::uint64_t seed = 1;      ///< of the random starts
   bool grown_start = true;     ///< canonical form: a start whose modes are found one after the other is tried
-  std::size_t random_starts = 3;  ///< and so many random ones; at least one start is needed
+  std::size_t random_starts = 3;  ///< and so many random ones; UsageError without any start
   std::size_t sweeps = 1500;      ///< canonical form: most ALS sweeps from each start
   std::size_t threads = 0;        ///< 0: all
   ParameterNorm parameter_norm = ParameterNorm::spline;  ///< tree form; the canonical one takes `nodes`

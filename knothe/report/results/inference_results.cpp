@@ -228,7 +228,10 @@ void write_inference(const std::string& folder, const project::Project& project,
   content["seed"] = project.method.seed;
   content["tolerance"] = project.method.update.map.tolerance;
   content["model"] = setup.model->where();
-  for (const assimilation::Prior& prior : setup.priors) content["priors"].push_back(prior.describe());
+  for (const assimilation::Prior& prior : setup.priors) {
+    content["priors"].push_back(prior.describe());
+    content["supports"].push_back(support_of(prior));
+  }
   for (const inference::PhaseTime& phase : r.phases)
     content["phases"].push_back(
         {{"name", phase.name}, {"seconds", phase.seconds}, {"model_seconds", phase.model_seconds}});

@@ -28,6 +28,13 @@ std::string reference_units(const reduction::Axis& axis) {
   return space == std::string::npos ? "" : text.substr(space + 1);
 }
 
+nlohmann::ordered_json support_of(const assimilation::Prior& prior) {
+  auto support = nlohmann::ordered_json::array();
+  for (const double end : {prior.lower(), prior.upper()})
+    support.push_back(std::isfinite(end) ? nlohmann::ordered_json(end) : nlohmann::ordered_json());
+  return support;
+}
+
 nlohmann::ordered_json physical_record(std::span<const reduction::Axis> axes, const Eigen::VectorXd& mean,
                                        const Eigen::MatrixXd& covariance) {
   auto record = nlohmann::ordered_json::object();

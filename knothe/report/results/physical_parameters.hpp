@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "knothe/assimilation/update/prior.hpp"
 #include "knothe/files/netcdf.hpp"
 #include "knothe/reduction/compress/snapshots.hpp"
 
@@ -18,6 +19,9 @@ namespace knothe::report {
 /// The unit of an axis' reference value, "J/m3": the axis' own where its reference is 1, else what its long
 /// name ends in, "multiple of its reference [J/m3]" or "multiple of 216 J/m3". Empty where neither says it.
 [[nodiscard]] std::string reference_units(const reduction::Axis& axis);
+
+/// [lower, upper] of a prior; null for an infinite end.
+[[nodiscard]] nlohmann::ordered_json support_of(const assimilation::Prior& prior);
 
 /// By name: `mean` and `std` times the reference value, and their `units` ("1" for a pure number) where they
 /// are known.

@@ -103,9 +103,13 @@ Json ResultsWriter::parameter_summaries() const {
   Json parameters = Json::array();
   const auto& axes = model_.contents().axes;
   for (std::size_t k = 0; k < axes.size(); ++k) {
-    Json entry = {{"name", axes[k].name},           {"prior", priors_[k].describe()},
-                  {"lower", axes[k].nodes.front()}, {"upper", axes[k].nodes.back()},
-                  {"reference", axes[k].reference}, {"units", reference_units(axes[k])}};
+    Json entry = {{"name", axes[k].name},
+                  {"prior", priors_[k].describe()},
+                  {"lower", axes[k].nodes.front()},
+                  {"upper", axes[k].nodes.back()},
+                  {"reference", axes[k].reference},
+                  {"units", reference_units(axes[k])},
+                  {"support", support_of(priors_[k])}};
     if (const auto it = measurements_.truth.find(axes[k].name); it != measurements_.truth.end()) {
       entry["truth"] = it->second;
     }

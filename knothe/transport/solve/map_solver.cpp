@@ -166,8 +166,9 @@ void MapSolver::solve(sampling::LogDensity& user_target, MapResult& result) {
                                      ? "this is the best of the others tried"
                                      : "none of the others tried did better");
   work.look_at_other_modes(searched, result);
-  result.density_evaluations = searched.evaluations() + work.tempered_evaluations +
-                               (by_differences ? differenced.evaluations() : target.evaluations());
+  result.density_evaluations =
+      searched.evaluations() + (by_differences ? differenced.evaluations()  // tempered ones too
+                                               : target.evaluations() + work.tempered_evaluations);
 }
 
 void MapSolver::Workspace::report(Candidate& candidate, MapResult& result) {
