@@ -233,6 +233,7 @@ def read_csv(path):
 
 
 def write_csv(path, rows):
+    pathlib.Path(path).unlink(missing_ok=True)  # it may be a link to what other tests read
     with open(path, "w", newline="") as file:
         writer = csv.DictWriter(file, ["time", "sensor", "x", "y", "z", "component", "value", "std"], lineterminator="\n")
         writer.writeheader()
