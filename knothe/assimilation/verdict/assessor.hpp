@@ -41,7 +41,7 @@ struct AssessedPosterior {
   std::span<const Eigen::Index> stuck = {};
 };
 
-/// The verdict of one posterior. Cost at 60 dofs: 20 to 40 µs, and milliseconds where the data do not fit.
+/// The verdict of one posterior. Cost at 60 dofs: some 50 µs, and milliseconds where the data do not fit.
 class Assessor {
  public:
   /// `priors`: truncated to the model's box. `errors` may be empty.
