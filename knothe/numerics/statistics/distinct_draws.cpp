@@ -4,7 +4,6 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
-#include <random>
 #include <set>
 #include <vector>
 
@@ -86,23 +85,14 @@ std::size_t distinct_values(const Eigen::Ref<const Eigen::VectorXd>& values) {
   return std::set<double>(values.begin(), values.end()).size();
 }
 
-void shuffle(Eigen::MatrixXd& draws) {
-  std::mt19937_64 random(1);
-  std::vector<Eigen::Index> order(static_cast<std::size_t>(draws.rows()));
-  std::iota(order.begin(), order.end(), Eigen::Index{0});
-  // Not std::shuffle, whose order is the library's affair.
-  for (std::size_t k = order.size(); k > 1; --k) std::swap(order[k - 1], order[random() % k]);
-  draws = draws(order, Eigen::all).eval();
-}
-
 }  // namespace
 
 Eigen::MatrixXd distinct_draws(const Eigen::Ref<const Eigen::MatrixXd>& points,
                                const Eigen::Ref<const Eigen::VectorXd>& weights, Eigen::Index count,
                                const Eigen::Ref<const Eigen::VectorXd>& lower,
                                const Eigen::Ref<const Eigen::VectorXd>& upper) {
-  const std::vector<Eigen::Index> chosen = equal_draws(weights, count);
-  Eigen::MatrixXd draws = points(chosen, Eigen::all);
+  const Eigen::MatrixXd drawn = resample(points, weights, count, 1);
+  Eigen::MatrixXd draws = drawn;
   // By value: a chain that stayed has the same point several times.
   std::set<std::vector<double>> seen;
   std::vector<Eigen::Index> distinct, repeated;
@@ -113,14 +103,12 @@ Eigen::MatrixXd distinct_draws(const Eigen::Ref<const Eigen::MatrixXd>& points,
         local_steps(draws, distinct, repeated, moments_of(points, weights).covariance);
   const Eigen::MatrixXd uniform = monte_carlo_points(count, static_cast<unsigned>(draws.cols()), 1);
   for (Eigen::Index k = 0; k < draws.cols(); ++k) {
-    const Eigen::VectorXd nodes = points(chosen, k);
-    if (2 * distinct_values(nodes) < seen.size()) {
-      draws.col(k) = nodes;
+    if (2 * distinct_values(drawn.col(k)) < seen.size()) {
+      draws.col(k) = drawn.col(k);
       move_in_cells(draws.col(k), {points.col(k).begin(), points.col(k).end()}, uniform.col(k));
     }
     for (double& value : draws.col(k)) value = reflected(value, lower[k], upper[k]);
   }
-  shuffle(draws);
   return draws;
 }
 

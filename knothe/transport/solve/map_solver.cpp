@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/integrate/sobol.hpp"
@@ -122,10 +123,10 @@ void MapSolver::solve(sampling::LogDensity& user_target, MapResult& result) {
   laplace.shift = main.point;
   laplace.lower = main.lower;
   // By differences a map takes a thousandth of the values that it takes without derivatives.
-  sampling::DifferencedDensity differenced(user_target, conditional_std(main.lower));
-  const bool by_differences =
-      user_target.available_derivatives() == 0 && options.minimiser != MinimiserKind::nelder_mead;
-  sampling::LogDensity& trained = by_differences ? differenced : user_target;
+  std::optional<sampling::DifferencedDensity> differenced;
+  if (user_target.available_derivatives() == 0 && options.minimiser != MinimiserKind::nelder_mead)
+    differenced.emplace(user_target, conditional_std(main.lower));
+  sampling::LogDensity& trained = differenced ? *differenced : user_target;
   sampling::CheckedDensity target(trained);
   result.iterations = 0;
   work.tried = 0;
@@ -167,8 +168,8 @@ void MapSolver::solve(sampling::LogDensity& user_target, MapResult& result) {
                                      : "none of the others tried did better");
   work.look_at_other_modes(searched, result);
   result.density_evaluations =
-      searched.evaluations() + (by_differences ? differenced.evaluations()  // tempered ones too
-                                               : target.evaluations() + work.tempered_evaluations);
+      searched.evaluations() + (differenced ? differenced->evaluations()  // tempered ones too
+                                            : target.evaluations() + work.tempered_evaluations);
 }
 
 void MapSolver::Workspace::report(Candidate& candidate, MapResult& result) {
