@@ -130,7 +130,9 @@ class Twin {
   }
   [[nodiscard]] std::size_t time_index(std::size_t step) const {
     if (step < time_indices_.size()) return time_indices_[step];
-    throw UsageError(fault(step) + ": there are steps 0 to " + std::to_string(time_indices_.size() - 1));
+    const std::size_t last = time_indices_.size() - 1;
+    throw UsageError(fault(step) +
+                     (last == 0 ? ": the only step is 0" : ": there are steps 0 to " + std::to_string(last)));
   }
   [[nodiscard]] std::vector<double> times() const {
     std::vector<double> times;

@@ -43,8 +43,9 @@ Density density_of(std::size_t dimension, py::function log_density, std::optiona
       const py::gil_scoped_acquire hold;
       const auto values = cast_of<Doubles>(function(copy_of(point)), "the gradient", "numbers");
       if (static_cast<std::size_t>(values.size()) != slope.size())
-        throw UsageError("fit: the gradient has " + std::to_string(values.size()) + " values for " +
-                         std::to_string(slope.size()) + " variables");
+        throw UsageError("fit: the gradient has " +
+                         counted(static_cast<std::size_t>(values.size()), "value") + " for " +
+                         counted(slope.size(), "variable"));
       std::copy_n(values.data(), slope.size(), slope.data());
     };
   return density;
@@ -149,7 +150,7 @@ GreyPicture picture_of(const py::array_t<float, py::array::c_style | py::array::
                        float maximum) {
   if (pixels.ndim() != 2)
     throw UsageError("a picture is an array [height, width] of grey levels; this one has " +
-                     std::to_string(pixels.ndim()) + " indices");
+                     std::to_string(pixels.ndim()) + (pixels.ndim() == 1 ? " index" : " indices"));
   return {static_cast<int>(pixels.shape(1)), static_cast<int>(pixels.shape(0)),
           std::vector<float>(pixels.data(), pixels.data() + pixels.size()), maximum};
 }

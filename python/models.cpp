@@ -1,6 +1,7 @@
 /// @file Reduced models, models made of snapshots, and one-shot inference of any model.
 #include <pybind11/stl.h>
 
+#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "knothe/assimilation/update/marginal_density.hpp"
@@ -81,8 +82,8 @@ py::tuple arrays_of(Prediction p) {
 
 std::size_t count_points(std::span<const double> points, std::size_t dimension) {
   if (dimension > 0 && points.size() % dimension == 0) return points.size() / dimension;
-  throw UsageError(std::to_string(points.size()) + " numbers are not points of " + std::to_string(dimension) +
-                   " parameters");
+  throw UsageError(counted(points.size(), "number") + " are not points of " +
+                   counted(dimension, "parameter"));
 }
 
 namespace {
@@ -91,8 +92,8 @@ constexpr const char* k_nothing_kept = "nothing is kept";
 
 void require_step(std::size_t step, std::size_t count) {
   if (step >= count)
-    throw UsageError("step " + std::to_string(step) + ": the model has the steps 0 to " +
-                     std::to_string(count - 1));
+    throw UsageError("step " + std::to_string(step) + ": the model has " + counted(count, "step") +
+                     ", counted from 0");
 }
 
 void require_inside(const reduction::ObservedModel& model, const Eigen::MatrixXd& points) {
@@ -144,8 +145,8 @@ Prediction evaluate(const Model& model, std::span<const double> points, std::siz
   require_step(step, model.step_count());
   for (const std::size_t dof : dofs)
     if (dof >= model.dof_count())
-      throw UsageError("there is no dof " + std::to_string(dof) + ": the model has dofs 0 to " +
-                       std::to_string(model.dof_count() - 1));
+      throw UsageError("there is no dof " + std::to_string(dof) + ": the model has " +
+                       counted(model.dof_count(), "dof") + ", counted from 0");
   const std::size_t d = model.dimension(), n = count_points(points, d);
   Prediction out{n, dofs.empty() ? model.dof_count() : dofs.size(), d, {}, {}};
   for (std::size_t i = 0; i < n; ++i) {
@@ -288,20 +289,20 @@ class CallableModel final : public inference::ForwardModel {
   [[nodiscard]] bool has_jacobian() const override { return jacobian_.has_value(); }
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points,
                 Eigen::Ref<Eigen::MatrixXd> values) override {
-    call(function_, "values", points, outputs_, values);
+    call(function_, "value", points, outputs_, values);
     calls_.evaluations += points.cols();
   }
   void gradient(const Eigen::Ref<const Eigen::MatrixXd>& points,
                 const Eigen::Ref<const Eigen::MatrixXd>& sensitivities,
                 Eigen::Ref<Eigen::MatrixXd> gradients) override {
-    call(*jacobian_, "derivatives", points, dimension_, gradients);
+    call(*jacobian_, "derivative", points, dimension_, gradients);
     gradients.array().rowwise() *= sensitivities.row(0).array();
     calls_.gradients += points.cols();
   }
   void jacobian(const Eigen::Ref<const Eigen::MatrixXd>& points,
                 Eigen::Ref<Eigen::MatrixXd> jacobians) override {
     Eigen::MatrixXd rows(outputs_ * dimension_, points.cols());
-    call(*jacobian_, "derivatives", points, outputs_ * dimension_, rows);
+    call(*jacobian_, "derivative", points, outputs_ * dimension_, rows);
     for (Eigen::Index i = 0; i < points.cols(); ++i)
       jacobians.col(i) = rows.col(i).reshaped<Eigen::RowMajor>(outputs_, dimension_).reshaped();
     calls_.jacobians += dimension_ * points.cols();
@@ -318,9 +319,9 @@ class CallableModel final : public inference::ForwardModel {
     const py::array_t<double> rows({n, static_cast<py::ssize_t>(dimension_)}, columns.data());
     const auto answer = function(rows).cast<Doubles>();
     if (answer.size() != n * size)
-      throw UsageError("the model gave " + std::to_string(answer.size()) + " " + what + " for " +
-                       std::to_string(n) + " points; " + std::to_string(n * size) + " (" +
-                       std::to_string(size) + " each) are needed");
+      throw UsageError("the model gave " + counted(static_cast<std::size_t>(answer.size()), what) + " for " +
+                       counted(static_cast<std::size_t>(n), "point") +
+                       "; needed: " + std::to_string(n * size) + " (" + std::to_string(size) + " each)");
     out = Eigen::Map<const Eigen::MatrixXd>(answer.data(), size, n);
   }
 
@@ -344,6 +345,18 @@ struct InferenceValues {
   std::vector<double> observed, std, covariance;
   inference::InferenceOptions options;
 };
+using ProgressFunction = std::optional<py::function>;
+
+/// progress(done, total): model evaluations made, and an estimate of all; None where the method does not know
+/// what share of its work is done.
+void call_progress(const ProgressFunction& progress, Eigen::Index done, double share) {
+  if (!progress) return;
+  const py::gil_scoped_acquire hold;
+  if (share > 0)
+    (*progress)(done, std::max<Eigen::Index>(done, std::llround(static_cast<double>(done) / share)));
+  else
+    (*progress)(done, py::none());
+}
 
 std::optional<inference::Observations> observations_of(const InferenceValues& values) {
   const auto n = static_cast<Eigen::Index>(values.observed.size());
@@ -355,20 +368,30 @@ std::optional<inference::Observations> observations_of(const InferenceValues& va
   return inference::Observations{y, assimilation::GaussianNoise::independent(library::vector_of(values.std))};
 }
 
-inference::InferenceResult infer(CallableModel& model, InferenceValues& values) {
+inference::InferenceResult infer(CallableModel& model, InferenceValues& values,
+                                 const ProgressFunction& progress) {
   constexpr double k_step = 1e-4;  // of differences, as a project's default
   inference::ModelEvaluator evaluator(model, values.densities, k_step);
   inference::PosteriorDensity posterior(
       evaluator, values.densities, observations_of(values),
       inference::useful_derivatives(values.options.method, model.has_jacobian()));
-  values.options.progress = [](double) { return !cancellation_requested(); };
-  return inference::infer(posterior, evaluator, values.options);
+  double share = 0;
+  values.options.progress = [&](double of_all) {
+    share = of_all;
+    return !cancellation_requested();
+  };
+  evaluator.progress = [&](const inference::ModelCalls& calls) {
+    call_progress(progress, calls.evaluations, share);
+  };
+  inference::InferenceResult result = inference::infer(posterior, evaluator, values.options);
+  call_progress(progress, model.calls().evaluations, 1);
+  return result;
 }
 
 py::dict infer_callable(py::function function, std::optional<py::function> jacobian,
                         const std::vector<PriorValues>& priors, const Doubles& observed, const Doubles& std,
                         const Doubles& covariance, const std::string& method, double tolerance, int max_order,
-                        Eigen::Index samples, std::uint64_t seed) {
+                        Eigen::Index samples, std::uint64_t seed, const ProgressFunction& progress) {
   InferenceValues values{{}, vector_of(observed), vector_of(std), vector_of(covariance), {}};
   std::vector<std::string> names;
   for (const Prior& prior : priors_of(priors)) {
@@ -384,7 +407,7 @@ py::dict infer_callable(py::function function, std::optional<py::function> jacob
   const auto outputs = static_cast<Eigen::Index>(std::max<std::size_t>(1, values.observed.size()));
   CallableModel model(std::move(function), std::move(jacobian), static_cast<Eigen::Index>(names.size()),
                       outputs);
-  const inference::InferenceResult result = long_call([&] { return infer(model, values); });
+  const inference::InferenceResult result = long_call([&] { return infer(model, values, progress); });
   std::vector<reduction::Axis> axes;
   for (const std::string& name : names) axes.push_back({name, {}, "", "", 1});
   return dictionary_of(result, axes, values.densities, "");
@@ -403,7 +426,7 @@ py::dict infer_project(const std::string& path, const std::string& method, const
 void bind_inference(py::module_& module) {
   module.def("infer_callable", &infer_callable, arg("function"), arg("jacobian"), arg("priors"),
              arg("observed"), arg("std"), arg("covariance"), arg("method"), arg("tolerance"),
-             arg("max_order"), arg("samples"), arg("seed"));
+             arg("max_order"), arg("samples"), arg("seed"), arg("progress"));
   module.def("infer_project", &infer_project, arg("path"), arg("method"), arg("results"));
 }
 

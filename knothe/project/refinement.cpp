@@ -7,12 +7,11 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <limits>
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/program.hpp"
 #include "knothe/base/progress.hpp"
-#include "knothe/reduction/grid/local_refinement.hpp"
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
 #include "knothe/reduction/model/parameter_order.hpp"
 #include "knothe/simulator/solver_process.hpp"
 
@@ -20,7 +19,9 @@ namespace knothe::project {
 
 using assimilation::Posterior;
 using Eigen::Index;
+using Eigen::MatrixXd;
 using Eigen::VectorXd;
+using reduction::Neighbourhood;
 
 namespace {
 
@@ -120,37 +121,35 @@ std::string refined_model(const std::string& folder, std::size_t version) {
   return fmt::format("{}/model-{}.h5", folder, version);
 }
 
-/// The mean, unless a solution is near; then, if `thorough`, where within the posterior's bulk the solutions
-/// are farthest: two at a time, since what they tell moves the posterior.
+/// The mean, unless a solution is near; then, if `thorough`, where more solutions tell most about the
+/// posterior: two at a time, since what they tell moves it.
 std::vector<std::vector<double>> Refinement::points_to_ask(const Posterior& posterior, bool thorough) const {
-  constexpr double k_near_mean = 0.5, k_near = 0.6;  // in standard deviations
+  constexpr double k_near = 0.5;  // in standard deviations
+  constexpr Index k_at_once = 2, k_candidates = 256;
+  const Index d = posterior.mean.size();
+  MatrixXd known(static_cast<Index>(solutions_.size()), d);
+  for (std::size_t i = 0; i < solutions_.size(); ++i)
+    known.row(static_cast<Index>(i)) = as_vector(solutions_[i].parameters_at(0)).transpose();
   const Standardised scale(posterior);
-  std::vector<VectorXd> asked;
-  for (const reduction::Snapshots& solution : solutions_)
-    asked.push_back(scale(as_vector(solution.parameters_at(0))));
-  const auto distance = [&](const VectorXd& z) {
-    double nearest = std::numeric_limits<double>::infinity();
-    for (const VectorXd& other : asked) nearest = std::min(nearest, (other - z).norm());
-    return nearest;
-  };
+  const auto is_near = [&](const auto& p) { return scale(p.transpose()).norm() <= k_near; };
   std::vector<std::vector<double>> points;
   const auto ask = [&](const VectorXd& p) {
     points.push_back(values_of(p));
-    asked.push_back(scale(p));
+    known.conservativeResize(known.rows() + 1, Eigen::NoChange);
+    known.bottomRows(1) = p.transpose();
   };
-  if (distance(VectorXd::Zero(posterior.mean.size())) > k_near_mean) ask(posterior.mean);
-  const double heavy = 0.05 * posterior.weights.maxCoeff();
-  while (thorough && points.size() < 2) {
-    double farthest = k_near;
-    std::optional<Index> best;
-    for (Index i = 0; i < posterior.points.rows(); ++i) {
-      const VectorXd z = scale(posterior.points.row(i).transpose());
-      if (posterior.weights[i] < heavy || z.norm() > k_bulk) continue;
-      if (const double away = distance(z); away > farthest) farthest = away, best = i;
-    }
-    if (!best) break;
-    ask(posterior.points.row(*best).transpose());
-  }
+  if (std::none_of(known.rowwise().begin(), known.rowwise().end(), is_near)) ask(posterior.mean);
+  if (!thorough) return points;
+  // The standard deviations ask for the tails too.
+  VectorXd weights = posterior.weights;
+  for (Index i = 0; i < weights.size(); ++i)
+    weights[i] *= 1 + scale(posterior.points.row(i).transpose()).squaredNorm();
+  const MatrixXd candidates = posterior.points(numerics::equal_draws(weights, k_candidates), Eigen::all);
+  const Neighbourhood at{posterior.mean, posterior.covariance};
+  const MatrixXd more = reduction::most_informative(
+      base_.axes, known, candidates, kernel_ ? *kernel_ : reduction::kernel_of_cell(base_.axes, at),
+      k_at_once - static_cast<Index>(points.size()));
+  for (const auto& p : more.rowwise()) points.push_back(values_of(p.transpose()));
   return points;
 }
 
@@ -178,6 +177,7 @@ std::unique_ptr<engine::Engine> Refinement::with_refined_model(const engine::Eng
   reduction::RefinedModel fine =
       reduction::refined(base_, base_error_, solutions_, {posterior.mean, posterior.covariance});
   fine.model.project = project_.text;
+  kernel_ = fine.kernel;
   std::filesystem::create_directories(folder_);
   const std::string file = refined_model(folder_, version_ + 1);
   reduction::write_model(fine.model, fine.error, file);

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "knothe/project/project_engine.hpp"
+#include "knothe/reduction/grid/local_refinement.hpp"
 #include "knothe/simulator/simulator.hpp"
 
 namespace knothe::project {
@@ -103,7 +104,8 @@ class Refinement {
   std::unique_ptr<simulator::Simulator> simulator_;
   std::string folder_;
   std::vector<reduction::Snapshots> solutions_;
-  std::size_t used_;  ///< how many of them the model is made from
+  std::optional<reduction::InterpolationKernel> kernel_;  ///< of the present version
+  std::size_t used_;                                      ///< how many of them the model is made from
   std::size_t version_;
   bool quiet_;
   std::optional<UpdateSetup> setup_;

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from knothe import _knothe
 from knothe._errors import UsageError
 from knothe._posterior import Posterior
-from knothe._values import Array, Prior, count_of, noise_values, prior_values
+from knothe._values import Array, Prior, count_of, counted, noise_values, prior_values, require_progress
 
 if TYPE_CHECKING:
     import xarray
@@ -47,7 +47,7 @@ class InferenceResult(Posterior):
 
     @property
     def skewness(self) -> Array:
-        """E (p - mean)³ / std³, shape (d,).
+        """Skewness of the marginals, E (p - mean)³ / std³, shape (d,).
 
         Examples
         --------
@@ -59,7 +59,7 @@ class InferenceResult(Posterior):
 
     @property
     def kurtosis(self) -> Array:
-        """E (p - mean)⁴ / std⁴, shape (d,); 3 for a Gaussian.
+        """Kurtosis of the marginals, E (p - mean)⁴ / std⁴, shape (d,); 3 for a Gaussian.
 
         Examples
         --------
@@ -89,6 +89,11 @@ class InferenceResult(Posterior):
         draws : int
             Not used.
 
+        Returns
+        -------
+        dict of str to xarray.Dataset
+            The groups of `Posterior.to_xarray`.
+
         Examples
         --------
         >>> found = knothe.infer(lambda p: p, {"a": knothe.Normal(0, 1)}, observed=[1.0], std=1.0)
@@ -114,14 +119,16 @@ def infer(model: "str | os.PathLike[str] | Callable[[Array], ArrayLike]", parame
           observed: ArrayLike | None = None, std: ArrayLike | None = None, covariance: ArrayLike | None = None,
           jacobian: Callable[[Array], ArrayLike] | None = None, vectorized: bool = False, method: str | None = None,
           tolerance: float = 1e-3, max_order: int = 8, samples: int = 10000, seed: int = 1,
-          results: "str | os.PathLike[str] | None" = None) -> InferenceResult:
+          results: "str | os.PathLike[str] | None" = None,
+          progress: Callable[[int, int | None], object] | None = None) -> InferenceResult:
     """Bayesian inference for any model.
 
     Parameters
     ----------
     model : path or callable
-        A project file, as for ``knothe infer``, with which only `method` and `results` may be given. Or the model itself: its m
-        outputs at parameters of shape (d,). Without `observed` it is the complete log posterior density, one number.
+        A project file, as for ``knothe infer``, with which only `method` and `results` may be given; its progress is on stderr.
+        Or the model itself: its m outputs at parameters of shape (d,). Without `observed` it is the complete log posterior
+        density, one number.
     parameters : mapping of name to Normal, Uniform or Lognormal
         Priors; their order is that of the parameters. For a density they only give the region and scale of the parameters.
     observed : array_like, shape (m,), optional
@@ -143,10 +150,23 @@ def infer(model: "str | os.PathLike[str] | Callable[[Array], ArrayLike]", parame
         Of the random numbers.
     results : path, optional
         Folder for a project's results, in place of the project's own.
+    progress : callable, optional
+        ``progress(done, total)`` after each call of the model: evaluations (points) made, and an estimate of all, or None where
+        the method does not know it. In the last call both are equal. An exception ends the inference.
 
     Returns
     -------
     InferenceResult
+        `trusted` and `remark` say whether its computation is accurate.
+
+    Raises
+    ------
+    UsageError
+        Inconsistent arguments, or the model returns another number of outputs than `observed` has.
+    DataError
+        The model returns a value that is not finite.
+    ProjectError
+        The project file is missing or invalid.
 
     Examples
     --------
@@ -154,10 +174,19 @@ def infer(model: "str | os.PathLike[str] | Callable[[Array], ArrayLike]", parame
     ...                      observed=[1.5, 0.5], std=0.1)
     >>> found.parameters, found.trusted
     (['a', 'b'], True)
+
+    Counting the evaluations while they are made:
+
+    >>> made = []
+    >>> found = knothe.infer(lambda p: p, {"a": knothe.Normal(0, 1)}, observed=[1.0], std=1.0,
+    ...                      progress=lambda done, total: made.append(done))
+    >>> made[-1] == found.record["model_evaluations"]
+    True
     """
+    require_progress(progress)
     if not callable(model):
-        if any(value is not None for value in (parameters, observed, std, covariance, jacobian)):
-            raise UsageError("infer: a project file says everything; leave out parameters, observations and jacobian")
+        if any(value is not None for value in (parameters, observed, std, covariance, jacobian, progress)):
+            raise UsageError("infer: a project file says everything; leave out parameters, observations, jacobian and progress")
         return InferenceResult(_knothe.infer_project(os.fspath(model), method or "", os.fspath(results or "")))
     if not parameters:
         raise UsageError("infer: give a prior for each parameter")
@@ -167,10 +196,11 @@ def infer(model: "str | os.PathLike[str] | Callable[[Array], ArrayLike]", parame
     deviations, _ = noise_values(std, None, len(values))
     matrix = np.zeros((0, 0)) if covariance is None else np.ascontiguousarray(covariance, float)
     if len(values) and std is not None and len(deviations) != len(values):
-        raise UsageError(f"infer: {len(deviations)} standard deviations for {len(values)} observations")
+        raise UsageError(f"infer: {counted(len(deviations), 'standard deviation')} for {counted(len(values), 'observation')}")
     if covariance is not None and matrix.shape != (len(values), len(values)):
-        raise UsageError(f"infer: a covariance of shape {matrix.shape} for {len(values)} observations")
+        raise UsageError(f"infer: a covariance of shape {matrix.shape} for {counted(len(values), 'observation')}")
     over_points = (lambda function: function) if vectorized else _over_points
     return InferenceResult(_knothe.infer_callable(
         over_points(model), None if jacobian is None else over_points(jacobian), prior_values(parameters), values, deviations,
-        matrix, method or "auto", tolerance, max_order, count_of(samples, "samples"), count_of(seed, "as seed")))
+        matrix, method or "auto", tolerance, max_order, count_of(samples, "samples"), count_of(seed, "as seed"),
+        progress))

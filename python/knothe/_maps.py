@@ -39,11 +39,22 @@ class TransportMap:
         self.dimension: int = native.dimension
 
     def __call__(self, reference: ArrayLike) -> Array:
-        """T(x) at points of the reference, shape (n, d).
+        """T(x) at points of the reference.
 
         Parameters
         ----------
         reference : array_like, shape (n, d) or (d,)
+            x, dimensionless.
+
+        Returns
+        -------
+        ndarray, shape (n, d)
+            T(x), in the units of the mapped variables.
+
+        Raises
+        ------
+        UsageError
+            The points do not have d coordinates.
 
         Examples
         --------
@@ -55,12 +66,17 @@ class TransportMap:
         return self._native.evaluate(points_of(reference, self.dimension, "points of the reference"))
 
     def inverse(self, points: ArrayLike) -> Array:
-        """T⁻¹(z), shape (n, d).
+        """Points of the reference for points z of the distribution.
 
         Parameters
         ----------
         points : array_like, shape (n, d) or (d,)
-            z.
+            z, in the units of the mapped variables.
+
+        Returns
+        -------
+        ndarray, shape (n, d)
+            T⁻¹(z), dimensionless.
 
         Examples
         --------
@@ -71,11 +87,17 @@ class TransportMap:
         return self._native.inverse(points_of(points, self.dimension, "points"))
 
     def log_density(self, points: ArrayLike) -> Array:
-        """log of the density of T(x), shape (n,).
+        """Logarithm of the density of T(x).
 
         Parameters
         ----------
         points : array_like, shape (n, d) or (d,)
+            z.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Natural logarithm of the density at z, which is normalised to 1.
 
         Examples
         --------
@@ -86,12 +108,18 @@ class TransportMap:
         return self._native.log_density(points_of(points, self.dimension, "points"))
 
     def sample(self, count: int, seed: int = 1) -> Array:
-        """Independent draws, shape (count, d).
+        """Independent draws of the distribution.
 
         Parameters
         ----------
         count : int
+            Number of draws.
         seed : int
+            Of the random numbers.
+
+        Returns
+        -------
+        ndarray, shape (count, d)
 
         Examples
         --------
@@ -101,17 +129,28 @@ class TransportMap:
         return self._native.sample(count_of(count, "draws"), count_of(seed, "as seed"))
 
     def condition(self, given: ArrayLike, count: int, seed: int = 1) -> Array:
-        """Draws of all coordinates with the first ones equal to `given`, shape (count, d).
+        """Draws of all coordinates with the first ones equal to `given`.
 
         For a map of samples of (data, parameters) these are samples of the posterior of the parameters, without a likelihood.
-        `UsageError` for a map that is not triangular (`fit` with ``triangular=True``).
 
         Parameters
         ----------
         given : array_like, shape (m,)
             Values of the first m coordinates.
         count : int
+            Number of draws.
         seed : int
+            Of the random numbers.
+
+        Returns
+        -------
+        ndarray, shape (count, d)
+            The first m columns are `given`.
+
+        Raises
+        ------
+        UsageError
+            The map is not triangular (`fit` with ``triangular=True``), or `given` has more than d values.
 
         Examples
         --------
@@ -131,6 +170,11 @@ class TransportMap:
         ----------
         path : path
 
+        Raises
+        ------
+        IoError
+            The file cannot be written.
+
         Examples
         --------
         >>> knothe.fit(lambda p: -0.5 * p @ p, dimension=2).map.save("gaussian.h5")
@@ -141,11 +185,20 @@ class TransportMap:
 
     @classmethod
     def load(cls, path: "str | os.PathLike[str]") -> "TransportMap":
-        """The map from such a file, bit-identical.
+        """Reads a map from a file of `save`, bit-identical.
 
         Parameters
         ----------
         path : path
+
+        Returns
+        -------
+        TransportMap
+
+        Raises
+        ------
+        DataError
+            The file is missing, damaged, or of another kind.
 
         Examples
         --------
@@ -206,8 +259,7 @@ def fit(log_density: Callable[[Array], float], dimension: int, *, gradient: Call
         d.
     gradient : callable, optional
         Its gradient, shape (d,); without it the solver uses finite differences, two (d = 2) to ten times (d = 5) as many
-        evaluations. `UsageError` for that of another function, if `standardised`. Compiled:
-        ``void f(const double *p, size_t d, double *gradient)``.
+        evaluations. Compiled: ``void f(const double *p, size_t d, double *gradient)``.
     tolerance : float
         On the variance diagnostic.
     max_order : int
@@ -221,6 +273,13 @@ def fit(log_density: Callable[[Array], float], dimension: int, *, gradient: Call
     Returns
     -------
     Fit
+
+    Raises
+    ------
+    UsageError
+        The gradient is not that of `log_density` (checked if `standardised`), or a compiled function has another signature.
+    NumericalError
+        The log-density is NaN or plus infinity somewhere, or the density is zero wherever it was tried.
 
     Examples
     --------
@@ -261,6 +320,15 @@ def fit_samples(samples: ArrayLike, *, max_order: int = 5, folds: int = 5, seed:
         Of the cross-validation; 0: every component gets `max_order`.
     seed : int
         Shuffles samples into folds.
+
+    Returns
+    -------
+    TransportMap
+
+    Raises
+    ------
+    DataError
+        A sample is not finite, or a coordinate is the same in all samples.
 
     Examples
     --------

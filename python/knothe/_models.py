@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import math
 import os
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
@@ -13,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from knothe import _knothe
 from knothe._errors import UsageError
-from knothe._values import Array, Axis, Sensors, points_of, step_of
+from knothe._values import Array, Axis, Sensors, counted, points_of, require_progress, step_of
 
 
 def _at_points(call: Callable[[Array], Array], at: ArrayLike | Mapping[str, float], parameters: Sequence[str]) -> Array:
@@ -54,6 +55,11 @@ class ObservedModel:
         -------
         ndarray, shape (sensors,) or (n, sensors), m
 
+        Raises
+        ------
+        UsageError
+            A point outside the model's box, or a step that the model does not have.
+
         Examples
         --------
         >>> seen = knothe.Model.load("model.h5").observe([[1.0, 0.0, 0.0]], "y")
@@ -64,11 +70,16 @@ class ObservedModel:
         return _at_points(lambda points: self._native.predict(points, index, False)[0], at, self.parameters)
 
     def jacobian(self, at: ArrayLike | Mapping[str, float], step: int) -> Array:
-        """Derivatives with respect to the parameters, shape (sensors, d) or (n, sensors, d).
+        """Exact derivatives of the sensors' values with respect to the parameters.
 
         Parameters
         ----------
         at, step : as of the call
+
+        Returns
+        -------
+        ndarray, shape (sensors, d) or (n, sensors, d)
+            In the sensor's unit (m for displacements) per unit of the parameter.
 
         Examples
         --------
@@ -89,8 +100,8 @@ class Model:
         The file.
     parameters : list of str
         Names, in the order of points.
-    times : ndarray
-        Model times.
+    times : ndarray, shape (steps,)
+        Model times: s, or what takes the place of time.
     points, components : ndarray, shapes (dofs, 3) and (dofs,)
         Place (m) and direction of each dof; empty if the field is not a displacement.
 
@@ -111,11 +122,20 @@ class Model:
 
     @classmethod
     def load(cls, path: "str | os.PathLike[str]") -> "Model":
-        """Reads a file. `DataError` names what is missing or damaged in it.
+        """Reads a model's file.
 
         Parameters
         ----------
         path : path
+
+        Returns
+        -------
+        Model
+
+        Raises
+        ------
+        DataError
+            Names what is missing or damaged in the file.
 
         Examples
         --------
@@ -141,6 +161,11 @@ class Model:
         ndarray, shape (dofs,) or (n, dofs)
             In the field's unit, m for displacements.
 
+        Raises
+        ------
+        UsageError
+            A point outside the model's box, or a step or dof that the model does not have.
+
         Examples
         --------
         >>> knothe.Model.load("model.h5")([1.0, 1.0], step=-1, dofs=[4]).round(7)
@@ -159,14 +184,21 @@ class Model:
         return [] if dofs is None else [int(dof) for dof in dofs]
 
     def jacobian(self, at: ArrayLike | Mapping[str, float], step: int, dofs: Sequence[int] | None = None) -> Array:
-        """Exact derivatives of the field with respect to the parameters, shape (dofs, d) or (n, dofs, d).
+        """Exact derivatives of the field with respect to the parameters.
 
         Parameters
         ----------
         at : array_like, shape (d,) or (n, d), or mapping
             Parameters, inside the model's box.
         step : int
+            Time step; negative ones count from the end.
         dofs : sequence of int, optional
+            Indices of the dofs; all by default.
+
+        Returns
+        -------
+        ndarray, shape (dofs, d) or (n, dofs, d)
+            In the field's unit per unit of the parameter.
 
         Examples
         --------
@@ -177,12 +209,24 @@ class Model:
         return _at_points(lambda points: self._native.evaluate(points, index, chosen, True)[1], at, self.parameters)
 
     def output(self, name: str, at: ArrayLike | Mapping[str, float]) -> Array:
-        """A further output (reaction force ...) at all time steps, shape (steps,) or (n, steps), in the unit that `info` gives.
+        """A further output (reaction force ...) at all time steps.
 
         Parameters
         ----------
         name : str
+            One of ``info["outputs"]``.
         at : array_like, shape (d,) or (n, d), or mapping
+            Parameters, inside the model's box.
+
+        Returns
+        -------
+        ndarray, shape (steps,) or (n, steps)
+            In the output's unit, ``info["output_units"][name]``.
+
+        Raises
+        ------
+        UsageError
+            The model has no such output, or a point is outside its box.
 
         Examples
         --------
@@ -206,6 +250,13 @@ class Model:
         -------
         ObservedModel
 
+        Raises
+        ------
+        DataError
+            A point that is neither at a dof nor in the model's mesh.
+        UsageError
+            The model has no series of that name.
+
         Examples
         --------
         >>> seen = knothe.Model.load("model.h5").observe([[0.4, 0.0, 0.0], [1.0, 0.0, 0.0]], "y")
@@ -217,7 +268,7 @@ class Model:
 
     @property
     def info(self) -> dict[str, Any]:
-        """What `knothe model info --json` prints.
+        """What ``knothe model info --json`` prints: axes, units, outputs and errors of the model.
 
         Examples
         --------
@@ -227,16 +278,18 @@ class Model:
         return json.loads(self._native.info_json())
 
     def __repr__(self) -> str:
-        return f"<Model {self.path}: parameters {', '.join(self.parameters)}, {len(self.times)} steps>"
+        names = f"parameter{'' if len(self.parameters) == 1 else 's'} {', '.join(self.parameters)}"
+        return f"<Model {self.path}: {names}, {counted(len(self.times), 'step')}>"
 
 
-def _solutions(function: Callable[..., Any], axes: Mapping[str, Array], time: Array, outputs: Sequence[str]
-               ) -> tuple[Array, dict[str, Array]]:
+def _solutions(function: Callable[..., Any], axes: Mapping[str, Array], time: Array, outputs: Sequence[str],
+               progress: Callable[[int, int], object] | None) -> tuple[Array, dict[str, Array]]:
     """The function at all grid points, [n_1, ..., n_d, n_t, n_dof], and its further outputs, [n_1, ..., n_d, n_t]."""
     shape = tuple(len(nodes) for nodes in axes.values())
+    total = math.prod(shape)
     values: Array | None = None
     further = {name: np.empty((*shape, len(time))) for name in outputs}
-    for index in np.ndindex(*shape):
+    for done, index in enumerate(np.ndindex(*shape), 1):
         point = [float(nodes[i]) for nodes, i in zip(axes.values(), index)]
         found = function(*point)
         if outputs and not (isinstance(found, tuple) and len(found) == 2 and isinstance(found[1], Mapping)):
@@ -247,19 +300,23 @@ def _solutions(function: Callable[..., Any], axes: Mapping[str, Array], time: Ar
         solution = np.asarray(found[0] if outputs else found, float)
         if solution.ndim != 2 or len(solution) != len(time):
             raise UsageError(f"offline: at {tuple(point)} the function gave an array of shape {solution.shape}; it has to be "
-                             f"[{len(time)} times, dofs]")
+                             f"[{counted(len(time), 'time')}, dofs]")
         if values is None:
             values = np.empty(shape + solution.shape)
         if solution.shape != values.shape[len(shape):]:
-            raise UsageError(f"offline: at {tuple(point)} the function gave {solution.shape[1]} dofs, elsewhere {values.shape[-1]}")
+            raise UsageError(f"offline: at {tuple(point)} the function gave {counted(solution.shape[1], 'dof')}, "
+                             f"elsewhere {values.shape[-1]}")
         if not np.isfinite(solution).all():
             raise UsageError(f"offline: at {tuple(point)} the function gave a value that is not finite, at time "
                              f"{time[np.argwhere(~np.isfinite(solution))[0][0]]:g}")
         values[index] = solution
         for name, series in further.items():
             if np.shape(found[1].get(name)) != (len(time),):
-                raise UsageError(f"offline: at {tuple(point)} the output {name} has to be one number for each of the {len(time)} times")
+                raise UsageError(f"offline: at {tuple(point)} the output {name} has to be one number for each time, {len(time)} "
+                                 "in all")
             series[index] = found[1][name]
+        if progress is not None:
+            progress(done, total)
     assert values is not None
     return values, further
 
@@ -277,9 +334,10 @@ def _check_order(function: Callable[..., Any], names: Sequence[str]) -> None:
 
 def offline(function: Callable[..., Any], parameters: Mapping[str, ArrayLike | Axis], time: ArrayLike,
             output: "str | os.PathLike[str]", *, points: ArrayLike | None = None,
-            components: str | int | Sequence[str | int] = "y", quantities: Mapping[str, str] | None = None, outputs: Mapping[str, str] | None = None, units: str = "m",
-            form: str = "tree", modes: int = 0, tolerance: float | None = None,
-            snapshots: "str | os.PathLike[str] | None" = None) -> Model:
+            components: str | int | Sequence[str | int] = "y", quantities: Mapping[str, str] | None = None,
+            outputs: Mapping[str, str] | None = None, units: str = "m", form: str = "tree", modes: int = 0,
+            tolerance: float | None = None, snapshots: "str | os.PathLike[str] | None" = None,
+            progress: Callable[[int, int], object] | None = None) -> Model:
     """Makes a reduced model of your own solver: solutions on a grid of parameters, separated.
 
     The same as ``knothe model import``: the solutions are written to a file of snapshots, from which the model is made.
@@ -292,8 +350,9 @@ def offline(function: Callable[..., Any], parameters: Mapping[str, ArrayLike | A
     parameters : mapping of name to array_like or Axis
         Nodes of the grid, strictly increasing, in the order of the function's arguments; the model is defined between the first and
         the last. An `Axis` has units too.
-    time : array_like
-        Model times, strictly increasing.
+    time : array_like, shape (times,)
+        Model times, strictly increasing: in s, or a variable that takes the place of time, such as the fraction of the load. The
+        model keeps them as they are and has no other unit of time; data, horizons and forecasts refer to them.
     output : path
         The model's file (HDF5).
     points : array_like, shape (dofs, 3), optional
@@ -305,18 +364,33 @@ def offline(function: Callable[..., Any], parameters: Mapping[str, ArrayLike | A
     outputs : mapping of name to unit, optional
         Further results of the solver, one value per time: a reaction force ...
     units : str
-        Of the field.
+        Of the field. A displacement in km, cm, mm, um or nm is converted to m.
     form : {"tree", "canonical"}
+        Tree: space modes times functions of all parameters; canonical: products of functions of one parameter each.
     modes : int
         0: as many as the tolerance needs.
     tolerance : float, optional
         Relative error on the grid.
     snapshots : path, optional
         Where to keep the solutions; by default they are not kept.
+    progress : callable, optional
+        ``progress(done, total)`` after each solution: how many are made, of how many. An exception ends the call.
 
     Returns
     -------
     Model
+        As from `Model.load` of `output`.
+
+    Raises
+    ------
+    UsageError
+        Inconsistent arguments, or the function returns an array of the wrong shape or with a value that is not finite.
+    DataError
+        Times or nodes that do not increase, or an axis of one node.
+    NumericalError
+        The canonical form does not reach the tolerance.
+    IoError
+        A file cannot be written.
 
     Examples
     --------
@@ -336,7 +410,16 @@ def offline(function: Callable[..., Any], parameters: Mapping[str, ArrayLike | A
     ...                        points=np.c_[x, 0 * x, 0 * x], outputs={"load": "N"})
     >>> model.output("load", [0.9, 1.1]).round(3)
     array([ 44.,  88., 132., 176., 220.])
+
+    Showing how many solutions are made:
+
+    >>> model = knothe.offline(lambda E: bar(E, 1.0), {"E": [0.5, 1.0, 1.5]}, t, "shown.h5", points=np.c_[x, 0 * x, 0 * x],
+    ...                        progress=lambda done, total: print(done, "of", total))
+    1 of 3
+    2 of 3
+    3 of 3
     """
+    require_progress(progress)
     if not isinstance(parameters, Mapping):
         raise UsageError("offline: give the parameters as a mapping, {name: nodes of its grid}")
     if points is not None and quantities is not None:
@@ -345,11 +428,12 @@ def offline(function: Callable[..., Any], parameters: Mapping[str, ArrayLike | A
     axes = {name: np.array(nodes) for name, nodes, *_ in labelled}
     times = np.asarray(time, float)
     _check_order(function, list(axes))
-    values, further = _solutions(function, axes, times, list(outputs or ()))
+    values, further = _solutions(function, axes, times, list(outputs or ()), progress)
     places = Sensors(np.zeros((0, 3)) if points is None else points, [] if points is None else components)
     parts = {"axes": labelled, "time": list(times), "values": values,
              "units": units, "long_name": "displacement" if points is not None else "field", "points": places.points,
-             "components": places.components, "quantities": list((quantities or {}).items()), "outputs": [(name, unit, further[name]) for name, unit in (outputs or {}).items()]}
+             "components": places.components, "quantities": list((quantities or {}).items()),
+             "outputs": [(name, unit, further[name]) for name, unit in (outputs or {}).items()]}
     with tempfile.TemporaryDirectory(prefix="knothe-") as folder:
         file = os.path.join(folder, "snapshots.h5") if snapshots is None else os.fspath(snapshots)
         _knothe.write_snapshots(parts, file)

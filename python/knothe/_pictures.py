@@ -12,17 +12,27 @@ from numpy.typing import ArrayLike, NDArray
 from knothe import _knothe
 from knothe._errors import UsageError
 from knothe._twin import Datum
-from knothe._values import Array, Precision, Sensors, points_of
+from knothe._values import Array, Precision, Sensors, counted, points_of
 
 Picture = NDArray[np.float32]
 
 
 def read_picture(path: "str | os.PathLike[str]") -> Picture:
-    """Grey levels of a TIFF, PNG, BMP or PGM of 8 or 16 bits, shape (height, width), from the top.
+    """Reads a TIFF, PNG, JPEG, BMP or PGM of 8 or 16 bits.
 
     Parameters
     ----------
     path : path
+
+    Returns
+    -------
+    ndarray of float32, shape (height, width)
+        Grey levels; row 0 is the top.
+
+    Raises
+    ------
+    DataError
+        The file is missing, damaged, or not a picture.
 
     Examples
     --------
@@ -108,7 +118,7 @@ class Displacements:
 
     @property
     def values(self) -> Array:
-        """u and v in turn, (u_0, v_0, u_1, ...), px, v down; `datum` has them in metres and in the frame of a model.
+        """u and v in turn, (u_0, v_0, u_1, ...), shape (2 nodes,), px, v down; `datum` has them in metres, for a model.
 
         Examples
         --------
@@ -118,7 +128,17 @@ class Displacements:
         return np.column_stack([self.u, self.v]).ravel()
 
     def precision(self) -> Precision:
-        """Inverse covariance of `values`, 1/px².
+        """Inverse covariance of `values`.
+
+        Returns
+        -------
+        Precision
+            Of 2 x nodes values, 1/px².
+
+        Raises
+        ------
+        UsageError
+            The noise of the picture could not be estimated.
 
         Examples
         --------
@@ -132,12 +152,12 @@ class Displacements:
 
     def __repr__(self) -> str:
         state = "" if self.converged else f"; not converged: {self.message}"
-        return (f"<Displacements of {len(self.u)} nodes: u {np.nanmin(self.u):.3g} to {np.nanmax(self.u):.3g} px, "
+        return (f"<Displacements of {counted(len(self.u), 'node')}: u {np.nanmin(self.u):.3g} to {np.nanmax(self.u):.3g} px, "
                 f"v {np.nanmin(self.v):.3g} to {np.nanmax(self.v):.3g} px{state}>" if np.isfinite(self.u).any() else
-                f"<Displacements of {len(self.u)} nodes: nothing measured{state}>")
+                f"<Displacements of {counted(len(self.u), 'node')}: nothing measured{state}>")
 
     def datum(self, step: int, scale: float) -> Datum:
-        """What a model of y up measures here: values and noise in metres, v positive upwards, for `Correlation.sensors`.
+        """The measurements for a model with y up, v positive upwards; for `Correlation.sensors`.
 
         Parameters
         ----------
@@ -145,6 +165,11 @@ class Displacements:
             As of `Datum`.
         scale : float
             m per px.
+
+        Returns
+        -------
+        Datum
+            2 x nodes values, m.
 
         Examples
         --------
@@ -180,6 +205,13 @@ class Correlation:
         On the largest change of a displacement, px.
     threads : int
 
+    Raises
+    ------
+    UsageError
+        Inconsistent arguments, or elements without texture.
+    DataError
+        A picture or mesh file is missing or damaged.
+
     Attributes
     ----------
     x, y : ndarray, shape (nodes,)
@@ -213,7 +245,7 @@ class Correlation:
                  prefilter: float = 0, max_iterations: int = 50, tolerance: float = 1e-3,
                  threads: int = 1) -> None:
         if roi is not None and len(roi) != 4:
-            raise UsageError(f"roi: {len(roi)} numbers; give x0, y0, x1, y1, two opposite corners in px")
+            raise UsageError(f"roi: {counted(len(roi), 'number')}; give x0, y0, x1, y1, two opposite corners in px")
         if roi is not None and mesh is not None:
             raise UsageError("Correlation: a mesh has its own region; leave out roi")
         nodes, elements = _mesh(mesh)
@@ -231,6 +263,16 @@ class Correlation:
         ----------
         deformed : array_like, shape (height, width), or path
 
+        Returns
+        -------
+        Displacements
+            Whether they converged is in `converged`.
+
+        Raises
+        ------
+        UsageError
+            The picture has another size than the reference.
+
         Examples
         --------
         >>> bool(np.max(abs(correlation.correlate(picture(0.1)).u - 0.1)) < 0.05)
@@ -241,10 +283,10 @@ class Correlation:
         return Displacements(_precision=found.pop("precision"), **found)
 
     def __repr__(self) -> str:
-        return f"<Correlation: {len(self.x)} nodes, {len(self.elements)} elements>"
+        return f"<Correlation: {counted(len(self.x), 'node')}, {counted(len(self.elements), 'element')}>"
 
     def sensors(self, scale: float, origin: Sequence[float] = (0, 0), *, z: float = 0) -> Sensors:
-        """The nodes as sensors of a model of y up: u and v of each in turn, as `Displacements.datum` gives them.
+        """The nodes as sensors of a model with y up: u and v of each in turn, as in `Displacements.datum`.
 
         Parameters
         ----------
@@ -254,6 +296,11 @@ class Correlation:
             Pixel at which the model's origin appears.
         z : float
             Of the surface that the camera sees, m.
+
+        Returns
+        -------
+        Sensors
+            2 x nodes displacements, at points in m.
 
         Examples
         --------
@@ -266,11 +313,17 @@ class Correlation:
         return Sensors(np.repeat(places, 2, axis=0), ["x", "y"] * len(places))
 
     def at(self, points: ArrayLike) -> Array:
-        """u, v of the last picture at points, shape (k, 2), px; NaN outside the mesh.
+        """Displacements in the last picture at any points.
 
         Parameters
         ----------
-        points : array_like, shape (k, 2), px
+        points : array_like, shape (k, 2)
+            x and y, px.
+
+        Returns
+        -------
+        ndarray, shape (k, 2)
+            u and v, px, v down; NaN outside the mesh.
 
         Examples
         --------

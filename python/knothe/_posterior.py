@@ -82,6 +82,11 @@ class Verdict:
         Parameters
         ----------
         record : mapping
+            As of ``json.loads``.
+
+        Returns
+        -------
+        Verdict
 
         Examples
         --------
@@ -141,6 +146,11 @@ class Forecast:
         Parameters
         ----------
         record : mapping
+            As of ``json.loads``.
+
+        Returns
+        -------
+        Forecast
 
         Examples
         --------
@@ -162,7 +172,8 @@ class Forecast:
 class Posterior:
     """A posterior of d parameters: n weighted points, and what follows from them.
 
-    Moments, quantiles and evidence are importance-corrected: accurate even where the map is only approximate.
+    Moments, quantiles and evidence are importance-corrected: accurate even where the map is only approximate. The unit of a
+    parameter is that of its prior: for a reduced model that of the axis, often a multiple of a reference value.
 
     Attributes
     ----------
@@ -190,7 +201,7 @@ class Posterior:
 
     @property
     def mean(self) -> Array:
-        """Mean, shape (d,).
+        """Posterior mean, shape (d,), in units of the parameters.
 
         Examples
         --------
@@ -201,7 +212,7 @@ class Posterior:
 
     @property
     def covariance(self) -> Array:
-        """Covariance, shape (d, d).
+        """Posterior covariance, shape (d, d), in products of the parameters' units.
 
         Examples
         --------
@@ -212,7 +223,7 @@ class Posterior:
 
     @property
     def std(self) -> Array:
-        """Standard deviations, shape (d,).
+        """Posterior standard deviations, shape (d,), in units of the parameters.
 
         Examples
         --------
@@ -223,7 +234,7 @@ class Posterior:
 
     @property
     def maximum_a_posteriori(self) -> Array:
-        """The maximum of the density of the parameters, shape (d,).
+        """Where the density of the parameters is largest, shape (d,), in units of the parameters.
 
         Examples
         --------
@@ -234,7 +245,7 @@ class Posterior:
 
     @property
     def levels(self) -> Array:
-        """Levels of the quantiles.
+        """Levels of the quantiles, shape (levels,), between 0 and 1.
 
         Examples
         --------
@@ -245,7 +256,7 @@ class Posterior:
 
     @property
     def quantiles(self) -> Array:
-        """Marginal quantiles, shape (d, number of levels).
+        """Marginal quantiles, shape (d, levels), in units of the parameters.
 
         Examples
         --------
@@ -280,7 +291,7 @@ class Posterior:
 
     @property
     def variance_diagnostic(self) -> float:
-        """Of the map, on points other than the training ones (Rubio et al. 2019, Eq. 9).
+        """Variance diagnostic of the map, dimensionless, on points other than the training ones (Rubio et al. 2019, Eq. 9).
 
         Examples
         --------
@@ -291,7 +302,7 @@ class Posterior:
 
     @property
     def ess(self) -> float:
-        """Effective sample size of the weights, as a fraction of their number.
+        """Effective sample size of the weights, as a fraction of their number: above 0, at most 1.
 
         Examples
         --------
@@ -323,11 +334,22 @@ class Posterior:
         return str(self.record.get("remark", ""))
 
     def index(self, parameter: str | int) -> int:
-        """The index of a parameter, by name or index.
+        """The index of a parameter.
 
         Parameters
         ----------
         parameter : str or int
+            Name; an index is returned as it is.
+
+        Returns
+        -------
+        int
+            From 0.
+
+        Raises
+        ------
+        UsageError
+            There is no parameter of that name.
 
         Examples
         --------
@@ -341,11 +363,17 @@ class Posterior:
         return int(parameter)
 
     def draws(self, count: int = 500) -> Array:
-        """Equally weighted draws, no two of them equal, shape (count, d); for an assimilation those of `posterior.nc`.
+        """Equally weighted draws, no two of them equal; for an assimilation those of `posterior.nc`.
 
         Parameters
         ----------
         count : int
+            Number of draws.
+
+        Returns
+        -------
+        ndarray, shape (count, d)
+            In units of the parameters.
 
         Examples
         --------
@@ -357,11 +385,24 @@ class Posterior:
                                       np.array([upper for _, upper in bounds]))
 
     def marginal(self, parameter: str | int) -> tuple[Array, Array]:
-        """Points and marginal density of one parameter, from the weighted points.
+        """The marginal density of one parameter, from the weighted points.
 
         Parameters
         ----------
         parameter : str or int
+            Name or index.
+
+        Returns
+        -------
+        points : ndarray, shape (k,)
+            In the parameter's unit.
+        density : ndarray, shape (k,)
+            Per unit of the parameter; it integrates to 1.
+
+        Raises
+        ------
+        UsageError
+            There is no parameter of that name.
 
         Examples
         --------
@@ -374,13 +415,17 @@ class Posterior:
         return _knothe.marginal_density(self.points[:, k], self.weights, lower, upper)
 
     def to_xarray(self, draws: int = 500) -> "dict[str, xarray.Dataset]":
-        """One Dataset for each of ArviZ's groups: ``posterior`` (chain, draw), ``weighted_posterior`` (point) and
-        ``sample_stats``.
+        """One Dataset for each of ArviZ's groups.
 
         Parameters
         ----------
         draws : int
             Number of draws.
+
+        Returns
+        -------
+        dict of str to xarray.Dataset
+            ``posterior`` (chain, draw), ``weighted_posterior`` (point, parameter) and ``sample_stats``.
 
         Examples
         --------

@@ -10,6 +10,7 @@ import numpy as np
 
 from knothe._errors import DataError
 from knothe._posterior import Posterior, Verdict
+from knothe._values import counted
 
 if TYPE_CHECKING:
     import xarray
@@ -55,7 +56,7 @@ class Results:
 
     @property
     def parameters(self) -> list[str]:
-        """Names, in the order of `steps`.
+        """Names of the parameters, in the order of the arrays in `steps`.
 
         Examples
         --------
@@ -67,7 +68,7 @@ class Results:
 
     @property
     def verdict(self) -> Verdict:
-        """Of the run of an assimilation.
+        """Whether the answers of the run may be used. `DataError` for an inference, which has `trusted` alone.
 
         Examples
         --------
@@ -80,7 +81,7 @@ class Results:
 
     @property
     def posterior(self) -> Posterior:
-        """The posterior of the last step, or of the inference: its weighted points.
+        """The posterior of the last step, or of the inference, with its weighted points.
 
         Examples
         --------
@@ -104,6 +105,16 @@ class Results:
     def to_xarray(self) -> "dict[str, xarray.Dataset]":
         """One Dataset for each of ArviZ's groups, read from the file where it is needed; dims (chain, draw, ...).
 
+        Returns
+        -------
+        dict of str to xarray.Dataset
+            Those groups that the file has, by name.
+
+        Raises
+        ------
+        DataError
+            The file is not there.
+
         Examples
         --------
         >>> knothe.open_results("results").to_xarray()["observed_data"]["displacement"].dims
@@ -124,7 +135,7 @@ class Results:
         return groups
 
     def __repr__(self) -> str:
-        return f"<Results {self.folder}: {len(self.steps)} steps>"
+        return f"<Results {self.folder}: {counted(len(self.steps), 'step')}>"
 
 
 def open_results(folder: "str | os.PathLike[str]") -> Results:
@@ -138,6 +149,11 @@ def open_results(folder: "str | os.PathLike[str]") -> Results:
     Returns
     -------
     Results
+
+    Raises
+    ------
+    DataError
+        The folder has no results of a command.
 
     Examples
     --------

@@ -13,7 +13,7 @@ from knothe import _knothe
 from knothe._errors import UsageError
 from knothe._models import Model, _at_points
 from knothe._posterior import Forecast, Posterior, Verdict, statistics_of
-from knothe._values import Array, Precision, Prior, Sensors, count_of, noise_values, prior_values, step_of
+from knothe._values import Array, Precision, Prior, Sensors, count_of, counted, noise_values, prior_values, step_of
 
 if TYPE_CHECKING:
     import xarray
@@ -60,7 +60,7 @@ class Datum:
 
     @property
     def step(self) -> int:
-        """Index of its time step.
+        """Index of its time, from 0.
 
         Examples
         --------
@@ -71,7 +71,7 @@ class Datum:
 
     @property
     def values(self) -> Array:
-        """Shape (sensors,); NaN where missing.
+        """Measured values, shape (sensors,), in the units of the sensors (m for displacements); NaN where missing.
 
         Examples
         --------
@@ -82,7 +82,7 @@ class Datum:
 
     @property
     def std(self) -> Array | None:
-        """Standard deviations of this datum's noise; None where the sensors' apply.
+        """Standard deviations of this datum's noise, shape (sensors,), in units of `values`; None where the sensors' apply.
 
         Examples
         --------
@@ -94,7 +94,7 @@ class Datum:
         return self._native.std
 
     def __repr__(self) -> str:
-        return f"<Datum of step {self.step}: {len(self.values)} values>"
+        return f"<Datum of step {self.step}: {counted(len(self.values), 'value')}>"
 
 
 class StepResult(Posterior):
@@ -186,6 +186,15 @@ class Twin:
     seed : int
         Seed of the random numbers.
 
+    Raises
+    ------
+    UsageError
+        Inconsistent arguments.
+    ProjectError
+        The project file is missing or invalid.
+    DataError
+        A model or data file is missing or damaged, or does not go with the sensors.
+
     Examples
     --------
     >>> model = knothe.Model.load("model.h5")
@@ -242,13 +251,22 @@ class Twin:
             yield Datum._of(native)
 
     def assimilate(self, datum: Datum) -> StepResult:
-        """Adds a datum: the posterior of all data up to its step.
-
-        `UsageError` for a datum of the wrong size or time, or one that is there already; nothing has changed then.
+        """Adds a datum.
 
         Parameters
         ----------
         datum : Datum
+            In any order of steps.
+
+        Returns
+        -------
+        StepResult
+            The posterior of all data up to the step of `datum`.
+
+        Raises
+        ------
+        UsageError
+            The datum has the wrong size or time, or is there already; nothing has changed then.
 
         Examples
         --------
@@ -266,9 +284,16 @@ class Twin:
         Parameters
         ----------
         step : int
+            Step of the datum; negative ones count from the end.
         source, session : str
+            As of the `Datum`.
         seq : int, optional
-            The step by default.
+            Likewise; the step by default.
+
+        Raises
+        ------
+        UsageError
+            There is no such datum.
 
         Examples
         --------
@@ -288,6 +313,16 @@ class Twin:
         Parameters
         ----------
         step : int
+            Negative ones count from the end.
+
+        Returns
+        -------
+        StepResult
+
+        Raises
+        ------
+        UsageError
+            The step has no data.
 
         Examples
         --------
@@ -298,7 +333,7 @@ class Twin:
 
     @property
     def steps(self) -> list[int]:
-        """Steps with data.
+        """Steps with data, in order.
 
         Examples
         --------
@@ -309,7 +344,7 @@ class Twin:
 
     @property
     def last(self) -> StepResult:
-        """The posterior of all data.
+        """The posterior of all data. `UsageError` before the first.
 
         Examples
         --------
@@ -320,7 +355,7 @@ class Twin:
 
     @property
     def posterior(self) -> "xarray.Dataset":
-        """Draws from the posterior of all data, dims (chain, draw), a variable for each parameter.
+        """500 draws from the posterior of all data, dims (chain, draw), a variable for each parameter, in its unit.
 
         Examples
         --------
@@ -354,11 +389,21 @@ class Twin:
         return Verdict.of(json.loads(self._native.run_verdict()))
 
     def predict(self, at: ArrayLike | Mapping[str, float], step: int) -> Array:
-        """The noise-free values of the sensors, shape (sensors,) or (n, sensors).
+        """The noise-free values of the sensors.
 
         Parameters
         ----------
         at, step : as of `ObservedModel`
+
+        Returns
+        -------
+        ndarray, shape (sensors,) or (n, sensors)
+            m for displacements, else the unit of the series.
+
+        Raises
+        ------
+        UsageError
+            A point outside the model's box, or a step that the model does not have.
 
         Examples
         --------
@@ -371,17 +416,25 @@ class Twin:
     def to_xarray(self, draws: int = 500, predictive_draws: int = 50) -> "dict[str, xarray.Dataset]":
         """One Dataset for each of ArviZ's groups, over all steps with data.
 
-        ``posterior`` (chain, draw, step), ``log_likelihood`` (chain, draw, step) of each step's last datum,
-        ``posterior_predictive`` (chain, draw, step, observation) with noise, of every 10th draw (fewer with many sensors),
-        ``observed_data`` (step, observation), ``sample_stats`` (step), ``forecast`` (step, forecast). The measured values are
-        `displacement`; scalar series have their own names.
-
         Parameters
         ----------
         draws : int
             Number of draws of each step.
         predictive_draws : int
             Number of draws for which data are predicted.
+
+        Returns
+        -------
+        dict of str to xarray.Dataset
+            ``posterior`` (chain, draw, step), ``log_likelihood`` (chain, draw, step) of each step's last datum,
+            ``posterior_predictive`` (chain, draw, step, observation) with noise, of every 10th draw (fewer with many sensors),
+            ``observed_data`` (step, observation), ``sample_stats`` (step), ``forecast`` (step, forecast). The measured values are
+            `displacement`, m; scalar series have their own names.
+
+        Raises
+        ------
+        UsageError
+            No datum has been assimilated yet.
 
         Examples
         --------
@@ -450,4 +503,5 @@ class Twin:
                 **{axis: ("observation", places[:, k]) for k, axis in enumerate("xyz")}}
 
     def __repr__(self) -> str:
-        return f"<Twin: parameters {', '.join(self.parameters)}; data at {len(self.steps)} of {len(self.times)} steps>"
+        names = f"parameter{'' if len(self.parameters) == 1 else 's'} {', '.join(self.parameters)}"
+        return f"<Twin: {names}; data at {len(self.steps)} of {counted(len(self.times), 'step')}>"

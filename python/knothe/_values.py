@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from collections.abc import Mapping, Sequence
-from typing import Union
+from typing import Any, Union
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +23,11 @@ def _require(holds: bool, prior: object, rule: str) -> None:
 class Normal:
     """Normal prior N(mean, std²). For a reduced model it is truncated to the model's box and renormalised.
 
+    Parameters
+    ----------
+    mean, std : float
+        In the parameter's unit.
+
     Examples
     --------
     >>> knothe.Normal(0.9, 0.45)
@@ -40,6 +45,11 @@ class Normal:
 class Uniform:
     """Uniform prior between two bounds.
 
+    Parameters
+    ----------
+    lower, upper : float
+        In the parameter's unit.
+
     Examples
     --------
     >>> knothe.Uniform(0.5, 1.5)
@@ -56,6 +66,11 @@ class Uniform:
 @dataclass(frozen=True)
 class Lognormal:
     """Prior of a positive parameter whose logarithm is N(mu, sigma²).
+
+    Parameters
+    ----------
+    mu, sigma : float
+        Mean and standard deviation of the natural logarithm.
 
     Examples
     --------
@@ -136,14 +151,15 @@ class Sensors:
         except KeyError as error:
             raise UsageError(f"component {error}: give \"x\", \"y\", \"z\" or 0, 1, 2") from None
         if len(self.components) != len(self.points):
-            raise UsageError(f"{len(self.points)} places of sensors with {len(self.components)} components: give one for each")
+            raise UsageError(f"{counted(len(self.points), 'place')} of sensors with {counted(len(self.components), 'component')}: "
+                             "give one for each")
 
     def __len__(self) -> int:
         return len(self.components) + len(self.series)
 
     def __repr__(self) -> str:
         series = f", series {', '.join(self.series)}" if self.series else ""
-        return f"<Sensors: {len(self.components)} displacements{series}>"
+        return f"<Sensors: {counted(len(self.components), 'displacement')}{series}>"
 
 
 @dataclass(frozen=True)
@@ -202,6 +218,12 @@ class Precision:
     def rows(self) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
         """`data`, `indices` and `indptr` as arrays.
 
+        Returns
+        -------
+        data : ndarray, shape (entries,)
+        indices : ndarray of int64, shape (entries,)
+        indptr : ndarray of int64, shape (n + 1,)
+
         Examples
         --------
         >>> knothe.Precision([4.0, 4.0], [0, 1], [0, 1, 2]).rows()[2]
@@ -210,10 +232,17 @@ class Precision:
         return (np.asarray(self.data, float), np.asarray(self.indices, np.int64), np.asarray(self.indptr, np.int64))
 
     def __repr__(self) -> str:
-        return f"<Precision: {len(np.asarray(self.indptr)) - 1} values, {np.size(self.data)} entries>"
+        entries = np.size(self.data)
+        plural = "entry" if entries == 1 else "entries"
+        return f"<Precision: {counted(len(np.asarray(self.indptr)) - 1, 'value')}, {entries} {plural}>"
 
     def toarray(self) -> Array:
-        """Dense, n x n: for few sensors.
+        """The dense matrix; for few sensors.
+
+        Returns
+        -------
+        ndarray, shape (n, n)
+            In the unit of `data`.
 
         Examples
         --------
@@ -228,11 +257,17 @@ class Precision:
         return dense
 
     def scaled(self, factor: float) -> "Precision":
-        """The precision of values in another unit: of metres, (px/m)² times that of pixels.
+        """The precision of values in another unit.
 
         Parameters
         ----------
         factor : float
+            Square of the number of old units in a new one: (px/m)² from pixels to metres.
+
+        Returns
+        -------
+        Precision
+            With `data` times the factor.
 
         Examples
         --------
@@ -249,8 +284,23 @@ def points_of(values: ArrayLike, dimension: int, what: str) -> Array:
     if points.ndim == 1:
         points = points.reshape(1, -1)
     if points.ndim != 2 or points.shape[1] != dimension:
-        raise UsageError(f"{what}: an array of shape {np.shape(values)} is not n points of {dimension} coordinates")
+        raise UsageError(f"{what}: an array of shape {np.shape(values)} is not n points of {counted(dimension, 'coordinate')}")
     return points
+
+
+def counted(count: int, noun: str) -> str:
+    """As "1 value" or "2 values"; of a noun with a regular plural."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def steps_from_0(count: int) -> str:
+    """In messages: which steps there are."""
+    return "the only step is 0" if count == 1 else f"there are steps 0 to {count - 1}"
+
+
+def require_progress(progress: Any) -> None:
+    if progress is not None and not callable(progress):
+        raise UsageError(f"progress: {progress!r} is not a function of (done, total)")
 
 
 def count_of(count: int, what: str) -> int:
@@ -265,7 +315,7 @@ def step_of(step: int, count: int) -> int:
     if not hasattr(step, "__index__"):
         raise UsageError(f"step {step!r}: a step is a whole number")
     if not -count <= step < count:
-        raise UsageError(f"step {step}: there are steps 0 to {count - 1}")
+        raise UsageError(f"step {step}: {steps_from_0(count)}")
     return int(step) % count
 
 

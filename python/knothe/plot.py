@@ -71,7 +71,19 @@ def marginals(posterior: "Posterior | Results", *, truth: Mapping[str, float] | 
     posterior : StepResult, InferenceResult, Fit or Results
         Of Results the last step.
     truth : mapping of parameter to value, optional
+        Drawn as lines, in units of the parameters.
     axes : sequence of d Axes, optional
+        A figure of its own by default.
+
+    Returns
+    -------
+    list of matplotlib.axes.Axes
+        One for each parameter.
+
+    Raises
+    ------
+    UsageError
+        `truth` names a parameter that is not there.
 
     Examples
     --------
@@ -98,8 +110,19 @@ def pair(posterior: "Posterior | Results", *, truth: Mapping[str, float] | None 
     posterior : StepResult, InferenceResult, Fit or Results
         Of Results the last step.
     truth : mapping of parameter to value, optional
+        Drawn as crosses and lines, in units of the parameters.
     draws : int
         How many are shown.
+
+    Returns
+    -------
+    list of list of matplotlib.axes.Axes
+        d x d; those above the diagonal are off.
+
+    Raises
+    ------
+    UsageError
+        `truth` names a parameter that is not there.
 
     Examples
     --------
@@ -170,10 +193,22 @@ def fan(steps: Steps, what: str, *, truth: float | None = None, axes: "Axes | No
     Parameters
     ----------
     steps : Twin, Results or sequence of StepResult
+        In order of time.
     what : str
         Name of a parameter or of a forecast.
     truth : float, optional
+        Drawn as a line, in the unit of `what`.
     axes : Axes, optional
+        A figure of its own by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    UsageError
+        `what` is neither a parameter nor a forecast, or there are no steps.
 
     Examples
     --------
@@ -202,7 +237,18 @@ def verdict(steps: Steps, *, axes: "Axes | None" = None) -> "Axes":
     Parameters
     ----------
     steps : Twin, Results or sequence of StepResult
+        In order of time.
     axes : Axes, optional
+        A figure of its own by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    UsageError
+        There are no steps.
 
     Examples
     --------
@@ -236,6 +282,7 @@ def field(model: Any, values: Any, *, component: str = "y", plane: str = "xy", a
     Parameters
     ----------
     model : Model or Correlation
+        Where the values are.
     values : array_like, shape (dofs,) or (nodes,)
         As ``model(at, step)`` gives it, m; or one component of `Displacements`, px.
     component : {"x", "y", "z"}
@@ -243,6 +290,16 @@ def field(model: Any, values: Any, *, component: str = "y", plane: str = "xy", a
     plane : str
         Two of the axes: where the dofs of a model are drawn.
     axes : Axes, optional
+        A figure of its own by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    UsageError
+        The model has no displacements in that direction.
 
     Examples
     --------

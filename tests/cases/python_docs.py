@@ -104,6 +104,32 @@ class Test(CaseInItsFolder):
             with self.subTest(name):
                 self.assertIn(">>> ", inspect.getdoc(each) or "")
 
+    @staticmethod
+    def section(text, title):
+        """The lines below a title of numpydoc, those of the same indentation: names or types."""
+        found = re.search(rf"^{title}\n-+\n(.*?)(?=^\S[^\n]*\n--+$|\Z)", text, re.M | re.S)
+        return [line for line in found[1].splitlines() if line and not line.startswith(" ")] if found else []
+
+    def test_every_parameter_and_what_is_returned_is_documented(self):
+        """Of functions and methods; a class that is made by its user lists the parameters of its constructor."""
+        library_makes = {"Fit", "InferenceResult", "Model", "ObservedModel", "Posterior", "Results", "StepResult", "TransportMap"}
+        count = 0
+        for name, each in self.examples():
+            is_class = isinstance(each, type)
+            if isinstance(each, property) or is_class and (issubclass(each, BaseException) or name in library_makes):
+                continue
+            text = inspect.getdoc(each) or ""
+            if is_class and re.search(r"^Attributes\n-+$", text, re.M) and not self.section(text, "Parameters"):
+                continue  # a record
+            signature = inspect.signature(each)
+            with self.subTest(name):
+                documented = [word.strip() for line in self.section(text, "Parameters") for word in line.split(" : ")[0].split(",")]
+                self.assertEqual(documented, [parameter for parameter in signature.parameters if parameter != "self"])
+                count += 1
+                if not is_class and signature.return_annotation not in (None, "None"):
+                    self.assertTrue(self.section(text, "Returns"), "no section Returns")
+        self.assertGreater(count, 45)
+
     def test_the_page_runs_from_top_to_bottom(self):
         self.make_project()
         page = (REPOSITORY / "docs/how-to/python.md").read_text()

@@ -222,7 +222,7 @@ class Test(CaseInItsFolder):
         np.testing.assert_allclose(model.output("load", at), 200 * np.outer(at[:, 1], t), rtol=1e-6)
         self.assertEqual(model.info["output_units"], {"load": "N"})
         for function, text in ((bar, "the function gave no outputs; it has to return the solution and a mapping with load"),
-                               (lambda e, f: (bar(e, f), {"load": 1.0}), "the output load has to be one number for each of the 6 times")):
+                               (lambda e, f: (bar(e, f), {"load": 1.0}), "the output load has to be one number for each time, 6 in all")):
             self.refused(knothe.UsageError, text, call=lambda function=function: knothe.offline(
                 function, {"E": nodes, "F": nodes}, t, "x.h5", **loaded))
         self.refused(knothe.UsageError, "the function takes f, e, in this order, and the parameters are e, f", call=lambda: knothe.offline(
@@ -235,6 +235,48 @@ class Test(CaseInItsFolder):
         self.refused(knothe.UsageError, "as a mapping", call=lambda: knothe.offline(bar, [nodes], t, "x.h5"))
         self.refused(knothe.UsageError, "points and quantities exclude each other", call=lambda: knothe.offline(
             bar, {"E": nodes, "F": nodes}, t, "x.h5", points=np.c_[x, 0 * x, 0 * x], quantities={"a": "1"}))
+
+    def test_progress_counts_the_solutions(self):
+        t, solved, seen = np.array([1.0]), [], []
+
+        def spring(k, m):
+            solved.append((k, m))
+            return [[m / k]]
+
+        def stop(done, total):
+            if done == 4:
+                raise LookupError(f"enough at {done} of {total}")
+
+        axes = {"k": [1.0, 2.0, 3.0], "m": [0.5, 1.5]}
+        model = knothe.offline(spring, axes, t, "spring.h5", points=[[0, 0, 0]],
+                               progress=lambda done, total: seen.append((len(solved), done, total)))
+        self.assertEqual(seen, [(n, n, 6) for n in range(1, 7)])
+        self.assertEqual(repr(model), "<Model spring.h5: parameters k, m, 1 step>")
+        solved.clear()
+        self.refused(LookupError, "enough at 4 of 6", call=lambda: knothe.offline(spring, axes, t, "none.h5", progress=stop))
+        self.assertEqual(len(solved), 4)
+        self.assertFalse((self.folder / "none.h5").exists())
+        self.refused(knothe.UsageError, "progress: True is not a function of (done, total)",
+                     call=lambda: knothe.offline(spring, axes, t, "none.h5", progress=True))
+
+    def test_one_is_singular(self):
+        """In messages and descriptions."""
+        t = np.array([1.0])
+        model = knothe.offline(lambda k: [[1 / k]], {"k": [1.0, 2.0, 3.0]}, t, "spring.h5", points=[[0, 0, 0]])
+        sensors = knothe.Sensors(model.points)
+        twin = knothe.Twin(model=model, sensors=sensors, std=0.1, parameters={"k": knothe.Uniform(1, 3)})
+        self.assertEqual([repr(each) for each in (model, sensors, twin, knothe.Datum(0, [1.0]), knothe.Precision([1.0], [0], [0, 1]))],
+                         ["<Model spring.h5: parameter k, 1 step>", "<Sensors: 1 displacement>", "<Twin: parameter k; data at 0 of 1 step>",
+                          "<Datum of step 0: 1 value>", "<Precision: 1 value, 1 entry>"])
+        for text, call in (("step 1: the only step is 0", lambda: model([1.0], 1)),
+                           ("is not n points of 1 coordinate", lambda: model([1.0, 2.0], 0)),
+                           ("there is no dof 1: the model has 1 dof, counted from 0", lambda: model([1.0], 0, dofs=[1])),
+                           ("1 place of sensors with 2 components", lambda: knothe.Sensors([[0, 0, 0]], ["x", "y"])),
+                           ("[1 time, dofs]", lambda: knothe.offline(lambda k: [k], {"k": [1.0, 2.0]}, t, "x.h5")),
+                           ("the model gave 1 value for 40 points; needed: 80 (2 each)",
+                            lambda: knothe.infer(lambda points: [1.0], {"k": knothe.Normal(0, 1)}, observed=[1.0, 2.0], std=1.0, vectorized=True))):
+            with self.subTest(text):
+                self.refused(knothe.UsageError, text, call=call)
 
     def test_a_solver_whose_results_have_no_place(self):
         """A damped oscillator: own function, model of named quantities, twin; against dense quadrature with the function itself."""

@@ -123,7 +123,7 @@ class Test(CaseInItsFolder):
         self.refused(LookupError, "no such sensor", call=lambda: knothe.fit(broken, 2))
         self.refused(LookupError, "no such sensor",
                      call=lambda: knothe.infer(broken, {"a": knothe.Normal(0, 1)}, observed=[1.0], std=1.0))
-        self.refused(knothe.UsageError, "the gradient has 1 values for 2 variables",
+        self.refused(knothe.UsageError, "the gradient has 1 value for 2 variables",
                      call=lambda: knothe.fit(ridge, 2, gradient=lambda p: [0.0]))
 
     # Threads, Ctrl-C
@@ -433,12 +433,37 @@ void slope(const double *p, size_t d, double *out) {
             np.testing.assert_allclose(found.std, [0.5, 2], rtol=0.01)
             self.assertAlmostEqual(found.log_evidence, 3.0, delta=0.01)
 
+    def test_progress_counts_the_evaluations(self):
+        """Up to all of them, the estimate of which is known to the methods that draw; what it raises comes through."""
+        one, way = {"a": knothe.Normal(0, 1)}, {"observed": [1.0], "std": 1.0}
+        for method, known in (("transport", False), ("grid", False), ("mcmc", True), ("smc", True)):
+            with self.subTest(method):
+                seen = []
+                found = knothe.infer(lambda p: p, one, method=method, progress=lambda done, total: seen.append((done, total)), **way)
+                done = [made for made, _ in seen]
+                self.assertEqual(done, sorted(done))
+                self.assertEqual(seen[-1], (found.record["model_evaluations"],) * 2)
+                estimates = [total for _, total in seen[:-1] if total is not None]
+                self.assertEqual(bool(estimates), known)
+                self.assertTrue(all(total >= made for made, total in seen if total is not None))
+                silent = knothe.infer(lambda p: p, one, method=method, **way)
+                np.testing.assert_array_equal(found.chains, silent.chains)
+
+        def broken(done, total):
+            raise LookupError(f"no bar at {done}")
+
+        self.refused(LookupError, "no bar at ", call=lambda: knothe.infer(lambda p: p, one, progress=broken, **way))
+        self.refused(knothe.UsageError, "progress: 3 is not a function of (done, total)",
+                     call=lambda: knothe.infer(lambda p: p, one, progress=3, **way))
+        self.refused(knothe.UsageError, "leave out parameters, observations, jacobian and progress",
+                     call=lambda: knothe.infer("infer.toml", progress=print))
+
     def test_mistakes_in_inference_are_explained(self):
         one = {"a": knothe.Normal(0, 1)}
         self.refused(knothe.UsageError, "std or covariance", call=lambda: knothe.infer(lambda p: p, one, observed=[1.0]))
-        self.refused(knothe.UsageError, "40 (1 each) are needed",
+        self.refused(knothe.UsageError, "needed: 40 (1 each)",
                      call=lambda: knothe.infer(lambda p: [1.0, 2.0, 3.0], one, observed=[1.0], std=1.0))
-        self.refused(knothe.UsageError, "2 standard deviations for 1 observations",
+        self.refused(knothe.UsageError, "2 standard deviations for 1 observation",
                      call=lambda: knothe.infer(lambda p: p, one, observed=[1.0], std=[1.0, 1.0]))
         self.refused(knothe.DataError, "not finite", call=lambda: knothe.infer(lambda p: [np.nan], one, observed=[1.0], std=1.0))
         self.refused(knothe.UsageError, "is not knothe.Normal", call=lambda: knothe.infer(lambda p: p, {"a": (0, 1)}, observed=[1.0], std=1.0))

@@ -25,12 +25,19 @@ using Eigen::VectorXd;
 
 namespace {
 
-MatrixXd gaussian(const MatrixXd& a, const MatrixXd& b, const VectorXd& lengths) {
+/// Σ_a ((p − q)_a / ℓ_a)² for the rows p of `a` and q of `b`.
+MatrixXd squared_distances(const MatrixXd& a, const MatrixXd& b, const VectorXd& lengths) {
   const MatrixXd p = a * lengths.cwiseInverse().asDiagonal(), q = b * lengths.cwiseInverse().asDiagonal();
   MatrixXd squares = -2 * p * q.transpose();
   squares.colwise() += p.rowwise().squaredNorm();
   squares.rowwise() += q.rowwise().squaredNorm().transpose();
-  return (-0.5 * squares.array().max(0.0)).exp();
+  return squares.cwiseMax(0.0);
+}
+
+/// Matérn's of order 5/2.
+MatrixXd kernel_matrix(const MatrixXd& a, const MatrixXd& b, const InterpolationKernel& kernel) {
+  const Eigen::ArrayXXd r = (5 * squared_distances(a, b, kernel.lengths).array()).sqrt();
+  return (1 + r + r.square() / 3) * (-r).exp();
 }
 
 }  // namespace
@@ -40,7 +47,7 @@ ScatteredInterpolation::ScatteredInterpolation(const MatrixXd& points, const Mat
     : points_(points), all_(points.rows() + zeros.rows(), points.cols()), kernel_(std::move(kernel)) {
   const Index k = points.rows(), n = all_.rows();
   all_ << points, zeros;
-  MatrixXd gram = gaussian(all_, all_, kernel_.lengths);
+  MatrixXd gram = kernel_matrix(all_, all_, kernel_);
   gram.diagonal().array() += kernel_.nugget;
   inverse_ = gram.llt().solve(MatrixXd::Identity(n, n));
   leave_one_out_ = inverse_.diagonal().head(k).cwiseInverse().asDiagonal() * inverse_.topLeftCorner(k, k);
@@ -51,16 +58,17 @@ VectorXd ScatteredInterpolation::left_out_std() const {
 }
 
 VectorXd ScatteredInterpolation::missed_std(const Eigen::Ref<const MatrixXd>& at) const {
-  const MatrixXd k = gaussian(at, all_, kernel_.lengths);
+  const MatrixXd k = kernel_matrix(at, all_, kernel_);
   return (1 - (k * inverse_).cwiseProduct(k).rowwise().sum().array()).max(kernel_.nugget).sqrt();
 }
 
 VectorXd ScatteredInterpolation::window(const Eigen::Ref<const MatrixXd>& at) const {
-  return 1 - (1 - gaussian(at, points_, kernel_.reach).array()).rowwise().prod();
+  const MatrixXd squares = squared_distances(at, points_, kernel_.reach);
+  return 1 - (1 - (-0.5 * squares.array()).exp()).rowwise().prod();
 }
 
 MatrixXd ScatteredInterpolation::functions(const Eigen::Ref<const MatrixXd>& at) const {
-  return window(at).asDiagonal() * gaussian(at, all_, kernel_.lengths) * inverse_.leftCols(points_.rows());
+  return window(at).asDiagonal() * kernel_matrix(at, all_, kernel_) * inverse_.leftCols(points_.rows());
 }
 
 namespace {
@@ -175,30 +183,34 @@ MatrixXd corners_around(std::span<const Axis> axes, const MatrixXd& points) {
   return result;
 }
 
+VectorXd cell_widths(std::span<const Axis> axes, const VectorXd& at) {
+  VectorXd width(at.size());
+  for (Index a = 0; a < at.size(); ++a) {
+    const std::vector<double>& nodes = axes[a].nodes;
+    const std::size_t left = interval_of(nodes, at[a]);
+    width[a] = nodes[left + 1] - nodes[left];
+  }
+  return width;
+}
+
 /// 1 at the centre of the neighbourhood, a half three standard deviations away; of each point.
 VectorXd nearness(const MatrixXd& points, const Neighbourhood& at) {
   const MatrixXd away = (points.rowwise() - at.mean.transpose()) * (3 * at.std()).cwiseInverse().asDiagonal();
   return (1 + away.rowwise().squaredNorm().array()).inverse();
 }
 
-/// The length, in widths of the base's cell at the neighbourhood, by which the solutions predict each other
-/// best; those near it count most.
+/// By the lengths, in widths of the base's cell at the neighbourhood, with which the solutions predict each
+/// other best; those near it count most.
 ScatteredInterpolation best_interpolation(std::span<const Axis> axes, const KnownErrors& known,
                                           const Neighbourhood& at) {
   const Index k = known.points.rows(), d = known.points.cols();
-  VectorXd width(d);
-  for (Index a = 0; a < d; ++a) {
-    const std::vector<double>& nodes = axes[a].nodes;
-    const std::size_t left = interval_of(nodes, at.mean[a]);
-    width[a] = nodes[left + 1] - nodes[left];
-  }
   MatrixXd products(k, k);
   for (Index i = 0; i < k; ++i)
     for (Index j = 0; j <= i; ++j)
       products(i, j) = products(j, i) = known.fields[i].cwiseProduct(known.fields[j]).sum();
-  const VectorXd weight = nearness(known.points, at);
+  const VectorXd weight = nearness(known.points, at), width = cell_widths(axes, at.mean);
   const MatrixXd zeros = corners_around(axes, known.points);
-  InterpolationKernel kernel{0.7 * width, (2 * at.std()).cwiseMax(0.15 * width), 1e-10};
+  InterpolationKernel kernel = kernel_of_cell(axes, at);
   const auto missed = [&] {
     const MatrixXd l = ScatteredInterpolation(known.points, zeros, kernel).leave_one_out();
     return weight.dot((l * products).cwiseProduct(l).rowwise().sum());
@@ -212,7 +224,7 @@ ScatteredInterpolation best_interpolation(std::span<const Axis> axes, const Know
     }
     value = best;
   };
-  constexpr std::array<double, 6> k_lengths = {0.35, 0.5, 0.7, 1.0, 1.4, 2.0};
+  constexpr std::array<double, 8> k_lengths = {0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 4.0};
   constexpr std::array<double, 5> k_nuggets = {1e-10, 1e-8, 1e-6, 1e-4, 1e-2};
   const int sweeps = k < 3 ? 0 : 2;  // of fewer there is nothing to choose by
   for (int sweep = 0; sweep < sweeps; ++sweep) {
@@ -439,13 +451,47 @@ TruncationError error_of(const TruncationError& base, const ModelContents& conte
 
 }  // namespace
 
+InterpolationKernel kernel_of_cell(std::span<const Axis> axes, const Neighbourhood& at) {
+  const VectorXd width = cell_widths(axes, at.mean);
+  return {0.7 * width, (2 * at.std()).cwiseMax(0.15 * width)};
+}
+
+MatrixXd most_informative(std::span<const Axis> axes, const MatrixXd& known, const MatrixXd& candidates,
+                          const InterpolationKernel& kernel, Index count) {
+  constexpr double k_nothing = 1e-6;  // of the variance without any solution
+  constexpr Index k_most_corners = 512;
+  MatrixXd places(known.rows() + candidates.rows(), candidates.cols());
+  places << known, candidates;
+  MatrixXd zeros = axes.size() <= 3 ? corners_around(axes, places) : corners_around(axes, known);
+  if (zeros.rows() > k_most_corners) zeros.conservativeResize(k_most_corners, Eigen::NoChange);
+  MatrixXd all(known.rows() + zeros.rows(), candidates.cols());
+  all << known, zeros;
+  MatrixXd gram = kernel_matrix(all, all, kernel);
+  const double nugget = std::max(kernel.nugget, 1e-8);
+  gram.diagonal().array() += nugget;
+  const MatrixXd cross = kernel_matrix(all, candidates, kernel);
+  // Covariance of what is not known; a solution at j subtracts R e_j (R e_j)ᵀ / (R_jj + nugget).
+  MatrixXd rest = kernel_matrix(candidates, candidates, kernel) - cross.transpose() * gram.llt().solve(cross);
+  std::vector<Index> chosen;
+  while (static_cast<Index>(chosen.size()) < count) {
+    const Eigen::ArrayXd variance = rest.diagonal().array().max(0.0) + nugget;
+    Index best = 0;
+    (rest.colwise().squaredNorm().transpose().array() / variance).maxCoeff(&best);
+    if (!(rest(best, best) > k_nothing)) break;
+    chosen.push_back(best);
+    const VectorXd column = rest.col(best);
+    rest -= column * column.transpose() / variance[best];
+  }
+  return candidates(chosen, Eigen::all);
+}
+
 RefinedModel refined(const ModelContents& base, const TruncationError& error,
                      std::span<const Snapshots> solutions, const Neighbourhood& at) {
   if (solutions.empty()) throw UsageError("a model is refined by full-order solutions: none is given");
   const SeparatedModel model(base);
   const KnownErrors known = errors_of(model, base, solutions);
   const ScatteredInterpolation interpolation = best_interpolation(base.axes, known, at);
-  RefinedModel result{base, error_of(error, base, known, interpolation, at)};
+  RefinedModel result{base, error_of(error, base, known, interpolation, at), interpolation.kernel()};
   result.model.axes = with_nodes_for(base.axes, known.points, interpolation.kernel(), at);
   const MatrixXd points = points_of(result.model.axes);
   const MatrixXd phi = interpolation.functions(points);

@@ -16,9 +16,13 @@ struct Neighbourhood {
   [[nodiscard]] Eigen::VectorXd std() const { return covariance.diagonal().cwiseSqrt(); }
 };
 
+/// How often a process is differentiable: infinitely (Gaussian kernel), twice (Matérn 5/2), once (Matérn
+/// 3/2).
+enum class Smoothness : std::uint8_t { infinite, twice, once };
+
 /// How what is known at one point goes on to others.
 struct InterpolationKernel {
-  Eigen::VectorXd lengths;  ///< ℓ, d: of K_ℓ(p, q) = exp(−½ Σ_a ((p − q)_a / ℓ_a)²)
+  Eigen::VectorXd lengths;  ///< ℓ, d: K depends on r² = Σ_a ((p − q)_a / ℓ_a)²
   Eigen::VectorXd reach;    ///< ρ, d: beyond two or three of these around the points nothing is said
   /// Variance, of one, of what is not smooth (a solution has kinks where damage begins); it keeps what is
   /// said between the points from growing wild beyond them.
@@ -50,11 +54,21 @@ class ScatteredInterpolation {
   Eigen::MatrixXd leave_one_out_;
 };
 
+/// Where further solutions tell most: of `candidates` (n × d, equally weighted) the `count` that lower the
+/// kriging variance most, averaged over all candidates, one after the other. `known` k × d: solutions so far;
+/// the model with these `axes` is exact at its nodes. Fewer rows where nothing is left to be known.
+[[nodiscard]] Eigen::MatrixXd most_informative(std::span<const Axis> axes, const Eigen::MatrixXd& known,
+                                               const Eigen::MatrixXd& candidates,
+                                               const InterpolationKernel& kernel, Eigen::Index count);
+/// A kernel before solutions tell of one: in proportion to the cell of the grid that holds `at`.
+[[nodiscard]] InterpolationKernel kernel_of_cell(std::span<const Axis> axes, const Neighbourhood& at);
+
 struct RefinedModel {
   ModelContents model;  ///< in tree form, with more nodes around the neighbourhood
   /// Of it: what the solutions miss of each other, scaled to what all of them together miss over the
   /// neighbourhood; far from them the base's.
   TruncationError error;
+  InterpolationKernel kernel;  ///< by which the solutions predict each other best
 };
 
 /// `base` plus the interpolated errors that it has at the `solutions` (each a grid of one point): fields and
