@@ -25,6 +25,8 @@ class ForwardModel {
   /// What messages call the model.
   [[nodiscard]] virtual std::string where() const = 0;
 
+  /// Whether a hundred thousand values are no matter, as those of a reduced model are.
+  [[nodiscard]] virtual bool is_cheap() const { return false; }
   [[nodiscard]] virtual bool has_gradient() const { return false; }
   [[nodiscard]] virtual bool has_jacobian() const { return false; }
   [[nodiscard]] virtual bool has_hessian() const { return false; }

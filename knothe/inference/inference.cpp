@@ -213,7 +213,7 @@ double InferenceResult::seconds() const {
 InferenceResult infer(PosteriorDensity& posterior, ModelEvaluator& evaluator,
                       const InferenceOptions& options) {
   InferenceResult r;
-  r.method = one_shot(options.method, posterior.dimension(), false);
+  r.method = one_shot(options.method, posterior.dimension(), evaluator.model().is_cheap());
   if (posterior.is_density()) require_finite_integral(posterior, options.names);
   switch (r.method) {
     case Method::transport:

@@ -20,11 +20,11 @@ constexpr bool is_one_shot(Method method) {
   return method < Method::extended_kalman;
 }
 
-/// What `auto` is: weighted draws, which ask a server for some thousand values; the map where values cost
-/// nothing and there are few parameters, for it has more digits.
-constexpr Method one_shot(Method method, Eigen::Index parameters, bool is_server) {
+/// What `auto` is: weighted draws, which ask for some thousand values; the map where values cost nothing and
+/// there are few parameters, for it has more digits.
+constexpr Method one_shot(Method method, Eigen::Index parameters, bool is_cheap) {
   if (method != Method::automatic) return method;
-  return parameters <= 3 && !is_server ? Method::transport : Method::sequential_monte_carlo;
+  return parameters <= 3 && is_cheap ? Method::transport : Method::sequential_monte_carlo;
 }
 
 /// Up to which order a method is given derivatives. Chains would ask for them at every step: only those that

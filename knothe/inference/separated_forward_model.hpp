@@ -18,6 +18,7 @@ class SeparatedForwardModel final : public ForwardModel {
   [[nodiscard]] Eigen::Index dimension() const override { return functions_->dimension(); }
   [[nodiscard]] Eigen::Index output_count() const override { return offset_.size(); }
   [[nodiscard]] std::string where() const override { return where_; }
+  [[nodiscard]] bool is_cheap() const override { return true; }
   [[nodiscard]] bool has_jacobian() const override { return true; }
   [[nodiscard]] bool has_hessian() const override { return true; }
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::Ref<Eigen::MatrixXd> values) override;
@@ -50,6 +51,7 @@ class SeparatedOutputModel final : public ForwardModel {
     return static_cast<Eigen::Index>(steps_.size());
   }
   [[nodiscard]] std::string where() const override { return model_.where(); }
+  [[nodiscard]] bool is_cheap() const override { return true; }
   [[nodiscard]] bool has_jacobian() const override { return true; }
   [[nodiscard]] bool has_hessian() const override { return true; }
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::Ref<Eigen::MatrixXd> values) override;

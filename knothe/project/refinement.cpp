@@ -205,9 +205,12 @@ bool Refinement::refine(std::unique_ptr<engine::Engine>& engine, engine::StepRes
     engine::StepResult next = engine->conclude(result.update.step);
     last_move_ = move_between(result.update, next.update);
     result = std::move(next);
-    settled = last_move_.mean < goal.mean && last_move_.std < goal.std ? settled + 1 : 0;
-    settled_ = settled > 0;
-    if (settled > 0 && (!thorough || (settled > 1 && covers(result.update)))) break;
+    const auto within = [&](double share) {
+      return last_move_.mean < share * goal.mean && last_move_.std < share * goal.std;
+    };
+    settled_ = within(1);
+    settled = within(0.5) ? settled + 1 : 0;
+    if (thorough ? settled > 1 && covers(result.update) : settled_) break;
   }
   if (version_ != version) whole_move_ = move_between(first, result.update);
   return version_ != version;

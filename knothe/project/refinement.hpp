@@ -33,7 +33,8 @@ struct PosteriorMove {
 [[nodiscard]] PosteriorMove move_between(const assimilation::Posterior& before,
                                          const assimilation::Posterior& after);
 
-/// When the posterior is the full-order model's: what one more refinement may still move it.
+/// When the posterior is the full-order model's: what one more refinement may still move it. Refining ends
+/// when two in a row move it by less than half of that.
 struct RefinementGoal {
   double mean = 0.1;  ///< in standard deviations
   double std = 0.05;

@@ -32,7 +32,8 @@ class InferenceResult(Posterior):
 
     Examples
     --------
-    >>> found = knothe.infer(lambda p: p, {"a": knothe.Normal(0, 1)}, observed=[1.0], std=1.0)
+    >>> found = knothe.infer(lambda p: p, {"a": knothe.Normal(0, 1)}, observed=[1.0], std=1.0,
+    ...                      method="transport")
     >>> found.mean.round(3), found.chains.shape
     (array([0.5]), (1, 10000, 1))
     """
@@ -51,7 +52,8 @@ class InferenceResult(Posterior):
 
         Examples
         --------
-        >>> found = knothe.infer(lambda p: p, {"a": knothe.Normal(0, 1)}, observed=[1.0], std=1.0)
+        >>> found = knothe.infer(lambda p: p, {"a": knothe.Normal(0, 1)}, observed=[1.0], std=1.0,
+        ...                      method="transport")
         >>> bool(abs(found.skewness[0]) < 0.01)
         True
         """
@@ -63,7 +65,8 @@ class InferenceResult(Posterior):
 
         Examples
         --------
-        >>> found = knothe.infer(lambda p: p, {"a": knothe.Normal(0, 1)}, observed=[1.0], std=1.0)
+        >>> found = knothe.infer(lambda p: p, {"a": knothe.Normal(0, 1)}, observed=[1.0], std=1.0,
+        ...                      method="transport")
         >>> found.kurtosis.round(1)
         array([3.])
         """
@@ -141,7 +144,8 @@ def infer(model: "str | os.PathLike[str] | Callable[[Array], ArrayLike]", parame
     vectorized : bool
         `model` and `jacobian` are called with n points at once: (n, d) to (n, m) and (n, m, d).
     method : {"auto", "transport", "mcmc", "smc", "grid"}, optional
-        `auto`, the default: a map up to three parameters, weighted draws (`smc`) beyond.
+        `auto`, the default: weighted draws (`smc`), with the fewest calls of a function; for a project with a
+        reduced model of up to three parameters the map.
     tolerance, max_order : float, int
         Of maps.
     samples : int

@@ -273,7 +273,7 @@ class Test(CaseInItsFolder):
                            ("there is no dof 1: the model has 1 dof, counted from 0", lambda: model([1.0], 0, dofs=[1])),
                            ("1 place of sensors with 2 components", lambda: knothe.Sensors([[0, 0, 0]], ["x", "y"])),
                            ("[1 time, dofs]", lambda: knothe.offline(lambda k: [k], {"k": [1.0, 2.0]}, t, "x.h5")),
-                           ("the model gave 1 value for 40 points; needed: 80 (2 each)",
+                           ("the model gave 1 value for 256 points; needed: 512 (2 each)",
                             lambda: knothe.infer(lambda points: [1.0], {"k": knothe.Normal(0, 1)}, observed=[1.0, 2.0], std=1.0, vectorized=True))):
             with self.subTest(text):
                 self.refused(knothe.UsageError, text, call=call)

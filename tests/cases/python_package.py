@@ -427,8 +427,14 @@ void slope(const double *p, size_t d, double *out) {
         def log_density(p):
             return 3.0 - 0.5 * (((p - [1, -1]) / [0.5, 2]) ** 2).sum() - np.log(2 * np.pi)
 
+        priors = {"a": knothe.Normal(0, 1), "b": knothe.Normal(0, 3)}
+        drawn = knothe.infer(log_density, priors)
+        self.assertEqual(drawn.record["method"], "smc")  # auto: with the fewest calls
+        self.assertLess(drawn.record["model_evaluations"], 20000)
+        np.testing.assert_array_less(abs(drawn.mean - [1, -1]) / [0.5, 2], 0.1)
+        np.testing.assert_allclose(drawn.std, [0.5, 2], rtol=0.05)
         for jacobian in (None, lambda p: -(p - np.array([1, -1])) / np.array([0.25, 4.0])):
-            found = knothe.infer(log_density, {"a": knothe.Normal(0, 1), "b": knothe.Normal(0, 3)}, jacobian=jacobian)
+            found = knothe.infer(log_density, priors, jacobian=jacobian, method="transport")
             np.testing.assert_allclose(found.mean, [1, -1], atol=0.01)
             np.testing.assert_allclose(found.std, [0.5, 2], rtol=0.01)
             self.assertAlmostEqual(found.log_evidence, 3.0, delta=0.01)
@@ -461,7 +467,7 @@ void slope(const double *p, size_t d, double *out) {
     def test_mistakes_in_inference_are_explained(self):
         one = {"a": knothe.Normal(0, 1)}
         self.refused(knothe.UsageError, "std or covariance", call=lambda: knothe.infer(lambda p: p, one, observed=[1.0]))
-        self.refused(knothe.UsageError, "needed: 40 (1 each)",
+        self.refused(knothe.UsageError, "needed: 256 (1 each)",
                      call=lambda: knothe.infer(lambda p: [1.0, 2.0, 3.0], one, observed=[1.0], std=1.0))
         self.refused(knothe.UsageError, "2 standard deviations for 1 observation",
                      call=lambda: knothe.infer(lambda p: p, one, observed=[1.0], std=[1.0, 1.0]))

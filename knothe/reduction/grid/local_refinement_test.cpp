@@ -258,5 +258,52 @@ TEST(ScatteredInterpolation, ItsLeaveOneOutIsThatOfInterpolatingTheOthers) {
   }
 }
 
+/// Mean kriging variance over the candidates with these solutions, the model exact at the corners of the cells.
+double mean_variance(const Eigen::MatrixXd& known, const Eigen::MatrixXd& zeros,
+                     const Eigen::MatrixXd& candidates, const InterpolationKernel& kernel) {
+  return ScatteredInterpolation(known, zeros, kernel).missed_std(candidates).squaredNorm() /
+         static_cast<double>(candidates.rows());
+}
+
+TEST(MostInformative, IsTheCandidateThatLowersTheMeanVarianceMost) {
+  const std::vector<Axis> axes = two_axes();
+  const double left[] = {axes[0].nodes[1], axes[1].nodes[1]}, right[] = {axes[0].nodes[2], axes[1].nodes[2]};
+  std::mt19937_64 random(7);
+  std::uniform_real_distribution<double> inside(0.02, 0.98);
+  const auto in_cell = [&] {
+    return Eigen::RowVector2d(left[0] + inside(random) * (right[0] - left[0]),
+                              left[1] + inside(random) * (right[1] - left[1]));
+  };
+  Eigen::MatrixXd candidates(40, 2), known(2, 2);
+  for (Eigen::Index i = 0; i < 40; ++i) candidates.row(i) = in_cell();
+  for (Eigen::Index i = 0; i < 2; ++i) known.row(i) = in_cell();
+  const Eigen::MatrixXd zeros{{left[0], left[1]}, {right[0], left[1]}, {left[0], right[1]}, {right[0], right[1]}};
+  InterpolationKernel kernel = kernel_of_cell(axes, {in_cell(), Eigen::Matrix2d::Identity()});
+  kernel.nugget = 1e-6;
+  const Eigen::MatrixXd two = most_informative(axes, known, candidates, kernel, 2);
+  ASSERT_EQ(two.rows(), 2);
+  for (Eigen::Index step = 0; step < 2; ++step) {
+    Eigen::MatrixXd with(known.rows() + 1, 2);
+    double best = std::numeric_limits<double>::infinity();
+    Eigen::RowVector2d best_candidate;
+    for (const auto& candidate : candidates.rowwise()) {
+      with << known, candidate;
+      if (const double variance = mean_variance(with, zeros, candidates, kernel); variance < best)
+        best = variance, best_candidate = candidate;
+    }
+    EXPECT_EQ(two.row(step), best_candidate) << step;
+    with << known, two.row(step);
+    known = with;
+  }
+}
+
+TEST(MostInformative, NothingWhereEverythingIsKnown) {
+  const std::vector<Axis> axes = two_axes();
+  const Eigen::MatrixXd candidates{{axes[0].nodes[1], axes[1].nodes[1]}, {0.77, 0.93}};
+  const Eigen::MatrixXd known = candidates.bottomRows(1);
+  const InterpolationKernel kernel = kernel_of_cell(axes, {known.row(0), Eigen::Matrix2d::Identity()});
+  EXPECT_EQ(most_informative(axes, known, candidates, kernel, 2).rows(), 0);
+}
+
 }  // namespace
 }  // namespace knothe::reduction

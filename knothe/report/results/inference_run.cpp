@@ -107,7 +107,7 @@ InferenceRun run_inference(const project::Project& project, Method asked, const 
   InferenceRun run{project::set_up_inference(project), {}, folder};
   project::InferenceSetup& setup = run.setup;
   const bool is_server = !project.umbridge.url.empty();
-  const Method method = inference::one_shot(asked, static_cast<Eigen::Index>(setup.priors.size()), is_server);
+  const Method method = inference::one_shot(asked, setup.model->dimension(), setup.model->is_cheap());
   files::require_writable_folder(folder);
   inference::EvaluationJournal journal((std::filesystem::path(folder) / "evaluations.jsonl").string(),
                                        setup.model->where() + "\n" + project.umbridge.config);
