@@ -258,7 +258,8 @@ TEST(ScatteredInterpolation, ItsLeaveOneOutIsThatOfInterpolatingTheOthers) {
   }
 }
 
-/// Mean kriging variance over the candidates with these solutions, the model exact at the corners of the cells.
+/// Mean kriging variance over the candidates with these solutions, the model exact at the corners of the
+/// cells.
 double mean_variance(const Eigen::MatrixXd& known, const Eigen::MatrixXd& zeros,
                      const Eigen::MatrixXd& candidates, const InterpolationKernel& kernel) {
   return ScatteredInterpolation(known, zeros, kernel).missed_std(candidates).squaredNorm() /
@@ -277,7 +278,8 @@ TEST(MostInformative, IsTheCandidateThatLowersTheMeanVarianceMost) {
   Eigen::MatrixXd candidates(40, 2), known(2, 2);
   for (Eigen::Index i = 0; i < 40; ++i) candidates.row(i) = in_cell();
   for (Eigen::Index i = 0; i < 2; ++i) known.row(i) = in_cell();
-  const Eigen::MatrixXd zeros{{left[0], left[1]}, {right[0], left[1]}, {left[0], right[1]}, {right[0], right[1]}};
+  const Eigen::MatrixXd zeros{
+      {left[0], left[1]}, {right[0], left[1]}, {left[0], right[1]}, {right[0], right[1]}};
   InterpolationKernel kernel = kernel_of_cell(axes, {in_cell(), Eigen::Matrix2d::Identity()});
   kernel.nugget = 1e-6;
   const Eigen::MatrixXd two = most_informative(axes, known, candidates, kernel, 2);
