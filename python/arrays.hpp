@@ -41,10 +41,6 @@ template <class T>
   const auto size = static_cast<py::ssize_t>(values.size());
   return array_of(std::move(values), {size});
 }
-/// "1 value", "2 values": of a noun with a regular plural.
-[[nodiscard]] inline std::string counted(std::size_t count, const std::string& noun) {
-  return std::to_string(count) + " " + noun + (count == 1 ? "" : "s");
-}
 /// n × d of n·d numbers.
 [[nodiscard]] inline py::array_t<double> rows_of(std::vector<double> values, std::size_t columns) {
   const auto d = static_cast<py::ssize_t>(columns);

@@ -3,6 +3,7 @@
 #include <pybind11/stl.h>
 
 #include "knothe/base/cancellation.hpp"
+#include "knothe/base/text.hpp"
 #include "knothe/knothe.hpp"
 #include "python/arrays.hpp"
 #include "python/bindings.hpp"

@@ -6,6 +6,7 @@
 
 #include "knothe/assimilation/update/marginal_density.hpp"
 #include "knothe/base/cancellation.hpp"
+#include "knothe/base/text.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/inference/model_evaluator.hpp"
 #include "knothe/library/engine_of_values.hpp"
@@ -16,6 +17,7 @@
 #include "knothe/report/results/inference_run.hpp"
 #include "knothe/report/results/model_record.hpp"
 #include "knothe/report/results/physical_parameters.hpp"
+#include "knothe/simulator/result_file.hpp"
 #include "python/bindings.hpp"
 #include "python/interruption.hpp"
 #include "python/values.hpp"
@@ -235,6 +237,7 @@ reduction::Snapshots snapshots_of(const py::dict& parts) {
   for (const auto& [name, units, values] :
        parts["outputs"].cast<std::vector<std::tuple<std::string, std::string, Doubles>>>())
     s.outputs.push_back({name, {units, name}, vector_of(values)});
+  simulator::settle_units(s, "offline");
   return s;
 }
 
@@ -347,13 +350,12 @@ struct InferenceValues {
 };
 using ProgressFunction = std::optional<py::function>;
 
-/// progress(done, total): model evaluations made, and an estimate of all; None where the method does not know
-/// what share of its work is done.
-void call_progress(const ProgressFunction& progress, Eigen::Index done, double share) {
+/// progress(done, total): model evaluations made, and an estimate of all; None while there is none.
+void call_progress(const ProgressFunction& progress, Eigen::Index done, std::optional<Eigen::Index> total) {
   if (!progress) return;
   const py::gil_scoped_acquire hold;
-  if (share > 0)
-    (*progress)(done, std::max<Eigen::Index>(done, std::llround(static_cast<double>(done) / share)));
+  if (total)
+    (*progress)(done, std::max(done, *total));
   else
     (*progress)(done, py::none());
 }
@@ -375,16 +377,16 @@ inference::InferenceResult infer(CallableModel& model, InferenceValues& values,
   inference::PosteriorDensity posterior(
       evaluator, values.densities, observations_of(values),
       inference::useful_derivatives(values.options.method, model.has_jacobian()));
-  double share = 0;
-  values.options.progress = [&](double of_all) {
-    share = of_all;
+  std::optional<Eigen::Index> total;
+  values.options.progress = [&](double share) {
+    if (share > 0) total = std::llround(static_cast<double>(model.calls().evaluations) / share);
     return !cancellation_requested();
   };
   evaluator.progress = [&](const inference::ModelCalls& calls) {
-    call_progress(progress, calls.evaluations, share);
+    call_progress(progress, calls.evaluations, total);
   };
   inference::InferenceResult result = inference::infer(posterior, evaluator, values.options);
-  call_progress(progress, model.calls().evaluations, 1);
+  call_progress(progress, model.calls().evaluations, model.calls().evaluations);
   return result;
 }
 

@@ -68,6 +68,10 @@ std::string escape_xml(std::string_view text) {
   return out;
 }
 
+std::string counted(std::size_t count, std::string_view noun) {
+  return std::to_string(count) + " " + std::string(noun) + (count == 1 ? "" : "s");
+}
+
 std::uint64_t fnv1a(std::string_view text) {
   std::uint64_t hash = 14695981039346656037ull;
   for (const unsigned char character : text) hash = (hash ^ character) * 1099511628211ull;

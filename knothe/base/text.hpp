@@ -16,6 +16,9 @@ namespace knothe {
 /// ` (did you mean "…"?)`, or nothing.
 [[nodiscard]] std::string did_you_mean(std::string_view word, std::span<const std::string> candidates);
 
+/// "1 value", "2 values": of a noun with a regular plural.
+[[nodiscard]] std::string counted(std::size_t count, std::string_view noun);
+
 /// `text` with the five characters that mean something in XML replaced, and control characters that XML
 /// forbids left out. Fit for element content and for attribute values in double quotes.
 [[nodiscard]] std::string escape_xml(std::string_view text);

@@ -9,6 +9,7 @@
 #include "knothe/assimilation/update/prior_of_model.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/monotonic_time.hpp"
+#include "knothe/base/text.hpp"
 
 namespace knothe::engine {
 
@@ -42,8 +43,9 @@ StepResult Engine::assimilate(const Datum& datum) {
 
 void Engine::require_fits(const Datum& datum) const {
   if (datum.values.size() != setup_.model->observations())
-    throw UsageError(fmt::format("step {}: {} values for {} sensors", datum.step, datum.values.size(),
-                                 setup_.model->observations()));
+    throw UsageError(fmt::format("step {}: {} for {}", datum.step,
+                                 counted(static_cast<std::size_t>(datum.values.size()), "value"),
+                                 counted(static_cast<std::size_t>(setup_.model->observations()), "sensor")));
   if (datum.time_index >= setup_.model->time.size())
     throw UsageError(fmt::format("step {}: the model has {} times, there is no time {}", datum.step,
                                  setup_.model->time.size(), datum.time_index));

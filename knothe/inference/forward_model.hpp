@@ -25,7 +25,7 @@ class ForwardModel {
   /// What messages call the model.
   [[nodiscard]] virtual std::string where() const = 0;
 
-  /// Whether a hundred thousand values are no matter, as those of a reduced model are.
+  /// Whether 10⁵ evaluations take negligible time, as those of a reduced model do.
   [[nodiscard]] virtual bool is_cheap() const { return false; }
   [[nodiscard]] virtual bool has_gradient() const { return false; }
   [[nodiscard]] virtual bool has_jacobian() const { return false; }

@@ -71,7 +71,8 @@ std::string verdict(const sampling::MetropolisResult& chains) {
 std::string verdict(const sampling::RecycledImportanceResult& draws) {
   const double beta = draws.temperatures.back();
   const std::string facts = fmt::format(
-      "{} weighted draws of {} rounds are worth {:.0f}; a mean is off by at most {:.2f} std (limit 0.1) and "
+      "{} weighted draws of {} rounds are worth {:.0f} independent ones; a mean is off by at most {:.2f} std "
+      "(limit 0.1) and "
       "a "
       "standard deviation by {:.1f} % (limit 5 %), four standard errors each",
       draws.sample.points.rows(), draws.temperatures.size(), draws.sample.effective_size, draws.mean_error,
@@ -94,9 +95,8 @@ std::string does_not_fit(double chi_squared, Eigen::Index count) {
 
 std::string pressed(const std::string& parameter, double share, double end) {
   return fmt::format(
-      " But {:.0f} % of the posterior of {} lies next to the end of its prior, {:.4g}, and would go on "
-      "beyond: "
-      "widen the prior, or see why.",
+      " But {:.0f} % of the posterior of {} lies next to the end of its prior, {:.4g}, which cuts it off: "
+      "widen the prior, or find out why.",
       100 * share, parameter, end);
 }
 

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include "knothe/base/text.hpp"
 #include "knothe/library/engine_of_values.hpp"
 #include "knothe/library/plain.hpp"
 
@@ -83,9 +84,9 @@ Posterior Assimilation::assimilate(const Datum& datum) {
   implementation_->require_step(datum.step);
   const auto sensors = static_cast<std::size_t>(implementation_->engine.model().observations());
   if (datum.values.size() != sensors)
-    throw UsageError(
-        fmt::format("datum of step {}: {} values for {} sensors; NaN stands for one that is missing",
-                    datum.step, datum.values.size(), sensors));
+    throw UsageError(fmt::format("datum of step {}: {} for {}; NaN stands for one that is missing",
+                                 datum.step, counted(datum.values.size(), "value"),
+                                 counted(sensors, "sensor")));
   if (implementation_->engine.data_count(datum.step) > 0)
     throw UsageError(
         fmt::format("step {} is assimilated already: withdraw it before adding another", datum.step));

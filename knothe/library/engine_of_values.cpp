@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "knothe/base/text.hpp"
 #include "knothe/library/plain.hpp"
 #include "knothe/reduction/model/parameter_order.hpp"
 #include "knothe/reduction/model/truncation_error.hpp"
@@ -32,8 +33,9 @@ Eigen::SparseMatrix<double> matrix_of(const Noise::Precision& precision) {
 
 reduction::Dofs places_of(const Sensors& sensors) {
   if (sensors.size() == 0 || sensors.points.size() != 3 * sensors.components.size())
-    throw UsageError(fmt::format("{} sensors with {} coordinates: each has a component and a point x, y, z",
-                                 sensors.components.size(), sensors.points.size()));
+    throw UsageError(fmt::format("{} with {}: each has a component and a point x, y, z",
+                                 counted(sensors.components.size(), "sensor"),
+                                 counted(sensors.points.size(), "coordinate")));
   return {sensors.points, {sensors.components.begin(), sensors.components.end()}};
 }
 
@@ -91,9 +93,8 @@ assimilation::GaussianNoise noise_of(const Noise& noise, std::size_t sensors) {
   const std::size_t size =
       noise.precision.row_begin.empty() ? noise.std.size() : noise.precision.row_begin.size() - 1;
   if (size != sensors || (!noise.std.empty() && !noise.precision.row_begin.empty()))
-    throw UsageError(
-        fmt::format("noise of {} values for {} sensors: give one standard deviation each, or their precision",
-                    size, sensors));
+    throw UsageError(fmt::format("noise of {} for {}: give one standard deviation each, or their precision",
+                                 counted(size, "value"), counted(sensors, "sensor")));
   return noise.std.empty() ? assimilation::GaussianNoise::correlated(matrix_of(noise.precision))
                            : assimilation::GaussianNoise::independent(vector_of(noise.std));
 }

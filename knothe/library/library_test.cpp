@@ -136,14 +136,14 @@ TEST_F(FacadeOfAssimilation, MistakesAreExplained) {
          (void)assimilation.assimilate({4, std::vector<double>(8)});
        }),
        "step 4: the model has the steps 0 to 3");
-  says(message_of([&] { (void)assimilation.assimilate({0, {1.0}}); }), "1 values for 8 sensors");
+  says(message_of([&] { (void)assimilation.assimilate({0, {1.0}}); }), "1 value for 8 sensors");
   says(message_of([&] {
          (void)assimilation.assimilate({0, std::vector<double>(8), {.std = {1.0}}});
        }),
-       "noise of 1 values for 8 sensors");
+       "noise of 1 value for 8 sensors");
   says(message_of([&] { (void)assimilation.predict(std::vector{1.0}, 0); }), "the model has 2");
   says(message_of([&] { (void)assimilation.withdraw(2); }), "2");
-  says(message_of([&] { Assimilation(path_, {{0, 0}, {0}}, {{1.0}}, {}); }), "1 sensors with 2 coordinates");
+  says(message_of([&] { Assimilation(path_, {{0, 0}, {0}}, {{1.0}}, {}); }), "1 sensor with 2 coordinates");
 }
 
 /// x ~ N(0, 1), y ~ N(x²/2, 0.5²).

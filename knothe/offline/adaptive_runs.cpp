@@ -10,6 +10,7 @@
 
 #include "knothe/assimilation/select/run_selection.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/base/text.hpp"
 #include "knothe/mechanics/full_order/beam_simulator.hpp"
 #include "knothe/offline/grid_solving.hpp"
 #include "knothe/offline/posterior_judge.hpp"
@@ -168,7 +169,7 @@ class RoundReport {
     std::string rest;
     if (!selected.reached && selected.history.size() > 2) {
       const std::size_t more = runs_to_go(selected.history, options_);
-      rest = fmt::format("; about {} runs more", more);
+      rest = fmt::format("; about {} more", counted(more, "run"));
       const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start_;
       if (runs_.computed() > 0)
         rest += fmt::format(", {}", duration(elapsed.count() / static_cast<double>(runs_.computed()) *

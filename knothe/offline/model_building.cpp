@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/text.hpp"
 #include "knothe/mechanics/distributed/ranks.hpp"
 #include "knothe/offline/adaptive_runs.hpp"
 #include "knothe/offline/grid_solving.hpp"
@@ -152,8 +153,8 @@ void build(const BuildOptions& build, const files::CommandOutput& output) {
                {"model", build.model},
                {"relative_error", model.relative_error},
                {"max_error_m", model.max_error_m}},
-              fmt::format("{}: {} form, {} modes, error on the grid {:.2g} (relative), {}", build.model,
-                          to_text(options.form), model.parameter_modes, model.relative_error,
+              fmt::format("{}: {} form, {}, error on the grid {:.2g} (relative), {}", build.model,
+                          to_text(options.form), counted(model.parameter_modes, "mode"), model.relative_error,
                           reduction::largest_error(model.max_error_m, model.quantities)));
 }
 

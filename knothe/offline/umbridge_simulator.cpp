@@ -59,7 +59,7 @@ reduction::Snapshots UmbridgeSimulator::solve(std::span<const double> parameters
   for (std::size_t k = 0; k < source_.names.size(); ++k)
     solution.quantities.push_back(
         {source_.names[k], k < source_.units.size() ? source_.units[k] : std::string("1")});
-  simulator::settle_quantities(solution, source_.url);
+  simulator::settle_units(solution, source_.url);
   return solution;
 }
 

@@ -8,6 +8,7 @@
 
 #include "knothe/assimilation/update/posterior_functions.hpp"
 #include "knothe/assimilation/update/prior_of_model.hpp"
+#include "knothe/base/text.hpp"
 #include "knothe/numerics/linear/symmetric_eigen.hpp"
 #include "knothe/project/simulation.hpp"
 #include "knothe/project/update_setup.hpp"
@@ -129,11 +130,13 @@ FileCheck check_files(const Project& project) {
   const UpdateSetup setup = set_up(project);
   (void)make_forecaster(project, setup);
   if (!project.serve.limits.empty()) (void)serve_limits(project, setup);
-  check.facts.push_back(fmt::format("model: {} parameters, {} times, {} dofs",
-                                    setup.observed->parameters.size(), setup.model.contents().time.size(),
-                                    setup.model.contents().dof_count()));
-  check.facts.push_back(fmt::format("data: {} sensors at {} times, inside the model",
-                                    setup.observed->observations(), setup.time_indices.size()));
+  check.facts.push_back(fmt::format("model: {}, {}, {}",
+                                    counted(setup.observed->parameters.size(), "parameter"),
+                                    counted(setup.model.contents().time.size(), "time"),
+                                    counted(setup.model.contents().dof_count(), "dof")));
+  check.facts.push_back(fmt::format("data: {} at {}, inside the model",
+                                    counted(setup.observed->observations(), "sensor"),
+                                    counted(setup.time_indices.size(), "time")));
   for (const std::string& name : setup.unused)
     check.warnings.push_back(fmt::format("the series \"{}\" is not used: it has no std", name));
   const PriorAnswers answers = answers_of(setup);

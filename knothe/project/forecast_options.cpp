@@ -13,7 +13,8 @@ const Section<F>& forecast_section() {
   static const Section<F> k_section("forecast.*", "A forecast of that name.", [](Section<F>& s) {
     s.add("quantity", &F::quantity, "What is forecast.", required);
     s.add("horizon", &F::horizon, "Model time for which it is forecast.", required);
-    s.add("threshold", &F::threshold, "P(q > threshold) is reported (unit of q).");
+    s.add("threshold", &F::threshold,
+          "P(q > threshold) is reported (the model's unit of q: SI where it is known).");
     s.table("prior", "Prior of an equivalent elastic crack length: `{ mean = …, std = … }`, m.");
     s.add("prior.mean", &F::prior_mean, "Prior mean of the equivalent elastic crack length, m.", required);
     s.add("prior.std", &F::prior_std, "Prior standard deviation of the equivalent elastic crack length, m.",

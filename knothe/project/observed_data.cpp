@@ -52,6 +52,9 @@ void settle_units(const reduction::ScalarObservation& sensor, const std::string&
     series.units = sensor.units;
   }
   if (series.units.empty() || series.units == "1") series.units = sensor.units;
+  if (!measured && modelled && series.units != sensor.units)
+    throw DataError(fmt::format("{}: the unit \"{}\" of \"{}\" is not known; in the model it is in {}",
+                                source, series.units, sensor.name, sensor.units));
 }
 
 /// The noise with the errors that observed series have at all times.

@@ -246,6 +246,11 @@ void check_grid_shift(Values& values, const OfflineOptions& o) {
 
 /// What goes with the beam alone.
 void check_own_solver(Values& values, const OfflineOptions& o) {
+  if (values.has("offline.command.units") && !values.has("offline.command.names"))
+    values.complain(
+        "offline.command.units",
+        "[offline.command] \"units\" are those of \"names\": without names a field is a displacement "
+        "in m, and a CSV file has its units in its header (\"force [kN]\")");
   if (o.parameters.empty())
     values.complain("offline", "[offline.parameters] has no parameter: one table for each of the program's");
   if (o.method == OfflineMethod::latin)

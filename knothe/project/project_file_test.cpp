@@ -117,6 +117,10 @@ TEST(ProjectFile, WhatDoesNotGoWithAnotherSolverIsRefused) {
       std::string::npos);
   EXPECT_NE(complaint("[offline.command]\nfield = \"a.csv\"\n").find("[offline.command] lacks \"run\""),
             std::string::npos);
+  EXPECT_NE(complaint("[offline.command]\nrun = [\"solver\"]\nfield = \"u.npy\"\ntimes = [1]\npoints = "
+                      "\"points.csv\"\nunits = [\"mm\"]\n[offline.parameters.k]\nlower = 1\nupper = 2\n")
+                .find("\"units\" are those of \"names\": without names a field is a displacement in m"),
+            std::string::npos);
   EXPECT_NE(complaint("[offline.parameters.Y0]\nlower = 0.5\nupper = 1.5\n")
                 .find("[offline.parameters.Y0] lacks "
                       "\"reference\""),

@@ -11,6 +11,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/base/program.hpp"
 #include "knothe/base/progress.hpp"
+#include "knothe/base/text.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
 #include "knothe/reduction/model/parameter_order.hpp"
 #include "knothe/simulator/solver_process.hpp"
@@ -82,7 +83,10 @@ std::unique_ptr<Refinement> make_refinement(const Project& project,
 
 namespace {
 
-constexpr double k_bulk = 2.2;  ///< standard deviations: 91 % of a normal distribution in two variables
+/// Standard deviations within which 98 % of a normal distribution in d variables are.
+double bulk_radius(Index d) {
+  return 1.5 + std::sqrt(static_cast<double>(d));
+}
 
 /// Parameters as a vector of standard deviations from the posterior's mean, uncorrelated.
 class Standardised {
@@ -121,8 +125,8 @@ std::string refined_model(const std::string& folder, std::size_t version) {
   return fmt::format("{}/model-{}.h5", folder, version);
 }
 
-/// The mean, unless a solution is near; then, if `thorough`, where more solutions tell most about the
-/// posterior: two at a time, since what they tell moves it.
+/// The mean, unless a solution is near it; then, if `thorough`, those of the bulk that reduce the kriging
+/// variance most: two points at a time, since each pair moves the posterior.
 std::vector<std::vector<double>> Refinement::points_to_ask(const Posterior& posterior, bool thorough) const {
   constexpr double k_near = 0.5;  // in standard deviations
   constexpr Index k_at_once = 2, k_candidates = 256;
@@ -140,10 +144,13 @@ std::vector<std::vector<double>> Refinement::points_to_ask(const Posterior& post
   };
   if (std::none_of(known.rowwise().begin(), known.rowwise().end(), is_near)) ask(posterior.mean);
   if (!thorough) return points;
-  // The standard deviations ask for the tails too.
+  // Tails count more: the standard deviations depend on them.
   VectorXd weights = posterior.weights;
-  for (Index i = 0; i < weights.size(); ++i)
-    weights[i] *= 1 + scale(posterior.points.row(i).transpose()).squaredNorm();
+  for (Index i = 0; i < weights.size(); ++i) {
+    const double far = scale(posterior.points.row(i).transpose()).norm();
+    weights[i] *= far < bulk_radius(d) ? 1 + far * far : 0;
+  }
+  if (!(weights.sum() > 0)) return points;  // a posterior of no width
   const MatrixXd candidates = posterior.points(numerics::equal_draws(weights, k_candidates), Eigen::all);
   const Neighbourhood at{posterior.mean, posterior.covariance};
   const MatrixXd more = reduction::most_informative(
@@ -160,7 +167,7 @@ bool Refinement::covers(const Posterior& posterior) const {
   const Standardised scale(posterior);
   const auto inside =
       std::count_if(solutions_.begin(), solutions_.end(), [&](const reduction::Snapshots& solution) {
-        return scale(as_vector(solution.parameters_at(0))).norm() < k_bulk + 0.3;
+        return scale(as_vector(solution.parameters_at(0))).norm() < bulk_radius(posterior.mean.size());
       });
   return inside > std::min(2 * posterior.mean.size(), k_enough);
 }
@@ -222,9 +229,9 @@ void tell_what_was_asked(assimilation::Verdict& verdict, std::size_t runs, const
     const auto advice = reason.message.find(": set method.verify");
     if (runs == 0 || reason.part != VerdictPart::model || advice == std::string::npos) continue;
     reason.message = fmt::format(
-        "{}, and {} runs at the posterior (method.verify) did not settle it: raise method.verify_runs, or "
+        "{}, and {} at the posterior (method.verify) did not settle it: raise method.verify_runs, or "
         "make a finer model (more nodes and modes under [offline])",
-        reason.message.substr(0, advice), runs);
+        reason.message.substr(0, advice), counted(runs, "run"));
   }
   if (!trouble.empty())
     verdict.add({VerdictPart::model, assimilation::VerdictLevel::caution, 0, 0, trouble, {}});
@@ -251,10 +258,11 @@ bool Refinement::refine_if_needed(std::unique_ptr<engine::Engine>& engine, engin
   }
   if (is_last && trouble_.empty() && !settled_)
     trouble_ = fmt::format(
-        "{} full-order runs at the posterior did not settle it: the last refinement moved a mean by {:.2g} "
-        "standard deviations and a standard deviation by {:.2g} %; raise method.verify_runs, or make a finer "
-        "model (more nodes under [offline])",
-        runs(), last_move_.mean, 100 * last_move_.std);
+        "{} at the posterior did not settle it: the last refinement moved a mean by {:.2g} "
+        "standard deviations and a standard deviation by {:.2g} %; {}make a finer model (more nodes under "
+        "[offline])",
+        counted(runs(), "full-order run"), last_move_.mean, 100 * last_move_.std,
+        runs() < all ? "" : "raise method.verify_runs, or ");
   tell_what_was_asked(result.update.verdict, runs(), is_last ? trouble_ : std::string());
   return version_ != version;
 }

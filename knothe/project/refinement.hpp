@@ -33,8 +33,8 @@ struct PosteriorMove {
 [[nodiscard]] PosteriorMove move_between(const assimilation::Posterior& before,
                                          const assimilation::Posterior& after);
 
-/// When the posterior is the full-order model's: what one more refinement may still move it. Refining ends
-/// when two in a row move it by less than half of that.
+/// When the posterior is the full-order model's: what one more refinement may still move it. A thorough
+/// refinement ends when two rounds in a row have moved it by less than half of that.
 struct RefinementGoal {
   double mean = 0.1;  ///< in standard deviations
   double std = 0.05;
@@ -105,7 +105,7 @@ class Refinement {
   std::unique_ptr<simulator::Simulator> simulator_;
   std::string folder_;
   std::vector<reduction::Snapshots> solutions_;
-  std::optional<reduction::InterpolationKernel> kernel_;  ///< of the present version
+  std::optional<reduction::InterpolationKernel> kernel_;  ///< of the last refinement made here
   std::size_t used_;                                      ///< how many of them the model is made from
   std::size_t version_;
   bool quiet_;

@@ -26,7 +26,9 @@ const Section<SimulateOptions>& simulate_section() {
         s.add("noise_std", &S::noise_std, "Standard deviation of the noise, m.", positive);
         s.table("noise", "Which quantities without a position are measured (models whose dofs have names).");
         s.add("noise.*", &S::noise,
-              "Standard deviation of the noise of the quantity of that name, in its unit.", positive);
+              "Standard deviation of the noise of the quantity of that name, in the model's unit: SI where "
+              "it is known.",
+              positive);
         s.add("seed", &S::seed, "Seed of nodes and noise; `--seed` overrides it.");
       });
   return k_section;

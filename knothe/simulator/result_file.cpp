@@ -256,9 +256,15 @@ Snapshots from_dat(const ResultOptions& options, const std::string& path) {
 
 void add_outputs(const std::string& path, Snapshots& solution) {
   TimeTable table = read_time_table(path);
-  if (table.time != solution.time)
-    throw DataError(fmt::format("{}: its {} times are not the {} of the field", path, table.time.size(),
-                                solution.time.size()));
+  if (table.time.size() != solution.time.size())
+    throw DataError(fmt::format("{}: it has {}, the field {}: the same times are needed", path,
+                                counted(table.time.size(), "time"), solution.time.size()));
+  const auto [other, of_field] = std::mismatch(table.time.begin(), table.time.end(), solution.time.begin());
+  if (other != table.time.end())
+    throw DataError(
+        fmt::format("{}: the time of row {} is {}, that of the field {}: the same times, to the "
+                    "last digit, are needed",
+                    path, other - table.time.begin() + 1, *other, *of_field));
   for (std::size_t k = 0; k < table.series.size(); ++k)
     solution.outputs.push_back({table.quantities[k].name,
                                 {table.quantities[k].units, table.quantities[k].name},
@@ -281,7 +287,13 @@ Snapshots read_field(const ResultOptions& options, const std::string& path) {
 
 }  // namespace
 
-void settle_quantities(Snapshots& solution, const std::string& where) {
+void settle_units(Snapshots& solution, const std::string& where) {
+  for (reduction::SnapshotOutput& output : solution.outputs) {
+    const auto unit = files::unit_of(output.labels.units);
+    if (!unit) continue;
+    output.labels.units = unit->si;
+    for (double& value : output.values) value *= unit->factor;
+  }
   const std::size_t n = solution.quantities.size();
   reduction::Validation(where).quantities(solution.quantities, n);
   for (std::size_t k = 0; k < n; ++k) {
@@ -298,9 +310,9 @@ Snapshots read_result(const ResultOptions& options, const std::string& folder) {
   if (!std::filesystem::exists(path))
     throw DataError(fmt::format("the run has ended well but left no {}", options.field));
   Snapshots solution = read_field(options, path);
-  settle_quantities(solution, path);
   if (!options.outputs.empty())
     add_outputs((std::filesystem::path(folder) / options.outputs).string(), solution);
+  settle_units(solution, path);
   return solution;
 }
 

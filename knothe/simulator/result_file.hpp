@@ -22,9 +22,9 @@ struct ResultOptions {
   std::string points;              ///< .npy: CSV file x,y,z,component of each column, instead of names
 };
 
-/// Of a single solution: quantities in known units (mm, kN, …) are put in SI. DataError for a name that no
-/// file can hold, beginning with `where`.
-void settle_quantities(reduction::Snapshots& solution, const std::string& where);
+/// Puts quantities and outputs in known units (mm, kN, …) in SI. DataError for a name that no file can hold,
+/// beginning with `where`.
+void settle_units(reduction::Snapshots& solutions, const std::string& where);
 
 /// The solution that a run has left in `folder`, without axes, in SI where its units are known. In CSV a
 /// quantity's name may have its unit behind it ("force [kN]"). DataError names file and place.

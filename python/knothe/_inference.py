@@ -149,14 +149,14 @@ def infer(model: "str | os.PathLike[str] | Callable[[Array], ArrayLike]", parame
     tolerance, max_order : float, int
         Of maps.
     samples : int
-        Number of draws.
+        Number of draws. Weighted draws stop at twice as many evaluations, or at 20,000 if that is more.
     seed : int
         Of the random numbers.
     results : path, optional
         Folder for a project's results, in place of the project's own.
     progress : callable, optional
-        ``progress(done, total)`` after each call of the model: evaluations (points) made, and an estimate of all, or None where
-        the method does not know it. In the last call both are equal. An exception ends the inference.
+        ``progress(done, total)`` after each batch of points: evaluations made, and an estimate of all (of weighted draws the most
+        there may be), or None where there is none (yet). In the last call both are equal. An exception ends the inference.
 
     Returns
     -------

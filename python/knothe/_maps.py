@@ -263,7 +263,7 @@ def fit(log_density: Callable[[Array], float], dimension: int, *, gradient: Call
     tolerance : float
         On the variance diagnostic.
     max_order : int
-        1 to 23.
+        Of the polynomials, 1 to 23; along single variables that need it the map may be longer.
     seed : int
     standardised : bool
         The density is roughly that of N(0, I), or within some units of it; if false, nothing is assumed about its scale.

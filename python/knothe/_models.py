@@ -360,9 +360,9 @@ def offline(function: Callable[..., Any], parameters: Mapping[str, ArrayLike | A
     components : as of `Sensors`
         Direction of each dof.
     quantities : mapping of name to unit, optional
-        Names and units of the dofs, if they have no place.
+        Names and units of the dofs, in place of points. Values in known units (mm, kN, MPa, ...) are converted to SI.
     outputs : mapping of name to unit, optional
-        Further results of the solver, one value per time: a reaction force ...
+        Further results of the solver, one value per time: a reaction force ... Known units are converted to SI too.
     units : str
         Of the field. A displacement in km, cm, mm, um or nm is converted to m.
     form : {"tree", "canonical"}
@@ -424,6 +424,8 @@ def offline(function: Callable[..., Any], parameters: Mapping[str, ArrayLike | A
         raise UsageError("offline: give the parameters as a mapping, {name: nodes of its grid}")
     if points is not None and quantities is not None:
         raise UsageError("offline: points and quantities exclude each other: a dof is a displacement at a point, or has a name")
+    if points is None and quantities is None:
+        raise UsageError("offline: give points (the places of the displacements) or quantities ({name: unit})")
     labelled = [(nodes if isinstance(nodes, Axis) else Axis(nodes))._labels(name) for name, nodes in parameters.items()]
     axes = {name: np.array(nodes) for name, nodes, *_ in labelled}
     times = np.asarray(time, float)

@@ -193,7 +193,7 @@ class Twin:
     ProjectError
         The project file is missing or invalid.
     DataError
-        A model or data file is missing or damaged, or does not go with the sensors.
+        A model or data file is missing or damaged, or does not match the sensors.
 
     Examples
     --------

@@ -104,7 +104,7 @@ class Test(InferCase):
         self.set_priors('a = { prior = "uniform", lower = -100.0, upper = -2.0 }', 'b = { prior = "normal", mean = -0.5, std = 2.0 }')
         line = self.infer("--method", "smc")
         self.assertGreater(line["edge_mass"][0], 0.9)
-        self.assertRegex(line["verdict"], r"But \d+ % of the posterior of a lies next to the end of its prior, -2, and would go on beyond: ")
+        self.assertRegex(line["verdict"], r"But \d+ % of the posterior of a lies next to the end of its prior, -2, which cuts it off: ")
         self.assertEqual(line["edge_mass"][1], 0)  # a prior without ends
         # In the outer 2 % of a wide prior, and yet many standard deviations from its end.
         self.set_priors('a = { prior = "uniform", lower = 0.0, upper = 1000.0 }', 'b = { prior = "normal", mean = -0.5, std = 2.0 }')

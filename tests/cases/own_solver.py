@@ -229,6 +229,9 @@ with h5py.File("data.h5", "a") as f:
             self.assertAlmostEqual(value, other, delta=1e-9 * abs(value))
         run('import h5py; h5py.File("data.h5", "a")["outputs/drift"].attrs["units"] = "kN"')
         self.expect(4, "assimilate", self.project_name, stderr='data.h5: "drift" is in N, in the model in m')
+        run('import h5py; h5py.File("data.h5", "a")["outputs/drift"].attrs["units"] = "milimeter"')
+        self.expect(4, "assimilate", self.project_name,
+                    stderr='data.h5: the unit "milimeter" of "drift" is not known; in the model it is in m')
 
     def test_check_looks_at_what_the_runs_need(self):
         self.copy_example("command")

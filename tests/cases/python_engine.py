@@ -221,6 +221,10 @@ class Test(CaseInItsFolder):
         model = knothe.offline(lambda e, f: (bar(e, f), {"load": 200 * f * t}), {"E": nodes, "F": nodes}, t, "loaded.h5", **loaded)
         np.testing.assert_allclose(model.output("load", at), 200 * np.outer(at[:, 1], t), rtol=1e-6)
         self.assertEqual(model.info["output_units"], {"load": "N"})
+        loaded["outputs"] = {"load": "kN"}  # converted, as the command does
+        model = knothe.offline(lambda e, f: (bar(e, f), {"load": 0.2 * f * t}), {"E": nodes, "F": nodes}, t, "loaded.h5", **loaded)
+        np.testing.assert_allclose(model.output("load", at), 200 * np.outer(at[:, 1], t), rtol=1e-6)
+        self.assertEqual(model.info["output_units"], {"load": "N"})
         for function, text in ((bar, "the function gave no outputs; it has to return the solution and a mapping with load"),
                                (lambda e, f: (bar(e, f), {"load": 1.0}), "the output load has to be one number for each time, 6 in all")):
             self.refused(knothe.UsageError, text, call=lambda function=function: knothe.offline(
@@ -228,8 +232,11 @@ class Test(CaseInItsFolder):
         self.refused(knothe.UsageError, "the function takes f, e, in this order, and the parameters are e, f", call=lambda: knothe.offline(
             lambda f, e: bar(e, f), {"e": nodes, "f": nodes}, t, "x.h5", points=np.c_[x, 0 * x, 0 * x]))
         self.refused(knothe.UsageError, "name its further outputs", call=lambda: knothe.offline(
-            lambda e, f: (bar(e, f), {}), {"e": nodes, "f": nodes}, t, "x.h5"))
-        self.refused(knothe.UsageError, "[6 times, dofs]", call=lambda: knothe.offline(lambda e: [e], {"E": nodes}, t, "x.h5"))
+            lambda e, f: (bar(e, f), {}), {"e": nodes, "f": nodes}, t, "x.h5", points=np.c_[x, 0 * x, 0 * x]))
+        self.refused(knothe.UsageError, "[6 times, dofs]", call=lambda: knothe.offline(
+            lambda e: [e], {"E": nodes}, t, "x.h5", quantities={"a": "1"}))
+        self.refused(knothe.UsageError, "give points (the places of the displacements) or quantities", call=lambda: knothe.offline(
+            bar, {"E": nodes, "F": nodes}, t, "x.h5"))
         self.refused(knothe.UsageError, "offline: at (0.5,) the function gave a value that is not finite, at time 0.1", call=lambda: knothe.offline(
             lambda e: np.full((6, 2), np.nan), {"E": nodes}, t, "x.h5", quantities={"a": "1", "b": "1"}))
         self.refused(knothe.UsageError, "as a mapping", call=lambda: knothe.offline(bar, [nodes], t, "x.h5"))
@@ -253,11 +260,12 @@ class Test(CaseInItsFolder):
         self.assertEqual(seen, [(n, n, 6) for n in range(1, 7)])
         self.assertEqual(repr(model), "<Model spring.h5: parameters k, m, 1 step>")
         solved.clear()
-        self.refused(LookupError, "enough at 4 of 6", call=lambda: knothe.offline(spring, axes, t, "none.h5", progress=stop))
+        self.refused(LookupError, "enough at 4 of 6", call=lambda: knothe.offline(
+            spring, axes, t, "none.h5", points=[[0, 0, 0]], progress=stop))
         self.assertEqual(len(solved), 4)
         self.assertFalse((self.folder / "none.h5").exists())
         self.refused(knothe.UsageError, "progress: True is not a function of (done, total)",
-                     call=lambda: knothe.offline(spring, axes, t, "none.h5", progress=True))
+                     call=lambda: knothe.offline(spring, axes, t, "none.h5", points=[[0, 0, 0]], progress=True))
 
     def test_one_is_singular(self):
         """In messages and descriptions."""
@@ -272,7 +280,7 @@ class Test(CaseInItsFolder):
                            ("is not n points of 1 coordinate", lambda: model([1.0, 2.0], 0)),
                            ("there is no dof 1: the model has 1 dof, counted from 0", lambda: model([1.0], 0, dofs=[1])),
                            ("1 place of sensors with 2 components", lambda: knothe.Sensors([[0, 0, 0]], ["x", "y"])),
-                           ("[1 time, dofs]", lambda: knothe.offline(lambda k: [k], {"k": [1.0, 2.0]}, t, "x.h5")),
+                           ("[1 time, dofs]", lambda: knothe.offline(lambda k: [k], {"k": [1.0, 2.0]}, t, "x.h5", quantities={"a": "1"})),
                            ("the model gave 1 value for 256 points; needed: 512 (2 each)",
                             lambda: knothe.infer(lambda points: [1.0], {"k": knothe.Normal(0, 1)}, observed=[1.0, 2.0], std=1.0, vectorized=True))):
             with self.subTest(text):

@@ -57,10 +57,10 @@ class Test(Case):
             print(truth, "mean off by", off, "std by", wide, level)
             farthest = max(farthest, summary["refinement"]["moved_std"])
             close.append(max(off) < 0.1)
-            self.assertLess(max(off), 0.25, truth)
-            self.assertLess(max(wide), 0.25, truth)
+            self.assertLess(max(off), 0.3 if level == "ok" else 0.5, truth)
+            self.assertLess(max(wide), 0.25 if level == "ok" else 0.4, truth)
         self.assertGreater(farthest, 0.2)  # or there was nothing to refine
-        self.assertGreaterEqual(sum(close), 0.6 * TRUTHS)
+        self.assertGreaterEqual(sum(close), 0.5 * TRUTHS)
 
     def test_refine_by_hand(self):
         self.edit('verify = "full-order"\n', "")

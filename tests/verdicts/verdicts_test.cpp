@@ -7,6 +7,7 @@
 #include <cstdlib>
 #include <string>
 
+#include "knothe/project/update_setup.hpp"
 #include "tests/verdicts/wrong_situations.hpp"
 
 namespace knothe::verdicts {
@@ -29,6 +30,30 @@ struct Answer {
   VectorXd mean, std;
 };
 
+/// What is known of the reduced model's error off its grid, added to the noise: `truncation_error = "on"`
+/// without the part of the grid's own points.
+assimilation::NoiseModel with_model_error(const assimilation::NoiseModel& noise,
+                                          const reduction::ObservedErrors& errors,
+                                          const std::vector<std::size_t>& time_indices) {
+  const Index k = errors.count(), n = errors.space.rows();
+  std::vector<Eigen::MatrixXd> of_solutions(static_cast<std::size_t>(k), Eigen::MatrixXd(n, k_steps));
+  for (std::size_t t = 0; t < k_steps; ++t)
+    for (Index j = 0; j < k; ++j)
+      of_solutions[static_cast<std::size_t>(j)].col(static_cast<Index>(t)) =
+          errors.space * errors.coefficients[t].col(j);
+  reduction::TruncationError known;
+  reduction::set_moments(
+      of_solutions, std::vector<double>(static_cast<std::size_t>(k), 1.0 / static_cast<double>(k)), known);
+  const double distance = static_cast<double>(time_indices.back() - time_indices.front()) /
+                          static_cast<double>(time_indices.size() - 1);
+  std::vector<Eigen::MatrixXd> added;
+  for (const std::size_t t : time_indices)
+    added.emplace_back(std::max(1.0, known.persistence / distance) *
+                       Eigen::Map<const Eigen::MatrixXd>(
+                           known.covariance.data() + t * static_cast<std::size_t>(n * n), n, n));
+  return project::with_truncation(noise, added);
+}
+
 engine::EngineSetup setup_of(const BeamBench& bench, const Case& c) {
   engine::EngineSetup setup;
   setup.model = c.force ? c.model->with_force : c.model->displacements;
@@ -46,6 +71,10 @@ engine::EngineSetup setup_of(const BeamBench& bench, const Case& c) {
     Eigen::MatrixXd& space = setup.known_errors.space;
     space.conservativeResize(space.rows() + 1, Eigen::NoChange);
     space.bottomRows(1).setZero();
+  }
+  if (count_of("KNOTHE_VERDICT_MODEL_ERROR", 0) != 0) {
+    setup.noise = with_model_error(setup.noise, setup.known_errors, c.time_indices);
+    setup.watches_sensors = false;  // as with every noise that is not independent
   }
   return setup;
 }

@@ -99,7 +99,17 @@ NoiseModel with_steps(const Hdf5Reader& file, NoiseModel noise, std::size_t n_ob
   return noise;
 }
 
+/// Beside values in another unit than m: of a noise without a unit it is not known which is meant.
+void require_unit_of_noise(const Hdf5Reader& file) {
+  if (files::factor_to_si(file, "/values", "m") == 1) return;
+  for (const char* name : {"/noise/std", "/noise/precision/data"})
+    if (file.has(name) && file.labels(name).units.empty())
+      throw DataError(fmt::format("{}: values is in {}, and {} has no attribute units: say which it is in",
+                                  file.path(), file.labels("/values").units, name + 1));
+}
+
 NoiseModel read_noise(const Hdf5Reader& file, std::size_t n_obs, std::size_t n_t) {
+  require_unit_of_noise(file);
   try {
     if (file.has("/noise/std")) {
       std::vector<double> std = file.read("/noise/std", Shape{n_obs});

@@ -131,6 +131,27 @@ TEST(Measurements, ATableIsReadAsItWasWritten) {
             std::string::npos);
 }
 
+TEST(Measurements, TheUnitOfTheNoiseIsSaidWhereThatOfTheValuesIsNotMetres) {
+  const files::TestFolder folder;
+  const std::vector<double> two = {1, 2}, points(6, 0.0);
+  const std::vector<std::int64_t> components = {0, 1};
+  const auto read = [&](const std::string& unit_of_noise) {
+    files::Hdf5Writer file(folder.file("d.h5"));
+    file.write("/time", {two.data(), 1}, {1}, {"1", ""});
+    file.write("/values", two, {1, 2}, {"mm", ""});
+    file.write("/dofs/points", points, {2, 3}, {"m", ""});
+    file.write_integers("/dofs/component", components, {2}, {"1", ""});
+    file.write("/noise/std", two, {2}, {unit_of_noise, ""});
+    file.close();
+    return read_measurements(folder.file("d.h5"));
+  };
+  EXPECT_NEAR(read("um").noise.standard_deviations()[1], 2e-6, 1e-12);
+  EXPECT_NE(message_of<DataError>([&] {
+              (void)read("");
+            }).find("d.h5: values is in mm, and noise/std has no attribute units: say which it is in"),
+            std::string::npos);
+}
+
 TEST(Measurements, BadNoiseIsNamed) {
   const files::TestFolder folder;
   const std::string path = folder.file("d.h5");

@@ -267,14 +267,16 @@ void Assessor::assess_range(const UpdateResult& update, Verdict& verdict) const 
     const double low = pressure(update, a, lower), high = pressure(update, a, upper);
     const double edge = low > high ? lower : upper, found = std::max(low, high);
     if (found < options_.edge_caution) continue;
-    verdict.add({VerdictPart::range,
-                 found > options_.edge_reject ? VerdictLevel::reject : VerdictLevel::caution,
-                 found,
-                 options_.edge_caution,
-                 fmt::format("{} is pressed against the {} end of the model's range, {:.4g}: the data ask "
-                             "for more; make the model with a wider range, or see why the data ask for that",
-                             name_of_parameter(a), low > high ? "lower" : "upper", edge),
-                 {}});
+    verdict.add(
+        {VerdictPart::range,
+         found > options_.edge_reject ? VerdictLevel::reject : VerdictLevel::caution,
+         found,
+         options_.edge_caution,
+         fmt::format("{} is pressed against the {} end of the model's range: the data favour values {} "
+                     "{:.4g}; make the model with a wider range, or find out why they do",
+                     name_of_parameter(a), low > high ? "lower" : "upper", low > high ? "below" : "above",
+                     edge),
+         {}});
   }
 }
 
@@ -372,18 +374,31 @@ void Assessor::add_model_reason(const Eigen::VectorXd& shift, double caution, do
        {}});
 }
 
+namespace {
+
+/// Whether a mistake in the data has been named, which no correction of the model repairs.
+bool has_cause(const Verdict& verdict) {
+  return std::any_of(verdict.reasons.begin(), verdict.reasons.end(), [](const VerdictReason& reason) {
+    return reason.cause && *reason.cause != MisfitCause::unknown;
+  });
+}
+
+}  // namespace
+
 void Assessor::assess_sensors(const AssessedPosterior& posterior, Verdict& verdict) const {
   const UpdateResult& update = posterior.update;
   if (update.monitor.alarm)
-    verdict.add({VerdictPart::bias,
-                 VerdictLevel::caution,
-                 update.monitor.cumulative_sum,
-                 update.monitor.threshold,
-                 fmt::format("the model does not predict the data: a correct model raises this alarm once in "
-                             "{:.0f} steps{}",
-                             monitor_.average_run_length,
-                             posterior.corrected ? "" : "; bias_correction = \"auto\" allows for it"),
-                 {}});
+    verdict.add(
+        {VerdictPart::bias,
+         VerdictLevel::caution,
+         update.monitor.cumulative_sum,
+         update.monitor.threshold,
+         fmt::format(
+             "the model does not predict the data: a correct model raises this alarm once in "
+             "{:.0f} steps{}",
+             monitor_.average_run_length,
+             posterior.corrected || has_cause(verdict) ? "" : "; bias_correction = \"auto\" allows for it"),
+         {}});
   if (posterior.corrected)
     verdict.add({VerdictPart::bias,
                  VerdictLevel::caution,

@@ -42,6 +42,7 @@ struct Tried {
   MisfitCause cause;
   double misfit;
   std::string message;
+  bool is_exact = false;  ///< of a factor: a sign or a unit
 };
 
 class Diagnostician {
@@ -146,6 +147,10 @@ class Diagnostician {
                       sensors.size(), names, sensors.size() > 5 ? ", …" : ""),
           1};
     }
+    if (sensors.size() == 1)
+      if (const auto scaled = factor_of_sensor(sensors[0]);
+          scaled && scaled->is_exact && explains(scaled->misfit))
+        return Diagnosis{scaled->cause, scaled->message, 1};
     if (sensors.size() == 1 && tests_.is_scalar(sensors[0]) && tests_.sensors().displacement_count() > 0)
       return Diagnosis{
           MisfitCause::single_sensor,
@@ -171,25 +176,36 @@ class Diagnostician {
                      1};
   }
 
-  void try_factor(const Eigen::VectorXd& rows, const std::string& what, const std::string& axis,
-                  bool is_displacement) {
+  [[nodiscard]] std::optional<Tried> factor_of_sensor(Index sensor) const {
+    const bool is_scalar = tests_.is_scalar(sensor);
+    const std::string name = tests_.name_of(sensor);
+    return factor_of(Eigen::VectorXd::Unit(tests_.noise().size(), sensor), "values of " + name,
+                     is_scalar ? name : "its axis", !is_scalar);
+  }
+
+  [[nodiscard]] std::optional<Tried> factor_of(const Eigen::VectorXd& rows, const std::string& what,
+                                               const std::string& axis, bool is_displacement) const {
     const WhatIfAnswer answer = fits_.fit({.order = {}, .scaled = rows, .shifted = false, .robust = false});
     const double f = answer.factor;
-    if (std::abs(f - 1) < 1e-3) return;
-    if (std::abs(f + 1) < 0.1) {
-      tried_.push_back({MisfitCause::sign, answer.misfit,
-                        fmt::format("{} look like the model's times −1: check the sign of {}", what, axis)});
-      return;
-    }
+    if (std::abs(f - 1) < 1e-3) return {};
+    if (std::abs(f + 1) < 0.1)
+      return Tried{MisfitCause::sign, answer.misfit,
+                   fmt::format("{} look like the model's times −1: check the sign of {}", what, axis), true};
     const double power = std::round(std::log10(std::abs(f)));
     const bool is_unit = power != 0 && std::abs(std::log10(std::abs(f)) - power) < 0.05;
-    tried_.push_back(
-        {MisfitCause::scale, answer.misfit,
-         is_unit ? fmt::format("{} look like the model's times {}: check their unit{}", what,
-                               f < 0 ? fmt::format("−10^{:.0f}", power) : fmt::format("10^{:.0f}", power),
-                               is_displacement ? " (m is expected)" : "")
-                 : fmt::format("{} look like the model's times {:.4g}: check unit, scale and calibration",
-                               what, f)});
+    return Tried{MisfitCause::scale, answer.misfit,
+                 is_unit
+                     ? fmt::format("{} look like the model's times {}: check their unit{}", what,
+                                   f < 0 ? fmt::format("−10^{:.0f}", power) : fmt::format("10^{:.0f}", power),
+                                   is_displacement ? " (m is expected)" : "")
+                     : fmt::format("{} look like the model's times {:.4g}: check unit, scale and calibration",
+                                   what, f),
+                 is_unit};
+  }
+
+  void try_factor(const Eigen::VectorXd& rows, const std::string& what, const std::string& axis,
+                  bool is_displacement) {
+    if (auto tried = factor_of(rows, what, axis, is_displacement)) tried_.push_back(std::move(*tried));
   }
 
   void try_factors() {

@@ -32,7 +32,7 @@ Verdict RunVerdict::verdict() const {
 void RunVerdict::forget_model() {
   for (Verdict& verdict : verdicts_) {
     std::erase_if(verdict.reasons,
-                  [](const VerdictReason& reason) { return reason.part == VerdictPart::model; });
+                  [](const VerdictReason& reason) { return reason.part != VerdictPart::outlier; });
     verdict.level = VerdictLevel::ok;
     for (const VerdictReason& reason : verdict.reasons) verdict.level = std::max(verdict.level, reason.level);
   }

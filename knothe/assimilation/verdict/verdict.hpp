@@ -84,7 +84,8 @@ class RunVerdict {
  public:
   void add(Verdict verdict) { verdicts_.push_back(std::move(verdict)); }
   [[nodiscard]] Verdict verdict() const;
-  /// The model has been refined: what the verdicts so far said of it does not stand.
+  /// The model has been refined, and all data are tested by it again: of the verdicts so far only what they
+  /// said of rejected values stands.
   void forget_model();
 
  private:

@@ -49,6 +49,19 @@ TEST(RunVerdict, IsTheWorstOfTheLastTenth) {
   EXPECT_EQ(verdict_text(verdict).substr(0, 40), "verdict: reject: do not use this answer\n");
 }
 
+TEST(RunVerdict, AfterARefinementOnlyRejectedValuesStand) {
+  RunVerdict run;
+  Verdict verdict;
+  for (const auto part : {VerdictPart::model, VerdictPart::range, VerdictPart::fit})
+    verdict.add(reason(part, VerdictLevel::reject));
+  verdict.add(reason(VerdictPart::outlier, VerdictLevel::caution));
+  run.add(verdict);
+  run.forget_model();
+  ASSERT_EQ(run.verdict().reasons.size(), 1u);
+  EXPECT_EQ(run.verdict().reasons[0].part, VerdictPart::outlier);
+  EXPECT_EQ(run.verdict().level, VerdictLevel::caution);
+}
+
 /// A model of two parameters on [0.5, 1.5]², and what is measured.
 struct Bench {
   std::shared_ptr<const reduction::ObservedModel> model;
@@ -141,6 +154,13 @@ TEST(Verdict, NamesWhatIsWrongWithTheData) {
   bench.data = right;
   bench.data.row(5).array() += 0.4;
   EXPECT_EQ(bench.cause(), MisfitCause::single_sensor);
+  // One sensor of the wrong unit or sign, which no other value of it contradicts.
+  bench.data = right;
+  bench.data.row(5) *= 1e-3;
+  EXPECT_EQ(bench.cause(), MisfitCause::scale);
+  bench.data.row(5) = -right.row(5);
+  EXPECT_EQ(bench.cause(), MisfitCause::sign);
+  bench.data = right;
   for (const double factor : {0.3, 3.0}) {
     bench.data = right;
     bench.noise = NoiseModel::independent(VectorXd::Constant(k_sensors, 0.1 * factor));
@@ -266,7 +286,8 @@ TEST(Verdict, APosteriorPressedAgainstAnEdgeIsRejected) {
   }
   const Verdict verdict = bench.verdict();
   EXPECT_EQ(verdict.level, VerdictLevel::reject);
-  EXPECT_NE(verdict_text(verdict).find("a is pressed against the lower end of the model's range, 0.5"),
+  EXPECT_NE(verdict_text(verdict).find(
+                "a is pressed against the lower end of the model's range: the data favour values below 0.5"),
             std::string::npos)
       << verdict_text(verdict);
   EXPECT_GT(verdict.edge_mass[0], 0.9);

@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <set>
 
 #include "knothe/base/error.hpp"
@@ -27,17 +28,31 @@ namespace {
 
 /// Σ_a ((p − q)_a / ℓ_a)² for the rows p of `a` and q of `b`.
 MatrixXd squared_distances(const MatrixXd& a, const MatrixXd& b, const VectorXd& lengths) {
-  const MatrixXd p = a * lengths.cwiseInverse().asDiagonal(), q = b * lengths.cwiseInverse().asDiagonal();
+  // From the first of them on: in |p|² + |q|² − 2 p·q far from zero the difference would be lost.
+  const Eigen::RowVectorXd origin = b.row(0);
+  const MatrixXd p = (a.rowwise() - origin) * lengths.cwiseInverse().asDiagonal(),
+                 q = (b.rowwise() - origin) * lengths.cwiseInverse().asDiagonal();
   MatrixXd squares = -2 * p * q.transpose();
   squares.colwise() += p.rowwise().squaredNorm();
   squares.rowwise() += q.rowwise().squaredNorm().transpose();
   return squares.cwiseMax(0.0);
 }
 
-/// Matérn's of order 5/2.
 MatrixXd kernel_matrix(const MatrixXd& a, const MatrixXd& b, const InterpolationKernel& kernel) {
   const Eigen::ArrayXXd r = (5 * squared_distances(a, b, kernel.lengths).array()).sqrt();
   return (1 + r + r.square() / 3) * (-r).exp();
+}
+
+/// Of `gram` + nugget · I; a larger nugget where rounding makes that indefinite.
+Eigen::LLT<MatrixXd> factorised(const MatrixXd& gram, double nugget) {
+  Eigen::LLT<MatrixXd> factor;
+  do {
+    MatrixXd sum = gram;
+    sum.diagonal().array() += nugget;
+    factor.compute(sum);
+    nugget *= 10;
+  } while (factor.info() != Eigen::Success && nugget < 1);
+  return factor;
 }
 
 }  // namespace
@@ -47,9 +62,7 @@ ScatteredInterpolation::ScatteredInterpolation(const MatrixXd& points, const Mat
     : points_(points), all_(points.rows() + zeros.rows(), points.cols()), kernel_(std::move(kernel)) {
   const Index k = points.rows(), n = all_.rows();
   all_ << points, zeros;
-  MatrixXd gram = kernel_matrix(all_, all_, kernel_);
-  gram.diagonal().array() += kernel_.nugget;
-  inverse_ = gram.llt().solve(MatrixXd::Identity(n, n));
+  inverse_ = factorised(kernel_matrix(all_, all_, kernel_), kernel_.nugget).solve(MatrixXd::Identity(n, n));
   leave_one_out_ = inverse_.diagonal().head(k).cwiseInverse().asDiagonal() * inverse_.topLeftCorner(k, k);
 }
 
@@ -165,8 +178,20 @@ KnownErrors errors_of(const SeparatedModel& model, const ModelContents& base,
   return known;
 }
 
-/// The corners of all cells of the grid that hold a point: there the base meets the full-order model.
-MatrixXd corners_around(std::span<const Axis> axes, const MatrixXd& points) {
+VectorXd cell_widths(std::span<const Axis> axes, const VectorXd& at) {
+  VectorXd width(at.size());
+  for (Index a = 0; a < at.size(); ++a) {
+    const std::vector<double>& nodes = axes[a].nodes;
+    const std::size_t left = interval_of(nodes, at[a]);
+    width[a] = nodes[left + 1] - nodes[left];
+  }
+  return width;
+}
+
+/// The corners of all cells of the grid that hold a point, where the base meets the full-order model: of many
+/// those nearest to `centre`, in widths of the cell there.
+MatrixXd corners_around(std::span<const Axis> axes, const MatrixXd& points, const VectorXd& centre) {
+  constexpr Index k_most = 512;
   std::set<std::vector<double>> corners;
   const std::size_t d = axes.size();
   for (Index i = 0; i < points.rows(); ++i)
@@ -180,17 +205,13 @@ MatrixXd corners_around(std::span<const Axis> axes, const MatrixXd& points) {
   MatrixXd result(static_cast<Index>(corners.size()), static_cast<Index>(d));
   Index row = 0;
   for (const std::vector<double>& at : corners) result.row(row++) = as_vector(at).transpose();
-  return result;
-}
-
-VectorXd cell_widths(std::span<const Axis> axes, const VectorXd& at) {
-  VectorXd width(at.size());
-  for (Index a = 0; a < at.size(); ++a) {
-    const std::vector<double>& nodes = axes[a].nodes;
-    const std::size_t left = interval_of(nodes, at[a]);
-    width[a] = nodes[left + 1] - nodes[left];
-  }
-  return width;
+  if (result.rows() <= k_most) return result;
+  const VectorXd far = squared_distances(result, centre.transpose(), cell_widths(axes, centre));
+  std::vector<Index> order(static_cast<std::size_t>(result.rows()));
+  std::iota(order.begin(), order.end(), Index{0});
+  std::stable_sort(order.begin(), order.end(), [&](Index i, Index j) { return far[i] < far[j]; });
+  order.resize(k_most);
+  return result(order, Eigen::all);
 }
 
 /// 1 at the centre of the neighbourhood, a half three standard deviations away; of each point.
@@ -209,7 +230,7 @@ ScatteredInterpolation best_interpolation(std::span<const Axis> axes, const Know
     for (Index j = 0; j <= i; ++j)
       products(i, j) = products(j, i) = known.fields[i].cwiseProduct(known.fields[j]).sum();
   const VectorXd weight = nearness(known.points, at), width = cell_widths(axes, at.mean);
-  const MatrixXd zeros = corners_around(axes, known.points);
+  const MatrixXd zeros = corners_around(axes, known.points, at.mean);
   InterpolationKernel kernel = kernel_of_cell(axes, at);
   const auto missed = [&] {
     const MatrixXd l = ScatteredInterpolation(known.points, zeros, kernel).leave_one_out();
@@ -458,23 +479,21 @@ InterpolationKernel kernel_of_cell(std::span<const Axis> axes, const Neighbourho
 
 MatrixXd most_informative(std::span<const Axis> axes, const MatrixXd& known, const MatrixXd& candidates,
                           const InterpolationKernel& kernel, Index count) {
-  constexpr double k_nothing = 1e-6;  // of the variance without any solution
-  constexpr Index k_most_corners = 512;
+  constexpr double k_nugget = 1e-8, k_nothing = 1e-6;  // of the variance without any solution
   MatrixXd places(known.rows() + candidates.rows(), candidates.cols());
   places << known, candidates;
-  MatrixXd zeros = axes.size() <= 3 ? corners_around(axes, places) : corners_around(axes, known);
-  if (zeros.rows() > k_most_corners) zeros.conservativeResize(k_most_corners, Eigen::NoChange);
+  const bool few = axes.size() <= 3;
+  const MatrixXd zeros = corners_around(axes, few || known.rows() == 0 ? places : known,
+                                        candidates.colwise().mean().transpose());
   MatrixXd all(known.rows() + zeros.rows(), candidates.cols());
   all << known, zeros;
-  MatrixXd gram = kernel_matrix(all, all, kernel);
-  const double nugget = std::max(kernel.nugget, 1e-8);
-  gram.diagonal().array() += nugget;
   const MatrixXd cross = kernel_matrix(all, candidates, kernel);
   // Covariance of what is not known; a solution at j subtracts R e_j (R e_j)ᵀ / (R_jj + nugget).
-  MatrixXd rest = kernel_matrix(candidates, candidates, kernel) - cross.transpose() * gram.llt().solve(cross);
+  MatrixXd rest = kernel_matrix(candidates, candidates, kernel) -
+                  cross.transpose() * factorised(kernel_matrix(all, all, kernel), k_nugget).solve(cross);
   std::vector<Index> chosen;
   while (static_cast<Index>(chosen.size()) < count) {
-    const Eigen::ArrayXd variance = rest.diagonal().array().max(0.0) + nugget;
+    const Eigen::ArrayXd variance = rest.diagonal().array().max(0.0) + k_nugget;
     Index best = 0;
     (rest.colwise().squaredNorm().transpose().array() / variance).maxCoeff(&best);
     if (!(rest(best, best) > k_nothing)) break;

@@ -16,21 +16,19 @@ struct Neighbourhood {
   [[nodiscard]] Eigen::VectorXd std() const { return covariance.diagonal().cwiseSqrt(); }
 };
 
-/// How often a process is differentiable: infinitely (Gaussian kernel), twice (Matérn 5/2), once (Matérn
-/// 3/2).
-enum class Smoothness : std::uint8_t { infinite, twice, once };
-
 /// How what is known at one point goes on to others.
 struct InterpolationKernel {
-  Eigen::VectorXd lengths;  ///< ℓ, d: K depends on r² = Σ_a ((p − q)_a / ℓ_a)²
-  Eigen::VectorXd reach;    ///< ρ, d: beyond two or three of these around the points nothing is said
+  /// ℓ, d: of Matérn's kernel of order 5/2, K(p, q) = (1 + r + r²/3) e⁻ʳ, r² = 5 Σ_a ((p − q)_a / ℓ_a)².
+  Eigen::VectorXd lengths;
+  Eigen::VectorXd reach;  ///< ρ, d: beyond two or three of these around the points nothing is said
   /// Variance, of one, of what is not smooth (a solution has kinks where damage begins); it keeps what is
   /// said between the points from growing wild beyond them.
   double nugget = 1e-10;
 };
 
 /// Interpolation of what is known at scattered points p_1 … p_k, and is zero at some more: kriging,
-/// e(p) ≈ Σ_i φ_i(p) e_i, times a window that is one between the points, 1 − Π_i (1 − K_ρ(p, p_i)).
+/// e(p) ≈ Σ_i φ_i(p) e_i, times a window that is one between the points,
+/// 1 − Π_i (1 − exp(−½ Σ_a ((p − p_i)_a / ρ_a)²)).
 class ScatteredInterpolation {
  public:
   /// `points` k × d, `zeros` z × d.
@@ -54,9 +52,10 @@ class ScatteredInterpolation {
   Eigen::MatrixXd leave_one_out_;
 };
 
-/// Where further solutions tell most: of `candidates` (n × d, equally weighted) the `count` that lower the
-/// kriging variance most, averaged over all candidates, one after the other. `known` k × d: solutions so far;
-/// the model with these `axes` is exact at its nodes. Fewer rows where nothing is left to be known.
+/// Of `candidates` (n × d, equally weighted) the `count` at which a solution lowers the kriging variance
+/// most, averaged over all candidates, one after the other. `known` k × d: solutions so far; the error is
+/// taken for zero at the nodes of `axes`. Fewer rows where nothing is left to be known. The kernel's nugget
+/// is left out: a solution is exact, and is not asked for twice.
 [[nodiscard]] Eigen::MatrixXd most_informative(std::span<const Axis> axes, const Eigen::MatrixXd& known,
                                                const Eigen::MatrixXd& candidates,
                                                const InterpolationKernel& kernel, Eigen::Index count);

@@ -281,7 +281,7 @@ TEST(MostInformative, IsTheCandidateThatLowersTheMeanVarianceMost) {
   const Eigen::MatrixXd zeros{
       {left[0], left[1]}, {right[0], left[1]}, {left[0], right[1]}, {right[0], right[1]}};
   InterpolationKernel kernel = kernel_of_cell(axes, {in_cell(), Eigen::Matrix2d::Identity()});
-  kernel.nugget = 1e-6;
+  kernel.nugget = 1e-8;
   const Eigen::MatrixXd two = most_informative(axes, known, candidates, kernel, 2);
   ASSERT_EQ(two.rows(), 2);
   for (Eigen::Index step = 0; step < 2; ++step) {

@@ -32,8 +32,8 @@ std::vector<std::size_t> order_of(const ModelContents& contents, std::span<const
   }
   for (std::size_t i = 0; i < known.size(); ++i) {
     if (std::find(order.begin(), order.end(), i) == order.end()) {
-      throw ProjectError(
-          fmt::format("the model's parameter {} is missing: it has: {}", known[i], fmt::join(known, ", ")));
+      throw ProjectError(fmt::format("the model's parameter {} is missing among those given: it has {}",
+                                     known[i], fmt::join(known, ", ")));
     }
   }
   return order;

@@ -6,6 +6,7 @@
 #include <memory>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/text.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/report/figures/model_figures.hpp"
 #include "knothe/report/figures/result_figures.hpp"
@@ -249,10 +250,11 @@ std::string assimilation_report(const Results& results, const reduction::Separat
   const std::string& at = results.computed_at;
   const std::string date =
       at.size() < 16 ? "" : fmt::format("{} {} UTC. ", at.substr(0, 10), at.substr(11, 5));
-  Page page("What the measurements say",
-            fmt::format("{}{}{} steps assimilated, up to model time {}. {} values used at the last one.",
-                        results.project_file.empty() ? "" : results.project_file + ", ", date,
-                        results.steps.size(), plain(last.time), last.used));
+  Page page(
+      "What the measurements say",
+      fmt::format("{}{}{} assimilated, up to model time {}. {} used at the last one.",
+                  results.project_file.empty() ? "" : results.project_file + ", ", date,
+                  counted(results.steps.size(), "step"), plain(last.time), counted(last.used, "value")));
   add_verdict(page, results);
   page.cards(headline(results));
   add_parameters(page, results);

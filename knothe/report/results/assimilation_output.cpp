@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <nlohmann/json.hpp>
 
+#include "knothe/base/text.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/imaging/series/camera_drift.hpp"
 #include "knothe/report/results/forecast_text.hpp"
@@ -124,9 +125,10 @@ void AssimilationOutput::tell(const project::Refinement& refinement) {
   run_.forget_model();
   const project::PosteriorMove& move = refinement.whole_move();
   fmt::print(stderr,
-             "{}step {}: the full-order model was run ({} runs so far): the reduced model's error was {:.2g} "
+             "{}step {}: the full-order model was run ({} so far): the reduced model's error was {:.2g} "
              "standard deviations; refined model: {}\n",
-             live_ ? "\r\033[K" : "", shown_, refinement.runs(), move.mean, refinement.file());
+             live_ ? "\r\033[K" : "", shown_, counted(refinement.runs(), "run"), move.mean,
+             refinement.file());
 }
 
 void AssimilationOutput::finish(double elapsed_s, const std::string& results_folder) {
@@ -139,7 +141,7 @@ void AssimilationOutput::finish(double elapsed_s, const std::string& results_fol
     fmt::print("{}\n", files::json_line(last));
     return;
   }
-  fmt::print("{} steps in {:.2f} s, untrusted: {}; results in {}\n", shown_, elapsed_s,
+  fmt::print("{} in {:.2f} s, untrusted: {}; results in {}\n", counted(shown_, "step"), elapsed_s,
              untrusted_.empty() ? "none" : fmt::format("{}", fmt::join(untrusted_, ", ")), results_folder);
   for (const forecast::NamedForecast& forecast : forecasts_) fmt::print("{}\n", forecast_text(forecast));
   if (!models_.empty()) fmt::print("{}\n", assimilation::comparison_text(models_));

@@ -17,6 +17,7 @@
 #include <thread>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/text.hpp"
 #include "knothe/base/threads.hpp"
 #include "knothe/base/version.hpp"
 #include "knothe/project/project_engine.hpp"
@@ -195,8 +196,9 @@ void report_service(Report& report, const std::string& path, bool sends_alarms) 
   report_found(report, "model", [&] {
     const project::UpdateSetup setup = project::set_up_online(*project);
     times = setup.observed->time;
-    return fmt::format("{}: {} parameters, {} steps, {} sensors", project->model, setup.priors.size(),
-                       times.size(), setup.measurements.observation_count());
+    return fmt::format("{}: {}, {}, {}", project->model, counted(setup.priors.size(), "parameter"),
+                       counted(times.size(), "step"),
+                       counted(setup.measurements.observation_count(), "sensor"));
   });
   if (!times.empty())
     report_found(report, "journal", [&] {

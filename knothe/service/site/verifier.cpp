@@ -177,6 +177,9 @@ std::shared_ptr<const ServedModel> Verifier::refine(const Question& question) {
                                    std::move(start));
     const bool is_refined = refinement.refine_if_needed(engine, result, question.thorough);
     v.trouble = refinement.trouble();
+    // Where all runs allowed were made before, nothing is new.
+    if (!is_refined && v.trouble.empty() && v.runs >= static_cast<std::size_t>(project_.method.verify_runs))
+      v.trouble = question.model->verification.trouble;
     if (is_refined) {
       v.version = refinement.version();
       v.runs = refinement.runs();

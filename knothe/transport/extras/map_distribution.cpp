@@ -41,11 +41,11 @@ bool MapDistribution::is_triangular() const {
 
 void MapDistribution::require_triangular(const char* what) const {
   if (is_triangular()) return;
-  throw UsageError(
-      fmt::format("{}: the map is not triangular, it has a part that is turned to the principal axes; "
-                  "make it with MapSolverOptions::orientation = Orientation::given, or weigh "
-                  "samples and condition those",
-                  what));
+  throw UsageError(fmt::format(
+      "{}: the map is not triangular, it has a part that is turned to the principal axes; "
+      "fit a triangular map (`triangular`; MapSolverOptions::orientation = Orientation::given), or weigh "
+      "samples and condition those",
+      what));
 }
 
 void MapDistribution::require_coordinate(Eigen::Index k) const {
