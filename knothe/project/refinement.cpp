@@ -217,7 +217,8 @@ bool Refinement::refine(std::unique_ptr<engine::Engine>& engine, engine::StepRes
     };
     settled_ = within(1);
     settled = within(0.5) ? settled + 1 : 0;
-    if (thorough ? settled > 1 && covers(result.update) : settled_) break;
+    const bool convinced = settled > 1 && covers(result.update) && !doubts_model(result.update.verdict);
+    if (thorough ? convinced : settled_) break;
   }
   if (version_ != version) whole_move_ = move_between(first, result.update);
   return version_ != version;

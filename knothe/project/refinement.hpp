@@ -34,7 +34,8 @@ struct PosteriorMove {
                                          const assimilation::Posterior& after);
 
 /// When the posterior is the full-order model's: what one more refinement may still move it. A thorough
-/// refinement ends when two rounds in a row have moved it by less than half of that.
+/// refinement ends when two rounds in a row have moved it by less than half of that, and the verdict does not
+/// doubt the model.
 struct RefinementGoal {
   double mean = 0.1;  ///< in standard deviations
   double std = 0.05;
