@@ -328,7 +328,9 @@ def fit_samples(samples: ArrayLike, *, max_order: int = 5, folds: int = 5, seed:
     Raises
     ------
     DataError
-        A sample is not finite, or a coordinate is the same in all samples.
+        A sample is not finite, a coordinate is the same in all samples, or there are too few of them.
+    UsageError
+        Fewer than two samples, or orders or folds that are not possible.
 
     Examples
     --------

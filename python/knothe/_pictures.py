@@ -313,7 +313,7 @@ class Correlation:
         return Sensors(np.repeat(places, 2, axis=0), ["x", "y"] * len(places))
 
     def at(self, points: ArrayLike) -> Array:
-        """Displacements in the last picture at any points.
+        """Displacements at any points, in the picture that was correlated last.
 
         Parameters
         ----------
@@ -324,6 +324,11 @@ class Correlation:
         -------
         ndarray, shape (k, 2)
             u and v, px, v down; NaN outside the mesh.
+
+        Raises
+        ------
+        UsageError
+            No picture has been correlated yet.
 
         Examples
         --------

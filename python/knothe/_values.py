@@ -110,7 +110,7 @@ def _require_numbers(points: object) -> None:
 
 
 class Sensors:
-    """What is measured: displacements at points, and series by name behind them.
+    """What is measured: displacements at points, then series by name.
 
     Parameters
     ----------
