@@ -20,22 +20,14 @@ namespace {
 using reduction::Quantity;
 using reduction::Snapshots;
 
-/// "force [kN]": name, unit in SI, and the factor to it.
-struct Column {
-  Quantity quantity;
-  double factor = 1;
-};
-
-Column column_of(const std::string& header) {
+/// "force [kN]": name and unit.
+Quantity quantity_of(const std::string& header) {
   const std::size_t open = header.rfind(" [");
-  if (open == std::string::npos || !header.ends_with("]")) return {{header, "1"}, 1};
-  const std::string unit = header.substr(open + 2, header.size() - open - 3);
-  const auto known = files::unit_of(unit);
-  if (!known) return {{header.substr(0, open), unit}, 1};
-  return {{header.substr(0, open), std::string(known->si)}, known->factor};
+  if (open == std::string::npos || !header.ends_with("]")) return {header, "1"};
+  return {header.substr(0, open), header.substr(open + 2, header.size() - open - 3)};
 }
 
-/// A column time, and series beside it.
+/// A column time, in s where it has a unit, and series beside it as they are (`settle_units`).
 struct TimeTable {
   std::vector<double> time;
   std::vector<Quantity> quantities;
@@ -46,13 +38,14 @@ TimeTable read_time_table(const std::string& path) {
   const files::CsvTable table = files::CsvTable::read(path);
   TimeTable result;
   for (const std::string& header : table.header()) {
-    Column column = column_of(header);
+    Quantity quantity = quantity_of(header);
     std::vector<double> values = table.numbers(header);
-    for (double& value : values) value *= column.factor;
-    if (column.quantity.name == "time") {
+    if (quantity.name == "time") {
       result.time = std::move(values);
+      if (const auto unit = files::unit_of(quantity.units))
+        for (double& time : result.time) time *= unit->factor;
     } else {
-      result.quantities.push_back(std::move(column.quantity));
+      result.quantities.push_back(std::move(quantity));
       result.series.push_back(std::move(values));
     }
   }

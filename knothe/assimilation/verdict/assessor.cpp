@@ -86,6 +86,13 @@ double pressure(const UpdateResult& update, Index a, double edge) {
   return nearer(0.5) < k_half_next_to_it ? 0 : nearer(0.8);
 }
 
+/// Whether a mistake in the data has been named, which no correction of the model repairs.
+bool has_cause(const Verdict& verdict) {
+  return std::any_of(verdict.reasons.begin(), verdict.reasons.end(), [](const VerdictReason& reason) {
+    return reason.cause && *reason.cause != MisfitCause::unknown;
+  });
+}
+
 }  // namespace
 
 Assessor::Assessor(std::shared_ptr<const reduction::ObservedModel> model, NoiseModel noise,
@@ -265,7 +272,8 @@ void Assessor::assess_range(const UpdateResult& update, Verdict& verdict) const 
       if (update.points(k, a) < lower + outer || update.points(k, a) > upper - outer)
         verdict.edge_mass[a] += update.weights[k];
     const double low = pressure(update, a, lower), high = pressure(update, a, upper);
-    const double edge = low > high ? lower : upper, found = std::max(low, high);
+    const bool at_lower = low > high;
+    const double edge = at_lower ? lower : upper, found = std::max(low, high);
     if (found < options_.edge_caution) continue;
     verdict.add(
         {VerdictPart::range,
@@ -274,8 +282,7 @@ void Assessor::assess_range(const UpdateResult& update, Verdict& verdict) const 
          options_.edge_caution,
          fmt::format("{} is pressed against the {} end of the model's range: the data favour values {} "
                      "{:.4g}; make the model with a wider range, or find out why they do",
-                     name_of_parameter(a), low > high ? "lower" : "upper", low > high ? "below" : "above",
-                     edge),
+                     name_of_parameter(a), at_lower ? "lower" : "upper", at_lower ? "below" : "above", edge),
          {}});
   }
 }
@@ -373,17 +380,6 @@ void Assessor::add_model_reason(const Eigen::VectorXd& shift, double caution, do
                    name_of_parameter(worst), largest, errors_.count()),
        {}});
 }
-
-namespace {
-
-/// Whether a mistake in the data has been named, which no correction of the model repairs.
-bool has_cause(const Verdict& verdict) {
-  return std::any_of(verdict.reasons.begin(), verdict.reasons.end(), [](const VerdictReason& reason) {
-    return reason.cause && *reason.cause != MisfitCause::unknown;
-  });
-}
-
-}  // namespace
 
 void Assessor::assess_sensors(const AssessedPosterior& posterior, Verdict& verdict) const {
   const UpdateResult& update = posterior.update;
