@@ -132,12 +132,12 @@ CrackForecast CrackBridge::update(const Eigen::Ref<const reduction::RowMatrix>& 
   std::vector<Eigen::Index> kept;
   for (Eigen::Index i = 0; i < weights.size(); ++i)
     if (!(weights[i] >= 0.0 && weights[i] <= least)) kept.push_back(i);
-  const reduction::RowMatrix of_kept = functions(kept, Eigen::all);
-  const Eigen::VectorXd weight = weights(kept), lengths = best_lengths(of_kept);
+  const Eigen::VectorXd weight = weights(kept);
+  Eigen::MatrixXd misfit = fields_of(functions(kept, Eigen::all));
+  const Eigen::VectorXd lengths = nearest_.lengths(misfit.topRows(crack_rows()));
   CrackForecast forecast;
   const Eigen::VectorXd meant = lengths.unaryExpr([&](double length) { return options_.curve(length); });
   forecast.length = forecast_of_samples(meant, weight, options_.threshold, options_.error_std);
-  Eigen::MatrixXd misfit = (modes_ * of_kept.transpose()).colwise() + lift_;
   misfit.topRows(crack_rows()) -=
       crack_.topRows(crack_rows()) * meta_model_.coordinates({lengths.data(), kept.size()});
   const double square = misfit.colwise().squaredNorm().dot(weight) / weight.sum();
@@ -222,11 +222,14 @@ ScalarForecast CrackBridge::published(const FunctionMoments& moments, double dis
                                             options_.curve.inverse(options_.threshold)));
 }
 
-Eigen::VectorXd CrackBridge::best_lengths(const Eigen::Ref<const reduction::RowMatrix>& functions) const {
+Eigen::MatrixXd CrackBridge::fields_of(const Eigen::Ref<const reduction::RowMatrix>& functions) const {
   if (functions.cols() != modes_.cols())
     throw NumericalError("crack length: samples of another number of functions than the model has");
-  const Eigen::Index rows = crack_rows();
-  return nearest_.lengths((modes_.topRows(rows) * functions.transpose()).colwise() + lift_.head(rows));
+  return (modes_ * functions.transpose()).colwise() + lift_;
+}
+
+Eigen::VectorXd CrackBridge::best_lengths(const Eigen::Ref<const reduction::RowMatrix>& functions) const {
+  return nearest_.lengths(fields_of(functions).topRows(crack_rows()));
 }
 
 Eigen::VectorXd CrackBridge::along_crack(const Eigen::Ref<const reduction::RowMatrix>& functions,

@@ -76,6 +76,8 @@ class CrackBridge {
               const CrackBridgeOptions& options);
   /// Rows of `crack_` that are not zero.
   [[nodiscard]] Eigen::Index crack_rows() const { return std::min(crack_.rows(), crack_.cols()); }
+  /// Predicted displacements of each sample (n × r) in the coordinates of the basis, k × n.
+  [[nodiscard]] Eigen::MatrixXd fields_of(const Eigen::Ref<const reduction::RowMatrix>& functions) const;
   /// Each sample's length to first order about that of the mean field, but for a factor and a shift.
   [[nodiscard]] Eigen::VectorXd along_crack(const Eigen::Ref<const reduction::RowMatrix>& functions,
                                             const Eigen::Ref<const Eigen::VectorXd>& weights) const;

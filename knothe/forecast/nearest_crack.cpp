@@ -1,91 +1,137 @@
 #include "knothe/forecast/nearest_crack.hpp"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 
 namespace knothe::forecast {
-
 namespace {
+
+using Eigen::Index;
+
 constexpr double k_accuracy = 1e-10;  // m
+constexpr Index k_places = 2;         // of the first pass in one piece
+
+/// Slope of ½|F b(s) − t|² on one piece and its derivative.
+struct Slope {
+  Eigen::Matrix<double, 6, 1> c;
+
+  [[nodiscard]] double at(double s) const {
+    return c[0] + s * (c[1] + s * (c[2] + s * (c[3] + s * (c[4] + s * c[5]))));
+  }
+  [[nodiscard]] double derivative_at(double s) const {
+    return c[1] + s * (2 * c[2] + s * (3 * c[3] + s * (4 * c[4] + s * 5 * c[5])));
+  }
+  /// Where it crosses zero between `low`, where it is negative, and `high`: Newton's steps, halving where one
+  /// leads out.
+  [[nodiscard]] double root(double low, double high) const {
+    double s = 0.5 * (low + high);
+    for (int k = 0; k < 60 && high - low > k_accuracy; ++k) {
+      const double here = at(s);
+      (here < 0 ? low : high) = s;
+      double next = s - here / derivative_at(s);
+      if (!(next > low && next < high)) next = 0.5 * (low + high);
+      if (std::abs(next - s) < 0.1 * k_accuracy) return next;
+      s = next;
+    }
+    return s;
+  }
+};
+
+/// One place of the first pass for n targets: ½|R v|² − bᵀ(Fᵀt), and its number where that is the least yet.
+/// Plain loops over neighbours in memory, which the compiler turns into SIMD lanes.
+void update_least(double half_square, const Eigen::RowVector4d& b, const double* __restrict products,
+                  Index stride, double number, Index n, double* __restrict least, double* __restrict best) {
+  const double b0 = b[0], b1 = b[1], b2 = b[2], b3 = b[3];
+  for (Index i = 0; i < n; ++i) {
+    const double here = half_square - b0 * products[i] - b1 * products[i + stride] -
+                        b2 * products[i + 2 * stride] - b3 * products[i + 3 * stride];
+    best[i] = here < least[i] ? number : best[i];
+    least[i] = here < least[i] ? here : least[i];
+  }
 }
 
+}  // namespace
+
 NearestCrack::NearestCrack(const CrackMetaModel& meta_model, const Eigen::Ref<const Eigen::MatrixXd>& factor)
-    : basis_(meta_model.basis()),
-      fields_(factor * meta_model.coefficients()),
-      gram_(fields_.transpose() * fields_) {
-  const auto breaks = basis_.breaks();
+    : fields_(factor * meta_model.coefficients()) {
+  const numerics::CubicSplineBasis& basis = meta_model.basis();
+  const auto breaks = basis.breaks();
   for (std::size_t j = 0; j + 1 < breaks.size(); ++j) {
-    Interval interval;
-    for (Eigen::Index k = 0; k < 4; ++k) {
-      interval.length[k] = std::lerp(breaks[j], breaks[j + 1], (static_cast<double>(k) + 0.5) / 4);
-      const auto local = basis_.evaluate(interval.length[k]);
-      interval.basis.row(k) = Eigen::Map<const Eigen::RowVector4d>(local.value.data());
-      interval.half_square[k] =
-          0.5 * (fields_.middleCols<4>(local.first) * interval.basis.row(k).transpose()).squaredNorm();
+    const auto& by_power = basis.pieces()[j];
+    const auto fields = fields_.middleCols<4>(static_cast<Index>(j));
+    Piece piece{breaks[j], breaks[j + 1] - breaks[j], {}, {}, {}, {}, {}};
+    Eigen::Matrix4d powers;  // of s, a column for each
+    for (Index k = 0; k < 4; ++k) {
+      powers.col(k) = Eigen::Map<const Eigen::Vector4d>(by_power[static_cast<std::size_t>(k)].data());
+      if (k > 0) piece.slope.row(k - 1) = static_cast<double>(k) * powers.col(k).transpose();
     }
-    intervals_.push_back(interval);
+    const Eigen::Matrix4d gram = powers.transpose() * (fields.transpose() * fields) * powers;
+    piece.own_slope.setZero();
+    for (Index a = 0; a < 4; ++a)
+      for (Index b = 1; b < 4; ++b) piece.own_slope[a + b - 1] += static_cast<double>(b) * gram(a, b);
+    for (Index k = 0; k < k_places; ++k) {
+      const double s = (static_cast<double>(k) + 0.5) / k_places * piece.width;
+      piece.places[k] = s;
+      piece.basis.row(k) = (powers * Eigen::Vector4d(1, s, s * s, s * s * s)).transpose();
+      piece.half_square[k] = 0.5 * (fields * piece.basis.row(k).transpose()).squaredNorm();
+    }
+    pieces_.push_back(piece);
   }
 }
 
 Eigen::VectorXd NearestCrack::lengths(const Eigen::Ref<const Eigen::MatrixXd>& targets) const {
-  const Eigen::MatrixXd products = fields_.transpose() * targets;
+  constexpr Index k_block = 128;  // of targets side by side, so that what is read stays near
+  const Eigen::MatrixXd products = targets.transpose() * fields_;
   Eigen::VectorXd lengths(targets.cols());
-  for (Eigen::Index i = 0; i < lengths.size(); ++i) lengths[i] = nearest(products.col(i).data());
+  const Index stride = products.rows();
+  std::array<double, k_block> least, best;
+  for (Index begin = 0; begin < lengths.size(); begin += k_block) {
+    const Index n = std::min(k_block, lengths.size() - begin);
+    least.fill(std::numeric_limits<double>::infinity());
+    best.fill(0);
+    double number = 0;
+    for (std::size_t j = 0; j < pieces_.size(); ++j) {
+      const double* p = products.data() + static_cast<Index>(j) * stride + begin;
+      for (Index k = 0; k < k_places; ++k, ++number)
+        update_least(pieces_[j].half_square[k], pieces_[j].basis.row(k), p, stride, number, n, least.data(),
+                     best.data());
+    }
+    for (Index i = 0; i < n; ++i)
+      lengths[begin + i] =
+          minimum_near(static_cast<Index>(best[static_cast<std::size_t>(i)]), products.row(begin + i));
+  }
   return lengths;
 }
 
-double NearestCrack::nearest(const double* products) const {
-  std::size_t best = 0;
-  Eigen::Index place = 0;
-  double least = std::numeric_limits<double>::infinity();
-  for (std::size_t j = 0; j < intervals_.size(); ++j) {
-    const Eigen::Vector4d square =
-        intervals_[j].half_square - intervals_[j].basis * Eigen::Map<const Eigen::Vector4d>(products + j);
-    if (square.minCoeff() >= least) continue;
-    least = square.minCoeff(&place);
-    best = j;
-  }
-  const auto& here = intervals_[best].length;
-  const double low = place > 0  ? here[place - 1]
-                     : best > 0 ? intervals_[best - 1].length[3]
-                                : basis_.breaks().front();
-  const double high = place < 3                      ? here[place + 1]
-                      : best + 1 < intervals_.size() ? intervals_[best + 1].length[0]
-                                                     : basis_.breaks().back();
-  return root(products, low, high);
-}
-
-double NearestCrack::root(const double* products, double low, double high) const {
-  // Of the derivative b'ᵀ(FᵀF b − Fᵀt), by regula falsi with the Illinois rule: it is continuous but only
-  // piecewise smooth.
-  const auto derivative = [&](double length) {
-    const auto local = basis_.evaluate(length);
-    const Eigen::Map<const Eigen::Vector4d> b(local.value.data()), slope(local.first_derivative.data());
-    return slope.dot(gram_.block<4, 4>(local.first, local.first) * b -
-                     Eigen::Map<const Eigen::Vector4d>(products + local.first));
+double NearestCrack::minimum_near(Index best, const Products& products) const {
+  const auto slope_on = [&](std::size_t j) {
+    Slope slope{pieces_[j].own_slope};
+    slope.c.head<3>() -= pieces_[j].slope * products.segment<4>(static_cast<Index>(j)).transpose();
+    return slope;
   };
-  double at_low = derivative(low), at_high = derivative(high);
-  if (at_low >= 0.0) return low;
-  if (at_high <= 0.0) return high;
-  int side = 0;
-  for (int k = 0; k < 60 && high - low > k_accuracy; ++k) {
-    const double root = (low * at_high - high * at_low) / (at_high - at_low);
-    const double middle = root > low && root < high ? root : 0.5 * (low + high);
-    const double at_middle = derivative(middle);
-    if (at_middle == 0.0) return middle;
-    if (at_middle < 0.0) {
-      if (middle - low < k_accuracy) return middle;
-      low = middle, at_low = at_middle;
-      if (side < 0) at_high *= 0.5;
-      side = -1;
-    } else {
-      if (high - middle < k_accuracy) return middle;
-      high = middle, at_high = at_middle;
-      if (side > 0) at_low *= 0.5;
-      side = 1;
+  auto j = static_cast<std::size_t>(best / k_places);
+  const Index place = best % k_places;
+  Slope slope = slope_on(j);
+  const double here = pieces_[j].places[place];
+  double low = here, high = here;
+  if (slope.at(here) > 0) {  // downhill to the left, where the piece before may begin
+    low = place > 0 ? pieces_[j].places[place - 1] : 0;
+    if (place == 0 && j > 0 && slope.at(0) > 0) {
+      slope = slope_on(--j);
+      low = pieces_[j].places[k_places - 1], high = pieces_[j].width;
     }
+    if (slope.at(low) >= 0) return pieces_[j].left + low;
+  } else {
+    high = place + 1 < k_places ? pieces_[j].places[place + 1] : pieces_[j].width;
+    if (place + 1 == k_places && j + 1 < pieces_.size() && slope.at(high) < 0) {
+      slope = slope_on(++j);
+      low = 0, high = pieces_[j].places[0];
+    }
+    if (slope.at(high) <= 0) return pieces_[j].left + high;
   }
-  return 0.5 * (low + high);
+  return pieces_[j].left + slope.root(low, high);
 }
 
 }  // namespace knothe::forecast

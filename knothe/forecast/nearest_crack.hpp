@@ -8,8 +8,8 @@
 namespace knothe::forecast {
 
 /// argmin_l ½|R v(l) − t|² for many targets t. v is a spline, so R v(l) = F b(l) with four of the basis
-/// functions b active at a time: once Fᵀt is known, by one product for all targets, the square and its
-/// derivative cost a few multiplications at any length.
+/// functions b active at a time: once Fᵀt is known, by one product for all targets, the square is a
+/// polynomial on each piece of the spline.
 class NearestCrack {
  public:
   /// `factor`: R, N × N_SVD.
@@ -19,19 +19,20 @@ class NearestCrack {
   [[nodiscard]] Eigen::VectorXd lengths(const Eigen::Ref<const Eigen::MatrixXd>& targets) const;
 
  private:
-  /// Points of the first pass in one interval of the spline.
-  struct Interval {
-    Eigen::Vector4d length, half_square;  ///< l and |R v(l)|²/2
-    Eigen::Matrix4d basis;                ///< b(l), a row for each
+  /// One piece of the spline, b(l) = C (1, s, s², s³) with s = l − left.
+  struct Piece {
+    double left, width;
+    Eigen::Vector2d places, half_square;    ///< of the first pass: s, and |R v|²/2 there
+    Eigen::Matrix<double, 2, 4> basis;      ///< b there, a row for each
+    Eigen::Matrix<double, 3, 4> slope;      ///< of b: its coefficients of 1, s, s²
+    Eigen::Matrix<double, 6, 1> own_slope;  ///< of |R v|²/2: its coefficients of 1 … s⁵
   };
-  /// Of the target with these `products` Fᵀt.
-  [[nodiscard]] double nearest(const double* products) const;
-  [[nodiscard]] double root(const double* products, double low, double high) const;
+  /// The minimum next to place `best` of the first pass, counted over all pieces. `products`: Fᵀt.
+  using Products = Eigen::Ref<const Eigen::RowVectorXd, 0, Eigen::InnerStride<>>;
+  [[nodiscard]] double minimum_near(Eigen::Index best, const Products& products) const;
 
-  numerics::CubicSplineBasis basis_;
   Eigen::MatrixXd fields_;  ///< F, N × number of basis functions
-  Eigen::MatrixXd gram_;    ///< FᵀF
-  std::vector<Interval> intervals_;
+  std::vector<Piece> pieces_;
 };
 
 }  // namespace knothe::forecast
