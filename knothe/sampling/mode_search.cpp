@@ -8,6 +8,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <numeric>
 
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/integrate/sobol.hpp"
@@ -76,6 +77,7 @@ void ModeSearch::scan(CheckedDensity& target, bool wide) {
         numerics::sobol_normal_points(near_count_, scanned, 20190823);
     scan_points_.row(0).setZero();
     for (Eigen::Index i = 3; i < near_count_; i += 4) scan_points_.row(i) *= 3;
+    find_neighbours();
     RandomNumbers random(20190823);
     for (Eigen::Index i = 0; i < k_wide_count; ++i) {
       const double common = 13 * random.uniform() - 6.5;
@@ -94,38 +96,42 @@ void ModeSearch::scan(CheckedDensity& target, bool wide) {
   scan_values_.tail(k_wide_count) = batch_.value;
 }
 
-void ModeSearch::choose_starts(bool several, Eigen::Index near_count) {
+/// The four points next to each of the near ones, itself left out.
+void ModeSearch::find_neighbours() {
+  neighbours_.resize(static_cast<std::size_t>(near_count_));
+  for (Eigen::Index i = 0; i < near_count_; ++i) {
+    const Eigen::VectorXd distances =
+        (scan_points_.topRows(near_count_).rowwise() - scan_points_.row(i)).rowwise().squaredNorm();
+    std::vector<Eigen::Index> order(neighbours_.size());
+    std::iota(order.begin(), order.end(), Eigen::Index{0});
+    auto& nearest = neighbours_[static_cast<std::size_t>(i)];
+    std::partial_sort(order.begin(), order.begin() + nearest.size() + 1, order.end(),
+                      [&](Eigen::Index a, Eigen::Index b) { return distances[a] < distances[b]; });
+    std::copy_n(order.begin() + 1, nearest.size(), nearest.begin());
+  }
+}
+
+void ModeSearch::choose_starts(bool several) {
   const Eigen::Index n = scan_values_.size();
+  const auto is_better = [&](Eigen::Index a, Eigen::Index b) {
+    return scan_values_[a] > scan_values_[b] || (scan_values_[a] == scan_values_[b] && a < b);
+  };
   order_.resize(static_cast<std::size_t>(n));
-  for (Eigen::Index i = 0; i < n; ++i) order_[static_cast<std::size_t>(i)] = i;
-  std::stable_sort(order_.begin(), order_.end(),
-                   [&](Eigen::Index a, Eigen::Index b) { return scan_values_[a] > scan_values_[b]; });
+  std::iota(order_.begin(), order_.end(), Eigen::Index{0});
+  std::sort(order_.begin(), order_.end(), is_better);
   starts_.assign(1, order_.front());
   // Far and near look all the same to distances; of the wide points the best few are taken.
-  if (n > near_count)
+  if (n > near_count_)
     for (std::size_t r = 1; r < order_.size() && starts_.size() < 4; ++r)
-      if (order_[r] >= near_count && std::isfinite(scan_values_[order_[r]])) starts_.push_back(order_[r]);
+      if (order_[r] >= near_count_ && std::isfinite(scan_values_[order_[r]])) starts_.push_back(order_[r]);
   if (!several) return;
-  // A start is a point with no better one among its 4 nearest: the fourth smallest distance bounds the
-  // neighbourhood.
-  order_.erase(std::remove_if(order_.begin(), order_.end(), [&](Eigen::Index i) { return i >= near_count; }),
-               order_.end());
   const std::size_t most = starts_.size() + k_max_starts - 1;
-  for (std::size_t r = 0; r < order_.size() && starts_.size() < most; ++r) {
-    const Eigen::Index i = order_[r];
-    if (!std::isfinite(scan_values_[i])) break;
-    if (i == starts_.front()) continue;
-    double nearest[4] = {1e300, 1e300, 1e300, 1e300}, best_better = 1e300;
-    for (std::size_t s = 0; s < order_.size(); ++s) {
-      if (s == r) continue;
-      const double distance = (scan_points_.row(order_[s]) - scan_points_.row(i)).squaredNorm();
-      if (s < r) best_better = std::min(best_better, distance);
-      if (distance < nearest[3]) {
-        nearest[3] = distance;
-        std::sort(nearest, nearest + 4);
-      }
-    }
-    if (best_better > nearest[3]) starts_.push_back(i);
+  for (const Eigen::Index i : order_) {
+    if (!std::isfinite(scan_values_[i]) || starts_.size() == most) break;
+    if (i == starts_.front() || i >= near_count_) continue;
+    const auto& nearest = neighbours_[static_cast<std::size_t>(i)];
+    if (std::none_of(nearest.begin(), nearest.end(), [&](Eigen::Index k) { return is_better(k, i); }))
+      starts_.push_back(i);
   }
 }
 
@@ -343,7 +349,7 @@ void ModeSearch::run(CheckedDensity& target, bool several, std::vector<Mode>& mo
         "the density is zero at z = 0 and at {} points around it, 1e-6 to 1e6 away; centre and scale "
         "the parameters so that the mass is near 0",
         scan_values_.size() - 1));
-  choose_starts(several, near_count_);
+  choose_starts(several);
   trial_.resize(static_cast<Eigen::Index>(starts_.size()), target.dimension());
   for (std::size_t i = 0; i < starts_.size(); ++i)
     trial_.row(static_cast<Eigen::Index>(i)) = scan_points_.row(starts_[i]);

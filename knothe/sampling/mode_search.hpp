@@ -1,6 +1,7 @@
 #pragma once
 /// @file Local maxima of a log-density: where the mass is, and whether there is more than one place.
 #include <Eigen/Core>
+#include <array>
 #include <vector>
 
 #include "knothe/sampling/checked_density.hpp"
@@ -40,7 +41,8 @@ class ModeSearch {
 
  private:
   void scan(CheckedDensity& target, bool wide);
-  void choose_starts(bool several, Eigen::Index near_count);
+  void find_neighbours();
+  void choose_starts(bool several);
   void ascend(CheckedDensity& target);
   void accept(Eigen::Index i, Eigen::Index row);
   bool rescale(Eigen::Index i, Eigen::Index row, const CheckedDensity& target);
@@ -57,6 +59,8 @@ class ModeSearch {
   };
   Eigen::MatrixXd scan_points_;  ///< made once per dimension
   Eigen::Index near_count_ = 0;  ///< the first of them
+  /// Of each of these the four nearest: a start has no better point among them.
+  std::vector<std::array<Eigen::Index, 4>> neighbours_;
   Eigen::VectorXd scan_values_;
   std::vector<Eigen::Index> starts_, order_;
   std::vector<Climber> climbers_;

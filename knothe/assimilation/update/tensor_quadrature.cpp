@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "knothe/assimilation/update/lattice_rule.hpp"
 #include "knothe/base/error.hpp"
@@ -233,32 +234,36 @@ Grid find_window(GridDensity& target, Eigen::VectorXd& values) {
 /// is not empty.
 std::vector<GridRun> nodes_near_mass(const Grid& coarse, const Eigen::VectorXd& values, const Grid& fine,
                                      Index factor) {
-  const double floor = mask_floor(values.maxCoeff());
-  const Index d = coarse.dimension();
-  const auto low = [&](Index i) { return std::max<Index>((i - 1) * factor, 0); };
-  const auto high = [&](Index i) { return std::min((i + 1) * factor, fine.count - 1); };
-  std::vector<char> wanted(static_cast<std::size_t>(fine.size()), 0);
-  for (Index row = 0, node = 0; row < coarse.rows(); ++row) {
-    // One plane and one row where there are no such axes.
-    const Index plane = d == 3 ? coarse.place(row, 0) : 0, line = coarse.place(row, 1);
-    for (Index i = 0; i < coarse.count; ++i, ++node) {
-      if (!(values[node] > floor)) continue;
-      for (Index a = d == 3 ? low(plane) : 0; a <= (d == 3 ? high(plane) : 0); ++a)
-        for (Index b = d == 1 ? 0 : low(line); b <= (d == 1 ? 0 : high(line)); ++b) {
-          const auto begin = wanted.begin() + (a * fine.count + b) * fine.count;
-          std::fill(begin + low(i), begin + high(i) + 1, char{1});
-        }
-    }
-  }
+  const Index d = coarse.dimension(), n = coarse.count;
+  using Mask = Eigen::Array<char, Eigen::Dynamic, 1>;
+  const Mask has_mass = (values.array() > mask_floor(values.maxCoeff())).cast<char>();
+  /// First and last coarse line within one interval of a fine one; without such an axis the only one.
+  const auto near = [&](Index row, Index axis) -> std::pair<Index, Index> {
+    if (axis < 0) return {0, 0};
+    const Index i = fine.place(row, axis);
+    return {std::max<Index>((i + factor - 1) / factor - 1, 0), std::min(i / factor + 1, n - 1)};
+  };
   std::vector<GridRun> runs;
+  Mask of_row(n);  // the coarse lines of a row together
   Index at = 0;
   for (Index row = 0; row < fine.rows(); ++row) {
-    const auto begin = wanted.begin() + row * fine.count, end = begin + fine.count;
-    for (auto from = std::find(begin, end, char{1}); from != end;) {
-      const auto to = std::find(from, end, char{0});
-      runs.push_back({row, from - begin, to - begin, at});
-      at += to - from;
-      from = std::find(to, end, char{1});
+    of_row.setZero();
+    const auto [first_plane, last_plane] = near(row, d - 3);
+    const auto [first_line, last_line] = near(row, d - 2);
+    for (Index plane = first_plane; plane <= last_plane; ++plane)
+      for (Index line = first_line; line <= last_line; ++line)
+        of_row = of_row.max(has_mass.segment((plane * n + line) * n, n));
+    for (Index i = 0; i < n; ++i) {
+      if (of_row[i] == 0) continue;
+      const Index begin = std::max<Index>((i - 1) * factor, 0);
+      const Index end = std::min((i + 1) * factor + 1, fine.count);
+      if (!runs.empty() && runs.back().row == row && begin <= runs.back().end) {
+        at += end - runs.back().end;
+        runs.back().end = end;
+      } else {
+        runs.push_back({row, begin, end, at});
+        at += end - begin;
+      }
     }
   }
   return runs;
@@ -324,6 +329,8 @@ void take_points(QuadraturePosterior& posterior, const Frame& frame, const Grid&
   Eigen::VectorXd& weights = posterior.weights;
   const double floor = 1e-6 / static_cast<double>(weights.size());
   std::vector<Index> kept;
+  kept.reserve(static_cast<std::size_t>(weights.size()));
+  if (has_lattice) posterior.lattice.places.reserve(kept.capacity());
   double sum = 0;
   for (const GridRun& run : runs) {
     if (!grid.is_every(stride, run.row)) continue;

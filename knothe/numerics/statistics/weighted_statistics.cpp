@@ -38,15 +38,17 @@ class SpreadMass {
       nodes_[i] = {0.5 * std::erfc(-x * std::numbers::sqrt2 / 2) - phi * mass, phi * density / k_per_unit};
     }
   }
-  [[nodiscard]] double operator()(double x) const {
+  /// M(x), and K(x) to 1e-4.
+  [[nodiscard]] std::pair<double, double> operator()(double x) const {
     const double at = (x + k_reach) * k_per_unit;
     const auto i = static_cast<std::size_t>(std::clamp(at, 0.0, k_count - 2.0));
     const double t = at - static_cast<double>(i);
     const auto& [left, slope] = nodes_[i];
     const auto& [right, right_slope] = nodes_[i + 1];
     const double rise = right - left;
-    return left +
-           t * (slope + t * (3 * rise - 2 * slope - right_slope + t * (slope + right_slope - 2 * rise)));
+    return {
+        left + t * (slope + t * (3 * rise - 2 * slope - right_slope + t * (slope + right_slope - 2 * rise))),
+        std::lerp(slope, right_slope, t) * k_per_unit};
   }
 
  private:
@@ -236,28 +238,46 @@ void lattice_quantiles(std::span<const double> nodes, std::span<const double> we
                               std::numeric_limits<double>::min());
   static const SpreadMass spread_mass;
   const double reach = SpreadMass::k_reach * width;
-  const auto excess_below = [&](double x, double mass) {
+  const auto below_and_density = [&](double x) {
     auto it = std::lower_bound(sorted.begin(), sorted.end(), Node{x - reach, 0, 0}, below);
-    double sum = it == sorted.end() ? total : it->before;
-    for (; it != sorted.end() && it->at <= x + reach; ++it)
-      sum += it->weight * spread_mass((x - it->at) / width);
-    return sum - mass;
+    double sum = it == sorted.end() ? total : it->before, density = 0;
+    for (; it != sorted.end() && it->at <= x + reach; ++it) {
+      const auto [share, slope] = spread_mass((x - it->at) / width);
+      sum += it->weight * share;
+      density += it->weight * slope / width;
+    }
+    return std::pair(sum, density);
+  };
+  const auto excess_below = [&](double x, double mass) { return below_and_density(x).first - mass; };
+  const double accuracy = 1e-10 * total;
+  /// Newton's steps from x; false where they lead away.
+  const auto polish = [&](double& x, double mass) {
+    for (double first = x; std::abs(x - first) <= 3 * width;) {
+      const auto [sum, density] = below_and_density(x);
+      if (std::abs(sum - mass) <= accuracy) return true;
+      const double next = x - (sum - mass) / density;
+      if (!(density > 0) || next == x) return false;
+      x = next;
+    }
+    return false;
   };
   for (std::size_t q = 0; q < levels.size(); ++q) {
     const double mass = levels[q] * total;
     const auto near =
         std::lower_bound(sorted.begin(), std::prev(sorted.end()), mass,
                          [](const Node& node, double m) { return node.before + node.weight < m; });
+    double& x = quantiles[q] = near->at;
+    if (polish(x, mass)) continue;
     double low = near->at - width, high = near->at + width;
     double at_low = excess_below(low, mass), at_high = excess_below(high, mass);
     while (at_low > 0) at_low = excess_below(low -= 2 * width, mass);
     while (at_high < 0) at_high = excess_below(high += 2 * width, mass);
     // Regula falsi, Illinois: an end that stays twice counts half.
-    double x = 0.5 * (low + high);
+    x = 0.5 * (low + high);
     for (int step = 0, side = 0; step < 60 && at_high > at_low; ++step) {
       x = high - at_high * (high - low) / (at_high - at_low);
       const double at_x = excess_below(x, mass);
-      if (std::abs(at_x) <= 1e-10 * total) break;
+      if (std::abs(at_x) <= accuracy) break;
       if (at_x < 0) {
         low = x, at_low = at_x;
         if (side == -1) at_high *= 0.5;
@@ -268,7 +288,6 @@ void lattice_quantiles(std::span<const double> nodes, std::span<const double> we
         side = 1;
       }
     }
-    quantiles[q] = x;
   }
 }
 
