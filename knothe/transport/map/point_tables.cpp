@@ -1,9 +1,10 @@
 #include "knothe/transport/map/point_tables.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cassert>
+#include <cstdint>
 #include <map>
-#include <unordered_map>
 #include <utility>
 
 #include "knothe/sampling/log_density.hpp"
@@ -41,16 +42,22 @@ Eigen::MatrixXd products(Eigen::Index n, const std::vector<MultiIndex>& indices,
 }
 
 /// row(i, x) fills row i of every table for the coordinate x; tensor rules repeat their coordinates, for
-/// which `copy(i, from)` takes the row made before.
+/// which `copy(i, from)` takes the row made before. Looked up by open addressing: there are as many look-ups
+/// as points, and most points have coordinates of their own.
 template <class Row, class Copy>
 void for_each_coordinate(const Eigen::Ref<const Eigen::VectorXd>& x, Row row, Copy copy) {
-  std::unordered_map<double, Eigen::Index> made;
+  const std::size_t size = std::bit_ceil(2 * static_cast<std::size_t>(x.size()) + 2);
+  std::vector<Eigen::Index> made(size, -1);
   for (Eigen::Index i = 0; i < x.size(); ++i) {
-    const auto [at, is_new] = made.try_emplace(x[i], i);
-    if (is_new)
+    const std::uint64_t mixed = std::bit_cast<std::uint64_t>(x[i]) * 0x9E3779B97F4A7C15U;  // Fibonacci hashing
+    std::size_t at = (mixed >> 32) & (size - 1);
+    while (made[at] >= 0 && x[made[at]] != x[i]) at = (at + 1) & (size - 1);
+    if (made[at] < 0) {
+      made[at] = i;
       row(i, x[i]);
-    else
-      copy(i, at->second);
+    } else {
+      copy(i, made[at]);
+    }
   }
 }
 
