@@ -172,6 +172,47 @@ TEST(FacadeOfMaps, GoesThereAndBack) {
             std::string::npos);
 }
 
+/// log τ ~ N(0, 1), eight x ~ N(0, τ²), each seen as y ~ N(x, 0.5²): a funnel, which no map of order 1
+/// represents. Given τ everything is Gaussian, so that a sum over log τ is exact.
+TEST(FacadeOfMaps, AFunnelIsAnsweredByAFewVariablesFirst) {
+  constexpr std::size_t n = 8;
+  const std::vector<double> y = {0.3, -0.2, 1.1, 0.4, -0.9, 0.1, 0.6, -0.5};
+  const auto residual = [&](std::span<const double> p, std::size_t i) { return (y[i] - p[i + 1]) / 0.25; };
+  const Density funnel{
+      n + 1,
+      [&](std::span<const double> p) {
+        double value = -0.5 * p[0] * p[0] - n * p[0];
+        for (std::size_t i = 0; i < n; ++i)
+          value -= 0.5 * (p[i + 1] * p[i + 1] * std::exp(-2 * p[0]) + 0.25 * std::pow(residual(p, i), 2));
+        return value;
+      },
+      [&](std::span<const double> p, std::span<double> slope) {
+        const double precision = std::exp(-2 * p[0]);
+        slope[0] = -p[0] - static_cast<double>(n);
+        for (std::size_t i = 0; i < n; ++i) {
+          slope[0] += precision * p[i + 1] * p[i + 1];
+          slope[i + 1] = -precision * p[i + 1] + residual(p, i);
+        }
+      }};
+  const auto [map, posterior] = solve_map(funnel, {.max_order = 1});
+  EXPECT_TRUE(posterior.trusted) << posterior.remark;
+  EXPECT_NE(posterior.remark.find("by weighted draws, variable 0 first"), std::string::npos)
+      << posterior.remark;
+  double sum = 0, mean = 0, square = 0, first = 0;
+  for (double s = -8; s < 8; s += 0.01) {
+    const double variance = std::exp(2 * s), share = variance / (variance + 0.25);  // of y that is x
+    double log_weight = -0.5 * s * s;
+    for (const double v : y) log_weight -= 0.5 * (v * v / (variance + 0.25) + std::log(variance + 0.25));
+    const double weight = std::exp(log_weight);
+    sum += weight, mean += weight * s, square += weight * s * s, first += weight * share * y[2];
+  }
+  mean /= sum;
+  const double std = std::sqrt(square / sum - mean * mean);
+  EXPECT_NEAR(posterior.mean[0], mean, 0.1 * std);
+  EXPECT_NEAR(posterior.std(0), std, 0.05 * std);
+  EXPECT_NEAR(posterior.mean[3], first / sum, 0.1 * posterior.std(3));
+}
+
 TEST(FacadeOfMaps, OfSamples) {
   std::mt19937 generator(1);
   std::normal_distribution<double> normal;

@@ -35,9 +35,11 @@ struct Posterior {
       0;  ///< of the map, on points other than the training ones (Rubio et al. 2019, Eq. 9)
   double effective_sample_size = 1;  ///< of the weights, as a fraction of n
   bool tolerance_reached = true;     ///< variance_diagnostic is within the tolerance asked for
-  bool trusted = true;  ///< diagnostic ≤ 0.05, effective sample size ≥ 0.9, no second mode found
-  std::string remark;   ///< why it is not trusted, or the tolerance not reached; else empty
-  Verdict verdict;      ///< of an assimilation; it rates the answer, not the map
+  /// Diagnostic ≤ 0.05, effective sample size ≥ 0.9, no second mode found; or, of draws without a map, an
+  /// error of at most 0.1 standard deviations in a mean and 5 % in a standard deviation.
+  bool trusted = true;
+  std::string remark;  ///< why it, or its map, is not trusted, or the tolerance not reached; else empty
+  Verdict verdict;     ///< of an assimilation; it rates the answer, not the map
 
   [[nodiscard]] std::size_t dimension() const { return mean.size(); }
   /// Standard deviation of parameter k.

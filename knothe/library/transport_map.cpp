@@ -10,6 +10,7 @@
 #include "knothe/library/plain.hpp"
 #include "knothe/numerics/statistics/random.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
+#include "knothe/sampling/nested_laplace.hpp"
 #include "knothe/transport/extras/map_distribution.hpp"
 #include "knothe/transport/extras/sample_map.hpp"
 #include "knothe/transport/map/map_file.hpp"
@@ -220,6 +221,30 @@ Posterior posterior_of(const transport::MapResult& solved, const transport::Impo
   return posterior;
 }
 
+/// What no map represents may be nearly Gaussian once a few variables are known: then these answers instead
+/// of the map's own, if they are good. `posterior` is not trusted.
+void answer_by_few_variables_first(sampling::LogDensity& target, std::uint64_t seed, Posterior& posterior) {
+  sampling::NestedLaplaceOptions options;
+  options.seed = seed;
+  const sampling::NestedLaplaceResult draws = sampling::nested_laplace(target, options);
+  if (!draws.converged) return;
+  const sampling::WeightedSample& sample = draws.sample;
+  posterior.mean = plain(sampling::mean_of(sample));
+  posterior.covariance = plain(sampling::covariance_of(sample));
+  posterior.quantiles = plain(numerics::weighted_quantiles(sample.points, sample.weights));
+  posterior.points = plain(sample.points);
+  posterior.weights = plain(sample.weights);
+  posterior.log_evidence = sample.log_evidence;
+  posterior.effective_sample_size = sample.effective_size / static_cast<double>(sample.weights.size());
+  posterior.trusted = true;
+  posterior.remark = fmt::format(
+      "the map is not trusted ({}); the posterior is by weighted draws, variable{} {} first: a mean is off "
+      "by "
+      "at most {:.2f} standard deviations, a standard deviation by {:.1f} %",
+      posterior.remark, draws.first.size() > 1 ? "s" : "", fmt::join(draws.first, ", "), draws.mean_error,
+      100 * draws.deviation_error);
+}
+
 }  // namespace
 
 MapSolution solve_map(const Density& density, const MapOptions& options) {
@@ -235,9 +260,12 @@ MapSolution solve_map(const Density& density, const MapOptions& options) {
   transport::MapSolver solver(settings);
   FunctionDensity target(density);
   const transport::MapResult solved = solver.solve(target);
-  return {TransportMap(std::make_shared<TransportMap::Implementation>(
-              TransportMap::Implementation{transport::MapDistribution(solved.composed())})),
-          posterior_of(solved, solver.correct(target, solved))};
+  MapSolution solution{TransportMap(std::make_shared<TransportMap::Implementation>(
+                           TransportMap::Implementation{transport::MapDistribution(solved.composed())})),
+                       posterior_of(solved, solver.correct(target, solved))};
+  if (!solution.posterior.trusted && !solved.second_mode_found && density.gradient && density.dimension > 1)
+    answer_by_few_variables_first(target, options.seed, solution.posterior);
+  return solution;
 }
 
 }  // namespace knothe

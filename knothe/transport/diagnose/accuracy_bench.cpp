@@ -4,8 +4,10 @@
 /// Usage: accuracy_bench [chain length, default 50000] [calibration data sets, default 1000]
 #include <fmt/format.h>
 
+#include <chrono>
 #include <cstdlib>
 
+#include "knothe/sampling/nested_laplace.hpp"
 #include "knothe/transport/testing/accuracy_calibration.hpp"
 #include "knothe/transport/testing/accuracy_support.hpp"
 
@@ -40,6 +42,25 @@ void print_row(const std::string& name, sampling::LogDensity& target, const Refe
       a.correction.trusted ? "yes" : "no");
 }
 
+/// The same by `nested_laplace`, without a map.
+void print_row_without_map(const std::string& name, sampling::LogDensity& target,
+                           const Reference& reference) {
+  const auto start = std::chrono::steady_clock::now();
+  const sampling::NestedLaplaceResult result = sampling::nested_laplace(target);
+  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  const Eigen::ArrayXd std = sampling::covariance_of(result.sample).diagonal().cwiseSqrt();
+  const Eigen::ArrayXd off = sampling::mean_of(result.sample) - reference.mean;
+  const Eigen::ArrayXd exact = reference.standard_deviation;
+  fmt::print("| {} | {} | {} | – | – | {:.4f} | {:.1e} | {:.1e} | {} | {} | {:.3f} | {} |\n", name,
+             target.dimension(), reference.source,
+             result.sample.effective_size / static_cast<double>(result.sample.weights.size()),
+             (off / exact).abs().maxCoeff(), (std / exact - 1).abs().maxCoeff(),
+             std::isnan(reference.log_evidence)
+                 ? "–"
+                 : fmt::format("{:.1e}", std::abs(result.sample.log_evidence - reference.log_evidence)),
+             result.sample.density_evaluations, seconds, result.converged ? "yes" : "no");
+}
+
 Reference chains_with_evidence(sampling::LogDensity& target, Eigen::Index draws) {
   Reference reference = reference_by_chains(target, draws, 101);
   add_evidence(target, 102, reference);
@@ -70,8 +91,10 @@ int main(int argc, char** argv) {
   auto schools = eight_schools();
   print_row("eight schools, not centred", schools, reference_of(schools), eight_schools_options());
   auto volatility = stochastic_volatility();
-  print_row("stochastic volatility, sparse map", volatility, reference_by_chains(volatility, samples, 103),
-            stochastic_volatility_options());
+  const Reference chains = reference_by_chains(volatility, samples, 103);
+  print_row("stochastic volatility, sparse map", volatility, chains, stochastic_volatility_options());
+  print_row_without_map("eight schools, a few variables first", schools, reference_of(schools));
+  print_row_without_map("stochastic volatility, a few variables first", volatility, chains);
   fmt::print(
       "\n| calibration | d | data sets | trusted | lowest ess | excess over the 95 % band | the same, std × "
       "1.3 "

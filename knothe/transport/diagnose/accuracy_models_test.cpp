@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include "knothe/sampling/nested_laplace.hpp"
 #include "knothe/transport/testing/accuracy_support.hpp"
 
 namespace knothe::transport::accuracy {
@@ -112,6 +113,25 @@ TEST(Accuracy, StochasticVolatilityAgreesWithLongChainsAndIsNotCalledTrusted) {
   EXPECT_FALSE(accuracy.correction.trusted);
   EXPECT_LT(accuracy.mean, 0.05);
   EXPECT_LT(accuracy.standard_deviation, 0.05);
+}
+
+/// μ and φ first, then the states as a Gaussian: what the map cannot do.
+TEST(Accuracy, StochasticVolatilityByAFewVariablesFirstIsTrusted) {
+  auto target = stochastic_volatility();
+  const Reference reference = reference_by_chains(target, 40000, 5);
+  ASSERT_LT(reference.mean_error, 0.015) << "the chains are too short to judge by";
+  ASSERT_LT(reference.std_error, 0.015) << "the chains are too short to judge by";
+  const sampling::NestedLaplaceResult result = sampling::nested_laplace(target);
+  EXPECT_EQ(result.first, (std::vector<Eigen::Index>{0, 1}));
+  EXPECT_TRUE(result.converged);
+  EXPECT_GT(result.sample.effective_size, 0.5 * static_cast<double>(result.sample.weights.size()));
+  const Eigen::VectorXd std = sampling::covariance_of(result.sample).diagonal().cwiseSqrt();
+  EXPECT_LT(
+      ((sampling::mean_of(result.sample) - reference.mean).array() / reference.standard_deviation.array())
+          .abs()
+          .maxCoeff(),
+      0.05);
+  EXPECT_LT((std.array() / reference.standard_deviation.array() - 1).abs().maxCoeff(), 0.05);
 }
 
 }  // namespace

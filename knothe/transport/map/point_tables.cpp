@@ -49,7 +49,8 @@ void for_each_coordinate(const Eigen::Ref<const Eigen::VectorXd>& x, Row row, Co
   const std::size_t size = std::bit_ceil(2 * static_cast<std::size_t>(x.size()) + 2);
   std::vector<Eigen::Index> made(size, -1);
   for (Eigen::Index i = 0; i < x.size(); ++i) {
-    const std::uint64_t mixed = std::bit_cast<std::uint64_t>(x[i]) * 0x9E3779B97F4A7C15U;  // Fibonacci hashing
+    const std::uint64_t mixed =
+        std::bit_cast<std::uint64_t>(x[i]) * 0x9E3779B97F4A7C15U;  // Fibonacci hashing
     std::size_t at = (mixed >> 32) & (size - 1);
     while (made[at] >= 0 && x[made[at]] != x[i]) at = (at + 1) & (size - 1);
     if (made[at] < 0) {
