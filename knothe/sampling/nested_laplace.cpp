@@ -36,8 +36,8 @@ Eigen::MatrixXd symmetric(const LogDensityBatch& batch, Index row, const std::ve
   Eigen::MatrixXd matrix(n, n);
   for (Index a = 0; a < n; ++a)
     for (Index b = 0; b <= a; ++b)
-      matrix(a, b) = matrix(b, a) = batch.hessian(row, packed_index(variables[static_cast<std::size_t>(a)],
-                                                                    variables[static_cast<std::size_t>(b)]));
+      matrix(a, b) = matrix(b, a) = batch.hessian(
+          row, packed_index(variables[static_cast<std::size_t>(a)], variables[static_cast<std::size_t>(b)]));
   return matrix;
 }
 
@@ -60,9 +60,8 @@ std::vector<Index> variables_that_bend(CheckedDensity& target, const Mode& mode)
   const Eigen::MatrixXd here = symmetric(batch, 2 * d, all);
   Eigen::VectorXd bending = Eigen::VectorXd::Zero(d);
   for (Index i = 0; i < 2 * d; ++i)
-    bending[i / 2] =
-        std::max(bending[i / 2],
-                 (mode.lower.transpose() * (symmetric(batch, i, all) - here) * mode.lower).norm());
+    bending[i / 2] = std::max(
+        bending[i / 2], (mode.lower.transpose() * (symmetric(batch, i, all) - here) * mode.lower).norm());
   std::stable_sort(all.begin(), all.end(), [&](Index a, Index b) { return bending[a] > bending[b]; });
   const Index most = std::min(k_max_first, d - 1);
   const double least = std::max(k_bending, k_bending_share * bending.maxCoeff());
@@ -248,7 +247,8 @@ NestedLaplaceResult nested_laplace(LogDensity& user_target, const NestedLaplaceO
     log_weight.segment(begin, count) =
         draw_others(target, marginal, first.sample.points.middleRows(begin, count), random, of_block);
     points.middleRows(begin, count) = of_block;
-    if (options.progress && !options.progress(0.8 + 0.2 * static_cast<double>(begin) / static_cast<double>(n)))
+    if (options.progress &&
+        !options.progress(0.8 + 0.2 * static_cast<double>(begin) / static_cast<double>(n)))
       throw Interrupted(fmt::format("nested Laplace: interrupted after {} draws", begin));
   }
   log_weight.array() += first.sample.weights.array().max(1e-300).log();
@@ -256,7 +256,8 @@ NestedLaplaceResult nested_laplace(LogDensity& user_target, const NestedLaplaceO
   Eigen::VectorXd weights = (log_weight.array() - top).exp();
   const double sum = weights.sum();
   weights /= sum;
-  const MomentErrors errors = standard_errors(options.variables ? options.variables(points) : points, weights);
+  const MomentErrors errors =
+      standard_errors(options.variables ? options.variables(points) : points, weights);
   WeightedSample& sample = result.sample;
   sample.points = std::move(points);
   sample.weights = std::move(weights);

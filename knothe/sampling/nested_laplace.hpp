@@ -31,6 +31,7 @@ struct NestedLaplaceResult : ImportanceResult {
 /// where there is a second one that counts, the result is not converged. Derivatives that the target lacks
 /// are differences. A function of the target and the options alone. Errors: UsageError for fewer than two
 /// variables; Interrupted; those of `ModeSearch` and of the target.
-[[nodiscard]] NestedLaplaceResult nested_laplace(LogDensity& target, const NestedLaplaceOptions& options = {});
+[[nodiscard]] NestedLaplaceResult nested_laplace(LogDensity& target,
+                                                 const NestedLaplaceOptions& options = {});
 
 }  // namespace knothe::sampling

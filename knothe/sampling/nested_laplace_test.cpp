@@ -30,7 +30,8 @@ TEST(NestedLaplace, IsTheConjugateFormulaForALinearModel) {
                                  numerics::monte_carlo_normal_points(15, 1, 4).col(0), 0.7);
   const NestedLaplaceResult result = nested_laplace(target);
   EXPECT_EQ(result.first.size(), 1U);  // nothing bends
-  expect_agreement(result, {target.mean(), target.covariance().diagonal().cwiseSqrt(), target.log_evidence()});
+  expect_agreement(result,
+                   {target.mean(), target.covariance().diagonal().cwiseSqrt(), target.log_evidence()});
 }
 
 /// Given log τ the schools are a linear model: closed form for each, and the sum over an even grid.

@@ -70,7 +70,7 @@ class Workspace {
 
 SplineFunctions::SplineFunctions(std::span<const std::vector<double>> nodes, Eigen::Index count)
     : count_(count), padded_(round_up_to_lanes(count)) {
-  for (const auto& axis : nodes) bases_.emplace_back(axis);
+  for (const auto& axis : nodes) axes_.emplace_back(bases_.emplace_back(axis));
 }
 
 Eigen::VectorXd SplineFunctions::lower() const {
@@ -85,13 +85,11 @@ Eigen::VectorXd SplineFunctions::upper() const {
   return corner;
 }
 
+template <int Derivatives>
 void SplineFunctions::localise(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::Index row,
                                std::span<Local> local) const {
-  for (std::size_t i = 0; i < bases_.size(); ++i) {
-    const auto nodes = bases_[i].nodes();
-    const double x = points(row, static_cast<Eigen::Index>(i));
-    local[i] = bases_[i].evaluate(std::clamp(x, nodes.front(), nodes.back()));
-  }
+  for (std::size_t i = 0; i < axes_.size(); ++i)
+    axes_[i].evaluate<Derivatives>(axes_[i].locate(points(row, static_cast<Eigen::Index>(i))), local[i]);
 }
 
 CanonicalFunctions::CanonicalFunctions(std::span<const std::vector<double>> nodes,
@@ -109,23 +107,41 @@ CanonicalFunctions::CanonicalFunctions(std::span<const std::vector<double>> node
 
 void CanonicalFunctions::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
                                   FunctionBatch& out) const {
+  if (derivatives == 0) return evaluate_all<0>(points, out);
+  if (derivatives == 1) return evaluate_all<1>(points, out);
+  evaluate_all<2>(points, out);
+}
+
+template <int Derivatives>
+void CanonicalFunctions::evaluate_all(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                                      FunctionBatch& out) const {
   const std::size_t d = bases_.size();
   Workspace<Local> local_space;
-  Workspace<std::array<Lanes, 3>> factor_space;
+  Workspace<std::array<Lanes, Derivatives + 1>> factor_space;
   const auto local = local_space.take(d);
   const auto factor = factor_space.take(d);  // α, α', α'' of every axis
   for (Eigen::Index row = 0; row < points.rows(); ++row) {
-    localise(points, row, local);
+    localise<Derivatives>(points, row, local);
     for (Eigen::Index k = 0; k < count_; k += k_lane_count) {
       const Eigen::Index n = count_ - k;
+      if constexpr (Derivatives == 0) {
+        Lanes product = Lanes{} + 1.0;
+        for (std::size_t i = 0; i < d; ++i) {
+          const double* c = coefficients_[i].data() + local[i].first * padded_ + k;
+          product *= (local[i].value[0] * load(c) + local[i].value[1] * load(c + padded_)) +
+                     (local[i].value[2] * load(c + 2 * padded_) + local[i].value[3] * load(c + 3 * padded_));
+        }
+        store(&out.value(row, k), product, n);
+        continue;
+      }
       for (std::size_t i = 0; i < d; ++i) {
         const double* c = coefficients_[i].data() + local[i].first * padded_ + k;
         factor[i] = {};
         for (std::size_t f = 0; f < 4; ++f) {
           const Lanes lanes = load(c + static_cast<Eigen::Index>(f) * padded_);
           factor[i][0] += local[i].value[f] * lanes;
-          factor[i][1] += local[i].first_derivative[f] * lanes;
-          factor[i][2] += local[i].second_derivative[f] * lanes;
+          if constexpr (Derivatives >= 1) factor[i][1] += local[i].first_derivative[f] * lanes;
+          if constexpr (Derivatives >= 2) factor[i][2] += local[i].second_derivative[f] * lanes;
         }
       }
       // Π_i of the axes' derivatives of orders (1 if i = a) + (1 if i = b).
@@ -135,9 +151,9 @@ void CanonicalFunctions::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& point
         return result;
       };
       store(&out.value(row, k), product(d, d), n);
-      for (std::size_t a = 0; derivatives >= 1 && a < d; ++a) {
+      for (std::size_t a = 0; Derivatives >= 1 && a < d; ++a) {
         store(&out.first[a](row, k), product(a, d), n);
-        for (std::size_t b = 0; derivatives >= 2 && b <= a; ++b) {
+        for (std::size_t b = 0; Derivatives >= 2 && b <= a; ++b) {
           store(&out.second[packed(a, b)](row, k), product(a, b), n);
         }
       }
@@ -207,7 +223,7 @@ void JointFunctions::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, i
   std::array<int, k_max_parameters> active{};
   for (std::size_t i = 0; i < d; ++i) active[i] = bases_[i].active();
   for (Eigen::Index row = 0; row < points.rows(); ++row) {
-    localise(points, row, local);
+    derivatives == 0 ? localise<0>(points, row, local) : localise<2>(points, row, local);
     const double* start = coefficients_.data();
     for (std::size_t i = 0; i < d; ++i) start += local[i].first * strides_[i];
     evaluator({start, local.data(), strides_.data(), active.data(), row, count_}, out);

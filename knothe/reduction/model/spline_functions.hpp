@@ -5,6 +5,7 @@
 
 #include "knothe/numerics/functions/cubic_spline.hpp"
 #include "knothe/reduction/model/parameter_functions.hpp"
+#include "knothe/reduction/model/spline_axis.hpp"
 
 namespace knothe::reduction {
 
@@ -22,13 +23,16 @@ class SplineFunctions : public ParameterFunctions {
  protected:
   /// `nodes`: those of each axis. Errors of the spline (not increasing …) pass on as UsageError.
   SplineFunctions(std::span<const std::vector<double>> nodes, Eigen::Index count);
-  /// The local spline basis of every axis at one point (row `row` of `points`), which is moved into the box.
+  /// The local spline basis of every axis at one point (row `row` of `points`), which is moved into the box,
+  /// with derivatives up to this order.
+  template <int Derivatives>
   void localise(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::Index row,
                 std::span<numerics::CubicSplineBasis::Local> local) const;
 
   std::vector<numerics::CubicSplineBasis> bases_;
-  Eigen::Index count_;   ///< r
-  Eigen::Index padded_;  ///< r rounded up to full lanes
+  std::vector<SplineAxis> axes_;  ///< the same, made for finding points
+  Eigen::Index count_;            ///< r
+  Eigen::Index padded_;           ///< r rounded up to full lanes
 };
 
 /// Canonical form: w_k(p) = Π_i α_k^i(p_i) (Rubio et al. 2019, Eq. 12 and 15).
@@ -42,6 +46,8 @@ class CanonicalFunctions final : public SplineFunctions {
   [[nodiscard]] std::unique_ptr<QuadraticForm> make_quadratic_form() const override;
 
  private:
+  template <int Derivatives>
+  void evaluate_all(const Eigen::Ref<const Eigen::MatrixXd>& points, FunctionBatch& out) const;
   [[nodiscard]] RowMatrix axis_values(std::size_t axis, const Eigen::Ref<const Eigen::VectorXd>& nodes) const;
 
   /// Per axis: B-spline coefficients [nᵢ + 3, padded r]; the extra rows are zeros that short axes may touch.
