@@ -8,6 +8,7 @@
 #include <cmath>
 
 #include "knothe/base/progress.hpp"
+#include "knothe/numerics/statistics/order_statistics.hpp"
 #include "knothe/report/figures/svg_text.hpp"
 #include "knothe/reproduction/bias.hpp"
 #include "knothe/reproduction/figure_parts.hpp"
@@ -18,6 +19,7 @@ namespace {
 
 using assimilation::BiasCorrectionMode;
 using Eigen::Index;
+using numerics::quantile;
 using report::Figure;
 using report::Paint;
 using report::Plot;
@@ -156,14 +158,6 @@ Early early_runs(const Subject& subject, const StudyOptions& options) {
     }
   }
   return study;
-}
-
-double quantile(std::vector<double> values, double level) {
-  std::sort(values.begin(), values.end());
-  const double place = level * static_cast<double>(values.size() - 1);
-  const auto below = static_cast<std::size_t>(place);
-  const std::size_t above = std::min(below + 1, values.size() - 1);
-  return values[below] + (place - static_cast<double>(below)) * (values[above] - values[below]);
 }
 
 std::vector<double> medians(const Onsets& study, std::size_t treatment, std::vector<double> Outcomes::*what,

@@ -5,6 +5,7 @@
 
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/progress.hpp"
+#include "knothe/numerics/statistics/order_statistics.hpp"
 #include "knothe/report/figures/svg_text.hpp"
 #include "knothe/reproduction/bias.hpp"
 #include "knothe/reproduction/figure_parts.hpp"
@@ -79,7 +80,7 @@ Conclusions conclude(const Subject& subject, const StudyOptions& options) {
                                       subject.truth, seed, false);
     for (Index k = 0; k < 2; ++k) random[k].push_back(run.std(k));
   }
-  for (Index k = 0; k < 2; ++k) c.ratio[k] = selected.std(k) / median(random[k]);
+  for (Index k = 0; k < 2; ++k) c.ratio[k] = selected.std(k) / numerics::quantile(random[k], 0.5);
   return c;
 }
 

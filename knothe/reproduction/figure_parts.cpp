@@ -117,8 +117,4 @@ Run forecast_run(const Subject& subject, const std::vector<forecast::ForecastSpe
   return assimilate(observed(subject.models.paper, subject.sensors), subject.data, run);
 }
 
-double median(std::vector<double> values) {
-  return report::percentile(std::move(values), 0.5);
-}
-
 }  // namespace knothe::reproduction

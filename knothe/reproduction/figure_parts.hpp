@@ -32,6 +32,5 @@ namespace knothe::reproduction {
 [[nodiscard]] Run forecast_run(const Subject& subject,
                                const std::vector<forecast::ForecastSpecification>& forecasts,
                                std::uint64_t seed, const std::string& label);
-[[nodiscard]] double median(std::vector<double> values);
 
 }  // namespace knothe::reproduction

@@ -11,6 +11,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/statistics/kernel_density.hpp"
 #include "knothe/numerics/statistics/normal_distribution.hpp"
+#include "knothe/numerics/statistics/order_statistics.hpp"
 
 namespace knothe::numerics {
 namespace {
@@ -57,6 +58,17 @@ TEST(WeightedQuantiles, AgreeWithTheDefinition) {
   EXPECT_THROW(
       quantiles.compute(std::vector<double>{1}, std::vector<double>{0}, std::vector<double>{0.5}, one),
       UsageError);
+}
+
+TEST(OrderStatistics, MedianAndQuantiles) {
+  EXPECT_EQ(quantile({3, 1, 2}, 0.5), 2.0);
+  EXPECT_EQ(quantile({3, 1, 2}, 0.0), 1.0);
+  EXPECT_EQ(quantile({3, 1, 2}, 1.0), 3.0);
+  EXPECT_DOUBLE_EQ(quantile({0, 10}, 0.99), 9.9);
+  EXPECT_EQ(quantile({7}, 0.3), 7.0);
+  EXPECT_EQ(upper_median(std::vector<double>{3, 1, 2}), 2);
+  EXPECT_EQ(upper_median(std::vector<double>{4, 1, 3, 2}), 3);
+  EXPECT_EQ(upper_median(std::vector<double>{}), 0);
 }
 
 TEST(KernelDensity, BandwidthsOfKnownDensities) {

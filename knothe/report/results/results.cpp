@@ -399,12 +399,4 @@ Results read_results(const std::string& folder) {
   return results;
 }
 
-double percentile(std::vector<double> values, double fraction) {
-  std::sort(values.begin(), values.end());
-  const double at = std::clamp(fraction, 0.0, 1.0) * static_cast<double>(values.size() - 1);
-  const auto lower = static_cast<std::size_t>(at);
-  const std::size_t upper = std::min(lower + 1, values.size() - 1);
-  return values[lower] + (at - static_cast<double>(lower)) * (values[upper] - values[lower]);
-}
-
 }  // namespace knothe::report
