@@ -9,7 +9,6 @@
 
 #include "knothe/base/progress.hpp"
 #include "knothe/numerics/statistics/order_statistics.hpp"
-#include "knothe/report/figures/svg_text.hpp"
 #include "knothe/reproduction/bias.hpp"
 #include "knothe/reproduction/figure_parts.hpp"
 #include "knothe/reproduction/study.hpp"
@@ -18,12 +17,7 @@ namespace knothe::reproduction {
 namespace {
 
 using assimilation::BiasCorrectionMode;
-using Eigen::Index;
 using numerics::quantile;
-using report::Figure;
-using report::Paint;
-using report::Plot;
-using report::readable;
 using Way = assimilation::BiasOptions::Way;
 
 constexpr std::array<Index, 5> k_onsets = {15, 25, 35, 50, 65};  ///< steps of 100

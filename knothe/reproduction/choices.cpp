@@ -6,7 +6,6 @@
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/progress.hpp"
 #include "knothe/numerics/statistics/order_statistics.hpp"
-#include "knothe/report/figures/svg_text.hpp"
 #include "knothe/reproduction/bias.hpp"
 #include "knothe/reproduction/figure_parts.hpp"
 #include "knothe/reproduction/published.hpp"
@@ -14,10 +13,6 @@
 
 namespace knothe::reproduction {
 namespace {
-
-using Eigen::Index;
-using report::readable;
-using report::with_uncertainty;
 
 /// The paper's conclusions, in numbers, for one choice.
 struct Conclusions {

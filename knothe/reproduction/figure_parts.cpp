@@ -10,10 +10,6 @@
 
 namespace knothe::reproduction {
 
-using report::Figure;
-using report::Paint;
-using report::Plot;
-
 std::vector<double> step_numbers(const Run& run) {
   std::vector<double> x;
   for (const assimilation::UpdateResult& r : run.steps) x.push_back(static_cast<double>(r.step));

@@ -7,7 +7,6 @@
 #include "knothe/assimilation/select/sensitivity.hpp"
 #include "knothe/numerics/statistics/order_statistics.hpp"
 #include "knothe/report/figures/mesh_view.hpp"
-#include "knothe/report/figures/svg_text.hpp"
 #include "knothe/reproduction/figure_parts.hpp"
 #include "knothe/reproduction/published.hpp"
 #include "knothe/reproduction/study.hpp"
@@ -15,12 +14,7 @@
 namespace knothe::reproduction {
 namespace {
 
-using Eigen::Index;
 using numerics::quantile;
-using report::Figure;
-using report::Paint;
-using report::Plot;
-using report::readable;
 
 /// Mean time of the model, as the paper's t⋄.
 std::size_t mean_step(const reduction::SeparatedModel& model) {
@@ -155,9 +149,9 @@ void compare(const Choices& c, FigureRecord& record) {
                            fmt::format("{} against {} (median of {} random choices); 60 random dofs: {}; 30 "
                                        "D-optimal dofs, which look at "
                                        "all steps: {}.",
-                                       readable(c.selected.std(k), 2), readable(quantile(c.random_std[k], 0.5), 2),
-                                       c.random_std[k].size(), readable(c.random_nodes.std(k), 2),
-                                       readable(c.d_optimal.std(k), 2)),
+                                       readable(c.selected.std(k), 2),
+                                       readable(quantile(c.random_std[k], 0.5), 2), c.random_std[k].size(),
+                                       readable(c.random_nodes.std(k), 2), readable(c.d_optimal.std(k), 2)),
                            {},
                            c.selected.std(k) / quantile(c.random_std[k], 0.5)});
     const auto half = c.selected.first_below(k, 0.5);
