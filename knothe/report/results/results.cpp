@@ -6,8 +6,8 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <nlohmann/json.hpp>
-#include <sstream>
 
 #include "knothe/base/error.hpp"
 #include "knothe/files/json_text.hpp"
@@ -307,9 +307,7 @@ void read_residuals(const Located& summary, Residuals& r) {
 void read_summary(const std::string& path, Results& results) {
   std::ifstream file(path);
   if (!file) return;
-  std::stringstream text;
-  text << file.rdbuf();
-  const json value = parse(text.str(), path + ":1");
+  const json value = parse({std::istreambuf_iterator<char>(file), {}}, path + ":1");
   const Located summary(value, path);
   results.summary_found = true;
   results.created_by = summary.text_or("created_by");
