@@ -1,5 +1,5 @@
 #pragma once
-/// @file Median and quantiles of plain numbers.
+/// @file Median, quantiles and two classes of plain numbers.
 #include <algorithm>
 #include <cstddef>
 #include <vector>
@@ -22,6 +22,31 @@ template <class Values>
   const auto lower = static_cast<std::size_t>(at);
   const std::size_t upper = std::min(lower + 1, values.size() - 1);
   return values[lower] + (at - static_cast<double>(lower)) * (values[upper] - values[lower]);
+}
+
+/// Two classes of numbers, split where the variance between them is largest (Otsu 1979).
+struct TwoClasses {
+  double threshold = 0, explained = 0;  ///< in the middle of the gap; share of the variance between classes
+  double apart = 0, share_below = 0;    ///< distance of the means; share of the numbers in the lower class
+};
+/// Of numbers that are all the same the threshold is that number.
+[[nodiscard]] inline TwoClasses two_classes(std::vector<double> values) {
+  std::sort(values.begin(), values.end());
+  double total = 0, squares = 0, below = 0, best = 0;
+  for (const double v : values) total += v, squares += v * v;
+  const auto n = static_cast<double>(values.size());
+  TwoClasses classes;
+  if (!values.empty()) classes.threshold = values.back();
+  for (std::size_t i = 1; i < values.size(); ++i) {
+    below += values[i - 1];
+    const auto k = static_cast<double>(i);
+    const double apart = (total - below) / (n - k) - below / k,
+                 between = k * (n - k) / (n * n) * apart * apart;
+    if (between > best) best = between, classes = {0.5 * (values[i - 1] + values[i]), 0, apart, k / n};
+  }
+  const double variance = squares / n - (total / n) * (total / n);
+  if (variance > 0) classes.explained = best / variance;
+  return classes;
 }
 
 }  // namespace knothe::numerics
