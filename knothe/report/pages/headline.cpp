@@ -101,8 +101,9 @@ std::vector<Card> headline(const Results& results) {
                        : "verified without a map",
                    !untrusted.empty()});
   const auto times = update_times(results);
-  cards.push_back({"Time of an update", duration(numerics::quantile(times, 0.5)) + " (median)",
-                   fmt::format("without forecasts; 99 % below {}", duration(numerics::quantile(times, 0.99)))});
+  cards.push_back(
+      {"Time of an update", duration(numerics::quantile(times, 0.5)) + " (median)",
+       fmt::format("without forecasts; 99 % below {}", duration(numerics::quantile(times, 0.99)))});
   return cards;
 }
 

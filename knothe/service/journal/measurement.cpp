@@ -245,7 +245,8 @@ std::vector<double> parse_npy(std::string_view bytes) try {
   if (!array.is_float) malformed("the .npy array must be of type float32 or float64");
   if (array.shape.size() != 1) malformed("the .npy array must have one dimension");
   if (array.unused_bytes > 0)
-    malformed(fmt::format("{} bytes follow the .npy array of {} numbers", array.unused_bytes, array.shape[0]));
+    malformed(
+        fmt::format("{} bytes follow the .npy array of {} numbers", array.unused_bytes, array.shape[0]));
   for (std::size_t i = 0; i < array.values.size(); ++i)
     if (std::isinf(array.values[i])) malformed(fmt::format("values[{}] is infinite", i));
   return std::move(array.values);
