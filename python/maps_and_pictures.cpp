@@ -94,6 +94,8 @@ void bind_maps(py::module_& module) {
   };
   py::class_<Map>(module, "TransportMap")
       .def_property_readonly("dimension", &Map::dimension)
+      .def_property_readonly("trusted", &Map::trusted)
+      .def_property_readonly("remark", &Map::remark)
       .def("evaluate", points(&Map::evaluate), arg("reference"))
       .def("inverse", points(&Map::inverse), arg("points"))
       .def(

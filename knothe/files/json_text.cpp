@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <fstream>
+#include <iterator>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <utility>
@@ -73,6 +75,16 @@ nlohmann::json parse_json(std::string_view text) {
     throw DataError(error.what());
   }
   return value;
+}
+
+nlohmann::json read_json(const std::string& path) {
+  std::ifstream in(path);
+  if (!in) throw DataError(path + ": cannot be read");
+  try {
+    return parse_json(std::string(std::istreambuf_iterator<char>(in), {}));
+  } catch (const DataError& error) {
+    throw DataError(fmt::format("{}: not JSON: {}", path, error.what()));
+  }
 }
 
 }  // namespace knothe::files

@@ -10,6 +10,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/integrate/sobol.hpp"
+#include "knothe/numerics/statistics/order_statistics.hpp"
 #include "knothe/sampling/checked_density.hpp"
 
 namespace knothe::inference {
@@ -68,10 +69,7 @@ BridgeEstimate bridge_sampling(sampling::LogDensity& user_target,
 
   // Fixed point of r = E_g[l / (s₁ l + s₂ r)] / E_π[1 / (s₁ l + s₂ r)], l = π̄/g e^−centre, r = evidence
   // e^−centre.
-  std::vector<double> sorted(at_draws.begin(), at_draws.end());
-  std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2),
-                   sorted.end());
-  const double centre = sorted[sorted.size() / 2];
+  const double centre = numerics::upper_median(at_draws);
   const double n1 = std::max(1.0, 0.5 * effective_size), n2 = static_cast<double>(proposals);
   const double s1 = n1 / (n1 + n2), s2 = n2 / (n1 + n2);
   const Eigen::ArrayXd l1 = (at_draws - centre).min(600.0).exp(),

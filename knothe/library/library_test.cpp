@@ -226,6 +226,33 @@ TEST(FacadeOfMaps, OfSamples) {
   EXPECT_NEAR(back[0], point[0], 1e-9);
   EXPECT_NEAR(back[1], point[1], 1e-9);
   EXPECT_NEAR(map.log_density(point)[0], ridge().log_value(point) - std::log(M_PI), 0.25);
+  EXPECT_TRUE(map.trusted()) << map.remark();
+}
+
+TEST(FacadeOfMaps, OfSamplesSayWhetherTheirFitsConverged) {
+  // y from 1e-13 to 1e13: Newton's method often ends at its limit.
+  const std::string path = ::testing::TempDir() + "knothe_facade_doubt.h5";
+  int doubted = 0;
+  for (std::uint32_t seed = 1; seed < 6; ++seed) {
+    std::mt19937 generator(seed);
+    std::normal_distribution<double> normal;
+    std::vector<double> samples;
+    for (int i = 0; i < 400; ++i) {
+      const double x = normal(generator);
+      samples.insert(samples.end(), {x, std::exp(10 * x)});
+    }
+    const auto map = TransportMap::from_samples(samples, 2, {.max_order = 8, .folds = 0});
+    EXPECT_EQ(map.trusted(), map.remark().empty());
+    doubted += map.trusted() ? 0 : 1;
+    if (!map.trusted()) {
+      EXPECT_NE(map.remark().find("component 1: the minimiser stopped with"), std::string::npos);
+    }
+    map.save(path);
+    EXPECT_EQ(TransportMap::load(path).trusted(), map.trusted());
+    EXPECT_EQ(TransportMap::load(path).remark(), map.remark());
+  }
+  EXPECT_GE(doubted, 1);
+  std::filesystem::remove(path);
 }
 
 /// Dots at random places, moved by (u, v).

@@ -23,6 +23,8 @@ using library::plain, library::rows_of, library::vector_of;
 /// A map of a density goes from the reference to the points, one of samples the other way.
 struct TransportMap::Implementation {
   std::variant<transport::MapDistribution, transport::SampleMap> map;
+  bool trusted = true;
+  std::string remark = {};
   [[nodiscard]] std::size_t dimension() const {
     return std::visit([](const auto& m) { return static_cast<std::size_t>(m.dimension()); }, map);
   }
@@ -34,12 +36,24 @@ TransportMap TransportMap::from_samples(std::span<const double> samples, std::si
   settings.max_order = options.max_order;
   settings.folds = options.folds;
   settings.seed = options.seed;
-  return TransportMap(std::make_shared<Implementation>(Implementation{
-      transport::map_from_samples(rows_of(samples, dimension, "map from samples"), {}, settings)}));
+  transport::SampleMap map =
+      transport::map_from_samples(rows_of(samples, dimension, "map from samples"), {}, settings);
+  const bool converged = map.converged;
+  std::string reason = map.reason;
+  return TransportMap(
+      std::make_shared<Implementation>(Implementation{std::move(map), converged, std::move(reason)}));
 }
 
 std::size_t TransportMap::dimension() const {
   return implementation_->dimension();
+}
+
+bool TransportMap::trusted() const {
+  return implementation_->trusted;
+}
+
+const std::string& TransportMap::remark() const {
+  return implementation_->remark;
 }
 
 namespace {
@@ -105,25 +119,31 @@ namespace {
 /// Which way the map of a file goes; files without it, as those of `knothe infer`, hold maps of densities.
 constexpr const char* k_direction = "direction";
 constexpr const char* k_to_reference = "to the reference";
+/// What is said of a map that is not trusted, and of any other that has something to be said.
+constexpr const char* k_doubt = "doubt";
+constexpr const char* k_remark = "remark";
 
 }  // namespace
 
 void TransportMap::save(const std::string& path) const {
+  transport::MapMetadata metadata;
+  if (!trusted() || !remark().empty()) metadata[trusted() ? k_remark : k_doubt] = remark();
   if (const auto* forward = std::get_if<transport::MapDistribution>(&implementation_->map))
-    transport::save_map(path, forward->map());
-  else
-    transport::save_map(path, std::get<1>(implementation_->map).map, {{k_direction, k_to_reference}});
+    return transport::save_map(path, forward->map(), metadata);
+  metadata[k_direction] = k_to_reference;
+  transport::save_map(path, std::get<1>(implementation_->map).map, metadata);
 }
 
 TransportMap TransportMap::load(const std::string& path) {
   transport::StoredMap stored = transport::load_map(path);
-  const auto direction = stored.metadata.find(k_direction);
-  if (direction == stored.metadata.end() || direction->second != k_to_reference)
-    return TransportMap(
-        std::make_shared<Implementation>(Implementation{transport::MapDistribution(std::move(stored.map))}));
+  const bool trusted = !stored.metadata.contains(k_doubt);
+  const std::string remark = stored.metadata[trusted ? k_remark : k_doubt];
+  if (stored.metadata[k_direction] != k_to_reference)
+    return TransportMap(std::make_shared<Implementation>(
+        Implementation{transport::MapDistribution(std::move(stored.map)), trusted, remark}));
   transport::SampleMap map;
   map.map = std::move(stored.map);
-  return TransportMap(std::make_shared<Implementation>(Implementation{std::move(map)}));
+  return TransportMap(std::make_shared<Implementation>(Implementation{std::move(map), trusted, remark}));
 }
 
 std::string TransportMap::describe() const {
@@ -260,12 +280,12 @@ MapSolution solve_map(const Density& density, const MapOptions& options) {
   transport::MapSolver solver(settings);
   FunctionDensity target(density);
   const transport::MapResult solved = solver.solve(target);
-  MapSolution solution{TransportMap(std::make_shared<TransportMap::Implementation>(
-                           TransportMap::Implementation{transport::MapDistribution(solved.composed())})),
-                       posterior_of(solved, solver.correct(target, solved))};
-  if (!solution.posterior.trusted && !solved.second_mode_found && density.gradient && density.dimension > 1)
-    answer_by_few_variables_first(target, options.seed, solution.posterior);
-  return solution;
+  Posterior posterior = posterior_of(solved, solver.correct(target, solved));
+  TransportMap map(std::make_shared<TransportMap::Implementation>(TransportMap::Implementation{
+      transport::MapDistribution(solved.composed()), posterior.trusted, posterior.remark}));
+  if (!posterior.trusted && !solved.second_mode_found && density.gradient && density.dimension > 1)
+    answer_by_few_variables_first(target, options.seed, posterior);
+  return {std::move(map), std::move(posterior)};
 }
 
 }  // namespace knothe

@@ -66,6 +66,10 @@ class KNOTHE_EXPORT TransportMap {
   /// The map of such a file, bit-identical. Errors: DataError, naming file and data set, for a file that is
   /// missing, damaged or of another kind.
   [[nodiscard]] static TransportMap load(const std::string& path);
+  /// Whether its computation ended as it should: from samples, every fit converged; of a density, as its
+  /// `Posterior`. `save` keeps the answer; true for files of `knothe infer`, which says it elsewhere.
+  [[nodiscard]] bool trusted() const;
+  [[nodiscard]] const std::string& remark() const;  ///< why not, or the tolerance not reached; else empty
   /// For people: the parts of the map, their orders and numbers of coefficients.
   [[nodiscard]] std::string describe() const;
 

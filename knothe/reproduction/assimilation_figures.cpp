@@ -7,20 +7,12 @@
 
 #include "knothe/mechanics/full_order/offline.hpp"
 #include "knothe/report/figures/result_figures.hpp"
-#include "knothe/report/figures/svg_text.hpp"
 #include "knothe/reproduction/figure_parts.hpp"
 #include "knothe/reproduction/published.hpp"
 #include "knothe/reproduction/study.hpp"
 
 namespace knothe::reproduction {
 namespace {
-
-using Eigen::Index;
-using report::Figure;
-using report::Paint;
-using report::Plot;
-using report::readable;
-using report::with_uncertainty;
 
 const char* const k_names[2] = {"Y₀", "A_d"};
 

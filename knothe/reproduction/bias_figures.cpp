@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "knothe/report/figures/svg_text.hpp"
 #include "knothe/reproduction/bias.hpp"
 #include "knothe/reproduction/figure_parts.hpp"
 #include "knothe/reproduction/published.hpp"
@@ -12,12 +11,6 @@
 
 namespace knothe::reproduction {
 namespace {
-
-using Eigen::Index;
-using report::Figure;
-using report::Paint;
-using report::Plot;
-using report::with_uncertainty;
 
 constexpr std::size_t k_smoothing = 10;
 

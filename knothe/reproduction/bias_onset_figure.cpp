@@ -8,7 +8,7 @@
 #include <cmath>
 
 #include "knothe/base/progress.hpp"
-#include "knothe/report/figures/svg_text.hpp"
+#include "knothe/numerics/statistics/order_statistics.hpp"
 #include "knothe/reproduction/bias.hpp"
 #include "knothe/reproduction/figure_parts.hpp"
 #include "knothe/reproduction/study.hpp"
@@ -17,11 +17,7 @@ namespace knothe::reproduction {
 namespace {
 
 using assimilation::BiasCorrectionMode;
-using Eigen::Index;
-using report::Figure;
-using report::Paint;
-using report::Plot;
-using report::readable;
+using numerics::quantile;
 using Way = assimilation::BiasOptions::Way;
 
 constexpr std::array<Index, 5> k_onsets = {15, 25, 35, 50, 65};  ///< steps of 100
@@ -156,14 +152,6 @@ Early early_runs(const Subject& subject, const StudyOptions& options) {
     }
   }
   return study;
-}
-
-double quantile(std::vector<double> values, double level) {
-  std::sort(values.begin(), values.end());
-  const double place = level * static_cast<double>(values.size() - 1);
-  const auto below = static_cast<std::size_t>(place);
-  const std::size_t above = std::min(below + 1, values.size() - 1);
-  return values[below] + (place - static_cast<double>(below)) * (values[above] - values[below]);
 }
 
 std::vector<double> medians(const Onsets& study, std::size_t treatment, std::vector<double> Outcomes::*what,

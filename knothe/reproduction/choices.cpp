@@ -5,7 +5,7 @@
 
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/progress.hpp"
-#include "knothe/report/figures/svg_text.hpp"
+#include "knothe/numerics/statistics/order_statistics.hpp"
 #include "knothe/reproduction/bias.hpp"
 #include "knothe/reproduction/figure_parts.hpp"
 #include "knothe/reproduction/published.hpp"
@@ -13,10 +13,6 @@
 
 namespace knothe::reproduction {
 namespace {
-
-using Eigen::Index;
-using report::readable;
-using report::with_uncertainty;
 
 /// The paper's conclusions, in numbers, for one choice.
 struct Conclusions {
@@ -79,7 +75,7 @@ Conclusions conclude(const Subject& subject, const StudyOptions& options) {
                                       subject.truth, seed, false);
     for (Index k = 0; k < 2; ++k) random[k].push_back(run.std(k));
   }
-  for (Index k = 0; k < 2; ++k) c.ratio[k] = selected.std(k) / median(random[k]);
+  for (Index k = 0; k < 2; ++k) c.ratio[k] = selected.std(k) / numerics::quantile(random[k], 0.5);
   return c;
 }
 

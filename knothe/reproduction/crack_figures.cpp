@@ -4,7 +4,6 @@
 #include <cmath>
 
 #include "knothe/report/figures/model_figures.hpp"
-#include "knothe/report/figures/svg_text.hpp"
 #include "knothe/reproduction/figure_parts.hpp"
 #include "knothe/reproduction/study.hpp"
 

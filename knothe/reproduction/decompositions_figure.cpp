@@ -11,20 +11,12 @@
 #include "knothe/mechanics/full_order/offline.hpp"
 #include "knothe/mechanics/latin/latin_model.hpp"
 #include "knothe/reduction/observe/observation_operator.hpp"
-#include "knothe/report/figures/svg_text.hpp"
 #include "knothe/reproduction/figure_parts.hpp"
 #include "knothe/reproduction/published.hpp"
 #include "knothe/reproduction/study.hpp"
 
 namespace knothe::reproduction {
 namespace {
-
-using Eigen::Index;
-using report::Figure;
-using report::Paint;
-using report::Plot;
-using report::readable;
-using report::with_uncertainty;
 
 /// (Y₀, A_d): nodes of the grid, then centres between four of them, as far from all nodes as can be.
 constexpr double k_truths[][2] = {{1, 1},           {0.9375, 1.0625}, {1.1875, 0.8125}, {1.125, 0.875},

@@ -10,10 +10,6 @@
 
 namespace knothe::reproduction {
 
-using report::Figure;
-using report::Paint;
-using report::Plot;
-
 std::vector<double> step_numbers(const Run& run) {
   std::vector<double> x;
   for (const assimilation::UpdateResult& r : run.steps) x.push_back(static_cast<double>(r.step));
@@ -115,10 +111,6 @@ Run forecast_run(const Subject& subject, const std::vector<forecast::ForecastSpe
   run.forecaster = &forecaster;
   run.label = label;
   return assimilate(observed(subject.models.paper, subject.sensors), subject.data, run);
-}
-
-double median(std::vector<double> values) {
-  return report::percentile(std::move(values), 0.5);
 }
 
 }  // namespace knothe::reproduction

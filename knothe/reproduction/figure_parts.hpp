@@ -4,10 +4,18 @@
 #include <vector>
 
 #include "knothe/report/figures/svg_figure.hpp"
+#include "knothe/report/figures/svg_text.hpp"
 #include "knothe/reproduction/picture_selection.hpp"
 #include "knothe/reproduction/study.hpp"
 
 namespace knothe::reproduction {
+
+using Eigen::Index;
+using report::Figure;
+using report::Paint;
+using report::Plot;
+using report::readable;
+using report::with_uncertainty;
 
 /// Numbers of the steps of a run.
 [[nodiscard]] std::vector<double> step_numbers(const Run& run);
@@ -32,6 +40,5 @@ namespace knothe::reproduction {
 [[nodiscard]] Run forecast_run(const Subject& subject,
                                const std::vector<forecast::ForecastSpecification>& forecasts,
                                std::uint64_t seed, const std::string& label);
-[[nodiscard]] double median(std::vector<double> values);
 
 }  // namespace knothe::reproduction

@@ -5,17 +5,12 @@
 
 #include "knothe/mechanics/law/damage_law.hpp"
 #include "knothe/report/figures/model_figures.hpp"
-#include "knothe/report/figures/svg_text.hpp"
 #include "knothe/reproduction/figure_parts.hpp"
 #include "knothe/reproduction/published.hpp"
 #include "knothe/reproduction/study.hpp"
 
 namespace knothe::reproduction {
 namespace {
-
-using report::Figure;
-using report::Paint;
-using report::Plot;
 
 struct Traction {
   std::vector<double> strain, stress;  ///< 1, Pa

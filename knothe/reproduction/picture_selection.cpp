@@ -13,6 +13,7 @@
 #include "knothe/imaging/correlation/image_correlation.hpp"
 #include "knothe/imaging/mesh/registration.hpp"
 #include "knothe/imaging/series/speckle.hpp"
+#include "knothe/numerics/statistics/order_statistics.hpp"
 #include "knothe/numerics/statistics/random.hpp"
 #include "knothe/reproduction/published.hpp"
 
@@ -91,10 +92,9 @@ assimilation::NoiseModel white_noise(const Surface& surface) {
 assimilation::NoiseModel correlation_noise(const Surface& surface) {
   // In units of the largest entry, so that no threshold of a factorisation is met.
   const Eigen::SparseMatrix<double> matrix = surface.matrix / surface.matrix.diagonal().maxCoeff();
-  Eigen::VectorXd std = assimilation::NoiseModel::correlated(matrix).standard_deviations();
-  const auto middle = std.begin() + std.size() / 2;
-  std::nth_element(std.begin(), middle, std.end());
-  return assimilation::NoiseModel::correlated(matrix * std::pow(*middle / published::k_noise_std, 2));
+  const double std =
+      numerics::upper_median(assimilation::NoiseModel::correlated(matrix).standard_deviations());
+  return assimilation::NoiseModel::correlated(matrix * std::pow(std / published::k_noise_std, 2));
 }
 
 std::vector<Index> select_d_optimal(const reduction::SeparatedModel& model, const Surface& surface,

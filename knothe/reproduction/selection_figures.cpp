@@ -5,8 +5,8 @@
 #include <cmath>
 
 #include "knothe/assimilation/select/sensitivity.hpp"
+#include "knothe/numerics/statistics/order_statistics.hpp"
 #include "knothe/report/figures/mesh_view.hpp"
-#include "knothe/report/figures/svg_text.hpp"
 #include "knothe/reproduction/figure_parts.hpp"
 #include "knothe/reproduction/published.hpp"
 #include "knothe/reproduction/study.hpp"
@@ -14,11 +14,7 @@
 namespace knothe::reproduction {
 namespace {
 
-using Eigen::Index;
-using report::Figure;
-using report::Paint;
-using report::Plot;
-using report::readable;
+using numerics::quantile;
 
 /// Mean time of the model, as the paper's t⋄.
 std::size_t mean_step(const reduction::SeparatedModel& model) {
@@ -107,7 +103,7 @@ Correlated with_correlated_noise(const Subject& subject, const Surface& surface,
   Correlated c;
   for (Index k = 0; k < 2; ++k) {
     c.selected[k] = by_rule.std(k);
-    c.random[k] = median(random[k]);
+    c.random[k] = quantile(random[k], 0.5);
     c.d_optimal[k] = optimal.std(k);
   }
   return c;
@@ -149,24 +145,24 @@ void compare(const Choices& c, FigureRecord& record) {
     record.rows.push_back({fmt::format("{}: last std, selected over random 30 dofs", name),
                            "1",
                            "selected is better",
-                           readable(c.selected.std(k) / median(c.random_std[k]), 2),
+                           readable(c.selected.std(k) / quantile(c.random_std[k], 0.5), 2),
                            fmt::format("{} against {} (median of {} random choices); 60 random dofs: {}; 30 "
                                        "D-optimal dofs, which look at "
                                        "all steps: {}.",
-                                       readable(c.selected.std(k), 2), readable(median(c.random_std[k]), 2),
-                                       c.random_std[k].size(), readable(c.random_nodes.std(k), 2),
-                                       readable(c.d_optimal.std(k), 2)),
+                                       readable(c.selected.std(k), 2),
+                                       readable(quantile(c.random_std[k], 0.5), 2), c.random_std[k].size(),
+                                       readable(c.random_nodes.std(k), 2), readable(c.d_optimal.std(k), 2)),
                            {},
-                           c.selected.std(k) / median(c.random_std[k])});
+                           c.selected.std(k) / quantile(c.random_std[k], 0.5)});
     const auto half = c.selected.first_below(k, 0.5);
     record.rows.push_back(
         {fmt::format("{}: step where the std is half the prior's, selected and random", name),
          "step",
          "selected is faster",
          fmt::format("{} and {}", step_or_never(half, c.selected),
-                     median(c.random_half[k]) >= static_cast<double>(c.selected.steps.size())
+                     quantile(c.random_half[k], 0.5) >= static_cast<double>(c.selected.steps.size())
                          ? std::string("never")
-                         : readable(median(c.random_half[k]))),
+                         : readable(quantile(c.random_half[k], 0.5))),
          fmt::format("60 random dofs: {}; D-optimal: {}.",
                      step_or_never(c.random_nodes.first_below(k, 0.5), c.random_nodes),
                      step_or_never(c.d_optimal.first_below(k, 0.5), c.d_optimal)),

@@ -6,20 +6,12 @@
 
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
-#include "knothe/report/figures/svg_text.hpp"
 #include "knothe/reproduction/figure_parts.hpp"
 #include "knothe/reproduction/published.hpp"
 #include "knothe/reproduction/study.hpp"
 
 namespace knothe::reproduction {
 namespace {
-
-using Eigen::Index;
-using report::Figure;
-using report::Paint;
-using report::Plot;
-using report::readable;
-using report::with_uncertainty;
 
 /// When the crack starts to run in the paper: the middle of the steps of its maps of higher order.
 constexpr double k_onset = 0.01 * 0.5 * (published::k_first_high_order + published::k_last_high_order);

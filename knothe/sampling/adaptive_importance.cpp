@@ -25,10 +25,6 @@ constexpr double k_least_share = 0.05;
 /// particles, beyond that of the draws, that may stand there.
 constexpr double k_too_thin = 5, k_thin_share = 0.005;
 
-Mixture reference(Eigen::Index d) {
-  return Mixture({{1.0, Eigen::VectorXd::Zero(d), Eigen::MatrixXd::Identity(d, d)}});
-}
-
 WeightedPoints equally_weighted(const Eigen::MatrixXd& points) {
   return {points, Eigen::VectorXd::Constant(points.rows(), 1 / static_cast<double>(points.rows()))};
 }
@@ -73,12 +69,8 @@ void draw(CheckedDensity& target, const MixtureProduct& mixture, Eigen::Index n,
   const double largest = sample.weights.maxCoeff();
   sample.weights = (sample.weights.array() - largest).exp().matrix();
   const double sum = sample.weights.sum();
-  sample.log_evidence = largest + std::log(sum / static_cast<double>(n));
   sample.weights /= sum;
-  sample.effective_size = 1 / sample.weights.squaredNorm();
-  sample.log_evidence_error =
-      std::sqrt(std::max(0.0, 1 / sample.effective_size - 1 / static_cast<double>(n)));
-  sample.has_evidence = true;
+  sample.state_evidence(largest + std::log(sum / static_cast<double>(n)));
 }
 
 /// The share of the particles, beyond that of the weighted draws, at places where the mixture has far too
@@ -94,13 +86,6 @@ double missed_share(const MixtureProduct& mixture, const TemperedParticles& part
                               .select(sample.weights, 0)
                               .sum();
   return thin / static_cast<double>(particles.points().rows()) - of_draws;
-}
-
-/// Rounds go on until the stated errors are this much below the tolerances: they are estimates themselves.
-bool is_done(const AdaptiveImportanceResult& r, const AdaptiveImportanceOptions& options) {
-  constexpr double k_margin = 0.8;
-  return r.converged && r.mean_error <= k_margin * options.mean_tolerance &&
-         r.deviation_error <= k_margin * options.deviation_tolerance;
 }
 
 /// The draws of several rounds. Each round's are weighted among themselves, and the rounds by how many draws
@@ -130,20 +115,12 @@ class Pool {
     r.sample.log_evidence_error =
         std::hypot((1 - share) * r.sample.log_evidence_error, share * round.log_evidence_error);
     r.sample.has_evidence = true;
-    state_errors(r);
-  }
-
- private:
-  /// Four standard errors.
-  void state_errors(AdaptiveImportanceResult& r) const {
-    const MomentErrors errors = standard_errors(variables_, r.sample.weights);
-    r.mean_error = 4 * errors.mean;
-    r.deviation_error = 4 * errors.deviation;
-    r.converged = r.mean_error <= options_.mean_tolerance &&
-                  r.deviation_error <= options_.deviation_tolerance &&
+    r.state_errors(variables_);
+    r.converged = r.converged &&
                   r.sample.effective_size >= k_least_share * static_cast<double>(r.sample.weights.size());
   }
 
+ private:
   const AdaptiveImportanceOptions& options_;
   Eigen::MatrixXd variables_, next_;
 };
@@ -153,7 +130,7 @@ class Pool {
 AdaptiveImportanceResult adaptive_importance(LogDensity& user_target,
                                              const AdaptiveImportanceOptions& options) {
   CheckedDensity target(user_target);
-  const Mixture start = reference(target.dimension());
+  const Mixture start = Mixture::standard_normal(target.dimension());
   RandomNumbers random(options.seed);
   AdaptiveImportanceResult result;
   WeightedSample sample;
@@ -170,7 +147,7 @@ AdaptiveImportanceResult adaptive_importance(LogDensity& user_target,
     ImportanceProposal proposal(k_tails, k_flat_share);
     fitted = equally_weighted(particles.points());
     const WeightedPoints flattened = equally_weighted(particles.points_at_kept());
-    for (int round = 0; round < options.max_rounds && !is_done(result, options); ++round) {
+    for (int round = 0; round < options.max_rounds && !result.is_done(); ++round) {
       proposal.fit(dependent_groups({particles.points(), flattened.points}), fitted, flattened);
       result.components = proposal.components();
       const MixtureProduct mixture = proposal.mixtures();

@@ -12,8 +12,6 @@
 namespace knothe::sampling {
 
 struct AdaptiveImportanceOptions {
-  /// Converged when the stated errors are below these; done when they are a fifth below.
-  double mean_tolerance = 0.1, deviation_tolerance = 0.05;
   Eigen::Index particles = 800;  ///< of the tempered start, which finds the modes
   int max_moves = 12;            ///< of them at each temperature
   int attempts = 2;              ///< of the start; each has four times as many particles, twice the moves

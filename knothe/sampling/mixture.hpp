@@ -22,6 +22,9 @@ class Mixture {
   /// for no components, sizes that disagree, weights or diagonals that are not positive, other degrees.
   explicit Mixture(std::vector<MixtureComponent> components,
                    double tails = std::numeric_limits<double>::infinity());
+  [[nodiscard]] static Mixture standard_normal(Eigen::Index d) {
+    return Mixture({{1.0, Eigen::VectorXd::Zero(d), Eigen::MatrixXd::Identity(d, d)}});
+  }
 
   [[nodiscard]] Eigen::Index dimension() const { return components_.front().centre.size(); }
   [[nodiscard]] const std::vector<MixtureComponent>& components() const { return components_; }

@@ -27,16 +27,9 @@ constexpr Eigen::Index k_ascents = 4;
 constexpr double k_widened = 1.2;
 /// Points that a fit looks at, and those that dependence of coordinates is judged by.
 constexpr Eigen::Index k_fit_points = 2048, k_group_points = 1024;
-/// Rounds go on until the stated errors are this much below the tolerances: they are estimates themselves.
-constexpr double k_margin = 0.8;
-
 double log_sum(double a, double b) {
   const double largest = std::max(a, b);
   return largest == -k_infinity ? largest : largest + std::log1p(std::exp(-std::abs(a - b)));
-}
-
-Mixture reference(Eigen::Index d) {
-  return Mixture({{1.0, Eigen::VectorXd::Zero(d), Eigen::MatrixXd::Identity(d, d)}});
 }
 
 MixtureProduct of_all(const Mixture& mixture) {
@@ -57,7 +50,7 @@ Mixture around(const std::vector<Mode>& modes) {
 /// All draws so far, as draws from the mixture of all proposals so far.
 class Draws {
  public:
-  explicit Draws(Eigen::Index d) : points_(0, d), reference_(reference(d)) {}
+  explicit Draws(Eigen::Index d) : points_(0, d), reference_(Mixture::standard_normal(d)) {}
 
   void add(CheckedDensity& target, MixtureProduct proposal, Eigen::Index n, RandomNumbers& random) {
     const double log_n = std::log(static_cast<double>(n));
@@ -182,21 +175,9 @@ void state(const Draws& draws, const RecycledImportanceOptions& options, Recycle
   const Draws::Weights weights = draws.weigh(1);
   r.sample.points = draws.points();
   r.sample.weights = weights.values;
-  r.sample.effective_size = weights.effective_size;
-  r.sample.log_evidence = weights.log_sum;
-  r.sample.log_evidence_error =
-      std::sqrt(std::max(0.0, 1 / weights.effective_size - 1 / static_cast<double>(draws.size())));
-  r.sample.has_evidence = true;
-  const MomentErrors errors = standard_errors(variables_of(draws, options), weights.values);
-  r.mean_error = 4 * errors.mean;
-  r.deviation_error = 4 * errors.deviation;
-  r.converged = r.temperatures.back() == 1 && r.mean_error <= options.mean_tolerance &&
-                r.deviation_error <= options.deviation_tolerance;
-}
-
-bool is_done(const RecycledImportanceResult& r, const RecycledImportanceOptions& options) {
-  return r.converged && r.mean_error <= k_margin * options.mean_tolerance &&
-         r.deviation_error <= k_margin * options.deviation_tolerance;
+  r.sample.state_evidence(weights.log_sum);
+  r.state_errors(variables_of(draws, options));
+  r.converged = r.converged && r.temperatures.back() == 1;
 }
 
 }  // namespace
@@ -216,7 +197,7 @@ RecycledImportanceResult recycled_importance(LogDensity& user_target,
       throw Interrupted(fmt::format("smc: interrupted after {} draws", draws.size()));
   };
   report();
-  draws.add(target, of_all(reference(d)), options.draws, random);
+  draws.add(target, of_all(Mixture::standard_normal(d)), options.draws, random);
   if (draws.are_all_outside())
     throw NumericalError(
         fmt::format("smc: the density is zero at all {} first draws from N(0, I)", draws.size()));
@@ -226,7 +207,7 @@ RecycledImportanceResult recycled_importance(LogDensity& user_target,
     beta = draws.next_temperature(beta, enough);
     result.temperatures.push_back(beta);
     state(draws, options, result);
-    if (is_done(result, options) || !affordable()) break;
+    if (result.is_done() || !affordable()) break;
     report();
     if (beta < 1 && modes.empty() && result.temperatures.size() >= k_rounds_before_ascents) {
       const Eigen::VectorXd evenly = Eigen::VectorXd::Ones(draws.size());

@@ -12,8 +12,6 @@
 namespace knothe::sampling {
 
 struct RecycledImportanceOptions {
-  /// Converged when the stated errors are below these; done when they are a fifth below.
-  double mean_tolerance = 0.1, deviation_tolerance = 0.05;
   Eigen::Index draws = 1000;  ///< of a round
   std::int64_t max_evaluations = 20000;
   /// What counts towards `max_evaluations`, derivatives too; empty: the evaluations made here.

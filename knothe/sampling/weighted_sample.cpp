@@ -24,7 +24,28 @@ void require_weights(const WeightedSample& sample) {
     throw UsageError("weighted sample: weights must be non-negative, with a positive sum");
 }
 
+constexpr double k_mean_tolerance = 0.1, k_deviation_tolerance = 0.05;
+
 }  // namespace
+
+void WeightedSample::state_evidence(double log_evidence_of_weights) {
+  effective_size = 1 / weights.squaredNorm();
+  log_evidence = log_evidence_of_weights;
+  log_evidence_error = std::sqrt(std::max(0.0, 1 / effective_size - 1 / static_cast<double>(weights.size())));
+  has_evidence = true;
+}
+
+void ImportanceResult::state_errors(const Eigen::MatrixXd& variables) {
+  const MomentErrors errors = standard_errors(variables, sample.weights);
+  mean_error = 4 * errors.mean, deviation_error = 4 * errors.deviation;
+  converged = mean_error <= k_mean_tolerance && deviation_error <= k_deviation_tolerance;
+}
+
+bool ImportanceResult::is_done() const {
+  constexpr double k_margin = 0.8;
+  return converged && mean_error <= k_margin * k_mean_tolerance &&
+         deviation_error <= k_margin * k_deviation_tolerance;
+}
 
 Eigen::VectorXd mean_of(const WeightedSample& sample) {
   require_weights(sample);

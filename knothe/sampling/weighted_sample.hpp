@@ -13,6 +13,9 @@ struct WeightedSample {
   double log_evidence_error = 0;  ///< standard error of it
   bool has_evidence = false;
   std::int64_t density_evaluations = 0;
+
+  /// Of importance sampling, from `weights`: what they are worth, and the error of this evidence.
+  void state_evidence(double log_evidence_of_weights);
 };
 
 /// Moments of a weighted sample; the covariance divides by the sum of the weights. Errors: UsageError for no
@@ -32,7 +35,12 @@ struct ImportanceResult {
   /// Four standard errors, the largest of all variables: of a mean in standard deviations, of a standard
   /// deviation relative to it.
   double mean_error = 0, deviation_error = 0;
-  bool converged = false;  ///< both are below the tolerances
+  bool converged = false;  ///< both are below 0.1 and 0.05
+
+  /// Errors and convergence, from the weights and `variables` (n × k), whose moments count.
+  void state_errors(const Eigen::MatrixXd& variables);
+  /// Rounds go on until the errors are a fifth below the tolerances: they are estimates themselves.
+  [[nodiscard]] bool is_done() const;
 };
 
 /// The largest of all columns of `variables` (n × k). Weights: n, sum 1.

@@ -25,6 +25,11 @@ class TransportMap:
     Attributes
     ----------
     dimension : int
+    trusted : bool
+        Its computation ended as it should: from samples, every fit converged; of a density, as of its `Fit`. `save`
+        keeps it; true for a file of ``knothe infer``, whose results say it.
+    remark : str
+        Why it is not trusted, or the tolerance not reached; else empty.
 
     Examples
     --------
@@ -37,6 +42,8 @@ class TransportMap:
     def __init__(self, native: _knothe.TransportMap) -> None:
         self._native = native
         self.dimension: int = native.dimension
+        self.trusted: bool = native.trusted
+        self.remark: str = native.remark
 
     def __call__(self, reference: ArrayLike) -> Array:
         """T(x) at points of the reference.
@@ -337,8 +344,9 @@ def fit_samples(samples: ArrayLike, *, max_order: int = 5, folds: int = 5, seed:
     Examples
     --------
     >>> draws = np.random.default_rng(1).standard_normal((1000, 2))
-    >>> knothe.fit_samples(draws).dimension
-    2
+    >>> transport = knothe.fit_samples(draws)
+    >>> transport.dimension, transport.trusted
+    (2, True)
     """
     points = np.ascontiguousarray(samples, float)
     if points.ndim != 2:

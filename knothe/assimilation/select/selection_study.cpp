@@ -10,6 +10,7 @@
 #include <random>
 
 #include "knothe/numerics/statistics/normal_distribution.hpp"
+#include "knothe/numerics/statistics/order_statistics.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -54,8 +55,7 @@ SelectionCurve random_curve(const SensorDesign& design, Eigen::Index n, std::siz
   for (Eigen::Index k = 0; k < median.posterior_std.size(); ++k) {
     std::vector<double> values;
     for (const SelectionCurve& c : curves) values.push_back(c.posterior_std.data()[k]);
-    std::nth_element(values.begin(), values.begin() + k_random_choices / 2, values.end());
-    median.posterior_std.data()[k] = values[k_random_choices / 2];
+    median.posterior_std.data()[k] = numerics::upper_median(std::move(values));
   }
   median.name = "random (median of 5)";
   return median;

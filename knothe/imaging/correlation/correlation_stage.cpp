@@ -8,6 +8,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/base/threads.hpp"
 #include "knothe/imaging/crack/strain.hpp"
+#include "knothe/numerics/statistics/order_statistics.hpp"
 
 namespace knothe::imaging {
 
@@ -175,7 +176,7 @@ double CorrelationStage::residual_limit(const CorrelationResult& result,
   std::vector<double> valid;
   for (std::size_t e = 0; e < rms.size(); ++e)
     if (result.element_valid[e] != 0 && sums_[e].count > 0) valid.push_back(rms[e]);
-  return options_.rejection_factor * median_of(valid);
+  return options_.rejection_factor * numerics::upper_median(valid);
 }
 
 int CorrelationStage::reject(CorrelationResult& result, bool restless) const {

@@ -32,9 +32,6 @@ inline constexpr double k_min_pixel_share = 0.5;
 /// Elements on a crack may swing for ever: they are looked at after so many iterations.
 inline constexpr int k_iterations_per_round = 12;
 
-/// 0 for none.
-[[nodiscard]] double median_of(std::vector<double> values);
-
 class CorrelationStage {
  public:
   CorrelationStage(ReferenceField reference, ImageMesh mesh, const CorrelationOptions& options);

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <vector>
 
+#include "knothe/numerics/statistics/order_statistics.hpp"
+
 namespace knothe::imaging {
 
 namespace {
@@ -19,12 +21,6 @@ constexpr double k_clear = 5;            // noises of the quiet side that a line
 constexpr double k_correlation = 4;      // px: lines nearer than that err alike (speckle)
 constexpr double k_smallest_std = 0.02;  // px, of a strip
 constexpr double k_coarse_std = 1.0;     // px, of a change point alone
-
-double median(std::vector<double>& values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 /// Mean of the densest half, and the standard deviation that its width says. Not the median: where a dark dot
 /// meets a dark background the edge seems to lie inside, never outside.
@@ -100,9 +96,9 @@ Level level_of(const Grid& g, int a, int b) {
   for (int k = a; k <= b; ++k)
     for (int l = 0; l < g.lines; ++l) values.push_back(g.at(l, k));
   Level level;
-  level.median = median(values);
+  level.median = numerics::upper_median(values);
   for (double& v : values) v = std::abs(v - level.median);
-  level.noise = 1.4826 * median(values);
+  level.noise = 1.4826 * numerics::upper_median(values);
   return level;
 }
 

@@ -9,15 +9,9 @@
 #include "knothe/base/error.hpp"
 #include "knothe/imaging/correlation/correlation_stage.hpp"
 #include "knothe/imaging/correlation/regularisation.hpp"
+#include "knothe/numerics/statistics/order_statistics.hpp"
 
 namespace knothe::imaging {
-
-double median_of(std::vector<double> values) {
-  if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 namespace {
 
@@ -129,7 +123,7 @@ void CorrelationStage::make_constants() {
     texture << g[0], g[1], g[1], g[2];
     weakest[e] = texture.selfadjointView<Eigen::Lower>().eigenvalues()[0] / m.count;
   }
-  const double usual = median_of(weakest);
+  const double usual = numerics::upper_median(weakest);
   const auto hidden = static_cast<std::size_t>(std::count(usable_.begin(), usable_.end(), 0));
   std::size_t without = 0, example = 0;
   for (std::size_t e = 0; e < count; ++e)

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 
+#include "knothe/numerics/statistics/order_statistics.hpp"
+
 namespace knothe::imaging {
 
 namespace {
@@ -20,13 +22,6 @@ constexpr double k_reach_of_side = 3;  // elements
 constexpr double k_open_beside = 0.4;  // root of the share of the widest opening: another crack
 constexpr double k_beside = 1.6;       // elements from the path: not part of it
 constexpr double k_min_length = 2.9;   // elements
-
-double median(std::vector<double> values) {
-  if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 /// How much longer an element became along its largest principal strain, px, beyond what is usual; elements
 /// taken out as much as the most stretched. 0 for elements that were never measured.
@@ -54,9 +49,9 @@ std::vector<double> stretches(const ImageCorrelation& correlation, const Correla
     stretch[e] = size * (0.5 * (g[0] + g[3]) + std::hypot(0.5 * (g[0] - g[3]), 0.5 * (g[1] + g[2])));
     seen.push_back(stretch[e]);
   }
-  const double middle = median(seen);
+  const double middle = numerics::upper_median(seen);
   for (double& s : seen) s = std::abs(s - middle);
-  const double floor = middle + k_stretched * 1.4826 * median(seen);
+  const double floor = middle + k_stretched * 1.4826 * numerics::upper_median(seen);
   double widest = k_min_open;
   for (std::size_t e = 0; e < stretch.size(); ++e) {
     if (result.element_valid[e] != 0) stretch[e] = std::max(0.0, stretch[e] - floor);
@@ -111,7 +106,7 @@ CrackScene crack_scene(const ImageCorrelation& correlation, const CorrelationRes
   scene.view.across = across;
   std::vector<double> sizes;
   for (const auto& e : correlation.pixels().elements()) sizes.push_back(std::sqrt(e.pixel_count));
-  scene.element = std::max(3.0, median(sizes));
+  scene.element = std::max(3.0, numerics::upper_median(sizes));
   const auto measured = measured_nodes(mesh, result.element_valid);
   for (std::size_t a = 0; a < mesh.x.size(); ++a) {
     if (measured[a] == 0) continue;

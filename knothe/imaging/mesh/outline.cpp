@@ -9,6 +9,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/imaging/mesh/outline_registration.hpp"
+#include "knothe/numerics/statistics/order_statistics.hpp"
 
 namespace knothe::imaging {
 
@@ -94,23 +95,6 @@ std::array<Property, 2> properties_of(const files::Picture& picture) {
       p[1].value.push_back(std::sqrt(std::max(0.0, squares / n - (sum / n) * (sum / n))));
     }
   return p;
-}
-
-/// Otsu's threshold, and the share of the variance that the two classes explain.
-std::array<double, 2> threshold_of(std::vector<double> values) {
-  std::sort(values.begin(), values.end());
-  double total = 0, squares = 0;
-  for (const double v : values) total += v, squares += v * v;
-  const auto n = static_cast<double>(values.size());
-  const double variance = squares / n - (total / n) * (total / n);
-  double best = 0, at = values.back(), sum = 0;
-  for (std::size_t i = 0; i + 1 < values.size(); ++i) {
-    sum += values[i];
-    const auto k = static_cast<double>(i + 1);
-    const double gap = sum / k - (total - sum) / (n - k), between = k * (n - k) / (n * n) * gap * gap;
-    if (between > best) best = between, at = 0.5 * (values[i] + values[i + 1]);
-  }
-  return {at, variance > 0 ? best / variance : 0};
 }
 
 /// The largest connected part of the cells that differ from the border; empty if there is none.
@@ -201,17 +185,16 @@ Outline outline_of(const ImageMesh& mesh) {
 
 PictureFrame outline_start(const files::Picture& picture, const Outline& outline, const std::string& name) {
   const auto properties = properties_of(picture);
-  std::size_t kind = 0;
-  std::array<std::array<double, 2>, 2> threshold{};
-  for (std::size_t k = 0; k < 2; ++k) threshold[k] = threshold_of(properties[k].value);
-  if (threshold[1][1] > threshold[0][1]) kind = 1;
+  const std::array classes = {numerics::two_classes(properties[0].value),
+                              numerics::two_classes(properties[1].value)};
+  const std::size_t kind = classes[1].explained > classes[0].explained ? 1 : 0;
   const Property& p = properties[kind];
-  const auto part = largest_part(p, threshold[kind][0]);
+  const auto part = largest_part(p, classes[kind].threshold);
   const auto cells = static_cast<double>(p.value.size());
   const std::string remedy =
       "give \"dic.scale\" and \"dic.origin\", or \"dic.pixels\" and \"dic.points\", accurate to about 20 px, "
       "as initial values";
-  if (threshold[kind][1] < k_separation || static_cast<double>(part.size()) < k_smallest_body * cells)
+  if (classes[kind].explained < k_separation || static_cast<double>(part.size()) < k_smallest_body * cells)
     throw DataError(fmt::format("{}: error: no body stands out from what is behind it: {}", name, remedy));
   double xx = 0, xy = 0, yy = 0;
   Complex first;

@@ -12,6 +12,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/imaging/correlation/edge_search.hpp"
+#include "knothe/numerics/statistics/order_statistics.hpp"
 
 namespace knothe::imaging {
 
@@ -161,11 +162,8 @@ std::vector<Place> look(const files::Picture& picture, const Outline& outline, c
   return found;
 }
 
-double robust_scale(std::vector<double> deviations) {
-  if (deviations.empty()) return 1;
-  const auto middle = deviations.begin() + static_cast<std::ptrdiff_t>(deviations.size() / 2);
-  std::nth_element(deviations.begin(), middle, deviations.end());
-  return 1.4826 * *middle;
+double robust_scale(const std::vector<double>& deviations) {
+  return deviations.empty() ? 1 : 1.4826 * numerics::upper_median(deviations);
 }
 
 /// Weighted least squares: first as good as least absolute deviations, then Tukey's weights. Returns the

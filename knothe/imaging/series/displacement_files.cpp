@@ -14,6 +14,7 @@
 #include "knothe/files/vtu.hpp"
 #include "knothe/imaging/crack/strain.hpp"
 #include "knothe/imaging/series/camera_drift.hpp"
+#include "knothe/numerics/statistics/order_statistics.hpp"
 
 namespace knothe::imaging {
 
@@ -186,10 +187,7 @@ double series_noise(const PictureSeries& series, const std::vector<PictureResult
   for (const auto& r : results)
     if (!r.missing)
       noise.push_back(r.noise * std::sqrt((k + r.correlation.gain * r.correlation.gain) / (k + 1)));
-  if (noise.empty()) return 0;
-  const auto middle = noise.begin() + static_cast<std::ptrdiff_t>(noise.size() / 2);
-  std::nth_element(noise.begin(), middle, noise.end());
-  return *middle;
+  return numerics::upper_median(std::move(noise));
 }
 
 void observation_places(const ImageMesh& mesh, const std::optional<PictureFrame>& frame,

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <vector>
 
+#include "knothe/numerics/statistics/order_statistics.hpp"
+
 namespace knothe::imaging {
 namespace {
 
@@ -41,25 +43,6 @@ Blocks log_contrasts(const files::Picture& picture) {
     for (int column = 0; column < blocks.columns; ++column)
       blocks.value.push_back(log_contrast(picture, column, row));
   return blocks;
-}
-
-/// Otsu 1979: the threshold with the largest variance between the classes. Empty for one class.
-std::optional<double> threshold_of(std::vector<double> values) {
-  std::sort(values.begin(), values.end());
-  const auto count = static_cast<double>(values.size());
-  double total = 0, below = 0, best = 0;
-  for (const double v : values) total += v;
-  std::optional<double> threshold;
-  for (std::size_t i = 1; i < values.size(); ++i) {
-    below += values[i - 1];
-    const double share = static_cast<double>(i) / count;
-    const double apart = (total - below) / (count * (1 - share)) - below / (count * share);
-    if (share * (1 - share) * apart * apart <= best) continue;
-    best = share * (1 - share) * apart * apart;
-    const bool classes = apart > k_least_classes && std::min(share, 1 - share) > k_least_share;
-    threshold = classes ? std::optional(0.5 * (values[i - 1] + values[i])) : std::nullopt;
-  }
-  return threshold;
 }
 
 /// Blocks without texture that have more than half of their neighbours textured become so.
@@ -103,9 +86,9 @@ Rectangle largest_rectangle(const Blocks& textured) {
 
 std::optional<Region> textured_region(const files::Picture& picture, double margin) {
   Blocks blocks = log_contrasts(picture);
-  const auto threshold = threshold_of(blocks.value);
-  if (!threshold) return std::nullopt;
-  for (double& value : blocks.value) value = value > *threshold ? 1 : 0;
+  const auto [threshold, explained, apart, below] = numerics::two_classes(blocks.value);
+  if (!(apart > k_least_classes && std::min(below, 1 - below) > k_least_share)) return std::nullopt;
+  for (double& value : blocks.value) value = value > threshold ? 1 : 0;
   for (int round = 0; round < k_hole_rounds; ++round) fill_holes(blocks);
   const Rectangle found = largest_rectangle(blocks);
   const double left = found.x0 == 0 ? margin : (found.x0 + 1) * k_block,

@@ -285,7 +285,7 @@ void LatinPgd::recompress() {
 
 void LatinPgd::resume() {
   if (options_.state_file.empty()) return;
-  std::optional<LatinState> state = read_latin_state(options_.key, options_.state_file);
+  std::optional<LatinState> state = read_state<LatinState>(options_.key, options_.state_file);
   if (!state) return;
   basis_.join(body_, state->cells);
   basis_.restore(state->modes);
@@ -311,7 +311,7 @@ void LatinPgd::note_state(int next_step) {
 void LatinPgd::save_state() {
   if (options_.state_file.empty()) return;
   state_.expanded = expanded_.leftCols(expanded_columns_);
-  write_latin_state(state_, options_.key, options_.state_file);
+  write_state(state_, options_.key, options_.state_file);
   state_.expanded.resize(0, 0);
   saved_ = monotonic_now();
 }

@@ -140,7 +140,7 @@ void LatinSeparated::extend(int steps) {
 
 bool LatinSeparated::resume() {
   if (options_.state_file.empty()) return false;
-  std::optional<SeparatedState> state = read_separated_state(options_.key, options_.state_file);
+  std::optional<SeparatedState> state = read_state<SeparatedState>(options_.key, options_.state_file);
   if (!state) return false;
   basis_.join(body_, state->cells);
   basis_.restore(state->modes);
@@ -166,7 +166,7 @@ void LatinSeparated::note_state() {
 
 void LatinSeparated::save_state() {
   if (options_.state_file.empty()) return;
-  write_separated_state(state_, options_.key, options_.state_file);
+  write_state(state_, options_.key, options_.state_file);
   saved_ = monotonic_now();
 }
 

@@ -23,11 +23,6 @@ struct LatinState {
   LatinSolution solution;    ///< steps before `next_step`; without `space`
 };
 
-/// Writes atomically; `key` says what the run is of. IoError.
-void write_latin_state(const LatinState& state, const std::string& key, const std::string& path);
-/// Nothing if there is no file, or it is damaged, or of another run.
-[[nodiscard]] std::optional<LatinState> read_latin_state(const std::string& key, const std::string& path);
-
 /// The same of the fully separated form, between two ranges of time: the terms say how far it is.
 struct SeparatedState {
   std::vector<std::int64_t> cells;
@@ -38,8 +33,12 @@ struct SeparatedState {
   long local_points = 0;
   double cpu_seconds = 0;
 };
-void write_separated_state(const SeparatedState& state, const std::string& key, const std::string& path);
-[[nodiscard]] std::optional<SeparatedState> read_separated_state(const std::string& key,
-                                                                 const std::string& path);
+
+/// Writes either atomically; `key` says what the run is of. IoError.
+template <class State>
+void write_state(const State& state, const std::string& key, const std::string& path);
+/// Nothing if there is no file, or it is damaged, or of another run.
+template <class State>
+[[nodiscard]] std::optional<State> read_state(const std::string& key, const std::string& path);
 
 }  // namespace knothe::mechanics

@@ -4,8 +4,6 @@
 
 #include <cmath>
 #include <filesystem>
-#include <fstream>
-#include <iterator>
 #include <nlohmann/json.hpp>
 
 #include "knothe/base/error.hpp"
@@ -20,16 +18,6 @@ namespace {
 using Json = nlohmann::json;
 using Numbers = std::vector<double>;
 namespace fs = std::filesystem;
-
-Json read_json(const fs::path& path) {
-  std::ifstream in(path);
-  if (!in) throw DataError(path.string() + ": cannot be read");
-  try {
-    return files::parse_json(std::string(std::istreambuf_iterator<char>(in), {}));
-  } catch (const DataError& error) {
-    throw DataError(fmt::format("{}: not JSON: {}", path.string(), error.what()));
-  }
-}
 
 /// Posterior density of parameter k, by both.
 Figure marginals(const Json& first, const Json& second, std::size_t k) {
@@ -107,12 +95,12 @@ bool holds_comparison(const std::string& results_folder) {
 
 void write_comparison_report(const std::string& results_folder, const std::string& output) {
   const fs::path folder(results_folder), path = folder / "comparison.json";
-  const Json comparison = read_json(path);
+  const Json comparison = files::read_json(path);
   std::string page;
   try {
     const Json& methods = comparison.at("comparison").at("methods");
-    page = page_of(comparison, read_json(folder / methods.at(0).get<std::string>() / "inference.json"),
-                   read_json(folder / methods.at(1).get<std::string>() / "inference.json"));
+    page = page_of(comparison, files::read_json(folder / methods.at(0).get<std::string>() / "inference.json"),
+                   files::read_json(folder / methods.at(1).get<std::string>() / "inference.json"));
   } catch (const Json::exception& error) {
     throw DataError(
         fmt::format("{}: not what `knothe infer --compare` writes: {}", path.string(), error.what()));

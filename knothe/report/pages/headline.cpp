@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "knothe/numerics/statistics/order_statistics.hpp"
 #include "knothe/report/figures/result_figures.hpp"
 #include "knothe/report/figures/svg_text.hpp"
 #include "knothe/report/pages/assimilation_report.hpp"
@@ -100,8 +101,9 @@ std::vector<Card> headline(const Results& results) {
                        : "verified without a map",
                    !untrusted.empty()});
   const auto times = update_times(results);
-  cards.push_back({"Time of an update", duration(percentile(times, 0.5)) + " (median)",
-                   fmt::format("without forecasts; 99 % below {}", duration(percentile(times, 0.99)))});
+  cards.push_back(
+      {"Time of an update", duration(numerics::quantile(times, 0.5)) + " (median)",
+       fmt::format("without forecasts; 99 % below {}", duration(numerics::quantile(times, 0.99)))});
   return cards;
 }
 
@@ -157,8 +159,8 @@ std::vector<TableRow> comparison_with_paper(const Results& results) {
                    [&] {
                      std::vector<double> total;
                      for (const auto& s : results.steps) total.push_back(s.total_us);
-                     return duration(percentile(total, 0.5)) + " (median), " +
-                            duration(percentile(total, 0.99)) + " (p99)";
+                     return duration(numerics::quantile(total, 0.5)) + " (median), " +
+                            duration(numerics::quantile(total, 0.99)) + " (p99)";
                    }(),
                    "All past data collapse into one small matrix; exact derivatives; compiled code."}});
   return rows;

@@ -5,8 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
-#include <iterator>
 #include <nlohmann/json.hpp>
 
 #include "knothe/base/error.hpp"
@@ -266,15 +264,7 @@ std::string inference_report(const Json& content, const std::string& where) {
 
 void write_inference_report(const std::string& results_folder, const std::string& output) {
   const std::string path = (std::filesystem::path(results_folder) / "inference.json").string();
-  std::ifstream in(path);
-  if (!in) throw DataError(path + ": cannot be read");
-  Json content;
-  try {
-    content = files::parse_json(std::string(std::istreambuf_iterator<char>(in), {}));
-  } catch (const DataError& error) {
-    throw DataError(fmt::format("{}: not JSON: {}", path, error.what()));
-  }
-  files::write_text_atomically(output, inference_report(content, path));
+  files::write_text_atomically(output, inference_report(files::read_json(path), path));
 }
 
 }  // namespace knothe::report

@@ -6,8 +6,8 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <nlohmann/json.hpp>
-#include <sstream>
 
 #include "knothe/base/error.hpp"
 #include "knothe/files/json_text.hpp"
@@ -307,9 +307,7 @@ void read_residuals(const Located& summary, Residuals& r) {
 void read_summary(const std::string& path, Results& results) {
   std::ifstream file(path);
   if (!file) return;
-  std::stringstream text;
-  text << file.rdbuf();
-  const json value = parse(text.str(), path + ":1");
+  const json value = parse({std::istreambuf_iterator<char>(file), {}}, path + ":1");
   const Located summary(value, path);
   results.summary_found = true;
   results.created_by = summary.text_or("created_by");
@@ -397,14 +395,6 @@ Results read_results(const std::string& folder) {
   for (std::size_t i = results.parameters.size(); i < d; ++i)
     results.parameters.push_back({fmt::format("parameter {}", i), {}, {}, {}, {}, {}, {}});
   return results;
-}
-
-double percentile(std::vector<double> values, double fraction) {
-  std::sort(values.begin(), values.end());
-  const double at = std::clamp(fraction, 0.0, 1.0) * static_cast<double>(values.size() - 1);
-  const auto lower = static_cast<std::size_t>(at);
-  const std::size_t upper = std::min(lower + 1, values.size() - 1);
-  return values[lower] + (at - static_cast<double>(lower)) * (values[upper] - values[lower]);
 }
 
 }  // namespace knothe::report

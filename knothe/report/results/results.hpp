@@ -136,7 +136,4 @@ template <class Function>
 /// shape.
 [[nodiscard]] Results read_results(const std::string& folder);
 
-/// Value at `fraction` (0 … 1) of the sorted numbers, linear in between. `values` must not be empty.
-[[nodiscard]] double percentile(std::vector<double> values, double fraction);
-
 }  // namespace knothe::report

@@ -107,13 +107,5 @@ TEST(Results, BrokenInputsAreNamedByFileAndLine) {
   EXPECT_EQ(message_of(folder), folder + "/summary.json: error: 1 parameters, but steps.jsonl has 2");
 }
 
-TEST(Results, Percentiles) {
-  EXPECT_EQ(percentile({3, 1, 2}, 0.5), 2.0);
-  EXPECT_EQ(percentile({3, 1, 2}, 0.0), 1.0);
-  EXPECT_EQ(percentile({3, 1, 2}, 1.0), 3.0);
-  EXPECT_DOUBLE_EQ(percentile({0, 10}, 0.99), 9.9);
-  EXPECT_EQ(percentile({7}, 0.3), 7.0);
-}
-
 }  // namespace
 }  // namespace knothe::report

@@ -3,8 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
-#include <bit>
 #include <charconv>
 #include <cmath>
 #include <cstring>
@@ -12,6 +10,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/files/json_text.hpp"
+#include "knothe/files/npy.hpp"
 #include "knothe/files/numbers.hpp"
 #include "knothe/service/journal/logbook.hpp"
 #include "knothe/service/journal/noise_bytes.hpp"
@@ -111,14 +110,6 @@ void read_status(const Received& array, Measurement& datum) {
     if (!array[i].is_string()) malformed(fmt::format("status[{}] is not a word", i));
     datum.status[i] = status_code(array[i].get_ref<const std::string&>());
   }
-}
-
-template <class Number>
-Number read_number(std::string_view bytes, bool big_endian) {
-  std::array<char, sizeof(Number)> raw;
-  std::memcpy(raw.data(), bytes.data(), raw.size());
-  if (big_endian) std::reverse(raw.begin(), raw.end());
-  return std::bit_cast<Number>(raw);
 }
 
 }  // namespace
@@ -249,51 +240,18 @@ SiteKey parse_mqtt_key(std::string_view topic, std::string_view payload) {
   return datum;
 }
 
-std::vector<double> parse_npy(std::string_view bytes) {
-  const std::string_view magic("\x93NUMPY", 6);
-  if (bytes.size() < 10 || bytes.substr(0, 6) != magic) malformed("the body is not an .npy file");
-  const int version = bytes[6];
-  const std::size_t start = version == 1 ? 10 : 12;
-  if (version < 1 || version > 3 || bytes.size() < start) malformed("unknown version of the .npy format");
-  std::size_t length = static_cast<unsigned char>(bytes[8]) |
-                       static_cast<std::size_t>(static_cast<unsigned char>(bytes[9])) << 8;
-  if (version > 1)
-    length |= static_cast<std::size_t>(static_cast<unsigned char>(bytes[10])) << 16 |
-              static_cast<std::size_t>(static_cast<unsigned char>(bytes[11])) << 24;
-  if (length > bytes.size() - start) malformed("the .npy header is cut off");
-  const std::string_view header = bytes.substr(start, length);
-  const auto after = [&](std::string_view key) {
-    const auto at = header.find(key);
-    if (at == std::string_view::npos) malformed(fmt::format("the .npy header lacks {}", key));
-    auto rest = header.substr(at + key.size());
-    while (!rest.empty() && (rest[0] == ' ' || rest[0] == ':')) rest.remove_prefix(1);
-    return rest;
-  };
-  const std::string_view type = after("'descr'").substr(0, 5);
-  const bool big = type.starts_with("'>");
-  const bool is_double = type == "'<f8'" || type == "'>f8'" || type == "'=f8'";
-  if (!is_double && type != "'<f4'" && type != "'>f4'" && type != "'=f4'")
-    malformed(fmt::format("the .npy array must be of type float32 or float64"));
-  std::string_view shape = after("'shape'");
-  std::size_t count = 0;
-  if (!shape.starts_with("(")) malformed("the .npy header has no shape");
-  shape.remove_prefix(1);
-  const auto parsed = std::from_chars(shape.data(), shape.data() + shape.size(), count);
-  shape.remove_prefix(static_cast<std::size_t>(parsed.ptr - shape.data()));
-  if (parsed.ec != std::errc() || !(shape.starts_with(",)") || shape.starts_with(", )")))
-    malformed("the .npy array must have one dimension");
-  const std::string_view data = bytes.substr(start + length);
-  const std::size_t size = is_double ? 8 : 4;
-  if (count > data.size() || data.size() != count * size)
-    malformed(fmt::format("the .npy array of {} numbers has {} bytes of data", count, data.size()));
-  std::vector<double> values(count);
-  for (std::size_t i = 0; i < count; ++i) {
-    const auto number = data.substr(i * size, size);
-    values[i] =
-        is_double ? read_number<double>(number, big) : static_cast<double>(read_number<float>(number, big));
-    if (std::isinf(values[i])) malformed(fmt::format("values[{}] is infinite", i));
-  }
-  return values;
+std::vector<double> parse_npy(std::string_view bytes) try {
+  files::NpyArray array = files::parse_npy(bytes, "the body");
+  if (!array.is_float) malformed("the .npy array must be of type float32 or float64");
+  if (array.shape.size() != 1) malformed("the .npy array must have one dimension");
+  if (array.unused_bytes > 0)
+    malformed(
+        fmt::format("{} bytes follow the .npy array of {} numbers", array.unused_bytes, array.shape[0]));
+  for (std::size_t i = 0; i < array.values.size(); ++i)
+    if (std::isinf(array.values[i])) malformed(fmt::format("values[{}] is infinite", i));
+  return std::move(array.values);
+} catch (const DataError& error) {
+  malformed(error.what());
 }
 
 SiteMeasurement parse_npy_measurement(std::string_view body, const NpyHeaders& headers) {

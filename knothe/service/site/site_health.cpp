@@ -4,6 +4,8 @@
 
 #include <algorithm>
 
+#include "knothe/numerics/statistics/order_statistics.hpp"
+
 namespace knothe::service {
 
 void SiteHealth::accept(MonotonicTime at) {
@@ -40,9 +42,7 @@ std::optional<double> SiteHealth::period_s() const {
   std::vector<double> intervals;
   for (std::size_t i = 1; i < accepted_at_.size(); ++i)
     intervals.push_back(seconds_between(accepted_at_[i - 1], accepted_at_[i]));
-  const auto middle = intervals.begin() + static_cast<std::ptrdiff_t>(intervals.size() / 2);
-  std::nth_element(intervals.begin(), middle, intervals.end());
-  return *middle;
+  return numerics::upper_median(std::move(intervals));
 }
 
 double SiteHealth::budget_s() const {

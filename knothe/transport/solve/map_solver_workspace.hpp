@@ -76,7 +76,8 @@ struct MapSolver::Workspace {
   Climb climb(sampling::CheckedDensity& target, MapResult& result, AffineMap pre_map,
               const Parametrisation& parametrisation, Orientation orientation, int first,
               std::ptrdiff_t warm);
-  /// Orders 2 to 5 with three times as much along the first variable, from the identity.
+  /// Orders 2 to `last_long` with four times as much along the first variable, the first one from the
+  /// identity.
   Climb climb_long(sampling::CheckedDensity& target, MapResult& result, const AffineMap& pre_map);
   Climb grow_greedily(sampling::CheckedDensity& target, MapResult& result, const AffineMap& pre_map);
   /// The candidate's shape with the terms of its margin along which the objective is steepest; null if none.
