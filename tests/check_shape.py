@@ -8,7 +8,7 @@ import pathlib
 import re
 import sys
 
-MOST_FUNCTIONS, MOST_LINES = 20, 120
+MAX_FUNCTIONS, MAX_LINES = 20, 120
 CLASS = re.compile(r"\b(class|struct)\s+(?:KNOTHE_\w+\s+)?(\w+)(?:\s+final)?(?:\s*:\s*[^{;]+)?\s*\{")
 FUNCTION = re.compile(
     r"(~?\w+|operator\s*\S+)\s*\([^()]*(?:\([^()]*\)[^()]*)*\)\s*(?:const)?\s*(?:noexcept)?\s*(?:override|final)?"
@@ -55,11 +55,11 @@ for folder in ("knothe", "apps", "python"):
                 classes.append((functions, match[2], source.relative_to(root)))
 for functions, name, source in sorted(classes, reverse=True)[:5]:
     print(f"{functions} public functions: {name} ({source})")
-faults += [f"{source}: {name} has {functions} public functions, more than {MOST_FUNCTIONS}"
-           for functions, name, source in classes if functions > MOST_FUNCTIONS]
+faults += [f"{source}: {name} has {functions} public functions, more than {MAX_FUNCTIONS}"
+           for functions, name, source in classes if functions > MAX_FUNCTIONS]
 for source in sorted((root / "apps").rglob("*.[ch]pp")):
     lines = len(source.read_text().splitlines())
-    if lines > MOST_LINES:
-        faults.append(f"{source.relative_to(root)}: {lines} lines, more than {MOST_LINES}")
+    if lines > MAX_LINES:
+        faults.append(f"{source.relative_to(root)}: {lines} lines, more than {MAX_LINES}")
 print("\n".join(faults))
 sys.exit(1 if faults else 0)

@@ -222,10 +222,10 @@ void warn_if_missed(const SelectedRuns& selected, const RunSelectionOptions& opt
 /// The grid of the model's splines must fit in memory, with the solutions and with the model's functions.
 void require_small(const Snapshots& frame, const Snapshots& first) {
   constexpr std::size_t k_directions = 300, k_functions = 500;
-  constexpr double k_most = 1.5e8;  // numbers
+  constexpr double k_max_numbers = 1.5e8;  // numbers
   const std::size_t values =
       std::max(k_functions, std::min(first.values.size(), k_directions * frame.time.size()));
-  if (static_cast<double>(frame.grid_size()) * static_cast<double>(values) <= k_most) return;
+  if (static_cast<double>(frame.grid_size()) * static_cast<double>(values) <= k_max_numbers) return;
   throw NumericalError(fmt::format(
       "[offline.adaptive]: all runs are made, but the splines of the model need a grid of {} points, which "
       "does not fit in memory: ask for a larger grid_shift, a smaller box or fewer parameters (finished runs "

@@ -24,8 +24,8 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr double k_wanted = 0.1;       // std
-constexpr std::size_t k_most = 12000;  // runs: beyond, a design has lost
+constexpr double k_wanted = 0.1;           // std
+constexpr std::size_t k_max_runs = 12000;  // runs: beyond, a design has lost
 constexpr int k_sensors = 4, k_times = 20;
 
 /// Four signals that decay, each parameter half as influential as the one before: y/noise.
@@ -124,7 +124,7 @@ Outcome chosen_runs(Index d, const Judge& judge) {
   const auto start = std::chrono::steady_clock::now();
   const SelectedRuns selected =
       select_runs(std::vector<Prior>(static_cast<std::size_t>(d), Prior::uniform(0, 1)), VectorXd::Zero(d),
-                  VectorXd::Ones(d), {.shift = k_wanted, .runs = k_most}, signals_at);
+                  VectorXd::Ones(d), {.shift = k_wanted, .runs = k_max_runs}, signals_at);
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
   return {selected.history.back().runs,
           judge(predicted(selected.interpolation, selected.surpluses, judge.truths())), elapsed.count(),
@@ -145,7 +145,7 @@ Outcome plain_sparse_grid(Index d, const Judge& judge) {
     }
     const MatrixXd surpluses = interpolation.surpluses(signals_at(points));
     outcome = {points.size(), judge(predicted(interpolation, surpluses, judge.truths())), 0, ""};
-    if (outcome.shift <= k_wanted || outcome.runs > k_most) return outcome;
+    if (outcome.shift <= k_wanted || outcome.runs > k_max_runs) return outcome;
     growth.expand(std::vector<double>(growth.indices().size(), 0.0), true, 1000000);
   }
 }
@@ -209,7 +209,7 @@ Outcome random_points(Index d, const Judge& judge) {
     }
     const MatrixXd coefficients = matrix.householderQr().solve(signals_at(points));
     const Outcome outcome{points.size(), judge(predicted(basis, coefficients, judge.truths())), 0, ""};
-    if (outcome.shift <= k_wanted || outcome.runs > k_most / 4) return outcome;
+    if (outcome.shift <= k_wanted || outcome.runs > k_max_runs / 4) return outcome;
     growth.expand(std::vector<double>(growth.indices().size(), 0.0), true, 1000000);
   }
 }

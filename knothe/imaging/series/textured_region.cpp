@@ -7,11 +7,11 @@
 namespace knothe::imaging {
 namespace {
 
-constexpr int k_block = 16;              // px
-constexpr double k_least_classes = 0.8;  // decades between the classes' means: less is one class
-constexpr double k_least_share = 0.05;   // of the blocks in either class: less is a spot
-constexpr double k_floor = 0.5;          // grey levels: a blacker block is as black as that
-constexpr int k_hole_rounds = 2;         // of a hole that is filled: four blocks across
+constexpr int k_block = 16;                  // px
+constexpr double k_min_classes_apart = 0.8;  // decades between the classes' means: less is one class
+constexpr double k_min_share = 0.05;         // of the blocks in either class: less is a spot
+constexpr double k_floor = 0.5;              // grey levels: a blacker block is as black as that
+constexpr int k_hole_rounds = 2;             // of a hole that is filled: four blocks across
 
 /// A number for each block.
 struct Blocks {
@@ -56,7 +56,7 @@ std::optional<double> threshold_of(std::vector<double> values) {
     const double apart = (total - below) / (count * (1 - share)) - below / (count * share);
     if (share * (1 - share) * apart * apart <= best) continue;
     best = share * (1 - share) * apart * apart;
-    const bool classes = apart > k_least_classes && std::min(share, 1 - share) > k_least_share;
+    const bool classes = apart > k_min_classes_apart && std::min(share, 1 - share) > k_min_share;
     threshold = classes ? std::optional(0.5 * (values[i - 1] + values[i])) : std::nullopt;
   }
   return threshold;

@@ -49,7 +49,7 @@ double SiteHealth::budget_s() const {
   if (options_.budget) return *options_.budget;
   const auto period = period_s();
   if (!period) return 1;  // nothing is known of the pace yet
-  return options_.period ? *period : std::max(*period, k_least_budget);
+  return options_.period ? *period : std::max(*period, k_min_budget);
 }
 
 std::optional<double> SiteHealth::stale_after_s() const {

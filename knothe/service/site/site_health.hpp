@@ -52,7 +52,7 @@ class SiteHealth {
   [[nodiscard]] std::int64_t state_version() const { return state_version_.load(); }
 
  private:
-  static constexpr double k_least_budget = 0.01;  ///< s, where it is derived from the period
+  static constexpr double k_min_budget = 0.01;  ///< s, where it is derived from the period
   const project::ServeOptions& options_;
   bool strict_;
   mutable std::mutex mutex_;

@@ -197,14 +197,14 @@ std::vector<Eigen::Index> Search::sample_of(const sampling::TemperedParticles& p
 /// Up to 12 of the points, far from each other: first the one of the highest density, then always the one
 /// farthest from those chosen.
 Eigen::MatrixXd Search::starts_among(const Eigen::MatrixXd& points, const Eigen::VectorXd& values) const {
-  constexpr Eigen::Index k_most = 12;
+  constexpr Eigen::Index k_max_starts = 12;
   Eigen::Index best = 0;
   values.maxCoeff(&best);
   const Eigen::MatrixXd scaled =
       modes_.front().lower.triangularView<Eigen::Lower>().solve(points.transpose()).transpose();
   Eigen::VectorXd nearest = Eigen::VectorXd::Constant(points.rows(), std::numeric_limits<double>::max());
   std::vector<Eigen::Index> chosen;
-  while (static_cast<Eigen::Index>(chosen.size()) < std::min(k_most, points.rows())) {
+  while (static_cast<Eigen::Index>(chosen.size()) < std::min(k_max_starts, points.rows())) {
     chosen.push_back(best);
     nearest = nearest.cwiseMin((scaled.rowwise() - scaled.row(best)).rowwise().squaredNorm());
     nearest.maxCoeff(&best);
