@@ -72,7 +72,7 @@ int main(int argc, char** argv) {
   add(app, chosen, solution, solve);
   add(app, chosen, reproduction, offline_commands::reproduce);
 
-  offline_commands::SimulateArguments simulation;
+  offline_commands::FullOrderDataArguments simulation;
   CLI::App& simulate = add_command(app, "simulate", "Synthetic measurements from the full-order model.",
                                    "knothe simulate examples/beam/quick.toml -o data.h5 --seed 1");
   simulate.add_option("FILE", simulation.project, "project file")->required();

@@ -158,8 +158,9 @@ bool ModelSupervision::take_scores(const PredictiveCheck& check) {
   return alarm;
 }
 
-std::optional<ModelSupervision::Alarm> ModelSupervision::judge(std::size_t step, const StoredStep& stored,
-                                                               const Eigen::VectorXd& central) {
+std::optional<ModelSupervision::DriftAlarm> ModelSupervision::judge(std::size_t step,
+                                                                    const StoredStep& stored,
+                                                                    const Eigen::VectorXd& central) {
   state_.notice.clear();
   if (!is_known_) return {};
   Eigen::Index likeliest = 0;  // size of the discrepancy
@@ -189,7 +190,7 @@ std::optional<ModelSupervision::Alarm> ModelSupervision::judge(std::size_t step,
       "threshold {:.1f}: one false alarm in {:.0f} steps)",
       stored.corrected ? "corrected " : "", state_.drift, state_.report.cumulative_sum,
       state_.report.threshold, options_.average_run_length);
-  return Alarm{state_.drift, state_.notice, state_.report};
+  return DriftAlarm{state_.drift, state_.notice, state_.report};
 }
 
 void ModelSupervision::learn(const StoredStep& stored, Eigen::VectorXd shares, UpdateResult& result) {

@@ -37,7 +37,7 @@ struct Supervised {
     (void)store.settle();
   }
   /// The alarm, if it went off.
-  std::optional<ModelSupervision::Alarm> take(std::size_t step) {
+  std::optional<ModelSupervision::DriftAlarm> take(std::size_t step) {
     add(step);
     StoredStep& stored = store.steps().at(step);
     supervision.save(step);
@@ -62,7 +62,7 @@ TEST(ModelSupervision, RingsWhenTheDataLeaveTheModelAndThenAsksForCorrection) {
   Supervised s(automatic());
   s.data.rightCols(6).array() += 1.5;  // five times the noise, at every sensor
   std::size_t step = 0;
-  std::optional<ModelSupervision::Alarm> alarm;
+  std::optional<ModelSupervision::DriftAlarm> alarm;
   while (step < 12 && !(alarm = s.take(step))) ++step;
   ASSERT_TRUE(alarm);
   EXPECT_GE(step, 6u);

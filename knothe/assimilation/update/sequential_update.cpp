@@ -236,7 +236,7 @@ void SequentialUpdate::forget(std::size_t step) {
 }
 
 /// The step at which an alarm rang says so, whatever has been done about it.
-void SequentialUpdate::tell(const ModelSupervision::Alarm& alarm) {
+void SequentialUpdate::tell(const ModelSupervision::DriftAlarm& alarm) {
   result_.monitor.alarm = true;
   result_.monitor.cumulative_sum = alarm.report.cumulative_sum;
   result_.monitor.threshold = alarm.report.threshold;
@@ -244,7 +244,7 @@ void SequentialUpdate::tell(const ModelSupervision::Alarm& alarm) {
 
 /// The drift began some steps ago: they were assimilated with a model that is wrong. They are taken out and
 /// put back with the corrected one.
-void SequentialUpdate::correct_since_drift(std::size_t step, const ModelSupervision::Alarm& alarm) {
+void SequentialUpdate::correct_since_drift(std::size_t step, const ModelSupervision::DriftAlarm& alarm) {
   redone_at_ = step;
   const std::size_t from = supervision_.begin_correction(store_.before(step, alarm.steps - 1)->first, step);
   go_back_before(from);
@@ -258,7 +258,7 @@ void SequentialUpdate::correct_since_drift(std::size_t step, const ModelSupervis
 
 /// The alarm at `step` is taken for a change where the drift began: the data from there on are assimilated
 /// again with it. False where that is known already, or where there is nothing before it to be forgotten.
-bool SequentialUpdate::restart_at_change(std::size_t step, const ModelSupervision::Alarm& alarm) {
+bool SequentialUpdate::restart_at_change(std::size_t step, const ModelSupervision::DriftAlarm& alarm) {
   const auto first = store_.before(step, alarm.steps - 1);
   const std::size_t onset = first->first;
   if (first == store_.steps().begin() || changes_.before(onset)) return false;

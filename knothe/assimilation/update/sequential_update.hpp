@@ -98,9 +98,9 @@ class SequentialUpdate {
   void assimilate_from(std::size_t from, std::size_t to);
   void solve(std::size_t step);
   void forget(std::size_t step);
-  void tell(const ModelSupervision::Alarm& alarm);
-  void correct_since_drift(std::size_t step, const ModelSupervision::Alarm& alarm);
-  bool restart_at_change(std::size_t step, const ModelSupervision::Alarm& alarm);
+  void tell(const ModelSupervision::DriftAlarm& alarm);
+  void correct_since_drift(std::size_t step, const ModelSupervision::DriftAlarm& alarm);
+  bool restart_at_change(std::size_t step, const ModelSupervision::DriftAlarm& alarm);
   [[nodiscard]] bool posteriors_depend_on_earlier() const;
   void rewind(std::size_t step);
   void go_back_before(std::size_t step);

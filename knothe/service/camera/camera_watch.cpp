@@ -205,7 +205,7 @@ void CameraWatch::take_picture(const FrameNumbers::Numbered& frame, const files:
 
 /// Until it is on disk, or it is time to end: then it is one of those that were not seen.
 void CameraWatch::store(Measurement datum, const Intake::PictureStamp& stamp) {
-  while (intake_.store(datum, stamp.name) == Intake::Outcome::again)
+  while (intake_.store(datum, stamp.name) == Intake::StoreOutcome::again)
     if (!wait(k_look_every)) return;
   note_kept(stamp);
 }
