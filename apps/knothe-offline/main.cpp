@@ -29,7 +29,9 @@ int verify(const VerifyArguments& a) {
 }
 
 int mesh_study(const MeshStudyArguments& a) {
-  offline::study_meshes({a.project, a.elements, a.laws, a.steps, a.output}, CommandOutput(a.json));
+  std::vector<project::DamageRegularisation> laws;
+  for (const std::string& law : a.laws) laws.push_back(*from_text<project::DamageRegularisation>(law));
+  offline::study_meshes({a.project, a.elements, laws, a.steps, a.output}, CommandOutput(a.json));
   return 0;
 }
 

@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "knothe/assimilation/select/run_selection.hpp"
+#include "knothe/assimilation/update/prior_of_model.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/mechanics/full_order/beam_simulator.hpp"
@@ -33,11 +34,14 @@ using reduction::Snapshots;
 /// The priors of the axes, in their order, truncated to the box.
 std::vector<Prior> priors_of(const project::Project& project, const std::vector<reduction::Axis>& axes) {
   std::vector<Prior> priors;
+  std::vector<reduction::Axis> with_prior;
   for (const reduction::Axis& axis : axes)
     for (const project::NamedPrior& parameter : project.parameters)
-      if (parameter.name == axis.name)
-        priors.push_back(parameter.prior.truncated(axis.nodes.front(), axis.nodes.back(), axis.name));
-  return priors;
+      if (parameter.name == axis.name) {
+        priors.push_back(parameter.prior);
+        with_prior.push_back(axis);
+      }
+  return assimilation::truncated_to_box(with_prior, std::move(priors));
 }
 
 RunSelectionOptions selection_options(const project::OfflineOptions& options) {
