@@ -246,7 +246,7 @@ void check_grid_shift(const project::Project& project, const std::vector<reducti
                   "[simulate], and [parameters] with a prior for each axis: offline.adaptive.grid_shift asks "
                   "for them");
   const RunSelectionOptions options = selection_options(*project.offline);
-  if (const std::size_t least = assimilation::least_runs(options, axes.size()); options.runs < least)
+  if (const std::size_t least = assimilation::min_runs(options, axes.size()); options.runs < least)
     throw ProjectError(fmt::format(
         "[offline.adaptive] runs is {}: grid_shift needs {} at least for {} parameters, {} held out to judge "
         "by and three values of each parameter",

@@ -92,7 +92,7 @@ class SequentialUpdate {
   [[nodiscard]] std::vector<std::size_t> corrected_steps() const;
 
  private:
-  void take_changes();
+  void apply_changes();
   const UpdateResult& conclude(std::size_t step, bool every);
   void assimilate(std::size_t step);
   void assimilate_from(std::size_t from, std::size_t to);

@@ -171,7 +171,7 @@ void study_grid(const AccuracyStudy& study, const Judge& judge, int nodes) {
   }
 }
 
-bool take(AccuracyStudy& study, const std::string& word) {
+bool set_option(AccuracyStudy& study, const std::string& word) {
   const std::size_t at = word.find('=');
   if (at == std::string::npos) return false;
   const std::string key = word.substr(0, at);
@@ -202,7 +202,7 @@ bool take(AccuracyStudy& study, const std::string& word) {
 int main(int argc, char** argv) {
   AccuracyStudy study;
   bool understood = true;
-  for (int i = 1; i < argc; ++i) understood = understood && take(study, argv[i]);
+  for (int i = 1; i < argc; ++i) understood = understood && set_option(study, argv[i]);
   if (!understood) {
     std::fprintf(stderr, "latin_accuracy_bench [KEY=VALUE …]: see the head of latin_accuracy_bench.cpp\n");
     return 2;

@@ -332,8 +332,8 @@ class Writer {
 
 }  // namespace
 
-KeptStep keep_step(const engine::StepResult& result, assimilation::Datum datum,
-                   const reduction::ObservedModel* observed) {
+KeptStep retain_step(const engine::StepResult& result, assimilation::Datum datum,
+                     const reduction::ObservedModel* observed) {
   KeptStep kept{result.update, std::move(datum), result.forecasts, result.bias_sensors};
   if (result.bias_functions.size() > 0 && observed != nullptr)
     kept.bias = observed->space * (observed->core[kept.datum.time_index] * result.bias_functions);

@@ -105,8 +105,8 @@ void FolderWatch::run() {
   while (wait(pause)) {
     if (!site_->journal().ready()) continue;
     try {
-      if (pictures_) take_pictures();
-      if (tables_) take_tables();
+      if (pictures_) ingest_pictures();
+      if (tables_) ingest_tables();
     } catch (const std::exception& error) {
       log_event("error", "a watched folder could not be read",
                 {{"site", site_->name()}, {"reason", error.what()}});
@@ -114,17 +114,17 @@ void FolderWatch::run() {
   }
 }
 
-void FolderWatch::take_pictures() {
+void FolderWatch::ingest_pictures() {
   for (const std::string& name : pictures_->look(SettledFiles::Clock::now())) {
-    if (is_of_another_test(*pictures_, name) || take_picture(name) == StoreOutcome::done)
+    if (is_of_another_test(*pictures_, name) || ingest_picture(name) == StoreOutcome::done)
       pictures_->done(name);
     if (!wait(0)) return;
   }
 }
 
-void FolderWatch::take_tables() {
+void FolderWatch::ingest_tables() {
   for (const std::string& name : tables_->look(SettledFiles::Clock::now())) {
-    if (is_of_another_test(*tables_, name) || take_table(name) == StoreOutcome::done) tables_->done(name);
+    if (is_of_another_test(*tables_, name) || ingest_table(name) == StoreOutcome::done) tables_->done(name);
     if (!wait(0)) return;
   }
 }
@@ -172,7 +172,7 @@ FolderWatch::Place FolderWatch::place_of(const std::string& name) const {
   return {*number, times[static_cast<std::size_t>(index)]};
 }
 
-FolderWatch::StoreOutcome FolderWatch::take_picture(const std::string& name) {
+FolderWatch::StoreOutcome FolderWatch::ingest_picture(const std::string& name) {
   Intake::PictureStamp stamp;
   try {
     const Place place = place_of(name);
@@ -206,7 +206,7 @@ FolderWatch::StoreOutcome FolderWatch::take_picture(const std::string& name) {
 
 // --- CSV -------------------------------------------------------------------------------------------------
 
-FolderWatch::StoreOutcome FolderWatch::take_table(const std::string& name) {
+FolderWatch::StoreOutcome FolderWatch::ingest_table(const std::string& name) {
   std::vector<Measurement> data;
   try {
     require_size(tables_->path(name), k_largest_table);

@@ -132,7 +132,7 @@ void JournalWriter::finish() {
   }
 }
 
-void JournalWriter::keep(Alarm alarm) {
+void JournalWriter::store_alarm(Alarm alarm) {
   {
     const std::lock_guard lock(mutex_);
     alarms_.push_back(std::move(alarm));

@@ -112,7 +112,7 @@ SiteHealth::State SiteHealth::state(const Facts& facts) const {
   return {"OK", ""};
 }
 
-bool SiteHealth::keep(const State& state) {
+bool SiteHealth::update_state(const State& state) {
   const std::lock_guard lock(mutex_);
   const bool changed =
       state.word != state_.word || (state.word != "DEGRADED" && state.reason != state_.reason);

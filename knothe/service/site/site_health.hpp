@@ -47,8 +47,8 @@ class SiteHealth {
   [[nodiscard]] bool missed_strict_deadline() const { return strict_miss_.load(); }
 
   [[nodiscard]] State state(const Facts& facts) const;
-  /// Keeps the state. True if it is another than the one that was kept.
-  bool keep(const State& state);
+  /// Sets the state. True if it is another than before.
+  bool update_state(const State& state);
   [[nodiscard]] std::int64_t state_version() const { return state_version_.load(); }
 
  private:

@@ -109,7 +109,7 @@ class Search {
 
  private:
   [[nodiscard]] std::vector<sampling::PolarScan> scans() const;
-  bool judge(const sampling::TemperedParticles& particles, const DiscountedDensity& discounted);
+  bool check_particles(const sampling::TemperedParticles& particles, const DiscountedDensity& discounted);
   [[nodiscard]] sampling::Mixture reference(double wider) const;
   [[nodiscard]] sampling::Mixture near_the_origin(double spread) const;
   [[nodiscard]] Eigen::MatrixXd starts_among(const Eigen::MatrixXd& points,
@@ -299,13 +299,14 @@ bool Search::particles_elsewhere(int effort, double widest) {
       if (options_.reference_spread > 0) break;
       continue;
     }
-    return judge(particles, discounted);
+    return check_particles(particles, discounted);
   }
   out_.tempered_conclusive = false;
   return false;
 }
 
-bool Search::judge(const sampling::TemperedParticles& particles, const DiscountedDensity& discounted) {
+bool Search::check_particles(const sampling::TemperedParticles& particles,
+                             const DiscountedDensity& discounted) {
   out_.tempered_done = true;
   // log π̄ of the particles, and what each of them stands for: e^discount.
   const Eigen::Index n = particles.points().rows();
