@@ -112,7 +112,7 @@ class Twin {
   /// As `posterior.nc` has them: parameters, log-likelihood of the step's datum, predicted data with noise.
   [[nodiscard]] report::StepDraws draws(std::size_t step, Eigen::Index count, Eigen::Index stride) {
     const reduction::ObservedModel& model = engine_->model();
-    const report::KeptStep kept = report::keep_step(result(step)->step, engine_->last_datum(step), &model);
+    const report::KeptStep kept = report::retain_step(result(step)->step, engine_->last_datum(step), &model);
     return report::draw_step(kept, model, *priors_, model.observations(), count, stride);
   }
   /// Of all steps: what the last line of `knothe assimilate` says.

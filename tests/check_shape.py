@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """No class has more than 20 public functions (constructors, destructor and operators aside), and no source of the
-programs more than 120 lines. The largest are printed.
+programs more than 120 lines. The largest are printed. Constants are called k_max_… and k_min_…, not k_most_…,
+k_fewest_… or k_least_….
 
 usage: check_shape.py REPOSITORY
 """
@@ -8,11 +9,13 @@ import pathlib
 import re
 import sys
 
-MOST_FUNCTIONS, MOST_LINES = 20, 120
+MAX_FUNCTIONS, MAX_LINES = 20, 120
 CLASS = re.compile(r"\b(class|struct)\s+(?:KNOTHE_\w+\s+)?(\w+)(?:\s+final)?(?:\s*:\s*[^{;]+)?\s*\{")
 FUNCTION = re.compile(
     r"(~?\w+|operator\s*\S+)\s*\([^()]*(?:\([^()]*\)[^()]*)*\)\s*(?:const)?\s*(?:noexcept)?\s*(?:override|final)?"
     r"\s*(?:=\s*(?:0|default|delete))?\s*(?::.*)?$", re.S)
+OTHER_EXTREME = re.compile(r"\b(?:k_(?:most|fewest|least)(?:_\w+)?|[uvw]_(?:most|least))\b")
+NOT_YET = {"filled_quadrature.cpp", "forecaster.cpp", "crack_bridge.cpp"}  # being rewritten: to be called so as well
 
 
 def body_of(text, start):
@@ -55,11 +58,16 @@ for folder in ("knothe", "apps", "python"):
                 classes.append((functions, match[2], source.relative_to(root)))
 for functions, name, source in sorted(classes, reverse=True)[:5]:
     print(f"{functions} public functions: {name} ({source})")
-faults += [f"{source}: {name} has {functions} public functions, more than {MOST_FUNCTIONS}"
-           for functions, name, source in classes if functions > MOST_FUNCTIONS]
+faults += [f"{source}: {name} has {functions} public functions, more than {MAX_FUNCTIONS}"
+           for functions, name, source in classes if functions > MAX_FUNCTIONS]
 for source in sorted((root / "apps").rglob("*.[ch]pp")):
     lines = len(source.read_text().splitlines())
-    if lines > MOST_LINES:
-        faults.append(f"{source.relative_to(root)}: {lines} lines, more than {MOST_LINES}")
+    if lines > MAX_LINES:
+        faults.append(f"{source.relative_to(root)}: {lines} lines, more than {MAX_LINES}")
+for folder in ("knothe", "apps", "python"):
+    for source in sorted((root / folder).rglob("*.[ch]pp")):
+        if source.name not in NOT_YET:
+            faults += [f"{source.relative_to(root)}: {name}: say k_max_… or k_min_…"
+                       for name in sorted(set(OTHER_EXTREME.findall(source.read_text())))]
 print("\n".join(faults))
 sys.exit(1 if faults else 0)

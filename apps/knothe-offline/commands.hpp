@@ -8,13 +8,13 @@ namespace knothe::offline_commands {
 
 int full_order(const FullOrderArguments& arguments);
 
-struct SimulateArguments {
+struct FullOrderDataArguments {
   std::string project;
   std::string output;
   std::optional<unsigned long> seed;
   bool images = false;
 };
-int simulate(const SimulateArguments& arguments);
+int simulate(const FullOrderDataArguments& arguments);
 
 int reproduce(const ReproduceArguments& arguments);
 

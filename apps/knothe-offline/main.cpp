@@ -29,7 +29,9 @@ int verify(const VerifyArguments& a) {
 }
 
 int mesh_study(const MeshStudyArguments& a) {
-  offline::study_meshes({a.project, a.elements, a.laws, a.steps, a.output}, CommandOutput(a.json));
+  std::vector<project::DamageRegularisation> laws;
+  for (const std::string& law : a.laws) laws.push_back(*from_text<project::DamageRegularisation>(law));
+  offline::study_meshes({a.project, a.elements, laws, a.steps, a.output}, CommandOutput(a.json));
   return 0;
 }
 
@@ -72,7 +74,7 @@ int main(int argc, char** argv) {
   add(app, chosen, solution, solve);
   add(app, chosen, reproduction, offline_commands::reproduce);
 
-  offline_commands::SimulateArguments simulation;
+  offline_commands::FullOrderDataArguments simulation;
   CLI::App& simulate = add_command(app, "simulate", "Synthetic measurements from the full-order model.",
                                    "knothe simulate examples/beam/quick.toml -o data.h5 --seed 1");
   simulate.add_option("FILE", simulation.project, "project file")->required();

@@ -11,7 +11,7 @@
 
 namespace knothe::offline_commands {
 
-int simulate(const SimulateArguments& arguments) {
+int simulate(const FullOrderDataArguments& arguments) {
   const project::Project project = project::read_project(arguments.project);
   const reduction::Snapshots solution =
       offline::project_simulator(project, offline::parameter_axes(project))

@@ -6,8 +6,8 @@ namespace knothe::files {
 
 namespace {
 
-/// Keeps the description of the innermost entry: HDF5 walks upwards from where the error arose.
-herr_t keep_innermost(unsigned level, const H5E_error2_t* entry, void* data) {
+/// Stores the description of the innermost entry: HDF5 walks upwards from where the error arose.
+herr_t store_innermost(unsigned level, const H5E_error2_t* entry, void* data) {
   if (level == 0 && entry->desc != nullptr) *static_cast<std::string*>(data) = entry->desc;
   return 0;
 }
@@ -24,7 +24,7 @@ void prepare_hdf5() {
 
 std::string hdf5_cause() {
   std::string description;
-  H5Ewalk2(H5E_DEFAULT, H5E_WALK_UPWARD, keep_innermost, &description);
+  H5Ewalk2(H5E_DEFAULT, H5E_WALK_UPWARD, store_innermost, &description);
   // The file driver writes "…, errno = 28, error message = 'No space left on device', …": keep the system's
   // words.
   const std::string key = "error message = '";

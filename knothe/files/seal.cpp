@@ -42,7 +42,7 @@ std::string block_of(std::uint64_t size, const Digest& digest) {
 }
 
 /// What became of `reading` in a child process: its complaint (empty: none), or that it did not survive.
-struct Outcome {
+struct ReadOutcome {
   bool survived = false;
   std::string complaint;
 };
@@ -66,7 +66,7 @@ struct Outcome {
   ::_exit(0);
 }
 
-Outcome try_in_child(const std::string& path, rlim_t cpu_seconds, const std::function<void()>& reading) {
+ReadOutcome try_in_child(const std::string& path, rlim_t cpu_seconds, const std::function<void()>& reading) {
   std::array<int, 2> ends{};
   if (::pipe2(ends.data(), O_CLOEXEC) != 0) throw system_error("could not make a pipe to read", path);
   const pid_t child = ::fork();
@@ -137,7 +137,7 @@ void require_sound(const std::string& path, const std::function<void()>& reading
   const SealState state = state_of_seal(path);
   if (state == SealState::whole) return;
   // Where the seal is broken only the words are at stake; otherwise the file may be large and sound.
-  const Outcome outcome = try_in_child(path, state == SealState::broken ? 1 : 10, reading);
+  const ReadOutcome outcome = try_in_child(path, state == SealState::broken ? 1 : 10, reading);
   if (outcome.survived && state == SealState::none) return;
   if (!outcome.complaint.empty()) throw DataError(outcome.complaint);
   throw DataError(fmt::format("{}: the file is damaged: {}; copy or make it again{}", path,

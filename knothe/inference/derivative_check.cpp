@@ -61,8 +61,8 @@ class Check {
   }
 
   /// The worst of d pairs at one point, as a clause; empty if none is wrong.
-  [[nodiscard]] std::string judge(const std::vector<Pair>& pairs, Eigen::Index point, const char* what,
-                                  const std::vector<std::string>& names) const {
+  [[nodiscard]] std::string worst_mismatch(const std::vector<Pair>& pairs, Eigen::Index point,
+                                           const char* what, const std::vector<std::string>& names) const {
     double steepest = 0;
     for (const Pair& pair : pairs) steepest = std::max(steepest, pair.terms);
     std::string clause;
@@ -103,7 +103,7 @@ class Check {
                                               s.cwiseAbs().dot((rough - slope).cwiseAbs()),
                                               s.cwiseAbs().dot(slope.cwiseAbs())};
       }
-      if (std::string text = judge(pairs, i, "Gradient", names); !text.empty()) return text;
+      if (std::string text = worst_mismatch(pairs, i, "Gradient", names); !text.empty()) return text;
     }
     return "";
   }
@@ -122,7 +122,7 @@ class Check {
           pairs[static_cast<std::size_t>(k)] = {jacobians(k * m + r, i) * scale_(k, i), slope,
                                                 std::abs(far(k * m + r, i) - slope), std::abs(slope)};
         }
-        if (std::string text = judge(pairs, i, "ApplyJacobian", names); !text.empty()) return text;
+        if (std::string text = worst_mismatch(pairs, i, "ApplyJacobian", names); !text.empty()) return text;
       }
     }
     return "";
@@ -144,7 +144,7 @@ class Check {
           pairs[static_cast<std::size_t>(k)] = {hessians(k * d_ + a, i) * scale_(k, i), slope,
                                                 std::abs(rough(k * d_ + a, i) - slope), std::abs(slope)};
         }
-        if (std::string text = judge(pairs, i, "ApplyHessian", names); !text.empty()) return text;
+        if (std::string text = worst_mismatch(pairs, i, "ApplyHessian", names); !text.empty()) return text;
       }
     }
     return "";

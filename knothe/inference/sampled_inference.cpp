@@ -39,10 +39,10 @@ void by_markov_chains(PosteriorDensity& posterior, const InferenceOptions& optio
 
 void by_weighted_draws(PosteriorDensity& posterior, const ForwardModel& model,
                        const InferenceOptions& options, InferenceResult& r) {
-  constexpr std::int64_t k_most_probable = 750;  // calls that finding that point takes afterwards, at most
+  constexpr std::int64_t k_reserved_calls = 750;  // calls that finding that point takes afterwards, at most
   sampling::RecycledImportanceOptions draw_options;
   draw_options.max_evaluations =
-      std::max(draw_options.max_evaluations, 2 * options.samples) - k_most_probable;
+      std::max(draw_options.max_evaluations, 2 * options.samples) - k_reserved_calls;
   draw_options.spent = [&] {
     const ModelCalls& calls = model.calls();
     return calls.evaluations + calls.gradients + calls.jacobians + calls.hessians;

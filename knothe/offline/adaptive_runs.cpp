@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "knothe/assimilation/select/run_selection.hpp"
+#include "knothe/assimilation/update/prior_of_model.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/mechanics/full_order/beam_simulator.hpp"
@@ -33,11 +34,14 @@ using reduction::Snapshots;
 /// The priors of the axes, in their order, truncated to the box.
 std::vector<Prior> priors_of(const project::Project& project, const std::vector<reduction::Axis>& axes) {
   std::vector<Prior> priors;
+  std::vector<reduction::Axis> with_prior;
   for (const reduction::Axis& axis : axes)
     for (const project::NamedPrior& parameter : project.parameters)
-      if (parameter.name == axis.name)
-        priors.push_back(parameter.prior.truncated(axis.nodes.front(), axis.nodes.back(), axis.name));
-  return priors;
+      if (parameter.name == axis.name) {
+        priors.push_back(parameter.prior);
+        with_prior.push_back(axis);
+      }
+  return assimilation::truncated_to_box(with_prior, std::move(priors));
 }
 
 RunSelectionOptions selection_options(const project::OfflineOptions& options) {
@@ -222,10 +226,10 @@ void warn_if_missed(const SelectedRuns& selected, const RunSelectionOptions& opt
 /// The grid of the model's splines must fit in memory, with the solutions and with the model's functions.
 void require_small(const Snapshots& frame, const Snapshots& first) {
   constexpr std::size_t k_directions = 300, k_functions = 500;
-  constexpr double k_most = 1.5e8;  // numbers
+  constexpr double k_max_numbers = 1.5e8;  // numbers
   const std::size_t values =
       std::max(k_functions, std::min(first.values.size(), k_directions * frame.time.size()));
-  if (static_cast<double>(frame.grid_size()) * static_cast<double>(values) <= k_most) return;
+  if (static_cast<double>(frame.grid_size()) * static_cast<double>(values) <= k_max_numbers) return;
   throw NumericalError(fmt::format(
       "[offline.adaptive]: all runs are made, but the splines of the model need a grid of {} points, which "
       "does not fit in memory: ask for a larger grid_shift, a smaller box or fewer parameters (finished runs "
@@ -242,7 +246,7 @@ void check_grid_shift(const project::Project& project, const std::vector<reducti
                   "[simulate], and [parameters] with a prior for each axis: offline.adaptive.grid_shift asks "
                   "for them");
   const RunSelectionOptions options = selection_options(*project.offline);
-  if (const std::size_t least = assimilation::least_runs(options, axes.size()); options.runs < least)
+  if (const std::size_t least = assimilation::min_runs(options, axes.size()); options.runs < least)
     throw ProjectError(fmt::format(
         "[offline.adaptive] runs is {}: grid_shift needs {} at least for {} parameters, {} held out to judge "
         "by and three values of each parameter",

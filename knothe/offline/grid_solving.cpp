@@ -145,9 +145,9 @@ simulator::RunGrid finer(simulator::RunGrid grid, const reduction::Snapshots& sn
   return grid;
 }
 
-/// Leaves out the solutions at points that are not in the box of these axes.
-void keep_inside(const std::vector<reduction::Axis>& axes,
-                 std::vector<reduction::OffGridSolution>& solutions) {
+/// Removes the solutions at points that are not in the box of these axes.
+void remove_outside(const std::vector<reduction::Axis>& axes,
+                    std::vector<reduction::OffGridSolution>& solutions) {
   std::erase_if(solutions, [&](const reduction::OffGridSolution& solution) {
     for (std::size_t i = 0; i < axes.size(); ++i)
       if (solution.parameters[i] < axes[i].nodes.front() || solution.parameters[i] > axes[i].nodes.back())
@@ -200,10 +200,10 @@ SolvedGrid solve_project_grid(const project::Project& project, simulator::Simula
     SolvedGrid solved = run_grid(solver, grid, output);
     if (!options.adaptive_grid_error) return solved;
     const GridSolutions& solutions = solved.solutions;
-    keep_inside(solutions.snapshots.axes, off_grid);
+    remove_outside(solutions.snapshots.axes, off_grid);
     solved.off_grid = off_grid;
     const std::vector<std::size_t> dofs =
-        judged_dofs(project, solutions.dofs(), solutions.snapshots.quantities);
+        checked_dofs(project, solutions.dofs(), solutions.snapshots.quantities);
     const double error = interpolation_error(solutions, dofs, off_grid);
     fmt::print(stderr, "parameter grid of {} points: off the grid at most {:.3f} µm on the observed dofs\n",
                solutions.snapshots.grid_size(), 1e6 * error);

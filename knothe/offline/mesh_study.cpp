@@ -16,6 +16,8 @@
 namespace knothe::offline {
 namespace {
 
+using project::DamageRegularisation;
+
 /// One law on one mesh. Forces and energies of the whole beam.
 struct Run {
   double element = 0;  ///< m
@@ -28,8 +30,9 @@ struct Run {
   double memory = 0;  ///< MiB, the largest of the process so far
 };
 
-struct Study {
-  std::string law;
+/// One law on all meshes.
+struct MeshSeries {
+  DamageRegularisation law = DamageRegularisation::none;
   std::vector<Run> runs;  ///< finer and finer
 };
 
@@ -58,14 +61,14 @@ Difference difference(const Run& run, const Run& finer) {
   return result;
 }
 
-Run compute(mechanics::BeamProblem problem, const std::string& law, double element) {
+Run compute(mechanics::BeamProblem problem, DamageRegularisation law, double element) {
   problem.beam.element = element;
   // One column of elements above the notch on every mesh: an even number of columns has more than one
   // solution.
   problem.beam.notch_width = element;
-  problem.solver.regularisation.kind = *from_text<mechanics::DamageRegularisation>(law);
+  problem.solver.regularisation.kind = law;
   mechanics::FullOrderModel model = mechanics::make_full_order_model(problem);
-  Progress progress(fmt::format("{}, elements of {:g} mm", law, 1e3 * element),
+  Progress progress(fmt::format("{}, elements of {:g} mm", to_text(law), 1e3 * element),
                     static_cast<std::size_t>(problem.solver.steps));
   const mechanics::FullOrderResult result = model.run(
       problem.reference, [&](int step) { progress.advance_to(static_cast<std::size_t>(step) + 1); });
@@ -89,11 +92,11 @@ Run compute(mechanics::BeamProblem problem, const std::string& law, double eleme
   return run;
 }
 
-void report(const std::string& law, const Run& run, const files::CommandOutput& output) {
+void report(DamageRegularisation law, const Run& run, const files::CommandOutput& output) {
   const auto peak =
       static_cast<std::size_t>(std::max_element(run.force.begin(), run.force.end()) - run.force.begin());
   output.line(
-      {{"law", law},
+      {{"law", to_text(law)},
        {"element_m", run.element},
        {"dofs", run.dofs},
        {"peak_N", run.force[peak]},
@@ -108,42 +111,51 @@ void report(const std::string& law, const Run& run, const files::CommandOutput& 
        {"memory_MiB", run.memory}},
       fmt::format(
           "| {} | {:g} | {} | {:.1f} | {:.3f} | {:.1f} | {:.4f} | {:.1f} | {} + {} | {} | {:.1f} | {:.0f} |",
-          law, 1e3 * run.element, run.dofs, run.force[peak], run.displacement[peak], run.force.back(),
-          run.dissipated, 1e3 * run.crack, run.newton, run.secant, run.not_in_equilibrium, run.cpu,
-          run.memory));
+          to_text(law), 1e3 * run.element, run.dofs, run.force[peak], run.displacement[peak],
+          run.force.back(), run.dissipated, 1e3 * run.crack, run.newton, run.secant, run.not_in_equilibrium,
+          run.cpu, run.memory));
 }
 
-void report_differences(const std::vector<Study>& studies, const files::CommandOutput& output) {
+void report_differences(const std::vector<MeshSeries>& studies, const files::CommandOutput& output) {
   output.text(
       "\n| law | from | to mm | curve, L2 | curve, largest / peak | dissipated | crack length |\n"
       "| --- | --- | --- | --- | --- | --- | --- |");
-  for (const Study& study : studies)
+  for (const MeshSeries& study : studies)
     for (std::size_t i = 1; i < study.runs.size(); ++i) {
       const Run &run = study.runs[i - 1], &finer = study.runs[i];
       const Difference d = difference(run, finer);
-      output.line({{"law", study.law},
+      output.line({{"law", to_text(study.law)},
                    {"from_m", run.element},
                    {"to_m", finer.element},
                    {"curve", d.curve},
                    {"curve_largest", d.largest},
                    {"dissipated", d.dissipated},
                    {"crack_length", d.crack}},
-                  fmt::format("| {} | {:g} | {:g} | {:.2f} % | {:.2f} % | {:.2f} % | {:.2f} % |", study.law,
-                              1e3 * run.element, 1e3 * finer.element, 100 * d.curve, 100 * d.largest,
-                              100 * d.dissipated, 100 * d.crack));
+                  fmt::format("| {} | {:g} | {:g} | {:.2f} % | {:.2f} % | {:.2f} % | {:.2f} % |",
+                              to_text(study.law), 1e3 * run.element, 1e3 * finer.element, 100 * d.curve,
+                              100 * d.largest, 100 * d.dissipated, 100 * d.crack));
     }
 }
 
-void draw(const std::vector<Study>& studies, const std::string& path) {
+std::string title_of(DamageRegularisation law) {
+  switch (law) {
+    case DamageRegularisation::none:
+      return "the law as it is";
+    case DamageRegularisation::crack_band:
+      return "crack band";
+    case DamageRegularisation::gradient:
+      return "implicit gradient";
+  }
+  return {};
+}
+
+void draw(const std::vector<MeshSeries>& studies, const std::string& path) {
   report::Figure figure;
   figure.title = "Load against displacement on several meshes, by regularisation";
   figure.columns = static_cast<int>(studies.size());
   figure.plot_width = 400;
-  for (const Study& study : studies) {
-    const std::string title = study.law == "none"         ? "the law as it is"
-                              : study.law == "crack-band" ? "crack band"
-                                                          : "implicit gradient";
-    report::Plot plot(title, {.label = "imposed displacement (mm)"}, {.label = "force (N)"});
+  for (const MeshSeries& study : studies) {
+    report::Plot plot(title_of(study.law), {.label = "imposed displacement (mm)"}, {.label = "force (N)"});
     int colour = 0;
     for (const Run& run : study.runs)
       plot.line(run.displacement, run.force, report::Paint::series(colour++),
@@ -167,9 +179,9 @@ void study_meshes(const MeshStudyOptions& options, const files::CommandOutput& o
       "| law | element mm | dofs | peak N | at mm | at the end N | dissipated J | crack mm | Newton + secant "
       "| steps not in equilibrium | CPU s | memory MiB |\n"
       "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
-  std::vector<Study> studies;
-  for (const std::string& law : options.laws) {
-    Study study{law, {}};
+  std::vector<MeshSeries> studies;
+  for (const DamageRegularisation law : options.laws) {
+    MeshSeries study{law, {}};
     for (const double element : elements) {
       study.runs.push_back(compute(problem, law, element));
       report(law, study.runs.back(), output);

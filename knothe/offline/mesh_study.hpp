@@ -4,15 +4,18 @@
 #include <vector>
 
 #include "knothe/files/command_output.hpp"
+#include "knothe/project/offline_options.hpp"
 
 namespace knothe::offline {
 
 struct MeshStudyOptions {
-  std::string project;                                                 ///< file with [offline]
-  std::vector<double> elements = {0.005, 0.0025, 0.00125};             ///< m
-  std::vector<std::string> laws = {"none", "crack-band", "gradient"};  ///< regularisations
-  int steps = 0;                                                       ///< 0: the project's
-  std::string figure;                                                  ///< file (.svg), none if empty
+  std::string project;                                      ///< file with [offline]
+  std::vector<double> elements = {0.005, 0.0025, 0.00125};  ///< m
+  std::vector<project::DamageRegularisation> laws = {project::DamageRegularisation::none,
+                                                     project::DamageRegularisation::crack_band,
+                                                     project::DamageRegularisation::gradient};
+  int steps = 0;       ///< 0: the project's
+  std::string figure;  ///< file (.svg), none if empty
 };
 /// Prints a row for each law and mesh, then how far each run is from the next finer one. ProjectError for a
 /// mesh from a file.

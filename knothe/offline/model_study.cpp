@@ -133,7 +133,7 @@ std::size_t choose_modes(const project::Project& project, const reduction::GridS
       judges.push_back(judge_at(exact, *problem, truth));
   }
   const std::vector<std::size_t> dofs =
-      judged_dofs(project, solutions.dofs(), solutions.snapshots.quantities);
+      checked_dofs(project, solutions.dofs(), solutions.snapshots.quantities);
   const reduction::Snapshots seen = by_shift ? reduction::Snapshots() : solutions.at_dofs(dofs);
   reduction::CompressionOptions compression;
   compression.form = form;

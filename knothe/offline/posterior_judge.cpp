@@ -41,8 +41,8 @@ std::optional<SyntheticProblem> synthetic_problem(const project::Project& projec
   return problem;
 }
 
-std::vector<std::size_t> judged_dofs(const project::Project& project, const reduction::Dofs& dofs,
-                                     const std::vector<reduction::Quantity>& quantities) {
+std::vector<std::size_t> checked_dofs(const project::Project& project, const reduction::Dofs& dofs,
+                                      const std::vector<reduction::Quantity>& quantities) {
   if (auto chosen = simulated_dofs(project, dofs, quantities); !chosen.dofs.empty()) return chosen.dofs;
   std::vector<std::size_t> all(dofs.empty() ? quantities.size() : dofs.components.size());
   std::iota(all.begin(), all.end(), std::size_t{0});

@@ -27,9 +27,9 @@ struct SyntheticProblem {
     const project::Project& project, const std::vector<reduction::Axis>& axes, const reduction::Dofs& dofs,
     const std::vector<reduction::Quantity>& quantities);
 /// The observed dofs of [simulate]; all where it chooses none.
-[[nodiscard]] std::vector<std::size_t> judged_dofs(const project::Project& project,
-                                                   const reduction::Dofs& dofs,
-                                                   const std::vector<reduction::Quantity>& quantities);
+[[nodiscard]] std::vector<std::size_t> checked_dofs(const project::Project& project,
+                                                    const reduction::Dofs& dofs,
+                                                    const std::vector<reduction::Quantity>& quantities);
 
 /// Noisy data, and the model that is right about them.
 struct PosteriorJudge {

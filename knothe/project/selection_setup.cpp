@@ -71,7 +71,7 @@ std::vector<std::size_t> model_candidates(const Project& project, const reductio
   return candidates;
 }
 
-void take_data(const Project& project, SelectionSetup& setup) {
+void set_up_from_data(const Project& project, SelectionSetup& setup) {
   const assimilation::Measurements m = assimilation::read_measurements(project.data);
   std::vector<Eigen::Index> kept;
   for (Eigen::Index i = 0; i < m.noise.size(); ++i) {
@@ -89,7 +89,7 @@ void take_data(const Project& project, SelectionSetup& setup) {
       reduction::at_steps(setup.whole, assimilation::match_times(m.time, setup.whole.time, project.data));
 }
 
-void take_model(const Project& project, SelectionSetup& setup) {
+void set_up_from_model(const Project& project, SelectionSetup& setup) {
   const reduction::Dofs& dofs = setup.model.contents().dofs;
   setup.candidates = model_candidates(project, dofs);
   const auto n = static_cast<Eigen::Index>(setup.candidates.size());
@@ -123,7 +123,7 @@ SelectionSetup set_up_selection(const Project& project) {
     throw project.error_at(
         "select.step", fmt::format("select.step = {}: the model has steps 0 to {}", problem.step, steps - 1));
   }
-  data ? take_data(project, setup) : take_model(project, setup);
+  data ? set_up_from_data(project, setup) : set_up_from_model(project, setup);
   problem.positions = Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>>(
       setup.sensors.points.data(), static_cast<Eigen::Index>(setup.sensors.size()), 3);
   return setup;

@@ -95,14 +95,14 @@ void refuse_conflicts(const Project& project, const assimilation::Features& feat
 /// The measurements' noise with the model's own error added: at each step another, correlated, one.
 assimilation::NoiseModel noise_with_truncation(const Project& project, const reduction::SeparatedModel& model,
                                                const ObservedData& data) {
-  constexpr Eigen::Index k_most = 1000;  // a dense matrix for each step
+  constexpr Eigen::Index k_max_entries = 1000;  // a dense matrix for each step
   const assimilation::NoiseModel& noise = data.measurements.noise;
   const auto refuse = [&](const std::string& why) {
     throw project.error_at("method.truncation_error", "truncation_error = \"on\": " + why);
   };
-  if (noise.size() > k_most)
+  if (noise.size() > k_max_entries)
     refuse(fmt::format("{} observed dofs are more than {}: choose some (`knothe select`)", noise.size(),
-                       k_most));
+                       k_max_entries));
   const auto added =
       reduction::observe_truncation(reduction::read_truncation_error(project.model), model.contents(),
                                     project.model, data.measurements.sensors, data.time_indices);

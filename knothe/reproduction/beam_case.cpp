@@ -66,8 +66,8 @@ std::optional<reduction::SeparatedModel> kept_model(const std::string& path, con
   }
 }
 
-reduction::SeparatedModel keep(reduction::ModelContents contents, const std::string& path,
-                               const std::string& text) {
+reduction::SeparatedModel store_model(reduction::ModelContents contents, const std::string& path,
+                                      const std::string& text) {
   contents.project = text;
   reduction::write_model(contents, path);
   return reduction::SeparatedModel(std::move(contents), path);
@@ -78,7 +78,7 @@ std::string parts_folder(const BeamCase& chosen, const std::string& folder) {
 }
 
 /// values −= lift + the one mode of the model.
-void take_out(const reduction::ModelContents& mode, reduction::Snapshots& snapshots) {
+void subtract(const reduction::ModelContents& mode, reduction::Snapshots& snapshots) {
   const std::size_t n = snapshots.dof_count(), steps = snapshots.time.size();
   const files::Shape shape = snapshots.grid_shape();
   for (std::size_t g = 0; g < snapshots.grid_size(); ++g) {
@@ -234,10 +234,10 @@ BeamModels prepare(const BeamCase& chosen, const std::string& folder, int proces
     s.model.max_error_m = s.row.training.max;
   }
   studied[1].model.crack = crack_solutions(chosen, snapshots.dofs);
-  return {
-      chosen, keep(std::move(studied[1].model), path("m6"), paper_text),
-      keep(mode_by_mode(std::move(snapshots), published::k_few_modes - 1, k_seed), path("m3"), three_text),
-      keep(std::move(studied[0].model), path("m3_best"), best_text), false};
+  return {chosen, store_model(std::move(studied[1].model), path("m6"), paper_text),
+          store_model(mode_by_mode(std::move(snapshots), published::k_few_modes - 1, k_seed), path("m3"),
+                      three_text),
+          store_model(std::move(studied[0].model), path("m3_best"), best_text), false};
 }
 
 reduction::SeparatedModel kept_or_built(const BeamCase& chosen, const std::string& folder,
@@ -246,7 +246,7 @@ reduction::SeparatedModel kept_or_built(const BeamCase& chosen, const std::strin
   const std::string path = (fs::path(folder) / fmt::format("{}_{}.h5", chosen.name, name)).string();
   const std::string text = description(chosen, form);
   if (auto kept = kept_model(path, text)) return std::move(*kept);
-  return keep(contents(), path, text);
+  return store_model(contents(), path, text);
 }
 
 reduction::SeparatedModel prepare_accurate(const BeamCase& chosen, const std::string& folder, int processes) {
@@ -269,7 +269,7 @@ reduction::ModelContents mode_by_mode(reduction::Snapshots snapshots, std::size_
   reduction::ModelContents model;
   for (std::size_t k = 0; k < modes; ++k) {
     reduction::ModelContents next = reduction::compress(snapshots, options);
-    take_out(next, snapshots);
+    subtract(next, snapshots);
     if (k == 0) {
       model = std::move(next);
       snapshots.lift.assign(model.lift.size(), 0.0);  // it is taken out of the values now

@@ -97,7 +97,7 @@ std::vector<Candidate> candidates(const Subject& subject, const StudyOptions& op
 }
 
 /// One truth, assimilated with one model.
-struct Outcome {
+struct TruthOutcome {
   double error = 0;             ///< of the model at the truth, largest on any sensor at any step, m
   double last = 0, worst = 0;   ///< truth off by, std
   double shift = 0, moved = 0;  ///< of the mean from the judge's, in its std: worst step, last step
@@ -107,8 +107,8 @@ struct Outcome {
   std::string estimates[2];
 };
 
-Outcome outcome_of(const Run& run, const Run& judge, const Eigen::VectorXd& truth) {
-  Outcome o;
+TruthOutcome outcome_of(const Run& run, const Run& judge, const Eigen::VectorXd& truth) {
+  TruthOutcome o;
   o.last = std::max(run.off_by(0, truth[0]), run.off_by(1, truth[1]));
   o.worst = run.worst_off(truth).std;
   o.narrower = 1;
@@ -141,18 +141,18 @@ struct DecompositionStudy {
   std::vector<Eigen::VectorXd> truths;
   std::vector<bool> on_node;
   std::vector<Candidate> models;
-  std::vector<std::vector<Outcome>> outcomes;  ///< model × truth
+  std::vector<std::vector<TruthOutcome>> outcomes;  ///< model × truth
 
   /// The values of a model at the truths that are nodes, or that are none.
-  [[nodiscard]] std::vector<double> values(std::size_t model, double Outcome::*what, bool nodes) const {
+  [[nodiscard]] std::vector<double> values(std::size_t model, double TruthOutcome::*what, bool nodes) const {
     std::vector<double> all;
     for (std::size_t i = 0; i < truths.size(); ++i)
       if (on_node[i] == nodes) all.push_back(outcomes[model][i].*what);
     return all;
   }
-  [[nodiscard]] double most(std::size_t model, double Outcome::*what) const {
+  [[nodiscard]] double most(std::size_t model, double TruthOutcome::*what) const {
     double largest = 0;
-    for (const Outcome& o : outcomes[model]) largest = std::max(largest, o.*what);
+    for (const TruthOutcome& o : outcomes[model]) largest = std::max(largest, o.*what);
     return largest;
   }
 };
@@ -212,7 +212,7 @@ Table estimates_table(const DecompositionStudy& study) {
                   "std over that of the snapshots",
                   "log-evidence beyond the snapshots'"};
   for (std::size_t m = 0; m < study.models.size(); ++m) {
-    const Outcome& o = study.outcomes[m].front();
+    const TruthOutcome& o = study.outcomes[m].front();
     table.rows.push_back({study.models[m].name, o.estimates[0], o.estimates[1], readable(o.last, 2),
                           readable(o.narrower, 2), fmt::format("{:+.1f}", o.nats)});
   }
@@ -229,15 +229,16 @@ Table truths_table(const DecompositionStudy& study) {
                   "truth off by at the end, std: nodes, between", "at the worst step: nodes, between",
                   "mean moved at the worst step, at the end, std"};
   for (std::size_t m = 0; m < study.models.size(); ++m) {
-    const auto both = [&](double Outcome::*what, double unit) {
+    const auto both = [&](double TruthOutcome::*what, double unit) {
       std::vector<double> nodes = study.values(m, what, true), between = study.values(m, what, false);
       for (std::vector<double>* all : {&nodes, &between})
         for (double& v : *all) v = unit * v < 1e-6 ? 0.0 : unit * v;
       return range(nodes) + ", " + range(between);
     };
-    table.rows.push_back(
-        {study.models[m].name, both(&Outcome::error, 1e6), both(&Outcome::last, 1), both(&Outcome::worst, 1),
-         readable(study.most(m, &Outcome::shift), 2) + ", " + readable(study.most(m, &Outcome::moved), 2)});
+    table.rows.push_back({study.models[m].name, both(&TruthOutcome::error, 1e6), both(&TruthOutcome::last, 1),
+                          both(&TruthOutcome::worst, 1),
+                          readable(study.most(m, &TruthOutcome::shift), 2) + ", " +
+                              readable(study.most(m, &TruthOutcome::moved), 2)});
   }
   return table;
 }
@@ -275,7 +276,7 @@ FigureRecord decompositions(const Subject& subject, const StudyOptions& options)
                                        study.truths[shown][0], study.truths[shown][1])});
   record.tables = {estimates_table(study), truths_table(study)};
 
-  const auto off = [&](std::size_t m, bool nodes) { return study.values(m, &Outcome::last, nodes); };
+  const auto off = [&](std::size_t m, bool nodes) { return study.values(m, &TruthOutcome::last, nodes); };
   const auto largest = [](const std::vector<double>& v) { return *std::max_element(v.begin(), v.end()); };
   record.rows.push_back(
       {"uncompressed snapshots: truth off by at the end, on nodes and between",
@@ -284,15 +285,15 @@ FigureRecord decompositions(const Subject& subject, const StudyOptions& options)
        range(off(0, true)) + " and " + range(off(0, false)),
        fmt::format("At (1, 1) they give {} and {}. Between the nodes the splines are off by up to {} µm.",
                    study.outcomes[0][0].estimates[0], study.outcomes[0][0].estimates[1],
-                   readable(1e6 * largest(study.values(0, &Outcome::error, false)), 2)),
+                   readable(1e6 * largest(study.values(0, &TruthOutcome::error, false)), 2)),
        {},
        largest(off(0, false))});
   std::vector<double> moved, worst, errors;
   std::vector<std::string> excluded;
   for (std::size_t m = 0; m < study.models.size(); ++m) {
     if (!study.models[m].is_six) continue;
-    moved.push_back(study.most(m, &Outcome::moved));
-    worst.push_back(study.most(m, &Outcome::shift));
+    moved.push_back(study.most(m, &TruthOutcome::moved));
+    worst.push_back(study.most(m, &TruthOutcome::shift));
     errors.push_back(study.models[m].model.contents().relative_error);
     if (largest(off(m, true)) > 2.5 || largest(off(m, false)) > 2.5) excluded.push_back(study.models[m].name);
   }
@@ -307,17 +308,17 @@ FigureRecord decompositions(const Subject& subject, const StudyOptions& options)
                    excluded.empty() ? std::string("none") : fmt::format("{}", fmt::join(excluded, "; "))),
        {},
        *std::max_element(moved.begin(), moved.end())});
-  record.rows.push_back(
-      {"tree form, 50 modes: largest shift of the mean, worst step and end",
-       "std",
-       "not done",
-       readable(study.most(1, &Outcome::shift), 2) + " and " + readable(study.most(1, &Outcome::moved), 2),
-       "What is left then is the grid, not the modes.",
-       {},
-       study.most(1, &Outcome::moved)});
+  record.rows.push_back({"tree form, 50 modes: largest shift of the mean, worst step and end",
+                         "std",
+                         "not done",
+                         readable(study.most(1, &TruthOutcome::shift), 2) + " and " +
+                             readable(study.most(1, &TruthOutcome::moved), 2),
+                         "What is left then is the grid, not the modes.",
+                         {},
+                         study.most(1, &TruthOutcome::moved)});
   for (std::size_t m = 0; m < study.models.size(); ++m) {
     std::vector<double> error, last, shift;
-    for (const Outcome& o : study.outcomes[m])
+    for (const TruthOutcome& o : study.outcomes[m])
       error.push_back(1e6 * o.error), last.push_back(o.last), shift.push_back(o.shift);
     record.data.emplace_back("error_um, " + study.models[m].name, error);
     record.data.emplace_back("truth_off_by_std, " + study.models[m].name, last);

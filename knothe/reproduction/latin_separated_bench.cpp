@@ -24,7 +24,7 @@ namespace {
 using namespace knothe;
 using namespace knothe::mechanics;
 
-struct Study {
+struct SeparatedStudy {
   BeamProblem problem;
   std::vector<reduction::Axis> axes;
   LatinModel joint;
@@ -36,8 +36,8 @@ struct Study {
 };
 
 /// As examples/beam/quick.toml: 60 dofs, noise of 1 µm, truth (1, 1).
-Study make_study(const BeamProblem& problem, int nodes, double accuracy) {
-  Study study;
+SeparatedStudy make_study(const BeamProblem& problem, int nodes, double accuracy) {
+  SeparatedStudy study;
   study.problem = problem;
   std::vector<double> values;
   for (int i = 0; i < nodes; ++i) values.push_back(0.5 + static_cast<double>(i) / (nodes - 1));
@@ -72,7 +72,7 @@ Study make_study(const BeamProblem& problem, int nodes, double accuracy) {
 }
 
 /// Error of u, of u − lift, largest (µm); shift of the mean at the worst and the last step, and of the std.
-void print_errors(const Study& study, const reduction::GridSolutions& solutions, std::size_t terms) {
+void print_errors(const SeparatedStudy& study, const reduction::GridSolutions& solutions, std::size_t terms) {
   reduction::CompressionOptions options;
   options.form = reduction::Form::canonical;
   options.modes = terms;
@@ -89,7 +89,7 @@ void print_errors(const Study& study, const reduction::GridSolutions& solutions,
   std::fflush(stdout);
 }
 
-void print_iterated(const Study& study, SeparatedOptions options, bool from_joint, bool verbose) {
+void print_iterated(const SeparatedStudy& study, SeparatedOptions options, bool from_joint, bool verbose) {
   if (from_joint) {
     const LatinSolution& joint = study.joint.solution;
     options.start.space = joint.space;
@@ -131,7 +131,7 @@ int main(int argc, char** argv) {
   BeamProblem problem;
   problem.beam.element = keys["element"];
   problem.solver.steps = static_cast<int>(keys["steps"]);
-  const Study study = make_study(problem, static_cast<int>(keys["nodes"]), keys["judge"]);
+  const SeparatedStudy study = make_study(problem, static_cast<int>(keys["nodes"]), keys["judge"]);
   const bool verbose = keys["verbose"] != 0;
   std::printf(
       "joint form: %.1f s of CPU, %td space modes\n\n| what | m | correction µm | CPU s | error | of u − "

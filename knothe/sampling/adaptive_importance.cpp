@@ -20,7 +20,7 @@ constexpr Eigen::Index k_fit_points = 2048;
 constexpr double k_particles_share = 0.5;
 /// Effective share of the draws below which a mixture is too bad a fit for its weights to tell their own
 /// error.
-constexpr double k_least_share = 0.05;
+constexpr double k_min_share = 0.05;
 /// Where target and mixture differ by more than this factor the mixture is too thin; and the share of the
 /// particles, beyond that of the draws, that may stand there.
 constexpr double k_too_thin = 5, k_thin_share = 0.005;
@@ -117,7 +117,7 @@ class Pool {
     r.sample.has_evidence = true;
     r.state_errors(variables_);
     r.converged = r.converged &&
-                  r.sample.effective_size >= k_least_share * static_cast<double>(r.sample.weights.size());
+                  r.sample.effective_size >= k_min_share * static_cast<double>(r.sample.weights.size());
   }
 
  private:

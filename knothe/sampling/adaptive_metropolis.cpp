@@ -209,7 +209,7 @@ void fill_statistics(MetropolisResult& result) {
   for (Eigen::Index k = 0; k < d; ++k) {
     const Eigen::Map<const Eigen::MatrixXd> draws(result.sample.points.col(k).data(), n, chains);
     result.r_hat[k] = split_r_hat(draws);
-    result.effective_sizes[k] = least_effective_size(draws);
+    result.effective_sizes[k] = min_effective_size(draws);
     result.std_errors[k] = relative_error_of_deviation(draws);
   }
   result.converged = result.r_hat.maxCoeff() <= 1.01 && result.effective_sizes.minCoeff() >= 400 &&

@@ -144,7 +144,7 @@ double effective_sample_size(const Eigen::Ref<const Eigen::MatrixXd>& draws) {
   return effective_of(split(draws));
 }
 
-double least_effective_size(const Eigen::Ref<const Eigen::MatrixXd>& draws) {
+double min_effective_size(const Eigen::Ref<const Eigen::MatrixXd>& draws) {
   require_draws(draws);
   const Eigen::MatrixXd halves = split(draws);
   const Eigen::MatrixXd squares = (halves.array() - halves.mean()).square();

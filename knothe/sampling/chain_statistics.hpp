@@ -16,7 +16,7 @@ namespace knothe::sampling {
 [[nodiscard]] double effective_sample_size(const Eigen::Ref<const Eigen::MatrixXd>& draws);
 /// The smallest of the effective sizes for the mean, the ranks' normal scores (bulk), the 5 % and 95 %
 /// quantiles (tail; Vehtari et al. 2021, section 4.3) and the variance. Errors: as above.
-[[nodiscard]] double least_effective_size(const Eigen::Ref<const Eigen::MatrixXd>& draws);
+[[nodiscard]] double min_effective_size(const Eigen::Ref<const Eigen::MatrixXd>& draws);
 /// Standard error of the standard deviation as a share of it: by the effective size of (x − mean)², or by how
 /// far the halves of the chains differ in it, whichever is larger. Errors: as above.
 [[nodiscard]] double relative_error_of_deviation(const Eigen::Ref<const Eigen::MatrixXd>& draws);

@@ -102,7 +102,7 @@ TEST(ChainStatistics, TheErrorOfADeviation) {
   const Eigen::MatrixXd draws = RandomNumbers(3).normals(5000, 4);
   EXPECT_NEAR(relative_error_of_deviation(draws) * std::sqrt(2 * 20000.0), 1, 0.6);
   EXPECT_GT(relative_error_of_deviation(draws) * std::sqrt(2 * 20000.0), 0.9);
-  EXPECT_GT(least_effective_size(draws), 14000);
+  EXPECT_GT(min_effective_size(draws), 14000);
   // One chain of four that is twice as wide: the halves say so.
   Eigen::MatrixXd uneven = draws;
   uneven.col(3) *= 2;

@@ -16,9 +16,9 @@ namespace {
 using Components = std::vector<MixtureComponent>;
 
 /// Below this share of all weight, or with fewer points than it has coordinates, a component goes.
-constexpr double k_least_weight = 1e-4;
+constexpr double k_min_weight = 1e-4;
 /// Log-likelihood per point that an iteration must win.
-constexpr double k_least_gain = 5e-3;
+constexpr double k_min_gain = 5e-3;
 
 class Fit {
  public:
@@ -29,10 +29,10 @@ class Fit {
         max_iterations_(max_iterations),
         size_(1 / weights.squaredNorm()),
         d_(points.cols()),
-        least_variance_(Eigen::VectorXd::Zero(d_)) {
+        min_variance_(Eigen::VectorXd::Zero(d_)) {
     const Components all = one();
     if (!all.empty())
-      least_variance_ =
+      min_variance_ =
           1e-6 * all.front().lower.rowwise().squaredNorm().array() + std::numeric_limits<double>::min();
   }
 
@@ -48,7 +48,7 @@ class Fit {
     double last = -std::numeric_limits<double>::infinity(), now = last;
     for (int i = 0; i < max_iterations_; ++i) {
       now = step(components);
-      if (i > 0 && now - last < k_least_gain) break;
+      if (i > 0 && now - last < k_min_gain) break;
       last = now;
     }
     return now;
@@ -86,7 +86,7 @@ class Fit {
   /// The Gaussian of points with these weights.
   void add(const Eigen::Ref<const Eigen::ArrayXd>& share, Components& components) {
     const double weight = share.sum();
-    if (!(weight > k_least_weight) || weight * weight < static_cast<double>(d_ + 2) * share.square().sum())
+    if (!(weight > k_min_weight) || weight * weight < static_cast<double>(d_ + 2) * share.square().sum())
       return;
     MixtureComponent c;
     c.weight = weight;
@@ -97,7 +97,7 @@ class Fit {
       weighted_ = share * (points_.col(a).array() - c.centre[a]);
       for (Eigen::Index b = 0; b <= a; ++b)
         covariance(a, b) = (weighted_ * (points_.col(b).array() - c.centre[b])).sum() / weight;
-      covariance(a, a) += least_variance_[a];
+      covariance(a, a) += min_variance_[a];
     }
     const Eigen::LLT<Eigen::MatrixXd> factor(covariance);  // of the lower triangle
     if (factor.info() != Eigen::Success) return;
@@ -110,7 +110,7 @@ class Fit {
   int max_iterations_;
   double size_;  ///< as many points as the weights are worth
   Eigen::Index d_;
-  Eigen::VectorXd least_variance_;
+  Eigen::VectorXd min_variance_;
   Eigen::ArrayXXd shares_;
   Eigen::ArrayXd largest_, sum_, weighted_;
 };

@@ -39,10 +39,10 @@ MixtureProduct of_all(const Mixture& mixture) {
 }
 
 Mixture around(const std::vector<Mode>& modes) {
-  constexpr double k_least_weight = 0.01;
+  constexpr double k_min_weight = 0.01;
   std::vector<MixtureComponent> components;
   for (const Mode& m : modes)
-    components.push_back({std::max(k_least_weight, std::exp(m.log_mass - modes.front().log_mass)), m.point,
+    components.push_back({std::max(k_min_weight, std::exp(m.log_mass - modes.front().log_mass)), m.point,
                           k_widened * m.lower});
   return Mixture(std::move(components), k_tails);
 }

@@ -223,7 +223,7 @@ class Gathering {
       put(solution.outputs[k].values, point * times, output(solution.outputs[k].name, run).values);
   }
 
-  [[nodiscard]] reduction::Snapshots take() { return std::move(snapshots_); }
+  [[nodiscard]] reduction::Snapshots extract() { return std::move(snapshots_); }
 
  private:
   void begin(const reduction::Snapshots& first) {
@@ -397,7 +397,7 @@ GridRuns run_grid(Simulator& simulator, const RunGrid& grid, const JobShare& sha
     const bool is_new = std::binary_search(finished_runs.computed.begin(), finished_runs.computed.end(), i);
     result.runs.push_back({points[i], !is_new, std::move(finished.record)});
   }
-  result.snapshots = gathering.take();
+  result.snapshots = gathering.extract();
   if (finished_runs.failed.empty()) reduction::interpolate_others(plan, result.snapshots);
   reduction::validate(result.snapshots, "full-order runs");
   return result;

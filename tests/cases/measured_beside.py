@@ -43,7 +43,7 @@ class Test(Case):
                              "value": repr(value), "std": std})
         write_csv(self.folder / "data.csv", rows)
 
-    def judge(self, numbers=()):
+    def posterior_by_quadrature(self, numbers=()):
         """The posterior by quadrature of the formula; `numbers`[i]: (value, std, formula) of step i."""
         posterior, lines = analytic_model.Posterior(PRIORS, 64), []
         for i, (t, observations) in enumerate(self.data):
@@ -60,7 +60,7 @@ class Test(Case):
         lines = self.assimilate()
         for line, t in zip(lines, times):
             self.assertAlmostEqual(line["time"], t, places=12)
-        self.expect_agreement(lines, self.judge())
+        self.expect_agreement(lines, self.posterior_by_quadrature())
 
     def test_an_error_of_the_clock_is_not_taken_for_a_parameter(self):
         """Readings off by 5 % of the range: taken as exact they move the estimate by many of its standard deviations."""
@@ -137,7 +137,7 @@ coefficients = [2.0, -0.5]
         self.use_model_times()
         lines = self.assimilate()
         self.assertEqual([line["used"] for line in lines], [28, 28, 28])
-        self.expect_agreement(lines, self.judge(numbers))
+        self.expect_agreement(lines, self.posterior_by_quadrature(numbers))
 
     def test_series_that_nobody_knows_and_sensors_without_values_are_named(self):
         times = [analytic_model.time(3)]
@@ -174,7 +174,7 @@ coefficients = [2.0, -0.5]
             write_csv(self.folder / "data.csv", rows)
             return rows
 
-        def judge(rows, errors):
+        def moments_by_quadrature(rows, errors):
             """Mean and std of Y0 by quadrature, also over the error of each known value, weighted `errors`."""
             nodes = [0.5 + (k + 0.5) / 200 for k in range(200)]
             density = [-0.5 * ((y0 - 0.9) / PRIORS[0][1]) ** 2 for y0 in nodes]
@@ -191,7 +191,7 @@ coefficients = [2.0, -0.5]
 
         rows = measure(known)
         last = self.assimilate()[-1]
-        mean, std = judge(rows, [(0.0, 0.0)])
+        mean, std = moments_by_quadrature(rows, [(0.0, 0.0)])
         self.assertEqual(len(last["mean"]), 1)
         self.assertAlmostEqual(last["mean"][0], mean, delta=0.02 * std)
         self.assertAlmostEqual(math.sqrt(last["covariance"][0][0]), std, delta=0.02 * std)
@@ -204,8 +204,8 @@ coefficients = [2.0, -0.5]
         # An error of what is known makes the answer wider, as quadrature over it says.
         rows = measure(known, 0.15, 0.1)
         last = self.assimilate()[-1]
-        surer = judge(rows, [(0.0, 0.0)])[1]
-        mean, std = judge(rows, [(0.15 * k / 2, -0.5 * (k / 2) ** 2) for k in range(-6, 7)])
+        surer = moments_by_quadrature(rows, [(0.0, 0.0)])[1]
+        mean, std = moments_by_quadrature(rows, [(0.15 * k / 2, -0.5 * (k / 2) ** 2) for k in range(-6, 7)])
         self.assertGreater(std, 1.05 * surer)
         self.assertAlmostEqual(last["mean"][0], mean, delta=0.3 * std)  # it goes in linearised
         self.assertAlmostEqual(math.sqrt(last["covariance"][0][0]), std, delta=0.025 * std)

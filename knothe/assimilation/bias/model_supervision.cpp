@@ -141,7 +141,7 @@ Eigen::VectorXd ModelSupervision::expected_discrepancy(const Eigen::VectorXd& ce
 }
 
 /// Whether one of the sums is above the threshold.
-bool ModelSupervision::take_scores(const PredictiveCheck& check) {
+bool ModelSupervision::add_scores(const PredictiveCheck& check) {
   MonitorReport& report = state_.report;
   report.upper_probability = check.upper_probability;
   bool alarm = state_.sums[0].add(-predictive_score(check.upper_probability, options_.largest_score));
@@ -158,8 +158,8 @@ bool ModelSupervision::take_scores(const PredictiveCheck& check) {
   return alarm;
 }
 
-std::optional<ModelSupervision::Alarm> ModelSupervision::judge(std::size_t step, const StoredStep& stored,
-                                                               const Eigen::VectorXd& central) {
+std::optional<ModelSupervision::DriftAlarm> ModelSupervision::check_prediction(
+    std::size_t step, const StoredStep& stored, const Eigen::VectorXd& central) {
   state_.notice.clear();
   if (!is_known_) return {};
   Eigen::Index likeliest = 0;  // size of the discrepancy
@@ -167,7 +167,7 @@ std::optional<ModelSupervision::Alarm> ModelSupervision::judge(std::size_t step,
   const StepForm& used = likeliest == 0 ? stored.assimilated() : stored.levels[likeliest - 1];
   const PredictiveCheck check = predictive_check(used, current_, central);
   const bool before = state_.report.alarm;
-  bool alarm = take_scores(check);
+  bool alarm = add_scores(check);
   if (mode_ == BiasCorrectionMode::automatic && state_.corrected && stored.corrected &&
       !(state_.corrected_until && step <= *state_.corrected_until)) {
     const double without = predictive_check(stored.form, current_, central).log_density;
@@ -189,7 +189,7 @@ std::optional<ModelSupervision::Alarm> ModelSupervision::judge(std::size_t step,
       "threshold {:.1f}: one false alarm in {:.0f} steps)",
       stored.corrected ? "corrected " : "", state_.drift, state_.report.cumulative_sum,
       state_.report.threshold, options_.average_run_length);
-  return Alarm{state_.drift, state_.notice, state_.report};
+  return DriftAlarm{state_.drift, state_.notice, state_.report};
 }
 
 void ModelSupervision::learn(const StoredStep& stored, Eigen::VectorXd shares, UpdateResult& result) {

@@ -24,7 +24,7 @@ namespace knothe::assimilation {
 /// were corrected by hand.
 class ModelSupervision {
  public:
-  struct Alarm {
+  struct DriftAlarm {
     int steps = 0;       ///< data since the drift began
     std::string notice;  ///< in words
     MonitorReport report;
@@ -62,8 +62,8 @@ class ModelSupervision {
 
   /// Takes in how the datum of `step` was predicted, before it is assimilated and after `correct`. `central`:
   /// w₀. The alarm, if it has just gone off.
-  [[nodiscard]] std::optional<Alarm> judge(std::size_t step, const StoredStep& stored,
-                                           const Eigen::VectorXd& central);
+  [[nodiscard]] std::optional<DriftAlarm> check_prediction(std::size_t step, const StoredStep& stored,
+                                                           const Eigen::VectorXd& central);
   /// Takes in the posterior with the datum in it, learns the datum's residual, and reports in `result`.
   /// `shares`: joint, how probable each size of the discrepancy is given the data so far, none first; else
   /// empty.
@@ -95,7 +95,7 @@ class ModelSupervision {
   [[nodiscard]] bool corrects(std::size_t step) const;
   [[nodiscard]] std::vector<StepForm> condition(const StoredStep& stored);
   void set_shares(Eigen::VectorXd shares);
-  bool take_scores(const PredictiveCheck& check);
+  bool add_scores(const PredictiveCheck& check);
   void learn_residual(const StoredStep& stored);
   struct State {
     std::optional<ModelBias> bias;

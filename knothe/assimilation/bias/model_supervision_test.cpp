@@ -30,19 +30,19 @@ struct Supervised {
   explicit Supervised(const UpdateOptions& options)
       : solver(*model, transform, store.projector().central_functions(), options),
         supervision(model, store.projector().noise(), transform, options) {
-    store.keep(supervision.learns(), supervision.is_joint());
+    store.retain(supervision.learns(), supervision.is_joint());
   }
   void add(std::size_t step) {
     store.add({{}, step, step, data.col(static_cast<Eigen::Index>(step)), std::nullopt});
     (void)store.settle();
   }
   /// The alarm, if it went off.
-  std::optional<ModelSupervision::Alarm> take(std::size_t step) {
+  std::optional<ModelSupervision::DriftAlarm> assimilate(std::size_t step) {
     add(step);
     StoredStep& stored = store.steps().at(step);
     supervision.save(step);
     supervision.correct(step, stored, store.projector());
-    const auto alarm = supervision.judge(step, stored, store.projector().central_functions());
+    const auto alarm = supervision.check_prediction(step, stored, store.projector().central_functions());
     sums.add(stored);
     solver.set(sums, supervision.shares());
     solver.solve(stored.assimilated(), result, result.elapsed_us);
@@ -62,8 +62,8 @@ TEST(ModelSupervision, RingsWhenTheDataLeaveTheModelAndThenAsksForCorrection) {
   Supervised s(automatic());
   s.data.rightCols(6).array() += 1.5;  // five times the noise, at every sensor
   std::size_t step = 0;
-  std::optional<ModelSupervision::Alarm> alarm;
-  while (step < 12 && !(alarm = s.take(step))) ++step;
+  std::optional<ModelSupervision::DriftAlarm> alarm;
+  while (step < 12 && !(alarm = s.assimilate(step))) ++step;
   ASSERT_TRUE(alarm);
   EXPECT_GE(step, 6u);
   EXPECT_LE(step, 9u);
@@ -85,7 +85,7 @@ TEST(ModelSupervision, CorrectsByHandTheStepsNamedAndNoOthers) {
   Supervised s(options);
   s.supervision.correct_by_hand(2, 3);
   for (const std::size_t step : {0u, 1u, 2u, 3u, 4u}) {
-    s.take(step);
+    s.assimilate(step);
     EXPECT_EQ(s.result.bias_corrected, step == 2 || step == 3) << step;
     EXPECT_EQ(s.store.steps().at(step).corrected_form.has_value(), step == 2 || step == 3) << step;
   }
@@ -93,8 +93,8 @@ TEST(ModelSupervision, CorrectsByHandTheStepsNamedAndNoOthers) {
 
 TEST(ModelSupervision, GoesBackToTheStateBeforeAStep) {
   Supervised s({}), fresh({});
-  for (const std::size_t step : {0u, 1u, 2u}) fresh.take(step);
-  for (const std::size_t step : {0u, 1u, 2u, 3u, 4u}) s.take(step);
+  for (const std::size_t step : {0u, 1u, 2u}) fresh.assimilate(step);
+  for (const std::size_t step : {0u, 1u, 2u, 3u, 4u}) s.assimilate(step);
   EXPECT_TRUE(s.supervision.remembers(3));
   EXPECT_FALSE(s.supervision.remembers(5));
   EXPECT_EQ(s.supervision.restore(3), 3u);
@@ -102,8 +102,8 @@ TEST(ModelSupervision, GoesBackToTheStateBeforeAStep) {
   StoredStep third = s.store.steps().at(3);
   fresh.add(3);
   const Eigen::VectorXd& central = s.store.projector().central_functions();
-  EXPECT_FALSE(s.supervision.judge(3, third, central));
-  EXPECT_FALSE(fresh.supervision.judge(3, fresh.store.steps().at(3), central));
+  EXPECT_FALSE(s.supervision.check_prediction(3, third, central));
+  EXPECT_FALSE(fresh.supervision.check_prediction(3, fresh.store.steps().at(3), central));
   s.supervision.learn(third, {}, fresh.result);
   const MonitorReport ours = fresh.result.monitor;
   fresh.supervision.learn(third, {}, fresh.result);

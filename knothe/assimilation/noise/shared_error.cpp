@@ -91,7 +91,7 @@ StepForm SharedError::condition(const ProjectedDatum& datum, MovedForm* moved) {
   std::erase_if(kinds_, [](const Kind& kind) { return kind.count == 0; });  // of a datum that was refused
   if (path_ == Path::uniform && !group.of_one_step && (kinds_.empty() || kinds_[0].kept == group.kept)) {
     StepForm form = project_uniform(datum, moved);
-    if (std::isfinite(form.constant) && form.linear.allFinite()) take_uniform(datum);
+    if (std::isfinite(form.constant) && form.linear.allFinite()) add_uniform(datum);
     return form;
   }
   StepForm own;
@@ -194,7 +194,7 @@ StepForm SharedError::project_uniform(const ProjectedDatum& datum, MovedForm* mo
   return form;
 }
 
-void SharedError::take_uniform(const ProjectedDatum& datum) {
+void SharedError::add_uniform(const ProjectedDatum& datum) {
   if (kinds_.empty()) {
     sum_residual_.setZero(datum.residual.size());
     sum_core_.setZero(datum.core.rows(), datum.core.cols());

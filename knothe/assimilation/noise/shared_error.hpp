@@ -93,7 +93,7 @@ class SharedError {
 
   [[nodiscard]] Eigen::MatrixXd innovation(const ProjectedDatum& datum, bool moved,
                                            const std::vector<const Kind*>& standing) const;
-  void take_uniform(const ProjectedDatum& datum);
+  void add_uniform(const ProjectedDatum& datum);
   [[nodiscard]] StepForm project_uniform(const ProjectedDatum& datum, MovedForm* moved) const;
   void leave_uniform();
   [[nodiscard]] Conditional condition_diagonal(const NoiseGroup& group, const Eigen::MatrixXd& columns) const;

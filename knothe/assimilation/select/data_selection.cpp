@@ -60,8 +60,8 @@ class SensorDesign::Progress {
     return gain;
   }
 
-  /// Takes dof k; returns the information at the first point, without the prior's.
-  Eigen::MatrixXd take(Eigen::Index k) {
+  /// Adds dof k to the selection; returns the information at the first point, without the prior's.
+  Eigen::MatrixXd add_dof(Eigen::Index k) {
     const Eigen::MatrixXd& rows = design_.covariance_ ? rows_ : design_.rows_;
     const Eigen::RowVectorXd row = rows.row(k);
     const double variance = variance_[k];
@@ -233,7 +233,7 @@ Selection SensorDesign::choose(std::size_t count, double min_distance) const {
     }
     selection.dofs.push_back(best);
     selection.gain.push_back(gain[best]);
-    selection.information.push_back(progress.take(best));
+    selection.information.push_back(progress.add_dof(best));
   }
   return selection;
 }
@@ -244,7 +244,7 @@ Selection SensorDesign::along(const std::vector<Eigen::Index>& order) const {
   Progress progress(*this);
   Eigen::MatrixXd before = Eigen::MatrixXd::Identity(dimension_, dimension_);
   for (const Eigen::Index k : order) {
-    selection.information.push_back(progress.take(k));
+    selection.information.push_back(progress.add_dof(k));
     const Eigen::MatrixXd after =
         selection.information.back() + Eigen::MatrixXd::Identity(dimension_, dimension_);
     selection.gain.push_back(0.5 * (log_det(after) - log_det(before)));

@@ -34,7 +34,7 @@ void append_rows(MatrixXd& matrix, const MatrixXd& more) {
 
 void check(const RunSelectionOptions& options, std::size_t parameters) {
   if (!(options.shift > 0)) throw UsageError("run selection: the shift that is wanted must be positive");
-  if (const std::size_t least = least_runs(options, parameters); options.runs < least)
+  if (const std::size_t least = min_runs(options, parameters); options.runs < least)
     throw UsageError(fmt::format(
         "{} runs are allowed, and {} are the least for {} parameters: {} held out to judge by, and three "
         "values of each parameter",
@@ -61,8 +61,8 @@ double held_out_shift(const SelectedRuns& selected, const ExpectedShift& shift, 
   return worst;
 }
 
-/// Keeps the points that have a solution, and their rows; how many have none.
-std::size_t keep_solved(std::vector<std::vector<double>>& points, MatrixXd& rows) {
+/// Removes the points that have no solution, and their rows; how many.
+std::size_t remove_failed(std::vector<std::vector<double>>& points, MatrixXd& rows) {
   std::size_t kept = 0;
   for (std::size_t n = 0; n < points.size(); ++n) {
     if (!rows.row(static_cast<Index>(n)).allFinite()) continue;
@@ -110,7 +110,7 @@ void add_round(numerics::DegreeGrowth& growth, const Predictions& predictions, S
       growth.leave_out(place);
     }
   }
-  selected.failed += keep_solved(asked, found);
+  selected.failed += remove_failed(asked, found);
   append_rows(values, found);
   selected.points.insert(selected.points.end(), asked.begin(), asked.end());
 }
@@ -120,7 +120,7 @@ constexpr double k_contradiction = 5;
 
 }  // namespace
 
-std::size_t least_runs(const RunSelectionOptions& options, std::size_t parameters) {
+std::size_t min_runs(const RunSelectionOptions& options, std::size_t parameters) {
   return static_cast<std::size_t>(options.held_out) + 2 * parameters + 1;
 }
 
@@ -131,7 +131,7 @@ SelectedRuns select_runs(const std::vector<Prior>& priors, const VectorXd& lower
   ExpectedShift shift(priors);
   SelectedRuns selected{{lower, upper}, {}, held_out_points(shift, options.held_out), {}, {}};
   MatrixXd held_out = predictions(selected.held_out_points);
-  selected.failed = keep_solved(selected.held_out_points, held_out);
+  selected.failed = remove_failed(selected.held_out_points, held_out);
   if (2 * selected.held_out_points.size() < static_cast<std::size_t>(options.held_out))
     throw NumericalError(
         fmt::format("only {} of {} held-out runs have a solution, too few to judge by: make the box smaller "

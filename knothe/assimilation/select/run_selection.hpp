@@ -40,7 +40,7 @@ struct SelectedRuns {
 };
 
 /// The held-out runs, and three values of each parameter.
-[[nodiscard]] std::size_t least_runs(const RunSelectionOptions& options, std::size_t parameters);
+[[nodiscard]] std::size_t min_runs(const RunSelectionOptions& options, std::size_t parameters);
 
 /// Makes runs until the shift is as wanted or no more are allowed. Degrees grow by DegreeGrowth with
 /// ExpectedShift::of_each as indicators; they grow evenly where the held-out runs contradict the expectation

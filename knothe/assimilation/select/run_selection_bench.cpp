@@ -24,8 +24,8 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr double k_wanted = 0.1;       // std
-constexpr std::size_t k_most = 12000;  // runs: beyond, a design has lost
+constexpr double k_wanted = 0.1;           // std
+constexpr std::size_t k_max_runs = 12000;  // runs: beyond, a design has lost
 constexpr int k_sensors = 4, k_times = 20;
 
 /// Four signals that decay, each parameter half as influential as the one before: y/noise.
@@ -86,7 +86,7 @@ class Judge {
   MatrixXd truths_;
 };
 
-struct Outcome {
+struct DesignOutcome {
   std::size_t runs = 0;
   double shift = 0, seconds = 0;  ///< without the runs themselves
   std::string grid;               ///< nodes of the model's splines
@@ -120,11 +120,11 @@ std::string model_grid(const SelectedRuns& selected) {
   return fmt::format("{} = {}", fmt::join(nodes, "·"), points);
 }
 
-Outcome chosen_runs(Index d, const Judge& judge) {
+DesignOutcome chosen_runs(Index d, const Judge& judge) {
   const auto start = std::chrono::steady_clock::now();
   const SelectedRuns selected =
       select_runs(std::vector<Prior>(static_cast<std::size_t>(d), Prior::uniform(0, 1)), VectorXd::Zero(d),
-                  VectorXd::Ones(d), {.shift = k_wanted, .runs = k_most}, signals_at);
+                  VectorXd::Ones(d), {.shift = k_wanted, .runs = k_max_runs}, signals_at);
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
   return {selected.history.back().runs,
           judge(predicted(selected.interpolation, selected.surpluses, judge.truths())), elapsed.count(),
@@ -132,10 +132,10 @@ Outcome chosen_runs(Index d, const Judge& judge) {
 }
 
 /// All degrees of a total degree that rises.
-Outcome plain_sparse_grid(Index d, const Judge& judge) {
+DesignOutcome plain_sparse_grid(Index d, const Judge& judge) {
   numerics::SparseInterpolation interpolation(VectorXd::Zero(d), VectorXd::Ones(d));
   numerics::DegreeGrowth growth(static_cast<int>(d), 40);
-  Outcome outcome;
+  DesignOutcome outcome;
   while (true) {
     std::vector<std::vector<double>> points;
     for (std::size_t n = 0; n < growth.indices().size(); ++n) {
@@ -145,7 +145,7 @@ Outcome plain_sparse_grid(Index d, const Judge& judge) {
     }
     const MatrixXd surpluses = interpolation.surpluses(signals_at(points));
     outcome = {points.size(), judge(predicted(interpolation, surpluses, judge.truths())), 0, ""};
-    if (outcome.shift <= k_wanted || outcome.runs > k_most) return outcome;
+    if (outcome.shift <= k_wanted || outcome.runs > k_max_runs) return outcome;
     growth.expand(std::vector<double>(growth.indices().size(), 0.0), true, 1000000);
   }
 }
@@ -163,7 +163,7 @@ void for_each_index(Index d, int n, const Visit& visit) {
 }
 
 /// n evenly spaced nodes on each axis and cubic splines, as `knothe offline` without a choice.
-Outcome tensor_grid(Index d, const Judge& judge) {
+DesignOutcome tensor_grid(Index d, const Judge& judge) {
   for (int n = 2;; ++n) {
     std::vector<double> nodes;
     for (int k = 0; k < n; ++k) nodes.push_back(static_cast<double>(k) / (n - 1));
@@ -185,13 +185,13 @@ Outcome tensor_grid(Index d, const Judge& judge) {
       }
       sum.noalias() += weight * signals(p).transpose();
     });
-    const Outcome outcome{static_cast<std::size_t>(std::llround(std::pow(n, d))), judge(sum), 0, ""};
+    const DesignOutcome outcome{static_cast<std::size_t>(std::llround(std::pow(n, d))), judge(sum), 0, ""};
     if (outcome.shift <= k_wanted || std::pow(n + 1, d) > 2e6) return outcome;
   }
 }
 
 /// Least squares of polynomials of a total degree that rises, at twice as many random points as coefficients.
-Outcome random_points(Index d, const Judge& judge) {
+DesignOutcome random_points(Index d, const Judge& judge) {
   numerics::SparseInterpolation basis(VectorXd::Zero(d), VectorXd::Ones(d));
   numerics::DegreeGrowth growth(static_cast<int>(d), 40);
   std::mt19937_64 random(1);
@@ -208,13 +208,13 @@ Outcome random_points(Index d, const Judge& judge) {
           basis.basis(Eigen::Map<const VectorXd>(points[n].data(), d)).transpose();
     }
     const MatrixXd coefficients = matrix.householderQr().solve(signals_at(points));
-    const Outcome outcome{points.size(), judge(predicted(basis, coefficients, judge.truths())), 0, ""};
-    if (outcome.shift <= k_wanted || outcome.runs > k_most / 4) return outcome;
+    const DesignOutcome outcome{points.size(), judge(predicted(basis, coefficients, judge.truths())), 0, ""};
+    if (outcome.shift <= k_wanted || outcome.runs > k_max_runs / 4) return outcome;
     growth.expand(std::vector<double>(growth.indices().size(), 0.0), true, 1000000);
   }
 }
 
-std::string cell(const Outcome& outcome) {
+std::string cell(const DesignOutcome& outcome) {
   return fmt::format("{}{} | {:.3f}", outcome.shift > k_wanted ? "> " : "", outcome.runs, outcome.shift);
 }
 
@@ -228,7 +228,7 @@ int main(int argc, char** argv) {
       "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n");
   for (int d = 2; d <= most; ++d) {
     const Judge judge(d);
-    const Outcome chosen = chosen_runs(d, judge);
+    const DesignOutcome chosen = chosen_runs(d, judge);
     fmt::print("| {} | {} | {:.1f} | {} | {} | {} | {} |\n", d, cell(chosen), 1e3 * chosen.seconds,
                chosen.grid, cell(plain_sparse_grid(d, judge)), cell(tensor_grid(d, judge)),
                cell(random_points(d, judge)));

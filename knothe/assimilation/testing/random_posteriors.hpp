@@ -51,7 +51,7 @@ class RandomPosterior {
       : random_(seed), steps_(steps) {
     Eigen::Index hard = 0;
     while (dimension_ < dimension) {
-      Block block = random_block(dimension - dimension_, hard < k_most_hard_blocks);
+      Block block = random_block(dimension - dimension_, hard < k_max_hard_blocks);
       hard += block.is_hard;
       dimension_ += static_cast<Eigen::Index>(block.truth.size());
       blocks_.push_back(std::move(block));
@@ -126,7 +126,7 @@ class RandomPosterior {
   }
 
  private:
-  static constexpr Eigen::Index k_most_hard_blocks = 2, k_nodes = 41;
+  static constexpr Eigen::Index k_max_hard_blocks = 2, k_nodes = 41;
   static Prior prior() { return Prior::normal(0, 1.5); }
   double uniform(double low, double high) {
     return std::uniform_real_distribution<double>(low, high)(random_);

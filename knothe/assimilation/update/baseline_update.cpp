@@ -94,13 +94,13 @@ void BaselineUpdate::by_filter(const StepForm& form) {
   Eigen::MatrixXd z;
   const Eigen::VectorXd weights = log_weights(filter_->mean(), filter_->covariance(), z);
   if (filter_->members().rows() > 0) z = filter_->members();
-  take(z, Eigen::VectorXd::Constant(z.rows(), 1 / static_cast<double>(z.rows())));
+  set_points(z, Eigen::VectorXd::Constant(z.rows(), 1 / static_cast<double>(z.rows())));
   result_.effective_sample_size = numerics::effective_share(weights);
   result_.variance_diagnostic =
       0.5 * (weights.array() - weights.mean()).square().sum() / static_cast<double>(weights.size());
   result_.tolerance_reached = false;
   const transport::Trust trust =
-      transport::judge_trust({result_.variance_diagnostic, result_.effective_sample_size, false, ""});
+      transport::assess_trust({result_.variance_diagnostic, result_.effective_sample_size, false, ""});
   result_.trusted = result_.tolerance_reached = trust.trusted;
   if (!trust.trusted) result_.remark = "the posterior is not the Gaussian of the filter: " + trust.reason;
   const Eigen::VectorXd& m = filter_->mean();
@@ -114,7 +114,7 @@ void BaselineUpdate::by_particles() {
   options.particles = std::max<Eigen::Index>(options_.samples / 5, 100);
   options.seed = options_.seed;
   const auto particles = sampling::sequential_monte_carlo(target_, options);
-  take(particles.sample.points, particles.sample.weights);
+  set_points(particles.sample.points, particles.sample.weights);
   result_.log_evidence = particles.sample.log_evidence;
   result_.effective_sample_size =
       std::min(1.0, particles.sample.effective_size / static_cast<double>(options.particles));
@@ -129,7 +129,7 @@ void BaselineUpdate::by_chain() {
   options.samples = options_.samples;
   options.seed = options_.seed;
   const auto chains = sampling::adaptive_metropolis(target_, options);
-  take(chains.sample.points, chains.sample.weights);
+  set_points(chains.sample.points, chains.sample.weights);
   result_.effective_sample_size =
       std::min(1.0, chains.effective_sizes.minCoeff() / static_cast<double>(chains.sample.points.rows()));
   result_.trusted = result_.tolerance_reached = chains.converged;
@@ -142,7 +142,7 @@ void BaselineUpdate::by_chain() {
   result_.maximum_a_posteriori = maximum_a_posteriori(target_, *transform_, result_.mean);
 }
 
-void BaselineUpdate::take(const Eigen::MatrixXd& z, const Eigen::VectorXd& weights) {
+void BaselineUpdate::set_points(const Eigen::MatrixXd& z, const Eigen::VectorXd& weights) {
   result_.points.resize(z.rows(), z.cols());
   Eigen::MatrixXd unused;
   transform_->evaluate(z, 0, result_.points, unused, unused);

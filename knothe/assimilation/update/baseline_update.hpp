@@ -42,7 +42,7 @@ class BaselineUpdate {
   void by_filter(const StepForm& form);
   void by_particles();
   void by_chain();
-  void take(const Eigen::MatrixXd& z, const Eigen::VectorXd& weights);
+  void set_points(const Eigen::MatrixXd& z, const Eigen::VectorXd& weights);
   /// log weights of the points of N(mean, covariance) against the posterior.
   [[nodiscard]] Eigen::VectorXd log_weights(const Eigen::VectorXd& mean, const Eigen::MatrixXd& covariance,
                                             Eigen::MatrixXd& z);

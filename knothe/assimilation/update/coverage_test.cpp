@@ -96,16 +96,16 @@ TEST(Calibration, TruthsFromThePriorAreUniformInThePosteriorAtEveryStage) {
   }
 }
 
-struct Study {
+struct CoverageStudy {
   int covered[2] = {0, 0};  ///< runs whose 90 % interval of parameter k has the truth in it at the end
   int flagged = 0;
   std::vector<std::array<bool, 2>> of_run;
 };
 
 /// Runs with truths from the prior and data of the front itself, or of the model.
-Study study(const test::Front& front, int runs, double noise_std, BiasCorrectionMode mode, bool right,
-            double uneven = 0) {
-  Study result;
+CoverageStudy study(const test::Front& front, int runs, double noise_std, BiasCorrectionMode mode, bool right,
+                    double uneven = 0) {
+  CoverageStudy result;
   const Eigen::VectorXd std = Eigen::VectorXd::Constant(test::Front::n, noise_std);
   UpdateOptions options;
   options.bias_correction = mode;
@@ -139,8 +139,8 @@ TEST(Coverage, CorrectionMakesTheIntervalsOfAWrongModelHonest) {
   // out is no such bias: it is orthogonal to them over all data, and a sum over all data does not feel it.)
   const test::Front front(8);
   const double noise = 0.05, uneven = 0.2;
-  const Study off = study(front, runs, noise, BiasCorrectionMode::off, false, uneven);
-  const Study on = study(front, runs, noise, BiasCorrectionMode::on, false, uneven);
+  const CoverageStudy off = study(front, runs, noise, BiasCorrectionMode::off, false, uneven);
+  const CoverageStudy on = study(front, runs, noise, BiasCorrectionMode::on, false, uneven);
   int better = 0, worse = 0;
   for (std::size_t run = 0; run < on.of_run.size(); ++run) {
     for (std::size_t k = 0; k < 2; ++k) {
@@ -162,7 +162,7 @@ TEST(Coverage, CorrectionMakesTheIntervalsOfAWrongModelHonest) {
 TEST(Coverage, AModelThatIsWrongByTwiceTheNoiseRings) {
   const int runs = count_or(20);
   const test::Front front;
-  const Study wrong = study(front, runs, 0.5 * front.error, BiasCorrectionMode::off, false);
+  const CoverageStudy wrong = study(front, runs, 0.5 * front.error, BiasCorrectionMode::off, false);
   expect_at_least(wrong.flagged, runs, 0.95, "alarms of a model that is wrong by twice the noise");
 }
 
@@ -197,7 +197,7 @@ TEST(Coverage, ABiasOfOneSigmaOnATenthOf20000SensorsIsFoundWithinFivePictures) {
 TEST(Coverage, AModelThatIsRightRingsNoMoreOftenThanStated) {
   const int runs = count_or(40);
   const test::Front front;
-  const Study right = study(front, runs, front.error, BiasCorrectionMode::off, true);
+  const CoverageStudy right = study(front, runs, front.error, BiasCorrectionMode::off, true);
   // One alarm in 17,280 data on average; P(k or more alarms at that rate) must not be tiny.
   EXPECT_GE(upper_tail(right.flagged, runs, test::Front::n_t / 17280.0), k_level) << right.flagged;
   for (const int covered : right.covered) {

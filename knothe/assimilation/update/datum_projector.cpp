@@ -70,7 +70,7 @@ void DatumProjector::restart() {
   if (nuisances_) nuisances_->restart();
 }
 
-void DatumProjector::take_measured(std::size_t step, const Eigen::Ref<const Eigen::VectorXd>& values) {
+void DatumProjector::find_measured(std::size_t step, const Eigen::Ref<const Eigen::VectorXd>& values) {
   const GaussianNoise& noise = noise_.at_step(step);
   kept_.clear();
   for (Eigen::Index i = 0; i < values.size(); ++i) {
@@ -84,7 +84,7 @@ void DatumProjector::project(std::size_t step, std::size_t time_index,
                              MovedForm* moved) {
   assert(time_index < model_->time.size() && values.size() == observation_count());
   residual_ = values - predicted_.col(time_index);
-  take_measured(step, values);
+  find_measured(step, values);
   if (kept_.empty()) {
     form = StepForm::zero(central_.size());
     if (moved != nullptr) *moved = {};
@@ -114,7 +114,7 @@ void DatumProjector::project(std::size_t step, std::size_t time_index,
                              const BiasCorrection& correction, StepForm& form) {
   assert(time_index < model_->time.size() && values.size() == observation_count() && !depends_on_order());
   residual_ = values - predicted_.col(time_index) - correction.mean;
-  take_measured(step, values);
+  find_measured(step, values);
   form = StepForm::zero(central_.size());
   form.used = static_cast<Eigen::Index>(kept_.size());
   form.missing = observation_count() - form.used;

@@ -47,7 +47,7 @@ class DatumProjector {
 
  private:
   const reduction::RowMatrix& space_rows();
-  void take_measured(std::size_t step, const Eigen::Ref<const Eigen::VectorXd>& values);
+  void find_measured(std::size_t step, const Eigen::Ref<const Eigen::VectorXd>& values);
   void project_complete(std::size_t time_index, StepForm& form);
   const NoiseGroup& group_of(std::size_t step);
 

@@ -53,7 +53,7 @@ transport::MapSolverOptions online(const UpdateOptions& options) {
 /// The decision and, in `remark`, why: the tolerance missed, then what speaks against trust.
 void judge(Posterior& r, const std::string& reason) {
   const transport::Trust trust =
-      transport::judge_trust({r.variance_diagnostic, r.effective_sample_size, r.second_mode_found, ""});
+      transport::assess_trust({r.variance_diagnostic, r.effective_sample_size, r.second_mode_found, ""});
   r.trusted = trust.trusted;
   r.remark = reason + (reason.empty() || trust.reason.empty() ? "" : "; ") + trust.reason;
 }

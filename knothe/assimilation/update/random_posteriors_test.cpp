@@ -14,7 +14,7 @@ struct Tally {
   int steps = 0, trusted = 0, wrong = 0;
 };
 
-void judge(const test::RandomPosterior& situation, Tally& tally) {
+void check_posteriors(const test::RandomPosterior& situation, Tally& tally) {
   SequentialUpdate update(situation.model, situation.noise(), situation.priors());
   for (Eigen::Index t = 0; t < situation.steps(); ++t) {
     const auto step = static_cast<std::size_t>(t);
@@ -63,7 +63,7 @@ TEST(RandomPosteriors, WhatIsTrustedIsRight) {
   const int count = text ? std::atoi(text) : 20;
   Tally tally;
   for (int i = 0; i < count; ++i)
-    judge(test::RandomPosterior(3 + i % 6, 1000 + static_cast<unsigned>(i)), tally);
+    check_posteriors(test::RandomPosterior(3 + i % 6, 1000 + static_cast<unsigned>(i)), tally);
   std::cout << tally.steps << " steps, " << tally.trusted << " trusted, " << tally.wrong << " of these off\n";
   EXPECT_GE(tally.trusted, 0.99 * tally.steps - 1);
   EXPECT_LE(tally.wrong, 0.005 * tally.trusted);

@@ -75,7 +75,7 @@ const UpdateResult& RobustUpdate::update(std::size_t step, std::size_t time_inde
   Prediction before = predict(time_index);
   if (const Eigen::MatrixXd* factor = noise_.step_error(step))
     before.variance += factor->rowwise().squaredNorm();
-  judge(before, values);
+  check_sensors(before, values);
   Eigen::VectorXd accepted = values;
   for (const Eigen::Index i : sensors_.rejected) accepted[i] = k_nan;
   assimilate(step, time_index, accepted);
@@ -88,7 +88,7 @@ const UpdateResult& RobustUpdate::update(std::size_t step, std::size_t time_inde
   return result_;
 }
 
-void RobustUpdate::judge(const Prediction& before, const Eigen::Ref<const Eigen::VectorXd>& values) {
+void RobustUpdate::check_sensors(const Prediction& before, const Eigen::Ref<const Eigen::VectorXd>& values) {
   watch_.look(values, before.mean);
   sensors_ = {};
   sensors_.stuck = watch_.stuck();

@@ -53,7 +53,7 @@ class RobustUpdate {
     Eigen::VectorXd mean, variance;  ///< n, without the noise
   };
   [[nodiscard]] Prediction predict(std::size_t time_index) const;
-  void judge(const Prediction& before, const Eigen::Ref<const Eigen::VectorXd>& values);
+  void check_sensors(const Prediction& before, const Eigen::Ref<const Eigen::VectorXd>& values);
   void assimilate(std::size_t step, std::size_t time_index, const Eigen::VectorXd& values);
 
   std::shared_ptr<const reduction::ObservedModel> model_;

@@ -22,7 +22,7 @@ SequentialUpdate::SequentialUpdate(std::shared_ptr<const reduction::ObservedMode
       changes_(options),
       restart_on_alarm_(options.restart_on_alarm) {
   require_compatible(features_of(options) | features_of(store_.projector().noise()));
-  store_.keep(supervision_.learns(), supervision_.is_joint());
+  store_.retain(supervision_.learns(), supervision_.is_joint());
   restart_sums();
 }
 
@@ -53,7 +53,7 @@ const UpdateResult& SequentialUpdate::update(std::size_t step, std::size_t time_
         fmt::format("step {} is assimilated already: withdraw it before assimilating it again", step));
   const auto start = monotonic_now();
   add({{}, step, time_index, values, std::nullopt});
-  take_changes();
+  apply_changes();
   const double projection = microseconds_since(start);
   conclude(store_.last());
   result_.elapsed_us.projection += projection;
@@ -74,13 +74,13 @@ void SequentialUpdate::withdraw(std::size_t step, const DatumKey& key) {
   if (store_.steps().empty()) restart();
 }
 
-void SequentialUpdate::take_changes() {
+void SequentialUpdate::apply_changes() {
   const auto changed = store_.settle();
   if (changed && summed_ && *summed_ >= *changed) rewind(*changed);
 }
 
 StepForm SequentialUpdate::form_up_to(std::size_t step) {
-  take_changes();
+  apply_changes();
   StepForm sum = StepForm::zero(store_.projector().central_functions().size());
   const auto& steps = store_.steps();
   for (auto it = steps.begin(); it != steps.end() && it->first <= step; ++it) {
@@ -103,13 +103,13 @@ const UpdateResult& SequentialUpdate::conclude(std::size_t step) {
 }
 
 const UpdateResult& SequentialUpdate::follow(std::size_t step) {
-  take_changes();
+  apply_changes();
   if (!followed_) restart();
   return conclude(step, true);
 }
 
 const UpdateResult& SequentialUpdate::conclude(std::size_t step, bool every) {
-  take_changes();
+  apply_changes();
   const auto last = store_.find(step);
   auto& steps = store_.steps();
   // Also where `step` is summed up, but only on the way back from a later one.
@@ -137,7 +137,7 @@ const UpdateResult& SequentialUpdate::conclude(std::size_t step, bool every) {
 
 const UpdateResult& SequentialUpdate::preview(std::size_t step) {
   if (posteriors_depend_on_earlier()) return follow(step);
-  take_changes();
+  apply_changes();
   const auto last = store_.find(step);
   const FormSums followed = std::exchange(sums_, FormSums::zero(sums_.form.linear.size()));
   try {
@@ -178,7 +178,7 @@ void SequentialUpdate::assimilate(std::size_t step) {
     forget(step);
   }
   supervision_.correct(step, stored, store_.projector());
-  const auto alarm = supervision_.judge(step, stored, store_.projector().central_functions());
+  const auto alarm = supervision_.check_prediction(step, stored, store_.projector().central_functions());
   if (alarm && restart_on_alarm_ && restart_at_change(step, *alarm)) return;
   if (alarm && supervision_.asks_for_correction(step)) return correct_since_drift(step, *alarm);
   const double before = microseconds_since(start);
@@ -236,7 +236,7 @@ void SequentialUpdate::forget(std::size_t step) {
 }
 
 /// The step at which an alarm rang says so, whatever has been done about it.
-void SequentialUpdate::tell(const ModelSupervision::Alarm& alarm) {
+void SequentialUpdate::tell(const ModelSupervision::DriftAlarm& alarm) {
   result_.monitor.alarm = true;
   result_.monitor.cumulative_sum = alarm.report.cumulative_sum;
   result_.monitor.threshold = alarm.report.threshold;
@@ -244,7 +244,7 @@ void SequentialUpdate::tell(const ModelSupervision::Alarm& alarm) {
 
 /// The drift began some steps ago: they were assimilated with a model that is wrong. They are taken out and
 /// put back with the corrected one.
-void SequentialUpdate::correct_since_drift(std::size_t step, const ModelSupervision::Alarm& alarm) {
+void SequentialUpdate::correct_since_drift(std::size_t step, const ModelSupervision::DriftAlarm& alarm) {
   redone_at_ = step;
   const std::size_t from = supervision_.begin_correction(store_.before(step, alarm.steps - 1)->first, step);
   go_back_before(from);
@@ -258,7 +258,7 @@ void SequentialUpdate::correct_since_drift(std::size_t step, const ModelSupervis
 
 /// The alarm at `step` is taken for a change where the drift began: the data from there on are assimilated
 /// again with it. False where that is known already, or where there is nothing before it to be forgotten.
-bool SequentialUpdate::restart_at_change(std::size_t step, const ModelSupervision::Alarm& alarm) {
+bool SequentialUpdate::restart_at_change(std::size_t step, const ModelSupervision::DriftAlarm& alarm) {
   const auto first = store_.before(step, alarm.steps - 1);
   const std::size_t onset = first->first;
   if (first == store_.steps().begin() || changes_.before(onset)) return false;

@@ -92,15 +92,15 @@ class SequentialUpdate {
   [[nodiscard]] std::vector<std::size_t> corrected_steps() const;
 
  private:
-  void take_changes();
+  void apply_changes();
   const UpdateResult& conclude(std::size_t step, bool every);
   void assimilate(std::size_t step);
   void assimilate_from(std::size_t from, std::size_t to);
   void solve(std::size_t step);
   void forget(std::size_t step);
-  void tell(const ModelSupervision::Alarm& alarm);
-  void correct_since_drift(std::size_t step, const ModelSupervision::Alarm& alarm);
-  bool restart_at_change(std::size_t step, const ModelSupervision::Alarm& alarm);
+  void tell(const ModelSupervision::DriftAlarm& alarm);
+  void correct_since_drift(std::size_t step, const ModelSupervision::DriftAlarm& alarm);
+  bool restart_at_change(std::size_t step, const ModelSupervision::DriftAlarm& alarm);
   [[nodiscard]] bool posteriors_depend_on_earlier() const;
   void rewind(std::size_t step);
   void go_back_before(std::size_t step);

@@ -65,7 +65,7 @@ void StepStore::add(const Datum& datum) {
   }
   const bool last =
       std::next(it) == steps_.end() && (step.data.empty() || step.data.rbegin()->first < datum.key);
-  keep(step, datum.key, std::move(projected), datum.values, datum.noise);
+  store_datum(step, datum.key, std::move(projected), datum.values, datum.noise);
   if (projector_.depends_on_order() && !last) out_of_order_ = true;
   mark_changed(datum.step);
 }
@@ -129,8 +129,8 @@ void StepStore::restore_noise(std::size_t index, StoredStep& step) {
   set_noise(index, step, step.data.size() == 1 ? step.data.begin()->second.noise : std::nullopt);
 }
 
-void StepStore::keep(StoredStep& step, const DatumKey& key, Projected projected,
-                     const Eigen::VectorXd& values, const std::optional<GaussianNoise>& noise) {
+void StepStore::store_datum(StoredStep& step, const DatumKey& key, Projected projected,
+                            const Eigen::VectorXd& values, const std::optional<GaussianNoise>& noise) {
   StepForm& form = projected.form;
   step.moved = std::move(projected.moved);
   // The sum goes on where the datum comes last; otherwise it is made again when it is asked for: a replay of
@@ -162,7 +162,7 @@ void StepStore::project_again() {
   for (auto& [index, step] : steps_) {
     const auto data = std::exchange(step.data, {});
     for (const auto& [key, datum] : data)
-      keep(step, key, project(index, step, datum.values, datum.noise), datum.values, datum.noise);
+      store_datum(step, key, project(index, step, datum.values, datum.noise), datum.values, datum.noise);
   }
 }
 

@@ -69,7 +69,7 @@ class StepStore {
 
   /// Whether values are kept of data added from now on (they are where forms depend on the order), and
   /// `MovedForm`s made, where they depend on it.
-  void keep(bool values, bool moved_forms) { values_ = values, moved_forms_ = moved_forms; }
+  void retain(bool values, bool moved_forms) { values_ = values, moved_forms_ = moved_forms; }
 
   /// Adds a datum, in place of one with its key. Errors: those of `DatumProjector::project`, and then nothing
   /// has changed.
@@ -97,8 +97,8 @@ class StepStore {
   };
   [[nodiscard]] Projected project(std::size_t index, StoredStep& step, const Eigen::VectorXd& values,
                                   const std::optional<GaussianNoise>& noise);
-  void keep(StoredStep& step, const DatumKey& key, Projected projected, const Eigen::VectorXd& values,
-            const std::optional<GaussianNoise>& noise);
+  void store_datum(StoredStep& step, const DatumKey& key, Projected projected, const Eigen::VectorXd& values,
+                   const std::optional<GaussianNoise>& noise);
   void project_again();
   void set_noise(std::size_t index, StoredStep& step, const std::optional<GaussianNoise>& noise);
   void restore_noise(std::size_t index, StoredStep& step);

@@ -33,7 +33,7 @@ struct Discounted {
     precision = (1 - power) * Eigen::MatrixXd::Identity(2, 2) + power * precision;
     information = (1 - power) * prior + power * information;
   }
-  double take(const Eigen::MatrixXd& h, const Eigen::VectorXd& y) {
+  double assimilate(const Eigen::MatrixXd& h, const Eigen::VectorXd& y) {
     const Eigen::LLT<Eigen::MatrixXd> factor(precision);
     const Eigen::VectorXd miss = y - h * mean();
     Eigen::MatrixXd s = h * factor.solve(h.transpose());
@@ -60,7 +60,8 @@ TEST(ChangingStructure, ForgettingIsTheDiscountedGaussianInClosedForm) {
       const auto i = static_cast<Eigen::Index>(t);
       const UpdateResult& r = update.update(t, t, data.col(i));
       if (t > 0) exact.raise(power);
-      const double increment = exact.take(model->space * model->core[t], data.col(i) - model->lift.col(i));
+      const double increment =
+          exact.assimilate(model->space * model->core[t], data.col(i) - model->lift.col(i));
       log_evidence += increment;
       EXPECT_LT((r.mean - exact.mean()).norm(), 1e-8);
       EXPECT_NEAR(r.log_evidence_increment, increment, 1e-7) << t;

@@ -296,7 +296,7 @@ void StudentUpdate::watch(std::size_t step) {
   precision_factors_ = likelihood_.precision_factors(functions_.mean - central_, functions_.factor);
   StoredStep stored;
   stored.form = likelihood_.gaussian_form(precision_factors_);
-  (void)supervision_.judge(step, stored, central_);
+  (void)supervision_.check_prediction(step, stored, central_);
   supervision_.learn(stored, {}, result_);
   result_.elapsed_us.watch = microseconds_since(start);
 }

@@ -13,7 +13,7 @@ using Eigen::Index;
 
 /// In units of the posterior's information. What a part of the data says of a direction counts from about
 /// here on: where it is less, a difference is one of the model's curvature, and would not move the answer.
-constexpr double k_least_information = 1e-3;
+constexpr double k_min_information = 1e-3;
 
 }  // namespace
 
@@ -34,7 +34,7 @@ ParameterChange find_parameter_change(const FormBlocks& blocks, const Eigen::Vec
     up_to[k].col(d) = tangent.transpose() * form.linear - up_to[k].col(d);
     if (k > 0) up_to[k] += up_to[k - 1];
   }
-  const Eigen::MatrixXd least = k_least_information * level * Eigen::MatrixXd::Identity(d, d);
+  const Eigen::MatrixXd least = k_min_information * level * Eigen::MatrixXd::Identity(d, d);
   const Eigen::LLT<Eigen::MatrixXd> all(up_to.back().leftCols(d) + 1e-3 * least);
   if (all.info() != Eigen::Success) return {};
   const Eigen::VectorXd answer = all.solve(up_to.back().col(d));

@@ -18,7 +18,7 @@ using Eigen::Index;
 
 constexpr Index k_modes = 12;               // of the model's space modes, those the sensors see best
 constexpr Index k_parts = 8;                // of the data, in time
-constexpr double k_least_products = 50;     // whose sum is taken for normal
+constexpr double k_min_products = 50;       // whose sum is taken for normal
 constexpr Index k_sought_neighbours = 512;  // sensors: looking for neighbours costs their square
 
 /// The largest of `count` statistics of χ² distribution, and the probability that chance makes the largest so
@@ -305,11 +305,11 @@ void ResidualTests::test_independent(ResidualReport& report, Index parameters) c
     return numerics::normal_cdf(-sum / std::sqrt(products));
   };
   const double following = static_cast<double>(n) * static_cast<double>(m - 1);
-  if (m > parameters && following >= k_least_products)
+  if (m > parameters && following >= k_min_products)
     report.set(ResidualTest::time_neighbours,
                above(z.leftCols(m - 1).cwiseProduct(z.rightCols(m - 1)).sum(), following));
   const double in_space = static_cast<double>(neighbours_.size()) * static_cast<double>(m);
-  if (in_space < k_least_products) return;
+  if (in_space < k_min_products) return;
   double sum = 0;
   for (const auto& [i, j] : neighbours_) sum += in_time_order.col(i).dot(in_time_order.col(j));
   report.set(ResidualTest::space_neighbours, above(sum, in_space));

@@ -17,7 +17,7 @@ namespace {
 
 constexpr double k_rows_beside = 32;         // px of the reference that are kept above and below the mesh
 constexpr double k_smallest_texture = 1e-4;  // of the median of the elements', for the weaker direction
-constexpr int k_fewest_pixels = 9;           // of an element
+constexpr int k_min_pixels = 9;              // of an element
 
 /// Degrees in X and Y of the monomials 1, X, Y, XY.
 constexpr std::array<std::array<int, 2>, 4> k_degrees{{{0, 0}, {1, 0}, {0, 1}, {1, 1}}};
@@ -114,7 +114,7 @@ void CorrelationStage::make_constants() {
     c.brightness_matrix << m.f_squared, m.f, m.f, m.count;
     const auto& g = m.sum[0][0];
     squares += g[0] + g[2], pixels += m.count;
-    if (m.count < std::max<double>(k_fewest_pixels, k_min_pixel_share * element.pixel_count)) {
+    if (m.count < std::max<double>(k_min_pixels, k_min_pixel_share * element.pixel_count)) {
       usable_[e] = 0;
       continue;
     }

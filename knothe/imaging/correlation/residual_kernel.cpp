@@ -98,14 +98,13 @@ struct RowShift {
 };
 /// From the displacements between which those of the row lie.
 [[gnu::always_inline]] inline RowShift row_shift(const SplineImage& g, const ElementPixels::Row& row,
-                                                 float u_least, float u_most, float v_least, float v_most) {
-  const RowShift s{true, std::floor(u_least), std::floor(v_least)};
+                                                 float u_min, float u_max, float v_min, float v_max) {
+  const RowShift s{true, std::floor(u_min), std::floor(v_min)};
   const auto last = static_cast<float>(row.x + row.count - 1), x = static_cast<float>(row.x),
              y = static_cast<float>(row.y);
-  const bool seen = x + u_least >= 0 && y + v_least >= 0 &&
-                    last + u_most <= static_cast<float>(g.width() - 1) &&
-                    y + v_most <= static_cast<float>(g.height() - 1);
-  return seen && s.u == std::floor(u_most) && s.v == std::floor(v_most) ? s : RowShift{};
+  const bool seen = x + u_min >= 0 && y + v_min >= 0 && last + u_max <= static_cast<float>(g.width() - 1) &&
+                    y + v_max <= static_cast<float>(g.height() - 1);
+  return seen && s.u == std::floor(u_max) && s.v == std::floor(v_max) ? s : RowShift{};
 }
 
 /// u = u₀ + u₁X + u₂Y + u₃XY along a row, where Y is one number.
@@ -129,7 +128,7 @@ Pixels natural_pixels(const float* xi, const float* eta, const ElementMotion& m)
 /// Between which a bilinear motion lies for natural coordinates from −1 to 1: its values at the corners (a
 /// triangle's natural coordinates lie in there too).
 struct MotionRange {
-  float u_least = 0, u_most = 0, v_least = 0, v_most = 0;
+  float u_min = 0, u_max = 0, v_min = 0, v_max = 0;
 };
 MotionRange motion_range(const ElementMotion& m) {
   const auto ends = [](const std::array<double, 4>& c) {
@@ -184,8 +183,7 @@ ResidualSums sums_of(const PixelTable& table, const ElementPixels& element, cons
     const auto yy = static_cast<float>(y);
     const std::size_t at = f.index(row.x, row.y);
     const RowShift shift = [&] {
-      if constexpr (natural)
-        return row_shift(g, row, range.u_least, range.u_most, range.v_least, range.v_most);
+      if constexpr (natural) return row_shift(g, row, range.u_min, range.u_max, range.v_min, range.v_max);
       const auto first = static_cast<float>(row.x - element.x_origin),
                  last = static_cast<float>(row.x + row.count - 1 - element.x_origin);
       const float ua = m.u0 + m.u1 * first, ub = m.u0 + m.u1 * last, va = m.v0 + m.v1 * first,

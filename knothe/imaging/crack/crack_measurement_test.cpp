@@ -70,12 +70,12 @@ CrackMeasurement measured(const DrawnCrack& crack, unsigned seed, double noise, 
 }
 
 /// What many pictures with tips in many places say of the errors of tip and path.
-struct Outcome {
+struct CrackErrors {
   double bias = 0, rms = 0, std = 0, path_rms = 0;
   int covered = 0, found = 0;
 };
-Outcome outcome_of(DrawnCrack crack, int count) {
-  Outcome o;
+CrackErrors errors_of(DrawnCrack crack, int count) {
+  CrackErrors o;
   double path_points = 0;
   for (int k = 0; k < count; ++k) {
     crack.tip = 100 + 40.0 * k / count;
@@ -94,7 +94,7 @@ Outcome outcome_of(DrawnCrack crack, int count) {
   o.path_rms = std::sqrt(o.path_rms / path_points);
   return o;
 }
-void record(const std::string& name, const Outcome& o) {
+void record(const std::string& name, const CrackErrors& o) {
   ::testing::Test::RecordProperty(name + "_bias_px", std::to_string(o.bias));
   ::testing::Test::RecordProperty(name + "_rms_px", std::to_string(o.rms));
   ::testing::Test::RecordProperty(name + "_stated_std_px", std::to_string(o.std));
@@ -105,7 +105,7 @@ void record(const std::string& name, const Outcome& o) {
 TEST(CrackMeasurement, TipAndPathOfAHingeAreFoundAndTheIntervalCovers) {
   // 0.8 px open at 100 px from the tip, elements of 20 px, noise of 2 grey levels.
   constexpr int k_count = 6;
-  const Outcome o = outcome_of({}, k_count);
+  const CrackErrors o = errors_of({}, k_count);
   record("hinge", o);
   EXPECT_EQ(o.found, k_count);
   EXPECT_GE(o.covered, k_count - 1);
@@ -116,7 +116,7 @@ TEST(CrackMeasurement, TipAndPathOfAHingeAreFoundAndTheIntervalCovers) {
 
 TEST(CrackMeasurement, AWideCrackTakesElementsOutAndIsFoundAsWell) {
   constexpr int k_count = 3;
-  const Outcome o = outcome_of({.rate = 0.03}, k_count);
+  const CrackErrors o = errors_of({.rate = 0.03}, k_count);
   record("wide", o);
   EXPECT_EQ(o.found, k_count);
   EXPECT_EQ(o.covered, k_count);
@@ -126,7 +126,7 @@ TEST(CrackMeasurement, AWideCrackTakesElementsOutAndIsFoundAsWell) {
 
 TEST(CrackMeasurement, TheFieldAheadOfAnElasticTipIsNotTakenForMoreCrack) {
   constexpr int k_count = 3;
-  const Outcome o = outcome_of({.elastic = true}, k_count);
+  const CrackErrors o = errors_of({.elastic = true}, k_count);
   record("elastic", o);
   EXPECT_EQ(o.found, k_count);
   EXPECT_EQ(o.covered, k_count);

@@ -36,7 +36,7 @@ constexpr double k_tukey = 4.685;         // standard deviations; 95 % efficient
 constexpr double k_undetermined = 1;      // px at the body's edge: a standard deviation above that is no fit
 constexpr double k_worst_misfit = 2;      // px
 constexpr double k_min_share = 0.3;       // of the places in view must have an edge that is used
-constexpr int k_fewest = 6;
+constexpr int k_min_places = 6;
 
 Complex upward(const std::array<double, 2>& p) {
   return {p[0], p[1]};
@@ -282,7 +282,7 @@ OutlineFit fit_outline(const files::Picture& picture, const Outline& outline, co
   double scale_precision = 0;
   for (const bool fine : {false, false, false, true, true, true}) {
     places = look(picture, outline, g, pose, reach, fine, in_view);
-    if (static_cast<int>(places.size()) < k_fewest ||
+    if (static_cast<int>(places.size()) < k_min_places ||
         static_cast<double>(places.size()) < k_min_share * in_view)
       throw DataError(
           fmt::format("{}: error: no edge of the body near its outline: {} of {} places along it show one; "

@@ -20,8 +20,8 @@ namespace knothe::imaging {
 
 namespace {
 
-constexpr double k_margin = 10;      // px left free around the default region, for motions out of the picture
-constexpr double k_least_depth = 3;  // bits between a picture and the reference, by which it is multiplied
+constexpr double k_margin = 10;    // px left free around the default region, for motions out of the picture
+constexpr double k_min_depth = 3;  // bits between a picture and the reference, by which it is multiplied
 constexpr double k_residual_growth = 2;    // from one picture to the next, that makes a warm start doubtful
 constexpr double k_rejected_growth = 0.1;  // of the elements, the same
 constexpr double k_moved = 0.05;  // of the variance of the difference of two references: `share_of_motion`
@@ -179,7 +179,7 @@ files::Picture PictureSeries::with_levels_of(const files::Picture& reference, fi
   const double spread = spread_of(picture);
   if (!(spread > 0)) return picture;
   const double power = std::round(std::log2(spread_of(reference) / spread));
-  if (std::abs(power) < k_least_depth) return picture;
+  if (std::abs(power) < k_min_depth) return picture;
   const auto factor = static_cast<float>(std::exp2(power));
   remark(fmt::format("{}: {} bits, the reference {}: grey levels are multiplied by {}", name,
                      picture.bit_depth, reference.bit_depth, factor));

@@ -9,11 +9,11 @@
 namespace knothe::imaging {
 namespace {
 
-constexpr int k_block = 16;              // px
-constexpr double k_least_classes = 0.8;  // decades between the classes' means: less is one class
-constexpr double k_least_share = 0.05;   // of the blocks in either class: less is a spot
-constexpr double k_floor = 0.5;          // grey levels: a blacker block is as black as that
-constexpr int k_hole_rounds = 2;         // of a hole that is filled: four blocks across
+constexpr int k_block = 16;                  // px
+constexpr double k_min_classes_apart = 0.8;  // decades between the classes' means: less is one class
+constexpr double k_min_share = 0.05;         // of the blocks in either class: less is a spot
+constexpr double k_floor = 0.5;              // grey levels: a blacker block is as black as that
+constexpr int k_hole_rounds = 2;             // of a hole that is filled: four blocks across
 
 /// A number for each block.
 struct Blocks {

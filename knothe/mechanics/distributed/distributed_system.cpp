@@ -101,11 +101,11 @@ struct PetscSystem final : DistributedSystem {
   void count_neighbours(std::vector<PetscInt>& own, std::vector<PetscInt>& other) const {
     const auto owned = static_cast<std::size_t>(part.owned_nodes);
     std::vector<std::size_t> start(owned + 1, 0);
-    const auto visit = [&](const auto& take) {
+    const auto visit = [&](const auto& action) {
       for (std::int64_t cell = 0; cell < part.mesh.cell_count(); ++cell) {
         const std::int64_t* nodes = &part.mesh.cells[8 * cell];
         for (int a = 0; a < 8; ++a)
-          if (nodes[a] < part.owned_nodes) take(static_cast<std::size_t>(nodes[a]), cell);
+          if (nodes[a] < part.owned_nodes) action(static_cast<std::size_t>(nodes[a]), cell);
       }
     };
     visit([&](std::size_t node, std::int64_t) { ++start[node + 1]; });

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "knothe/mechanics/full_order/full_order_model.hpp"
+#include "knothe/mechanics/full_order/increments.hpp"
 
 namespace knothe::mechanics {
 
@@ -33,7 +34,6 @@ class GradientStepping {
   [[nodiscard]] const SparseMatrix& tangent() const { return tangent_; }
 
  private:
-  enum class Stiffness { tangent, secant };
   struct State {
     double imposed = 0;
     std::vector<double> unknowns, displacement;

@@ -41,6 +41,9 @@ void advance_by_increments(double from, double target, int max_cuts, const Newto
   }
 }
 
+/// A step's derivative: with the change of damage, or without.
+enum class Stiffness { tangent, secant };
+
 enum class NewtonVerdict { go_on, converged, failed };
 /// Of the relative residuals of Newton's iterations so far, at least one. At the rounding floor, well below
 /// the acceptance, a residual that no longer falls has converged.

@@ -5,6 +5,7 @@
 
 #include "knothe/mechanics/full_order/equilibrium_system.hpp"
 #include "knothe/mechanics/full_order/full_order_model.hpp"
+#include "knothe/mechanics/full_order/increments.hpp"
 
 namespace knothe::mechanics {
 
@@ -29,7 +30,6 @@ class LoadStepping {
     std::vector<double> displacement;  ///< n_dof
     double reaction = 0;               ///< half body, N
   };
-  enum class Stiffness { tangent, secant };
   void set_active();
   void gather_unknowns(std::span<const double> displacement);
   /// The last state, or the straight line through the last two.

@@ -24,7 +24,7 @@ namespace {
 using namespace knothe::mechanics;
 namespace reduction = knothe::reduction;
 
-struct Study {
+struct AccuracyStudy {
   BeamProblem problem;
   double lower = 0.5, upper = 1.5;
   int points = 3, snapshots = 0;
@@ -32,7 +32,7 @@ struct Study {
   std::vector<int> nodes;
 };
 
-std::vector<reduction::Axis> axes_of(const Study& study, int nodes) {
+std::vector<reduction::Axis> axes_of(const AccuracyStudy& study, int nodes) {
   std::vector<double> values;
   for (int i = 0; i < nodes; ++i)
     values.push_back(study.lower + (study.upper - study.lower) * i / (nodes - 1));
@@ -47,7 +47,7 @@ double van_der_corput(int i, int base) {
 }
 
 /// The reference, then Halton points of the box.
-std::vector<std::vector<double>> judged_points(const Study& study) {
+std::vector<std::vector<double>> judged_points(const AccuracyStudy& study) {
   std::vector<std::vector<double>> result = {{1.0, 1.0}};
   for (int i = 1; i <= study.points; ++i)
     result.push_back({study.lower + (study.upper - study.lower) * van_der_corput(i, 2),
@@ -117,7 +117,7 @@ void print(const std::string& what, const std::vector<Error>& errors) {
   std::fflush(stdout);
 }
 
-std::vector<Error> latin_alone(const Study& study, const Judge& judge, const Structure& structure,
+std::vector<Error> latin_alone(const AccuracyStudy& study, const Judge& judge, const Structure& structure,
                                const LatinSolution& latin) {
   std::vector<Error> result(judge.points.size());
   for (std::size_t k = 0; k < judge.points.size(); ++k)
@@ -136,7 +136,7 @@ reduction::ObservedModel splines(const reduction::Snapshots& seen) {
   return reduction::observe_snapshots(seen, seen.dofs);
 }
 
-void interpolated_runs(const Study& study, const Judge& judge, FullOrderModel& model, int nodes) {
+void interpolated_runs(const AccuracyStudy& study, const Judge& judge, FullOrderModel& model, int nodes) {
   reduction::Snapshots grid;
   grid.axes = axes_of(study, nodes);
   const reduction::Dofs all = dofs(model.structure().mesh());
@@ -154,7 +154,7 @@ void interpolated_runs(const Study& study, const Judge& judge, FullOrderModel& m
   print(std::to_string(nodes) + ": full-order runs, splines", judge.errors(splines(grid)));
 }
 
-void study_grid(const Study& study, const Judge& judge, int nodes) {
+void study_grid(const AccuracyStudy& study, const Judge& judge, int nodes) {
   const LatinModel latin = solve_latin_grid(study.problem, axes_of(study, nodes), study.latin);
   const std::string name = std::to_string(nodes) + ": ";
   std::printf("(%d x %d: %td space modes, %.1f s of CPU)\n", nodes, nodes, latin.solution.space.cols(),
@@ -171,7 +171,7 @@ void study_grid(const Study& study, const Judge& judge, int nodes) {
   }
 }
 
-bool take(Study& study, const std::string& word) {
+bool set_option(AccuracyStudy& study, const std::string& word) {
   const std::size_t at = word.find('=');
   if (at == std::string::npos) return false;
   const std::string key = word.substr(0, at);
@@ -200,9 +200,9 @@ bool take(Study& study, const std::string& word) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  Study study;
+  AccuracyStudy study;
   bool understood = true;
-  for (int i = 1; i < argc; ++i) understood = understood && take(study, argv[i]);
+  for (int i = 1; i < argc; ++i) understood = understood && set_option(study, argv[i]);
   if (!understood) {
     std::fprintf(stderr, "latin_accuracy_bench [KEY=VALUE …]: see the head of latin_accuracy_bench.cpp\n");
     return 2;

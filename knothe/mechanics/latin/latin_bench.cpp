@@ -203,8 +203,8 @@ void study_directions() {
   }
 }
 
-/// Takes one KEY=VALUE; false if there is no such key.
-bool take(Case& study, const std::string& word) {
+/// Sets one KEY=VALUE; false if there is no such key.
+bool set_option(Case& study, const std::string& word) {
   const std::size_t at = word.find('=');
   if (at == std::string::npos) return false;
   const double value = std::atof(word.c_str() + at + 1);
@@ -234,7 +234,7 @@ int main(int argc, char** argv) {
   const std::string what = argc > 1 ? argv[1] : "";
   Case study;
   bool understood = what == "table" || what == "case" || what == "directions";
-  for (int i = 2; i < argc; ++i) understood = understood && take(study, argv[i]);
+  for (int i = 2; i < argc; ++i) understood = understood && set_option(study, argv[i]);
   if (!understood) {
     std::fprintf(stderr,
                  "latin_bench table|case|directions [KEY=VALUE …]: see the head of latin_bench.cpp\n");

@@ -208,16 +208,16 @@ constexpr SofteningLine k_petersson[] = {{1, 5.0 / 6, 0.8}, {3.0 / 7, 5.0 / 42, 
 
 /// `band_damage` of the bilinear law: the root of s - x = at_0 - fall q x, of the line on which it lies.
 BandDamage bilinear_damage(double rate, const DamageParameters& parameters, double r) {
-  constexpr double k_most = 1 - 1e-9;  // an element that bears nothing has no stiffness either
+  constexpr double k_max_damage = 1 - 1e-9;  // an element that bears nothing has no stiffness either
   if (!(rate > parameters.threshold) || !(parameters.threshold > 0)) return {};
   const double s = std::sqrt(rate / parameters.threshold);
   const double q = parameters.brittleness * parameters.threshold / r;
   for (const SofteningLine& line : k_petersson) {
     const double growth = 1 / (1 - line.fall * q), x = (s - line.at_0) * growth;  // growth: dx/ds
-    if (q * x > line.end || x > k_most * s) continue;
+    if (q * x > line.end || x > k_max_damage * s) continue;
     return {x / s, (growth - x / s) / s / (2 * s * parameters.threshold)};
   }
-  return {k_most, 0};
+  return {k_max_damage, 0};
 }
 
 }  // namespace

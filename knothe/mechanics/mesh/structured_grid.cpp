@@ -39,7 +39,7 @@ std::vector<double> uniform_positions(double from, double to, std::size_t count)
 
 HexahedronMesh structured_grid(std::span<const double> x, std::span<const double> y,
                                std::span<const double> z,
-                               const std::function<bool(const std::array<double, 3>&)>& keep) {
+                               const std::function<bool(const std::array<double, 3>&)>& is_inside) {
   const std::size_t ny = y.size(), nz = z.size();
   const auto grid_number = [&](std::size_t i, std::size_t j, std::size_t k) {
     return static_cast<std::int64_t>((i * nz + k) * ny + j);
@@ -49,7 +49,7 @@ HexahedronMesh structured_grid(std::span<const double> x, std::span<const double
   for (std::size_t i = 0; i + 1 < x.size(); ++i)
     for (std::size_t k = 0; k + 1 < nz; ++k)
       for (std::size_t j = 0; j + 1 < ny; ++j) {
-        if (!keep({(x[i] + x[i + 1]) / 2, (y[j] + y[j + 1]) / 2, (z[k] + z[k + 1]) / 2})) continue;
+        if (!is_inside({(x[i] + x[i + 1]) / 2, (y[j] + y[j + 1]) / 2, (z[k] + z[k + 1]) / 2})) continue;
         for (const std::size_t c : {k, k + 1})
           for (const auto& [a, b] :
                {std::pair{i, j}, std::pair{i + 1, j}, std::pair{i + 1, j + 1}, std::pair{i, j + 1}}) {

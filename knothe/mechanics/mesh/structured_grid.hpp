@@ -16,11 +16,11 @@ namespace knothe::mechanics {
 /// `count` equal intervals from `from` to `to`: count + 1 positions.
 [[nodiscard]] std::vector<double> uniform_positions(double from, double to, std::size_t count);
 
-/// Points and cells of the grid, where `keep(centre)` says so; nodes of no cell are left out. Node numbers
-/// run through y, then z, then x, so that a plane of constant x is contiguous. No node sets.
-[[nodiscard]] HexahedronMesh structured_grid(std::span<const double> x, std::span<const double> y,
-                                             std::span<const double> z,
-                                             const std::function<bool(const std::array<double, 3>&)>& keep);
+/// Points and cells of the grid, where `is_inside(centre)` says so; nodes of no cell are left out. Node
+/// numbers run through y, then z, then x, so that a plane of constant x is contiguous. No node sets.
+[[nodiscard]] HexahedronMesh structured_grid(
+    std::span<const double> x, std::span<const double> y, std::span<const double> z,
+    const std::function<bool(const std::array<double, 3>&)>& is_inside);
 
 /// Numbers of the nodes whose position fulfils `condition(x, y, z)`.
 [[nodiscard]] NodeSet nodes_where(const HexahedronMesh& mesh,

@@ -81,11 +81,11 @@ Eigen::Index columns_for(const DominantSpace& space, const SpaceSearch& search) 
 /// The best of `columns` random directions.
 DominantSpace searched_space(const LargeMatrix& a, Eigen::Index columns, double total,
                              const SpaceSearch& search) {
-  constexpr int k_most_iterations = 20;
+  constexpr int k_max_iterations = 20;
   Eigen::MatrixXd q = orthonormal_basis(a.times(normal_matrix(a.cols(), columns, search.seed)));
   Eigen::MatrixXd projected = a.transposed_times(q);
   DominantSpace space = rotated(q, projected, total);
-  for (int i = 0; i < k_most_iterations; ++i) {
+  for (int i = 0; i < k_max_iterations; ++i) {
     q = orthonormal_basis(a.times(projected));
     projected = a.transposed_times(q);
     const Eigen::Index l = columns_for(space, search);

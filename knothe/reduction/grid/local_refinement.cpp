@@ -191,7 +191,7 @@ VectorXd cell_widths(std::span<const Axis> axes, const VectorXd& at) {
 /// The corners of all cells of the grid that hold a point, where the base meets the full-order model: of many
 /// those nearest to `centre`, in widths of the cell there.
 MatrixXd corners_around(std::span<const Axis> axes, const MatrixXd& points, const VectorXd& centre) {
-  constexpr Index k_most = 512;
+  constexpr Index k_max_corners = 512;
   std::set<std::vector<double>> corners;
   const std::size_t d = axes.size();
   for (Index i = 0; i < points.rows(); ++i)
@@ -205,12 +205,12 @@ MatrixXd corners_around(std::span<const Axis> axes, const MatrixXd& points, cons
   MatrixXd result(static_cast<Index>(corners.size()), static_cast<Index>(d));
   Index row = 0;
   for (const std::vector<double>& at : corners) result.row(row++) = as_vector(at).transpose();
-  if (result.rows() <= k_most) return result;
+  if (result.rows() <= k_max_corners) return result;
   const VectorXd far = squared_distances(result, centre.transpose(), cell_widths(axes, centre));
   std::vector<Index> order(static_cast<std::size_t>(result.rows()));
   std::iota(order.begin(), order.end(), Index{0});
   std::stable_sort(order.begin(), order.end(), [&](Index i, Index j) { return far[i] < far[j]; });
-  order.resize(k_most);
+  order.resize(k_max_corners);
   return result(order, Eigen::all);
 }
 

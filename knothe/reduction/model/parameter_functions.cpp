@@ -32,13 +32,13 @@ class GenericQuadraticForm final : public QuadraticForm {
     }
     // Blocks of two sizes, whatever the number of points: nothing is allocated after the first call.
     Eigen::Index start = 0;
-    const auto take = [&](Eigen::Index size, FunctionBatch& batch) {
+    const auto evaluate_block = [&](Eigen::Index size, FunctionBatch& batch) {
       functions_.evaluate(points.middleRows(start, size), derivatives, batch);
       for (Eigen::Index i = 0; i < size; ++i, ++start)
         combine(batch, i, derivatives, start, value, gradient, hessian);
     };
-    while (start + k_block <= n) take(k_block, many_);
-    while (start < n) take(1, one_);
+    while (start + k_block <= n) evaluate_block(k_block, many_);
+    while (start < n) evaluate_block(1, one_);
   }
 
  private:

@@ -55,7 +55,7 @@ constexpr std::array<PointEvaluator, JointFunctions::k_max_parameters> k_evaluat
 template <class T>
 class Workspace {
  public:
-  std::span<T> take(std::size_t n) {
+  std::span<T> first(std::size_t n) {
     if (n <= few_.size()) return std::span<T>(few_).first(n);
     many_.resize(n);
     return many_;
@@ -118,8 +118,8 @@ void CanonicalFunctions::evaluate_all(const Eigen::Ref<const Eigen::MatrixXd>& p
   const std::size_t d = bases_.size();
   Workspace<Local> local_space;
   Workspace<std::array<Lanes, Derivatives + 1>> factor_space;
-  const auto local = local_space.take(d);
-  const auto factor = factor_space.take(d);  // α, α', α'' of every axis
+  const auto local = local_space.first(d);
+  const auto factor = factor_space.first(d);  // α, α', α'' of every axis
   for (Eigen::Index row = 0; row < points.rows(); ++row) {
     localise<Derivatives>(points, row, local);
     for (Eigen::Index k = 0; k < count_; k += k_lane_count) {
@@ -219,7 +219,7 @@ void JointFunctions::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, i
                                    : derivatives == 1 ? k_evaluators<1>[d - 1]
                                                       : k_evaluators<2>[d - 1];
   Workspace<Local> local_space;
-  const auto local = local_space.take(d);
+  const auto local = local_space.first(d);
   std::array<int, k_max_parameters> active{};
   for (std::size_t i = 0; i < d; ++i) active[i] = bases_[i].active();
   for (Eigen::Index row = 0; row < points.rows(); ++row) {

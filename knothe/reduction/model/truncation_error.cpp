@@ -24,12 +24,12 @@ using Eigen::MatrixXd;
 namespace {
 
 /// All known errors, one after the other; each n_dof × n_t, with its weight.
-class KnownErrors {
+class WeightedErrors {
  public:
   /// `basis`: Q of GridSolutions, whose coordinates the snapshots are then; empty for fields. The model was
   /// made from these coordinates: its space is that of Q.
-  KnownErrors(const ModelContents& contents, const Snapshots& snapshots, const MatrixXd& basis,
-              std::span<const OffGridSolution> off_grid)
+  WeightedErrors(const ModelContents& contents, const Snapshots& snapshots, const MatrixXd& basis,
+                 std::span<const OffGridSolution> off_grid)
       : model_(contents), snapshots_(snapshots), basis_(basis), off_grid_(off_grid) {
     if (contents.grid_shape() != snapshots.grid_shape())
       throw UsageError("the model and the snapshots have different grids");
@@ -122,7 +122,7 @@ double persistence_of(std::span<const MatrixXd> coefficients, std::span<const do
   return tau;
 }
 
-TruncationError covariance_of(const KnownErrors& errors, const ModelContents& contents, std::size_t modes,
+TruncationError covariance_of(const WeightedErrors& errors, const ModelContents& contents, std::size_t modes,
                               std::size_t threads) {
   const auto dofs = static_cast<Index>(contents.dof_count()),
              times = static_cast<Index>(contents.time.size());

@@ -18,6 +18,7 @@
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
 #include "knothe/report/results/physical_parameters.hpp"
 #include "knothe/report/results/step_record.hpp"
+#include "knothe/sampling/importance_proposal.hpp"
 
 namespace knothe::report {
 namespace {
@@ -36,20 +37,15 @@ std::vector<std::int64_t> counted(std::size_t n, std::size_t stride = 1) {
   return numbers;
 }
 
-/// Weighted points as they are stored.
-struct WeightedPoints {
-  Eigen::MatrixXd points;
-  Eigen::VectorXd weights;
-};
-
 /// At most `count` of a posterior's points, with weights that add up to 1: those that `count` draws fall on.
-WeightedPoints thinned(const assimilation::Posterior& posterior, Eigen::Index count) {
+sampling::WeightedPoints thinned(const assimilation::Posterior& posterior, Eigen::Index count) {
   if (posterior.weights.size() <= count) return {posterior.points, posterior.weights};
   std::map<Eigen::Index, double> chosen;
   for (const Eigen::Index i : numerics::equal_draws(posterior.weights, count))
     chosen[i] += 1.0 / static_cast<double>(count);
-  WeightedPoints kept{Eigen::MatrixXd(static_cast<Eigen::Index>(chosen.size()), posterior.points.cols()),
-                      Eigen::VectorXd(static_cast<Eigen::Index>(chosen.size()))};
+  sampling::WeightedPoints kept{
+      Eigen::MatrixXd(static_cast<Eigen::Index>(chosen.size()), posterior.points.cols()),
+      Eigen::VectorXd(static_cast<Eigen::Index>(chosen.size()))};
   Eigen::Index row = 0;
   for (const auto& [i, weight] : chosen) {
     kept.points.row(row) = posterior.points.row(i);
@@ -218,7 +214,7 @@ class Writer {
   }
 
   void write_weighted_points() {
-    std::vector<WeightedPoints> kept;
+    std::vector<sampling::WeightedPoints> kept;
     Eigen::Index n = 0;
     for (const KeptStep& step : file_.steps) {
       kept.push_back(thinned(step.result, k_weighted_points));
@@ -229,7 +225,7 @@ class Writer {
     out_.add_dimension(group, "point", static_cast<std::size_t>(n));
     // Steps with fewer points are filled up with their first point at weight zero.
     std::vector<double> points, weights;
-    for (const WeightedPoints& step : kept) {
+    for (const sampling::WeightedPoints& step : kept) {
       const Eigen::Index there = step.weights.size();
       append(points, step.points);
       append(points, step.points.row(0).replicate(n - there, 1));
@@ -336,8 +332,8 @@ class Writer {
 
 }  // namespace
 
-KeptStep keep_step(const engine::StepResult& result, assimilation::Datum datum,
-                   const reduction::ObservedModel* observed) {
+KeptStep retain_step(const engine::StepResult& result, assimilation::Datum datum,
+                     const reduction::ObservedModel* observed) {
   KeptStep kept{result.update, std::move(datum), result.forecasts, result.bias_sensors};
   if (result.bias_functions.size() > 0 && observed != nullptr)
     kept.bias = observed->space * (observed->core[kept.datum.time_index] * result.bias_functions);

@@ -27,8 +27,8 @@ struct KeptStep {
 
 /// `datum`: the last of the step, with the noise that it was measured with; `observed`: the model at the
 /// sensors.
-[[nodiscard]] KeptStep keep_step(const engine::StepResult& result, assimilation::Datum datum,
-                                 const reduction::ObservedModel* observed);
+[[nodiscard]] KeptStep retain_step(const engine::StepResult& result, assimilation::Datum datum,
+                                   const reduction::ObservedModel* observed);
 
 /// What goes into the file.
 struct PosteriorFile {

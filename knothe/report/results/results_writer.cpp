@@ -68,7 +68,7 @@ void ResultsWriter::add_step(const engine::StepResult& result,
   add_densities(record, model_.parameter_names(), priors_, result, published);
   record["elapsed_us"]["densities"] = microseconds_since(start);
   lines_.push_back(files::json_line(record));
-  steps_.push_back(keep_step(result, datum, observed_.get()));
+  steps_.push_back(retain_step(result, datum, observed_.get()));
   run_.add(result.update.verdict);
 }
 

@@ -77,14 +77,14 @@ inline Eigen::MatrixXd random_covariance(Eigen::Index d, double scale, double sp
 
 /// How random mixtures are made.
 struct RandomMixture {
-  double least_weight = 0.02;
+  double min_weight = 0.02;
   double nearest = 6,
          farthest = 40;       ///< each mode from the mode before it, in std of the wider one on the line
   double size_spread = 2;     ///< components are 1/2 … 2 times as wide as each other, and …
   double shape_spread = 1.7;  ///< … their axes 1/1.7 … 1.7 times as long
 };
 
-/// 2 to 4 modes in 1 to 5 dimensions, weights down to `least_weight`, none nearer to another than `nearest`
+/// 2 to 4 modes in 1 to 5 dimensions, weights down to `min_weight`, none nearer to another than `nearest`
 /// standard deviations of the wider one; anywhere within some units of 0, and of any scale from 0.1 to 10.
 inline Mixture random_mixture(RandomNumbers& random, const RandomMixture& how = {}) {
   const Eigen::Index d = 1 + random.index(5);
@@ -94,9 +94,9 @@ inline Mixture random_mixture(RandomNumbers& random, const RandomMixture& how = 
   std::vector<Eigen::MatrixXd> covariances;
   double total = 0;
   for (std::size_t k = 0; k < m; ++k) {
-    // Weights from ½ … down to least_weight, evenly on a logarithmic scale.
+    // Weights from ½ … down to min_weight, evenly on a logarithmic scale.
     const double weight =
-        k == 0 ? 0.5 : std::exp(std::log(how.least_weight) * random.uniform() + std::log(0.5) * 0.5);
+        k == 0 ? 0.5 : std::exp(std::log(how.min_weight) * random.uniform() + std::log(0.5) * 0.5);
     const double size = unit * std::pow(how.size_spread, 2 * random.uniform() - 1);
     const Eigen::MatrixXd covariance = random_covariance(d, size, how.shape_spread, random);
     Eigen::VectorXd mean = 3 * unit * random.normals(d, 1).col(0);

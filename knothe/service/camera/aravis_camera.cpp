@@ -24,7 +24,7 @@ constexpr int k_socket_buffer = 16 << 20;
 constexpr guint k_packet_patience_us = 500'000;
 /// A camera that is silent for so long, and so many periods, is gone.
 constexpr double k_silence = 2, k_silent_periods = 5;  // s, 1
-constexpr std::size_t k_fewest_buffers = 8, k_most_buffers = 128;
+constexpr std::size_t k_min_buffers = 8, k_max_buffers = 128;
 
 /// Of GObject.
 struct Release {
@@ -289,7 +289,7 @@ class AravisCamera final : public FrameSource {
       g_object_set(stream_.get(), "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_FIXED, "socket-buffer-size",
                    k_socket_buffer, "frame-retention", k_packet_patience_us, nullptr);
     const std::size_t fit = k_buffer_memory / std::max<std::size_t>(payload, 1);
-    for (std::size_t i = 0; i < std::clamp(fit, k_fewest_buffers, k_most_buffers); ++i)
+    for (std::size_t i = 0; i < std::clamp(fit, k_min_buffers, k_max_buffers); ++i)
       arv_stream_push_buffer(stream_.get(), arv_buffer_new_allocate(payload));
     g_signal_connect(arv_camera_get_device(camera_.get()), "control-lost", G_CALLBACK(on_control_lost), this);
     arv_camera_start_acquisition(camera_.get(), attempt);

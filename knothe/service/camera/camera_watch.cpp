@@ -62,7 +62,7 @@ void CameraWatch::run() {
   while (!site_->journal().ready())
     if (!wait(k_look_every)) return;
   numbers_ = FrameNumbers(last_in_journal());
-  begin_to_keep();
+  prepare_folder();
   do {
     try {
       if (!source_) connect();
@@ -80,7 +80,7 @@ void CameraWatch::connect() {
   was_connected_ = true;
   numbers_.begin(source_->serial(), source_->period_s());
   metrics_.set("knothe_camera_connected", site_labels(site_->name()), 1);
-  site_->alarms().judge_condition(k_away, intake_.latest_step(), "", "sensors", "");
+  site_->alarms().update_condition(k_away, intake_.latest_step(), "", "sensors", "");
   log_event("info", "connected to the camera",
             {{"site", site_->name()}, {"serial", source_->serial()}, {"camera", source_->description()}});
 }
@@ -92,8 +92,8 @@ void CameraWatch::lose(const std::string& reason) {
     log_event("error", "the camera does not respond: the connection is retried",
               {{"site", site_->name()}, {"reason", reason}});
   said_ = reason;
-  site_->alarms().judge_condition(k_away, intake_.latest_step(), "warning", "sensors",
-                                  "the camera is away: " + reason);
+  site_->alarms().update_condition(k_away, intake_.latest_step(), "warning", "sensors",
+                                   "the camera is away: " + reason);
   source_.reset();
 }
 
@@ -107,7 +107,7 @@ void CameraWatch::receive() {
   }
   if (!frame) return;
   count("frames");
-  take(*frame);
+  ingest(*frame);
   incomplete_.clear();
   said_.clear();
 }
@@ -147,7 +147,7 @@ std::optional<Intake::PictureStamp> CameraWatch::stamp_of(const FrameNumbers::Nu
 
 // --- Frames ----------------------------------------------------------------------------------------------
 
-void CameraWatch::take(const Frame& frame) {
+void CameraWatch::ingest(const Frame& frame) {
   const auto before = numbers_.last();
   const auto place = numbers_.place(frame.stamp);
   if (!place) return;
@@ -155,8 +155,8 @@ void CameraWatch::take(const Frame& frame) {
     intake_.refuse(range(0, place->frame.number), fmt::format("missing: {}, the first: incomplete: {}",
                                                               range(0, place->frame.number), incomplete_));
   if (before && !place->connected) report_gap(*place, *before);
-  if (before && place->connected && place->absent > 0) take_absent(*place, *before);
-  take_picture(place->frame, frame.picture);
+  if (before && place->connected && place->absent > 0) record_missing(*place, *before);
+  ingest_picture(place->frame, frame.picture);
 }
 
 /// The camera, or the service, was away.
@@ -180,7 +180,7 @@ void CameraWatch::report_gap(const FrameNumbers::Place& place, const FrameNumber
 }
 
 /// They were lost on the way here, or there was no room for them.
-void CameraWatch::take_absent(const FrameNumbers::Place& place, const FrameNumbers::Numbered& before) {
+void CameraWatch::record_missing(const FrameNumbers::Place& place, const FrameNumbers::Numbered& before) {
   count("lost_frames", static_cast<double>(place.absent));
   bool counts = false;
   for (std::int64_t i = 1; i <= place.absent && wait(0); ++i) {
@@ -194,10 +194,10 @@ void CameraWatch::take_absent(const FrameNumbers::Place& place, const FrameNumbe
   if (counts) intake_.refuse(name, fmt::format("missing: {}: {}", name, reason));
 }
 
-void CameraWatch::take_picture(const FrameNumbers::Numbered& frame, const files::Picture& picture) {
+void CameraWatch::ingest_picture(const FrameNumbers::Numbered& frame, const files::Picture& picture) {
   const auto stamp = stamp_of(frame);
   if (!stamp) return;
-  keep(*stamp, picture);
+  save_picture(*stamp, picture);
   Intake::Measured measured = intake_.measure(*stamp, picture);
   store(std::move(measured.datum), *stamp);
   if (!measured.trouble.empty()) intake_.refuse(stamp->name, "missing: " + measured.trouble);
@@ -205,14 +205,14 @@ void CameraWatch::take_picture(const FrameNumbers::Numbered& frame, const files:
 
 /// Until it is on disk, or it is time to end: then it is one of those that were not seen.
 void CameraWatch::store(Measurement datum, const Intake::PictureStamp& stamp) {
-  while (intake_.store(datum, stamp.name) == Intake::Outcome::again)
+  while (intake_.store(datum, stamp.name) == Intake::StoreOutcome::again)
     if (!wait(k_look_every)) return;
   note_kept(stamp);
 }
 
 // --- Frames that are kept --------------------------------------------------------------------------------
 
-void CameraWatch::begin_to_keep() {
+void CameraWatch::prepare_folder() {
   if (options_.keep.empty()) return;
   const std::filesystem::path folder(options_.keep);
   try {
@@ -237,17 +237,17 @@ void CameraWatch::begin_to_keep() {
   }
 }
 
-void CameraWatch::keep(const Intake::PictureStamp& stamp, const files::Picture& picture) {
+void CameraWatch::save_picture(const Intake::PictureStamp& stamp, const files::Picture& picture) {
   if (options_.keep.empty()) return;
   const std::string path = (std::filesystem::path(options_.keep) / stamp.name).string();
   try {
     options_.keep_format == project::FrameFormat::png ? files::write_png(path, picture)
                                                       : files::write_tiff(path, picture);
     site_->pictures().show(stamp.time, path);
-    site_->alarms().judge_condition(k_not_kept, intake_.latest_step(), "", "sensors", "");
+    site_->alarms().update_condition(k_not_kept, intake_.latest_step(), "", "sensors", "");
   } catch (const Error& error) {
-    site_->alarms().judge_condition(k_not_kept, intake_.latest_step(), "warning", "sensors",
-                                    fmt::format("frames are measured but not kept: {}", error.what()));
+    site_->alarms().update_condition(k_not_kept, intake_.latest_step(), "warning", "sensors",
+                                     fmt::format("frames are measured but not kept: {}", error.what()));
   }
 }
 

@@ -32,17 +32,17 @@ class CameraWatch {
   void connect();
   void receive();
   void lose(const std::string& reason);
-  void take(const Frame& frame);
+  void ingest(const Frame& frame);
   void report_gap(const FrameNumbers::Place& place, const FrameNumbers::Numbered& before);
-  void take_absent(const FrameNumbers::Place& place, const FrameNumbers::Numbered& before);
-  void take_picture(const FrameNumbers::Numbered& frame, const files::Picture& picture);
+  void record_missing(const FrameNumbers::Place& place, const FrameNumbers::Numbered& before);
+  void ingest_picture(const FrameNumbers::Numbered& frame, const files::Picture& picture);
   void store(Measurement datum, const Intake::PictureStamp& stamp);
   [[nodiscard]] std::optional<FrameNumbers::Numbered> last_in_journal() const;
   [[nodiscard]] const std::vector<double>& times() const;
   /// Nothing for a frame before the first or behind the last time, or when the test is finished.
   [[nodiscard]] std::optional<Intake::PictureStamp> stamp_of(const FrameNumbers::Numbered& frame);
-  void begin_to_keep();
-  void keep(const Intake::PictureStamp& stamp, const files::Picture& picture);
+  void prepare_folder();
+  void save_picture(const Intake::PictureStamp& stamp, const files::Picture& picture);
   void note_kept(const Intake::PictureStamp& stamp);
   void count(const std::string& what, double by = 1);
   /// False when it is time to end.

@@ -453,7 +453,8 @@ Appended Journal::append(const Measurement& datum, Quarantine quarantined) {
   const auto there = i.find_last(datum.key);
   if (there && !there->withdrawn) {
     const bool same = there->payload == record.payload && there->time == datum.time;
-    return {same ? Outcome::duplicate : Outcome::conflict, there->held, there->step, 0, false, {}};
+    return {
+        same ? AppendOutcome::duplicate : AppendOutcome::conflict, there->held, there->step, 0, false, {}};
   }
   if (there && !there->held.late) quarantined.late = false;
   record.entry.id = i.chains.records.count + 1;
@@ -482,8 +483,8 @@ Appended Journal::append(const Measurement& datum, Quarantine quarantined) {
   }
   insert.run();
   i.chains.records = {seal, record.entry.id};
-  return {Outcome::accepted, quarantined, datum.step, record.entry.measurement.received_ms,
-          there.has_value(), {}};
+  return {AppendOutcome::accepted, quarantined, datum.step, record.entry.measurement.received_ms,
+          there.has_value(),       {}};
 }
 
 std::optional<JournalEntry> Journal::release(const assimilation::DatumKey& key) {

@@ -52,9 +52,9 @@ struct JournalEntry {
 };
 
 /// What `append` found.
-enum class Outcome { accepted, duplicate, conflict };
+enum class AppendOutcome { accepted, duplicate, conflict };
 struct Appended {
-  Outcome outcome = Outcome::accepted;
+  AppendOutcome outcome = AppendOutcome::accepted;
   Quarantine quarantined;  ///< the datum itself, or the one that it duplicates, and not released
   std::int64_t step = 0;   ///< of the record on disk
   std::int64_t received_ms = 0;

@@ -28,7 +28,7 @@ std::int64_t max_records(const std::string& journal) {
 /// With what became of it: its key may come again later.
 void save(const JournalEntry& entry, Journal& whole, Recovery& recovery) {
   const Measurement& datum = entry.measurement;
-  if (whole.append(datum, entry.quarantined).outcome != Outcome::accepted) {
+  if (whole.append(datum, entry.quarantined).outcome != AppendOutcome::accepted) {
     recovery.lost.push_back(
         fmt::format("record {}: there is another of its key, whose withdrawal is lost", entry.id));
     return;

@@ -87,18 +87,18 @@ TEST(Journal, ADuplicateIsKnownAndAConflictLeavesWhatIsThere) {
   const files::TestFolder folder;
   Journal journal(folder.file("j.journal"));
   journal.begin();
-  EXPECT_EQ(journal.append(datum(3)).outcome, Outcome::accepted);
-  EXPECT_EQ(journal.append(datum(3)).outcome, Outcome::duplicate);  // inside one group
+  EXPECT_EQ(journal.append(datum(3)).outcome, AppendOutcome::accepted);
+  EXPECT_EQ(journal.append(datum(3)).outcome, AppendOutcome::duplicate);  // inside one group
   journal.commit();
   Measurement other_status = datum(3), other_time = datum(3);
   other_status.status[0] = 1;
   other_time.time += 1e-15;
   journal.begin();
-  EXPECT_EQ(journal.append(datum(3)).outcome, Outcome::duplicate);
-  EXPECT_EQ(journal.append(datum(3, 2)).outcome, Outcome::conflict);
-  EXPECT_EQ(journal.append(other_status).outcome, Outcome::conflict);
-  EXPECT_EQ(journal.append(other_time).outcome, Outcome::conflict);
-  EXPECT_EQ(journal.append(datum(3, 2, "gauges")).outcome, Outcome::accepted);
+  EXPECT_EQ(journal.append(datum(3)).outcome, AppendOutcome::duplicate);
+  EXPECT_EQ(journal.append(datum(3, 2)).outcome, AppendOutcome::conflict);
+  EXPECT_EQ(journal.append(other_status).outcome, AppendOutcome::conflict);
+  EXPECT_EQ(journal.append(other_time).outcome, AppendOutcome::conflict);
+  EXPECT_EQ(journal.append(datum(3, 2, "gauges")).outcome, AppendOutcome::accepted);
   journal.commit();
   EXPECT_EQ(journal.count(), 2);
 }
@@ -186,10 +186,10 @@ TEST(Journal, AWithdrawnDatumStaysOutAndMayComeAgain) {
     Journal journal(path);
     journal.begin();
     const Appended again = journal.append(datum(1, 21));
-    EXPECT_EQ(again.outcome, Outcome::accepted);
+    EXPECT_EQ(again.outcome, AppendOutcome::accepted);
     EXPECT_TRUE(again.replacement);
-    EXPECT_EQ(journal.append(datum(1, 21)).outcome, Outcome::duplicate);
-    EXPECT_EQ(journal.append(datum(1, 11)).outcome, Outcome::conflict);
+    EXPECT_EQ(journal.append(datum(1, 21)).outcome, AppendOutcome::duplicate);
+    EXPECT_EQ(journal.append(datum(1, 11)).outcome, AppendOutcome::conflict);
     EXPECT_TRUE(journal.append(datum(2, 12)).replacement);  // the same values: it is back
     journal.commit();
     withdraw(journal, datum(2).key);

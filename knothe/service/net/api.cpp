@@ -299,8 +299,8 @@ void Api::route(const HttpRequest& request, const Answer& answer) {
   const std::string& path = request.path;
   if (request.method == "POST" && path.starts_with("/v1/")) {
     // A large body takes long to read: not on the thread of HTTP.
-    if (request.body.size() < k_small_body) return take(request, answer);
-    return later(*ingest_worker_, answer, [this, request, answer] { take(request, answer); });
+    if (request.body.size() < k_small_body) return handle_post(request, answer);
+    return later(*ingest_worker_, answer, [this, request, answer] { handle_post(request, answer); });
   }
   if (path == "/v1/events") (void)make_events(request);  // it is here as something is wrong: that is thrown
   if (path == "/livez") return answer({200, "text/plain; charset=utf-8", "ok\n"});
@@ -390,17 +390,17 @@ HttpResponse Api::ready() const {
   return json_response({{"ready", all}, {"sites", sites}}, all ? 200 : 503);
 }
 
-void Api::take(const HttpRequest& request, const Answer& answer) {
-  if (request.path == "/v1/measurements") return take_measurement(request, answer);
-  if (request.path == "/v1/quarantine") return take_release(request, answer);
-  if (request.path == "/v1/withdraw") return take_withdrawal(request, answer);
+void Api::handle_post(const HttpRequest& request, const Answer& answer) {
+  if (request.path == "/v1/measurements") return handle_measurement(request, answer);
+  if (request.path == "/v1/quarantine") return handle_release(request, answer);
+  if (request.path == "/v1/withdraw") return handle_withdrawal(request, answer);
   // Opens a journal and waits for the disk: not on the thread of HTTP.
   if (request.path == "/v1/tests" || request.path == "/v1/tests/resume")
-    return later(*worker_, answer, [this, request, answer] { take_test(request, answer); });
-  take_entry(request, answer);
+    return later(*worker_, answer, [this, request, answer] { handle_test(request, answer); });
+  handle_entry(request, answer);
 }
 
-void Api::take_measurement(const HttpRequest& request, const Answer& answer) {
+void Api::handle_measurement(const HttpRequest& request, const Answer& answer) {
   std::shared_ptr<Site> site = sites_.front()->current();
   try {
     SiteMeasurement datum;
@@ -437,7 +437,7 @@ void Api::take_measurement(const HttpRequest& request, const Answer& answer) {
   }
 }
 
-void Api::take_release(const HttpRequest& request, const Answer& answer) {
+void Api::handle_release(const HttpRequest& request, const Answer& answer) {
   SiteKey datum = parse_json_key(request.body);
   site_of(datum.site.empty() ? request.parameter("site") : datum.site)
       ->journal()
@@ -445,7 +445,7 @@ void Api::take_release(const HttpRequest& request, const Answer& answer) {
                [answer](const JournalWriter::Answer& stored) { answer(answer_of(stored)); });
 }
 
-void Api::take_withdrawal(const HttpRequest& request, const Answer& answer) {
+void Api::handle_withdrawal(const HttpRequest& request, const Answer& answer) {
   SiteKey datum = parse_json_key(request.body);
   site_of(datum.site.empty() ? request.parameter("site") : datum.site)
       ->journal()
@@ -453,7 +453,7 @@ void Api::take_withdrawal(const HttpRequest& request, const Answer& answer) {
                 [answer](const JournalWriter::Answer& stored) { answer(answer_of(stored)); });
 }
 
-void Api::take_entry(const HttpRequest& request, const Answer& answer) {
+void Api::handle_entry(const HttpRequest& request, const Answer& answer) {
   const EntryRequest asked = parse_json_entry(request.body);
   const auto site = site_of(asked.site.empty() ? request.parameter("site") : asked.site);
   const auto alarm = alarm_of(request.path);
@@ -469,13 +469,13 @@ void Api::take_entry(const HttpRequest& request, const Answer& answer) {
 }
 
 /// Another test is begun or gone back to, or the one that runs is resumed.
-void Api::take_test(const HttpRequest& request, const Answer& answer) {
+void Api::handle_test(const HttpRequest& request, const Answer& answer) {
   const EntryRequest asked = parse_json_entry(request.body);
   const auto site = served(asked.site.empty() ? request.parameter("site") : asked.site);
   const bool begins = request.path == "/v1/tests";
   if (begins && !asked.test)
     throw RequestError(400, "Malformed", "\"name\" is missing: of the test to be begun");
-  if (!begins && !asked.test) return take_entry(request, answer);
+  if (!begins && !asked.test) return handle_entry(request, answer);
   Json body = json_of(begins ? site->begin_test(asked) : site->resume_test(asked));
   body["name"] = site->current()->test();
   body["journal"] = site->current()->journal().id();

@@ -41,13 +41,13 @@ class Api final : public HttpHandler {
   HttpResponse read(const HttpRequest& request);
   HttpResponse states_of_test(const HttpRequest& request);
   static void later(Worker& worker, const Answer& answer, std::function<void()> what);
-  void take(const HttpRequest& request, const Answer& answer);
-  void take_measurement(const HttpRequest& request, const Answer& answer);
-  void take_release(const HttpRequest& request, const Answer& answer);
-  void take_withdrawal(const HttpRequest& request, const Answer& answer);
-  void take_entry(const HttpRequest& request, const Answer& answer);
+  void handle_post(const HttpRequest& request, const Answer& answer);
+  void handle_measurement(const HttpRequest& request, const Answer& answer);
+  void handle_release(const HttpRequest& request, const Answer& answer);
+  void handle_withdrawal(const HttpRequest& request, const Answer& answer);
+  void handle_entry(const HttpRequest& request, const Answer& answer);
   [[nodiscard]] HttpResponse ready() const;
-  void take_test(const HttpRequest& request, const Answer& answer);
+  void handle_test(const HttpRequest& request, const Answer& answer);
   [[nodiscard]] std::shared_ptr<ServedSite> served(const std::string& name) const;
   [[nodiscard]] std::shared_ptr<Site> site_of(const std::string& name) const {
     return served(name)->current();

@@ -41,7 +41,7 @@ struct MqttReceiver::Implementation {
       : sites(std::move(s)), metrics(m), max_body(body) {}
 
   /// What became of a message, as the body of an answer of HTTP; nothing if it is to come again.
-  std::optional<Json> take(const mosquitto_message& message) {
+  std::optional<Json> handle(const mosquitto_message& message) {
     try {
       if (message.payloadlen < 0 || static_cast<std::size_t>(message.payloadlen) > max_body)
         throw RequestError(
@@ -189,7 +189,7 @@ struct MqttReceiver::Implementation {
   static void on_message(mosquitto* client, void* self, const mosquitto_message* message) {
     auto* receiver = static_cast<Implementation*>(self);
     try {
-      const auto answer = receiver->take(*message);
+      const auto answer = receiver->handle(*message);
       if (!answer) {
         // Stopping: not acknowledged. The library would acknowledge when we return, so the connection ends
         // first.

@@ -105,8 +105,8 @@ void FolderWatch::run() {
   while (wait(pause)) {
     if (!site_->journal().ready()) continue;
     try {
-      if (pictures_) take_pictures();
-      if (tables_) take_tables();
+      if (pictures_) ingest_pictures();
+      if (tables_) ingest_tables();
     } catch (const std::exception& error) {
       log_event("error", "a watched folder could not be read",
                 {{"site", site_->name()}, {"reason", error.what()}});
@@ -114,16 +114,17 @@ void FolderWatch::run() {
   }
 }
 
-void FolderWatch::take_pictures() {
+void FolderWatch::ingest_pictures() {
   for (const std::string& name : pictures_->look(SettledFiles::Clock::now())) {
-    if (is_of_another_test(*pictures_, name) || take_picture(name) == Outcome::done) pictures_->done(name);
+    if (is_of_another_test(*pictures_, name) || ingest_picture(name) == StoreOutcome::done)
+      pictures_->done(name);
     if (!wait(0)) return;
   }
 }
 
-void FolderWatch::take_tables() {
+void FolderWatch::ingest_tables() {
   for (const std::string& name : tables_->look(SettledFiles::Clock::now())) {
-    if (is_of_another_test(*tables_, name) || take_table(name) == Outcome::done) tables_->done(name);
+    if (is_of_another_test(*tables_, name) || ingest_table(name) == StoreOutcome::done) tables_->done(name);
     if (!wait(0)) return;
   }
 }
@@ -171,7 +172,7 @@ FolderWatch::Place FolderWatch::place_of(const std::string& name) const {
   return {*number, times[static_cast<std::size_t>(index)]};
 }
 
-FolderWatch::Outcome FolderWatch::take_picture(const std::string& name) {
+FolderWatch::StoreOutcome FolderWatch::ingest_picture(const std::string& name) {
   Intake::PictureStamp stamp;
   try {
     const Place place = place_of(name);
@@ -182,11 +183,11 @@ FolderWatch::Outcome FolderWatch::take_picture(const std::string& name) {
     stamp.time = place.time, stamp.name = name;
     site_->pictures().show(place.time, pictures_->path(name));
   } catch (const DataError& error) {
-    if (patient(*pictures_, name)) return Outcome::again;  // its line in the table may still come
+    if (patient(*pictures_, name)) return StoreOutcome::again;  // its line in the table may still come
     intake_.refuse(name, error.what());
-    return Outcome::done;
+    return StoreOutcome::done;
   }
-  if (site_->journal().holds(stamp.key)) return Outcome::done;
+  if (site_->journal().holds(stamp.key)) return StoreOutcome::done;
   Intake::Measured measured;
   try {
     require_size(pictures_->path(name), k_largest_picture);
@@ -194,18 +195,18 @@ FolderWatch::Outcome FolderWatch::take_picture(const std::string& name) {
         stamp,
         files::read_picture(pictures_->path(name), site_->setup().pictures->series().options().colour));
   } catch (const DataError& error) {
-    if (patient(*pictures_, name)) return Outcome::again;
+    if (patient(*pictures_, name)) return StoreOutcome::again;
     measured = {intake_.missing(stamp), error.what()};
   }
-  const Outcome outcome = intake_.store(std::move(measured.datum), name);
-  if (outcome == Outcome::done && !measured.trouble.empty())
+  const StoreOutcome outcome = intake_.store(std::move(measured.datum), name);
+  if (outcome == StoreOutcome::done && !measured.trouble.empty())
     intake_.refuse(name, "missing: " + measured.trouble);
   return outcome;
 }
 
 // --- CSV -------------------------------------------------------------------------------------------------
 
-FolderWatch::Outcome FolderWatch::take_table(const std::string& name) {
+FolderWatch::StoreOutcome FolderWatch::ingest_table(const std::string& name) {
   std::vector<Measurement> data;
   try {
     require_size(tables_->path(name), k_largest_table);
@@ -248,13 +249,13 @@ FolderWatch::Outcome FolderWatch::take_table(const std::string& name) {
       data.push_back(std::move(measurement));
     }
   } catch (const DataError& error) {
-    if (patient(*tables_, name)) return Outcome::again;
+    if (patient(*tables_, name)) return StoreOutcome::again;
     intake_.refuse(name, error.what());
-    return Outcome::done;
+    return StoreOutcome::done;
   }
   for (Measurement& measurement : data)
-    if (intake_.store(std::move(measurement), name) == Outcome::again) return Outcome::again;
-  return Outcome::done;
+    if (intake_.store(std::move(measurement), name) == StoreOutcome::again) return StoreOutcome::again;
+  return StoreOutcome::done;
 }
 
 }  // namespace knothe::service

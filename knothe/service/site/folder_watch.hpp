@@ -33,14 +33,14 @@ class FolderWatch {
     std::int64_t seq = 0;
     double time = 0;
   };
-  using Outcome = Intake::Outcome;  ///< of a file
+  using StoreOutcome = Intake::StoreOutcome;  ///< of a file
 
   void run();
-  void take_pictures();
-  void take_tables();
+  void ingest_pictures();
+  void ingest_tables();
   [[nodiscard]] Place place_of(const std::string& name) const;
-  Outcome take_picture(const std::string& name);
-  Outcome take_table(const std::string& name);
+  StoreOutcome ingest_picture(const std::string& name);
+  StoreOutcome ingest_table(const std::string& name);
   [[nodiscard]] bool is_of_another_test(const SettledFiles& files, const std::string& name);
   [[nodiscard]] bool patient(const SettledFiles& files, const std::string& name) const;
   /// False when it is time to end.

@@ -73,7 +73,7 @@ Eigen::VectorXd Intake::increment_to(std::optional<std::size_t> step) {
   return model.predict(line->mean, *step) - model.predict(line->mean, *last);
 }
 
-Intake::Outcome Intake::store(Measurement measurement, const std::string& name) {
+Intake::StoreOutcome Intake::store(Measurement measurement, const std::string& name) {
   const auto promise = std::make_shared<std::promise<JournalWriter::Answer>>();
   auto answer = promise->get_future();
   try {
@@ -84,16 +84,16 @@ Intake::Outcome Intake::store(Measurement measurement, const std::string& name) 
                             [promise](const JournalWriter::Answer& stored) { promise->set_value(stored); });
     const JournalWriter::Answer stored = answer.get();
     const auto* error = std::get_if<RequestError>(&stored);
-    if (error == nullptr) return Outcome::done;
-    if (error->status() == 507 || error->status() == 503) return Outcome::again;
+    if (error == nullptr) return StoreOutcome::done;
+    if (error->status() == 507 || error->status() == 503) return StoreOutcome::again;
     refuse(name, fmt::format("{}: {}", name, error->what()));
   } catch (const RequestError& error) {
-    if (error.status() == 503) return Outcome::again;
+    if (error.status() == 503) return StoreOutcome::again;
     refuse(name, fmt::format("{}: {}", name, error.what()));
   } catch (const Json::exception&) {
     refuse(name, fmt::format("{}: its name is not UTF-8", name));
   }
-  return Outcome::done;
+  return StoreOutcome::done;
 }
 
 void Intake::refuse(const std::string& name, const std::string& reason) {

@@ -16,7 +16,7 @@ namespace knothe::service {
 class Intake {
  public:
   /// What became of a datum: stored (or refused for good), or to be tried again.
-  enum class Outcome { done, again };
+  enum class StoreOutcome { done, again };
   struct PictureStamp {
     assimilation::DatumKey key;
     double time = 0;   ///< of the model
@@ -37,7 +37,7 @@ class Intake {
   /// A picture that cannot be read, or did not come.
   [[nodiscard]] Measurement missing(const PictureStamp& stamp);
   /// Waits until the datum is on disk, or is refused.
-  Outcome store(Measurement measurement, const std::string& name);
+  StoreOutcome store(Measurement measurement, const std::string& name);
   /// Says why something was not taken, in the log and as an alarm.
   void refuse(const std::string& name, const std::string& reason);
   /// Step of the latest line, 0 where there is none.

@@ -45,8 +45,9 @@ std::string units_of(const reduction::Sensors& sensors, std::size_t i) {
 }  // namespace
 
 Json answer_of(const Appended& appended) {
-  Json body = {
-      {"accepted", true}, {"duplicate", appended.outcome == Outcome::duplicate}, {"step", appended.step}};
+  Json body = {{"accepted", true},
+               {"duplicate", appended.outcome == AppendOutcome::duplicate},
+               {"step", appended.step}};
   if (appended.quarantined) {
     body["quarantined"] = true;
     body["reason"] = appended.reason;
@@ -131,7 +132,7 @@ void JournalWriter::finish() {
   }
 }
 
-void JournalWriter::keep(Alarm alarm) {
+void JournalWriter::store_alarm(Alarm alarm) {
   {
     const std::lock_guard lock(mutex_);
     alarms_.push_back(std::move(alarm));
@@ -465,9 +466,9 @@ void JournalWriter::count_outcome(const Answer& answer) {
     if (!withdrawn->before) count("withdrawn");
   } else if (std::holds_alternative<Appended>(answer)) {
     const Appended& appended = std::get<Appended>(answer);
-    count(appended.outcome == Outcome::duplicate ? "duplicates"
-          : appended.quarantined                 ? "quarantined"
-                                                 : "accepted");
+    count(appended.outcome == AppendOutcome::duplicate ? "duplicates"
+          : appended.quarantined                       ? "quarantined"
+                                                       : "accepted");
   }
 }
 
@@ -484,7 +485,7 @@ JournalWriter::Answer JournalWriter::write(const Release& release, MonotonicTime
   match_step(*entry, setup_.observed->time, journal_.path());
   if (!entry->released) written.arrivals.push_back({switches_.seen(entry->measurement), at});
   written.no_longer_quarantined.push_back(*entry);
-  return Appended{entry->released ? Outcome::duplicate : Outcome::accepted,
+  return Appended{entry->released ? AppendOutcome::duplicate : AppendOutcome::accepted,
                   {},
                   entry->measurement.step,
                   entry->measurement.received_ms,
@@ -562,13 +563,13 @@ JournalWriter::Answer JournalWriter::write(Measurement& datum, MonotonicTime at,
   Measurement seen = switches_.seen(datum);
   Appended appended = journal_.append(datum, {late, !complaint(seen).empty()});
   appended.reason = reason_of(appended.quarantined, seen);
-  if (appended.outcome == Outcome::conflict)
+  if (appended.outcome == AppendOutcome::conflict)
     return RequestError(
         409, "Conflict",
         fmt::format("source \"{}\", session \"{}\", seq {} is there already with another payload; it stays",
                     datum.key.source, datum.key.session, datum.key.seq));
   appended.step = datum.step;  // of a duplicate too: the journal's index is of the model of its time
-  if (appended.outcome == Outcome::duplicate) return appended;
+  if (appended.outcome == AppendOutcome::duplicate) return appended;
   count_seq(datum.key);
   if (datum.key.source == k_pictures_source || datum.key.source == k_csv_source)
     written.from_folders.push_back(datum.key);

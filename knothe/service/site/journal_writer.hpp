@@ -89,8 +89,8 @@ class JournalWriter {
   [[nodiscard]] const std::string& id() const { return id_; }  ///< of the journal
   /// What is in the journal. Before `start`.
   [[nodiscard]] const JournalReader& records() const { return journal_; }
-  /// Keeps an alarm: with the next group, by itself, or in `finish`.
-  void keep(Alarm alarm);
+  /// Stores an alarm: with the next group, by itself, or in `finish`.
+  void store_alarm(Alarm alarm);
   void start();
   void open();    ///< From now on requests are taken.
   void stop();    ///< Commits what was taken, ends the thread.

@@ -68,10 +68,10 @@ ServedSite::~ServedSite() {
   stop();
 }
 
-std::shared_ptr<Site> ServedSite::open(const std::string& test, std::int64_t least_start) {
+std::shared_ptr<Site> ServedSite::open(const std::string& test, std::int64_t min_start) {
   return std::make_shared<Site>(
       project_,
-      SiteSettings{test, settings_.strict_deadline, least_start, settings_.changed,
+      SiteSettings{test, settings_.strict_deadline, min_start, settings_.changed,
                    [this, test](const Alarm& alarm) { sender_.enqueue(alarm, test); }},
       metrics_);
 }
@@ -132,9 +132,9 @@ void ServedSite::await_departure(const std::string& test) {
 }
 
 /// A test whose journal is replayed and takes entries. RequestError that says why there is none.
-std::shared_ptr<Site> ServedSite::open_ready(const std::string& test, std::int64_t least_start) {
+std::shared_ptr<Site> ServedSite::open_ready(const std::string& test, std::int64_t min_start) {
   try {
-    auto site = open(test, least_start);
+    auto site = open(test, min_start);
     site->start();
     while (!site->journal().ready() && !stopping_) std::this_thread::sleep_for(k_glance);
     return site;

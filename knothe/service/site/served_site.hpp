@@ -51,8 +51,8 @@ class ServedSite {
   LogbookEntry resume_test(const EntryRequest& asked);
 
  private:
-  [[nodiscard]] std::shared_ptr<Site> open(const std::string& test, std::int64_t least_start);
-  [[nodiscard]] std::shared_ptr<Site> open_ready(const std::string& test, std::int64_t least_start);
+  [[nodiscard]] std::shared_ptr<Site> open(const std::string& test, std::int64_t min_start);
+  [[nodiscard]] std::shared_ptr<Site> open_ready(const std::string& test, std::int64_t min_start);
   LogbookEntry change_to(const std::string& test, LogbookEntry first);
   void await_departure(const std::string& test);
 

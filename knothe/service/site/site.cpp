@@ -41,13 +41,13 @@ Site::Site(project::Project project, SiteSettings settings, Metrics& metrics)
       logbook_(setup_.observed->time, {}),
       alarms_(project_.forecasts, next_event_,
               [this](const Alarm& alarm) {
-                journal_.keep(alarm);
+                journal_.store_alarm(alarm);
                 if (!alarm.severity.empty()) settings_.send(alarm);
               }),
       pictures_(setup_.observed->time),
       health_(project_.serve, settings_.strict_deadline) {
   journal_.identify(identity_);
-  starts_ = journal_.count_start(settings_.least_start);
+  starts_ = journal_.count_start(settings_.min_start);
   next_event_ = starts_ * (std::int64_t{1} << 32) + 1;
   const JournalReader& records = journal_.records();
   alarms_.restore(records.alarms(8 * SiteAlarms::k_kept), records.conditions());
@@ -82,13 +82,13 @@ void Site::restore_model() {
   centre_ = engine_->centre();
   if (project_.method.verify == project::ModelVerification::off) return;
   verification_wanted_ = awaits_verification(entries);
-  verifier_ = std::make_unique<Verifier>(
-      project_, project_.serve.journal,
-      Verifier::Listener{[this](const Verification& verification) { return keep(verification); },
-                         [this] {
-                           { const std::lock_guard lock(mutex_); }
-                           arrivals_there_.notify_one();
-                         }});
+  Verifier::Listener listener;
+  listener.store = [this](const Verification& verification) { return store_verification(verification); };
+  listener.wake = [this] {
+    { const std::lock_guard lock(mutex_); }
+    arrivals_there_.notify_one();
+  };
+  verifier_ = std::make_unique<Verifier>(project_, project_.serve.journal, std::move(listener));
 }
 
 void Site::start() {
@@ -152,8 +152,8 @@ void Site::doubt(const Measurement& measurement, const std::string& reason) {
                {"reason", reason}});
   const auto step = static_cast<std::size_t>(std::max<std::int64_t>(measurement.step, 0));
   const auto& key = measurement.key;
-  alarms_.judge_condition(fmt::format("held {}/{}/{}", escaped(key.source), escaped(key.session), key.seq),
-                          step, is_held ? "alarm" : "", "sensors", fmt::format("in quarantine: {}", reason));
+  alarms_.update_condition(fmt::format("held {}/{}/{}", escaped(key.source), escaped(key.session), key.seq),
+                           step, is_held ? "alarm" : "", "sensors", fmt::format("in quarantine: {}", reason));
 }
 
 /// The same, and at the start.
@@ -187,10 +187,10 @@ void Site::update_loop() {
       at_hand_ = arrivals.size();
       finish = replayed_;
     }
-    take(arrivals);
+    apply_arrivals(arrivals);
     if (!arrivals.empty()) newest_is_shown_ = false;
     conclude_next();
-    take_over();
+    adopt_verification();
     ask_full_order_model();
     const auto& stale = engine_->stale();
     {
@@ -204,19 +204,19 @@ void Site::update_loop() {
         journal_.open();
       }
     }
-    judge_delays();
+    check_delays();
     settings_.changed();
   }
 }
 
-void Site::take(const std::vector<Arrival>& arrivals) {
+void Site::apply_arrivals(const std::vector<Arrival>& arrivals) {
   using Kind = Arrival::Kind;
   for (const Arrival& arrival : arrivals) {
     const bool comes = arrival.kind == Kind::live || arrival.kind == Kind::past;
     std::string trouble;
     try {
       if (arrival.kind == Kind::withdrawn) withdraw(arrival.measurement);
-      if (arrival.kind == Kind::replaced) (void)take_out(arrival.measurement);
+      if (arrival.kind == Kind::replaced) (void)remove(arrival.measurement);
       if (arrival.kind != Kind::withdrawn) add(arrival.measurement);
       if (arrival.kind == Kind::past)
         judged_from_ = std::max(judged_from_, static_cast<std::size_t>(arrival.measurement.step));
@@ -253,11 +253,11 @@ void Site::add(const Measurement& measurement) {
 }
 
 void Site::withdraw(const Measurement& measurement) {
-  if (take_out(measurement)) retract(static_cast<std::size_t>(measurement.step));
+  if (remove(measurement)) retract(static_cast<std::size_t>(measurement.step));
 }
 
 /// True if its step no longer has data.
-bool Site::take_out(const Measurement& measurement) {
+bool Site::remove(const Measurement& measurement) {
   if (measurement.step < 0 || static_cast<std::size_t>(measurement.step) >= setup_.observed->time.size())
     return false;  // it never came in
   const auto step = static_cast<std::size_t>(measurement.step);
@@ -287,7 +287,7 @@ void Site::retract(std::size_t step) {
   if (!before || before->step != step) return;
   // What its line began to say holds no more; what the line before it says holds again.
   const auto latest = lines_.latest();
-  alarms_.judge(latest ? *latest : Line());
+  alarms_.update_conditions(latest ? *latest : Line());
 }
 
 /// In the order of the steps, because the monitor judges each by those before it. Where many wait the newest
@@ -332,7 +332,7 @@ void Site::conclude(std::size_t step, bool preview) {
 
 void Site::publish(std::shared_ptr<Line> line, bool judged) {
   const auto latest = lines_.latest();
-  if (judged && (!latest || latest->step <= line->step)) alarms_.judge(*line);
+  if (judged && (!latest || latest->step <= line->step)) alarms_.update_conditions(*line);
   const std::lock_guard lock(mutex_);
   lines_.publish(std::move(line));
 }
@@ -371,7 +371,7 @@ bool Site::has_verification_to_do() const {
 }
 
 /// What the verifier has found, where no datum waits: one line at a time, then its engine.
-void Site::take_over() {
+void Site::adopt_verification() {
   if (!verifier_ || !engine_->stale().empty()) return;
   if (auto next = verifier_->next_result()) {
     const std::size_t step = next->result.update.step;
@@ -420,7 +420,7 @@ void Site::ask_full_order_model() {
 }
 
 /// From the verifier's thread.
-bool Site::keep(const Verification& verification) {
+bool Site::store_verification(const Verification& verification) {
   try {
     journal_.enter(entry_of(verification));
     return true;
@@ -432,7 +432,7 @@ bool Site::keep(const Verification& verification) {
 }
 
 /// Live data whose line is published now: were they in time?
-void Site::judge_delays() {
+void Site::check_delays() {
   SiteHealth::Delays delays;
   {
     const std::lock_guard lock(mutex_);
@@ -572,7 +572,7 @@ bool Site::tick() {
     metrics_.set("knothe_model_version", labels(), static_cast<double>(verification.version));
   }
   if (step >= 0) metrics_.set("knothe_step", labels(), static_cast<double>(step));
-  if (!health_.keep(state)) return false;
+  if (!health_.update_state(state)) return false;
   log_event(state.word == "OK" || state.word == "FINISHED" ? "info" : "warning", "state",
             {{"site", name()}, {"state", state.word}, {"reason", state.reason}, {"step", step}});
   const auto at = static_cast<std::size_t>(std::max<std::int64_t>(step, 0));

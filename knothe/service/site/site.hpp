@@ -20,7 +20,7 @@ namespace knothe::service {
 struct SiteSettings {
   std::string test = {};  ///< name; empty: the one without a name
   bool strict_deadline = false;
-  std::int64_t least_start = 0;           ///< its starts are counted from here at least, and events by them
+  std::int64_t min_start = 0;             ///< its starts are counted from here at least, and events by them
   std::function<void()> changed = [] {};  ///< from any thread: there is something to send
   std::function<void(const Alarm&)> send = [](const Alarm&) {};  ///< takes an alarm on its way out
 };
@@ -76,10 +76,10 @@ class Site : public SiteFacts {
   void doubt(const Measurement& measurement, const std::string& reason);
   void note_down(const LogbookEntry& entry);
   void update_loop();
-  void take(const std::vector<Arrival>& arrivals);
+  void apply_arrivals(const std::vector<Arrival>& arrivals);
   void add(const Measurement& measurement);
   void withdraw(const Measurement& measurement);
-  bool take_out(const Measurement& measurement);
+  bool remove(const Measurement& measurement);
   [[nodiscard]] double time_of(std::optional<std::int64_t> step) const;
   [[nodiscard]] std::int64_t sensor_of(const EntryRequest& request) const;
   void retract(std::size_t step);
@@ -89,12 +89,12 @@ class Site : public SiteFacts {
   [[nodiscard]] std::shared_ptr<Line> line_of(const engine::StepResult& result,
                                               std::shared_ptr<const ServedModel> model);
   void observe_phases(const engine::StepResult& result);
-  void judge_delays();
+  void check_delays();
   void restore_model();
   void ask_full_order_model();
-  void take_over();
+  void adopt_verification();
   [[nodiscard]] bool has_verification_to_do() const;
-  [[nodiscard]] bool keep(const Verification& verification);
+  [[nodiscard]] bool store_verification(const Verification& verification);
   [[nodiscard]] SiteHealth::State state_of_now(const JournalWriter::Tally& tally) const;  ///< mutex_ held
   [[nodiscard]] std::string labels(const std::string& more = "") const { return site_labels(name(), more); }
 

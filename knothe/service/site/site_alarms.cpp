@@ -46,7 +46,7 @@ void SiteAlarms::add(Alarm alarm) {
   alarm.raised_ms = std::chrono::duration_cast<std::chrono::milliseconds>(
                         std::chrono::system_clock::now().time_since_epoch())
                         .count();
-  keep_(alarm);
+  store_(alarm);
   if (alarm.severity.empty()) return;
   alarms_.push_back(std::move(alarm));
   if (alarms_.size() > k_kept) drop_one();
@@ -58,8 +58,8 @@ void SiteAlarms::raise(std::size_t step, const std::string& severity, const std:
   add({0, static_cast<std::int64_t>(step), severity, kind, message, "", 0, std::nullopt});
 }
 
-void SiteAlarms::judge_condition(const std::string& condition, std::size_t step, const std::string& severity,
-                                 const std::string& kind, const std::string& message) {
+void SiteAlarms::update_condition(const std::string& condition, std::size_t step, const std::string& severity,
+                                  const std::string& kind, const std::string& message) {
   const std::lock_guard lock(mutex_);
   std::string& before = severities_[condition];
   if (before == severity) return;
@@ -67,43 +67,44 @@ void SiteAlarms::judge_condition(const std::string& condition, std::size_t step,
   add({0, static_cast<std::int64_t>(step), severity, kind, message, condition, 0, std::nullopt});
 }
 
-void SiteAlarms::judge(const Line& line) {
-  const auto judge = [&](const std::string& condition, const std::string& severity, const std::string& kind,
-                         const std::string& message) {
-    judge_condition(condition, line.step, severity, kind, message);
+void SiteAlarms::update_conditions(const Line& line) {
+  const auto update = [&](const std::string& condition, const std::string& severity, const std::string& kind,
+                          const std::string& message) {
+    update_condition(condition, line.step, severity, kind, message);
   };
   for (const forecast::ForecastSpecification& specification : forecasts_) {
     const auto it = line.above_threshold.find(specification.name);
     if (it == line.above_threshold.end() || !specification.threshold) continue;
     const double p = it->second;
-    judge("threshold " + specification.name,
-          p >= 0.5    ? "alarm"
-          : p >= 0.05 ? "warning"
-                      : "",
-          "threshold",
-          fmt::format("P({} > {:g}) is {:.3g}", specification.name, *specification.threshold, p));
+    update("threshold " + specification.name,
+           p >= 0.5    ? "alarm"
+           : p >= 0.05 ? "warning"
+                       : "",
+           "threshold",
+           fmt::format("P({} > {:g}) is {:.3g}", specification.name, *specification.threshold, p));
   }
-  judge("bias", line.is_biased() ? "alarm" : "", "bias",
-        fmt::format("the datum does not fit the model: χ² {:.4g} with {} values", line.misfit,
-                    line.misfit_values));
-  judge("monitor", line.monitor_alarm ? "alarm" : "", "bias",
-        line.notice.empty() ? "the model does not explain the data" : line.notice);
-  judge("correction", line.bias_corrected ? "info" : "", "bias", "the model's bias is corrected from now on");
+  update("bias", line.is_biased() ? "alarm" : "", "bias",
+         fmt::format("the datum does not fit the model: χ² {:.4g} with {} values", line.misfit,
+                     line.misfit_values));
+  update("monitor", line.monitor_alarm ? "alarm" : "", "bias",
+         line.notice.empty() ? "the model does not explain the data" : line.notice);
+  update("correction", line.bias_corrected ? "info" : "", "bias",
+         "the model's bias is corrected from now on");
   using Level = assimilation::VerdictLevel;
-  judge("verdict",
-        line.verdict == Level::reject    ? "alarm"
-        : line.verdict == Level::caution ? "warning"
-                                         : "",
-        "verdict", line.verdict_message);
-  judge("trust", line.trusted ? "" : "info", "trust", line.remark);
+  update("verdict",
+         line.verdict == Level::reject    ? "alarm"
+         : line.verdict == Level::caution ? "warning"
+                                          : "",
+         "verdict", line.verdict_message);
+  update("trust", line.trusted ? "" : "info", "trust", line.remark);
   const auto missing = std::count(line.missing.begin(), line.missing.end(), true);
-  judge("sensors", 10 * missing > static_cast<std::ptrdiff_t>(line.missing.size()) ? "warning" : "",
-        "sensors", fmt::format("{} of {} sensors are missing", missing, line.missing.size()));
-  judge("stuck", line.stuck.empty() ? "" : "warning", "sensors",
-        fmt::format("the same value at five steps while the model moves: sensors {}",
-                    fmt::join(line.stuck, ", ")));
-  judge("absent", line.absent.empty() ? "" : "warning", "sensors",
-        fmt::format("no value at five steps: sensors {}", fmt::join(line.absent, ", ")));
+  update("sensors", 10 * missing > static_cast<std::ptrdiff_t>(line.missing.size()) ? "warning" : "",
+         "sensors", fmt::format("{} of {} sensors are missing", missing, line.missing.size()));
+  update("stuck", line.stuck.empty() ? "" : "warning", "sensors",
+         fmt::format("the same value at five steps while the model moves: sensors {}",
+                     fmt::join(line.stuck, ", ")));
+  update("absent", line.absent.empty() ? "" : "warning", "sensors",
+         fmt::format("no value at five steps: sensors {}", fmt::join(line.absent, ", ")));
 }
 
 std::vector<Alarm> SiteAlarms::after(std::int64_t id) const {

@@ -20,21 +20,21 @@ class SiteAlarms {
  public:
   static constexpr std::size_t k_kept = 256;
 
-  /// Ids are taken from `next_event`, which lines share. `keep` is called for each alarm, and for the end of
+  /// Ids are taken from `next_event`, which lines share. `store` is called for each alarm, and for the end of
   /// each condition.
   SiteAlarms(const std::vector<forecast::ForecastSpecification>& forecasts,
-             std::atomic<std::int64_t>& next_event, std::function<void(const Alarm&)> keep)
-      : forecasts_(forecasts), next_event_(next_event), keep_(std::move(keep)) {}
+             std::atomic<std::int64_t>& next_event, std::function<void(const Alarm&)> store)
+      : forecasts_(forecasts), next_event_(next_event), store_(std::move(store)) {}
 
   /// What was told before a restart, and the last of each condition: nothing of it is told again.
   void restore(std::vector<Alarm> told, const std::vector<Alarm>& conditions);
   void raise(std::size_t step, const std::string& severity, const std::string& kind,
              const std::string& message);
   /// Raises what begins to hold, or holds with another severity; with an empty one it holds no more.
-  void judge_condition(const std::string& condition, std::size_t step, const std::string& severity,
-                       const std::string& kind, const std::string& message);
+  void update_condition(const std::string& condition, std::size_t step, const std::string& severity,
+                        const std::string& kind, const std::string& message);
   /// All conditions of a line.
-  void judge(const Line& line);
+  void update_conditions(const Line& line);
   /// Marks an alarm as seen to; one that is no longer kept is left alone.
   void acknowledge(std::int64_t id, Acknowledgement acknowledgement);
   [[nodiscard]] std::optional<Alarm> find(std::int64_t id) const;
@@ -51,7 +51,7 @@ class SiteAlarms {
 
   const std::vector<forecast::ForecastSpecification>& forecasts_;
   std::atomic<std::int64_t>& next_event_;
-  std::function<void(const Alarm&)> keep_;
+  std::function<void(const Alarm&)> store_;
   mutable std::mutex mutex_;
   std::map<std::string, std::string> severities_;  ///< by condition
   std::deque<Alarm> alarms_;

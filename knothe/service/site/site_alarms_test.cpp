@@ -20,15 +20,15 @@ TEST(SiteAlarms, AConditionIsToldWhenItBeginsAndIdsAreSharedWithLines) {
   forecasts[0].name = "opening", forecasts[0].threshold = 1;
   SiteAlarms alarms(forecasts, next_event, [](const Alarm&) {});
   Line line;
-  alarms.judge(line);
+  alarms.update_conditions(line);
   EXPECT_TRUE(alarms.after(0).empty());
   line.step = 3;
   line.above_threshold["opening"] = 0.1;
-  alarms.judge(line);
-  alarms.judge(line);
+  alarms.update_conditions(line);
+  alarms.update_conditions(line);
   next_event++;  // a line
   line.above_threshold["opening"] = 0.6;
-  alarms.judge(line);
+  alarms.update_conditions(line);
   const auto told = alarms.after(0);
   ASSERT_EQ(told.size(), 2U);
   EXPECT_EQ(without_time(told[0]),
@@ -69,7 +69,7 @@ TEST(SiteAlarms, TheVerdictIsToldWhenItsLevelChangesForTheWorse) {
        {Level::ok, Level::caution, Level::caution, Level::reject, Level::ok, Level::reject}) {
     line.verdict = level;
     line.verdict_message = "because of " + to_text(level);
-    alarms.judge(line);
+    alarms.update_conditions(line);
     ++line.step;
   }
   const auto told = alarms.after(0);
@@ -85,22 +85,22 @@ TEST(SiteAlarms, WhatHeldBeforeARestartIsNotToldAgain) {
   std::atomic<std::int64_t> next_event{1};
   const std::vector<forecast::ForecastSpecification> forecasts;
   std::vector<Alarm> kept;
-  const auto keep = [&](const Alarm& alarm) { kept.push_back(alarm); };
+  const auto store = [&](const Alarm& alarm) { kept.push_back(alarm); };
   Line line;
   line.verdict = assimilation::VerdictLevel::reject, line.trusted = false, line.remark = "too wide";
-  SiteAlarms before(forecasts, next_event, keep);
-  before.judge(line);
+  SiteAlarms before(forecasts, next_event, store);
+  before.update_conditions(line);
   line.trusted = true;
-  before.judge(line);
+  before.update_conditions(line);
   ASSERT_EQ(kept.size(), 3U);  // verdict and trust, and that trust is there again
   EXPECT_EQ(kept[2].severity, "");
   EXPECT_EQ(before.after(0).size(), 2U);
-  SiteAlarms alarms(forecasts, next_event, keep);
+  SiteAlarms alarms(forecasts, next_event, store);
   alarms.restore(before.after(0), kept);
-  alarms.judge(line);
+  alarms.update_conditions(line);
   EXPECT_EQ(alarms.after(0).size(), 2U);
   line.trusted = false;
-  alarms.judge(line);
+  alarms.update_conditions(line);
   ASSERT_EQ(alarms.after(0).size(), 3U);
   EXPECT_EQ(alarms.after(0)[2].message, "too wide");
 }

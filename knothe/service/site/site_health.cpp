@@ -49,7 +49,7 @@ double SiteHealth::budget_s() const {
   if (options_.budget) return *options_.budget;
   const auto period = period_s();
   if (!period) return 1;  // nothing is known of the pace yet
-  return options_.period ? *period : std::max(*period, k_least_budget);
+  return options_.period ? *period : std::max(*period, k_min_budget);
 }
 
 std::optional<double> SiteHealth::stale_after_s() const {
@@ -112,7 +112,7 @@ SiteHealth::State SiteHealth::state(const Facts& facts) const {
   return {"OK", ""};
 }
 
-bool SiteHealth::keep(const State& state) {
+bool SiteHealth::update_state(const State& state) {
   const std::lock_guard lock(mutex_);
   const bool changed =
       state.word != state_.word || (state.word != "DEGRADED" && state.reason != state_.reason);

@@ -47,12 +47,12 @@ class SiteHealth {
   [[nodiscard]] bool missed_strict_deadline() const { return strict_miss_.load(); }
 
   [[nodiscard]] State state(const Facts& facts) const;
-  /// Keeps the state. True if it is another than the one that was kept.
-  bool keep(const State& state);
+  /// Sets the state. True if it is another than before.
+  bool update_state(const State& state);
   [[nodiscard]] std::int64_t state_version() const { return state_version_.load(); }
 
  private:
-  static constexpr double k_least_budget = 0.01;  ///< s, where it is derived from the period
+  static constexpr double k_min_budget = 0.01;  ///< s, where it is derived from the period
   const project::ServeOptions& options_;
   bool strict_;
   mutable std::mutex mutex_;

@@ -44,7 +44,7 @@ TEST(SiteHealth, ALineAfterItsBudgetIsAMiss) {
 TEST(SiteHealth, TheFirstStateThatHoldsIsTold) {
   const project::ServeOptions options;
   SiteHealth health(options, false);
-  EXPECT_FALSE(health.keep(health.state({})));  // "no measurement yet" from the start
+  EXPECT_FALSE(health.update_state(health.state({})));  // "no measurement yet" from the start
   health.accept(monotonic_now());
   const auto line = std::make_shared<Line>();
   line->misfit_probability = 1e-5;
@@ -53,7 +53,7 @@ TEST(SiteHealth, TheFirstStateThatHoldsIsTold) {
   EXPECT_EQ(health.state({line, "", false, true, "the disk is full"}).reason,
             "measurements are refused, because they cannot be stored: the disk is full");
   EXPECT_EQ(health.state({line, "no", true, true}).word, "DIVERGED");
-  EXPECT_TRUE(health.keep(health.state({line, "no", true, true})));
+  EXPECT_TRUE(health.update_state(health.state({line, "no", true, true})));
   EXPECT_EQ(health.state_version(), 1);
 }
 

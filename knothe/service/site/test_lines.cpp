@@ -30,7 +30,8 @@ std::string TestLines::lines_of(const ServedSite& served, const std::string& tes
                        fmt::format("there is no test \"{}\"; GET /v1/tests lists them", test));
   const auto site = served.current();
   const std::pair key(served.name(), test);
-  if (kept_.size() >= k_most && !kept_.contains(key)) kept_.clear();  // what is asked for again is made again
+  if (kept_.size() >= k_max_tests && !kept_.contains(key))
+    kept_.clear();  // what is asked for again is made again
   Kept& kept = kept_[key];
   try {
     const JournalReader journal(path);

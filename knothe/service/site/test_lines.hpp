@@ -26,7 +26,7 @@ class TestLines {
     std::vector<std::pair<std::size_t, std::string>> lines;  ///< by step
   };
   std::atomic<bool> stopping_{false};
-  static constexpr std::size_t k_most = 8;                    ///< tests kept
+  static constexpr std::size_t k_max_tests = 8;               ///< tests kept
   std::map<std::pair<std::string, std::string>, Kept> kept_;  ///< by site and test
 };
 

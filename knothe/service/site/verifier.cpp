@@ -157,7 +157,7 @@ void Verifier::answer(const Question& question) {
     log_event("warning", "the model is not verified",
               {{"site", project_.serve.site}, {"step", question.step}, {"reason", now.trouble}});
   // First on disk, then in use: after a restart it is what was shown.
-  if (listener_.keep(now) && is_other) hand_over(engine_of(*model, question.data), model);
+  if (listener_.store(now) && is_other) hand_over(engine_of(*model, question.data), model);
 }
 
 /// Asks the full-order model at the posterior of the question's step: the model that is to be used.

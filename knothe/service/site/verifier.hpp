@@ -48,8 +48,8 @@ class Verifier {
   };
   /// Called from the thread.
   struct Listener {
-    std::function<bool(const Verification&)> keep;  ///< puts it on disk; false: it could not
-    std::function<void()> wake;                     ///< there is something to take
+    std::function<bool(const Verification&)> store;  ///< puts it on disk; false: it could not
+    std::function<void()> wake;                      ///< there is something to take
   };
 
   /// `project`, `journal`: with the project's own model. ProjectError where there is no full-order model.

@@ -9,14 +9,14 @@ namespace {
 
 // One seed in twenty leaves a 95 % band; which did is in docs/benchmarks/transport.md.
 // A hundred data sets tell a posterior from one twice as wide, a thousand from one 1.3 times as wide.
-struct Study {
+struct CalibrationStudy {
   int data_sets = 100;
   double wrong_spread = 2;
   std::uint64_t logistic_seed = 79;
 };
 
-Study study() {
-  return std::getenv("KNOTHE_FULL_CALIBRATION") ? Study{1000, 1.3, 78} : Study{};
+CalibrationStudy study() {
+  return std::getenv("KNOTHE_FULL_CALIBRATION") ? CalibrationStudy{1000, 1.3, 78} : CalibrationStudy{};
 }
 
 /// Ranks inside the simultaneous band; those of a deliberately wrong posterior outside.

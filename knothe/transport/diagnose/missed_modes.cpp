@@ -109,7 +109,7 @@ class Search {
 
  private:
   [[nodiscard]] std::vector<sampling::PolarScan> scans() const;
-  bool judge(const sampling::TemperedParticles& particles, const DiscountedDensity& discounted);
+  bool check_particles(const sampling::TemperedParticles& particles, const DiscountedDensity& discounted);
   [[nodiscard]] sampling::Mixture reference(double wider) const;
   [[nodiscard]] sampling::Mixture near_the_origin(double spread) const;
   [[nodiscard]] Eigen::MatrixXd starts_among(const Eigen::MatrixXd& points,
@@ -197,14 +197,14 @@ std::vector<Eigen::Index> Search::sample_of(const sampling::TemperedParticles& p
 /// Up to 12 of the points, far from each other: first the one of the highest density, then always the one
 /// farthest from those chosen.
 Eigen::MatrixXd Search::starts_among(const Eigen::MatrixXd& points, const Eigen::VectorXd& values) const {
-  constexpr Eigen::Index k_most = 12;
+  constexpr Eigen::Index k_max_starts = 12;
   Eigen::Index best = 0;
   values.maxCoeff(&best);
   const Eigen::MatrixXd scaled =
       modes_.front().lower.triangularView<Eigen::Lower>().solve(points.transpose()).transpose();
   Eigen::VectorXd nearest = Eigen::VectorXd::Constant(points.rows(), std::numeric_limits<double>::max());
   std::vector<Eigen::Index> chosen;
-  while (static_cast<Eigen::Index>(chosen.size()) < std::min(k_most, points.rows())) {
+  while (static_cast<Eigen::Index>(chosen.size()) < std::min(k_max_starts, points.rows())) {
     chosen.push_back(best);
     nearest = nearest.cwiseMin((scaled.rowwise() - scaled.row(best)).rowwise().squaredNorm());
     nearest.maxCoeff(&best);
@@ -299,13 +299,14 @@ bool Search::particles_elsewhere(int effort, double widest) {
       if (options_.reference_spread > 0) break;
       continue;
     }
-    return judge(particles, discounted);
+    return check_particles(particles, discounted);
   }
   out_.tempered_conclusive = false;
   return false;
 }
 
-bool Search::judge(const sampling::TemperedParticles& particles, const DiscountedDensity& discounted) {
+bool Search::check_particles(const sampling::TemperedParticles& particles,
+                             const DiscountedDensity& discounted) {
   out_.tempered_done = true;
   // log π̄ of the particles, and what each of them stands for: e^discount.
   const Eigen::Index n = particles.points().rows();

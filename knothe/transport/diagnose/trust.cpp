@@ -4,7 +4,7 @@
 
 namespace knothe::transport {
 
-Trust judge_trust(const TrustFigures& figures) {
+Trust assess_trust(const TrustFigures& figures) {
   Trust trust;
   const auto add = [&](const std::string& clause) {
     trust.reason += (trust.reason.empty() ? "" : "; ") + clause;

@@ -24,6 +24,6 @@ struct Trust {
 
 /// Trusted: verified diagnostic ≤ 0.05, effective sample size ≥ 0.9, no second mode. Figures that are not
 /// numbers are not trusted.
-[[nodiscard]] Trust judge_trust(const TrustFigures& figures);
+[[nodiscard]] Trust assess_trust(const TrustFigures& figures);
 
 }  // namespace knothe::transport

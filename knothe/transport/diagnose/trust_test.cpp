@@ -8,23 +8,23 @@ namespace knothe::transport {
 namespace {
 
 TEST(Trust, AllThreeMustHold) {
-  EXPECT_TRUE(judge_trust({0.05, 0.9, false, ""}).trusted);
-  EXPECT_EQ(judge_trust({0.05, 0.9, false, ""}).reason, "");
-  EXPECT_FALSE(judge_trust({0.051, 1, false, ""}).trusted);
-  EXPECT_FALSE(judge_trust({0, 0.899, false, ""}).trusted);
-  EXPECT_FALSE(judge_trust({0, 1, true, "a second mode"}).trusted);
+  EXPECT_TRUE(assess_trust({0.05, 0.9, false, ""}).trusted);
+  EXPECT_EQ(assess_trust({0.05, 0.9, false, ""}).reason, "");
+  EXPECT_FALSE(assess_trust({0.051, 1, false, ""}).trusted);
+  EXPECT_FALSE(assess_trust({0, 0.899, false, ""}).trusted);
+  EXPECT_FALSE(assess_trust({0, 1, true, "a second mode"}).trusted);
 }
 
 TEST(Trust, TheReasonIsInWords) {
-  EXPECT_EQ(judge_trust({0.2, 0.75, true, "a second mode was found at z = (1, 2)"}).reason,
+  EXPECT_EQ(assess_trust({0.2, 0.75, true, "a second mode was found at z = (1, 2)"}).reason,
             "the variance diagnostic on independent points is 0.2, above 0.05; the effective sample size is "
             "75 % of "
             "the points, below 90 %; a second mode was found at z = (1, 2)");
 }
 
 TEST(Trust, WhatIsNotANumberIsNotTrusted) {
-  EXPECT_FALSE(judge_trust({std::nan(""), 1, false, ""}).trusted);
-  EXPECT_FALSE(judge_trust({0, std::nan(""), false, ""}).trusted);
+  EXPECT_FALSE(assess_trust({std::nan(""), 1, false, ""}).trusted);
+  EXPECT_FALSE(assess_trust({0, std::nan(""), false, ""}).trusted);
 }
 
 }  // namespace

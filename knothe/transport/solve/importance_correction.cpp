@@ -61,7 +61,7 @@ void MapSolver::correct(sampling::LogDensity& user_target, const MapResult& resu
   c.map_log_evidence = result.map_log_evidence();
   c.density_evaluations = target.evaluations();
   const Trust trust =
-      judge_trust({result.verified_diagnostic, c.ess, result.second_mode_found, result.missed.reason});
+      assess_trust({result.verified_diagnostic, c.ess, result.second_mode_found, result.missed.reason});
   c.trusted = trust.trusted;
   c.trust_reason = trust.reason;
 }
