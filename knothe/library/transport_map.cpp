@@ -34,7 +34,7 @@ TransportMap TransportMap::from_samples(std::span<const double> samples, std::si
   settings.folds = options.folds;
   settings.seed = options.seed;
   return TransportMap(std::make_shared<Implementation>(Implementation{
-      transport::map_from_samples(rows_of(samples, dimension, "map from samples"), {}, settings)}));
+      transport::map_from_samples(rows_of(samples, dimension, "map from samples"), settings)}));
 }
 
 std::size_t TransportMap::dimension() const {
