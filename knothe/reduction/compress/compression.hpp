@@ -26,10 +26,7 @@ struct CompressionOptions {
   std::size_t sweeps = 1500;      ///< canonical form: most ALS sweeps from each start
   std::size_t threads = 0;        ///< 0: all
   ParameterNorm parameter_norm = ParameterNorm::spline;  ///< tree form; the canonical one takes `nodes`
-  /// `spline` only: s in ∫ f² + (s h)² f′² over an axis of length h. 0: values alone; derivatives did not
-  /// help.
-  double sobolev_length = 0.0;
-  bool quiet = true;  ///< no progress on stderr
+  bool quiet = true;                                     ///< no progress on stderr
 };
 
 /// A full-order solution at parameters that are no grid point.

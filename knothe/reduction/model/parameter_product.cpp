@@ -1,11 +1,7 @@
 #include "knothe/reduction/model/parameter_product.hpp"
 
-#include <fmt/format.h>
-
 #include <Eigen/Cholesky>
-#include <cmath>
 
-#include "knothe/base/error.hpp"
 #include "knothe/numerics/functions/cubic_spline.hpp"
 #include "knothe/numerics/integrate/quadrature.hpp"
 #include "knothe/reduction/model/deviation.hpp"
@@ -15,8 +11,8 @@ namespace knothe::reduction {
 
 namespace {
 
-/// M + s² K of one axis. Four Gauss points between two nodes: exact for products of cubics.
-Eigen::MatrixXd spline_gram(std::span<const double> nodes, double s) {
+/// M of one axis. Four Gauss points between two nodes: exact for products of cubics.
+Eigen::MatrixXd spline_gram(std::span<const double> nodes) {
   const numerics::CubicSplineBasis basis(nodes);
   const double length = nodes.back() - nodes.front();
   Eigen::MatrixXd gram = Eigen::MatrixXd::Zero(basis.size(), basis.size());
@@ -26,9 +22,6 @@ Eigen::MatrixXd spline_gram(std::span<const double> nodes, double s) {
       const double x = rule.nodes[q], weight = rule.weights[q] / length;
       const Eigen::VectorXd value = basis.cardinal_weights(x);
       gram.noalias() += weight * value * value.transpose();
-      if (s == 0.0) continue;
-      const Eigen::VectorXd slope = s * length * basis.cardinal_weights(x, 1);
-      gram.noalias() += weight * slope * slope.transpose();
     }
   }
   return gram;
@@ -37,10 +30,6 @@ Eigen::MatrixXd spline_gram(std::span<const double> nodes, double s) {
 }  // namespace
 
 ParameterProduct::ParameterProduct(std::span<const Axis> axes, const CompressionOptions& options) {
-  const double s = options.sobolev_length;
-  if (!(s >= 0.0 && std::isfinite(s))) {
-    throw UsageError(fmt::format("the Sobolev length {} must not be negative", s));
-  }
   for (const Axis& axis : axes) {
     Eigen::MatrixXd& own = factors_.emplace_back();
     // Canonical form: alternating least squares found worse minima in the norm of splines
@@ -48,7 +37,7 @@ ParameterProduct::ParameterProduct(std::span<const Axis> axes, const Compression
     if (options.parameter_norm == ParameterNorm::nodes || options.form == Form::canonical) {
       own = trapezoid_weights(axis.nodes).cwiseSqrt().asDiagonal();
     } else {
-      own = spline_gram(axis.nodes, s).llt().matrixL();
+      own = spline_gram(axis.nodes).llt().matrixL();
     }
     transposed_.emplace_back(own.transpose());
     inverse_transposed_.emplace_back(own.transpose().triangularView<Eigen::Upper>().solve(
