@@ -16,8 +16,6 @@ namespace knothe::numerics {
 
 namespace {
 
-constexpr std::size_t k_grid = 512;
-
 void require(std::span<const double> values, std::span<const double> weights) {
   if (values.empty() || values.size() != weights.size())
     throw UsageError(fmt::format("kernel density: {} values and {} weights", values.size(), weights.size()));
@@ -46,61 +44,6 @@ double silverman(std::span<const double> values, std::span<const double> weights
   return std::max(0.9 * spread * std::pow(effective_count(weights), -0.2), 1e-12 * (1 + std::abs(mean)));
 }
 
-/// ‖f^(s)‖² of the estimate with variance t, from the cosine coefficients a_k² of the histogram (Botev et
-/// al., section 5).
-double derivative_norm(const std::vector<double>& squares, int s, double t) {
-  double sum = 0;
-  for (std::size_t k = 1; k < squares.size(); ++k) {
-    const double k2 = static_cast<double>(k * k) * std::numbers::pi * std::numbers::pi;
-    sum += std::pow(k2, s) * squares[k] * std::exp(-k2 * t);
-  }
-  return 0.5 * sum;
-}
-
-/// t − ξ γ^[7](t): its root is the squared bandwidth in units of the grid's length (Botev et al., Eq. 28 f.).
-double fixed_point(double t, double n, const std::vector<double>& squares) {
-  double norm = derivative_norm(squares, 7, t);
-  for (int s = 6; s >= 2; --s) {
-    double odd = 1;
-    for (int k = 1; k < 2 * s; k += 2) odd *= k;
-    const double constant = (1 + std::pow(0.5, s + 0.5)) / 3 * odd / std::sqrt(std::numbers::pi / 2);
-    norm = derivative_norm(squares, s, std::pow(2 * constant / (n * norm), 2 / (3.0 + 2 * s)));
-  }
-  return t - std::pow(2 * n * std::sqrt(std::numbers::pi) * norm, -0.4);
-}
-
-double improved_sheather_jones(std::span<const double> values, std::span<const double> weights,
-                               double fallback) {
-  const auto [low, high] = std::minmax_element(values.begin(), values.end());
-  const double range = *high - *low;
-  if (!(range > 0)) return fallback;
-  const double left = *low - 0.25 * range, length = 1.5 * range;
-  const double total = std::accumulate(weights.begin(), weights.end(), 0.0);
-  std::vector<double> histogram(k_grid, 0.0), squares(k_grid, 0.0);
-  for (std::size_t i = 0; i < values.size(); ++i) {
-    const auto bin = static_cast<std::size_t>((values[i] - left) / length * k_grid);
-    histogram[std::min(bin, k_grid - 1)] += weights[i] / total;
-  }
-  for (std::size_t k = 0; k < k_grid; ++k) {  // cosine transform; 512² is nothing here
-    double a = 0;
-    for (std::size_t j = 0; j < k_grid; ++j)
-      if (histogram[j] != 0)
-        a += histogram[j] *
-             std::cos(std::numbers::pi * static_cast<double>(k) * (static_cast<double>(j) + 0.5) / k_grid);
-    squares[k] = 4 * a * a;
-  }
-  const double n = effective_count(weights);
-  // The smallest root: the function is negative at 0+, march out geometrically, then bisect.
-  double a = 1e-8, b = a;
-  while (b < 0.1 && !(fixed_point(b, n, squares) > 0)) a = b, b *= 1.5;
-  if (b >= 0.1 || a == b) return fallback;
-  for (int k = 0; k < 60; ++k) {
-    const double middle = 0.5 * (a + b);
-    (fixed_point(middle, n, squares) > 0 ? b : a) = middle;
-  }
-  return std::sqrt(0.5 * (a + b)) * length;
-}
-
 }  // namespace
 
 double effective_count(std::span<const double> weights) {
@@ -109,10 +52,9 @@ double effective_count(std::span<const double> weights) {
   return sum * sum / squares;
 }
 
-double kernel_bandwidth(std::span<const double> values, std::span<const double> weights, Bandwidth rule) {
+double kernel_bandwidth(std::span<const double> values, std::span<const double> weights, Bandwidth /*rule*/) {
   require(values, weights);
-  const double simple = silverman(values, weights);
-  return rule == Bandwidth::silverman ? simple : improved_sheather_jones(values, weights, simple);
+  return silverman(values, weights);
 }
 
 std::vector<double> kernel_density(std::span<const double> values, std::span<const double> weights,

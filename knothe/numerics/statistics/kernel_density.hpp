@@ -7,17 +7,14 @@ namespace knothe::numerics {
 
 /// How the bandwidth is chosen.
 enum class Bandwidth {
-  silverman,               ///< 0.9 min(std, interquartile range/1.34) n^(−1/5): right for one hump
-  improved_sheather_jones  ///< Botev, Grotowski, Kroese 2010: makes no assumption of normality; for several
-                           ///< humps
+  silverman  ///< 0.9 min(std, interquartile range/1.34) n^(−1/5): right for one hump
 };
 
 /// Effective number of points: (Σw)²/Σw².
 [[nodiscard]] double effective_count(std::span<const double> weights);
 
-/// The bandwidth for weighted points. Positive: points that are all the same get a tiny one. Where the
-/// Sheather–Jones equation has no root (very few points), Silverman's. Errors: UsageError for no points, no
-/// positive weight, sizes that disagree, values not finite.
+/// The bandwidth for weighted points. Positive: points that are all the same get a tiny one. Errors:
+/// UsageError for no points, no positive weight, sizes that disagree, values not finite.
 [[nodiscard]] double kernel_bandwidth(std::span<const double> values, std::span<const double> weights,
                                       Bandwidth rule);
 

@@ -41,9 +41,9 @@ class SampleMap {
                                                       std::uint64_t seed) const;
 };
 
-/// From `samples` (n × d). Errors: UsageError for options that make no
-/// sense or sizes that disagree; DataError, with sample and coordinate, for a value that is not finite, a
-/// coordinate without spread, fewer samples than a component has coefficients.
+/// From `samples` (n × d). Errors: UsageError for options that make no sense; DataError, with sample and
+/// coordinate, for a value that is not finite, a coordinate without spread, fewer samples than a component
+/// has coefficients.
 [[nodiscard]] SampleMap map_from_samples(const Eigen::Ref<const Eigen::MatrixXd>& samples,
                                          const SampleMapOptions& options = {});
 

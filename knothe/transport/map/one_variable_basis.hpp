@@ -41,9 +41,9 @@ class OneVariableBasis {
   }
 
   /// The pieces on which r(h(θ)), h spanned by the monotone functions 0 … degree, is integrated, for θ > 0;
-  /// those for θ < 0 mirror them. Exact for the square. Otherwise the
-  /// numbers of nodes are measured (docs/explanation/transport.md) for a relative error of 1e-13 with
-  /// coefficients of usual size, where |x| ≤ 8; far out the error may be larger, the sum stays positive.
+  /// those for θ < 0 mirror them. Exact for the square. Otherwise the numbers of nodes are measured
+  /// (docs/explanation/transport.md) for a relative error of 1e-13 with coefficients of usual size, where |x|
+  /// ≤ 8; far out the error may be larger, the sum stays positive.
   [[nodiscard]] std::span<const Piece> pieces(int degree) const {
     return pieces_[static_cast<std::size_t>(degree)];
   }

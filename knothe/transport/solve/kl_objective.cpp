@@ -187,10 +187,10 @@ void KullbackLeiblerObjective::add_map_curvature(Eigen::Index k, Eigen::MatrixXd
 }
 
 void KullbackLeiblerObjective::fill_hessian(Eigen::MatrixXd& hessian) {
-  const Eigen::Index r = matrix_.cols();
+  const Eigen::Index d = matrix_.cols();
   const auto& w = tables_->rule.weights;
   const auto& points = tables_->points;
-  for (Eigen::Index k = 0; k < r; ++k) {
+  for (Eigen::Index k = 0; k < d; ++k) {
     const auto sk = static_cast<std::size_t>(k);
     const auto& c = tables_->layout.component(k);
     auto& s = sensitivity_[sk];
@@ -236,7 +236,7 @@ bool KullbackLeiblerObjective::evaluate(const Eigen::VectorXd& a, int derivative
 
 void KullbackLeiblerObjective::hessian_vector(const Eigen::VectorXd& a, const Eigen::VectorXd& v,
                                               Eigen::VectorXd& product) {
-  const Eigen::Index n = tables_->size(), r = matrix_.cols();
+  const Eigen::Index n = tables_->size(), d = matrix_.cols();
   const auto& points = tables_->points;
   if (curvature_at_.size() != a.size() || curvature_at_ != a) {
     (void)map_points(a, 2);
@@ -245,8 +245,8 @@ void KullbackLeiblerObjective::hessian_vector(const Eigen::VectorXd& a, const Ei
     last_ = curvature_at_ = a;
   }
   product.resize(v.size());
-  moved_.setZero(n, r);  // how v moves M
-  for (Eigen::Index l = 0; l < r; ++l) {
+  moved_.setZero(n, d);  // how v moves M
+  for (Eigen::Index l = 0; l < d; ++l) {
     const auto& c = tables_->layout.component(l);
     auto& step = step_component_[static_cast<std::size_t>(l)];
     step.evaluate_slope(points, tables_->layout, l, v);  // how v moves b and h
@@ -255,11 +255,11 @@ void KullbackLeiblerObjective::hessian_vector(const Eigen::VectorXd& a, const Ei
       moved_.col(l).array() +=
           component_[static_cast<std::size_t>(l)].g.col(j).array() * step.b.col(j).array();
   }
-  for (Eigen::Index k = 0; k < r; ++k) {
+  for (Eigen::Index k = 0; k < d; ++k) {
     const auto& values = component_[static_cast<std::size_t>(k)];
     const auto& step = step_component_[static_cast<std::size_t>(k)];
     shift_.setZero(n, 1);
-    for (Eigen::Index l = 0; l < r; ++l)
+    for (Eigen::Index l = 0; l < d; ++l)
       shift_.col(0).array() += curvature_.col(sampling::packed_index(k, l)).array() * moved_.col(l).array();
     scratch_ = -tables_->rule.weights.array() * values.log_slope_second.array() * step.h.array();
     adjoint_.resize(n, values.b.cols());

@@ -40,8 +40,8 @@ struct TrainingTables {
 class KullbackLeiblerObjective final : public numerics::Objective {
  public:
   KullbackLeiblerObjective() = default;
-  /// `tables` and `target` must outlive the objective. Errors: UsageError where dimensions do not
-  /// fit.
+  /// `tables` and `target` must outlive the objective. Errors: UsageError where dimensions
+  /// do not fit.
   KullbackLeiblerObjective(const TrainingTables& tables, const AffineMap& pre_map,
                            sampling::CheckedDensity& target, double highest_log_density = 0) {
     begin(tables, pre_map, target, highest_log_density);
